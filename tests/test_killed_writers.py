@@ -11,8 +11,7 @@ import pytest
 
 from softrobot_env.core.artifacts import read_facts
 from softrobot_env.evaluation.report import write_json
-from softrobot_env.hardware.robot_file.model import virtual_file
-from softrobot_env.hardware.robot_file.toml import read_robot_file, write_robot_file
+from softrobot_env.hardware.robot_file import read_robot_file, virtual_file, write_robot_file
 from softrobot_env.learned.network import Network, Scaling, initial_network
 from softrobot_env.recordings import read_header, read_recording
 from softrobot_env.robots import ROBOTS, read_robot, write_robot

@@ -21,9 +21,31 @@ def read_table(path: Path) -> dict[str, Any]:
         raise ValueError(f"no TOML: {error}") from None
 
 
-def lines(table: Mapping[str, Any]) -> str:
-    """The lines of a table; numbers are read back to the last bit."""
-    return "".join(f"{_key(name)} = {_value(value)}\n" for name, value in table.items())
+def text(table: Mapping[str, Any], path: str = "") -> str:
+    """The text of a table; numbers are read back to the last bit.
+
+    Tables in it, and lists of tables, follow under their names.
+
+    Args:
+        table: The table.
+        path: Of the table within the file, ending with a dot.
+    """
+    inner = {name: value for name, value in table.items() if _is_inner(value)}
+    plain = {name: value for name, value in table.items() if name not in inner}
+    blocks = ["".join(f"{_key(name)} = {_value(value)}\n" for name, value in plain.items())]
+    for name, value in inner.items():
+        place = path + _key(name)
+        if isinstance(value, Mapping):
+            blocks.append(f"[{place}]\n{text(value, f'{place}.')}")
+        else:
+            blocks += [f"[[{place}]]\n{text(one, f'{place}.')}" for one in value]
+    return "\n".join(blocks)
+
+
+def _is_inner(value: Any) -> bool:
+    """Whether a value is a table or tables."""
+    tables = value if isinstance(value, list | tuple) else [value]
+    return bool(tables) and all(isinstance(one, Mapping) for one in tables)
 
 
 def _key(name: str) -> str:

@@ -261,7 +261,7 @@ class SimulatedSetting(Setting):
 
     def built_sensors(self, errors: float, seed: int) -> tuple[Sensor, ...]:
         """Sensors of a robot whose specimen is drawn, with a scale of errors [1]."""
-        return tuple(sensor.erring(errors, seed >> 32) for sensor in self._sensors)
+        return tuple(sensor.with_imperfections(errors, seed >> 32) for sensor in self._sensors)
 
     @property
     def is_drawn(self) -> bool:

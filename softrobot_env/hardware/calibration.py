@@ -6,7 +6,7 @@ from typing import Self
 
 import numpy as np
 
-from softrobot_env.hardware.robot_file.model import (
+from softrobot_env.hardware.robot_file import (
     LONGEST_PULSE,
     LONGEST_RAMP,
     SHORTEST_PULSE,
@@ -91,7 +91,7 @@ class Calibration:
         """The robot as found.
 
         Raises:
-            RobotFileError: What was found contradicts itself, for instance a rest out of range.
+            ValueError: What was found contradicts itself, for instance a rest out of range.
         """
         pairs = zip(self.robot.tendons, self.marks, strict=True)
         return replace(self.robot, tendons=tuple(_calibrated(*pair) for pair in pairs))

@@ -20,7 +20,7 @@ from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.handshake import DeviceInfo
 from softrobot_env.hardware.protocol.session import Phase, Session
 from softrobot_env.hardware.protocol.unit_conversion import FaultInfo, Reading
-from softrobot_env.hardware.robot_file.model import LONGEST_RAMP, RobotFile
+from softrobot_env.hardware.robot_file import LONGEST_RAMP, RobotFile
 from softrobot_env.hardware.transport import Transport
 
 _FRESH = 0.5  # s; a robot that has said nothing for longer is taken for dead

@@ -8,12 +8,12 @@ from hashlib import sha256
 from math import inf
 from threading import Thread
 from time import monotonic
-from typing import Any, NamedTuple, Protocol
+from typing import Annotated, Any, NamedTuple, Protocol
 
 import numpy as np
 
+from softrobot_env.core.records import check_argument, whole_numbers
 from softrobot_env.core.registry import Registry
-from softrobot_env.hardware.robot_file.keys import check_whole
 
 #: Most bytes of a tracker's datagram.
 _DATAGRAM = 512
@@ -36,7 +36,7 @@ class TipMeasurement(NamedTuple):
 class TipSource(Protocol):
     """Measures x and y of the output point.
 
-    A source may count in `refused` what came and told nothing; `info["tip_refused"]` shows it.
+    A source may count in `refused` what came and said nothing; `info["tip_refused"]` shows it.
     """
 
     def latest(self, adc: tuple[int, ...] | None, time: float) -> TipMeasurement | None:
@@ -74,9 +74,8 @@ class UdpTip:
             ValueError: No number of a port, or an empty key.
             OSError: The port is taken.
         """
-        check_whole("port", port, LAST_PORT)
-        if key is not None and not (isinstance(key, str) and key):
-            raise ValueError(f"key must be a text that is not empty, got {key!r}")
+        check_argument("port", port, Annotated[int, whole_numbers(0, LAST_PORT)])
+        check_argument("key", key, str | None)
         self._key, self._count = key, -1
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:

@@ -1,7 +1,7 @@
 """The header of a recording: which column is what, in which unit and frame; keys of a TOML file."""
 
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from math import pi
 from pathlib import Path
@@ -9,8 +9,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from softrobot_env.core.records import NotNegative, Positive, check_fields, check_unique
-from softrobot_env.core.toml_text import lines, read_table
+from softrobot_env.core.records import (
+    NotNegative,
+    Positive,
+    check_fields,
+    check_unique,
+    placed,
+    read,
+    write,
+)
+from softrobot_env.core.toml_text import read_table, text
 from softrobot_env.core.writing import write_text
 
 CommandKind = Literal["length", "tension", "action"]
@@ -257,10 +265,6 @@ class Header:
         return tuple(filter(None, (*time, self.runs, self.label, *self.commands.columns, *markers)))
 
 
-#: Tables of a header and what they become.
-_TABLES = {"commands": Commands, "time": Time, "frame": Frame}
-
-
 def check_unit(what: str, kind: str, unit: str) -> None:
     """Raise ValueError unless a quantity may have a unit."""
     known = [*UNITS[kind], *(UNITS["angle"] if kind == "length" else ())]
@@ -277,61 +281,20 @@ def read_header(*paths: Path | str) -> Header:
         OSError: One cannot be read.
     """
     table: dict[str, Any] = {}
-    try:
+    with placed(paths[-1]):
         for path in paths:
             table = _merged(table, read_table(Path(path)))
-        return _header(table)
-    except ValueError as error:
-        raise ValueError(f"{paths[-1]}: {error}") from None
+        return read(Header, table)
 
 
 def write_header(header: Header, path: Path | str) -> None:
     """Write a file that is read as the same header."""
-    plain, blocks = {}, []
-    for name, value in _told(header).items():
-        if name in _TABLES:
-            blocks.append(f"[{name}]\n{lines(_told(value))}")
-        elif name == "marker":
-            blocks += [f"[[marker]]\n{lines(_told(marker))}" for marker in value]
-        else:
-            plain[name] = value
-    write_text(path, "\n".join([lines(plain), *blocks]))
-
-
-def _told(record: Any) -> dict[str, Any]:
-    """What a data class says beyond its defaults."""
-    values = {field.name: (getattr(record, field.name), field.default) for field in fields(record)}
-    return {name: value for name, (value, usual) in values.items() if value != usual}
+    write_text(path, text(write(header)))
 
 
 def _merged(table: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     both = dict(table) | dict(over)
-    for name in _TABLES:
-        if isinstance(table.get(name), Mapping) and isinstance(over.get(name), Mapping):
+    for name in set(table) & set(over):
+        if isinstance(table[name], Mapping) and isinstance(over[name], Mapping):
             both[name] = dict(table[name]) | dict(over[name])
     return both
-
-
-def _header(table: Mapping[str, Any]) -> Header:
-    parts = {
-        name: _made(kind, table[name], name) for name, kind in _TABLES.items() if name in table
-    }
-    markers = table.get("marker", [])
-    if not isinstance(markers, list):
-        raise ValueError("marker must be tables, each begun with [[marker]]")
-    made = [_made(Marker, one, f"marker[{k}]") for k, one in enumerate(markers, 1)]
-    return _made(Header, dict(table) | parts | {"marker": tuple(made)}, "header")
-
-
-def _made(kind: type, table: Any, where: str) -> Any:
-    """A data class from a table of its fields."""
-    if not isinstance(table, Mapping):
-        raise ValueError(f"{where} must be a table, got {table!r}")
-    known = {field.name: field for field in fields(kind)}
-    for key in table:
-        if key not in known:
-            raise ValueError(f"{where}: {key} is no key; allowed are {', '.join(known)}")
-    missing = [n for n, field in known.items() if field.default is MISSING and n not in table]
-    if missing:
-        raise ValueError(f"{where}: {', '.join(missing)} missing")
-    return kind(**table)

@@ -3,13 +3,14 @@
 Its frame has the origin in the middle of the palm and z away from it.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
-from softrobot_env.core.records import Positive, check_fields, check_unique
+from softrobot_env.core.records import Key, Positive, Unit, check_fields, check_unique, unwritten
 from softrobot_env.robots.parameters import Base, RobotParams
 
 
@@ -44,10 +45,10 @@ class Gripper:
     """
 
     name: str
-    fingers: tuple[Finger, ...]
-    gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    palm: tuple[Positive, Positive, Positive] | None = None
-    file: Path | None = field(default=None, compare=False, repr=False)
+    fingers: Annotated[tuple[Finger, ...], Key("finger")]
+    gravity: Annotated[tuple[float, float, float], Unit("m/s2")] = (0.0, 0.0, 0.0)
+    palm: Annotated[tuple[Positive, Positive, Positive] | None, Unit("m")] = None
+    file: Path | None = unwritten(None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         check_fields(self, f"gripper {self.name!r}")

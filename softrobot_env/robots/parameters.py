@@ -5,22 +5,26 @@ A planar robot bends in the x-z plane only and positive curvature bends it towar
 A robot with a `base` has this frame turned and moved; gravity stays in the world's.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import cos, hypot, inf, pi, sin, sqrt
 from numbers import Real
 from pathlib import Path
 from typing import Annotated, Any, Literal
+from warnings import warn
 
 import numpy as np
 
 from softrobot_env.core.records import (
+    Key,
     NotNegative,
     Positive,
     Range,
+    Unit,
     check_argument,
     check_fields,
     check_unique,
+    unwritten,
 )
 from softrobot_env.robots.sections import Backbone, Pieces, PoissonRatio, Section
 from softrobot_env.robots.sensors import Sensor
@@ -64,10 +68,10 @@ class Drive:
         backlash: [m], width of the servos' dead band.
     """
 
-    kind: DriveKind = "tension"
-    speed: Annotated[float, Range("positive, or inf", lambda x: x > 0)] = inf
-    travel: Positive | None = None
-    backlash: NotNegative = 0.0
+    kind: Annotated[DriveKind, Key("drive")] = "tension"
+    speed: Annotated[float, Range("positive, or inf", lambda x: x > 0), Unit("m/s")] = inf
+    travel: Annotated[Positive | None, Unit("m")] = None
+    backlash: Annotated[NotNegative, Unit("m")] = 0.0
 
     def __post_init__(self) -> None:
         check_fields(self, "drive")
@@ -91,10 +95,10 @@ class Head:
             to.
     """
 
-    mass: Positive
-    centre: NotNegative
-    inertia: tuple[Positive, Positive, Positive]
-    output: NotNegative
+    mass: Annotated[Positive, Unit("kg")]
+    centre: Annotated[NotNegative, Unit("m")]
+    inertia: Annotated[tuple[Positive, Positive, Positive], Unit("kg m2")]
+    output: Annotated[NotNegative, Unit("m")]
 
     def __post_init__(self) -> None:
         check_fields(self, "head")
@@ -117,9 +121,9 @@ class Disc:
         inertia: (3,) [kg m2] about its centre, along x, y and z.
     """
 
-    station: NotNegative
-    mass: Positive
-    inertia: tuple[Positive, Positive, Positive]
+    station: Annotated[NotNegative, Unit("m")]
+    mass: Annotated[Positive, Unit("kg")]
+    inertia: Annotated[tuple[Positive, Positive, Positive], Unit("kg m2")]
 
     def __post_init__(self) -> None:
         check_fields(self, "disc")
@@ -151,9 +155,9 @@ class Base:
         roll: [rad] about the robot's axis after that, from its x towards its y.
     """
 
-    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    position: Annotated[tuple[float, float, float], Unit("m")] = (0.0, 0.0, 0.0)
     direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    roll: float = 0.0
+    roll: Annotated[float, Unit("rad")] = 0.0
 
     def __post_init__(self) -> None:
         check_fields(self, "base")
@@ -240,27 +244,27 @@ class RobotParams:
     """
 
     name: str
-    length: Positive = None
-    outer_radius: Positive = None
-    inner_radius: NotNegative = None
-    youngs_modulus: Positive = None
-    density: Positive = None
-    damping_time: NotNegative = None
-    pieces: Pieces = None
-    poisson_ratio: PoissonRatio = None
-    bending_friction: NotNegative | None = None
-    tendons: tuple[Tendon, ...] = ()
-    gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    length: Positive = unwritten(None)
+    outer_radius: Positive = unwritten(None)
+    inner_radius: NotNegative = unwritten(None)
+    youngs_modulus: Positive = unwritten(None)
+    density: Positive = unwritten(None)
+    damping_time: NotNegative = unwritten(None)
+    pieces: Pieces = unwritten(None)
+    poisson_ratio: PoissonRatio = unwritten(None)
+    bending_friction: NotNegative | None = unwritten(None)
+    tendons: Annotated[tuple[Tendon, ...], Key("tendon")] = ()
+    gravity: Annotated[tuple[float, float, float], Unit("m/s2")] = (0.0, 0.0, 0.0)
     head: Head | None = None
     anisotropy: Annotated[float, Range("in [0, 2)", lambda x: 0 <= x < 2)] = 0.0
-    stiff_azimuth: float = 0.0
-    precurvature: tuple[float, float] = (0.0, 0.0)
-    sections: tuple[Section, ...] = ()
-    discs: tuple[Disc, ...] = ()
+    stiff_azimuth: Annotated[float, Unit("rad")] = 0.0
+    precurvature: Annotated[tuple[float, float], Unit("1/m")] = (0.0, 0.0)
+    sections: Annotated[tuple[Section, ...], Key("section")] = ()
+    discs: Annotated[tuple[Disc, ...], Key("disc")] = ()
     base: Base | None = None
-    drive: Drive = Drive()
-    sensors: tuple[Sensor, ...] = ()
-    file: Path | None = field(default=None, compare=False, repr=False)
+    drive: Drive = unwritten(Drive())
+    sensors: Annotated[tuple[Sensor, ...], Key("sensor")] = ()
+    file: Path | None = unwritten(None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         check_argument(f"robot {self.name!r}: sections", self.sections, tuple[Section, ...])
@@ -456,9 +460,15 @@ class RobotParams:
         return any(tendon.twists for tendon in self.tendons)
 
     @property
-    def rubs(self) -> bool:
+    def has_friction(self) -> bool:
         """Whether any tendon, or the backbone, has dry friction."""
         return self.holds or any(tendon.friction > 0 for tendon in self.tendons)
+
+    @property
+    def rubs(self) -> bool:
+        """Old name of `has_friction`."""
+        warn("RobotParams.rubs is has_friction now", DeprecationWarning, stacklevel=2)
+        return self.has_friction
 
     @property
     def holds(self) -> bool:

@@ -8,10 +8,17 @@ from typing import Annotated
 
 import numpy as np
 
-from softrobot_env.core.records import NotNegative, Positive, Range, check_fields
+from softrobot_env.core.records import (
+    NotNegative,
+    Positive,
+    Range,
+    Unit,
+    check_fields,
+    whole_numbers,
+)
 
 #: Number of pieces of a section, robot or scene; the most are far more than memory serves.
-Pieces = Annotated[int, Range("a whole number from 1 to 10000", lambda n: 1 <= n <= 10_000)]
+Pieces = Annotated[int, whole_numbers(1, 10_000)]
 
 #: Of an isotropic material, by thermodynamics, [1].
 PoissonRatio = Annotated[float, Range("in (-1, 0.5]", lambda nu: -1 < nu <= 0.5)]
@@ -43,15 +50,15 @@ class Section:
             hinge, so that it is up to 1.4 times as large between them.
     """
 
-    length: Positive
-    outer_radius: Positive | tuple[Positive, Positive]
-    youngs_modulus: Positive
-    density: Positive
-    damping_time: NotNegative
+    length: Annotated[Positive, Unit("m")]
+    outer_radius: Annotated[Positive | tuple[Positive, Positive], Unit("m")]
+    youngs_modulus: Annotated[Positive, Unit("Pa")]
+    density: Annotated[Positive, Unit("kg/m3")]
+    damping_time: Annotated[NotNegative, Unit("s")]
     pieces: Pieces
-    inner_radius: NotNegative | tuple[NotNegative, NotNegative] = 0.0
+    inner_radius: Annotated[NotNegative | tuple[NotNegative, NotNegative], Unit("m")] = 0.0
     poisson_ratio: PoissonRatio = 0.0
-    bending_friction: NotNegative = 0.0
+    bending_friction: Annotated[NotNegative, Unit("N m")] = 0.0
 
     def __post_init__(self) -> None:
         check_fields(self, "section")

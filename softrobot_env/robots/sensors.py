@@ -6,8 +6,17 @@
 from dataclasses import dataclass, replace
 from math import radians
 from typing import Annotated, Literal
+from warnings import warn
 
-from softrobot_env.core.records import Count, NotNegative, Positive, Range, Whole, check_fields
+from softrobot_env.core.records import (
+    Count,
+    NotNegative,
+    Positive,
+    Range,
+    Unit,
+    Whole,
+    check_fields,
+)
 
 SensorKind = Literal["planar", "spatial", "tags"]
 
@@ -51,7 +60,7 @@ class Sensor:
         delay: [s], rounded to whole control periods.
         temperature: [K], warming up of the diode after the start (S).
         drift: [1], standard deviation of the slow change of each light path's gain (S).
-        hysteresis: [1], share of the bend that follows with play (I from the thesis' error of
+        hysteresis: [1], share of the bend that follows with backlash (I from the thesis' error of
             0.34 degrees with polynomials of order 5).
         stretch: [1], light lost per strain, where the sensor is off the neutral fibre (S).
         stray: [1/N], light that leaks in per contact force on it, over that when straight (S).
@@ -62,20 +71,20 @@ class Sensor:
 
     name: str
     kind: SensorKind
-    begin: NotNegative
-    end: Positive
+    begin: Annotated[NotNegative, Unit("m")]
+    end: Annotated[Positive, Unit("m")]
     segments: Count = 3
-    offset: tuple[float, float] = (0.0, 0.0)
-    azimuth: float = 0.0
-    acceptance: _Angle = ACCEPTANCE
+    offset: Annotated[tuple[float, float], Unit("m")] = (0.0, 0.0)
+    azimuth: Annotated[float, Unit("rad")] = 0.0
+    acceptance: Annotated[_Angle, Unit("rad")] = ACCEPTANCE
     noise: NotNegative | None = None
-    rate: Positive = 50.0
-    delay: NotNegative = 0.0
-    temperature: float = 0.0
+    rate: Annotated[Positive, Unit("Hz")] = 50.0
+    delay: Annotated[NotNegative, Unit("s")] = 0.0
+    temperature: Annotated[float, Unit("K")] = 0.0
     drift: _Below = 0.0
     hysteresis: _Below = 0.0
     stretch: NotNegative = 0.0
-    stray: NotNegative = 0.0
+    stray: Annotated[NotNegative, Unit("1/N")] = 0.0
     flicker: _Below = 0.0
     spread: Annotated[float, Range("in [0, 0.3]", lambda x: 0 <= x <= 0.3)] = 0.0
     specimen: Whole = 0
@@ -99,7 +108,7 @@ class Sensor:
         """Standard deviation of a reading, its kind's own unless given."""
         return _NOISE[self.kind] if self.noise is None else self.noise
 
-    def erring(self, scale: float, specimen: int) -> "Sensor":
+    def with_imperfections(self, scale: float, specimen: int) -> "Sensor":
         """A specimen with `scale` times the usual imperfections, besides its own noise.
 
         Raises:
@@ -109,6 +118,11 @@ class Sensor:
             return self
         usual = {name: scale * value for name, value in USUAL.items()}
         return replace(self, **usual, specimen=specimen)
+
+    def erring(self, scale: float, specimen: int) -> "Sensor":
+        """Old name of `with_imperfections`."""
+        warn("Sensor.erring is with_imperfections now", DeprecationWarning, stacklevel=2)
+        return self.with_imperfections(scale, specimen)
 
 
 #: Imperfections of usual size; see `Sensor` for where they come from.

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
-from softrobot_env.core.records import NotNegative, Positive, Range, check_fields
+from softrobot_env.core.records import Key, NotNegative, Positive, Range, Unit, check_fields
 
 #: Gauss points and weights [1] of a span between two via-points.
 _NODES, _SHARES = (x / 2 for x in np.polynomial.legendre.leggauss(8))
@@ -45,16 +45,16 @@ class Tendon:
     """
 
     name: str
-    offset: tuple[float, float]
-    end: Positive
+    offset: Annotated[tuple[float, float], Unit("m")]
+    end: Annotated[Positive, Unit("m")]
     group: int
-    tension_limit: Positive
-    guides: tuple[float, ...] = ()
-    stiffness: Annotated[float, Range("positive, or inf", lambda x: x > 0)] = inf
-    pretension: float = 0.0
-    friction: NotNegative = 0.0
-    route: tuple[tuple[float, float, float], ...] = ()
-    turns: float = 0.0
+    tension_limit: Annotated[Positive, Unit("N")]
+    guides: Annotated[tuple[float, ...], Unit("m")] = ()
+    stiffness: Annotated[float, Range("positive, or inf", lambda x: x > 0), Unit("N/m")] = inf
+    pretension: Annotated[float, Unit("N")] = 0.0
+    friction: Annotated[NotNegative, Unit("N")] = 0.0
+    route: Annotated[tuple[tuple[float, float, float], ...], Unit("m")] = ()
+    turns: Annotated[float, Key("helix_turns")] = 0.0
 
     def __post_init__(self) -> None:
         check_fields(self, f"tendon {self.name!r}")

@@ -152,7 +152,7 @@ def _built(rng: np.random.Generator, robot: RobotParams, specimen: int) -> Robot
         stiff_azimuth=float(rng.uniform(0, pi)),
         precurvature=(float(bend.real), float(bend.imag)),
         tendons=_laid(rng, robot.tendons),
-        sensors=tuple(sensor.erring(1.0, specimen) for sensor in robot.sensors),
+        sensors=tuple(sensor.with_imperfections(1.0, specimen) for sensor in robot.sensors),
     )
 
 

@@ -464,8 +464,8 @@ def _box(assembly: Assembly) -> tuple[np.ndarray, np.ndarray]:
 
 def _attached(assembly: Assembly) -> tuple[mujoco.MjSpec, list[contacts.Pair]]:
     """One spec of all members, and what can touch."""
-    rubs = any(config.robot.rubs for config in assembly.placed)
-    spec = empty_spec(assembly.name, assembly.placed[0].robot.gravity, rubs=rubs)
+    friction = any(config.robot.has_friction for config in assembly.placed)
+    spec = empty_spec(assembly.name, assembly.placed[0].robot.gravity, friction=friction)
     surfaces = []
     for number, (member, config) in enumerate(zip(assembly.members, assembly.placed, strict=True)):
         chain = build_chain(config)

@@ -144,7 +144,7 @@ class Scene(CompiledModel):
     ) -> np.ndarray:
         """Posture (nq,) in which a scene with contacts comes to rest."""
         rubbing = [x.name for x in (self.config.contacts, *self.config.objects) if x.friction]
-        if rubbing or self.config.robot.rubs:
+        if rubbing or self.config.robot.has_friction:
             raise ValueError(
                 "friction holds a robot in many places: an equilibrium with contacts needs "
                 f"friction 0 (of {', '.join(rubbing) or 'tendons and backbone'}), or use `simulate`"
@@ -340,7 +340,7 @@ def build_chain(config: SceneConfig) -> Chain:
     _refuse_what_is_not_felt(config, config.robot.gravity)
     layout = place_between(config.edges, config.hinge_rule)
     robot = config.robot
-    spec = empty_spec(robot.name, robot.gravity, rubs=robot.rubs)
+    spec = empty_spec(robot.name, robot.gravity, friction=robot.has_friction)
     kinds = joint_kinds(robot, config.bending, config.torsion, layout.coupled)
     chain = add_chain(spec, robot, layout, kinds)
     add_tendons(chain, robot, config.actuation, config.exact_channels)
@@ -389,7 +389,7 @@ def choose_for(
             first.control_period,
             first.timestep,
             None if first.integrator == EXTRAPOLATION else first.integrator,
-            friction=any(config.robot.rubs for config in configs),
+            friction=any(config.robot.has_friction for config in configs),
             contacts=longest,
             links=max(config.n_hinges for config in configs),
         )
@@ -413,7 +413,7 @@ def apply_choice(choice: TimestepChoice, option: mujoco.MjOption) -> None:
     option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{choice.integrator.upper()}")
 
 
-def empty_spec(name: str, gravity: Sequence[float], *, rubs: bool) -> mujoco.MjSpec:
+def empty_spec(name: str, gravity: Sequence[float], *, friction: bool) -> mujoco.MjSpec:
     """Spec without contacts and MuJoCo's silent reset of a diverged state.
 
     Without constraints too, unless something rubs: MuJoCo's dry friction is one.
@@ -424,7 +424,7 @@ def empty_spec(name: str, gravity: Sequence[float], *, rubs: bool) -> mujoco.MjS
     spec.option.gravity = gravity
     disable = mujoco.mjtDisableBit
     flags = disable.mjDSBL_CONTACT | disable.mjDSBL_AUTORESET
-    if not rubs:
+    if not friction:
         flags |= disable.mjDSBL_CONSTRAINT
     spec.option.disableflags = int(flags)
     return spec

@@ -16,8 +16,7 @@ from softrobot_env.cli import main
 from softrobot_env.commands.robot.command import ROBOT_COMMANDS
 from softrobot_env.commands.robot.link import open_driver
 from softrobot_env.hardware.protocol.messages import Capability, DeviceState
-from softrobot_env.hardware.robot_file.model import rig_file
-from softrobot_env.hardware.robot_file.toml import read_robot_file, write_robot_file
+from softrobot_env.hardware.robot_file import read_robot_file, rig_file, write_robot_file
 
 pytestmark = [pytest.mark.realtime(late=0.9), pytest.mark.usefixtures("patience")]
 

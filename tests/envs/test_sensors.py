@@ -100,7 +100,9 @@ def test_a_robot_without_sensors_refuses_them_by_name():
 
 def test_files_say_sensors_both_ways(tmp_path):
     robot = replace(
-        SENSED_ARM, sensors=(*SENSED_ARM.sensors, RIG.sensors[0].erring(0.7, 12)), file=None
+        SENSED_ARM,
+        sensors=(*SENSED_ARM.sensors, RIG.sensors[0].with_imperfections(0.7, 12)),
+        file=None,
     )
     write_robot(robot, tmp_path / "arm.toml")
     assert read_robot(tmp_path / "arm.toml") == robot

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from softrobot_env.hardware.calibration import Calibration, jog_file
-from softrobot_env.hardware.robot_file.model import LONGEST_PULSE, SHORTEST_PULSE, rig_file
+from softrobot_env.hardware.robot_file import LONGEST_PULSE, SHORTEST_PULSE, rig_file
 
 STEP = 1e-5
 

@@ -22,7 +22,7 @@ from softrobot_env.hardware.errors import (
 )
 from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.framing import encode
-from softrobot_env.hardware.robot_file.model import rig_file
+from softrobot_env.hardware.robot_file import rig_file
 
 pytestmark = pytest.mark.realtime(late=0.5)
 
@@ -335,7 +335,7 @@ def test_a_program_that_ends_stops_its_robot(how):
     program = f"""
         import signal, sys
         from support.hardware_boards import LiveBoard
-        from softrobot_env.hardware.robot_file.model import rig_file
+        from softrobot_env.hardware.robot_file import rig_file
         from softrobot_env.hardware.driver import Driver
         board = LiveBoard().__enter__()
         driver = Driver(rig_file(), board.transport)

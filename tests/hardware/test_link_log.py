@@ -16,7 +16,7 @@ from softrobot_env.hardware.link_log import (
 )
 from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.framing import encode
-from softrobot_env.hardware.robot_file.model import rig_file
+from softrobot_env.hardware.robot_file import rig_file
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from softrobot_env.hardware.errors import LinkError, RobotError, RobotFaultError
 from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.framing import encode
 from softrobot_env.hardware.protocol.session import Phase
-from softrobot_env.hardware.robot_file.model import rig_file, virtual_file
+from softrobot_env.hardware.robot_file import rig_file, virtual_file
 
 HERE = [0.0, 0.0, 0.0]
 

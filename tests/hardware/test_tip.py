@@ -94,7 +94,7 @@ def test_with_a_key_only_its_tracker_is_believed_and_nothing_twice():
     send(source, sign({"x": 0.4, "y": 0, "count": time.time_ns()}, "secret"))
     wait_until(lambda: source.latest(None, 0.0).position.tolist() == [0.4, 0.0])
     source.close()
-    with pytest.raises(ValueError, match="key must be a text that is not empty"):
+    with pytest.raises(ValueError, match="key must be None or a text that is not empty"):
         UdpTip(0, key="")
 
 

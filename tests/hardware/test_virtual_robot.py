@@ -10,7 +10,7 @@ from support.hardware_boards import Bench
 from support.processes import python
 
 from softrobot_env.hardware.protocol.messages import Fault
-from softrobot_env.hardware.robot_file.model import virtual_file
+from softrobot_env.hardware.robot_file import virtual_file
 from softrobot_env.hardware.virtual.robot import linked
 
 pytest.importorskip("serial", reason="needs the robot extra")

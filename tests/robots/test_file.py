@@ -142,7 +142,7 @@ def test_pretensions_of_moved_tendons_are_balanced(name):
     ("old", "new", "said"),
     [
         ("length_m = 0.2", "length_mm = 200", r"section\[1\]\.length_mm is no key; allowed are"),
-        ("length_m = 0.2\n", "", r"section\[1\]\.length_m missing"),
+        ("length_m = 0.2\n", "", r"section\[1\]: length_m missing"),
         ("outer_radius_m = 0.02", "outer_radius_m = -1", r"section\[1\]\.outer_radius_m must be"),
         ("= 1070", '= "much"', r"section\[1\]\.density_kg_m3 must be finite and positive"),
         ("ends_at_section = 1", "ends_at_section = 2", r"tendon\[1\]\.ends_at_section must be"),

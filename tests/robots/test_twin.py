@@ -177,4 +177,4 @@ def test_bad_twins_are_named(change, message):
 def test_sensors_err_as_their_own_specimen():
     (design,) = RIG.sensors
     for seed in (0, 5):
-        assert rig3d_twin(seed).robot.sensors == (design.erring(1.0, seed),)
+        assert rig3d_twin(seed).robot.sensors == (design.with_imperfections(1.0, seed),)

@@ -137,14 +137,17 @@ def test_specimens_differ_and_stay_themselves():
     read = [bank(one, start=shape(2.0)).reading[0] for one in built]
     np.testing.assert_array_equal(read[0], read[1])
     assert np.abs(read[0] - read[2]).max() > 0.01
-    assert SPATIAL.erring(5.0, 3).hysteresis == pytest.approx(5 * USUAL["hysteresis"])
+    assert SPATIAL.with_imperfections(5.0, 3).hysteresis == pytest.approx(5 * USUAL["hysteresis"])
     with pytest.raises(ValueError, match="hysteresis must be in"):
-        SPATIAL.erring(9.0, 3)
-    assert SPATIAL.erring(0.0, 3) is SPATIAL and SPATIAL.erring(1.0, 3).specimen == 3
+        SPATIAL.with_imperfections(9.0, 3)
+    assert (
+        SPATIAL.with_imperfections(0.0, 3) is SPATIAL
+        and SPATIAL.with_imperfections(1.0, 3).specimen == 3
+    )
 
 
 def test_many_robots_are_as_one():
-    sensors = (replace(SPATIAL, noise=None).erring(1.0, 4), replace(PLANAR, noise=None))
+    sensors = (replace(SPATIAL, noise=None).with_imperfections(1.0, 4), replace(PLANAR, noise=None))
     together = bank(*sensors, count=3, seeds=[5, 6, 7])
     alone = bank(*sensors, seeds=[6])
     rng = np.random.default_rng(0)

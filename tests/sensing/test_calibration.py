@@ -69,7 +69,7 @@ def session():
     tips = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     tips[200] = 0.0
     bend = tips * (3.1 + 20 * radius[:, None] ** 2) + [0.01, -0.02]
-    sensor = replace(RIG.sensors[0].erring(1.0, 9), drift=0.03)
+    sensor = replace(RIG.sensors[0].with_imperfections(1.0, 9), drift=0.03)
     bank, shape = SensorArray([sensor], np.array([0.0, 0.12]), 5.0), np.zeros((1, 1, 3))
     bank.start(np.array([0]), [[sensor]], [1], shape)
     readings = np.empty((count, 4))

@@ -9,7 +9,7 @@ import pytest
 
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.hardware.errors import RobotFaultError
-from softrobot_env.hardware.robot_file.model import rig_file
+from softrobot_env.hardware.robot_file import rig_file
 from softrobot_env.hardware.tip import TipMeasurement
 
 PERIOD = 0.01  # s

@@ -9,7 +9,7 @@ from support.serial_proxy import Harm, Line
 
 from softrobot_env.hardware.errors import RobotError
 from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.robot_file.model import virtual_file
+from softrobot_env.hardware.robot_file import virtual_file
 
 HERE, THERE, FAR = (0.0, 0.0, 0.0), (8e-3, -4e-3, 0.0), (25e-3, 0.0, 0.0)
 PERIOD = 0.02  # s

@@ -108,7 +108,7 @@ class _Finger:
 
     @classmethod
     def built(cls, specimen: int, edges: np.ndarray) -> "_Finger":
-        sensors = tuple(sensor.erring(1.0, specimen) for sensor in _ROBOT.sensors)
+        sensors = tuple(sensor.with_imperfections(1.0, specimen) for sensor in _ROBOT.sensors)
         return cls(SensorArray(sensors, edges, 1 / _RATE), sensors, specimen)
 
     def read(self, grip: _Grip) -> tuple[np.ndarray, np.ndarray]:

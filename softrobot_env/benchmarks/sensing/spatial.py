@@ -163,7 +163,7 @@ def rows(quick: bool = False, progress: Progress | None = None) -> list[Row]:
             progress(f"spatial: {case.name}", number, len(cases))
         found = []
         for specimen in specimens:
-            sensor = RIG.sensors[0].erring(case.scale, specimen)
+            sensor = RIG.sensors[0].with_imperfections(case.scale, specimen)
             erring = replace(sensor, flicker=case.flicker)
             found.append(_judge(specimen, erring, case.bent))
         out += _rows(case, found)

@@ -16,8 +16,7 @@ from softrobot_env.commands.robot.link import add_robot, numbers, open_driver, r
 from softrobot_env.hardware.calibration import HELP, Calibration, UnknownCommandError, jog_file
 from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.protocol.messages import Capability
-from softrobot_env.hardware.robot_file.keys import RobotFileError
-from softrobot_env.hardware.robot_file.toml import write_robot_file
+from softrobot_env.hardware.robot_file import write_robot_file
 
 EXAMPLE = "softrobot robot calibrate --port /dev/ttyUSB0 --out rig.toml"
 
@@ -101,10 +100,10 @@ def jog(
 
 
 def _write(calibration: Calibration, out: Path, console: Console) -> bool:
-    """Write what was found; what is wrong with it is told, and can be mended."""
+    """Write what was found; what is wrong with it is reported, and can be mended."""
     try:
         write_robot_file(calibration.result(), out)
-    except (RobotFileError, OSError) as error:
+    except (ValueError, OSError) as error:
         console.print(f"not written: {error}", highlight=False)
         return False
     return True

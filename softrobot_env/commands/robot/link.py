@@ -13,8 +13,7 @@ from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.link_log import LoggingTransport
 from softrobot_env.hardware.protocol.handshake import DeviceInfo
 from softrobot_env.hardware.protocol.unit_conversion import Reading
-from softrobot_env.hardware.robot_file.model import RobotFile, rig_file
-from softrobot_env.hardware.robot_file.toml import read_robot_file
+from softrobot_env.hardware.robot_file import RobotFile, read_robot_file, rig_file
 from softrobot_env.hardware.transport import SerialTransport, Transport
 
 
@@ -31,7 +30,7 @@ def robot_of(args: argparse.Namespace) -> RobotFile:
     """The robot that the arguments of `add_robot` mean.
 
     Raises:
-        RobotFileError: The file says what is not allowed.
+        ValueError: The file says what is not allowed.
     """
     robot = rig_file() if args.robot_file is None else read_robot_file(args.robot_file)
     return robot if args.port is None else replace(robot, port=args.port)

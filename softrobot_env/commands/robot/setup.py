@@ -19,7 +19,7 @@ from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.evaluation.labels import REAL, VIRTUAL
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.hardware.link_log import LoggingTransport
-from softrobot_env.hardware.robot_file.model import RobotFile
+from softrobot_env.hardware.robot_file import RobotFile
 from softrobot_env.hardware.transport import SerialTransport, Transport
 from softrobot_env.robots import RIG, RobotParams
 

@@ -19,8 +19,7 @@ from softrobot_env.commands.output import add_out, new_results
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.core.artifacts import read_arrays
-from softrobot_env.hardware.robot_file.model import RobotFile
-from softrobot_env.hardware.robot_file.toml import read_robot_file
+from softrobot_env.hardware.robot_file import RobotFile, read_robot_file
 from softrobot_env.hardware.tip import TipSource
 from softrobot_env.rendering.tables import named_values
 

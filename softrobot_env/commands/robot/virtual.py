@@ -23,7 +23,7 @@ from softrobot_env.commands.arguments import port, positive, seed
 from softrobot_env.commands.output import check_free
 from softrobot_env.core.artifacts import write_arrays
 from softrobot_env.hardware.protocol.messages import LENGTH_UNIT
-from softrobot_env.hardware.robot_file.model import TRACKER_PORT, RobotFile, virtual_file
+from softrobot_env.hardware.robot_file import TRACKER_PORT, RobotFile, virtual_file
 from softrobot_env.hardware.tip import UdpTip
 from softrobot_env.hardware.virtual.robot import VirtualRobot, linked
 

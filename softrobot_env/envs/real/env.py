@@ -24,7 +24,7 @@ from softrobot_env.envs.spec import EpisodeSpec
 from softrobot_env.hardware.errors import RobotError, RobotFaultError
 from softrobot_env.hardware.protocol.messages import Capability, Fault
 from softrobot_env.hardware.protocol.unit_conversion import FaultInfo
-from softrobot_env.hardware.robot_file.model import RobotFile
+from softrobot_env.hardware.robot_file import RobotFile
 from softrobot_env.hardware.tip import TipSource
 from softrobot_env.hardware.transport import SerialTransport, Transport
 from softrobot_env.robots import LENGTH_SCALE

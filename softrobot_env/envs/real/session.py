@@ -18,7 +18,7 @@ from softrobot_env.hardware.errors import (
     RobotFaultError,
     UnansweredError,
 )
-from softrobot_env.hardware.robot_file.model import RobotFile
+from softrobot_env.hardware.robot_file import RobotFile
 from softrobot_env.hardware.tip import TipMeasurement, TipSource, make_tip_source
 from softrobot_env.hardware.transport import Transport
 

@@ -9,8 +9,7 @@ from softrobot_env.envs.observations.table import OBSERVABLES, speed_limit
 from softrobot_env.envs.options import REAL_OPTIONS, ResetOptions, parse_options
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.setting import Setting, make_env_task, sizes_of
-from softrobot_env.hardware.robot_file.model import RobotFile, rig_file
-from softrobot_env.hardware.robot_file.toml import read_robot_file
+from softrobot_env.hardware.robot_file import RobotFile, read_robot_file, rig_file
 from softrobot_env.scene.config import DEFAULT_RULE
 from softrobot_env.scene.quadrature import place_hinges
 from softrobot_env.scene.registry import RIG_PIECES

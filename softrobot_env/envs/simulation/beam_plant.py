@@ -72,7 +72,7 @@ class BeamPlant:
         self._nominal = self._model(robot)
 
     def _model(self, robot: RobotParams) -> PlantModel:
-        if robot.rubs:
+        if robot.has_friction:
             raise ValueError(
                 f"robot {robot.name!r}: beam models have no tendon friction, nor one of the "
                 "backbone, only the MuJoCo chain has (leave out `plant`, or the friction)"

@@ -83,7 +83,7 @@ class FingerSensors:
                 for k in kind.fingers:
                     sensors = self._parts[k].scene.config.robot.sensors
                     own = int(number) + _APART * k
-                    built.append([s.erring(float(errors), own) for s in sensors])
+                    built.append([s.with_imperfections(float(errors), own) for s in sensors])
                     noise.append(int(seed) + _APART * k)
             kind.bank.start(rows, built, noise, shape[rows])
 

@@ -104,7 +104,7 @@ class WarpBatch:
             warp.config.log_level = warp.LOG_ERROR if device == "cpu" else warp.LOG_WARNING
         warp.init()
         self._device = warp.device_from_torch(self.arrays.device)
-        self._varied, self._slopes, self._rubs = False, None, scene.config.robot.rubs
+        self._varied, self._slopes, self._rubs = False, None, scene.config.robot.has_friction
         with self._on_device():
             self._data = mujoco_warp.make_data(model, nworld=count, nconmax=0, njmax=0)
         self._take_model({})

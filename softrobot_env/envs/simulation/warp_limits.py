@@ -91,7 +91,7 @@ def _check_radius(scene: Scene) -> None:
 def check_robot(scene: Scene, randomization: Randomization | None) -> None:
     """Raise ValueError for what the backend cannot simulate."""
     model, name = scene.model, scene.name
-    if scene.config.robot.rubs or (
+    if scene.config.robot.has_friction or (
         randomization is not None and any(randomization.tendon_friction)
     ):
         _check_friction(scene)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from softrobot_env.hardware.errors import ProtocolMismatchError, RobotError
 from softrobot_env.hardware.protocol.messages import PROTOCOL, SCHEMA, Capability, HelloAck, Reset
-from softrobot_env.hardware.robot_file.model import RobotFile
+from softrobot_env.hardware.robot_file import RobotFile
 
 _REMEDY = "flash the firmware that belongs to this package"
 

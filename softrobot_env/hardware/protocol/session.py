@@ -23,7 +23,7 @@ from softrobot_env.hardware.protocol.unit_conversion import (
     faults,
     kind_of_fault,
 )
-from softrobot_env.hardware.robot_file.model import RobotFile
+from softrobot_env.hardware.robot_file import RobotFile
 
 _KEPT = 16  # readings
 _CLOCK, _SEQ = 1 << 32, 1 << 16

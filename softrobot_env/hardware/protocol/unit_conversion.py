@@ -15,7 +15,7 @@ from softrobot_env.hardware.protocol.messages import (
     State,
     Warning,
 )
-from softrobot_env.hardware.robot_file.model import RobotFile
+from softrobot_env.hardware.robot_file import RobotFile
 
 _MILLI = 1e-3
 _THERE = 1.5 * LENGTH_UNIT

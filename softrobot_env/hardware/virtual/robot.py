@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from softrobot_env.hardware.protocol.messages import FORCE_UNIT, LENGTH_UNIT
-from softrobot_env.hardware.robot_file.model import Servo
+from softrobot_env.hardware.robot_file import Servo
 from softrobot_env.hardware.virtual.core import Core, Measured, Outputs
 
 _READ = 4096  # bytes at once

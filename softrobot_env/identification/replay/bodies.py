@@ -114,7 +114,7 @@ class Body:
             self._horn,
             np.clip(self._horn, control - self._play, control + self._play),
         )
-        if before is None or self._simulation.data is None or not self._robot.rubs:
+        if before is None or self._simulation.data is None or not self._robot.has_friction:
             return self.at_rest(self._horn, before)
         model = self._model.model
         if self._rubbing is None:

@@ -55,7 +55,7 @@ class Replay:
     @property
     def notes(self) -> tuple[str, ...]:
         """What the reader of its errors must know, a line each."""
-        if not (self.static and self.robot.rubs):
+        if not (self.static and self.robot.has_friction):
             return ()
         return (
             "tendons rub: rows count as ends of slow motions from one to the next; a robot that "

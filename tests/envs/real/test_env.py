@@ -254,7 +254,7 @@ from dataclasses import replace
 from itertools import pairwise
 import numpy as np
 from softrobot_env.hardware.errors import UnansweredError
-from softrobot_env.hardware.robot_file.model import rig_file
+from softrobot_env.hardware.robot_file import rig_file
 from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.transport import SerialTransport
 

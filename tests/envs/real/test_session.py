@@ -14,7 +14,7 @@ from support.hardware_boards import Board, LiveBoard
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.hardware.errors import LinkError, RefusedError, RobotFaultError
 from softrobot_env.hardware.protocol.messages import Reset
-from softrobot_env.hardware.robot_file.model import Tip, rig_file
+from softrobot_env.hardware.robot_file import Tip, rig_file
 from softrobot_env.hardware.tip import TipMeasurement, UdpTip
 from softrobot_env.hardware.virtual.core import Core
 

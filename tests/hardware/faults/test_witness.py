@@ -4,7 +4,7 @@ import pytest
 from support.hardware_boards import PASS, Bench, Board
 from support.output_witness import WatchedCore
 
-from softrobot_env.hardware.robot_file.model import virtual_file
+from softrobot_env.hardware.robot_file import virtual_file
 
 ROBOT = virtual_file()
 FAR = (25e-3, -10e-3, 0.0)

@@ -1,26 +1,31 @@
-"""What is known of a robot before it moves: port, timing, limits, calibration of its servos."""
+"""Robot files: what is known of a real robot before it moves, as TOML with units in its keys.
+
+Port, timing, limits, calibration of its servos. Numbers are kept in SI; one that is finer than
+what a message can carry is refused, not rounded.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import floor
-from typing import Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
 
+from softrobot_env.core.records import (
+    Range,
+    Unit,
+    check_fields,
+    placed,
+    read,
+    whole_numbers,
+    write,
+)
+from softrobot_env.core.toml_text import read_table, text
+from softrobot_env.core.writing import write_text
 from softrobot_env.hardware.protocol.messages import (
     ADC_CHANNELS,
     MOST_TENDONS,
     Capability,
     Config,
-)
-from softrobot_env.hardware.robot_file.keys import (
-    Key,
-    RobotFileError,
-    check_numbers,
-    check_text,
-    check_whole,
-    keys,
-    millimetres,
-    milliseconds,
-    newtons,
 )
 from softrobot_env.robots import LENGTH_SCALE, SERVO_SPEED
 
@@ -38,9 +43,36 @@ SHORTEST_PULSE, LONGEST_PULSE = 400e-6, 2600e-6
 _EXACT_PULSE = 1e-3  # µs
 
 _ADC_TOP = 4095  # counts of twelve bits
+_AdcCount = Annotated[int, whole_numbers(0, _ADC_TOP)]
 
 #: UDP port at which a tracker's datagrams arrive unless a robot file says otherwise.
 TRACKER_PORT = 47810
+
+
+@dataclass(frozen=True)
+class Steps(Range):
+    """Range of a number that a message carries in steps.
+
+    Attributes:
+        size: Of a step, in the unit of the file.
+    """
+
+    size: float
+
+
+def _steps(size: float, least: float, most: float) -> Steps:
+    def holds(number: float) -> bool:
+        inside = least <= number <= most
+        return inside and abs(number / size - round(number / size)) <= _EXACT_STEP
+
+    return Steps(f"in [{least:g}, {most:g}] in steps of {size:g}", holds, size)
+
+
+_EXACT_STEP = 1e-6  # of a step; what is left of a decimal number after a change of units
+_MM, _MM_S, _MS = Unit("mm", 1e-3), Unit("mm_per_s", 1e-3), Unit("ms", 1e-3)
+_Length = Annotated[float, _MM, _steps(0.01, -300, 300)]
+_Speed = Annotated[float, _MM_S, _steps(0.01, 0.01, 655.35)]
+_Force = Annotated[float, Unit("n"), _steps(0.01, 0, 600)]
 
 
 @dataclass(frozen=True)
@@ -57,29 +89,28 @@ class Servo:
         min_force: [N] under which the tendon counts as loose; 0 switches the check off.
     """
 
-    channel: int
-    center: Annotated[float, Key("center_us", 1e-6, 1.0, 400, 2600)]
-    gain: Annotated[float, Key("gain_us_per_mm", 1e-3, 0.01, -300, 300)]
-    minimum: Annotated[float, millimetres("minimum_mm", -300, 300)]
-    maximum: Annotated[float, millimetres("maximum_mm", -300, 300)]
-    rest: Annotated[float, millimetres("rest_mm", -300, 300)] = 0.0
-    max_force: Annotated[float, newtons("max_force_n")] = 0.0
-    min_force: Annotated[float, newtons("min_force_n")] = 0.0
+    channel: Annotated[int, whole_numbers(0, MOST_TENDONS - 1)]
+    center: Annotated[float, Unit("us", 1e-6), _steps(1, 400, 2600)]
+    gain: Annotated[float, Unit("us_per_mm", 1e-3), _steps(0.01, -300, 300)]
+    minimum: _Length
+    maximum: _Length
+    rest: _Length = 0.0
+    max_force: _Force = 0.0
+    min_force: _Force = 0.0
 
     def __post_init__(self) -> None:
-        check_numbers(self)
-        check_whole("channel", self.channel, MOST_TENDONS - 1)
+        check_fields(self, "servo")
         if self.gain == 0:
-            raise RobotFileError("gain_us_per_mm must not be zero")
+            raise ValueError("gain_us_per_mm must not be zero")
         if not self.minimum <= self.rest <= self.maximum or self.minimum == self.maximum:
-            raise RobotFileError(
+            raise ValueError(
                 "minimum_mm <= rest_mm <= maximum_mm must hold, with minimum_mm < maximum_mm"
             )
         shortest, longest = 1e6 * SHORTEST_PULSE, 1e6 * LONGEST_PULSE
         for name in ("minimum", "maximum"):
             pulse = 1e6 * self.pulse(getattr(self, name))
             if not shortest - _EXACT_PULSE <= pulse <= longest + _EXACT_PULSE:
-                raise RobotFileError(
+                raise ValueError(
                     f"{name}_mm means a pulse of {pulse:.0f} µs, allowed are {shortest:.0f} to "
                     f"{longest:.0f} µs"
                 )
@@ -105,21 +136,17 @@ class Supervision:
         supply: Lowest voltage [V].
     """
 
-    stall: Annotated[float, millimetres("stall_mm", 0, 100)] = 0.0
-    time: Annotated[float, milliseconds("time_ms", 10, 10000)] = 0.3
-    adc_channels: tuple[int, ...] = ()
-    adc_low: int = 8
-    adc_high: int = _ADC_TOP - 8
-    supply: Annotated[float, Key("supply_v", 1.0, 0.001, 0, 60)] = 4.8
+    stall: Annotated[float, _MM, _steps(0.01, 0, 100)] = 0.0
+    time: Annotated[float, _MS, _steps(1, 10, 10000)] = 0.3
+    adc_channels: tuple[Annotated[int, whole_numbers(0, ADC_CHANNELS - 1)], ...] = ()
+    adc_low: _AdcCount = 8
+    adc_high: _AdcCount = _ADC_TOP - 8
+    supply: Annotated[float, Unit("v"), _steps(0.001, 0, 60)] = 4.8
 
     def __post_init__(self) -> None:
-        check_numbers(self)
-        for name in ("adc_low", "adc_high"):
-            check_whole(name, getattr(self, name), _ADC_TOP)
+        check_fields(self, "supervision")
         if not self.adc_low < self.adc_high:
-            raise RobotFileError("adc_low must be smaller than adc_high")
-        for channel in self.adc_channels:
-            check_whole("each of adc_channels", channel, ADC_CHANNELS - 1)
+            raise ValueError("adc_low must be smaller than adc_high")
 
 
 @dataclass(frozen=True)
@@ -130,9 +157,7 @@ class Tip:
     options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        check_text("kind", self.kind)
-        if not isinstance(self.options, Mapping):
-            raise RobotFileError(f"options must be a table, got {self.options!r}")
+        check_fields(self, "tip")
 
 
 @dataclass(frozen=True)
@@ -160,46 +185,42 @@ class RobotFile:
     name: str
     port: str
     tendons: tuple[Servo, ...]
-    baud: int = 500000
-    control_period: Annotated[float, Key("control_period_ms", 1e-3, 0.001, 1, 200)] = 0.02
-    watchdog: Annotated[float, milliseconds("watchdog_ms", 20, 1000)] = 0.1
-    ttl: Annotated[float, milliseconds("ttl_ms", 1, 1000)] = 0.05
-    state_delay: Annotated[float, Key("state_delay_ms", 1e-3, 0.001, 0, 65)] = 0.012
-    free_run: Annotated[float, milliseconds("free_run_ms", 5, 1000)] = 0.05
-    slew: Annotated[float, millimetres("slew_mm_per_s", 0.01, 655.35)] = 0.1
-    ramp: Annotated[float, millimetres("ramp_mm_per_s", 0.01, 655.35)] = 0.03
-    arm_window: Annotated[float, millimetres("arm_window_mm", 0.01, 100)] = 2e-3
+    baud: Annotated[int, Range(f"one of {', '.join(map(str, BAUDS))}", BAUDS.__contains__)] = 500000
+    control_period: Annotated[float, _MS, _steps(0.001, 1, 200)] = 0.02
+    watchdog: Annotated[float, _MS, _steps(1, 20, 1000)] = 0.1
+    ttl: Annotated[float, _MS, _steps(1, 1, 1000)] = 0.05
+    state_delay: Annotated[float, _MS, _steps(0.001, 0, 65)] = 0.012
+    free_run: Annotated[float, _MS, _steps(1, 5, 1000)] = 0.05
+    slew: _Speed = 0.1
+    ramp: _Speed = 0.03
+    arm_window: Annotated[float, _MM, _steps(0.01, 0.01, 100)] = 2e-3
     supervision: Supervision = field(default_factory=Supervision)
     tip: Tip = field(default_factory=lambda: Tip("udp", {"port": TRACKER_PORT}))
 
     def __post_init__(self) -> None:
-        check_numbers(self)
-        check_text("name", self.name)
-        check_text("port", self.port)
-        if isinstance(self.baud, bool) or self.baud not in BAUDS:
-            raise RobotFileError(f"baud must be one of {', '.join(map(str, BAUDS))}")
+        check_fields(self, "robot file")
         self._check_timing()
         self._check_ramp()
         channels = [servo.channel for servo in self.tendons]
         if not 1 <= len(channels) <= MOST_TENDONS:
-            raise RobotFileError(f"a robot has 1 to {MOST_TENDONS} tendons, got {len(channels)}")
+            raise ValueError(f"a robot has 1 to {MOST_TENDONS} tendons, got {len(channels)}")
         if sorted(channels) != list(range(len(channels))):
-            raise RobotFileError(
+            raise ValueError(
                 f"the tendons need channels 0 to {len(channels) - 1}, each once, got {channels}"
             )
 
     def _check_timing(self) -> None:
         if not self.state_delay < self.control_period:
-            raise RobotFileError("state_delay_ms must be smaller than control_period_ms")
+            raise ValueError("state_delay_ms must be smaller than control_period_ms")
         if self.watchdog < 2 * self.control_period:
-            raise RobotFileError("watchdog_ms must be at least twice control_period_ms")
+            raise ValueError("watchdog_ms must be at least twice control_period_ms")
         if self.ttl > self.watchdog:
-            raise RobotFileError("ttl_ms must not be larger than watchdog_ms")
+            raise ValueError("ttl_ms must not be larger than watchdog_ms")
 
     def _check_ramp(self) -> None:
         longest = max((s.maximum - s.minimum for s in self.tendons), default=0.0)
         if longest > LONGEST_RAMP * min(self.ramp, self.slew) + _EXACT:
-            raise RobotFileError(
+            raise ValueError(
                 f"ramp_mm_per_s and slew_mm_per_s must cross every range within {LONGEST_RAMP:g} "
                 f"s: at least {1e3 * longest / LONGEST_RAMP:g} mm/s"
             )
@@ -269,4 +290,33 @@ def virtual_file(port: str = "/dev/ttyUSB0") -> RobotFile:
 
 
 def _counts(record: Any, name: str) -> int:
-    return keys(type(record))[name].counts(getattr(record, name))
+    """A field as the number of steps that a message carries."""
+    unit, steps = get_type_hints(type(record), include_extras=True)[name].__metadata__
+    return round(getattr(record, name) / unit.si / steps.size)
+
+
+def read_robot_file(path: Path) -> RobotFile:
+    """Robot that a TOML file describes.
+
+    Raises:
+        ValueError: The file is no TOML or says what is not allowed; names file and key.
+        OSError: The file cannot be read.
+    """
+    with placed(path):
+        return read(RobotFile, {"tendons": []} | read_table(path), readers={"tip": _tip})
+
+
+def write_robot_file(robot: RobotFile, path: Path) -> None:
+    """Write a robot to a TOML file that `read_robot_file` reads as the same robot."""
+    table = write(robot, full=True)
+    tip = {"kind": robot.tip.kind, **robot.tip.options}
+    parts = {"tendons": table.pop("tendons"), "supervision": table.pop("supervision"), "tip": tip}
+    write_text(path, text(table | parts))
+
+
+def _tip(table: Any, where: str) -> Tip:
+    """What measures the tip; all keys but its kind are options."""
+    if not isinstance(table, Mapping):
+        raise ValueError(f"{where} must be a table, got {table!r}")
+    with placed(where):
+        return Tip(table.get("kind"), {k: v for k, v in table.items() if k != "kind"})

@@ -1,1 +1,0 @@
-"""Robot files: what is known of a real robot before it moves."""
