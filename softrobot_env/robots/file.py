@@ -25,7 +25,6 @@ from softrobot_env.core.writing import write_text
 from softrobot_env.robots.gripper import Finger, Gripper
 from softrobot_env.robots.parameters import Base, Disc, Drive, RobotParams
 from softrobot_env.robots.sections import Section
-from softrobot_env.robots.sensors import Sensor
 from softrobot_env.robots.tendons import Tendon
 
 #: Fewest pieces of a section whose table does not say it, and of one through which a tendon runs
@@ -60,18 +59,6 @@ class _FingerTable:
     base: Base
 
 
-#: Records of the tables of a robot file by name; the tables of tendons and discs share several.
-TABLES: dict[str, tuple[type, ...]] = {
-    "": (RobotParams,),
-    "section": (Section,),
-    "tendon": (Tendon, Drive, _Place),
-    "disc": (Disc, _Cylinder),
-    "sensor": (Sensor,),
-    "gripper": (Gripper,),
-    "finger": (_FingerTable,),
-}
-
-
 def read_robot(path: Path | str) -> RobotParams:
     """The robot that a file describes.
 
@@ -99,7 +86,7 @@ def read_gripper(path: Path | str) -> Gripper:
     path = Path(path)
 
     def finger(table: Mapping[str, Any], where: str) -> Finger:
-        (values,) = read_values(table, where, TABLES["finger"])
+        (values,) = read_values(table, where, [_FingerTable])
         try:
             robot = read_robot(path.parent / values["robot"])
         except OSError as error:
@@ -141,7 +128,7 @@ def _tendon_table(tendon: Tendon) -> dict[str, Any]:
 
 def _robot(table: Mapping[str, Any]) -> RobotParams:
     later = dict.fromkeys(("section", "tendon", "disc"), lambda one, where: (where, one))
-    (values,) = read_values(table, "", TABLES[""], later)
+    (values,) = read_values(table, "", [RobotParams], later)
     said = values.pop("sections", ())
     if not said:
         raise ValueError("section must be one or more tables, each begun with [[section]]")
@@ -183,7 +170,7 @@ def _disc(where: str, table: Mapping[str, Any], length: float) -> Disc:
     cylinder = any(key in table for key in shape)
     _check_exclusive(table, where, "inertia_kg_m2", *shape)
     optional = ["inertia_kg_m2"] if cylinder else shape
-    disc, size = read_values(table, where, TABLES["disc"], optional=optional)
+    disc, size = read_values(table, where, [Disc, _Cylinder], optional=optional)
     _check_on_robot(f"{where}.station_m", disc["station"], length)
     numbers = {name: float(x) for name, x in (disc | size).items()} if cylinder else disc
     with placed(where, Disc):
@@ -198,7 +185,7 @@ def _tendons(
     names = names if isinstance(names, list) and names else [names]
     single = {"group": number, **table} | ({"name": names[0]} if "name" in table else {})
     values, drive, place = read_values(
-        single, where, TABLES["tendon"], optional=("offset_m", "end_m")
+        single, where, [Tendon, Drive, _Place], optional=("offset_m", "end_m")
     )
     for k, name in enumerate(names, 1):
         check_argument(f"{where}.name[{k}]", name, str)

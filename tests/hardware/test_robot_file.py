@@ -79,7 +79,7 @@ def test_parts_may_be_left_out(tmp_path):
         (
             "adc_channels = []",
             "adc_channels = [4]",
-            r"supervision.adc_channels\[0\] must be a whole,
+            r"supervision.adc_channels\[0\] must be a whole",
         ),
         ("adc_low = 8", "adc_low = 4090", "supervision: adc_low must be smaller"),
         ('kind = "udp"', "", "tip: kind must be a text"),
