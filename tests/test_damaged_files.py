@@ -21,8 +21,8 @@ from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.rollout import _UNMEASURED, Rollout
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.hardware.errors import RobotError
-from softrobot_env.hardware.link_log import LoggingTransport, read_link_log
 from softrobot_env.hardware.robot_file import read_robot_file, virtual_file, write_robot_file
+from softrobot_env.hardware.transport import LoggingTransport, read_link_log
 from softrobot_env.identification.fit.residual import Residual, read_residual
 from softrobot_env.learned.network import Network
 from softrobot_env.learned.reduction import ReducedModel

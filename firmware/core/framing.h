@@ -1,4 +1,4 @@
-// Frames on the wire: 00 | COBS(body | CRC-32) | 00. See softrobot_env/hardware/protocol/framing.py.
+// Frames on the wire: 00 | COBS(body | CRC-32) | 00. See softrobot_env/hardware/protocol/messages.py.
 #pragma once
 
 #include <stdint.h>

@@ -1,4 +1,4 @@
-// The device as a C library, for softrobot_env/hardware/virtual/core.py.
+// The device as a C library, for softrobot_env/hardware/virtual_robot.py.
 #include <new>
 
 #include "../core/device.h"

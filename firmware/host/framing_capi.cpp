@@ -1,4 +1,4 @@
-// The framing alone as a C library, for tests against softrobot_env/hardware/protocol/framing.py.
+// The framing alone as a C library, for tests against softrobot_env/hardware/protocol/messages.py.
 #include <new>
 
 #include "../core/framing.h"

@@ -11,7 +11,7 @@ from softrobot_env.core.interfaces import Seen
 from softrobot_env.envs.reference import AXES
 from softrobot_env.recordings import Recording, write_recording
 from softrobot_env.recordings.columns import check_writable
-from softrobot_env.recordings.episodes import at_their_time, episode_recording
+from softrobot_env.recordings.recording import at_their_time, episode_recording
 
 _NEEDED = ("tip_position", "previous_action")
 

@@ -8,7 +8,7 @@ import numpy as np
 from softrobot_env.core.artifacts import read_arrays, write_arrays
 from softrobot_env.envs.reference import AXES
 from softrobot_env.recordings import Recording
-from softrobot_env.recordings.episodes import episode_recording
+from softrobot_env.recordings.recording import episode_recording
 from softrobot_env.tasks import Task
 
 #: What a real robot may have no sensor for.

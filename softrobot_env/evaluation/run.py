@@ -10,7 +10,7 @@ import numpy as np
 
 from softrobot_env.core.interfaces import Observation, Policy
 from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.recordings.episodes import at_their_time
+from softrobot_env.recordings.recording import at_their_time
 
 #: Coordinates x and z, those of positions where an environment does not name its `axes`.
 _PLANE = slice(0, 3, 2)

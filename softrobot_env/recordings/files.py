@@ -5,8 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
-from softrobot_env.recordings.columns import Columns, read_csv, read_parquet, write_columns
-from softrobot_env.recordings.foreign import read_mcap, read_minari
+from softrobot_env.recordings.columns import (
+    Columns,
+    read_csv,
+    read_mcap,
+    read_minari,
+    read_parquet,
+    write_columns,
+)
 from softrobot_env.recordings.header import UNITS, Header, read_header, write_header
 from softrobot_env.recordings.recording import Recording
 

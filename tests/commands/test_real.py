@@ -15,8 +15,8 @@ from softrobot_env.commands.robot.soak import answer_times
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.evaluation.labels import VIRTUAL
 from softrobot_env.evaluation.runner import Case
-from softrobot_env.hardware.link_log import read_link_log
 from softrobot_env.hardware.robot_file import rig_file
+from softrobot_env.hardware.transport import read_link_log
 from softrobot_env.tasks import make_task
 
 pytest.importorskip("serial", reason="needs the robot extra")

@@ -21,7 +21,7 @@ from softrobot_env.hardware.errors import (
     SessionLostError,
 )
 from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.framing import encode
+from softrobot_env.hardware.protocol.messages import encode
 from softrobot_env.hardware.robot_file import rig_file
 
 pytestmark = pytest.mark.realtime(late=0.5)

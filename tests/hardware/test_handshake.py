@@ -7,7 +7,7 @@ from support.hardware_boards import Bench
 
 from softrobot_env.hardware.errors import ProtocolMismatchError, RobotError
 from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.framing import encode
+from softrobot_env.hardware.protocol.messages import encode
 from softrobot_env.hardware.protocol.session import Phase
 from softrobot_env.hardware.robot_file import Supervision, rig_file, virtual_file
 

@@ -7,16 +7,16 @@ from support.replay import ReplayTransport
 
 from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.errors import LinkError
-from softrobot_env.hardware.link_log import (
+from softrobot_env.hardware.protocol import messages as m
+from softrobot_env.hardware.protocol.messages import encode
+from softrobot_env.hardware.robot_file import rig_file
+from softrobot_env.hardware.transport import (
     Chunk,
     Direction,
     LinkLog,
     LoggingTransport,
     read_link_log,
 )
-from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.framing import encode
-from softrobot_env.hardware.robot_file import rig_file
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import pytest
 from support.hardware_boards import Bench
 
 from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.framing import Decoder, encode
+from softrobot_env.hardware.protocol.messages import Decoder, encode
 from softrobot_env.hardware.protocol.session import Phase
 
 #: Burnt into every board of protocol 1: it checks and sends frames with this number. Whoever

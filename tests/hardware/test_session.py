@@ -8,7 +8,7 @@ from support.hardware_boards import PASS, Bench, Board
 
 from softrobot_env.hardware.errors import LinkError, RobotError, RobotFaultError, SessionLostError
 from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.framing import encode
+from softrobot_env.hardware.protocol.messages import encode
 from softrobot_env.hardware.protocol.session import Phase
 from softrobot_env.hardware.robot_file import rig_file, virtual_file
 

@@ -11,7 +11,7 @@ from support.processes import python
 
 from softrobot_env.hardware.protocol.messages import Fault
 from softrobot_env.hardware.robot_file import virtual_file
-from softrobot_env.hardware.virtual.robot import linked
+from softrobot_env.hardware.virtual_robot import linked
 
 pytest.importorskip("serial", reason="needs the robot extra")
 pytest.importorskip("cobs", reason="needs the robot extra")

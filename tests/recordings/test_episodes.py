@@ -13,7 +13,7 @@ from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.identification.replay import replay
 from softrobot_env.recordings import Commands, read_recording
-from softrobot_env.recordings.episodes import at_their_time
+from softrobot_env.recordings.recording import at_their_time
 from softrobot_env.robots import ARM, ROBOTS
 from softrobot_env.robots.twin import rig3d_twin, twin_or_ideal
 from softrobot_env.scene.timestep import TimestepWarning

@@ -6,8 +6,8 @@ from zlib import crc32
 import pytest
 
 from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.framing import Decoder, encode
-from softrobot_env.hardware.virtual.core import CompilerMissingError, Core, Measured, library
+from softrobot_env.hardware.protocol.messages import Decoder, encode
+from softrobot_env.hardware.virtual_robot import CompilerMissingError, Core, Measured, library
 
 try:
     library()

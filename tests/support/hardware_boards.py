@@ -10,7 +10,7 @@ import numpy as np
 from softrobot_env.hardware.errors import LinkError
 from softrobot_env.hardware.protocol.session import Session
 from softrobot_env.hardware.robot_file import rig_file
-from softrobot_env.hardware.virtual.core import Core, Measured
+from softrobot_env.hardware.virtual_robot import Core, Measured
 
 PASS = 1e-3  # s, of a board's main loop
 

@@ -1,8 +1,8 @@
 """What a robot may do, told a second time: a witness that judges every pass of its program."""
 
 from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.framing import Decoder
-from softrobot_env.hardware.virtual.core import Core, Measured, Outputs
+from softrobot_env.hardware.protocol.messages import Decoder
+from softrobot_env.hardware.virtual_robot import Core, Measured, Outputs
 
 _CLOCK, _SEQ = 1 << 32, 1 << 16
 _MILLION = 10**6

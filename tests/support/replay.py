@@ -4,8 +4,8 @@ from collections import deque
 from threading import Event
 
 from softrobot_env.hardware.errors import LinkError
-from softrobot_env.hardware.link_log import Direction, LinkLog
 from softrobot_env.hardware.protocol.messages import Arm, Hello
+from softrobot_env.hardware.transport import Direction, LinkLog
 
 
 class ReplayTransport:

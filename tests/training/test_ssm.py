@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softrobot_env.learned.reduction import FitError, Record
-from softrobot_env.recordings.episodes import episode_recording
+from softrobot_env.recordings.recording import episode_recording
 from softrobot_env.robots import RIG, ROBOTS, find_robot
 from softrobot_env.training.motions import Plan, _taut, collect, drives_of
 from softrobot_env.training.registry import TRAININGS, TrainingRequest

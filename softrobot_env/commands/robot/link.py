@@ -10,11 +10,10 @@ import numpy as np
 from rich.console import Console
 
 from softrobot_env.hardware.driver import Driver
-from softrobot_env.hardware.link_log import LoggingTransport
-from softrobot_env.hardware.protocol.handshake import DeviceInfo
+from softrobot_env.hardware.protocol.session import DeviceInfo
 from softrobot_env.hardware.protocol.unit_conversion import Reading
 from softrobot_env.hardware.robot_file import RobotFile, read_robot_file, rig_file
-from softrobot_env.hardware.transport import SerialTransport, Transport
+from softrobot_env.hardware.transport import LoggingTransport, SerialTransport, Transport
 
 
 def add_robot(parser: argparse.ArgumentParser) -> None:

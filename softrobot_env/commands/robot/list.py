@@ -4,8 +4,8 @@ import argparse
 
 from rich.console import Console
 
+from softrobot_env.hardware.driver import identify
 from softrobot_env.hardware.errors import RobotError
-from softrobot_env.hardware.exchange import identify
 from softrobot_env.hardware.robot_file import BAUDS, rig_file
 from softrobot_env.hardware.transport import SerialTransport, load_serial
 from softrobot_env.rendering.tables import Column, make_table

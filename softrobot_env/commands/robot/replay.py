@@ -8,7 +8,6 @@ from pathlib import Path
 
 from rich.console import Console
 
-from softrobot_env.hardware.link_log import Direction, LinkLog, read_link_log
 from softrobot_env.hardware.protocol.messages import (
     DeviceState,
     Fault,
@@ -22,6 +21,7 @@ from softrobot_env.hardware.protocol.messages import (
     State,
 )
 from softrobot_env.hardware.protocol.unit_conversion import faults
+from softrobot_env.hardware.transport import Direction, LinkLog, read_link_log
 from softrobot_env.rendering.tables import Column, make_table
 
 EXAMPLE = "softrobot robot replay out/session.link --all"

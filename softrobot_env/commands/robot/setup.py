@@ -18,9 +18,8 @@ from softrobot_env.control.registry import FEEDBACKS
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.evaluation.labels import REAL, VIRTUAL
 from softrobot_env.evaluation.runner import Case
-from softrobot_env.hardware.link_log import LoggingTransport
 from softrobot_env.hardware.robot_file import RobotFile
-from softrobot_env.hardware.transport import SerialTransport, Transport
+from softrobot_env.hardware.transport import LoggingTransport, SerialTransport, Transport
 from softrobot_env.robots import RIG, RobotParams
 
 #: Arguments of simulated robots alone -> their value unless given.

@@ -25,7 +25,7 @@ from softrobot_env.core.artifacts import write_arrays
 from softrobot_env.hardware.protocol.messages import LENGTH_UNIT
 from softrobot_env.hardware.robot_file import TRACKER_PORT, RobotFile, virtual_file
 from softrobot_env.hardware.tip import UdpTip
-from softrobot_env.hardware.virtual.robot import VirtualRobot, linked
+from softrobot_env.hardware.virtual_robot import VirtualRobot, linked
 
 EXAMPLE = "softrobot robot virtual --twin 0 --link out/robot"
 
@@ -115,7 +115,7 @@ def virtual_robot(
         show, watch: See `VirtualRobot`.
     """
     from softrobot_env.envs.simulation.virtual_rig import VirtualRig
-    from softrobot_env.hardware.virtual.core import Core
+    from softrobot_env.hardware.virtual_robot import Core
     from softrobot_env.robots.twin import rig3d_twin
 
     servos = sorted(virtual_file().tendons, key=lambda servo: servo.channel)

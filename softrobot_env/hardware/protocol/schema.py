@@ -6,7 +6,7 @@
 import struct
 from enum import IntEnum, IntFlag
 
-from softrobot_env.hardware.protocol import framing, messages
+from softrobot_env.hardware.protocol import messages
 
 
 def header() -> str:
@@ -36,7 +36,7 @@ constexpr uint8_t kProtocol = {messages.PROTOCOL};
 constexpr uint8_t kMostTendons = {messages.MOST_TENDONS};
 constexpr uint8_t kAdcChannels = {messages.ADC_CHANNELS};
 constexpr uint8_t kModeLength = {messages.MODE_LENGTH};
-constexpr uint8_t kLongestFrame = {framing.LONGEST};  // between its zeros
+constexpr uint8_t kLongestFrame = {messages.LONGEST};  // between its zeros
 constexpr uint32_t kSchema = {messages.SCHEMA:#010x};
 """
 
@@ -58,7 +58,7 @@ def _flags(kind: type[IntFlag]) -> str:
 
 
 def _layouts() -> str:
-    """C++ function that tells the sizes of a message type."""
+    """C++ function that says the sizes of a message type."""
     cases = "".join(_case(kind) for kind in messages.TYPES.values())
     return f"""\
 // Size of a body: `fixed + n * per_tendon` bytes, header included. Where the type tells its

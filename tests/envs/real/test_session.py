@@ -16,7 +16,7 @@ from softrobot_env.hardware.errors import LinkError, RefusedError, RobotFaultErr
 from softrobot_env.hardware.protocol.messages import Reset
 from softrobot_env.hardware.robot_file import Tip, rig_file
 from softrobot_env.hardware.tip import TipMeasurement, UdpTip
-from softrobot_env.hardware.virtual.core import Core
+from softrobot_env.hardware.virtual_robot import Core
 
 pytest.importorskip("cobs", reason="needs the robot extra")
 

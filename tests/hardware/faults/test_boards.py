@@ -19,7 +19,7 @@ from support.rough_bench import (
 
 from softrobot_env.hardware.errors import UnansweredError
 from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.framing import LONGEST, encode
+from softrobot_env.hardware.protocol.messages import LONGEST, encode
 from softrobot_env.hardware.protocol.session import Phase
 
 

@@ -21,7 +21,7 @@ from support.real_episodes import (
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.hardware.errors import ProtocolMismatchError
 from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.framing import Decoder, encode
+from softrobot_env.hardware.protocol.messages import Decoder, encode
 
 pytest.importorskip("cobs", reason="needs the robot extra")
 

@@ -22,7 +22,7 @@ from softrobot_env.hardware.errors import LinkError, UnansweredError
 from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.link import MOST_IN_FLIGHT
 from softrobot_env.hardware.transport import SerialTransport
-from softrobot_env.hardware.virtual.robot import VirtualRobot
+from softrobot_env.hardware.virtual_robot import VirtualRobot
 
 pytest.importorskip("serial", reason="needs the robot extra")
 pytest.importorskip("cobs", reason="needs the robot extra")

@@ -56,7 +56,7 @@ from support.rough_bench import (
 from support.serial_proxy import Harm
 
 from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.framing import encode
+from softrobot_env.hardware.protocol.messages import encode
 from softrobot_env.hardware.protocol.session import Phase
 
 

@@ -9,10 +9,10 @@ from support.firmware_bench import running  # skips without a compiler
 from support.processes import python
 
 from softrobot_env.core.paths import firmware_dir
+from softrobot_env.hardware import virtual_robot as core
 from softrobot_env.hardware.protocol.messages import Reset
 from softrobot_env.hardware.protocol.schema import header
-from softrobot_env.hardware.virtual import core
-from softrobot_env.hardware.virtual.core import CompilerMissingError, Core, Measured
+from softrobot_env.hardware.virtual_robot import CompilerMissingError, Core, Measured
 
 QUIET = Measured((0,) * 3, (0,) * 3, (0,) * 4, 0, False)
 
@@ -71,7 +71,7 @@ def test_it_is_compiled_once(cache, monkeypatch):
 
 
 def test_two_processes_may_compile_at_once(cache):
-    code = "from softrobot_env.hardware.virtual.core import Core; Core().transmit()"
+    code = "from softrobot_env.hardware.virtual_robot import Core; Core().transmit()"
     with python(code, stderr=subprocess.PIPE) as one, python(code, stderr=subprocess.PIPE) as other:
         assert [process.communicate()[1] for process in (one, other)] == [b"", b""]
     assert len(list(cache.rglob("*.so"))) == 1

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from support.firmware_bench import CONFIG, Bench, N, of, running, states
 
-from softrobot_env.hardware.protocol.framing import encode
-from softrobot_env.hardware.protocol.messages import Hello, HelloAck, Ping
-from softrobot_env.hardware.virtual.core import Measured
+from softrobot_env.hardware.protocol.messages import Hello, HelloAck, Ping, encode
+from softrobot_env.hardware.virtual_robot import Measured
 
 
 @pytest.mark.parametrize("seed", range(5))

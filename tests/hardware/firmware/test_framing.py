@@ -11,8 +11,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.framing import LONGEST, Decoder, encode
-from softrobot_env.hardware.virtual.core import library
+from softrobot_env.hardware.protocol.messages import LONGEST, Decoder, encode
+from softrobot_env.hardware.virtual_robot import library
 
 #: Range of each field type, by the name of its annotation's struct code.
 RANGES = {

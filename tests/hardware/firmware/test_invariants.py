@@ -11,7 +11,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from support.firmware_bench import CONFIG, Bench, N, fields_crc, of, refusals
 
 from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.framing import encode
+from softrobot_env.hardware.protocol.messages import encode
 
 #: Narrow limits, so that they are met often.
 TIGHT = replace(CONFIG, watchdog_ms=200, minimum=(-300,) * N, maximum=(300, 250, 300))

@@ -1,1 +1,0 @@
-"""A virtual robot: the firmware's own program in this process."""
