@@ -1,5 +1,6 @@
 """MuJoCo environments for tendon-driven soft robots (see README.md)."""
 
+from softrobot_env.core import __version__ as __version__
 from softrobot_env.core.paths import give_caches_a_place
 from softrobot_env.core.processes import prepare_the_command_line
 
@@ -10,8 +11,6 @@ from typing import Any  # noqa: E402
 
 from softrobot_env.core.registry import load  # noqa: E402
 from softrobot_env.registration import register_envs  # noqa: E402  (loads NumPy)
-
-__version__ = "0.2.0"
 
 register_envs()
 

@@ -9,6 +9,7 @@ import ast
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -153,6 +154,68 @@ def test_imports_go_down_only(sources):
             up = parts_in(imported(path, ast.walk(tree))) - allowed - {part}
             offenders |= {str(path.relative_to(ROOT)): sorted(up)} if up else {}
     assert not offenders
+
+
+def imports_of_modules(sources) -> dict[str, set[str]]:
+    """Module -> modules of ours that it imports, also within functions, but for types alone."""
+    named = {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
+        for path in sources
+        if part_of(path) != "scripts"
+    }
+    found = {}
+    for module, path in named.items():
+        names = set()
+        for name in imported(path, but_for_types(sources[path])):
+            while name and name not in named:  # of something in a module
+                name = name.rpartition(".")[0]
+            names.add(name)
+        found[module] = names - {"", module}
+    return found
+
+
+def but_for_types(tree: ast.AST) -> Iterator[ast.AST]:
+    """All nodes but those that run for type checkers alone."""
+    for child in ast.iter_child_nodes(tree):
+        if not (isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test)):
+            yield child
+            yield from but_for_types(child)
+
+
+def in_circles(imports: dict[str, set[str]]) -> list[str]:
+    """Who is left after those that import nobody left, and those whom nobody left imports."""
+    left = dict(imports)
+    while True:
+        wanted = set().union(*left.values()) if left else set()
+        ends = [name for name in left if name not in wanted or not left[name] & left.keys()]
+        if not ends:
+            return sorted(left)
+        for name in ends:
+            del left[name]
+
+
+def test_no_modules_import_each_other(sources):
+    imports = imports_of_modules(sources)
+    assert len(imports) > 100
+    assert not in_circles(imports)
+
+
+def test_no_parts_import_each_other(sources):
+    parts: dict[str, set[str]] = {}
+    for module, names in imports_of_modules(sources).items():
+        part = ([*module.split("."), "__init__"])[1]
+        others = {([*name.split("."), "__init__"])[1] for name in names}
+        parts.setdefault(part, set()).update(others - {part})
+    assert not in_circles(parts)
+
+
+def test_circles_are_found():
+    chain = {"a": {"b"}, "b": {"c"}, "c": set()}
+    assert not in_circles(chain)
+    assert in_circles(chain | {"c": {"b"}}) == ["b", "c"]
+    only_types = "if TYPE_CHECKING:\n import a\ndef f():\n import b"
+    path = ROOT / PACKAGE / "x.py"
+    assert imported(path, but_for_types(ast.parse(only_types))) == ["b"]
 
 
 def test_control_and_envs_meet_only_at_the_top():

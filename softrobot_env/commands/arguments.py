@@ -10,12 +10,12 @@ from typing import Any
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.control.registry import EVERY_POLICY, FEEDBACKS, NETWORK, policy_environment
-from softrobot_env.core.artifacts import training_folder
 from softrobot_env.core.processes import Workers, parsed_workers
 from softrobot_env.core.registry import is_path
 from softrobot_env.envs.disturbances import NEUTRAL, check_value
 from softrobot_env.hardware.tip import LAST_PORT
 from softrobot_env.robots import ARM, ROBOTS, RobotParams
+from softrobot_env.robots.artifacts import training_folder
 from softrobot_env.scene.config import DEFAULT_RULE, DEFAULT_SHARE, INTEGRATORS
 from softrobot_env.scene.quadrature import RULES
 

@@ -13,10 +13,11 @@ from softrobot_env.commands.arguments import add_robot, add_workers, policy, see
 from softrobot_env.commands.output import add_out, check_folder, claimed, inside, new_file
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.train_several import SEVERAL, train_several
-from softrobot_env.core.artifacts import artifact_folder, looked_up, training_folder
 from softrobot_env.rendering.tables import named_values
 from softrobot_env.robots import ARM, RobotParams, find_robot
-from softrobot_env.training.registry import TRAININGS, Training, TrainingRequest, file_of
+from softrobot_env.robots.artifacts import artifact_folder, looked_up, training_folder
+from softrobot_env.training.registry import TRAININGS
+from softrobot_env.training.request import Training, TrainingRequest, file_of
 from softrobot_env.training.rl_config import checkpoint_of
 
 EXAMPLE = """softrobot train lq_preview --robot my.toml

@@ -11,20 +11,15 @@ from rich.console import Console
 from softrobot_env.commands.arguments import files_among
 from softrobot_env.commands.output import drawn, inside, new_results
 from softrobot_env.commands.progress import progress_on
-from softrobot_env.core.artifacts import artifact_name
 from softrobot_env.core.journal import kept_in
 from softrobot_env.core.processes import using
 from softrobot_env.core.writing import write_text
 from softrobot_env.evaluation.report import write_json
 from softrobot_env.rendering.tables import text_page
 from softrobot_env.robots import RobotParams
-from softrobot_env.training.registry import (
-    LEARNERS,
-    TRAININGS,
-    TrainingRequest,
-    check_reinforcement,
-    file_of,
-)
+from softrobot_env.robots.artifacts import artifact_name
+from softrobot_env.training.registry import LEARNERS, TRAININGS, check_reinforcement
+from softrobot_env.training.request import TrainingRequest, file_of
 from softrobot_env.training.rl_config import IMITATION
 
 if TYPE_CHECKING:

@@ -16,12 +16,8 @@ from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.train_several import files_in, order_in, study_in_words, write
 from softrobot_env.core.journal import kept_in
 from softrobot_env.robots import ARM, find_robot
-from softrobot_env.training.registry import (
-    LEARNERS,
-    TRAININGS,
-    TrainingRequest,
-    check_reinforcement,
-)
+from softrobot_env.training.registry import LEARNERS, TRAININGS, check_reinforcement
+from softrobot_env.training.request import TrainingRequest
 from softrobot_env.training.several.space import Range, Space, corners, parsed, read_space
 
 if TYPE_CHECKING:

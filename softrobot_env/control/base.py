@@ -14,6 +14,9 @@ from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
 
+#: What a policy may measure of the state of a robot.
+MEASURED = frozenset({"tip_position", "tip_velocity", "curvature", "curvature_rate"})
+
 #: [s] of computing in a rehearsal that tells that a compiler was at work, or its cache.
 _COMPILED = 0.02
 

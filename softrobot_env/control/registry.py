@@ -10,6 +10,7 @@ from typing import Any
 
 import gymnasium
 
+from softrobot_env.control.base import MEASURED
 from softrobot_env.control.outside import as_policy, is_policy, no_policy
 from softrobot_env.control.reduced.environment import is_reduced_model, ssm_environment
 from softrobot_env.core.interfaces import Policy
@@ -19,9 +20,6 @@ from softrobot_env.robots import ARM, RIG, RobotParams, find_robot
 
 #: Ending of the files of trained networks.
 NETWORK = ".npz"
-
-#: What a policy may measure of the state of a robot.
-MEASURED = frozenset({"tip_position", "tip_velocity", "curvature", "curvature_rate"})
 
 #: What policies may measure: the full state; or tip and curvatures alone, with an observer; or
 #: readings of curvature sensors alone, with their calibration and the observer.

@@ -5,12 +5,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from softrobot_env.control.base import Controller
-from softrobot_env.control.registry import MEASURED
-from softrobot_env.core.artifacts import check_robot, find_artifact, read_arrays
+from softrobot_env.control.base import MEASURED, Controller
+from softrobot_env.core.artifacts import read_arrays
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams
+from softrobot_env.robots.artifacts import check_robot, find_artifact
 from softrobot_env.sensing.reconstruction import TIP, Reconstruction, SensedShape
 
 _SENSORS = "sensors"

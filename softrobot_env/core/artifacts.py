@@ -7,17 +7,12 @@ by name before anything is computed from it.
 import json
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import MISSING, Field, fields, is_dataclass, replace
-from hashlib import sha256
-from numbers import Real
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 
-from softrobot_env.core.paths import assets_dir, models_dir
 from softrobot_env.core.writing import whole
-from softrobot_env.robots import ARM, RIG, ROBOTS, RobotParams, read_robot
 
 
 class Arrays(dict[str, np.ndarray]):
@@ -164,118 +159,6 @@ def _put_together(value: Any, arrays: Arrays) -> Any:
         return {k: _put_together(v, arrays) for k, v in content}
     parts = [_put_together(one, arrays) for one in content]
     return tuple(parts) if kind == "tuple" else parts
-
-
-def artifact_name(robot: RobotParams, policy: str) -> str:
-    """Name of the file of what a policy has learned of a robot; the thesis' robots are not told."""
-    if robot.file is None and robot in (ARM, RIG):
-        return f"{policy}.npz"
-    return f"{robot.name if robot.file is None else robot.file.stem}.{policy}.npz"
-
-
-def artifact_folder(robot: RobotParams) -> Path:
-    """Where what is learned of a robot is written: beside its file, else in that of models."""
-    return models_dir() if robot.file is None else robot.file.parent
-
-
-def training_folder(robot: RobotParams) -> Path:
-    """Where a training writes unless told otherwise: beside the file of a robot of one's own, else
-    in `out`, so that it replaces nothing that comes with the package."""
-    own = robot.file is not None and assets_dir().resolve() not in robot.file.resolve().parents
-    return artifact_folder(robot) if own else Path("out")
-
-
-def find_artifact(robot: RobotParams, policy: str) -> Path:
-    """What a policy has learned of a robot: beside the robot's file, in the folder of models, where
-    trainings write, or what is shipped for the thesis' robots, which other robots are refused when
-    it is read.
-
-    Raises:
-        ValueError: There is none; the message tells the command that makes it.
-    """
-    found = looked_up(robot, policy)
-    if found is None:
-        raise ValueError(_untrained(robot, policy))
-    return found
-
-
-def looked_up(robot: RobotParams, policy: str) -> Path | None:
-    """The file of `find_artifact`, None if there is none."""
-    folders = artifact_folder(robot), models_dir(), training_folder(robot)
-    places = [folder / artifact_name(robot, policy) for folder in folders]
-    found = (path for path in (*places, models_dir() / f"{policy}.npz") if path.is_file())
-    return next(found, None)
-
-
-def train_command(robot: RobotParams, policy: str) -> str:
-    """The command that trains a policy for a robot, where it will be looked for."""
-    return f"softrobot train {policy} --robot {_called(robot) or _new_file(robot)}"
-
-
-def _called(robot: RobotParams) -> str | None:
-    """What a command knows a robot by; None of one that has changed since it was named or read."""
-    named = ROBOTS.get(robot.name)
-    if named == robot and named.file == robot.file:
-        return robot.name
-    read = robot.file is not None and robot.file.is_file() and read_robot(robot.file)
-    return str(robot.file) if read == robot else None
-
-
-def _new_file(robot: RobotParams) -> str:
-    return f"{robot.name}_changed.toml"
-
-
-def refuse_artifact(path: str | Path, of: str, robot: RobotParams, policy: str) -> NoReturn:
-    """Raise ValueError for what was learned of another robot, with the command that trains."""
-    raise ValueError(f"{_untrained(robot, policy)} ({path} is of {of!r} as it was then)")
-
-
-def _untrained(robot: RobotParams, policy: str) -> str:
-    told = f"{policy} has not been trained for robot {robot.name!r} as it is"
-    if _called(robot) is None:
-        told = f"{told}, which has no file: write it by `robots.write_robot` to read it from there"
-    return f"{told}: train by `{train_command(robot, policy)}`"
-
-
-def check_robot(data: Arrays, robot: RobotParams, policy: str) -> None:
-    """Refuse what was learned of another robot.
-
-    Raises:
-        ValueError: The fingerprint is another, or there is none; the message tells the command
-            that trains.
-    """
-    if str(data.get("fingerprint")) != str(fingerprint(robot)["fingerprint"]):
-        of = data.get("robot")
-        refuse_artifact(
-            data.path, str(of) if of is not None and of.ndim == 0 else "arm", robot, policy
-        )
-
-
-def fingerprint(robot: RobotParams) -> dict[str, np.ndarray]:
-    """All parameters of a robot but its name, as one number, in what a file tells; with its name.
-
-    Parameters that are as they are unless given do not count, so that a later version, whose
-    robots have more of them, knows the robot again.
-    """
-    text = json.dumps(_told(replace(robot, name="robot")), sort_keys=True)
-    digest = sha256(text.encode()).hexdigest()
-    return {"robot": np.array(robot.name), "fingerprint": np.array(digest)}
-
-
-def _told(value: Any) -> Any:
-    """A parameter as json tells it; equal ones alike, whatever type their numbers have."""
-    if is_dataclass(value):
-        named = {f.name: (f, getattr(value, f.name)) for f in fields(value) if f.compare}
-        told = {n: _told(v) for n, (f, v) in named.items() if not _is_default(f, v)}
-        return {"": type(value).__name__, **told}
-    if isinstance(value, tuple | list | np.ndarray):
-        return [_told(entry) for entry in value]
-    return float(value) + 0.0 if isinstance(value, Real) else value
-
-
-def _is_default(field: Field, value: Any) -> bool:
-    default = field.default if field.default_factory is MISSING else field.default_factory()
-    return default is not MISSING and bool(np.all(default == value))
 
 
 def read_facts(path: str | Path) -> Any:

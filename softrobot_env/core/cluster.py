@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from socket import create_connection
 from typing import Any
 
-from softrobot_env import __version__
+from softrobot_env.core import __version__
 from softrobot_env.core.extras import install_command
 
 #: How often Ray begins a job anew whose worker or node has ended.

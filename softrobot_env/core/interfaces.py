@@ -1,11 +1,12 @@
 """Protocols shared by environments, controllers, learned policies and models."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
-from softrobot_env.robots import RobotParams
+if TYPE_CHECKING:
+    from softrobot_env.robots import RobotParams
 
 Observation = dict[str, np.ndarray]
 
@@ -49,7 +50,7 @@ class PlantModel(Protocol):
             sensors only.
     """
 
-    robot: RobotParams
+    robot: "RobotParams"
     strain: float
     cells: np.ndarray
 
@@ -103,7 +104,7 @@ class PlantFactory(Protocol):
 
     def __call__(
         self,
-        robot: RobotParams,
+        robot: "RobotParams",
         *,
         axes: slice,
         bending: str,

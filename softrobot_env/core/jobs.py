@@ -8,9 +8,9 @@ from typing import Any
 
 import cloudpickle
 
-from softrobot_env.benchmarks.records import Record
 from softrobot_env.core import journal
 from softrobot_env.core.processes import worker_processes
+from softrobot_env.core.runs import Record
 
 #: Description for the progress bar, and how it is done: what makes records. In processes it may
 #: make anything, and hold anything that cloudpickle takes, such as what a user's file defines.

@@ -13,7 +13,7 @@ from contextvars import ContextVar
 from hashlib import sha256
 from pathlib import Path
 
-from softrobot_env import __version__
+from softrobot_env.core import __version__
 from softrobot_env.core.paths import assets_dir, cache_dir, models_dir
 from softrobot_env.core.writing import whole
 

@@ -6,8 +6,7 @@ from functools import cache
 import numba
 import numpy as np
 
-from softrobot_env.learned.network import Network
-from softrobot_env.learned.plain_inference import absorbed, refuse
+from softrobot_env.learned.network import Network, absorbed, refuse_inputs
 
 _kernel = numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
 
@@ -60,7 +59,7 @@ class CompiledInference:
         """A copy as the kernels take it."""
         size = self._sizes[0]
         if np.ndim(inputs) != dimensions or np.shape(inputs)[-1] != size:
-            refuse(f"({size},)" if dimensions == 1 else f"(k, {size})", inputs)
+            refuse_inputs(f"({size},)" if dimensions == 1 else f"(k, {size})", inputs)
         return np.array(inputs, dtype=float, order="C")
 
 

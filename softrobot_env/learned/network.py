@@ -4,18 +4,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 
-from softrobot_env.core.artifacts import (
-    Arrays,
-    fingerprint,
-    read_arrays,
-    refuse_artifact,
-    train_command,
-    write_arrays,
-)
+from softrobot_env.core.artifacts import Arrays, read_arrays, write_arrays
 from softrobot_env.robots import RobotParams
+from softrobot_env.robots.artifacts import fingerprint, refuse_artifact, train_command
 
 _ABOUT = "about_"
 
@@ -313,3 +308,19 @@ def _same(one: np.ndarray, other: np.ndarray) -> bool:
     if "U" in (one.dtype.kind, other.dtype.kind):
         return str(one) == str(other)
     return one.shape == other.shape and np.allclose(one, other, rtol=1e-9, atol=0)
+
+
+def absorbed(network: Network) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Weights and biases of the layers between inputs and outputs that are not scaled."""
+    weights = [np.array(w, dtype=float) for w in network.weights]
+    biases = [np.array(b, dtype=float) for b in network.biases]
+    weights[0] /= network.inputs.half
+    biases[0] -= weights[0] @ network.inputs.centre
+    weights[-1] *= network.outputs.half[:, None]
+    biases[-1] = network.outputs.restore(biases[-1])
+    return list(zip(weights, biases, strict=True))
+
+
+def refuse_inputs(wanted: str, inputs: np.ndarray) -> NoReturn:
+    """Raise ValueError for inputs that do not have the shape `wanted`."""
+    raise ValueError(f"the network needs inputs of shape {wanted}, got {np.shape(inputs)}")

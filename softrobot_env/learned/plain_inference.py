@@ -1,11 +1,11 @@
 """Networks without their layers' scalings, in plain NumPy where nothing compiled is loaded."""
 
 import sys
-from typing import NoReturn, Protocol
+from typing import Protocol
 
 import numpy as np
 
-from softrobot_env.learned.network import Network
+from softrobot_env.learned.network import Network, absorbed, refuse_inputs
 
 
 def numba_is_loaded() -> bool:
@@ -24,17 +24,6 @@ def inference(network: Network) -> "Inference":
     from softrobot_env.learned.inference import CompiledInference
 
     return CompiledInference(network)
-
-
-def absorbed(network: Network) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Weights and biases of the layers between inputs and outputs that are not scaled."""
-    weights = [np.array(w, dtype=float) for w in network.weights]
-    biases = [np.array(b, dtype=float) for b in network.biases]
-    weights[0] /= network.inputs.half
-    biases[0] -= weights[0] @ network.inputs.centre
-    weights[-1] *= network.outputs.half[:, None]
-    biases[-1] = network.outputs.restore(biases[-1])
-    return list(zip(weights, biases, strict=True))
 
 
 class Inference(Protocol):
@@ -61,7 +50,7 @@ class PlainInference:
             ValueError: Inputs of another shape.
         """
         if np.shape(inputs) != (self._size,):
-            refuse(f"({self._size},)", inputs)
+            refuse_inputs(f"({self._size},)", inputs)
         return self._outputs(np.asarray(inputs))
 
     def batch(self, inputs: np.ndarray) -> np.ndarray:
@@ -71,7 +60,7 @@ class PlainInference:
             ValueError: Inputs of another shape.
         """
         if np.ndim(inputs) != 2 or np.shape(inputs)[1] != self._size:
-            refuse(f"(k, {self._size})", inputs)
+            refuse_inputs(f"(k, {self._size})", inputs)
         return self._outputs(np.asarray(inputs))
 
     def _outputs(self, values: np.ndarray) -> np.ndarray:
@@ -79,8 +68,3 @@ class PlainInference:
             values = np.tanh(values @ weight.T + bias)
         weight, bias = self._last
         return values @ weight.T + bias
-
-
-def refuse(wanted: str, inputs: np.ndarray) -> NoReturn:
-    """Raise ValueError for inputs that do not have the shape `wanted`."""
-    raise ValueError(f"the network needs inputs of shape {wanted}, got {np.shape(inputs)}")

@@ -20,7 +20,6 @@ from softrobot_env.scene import contacts, extras, kinematics
 from softrobot_env.scene.appearance import add_surroundings
 from softrobot_env.scene.build import (
     CompiledModel,
-    Inputs,
     Scene,
     build_chain,
     build_scene,
@@ -34,6 +33,7 @@ from softrobot_env.scene.chain import BASE_BODY, SEPARATOR, TIP_SITE
 from softrobot_env.scene.config import Camera, SceneConfig, contact_pieces
 from softrobot_env.scene.mount import TURNS, Mount, Prescribed, add_drives, add_mount, followed
 from softrobot_env.scene.objects import Contacts, Object
+from softrobot_env.scene.simulation import Inputs, SceneMotion, simulate
 from softrobot_env.scene.statics import finite
 from softrobot_env.scene.timestep import (
     LinearChain,
@@ -43,8 +43,6 @@ from softrobot_env.scene.timestep import (
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
-
-    from softrobot_env.scene.simulation import SceneMotion
 
 #: Name of a member's sensor of the force between it and an object.
 FELT = "felt"
@@ -346,7 +344,7 @@ class AssembledScene(CompiledModel):
         samples: np.ndarray | float | None = None,
         gravity: np.ndarray | None = None,
         mounts: Mapping[str, Prescribed] | None = None,
-    ) -> "SceneMotion":
+    ) -> SceneMotion:
         """Simulate a motion, as `Scene.simulate`.
 
         Args:
@@ -362,8 +360,6 @@ class AssembledScene(CompiledModel):
             ValueError: As there, or a motion does not fit its mount.
             IntegrationError: As there.
         """
-        from softrobot_env.scene.simulation import simulate  # which knows of scenes
-
         if gravity is not None:
             for part in self.parts.values():
                 part.scene.checked_gravity(gravity)

@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -20,6 +19,7 @@ from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.coupling import couple_pieces
 from softrobot_env.scene.quadrature import HingeLayout, place_between
 from softrobot_env.scene.settling import settle
+from softrobot_env.scene.simulation import Inputs, SceneMotion, simulate
 from softrobot_env.scene.springs import add_springs
 from softrobot_env.scene.statics import checked_controls, equilibrium, finite
 from softrobot_env.scene.tendons import add_tendons
@@ -35,12 +35,6 @@ from softrobot_env.scene.timestep import (
     extrapolation,
     linearize,
 )
-
-if TYPE_CHECKING:
-    from softrobot_env.scene.simulation import SceneMotion
-
-#: Inputs of a motion: constant (n_inputs,), one row (k, n_inputs) a control period, or of time [s].
-Inputs = np.ndarray | Callable[[float], np.ndarray] | None
 
 
 class CompiledModel:
@@ -164,13 +158,11 @@ class Scene(CompiledModel):
         *,
         samples: np.ndarray | float | None = None,
         gravity: np.ndarray | None = None,
-    ) -> "SceneMotion":
+    ) -> SceneMotion:
         """Simulate a motion in the steps that environments take.
 
         As `scene.simulation.simulate`, which tells of the arguments and errors.
         """
-        from softrobot_env.scene.simulation import simulate  # which knows of scenes
-
         gravity = None if gravity is None else self.checked_gravity(gravity)
         return simulate(self, duration, u, start, samples=samples, gravity=gravity)
 

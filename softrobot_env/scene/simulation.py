@@ -5,17 +5,23 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
 from math import inf
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 
 from softrobot_env.core.motion import IntegrationError, Motion, State, sample_times
-from softrobot_env.scene.build import Inputs, Scene
 from softrobot_env.scene.contacts import Touch, touches
 from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.statics import checked_controls, finite
 from softrobot_env.scene.tendons import full_length
 from softrobot_env.scene.timestep import TimestepWarning
+
+if TYPE_CHECKING:
+    from softrobot_env.scene.build import Scene
+
+#: Inputs of a motion: constant (n_inputs,), one row (k, n_inputs) a control period, or of time [s].
+Inputs = np.ndarray | Callable[[float], np.ndarray] | None
 
 _DIVERGED = {
     int(mujoco.mjtWarning.mjWARN_BADQPOS): "position",
@@ -30,7 +36,7 @@ _HEALTHY = bytes(4 * int(mujoco.mjtWarning.mjNWARNING))
 WORRYING = 2.0
 
 
-def inaccuracy(scene: Scene, estimate: float, time: float) -> TimestepWarning:
+def inaccuracy(scene: "Scene", estimate: float, time: float) -> TimestepWarning:
     """The warning that an estimate [m] at a time [s] is far beyond the accuracy."""
     return TimestepWarning(
         f"robot {scene.name!r}: by t = {time:.3f} s the motion may be "
@@ -59,7 +65,7 @@ class Simulation:
     starts from them: the same work, and all read-outs are current.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: "Scene") -> None:
         self.scene = scene
         self.model = scene.model
         self.data = mujoco.MjData(scene.model)
@@ -203,7 +209,7 @@ class Simulation:
 
 
 def simulate(
-    scene: Scene,
+    scene: "Scene",
     duration: float,
     u: Inputs = None,
     start: State | None = None,

@@ -8,13 +8,13 @@ import numpy as np
 import torch
 
 from softrobot_env.control.learned.neural import View, arm_view, view_in
-from softrobot_env.core.artifacts import artifact_name, find_artifact, fingerprint
 from softrobot_env.core.vector_reading import reading_in
 from softrobot_env.learned.network import Network, Scaling, check_ends, load_for
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.robots.artifacts import artifact_name, find_artifact, fingerprint
 from softrobot_env.training.closed_loop_check import check
-from softrobot_env.training.registry import Metrics, Quantity
+from softrobot_env.training.request import Metrics, Quantity
 
 _START = "imitation"
 

@@ -18,7 +18,6 @@ from softrobot_env.control.learned import neural
 from softrobot_env.control.mpc.settings import PREVIEW, MPCSettings
 from softrobot_env.control.registry import find_policy, make_policy, policy_environment
 from softrobot_env.control.scheduled.timing import timing_of
-from softrobot_env.core.artifacts import artifact_name
 from softrobot_env.core.interfaces import Observation, Policy, ProgressCallback
 from softrobot_env.core.processes import worker_processes
 from softrobot_env.core.records import Count, NotNegative, Positive, Share, Whole, check_fields
@@ -27,10 +26,11 @@ from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.learned.network import Dataset, Network
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.robots.artifacts import artifact_name
 from softrobot_env.tasks import Task
 from softrobot_env.training.artifacts import as_network, new_layers
 from softrobot_env.training.references import draw_task
-from softrobot_env.training.registry import usual_teacher
+from softrobot_env.training.request import usual_teacher
 from softrobot_env.training.views import view_for
 
 #: The controller to imitate on the arm: `mpc_preview`, deciding as often as the network.

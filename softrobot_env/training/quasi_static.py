@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softrobot_env.core.artifacts import fingerprint
 from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.core.records import Count, check_fields
 from softrobot_env.learned import bayesian
 from softrobot_env.learned.network import Dataset, Network
 from softrobot_env.robots import RobotParams
+from softrobot_env.robots.artifacts import fingerprint
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.inverse import Held, InverseStatics
 from softrobot_env.scene.registry import model_scene

@@ -14,13 +14,13 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.utils import set_random_seed
 
 from softrobot_env.control.learned.neural import View
-from softrobot_env.core.artifacts import fingerprint
 from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.core.writing import write_text
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.learned.network import Network
 from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.robots.artifacts import fingerprint
 from softrobot_env.tasks import Task, make_task
 from softrobot_env.tasks.generic import site_of
 from softrobot_env.training.artifacts import figures, load_start, save
@@ -33,7 +33,7 @@ from softrobot_env.training.checkpoint import (
 )
 from softrobot_env.training.learners import freeze_actor, make_model, put_actor
 from softrobot_env.training.references import draw_reference, generic_task
-from softrobot_env.training.registry import Metrics, TrainingRequest, curve_file
+from softrobot_env.training.request import Metrics, TrainingRequest, curve_file
 from softrobot_env.training.rl_config import (
     IMITATION,
     NO_START,

@@ -8,12 +8,13 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from softrobot_env.core.artifacts import fingerprint, write_arrays
+from softrobot_env.core.artifacts import write_arrays
 from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.robots.artifacts import fingerprint
 from softrobot_env.robots.twin import Twin, rig3d_twin
 from softrobot_env.scene.chain import station_strain
 from softrobot_env.scene.linearised import linearised
@@ -22,7 +23,7 @@ from softrobot_env.sensing.bank import felt_bends
 from softrobot_env.sensing.estimation import BEND_PER_PLACE
 from softrobot_env.sensing.reconstruction import TIP, Reconstruction, reconstruct, told
 from softrobot_env.training.references import generic_task
-from softrobot_env.training.registry import Metrics, Quantity, TrainingRequest
+from softrobot_env.training.request import Metrics, Quantity, TrainingRequest
 
 #: Postures for each quantity that sensors tell, and of a quick run.
 _POSTURES, _FEW = 60, 20

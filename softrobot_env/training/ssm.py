@@ -9,7 +9,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from softrobot_env.control.reduced.policy import Learned
-from softrobot_env.core.artifacts import fingerprint, write_arrays
+from softrobot_env.core.artifacts import write_arrays
 from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.learned.reduction import (
     FitError,
@@ -26,8 +26,9 @@ from softrobot_env.learned.reduction.records import delay_vectors
 from softrobot_env.recordings import Recording, read_recording
 from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.actuation import TendonMap, robot_inputs
+from softrobot_env.robots.artifacts import fingerprint
 from softrobot_env.training.motions import Plan, collect
-from softrobot_env.training.registry import Metrics, Quantity, TrainingRequest
+from softrobot_env.training.request import Metrics, Quantity, TrainingRequest
 
 #: What a robot does: half an hour, decays aside.
 PLAN = Plan(minutes=30, amplitude=0.6, laps_amplitude=1.0)

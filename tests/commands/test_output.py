@@ -9,9 +9,9 @@ import pytest
 
 from softrobot_env.cli import main
 from softrobot_env.commands.output import claimed, new_results
-from softrobot_env.core.artifacts import find_artifact, training_folder
 from softrobot_env.core.paths import models_dir
 from softrobot_env.robots import ARM, read_robot
+from softrobot_env.robots.artifacts import find_artifact, training_folder
 
 _EVALUATE = ["evaluate", "--tasks", "lshape", "--policies", "hold", "--control-period", "0.2"]
 _SHORT = [*_EVALUATE, "--duration", "0.4", "--no-plots"]

@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from softrobot_env.core.artifacts import fingerprint
 from softrobot_env.robots import (
     ARM,
     CANTILEVER_STIFF,
@@ -24,6 +23,7 @@ from softrobot_env.robots import (
     find_robot,
 )
 from softrobot_env.robots.actuation import TendonMap, robot_inputs
+from softrobot_env.robots.artifacts import fingerprint
 from softrobot_env.robots.three_tendons import ThreeTendons
 
 # ---------------------------------------------------------------- derived values

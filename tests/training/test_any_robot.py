@@ -10,15 +10,16 @@ import pytest
 from softrobot_env.cli import main
 from softrobot_env.control.learned import neural
 from softrobot_env.control.registry import make_policy, misfit, policy_environment
-from softrobot_env.core.artifacts import artifact_name, find_artifact, fingerprint, train_command
 from softrobot_env.core.registry import is_path, load
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.learned.network import Scaling, initial_network
 from softrobot_env.robots import ARM, RIG, ROBOTS, find_robot, read_robot, write_robot
 from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.robots.artifacts import artifact_name, find_artifact, fingerprint, train_command
 from softrobot_env.tasks import make_task
 from softrobot_env.training.references import generic_task
-from softrobot_env.training.registry import TRAININGS, TrainingRequest, file_of
+from softrobot_env.training.registry import TRAININGS
+from softrobot_env.training.request import TrainingRequest, file_of
 from softrobot_env.training.views import view_for
 
 FINGER = ROBOTS["planar_finger"]

@@ -11,7 +11,7 @@ import pytest
 from softrobot_env.cli import main
 from softrobot_env.core.journal import FOLDER, Journal, kept_in
 from softrobot_env.robots import ARM
-from softrobot_env.training.registry import Quantity, Training, TrainingRequest, curve_file
+from softrobot_env.training.request import Quantity, Training, TrainingRequest, curve_file
 from softrobot_env.training.several import runs
 from softrobot_env.training.several.report import best_of, plot, tables
 from softrobot_env.training.several.runs import orders_of, run_all, study_of

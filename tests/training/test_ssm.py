@@ -9,7 +9,8 @@ from softrobot_env.learned.reduction import FitError, Record
 from softrobot_env.recordings.recording import episode_recording
 from softrobot_env.robots import RIG, ROBOTS, find_robot
 from softrobot_env.training.motions import Plan, _taut, collect, drives_of
-from softrobot_env.training.registry import TRAININGS, TrainingRequest
+from softrobot_env.training.registry import TRAININGS
+from softrobot_env.training.request import TrainingRequest
 from softrobot_env.training.ssm import records_of, split_decays
 
 FINGER = find_robot("planar_finger")

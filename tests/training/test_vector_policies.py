@@ -7,7 +7,7 @@ import pytest
 from softrobot_env.cli import main
 from softrobot_env.control.registry import find_policy, make_policy, policy_environment, policy_name
 from softrobot_env.robots import ARM, find_robot, read_robot, write_robot
-from softrobot_env.training.registry import file_of
+from softrobot_env.training.request import file_of
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")

@@ -11,7 +11,8 @@ from softrobot_env.robots import ARM, EQUIVALENT_RIG, RIG, RobotParams, find_rob
 from softrobot_env.robots.file import read_robot, write_robot
 from softrobot_env.tasks import Task
 from softrobot_env.tasks.generic import site_of
-from softrobot_env.training.registry import TRAININGS, TrainingRequest, file_of
+from softrobot_env.training.registry import TRAININGS
+from softrobot_env.training.request import TrainingRequest, file_of
 
 #: Generic tasks, and laps per second over the first frequency.
 TASKS = ("circle", "figure_eight", "random")

@@ -29,7 +29,7 @@ from softrobot_env.benchmarks.reduction.rows import (
     SpectrumRow,
 )
 from softrobot_env.control.reduced.environment import preview_times
-from softrobot_env.core.artifacts import fingerprint, write_arrays
+from softrobot_env.core.artifacts import write_arrays
 from softrobot_env.core.interfaces import Policy
 from softrobot_env.core.jobs import Progress, run_in_processes
 from softrobot_env.evaluation.metrics import approached_metrics
@@ -46,6 +46,7 @@ from softrobot_env.learned.reduction import (
 )
 from softrobot_env.robots import RIG
 from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.robots.artifacts import fingerprint
 from softrobot_env.tasks import make_task
 from softrobot_env.training.ssm import learn, trusted
 

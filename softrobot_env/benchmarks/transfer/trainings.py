@@ -25,7 +25,8 @@ from softrobot_env.scene.registry import scene_of
 from softrobot_env.training.artifacts import save, save_vector_policy
 from softrobot_env.training.imitation import ImitationConfig, imitate
 from softrobot_env.training.references import generic_task
-from softrobot_env.training.registry import TRAININGS, TrainingRequest
+from softrobot_env.training.registry import TRAININGS
+from softrobot_env.training.request import TrainingRequest
 
 #: Of their random numbers.
 _SEED = 0

@@ -30,15 +30,10 @@ from softrobot_env.control.scheduled.aiming import (
 from softrobot_env.control.scheduled.law import Law
 from softrobot_env.control.scheduled.lqi import Resting, resting
 from softrobot_env.control.status import FINE, OUTSIDE, UNREACHABLE
-from softrobot_env.core.artifacts import (
-    find_artifact,
-    read_arrays,
-    refuse_artifact,
-    train_command,
-    write_arrays,
-)
+from softrobot_env.core.artifacts import read_arrays, write_arrays
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.robots.artifacts import find_artifact, refuse_artifact, train_command
 from softrobot_env.scene.linearised import LinearModel
 
 #: Points and largest curvature [1/m] along each scheduling variable: 16 x 13 x 11 = 2288 points

@@ -7,10 +7,10 @@ from pathlib import Path
 
 from softrobot_env.control.learned.qs_nn import QuasiStaticNetwork
 from softrobot_env.control.rig.identified import IdentifiedParameters
-from softrobot_env.core.artifacts import find_artifact
 from softrobot_env.core.interfaces import Policy
 from softrobot_env.learned.network import Network
 from softrobot_env.robots import CAMERA_PERIOD, RobotParams
+from softrobot_env.robots.artifacts import find_artifact
 from softrobot_env.robots.three_tendons import elastic_tendons
 
 #: [m], how far beyond its points feedback may ask a network: the tip stays nearer.

@@ -8,12 +8,12 @@ import numpy as np
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.control.arm.statics import least_norm
 from softrobot_env.control.status import REASONS, UNREACHABLE
-from softrobot_env.core.artifacts import fingerprint
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.learned.network import check_ends, load_for
 from softrobot_env.learned.plain_inference import inference
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import Inputs, robot_inputs
+from softrobot_env.robots.artifacts import fingerprint
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.inverse import Held, InverseStatics, Linear, Place, least_step
 from softrobot_env.scene.linearised import linearised

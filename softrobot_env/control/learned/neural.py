@@ -12,13 +12,14 @@ import numpy as np
 from softrobot_env.control.base import hold_for, state_sizes
 from softrobot_env.control.memoryless import Decide, Memoryless
 from softrobot_env.control.status import FINE, REASONS, SATURATED, UNREACHABLE, Said
-from softrobot_env.core.artifacts import Arrays, find_artifact
+from softrobot_env.core.artifacts import Arrays
 from softrobot_env.core.paths import models_dir
 from softrobot_env.core.records import Positive, check_fields
-from softrobot_env.learned.network import Network, check_ends, load_for
-from softrobot_env.learned.plain_inference import PlainInference, absorbed
+from softrobot_env.learned.network import Network, absorbed, check_ends, load_for
+from softrobot_env.learned.plain_inference import PlainInference
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.robots.artifacts import find_artifact
 
 #: Time [s] between two decisions on the arm.
 PERIOD = 0.01

@@ -9,11 +9,11 @@ import numpy as np
 from softrobot_env.control.base import hold_for
 from softrobot_env.control.memoryless import Decide, Memoryless
 from softrobot_env.control.status import REASONS, SATURATED, Said
-from softrobot_env.core.artifacts import find_artifact
-from softrobot_env.learned.network import Network, Scaling, load_for
-from softrobot_env.learned.plain_inference import PlainInference, absorbed
+from softrobot_env.learned.network import Network, Scaling, absorbed, load_for
+from softrobot_env.learned.plain_inference import PlainInference
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.robots.artifacts import find_artifact
 
 #: Time [s] between two decisions: the transients of one input decay in part before the next.
 PERIOD = 0.2

@@ -11,14 +11,14 @@ from softrobot_env.control.base import hold_for
 from softrobot_env.control.learned import neural
 from softrobot_env.control.memoryless import Decide, Memoryless
 from softrobot_env.control.status import FINE, REASONS, SATURATED, Said
-from softrobot_env.core.artifacts import find_artifact
 from softrobot_env.core.interfaces import Policy
 from softrobot_env.core.paths import models_dir
 from softrobot_env.core.vector_reading import Reading, reading_in
-from softrobot_env.learned.network import Network, check_ends, load_for
-from softrobot_env.learned.plain_inference import PlainInference, absorbed
+from softrobot_env.learned.network import Network, absorbed, check_ends, load_for
+from softrobot_env.learned.plain_inference import PlainInference
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.robots.artifacts import find_artifact
 
 _BEFORE = "previous_action"
 

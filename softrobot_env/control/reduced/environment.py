@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from softrobot_env.core.artifacts import check_robot, find_artifact, read_arrays
+from softrobot_env.core.artifacts import read_arrays
 from softrobot_env.robots import RobotParams
+from softrobot_env.robots.artifacts import check_robot, find_artifact
 
 #: Name of the file of a learned model.
 ARTIFACT = "ssm"

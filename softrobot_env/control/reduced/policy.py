@@ -12,12 +12,13 @@ from softrobot_env.control.mpc.optimisation import BoundedSolver
 from softrobot_env.control.reduced.environment import ARTIFACT, SAMPLES, preview_times
 from softrobot_env.control.reduced.planning import Shape, ahead, estimate, program
 from softrobot_env.control.status import NOT_COMPUTED, NOT_FINITE, REASONS, SATURATED, UNREACHABLE
-from softrobot_env.core.artifacts import Arrays, check_robot, find_artifact, read_arrays
+from softrobot_env.core.artifacts import Arrays, read_arrays
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Count, Positive, check_fields
 from softrobot_env.learned.reduction.model import ReducedModel
 from softrobot_env.learned.reduction.polynomials import Monomials
 from softrobot_env.robots import RobotParams
+from softrobot_env.robots.artifacts import check_robot, find_artifact
 
 #: Shares of a plan's duration at which its inputs are chosen; they are on lines in between.
 _NODES = (0.0, 0.04, 0.09, 0.15, 0.22, 0.3, 0.4, 0.5, 0.62, 0.75, 1.0)

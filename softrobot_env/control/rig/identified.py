@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from softrobot_env.core.artifacts import find_artifact, train_command
 from softrobot_env.core.records import NotNegative, Positive, check_fields
 from softrobot_env.learned.network import Network, describe, load_for
 from softrobot_env.learned.plain_inference import Inference, inference
 from softrobot_env.robots import RobotParams
+from softrobot_env.robots.artifacts import find_artifact, train_command
 
 #: Whose file it is; the one shipped is of twin 0.
 _POLICY = "rig_nn"

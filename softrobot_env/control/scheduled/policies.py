@@ -12,15 +12,10 @@ from softrobot_env.control.scheduled.law import ScheduledLaw, read_table, table_
 from softrobot_env.control.scheduled.lq_preview import LQPreview, Preview
 from softrobot_env.control.scheduled.lqi import LQI, Integral
 from softrobot_env.control.scheduled.mpc import PREVIEW, THESIS, Constrained, ScheduledMPC
-from softrobot_env.core.artifacts import (
-    check_robot,
-    find_artifact,
-    fingerprint,
-    read_arrays,
-    write_arrays,
-)
+from softrobot_env.core.artifacts import read_arrays, write_arrays
 from softrobot_env.core.interfaces import Policy
 from softrobot_env.robots import RobotParams
+from softrobot_env.robots.artifacts import check_robot, find_artifact, fingerprint
 
 
 def make_lq_preview(

@@ -11,19 +11,14 @@ from threading import Event, Thread
 from time import perf_counter
 from uuid import uuid4
 
-from softrobot_env.benchmarks.records import Record, for_pictures
 from softrobot_env.core.artifacts import read_facts
 from softrobot_env.core.jobs import Progress, quiet, run_in_processes
 from softrobot_env.core.journal import Journal
 from softrobot_env.core.processes import Workers, using
+from softrobot_env.core.runs import Record, for_pictures
 from softrobot_env.core.writing import whole, write_text
-from softrobot_env.training.registry import (
-    TRAININGS,
-    Metrics,
-    Quantity,
-    TrainingRequest,
-    curve_file,
-)
+from softrobot_env.training.registry import TRAININGS
+from softrobot_env.training.request import Metrics, Quantity, TrainingRequest, curve_file
 
 #: In a run's folder: the study that it is of, and the share of it that is done.
 _STUDY, _SHARE = "study.txt", "share.txt"

@@ -10,11 +10,11 @@ from softrobot_env.control.reduced.environment import ssm_environment
 from softrobot_env.control.reduced.planning import outputs, program
 from softrobot_env.control.reduced.policy import ReducedPlanner
 from softrobot_env.control.registry import make_policy
-from softrobot_env.core.artifacts import find_artifact
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.runner import Case, run
 from softrobot_env.learned.reduction.polynomials import advance, linearise
 from softrobot_env.robots import ARM, RIG
+from softrobot_env.robots.artifacts import find_artifact
 from softrobot_env.tasks import make_task
 
 PERIOD = ssm_environment(RIG)["control_period"]

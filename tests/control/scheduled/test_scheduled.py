@@ -13,10 +13,10 @@ from softrobot_env.control.scheduled.operating_points import find_points
 from softrobot_env.control.scheduled.policies import save_table
 from softrobot_env.control.scheduled.table import look_up
 from softrobot_env.control.scheduled.timing import timing_of
-from softrobot_env.core.artifacts import artifact_name
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.robots import find_robot
 from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.robots.artifacts import artifact_name
 from softrobot_env.robots.file import read_robot, write_robot
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.linearised import Linearizer

@@ -1,0 +1,124 @@
+"""What is asked of a training, what it is, and what it tells at its end."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from softrobot_env.core.extras import install_command
+from softrobot_env.core.interfaces import ProgressCallback
+from softrobot_env.rendering.tables import number
+from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.robots.artifacts import artifact_folder, artifact_name
+
+#: What the backend "warp" simulates with.
+WARP = "mujoco_warp"
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A measured number, which several trainings can be compared by.
+
+    Attributes:
+        value: In SI units; None where there is none.
+        form: Format of the number.
+        unit: That it is shown in, see `rendering.tables.FACTORS`; others have the factor 1.
+    """
+
+    value: float | None
+    form: str
+    unit: str = ""
+
+    def __str__(self) -> str:
+        return f"{number(self.value, self.form, self.unit)} {self.unit}".strip()
+
+
+#: What a training found, as pairs of a name and its value, measured or a text for people.
+Metrics = list[tuple[str, "str | Quantity"]]
+
+
+@dataclass(frozen=True)
+class TrainingRequest:
+    """What is asked of a training.
+
+    Attributes:
+        robot: To train for.
+        path: File to write.
+        seed: Of everything random.
+        settings: Values of the training's own options, those alone that are given.
+        near: Folder where what it builds on is looked for first; that of the file unless given.
+        told: Called with the learning curve after each check of a reinforcement learning.
+    """
+
+    robot: RobotParams
+    path: Path
+    seed: int = 0
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    near: Path | None = None
+    told: Callable[[list[dict[str, float]]], None] | None = None
+
+    @property
+    def folder(self) -> Path:
+        """Where what it builds on is looked for first."""
+        return self.near or self.path.parent
+
+
+@dataclass(frozen=True)
+class Training:
+    """How to make an artifact.
+
+    Attributes:
+        run: Train as ordered, write the file and return the figures.
+        options: Names of the settings that it takes.
+        packages: That it needs beyond the package's own, of the extras `rl`, `mpc` and `gpu`.
+        robot: The only robot it is of, None of any.
+        also: Further packages that it needs for some robots and settings.
+        drawn: Whether anything in it is drawn at random, so that seeds differ.
+    """
+
+    run: Callable[[TrainingRequest, ProgressCallback], Metrics]
+    options: tuple[str, ...] = ()
+    packages: tuple[str, ...] = ()
+    robot: RobotParams | None = None
+    also: Callable[[RobotParams, Mapping[str, Any]], tuple[str, ...]] = lambda robot, settings: ()
+    drawn: bool = True
+
+    def check(
+        self, name: str, robot: RobotParams, settings: Mapping[str, Any] = MappingProxyType({})
+    ) -> None:
+        """Say what is missing before any work is done.
+
+        Raises:
+            ValueError: It is not of this robot.
+            ImportError: A package is missing; says what to install.
+        """
+        if self.robot is not None and robot != self.robot:
+            raise ValueError(
+                f"{name} is trained for the robot {self.robot.name!r} alone, not for {robot.name!r}"
+            )
+        packages = (*self.packages, *self.also(robot, settings))
+        missing = [package for package in packages if find_spec(package) is None]
+        if missing:
+            extras = ("rl", "mpc", *(("gpu",) if WARP in packages else ()))
+            raise ImportError(f"{name} needs {', '.join(missing)}: {install_command(*extras)}")
+
+
+def file_of(robot: RobotParams, policy: str, folder: Path | None = None) -> Path:
+    """The file that a training writes: where policies look, unless a folder is given."""
+    return (folder or artifact_folder(robot)) / artifact_name(robot, policy)
+
+
+def curve_file(path: Path) -> Path:
+    """Where a reinforcement learning that writes to a file writes its learning curve."""
+    return path.with_name(f"{path.stem}_curve.json")
+
+
+def usual_teacher(robot: RobotParams) -> str:
+    """The policy that is imitated unless another one is asked for.
+
+    That of other robots than the arm needs no further package, and its gains, made in a minute,
+    track about as well as the model predictive ones.
+    """
+    return "mpc_preview" if robot == ARM else "lq_preview"
