@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from softrobot_env.benchmarks.registry import BENCHMARKS
 from softrobot_env.cli import main
+from softrobot_env.core.studies import BENCHMARKS
 
 pytest.importorskip("matplotlib")
 
@@ -26,7 +26,7 @@ def test_a_quick_benchmark_measures_writes_and_draws(name, tmp_path, monkeypatch
     text = (out / "report.md").read_text()
     assert text.startswith(f"# Benchmark: {name}") and len(text.splitlines()) > 10
     assert "\u2026" not in text  # nothing is cut short
-    drawn = BENCHMARKS[name]().plot is not None
+    drawn = BENCHMARKS[name]().draw is not None
     pictures = list(out.glob("*.png"))
     assert bool(pictures) == drawn and all(path.stat().st_size > 1000 for path in pictures)
     assert f"to {out}" in capsys.readouterr().out.replace("\n", "")

@@ -11,7 +11,6 @@ from gymnasium.envs.registration import registry
 
 from softrobot_env import registration
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
-from softrobot_env.benchmarks.registry import BENCHMARKS, Benchmark
 from softrobot_env.cli import build_parser
 from softrobot_env.commands.registry import COMMANDS
 from softrobot_env.commands.robot.command import ROBOT_COMMANDS
@@ -124,14 +123,6 @@ def test_environments_have_entry_points(env_id):
         assert callable(load(spec.vector_entry_point))
     names = RIG_TASKS if env_id not in registration.ENVIRONMENTS else ALL_TASKS
     assert spec.kwargs["task"] in names
-
-
-@pytest.mark.parametrize("name", BENCHMARKS)
-def test_benchmarks_load(name):
-    benchmark = BENCHMARKS[name]()
-    assert isinstance(benchmark, Benchmark)
-    assert callable(benchmark.run) and callable(benchmark.tables)
-    assert benchmark.plot is None or callable(benchmark.plot)
 
 
 @pytest.mark.parametrize(

@@ -1,1 +1,46 @@
-"""Studies of this package, for a checkout: not in the wheel."""
+"""Studies of this package, for a checkout: not in the wheel.
+
+A study is a `lab.Study`: cases, one function that measures, tables and pictures. `softrobot
+benchmark NAME` runs one; `register` names them all, as any plug-in names its own.
+"""
+
+from softrobot_env.core.studies import register_study
+
+#: Name -> what it measures.
+STUDIES = {
+    "accuracy": "Error against run time of all models, their agreement and goals",
+    "contacts": "The timestep of contacts, and checks against exact solutions",
+    "controllers": "What sec. 6.6 of the thesis reports, run anew for all policies",
+    "feedback": "Feedback of a late tip on the disturbed rig (thesis sec. 6.1)",
+    "generalization": "All policies on references and robots that they do not know",
+    "gripper": "The gripper: its grips, what it encloses, holds under pulls, and what they cost",
+    "identify": "Identification of robots of another model class, with hidden truths",
+    "laws": "Every law on every robot, on generic paths at shares of the robot's first frequency",
+    "learning": "Learning curves and figures of trained policies over several seeds",
+    "peers": "Error and computing time beside SoRoMoX, and environment steps beside gym-softrobot",
+    "ppo_defaults": "What PPO learns with the defaults of stable-baselines3",
+    "reduction": "Reduced models of the rig, learned from its motion (thesis sec. 3.3.3)",
+    "rig": "What sec. 5.4 of the thesis reports, run anew on twins of the rig",
+    "rig_networks": "Quasi-static networks of the spatial rig: size, samples and cost",
+    "scale": "What a million robot-seconds and a sweep on many cores cost, and where the time goes",
+    "scenes": "Random scenes, stepped as environments step them, judged against refined runs",
+    "sections": "Robots of sections and routed tendons against exact rods: error and run time",
+    "sensing": "Curvature sensors as in chapter 4 of the thesis, and a better estimate of the tip",
+    "speed": "Environment steps per second, what a step costs, and how long policies decide",
+    "stability": "Which timestep, integrator, stiffness and damping hold",
+    "thesis": "Metrics and tables of the thesis' chapter 2 anew",
+    "transfer": "Every policy on plants, robots and twins that it was not tuned on",
+}
+
+#: Name -> module and name in it; the others have not moved here yet.
+PLACES: dict[str, str] = {}
+
+
+def register() -> None:
+    """Tell the registry of studies."""
+    for name, about in STUDIES.items():
+        place = f"studies.{PLACES[name]}" if name in PLACES else f"{_OTHERS}:{name}"
+        register_study(name, place, about)
+
+
+_OTHERS = "softrobot_env.benchmarks.registry"

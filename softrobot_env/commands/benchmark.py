@@ -1,19 +1,19 @@
-"""`softrobot benchmark`: models, controllers, scenes, contacts, speed, stability, the thesis."""
+"""`softrobot benchmark`: runs a study, writes its report and draws its pictures."""
 
 import argparse
 from pathlib import Path
 
 from rich.console import Console
 
-from softrobot_env.benchmarks import stored
 from softrobot_env.benchmarks.records import Record
-from softrobot_env.benchmarks.registry import BENCHMARKS, Benchmark, measured
 from softrobot_env.commands.arguments import add_workers, seed
 from softrobot_env.commands.output import add_out, changed_results, drawn, new_results
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.core.journal import kept_in
 from softrobot_env.core.processes import using
+from softrobot_env.core.studies import BENCHMARKS, Benchmark, measured
 from softrobot_env.core.writing import write_text
+from softrobot_env.evaluation import stored
 from softrobot_env.rendering.tables import text_page
 
 EXAMPLE = """softrobot benchmark speed --quick
@@ -25,12 +25,19 @@ _OPTIONS = {
     "seed": "scenes only: what they are drawn from; default: 0",
 }
 
+_NOT_HERE = (
+    "there is no study {!r} here: the package's own are in scripts/studies of its repository, not "
+    "in the wheel; clone it and run this command there (known here: {})"
+)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     told = "".join(f"\n  {name:<16}{measured(name)}" for name in BENCHMARKS)
     parser.description = f"{parser.description}:{told}"
-    parser.add_argument("what", choices=tuple(BENCHMARKS), metavar="WHAT", help="one of the above")
+    parser.add_argument(
+        "what", choices=tuple(BENCHMARKS) or None, metavar="WHAT", help="one of the above"
+    )
     parser.add_argument("--quick", action="store_true", help="fewer cases, under 45 s")
     parser.add_argument(
         "--redraw",
@@ -51,7 +58,9 @@ def run(args: argparse.Namespace) -> int:
             f"the benchmark {args.what} measures its own robots: give --robot to softrobot "
             "evaluate (errors, times) or inspect (cost and error of a step)"
         )
-    benchmark = BENCHMARKS.find(args.what)()
+    if args.what not in BENCHMARKS:
+        raise ValueError(_NOT_HERE.format(args.what, ", ".join(BENCHMARKS) or "none"))
+    benchmark = BENCHMARKS[args.what]()
     options = _own_options(args, benchmark.options)
     if benchmark.alone and args.workers is not None:
         raise ValueError(f"the benchmark {args.what} runs one job after the other: no --workers")
@@ -69,7 +78,7 @@ def _redraw(args: argparse.Namespace, benchmark: Benchmark, out: Path, console: 
     given = [f"--{name}" for name in ("quick", *_OPTIONS, "workers") if getattr(args, name)]
     if given:
         raise ValueError(f"{given[0]} measures anew, --redraw measures nothing: give one of them")
-    if benchmark.plot is None:
+    if benchmark.draw is None:
         raise ValueError(f"the benchmark {args.what} has no pictures")
     with changed_results(out):
         plotted = _draw(args.what, benchmark, out, console)
@@ -80,10 +89,10 @@ def _redraw(args: argparse.Namespace, benchmark: Benchmark, out: Path, console: 
 
 def _draw(what: str, benchmark: Benchmark, out: Path, console: Console) -> bool:
     """Pictures of a folder's report, and of nothing else, so that they can be drawn again."""
-    if benchmark.plot is None:
+    if benchmark.draw is None:
         return False
-    records = stored.read(out, benchmark.run)
-    return drawn(lambda: benchmark.plot(records, out / f"{what}.png"), console)
+    records = stored.read(out, benchmark.kinds)
+    return drawn(lambda: benchmark.draw(records, out / f"{what}.png"), console)
 
 
 def _measure(
@@ -119,7 +128,7 @@ def _write(
 ) -> None:
     """Reports and plots."""
     stored.write(out, records, args.command_line)
-    tables = benchmark.tables(records)
+    tables = benchmark.show(records)
     console.print(tables)
     text = text_page(f"Benchmark: {args.what}", tables, args.command_line)
     write_text(out / "report.md", text)

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from gymnasium.envs.registration import EnvSpec, registry
 from rich.console import Console
 
-from softrobot_env.benchmarks.registry import BENCHMARKS
 from softrobot_env.commands.arguments import add_robot
 from softrobot_env.control.registry import EVERY_POLICY, fitting_policies
+from softrobot_env.core.studies import BENCHMARKS
 from softrobot_env.rendering.tables import named_values
 from softrobot_env.robots import ROBOTS, RobotParams, find_robot
 from softrobot_env.tasks import Maker, defaults, tasks_of

@@ -5,10 +5,11 @@ Other packages add entries: a function that an installed package names in the en
 when its names are listed.
 """
 
+import sys
 from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -43,9 +44,18 @@ def load_plugins() -> None:
             )
 
 
-def _entry_points() -> list[Any]:
+#: Beside the package in a checkout: its studies are a plug-in as any other.
+_SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
+
+
+def _entry_points() -> list[EntryPoint]:
     """In the order of their names, so that it does not depend on the installation."""
-    return sorted(entry_points(group=GROUP), key=lambda point: (point.name, point.value))
+    found = [*entry_points(group=GROUP)]
+    if (_SCRIPTS / "studies" / "__init__.py").is_file():
+        if str(_SCRIPTS) not in sys.path:
+            sys.path.append(str(_SCRIPTS))
+        found.append(EntryPoint("studies", "studies:register", GROUP))
+    return sorted(found, key=lambda point: (point.name, point.value))
 
 
 class Registry(Mapping[str, Entry], Generic[Entry]):

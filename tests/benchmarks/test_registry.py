@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softrobot_env.benchmarks.records import Record, for_pictures, groups, select
-from softrobot_env.benchmarks.registry import BENCHMARKS
+from softrobot_env.core.studies import BENCHMARKS
 
 
 @pytest.mark.parametrize("name", BENCHMARKS)

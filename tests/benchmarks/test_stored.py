@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softrobot_env.benchmarks import stored
 from softrobot_env.benchmarks.records import Record, for_pictures
-from softrobot_env.benchmarks.registry import BENCHMARKS, Benchmark
+from softrobot_env.benchmarks.registry import Old
 from softrobot_env.cli import main
 from softrobot_env.core.artifacts import read_tree, write_tree
+from softrobot_env.core.studies import BENCHMARKS
+from softrobot_env.evaluation import stored
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.rendering.tables import make_table
 
@@ -49,6 +50,9 @@ def rollout() -> Rollout:
     )
 
 
+KINDS = (Run, Other)
+
+
 def run(quick: bool, progress=None) -> list[Run | Other]:
     trace = rollout().slim("action")
     return [Run("a", 1e-3, (1, 2), trace), Other("b", 2.0), Further("c", None, ratio=0.5)]
@@ -67,7 +71,7 @@ def plot(records, path) -> None:
 @pytest.fixture
 def study(monkeypatch):
     """A study of seconds in the place of another."""
-    benchmark = Benchmark(run, lambda records: make_table("", (), []), plot)
+    benchmark = Old(run, lambda records: make_table("", (), []), plot)
     monkeypatch.setitem(BENCHMARKS.registered(), "laws", lambda: benchmark)
 
 
@@ -95,7 +99,7 @@ def test_redrawn_pictures_are_the_same_byte_by_byte(study, tmp_path):
 def test_records_come_back_as_they_were(tmp_path):
     made = run(True)
     stored.write(tmp_path, made, "softrobot benchmark")
-    found = stored.read(tmp_path, run)
+    found = stored.read(tmp_path, KINDS)
     assert [type(record) for record in found] == [Run, Other, Further]
     assert [record.row() for record in found] == [record.row() for record in made]
     assert found[0].sizes == (1, 2)
@@ -187,7 +191,7 @@ def test_what_measures_does_not_redraw(words, told, tmp_path, capsys):
 def test_the_committed_report_can_be_redrawn(name):
     """Its rows are those of the records today, and what pictures need is there."""
     benchmark, folder = BENCHMARKS[name](), RESULTS / name
-    records = stored.read(folder, benchmark.run)
+    records = stored.read(folder, benchmark.kinds)
     rows = stored._rows(next(folder.glob("report.json*")))
     assert [json.loads(json.dumps(record.row())) for record in records] == rows
     needed = any(set(vars(record)) - set(record.written()) for record in records)

@@ -5,7 +5,7 @@
 
 import gzip
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable, Sequence
 from enum import Enum
 from functools import cache
 from hashlib import sha256
@@ -34,12 +34,12 @@ def write(folder: Path, records: Sequence[Record], command: str) -> None:
         write_tree(folder / DRAWN, {"report": _digest(rows), "fields": shown})
 
 
-def read(folder: Path, run: Callable[..., Sequence[Record]]) -> list[Record]:
+def read(folder: Path, kinds: Iterable[type[Record]]) -> list[Record]:
     """The records of a study.
 
     Args:
         folder: Where `write` wrote them; the report may be packed with gzip.
-        run: What made them, which says by its type what they are.
+        kinds: What they are, or derive from.
 
     Raises:
         FileNotFoundError: There is no report.
@@ -49,10 +49,10 @@ def read(folder: Path, run: Callable[..., Sequence[Record]]) -> list[Record]:
     if not path.exists() and path.with_name(f"{REPORT}.gz").exists():
         path = path.with_name(f"{REPORT}.gz")
     rows = _rows(path)
-    kinds = {frozenset(_columns(kind)): kind for kind in _kinds(run)}
+    by_columns = {frozenset(_columns(kind)): kind for kind in _with_derived(kinds)}
     found = []
     for number, row in enumerate(rows):
-        kind = kinds.get(frozenset(row)) if isinstance(row, dict) else None
+        kind = by_columns.get(frozenset(row)) if isinstance(row, dict) else None
         if kind is None:
             raise ValueError(f"{path}: row {number + 1} is none of this benchmark")
         try:
@@ -112,13 +112,11 @@ def _digest(rows: list[Any]) -> str:
     return sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
 
 
-def _kinds(run: Callable[..., Sequence[Record]]) -> list[type[Record]]:
-    """Records that a function returns, and those derived of them."""
-    (what,) = get_args(get_type_hints(run)["return"])
-    kinds = list(get_args(what) or (what,))
-    for kind in kinds:
-        kinds += kind.__subclasses__()
-    return kinds
+def _with_derived(kinds: Iterable[type[Record]]) -> list[type[Record]]:
+    found = list(kinds)
+    for kind in found:  # grows
+        found += kind.__subclasses__()
+    return found
 
 
 @cache

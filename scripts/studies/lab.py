@@ -1,0 +1,594 @@
+"""What all studies share: rows that know their units, cases, running, tables, plots and goals.
+
+A study is data and one function that measures:
+
+    @dataclass(frozen=True, kw_only=True)
+    class Reach(Record):
+        robot: str
+        share: float | None = quantity("%", ".2g", "error / length")
+
+    STUDY = Study(
+        kinds=(Reach,),
+        cases=grid(robot=ROBOTS),
+        quick={"robot": ROBOTS[:1]},
+        measure=lambda case: Reach(...),
+        tables=[table("Reach", "robot", "share")],
+        plots={"{}": lines("robot", "share", title="Reach")},
+    )
+
+What does not fit is a function: of `stages` where cases follow from earlier rows, of tables, and of
+plots. Everything that studies need of the package's core is named here too.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import partial
+from math import ceil
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from softrobot_env.benchmarks.records import (
+    Record,
+    for_pictures,
+    groups,
+    names,
+    of_kind,
+    one,
+    select,
+)
+from softrobot_env.core.jobs import Progress, quiet, run_in_processes
+from softrobot_env.rendering.figures import (
+    COLOURS,
+    Axes,
+    Figure,
+    Style,
+    add_legend,
+    add_title,
+    label_lines,
+    new_figure,
+    plain_ticks,
+    save,
+    style_of,
+)
+from softrobot_env.rendering.heatmap import heatmap
+from softrobot_env.rendering.quantities import QUANTITIES
+from softrobot_env.rendering.tables import (
+    FACTORS,
+    Column,
+    make_table,
+    named_values,
+    new_table,
+    number,
+    spread,
+    verdict,
+)
+
+__all__ = [
+    "Case",
+    "Column",
+    "Grid",
+    "Lab",
+    "Record",
+    "Study",
+    "at_least",
+    "at_most",
+    "failures",
+    "for_pictures",
+    "grid",
+    "groups",
+    "lines",
+    "maps",
+    "named_values",
+    "names",
+    "new_table",
+    "number",
+    "of_kind",
+    "one",
+    "pivot",
+    "quantity",
+    "quiet",
+    "replace",
+    "select",
+    "shown",
+    "spread",
+    "table",
+    "verdict",
+]
+
+Rows = Sequence[Any]
+
+#: Makes a table of rows, several, or none where there is nothing to show.
+TableMaker = Callable[[Rows], "Table | Text | Iterable[Table | Text] | None"]
+
+#: Draws rows; None where there is nothing to draw, or figures by the stems of their files.
+PlotMaker = Callable[[Rows], "Figure | Mapping[str, Figure] | None"]
+
+#: Fields and values that rows must have, or a function that says whether a row counts.
+Where = Mapping[str, Any] | Callable[[Any], bool]
+
+
+# ---------------------------------------------------------------- rows
+
+
+def quantity(unit: str = "", form: str = ".3g", label: str = "", **default: Any) -> Any:
+    """A field of a row that knows how it is shown.
+
+    Args:
+        unit: Unit shown, see `rendering.tables.FACTORS`; values are in SI units.
+        form: Format of the number.
+        label: Name for people; that of the field unless given.
+        **default: `default`, as of `dataclasses.field`.
+    """
+    return field(metadata={"unit": unit, "form": form, "label": label}, **default)
+
+
+def shown(rows: Rows, name: str) -> tuple[str, str, str]:
+    """Label, unit and format of a field of rows, or of what `Column` would show of it."""
+    for row in rows[:1]:
+        for own in fields(row):
+            if own.name == name and "unit" in own.metadata:
+                meta = own.metadata
+                return meta["label"] or name.replace("_", " "), meta["unit"], meta["form"]
+    if name in QUANTITIES:
+        known = QUANTITIES[name]
+        return known.name, known.unit, ".3g"
+    return name.replace("_", " "), "", "" if rows and _is_text(rows, name) else "g"
+
+
+def _is_text(rows: Rows, name: str) -> bool:
+    values = (getattr(row, name) for row in rows)
+    return all(value is None or isinstance(value, str | bool) for value in values)
+
+
+def _chosen(rows: Rows, of: type | None, where: Where | None) -> list[Any]:
+    rows = list(rows) if of is None else of_kind(rows, of)
+    if where is None:
+        return rows
+    if callable(where):
+        return [row for row in rows if where(row)]
+    return select(rows, **where)
+
+
+def at_most(kind: type, limit: float, value: float | None, strict: bool = False, **own: Any) -> Any:
+    """A goal as a row of a kind with the fields value, limit, met and `own`; None never meets it.
+
+    Args:
+        kind: A dataclass.
+        limit: The largest value allowed, or below which it must stay if `strict`.
+        value: What was found; None where something failed.
+        strict: Whether the limit itself is too much.
+        **own: Further fields.
+    """
+    met = value is not None and (value < limit if strict else value <= limit)
+    return kind(value=value, limit=limit, met=met, **own)
+
+
+def at_least(kind: type, limit: float, value: float | None, **own: Any) -> Any:
+    """As `at_most`, with a lower limit."""
+    met = value is not None and value >= limit
+    return kind(value=value, limit=limit, met=met, **own)
+
+
+# ---------------------------------------------------------------- cases and running
+
+#: Names and values of what differs between two measurements.
+Case = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cases by the values of their axes, the last one changing fastest.
+
+    A value may depend on those of earlier axes: then it is a function of the case so far.
+    """
+
+    axes: Mapping[str, Sequence[Any] | Callable[[Case], Sequence[Any]]]
+
+    def cases(self, **other: Any) -> list[Case]:
+        """All of them, with other values of some axes."""
+        found: list[Case] = [{}]
+        for name, values in {**self.axes, **other}.items():
+            found = [
+                case | {name: value}
+                for case in found
+                for value in (values(case) if callable(values) else values)
+            ]
+        return found
+
+
+def grid(**axes: Any) -> Grid:
+    """A `Grid` of these axes."""
+    return Grid(axes)
+
+
+@dataclass
+class Lab:
+    """A run of a study.
+
+    Attributes:
+        quick: Whether fewer cases are wanted.
+        progress: Called with (description, done, total).
+        processes: Cases at a time; 0 for one after the other here, None for one per core.
+        options: Options of the study that were given.
+    """
+
+    quick: bool = False
+    progress: Progress = quiet
+    processes: int | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def measure(
+        self, cases: Iterable[Any], measure: Callable, label: Callable[[Any], str] | None = None
+    ) -> list[Any]:
+        """Rows of cases in their order; `measure` gives a row, or a list of rows, of each."""
+        cases = list(cases)
+        tasks = [((label or case_label)(case), partial(measure, case)) for case in cases]
+        found = []
+        for rows in self.tasks(tasks):
+            found += rows if isinstance(rows, list) else [rows]
+        return found
+
+    def tasks(self, tasks: Sequence[tuple[str, Callable[[], Any]]]) -> list[Any]:
+        """What named functions return, which may be anything."""
+        if self.processes != 0:
+            return run_in_processes(tasks, self.progress, self.processes)
+        found = []
+        for done, (description, task) in enumerate(tasks):
+            self.progress(description, done, len(tasks))
+            found.append(task())
+        self.progress("done", len(tasks), len(tasks))
+        return found
+
+
+def case_label(case: Any) -> str:
+    """A case for a progress bar."""
+    if isinstance(case, Mapping):
+        return ", ".join(str(value) for value in case.values() if value not in (None, ""))
+    return getattr(case, "label", None) or str(case)
+
+
+@dataclass(frozen=True)
+class Study:
+    """Cases, what is measured, and how it is shown.
+
+    Attributes:
+        kinds: Dataclasses of the rows; those derived from them need no mention.
+        cases: A `Grid`, cases, or a function of `quick` and of options that gives them.
+        quick: Values of axes of the grid in a quick run; otherwise cases of one.
+        measure: From a case to a row, or a list of rows.
+        label: Of a case, for the progress bar.
+        stages: In place of cases and measure: from a `Lab` to all rows, where some cases follow
+            from earlier rows.
+        derive: From all rows to all rows, with goals, ratios and what else follows from them.
+        tables: Makers of tables, `table` and `pivot` or functions of the rows.
+        note: Below the tables.
+        plots: Stem of a file, with `{}` for that of the study, -> maker of a figure.
+        options: Options of `softrobot benchmark` that cases or stages take.
+        alone: Whether cases are measured one after the other.
+        processes: Cases at a time; one per core unless given.
+    """
+
+    kinds: tuple[type[Record], ...]
+    cases: Grid | Sequence[Any] | Callable[..., Iterable[Any]] = ()
+    quick: Mapping[str, Any] | Sequence[Any] = field(default_factory=dict)
+    measure: Callable[[Any], Any] | None = None
+    label: Callable[[Any], str] | None = None
+    stages: Callable[[Lab], list[Any]] | None = None
+    derive: Callable[[list[Any]], list[Any]] | None = None
+    tables: Sequence[TableMaker] = ()
+    note: str = ""
+    plots: Mapping[str, PlotMaker] = field(default_factory=dict)
+    options: tuple[str, ...] = ()
+    alone: bool = False
+    processes: int | None = None
+
+    def run(self, quick: bool = False, progress: Progress | None = None, **options: Any) -> list:
+        """Measure; `options` are those of the command line."""
+        workers = 0 if self.alone else self.processes
+        lab = Lab(quick, progress or quiet, workers, options)
+        rows = (
+            self.stages(lab)
+            if self.stages
+            else lab.measure(self.wanted(quick, **options), self.measure, self.label)
+        )
+        return rows if self.derive is None else self.derive(rows)
+
+    def wanted(self, quick: bool = False, **options: Any) -> list[Any]:
+        """Cases of a run."""
+        if isinstance(self.cases, Grid):
+            return self.cases.cases(**(self.quick if quick else {}))
+        if callable(self.cases):
+            return list(self.cases(quick, **options))
+        return list(self.quick if quick else self.cases)
+
+    def show(self, rows: Rows) -> Group:
+        """All tables that have lines, then texts, then the note."""
+        parts, texts = [], []
+        for make in self.tables:
+            made = make(rows)
+            for part in [made] if isinstance(made, Table | Text) else made or ():
+                (parts if isinstance(part, Table) else texts).append(part)
+        note = [Text(self.note)] if self.note else []
+        return Group(*(part for part in parts if part.row_count), *texts, *note)
+
+    @property
+    def draw(self) -> Callable[[Rows, Path], None] | None:
+        """Draws everything there are rows for to PNGs beside a path; None without pictures."""
+        return self._draw if self.plots else None
+
+    def _draw(self, rows: Rows, path: Path) -> None:
+        path = Path(path)
+        for stem, make in self.plots.items():
+            made = make(rows)
+            made = made if isinstance(made, Mapping) else {stem: made}
+            for name, figure in made.items():
+                if figure is not None:
+                    save(figure, path.with_stem(name.format(path.stem)))
+
+
+# ---------------------------------------------------------------- tables
+
+
+def table(
+    title: str,
+    *columns: str | Column,
+    of: type | None = None,
+    where: Where | None = None,
+    per: Sequence[str] = (),
+    caption: str = "",
+) -> TableMaker:
+    """A line for each row.
+
+    Args:
+        title: With `{field}` for what is the same in all rows of a table.
+        *columns: Fields, headed as their quantities say, or columns.
+        of: Kind of the rows; all unless given.
+        where: Which rows.
+        per: Fields: a table for each of their values.
+        caption: Below.
+    """
+
+    def make(rows: Rows) -> list[Table]:
+        mine = _chosen(rows, of, where)
+        found = groups(mine, *per) if per else {(): mine} if mine else {}
+        return [
+            make_table(
+                title.format(**dict(zip(per, key, strict=True))),
+                [_column(group, c) for c in columns],
+                group,
+                caption=caption,
+            )
+            for key, group in found.items()
+        ]
+
+    return make
+
+
+def _column(rows: Rows, column: str | Column) -> Column:
+    if isinstance(column, Column):
+        return column
+    label, unit, form = shown(rows, column)
+    return Column(" ".join(filter(None, (label, unit))), column, form, unit)
+
+
+def pivot(
+    title: str,
+    lines: Sequence[str],
+    columns: str | Mapping[str, Callable[[list[Any]], Any]],
+    cell: str | Callable[[list[Any]], Any] = "",
+    *,
+    of: type | None = None,
+    where: Where | None = None,
+    per: Sequence[str] = (),
+    heading: Callable[[Any], str] = str,
+    headings: Sequence[str] | None = None,
+    more: Mapping[str, Callable[[list[Any]], Any]] | None = None,
+    sections: bool = False,
+    ordered: bool = False,
+) -> TableMaker:
+    """A line for all rows that agree in some fields.
+
+    Args:
+        title: With `{field}` for what is the same in all rows of a table.
+        lines: Fields that name a line.
+        columns: A field, a column for each of its values; or headings and what is shown of all
+            rows of a line.
+        cell: With a field as columns, what is shown: a field of the first row, or a function of
+            the rows, of which there is at least one.
+        of, where, per: As of `table`.
+        heading: From a value of the columns' field to a heading.
+        headings: Of the lines' fields; their names unless given.
+        more: Further columns behind those of a field.
+        sections: Whether a rule parts lines whose first field differs.
+        ordered: Whether columns, and lines of one field, are in ascending order of their values.
+    """
+
+    def make(rows: Rows) -> Iterator[Table]:
+        mine = _chosen(rows, of, where)
+        for key, group in (groups(mine, *per) if per else {(): mine}).items():
+            own = dict(columns) if isinstance(columns, Mapping) else _expanded(group)
+            own |= more or {}
+            out = new_table(title.format(**dict(zip(per, key, strict=True))), _heads(), tuple(own))
+            found = groups(group, *lines)
+            before = None
+            for line in sorted(found) if ordered else found:
+                if sections and before not in (None, line[0]):
+                    out.add_section()
+                before = line[0]
+                out.add_row(*map(_name, line), *(f(found[line]) for f in own.values()))
+            yield out
+
+    def _heads() -> tuple[str, ...]:
+        return tuple(lines if headings is None else headings)
+
+    def _expanded(group: list[Any]) -> dict[str, Callable[[list[Any]], Any]]:
+        values = [value for (value,) in groups(group, columns)]
+        return {heading(v): partial(_of_value, v) for v in (sorted(values) if ordered else values)}
+
+    def _of_value(value: Any, group: list[Any]) -> Any:
+        mine = select(group, **{columns: value})
+        if not mine:
+            return None
+        if callable(cell):
+            return cell(mine)
+        _, unit, form = shown(mine, cell)
+        return number(getattr(mine[0], cell), form, unit)
+
+    return make
+
+
+def _name(value: Any) -> str | None:
+    return f"{value:g}" if isinstance(value, float) else value
+
+
+def failures(*columns: str | Column, of: type | None = None) -> TableMaker:
+    """A table of the rows whose field `failure` says why, with further columns before it."""
+    return table("Failed", *columns, "failure", of=of, where=lambda row: row.failure is not None)
+
+
+# ---------------------------------------------------------------- plots
+
+
+def _scaled(rows: Rows, name: str, value: float | None) -> float:
+    return np.nan if value is None else FACTORS.get(shown(rows, name)[1], 1.0) * value
+
+
+def axis_label(rows: Rows, name: str) -> str:
+    """A field with its unit, for an axis."""
+    label, unit, _ = shown(rows, name)
+    return f"{label} [{unit}]" if unit else label
+
+
+def title_of(title: str | Callable[[Rows], str], rows: Rows) -> str:
+    """A title, or what a function makes of the rows."""
+    return title(rows) if callable(title) else title
+
+
+def panels(rows: Rows, panel: str | None, columns: int, size: tuple[float, float]) -> tuple:
+    """A figure with a panel for each value of a field: figure, and (axis, value, rows) of each."""
+    found = {(None,): list(rows)} if panel is None else groups(rows, panel)
+    columns = min(columns, len(found))
+    lines_ = ceil(len(found) / columns)
+    figure, axes = new_figure(lines_, columns, (size[0] * columns, 1.3 + size[1] * lines_))
+    for axis in axes.flat[len(found) :]:
+        axis.set_visible(False)
+    return figure, [(a, k, g) for a, ((k,), g) in zip(axes.flat, found.items(), strict=False)]
+
+
+def lines(
+    x: str,
+    y: str,
+    by: str,
+    *,
+    title: str | Callable[[Rows], str],
+    subject: str = "",
+    panel: str | None = None,
+    of: type | None = None,
+    where: Where | None = None,
+    join: Callable[[list[float]], float] = median,
+    band: bool = False,
+    log: str = "",
+    style: Callable[[Any], Style] = style_of,
+    line: Mapping[str, Any] | None = None,
+    columns: int = 3,
+    size: tuple[float, float] = (4.2, 2.7),
+    legend: bool = False,
+    decorate: Callable[[Axes, Any, list[Any]], None] | None = None,
+) -> PlotMaker:
+    """Lines of y over x; a cross at the top where a value is missing.
+
+    Args:
+        x, y: Fields.
+        by: Field whose values are lines of their own.
+        title, subject: What is to be seen, and what is shown; see `add_title`.
+        panel: Field whose values have panels of their own.
+        of, where: As of `table`.
+        join: What is shown of several rows at an x.
+        band: Whether all that lies between the rows at an x is shaded.
+        log: Axes with logarithmic scales, out of "xy".
+        style: From a value of `by` to how it is drawn.
+        line: Matplotlib's keywords for all lines.
+        columns, size: Of the panels, size in inches.
+        legend: Whether names stand in a legend and not at the ends of the lines.
+        decorate: Called with axis, value of its panel and its rows at the end.
+    """
+
+    def draw(rows: Rows) -> Figure | None:
+        mine = _chosen(rows, of, where)
+        if not mine:
+            return None
+        figure, parts = panels(mine, panel, columns, size)
+        for axis, value, own in parts:
+            ends = [_line(axis, name, group) for (name,), group in groups(own, by).items()]
+            axis.set(xlabel=axis_label(own, x), ylabel=axis_label(own, y))
+            axis.set(**{f"{name}scale": "log" for name in log})
+            if value is not None:
+                axis.set_title(str(value))
+            if log:
+                plain_ticks(axis)
+            if decorate is not None:
+                decorate(axis, value, own)
+            if not legend:
+                label_lines(axis, [end for end in ends if end is not None])
+        add_title(figure, title_of(title, mine), subject)
+        if legend:
+            add_legend(figure, parts[0][0])
+        return figure
+
+    def _line(axis: Axes, name: Any, rows: list[Any]) -> tuple[str, float, str] | None:
+        look = style(name)
+        known: dict[float, list[float]] = {}
+        for (place,), group in sorted(groups(rows, x).items()):
+            values = [_scaled(group, y, getattr(row, y)) for row in group]
+            at = _scaled(group, x, place)
+            if np.isnan(values).any():
+                top = axis.get_xaxis_transform()
+                axis.plot(at, 0.98, "x", color=look.colour, transform=top)
+            else:
+                known[at] = values
+        if not known:
+            return None
+        middle = [join(values) for values in known.values()]
+        keys = {"markersize": 4, "linewidth": 1.2} | (look.curve | look.points) | dict(line or {})
+        axis.plot([*known], middle, label=str(name), **keys)
+        if band:
+            ends = ([f(v) for v in known.values()] for f in (min, max))
+            axis.fill_between([*known], *ends, color=look.colour, alpha=0.2, lw=0)
+        return str(name), middle[-1], look.colour
+
+    return draw
+
+
+def numbered(style: str = "-") -> Callable[[Any], Style]:
+    """Styles of things without names, in the order in which they come."""
+    seen: dict[Any, Style] = {}
+    return lambda value: seen.setdefault(value, Style(COLOURS[len(seen) % len(COLOURS)], style))
+
+
+def maps(
+    axis: Axes,
+    rows: Sequence[str],
+    columns: Sequence[str],
+    cell: Callable[[str, str], tuple[float | None, str]],
+    colours: tuple[float, float],
+    headings: Sequence[str] | None = None,
+) -> None:
+    """A map of numbers: light is good, dark is bad.
+
+    Args:
+        axis: The axis.
+        rows, columns: What its lines and columns are.
+        cell: From both to a number, or None, and what is written there.
+        colours: Smallest and largest number of the scale.
+        headings: Of the columns.
+    """
+    found = [[cell(row, column) for column in columns] for row in rows]
+    values = np.array([[np.nan if v is None else v for v, _ in line] for line in found])
+    texts = [[text for _, text in line] for line in found]
+    heatmap(axis, values, texts, rows, headings or columns, colours)
