@@ -185,14 +185,3 @@ def test_damaged_and_foreign_files_are_refused_in_a_line(how, told, study, tmp_p
 def test_what_measures_does_not_redraw(words, told, tmp_path, capsys):
     given = ["benchmark", *words, "--redraw", "--out", tmp_path]
     assert told in refused(given, capsys)
-
-
-@pytest.mark.parametrize("name", [name for name in BENCHMARKS if name != "speed"])
-def test_the_committed_report_can_be_redrawn(name):
-    """Its rows are those of the records today, and what pictures need is there."""
-    benchmark, folder = BENCHMARKS[name](), RESULTS / name
-    records = stored.read(folder, benchmark.kinds)
-    rows = stored._rows(next(folder.glob("report.json*")))
-    assert [json.loads(json.dumps(record.row())) for record in records] == rows
-    needed = any(set(vars(record)) - set(record.written()) for record in records)
-    assert needed == any(record.shown() for record in records)

@@ -13,7 +13,7 @@ import numpy as np
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.linearised import linearised
 from softrobot_env.tasks import Task
-from softrobot_env.tasks.generic import Site, generic_tasks, site_of
+from softrobot_env.tasks.generic import ReachableRegion, generic_tasks, site_of
 
 #: Instants of a lap.
 _COUNT = 96
@@ -60,7 +60,7 @@ def inputs_of_lap(task: Task) -> tuple[float, np.ndarray]:
     return 2 * np.pi / run.rate, held + np.fft.irfft(added, _COUNT, axis=0)
 
 
-def _added(site: Site, rate: float, path: np.ndarray) -> np.ndarray:
+def _added(site: ReachableRegion, rate: float, path: np.ndarray) -> np.ndarray:
     """What dynamics adds to inputs (k, n_inputs), of a path (k, 3) [m], at multiples of a rate."""
     chain, directions = linearised(site.inverse, site.ground.inputs), site.inverse.directions
     still = np.linalg.pinv(directions @ chain.response(0.0))
