@@ -11,7 +11,8 @@ from functools import partial
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from softrobot_env.learned.levenberg_marquardt import LeastSquares, damped, descend
+from softrobot_env.core.descent import descend
+from softrobot_env.learned.levenberg_marquardt import RULE, LeastSquares, damped
 from softrobot_env.learned.network import Dataset, Network
 
 _DAMPING_START = 5e-3
@@ -100,11 +101,11 @@ def train(
     costs: list[float] = []
     while done < iterations and not converged:
         slope, square = problem.gauss_newton(point.parameters)
-        step = _descend(problem, point, slope, square, damping)
-        if step is None:
+        step = partial(_stepped, problem, point, slope, square)
+        moved, damping = descend(point, step, damping, RULE)
+        if moved is None:
             converged = True
             break
-        moved, damping = step
         gamma = _effective(square, point)
         decrease = point.cost - moved.cost
         costs.append(decrease / abs(point.cost))
@@ -114,6 +115,16 @@ def train(
             progress(done, iterations, point.data_error)
     trained = network.with_parameters(point.parameters)
     return Fit(trained, point.alpha, point.beta, gamma, point.data_error, done, converged)
+
+
+def _stepped(
+    problem: LeastSquares, point: _Point, slope: np.ndarray, square: np.ndarray, damping: float
+) -> _Point:
+    """Where a damped step leads."""
+    gradient = point.beta * slope + point.alpha * point.parameters
+    hessian = damped(point.beta * square, point.alpha + damping)
+    way = cho_solve(cho_factor(hessian), gradient)
+    return _point(problem, point.parameters - way, point.alpha, point.beta)
 
 
 def _reweigh(point: _Point, gamma: float, errors: int) -> _Point:
@@ -128,17 +139,3 @@ def _effective(square: np.ndarray, point: _Point) -> float:
     n = len(square)
     inverse = cho_solve(cho_factor(point.beta * square + point.alpha * np.eye(n)), np.eye(n))
     return n - point.alpha * float(np.trace(inverse))
-
-
-def _descend(
-    problem: LeastSquares, point: _Point, slope: np.ndarray, square: np.ndarray, damping: float
-) -> tuple[_Point, float] | None:
-    """Where the cost is lower, and the damping to begin with there; None if it is nowhere."""
-    gradient = point.beta * slope + point.alpha * point.parameters
-
-    def step(damping: float) -> np.ndarray:
-        hessian = damped(point.beta * square, point.alpha + damping)
-        return cho_solve(cho_factor(hessian), gradient)
-
-    at = partial(_point, problem, alpha=point.alpha, beta=point.beta)
-    return descend(point, step, at, damping)

@@ -10,7 +10,8 @@ from functools import partial
 
 import numpy as np
 
-from softrobot_env.learned.levenberg_marquardt import LeastSquares, descend
+from softrobot_env.core.descent import descend
+from softrobot_env.learned.levenberg_marquardt import RULE, LeastSquares, Linearization
 from softrobot_env.learned.network import Dataset, Network
 
 _DAMPING_START = 1e-3
@@ -70,6 +71,9 @@ def train(network: Network, training: Dataset, validation: Dataset, iterations: 
         errors = problem.squared_error(parameters), watched.squared_error(parameters)
         return _Point(parameters, *errors, done)
 
+    def stepped(point: _Point, near: Linearization, damping: float) -> _Point:
+        return at(point.parameters - near.step(damping), point.done + 1)
+
     point = at(network.parameters, 0)
     best, damping, reason = point, _DAMPING_START, None
     while reason is None:
@@ -77,11 +81,11 @@ def train(network: Network, training: Dataset, validation: Dataset, iterations: 
         if 2 * np.linalg.norm(near.slope) < _GRADIENT_TOLERANCE * problem.errors:
             reason = "gradient"
             break
-        step = descend(point, near.step, partial(at, done=point.done + 1), damping)
-        if step is None:
+        moved, damping = descend(point, partial(stepped, point, near), damping, RULE)
+        if moved is None:
             reason = "damping"
             break
-        point, damping = step
+        point = moved
         best = point if point.validation < best.validation else best
         if point.done - best.done >= _PATIENCE:
             reason = "validation"

@@ -8,51 +8,18 @@ products of two small Gram matrices, and J^T v is one backpropagation of v.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve
 
+from softrobot_env.core.descent import Damping
 from softrobot_env.learned.network import Dataset, Network
 
-#: Smallest and largest damping mu.
-_DAMPING_LIMITS = 1e-20, 1e10
+#: How the damping mu of a training changes.
+RULE = Damping(most=1e10)
 
 _CHUNK = 1000  # samples whose Jacobian is held at once
-
-
-#: Something with parameters (n,) and the cost there.
-Point = TypeVar("Point")
-
-
-def descend(
-    point: Point,
-    step: Callable[[float], np.ndarray],
-    at: Callable[[np.ndarray], Point],
-    damping: float,
-) -> tuple[Point, float] | None:
-    """The first of ever shorter steps that lowers the cost; None if none does.
-
-    Args:
-        point: Where the steps begin.
-        step: From its damping to a step (n,), downwards if it is taken off the parameters;
-            LinAlgError where the damping is too small.
-        at: The point at some parameters (n,).
-        damping: Of the first step.
-
-    Returns:
-        Where it leads, and the damping to go on with.
-    """
-    least, most = _DAMPING_LIMITS
-    while damping <= most:
-        try:
-            moved = at(point.parameters - step(damping))
-        except LinAlgError:
-            moved = point
-        if moved.cost < point.cost:
-            return moved, max(damping / 10, least)
-        damping *= 10
-    return None
 
 
 class Linearization(NamedTuple):

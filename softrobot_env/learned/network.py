@@ -159,7 +159,15 @@ class Network:
         """
         values = read_arrays(path)
         values.check_finite(_MAY_BE_INFINITE)
-        weights, biases = _layers(values)
+        layers = range(max(1, sum(name.startswith("weight_") for name in values)))
+        shapes = {
+            f"{end}_{side}": (None,) for end in ("input", "output") for side in ("low", "high")
+        }
+        for k in layers:
+            shapes |= {f"weight_{k}": (None, None), f"bias_{k}": (None,)}
+        for name, shape in shapes.items():
+            values.check_shape(name, shape)
+        weights, biases = (tuple(values[f"{n}_{k}"] for k in layers) for n in ("weight", "bias"))
         try:
             inputs, outputs = (
                 Scaling(values[f"{end}_low"], values[f"{end}_high"]) for end in ("input", "output")
@@ -169,17 +177,6 @@ class Network:
             raise ValueError(f"{path}: {error}") from None
         about = {n.removeprefix(_ABOUT): v for n, v in values.items() if n.startswith(_ABOUT)}
         return network, Arrays(path, about)
-
-
-def _layers(values: Arrays) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-    """Weights and biases out of a file."""
-    layers = range(max(1, sum(name.startswith("weight_") for name in values)))
-    for k in layers:
-        values.check_shape(f"weight_{k}", (None, None))
-        values.check_shape(f"bias_{k}", (None,))
-    for name in ("input_low", "input_high", "output_low", "output_high"):
-        values.check_shape(name, (None,))
-    return tuple(values[f"weight_{k}"] for k in layers), tuple(values[f"bias_{k}"] for k in layers)
 
 
 @dataclass(frozen=True)

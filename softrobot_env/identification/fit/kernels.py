@@ -88,10 +88,78 @@ class Work(NamedTuple):
     force: np.ndarray
 
 
-def scratch(pieces: int, tendons: int, kind: type) -> Work:
+class Scratch(NamedTuple):
+    """Scratch of real and of complex numbers, and the tangent (3 n, 3 n) of the last balance."""
+
+    real: Work
+    complex: Work
+    tangent: np.ndarray
+
+
+def scratch(pieces: int, tendons: int) -> Scratch:
     """Scratch arrays for a robot."""
     shapes = ((tendons,), (tendons, 3 * pieces), (pieces + 1, 3), (pieces + 1, 3, 3), (3 * pieces,))
-    return Work(*(np.zeros(shape, dtype=kind) for shape in shapes))
+    kinds = (Work(*(np.zeros(shape, dtype=kind) for shape in shapes)) for kind in (float, complex))
+    return Scratch(*kinds, np.zeros((3 * pieces, 3 * pieces)))
+
+
+class State(NamedTuple):
+    """A robot at rest.
+
+    Attributes:
+        q: (3 n,) turns of the pieces.
+        control: (n_tendons,) [m] or [N], what servos make of a command.
+        anchor: (n_tendons + 2 n,) where friction would vanish: lengths [m], then bends [rad].
+    """
+
+    q: np.ndarray
+    control: np.ndarray
+    anchor: np.ndarray
+
+
+class Slopes(NamedTuple):
+    """Derivatives by p parameters.
+
+    Attributes:
+        control, anchor: Of a `State`.
+        length: (n_tendons, p) of the tendons' lengths at rest turns.
+        right: (3 n, p) of the balance at rest turns, with the opposite sign.
+    """
+
+    control: np.ndarray
+    anchor: np.ndarray
+    length: np.ndarray
+    right: np.ndarray
+
+
+class Friction(NamedTuple):
+    """Friction by motion: of tendons (n_tendons,) [N/m], of pieces' shares (n, 2, 2) [1/rad]."""
+
+    hold: np.ndarray
+    held: np.ndarray
+
+
+class Rows(NamedTuple):
+    """What is followed, and what is found, row by row.
+
+    Attributes:
+        controls: (t, n_tendons) [m] or [N].
+        begins: (t,) bool, where tendons and backbone come to rest as if nothing rubbed, and servos
+            in the middle of their backlash; the first does.
+        turns: (t, 3 n) of the pieces, set.
+        markers: (t, n_markers, 3) [m], set.
+        slopes: (t, n_markers, 3, p) their derivatives, set.
+        rub: (t, n_tendons + 2 n) in [-1, 1], share of friction of tendons and of bends, set.
+        found: (t,) bool, whether an equilibrium was found, set.
+    """
+
+    controls: np.ndarray
+    begins: np.ndarray
+    turns: np.ndarray
+    markers: np.ndarray
+    slopes: np.ndarray
+    rub: np.ndarray
+    found: np.ndarray
 
 
 @kernel
@@ -304,33 +372,32 @@ def _add_piece(layout, body, q, i, anchor, rubs, out):
 
 
 @kernel
-def imbalance(layout, body, q, control, anchor, rubs, work):
+def imbalance(layout, body, state, rubs, work):
     """Set work.force (3 n,) [N m] to what is missing from balance, and the rest of it.
 
     Args:
-        layout, body: The robot.
-        q: (3 n,) turns of the pieces.
-        control: (n_tendons,) [m] or [N], what servos make of a command.
-        anchor: (n_tendons + 2 n,) where friction would vanish: lengths [m], then bends [rad].
+        layout, body, state: The robot.
         rubs: Whether friction counts.
         work: Scratch of the numbers' kind.
     """
-    tendons = len(work.length)
+    tendons, q = len(work.length), state.q
     work.force[:] = 0
     for i in range(len(layout.sizes)):
-        _add_piece(layout, body, q, i, anchor[tendons:], rubs, work.force)
+        _add_piece(layout, body, q, i, state.anchor[tendons:], rubs, work.force)
     for k in range(tendons):
-        _add_tendon(layout, body, q, k, control[k], anchor[k], rubs, work)
+        _add_tendon(layout, body, q, k, state.control[k], state.anchor[k], rubs, work)
     _add_weight(layout, body, q, work.place, work.axes, work.force)
 
 
 @kernel
-def _tangent(layout, body, q, control, anchor, rubs, real, work, out):
-    """Set out (3 n, 3 n) to the derivative of the imbalance by q, where `real` was set last.
+def _tangent(layout, body, state, rubs, scratch):
+    """Set the tangent to the derivative of the imbalance by q, where real numbers were set last.
 
     By complex steps: a tendon's arm about a piece depends on its turns alone, so that three steps
     tell those of all pieces.
     """
+    q, control, anchor = state.q, state.control, state.anchor
+    real, work, out = scratch.real, scratch.complex, scratch.tangent
     n, tendons = len(layout.sizes), len(real.length)
     out[:, :] = 0
     z = q.astype(np.complex128)
@@ -373,25 +440,26 @@ def _tangent(layout, body, q, control, anchor, rubs, real, work, out):
 
 
 @kernel
-def _settle(layout, body, q, control, anchor, rubs, tolerance, real, work, matrix):
-    """Newton's method from q (3 n,), which it changes; whether it found an equilibrium.
+def _settle(layout, body, state, rubs, tolerance, scratch):
+    """Newton's method from a state, whose turns it changes; whether it found an equilibrium.
 
-    `matrix` is then the tangent there.
+    The tangent is then that there.
     """
-    imbalance(layout, body, q, control, anchor, rubs, real)
+    q, real = state.q, scratch.real
+    imbalance(layout, body, state, rubs, real)
     size = np.sqrt(np.sum(real.force**2))
     for iteration in range(40):
-        _tangent(layout, body, q, control, anchor, rubs, real, work, matrix)
+        _tangent(layout, body, state, rubs, scratch)
         if size < tolerance and iteration > 0:
             return True
         if not np.isfinite(size):
             return False
-        step = np.linalg.solve(matrix, real.force)
+        step = np.linalg.solve(scratch.tangent, real.force)
         share = min(1.0, 0.4 / np.abs(step).max()) if np.abs(step).max() > 0 else 1.0
         start = q.copy()
         for _ in range(12):
             q[:] = start - share * step
-            imbalance(layout, body, q, control, anchor, rubs, real)
+            imbalance(layout, body, state, rubs, real)
             new = np.sqrt(np.sum(real.force**2))
             if new < size * (1 - 1e-4 * share) or new < tolerance:
                 break
@@ -458,76 +526,77 @@ def _touched(many, tendons):
 
 
 @kernel
-def _add_slopes(layout, body, many, touched, q, control, by_control, anchor, rubs, work, right, by):
-    """Take derivatives of the imbalance by p parameters, at rest turns, off right (3 n, p).
+def _add_slopes(layout, many, touched, state, rubs, work, by):
+    """Take derivatives of the imbalance by p parameters, at rest turns, off `by.right`.
 
-    Sets `by` (n_tendons, p), those of the tendons' lengths. Anchors count as constant.
+    Sets `by.length`. Anchors count as constant.
     """
+    q, control, anchor = state.q, state.control, state.anchor
     pulls, others = touched
     tendons, n = len(work.length), len(q)
-    for j in range(right.shape[1]):
+    for j in range(by.right.shape[1]):
         one = _body(many, j)
         work.force[:] = 0
         for i in range(n // 3 if others[j, 0] else 0):
             _add_piece(layout, one, q, i, anchor[tendons:], rubs, work.force)
         for k in range(tendons):
-            by[k, j] = 0.0
+            by.length[k, j] = 0.0
             if pulls[j, k]:
-                moved = complex(control[k], TINY * by_control[k, j])
+                moved = complex(control[k], TINY * by.control[k, j])
                 _add_tendon(layout, one, q, k, moved, anchor[k], rubs, work)
-                by[k, j] = work.length[k].imag / TINY
+                by.length[k, j] = work.length[k].imag / TINY
         if others[j, 1]:
             _add_weight(layout, one, q, work.place, work.axes, work.force)
         for i in range(n):
-            right[i, j] -= work.force[i].imag / TINY
+            by.right[i, j] -= work.force[i].imag / TINY
 
 
 @kernel
-def _add_anchors(layout, body, real, rub, hold, held, by_anchor, rubs, right):
-    """Add to right (3 n, p) what friction changes by its anchors, which earlier rows moved.
+def _add_anchors(layout, body, arm, rub, friction, rubs, by):
+    """Add to `by.right` what friction changes by its anchors, which earlier rows moved.
 
     Args:
-        layout, body, real: See `follow`.
+        layout, body: See `follow`.
+        arm: (n_tendons, 3 n), see `Work`.
         rub: (n_tendons + 2 n,) share of friction.
-        hold: (n_tendons,) [N/m], friction of a tendon by its sliding.
-        held: (n, 2, 2) [1/rad], share of friction of a piece by its bend.
-        by_anchor: (n_tendons + 2 n, p) derivatives of the anchors.
+        friction: By motion.
         rubs: Whether friction counts.
-        right: Added to.
+        by: Added to.
     """
-    tendons = len(hold)
+    tendons = len(friction.hold)
     for k in range(tendons):
         if rubs and abs(rub[k]) < 1:
             for i in range(3 * layout.last[k]):
-                right[i] += hold[k] * real.arm[k, i] * by_anchor[k]
+                by.right[i] += friction.hold[k] * arm[k, i] * by.anchor[k]
     for i in range(len(layout.sizes)):
         m = tendons + 2 * i
-        right[3 * i : 3 * i + 2] += body.holding[i] * held[i] @ by_anchor[m : m + 2]
+        moved = body.holding[i] * friction.held[i] @ by.anchor[m : m + 2]
+        by.right[3 * i : 3 * i + 2] += moved
 
 
 @kernel
-def _move_anchors(layout, real, rub, held, by_q, by_length, rubs, by_anchor):
-    """Set by_anchor (n_tendons + 2 n, p) for the next row; arguments as in `_add_anchors`.
+def _move_anchors(layout, arm, rub, held, rubs, by_q, by):
+    """Set `by.anchor` for the next row, by derivatives by_q (3 n, p) of the turns.
 
-    By derivatives by_q (3 n, p) of the turns and by_length (n_tendons, p) of lengths at rest.
+    Other arguments as in `_add_anchors`.
     """
-    tendons = len(by_length)
+    tendons = len(by.length)
     for k in range(tendons):
         if not rubs or abs(rub[k]) >= 1:
-            by_anchor[k] = real.arm[k] @ by_q + by_length[k]
+            by.anchor[k] = arm[k] @ by_q + by.length[k]
     for i in range(len(layout.sizes)):
         m, bends = tendons + 2 * i, by_q[3 * i : 3 * i + 2]
-        moved = held[i] @ (bends - by_anchor[m : m + 2])
-        by_anchor[m : m + 2] = bends - layout.give[i] * moved
+        moved = held[i] @ (bends - by.anchor[m : m + 2])
+        by.anchor[m : m + 2] = bends - layout.give[i] * moved
 
 
 @kernel
-def _seen_slopes(layout, body, many, touched, q, by_q, real, work, out):
+def _seen_slopes(layout, body, many, touched, q, by_q, scratch, out):
     """Set out (n_markers, 3, p) to derivatives of the markers by p parameters.
 
     By those of the turns, by_q (3 n, p), and of the markers' places on the robot.
     """
-    n = len(q)
+    n, work = len(q), scratch.complex
     z = q.astype(np.complex128)
     seen = np.zeros((len(layout.nodes), 3), np.complex128)
     by_turn = np.zeros((len(layout.nodes), 3, n))
@@ -539,108 +608,98 @@ def _seen_slopes(layout, body, many, touched, q, by_q, real, work, out):
         z[i] = q[i]
     for k in range(len(layout.nodes)):
         out[k] = by_turn[k] @ by_q
-        axes = real.axes[layout.nodes[k]]
+        axes = scratch.real.axes[layout.nodes[k]]
         for j in range(by_q.shape[1]):
             if touched[1][j, 2]:
                 out[k, :, j] += axes @ (many.marker[j, k].imag / TINY)
 
 
 @kernel
-def follow(
-    layout, body, many, controls, begins, tolerance, real, work, turns, markers, slopes, rub
-):
-    """Equilibria under one row of controls after the other, each from that before.
+def _move_servos(body, many, command, control, by_control):
+    """Let horns (n_tendons,) follow a command at the edge of the backlash; else they stay."""
+    for k in range(len(control)):
+        off = control[k] - command[k]
+        if abs(off) > body.play[k]:
+            side = 1.0 if off > 0 else -1.0
+            control[k] = command[k] + side * body.play[k]
+            for j in range(by_control.shape[1]):
+                by_control[k, j] = side * many.play[j, k].imag / TINY
 
-    A servo's horn follows its command at the edge of the play, and otherwise stays.
+
+@kernel
+def _find(layout, body, state, before, rubs, tolerance, scratch):
+    """Balance a state, whose controls were `before`, at once or in steps; whether that worked."""
+    q = state.q
+    start = q.copy()
+    if _settle(layout, body, state, rubs, tolerance, scratch):
+        return True
+    q[:] = start
+    fine = True
+    for step in range(32):
+        between = before + (step + 1) / 32 * (state.control - before)
+        part = State(q, between, state.anchor)
+        fine = _settle(layout, body, part, rubs, tolerance, scratch)
+    if not fine and not np.all(np.isfinite(q)):
+        q[:] = 0
+    return fine
+
+
+@kernel
+def _set_friction(layout, body, state, real, rub, friction):
+    """Set shares of friction (n_tendons + 2 n,), and what they change by motion."""
+    tendons, anchor = len(state.control), state.anchor
+    for k in range(tendons):
+        rub[k] = _slid(real.length[k] - anchor[k], layout.loose)
+        pull = _pull(layout, body, k, real.length[k], state.control[k])
+        friction.hold[k] = _bound(layout, body, k, pull) / layout.loose
+    for i in range(len(layout.sizes)):
+        m = tendons + 2 * i
+        rub[m], rub[m + 1] = _held(layout, state.q, i, anchor[tendons:])
+        _held_slopes(layout, state.q, i, anchor[tendons:], friction.held[i])
+
+
+@kernel
+def follow(layout, body, many, rows, tolerance, scratch):
+    """Equilibria under one row of controls after the other, each from that before.
 
     Args:
         layout, body: The robot.
         many: The same with an imaginary step in each of the parameters, (p, ...); of none, no
             derivatives are made.
-        controls: (t, n_tendons) [m] or [N].
-        begins: (t,) bool, where tendons and backbone come to rest as if nothing rubbed, and servos
-            in the middle of their play; the first does.
+        rows: Controls, and what they lead to, which is set.
         tolerance: [N m].
-        real, work: Scratch of real and of complex numbers.
-        turns: (t, 3 n) of the pieces, set.
-        markers: (t, n_markers, 3) [m], set.
-        slopes: (t, n_markers, 3, p) their derivatives, set.
-        rub: (t, n_tendons + 2 n) in [-1, 1], share of friction of tendons and of bends, set.
-
-    Returns:
-        (t,) bool, whether an equilibrium was found.
+        scratch: Of the robot.
     """
-    n, tendons, p = 3 * len(layout.sizes), controls.shape[1], len(many.gravity)
-    rubbing = rub.shape[1]
-    found = np.ones(len(controls), np.bool_)
-    q, anchor = np.zeros(n), np.zeros(rubbing)
-    by_q, by_anchor = np.zeros((n, p)), np.zeros((rubbing, p))
-    before, matrix = np.zeros(tendons), np.zeros((n, n))
-    control, by_control = np.zeros(tendons), np.zeros((tendons, p))
-    by_length, right = np.zeros((tendons, p)), np.zeros((n, p))
-    hold, held = np.zeros(tendons), np.zeros((n // 3, 2, 2))
+    n, tendons, p = 3 * len(layout.sizes), rows.controls.shape[1], len(many.gravity)
+    rubbing, real, before = rows.rub.shape[1], scratch.real, np.zeros(tendons)
+    state = State(np.zeros(n), np.zeros(tendons), np.zeros(rubbing))
+    by_tendons, by_anchors = np.zeros((2, tendons, p)), np.zeros((rubbing, p))
+    by = Slopes(by_tendons[0], by_anchors, by_tendons[1], np.zeros((n, p)))
+    friction = Friction(np.zeros(tendons), np.zeros((n // 3, 2, 2)))
     touched = _touched(many, tendons)
-    for t in range(len(controls)):
-        rubs = not begins[t]
-        if begins[t]:
-            q[:], before[:], control[:], by_control[:, :] = 0, 0, controls[t], 0
-        for k in range(tendons):
-            off = control[k] - controls[t, k]
-            if abs(off) > body.play[k]:
-                side = 1.0 if off > 0 else -1.0
-                control[k] = controls[t, k] + side * body.play[k]
-                for j in range(p):
-                    by_control[k, j] = side * many.play[j, k].imag / TINY
-        start = q.copy()
-        if not _settle(layout, body, q, control, anchor, rubs, tolerance, real, work, matrix):
-            q[:] = start
-            fine = True
-            for step in range(32):
-                between = before + (step + 1) / 32 * (control - before)
-                fine = _settle(
-                    layout, body, q, between, anchor, rubs, tolerance, real, work, matrix
-                )
-            if not fine:
-                found[t] = False
-                if not np.all(np.isfinite(q)):
-                    q[:] = 0
-        before[:] = control
-        turns[t] = q
-        imbalance(layout, body, q, control, anchor, rubs, real)
-        _seen(layout, body.marker, real, markers[t])
-        rub[t], hold[:], held[:] = 0.0, 0.0, 0.0
+    for t in range(len(rows.controls)):
+        rubs, rub = not rows.begins[t], rows.rub[t]
+        if not rubs:
+            state.q[:], before[:], state.control[:], by.control[:, :] = 0, 0, rows.controls[t], 0
+        _move_servos(body, many, rows.controls[t], state.control, by.control)
+        rows.found[t] = _find(layout, body, state, before, rubs, tolerance, scratch)
+        before[:] = state.control
+        rows.turns[t] = state.q
+        imbalance(layout, body, state, rubs, real)
+        _seen(layout, body.marker, real, rows.markers[t])
+        rub[:], friction.hold[:], friction.held[:] = 0.0, 0.0, 0.0
         if rubs:
-            for k in range(tendons):
-                rub[t, k] = _slid(real.length[k] - anchor[k], layout.loose)
-                pull = _pull(layout, body, k, real.length[k], control[k])
-                hold[k] = _bound(layout, body, k, pull) / layout.loose
-            for i in range(n // 3):
-                m = tendons + 2 * i
-                rub[t, m], rub[t, m + 1] = _held(layout, q, i, anchor[tendons:])
-                _held_slopes(layout, q, i, anchor[tendons:], held[i])
+            _set_friction(layout, body, state, real, rub, friction)
         if p > 0:
-            right[:, :] = 0
-            _add_anchors(layout, body, real, rub[t], hold, held, by_anchor, rubs, right)
-            _add_slopes(
-                layout,
-                body,
-                many,
-                touched,
-                q,
-                control,
-                by_control,
-                anchor,
-                rubs,
-                work,
-                right,
-                by_length,
-            )
-            by_q = np.linalg.solve(matrix, right)
-            _seen_slopes(layout, body, many, touched, q, by_q, real, work, slopes[t])
-            _move_anchors(layout, real, rub[t], held, by_q, by_length, rubs, by_anchor)
+            by.right[:, :] = 0
+            _add_anchors(layout, body, real.arm, rub, friction, rubs, by)
+            _add_slopes(layout, many, touched, state, rubs, scratch.complex, by)
+            by_q = np.linalg.solve(scratch.tangent, by.right)
+            _seen_slopes(layout, body, many, touched, state.q, by_q, scratch, rows.slopes[t])
+            _move_anchors(layout, real.arm, rub, friction.held, rubs, by_q, by)
         for k in range(tendons):
-            anchor[k] = real.length[k] - layout.loose * rub[t, k]
+            state.anchor[k] = real.length[k] - layout.loose * rub[k]
         for m in range(2 * len(layout.sizes)):
             i = m // 2
-            anchor[tendons + m] = q[3 * i + m % 2] - layout.give[i] * rub[t, tendons + m]
-    return found
+            rest = state.q[3 * i + m % 2] - layout.give[i] * rub[tendons + m]
+            state.anchor[tendons + m] = rest

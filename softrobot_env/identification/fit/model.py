@@ -10,6 +10,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import atan2, ceil, degrees
+from typing import Any
 
 import numpy as np
 
@@ -18,10 +19,12 @@ from softrobot_env.identification.fit.kernels import (
     TINY,
     Body,
     Layout,
+    Rows,
     follow,
     scratch,
 )
 from softrobot_env.identification.fit.unknowns import (
+    HOLDS,
     Turned,
     Unknowns,
     groups,
@@ -31,7 +34,7 @@ from softrobot_env.identification.fit.unknowns import (
 )
 from softrobot_env.recordings import Header, Recording
 from softrobot_env.recordings.header import Commands
-from softrobot_env.robots import RobotParams
+from softrobot_env.robots import RobotParams, Section, Tendon
 from softrobot_env.robots.actuation import with_balance
 from softrobot_env.robots.parameters import Base
 
@@ -109,17 +112,8 @@ class StaticModel:
         self._base = np.zeros(3) if robot.base is None else np.array(robot.base.position)
         self.points = self._own(recording.markers)
         self.spatial = not robot.is_planar
-        self.unknowns = Unknowns(
-            tuple(
-                groups(
-                    robot,
-                    recording,
-                    turned=turned,
-                    spatial=self.spatial,
-                    by_length=self._by_length,
-                )
-            )
-        )
+        how = {"turned": turned, "spatial": self.spatial, "by_length": self._by_length}
+        self.unknowns = Unknowns(tuple(groups(robot, recording, **how)))
         travel = float(np.ptp(recording.commands, axis=0).max())
         self._friction = np.array([t.friction for t in robot.tendons], dtype=float)
         if "tendon_friction" not in known:
@@ -221,8 +215,7 @@ class StaticModel:
         sizes = self.layout.sizes
         rest = np.stack([-toward_y * sizes, toward_x * sizes], axis=1)
         place = np.array([t.offset for t in tendons], dtype=x.dtype).reshape(-1, 2)
-        angle = take("tendon_angle", n)
-        radius = np.exp(take("tendon_radius", n))
+        angle, radius = take("tendon_angle", n), np.exp(take("tendon_radius", n))
         c, s = np.cos(angle) * radius, np.sin(angle) * radius
         place = np.stack(
             [c * place[:, 0] - s * place[:, 1], s * place[:, 0] + c * place[:, 1]], axis=1
@@ -304,58 +297,41 @@ class StaticModel:
             x: Parameters.
             free: (p,) bool, those to derive by; none unless given.
             rows: Indices of rows, followed one after the other; all unless given.
-            rubs: Whether tendons have friction, and servos play.
+            rubs: Whether tendons have friction, and servos backlash.
         """
         chosen = np.arange(len(self.begins)) if rows is None else np.asarray(rows)
         by = np.zeros(0, dtype=int) if free is None else np.flatnonzero(free)
-        steps = []
-        for j in by:
-            moved = x.astype(complex)
-            moved[j] += TINY * 1j
-            steps.append(moved)
         body = _contiguous(self.body(x), float)
         if not rubs:
-            still = {name: getattr(body, name) * 0 for name in ("friction", "holding", "play")}
-            body = body._replace(**still)
-        shifted = [_contiguous(self.body(y), complex) for y in steps]
-        many = Body(
-            *(
-                np.ascontiguousarray(np.stack(parts))
-                if parts
-                else np.zeros((0, *own.shape), complex)
-                for own, parts in zip(
-                    body, zip(*shifted, strict=True) if shifted else [()] * len(body), strict=True
-                )
+            body = body._replace(
+                **{n: 0 * getattr(body, n) for n in ("friction", "holding", "play")}
             )
-        )
-        n, tendons, k = len(self.layout.sizes), len(body.spring), len(self.layout.nodes)
-        turns, markers = np.zeros((len(chosen), 3 * n)), np.zeros((len(chosen), k, 3))
-        slopes = np.zeros((len(chosen), k, 3, len(by)))
-        rub = np.zeros((len(chosen), tendons + 2 * n))
-        begins = self.begins[chosen].copy()
-        begins[0] = True
-        begins |= np.append(False, np.diff(self.recording.runs[chosen]) != 0)
-        found = follow(
-            self.layout,
-            body,
-            many,
-            np.ascontiguousarray(self._controls[chosen]),
-            begins,
-            _TOLERANCE * self._scale,
-            scratch(n, tendons, float),
-            scratch(n, tendons, complex),
-            turns,
-            markers,
-            slopes,
-            rub,
-        )
+        steps = x.astype(complex) + TINY * 1j * np.eye(len(x))[by]
+        begins = np.append(True, np.diff(self.recording.runs[chosen]) != 0) | self.begins[chosen]
+        found = self._rows(chosen, begins, len(by))
+        many = _many([self.body(y) for y in steps], body)
+        room = scratch(len(self.layout.sizes), len(body.spring))
+        follow(self.layout, body, many, found, _TOLERANCE * self._scale, room)
         points = self.points[chosen]
-        placed = self._placed(x, points)
         for index, moved in enumerate(steps):
             if self._moves_frame(by[index]):
-                slopes[..., index] -= np.nan_to_num(self._placed(moved, points).imag) / TINY
-        error = markers - placed
-        return Simulated(error, slopes, turns, rub, found, markers)
+                change = np.nan_to_num(self._placed(moved, points).imag) / TINY
+                found.slopes[..., index] -= change
+        error = found.markers - self._placed(x, points)
+        return Simulated(error, found.slopes, found.turns, found.rub, found.found, found.markers)
+
+    def _rows(self, chosen: np.ndarray, begins: np.ndarray, by: int) -> Rows:
+        """Rows before they are followed, for derivatives by so many parameters."""
+        rows, n, k = len(chosen), len(self.layout.sizes), len(self.layout.nodes)
+        return Rows(
+            controls=np.ascontiguousarray(self._controls[chosen]),
+            begins=begins,
+            turns=np.zeros((rows, 3 * n)),
+            markers=np.zeros((rows, k, 3)),
+            slopes=np.zeros((rows, k, 3, by)),
+            rub=np.zeros((rows, len(self.robot.tendons) + 2 * n)),
+            found=np.ones(rows, dtype=bool),
+        )
 
     def _moves_frame(self, index: int) -> bool:
         places = [self.unknowns.place(name) for name in ("frame_turn", "frame_shift")]
@@ -380,56 +356,54 @@ class StaticModel:
     def robot_of(self, x: np.ndarray) -> RobotParams:
         """The robot with parameters x (p,)."""
         robot, body = self.robot, _contiguous(self.body(x), float)
-        take, tendons = lambda name, n: self.unknowns.take(x, name, n), []
-        angle = take("tendon_angle", len(robot.tendons))
-        radius = np.exp(take("tendon_radius", len(robot.tendons)))
-        for k, tendon in enumerate(robot.tendons):
+        heavy = float(np.exp(self.unknowns.take(x, "mass", 1)[0]))
+        more = self.unknowns.take(x, "precurvature", 2 if self.spatial else 1)
+        bend = np.array(robot.precurvature) + np.append(more, 0.0)[:2]
+        unlike, drive = complex(*self._unlike(x)), robot.drive
+        if self._by_length and drive.kind == "length":
+            drive = replace(drive, backlash=2 * float(body.play[0]))
+        found = replace(
+            robot.with_sections(*self._sections_of(x, heavy)),
+            tendons=self._tendons_of(x, body),
+            drive=drive,
+            precurvature=tuple(bend.tolist()),
+            anisotropy=2 * abs(unlike),
+            stiff_azimuth=float(np.angle(unlike)) / 2,
+            head=None if robot.head is None else _heavier(robot.head, heavy),
+            discs=tuple(_heavier(disc, heavy) for disc in robot.discs),
+            base=self._base_of(x),
+            file=None,
+        )
+        return with_balance(found)
+
+    def _tendons_of(self, x: np.ndarray, body: Body) -> tuple[Tendon, ...]:
+        count, found = len(self.robot.tendons), []
+        angle = self.unknowns.take(x, "tendon_angle", count)
+        radius = np.exp(self.unknowns.take(x, "tendon_radius", count))
+        for k, tendon in enumerate(self.robot.tendons):
             moved = tendon.turned(float(angle[k]), float(radius[k]))
             changes = {"friction": float(body.friction[k])}
             if self._by_length:
                 changes["stiffness"] = float(body.spring[k])
                 most = 0.9 * tendon.tension_limit
                 changes["pretension"] = float(np.clip(body.pretension[k], 0.0, most))
-            tendons.append(replace(moved, **changes))
-        soft = np.exp(take("youngs_modulus", len(robot.backbone.sections)))
-        heavy = float(np.exp(take("mass", 1)[0]))
-        holding = self._holding * np.exp(take("bending_friction", len(self._holding)))
-        sections = [
+            found.append(replace(moved, **changes))
+        return tuple(found)
+
+    def _sections_of(self, x: np.ndarray, heavy: float) -> list[Section]:
+        """Sections, whose chain bends as finely as this model usually does."""
+        sections = self.robot.backbone.sections
+        soft = np.exp(self.unknowns.take(x, "youngs_modulus", len(sections)))
+        held = self._holding * np.exp(self.unknowns.take(x, HOLDS, len(sections)))
+        finer = max(1, ceil(self._usual / self.robot.pieces))
+        return [
             replace(
-                section.vary(youngs_modulus=float(e), density=heavy), bending_friction=float(most)
+                section.vary(youngs_modulus=float(e), density=heavy),
+                bending_friction=float(most),
+                pieces=finer * section.pieces,
             )
-            for section, e, most in zip(robot.backbone.sections, soft, holding, strict=True)
+            for section, e, most in zip(sections, soft, held, strict=True)
         ]
-        head = robot.head
-        if head is not None:
-            head = replace(
-                head, mass=head.mass * heavy, inertia=tuple(heavy * i for i in head.inertia)
-            )
-        discs = tuple(
-            replace(d, mass=d.mass * heavy, inertia=tuple(heavy * i for i in d.inertia))
-            for d in robot.discs
-        )
-        more = take("precurvature", 2 if self.spatial else 1)
-        bend = np.array(robot.precurvature) + np.append(more, 0.0)[:2]
-        unlike = complex(*self._unlike(x))
-        # The chain is to bend as finely as this model usually does.
-        finer = max(1, ceil(self._usual / robot.pieces))
-        sections = [replace(section, pieces=finer * section.pieces) for section in sections]
-        found = replace(
-            robot.with_sections(*sections),
-            tendons=tuple(tendons),
-            drive=replace(robot.drive, backlash=2 * float(body.play[0]))
-            if self._by_length and robot.drive.kind == "length"
-            else robot.drive,
-            precurvature=tuple(bend.tolist()),
-            anisotropy=2 * abs(unlike),
-            stiff_azimuth=float(np.angle(unlike)) / 2,
-            head=head,
-            discs=discs,
-            base=self._base_of(x),
-            file=None,
-        )
-        return with_balance(found)
 
     def _base_axes(self, x: np.ndarray) -> np.ndarray:
         return self._axes @ self._turn(x, "gravity_tilt")
@@ -450,8 +424,8 @@ class StaticModel:
         shift = turn @ (np.array(frame.shift_m) - self._base) + axes @ self._shift(x) + self._base
         # A turn by zero must stay zero: a coordinate that was not measured cannot be turned.
         vector = turn_vector(turn @ rotation(np.radians(frame.turn_deg)))
-        told = [degrees(v) if abs(v) > 1e-12 else 0.0 for v in vector]
-        frame = replace(frame, turn_deg=tuple(told), shift_m=tuple(shift.tolist()))
+        turned = [degrees(v) if abs(v) > 1e-12 else 0.0 for v in vector]
+        frame = replace(frame, turn_deg=tuple(turned), shift_m=tuple(shift.tolist()))
         extra = self._three(self.unknowns.take(x, "marker_offset", 3 * len(header.marker)))
         markers = tuple(
             replace(m, offset_m=tuple((np.array(m.offset_m) + e).tolist()))
@@ -499,12 +473,20 @@ def turn_vector(matrix: np.ndarray) -> np.ndarray:
 
 
 def _contiguous(body: Body, kind: type) -> Body:
-    parts = []
-    for part in body:
-        values = np.asarray(part)
-        values = values.real if kind is float else values
-        parts.append(np.ascontiguousarray(values, dtype=kind))
-    return Body(*parts)
+    parts = (np.real(part) if kind is float else part for part in body)
+    return Body(*(np.ascontiguousarray(part, dtype=kind) for part in parts))
+
+
+def _many(bodies: list[Body], like: Body) -> Body:
+    """Bodies (p, ...) in one, of arrays as those of another."""
+    if not bodies:
+        return Body(*(np.zeros((0, *part.shape), complex) for part in like))
+    return Body(*(np.ascontiguousarray(np.stack(p), complex) for p in zip(*bodies, strict=True)))
+
+
+def _heavier(part: Any, factor: float) -> Any:
+    """A head or disc of so many times its mass."""
+    return replace(part, mass=part.mass * factor, inertia=tuple(factor * i for i in part.inertia))
 
 
 def _spans(stations: np.ndarray, edges: np.ndarray) -> np.ndarray:

@@ -7,12 +7,11 @@ are not small, r has products of x and u too, so that every equilibrium has dyna
 (Haller and Kaundinya, Chaos 34 (2024) 043152).
 """
 
+from softrobot_env.learned.reduction.analysis import NormalForm, Spectrum, normal_form, spectrum
 from softrobot_env.learned.reduction.fitting import THESIS, FitError, Settings, check_stable, fit
 from softrobot_env.learned.reduction.model import ReducedModel
-from softrobot_env.learned.reduction.normal_form import NormalForm, normal_form
 from softrobot_env.learned.reduction.records import Record
 from softrobot_env.learned.reduction.refinement import Refinement, refine
-from softrobot_env.learned.reduction.spectrum import Spectrum, spectrum
 
 __all__ = [
     "THESIS",

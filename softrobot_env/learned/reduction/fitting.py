@@ -1,8 +1,8 @@
 """From records to a reduced model, by linear least squares."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated
+from dataclasses import dataclass, replace
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy.linalg import lstsq
@@ -12,7 +12,6 @@ from softrobot_env.core.records import Count, Positive, Range, Whole, check_fiel
 from softrobot_env.learned.reduction.model import ReducedModel
 from softrobot_env.learned.reduction.polynomials import Monomials
 from softrobot_env.learned.reduction.records import Record, check_alike, delay_vectors
-from softrobot_env.learned.reduction.spectrum import _end
 
 #: Most rows of a regression; of more, evenly spread ones are taken.
 _ROWS = 30_000
@@ -138,17 +137,45 @@ def fit(
     lags = [settings.lag or 0]
     if settings.lag is None and basis.shape[1]:
         lags = list(range(round(settings.longest_lag / records[0].period) + 1))
-    found = [_at_lag(decays, forced, settings, origin, rest, basis, tangent, lag) for lag in lags]
+    base = _without_motion(records[0].period, settings, origin, rest, basis, tangent)
+    found = [_at_lag(base, decays, forced, settings, lag) for lag in lags]
     model, _ = min(found, key=lambda pair: pair[1])
     if stable:
         check_stable(model, records)
     return model
 
 
+def _without_motion(
+    period: float,
+    settings: Settings,
+    origin: np.ndarray,
+    rest: np.ndarray,
+    basis: np.ndarray,
+    tangent: np.ndarray,
+) -> ReducedModel:
+    """A model that knows its coordinates and inputs alone."""
+    states, both = tangent.shape[1], tangent.shape[1] + basis.shape[1]
+    return ReducedModel(
+        period=period,
+        delays=settings.delays,
+        origin=origin,
+        rest=rest,
+        basis=basis,
+        lag=0,
+        tangent=tangent,
+        shape_powers=np.zeros((0, states), dtype=int),
+        shape=np.zeros((len(tangent), 0)),
+        powers=np.zeros((0, both), dtype=int),
+        coefficients=np.zeros((states, 0)),
+        scale=np.ones(both),
+        substeps=settings.substeps,
+    )
+
+
 def _rest(decays: Sequence[Record], forced: Sequence[Record]) -> tuple[np.ndarray, np.ndarray]:
     """Outputs and inputs at rest: where decays end, or where forced motion is on average."""
     if decays:
-        place = np.mean([_end(record) for record in decays], axis=0)
+        place = np.mean([record.end for record in decays], axis=0)
         return place, np.mean([record.inputs[-1] for record in decays], axis=0)
     outputs, inputs = (
         np.concatenate([getattr(record, name) for record in forced])
@@ -199,81 +226,90 @@ def _principal(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return values / np.sqrt(len(rows)), directions
 
 
+class _Samples(NamedTuple):
+    """Coordinates, reduced inputs, what their motion is fitted on, and delay vectors, row by row.
+
+    A group of records may be empty: then there are no rows.
+    """
+
+    x: np.ndarray
+    v: np.ndarray
+    target: np.ndarray
+    vectors: np.ndarray
+
+    @staticmethod
+    def joined(parts: Sequence["_Samples"]) -> "_Samples":
+        """All rows."""
+        return _Samples(*(np.concatenate(rows) for rows in zip(*parts, strict=True)))
+
+
 def _at_lag(
+    base: ReducedModel,
     decays: Sequence[Record],
     forced: Sequence[Record],
     settings: Settings,
-    origin: np.ndarray,
-    rest: np.ndarray,
-    basis: np.ndarray,
-    tangent: np.ndarray,
     lag: int,
 ) -> tuple[ReducedModel, float]:
     """The model with inputs so late, and the mean square that its motion does not explain."""
-    base = ReducedModel(
-        period=(*decays, *forced)[0].period,
-        delays=settings.delays,
-        origin=origin,
-        rest=rest,
-        basis=basis,
-        lag=lag,
-        tangent=tangent,
-        shape_powers=np.zeros((0, tangent.shape[1]), dtype=int),
-        shape=np.zeros((len(tangent), 0)),
-        powers=np.zeros((0, tangent.shape[1] + basis.shape[1]), dtype=int),
-        coefficients=np.zeros((tangent.shape[1], 0)),
-        scale=np.ones(tangent.shape[1] + basis.shape[1]),
-        substeps=settings.substeps,
-    )
+    base = replace(base, lag=lag)
     quiet, driven = ([_samples(base, settings, one) for one in part] for part in (decays, forced))
-    n, m = tangent.shape[1], basis.shape[1]
-    everything = np.concatenate([x for x, *_ in (*quiet, *driven)])
-    inputs = np.concatenate([v for _, v, *_ in (driven or quiet)])
+    n, m = base.dimension, base.basis.shape[1]
+    everything = np.concatenate([one.x for one in (*quiet, *driven)])
+    inputs = np.concatenate([one.v for one in (driven or quiet)])
     scale = np.concatenate([3 * everything.std(axis=0), 3 * inputs.std(axis=0)])
     scale[scale == 0] = 1.0
     monomials = Monomials.of(
         n, m, settings.order, settings.input_order if m else 0, settings.mixed, settings.constant
     )
+    coefficients, missing = _motion(monomials, quiet, driven, scale, settings)
+    shapes = Monomials.of(n, 0, settings.shape_order, constant=settings.constant)
+    seen = _Samples.joined(quiet if settings.staged and quiet else quiet + driven)
+    off = seen.vectors - np.tile(base.origin, settings.delays)
+    shape, _ = _solve(shapes(seen.x / scale[:n]), off, 0.0, "manifold")
+    found = replace(
+        base,
+        shape_powers=shapes.powers,
+        shape=shape,
+        powers=monomials.powers,
+        coefficients=coefficients,
+        scale=scale,
+    )
+    return found, missing
+
+
+def _motion(
+    monomials: Monomials,
+    quiet: list[_Samples],
+    driven: list[_Samples],
+    scale: np.ndarray,
+    settings: Settings,
+) -> tuple[np.ndarray, float]:
+    """Coefficients (n, terms) of the motion, and the mean square that they do not explain."""
+    n = (quiet or driven)[0].x.shape[1]
     by_inputs = monomials.powers[:, n:].any(axis=1)
-    coefficients = np.zeros((n, len(monomials.powers)))
+    coefficients, missing = np.zeros((n, len(monomials.powers))), 0.0
     stages = [(quiet, ~by_inputs), (driven, by_inputs)] if settings.staged and quiet else []
-    missing = 0.0
     for samples, chosen in stages or [(quiet + driven, np.ones_like(by_inputs))]:
         if not samples or not chosen.any():
             continue
-        x, v, target, _ = (np.concatenate(parts) for parts in zip(*samples, strict=True))
-        terms = monomials(np.hstack([x, v]) / scale)
-        left = target - terms @ coefficients.T
-        solved, missing = _solve(terms[:, chosen], left, settings.ridge, "motion")
-        coefficients[:, chosen] = solved
-    shapes = Monomials.of(n, 0, settings.shape_order, constant=settings.constant)
-    of_shape = quiet if settings.staged and quiet else quiet + driven
-    x, _, _, y = (np.concatenate(parts) for parts in zip(*of_shape, strict=True))
-    shape, _ = _solve(shapes(x / scale[:n]), y - np.tile(origin, settings.delays), 0.0, "manifold")
-    found = base.arrays() | {
-        "shape_powers": shapes.powers,
-        "shape": shape,
-        "powers": monomials.powers,
-        "coefficients": coefficients,
-        "scale": scale,
-    }
-    return ReducedModel(**found), missing
+        rows = _Samples.joined(samples)
+        terms = monomials(np.hstack([rows.x, rows.v]) / scale)
+        left = rows.target - terms @ coefficients.T
+        coefficients[:, chosen], missing = _solve(terms[:, chosen], left, settings.ridge, "motion")
+    return coefficients, missing
 
 
-def _samples(
-    base: ReducedModel, settings: Settings, record: Record
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Coordinates, reduced inputs, what their motion is fitted on, and delay vectors."""
+def _samples(base: ReducedModel, settings: Settings, record: Record) -> _Samples:
     vectors = delay_vectors(record.outputs, settings.delays)
     x = base.encode(vectors)
     v = base.acting(record.inputs)[settings.delays - 1 :]
     if settings.substeps == 0:
-        return x[:-1], v[:-1], x[1:], vectors[:-1]
+        return _Samples(x[:-1], v[:-1], x[1:], vectors[:-1])
     rate = savgol_filter(x, settings.window, settings.degree, deriv=1, delta=record.period, axis=0)
     # Inputs are held between samples: at one, the rate is of what comes before and after.
     middle = (v + np.vstack([v[:1], v[:-1]])) / 2
     inside = slice(settings.window // 2, len(x) - settings.window // 2)
-    return x[inside], middle[inside], rate[inside], vectors[inside]
+    return _Samples(x[inside], middle[inside], rate[inside], vectors[inside])
 
 
 def _solve(

@@ -1,7 +1,7 @@
 """A learned model: where outputs are on the manifold, and how its coordinates move."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -10,22 +10,6 @@ import numpy as np
 from softrobot_env.core.artifacts import Arrays
 from softrobot_env.learned.reduction.polynomials import Monomials, Motion, roll
 from softrobot_env.learned.reduction.records import Record, delay_vectors
-
-_FIELDS = (
-    "period",
-    "delays",
-    "origin",
-    "rest",
-    "basis",
-    "lag",
-    "tangent",
-    "shape_powers",
-    "shape",
-    "powers",
-    "coefficients",
-    "scale",
-    "substeps",
-)
 
 
 @dataclass(frozen=True)
@@ -123,11 +107,10 @@ class ReducedModel:
     def predict_record(self, record: Record) -> np.ndarray:
         """Outputs (t - delays + 1, o) of a record, from its first `delays` samples on."""
         first = self.delays - 1
-        lagged = record.inputs[np.maximum(np.arange(record.samples) - self.lag, 0)]
         start = self.encode(delay_vectors(record.outputs[: self.delays], self.delays))
-        inputs = self.reduced_inputs(lagged[first:])[None]
+        inputs = self.acting(record.inputs)[None, first:]
         states = np.empty((1, inputs.shape[1], self.dimension))
-        roll(self.motion, start, inputs, states)
+        roll(self.motion, start, np.ascontiguousarray(inputs), states)
         return self.decode(states[0])
 
     def linear_part(self) -> np.ndarray:
@@ -149,7 +132,7 @@ class ReducedModel:
 
     def arrays(self) -> dict[str, Any]:
         """What `ReducedModel.read` needs."""
-        return {name: getattr(self, name) for name in _FIELDS}
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @staticmethod
     def read(data: Arrays | Mapping[str, np.ndarray]) -> "ReducedModel":
@@ -166,9 +149,9 @@ class ReducedModel:
 
     @staticmethod
     def _of(data: Mapping[str, np.ndarray]) -> "ReducedModel":
-        whole = {n: int(data[n]) for n in ("delays", "lag", "substeps")}
-        arrays = {n: data[n] for n in _FIELDS if n not in whole and n != "period"}
-        model = ReducedModel(period=float(data["period"]), **whole, **arrays)
+        number = {"period": float, "delays": int, "lag": int, "substeps": int}
+        names = [field.name for field in fields(ReducedModel)]
+        model = ReducedModel(**{n: number.get(n, np.asarray)(data[n]) for n in names})
         model._check()
         return model
 

@@ -45,6 +45,11 @@ class Record:
         """Number of samples."""
         return len(self.outputs)
 
+    @property
+    def end(self) -> np.ndarray:
+        """(o,) where a decay ends: the mean over its last tenth."""
+        return self.outputs[-max(1, self.samples // 10) :].mean(axis=0)
+
 
 def check_alike(records: Sequence[Record]) -> None:
     """Raise ValueError unless there are records and all have the same columns and period."""

@@ -3,9 +3,11 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
+from softrobot_env.core.descent import Damping, descend
 from softrobot_env.core.records import Count, Positive, Whole, check_fields
 from softrobot_env.learned.reduction.model import ReducedModel
 from softrobot_env.learned.reduction.polynomials import Monomials, roll, sensitivities
@@ -17,7 +19,7 @@ _LOOKS = 40
 #: Stretches whose equations are added up at once.
 _TOGETHER = 20
 
-_DAMPING, _LEAST, _MOST = 1e-6, 1e-12, 1e6
+_DAMPING, _RULE = 1e-6, Damping(least=1e-12, most=1e6)
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,14 @@ def refine(
     return model
 
 
+class _Tried(NamedTuple):
+    """A model, where its stretches start (b, n), and the mean square of its errors."""
+
+    model: ReducedModel
+    starts: np.ndarray
+    cost: float
+
+
 def _descend(
     model: ReducedModel,
     stretches: "_Stretches",
@@ -88,24 +98,22 @@ def _descend(
     show: Callable[[int, float], None],
 ) -> ReducedModel:
     """The best model of stretches of one length."""
-    starts, damping = stretches.starts, _DAMPING
-    cost = stretches.cost(model, starts)
+
+    def stepped(here: _Tried, terms: _NormalEquations, damping: float) -> _Tried:
+        change, moves = terms.solve(damping)
+        tried = replace(here.model, coefficients=here.model.coefficients + change)
+        return _Tried(tried, here.starts + moves, stretches.cost(tried, here.starts + moves))
+
+    damping, starts = _DAMPING, stretches.starts
+    here = _Tried(model, starts, stretches.cost(model, starts))
     for iteration in range(settings.iterations):
-        terms = stretches.normal_equations(model, starts)
-        before = cost
-        while damping <= _MOST:
-            step, moves = terms.solve(damping)
-            tried = replace(model, coefficients=model.coefficients + step)
-            tried_cost = stretches.cost(tried, starts + moves)
-            if tried_cost < cost:
-                model, starts, cost = tried, starts + moves, tried_cost
-                damping = max(damping / 10, _LEAST)
-                break
-            damping *= 10
-        show(iteration + 1, cost)
-        if before - cost < settings.tolerance * before:
+        terms = stretches.normal_equations(here.model, here.starts)
+        moved, damping = descend(here, partial(stepped, here, terms), damping, _RULE)
+        before, here = here.cost, moved or here
+        show(iteration + 1, here.cost)
+        if before - here.cost < settings.tolerance * before:
             break
-    return model
+    return here.model
 
 
 class _Stretches:
@@ -177,15 +185,6 @@ class _Stretches:
         shapes, scale = Monomials(model.shape_powers), model.scale[:n]
         back, looked = [], slice(None, None, max(1, length // _LOOKS))
         parts: list[tuple[np.ndarray, np.ndarray]] = []
-
-        def gather(some: list[tuple[np.ndarray, np.ndarray]]) -> None:
-            nonlocal matrix, right
-            if some:
-                jacobians, errors = (np.concatenate(one) for one in zip(*some, strict=True))
-                matrix = matrix + jacobians.T @ jacobians
-                right = right + jacobians.T @ errors
-                some.clear()
-
         for start, inputs, measured in zip(starts, self.inputs, self.outputs, strict=True):
             sensitivities(model.motion, start, inputs, states, by_start, by_coefficients)
             at = states[looked]
@@ -201,10 +200,12 @@ class _Stretches:
             jacobian -= q @ share
             errors = errors - q @ rest
             parts.append((jacobian, errors))
-            if len(parts) == _TOGETHER:
-                gather(parts)
             back.append((r, share, rest))
-        gather(parts)
+            if len(parts) == _TOGETHER or len(back) == len(starts):
+                jacobians, errors = (np.concatenate(one) for one in zip(*parts, strict=True))
+                matrix = matrix + jacobians.T @ jacobians
+                right = right + jacobians.T @ errors
+                parts.clear()
         return _NormalEquations(matrix, right, back, (n, terms))
 
 
