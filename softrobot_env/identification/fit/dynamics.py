@@ -9,9 +9,11 @@ by then, and the statics find too little.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
+from softrobot_env.core.descent import Damping, descend
 from softrobot_env.identification.fit.least_squares import clustered, correlation_time
 from softrobot_env.identification.replay.simulation import mean_known, replay
 from softrobot_env.recordings import Recording
@@ -21,6 +23,7 @@ _LONGEST = 12.0  # s that are simulated
 _SLOW = 0.2  # of the largest speed; slower motion tells friction at rest, not damping
 _WINDOW, _BEFORE = 1.5, 3.0  # s after it begins to move, and at most before
 _STEPS = 6
+_DAMPING, _RULE = 1e-3, Damping(least=1e-6, tries=5)
 _PROBE = (0.05, 0.004, 0.01, 0.05)  # of log damping, delay [s], log modulus, log friction
 _PRIOR = (1.5, 0.05)  # of the first two
 _LEAST = 1e-3  # of the modulus
@@ -87,19 +90,75 @@ def dynamics_of(
         raise ValueError(
             f"robot {robot.name!r} has damping_time_s = 0: give a guess to begin with, such as 0.02"
         )
-    windows = windows_of(recording)
+    prior = (
+        *_PRIOR,
+        max(modulus, _LEAST),
+        _LEAST if friction is None else float(np.hypot(friction, _IN_MOTION)),
+    )
+    problem = _Problem(robot, windows_of(recording), np.array(prior))
+    here = problem.at(np.append(np.zeros(2) if begin is None else begin, [0.0, 0.0]))
+    before, damping = _rms(here.error), _DAMPING
+    for step in range(_STEPS):
+        problem.linearize(here)
+        moved, damping = descend(problem.weighed(here), problem.step, damping, _RULE)
+        if moved is None:
+            break
+        way, here = np.abs(moved.values - here.values) / problem.prior, moved
+        if show is not None:
+            show(step + 1, _rms(here.error))
+        if way.max() < 2e-3:
+            break
+    noise, deviation = np.linalg.inv(problem.normal), problem.deviation(here)
+    own = [(float(v), float(s)) for v, s in zip(here.values, deviation, strict=True)]
+    if friction is None or not any(t.friction > 0 for t in robot.tendons):
+        own[_FRICTION] = (0.0, 0.0)
+    return Dynamics(
+        robot=problem.built(np.array([here.values[0], 0.0, 0.0, own[_FRICTION][0]])),
+        delay=float(here.values[1]),
+        values=here.values[:2],
+        deviation=deviation[:2],
+        prior=problem.prior[:2],
+        by_friction=noise[:2, _FRICTION] / noise[_FRICTION, _FRICTION],
+        modulus=own[_MODULUS],
+        friction=own[_FRICTION],
+        before=before,
+        after=_rms(here.error),
+        duration=problem.duration,
+    )
 
-    def built(values: np.ndarray) -> RobotParams:
+
+class _Point(NamedTuple):
+    """Values (4,), errors (t, k, 3) [m] that they leave, and what both cost."""
+
+    values: np.ndarray
+    error: np.ndarray
+    cost: float = np.inf
+
+
+class _Problem:
+    """Least squares of a robot's damping, delay, modulus and friction over some windows.
+
+    Attributes:
+        prior: (4,) standard deviations.
+        normal: (4, 4) matrix of the normal equations, of the last linearization.
+    """
+
+    def __init__(self, robot: RobotParams, windows: Recording, prior: np.ndarray) -> None:
+        self._robot, self._windows, self.prior = robot, windows, prior
+
+    def built(self, values: np.ndarray) -> RobotParams:
+        """The robot with values (4,)."""
         damping, _, modulus, friction = (float(np.exp(x)) for x in values)
-        rubbing = tuple(replace(t, friction=t.friction * friction) for t in robot.tendons)
-        moved = replace(robot, tendons=rubbing)
+        rubbing = tuple(replace(t, friction=t.friction * friction) for t in self._robot.tendons)
+        moved = replace(self._robot, tendons=rubbing)
         return moved.vary(damping_time=damping, youngs_modulus=modulus)
 
-    def error(values: np.ndarray) -> np.ndarray:
-        delay = max(float(values[1]), 0.0)
+    def at(self, values: np.ndarray) -> _Point:
+        """Simulate the windows, the mean error of each left out."""
+        windows, delay = self._windows, max(float(values[1]), 0.0)
         markers = tuple(replace(m, delay_s=m.delay_s + delay) for m in windows.header.marker)
         moved = replace(windows, header=replace(windows.header, marker=markers))
-        found = replay(moved, built(values)).error
+        found = replay(moved, self.built(values)).error
         out = np.full_like(found, np.nan)
         for run in range(int(windows.runs[-1]) + 1):
             rows = windows.runs == run
@@ -107,78 +166,47 @@ def dynamics_of(
                 out[rows] = found[rows] - mean_known(found[rows])
         if np.isnan(out).all():
             raise ValueError("the identified robot could not be simulated in motion")
-        return out
+        return _Point(values, out)
 
-    values = np.zeros(4)
-    values[:2] = 0.0 if begin is None else begin
-    prior = np.array(
-        [
-            *_PRIOR,
-            max(modulus, _LEAST),
-            _LEAST if friction is None else np.hypot(friction, _IN_MOTION),
-        ]
-    )
-    count = len(values)
-    here = error(values)
-    before = _rms(here)
-    damping, normal = 1e-3, np.eye(count)
+    def linearize(self, here: _Point) -> None:
+        """Take slopes by differences, and weights by what is left."""
+        probes = enumerate(_PROBE)
+        moved = ((self.at(here.values + np.eye(4)[k] * p).error, p) for k, p in probes)
+        self._here = here
+        self._slopes = np.stack([(error - here.error) / probe for error, probe in moved], axis=-1)
+        lasting = correlation_time(here.error, self._windows.runs)
+        self._variance = max(_rms(here.error) ** 2 / 3, 1e-12) * lasting
+        known = np.isfinite(here.error) & np.isfinite(self._slopes).all(axis=-1)
+        a, b = self._slopes[known], here.error[known]
+        self.normal = a.T @ a / self._variance + np.diag(1 / self.prior**2)
+        self._right = a.T @ b / self._variance + here.values / self.prior**2
 
-    def cost(left: np.ndarray, at: np.ndarray, variance: float) -> float:
-        return float(np.nansum(left**2) / variance + np.sum((at / prior) ** 2))
+    def weighed(self, point: _Point) -> _Point:
+        """A point with its cost, by the weights of the last linearization."""
+        data = np.nansum(point.error**2) / self._variance
+        return point._replace(cost=float(data + np.sum((point.values / self.prior) ** 2)))
 
-    for step in range(_STEPS):
-        slopes = np.stack(
-            [
-                (error(values + np.eye(count)[k] * probe) - here) / probe
-                for k, probe in enumerate(_PROBE)
-            ],
-            axis=-1,
-        )
-        variance = max(_rms(here) ** 2 / 3, 1e-12) * correlation_time(here, windows.runs)
-        known = np.isfinite(here) & np.isfinite(slopes).all(axis=-1)
-        a, b = slopes[known], here[known]
-        normal = a.T @ a / variance + np.diag(1 / prior**2)
-        right = a.T @ b / variance + values / prior**2
-        better = False
-        for _ in range(5):
-            step_by = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), right)
-            there = values - np.clip(step_by, -_MOST, _MOST)
-            there[1] = max(there[1], 0.0)
-            trial = error(there)
-            if cost(trial, there, variance) < cost(here, values, variance):
-                better = True
-                break
-            damping *= 10
-        if not better:
-            break
-        moved = np.abs(there - values) / prior
-        values, here, damping = there, trial, max(damping / 10, 1e-6)
-        if show is not None:
-            show(step + 1, _rms(here))
-        if moved.max() < 2e-3:
-            break
-    noise = np.linalg.inv(normal)
-    covariance = clustered(slopes, here, normal, variance, windows.runs)
-    # When within a sample a command begins is not told.
-    same = np.diff(windows.runs) == 0
-    covariance[1, 1] += float(np.median(np.diff(windows.times)[same])) ** 2 / 12
-    deviation = np.sqrt(np.diag(covariance))
-    own = [(float(v), float(s)) for v, s in zip(values, deviation, strict=True)]
-    if friction is None or not any(t.friction > 0 for t in robot.tendons):
-        own[_FRICTION] = (0.0, 0.0)
-    return Dynamics(
-        robot=built(np.array([values[0], 0.0, 0.0, own[_FRICTION][0]])),
-        delay=float(values[1]),
-        values=values[:2],
-        deviation=deviation[:2],
-        prior=prior[:2],
-        by_friction=noise[:2, _FRICTION] / noise[_FRICTION, _FRICTION],
-        modulus=own[_MODULUS],
-        friction=own[_FRICTION],
-        before=before,
-        after=_rms(here),
-        duration=float(sum(windows.times[windows.runs == r][-1] for r in set(windows.runs))),
-    )
+    def step(self, damping: float) -> _Point:
+        """Where a damped step leads."""
+        matrix = self.normal + damping * np.diag(np.diag(self.normal))
+        there = self._here.values - np.clip(np.linalg.solve(matrix, self._right), -_MOST, _MOST)
+        there[1] = max(there[1], 0.0)
+        return self.weighed(self.at(there))
+
+    def deviation(self, here: _Point) -> np.ndarray:
+        """(4,) standard deviations."""
+        times, runs = self._windows.times, self._windows.runs
+        covariance = clustered(self._slopes, here.error, self.normal, self._variance, runs)
+        # When within a sample a command begins is not known.
+        same = np.diff(runs) == 0
+        covariance[1, 1] += float(np.median(np.diff(times)[same])) ** 2 / 12
+        return np.sqrt(np.diag(covariance))
+
+    @property
+    def duration(self) -> float:
+        """[s] of the windows."""
+        times, runs = self._windows.times, self._windows.runs
+        return float(sum(times[runs == run][-1] for run in set(runs)))
 
 
 def windows_of(recording: Recording) -> Recording:
@@ -188,14 +216,42 @@ def windows_of(recording: Recording) -> Recording:
     """
     if recording.times[-1] <= _LONGEST and recording.runs[-1] == 0:
         return recording
-    times, runs = recording.times, recording.runs
-    same = np.append(False, np.diff(runs) == 0)
-    change = np.append(0.0, np.abs(np.diff(recording.commands, axis=0)).max(axis=1))
-    speed = np.linalg.norm(
-        np.nan_to_num(np.diff(recording.markers[:, -1], axis=0, prepend=recording.markers[:1, -1])),
-        axis=1,
+    times = recording.times
+    chosen: list[np.ndarray] = []
+    lead = np.zeros(len(times), dtype=bool)
+    judged = sorted(_judged(recording), key=lambda one: -one[0])
+    for fastest, moment, rows in judged:
+        full = sum(np.ptp(times[other]) for other in chosen) >= _LONGEST
+        if full or fastest < _SLOW * judged[0][0]:
+            break
+        if all(not np.any(rows & other) for other in chosen):
+            chosen.append(rows)
+            lead |= rows & (times < moment)
+    if not chosen:
+        return recording.part((times <= _LONGEST) & (recording.runs == 0))
+    chosen.sort(key=lambda rows: int(np.argmax(rows)))
+    order = np.concatenate([np.flatnonzero(rows) for rows in chosen])
+    number = np.concatenate([np.full(int(rows.sum()), k) for k, rows in enumerate(chosen)])
+    first = np.append(True, np.diff(number) != 0)
+    lost = tuple(replace(marker, may_be_lost=True) for marker in recording.header.marker)
+    return replace(
+        recording,
+        header=replace(recording.header, marker=lost),
+        times=times[order] - times[order][first][number],
+        commands=recording.commands[order],
+        markers=np.where(lead[order, None, None], np.nan, recording.markers[order]),
+        labels=recording.labels[order],
+        runs=number,
     )
+
+
+def _judged(recording: Recording) -> list[tuple[float, float, np.ndarray]]:
+    """Largest speed [m/s], begin [s] and rows (t,) bool of each motion out of rest."""
+    times, runs, tip = recording.times, recording.runs, recording.markers[:, -1]
+    change = np.append(0.0, np.abs(np.diff(recording.commands, axis=0)).max(axis=1))
+    speed = np.linalg.norm(np.nan_to_num(np.diff(tip, axis=0, prepend=tip[:1])), axis=1)
     quiet = change <= 1e-3 * np.ptp(recording.commands, axis=0).max()
+    same = np.append(False, np.diff(runs) == 0)
     begins = np.flatnonzero(~quiet & np.append(True, quiet[:-1]) & same) - 1
     ends = np.append(times[begins[1:]], np.inf)  # of a window: where the next motion begins
     ends[np.append(np.diff(runs[begins]) != 0, False)] = np.inf
@@ -209,37 +265,10 @@ def windows_of(recording: Recording) -> Recording:
         first = begin
         if last is not None and runs[last] == runs[begin]:
             first = last if times[begin] - times[last] <= _BEFORE else begin
-        after, rows = until & (times >= times[begin]), until & (times >= times[first])
-        judged.append((float(speed[after].max()), times[begin], rows))
+        after = until & (times >= times[begin])
+        judged.append((float(speed[after].max()), times[begin], until & (times >= times[first])))
         last = begin
-    judged.sort(key=lambda one: -one[0])
-    chosen: list[np.ndarray] = []
-    lead = np.zeros(len(times), dtype=bool)
-    for fastest, moment, rows in judged:
-        full = sum(np.ptp(times[other]) for other in chosen) >= _LONGEST
-        if full or fastest < _SLOW * judged[0][0]:
-            break
-        if all(not np.any(rows & other) for other in chosen):
-            chosen.append(rows)
-            lead |= rows & (times < moment)
-    if not chosen:
-        rows = (times <= _LONGEST) & (runs == 0)
-        return recording.part(rows)
-    chosen.sort(key=lambda rows: int(np.argmax(rows)))
-    order = np.concatenate([np.flatnonzero(rows) for rows in chosen])
-    number = np.concatenate([np.full(int(rows.sum()), k) for k, rows in enumerate(chosen)])
-    first = np.append(True, np.diff(number) != 0)
-    elapsed = times[order] - times[order][first][number]
-    lost = tuple(replace(marker, may_be_lost=True) for marker in recording.header.marker)
-    return replace(
-        recording,
-        header=replace(recording.header, marker=lost),
-        times=elapsed,
-        commands=recording.commands[order],
-        markers=np.where(lead[order, None, None], np.nan, recording.markers[order]),
-        labels=recording.labels[order],
-        runs=number,
-    )
+    return judged
 
 
 def _rms(error: np.ndarray) -> float:

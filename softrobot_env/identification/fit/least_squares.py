@@ -7,17 +7,19 @@ weight is reduced.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import t as student_t
 
+from softrobot_env.core.descent import Damping, descend
 from softrobot_env.identification.fit.model import Simulated, StaticModel
 from softrobot_env.identification.replay.simulation import mean_known
 
 _STEPS = 25
 _LEAST = 1e-4  # relative decrease of the cost at which a search ends
 _ROUGH = 3e-3  # of searches whose weights change afterwards
-_DAMPING = 1e-3
+_DAMPING, _RULE = 1e-3, Damping(factor=5, least=1e-7, tries=6)
 _OUTLYING = 5.0  # standard deviations, beyond which a residual does not tell of the rest
 _ROUNDS = 2  # of weights from residuals
 
@@ -129,13 +131,75 @@ def clustered(
     return noise + few**2 * count / (count - 1) * noise @ (scatter.T @ scatter) @ noise
 
 
+class _Point(NamedTuple):
+    """Parameters (p,), what they make of some rows, and what that costs."""
+
+    x: np.ndarray
+    simulated: Simulated
+    cost: float
+
+
+class _Problem:
+    """The robust cost and the prior of free parameters, in coordinates of prior one.
+
+    Attributes:
+        root: Free parameters are those of the prior's mean and root @ white.
+    """
+
+    def __init__(
+        self,
+        model: StaticModel,
+        free: np.ndarray,
+        weights: Weights,
+        used: np.ndarray | None,
+        rubs: bool,
+    ) -> None:
+        self._model, self._free, self._rubs = model, free, rubs
+        self._weights, self._used = weights, used
+        self.root = np.linalg.cholesky(model.unknowns.prior[np.ix_(free, free)])
+        self._mean = model.unknowns.mean[free]
+
+    def at(self, x: np.ndarray, slopes: bool = False) -> _Point:
+        """The rows at parameters (p,), with slopes by the free ones or without."""
+        found = self._model.simulate(x, self._free if slopes else None, rubs=self._rubs)
+        away = np.linalg.solve(self.root, x[self._free] - self._mean)
+        cost = _data_cost(found, self._weights, self._used) + 0.5 * float(np.sum(away**2))
+        return _Point(x, found, cost)
+
+    def information(self, found: Simulated) -> tuple[np.ndarray, np.ndarray]:
+        """Of the data on white, and the gradient of their cost by free parameters."""
+        information, gradient = _normal(found, self._weights, self._used)
+        return self.root.T @ information @ self.root, gradient
+
+    def steps(self, here: _Point) -> Callable[[float], _Point]:
+        """Where steps from a point with slopes lead, by their damping."""
+        white, gradient = self.information(here.simulated)
+        matrix = white + np.eye(len(self.root))
+        right = self.root.T @ gradient
+        right = right + np.linalg.solve(self.root, here.x[self._free] - self._mean)
+
+        def step(damping: float) -> _Point:
+            change = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), right)
+            there = here.x.copy()
+            there[self._free] -= self.root @ change
+            return self.at(there)
+
+        return step
+
+    def covariance(self, white: np.ndarray) -> np.ndarray:
+        """(p, p) of the parameters, by the data's information on white."""
+        out, root, free = self._model.unknowns.prior.copy(), self.root, self._free
+        out[free] = out[:, free] = 0.0
+        out[np.ix_(free, free)] = root @ np.linalg.inv(white + np.eye(len(root))) @ root.T
+        return out
+
+
 def search(
     model: StaticModel,
     x: np.ndarray,
     free: np.ndarray,
     weights: Weights,
     *,
-    rows: np.ndarray | None = None,
     used: np.ndarray | None = None,
     rubs: bool = True,
     steps: int = _STEPS,
@@ -149,54 +213,27 @@ def search(
         x: (p,) where to begin.
         free: (p,) bool, which to change.
         weights: Of the rows.
-        rows: Rows that are simulated; all unless given.
-        used: (t,) bool, those of them whose markers count; all unless given.
+        used: (t,) bool, rows whose markers count; all unless given.
         rubs: Whether friction counts.
         steps: At most.
         least: Relative decrease of the cost at which it ends.
         show: Told about each.
     """
-    prior = model.unknowns.prior[np.ix_(free, free)]
-    root = np.linalg.cholesky(prior)  # parameters are mean + root @ white, of white's prior one
-    mean = model.unknowns.mean[free]
-
-    def cost(found: Simulated, at: np.ndarray) -> float:
-        away = np.linalg.solve(root, at[free] - mean)
-        return _data_cost(found, weights, used) + 0.5 * float(np.sum(away**2))
-
-    x, damping, taken = x.copy(), _DAMPING, 0
-    here = model.simulate(x, free, rows, rubs)
-    value = cost(here, x)
+    problem = _Problem(model, free, weights, used, rubs)
+    damping, taken, here = _DAMPING, 0, problem.at(x.copy(), slopes=True)
     for step in range(steps):
-        information, gradient = _normal(here, weights, used)
-        matrix = root.T @ information @ root + np.eye(len(root))
-        right = root.T @ gradient + np.linalg.solve(root, x[free] - mean)
-        better = None
-        for _ in range(6):
-            change = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), right)
-            there = x.copy()
-            there[free] -= root @ change
-            trial = model.simulate(there, None, rows, rubs)
-            new = cost(trial, there)
-            if new < value:
-                better = there
-                break
-            damping *= 5
+        better, damping = descend(here, problem.steps(here), damping, _RULE)
         if better is None:
             break
-        gain, x, value, taken = value - new, better, new, step + 1
-        damping = max(damping / 5, 1e-7)
-        here = model.simulate(x, free, rows, rubs)
+        gain, taken = here.cost - better.cost, step + 1
+        here = problem.at(better.x, slopes=True)._replace(cost=better.cost)
         if show is not None:
-            show(taken, size(here.error))
-        if gain < least * value:
+            show(taken, size(here.simulated.error))
+        if gain < least * here.cost:
             break
-    information, _ = _normal(here, weights, used)
-    white = root.T @ information @ root
-    covariance = model.unknowns.prior.copy()
-    covariance[free] = covariance[:, free] = 0.0
-    covariance[np.ix_(free, free)] = root @ np.linalg.inv(white + np.eye(len(root))) @ root.T
-    return Fit(x, free, here, weights, root, white, covariance, taken)
+    white, _ = problem.information(here.simulated)
+    covariance = problem.covariance(white)
+    return Fit(here.x, free, here.simulated, weights, problem.root, white, covariance, taken)
 
 
 def fitted(
