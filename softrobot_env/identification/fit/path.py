@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -42,6 +43,7 @@ from softrobot_env.identification.fit.unknowns import (
     Unknowns,
 )
 from softrobot_env.identification.fit.validation import (
+    Setup,
     Validation,
     cross_validated,
     pattern_numbers,
@@ -52,7 +54,7 @@ from softrobot_env.identification.visits import VISIT, visits_of
 from softrobot_env.recordings import Header, Recording
 from softrobot_env.robots import RobotParams
 
-#: Told what is done, how much of it, and of how much.
+#: Called with what is done, how much of it, and of how much.
 ProgressCallback = Callable[[str, int, int], None]
 
 _PHYSICS = ("frame", "tendons", "geometry", "statics")
@@ -63,7 +65,7 @@ _POOR = 0.3  # of the markers' motion, of which errors say that the robot explai
 _SMALL = 0.03  # of it, below which nothing is doubted
 _BETTER = 0.8  # of the error, that another frame has to leave at most
 _TURNED = 15.0  # degrees, of a frame that is another one
-_UNLIKELY = 3.0  # standard deviations of the prior, beyond which a change is told
+_UNLIKELY = 3.0  # standard deviations of the prior, beyond which a change is reported
 _FAR = 1.3  # times the robot's reach, beyond which no marker can usually be
 _CLOSE = 1e-3  # relative decrease of the cost at which a search by finer pieces ends
 _FINE = 0.005  # of the length: errors below it are fitted by finer pieces
@@ -153,119 +155,192 @@ def identify(
             robot's axis it may be turned anyway where columns' tendons are not known.
         validate: Whether to cross-validate.
         seed: Of the networks.
-        show: Told about the progress.
+        show: Called with the progress.
 
     Raises:
         ValueError: Recording and robot do not fit, or have what cannot be identified.
     """
-    stages, times = check_stages(stages), {}
-    told = show or (lambda what, done, total: None)
-    visits = (recording.patterns == VISIT) & is_rig(robot)
-    static, moving = at_rest(recording, visits), None if recording.static else recording
-    if moving is not None and not visits.all():
-        moving = moving.part(~visits)
-    if not any_turn:
-        _check_place(static, robot)
-    found = None
-    began = perf_counter()
-    if static.tendons is None and static.kind != "action" and "tendons" in stages:
+    given = _Given(
+        robot, check_stages(stages), tuple(known), any_turn, validate, seed, show or _quiet
+    )
+    run = _Run(recording, given)
+    for name, stage in _STEPS.items():
+        began = perf_counter()
+        if stage(run):
+            run.times[name] = perf_counter() - began
+    return run.result()
+
+
+def _quiet(what: str, done: int, total: int) -> None:
+    """Show no progress."""
+
+
+@dataclass(frozen=True)
+class _Given:
+    """Arguments of `identify`."""
+
+    robot: RobotParams
+    stages: tuple[str, ...]
+    known: tuple[str, ...]
+    any_turn: bool
+    validate: bool
+    seed: int
+    show: ProgressCallback
+
+
+class _Run:
+    """An identification that goes on step by step; each says whether there was anything to do."""
+
+    def __init__(self, recording: Recording, given: _Given) -> None:
+        self.given, self.recording = given, recording
+        self.visits = (recording.patterns == VISIT) & is_rig(given.robot)
+        self.static = at_rest(recording, self.visits)
+        self.moving = None if recording.static else recording
+        if self.moving is not None and not self.visits.all():
+            self.moving = self.moving.part(~self.visits)
+        if not given.any_turn:
+            _check_place(self.static, given.robot)
+        self.times: dict[str, float] = {}
+        self.assignment: Assignment | None = None
+        self.networks: Networks | None = None
+        self.dynamics: Dynamics | None = None
+        self.validations: list[Validation] = []
+        self.residual: Residual | None = None
+        self.correction: np.ndarray | None = None
+
+    def assign(self) -> bool:
+        """Which column pulls what, or to which side."""
+        robot, static, any_way = self.given.robot, self.static, self.given.any_turn
+        if static.kind == "action" or "tendons" not in self.given.stages:
+            return False
         names = {t.name for t in robot.tendons}
-        if not set(static.header.commands.columns) <= names:
-            found = assigned(
-                static,
-                robot,
-                lambda n: told("which column pulls what", n, 200),
-                any_way=any_turn,
-            )
-            static = with_tendons(static, found)
-            moving = None if moving is None else with_tendons(moving, found)
-            times["assignment"] = perf_counter() - began
-    if found is None and static.kind == "length" and "tendons" in stages:
-        signs = sided(static, robot, any_way=any_turn)
-        if min(signs) < 0:
-            static = with_signs(static, signs)
-            moving = None if moving is None else with_signs(moving, signs)
-    networks, began = None, perf_counter()
-    if "network" in stages and visits.any():
-        told("networks", 0, 1)
-        networks = networks_of(visits_of(static, robot), seed)
-        times["networks"] = perf_counter() - began
-    turned: Turned = "as said" if found is None else "about the axis"
-    if any_turn:
-        turned = "any way"
-    began = perf_counter()
-    model, fit, filed = _statics(
-        robot, static, stages, known, turned, 0.0 if found is None else found.turn, told
-    )
-    if size(fit.simulated.error) < _FINE * robot.length:
-        # Pieces of the usual length bias a modulus by some 0.2 %, more than such a fit leaves open.
-        model = model.finer()
-        fit = search(model, fit.x, fit.free, fit.weights, least=_CLOSE)
-    free, unknowns = fit.free, model.unknowns
-    times["fit"] = perf_counter() - began
-    dynamics = None
-    if moving is not None and "dynamics" in stages:
-        began = perf_counter()
-        dynamics, fit = _in_motion(
-            model,
-            fit,
-            moving,
-            lambda fit: _header(model, fit, recording),
-            lambda n: told("dynamics", n, 6),
+        if static.tendons is None and not set(static.header.commands.columns) <= names:
+
+            def show(done: int) -> None:
+                self.given.show("which column pulls what", done, 200)
+
+            found = self.assignment = assigned(static, robot, show, any_way=any_way)
+            self._change(lambda recording: with_tendons(recording, found))
+            return True
+        if static.kind == "length":
+            signs = sided(static, robot, any_way=any_way)
+            if min(signs) < 0:
+                self._change(lambda recording: with_signs(recording, signs))
+        return False
+
+    def _change(self, change: Callable[[Recording], Recording]) -> None:
+        self.static = change(self.static)
+        self.moving = None if self.moving is None else change(self.moving)
+
+    def train(self) -> bool:
+        """Networks of what was visited."""
+        if "network" not in self.given.stages or not self.visits.any():
+            return False
+        self.given.show("networks", 0, 1)
+        self.networks = networks_of(visits_of(self.static, self.given.robot), self.given.seed)
+        return True
+
+    def fit_statics(self) -> bool:
+        """The rows at rest."""
+        turn = 0.0 if self.assignment is None else self.assignment.turn
+        self.turned: Turned = "as said" if self.assignment is None else "about the axis"
+        if self.given.any_turn:
+            self.turned = "any way"
+        self.model, self.fit, self.filed = _statics(self.given, self.static, self.turned, turn)
+        if size(self.fit.simulated.error) < _FINE * self.given.robot.length:
+            # Pieces of the usual length bias a modulus by some 0.2 %, more than is left open.
+            self.model, fit = self.model.finer(), self.fit
+            self.fit = search(self.model, fit.x, fit.free, fit.weights, least=_CLOSE)
+        self.unknowns, self.free = self.model.unknowns, self.fit.free
+        return True
+
+    def fit_dynamics(self) -> bool:
+        """Damping, delay and friction."""
+        if self.moving is None or "dynamics" not in self.given.stages:
+            return False
+        header = partial(_header, self.model, recording=self.recording)
+        self.dynamics, self.fit = _in_motion(
+            self.model,
+            self.fit,
+            self.moving,
+            header,
+            lambda done: self.given.show("dynamics", done, 6),
         )
-        times["dynamics"] = perf_counter() - began
-    header = _header(model, fit, recording)
-    if dynamics is not None:
-        late = tuple(replace(m, delay_s=m.delay_s + dynamics.delay) for m in header.marker)
-        header = replace(header, marker=late)
-    validations: list[Validation] = []
-    if validate:
-        began = perf_counter()
-        validations = cross_validated(
-            robot,
-            static,
-            turned,
-            filed,
-            fit.x,
-            free,
-            fit.weights,
-            "residual" in stages,
-            lambda done, total: told("cross-validation", done, total),
+        return True
+
+    def cross_validate(self) -> bool:
+        """Errors of rows that were not fitted."""
+        if not self.given.validate:
+            return False
+        given = self.given.robot, self.static, self.turned, self.filed
+        setup = Setup(*given, self.fit.x, self.free, self.fit.weights)
+        show = partial(self.given.show, "cross-validation")
+        self.validations = cross_validated(setup, "residual" in self.given.stages, show)
+        return True
+
+    def learn_residual(self) -> bool:
+        """What physics leaves."""
+        if "residual" not in self.given.stages:
+            return False
+        self.given.show("residual", 0, 1)
+        fit = self.fit.simulated
+        rows = (bends_of(self.model, fit.turns), self.static.commands, self.model.begins)
+        self.residual = trained(*rows, fit.error, pattern_numbers(self.static))
+        if self.residual is not None:
+            self.correction = self.residual.correction(*rows)
+        return True
+
+    def ask(self) -> bool:
+        """Which experiments would tell more."""
+        self.given.show("what would tell more", 0, 1)
+        self.experiments = tuple(best_experiments(self.model, self.fit))
+        return True
+
+    def doubt(self) -> bool:
+        """Why the result may be wrong."""
+        doubts = _doubts(self.model, self.fit, self.recording)
+        self.doubts = (*_unsure(self.assignment), *doubts)
+        return True
+
+    def result(self) -> Identification:
+        """All of it."""
+        header = _header(self.model, self.fit, self.recording)
+        robot = _named(self.model, self.fit)
+        if self.dynamics is not None:
+            robot, delay = self.dynamics.robot, self.dynamics.delay
+            late = tuple(replace(m, delay_s=m.delay_s + delay) for m in header.marker)
+            header = replace(header, marker=late)
+        return Identification(
+            robot=robot,
+            header=header,
+            believed=self.given.robot,
+            recording=self.static,
+            stages=self.given.stages,
+            unknowns=self.unknowns,
+            fit=self.fit,
+            assignment=self.assignment,
+            validations=tuple(self.validations),
+            residual=self.residual,
+            correction=self.correction,
+            dynamics=self.dynamics,
+            experiments=self.experiments,
+            networks=self.networks,
+            doubts=self.doubts,
+            times=self.times,
         )
-        times["cross-validation"] = perf_counter() - began
-    residual, correction = None, None
-    if "residual" in stages:
-        told("residual", 0, 1)
-        began = perf_counter()
-        given = (bends_of(model, fit.simulated.turns), static.commands, model.begins)
-        residual = trained(*given, fit.simulated.error, pattern_numbers(static))
-        correction = None if residual is None else residual.correction(*given)
-        times["residual"] = perf_counter() - began
-    told("what would tell more", 0, 1)
-    began = perf_counter()
-    experiments = best_experiments(model, fit)
-    times["experiments"] = perf_counter() - began
-    began = perf_counter()
-    doubts = (*_unsure(found), *_doubts(model, fit, recording))
-    times["doubts"] = perf_counter() - began
-    return Identification(
-        robot=_named(model, fit) if dynamics is None else dynamics.robot,
-        header=header,
-        believed=robot,
-        recording=static,
-        stages=stages,
-        unknowns=unknowns,
-        fit=fit,
-        assignment=found,
-        validations=tuple(validations),
-        residual=residual,
-        correction=correction,
-        dynamics=dynamics,
-        experiments=tuple(experiments),
-        networks=networks,
-        doubts=doubts,
-        times=times,
-    )
+
+
+#: What an identification does, in this order.
+_STEPS: dict[str, Callable[[_Run], bool]] = {
+    "assignment": _Run.assign,
+    "networks": _Run.train,
+    "fit": _Run.fit_statics,
+    "dynamics": _Run.fit_dynamics,
+    "cross-validation": _Run.cross_validate,
+    "residual": _Run.learn_residual,
+    "experiments": _Run.ask,
+    "doubts": _Run.doubt,
+}
 
 
 def _unsure(found: Assignment | None) -> tuple[str, ...]:
@@ -441,13 +516,7 @@ def _free(model: StaticModel, stages: Sequence[str], known: Sequence[str]) -> np
 
 
 def _statics(
-    robot: RobotParams,
-    static: Recording,
-    stages: Sequence[str],
-    known: Sequence[str],
-    turned: Turned,
-    turn: float,
-    show: ProgressCallback,
+    given: _Given, static: Recording, turned: Turned, turn: float
 ) -> tuple[StaticModel, Fit, list[str]]:
     """Model and fit of the rows at rest, and the kinds of friction that are as the file says.
 
@@ -455,6 +524,7 @@ def _statics(
     has it where that pays, and where it keeps more of a bend than other things that the model
     lacks might.
     """
+    robot, stages, known, show = given.robot, given.stages, given.known, given.show
     filed = [name for name in RUBS if name in known or "statics" not in stages]
 
     def tried(what: str, held: Sequence[str]) -> tuple[StaticModel, Fit]:

@@ -6,7 +6,7 @@ seen.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -65,40 +65,46 @@ def blocks_of(patterns: np.ndarray, scheme: Scheme) -> np.ndarray:
     return (middle / len(patterns) * BLOCKS).astype(int)[patterns]
 
 
+class Setup(NamedTuple):
+    """What is fitted, and where searches begin.
+
+    Attributes:
+        robot, recording, turned, known: See `StaticModel`.
+        x: (p,) found with all rows.
+        free: (p,) bool.
+        weights: Of the rows.
+    """
+
+    robot: RobotParams
+    recording: Recording
+    turned: Turned
+    known: Sequence[str]
+    x: np.ndarray
+    free: np.ndarray
+    weights: Weights
+
+
 def cross_validated(
-    robot: RobotParams,
-    recording: Recording,
-    turned: Turned,
-    known: Sequence[str],
-    x: np.ndarray,
-    free: np.ndarray,
-    weights: Weights,
-    residual: bool,
-    show: Callable[[int, int], None] | None = None,
+    setup: Setup, residual: bool, show: Callable[[int, int], None]
 ) -> list[Validation]:
     """Fit without one block after the other, in two processes.
 
     Args:
-        robot, recording, turned, known: See `StaticModel`.
-        x: (p,) found with all rows, where searches begin.
-        free: (p,) bool.
-        weights: Of the rows.
+        setup: What.
         residual: Whether a residual is learned as well.
-        show: Told how many of how many fits are done.
+        show: Called with how many of how many fits are done.
     """
-    patterns = pattern_numbers(recording)
+    patterns = pattern_numbers(setup.recording)
     tasks = [(scheme, block) for scheme in SCHEMES for block in range(BLOCKS)]
     found: dict[Scheme, Validation] = {}
     with worker_processes(_PROCESSES) as pool:
-        futures = []
-        for scheme, block in tasks:
-            used = blocks_of(patterns, scheme) != block
-            given = (robot, recording, turned, known, x, free, weights, used, residual)
-            futures.append(pool.submit(_without, *given))
-        for number, ((scheme, block), future) in enumerate(zip(tasks, futures, strict=True)):
+        futures = [
+            pool.submit(_without, setup, blocks_of(patterns, scheme) != block, residual)
+            for scheme, block in tasks
+        ]
+        for number, ((scheme, block), future) in enumerate(zip(tasks, futures, strict=True), 1):
             error, corrected = future.result()
-            if show is not None:
-                show(number + 1, len(tasks))
+            show(number, len(tasks))
             if scheme not in found:
                 rows = blocks_of(patterns, scheme)
                 empty = np.full_like(error, np.nan)
@@ -110,25 +116,15 @@ def cross_validated(
     return list(found.values())
 
 
-def _without(
-    robot: RobotParams,
-    recording: Recording,
-    turned: Turned,
-    known: Sequence[str],
-    x: np.ndarray,
-    free: np.ndarray,
-    weights: Weights,
-    used: np.ndarray,
-    residual: bool,
-) -> tuple[np.ndarray, np.ndarray]:
+def _without(setup: Setup, used: np.ndarray, residual: bool) -> tuple[np.ndarray, np.ndarray]:
     """Errors (t, k, 3) of all rows by a fit of those that are used, without and with residual."""
+    robot, recording, turned, known, *start = setup
     model = StaticModel(robot, recording, turned, known=known)
-    fit = search(model, x, free, weights, used=used, steps=_STEPS, least=_ENOUGH)
+    fit = search(model, *start, used=used, steps=_STEPS, least=_ENOUGH)
     error = fit.simulated.error
     if not residual:
         return error, error
-    bends = bends_of(model, fit.simulated.turns)
-    given = (bends, recording.commands, model.begins)
+    given = (bends_of(model, fit.simulated.turns), recording.commands, model.begins)
     learned = trained(*given, error, pattern_numbers(recording), used)
     return error, error if learned is None else error + learned.correction(*given)
 
