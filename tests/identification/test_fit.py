@@ -337,9 +337,9 @@ def test_what_the_data_cannot_tell_is_named():
     )
     recording = replace(blank, markers=replay(blank, robot).simulated)
     found = identify(recording, robot, ("statics",), validate=False)
-    least = found.combinations[0]
-    named = {name.split(":")[0] for name, _ in least.parts}
-    assert least.information < 1e-6 and {"youngs_modulus", "tendon_stiffness"} <= named
+    nothing = [one for one in found.combinations if one.information < 1e-6]
+    named = {name.split(":")[0] for one in nothing for name, _ in one.parts}
+    assert {"youngs_modulus", "tendon_stiffness"} <= named
 
 
 @pytest.mark.slow
