@@ -273,7 +273,7 @@ class Driver:
 
     def _learn_fault(self, session: Session, end: float) -> None:
         """Wait for the report of a fault that is known only by its kind, or until `end` [s]."""
-        self._exchange.wait(lambda: session.fault is None or session.fault_told, end)
+        self._exchange.wait(lambda: session.fault is None or session.fault_reported, end)
 
     def _is_alive(self) -> bool:
         return self.reading is not None and self._clock() - self.reading.time < _FRESH

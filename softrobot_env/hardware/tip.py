@@ -135,7 +135,7 @@ def sign(message: Mapping[str, float], key: str) -> bytes:
     """A datagram for `UdpTip` with a key: JSON, a space, and HMAC-SHA256 of it in hexadecimal.
 
     Args:
-        message: As `UdpTip` tells, with a whole `count` that is larger in each datagram, so that
+        message: As of `UdpTip`, with a whole `count` that is larger in each datagram, so that
             an old one cannot be sent again; nanoseconds of the clock serve.
         key: The secret.
     """

@@ -68,7 +68,7 @@ class SerialTransport:
         try:
             self._port = serial.Serial(port, baud, timeout=0.0, exclusive=True)
         except (OSError, termios.error, ValueError) as error:
-            raise LinkError(f"cannot open {port}: {_told(error)}") from None
+            raise LinkError(f"cannot open {port}: {_reason(error)}") from None
 
     def read(self, timeout: float) -> bytes:
         """See `Transport`."""
@@ -105,7 +105,7 @@ class SerialTransport:
             raise LinkError(f"cannot close {self._name}: {error}") from error
 
 
-def _told(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     """Why a port does not open; the system says of a lock only that it was refused."""
     if isinstance(error, OSError) and error.errno == EAGAIN:
         return (
@@ -114,7 +114,7 @@ def _told(error: Exception) -> str:
         )
     reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
     return (
-        f"{reason}; the port is told by --port, port= or the robot file, and found by "
+        f"{reason}; the port is given by --port, port= or the robot file, and found by "
         "`softrobot robot list`"
     )
 

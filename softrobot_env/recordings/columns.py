@@ -98,8 +98,8 @@ def read_parquet(path: Path) -> Columns:
     try:
         table = parquet.read_table(path)
     except Exception as error:  # of pyarrow's own kinds
-        told = " ".join(str(error).split())
-        raise ValueError(f"{path}: no Parquet file, or damaged: {told}") from None
+        text = " ".join(str(error).split())
+        raise ValueError(f"{path}: no Parquet file, or damaged: {text}") from None
     columns = {}
     for name in table.column_names:
         values = table.column(name).to_numpy()

@@ -147,8 +147,8 @@ def _numbers(columns: Columns, name: str, may_be_lost: bool = False, hint: str =
     bad = np.flatnonzero(np.isinf(values) | (np.isnan(values) & (not may_be_lost)))
     if len(bad):
         value = values[bad[0]]
-        told = hint if np.isnan(value) else ""
-        raise ValueError(f"row {bad[0] + 1}: column {name!r} must be finite, got {value}{told}")
+        more = hint if np.isnan(value) else ""
+        raise ValueError(f"row {bad[0] + 1}: column {name!r} must be finite, got {value}{more}")
     return values
 
 

@@ -191,7 +191,7 @@ def episode_recording(
     """The recording of a robot's episodes.
 
     Args:
-        robot: What was told; commands are what its drives apply for the actions.
+        robot: What was commanded; commands are what its drives apply for the actions.
         axes: Coordinates out of x, y and z that were measured.
         times: (t,) [s] since the start of each episode.
         actions: (t, n_inputs), in force just before each time.

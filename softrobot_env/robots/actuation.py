@@ -112,8 +112,8 @@ class TendonMap:
     """Resolves the actuation redundancy of tendons that oppose each other (secs. 3.1.2, 6.2.2).
 
     The tendons of one group end at the same station, and their routes differ by a turn about the
-    fibre and a factor. Their pull is a bending moment, `phi` @ tension times the group's lever (the
-    mean distance of its tendons from the fibre): one reduced input where they lie on one line
+    fibre and a factor. Their pull is a bending moment, `phi` @ tension times the group's moment arm
+    (the mean distance of its tendons from the fibre): one reduced input where they lie on one line
     through the fibre, positive towards +x (or +y), else two, towards x and y.
 
     Of all tensions with the same reduced input u the map returns those with the least sum that

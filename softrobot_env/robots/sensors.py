@@ -66,7 +66,7 @@ class Sensor:
         stray: [1/N], light that leaks in per contact force on it, over that when straight (S).
         flicker: [1], standard deviation of each sample's gain (audit: 1 to 2 %, S).
         spread: [1], how specimens differ: gains, angles, tilts, acceptance and azimuth [rad] (S).
-        specimen: What the specimen's differences are drawn from.
+        specimen: What the specimen's differences are sampled from.
     """
 
     name: str

@@ -32,7 +32,7 @@ class Tendon:
         tension_limit: [N], largest tension; also the full scale of an action.
         guides: [m], increasing arc lengths of the guide discs between base and `end`.
             Empty means a continuous channel: the limit of infinitely many guides, with
-            constant lever arm (the thesis' B(y) of sec. 6.2.2).
+            constant moment arm (the thesis' B(y) of sec. 6.2.2).
         stiffness: [N/m] between drive and robot; it matters only to tendons driven by length,
             which need a finite one.
         pretension: [N], smallest tension kept in the tendon.

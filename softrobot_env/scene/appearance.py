@@ -47,7 +47,7 @@ def tendon_width(robot: RobotParams) -> float:
 
 
 def add_appearance(chain: Chain, robot: RobotParams, look: Appearance) -> None:
-    """Visible body, base, wall and light, and a drawn line for every channel tendon."""
+    """Visible body, base, wall and light, and a visible line for every channel tendon."""
     _add_skin(chain, robot, look.link_rgba)
     for tendon in robot.tendons:
         _draw_tendon(chain, tendon, robot, look)
@@ -84,13 +84,13 @@ def _draw_tendon(chain: Chain, tendon: Tendon, robot: RobotParams, look: Appeara
     if not tendon.guides:
         count = round(tendon.end / _LINE_STEP)
         guides = tuple(np.linspace(0, tendon.end, count + 1)[1:-1])
-        drawn = replace(tendon, guides=guides)
+        shown = replace(tendon, guides=guides)
         if tendon.is_straight:
-            drawn = replace(drawn, route=_drawn_route(tendon, drawn.stations, robot))
-            drawn = replace(
-                drawn, offset=_drawn_offset(tendon, _radius(robot, 0.0), tendon_width(robot))
+            shown = replace(shown, route=_shown_route(tendon, shown.stations, robot))
+            shown = replace(
+                shown, offset=_shown_offset(tendon, _radius(robot, 0.0), tendon_width(robot))
             )
-        line = route_through_guides(chain, drawn, TENDON_LINE.format(tendon.name))
+        line = route_through_guides(chain, shown, TENDON_LINE.format(tendon.name))
     line.rgba = look.tendon_rgba
     line.width = tendon_width(robot)
 
@@ -100,17 +100,17 @@ def _radius(robot: RobotParams, station: float) -> float:
     return float(robot.backbone.outer_radius(np.array([station]))[0])
 
 
-def _drawn_route(
+def _shown_route(
     tendon: Tendon, stations: tuple[float, ...], robot: RobotParams
 ) -> tuple[tuple[float, float, float], ...]:
     """Via-points of a straight tendon's line along a surface that is not."""
     if robot.is_uniform:
         return ()
     width = tendon_width(robot)
-    return tuple((s, *_drawn_offset(tendon, _radius(robot, s), width)) for s in stations[1:])
+    return tuple((s, *_shown_offset(tendon, _radius(robot, s), width)) for s in stations[1:])
 
 
-def _drawn_offset(tendon: Tendon, surface: float, width: float) -> tuple[float, float]:
+def _shown_offset(tendon: Tendon, surface: float, width: float) -> tuple[float, float]:
     """Position (x, y) [m] of a tendon's line of a radius `width` [m] outside the `surface` [m].
 
     Tendons of several groups share one channel; their lines are spread side by side towards

@@ -18,10 +18,9 @@ from softrobot_env.scene.chain import Chain, add_chain, joint_kinds
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.coupling import couple_pieces
 from softrobot_env.scene.quadrature import HingeLayout, place_between
-from softrobot_env.scene.settling import settle
 from softrobot_env.scene.simulation import Inputs, SceneMotion, simulate
 from softrobot_env.scene.springs import add_springs
-from softrobot_env.scene.statics import checked_controls, equilibrium, finite
+from softrobot_env.scene.statics import checked_controls, equilibrium, finite, settle
 from softrobot_env.scene.tendons import add_tendons
 from softrobot_env.scene.timestep import (
     EXTRAPOLATION,
@@ -117,7 +116,7 @@ class Scene(CompiledModel):
         """Posture (nq,) in equilibrium under constant inputs u (n_inputs,), zero unless given.
 
         As `scene.statics.equilibrium`, which tells of the arguments and errors. With contacts it is
-        where `scene.settling` finds rest; `load_steps` and the kind of stability have no meaning
+        where `scene.statics` finds rest; `load_steps` and the kind of stability have no meaning
         there, and as friction holds a robot in many places there must be none.
         """
         u = np.zeros(self.n_inputs) if u is None else u

@@ -37,10 +37,10 @@ CHANNEL_RULE = "gauss2"
 CHANNELS = ("linear", "exact")
 
 #: That of chains whose pieces end at the guides of their tendons: a span between two guides then
-#: shortens, and has lever arms, as an arc does.
+#: shortens, and has moment arms, as an arc does.
 GUIDED_RULE = "chord2"
 
-#: Fewest pieces of a robot that touches something, unless told otherwise: contacts along an arc are
+#: Fewest pieces of a robot that touches something, unless said otherwise: contacts along an arc are
 #: then within 0.5 % of the exact forces (`softrobot benchmark contacts`).
 CONTACT_PIECES = 24
 
@@ -117,7 +117,7 @@ class TipSensors:
 
 @dataclass(frozen=True)
 class Appearance:
-    """Visible body: links, drawn tendons, wall and lights. Adds no mass and no contacts.
+    """Visible body: links, visible tendons, wall and lights. Adds no mass and no contacts.
 
     `surroundings` tells whether wall and lights are there, too.
     """

@@ -13,7 +13,7 @@ down to that. This mass is an error that shrinks with h; forces at rest have non
 `discrete` has another A, which depends on the timestep, and so another stiffness: it is not taken
 for contacts.
 
-Surfaces are told by the names of their geoms, so that chains which were put into one spec with a
+Surfaces are known by the names of their geoms, so that chains which were put into one spec with a
 prefix can be paired as well as one alone: `add_skin`, `add_objects`, then `pair_surfaces`.
 """
 

@@ -77,7 +77,7 @@ def gripper_scene(
         contacts: How they touch.
         control_period, timestep: [s].
         pieces, rule: Of each finger; as a robot with contacts unless given.
-        felt_along: Whether the force of each link on the last object is told, too.
+        felt_along: Whether the force of each link on the last object is reported, too.
         appearance: Of the fingers; nothing is to be seen of them without.
         cameras: That look at it.
     """

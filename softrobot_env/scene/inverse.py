@@ -96,7 +96,7 @@ class Linear(NamedTuple):
     stiffness: np.ndarray
 
 
-class Ground(NamedTuple):
+class ReachableEllipse(NamedTuple):
     """Where a tip gets everywhere in a plane, as some rays from a middle tell.
 
     Attributes:
@@ -312,7 +312,7 @@ class InverseStatics:
         """
         return self.scene.equilibrium(self.controls(inputs), guess)
 
-    def ground(self, largest: float) -> Ground:
+    def ground(self, largest: float) -> ReachableEllipse:
         """Where in the plane of `directions` the tip gets everywhere.
 
         The middle is where a spatial robot is under the action 0. A planar one is then as far out
@@ -333,7 +333,7 @@ class InverseStatics:
         axes = self._axes(best) if planar and radius > 0 else np.eye(2)
         length = self._along(best, axes[0], self._along(best, -axes[0], _FAR * radius))
         middle = self.tip(best.posture)
-        return Ground(middle, best.inputs, axes @ self.directions, length, radius)
+        return ReachableEllipse(middle, best.inputs, axes @ self.directions, length, radius)
 
     def _axes(self, found: Place) -> np.ndarray:
         """Unit vectors (2, 2) along which the tip moves most and least."""

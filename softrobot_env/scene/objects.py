@@ -201,4 +201,4 @@ class Ground(Object):
             raise ValueError(f"ground {self.name!r} stands still: it has no mass or density")
 
     def _sizes(self) -> tuple[float, ...]:
-        return 1.0, 1.0, 0.05  # as it is drawn
+        return 1.0, 1.0, 0.05  # as it is shown

@@ -19,13 +19,13 @@ from softrobot_env.scene.integration.layout import (
 class Servos:
     """Servos of one robot or of many; the pull-in of a horn is the length of tendon it has wound.
 
-    The motor turns towards the command, not faster than its speed. Play of width `backlash` lies
-    between motor and horn: the horn stays while the motor crosses the play, and follows it at
+    The motor turns towards the command, not faster than its speed. A gap of width `backlash` lies
+    between motor and horn: the horn stays while the motor crosses it, and follows it at
     half the width behind. The horn pulls in `offset` more than it believes. How much a servo can
     pull is the scene's matter (the tendons' `tension_limit`).
 
     They turn while a simulation that is driven by them advances (`drive_by` of `Simulation` and
-    `BatchSimulation`; `scene.integration.servos` computes it).
+    `BatchSimulation`; `scene.integration.period` computes it).
 
     Attributes:
         command: (nu,) or (n, nu) [m], to be written to: held from the next period on.
@@ -74,7 +74,7 @@ class Servos:
         self._connect()
 
     def start(self, command: np.ndarray | float, which: np.ndarray | EllipsisType = ...) -> None:
-        """At rest at a command, in the middle of the play.
+        """At rest at a command, in the middle of the backlash.
 
         Args:
             command: (nu,) or (k, nu) [m].
@@ -99,5 +99,5 @@ class Servos:
 
     @property
     def reading(self) -> np.ndarray:
-        """(nu,) or (n, nu) [m], as potentiometers on the motors read: they miss offset and play."""
+        """(nu,) or (n, nu) [m], as potentiometers on the motors read: without offset and gap."""
         return self.motor - self._offset

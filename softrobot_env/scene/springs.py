@@ -86,13 +86,13 @@ def _couple_three(
     sign = 1 if order_of(chain.kinds, index)[0] == "hinge" else -1
     both, each = twist / 8 - share * bend / 6, bend / 24 - twist / 12
     # Where no l makes both terms, it makes the first.
-    lever = sqrt(each / both) if 0 < each * both <= both**2 else 1.0
-    third = (more + sign * twist) / 2 / (24 * lever)
+    ratio = sqrt(each / both) if 0 < each * both <= both**2 else 1.0
+    third = (more + sign * twist) / 2 / (24 * ratio)
     fourth = both / 24
     for number, (side, turn) in enumerate(_TWISTING):
-        joints = {"hinge": 1.0, "side": side, "twist": turn * lever}
+        joints = {"hinge": 1.0, "side": side, "twist": turn * ratio}
         _add_spring(chain, index, number, joints, 3 * side * turn * third, 4 * fourth)
-    for kind, arm in (("hinge", 1.0), ("side", 1.0), ("twist", lever)):
+    for kind, arm in (("hinge", 1.0), ("side", 1.0), ("twist", ratio)):
         chain.spec.joint(f"{kind}{index}").stiffness[2] -= 16 * fourth * arm**4
 
 

@@ -70,7 +70,7 @@ def _rub(routed: mujoco.MjsTendon, friction: float) -> None:
 
 
 def _route_along_joints(chain: Chain, tendon: Tendon) -> mujoco.MjsTendon:
-    """Tendon in a continuous channel, whose length changes by joint angles times lever arms.
+    """Tendon in a continuous channel, whose length changes by joint angles times moment arms.
 
     A channel at r(s) = (x, y) has the tangent e_z + r' + kappa x r. To first order in the strains
     its length changes at a station by -(x beta + y gamma) + (x y' - y x') tau, over the length

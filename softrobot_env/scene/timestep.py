@@ -71,7 +71,7 @@ EXTRAPOLATION = "extrapolation"
 #: The rate of `scene.integration.extrapolation` over the first angular frequency [1].
 RATE = 5.0
 
-#: [s], longest timestep where servos wind up tendons: their way is told once a timestep.
+#: [s], longest timestep where servos wind up tendons: their way is set once a timestep.
 LONGEST_WINDING = 5e-3
 
 #: DOFs up to which all frequencies are computed, and steps of Lanczos' method beyond.
@@ -222,7 +222,7 @@ def linearize(model: mujoco.MjModel) -> LinearChain:
 
 
 def _acting(elements: np.ndarray, arms: np.ndarray) -> np.ndarray:
-    """Matrix (nv, nv) of springs or dampers (k,) with lever arms (k, nv) [m]."""
+    """Matrix (nv, nv) of springs or dampers (k,) with moment arms (k, nv) [m]."""
     if not elements.any():
         return np.zeros((arms.shape[1], arms.shape[1]))
     return arms.T @ (elements[:, None] * arms)

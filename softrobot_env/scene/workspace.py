@@ -7,10 +7,10 @@ import numpy as np
 
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import Scene, build_scene
-from softrobot_env.scene.inverse import Ground, InverseStatics
+from softrobot_env.scene.inverse import InverseStatics, ReachableEllipse
 from softrobot_env.scene.registry import model_scene
 
-#: Actions of a sample unless told otherwise.
+#: Actions of a sample unless said otherwise.
 SAMPLE = 300
 
 #: Largest action [1] in the middle of the ground of a planar robot: room is left to all sides.
@@ -27,7 +27,7 @@ class Workspace:
     """
 
     inverse: InverseStatics
-    ground: Ground
+    ground: ReachableEllipse
 
     @property
     def scene(self) -> Scene:

@@ -20,7 +20,7 @@ from softrobot_env.tasks.smooth_paths import FourierPath, SmoothRun, figure_eigh
 from softrobot_env.tasks.spec import Maker, Task, whole
 
 if TYPE_CHECKING:
-    from softrobot_env.scene.inverse import Ground, InverseStatics
+    from softrobot_env.scene.inverse import InverseStatics, ReachableEllipse
 
 #: Default size of a path, and of the disc of set points, as shares of how far the tip gets.
 PATH_SHARE, REACH_SHARE = 0.5, 0.8
@@ -63,7 +63,7 @@ class ReachableRegion(NamedTuple):
     """
 
     inverse: "InverseStatics"
-    ground: "Ground"
+    ground: "ReachableEllipse"
     period: float
     frequency: float
 
@@ -212,7 +212,7 @@ def _no_room(site: ReachableRegion) -> str:
 
 def _wide_ground(
     robot: RobotParams, task: str, radius: float | None, long: bool = True
-) -> tuple["Ground", tuple[float, float]]:
+) -> tuple["ReachableEllipse", tuple[float, float]]:
     """The ground of a path, its half length or radius [m], and its half width in proportion.
 
     Raises:

@@ -26,7 +26,7 @@ def test_a_fault_is_known_by_its_kind_until_its_report_comes():
     latched |= {"warnings": 0, "session": 0}
     state = m.State(t_dev=0, last_seq=0, t_host_echo=0, **latched, **numbers, **counts)
     bench.session.receive(encode(state, 1), bench.now)
-    assert bench.session.fault.text == "a servo stalled" and not bench.session.fault_told
+    assert bench.session.fault.text == "a servo stalled" and not bench.session.fault_reported
     bench.session.receive(encode(m.FaultReport(m.Fault.STALL, 1, -310, 0), 2), bench.now)
     assert bench.session.fault.text == "tendon 2 stalled 3.1 mm behind"
 

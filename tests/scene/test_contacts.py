@@ -14,7 +14,7 @@ from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.motion import State
 from softrobot_env.robots import ARM, ROBOTS, Base, RobotParams, Section
 from softrobot_env.robots.loads import Load
-from softrobot_env.scene import settling
+from softrobot_env.scene import statics
 from softrobot_env.scene.build import build_scene, scene_xml, vary_scene
 from softrobot_env.scene.chain import joint_angles
 from softrobot_env.scene.config import SceneConfig, TipSensors, visible
@@ -492,7 +492,7 @@ def test_parts_that_make_no_sense_are_refused(make, message):
 
 
 def test_an_equilibrium_needs_no_friction_and_rest(monkeypatch):
-    monkeypatch.setattr(settling, "_PATIENCE", 5)
+    monkeypatch.setattr(statics, "_PATIENCE", 5)
     scene = build_scene(SceneConfig(LYING, contacts=Contacts(), objects=(GROUND,)))
     with pytest.raises(ValueError, match="friction 0"):
         scene.equilibrium()

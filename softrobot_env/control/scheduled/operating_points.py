@@ -17,7 +17,7 @@ from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.processes import one_blas_thread
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import build_scene
-from softrobot_env.scene.inverse import Ground, Held, InverseStatics
+from softrobot_env.scene.inverse import Held, InverseStatics, ReachableEllipse
 from softrobot_env.scene.linearised import Linearizer, LinearModel
 from softrobot_env.scene.registry import model_scene
 from softrobot_env.scene.workspace import workspace_of
@@ -244,7 +244,7 @@ def _candidates(
             yield found
 
 
-def _disc(ground: Ground, count: int) -> np.ndarray:
+def _disc(ground: ReachableEllipse, count: int) -> np.ndarray:
     """Places (count, 3) [m], even in the ellipse of a ground, from its middle outwards."""
     number = np.arange(1, count + 1)
     spiral = np.sqrt(number / count) * np.exp(1j * np.pi * (3 - np.sqrt(5)) * number)

@@ -198,7 +198,7 @@ class BeamSimulation:
 
     def _wound(self, servos: Servos) -> np.ndarray:
         """Horns (1 + k, n_tendons) [m] of servos in this period, which they turn in."""
-        from softrobot_env.scene.integration.servos import turn  # compiled code takes time to load
+        from softrobot_env.scene.integration.period import turn  # compiled code takes time to load
 
         path = np.empty((1 + int(self._clock[SUBSTEPS]), len(self.ctrl)))
         rows = turn(servos.block[0], self._clock, path)

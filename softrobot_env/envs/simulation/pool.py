@@ -10,7 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from softrobot_env.scene.integration.structs import library_path
+from softrobot_env.scene.integration.layout import library_path
 
 _STATE = {
     "qpos": mujoco.mjtState.mjSTATE_QPOS,

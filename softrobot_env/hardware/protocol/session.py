@@ -86,7 +86,7 @@ class Session:
         info: Who answered, None before.
         readings: The newest ones, the last one last.
         fault: What stopped the robot, None if nothing does.
-        fault_told: Whether `fault` is the robot's report, and not only its kind from a state.
+        fault_reported: Whether `fault` is the robot's report, and not only its kind from a state.
         link: Counters.
         units: Conversion of the robot's units.
     """
@@ -98,7 +98,7 @@ class Session:
         self.info: DeviceInfo | None = None
         self.readings: deque[Reading] = deque(maxlen=_KEPT)
         self.fault: FaultInfo | None = None
-        self.fault_told = False
+        self.fault_reported = False
         self.link = LinkCounters()
         self.units, self._decoder = UnitConversion(robot), Decoder()
         self._config = robot.to_message()
@@ -198,7 +198,7 @@ class Session:
             LinkError: No reading yet.
         """
         if self.reading is None:
-            raise LinkError("the robot has not told its position")
+            raise LinkError("the robot has not reported its position")
         measures = m.Capability.LENGTH in self.info.capabilities
         return self.units.nearest_target(self.reading.length if measures else self.reading.applied)
 
@@ -239,7 +239,7 @@ class Session:
             case m.State() if self.info is not None:
                 return self._measured(message, now)
             case m.FaultReport() if self.info is not None:
-                self._stopped(self.units.fault(message), told=True)
+                self._stopped(self.units.fault(message), reported=True)
             case m.Nack():
                 self._refused(message)
         return b""
@@ -250,7 +250,7 @@ class Session:
         info, before = introduced(ack), self.info
         check_needs(self.robot, info)
         if self.phase == Phase.LOST or (before is not None and before.boot_id != info.boot_id):
-            raise SessionLostError(told_loss(before, info))
+            raise SessionLostError(loss_text(before, info))
         self.info = info
         self.phase = max(self.phase, Phase.IDENTIFIED)
 
@@ -277,7 +277,7 @@ class Session:
         if not found:
             self.fault = None
         elif self.fault is None:
-            self._stopped(kind_of_fault(found[0]), told=False)
+            self._stopped(kind_of_fault(found[0]), reported=False)
         return self._follow(m.DeviceState(state.state), ours)
 
     def _follow(self, state: m.DeviceState, ours: bool) -> bytes:
@@ -287,8 +287,8 @@ class Session:
             self._forget_session()
         return self.hello() if self.phase == Phase.LOST != before else b""
 
-    def _stopped(self, fault: FaultInfo, told: bool) -> None:
-        self.fault, self.fault_told = fault, told
+    def _stopped(self, fault: FaultInfo, reported: bool) -> None:
+        self.fault, self.fault_reported = fault, reported
         self.phase = min(self.phase, Phase.CONFIGURED)
         self._forget_session()
 
@@ -392,7 +392,7 @@ def check_needs(robot: RobotFile, info: DeviceInfo) -> None:
             )
 
 
-def told_loss(before: DeviceInfo, now: DeviceInfo) -> str:
+def loss_text(before: DeviceInfo, now: DeviceInfo) -> str:
     """Why a session was lost, from who answered at its beginning and who answers now."""
     if before.boot_id == now.boot_id:
         return "the robot dropped the session without starting again: call connect()"

@@ -83,8 +83,8 @@ class FaultInfo:
     text: str
 
 
-class _Told(NamedTuple):
-    """What is told of a fault.
+class _Report(NamedTuple):
+    """What is reported of a fault.
 
     Attributes:
         unit: Of its value in SI, None where it has none.
@@ -98,21 +98,21 @@ class _Told(NamedTuple):
 
 
 _FAULTS = {
-    Fault.WATCHDOG: _Told(_MILLI, "no set-point for {value:.3g} s", "no set-point in time"),
-    Fault.ESTOP: _Told(None, "emergency stop", "emergency stop"),
-    Fault.FORCE: _Told(
+    Fault.WATCHDOG: _Report(_MILLI, "no set-point for {value:.3g} s", "no set-point in time"),
+    Fault.ESTOP: _Report(None, "emergency stop", "emergency stop"),
+    Fault.FORCE: _Report(
         FORCE_UNIT, "tendon {who} pulled with {value:.2f} N", "a tendon pulled too hard"
     ),
-    Fault.SLACK: _Told(FORCE_UNIT, "tendon {who} is loose at {value:.2f} N", "a tendon is loose"),
-    Fault.STALL: _Told(
+    Fault.SLACK: _Report(FORCE_UNIT, "tendon {who} is loose at {value:.2f} N", "a tendon is loose"),
+    Fault.STALL: _Report(
         LENGTH_UNIT, "tendon {who} stalled {millimetres:.1f} mm behind", "a servo stalled"
     ),
-    Fault.ADC: _Told(
+    Fault.ADC: _Report(
         1.0,
         "channel {channel} of the converter stands at {value:.0f}",
         "a channel of the converter is at a rail",
     ),
-    Fault.BROWN_OUT: _Told(_MILLI, "supply fell to {value:.2f} V", "supply too low"),
+    Fault.BROWN_OUT: _Report(_MILLI, "supply fell to {value:.2f} V", "supply too low"),
 }
 
 _OF_TENDONS = (Fault.FORCE, Fault.SLACK, Fault.STALL)
@@ -176,8 +176,8 @@ class UnitConversion:
             who = channel + 1
         elif code != Fault.ADC:
             channel = None
-        told = text.format(value=value, channel=channel, who=who, millimetres=1e3 * (value or 0.0))
-        return FaultInfo(code, channel, value, told)
+        said = text.format(value=value, channel=channel, who=who, millimetres=1e3 * (value or 0.0))
+        return FaultInfo(code, channel, value, said)
 
     def _by_tendon(self, values: tuple[int, ...], unit: float) -> np.ndarray:
         return np.array(values)[self._channels] * unit

@@ -52,10 +52,10 @@ def _add_drives(chain, forces, h, matrix, change):
         for i in range(nv):
             if pulls[s, i] == 0:
                 continue
-            lever = h * h * forces.stiffness[s] * pulls[s, i]
-            change[i] -= lever * rate
+            weight = h * h * forces.stiffness[s] * pulls[s, i]
+            change[i] -= weight * rate
             for j in range(i + 1):
-                matrix[i, j] += lever * pulls[s, j]
+                matrix[i, j] += weight * pulls[s, j]
 
 
 # ---------------------------------------------------------------- friction

@@ -16,7 +16,7 @@ The error of an interval H is the displacement that the joints' errors cause at 
 backbone. Its share of the accuracy may be (rate H)^2, as that of an acceleration, within
 `SMALLEST_SHARE` (what a jump of a control leaves in stiff modes does not add up) and
 `LARGEST_SHARE`. An interval beyond that gets another row, and then is divided; the next one is as
-long as its error lets it be. What drives do unseen at its end counts too, see `switching`.
+long as its error lets it be. What drives do unseen at its end counts too, see `forces`.
 
 Here local errors are kept; `period` estimates what becomes of them. Joints whose positions are no
 vectors are handled by `mj_integratePos`.
@@ -27,7 +27,16 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.scene.integration.euler import euler_step
-from softrobot_env.scene.integration.forces import Chain, Forces, evaluate, measure, no_forces
+from softrobot_env.scene.integration.forces import (
+    Chain,
+    Forces,
+    drive_forces,
+    drives_length,
+    evaluate,
+    find_switched,
+    measure,
+    no_forces,
+)
 from softrobot_env.scene.integration.layout import (
     ACCURACY,
     AT,
@@ -55,11 +64,6 @@ from softrobot_env.scene.integration.mujoco_functions import (
     move,
     reals,
     subtract,
-)
-from softrobot_env.scene.integration.switching import (
-    drive_forces,
-    drives_length,
-    find_switched,
 )
 
 #: Largest and smallest share [1] of the accuracy by which one interval may err.

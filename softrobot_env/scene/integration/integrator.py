@@ -42,9 +42,11 @@ from softrobot_env.scene.integration.layout import (
     TOLD,
     WHOLE,
     WORST,
+    data_offsets,
+    model_offsets,
+    time_offset,
 )
 from softrobot_env.scene.integration.period import advance, refresh
-from softrobot_env.scene.integration.structs import data_offsets, model_offsets, time_offset
 from softrobot_env.scene.timestep import EXTRAPOLATION, TimestepChoice
 
 _LOCKED = ctypes.PYFUNCTYPE(None, ctypes.c_size_t, ctypes.c_size_t, ctypes.c_int32, ctypes.c_size_t)

@@ -10,7 +10,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from softrobot_env.machine_code import LINKED
-from softrobot_env.scene.integration.structs import library_path
+from softrobot_env.scene.integration.layout import library_path
 
 llvmlite.binding.load_library_permanently(library_path())
 

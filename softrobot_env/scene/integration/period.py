@@ -1,4 +1,4 @@
-"""A control period of a simulation and of its shadow: the functions that C code calls.
+"""A control period of a simulation, its servos and its shadow: the functions that C code calls.
 
 Local errors alone say nothing of motions that part from each other: snapping, swinging upside down,
 chaos. So each simulation has a shadow, the same with `integrator.SHADOW` times the accuracy. How
@@ -28,21 +28,28 @@ from softrobot_env.scene.integration.extrapolation import (
 from softrobot_env.scene.integration.forces import chain_of, evaluate
 from softrobot_env.scene.integration.layout import (
     AT,
+    COMMAND,
     ESTIMATE,
     EVALUATIONS,
     EXTRAPOLATED,
+    HALF,
     HEADER,
+    HORN,
+    LONGEST,
     MEMORY,
     MEMORY_SIZE,
     METHOD,
     MISSED,
+    MOTOR,
     NU,
+    OFFSET,
     PATH,
     PERIOD,
     ROWS,
     SERVO_ROWS,
     SERVOS,
     SHADOW_STATES,
+    SPEED,
     SPLIT,
     STEPS,
     STRIDE,
@@ -73,7 +80,66 @@ from softrobot_env.scene.integration.mujoco_functions import (
     reals_at,
     subtract,
 )
-from softrobot_env.scene.integration.servos import wind
+
+
+@jit
+def wind(servos, memory, path):
+    """Let servos (`SERVO_ROWS`, nu) turn for a control period, and say where the horns are.
+
+    By the law of `scene.servos`.
+
+    Args:
+        servos: Settings, order and state.
+        memory: Of the simulation: its timesteps.
+        path: (1 + timesteps, nu) [m], horns now and at the end of every timestep.
+
+    Returns:
+        Number of rows of the path up to the one at which all motors have arrived.
+    """
+    rows = 1 + _moving(servos, memory)
+    half, horn = servos[HALF], servos[HORN]
+    assign(path[0], horn)
+    for k in range(1, rows):
+        for i in range(horn.size):
+            # A motor turns one way, so its horn is pushed by one side of the backlash at most.
+            motor = _turned(servos, i, k * memory[LONGEST])
+            path[k, i] = min(max(horn[i], motor - half[i]), motor + half[i])
+    for i in range(horn.size):
+        servos[MOTOR, i] = _turned(servos, i, (rows - 1) * memory[LONGEST])
+    assign(horn, path[rows - 1])
+    return rows
+
+
+@numba.njit(**CALLED)
+def turn(servos, memory, path):
+    """As `wind`, for Python."""
+    return wind(servos, memory, path)
+
+
+@jit
+def _way(servos, i):
+    """What motor i still has to wind [m]."""
+    return servos[OFFSET, i] + servos[COMMAND, i] - servos[MOTOR, i]
+
+
+@jit
+def _turned(servos, i, time):
+    """Where motor i is [m] after a time [s]."""
+    most = servos[SPEED, i] * time
+    return servos[MOTOR, i] + min(max(_way(servos, i), -most), most)
+
+
+@jit
+def _moving(servos, memory):
+    """Timesteps until all motors have arrived, at least one and at most all of them."""
+    arrival = 0.0
+    for i in range(servos.shape[1]):
+        arrival = max(arrival, np.abs(_way(servos, i)) / servos[SPEED, i])
+    steps = 1
+    while steps < memory[SUBSTEPS] and steps * memory[LONGEST] < arrival:
+        steps += 1
+    return steps
+
 
 _SIGNATURE = (ADDRESS, ADDRESS, types.int32, ADDRESS), types.void
 
@@ -251,10 +317,10 @@ def _advance(model, data, number, header):
 
 @making
 def _tell(data, number, header):
-    """Copy what is to be told of a simulation to its row of the arrays of all."""
-    told = numba.carray(pointer(np.uint64(header[TELL])), (header[TOLD], 3), np.int64)
+    """Copy what is to be reported of a simulation to its row of the arrays of all."""
+    reported = numba.carray(pointer(np.uint64(header[TELL])), (header[TOLD], 3), np.int64)
     for k in range(header[TOLD]):
-        place, size, address = told[k, 0], told[k, 1], told[k, 2]
+        place, size, address = reported[k, 0], reported[k, 1], reported[k, 2]
         reals_at(address + 8 * size * number, size)[:] = reals(data, place, size)
 
 
