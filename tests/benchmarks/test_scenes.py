@@ -61,7 +61,7 @@ def test_scenes_cover_what_robots_can_be(many):
     pieces = {scene.config.n_pieces for scene in many}
     assert min(pieces) == 4 and max(pieces) == 30
     assert all(0.002 <= scene.config.control_period <= 0.05 for scene in many)
-    assert sum(r.rubs for r in robots) > 20
+    assert sum(r.has_friction for r in robots) > 20
     assert sum(r.head is not None for r in robots) > 20
     assert sum(scene.config.torsion for scene in many) > 20
 
