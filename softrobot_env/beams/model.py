@@ -10,7 +10,15 @@ import numpy as np
 from softrobot_env.beams import mechanics, signals
 from softrobot_env.beams.actuation import Actuation, make_actuation, points_only, tendon_tensions
 from softrobot_env.beams.numerics.compilation import kernel, reference
-from softrobot_env.beams.numerics.integration import DONE, FAILURES, Control, integrate, workspace
+from softrobot_env.beams.numerics.integration import (
+    DONE,
+    FAILURES,
+    Control,
+    effort,
+    integrate,
+    workspace,
+)
+from softrobot_env.beams.numerics.integration import samples as samples_at
 from softrobot_env.beams.numerics.linearization import (
     StateSpace,
     input_derivatives,
@@ -302,15 +310,14 @@ class BeamModel:
         start = self.start() if start is None else start
         times = sample_times(duration, samples)
         q, v = (self._finite(x).copy() for x in start)
-        out_q, out_v = np.empty((len(times), self.n)), np.empty((len(times), self.n))
-        counters, steps = np.zeros(4, dtype=np.int64), np.zeros(2)
+        found, took = samples_at(times, self.n), effort()
         # An adaptive method finds its step within a few steps of any small one.
         if tolerance is None:
             tolerance = 1e-6 if step is None else 1e-10
         control = Control(step is None, step or duration / 1000, tolerance, max_steps)
         work = workspace(self.n, mechanics.bandwidth(self.data), len(scheme.b), self.n_inputs)
         given = (reference(x) for x in (scheme, control, self._signal(u), work))
-        code, reached = integrate(self.data, *given, times, q, v, out_q, out_v, counters, steps)
+        code, reached = integrate(self.data, *given, (q, v), found, took)
         if code != DONE:
             raise IntegrationError(
                 f"{FAILURES[code]} at t = {reached:.4g} s ({method}, "
@@ -318,10 +325,8 @@ class BeamModel:
                 reached,
             )
         if self.warns:
-            self.warn_of(out_q[-1])
-        return BeamMotion(
-            times, out_q, out_v, *(int(c) for c in counters), *(float(h) for h in steps)
-        )
+            self.warn_of(found.q[-1])
+        return BeamMotion(*found, *took.counters.tolist(), *took.steps.tolist())
 
     @one_blas_thread()
     def linearize(self, state: State, u: np.ndarray | None = None) -> StateSpace:

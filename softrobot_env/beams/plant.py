@@ -14,7 +14,15 @@ import numpy as np
 from softrobot_env.beams import mechanics
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.beams.numerics.compilation import kernel, reference
-from softrobot_env.beams.numerics.integration import DONE, FAILURES, Control, integrate, workspace
+from softrobot_env.beams.numerics.integration import (
+    DONE,
+    FAILURES,
+    Control,
+    effort,
+    integrate,
+    samples,
+    workspace,
+)
 from softrobot_env.beams.numerics.methods import find_method
 from softrobot_env.beams.numerics.quaternions import (
     add,
@@ -111,8 +119,7 @@ class SteppedModel:
         self._signals: dict[tuple[int, float], tuple[np.ndarray, Any]] = {}
         width = mechanics.bandwidth(model.data)
         self._work = reference(workspace(model.n, width, len(scheme.b), model.n_inputs))
-        self._samples = np.empty((2, 2, model.n))
-        self._counters, self._steps = np.zeros(4, dtype=np.int64), np.zeros(2)
+        self._samples, self._effort = samples(np.zeros(2), model.n), effort()
         self._prepare_readout()
 
     def _prepare_readout(self) -> None:
@@ -231,21 +238,11 @@ class SteppedModel:
         # The whole period is tried first: a motion that follows its reference needs few steps.
         first = duration if self._step is None else self._step
         control = reference(Control(self._step is None, first, self._tolerance, _MAX_STEPS))
-        self._counters[:] = 0
+        self._effort.counters[:] = 0
+        self._samples.times[1] = duration
         self._work.formed[0] = 0.0  # a copy of the environment goes on without the old matrix
-        code, reached = integrate(
-            self.model.data,
-            self._scheme,
-            control,
-            signal,
-            self._work,
-            np.array([0.0, duration]),
-            q,
-            v,
-            *self._samples,
-            self._counters,
-            self._steps,
-        )
+        given = (self.model.data, self._scheme, control, signal, self._work)
+        code, reached = integrate(*given, (q, v), self._samples, self._effort)
         if code == DONE:
             return None
         how = f"tolerance {self._tolerance:g}" if self._step is None else f"step {self._step:g} s"

@@ -7,7 +7,7 @@ from support.oscillators import chain
 from softrobot_env.beams import mechanics, signals
 from softrobot_env.beams.numerics import integration
 from softrobot_env.beams.numerics.compilation import reference
-from softrobot_env.beams.numerics.integration import Control, integrate, workspace
+from softrobot_env.beams.numerics.integration import Control, effort, integrate, samples, workspace
 from softrobot_env.beams.numerics.methods import METHODS
 
 STIFF = chain([40.0, 90.0, 60.0, 2.0e6], damping=0.01)
@@ -16,14 +16,13 @@ STIFF = chain([40.0, 90.0, 60.0, 2.0e6], damping=0.01)
 def run(model, method, times, q, v, step=None, tolerance=1e-7, signal=None, max_steps=10**6):
     times = np.atleast_1d(np.asarray(times, dtype=float))
     q, v = np.array(q, dtype=float), np.array(v, dtype=float)
-    out_q, out_v = np.empty((len(times), len(q))), np.empty((len(times), len(q)))
-    counters, steps = np.zeros(4, dtype=np.int64), np.zeros(2)
+    found, took = samples(times, len(q)), effort()
     signal = signals.constant(np.empty(0)) if signal is None else signal
     control = Control(step is None, step or 1e-3, tolerance, max_steps)
     work = workspace(len(q), 1, len(METHODS[method].b), signal.coefficients.shape[2])
     given = (reference(x) for x in (METHODS[method], control, signal, work))
-    code, reached = integrate(model, *given, times, q, v, out_q, out_v, counters, steps)
-    return code, reached, out_q, out_v, counters, steps
+    code, reached = integrate(model, *given, (q, v), found, took)
+    return code, reached, found.q, found.v, *took
 
 
 def exact(model, times, q, v):

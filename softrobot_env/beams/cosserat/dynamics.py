@@ -198,20 +198,18 @@ def curvatures(u, base, cells, kind):
 @kernel
 def internal_residual(model, q, v, a, out):
     """Set out (n,) to inertial, elastic and damping forces less gravity, (2.36) and (2.37)."""
-    base, segments, mu = model.base, model.segments, model.stretch_damping
     u, w = sections(q, model.pieces), spins(q, v, model.pieces)
     torque = np.zeros_like(w)
-    _set_inertia(model.vertex_mass, model.gravity, base, a, out)
-    _add_stretching(model.stretching, mu, base, segments, q, v, u, w, torque, out)
-    kind = model.weighting if model.conservative else -model.weighting
-    _add_bending(model.bending, model.bend_damping, kind, base, model.cells, u, w, torque)
-    constraint = (model.normal_inertia, model.baumgarte, model.norm_stiffness)
-    _set_rotation_rows(model.inertia, constraint, q, v, a, w, torque, out)
+    _set_inertia(model, a, out)
+    _add_stretching(model, q, v, u, w, torque, out)
+    _add_bending(model, u, w, torque)
+    _set_rotation_rows(model, q, v, a, w, torque, out)
 
 
 @kernel
-def _set_inertia(mass, gravity, base, a, out):
+def _set_inertia(model, a, out):
     """Set the vertices' rows of out (n,) to mass times acceleration less gravity."""
+    mass, gravity, base = model.vertex_mass, model.gravity, model.base
     for n in range(1 if base < 0 else 0, len(mass)):
         j = vertex_index(base, n)
         for i in range(3):
@@ -219,8 +217,9 @@ def _set_inertia(mass, gravity, base, a, out):
 
 
 @kernel
-def _add_stretching(c, mu, base, segments, q, v, u, w, torque, out):
+def _add_stretching(model, q, v, u, w, torque, out):
     """Add shear and tension forces c (gamma + mu dgamma/dt) to torque and out."""
+    c, mu, base, segments = model.stretching, model.stretch_damping, model.base, model.segments
     for k in range(len(u) - 1):
         frame = row4(u, k + 1)
         t = segment_vector(q, base, k, segments, frame)
@@ -250,15 +249,13 @@ def pull_ends(base, k, frame, factor, force, out):
 
 
 @kernel
-def _add_bending(c, mu, kind, base, cells, u, w, torque):
-    """Add moments c (kappa + mu dkappa/dt) to torque (N + 1, 3) [N m].
-
-    The weighting is xi_kind, negative where moments act as printed.
-    """
+def _add_bending(model, u, w, torque):
+    """Add moments c (kappa + mu dkappa/dt) to torque (N + 1, 3) [N m]."""
+    c, mu, base, cells = model.bending, model.bend_damping, model.base, model.cells
     for n in range(first_vertex(base), len(u) - 1):
         turn = relative(row4(u, n), row4(u, n + 1))
         rate = relative_rate(turn, row3(w, n), row3(w, n + 1))
-        xi, slope = weighting(abs(kind), turn)
+        xi, slope = weighting(model.weighting, turn)
         factor = 2 / cells[n]
         still, moving = factor * (xi + mu[n] * slope * rate[0]), factor * mu[n] * xi
         moment = (
@@ -266,7 +263,7 @@ def _add_bending(c, mu, kind, base, cells, u, w, torque):
             c[n, 1] * (still * turn[2] + moving * rate[2]),
             c[n, 2] * (still * turn[3] + moving * rate[3]),
         )
-        if kind < 0:
+        if not model.conservative:
             xi, slope = xi * 0 + 1, xi * 0
         add_moment(torque, n, turn, xi, slope, moment)
 
@@ -297,12 +294,13 @@ def add_moment(torque, n, turn, xi, slope, moment):
 
 
 @kernel
-def _set_rotation_rows(inertia, constraint, q, v, a, w, torque, out):
+def _set_rotation_rows(model, q, v, a, w, torque, out):
     """Set the rows of the quaternions: Euler's equations, and the norm's constraint.
 
     The latter on acceleration level, p . a = -|v|^2 as in (2.43), with Baumgarte's terms.
     """
-    normal_inertia, z, norm_stiffness = constraint
+    normal_inertia, norm_stiffness = model.normal_inertia, model.norm_stiffness
+    z, inertia = model.baumgarte, model.inertia
     for k in range(len(w) - 1):
         j = 7 * k + 3
         p, dp, ddp = quaternion_at(q, j), quaternion_at(v, j), quaternion_at(a, j)

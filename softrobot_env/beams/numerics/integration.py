@@ -99,6 +99,51 @@ def workspace(n: int, width: int, stages: int, n_inputs: int) -> Work:
     )
 
 
+class Step(NamedTuple):
+    """A step of size h [s] from time t [s] and a state: q, v and its acceleration a (n,)."""
+
+    t: float
+    h: float
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+
+
+class Samples(NamedTuple):
+    """A motion as it is sampled.
+
+    Attributes:
+        times: (k,) [s], increasing, two or more.
+        q, v: (k, n), filled.
+    """
+
+    times: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+
+
+class Effort(NamedTuple):
+    """What an integration took.
+
+    Attributes:
+        counters: (4,) int, rows STEPS to MATRICES, increased.
+        steps: (2,) [s], set to the smallest and largest step taken.
+    """
+
+    counters: np.ndarray
+    steps: np.ndarray
+
+
+def samples(times: np.ndarray, n: int) -> Samples:
+    """Samples of n coordinates at times (k,) [s], to be filled."""
+    return Samples(times, *np.empty((2, len(times), n)))
+
+
+def effort() -> Effort:
+    """That of an integration before it begins."""
+    return Effort(np.zeros(4, dtype=np.int64), np.zeros(2))
+
+
 @kernel
 def copy(source, out):
     """Copy a vector; an assignment of slices would take seconds more to compile."""
@@ -203,8 +248,9 @@ def _solve_stage_carefully(model, h, limit, hold, work, counters):
 
 
 @kernel
-def _start_stage(method, s, h, q, v, work, start_q, start_v):
-    """Set start_q and start_v (n,) to the state q, v moved on by the stages before s."""
+def _start_stage(method, s, step, work, start_q, start_v):
+    """Set start_q and start_v (n,) to the step's state moved on by the stages before s."""
+    h, q, v = step.h, step.q, step.v
     for i in range(len(q)):
         dq, dv = 0.0, 0.0
         for j in range(s):
@@ -215,13 +261,13 @@ def _start_stage(method, s, h, q, v, work, start_q, start_v):
 
 
 @kernel
-def _implicit_stages(model, method, signal, t, h, q, v, a, limit, careful, work, counters):
+def _implicit_stages(model, method, signal, step, limit, careful, work, counters):
     """All stages of a diagonally implicit step; the worst contraction, -1 if one failed."""
-    gamma, worst = method.diagonal * h, 0.0
-    copy(a, work.a)
+    gamma, worst = method.diagonal * step.h, 0.0
+    copy(step.a, work.a)
     for s in range(len(method.b)):
-        signals.evaluate(signal, t + _inside(method.c[s]) * h, work.u)
-        _start_stage(method, s, h, q, v, work, work.start_q, work.start_v)
+        signals.evaluate(signal, step.t + _inside(method.c[s]) * step.h, work.u)
+        _start_stage(method, s, step, work, work.start_q, work.start_v)
         if careful:
             contraction = _solve_stage_carefully(model, gamma, limit, False, work, counters)
             if contraction < 0:
@@ -237,20 +283,20 @@ def _implicit_stages(model, method, signal, t, h, q, v, a, limit, careful, work,
 
 
 @kernel
-def _solve_stages(model, method, signal, t, h, q, v, a, limit, careful, work, counters):
+def _solve_stages(model, method, signal, step, limit, careful, work, counters):
     """All stages with the old Newton matrix, else with a new one, else carefully; whether found."""
-    gamma = method.diagonal * h
+    gamma = method.diagonal * step.h
     fresh = False
     for attempt in range(3 if careful else 2):
         if attempt == 1 and fresh:
             continue  # a new matrix was tried already
         fresh = work.formed[0] != gamma or attempt == 1
         if fresh and attempt < 2:
-            signals.evaluate(signal, t, work.u)
-            if not _newton_matrix(model, q, v, a, gamma, work, counters):
+            signals.evaluate(signal, step.t, work.u)
+            if not _newton_matrix(model, step.q, step.v, step.a, gamma, work, counters):
                 continue
         contraction = _implicit_stages(
-            model, method, signal, t, h, q, v, a, limit, attempt == 2, work, counters
+            model, method, signal, step, limit, attempt == 2, work, counters
         )
         if contraction > _SLOW:
             work.formed[0] = 0.0  # a new one for the next step
@@ -263,22 +309,22 @@ def _solve_stages(model, method, signal, t, h, q, v, a, limit, careful, work, co
 
 
 @kernel
-def _explicit_stages(model, method, signal, t, h, q, v, a, work, counters):
+def _explicit_stages(model, method, signal, step, work, counters):
     """All stages of an explicit step; the first is the state it starts from."""
-    copy(v, work.stage_v[0])
-    copy(a, work.stage_a[0])
+    copy(step.v, work.stage_v[0])
+    copy(step.a, work.stage_a[0])
     for s in range(1, len(method.b)):
-        signals.evaluate(signal, t + _inside(method.c[s]) * h, work.u)
-        _start_stage(method, s, h, q, v, work, work.q, work.v)
+        signals.evaluate(signal, step.t + _inside(method.c[s]) * step.h, work.u)
+        _start_stage(method, s, step, work, work.q, work.v)
         copy(work.v, work.stage_v[s])
         acceleration(model, work.q, work.v, work.u, work.stage_a[s])
         counters[RESIDUALS] += 1
 
 
 @kernel
-def _advance(model, method, h, q, v, work):
+def _advance(model, method, step, work):
     """Set work.q and work.v to the new state; the error estimate relative to the scale."""
-    n, error = model.n, 0.0
+    n, error, h, q, v = model.n, 0.0, step.h, step.q, step.v
     for i in range(n):
         dq, dv, eq, ev = 0.0, 0.0, 0.0, 0.0
         for s in range(len(method.b)):
@@ -292,12 +338,14 @@ def _advance(model, method, h, q, v, work):
 
 
 @kernel
-def _sample(times, done, t, h, q, v, a, work, out_q, out_v):
+def _sample(samples, done, step, work):
     """Fill the samples up to t + h by the quintic through both ends; the number now done.
 
     The polynomial matches position, velocity and acceleration at t (q, v, a) and at t + h (those
     in work), so its error is of sixth order in the step.
     """
+    t, h, q, v, a = step
+    times, out_q, out_v = samples
     while done < len(times) and times[done] <= t + h * (1 + 1e-9):
         x = min(1.0, (times[done] - t) / h)
         for i in range(len(q)):
@@ -328,13 +376,13 @@ def _is_healthy(model, q, v):
 
 
 @kernel
-def _attempt(model, method, signal, t, h, q, v, a, limit, careful, work, counters):
+def _attempt(model, method, signal, step, limit, careful, work, counters):
     """Try a step: put the new state into work; the relative error estimate, -1 if Newton failed."""
     if method.diagonal == 0:
-        _explicit_stages(model, method, signal, t, h, q, v, a, work, counters)
-    elif not _solve_stages(model, method, signal, t, h, q, v, a, limit, careful, work, counters):
+        _explicit_stages(model, method, signal, step, work, counters)
+    elif not _solve_stages(model, method, signal, step, limit, careful, work, counters):
         return -1.0
-    return _advance(model, method, h, q, v, work)
+    return _advance(model, method, step, work)
 
 
 @kernel
@@ -350,15 +398,15 @@ def _complete(model, method, signal, t, h, work, counters):
 
 
 @kernel
-def _restart(model, signal, t, h, q, v, a, before, work, counters):
-    """Set the acceleration a anew if held inputs jump at t, between two steps."""
+def _restart(model, signal, step, before, work, counters):
+    """Set the acceleration anew if held inputs jump where a step begins."""
     if signal.coefficients.shape[0] == 1 or signal.coefficients.shape[1] > 1:
         return
-    signals.evaluate(signal, t - _NUDGE * h, before)
-    signals.evaluate(signal, t + _NUDGE * h, work.u)
+    signals.evaluate(signal, step.t - _NUDGE * step.h, before)
+    signals.evaluate(signal, step.t + _NUDGE * step.h, work.u)
     for j in range(len(before)):
         if before[j] != work.u[j]:
-            acceleration(model, q, v, work.u, a)
+            acceleration(model, step.q, step.v, work.u, step.a)
             counters[RESIDUALS] += 1
             return
 
@@ -413,27 +461,25 @@ def _first_step(control, duration):
 
 
 @kernel
-def integrate(model, method, control, signal, work, times, q, v, out_q, out_v, counters, steps):
-    """Integrate from times[0] to times[-1] and sample the motion.
+def integrate(model, method, control, signal, work, state, samples, effort):
+    """Integrate from the first time of the samples to the last.
 
     Args:
         model: Data of a model.
         method, control, signal, work: `methods.Method`, `Control`, `signals.Signal`, `Work`.
-        times: (k,) [s], increasing, two or more.
-        q, v: (n,), initial state; the last state on return.
-        out_q, out_v: (k, n), filled.
-        counters: (4,) int, rows STEPS to MATRICES, increased.
-        steps: (2,) [s], set to the smallest and largest step taken.
+        state: Initial q and v (n,); the last state on return.
+        samples, effort: `Samples` and `Effort`, filled.
 
     Returns:
         A code out of DONE, ..., and the time [s] reached.
     """
+    (q, v), times, (counters, steps) = state, samples.times, effort
     t, end, a = times[0], times[-1], np.empty(model.n)
     wish, smallest = _first_step(control, end - t), _SMALLEST_STEP * (end - t)
     limit = _NEWTON_SHARE * control.tolerance
     before = np.empty(len(work.u))
-    copy(q, out_q[0])
-    copy(v, out_v[0])
+    copy(q, samples.q[0])
+    copy(v, samples.v[0])
     steps[0], steps[1] = np.inf, 0.0
     done, repeated, taken = 1, False, 0
     signals.evaluate(signal, t, work.u)
@@ -443,7 +489,8 @@ def integrate(model, method, control, signal, work, times, q, v, out_q, out_v, c
             return TOO_MANY_STEPS, t
         h = min(wish, _longest_step(signal, t), end - t) if control.adaptive else wish
         careful = not control.adaptive  # an adaptive step is shortened instead
-        error = _attempt(model, method, signal, t, h, q, v, a, limit, careful, work, counters)
+        step = Step(t, h, q, v, a)
+        error = _attempt(model, method, signal, step, limit, careful, work, counters)
         factor = _step_factor(method, error, control.tolerance) if control.adaptive else 1.0
         if error < 0 or (control.adaptive and not error <= control.tolerance):
             counters[REJECTED] += 1
@@ -455,7 +502,7 @@ def integrate(model, method, control, signal, work, times, q, v, out_q, out_v, c
         if not _is_healthy(model, work.q, work.v):
             return DIVERGED, t
         _complete(model, method, signal, t + h, h, work, counters)
-        done = _sample(times, done, t, h, q, v, a, work, out_q, out_v)
+        done = _sample(samples, done, step, work)
         copy(work.q, q)
         copy(work.v, v)
         copy(work.a, a)
@@ -468,7 +515,7 @@ def integrate(model, method, control, signal, work, times, q, v, out_q, out_v, c
             repeated = False
         else:
             t = times[0] + taken * h  # without the rounding of a sum
-        _restart(model, signal, t, h, q, v, a, before, work, counters)
+        _restart(model, signal, Step(t, h, q, v, a), before, work, counters)
     return DONE, t
 
 
