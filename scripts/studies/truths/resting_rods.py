@@ -6,12 +6,8 @@ from math import pi
 
 import numpy as np
 
-from softrobot_env.benchmarks.contacts.rows import Check
-from softrobot_env.benchmarks.timing import best_of
-from softrobot_env.core.motion import State
 from softrobot_env.robots import Base, RobotParams
 from softrobot_env.robots.loads import Load
-from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.contacts import Touch
 from softrobot_env.scene.objects import Contacts, Cylinder
@@ -114,29 +110,3 @@ CHECKS: dict[str, Callable[[], Exact]] = {
     "rod on post": _on_post,
     "rod round cylinder": _round_cylinder,
 }
-
-
-def check(name: str, pieces: int, repeats: int = 3) -> list[Check]:
-    """A rod of so many pieces against the truth; its time is the best of some."""
-    truth = CHECKS[name]()
-    scene = build_scene(replace(truth.config, pieces=pieces))
-    u = np.ones(scene.n_inputs)
-    wall_time, q = best_of(lambda: scene.equilibrium(u), repeats)
-    touches = scene.contacts(State(q, np.zeros(scene.model.nv)), u)
-    force = np.sum([touch.force for touch in touches], axis=0)
-    pressed = sum(np.linalg.norm(touch.force) for touch in touches)
-    exact, exact_pressed = truth.contact(touches), truth.pressed(touches)
-    off = None if truth.tip is None else np.linalg.norm(scene.tip(q) - truth.tip)
-    return [
-        Check(
-            case=name,
-            pieces=pieces,
-            stiffness=STIFFNESS,
-            timestep=scene.timestep.timestep,
-            force=float(np.linalg.norm(force)),
-            force_error=float(np.linalg.norm(force - exact) / np.linalg.norm(exact)),
-            pressed_error=float(pressed / exact_pressed - 1),
-            tip_error=None if off is None else float(off / scene.config.robot.length),
-            wall_time=wall_time,
-        )
-    ]

@@ -1,0 +1,574 @@
+"""Contacts: what the rule of their timestep is worth, and checks against exact solutions.
+
+Moving scenes run on a grid of stiffness, friction and timestep and are judged by refined runs; rods
+at rest are compared with exact solutions.
+"""
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
+from math import pi
+from time import perf_counter
+
+import numpy as np
+from rich.table import Table
+
+from softrobot_env.benchmarks.timing import best_of
+from softrobot_env.benchmarks.verdicts import WRONG_SHARE, Verdict, verdict_of, with_warning
+from softrobot_env.core.motion import State
+from softrobot_env.rendering import figures
+from softrobot_env.rendering.tables import pivot_table
+from softrobot_env.robots import ARM, Base, RobotParams
+from softrobot_env.robots.loads import Load
+from softrobot_env.robots.registry import GRIPPERS, find_robot
+from softrobot_env.scene.assembly import AssembledScene, Assembly, build_assembly
+from softrobot_env.scene.build import Scene, build_scene
+from softrobot_env.scene.chain import SEPARATOR, TIP_SITE
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.contacts import material_stiffness, tune
+from softrobot_env.scene.gripper import gripper_scene
+from softrobot_env.scene.objects import Box, Capsule, Contacts, Cylinder, Ground, Object, Sphere
+from softrobot_env.scene.registry import scene_of
+from softrobot_env.scene.simulation import Simulation
+from softrobot_env.scene.timestep import TimestepWarning
+from studies.lab import Record, Study, groups, of_kind, pivot, quantity, select, table
+from studies.truths.resting_rods import CHECKS, STIFFNESS
+
+#: Share of the length within which all that moves is accurate.
+ACCURATE_SHARE = 0.01
+
+
+@dataclass(frozen=True)
+class Cell(Record):
+    """A scene with one stiffness, friction and timestep.
+
+    Attributes:
+        scene: Key of `CASES`.
+        stiffness_ratio: Stiffness of the skin over that of the robot's material [1].
+        stiffness: [N/m2].
+        friction: Coefficient [1].
+        steps_ratio: Timestep over the rule's [1].
+        timestep: [s].
+        verdict: What became of it.
+        why: What was refused or failed; None otherwise.
+        warning: What a `TimestepWarning` said.
+        error: [m], largest distance of the tip or a free object from the refined run.
+        error_share: Over the robot's length [1].
+        uncertainty: [m], the same between the two finest runs.
+        wall_time: [s] of the run.
+        duration: [s] simulated.
+        most_touches: Most contacts at the end of a control period.
+    """
+
+    scene: str
+    stiffness_ratio: float = quantity("", "g", "stiffness")
+    stiffness: float
+    friction: float = quantity("", "g")
+    steps_ratio: int = quantity("", "d", "steps")
+    timestep: float = quantity("ms", ".3g", "dt")
+    verdict: Verdict
+    why: str | None
+    warning: str | None
+    error: float | None
+    error_share: float | None = quantity("%", ".2g", "error")
+    uncertainty: float | None
+    wall_time: float | None = quantity("ms", ".0f", "run")
+    duration: float
+    most_touches: int | None
+
+
+@dataclass(frozen=True)
+class Check(Record):
+    """A rod at rest on something against an exact solution.
+
+    Attributes:
+        case: Key of `studies.truths.resting_rods.CHECKS`.
+        pieces: Pieces of the chain.
+        stiffness: [N/m2], of the skin.
+        timestep: [s], with which it came to rest.
+        force: [N], size of the sum of all contact forces on the rod.
+        force_error: Distance from the exact sum, over its size [1].
+        pressed_error: Error of the sum of the forces' sizes, over it [1].
+        tip_error: Distance of the tips over the length [1]; None where only forces are exact.
+        wall_time: [s] until it came to rest.
+    """
+
+    case: str
+    pieces: int = quantity("", "d")
+    stiffness: float
+    timestep: float = quantity("ms", ".3g", "dt")
+    force: float = quantity("N", ".4g")
+    force_error: float = quantity("%", ".2g", "force")
+    pressed_error: float = quantity("%", ".2g", "pressed")
+    tip_error: float | None = quantity("%", ".2g", "tip")
+    wall_time: float = quantity("ms", ".0f", "run")
+
+
+# -------------------- moving scenes
+
+_DOWN = (0.0, 0.0, -9.81)
+_ACROSS = (pi / 2, 0.0, 0.0)  # an axis along y
+
+_ROD = RobotParams(
+    "rod",
+    length=0.3,
+    outer_radius=0.01,
+    inner_radius=0.0,
+    youngs_modulus=5e5,
+    density=1000.0,
+    damping_time=0.02,
+    pieces=12,
+    gravity=_DOWN,
+    base=Base((0.0, 0.0, 0.06), (1.0, 0.0, 0.0)),
+)
+_CURL = replace(
+    _ROD,
+    length=0.4,
+    outer_radius=0.005,
+    damping_time=0.05,
+    pieces=24,
+    gravity=(0.0, 0.0, 0.0),
+    base=None,
+)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A moving scene.
+
+    Attributes:
+        config: Of one robot without contacts, or of several.
+        full: (n_inputs,) that the inputs reach.
+        rise: [s] until then, from zero.
+        duration: [s].
+        objects: What the robot touches.
+        self_contact: Whether the robot touches itself.
+    """
+
+    config: SceneConfig | Assembly
+    full: tuple[float, ...]
+    rise: float
+    duration: float
+    objects: tuple[Object, ...] = ()
+    self_contact: bool = False
+
+    @property
+    def robot(self) -> RobotParams:
+        """The robot, or the first of several, which are alike."""
+        config = self.config
+        return config.robot if isinstance(config, SceneConfig) else config.members[0].config.robot
+
+    def build(
+        self, stiffness: float, friction: float, timestep: float | None = None
+    ) -> Scene | AssembledScene:
+        """The scene with a skin of a stiffness [N/m2], a friction coefficient and a timestep [s].
+
+        Raises:
+            ValueError: The contacts are too stiff for the timestep.
+        """
+        contacts = Contacts(
+            stiffness=stiffness,
+            friction=friction,
+            self_contact=self.self_contact,
+            between_robots=False,
+        )
+        touching = replace(self.config, contacts=contacts, objects=self.objects)
+        if isinstance(touching, SceneConfig):
+            return build_scene(replace(touching, timestep=timestep))
+        return build_assembly(touching.with_timestep(timestep))
+
+    def inputs(self, time: float) -> np.ndarray:
+        """(n_inputs,) at a time [s]."""
+        return np.array(self.full) * min(1.0, time / self.rise)
+
+
+def _falling() -> Case:
+    """A cantilever falls on the ground."""
+    return Case(SceneConfig(_ROD), (), 1.0, 1.0, objects=(Ground(name="ground"),))
+
+
+def _sweeping() -> Case:
+    """The thesis' arm bends into a post."""
+    post = Cylinder(name="post", radius=0.03, length=0.2, turn=_ACROSS, position=(0.15, 0.0, 0.35))
+    return Case(SceneConfig(ARM), (8, 0, 8, 0, 8, 0), 0.2, 1.5, objects=(post,))
+
+
+def _curling() -> Case:
+    """A moment at the tip curls a rod one and a half times, so that it meets itself."""
+    turns = 1.5 * 2 * pi * _CURL.bending_stiffness / _CURL.length
+    load = Load("curl", _CURL.length, moment=(0.0, turns, 0.0), follows=True)
+    return Case(SceneConfig(_CURL, loads=(load,)), (1,), 1.0, 2.0, self_contact=True)
+
+
+def _pushing() -> Case:
+    """The hanging arm pushes a ball over the ground; with much friction it jams."""
+    hanging = replace(ARM, gravity=_DOWN, base=Base((0.0, 0.0, 0.5), (0.0, 0.0, -1.0)))
+    ball = Sphere(name="ball", radius=0.05, density=400.0, position=(-0.085, 0.0, 0.03))
+    ground = Ground(name="ground", position=(0.0, 0.0, -0.02))
+    return Case(SceneConfig(hanging), (8, 0, 8, 0, 8, 0), 0.2, 1.0, objects=(ground, ball))
+
+
+def _trunk() -> Case:
+    """A hanging trunk of two sections swings into a box in space and shoves another."""
+    config = scene_of(find_robot("hanging_trunk"))
+    base = config.robot.base
+    x, y, z = (np.array(base.position) + base.axes[:, 2] * config.robot.length).tolist()
+    wall = Box(name="wall", size=(0.04, 0.4, 0.2), position=(x - 0.1, y, z + 0.05))
+    crate = Box(name="crate", size=(0.05, 0.05, 0.05), mass=0.05, position=(x + 0.06, y, z))
+    table = Ground(name="table", position=(x, y, z - 0.025))
+    full = tuple(8.0 if k in (1, 4) else 0.0 for k in range(len(config.robot.tendons)))
+    return Case(config, full, 0.1, 1.0, objects=(wall, crate, table))
+
+
+def _gripping() -> Case:
+    """Two fingers of the gripper close on a free bar that lies on the palm."""
+    gripper = GRIPPERS["gripper"]
+    left, middle, _ = gripper.fingers
+    x, _, z = left.base.position
+    left = replace(left, base=replace(left.base, position=(x, 0.0, z)))
+    pair = replace(gripper, fingers=(left, middle))
+    bar = Capsule(
+        name="bar",
+        radius=0.03,
+        length=0.06,
+        turn=_ACROSS,
+        mass=0.08,
+        position=(0.0, 0.0, gripper.seat(0.03) + 1e-4),
+    )
+    scene = gripper_scene(pair, (bar,), control_period=0.01)
+    return Case(scene, (20.0, 20.0), 0.3, 0.5, objects=scene.objects)
+
+
+#: Name -> what makes the case.
+CASES: dict[str, Callable[[], Case]] = {
+    "rod falls on ground": _falling,
+    "arm sweeps into post": _sweeping,
+    "rod curls on itself": _curling,
+    "arm pushes ball": _pushing,
+    "trunk, box and wall": _trunk,
+    "gripper closes on bar": _gripping,
+}
+
+
+#: Timesteps of the refined runs, as parts of the rule's, and the least impedance of their contacts.
+_REFINED, _LEAST_IMPEDANCE = (8, 16), 0.02
+
+#: What is judged.
+Touching = Scene | AssembledScene
+
+#: A truth is good enough if it is known to this share of what is accurate, or of the error.
+_CLEAR = 0.25
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run of a scene.
+
+    Attributes:
+        timestep: [s].
+        places: (periods, k, 3) [m] of the tip and the free objects; None if it failed.
+        why: Why it failed, or was refused.
+        warning: What a `TimestepWarning` said.
+        wall_time: [s].
+        most_touches: Most contacts at the end of a control period.
+    """
+
+    timestep: float
+    places: np.ndarray | None = None
+    why: str | None = None
+    warning: str | None = None
+    wall_time: float | None = None
+    most_touches: int | None = None
+
+
+def judged(name: str, ratio: float, friction: float, steps: Sequence[int]) -> list[Cell]:
+    """Cells of a scene with a stiffness and friction, one for each timestep over the rule's."""
+    case = CASES[name]()
+    stiffness = ratio * _softest(case.robot)
+    build = partial(case.build, stiffness, friction)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", TimestepWarning)
+        rule = build().timestep.timestep
+        coarse, truth = (_refined(case, build(rule / parts)) for parts in _REFINED)
+    cells = []
+    for multiple in steps:
+        own = _own_run(case, build, None if multiple == 1 else multiple * rule)
+        known = _distance(coarse, truth)
+        error = None if own.places is None else _distance(own.places, truth)
+        cells.append(
+            Cell(
+                scene=name,
+                stiffness_ratio=ratio,
+                stiffness=stiffness,
+                friction=friction,
+                steps_ratio=multiple,
+                timestep=multiple * rule,
+                verdict=_verdict(own, error, known, case.robot.length),
+                why=own.why,
+                warning=own.warning,
+                error=error,
+                error_share=None if error is None else error / case.robot.length,
+                uncertainty=known,
+                wall_time=own.wall_time,
+                duration=case.duration,
+                most_touches=own.most_touches,
+            )
+        )
+    return cells
+
+
+def _softest(robot: RobotParams) -> float:
+    """Stiffness [N/m2] of the skin of a robot's softest material."""
+    return min(material_stiffness(section) for section in robot.backbone.sections)
+
+
+def _own_run(case: Case, build: Callable[..., Touching], timestep: float | None) -> Run:
+    """As a user would run it."""
+
+    def build_and_run() -> Run:
+        try:
+            scene = build(timestep)
+        except ValueError as error:
+            return Run(timestep or 0.0, why=str(error))
+        return _run(case, scene)
+
+    ran, warning = with_warning(build_and_run)
+    return replace(ran, warning=warning)
+
+
+def _refined(case: Case, scene: Touching) -> np.ndarray | None:
+    tune(scene.model, scene.pairs, scene.timestep.timestep, _LEAST_IMPEDANCE)
+    return _run(case, scene).places
+
+
+def _run(case: Case, scene: Touching) -> Run:
+    """Places of a run, whose contacts are counted when the time is no longer taken."""
+    simulation, choice = Simulation(scene), scene.timestep
+    simulation.reset(scene.model.qpos0, case.inputs(0.0))
+    model, data = scene.model, simulation.data
+    names = [thing.name for thing in case.objects if thing.is_free]
+    sites = [model.site(k).name for k in range(model.nsite)]
+    tips = [name for name in sites if name.rpartition(SEPARATOR)[2] == TIP_SITE]
+    seen = [*(data.site(n).xpos for n in tips), *(data.body(n).xpos for n in names)]
+    places, touches = [], 0
+    begin = perf_counter()
+    for number in range(round(case.duration / scene.config.control_period)):
+        simulation.ctrl[:] = case.inputs(number * scene.config.control_period)
+        if not simulation.advance():
+            return Run(choice.timestep, why=simulation.failure())
+        places.append(np.array(seen))
+        touches = max(touches, int(simulation.data.ncon))
+    took = perf_counter() - begin
+    return Run(choice.timestep, np.array(places), wall_time=took, most_touches=touches)
+
+
+def _distance(one: np.ndarray | None, other: np.ndarray | None) -> float | None:
+    """Largest distance [m] between two runs at any instant; None if one of them failed."""
+    if one is None or other is None:
+        return None
+    return float(np.linalg.norm(one - other, axis=-1).max())
+
+
+def _verdict(own: Run, error: float | None, known: float | None, length: float) -> Verdict:
+    asked = ACCURATE_SHARE * length
+    if error is not None and (known is None or known > _CLEAR * max(asked, error)):
+        error = None
+    return verdict_of(error, asked, length, failure=own.why, warning=own.warning)
+
+
+def check(name: str, pieces: int, repeats: int = 3) -> list[Check]:
+    """A rod of so many pieces against the truth; its time is the best of some."""
+    truth = CHECKS[name]()
+    scene = build_scene(replace(truth.config, pieces=pieces))
+    u = np.ones(scene.n_inputs)
+    wall_time, q = best_of(lambda: scene.equilibrium(u), repeats)
+    touches = scene.contacts(State(q, np.zeros(scene.model.nv)), u)
+    force = np.sum([touch.force for touch in touches], axis=0)
+    pressed = sum(np.linalg.norm(touch.force) for touch in touches)
+    exact, exact_pressed = truth.contact(touches), truth.pressed(touches)
+    off = None if truth.tip is None else np.linalg.norm(scene.tip(q) - truth.tip)
+    return [
+        Check(
+            case=name,
+            pieces=pieces,
+            stiffness=STIFFNESS,
+            timestep=scene.timestep.timestep,
+            force=float(np.linalg.norm(force)),
+            force_error=float(np.linalg.norm(force - exact) / np.linalg.norm(exact)),
+            pressed_error=float(pressed / exact_pressed - 1),
+            tip_error=None if off is None else float(off / scene.config.robot.length),
+            wall_time=wall_time,
+        )
+    ]
+
+
+# -------------------- picture
+
+_COLOURS = (figures.BLUE, figures.GREEN, figures.ORANGE, figures.PURPLE, figures.BLACK, figures.SKY)
+_MARKERS = {1: "o", 2: "s", 4: "^", 8: "v", 16: "D"}
+
+
+def picture(rows: Sequence[Record]) -> figures.Figure:
+    """What timesteps cost and how far they are off."""
+    figure, axes = figures.new_figure(1, 2, (10, 5.6))
+    cells, checks = of_kind(rows, Cell), of_kind(rows, Check)
+    scenes = _grid(axes[0, 0], cells)
+    _rods(axes[0, 1], checks)
+    steps = [
+        figures.entry(
+            f"{n} x the rule's timestep", color=figures.BLACK, marker=_MARKERS[n], linestyle=""
+        )
+        for (n,) in groups(cells, "steps_ratio")
+    ]
+    figures.add_legend(figure, [*scenes, *steps])
+    judged = [c for c in select(cells, steps_ratio=1) if c.error_share is not None]
+    good = sum(c.error_share <= ACCURATE_SHARE for c in judged)
+    figures.add_title(
+        figure,
+        f"With the rule's timestep {good} of {len(judged)} moving contacts err by less than "
+        f"{100 * ACCURATE_SHARE:g} % of the length",
+        "Left: against refined runs. Right: rods at rest with 6 to 48 pieces, against exact "
+        "solutions",
+    )
+    return figure
+
+
+def _grid(axis: figures.Axes, cells: Sequence[Cell]) -> list:
+    """Every cell that ended; colours tell the scene, markers the timestep."""
+    entries = []
+    for ((scene,), mine), colour in zip(groups(cells, "scene").items(), _COLOURS, strict=False):
+        for multiple, marker in _MARKERS.items():
+            known = [c for c in select(mine, steps_ratio=multiple) if c.error_share is not None]
+            cost = [c.wall_time / c.duration for c in known]
+            share = [c.error_share for c in known]
+            axis.scatter(cost, share, s=20, c=colour, marker=marker, alpha=0.7)
+        entries.append(figures.entry(scene, color=colour, marker="o", linestyle=""))
+    for share, colour, text in (
+        (ACCURATE_SHARE, figures.BLACK, "accurate below"),
+        (WRONG_SHARE, figures.VERMILLION, "wrong above"),
+    ):
+        axis.axhline(share, color=colour, linewidth=0.9, linestyle="--")
+        place = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
+        style = {"fontsize": 8, "color": colour, "va": "center"}
+        axis.annotate(text, (1.0, share), (4, 0), **place, **style)
+    axis.set(
+        xscale="log",
+        yscale="log",
+        xlabel="run time / simulated time",
+        ylabel="error / length",
+        title="Moving scenes",
+    )
+    return entries
+
+
+def _rods(axis: figures.Axes, checks: Sequence[Check]) -> None:
+    """Errors of forces and tips over the time to come to rest, a line each."""
+    ends = []
+    for ((case,), mine), colour in zip(groups(checks, "case").items(), _COLOURS, strict=False):
+        for field, style in (("force_error", "-"), ("tip_error", ":")):
+            known = [c for c in mine if getattr(c, field) is not None]
+            if known:
+                times = [1e3 * c.wall_time for c in known]
+                errors = [getattr(c, field) for c in known]
+                axis.plot(times, errors, color=colour, linestyle=style, marker="o", markersize=4)
+                what = "force" if field == "force_error" else "tip"
+                ends.append((f"{case},\n{what}", errors[-1], colour))
+    axis.set(
+        xscale="log",
+        yscale="log",
+        xlabel="time to come to rest [ms]",
+        ylabel="relative error of force; of tip over length",
+        title="Rods at rest",
+    )
+    figures.label_lines(axis, ends)
+
+
+# -------------------- the study
+
+#: Stiffnesses over that of the robot's material [1], friction coefficients [1], and timesteps over
+#: the rule's [1].
+STIFFNESSES = (0.01, 0.1, 1.0, 10.0, 100.0)
+FRICTIONS = (0.0, 0.3, 1.0)
+STEPS = (1, 2, 4, 8, 16)
+
+#: Scenes that take more computing than the others together.
+LONGEST = ("trunk, box and wall", "gripper closes on bar")
+
+#: Pieces of the rods at rest.
+PIECES = (6, 12, 24, 48)
+
+
+def cases(quick: bool = False) -> list[tuple]:
+    """Scene, stiffness, friction and timesteps; rod and pieces. Quickly none of the `LONGEST`."""
+    stiffnesses, frictions = ((1.0,), (1.0,)) if quick else (STIFFNESSES, FRICTIONS)
+    steps, pieces = ((1, 8), PIECES[:2]) if quick else (STEPS, PIECES)
+    scenes = [name for name in CASES if not (quick and name in LONGEST)]
+    return [*product(scenes, stiffnesses, frictions, [steps]), *product(CHECKS, pieces)]
+
+
+def measure(case: tuple) -> list[Record]:
+    """Cells of a scene, or the check of a rod."""
+    return judged(*case) if len(case) == 4 else check(*case)
+
+
+def _times(multiple: int) -> str:
+    return "the rule's" if multiple == 1 else f"{multiple} times"
+
+
+def _verdicts(rows: Sequence[Record]) -> Table:
+    cells = of_kind(rows, Cell)
+    lines = {_times(n): n for (n,) in groups(cells, "steps_ratio")}
+    return pivot_table(
+        f"Verdicts of {len(cells)} cells by timestep: accurate within {100 * ACCURATE_SHARE:g} %, "
+        f"wrong beyond {100 * WRONG_SHARE:g} % of the length",
+        "timestep",
+        lines,
+        Verdict,
+        lambda n, verdict: len(select(cells, steps_ratio=n, verdict=verdict)),
+    )
+
+
+def _errors(cells: list[Cell]) -> str | None:
+    """Largest error in % and mean run time over simulated time."""
+    known = [c for c in cells if c.error_share is not None]
+    if not known:
+        return None
+    worst = max(c.error_share for c in known)
+    cost = sum(c.wall_time / c.duration for c in known) / len(known)
+    return f"{100 * worst:.2f} % {cost:.3f}"
+
+
+STUDY = Study(
+    kinds=(Cell, Check),
+    cases=cases,
+    measure=measure,
+    label=lambda case: ", ".join(map(str, case[:3])),
+    tables=[
+        _verdicts,
+        pivot(
+            "Largest error over the length, and mean run time over simulated time",
+            ("scene",),
+            "steps_ratio",
+            _errors,
+            of=Cell,
+            heading=_times,
+        ),
+        table(
+            "Cells that are not accurate",
+            *("scene", "stiffness_ratio", "friction", "steps_ratio", "timestep", "verdict"),
+            *("error_share", "wall_time"),
+            of=Cell,
+            where=lambda cell: cell.verdict != Verdict.ACCURATE,
+        ),
+        table(
+            "Rods at rest on something, against closed form and elastica",
+            *("case", "pieces", "force", "force_error", "pressed_error", "tip_error"),
+            *("timestep", "wall_time"),
+            of=Check,
+            caption="pressed: sum of the sizes of the forces; force: their vector sum",
+        ),
+    ],
+    plots={"{}": picture},
+)

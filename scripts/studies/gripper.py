@@ -1,0 +1,653 @@
+"""The gripper: its grips, the size of what it encloses, holds under pulls, and what they cost."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from math import degrees, pi
+from time import perf_counter, process_time
+from typing import Any
+
+import numpy as np
+
+from softrobot_env.control.gripper.calibration import FingerCalibration, calibrated
+from softrobot_env.control.gripper.policies import CALM, RISE, ScriptedGrip, SizedGrip
+from softrobot_env.control.gripper.size import SizeEstimator, size_by_sensor
+from softrobot_env.envs.gripper import VectorGripperEnv
+from softrobot_env.envs.rendering.gripper import finger_shapes
+from softrobot_env.rendering import figures
+from softrobot_env.robots import GRIPPERS
+from softrobot_env.scene.assembly import AssembledScene, build_assembly
+from softrobot_env.scene.gripper import gripper_scene
+from softrobot_env.scene.objects import Capsule, Ellipsoid, Object
+from softrobot_env.scene.simulation import Simulation
+from studies.lab import Column, Lab, Record, Study, for_pictures, groups, of_kind, quantity, table
+
+GRIPPER = GRIPPERS["gripper"]
+
+
+@dataclass(frozen=True)
+class Grip(Record):
+    """A clamped object under a tension that rises slowly.
+
+    Attributes:
+        thing: What is gripped.
+        tension: [N].
+        kind: "open", "enclosing" or "fingertip".
+        angles: (sensors,) [deg], bends of the middle finger's sensors.
+        touching: Share [1] of the links of the middle finger that press on it.
+        tip_share: Share [1] in the last tenth of that finger of the forces beyond its first 40 %.
+        turn: [deg], of a sensor that lies on a cylinder altogether; None of others.
+    """
+
+    thing: str
+    tension: float = quantity("N", ".0f")
+    kind: str = quantity(form="", label="grip")
+    angles: tuple[float, ...]
+    touching: float = quantity("%", ".0f")
+    tip_share: float = quantity("%", ".0f", "tip")
+    turn: float | None = quantity("deg", ".1f")
+
+
+@dataclass(frozen=True)
+class Size(Record):
+    """Errors of estimated diameters of bars that were not used to fit, from one enclosing grip.
+
+    Attributes:
+        method: How they are estimated.
+        task: "enclose" of clamped bars, "hold" of free ones.
+        pieces: Of the fingers that grip.
+        fitted: Pieces of the fingers of the examples; None where nothing is fitted.
+        errors: Imperfections of the fingers' sensors, over the usual ones; None of exact bends.
+        count: Number of bars.
+        mean, high, most: [m], mean, 95th percentile and largest size of the errors.
+        diameters, off: (count,) [m], and their errors.
+    """
+
+    method: str
+    task: str
+    pieces: int = quantity("", "d")
+    fitted: int | None = quantity("", "d", "fitted with")
+    errors: float | None = quantity("", "g", "sensors")
+    count: int = quantity("", "d", "bars")
+    mean: float = quantity("mm", ".2f")
+    high: float = quantity("mm", ".2f", "95 %")
+    most: float = quantity("mm", ".2f")
+    diameters: tuple[float, ...] = for_pictures()
+    off: tuple[float, ...] = for_pictures()
+
+
+@dataclass(frozen=True)
+class Shape(Record):
+    """How far calibrated sensors err in the same grips, and the shape of three arcs by them.
+
+    Attributes:
+        task, pieces, errors: As of `Size`.
+        count: Number of fingers.
+        bend, high_bend, most_bend: [deg], mean, 95th percentile and largest error of a sensor.
+        tip, high_tip, most_tip: [m], the same of the tip.
+    """
+
+    task: str
+    pieces: int = quantity("", "d")
+    errors: float | None = quantity("", "g", "sensors")
+    count: int = quantity("", "d", "fingers")
+    bend: float = quantity("deg", ".2f")
+    high_bend: float = quantity("", ".2f", "95 %")
+    most_bend: float = quantity("", ".2f", "most")
+    tip: float = quantity("mm", ".2f")
+    high_tip: float = quantity("mm", ".2f", "95 %")
+    most_tip: float = quantity("mm", ".2f", "most")
+
+
+@dataclass(frozen=True)
+class Outcome(Record):
+    """Episodes of a task with random bars and fingers, and pulls and shaking where bars are held.
+
+    Attributes:
+        task, policy: Names.
+        pieces: Of each finger.
+        timestep: [s].
+        count: Number of episodes.
+        success: Share [1] that succeeded.
+        lost: Share [1] in which the bar was lost.
+        error: Median, over what counts as success [1]: of holds the largest of each episode, of
+            enclosing grips the last.
+        tension: [N], mean at the end.
+        ms_per_step: Of one gripper.
+    """
+
+    task: str
+    policy: str
+    pieces: int = quantity("", "d")
+    timestep: float = quantity("ms", ".3g", "dt")
+    count: int = quantity("", "d", "bars")
+    success: float = quantity("%", ".1f")
+    lost: float = quantity("%", ".1f")
+    error: float = quantity("", ".2f")
+    tension: float = quantity("N", ".1f")
+    ms_per_step: float = quantity("", ".2f", "ms/step")
+
+
+@dataclass(frozen=True)
+class Speed(Record):
+    """What a step costs with some pieces and timestep, and how far it is off.
+
+    Attributes:
+        task: Name of the task.
+        pieces: Of each finger.
+        timestep: [s].
+        fineness: Name of the setting.
+        count: Grippers at once.
+        threads: That share the work.
+        steps_per_s: Of all together.
+        mean_error, bend_error: [deg], mean and largest difference of a sensor's angle from that
+            by the rule, during closings on some bars; None of many at once.
+    """
+
+    task: str
+    pieces: int = quantity("", "d")
+    timestep: float = quantity("ms", ".3g", "dt")
+    fineness: str
+    count: int = quantity("", "d", "grippers")
+    threads: int = quantity("", "d")
+    steps_per_s: float = quantity("", ".0f", "steps/s")
+    mean_error: float | None = quantity("deg", ".2f", "bend")
+    bend_error: float | None = quantity("", ".2f", "most")
+
+
+# -------------------- grips of clamped objects
+
+#: Cylinders by their diameters [m], and the oval by its semi-axes [m] in the plane of the fingers.
+CYLINDERS, OVAL = (0.094, 0.060, 0.048), (0.020, 0.013)
+
+#: [m], semi-axis of the oval along the bar: so long that it hardly tapers between the fingers.
+_LONG = 0.15
+
+#: Tension [N] and the time [s] in which it rises; a link presses from some force [N] on.
+_FULL, _RISE, _PRESSES = 38.0, 3.8, 1e-3
+
+
+def things() -> dict[str, tuple[Object, float | None]]:
+    """Name -> what is gripped, and the radius [m] of a finger that lies on it."""
+    width = float(GRIPPER.fingers[0].robot.backbone.widest)
+    out: dict[str, tuple[Object, float | None]] = {}
+    for diameter in CYLINDERS:
+        size = {"radius": diameter / 2, "length": 0.08, "turn": (-pi / 2, 0, 0)}
+        thing = Capsule(name="bar", position=(0.0, 0.0, GRIPPER.seat(diameter / 2)), **size)
+        out[f"{1e3 * diameter:g} mm"] = thing, diameter / 2 + width
+    place = 0.0, 0.0, GRIPPER.seat(max(OVAL))
+    out["oval"] = Ellipsoid(name="bar", semi_axes=(OVAL[0], _LONG, OVAL[1]), position=place), None
+    return out
+
+
+def grips(name: str, step: float = 2.0, pieces: int | None = None) -> list[Grip]:
+    """Grips of a thing, one each `step` [N], under a tension that rises slowly."""
+    thing, radius = things()[name]
+    built = build_assembly(gripper_scene(GRIPPER, (thing,), pieces=pieces))
+    simulation, rows = Simulation(built), []
+    simulation.reset(built.model.qpos0, np.zeros(built.n_inputs))
+    periods = round(_RISE / built.config.control_period)
+    every = round(step / _FULL * periods)
+    for k in range(1, periods + 1):
+        simulation.ctrl[:] = _FULL * k / periods
+        if not simulation.advance():
+            raise RuntimeError(simulation.failure())
+        if k % every == 0:
+            rows.append(_grip(name, built, simulation, radius))
+    return rows
+
+
+def _grip(name: str, built: AssembledScene, simulation: Simulation, radius: float | None) -> Grip:
+    part = built["middle"]
+    robot = part.scene.config.robot
+    bends = part.curvature(simulation.posture)[:, 1].reshape(robot.pieces, -1).mean(axis=1)
+    pressing = [t for t in simulation.contacts() if t.first.startswith("middle/")]
+    forces = np.array([np.linalg.norm(t.force) for t in pressing])
+    stations = np.array([t.stations[0] for t in pressing], dtype=float) / robot.length
+    outer, tip = stations > 0.4, stations > 0.9
+    tip_share = float(forces[tip].sum() / max(forces[outer].sum(), _PRESSES))
+    # Fingertip: of all that presses beyond the first sensor most is at the tip, which curls.
+    kind = "fingertip" if tip_share > 0.5 and bends[-1] > bends[-2] else "enclosing"
+    return Grip(
+        thing=name,
+        tension=float(simulation.ctrl[0]),
+        kind=kind if outer.any() else "open",
+        angles=tuple((np.degrees(bends) * robot.length / robot.pieces).tolist()),
+        touching=float((forces > _PRESSES).sum() / len(part.scene.layout.stations)),
+        tip_share=tip_share,
+        turn=None if radius is None else degrees(robot.length / robot.pieces / radius),
+    )
+
+
+# -------------------- episodes
+
+#: [N], tension at which sizes are read: most bars are then enclosed, and no tip has bent far.
+READING = 16.0
+
+#: Seeds of the examples that estimators are fitted to, of bars they are tested on, and of holds;
+#: what is added to them for the noise while sensors are calibrated.
+_FITTED, _TESTED, _HELD, _CALIBRATED = 10_000, 20_000, 30_000, 5_000_000
+
+#: Grippers at once, and those of which a policy learns; [s], control period.
+_TOGETHER, _LEARNERS, PERIOD = 50, 16, 0.02
+
+#: Bars on which finenesses are compared, and tension [N] and time [s] of that.
+_COMPARED, _SQUEEZE, _CLOSED = 8, 25.0, 1.0
+
+#: Makes a policy for environments of seeds from some number on.
+Policies = Callable[[VectorGripperEnv, int], Any]
+
+#: How what learns sees grippers.
+VIEW: dict[str, Any] = {
+    "observe": ("curvature", "tendon_tension", "contact", "previous_action"),
+    "observe_as": "vector",
+}
+
+
+def make(fineness: str, task: str, count: int, threads: int = 1, **options: Any) -> Any:
+    """So many grippers, with other options of the environment."""
+    return VectorGripperEnv(count, task, fineness=fineness, threads=threads, **options)
+
+
+def _in_batches(first: int, count: int, run: Callable[[int, int], dict]) -> dict[str, np.ndarray]:
+    """Arrays that a function of first seed and number returns, of all seeds."""
+    parts = [run(first + k, min(_TOGETHER, count - k)) for k in range(0, count, _TOGETHER)]
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def played(
+    fineness: str, task: str, policy: Policies, first: int, count: int, **options: Any
+) -> dict[str, np.ndarray]:
+    """Episodes of seeds from `first` on, by policies for them.
+
+    Returns:
+        success, lost: (n,) bool; worst: (n,), error over what counts as success, of holds the
+        largest, else the last; tension: (n,) [N], mean of the fingers at the end; and time [s] of
+        the processor for a step of one gripper, one for each batch.
+    """
+
+    def run(start: int, size: int) -> dict[str, np.ndarray]:
+        env = make(fineness, task, size, **options)
+        return _played(env, policy(env, start), start)
+
+    return _in_batches(first, count, run)
+
+
+def _played(env: VectorGripperEnv, policy: Any, first: int) -> dict[str, np.ndarray]:
+    count, steps = env.num_envs, env.max_episode_steps
+    observation, _ = env.reset(seed=first)
+    lost, success = np.zeros(count, bool), np.zeros(count, bool)
+    worst, tension = np.zeros(count), np.zeros(count)
+    state, first_ones = None, np.ones(count, bool)
+    begin = process_time()
+    for _ in range(steps):
+        action, state = policy.predict(observation, state, deterministic=True)
+        observation, _, failed, over, info = env.step(action)
+        error = np.maximum(worst, info["error"]) if env.task.free else info["error"]
+        worst = np.where(first_ones, error, worst)
+        lost |= failed & first_ones
+        success |= info["success"] & first_ones
+        tension = np.where(first_ones, env.simulation.ctrl.mean(axis=1), tension)
+        first_ones &= ~(failed | over)  # what follows are other episodes
+    time = np.array([(process_time() - begin) / steps / count])
+    found = {"success": success, "lost": lost, "worst": worst, "tension": tension}
+    return found | {"time": time}
+
+
+def read_bends(
+    fineness: str, task: str, first: int, count: int, errors: float | None
+) -> dict[str, np.ndarray]:
+    """Closings on bars of seeds from `first` on, clamped or free as in a task.
+
+    With sensors each gripper is calibrated first; their imperfections are `errors` times the usual.
+
+    Returns:
+        bends: (n, pieces) [1/m] by the sensors, or exact; exact: true means over the pieces; qpos:
+        (n, nq), postures; diameters: (n,) [m].
+    """
+
+    def run(start: int, size: int) -> dict[str, np.ndarray]:
+        observe = ("tendon_tension",) if errors is None else ("sensors",)
+        env = make(fineness, task, size, observe=observe)
+        own = {} if errors is None else {"sensor_errors": errors}
+        known = None if errors is None else calibrated_to(env, fineness, start, own)
+        begin, info = env.reset(seed=start, options=own)
+        policy, state, seen = ScriptedGrip(GRIPPER, PERIOD, READING), None, begin
+        for _ in range(round(CALM / PERIOD)):
+            action, state = policy.predict(seen, state)
+            seen, *_ = env.step(action)
+        exact = bends = env.simulation.curvature
+        if known is not None:
+            bends = known.curvature(seen["sensors"], begin["sensors"])
+        qpos = env.simulation.qpos.copy()
+        return {"bends": bends, "exact": exact, "qpos": qpos, "diameters": info["diameter"]}
+
+    return _in_batches(first, count, run)
+
+
+def calibrated_to(
+    env: VectorGripperEnv, fineness: str, first: int, own: dict[str, Any]
+) -> FingerCalibration:
+    """Calibrate the grippers of environments, of seeds from `first` on, with other noise."""
+    _, sampled = env.reset(seed=first, options=own)
+    specimens = {name: sampled[name] for name in ("modulus", "arm", "sensor_errors", "specimen")}
+    clamped = make(fineness, "enclose", env.num_envs, observe=("sensors",))
+    return calibrated(clamped, specimens, _CALIBRATED + first)
+
+
+def fitted_size(fineness: str, task: str, count: int, errors: float | None = None) -> SizeEstimator:
+    """An estimator that is fitted to as many bars."""
+    read = read_bends(fineness, task, _FITTED, count, errors)
+    return SizeEstimator.fitted(GRIPPER, READING, read["bends"], read["diameters"])
+
+
+def sizes(
+    fit: str, test: str, task: str, examples: int, count: int, scales: Sequence[float | None]
+) -> list[Size | Shape]:
+    """Errors of sizes of bars gripped in one fineness, by estimators fitted in another.
+
+    Args:
+        fit, test: The two.
+        task: Whether bars are clamped or free.
+        examples, count: Bars that are fitted to, and tested on.
+        scales: Of the sensors' imperfections; None for exact bends.
+    """
+    pieces, rows = _pieces(test), []
+    for errors in scales:
+        read = read_bends(test, task, _TESTED, count, errors)
+        if errors is None:
+            plain = size_by_sensor(GRIPPER, read["exact"])
+            rows.append(_size("second sensor", task, pieces, None, None, plain, read["diameters"]))
+        found = fitted_size(fit, task, examples, errors)(read["bends"])
+        about = "polynomial", task, pieces, _pieces(fit), errors
+        rows.append(_size(*about, found, read["diameters"]))
+        rows.append(_shape(test, task, pieces, errors, read))
+    return rows
+
+
+def _size(*about: Any) -> Size:
+    """A row of its first fields, the diameters found and the true ones."""
+    *what, found, truth = about
+    off = found - truth
+    pictured = tuple(truth.tolist()), tuple(off.tolist())
+    return Size(*what, len(truth), *_spread(np.abs(off)), *pictured)
+
+
+def _shape(fineness: str, task: str, pieces: int, errors: float | None, read: dict) -> Shape:
+    robot = GRIPPER.fingers[0].robot
+    bend = np.degrees(np.abs(read["bends"] - read["exact"])) * robot.length / robot.pieces
+    parts = make(fineness, task, 1).simulation.scene.parts
+    true = np.stack([part.tip(read["qpos"]) for part in parts.values()], axis=1)
+    tips = [[points[-1] for points in finger_shapes(GRIPPER, row)] for row in read["bends"]]
+    away = np.linalg.norm(np.array(tips) - true, axis=2)
+    return Shape(task, pieces, errors, away.size, *_spread(bend), *_spread(away))
+
+
+def _spread(values: np.ndarray) -> tuple[float, float, float]:
+    """Mean, 95th percentile and largest."""
+    return float(values.mean()), float(np.percentile(values, 95)), float(values.max())
+
+
+def _pieces(fineness: str) -> int:
+    scene = make(fineness, "enclose", 1).simulation.scene
+    return next(iter(scene.parts.values())).scene.config.n_pieces
+
+
+def _timestep(fineness: str, task: str) -> float:
+    return make(fineness, task, 1).simulation.scene.timestep.timestep
+
+
+def outcomes(fineness: str, task: str, policy: str, count: int, examples: int = 0) -> list[Outcome]:
+    """Episodes under a policy: "scripted 20 N" and the like, "sized" by the sensors, or "ppo".
+
+    Args:
+        fineness: How finely grippers are simulated.
+        task: Name of the task.
+        policy: The policy.
+        count: Number of episodes.
+        examples: Bars to which "sized" is fitted, or steps with which "ppo" is trained.
+    """
+    how: dict[str, Any] = {}
+    if policy == "ppo":
+        model, how = trained(task, examples), VIEW
+    elif policy == "sized":
+        size, how = fitted_size("quick", task, examples, 1.0), {"observe": ("sensors",)}
+
+    def made(env: VectorGripperEnv, first: int) -> Any:
+        if policy == "ppo":
+            return model
+        if policy == "sized":
+            known = calibrated_to(env, fineness, first, {})
+            return SizedGrip(GRIPPER, PERIOD, size=size, sensors=known)
+        return ScriptedGrip(GRIPPER, PERIOD, float(policy.split()[1]))
+
+    runs = played(fineness, task, made, _HELD, count, **how)
+    return [
+        Outcome(
+            task=task,
+            policy=f"ppo, {examples} steps" if policy == "ppo" else policy,
+            pieces=_pieces(fineness),
+            timestep=_timestep(fineness, task),
+            count=count,
+            success=float(runs["success"].mean()),
+            lost=float(runs["lost"].mean()),
+            error=float(np.median(runs["worst"])),
+            tension=float(runs["tension"].mean()),
+            ms_per_step=1e3 * float(runs["time"].mean()),
+        )
+    ]
+
+
+def trained(task: str, steps: int) -> Any:
+    """A policy of stable-baselines3's PPO, trained with the quick fineness."""
+    import torch
+    from stable_baselines3 import PPO
+
+    from softrobot_env.training.vec_env import TrackingVecEnv
+
+    torch.set_num_threads(1)
+    env = TrackingVecEnv([make("quick", task, _LEARNERS, autoreset_mode="SameStep", **VIEW)])
+    env.seed(0)
+    settings = {"n_steps": 256, "batch_size": 512, "gamma": 0.98, "learning_rate": 1e-3}
+    start = {"policy_kwargs": {"log_std_init": -1.0}, "seed": 0, "device": "cpu"}
+    return PPO("MlpPolicy", env, **settings, **start).learn(steps)
+
+
+# -------------------- speed
+
+
+def speeds(task: str, many: int, threads: Sequence[int]) -> list[Speed]:
+    """What steps cost by the rule and quickly, one gripper or many on some threads."""
+    robot, truth, rows = GRIPPER.fingers[0].robot, _bends("rule", task), []
+    for fineness in ("rule", "quick"):
+        off = np.degrees(np.abs(_bends(fineness, task) - truth)) * robot.length / robot.pieces
+        rows.append(_speed(fineness, task, 1, 1, float(off.mean()), float(off.max())))
+    return rows + [_speed("quick", task, many, count, None, None) for count in threads]
+
+
+def _speed(fineness: str, task: str, count: int, threads: int, *errors: float | None) -> Speed:
+    own = task, _pieces(fineness), _timestep(fineness, task), fineness, count, threads
+    return Speed(*own, _rate(fineness, task, count, threads), *errors)
+
+
+def _bends(fineness: str, task: str) -> np.ndarray:
+    """Curvatures (steps, n, pieces) [1/m] of grippers that close, with neither pull nor shake."""
+    env = make(fineness, task, _COMPARED)
+    env.reset(seed=_TESTED, options={"pull": 0.0, "shake": 0.0})
+    bends = []
+    for k in range(round(_CLOSED / PERIOD)):
+        env.step(_closing(_COMPARED, k))
+        bends.append(env.simulation.curvature)
+    return np.stack(bends)
+
+
+def _closing(count: int, k: int) -> np.ndarray:
+    """Action k (n, inputs) of grippers that close and then hold."""
+    tension = _SQUEEZE * min(1.0, (k + 1) * PERIOD / RISE)
+    return np.tile((2 * tension / GRIPPER.tension_limits - 1).astype(np.float32), (count, 1))
+
+
+def _rate(fineness: str, task: str, count: int, threads: int) -> float:
+    """Steps per second of all grippers, over an episode: they close, hold, are pulled and shaken.
+
+    Of processor time on one thread, which a busy machine does not change, else of wall time.
+    """
+    env = make(fineness, task, count, threads)
+    clock = process_time if threads == 1 else perf_counter
+    env.reset(seed=_TESTED)
+    took, steps = 0.0, env.max_episode_steps
+    for k in range(steps):
+        action = _closing(count, k)
+        begin = clock()
+        env.step(action)
+        took += clock() - begin
+    return steps * count / took
+
+
+# -------------------- the study
+
+#: Policies that hold, and that enclose; steps with which reinforcement learning is trained to.
+HOLDERS = ("scripted 20 N", "scripted 30 N", "scripted 40 N", "sized")
+CLOSERS = ("scripted 12 N", "scripted 16 N", "scripted 20 N")
+LEARNED = {"enclose": 80_000, "hold": 80_000}
+
+#: Imperfections of sensors, over the usual ones; None of exact bends.
+SCALES = None, 0.0, 1.0, 2.0
+
+#: Bars that sizes are fitted to and tested on, held bars, and those tested and held by the rule.
+EXAMPLES, TESTED, HELD, TESTED_BY_RULE, HELD_BY_RULE = 300, 100, 200, 40, 60
+
+#: Grippers at once, on so many threads.
+MANY, THREADS = 64, (1, 2, 4)
+
+
+def cases(quick: bool = False) -> list[tuple]:
+    """Names of what measures, with arguments; all but speeds."""
+    if quick:
+        return [
+            ("grips", next(iter(things())), 4.0, 6),
+            ("sizes", "quick", "quick", "enclose", 40, 10, (None, 1.0)),
+            ("outcomes", "quick", "hold", "scripted 30 N", 20),
+        ]
+    ppo = LEARNED.items() if find_spec("stable_baselines3") is not None else ()
+    return [
+        ("sizes", "quick", "rule", "enclose", EXAMPLES, TESTED_BY_RULE, SCALES[::2]),
+        ("outcomes", "rule", "hold", "scripted 30 N", HELD_BY_RULE),
+        *(("outcomes", "quick", task, "ppo", HELD, steps) for task, steps in ppo),
+        *(("sizes", "quick", "quick", task, EXAMPLES, TESTED, SCALES) for task in LEARNED),
+        *(("grips", name) for name in things()),
+        *(("outcomes", "quick", "hold", policy, HELD, EXAMPLES) for policy in HOLDERS),
+        *(("outcomes", "quick", "enclose", policy, HELD) for policy in CLOSERS),
+    ]
+
+
+def measure(case: tuple) -> list[Record]:
+    """Rows of a case."""
+    what, *given = case
+    return {"grips": grips, "sizes": sizes, "outcomes": outcomes}[what](*given)
+
+
+def stages(lab: Lab) -> list[Record]:
+    """All cases in processes; then what needs several threads by itself."""
+    rows = lab.measure(cases(lab.quick), measure)
+    if lab.quick:
+        return rows + speeds("enclose", 4, (1,))
+    return rows + [row for task in LEARNED for row in speeds(task, MANY, THREADS)]
+
+
+def _angle(k: int, heading: str) -> Column:
+    return Column(heading, lambda grip: grip.angles[k] if k < len(grip.angles) else None, ".1f")
+
+
+#: Colours of a finger's sensors; the others are those of sizes.
+_SENSORS = figures.COLOURS[:3]
+
+
+def picture(rows: Sequence[Record]) -> figures.Figure:
+    """Bends of the sensors over tension, and errors of sizes."""
+    things = {thing: found for (thing,), found in groups(of_kind(rows, Grip), "thing").items()}
+    panels = len(things) + 1
+    columns = -(-panels // 2)
+    figure, axes = figures.new_figure(2, columns, (3.2 * columns, 6.6))
+    for axis, (thing, found) in zip(axes.flat, things.items(), strict=False):
+        _bends_panel(axis, thing, found)
+    for axis in axes.flat[panels:]:
+        axis.set_visible(False)
+    for axis in axes[:, 1:].flat:
+        axis.set_ylabel("")
+    last = axes.flat[len(things)]
+    # Of clamped bars, with as many pieces as the polynomials were fitted with; the coarse ones.
+    mine = [s for s in of_kind(rows, Size) if s.pieces == s.fitted and s.task == "enclose"]
+    shown = [size for size in mine if size.pieces == min(m.pieces for m in mine)]
+    for size, colour in zip(shown, figures.COLOURS[len(_SENSORS) :], strict=False):
+        label = "exact bends" if size.errors is None else f"usual errors x {size.errors:g}"
+        diameters, errors = ([1e3 * x for x in xs] for xs in (size.diameters, size.off))
+        last.plot(diameters, errors, ".", color=colour, markersize=4, label=label)
+    last.set(xlabel="diameter [mm]", ylabel="error [mm]", title="size from one grip")
+    message = "Bends of the middle finger's sensors over the tension"
+    for usual in (size for size in shown if size.errors == 1.0):
+        message = (
+            f"Sensors tell diameters of {usual.count} bars {1e3 * usual.mean:.2g} mm off in "
+            f"the mean, {1e3 * usual.most:.2g} mm at most"
+        )
+    subject = "Bends of the middle finger's sensors while it closes, and errors of the size"
+    figures.add_title(figure, message, subject)
+    both = [axis.get_legend_handles_labels()[0] for axis in (axes[0, 0], last)]
+    figures.add_legend(figure, [*both[0], *both[1]])
+    return figure
+
+
+def _bends_panel(axis: figures.Axes, thing: str, grips: Sequence[Grip]) -> None:
+    tension = [grip.tension for grip in grips]
+    for k, colour in zip(range(len(grips[0].angles)), _SENSORS, strict=False):
+        angles = [grip.angles[k] for grip in grips]
+        axis.plot(tension, angles, color=colour, label=f"sensor {k + 1}")
+    if grips[0].turn is not None:
+        axis.axhline(grips[0].turn, **figures.REFERENCE | {"label": "lies on the cylinder"})
+    tips = [grip.tension for grip in grips if grip.kind == "fingertip"]
+    if tips:
+        span = {"color": figures.GREY, "alpha": 0.15, "label": "fingertip grip"}
+        axis.axvspan(min(tips), max(tension), **span)
+    axis.set(xlabel="tension [N]", ylabel="bend [deg]", title=thing)
+
+
+STUDY = Study(
+    kinds=(Grip, Size, Shape, Outcome, Speed),
+    stages=stages,
+    tables=[
+        table(
+            "Grips of clamped cylinders, and of the oval: bends of the middle finger's sensors",
+            *("thing", "tension", "kind", _angle(0, "bends deg"), _angle(1, ""), _angle(2, "")),
+            *("turn", "touching", "tip_share"),
+            of=Grip,
+            caption="turn: of a sensor that lies on the cylinder altogether",
+        ),
+        table(
+            "Diameters from one enclosing grip, of bars and fingers that were not fitted to",
+            *("method", "task", "pieces", "fitted", "errors", "count", "mean", "high", "most"),
+            of=Size,
+            caption="sensors: their imperfections over the usual ones; none: exact mean bends",
+        ),
+        table(
+            "Bends and tips by calibrated sensors",
+            *("task", "pieces", "errors", "count", "bend", "high_bend", "most_bend", "tip"),
+            *("high_tip", "most_tip"),
+            of=Shape,
+        ),
+        table(
+            "Random bars and fingers, held under random pulls and shaking, or enclosed",
+            *("task", "policy", "pieces", "timestep", "count", "success", "lost", "error"),
+            *("tension", "ms_per_step"),
+            of=Outcome,
+            caption="error: over what counts as success, median",
+        ),
+        table(
+            "Speed, with closings to 25 N",
+            *("task", "pieces", "timestep", "fineness", "count", "threads", "steps_per_s"),
+            *("mean_error", "bend_error"),
+            of=Speed,
+            caption="bend: difference of a sensor from the rule's, mean and largest in a closing",
+        ),
+    ],
+    plots={"{}": picture},
+)

@@ -1,0 +1,314 @@
+"""Identifications of rods of another model class and of twins, whose truths are unknown to them.
+
+A twin of the rig is recorded slowly, as a user records, and is identified from what its camera saw.
+Then the same law drives it three times round the triangle: by the robot that was found, by the twin
+itself, and by the rig as everybody believes it to be. Zeros of the servos are corrected by what
+each of them knows.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import exp, log
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+from rich.text import Text
+
+from softrobot_env.control.registry import find_policy, make_policy
+from softrobot_env.evaluation.metrics import approached_metrics
+from softrobot_env.evaluation.runner import Case
+from softrobot_env.evaluation.runner import run as run_case
+from softrobot_env.identification.fit.least_squares import size
+from softrobot_env.identification.fit.path import identify
+from softrobot_env.identification.fit.report import parameter_rows
+from softrobot_env.identification.parameters import identified, record
+from softrobot_env.rendering import figures
+from softrobot_env.rendering.tables import make_table
+from softrobot_env.robots import RIG, RobotParams
+from softrobot_env.robots.actuation import with_balance
+from softrobot_env.robots.twin import Twin, rig3d_twin
+from softrobot_env.tasks import make_task
+from studies.lab import Column, Record, Study, groups, of_kind, quantity, table, verdict
+from studies.truths.rubbing_rod import BELIEVED, drawn, recorded
+
+# -------------------- twins
+
+#: Seeds of the twins.
+TWINS = (1, 2, 3, 4, 5)
+
+#: Laws that need nothing but a robot, and periods [s] of a lap.
+POLICIES, PERIODS = ("chain_dynamics_pi", "inverse_dynamics"), (5.0, 1.0)
+
+
+@dataclass(frozen=True)
+class TwinRow(Record):
+    """Laps of a twin.
+
+    Attributes:
+        kind: "twin".
+        twin: Its seed.
+        policy: The law.
+        period: [s] of a lap.
+        found, true, believed: [m], mean error by the robot that was identified, by the twin
+            itself, and by the rig as its parameters say; None after a failure.
+        ratio: Found over true.
+        time: [s] that the identification took.
+    """
+
+    kind: str
+    twin: int = quantity("", "d")
+    policy: str = quantity("", "", "law")
+    period: float = quantity("s", "g", "lap")
+    found: float | None = quantity("mm", ".2f", "identified")
+    true: float | None = quantity("mm", ".2f", "known")
+    believed: float | None = quantity("mm", ".2f")
+    ratio: float | None = quantity("", ".2f")
+    time: float
+
+
+def driven(seed: int) -> list[TwinRow]:
+    """Rows of a twin."""
+    twin, began = rig3d_twin(seed), perf_counter()
+    found = identified(record(twin, seed))
+    taken = perf_counter() - began
+    zeros = found.header.commands.zeros or (0.0,) * len(RIG.tendons)
+    known = _known(twin)
+    pulled = [
+        (t.pretension - k.pretension) / t.stiffness
+        for t, k in zip(twin.robot.tendons, known.tendons, strict=True)
+    ]
+    offsets = np.array(twin.servo_offset)
+    rigs = (
+        (replace(found.robot, file=None), offsets - zeros),
+        (known, np.array(pulled)),
+        (RIG, offsets),
+    )
+    rows = []
+    for policy in POLICIES:
+        for period in PERIODS:
+            errors = [_error(policy, period, robot, twin, left) for robot, left in rigs]
+            ratio = None if None in errors[:2] else errors[0] / errors[1]
+            rows.append(TwinRow("twin", seed, policy, period, *errors, ratio, taken))
+    return rows
+
+
+def _known(twin: Twin) -> RobotParams:
+    """The twin's robot as an identification would write it, without any error."""
+    drive = replace(RIG.drive, backlash=float(np.mean(twin.backlash)))
+    return with_balance(replace(twin.robot, pieces=6, drive=drive))
+
+
+def _error(
+    policy: str,
+    period: float,
+    robot: RobotParams,
+    twin: Twin,
+    offsets: np.ndarray,
+) -> float | None:
+    """Mean error [m] of laps of a twin with servo offsets (3,) [m], by a law for a robot."""
+    built = replace(twin, servo_offset=tuple(offsets.tolist()))
+    case = Case(make_task("triangle", period=period), policy, scene={"twin": built})
+    env = case.environment()
+    delay = find_policy(policy).told(twin.camera_delay)
+    law = make_policy(policy, robot, env.control_period, **delay)
+    rollout = run_case(case, env, law).rollout
+    env.close()
+    if rollout.failure is not None:
+        return None
+    return approached_metrics(rollout, case.task.trajectory).e_mean_tracking
+
+
+# -------------------- rods of another model class
+
+#: Repetitions, each with a truth of its own.
+REPETITIONS, QUICK = 100, 1
+
+_STAGES = ("frame", "statics", "dynamics")
+
+
+@dataclass(frozen=True)
+class FoundRow(Record):
+    """A parameter of a repetition.
+
+    Attributes:
+        repetition: Seed of truth and noise.
+        kind: "modulus", "damping", "friction" or "delay".
+        name: Of the parameter.
+        true, found: Factor on what is believed [1], of friction and delay [N, s].
+        low, high: 95 % interval.
+        inside: Whether the truth is in it.
+        error: Relative error; of the delay [s].
+        rms: [m] of the static rows.
+        time: [s] that the identification took.
+    """
+
+    repetition: int
+    kind: str
+    name: str
+    true: float
+    found: float
+    low: float
+    high: float
+    inside: bool
+    error: float
+    rms: float
+    time: float
+
+
+def repetition(seed: int) -> list[FoundRow]:
+    """What is found of one robot; its mass and its tendons' places are known."""
+    truth = drawn(seed)
+    recording = recorded(truth, seed)
+    began = perf_counter()
+    found = identify(recording, BELIEVED, _STAGES, known=("mass", "marker_offset"), validate=False)
+    taken, rms = perf_counter() - began, size(found.fit.simulated.error)
+    rows = {row.parameter: row for row in parameter_rows(found)}
+
+    def row(kind: str, name: str, true: float, start: float) -> FoundRow:
+        """Values and interval are logarithms over the start, as friction's has no factor."""
+        mine = rows[name]
+        value, low, high = (start * exp(x) for x in (mine.value, mine.low, mine.high))
+        inside = mine.low <= log(true / start) <= mine.high
+        return FoundRow(
+            seed, kind, name, true, value, low, high, inside, value / true - 1, rms, taken
+        )
+
+    out = [
+        row("modulus", "youngs_modulus: section 1", truth.modulus, 1.0),
+        row("damping", "damping_time: all", truth.damping, 1.0),
+    ]
+    for tendon in found.robot.tendons:
+        name = f"tendon_friction: {tendon.name}"
+        start = tendon.friction / exp(rows[name].value)
+        out.append(row("friction", name, truth.friction, start))
+    late, true = rows["marker_delay: all"], truth.delay
+    span = late.value, late.low, late.high, late.low <= true <= late.high, late.value - true
+    return [*out, FoundRow(seed, "delay", "marker_delay: all", true, *span, rms, taken)]
+
+
+# -------------------- tables and picture
+
+_TITLES = {
+    "modulus": ("Young's modulus, factor", 1.0),
+    "damping": ("damping, factor", 1.0),
+    "friction": ("friction [N]", 1.0),
+    "delay": ("delay [ms]", 1e3),
+}
+
+
+def picture(rows: Sequence[Record]) -> figures.Figure:
+    """A panel for each kind; intervals that miss the truth in another colour."""
+    kinds = groups(of_kind(rows, FoundRow), "kind")
+    figure, axes = figures.new_figure(1, len(kinds), (2.6 * len(kinds), 3.6))
+    for axis, ((kind,), mine) in zip(axes[0], kinds.items(), strict=True):
+        title, scale = _TITLES[kind]
+        for row in mine:
+            colour = figures.BLUE if row.inside else figures.VERMILLION
+            ends = [scale * row.low, scale * row.high]
+            axis.plot([scale * row.true] * 2, ends, color=colour, linewidth=0.8)
+            axis.plot(scale * row.true, scale * row.found, ".", color=colour, markersize=4)
+        ends = [scale * min(r.true for r in mine), scale * max(r.true for r in mine)]
+        axis.plot(ends, ends, color=figures.BLACK, linewidth=0.8)
+        axis.set(xlabel="true", ylabel="found", title=title)
+    found = of_kind(rows, FoundRow)
+    inside = sum(row.inside for row in found)
+    figures.add_title(
+        figure,
+        f"{100 * inside / len(found):.3g} % of the 95 % intervals hold the truth",
+        f"{len(found)} parameters of simulated Cosserat rods, identified from recordings",
+    )
+    ways = {"the truth is inside": figures.BLUE, "outside": figures.VERMILLION}
+    figures.add_legend(figure, [figures.entry(k, color=c, marker=".") for k, c in ways.items()])
+    return figure
+
+
+#: Kind -> largest relative error that is asked for; of the delay none is.
+GOALS = {"modulus": 0.02, "damping": 0.05, "friction": 0.2}
+
+#: Share of repetitions whose interval has to hold the truth; and largest error of laps after an
+#: identification, over that of the same law that knows the twin.
+COVERAGE, RATIO = 0.9, 1.3
+
+
+def _summary(kind: str, rows: Sequence[FoundRow]) -> dict[str, Any]:
+    """What was found of a kind of parameter, see the captions of the tables."""
+    error = np.array([row.error for row in rows])
+    sizes, inside = np.abs(error), float(np.mean([row.inside for row in rows]))
+    most = {"median": float(np.median(sizes)), "most": float(sizes.max()), "inside": inside}
+    found = {"kind": kind, "count": len(rows), "bias": float(error.mean()), **most}
+    if kind in GOALS:
+        within = float(np.mean(sizes <= GOALS[kind]))
+        met = bool(within == 1 and inside >= COVERAGE)
+        found |= {"goal": GOALS[kind], "within": within, "met": met}
+    return found
+
+
+def _summaries(rows: Sequence[Record]) -> list[Table]:
+    """Errors and coverage of each kind of parameter."""
+    rows = of_kind(rows, FoundRow)
+    found = [_summary(kind, mine) for (kind,), mine in groups(rows, "kind").items()]
+
+    def size(unit: str) -> tuple[Column, ...]:
+        heads = {"bias": f"mean {unit}", "median": "median", "most": "largest"}
+        return tuple(Column(head, name, ".1f", unit) for name, head in heads.items())
+
+    start = Column("parameter", "kind"), Column("n", "count", "d")
+    inside = Column("in 95 %", "inside", ".1f", "%")
+    goal = Column("asked", "goal", ".1f", "%"), Column("within it", "within", ".1f", "%"), inside
+    met = Column("met", lambda row: verdict(row["met"]), ">")
+    times = [row.time for row in rows if row.kind == "modulus"]
+    caption = (
+        f"{len(times)} robots; an identification took {np.median(times):.1f} s. mean: of the "
+        "error; median, largest: of its size; in 95 %: truths within the stated interval. met: all "
+        f"within what is asked, and the truth in at least {100 * COVERAGE:.0f} % of the intervals"
+    )
+    relative, late = ([r for r in found if ("goal" in r) == known] for known in (True, False))
+    title = "Cosserat rods, identified"
+    return [
+        make_table(title, (*start, *size("%"), *goal, met), relative, caption=caption),
+        make_table("Delay of the markers", (*start, *size("ms"), inside), late),
+    ]
+
+
+def _laps(rows: Sequence[Record]) -> list[Table]:
+    """Laps of twins; judged is the best law of each way of knowing the twin."""
+    best = [
+        min(mine, key=lambda row: np.inf if row.true is None else row.true)
+        for mine in groups(of_kind(rows, TwinRow), "twin", "period").values()
+    ]
+
+    def met(row: TwinRow) -> str | Text:
+        judged = row in best and row.ratio is not None
+        return verdict(row.ratio <= RATIO) if judged else ""
+
+    return table(
+        "Twins of which nothing was known",
+        *("twin", "policy", "period", "found", "true", "believed", "ratio"),
+        Column("met", met, ">"),
+        of=TwinRow,
+        caption="mean error of triangles; ratio: of the robot identified over the twin itself "
+        f"known; met: at most {RATIO:g} by the law that is best for the twin known",
+    )(rows)
+
+
+#: Repetitions, each with a truth of its own.
+REPETITIONS, QUICK = 100, 1
+
+
+def measure(case: tuple[str, int]) -> list[Record]:
+    """A repetition, or laps of a twin, by its seed."""
+    what, seed = case
+    return {"robot": repetition, "twin": driven}[what](seed)
+
+
+STUDY = Study(
+    kinds=(FoundRow, TwinRow),
+    cases=[*(("twin", k) for k in TWINS), *(("robot", k) for k in range(REPETITIONS))],
+    quick=[("robot", k) for k in range(QUICK)],
+    measure=measure,
+    label=lambda case: f"{case[0]} {case[1]}",
+    tables=[_summaries, _laps],
+    plots={"{}": picture},
+)

@@ -1,0 +1,921 @@
+"""Reduced models of the rig, learned from its motion, beside the thesis' (sec. 3.3.3)."""
+
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter, thread_time
+from typing import Any, Protocol
+
+import numpy as np
+from rich.table import Table
+
+from softrobot_env.beams.registry import BeamPlant
+from softrobot_env.control.reduced.environment import preview_times
+from softrobot_env.control.rig.inverse import TOTAL
+from softrobot_env.core.artifacts import fingerprint, write_arrays
+from softrobot_env.core.interfaces import Policy
+from softrobot_env.envs.rig import RigEnv
+from softrobot_env.evaluation.metrics import approached_metrics
+from softrobot_env.evaluation.runner import Case
+from softrobot_env.evaluation.runner import run as run_episode
+from softrobot_env.identification.excitation import resting_task
+from softrobot_env.identification.visits import nominal_lengths
+from softrobot_env.learned.bayesian import train
+from softrobot_env.learned.network import Dataset, Network
+from softrobot_env.learned.reduction import THESIS, FitError, ReducedModel, Settings, fit, spectrum
+from softrobot_env.learned.reduction import Record as Recorded
+from softrobot_env.learned.reduction.polynomials import Monomials
+from softrobot_env.learned.reduction.records import delay_vectors
+from softrobot_env.rendering import figures
+from softrobot_env.rendering.tables import new_table
+from softrobot_env.robots import RIG
+from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.tasks import make_task
+from softrobot_env.training.motions import Plan, collect, drive, drives_of, filtered
+from softrobot_env.training.ssm import PLAN, learn, smoothed, trusted
+from studies.lab import (
+    Column,
+    Record,
+    Study,
+    for_pictures,
+    groups,
+    number,
+    of_kind,
+    pivot,
+    quantity,
+    select,
+    table,
+)
+
+
+@dataclass(frozen=True)
+class PathRow(Record):
+    """A path that a model predicts from rest and the inputs alone, two laps.
+
+    Attributes:
+        model: Its name.
+        twin: Seed of the rig; None without friction and errors.
+        path: "rectangle" or "circle".
+        period: [s] of a lap.
+        mean: [m], mean distance of predicted and measured tips; None where it diverges
+            (10 m or more off).
+        nmte: Mean distance over the largest distance of the tip from rest [1], the normalised mean
+            trajectory error of Cenedese et al. (2022).
+        goal: [m], of the mean over both paths, or None.
+        thesis: [m], what the thesis prints, or None.
+        fit_time: [s] to learn the model.
+        predict_time: [s] for a prediction of 25 s.
+        measured, predicted: (t, 2) [m].
+    """
+
+    model: str
+    twin: int | None
+    path: str
+    period: float
+    mean: float | None
+    nmte: float | None
+    goal: float | None
+    thesis: float | None
+    fit_time: float | None
+    predict_time: float | None
+    measured: np.ndarray | None = for_pictures()  # noqa: RUF009
+    predicted: np.ndarray | None = for_pictures()  # noqa: RUF009
+
+
+@dataclass(frozen=True)
+class OrderRow(Record):
+    """Fig. 3.14: a model with the thesis' settings but for two.
+
+    Attributes:
+        twin: As of `PathRow`.
+        shape_order: n_w.
+        p: Numbers in a delay vector.
+        rms: [m], (3.23) over unseen random motion; None where a prediction diverges.
+    """
+
+    twin: int | None
+    shape_order: int
+    p: int
+    rms: float | None = quantity("mm", ".3g", "RMS")
+
+
+@dataclass(frozen=True)
+class DataRow(Record):
+    """Error against what is learned from, and against order.
+
+    Attributes:
+        twin: As of `PathRow`.
+        minutes: Of motion under changing inputs.
+        order: n_r, of coordinates and inputs together.
+        rms: [m], (3.23) over unseen random motion; None where it diverges.
+        fit_time, predict_time: [s], as of `PathRow`.
+    """
+
+    twin: int | None
+    minutes: float = quantity("", "g", "min of motion")
+    order: int = quantity("", "d")
+    rms: float | None = quantity("mm", ".3g", "RMS")
+    fit_time: float = quantity("s", ".3g", "learned in")
+    predict_time: float | None = quantity("ms", ".3g", "25 s in")
+
+
+@dataclass(frozen=True)
+class LoopRow(Record):
+    """A closed loop on the triangle (thesis sec. 5.4).
+
+    Attributes:
+        policy: Its name.
+        twin: As of `PathRow`.
+        period: [s] of a lap.
+        mean, largest: [m], errors of the tip; None where the episode failed.
+        goal: [m], of the mean, or None.
+        decision: [s] of the processor, median of a decision.
+        longest: [s], 99 of 100 are shorter.
+        failure: What went wrong, or None.
+    """
+
+    policy: str
+    twin: int | None
+    period: float = quantity("s", "g", "lap")
+    mean: float | None = quantity("mm", ".3g")
+    largest: float | None = quantity("mm", ".3g")
+    goal: float | None = quantity("mm", "g")
+    decision: float = quantity("ms", ".2g", "decides")
+    longest: float = quantity("ms", ".2g", "99 %")
+    failure: str | None
+
+
+@dataclass(frozen=True)
+class SpectrumRow(Record):
+    """Modes of a rig's decays.
+
+    Attributes:
+        twin: As of `PathRow`.
+        decay, frequency: [1/s], [rad/s] of the slowest mode.
+        separation: How many times as fast the modes left out decay.
+        decay_path: One, (t, 2) [m].
+        excited: (t, 3), a decay and the oscillation before it: x, y [m], and the change of the
+            first tendon's length [m].
+    """
+
+    twin: int | None
+    decay: float = quantity("1/s", ".3g")
+    frequency: float = quantity("rad/s", ".3g")
+    separation: float = quantity("", ".3g", "others decay times as fast")
+    decay_path: np.ndarray | None = for_pictures()  # noqa: RUF009
+    excited: np.ndarray | None = for_pictures()  # noqa: RUF009
+
+
+# -------------------- motion to learn from, and paths to be predicted
+
+#: [s] between samples, the thesis' 100 Hz.
+PERIOD = 0.01
+
+#: The thesis' motion (sec. 3.3.3): releases stay within the usable workspace of 121 mm.
+THESIS_PLAN = Plan(kinds=("random",), amplitude=0.55, period=PERIOD)
+
+#: Random motion that is predicted: 20 records of 25 s.
+UNSEEN = Plan(decays=0, excited=0, kinds=("random",), amplitude=0.55, period=PERIOD, run=25.0)
+UNSEEN_COUNT = 20
+
+#: Rectangle, half its sides [m]; radius of the circle [m]; periods [s].
+HALVES, RADIUS, PERIODS = (0.07, 0.08), 0.11, (10.0, 4.0, 2.0, 1.0, 0.5)
+PATHS = ("rectangle", "circle")
+
+#: [s] to the first point and of rest there, and laps.
+_LEAD, _REST, _LAPS = 4.0, 3.0, 2
+
+
+#: Fig. 3.13: [s] that random inputs are held, cutoffs [Hz] of filters, and [s] of all.
+HELD, CUTOFFS, SHOWN_FOR = 0.5, (1.0, 2.0, 4.0), 8.0
+
+
+def random_inputs() -> np.ndarray:
+    """Random changes of a tendon's length, held and filtered by each of `CUTOFFS`.
+
+    Returns:
+        (1 + cutoffs, t) [m], samples `PERIOD` apart.
+    """
+    drives, rng = drives_of(RIG, 2, PERIOD), np.random.default_rng(0)
+    held = drives.targets[rng.integers(1, len(drives.targets), round(SHOWN_FOR / HELD))]
+    steps = np.repeat(THESIS_PLAN.amplitude * held, round(HELD / PERIOD), axis=0)
+    all_ = [steps, *(filtered(steps, cutoff, PERIOD) for cutoff in CUTOFFS)]
+    return np.stack([one @ drives.basis[0] for one in all_]) * robot_inputs(RIG).input_scale[0]
+
+
+@dataclass(frozen=True)
+class Followed:
+    """A path that a rig followed by a static inverse.
+
+    Attributes:
+        path, period: See `PATHS` and `PERIODS`.
+        record: What it did, approach and rest before.
+        begin: Sample at which laps begin.
+    """
+
+    path: str
+    period: float
+    record: Recorded
+    begin: int
+
+
+@dataclass(frozen=True)
+class RigData:
+    """All that is recorded of a rig.
+
+    Attributes:
+        twin: Seed of its twin; None for the one without friction and errors.
+        quick: Whether there is little of it.
+    """
+
+    twin: int | None
+    quick: bool = False
+
+    @cached_property
+    def thesis(self) -> tuple[list[Recorded], list[Recorded]]:
+        """Decays and random motion as the thesis has them."""
+        return self._collect(THESIS_PLAN)
+
+    @cached_property
+    def ours(self) -> tuple[list[Recorded], list[Recorded]]:
+        """Decays, random motion and fast laps all over the workspace, 30 minutes."""
+        return self._collect(replace(PLAN, period=PERIOD))
+
+    @cached_property
+    def unseen(self) -> list[Recorded]:
+        """Random motion that no model has seen."""
+        count = 2 if self.quick else UNSEEN_COUNT
+        plan = replace(UNSEEN, minutes=count * UNSEEN.run / 60, seed=1000)
+        return collect(RIG, plan, self.twin)[1]
+
+    @cached_property
+    def excited(self) -> Recorded:
+        """A decay with the oscillation before it that the drives excite (Fig. 3.12)."""
+        plan = replace(THESIS_PLAN, decays=0, excited=1, minutes=0.0)
+        return collect(RIG, plan, self.twin, whole=True)[0][0]
+
+    def _collect(self, plan: Plan) -> tuple[list[Recorded], list[Recorded]]:
+        if self.quick:
+            plan = replace(plan, decays=8, excited=2, minutes=3.0)
+        return collect(RIG, plan, self.twin)
+
+    def paths(self, plant: str | None = None) -> list[Followed]:
+        """All paths, with the inputs that hold the nominal rig on them (thesis sec. 5.1).
+
+        Args:
+            plant: A beam model of the nominal rig that does it in the rig's place.
+        """
+        periods = PERIODS[1:4:2] if self.quick else PERIODS
+        return [self._followed(path, period, plant) for path in PATHS for period in periods]
+
+    def _followed(self, path: str, period: float, plant: str | None) -> Followed:
+        points, begin = _points(path, period)
+        straight = nominal_lengths(RIG, np.zeros((1, 2)), TOTAL)
+        inputs, drives = robot_inputs(RIG), drives_of(RIG, 2, PERIOD)
+        actions = (
+            drives.rest + (nominal_lengths(RIG, points, TOTAL) - straight) / inputs.input_scale
+        )
+        task = replace(resting_task(RIG, len(points) * PERIOD + 1.0, "xy"))
+        task = replace(task, start_input=tuple(drives.rest * inputs.input_scale))
+        options = {"twin": self.twin} if isinstance(self.twin, int) else {}
+        if plant is not None:
+            options = {"plant": BeamPlant(plant), "pieces": None}
+        seen = ("tip_position", "previous_action")
+        with closing(RigEnv(task, observe=seen, control_period=PERIOD, **options)) as env:
+            return Followed(path, period, drive(env, actions, 7), begin)
+
+
+def _points(path: str, period: float) -> tuple[np.ndarray, int]:
+    """Places (t, 2) [m] of approach, rest and laps, and where laps begin."""
+    turns = (np.arange(round(period * _LAPS / PERIOD)) * PERIOD / period) % 1
+    if path == "circle":
+        laps = RADIUS * np.stack([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)], axis=1)
+    else:
+        a, b = HALVES
+        corners = np.array([[a, 0], [a, b], [-a, b], [-a, -b], [a, -b], [a, 0]])
+        way = np.cumsum([0.0, *np.linalg.norm(np.diff(corners, axis=0), axis=1)])
+        laps = np.stack([np.interp(turns, way / way[-1], side) for side in corners.T], axis=1)
+    share = np.linspace(0, 1, round(_LEAD / PERIOD))[:, None]
+    lead = share**3 * (10 - 15 * share + 6 * share**2) * laps[0]
+    rest = np.tile(laps[0], (round(_REST / PERIOD), 1))
+    return np.vstack([lead, rest, laps]), len(lead) + len(rest)
+
+
+# -------------------- the models: the thesis', ours, and what one would take in their place
+
+#: Of the dictionary of Koopman's operator, and coordinates of the larger linear model.
+_KOOPMAN_ORDER, _LARGE = 3, 10
+
+#: Hidden neurons, samples and steps of the network's training.
+_HIDDEN, _SAMPLES, _STEPS = (20,), 4000, 60
+
+Records = Sequence[Recorded]
+
+
+class Model(Protocol):
+    """What predicts outputs of a record from its first samples and its inputs.
+
+    Attributes:
+        delays: Number of the first samples that it needs.
+    """
+
+    delays: int
+
+    def predict_record(self, record: Recorded) -> np.ndarray:
+        """Outputs (t - delays + 1, o) from the last of the first samples on."""
+
+
+@dataclass(frozen=True)
+class Lifted:
+    """Linear dynamics of monomials of a reduced model's coordinates, or a network's map of them.
+
+    Attributes:
+        base: The model whose coordinates, outputs and inputs are used.
+        step: From coordinates (n,), what else it remembers, and inputs (m,) to the next of both.
+        lift: What it remembers at first, from coordinates (n,).
+    """
+
+    base: ReducedModel
+    step: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    lift: Callable[[np.ndarray], np.ndarray]
+
+    @property
+    def delays(self) -> int:
+        """See `Model`."""
+        return self.base.delays
+
+    def predict_record(self, record: Recorded) -> np.ndarray:
+        """See `Model`."""
+        base, late = self.base, self.base.delays - 1
+        rows = np.maximum(np.arange(record.samples) - base.lag, 0)
+        inputs = base.reduced_inputs(record.inputs[rows])[late:]
+        state = self.lift(base.encode(delay_vectors(record.outputs[: base.delays], base.delays))[0])
+        states = np.empty((len(inputs), len(state)))
+        with np.errstate(over="ignore", invalid="ignore"):
+            for t, u in enumerate(inputs):
+                states[t] = state
+                state = self.step(state, u)
+            return base.decode(states[:, : base.dimension])
+
+
+def improved(decays: Records, forced: Records) -> ReducedModel:
+    """Ours: products of coordinates and inputs up to order 3, refined on stretches of 1.5 s."""
+    return learn(decays, forced)
+
+
+def thesis(decays: Records, forced: Records) -> ReducedModel:
+    """With the settings of Tab. 3.1."""
+    return fit(decays, forced, THESIS)
+
+
+def linear(dimension: int, decays: Records, forced: Records) -> ReducedModel:
+    """A linear state space by regression (DMD with control; Proctor et al., SIADS 15, 2016)."""
+    settings = Settings(
+        order=1, input_order=1, mixed=False, shape_order=1, dimension=dimension, delays=8
+    )
+    return fit([smoothed(r) for r in decays], [smoothed(r) for r in forced], settings)
+
+
+def koopman(decays: Records, forced: Records) -> Lifted:
+    """Extended DMD with control: monomials of the coordinates move linearly (Korda, Mezic 2018)."""
+    base, x, v, then = _transitions(decays, forced)
+    scale = base.scale[: base.dimension]
+    dictionary = Monomials.of(base.dimension, 0, _KOOPMAN_ORDER, constant=True)
+    # Coordinates come first, so that outputs are read off.
+    order = np.argsort(dictionary.powers.sum(axis=1) != 1, kind="stable")
+    lifted, after = (dictionary(values / scale)[:, order] for values in (x, then))
+    solved = np.linalg.lstsq(np.hstack([lifted, v]), after, rcond=1e-10)[0].T
+    count = lifted.shape[1]
+    matrix, effect = solved[:, :count], solved[:, count:]
+
+    def lift(at: np.ndarray) -> np.ndarray:
+        return dictionary((at / scale)[None])[0, order]
+
+    scaled = replace(
+        base, shape=base.shape, scale=np.append(np.ones(base.dimension), base.scale[4:])
+    )
+    return Lifted(scaled, lambda state, u: matrix @ state + effect @ u, lift)
+
+
+def neural(decays: Records, forced: Records) -> Lifted:
+    """A small network of the change of the coordinates in a sample, trained with regularisation."""
+    base, x, v, then = _transitions(decays, forced)
+    chosen = np.random.default_rng(0).choice(len(x), min(_SAMPLES, len(x)), replace=False)
+    data = Dataset(np.hstack([x, v])[chosen], (then - x)[chosen])
+    network: Network = train(
+        data.new_network(_HIDDEN, np.random.default_rng(0)), data, _STEPS
+    ).network
+    return Lifted(base, lambda state, u: state + network(np.append(state, u)), lambda at: at)
+
+
+def _transitions(
+    decays: Records, forced: Records
+) -> tuple[ReducedModel, np.ndarray, np.ndarray, np.ndarray]:
+    """Coordinates of the linear model, inputs, and the next coordinates, of all samples."""
+    base = linear(2 * decays[0].outputs.shape[1], decays, forced)
+    parts = []
+    for record in (*decays, *forced):
+        x = base.encode(delay_vectors(smoothed(record).outputs, base.delays))
+        v = base.acting(record.inputs)[base.delays - 1 :]
+        parts.append((x[:-1], v[:-1], x[1:]))
+    return base, *(np.concatenate(part) for part in zip(*parts, strict=True))
+
+
+#: Name -> how it is learned; and of whose motion.
+OURS, THESIS_MODEL = "improved", "thesis"
+MODELS: dict[str, Callable[[Records, Records], Model]] = {
+    THESIS_MODEL: thesis,
+    OURS: improved,
+    "linear, 4 states": partial(linear, 4),
+    "linear, 10 states": partial(linear, _LARGE),
+    "Koopman (EDMD)": koopman,
+    "network, 20 neurons": neural,
+}
+PHYSICAL = "PCC, nominal"
+
+
+# -------------------- what is measured
+
+#: Rigs: without friction and errors; the twin that settings were chosen on; and three others.
+TWINS: tuple[int | None, ...] = (None, 0, 1, 2, 3)
+SHOWN = 0
+
+#: Goals and the thesis' errors [m] of the mean over both paths, by period [s].
+GOALS = {
+    THESIS_MODEL: {10.0: 8e-3, 4.0: 24e-3, 2.0: 24e-3},
+    OURS: {10.0: 2e-3, 4.0: 2e-3, 2.0: 2e-3, 1.0: 8e-3},
+}
+PRINTED = {10.0: 8e-3, 4.0: 24e-3, 2.0: 24e-3}
+LOOP_GOALS = {1.0: 3e-3}
+
+#: What Fig. 3.14 varies, delays of two outputs.
+SHAPE_ORDERS, DELAYS = (1, 2, 3, 4), (5, 6, 7, 8, 9)
+#: Minutes and orders of ours.
+MINUTES, ORDERS = (2.0, 5.0, 10.0, 30.0), (1, 2, 3, 4)
+
+_LOOPS, _PERIODS = ("ssm_mpc", "ssm_lq", "hybrid_feedback"), (5.0, 1.0)
+_PREDICTED = 25.0  # s
+_TIMED = 5  # predictions, of which the fastest counts
+_LOST = 10.0  # m, from where on a prediction is said to diverge
+
+
+def cases(quick: bool = False) -> list[tuple]:
+    """What is asked of a rig, and its twin; quickly one rig, little motion, two models."""
+    if quick:
+        return [("rig", SHOWN, True)]
+    return [*(("rig", twin, False) for twin in TWINS), ("orders", SHOWN), ("amounts", SHOWN)]
+
+
+def measure(case: tuple) -> list[Record]:
+    """Learn models of rigs, predict paths that they have not seen, and control by them."""
+    what, *given = case
+    return {"rig": _rig, "orders": _order_rows, "amounts": _amounts}[what](*given)
+
+
+def _rig(twin: int | None, quick: bool) -> list[Record]:
+    """All models of a rig on all paths, and closed loops."""
+    data = RigData(twin, quick)
+    followed = data.paths()
+    rows: list[Record] = [_spectrum(data)]
+    ours = None
+    for name in list(MODELS)[:2] if quick else MODELS:
+        decays, forced = data.thesis if name == THESIS_MODEL else data.ours
+        begin = perf_counter()
+        try:
+            model: Model | None = MODELS[name](decays, forced)
+        except FitError:
+            model = None
+        time = perf_counter() - begin
+        ours = model if name == OURS else ours
+        rows += [_path(name, twin, model, path, time, data.unseen[0]) for path in followed]
+    if not quick:
+        rows += [
+            _row(PHYSICAL, twin, real, _laps(beam), None, None)
+            for real, beam in zip(followed, data.paths("pcc"), strict=True)
+        ]
+    if isinstance(ours, ReducedModel):
+        decays, forced = data.ours
+        rows += _loops(twin, ours, [*decays, *forced], quick)
+    return rows
+
+
+def _spectrum(data: RigData) -> SpectrumRow:
+    decays = data.thesis[0]
+    found = spectrum(decays, THESIS.delays, 4)
+    slow = found.eigenvalues[0]
+    return SpectrumRow(
+        data.twin,
+        float(-slow.real),
+        float(abs(slow.imag)),
+        found.separation,
+        *((decays[0].outputs, _oscillation(data.excited)) if data.twin == SHOWN else ()),
+    )
+
+
+def _oscillation(record: Recorded) -> np.ndarray:
+    change = (record.inputs[:, :1] - record.inputs[0, 0]) * robot_inputs(RIG).input_scale[0]
+    return np.hstack([record.outputs, change])
+
+
+def _laps(path: Followed) -> np.ndarray:
+    return path.record.outputs[path.begin :]
+
+
+def _path(
+    name: str, twin: int | None, model: Model | None, path: Followed, time: float, long: Recorded
+) -> PathRow:
+    """Predict a path, from some samples of the rest before it."""
+    if model is None:
+        return _row(name, twin, path, None, time, None)
+    ahead = 20 + model.delays - 1
+    rows = slice(path.begin - ahead, None)
+    part = Recorded(path.record.outputs[rows], path.record.inputs[rows], path.record.period)
+    predicted = model.predict_record(part)[ahead - model.delays + 1 :]
+    count = round(_PREDICTED / long.period)
+    cut = Recorded(long.outputs[:count], long.inputs[:count], long.period)
+    return _row(name, twin, path, predicted, time, _time(model, cut))
+
+
+def _time(model: Model, record: Recorded) -> float:
+    """Time [s] of a prediction, the shortest of some."""
+    times = []
+    for _ in range(_TIMED):
+        begin = perf_counter()
+        model.predict_record(record)
+        times.append(perf_counter() - begin)
+    return min(times)
+
+
+def _row(
+    name: str,
+    twin: int | None,
+    path: Followed,
+    predicted: np.ndarray | None,
+    fit_time: float | None,
+    predict_time: float | None,
+) -> PathRow:
+    measured = _laps(path)
+    known = predicted is not None and bool(np.abs(predicted).max() < _LOST)
+    mean = float(np.linalg.norm(predicted - measured, axis=1).mean()) if known else None
+    largest = float(np.linalg.norm(measured - path.record.outputs[0], axis=1).max())
+    return PathRow(
+        model=name,
+        twin=twin,
+        path=path.path,
+        period=path.period,
+        mean=mean,
+        nmte=None if mean is None else mean / largest,
+        goal=GOALS.get(name, {}).get(path.period),
+        thesis=PRINTED.get(path.period) if name == THESIS_MODEL else None,
+        fit_time=fit_time,
+        predict_time=predict_time,
+        measured=measured if twin == SHOWN else None,
+        predicted=predicted if twin == SHOWN and known else None,
+    )
+
+
+def _loops(
+    twin: int | None, model: ReducedModel, records: Sequence[Recorded], quick: bool
+) -> list[Record]:
+    """Triangles by what was learned of this rig; and by the best of the other laws, on twin 0."""
+    rows: list[Record] = []
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "ssm.npz"
+        learned = trusted(model, records)
+        write_arrays(path, {**learned.arrays(), **fingerprint(RIG)})
+        for policy in _LOOPS[:1] if quick else _LOOPS:
+            reduced = policy.startswith("ssm")
+            if not reduced and twin != SHOWN:
+                continue  # it acts on identified parameters, which are shipped of this twin alone
+            for period in _PERIODS[1:] if quick else _PERIODS:
+                task = make_task("triangle", period=period)
+                case = Case(task, policy, twin=twin)
+                if reduced:
+                    scene = {"control_period": model.period}
+                    scene["preview"] = preview_times(model.period, model.lag)
+                    case = replace(case, given={"weights": path}, scene=scene)
+                rows.append(_loop(case, LOOP_GOALS.get(period) if reduced else None))
+    return rows
+
+
+class _Clocked:
+    """A policy and how long each of its decisions computed, whatever else the machine did then.
+
+    Attributes:
+        times: [s] of the decisions of the last episode, the time that the thread was at work.
+    """
+
+    def __init__(self, policy: Policy) -> None:
+        self._policy = policy
+        self.times: list[float] = []
+        self._calls = 0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._policy, name)
+
+    def predict(self, observation: Any, state: Any = None, *others: Any) -> tuple[Any, Any]:
+        if state is None:
+            self.times, self._calls = [], 0
+        begin = thread_time()
+        found = self._policy.predict(observation, state, *others)
+        taken = thread_time() - begin
+        if self._calls % getattr(self._policy, "hold", 1) == 0:
+            self.times.append(taken)
+        self._calls += 1
+        return found
+
+
+def _loop(case: Case, goal: float | None) -> LoopRow:
+    with closing(case.environment()) as env:
+        clocked = _Clocked(case.make_policy(env.control_period))
+        rollout = run_episode(case, env, clocked).rollout
+    errors = approached_metrics(rollout, case.task.trajectory)
+    return LoopRow(
+        policy=case.policy,
+        twin=case.twin,
+        period=case.task.option("period"),
+        mean=errors.e_mean_tracking,
+        largest=errors.e_max_tracking,
+        goal=goal,
+        decision=float(np.median(clocked.times)),
+        longest=float(np.percentile(clocked.times, 99)),
+        failure=rollout.failure,
+    )
+
+
+def _rms(model: Model | None, records: Records) -> float | None:
+    """(3.23) over records, None where one diverges."""
+    if model is None:
+        return None
+    gaps = [model.predict_record(r) - r.outputs[model.delays - 1 :] for r in records]
+    with np.errstate(over="ignore", invalid="ignore"):
+        squares = np.concatenate([np.sum(gap**2, axis=1) for gap in gaps])
+        return float(np.sqrt(squares.mean())) if np.isfinite(squares).all() else None
+
+
+def _order_rows(twin: int) -> list[Record]:
+    """Fig. 3.14."""
+    data, rows = RigData(twin), []
+    for delays in DELAYS:
+        for order in SHAPE_ORDERS:
+            try:
+                model = fit(*data.thesis, replace(THESIS, delays=delays, shape_order=order))
+            except FitError:
+                model = None
+            rows.append(OrderRow(twin, order, 2 * delays, _rms(model, data.unseen)))
+    return rows
+
+
+def _amounts(twin: int) -> list[Record]:
+    """Ours with less motion to learn from, and of other orders."""
+    data = RigData(twin)
+    decays, forced = data.ours
+    cases = [(minutes, 3) for minutes in MINUTES] + [(MINUTES[-1], o) for o in ORDERS if o != 3]
+    rows = []
+    for minutes, order in cases:
+        share = minutes / MINUTES[-1]
+        some = forced[: max(1, round(share * len(forced)))]
+        few = decays[:: max(1, round(1 / share))]
+        begin = perf_counter()
+        try:
+            how = Settings(order=order, input_order=order)
+            model = learn(few, some, how, lower=False)
+        except ValueError:
+            model = None
+        time, predict_time = perf_counter() - begin, None
+        if model is not None:
+            predict_time = _time(model, data.unseen[0])
+        rows.append(DataRow(twin, minutes, order, _rms(model, data.unseen), time, predict_time))
+    return rows
+
+
+# -------------------- picture: Figs. 3.11 to 3.18 of the thesis anew
+
+_COLOURS = {"measured": "0.6", THESIS_MODEL: "#D55E00", OURS: "#0072B2"}
+
+
+def picture(rows: Sequence[Record]) -> figures.Figure:
+    """Measured and predicted paths by speed, a decay, speeds, and Fig. 3.14."""
+    shown = [row for row in of_kind(rows, PathRow) if row.measured is not None]
+    shown = [row for row in shown if row.model in _COLOURS]
+    periods = [p for (p,) in groups(shown, "period")]
+    figure, _ = figures.new_figure(0, 0, (10.0, 10.5))
+    figure.get_layout_engine().set(h_pad=0.09)  # inches
+    upper, lower = figure.subfigures(2, 1, height_ratios=[1, 1.2])
+    axes = figures.add_panels(upper, 2, max(len(periods), 1), share=True)
+    for line, name in zip(axes, ("rectangle", "circle"), strict=True):
+        for axis, period in zip(line, periods, strict=False):
+            _paths_panel(axis, select(shown, path=name, period=period))
+            axis.set(title=f"{name}, T = {period:g} s", aspect="equal")
+        line[0].set_ylabel("y [mm]")
+    for axis in axes[1]:
+        axis.set_xlabel("x [mm]")
+    reach = 1.3e3 * max((np.abs(row.measured).max() for row in shown), default=1e-3)
+    axes[0][0].set(xlim=(-reach, reach), ylim=(-reach, reach))
+    others = figures.add_panels(lower, 2, 3).flat
+    _decay(others[0], of_kind(rows, SpectrumRow))
+    _speeds(others[1], shown, of_kind(rows, SpectrumRow))
+    _orders_panel(others[2], of_kind(rows, OrderRow))
+    _excited(others[3], of_kind(rows, SpectrumRow))
+    _inputs(others[4])
+    others[5].set_visible(False)
+    fastest = select(of_kind(rows, PathRow), model=OURS, period=min(periods, default=0))
+    known = [row.mean for row in fastest if row.mean is not None]
+    message = "No path is predicted"
+    if known:
+        message = (
+            f"Models learned from motion, {OURS}, predict laps of {fastest[0].period:g} s with a "
+            f"mean error of {1e3 * max(known):.2g} mm at most"
+        )
+    figures.add_title(
+        figure, message, "As Figs. 3.11 to 3.18: paths of the rig, predicted from the inputs"
+    )
+    figures.add_legend(figure, axes[0][0])
+    return figure
+
+
+def _paths_panel(axis: Any, rows: list[PathRow]) -> None:
+    measured = 1e3 * rows[0].measured
+    axis.plot(*measured.T, color=_COLOURS["measured"], linewidth=2.5, label="measured")
+    for row in rows:
+        if row.predicted is not None:
+            axis.plot(*(1e3 * row.predicted).T, color=_COLOURS[row.model], label=row.model)
+
+
+def _decay(axis: Any, rows: list[SpectrumRow]) -> None:
+    """Fig. 3.11."""
+    ends = []
+    for record in (row.decay_path for row in rows if row.decay_path is not None):
+        time = PERIOD * np.arange(len(record))
+        for k, name, colour in ((0, "x", figures.GREEN), (1, "y", figures.PURPLE)):
+            axis.plot(time, 1e3 * record[:, k], color=colour)
+            ends.append((name, 1e3 * record[-1, k], colour))
+    axis.set(title="a decay", xlabel="time [s]", ylabel="tip [mm]")
+    figures.label_lines(axis, ends)
+
+
+def _excited(axis: Any, rows: list[SpectrumRow]) -> None:
+    """Fig. 3.12: in the grey part the drives excite."""
+    known = [row.excited for row in rows if row.excited is not None]
+    if not known:
+        axis.set_visible(False)
+        return
+    time = PERIOD * np.arange(len(known[0]))
+    axis.plot(time, 1e3 * known[0][:, 0], color=figures.GREEN)
+    axis.plot(time, 1e3 * known[0][:, 2], color=figures.ORANGE)
+    active = time[np.flatnonzero(np.abs(known[0][:, 2]) > 1e-9)]
+    axis.axvspan(active[0], active[-1], color="0.9", linewidth=0)
+    figures.add_notes(
+        axis,
+        [
+            ("x of the tip", figures.GREEN),
+            ("first input", figures.ORANGE),
+            ("grey: excited", figures.GREY),
+        ],
+    )
+    axis.set(title="excited, then left alone", xlabel="time [s]", ylabel="tip, input [mm]")
+
+
+def _inputs(axis: Any) -> None:
+    """Fig. 3.13."""
+    held, *smooth = 1e3 * random_inputs()
+    time = PERIOD * np.arange(len(held))
+    axis.plot(time, held, color=figures.GREY, linewidth=1)
+    notes = [("as drawn by chance", figures.GREY)]
+    for one, cutoff, colour in zip(
+        smooth, CUTOFFS, (figures.GREEN, figures.PURPLE, figures.ORANGE), strict=True
+    ):
+        axis.plot(time, one, color=colour)
+        notes.append((f"below {cutoff:g} Hz", colour))
+    low, high = axis.get_ylim()
+    axis.set_ylim(low, high + 0.35 * (high - low))  # room for the notes
+    figures.add_notes(axis, notes, "upper left")
+    axis.set(title="random inputs, filtered", xlabel="time [s]", ylabel="first input [mm]")
+
+
+def _speeds(axis: Any, paths: list[PathRow], rows: list[SpectrumRow]) -> None:
+    """Fig. 3.18: decays are slow where the fastest path is fast."""
+    fastest = min(paths, key=lambda row: row.period)
+    notes = {}
+    for record, label, colour in (
+        (fastest.measured, f"{fastest.path}, T = {fastest.period:g} s", figures.PURPLE),
+        *((row.decay_path, "a decay", figures.GREEN) for row in rows),
+    ):
+        if record is None:
+            continue
+        speed = np.linalg.norm(np.diff(record, axis=0), axis=1) / PERIOD
+        distance = np.linalg.norm(record[1:], axis=1)
+        axis.plot(1e3 * distance, speed, ".", markersize=2, color=colour)
+        notes[label] = colour
+    figures.add_notes(axis, [*notes.items()], "upper left")
+    axis.set(title="speed by place", xlabel="distance from the axis [mm]", ylabel="speed [m/s]")
+
+
+def _orders_panel(axis: Any, rows: list[OrderRow]) -> None:
+    """Fig. 3.14."""
+    if not rows:
+        axis.set_visible(False)
+        return
+    ends = []
+    for ((order,), mine), colour in zip(
+        groups(rows, "shape_order").items(), figures.COLOURS, strict=False
+    ):
+        known = [row for row in mine if row.rms is not None]
+        if known:
+            points = [r.p for r in known], [1e3 * r.rms for r in known]
+            axis.plot(*points, "o-", color=colour, markersize=4)
+            ends.append((f"$n_w$ = {order}", points[1][-1], colour))
+    axis.set(title="thesis' settings", xlabel="numbers in a delay vector, $p$", yscale="log")
+    axis.set_ylabel("rms error [mm]")
+    figures.plain_ticks(axis, "y")
+    figures.label_lines(axis, ends)
+
+
+# -------------------- the study
+
+_NOTE = (
+    "Predictions are from rest and the inputs alone, two laps. Each model is learned from motion "
+    "of the same rig: the thesis' settings from 70 decays and 28 min of random inputs, the others "
+    "from 70 decays and 30 min of random inputs and laps. NMTE: mean error over the largest "
+    "distance of the tip from rest. Settings were chosen on the rig without errors and on twin 0."
+)
+
+
+def rig_name(twin: int | None) -> str:
+    """Name of a rig for people."""
+    return "without errors" if twin is None else f"twin {twin}"
+
+
+def _path_tables(rows: Sequence[Record]) -> list[Table]:
+    return [
+        _path_table(twin, mine) for (twin,), mine in groups(of_kind(rows, PathRow), "twin").items()
+    ]
+
+
+def _path_table(twin: int | None, rows: list[PathRow]) -> Table:
+    periods = [p for (p,) in groups(rows, "period")]
+    title = (
+        f"Rig {rig_name(twin)}: mean error in mm over rectangle and circle (goal), by the period "
+        "of a lap; NMTE of the slowest and of the fastest"
+    )
+    heads = [*(f"{p:g} s" for p in periods), "NMTE %", "learned s", "25 s in ms"]
+    out = new_table(title, ("model",), heads)
+    for (model,), mine in groups(rows, "model").items():
+        cells = [_cell(select(mine, period=p)) for p in periods]
+        share = " / ".join(_share(select(mine, period=p)) for p in (periods[0], periods[-1]))
+        times = number(mine[0].fit_time, ".2g"), number(mine[0].predict_time, ".2g", "ms")
+        out.add_row(model, *cells, share, *times)
+    return out
+
+
+def _cell(rows: list[PathRow]) -> str:
+    means = [row.mean for row in rows]
+    if None in means:
+        return "diverges"
+    mean, goal = sum(means) / len(means), rows[0].goal
+    missed = "" if goal is None or mean <= goal else " missed"
+    return f"{1e3 * mean:.2g}" + ("" if goal is None else f" ({1e3 * goal:g}{missed})")
+
+
+def _share(rows: list[PathRow]) -> str:
+    shares = [row.nmte for row in rows]
+    return "-" if None in shares else f"{100 * sum(shares) / len(shares):.2g}"
+
+
+_RIG = Column("rig", lambda row: rig_name(row.twin))
+
+STUDY = Study(
+    kinds=(PathRow, OrderRow, DataRow, LoopRow, SpectrumRow),
+    cases=cases,
+    measure=measure,
+    label=lambda case: " ".join(map(str, case[:2])),
+    tables=[
+        _path_tables,
+        pivot(
+            f"Fig. 3.14, rig {rig_name(SHOWN)}: RMS error in mm of unseen random motion of 25 s",
+            ("shape_order",),
+            "p",
+            lambda rows: number(rows[0].rms, ".3g", "mm", "diverges"),
+            of=OrderRow,
+            heading=lambda p: f"p = {p}",
+            headings=("n_w",),
+        ),
+        table(
+            "Improved model, unseen random motion",
+            *("minutes", "order", "rms", "fit_time", "predict_time"),
+            of=DataRow,
+        ),
+        table(
+            "Triangle, closed loop",
+            *(_RIG, "policy", "period", "mean", "largest", "goal", "decision", "longest"),
+            "failure",
+            of=LoopRow,
+        ),
+        table("Modes of decays", _RIG, "decay", "frequency", "separation", of=SpectrumRow),
+    ],
+    note=_NOTE,
+    plots={"{}": picture},
+)

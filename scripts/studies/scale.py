@@ -1,0 +1,322 @@
+"""What a million robot-seconds and a sweep on many cores cost, and where the time goes.
+
+What one process does is measured in its own computing time, so that other programs do not count.
+Several cores can only be compared with one while nothing else runs on them.
+"""
+
+import os
+import tracemalloc
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import process_time
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from softrobot_env.core import journal
+from softrobot_env.core.jobs import run_in_processes
+from softrobot_env.core.processes import Workers, chosen_processes, usable_cores, using
+from softrobot_env.robots import find_robot
+from softrobot_env.training.rl_config import preset
+from studies.lab import Column, Lab, Record, Study, number, quantity, table
+from studies.speed import scaling_rows
+
+#: [USD] of a core for an hour: an assumption, of the order of what clouds ask for.
+PRICE = 0.04
+
+#: Cores of the sweep that is reckoned.
+CORES = 1000
+
+
+@dataclass(frozen=True)
+class Row(Record):
+    """A cost; None where a field does not apply.
+
+    Attributes:
+        what: "robots", "workers", "training", "jobs" or "sweep".
+        variant: Robot, way to run jobs, or algorithm.
+        way: Of robots: "one", "batch" or "GPU".
+        robot_seconds: That a core simulates in a second [1].
+        core_hours: For a million robot-seconds [h].
+        cost: Of them [USD], or of an hour of all cores of a sweep, at the price.
+        price: [USD] of a core for an hour, an assumption.
+        cores: That were measured, or are reckoned with.
+        efficiency: Speed-up over the number of cores.
+        started: [s] until workers have loaded what they need.
+        physics, python, learner: Shares of a training's computing time: simulation, the rest of the
+            environments, and networks and their updates.
+        seconds: [s] that the driver computes for a job, its result being kept; what Ray's servers
+            compute is not in it.
+        memory: [B] that the driver holds for a job while a study runs.
+        kept: [B] of a kept result, in a file of its own.
+        shortest_job: [s], the shortest one with which one driver keeps all cores busy.
+        failure: Why there is no number.
+    """
+
+    what: str
+    variant: str
+    way: str | None = quantity("", "", "on", default=None)
+    robot_seconds: float | None = quantity("", ".3g", "robot-s per core-s", default=None)
+    core_hours: float | None = quantity("", ".3g", "core-h per million", default=None)
+    cost: float | None = quantity("", ".2g", "USD", default=None)
+    price: float | None = None
+    cores: int | None = quantity("", "d", default=None)
+    efficiency: float | None = quantity("", ".2f", default=None)
+    started: float | None = quantity("s", ".1f", "ready after", default=None)
+    physics: float | None = quantity("%", ".0f", default=None)
+    python: float | None = quantity("%", ".0f", "Python", default=None)
+    learner: float | None = quantity("%", ".0f", default=None)
+    seconds: float | None = quantity("ms", ".2f", default=None)
+    memory: float | None = None
+    kept: float | None = None
+    shortest_job: float | None = quantity("s", ".2g", "shortest job", default=None)
+    failure: str | None = None
+
+
+def cost_of(robot_seconds: float) -> dict[str, float]:
+    """Fields of a row for robot-seconds [1] per core-second."""
+    hours = 1e6 / robot_seconds / 3600
+    return {
+        "robot_seconds": robot_seconds,
+        "core_hours": hours,
+        "cost": hours * PRICE,
+        "price": PRICE,
+    }
+
+
+# -------------------- jobs
+
+#: Numbers of jobs whose costs are compared, so that starts do not count.
+_FEW, _MANY, _QUICK = 20, 1020, 120
+
+
+def job_rows(ways: dict[str, Workers], quick: bool) -> list[Row]:
+    """A row of jobs, and one of a sweep on many cores, for each way to job_rows them."""
+    many = _QUICK if quick else _MANY
+    rows = []
+    for name, workers in ways.items():
+        with using(workers), chosen_processes():  # which keeps the connection to a cluster
+            _timed(_FEW)
+            (few, _), (all_, kept) = _timed(_FEW), _timed(many)
+            held = _memory(many) - _memory(_FEW)
+        seconds, memory = (all_ - few) / (many - _FEW), held / (many - _FEW)
+        rows.append(Row("jobs", name, seconds=seconds, memory=memory, kept=kept))
+        rows.append(
+            Row(
+                "sweep",
+                name,
+                cores=CORES,
+                cost=CORES * PRICE,
+                price=PRICE,
+                shortest_job=CORES * seconds,
+            )
+        )
+    return rows
+
+
+def _timed(count: int) -> tuple[float, float]:
+    """Computing time [s] of the driver on empty jobs, and size [B] of a result that is kept."""
+    sizes: list[int] = []
+    with TemporaryDirectory() as folder, journal.kept_in(Path(folder), "scale"):
+
+        def look(what: str, done: int, total: int) -> None:
+            if done == total:
+                kept = (Path(folder) / journal.FOLDER).iterdir()
+                sizes.extend(path.stat().st_size for path in kept)
+
+        begin = process_time()
+        run_in_processes([("job", partial(_row_of, k)) for k in range(count)], look)
+        taken = process_time() - begin
+    return taken, sum(sizes) / len(sizes)
+
+
+def _memory(count: int) -> int:
+    """Most memory [B] of Python's that empty jobs take in the driver."""
+    tracemalloc.start()
+    try:
+        run_in_processes([("job", partial(_row_of, k)) for k in range(count)])
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def _row_of(number: int) -> dict[str, float]:
+    """What a job returns: a row of twenty numbers."""
+    return {f"column_{k}": float(number + k) for k in range(20)}
+
+
+# -------------------- trainings
+
+WHAT, ALGORITHMS = "training", ("ppo", "sac")
+
+#: Environment steps of all environments together that are timed, and those before.
+_STEPS, _QUICK_STEPS, _FIRST = {"ppo": 16_384, "sac": 4_096}, {"ppo": 2_048, "sac": 512}, 64
+
+
+class _Timer:
+    """Computing time spent in a function."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+
+    def around(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        """The function, timed."""
+
+        def timed(*args: Any, **kwargs: Any) -> Any:
+            begin = process_time()
+            try:
+                return function(*args, **kwargs)
+            finally:
+                self.seconds += process_time() - begin
+
+        return timed
+
+
+def training_rows(quick: bool) -> list[Row]:
+    """A row for each algorithm, from scratch with its usual settings, on one core."""
+    return [_training_row(name, (_QUICK_STEPS if quick else _STEPS)[name]) for name in ALGORITHMS]
+
+
+def _training_row(algorithm: str, steps: int) -> Row:
+    import torch
+
+    from softrobot_env.training.learners import make_model
+    from softrobot_env.training.rl import make_training_env
+
+    torch.set_num_threads(1)
+    config = replace(preset(algorithm, False, False), warm_up=_FIRST)
+    env = make_training_env(config, 0)
+    model = make_model(config, env, 0)
+    model.learn(_FIRST)  # what is compiled at its first use
+    physics, stepped = _Timer(), _Timer()
+    env.step_wait = stepped.around(env.step_wait)
+    for part in env.parts:
+        part.simulation.advance = physics.around(part.simulation.advance)
+    begin = process_time()
+    model.learn(steps)
+    taken = process_time() - begin
+    done, period = model.num_timesteps, env.parts[0].control_period
+    env.close()
+    return Row(
+        WHAT,
+        algorithm,
+        cores=1,
+        physics=physics.seconds / taken,
+        python=(stepped.seconds - physics.seconds) / taken,
+        learner=1 - stepped.seconds / taken,
+        **cost_of(done * period / taken),
+    )
+
+
+# -------------------- robots and workers
+
+#: Robots that are timed: what `gymnasium.make_vec` takes.
+ROBOTS = {
+    "arm": ("SoftRobot/ArmSwing-v0", None),
+    "rig": ("SoftRobot/RigTriangle-v0", None),
+    "hanging_trunk": ("SoftRobot/Track-v0", "hanging_trunk"),
+    "ftdcr_v4": ("SoftRobot/Track-v0", "ftdcr_v4"),
+}
+
+#: Robots of a batch, share of full actions, and rounds of which the best counts.
+_BATCH, _SHARE, _ROUNDS = 256, 0.2, 6
+
+#: [s] of computing in a round; programs that run, per core, from which on the machine is busy.
+_BLOCK, _BUSY = 0.3, 0.75
+
+
+def stages(lab: Lab) -> list[Row]:
+    """Robots, workers, trainings and jobs, one after the other; quickly fewer of them."""
+    quick, busy, ways = lab.quick, _others() > _BUSY, {"processes": Workers(usable_cores())}
+    if find_spec("ray") is not None:
+        ways["Ray"] = Workers(ray="local")
+    learn = find_spec("stable_baselines3") is not None
+    tasks = [
+        ("robots", lambda: _robot_rows(quick)),
+        ("workers", lambda: _busy_workers() if busy else _workers(quick)),
+        ("trainings", lambda: training_rows(quick) if learn else []),
+        ("jobs", lambda: job_rows(ways, quick)),
+    ]
+    return [row for rows in lab.tasks(tasks) for row in rows]
+
+
+def _robot_rows(quick: bool) -> list[Row]:
+    names = list(ROBOTS)[: 2 if quick else None]
+    rows = [_robots(name, count, quick) for name in names for count in (1, _BATCH)]
+    return [*rows, Row("robots", "arm", "GPU", failure="not measured")]
+
+
+def _others() -> float:
+    """Programs that run on this machine, or wait for it, per core; mean of the last minute."""
+    return os.getloadavg()[0] / usable_cores()
+
+
+def _workers(quick: bool) -> list[Row]:
+    """A row for each way to use several cores."""
+    return [
+        Row("workers", r.variant, cores=r.threads, efficiency=r.efficiency, started=r.started)
+        for r in scaling_rows(quick)
+    ]
+
+
+def _busy_workers() -> list[Row]:
+    """Rows without numbers, which would tell of the other programs."""
+    own = {"cores": usable_cores(), "failure": "not measured: other programs ran"}
+    return [Row("workers", name, **own) for name in ("processes", "Ray", "threads of a batch")]
+
+
+def _computing(do: Callable[[], object]) -> float:
+    """Computing time [s] of a call, the mean of a block of them."""
+    begin, count = process_time(), 0
+    while process_time() - begin < _BLOCK:
+        do()
+        count += 1
+    return (process_time() - begin) / count
+
+
+def _robots(name: str, count: int, quick: bool) -> Row:
+    """Robots in random motion, on one core."""
+    env_id, robot = ROBOTS[name]
+    options = {} if robot is None else {"robot": find_robot(robot), "task": "reach"}
+    env = gymnasium.make_vec(env_id, num_envs=count, threads=1, **options)
+    env.reset(seed=0)
+    actions = _SHARE * np.random.default_rng(0).uniform(-1, 1, env.action_space.shape)
+    seconds = min(_computing(lambda: env.step(actions)) for _ in range(2 if quick else _ROUNDS))
+    period = env.control_period
+    env.close()
+    way = "one" if count == 1 else "batch"
+    return Row("robots", name, way, cores=1, **cost_of(count * period / seconds))
+
+
+def _tabled(what: str, *columns: str | Column) -> Callable:
+    return table("", Column(what, "variant"), *columns, where={"what": what})
+
+
+STUDY = Study(
+    kinds=(Row,),
+    stages=stages,
+    tables=[
+        _tabled("robots", "way", "robot_seconds", "core_hours", "cost", Column("", "failure")),
+        _tabled("workers", "cores", "efficiency", "started", Column("", "failure")),
+        _tabled(
+            "training",
+            *("physics", "python", "learner", "robot_seconds"),
+            Column("USD per million", "cost", ".2g"),
+        ),
+        _tabled(
+            "jobs",
+            Column("ms the driver computes", "seconds", ".2f", "ms"),
+            Column("kB in the driver", lambda row: number(row.memory / 1e3, ".1f"), ">"),
+            Column("kB kept", lambda row: number(row.kept / 1e3, ".2f"), ">"),
+        ),
+        _tabled("sweep", "cores", Column("USD an hour", "cost", ".0f"), "shortest_job"),
+    ],
+    note=f"A core-hour at {PRICE} USD is an assumption. The shortest job keeps {CORES} cores busy "
+    "with one driver.",
+    alone=True,
+)

@@ -1,0 +1,650 @@
+"""Random scenes, stepped as environments step them, judged against refined runs.
+
+Every scene runs at the package's own choice of integrator and timestep: is any silently wrong?
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from math import ceil, isfinite, pi
+from time import perf_counter
+from typing import Any
+
+import mujoco
+import numpy as np
+from rich.table import Table
+from scipy.linalg import eigh
+
+from softrobot_env.benchmarks.accuracy.rows import distance, zero_timestep
+from softrobot_env.benchmarks.stability.runs import (
+    mujoco_integrator,
+    neutral_scene,
+    silent_warnings,
+)
+from softrobot_env.benchmarks.verdicts import WRONG_SHARE, Verdict, verdict_of, with_warning
+from softrobot_env.rendering import figures
+from softrobot_env.rendering.tables import Column, new_table, pivot_table
+from softrobot_env.scene.build import Scene, build_scene
+from softrobot_env.scene.chain import posture
+from softrobot_env.scene.simulation import Simulation
+from softrobot_env.scene.timestep import linearize
+from studies.lab import Record, Study, quantity, select, table
+from studies.scenes_drawn import G, RandomScene, draw_scene, swing, weight_load
+
+#: An estimate is good if the error is within this factor of it.
+GOOD_FACTOR = 3.0
+
+
+@dataclass(frozen=True)
+class Row(Record):
+    """A scene.
+
+    Attributes:
+        seed, index: What it was drawn from, see `scenes_drawn`.
+        bending, torsion, actuation, pieces: See `SceneConfig`.
+        joints: Degrees of freedom; None of a scene that was refused.
+        length: [m].
+        slenderness: Length over outer radius [1].
+        youngs_modulus: [Pa].
+        density: [kg/m3].
+        damping_ratio: [1] of the first elastic mode.
+        gravity: In units of that of the earth.
+        weight_load: Rho A g L^3 / EI [1].
+        tendons: Number.
+        guided: Whether any runs through guides, not in a channel.
+        friction, pretension: Largest of a tendon, over its tension limit [1].
+        head: Its mass over the robot's [1], zero without.
+        loaded: Whether a load acts on it.
+        excitation: One of `studies.scenes_drawn.EXCITATIONS`.
+        control_period, duration: [s].
+        verdict: What became of it.
+        why: What failed, or why it was not judged; None otherwise.
+        refined_fine: Of a failure, whether refined runs end and agree.
+        error: [m], largest distance of the tip from the truth.
+        error_share: Over the length [1].
+        asked_share: What was asked for, over the length [1].
+        estimate_share: The package's own estimate of the error, over the length [1]; None if it
+            gives none or knows no bound.
+        warning: What a `TimestepWarning` said.
+        integrator, timestep, substeps: Of the package's choice; timestep in s.
+        wall_time: [s] of the package's run.
+        reference: How the refined runs were made.
+        uncertainty: [m], distance of the two best refined runs; None if one of them diverged.
+    """
+
+    seed: int
+    index: int = quantity("", "d", "no.")
+    bending: str
+    torsion: bool
+    actuation: str
+    pieces: int
+    joints: int | None = quantity("", "d")
+    length: float
+    slenderness: float = quantity("", ".0f", "L/r")
+    youngs_modulus: float = quantity("Pa", ".0e", "E")
+    density: float
+    damping_ratio: float = quantity("", ".0e", "zeta")
+    gravity: float
+    weight_load: float = quantity("", ".0e", "sag")
+    tendons: int
+    guided: bool
+    friction: float
+    pretension: float
+    head: float
+    loaded: bool
+    excitation: str
+    control_period: float
+    duration: float
+    verdict: Verdict
+    why: str | None
+    refined_fine: bool | None
+    error: float | None
+    error_share: float | None = quantity("%", ".2g", "error")
+    asked_share: float
+    estimate_share: float | None = quantity("%", ".2g", "estimate")
+    warning: str | None
+    integrator: str | None
+    timestep: float | None
+    substeps: int | None
+    wall_time: float | None
+    reference: str | None
+    uncertainty: float | None
+
+    @property
+    def estimate_is_good(self) -> bool | None:
+        """Whether error and estimate are within a factor of `GOOD_FACTOR`; None without both."""
+        if self.estimate_share is None or not self.error_share:
+            return None
+        ratio = self.estimate_share / self.error_share
+        return bool(1 / GOOD_FACTOR <= ratio <= GOOD_FACTOR)
+
+
+# -------------------- refined runs
+#
+# The same chain in ever finer steps, until two runs agree. A chain whose fastest mode swings freely
+# is integrated by the Runge-Kutta scheme of order four, one whose fast modes creep (explicit steps
+# would have to be tiny) by implicitfast, extrapolated to zero timestep from three runs. Tendons
+# that rub take discrete, extrapolated too: the others find the friction as if the joints were
+# undamped, and on a stiff overdamped chain are far off until the steps resolve its fastest creep.
+# None knows the rule that picks a scene's timestep. Steps are halved until two successive results
+# agree, or the next ones would cost more than `BUDGET`.
+
+#: Nominal cost [s] that the refined runs of a scene may have: of a step, not the clock's, so that
+#: verdicts do not depend on the machine.
+BUDGET = 10.0
+
+#: Explicit steps are taken while they are not shorter than implicit ones by more than this factor.
+_SHORTER = 4.0
+
+#: First refined step, in first periods and in stability limits, and steps per control period at
+#: least.
+_OF_PERIOD, _OF_LIMIT, _LEAST = 1 / 60, 0.6, 4
+
+#: First refined step in first periods where tendons rub and stick in turns.
+_RUBBING = 1 / 400
+
+#: [s], time constant of dry friction in refined runs. MuJoCo's friction is soft: a tendon that
+#: should stick creeps for about that long, or for two timesteps if they are longer. So Coulomb's
+#: law is met in the limit of short steps.
+_FRICTION = 1e-9
+
+#: MuJoCo's warnings of a diverged state. Accelerations are left out: those of small, stiff robots
+#: exceed what it takes for sane (1e10 rad/s2).
+_DIVERGED = (int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADQVEL))
+
+
+@dataclass(frozen=True)
+class Refined:
+    """What refined runs say.
+
+    Attributes:
+        tips: (1 + periods, 3) [m] at the start and after each control period; None if no two of
+            them ended.
+        uncertainty: [m], distance between the two best; None without them.
+        substeps: Steps per control period of the finest.
+        method: "RK4", or "implicitfast extrapolated", "discrete extrapolated".
+    """
+
+    tips: np.ndarray | None
+    uncertainty: float | None
+    substeps: int
+    method: str
+
+
+def step_cost(nv: int, integrator: str) -> float:
+    """Nominal time [s] of a step of a chain with nv degrees of freedom.
+
+    Fitted to chains of 12 to 180 on one core of a server (`benchmarks.timing.step_cost`).
+    """
+    one = 1e-6 * (1.5 + 0.1 * nv + 0.016 * nv**2)
+    return one * {"RK4": 3.0, "implicitfast": 1.0, "discrete": 1.0}.get(integrator, 2.0)
+
+
+def start_posture(scene: Scene, drawn: RandomScene) -> np.ndarray:
+    """Posture (nq,) in which a drawn scene starts."""
+    kinds = 1 if scene.config.bending == "planar" else 3 if scene.config.torsion else 2
+    return posture(scene.model, np.outer(scene.layout.weights, drawn.curvature[:kinds]))
+
+
+def refine(
+    scene: Scene, drawn: RandomScene, enough: Callable[[np.ndarray, float], bool]
+) -> Refined:
+    """Halve the timestep until results agree.
+
+    Args:
+        scene: The compiled scene, whose integrator, timestep and friction are changed.
+        drawn: Where it starts and what drives it.
+        enough: Whether tips (1 + periods, 3) [m] with an uncertainty [m] are good enough.
+    """
+    scene.model.tendon_solref_fri[:, 0] = _FRICTION
+    method, substeps = _first(scene)
+    return _ladder(scene, drawn, enough, method, substeps)
+
+
+def _first(scene: Scene) -> tuple[str, int]:
+    """Method, and its steps per control period in the coarsest of the refined runs."""
+    chain, period = linearize(scene.model), scene.config.control_period
+    fastest = float(eigh(chain.stiffness, chain.mass, eigvals_only=True)[-1]) ** 0.5
+    creep = float(eigh(chain.damping, chain.mass, eigvals_only=True)[-1])
+    implicit = max(2 / fastest, 2 * creep / fastest**2)
+    steps = {"RK4": 2 / max(fastest, creep), "implicitfast": implicit}
+    method = "RK4" if _SHORTER * steps["RK4"] >= steps["implicitfast"] else "implicitfast"
+    step = min(_OF_LIMIT * steps[method], _OF_PERIOD / swing(scene.config.robot))
+    if scene.config.robot.rubs:
+        method, step = "discrete", min(step, _RUBBING / swing(scene.config.robot))
+    return method, max(_LEAST, ceil(period / step))
+
+
+def _ladder(
+    scene: Scene,
+    drawn: RandomScene,
+    enough: Callable[[np.ndarray, float], bool],
+    method: str,
+    substeps: int,
+) -> Refined:
+    name = method if method == "RK4" else f"{method} extrapolated"
+    cost = step_cost(scene.model.nv, method)
+    found, runs, spent = None, [], 0.0
+    while spent + cost * substeps * len(drawn.controls) <= BUDGET:
+        run = refined_run(scene, drawn, method, substeps)
+        spent += cost * substeps * len(run)
+        ended = len(run) > len(drawn.controls)
+        runs = [*runs, run] if ended else []  # a failed step size ends a series
+        found = _estimate(method, runs) or found
+        if found is not None and enough(*found):
+            break
+        substeps *= 2
+    tips, uncertainty = found or (None, None)
+    return Refined(tips, uncertainty, substeps, name)
+
+
+def _estimate(method: str, runs: list[np.ndarray]) -> tuple[np.ndarray, float] | None:
+    """Best tips of successive refinements and how far they are from the next best."""
+    if method == "RK4":
+        return (runs[-1], distance(runs[-1], runs[-2])) if len(runs) > 1 else None
+    if len(runs) < 3:
+        return None
+    best, second = zero_timestep(runs[-3:])
+    if method != "discrete":
+        return best, distance(best, second)
+    if len(runs) < 4:  # friction makes the error no series in the step
+        return None
+    return best, distance(best, zero_timestep(runs[-4:-1])[0])
+
+
+def refined_run(scene: Scene, drawn: RandomScene, integrator: str, substeps: int) -> np.ndarray:
+    """Tips (1 + periods, 3) [m] of a run with fixed steps; fewer if it diverged."""
+    model, period = scene.model, scene.config.control_period
+    model.opt.timestep = period / substeps
+    model.opt.integrator = mujoco_integrator(integrator)
+    data = mujoco.MjData(model)
+    data.qpos[:] = start_posture(scene, drawn)
+    mujoco.mj_kinematics(model, data)
+    tip = data.site("tip").xpos
+    tips = [tip.copy()]
+    for row in drawn.controls:
+        data.ctrl[:] = row
+        mujoco.mj_step(model, data, substeps)
+        mujoco.mj_kinematics(model, data)
+        if any(data.warning[kind].number for kind in _DIVERGED) or not np.all(np.isfinite(tip)):
+            break
+        tips.append(tip.copy())
+    return np.array(tips)
+
+
+# -------------------- the package's own run, and its row
+
+#: A truth is good enough if it is known to this share of the accuracy asked for, or of the error.
+_CLEAR, _CLEARLY_WRONG = 0.25, 0.1
+
+#: Nominal cost [s] above which the package's own run is not made.
+_DEAREST = 10.0
+
+
+@dataclass(frozen=True)
+class OwnRun:
+    """What the package does by itself.
+
+    Attributes:
+        scene: The compiled scene; None if it was refused.
+        warning: What a `TimestepWarning` said, or None.
+        tips: (1 + periods, 3) [m]; None if the run failed or was not made.
+        failure: Why it failed, or None.
+        wall_time: [s] of the steps.
+        estimate: [m], the package's own estimate of the error in time; None if it gives none.
+    """
+
+    scene: Scene | None
+    warning: str | None = None
+    tips: np.ndarray | None = None
+    failure: str | None = None
+    wall_time: float | None = None
+    estimate: float | None = None
+
+
+def judge(drawn: RandomScene, **forced: Any) -> Row:
+    """Run a scene and judge it.
+
+    Args:
+        drawn: The scene.
+        **forced: Fields of its `SceneConfig` to set, such as a timestep.
+    """
+    drawn = replace(drawn, config=replace(drawn.config, **forced))
+    with silent_warnings():
+        own, warning = with_warning(lambda: _own_run(drawn))
+        own = replace(own, warning=warning)
+        truth = _truth(drawn, own)
+    error = None if own.tips is None or truth.tips is None else distance(own.tips, truth.tips)
+    asked, length = drawn.config.wanted_accuracy, drawn.config.robot.length
+    verdict = verdict_of(error, asked, length, failure=own.failure, warning=warning)
+    why = own.failure or (_why_unjudged(truth, length) if error is None else None)
+    estimate, uncertainty = (_bounded(x) for x in (own.estimate, truth.uncertainty))
+    return Row(
+        **_description(drawn),
+        **_choice(own),
+        verdict=verdict,
+        why=why,
+        refined_fine=None if own.failure is None or own.scene is None else truth.tips is not None,
+        error=error,
+        error_share=None if error is None else error / length,
+        asked_share=asked / length,
+        estimate_share=None if estimate is None else estimate / length,
+        warning=own.warning,
+        wall_time=own.wall_time,
+        reference=f"{truth.method}, {truth.substeps} steps a period" if truth.substeps else None,
+        uncertainty=uncertainty,
+    )
+
+
+def _own_run(drawn: RandomScene) -> OwnRun:
+    try:
+        scene = build_scene(drawn.config)
+    except Exception as error:  # what a user sees instead of a scene, whatever it is
+        return OwnRun(None, failure=f"{type(error).__name__}: {error}")
+    choice = scene.timestep
+    cost = step_cost(scene.model.nv, choice.integrator) * choice.substeps * len(drawn.controls)
+    if cost > _DEAREST:
+        return OwnRun(scene)
+    simulation = Simulation(scene)
+    begin = perf_counter()
+    tips, failure = _advance(simulation, start_posture(scene, drawn), drawn.controls)
+    wall_time = perf_counter() - begin
+    estimate = simulation.integration_error
+    return OwnRun(scene, None, tips, failure, wall_time, estimate)
+
+
+def _advance(
+    simulation: Simulation, posture: np.ndarray, controls: np.ndarray
+) -> tuple[np.ndarray | None, str | None]:
+    """Tips, or why there are none."""
+    simulation.reset(posture, controls[0])
+    tip = simulation.data.site("tip").xpos
+    tips = [tip.copy()]
+    for row in controls:
+        simulation.ctrl[:] = row
+        if not simulation.advance():
+            return None, simulation.failure()
+        tips.append(tip.copy())
+    return np.array(tips), None
+
+
+def _truth(drawn: RandomScene, own: OwnRun) -> Refined:
+    """Refined runs, as fine as it takes to judge the own one."""
+    if own.scene is None or (own.tips is None and own.failure is None):
+        return Refined(None, None, 0, "none")
+
+    def enough(tips: np.ndarray, uncertainty: float) -> bool:
+        error = 0.0 if own.tips is None else distance(own.tips, tips)
+        return uncertainty <= max(_CLEAR * drawn.config.wanted_accuracy, _CLEARLY_WRONG * error)
+
+    truth = refine(neutral_scene(drawn.config), drawn, enough)
+    clear = truth.tips is not None and enough(truth.tips, truth.uncertainty)
+    return truth if clear else replace(truth, tips=None)
+
+
+def _bounded(value: float | None) -> float | None:
+    return value if value is not None and isfinite(value) else None
+
+
+def _description(drawn: RandomScene) -> dict[str, object]:
+    config, robot = drawn.config, drawn.config.robot
+    return {
+        "seed": drawn.seed,
+        "index": drawn.index,
+        "bending": config.bending,
+        "torsion": config.torsion,
+        "actuation": config.actuation,
+        "pieces": config.n_pieces,
+        "length": robot.length,
+        "slenderness": robot.length / robot.outer_radius,
+        "youngs_modulus": robot.youngs_modulus,
+        "density": robot.density,
+        "damping_ratio": robot.damping_time * pi * robot.first_frequency,
+        "gravity": float(np.linalg.norm(robot.gravity)) / G,
+        "weight_load": weight_load(robot),
+        "tendons": len(robot.tendons),
+        "guided": any(tendon.guides for tendon in robot.tendons),
+        "friction": max((t.friction / t.tension_limit for t in robot.tendons), default=0.0),
+        "pretension": max((t.pretension / t.tension_limit for t in robot.tendons), default=0.0),
+        "head": 0.0 if robot.head is None else robot.head.mass / robot.mass,
+        "loaded": bool(config.loads),
+        "excitation": drawn.excitation,
+        "control_period": config.control_period,
+        "duration": drawn.duration,
+    }
+
+
+def _choice(own: OwnRun) -> dict[str, object]:
+    if own.scene is None:
+        return dict.fromkeys(("joints", "integrator", "timestep", "substeps"))
+    choice = own.scene.timestep
+    return {
+        "joints": own.scene.model.nv,
+        "integrator": choice.integrator,
+        "timestep": choice.timestep,
+        "substeps": choice.substeps,
+    }
+
+
+def _why_unjudged(truth: Refined, length: float) -> str:
+    if not truth.substeps:
+        return "the scene's own steps are too many"
+    if truth.uncertainty is None:
+        return "too few refined runs ended within the budget"
+    return f"refined runs differ by {100 * truth.uncertainty / length:.2g} % of the length"
+
+
+# -------------------- tables and pictures
+
+#: Groups of scenes that are compared.
+_GROUPS: dict[str, Callable[[Row], bool]] = {
+    "planar": lambda r: r.bending == "planar",
+    "spatial, rigid in torsion": lambda r: r.bending == "spatial" and not r.torsion,
+    "spatial with torsion": lambda r: r.torsion,
+    "driven by tension": lambda r: r.actuation == "tension",
+    "driven by length": lambda r: r.actuation == "length",
+    "tendons through guides": lambda r: r.guided,
+    "tendons that rub": lambda r: r.friction > 0,
+    "tendons with pretension": lambda r: r.pretension > 0,
+    "with a head": lambda r: r.head > 0,
+    "with a load": lambda r: r.loaded,
+    "no gravity": lambda r: r.gravity == 0,
+    "rho A g L^3 / EI up to 10": lambda r: 0 < r.weight_load <= 10,
+    "rho A g L^3 / EI up to 1000": lambda r: 10 < r.weight_load <= 1000,
+    "rho A g L^3 / EI above 1000": lambda r: r.weight_load > 1000,
+    "damping ratio below 0.003": lambda r: r.damping_ratio < 0.003,
+    "damping ratio 0.003 to 0.03": lambda r: 0.003 <= r.damping_ratio < 0.03,
+    "damping ratio above 0.03": lambda r: r.damping_ratio >= 0.03,
+    "steps": lambda r: r.excitation == "steps",
+    "sines": lambda r: r.excitation == "sines",
+    "let go": lambda r: r.excitation == "let_go",
+}
+
+
+def _summary(rows: Sequence[Row]) -> Table:
+    """How many scenes have which verdict."""
+    title = f"{len(rows)} random scenes of seed {rows[0].seed}; accuracy asked for "
+    title += f"{100 * rows[0].asked_share:g} % of the length"
+    out = new_table(title, ("verdict", "of these"), ("scenes", "%"))
+    for verdict in Verdict:
+        mine = select(rows, verdict=verdict)
+        out.add_row(
+            verdict, _remark(verdict, mine), len(mine), f"{100 * len(mine) / len(rows):.1f}"
+        )
+    return out
+
+
+def _remark(verdict: str, rows: list[Row]) -> str:
+    fine, good, warned = (
+        sum(map(bool, (getattr(row, name) for row in rows)))
+        for name in ("refined_fine", "estimate_is_good", "warning")
+    )
+    return {
+        Verdict.ACCURATE: f"warned all the same: {warned}",
+        Verdict.REPORTED: f"a refined run is fine: {fine}" * bool(rows),
+        Verdict.WARNED: f"estimate within a factor of {GOOD_FACTOR:g}: {good}" * bool(rows),
+        Verdict.INACCURATE: f"no warning, up to {100 * WRONG_SHARE:g} % of the length",
+        Verdict.WRONG: f"no warning, beyond {100 * WRONG_SHARE:g} % of the length",
+        Verdict.UNJUDGED: "refined runs disagree or cost too much",
+    }[verdict]
+
+
+def _compared(rows: Sequence[Row]) -> Table:
+    def cell(test: Callable[[Row], bool], verdict: str) -> int:
+        return sum(test(row) for row in select(rows, verdict=verdict))
+
+    return pivot_table("Verdicts by what the scenes have", "scenes", _GROUPS, Verdict, cell)
+
+
+def _chain(row: Row) -> str:
+    chain = "2-D" if row.bending == "planar" else "torsion" if row.torsion else "3-D"
+    return f"{chain} {row.actuation} {row.excitation.replace('_', ' ')}"
+
+
+def _steps(row: Row) -> str | None:
+    short = {"extrapolation": "ex", "Euler": "eu", "RK4": "rk", "implicitfast": "if"}
+    return row.substeps and f"{row.substeps} {short.get(row.integrator, row.integrator[:2])}"
+
+
+def _why(row: Row) -> str | None:
+    """What failed and when, without the names of coordinates."""
+    if row.why is None:
+        return None
+    before, _, after = row.why.partition("in the control period ending ")
+    return (before + after.split(": not finite")[0]).removeprefix("simulation ")
+
+
+def _refined(row: Row) -> str | None:
+    return None if row.refined_fine is None else "is fine" if row.refined_fine else "is not"
+
+
+_ERROR, _REASON = ("error_share", "estimate_share"), Column("why", _why)
+
+#: Verdict -> title of a list, and what is shown beside the scene.
+_LISTS = {
+    Verdict.WRONG: ("Wrong without a word", *_ERROR),
+    Verdict.INACCURATE: ("Less accurate than asked for, without a word", *_ERROR),
+    Verdict.WARNED: ("Less accurate than asked for, with a warning", *_ERROR),
+    Verdict.REPORTED: ("Refused or failed", Column("refined run", _refined), _REASON),
+    Verdict.UNJUDGED: ("Unjudged", _REASON),
+}
+
+
+def _listed(rows: Sequence[Row]) -> list[Table]:
+    """All scenes that are not accurate, the worst first."""
+    worst, out = sorted(rows, key=lambda row: -(row.error_share or 0.0)), []
+    for verdict, (title, *shown) in _LISTS.items():
+        scene = ("index", "joints", Column("chain", _chain), "slenderness", "youngs_modulus")
+        scene += ("damping_ratio", "weight_load", Column("steps", _steps, ">"))
+        caption = "sag: rho A g L^3 / EI; steps per control period and integrator"
+        make = table(title, *scene, *shown, where={"verdict": verdict}, caption=caption)
+        out += make(worst)
+    return out
+
+
+#: Verdict -> colour and marker, the worst last, on top.
+_STYLES = {
+    Verdict.UNJUDGED: (figures.GREY, "x"),
+    Verdict.ACCURATE: (figures.GREEN, "o"),
+    Verdict.REPORTED: (figures.PURPLE, "s"),
+    Verdict.WARNED: (figures.BLUE, "v"),
+    Verdict.INACCURATE: (figures.ORANGE, "^"),
+    Verdict.WRONG: (figures.VERMILLION, "D"),
+}
+
+#: Errors [share of the length] at the ends of the axes; others stand there; as do scenes without
+#: gravity.
+_LEAST_ERROR, _MOST_ERROR, _WEIGHTLESS = 1e-7, 10.0, 1e-6
+
+Value = Callable[[Row], float | None]
+
+
+def picture(rows: Sequence[Row]) -> figures.Figure:
+    """Error against what was estimated, over what it hangs on, and cost."""
+    figure, axes = figures.new_figure(2, 2, (10, 8.6))
+    counts = {verdict: len(select(rows, verdict=verdict)) for verdict in _STYLES}
+    figures.add_title(
+        figure,
+        f"Of {len(rows) - counts[Verdict.UNJUDGED]} judged scenes {counts[Verdict.ACCURATE]} are "
+        f"as accurate as asked for, {counts[Verdict.REPORTED] + counts[Verdict.WARNED]} say that "
+        f"they are not, {counts[Verdict.INACCURATE] + counts[Verdict.WRONG]} err unannounced",
+        f"{len(rows)} random scenes of seed {rows[0].seed}, tip errors against refined runs",
+    )
+    weight = r"weight over stiffness, $\rho A g L^3 / EI$"
+    _scatter(axes[0, 0], rows, _shown_estimate, _shown_error)
+    _scatter(axes[0, 1], rows, _weight, lambda row: row.damping_ratio)
+    _scatter(axes[1, 0], rows, _weight, _shown_error)
+    _scatter(axes[1, 1], rows, _cost, _shown_error)
+    for axis in (axes[0, 0], *axes[1]):  # what was asked for, and what is wrong
+        line = {"linewidth": 0.9, "linestyle": "--"}
+        axis.axhline(rows[0].asked_share, color=figures.BLACK, **line)
+        axis.axhline(WRONG_SHARE, color=figures.VERMILLION, **line)
+        axis.set_ylabel("tip error / length (dashed: asked for; wrong)")
+    line = np.array([_LEAST_ERROR, _MOST_ERROR])
+    axes[0, 0].plot(line, line, color=figures.GREY, linewidth=0.9)
+    good = line / GOOD_FACTOR, line * GOOD_FACTOR
+    axes[0, 0].fill_between(line, *good, color="0.93", zorder=0)
+    axes[0, 0].set_xlabel("the package's estimate / length (asked for, where it gives none)")
+    axes[0, 1].set(xlabel=weight, ylabel="damping ratio of the first elastic mode")
+    axes[1, 0].set_xlabel(weight)
+    axes[1, 1].set_xlabel("run time / simulated time")
+    entries = [
+        figures.entry(f"{verdict} ({counts[verdict]})", color=colour, marker=marker, linestyle="")
+        for verdict, (colour, marker) in _STYLES.items()
+    ]
+    figures.add_legend(figure, entries)
+    return figure
+
+
+def _scatter(axis: figures.Axes, rows: Sequence[Row], x: Value, y: Value) -> None:
+    """Points by verdict on logarithmic axes; rows without a value are left out."""
+    for verdict, (colour, marker) in _STYLES.items():
+        points = [(x(row), y(row)) for row in select(rows, verdict=verdict)]
+        known = np.array([p for p in points if None not in p], dtype=float).reshape(-1, 2)
+        axis.scatter(*known.T, s=26, c=colour, marker=marker, linewidths=1.0, alpha=0.8)
+    axis.set(xscale="log", yscale="log")
+
+
+def _weight(row: Row) -> float:
+    return max(row.weight_load, _WEIGHTLESS)
+
+
+def _cost(row: Row) -> float | None:
+    return None if row.wall_time is None else row.wall_time / row.duration
+
+
+def _shown_error(row: Row) -> float | None:
+    share = row.error_share
+    return None if share is None else min(max(share, _LEAST_ERROR), _MOST_ERROR)
+
+
+def _shown_estimate(row: Row) -> float:
+    share = row.estimate_share
+    return row.asked_share if share is None else min(max(share, _LEAST_ERROR), _MOST_ERROR)
+
+
+# -------------------- the study
+
+#: Number of scenes, and of a quick run.
+COUNT, QUICK_COUNT = 200, 20
+
+
+def cases(quick: bool = False, count: int | None = None, seed: int = 0) -> list[tuple[int, int]]:
+    """Seeds and indices of scenes; a larger count adds scenes to the same ones."""
+    count = (QUICK_COUNT if quick else COUNT) if count is None else count
+    return [(seed, index) for index in range(count)]
+
+
+def measure(case: tuple[int, int]) -> Row:
+    """The row of one random scene."""
+    return judge(draw_scene(*case))
+
+
+STUDY = Study(
+    kinds=(Row,),
+    cases=cases,
+    measure=measure,
+    label=lambda case: f"scene {case[1]}",
+    tables=[_summary, _compared, _listed],
+    plots={"{}": picture},
+    options=("count", "seed"),
+)

@@ -1,0 +1,445 @@
+"""Robots of sections and routed tendons against exact rods: error and run time.
+
+The chain and PCC are judged by rods without shear and extension, the Cosserat rod by one with both.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from math import ceil
+from time import perf_counter
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from softrobot_env.beams.cosserat import CosseratRod
+from softrobot_env.beams.registry import BeamPlant
+from softrobot_env.benchmarks.timing import best_of
+from softrobot_env.core.equilibrium import EquilibriumError
+from softrobot_env.rendering import figures
+from softrobot_env.robots import Base, Disc, RobotParams, Section, Tendon
+from softrobot_env.robots.file import PIECES as DEFAULT_PIECES
+from softrobot_env.robots.file import default_pieces
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.simulation import Simulation
+from studies.lab import Column, Record, Study, groups, quantity, select, table, verdict
+from studies.truths.spatial_rod import SpatialShape
+from studies.truths.tendon_rod import guided_rod, hanging_rod, tendon_rod
+
+#: Largest errors at the default resolution: tip over length, and strains over the largest of them.
+GOAL = 0.005
+
+
+@dataclass(frozen=True)
+class Row(Record):
+    """A robot's equilibrium under tensions with one model of some resolution.
+
+    Attributes:
+        case: Name of the robot, see `cases.CASES`.
+        model: "chain", "pcc" or "cosserat".
+        pieces: In total; sections have equally many.
+        default: Whether that is the model's own choice for the robot.
+        n: Number of its coordinates.
+        error: [m], distance of the tip from the exact one.
+        error_share: Over the length [1].
+        curvature_error: Of the mean bending strains of thirds of sections, their largest error over
+            the largest strain of the robot [1].
+        twist_error: The same of torsion.
+        equilibrium_time: [s] to find it, from the straight pose.
+        time_per_second: Run time over simulated time of the motion there [1]; None for models too
+            large to be stepped in reasonable time.
+        failure: Why there is no result; None otherwise.
+    """
+
+    case: str
+    model: str
+    pieces: int = quantity("", "d")
+    default: bool
+    n: int | None = None
+    error: float | None = None
+    error_share: float | None = quantity("%", ".2g", "error", default=None)
+    curvature_error: float | None = quantity("%", ".2g", "bending", default=None)
+    twist_error: float | None = quantity("%", ".2g", "twist", default=None)
+    equilibrium_time: float | None = quantity("ms", ".2g", "rest", default=None)
+    time_per_second: float | None = quantity("", ".2g", "run / simulated", default=None)
+    failure: str | None = None
+
+    @property
+    def good(self) -> bool:
+        """Whether all errors are within `GOAL`."""
+        errors = (self.error_share, self.curvature_error, self.twist_error)
+        return None not in errors and max(errors) <= GOAL
+
+
+# -------------------- robots
+
+_GRAVITY = (0.0, 0.0, -9.81)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A robot, the tensions it is pulled by and how its exact shape is found.
+
+    Attributes:
+        name: What is special about it.
+        robot: The robot.
+        tension: (n_tendons,) [N].
+        solve: Function of `studies.truths.tendon_rod`.
+        quick: Whether it is part of a quick run.
+    """
+
+    name: str
+    robot: RobotParams
+    tension: tuple[float, ...]
+    solve: Callable[..., SpatialShape] = tendon_rod
+    quick: bool = False
+
+    def shape(self, stations: np.ndarray, shear_coefficient: float | None) -> SpatialShape:
+        """The exact shape at arc lengths (k,) [m], along the axes of the robot's base."""
+        return self.solve(self.robot, self.tension, stations, shear_coefficient)
+
+
+def _section(length: float, radius: float | tuple[float, float], modulus: float) -> Section:
+    return Section(length, radius, modulus, 1050.0, 0.02, DEFAULT_PIECES, poisson_ratio=0.4)
+
+
+def _tendon(name: str, offset: tuple[float, float], end: float, **options: object) -> Tendon:
+    return Tendon(name, offset, end, 0, 60.0, **options)
+
+
+def _robot(
+    name: str, *sections: Section, tendons: tuple[Tendon, ...], **more: object
+) -> RobotParams:
+    """A robot with the pieces that robot files have which do not say any."""
+    ends = np.cumsum([0.0, *(section.length for section in sections)])
+    cut = (
+        replace(section, pieces=default_pieces(*ends[k : k + 2], tendons))
+        for k, section in enumerate(sections)
+    )
+    return RobotParams(name, sections=tuple(cut), tendons=tendons, **more)
+
+
+def _guided(turns: float) -> RobotParams:
+    """A slender rod of ten discs with a tendon through them."""
+    ends = np.linspace(0, 0.3, 11).tolist()
+    discs = tuple(Disc.uniform(s, 0.002, 0.012, 0.002) for s in ends[1:])
+    tendon = _tendon("guided", (0.010, 0.0), 0.3, guides=tuple(ends[1:-1]), turns=turns)
+    return _robot("discs", _section(0.3, 0.003, 6e7), tendons=(tendon,), discs=discs)
+
+
+_ONE = _section(0.3, 0.010, 8e5)
+_TWO = (_section(0.18, 0.013, 6e5), _section(0.14, 0.009, 9e5))
+_THREE = (_section(0.12, 0.014, 7e5), _section(0.1, (0.012, 0.009), 7e5), _section(0.1, 0.008, 5e5))
+
+
+def _helical(turns: float) -> RobotParams:
+    tendon = _tendon("helical", (0.005, -0.005), 0.3, turns=turns)
+    return _robot("helical", _ONE, tendons=(tendon,))
+
+
+_SIDE_BY_SIDE = tuple(
+    _tendon(f"{end}_{k}", (r * np.cos(a + 2.1 * k), r * np.sin(a + 2.1 * k)), end)
+    for end, r, a in ((0.12, 0.010, 0.3), (0.22, 0.007, 1.2), (0.32, 0.005, 2.5))
+    for k in range(3)
+)
+_OF_TWO = (
+    _tendon("inner", (0.0, 0.009), 0.18),
+    _tendon("outer", (0.006, 0.003), 0.32),
+    _tendon("winding", (-0.006, 0.0), 0.32, turns=0.6),
+)
+
+CASES = (
+    Case("helix of 1.5 turns", _helical(1.5), (5.0,), quick=True),
+    Case("helix of 4 turns", _helical(-4.0), (6.0,)),
+    Case(
+        "converging",
+        _robot(
+            "converging",
+            _ONE,
+            tendons=(_tendon("nearer", (0.004, 0.008), 0.3, route=((0.3, 0.001, -0.001),)),),
+        ),
+        (3.0,),
+    ),
+    Case(
+        "via-points",
+        _robot(
+            "via",
+            _ONE,
+            tendons=(
+                _tendon(
+                    "via",
+                    (0.0, 0.009),
+                    0.3,
+                    route=((0.08, 0.007, 0.002), (0.19, 0.0, -0.008), (0.3, -0.004, 0.0)),
+                ),
+            ),
+        ),
+        (4.0,),
+        quick=True,
+    ),
+    Case(
+        "tapered",
+        _robot(
+            "tapered",
+            _section(0.3, (0.011, 0.005), 8e5),
+            tendons=(_tendon("side", (0.003, 0.003), 0.3),),
+        ),
+        (0.4,),
+    ),
+    Case("two sections", _robot("two", *_TWO, tendons=_OF_TWO), (6.0, 2.0, 3.0), quick=True),
+    Case(
+        "three sections side by side",
+        _robot("three", *_THREE, tendons=_SIDE_BY_SIDE),
+        (6.0, 0.5, 2.0, 0.5, 4.0, 0.5, 0.5, 1.5, 0.0),
+    ),
+    Case("ten discs", _guided(0.0), (2.5,), guided_rod, quick=True),
+    Case("ten discs, winding", _guided(0.5), (2.5,), guided_rod),
+    Case(
+        "hanging",
+        _robot(
+            "hanging",
+            *_TWO,
+            tendons=_OF_TWO,
+            gravity=_GRAVITY,
+            base=Base((0.0, 0.1, 0.5), (0.0, 0.0, -1.0), 0.4),
+        ),
+        (6.0, 2.0, 3.0),
+        hanging_rod,
+    ),
+    Case(
+        "sideways",
+        _robot(
+            "sideways",
+            _section(0.3, (0.014, 0.010), 8e5),
+            tendons=(_tendon("up", (0.006, 0.004), 0.3, turns=0.3),),
+            gravity=_GRAVITY,
+            base=Base((0.0, 0.0, 0.3), (1.0, 0.3, 0.0), 1.0),
+            discs=(Disc.uniform(0.2, 0.02, 0.015, 0.004),),
+        ),
+        (4.0,),
+        hanging_rod,
+    ),
+)
+
+
+# -------------------- models against exact shapes
+
+#: Pieces of a section.
+PIECES, QUICK_PIECES = (3, 6, 12, 24, 48), (6, 12)
+
+#: Most pieces in total whose equilibrium is sought, and of those that are moved.
+_LARGEST, _MOVED = 100, 50
+
+_PERIOD, _PERIODS = 0.02, 5
+_PARTS, _FINE = 3, 24  # of a section whose strain is compared, and of such a part
+_SHEAR = 0.75  # as `CosseratRod` has
+
+#: Finds tip (3,), strains (pieces, 3), their edges, number of coordinates, and moves a period.
+Found = tuple[np.ndarray, np.ndarray, np.ndarray, int, Callable[[], object]]
+
+
+def measure(case: tuple[str, tuple[int, ...]]) -> list[Row]:
+    """All models of a robot, with some numbers of pieces of a section."""
+    name, resolutions = case
+    (case,) = (one for one in CASES if one.name == name)
+    robot, rows = case.robot, []
+    stations = _stations(robot)
+    for models, shear in ((("chain", "pcc"), None), (("cosserat",), _SHEAR)):
+        truth = case.shape(stations, shear)
+        for model in models:
+            own = _default(model, robot)
+            counts = {own, *(len(robot.backbone.sections) * n for n in resolutions)}
+            for pieces in sorted(n for n in counts if n <= _LARGEST):
+                rows.append(_row(case, model, pieces, pieces == own, truth))
+    return rows
+
+
+def _default(model: str, robot: RobotParams) -> int:
+    """Number of pieces unless one is given."""
+    if model == "cosserat":
+        return max(2 * robot.pieces, CosseratRod.fewest(robot))
+    return robot.pieces
+
+
+def _row(case: Case, model: str, pieces: int, default: bool, truth: SpatialShape) -> Row:
+    find = _chain if model == "chain" else _beam
+    robot, tension = case.robot, np.array(case.tension)
+    try:
+        solve = find(robot, pieces, model)
+        solve(tension)  # compiles
+        time, (tip, strains, edges, n, move) = best_of(lambda: solve(tension), 3)
+    except (EquilibriumError, ValueError) as error:
+        return Row(case.name, model, pieces, default, failure=str(error))
+    base = robot.base or Base()
+    exact = base.axes @ truth.tip + base.position
+    off = _mean(strains, edges, _parts(robot)) - _true_strains(truth, robot)
+    largest = np.abs(_true_strains(truth, robot)).max()
+    error = float(np.linalg.norm(tip - exact))
+    return Row(
+        case.name,
+        model,
+        pieces,
+        default,
+        n=n,
+        error=error,
+        error_share=error / robot.length,
+        curvature_error=float(np.abs(off[:, :2]).max() / largest),
+        twist_error=float(np.abs(off[:, 2]).max() / largest),
+        equilibrium_time=time,
+        time_per_second=_moved(move) if pieces <= _MOVED else None,
+    )
+
+
+def _chain(robot: RobotParams, pieces: int, _: str) -> Callable[[np.ndarray], Found]:
+    config = SceneConfig(
+        robot, pieces=pieces, bending="spatial", torsion=True, control_period=_PERIOD
+    )
+    scene = build_scene(config)
+
+    def solve(tension: np.ndarray) -> Found:
+        q = scene.equilibrium(tension)
+
+        def start() -> Callable[[], object]:
+            simulation = Simulation(scene)
+            simulation.reset(scene.start().q, tension)
+            return simulation.advance
+
+        return scene.tip(q), scene.curvature(q), config.edges, scene.model.nv, start
+
+    return solve
+
+
+def _beam(robot: RobotParams, pieces: int, name: str) -> Callable[[np.ndarray], Found]:
+    way = {"axes": slice(0, 3), "bending": "spatial", "torsion": True, "actuation": "tension"}
+    stepped = BeamPlant(name, pieces=pieces)(robot, **way)
+    model = stepped.model
+
+    def solve(tension: np.ndarray) -> Found:
+        q = model.equilibrium(tension)
+
+        def start() -> Callable[[], object]:
+            state = stepped.rest(), np.zeros(model.n)
+            return lambda: stepped.advance(*state, tension, _PERIOD) is None
+
+        return model.tip(q), model.curvature(q), model.edges, model.n, start
+
+    return solve
+
+
+def _moved(start: Callable[[], Callable[[], object]]) -> float | None:
+    """Run time over simulated time while the tensions act all at once; None if it fails."""
+    start()()  # what is compiled or allocated first
+    advance = start()
+    begin = perf_counter()
+    healthy = all(advance() for _ in range(_PERIODS))
+    return (perf_counter() - begin) / (_PERIOD * _PERIODS) if healthy else None
+
+
+# ---------------------------------------------------------------- strains
+
+
+def _parts(robot: RobotParams) -> np.ndarray:
+    """Ends (k + 1,) [m] of the parts of sections whose strains are compared."""
+    return robot.backbone.cut([_PARTS] * len(robot.backbone.sections))
+
+
+def _stations(robot: RobotParams) -> np.ndarray:
+    return robot.backbone.cut([_PARTS * _FINE] * len(robot.backbone.sections))
+
+
+def _true_strains(truth: SpatialShape, robot: RobotParams) -> np.ndarray:
+    """Mean turn (k, 3) [1/m] of parts about the sections' own axes."""
+    frames = Rotation.from_matrix(truth.frame)
+    turns = (frames[:-1].inv() * frames[1:]).as_rotvec()
+    return turns.reshape(-1, _FINE, 3).sum(axis=1) / np.diff(_parts(robot))[:, None]
+
+
+def _mean(strains: np.ndarray, edges: np.ndarray, parts: np.ndarray) -> np.ndarray:
+    """Means (k, 3) of strains between edges over parts."""
+    turned = np.append(np.zeros((1, 3)), np.cumsum(np.diff(edges)[:, None] * strains, axis=0), 0)
+    at = np.stack([np.interp(parts, edges, column) for column in turned.T], axis=1)
+    return np.diff(at, axis=0) / np.diff(parts)[:, None]
+
+
+_MODELS = {"chain": "mujoco_chain", "pcc": "pcc", "cosserat": "cosserat"}
+_COLUMNS = 3
+
+
+def picture(rows: Sequence[Row]) -> figures.Figure:
+    """Error against run time of all robots; full dots are default resolutions."""
+    cases = groups(rows, "case")
+    lines = ceil(len(cases) / _COLUMNS)
+    figure, axes = figures.new_figure(
+        lines, _COLUMNS, (3.3 * _COLUMNS, 2.3 * lines + 1.1), share=True
+    )
+    own = [row for row in select(rows, default=True) if row.failure is None]
+    good = sum(row.error_share <= GOAL for row in own)
+    figures.add_title(
+        figure,
+        f"With the models' own resolutions {good} of {len(own)} tips are within {100 * GOAL:g} % "
+        "of the length",
+        "Sections and routes: error of the tip against the time to find an equilibrium",
+    )
+    colours = {model: figures.style_of(name).colour for model, name in _MODELS.items()}
+    for axis, ((case,), mine) in zip(axes.flat, cases.items(), strict=False):
+        for model, colour in colours.items():
+            done = [row for row in select(mine, model=model) if row.failure is None]
+            points = [(1e3 * r.equilibrium_time, 100 * r.error_share) for r in done]
+            axis.plot(*zip(*points, strict=True), "o-", color=colour, markerfacecolor="white")
+            own = [p for p, row in zip(points, done, strict=True) if row.default]
+            axis.plot(*zip(*own, strict=True), "o", color=colour)
+        axis.axhline(100 * GOAL, color=figures.BLACK, linewidth=0.9, linestyle="--")
+        axis.set(xscale="log", yscale="log", title=case)
+        axis.tick_params(labelbottom=True)  # also above an empty place
+    for axis in axes[:, 0]:
+        axis.set_ylabel("tip error / length [%]")
+    for axis in axes.flat[max(0, len(cases) - _COLUMNS) : len(cases)]:
+        axis.set_xlabel("run time [ms]")
+    for axis in axes.flat[len(cases) :]:
+        axis.set_visible(False)
+    figures.add_legend(
+        figure,
+        [
+            figures.entry(figures.label_of(_MODELS[m]), color=colour, marker="o")
+            for m, colour in colours.items()
+        ]
+        + [
+            figures.entry(
+                f"goal: {100 * GOAL:g} % at the full dots", color=figures.BLACK, linestyle="--"
+            )
+        ],
+    )
+    return figure
+
+
+_ERRORS = ("pieces", "error_share", "curvature_error", "twist_error", "equilibrium_time")
+_ERRORS += ("time_per_second",)
+
+STUDY = Study(
+    kinds=(Row,),
+    cases=[(case.name, PIECES) for case in CASES],
+    quick=[(case.name, QUICK_PIECES) for case in CASES if case.quick],
+    measure=measure,
+    label=lambda case: case[0],
+    tables=[
+        table(
+            f"At the default resolution: are all errors within {100 * GOAL:g} %?",
+            Column("robot", "case"),
+            "model",
+            Column("met", lambda row: verdict(row.good), ">"),
+            *_ERRORS,
+            where={"default": True},
+            caption="error: of the tip over the length; bending, twist: of strains over the "
+            "largest",
+        ),
+        table(
+            "{case}",
+            "model",
+            Column("", lambda row: "default" if row.default else row.failure or ""),
+            *_ERRORS,
+            per=("case",),
+        ),
+    ],
+    plots={"{}": picture},
+    alone=True,
+)

@@ -1,0 +1,726 @@
+"""Environment steps per second, what the Python side of a step costs, and decisions.
+
+The overhead of an environment is the time of `env.step` minus that of the bare simulation in it:
+`mj_step` of Gymnasium's environments, a control period of ours. Ours and Gymnasium's own MuJoCo
+environments are timed in turns within one run, each by its best block, so that their ratio does not
+depend on the machine's load.
+"""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib.util import find_spec
+from time import perf_counter, thread_time
+from typing import Any
+
+import gymnasium
+import mujoco
+import numpy as np
+
+from softrobot_env.control.registry import (
+    REDUCED_POLICIES,
+    RIG_POLICIES,
+    home_robot,
+    installed_policies,
+    make_policy,
+    policy_environment,
+)
+from softrobot_env.core.interfaces import Policy
+from softrobot_env.core.processes import Workers, usable_cores, using, worker_processes
+from softrobot_env.envs.base import EpisodeEnv
+from softrobot_env.envs.rendering.renderer import RenderError
+from softrobot_env.envs.simulation.batch import BatchSimulation
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.envs.vector import VectorTrackingEnv
+from softrobot_env.registration import ENVIRONMENTS
+from softrobot_env.robots import ARM, EXAMPLES, find_robot
+from softrobot_env.scene.simulation import Simulation
+from studies.lab import Column, Lab, Record, Study, number, quantity, table
+
+
+@dataclass(frozen=True)
+class Row(Record):
+    """How long something takes; None where a field does not apply.
+
+    Attributes:
+        what: "env.step", "moving", "vector env.step", "warp env.step", "robots", "decision",
+            "scaling", "start" or "render".
+        variant: Environment, policy, or what is waited for.
+        n_envs, threads: Environments stepped at once, and by how many threads or processes.
+        steps_per_second: Of all environments together.
+        raw_steps_per_second: Of bare simulations in the same motion.
+        ratio: Time of the bare simulation over that of the environment.
+        overhead: [s] that a step of one environment takes beyond the simulation.
+        overhead_ratio: The same over that of the yardstick.
+        seconds: [s] of a step of one environment, of a decision (median), or of the wait.
+        accuracy: That was asked for, as a share of the length [1].
+        error, estimate: [m], largest distance of the tip from the truth in the motion, and what the
+            environment itself tells.
+        dof: Degrees of freedom of the robot.
+        period, longest, stacked: [s], of decisions: the control period, the computing time of the
+            longest one, and the time of a call for 256 environments.
+        efficiency, started: Of several cores: the speed-up over their number, and the time [s]
+            until processes had loaded what they need; `seconds` is then that of a job.
+    """
+
+    what: str
+    variant: str
+    n_envs: int | None = None
+    threads: int | None = quantity("", "d", "cores", default=None)
+    steps_per_second: float | None = quantity("", ".0f", "steps/s", default=None)
+    raw_steps_per_second: float | None = quantity("", ".0f", "raw/s", default=None)
+    ratio: float | None = quantity("", ".2f", "raw/\nenv", default=None)
+    overhead: float | None = quantity("µs", ".1f", "over-\nhead", default=None)
+    overhead_ratio: float | None = quantity("", ".2f", "over-\nhead\nratio", default=None)
+    seconds: float | None = None
+    accuracy: float | None = None
+    error: float | None = quantity("mm", ".3f", default=None)
+    estimate: float | None = quantity("mm", ".3f", default=None)
+    dof: int | None = quantity("", "d", "DOF", default=None)
+    period: float | None = None
+    longest: float | None = None
+    stacked: float | None = None
+    efficiency: float | None = quantity("", ".2f", default=None)
+    started: float | None = quantity("s", ".1f", "ready\nafter", default=None)
+
+
+def step_row(
+    what: str,
+    variant: str,
+    seconds: float,
+    raw: float | None,
+    *,
+    count: int = 1,
+    threads: int = 1,
+    yardstick: float | None = None,
+) -> Row:
+    """Row of a step.
+
+    Args:
+        what, variant: Of the row.
+        seconds: [s] of a step of all environments.
+        raw: [s] of their bare simulations, or None.
+        count, threads: Environments, and threads or processes.
+        yardstick: Overhead [s] to compare with.
+    """
+    bare = {}
+    if raw is not None:
+        overhead = (seconds - raw) / count
+        bare = {"raw_steps_per_second": count / raw, "ratio": raw / seconds, "overhead": overhead}
+        bare |= {} if yardstick is None else {"overhead_ratio": overhead / yardstick}
+    speed = {"steps_per_second": count / seconds, "seconds": seconds / count}
+    return Row(what, variant, count, threads, **speed, **bare)
+
+
+# -------------------- decisions, from the first in a fresh process on, and for many
+
+DECISION = "decision"
+
+#: Policies of a quick decision_rows.
+QUICK = ("imitation", "ppo")
+
+#: Decisions one by one, stacked observations, and calls with these.
+COUNT, STACKED, _CALLS = 5000, 256, 20
+
+_DECIDE = """
+import json, sys
+sys.path[:0] = sys.argv[2:]
+from studies.speed import measure
+print(json.dumps(measure(sys.argv[1])))
+"""
+
+
+def decision_names(quick: bool) -> list[str]:
+    """Policies that are timed."""
+    policies = [*installed_policies(), *RIG_POLICIES, *REDUCED_POLICIES]
+    return [name for name in policies if name in QUICK or not quick]
+
+
+def measure_afresh(name: str) -> dict[str, float]:
+    """`measure` in a fresh interpreter.
+
+    Raises:
+        RuntimeError: It failed there.
+    """
+    command = [sys.executable, "-c", _DECIDE, name, *sys.path]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(f"decisions of {name}: {done.stderr.strip().splitlines()[-1]}")
+    return json.loads(done.stdout)
+
+
+def measure(name: str) -> dict[str, float]:
+    """How long the decisions of a policy take on its arm or rig, all but the first in motion.
+
+    Returns:
+        `period` [s] of the environment; `seconds`, the median over the decisions; `longest` [s], of
+        all calls of `predict`, in computing time of this thread: other load does not count, the
+        collection of garbage does; and `stacked` [s], the least of a call with as many stacked
+        observations as `STACKED`.
+    """
+    robot = home_robot(name)
+    env_id = "SoftRobot/ArmSwing-v0" if robot == ARM else "SoftRobot/RigTriangle-v0"
+    env = gymnasium.make(env_id, observe="all", **policy_environment(name, robot)).unwrapped
+    policy = make_policy(name, env)
+    times, longest, observation = _decide(env, policy)
+    many = {key: np.stack([value] * STACKED) for key, value in observation.items()}
+    return {
+        "period": env.control_period,
+        "seconds": float(np.median(times)),
+        "longest": longest,
+        "stacked": _stacked(lambda state: policy.predict(many, state)[1]),
+    }
+
+
+def _decide(env: gymnasium.Env, policy: Policy) -> tuple[list[float], float, dict[str, np.ndarray]]:
+    """Times [s] of decisions in `COUNT` calls, longest computing of one, and the last observation.
+
+    A policy that decides every few calls holds its action in the others.
+    """
+    (observation, _), state, called = env.reset(seed=0), None, 0
+    times, longest = [], 0.0
+    for _ in range(COUNT):
+        computed, begin = thread_time(), perf_counter()
+        action, state = policy.predict(observation, state)
+        if called % policy.hold == 0:
+            times.append(perf_counter() - begin)
+        longest = max(longest, thread_time() - computed)
+        observation, _, terminated, truncated, _ = env.step(action)
+        called += 1
+        if terminated or truncated:
+            (observation, _), state, called = env.reset(seed=0), None, 0
+    return times, longest, observation
+
+
+def _stacked(call: Callable[[list | None], list]) -> float:
+    """Least time [s] of a call, which takes and returns states, after the first."""
+    state, best = call(None), np.inf
+    for _ in range(_CALLS):
+        begin = perf_counter()
+        state = call(state)
+        best = min(best, perf_counter() - begin)
+    return float(best)
+
+
+# -------------------- a moving arm, by the accuracy asked for, beside its true error
+
+#: Shares of the length, and that of the truth.
+ACCURACIES, _TRUTH = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4), 3e-6
+
+#: Control periods of the motion, and for how many an action is held; its largest size.
+_PERIODS, _HELD, _SIZE = 200, 10, 0.5
+
+
+def moving_rows(quick: bool) -> list[Row]:
+    """A row an accuracy; the time is the sum of the best of each part of the motion."""
+    rng = np.random.default_rng(0)
+    actions = rng.uniform(-_SIZE, _SIZE, (_PERIODS // _HELD, 3)).astype(np.float32)
+    actions = np.repeat(actions, _HELD, axis=0)
+    truth, _ = _motion(_env(_TRUTH), actions)
+    chosen = ACCURACIES[2:3] if quick else ACCURACIES
+    envs = [_env(accuracy) for accuracy in chosen]
+    times = [[_times(env, actions) for env in envs] for _ in range(5 if quick else 40)]
+    best = np.min(times, axis=0).mean(axis=1).tolist()
+    return [
+        _moving_row(accuracy, seconds, truth, *_motion(env, actions))
+        for env, accuracy, seconds in zip(envs, chosen, best, strict=True)
+    ]
+
+
+def _env(accuracy: float) -> TrackingEnv:
+    return TrackingEnv("step", accuracy=f"{100 * accuracy:g}%")
+
+
+def _times(env: TrackingEnv, actions: np.ndarray) -> list[float]:
+    """[s] of a step in each part of the motion, in which the action is held."""
+    env.reset(seed=0)
+    times = []
+    for part in actions.reshape(-1, _HELD, actions.shape[1]):
+        begin = perf_counter()
+        for action in part:
+            env.step(action)
+        times.append((perf_counter() - begin) / _HELD)
+    return times
+
+
+def _motion(env: TrackingEnv, actions: np.ndarray) -> tuple[np.ndarray, float]:
+    """Tips (periods, k) [m], and the estimate [m] of their error."""
+    env.reset(seed=0)
+    tips = []
+    for action in actions:
+        observation, *_, info = env.step(action)
+        tips.append(observation["tip_position"].copy())
+    return np.array(tips), info["integration_error"]
+
+
+def _moving_row(
+    accuracy: float, seconds: float, truth: np.ndarray, tips: np.ndarray, estimate: float
+) -> Row:
+    error = np.linalg.norm(tips - truth, axis=1).max()
+    told = {"accuracy": accuracy, "error": float(error), "estimate": float(estimate)}
+    speed = {"steps_per_second": 1 / seconds, "seconds": seconds}
+    return Row("moving", "arm", 1, 1, **speed, **told)
+
+
+# -------------------- robots singly and in batches; bare: as many simulations in the same motion
+
+ROBOT = "robots"
+
+#: Numbers of robots in a batch; the first ones are quick.
+COUNTS = (1, 16, 256)
+
+#: Control periods of the motion, share of full actions, and time [s] spent on a row.
+_PERIODS, _SHARE, _BUDGET = 10, 0.2, 2.0
+
+
+def _environments() -> dict[str, tuple[str, dict[str, Any]]]:
+    """Arm, rig, the examples, and a rod of 60 degrees of freedom that bends and twists."""
+    rod = find_robot("silicone_rod")
+    wound = tuple(replace(tendon, turns=0.25) for tendon in rod.tendons)
+    rod = replace(rod, name="rod_60", pieces=10, tendons=wound)
+    any_robot = {name: find_robot(name) for name in EXAMPLES} | {rod.name: rod}
+    return {
+        "arm": ("SoftRobot/ArmSwing-v0", {}),
+        "rig": ("SoftRobot/RigTriangle-v0", {}),
+        **{
+            name: ("SoftRobot/Track-v0", {"robot": robot, "task": "reach"})
+            for name, robot in any_robot.items()
+        },
+    }
+
+
+def robot_rows(quick: bool) -> list[Row]:
+    """A row for each robot and number of robots."""
+    budget = _BUDGET / 10 if quick else _BUDGET
+    return [
+        _robot_row(name, env_id, options, count, budget)
+        for name, (env_id, options) in _environments().items()
+        for count in (COUNTS[:2] if quick else COUNTS)
+    ]
+
+
+def _robot_row(name: str, env_id: str, options: dict[str, Any], count: int, budget: float) -> Row:
+    env = gymnasium.make_vec(env_id, num_envs=count, **options)
+    rng = np.random.default_rng(0)
+    actions = _SHARE * rng.uniform(-1, 1, env.action_space.shape)
+    times: list[tuple[float, float]] = []
+    begin = perf_counter()
+    while len(times) < 3 or perf_counter() - begin < budget:
+        stepped = _period_time(env, lambda: env.step(actions)[2])
+        times.append((_period_time(env, env.simulation.advance), stepped))
+    raw, seconds = np.min(times, axis=0).tolist()
+    simulation = env.simulation
+    row = step_row(ROBOT, name, seconds, raw, count=count, threads=simulation.threads)
+    return replace(row, dof=simulation.scene.model.nv)
+
+
+def _period_time(env: VectorTrackingEnv, step: Callable[[], np.ndarray]) -> float:
+    """Mean time [s] of a control period, after a first one that puts the actions in force.
+
+    Raises:
+        RuntimeError: A robot has failed.
+    """
+    env.reset(seed=0)
+    env.step(_SHARE * np.random.default_rng(0).uniform(-1, 1, env.action_space.shape))
+    begin = perf_counter()
+    for _ in range(_PERIODS):
+        failed = step()
+    spent = perf_counter() - begin
+    if failed.any():
+        raise RuntimeError(f"{env.spec.id} failed while it was timed")
+    return spent / _PERIODS
+
+
+# -------------------- several cores: processes, Ray, threads of a batch; each job steps an arm
+
+SCALING = "scaling"
+
+#: [s] of a job, jobs per core, robots of a batch; rounds of which the best counts.
+_JOB, _QUICK_JOB, _EACH, _ROBOTS, _ROUNDS = 5.0, 0.5, 2, 256, 5
+
+_ID = "SoftRobot/ArmSwing-v0"
+
+
+def scaling_rows(quick: bool) -> list[Row]:
+    """A row for processes, for Ray if it is installed, and for the threads of a batch."""
+    cores = usable_cores()
+    ways = {"processes": Workers(cores)}
+    if find_spec("ray") is not None:
+        ways["Ray"] = Workers(ray="local")
+    target = _QUICK_JOB if quick else _JOB
+    steps = max(1, round(target / step_arm(2000) * 2000))
+    rows = []
+    for name, workers in ways.items():
+        # What other programs take counts least in the best round.
+        found = [_jobs(workers, cores, steps) for _ in range(1 if quick else 2)]
+        started, efficiency, seconds = max(found, key=lambda each: each[1])
+        times = {"seconds": seconds, "started": started}
+        rows.append(Row(SCALING, name, threads=cores, efficiency=efficiency, **times))
+    return [*rows, _threads(cores)]
+
+
+def step_arm(count: int) -> float:
+    """Time [s] of some steps of an arm that swings."""
+    env = gymnasium.make(_ID).unwrapped
+    env.reset(seed=0)
+    action = np.zeros(env.action_space.shape, dtype=np.float32)
+    env.step(action)
+    begin = perf_counter()
+    for done in range(count):
+        if done % 1000 == 999:
+            env.reset(seed=0)
+        env.step(action)
+    return perf_counter() - begin
+
+
+def _jobs(workers: Workers, cores: int, steps: int) -> tuple[float, float, float]:
+    """Time [s] to start, efficiency of several jobs at once, and time [s] of a job alone."""
+    begin = perf_counter()
+    with using(workers), worker_processes(cores) as pool:
+        list(pool.map(step_arm, [1] * 4 * cores))  # each process loads what it needs
+        started = perf_counter() - begin
+        alone = pool.submit(step_arm, steps).result()
+        begin = perf_counter()
+        list(pool.map(step_arm, [steps] * _EACH * cores))
+        taken = perf_counter() - begin
+    return started, _EACH * alone / taken, alone
+
+
+def _threads(cores: int) -> Row:
+    """A batch on one thread and on all."""
+    times = {}
+    for threads in (1, cores):
+        env = gymnasium.make_vec(_ID, num_envs=_ROBOTS, threads=threads)
+        env.reset(seed=0)
+        step = partial(env.step, np.zeros(env.action_space.shape, dtype=np.float32))
+        step()
+        rounds = []
+        for _ in range(_ROUNDS):
+            begin = perf_counter()
+            for _ in range(10):
+                step()
+            rounds.append((perf_counter() - begin) / 10)
+        times[threads] = min(rounds)
+        env.close()
+    efficiency = times[1] / times[cores] / cores
+    return Row(
+        SCALING, "threads of a batch", _ROBOTS, cores, seconds=times[cores], efficiency=efficiency
+    )
+
+
+# -------------------- what a user waits for: imports, the first environment, a rendered frame
+
+#: Runs in a fresh interpreter, so that nothing is loaded before it is timed.
+_START = """
+import json, time
+begin = time.perf_counter()
+import gymnasium, mujoco
+basis = time.perf_counter()
+import softrobot_env
+package = time.perf_counter()
+env = gymnasium.make("SoftRobot/ArmSwing-v0")
+first = time.perf_counter()
+gymnasium.make("SoftRobot/ArmSwing-v0")
+second = time.perf_counter()
+print(json.dumps({
+    "import mujoco, gymnasium": basis - begin,
+    "import softrobot_env (after them)": package - basis,
+    "gymnasium.make, first": first - package,
+    "gymnasium.make, again": second - first,
+}))
+"""
+
+_FRAMES = 40
+
+
+def startup_times(repeats: int) -> dict[str, float]:
+    """Least time [s] of each part of the start over several fresh interpreters."""
+    command = [sys.executable, "-c", _START]
+    done = [subprocess.run(command, capture_output=True, check=True) for _ in range(repeats)]
+    runs = [json.loads(one.stdout) for one in done]
+    return {name: min(run[name] for run in runs) for name in runs[0]}
+
+
+def frame_time() -> float | None:
+    """Mean time [s] of one offscreen frame of 640 x 480, None without OpenGL."""
+    env = TrackingEnv("swing", render_mode="rgb_array")
+    env.reset()
+    try:
+        env.render()
+    except RenderError:
+        return None
+    begin = perf_counter()
+    for _ in range(_FRAMES):
+        env.render()
+    mean = (perf_counter() - begin) / _FRAMES
+    env.close()
+    return mean
+
+
+def wait_rows(quick: bool) -> list[Row]:
+    """What a user waits for."""
+    times = startup_times(2 if quick else 5)
+    rows = [Row("start", name, seconds=time) for name, time in times.items()]
+    return [*rows, Row("render", "frame 640 x 480", seconds=frame_time())]
+
+
+# -------------------- many environments at once, against bare simulations and processes
+
+_WHAT = "vector env.step"
+_ENV_ID = "SoftRobot/ArmSwing-v0"
+
+#: (environments, threads) of the batched environment.
+CASES = ((16, 1), (16, 2), (16, 4), (256, 1), (256, 2))
+
+#: Processes of Gymnasium's AsyncVectorEnv; more share the same cores and only need more memory.
+_PROCESSES = 16
+
+#: [s] of a block.
+_BLOCK = 0.3
+
+
+def _in_turns(rounds: int, *actions: Callable[[], object]) -> list[float]:
+    """Least time [s] of each of some things done in turns, over some rounds."""
+    return np.min([[_mean_time(do) for do in actions] for _ in range(rounds)], axis=0).tolist()
+
+
+def _mean_time(do: Callable[[], object]) -> float:
+    """Mean time [s] of a call in a block."""
+    begin, count = perf_counter(), 0
+    while perf_counter() - begin < _BLOCK:
+        do()
+        count += 1
+    return (perf_counter() - begin) / count
+
+
+def vector_rows(quick: bool) -> list[Row]:
+    """Rows, whose ratio is that to bare simulations of the same scene."""
+    # Processes first: they are forked, and the simulations below reserve much memory.
+    processes = _processes(quick)
+    rows = []
+    for count, threads in CASES[-1:] if quick else CASES:
+        times = _in_turns(2 if quick else 6, *_batched(count, threads))
+        rows.append(step_row(_WHAT, "VectorTrackingEnv", *times, count=count, threads=threads))
+    return [*rows, processes]
+
+
+def _processes(quick: bool) -> Row:
+    """Row of Gymnasium's environments in processes."""
+    env = gymnasium.make_vec(_ENV_ID, num_envs=_PROCESSES, vectorization_mode="async")
+    env.reset(seed=0)
+    actions = np.zeros(env.action_space.shape, np.float32)
+    (least,) = _in_turns(2 if quick else 6, lambda: env.step(actions))
+    env.close()
+    sizes = {"count": _PROCESSES, "threads": _PROCESSES}
+    return step_row(_WHAT, "AsyncVectorEnv of the same", least, None, **sizes)
+
+
+def _batched(count: int, threads: int) -> tuple[Callable[[], object], Callable[[], object]]:
+    """Our environment's step, and the bare step of as many simulations in the same motion."""
+    env = VectorTrackingEnv(count, "swing", threads=threads)
+    env.reset(seed=0)
+    actions = np.zeros((count, 3), np.float32)
+    single = TrackingEnv("swing")
+    single.reset()
+    bare = BatchSimulation(single.scene, count, threads)
+    # A moving arm costs more than one at rest: both start bent, and swing without tension.
+    start = single.data.qpos, np.zeros(single.model.nu)
+    bare.reset(np.arange(count), *(np.tile(row, (count, 1)) for row in start))
+    return lambda: env.step(actions), bare.advance
+
+
+# -------------------- many arms on MuJoCo Warp, where there is a CUDA device
+
+WARP = "warp env.step"
+
+#: Robots at once.
+WARP_COUNTS = (256, 1024, 4096, 16384)
+
+#: Control periods of a block, and blocks.
+_WARP_STEPS, _BLOCKS = 50, 5
+
+
+def warp_rows(
+    quick: bool, device: str = "cuda:0", counts: tuple[int, ...] = WARP_COUNTS
+) -> list[Row]:
+    """Rows by number of robots; or one row that says why nothing was measured."""
+    missing = _missing(device)
+    if missing is not None:
+        return [Row(WARP, f"not measured: {missing}")]
+    return [_warp_row(count, device, 1 if quick else _BLOCKS) for count in counts]
+
+
+def _missing(device: str) -> str | None:
+    """What keeps a device from being measured."""
+    if find_spec("torch") is not None and device != "cpu":
+        import torch
+
+        if not torch.cuda.is_available():
+            return "no CUDA device"
+    if find_spec("mujoco_warp") is None or find_spec("torch") is None:
+        return "no MuJoCo Warp"
+    return None
+
+
+def _warp_row(count: int, device: str, blocks: int) -> Row:
+    """Row of the arm's environment, with actions and observations on the device."""
+    import torch
+
+    env = VectorTrackingEnv(count, "swing", backend="warp", device=device, observe_as="vector")
+    env.reset(seed=0)
+    actions = torch.zeros((count, len(env.input_scale)), device=device)
+    times = []
+    for _ in range(1 + blocks):  # the first one loads what Warp and PyTorch compile
+        begin = perf_counter()
+        for _ in range(_WARP_STEPS):
+            told = env.step(actions)
+        told[1].sum().item()  # waits for the device
+        times.append((perf_counter() - begin) / _WARP_STEPS)
+    name = "cpu" if device == "cpu" else torch.cuda.get_device_name(device)
+    return step_row(WARP, f"arm on {name}", float(np.min(times[1:])), None, count=count)
+
+
+# -------------------- the study
+
+#: Gymnasium's environments to compare with; the first one is the yardstick.
+YARDSTICKS = ("HalfCheetah-v5", "Reacher-v5", "InvertedDoublePendulum-v5")
+
+#: Of the rig, its tasks differ in the reference alone.
+RIG = "SoftRobot/RigTriangle-v0"
+
+#: Control steps per block: short, so that some block of many runs undisturbed.
+_STEPS = 100
+
+
+def stages(lab: Lab) -> list[Row]:
+    """Single environments, moving arms by accuracy, vector environments, also on MuJoCo Warp,
+    batches of robots, decisions, several cores and waits; quickly fewer repeats."""
+    quick, waits = lab.quick, partial(wait_rows, lab.quick)
+    tasks = [
+        ("env.step", partial(_environment_rows, lab)),
+        ("start", waits),
+        ("moving arm", partial(moving_rows, quick)),
+        ("vector environments", partial(vector_rows, quick)),
+        ("warp", partial(warp_rows, quick)),
+        ("robots", partial(robot_rows, quick)),
+    ]
+    tasks += [
+        (f"decisions of {name}", lambda name=name: [Row(DECISION, name, **measure_afresh(name))])
+        for name in decision_names(quick)
+    ]
+    tasks.append(("several cores", partial(scaling_rows, quick)))
+    steps, waited, *others = lab.tasks(tasks)
+    return [row for rows in (steps, *others, waited) for row in rows]
+
+
+def _environment_rows(lab: Lab) -> list[Row]:
+    """Ours and Gymnasium's in turns, each by its best block."""
+    contestants = {name: gymnasium.make(name) for name in (*YARDSTICKS, *ENVIRONMENTS, RIG)}
+    rounds, blocks = 80 if lab.quick else 300, []
+    for done in range(rounds):
+        lab.progress("env.step", done, rounds)
+        blocks.append([_time_block(env) for env in contestants.values()])
+    times = dict(zip(contestants, np.min(blocks, axis=0).tolist(), strict=True))
+    stepped, bare = times[YARDSTICKS[0]]
+    return [step_row("env.step", name, *t, yardstick=stepped - bare) for name, t in times.items()]
+
+
+def _time_block(env: gymnasium.Env) -> tuple[float, float]:
+    """Times [s] per step, in one block of steps and in one of the bare simulations in them."""
+    action = np.zeros(env.action_space.shape, dtype=np.float32)
+    env.reset(seed=0)
+    step_time = _time(lambda: env.step(action))
+    env.reset(seed=0)
+    return step_time, _time(_bare(env.unwrapped))
+
+
+def _bare(env: gymnasium.Env) -> Callable[[], object]:
+    """The simulation in a step of an environment that was reset, under its zero action."""
+    model, data = env.model, env.data
+    if not isinstance(env, EpisodeEnv):
+        data.ctrl[:] = 0.0
+        return lambda: mujoco.mj_step(model, data, env.frame_skip)
+    simulation = Simulation(env.scene)
+    simulation.reset(data.qpos, np.zeros(model.nu))
+    return simulation.advance
+
+
+def _time(do: Callable[[], object]) -> float:
+    """Time [s] of a call in a block."""
+    begin = perf_counter()
+    for _ in range(_STEPS):
+        do()
+    return (perf_counter() - begin) / _STEPS
+
+
+def _sizes(head: str) -> Column:
+    return Column(head, lambda row: f"{row.n_envs} x {row.threads}", ">")
+
+
+def _is_step(row: Row) -> bool:
+    return row.what in ("env.step", "vector env.step")
+
+
+_STEPS_PER_SECOND = Column("steps/s", lambda r: number(r.steps_per_second, ".0f"), ">")
+
+STUDY = Study(
+    kinds=(Row,),
+    stages=stages,
+    tables=[
+        table(
+            "",
+            *(Column("", "variant"), _sizes("envs x\nthreads"), "steps_per_second"),
+            *("raw_steps_per_second", "ratio", Column("over-\nhead µs", "overhead", ".1f", "µs")),
+            "overhead_ratio",
+            where=_is_step,
+        ),
+        table(
+            "",
+            *(Column("many arms on MuJoCo Warp", "variant"), Column("robots", "n_envs", "d")),
+            _STEPS_PER_SECOND,
+            where={"what": WARP},
+        ),
+        table(
+            "",
+            Column("random steps of the action\nby half of its range, 0.1 s", "variant"),
+            Column("accuracy %", lambda row: number(100 * row.accuracy, ".3g"), ">"),
+            *("steps_per_second", "error", Column("estimate\nmm", "estimate", ".3f", "mm")),
+            where={"what": "moving"},
+        ),
+        table(
+            "",
+            *(Column("env.step, moving", "variant"), "dof", _sizes("robots x\nthreads")),
+            Column("µs a robot\nand period", "seconds", ".1f", "µs"),
+            Column("periods/s", "steps_per_second", ".0f"),
+            Column("bare/s", "raw_steps_per_second", ".0f"),
+            Column("bare/\nenv", "ratio", ".2f"),
+            where={"what": ROBOT},
+        ),
+        table(
+            "",
+            Column("policy", "variant"),
+            Column("period\nms", lambda row: number(1e3 * row.period, "g"), ">"),
+            Column("decision µs,\nmedian", "seconds", ".1f", "µs"),
+            Column("longest ms\nof computing", "longest", ".3f", "ms"),
+            Column("256 stacked\nms", "stacked", ".2f", "ms"),
+            where={"what": DECISION},
+        ),
+        table(
+            "",
+            *(Column("several cores", "variant"), "threads", "efficiency"),
+            Column("ready\nafter s", lambda row: number(row.started, ".1f"), ">"),
+            Column("job or\nstep s", "seconds", ".2g"),
+            where={"what": SCALING},
+        ),
+        table(
+            "",
+            Column("", "variant"),
+            Column("ms", lambda row: number(row.seconds, ".1f", "ms", missing="no OpenGL"), ">"),
+            where=lambda row: row.what in ("start", "render"),
+        ),
+    ],
+    alone=True,
+)

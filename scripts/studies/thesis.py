@@ -1,0 +1,1145 @@
+"""Metrics and tables of the thesis' chapter 2 anew."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from math import cos, pi, sin
+from typing import Any
+
+import numpy as np
+from numba import njit
+from rich.console import Group
+from rich.table import Table
+from scipy.integrate import BDF, OdeSolver, Radau
+from scipy.interpolate import CubicSpline
+
+from softrobot_env.beams import mechanics, signals
+from softrobot_env.beams.ancf import ANCF
+from softrobot_env.beams.cosserat import MOMENTS, CosseratRod
+from softrobot_env.beams.model import BeamModel, IntegrationError, Motion
+from softrobot_env.beams.numerics import quaternions
+from softrobot_env.benchmarks.accuracy.cases.spiral import DURATION, PERIOD, ROBOT, force, loads
+from softrobot_env.benchmarks.records import Record, groups, select
+from softrobot_env.benchmarks.timing import best_of
+from softrobot_env.core.jobs import Job, Progress, run_jobs
+from softrobot_env.rendering.tables import Column, make_table, new_table, number
+from softrobot_env.robots import CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams
+from softrobot_env.robots.loads import Load
+from studies.beams import make_beam, mode_frequency, tip_twist, weightless
+from studies.truths import thesis_values as values
+from studies.truths.analytic import (
+    bent_rod,
+    euler_bernoulli_deflection,
+    euler_bernoulli_frequency,
+    timoshenko_deflection,
+)
+from studies.truths.shearable_rod import (
+    bending_frequency,
+    section,
+    torsion_angle,
+    torsion_frequency,
+)
+
+# -------------------- rows
+# Rows of the thesis benchmark, and the beam models as chapter 2 uses them.
+
+#: Models by name in the rows.
+MODELS = ("pcc", "cosserat", "ancf")
+
+#: Parameter sets of Tab. 2.1, under gravity.
+SETS = {"weak": CANTILEVER_WEAK, "stiff": CANTILEVER_STIFF}
+
+#: Poisson ratio of silicone; all else is computed for 0, where the models can be compared.
+SILICONE = 0.49
+
+#: Shear correction factor of the thesis' Cosserat rod.
+SHEAR_COEFFICIENT = 0.75
+
+
+@dataclass(frozen=True)
+class Row(Record):
+    """A point of a figure or a number of a table; names of quantities end in their unit.
+
+    Attributes:
+        figure: Of the thesis, such as "2.11" or "tab2.2".
+        case, model: Curve or line that it belongs to.
+        n: Pieces, if it has any.
+        x_name, x: Abscissa, None where it is n or there is none.
+        y_name, y: The quantity; None where it could not be computed, and the note then says why.
+        thesis: The printed number.
+        audit: The number recomputed independently.
+        note: What has to be known.
+    """
+
+    figure: str
+    case: str
+    model: str
+    n: int | None
+    x_name: str | None
+    x: float | None
+    y_name: str
+    y: float | None
+    thesis: float | None = None
+    audit: float | None = None
+    note: str | None = None
+
+
+def make_row(
+    figure: str,
+    case: str,
+    model: str,
+    n: int | None,
+    y_name: str,
+    y: float | None,
+    x: tuple[str, float] | None = None,
+    **others: Any,
+) -> Row:
+    """A row; x is its name and value, `others` are thesis, audit and note."""
+    x_name, x_value = (None, None) if x is None else (x[0], float(x[1]))
+    y_value = None if y is None else float(y)
+    return Row(figure, case, model, n, x_name, x_value, y_name, y_value, **others)
+
+
+def build(
+    model: str,
+    robot: RobotParams,
+    n: int,
+    loads: Sequence[Load] = (),
+    planar: bool = True,
+    **options: Any,
+) -> BeamModel:
+    """A model as the thesis sets it up, with n pieces.
+
+    Args:
+        model: One of `MODELS`. The Cosserat rod has its grid, xi_2, the moments as printed and
+            kappa = 3/4; it is always spatial. ANCF's integrals are exact.
+        robot: The robot.
+        n: Number of pieces.
+        loads: Loads.
+        planar: Whether to take the planar version of PCC and ANCF; else PCC has torsion.
+        **options: Further options of the model's class, instead of those named.
+    """
+    if model == "cosserat":
+        printed = {"grid": "thesis", "weighting": 2, "moments": "printed"}
+        printed["shear_coefficient"] = SHEAR_COEFFICIENT
+        options = printed | options
+    return make_beam(model, robot, n, loads, "planar" if planar else "torsion", **options)
+
+
+# -------------------- statics
+# Deflection under self-weight and static torsion: Fig. 2.11, 2.12 and 2.14.
+
+#: Cases of ANCF with the Poisson ratio of silicone, by law of the plane.
+LOCKED = {plane: f"nu = {SILICONE}, plane {plane}" for plane in ("stress", "strain")}
+
+#: Theory that each model converges to; a continuum bends and shears as a rod with k = 1.
+CONVERGES_TO = {"pcc": "elastica", "cosserat": "exact_rod", "ancf": "exact_rod_k1"}
+
+#: [N m] that the printed twist belongs to.
+MOMENT = 0.01
+
+_TIP = "tip_deflection_m"
+_CURVE_POINTS = 41
+_CURVE_PIECES = 5
+_MOMENT = "the printed moment of 0.1 N m does not give the printed angle"
+_LAST = "as in the thesis: the angle of the last section, half a piece before the tip"
+_LOCKING = "Poisson locking: the sections can only deform uniformly"
+
+
+def deflection(model: BeamModel) -> float:
+    """Tip deflection [m] under gravity, positive downwards."""
+    return float(-model.tip(model.equilibrium(check_stability=False))[0])
+
+
+def deflection_rows(pieces: tuple[int, ...]) -> list[Row]:
+    """Fig. 2.11 for some numbers of pieces, with the converged solutions."""
+    rows = []
+    for name, robot in SETS.items():
+        for model in MODELS:
+            audit = values.DEFLECTION[name, model]
+            for n in pieces:
+                found = deflection(build(model, robot, n))
+                rows.append(make_row("2.11", name, model, n, _TIP, found, audit=audit.get(n)))
+        rows += _locked_rows(name, robot, pieces)
+        rows += _theory_rows(name, robot)
+    return rows + _threshold_rows(rows)
+
+
+def _locked_rows(name: str, robot: RobotParams, pieces: tuple[int, ...]) -> list[Row]:
+    silicone = replace(robot, poisson_ratio=SILICONE)
+    rows = []
+    for plane, case in LOCKED.items():
+        for n in pieces:
+            found = deflection(build("ancf", silicone, n, plane=plane))
+            known = (name, n) == ("stiff", 20)
+            audit = values.LOCKED_DEFLECTION[plane] if known else None
+            label = f"{name}, {case}"
+            rows.append(make_row("2.11", label, "ancf", n, _TIP, found, audit=audit, note=_LOCKING))
+    return rows
+
+
+def _theory_rows(name: str, robot: RobotParams) -> list[Row]:
+    """Lines of the beam theories; those for small deflections hold for the stiff set only."""
+    load = 9.81 * robot.mass_per_length
+    shear = SHEAR_COEFFICIENT * robot.youngs_modulus / 2 * robot.area
+    rods = {"elastica": None, "exact_rod": SHEAR_COEFFICIENT, "exact_rod_k1": 1.0}
+    found = {
+        model: -bent_rod(robot.length, section(robot, k), (-load, 0.0)).tip[0]
+        for model, k in rods.items()
+    }
+    if name == "stiff":
+        beam = robot.length, robot.bending_stiffness
+        found |= {
+            "euler_bernoulli": euler_bernoulli_deflection(*beam, distributed=load),
+            "timoshenko": timoshenko_deflection(*beam, shear, distributed=load),
+        }
+    audit = values.DEFLECTION_THEORY
+    return [
+        make_row("2.11", name, model, None, _TIP, y, audit=audit[name, model])
+        for model, y in found.items()
+    ]
+
+
+def _threshold_rows(rows: list[Row]) -> list[Row]:
+    """Fewest pieces for a weak deflection within 5 % of what the model converges to; PCC's error
+    for the stiff set with one piece."""
+    found = {(r.case, r.model, r.n): r.y for r in rows}
+    out = []
+    for model, limit in CONVERGES_TO.items():
+        converged = found["weak", limit, None]
+        errors = {
+            n: abs(y / converged - 1) for (c, m, n), y in found.items() if (c, m) == ("weak", model)
+        }
+        enough = [n for n in errors if all(errors[k] < 0.05 for k in errors if k >= n)]
+        thesis = values.PIECES_FOR_5_PERCENT[model]
+        printed = {"thesis": thesis, "audit": thesis}
+        name = "pieces_for_5_percent"
+        out.append(make_row("2.11", "weak", model, None, name, min(enough), **printed))
+    error = found["stiff", "pcc", 1] / found["stiff", "euler_bernoulli", None] - 1
+    printed = {"thesis": -0.005, "audit": values.ONE_PIECE_ERROR}
+    name = "relative_to_euler_bernoulli"
+    return [*out, make_row("2.11", "stiff", "pcc", 1, name, error, **printed)]
+
+
+def centreline_rows() -> list[Row]:
+    """Fig. 2.12: centrelines of the weak set with five pieces."""
+    rows = []
+    for model in MODELS:
+        beam = build(model, CANTILEVER_WEAK, _CURVE_PIECES)
+        stations = np.linspace(0, beam.robot.length, _CURVE_POINTS)
+        for y, _, along in beam.positions(beam.equilibrium(), stations):
+            curve = "2.12", "weak", model, _CURVE_PIECES
+            rows.append(make_row(*curve, "deflection_m", -y, ("along_m", along)))
+    return rows
+
+
+def torsion_rows(pieces: tuple[int, ...]) -> list[Row]:
+    """Fig. 2.14 with the moment that its printed angle belongs to, 0.01 N m (audit)."""
+    robot = weightless(CANTILEVER_WEAK)
+    load = Load("twist", robot.length, moment=(0.0, 0.0, MOMENT))
+    exact = torsion_angle(robot, MOMENT)
+    tenfold, thesis = torsion_angle(robot, 10 * MOMENT), {"thesis": values.TWIST}
+    printed = thesis | {"audit": values.TWIST_AS_PRINTED, "note": _MOMENT}
+    rows = [
+        _twist_row("0.01 N m", "analytic", None, exact, **thesis, audit=values.TWIST),
+        _twist_row("0.1 N m", "analytic", None, tenfold, **printed),
+    ]
+    for model in MODELS:
+        for n in pieces:
+            beam = build(model, robot, n, (load,), planar=False)
+            q = beam.equilibrium(np.ones(1), check_stability=False)
+            rows.append(_twist_row("tip", model, n, tip_twist(beam, q), audit=exact))
+            if isinstance(beam, CosseratRod):
+                angle = 2 * np.arctan2(q[-1], q[-4])
+                known = {"audit": exact * (1 - 1 / (2 * n)), "note": _LAST}
+                rows.append(_twist_row("last section", model, n, angle, **known))
+    return rows
+
+
+def _twist_row(case: str, model: str, n: int | None, angle: float, **others: object) -> Row:
+    return make_row("2.14", case, model, n, "twist_rad", angle, **others)
+
+
+# -------------------- modes
+# First bending and torsional frequencies over the number of pieces: Fig. 2.13 and 2.15.
+
+_FREQUENCY = "frequency_Hz"
+
+#: Number of pieces of the thesis' statements on Fig. 2.13.
+_FINEST = 14
+
+_BOUND = "the thesis gives an upper bound"
+_REAL = "shear and rotary inertia, which Euler-Bernoulli leaves out, are real (audit)"
+_PRINTED_FACTOR = (
+    "the factor 4 of (2.44) instead of 1/4 makes rotary accelerations 16 times too large and "
+    "torsional frequencies 4 times too high; it may be why the thesis' rod does not converge"
+)
+
+
+def bending_rows(pieces: tuple[int, ...]) -> list[Row]:
+    """Fig. 2.13 for some numbers of pieces, 14 among them."""
+    rows = []
+    for name, heavy in SETS.items():
+        robot = weightless(heavy)
+        rows += _frequency_theory_rows(name, robot)
+        for model in MODELS:
+            audit = values.FREQUENCY[name, model]
+            for n in pieces:
+                found = mode_frequency(build(model, robot, n))
+                rows.append(make_row("2.13", name, model, n, _FREQUENCY, found, audit=audit.get(n)))
+        silicone = replace(robot, poisson_ratio=SILICONE)
+        for plane, case in LOCKED.items():
+            for n in pieces:
+                found = mode_frequency(build("ancf", silicone, n, plane=plane))
+                rows.append(make_row("2.13", f"{name}, {case}", "ancf", n, _FREQUENCY, found))
+    return rows + [row for name in SETS for row in _spread_rows(name, rows)]
+
+
+def _frequency_theory_rows(name: str, robot: RobotParams) -> list[Row]:
+    beam = robot.length, robot.bending_stiffness, robot.mass_per_length
+    found = {
+        "euler_bernoulli": euler_bernoulli_frequency(*beam),
+        "timoshenko": bending_frequency(robot, SHEAR_COEFFICIENT),
+    }
+    audit = values.FREQUENCY_THEORY
+    return [
+        make_row("2.13", name, model, None, _FREQUENCY, y, audit=audit[name, model])
+        for model, y in found.items()
+    ]
+
+
+def _spread_rows(name: str, rows: list[Row]) -> list[Row]:
+    """Distances of the models with 14 pieces from each other and from Euler-Bernoulli."""
+    mine = {(r.model, r.n): r.y for r in rows if r.case == name}
+    theory = mine["euler_bernoulli", None]
+    finest = {model: mine[model, _FINEST] for model in MODELS}
+    spread = (max(finest.values()) - min(finest.values())) / min(finest.values())
+    known = {"audit": 0.008 if name == "weak" else None, "note": _BOUND}
+    known |= {"thesis": values.MODEL_SPREAD}
+    out = [make_row("2.13", name, "all", _FINEST, "spread_of_models", spread, **known)]
+    for model, found in finest.items():
+        audit = values.THEORY_DISTANCE_AUDIT.get((name, model))
+        known = {"thesis": values.THEORY_DISTANCE, "audit": audit, "note": f"{_BOUND}; {_REAL}"}
+        quantity = "relative_to_euler_bernoulli", found / theory - 1
+        out.append(make_row("2.13", name, model, _FINEST, *quantity, **known))
+    return out
+
+
+def torsional_rows(pieces: tuple[int, ...]) -> list[Row]:
+    """Fig. 2.15 of the weak set for both Poisson ratios."""
+    rows = []
+    for ratio, audit in values.TORSION_FREQUENCY.items():
+        robot = replace(weightless(CANTILEVER_WEAK), poisson_ratio=ratio)
+        case = f"nu = {ratio:g}"
+        exact = torsion_frequency(robot)
+        rows.append(make_row("2.15", case, "analytic", None, _FREQUENCY, exact, audit=audit))
+        for model in MODELS:
+            for n in pieces:
+                found = mode_frequency(build(model, robot, n, planar=False), torsion=True)
+                lumped = ratio == 0 and model != "ancf"
+                known = values.TORSION_FREQUENCY_LUMPED.get(n) if lumped else None
+                rows.append(make_row("2.15", case, model, n, _FREQUENCY, found, audit=known))
+    rod = {r.n: r.y for r in rows if (r.case, r.model) == ("nu = 0", "cosserat")}
+    finest = max(rod)
+    known = {"audit": values.TORSION_FREQUENCY_PRINTED, "note": _PRINTED_FACTOR}
+    curve = "2.15", "nu = 0, printed (2.44)", "cosserat", finest
+    return [*rows, make_row(*curve, _FREQUENCY, 4 * rod[finest], **known)]
+
+
+# -------------------- cosserat
+# Details of the Cosserat rod: Fig. 2.4 (drift), 2.5 and 2.6 (weighting functions).
+
+WEIGHTINGS = (1, 2, 3, 4, 5)
+
+#: Relative and absolute tolerances of Fig. 2.4: those of sec. 2.5, and a hundredth of them.
+TOLERANCES = ((1e-3, 1e-6), (1e-5, 1e-8))
+
+_PIECES = 5
+
+_BIN = 0.1  # s
+
+_PROJECTED, _FREE = "projected", "not projected"
+
+
+def weighting_rows() -> list[Row]:
+    """Fig. 2.5: xi_1 to xi_5 over theta, half the angle between sections."""
+    rows = []
+    for kind in WEIGHTINGS:
+        for degrees in range(0, 90, 3):
+            theta = degrees * pi / 180
+            value, _ = quaternions.weighting(kind, (cos(theta), sin(theta), 0.0, 0.0))
+            x = ("theta_rad", theta)
+            rows.append(make_row("2.5", f"xi_{kind}", "cosserat", None, "weighting", value, x))
+    return rows
+
+
+def influence_rows() -> list[Row]:
+    """Fig. 2.6: deflection by weighting, with printed and with conservative moments."""
+    rows, found = [], {}
+    for moments in MOMENTS:
+        for n in values.WEIGHTINGS:
+            for kind in WEIGHTINGS:
+                rod = build("cosserat", CANTILEVER_WEAK, n, weighting=kind, moments=moments)
+                found[moments, n, kind] = y = deflection(rod)
+                audit = values.WEIGHTINGS[n][kind - 1] if moments == "printed" else None
+                curve, x = ("2.6", moments, "cosserat", n), ("weighting", kind)
+                rows.append(make_row(*curve, "tip_deflection_m", y, x, audit=audit))
+    spreads = {"printed": values.SPREAD_PRINTED, "conservative": values.SPREAD_CONSERVATIVE}
+    for moments, audit in spreads.items():
+        for n, expected in audit.items():
+            all_ = [found[moments, n, kind] for kind in WEIGHTINGS]
+            thesis = values.SPREAD_THESIS[n] if moments == "printed" else None
+            quantity, known = ("spread_m", max(all_) - min(all_)), {"thesis": thesis}
+            rows.append(make_row("2.6", moments, "cosserat", n, *quantity, **known, audit=expected))
+    for kind, expected in values.REFINEMENT.items():
+        change = found["printed", 3, kind] - found["printed", 5, kind]
+        curve = "2.6", f"printed, xi_{kind}", "cosserat", None
+        known = {"thesis": values.REFINEMENT_THESIS, "audit": expected}
+        rows.append(make_row(*curve, "change_from_3_to_5_pieces_m", change, **known))
+    return rows
+
+
+def drift_rows(duration: float) -> list[Row]:
+    """Fig. 2.4 up to a time [s]: violation of the quaternions' norm, the largest of every 0.1 s.
+
+    Without projection it accumulates. With it, it is what a single step adds before projecting.
+    Radau is an implicit one-step method, so that its state can be projected after every step;
+    BDF is the relative of ode15s.
+    """
+    rows = []
+    for tolerances, thesis in zip(TOLERANCES, values.DRIFT, strict=True):
+        for solver, projected in ((BDF, False), (Radau, False), (Radau, True)):
+            case = f"{solver.__name__}, {_PROJECTED if projected else _FREE}, {tolerances[0]:g}"
+            times, drifts = _drift(solver, tolerances, projected, duration)
+            curve = "2.4", case, "cosserat", _PIECES
+            for start in np.arange(0, duration - _BIN / 2, _BIN):
+                inside = (times > start) & (times <= start + _BIN)
+                if inside.any():
+                    worst, x = drifts[inside].max(), ("time_s", start + _BIN)
+                    rows.append(make_row(*curve, "norm_violation", worst, x))
+            known = {"thesis": thesis, "note": "before projecting"} if projected else {}
+            rows.append(make_row(*curve, "largest_norm_violation", drifts.max(), **known))
+    return rows
+
+
+def _drift(
+    solver: type[OdeSolver], tolerances: tuple[float, float], projected: bool, duration: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Ends (k,) [s] of the steps, and the norm's violation (k,) there (before projecting)."""
+    rod = build("cosserat", CANTILEVER_WEAK, _PIECES)
+    derivative, n = rod.first_order(np.empty(0)), rod.n
+    relative, absolute = tolerances
+    start = np.concatenate(rod.start())
+    stepper = solver(derivative, 0.0, start, duration, rtol=relative, atol=absolute)
+    times, drifts = [], []
+    while stepper.status == "running":
+        message = stepper.step()
+        if stepper.status == "failed":
+            raise RuntimeError(f"{solver.__name__} failed at {stepper.t:.3g} s: {message}")
+        times.append(stepper.t)
+        drifts.append(rod.constraint_drift(stepper.y[:n]))
+        if projected:
+            stepper.y = project(stepper.y)
+            stepper.f = derivative(stepper.t, stepper.y)
+    return np.array(times), np.array(drifts)
+
+
+def project(y: np.ndarray) -> np.ndarray:
+    """States (..., 2 n) with unit quaternions, and their rates normal to them: (2.47), (2.48).
+
+    The rates are projected with the normalised quaternions; with others, as printed, some of the
+    drift would remain (audit).
+    """
+    out = y.copy()
+    parts = out.reshape(*y.shape[:-1], 2, -1, 7)[..., 3:]
+    q, v = parts[..., 0, :, :], parts[..., 1, :, :]
+    q /= np.linalg.norm(q, axis=-1, keepdims=True)
+    v -= np.sum(q * v, axis=-1, keepdims=True) * q
+    return out
+
+
+# -------------------- quadrature
+# Gauss-Legendre order of the ANCF element's volume integrals: Fig. 2.8 and 2.9.
+
+#: Order of the thesis' reference solution.
+HIGHEST = 20
+
+_DURATION, _PERIOD = 5.0, 0.05  # s
+_ERROR, _TIME = "relative_rms_error", "evaluation_time_s"
+_LIMIT = 1e-3
+
+
+def quadrature_rows(orders: tuple[int, ...]) -> list[Row]:
+    """Fig. 2.8 and 2.9 for some orders, the highest one among them, and for our exact rules.
+
+    The element oscillates under its weight; at every instant the elastic forces of all rules are
+    compared. Errors are (2.72), relative to order 20 (case "order 20") and to the exact integral.
+    A time is that of the residual, which adds damping and the constant mass matrix.
+    """
+    motion = build("ancf", CANTILEVER_WEAK, 1, planar=False).simulate(_DURATION, samples=_PERIOD)
+    rules = {order: _element(order) for order in orders}
+    rules |= {name: _element(name) for name in ("exact", "chebyshev")}
+    sizes = {name: _force_sizes(model, motion.q[1:]) for name, model in rules.items()}
+    rows = []
+    for name, model in rules.items():
+        ours = isinstance(name, str)
+        x = None if ours else ("order", name)
+        case = name if ours else "legendre"
+        time = force_time(model, motion.q[1:], motion.v[1:])
+        thesis = values.ORDER_TIME if name == values.ORDER else None
+        rows.append(make_row("2.9", case, "ancf", 1, _TIME, time, x, thesis=thesis))
+        for reference in (HIGHEST, "exact"):
+            if name == reference:
+                continue
+            error = np.sqrt(np.mean((sizes[name] / sizes[reference] - 1) ** 2))
+            label = f"{case}, against {'exact' if reference == 'exact' else f'order {HIGHEST}'}"
+            rows.append(make_row("2.8", label, "ancf", 1, _ERROR, error, x))
+    return rows + _first_order_rows(rows)
+
+
+def _element(quadrature: str | int) -> ANCF:
+    return build("ancf", weightless(CANTILEVER_WEAK), 1, planar=False, quadrature=quadrature)
+
+
+def _force_sizes(model: ANCF, q: np.ndarray) -> np.ndarray:
+    """Norms (k,) of the elastic forces at coordinates (k, n)."""
+    zero = np.zeros(model.n)
+    return np.array([np.linalg.norm(model.residual(each, zero, zero)) for each in q])
+
+
+def _first_order_rows(rows: list[Row]) -> list[Row]:
+    """First order with an error below 1e-3, by reference."""
+    out = []
+    for case in (f"legendre, against order {HIGHEST}", "legendre, against exact"):
+        good = [int(r.x) for r in rows if r.case == case and r.y < _LIMIT]
+        first = min(good) if good else None
+        note = None if good else "no order computed has an error below 1e-3"
+        row = make_row(
+            "2.8", case, "ancf", 1, "first_order_below_1e-3", first, thesis=values.ORDER, note=note
+        )
+        out.append(row)
+    return out
+
+
+# -------------------- cost
+# What evaluations of the equations of motion cost, and how many it takes: Fig. 2.16 to 2.18.
+
+#: Integrator of each model, in place of ode45 and ode15s, and their relative tolerance (sec. 2.5).
+METHODS = {"pcc": "dormand_prince", "cosserat": "sdirk4", "ancf": "sdirk4"}
+TOLERANCE = 1e-3
+
+_DURATION = 5.0  # s
+_STATES = 200
+_SHORTEST = 0.02  # s, of a timed loop
+_LOOPS = 5
+
+
+# Not cached: the cache's stamp covers the sources in beams/ only.
+@njit
+def _accelerations(model, q, v, u, out, rounds):  # noqa: ANN001, ANN202
+    """Evaluate the right-hand side in all states (k, n), some rounds."""
+    for _ in range(rounds):
+        for k in range(len(q)):
+            mechanics.acceleration(model, q[k], v[k], u, out)
+
+
+@njit
+def _residuals(model, q, v, u, out, rounds):  # noqa: ANN001, ANN202
+    """Evaluate the residual at zero acceleration in all states (k, n), some rounds."""
+    zero = np.zeros(q.shape[1])
+    for _ in range(rounds):
+        for k in range(len(q)):
+            mechanics.residual(model, q[k], v[k], zero, u, out)
+
+
+def evaluation_time(model: BeamModel) -> float:
+    """Time [s] of one evaluation of the accelerations, in a compiled loop over random states."""
+    q, v = random_states(model, _STATES)
+    return _time(_accelerations, model, q, v)
+
+
+def force_time(model: BeamModel, q: np.ndarray, v: np.ndarray) -> float:
+    """Time [s] of one evaluation of the forces in states (k, n), in a compiled loop."""
+    return _time(_residuals, model, np.ascontiguousarray(q), np.ascontiguousarray(v))
+
+
+def _time(loop: Callable[..., None], model: BeamModel, q: np.ndarray, v: np.ndarray) -> float:
+    """Shortest time [s] per state of some loops, each long enough for the clock."""
+    arguments = model.data, q, v, np.zeros(model.n_inputs), np.empty(model.n)
+    rounds = 1
+    loop(*arguments, rounds)
+    while True:
+        best, _ = best_of(partial(loop, *arguments, rounds), _LOOPS)
+        if best > _SHORTEST / _LOOPS:
+            return best / (rounds * len(q))
+        rounds *= 4
+
+
+def random_states(model: BeamModel, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Random coordinates and velocities (count, n); quaternions have norm 1, their rates fit."""
+    rng = np.random.default_rng(seed)
+    change = model.data.scale * rng.uniform(-0.3, 0.3, (count, model.n))
+    q, v = model.rest() + change, model.data.scale * rng.uniform(-1, 1, (count, model.n))
+    if isinstance(model, CosseratRod):
+        parts = np.split(project(np.hstack([q, v])), 2, axis=1)
+        q, v = map(np.ascontiguousarray, parts)
+    return q, v
+
+
+def evaluations(model: BeamModel, motion: Motion) -> int:
+    """Evaluations of the equations of motion of a simulation, with those for Newton's matrices.
+
+    A matrix takes one evaluation more than there are columns that cannot share one
+    (`mechanics.iteration_matrix`).
+    """
+    data = model.data
+    columns = min(data.n, (2 * data.reach + 1) * data.block)
+    return motion.residuals + motion.matrices * (columns + 1)
+
+
+def evaluation_rows(pieces: tuple[int, ...]) -> list[Row]:
+    """Fig. 2.16: time per evaluation over the number of pieces, planar PCC and ANCF."""
+    rows = []
+    for model in MODELS:
+        for n in pieces:
+            time = evaluation_time(build(model, CANTILEVER_WEAK, n))
+            rows.append(make_row("2.16", "compiled", model, n, "evaluation_time_s", time))
+    for n in pieces:
+        beam = build("ancf", CANTILEVER_WEAK, n, quadrature=values.ORDER)
+        case = f"compiled, order {values.ORDER}"
+        rows.append(make_row("2.16", case, "ancf", n, "evaluation_time_s", evaluation_time(beam)))
+    return rows
+
+
+def self_weight_rows(pieces: tuple[int, ...]) -> list[Row]:
+    """Fig. 2.17 and the measured time of the same 5 s of the weak set's oscillation."""
+    rows = []
+    for model in MODELS:
+        method = METHODS[model]
+        for n in pieces:
+            beam = build(model, CANTILEVER_WEAK, n)
+            simulate = partial(beam.simulate, _DURATION, method=method, tolerance=TOLERANCE)
+            motion = simulate()
+            time, _ = best_of(simulate, 3)
+            number = evaluations(beam, motion)
+            rows += [
+                make_row("2.17", method, model, n, "evaluations", number),
+                make_row("2.18", f"{method}, measured", model, n, "computation_time_s", time),
+            ]
+    return rows
+
+
+def total_rows(rows: list[Row]) -> list[Row]:
+    """Fig. 2.18 from the rows of Fig. 2.16 and 2.17, and statements that the thesis draws."""
+    single = {(r.model, r.n): r.y for r in select(rows, figure="2.16", case="compiled")}
+    number = {(r.model, r.n): r.y for r in select(rows, figure="2.17")}
+    out = []
+    for (model, n), count in number.items():
+        total = count * single[model, n]
+        out.append(make_row("2.18", "product", model, n, "computation_time_s", total))
+    return out + _statement_rows(number, out)
+
+
+def _statement_rows(number: dict[tuple[str, int], float], totals: list[Row]) -> list[Row]:
+    fast = [r.n for r in totals if r.model == "ancf" and r.y < _DURATION]
+    sizes = sorted({n for _, n in number})
+    more = [n for n in sizes if number["pcc", n] > number["ancf", n]]
+    note = None if more else f"never up to {sizes[-1]} pieces"
+    known = {"thesis": values.REALTIME_ANCF, "note": f"out of up to {sizes[-1]} pieces"}
+    most = "most_pieces_in_real_time", max(fast, default=0)
+    fewest = "fewest_pieces_with_more_than_ancf", min(more, default=None)
+    crossing = {"thesis": values.PCC_NEEDS_MORE + 1, "note": note}
+    return [
+        make_row("2.18", "product", "ancf", None, *most, **known),
+        make_row("2.17", "evaluations", "pcc", None, *fewest, **crossing),
+    ]
+
+
+# -------------------- spiral
+# The spiral under a turning tip force (2.79): Fig. 2.19 to 2.22, Tab. 2.2 and 2.3.
+
+_SHOWN = 4  # of the compared instants, between those in the rows
+_ACCURATE = 1e-6  # tolerance of curves
+_REFERENCE = 1e-9  # tolerance of references of Tab. 2.2
+_REPEATS = 3
+_DENSE = 1501  # instants of references of Tab. 2.2
+
+#: Tolerances tried for the adaptive solvers of Tab. 2.2, from loose to strict.
+_TOLERANCES = tuple(10.0 ** (-k / 2) for k in range(2, 15))
+_MOST_STEPS = 400_000  # of an explicit solver
+
+_OWN = "distance to the model's own converged motion"
+_BETWEEN = f"{_OWN}, the tip moving straight from step to step"
+_UNEVEN = "19 equal steps; the audit's numbers probably include the tip after 3 s"
+_FIRST = "ours starts with a thousandth of the motion"
+_EXCHANGED = "the thesis' columns of ode15s and ode45 are exchanged for this model (audit)"
+
+
+def spiral_model(model: str, n: int) -> BeamModel:
+    """Spatial model of the stiff set, without gravity (audit), with forces on its tip."""
+    return build(model, ROBOT, n, loads(), planar=False)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Tip (301, 3) [m] of an accurate simulation of a model with n pieces."""
+
+    model: str
+    n: int
+    tip: np.ndarray
+
+    def distances(self, other: np.ndarray) -> tuple[float, float]:
+        """Mean and largest distance [m] to another tip (301, 3) [m]."""
+        return _mean_and_largest(self.tip - other)
+
+
+def _mean_and_largest(difference: np.ndarray) -> tuple[float, float]:
+    distance = np.linalg.norm(difference, axis=1)
+    return float(distance.mean()), float(distance.max())
+
+
+def _simulate(beam: BeamModel, samples: Any = PERIOD, **options: Any) -> Motion:
+    return beam.simulate(DURATION, _signal(), samples=samples, **options)
+
+
+def _signal() -> signals.Signal:
+    return signals.smooth(force, DURATION)
+
+
+def curve(model: str, n: int) -> Curve:
+    """Accurate simulation of a model."""
+    beam = spiral_model(model, n)
+    return Curve(model, n, beam.tip(_simulate(beam, tolerance=_ACCURATE).q))
+
+
+# ---------------------------------------------------------------- Fig. 2.20 to 2.22
+
+
+def curve_rows(curves: list[Curve]) -> list[Row]:
+    """Fig. 2.20 to 2.22, the finest curve of each model making up the mean of the three."""
+    finest = [max((c for c in curves if c.model == m), key=lambda c: c.n) for m in MODELS]
+    mean = np.mean([c.tip for c in finest], axis=0)
+    rows = []
+    for each in curves:
+        rows += _distance_rows(each, mean, each in finest)
+        rows += _size_rows(each)
+    shown = [c for c in curves if c.n == values.CHOSEN[c.model]]
+    for model, n, tip in [*((c.model, c.n, c.tip) for c in shown), ("mean of models", None, mean)]:
+        for k in range(0, len(tip), _SHOWN):
+            x, y, _ = tip[k]
+            rows.append(make_row("2.21", "spiral", model, n, "tip_x_m", x, ("time_s", k * PERIOD)))
+            rows.append(make_row("2.22", "spiral", model, n, "tip_y_m", y, ("tip_x_m", x)))
+    return rows
+
+
+def _distance_rows(each: Curve, mean: np.ndarray, finest: bool) -> list[Row]:
+    """Distances to the mean of the models; bounds of the thesis for some."""
+    found = each.distances(mean)
+    audit = values.SPIRAL_DISTANCE.get((each.model, each.n), (None, None))
+    thesis, note = (None, None), None
+    if finest:
+        thesis = values.FINEST_BOUND
+        note = "PCC has no shear, which separates the models by more than the thesis states (audit)"
+    elif values.CHOSEN[each.model] == each.n:
+        thesis = values.CHOSEN_BOUND
+    if audit[0] is not None:
+        mean_of = "the audit's mean includes ANCF with 8 pieces"
+        note = mean_of if note is None else f"{note}; {mean_of}"
+    names = "mean_distance_m", "largest_distance_m"
+    return [
+        make_row("2.20", "spiral", each.model, each.n, *pair, thesis=limit, audit=known, note=note)
+        for *pair, limit, known in zip(names, found, thesis, audit, strict=True)
+    ]
+
+
+def _size_rows(each: Curve) -> list[Row]:
+    """Largest radius, and the tip at the end where the audit gives it."""
+    known = values.SPIRAL_RADIUS[each.model].get(each.n)
+    if known is None:
+        return []
+    radius = np.max(np.linalg.norm(each.tip[:, :2], axis=1))
+    key = each.model, each.n
+    rows = [make_row("2.22", "spiral", *key, "largest_radius_m", radius, audit=known)]
+    for name, found, expected in zip(
+        "xyz", each.tip[-1], values.SPIRAL_TIP.get(key, ()), strict=False
+    ):
+        rows.append(make_row("2.22", "spiral", *key, f"last_tip_{name}_m", found, audit=expected))
+    return rows
+
+
+# ---------------------------------------------------------------- Fig. 2.19
+
+
+def time_rows(model: str, pieces: tuple[int, ...]) -> list[Row]:
+    """Fig. 2.19: computation times at the thesis' relative tolerance, solver included."""
+    method, rows = METHODS[model], []
+    for n in pieces:
+        beam = spiral_model(model, n)
+        time, _ = _timed(beam, method=method, tolerance=TOLERANCE)
+        rows.append(make_row("2.19", method, model, n, "computation_time_s", time))
+    if model == "ancf":
+        fast = [r.n for r in rows if r.y < DURATION]
+        most = "most_pieces_in_real_time", max(fast, default=0)
+        known = {"thesis": values.REALTIME_ANCF_SPIRAL}
+        known |= {"note": f"out of up to {pieces[-1]} pieces"}
+        rows.append(make_row("2.19", method, model, None, *most, **known))
+    return rows
+
+
+def _timed(beam: BeamModel, repeats: int = _REPEATS, **options: Any) -> tuple[float, Motion]:
+    """Shortest computation time [s] of some simulations, and the motion; compiled before."""
+    simulate = partial(beam.simulate, DURATION, _signal(), **options)
+    simulate()
+    return best_of(simulate, repeats)
+
+
+# ---------------------------------------------------------------- Tab. 2.2 and 2.3
+
+
+class _Contest:
+    """A model of Tab. 2.2 and its converged motion."""
+
+    def __init__(self, model: str) -> None:
+        self.model, self.n = model, values.CHOSEN[model]
+        self.beam = spiral_model(model, self.n)
+        times = np.linspace(0.0, DURATION, _DENSE)
+        motion = _simulate(self.beam, times, tolerance=_REFERENCE)
+        self._reference = CubicSpline(times, self.beam.tip(motion.q))
+
+    def row(self, case: str, figure: str, y_name: str, y: float | None, **others: Any) -> Row:
+        """A row of one line of the tables; `others` as those of `make_row`."""
+        return make_row(figure, case, self.model, self.n, y_name, y, **others)
+
+    def errors(self, step: float | None = None, **options: Any) -> tuple[float, float]:
+        """Mean and largest distance [m] at the samples or steps; infinite if it fails."""
+        times, tip = self._tips(step, **options)
+        return _mean_and_largest(tip - self._reference(times))
+
+    def errors_between(self, step: float, **options: Any) -> tuple[float, float]:
+        """The same over the whole motion, the tip moving straight from step to step."""
+        times, tip = self._tips(step, **options)
+        dense = np.linspace(0.0, DURATION, _DENSE)
+        straight = np.stack([np.interp(dense, times, x) for x in tip.T], axis=1)
+        return _mean_and_largest(straight - self._reference(dense))
+
+    def _tips(self, step: float | None, **options: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Times (k,) [s] and tips (k, 3) [m]; nowhere, so to speak, if the simulation fails."""
+        count = 300 if step is None else round(DURATION / step)
+        times = np.linspace(0.0, DURATION, count + 1)
+        try:
+            motion = _simulate(self.beam, times, step=step, **options)
+        except IntegrationError:
+            return times, np.full((count + 1, 3), np.inf)
+        return times, self.beam.tip(motion.q)
+
+    def loosest_tolerance(self, method: str, accuracy: float) -> float | None:
+        """First of the tolerances whose mean error is below an accuracy [m]."""
+        options = {"method": method, "max_steps": _MOST_STEPS}
+        for tolerance in _TOLERANCES:
+            if self.errors(tolerance=tolerance, **options)[0] <= accuracy:
+                return tolerance
+        return None
+
+    def fewest_steps(self, method: str, accuracy: float) -> int:
+        """Number of steps of a fixed-step method with a mean error [m] below an accuracy."""
+
+        def good(steps: int) -> bool:
+            return self.errors_between(method=method, step=DURATION / steps)[0] <= accuracy
+
+        low, high = 4, 8
+        while not good(high):
+            low, high = high, 2 * high
+        # To one percent: finer distinctions do not change what the step says.
+        while high - low > max(1, high // 100):
+            middle = (low + high) // 2
+            low, high = (low, middle) if good(middle) else (middle, high)
+        return high
+
+
+def table_rows(model: str, quick: bool = False) -> list[Row]:
+    """Tab. 2.2 and 2.3 of one model; errors are means over the motion.
+
+    Args:
+        model: One of `MODELS`.
+        quick: Without the strictest accuracy of implicit Euler and without the explicit solver of
+            the stiff models.
+    """
+    contest = _Contest(model)
+    rows = []
+    explicit = model == "pcc" or not quick
+    for index, method in enumerate(("sdirk4", "dormand_prince")[: 1 + explicit]):
+        rows += _adaptive_rows(contest, method, index)
+    for index, accuracy in enumerate(values.EULER_ACCURACIES[: 2 if quick else 3]):
+        steps = contest.fewest_steps("implicit_euler", accuracy)
+        case = f"implicit_euler, {1e3 * accuracy:g} mm"
+        rows += _euler_rows(contest, case, steps, index)
+    if model == "pcc":
+        rows += _printed_step_rows(contest)
+    return rows
+
+
+def _adaptive_rows(contest: _Contest, method: str, column: int) -> list[Row]:
+    accuracy = values.ADAPTIVE_ACCURACY
+    put = partial(contest.row, f"{method}, {1e3 * accuracy:g} mm")
+    time_thesis = values.TIMES[contest.model][column]
+    smallest, largest = values.STEPS[contest.model][column]
+    tolerance = contest.loosest_tolerance(method, accuracy)
+    if tolerance is None:
+        note = f"no tolerance reached the accuracy within {_MOST_STEPS} steps"
+        return [put("tab2.2", "computation_time_s", None, thesis=time_thesis, note=note)]
+    options = {"method": method, "tolerance": tolerance, "max_steps": _MOST_STEPS}
+    time, motion = _timed(contest.beam, **options)
+    mean, worst = contest.errors(**options)
+    note = f"tolerance {tolerance:.1g}, {motion.steps} steps"
+    exchanged = _FIRST if contest.model == "pcc" else f"{_FIRST}; {_EXCHANGED}"
+    return [
+        put("tab2.2", "computation_time_s", time, thesis=time_thesis, note=note),
+        put("tab2.2", "mean_error_m", mean, thesis=accuracy, note=_OWN),
+        put("tab2.2", "largest_error_m", worst, note=_OWN),
+        put("tab2.3", "smallest_step_s", motion.smallest_step, thesis=smallest, note=exchanged),
+        put("tab2.3", "largest_step_s", motion.largest_step, thesis=largest, note=exchanged),
+    ]
+
+
+def _euler_rows(contest: _Contest, case: str, steps: int, column: int) -> list[Row]:
+    put, step = partial(contest.row, case), DURATION / steps
+    time, _ = _timed(contest.beam, method="implicit_euler", step=step)
+    mean, worst = contest.errors_between(method="implicit_euler", step=step)
+    return [
+        put("tab2.2", "computation_time_s", time, thesis=values.TIMES[contest.model][2][column]),
+        put("tab2.2", "mean_error_m", mean, thesis=values.EULER_ACCURACIES[column], note=_BETWEEN),
+        put("tab2.2", "largest_error_m", worst, note=_BETWEEN),
+        put("tab2.3", "step_s", step, thesis=values.STEPS[contest.model][2][column]),
+    ]
+
+
+def _printed_step_rows(contest: _Contest) -> list[Row]:
+    """Errors of implicit Euler at the printed steps, which show that Tab. 2.2 is in metres."""
+    rows = []
+    for step, audit, accuracy in zip(
+        values.STEPS["pcc"][2], values.EULER_ERRORS, values.EULER_ACCURACIES, strict=True
+    ):
+        put = partial(contest.row, f"implicit_euler, {step:g} s")
+        options = {"method": "implicit_euler", "step": step}
+        mean, worst = contest.errors(**options)
+        between, _ = contest.errors_between(**options)
+        note = f"{_OWN} at the steps" + (f"; {_UNEVEN}" * (step == max(values.STEPS["pcc"][2])))
+        rows += [
+            put("tab2.2", "mean_error_m", mean, audit=audit[0], note=note),
+            put("tab2.2", "largest_error_m", worst, audit=audit[1], note=note),
+            put("tab2.2", "mean_error_between_m", between, thesis=accuracy, note=_BETWEEN),
+        ]
+    return rows
+
+
+# -------------------- run
+# Metrics and tables of chapter 2 of the thesis as data, with the audit's corrections.
+
+#: Numbers of pieces, and orders of integration of an ANCF element.
+PIECES, QUICK_PIECES = tuple(range(1, 21)), (1, 2, 3, 4, 5, 8, 14)
+ORDERS, QUICK_ORDERS = tuple(range(1, HIGHEST + 1)), (1, 2, 3, 4, 6, 7, 8, HIGHEST)
+
+#: Numbers of pieces of the spiral; the finest of each model make up the reference.
+SPIRAL_PIECES = {
+    "pcc": (1, 2, 3, 4, 5),
+    "cosserat": (1, 2, 3, 4, 5, 7, 10, 14, 20),
+    "ancf": (1, 2, 3, 4, 5, 8, 12, 20),
+}
+QUICK_SPIRAL_PIECES = {"pcc": (1, 2, 5), "cosserat": (2, 7, 20), "ancf": (1, 2, 4, 8)}
+
+#: [s] of the motion that Fig. 2.4 shows.
+_DRIFT, _QUICK_DRIFT = 5.0, 1.0
+
+
+def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
+    """Compute all figures and tables.
+
+    Args:
+        quick: Fewer numbers of pieces, and only what is cheap of Tab. 2.2.
+        progress: Called with (description, done, total), or None.
+
+    Returns:
+        Rows in the order of the figures.
+    """
+    rows: list[Row] = []
+    return run_jobs([*_planar_jobs(quick, rows), *_spiral_jobs(quick)], progress, rows)
+
+
+def _planar_jobs(quick: bool, rows: list[Row]) -> list[Job]:
+    """Jobs of all but the spiral; `rows` are those of the jobs done before."""
+    pieces = QUICK_PIECES if quick else PIECES
+    orders = QUICK_ORDERS if quick else ORDERS
+    return [
+        ("Fig. 2.4 drift", lambda: drift_rows(_QUICK_DRIFT if quick else _DRIFT)),
+        ("Fig. 2.5 weighting functions", weighting_rows),
+        ("Fig. 2.6 influence of the weighting", influence_rows),
+        ("Fig. 2.8, 2.9 quadrature", lambda: quadrature_rows(orders)),
+        ("Fig. 2.11 deflection", lambda: deflection_rows(pieces)),
+        ("Fig. 2.12 centrelines", centreline_rows),
+        ("Fig. 2.13 bending frequencies", lambda: bending_rows(pieces)),
+        ("Fig. 2.14 torsion", lambda: torsion_rows(pieces)),
+        ("Fig. 2.15 torsional frequencies", lambda: torsional_rows(pieces)),
+        ("Fig. 2.16 evaluation times", lambda: evaluation_rows(pieces)),
+        ("Fig. 2.17, 2.18 evaluations", lambda: self_weight_rows(pieces)),
+        ("Fig. 2.18 total times", lambda: total_rows(rows)),
+    ]
+
+
+def _spiral_jobs(quick: bool) -> list[Job]:
+    sizes = QUICK_SPIRAL_PIECES if quick else SPIRAL_PIECES
+    curves: list[Curve] = []
+
+    def compute(model: str) -> list[Row]:
+        curves.extend(curve(model, n) for n in sizes[model])
+        return []
+
+    jobs: list[Job] = [(f"Fig. 2.20 spiral, {m}", lambda m=m: compute(m)) for m in MODELS]
+    jobs.append(("Fig. 2.20 to 2.22 spiral", lambda: curve_rows(curves)))
+    for m in MODELS:
+        jobs.append((f"Fig. 2.19 spiral times, {m}", lambda m=m: time_rows(m, sizes[m])))
+        jobs.append((f"Tab. 2.2, 2.3 {m}", lambda m=m: table_rows(m, quick)))
+    return jobs
+
+
+# -------------------- tables
+# The rows of the thesis benchmark as tables that fit a terminal of 100 columns.
+
+#: y_name -> (what it is, unit, format).
+_QUANTITIES = {
+    "tip_deflection_m": ("tip deflection", "mm", ".2f"),
+    "spread_m": ("spread over xi_1 to xi_5", "mm", ".2f"),
+    "change_from_3_to_5_pieces_m": ("change from n = 3 to 5", "mm", ".2f"),
+    "pieces_for_5_percent": ("pieces for an error of 5 %", "", ".0f"),
+    "relative_to_euler_bernoulli": ("off Euler-Bernoulli", "%", ".2f"),
+    "spread_of_models": ("spread of the models", "%", ".2f"),
+    "twist_rad": ("twist", "mrad", ".2f"),
+    "frequency_Hz": ("frequency", "Hz", ".3f"),
+    "largest_norm_violation": ("largest violation", "1e-6", ".3f"),
+    "first_order_below_1e-3": ("first order below 1e-3", "", ".0f"),
+    "evaluation_time_s": ("time with order 8", "µs", ".1f"),
+    "most_pieces_in_real_time": ("most pieces in real time", "", ".0f"),
+    "fewest_pieces_with_more_than_ancf": ("pieces to exceed ANCF", "", ".0f"),
+    "mean_distance_m": ("mean distance", "mm", ".2f"),
+    "largest_distance_m": ("largest distance", "mm", ".2f"),
+    "largest_radius_m": ("largest radius", "mm", ".2f"),
+    "last_tip_x_m": ("last tip, x", "mm", ".1f"),
+    "last_tip_y_m": ("last tip, y", "mm", ".1f"),
+    "last_tip_z_m": ("last tip, z", "mm", ".1f"),
+    "mean_error_m": ("mean error at steps", "mm", ".3f"),
+    "mean_error_between_m": ("mean error throughout", "mm", ".3f"),
+    "largest_error_m": ("largest error at steps", "mm", ".3f"),
+}
+
+#: Of these the thesis prints upper bounds.
+_BOUNDS = ("spread_of_models", "relative_to_euler_bernoulli", "mean_distance_m")
+_BOUNDS += ("largest_distance_m",)
+
+_NAMES = {"pcc": "PCC", "cosserat": "Cosserat", "ancf": "ANCF"}
+_SOLVERS = ("tab2.2", "tab2.3")
+
+
+def tables(rows: list[Row]) -> Group:
+    """Printed numbers, deviations from the audit, and Tab. 2.2 and 2.3."""
+    return Group(_printed(rows), _deviations(rows), _solvers(rows))
+
+
+def _place(row: Row) -> tuple[bool, int]:
+    """Sorts figures, then tables, by number."""
+    chapter, number = row.figure.split(".")
+    return chapter.startswith("tab"), int(number)
+
+
+def _is_printed_step(row: Row) -> bool:
+    return row.figure == "tab2.2" and row.case.endswith(" s")
+
+
+def _printed(rows: list[Row]) -> Table:
+    """All numbers that the thesis prints, except the tables of solvers."""
+
+    def stated(row: Row) -> bool:
+        return row.thesis is not None and row.figure not in _SOLVERS
+
+    return make_table(
+        "Numbers of chapter 2: as printed, as the audit expects them, and ours",
+        (
+            Column("figure"),
+            Column("case"),
+            Column("model", lambda row: _model_name(row.model, row.n)),
+            Column("what", lambda row: " ".join(_QUANTITIES[row.y_name][:2]).strip()),
+            Column("thesis", _bound, ">"),
+            Column("audit", lambda row: _shown(row, row.audit), ">"),
+            Column("ours", lambda row: _shown(row, row.y), ">"),
+        ),
+        [row for row in sorted(rows, key=_place) if stated(row) or _is_printed_step(row)],
+    )
+
+
+def _model_name(model: str, n: int | None) -> str:
+    name = _NAMES.get(model, model.replace("_", " "))
+    return name if n is None else f"{name} {n}"
+
+
+def _shown(row: Row, value: float | None) -> str:
+    _, unit, form = _QUANTITIES[row.y_name]
+    return number(value, form, unit)
+
+
+def _bound(row: Row) -> str:
+    below = row.y_name in _BOUNDS and row.thesis > 0
+    return "< " * below + _shown(row, row.thesis)
+
+
+def _deviations(rows: list[Row]) -> Table:
+    """Largest relative deviations from the audit where the thesis prints nothing."""
+    out = new_table(
+        "Further numbers of the audit, and how far we are off at most",
+        ("figure", "what"),
+        ("numbers", "largest deviation %"),
+    )
+    out.add_column("where")
+    compared = (
+        row
+        for row in sorted(rows, key=_place)
+        if row.audit and row.y is not None and row.thesis is None and not _is_printed_step(row)
+    )
+    for (figure, name), mine in groups(compared, "figure", "y_name").items():
+        worst, where = max(
+            (abs(row.y / row.audit - 1), f"{_model_name(row.model, row.n)}, {row.case}")
+            for row in mine
+        )
+        out.add_row(figure, _QUANTITIES[name][0], len(mine), number(worst, ".2f", "%"), where)
+    return out
+
+
+def _solvers(rows: list[Row]) -> Table:
+    """Tab. 2.2 and 2.3, ours with the thesis' numbers in brackets."""
+    out = new_table(
+        "Tab. 2.2 and 2.3, spiral of 3 s: ours (thesis)",
+        ("model", "solver, accuracy"),
+        ("time ms", "error mm", "steps ms"),
+    )
+    rows = [row for row in rows if row.figure in _SOLVERS and not _is_printed_step(row)]
+    rows.sort(key=lambda row: MODELS.index(row.model))
+    for (model, case, n), mine in groups(rows, "model", "case", "n").items():
+        line = {row.y_name: row for row in mine}
+        adapted = ("smallest_step_s", "largest_step_s")
+        steps = ("step_s",) if "step_s" in line else adapted
+        names = ("computation_time_s",), ("mean_error_m",), steps
+        cells = (_both([line[k] for k in own if k in line]) for own in names)
+        out.add_row(_model_name(model, n), case, *cells)
+    return out
+
+
+def _both(rows: list[Row]) -> str:
+    """Our numbers, and the thesis' in brackets, times 1000; a range for two rows."""
+    if not rows:
+        return ""
+    ours, thesis = (" - ".join(_short(getattr(r, key)) for r in rows) for key in ("y", "thesis"))
+    return f"{ours} ({thesis})"
+
+
+def _short(value: float | None) -> str:
+    if value is None:
+        return "failed"
+    scaled = 1e3 * value
+    return f"{scaled:.0f}" if scaled >= 100 else f"{scaled:.2g}"

@@ -1,0 +1,548 @@
+"""Pictures of `studies.thesis`, one for each group of figures."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from softrobot_env.benchmarks import records
+from softrobot_env.rendering.figures import (
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    SKY,
+    THESIS,
+    VERMILLION,
+    WINE,
+    Axes,
+    Line2D,
+    add_legend,
+    add_title,
+    entry,
+    label_lines,
+    label_of,
+    new_figure,
+    save,
+    style_of,
+)
+from studies.thesis import LOCKED, MODELS, Row
+from studies.truths import thesis_values as values
+
+Draw = Callable[[Axes, list[Row]], None]
+
+#: Lines and texts beside the models; hollow markers; and no line.
+_GREY, _HOLLOW = "0.35", {"linestyle": ":", "markerfacecolor": "white"}
+
+
+def select(rows: list[Row], **chosen: Any) -> list[Row]:
+    """Rows with given values of some fields and a value y."""
+    return [row for row in records.select(rows, **chosen) if row.y is not None]
+
+
+# -------------------- what the panels have in common
+
+
+def _draw(axes: Axes, rows: list[Row], factor: float = 1.0, x: str = "n", **line: Any) -> None:
+    """y times a factor over n or x, in the style of the rows' model unless given."""
+    if rows:
+        model = rows[0].model
+        style = {"markersize": 4, "linewidth": 1.1, "label": label_of(model)}
+        rows = sorted(rows, key=lambda row: getattr(row, x))
+        places = [getattr(row, x) for row in rows], [factor * row.y for row in rows]
+        axes.plot(*places, **(style_of(model).points | style | line))
+
+
+def _draw_models(axes: Axes, rows: list[Row], factor: float = 1.0, **chosen: Any) -> None:
+    for model in MODELS:
+        _draw(axes, select(rows, model=model, **chosen), factor)
+
+
+def _draw_level(axes: Axes, y: float, **line: Any) -> None:
+    """A horizontal line for a number that does not depend on the abscissa."""
+    axes.axhline(y, **({"color": _GREY, "linewidth": 1} | line))
+
+
+def _finish(axes: Axes, named: bool = True, pieces: bool = True, **settings: Any) -> None:
+    """Scales and labels; whole numbers of pieces; names of all lines at their right ends."""
+    from matplotlib.ticker import MaxNLocator
+
+    if pieces:
+        axes.set_xlabel("number of pieces")
+    axes.set(**settings)
+    if pieces:
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    if named:
+        lines = [line for line in axes.lines if not line.get_label().startswith("_")]
+        ends = [(one.get_label(), float(one.get_ydata()[-1]), one.get_color()) for one in lines]
+        label_lines(axes, ends)
+
+
+def _note(axes: Axes, place: tuple[float, float], text: str, **options: Any) -> None:
+    """A grey text above a place in the axes' units."""
+    text_at = {"xytext": (0, 3), "textcoords": "offset points", "color": _GREY, "fontsize": 8}
+    axes.annotate(text, place, **(text_at | options))
+
+
+def _model_entries() -> list[Line2D]:
+    return [entry(label_of(m), **style_of(m).points | {"markersize": 4}) for m in MODELS]
+
+
+def _hollow_entry(text: str) -> Line2D:
+    return entry(text, color=_GREY, marker="o", markersize=4, **_HOLLOW)
+
+
+def _finest(rows: list[Row], **chosen: Any) -> dict[str, Row]:
+    """Model -> its row with the most pieces."""
+    found = {model: select(rows, model=model, **chosen) for model in MODELS}
+    return {model: max(mine, key=lambda row: row.n) for model, mine in found.items() if mine}
+
+
+# -------------------- accuracy: Fig. 2.11 to 2.15
+
+_LOCKED = dict(zip(LOCKED.values(), ((SKY, "v"), (WINE, "D")), strict=True))
+_THEORY = {
+    "euler_bernoulli": ("Euler-Bernoulli", "--"),
+    "timoshenko": ("Timoshenko, k = 3/4", "-."),
+    "elastica": ("elastica (no shear)", (0, (1, 1))),
+    "exact_rod": ("exact rod, k = 3/4", "-"),
+}
+
+
+def _draw_pieces(axes: Axes, rows: list[Row], name: str, factor: float, **chosen: Any) -> None:
+    """Models over their pieces, ANCF with the Poisson ratio of silicone, and beam theories."""
+    for model, (label, dashes) in _THEORY.items():
+        for row in select(rows, figure=chosen["figure"], case=name, model=model):
+            _draw_level(axes, factor * row.y, linestyle=dashes, label=label, zorder=1)
+    _draw_models(axes, rows, factor, case=name, **chosen)
+    for case, (color, marker) in _LOCKED.items():
+        mine = select(rows, figure=chosen["figure"], case=f"{name}, {case}")
+        _draw(axes, mine, factor, color=color, marker=marker, label=f"ANCF, {case}")
+
+
+def _draw_deflections(axes: Axes, rows: list[Row], name: str, top: float) -> None:
+    _draw_pieces(axes, rows, name, 1e3, figure="2.11", y_name="tip_deflection_m")
+    _finish(axes, named=False, ylabel="tip deflection [mm]", ylim=(0, top))
+
+
+def _draw_centrelines(axes: Axes, rows: list[Row]) -> None:
+    for model in MODELS:
+        mine = select(rows, figure="2.12", model=model)
+        x, y = ([1e3 * getattr(row, name) for row in mine] for name in "xy")
+        axes.plot(x, y, color=style_of(model).colour, linewidth=1.3, label=label_of(model))
+    axes.invert_yaxis()
+    labels = {"xlabel": "along the straight beam [mm]", "ylabel": "deflection [mm]"}
+    _finish(axes, pieces=False, aspect="equal", **labels)
+
+
+def _draw_bending(axes: Axes, rows: list[Row], name: str, limits: tuple[float, float]) -> None:
+    _draw_pieces(axes, rows, name, 1.0, figure="2.13", y_name="frequency_Hz")
+    _finish(axes, named=False, ylabel="first bending frequency [Hz]", ylim=limits)
+    # Say where the finest discretisation lies that is above the panel's top.
+    finest = _finest(rows, figure="2.13", case=f"{name}, {LOCKED['strain']}").get("ancf")
+    if finest is not None and finest.y > limits[1]:
+        text = f"plane strain is off the scale: {finest.y:.3g} Hz"
+        axes.text(0.97, 0.95, text, transform=axes.transAxes, ha="right", va="top", fontsize=8)
+
+
+def _draw_twist(axes: Axes, rows: list[Row]) -> None:
+    (exact,) = select(rows, figure="2.14", case="0.01 N m")
+    _draw_level(axes, 1e3 * exact.y, label="exact")
+    for model in MODELS:
+        hollow = {"markerfacecolor": "none", "label": f"{label_of(model)}, tip"}
+        mine = select(rows, figure="2.14", case="tip", model=model)
+        _draw(axes, mine, 1e3, **(hollow if model == "cosserat" else {}))
+    mine = select(rows, figure="2.14", case="last section")
+    _draw(axes, mine, 1e3, label="Cosserat rod, last\nsection (thesis)")
+    _finish(axes, ylabel="torsion angle at 0.01 N m [mrad]")
+
+
+def _draw_torsional(axes: Axes, rows: list[Row]) -> None:
+    hollow = {"markerfacecolor": "none", "linestyle": ":"}
+    for case, line in {"nu = 0": {}, "nu = 0.49": hollow}.items():
+        for row in select(rows, figure="2.15", case=case, model="analytic"):
+            _draw_level(axes, row.y, linestyle=line.get("linestyle", "-"))
+            _note(axes, (20, row.y), f"exact, {case}", ha="right", xytext=(0, 5))
+        for model in MODELS:
+            _draw(axes, select(rows, figure="2.15", case=case, model=model), **line)
+    _finish(axes, named=False, ylabel="first torsional frequency [Hz]")
+
+
+def _accuracy_legend() -> list[Line2D]:
+    theory = [entry(t, color=_GREY, linestyle=line, linewidth=1) for t, line in _THEORY.values()]
+    locked = [
+        entry(f"ANCF, {case}", color=colour, marker=marker, markersize=4)
+        for case, (colour, marker) in _LOCKED.items()
+    ]
+    return [*theory, *_model_entries(), *locked, _hollow_entry("Fig. 2.15: nu = 0.49")]
+
+
+def _accuracy_message(rows: list[Row]) -> str:
+    """How far the finest models are from the exact rod under their weight."""
+    off, sag = [], {"figure": "2.11", "y_name": "tip_deflection_m"}
+    for exact in select(rows, model="exact_rod", **sag):
+        for model, row in _finest(rows, case=exact.case, **sag).items():
+            off.append((abs(row.y / exact.y - 1), row.n, f"{label_of(model)}, {exact.case} set"))
+    if not off:
+        return "Deflections and frequencies over the number of pieces"
+    share, pieces, where = max(off)
+    return (
+        f"With {pieces} pieces and nu = 0 deflections are within {100 * share:.2g} % of the exact "
+        f"rod's (farthest: {where})"
+    )
+
+
+# -------------------- Cosserat rod: Fig. 2.4 to 2.6
+
+#: Solver and projection -> name and colour.
+_SOLVERS = {
+    "BDF": ("BDF", BLUE),
+    "Radau, not": ("Radau", VERMILLION),
+    "Radau, projected": ("Radau, projected", GREEN),
+}
+
+
+def _draw_drift(axes: Axes, rows: list[Row]) -> None:
+    def dashes(case: str) -> str:
+        return ":" if case.endswith("1e-05") else "-"  # by the tolerance
+
+    curves = records.groups(select(rows, figure="2.4", x_name="time_s"), "case")
+    for (case,), mine in curves.items():
+        name, color = next(_SOLVERS[key] for key in _SOLVERS if case.startswith(key))
+        line = {"color": color, "linestyle": dashes(case), "linewidth": 1.3, "label": name}
+        axes.plot([row.x for row in mine], [row.y for row in mine], **line)
+    for row in select(rows, figure="2.4", y_name="largest_norm_violation"):
+        if row.thesis is not None:
+            line = {"color": BLACK, "linestyle": dashes(row.case), "linewidth": 0.9}
+            axes.axhline(row.thesis, label="thesis, projected", **line)
+    labels = {"xlabel": "time [s]", "ylabel": "largest violation of the norm"}
+    _finish(axes, pieces=False, yscale="log", **labels)
+
+
+def _draw_weightings(axes: Axes, rows: list[Row]) -> None:
+    for kind, color in enumerate((BLACK, VERMILLION, PURPLE, ORANGE, BLUE), start=1):
+        mine = select(rows, figure="2.5", case=f"xi_{kind}")
+        theta = [np.degrees(row.x) for row in mine]
+        line = {"color": color, "linewidth": 1.3, "label": rf"$\xi_{kind}$"}
+        axes.plot(theta, [row.y for row in mine], **line)
+    labels = {"xlabel": "half the angle between sections [deg]", "ylabel": "weighting"}
+    _finish(axes, pieces=False, xlim=(0, 90), ylim=(0.9, 3), **labels)
+
+
+def _draw_influence(axes: Axes, rows: list[Row]) -> None:
+    for moments, dashes, face in (("printed", "-", GREEN), ("conservative", ":", "white")):
+        for n, marker in ((3, "s"), (5, "D")):
+            mine = select(rows, figure="2.6", case=moments, n=n, y_name="tip_deflection_m")
+            line = {"linestyle": dashes, "marker": marker, "markerfacecolor": face}
+            _draw(axes, mine, 1e3, x="x", label=f"{n} pieces,\n{moments}", **line)
+    axes.set_xticks(range(1, 6), [rf"$\xi_{k}$" for k in range(1, 6)])
+    _finish(axes, pieces=False, ylabel="tip deflection [mm], weak set")
+
+
+def _cosserat_message(rows: list[Row]) -> str:
+    """How far quaternions drift with and without projection."""
+    drift: dict[str, float] = {}
+    for row in select(rows, figure="2.4", x_name="time_s"):
+        how = "not projected" if ", not projected" in row.case else "projected"
+        drift[how] = max(row.y, drift.get(how, 0.0))
+    sizes = [f"{value:.1g} when {how}" for how, value in drift.items()]
+    return f"Norms of quaternions drift by up to {' and '.join(sizes)}" if sizes else "Drift"
+
+
+# -------------------- quadrature: Fig. 2.8 and 2.9
+
+
+def _draw_errors(axes: Axes, rows: list[Row]) -> None:
+    mine = select(rows, figure="2.8", y_name="relative_rms_error")
+    for reference, color, marker, by in (
+        ("order 20", GREEN, "^", "\n(thesis)"),
+        ("exact", VERMILLION, "o", ""),
+    ):
+        line = {"color": color, "marker": marker, "label": f"against {reference}{by}"}
+        _draw(axes, select(mine, case=f"legendre, against {reference}"), x="x", **line)
+    _draw_level(axes, 1e-3, linestyle="--")
+    _note(axes, (20, 1e-3), "0.1 %", ha="right")
+    axes.axvline(values.ORDER, color=_GREY, linewidth=1, linestyle=":")
+    axes.text(values.ORDER + 0.2, 0.25, "thesis' choice", color=_GREY, fontsize=8)
+    _finish_orders(axes, "relative rms error of the elastic force")
+
+
+def _draw_times(axes: Axes, rows: list[Row]) -> None:
+    legendre = select(rows, figure="2.9", case="legendre")
+    _draw(axes, legendre, 1e6, x="x", label="Gauss-Legendre")
+    for case, color, dashes, label in (
+        ("exact", VERMILLION, "-", "moments, exact"),
+        ("chebyshev", BLUE, "--", "Gauss-Chebyshev,\nexact"),
+    ):
+        for row in select(rows, figure="2.9", case=case):
+            _draw_level(axes, 1e6 * row.y, color=color, linestyle=dashes, label=label)
+    printed = values.ORDER, 1e6 * values.ORDER_TIME
+    axes.plot(*printed, **THESIS | {"label": "_"})
+    _note(axes, printed, "thesis", ha="center", xytext=(0, 8))
+    _finish_orders(axes, "time per evaluation [µs]")
+
+
+def _finish_orders(axes: Axes, y: str) -> None:
+    axes.set_xticks(range(0, 21, 2))
+    _finish(axes, pieces=False, yscale="log", xlabel="order of Gauss-Legendre", ylabel=y)
+
+
+def _quadrature_message(rows: list[Row]) -> str:
+    """What the thesis' order errs, and costs over exact moments."""
+    chosen = {"case": "legendre, against exact", "y_name": "relative_rms_error"}
+    errors = [r.y for r in select(rows, figure="2.8", **chosen) if r.x == values.ORDER]
+    times = [r.y for r in select(rows, figure="2.9", case="legendre") if r.x == values.ORDER]
+    exact = [r.y for r in select(rows, figure="2.9", case="exact")]
+    if not (errors and times and exact):
+        return "Quadrature of elastic forces"
+    return (
+        f"Order {values.ORDER}, the thesis' choice, errs by {100 * errors[0]:.2g} % and takes "
+        f"{times[0] / exact[0]:.2g} times as long as exact moments"
+    )
+
+
+# -------------------- cost: Fig. 2.16 to 2.19, Tab. 2.2 and 2.3
+
+
+def _draw_evaluation_times(axes: Axes, rows: list[Row]) -> None:
+    _draw_models(axes, rows, 1e6, figure="2.16", case="compiled", y_name="evaluation_time_s")
+    mine = select(rows, figure="2.16", case="compiled, order 8")
+    _draw(axes, mine, 1e6, label="ANCF, order 8", **_HOLLOW)
+    _finish(axes, yscale="log", ylabel="time per evaluation [µs]")
+
+
+def _draw_evaluation_numbers(axes: Axes, rows: list[Row]) -> None:
+    for model in MODELS:
+        mine = select(rows, figure="2.17", model=model, y_name="evaluations")
+        method = f"\n({mine[0].case})" if mine else ""
+        _draw(axes, mine, label=f"{label_of(model)}{method}")
+    _finish(axes, yscale="log", ylabel="evaluations for 5 s")
+
+
+def _draw_simulation_times(axes: Axes, rows: list[Row], figure: str, duration: float) -> None:
+    """Computation times; measured ones beside products of number and time."""
+    for model in MODELS:
+        mine = select(rows, figure=figure, model=model, y_name="computation_time_s")
+        measured = [row for row in mine if row.case.endswith(", measured")]
+        _draw(axes, [row for row in mine if row not in measured])
+        _draw(axes, measured, label="_", **_HOLLOW)
+    _draw_level(axes, duration, linestyle="--")
+    _note(axes, (1, duration), "real time", va="top", xytext=(0, -3))
+    _finish(axes, yscale="log", ylabel=f"computation time of {duration:g} s [s]")
+
+
+def _draw_table(
+    axes: Axes, rows: list[Row], figure: str, names: tuple[str, ...], label: str
+) -> None:
+    """Numbers of a table beside the thesis', one line per solver and accuracy."""
+    mine = [row for row in select(rows, figure=figure) if row.y_name in names]
+    cases = list(dict.fromkeys(row.case for row in mine))
+    for row in mine:
+        style = style_of(row.model)
+        place = cases.index(row.case) + 0.24 * (MODELS.index(row.model) - 1)
+        axes.plot([row.y, row.thesis], [place, place], color=style.colour, linewidth=0.8)
+        line = style.points | {"markersize": 5, "linestyle": "none"}
+        axes.plot(row.y, place, **line)
+        axes.plot(row.thesis, place, **line, markerfacecolor="white")
+    axes.set_yticks(range(len(cases)), [case.replace(", ", "\n") for case in cases], fontsize=8)
+    axes.invert_yaxis()
+    axes.set(xscale="log", xlabel=label)
+
+
+def _cost_message(rows: list[Row]) -> str:
+    """What evaluations of the finest models take."""
+    finest = _finest(rows, figure="2.16", case="compiled", y_name="evaluation_time_s").items()
+    times = [(r.y, f"{1e6 * r.y:.2g} µs ({label_of(model)})", r.n) for model, r in finest]
+    if not times:
+        return "What evaluations and simulations take"
+    least, most = min(times), max(times)
+    return f"With {most[2]} pieces an evaluation takes {least[1]} to {most[1]}"
+
+
+# -------------------- spiral: Fig. 2.20 to 2.22
+
+_MEAN = "mean of models"
+
+
+def _draw_distances(axes: Axes, rows: list[Row]) -> None:
+    _draw_models(axes, rows, 1e3, figure="2.20", case="spiral", y_name="mean_distance_m")
+    for (bound, _), dashes, text in (
+        (values.CHOSEN_BOUND, "--", "thesis' limit for Tab. 2.2"),
+        (values.FINEST_BOUND, ":", "thesis' bound for the finest"),
+    ):
+        _draw_level(axes, 1e3 * bound, linestyle=dashes)
+        _note(axes, (20, 1e3 * bound), text, ha="right")
+    _finish(axes, yscale="log", ylabel="mean distance to the mean of the models [mm]")
+
+
+def _draw_tips(axes: Axes, rows: list[Row], names: tuple[str, str], **settings: Any) -> None:
+    """Two of time, x and y for all models and their mean, smoothly interpolated."""
+    for model in (_MEAN, *MODELS):
+        x = select(rows, figure="2.21", case="spiral", model=model)
+        y = select(rows, figure="2.22", case="spiral", model=model, y_name="tip_y_m")
+        time = [row.x for row in x]
+        fine = np.linspace(time[0], time[-1], 1201)
+        smooth = (CubicSpline(time, [1e3 * row.y for row in part])(fine) for part in (x, y))
+        series = dict(zip(("time", "x", "y"), (fine, *smooth), strict=True))
+        axes.plot(*(series[name] for name in names), **_tip_style(model))
+    axes.set(**settings)
+
+
+def _tip_style(model: str) -> dict[str, Any]:
+    if model == _MEAN:
+        return {"color": "0.75", "linewidth": 3, "label": model}
+    label = f"{label_of(model)}, {values.CHOSEN[model]} pieces (Figs. 2.21, 2.22)"
+    return style_of(model).curve | {"linewidth": 1.2, "label": label}
+
+
+def _spiral_message(rows: list[Row]) -> str:
+    """How far the tips of the finest models are from their mean."""
+    finest = _finest(rows, figure="2.20", y_name="mean_distance_m").items()
+    off = [(r.y, f"{1e3 * r.y:.2g} mm ({label_of(model)}, {r.n} pieces)") for model, r in finest]
+    if not off:
+        return "Tips on the spiral"
+    return f"The finest models' tips are {min(off)[1]} to {max(off)[1]} from the mean of all"
+
+
+# -------------------- the pictures
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A group of figures.
+
+    Attributes:
+        subject: What it shows.
+        message: What it says.
+        columns, size: Of its panels; [inch].
+        panels: Title -> what draws one.
+        legend: Entries.
+    """
+
+    subject: str
+    message: Callable[[list[Row]], str]
+    columns: int
+    size: tuple[float, float]
+    panels: dict[str, Draw]
+    legend: Callable[[], list[Line2D]] = list
+
+
+#: What is appended to a picture's name -> the picture.
+PICTURES = {
+    "": Picture(
+        "deflections, shapes and frequencies of the beam models",
+        _accuracy_message,
+        2,
+        (9.0, 13.0),
+        {
+            "Fig. 2.11a  self-weight, stiff set": partial(_draw_deflections, name="stiff", top=29),
+            "Fig. 2.11b  self-weight, weak set": partial(_draw_deflections, name="weak", top=520),
+            "Fig. 2.12  weak set, 5 pieces": _draw_centrelines,
+            "Fig. 2.14  static torsion, weak set": _draw_twist,
+            "Fig. 2.13a  bending, stiff set": partial(_draw_bending, name="stiff", limits=(2.8, 8)),
+            "Fig. 2.13b  bending, weak set": partial(
+                _draw_bending, name="weak", limits=(0.35, 1.05)
+            ),
+            "Fig. 2.15  torsional oscillation, weak set": _draw_torsional,
+        },
+        _accuracy_legend,
+    ),
+    "_cosserat": Picture(
+        "drift and weighting of the Cosserat rod",
+        _cosserat_message,
+        2,
+        (9.5, 7.6),
+        {
+            "Fig. 2.4  drift of the quaternions, weak set, 5 pieces": _draw_drift,
+            "Fig. 2.5  weighting functions": _draw_weightings,
+            "Fig. 2.6  their influence, by the moments": _draw_influence,
+        },
+        lambda: [
+            entry("Fig. 2.4: relative tolerance 1e-3", color=BLACK, linestyle="-"),
+            entry("1e-5 (thesis: stricter)", color=BLACK, linestyle=":"),
+        ],
+    ),
+    "_quadrature": Picture(
+        "quadrature of elastic forces, error and time",
+        _quadrature_message,
+        2,
+        (10.0, 4.4),
+        {
+            "Fig. 2.8  error of the elastic force, one element": _draw_errors,
+            "Fig. 2.9  time, with damping and inertia": _draw_times,
+        },
+    ),
+    "_cost": Picture(
+        "what beam models cost",
+        _cost_message,
+        2,
+        (9.5, 11.5),
+        {
+            "Fig. 2.16  right-hand side, planar PCC and ANCF": _draw_evaluation_times,
+            "Fig. 2.17  number of evaluations, weak set": _draw_evaluation_numbers,
+            "Fig. 2.18  number times time, and measured": partial(
+                _draw_simulation_times, figure="2.18", duration=5.0
+            ),
+            "Fig. 2.19  spiral, relative tolerance 1e-3": partial(
+                _draw_simulation_times, figure="2.19", duration=3.0
+            ),
+            "Tab. 2.2  spiral, computation times": partial(
+                _draw_table,
+                figure="tab2.2",
+                names=("computation_time_s",),
+                label="computation time [s]",
+            ),
+            "Tab. 2.3  spiral, steps (smallest, largest)": partial(
+                _draw_table,
+                figure="tab2.3",
+                names=("step_s", "smallest_step_s", "largest_step_s"),
+                label="step [s]",
+            ),
+        },
+        lambda: [
+            *_model_entries(),
+            _hollow_entry("hollow: measured (Fig. 2.18), thesis (tables)"),
+        ],
+    ),
+    "_spiral": Picture(
+        "the spiral under a turning force",
+        _spiral_message,
+        3,
+        (12, 4.9),
+        {
+            "Fig. 2.20  distance over the number of pieces": _draw_distances,
+            "Fig. 2.21  tip over time": partial(
+                _draw_tips, names=("time", "x"), xlabel="time [s]", ylabel="tip, x [mm]"
+            ),
+            "Fig. 2.22  path of the tip": partial(
+                _draw_tips,
+                names=("x", "y"),
+                xlabel="tip, x [mm]",
+                ylabel="tip, y [mm]",
+                aspect="equal",
+            ),
+        },
+        lambda: [entry(**_tip_style(model)) for model in (_MEAN, *MODELS)],
+    ),
+}
+
+
+def plot(rows: list[Row], path: Path) -> None:
+    """Draw the figures as PNG: those on accuracy to `path`, the others' names appended to it."""
+    for name, picture in PICTURES.items():
+        lines = -(-len(picture.panels) // picture.columns)
+        figure, axes = new_figure(lines, picture.columns, picture.size)
+        for axis in axes.flat[len(picture.panels) :]:
+            axis.set_visible(False)
+        for axis, (title, draw) in zip(axes.flat, picture.panels.items(), strict=False):
+            axis.set_title(title, fontsize=10)
+            axis.tick_params(labelsize=8.5)
+            draw(axis, rows)
+        add_legend(figure, picture.legend())
+        add_title(figure, picture.message(rows), f"As in the thesis: {picture.subject}")
+        save(figure, path.with_stem(path.stem + name))
