@@ -18,6 +18,7 @@ behind `rows NAME` is repeated with the fields of every row of a report.
 Three words in place of a report name other sources:
 
     {code robots.ARM: length mm}               what `softrobot_env.robots.ARM` says, or a default
+    {code studies.identify: GOALS.modulus}     the same of a study in `scripts/studies`
     {code robots.find_robot(rig): length mm}   what a function says of a name
     {code evaluation.thesis.FIGURES task=swing controller=MPC: e_max mm}    one of many records
     {code evaluation.thesis.TRIANGLE 0=hybrid 1=5.0: value.0 mm}    a mapping, by parts of its keys
@@ -116,6 +117,11 @@ def field(row: dict[str, Any], name: str) -> Any:
     return value
 
 
+def resolved(path: str) -> Any:
+    """An object of the package, or of a study where the path begins with `studies.`."""
+    return pkgutil.resolve_name(path if path.startswith("studies.") else f"softrobot_env.{path}")
+
+
 def declared(path: str, name: str) -> Any:
     """What an object of the package says: an attribute, an entry, or the default of a parameter.
 
@@ -124,7 +130,7 @@ def declared(path: str, name: str) -> Any:
     """
     where, _, argument = path.rstrip(")").partition("(")
     try:
-        value = pkgutil.resolve_name(f"softrobot_env.{where}")
+        value = resolved(where)
         value = value(argument) if argument else value
         for part in name.split("."):
             if hasattr(value, "__getitem__") and not hasattr(value, part):
@@ -134,13 +140,13 @@ def declared(path: str, name: str) -> Any:
             else:
                 value = inspect.signature(value).parameters[part].default
     except (ImportError, AttributeError, LookupError, TypeError) as error:
-        raise ValueError(f"softrobot_env.{path} has no {name!r}: {error!r}") from None
+        raise ValueError(f"{path} has no {name!r}: {error!r}") from None
     return value
 
 
 def records(path: str) -> list[dict[str, Any]]:
     """A sequence of dataclasses, or a mapping from tuples, of the package as rows."""
-    found = pkgutil.resolve_name(f"softrobot_env.{path}")
+    found = resolved(path)
     if isinstance(found, Mapping):
         return [{**dict(zip("0123", key, strict=False)), "value": v} for key, v in found.items()]
     return [asdict(record) for record in found]

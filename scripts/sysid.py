@@ -23,7 +23,6 @@ from mujoco.sysid._src.residual import build_residual_fn
 from mujoco.sysid._src.timeseries import SignalType, TimeSeries
 from mujoco.sysid._src.trajectory import ModelSequences, create_initial_state
 
-from softrobot_env.benchmarks.identify.truth import BELIEVED, Truth, drawn, recorded
 from softrobot_env.benchmarks.records import Record
 from softrobot_env.commands.output import new_results
 from softrobot_env.core.writing import write_text
@@ -35,6 +34,7 @@ from softrobot_env.recordings import Recording
 from softrobot_env.rendering.tables import Column, make_table, text_page
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import Scene, scene_xml
+from studies.truths.rubbing_rod import BELIEVED, Truth, drawn, recorded
 
 SEEDS = (1000, 1001, 1002)
 _STAGES = ("frame", "statics", "dynamics")

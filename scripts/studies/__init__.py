@@ -33,7 +33,19 @@ STUDIES = {
 }
 
 #: Name -> module and name in it; the others have not moved here yet.
-PLACES: dict[str, str] = {}
+PLACES: dict[str, str] = {
+    "contacts": "contacts:STUDY",
+    "gripper": "gripper:STUDY",
+    "identify": "identify:STUDY",
+    "peers": "peers:STUDY",
+    "reduction": "reduction:STUDY",
+    "scale": "scale:STUDY",
+    "scenes": "scenes:STUDY",
+    "sections": "sections:STUDY",
+    "sensing": "sensing:STUDY",
+    "speed": "speed:STUDY",
+    "thesis": "thesis:STUDY",
+}
 
 
 def register() -> None:

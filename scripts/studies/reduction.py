@@ -15,7 +15,7 @@ from rich.table import Table
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.control.reduced.environment import preview_times
 from softrobot_env.control.rig.inverse import TOTAL
-from softrobot_env.core.artifacts import fingerprint, write_arrays
+from softrobot_env.core.artifacts import write_arrays
 from softrobot_env.core.interfaces import Policy
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.evaluation.metrics import approached_metrics
@@ -33,6 +33,7 @@ from softrobot_env.rendering import figures
 from softrobot_env.rendering.tables import new_table
 from softrobot_env.robots import RIG
 from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.robots.artifacts import fingerprint
 from softrobot_env.tasks import make_task
 from softrobot_env.training.motions import Plan, collect, drive, drives_of, filtered
 from softrobot_env.training.ssm import PLAN, learn, smoothed, trusted

@@ -209,7 +209,7 @@ def _first(scene: Scene) -> tuple[str, int]:
     steps = {"RK4": 2 / max(fastest, creep), "implicitfast": implicit}
     method = "RK4" if _SHORTER * steps["RK4"] >= steps["implicitfast"] else "implicitfast"
     step = min(_OF_LIMIT * steps[method], _OF_PERIOD / swing(scene.config.robot))
-    if scene.config.robot.rubs:
+    if scene.config.robot.has_friction:
         method, step = "discrete", min(step, _RUBBING / swing(scene.config.robot))
     return method, max(_LEAST, ceil(period / step))
 

@@ -1,24 +1,22 @@
-"""Curvature sensors as chapter 4 of the thesis judges them, and a better estimate of the tip."""
+"""Curvature sensors as chapter 4 of the thesis judges them, and a better estimate of the tip.
+
+The planar sensor, three of them in a finger, and the spatial one in the rig.
+"""
 
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from rich.console import Group
 from scipy.interpolate import LinearNDInterpolator
 
-from softrobot_env.benchmarks.records import Record, for_pictures
 from softrobot_env.control.gripper.calibration import LIFTED
-from softrobot_env.core.jobs import Progress
 from softrobot_env.envs.simulation.finger_sensors import shares
 from softrobot_env.learned import bayesian
 from softrobot_env.learned.network import Dataset, Network
 from softrobot_env.rendering import figures
-from softrobot_env.rendering.tables import Column, make_table, verdict
 from softrobot_env.robots import RIG, WORKSPACE, Sensor
 from softrobot_env.robots.sensors import USUAL
 from softrobot_env.robots.twin import CAMERA_NOISE, rig3d_twin
@@ -36,9 +34,7 @@ from softrobot_env.sensing.calibration import AngleErrors, Calibration, Range, f
 from softrobot_env.sensing.estimation import BendFilter, calibrate
 from softrobot_env.sensing.optics import POLYNOMIAL, SPAN, STRAIGHT
 from studies.gripper import GRIPPER, things
-
-# -------------------- rows
-# Rows of the study of sensors: a quantity of a figure or table, beside the thesis' number.
+from studies.lab import Column, Record, Study, for_pictures, quantity, table, verdict
 
 #: Whether a number of the model was chosen so that the row comes out; it follows from the thesis'
 #: polynomial of order 5, which the model has; it tests the model with numbers chosen elsewhere; or
@@ -64,11 +60,11 @@ class Row(Record):
 
     figure: str
     quantity: str
-    value: float
+    value: float = quantity("", ".3g", "here")
     unit: str
     kind: Kind
-    thesis: float | None = None
-    goal: float | None = None
+    thesis: float | None = quantity("", ".3g", default=None)
+    goal: float | None = quantity("", ".3g", default=None)
     note: str = ""
     curves: dict[str, Any] | None = for_pictures()  # noqa: RUF009
 
@@ -78,10 +74,9 @@ class Row(Record):
         return None if self.goal is None else self.value <= self.goal
 
 
-# -------------------- planar
-# The planar sensor between two servos (thesis sec. 4.1.2): constant and other curvature, noise.
+# -------------------- the planar sensor between two servos (thesis sec. 4.1.2)
 #
-# Its three fibres are told their angles as the servos do: the middle one is straight.
+# Its three fibres are given their angles as by the servos: the middle one is straight.
 
 _LENGTH = 0.03
 _SENSOR = Sensor(
@@ -153,16 +148,8 @@ def _constant(quick: bool) -> list[Row]:
         out += _errors(order, errors)
         at = np.linspace(0, 100, 101)
         there = np.degrees(found(at)) - np.polynomial.Polynomial(printed)(at)
-        out.append(
-            Row(
-                "Tab. 4.1",
-                f"order {order}: RMS from the thesis' polynomial",
-                float(np.sqrt(np.mean(there**2))),
-                "deg",
-                "implied",
-                note=_coefficients(found),
-            )
-        )
+        what, rms = f"order {order}: RMS from the thesis' polynomial", np.sqrt(np.mean(there**2))
+        out.append(Row("Tab. 4.1", what, float(rms), "deg", "implied", note=_coefficients(found)))
         curves["fits"][order] = np.degrees(found(at))
     out[0] = replace(out[0], curves=curves)
     return out
@@ -236,62 +223,36 @@ def _other_rows(quick: bool) -> list[Row]:
     between = np.sqrt(np.mean((np.polynomial.Polynomial(POLYNOMIAL)(at) - printed) ** 2))
     small, large = gap <= np.radians(10), gap > np.radians(20)
     share, high = float(np.mean(error[small] < 2)), float(error[large].max())
-    where = "Figs. 4.8 to 4.11"
+    where, least = "Figs. 4.8 to 4.11", float(np.degrees(gap[error > 10].min()))
+    dark = "by the dark level; thesis: "
+    rms = float(np.sqrt(np.mean(apart**2)))
+    both = f"the thesis' two differ by {between:.2f}; {_coefficients(found)}"
+    alike, mean = "to 10 degrees difference", float(error[small].mean())
     return [
         Row(
-            where,
-            "mean error to 10 degrees difference",
-            float(error[small].mean()),
-            "deg",
-            "check",
+            *(where, f"mean error {alike}", mean, "deg", "check"),
             note='thesis: "mostly below 2"',
             goal=2.0,
             curves=curves,
         ),
-        Row(
-            where,
-            "share below 2 degrees, to 10 degrees difference",
-            100 * share,
-            "%",
-            "fitted",
-            note='by the dark level; thesis: "mostly"',
-        ),
-        Row(
-            where,
-            "largest error to 10 degrees difference",
-            float(error[small].max()),
-            "deg",
-            "check",
-        ),
-        Row(
-            where,
-            "largest error beyond 20 degrees difference",
-            high,
-            "deg",
-            "fitted",
-            note="by the dark level; thesis: above 10",
-        ),
-        Row(
-            where,
-            "least difference with an error of 10 degrees",
-            float(np.degrees(gap[error > 10].min())),
-            "deg",
-            "check",
-            note="thesis: more than 20",
-        ),
-        Row(
-            "Tab. 4.2",
-            "RMS from the thesis' polynomial",
-            float(np.sqrt(np.mean(apart**2))),
-            "deg",
-            "check",
-            note=f"the thesis' two differ by {between:.2f}; {_coefficients(found)}",
+        *(
+            Row(figure, quantity, value, unit, kind, note=note)
+            for figure, quantity, value, unit, kind, note in (
+                (where, _SHARE + f", {alike}", 100 * share, "%", "fitted", f'{dark}"mostly"'),
+                (where, f"largest error {alike}", float(error[small].max()), "deg", "check", ""),
+                (where, f"largest error {_BEYOND}", high, "deg", "fitted", f"{dark}above 10"),
+                (where, _LEAST, least, "deg", "check", "thesis: more than 20"),
+                ("Tab. 4.2", "RMS from the thesis' polynomial", rms, "deg", "check", both),
+            )
         ),
     ]
 
 
-# -------------------- finger
-# Three planar sensors in a finger of the gripper (thesis sec. 4.1.3), in simulated grips.
+_SHARE, _BEYOND = "share below 2 degrees", "beyond 20 degrees difference"
+_LEAST = "least difference with an error of 10 degrees"
+
+
+# -------------------- three planar sensors in a finger, in simulated grips (thesis sec. 4.1.3)
 #
 # One finger closes on clamped things, slowly; what its sensors and tags read is calibrated on the
 # smallest cylinder and judged on the others, as in the thesis.
@@ -381,7 +342,7 @@ class _Finger:
 
     @classmethod
     def built(cls, specimen: int, edges: np.ndarray) -> "_Finger":
-        sensors = tuple(sensor.erring(1.0, specimen) for sensor in _ROBOT.sensors)
+        sensors = tuple(sensor.with_imperfections(1.0, specimen) for sensor in _ROBOT.sensors)
         return cls(SensorArray(sensors, edges, 1 / _RATE), sensors, specimen)
 
     def read(self, grip: _Grip) -> tuple[np.ndarray, np.ndarray]:
@@ -420,18 +381,9 @@ def finger_rows(quick: bool = False) -> list[Row]:
     series = {name: pair[:2] for name, pair in found[0][1]["series"].items()}
     out[0] = Row(**vars(out[0]) | {"curves": found[0][1] | {"series": series}})
     worst, curves = _reconstructed(found[0][1])
-    out.append(
-        Row(
-            "Fig. 4.18",
-            "48 mm: largest error of the tip, of the shape by three sensors",
-            worst,
-            "mm",
-            "assumed",
-            note="the thesis has a picture",
-            curves=curves,
-        )
-    )
-    return out
+    what = "48 mm: largest error of the tip, of the shape by three sensors"
+    note = "the thesis has a picture"
+    return [*out, Row("Fig. 4.18", what, worst, "mm", "assumed", note=note, curves=curves)]
 
 
 def _row(figure: str, quantity: str, value: float, thesis: float | None) -> Row:
@@ -490,12 +442,11 @@ def _reconstructed(curves: dict) -> tuple[float, dict]:
     return 1e3 * worst, {"shapes": shapes}
 
 
-# -------------------- spatial
-# The spatial sensor in the rig (thesis sec. 4.2.2): tip by the network, and by the light's model.
+# -------------------- the spatial sensor in the rig (thesis sec. 4.2.2)
 #
 # Five rigs as built (`twin.rig3d_twin`), each with its own specimen of the sensor, go to 350 points
-# spread evenly over the workspace and rest there; 70 % of them train. Then each follows a slow circle
-# of 120 mm four times. Hysteresis, drift and warming up are on.
+# spread evenly over the workspace and rest there; 70 % of them train. Then each follows a slow
+# circle of 120 mm four times. Hysteresis, drift and warming up are on.
 
 SPECIMENS, QUICK_SPECIMENS = (1, 2, 3, 4, 5), (1, 2)
 
@@ -625,20 +576,17 @@ def _cases() -> list[_Case]:
     return [_Case("usual", 1.0, own), *scaled, bent]
 
 
-def spatial_rows(quick: bool = False, progress: Progress | None = None) -> list[Row]:
+def spatial_rows(quick: bool = False) -> list[Row]:
     """Rows of Figs. 4.22 and 4.23, and of the estimate by the model."""
     specimens = QUICK_SPECIMENS if quick else SPECIMENS
-    cases, out = _cases()[: 2 if quick else None], []
-    for number, case in enumerate(cases):
-        if progress is not None:
-            progress(f"spatial: {case.name}", number, len(cases))
+    out = []
+    for case in _cases()[: 2 if quick else None]:
         found = []
         for specimen in specimens:
-            sensor = RIG.sensors[0].erring(case.scale, specimen)
-            erring = replace(sensor, flicker=case.flicker)
-            found.append(_judge_spatial(specimen, erring, case.bent))
+            sensor = RIG.sensors[0].with_imperfections(case.scale, specimen)
+            found.append(_judge_spatial(specimen, replace(sensor, flicker=case.flicker), case.bent))
         out += _tip_rows(case, found)
-        if number == 0:
+        if len(out) == len(found[0].squares):  # of the first case
             out[0] = replace(out[0], curves=found[0].curves)
     return out
 
@@ -664,65 +612,7 @@ def _tip_rows(case: _Case, found: list[_Found]) -> list[Row]:
     return out
 
 
-# -------------------- run
-# All of chapter 4: the planar sensor, three of them in a finger, the spatial one in the rig.
-
-
-def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
-    """Judge the sensors.
-
-    Args:
-        quick: Shorter series and fewer specimens.
-        progress: Called with (description, done, total), or None.
-    """
-    if progress is not None:
-        progress("planar sensors", 0, 1)
-    return [*planar_rows(quick), *finger_rows(quick), *spatial_rows(quick, progress)]
-
-
-# -------------------- tables
-# The study of sensors as a table that fits a terminal.
-
-_COLUMNS = (
-    Column("figure"),
-    Column("quantity"),
-    Column("here", "value", ".3g"),
-    Column("thesis", "thesis", ".3g"),
-    Column("goal", "goal", ".3g"),
-    Column("unit"),
-    Column("met", lambda r: "" if r.met is None else verdict(r.met), ">"),
-    Column("kind"),
-    Column("note"),
-)
-
-
-def tables(rows: Sequence[Row]) -> Group:
-    """A table for each sensor, and what the kinds of rows mean."""
-    parts = {
-        "Planar sensor between servos": [r for r in rows if _is_planar(r)],
-        "Three planar sensors in a finger": [r for r in rows if _is_of_finger(r)],
-        "Spatial sensor in the rig": [r for r in rows if "specimens" in r.quantity],
-    }
-    caption = (
-        "fitted: a number of the model was chosen by it; implied: by the thesis' polynomial of "
-        "order 5, which the model has; assumed: on a finger and sizes of imperfections that "
-        "are; check: none of these"
-    )
-    return Group(
-        *(make_table(name, _COLUMNS, some, caption=caption) for name, some in parts.items())
-    )
-
-
-def _is_planar(row: Row) -> bool:
-    return not _is_of_finger(row) and "specimens" not in row.quantity
-
-
-def _is_of_finger(row: Row) -> bool:
-    return row.figure in ("Fig. 4.16", "Fig. 4.17", "Fig. 4.18")
-
-
-# -------------------- plots
-# The figures of chapter 4, of the simulated sensors.
+# -------------------- the study
 
 #: Samples of the four laps.
 _CIRCLE = slice(-240, None)
@@ -731,10 +621,9 @@ _CIRCLE = slice(-240, None)
 _ORDERS = {1: figures.BLUE, 3: figures.GREEN, 5: figures.VERMILLION}
 
 
-def plot(rows: Sequence[Row], path: Path | str) -> None:
-    """Draw the planar sensor, and the finger and the spatial sensor beside it, as PNG."""
+def pictures(rows: Sequence[Row]) -> dict[str, figures.Figure]:
+    """The planar sensor, the finger and the spatial sensor."""
     drawn = {row.figure: row.curves for row in rows if row.curves is not None}
-    path = Path(path)
     share = next(row for row in rows if row.quantity.startswith("share below 2 degrees"))
     shape = next(row for row in rows if row.figure == "Fig. 4.18")
     messages = (
@@ -744,22 +633,24 @@ def plot(rows: Sequence[Row], path: Path | str) -> None:
         f"{shape.value:.2g} {shape.unit} off at most",
         _spatial_message(drawn["Fig. 4.22"]),
     )
-    _planar_picture(drawn["Figs. 4.6, 4.7"], drawn["Figs. 4.8 to 4.11"], messages[0], path)
-    finger, spatial = (path.with_name(f"{path.stem}_{name}.png") for name in ("finger", "spatial"))
-    _finger_picture(drawn["Fig. 4.16"], drawn["Fig. 4.18"], messages[1], finger)
-    _spatial_picture(drawn["Fig. 4.22"], messages[2], spatial)
+    planar = drawn["Figs. 4.6, 4.7"], drawn["Figs. 4.8 to 4.11"]
+    return {
+        "{}": _planar_picture(*planar, messages[0]),
+        "{}_finger": _finger_picture(drawn["Fig. 4.16"], drawn["Fig. 4.18"], messages[1]),
+        "{}_spatial": _spatial_picture(drawn["Fig. 4.22"], messages[2]),
+    }
 
 
 def _spatial_message(found: dict) -> str:
     """RMS errors of the tip on the circles."""
-    told = []
+    sizes = []
     for name in ("network", "model"):
         off = found[name][_CIRCLE] - found["tips"][_CIRCLE]
-        told.append(f"{1e3 * np.sqrt(np.mean(np.sum(off**2, axis=1))):.2g} mm by the {name}")
-    return f"On four laps the sensor tells the tip with an rms error of {' and '.join(told)}"
+        sizes.append(f"{1e3 * np.sqrt(np.mean(np.sum(off**2, axis=1))):.2g} mm by the {name}")
+    return f"On four laps the sensor tells the tip with an rms error of {' and '.join(sizes)}"
 
 
-def _planar_picture(constant: dict, other: dict, message: str, path: Path) -> None:
+def _planar_picture(constant: dict, other: dict, message: str) -> figures.Figure:
     figure, axes = figures.new_figure(3, 2, (9.0, 10.0))
     figures.add_title(figure, message, "Planar curvature sensor between two servos")
     axis = axes[0, 0]
@@ -779,7 +670,7 @@ def _planar_picture(constant: dict, other: dict, message: str, path: Path) -> No
     orders = [(f"order {order}", colour) for order, colour in _ORDERS.items()]
     figures.add_notes(axis, [*orders, ("stars: thesis", figures.BLACK)])
     _other(*axes.flat[2:], other)
-    figures.save(figure, path)
+    return figure
 
 
 def _name_ends(axis: figures.Axes, *names: str) -> None:
@@ -813,7 +704,7 @@ def _other(
     _name_ends(last, "sensor", "reference")
 
 
-def _finger_picture(grips: dict, shape: dict, message: str, path: Path) -> None:
+def _finger_picture(grips: dict, shape: dict, message: str) -> figures.Figure:
     series = grips["series"]
     shown = [name for name in series if name != "fingertip 60 mm"]
     figure, axes = figures.new_figure(3, 3, (9.6, 9.4))
@@ -851,10 +742,10 @@ def _finger_picture(grips: dict, shape: dict, message: str, path: Path) -> None:
             figures.entry(**true),
         ],
     )
-    figures.save(figure, path)
+    return figure
 
 
-def _spatial_picture(found: dict, message: str, path: Path) -> None:
+def _spatial_picture(found: dict, message: str) -> figures.Figure:
     figure, axes = figures.new_figure(1, 3, (10.5, 4.4))
     figures.add_title(figure, message, "Spatial curvature sensor in the rig, one specimen")
     for k in range(4):
@@ -875,4 +766,48 @@ def _spatial_picture(found: dict, message: str, path: Path) -> None:
             figures.entry(**figures.REFERENCE | {"label": "true tip"}),
         ],
     )
-    figures.save(figure, path)
+    return figure
+
+
+def _sensor(row: Row) -> int:
+    """Planar, of the finger, or spatial."""
+    finger = row.figure in ("Fig. 4.16", "Fig. 4.17", "Fig. 4.18")
+    return 1 if finger else 2 if "specimens" in row.quantity else 0
+
+
+_TITLES = (
+    "Planar sensor between servos",
+    "Three planar sensors in a finger",
+    "Spatial sensor in the rig",
+)
+_CAPTION = (
+    "fitted: a number of the model was chosen by it; implied: by the thesis' polynomial of "
+    "order 5, which the model has; assumed: on a finger and sizes of imperfections that "
+    "are; check: none of these"
+)
+_MET = Column("met", lambda row: "" if row.met is None else verdict(row.met), ">")
+
+
+def measure(case: tuple[str, bool]) -> list[Row]:
+    """Rows of a sensor, quickly of shorter series and fewer specimens."""
+    sensor, quick = case
+    return {"planar": planar_rows, "finger": finger_rows, "spatial": spatial_rows}[sensor](quick)
+
+
+STUDY = Study(
+    kinds=(Row,),
+    cases=lambda quick: [(sensor, quick) for sensor in ("planar", "finger", "spatial")],
+    measure=measure,
+    label=lambda case: f"{case[0]} sensors",
+    tables=[
+        table(
+            title,
+            *("figure", "quantity", "value", "thesis", "goal", "unit", _MET, "kind", "note"),
+            where=lambda row, k=k: _sensor(row) == k,
+            caption=_CAPTION,
+        )
+        for k, title in enumerate(_TITLES)
+    ],
+    plots={"{}": pictures},
+    alone=True,
+)

@@ -1,4 +1,4 @@
-"""Metrics and tables of the thesis' chapter 2 anew."""
+"""Metrics and tables of chapter 2 of the thesis as data, with the audit's corrections."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from rich.console import Group
 from rich.table import Table
 from scipy.integrate import BDF, OdeSolver, Radau
 from scipy.interpolate import CubicSpline
@@ -19,13 +18,13 @@ from softrobot_env.beams.cosserat import MOMENTS, CosseratRod
 from softrobot_env.beams.model import BeamModel, IntegrationError, Motion
 from softrobot_env.beams.numerics import quaternions
 from softrobot_env.benchmarks.accuracy.cases.spiral import DURATION, PERIOD, ROBOT, force, loads
-from softrobot_env.benchmarks.records import Record, groups, select
 from softrobot_env.benchmarks.timing import best_of
-from softrobot_env.core.jobs import Job, Progress, run_jobs
-from softrobot_env.rendering.tables import Column, make_table, new_table, number
+from softrobot_env.rendering.tables import make_table
 from softrobot_env.robots import CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.loads import Load
 from studies.beams import make_beam, mode_frequency, tip_twist, weightless
+from studies.lab import Column, Lab, Record, Study, groups, new_table, number, select
+from studies.thesis_pictures import pictures
 from studies.truths import thesis_values as values
 from studies.truths.analytic import (
     bent_rod,
@@ -39,9 +38,6 @@ from studies.truths.shearable_rod import (
     torsion_angle,
     torsion_frequency,
 )
-
-# -------------------- rows
-# Rows of the thesis benchmark, and the beam models as chapter 2 uses them.
 
 #: Models by name in the rows.
 MODELS = ("pcc", "cosserat", "ancf")
@@ -126,8 +122,7 @@ def build(
     return make_beam(model, robot, n, loads, "planar" if planar else "torsion", **options)
 
 
-# -------------------- statics
-# Deflection under self-weight and static torsion: Fig. 2.11, 2.12 and 2.14.
+# -------------------- self-weight and static torsion: Fig. 2.11, 2.12 and 2.14
 
 #: Cases of ANCF with the Poisson ratio of silicone, by law of the plane.
 LOCKED = {plane: f"nu = {SILICONE}, plane {plane}" for plane in ("stress", "strain")}
@@ -260,8 +255,7 @@ def _twist_row(case: str, model: str, n: int | None, angle: float, **others: obj
     return make_row("2.14", case, model, n, "twist_rad", angle, **others)
 
 
-# -------------------- modes
-# First bending and torsional frequencies over the number of pieces: Fig. 2.13 and 2.15.
+# -------------------- first bending and torsional frequencies: Fig. 2.13 and 2.15
 
 _FREQUENCY = "frequency_Hz"
 
@@ -346,8 +340,7 @@ def torsional_rows(pieces: tuple[int, ...]) -> list[Row]:
     return [*rows, make_row(*curve, _FREQUENCY, 4 * rod[finest], **known)]
 
 
-# -------------------- cosserat
-# Details of the Cosserat rod: Fig. 2.4 (drift), 2.5 and 2.6 (weighting functions).
+# -------------------- the Cosserat rod: Fig. 2.4 (drift), 2.5 and 2.6 (weighting functions)
 
 WEIGHTINGS = (1, 2, 3, 4, 5)
 
@@ -458,8 +451,7 @@ def project(y: np.ndarray) -> np.ndarray:
     return out
 
 
-# -------------------- quadrature
-# Gauss-Legendre order of the ANCF element's volume integrals: Fig. 2.8 and 2.9.
+# -------------------- Gauss-Legendre order of the ANCF element's volume integrals: Fig. 2.8 and 2.9
 
 #: Order of the thesis' reference solution.
 HIGHEST = 20
@@ -521,8 +513,7 @@ def _first_order_rows(rows: list[Row]) -> list[Row]:
     return out
 
 
-# -------------------- cost
-# What evaluations of the equations of motion cost, and how many it takes: Fig. 2.16 to 2.18.
+# -------------------- what evaluations cost, and how many it takes: Fig. 2.16 to 2.18
 
 #: Integrator of each model, in place of ode45 and ode15s, and their relative tolerance (sec. 2.5).
 METHODS = {"pcc": "dormand_prince", "cosserat": "sdirk4", "ancf": "sdirk4"}
@@ -598,6 +589,12 @@ def evaluations(model: BeamModel, motion: Motion) -> int:
 
 
 def evaluation_rows(pieces: tuple[int, ...]) -> list[Row]:
+    """Fig. 2.16 to 2.18."""
+    rows = single_rows(pieces) + self_weight_rows(pieces)
+    return rows + total_rows(rows)
+
+
+def single_rows(pieces: tuple[int, ...]) -> list[Row]:
     """Fig. 2.16: time per evaluation over the number of pieces, planar PCC and ANCF."""
     rows = []
     for model in MODELS:
@@ -655,8 +652,7 @@ def _statement_rows(number: dict[tuple[str, int], float], totals: list[Row]) -> 
     ]
 
 
-# -------------------- spiral
-# The spiral under a turning tip force (2.79): Fig. 2.19 to 2.22, Tab. 2.2 and 2.3.
+# -------------------- the spiral under a turning force (2.79): Fig. 2.19 to 2.22, Tab. 2.2, 2.3
 
 _SHOWN = 4  # of the compared instants, between those in the rows
 _ACCURATE = 1e-6  # tolerance of curves
@@ -715,8 +711,9 @@ def curve(model: str, n: int) -> Curve:
 # ---------------------------------------------------------------- Fig. 2.20 to 2.22
 
 
-def curve_rows(curves: list[Curve]) -> list[Row]:
+def curve_rows(sizes: dict[str, tuple[int, ...]]) -> list[Row]:
     """Fig. 2.20 to 2.22, the finest curve of each model making up the mean of the three."""
+    curves = [curve(model, n) for model in MODELS for n in sizes[model]]
     finest = [max((c for c in curves if c.model == m), key=lambda c: c.n) for m in MODELS]
     mean = np.mean([c.tip for c in finest], axis=0)
     rows = []
@@ -932,8 +929,7 @@ def _printed_step_rows(contest: _Contest) -> list[Row]:
     return rows
 
 
-# -------------------- run
-# Metrics and tables of chapter 2 of the thesis as data, with the audit's corrections.
+# -------------------- the study
 
 #: Numbers of pieces, and orders of integration of an ANCF element.
 PIECES, QUICK_PIECES = tuple(range(1, 21)), (1, 2, 3, 4, 5, 8, 14)
@@ -951,58 +947,29 @@ QUICK_SPIRAL_PIECES = {"pcc": (1, 2, 5), "cosserat": (2, 7, 20), "ancf": (1, 2, 
 _DRIFT, _QUICK_DRIFT = 5.0, 1.0
 
 
-def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
-    """Compute all figures and tables.
-
-    Args:
-        quick: Fewer numbers of pieces, and only what is cheap of Tab. 2.2.
-        progress: Called with (description, done, total), or None.
-
-    Returns:
-        Rows in the order of the figures.
-    """
-    rows: list[Row] = []
-    return run_jobs([*_planar_jobs(quick, rows), *_spiral_jobs(quick)], progress, rows)
-
-
-def _planar_jobs(quick: bool, rows: list[Row]) -> list[Job]:
-    """Jobs of all but the spiral; `rows` are those of the jobs done before."""
-    pieces = QUICK_PIECES if quick else PIECES
-    orders = QUICK_ORDERS if quick else ORDERS
-    return [
-        ("Fig. 2.4 drift", lambda: drift_rows(_QUICK_DRIFT if quick else _DRIFT)),
+def stages(lab: Lab) -> list[Row]:
+    """All figures and tables, in order; quickly fewer pieces, and what is cheap of Tab. 2.2."""
+    quick = lab.quick
+    pieces, orders = (QUICK_PIECES, QUICK_ORDERS) if quick else (PIECES, ORDERS)
+    sizes = QUICK_SPIRAL_PIECES if quick else SPIRAL_PIECES
+    tasks = [
+        ("Fig. 2.4 drift", partial(drift_rows, _QUICK_DRIFT if quick else _DRIFT)),
         ("Fig. 2.5 weighting functions", weighting_rows),
         ("Fig. 2.6 influence of the weighting", influence_rows),
-        ("Fig. 2.8, 2.9 quadrature", lambda: quadrature_rows(orders)),
-        ("Fig. 2.11 deflection", lambda: deflection_rows(pieces)),
+        ("Fig. 2.8, 2.9 quadrature", partial(quadrature_rows, orders)),
+        ("Fig. 2.11 deflection", partial(deflection_rows, pieces)),
         ("Fig. 2.12 centrelines", centreline_rows),
-        ("Fig. 2.13 bending frequencies", lambda: bending_rows(pieces)),
-        ("Fig. 2.14 torsion", lambda: torsion_rows(pieces)),
-        ("Fig. 2.15 torsional frequencies", lambda: torsional_rows(pieces)),
-        ("Fig. 2.16 evaluation times", lambda: evaluation_rows(pieces)),
-        ("Fig. 2.17, 2.18 evaluations", lambda: self_weight_rows(pieces)),
-        ("Fig. 2.18 total times", lambda: total_rows(rows)),
+        ("Fig. 2.13 bending frequencies", partial(bending_rows, pieces)),
+        ("Fig. 2.14 torsion", partial(torsion_rows, pieces)),
+        ("Fig. 2.15 torsional frequencies", partial(torsional_rows, pieces)),
+        ("Fig. 2.16 to 2.18 evaluations", partial(evaluation_rows, pieces)),
+        ("Fig. 2.20 to 2.22 spiral", partial(curve_rows, sizes)),
     ]
+    for model in MODELS:
+        tasks.append((f"Fig. 2.19 spiral times, {model}", partial(time_rows, model, sizes[model])))
+        tasks.append((f"Tab. 2.2, 2.3 {model}", partial(table_rows, model, quick)))
+    return [row for rows in lab.tasks(tasks) for row in rows]
 
-
-def _spiral_jobs(quick: bool) -> list[Job]:
-    sizes = QUICK_SPIRAL_PIECES if quick else SPIRAL_PIECES
-    curves: list[Curve] = []
-
-    def compute(model: str) -> list[Row]:
-        curves.extend(curve(model, n) for n in sizes[model])
-        return []
-
-    jobs: list[Job] = [(f"Fig. 2.20 spiral, {m}", lambda m=m: compute(m)) for m in MODELS]
-    jobs.append(("Fig. 2.20 to 2.22 spiral", lambda: curve_rows(curves)))
-    for m in MODELS:
-        jobs.append((f"Fig. 2.19 spiral times, {m}", lambda m=m: time_rows(m, sizes[m])))
-        jobs.append((f"Tab. 2.2, 2.3 {m}", lambda m=m: table_rows(m, quick)))
-    return jobs
-
-
-# -------------------- tables
-# The rows of the thesis benchmark as tables that fit a terminal of 100 columns.
 
 #: y_name -> (what it is, unit, format).
 _QUANTITIES = {
@@ -1036,11 +1003,6 @@ _BOUNDS += ("largest_distance_m",)
 
 _NAMES = {"pcc": "PCC", "cosserat": "Cosserat", "ancf": "ANCF"}
 _SOLVERS = ("tab2.2", "tab2.3")
-
-
-def tables(rows: list[Row]) -> Group:
-    """Printed numbers, deviations from the audit, and Tab. 2.2 and 2.3."""
-    return Group(_printed(rows), _deviations(rows), _solvers(rows))
 
 
 def _place(row: Row) -> tuple[bool, int]:
@@ -1143,3 +1105,12 @@ def _short(value: float | None) -> str:
         return "failed"
     scaled = 1e3 * value
     return f"{scaled:.0f}" if scaled >= 100 else f"{scaled:.2g}"
+
+
+STUDY = Study(
+    kinds=(Row,),
+    stages=stages,
+    tables=[_printed, _deviations, _solvers],
+    plots={"{}": pictures},
+    alone=True,
+)

@@ -3,13 +3,11 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from softrobot_env.benchmarks import records
 from softrobot_env.rendering.figures import (
     BLACK,
     BLUE,
@@ -21,6 +19,7 @@ from softrobot_env.rendering.figures import (
     VERMILLION,
     WINE,
     Axes,
+    Figure,
     Line2D,
     add_legend,
     add_title,
@@ -28,13 +27,18 @@ from softrobot_env.rendering.figures import (
     label_lines,
     label_of,
     new_figure,
-    save,
     style_of,
 )
-from studies.thesis import LOCKED, MODELS, Row
+from studies import lab
 from studies.truths import thesis_values as values
 
+#: A row of `studies.thesis`.
+Row = Any
+
 Draw = Callable[[Axes, list[Row]], None]
+
+#: Models by name in the rows.
+MODELS = ("pcc", "cosserat", "ancf")
 
 #: Lines and texts beside the models; hollow markers; and no line.
 _GREY, _HOLLOW = "0.35", {"linestyle": ":", "markerfacecolor": "white"}
@@ -42,7 +46,7 @@ _GREY, _HOLLOW = "0.35", {"linestyle": ":", "markerfacecolor": "white"}
 
 def select(rows: list[Row], **chosen: Any) -> list[Row]:
     """Rows with given values of some fields and a value y."""
-    return [row for row in records.select(rows, **chosen) if row.y is not None]
+    return [row for row in lab.select(rows, **chosen) if row.y is not None]
 
 
 # -------------------- what the panels have in common
@@ -105,7 +109,7 @@ def _finest(rows: list[Row], **chosen: Any) -> dict[str, Row]:
 
 # -------------------- accuracy: Fig. 2.11 to 2.15
 
-_LOCKED = dict(zip(LOCKED.values(), ((SKY, "v"), (WINE, "D")), strict=True))
+_LOCKED = {"nu = 0.49, plane stress": (SKY, "v"), "nu = 0.49, plane strain": (WINE, "D")}
 _THEORY = {
     "euler_bernoulli": ("Euler-Bernoulli", "--"),
     "timoshenko": ("Timoshenko, k = 3/4", "-."),
@@ -144,7 +148,7 @@ def _draw_bending(axes: Axes, rows: list[Row], name: str, limits: tuple[float, f
     _draw_pieces(axes, rows, name, 1.0, figure="2.13", y_name="frequency_Hz")
     _finish(axes, named=False, ylabel="first bending frequency [Hz]", ylim=limits)
     # Say where the finest discretisation lies that is above the panel's top.
-    finest = _finest(rows, figure="2.13", case=f"{name}, {LOCKED['strain']}").get("ancf")
+    finest = _finest(rows, figure="2.13", case=f"{name}, {list(_LOCKED)[1]}").get("ancf")
     if finest is not None and finest.y > limits[1]:
         text = f"plane strain is off the scale: {finest.y:.3g} Hz"
         axes.text(0.97, 0.95, text, transform=axes.transAxes, ha="right", va="top", fontsize=8)
@@ -211,7 +215,7 @@ def _draw_drift(axes: Axes, rows: list[Row]) -> None:
     def dashes(case: str) -> str:
         return ":" if case.endswith("1e-05") else "-"  # by the tolerance
 
-    curves = records.groups(select(rows, figure="2.4", x_name="time_s"), "case")
+    curves = lab.groups(select(rows, figure="2.4", x_name="time_s"), "case")
     for (case,), mine in curves.items():
         name, color = next(_SOLVERS[key] for key in _SOLVERS if case.startswith(key))
         line = {"color": color, "linestyle": dashes(case), "linewidth": 1.3, "label": name}
@@ -532,8 +536,9 @@ PICTURES = {
 }
 
 
-def plot(rows: list[Row], path: Path) -> None:
-    """Draw the figures as PNG: those on accuracy to `path`, the others' names appended to it."""
+def pictures(rows: list[Row]) -> dict[str, Figure]:
+    """The figures on accuracy, and the others with their names appended to the file's."""
+    found = {}
     for name, picture in PICTURES.items():
         lines = -(-len(picture.panels) // picture.columns)
         figure, axes = new_figure(lines, picture.columns, picture.size)
@@ -545,4 +550,5 @@ def plot(rows: list[Row], path: Path) -> None:
             draw(axis, rows)
         add_legend(figure, picture.legend())
         add_title(figure, picture.message(rows), f"As in the thesis: {picture.subject}")
-        save(figure, path.with_stem(path.stem + name))
+        found["{}" + name] = figure
+    return found

@@ -30,26 +30,15 @@ class Old:
 
 _OTHERS: dict[str, dict[str, Any]] = {
     "accuracy": {"alone": True},
-    "contacts": {},
     "controllers": {"alone": True},
     "feedback": {},
     "generalization": {},
-    "gripper": {},
-    "identify": {},
     "laws": {},
     "learning": {},
-    "peers": {"draw": None, "alone": True},
     "ppo_defaults": {},
-    "reduction": {},
     "rig": {"alone": True},
     "rig_networks": {"run": "run:run_on_twin"},
-    "scale": {"draw": None, "alone": True},
-    "scenes": {"options": ("count", "seed")},
-    "sections": {"alone": True},
-    "sensing": {"alone": True},
-    "speed": {"draw": None, "alone": True},
     "stability": {"alone": True},
-    "thesis": {"draw": "figures:plot", "alone": True},
     "transfer": {},
 }
 

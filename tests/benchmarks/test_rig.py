@@ -17,13 +17,13 @@ from softrobot_env.benchmarks.rig.goals import GoalRow, middle, rows
 from softrobot_env.benchmarks.rig.plots import plot
 from softrobot_env.benchmarks.rig.tables import tables
 from softrobot_env.benchmarks.rig_networks import run as rig_networks
-from softrobot_env.benchmarks.thesis.rows import Row as ForceRow
 from softrobot_env.commands.benchmark import BENCHMARKS
 from softrobot_env.control.registry import RIG_POLICIES
 from softrobot_env.control.rig.identified import IdentifiedParameters
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.thesis import TRIANGLE
 from softrobot_env.robots import RIG
+from studies.thesis import Row as ForceRow
 
 #: Made-up mean errors [mm] on twin 0, slow and fast; each twin has 1 mm more than the one before.
 ERRORS = {

@@ -9,7 +9,6 @@ from time import thread_time
 import numpy as np
 import pytest
 
-from softrobot_env.benchmarks.speed.decisions import measure_afresh
 from softrobot_env.control import memoryless
 from softrobot_env.control.learned import neural
 from softrobot_env.control.learned.qs_nn import QuasiStaticNetwork
@@ -23,6 +22,7 @@ from softrobot_env.core.paths import models_dir
 from softrobot_env.learned.network import Network, Scaling, initial_network
 from softrobot_env.robots import ARM
 from softrobot_env.robots.actuation import TendonMap
+from studies.speed import measure_afresh
 
 #: Of the arm: 6 of the error and velocity, 8 ahead, 12 of the curvatures, 3 inputs.
 FEATURES = 29

@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 from support.routed_robots import ROD, tendon
 
-from softrobot_env.benchmarks.speed import warp as speed
 from softrobot_env.cli import main
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.robots.parameters import Drive
 from softrobot_env.robots.twin import nominal_twin
+from studies.speed import warp_rows
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("mujoco_warp")
@@ -339,10 +339,10 @@ def test_the_command_trains(tmp_path, capsys):
 
 
 def test_speed_is_measured_by_the_number_of_robots():
-    (row,) = speed.run(True, "cpu", (8,))
+    (row,) = warp_rows(True, "cpu", (8,))
     assert row.n_envs == 8 and row.steps_per_second > 1 and row.variant == "arm on cpu"
     if not torch.cuda.is_available():
-        (row,) = speed.run(True)
+        (row,) = warp_rows(True)
         assert row.variant == "not measured: no CUDA device" and row.steps_per_second is None
 
 

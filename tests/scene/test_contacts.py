@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from softrobot_env.benchmarks.contacts.exact import CHECKS, check
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.motion import State
 from softrobot_env.robots import ARM, ROBOTS, Base, RobotParams, Section
@@ -30,6 +29,7 @@ from softrobot_env.scene.objects import (
 )
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.timestep import TimestepWarning
+from studies.contacts import CHECKS, check
 from studies.truths.touching_rod import (
     propped_reaction,
     rod_on_post,

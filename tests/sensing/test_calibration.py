@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softrobot_env.benchmarks.sensing.planar import read
 from softrobot_env.robots import RIG, Sensor
 from softrobot_env.sensing.bank import SensorArray
 from softrobot_env.sensing.calibration import (
@@ -17,6 +16,7 @@ from softrobot_env.sensing.calibration import (
     mean_curvature,
 )
 from softrobot_env.sensing.estimation import BendFilter, calibrate
+from studies.sensing import read
 
 
 def test_least_squares_finds_a_polynomial_and_refuses_too_few():

@@ -9,7 +9,6 @@ from softrobot_env.benchmarks.accuracy.rig.cases import CASES as RIG_CASES
 from softrobot_env.benchmarks.accuracy.rows import Row, front
 from softrobot_env.benchmarks.accuracy.tables import MOTIONS, NUMBERS, RIG_MOTIONS, STATIC
 from softrobot_env.benchmarks.records import select
-from softrobot_env.benchmarks.thesis import values
 from softrobot_env.rendering.figures import (
     STYLES,
     Axes,
@@ -26,6 +25,7 @@ from softrobot_env.rendering.figures import (
     style_of,
 )
 from softrobot_env.scene.quadrature import RULES
+from studies.truths import thesis_values as values
 
 _REAL_TIME = 3000  # ms
 _RUN_TIME = "run time of 3 s of motion [ms]"

@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
-from softrobot_env.benchmarks.thesis.rows import Row, make_row
 from softrobot_env.control.rig.servo_constraints import ServoConstraints
 from softrobot_env.robots import RIG
+from studies.thesis import Row, make_row
 
 #: Radius [m] of the circle and angular velocities [1/s] of the figure.
 RADIUS = 0.09

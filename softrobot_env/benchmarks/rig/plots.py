@@ -7,7 +7,6 @@ import numpy as np
 from softrobot_env.benchmarks.records import of_kind, one, select
 from softrobot_env.benchmarks.rig.cases import FAST, SLOW, LapsRow
 from softrobot_env.benchmarks.rig.run import Row
-from softrobot_env.benchmarks.thesis.rows import Row as ForceRow
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.rendering.curves import (
     draw,
@@ -27,6 +26,7 @@ from softrobot_env.rendering.figures import (
     style_of,
 )
 from softrobot_env.robots import LENGTH_SCALE
+from studies.thesis import Row as ForceRow
 
 #: Name of the figure -> title, period and policies of its paths.
 _PATHS = {

@@ -8,13 +8,13 @@ from softrobot_env.benchmarks.records import of_kind
 from softrobot_env.benchmarks.rig import goals
 from softrobot_env.benchmarks.rig.cases import LapsRow, cases, rig_name, run_case
 from softrobot_env.benchmarks.rig.forces import force_rows
-from softrobot_env.benchmarks.thesis.rows import Row as ForceRow
 from softrobot_env.control.rig.identified import IdentifiedParameters
 from softrobot_env.core.jobs import Job, Progress, run_jobs
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.identification.parameters import identified, parameters_of, record
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import twin_or_ideal
+from studies.thesis import Row as ForceRow
 
 #: Twins of the tables; their medians are judged.
 TWINS = (0, 1, 2, 3, 4)

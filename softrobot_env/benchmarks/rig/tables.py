@@ -11,9 +11,9 @@ from softrobot_env.benchmarks.records import names, of_kind, select
 from softrobot_env.benchmarks.rig.cases import FAST, SLOW, LapsRow, rig_name
 from softrobot_env.benchmarks.rig.goals import GoalRow, middle
 from softrobot_env.benchmarks.rig.run import Row
-from softrobot_env.benchmarks.thesis.rows import Row as ForceRow
 from softrobot_env.evaluation.thesis import TRIANGLE
 from softrobot_env.rendering.tables import Column, make_table, new_table, number, verdict
+from studies.thesis import Row as ForceRow
 
 _NUMBERS = {SLOW: "5.2", FAST: "5.3"}
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from softrobot_env.benchmarks.peers import run, soromox_arm, spatial_arm
-from softrobot_env.benchmarks.peers.rows import OURS, Row
-from softrobot_env.benchmarks.peers.tables import tables
+from studies import peers
+from studies.lab import Lab
+from studies.peers import OURS, Row
 
 
 def motion(package, model, error, seconds):
@@ -20,24 +20,25 @@ def test_a_ratio_is_to_the_fastest_of_ours_that_errs_no_more():
         motion("soromox", "PlanarPCS", 1e-3, 0.020),
         motion("soromox", "PlanarPCS", 5e-3, 0.030),  # a faster one of it errs less
     ]
-    (ratio,) = run.ratios(rows)
+    (ratio,) = peers.ratios(rows)
     assert ratio.value == pytest.approx(10) and ratio.model == "mujoco_chain"
-    assert tables([*rows, ratio]).renderables
+    assert peers.with_ratios(rows) == [*rows, ratio]
 
 
 def test_absent_peers_are_said(monkeypatch):
-    monkeypatch.setattr(run, "find_spec", lambda name: None)
-    monkeypatch.setattr(soromox_arm, "truth", lambda quick: None)
-    monkeypatch.setattr(soromox_arm, "our_rows", lambda limit, quick: [])
-    monkeypatch.setattr(spatial_arm, "our_row", lambda quick: Row("environment", OURS))
-    notes = [row.text for row in run.run(quick=True) if row.kind == "note"]
+    monkeypatch.setattr(peers, "find_spec", lambda name: None)
+    monkeypatch.setattr(peers, "truth", lambda quick: None)
+    monkeypatch.setattr(peers, "our_rows", lambda limit, quick: [])
+    monkeypatch.setattr(peers, "our_row", lambda quick: Row("environment", OURS))
+    rows = peers.stages(Lab(quick=True, processes=0))
+    notes = [row.text for row in rows if row.kind == "note"]
     assert len(notes) == 2 and all("pip install" in text for text in notes)
 
 
 def test_our_chain_moves_like_the_limit():
     """The chain made of another robot than the arm: what SoRoMoX is compared with."""
-    limit = soromox_arm.truth(quick=True)
-    rows = list(soromox_arm.our_rows(limit, quick=True))
+    limit = peers.truth(quick=True)
+    rows = list(peers.our_rows(limit, quick=True))
     assert limit.uncertainty < 2e-5
     assert min(r.e_mean for r in rows if r.model.startswith("pcc")) < 5e-4
     assert min(r.e_mean for r in rows if r.model.startswith("mujoco_chain")) < 5e-4

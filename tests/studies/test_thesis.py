@@ -1,28 +1,16 @@
 """The thesis benchmark: its rows against closed forms, the audit and known orders; its outputs."""
 
-import json
-from io import StringIO
 from math import cos, pi, sin
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from softrobot_env.benchmarks.accuracy.cases.spiral import DURATION, force
-from softrobot_env.benchmarks.records import select
-from softrobot_env.benchmarks.thesis import run, tables, values
-from softrobot_env.benchmarks.thesis.cosserat import project
-from softrobot_env.benchmarks.thesis.cost import (
-    evaluation_time,
-    evaluations,
-    random_states,
-    total_rows,
-)
-from softrobot_env.benchmarks.thesis.figures import plot
-from softrobot_env.benchmarks.thesis.rows import MODELS, build, make_row
-from softrobot_env.benchmarks.thesis.run import QUICK_PIECES
-from softrobot_env.benchmarks.thesis.spiral import Curve
 from softrobot_env.robots import CANTILEVER_WEAK
+from studies import thesis
+from studies.lab import select
+from studies.thesis import MODELS, QUICK_PIECES, build, make_row
+from studies.truths import thesis_values as values
 
 pytestmark = pytest.mark.slow
 
@@ -33,27 +21,13 @@ FIGURES = {
 }
 
 
-#: Columns of report.json.
-COLUMNS = ["figure", "case", "model", "n", "x_name", "x", "y_name", "y", "thesis", "audit", "note"]
-
-
 @pytest.fixture(scope="module")
-def calls():
-    return []
-
-
-@pytest.fixture(scope="module")
-def rows(calls):
-    return run.run(quick=True, progress=lambda *call: calls.append(call))
-
-
-def check_rows(rows):
-    assert rows
-    json.dumps([row.row() for row in rows], allow_nan=False)
-    for row in rows:
-        assert list(row.row()) == COLUMNS
-        assert (row.x is None) == (row.x_name is None)
-        assert row.y is not None or row.note
+def rows():
+    found = thesis.STUDY.run(quick=True)
+    assert {row.figure for row in found} == FIGURES
+    assert all((row.x is None) == (row.x_name is None) for row in found)
+    assert all(row.y is not None or row.note for row in found)
+    return found
 
 
 def audited(rows, figure, y_name):
@@ -74,11 +48,6 @@ def value(rows, y_name, **fields):
     found = [r for r in rows if r.y_name == y_name]
     (row,) = select(found, **fields)
     return row.y
-
-
-def test_rows_know_their_fields():
-    with pytest.raises(TypeError, match="colour"):
-        make_row("2.5", "", "pcc", 1, "y", 1.0, colour="red")
 
 
 def test_deflections_are_those_of_the_audit(rows):
@@ -136,7 +105,7 @@ def test_projection_gives_unit_quaternions_with_normal_rates():
     rod = build("cosserat", CANTILEVER_WEAK, 3)
     rng = np.random.default_rng(1)
     y = np.concatenate(rod.start()) + 0.1 * rng.standard_normal(2 * rod.n)
-    out = project(y)
+    out = thesis.project(y)
     p, rate = out[: rod.n].reshape(-1, 7), out[rod.n :].reshape(-1, 7)
     np.testing.assert_allclose(np.linalg.norm(p[:, 3:], axis=1), 1, rtol=1e-14)
     np.testing.assert_allclose(np.sum(p[:, 3:] * rate[:, 3:], axis=1), 0, atol=1e-15)
@@ -184,17 +153,17 @@ def test_torsion_is_that_of_the_closed_form(rows):
 
 def test_random_states_are_admissible_and_evaluations_counted():
     rod = build("cosserat", CANTILEVER_WEAK, 2)
-    q, v = random_states(rod, 10)
+    q, v = thesis.random_states(rod, 10)
     assert rod.constraint_drift(q) < 1e-15
     p, rate = (x.reshape(10, 2, 7)[..., 3:] for x in (q, v))
     assert np.max(np.abs(np.sum(p * rate, axis=-1))) < 1e-15
-    assert evaluation_time(rod) > 1e-8
+    assert thesis.evaluation_time(rod) > 1e-8
     planar = build("pcc", CANTILEVER_WEAK, 3)
     motion = planar.simulate(0.2, method="rk4", step=0.01)
     # Four stages a step, the first of which is the last acceleration, which is counted then.
-    assert evaluations(planar, motion) == 4 * motion.steps
+    assert thesis.evaluations(planar, motion) == 4 * motion.steps
     implicit = planar.simulate(0.2, method="implicit_euler", step=0.01)
-    assert evaluations(planar, implicit) == implicit.residuals + 4 * implicit.matrices
+    assert thesis.evaluations(planar, implicit) == implicit.residuals + 4 * implicit.matrices
 
 
 def test_total_time_is_number_times_time():
@@ -209,8 +178,7 @@ def test_total_time_is_number_times_time():
         for model in MODELS
         for n in (1, 2)
     ]
-    out = total_rows(rows)
-    check_rows(out)
+    out = thesis.total_rows(rows)
     assert value(out, "computation_time_s", model="ancf", n=2) == pytest.approx(20)
     assert value(out, "most_pieces_in_real_time", model="ancf") == 1
     assert value(out, "fewest_pieces_with_more_than_ancf", model="pcc") is None
@@ -237,7 +205,10 @@ def test_spiral_turns_and_grows():
 def test_distances_of_curves():
     tip = np.zeros((301, 3))
     tip[0] = [3.0, 4.0, 0.0]
-    assert Curve("pcc", 1, tip).distances(np.zeros((301, 3))) == (pytest.approx(5 / 301), 5.0)
+    assert thesis.Curve("pcc", 1, tip).distances(np.zeros((301, 3))) == (
+        pytest.approx(5 / 301),
+        5.0,
+    )
 
 
 def test_implicit_euler_steps_are_the_printed_ones_in_metres(rows):
@@ -257,19 +228,3 @@ def test_implicit_euler_steps_are_the_printed_ones_in_metres(rows):
         assert found == pytest.approx(step, rel=0.1)
     for case in ("sdirk4, 0.9 mm", "dormand_prince, 0.9 mm"):
         assert value(rows, "mean_error_m", model="pcc", case=case) < 0.9e-3
-
-
-def test_quick_run_covers_every_figure_and_fits_a_terminal(rows, calls, tmp_path):
-    check_rows(rows)
-    assert {r.figure for r in rows} == FIGURES
-    assert [done for _, done, _ in calls] == list(range(calls[-1][2] + 1))
-    text = StringIO()
-    Console(file=text, width=100).print(tables.tables(rows))
-    lines = text.getvalue().splitlines()
-    assert max(map(len, lines)) <= 100 and not any("…" in line for line in lines)
-    pytest.importorskip("matplotlib")
-    plot(rows, tmp_path / "thesis.png")
-    pictures = {p.name: p.stat().st_size for p in tmp_path.iterdir()}
-    names = ("", "_cosserat", "_quadrature", "_cost", "_spiral")
-    assert set(pictures) == {f"thesis{name}.png" for name in names}
-    assert all(2e4 < size < 4e5 for size in pictures.values())

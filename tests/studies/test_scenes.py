@@ -1,28 +1,20 @@
 """The judge of random scenes is judged: scenes known to be right, wrong and failing."""
 
-import json
 from dataclasses import replace
-from io import StringIO
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from softrobot_env.beams import signals
 from softrobot_env.beams.pcc import PCC
-from softrobot_env.benchmarks.scenes import judge as judging
-from softrobot_env.benchmarks.scenes.draw import EXCITATIONS, G, RandomScene, draw_scene
-from softrobot_env.benchmarks.scenes.judge import judge
-from softrobot_env.benchmarks.scenes.plots import plot
-from softrobot_env.benchmarks.scenes.refined import Refined, refine, refined_run
-from softrobot_env.benchmarks.scenes.run import judged, run
-from softrobot_env.benchmarks.scenes.tables import tables
 from softrobot_env.benchmarks.stability.runs import neutral_scene
 from softrobot_env.benchmarks.verdicts import Verdict, verdict_of
-from softrobot_env.cli import main
 from softrobot_env.robots import ARM
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.simulation import Simulation
+from studies import scenes
+from studies.scenes import STUDY, Refined, judge, measure, refine, refined_run
+from studies.scenes_drawn import EXCITATIONS, G, RandomScene, draw_scene
 
 #: Drawn and refined scenes take long.
 pytestmark = pytest.mark.slow
@@ -140,51 +132,27 @@ def test_a_warning_excuses_what_silence_does_not():
 
 
 def test_what_refined_runs_do_not_agree_on_is_not_judged(monkeypatch):
-    monkeypatch.setattr(judging, "refine", lambda *_: Refined(np.zeros((41, 3)), 0.3, 8, "RK4"))
+    monkeypatch.setattr(scenes, "refine", lambda *_: Refined(np.zeros((41, 3)), 0.3, 8, "RK4"))
     row = judge(of_arm())
     assert (
         row.verdict == Verdict.UNJUDGED and row.why == "refined runs differ by 60 % of the length"
     )
 
 
-@pytest.fixture(scope="module")
-def rows():
-    return [judge(of_arm()), *(judged(0, index) for index in (3, 4, 5))]
-
-
-@pytest.mark.slow
-def test_rows_become_tables_pictures_and_numbers(rows, tmp_path):
-    assert all(row.verdict in Verdict for row in rows)
-    json.dumps([row.row() for row in rows], allow_nan=False)
-    page = Console(width=110, file=StringIO())
-    page.print(tables(rows))
-    assert "4 random scenes of seed 0" in page.file.getvalue()
-    pytest.importorskip("matplotlib")
-    plot(rows, tmp_path / "scenes.png")
-    assert (tmp_path / "scenes.png").stat().st_size > 1000
-
-
-def test_an_estimate_is_good_within_its_factor(rows):
-    known = replace(rows[0], error_share=1e-3)
+def test_an_estimate_is_good_within_its_factor():
+    known = replace(judge(of_arm()), error_share=1e-3)
     assert replace(known, estimate_share=np.float64(2.9e-3)).estimate_is_good is True
     assert not replace(known, estimate_share=3.1e-3).estimate_is_good
     assert not replace(known, estimate_share=3e-4).estimate_is_good
     assert replace(known, estimate_share=None).estimate_is_good is None
 
 
-@pytest.mark.slow
 def test_verdicts_do_not_depend_on_processes():
     clock = {"wall_time"}
-    here = [judged(2, index).row() for index in range(3)]
-    there = [row.row() for row in run(count=3, seed=2)]
+    here = [measure((2, index)).row() for index in range(3)]
+    there = [row.row() for row in STUDY.run(count=3, seed=2)]
     for a, b in zip(here, there, strict=True):
         assert {k: a[k] for k in a.keys() - clock} == {k: b[k] for k in b.keys() - clock}
-
-
-def test_other_benchmarks_do_not_take_its_options(capsys, tmp_path):
-    assert main(["benchmark", "speed", "--count", "3", "--out", str(tmp_path)]) == 2
-    assert "the benchmark speed takes no --count" in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
 
 
 def test_an_estimate_without_bound_is_none(monkeypatch):
@@ -196,4 +164,4 @@ def test_an_estimate_without_bound_is_none(monkeypatch):
 @pytest.mark.parametrize(("seed", "index"), [(1, 43), (1, 48), (1, 158)])
 def test_tendons_that_slacken_or_stick_within_a_step_are_accurate(seed, index):
     """Overdamped robots, whose smooth motion lets steps be as long as control periods."""
-    assert judged(seed, index).verdict == Verdict.ACCURATE
+    assert measure((seed, index)).verdict == Verdict.ACCURATE

@@ -1,1 +1,0 @@
-"""Contacts: what the rule of their timestep is worth, and checks against exact solutions."""

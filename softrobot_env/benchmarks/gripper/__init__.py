@@ -1,1 +1,0 @@
-"""The gripper: its grips, the size of what it encloses, holds under pulls, and what they cost."""

@@ -1,1 +1,0 @@
-"""Study of identifications: robots of another model class, with truths that nobody is told."""

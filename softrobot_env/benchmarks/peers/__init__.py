@@ -1,1 +1,0 @@
-"""Error and computing time beside SoRoMoX, and environment steps beside gym-softrobot."""

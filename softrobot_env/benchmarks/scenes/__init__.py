@@ -1,1 +1,0 @@
-"""Random scenes, stepped as environments step them, judged against refined runs."""

@@ -1,1 +1,0 @@
-"""Environment steps per second, what a step costs, and how long policies decide."""

@@ -1,1 +1,0 @@
-"""Metrics and tables of the thesis' chapter 2 anew."""
