@@ -34,7 +34,7 @@ ALLOWED = {
     "control": FOUNDATION | {"beams", "learned", "scene", "sensing"},
     "envs": FOUNDATION | {"scene", "sensing", "hardware", "recordings"},
     # Its runner makes environment and policy of a case, for every command, benchmark and training.
-    "evaluation": FOUNDATION | {"beams", "control", "envs", "recordings"},
+    "evaluation": FOUNDATION | {"beams", "control", "envs", "recordings", "scene"},
     "rendering": FOUNDATION | {"evaluation", "scene"},
     "cli": EVERYTHING,
     "commands": EVERYTHING,  # one module per command of the cli

@@ -6,7 +6,8 @@ from pathlib import Path
 from rich.console import Console
 
 from softrobot_env.benchmarks.records import Record
-from softrobot_env.commands.arguments import add_workers, seed
+from softrobot_env.commands import own_robot
+from softrobot_env.commands.arguments import add_robot, add_workers, seed
 from softrobot_env.commands.output import add_out, changed_results, drawn, new_results
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.core.journal import kept_in
@@ -17,6 +18,7 @@ from softrobot_env.evaluation import stored
 from softrobot_env.rendering.tables import text_page
 
 EXAMPLE = """softrobot benchmark speed --quick
+  softrobot benchmark accuracy --robot my.toml
   softrobot benchmark laws --redraw"""
 
 #: Options of some benchmarks -> help.
@@ -35,9 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     told = "".join(f"\n  {name:<16}{measured(name)}" for name in BENCHMARKS)
     parser.description = f"{parser.description}:{told}"
-    parser.add_argument(
-        "what", choices=tuple(BENCHMARKS) or None, metavar="WHAT", help="one of the above"
-    )
+    known = tuple(dict.fromkeys((*BENCHMARKS, *own_robot.CHECKS))) if BENCHMARKS else None
+    parser.add_argument("what", choices=known, metavar="WHAT", help="one of the above")
     parser.add_argument("--quick", action="store_true", help="fewer cases, under 45 s")
     parser.add_argument(
         "--redraw",
@@ -46,7 +47,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     for name, what in _OPTIONS.items():
         parser.add_argument(f"--{name}", type=seed, metavar="N", help=what)
-    parser.add_argument("--robot", metavar="ROBOT", help=argparse.SUPPRESS)
+    add_robot(
+        parser,
+        "accuracy and stability only: measure the models of this robot in place of the study's",
+    )
     add_workers(parser, "; default: as many processes as the benchmark is made for")
     add_out(parser, "out/benchmark", "; a folder of what is measured is made in it")
 
@@ -54,10 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     if args.robot is not None:
-        raise ValueError(
-            f"the benchmark {args.what} measures its own robots: give --robot to softrobot "
-            "evaluate (errors, times) or inspect (cost and error of a step)"
-        )
+        return own_robot.run(args)
     if args.what not in BENCHMARKS:
         raise ValueError(_NOT_HERE.format(args.what, ", ".join(BENCHMARKS) or "none"))
     benchmark = BENCHMARKS[args.what]()

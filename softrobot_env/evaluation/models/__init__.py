@@ -1,0 +1,1 @@
+"""How accurate and how stable the models of one robot are."""

@@ -1,0 +1,311 @@
+"""Models of a robot in the same motion, how long they take, and what becomes of their runs.
+
+MuJoCo chains and beam models find rests and simulate motions by the same methods, so that one
+function serves both. Errors are taken to limits: extrapolated results of ever finer models.
+"""
+
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from enum import StrEnum
+from time import perf_counter
+from typing import Any, TypeVar
+
+import mujoco
+import numpy as np
+
+from softrobot_env.beams import signals
+from softrobot_env.beams.model import BeamModel
+from softrobot_env.beams.registry import BeamPlant
+from softrobot_env.core.equilibrium import EquilibriumError
+from softrobot_env.core.motion import State
+from softrobot_env.robots import RobotParams
+from softrobot_env.scene.build import Scene
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.timestep import TimestepWarning
+
+#: Share of the length beyond which a run is wrong.
+WRONG_SHARE = 0.05
+
+#: A run joins a model's best ones if its error is smaller by at least this factor.
+_GAIN = 0.85
+
+#: Longest time [s] spent on the repeats of one measurement.
+_BUDGET = 2.0
+
+Result = TypeVar("Result")
+
+#: Called with a description, what is done and how much there is in all.
+Progress = Callable[[str, int, int], None]
+
+
+def quiet(description: str, done: int, total: int) -> None:
+    """Progress that nobody wants to see."""
+
+
+# ---------------------------------------------------------------- limits
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A converged solution.
+
+    Attributes:
+        tips: (k, d) [m] at instants, or (d,) of an equilibrium.
+        uncertainty: [m], distance between its two best estimates.
+        text: How it was made.
+    """
+
+    tips: np.ndarray
+    uncertainty: float
+    text: str
+
+
+def distance(a: np.ndarray, b: np.ndarray) -> float:
+    """Largest distance [m] of points (..., d)."""
+    return float(np.max(np.linalg.norm(a - b, axis=-1)))
+
+
+def converged(found: Mapping[int, np.ndarray], order: int) -> np.ndarray:
+    """Limit of results by number of pieces, for an error series in powers of 1 / n^order."""
+    x = [n**-order for n in found]
+    weights = [np.prod([b / (b - a) for b in x if b != a]) for a in x]  # Lagrange's, at zero
+    return np.tensordot(weights, list(found.values()), 1)
+
+
+def extrapolate(solve: Callable[[int], np.ndarray], sizes: Sequence[int], text: str) -> Limit:
+    """Limit of infinitely many pieces, for an error series in 1 / n^2.
+
+    Its distance to the last estimate without the coarsest one is
+    the uncertainty, which belongs to the worse of the two.
+    """
+    found = {n: solve(n) for n in sizes}
+    best = converged(found, 2)
+    second = converged({n: found[n] for n in sizes[1:]}, 2)
+    uncertainty = distance(best, second)
+    text = f"{text}, n = {', '.join(map(str, sizes))}; uncertainty {1e3 * uncertainty:.1g} mm"
+    return Limit(best, uncertainty, text)
+
+
+def zero_timestep(tips: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Limits of motions with timesteps h, h/2 and h/4, for an error series in h.
+
+    Returns:
+        The best estimate, and the one of the two finer motions alone.
+    """
+    found = dict(zip((1, 2, 4), tips, strict=True))
+    return converged(found, 1), converged({n: found[n] for n in (2, 4)}, 1)
+
+
+# ---------------------------------------------------------------- time and cost
+
+
+def best_of(
+    action: Callable[[], Any], repeats: int, clock: Callable[[], float] = perf_counter
+) -> tuple[float, Any]:
+    """Shortest time [s] of some repetitions, fewer if they take long, and the last result.
+
+    By `time.process_time` as a clock it is the computing time of all threads, which does not grow
+    with what else runs on the machine.
+    """
+    best, spent, result = np.inf, 0.0, None
+    for _ in range(repeats):
+        begin = clock()
+        result = action()
+        took = clock() - begin
+        best, spent = min(best, took), spent + took
+        if spent > _BUDGET:
+            break
+    return best, result
+
+
+def front(rows: Iterable[Any], error: str = "e_mean", cost: str = "wall_time") -> list[Any]:
+    """Rows that no cheaper one beats in an error, by a margin, cheapest first."""
+    out: list[Any] = []
+    for row in sorted(rows, key=lambda row: (getattr(row, cost), getattr(row, error))):
+        if not out or getattr(row, error) < _GAIN * getattr(out[-1], error):
+            out.append(row)
+    return out
+
+
+# ---------------------------------------------------------------- what becomes of a run
+
+
+class Verdict(StrEnum):
+    """What becomes of a run.
+
+    Accurate: within the accuracy asked for. Reported: refused or failed, and said so. Warned: less
+    accurate, with a `TimestepWarning`. Inaccurate: less accurate without a word, but within
+    `WRONG_SHARE` of the length. Wrong: farther off without a word. Unjudged: refined runs do not
+    agree, or cost too much.
+    """
+
+    ACCURATE = "accurate"
+    REPORTED = "reported"
+    WARNED = "warned"
+    INACCURATE = "inaccurate"
+    WRONG = "wrong"
+    UNJUDGED = "unjudged"
+
+
+def verdict_of(
+    error: float | None,
+    asked: float,
+    length: float,
+    *,
+    failure: str | None,
+    warning: str | None,
+) -> Verdict:
+    """What becomes of a run.
+
+    Args:
+        error: [m], largest distance from the truth; None if there is none that is known well.
+        asked: [m], the accuracy asked for.
+        length: [m] of the robot.
+        failure: Why the run failed or was refused, or None.
+        warning: What a `TimestepWarning` said, or None.
+    """
+    if failure is not None:
+        return Verdict.REPORTED
+    if error is None:
+        return Verdict.UNJUDGED
+    if error <= asked:
+        return Verdict.ACCURATE
+    if warning is not None:
+        return Verdict.WARNED
+    # Not: beyond it, as a tip that is not a number is wrong too.
+    return Verdict.INACCURATE if error <= WRONG_SHARE * length else Verdict.WRONG
+
+
+def with_warning(run: Callable[[], Result]) -> tuple[Result, str | None]:
+    """What a function returns, and what the first `TimestepWarning` in it said, or None."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", TimestepWarning)
+        result = run()
+    said = [str(w.message) for w in caught if issubclass(w.category, TimestepWarning)]
+    return result, said[0] if said else None
+
+
+@contextmanager
+def silent_warnings() -> Iterator[None]:
+    """Keep MuJoCo from printing and logging warnings; they are read from the data instead."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda message: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+# ---------------------------------------------------------------- one motion for all models
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """What the drives of a robot do: random steps, each held for a while.
+
+    Attributes:
+        rest: Controls (n_inputs,) of the start: tensions [N], or lengths pulled in [m].
+        controls: (periods, n_inputs), a row a control period.
+        period: [s].
+    """
+
+    rest: np.ndarray
+    controls: np.ndarray
+    period: float
+
+    @property
+    def duration(self) -> float:
+        """[s]."""
+        return len(self.controls) * self.period
+
+    @property
+    def poses(self) -> np.ndarray:
+        """The different rows (k, n_inputs) of the controls, in their order."""
+        changes = np.any(np.diff(self.controls, axis=0), axis=1)
+        return self.controls[np.concatenate(([True], changes))]
+
+
+def excitation(scene: Scene, duration: float, amplitude: float = 0.5) -> Excitation:
+    """Random steps of all drives of a scene, as in `scene.integration.probe`.
+
+    Args:
+        scene: The scene.
+        duration: [s], at most two.
+        amplitude: Share [1] of the drives' range, up to 1.
+    """
+    from softrobot_env.scene.integration import probe  # compiled code takes time to load
+
+    low, high = scene.model.actuator_ctrlrange.T
+    rest, period = np.clip(0.0, low, high), scene.config.control_period
+    controls = probe.controls_of(scene, 0)[: max(1, round(duration / period))]
+    wider = rest + amplitude / probe.AMPLITUDE * (controls - rest)
+    return Excitation(rest, np.clip(wider, low, high), period)
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A model of a robot with its resolution and the options of its motions.
+
+    Attributes:
+        model: A chain or a beam model.
+        robot: The robot itself; a beam model's has sections in place of a head.
+        options: Of `BeamModel.simulate`.
+    """
+
+    model: Scene | BeamModel
+    robot: RobotParams
+    options: dict[str, Any] = field(default_factory=dict)
+
+    def tips(self, q: np.ndarray) -> np.ndarray:
+        """Tip or output point (3,) or (T, 3) [m] at coordinates (n,) or (T, n)."""
+        head = self.robot.head
+        if isinstance(self.model, Scene) or head is None:
+            return self.model.tip(q)
+        end = np.array([self.robot.length + head.output])
+        return self.model.positions(q, end)[..., 0, :]
+
+    def poses(self, inputs: np.ndarray) -> np.ndarray:
+        """Tips (k, 3) [m] at rest under inputs (k, n_inputs).
+
+        Raises:
+            EquilibriumError: There is none, or none that is stable.
+        """
+        return self.tips(np.array([self.model.equilibrium(u) for u in inputs]))
+
+    def start(self, u: np.ndarray) -> State:
+        """At rest under inputs (n_inputs,); straight where there is no stable equilibrium."""
+        start = self.model.start()
+        try:
+            return State(self.model.equilibrium(u), start.v)
+        except EquilibriumError:
+            return start
+
+    def motion(self, moved: Excitation, start: State | None = None) -> np.ndarray:
+        """Tips (1 + periods, 3) [m] from rest on, or from a start.
+
+        Raises:
+            IntegrationError: The motion diverged.
+        """
+        inputs: Any = moved.controls
+        if isinstance(self.model, BeamModel):
+            inputs = signals.held(inputs, moved.period)
+        start = self.start(moved.rest) if start is None else start
+        given = {"samples": moved.period, **self.options}
+        return self.tips(self.model.simulate(moved.duration, inputs, start, **given).q)
+
+
+def beam_of(config: SceneConfig, name: str, pieces: int) -> BeamModel:
+    """A beam model of a scene's robot that bends and is driven as it does.
+
+    Raises:
+        ValueError: The model lacks what the robot has, or cannot have so many pieces.
+    """
+    if config.robot.has_friction:
+        raise ValueError("beam models have no friction of tendons or backbone")
+    plant = BeamPlant(name, pieces)
+    options = {"bending": config.bending, "torsion": config.torsion}
+    stepped = plant(config.robot, axes=slice(0, 3), actuation=config.actuation, **options)
+    stepped.model.warns = False  # what it errs by is what is measured
+    return stepped.model

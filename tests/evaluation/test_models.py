@@ -1,0 +1,172 @@
+"""How accurate and how stable the models of any robot are (`softrobot benchmark --robot`)."""
+
+import json
+from math import log2
+
+import numpy as np
+import pytest
+
+from softrobot_env.cli import main
+from softrobot_env.evaluation.models import accuracy, stability
+from softrobot_env.evaluation.models.runs import (
+    Verdict,
+    converged,
+    excitation,
+    extrapolate,
+    front,
+    verdict_of,
+)
+from softrobot_env.robots import ARM, RIG, find_robot
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.registry import scene_of
+
+#: A robot in space that servos pull, with a head and a tendon that rubs where it stands.
+MINE = """
+name = "mine"
+gravity_m_s2 = [0, 0, -9.81]
+head = {{ mass_kg = 0.01, inertia_kg_m2 = 1e-6, centre_m = 0.01, output_m = 0.02 }}
+
+[[section]]
+length_m = 0.2
+outer_radius_m = 0.01
+youngs_modulus_Pa = 1e6
+density_kg_m3 = 1000
+damping_time_s = 0.02
+pieces = 2
+
+[[tendon]]
+name = ["a", "b", "c"]
+ends_at_section = 1
+radius_m = 0.008
+drive = "length"
+stiffness_N_m = 2000
+pretension_N = 1
+tension_limit_N = 30
+friction_N = {friction}
+"""
+
+
+def test_limits_are_exact_for_their_series():
+    found = {n: np.array([2.0 + 3 / n**2 - 5 / n**4, 1 / n**2]) for n in (2, 4, 8)}
+    assert converged(found, 2) == pytest.approx([2.0, 0.0], abs=1e-12)
+    limit = extrapolate(lambda n: found[n], (2, 4, 8), "limit")
+    second = converged({n: found[n] for n in (4, 8)}, 2)
+    assert limit.uncertainty == pytest.approx(abs(second[0] - 2.0))
+
+
+@pytest.mark.parametrize(
+    ("error", "failure", "warning", "verdict"),
+    [
+        (1e-3, None, None, "accurate"),
+        (2e-3, None, None, "inaccurate"),
+        (2e-3, None, "said so", "warned"),
+        (1e-3, None, "said so", "accurate"),
+        (0.06, None, None, "wrong"),
+        (np.nan, None, None, "wrong"),
+        (None, None, None, "unjudged"),
+        (None, "diverged", None, "reported"),
+    ],
+)
+def test_a_verdict_says_whether_an_error_was_announced(error, failure, warning, verdict):
+    found = verdict_of(error, 1e-3, 1.0, failure=failure, warning=warning)
+    assert found == Verdict(verdict)
+
+
+def test_all_drives_of_a_robot_take_steps_within_their_range():
+    for robot in (ARM, RIG):
+        scene = build_scene(scene_of(robot))
+        low, high = scene.model.actuator_ctrlrange.T
+        half, all_of_it = (excitation(scene, 0.5, share) for share in (0.5, 1.0))
+        assert half.duration == pytest.approx(0.5)
+        assert np.all(half.controls >= low)
+        assert np.all(half.controls <= high)
+        assert all_of_it.controls - half.rest == pytest.approx(2 * (half.controls - half.rest))
+        assert len(half.poses) == 5  # a step is held for 0.1 s
+
+
+@pytest.fixture(scope="module")
+def of_the_arm():
+    return accuracy.measure(ARM, quick=True)
+
+
+def rest(rows, model):
+    return {row.n: row for row in rows if row.kind == "rest" and row.model == model}
+
+
+def test_the_limit_of_the_chain_is_the_arc_that_pcc_gives_exactly(of_the_arm):
+    # The arm's tendons bend each third of it to an arc, and nothing else pulls.
+    known = {row.model: row.share for row in of_the_arm if row.kind == "limit"}
+    uncertainty = known["rest, bending: uncertainty"]
+    assert uncertainty < 1e-6
+    assert all(row.share <= uncertainty for row in rest(of_the_arm, "pcc").values())
+
+
+@pytest.mark.parametrize("model", ["mujoco_chain", "cosserat"])
+def test_errors_at_rest_fall_with_the_square_of_the_pieces(of_the_arm, model):
+    *_, coarse, fine = rest(of_the_arm, model).values()
+    assert log2(coarse.e_max / fine.e_max) == pytest.approx(2, abs=0.05)
+
+
+def test_shear_and_stretch_are_told_apart_from_errors(of_the_arm):
+    limits = {row.model: row.share for row in of_the_arm if row.kind == "limit"}
+    assert limits["rest: what shear and stretch change"] > 0.01
+    assert limits["rest, shear: uncertainty"] < 1e-5
+
+
+def test_no_run_of_a_front_is_beaten(of_the_arm):
+    runs = [row for row in of_the_arm if row.kind == "motion" and row.model == "mujoco_chain"]
+    best = front(runs, "e_max", "cost")
+    assert 1 < len(best) < len(runs)
+    for row in best:
+        assert not [r for r in runs if r.cost < row.cost and r.e_max < 0.8 * row.e_max]
+
+
+def test_what_a_user_asks_for_is_judged_and_announced():
+    rows = stability.measure(find_robot("silicone_rod"), quick=True)
+    asked = {(r.integrator, r.timestep, r.stiffness_scale, r.damping_scale): r for r in rows}
+    soft = asked["implicitfast", 5e-3, 0.1, 0.1]
+    assert soft.verdict == Verdict.REPORTED
+    assert "diverged" in soft.why
+    assert soft.error is None
+    unseen = asked["implicitfast", 5e-3, 0.1, 1.0]
+    assert unseen.verdict == Verdict.WRONG
+    assert unseen.share > 0.05
+    own = [row for row in rows if row.case == "own"]
+    assert {row.pieces for row in own} == {3, 6, 12, 24}
+    for row in own:  # seldom more than what is asked for, and then by little or with a warning
+        assert row.error < row.asked * (3 if row.verdict == Verdict.WARNED else 1.2)
+
+
+@pytest.mark.parametrize("friction", [0, 0.1])
+def test_a_robot_of_ones_own_is_measured(tmp_path, friction):
+    file = tmp_path / "mine.toml"
+    file.write_text(MINE.format(friction=friction))
+    for what in ("accuracy", "stability"):
+        given = ["benchmark", what, "--robot", str(file), "--quick", "--out", str(tmp_path)]
+        assert main(given) == 0
+        rows = json.loads((tmp_path / what / "report.json").read_text())["rows"]
+        assert {path.name for path in (tmp_path / what).iterdir()} == {
+            "report.json",
+            "report.md",
+            f"{what}.png",
+        }
+        if what == "accuracy":
+            measured = {row["model"] for row in rows if row["kind"] == "motion"}
+            beams = set() if friction else {"pcc", "cosserat"}
+            assert measured == {"mujoco_chain"} | beams
+            assert friction == 0 or any("no friction" in (row["note"] or "") for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["accuracy", "--robot", "gripper"], "give one of its fingers, such as gripper_finger"),
+        (["laws", "--robot", "arm"], "--robot goes with accuracy and stability"),
+        (["accuracy", "--robot", "arm", "--redraw"], "leave out --robot"),
+        (["stability", "--robot", "nobody"], "choose from arm"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused(arguments, message, tmp_path, capsys):
+    assert main(["benchmark", *arguments, "--out", str(tmp_path)]) != 0
+    assert message in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
