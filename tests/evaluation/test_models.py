@@ -24,12 +24,12 @@ from softrobot_env.scene.registry import scene_of
 MINE = """
 name = "mine"
 gravity_m_s2 = [0, 0, -9.81]
-head = {{ mass_kg = 0.01, inertia_kg_m2 = 1e-6, centre_m = 0.01, output_m = 0.02 }}
+head = {{ mass_kg = 0.01, inertia_kg_m2 = [1e-6, 1e-6, 1e-6], centre_m = 0.01, output_m = 0.02 }}
 
 [[section]]
 length_m = 0.2
 outer_radius_m = 0.01
-youngs_modulus_Pa = 1e6
+youngs_modulus_Pa = 2e6
 density_kg_m3 = 1000
 damping_time_s = 0.02
 pieces = 2
@@ -39,9 +39,9 @@ name = ["a", "b", "c"]
 ends_at_section = 1
 radius_m = 0.008
 drive = "length"
-stiffness_N_m = 2000
-pretension_N = 1
-tension_limit_N = 30
+stiffness_N_m = 1000
+pretension_N = 0.2
+tension_limit_N = 4
 friction_N = {friction}
 """
 
@@ -145,11 +145,8 @@ def test_a_robot_of_ones_own_is_measured(tmp_path, friction):
         given = ["benchmark", what, "--robot", str(file), "--quick", "--out", str(tmp_path)]
         assert main(given) == 0
         rows = json.loads((tmp_path / what / "report.json").read_text())["rows"]
-        assert {path.name for path in (tmp_path / what).iterdir()} == {
-            "report.json",
-            "report.md",
-            f"{what}.png",
-        }
+        made = {path.name for path in (tmp_path / what).iterdir()}
+        assert made >= {"report.json", "report.md", f"{what}.png"}
         if what == "accuracy":
             measured = {row["model"] for row in rows if row["kind"] == "motion"}
             beams = set() if friction else {"pcc", "cosserat"}

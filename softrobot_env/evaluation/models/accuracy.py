@@ -26,6 +26,7 @@ from softrobot_env.evaluation.models.runs import (
     excitation,
     extrapolate,
     quiet,
+    unwarned,
 )
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import build_scene
@@ -97,6 +98,7 @@ class Contestant:
         return "shear" if self.name == "cosserat" else "bending"
 
 
+@unwarned()
 def measure(
     robot: RobotParams, quick: bool = False, progress: Progress = quiet
 ) -> list[AccuracyRow]:

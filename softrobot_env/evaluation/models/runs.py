@@ -198,6 +198,14 @@ def silent_warnings() -> Iterator[None]:
         mujoco.set_mju_user_warning(before)
 
 
+@contextmanager
+def unwarned() -> Iterator[None]:
+    """No warnings of steps either, where errors are measured anyway."""
+    with silent_warnings(), warnings.catch_warnings():
+        warnings.simplefilter("ignore", TimestepWarning)
+        yield
+
+
 # ---------------------------------------------------------------- one motion for all models
 
 
