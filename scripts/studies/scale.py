@@ -8,7 +8,6 @@ import os
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,9 +17,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from softrobot_env.core import journal
-from softrobot_env.core.jobs import run_in_processes
 from softrobot_env.core.processes import Workers, chosen_processes, usable_cores, using
+from softrobot_env.core.runs import KEPT, kept_rows, run_cases
 from softrobot_env.robots import find_robot
 from softrobot_env.training.rl_config import preset
 from studies.lab import Column, Lab, Record, Study, number, quantity, table
@@ -120,34 +118,27 @@ def job_rows(ways: dict[str, Workers], quick: bool) -> list[Row]:
 
 
 def _timed(count: int) -> tuple[float, float]:
-    """Computing time [s] of the driver on empty jobs, and size [B] of a result that is kept."""
-    sizes: list[int] = []
-    with TemporaryDirectory() as folder, journal.kept_in(Path(folder), "scale"):
-
-        def look(what: str, done: int, total: int) -> None:
-            if done == total:
-                kept = (Path(folder) / journal.FOLDER).iterdir()
-                sizes.extend(path.stat().st_size for path in kept)
-
+    """Computing time [s] of the driver on empty jobs, and size [B] of a row that is kept."""
+    with TemporaryDirectory() as folder, kept_rows(Path(folder, KEPT), "scale") as kept:
         begin = process_time()
-        run_in_processes([("job", partial(_row_of, k)) for k in range(count)], look)
+        run_cases(range(count), _row_of, kinds=(Row,), kept=kept)
         taken = process_time() - begin
-    return taken, sum(sizes) / len(sizes)
+        return taken, Path(folder, KEPT).stat().st_size / count
 
 
 def _memory(count: int) -> int:
     """Most memory [B] of Python's that empty jobs take in the driver."""
     tracemalloc.start()
     try:
-        run_in_processes([("job", partial(_row_of, k)) for k in range(count)])
+        run_cases(range(count), _row_of)
         return tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
 
 
-def _row_of(number: int) -> dict[str, float]:
-    """What a job returns: a row of twenty numbers."""
-    return {f"column_{k}": float(number + k) for k in range(20)}
+def _row_of(number: int) -> Row:
+    """What a job returns."""
+    return Row(f"job {number}", "empty", seconds=float(number))
 
 
 # -------------------- trainings

@@ -3,7 +3,7 @@
 import argparse
 from contextlib import closing
 from dataclasses import asdict, dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -35,9 +35,8 @@ from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED, Setup
 from softrobot_env.commands.task_options import option, task_name
 from softrobot_env.core.extras import install_command
-from softrobot_env.core.jobs import run_in_processes
-from softrobot_env.core.journal import kept_in
 from softrobot_env.core.processes import using
+from softrobot_env.core.runs import KEPT, Kept, kept_rows, run_cases
 from softrobot_env.core.writing import write_text
 from softrobot_env.envs.disturbances import NEUTRAL
 from softrobot_env.evaluation import report, runner
@@ -47,6 +46,7 @@ from softrobot_env.evaluation.labels import (
     robot_label,
 )
 from softrobot_env.evaluation.metrics import approached_metrics
+from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.rows import EvaluatedRow
 from softrobot_env.hardware.errors import RobotError
 from softrobot_env.recordings import write_recording
@@ -278,12 +278,10 @@ def _evaluate(args: argparse.Namespace, console: Console) -> int:
     else:
         given = {k: v for k, v in vars(args).items() if k not in _ELSEWHERE}
         study = f"evaluate {sorted(given.items())}"
-        with kept_in(args.out, study, files_among(given.values())) as journal:
-            results = _run_side_by_side(cases, args, console)
-            if journal.taken:
-                console.print(
-                    f"Took up {journal.taken} episodes of an earlier run that was stopped"
-                )
+        with kept_rows(args.out / KEPT, study, files_among(given.values())) as kept:
+            results = _run_side_by_side(cases, args, kept, console)
+            if kept.taken:
+                console.print(f"Took up {kept.taken} episodes of an earlier run that was stopped")
             _write(results, args, console)
     return int(len(results) < len(cases) or any(result.row.failure for result in results))
 
@@ -310,8 +308,16 @@ def _run_cases(cases: list[runner.Case], setup: Setup, console: Console) -> list
     return results
 
 
+@dataclass(frozen=True)
+class _Episode:
+    """What is kept of an episode until all are done."""
+
+    rollout: Rollout
+    decision_period: float
+
+
 def _run_side_by_side(
-    cases: list[runner.Case], args: argparse.Namespace, console: Console
+    cases: list[runner.Case], args: argparse.Namespace, kept: Kept, console: Console
 ) -> list[Result]:
     """Results in processes, those that are kept taken up."""
     with progress_on(console) as progress, using(args.workers):
@@ -320,8 +326,18 @@ def _run_side_by_side(
         def show(description: str, done: int, total: int) -> None:
             progress.update(bar, description=description, completed=done, total=total)
 
-        jobs = [(case.label, partial(runner.run, case)) for case in cases]
-        return [Result(outcome) for outcome in run_in_processes(jobs, show)]
+        episodes = run_cases(
+            enumerate(cases),
+            lambda numbered: runner.run(numbered[1]),
+            kinds=(_Episode,),
+            kept=kept,
+            key=lambda numbered: f"{numbered[0]} {numbered[1].label}",
+            label=lambda numbered: numbered[1].label,
+            arrived=lambda _, found: _Episode(found.rollout, found.decision_period),
+            progress=show,
+        )
+    found = zip(cases, episodes, strict=True)
+    return [Result(runner.Outcome(c, e.rollout, e.decision_period)) for c, e in found]
 
 
 def _write(results: list[Result], args: argparse.Namespace, console: Console) -> None:

@@ -11,8 +11,8 @@ from rich.console import Console
 from softrobot_env.commands.arguments import files_among
 from softrobot_env.commands.output import drawn, inside, new_results
 from softrobot_env.commands.progress import progress_on
-from softrobot_env.core.journal import kept_in
 from softrobot_env.core.processes import using
+from softrobot_env.core.runs import KEPT, kept_rows
 from softrobot_env.core.writing import write_text
 from softrobot_env.evaluation.report import write_json
 from softrobot_env.rendering.tables import text_page
@@ -65,16 +65,17 @@ def train_several(
             check_reinforcement(name, one)
     console = Console()
     study = study_in_words("train", args)
-    with new_results(out, args.overwrite), kept_in(out, study, files_in(args, out)) as journal:
+    files = files_in(args, out)
+    with new_results(out, args.overwrite), kept_rows(out / KEPT, study, files) as kept:
         with progress_on(console) as progress, using(args.workers):
             bar = progress.add_task(name, total=len(orders))
 
             def show(what: str, done: int, total: int) -> None:
                 progress.update(bar, description=f"{name}: {what}", completed=done, total=total)
 
-            found = runs.run_all(name, orders, journal, show, args.overwrite)
-        if journal.taken:
-            console.print(f"Took up {journal.taken} runs that were done when the command stopped")
+            found = runs.run_all(name, orders, kept, show, args.overwrite)
+        if kept.taken:
+            console.print(f"Took up {kept.taken} runs that were done when the command stopped")
         write(args, out, f"Several runs of {name}", found, report.tables(found), console)
     best = report.best_of(found)
     if best is not None:

@@ -14,7 +14,7 @@ from softrobot_env.commands.arguments import add_robot, add_workers, number, see
 from softrobot_env.commands.output import add_out, check_free, new_results
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.train_several import files_in, order_in, study_in_words, write
-from softrobot_env.core.journal import kept_in
+from softrobot_env.core.runs import KEPT, kept_rows
 from softrobot_env.robots import ARM, find_robot
 from softrobot_env.training.registry import LEARNERS, TRAININGS, check_reinforcement
 from softrobot_env.training.request import TrainingRequest
@@ -119,7 +119,7 @@ def _search(
 ) -> int:
     """Search, print and write."""
     from softrobot_env.training.several import report
-    from softrobot_env.training.several.runs import check_unclaimed, study_of
+    from softrobot_env.training.several.runs import check_unclaimed
     from softrobot_env.training.several.search import Search, searched, trial_folder, tune_on
 
     order, steps = _sized(name, order)
@@ -128,8 +128,8 @@ def _search(
     console = Console()
     words = study_in_words("tune", args)
     files = files_in(args, out) - {order.path}
-    with new_results(out, args.overwrite), kept_in(out, words, files) as journal:
-        study = study_of(journal)
+    with new_results(out, args.overwrite), kept_rows(out / KEPT, words, files) as kept:
+        study = kept.name
         if not args.overwrite:
             check_free(order.path, overwrite=False)
             places = [trial_folder(search, number) for number in range(search.count)]

@@ -1,8 +1,31 @@
-"""Typed rows of reports."""
+"""Runs of many cases: rows of what was measured, in processes, kept until their report is written.
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field, fields
-from typing import Any, TypeVar
+A run that was stopped goes on where it was: rows are lines of JSON with their case as key, and what
+is there is not measured again.
+"""
+
+import json
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, as_completed
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from enum import Enum
+from functools import cache, partial
+from hashlib import sha256
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from uuid import uuid4
+
+import cloudpickle
+import numpy as np
+
+from softrobot_env.core import __version__
+from softrobot_env.core.paths import assets_dir, models_dir
+from softrobot_env.core.processes import worker_processes
+
+# ---------------------------------------------------------------- rows
 
 
 @dataclass(frozen=True)
@@ -68,3 +91,362 @@ def of_kind(records: Iterable[Any], kind: type[AnyRecord]) -> list[AnyRecord]:
 def names(records: Iterable[Any]) -> list[str]:
     """Policies in the order of their first records."""
     return [policy for (policy,) in groups(records, "policy")]
+
+
+# ---------------------------------------------------------------- rows as JSON
+
+
+def packed(row: Any) -> dict[str, Any]:
+    """All fields of a row, those for pictures too, as JSON has them, with the name of its kind."""
+    return {_KIND: type(row).__name__} | {f.name: getattr(row, f.name) for f in fields(row)}
+
+
+def unpacked(values: Mapping[str, Any], kinds: Iterable[type]) -> Any:
+    """The row that `packed` values say.
+
+    Raises:
+        ValueError: They are of none of the kinds, or a field does not hold what its type says.
+    """
+    known = {kind.__name__: kind for kind in kinds}
+    try:
+        kind = known[values[_KIND]]
+        hints = _hints(kind)
+        given = {k: v for k, v in values.items() if k != _KIND}
+        return kind(**{name: as_typed(value, hints[name]) for name, value in given.items()})
+    except (LookupError, TypeError) as error:
+        raise ValueError(f"no row of {', '.join(known)}: {error}") from None
+
+
+#: Key of a row's kind, and of an array's type of numbers: no field has this name.
+_KIND = ""
+
+
+@cache
+def _hints(kind: type) -> dict[str, Any]:
+    return get_type_hints(kind)
+
+
+def as_typed(value: Any, hint: Any) -> Any:
+    """A value of JSON as one of a type.
+
+    Raises:
+        TypeError, ValueError: It is none.
+    """
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        for one in inner:
+            with suppress(TypeError, ValueError):
+                return as_typed(value, one)
+    elif isinstance(value, dict) and _KIND in value:
+        if hint in (Any, np.ndarray):
+            return np.array(value["values"], value[_KIND]).reshape(value["shape"])
+    elif hint is Any or (origin is Literal and value in inner):
+        return value
+    elif origin is dict and isinstance(value, dict):
+        return {k: as_typed(v, inner[1]) for k, v in value.items()}
+    elif origin is list and isinstance(value, list):
+        return [as_typed(one, inner[0]) for one in value]
+    elif origin is tuple and isinstance(value, list):
+        hints = [inner[0]] * len(value) if inner[-1] is Ellipsis else inner
+        return tuple(as_typed(one, h) for one, h in zip(value, hints, strict=True))
+    elif isinstance(hint, type) and issubclass(hint, Enum):
+        return hint(value)
+    elif hint is NoneType and value is None:
+        return value
+    elif is_dataclass(hint) and isinstance(value, dict):
+        return hint(**{k: as_typed(v, _hints(hint)[k]) for k, v in value.items()})
+    elif isinstance(hint, type) and isinstance(value, bool) == (hint is bool):
+        wanted = int | float if hint is float else hint
+        if isinstance(value, wanted):
+            return value
+    raise TypeError(f"{value!r:.60} is no {getattr(hint, '__name__', hint)}")
+
+
+def _plain(value: Any) -> Any:
+    """What JSON does not know of a row.
+
+    Raises:
+        TypeError: It is nothing that a row can hold.
+    """
+    if isinstance(value, np.ndarray):
+        return {_KIND: value.dtype.str, "shape": value.shape, "values": value.ravel().tolist()}
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, Enum):
+        return value.value
+    if is_dataclass(value):
+        return {f.name: getattr(value, f.name) for f in fields(value)}
+    raise TypeError(f"a row cannot hold {value!r:.60}")
+
+
+def case_key(case: Any) -> str:
+    """What tells a case from others: its fields or entries, in any order."""
+    return json.dumps(case, sort_keys=True, default=_said)
+
+
+def _said(value: Any) -> Any:
+    if is_dataclass(value) and not isinstance(value, type):
+        return {"": type(value).__name__, **asdict(value)}
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else str(value)
+
+
+# ---------------------------------------------------------------- rows that are kept
+
+#: Name of the file of kept rows in the folder of a report.
+KEPT = ".kept.jsonl"
+
+
+class Kept:
+    """Rows of a study as lines of a file, each with its case, as they arrive.
+
+    Args:
+        path: The file.
+        study: What is run, in words; rows of anything else, or of other sources, scenes or models
+            of this package, are not taken up.
+        files: What it depends on besides; nor are rows of other content of these.
+
+    Attributes:
+        taken: Number of cases that were there and could be used.
+    """
+
+    def __init__(self, path: Path, study: str, files: Iterable[Path] = ()) -> None:
+        self.taken = 0
+        self._path = path
+        self._head = {"study": study, "content": _content({*_own_files(), *files})}
+        self._head["version"] = __version__
+        self._found = self._read()
+
+    def _read(self) -> dict[str, Any]:
+        """Cases and their rows; none where there are only those of something else."""
+        with suppress(OSError, ValueError, TypeError):
+            first, *lines = self._path.read_text(encoding="utf-8").split("\n")
+            name = json.loads(first).pop("name")
+            if json.loads(first) == self._head | {"name": name}:
+                self._head["name"] = name
+                return dict(_whole_lines(lines))
+        return {}
+
+    @property
+    def name(self) -> str:
+        """A name of this study, the same until it is done."""
+        if "name" not in self._head:
+            self._head["name"] = uuid4().hex
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            self._path.unlink(missing_ok=True)
+            self._append(self._head)
+        return self._head["name"]
+
+    def rows(self, case: str, kinds: Iterable[type]) -> Any:
+        """The row of a case, or its list of rows; None where there is none of these kinds."""
+        found = self._found.get(case)
+        with suppress(ValueError, AttributeError, TypeError):
+            rows = [unpacked(x, kinds) for x in found] if isinstance(found, list) else None
+            rows = unpacked(found, kinds) if isinstance(found, dict) else rows
+            self.taken += rows is not None
+            return rows
+        return None
+
+    def add(self, case: str, rows: Any) -> None:
+        """Keep the row of a case, or its list of rows.
+
+        Raises:
+            OSError: They cannot be written.
+            TypeError: They hold what JSON does not.
+        """
+        assert self.name
+        several = isinstance(rows, list)
+        self._append([case, [packed(row) for row in rows] if several else packed(rows)])
+
+    def _append(self, line: Any) -> None:
+        text = json.dumps(line, default=_plain)
+        with self._path.open("ab") as file:
+            # What was cut short before stays a line of its own.
+            file.write(("" if file.tell() == 0 else "\n").encode() + text.encode())
+            file.flush()
+            os.fsync(file.fileno())
+
+    def end(self) -> None:
+        """Forget all, as the study is done."""
+        self._path.unlink(missing_ok=True)
+
+
+def _whole_lines(lines: Iterable[str]) -> Iterator[tuple[str, Any]]:
+    """Cases and rows of lines that were not cut short."""
+    for line in lines:
+        with suppress(ValueError, TypeError):
+            case, rows = json.loads(line)
+            yield str(case), rows
+
+
+@contextmanager
+def kept_rows(path: Path, study: str, files: Iterable[Path] = ()) -> Iterator[Kept]:
+    """Rows that are kept in a file until the context ends without an error.
+
+    Write within it what the rows are for: until then they are kept.
+
+    Args:
+        path, study, files: See `Kept`.
+    """
+    kept = Kept(path, study, files)
+    yield kept
+    kept.end()
+
+
+@cache
+def _own_files() -> tuple[Path, ...]:
+    """Sources, scenes, robots and models of this package."""
+    folders = ((Path(__file__).parents[1], "*.py"), (assets_dir(), "*"), (models_dir(), "*"))
+    return tuple(path for folder, what in folders for path in folder.rglob(what))
+
+
+def _content(files: Iterable[Path]) -> str:
+    """Which content files have."""
+    digest = sha256()
+    for path in sorted({path.resolve() for path in files if path.is_file()}):
+        content = path.read_bytes()
+        digest.update(f"{path} {len(content)} ".encode() + content)
+    return digest.hexdigest()
+
+
+# ---------------------------------------------------------------- cases and jobs
+
+#: Description for the progress bar, and how it is done. In processes it may give anything, and hold
+#: anything that cloudpickle takes, such as what a user's file defines.
+Job = tuple[str, Callable[[], Any]]
+
+#: Called with description, jobs done and number of jobs.
+Progress = Callable[[str, int, int], None]
+
+#: How often jobs whose process has ended are begun.
+_TRIES = 3
+
+
+def quiet(description: str, done: int, total: int) -> None:
+    """Progress that nobody wants to see."""
+
+
+def run_cases(
+    cases: Iterable[Any],
+    measure: Callable[[Any], Any],
+    *,
+    kinds: Iterable[type] = (),
+    kept: Kept | None = None,
+    key: Callable[[Any], str] = case_key,
+    label: Callable[[Any], str] = str,
+    arrived: Callable[[Any, Any], Any] | None = None,
+    progress: Progress | None = None,
+    processes: int | None = None,
+) -> list[Any]:
+    """What is measured of cases, in their order.
+
+    Args:
+        cases: The cases.
+        measure: From a case to a row, or a list of rows: dataclasses of numbers, texts and arrays.
+        kinds: Classes of the rows, for those that are kept.
+        kept: Where rows are kept as they arrive; what is there is not measured.
+        key: What tells a case from others.
+        label: Of a case, for the progress bar.
+        arrived: Makes rows, in this process, of a case and what was measured of it; for results
+            that are more than rows.
+        progress, processes: See `run_in_processes`.
+
+    Raises:
+        RuntimeError: Processes end again and again.
+    """
+    cases, kinds = list(cases), tuple(kinds)
+    named = [f"{_name(measure)} {key(case)}" for case in cases]
+    found = {} if kept is None else {k: kept.rows(x, kinds) for k, x in enumerate(named)}
+    found = {number: rows for number, rows in found.items() if rows is not None}
+
+    def rows_of(number: int, result: Any) -> Any:
+        rows = result if arrived is None else arrived(cases[number], result)
+        if kept is not None:
+            kept.add(named[number], rows)
+        return rows
+
+    tasks = [(label(case), partial(measure, case)) for case in cases]
+    return _run(tasks, found, rows_of, progress or quiet, processes)
+
+
+def _name(function: Any) -> str:
+    """What a function is called, of one with some arguments given too."""
+    return _name(function.func) if isinstance(function, partial) else function.__qualname__
+
+
+def run_in_processes(
+    tasks: Sequence[Job], progress: Progress | None = None, processes: int | None = None
+) -> list[Any]:
+    """What tasks return, in their order; the first error of one is raised.
+
+    Tasks whose process is killed are begun anew.
+
+    Args:
+        tasks: Begun in this order, each in a process with one thread.
+        progress: Called with (description, done, total) at first and after each, or None.
+        processes: Tasks at a time, unless the user chose (`processes.using`); one per core unless
+            given. 0 does one after the other here, and tells the progress before each.
+
+    Raises:
+        RuntimeError: Processes end again and again.
+    """
+    return _run(tasks, {}, lambda number, result: result, progress or quiet, processes)
+
+
+def _run(
+    tasks: Sequence[Job],
+    found: dict[int, Any],
+    arrived: Callable[[int, Any], Any],
+    show: Progress,
+    processes: int | None,
+) -> list[Any]:
+    """What `arrived` makes of results of the tasks that are not found yet, and what is found."""
+    if processes == 0:
+        for number, (label, work) in enumerate(tasks):
+            if number not in found:
+                show(label, number, len(tasks))
+                found[number] = arrived(number, work())
+        show("done", len(tasks), len(tasks))
+        return [found[number] for number in range(len(tasks))]
+    show("running", len(found), len(tasks))
+    for _ in range(_TRIES):
+        try:
+            for number, result in _arriving(tasks, found, processes):
+                found[number] = arrived(number, result)
+                show(tasks[number][0], len(found), len(tasks))
+        except BrokenExecutor:
+            continue
+        return [found[number] for number in range(len(tasks))]
+    waiting = [label for number, (label, _) in enumerate(tasks) if number not in found]
+    raise RuntimeError(
+        f"worker processes ended {_TRIES} times, as they do without memory; left of {len(tasks)} "
+        f"jobs: {', '.join(waiting[:3])}{' ...' if len(waiting) > 3 else ''}"
+    )
+
+
+def _arriving(
+    tasks: Sequence[Job], found: dict[int, Any], processes: int | None
+) -> Iterator[tuple[int, Any]]:
+    """Numbers and results of those tasks that are not found yet, as they arrive."""
+    left = [number for number in range(len(tasks)) if number not in found]
+    if not left:
+        return
+    with worker_processes(processes) as pool:
+        running = {pool.submit(_done, cloudpickle.dumps(tasks[n][1])): n for n in left}
+        failed: BaseException | None = None
+        for future in as_completed(running):
+            if future.cancelled():
+                continue
+            error = future.exception()
+            if error is None:
+                yield running[future], cloudpickle.loads(future.result())
+            elif failed is None:  # what is under way ends, and counts
+                failed = error
+                for other in running:
+                    other.cancel()
+    if failed is not None:
+        raise failed
+
+
+def _done(work: bytes) -> bytes:
+    """The packed result of a packed task."""
+    return cloudpickle.dumps(cloudpickle.loads(work)())

@@ -6,15 +6,13 @@
 import gzip
 import json
 from collections.abc import Iterable, Sequence
-from enum import Enum
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
-from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, get_args, get_type_hints
 
-from softrobot_env.benchmarks.records import Record
 from softrobot_env.core.artifacts import read_tree, write_tree
+from softrobot_env.core.runs import Record, as_typed
 from softrobot_env.evaluation.report import write_json
 from softrobot_env.evaluation.rollout import Rollout
 
@@ -56,7 +54,7 @@ def read(folder: Path, kinds: Iterable[type[Record]]) -> list[Record]:
         if kind is None:
             raise ValueError(f"{path}: row {number + 1} is none of this benchmark")
         try:
-            values = {k: _as(row[k], hint) for k, hint in _columns(kind).items()}
+            values = {k: as_typed(row[k], hint) for k, hint in _columns(kind).items()}
         except (TypeError, ValueError) as error:
             raise ValueError(f"{path}: row {number + 1} is damaged: {error}") from None
         found.append((kind, values))
@@ -123,36 +121,3 @@ def _with_derived(kinds: Iterable[type[Record]]) -> list[type[Record]]:
 def _columns(kind: type[Record]) -> dict[str, Any]:
     """Types of what is written of a record, by column."""
     return {k: hint for k, hint in get_type_hints(kind).items() if k in kind.written()}
-
-
-def _as(value: Any, hint: Any) -> Any:
-    """A value of json as one of a type.
-
-    Raises:
-        TypeError, ValueError: It is none.
-    """
-    origin, inner = get_origin(hint), get_args(hint)
-    if origin in (Union, UnionType):
-        for one in inner:
-            try:
-                return _as(value, one)
-            except (TypeError, ValueError):
-                continue
-    elif hint is Any or (origin is Literal and value in inner):
-        return value
-    elif origin is dict and isinstance(value, dict):
-        return {k: _as(v, inner[1]) for k, v in value.items()}
-    elif origin is list and isinstance(value, list):
-        return [_as(one, inner[0]) for one in value]
-    elif origin is tuple and isinstance(value, list):
-        hints = [inner[0]] * len(value) if inner[-1] is Ellipsis else inner
-        return tuple(_as(one, h) for one, h in zip(value, hints, strict=True))
-    elif isinstance(hint, type) and issubclass(hint, Enum):
-        return hint(value)
-    elif hint is NoneType and value is None:
-        return value
-    elif isinstance(hint, type) and isinstance(value, bool) == (hint is bool):
-        wanted = int | float if hint is float else hint
-        if isinstance(value, wanted):
-            return value
-    raise TypeError(f"{value!r:.60} is no {getattr(hint, '__name__', hint)}")

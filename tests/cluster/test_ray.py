@@ -15,8 +15,8 @@ ray = pytest.importorskip("ray")
 from ray.cluster_utils import Cluster  # noqa: E402
 
 from softrobot_env.cli import main  # noqa: E402
-from softrobot_env.core.jobs import run_in_processes  # noqa: E402
 from softrobot_env.core.processes import Workers, using  # noqa: E402
+from softrobot_env.core.runs import run_in_processes  # noqa: E402
 
 pytestmark = [pytest.mark.cluster, pytest.mark.filterwarnings("default")]
 

@@ -5,8 +5,8 @@ import json
 import pytest
 
 from softrobot_env.cli import main
-from softrobot_env.core import jobs
-from softrobot_env.core.journal import FOLDER
+from softrobot_env.core import runs
+from softrobot_env.core.runs import KEPT
 
 #: What depends on the machine.
 TIMES = {"policy_time_median", "policy_time_p99", "realtime_factor"}
@@ -27,7 +27,7 @@ def test_rows_of_several_processes_are_those_of_one(tmp_path, monkeypatch, capsy
     alone, shared = tmp_path / "alone", tmp_path / "shared"
     assert main([*CALL.split(), str(alone)]) == 0
 
-    packed, arriving = [], jobs._arriving
+    packed, arriving = [], runs._arriving
 
     def two_then_ctrl_c(*args):
         for found in arriving(*args):
@@ -36,15 +36,15 @@ def test_rows_of_several_processes_are_those_of_one(tmp_path, monkeypatch, capsy
             if len(packed) == 2:
                 raise KeyboardInterrupt
 
-    monkeypatch.setattr(jobs, "_arriving", two_then_ctrl_c)
+    monkeypatch.setattr(runs, "_arriving", two_then_ctrl_c)
     assert main([*CALL.split(), str(shared), "--workers", "1"]) == 130
-    assert len(list((shared / FOLDER).iterdir())) == 2
-    monkeypatch.setattr(jobs, "_arriving", arriving)
+    assert len((shared / KEPT).read_text().splitlines()) == 1 + 2
+    monkeypatch.setattr(runs, "_arriving", arriving)
     capsys.readouterr()
     assert main([*CALL.split(), str(shared), "--workers", "1"]) == 0
     assert "Took up 2 episodes" in capsys.readouterr().out
     assert rows(shared) == rows(alone)
-    assert not (shared / FOLDER).exists()
+    assert not (shared / KEPT).exists()
 
 
 def test_robots_over_a_line_are_not_shared(tmp_path, capsys):

@@ -9,12 +9,12 @@ from time import monotonic, sleep
 import pytest
 
 from softrobot_env.cli import main
-from softrobot_env.core.journal import FOLDER, Journal, kept_in
+from softrobot_env.core.runs import KEPT, Kept, run_cases
 from softrobot_env.robots import ARM
 from softrobot_env.training.request import Quantity, Training, TrainingRequest, curve_file
 from softrobot_env.training.several import runs
 from softrobot_env.training.several.report import best_of, plot, tables
-from softrobot_env.training.several.runs import orders_of, run_all, study_of
+from softrobot_env.training.several.runs import orders_of, run_all
 from softrobot_env.training.several.space import Range, corners, parsed, read_space
 
 CURVE = [
@@ -40,7 +40,7 @@ def orders(tmp_path, monkeypatch):
     """Orders of the fake training over seeds, whose jobs run here."""
     known = {"fake": Training(fake, ("checkpoint", "set"))}
     monkeypatch.setattr(runs, "TRAININGS", known)
-    monkeypatch.setattr(runs, "run_in_processes", lambda jobs, show: [job() for _, job in jobs])
+    monkeypatch.setattr(runs, "run_cases", partial(run_cases, processes=0))
     order = TrainingRequest(ARM, tmp_path / "fake.npz", near=tmp_path)
     return partial(orders_of, order)
 
@@ -54,8 +54,9 @@ def test_runs_have_folders_by_what_tells_them_apart(orders, tmp_path):
 
 
 def test_rows_tell_the_best_check_and_one_failure_costs_no_other_run(orders, tmp_path):
-    journal = Journal(tmp_path, "a study")
-    found = run_all("fake", orders((0, 13, 2), {}), journal)
+    kept = Kept(tmp_path / KEPT, "a study")
+    found = run_all("fake", orders((0, 13, 2), {}), kept)
+    assert run_all("fake", orders((0, 13, 2), {}), Kept(tmp_path / KEPT, "a study")) == found
     assert [run.reward for run in found] == [0.4, None, 2.4]
     assert [run.failure for run in found] == [None, "no luck", None]
     assert (found[0].steps, found[0].best_steps, found[0].failures) == (20, 10, 1)
@@ -65,20 +66,21 @@ def test_rows_tell_the_best_check_and_one_failure_costs_no_other_run(orders, tmp
 
 
 def test_files_of_another_machine_are_written_here(orders, tmp_path, monkeypatch):
-    def elsewhere(jobs, show):
-        found = [job() for _, job in jobs]
+    def elsewhere(*study, **more):
+        found = trained(*study, **more)
         for path in tmp_path.glob("seed_*/*"):
             path.unlink()
         return found
 
-    monkeypatch.setattr(runs, "run_in_processes", elsewhere)
-    run_all("fake", orders((0,), {}), Journal(tmp_path, "a study"))
+    trained = runs._trained
+    monkeypatch.setattr(runs, "_trained", elsewhere)
+    run_all("fake", orders((0,), {}), Kept(tmp_path / KEPT, "a study"))
     names = {path.name for path in (tmp_path / "seed_0").iterdir()}
     assert names == {"fake.npz", "fake_curve.json"}
 
 
 def test_another_study_is_not_replaced_unless_it_may(orders, tmp_path):
-    first, second = Journal(tmp_path, "first"), Journal(tmp_path, "second")
+    first, second = (Kept(tmp_path / f"{name}.jsonl", name) for name in ("first", "second"))
     run_all("fake", orders((0,), {}), first)
     run_all("fake", orders((0,), {}), first)
     with pytest.raises(FileExistsError, match="seed_0 is of another command"):
@@ -106,17 +108,8 @@ def test_runs_under_way_are_told_by_what_is_in_their_folders(orders, tmp_path, m
     assert wanted in told
 
 
-def test_a_study_has_a_name_until_it_is_done(tmp_path):
-    with kept_in(tmp_path, "a study") as journal:
-        name = study_of(journal)
-        assert study_of(Journal(tmp_path, "a study")) == name
-        assert study_of(Journal(tmp_path, "another")) != name
-    assert not (tmp_path / FOLDER).exists()
-    assert study_of(Journal(tmp_path, "a study")) != name
-
-
 def test_tables_and_curves(orders, tmp_path):
-    found = run_all("fake", orders((0, 1, 13), {"rate": (1, 2)}), Journal(tmp_path, "a study"))
+    found = run_all("fake", orders((0, 1, 13), {"rate": (1, 2)}), Kept(tmp_path / KEPT, "a study"))
     found.append(replace(found[0], trial=7, pruned=True, settings={}))
     from rich.console import Console
 
@@ -170,18 +163,18 @@ def test_a_sweep_that_was_stopped_goes_on_and_ends_as_one_that_was_not(
     call += "--set envs_per_task=1 --set drawn_tasks=1 --workers 1 --out"
     assert main([*call.split(), str(tmp_path / "whole")]) == 0
 
-    from softrobot_env.core import jobs
+    from softrobot_env.core import runs as core_runs
 
-    arriving = jobs._arriving
+    arriving = core_runs._arriving
 
     def one_then_ctrl_c(*args):
         for found in arriving(*args):
             yield found
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(jobs, "_arriving", one_then_ctrl_c)
+    monkeypatch.setattr(core_runs, "_arriving", one_then_ctrl_c)
     assert main([*call.split(), str(tmp_path / "stopped")]) == 130
-    monkeypatch.setattr(jobs, "_arriving", arriving)
+    monkeypatch.setattr(core_runs, "_arriving", arriving)
     capsys.readouterr()
     assert main([*call.split(), str(tmp_path / "stopped")]) == 0
     assert "Took up 1 runs" in capsys.readouterr().out

@@ -3,19 +3,15 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import product
 from math import inf
 from pathlib import Path
 from threading import Event, Thread
 from time import perf_counter
-from uuid import uuid4
 
 from softrobot_env.core.artifacts import read_facts
-from softrobot_env.core.jobs import Progress, quiet, run_in_processes
-from softrobot_env.core.journal import Journal
 from softrobot_env.core.processes import Workers, using
-from softrobot_env.core.runs import Record, for_pictures
+from softrobot_env.core.runs import Kept, Progress, Row, for_pictures, quiet, run_cases
 from softrobot_env.core.writing import whole, write_text
 from softrobot_env.training.registry import TRAININGS
 from softrobot_env.training.request import Metrics, Quantity, TrainingRequest, curve_file
@@ -28,7 +24,7 @@ _EVERY = 2.0
 
 
 @dataclass(frozen=True)
-class Run(Record):
+class Run(Row):
     """A training with one seed and some settings; what is not told of it is None.
 
     Attributes:
@@ -95,7 +91,7 @@ def orders_of(
 def run_all(
     name: str,
     orders: Mapping[str, TrainingRequest],
-    journal: Journal,
+    kept: Kept,
     progress: Progress = quiet,
     overwrite: bool = False,
 ) -> list[Run]:
@@ -104,37 +100,37 @@ def run_all(
     Args:
         name: Of the training.
         orders: By label.
-        journal: Of the study, which is open.
+        kept: Of the study, which is open.
         progress: Told what is done.
         overwrite: Whether what is there of other studies may be replaced.
 
     Raises:
         FileExistsError: It is there, and may not.
     """
-    study = study_of(journal)
+    study = kept.name
     if not overwrite:
         check_unclaimed([order.path for order in orders.values()], study)
-    jobs = [(label, partial(_trained, name, order, study)) for label, order in orders.items()]
     with _watched(orders, study, progress) as show:
-        found = run_in_processes(jobs, show)
-    runs = []
-    for order, (run, files) in zip(orders.values(), found, strict=True):
-        for file, content in files.items():  # of a worker on another machine
-            path = order.path.with_name(file)
-            if not path.is_file() or path.read_bytes() != content:
-                with whole(path) as aside:
-                    aside.write_bytes(content)
-        runs.append(run)
-    return runs
+        return run_cases(
+            orders.items(),
+            lambda case: _trained(name, case[1], study),
+            kinds=(Run,),
+            kept=kept,
+            key=lambda case: case[0],
+            label=lambda case: case[0],
+            arrived=lambda case, found: _with_files(case[1], *found),
+            progress=show,
+        )
 
 
-def study_of(journal: Journal) -> str:
-    """A name of a study, the same until it is done."""
-    known = journal.read("name of the study")
-    if known is None:
-        known = uuid4().hex.encode()
-        journal.write("name of the study", known)
-    return known.decode()
+def _with_files(order: TrainingRequest, run: Run, files: dict[str, bytes]) -> Run:
+    """A run whose files are here, also if it was done on another machine."""
+    for file, content in files.items():
+        path = order.path.with_name(file)
+        if not path.is_file() or path.read_bytes() != content:
+            with whole(path) as aside:
+                aside.write_bytes(content)
+    return run
 
 
 def described(name: str, order: TrainingRequest) -> Run:
