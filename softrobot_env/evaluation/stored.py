@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any, get_type_hints
 
 from softrobot_env.core.artifacts import read_tree, write_tree
 from softrobot_env.core.runs import Record, as_typed
