@@ -51,7 +51,7 @@ class Row(Record):
         seconds: [s] that the driver computes for a job, its result being kept; what Ray's servers
             compute is not in it.
         memory: [B] that the driver holds for a job while a study runs.
-        kept: [B] of a kept result, in a file of its own.
+        kept: [B] of a row that is kept, a line of a file.
         shortest_job: [s], the shortest one with which one driver keeps all cores busy.
         failure: Why there is no number.
     """
