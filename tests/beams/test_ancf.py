@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from softrobot_env.beams.ancf import ANCF, LockingWarning
 from softrobot_env.beams.ancf import actuation as ancf_actuation
 from softrobot_env.beams.ancf.tangent import add_internal_tangent
-from softrobot_env.beams.model import _potential
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, Tendon
 from softrobot_env.robots.loads import Load
 from studies.truths import analytic
@@ -144,16 +143,6 @@ def test_energy_and_damping_are_the_volume_integrals(dimension, plane, quadratur
 
 
 @pytest.mark.parametrize("dimension", DIMENSIONS)
-@pytest.mark.parametrize("quadrature", ["exact", 3])
-def test_static_force_is_the_gradient_of_the_potential(dimension, quadrature):
-    model = ANCF(RING, 3, dimension=dimension, quadrature=quadrature)
-    q, zero = random_pose(model), np.zeros(model.n)
-    gradient = complex_gradient(lambda x: _potential(model.data, x), q)
-    force = model.residual(q, zero, zero)
-    np.testing.assert_allclose(force, gradient, rtol=0, atol=1e-13 * np.abs(gradient).max())
-
-
-@pytest.mark.parametrize("dimension", DIMENSIONS)
 def test_both_exact_rules_agree_and_the_thesis_rule_tends_to_them(dimension):
     rules = ["exact", "chebyshev", 6, 8, 16]
     forces = {}
@@ -235,17 +224,6 @@ def test_mass_is_the_volume_integral(dimension):
     np.testing.assert_allclose(mass, expected, rtol=1e-11, atol=atol)
 
 
-@pytest.mark.parametrize("clamped", [True, False])
-@pytest.mark.parametrize("dimension", DIMENSIONS)
-@pytest.mark.parametrize("pieces", [1, 4])
-def test_acceleration_balances_the_forces(dimension, pieces, clamped):
-    model = ANCF(RING, pieces, dimension=dimension, clamped=clamped)
-    q, v = random_pose(model), np.random.default_rng(3).normal(size=model.n)
-    force = model.residual(q, v, np.zeros(model.n))
-    left = model.residual(q, v, model.acceleration(q, v))
-    np.testing.assert_allclose(left, 0, atol=1e-11 * np.abs(force).max())
-
-
 @pytest.mark.parametrize("dimension", DIMENSIONS)
 def test_free_rod_falls_with_gravity(dimension):
     model = ANCF(RING, 3, dimension=dimension, clamped=False)
@@ -275,38 +253,6 @@ def test_momentum_is_that_of_a_rigid_motion(dimension):
     np.testing.assert_allclose(model.momentum(q, v), [*linear, *angular], atol=1e-14)
     energy = spin @ angular / 2
     assert model.kinetic_energy(q, v) == pytest.approx(energy, rel=1e-10)
-
-
-@pytest.mark.parametrize("dimension", DIMENSIONS)
-def test_free_rod_conserves_momentum_and_energy(dimension):
-    robot = replace(WEIGHTLESS["weak"], damping_time=0.0)
-    model = ANCF(robot, 2, dimension=dimension, clamped=False)
-    q, v = random_pose(model, size=0.01), 0.3 * np.random.default_rng(5).normal(size=model.n)
-
-    def invariants(y):
-        energy = model.kinetic_energy(*y) + model.potential_energy(y[0])
-        return np.append(model.momentum(*y), energy)
-
-    def rate(y):
-        return np.stack([y[1], model.acceleration(*y)])
-
-    y, step, drifts = np.stack([q, v]), 2e-4, []
-    before = invariants(y)
-    for size in (step, step / 2):
-        z = y
-        for _ in range(round(0.04 / size)):
-            k1 = rate(z)
-            k2 = rate(z + size / 2 * k1)
-            k3 = rate(z + size / 2 * k2)
-            k4 = rate(z + size * k3)
-            z = z + size / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        drifts.append(invariants(z) - before)
-    # Runge-Kutta keeps linear momentum; the drift of the others falls with its order.
-    scale = np.linalg.norm(before[:3])
-    np.testing.assert_allclose(np.array(drifts)[:, :3], 0, atol=1e-11 * scale)
-    assert np.abs(drifts[1][3:6]).max() < 1e-6 * np.linalg.norm(before[3:6])
-    assert abs(drifts[1][6]) < 1e-4 * before[6]
-    assert abs(drifts[1][6]) < abs(drifts[0][6]) / 12
 
 
 # ------------------------------------------------------------- points, loads and tendons
@@ -355,23 +301,6 @@ def test_points_are_the_shape_functions_and_forces_their_transpose(dimension):
     ancf_actuation.add_forces(model.data, q, forces, work)
     expected = np.einsum("kin,ki->n", complex_gradient(locate, q), forces)
     np.testing.assert_allclose(work, expected, atol=1e-13)
-
-
-@pytest.mark.parametrize("dimension", DIMENSIONS)
-def test_channel_forces_are_the_gradient_of_their_lengths(dimension):
-    model = probe_model(dimension)
-    q, tension = random_pose(model), np.array([3.0, 5.0, 7.0])
-
-    def lengths(x):
-        out = np.empty(3, x.dtype)
-        ancf_actuation.channel_lengths(model.data, x, out)
-        return out
-
-    np.testing.assert_allclose(lengths(model.rest()), [0.31, 0.5, 0.125], rtol=1e-14)
-    force = np.zeros(model.n)
-    ancf_actuation.add_channel_forces(model.data, q, tension, force)
-    expected = -tension @ complex_gradient(lengths, q)
-    np.testing.assert_allclose(force, expected, atol=1e-13 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("dimension", DIMENSIONS)
@@ -447,24 +376,6 @@ def test_load_axes_turn_with_the_section(dimension):
 
 
 # ------------------------------------------------------------- statics
-
-PIECES = [1, 2, 3, 4, 5, 8, 14, 20]
-
-
-# Audit, "Reference numbers": tip deflection [mm] under the own weight, half a digit more.
-@pytest.mark.parametrize(
-    ("robot", "expected", "tolerance"),
-    [
-        (CANTILEVER_WEAK, [156.8, 277.1, 341.7, 367.7, 379.7, 390.6, 393.4, 393.9], 0.051),
-        (CANTILEVER_STIFF, [9.25, 12.54, 13.17, 13.40, 13.51, 13.63, 13.68, 13.70], 0.0051),
-    ],
-    ids=["weak", "stiff"],
-)
-def test_planar_self_weight_is_the_audits(robot, expected, tolerance):
-    for pieces, deflection in zip(PIECES, expected, strict=True):
-        model = ANCF(robot, pieces, dimension=2)
-        tip = model.tip(model.equilibrium(check_stability=False))
-        assert -1e3 * tip[0] == pytest.approx(deflection, abs=tolerance)
 
 
 @pytest.mark.parametrize(("plane", "expected"), [("stress", 11.16), ("strain", 2.24)])
@@ -549,21 +460,6 @@ def test_torsion_is_the_closed_form():
 # ------------------------------------------------------------- frequencies
 
 
-@pytest.mark.parametrize(
-    ("name", "expected", "tolerance"),
-    [
-        ("weak", [0.8311, 0.6692, 0.6599, 0.6554], 5.1e-5),
-        ("stiff", [6.426, 5.266, 5.195, 5.158], 5.1e-4),
-    ],
-    ids=["weak", "stiff"],
-)
-def test_first_frequency_is_the_audits(name, expected, tolerance):
-    for pieces, frequency in zip([1, 3, 5, 14], expected, strict=True):
-        model = ANCF(WEIGHTLESS[name], pieces)
-        found = model.linearize(model.start()).frequencies()
-        np.testing.assert_allclose(found[:2], frequency, atol=tolerance)
-
-
 @pytest.mark.parametrize(("poisson", "expected"), [(0.0, 6.938), (0.49, 5.684)])
 def test_torsional_frequency_converges_to_the_audits(poisson, expected):
     robot = replace(WEIGHTLESS["weak"], poisson_ratio=poisson)
@@ -595,41 +491,6 @@ def test_damping_is_proportional_to_stiffness_in_the_straight_pose():
 
 
 # ------------------------------------------------------------- interface
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"pieces": 0}, "pieces"),
-        ({"dimension": 1}, "2 or 3"),
-        ({"plane": "bent"}, "stress, strain"),
-        ({"quadrature": 0}, "chebyshev"),
-        ({"quadrature": "simpson"}, "chebyshev"),
-    ],
-    ids=str,
-)
-def test_unknown_options_are_named(options, message):
-    with pytest.raises(ValueError, match=message):
-        ANCF(CANTILEVER_WEAK, **options)
-
-
-def test_planar_model_refuses_what_acts_across_its_plane():
-    tendon = Tendon("t", (0.02, 0.01), 0.5, 0, 80.0)
-    sideways = [Load("m", 0.1, moment=(1.0, 0.0, 0.0))]
-    for robot, loads in (
-        (replace(RING, gravity=(0.0, 1.0, 0.0)), []),
-        (replace(RING, tendons=(tendon,)), []),
-        (RING, sideways),
-        (RING, [Load("f", 0.1, force=(0.0, 1.0, 0.0))]),
-    ):
-        with pytest.raises(ValueError, match="x-z plane"):
-            ANCF(robot, dimension=2, loads=loads)
-        ANCF(robot, dimension=3, loads=loads)
-
-
-def test_incompressible_material_is_refused():
-    with pytest.raises(ValueError, match="Poisson"):
-        ANCF(replace(RING, poisson_ratio=0.5))
 
 
 # ---------------------------------------------------------------- locking

@@ -60,16 +60,20 @@ def rod(**other) -> RobotParams:
     return RobotParams("rod", tendons=tendons, poisson_ratio=0.3, **size, **material, **other)
 
 
+def in_turn(robot: RobotParams, levels, kind: str = "tension", begin: float = 0.0) -> Recording:
+    """Commands [N] or [m] to one tendon after the other at rest, and no markers yet."""
+    names, unit = tuple(t.name for t in robot.tendons), {"tension": "N", "length": "m"}[kind]
+    rows = np.concatenate([np.outer(levels, one) for one in np.eye(3)]) + begin
+    header = Header(Commands(kind, names, unit, names), (Marker("x", "y", "z"),), rate_Hz=1.0)
+    labels = np.repeat([f"pull {name}" for name in names], len(levels))
+    times, none = np.arange(len(rows)) * 1.0, np.zeros((len(rows), 1, 3))
+    header = replace(header, static=True)
+    return Recording(header, times, rows, none, labels, np.zeros(len(rows), int))
+
+
 def pulled(robot: RobotParams, levels: np.ndarray, noise: float = 0.0) -> Recording:
     """What the MuJoCo chain shows at rest when each tendon is pulled in turn [N]."""
-    names = tuple(t.name for t in robot.tendons)
-    tension = np.concatenate([np.outer(levels, unit) for unit in np.eye(3)])
-    header = Header(Commands("tension", names, "N", names), (Marker("x", "y", "z"),), rate_Hz=1.0)
-    header = replace(header, static=True)
-    rows = len(tension)
-    labels = np.repeat([f"pull {name}" for name in names], len(levels))
-    empty = np.zeros((rows, 1, 3))
-    blank = Recording(header, np.arange(rows) * 1.0, tension, empty, labels, np.zeros(rows, int))
+    blank = in_turn(robot, levels)
     seen = replay(blank, robot).simulated
     return replace(
         blank, markers=seen + noise * np.random.default_rng(1).standard_normal(seen.shape)
@@ -144,16 +148,8 @@ def test_friction_of_the_backbone_is_found_where_there_is_some(held):
 def test_what_is_written_is_what_was_found(tmp_path):
     """Robot file and header make the model, and MuJoCo's chain, do what was fitted."""
     believed = ROBOTS["silicone_rod"]
-    names = tuple(t.name for t in believed.tendons)
-    rows = np.concatenate([np.outer(UP_AND_DOWN, unit) for unit in np.eye(3)]) * 8e-3 - 1e-3
+    blank = in_turn(believed, 8e-3 * UP_AND_DOWN, "length", -1e-3)
     frame = Frame(turn_deg=(1.0, -1.0, 0.0), shift_m=(2e-3, -1e-3, 1e-3))
-    header = Header(Commands("length", names, "m", names), (Marker("x", "y", "z"),), rate_Hz=1.0)
-    header = replace(header, static=True)
-    marks = np.zeros((len(rows), 1, 3))
-    blank = Recording(
-        header, np.arange(len(rows)) * 1.0, rows, marks, np.full(len(rows), ""), marks[:, 0, 0] > 1
-    )
-    blank = replace(blank, runs=np.zeros(len(rows), dtype=int))
     true = believed.vary(youngs_modulus=0.8, tendon_friction=0.1)
     seen = frame.to_recorded(replay(blank, true).simulated)
     recording = replace(blank, markers=seen)
@@ -175,17 +171,7 @@ def test_what_is_written_is_what_was_found(tmp_path):
 def test_backlash_is_found_where_tendons_do_not_rub():
     """Of a robot whose chain has servos with play; slopes by it are exact."""
     believed = ROBOTS["silicone_rod"]
-    names = tuple(t.name for t in believed.tendons)
-    rows = np.concatenate([np.outer(UP_AND_DOWN, unit) for unit in np.eye(3)]) * 8e-3
-    header = Header(Commands("length", names, "m", names), (Marker("x", "y", "z"),), rate_Hz=1.0)
-    blank = Recording(
-        replace(header, static=True),
-        np.arange(len(rows)) * 1.0,
-        rows,
-        np.zeros((len(rows), 1, 3)),
-        np.full(len(rows), ""),
-        np.zeros(len(rows), dtype=int),
-    )
+    blank = in_turn(believed, 8e-3 * UP_AND_DOWN, "length")
     true = replace(believed, drive=replace(believed.drive, backlash=4e-4))
     recording = replace(blank, markers=replay(blank, true).simulated)
     found = identify(recording, believed, ("statics",), known=["tendon_friction"], validate=False)
@@ -202,12 +188,8 @@ def test_backlash_is_found_where_tendons_do_not_rub():
 
 def test_a_column_that_counts_the_other_way_and_a_frame_anywhere_are_found():
     robot = ROBOTS["silicone_rod"]
-    names = tuple(t.name for t in robot.tendons)
-    rows = np.concatenate([np.outer((0.3, 0.7, 1.0, 0.5), unit) for unit in np.eye(3)]) * 8e-3
-    header = Header(Commands("length", names, "m", names), (Marker("x", "y", "z"),), rate_Hz=1.0)
-    times, labels = np.arange(len(rows)) * 1.0, np.full(len(rows), "")
-    nowhere, one = np.zeros((len(rows), 1, 3)), np.zeros(len(rows), dtype=int)
-    blank = Recording(replace(header, static=True), times, rows, nowhere, labels, one)
+    blank = in_turn(robot, 8e-3 * np.array([0.3, 0.7, 1.0, 0.5]), "length")
+    header, rows, name = blank.header, blank.commands, robot.tendons[1].name
     seen = replay(blank, robot).simulated
     frame = Frame(turn_deg=(40, -100, 70), shift_m=(1.2, -0.4, 0.7))
     signs = np.array([1, -1, 1])
@@ -216,7 +198,7 @@ def test_a_column_that_counts_the_other_way_and_a_frame_anywhere_are_found():
     assert found.header.commands.factors == (1, -1, 1)
     assert found.header.frame.rotation == pytest.approx(frame.rotation, abs=0.02)
     assert size(found.fit.simulated.error) < 3e-4
-    assert f"column {names[1]} counts what is let out" in found.doubts[0]
+    assert f"column {name} counts what is let out" in found.doubts[0]
     with pytest.raises(ValueError, match=r"marker 1 is usually .* mm from the clamp.*--any-turn"):
         identify(recording, robot, validate=False)
     # A header that says factors is believed, and doubted.
@@ -224,7 +206,7 @@ def test_a_column_that_counts_the_other_way_and_a_frame_anywhere_are_found():
     said = replace(blank, header=replace(blank.header, commands=commands), markers=seen)
     said = replace(said, commands=rows * signs)
     wrong = identify(said, robot, ("geometry",), validate=False)
-    told = f"column {names[1]} seems to count the other way (commands.factors)"
+    told = f"column {name} seems to count the other way (commands.factors)"
     assert any(told in doubt for doubt in wrong.doubts)
 
 
@@ -323,18 +305,7 @@ def test_further_starts_find_in_processes_what_they_find_in_this_one(monkeypatch
 def test_what_the_data_cannot_tell_is_named():
     """A weightless robot driven by length bends alike whatever its modulus, beside the tendons'."""
     robot = replace(ROBOTS["silicone_rod"], gravity=(0.0, 0.0, 0.0))
-    names = tuple(t.name for t in robot.tendons)
-    rows = np.concatenate([np.outer(UP_AND_DOWN, unit) for unit in np.eye(3)]) * 6e-3
-    header = Header(Commands("length", names, "m", names), (Marker("x", "y", "z"),), rate_Hz=1.0)
-    marks = np.zeros((len(rows), 1, 3))
-    blank = Recording(
-        replace(header, static=True),
-        np.arange(len(rows)) * 1.0,
-        rows,
-        marks,
-        np.full(len(rows), ""),
-        np.zeros(len(rows), dtype=int),
-    )
+    blank = in_turn(robot, 6e-3 * UP_AND_DOWN, "length")
     recording = replace(blank, markers=replay(blank, robot).simulated)
     found = identify(recording, robot, ("statics",), validate=False)
     nothing = [one for one in found.combinations if one.information < 1e-6]
