@@ -45,6 +45,8 @@ PLACES: dict[str, str] = {
     "sensing": "sensing:STUDY",
     "speed": "speed:STUDY",
     "thesis": "thesis:STUDY",
+    "learning": "trainings:LEARNING",
+    "ppo_defaults": "trainings:PPO_DEFAULTS",
 }
 
 

@@ -34,8 +34,6 @@ _OTHERS: dict[str, dict[str, Any]] = {
     "feedback": {},
     "generalization": {},
     "laws": {},
-    "learning": {},
-    "ppo_defaults": {},
     "rig": {"alone": True},
     "rig_networks": {"run": "run:run_on_twin"},
     "stability": {"alone": True},

@@ -1,11 +1,10 @@
 """Learning curves: closed-loop checks during trainings, over environment steps."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 
-from softrobot_env.rendering.figures import Axes, Style, add_title, label_lines, new_figure, save
+from softrobot_env.rendering.figures import Axes, Figure, Style, add_title, label_lines, new_figure
 
 #: Checks of a training: environment steps, reward, and largest error [mm].
 Checks = list[dict[str, float]]
@@ -13,15 +12,12 @@ Checks = list[dict[str, float]]
 _LABELS = {"reward": "mean reward of the checks", "max_mm": "largest error of the checks [mm]"}
 
 
-def plot_checks(
-    trainings: Mapping[str, tuple[Style, Sequence[Checks]]], subject: str, path: Path | str
-) -> None:
+def checks_figure(trainings: Mapping[str, tuple[Style, Sequence[Checks]]], subject: str) -> Figure:
     """Draw the checks: median of the trainings of one kind, and all that lies between.
 
     Args:
         trainings: Name of the kind -> how it is drawn, and curves of its trainings.
         subject: What is shown.
-        path: PNG to write.
     """
     figure, (axes,) = new_figure(1, 2, (9.5, 4.2))
     last: dict[str, float] = {}
@@ -42,7 +38,7 @@ def plot_checks(
         least = min(last, key=last.__getitem__)
         message = f"After training {least} errs least: its largest error is {last[least]:.2g} mm"
     add_title(figure, message, subject)
-    save(figure, path)
+    return figure
 
 
 def _draw(axis: Axes, style: Style, curves: Sequence[Checks], entry: str) -> float:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from rich.console import Group
 
-from softrobot_env.rendering.figures import COLOURS, Style
-from softrobot_env.rendering.learning import plot_checks
+from softrobot_env.rendering.figures import COLOURS, Style, save
+from softrobot_env.rendering.learning import checks_figure
 from softrobot_env.rendering.tables import Column, PlainTable, make_table, new_table, spread
 from softrobot_env.training.several.runs import Run
 
@@ -144,4 +144,4 @@ def plot(runs: Sequence[Run], path: Path | str) -> None:
     left = len(kinds) - len(shown)
     note = f"; the best {len(shown)} of {len(kinds)} choices" if left else ""
     title = f"Closed-loop checks of {runs[0].training}: median and range of the seeds{note}"
-    plot_checks(trainings, title, path)
+    save(checks_figure(trainings, title), path)

@@ -1,0 +1,410 @@
+"""Trained policies over several seeds, and what PPO learns with nobody's tuning."""
+
+import json
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from softrobot_env.control.registry import make_policy, policy_environment
+from softrobot_env.core.artifacts import read_facts
+from softrobot_env.core.interfaces import Policy
+from softrobot_env.core.writing import write_text
+from softrobot_env.learned.network import Network
+from softrobot_env.rendering.figures import (
+    COLOURS,
+    REFERENCE,
+    Figure,
+    add_legend,
+    add_title,
+    new_figure,
+    plain_ticks,
+    style_of,
+)
+from softrobot_env.rendering.learning import checks_figure
+from softrobot_env.training.artifacts import save
+from softrobot_env.training.closed_loop_check import check
+from softrobot_env.training.imitation import ImitationConfig, imitate
+from softrobot_env.training.rl_config import DISTURBED, RLConfig, preset
+from studies.lab import (
+    Column,
+    Lab,
+    Record,
+    Study,
+    groups,
+    pivot,
+    quantity,
+    quiet,
+    spread,
+    table,
+    verdict,
+)
+
+SEEDS = (0, 1, 2)
+
+#: Processes that train at the same time, each on one core.
+_PROCESSES = 2
+
+# ---------------------------------------------------------------- presets over several seeds
+
+#: Where finished trainings are kept; they are not repeated.
+FOLDER = Path("out") / "learning"
+
+IMITATION = "imitation"
+
+#: Artifact or curve -> algorithm, whether it starts from the imitation of its seed, and whether
+#: robots and disturbances vary broadly.
+CASES = {
+    "ppo": ("ppo", False, False),
+    "sac": ("sac", False, False),
+    "sac_randomized": ("sac", False, True),
+    "ppo_tuned": ("ppo", True, False),
+    "ppo_randomized": ("ppo", True, True),
+}
+
+#: What is trained one after the other, in one process: what starts from a network comes after it.
+CHAINS = ((IMITATION, "ppo_tuned", "ppo_randomized"), ("ppo",), ("sac",), ("sac_randomized",))
+
+#: All that is cut short in a quick run.
+_QUICK_RL = {
+    "steps": 2000,
+    "critic_steps": 0,
+    "envs_per_task": 1,
+    "drawn_tasks": 1,
+    "trials": ({},),
+    "trial_duration": 0.2,
+}
+_QUICK_IMITATION = {"rounds": 1, "samples": 200, "shares": 1, "epochs": 1, "last_epochs": 1}
+
+
+@dataclass(frozen=True)
+class LearnedRow(Record):
+    """A training and closed-loop checks of its network.
+
+    Attributes:
+        policy, seed: What was trained.
+        minutes: That it took.
+        curve: Closed-loop checks during the training, see `watch.Point`.
+        swing_max, lshape_max: Largest error [m] on the nominal robot.
+        overshoot, settling_time: Of a step of 50 mm; None where it has none.
+        worst_modulus: Largest error [m] on swing and L-shape with another Young's modulus.
+        worst: The same with all other robots and disturbances as well.
+        failures, trials: Numbers of failed episodes and of all.
+    """
+
+    policy: str
+    seed: int
+    minutes: float
+    curve: list[dict[str, Any]]
+    swing_max: float
+    lshape_max: float
+    overshoot: float | None
+    settling_time: float | None
+    worst_modulus: float
+    worst: float
+    failures: int
+    trials: int
+
+
+def learn(lab: Lab) -> list[LearnedRow]:
+    """Train what is missing, then check all."""
+    seeds, folder = (SEEDS[:1], FOLDER / "quick") if lab.quick else (SEEDS, FOLDER)
+    jobs = [(chain, seed) for seed in seeds for chain in CHAINS]
+    lab.tasks([("training", partial(run_chain, *job, folder, lab.quick)) for job in jobs])
+    jobs = [(name, seed, folder, lab.quick) for name in (IMITATION, *CASES) for seed in seeds]
+    here = replace(lab, processes=0)
+    return here.tasks([(f"checks of {job[0]}", partial(_checked, *job)) for job in jobs])
+
+
+def run_chain(chain: tuple[str, ...], seed: int, folder: Path, quick: bool) -> None:
+    """Train what is missing in a folder: a network and a file of facts for each name."""
+    for name in chain:
+        settings, facts = _settings(name, seed, quick), _file(folder, name, seed, ".json")
+        if not facts.is_file() or read_facts(facts)["settings"] != settings:
+            _train(name, seed, folder, quick)
+
+
+def _train(name: str, seed: int, folder: Path, quick: bool) -> None:
+    from softrobot_env.training.rl import train
+
+    began, curve = perf_counter(), []
+    if name == IMITATION:
+        network = imitate(_imitation(quick), seed, quiet)
+    else:
+        warm = CASES[name][1]
+        start = Network.load(_file(folder, IMITATION, seed))[0] if warm else None
+        network, curve = train(_config(name, quick), seed, quiet, start)
+    folder.mkdir(parents=True, exist_ok=True)
+    save(network, _file(folder, name, seed), seed)
+    minutes, settings = (perf_counter() - began) / 60, _settings(name, seed, quick)
+    facts = {"minutes": minutes, "curve": curve, "settings": settings}
+    write_text(_file(folder, name, seed, ".json"), json.dumps(facts))
+
+
+def _imitation(quick: bool) -> ImitationConfig:
+    return replace(ImitationConfig(), processes=0, **(_QUICK_IMITATION if quick else {}))
+
+
+def _config(name: str, quick: bool) -> RLConfig:
+    return replace(preset(*CASES[name]), **(_QUICK_RL if quick else {}))
+
+
+def _settings(name: str, seed: int, quick: bool) -> dict[str, Any]:
+    """All that a training depends on, of the network it starts from as well."""
+    found: dict[str, Any] = {"seed": seed}
+    if name == IMITATION or CASES[name][1]:
+        found["imitation"] = asdict(_imitation(quick))
+    if name != IMITATION:
+        found["config"] = asdict(_config(name, quick))
+    return json.loads(json.dumps(found))
+
+
+def _file(folder: Path, name: str, seed: int, suffix: str = ".npz") -> Path:
+    return folder / f"{name}_{seed}{suffix}"
+
+
+def _checked(name: str, seed: int, folder: Path, quick: bool) -> LearnedRow:
+    """Figures of a network, on the nominal robot and on others."""
+    facts = read_facts(_file(folder, name, seed, ".json"))
+    network, _ = Network.load(_file(folder, name, seed))
+    rows = check(network, ({},) if quick else DISTURBED, 0.2 if quick else None)
+    tracking = {label: row.e_max for label, row in rows.items() if row.step is None}
+    moduli = [e for label, e in tracking.items() if "," not in label or "youngs_modulus" in label]
+    step = rows["step 50 mm"].step
+    return LearnedRow(
+        policy=name,
+        seed=seed,
+        minutes=facts["minutes"],
+        curve=facts["curve"],
+        swing_max=tracking["swing"],
+        lshape_max=tracking["lshape"],
+        overshoot=step.overshoot,
+        settling_time=step.settling_time,
+        worst_modulus=max(moduli),
+        worst=max(tracking.values()),
+        failures=sum(row.failure is not None for row in rows.values()),
+        trials=len(rows),
+    )
+
+
+def _spread(name: str, factor: float = 1.0) -> Any:
+    def cell(rows: list[LearnedRow]) -> str:
+        found = [getattr(row, name) for row in rows]
+        values = [None if value is None else factor * value for value in found]
+        largest = max((value for value in values if value), default=0)
+        return spread(values, ".0f" if largest >= 100 else ".3g")
+
+    return cell
+
+
+_CHECKS = (
+    "Closed-loop checks: swing, L-shape and steps of 50, 100 and 200 mm, nominal, Young's modulus "
+    "x 0.5 and 1.5, and (disturbed) density x 0.6, damping x 0.5, tension gain 0.9, friction "
+    "0.5 N, delay 10 ms, sensor noise 1 as well. The best network of a training was chosen by the "
+    "first kinds of checks, of a randomised one by all. Failed checks count up to their failure. "
+    "Minutes on one core, two trainings at a time; a warm training comes after its imitation."
+)
+_CURVES = (
+    "Checks of the mean action during training, swing and L-shape also with E x 0.5 and x 1.5: "
+    "median and range of the seeds"
+)
+
+
+def _learning_curves(rows: list[LearnedRow]) -> Figure:
+    learned = groups((row for row in rows if row.curve), "policy")
+    return checks_figure(
+        {name: (style_of(name), [row.curve for row in mine]) for (name,), mine in learned.items()},
+        _CURVES,
+    )
+
+
+def _learned(title: str, columns: dict[str, Any]) -> Any:
+    title = f"{title}: median of the seeds (least to largest)"
+    return pivot(title, ("policy",), columns, headings=("training",))
+
+
+LEARNING = Study(
+    kinds=(LearnedRow,),
+    stages=learn,
+    processes=_PROCESSES,
+    tables=[
+        _learned(
+            "nominal robot",
+            {
+                "swing max mm": _spread("swing_max", 1e3),
+                "L-shape max mm": _spread("lshape_max", 1e3),
+                "step 50 mm: overshoot %": _spread("overshoot", 100),
+                "settling s": _spread("settling_time"),
+            },
+        ),
+        _learned(
+            "other robots, disturbances, cost",
+            {
+                "E x 0.5 to 1.5: max mm": _spread("worst_modulus", 1e3),
+                "disturbed: max mm": _spread("worst", 1e3),
+                "failures": _spread("failures"),
+                "minutes": _spread("minutes"),
+            },
+        ),
+    ],
+    note=_CHECKS,
+    plots={"{}": _learning_curves},
+)
+
+# ---------------------------------------------------------------- PPO as it comes
+
+#: Environments side by side. More of them make fewer updates of as many steps.
+ENVIRONMENTS = 4
+
+#: Steps of a training; stable-baselines3 goes on to the end of the last rollout.
+STEPS = 200_000
+
+#: Seed of the first episode that policies are compared on; none of a training has it.
+_FIRST_EPISODE = 10_000
+
+
+@dataclass(frozen=True)
+class Goal:
+    """An environment, and the error to undercut.
+
+    Attributes:
+        env_id: Of the environment.
+        goal: [m], mean error, or the policy whose mean error on the same episodes it is.
+        episodes: On which it counts; one where all are alike.
+        options: Of the environment.
+    """
+
+    env_id: str
+    goal: float | str
+    episodes: int = 1
+    options: dict[str, Any] = field(default_factory=dict)
+
+
+GOALS = {
+    "ArmStep": Goal("SoftRobot/ArmStep-v0", 1e-3),
+    "ArmSwing": Goal("SoftRobot/ArmSwing-v0", 5e-3),
+    "RigReach": Goal("SoftRobot/RigReach-v0", "rig_nn", 5),
+    "hanging_trunk": Goal(
+        "SoftRobot/Track-v0", "static", 1, {"robot": "hanging_trunk", "task": "circle"}
+    ),
+}
+
+
+@dataclass(frozen=True)
+class DefaultsRow(Record):
+    """A training.
+
+    Attributes:
+        case: Name of the environment.
+        seed: Of the training.
+        steps: That it took, of all environments together.
+        error: Mean error of the mean action after it; None if an episode failed.
+        goal: Mean error to undercut.
+        goal_policy: The policy whose error that is, on the same episodes; None for a number.
+        minutes: That it took, checks included.
+        curve: Steps and mean error [m] before, during and after it.
+    """
+
+    case: str
+    seed: int = quantity(form="d")
+    steps: int = quantity(form="d")
+    error: float | None = quantity("mm", ".3g", "mean error")
+    goal: float = quantity("mm", ".3g")
+    goal_policy: str | None
+    minutes: float = quantity(form=".2g")
+    curve: list[tuple[int, float | None]]
+
+    @property
+    def good(self) -> bool:
+        """Whether the goal is undercut."""
+        return self.error is not None and self.error < self.goal
+
+
+def mean_error(env: gymnasium.Env, policy: Policy, episodes: int) -> float:
+    """Mean error [m] of a policy over all instants of some episodes, infinite if one failed."""
+    errors = []
+    for k in range(episodes):
+        observation, _ = env.reset(seed=_FIRST_EPISODE + k)
+        state, over = None, False
+        while not over:
+            action, state = policy.predict(observation, state, deterministic=True)
+            observation, _, failed, ended, info = env.step(action)
+            errors.append(np.inf if failed else info["error"])
+            over = failed or ended
+    return float(np.mean(errors))
+
+
+def goal_of(goal: Goal) -> float:
+    """The mean error [m] to undercut."""
+    if not isinstance(goal.goal, str):
+        return goal.goal
+    env = gymnasium.make(goal.env_id, **goal.options, **policy_environment(goal.goal))
+    return mean_error(env, make_policy(goal.goal, env), goal.episodes)
+
+
+def train_defaults(case: tuple[str, int, bool]) -> DefaultsRow:
+    """Train in the environment of a name with a seed; quick: one rollout and one episode."""
+    from softrobot_env.training.default_ppo import train
+    from softrobot_env.training.vec_env import make_vec_env
+
+    name, seed, quick = case
+    goal = replace(GOALS[name], episodes=1) if quick else GOALS[name]
+    options = goal.options | {"observe_as": "vector"}
+    env, began = gymnasium.make(goal.env_id, **options), perf_counter()
+    training = make_vec_env(goal.env_id, ENVIRONMENTS, threads=1, **options)
+    error_of = partial(mean_error, env, episodes=goal.episodes)
+    found = train(training, seed, 1 if quick else STEPS, error_of)
+    minutes = (perf_counter() - began) / 60
+    curve = [(step, error if error < float("inf") else None) for step, error in found]
+    policy = goal.goal if isinstance(goal.goal, str) else None
+    return DefaultsRow(name, seed, *curve[-1], goal_of(goal), policy, minutes, curve)
+
+
+def _defaults_curves(rows: list[DefaultsRow]) -> Figure:
+    """The mean error over environment steps, each seed a line, and the goal."""
+    cases = groups(rows, "case")
+    figure, (axes,) = new_figure(1, len(cases), (2.5 * len(cases), 3.3))
+    for axis, ((name,), mine) in zip(axes, cases.items(), strict=True):
+        for row, colour in zip(mine, COLOURS, strict=False):
+            steps, errors = zip(*row.curve, strict=True)
+            values = [np.nan if error is None else 1e3 * error for error in errors]
+            axis.plot(np.array(steps) / 1e3, values, ".-", color=colour, label=f"seed {row.seed}")
+        axis.axhline(1e3 * mine[0].goal, **REFERENCE | {"label": "goal"})
+        axis.set(title=name, yscale="log", xlabel="thousand steps")
+        plain_ticks(axis, "y")
+    axes[0].set_ylabel("mean error [mm]")
+    good = sum(row.good for row in rows)
+    title = f"PPO with its default settings reaches the goal in {good} of {len(rows)} trainings"
+    add_title(figure, title)
+    add_legend(figure, axes[0])
+    return figure
+
+
+PPO_DEFAULTS = Study(
+    kinds=(DefaultsRow,),
+    cases=lambda quick: [(name, k, quick) for name in GOALS for k in SEEDS[: 1 if quick else None]],
+    measure=train_defaults,
+    processes=_PROCESSES,
+    tables=[
+        table(
+            "PPO as stable-baselines3 comes, from nothing",
+            Column("environment", "case"),
+            "seed",
+            "steps",
+            "error",
+            "goal",
+            Column("goal is", lambda row: row.goal_policy or "given"),
+            Column("met", lambda row: verdict(row.good), ">"),
+            "minutes",
+        )
+    ],
+    note=f'PPO("MlpPolicy", env) on {ENVIRONMENTS} environments of make_vec_env(id, '
+    f'{ENVIRONMENTS}, observe_as="vector"). Mean error over whole episodes, the first instants of '
+    "a step included, of the mean action; a goal that is a policy is its mean error on the same "
+    "episodes.",
+    plots={"{}": _defaults_curves},
+)

@@ -1,1 +1,0 @@
-"""Learning curves and figures of trained policies over several seeds."""
