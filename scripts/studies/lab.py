@@ -33,7 +33,8 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from softrobot_env.benchmarks.records import (
+from softrobot_env.core.jobs import Progress, quiet, run_in_processes
+from softrobot_env.core.runs import (
     Record,
     for_pictures,
     groups,
@@ -42,7 +43,6 @@ from softrobot_env.benchmarks.records import (
     one,
     select,
 )
-from softrobot_env.core.jobs import Progress, quiet, run_in_processes
 from softrobot_env.rendering.figures import (
     COLOURS,
     Axes,

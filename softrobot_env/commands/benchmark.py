@@ -5,12 +5,12 @@ from pathlib import Path
 
 from rich.console import Console
 
-from softrobot_env.benchmarks.records import Record
 from softrobot_env.commands import own_robot
 from softrobot_env.commands.arguments import add_robot, add_workers, seed
 from softrobot_env.commands.output import add_out, changed_results, drawn, new_results
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.core.processes import using
+from softrobot_env.core.runs import Record
 from softrobot_env.core.studies import BENCHMARKS, Benchmark, measured
 from softrobot_env.core.writing import write_text
 from softrobot_env.evaluation import stored

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softrobot_env.benchmarks.records import Record, for_pictures, groups, select
+from softrobot_env.core.runs import Record, for_pictures, groups, select
 
 
 @dataclass(frozen=True)

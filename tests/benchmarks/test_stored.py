@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softrobot_env.benchmarks.records import Record, for_pictures
 from softrobot_env.benchmarks.registry import Old
 from softrobot_env.cli import main
 from softrobot_env.core.artifacts import read_tree, write_tree
+from softrobot_env.core.runs import Record, for_pictures
 from softrobot_env.core.studies import BENCHMARKS
 from softrobot_env.evaluation import stored
 from softrobot_env.evaluation.rollout import Rollout
