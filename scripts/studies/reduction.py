@@ -82,8 +82,8 @@ class PathRow(Record):
     thesis: float | None
     fit_time: float | None
     predict_time: float | None
-    measured: np.ndarray | None = for_pictures()  # noqa: RUF009
-    predicted: np.ndarray | None = for_pictures()  # noqa: RUF009
+    measured: np.ndarray | None = for_pictures()
+    predicted: np.ndarray | None = for_pictures()
 
 
 @dataclass(frozen=True)
@@ -166,8 +166,8 @@ class SpectrumRow(Record):
     decay: float = quantity("1/s", ".3g")
     frequency: float = quantity("rad/s", ".3g")
     separation: float = quantity("", ".3g", "others decay times as fast")
-    decay_path: np.ndarray | None = for_pictures()  # noqa: RUF009
-    excited: np.ndarray | None = for_pictures()  # noqa: RUF009
+    decay_path: np.ndarray | None = for_pictures()
+    excited: np.ndarray | None = for_pictures()
 
 
 # -------------------- motion to learn from, and paths to be predicted

@@ -66,7 +66,7 @@ class Row(Record):
     thesis: float | None = quantity("", ".3g", default=None)
     goal: float | None = quantity("", ".3g", default=None)
     note: str = ""
-    curves: dict[str, Any] | None = for_pictures()  # noqa: RUF009
+    curves: dict[str, Any] | None = for_pictures()
 
     @property
     def met(self) -> bool | None:
