@@ -133,9 +133,8 @@ CONVERGES_TO = {"pcc": "elastica", "cosserat": "exact_rod", "ancf": "exact_rod_k
 #: [N m] that the printed twist belongs to.
 MOMENT = 0.01
 
-_TIP = "tip_deflection_m"
-_CURVE_POINTS = 41
-_CURVE_PIECES = 5
+_TIP, _FREQUENCY, _TO_THEORY = "tip_deflection_m", "frequency_Hz", "relative_to_euler_bernoulli"
+_CURVE_POINTS, _CURVE_PIECES = 41, 5
 _MOMENT = "the printed moment of 0.1 N m does not give the printed angle"
 _LAST = "as in the thesis: the angle of the last section, half a piece before the tip"
 _LOCKING = "Poisson locking: the sections can only deform uniformly"
@@ -144,6 +143,32 @@ _LOCKING = "Poisson locking: the sections can only deform uniformly"
 def deflection(model: BeamModel) -> float:
     """Tip deflection [m] under gravity, positive downwards."""
     return float(-model.tip(model.equilibrium(check_stability=False))[0])
+
+
+def _theory_rows(figure: str, name: str, y_name: str, found: dict, audit: dict) -> list[Row]:
+    """Lines of beam theories: model -> y."""
+    return [
+        make_row(figure, name, model, None, y_name, y, audit=audit[name, model])
+        for model, y in found.items()
+    ]
+
+
+def _locked_rows(
+    figure: str,
+    name: str,
+    robot: RobotParams,
+    pieces: tuple[int, ...],
+    y_name: str,
+    measure: Callable[[BeamModel], float],
+    **note: str,
+) -> list[Row]:
+    """ANCF with the Poisson ratio of silicone, by law of the plane."""
+    silicone, rows = replace(robot, poisson_ratio=SILICONE), []
+    for plane, case in LOCKED.items():
+        for n in pieces:
+            y = measure(build("ancf", silicone, n, plane=plane))
+            rows.append(make_row(figure, f"{name}, {case}", "ancf", n, y_name, y, **note))
+    return rows
 
 
 def deflection_rows(pieces: tuple[int, ...]) -> list[Row]:
@@ -155,28 +180,18 @@ def deflection_rows(pieces: tuple[int, ...]) -> list[Row]:
             for n in pieces:
                 found = deflection(build(model, robot, n))
                 rows.append(make_row("2.11", name, model, n, _TIP, found, audit=audit.get(n)))
-        rows += _locked_rows(name, robot, pieces)
-        rows += _theory_rows(name, robot)
+        for row in _locked_rows("2.11", name, robot, pieces, _TIP, deflection, note=_LOCKING):
+            plane = row.case.rpartition(" ")[2]
+            known = values.LOCKED_DEFLECTION[plane] if (name, row.n) == ("stiff", 20) else None
+            rows.append(replace(row, audit=known))
+        theory = _deflections_by_theory(name, robot)
+        rows += _theory_rows("2.11", name, _TIP, theory, values.DEFLECTION_THEORY)
     return rows + _threshold_rows(rows)
 
 
-def _locked_rows(name: str, robot: RobotParams, pieces: tuple[int, ...]) -> list[Row]:
-    silicone = replace(robot, poisson_ratio=SILICONE)
-    rows = []
-    for plane, case in LOCKED.items():
-        for n in pieces:
-            found = deflection(build("ancf", silicone, n, plane=plane))
-            known = (name, n) == ("stiff", 20)
-            audit = values.LOCKED_DEFLECTION[plane] if known else None
-            label = f"{name}, {case}"
-            rows.append(make_row("2.11", label, "ancf", n, _TIP, found, audit=audit, note=_LOCKING))
-    return rows
-
-
-def _theory_rows(name: str, robot: RobotParams) -> list[Row]:
-    """Lines of the beam theories; those for small deflections hold for the stiff set only."""
+def _deflections_by_theory(name: str, robot: RobotParams) -> dict[str, float]:
+    """Deflections [m] of beams; theories of small deflections hold for the stiff set only."""
     load = 9.81 * robot.mass_per_length
-    shear = SHEAR_COEFFICIENT * robot.youngs_modulus / 2 * robot.area
     rods = {"elastica": None, "exact_rod": SHEAR_COEFFICIENT, "exact_rod_k1": 1.0}
     found = {
         model: -bent_rod(robot.length, section(robot, k), (-load, 0.0)).tip[0]
@@ -184,15 +199,10 @@ def _theory_rows(name: str, robot: RobotParams) -> list[Row]:
     }
     if name == "stiff":
         beam = robot.length, robot.bending_stiffness
-        found |= {
-            "euler_bernoulli": euler_bernoulli_deflection(*beam, distributed=load),
-            "timoshenko": timoshenko_deflection(*beam, shear, distributed=load),
-        }
-    audit = values.DEFLECTION_THEORY
-    return [
-        make_row("2.11", name, model, None, _TIP, y, audit=audit[name, model])
-        for model, y in found.items()
-    ]
+        shear = SHEAR_COEFFICIENT * robot.youngs_modulus / 2 * robot.area
+        found["euler_bernoulli"] = euler_bernoulli_deflection(*beam, distributed=load)
+        found["timoshenko"] = timoshenko_deflection(*beam, shear, distributed=load)
+    return found
 
 
 def _threshold_rows(rows: list[Row]) -> list[Row]:
@@ -201,19 +211,15 @@ def _threshold_rows(rows: list[Row]) -> list[Row]:
     found = {(r.case, r.model, r.n): r.y for r in rows}
     out = []
     for model, limit in CONVERGES_TO.items():
-        converged = found["weak", limit, None]
-        errors = {
-            n: abs(y / converged - 1) for (c, m, n), y in found.items() if (c, m) == ("weak", model)
-        }
+        mine = {r.n: r.y for r in select(rows, case="weak", model=model)}
+        errors = {n: abs(y / found["weak", limit, None] - 1) for n, y in mine.items()}
         enough = [n for n in errors if all(errors[k] < 0.05 for k in errors if k >= n)]
-        thesis = values.PIECES_FOR_5_PERCENT[model]
-        printed = {"thesis": thesis, "audit": thesis}
+        printed = dict.fromkeys(("thesis", "audit"), values.PIECES_FOR_5_PERCENT[model])
         name = "pieces_for_5_percent"
         out.append(make_row("2.11", "weak", model, None, name, min(enough), **printed))
     error = found["stiff", "pcc", 1] / found["stiff", "euler_bernoulli", None] - 1
     printed = {"thesis": -0.005, "audit": values.ONE_PIECE_ERROR}
-    name = "relative_to_euler_bernoulli"
-    return [*out, make_row("2.11", "stiff", "pcc", 1, name, error, **printed)]
+    return [*out, make_row("2.11", "stiff", "pcc", 1, _TO_THEORY, error, **printed)]
 
 
 def centreline_rows() -> list[Row]:
@@ -222,9 +228,9 @@ def centreline_rows() -> list[Row]:
     for model in MODELS:
         beam = build(model, CANTILEVER_WEAK, _CURVE_PIECES)
         stations = np.linspace(0, beam.robot.length, _CURVE_POINTS)
+        curve = "2.12", "weak", model, _CURVE_PIECES, "deflection_m"
         for y, _, along in beam.positions(beam.equilibrium(), stations):
-            curve = "2.12", "weak", model, _CURVE_PIECES
-            rows.append(make_row(*curve, "deflection_m", -y, ("along_m", along)))
+            rows.append(make_row(*curve, -y, ("along_m", along)))
     return rows
 
 
@@ -232,32 +238,28 @@ def torsion_rows(pieces: tuple[int, ...]) -> list[Row]:
     """Fig. 2.14 with the moment that its printed angle belongs to, 0.01 N m (audit)."""
     robot = weightless(CANTILEVER_WEAK)
     load = Load("twist", robot.length, moment=(0.0, 0.0, MOMENT))
-    exact = torsion_angle(robot, MOMENT)
-    tenfold, thesis = torsion_angle(robot, 10 * MOMENT), {"thesis": values.TWIST}
-    printed = thesis | {"audit": values.TWIST_AS_PRINTED, "note": _MOMENT}
+
+    def row(case: str, model: str, n: int | None, angle: float, **others: Any) -> Row:
+        return make_row("2.14", case, model, n, "twist_rad", angle, **others)
+
+    exact, thesis = torsion_angle(robot, MOMENT), {"thesis": values.TWIST}
+    tenfold = thesis | {"audit": values.TWIST_AS_PRINTED, "note": _MOMENT}
     rows = [
-        _twist_row("0.01 N m", "analytic", None, exact, **thesis, audit=values.TWIST),
-        _twist_row("0.1 N m", "analytic", None, tenfold, **printed),
+        row("0.01 N m", "analytic", None, exact, **thesis, audit=values.TWIST),
+        row("0.1 N m", "analytic", None, torsion_angle(robot, 10 * MOMENT), **tenfold),
     ]
     for model in MODELS:
         for n in pieces:
             beam = build(model, robot, n, (load,), planar=False)
             q = beam.equilibrium(np.ones(1), check_stability=False)
-            rows.append(_twist_row("tip", model, n, tip_twist(beam, q), audit=exact))
+            rows.append(row("tip", model, n, tip_twist(beam, q), audit=exact))
             if isinstance(beam, CosseratRod):
-                angle = 2 * np.arctan2(q[-1], q[-4])
-                known = {"audit": exact * (1 - 1 / (2 * n)), "note": _LAST}
-                rows.append(_twist_row("last section", model, n, angle, **known))
+                angle, audit = 2 * np.arctan2(q[-1], q[-4]), exact * (1 - 1 / (2 * n))
+                rows.append(row("last section", model, n, angle, audit=audit, note=_LAST))
     return rows
 
 
-def _twist_row(case: str, model: str, n: int | None, angle: float, **others: object) -> Row:
-    return make_row("2.14", case, model, n, "twist_rad", angle, **others)
-
-
 # -------------------- first bending and torsional frequencies: Fig. 2.13 and 2.15
-
-_FREQUENCY = "frequency_Hz"
 
 #: Number of pieces of the thesis' statements on Fig. 2.13.
 _FINEST = 14
@@ -275,31 +277,19 @@ def bending_rows(pieces: tuple[int, ...]) -> list[Row]:
     rows = []
     for name, heavy in SETS.items():
         robot = weightless(heavy)
-        rows += _frequency_theory_rows(name, robot)
+        beam = robot.length, robot.bending_stiffness, robot.mass_per_length
+        theory = {
+            "euler_bernoulli": euler_bernoulli_frequency(*beam),
+            "timoshenko": bending_frequency(robot, SHEAR_COEFFICIENT),
+        }
+        rows += _theory_rows("2.13", name, _FREQUENCY, theory, values.FREQUENCY_THEORY)
         for model in MODELS:
             audit = values.FREQUENCY[name, model]
             for n in pieces:
                 found = mode_frequency(build(model, robot, n))
                 rows.append(make_row("2.13", name, model, n, _FREQUENCY, found, audit=audit.get(n)))
-        silicone = replace(robot, poisson_ratio=SILICONE)
-        for plane, case in LOCKED.items():
-            for n in pieces:
-                found = mode_frequency(build("ancf", silicone, n, plane=plane))
-                rows.append(make_row("2.13", f"{name}, {case}", "ancf", n, _FREQUENCY, found))
+        rows += _locked_rows("2.13", name, robot, pieces, _FREQUENCY, mode_frequency)
     return rows + [row for name in SETS for row in _spread_rows(name, rows)]
-
-
-def _frequency_theory_rows(name: str, robot: RobotParams) -> list[Row]:
-    beam = robot.length, robot.bending_stiffness, robot.mass_per_length
-    found = {
-        "euler_bernoulli": euler_bernoulli_frequency(*beam),
-        "timoshenko": bending_frequency(robot, SHEAR_COEFFICIENT),
-    }
-    audit = values.FREQUENCY_THEORY
-    return [
-        make_row("2.13", name, model, None, _FREQUENCY, y, audit=audit[name, model])
-        for model, y in found.items()
-    ]
 
 
 def _spread_rows(name: str, rows: list[Row]) -> list[Row]:
@@ -308,14 +298,14 @@ def _spread_rows(name: str, rows: list[Row]) -> list[Row]:
     theory = mine["euler_bernoulli", None]
     finest = {model: mine[model, _FINEST] for model in MODELS}
     spread = (max(finest.values()) - min(finest.values())) / min(finest.values())
-    known = {"audit": 0.008 if name == "weak" else None, "note": _BOUND}
-    known |= {"thesis": values.MODEL_SPREAD}
-    out = [make_row("2.13", name, "all", _FINEST, "spread_of_models", spread, **known)]
+    known = {"thesis": values.MODEL_SPREAD, "audit": 0.008 if name == "weak" else None}
+    curve = "2.13", name, "all", _FINEST, "spread_of_models"
+    out = [make_row(*curve, spread, **known, note=_BOUND)]
     for model, found in finest.items():
         audit = values.THEORY_DISTANCE_AUDIT.get((name, model))
         known = {"thesis": values.THEORY_DISTANCE, "audit": audit, "note": f"{_BOUND}; {_REAL}"}
-        quantity = "relative_to_euler_bernoulli", found / theory - 1
-        out.append(make_row("2.13", name, model, _FINEST, *quantity, **known))
+        curve = "2.13", name, model, _FINEST, _TO_THEORY
+        out.append(make_row(*curve, found / theory - 1, **known))
     return out
 
 
@@ -324,20 +314,19 @@ def torsional_rows(pieces: tuple[int, ...]) -> list[Row]:
     rows = []
     for ratio, audit in values.TORSION_FREQUENCY.items():
         robot = replace(weightless(CANTILEVER_WEAK), poisson_ratio=ratio)
-        case = f"nu = {ratio:g}"
-        exact = torsion_frequency(robot)
+        case, exact = f"nu = {ratio:g}", torsion_frequency(robot)
         rows.append(make_row("2.15", case, "analytic", None, _FREQUENCY, exact, audit=audit))
         for model in MODELS:
+            lumped = values.TORSION_FREQUENCY_LUMPED if ratio == 0 and model != "ancf" else {}
             for n in pieces:
                 found = mode_frequency(build(model, robot, n, planar=False), torsion=True)
-                lumped = ratio == 0 and model != "ancf"
-                known = values.TORSION_FREQUENCY_LUMPED.get(n) if lumped else None
-                rows.append(make_row("2.15", case, model, n, _FREQUENCY, found, audit=known))
+                rows.append(
+                    make_row("2.15", case, model, n, _FREQUENCY, found, audit=lumped.get(n))
+                )
     rod = {r.n: r.y for r in rows if (r.case, r.model) == ("nu = 0", "cosserat")}
-    finest = max(rod)
     known = {"audit": values.TORSION_FREQUENCY_PRINTED, "note": _PRINTED_FACTOR}
-    curve = "2.15", "nu = 0, printed (2.44)", "cosserat", finest
-    return [*rows, make_row(*curve, _FREQUENCY, 4 * rod[finest], **known)]
+    curve = "2.15", "nu = 0, printed (2.44)", "cosserat", max(rod), _FREQUENCY
+    return [*rows, make_row(*curve, 4 * rod[max(rod)], **known)]
 
 
 # -------------------- the Cosserat rod: Fig. 2.4 (drift), 2.5 and 2.6 (weighting functions)
@@ -350,8 +339,6 @@ TOLERANCES = ((1e-3, 1e-6), (1e-5, 1e-8))
 _PIECES = 5
 
 _BIN = 0.1  # s
-
-_PROJECTED, _FREE = "projected", "not projected"
 
 
 def weighting_rows() -> list[Row]:
@@ -375,20 +362,22 @@ def influence_rows() -> list[Row]:
                 rod = build("cosserat", CANTILEVER_WEAK, n, weighting=kind, moments=moments)
                 found[moments, n, kind] = y = deflection(rod)
                 audit = values.WEIGHTINGS[n][kind - 1] if moments == "printed" else None
-                curve, x = ("2.6", moments, "cosserat", n), ("weighting", kind)
-                rows.append(make_row(*curve, "tip_deflection_m", y, x, audit=audit))
-    spreads = {"printed": values.SPREAD_PRINTED, "conservative": values.SPREAD_CONSERVATIVE}
-    for moments, audit in spreads.items():
+                curve, x = ("2.6", moments, "cosserat", n, _TIP), ("weighting", kind)
+                rows.append(make_row(*curve, y, x, audit=audit))
+    for moments, audit, thesis in (
+        ("printed", values.SPREAD_PRINTED, values.SPREAD_THESIS),
+        ("conservative", values.SPREAD_CONSERVATIVE, {}),
+    ):
         for n, expected in audit.items():
             all_ = [found[moments, n, kind] for kind in WEIGHTINGS]
-            thesis = values.SPREAD_THESIS[n] if moments == "printed" else None
-            quantity, known = ("spread_m", max(all_) - min(all_)), {"thesis": thesis}
-            rows.append(make_row("2.6", moments, "cosserat", n, *quantity, **known, audit=expected))
+            known = {"thesis": thesis.get(n), "audit": expected}
+            curve = "2.6", moments, "cosserat", n, "spread_m"
+            rows.append(make_row(*curve, max(all_) - min(all_), **known))
     for kind, expected in values.REFINEMENT.items():
         change = found["printed", 3, kind] - found["printed", 5, kind]
-        curve = "2.6", f"printed, xi_{kind}", "cosserat", None
+        curve = "2.6", f"printed, xi_{kind}", "cosserat", None, "change_from_3_to_5_pieces_m"
         known = {"thesis": values.REFINEMENT_THESIS, "audit": expected}
-        rows.append(make_row(*curve, "change_from_3_to_5_pieces_m", change, **known))
+        rows.append(make_row(*curve, change, **known))
     return rows
 
 
@@ -402,7 +391,7 @@ def drift_rows(duration: float) -> list[Row]:
     rows = []
     for tolerances, thesis in zip(TOLERANCES, values.DRIFT, strict=True):
         for solver, projected in ((BDF, False), (Radau, False), (Radau, True)):
-            case = f"{solver.__name__}, {_PROJECTED if projected else _FREE}, {tolerances[0]:g}"
+            case = f"{solver.__name__}, {'' if projected else 'not '}projected, {tolerances[0]:g}"
             times, drifts = _drift(solver, tolerances, projected, duration)
             curve = "2.4", case, "cosserat", _PIECES
             for start in np.arange(0, duration - _BIN / 2, _BIN):
@@ -503,13 +492,10 @@ def _first_order_rows(rows: list[Row]) -> list[Row]:
     """First order with an error below 1e-3, by reference."""
     out = []
     for case in (f"legendre, against order {HIGHEST}", "legendre, against exact"):
-        good = [int(r.x) for r in rows if r.case == case and r.y < _LIMIT]
-        first = min(good) if good else None
-        note = None if good else "no order computed has an error below 1e-3"
-        row = make_row(
-            "2.8", case, "ancf", 1, "first_order_below_1e-3", first, thesis=values.ORDER, note=note
-        )
-        out.append(row)
+        first = min((int(r.x) for r in rows if r.case == case and r.y < _LIMIT), default=None)
+        note = "no order computed has an error below 1e-3" if first is None else None
+        curve = "2.8", case, "ancf", 1, "first_order_below_1e-3"
+        out.append(make_row(*curve, first, thesis=values.ORDER, note=note))
     return out
 
 
@@ -666,6 +652,7 @@ _MOST_STEPS = 400_000  # of an explicit solver
 
 _OWN = "distance to the model's own converged motion"
 _BETWEEN = f"{_OWN}, the tip moving straight from step to step"
+_APART = "PCC has no shear, which separates the models by more than the thesis states (audit)"
 _UNEVEN = "19 equal steps; the audit's numbers probably include the tip after 3 s"
 _FIRST = "ours starts with a thousandth of the motion"
 _EXCHANGED = "the thesis' columns of ode15s and ode45 are exchanged for this model (audit)"
@@ -676,21 +663,9 @@ def spiral_model(model: str, n: int) -> BeamModel:
     return build(model, ROBOT, n, loads(), planar=False)
 
 
-@dataclass(frozen=True)
-class Curve:
-    """Tip (301, 3) [m] of an accurate simulation of a model with n pieces."""
-
-    model: str
-    n: int
-    tip: np.ndarray
-
-    def distances(self, other: np.ndarray) -> tuple[float, float]:
-        """Mean and largest distance [m] to another tip (301, 3) [m]."""
-        return _mean_and_largest(self.tip - other)
-
-
-def _mean_and_largest(difference: np.ndarray) -> tuple[float, float]:
-    distance = np.linalg.norm(difference, axis=1)
+def distances(tip: np.ndarray, other: np.ndarray) -> tuple[float, float]:
+    """Mean and largest distance [m] between two tips (k, 3) [m]."""
+    distance = np.linalg.norm(tip - other, axis=1)
     return float(distance.mean()), float(distance.max())
 
 
@@ -702,64 +677,56 @@ def _signal() -> signals.Signal:
     return signals.smooth(force, DURATION)
 
 
-def curve(model: str, n: int) -> Curve:
-    """Accurate simulation of a model."""
-    beam = spiral_model(model, n)
-    return Curve(model, n, beam.tip(_simulate(beam, tolerance=_ACCURATE).q))
-
-
-# ---------------------------------------------------------------- Fig. 2.20 to 2.22
-
-
 def curve_rows(sizes: dict[str, tuple[int, ...]]) -> list[Row]:
-    """Fig. 2.20 to 2.22, the finest curve of each model making up the mean of the three."""
-    curves = [curve(model, n) for model in MODELS for n in sizes[model]]
-    finest = [max((c for c in curves if c.model == m), key=lambda c: c.n) for m in MODELS]
-    mean = np.mean([c.tip for c in finest], axis=0)
-    rows = []
-    for each in curves:
-        rows += _distance_rows(each, mean, each in finest)
-        rows += _size_rows(each)
-    shown = [c for c in curves if c.n == values.CHOSEN[c.model]]
-    for model, n, tip in [*((c.model, c.n, c.tip) for c in shown), ("mean of models", None, mean)]:
+    """Fig. 2.20 to 2.22, the finest motion of each model making up the mean of the three."""
+    tips = {}
+    for model in MODELS:
+        for n in sizes[model]:
+            beam = spiral_model(model, n)
+            tips[model, n] = beam.tip(_simulate(beam, tolerance=_ACCURATE).q)
+    finest = [(model, max(sizes[model])) for model in MODELS]
+    mean, rows = np.mean([tips[key] for key in finest], axis=0), []
+    for key, tip in tips.items():
+        rows += _distance_rows(key, distances(tip, mean), key in finest) + _size_rows(key, tip)
+    shown = {key: tip for key, tip in tips.items() if key[1] == values.CHOSEN[key[0]]}
+    for key, tip in (shown | {("mean of models", None): mean}).items():
         for k in range(0, len(tip), _SHOWN):
             x, y, _ = tip[k]
-            rows.append(make_row("2.21", "spiral", model, n, "tip_x_m", x, ("time_s", k * PERIOD)))
-            rows.append(make_row("2.22", "spiral", model, n, "tip_y_m", y, ("tip_x_m", x)))
+            rows.append(make_row("2.21", "spiral", *key, "tip_x_m", x, ("time_s", k * PERIOD)))
+            rows.append(make_row("2.22", "spiral", *key, "tip_y_m", y, ("tip_x_m", x)))
     return rows
 
 
-def _distance_rows(each: Curve, mean: np.ndarray, finest: bool) -> list[Row]:
+def _distance_rows(key: tuple[str, int], found: tuple[float, float], finest: bool) -> list[Row]:
     """Distances to the mean of the models; bounds of the thesis for some."""
-    found = each.distances(mean)
-    audit = values.SPIRAL_DISTANCE.get((each.model, each.n), (None, None))
-    thesis, note = (None, None), None
+    audit = values.SPIRAL_DISTANCE.get(key, (None, None))
+    thesis, notes = (None, None), []
     if finest:
         thesis = values.FINEST_BOUND
-        note = "PCC has no shear, which separates the models by more than the thesis states (audit)"
-    elif values.CHOSEN[each.model] == each.n:
+        notes = [
+            "PCC has no shear, which separates the models by more than the thesis states (audit)"
+        ]
+    elif values.CHOSEN[key[0]] == key[1]:
         thesis = values.CHOSEN_BOUND
     if audit[0] is not None:
-        mean_of = "the audit's mean includes ANCF with 8 pieces"
-        note = mean_of if note is None else f"{note}; {mean_of}"
+        notes.append("the audit's mean includes ANCF with 8 pieces")
     names = "mean_distance_m", "largest_distance_m"
     return [
-        make_row("2.20", "spiral", each.model, each.n, *pair, thesis=limit, audit=known, note=note)
+        make_row(
+            "2.20", "spiral", *key, *pair, thesis=limit, audit=known, note="; ".join(notes) or None
+        )
         for *pair, limit, known in zip(names, found, thesis, audit, strict=True)
     ]
 
 
-def _size_rows(each: Curve) -> list[Row]:
+def _size_rows(key: tuple[str, int], tip: np.ndarray) -> list[Row]:
     """Largest radius, and the tip at the end where the audit gives it."""
-    known = values.SPIRAL_RADIUS[each.model].get(each.n)
+    known = values.SPIRAL_RADIUS[key[0]].get(key[1])
     if known is None:
         return []
-    radius = np.max(np.linalg.norm(each.tip[:, :2], axis=1))
-    key = each.model, each.n
+    radius = np.max(np.linalg.norm(tip[:, :2], axis=1))
     rows = [make_row("2.22", "spiral", *key, "largest_radius_m", radius, audit=known)]
-    for name, found, expected in zip(
-        "xyz", each.tip[-1], values.SPIRAL_TIP.get(key, ()), strict=False
-    ):
+    for name, found, expected in zip("xyz", tip[-1], values.SPIRAL_TIP.get(key, ()), strict=False):
         rows.append(make_row("2.22", "spiral", *key, f"last_tip_{name}_m", found, audit=expected))
     return rows
 
@@ -810,14 +777,14 @@ class _Contest:
     def errors(self, step: float | None = None, **options: Any) -> tuple[float, float]:
         """Mean and largest distance [m] at the samples or steps; infinite if it fails."""
         times, tip = self._tips(step, **options)
-        return _mean_and_largest(tip - self._reference(times))
+        return distances(tip, self._reference(times))
 
     def errors_between(self, step: float, **options: Any) -> tuple[float, float]:
         """The same over the whole motion, the tip moving straight from step to step."""
         times, tip = self._tips(step, **options)
         dense = np.linspace(0.0, DURATION, _DENSE)
         straight = np.stack([np.interp(dense, times, x) for x in tip.T], axis=1)
-        return _mean_and_largest(straight - self._reference(dense))
+        return distances(straight, self._reference(dense))
 
     def _tips(self, step: float | None, **options: Any) -> tuple[np.ndarray, np.ndarray]:
         """Times (k,) [s] and tips (k, 3) [m]; nowhere, so to speak, if the simulation fails."""
