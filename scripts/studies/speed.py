@@ -28,7 +28,6 @@ from softrobot_env.control.registry import (
     make_policy,
     policy_environment,
 )
-from softrobot_env.core.interfaces import Policy
 from softrobot_env.core.processes import Workers, usable_cores, using, worker_processes
 from softrobot_env.envs.base import EpisodeEnv
 from softrobot_env.envs.rendering.renderer import RenderError
@@ -91,10 +90,8 @@ def step_row(
     what: str,
     variant: str,
     seconds: float,
-    raw: float | None,
-    *,
-    count: int = 1,
-    threads: int = 1,
+    raw: float | None = None,
+    *sizes: int,
     yardstick: float | None = None,
 ) -> Row:
     """Row of a step.
@@ -103,9 +100,10 @@ def step_row(
         what, variant: Of the row.
         seconds: [s] of a step of all environments.
         raw: [s] of their bare simulations, or None.
-        count, threads: Environments, and threads or processes.
+        *sizes: Environments, and threads or processes; one of each unless given.
         yardstick: Overhead [s] to compare with.
     """
+    count, threads = sizes or (1, 1)
     bare = {}
     if raw is not None:
         overhead = (seconds - raw) / count
@@ -115,11 +113,19 @@ def step_row(
     return Row(what, variant, count, threads, **speed, **bare)
 
 
+def mean_time(do: Callable[[], object], count: int) -> float:
+    """Mean time [s] of so many calls."""
+    begin = perf_counter()
+    for _ in range(count):
+        do()
+    return (perf_counter() - begin) / count
+
+
 # -------------------- decisions, from the first in a fresh process on, and for many
 
 DECISION = "decision"
 
-#: Policies of a quick decision_rows.
+#: Policies of a quick run.
 QUICK = ("imitation", "ppo")
 
 #: Decisions one by one, stacked observations, and calls with these.
@@ -128,19 +134,13 @@ COUNT, STACKED, _CALLS = 5000, 256, 20
 _DECIDE = """
 import json, sys
 sys.path[:0] = sys.argv[2:]
-from studies.speed import measure
-print(json.dumps(measure(sys.argv[1])))
+from studies.speed import decision_times
+print(json.dumps(decision_times(sys.argv[1])))
 """
 
 
-def decision_names(quick: bool) -> list[str]:
-    """Policies that are timed."""
-    policies = [*installed_policies(), *RIG_POLICIES, *REDUCED_POLICIES]
-    return [name for name in policies if name in QUICK or not quick]
-
-
 def measure_afresh(name: str) -> dict[str, float]:
-    """`measure` in a fresh interpreter.
+    """`decision_times` in a fresh interpreter.
 
     Raises:
         RuntimeError: It failed there.
@@ -152,8 +152,10 @@ def measure_afresh(name: str) -> dict[str, float]:
     return json.loads(done.stdout)
 
 
-def measure(name: str) -> dict[str, float]:
+def decision_times(name: str) -> dict[str, float]:
     """How long the decisions of a policy take on its arm or rig, all but the first in motion.
+
+    A policy that decides every few calls holds its action in the others.
 
     Returns:
         `period` [s] of the environment; `seconds`, the median over the decisions; `longest` [s], of
@@ -165,21 +167,6 @@ def measure(name: str) -> dict[str, float]:
     env_id = "SoftRobot/ArmSwing-v0" if robot == ARM else "SoftRobot/RigTriangle-v0"
     env = gymnasium.make(env_id, observe="all", **policy_environment(name, robot)).unwrapped
     policy = make_policy(name, env)
-    times, longest, observation = _decide(env, policy)
-    many = {key: np.stack([value] * STACKED) for key, value in observation.items()}
-    return {
-        "period": env.control_period,
-        "seconds": float(np.median(times)),
-        "longest": longest,
-        "stacked": _stacked(lambda state: policy.predict(many, state)[1]),
-    }
-
-
-def _decide(env: gymnasium.Env, policy: Policy) -> tuple[list[float], float, dict[str, np.ndarray]]:
-    """Times [s] of decisions in `COUNT` calls, longest computing of one, and the last observation.
-
-    A policy that decides every few calls holds its action in the others.
-    """
     (observation, _), state, called = env.reset(seed=0), None, 0
     times, longest = [], 0.0
     for _ in range(COUNT):
@@ -192,17 +179,14 @@ def _decide(env: gymnasium.Env, policy: Policy) -> tuple[list[float], float, dic
         called += 1
         if terminated or truncated:
             (observation, _), state, called = env.reset(seed=0), None, 0
-    return times, longest, observation
-
-
-def _stacked(call: Callable[[list | None], list]) -> float:
-    """Least time [s] of a call, which takes and returns states, after the first."""
-    state, best = call(None), np.inf
-    for _ in range(_CALLS):
-        begin = perf_counter()
-        state = call(state)
-        best = min(best, perf_counter() - begin)
-    return float(best)
+    many = {key: np.stack([value] * STACKED) for key, value in observation.items()}
+    states = [policy.predict(many, None)[1]]
+    calls = [
+        mean_time(lambda: states.append(policy.predict(many, states[-1])[1]), 1)
+        for _ in range(_CALLS)
+    ]
+    found = {"period": env.control_period, "seconds": float(np.median(times))}
+    return found | {"longest": longest, "stacked": min(calls)}
 
 
 # -------------------- a moving arm, by the accuracy asked for, beside its true error
@@ -219,31 +203,24 @@ def moving_rows(quick: bool) -> list[Row]:
     rng = np.random.default_rng(0)
     actions = rng.uniform(-_SIZE, _SIZE, (_PERIODS // _HELD, 3)).astype(np.float32)
     actions = np.repeat(actions, _HELD, axis=0)
-    truth, _ = _motion(_env(_TRUTH), actions)
     chosen = ACCURACIES[2:3] if quick else ACCURACIES
-    envs = [_env(accuracy) for accuracy in chosen]
-    times = [[_times(env, actions) for env in envs] for _ in range(5 if quick else 40)]
+    envs = [TrackingEnv("step", accuracy=f"{100 * a:g}%") for a in (_TRUTH, *chosen)]
+    times = [[_part_times(e, actions) for e in envs[1:]] for _ in range(5 if quick else 40)]
     best = np.min(times, axis=0).mean(axis=1).tolist()
-    return [
-        _moving_row(accuracy, seconds, truth, *_motion(env, actions))
-        for env, accuracy, seconds in zip(envs, chosen, best, strict=True)
-    ]
+    (truth, _), *motions = (_motion(env, actions) for env in envs)
+    rows = []
+    for accuracy, seconds, (tips, estimate) in zip(chosen, best, motions, strict=True):
+        error = float(np.linalg.norm(tips - truth, axis=1).max())
+        known = {"accuracy": accuracy, "error": error, "estimate": float(estimate)}
+        rows.append(replace(step_row("moving", "arm", seconds), **known))
+    return rows
 
 
-def _env(accuracy: float) -> TrackingEnv:
-    return TrackingEnv("step", accuracy=f"{100 * accuracy:g}%")
-
-
-def _times(env: TrackingEnv, actions: np.ndarray) -> list[float]:
+def _part_times(env: TrackingEnv, actions: np.ndarray) -> list[float]:
     """[s] of a step in each part of the motion, in which the action is held."""
     env.reset(seed=0)
-    times = []
-    for part in actions.reshape(-1, _HELD, actions.shape[1]):
-        begin = perf_counter()
-        for action in part:
-            env.step(action)
-        times.append((perf_counter() - begin) / _HELD)
-    return times
+    parts = actions.reshape(-1, _HELD, actions.shape[1])
+    return [mean_time(partial(env.step, part[0]), _HELD) for part in parts]
 
 
 def _motion(env: TrackingEnv, actions: np.ndarray) -> tuple[np.ndarray, float]:
@@ -256,15 +233,6 @@ def _motion(env: TrackingEnv, actions: np.ndarray) -> tuple[np.ndarray, float]:
     return np.array(tips), info["integration_error"]
 
 
-def _moving_row(
-    accuracy: float, seconds: float, truth: np.ndarray, tips: np.ndarray, estimate: float
-) -> Row:
-    error = np.linalg.norm(tips - truth, axis=1).max()
-    told = {"accuracy": accuracy, "error": float(error), "estimate": float(estimate)}
-    speed = {"steps_per_second": 1 / seconds, "seconds": seconds}
-    return Row("moving", "arm", 1, 1, **speed, **told)
-
-
 # -------------------- robots singly and in batches; bare: as many simulations in the same motion
 
 ROBOT = "robots"
@@ -273,7 +241,7 @@ ROBOT = "robots"
 COUNTS = (1, 16, 256)
 
 #: Control periods of the motion, share of full actions, and time [s] spent on a row.
-_PERIODS, _SHARE, _BUDGET = 10, 0.2, 2.0
+_STRETCH, _SHARE, _BUDGET = 10, 0.2, 2.0
 
 
 def _environments() -> dict[str, tuple[str, dict[str, Any]]]:
@@ -282,56 +250,51 @@ def _environments() -> dict[str, tuple[str, dict[str, Any]]]:
     wound = tuple(replace(tendon, turns=0.25) for tendon in rod.tendons)
     rod = replace(rod, name="rod_60", pieces=10, tendons=wound)
     any_robot = {name: find_robot(name) for name in EXAMPLES} | {rod.name: rod}
-    return {
-        "arm": ("SoftRobot/ArmSwing-v0", {}),
-        "rig": ("SoftRobot/RigTriangle-v0", {}),
-        **{
-            name: ("SoftRobot/Track-v0", {"robot": robot, "task": "reach"})
-            for name, robot in any_robot.items()
-        },
+    others = {
+        k: ("SoftRobot/Track-v0", {"robot": r, "task": "reach"}) for k, r in any_robot.items()
     }
+    return {"arm": (_SWING, {}), "rig": (RIG, {}), **others}
 
 
 def robot_rows(quick: bool) -> list[Row]:
     """A row for each robot and number of robots."""
-    budget = _BUDGET / 10 if quick else _BUDGET
+    counts, budget = (COUNTS[:2], _BUDGET / 10) if quick else (COUNTS, _BUDGET)
     return [
-        _robot_row(name, env_id, options, count, budget)
-        for name, (env_id, options) in _environments().items()
-        for count in (COUNTS[:2] if quick else COUNTS)
+        _robot_row(name, *made, count, budget)
+        for name, made in _environments().items()
+        for count in counts
     ]
 
 
 def _robot_row(name: str, env_id: str, options: dict[str, Any], count: int, budget: float) -> Row:
     env = gymnasium.make_vec(env_id, num_envs=count, **options)
-    rng = np.random.default_rng(0)
-    actions = _SHARE * rng.uniform(-1, 1, env.action_space.shape)
+    actions = _SHARE * np.random.default_rng(0).uniform(-1, 1, env.action_space.shape)
     times: list[tuple[float, float]] = []
     begin = perf_counter()
     while len(times) < 3 or perf_counter() - begin < budget:
-        stepped = _period_time(env, lambda: env.step(actions)[2])
-        times.append((_period_time(env, env.simulation.advance), stepped))
+        stepped = _period_time(env, actions, lambda: env.step(actions)[2])
+        times.append((_period_time(env, actions, env.simulation.advance), stepped))
     raw, seconds = np.min(times, axis=0).tolist()
     simulation = env.simulation
-    row = step_row(ROBOT, name, seconds, raw, count=count, threads=simulation.threads)
+    row = step_row(ROBOT, name, seconds, raw, count, simulation.threads)
     return replace(row, dof=simulation.scene.model.nv)
 
 
-def _period_time(env: VectorTrackingEnv, step: Callable[[], np.ndarray]) -> float:
+def _period_time(
+    env: VectorTrackingEnv, actions: np.ndarray, step: Callable[[], np.ndarray]
+) -> float:
     """Mean time [s] of a control period, after a first one that puts the actions in force.
 
     Raises:
         RuntimeError: A robot has failed.
     """
     env.reset(seed=0)
-    env.step(_SHARE * np.random.default_rng(0).uniform(-1, 1, env.action_space.shape))
-    begin = perf_counter()
-    for _ in range(_PERIODS):
-        failed = step()
-    spent = perf_counter() - begin
-    if failed.any():
+    env.step(actions)
+    failed: list[np.ndarray] = []
+    spent = mean_time(lambda: failed.append(step()), _STRETCH)
+    if failed[-1].any():
         raise RuntimeError(f"{env.spec.id} failed while it was timed")
-    return spent / _PERIODS
+    return spent
 
 
 # -------------------- several cores: processes, Ray, threads of a batch; each job steps an arm
@@ -341,17 +304,19 @@ SCALING = "scaling"
 #: [s] of a job, jobs per core, robots of a batch; rounds of which the best counts.
 _JOB, _QUICK_JOB, _EACH, _ROBOTS, _ROUNDS = 5.0, 0.5, 2, 256, 5
 
-_ID = "SoftRobot/ArmSwing-v0"
+_SWING = "SoftRobot/ArmSwing-v0"
 
 
 def scaling_rows(quick: bool) -> list[Row]:
-    """A row for processes, for Ray if it is installed, and for the threads of a batch."""
+    """A row for processes, for Ray if it is installed, and for the threads of a batch.
+
+    Efficiency is how much faster all cores are than one, over their number.
+    """
     cores = usable_cores()
     ways = {"processes": Workers(cores)}
     if find_spec("ray") is not None:
         ways["Ray"] = Workers(ray="local")
-    target = _QUICK_JOB if quick else _JOB
-    steps = max(1, round(target / step_arm(2000) * 2000))
+    steps = max(1, round((_QUICK_JOB if quick else _JOB) / step_arm(2000) * 2000))
     rows = []
     for name, workers in ways.items():
         # What other programs take counts least in the best round.
@@ -364,7 +329,7 @@ def scaling_rows(quick: bool) -> list[Row]:
 
 def step_arm(count: int) -> float:
     """Time [s] of some steps of an arm that swings."""
-    env = gymnasium.make(_ID).unwrapped
+    env = gymnasium.make(_SWING).unwrapped
     env.reset(seed=0)
     action = np.zeros(env.action_space.shape, dtype=np.float32)
     env.step(action)
@@ -393,22 +358,14 @@ def _threads(cores: int) -> Row:
     """A batch on one thread and on all."""
     times = {}
     for threads in (1, cores):
-        env = gymnasium.make_vec(_ID, num_envs=_ROBOTS, threads=threads)
+        env = gymnasium.make_vec(_SWING, num_envs=_ROBOTS, threads=threads)
         env.reset(seed=0)
         step = partial(env.step, np.zeros(env.action_space.shape, dtype=np.float32))
         step()
-        rounds = []
-        for _ in range(_ROUNDS):
-            begin = perf_counter()
-            for _ in range(10):
-                step()
-            rounds.append((perf_counter() - begin) / 10)
-        times[threads] = min(rounds)
+        times[threads] = min(mean_time(step, 10) for _ in range(_ROUNDS))
         env.close()
-    efficiency = times[1] / times[cores] / cores
-    return Row(
-        SCALING, "threads of a batch", _ROBOTS, cores, seconds=times[cores], efficiency=efficiency
-    )
+    own = {"seconds": times[cores], "efficiency": times[1] / times[cores] / cores}
+    return Row(SCALING, "threads of a batch", _ROBOTS, cores, **own)
 
 
 # -------------------- what a user waits for: imports, the first environment, a rendered frame
@@ -436,12 +393,15 @@ print(json.dumps({
 _FRAMES = 40
 
 
-def startup_times(repeats: int) -> dict[str, float]:
-    """Least time [s] of each part of the start over several fresh interpreters."""
+def wait_rows(quick: bool) -> list[Row]:
+    """What a user waits for: the least of several fresh interpreters, and a frame."""
     command = [sys.executable, "-c", _START]
-    done = [subprocess.run(command, capture_output=True, check=True) for _ in range(repeats)]
-    runs = [json.loads(one.stdout) for one in done]
-    return {name: min(run[name] for run in runs) for name in runs[0]}
+    done = [
+        json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
+        for _ in range(2 if quick else 5)
+    ]
+    rows = [Row("start", name, seconds=min(one[name] for one in done)) for name in done[0]]
+    return [*rows, Row("render", "frame 640 x 480", seconds=frame_time())]
 
 
 def frame_time() -> float | None:
@@ -452,28 +412,17 @@ def frame_time() -> float | None:
         env.render()
     except RenderError:
         return None
-    begin = perf_counter()
-    for _ in range(_FRAMES):
-        env.render()
-    mean = (perf_counter() - begin) / _FRAMES
+    mean = mean_time(env.render, _FRAMES)
     env.close()
     return mean
 
 
-def wait_rows(quick: bool) -> list[Row]:
-    """What a user waits for."""
-    times = startup_times(2 if quick else 5)
-    rows = [Row("start", name, seconds=time) for name, time in times.items()]
-    return [*rows, Row("render", "frame 640 x 480", seconds=frame_time())]
-
-
 # -------------------- many environments at once, against bare simulations and processes
 
-_WHAT = "vector env.step"
-_ENV_ID = "SoftRobot/ArmSwing-v0"
+_VECTOR = "vector env.step"
 
 #: (environments, threads) of the batched environment.
-CASES = ((16, 1), (16, 2), (16, 4), (256, 1), (256, 2))
+BATCHES = ((16, 1), (16, 2), (16, 4), (256, 1), (256, 2))
 
 #: Processes of Gymnasium's AsyncVectorEnv; more share the same cores and only need more memory.
 _PROCESSES = 16
@@ -482,12 +431,13 @@ _PROCESSES = 16
 _BLOCK = 0.3
 
 
-def _in_turns(rounds: int, *actions: Callable[[], object]) -> list[float]:
+def _in_turns(quick: bool, *actions: Callable[[], object]) -> list[float]:
     """Least time [s] of each of some things done in turns, over some rounds."""
-    return np.min([[_mean_time(do) for do in actions] for _ in range(rounds)], axis=0).tolist()
+    rounds = range(2 if quick else 6)
+    return np.min([[_block_time(do) for do in actions] for _ in rounds], axis=0).tolist()
 
 
-def _mean_time(do: Callable[[], object]) -> float:
+def _block_time(do: Callable[[], object]) -> float:
     """Mean time [s] of a call in a block."""
     begin, count = perf_counter(), 0
     while perf_counter() - begin < _BLOCK:
@@ -501,21 +451,20 @@ def vector_rows(quick: bool) -> list[Row]:
     # Processes first: they are forked, and the simulations below reserve much memory.
     processes = _processes(quick)
     rows = []
-    for count, threads in CASES[-1:] if quick else CASES:
-        times = _in_turns(2 if quick else 6, *_batched(count, threads))
-        rows.append(step_row(_WHAT, "VectorTrackingEnv", *times, count=count, threads=threads))
+    for sizes in BATCHES[-1:] if quick else BATCHES:
+        times = _in_turns(quick, *_batched(*sizes))
+        rows.append(step_row(_VECTOR, "VectorTrackingEnv", *times, *sizes))
     return [*rows, processes]
 
 
 def _processes(quick: bool) -> Row:
     """Row of Gymnasium's environments in processes."""
-    env = gymnasium.make_vec(_ENV_ID, num_envs=_PROCESSES, vectorization_mode="async")
+    env = gymnasium.make_vec(_SWING, num_envs=_PROCESSES, vectorization_mode="async")
     env.reset(seed=0)
     actions = np.zeros(env.action_space.shape, np.float32)
-    (least,) = _in_turns(2 if quick else 6, lambda: env.step(actions))
+    (least,) = _in_turns(quick, lambda: env.step(actions))
     env.close()
-    sizes = {"count": _PROCESSES, "threads": _PROCESSES}
-    return step_row(_WHAT, "AsyncVectorEnv of the same", least, None, **sizes)
+    return step_row(_VECTOR, "AsyncVectorEnv of the same", least, None, _PROCESSES, _PROCESSES)
 
 
 def _batched(count: int, threads: int) -> tuple[Callable[[], object], Callable[[], object]]:
@@ -536,11 +485,8 @@ def _batched(count: int, threads: int) -> tuple[Callable[[], object], Callable[[
 
 WARP = "warp env.step"
 
-#: Robots at once.
-WARP_COUNTS = (256, 1024, 4096, 16384)
-
-#: Control periods of a block, and blocks.
-_WARP_STEPS, _BLOCKS = 50, 5
+#: Robots at once; control periods of a block, and blocks.
+WARP_COUNTS, _WARP_STEPS, _BLOCKS = (256, 1024, 4096, 16384), 50, 5
 
 
 def warp_rows(
@@ -572,15 +518,16 @@ def _warp_row(count: int, device: str, blocks: int) -> Row:
     env = VectorTrackingEnv(count, "swing", backend="warp", device=device, observe_as="vector")
     env.reset(seed=0)
     actions = torch.zeros((count, len(env.input_scale)), device=device)
-    times = []
-    for _ in range(1 + blocks):  # the first one loads what Warp and PyTorch compile
-        begin = perf_counter()
+
+    def block() -> None:
         for _ in range(_WARP_STEPS):
-            told = env.step(actions)
-        told[1].sum().item()  # waits for the device
-        times.append((perf_counter() - begin) / _WARP_STEPS)
+            found = env.step(actions)
+        found[1].sum().item()  # waits for the device
+
+    block()  # loads what Warp and PyTorch compile
+    least = min(mean_time(block, 1) for _ in range(blocks)) / _WARP_STEPS
     name = "cpu" if device == "cpu" else torch.cuda.get_device_name(device)
-    return step_row(WARP, f"arm on {name}", float(np.min(times[1:])), None, count=count)
+    return step_row(WARP, f"arm on {name}", least, None, count, 1)
 
 
 # -------------------- the study
@@ -598,22 +545,25 @@ _STEPS = 100
 def stages(lab: Lab) -> list[Row]:
     """Single environments, moving arms by accuracy, vector environments, also on MuJoCo Warp,
     batches of robots, decisions, several cores and waits; quickly fewer repeats."""
-    quick, waits = lab.quick, partial(wait_rows, lab.quick)
+    quick = lab.quick
     tasks = [
         ("env.step", partial(_environment_rows, lab)),
-        ("start", waits),
+        ("start", partial(wait_rows, quick)),
         ("moving arm", partial(moving_rows, quick)),
         ("vector environments", partial(vector_rows, quick)),
         ("warp", partial(warp_rows, quick)),
         ("robots", partial(robot_rows, quick)),
     ]
-    tasks += [
-        (f"decisions of {name}", lambda name=name: [Row(DECISION, name, **measure_afresh(name))])
-        for name in decision_names(quick)
-    ]
+    for name in [*installed_policies(), *RIG_POLICIES, *REDUCED_POLICIES]:
+        if name in QUICK or not quick:
+            tasks.append((f"decisions of {name}", partial(_decision_rows, name)))
     tasks.append(("several cores", partial(scaling_rows, quick)))
     steps, waited, *others = lab.tasks(tasks)
     return [row for rows in (steps, *others, waited) for row in rows]
+
+
+def _decision_rows(name: str) -> list[Row]:
+    return [Row(DECISION, name, **measure_afresh(name))]
 
 
 def _environment_rows(lab: Lab) -> list[Row]:
@@ -632,9 +582,9 @@ def _time_block(env: gymnasium.Env) -> tuple[float, float]:
     """Times [s] per step, in one block of steps and in one of the bare simulations in them."""
     action = np.zeros(env.action_space.shape, dtype=np.float32)
     env.reset(seed=0)
-    step_time = _time(lambda: env.step(action))
+    step_time = mean_time(lambda: env.step(action), _STEPS)
     env.reset(seed=0)
-    return step_time, _time(_bare(env.unwrapped))
+    return step_time, mean_time(_bare(env.unwrapped), _STEPS)
 
 
 def _bare(env: gymnasium.Env) -> Callable[[], object]:
@@ -646,14 +596,6 @@ def _bare(env: gymnasium.Env) -> Callable[[], object]:
     simulation = Simulation(env.scene)
     simulation.reset(data.qpos, np.zeros(model.nu))
     return simulation.advance
-
-
-def _time(do: Callable[[], object]) -> float:
-    """Time [s] of a call in a block."""
-    begin = perf_counter()
-    for _ in range(_STEPS):
-        do()
-    return (perf_counter() - begin) / _STEPS
 
 
 def _sizes(head: str) -> Column:

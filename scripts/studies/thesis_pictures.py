@@ -1,34 +1,14 @@
 """Pictures of `studies.thesis`, one for each group of figures."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from softrobot_env.rendering.figures import (
-    BLACK,
-    BLUE,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    SKY,
-    THESIS,
-    VERMILLION,
-    WINE,
-    Axes,
-    Figure,
-    Line2D,
-    add_legend,
-    add_title,
-    entry,
-    label_lines,
-    label_of,
-    new_figure,
-    style_of,
-)
+from softrobot_env.rendering import figures
+from softrobot_env.rendering.figures import BLACK, BLUE, GREEN, Axes, entry, label_of, style_of
 from studies import lab
 from studies.truths import thesis_values as values
 
@@ -84,7 +64,7 @@ def _finish(axes: Axes, named: bool = True, pieces: bool = True, **settings: Any
     if named:
         lines = [line for line in axes.lines if not line.get_label().startswith("_")]
         ends = [(one.get_label(), float(one.get_ydata()[-1]), one.get_color()) for one in lines]
-        label_lines(axes, ends)
+        figures.label_lines(axes, ends)
 
 
 def _note(axes: Axes, place: tuple[float, float], text: str, **options: Any) -> None:
@@ -93,11 +73,11 @@ def _note(axes: Axes, place: tuple[float, float], text: str, **options: Any) -> 
     axes.annotate(text, place, **(text_at | options))
 
 
-def _model_entries() -> list[Line2D]:
+def _model_entries() -> list[figures.Line2D]:
     return [entry(label_of(m), **style_of(m).points | {"markersize": 4}) for m in MODELS]
 
 
-def _hollow_entry(text: str) -> Line2D:
+def _hollow_entry(text: str) -> figures.Line2D:
     return entry(text, color=_GREY, marker="o", markersize=4, **_HOLLOW)
 
 
@@ -109,7 +89,10 @@ def _finest(rows: list[Row], **chosen: Any) -> dict[str, Row]:
 
 # -------------------- accuracy: Fig. 2.11 to 2.15
 
-_LOCKED = {"nu = 0.49, plane stress": (SKY, "v"), "nu = 0.49, plane strain": (WINE, "D")}
+_LOCKED = {
+    "nu = 0.49, plane stress": (figures.SKY, "v"),
+    "nu = 0.49, plane strain": (figures.WINE, "D"),
+}
 _THEORY = {
     "euler_bernoulli": ("Euler-Bernoulli", "--"),
     "timoshenko": ("Timoshenko, k = 3/4", "-."),
@@ -177,7 +160,7 @@ def _draw_torsional(axes: Axes, rows: list[Row]) -> None:
     _finish(axes, named=False, ylabel="first torsional frequency [Hz]")
 
 
-def _accuracy_legend() -> list[Line2D]:
+def _accuracy_legend() -> list[figures.Line2D]:
     theory = [entry(t, color=_GREY, linestyle=line, linewidth=1) for t, line in _THEORY.values()]
     locked = [
         entry(f"ANCF, {case}", color=colour, marker=marker, markersize=4)
@@ -206,7 +189,7 @@ def _accuracy_message(rows: list[Row]) -> str:
 #: Solver and projection -> name and colour.
 _SOLVERS = {
     "BDF": ("BDF", BLUE),
-    "Radau, not": ("Radau", VERMILLION),
+    "Radau, not": ("Radau", figures.VERMILLION),
     "Radau, projected": ("Radau, projected", GREEN),
 }
 
@@ -229,7 +212,9 @@ def _draw_drift(axes: Axes, rows: list[Row]) -> None:
 
 
 def _draw_weightings(axes: Axes, rows: list[Row]) -> None:
-    for kind, color in enumerate((BLACK, VERMILLION, PURPLE, ORANGE, BLUE), start=1):
+    for kind, color in enumerate(
+        (BLACK, figures.VERMILLION, figures.PURPLE, figures.ORANGE, BLUE), start=1
+    ):
         mine = select(rows, figure="2.5", case=f"xi_{kind}")
         theta = [np.degrees(row.x) for row in mine]
         line = {"color": color, "linewidth": 1.3, "label": rf"$\xi_{kind}$"}
@@ -265,7 +250,7 @@ def _draw_errors(axes: Axes, rows: list[Row]) -> None:
     mine = select(rows, figure="2.8", y_name="relative_rms_error")
     for reference, color, marker, by in (
         ("order 20", GREEN, "^", "\n(thesis)"),
-        ("exact", VERMILLION, "o", ""),
+        ("exact", figures.VERMILLION, "o", ""),
     ):
         line = {"color": color, "marker": marker, "label": f"against {reference}{by}"}
         _draw(axes, select(mine, case=f"legendre, against {reference}"), x="x", **line)
@@ -280,13 +265,13 @@ def _draw_times(axes: Axes, rows: list[Row]) -> None:
     legendre = select(rows, figure="2.9", case="legendre")
     _draw(axes, legendre, 1e6, x="x", label="Gauss-Legendre")
     for case, color, dashes, label in (
-        ("exact", VERMILLION, "-", "moments, exact"),
+        ("exact", figures.VERMILLION, "-", "moments, exact"),
         ("chebyshev", BLUE, "--", "Gauss-Chebyshev,\nexact"),
     ):
         for row in select(rows, figure="2.9", case=case):
             _draw_level(axes, 1e6 * row.y, color=color, linestyle=dashes, label=label)
     printed = values.ORDER, 1e6 * values.ORDER_TIME
-    axes.plot(*printed, **THESIS | {"label": "_"})
+    axes.plot(*printed, **figures.THESIS | {"label": "_"})
     _note(axes, printed, "thesis", ha="center", xytext=(0, 8))
     _finish_orders(axes, "time per evaluation [µs]")
 
@@ -416,139 +401,99 @@ def _spiral_message(rows: list[Row]) -> str:
 # -------------------- the pictures
 
 
-@dataclass(frozen=True)
-class Picture:
-    """A group of figures.
+def _accuracy() -> dict[str, Draw]:
+    deflections, bending = (partial(partial, draw) for draw in (_draw_deflections, _draw_bending))
+    return {
+        "Fig. 2.11a  self-weight, stiff set": deflections(name="stiff", top=29),
+        "Fig. 2.11b  self-weight, weak set": deflections(name="weak", top=520),
+        "Fig. 2.12  weak set, 5 pieces": _draw_centrelines,
+        "Fig. 2.14  static torsion, weak set": _draw_twist,
+        "Fig. 2.13a  bending, stiff set": bending(name="stiff", limits=(2.8, 8)),
+        "Fig. 2.13b  bending, weak set": bending(name="weak", limits=(0.35, 1.05)),
+        "Fig. 2.15  torsional oscillation, weak set": _draw_torsional,
+    }
 
-    Attributes:
-        subject: What it shows.
-        message: What it says.
-        columns, size: Of its panels; [inch].
-        panels: Title -> what draws one.
-        legend: Entries.
-    """
+
+def _cost() -> dict[str, Draw]:
+    times, tables = (partial(partial, draw) for draw in (_draw_simulation_times, _draw_table))
+    computed = {"names": ("computation_time_s",), "label": "computation time [s]"}
+    steps = {"names": ("step_s", "smallest_step_s", "largest_step_s"), "label": "step [s]"}
+    return {
+        "Fig. 2.16  right-hand side, planar PCC and ANCF": _draw_evaluation_times,
+        "Fig. 2.17  number of evaluations, weak set": _draw_evaluation_numbers,
+        "Fig. 2.18  number times time, and measured": times(figure="2.18", duration=5.0),
+        "Fig. 2.19  spiral, relative tolerance 1e-3": times(figure="2.19", duration=3.0),
+        "Tab. 2.2  spiral, computation times": tables(figure="tab2.2", **computed),
+        "Tab. 2.3  spiral, steps (smallest, largest)": tables(figure="tab2.3", **steps),
+    }
+
+
+def _spiral() -> dict[str, Draw]:
+    x, y = "tip, x [mm]", "tip, y [mm]"
+    time = {"names": ("time", "x"), "xlabel": "time [s]", "ylabel": x}
+    path = {"names": ("x", "y"), "xlabel": x, "ylabel": y, "aspect": "equal"}
+    return {
+        "Fig. 2.20  distance over the number of pieces": _draw_distances,
+        "Fig. 2.21  tip over time": partial(_draw_tips, **time),
+        "Fig. 2.22  path of the tip": partial(_draw_tips, **path),
+    }
+
+
+class Picture(NamedTuple):
+    """A group of figures: what it shows, what it says, columns, size [inch], panels and legend."""
 
     subject: str
     message: Callable[[list[Row]], str]
     columns: int
     size: tuple[float, float]
     panels: dict[str, Draw]
-    legend: Callable[[], list[Line2D]] = list
+    legend: Sequence[figures.Line2D] = ()
 
 
-#: What is appended to a picture's name -> the picture.
-PICTURES = {
-    "": Picture(
-        "deflections, shapes and frequencies of the beam models",
-        _accuracy_message,
-        2,
-        (9.0, 13.0),
-        {
-            "Fig. 2.11a  self-weight, stiff set": partial(_draw_deflections, name="stiff", top=29),
-            "Fig. 2.11b  self-weight, weak set": partial(_draw_deflections, name="weak", top=520),
-            "Fig. 2.12  weak set, 5 pieces": _draw_centrelines,
-            "Fig. 2.14  static torsion, weak set": _draw_twist,
-            "Fig. 2.13a  bending, stiff set": partial(_draw_bending, name="stiff", limits=(2.8, 8)),
-            "Fig. 2.13b  bending, weak set": partial(
-                _draw_bending, name="weak", limits=(0.35, 1.05)
-            ),
-            "Fig. 2.15  torsional oscillation, weak set": _draw_torsional,
-        },
-        _accuracy_legend,
-    ),
-    "_cosserat": Picture(
-        "drift and weighting of the Cosserat rod",
-        _cosserat_message,
-        2,
-        (9.5, 7.6),
-        {
-            "Fig. 2.4  drift of the quaternions, weak set, 5 pieces": _draw_drift,
-            "Fig. 2.5  weighting functions": _draw_weightings,
-            "Fig. 2.6  their influence, by the moments": _draw_influence,
-        },
-        lambda: [
-            entry("Fig. 2.4: relative tolerance 1e-3", color=BLACK, linestyle="-"),
-            entry("1e-5 (thesis: stricter)", color=BLACK, linestyle=":"),
-        ],
-    ),
-    "_quadrature": Picture(
-        "quadrature of elastic forces, error and time",
-        _quadrature_message,
-        2,
-        (10.0, 4.4),
-        {
-            "Fig. 2.8  error of the elastic force, one element": _draw_errors,
-            "Fig. 2.9  time, with damping and inertia": _draw_times,
-        },
-    ),
-    "_cost": Picture(
-        "what beam models cost",
-        _cost_message,
-        2,
-        (9.5, 11.5),
-        {
-            "Fig. 2.16  right-hand side, planar PCC and ANCF": _draw_evaluation_times,
-            "Fig. 2.17  number of evaluations, weak set": _draw_evaluation_numbers,
-            "Fig. 2.18  number times time, and measured": partial(
-                _draw_simulation_times, figure="2.18", duration=5.0
-            ),
-            "Fig. 2.19  spiral, relative tolerance 1e-3": partial(
-                _draw_simulation_times, figure="2.19", duration=3.0
-            ),
-            "Tab. 2.2  spiral, computation times": partial(
-                _draw_table,
-                figure="tab2.2",
-                names=("computation_time_s",),
-                label="computation time [s]",
-            ),
-            "Tab. 2.3  spiral, steps (smallest, largest)": partial(
-                _draw_table,
-                figure="tab2.3",
-                names=("step_s", "smallest_step_s", "largest_step_s"),
-                label="step [s]",
-            ),
-        },
-        lambda: [
-            *_model_entries(),
-            _hollow_entry("hollow: measured (Fig. 2.18), thesis (tables)"),
-        ],
-    ),
-    "_spiral": Picture(
-        "the spiral under a turning force",
-        _spiral_message,
-        3,
-        (12, 4.9),
-        {
-            "Fig. 2.20  distance over the number of pieces": _draw_distances,
-            "Fig. 2.21  tip over time": partial(
-                _draw_tips, names=("time", "x"), xlabel="time [s]", ylabel="tip, x [mm]"
-            ),
-            "Fig. 2.22  path of the tip": partial(
-                _draw_tips,
-                names=("x", "y"),
-                xlabel="tip, x [mm]",
-                ylabel="tip, y [mm]",
-                aspect="equal",
-            ),
-        },
-        lambda: [entry(**_tip_style(model)) for model in (_MEAN, *MODELS)],
-    ),
-}
+def _all() -> dict[str, Picture]:
+    """What is appended to a picture's name -> the picture."""
+    cosserat = {
+        "Fig. 2.4  drift of the quaternions, weak set, 5 pieces": _draw_drift,
+        "Fig. 2.5  weighting functions": _draw_weightings,
+        "Fig. 2.6  their influence, by the moments": _draw_influence,
+    }
+    quadrature = {
+        "Fig. 2.8  error of the elastic force, one element": _draw_errors,
+        "Fig. 2.9  time, with damping and inertia": _draw_times,
+    }
+    tolerances = {"Fig. 2.4: relative tolerance 1e-3": "-", "1e-5 (thesis: stricter)": ":"}
+    drift = [entry(text, color=BLACK, linestyle=line) for text, line in tolerances.items()]
+    hollow = _hollow_entry("hollow: measured (Fig. 2.18), thesis (tables)")
+    tips = [entry(**_tip_style(model)) for model in (_MEAN, *MODELS)]
+    beams = "deflections, shapes and frequencies of the beam models"
+    rod = "drift and weighting of the Cosserat rod"
+    rule = "quadrature of elastic forces, error and time"
+    turning = "the spiral under a turning force"
+    return {
+        "": Picture(beams, _accuracy_message, 2, (9.0, 13.0), _accuracy(), _accuracy_legend()),
+        "_cosserat": Picture(rod, _cosserat_message, 2, (9.5, 7.6), cosserat, drift),
+        "_quadrature": Picture(rule, _quadrature_message, 2, (10.0, 4.4), quadrature),
+        "_cost": Picture(
+            "what beam models cost",
+            *(_cost_message, 2, (9.5, 11.5), _cost(), [*_model_entries(), hollow]),
+        ),
+        "_spiral": Picture(turning, _spiral_message, 3, (12, 4.9), _spiral(), tips),
+    }
 
 
-def pictures(rows: list[Row]) -> dict[str, Figure]:
+def pictures(rows: list[Row]) -> dict[str, figures.Figure]:
     """The figures on accuracy, and the others with their names appended to the file's."""
     found = {}
-    for name, picture in PICTURES.items():
+    for name, picture in _all().items():
         lines = -(-len(picture.panels) // picture.columns)
-        figure, axes = new_figure(lines, picture.columns, picture.size)
+        figure, axes = figures.new_figure(lines, picture.columns, picture.size)
         for axis in axes.flat[len(picture.panels) :]:
             axis.set_visible(False)
         for axis, (title, draw) in zip(axes.flat, picture.panels.items(), strict=False):
             axis.set_title(title, fontsize=10)
             axis.tick_params(labelsize=8.5)
             draw(axis, rows)
-        add_legend(figure, picture.legend())
-        add_title(figure, picture.message(rows), f"As in the thesis: {picture.subject}")
+        figures.add_legend(figure, picture.legend)
+        figures.add_title(figure, picture.message(rows), f"As in the thesis: {picture.subject}")
         found["{}" + name] = figure
     return found
