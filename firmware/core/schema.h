@@ -1,4 +1,4 @@
-// Written by `python -m softrobot_env.hardware.protocol.schema`. Do not edit.
+// Written by `python scripts/firmware_schema.py`. Do not edit.
 #pragma once
 
 #include <stdint.h>

@@ -309,9 +309,7 @@ def read_robot_file(path: Path) -> RobotFile:
 def write_robot_file(robot: RobotFile, path: Path) -> None:
     """Write a robot to a TOML file that `read_robot_file` reads as the same robot."""
     table = write(robot, full=True)
-    tip = {"kind": robot.tip.kind, **robot.tip.options}
-    parts = {"tendons": table.pop("tendons"), "supervision": table.pop("supervision"), "tip": tip}
-    write_text(path, text(table | parts))
+    write_text(path, text(table | {"tip": {"kind": robot.tip.kind, **robot.tip.options}}))
 
 
 def _tip(table: Any, where: str) -> Tip:

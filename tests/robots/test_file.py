@@ -19,6 +19,7 @@ from softrobot_env.robots import (
     Head,
     RobotParams,
     Section,
+    Sensor,
     Tendon,
     find_robot,
     read_robot,
@@ -88,6 +89,7 @@ def _robots(draw):
         precurvature=(draw(st.floats(-0.5, 0.5)), 0.1),
         discs=(Disc(length / 3, draw(size), inertia),) * draw(st.integers(0, 2)),
         base=draw(st.sampled_from([None, Base(), base])),
+        sensors=(Sensor("s", "tags", 0.0, length / 2, noise=draw(size)),) * draw(st.integers(0, 1)),
     )
 
 

@@ -223,19 +223,6 @@ def test_length_drive_reaches_full_tension_at_the_tightest_bend():
     np.testing.assert_allclose(scene.model.actuator_ctrlrange, [[-reach, reach]] * 2)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"guides": (0.3, 0.2)}, "increase strictly"),
-        ({"guides": (0.6,)}, "increase strictly"),
-        ({"pretension": 90.0}, "pretension < tension_limit"),
-    ],
-)
-def test_impossible_tendons_are_refused(options, message):
-    with pytest.raises(ValueError, match=message):
-        pair(**options)
-
-
 def test_channel_has_to_end_between_pieces():
     robot = replace(ARM, tendons=(replace(ARM.tendons[0], end=0.2),))
     with pytest.raises(ValueError, match="ends inside a piece"):

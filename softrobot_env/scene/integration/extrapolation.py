@@ -26,6 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from softrobot_env.scene.integration import layout
 from softrobot_env.scene.integration.euler import euler_step
 from softrobot_env.scene.integration.forces import (
     Chain,
@@ -36,23 +37,6 @@ from softrobot_env.scene.integration.forces import (
     find_switched,
     measure,
     no_forces,
-)
-from softrobot_env.scene.integration.layout import (
-    ACCURACY,
-    AT,
-    EVALUATIONS,
-    FEWEST,
-    HUGE,
-    LONGEST,
-    MISSED,
-    MOST,
-    NEXT,
-    NTENDON,
-    RATE,
-    SHORTEST,
-    STEPS,
-    SUM,
-    WORST,
 )
 from softrobot_env.scene.integration.mujoco_functions import (
     assign,
@@ -126,15 +110,15 @@ class Work(NamedTuple):
 @jit
 def work_size(chain, memory):
     """Number of doubles that `work_on` cuts."""
-    nq, nv, nu, most = chain.q.size, chain.v.size, chain.ctrl.size, int(memory[MOST])
-    forces = chain.mass.size + nv + (nu + chain.header[NTENDON]) * (1 + nv) + 2
+    nq, nv, nu, most = chain.q.size, chain.v.size, chain.ctrl.size, int(memory[layout.MOST])
+    forces = chain.mass.size + nv + (nu + chain.header[layout.NTENDON]) * (1 + nv) + 2
     return nq + nv + 2 * forces + nu + nv * nv + nv + (2 * most + 3) * nv
 
 
 @making
 def work_on(chain, memory, room):
     """Arrays for `integrate`, cut from free memory."""
-    nq, nv, most = chain.q.size, chain.v.size, int(memory[MOST])
+    nq, nv, most = chain.q.size, chain.v.size, int(memory[layout.MOST])
     rows = cut(room, most, nv), cut(room, most, nv)
     entry = cut(room, 3, nv)
     return Work(
@@ -156,7 +140,7 @@ def integrate(work, ramp):
     """Advance along a ramp, from a state where `forces.evaluate` was called last."""
     chain, memory = work.chain, work.memory
     time, end = 0.0, ramp.duration * (1 - 1e-3 * _ROUNDING)
-    length = min(memory[NEXT], memory[LONGEST])
+    length = min(memory[layout.NEXT], memory[layout.LONGEST])
     while time < end:
         left = ramp.duration - time
         h = left / max(np.ceil(left / length - _ROUNDING), 1.0)
@@ -171,7 +155,7 @@ def integrate(work, ramp):
             break
         if time < end:
             evaluate(chain)
-    memory[NEXT] = length
+    memory[layout.NEXT] = length
     assign(chain.ctrl, ramp.end)
 
 
@@ -191,7 +175,7 @@ def _measure(work, forces, ramp, time):
     """What acts with the controls of a time [s] on the ramp."""
     _control(work.chain.ctrl, ramp, time)
     measure(work.chain, forces)
-    work.memory[EVALUATIONS] += 1
+    work.memory[layout.EVALUATIONS] += 1
 
 
 @inlined
@@ -209,7 +193,7 @@ def _solve_interval(work, ramp, time, h):
     Returns:
         Its length [s], the number of rows and its error over what is allowed.
     """
-    shortest = work.memory[SHORTEST]
+    shortest = work.memory[layout.SHORTEST]
     while True:
         rows, error = _extrapolate(work, ramp, time, h)
         if error <= 1 or not h > (1 + _ROUNDING) * shortest:
@@ -222,11 +206,11 @@ def _solve_interval(work, ramp, time, h):
 def _extrapolate(work, ramp, time, h):
     """Add rows until the error is small enough; their number, and the error over the allowed."""
     error, rows = np.inf, 0
-    while rows < work.memory[MOST] and not error <= 1:
+    while rows < work.memory[layout.MOST] and not error <= 1:
         rows += 1
         _take_steps(work, ramp, time, h, rows)
         _add_row(work, rows - 1)
-        if rows >= work.memory[FEWEST]:
+        if rows >= work.memory[layout.FEWEST]:
             allowed = _allowed(work.memory, h)
             error = displacement(work.chain, work.table.gap) / allowed
             if error <= 1 and drives_length(work.chain):
@@ -285,7 +269,7 @@ def _extrapolate_entry(entry, before, weight):
 def bounded(values):
     """Whether no one of (n,) has diverged."""
     for i in range(values.size):
-        if not abs(values[i]) <= HUGE:
+        if not abs(values[i]) <= layout.HUGE:
             return False
     return True
 
@@ -294,7 +278,7 @@ def bounded(values):
 def _take(work, entry, h):
     """Let an entry of the table be the state at the end of an interval [s]."""
     chain, table = work.chain, work.table
-    acceleration = reals(chain.data, chain.header[AT.qacc], chain.v.size)
+    acceleration = reals(chain.data, chain.header[layout.AT.qacc], chain.v.size)
     assign(chain.q, work.q)
     assign(chain.v, table.velocities[entry])
     move(chain.model, chain.q, table.turns[entry], 1.0)
@@ -308,8 +292,8 @@ def _take(work, entry, h):
 @jit
 def displacement(chain, turn):
     """Largest displacement [m] of a backbone by small turns (nv,) of the joints, at most."""
-    axes = reals(chain.data, chain.header[AT.cdof], 6 * turn.size)
-    parents = ints(chain.model, chain.header[AT.dof_parentid], turn.size)
+    axes = reals(chain.data, chain.header[layout.AT.cdof], 6 * turn.size)
+    parents = ints(chain.model, chain.header[layout.AT.dof_parentid], turn.size)
     x, y, z, way, farthest = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(turn.size):
         if parents[i] < 0:  # another robot begins
@@ -348,8 +332,8 @@ def _unseen(work, ramp, time, entry, part):
 @jit
 def _allowed(memory, h):
     """Error [m] that an interval [s] may have."""
-    share = min((memory[RATE] * h) ** 2, LARGEST_SHARE) + SMALLEST_SHARE
-    return share * memory[ACCURACY]
+    share = min((memory[layout.RATE] * h) ** 2, LARGEST_SHARE) + SMALLEST_SHARE
+    return share * memory[layout.ACCURACY]
 
 
 @jit
@@ -365,13 +349,13 @@ def _next_length(memory, h, rows, error):
     growth = 0.8 * (1 / max(error, 1e-300)) ** (1 / (rows - 1)) if error < np.inf else 0.5
     # A row too many costs less than an interval too short.
     length = h * min(max(growth, 0.5), 2.0)
-    return min(max(length, memory[SHORTEST]), memory[LONGEST])
+    return min(max(length, memory[layout.SHORTEST]), memory[layout.LONGEST])
 
 
 @jit
 def _note(memory, h, error):
     """Keep the books of an interval [s] and its error over what is allowed."""
-    memory[MISSED] += not error <= 1
-    memory[WORST] = max(memory[WORST], error) if error == error else np.inf
-    memory[SUM] += error * _allowed(memory, h)
-    memory[STEPS] += 1
+    memory[layout.MISSED] += not error <= 1
+    memory[layout.WORST] = max(memory[layout.WORST], error) if error == error else np.inf
+    memory[layout.SUM] += error * _allowed(memory, h)
+    memory[layout.STEPS] += 1

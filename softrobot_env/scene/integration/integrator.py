@@ -10,48 +10,13 @@ import mujoco
 import numpy as np
 
 from softrobot_env.scene.chain import SEPARATOR, TIP_SITE
-from softrobot_env.scene.integration.layout import (
-    ACCURACY,
-    DATA_FIELDS,
-    ESTIMATE,
-    EVALUATIONS,
-    EXTRAPOLATED,
-    FEWEST,
-    HEADER,
-    LENGTHS,
-    LONGEST,
-    MEMORY,
-    MEMORY_SIZE,
-    METHOD,
-    MODEL_FIELDS,
-    MOST,
-    NEXT,
-    NTENDON,
-    OFFSETS,
-    PATH,
-    PERIOD,
-    RATE,
-    ROWS,
-    SERVOS,
-    SHADOW_STATES,
-    SHORTEST,
-    SPLIT,
-    STRIDE,
-    SUBSTEPS,
-    TELL,
-    TOLD,
-    WHOLE,
-    WORST,
-    data_offsets,
-    model_offsets,
-    time_offset,
-)
+from softrobot_env.scene.integration import layout
 from softrobot_env.scene.integration.period import advance, refresh
 from softrobot_env.scene.timestep import EXTRAPOLATION, TimestepChoice
 
 _LOCKED = ctypes.PYFUNCTYPE(None, ctypes.c_size_t, ctypes.c_size_t, ctypes.c_int32, ctypes.c_size_t)
 
-_METHODS = {EXTRAPOLATION: EXTRAPOLATED, "RK4": WHOLE}
+_METHODS = {EXTRAPOLATION: layout.EXTRAPOLATED, "RK4": layout.WHOLE}
 
 #: Rows of the extrapolation: the first that may do, and the last that is tried.
 FEWEST_ROWS, MOST_ROWS = 3, 4
@@ -76,7 +41,7 @@ class Integration:
 
     def __init__(self, model: mujoco.MjModel, choice: TimestepChoice, count: int = 1) -> None:
         self._lengths = backbone_lengths(model)
-        self.memory = np.zeros((count, 2, MEMORY_SIZE))
+        self.memory = np.zeros((count, 2, layout.MEMORY_SIZE))
         self._states = np.zeros((count, 2, model.nq + model.nv))
         self._sizes = (model.nq, model.nv, model.nu, model.nbody, model.ntendon)
         self._path = np.zeros((1, model.nu))
@@ -90,30 +55,30 @@ class Integration:
         With `rates` (k,) of their own if given.
         """
         chosen = self.memory[which]
-        chosen[..., METHOD] = _METHODS.get(choice.integrator, SPLIT)
-        chosen[..., SUBSTEPS] = choice.substeps
-        chosen[..., PERIOD] = choice.timestep * choice.substeps
-        chosen[..., LONGEST] = chosen[..., NEXT] = choice.timestep
-        chosen[..., SHORTEST] = choice.timestep * choice.substeps / MOST_INTERVALS
-        chosen[..., ACCURACY] = choice.accuracy or np.inf
-        chosen[..., RATE] = choice.rate if rates is None else rates[:, None]
-        chosen[..., 1, ACCURACY] *= SHADOW
-        chosen[..., FEWEST], chosen[..., MOST] = FEWEST_ROWS, MOST_ROWS
-        chosen[..., 1, FEWEST] = FEWEST_ROWS - 1
+        chosen[..., layout.METHOD] = _METHODS.get(choice.integrator, layout.SPLIT)
+        chosen[..., layout.SUBSTEPS] = choice.substeps
+        chosen[..., layout.PERIOD] = choice.timestep * choice.substeps
+        chosen[..., layout.LONGEST] = chosen[..., layout.NEXT] = choice.timestep
+        chosen[..., layout.SHORTEST] = choice.timestep * choice.substeps / MOST_INTERVALS
+        chosen[..., layout.ACCURACY] = choice.accuracy or np.inf
+        chosen[..., layout.RATE] = choice.rate if rates is None else rates[:, None]
+        chosen[..., 1, layout.ACCURACY] *= SHADOW
+        chosen[..., layout.FEWEST], chosen[..., layout.MOST] = FEWEST_ROWS, MOST_ROWS
+        chosen[..., 1, layout.FEWEST] = FEWEST_ROWS - 1
         self.memory[which] = chosen
 
     def tell(self, **arrays: np.ndarray) -> None:
         """Keep arrays (n, ...) of fields of the data current, by name out of `TOLD_FIELDS`."""
-        places = dict(zip(TOLD_FIELDS, data_offsets(*TOLD_FIELDS), strict=True))
+        places = dict(zip(TOLD_FIELDS, layout.data_offsets(*TOLD_FIELDS), strict=True))
         self._told = np.array(
             [(places[n], a[0].size, a.ctypes.data) for n, a in arrays.items()], dtype=np.int64
         )
-        self._header[TOLD], self._header[TELL] = len(arrays), self._told.ctypes.data
+        self._header[layout.TOLD], self._header[layout.TELL] = len(arrays), self._told.ctypes.data
 
     def restart(self, which: Any = slice(None)) -> None:
         """Forget the motion so far."""
-        self.memory[which, :, NEXT] = self.memory[which, :, LONGEST]
-        self.memory[which, :, WORST:] = 0.0
+        self.memory[which, :, layout.NEXT] = self.memory[which, :, layout.LONGEST]
+        self.memory[which, :, layout.WORST :] = 0.0
         self._states[which] = np.nan
 
     @property
@@ -133,40 +98,41 @@ class Integration:
     @property
     def estimates(self) -> np.ndarray:
         """View (n,): estimated errors [m] in time since the last restart; 0 of MuJoCo's."""
-        return self.memory[:, 0, ESTIMATE]
+        return self.memory[:, 0, layout.ESTIMATE]
 
     @property
     def evaluations(self) -> np.ndarray:
         """Evaluations (n,) of all forces since the last restart, the shadows' too."""
-        return self.memory[:, :, EVALUATIONS].sum(axis=1)
+        return self.memory[:, :, layout.EVALUATIONS].sum(axis=1)
 
     def follow(self, path: np.ndarray | None) -> None:
         """Take controls from a path (k, nu), a row a timestep; None: as the data has them."""
         if path is None:
-            self._header[ROWS] = 0
+            self._header[layout.ROWS] = 0
         else:
             self._path = np.ascontiguousarray(path)
-            self._header[PATH], self._header[ROWS] = self._path.ctypes.data, len(path)
+            self._header[layout.PATH], self._header[layout.ROWS] = self._path.ctypes.data, len(path)
 
     def drive_by(self, servos: np.ndarray) -> None:
         """Take controls from servos (n, SERVO_ROWS, nu), see `layout`, where no path is given."""
         self._servos = servos
-        self._header[SERVOS] = servos.ctypes.data
+        self._header[layout.SERVOS] = servos.ctypes.data
 
     def _connect(self) -> None:
-        self._header = np.zeros(HEADER, dtype=np.int64)
-        self._header[: NTENDON + 1] = self._sizes
-        self._header[OFFSETS:] = (
-            *model_offsets(*MODEL_FIELDS),
-            *data_offsets(*DATA_FIELDS),
-            time_offset(),
+        self._header = np.zeros(layout.HEADER, dtype=np.int64)
+        self._header[: layout.NTENDON + 1] = self._sizes
+        self._header[layout.OFFSETS :] = (
+            *layout.model_offsets(*layout.MODEL_FIELDS),
+            *layout.data_offsets(*layout.DATA_FIELDS),
+            layout.time_offset(),
         )
-        self._header[MEMORY], self._header[STRIDE] = self.memory.ctypes.data, 16 * MEMORY_SIZE
-        self._header[SHADOW_STATES] = self._states.ctypes.data
-        self._header[LENGTHS], self._header[PATH] = (
-            self._lengths.ctypes.data,
-            self._path.ctypes.data,
+        self._header[layout.MEMORY], self._header[layout.STRIDE] = (
+            self.memory.ctypes.data,
+            16 * layout.MEMORY_SIZE,
         )
+        self._header[layout.SHADOW_STATES] = self._states.ctypes.data
+        self._header[layout.LENGTHS] = self._lengths.ctypes.data
+        self._header[layout.PATH] = self._path.ctypes.data
         if self._servos is not None:
             self.drive_by(self._servos)
         self.header = self._header.ctypes.data

@@ -17,6 +17,7 @@ from numba.core.ccallback import CFunc
 
 from softrobot_env.machine_code import CALLED
 from softrobot_env.machine_code.cache import SourceCache
+from softrobot_env.scene.integration import layout
 from softrobot_env.scene.integration.extrapolation import (
     Ramp,
     bounded,
@@ -26,39 +27,6 @@ from softrobot_env.scene.integration.extrapolation import (
     work_size,
 )
 from softrobot_env.scene.integration.forces import chain_of, evaluate
-from softrobot_env.scene.integration.layout import (
-    AT,
-    COMMAND,
-    ESTIMATE,
-    EVALUATIONS,
-    EXTRAPOLATED,
-    HALF,
-    HEADER,
-    HORN,
-    LONGEST,
-    MEMORY,
-    MEMORY_SIZE,
-    METHOD,
-    MISSED,
-    MOTOR,
-    NU,
-    OFFSET,
-    PATH,
-    PERIOD,
-    ROWS,
-    SERVO_ROWS,
-    SERVOS,
-    SHADOW_STATES,
-    SPEED,
-    SPLIT,
-    STEPS,
-    STRIDE,
-    SUBSTEPS,
-    SUM,
-    TELL,
-    TOLD,
-    WHOLE,
-)
 from softrobot_env.scene.integration.mujoco_functions import (
     ADDRESS,
     assign,
@@ -97,15 +65,15 @@ def wind(servos, memory, path):
         Number of rows of the path up to the one at which all motors have arrived.
     """
     rows = 1 + _moving(servos, memory)
-    half, horn = servos[HALF], servos[HORN]
+    half, horn = servos[layout.HALF], servos[layout.HORN]
     assign(path[0], horn)
     for k in range(1, rows):
         for i in range(horn.size):
             # A motor turns one way, so its horn is pushed by one side of the backlash at most.
-            motor = _turned(servos, i, k * memory[LONGEST])
+            motor = _turned(servos, i, k * memory[layout.LONGEST])
             path[k, i] = min(max(horn[i], motor - half[i]), motor + half[i])
     for i in range(horn.size):
-        servos[MOTOR, i] = _turned(servos, i, (rows - 1) * memory[LONGEST])
+        servos[layout.MOTOR, i] = _turned(servos, i, (rows - 1) * memory[layout.LONGEST])
     assign(horn, path[rows - 1])
     return rows
 
@@ -119,14 +87,14 @@ def turn(servos, memory, path):
 @jit
 def _way(servos, i):
     """What motor i still has to wind [m]."""
-    return servos[OFFSET, i] + servos[COMMAND, i] - servos[MOTOR, i]
+    return servos[layout.OFFSET, i] + servos[layout.COMMAND, i] - servos[layout.MOTOR, i]
 
 
 @jit
 def _turned(servos, i, time):
     """Where motor i is [m] after a time [s]."""
-    most = servos[SPEED, i] * time
-    return servos[MOTOR, i] + min(max(_way(servos, i), -most), most)
+    most = servos[layout.SPEED, i] * time
+    return servos[layout.MOTOR, i] + min(max(_way(servos, i), -most), most)
 
 
 @jit
@@ -134,9 +102,9 @@ def _moving(servos, memory):
     """Timesteps until all motors have arrived, at least one and at most all of them."""
     arrival = 0.0
     for i in range(servos.shape[1]):
-        arrival = max(arrival, np.abs(_way(servos, i)) / servos[SPEED, i])
+        arrival = max(arrival, np.abs(_way(servos, i)) / servos[layout.SPEED, i])
     steps = 1
-    while steps < memory[SUBSTEPS] and steps * memory[LONGEST] < arrival:
+    while steps < memory[layout.SUBSTEPS] and steps * memory[layout.LONGEST] < arrival:
         steps += 1
     return steps
 
@@ -165,16 +133,16 @@ def _entry(function: Any) -> CFunc:
 def _integrate_period(work, path, held):
     """Advance by a control period along a path (rows, nu) of controls, whose end is `held`."""
     chain, memory = work.chain, work.memory
-    tick = memory[PERIOD] / memory[SUBSTEPS]
+    tick = memory[layout.PERIOD] / memory[layout.SUBSTEPS]
     ways = max(len(path) - 1, 0)
     for k in range(ways):
         if k:
             evaluate(chain)
         integrate(work, Ramp(path[k], path[k + 1], tick))
-    if ways < memory[SUBSTEPS]:
+    if ways < memory[layout.SUBSTEPS]:
         if ways:
             evaluate(chain)
-        integrate(work, Ramp(held, held, memory[PERIOD] - ways * tick))
+        integrate(work, Ramp(held, held, memory[layout.PERIOD] - ways * tick))
 
 
 @making
@@ -193,7 +161,7 @@ def _extrapolated_period(chain, memory, shadowed, states, path, free):
     _integrate_period(work_on(chain, shadowed, room), path, held)
     _save(chain, states[1])
     _load(chain, states[0])
-    reals_at(np.int64(chain.data) + 8 * chain.header[AT.time], 1)[0] += memory[PERIOD]
+    reals_at(np.int64(chain.data) + 8 * chain.header[layout.AT.time], 1)[0] += memory[layout.PERIOD]
     _finish(chain.model, chain.data)
     _compare(chain, memory, shadowed, states)
 
@@ -253,9 +221,9 @@ def _compare(chain, memory, shadowed, states):
     strayed = displacement(chain, turn)
     if not strayed < np.inf:
         strayed = np.inf
-    elif memory[SUM] < shadowed[SUM]:
-        strayed *= memory[SUM] / shadowed[SUM]
-    memory[ESTIMATE] = max(memory[ESTIMATE], strayed)
+    elif memory[layout.SUM] < shadowed[layout.SUM]:
+        strayed *= memory[layout.SUM] / shadowed[layout.SUM]
+    memory[layout.ESTIMATE] = max(memory[layout.ESTIMATE], strayed)
 
 
 # ---------------------------------------------------------------- MuJoCo's integrators
@@ -267,12 +235,12 @@ def _mujoco_period(chain, memory, path):
 
     The forces of drives at the end are those of the state there.
     """
-    model, data, substeps = chain.model, chain.data, int(memory[SUBSTEPS])
+    model, data, substeps = chain.model, chain.data, int(memory[layout.SUBSTEPS])
     last = len(path) - 1
     for k in range(substeps):
         if last >= 0:
             assign(chain.ctrl, path[min(k, last)])
-        if k == 0 and memory[METHOD] == SPLIT:
+        if k == 0 and memory[layout.METHOD] == layout.SPLIT:
             mj_step2(model, data)
         else:
             mj_step(model, data)
@@ -280,8 +248,8 @@ def _mujoco_period(chain, memory, path):
         assign(chain.ctrl, path[last])
     mj_step1(model, data)
     mj_actuation(model, data)
-    memory[EVALUATIONS] += substeps * (4 if memory[METHOD] == WHOLE else 1)
-    memory[STEPS] += substeps
+    memory[layout.EVALUATIONS] += substeps * (4 if memory[layout.METHOD] == layout.WHOLE else 1)
+    memory[layout.STEPS] += substeps
 
 
 # ---------------------------------------------------------------- what C code calls
@@ -290,25 +258,31 @@ def _mujoco_period(chain, memory, path):
 @making
 def _path(number, header, memory):
     """Controls (rows, nu) during the period, that of its servos if a simulation has them."""
-    nu = header[NU]
-    if header[ROWS] or not header[SERVOS]:
-        return reals_at(header[PATH], header[ROWS] * nu).reshape(header[ROWS], nu)
-    block = reals_at(header[SERVOS] + 8 * number * SERVO_ROWS * nu, SERVO_ROWS * nu)
-    path = np.empty((1 + int(memory[SUBSTEPS]), nu))
-    return path[: wind(block.reshape(SERVO_ROWS, nu), memory, path)]
+    nu = header[layout.NU]
+    if header[layout.ROWS] or not header[layout.SERVOS]:
+        return reals_at(header[layout.PATH], header[layout.ROWS] * nu).reshape(
+            header[layout.ROWS], nu
+        )
+    block = reals_at(
+        header[layout.SERVOS] + 8 * number * layout.SERVO_ROWS * nu, layout.SERVO_ROWS * nu
+    )
+    path = np.empty((1 + int(memory[layout.SUBSTEPS]), nu))
+    return path[: wind(block.reshape(layout.SERVO_ROWS, nu), memory, path)]
 
 
 @making
 def _advance(model, data, number, header):
     chain = chain_of(model, data, header)
-    address = header[MEMORY] + number * header[STRIDE]
-    memory = reals_at(address, MEMORY_SIZE)
-    memory[MISSED] = 0.0
+    address = header[layout.MEMORY] + number * header[layout.STRIDE]
+    memory = reals_at(address, layout.MEMORY_SIZE)
+    memory[layout.MISSED] = 0.0
     path = _path(number, header, memory)
-    if memory[METHOD] == EXTRAPOLATED:
-        shadowed = reals_at(address + 8 * MEMORY_SIZE, MEMORY_SIZE)
+    if memory[layout.METHOD] == layout.EXTRAPOLATED:
+        shadowed = reals_at(address + 8 * layout.MEMORY_SIZE, layout.MEMORY_SIZE)
         size = chain.q.size + chain.v.size
-        states = reals_at(header[SHADOW_STATES] + number * 16 * size, 2 * size).reshape(2, size)
+        states = reals_at(header[layout.SHADOW_STATES] + number * 16 * size, 2 * size).reshape(
+            2, size
+        )
         free = np.empty(work_size(chain, memory) + work_size(chain, shadowed))
         _extrapolated_period(chain, memory, shadowed, states, path, free)
     else:
@@ -318,15 +292,17 @@ def _advance(model, data, number, header):
 @making
 def _tell(data, number, header):
     """Copy what is to be reported of a simulation to its row of the arrays of all."""
-    reported = numba.carray(pointer(np.uint64(header[TELL])), (header[TOLD], 3), np.int64)
-    for k in range(header[TOLD]):
+    reported = numba.carray(
+        pointer(np.uint64(header[layout.TELL])), (header[layout.TOLD], 3), np.int64
+    )
+    for k in range(header[layout.TOLD]):
         place, size, address = reported[k, 0], reported[k, 1], reported[k, 2]
         reals_at(address + 8 * size * number, size)[:] = reals(data, place, size)
 
 
 @making
 def _header_at(address):
-    return numba.carray(pointer(address), (HEADER,), np.int64)
+    return numba.carray(pointer(address), (layout.HEADER,), np.int64)
 
 
 @_entry

@@ -8,10 +8,10 @@ import pytest
 from support.firmware_bench import running  # skips without a compiler
 from support.processes import python
 
+from firmware_schema import header
 from softrobot_env.core.paths import firmware_dir
 from softrobot_env.hardware import virtual_robot as core
 from softrobot_env.hardware.protocol.messages import Reset
-from softrobot_env.hardware.protocol.schema import header
 from softrobot_env.hardware.virtual_robot import CompilerMissingError, Core, Measured
 
 QUIET = Measured((0,) * 3, (0,) * 3, (0,) * 4, 0, False)
@@ -24,7 +24,7 @@ def make(*arguments):
 
 def test_the_tables_in_cpp_are_those_of_python():
     written = (firmware_dir() / "core" / "schema.h").read_text()
-    assert written == header() + "\n", "run python -m softrobot_env.hardware.protocol.schema"
+    assert written == header() + "\n", "run python scripts/firmware_schema.py"
 
 
 def test_the_core_calls_no_platform_and_takes_no_memory():

@@ -1,17 +1,36 @@
-"""Every field of every data class that users make refuses what it cannot hold, in one line."""
+"""Records: what fields refuse, in one line, and how tables of files are read and written."""
 
+import json
+import tomllib
 from dataclasses import dataclass, fields, replace
 from math import inf, nan
 from typing import Annotated
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from softrobot_env.control.mpc.settings import PREVIEW as MPC_PREVIEW
 from softrobot_env.control.mpc.settings import THESIS as MPC_THESIS
-from softrobot_env.core.records import Range, check_fields
+from softrobot_env.core.records import (
+    Key,
+    Positive,
+    Range,
+    Unit,
+    check_fields,
+    keys,
+    placed,
+    read,
+    unwritten,
+    write,
+)
+from softrobot_env.core.toml_text import text
 from softrobot_env.envs.rewards import TrackingReward
+from softrobot_env.hardware.robot_file import RobotFile, Servo, Supervision
 from softrobot_env.learned.quasi_static import Sampling
+from softrobot_env.recordings import Commands, Frame, Header, Time
+from softrobot_env.recordings import Marker as Measured
 from softrobot_env.robots import ARM, RIG, Load
 from softrobot_env.robots.twin import rig3d_twin
 from softrobot_env.scene.config import Appearance, Camera, Marker, PathMarker, SceneConfig
@@ -177,3 +196,127 @@ def test_messages_name_the_place(change, message):
         Sample(**change)
     assert message in str(caught.value) and len(str(caught.value)) < 250
     assert Sample(0, (1, "a"), [[1, 2], []]).many == ((1, 2), ())
+
+
+# ---------------------------------------------------------------- tables of files and rows
+
+
+@dataclass(frozen=True)
+class Part:
+    size: Annotated[Positive, Unit("m")]
+    time: Annotated[float, Unit("ms", 1e-3), Range("in [0, 9]", lambda x: 0 <= x <= 9)] = 2e-3
+
+    def __post_init__(self) -> None:
+        check_fields(self, "part")
+        if self.size > 100:
+            raise ValueError(f"part: size must be at most 100, got {self.size}")
+
+
+@dataclass(frozen=True)
+class Machine:
+    name: str
+    parts: Annotated[tuple[Part, ...], Key("part")] = ()
+    spare: Part | None = None
+    scale: Annotated[tuple[float, ...] | None, Unit("1/m")] = None
+    hidden: int = unwritten(3)
+
+
+def test_keys_and_defaults_follow_from_the_fields():
+    assert list(keys(Machine)) == ["name", "part", "spare", "scale_1_m"]
+    assert list(keys(Part)) == ["size_m", "time_ms"]
+    assert write(Machine("a", hidden=4)) == {"name": "a"}
+    assert write(Machine("a", spare=Part(2.0, 5e-3)), full=True) == {
+        "name": "a",
+        "part": [],
+        "spare": {"size_m": 2.0, "time_ms": 5.0},
+        "scale_1_m": None,
+    }
+
+
+@pytest.mark.parametrize(
+    ("said", "message"),
+    [
+        ({"part": 1}, "my.toml: name missing"),
+        ({"name": "a", "hidden": 1}, "hidden is no key; allowed are name, part, spare, scale_1_m"),
+        ({"name": ""}, "my.toml: name must be a text that is not empty, got ''"),
+        ({"name": "a", "part": [{}]}, "my.toml: part[1]: size_m missing"),
+        ({"name": "a", "part": {"size_m": 1}}, "part must be tables, each begun with [[part]]"),
+        ({"name": "a", "part": [{"size_m": 1}, {"size_m": -1}]}, "part[2].size_m must be finite"),
+        ({"name": "a", "spare": 3}, "spare must be a table, got 3"),
+        ({"name": "a", "spare": {"size_m": 1, "x": 1}}, "spare.x is no key; allowed are size_m"),
+        ({"name": "a", "spare": {"size_m": 1, "time_ms": 10}}, "spare.time_ms must be in [0, 9]"),
+        ({"name": "a", "spare": {"size_m": 200}}, "spare: part: size_m must be at most 100"),
+        ({"name": "a", "scale_1_m": 3}, "scale_1_m must be None or a list, each entry a finite"),
+        ({"name": "a", "scale_1_m": [1, inf]}, "scale_1_m"),
+    ],
+    ids=str,
+)
+def test_tables_are_refused_in_a_line_with_their_place(said, message):
+    with pytest.raises(ValueError) as caught, placed("my.toml"):
+        read(Machine, said)
+    assert message in str(caught.value) and "\n" not in str(caught.value)
+    assert str(caught.value).startswith("my.toml: ")
+
+
+def test_ranges_are_those_of_the_unit_in_files():
+    with pytest.raises(ValueError, match=r"part: time_ms must be in \[0, 9\], got 20\.0"):
+        Part(1.0, 0.02)
+
+
+words = st.text(st.characters(codec="utf-8"), min_size=1)
+numbers = st.floats(-1e9, 1e9)
+sizes = st.floats(1e-9, 100)
+steps = st.integers(100, 900).map(lambda count: round(1e-5 * count, 12))
+parts = st.builds(Part, sizes, st.integers(0, 9).map(lambda count: round(1e-3 * count, 12)))
+machines = st.builds(
+    Machine,
+    words,
+    st.lists(parts, max_size=3).map(tuple),
+    st.none() | parts,
+    st.none() | st.lists(numbers, max_size=3).map(tuple),
+)
+
+
+@st.composite
+def headers(draw):
+    columns = tuple(draw(st.lists(words, min_size=1, max_size=3, unique=True)))
+    each = st.tuples(*[numbers] * len(columns))
+    vector = st.tuples(numbers, numbers, numbers)
+    marker = st.builds(
+        Measured, words, unit=st.sampled_from(["m", "cm", "mm"]), station_m=st.none() | sizes,
+        offset_m=vector, delay_s=sizes, may_be_lost=st.booleans(),
+    )  # fmt: skip
+    commands = Commands(
+        "length", columns, draw(st.sampled_from(["m", "mm"])),
+        draw(st.sampled_from([None, columns])), draw(st.none() | each),
+        draw(st.none() | each), draw(st.sampled_from(["from", "until"])),
+    )  # fmt: skip
+    timing = {"time": Time(draw(words), "ms")} if draw(st.booleans()) else {"rate_Hz": draw(sizes)}
+    return Header(
+        commands, tuple(draw(st.lists(marker, max_size=2))), **timing, runs=draw(st.none() | words),
+        static=draw(st.booleans()), label=draw(st.none() | words),
+        label_ends=tuple(draw(st.lists(words, max_size=2))),
+        frame=Frame(draw(st.sampled_from([("x", "y", "z"), ("-y", "x", "z")])), draw(vector)),
+        robot=draw(st.none() | words),
+    )  # fmt: skip
+
+
+@st.composite
+def hardware(draw):
+    servos = tuple(
+        Servo(k, 1500e-6, draw(st.sampled_from([0.03183, -0.02])), -draw(steps), draw(steps))
+        for k in range(draw(st.integers(1, 6)))
+    )
+    watched = Supervision(draw(steps), adc_channels=tuple(draw(st.lists(st.integers(0, 3)))))
+    return RobotFile(
+        draw(words), draw(words), servos, ramp=round(0.1 + draw(steps), 12), supervision=watched
+    )
+
+
+@settings(max_examples=60, deadline=None)
+@given(record=machines | headers() | hardware())
+def test_records_of_all_kinds_are_written_and_read_to_the_last_bit(record):
+    tables = {"tip": lambda table, where: record.tip}  # whose options are no fields
+    assert read(type(record), tomllib.loads(text(write(record))), readers=tables) == record
+    row = json.loads(json.dumps(write(record, full=True)))
+    assert read(type(record), {k: v for k, v in row.items() if v is not None}, "", tables) == record

@@ -1,6 +1,6 @@
 """The tables of `messages` as a C++ header, so that both sides speak of the same numbers.
 
-`python -m softrobot_env.hardware.protocol.schema > firmware/core/schema.h`
+`python scripts/firmware_schema.py > firmware/core/schema.h`
 """
 
 import struct
@@ -19,7 +19,7 @@ def header() -> str:
 
 
 _TOP = """\
-// Written by `python -m softrobot_env.hardware.protocol.schema`. Do not edit.
+// Written by `python scripts/firmware_schema.py`. Do not edit.
 #pragma once
 
 #include <stdint.h>
