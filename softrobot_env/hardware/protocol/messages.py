@@ -2,8 +2,8 @@
 
 The same tables in C++ are `firmware/core/schema.h`, which `scripts/firmware_schema.py` writes.
 `SCHEMA`, a hash of these, seeds the checksum of all messages but the first two, so that programs
-with different tables do not mistake each other's numbers. Names of classes, fields and codes enter the hash: to
-rename one locks out every board that was flashed before.
+with different tables do not mistake each other's numbers. Names of classes, fields and codes enter
+the hash: to rename one locks out every board that was flashed before.
 
 A frame is `00 | COBS(body | CRC-32) | 00`. The leading zero keeps a truncated frame from taking the
 next one with it. CRC-32 and not 16: after COBS, one flipped bit on the wire becomes several.
