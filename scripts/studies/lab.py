@@ -56,8 +56,6 @@ from softrobot_env.rendering.figures import (
     save,
     style_of,
 )
-from softrobot_env.rendering.heatmap import heatmap
-from softrobot_env.rendering.quantities import QUANTITIES
 from softrobot_env.rendering.tables import (
     FACTORS,
     Column,
@@ -68,6 +66,8 @@ from softrobot_env.rendering.tables import (
     spread,
     verdict,
 )
+from studies.pictures import heatmap
+from studies.quantities import QUANTITIES
 
 __all__ = [
     "Case",

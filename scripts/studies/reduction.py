@@ -50,6 +50,7 @@ from studies.lab import (
     select,
     table,
 )
+from studies.pictures import add_notes
 
 
 @dataclass(frozen=True)
@@ -769,7 +770,7 @@ def _excited(axis: Any, rows: list[SpectrumRow]) -> None:
     axis.plot(time, 1e3 * known[0][:, 2], color=figures.ORANGE)
     active = time[np.flatnonzero(np.abs(known[0][:, 2]) > 1e-9)]
     axis.axvspan(active[0], active[-1], color="0.9", linewidth=0)
-    figures.add_notes(
+    add_notes(
         axis,
         [
             ("x of the tip", figures.GREEN),
@@ -793,7 +794,7 @@ def _inputs(axis: Any) -> None:
         notes.append((f"below {cutoff:g} Hz", colour))
     low, high = axis.get_ylim()
     axis.set_ylim(low, high + 0.35 * (high - low))  # room for the notes
-    figures.add_notes(axis, notes, "upper left")
+    add_notes(axis, notes, "upper left")
     axis.set(title="random inputs, filtered", xlabel="time [s]", ylabel="first input [mm]")
 
 
@@ -811,7 +812,7 @@ def _speeds(axis: Any, paths: list[PathRow], rows: list[SpectrumRow]) -> None:
         distance = np.linalg.norm(record[1:], axis=1)
         axis.plot(1e3 * distance, speed, ".", markersize=2, color=colour)
         notes[label] = colour
-    figures.add_notes(axis, [*notes.items()], "upper left")
+    add_notes(axis, [*notes.items()], "upper left")
     axis.set(title="speed by place", xlabel="distance from the axis [mm]", ylabel="speed [m/s]")
 
 

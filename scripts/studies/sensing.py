@@ -29,12 +29,13 @@ from softrobot_env.scene.registry import RIG_PIECES, scene_of
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.statics import equilibrium
 from softrobot_env.scene.timestep import TimestepWarning
-from softrobot_env.sensing.bank import SensorArray
+from softrobot_env.sensing.array import SensorArray
 from softrobot_env.sensing.calibration import AngleErrors, Calibration, Range, fit
 from softrobot_env.sensing.estimation import BendFilter, calibrate
 from softrobot_env.sensing.optics import POLYNOMIAL, SPAN, STRAIGHT
 from studies.gripper import GRIPPER, things
 from studies.lab import Column, Record, Study, for_pictures, quantity, table, verdict
+from studies.pictures import add_notes
 
 #: Whether a number of the model was chosen so that the row comes out; it follows from the thesis'
 #: polynomial of order 5, which the model has; it tests the model with numbers chosen elsewhere; or
@@ -668,7 +669,7 @@ def _planar_picture(constant: dict, other: dict, message: str) -> figures.Figure
     axis.set(xlabel="relative current [%]", ylabel="total angle [deg]")
     axis.set_title("as Fig. 4.7: polynomials")
     orders = [(f"order {order}", colour) for order, colour in _ORDERS.items()]
-    figures.add_notes(axis, [*orders, ("stars: thesis", figures.BLACK)])
+    add_notes(axis, [*orders, ("stars: thesis", figures.BLACK)])
     _other(*axes.flat[2:], other)
     return figure
 

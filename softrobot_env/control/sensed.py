@@ -87,7 +87,7 @@ class Sensed(Controller):
     def start(self, observation: Observation) -> SensedState:
         """Begin with a robot that was straight, and rests; the policy is yet to start."""
         felt = self._known.begin(observation[_SENSORS])
-        rates = {name: np.zeros_like(felt.told[of]) for name, of in self._rates.items()}
+        rates = {name: np.zeros_like(felt.reported[of]) for name, of in self._rates.items()}
         return SensedState(None, felt, rates, -self._period)  # the first call is now
 
     def act(self, observation: Observation, state: SensedState) -> tuple[np.ndarray, SensedState]:
@@ -101,11 +101,14 @@ class Sensed(Controller):
         felt = self._known.update(state.felt, reading, passed)
         if felt is state.felt:
             return state._replace(passed=passed)
-        rates = {n: (felt.told[of] - state.felt.told[of]) / passed for n, of in self._rates.items()}
+        rates = {
+            n: (felt.reported[of] - state.felt.reported[of]) / passed
+            for n, of in self._rates.items()
+        }
         return state._replace(felt=felt, rates=rates, passed=0.0)
 
     def _full(self, observation: Observation, state: SensedState) -> Observation:
-        shown = {name: state.felt.told[name][:size] for name, size in self._sizes.items()}
+        shown = {name: state.felt.reported[name][:size] for name, size in self._sizes.items()}
         rates = {name: rate[: self._sizes.get(TIP)] for name, rate in state.rates.items()}
         return {**observation, **shown, **rates}
 

@@ -55,7 +55,7 @@ from softrobot_env.scene.servos import Servos
 from softrobot_env.tasks import OPTIONS, Task, make_task, options_of
 
 if TYPE_CHECKING:
-    from softrobot_env.sensing.bank import SensorArray
+    from softrobot_env.sensing.array import SensorArray
 
 DEFAULT_ACCURACY = DEFAULT_SHARE
 
@@ -255,7 +255,7 @@ class SimulatedSetting(Setting):
         """Curvature sensors of `count` robots, if they are observed."""
         if "sensors" not in self.observed.spaces:
             return None
-        from softrobot_env.sensing.bank import SensorArray  # compiled code takes time to load
+        from softrobot_env.sensing.array import SensorArray  # compiled code takes time to load
 
         return SensorArray(self._sensors, self.plant.cells, self.control_period, count)
 

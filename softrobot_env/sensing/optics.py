@@ -7,12 +7,13 @@ errors at unequal angles. Beyond 30 degrees, where there are no measurements, f 
 zero at twice the acceptance angle, where no ray that leaves a fibre is kept by the next.
 """
 
+from collections.abc import Sequence
 from functools import cache
 from math import radians
 
 import numpy as np
 
-from softrobot_env.robots.sensors import ACCEPTANCE
+from softrobot_env.robots.sensors import ACCEPTANCE, Sensor
 
 #: Polynomial of order 5: alpha [degrees] by the relative current [%], Tab. 4.1.
 POLYNOMIAL = (60.2, -0.952, 0.0187, -4.08e-4, 4.54e-6, -1.99e-8)
@@ -76,3 +77,15 @@ def split_light(
     cosine = np.cos(size) * np.cos(tilt) - sine * towards * np.sin(tilt)
     psi = np.arccos(np.clip(cosine, -1.0, 1.0))
     return np.exp(-((psi / acceptance) ** 2))
+
+
+#: Largest turn [rad] between two tags.
+MOST_TURN = 4 * np.pi
+
+
+def readings(sensors: Sequence[Sensor]) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest readings (k,) of a robot's sensors, see `robots.sensors.Sensor`."""
+    tags = np.array([s.kind == "tags" for s in sensors for _ in range(s.size)])
+    most = [SATURATED.get(s.kind, 1.0) / STRAIGHT.get(s.kind, 1.0) for s in sensors]
+    most = np.repeat(most, [s.size for s in sensors])
+    return np.where(tags, -MOST_TURN, 0.0), np.where(tags, MOST_TURN, most * (1 + 1e-9))

@@ -36,12 +36,12 @@ class SensedShape(NamedTuple):
     Attributes:
         filters: Of each spatial sensor, None of others.
         reading: (size,), the last that was finite.
-        told: By name, what the sensors tell.
+        reported: By name, what the sensors report.
     """
 
     filters: tuple[BendFilter | None, ...]
     reading: np.ndarray
-    told: dict[str, np.ndarray]
+    reported: dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -193,27 +193,24 @@ class Arcs:
 
 def _parts(sensors: Sequence[Sensor]) -> list[tuple[float, float, np.ndarray]]:
     """Begin and end [m] of what bends by features (2, f) [rad], for each that is told."""
-    count = told(sensors)
+    count = reported(sensors)
     out, at = [], 0
     for sensor in sensors:
-        ends = np.linspace(sensor.begin, sensor.end, sensor.segments + 1)
-        if sensor.kind == "tags":
-            for k, (begin, end) in enumerate(pairwise(ends.tolist())):
-                bend = np.zeros((2, count))
-                bend[:, at + k] = np.cos(sensor.azimuth), np.sin(sensor.azimuth)
-                out.append((begin, end, bend))
-        elif sensor.kind == "spatial":
+        parts = sensor.segments if sensor.kind == "tags" else 1
+        ends = np.linspace(sensor.begin, sensor.end, parts + 1).tolist()
+        for k, (begin, end) in enumerate(pairwise(ends)):
             bend = np.zeros((2, count))
-            bend[:, at : at + 2] = 2 * np.eye(2)  # chords of halves: half of the whole turn
-            out.append((sensor.begin, sensor.end, bend))
-        else:
-            out.append((sensor.begin, sensor.end, np.zeros((2, count))))
-        at += told([sensor])
+            if sensor.kind == "tags":
+                bend[:, at + k] = np.cos(sensor.azimuth), np.sin(sensor.azimuth)
+            elif sensor.kind == "spatial":
+                bend[:, at : at + 2] = 2 * np.eye(2)  # chords of halves: half of the whole turn
+            out.append((begin, end, bend))
+        at += reported([sensor])
     return out
 
 
-def told(sensors: Sequence[Sensor]) -> int:
-    """Number of quantities that sensors tell: bends of spatial ones, readings of others."""
+def reported(sensors: Sequence[Sensor]) -> int:
+    """Number of quantities that sensors report: bends of spatial ones, readings of others."""
     return sum(2 if sensor.kind == "spatial" else sensor.size for sensor in sensors)
 
 
@@ -256,7 +253,9 @@ class Reconstruction:
         start = SensedShape(filters, np.full(self.size, np.nan), {})
         if not np.isfinite(reading).all():
             return start._replace(
-                told={name: np.full(m.weights.shape[1], np.nan) for name, m in self.maps.items()}
+                reported={
+                    name: np.full(m.weights.shape[1], np.nan) for name, m in self.maps.items()
+                }
             )
         return self.update(start, reading, 0.0)
 
@@ -299,7 +298,7 @@ class Reconstruction:
         )
         ends = "_powers"
         names = [n[4 : -len(ends)] for n in data if n.startswith("map_") and n.endswith(ends)]
-        count, maps = told(sensors), {}
+        count, maps = reported(sensors), {}
         for name in names:
             terms = len(np.atleast_1d(data[f"map_{name}_powers"]))
             ends_of = {"middle": (count,), "half": (count,), "error": ()}
@@ -336,15 +335,17 @@ def _features(
     passed: float,
 ) -> np.ndarray:
     """What maps are fed with: bends of spatial sensors, readings of others."""
-    out, at = [], 0
-    for sensor, one in zip(sensors, filters, strict=True):
-        own = reading[at : at + sensor.size]
-        at += sensor.size
+    out = []
+    for one, own in zip(filters, _each(sensors, reading), strict=True):
         if one is not None:
             one.update(own, passed)
-            own = one.bend
-        out.append(own)
+        out.append(own if one is None else one.bend)
     return np.concatenate(out)
+
+
+def _each(sensors: Sequence[Sensor], readings: np.ndarray) -> list[np.ndarray]:
+    """The readings (..., size) of each sensor."""
+    return np.split(readings, np.cumsum([sensor.size for sensor in sensors])[:-1], axis=-1)
 
 
 def reconstruct(
@@ -369,13 +370,11 @@ def reconstruct(
     Raises:
         ValueError: Too few postures.
     """
-    sensors, lights, at = robot.sensors, [], 0
-    every = np.ones(len(readings), dtype=bool)
-    for sensor, place in zip(sensors, places, strict=True):
-        own = readings[:, at : at + sensor.size]
-        at += sensor.size
-        spatial = sensor.kind == "spatial"
-        lights.append(calibrate(own, place, every, sensor) if spatial else None)
+    sensors, every = robot.sensors, np.ones(len(readings), dtype=bool)
+    lights = [
+        calibrate(own, place, every, sensor) if sensor.kind == "spatial" else None
+        for sensor, place, own in zip(sensors, places, _each(sensors, readings), strict=True)
+    ]
     filters = [None if light is None else BendFilter(light) for light in lights]
     features = np.array([_features(sensors, filters, row, passed) for row in readings])
     arcs, beyond = Arcs.of(robot), dict(seen)

@@ -23,13 +23,13 @@ class Specimen(NamedTuple):
 
     Attributes:
         gain: (size,) [1], of the light of each reading.
-        lever: (joints,) [1], angle of a joint over that of the shape.
+        moment_arm: (joints,) [1], angle of a joint over that of the shape.
         tilt, azimuth: (4,) [rad], of outgoing fibres.
         acceptance: [rad].
     """
 
     gain: np.ndarray
-    lever: np.ndarray
+    moment_arm: np.ndarray
     tilt: np.ndarray
     azimuth: np.ndarray
     acceptance: float
@@ -44,12 +44,12 @@ def build(sensor: Sensor) -> Specimen:
     turned = sensor.azimuth + 2 * np.pi / OUTPUTS * np.arange(OUTPUTS) + spread * normal[0]
     acceptance = sensor.acceptance * (1 + spread * normal[1])
     more = rng.standard_normal(2 * OUTPUTS + sensor.size + joints)
-    tilt, azimuth, gain, lever = np.split(
+    tilt, azimuth, gain, moment_arm = np.split(
         np.clip(more, -3.0, 3.0), np.cumsum([OUTPUTS, OUTPUTS, sensor.size])
     )
     return Specimen(
         gain=np.exp(spread * gain) if sensor.kind != "tags" else np.ones(sensor.size),
-        lever=1 + spread * lever,
+        moment_arm=1 + spread * moment_arm,
         tilt=TILT * (1 + spread * tilt),
         azimuth=turned + 0.3 * spread * azimuth,
         acceptance=acceptance,

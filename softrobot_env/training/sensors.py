@@ -19,9 +19,9 @@ from softrobot_env.robots.twin import Twin, rig3d_twin
 from softrobot_env.scene.chain import station_strain
 from softrobot_env.scene.linearised import linearised
 from softrobot_env.scene.workspace import sample_of, workspace_of
-from softrobot_env.sensing.bank import felt_bends
+from softrobot_env.sensing.array import felt_bends
 from softrobot_env.sensing.estimation import BEND_PER_PLACE
-from softrobot_env.sensing.reconstruction import TIP, Reconstruction, reconstruct, told
+from softrobot_env.sensing.reconstruction import TIP, Reconstruction, reconstruct, reported
 from softrobot_env.training.references import generic_task
 from softrobot_env.training.request import Metrics, Quantity, TrainingRequest
 
@@ -64,7 +64,7 @@ def calibrated(
     """
     if not robot.sensors:
         raise ValueError(f"robot {robot.name!r} carries no sensors that could be calibrated")
-    postures = _POSTURES * told(robot.sensors) if postures is None else postures
+    postures = _POSTURES * reported(robot.sensors) if postures is None else postures
     passed = sum(_pace(robot))
     with closing(_environment(robot, twin, (postures + 2) * passed)) as env:
         rows = []
@@ -174,7 +174,7 @@ def _places(
 def run(order: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Calibrate as ordered and write the file."""
     settings: dict[str, Any] = dict(order.settings)
-    postures = (_FEW if "quick" in settings else _POSTURES) * told(order.robot.sensors)
+    postures = (_FEW if "quick" in settings else _POSTURES) * reported(order.robot.sensors)
     twin = settings.get("twin", 0 if order.robot == RIG else None)
     known = calibrated(order.robot, order.seed, twin, postures, show)
     about = {} if twin is None else {"twin": twin}

@@ -17,12 +17,12 @@ from softrobot_env.rendering.figures import (
     STYLES,
     add_legend,
     label_lines,
-    label_points,
     new_figure,
     save,
     style_of,
 )
 from softrobot_env.scene.quadrature import RULES
+from studies.pictures import label_points
 
 SOURCES = sorted(Path(softrobot_env.__file__).parent.rglob("*.py"))
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softrobot_env.robots import RIG, Sensor
-from softrobot_env.sensing.bank import SensorArray
+from softrobot_env.sensing.array import SensorArray
 from softrobot_env.sensing.calibration import (
     AngleErrors,
     Calibration,

@@ -8,7 +8,7 @@ import pytest
 
 from softrobot_env.core.artifacts import Arrays, read_arrays, write_arrays
 from softrobot_env.robots import ARM, RIG, ROBOTS, Sensor
-from softrobot_env.sensing.bank import felt_bends
+from softrobot_env.sensing.array import felt_bends
 from softrobot_env.sensing.reconstruction import (
     TIP,
     Arcs,
@@ -97,8 +97,10 @@ def test_what_sensors_tell_is_what_was_seen(known):
     arm, found = known
     turns = np.array([0.3, -0.9, 1.2])
     felt = found.update(found.begin(np.zeros(3)), turns, 0.02)
-    np.testing.assert_allclose(felt.told[TIP], Arcs.of(arm).tip(turns[None])[0, [0, 2]], atol=1e-6)
-    np.testing.assert_allclose(felt.told["curvature"], 3 / ARM.length * turns, rtol=1e-5)
+    np.testing.assert_allclose(
+        felt.reported[TIP], Arcs.of(arm).tip(turns[None])[0, [0, 2]], atol=1e-6
+    )
+    np.testing.assert_allclose(felt.reported["curvature"], 3 / ARM.length * turns, rtol=1e-5)
 
 
 def test_a_reading_that_is_not_finite_or_not_new_changes_nothing(known):
@@ -113,7 +115,9 @@ def test_files_keep_everything(known, tmp_path):
     write_arrays(tmp_path / "a.npz", found.arrays())
     again = Reconstruction.of(arm, read_arrays(tmp_path / "a.npz"))
     turns = np.array([0.1, 0.2, -0.4])
-    one, other = (each.update(each.begin(np.zeros(3)), turns, 0.02).told for each in (found, again))
+    one, other = (
+        each.update(each.begin(np.zeros(3)), turns, 0.02).reported for each in (found, again)
+    )
     for name in one:
         np.testing.assert_array_equal(one[name], other[name])
 

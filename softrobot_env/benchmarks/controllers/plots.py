@@ -38,7 +38,6 @@ from softrobot_env.rendering.figures import (
     add_legend,
     add_title,
     entry,
-    label_points,
     new_figure,
     save,
     style_axes,
@@ -46,6 +45,7 @@ from softrobot_env.rendering.figures import (
 )
 from softrobot_env.robots import ARM, centerline
 from softrobot_env.robots.actuation import TendonMap
+from studies.pictures import label_points
 
 #: Colours of factors on Young's modulus: warm where the robot is softer than known.
 _MODULI = {0.5: VERMILLION, 0.75: ORANGE, 1.0: GREEN, 1.25: SKY, 1.5: BLUE}

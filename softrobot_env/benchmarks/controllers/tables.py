@@ -20,7 +20,8 @@ from softrobot_env.benchmarks.records import names, of_kind, one, select
 from softrobot_env.evaluation.labels import task_label, variation_label
 from softrobot_env.evaluation.report import failures
 from softrobot_env.evaluation.thesis import AUDIT, CONTROLLERS, FIGURES, POLICY_TIME, ROBUSTNESS
-from softrobot_env.rendering.quantities import (
+from softrobot_env.rendering.tables import new_table, pivot_table, verdict
+from studies.quantities import (
     QUANTITIES,
     both,
     cell,
@@ -29,7 +30,6 @@ from softrobot_env.rendering.quantities import (
     span,
     with_unit,
 )
-from softrobot_env.rendering.tables import new_table, pivot_table, verdict
 
 _STEP = ("rise_time", "settling_time", "overshoot", "steady_state_error")
 _NUMBERS = {0.05: "6.2", 0.1: "6.3", 0.2: "6.4"}

@@ -16,7 +16,7 @@ from softrobot_env.rendering.figures import (
     save,
     style_of,
 )
-from softrobot_env.rendering.heatmap import heatmap
+from studies.pictures import heatmap
 
 _TITLES = {
     "circle": "circle of 40 mm",

@@ -19,8 +19,8 @@ from softrobot_env.benchmarks.generalization.run import (
 )
 from softrobot_env.benchmarks.records import names, select
 from softrobot_env.evaluation.labels import task_label
-from softrobot_env.rendering.quantities import cell, number
 from softrobot_env.rendering.tables import Column, make_table, pivot_table
+from studies.quantities import cell, number
 
 _ERRORS = {"e_max": "largest error in mm", "e_rms": "rms error in mm"}
 _STEP = {"overshoot": "overshoot in %", "settling_time": "settling time in s"}

@@ -8,8 +8,8 @@ from softrobot_env.benchmarks.laps import RefusedRow
 from softrobot_env.benchmarks.records import groups, of_kind, one
 from softrobot_env.benchmarks.transfer.run import Row, TransferRow
 from softrobot_env.rendering.figures import add_title, new_figure, save, style_axes
-from softrobot_env.rendering.heatmap import heatmap
 from softrobot_env.rendering.tables import number
+from studies.pictures import heatmap
 
 #: Policies of a robot; the tables have all.
 _MOST = 6

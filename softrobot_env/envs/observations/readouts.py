@@ -34,7 +34,7 @@ from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.simulation import Simulation
 
 if TYPE_CHECKING:  # compiled code takes time to load
-    from softrobot_env.sensing.bank import SensorArray
+    from softrobot_env.sensing.array import SensorArray
 
 
 def left_workspace(what: str, time: float) -> str:

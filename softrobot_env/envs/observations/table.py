@@ -13,7 +13,7 @@ from softrobot_env.core.interfaces import Observation, Seen
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.quadrature import HingeLayout
 from softrobot_env.scene.timestep import slowest
-from softrobot_env.sensing.limits import readings
+from softrobot_env.sensing.optics import readings
 
 #: Fastest reference an environment accepts, in lengths of the straight robot per second, and the
 #: largest acceleration, in lengths per second squared.

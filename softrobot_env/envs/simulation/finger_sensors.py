@@ -8,7 +8,7 @@ import numpy as np
 from softrobot_env.envs.simulation.grippers import GripperBatch
 from softrobot_env.robots.sensors import Sensor
 from softrobot_env.scene.chain import station_strain
-from softrobot_env.sensing.bank import SensorArray
+from softrobot_env.sensing.array import SensorArray
 
 #: Noise and specimens of a gripper's fingers have seeds this far apart.
 _APART = 1_000_003

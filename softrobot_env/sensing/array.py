@@ -1,7 +1,7 @@
 """What the sensors of n robots read, one control instant after the other."""
 
-from collections.abc import Sequence
-from itertools import pairwise
+from collections.abc import Callable, Sequence
+from itertools import accumulate, pairwise
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from softrobot_env.sensing.shape import Places
 #: Standard deviations at which noise ends.
 FARTHEST = 6.0
 
-_BLOCK = 64  # instants whose noise is drawn at once
+_BLOCK = 64  # instants whose noise is sampled at once
 
 
 class SensorArray:
@@ -41,38 +41,34 @@ class SensorArray:
             control_period: [s].
             count: Number n of robots.
         """
-        self._sensors, self._period, self._everyone = (
-            tuple(sensors),
-            control_period,
-            np.arange(count),
-        )
+        self._sensors, self._period = tuple(sensors), control_period
+        self._everyone = np.arange(count)
         self._places = Places(edges, *_places(self._sensors))
-        self._each = [sensor.size for sensor in sensors]
-        self.size = sum(self._each)
-        ends = np.cumsum([specimens.joints_of(s) for s in sensors])
-        self._joints = [
-            slice(e - specimens.joints_of(s), e) for s, e in zip(sensors, ends, strict=True)
-        ]
-        columns = np.cumsum(self._each)
-        self._columns = [slice(e - k, e) for e, k in zip(columns, self._each, strict=True)]
-        self._of = np.repeat(np.arange(len(sensors)), self._each)
-        self._frame = np.array([max(1.0, 1 / (s.rate * control_period)) for s in sensors])[self._of]
-        self._late = np.array([round(s.delay / control_period) for s in sensors])[self._of]
-        self._straight = np.array([STRAIGHT.get(s.kind, 1.0) for s in sensors])[self._of]
-        self._most = np.array([SATURATED.get(s.kind, np.inf) for s in sensors])[self._of]
-        self._step = np.array([float(s.kind != "tags") for s in sensors])[self._of]
-        self._noise = np.array([s.deviation for s in sensors])[self._of]
-        self._state(count, int(ends[-1]))
+        self._columns = _slices([sensor.size for sensor in sensors])
+        self._joints = _slices([specimens.joints_of(sensor) for sensor in sensors])
+        self.size = self._columns[-1].stop
+        self._of = np.repeat(np.arange(len(sensors)), [sensor.size for sensor in sensors])
+
+        def each(value: Callable[[Sensor], float]) -> np.ndarray:
+            return np.array([value(sensor) for sensor in sensors])[self._of]
+
+        self._frame = each(lambda s: max(1.0, 1 / (s.rate * control_period)))
+        self._late = each(lambda s: round(s.delay / control_period))
+        self._straight = each(lambda s: STRAIGHT.get(s.kind, 1.0))
+        self._most = each(lambda s: SATURATED.get(s.kind, np.inf))
+        self._step = each(lambda s: float(s.kind != "tags"))
+        self._noise = each(lambda s: s.deviation)
+        self._state(count, self._joints[-1].stop)
 
     def _state(self, count: int, joints: int) -> None:
         size, sensors = self.size, len(self._sensors)
-        self._gain, self._lever = np.ones((count, size)), np.ones((count, joints))
+        self._gain, self._moment_arm = np.ones((count, size)), np.ones((count, joints))
         self._tilt, self._azimuth = np.zeros((2, count, sensors, 4))
         self._acceptance = np.ones((count, sensors))
         names = ("temperature", "drift", "hysteresis", "stretch", "stray", "flicker")
         self._error = {name: np.zeros((count, sensors)) for name in names}
         self._lag = np.zeros((count, joints))
-        self._play = np.zeros((count, joints, len(specimens.PLAY), 2))
+        self._backlash = np.zeros((count, joints, len(specimens.PLAY), 2))
         self._drift = np.zeros((count, size))
         self._instant = np.zeros(count, dtype=int)
         self._due = np.zeros((count, size))
@@ -103,12 +99,8 @@ class SensorArray:
             self._generators[i] = np.random.default_rng(seed)
             self._drift[i] = np.clip(self._generators[i].standard_normal(self.size), -3, 3)
         self._instant[which], self._due[which] = 0, 0.0
-        bend, _ = self._places.turns(shape)
-        # The posture was reached from straight.
-        self._play[which] = 0.0
-        play = self._play[which]
-        specimens.follow(play, bend * self._lever[which][..., None])
-        self._play[which] = play
+        self._backlash[which] = 0.0  # the posture was reached from straight
+        self._felt(which, shape)
         self._sample(which, shape, None)
         self._ring[which] = self._held[which][:, None]
         self.reading[which] = self._held[which]
@@ -116,7 +108,10 @@ class SensorArray:
     def _build(self, i: int, sensors: Sequence[Sensor]) -> None:
         for k, sensor in enumerate(sensors):
             one = specimens.build(sensor)
-            self._gain[i, self._columns[k]], self._lever[i, self._joints[k]] = one.gain, one.lever
+            self._gain[i, self._columns[k]], self._moment_arm[i, self._joints[k]] = (
+                one.gain,
+                one.moment_arm,
+            )
             self._tilt[i, k], self._azimuth[i, k] = one.tilt, one.azimuth
             self._acceptance[i, k] = one.acceptance
             self._lag[i, self._joints[k]] = sensor.hysteresis
@@ -143,13 +138,9 @@ class SensorArray:
 
     def _sample(self, which: np.ndarray, shape: np.ndarray, touch: np.ndarray | None) -> None:
         """Take the samples that are due, of shapes (k, cells, 3) of robots `which` (k,)."""
-        normal = self._draw(which)
-        bend, spans = self._places.turns(shape)
-        bend = bend * self._lever[which][..., None]
-        play = self._play[which]
-        specimens.follow(play, bend)
-        self._play[which] = play
-        light = self._light(which, specimens.lagged(play, bend, self._lag[which]), spans)
+        normal = self._noise_of(which)
+        bend, spans = self._felt(which, shape)
+        light = self._light(which, bend, spans)
         level = light * self._gains(which, normal, spans) + self._leaks(which, touch)
         noisy = self._straight * level + self._noise * normal[:, 1]
         counts = np.where(
@@ -159,12 +150,21 @@ class SensorArray:
         self._due[which] += np.where(due, self._frame, 0.0)
         self._held[which] = np.where(due, counts / self._straight, self._held[which])
 
-    def _draw(self, which: np.ndarray) -> np.ndarray:
+    def _felt(self, which: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Bends (k, j, 2) that joints feel in shapes, lagging behind, and turns of spans."""
+        bend, spans = self._places.turns(shape)
+        bend = bend * self._moment_arm[which][..., None]
+        backlash = self._backlash[which]
+        specimens.follow(backlash, bend)
+        self._backlash[which] = backlash
+        return specimens.lagged(backlash, bend, self._lag[which]), spans
+
+    def _noise_of(self, which: np.ndarray) -> np.ndarray:
         """Normal variates (k, 3, size) of this instant; the drifts go on."""
         at = self._instant[which] % _BLOCK
         for i in which[at == 0].tolist():
-            drawn = self._generators[i].standard_normal(self._normal.shape[1:])
-            self._normal[i] = np.clip(drawn, -FARTHEST, FARTHEST)
+            sampled = self._generators[i].standard_normal(self._normal.shape[1:])
+            self._normal[i] = np.clip(sampled, -FARTHEST, FARTHEST)
         normal = self._normal[which, at]
         keep = np.exp(-self._period / specimens.DRIFT_TIME)
         self._drift[which] = keep * self._drift[which] + np.sqrt(1 - keep**2) * normal[:, 2]
@@ -222,6 +222,11 @@ def felt_bends(
     """
     bends, _ = Places(edges, *_places(sensors)).turns(strain)
     return np.split(bends, np.cumsum([specimens.joints_of(s) for s in sensors])[:-1], axis=1)
+
+
+def _slices(counts: Sequence[int]) -> list[slice]:
+    """Places of things of some counts, one after the other."""
+    return [slice(end - count, end) for end, count in zip(accumulate(counts), counts, strict=True)]
 
 
 def _places(sensors: Sequence[Sensor]) -> tuple[list, list]:

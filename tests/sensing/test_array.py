@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from softrobot_env.robots import Sensor
 from softrobot_env.robots.sensors import USUAL
-from softrobot_env.sensing.bank import SensorArray
+from softrobot_env.sensing.array import SensorArray
 from softrobot_env.sensing.optics import DARK, POLYNOMIAL, transmission
 
 PLANAR = Sensor("planar", "planar", 0.0, 0.09, noise=0.0)
