@@ -45,6 +45,9 @@ PLACES: dict[str, str] = {
     "sensing": "sensing:STUDY",
     "speed": "speed:STUDY",
     "thesis": "thesis:STUDY",
+    "feedback": "rig:FEEDBACK",
+    "rig": "rig:RIG_STUDY",
+    "rig_networks": "rig_networks:STUDY",
     "learning": "trainings:LEARNING",
     "ppo_defaults": "trainings:PPO_DEFAULTS",
 }

@@ -31,11 +31,8 @@ class Old:
 _OTHERS: dict[str, dict[str, Any]] = {
     "accuracy": {"alone": True},
     "controllers": {"alone": True},
-    "feedback": {},
     "generalization": {},
     "laws": {},
-    "rig": {"alone": True},
-    "rig_networks": {"run": "run:run_on_twin"},
     "stability": {"alone": True},
     "transfer": {},
 }

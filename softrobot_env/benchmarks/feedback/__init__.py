@@ -1,1 +1,0 @@
-"""Feedback of a late tip on the disturbed rig (thesis sec. 6.1), and what goes beyond."""

@@ -1,1 +1,0 @@
-"""Quasi-static networks of the spatial rig: size, samples and cost."""
