@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
+from support.routed_robots import TWO
 
 from softrobot_env.robots import (
     ARM,
@@ -17,6 +18,8 @@ from softrobot_env.robots import (
     RIG,
     ROBOTS,
     VARIABLE,
+    Base,
+    Disc,
     RobotParams,
     Tendon,
     centerline,
@@ -354,50 +357,54 @@ def test_stiffness_and_mass_cannot_vanish(name):
 # ---------------------------------------------------------------- validation, look-up
 
 
+TENDON = Tendon("t", (0.01, 0.0), end=0.3, group=0, tension_limit=10.0, guides=(0.1, 0.2))
+FREE = replace(TENDON, guides=())
+DISC = Disc(0.1, 0.1, (1e-5, 1e-5, 1e-5))
+
+
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("record", "changes", "message"),
     [
-        ({"inner_radius": 0.025}, "inner_radius"),
-        ({"inner_radius": -0.001}, "inner_radius"),
-        ({"outer_radius": 0.0, "inner_radius": 0.0}, "outer_radius"),
-        ({"length": 0.0, "tendons": ()}, "length"),
-        ({"youngs_modulus": -1.0}, "youngs_modulus"),
-        ({"density": 0.0}, "density"),
-        ({"damping_time": -1e-9}, "damping_time"),
-        ({"length": 0.4}, "beyond the robot's length"),
-        ({"youngs_modulus": nan}, "youngs_modulus"),
-        ({"density": nan}, "density"),
-        ({"damping_time": nan}, "damping_time"),
-        ({"youngs_modulus": inf}, "youngs_modulus"),
-        ({"pieces": 0}, "pieces"),
+        (ARM, {"inner_radius": 0.025}, "inner_radius"),
+        (ARM, {"inner_radius": -0.001}, "inner_radius"),
+        (ARM, {"outer_radius": 0.0, "inner_radius": 0.0}, "outer_radius"),
+        (ARM, {"length": 0.0, "tendons": ()}, "length"),
+        (ARM, {"damping_time": -1e-9}, "damping_time"),
+        (ARM, {"length": 0.4}, "beyond the robot's length"),
+        (TWO, {"youngs_modulus": 1e6}, "has sections, which say its youngs_modulus"),
+        (TWO, {"length": 0.5}, "the length of its sections is 0.4 together, not 0.5"),
+        (TWO, {"pieces": 5}, "the pieces of its sections is 12 together"),
+        (TWO, {"sections": (1,)}, "sections.*must be a Section"),
+        (TWO, {"discs": (replace(DISC, station=0.5),)}, "a disc at 0.5 m is off the robot"),
+        (TWO.sections[0], {"length": 0.0}, "section: length must be finite and positive"),
+        (TWO.sections[0], {"outer_radius": (0.01, 0.0)}, "section: outer_radius"),
+        (TWO.sections[0], {"outer_radius": (0.01, 0.02, 0.01)}, "section: outer_radius"),
+        (TWO.sections[0], {"inner_radius": (0.0, 0.02)}, "section: .* at base and tip"),
+        (TWO.sections[0], {"poisson_ratio": 0.6}, "section: poisson_ratio"),
+        (TWO.sections[0], {"pieces": 0}, "section: pieces"),
+        (DISC, {"inertia": (1e-5, 1e-5, 3e-5)}, "disc: no body has a moment of inertia"),
+        (DISC, {"mass": 0.0}, "disc: mass"),
+        (Base(), {"direction": (0, 0, 0)}, "base: direction must not be zero"),
+        (TENDON, {"tension_limit": 0.0}, "'t'.*tension_limit must be finite and positive"),
+        (TENDON, {"pretension": -1.0}, "'t'.*0 <= pretension"),
+        (TENDON, {"pretension": 10.0}, "'t'.*pretension < tension_limit"),
+        (TENDON, {"friction": -1.0}, "'t'.*friction must be finite and zero or more"),
+        (TENDON, {"friction": inf}, "'t'.*friction"),
+        (TENDON, {"end": 0.0}, "'t'.*end must be finite and positive"),
+        (TENDON, {"guides": (0.1, 0.1)}, "'t'.*guides must increase"),
+        (TENDON, {"guides": (0.2, 0.1)}, "'t'.*guides must increase"),
+        (TENDON, {"guides": (0.5,)}, "'t'.*guides must increase"),
+        (TENDON, {"guides": (0.0, 0.1)}, "'t'.*guides must increase"),
+        (FREE, {"turns": nan}, "'t': turns"),
+        (FREE, {"route": ((0.3, 0.0),)}, "'t': route"),
+        (FREE, {"route": ((0.2, 0.0, 0.0),)}, "'t': the stations of its route must increase"),
+        (FREE, {"route": ((0.1, 0, 0), (0.1, 0, 0), (0.3, 0, 0))}, "'t': the stations of its"),
+        (FREE, {"route": ((0.0, 0.0, 0.0),)}, "'t': the stations of its route must increase"),
     ],
 )
-def test_robots_that_cannot_be(changes, message):
+def test_what_cannot_be_is_refused(record, changes, message):
     with pytest.raises(ValueError, match=message):
-        replace(ARM, **changes)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"tension_limit": 0.0}, "tension_limit must be finite and positive"),
-        ({"pretension": -1.0}, "0 <= pretension"),
-        ({"pretension": 10.0}, "pretension < tension_limit"),
-        ({"tension_limit": nan}, "tension_limit"),
-        ({"friction": -1.0}, "friction must be finite and zero or more"),
-        ({"friction": nan}, "friction"),
-        ({"friction": inf}, "friction"),
-        ({"end": 0.0}, "end must be finite and positive"),
-        ({"guides": (0.1, 0.1)}, "guides must increase"),
-        ({"guides": (0.2, 0.1)}, "guides must increase"),
-        ({"guides": (0.5,)}, "guides must increase"),
-        ({"guides": (0.0, 0.1)}, "guides must increase"),
-    ],
-)
-def test_tendons_that_cannot_be(changes, message):
-    tendon = Tendon("t", (0.01, 0.0), end=0.3, group=0, tension_limit=10.0, guides=(0.1, 0.2))
-    with pytest.raises(ValueError, match=f"'t'.*{message}"):
-        replace(tendon, **changes)
+        replace(record, **changes)
 
 
 def test_robots_by_name():

@@ -7,7 +7,6 @@ import pytest
 from numpy.testing import assert_allclose
 from support.routed_robots import VIA, tendon
 
-from softrobot_env.robots import Tendon
 from softrobot_env.robots.loads import refuse_torsion
 
 STRAIGHT = tendon("straight", (0.01, 0.002), 0.3)
@@ -89,18 +88,3 @@ def test_turning_a_route_turns_all_its_places():
     turned = SPIRAL.turned(pi / 2, 2.0).at(s)
     across = np.column_stack([-SPIRAL.at(s)[:, 1], SPIRAL.at(s)[:, 0]])
     assert_allclose(turned, 2 * across, atol=1e-17)
-
-
-@pytest.mark.parametrize(
-    "route",
-    [((0.2, 0.0, 0.0),), ((0.1, 0.0, 0.0), (0.1, 0.0, 0.0), (0.3, 0.0, 0.0)), ((0.0, 0.0, 0.0),)],
-)
-def test_routes_have_to_reach_the_end(route):
-    with pytest.raises(ValueError, match="'t': the stations of its route must increase strictly"):
-        Tendon("t", (0.01, 0.0), 0.3, 0, 10.0, route=route)
-
-
-@pytest.mark.parametrize("options", [{"turns": float("nan")}, {"route": ((0.3, 0.0),)}])
-def test_strange_routes_are_refused(options):
-    with pytest.raises(ValueError, match=f"'t': {next(iter(options))}"):
-        Tendon("t", (0.01, 0.0), 0.3, 0, 10.0, **options)
