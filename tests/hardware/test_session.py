@@ -6,11 +6,18 @@ import numpy as np
 import pytest
 from support.hardware_boards import PASS, Bench, Board
 
-from softrobot_env.hardware.errors import LinkError, RobotError, RobotFaultError, SessionLostError
+from softrobot_env.hardware.errors import (
+    LinkError,
+    ProtocolMismatchError,
+    RobotError,
+    RobotFaultError,
+    SessionLostError,
+)
 from softrobot_env.hardware.protocol import messages as m
+from softrobot_env.hardware.protocol.link import DeviceClock, LinkCounters
 from softrobot_env.hardware.protocol.messages import encode
 from softrobot_env.hardware.protocol.session import Phase
-from softrobot_env.hardware.robot_file import rig_file, virtual_file
+from softrobot_env.hardware.robot_file import Supervision, rig_file, virtual_file
 
 HERE = [0.0, 0.0, 0.0]
 
@@ -262,3 +269,134 @@ def test_garbage_says_nothing_and_stops_nothing(armed):
     armed.command(HERE)
     assert armed.session.phase == Phase.RUNNING
     assert armed.session.link.frame_errors + armed.session.link.crc_errors > 0
+
+
+# ---------------------------------------------------------------- answers that do not fit
+
+
+def hello_ack(bench, **changes):
+    ack = m.HelloAck(77, 1, 0x0203, 1, 1, m.SCHEMA, 3, 15, 0)
+    return bench.session.receive(encode(replace(ack, **changes), 0), bench.now)
+
+
+def test_a_fault_is_known_by_its_kind_until_its_report_comes():
+    bench = Bench()
+    hello_ack(bench)
+    numbers = {"applied": (0,) * 3, "length": (0,) * 3, "force": (0,) * 3, "adc": (0,) * 4}
+    counts = {"vbus": 6000, "crc_errors": 0, "frame_errors": 0}
+    latched = {"state": m.DeviceState.LATCHED, "n": 3, "faults": 1 << m.Fault.STALL}
+    latched |= {"warnings": 0, "session": 0}
+    state = m.State(t_dev=0, last_seq=0, t_host_echo=0, **latched, **numbers, **counts)
+    bench.session.receive(encode(state, 1), bench.now)
+    assert bench.session.fault.text == "a servo stalled" and not bench.session.fault_reported
+    bench.session.receive(encode(m.FaultReport(m.Fault.STALL, 1, -310, 0), 2), bench.now)
+    assert bench.session.fault.text == "tendon 2 stalled 3.1 mm behind"
+
+
+def test_another_protocol_names_both():
+    with pytest.raises(ProtocolMismatchError, match=r"firmware 2\.3 speaks protocol 2 to 4.*1:"):
+        hello_ack(Bench(), min_protocol=2, max_protocol=4)
+
+
+def test_another_table_of_messages_is_told_as_such():
+    with pytest.raises(ProtocolMismatchError, match="different tables of messages"):
+        hello_ack(Bench(), schema=m.SCHEMA ^ 1)
+
+
+def test_another_number_of_servos_is_refused():
+    with pytest.raises(RobotError, match="board drives 6 servos, robot 'rig' has 3"):
+        hello_ack(Bench(), n=6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "what"),
+    [
+        ({"supervision": Supervision(stall=5e-3)}, "stall_mm", m.Capability.LENGTH),
+        ({"tendons": virtual_file().tendons}, "max_force_n", m.Capability.FORCE),
+        ({"supervision": Supervision(adc_channels=(1,))}, "adc_channels", m.Capability.ADC),
+        ({"supervision": Supervision(supply=4.8)}, "supply_v", m.Capability.SUPPLY),
+    ],
+)
+def test_a_board_that_cannot_watch_what_the_file_asks_for_is_refused(changes, key, what):
+    bench = Bench(replace(rig_file(), **changes))
+    hello_ack(bench, capabilities=15)
+    assert bench.session.phase == Phase.IDENTIFIED
+    bench = Bench(replace(rig_file(), **changes))
+    with pytest.raises(RobotError, match=f"asks for {key}.*not measure {what.name.lower()}"):
+        hello_ack(bench, capabilities=15 & ~what)
+
+
+def test_the_rig_before_its_calibration_needs_only_a_supply():
+    bench = Bench()
+    hello_ack(bench, capabilities=int(m.Capability.SUPPLY))
+    assert bench.session.phase == Phase.IDENTIFIED
+
+
+def test_an_answer_to_another_hello_is_ignored():
+    bench = Bench()
+    hello_ack(bench, nonce=78)
+    assert bench.session.phase == Phase.NEW
+
+
+def test_another_configuration_is_not_taken_for_ours():
+    bench = Bench()
+    hello_ack(bench)
+    with pytest.raises(RobotError, match="another configuration"):
+        bench.session.receive(encode(m.ConfigAck(1), 1), bench.now)
+
+
+# ---------------------------------------------------------------- clocks and counters of a link
+
+
+WRAP = 2**32
+
+
+def ages(stamps, arrivals, start=0):
+    """Age [s] at arrival of messages sent and arrived at times [s]."""
+    clock = DeviceClock()
+    counts = [round(1e6 * stamp + start) % WRAP for stamp in stamps]
+    pairs = zip(counts, arrivals, strict=True)
+    return [arrival - clock.taken(count, arrival) for count, arrival in pairs]
+
+
+def test_what_comes_at_once_has_no_age():
+    assert ages([5.0, 5.1, 5.2], [100.0, 100.1, 100.2]) == pytest.approx([0, 0, 0], abs=1e-9)
+
+
+def test_what_waits_is_as_old_as_it_has_waited():
+    found = ages([5.0, 5.1, 5.2, 5.3], [100.0, 100.4, 100.4, 100.4])
+    assert found == pytest.approx([0, 0.3, 0.2, 0.1], abs=3e-3)
+
+
+def test_a_first_message_that_waited_is_found_out():
+    assert ages([5.0, 5.1, 5.2], [100.3, 100.1, 100.2]) == pytest.approx([0, 0, 0], abs=1e-9)
+
+
+def test_the_clock_may_wrap():
+    found = ages([0.0, 0.1, 0.2], [100.0, 100.1, 100.25], start=WRAP - 150_000)
+    assert found == pytest.approx([0, 0, 0.05], abs=2e-3)
+
+
+@pytest.mark.parametrize("drift", [-0.005, 0.005])
+def test_the_drift_of_a_resonator_is_no_age(drift):
+    stamps = [0.05 * k for k in range(2000)]
+    arrivals = [stamp * (1 + drift) for stamp in stamps]
+    assert max(ages(stamps, arrivals)) < 1e-3
+
+
+def test_a_clock_that_starts_again_is_believed():
+    found = ages([500.0, 500.1, 0.2, 0.3], [1.0, 1.1, 1.6, 1.7])
+    assert found == pytest.approx([0, 0, 0, 0], abs=1e-9)
+
+
+def test_lost_and_doubled_messages_are_counted():
+    link = LinkCounters()
+    arrived = [link.note_arrival(seq) for seq in (65534, 65535, 65535, 3, 2, 4)]
+    assert arrived == [True, True, False, True, False, True]
+    assert (link.lost, link.old, link.received) == (3, 2, 4)
+
+
+def test_a_count_that_begins_anew_is_no_old_message():
+    link = LinkCounters()
+    assert link.note_arrival(500) and link.note_arrival(0)
+    assert (link.lost, link.old) == (0, 0)

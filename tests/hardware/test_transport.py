@@ -1,14 +1,29 @@
 """Serial ports, as pseudo-terminals."""
 
 import os
+import struct
+import time
 import tty
 from itertools import count
 
 import pytest
+from support.hardware_boards import FullDisk, LiveBoard, MemoryTransport
+from support.replay import ReplayTransport
 
 from softrobot_env.hardware import transport
+from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.errors import LinkError
-from softrobot_env.hardware.transport import SerialTransport
+from softrobot_env.hardware.protocol import messages as m
+from softrobot_env.hardware.protocol.messages import encode
+from softrobot_env.hardware.robot_file import rig_file
+from softrobot_env.hardware.transport import (
+    Chunk,
+    Direction,
+    LinkLog,
+    LoggingTransport,
+    SerialTransport,
+    read_link_log,
+)
 
 
 @pytest.fixture
@@ -72,3 +87,134 @@ def test_a_hang_up_is_told():
     with pytest.raises(LinkError, match="has gone"):
         port.read(0.5)
     port.close()
+
+
+# ----------------------------------------------------------------
+
+
+@pytest.fixture
+def ticks():
+    """A clock that goes on by a second whenever it is read."""
+    times = iter(range(1, 1000))
+    return lambda: float(next(times))
+
+
+@pytest.fixture
+def recorded(tmp_path, ticks):
+    """Path of a recording of two chunks."""
+    near, far = MemoryTransport.pair()
+    recorder = LoggingTransport(near, tmp_path / "short.link", ticks)
+    recorder.write(encode(m.Ping(7), 1))
+    far.write(encode(m.Pong(7, 8), 2))
+    assert recorder.read(1.0)
+    recorder.close()
+    return tmp_path / "short.link"
+
+
+def drive(driver, clock):
+    """Connect, arm, follow a set-point, be stopped; what the driver saw."""
+    driver.connect()
+    driver.arm()
+    reading = driver.wait_for(driver.command([1e-4, 0.0, 0.0]), clock() + 1)
+    driver.estop()
+    return driver.info.boot_id, reading.applied.tolist(), driver.wait_for_fault(1.0).text
+
+
+def test_what_was_recorded_is_read(recorded):
+    assert read_link_log(recorded) == LinkLog(
+        (
+            Chunk(1.0, Direction.TO_ROBOT, encode(m.Ping(7), 1)),
+            Chunk(2.0, Direction.FROM_ROBOT, encode(m.Pong(7, 8), 2)),
+        ),
+        complete=True,
+    )
+
+
+def test_messages_of_a_recording(recorded):
+    found = [(c.direction, message, seq) for c, message, seq in read_link_log(recorded).messages()]
+    assert found == [
+        (Direction.TO_ROBOT, m.Ping(7), 1),
+        (Direction.FROM_ROBOT, m.Pong(7, 8), 2),
+    ]
+
+
+@pytest.mark.parametrize("lost", [1, 5, 25])
+def test_a_file_that_breaks_off_is_read_as_far_as_it_goes(recorded, lost):
+    whole = read_link_log(recorded)
+    recorded.write_bytes(recorded.read_bytes()[:-lost])
+    assert read_link_log(recorded) == LinkLog(whole.chunks[:1], complete=False)
+
+
+def test_a_record_is_in_the_file_at_once(tmp_path, ticks):
+    recorder = LoggingTransport(MemoryTransport.pair()[0], tmp_path / "a.link", ticks)
+    recorder.write(b"abc")
+    assert read_link_log(tmp_path / "a.link").chunks[0].data == b"abc"
+    recorder.close()
+
+
+@pytest.mark.parametrize("room", [30, 40])  # no record, or a part of the first one
+def test_a_full_disk_ends_the_recording_and_not_the_link(room):
+    near, far = MemoryTransport.pair()
+    recorder = LoggingTransport(near, FullDisk(room))
+    for data in (b"set-point" * 4, b"stop"):
+        recorder.write(data)
+        assert far.read(0.0) == data
+    far.write(b"stopped")
+    assert recorder.read(0.0) == b"stopped"
+    assert "No space left" in str(recorder.failure)
+
+
+def test_what_is_sent_stands_before_its_answer(tmp_path):
+    """Although an answer may be written first: only its sending comes first."""
+    times = iter([1.0, 2.0])
+    near, far = MemoryTransport.pair()
+    recorder = LoggingTransport(near, tmp_path / "a.link", lambda: next(times))
+
+    def answer_first(data):
+        far.write(b"answer")
+        recorder.read(0.0)
+
+    near.write = answer_first
+    recorder.write(b"question")
+    recorder.close()
+    directions = [chunk.direction for chunk in read_link_log(tmp_path / "a.link").chunks]
+    assert directions == [Direction.TO_ROBOT, Direction.FROM_ROBOT]
+
+
+def test_a_recording_never_replaces_a_file(recorded):
+    with pytest.raises(FileExistsError):
+        LoggingTransport(MemoryTransport.pair()[0], recorded)
+
+
+def test_other_files_are_refused(tmp_path, recorded):
+    other = tmp_path / "other"
+    other.write_bytes(b"something else")
+    with pytest.raises(ValueError, match="is no log"):
+        read_link_log(other)
+    data = recorded.read_bytes()
+    start = data.index(b"\n") + 1
+    other.write_bytes(data[:start] + struct.pack("<I", m.SCHEMA ^ 1) + data[start + 4 :])
+    with pytest.raises(ValueError, match="another table of messages"):
+        read_link_log(other)
+
+
+def test_a_replay_shows_the_driver_what_happened(tmp_path):
+    path = tmp_path / "run.link"
+    with (
+        LiveBoard() as live,
+        Driver(rig_file(), LoggingTransport(live.transport, path)) as driver,
+    ):
+        seen = drive(driver, time.monotonic)
+    replay = ReplayTransport(read_link_log(path))
+    with Driver(rig_file(), replay, replay.clock, replay.draw) as again:
+        assert drive(again, replay.clock) == seen
+
+
+def test_a_replay_ends_with_the_recording():
+    replay = ReplayTransport(LinkLog((Chunk(1.0, Direction.FROM_ROBOT, b"x"),), True))
+    assert replay.read(0.0) == b"x" and replay.read(0.0) == b""
+    replay.write(b"more")
+    with pytest.raises(LinkError, match="recording is over"):
+        replay.read(0.0)
+    with pytest.raises(LinkError, match="no further session"):
+        replay.draw(32)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from support.postures import posed
 
+from softrobot_env.core.paths import assets_dir
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.build import build_scene, scene_xml
@@ -20,6 +21,7 @@ from softrobot_env.scene.config import (
     TipSensors,
 )
 from softrobot_env.scene.quadrature import RULES
+from softrobot_env.scene.registry import SCENES
 
 ROBOTS = (ARM, CANTILEVER_WEAK, CANTILEVER_STIFF)
 FITTING = {"midpoint": 6, "gauss2": 6, "balanced2": 6, "chord2": 6, "gauss3": 3, "coupled2": 6}
@@ -220,3 +222,40 @@ def test_links_too_light_for_mujoco_are_named():
     fibre = replace(ARM, name="fibre", outer_radius=1e-6, inner_radius=0.0, tendons=())
     with pytest.raises(ValueError, match=r"robot 'fibre': a link of .* take fewer pieces"):
         build_scene(SceneConfig(fibre))
+
+
+# ----------------------------------------------------------------
+
+
+#: Numbers in MJCF have six digits: half a unit of the last one, relative to 1.00000.
+PRECISION = 5e-6
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_exported_scene_is_what_the_builder_makes(name):
+    text = (assets_dir() / f"{name}.xml").read_text(encoding="utf-8")
+    assert text == scene_xml(SCENES[name]), "run: softrobot export --out assets --overwrite"
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_exported_scene_compiles_to_the_same_model(name):
+    loaded = mujoco.MjModel.from_xml_path(str(assets_dir() / f"{name}.xml"))
+    built = build_scene(SCENES[name]).model
+    assert (loaded.nv, loaded.nu, loaded.ntendon) == (built.nv, built.nu, built.ntendon)
+    for field in ("body_mass", "body_inertia", "body_pos", "jnt_stiffness", "dof_damping"):
+        expected = getattr(built, field)
+        np.testing.assert_allclose(getattr(loaded, field), expected, rtol=PRECISION, err_msg=field)
+    assert loaded.opt.timestep == pytest.approx(built.opt.timestep, rel=PRECISION)
+    assert loaded.opt.integrator == built.opt.integrator
+    assert loaded.opt.disableflags == built.opt.disableflags
+
+
+def test_no_stray_assets():
+    assert {path.stem for path in assets_dir().glob("*.xml")} == set(SCENES)
+
+
+def test_environments_simulate_the_registered_scene():
+    from softrobot_env.envs.tracking import TrackingEnv
+
+    env = TrackingEnv("swing")
+    assert env.scene.config == SCENES["arm"]
