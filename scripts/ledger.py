@@ -34,7 +34,7 @@ PUBLIC = (
     "softrobot_env.loads",
     "softrobot_env.envs.tracking",
     "softrobot_env.envs.vector",
-    "softrobot_env.envs.rig",
+    "softrobot_env.thesis.envs",
     "softrobot_env.envs.real",
     "softrobot_env.envs.randomization",
     "softrobot_env.envs.disturbances",
@@ -99,7 +99,7 @@ FILES = {
     "hardware robot file": (
         (
             "softrobot_env.hardware.robot_file:read_robot_file",
-            "softrobot_env.hardware.robot_file.toml:read_robot_file",
+            "softrobot_env.hardware.robot_file:read_robot_file",
         ),
         {
             "": f"{_HARDWARE}zzz = 1",
@@ -169,16 +169,17 @@ def _arguments(entry_point: str) -> Iterator[str]:
 
 def registries() -> Iterator[str]:
     """Names in every registry, wherever it is, and options of tasks."""
+    from softrobot_env.core.registry import Registry, load_plugins
     from softrobot_env.robots import ROBOTS
     from softrobot_env.tasks import defaults, tasks_of
 
+    load_plugins()
     for path in (ROOT / "softrobot_env").rglob("*.py"):
         if re.search(r"\bRegistry\(", path.read_text()):
             name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
             import_module(name.removesuffix(".__init__"))
-    kind = type(ROBOTS)
     for one in gc.get_objects():
-        if type(one) is kind and one.kind in KINDS:
+        if isinstance(one, Registry) and one.kind in KINDS:
             yield from (f"{one.kind} {name}" for name in one.registered())
     for robot in ROBOTS.registered():
         with suppress(ValueError):  # it has no tendons

@@ -4,59 +4,46 @@ from typing import Any
 
 from gymnasium.envs.registration import register, registry
 
-#: Environment id -> name of its task: of the planar arm,
-ENVIRONMENTS = {
-    "SoftRobot/ArmStep-v0": "step",
-    "SoftRobot/ArmSwing-v0": "swing",
-    "SoftRobot/ArmLShape-v0": "lshape",
-    "SoftRobot/ArmCircle-v0": "circle",
-    "SoftRobot/ArmFigureEight-v0": "figure_eight",
-    "SoftRobot/ArmRandom-v0": "random",
-}
+from softrobot_env.core.registry import ENVIRONMENT_GROUP, load_plugins, served
 
-#: of any robot, told by the arguments `robot` and `task`,
+#: Environment id -> name of its task: of any robot, by the arguments `robot` and `task`,
 ANY_ROBOT = {"SoftRobot/Track-v0": "circle"}
 
-#: of the spatial test rig,
-RIG_ENVIRONMENTS = {
-    "SoftRobot/RigTriangle-v0": "triangle",
-    "SoftRobot/RigCircle-v0": "rig_circle",
-    "SoftRobot/RigReach-v0": "reach",
-}
-
-#: of a gripper,
+#: and of a gripper.
 GRIPPER_ENVIRONMENTS = {
     "SoftRobot/GripperEnclose-v0": "enclose",
     "SoftRobot/GripperHold-v0": "hold",
 }
 
-#: and of the rig over a serial line, with the task it has unless told otherwise.
-REAL_ENVIRONMENTS = {"SoftRobot/RealRig-v0": "triangle"}
+__getattr__ = served(__name__)
 
 
 def register_envs() -> None:
     """Register every environment with Gymnasium; calling it again changes nothing."""
-    _register(
-        ENVIRONMENTS | ANY_ROBOT,
-        entry_point="softrobot_env.envs.tracking:TrackingEnv",
-        vector_entry_point="softrobot_env.envs.vector:VectorTrackingEnv",
-    )
-    _register(
-        RIG_ENVIRONMENTS,
-        entry_point="softrobot_env.envs.rig:RigEnv",
-        vector_entry_point="softrobot_env.envs.rig:VectorRigEnv",
-    )
-    _register(
+    register_tracking(ANY_ROBOT)
+    register_environments(
         GRIPPER_ENVIRONMENTS,
         entry_point="softrobot_env.envs.gripper:GripperEnv",
         vector_entry_point="softrobot_env.envs.gripper:VectorGripperEnv",
     )
-    _register(
-        REAL_ENVIRONMENTS, entry_point="softrobot_env.envs.real:RealRigEnv", nondeterministic=True
+    load_plugins(ENVIRONMENT_GROUP)
+
+
+def register_tracking(environments: dict[str, str]) -> None:
+    """Register ids of tip tracking, each with the name of its task, whose robot it has."""
+    register_environments(
+        environments,
+        entry_point="softrobot_env.envs.tracking:TrackingEnv",
+        vector_entry_point="softrobot_env.envs.vector:VectorTrackingEnv",
     )
 
 
-def _register(environments: dict[str, str], **how: Any) -> None:
+def register_environments(environments: dict[str, str], **how: Any) -> None:
+    """Register ids with Gymnasium, each with its task; `how` as of Gymnasium's `register`.
+
+    A package calls it from a function that it names in the entry-point group
+    `softrobot_env.environments`: then its ids are known as soon as `softrobot_env` is imported.
+    """
     for env_id, task in environments.items():
         if env_id not in registry:
             # The environments refuse to step or render out of order themselves, and their

@@ -1,5 +1,6 @@
 """`softrobot_env.robots.twin` under its public name."""
 
+from softrobot_env.core.registry import served
 from softrobot_env.robots.registry import CAMERA_PERIOD as FRAME
 from softrobot_env.robots.registry import SERVO_SPEED
 from softrobot_env.robots.twin import (
@@ -21,9 +22,11 @@ from softrobot_env.robots.twin import (
     TURN_SPREAD,
     Twin,
     nominal_twin,
-    rig3d_twin,
-    twin_or_ideal,
+    sampled_twin,
+    twin_of,
 )
+
+__getattr__ = served("softrobot_env.robots.twin")
 
 __all__ = [
     "ANISOTROPY",
@@ -46,6 +49,6 @@ __all__ = [
     "TURN_SPREAD",
     "Twin",
     "nominal_twin",
-    "rig3d_twin",
-    "twin_or_ideal",
+    "sampled_twin",
+    "twin_of",
 ]

@@ -11,9 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softrobot_env.control.arm.operating_points import load_gains
 from softrobot_env.control.registry import make_policy
-from softrobot_env.control.rig.identified import IdentifiedParameters
 from softrobot_env.control.sensed import load_reconstruction
 from softrobot_env.core.artifacts import read_arrays, read_facts
 from softrobot_env.core.paths import assets_dir, models_dir
@@ -39,6 +37,8 @@ from softrobot_env.recordings.files import header_path
 from softrobot_env.recordings.header import Time
 from softrobot_env.robots import ARM, RIG, read_gripper, read_robot
 from softrobot_env.tasks import make_task
+from softrobot_env.thesis.arm.operating_points import load_gains
+from softrobot_env.thesis.rig.identified import IdentifiedParameters
 
 _TIMES = 500
 _MOVED = np.linspace(0.0, 1.0, 12)

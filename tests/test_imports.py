@@ -42,6 +42,7 @@ ALLOWED = {
     "benchmarks": EVERYTHING,
     "training": EVERYTHING,
     "identification": EVERYTHING,
+    "thesis": EVERYTHING,
     "scripts": EVERYTHING,
 }
 
@@ -218,6 +219,20 @@ def test_circles_are_found():
     assert imported(path, but_for_types(ast.parse(only_types))) == ["b"]
 
 
+def test_nothing_imports_the_thesis(sources):
+    """It is a plug-in as an outsider's: known by its entry points alone."""
+    offenders = {}
+    for path, tree in sources.items():
+        part = part_of(path)
+        if part in ("thesis", "benchmarks", "scripts"):
+            continue
+        names = imported(path, ast.walk(tree))
+        names += [text.replace(":", ".") for text in paths_in(tree)]
+        own = sorted({n for n in names if n.startswith(f"{PACKAGE}.thesis")})
+        offenders |= {str(path.relative_to(ROOT)): own} if own else {}
+    assert not offenders
+
+
 def test_control_and_envs_meet_only_at_the_top():
     assert "envs" not in ALLOWED["control"]
     assert "control" not in ALLOWED["envs"]
@@ -234,7 +249,7 @@ def test_controllers_never_see_a_twin(sources):
     banned = {"twin"} | {
         node.name for node in tree.body if isinstance(node, ast.ClassDef | ast.FunctionDef)
     }
-    assert {"Twin", "rig3d_twin"} < banned
+    assert {"Twin", "sampled_twin"} < banned
     offenders = {}
     for path, tree in sources.items():
         if part_of(path) in ("control", "learned", "beams"):

@@ -11,8 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from softrobot_env.control.mpc.settings import PREVIEW as MPC_PREVIEW
-from softrobot_env.control.mpc.settings import THESIS as MPC_THESIS
 from softrobot_env.core.records import (
     Key,
     Positive,
@@ -28,16 +26,18 @@ from softrobot_env.core.records import (
 from softrobot_env.core.toml_text import text
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.hardware.robot_file import RobotFile, Servo, Supervision
-from softrobot_env.learned.quasi_static import Sampling
 from softrobot_env.recordings import Commands, Frame, Header, Time
 from softrobot_env.recordings import Marker as Measured
 from softrobot_env.robots import ARM, RIG, Load
 from softrobot_env.robots.twin import rig3d_twin
 from softrobot_env.scene.config import Appearance, Camera, Marker, PathMarker, SceneConfig
 from softrobot_env.tasks import SetPoints, make_task
-from softrobot_env.tasks.rig_trajectories import LapCircle, RoundedTriangle
 from softrobot_env.tasks.smooth_paths import SmoothRun, circle
 from softrobot_env.tasks.trajectories import CurveSweep, EqualForceCurve, Polyline, Step
+from softrobot_env.thesis.arm.mpc_settings import PREVIEW as MPC_PREVIEW
+from softrobot_env.thesis.arm.mpc_settings import THESIS as MPC_THESIS
+from softrobot_env.thesis.arm.quasi_static import Sampling
+from softrobot_env.thesis.trajectories import LapCircle, RoundedTriangle
 
 POINTS = ((0.1, 0.0, 0.4), (0.2, 0.0, 0.3))
 CIRCLE = circle(*POINTS)

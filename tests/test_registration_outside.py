@@ -19,7 +19,7 @@ from softrobot_env.core import registry as registries
 from softrobot_env.core.paths import assets_dir
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
-from softrobot_env.robots import ARM, RIG, ROBOTS, find_robot
+from softrobot_env.robots import ARM, EXAMPLES, RIG, ROBOTS, find_robot
 from softrobot_env.tasks import EVERY_TASK, SetPoints, Task, make_task, remake_task, tasks_of
 from softrobot_env.tasks.generic import GENERIC_TASKS
 from softrobot_env.tasks.registry import OWN_TASKS
@@ -259,7 +259,7 @@ import softrobot_env, softrobot_env.evaluation.runner, softrobot_env.commands.ev
 assert "throwaway" not in sys.modules, "importing asks no plug-in"
 from softrobot_env.robots import find_robot
 from softrobot_env.control.registry import make_policy, policy_environment
-find_robot("arm")
+find_robot("planar_finger")
 assert "throwaway" not in sys.modules, "nor does a name that is there"
 with warnings.catch_warnings(record=True) as told:
     warnings.simplefilter("always")
@@ -284,7 +284,7 @@ def test_entry_points_are_called_once_when_a_name_is_missing(tmp_path):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     called, answer = done.stdout.splitlines()
-    assert called == f"called with {len(ROBOTS)} robots"
+    assert called == f"called with {len(EXAMPLES) + 1} robots"
     assert answer.startswith("plugged [") and answer.count("plug-in") == 1
     for text in ("'a_broken' of the package throwaway", "throwaway:missing", "AttributeError"):
         assert text in answer
@@ -293,7 +293,7 @@ def test_entry_points_are_called_once_when_a_name_is_missing(tmp_path):
 def test_plugins_are_asked_once(monkeypatch):
     calls = []
     monkeypatch.setattr(registries, "_called", set())
-    monkeypatch.setattr(registries, "_entry_points", lambda: calls.append(1) or [])
+    monkeypatch.setattr(registries, "_entry_points", lambda group: calls.append(1) or [])
     for _ in range(2):
         with pytest.raises(ValueError, match="unknown robot"):
             find_robot("nobody")

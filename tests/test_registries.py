@@ -19,16 +19,17 @@ from softrobot_env.control.registry import (
     POLICIES,
     REDUCED_POLICIES,
     RIG_POLICIES,
+    find_policy,
+    home_robot,
     installed_policies,
     make_policy,
     policy_environment,
 )
 from softrobot_env.core.registry import load
-from softrobot_env.robots import ARM, RIG, ROBOTS, RobotParams
+from softrobot_env.robots import ARM, ROBOTS, RobotParams
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.registry import SCENES
-from softrobot_env.tasks import ALL_TASKS, make_task
-from softrobot_env.tasks.rig import RIG_TASKS
+from softrobot_env.tasks import ALL_TASKS, RIG_TASKS, make_task
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -47,7 +48,7 @@ PUBLIC = (
     "softrobot_env.loads",
     "softrobot_env.envs.tracking",
     "softrobot_env.envs.vector",
-    "softrobot_env.envs.rig",
+    "softrobot_env.thesis.envs",
     "softrobot_env.envs.real",
     "softrobot_env.envs.randomization",
     "softrobot_env.envs.disturbances",
@@ -100,13 +101,14 @@ def test_plants_are_built(name):
 
 @pytest.mark.parametrize("name", POLICIES | RIG_POLICIES | REDUCED_POLICIES)
 def test_policies_load_with_what_they_need_of_an_environment(name):
-    spec = (POLICIES | RIG_POLICIES | REDUCED_POLICIES)[name]
+    spec = find_policy(name, home_robot(name))
     if spec.package is not None and name not in installed_policies():
         pytest.skip(f"needs {spec.package}")
     assert callable(load(spec.make))
     assert all(spec.takes(option) for option in spec.options)
-    wanted = policy_environment(name, ARM if name in POLICIES else RIG)
-    ids = registration.ENVIRONMENTS if name in POLICIES else registration.RIG_ENVIRONMENTS
+    robot = home_robot(name)
+    wanted = policy_environment(name, robot)
+    ids = registration.ENVIRONMENTS if robot == ARM else registration.RIG_ENVIRONMENTS
     env_id = next(iter(ids))
     with gymnasium.make(env_id, observe="all", **wanted) as env:
         bare = env.unwrapped

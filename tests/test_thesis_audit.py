@@ -7,10 +7,10 @@ import pytest
 
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
-from softrobot_env.control.arm import gains
-from softrobot_env.control.arm.operating_points import linear_model
-from softrobot_env.control.arm.statics import least_norm
+from softrobot_env.control.feedforward.least_norm import least_norm
+from softrobot_env.control.observers import linear_model
 from softrobot_env.robots import ARM
+from softrobot_env.thesis.arm import gains
 
 
 def follow(statics, start, end, guess):

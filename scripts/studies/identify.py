@@ -23,13 +23,13 @@ from softrobot_env.evaluation.runner import run as run_case
 from softrobot_env.identification.fit.least_squares import size
 from softrobot_env.identification.fit.path import identify
 from softrobot_env.identification.fit.report import parameter_rows
-from softrobot_env.identification.parameters import identified, record
 from softrobot_env.rendering import figures
 from softrobot_env.rendering.tables import make_table
 from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.actuation import with_balance
 from softrobot_env.robots.twin import Twin, rig3d_twin
 from softrobot_env.tasks import make_task
+from softrobot_env.thesis.rig.parameters import identified, record
 from studies.lab import Column, Record, Study, groups, of_kind, quantity, table, verdict
 from studies.truths.rubbing_rod import BELIEVED, drawn, recorded
 

@@ -14,10 +14,8 @@ from rich.table import Table
 
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.control.reduced.environment import preview_times
-from softrobot_env.control.rig.inverse import TOTAL
 from softrobot_env.core.artifacts import write_arrays
 from softrobot_env.core.interfaces import Policy
-from softrobot_env.envs.rig import RigEnv
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.evaluation.runner import run as run_episode
@@ -35,6 +33,8 @@ from softrobot_env.robots import RIG
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import fingerprint
 from softrobot_env.tasks import make_task
+from softrobot_env.thesis.envs import RigEnv
+from softrobot_env.thesis.rig.inverse import TOTAL
 from softrobot_env.training.motions import Plan, collect, drive, drives_of, filtered
 from softrobot_env.training.ssm import PLAN, learn, smoothed, trusted
 from studies.lab import (

@@ -15,15 +15,10 @@ from scipy.optimize import brentq, minimize_scalar
 
 from softrobot_env.control.feedforward.statics import ChainStatics
 from softrobot_env.control.registry import RIG_POLICIES, make_policy
-from softrobot_env.control.rig.identified import IdentifiedParameters
-from softrobot_env.control.rig.servo_constraints import ServoConstraints
 from softrobot_env.control.sensed import Sensed
-from softrobot_env.envs.rig import RigEnv
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import Case, run
-from softrobot_env.evaluation.thesis import TRIANGLE
-from softrobot_env.identification.parameters import identified, parameters_of, record
 from softrobot_env.rendering.curves import (
     Curve,
     draw,
@@ -47,7 +42,12 @@ from softrobot_env.robots import EQUIVALENT_RIG, LENGTH_SCALE, RIG
 from softrobot_env.robots.twin import Twin, rig3d_twin, twin_or_ideal
 from softrobot_env.sensing.reconstruction import Reconstruction
 from softrobot_env.tasks import Task, make_task
-from softrobot_env.tasks.rig_trajectories import LapCircle
+from softrobot_env.thesis.envs import RigEnv
+from softrobot_env.thesis.figures import TRIANGLE
+from softrobot_env.thesis.rig.identified import IdentifiedParameters
+from softrobot_env.thesis.rig.parameters import identified, parameters_of, record
+from softrobot_env.thesis.rig.servo_constraints import ServoConstraints
+from softrobot_env.thesis.trajectories import LapCircle
 from softrobot_env.training.sensors import calibrated
 from studies.lab import (
     Column,

@@ -16,13 +16,10 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from softrobot_env.control.rig.inverse import TOTAL
 from softrobot_env.evaluation.models.runs import best_of
 from softrobot_env.identification import networks as rig_networks
 from softrobot_env.identification.excitation import Excitation
 from softrobot_env.identification.networks import DIRECTIONS, HIDDEN, TRAINING, VALIDATION
-from softrobot_env.identification.parameters import record
-from softrobot_env.identification.slow_rig import RigStatics
 from softrobot_env.identification.visits import (
     POINTS,
     RigData,
@@ -48,6 +45,9 @@ from softrobot_env.rendering.figures import (
     plain_ticks,
 )
 from softrobot_env.robots import RIG
+from softrobot_env.thesis.rig.inverse import TOTAL
+from softrobot_env.thesis.rig.parameters import record
+from softrobot_env.thesis.rig.slow_rig import RigStatics
 from studies.lab import (
     Column,
     Lab,

@@ -7,7 +7,7 @@ from softrobot_env.benchmarks.records import Record
 from softrobot_env.control.registry import POLICIES
 from softrobot_env.evaluation.rows import EpisodeRow
 from softrobot_env.evaluation.runner import Outcome
-from softrobot_env.evaluation.thesis import CONTROLLERS
+from softrobot_env.thesis.figures import CONTROLLERS
 
 Kind = TypeVar("Kind", bound="EpisodeRecord")
 

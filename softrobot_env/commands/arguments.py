@@ -14,8 +14,8 @@ from softrobot_env.core.processes import Workers, parsed_workers
 from softrobot_env.core.registry import is_path
 from softrobot_env.envs.disturbances import NEUTRAL, check_value
 from softrobot_env.hardware.tip import LAST_PORT
-from softrobot_env.robots import ARM, ROBOTS, RobotParams
-from softrobot_env.robots.artifacts import training_folder
+from softrobot_env.robots import ROBOTS, RobotParams
+from softrobot_env.robots.artifacts import OUT
 from softrobot_env.scene.config import DEFAULT_RULE, DEFAULT_SHARE, INTEGRATORS
 from softrobot_env.scene.quadrature import RULES
 
@@ -157,7 +157,7 @@ def add_learnt(parser: argparse._ActionsContainer) -> None:
 def files_among(given: Iterable[Any]) -> set[Path]:
     """Files that jobs may depend on: those given, by name or as what is in them, what was
     learned beside them, and what was learned where trainings write."""
-    found = set(training_folder(ARM).glob("*.npz"))
+    found = set(OUT.glob("*.npz"))
     for one in given:
         if isinstance(one, list | tuple):
             found |= files_among(one)

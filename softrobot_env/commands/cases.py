@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from softrobot_env.commands.arguments import expand_all
-from softrobot_env.commands.setups import FAMILIES, SIMULATED, Setup, period_of
+from softrobot_env.commands.setups import SIMULATED, Setup, families, period_of
 from softrobot_env.commands.task_options import Given, check_used, combinations, merge
 from softrobot_env.control.registry import (
     EVERY_POLICY,
@@ -19,8 +19,11 @@ from softrobot_env.control.registry import (
 from softrobot_env.envs.disturbances import NEUTRAL, rounded
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.evaluation.runner import Case
-from softrobot_env.robots import ARM
-from softrobot_env.tasks import STEP_WIDTHS, TASKS, Task, find_maker, make_task, tasks_of
+from softrobot_env.robots import default_robot, entry_of
+from softrobot_env.tasks import Task, find_maker, make_task, tasks_of
+
+#: Step widths [m] of tasks that have one, unless given (thesis Tabs. 6.2 to 6.4).
+STEP_WIDTHS = (0.05, 0.1, 0.2)
 
 #: Arguments that only robots over a serial line have.
 _SERIAL = ("robot_file", "port")
@@ -56,8 +59,8 @@ def make_cases(args: argparse.Namespace, setup: Setup) -> list[Case]:
         ValueError: A policy without a task or a task without a policy, an option that no case
             uses, or a value that a case cannot have; before anything is run.
     """
-    every = TASKS if setup.robot in (None, ARM) else tasks_of(setup.robot)
-    makers = {name: find_maker(name, setup.robot) for name in expand_all(args.tasks, list(every))}
+    every = _every_task(setup) if "all" in args.tasks else []
+    makers = {name: find_maker(name, setup.robot) for name in expand_all(args.tasks, every)}
     given = _given_options(args)
     check_used(given, makers, setup.robot)
     wanted = {"step_width": list(STEP_WIDTHS)} | given
@@ -72,6 +75,12 @@ def make_cases(args: argparse.Namespace, setup: Setup) -> list[Case]:
         cases += _of_task(made, _for_task(args.policies, name, made[0], setup), setup, args)
     setup.check(cases)
     return cases
+
+
+def _every_task(setup: Setup) -> list[str]:
+    """What "all" stands for."""
+    robot = default_robot() if setup.robot is None else setup.robot
+    return list(entry_of(robot).tasks or tasks_of(robot))
 
 
 def _of_task(
@@ -91,8 +100,8 @@ def _of_task(
 def left_out(args: argparse.Namespace, cases: list[Case]) -> list[str]:
     """Policies that would have been run if their packages were installed."""
     missing = [name for name in POLICIES if name not in installed_policies()]
-    arm = any(case.policy in POLICIES and case.task.robot == ARM for case in cases)
-    return missing if "all" in args.policies and arm else []
+    made_for = {name for case in cases for name in entry_of(case.task.robot).policies}
+    return [name for name in missing if name in made_for] if "all" in args.policies else []
 
 
 def _for_task(names: list[str], called: str, task: Task, setup: Setup) -> list[str]:
@@ -136,7 +145,7 @@ def _check_policies(names: list[str], tasks: list[Task], setup: Setup) -> None:
         reasons = dict.fromkeys((task.robot.name, setup.misfit(name, task)) for task in tasks)
         if None in [reason for _, reason in reasons]:
             continue
-        owners = [robot for robot in FAMILIES if name in FAMILIES[robot]]
+        owners = [robot for robot, made in families().items() if name in made]
         if setup.robot is None and owners:
             fits = ", ".join(tasks_of(owners[0]).own())
             raise ValueError(f"policy {name!r} is for the tasks {fits}")

@@ -50,7 +50,7 @@ from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.rows import EvaluatedRow
 from softrobot_env.hardware.errors import RobotError
 from softrobot_env.recordings import write_recording
-from softrobot_env.tasks import TASKS, UNSEEN_TASKS, WITH_OPTION
+from softrobot_env.tasks import EVERY_TASK, with_option
 
 #: Arguments that no episode depends on.
 _ELSEWHERE = (
@@ -132,7 +132,7 @@ def _add_cases(parser: argparse.ArgumentParser) -> None:
         default=["all"],
         metavar="TASK",
         help="out of `softrobot list tasks`, or one's own, package.module:name or file.py:name; "
-        f"default: all of --robot, of the arm {', '.join(TASKS)}",
+        "default: all of --robot, of the arm step, swing, lshape",
     )
     parser.add_argument(
         "--policies",
@@ -155,7 +155,9 @@ def _add_options(parser: argparse._ArgumentGroup) -> None:
         metavar="NAME=V1,V2",
         help="values of an option of tasks, in SI units: "
         + "; ".join(
-            f"{name} of {', '.join(tasks)}" for name, tasks in WITH_OPTION.items() if tasks
+            f"{name} of {', '.join(tasks)}"
+            for name, tasks in with_option(EVERY_TASK).items()
+            if tasks
         ),
     )
     parser.add_argument(
@@ -169,7 +171,7 @@ def _add_options(parser: argparse._ArgumentGroup) -> None:
         "--speeds",
         type=lambda text: [positive(part) for part in text.split(",")],
         metavar="V1,V2",
-        help=f"as --option speed=...; of {', '.join(UNSEEN_TASKS)} the largest of the reference, "
+        help="as --option speed=...; of circle, figure_eight, random the largest of the reference, "
         "default: 0.1",
     )
     parser.add_argument(

@@ -13,13 +13,12 @@ from softrobot_env.commands.arguments import add_robot, add_scene, add_twin, sce
 from softrobot_env.commands.output import add_out, check_free
 from softrobot_env.commands.setups import Setup
 from softrobot_env.commands.task_options import add_task, one_task
-from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.evaluation.runner import Case
+from softrobot_env.evaluation.runner import Case, simulated
 from softrobot_env.rendering.tables import Column, make_table, named_values
 from softrobot_env.rendering.workspace import draw_workspace, picture_of
-from softrobot_env.robots import RIG, RobotParams, Tendon, find_robot
-from softrobot_env.robots.twin import Twin, twin_or_ideal
+from softrobot_env.robots import RobotParams, Tendon, entry_of, find_robot
+from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.registry import scene_of
 from softrobot_env.scene.workspace import sample_of, workspace_of
@@ -108,10 +107,7 @@ def _inspect_task(args: argparse.Namespace) -> int:
     twin = setup.twins(task.robot)[0]
     case = Case(task, "hold", twin=twin, scene=scene)
     setup.check([case])
-    if task.robot == RIG:
-        env = RigEnv(task, twin=twin_or_ideal(twin), **scene)
-    else:
-        env = TrackingEnv(task, **scene)
+    env = simulated(task, twin, **scene)
     left_out = [] if env.twin is None else _errors_left_out(env.twin)
     own = _as_built(env) | _action(env)
     seen = ", ".join(f"{k} {v.shape[0]}" for k, v in env.observation_space.items())
@@ -220,7 +216,7 @@ def _as_built(env: TrackingEnv) -> dict[str, str]:
         f"backlash {_millimetres(twin.backlash)}",
         "camera": f"noise {1e3 * twin.camera_noise:g} mm, delay {1e3 * twin.camera_delay:.3g} ms",
     }
-    if env.task.robot != RIG:
+    if entry_of(env.task.robot).twin is None:
         return rows
     which = {
         "rig": "ideal" if twin.seed is None else f"twin {twin.seed}",

@@ -21,9 +21,9 @@ from softrobot_env.commands.output import add_out, check_free, new_file
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.setups import Setup
 from softrobot_env.commands.task_options import add_task, one_task
-from softrobot_env.control.registry import POLICIES, RIG_POLICIES
 from softrobot_env.envs.recording import RecordEpisodes
 from softrobot_env.evaluation.runner import Case
+from softrobot_env.robots import ENTRIES
 
 #: Frames per second of a GIF, and frames in all, unless told.
 _GIF_FPS, _GIF_FRAMES = 12, 180
@@ -31,6 +31,15 @@ _GIF_FPS, _GIF_FRAMES = 12, 180
 EXAMPLE = """softrobot render --task swing --policy feedforward_pi --out swing.mp4
   softrobot render --task triangle --policy hybrid --option period=1 --begin 10 --out fast.gif
   softrobot render --robot my.toml --task circle --policy static --out circle.mp4"""
+
+
+def _policies() -> str:
+    """Policies of robots that have some of their own, for people."""
+    entries = [entry for entry in ENTRIES.values() if entry.policies]
+    own = (
+        f"of the {e.robot.name}: {', '.join(e.policies)}; default: {e.policy}; " for e in entries
+    )
+    return "".join(own)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,9 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--policy",
         type=policy,
         metavar="POLICY",
-        help=f"of the arm: {', '.join(POLICIES)}; default: feedforward_pi; of the test rig: "
-        f"{', '.join(RIG_POLICIES)}; default: hybrid; of other robots static, or one's own, "
-        "package.module:name or file.py:name; default: static",
+        help=f"{_policies()}or one's own, package.module:name or file.py:name; default: static",
     )
     add_out(parser, "out/render.mp4", ", or a .gif", "FILE")
     parser.add_argument(

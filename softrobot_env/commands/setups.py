@@ -2,8 +2,7 @@
 
 import argparse
 from dataclasses import replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium
 
@@ -11,24 +10,18 @@ from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.commands.arguments import plant_options
 from softrobot_env.control.registry import (
     FEEDBACKS,
-    POLICIES,
-    REDUCED_POLICIES,
-    RIG_POLICIES,
     SENSORS,
     misfit,
     policy_environment,
 )
 from softrobot_env.control.sensed import load_reconstruction
+from softrobot_env.core.registry import load
 from softrobot_env.envs.disturbances import split
 from softrobot_env.envs.tracking import DEFAULT_PERIOD
 from softrobot_env.evaluation.labels import REAL, VIRTUAL
 from softrobot_env.evaluation.runner import Case, acts_on_identified
-from softrobot_env.robots import ARM, RIG, RobotParams, find_robot
-from softrobot_env.scene.registry import SCENES
-from softrobot_env.tasks import RIG_TASKS, Task
-
-if TYPE_CHECKING:
-    from softrobot_env.control.rig.identified import IdentifiedParameters
+from softrobot_env.robots import ENTRIES, RobotEntry, RobotParams, entry_of, find_robot
+from softrobot_env.tasks import Task, tasks_of
 
 #: What --env can be: simulated, or over a serial line.
 SIMULATED = "sim"
@@ -37,23 +30,27 @@ ENVIRONMENTS = (SIMULATED, VIRTUAL, REAL)
 #: Duration [s] of step responses: the thesis' 25 s lets slow policies settle.
 STEP_DURATION = 25.0
 
-#: The twin whose networks come with the package.
-_SHIPPED = 0
+#: Arguments that only robots with twins have.
+_TWIN_ARGUMENTS = ("twin", "learnt")
 
-#: Arguments that only the rig has.
-_RIG_ARGUMENTS = ("twin", "learnt")
-
-#: The policies that were made for a robot: those that it is given unless --robot names it.
-FAMILIES = {ARM: tuple(POLICIES), RIG: (*RIG_POLICIES, *REDUCED_POLICIES)}
-
-#: What is shown of a robot unless told otherwise, by robot, and of all others.
-_SHOWN, _SHOWN_OF_OTHERS = {ARM: "feedforward_pi", RIG: "hybrid"}, "static"
+#: Shown of a robot that its own policy cannot drive.
+_SHOWN = RobotEntry.policy
 
 
 def period_of(case: Case) -> float:
     """Control period [s] of the environment of a case."""
-    usual = SCENES[RIG.name].control_period if case.task.robot == RIG else DEFAULT_PERIOD
+    usual = entry_of(case.task.robot).control_period or DEFAULT_PERIOD
     return case.scene.get("control_period", usual)
+
+
+def families() -> dict[RobotParams, tuple[str, ...]]:
+    """The policies that were made for a robot: those that it is given unless --robot names it."""
+    return {entry.robot: entry.policies for entry in ENTRIES.values() if entry.policies}
+
+
+def with_twins() -> list[RobotParams]:
+    """The robots that are simulated with the errors of a twin."""
+    return [entry.robot for entry in ENTRIES.values() if entry.twin is not None]
 
 
 class Setup:
@@ -76,11 +73,12 @@ class Setup:
         self.robot = None if given is None else find_robot(given)
         self._feedback = getattr(args, "feedback", FEEDBACKS[0])
         self._sensors = getattr(args, "sensors", None)
+        self._read: dict[RobotParams, Any] = {}
 
     def default_policy(self, task: Task) -> str:
         """The policy to show on a task."""
-        name = _SHOWN.get(task.robot, _SHOWN_OF_OTHERS)
-        return name if self.misfit(name, task) is None else _SHOWN_OF_OTHERS
+        name = entry_of(task.robot).policy
+        return name if self.misfit(name, task) is None else _SHOWN
 
     def misfit(self, policy: str, task: Task) -> str | None:
         """Why a policy is not for a task's robot, or its reference; None where it is.
@@ -88,24 +86,26 @@ class Setup:
         Raises:
             ValueError: There is no such policy.
         """
-        robot = task.robot
-        if robot == RIG and policy in FAMILIES[RIG] and len(task.axes) > 2:
-            return f"policy {policy!r} follows x and y alone, as {', '.join(RIG_TASKS)} have them"
+        robot, entry = task.robot, entry_of(task.robot)
+        if entry.axes is not None and policy in entry.policies and len(task.axes) > 2:
+            own = ", ".join(tasks_of(robot).own())
+            return f"policy {policy!r} follows x and y alone, as {own} have them"
         own = policy_environment(policy, robot).get("control_period")
         given = getattr(self._args, "control_period", None)
         if None not in (own, given) and abs(round(own / given) * given - own) > 1e-9:
             return f"{policy} needs a control_period that divides {own:g} s, not {given:g} s"
-        families = {} if self.robot is not None else FAMILIES
-        for owner, family in families.items():
-            if policy in family and robot in families:
+        made_for = {} if self.robot is not None else families()
+        for owner, family in made_for.items():
+            if policy in family and robot in made_for:
                 return None if owner == robot else f"policy {policy!r} is for robot {owner.name!r}"
         return misfit(policy, robot)
 
     def twins(self, robot: RobotParams) -> list[int | None]:
         """Twins of a robot to run every case on, None for the robot as it should be."""
-        if robot != RIG:
+        usual = entry_of(robot).twin
+        if usual is None:
             return [None]
-        return [_SHIPPED] if self._args.twin is None else list(dict.fromkeys(self._args.twin))
+        return [usual] if self._args.twin is None else list(dict.fromkeys(self._args.twin))
 
     def complete(self, case: Case) -> Case:
         """A case of task, policy, variation and twin with all else that the arguments say of it.
@@ -125,7 +125,9 @@ class Setup:
             sensors=self._sensors,
             duration=getattr(self._args, "duration", None) or step,
             scene=plant_options(self._args, case.policy, case.task.robot),
-            identified=self._identified if acts_on_identified(case.policy) else None,
+            identified=self._identified(case.task.robot)
+            if acts_on_identified(case.policy, case.task.robot)
+            else None,
         )
 
     def check(self, cases: list[Case]) -> None:
@@ -134,7 +136,7 @@ class Setup:
         Raises:
             ValueError: The message names what is allowed.
         """
-        self._check_rig([case for case in cases if case.task.robot == RIG])
+        self._check_twins([case for case in cases if case.task.robot in with_twins()])
         self._check_feedback(cases)
         for case in cases:
             if case.plant != MUJOCO and "tendon_friction" in case.variation:
@@ -158,32 +160,33 @@ class Setup:
                     "--feedback output: only with robots driven by tension, not with "
                     f"{case.task.robot.name!r}"
                 )
-            if feedback == SENSORS and file is None and case.twin not in (None, _SHIPPED):
+            shipped = entry_of(case.task.robot).twin
+            if feedback == SENSORS and file is None and case.twin not in (None, shipped):
                 raise ValueError(
                     f"--feedback {SENSORS}: the calibration that comes with the package is of twin "
-                    f"{_SHIPPED}; make one by `softrobot train sensors --robot rig --twin "
-                    f"{case.twin} --out DIR` and give it by --sensors"
+                    f"{shipped}; make one by `softrobot train sensors --robot "
+                    f"{case.task.robot.name} --twin {case.twin} --out DIR` and give it by --sensors"
                 )
 
-    def _check_rig(self, cases: list[Case]) -> None:
-        """Refuse arguments of the rig that no case uses."""
+    def _check_twins(self, cases: list[Case]) -> None:
+        """Refuse arguments of robots with twins that no case uses."""
         args = vars(self._args)
-        own = [f"--{name}" for name in _RIG_ARGUMENTS if args.get(name) is not None]
+        own = [f"--{name}" for name in _TWIN_ARGUMENTS if args.get(name) is not None]
         if not cases and own:
-            tasks = ", ".join(RIG_TASKS)
-            raise ValueError(f"{', '.join(own)}: only with tasks of the rig, {tasks}")
+            tasks = "; ".join(f"{r.name}, {', '.join(tasks_of(r).own())}" for r in with_twins())
+            raise ValueError(f"{', '.join(own)}: only with tasks of the {tasks}")
         unused = args.get("learnt") is not None and not any(case.identified for case in cases)
         if cases and unused:
-            able = ", ".join(filter(acts_on_identified, RIG_POLICIES))
-            raise ValueError(f"--learnt: only with the policies {able}")
+            robot = cases[0].task.robot
+            able = [name for name in entry_of(robot).policies if acts_on_identified(name, robot)]
+            raise ValueError(f"--learnt: only with the policies {', '.join(able)}")
 
     def _try_out(self, cases: list[Case]) -> None:
         """Environments refuse references that are too fast or too far, and variations."""
         tried = {}
         for case in cases:
-            if case.task.robot != ARM:
-                varied = tuple(case.variation.items())
-                tried[case.task, case.twin, case.plant, varied] = case
+            varied = tuple(case.variation.items())
+            tried[case.task, case.twin, case.plant, varied] = case
         for case in tried.values():
             env = self.environment(case)
             if case.variation:
@@ -193,14 +196,13 @@ class Setup:
         """Environment for a case, with all observables; `drawing` is how to render."""
         return case.environment(**drawing)
 
-    @cached_property
-    def _identified(self) -> "IdentifiedParameters":
-        """Identified parameters, of --learnt or of twin 0.
+    def _identified(self, robot: RobotParams) -> Any:
+        """Identified parameters of a robot, of --learnt or those that come with the package.
 
         Raises:
             FileNotFoundError: No such file.
-            ValueError: It cannot be used, see `IdentifiedParameters.load`.
+            ValueError: It cannot be used, see `RobotEntry.identified`.
         """
-        from softrobot_env.control.rig.identified import IdentifiedParameters
-
-        return IdentifiedParameters.load(RIG, self._args.learnt)
+        if robot not in self._read:
+            self._read[robot] = load(entry_of(robot).identified)(robot, self._args.learnt)
+        return self._read[robot]

@@ -7,11 +7,9 @@ from math import isfinite
 
 from softrobot_env.commands.arguments import named_values, number, positive
 from softrobot_env.core.registry import is_path
-from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.robots import ROBOTS, RobotParams, default_robot, entry_of
 from softrobot_env.tasks import (
-    ALL_TASKS,
-    RIG_TASKS,
-    WITH_OPTION,
+    EVERY_TASK,
     Maker,
     Task,
     defaults,
@@ -26,14 +24,23 @@ from softrobot_env.tasks.generic import GENERIC_TASKS
 #: Options of a task by name.
 Options = dict[str, float]
 
-#: What --task can be, for people.
-TASK_HELP = (
-    f"of the arm: {', '.join(ALL_TASKS)}; of the test rig: {', '.join(RIG_TASKS)}; of any --robot: "
-    f"{', '.join(GENERIC_TASKS.registered())}; or one's own, package.module:name or file.py:name"
-)
-
 #: Values given for options of tasks.
 Given = dict[str, list[float]]
+
+
+def task_help() -> str:
+    """What --task can be, for people."""
+    own = {name: ", ".join(tasks_of(robot).own()) for name, robot in ROBOTS.items()}
+    named = "".join(f"of the {name}: {tasks}; " for name, tasks in own.items() if tasks)
+    return (
+        f"{named}of any --robot: {', '.join(GENERIC_TASKS.registered())}; or one's own, "
+        "package.module:name or file.py:name"
+    )
+
+
+def option_names() -> list[str]:
+    """Options of the tasks that have a robot."""
+    return [name for name, tasks in with_option(EVERY_TASK).items() if tasks]
 
 
 def task_name(text: str) -> str:
@@ -67,7 +74,7 @@ def check_used(given: Given, makers: Mapping[str, Maker], robot: RobotParams | N
         ValueError: The message names the tasks that have the option, or else all options.
     """
     here = with_option(makers)
-    known = here | (WITH_OPTION if robot is None else with_option(tasks_of(robot)))
+    known = here | (with_option(EVERY_TASK) if robot is None else with_option(tasks_of(robot)))
     for name in given:
         if here.get(name):
             continue
@@ -98,7 +105,7 @@ def add_task(parser: argparse.ArgumentParser) -> None:
         "--task",
         type=task_name,
         metavar="TASK",
-        help=f"{TASK_HELP}; default: swing of the arm, circle of --robot",
+        help=f"{task_help()}; default: swing of the arm, circle of --robot",
     )
     parser.add_argument(
         "--option",
@@ -106,7 +113,7 @@ def add_task(parser: argparse.ArgumentParser) -> None:
         type=option,
         default=[],
         metavar="NAME=VALUE",
-        help=f"an option of the task, in SI units, out of {', '.join(WITH_OPTION)}",
+        help=f"an option of the task, in SI units, out of {', '.join(option_names())}",
     )
     parser.add_argument(
         "--step-width", type=positive, metavar="M", help="as --option step_width=..."
@@ -121,7 +128,7 @@ def one_task(args: argparse.Namespace, robot: RobotParams | None) -> Task:
     """
     width = [] if args.step_width is None else [("step_width", [args.step_width])]
     given = merge([*args.option, *width])
-    name = args.task or ("swing" if robot in (None, ARM) else "circle")
+    name = args.task or entry_of(default_robot() if robot is None else robot).task
     make = find_maker(name, robot)
     check_used(given, {name: make}, robot)
     options, *more = combinations(make, given)

@@ -14,7 +14,7 @@ from softrobot_env.commands.output import add_out, check_folder, claimed, inside
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.train_several import SEVERAL, train_several
 from softrobot_env.rendering.tables import named_values
-from softrobot_env.robots import ARM, RobotParams, find_robot
+from softrobot_env.robots import RobotParams, default_robot, find_robot
 from softrobot_env.robots.artifacts import artifact_folder, looked_up, training_folder
 from softrobot_env.training.registry import TRAININGS
 from softrobot_env.training.request import Training, TrainingRequest, file_of
@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
         )
     name, args.seed = args.what or args.algo, args.seed or 0
     training, settings = TRAININGS[name], _settings(args)
-    robot = (training.robot or ARM) if args.robot is None else find_robot(args.robot)
+    robot = find_robot(args.robot) if args.robot else training.robot or default_robot()
     training.check(name, robot, settings)
     check_settings(training, settings)
     values = train_rl.values_of(args)

@@ -15,7 +15,7 @@ from softrobot_env.commands.output import add_out, check_free, new_results
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.train_several import files_in, order_in, study_in_words, write
 from softrobot_env.core.runs import KEPT, kept_rows
-from softrobot_env.robots import ARM, find_robot
+from softrobot_env.robots import default_robot, find_robot
 from softrobot_env.training.registry import LEARNERS, TRAININGS, check_reinforcement
 from softrobot_env.training.request import TrainingRequest
 from softrobot_env.training.several.space import Range, Space, corners, parsed, read_space
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
         ImportError: Ray or another package is missing; says what to install.
         FileExistsError: There are results already, and no --overwrite.
     """
-    name, robot = args.what, ARM if args.robot is None else find_robot(args.robot)
+    name, robot = args.what, find_robot(args.robot) if args.robot else default_robot()
     space = ({} if args.space is None else read_space(args.space)) | dict(args.search)
     settings = train_rl.given(args) | ({"quick": True} if args.quick else {})
     _check_space(args, space)

@@ -10,12 +10,9 @@ from rich.console import Console
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.commands.progress import progress_on
-from softrobot_env.control.registry import (
-    REDUCED_POLICIES,
-    RIG_POLICIES,
-    installed_policies,
-)
+from softrobot_env.control.registry import POLICIES, installed_policies
 from softrobot_env.core.processes import usable_cores, worker_processes
+from softrobot_env.robots import ENTRIES, entry_of
 
 EXAMPLE = """softrobot warm-up
   softrobot warm-up lq_adaptive pcc"""
@@ -66,22 +63,24 @@ def run(args: argparse.Namespace) -> int:
 
 def _known() -> list[str]:
     """Plants and installed policies."""
-    return list(dict.fromkeys([*PLANTS, *installed_policies(), *RIG_POLICIES, *REDUCED_POLICIES]))
+    made = (name for entry in ENTRIES.values() for name in entry.policies)
+    ready = installed_policies()
+    return list(dict.fromkeys([*PLANTS, *(n for n in made if n in ready or n not in POLICIES)]))
 
 
 def warm(name: str) -> None:
     """Compile what a plant or a policy needs, by running a few steps."""
     from softrobot_env.control.registry import home_robot, make_policy, policy_environment
-    from softrobot_env.envs.rig import RigEnv
-    from softrobot_env.envs.tracking import TrackingEnv
     from softrobot_env.evaluation.run import play
-    from softrobot_env.robots import ARM
+    from softrobot_env.evaluation.runner import simulated
+    from softrobot_env.tasks import make_task
 
     policy = "hold" if name in PLANTS else name
     plant = {"plant": BeamPlant(name)} if name in PLANTS and name != MUJOCO else {}
     robot = home_robot(policy)
     options = policy_environment(policy, robot) | plant
-    made = TrackingEnv("swing", **options) if robot == ARM else RigEnv("triangle", **options)
-    with closing(made) as env:
+    entry = entry_of(robot)
+    task = make_task((entry.tasks or (entry.task,))[0], robot=robot)
+    with closing(simulated(task, **options)) as env:
         for _ in islice(play(env, make_policy(policy, robot, env.control_period)), _STEPS):
             pass

@@ -1,7 +1,15 @@
-"""Parts of linear-quadratic laws: exact discretisation, integrals, lines between knots."""
+"""Parts of linear-quadratic laws: exact discretisation, integrals, lines between knots, programs.
+
+Quadratic programs are solved by the dual active-set solver DAQP (Arnstroem et al. 2022).
+"""
 
 import numpy as np
 from scipy.linalg import expm, solve_continuous_are
+
+from softrobot_env.core.extras import install_command
+
+#: DAQP's flag of an optimum, and its tolerance [1] on the bounds.
+_OPTIMAL, _TOLERANCE = 1, 1e-9
 
 
 def discretized(a: np.ndarray, b: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
@@ -45,3 +53,39 @@ def hats(steps: int, knots: tuple[float, ...], period: float) -> np.ndarray:
     times = period * np.arange(steps + 1)
     points = np.concatenate(([0.0], knots))
     return np.stack([np.interp(times, points, row) for row in np.eye(len(points))[1:]], axis=1)
+
+
+class BoundedSolver:
+    """Solver of strictly convex programs min 1/2 x H x + g x with bounds on x and on A x."""
+
+    def __init__(self) -> None:
+        """Raise ImportError if DAQP is not installed."""
+        try:
+            from daqp import solve
+        except ImportError as reason:
+            raise ImportError(
+                f"model predictive control needs the package daqp: {install_command('mpc')}"
+            ) from reason
+        self._solve = solve
+
+    def __call__(
+        self,
+        hessian: np.ndarray,
+        gradient: np.ndarray,
+        lower: np.ndarray,
+        upper: np.ndarray,
+        rows: np.ndarray | None = None,
+    ) -> np.ndarray | None:
+        """Minimum (k,) for H (k, k) and g (k,); None if none was found.
+
+        Args:
+            hessian, gradient: H and g.
+            lower, upper: (k + r,), bounds of x and A x.
+            rows: A (r, k); none unless given.
+        """
+        count = len(gradient)
+        rows = np.empty((0, count)) if rows is None else rows
+        x, _, flag, _ = self._solve(hessian, gradient, rows, upper, lower, primal_tol=_TOLERANCE)
+        if flag != _OPTIMAL or not np.all(np.isfinite(x)):
+            return None
+        return np.clip(x, lower[:count], upper[:count])

@@ -11,9 +11,13 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
-from softrobot_env.beams.closed_forms.planar_arm import PlanarArm, inertia_forces, make_planar_arm
+from softrobot_env.beams.closed_forms.planar_arm import (
+    PlanarArm,
+    inertia_forces,
+    make_planar_arm,
+    tip,
+)
 from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.control.arm.operating_points import linear_model
 from softrobot_env.control.base import Controller, usable
 from softrobot_env.control.limits import finite
 from softrobot_env.control.linear_quadratic import discretized
@@ -128,6 +132,22 @@ class RateObserver:
         """
         ahead = self._predicted(estimate, usable(applied))
         return _corrected(self._gain, self._limit, ahead, np.ascontiguousarray(curvature))
+
+
+def linear_model(arm: PlanarArm, curvature: np.ndarray) -> LinearModel:
+    """The linear model of a planar arm, (6.25) to (6.27), of inputs [N] and the tip (x, z).
+
+    Args:
+        arm: The arm.
+        curvature: (n,) [1/m], at rest in equilibrium.
+    """
+    n = arm.n
+    mass, gyroscopic, point, jacobian = np.empty((n, n)), np.empty(n), np.empty(2), np.empty((2, n))
+    inertia_forces(arm, curvature, np.zeros(n), mass, gyroscopic)
+    tip(arm, curvature, point, jacobian)
+    stiffness = arm.stiffness * np.eye(n)
+    damping, elastic = arm.damping_time * stiffness, arm.stiffness * curvature
+    return LinearModel(mass, damping, stiffness, arm.inputs, jacobian, elastic)
 
 
 def arm_observer(

@@ -15,8 +15,8 @@ from softrobot_env.control.outside import as_policy, is_policy, no_policy
 from softrobot_env.control.reduced.environment import is_reduced_model, ssm_environment
 from softrobot_env.core.interfaces import Policy
 from softrobot_env.core.records import Positive, check_argument
-from softrobot_env.core.registry import Registry, is_path, load, load_given
-from softrobot_env.robots import ARM, RIG, RobotParams, find_robot
+from softrobot_env.core.registry import VARIANTS, Registry, is_path, load, load_given, served
+from softrobot_env.robots import ENTRIES, RobotParams, default_robot, find_robot
 
 #: Ending of the files of trained networks.
 NETWORK = ".npz"
@@ -66,6 +66,7 @@ class PolicySpec:
         return {"tip_delay": camera_delay} if asked else {}
 
 
+_SCHEDULED = "softrobot_env.control.scheduled"
 _REDUCED = "softrobot_env.control.reduced.policy:ReducedPlanner"
 _LEARNED = "softrobot_env.control.learned.vector_network:make_learned"
 
@@ -78,7 +79,7 @@ def _learned_environment(
     return needed(policy, robot, weights)
 
 
-#: Policies of the arm; the first ones are those of any robot.
+#: Policies of any robot.
 POLICIES: dict[str, PolicySpec] = {
     "hold": PolicySpec("softrobot_env.control.base:Hold"),
     "feedforward": PolicySpec("softrobot_env.control.feedforward.law:Feedforward"),
@@ -86,32 +87,28 @@ POLICIES: dict[str, PolicySpec] = {
     "static": PolicySpec("softrobot_env.control.feedforward.law:Feedforward", {"closed": False}),
     "chain_dynamics": PolicySpec("softrobot_env.control.feedforward.dynamics:InverseDynamics"),
     "chain_dynamics_pi": PolicySpec("softrobot_env.control.feedforward.dynamics:InverseDynamicsPI"),
+    "inverse_dynamics": PolicySpec("softrobot_env.control.feedforward.dynamics:InverseDynamics"),
+    "hybrid": PolicySpec("softrobot_env.control.feedforward.dynamics:make_hybrid"),
     "qs_nn": PolicySpec(
-        "softrobot_env.control.feedforward.policies:make_network",
+        "softrobot_env.control.feedforward.law:make_network",
         environment={"control_period": 0.01, "preview": (0.2,)},
     ),
-    "lqi": PolicySpec(
-        "softrobot_env.control.scheduled.policies:make_lqi",
-        environment="softrobot_env.control.scheduled.environments:lqi_environment",
-    ),
+    "lqi": PolicySpec(f"{_SCHEDULED}.policies:make_lqi", environment=f"{_SCHEDULED}.timing:lqi"),
     "lq_preview": PolicySpec(
-        "softrobot_env.control.scheduled.policies:make_lq_preview",
-        environment="softrobot_env.control.scheduled.environments:lq_environment",
+        f"{_SCHEDULED}.policies:make_lq_preview", environment=f"{_SCHEDULED}.timing:lq_preview"
     ),
     "lq_adaptive": PolicySpec(
-        "softrobot_env.control.scheduled.policies:make_lq_preview",
+        f"{_SCHEDULED}.policies:make_lq_preview",
         {"adaptive": True},
-        environment="softrobot_env.control.scheduled.environments:lq_environment",
+        environment=f"{_SCHEDULED}.timing:lq_preview",
     ),
     "mpc": PolicySpec(
-        "softrobot_env.control.scheduled.policies:make_mpc",
-        environment="softrobot_env.control.scheduled.environments:mpc_environment",
-        package="daqp",
+        f"{_SCHEDULED}.policies:make_mpc", environment=f"{_SCHEDULED}.timing:lqi", package="daqp"
     ),
     "mpc_preview": PolicySpec(
-        "softrobot_env.control.scheduled.policies:make_mpc",
+        f"{_SCHEDULED}.policies:make_mpc",
         {"preview": True},
-        environment="softrobot_env.control.scheduled.environments:mpc_preview_environment",
+        environment=f"{_SCHEDULED}.mpc:preview_environment",
         package="daqp",
     ),
     **{
@@ -124,33 +121,6 @@ POLICIES: dict[str, PolicySpec] = {
     },
 }
 
-#: Policies of the spatial test rig, whose environments have other observations and actions; the
-#: inverse dynamics and the hybrid are of any robot. All but the inverse dynamics take as option
-#: `learnt` the identified parameters of one rig; without it, they take those that are shipped, of
-#: twin 0. For another robot it is the file of its network.
-RIG_POLICIES: dict[str, PolicySpec] = {
-    name: PolicySpec(f"softrobot_env.control.feedforward.policies:{make}", options)
-    for name, make, options in (
-        ("rig_nn", "make_hybrid", {"model": "none"}),
-        ("rig_nn_p", "make_network_feedback", {"integral": 0.0}),
-        ("rig_nn_pi", "make_network_feedback", {}),
-        ("inverse_dynamics", "make_inverse", {}),
-        ("inverse_dynamics_ahead", "make_inverse", {"ahead": True}),
-        ("hybrid", "make_hybrid", {}),
-        ("hybrid_ahead", "make_hybrid", {"ahead": True}),
-        ("hybrid_flexible", "make_hybrid", {"model": "several pieces", "ahead": True}),
-        (
-            "hybrid_calibrated",
-            "make_hybrid",
-            {"model": "calibrated", "ahead": True, "backlash": True},
-        ),
-        (
-            "hybrid_feedback",
-            "make_hybrid",
-            {"model": "calibrated", "ahead": True, "backlash": True, "feedback": True},
-        ),
-    )
-}
 #: Plans on a model that was learned of a robot's motion by `softrobot train ssm`; one of the rig is
 #: shipped.
 REDUCED_POLICIES: dict[str, PolicySpec] = {
@@ -171,16 +141,15 @@ def installed_policies() -> list[str]:
 
 
 def home_robot(name: str) -> RobotParams:
-    """The robot that a policy of `RIG_POLICIES` or `REDUCED_POLICIES` alone was made for: the rig.
-
-    All others, also those that drive any robot, are at home on the arm.
-    """
-    rig = name in RIG_POLICIES | REDUCED_POLICIES and name not in POLICIES
-    return RIG if rig else ARM
+    """The named robot that a policy was made for; the default one for all others."""
+    made_for = (entry.robot for entry in ENTRIES.values() if name in entry.policies)
+    return next(made_for, None) or default_robot()
 
 
 #: Every policy by name, those of other packages as well.
-EVERY_POLICY: Registry[PolicySpec] = Registry("policy", POLICIES | RIG_POLICIES | REDUCED_POLICIES)
+EVERY_POLICY: Registry[PolicySpec] = Registry("policy", POLICIES | REDUCED_POLICIES)
+
+__getattr__ = served(__name__)
 
 
 def register_policy(
@@ -227,10 +196,11 @@ def _one_of(robots: tuple[str | RobotParams, ...]) -> Callable[[RobotParams], st
     return lambda robot: None if robot.name in names else f"it drives {', '.join(names)} only"
 
 
-def find_policy(which: str) -> PolicySpec:
+def find_policy(which: str, robot: RobotParams | None = None) -> PolicySpec:
     """The policy of a name, or one's own as `package.module:name`, `file.py:name` or `file.npz`.
 
-    A file is that of a trained network, or of `softrobot train ssm`, by which `ssm_mpc` acts.
+    A file is that of a trained network, or of `softrobot train ssm`, by which `ssm_mpc` acts. For a
+    robot it is the variant that fits it, where the policy has one.
 
     Raises:
         ValueError: Unknown name, the message lists the known ones; or there is no such object or
@@ -239,7 +209,8 @@ def find_policy(which: str) -> PolicySpec:
     if which.endswith(NETWORK):
         return _network_file(Path(which))
     if not is_path(which):
-        return EVERY_POLICY.find(which)
+        spec = EVERY_POLICY.find(which)
+        return spec if robot is None else VARIANTS.find(f"policy {which}", robot) or spec
     found = load_given("policy", which)
     if not callable(found) and not is_policy(found):
         raise ValueError(f"policy {which!r}: {no_policy(found)}")
@@ -281,7 +252,7 @@ def misfit(which: str, robot: RobotParams, control_period: float = 0.01) -> str 
     """
     period = policy_environment(which, robot).get("control_period", control_period)
     try:
-        _made(which, find_policy(which), robot, period, {})
+        _made(which, find_policy(which, robot), robot, period, {})
     except ValueError as error:
         return str(error)
     return None
@@ -317,7 +288,6 @@ def make_policy(
         ValueError: Unknown name; the message lists the known ones. Or a robot or control period
             that the policy cannot work with.
     """
-    spec = find_policy(name)
     if feedback not in FEEDBACKS:
         raise ValueError(f"unknown feedback {feedback!r}; choose from {', '.join(FEEDBACKS)}")
     check_argument("robot", robot, RobotParams | gymnasium.Env)
@@ -327,9 +297,12 @@ def make_policy(
         control_period = own.control_period if control_period is None else control_period
         robot = own.task.robot
         late = getattr(getattr(own, "twin", None), "camera_delay", None)
-        options = spec.told(sensors_delay(robot) if feedback == SENSORS else late) | options
+        options = (
+            find_policy(name, robot).told(sensors_delay(robot) if feedback == SENSORS else late)
+            | options
+        )
     check_argument("control_period", control_period, Positive)
-    policy = _made(name, spec, robot, control_period, options)
+    policy = _made(name, find_policy(name, robot), robot, control_period, options)
     if feedback != FEEDBACKS[0] and "curvature_rate" in getattr(policy, "requires", ()):
         from softrobot_env.control.observers import OutputFeedback
 
@@ -388,7 +361,7 @@ def _made(
     return as_policy(made, name)
 
 
-def policy_environment(name: str, robot: RobotParams | str = ARM) -> dict[str, Any]:
+def policy_environment(name: str, robot: RobotParams | str | None = None) -> dict[str, Any]:
     """Keyword arguments that an environment for this policy needs; none if any will do.
 
     `gymnasium.make("SoftRobot/ArmSwing-v0", **policy_environment("lqi"))` suits the policy.
@@ -396,14 +369,18 @@ def policy_environment(name: str, robot: RobotParams | str = ARM) -> dict[str, A
     Args:
         name: One of `EVERY_POLICY`, or one's own as `package.module:name`, `file.py:name` or
             `file.npz` of a trained network.
-        robot: The robot that it drives, whose own time some policies go by; or its name or file.
+        robot: The robot that it drives, whose own time some policies go by; or its name or file;
+            the default one unless given.
 
     Raises:
         ValueError: Unknown name; the message lists the known ones.
     """
-    spec = find_policy(name)
+    robot = None if robot is None else find_robot(robot)
+    spec = find_policy(name, robot)
     needed = spec.environment
     if needed is None:
         needed = getattr(spec.loaded(), "environment", {})
     needed = load(needed) if isinstance(needed, str) else needed
-    return dict(needed(find_robot(robot)) if callable(needed) else needed)
+    if not callable(needed):
+        return dict(needed)
+    return policy_environment(name, default_robot()) if robot is None else dict(needed(robot))

@@ -6,7 +6,7 @@ when its names are listed.
 """
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
@@ -17,22 +17,24 @@ from warnings import warn
 
 Entry = TypeVar("Entry")
 
-#: Group of the entry points that installed packages register robots, tasks and policies with.
-GROUP = "softrobot_env"
+#: Groups of the entry points that installed packages register with: robots, tasks, policies and
+#: trainings, called when they are asked for; and ids of environments, called when this package is
+#: imported, so that they should import little.
+GROUP, ENVIRONMENT_GROUP = "softrobot_env", "softrobot_env.environments"
 
 
 _called: set[str] = set()
 
 
-def load_plugins() -> None:
-    """Call what installed packages name in the entry-point group, once in a process.
+def load_plugins(group: str = GROUP) -> None:
+    """Call what installed packages name in an entry-point group, once in a process.
 
     One that fails is told in a warning, and changes nothing for the others.
     """
-    if GROUP in _called:
+    if group in _called:
         return
-    _called.add(GROUP)  # first: what is called may look up entries itself
-    for point in _entry_points():
+    _called.add(group)  # first: what is called may look up entries itself
+    for point in _entry_points(group):
         try:
             point.load()()
         except Exception as error:  # whatever it is, it is not ours
@@ -48,10 +50,10 @@ def load_plugins() -> None:
 _SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 
 
-def _entry_points() -> list[EntryPoint]:
+def _entry_points(group: str) -> list[EntryPoint]:
     """In the order of their names, so that it does not depend on the installation."""
-    found = [*entry_points(group=GROUP)]
-    if (_SCRIPTS / "studies" / "__init__.py").is_file():
+    found = [*entry_points(group=group)]
+    if group == GROUP and (_SCRIPTS / "studies" / "__init__.py").is_file():
         if str(_SCRIPTS) not in sys.path:
             sys.path.append(str(_SCRIPTS))
         found.append(EntryPoint("studies", "studies:register", GROUP))
@@ -159,3 +161,63 @@ def load_given(kind: str, path: str) -> Any:
         return load(path)
     except Exception as error:
         raise ValueError(f"the {kind} {path!r}: {type(error).__name__}: {error}") from error
+
+
+class Variants:
+    """What takes the place of something for the robots that it fits, by kind and name.
+
+    A plug-in may have a better law for some robots under a name that any robot can be given.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[str, list[tuple[Callable[[Any], bool] | str, Any]]] = {}
+
+    def register(self, name: str, fits: Callable[[Any], bool] | str, entry: Any) -> None:
+        """Add a variant.
+
+        Args:
+            name: Kind and name of what it stands in for, such as "policy lqi", "training lqi", or
+                of something that other robots lack, such as "visits".
+            fits: Whether it fits a robot; a function, or the path of one.
+            entry: The variant.
+        """
+        self._known.setdefault(name, []).append((fits, entry))
+
+    def find(self, name: str, robot: Any) -> Any:
+        """The variant of a name that fits a robot; None without one."""
+        load_plugins()
+        for fits, entry in self._known.get(name, ()):
+            if (load(fits) if isinstance(fits, str) else fits)(robot):
+                return entry
+        return None
+
+
+#: The variants.
+VARIANTS = Variants()
+
+#: Module and name -> path of what a plug-in holds under this name.
+_SERVED: dict[tuple[str, str], str] = {}
+
+
+def serve_names(module: str, source: str, names: str) -> None:
+    """Let a module that says `__getattr__ = served(__name__)` give names of another one.
+
+    Args:
+        module: The module that is asked.
+        source: The one that has them.
+        names: With spaces between them.
+    """
+    _SERVED.update({(module, name): f"{source}:{name}" for name in names.split()})
+
+
+def served(module: str) -> Callable[[str], Any]:
+    """The `__getattr__` of a module whose further names plug-ins hold, see `serve_names`."""
+
+    def get(name: str) -> Any:
+        if not name.startswith("__"):
+            load_plugins()
+        if (module, name) not in _SERVED:
+            raise AttributeError(f"module {module!r} has no attribute {name!r}")
+        return load(_SERVED[module, name])
+
+    return get

@@ -39,15 +39,13 @@ from softrobot_env.envs.reference import AXES, ReferenceTable, sample_reference
 from softrobot_env.envs.rewards import TrackingReward, reward_of
 from softrobot_env.envs.simulation.beam_plant import BeamPlant
 from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
-from softrobot_env.robots import CAMERA_PERIOD, RIG, RobotParams, Sensor
+from softrobot_env.robots import CAMERA_PERIOD, RobotParams, Sensor
 from softrobot_env.robots.actuation import Inputs, check_inputs, robot_inputs
 from softrobot_env.robots.twin import (
     LARGEST_ERROR,
     LARGEST_NOISE,
     Twin,
-    nominal_twin,
-    rig3d_twin,
-    twin_or_ideal,
+    twin_of,
 )
 from softrobot_env.scene.config import DEFAULT_SHARE
 from softrobot_env.scene.quadrature import HingeLayout
@@ -421,14 +419,7 @@ def _twin_for(twin: Twin | int | None, task: Task) -> Twin | None:
                 "driven by tension (use `vary` or `randomization`)"
             )
         return None
-    if twin is None:
-        return twin_or_ideal(None) if robot == RIG else nominal_twin(robot)
-    if not isinstance(twin, Twin) and robot != RIG:
-        raise ValueError(
-            f"the seed of a twin stands for a {RIG.name!r} with its errors, and task "
-            f"{task.label!r} has another robot, {robot.name!r}: give a `Twin` of it"
-        )
-    made = twin if isinstance(twin, Twin) else rig3d_twin(twin)
+    made = twin_of(robot, twin)
     if len(made.robot.tendons) != len(robot.tendons):
         raise ValueError(
             f"the twin has {len(made.robot.tendons)} tendons, the task's robot {len(robot.tendons)}"

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from softrobot_env.robots import ARM, RIG
-from softrobot_env.tasks import OPTIONS, RIG_TASKS
+from softrobot_env.robots import ENTRIES, RobotEntry
+from softrobot_env.tasks import OPTIONS, owner_of
 from softrobot_env.tasks.spec import option_text
 
 #: Plants of rows that are no simulation: the rig, and a virtual one, over a serial line.
@@ -42,14 +42,22 @@ def task_label(row: Mapping[str, Any]) -> str:
 
 
 def own_robot(row: Mapping[str, Any]) -> str:
-    """The robot of a row; empty for those of the thesis, which their tasks and labels tell."""
-    robot = _robot(row)
-    return "" if robot in (ARM.name, RIG.name) else robot
+    """The robot of a row; empty where its tasks tell it."""
+    entry = entry_of_row(row)
+    return row["robot"] if entry is None else "" if entry.named_by_tasks else entry.robot.name
 
 
-def _robot(row: Mapping[str, Any]) -> str:
-    """Name of a row's robot, which the tasks tell where the thesis reports it."""
-    return row.get("robot") or (RIG.name if row["task"] in RIG_TASKS else ARM.name)
+def entry_of_row(row: Mapping[str, Any]) -> RobotEntry | None:
+    """What is known of a row's robot, which the task tells where the row does not."""
+    robot = row.get("robot")
+    if robot is None and (owner := owner_of(row["task"])) is not None:
+        robot = owner.name
+    return ENTRIES.get(robot)
+
+
+def _has_twins(row: Mapping[str, Any]) -> bool:
+    entry = entry_of_row(row)
+    return entry is not None and entry.twin is not None
 
 
 def variation_label(row: Mapping[str, Any]) -> str:
@@ -59,7 +67,7 @@ def variation_label(row: Mapping[str, Any]) -> str:
 
 def rig_label(row: Mapping[str, Any]) -> str:
     """Which rig it was, for people; empty for other robots."""
-    if _robot(row) != RIG.name:
+    if not _has_twins(row):
         return ""
     if row["plant"] == REAL:
         return "real"
@@ -91,4 +99,4 @@ def robot_label(row: Mapping[str, Any]) -> str:
 
 def robot_heading(row: Mapping[str, Any]) -> str:
     """What `robot_label` tells."""
-    return "rig" if _robot(row) == RIG.name else "variation"
+    return "rig" if _has_twins(row) else "variation"

@@ -10,9 +10,15 @@ from typing import Any
 from rich import box
 from rich.table import Table
 
+from softrobot_env.core.registry import load
 from softrobot_env.core.writing import write_text
-from softrobot_env.evaluation.labels import learnt_elsewhere, robot_heading, robot_label, task_label
-from softrobot_env.evaluation.thesis import thesis_rows
+from softrobot_env.evaluation.labels import (
+    entry_of_row,
+    learnt_elsewhere,
+    robot_heading,
+    robot_label,
+    task_label,
+)
 
 #: A row as report.json has it, see `EvaluatedRow.columns`.
 Row = dict[str, Any]
@@ -163,7 +169,8 @@ def markdown(rows: list[Row], command: str) -> str:
 
 
 def _markdown_table(rows: list[Row]) -> str:
-    reported = thesis_rows(rows[0])
+    entry = entry_of_row(rows[0])
+    reported = [] if entry is None or entry.reported is None else load(entry.reported)(rows[0])
     shown = _shown_columns([*rows, *reported])
     headings = ["policy", robot_heading(rows[0]), *(_COLUMNS[name][0] for name in shown)]
     lines = [

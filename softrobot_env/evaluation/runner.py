@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import gymnasium
 import numpy as np
@@ -12,7 +12,6 @@ import numpy as np
 from softrobot_env.beams.registry import MUJOCO, BeamPlant
 from softrobot_env.control.registry import (
     FEEDBACKS,
-    RIG_POLICIES,
     SENSORS,
     find_policy,
     make_policy,
@@ -21,8 +20,7 @@ from softrobot_env.control.registry import (
     sensors_delay,
 )
 from softrobot_env.core.interfaces import Policy
-from softrobot_env.envs.rig import RigEnv
-from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.core.registry import load
 from softrobot_env.evaluation.labels import own_robot, rig_label, variation_label
 from softrobot_env.evaluation.metrics import (
     StepMetrics,
@@ -33,12 +31,9 @@ from softrobot_env.evaluation.metrics import (
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.rows import EpisodeRow
 from softrobot_env.evaluation.run import run_episode, warm_up
-from softrobot_env.robots import RIG
-from softrobot_env.robots.twin import Twin, twin_or_ideal
+from softrobot_env.robots import RobotParams, entry_of
+from softrobot_env.robots.twin import Twin, twin_of
 from softrobot_env.tasks import Task
-
-if TYPE_CHECKING:
-    from softrobot_env.control.rig.identified import IdentifiedParameters
 
 Row = TypeVar("Row", bound=EpisodeRow)
 
@@ -61,8 +56,8 @@ class Case:
         sensors: File of the sensors' calibration, for feedback from them; found unless given.
         duration: [s] of the episode, the task's own unless given.
         scene: Keyword arguments of the environment beyond those that the policy needs.
-        identified: Identified parameters of a rig, for policies that act on them; those of twin 0,
-            which come with the package, unless given.
+        identified: Identified parameters of a robot, for policies that act on them; those that come
+            with the package unless given.
         given: Keyword arguments of the policy beyond those of its name, such as a file of its own.
     """
 
@@ -75,7 +70,7 @@ class Case:
     sensors: Path | None = None
     duration: float | None = None
     scene: Mapping[str, Any] = field(default_factory=dict)
-    identified: "IdentifiedParameters | None" = None
+    identified: Any = None
     given: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -103,32 +98,43 @@ class Case:
         if self.plant != MUJOCO:
             options = {"plant": BeamPlant(self.plant), "pieces": None} | options
         options = {"observe": "all" if self.feedback != SENSORS else ("all", SENSORS)} | options
-        if self.task.robot == RIG:
-            return RigEnv(self.task, **{"twin": self._built} | options)
-        return TrackingEnv(self.task, **options)
+        return simulated(self.task, self.twin, **options)
 
     @property
     def _built(self) -> Twin | None:
         """The robot as built; None where it is as its parameters say."""
-        return self.scene.get("twin", twin_or_ideal(self.twin) if self.task.robot == RIG else None)
+        return self.scene.get("twin", as_built(self.task.robot, self.twin))
 
     def make_policy(self, control_period: float) -> Policy:
         """The policy, which decides every `control_period` [s]."""
-        known = self.identified if acts_on_identified(self.policy) else None
+        known = self.identified if acts_on_identified(self.policy, self.task.robot) else None
         built = self._built
         delay = None if built is None else built.camera_delay
         if self.feedback == SENSORS:
             delay = sensors_delay(self.task.robot if built is None else built.robot)
-        options = find_policy(self.policy).told(delay) | dict(self.given)
+        options = find_policy(self.policy, self.task.robot).told(delay) | dict(self.given)
         options |= {} if known is None else {"learnt": known}
         feedback = self.feedback or FEEDBACKS[0]
         robot = self.task.robot
         return make_policy(self.policy, robot, control_period, feedback, self.sensors, **options)
 
 
-def acts_on_identified(policy: str) -> bool:
-    """Whether a policy acts on identified parameters of a rig."""
-    return policy in RIG_POLICIES and RIG_POLICIES[policy].takes("learnt")
+def as_built(robot: RobotParams, twin: int | None) -> Twin | None:
+    """The twin of a seed, without one the ideal robot; None of a robot that has no twins."""
+    return None if entry_of(robot).twin is None and twin is None else twin_of(robot, twin)
+
+
+def simulated(task: Task, twin: int | None = None, **options: Any) -> gymnasium.Env:
+    """The environment of a task's robot, as built; `options` as of its class."""
+    built = as_built(task.robot, twin)
+    given = {} if built is None else {"twin": built}
+    return load(entry_of(task.robot).environment)(task, **given | options)
+
+
+def acts_on_identified(policy: str, robot: RobotParams) -> bool:
+    """Whether a policy of a robot acts on its identified parameters."""
+    known = entry_of(robot).identified is not None
+    return known and find_policy(policy, robot).takes("learnt")
 
 
 @dataclass(frozen=True)

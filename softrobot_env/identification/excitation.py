@@ -16,17 +16,22 @@ from typing import Annotated, Any, Literal
 import gymnasium
 import numpy as np
 
-from softrobot_env.control.rig.inverse import TOTAL
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.records import Count, NotNegative, Positive, Range, Whole, check_fields
-from softrobot_env.identification.visits import RADIUS, VISIT, disk_points, nominal_lengths
+from softrobot_env.identification.visits import (
+    RADIUS,
+    TOTAL,
+    VISIT,
+    disk_points,
+    nominal_lengths,
+)
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.registry import model_scene
 from softrobot_env.tasks import LONGEST, Task
-from softrobot_env.tasks.rig_trajectories import SetPoints
+from softrobot_env.tasks.trajectories import SetPoints
 
 Kind = Literal["pulls", "steps", "random", "visits"]
 KINDS = ("pulls", "steps", "random", "visits")

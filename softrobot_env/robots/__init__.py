@@ -1,9 +1,10 @@
 """Robots as data: parameters, tendons, loads, how tendons are driven, and the named robots.
 
-The names here are what other parts import; `robots.twin`, `robots.actuation` and
-`robots.three_tendons` hold the rest.
+The names here are what other parts import; `robots.twin` and `robots.actuation` hold the rest.
+Further robots, such as `ARM` and `RIG` of the thesis, are names that plug-ins hold.
 """
 
+from softrobot_env.core.registry import served
 from softrobot_env.robots.file import read_gripper, read_robot, write_gripper, write_robot
 from softrobot_env.robots.gripper import Finger, Gripper
 from softrobot_env.robots.loads import Load
@@ -21,44 +22,38 @@ from softrobot_env.robots.parameters import (
     check_number,
 )
 from softrobot_env.robots.registry import (
-    ARM,
     CAMERA_PERIOD,
-    CANTILEVER_STIFF,
-    CANTILEVER_WEAK,
-    EQUIVALENT,
-    EQUIVALENT_RIG,
+    ENTRIES,
     EXAMPLES,
     GRIPPERS,
     LENGTH_SCALE,
-    RIG,
     ROBOTS,
     SERVO_SPEED,
-    WORKSPACE,
+    RobotEntry,
+    default_robot,
+    entry_of,
     find_gripper,
     find_robot,
+    register_entry,
     register_robot,
 )
 from softrobot_env.robots.sections import Backbone, Section
 from softrobot_env.robots.sensors import Sensor
 from softrobot_env.robots.tendons import Tendon
 
+__getattr__ = served(__name__)
+
 __all__ = [
-    "ARM",
     "CAMERA_PERIOD",
-    "CANTILEVER_STIFF",
-    "CANTILEVER_WEAK",
-    "EQUIVALENT",
-    "EQUIVALENT_RIG",
+    "ENTRIES",
     "EXAMPLES",
     "GRIPPERS",
     "LENGTH_SCALE",
     "MAY_VANISH",
     "NEUTRAL",
-    "RIG",
     "ROBOTS",
     "SERVO_SPEED",
     "VARIABLE",
-    "WORKSPACE",
     "Backbone",
     "Base",
     "Disc",
@@ -67,6 +62,7 @@ __all__ = [
     "Gripper",
     "Head",
     "Load",
+    "RobotEntry",
     "RobotParams",
     "Section",
     "Sensor",
@@ -74,10 +70,13 @@ __all__ = [
     "as_number",
     "centerline",
     "check_number",
+    "default_robot",
+    "entry_of",
     "find_gripper",
     "find_robot",
     "read_gripper",
     "read_robot",
+    "register_entry",
     "register_robot",
     "write_gripper",
     "write_robot",

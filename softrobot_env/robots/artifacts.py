@@ -13,12 +13,15 @@ from softrobot_env.core.artifacts import Arrays
 from softrobot_env.core.paths import assets_dir, models_dir
 from softrobot_env.robots.file import read_robot
 from softrobot_env.robots.parameters import RobotParams
-from softrobot_env.robots.registry import ARM, RIG, ROBOTS
+from softrobot_env.robots.registry import ROBOTS, entry_of
+
+#: Where trainings write what is not beside a robot's file.
+OUT = Path("out")
 
 
 def artifact_name(robot: RobotParams, policy: str) -> str:
-    """Name of the file of what a policy has learned of a robot; the thesis' robots are not told."""
-    if robot.file is None and robot in (ARM, RIG):
+    """Name of the file of what a policy has learned of a robot."""
+    if robot.file is None and entry_of(robot).plain_files:
         return f"{policy}.npz"
     return f"{robot.name if robot.file is None else robot.file.stem}.{policy}.npz"
 
@@ -32,7 +35,7 @@ def training_folder(robot: RobotParams) -> Path:
     """Where a training writes unless told otherwise: beside the file of a robot of one's own, else
     in `out`, so that it replaces nothing that comes with the package."""
     own = robot.file is not None and assets_dir().resolve() not in robot.file.resolve().parents
-    return artifact_folder(robot) if own else Path("out")
+    return artifact_folder(robot) if own else OUT
 
 
 def find_artifact(robot: RobotParams, policy: str) -> Path:

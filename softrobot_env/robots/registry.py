@@ -1,67 +1,19 @@
-"""The named robots: arm, rig and cantilevers of the thesis, and examples that are files.
-
-"T" marks a value printed in the thesis, "I" one inferred from it by recomputation, "S" an
-assumption of this package.
+"""The named robots, and what the package knows of each: examples that are files, and those of
+plug-ins.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from dataclasses import replace as with_fields
-from math import cos, pi, sin
+from math import pi
 from pathlib import Path
 from typing import Any
 
 from softrobot_env.core.paths import assets_dir
-from softrobot_env.core.registry import Registry
+from softrobot_env.core.registry import Registry, load_plugins
 from softrobot_env.robots.file import read_gripper, read_robot
 from softrobot_env.robots.gripper import Gripper
-from softrobot_env.robots.parameters import Drive, Head, RobotParams, Tendon
-from softrobot_env.robots.sensors import Sensor
-
-#: Cantilevers of Tab. 2.1 (T), horizontal under gravity; damping of the spiral runs (T). Poisson
-#: ratio 0 as in every model comparison (I). The thesis varies the number of pieces (S: 6).
-CANTILEVER_WEAK = RobotParams(
-    name="cantilever_weak",
-    length=0.5,
-    outer_radius=0.030,
-    inner_radius=0.0,
-    youngs_modulus=4.12e5,
-    density=1070.0,
-    damping_time=2.5e-3,
-    pieces=6,
-    gravity=(-9.81, 0.0, 0.0),
-)
-CANTILEVER_STIFF = with_fields(
-    CANTILEVER_WEAK, name="cantilever_stiff", length=0.2, outer_radius=0.040
-)
-
-
-def _pair(group: int, end: float, radius: float, limit: float) -> tuple[Tendon, Tendon]:
-    """Upper (+x) and lower (-x) tendon of a planar pair."""
-    return (
-        Tendon(f"pair{group + 1}_up", (radius, 0.0), end, group, limit),
-        Tendon(f"pair{group + 1}_low", (-radius, 0.0), end, group, limit),
-    )
-
-
-#: Planar arm of ch. 6, Tab. 6.1. The printed radii are diameters (I: with 25 and 50 mm radii
-#: 20 N could not move the tip by the 200 mm of the step task). Density of ch. 2 and no gravity
-#: (I: buckling upright, rise time). 80 N covers the 55 N of the L-shape's corner (S: the thesis
-#: gives no limit for LQI and MPC).
-ARM = RobotParams(
-    name="arm",
-    length=0.5,
-    outer_radius=0.025,
-    inner_radius=0.0125,
-    youngs_modulus=7.32e5,
-    density=1070.0,
-    damping_time=0.05,
-    pieces=6,
-    tendons=tuple(
-        tendon
-        for group, end in enumerate((0.5 / 3, 1.0 / 3, 0.5))
-        for tendon in _pair(group, end, radius=0.025, limit=80.0)
-    ),
-)
+from softrobot_env.robots.parameters import RobotParams
 
 #: [m], pulled in by a full-scale action.
 LENGTH_SCALE = 0.03
@@ -72,56 +24,65 @@ SERVO_SPEED = pi / 3 / 0.16 * 0.020
 #: [s] between two pictures of the webcam of the rig (T).
 CAMERA_PERIOD = 1 / 90
 
-#: Spatial test rig of ch. 3 and 5, upright under gravity. EI, damping and the masses are printed
-#: (Tab. 5.1; audit: damping in N s, inertia in 1e-6 kg m2): 40 g of silicone per 60 mm with the
-#: inertia of a cylinder of 14 mm radius, and 55 g more at 198 mm, the cube with the markers (I: the
-#: third subpiece is both together). Of tendon radius and stiffness only c r_t^2 follows from the
-#: results (I: split by the 20 mm of travel). Pretension and limit (S). The spatial curvature sensor
-#: is in the two lower thirds (T).
-_RIG_RADIUS, _RIG_SHARE = 0.014, 0.04 / 0.06
-_RIG_EI, _RIG_DAMPING = 18.3e-3, 3.77e-3
-_RIG_TENDON_RADIUS = 5.5e-3
-RIG = RobotParams(
-    name="rig",
-    length=0.180,
-    outer_radius=_RIG_RADIUS,
-    inner_radius=0.0,
-    youngs_modulus=_RIG_EI / (pi / 4 * _RIG_RADIUS**4),
-    density=_RIG_SHARE / (pi * _RIG_RADIUS**2),
-    damping_time=_RIG_DAMPING * 0.180 / _RIG_EI,
-    pieces=1,
-    tendons=tuple(
-        Tendon(
-            f"tendon{k + 1}",
-            (
-                _RIG_TENDON_RADIUS * cos(2 * pi * k / 3),
-                _RIG_TENDON_RADIUS * sin(2 * pi * k / 3),
-            ),
-            end=0.180,
-            group=0,
-            tension_limit=40.0,
-            stiffness=980.0,
-            pretension=0.5,
-        )
-        for k in range(3)
-    ),
-    gravity=(0.0, 0.0, -9.81),
-    head=Head(mass=0.055, centre=0.018, inertia=(6.2e-6, 6.2e-6, 6.2e-6), output=0.022),
-    drive=Drive("length", SERVO_SPEED, LENGTH_SCALE),
-    sensors=(Sensor("spatial", "spatial", 0.0, 0.120),),
-)
+#: Pieces that a robot of one piece on a serial line is cut into: the first frequency of the thesis'
+#: rig is then within 1 % of the beam's.
+RIG_PIECES = 4
 
-#: Young's modulus of a beam over that of the one-piece model of the same rig [1], see
-#: `robots.twin`.
-EQUIVALENT = 1.2
 
-#: A rig that, as a beam, stands and calms down as the one-piece model of `RIG` does.
-EQUIVALENT_RIG = with_fields(
-    RIG, name="rig_equivalent", youngs_modulus=EQUIVALENT * RIG.youngs_modulus
-)
+@dataclass(frozen=True)
+class RobotEntry:
+    """A named robot, and what it has that others have not; code by its path `module:name`.
 
-#: Radius [m] of the rig's usable workspace (audit).
-WORKSPACE = 0.121
+    Attributes:
+        robot: Its parameters.
+        default: Whether commands take it where no robot is given.
+        on_a_line: Whether it is the one behind a serial line.
+        scene: Whether its scene is exported to `assets/`.
+        chain: The robot whose chain of pieces stands and moves as these parameters say: laws know
+            the robot by it, and it is simulated; the robot itself unless given.
+        stiffer: [1], Young's modulus of `chain` over that of the robot.
+        pieces: Of the simulated chain; the robot's own unless given.
+        control_period: [s] of its environment; the usual one unless given.
+        axes: Coordinates of the tip that its camera sees; all that its tasks have unless given.
+        environment: Its class.
+        twin: Seed of the twin that is simulated unless another one is asked for, and whose trained
+            files come with the package; None where a robot is simulated as it should be.
+        plain_files: Whether trained files have the name of the policy alone.
+        named_by_tasks: Whether its tasks tell it in reports, without its name.
+        task, policy: Shown unless another one is asked for.
+        tasks: That "all" stands for; every one unless given.
+        policies: Made for it: those that it is given where tasks have their robots; none unless
+            given.
+        teacher: Policy that is imitated unless another one is asked for. The gains of the usual
+            one, made in a minute, track about as well as model predictive ones and need no further
+            package.
+        training: What trainings need of it, see `training.references.RobotTraining`.
+        identified: Reads identified parameters, for policies that act on them (`learnt`).
+        reported: Row of an evaluation -> rows that the literature reports of its task.
+    """
+
+    robot: RobotParams
+    default: bool = False
+    on_a_line: bool = False
+    scene: bool = False
+    chain: RobotParams | None = None
+    stiffer: float = 1.0
+    pieces: int | None = None
+    control_period: float | None = None
+    axes: str | None = None
+    environment: str = "softrobot_env.envs.tracking:TrackingEnv"
+    twin: int | None = None
+    plain_files: bool = False
+    named_by_tasks: bool = False
+    task: str = "circle"
+    policy: str = "static"
+    tasks: tuple[str, ...] | None = None
+    policies: tuple[str, ...] = ()
+    teacher: str = "lq_preview"
+    training: str = "softrobot_env.training.references:RobotTraining"
+    identified: str | None = None
+    reported: str | None = None
+
 
 #: Robots of assets/robots/, described by files as a user's own.
 EXAMPLES = ("planar_finger", "silicone_rod", "hanging_trunk", "ftdcr_v4")
@@ -129,12 +90,49 @@ EXAMPLES = ("planar_finger", "silicone_rod", "hanging_trunk", "ftdcr_v4")
 #: The finger of the gripper, a file as well.
 FINGER = read_robot(assets_dir() / "robots" / "gripper_finger.toml")
 
-#: The named robots.
-ROBOTS = Registry(
+#: What is known of the named robots.
+ENTRIES: Registry[RobotEntry] = Registry(
     "robot",
-    {r.name: r for r in (ARM, CANTILEVER_WEAK, CANTILEVER_STIFF, RIG, EQUIVALENT_RIG, FINGER)}
-    | {name: read_robot(assets_dir() / "robots" / f"{name}.toml") for name in EXAMPLES},
+    {FINGER.name: RobotEntry(FINGER)}
+    | {name: RobotEntry(read_robot(assets_dir() / "robots" / f"{name}.toml")) for name in EXAMPLES},
 )
+
+
+class _Robots(Registry[RobotParams]):
+    """The robots of `ENTRIES`."""
+
+    def registered(self) -> dict[str, RobotParams]:
+        """See `Registry`."""
+        return {name: entry.robot for name, entry in ENTRIES.registered().items()}
+
+
+#: The named robots.
+ROBOTS: Registry[RobotParams] = _Robots("robot", {})
+
+
+def entry_of(robot: RobotParams) -> RobotEntry:
+    """What is known of a robot: its entry, or what holds for any that is not named."""
+    load_plugins()
+    entry = ENTRIES.registered().get(robot.name)
+    return entry if entry is not None and entry.robot == robot else RobotEntry(robot)
+
+
+def default_robot(on_a_line: bool = False) -> RobotParams:
+    """The robot that commands take where none is given, or the one behind a serial line.
+
+    Raises:
+        ValueError: No robot is declared to be that.
+    """
+    known = ENTRIES.values()
+    found = next((e.robot for e in known if (e.on_a_line if on_a_line else e.default)), None)
+    if found is None:
+        raise ValueError(f"give a robot: --robot FILE, or one of {', '.join(ENTRIES)}")
+    return found
+
+
+def register_entry(entry: RobotEntry, *, replace: bool = False) -> None:
+    """Add a robot with what is known of it; errors as of `register_robot`."""
+    ENTRIES.register(entry.robot.name, entry, replace)
 
 
 def register_robot(
@@ -157,7 +155,7 @@ def register_robot(
     if not isinstance(robot, RobotParams):
         raise TypeError(f"a robot is a RobotParams or the path of a robot file, got {robot!r}")
     named = with_fields(robot, name=robot.name if name is None else name)
-    ROBOTS.register(named.name, named, replace)
+    register_entry(RobotEntry(named), replace=replace)
     return named
 
 

@@ -1,14 +1,12 @@
-"""Digital twins of the spatial test rig, and of others: robots with errors no controller is told.
+"""Digital twins of robots driven by length: robots with errors that no controller knows of.
 
-A twin stands for one built rig. What it is drawn from:
+A twin stands for one built robot. What it is sampled from:
 
 * Young's modulus around 0.9 of the one believed in, tendons turned by 7 degrees: inferred by
   recomputation, these two reproduce the errors of the thesis' model-based controllers (audit sec.
   2, model mismatch; Tabs. 5.2 and 5.3);
-* `robots.EQUIVALENT`: the thesis' EI belongs to its model of one piece of constant curvature. A
-  real beam also bends unevenly, and its heavy head makes it softer than that model. With 1.2 times
-  the modulus it stands where the model says, within 2 % up to 120 mm, and with 1.2 times the
-  damping it calms down at the model's rate, within 10 % (tests hold it);
+* of a robot whose parameters are those of another model than a chain, such as the rig of the
+  thesis, the modulus of its chain (`RobotEntry.stiffer`);
 * friction of 0.05 N in every tendon (fitted): with it, networks of a stand-in that is visited
   without dither err by what the thesis reports, 0.72 mm at the tip and 0.12 mm in the lengths
   (thesis: 0.77 and 0.11); 0.1 N gives 1.2 and 0.18 mm, 0.3 N 3.1 and 0.48 mm (`softrobot
@@ -26,14 +24,15 @@ from typing import Annotated
 import numpy as np
 
 from softrobot_env.core.records import NotNegative, Range, check_fields
+from softrobot_env.core.registry import served
 from softrobot_env.robots.parameters import RobotParams, Tendon
-from softrobot_env.robots.registry import CAMERA_PERIOD, EQUIVALENT, EQUIVALENT_RIG, RIG
+from softrobot_env.robots.registry import CAMERA_PERIOD, entry_of
 
 #: Largest standard deviation [m] of a camera's noise, and largest error [m] of a servo: offset plus
 #: half of the backlash. Observation spaces leave room for them.
 LARGEST_NOISE, LARGEST_ERROR = 2e-3, 8e-3
 
-#: Spreads of `rig3d_twin`: of the logarithm of Young's modulus [1] the standard deviation, of the
+#: Spreads of `sampled_twin`: of the logarithm of Young's modulus [1] the standard deviation, of the
 #: others the largest deviation. The tip of the straight rig moves by L (L / 2 + output) per
 #: precurvature: 0.1 1/m are 2 mm.
 MODULUS, MODULUS_SPREAD = 0.9, 0.05
@@ -97,36 +96,23 @@ def nominal_twin(robot: RobotParams) -> Twin:
     return Twin(robot, robot.drive.speed, servo_offset=none, backlash=play)
 
 
-def rig3d_twin(seed: int) -> Twin:
-    """A rig with errors of manufacturing, of its servos and its camera, drawn from a seed.
+def sampled_twin(robot: RobotParams, seed: int) -> Twin:
+    """A robot with errors of manufacturing, of its servos and its camera, sampled from a seed.
 
     Raises:
-        ValueError: The seed is no whole number of zero or more.
-    """
-    return _drawn(RIG, seed, EQUIVALENT)
-
-
-def drawn_twin(robot: RobotParams, seed: int) -> Twin:
-    """Any robot driven by length with the errors of `rig3d_twin`, which it is of the rig.
-
-    Raises:
-        ValueError: The robot is driven by tension, or as `rig3d_twin`.
+        ValueError: The robot is driven by tension, or the seed is no whole number of zero or more.
     """
     if robot.drive.kind != "length":
         raise ValueError(f"a twin has servos; robot {robot.name!r} is driven by tension")
-    return _drawn(robot, seed, EQUIVALENT if robot == RIG else 1.0)
-
-
-def _drawn(robot: RobotParams, seed: int, equivalent: float) -> Twin:
-    """A robot with errors around `equivalent` times its Young's modulus."""
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise ValueError(f"the seed of a twin must be a whole number >= 0, got {seed!r}")
     rng, count = np.random.default_rng(np.random.SeedSequence(int(seed))), len(robot.tendons)
-    modulus = equivalent * MODULUS * float(np.exp(MODULUS_SPREAD * rng.standard_normal()))
+    stiffer = entry_of(robot).stiffer
+    modulus = stiffer * MODULUS * float(np.exp(MODULUS_SPREAD * rng.standard_normal()))
     built = _built(rng, robot.vary(youngs_modulus=modulus), int(seed))
     offset, backlash = _each(rng, count, -OFFSET, OFFSET), _each(rng, count, *BACKLASH)
     backlash = tuple(robot.drive.backlash + more for more in backlash)
-    damping = equivalent / modulus * float(1 + rng.uniform(-DAMPING_SPREAD, DAMPING_SPREAD))
+    damping = stiffer / modulus * float(1 + rng.uniform(-DAMPING_SPREAD, DAMPING_SPREAD))
     return Twin(
         robot=replace(built.vary(damping_time=damping), name=f"{robot.name}_twin"),
         servo_speed=robot.drive.speed,
@@ -138,9 +124,17 @@ def _drawn(robot: RobotParams, seed: int, equivalent: float) -> Twin:
     )
 
 
-def twin_or_ideal(seed: int | None) -> Twin:
-    """The twin of a seed; without one the ideal rig, which the one-piece model describes."""
-    return nominal_twin(EQUIVALENT_RIG) if seed is None else rig3d_twin(seed)
+def twin_of(robot: RobotParams, twin: "Twin | int | None") -> Twin:
+    """A robot as it is simulated: a twin, that of a seed, or without one what its parameters say.
+
+    Raises:
+        ValueError: As `sampled_twin`.
+    """
+    if isinstance(twin, Twin):
+        return twin
+    if twin is None:
+        return nominal_twin(entry_of(robot).chain or robot)
+    return sampled_twin(robot, twin)
 
 
 def _built(rng: np.random.Generator, robot: RobotParams, specimen: int) -> RobotParams:
@@ -171,3 +165,9 @@ def _laid(rng: np.random.Generator, tendons: tuple[Tendon, ...]) -> tuple[Tendon
 def _each(rng: np.random.Generator, count: int, low: float, high: float) -> tuple[float, ...]:
     """One number for each tendon."""
     return tuple(rng.uniform(low, high, count).tolist())
+
+
+#: Its name up to version 0.2.
+drawn_twin = sampled_twin
+
+__getattr__ = served(__name__)

@@ -1,42 +1,33 @@
 """Scenes by name, as they are exported to assets/, and the scene of any robot."""
 
+from dataclasses import replace
+
 from softrobot_env.core.registry import Registry
-from softrobot_env.robots import (
-    ARM,
-    CANTILEVER_STIFF,
-    CANTILEVER_WEAK,
-    EQUIVALENT_RIG,
-    RIG,
-    RobotParams,
-)
+from softrobot_env.robots import ENTRIES, RobotEntry, RobotParams, entry_of
+from softrobot_env.robots.registry import RIG_PIECES
 from softrobot_env.scene.config import SceneConfig, TipSensors, visible
 
-#: Pieces the rig is cut into: its first frequency is then within 1 % of the beam's.
-RIG_PIECES = 4
+__all__ = ["RIG_PIECES", "SCENES", "model_scene", "scene_of"]
 
-_ARM = SceneConfig(ARM, sensors=(TipSensors(),))
-_RIG = SceneConfig(
-    EQUIVALENT_RIG,
-    pieces=RIG_PIECES,
-    actuation="length",
-    control_period=0.02,
-    sensors=(TipSensors(),),
-    bending="spatial",
-)
 
-#: "arm" is what all arm environments simulate, "arm_view" what they draw; likewise "rig"
-#: without a twin.
-SCENES = Registry(
-    "scene",
-    {
-        "arm": _ARM,
-        "arm_view": visible(_ARM),
-        "rig": _RIG,
-        "rig_view": visible(_RIG),
-        "cantilever_weak": SceneConfig(CANTILEVER_WEAK, sensors=(TipSensors(),)),
-        "cantilever_stiff": SceneConfig(CANTILEVER_STIFF, sensors=(TipSensors(),)),
-    },
-)
+class _Scenes(Registry[SceneConfig]):
+    """What environments of robots simulate, by the robot's name, and what they draw."""
+
+    def registered(self) -> dict[str, SceneConfig]:
+        """See `Registry`."""
+        known = {}
+        for name, entry in ENTRIES.registered().items():
+            if entry.scene:
+                known[name] = _named(entry)
+                if entry.robot.tendons:
+                    known[f"{name}_view"] = visible(known[name])
+        return known
+
+
+def _named(entry: RobotEntry) -> SceneConfig:
+    given = {"pieces": entry.pieces, "control_period": entry.control_period}
+    own = {name: value for name, value in given.items() if value is not None}
+    return replace(model_scene(entry.robot), **own)
 
 
 def scene_of(robot: RobotParams) -> SceneConfig:
@@ -54,9 +45,9 @@ def scene_of(robot: RobotParams) -> SceneConfig:
 
 
 def model_scene(robot: RobotParams) -> SceneConfig:
-    """The scene by which tasks and laws know a robot: its own.
+    """The scene by which tasks and laws know a robot, and environments simulate it: its chain's."""
+    return scene_of(entry_of(robot).chain or robot)
 
-    The rig's parameters are those of one piece of constant curvature; in several pieces,
-    `EQUIVALENT_RIG` stands as that does, and it is what rig environments simulate.
-    """
-    return scene_of(EQUIVALENT_RIG if robot == RIG else robot)
+
+#: The scenes by name.
+SCENES: Registry[SceneConfig] = _Scenes("scene", {})

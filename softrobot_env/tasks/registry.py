@@ -5,18 +5,16 @@ from dataclasses import replace as with_fields
 from functools import lru_cache, partial
 from inspect import signature
 
-from softrobot_env.core.registry import Registry, check_name, is_path, load_given
-from softrobot_env.robots import ARM, RIG, RobotParams, as_number, find_robot
-from softrobot_env.tasks.arm import ALL_TASKS
+from softrobot_env.core.registry import Registry, check_name, is_path, load_given, load_plugins
+from softrobot_env.robots import RobotParams, as_number, find_robot
 from softrobot_env.tasks.generic import GENERIC_TASKS, generic_tasks
-from softrobot_env.tasks.rig import RIG_TASKS
 from softrobot_env.tasks.spec import OPTIONS, Maker, Task, defaults
 
-#: The own tasks of the thesis' robots, and those that were registered for one robot.
-EVERY_TASK: Registry[Maker] = Registry("task", ALL_TASKS | RIG_TASKS)
+#: Tasks that were registered for one robot.
+EVERY_TASK: Registry[Maker] = Registry("task", {})
 
 #: Robot -> its own tasks, before those that any robot can be given.
-OWN_TASKS: dict[RobotParams, dict[str, Maker]] = {ARM: dict(ALL_TASKS), RIG: dict(RIG_TASKS)}
+OWN_TASKS: dict[RobotParams, dict[str, Maker]] = {}
 
 
 class TasksOf(Registry[Maker]):
@@ -32,6 +30,7 @@ class TasksOf(Registry[Maker]):
 
     def own(self) -> dict[str, Maker]:
         """Those that the robot alone has."""
+        load_plugins()
         return OWN_TASKS.get(self._robot, {})
 
 
@@ -190,8 +189,10 @@ def with_option(makers: Mapping[str, Maker]) -> dict[str, tuple[str, ...]]:
     return {o: tuple(n for n, make in makers.items() if o in defaults(make)) for o in options}
 
 
-#: Option -> tasks of the thesis' robots that have it.
-WITH_OPTION = with_option(ALL_TASKS | RIG_TASKS)
+def owner_of(name: str) -> RobotParams | None:
+    """The first robot that has a task of its own of this name; None without one."""
+    load_plugins()
+    return next((robot for robot, own in OWN_TASKS.items() if name in own), None)
 
 
 @lru_cache(maxsize=64)

@@ -9,7 +9,7 @@ acceleration are those just after it.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -242,6 +242,35 @@ class CurveSweep:
         """Points every 10 mm of arc length."""
         count = int(np.ceil(2 * self.half_length / 0.01)) + 1
         return self.position(np.linspace(0.0, self.end_time, count))
+
+
+@dataclass(frozen=True)
+class SetPoints(Jumping):
+    """Jumps from one point to the next, each held for a while.
+
+    Attributes:
+        points: (k, 3) [m].
+        hold: [s] at each point; the last one stays.
+    """
+
+    jumps: ClassVar[bool] = True
+
+    points: tuple[tuple[float, float, float], ...]
+    hold: Positive
+
+    def __post_init__(self) -> None:
+        check_fields(self, "set points")
+        if not self.points:
+            raise ValueError("set points need one point or more")
+
+    def position(self, t: np.ndarray) -> np.ndarray:
+        """Position (n, 3) [m] at times (n,) [s]; at a jump the new point."""
+        index = np.floor(np.asarray(t) / self.hold + 1e-9).astype(int)
+        return np.array(self.points)[np.clip(index, 0, len(self.points) - 1)]
+
+    def path(self) -> np.ndarray:
+        """The points."""
+        return np.array(self.points)
 
 
 # ---------------------------------------------------------------- smooth steps

@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 import torch
 
-from softrobot_env.control.learned.neural import View, arm_view, view_in
+from softrobot_env.control.learned.neural import View, view_in
 from softrobot_env.core.vector_reading import reading_in
 from softrobot_env.learned.network import Network, Scaling, check_ends, load_for
-from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.robots import RobotParams, default_robot
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import artifact_name, find_artifact, fingerprint
 from softrobot_env.training.closed_loop_check import check
+from softrobot_env.training.references import view_for
 from softrobot_env.training.request import Metrics, Quantity
 
 _START = "imitation"
@@ -55,11 +56,16 @@ def _unscaled(count: int) -> Scaling:
 
 
 def save(
-    network: Network, path: Path, seed: int, robot: RobotParams = ARM, view: View | None = None
+    network: Network,
+    path: Path,
+    seed: int,
+    robot: RobotParams | None = None,
+    view: View | None = None,
 ) -> None:
-    """Write a network in single precision, with its robot, its view (the arm's) and the seed."""
+    """Write a network in single precision, with its robot, its view and the seed."""
+    robot = robot or default_robot()
     single = network.with_parameters(network.parameters.astype(np.float32))
-    seen = arm_view() if view is None else view
+    seen = view_for(robot) if view is None else view
     single.save(path, {**fingerprint(robot), **seen.about(), "seed": seed})
 
 
@@ -107,7 +113,9 @@ def _acting(model: Any) -> tuple[torch.nn.Module, ...]:
     return modules
 
 
-def load_start(path: Path, robot: RobotParams = ARM, start: str = _START) -> tuple[Network, View]:
+def load_start(
+    path: Path, robot: RobotParams | None = None, start: str = _START
+) -> tuple[Network, View]:
     """The network that a training starts from, and its view.
 
     Args:
@@ -119,7 +127,7 @@ def load_start(path: Path, robot: RobotParams = ARM, start: str = _START) -> tup
     Raises:
         ValueError: There is none; the message tells the command that makes it. Or it reads vectors.
     """
-    found = path
+    found, robot = path, robot or default_robot()
     if start == _START:
         beside = path.with_name(artifact_name(robot, _START))
         found = beside if beside.is_file() else find_artifact(robot, _START)
@@ -132,7 +140,7 @@ def load_start(path: Path, robot: RobotParams = ARM, start: str = _START) -> tup
 def figures(
     network: Network,
     variations: tuple[dict[str, float], ...] = ({},),
-    robot: RobotParams = ARM,
+    robot: RobotParams | None = None,
     view: View | None = None,
 ) -> Metrics:
     """Closed-loop figures for people, with robots and disturbances as `check` takes them."""

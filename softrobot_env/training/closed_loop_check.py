@@ -16,8 +16,8 @@ from softrobot_env.evaluation.metrics import (
 )
 from softrobot_env.evaluation.runner import Case, Outcome, run
 from softrobot_env.learned.network import Network
-from softrobot_env.robots import ARM, RobotParams
-from softrobot_env.training.references import check_tasks
+from softrobot_env.robots import RobotParams, default_robot
+from softrobot_env.training.references import training_of, view_for
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def check(
     variations: Sequence[dict[str, float]] = ({},),
     duration: float | None = None,
     reward: TrackingReward | None = None,
-    robot: RobotParams = ARM,
+    robot: RobotParams | None = None,
     view: neural.View | None = None,
 ) -> Rows:
     """Figures of a network, one episode for each task and variation.
@@ -54,12 +54,13 @@ def check(
         variations: Robots and disturbances, as in the option `vary` of `reset`.
         duration: [s] of the episodes, the tasks' own unless given.
         reward: Whose mean is told; the environments' default unless given.
-        robot: The robot.
-        view: Of the network; the arm's unless given.
+        robot: The robot; the default one unless given.
+        view: Of the network; the robot's unless given.
     """
-    view, rows = neural.arm_view() if view is None else view, {}
+    robot = robot or default_robot()
+    view, rows = view_for(robot) if view is None else view, {}
     policy = neural.NeuralPolicy(robot, view.period, network, view=view)
-    for task in check_tasks(robot):
+    for task in training_of(robot).check_tasks():
         env = TrackingEnv(task, observe=policy.requires, reward=reward, **view.environment)
         for vary in variations:
             case = Case(task, "network", variation=vary, duration=duration)

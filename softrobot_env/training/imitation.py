@@ -15,8 +15,6 @@ import torch
 
 from softrobot_env.beams.registry import MUJOCO, BeamPlant
 from softrobot_env.control.learned import neural
-from softrobot_env.control.mpc.settings import PREVIEW, MPCSettings
-from softrobot_env.control.registry import find_policy, make_policy, policy_environment
 from softrobot_env.control.scheduled.timing import timing_of
 from softrobot_env.core.interfaces import Observation, Policy, ProgressCallback
 from softrobot_env.core.processes import worker_processes
@@ -24,22 +22,12 @@ from softrobot_env.core.records import Count, NotNegative, Positive, Share, Whol
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.learned.network import Dataset, Network
-from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.robots import RobotParams, default_robot, entry_of
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import artifact_name
 from softrobot_env.tasks import Task
 from softrobot_env.training.artifacts import as_network, new_layers
-from softrobot_env.training.references import draw_task
-from softrobot_env.training.request import usual_teacher
-from softrobot_env.training.views import view_for
-
-#: The controller to imitate on the arm: `mpc_preview`, deciding as often as the network.
-TEACHER: MPCSettings = replace(
-    PREVIEW,
-    period=neural.PERIOD,
-    steps=(0.01, 0.01, 0.02, 0.02, 0.04, 0.04, 0.08),
-    moves=(1,) * 7,
-)
+from softrobot_env.training.references import RobotTraining, training_of
 
 #: Robots that the teacher is watched with.
 ROBOTS = Randomization(youngs_modulus=(0.45, 1.7), density=(0.55, 1.6), damping_time=(0.45, 2.2))
@@ -108,8 +96,8 @@ class ImitationSetup:
         file: What it has learned, where that lies elsewhere than policies look.
     """
 
-    robot: RobotParams = ARM
-    teacher: str = usual_teacher(ARM)
+    robot: RobotParams
+    teacher: str
     file: Path | None = None
 
     @classmethod
@@ -117,54 +105,39 @@ class ImitationSetup:
         cls, robot: RobotParams, teacher: str | None = None, folder: Path | None = None
     ) -> "ImitationSetup":
         """With the robot's usual teacher unless one is given, and its file if a folder has it."""
-        teacher = teacher or usual_teacher(robot)
+        teacher = teacher or entry_of(robot).teacher
         file = None if folder is None else folder / artifact_name(robot, teacher)
         return cls(robot, teacher, file if file is not None and file.is_file() else None)
 
     @property
-    def is_thesis(self) -> bool:
-        """Whether it is the arm's, whose teacher decides as often as the network."""
-        return self.robot == ARM and self.teacher == usual_teacher(ARM)
+    def training(self) -> RobotTraining:
+        """What trainings need of the robot."""
+        return training_of(self.robot)
+
+    @property
+    def is_tuned(self) -> bool:
+        """Whether the settings are the robot's own."""
+        return self.training.is_tuned_for(self.teacher)
 
     def environment(self) -> dict[str, object]:
         """What the teacher needs of an environment."""
-        if self.is_thesis:
-            return {"control_period": neural.PERIOD, "preview": TEACHER.times}
-        own = policy_environment(self.teacher, self.robot)
-        period = own.get("control_period", self.view().period)
-        return {"control_period": period, "preview": tuple(own.get("preview", ()))}
+        return self.training.teacher_environment(self.teacher)
 
     def view(self) -> neural.View:
-        """Of the network, which decides as often as the teacher.
-
-        Laws with gains change the inputs by what suits their own period: held for longer, the same
-        changes would move servos, and integrate errors, too slowly.
-        """
-        own = policy_environment(self.teacher, self.robot)
-        if self.is_thesis or "control_period" not in own:
-            return view_for(self.robot)
-        return view_for(self.robot, own["control_period"])
-
-
-_THESIS = ImitationSetup()
+        """Of the network, which decides as often as the teacher."""
+        return self.training.lesson_view(self.teacher)
 
 
 @lru_cache(maxsize=2)
 def _teacher(lesson: ImitationSetup) -> Policy:
     """The teacher, made once in a process."""
-    if lesson.is_thesis:
-        from softrobot_env.control.mpc.controller import MPC
-
-        return MPC(ARM, neural.PERIOD, TEACHER)
-    option = "gains" if find_policy(lesson.teacher).takes("gains") else "weights"
-    own = {} if lesson.file is None else {option: lesson.file}
-    return make_policy(lesson.teacher, lesson.robot, lesson.environment()["control_period"], **own)
+    return lesson.training.make_teacher(lesson.teacher, lesson.file)
 
 
 def settings_of(lesson: ImitationSetup, quick: bool = False) -> ImitationConfig:
     """Size of an imitation: that of what is shipped for the arm, else minutes; or a tiny one."""
     config = ImitationConfig()
-    if not lesson.is_thesis:
+    if not lesson.is_tuned:
         first = timing_of(lesson.robot).first
         config = replace(
             config,
@@ -190,7 +163,7 @@ def settings_of(lesson: ImitationSetup, quick: bool = False) -> ImitationConfig:
 
 
 def imitate(
-    config: ImitationConfig, seed: int, show: ProgressCallback, lesson: ImitationSetup = _THESIS
+    config: ImitationConfig, seed: int, show: ProgressCallback, lesson: ImitationSetup | None = None
 ) -> Network:
     """Train a network to act as the teacher does, in the states it gets into itself.
 
@@ -203,6 +176,7 @@ def imitate(
     Raises:
         ValueError: The teacher cannot drive the robot; says which training it needs first.
     """
+    lesson = lesson or ImitationSetup.of(default_robot())
     _teacher(lesson)  # before anything is done
     view = lesson.view()
     torch.manual_seed(seed)
@@ -281,7 +255,7 @@ def _episode(
     """Observations of the network where it decides, and the teacher's actions."""
     robot, view, teacher = lesson.robot, lesson.view(), _teacher(lesson)
     duration = config.duration * rng.uniform(0.3, 1.0)
-    task = draw_task(rng, duration, robot)
+    task = lesson.training.sampled_task(rng, duration)
     env = _environment(config, lesson, task)
     hold = round(view.period / env.control_period)
     actor = None if network is None else neural.NeuralPolicy(robot, view.period, network, view=view)
@@ -309,7 +283,7 @@ def _environment(config: ImitationConfig, lesson: ImitationSetup, task: Task) ->
         task,
         control_period=needs["control_period"],
         preview=(*lesson.view().preview, *needs["preview"]),
-        observe=None if lesson.is_thesis else "all",
+        observe=None if lesson.is_tuned else "all",
         plant=plant,
     )
 

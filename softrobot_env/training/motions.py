@@ -16,11 +16,10 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from softrobot_env.core.records import NotNegative, Positive, Range, Whole, check_fields
-from softrobot_env.envs.rig import RigEnv
-from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.evaluation.runner import simulated
 from softrobot_env.identification.excitation import resting_task
 from softrobot_env.learned.reduction import Record
-from softrobot_env.robots import RIG, RobotParams
+from softrobot_env.robots import RobotParams, entry_of
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.linearised import linearised
@@ -166,8 +165,7 @@ def collect(
     Raises:
         ValueError: The robot has no tendons, or fails.
     """
-    axes = axes or ("xy" if robot == RIG else None)
-    task = resting_task(robot, 10.0, axes)
+    task = resting_task(robot, 10.0, axes or entry_of(robot).axes)
     drives = drives_of(robot, len(task.axes), plan.period)
     rng = np.random.default_rng(plan.seed)
     runs = max(1, round(60 * plan.minutes / plan.run)) if plan.minutes else 0
@@ -198,9 +196,14 @@ def collect(
 
 
 def _environment(task: Any, period: float, twin: Twin | int | None) -> gymnasium.Env:
-    kind = RigEnv if task.robot == RIG else TrackingEnv
     options = {} if twin is None else {"twin": twin}
-    return kind(task, observe=("tip_position", "previous_action"), control_period=period, **options)
+    return simulated(
+        task,
+        **options,
+        observe=("tip_position", "previous_action"),
+        control_period=period,
+        **options,
+    )
 
 
 def drive(env: gymnasium.Env, actions: np.ndarray, seed: int) -> Record:

@@ -1,32 +1,29 @@
-"""Random tasks within a robot's workspace, so that a policy learns more than a few references."""
+"""What trainings need of a robot: random tasks in its workspace, those that networks are judged on,
+and how its networks see it.
+"""
 
-from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
-from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
+from softrobot_env.control.learned.neural import View, view_of
+from softrobot_env.control.registry import find_policy, make_policy, policy_environment
+from softrobot_env.core.interfaces import Policy
+from softrobot_env.core.registry import load
 from softrobot_env.envs.observations.table import REFERENCE_SPEED
-from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.robots import RobotParams, entry_of
+from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.tasks import Task, make_task
 from softrobot_env.tasks.generic import generic_tasks, site_of
-from softrobot_env.tasks.trajectories import Polyline, Step
+from softrobot_env.tasks.trajectories import SetPoints
+from softrobot_env.training.rl_config import ROBOT_TASKS, RLConfig, of_any_robot
 
-#: Inputs [N] of random postures: a common part within +-, and the deviation of each from it, drawn
-#: between two values, as simple bends and S-shapes both occur.
-_COMMON, _EACH = 14.0, (2.0, 16.0)
-
-_STATICS = ConstantCurvatureStatics(ARM)
-
-_KNOT = 0.01  # s, between the knots of a smooth reference
-
-#: Of smooth references: harmonics of the inputs, and speeds [m/s] at the fastest point.
-_HARMONICS, _SPEEDS = 3, (0.03, 0.6)
-
-#: Of any robot: share of set points among the tasks, and how long they are held, in periods of the
-#: first mode; sizes of random paths over the default, and laps in a period of the first mode.
+#: Share of set points among the tasks, and how long they are held, in periods of the first mode;
+#: sizes of random paths over the default, and laps in a period of the first mode. A random path
+#: gets as far as its size at one point only; the largest ones are often that far out.
 _REACHES, _HOLDS = 0.25, (1.0, 4.0)
-#: A random path gets as far as its size at one point only; the largest ones are often that far out.
 _RADII, _PACES = (0.4, 0.7, 1.0, 1.4), (0.05, 0.5)
 
 #: Share of circles among the paths: random ones are seldom far out for long.
@@ -38,68 +35,114 @@ _SPEED = 0.99
 #: Laps of the circle in a period of the first mode on which networks are judged.
 _CHECKED = (0.1, 0.3)
 
-
-def random_input(rng: np.random.Generator) -> np.ndarray:
-    """Reduced inputs (3,) [N] of a posture within the workspace."""
-    return rng.uniform(-_COMMON, _COMMON) + rng.normal(0, rng.uniform(*_EACH), 3)
-
-
-def tips(inputs: np.ndarray) -> np.ndarray:
-    """Tips (k, 3) [m] at rest under inputs (k, 3) [N], of the nominal arm."""
-    out = np.zeros((len(inputs), 3))
-    out[:, 0::2] = [_STATICS.tip(one) for one in inputs]
-    return out
+#: Of the tasks of reinforcement learning: laps in a period of the first mode, and such periods at a
+#: set point.
+_LEARNED_PACES, _LEARNED_HOLD = (0.1, 0.2, 0.4), 4.0
 
 
-def random_step(rng: np.random.Generator, duration: float) -> Task:
-    """A jump between two postures, often a short one."""
-    start = random_input(rng)
-    share = rng.uniform(0, 1) ** 2
-    target = start + share * (random_input(rng) - start)
-    ends = tips(np.stack([start, target]))
-    jump = Step(tuple(ends[0]), tuple(ends[1]))
-    return Task("random step", ARM, jump, duration, tuple(start))
+class RobotTraining:
+    """What trainings need of a robot.
+
+    Attributes:
+        robot: The robot.
+        tasks: Names of the tasks of reinforcement learning.
+    """
+
+    tasks: tuple[str, ...] = ROBOT_TASKS
+
+    def __init__(self, robot: RobotParams) -> None:
+        """Of any robot."""
+        self.robot = robot
+
+    def sampled_task(self, rng: np.random.Generator, duration: float) -> Task:
+        """A random task: a random path or a circle at a random size and pace, or set points."""
+        return any_task(rng, self.robot)
+
+    def check_tasks(self) -> list[Task]:
+        """The tasks on which networks are judged."""
+        if site_of(self.robot).ground.radius == 0:
+            return [generic_task("reach", self.robot)]
+        paced = [generic_task("circle", self.robot, frequency=pace) for pace in _CHECKED]
+        figure = generic_task("figure_eight", self.robot)
+        return [*paced, figure, generic_task("random", self.robot, seed=0)]
+
+    def learned_tasks(
+        self, name: str, count: int, rng: np.random.Generator
+    ) -> list[tuple[Task | str, dict[str, float]]]:
+        """Tasks of a name to learn on by reinforcement, with options.
+
+        Random paths are by name, so that every episode has one of its own.
+
+        Args:
+            name: One of `tasks`.
+            count: Of sampled references, where these are tasks.
+            rng: Source of what is random.
+        """
+        if name == "random":
+            return [(name, {}), *((name, {"frequency": pace}) for pace in _LEARNED_PACES)]
+        options = {"frequency": _LEARNED_PACES[1]}
+        if name == "reach":
+            hold = _LEARNED_HOLD / site_of(self.robot).frequency
+            options = {"hold": hold, "seed": int(rng.integers(2**31))}
+        return [(generic_task(name, self.robot, **options), {})]
+
+    def settings(self, config: RLConfig) -> RLConfig:
+        """Settings of a reinforcement learning of this robot."""
+        return of_any_robot(config, self.robot)
+
+    def view(self, period: float | None = None) -> View:
+        """What networks see that decide every `period` [s], see `neural.view_of`.
+
+        Raises:
+            ValueError, EquilibriumError: The robot has no tendons, or does not rest.
+        """
+        env = TrackingEnv(_at_rest(self.robot), observe="all")
+        sizes = {name: box.shape[0] for name, box in env.observation_space.items()}
+        return view_of(self.robot, sizes, period)
+
+    def is_tuned_for(self, teacher: str) -> bool:
+        """Whether settings of an imitation of this teacher are the robot's own."""
+        return False
+
+    def teacher_environment(self, teacher: str) -> dict[str, Any]:
+        """What a teacher needs of an environment: `control_period`, `preview`."""
+        own = policy_environment(teacher, self.robot)
+        period = own.get("control_period", self.lesson_view(teacher).period)
+        return {"control_period": period, "preview": tuple(own.get("preview", ()))}
+
+    def lesson_view(self, teacher: str) -> View:
+        """View of a network that imitates a teacher, as often as that decides.
+
+        Laws with gains change the inputs by what suits their own period: held for longer, the same
+        changes would move servos, and integrate errors, too slowly.
+        """
+        return view_for(self.robot, policy_environment(teacher, self.robot).get("control_period"))
+
+    def make_teacher(self, teacher: str, file: Any) -> Policy:
+        """The policy that is imitated, with a file of its own where one is given."""
+        takes = find_policy(teacher, self.robot).takes("gains")
+        own = {} if file is None else {"gains" if takes else "weights": file}
+        period = self.teacher_environment(teacher)["control_period"]
+        return make_policy(teacher, self.robot, period, **own)
 
 
-def random_legs(rng: np.random.Generator, duration: float) -> Task:
-    """Straight legs at different speeds with kinks, and rests between them."""
-    inputs, times = [random_input(rng)], [0.0]
-    while times[-1] < duration:
-        rests = rng.uniform() < 0.3
-        towards = random_input(rng)
-        share = 0.0 if rests else rng.uniform(0.2, 0.7)
-        inputs.append(inputs[-1] + share * (towards - inputs[-1]))
-        way = np.linalg.norm(np.diff(tips(np.array(inputs[-2:])), axis=0))
-        times.append(times[-1] + max(0.3, way / rng.uniform(0.02, 0.3)))
-    points = tips(np.array(inputs))
-    path = Polyline(tuple(map(tuple, points)), tuple(times))
-    return Task("random legs", ARM, path, duration, tuple(inputs[0]))
+@lru_cache(maxsize=16)
+def training_of(robot: RobotParams) -> RobotTraining:
+    """What trainings need of a robot, its own where its entry names it."""
+    return load(entry_of(robot).training)(robot)
 
 
-def random_waves(rng: np.random.Generator, duration: float) -> Task:
-    """Smooth motion, slow or fast: harmonics of the inputs that would hold the tip there."""
-    middle, size = random_input(rng), rng.normal(0, 2.5, (_HARMONICS, 1, 3))
-    size += rng.normal(0, 3.0, (_HARMONICS, 1, 1))
-    phase = rng.uniform(0, 2 * np.pi, _HARMONICS)
-    order = np.arange(1, _HARMONICS + 1)
-
-    def inputs(turn: np.ndarray) -> np.ndarray:
-        angle = np.multiply.outer(order, turn) + phase[:, None]
-        return middle + np.sum(size * np.sin(angle)[:, :, None] / order[:, None, None], axis=0)
-
-    turn = np.linspace(0, 2 * np.pi, 200)
-    fastest = np.linalg.norm(np.gradient(tips(inputs(turn)), turn, axis=0), axis=1).max()
-    rate = np.exp(rng.uniform(*np.log(_SPEEDS))) / fastest
-    times = np.arange(0, duration + 2 * _KNOT, _KNOT)
-    path = Polyline(tuple(map(tuple, tips(inputs(rate * times)))), tuple(times))
-    return Task("random waves", ARM, path, duration, tuple(inputs(np.zeros(1))[0]))
+@lru_cache(maxsize=16)
+def view_for(robot: RobotParams, period: float | None = None) -> View:
+    """See `RobotTraining.view`."""
+    return training_of(robot).view(period)
 
 
-def draw_task(rng: np.random.Generator, duration: float, robot: RobotParams = ARM) -> Task:
-    """A random task; of the arm sometimes one of the three with another start or step width."""
-    if robot != ARM:
-        return any_task(rng, robot)
-    return known_task(rng, duration) if rng.uniform() < 0.25 else draw_reference(rng, duration)
+def _at_rest(robot: RobotParams) -> Task:
+    """A task with the coordinates of those that any robot can be given."""
+    axes, start = "xz" if robot.moves_in_xz else "xyz", robot_inputs(robot).input_centre
+    place = (0.0, 0.0, 0.0) if robot.base is None else robot.base.position
+    return Task("rest", robot, SetPoints((place,), 1.0), 1.0, tuple(start), axes=axes)
 
 
 def any_task(rng: np.random.Generator, robot: RobotParams) -> Task:
@@ -128,28 +171,3 @@ def generic_task(name: str, robot: RobotParams, **options: float) -> Task:
 def _usual_radius(name: str, robot: RobotParams) -> float:
     """Default radius [m] of a path."""
     return float(generic_task(name, robot).option("radius"))
-
-
-def check_tasks(robot: RobotParams) -> list[Task]:
-    """The tasks on which networks of a robot are judged; of the arm the thesis'."""
-    if robot == ARM:
-        steps = [make_task("step", width) for width in (0.05, 0.1, 0.2)]
-        return [make_task("swing"), make_task("lshape"), *steps]
-    if site_of(robot).ground.radius == 0:
-        return [generic_task("reach", robot)]
-    paced = [generic_task("circle", robot, frequency=pace) for pace in _CHECKED]
-    return [*paced, generic_task("figure_eight", robot), generic_task("random", robot, seed=0)]
-
-
-def draw_reference(rng: np.random.Generator, duration: float) -> Task:
-    """A random step, random legs or random waves."""
-    kind = rng.choice(3, p=[0.35, 0.2, 0.45])
-    return (random_step, random_legs, random_waves)[kind](rng, duration)
-
-
-def known_task(rng: np.random.Generator, duration: float) -> Task:
-    """One of the three tasks, a step of random width."""
-    name = rng.choice(["step", "swing", "lshape"])
-    if name == "step":
-        return replace(make_task("step", rng.uniform(0.02, 0.22)), duration=duration)
-    return make_task(str(name))

@@ -9,8 +9,7 @@ from typing import Any
 
 from softrobot_env.core.extras import install_command
 from softrobot_env.core.interfaces import ProgressCallback
-from softrobot_env.rendering.tables import number
-from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.robots import RobotParams
 from softrobot_env.robots.artifacts import artifact_folder, artifact_name
 
 #: What the backend "warp" simulates with.
@@ -32,6 +31,8 @@ class Quantity:
     unit: str = ""
 
     def __str__(self) -> str:
+        from softrobot_env.rendering.tables import number
+
         return f"{number(self.value, self.form, self.unit)} {self.unit}".strip()
 
 
@@ -113,12 +114,3 @@ def file_of(robot: RobotParams, policy: str, folder: Path | None = None) -> Path
 def curve_file(path: Path) -> Path:
     """Where a reinforcement learning that writes to a file writes its learning curve."""
     return path.with_name(f"{path.stem}_curve.json")
-
-
-def usual_teacher(robot: RobotParams) -> str:
-    """The policy that is imitated unless another one is asked for.
-
-    That of other robots than the arm needs no further package, and its gains, made in a minute,
-    track about as well as the model predictive ones.
-    """
-    return "mpc_preview" if robot == ARM else "lq_preview"

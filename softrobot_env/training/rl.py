@@ -19,10 +19,9 @@ from softrobot_env.core.writing import write_text
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.learned.network import Network
-from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.robots import RobotParams, default_robot
 from softrobot_env.robots.artifacts import fingerprint
-from softrobot_env.tasks import Task, make_task
-from softrobot_env.tasks.generic import site_of
+from softrobot_env.tasks import Task
 from softrobot_env.training.artifacts import figures, load_start, save
 from softrobot_env.training.checkpoint import (
     Checkpoint,
@@ -32,33 +31,19 @@ from softrobot_env.training.checkpoint import (
     write,
 )
 from softrobot_env.training.learners import freeze_actor, make_model, put_actor
-from softrobot_env.training.references import draw_reference, generic_task
+from softrobot_env.training.references import training_of, view_for
 from softrobot_env.training.request import Metrics, TrainingRequest, curve_file
 from softrobot_env.training.rl_config import (
     IMITATION,
     NO_START,
     NUMBERS,
     QUICK,
-    ROBOT_TASKS,
-    TRAINING_TASKS,
     RLConfig,
     checkpoint_of,
-    of_any_robot,
     preset,
 )
 from softrobot_env.training.vec_env import NetworkVecEnv
-from softrobot_env.training.views import view_for
-from softrobot_env.training.watch import Point, Watch
-
-#: Widths [m] and duration [s] of the steps.
-_STEP_WIDTHS = (0.03, 0.05, 0.1, 0.2)
-_STEP_DURATION = 1.5
-
-#: Duration [s] of drawn references.
-_DRAWN_DURATION = 6.0
-
-#: Of any robot: laps in a period of the first mode, and such periods at a set point.
-_PACES, _HOLD = (0.1, 0.2, 0.4), 4.0
+from softrobot_env.training.watch import REACH, Point, Watch
 
 
 def train(
@@ -70,7 +55,7 @@ def train(
     checkpoint: Path | None = None,
     resume: bool = False,
     log: Path | None = None,
-    robot: RobotParams = ARM,
+    robot: RobotParams | None = None,
     view: View | None = None,
     told: Callable[[list[Point]], None] | None = None,
 ) -> tuple[Network, list[Point]]:
@@ -101,6 +86,7 @@ def train(
             folder holds one that is not finished, or the network to start from does not fit.
     """
     torch.set_num_threads(config.threads)
+    robot = robot or default_robot()
     view = view_for(robot) if view is None else view
     logs = None if log is None else str(log)
     about = _about(config, seed, robot)
@@ -160,11 +146,10 @@ def config_of(algorithm: str, settings: Mapping[str, Any], robot: RobotParams) -
     """
     warm = settings.get("start") != NO_START
     config = preset(algorithm, warm, settings.get("randomize", False))
-    if robot != ARM:
-        config = of_any_robot(config, robot)
+    config = training_of(robot).settings(config)
     wanted: dict[str, Any] = dict(QUICK) if "quick" in settings else {}
     if "task" in settings and "all" not in settings["task"]:
-        known = TRAINING_TASKS if robot == ARM else ROBOT_TASKS
+        known = training_of(robot).tasks
         wanted["tasks"] = tuple(dict.fromkeys(settings["task"]))
         if not set(wanted["tasks"]) <= set(known):
             raise ValueError(f"robot {robot.name!r} is trained on {', '.join(known)}")
@@ -211,16 +196,17 @@ def _start(order: TrainingRequest) -> tuple[Network | None, View]:
 
 
 def make_training_env(
-    config: RLConfig, seed: int, robot: RobotParams = ARM, view: View | None = None
+    config: RLConfig, seed: int, robot: RobotParams | None = None, view: View | None = None
 ) -> NetworkVecEnv:
     """All tasks of a training at once, robots drawn anew for every episode, seen in a view."""
+    robot = robot or default_robot()
     view = view_for(robot) if view is None else view
     rng = np.random.default_rng([seed, 1])  # the environments have streams of `seed` itself
-    tasks = _thesis_tasks if robot == ARM else partial(_tasks, robot)
+    learned = training_of(robot).learned_tasks
     parts = [
         _part(config, robot, view, task, **options)
         for name in config.tasks
-        for task, options in tasks(config, name, rng)
+        for task, options in learned(name, config.drawn_tasks, rng)
     ]
     scale = 1 - config.discount
     env = NetworkVecEnv(parts, view, stagger=True, reward_scale=scale)
@@ -228,35 +214,10 @@ def make_training_env(
     return env
 
 
-def _thesis_tasks(
-    config: RLConfig, name: str, rng: np.random.Generator
-) -> list[tuple[Task, dict[str, float]]]:
-    """Tasks of the arm."""
-    if name == "step":
-        tasks = [replace(make_task("step", w), duration=_STEP_DURATION) for w in _STEP_WIDTHS]
-    elif name == "drawn":
-        tasks = [draw_reference(rng, _DRAWN_DURATION) for _ in range(config.drawn_tasks)]
-    else:
-        tasks = [make_task(name)] * 2
-    return [(task, {}) for task in tasks]
-
-
-def _tasks(
-    robot: RobotParams, config: RLConfig, name: str, rng: np.random.Generator
-) -> list[tuple[Task | str, dict[str, float]]]:
-    """Tasks of another robot; random paths by name, so that every episode has one of its own."""
-    if name == "random":
-        return [(name, {}), *((name, {"frequency": pace}) for pace in _PACES)]
-    options = {"frequency": _PACES[1]}
-    if name == "reach":
-        options = {"hold": _HOLD / site_of(robot).frequency, "seed": int(rng.integers(2**31))}
-    return [(generic_task(name, robot, **options), {})]
-
-
 def _part(
     config: RLConfig, robot: RobotParams, view: View, task: Task | str, **options: float
 ) -> VectorTrackingEnv:
-    share = robot.reach / ARM.reach
+    share = robot.reach / REACH
     named = {"robot": robot} if isinstance(task, str) else {}
     return VectorTrackingEnv(
         config.envs_per_task,

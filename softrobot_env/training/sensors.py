@@ -10,12 +10,12 @@ import numpy as np
 
 from softrobot_env.core.artifacts import write_arrays
 from softrobot_env.core.interfaces import ProgressCallback
-from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.robots import RIG, RobotParams
+from softrobot_env.evaluation.runner import simulated
+from softrobot_env.robots import RobotParams, entry_of
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import fingerprint
-from softrobot_env.robots.twin import Twin, rig3d_twin
+from softrobot_env.robots.twin import Twin, twin_of
 from softrobot_env.scene.chain import station_strain
 from softrobot_env.scene.linearised import linearised
 from softrobot_env.scene.workspace import sample_of, workspace_of
@@ -92,12 +92,11 @@ def _environment(robot: RobotParams, twin: Twin | int | None, lasts: float) -> g
     """The robot on a task of so many seconds, with what is looked at."""
     task = replace(generic_task("reach", robot, hold=100.0), duration=lasts)
     observe = ("tip_position", "previous_action", "sensors")
-    if robot == RIG:
-        built = rig3d_twin(twin) if isinstance(twin, int) else twin
-        return RigEnv(task, observe=observe, twin=built)
+    own = {} if twin is None else {"twin": twin_of(robot, twin)}
+    if entry_of(robot).axes is not None:
+        return simulated(task, observe=observe, **own)
     with closing(TrackingEnv(task, observe="all")) as env:
         curved = "curvature" in env.observation_space.spaces
-    own = {} if twin is None else {"twin": twin}
     return TrackingEnv(task, observe=(*observe, *(["curvature"] if curved else [])), **own)
 
 
@@ -175,7 +174,7 @@ def run(order: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Calibrate as ordered and write the file."""
     settings: dict[str, Any] = dict(order.settings)
     postures = (_FEW if "quick" in settings else _POSTURES) * reported(order.robot.sensors)
-    twin = settings.get("twin", 0 if order.robot == RIG else None)
+    twin = settings.get("twin", entry_of(order.robot).twin)
     known = calibrated(order.robot, order.seed, twin, postures, show)
     about = {} if twin is None else {"twin": twin}
     write_arrays(

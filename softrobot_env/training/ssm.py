@@ -24,7 +24,7 @@ from softrobot_env.learned.reduction import (
 )
 from softrobot_env.learned.reduction.records import delay_vectors
 from softrobot_env.recordings import Recording, read_recording
-from softrobot_env.robots import RIG, RobotParams
+from softrobot_env.robots import RobotParams, entry_of
 from softrobot_env.robots.actuation import TendonMap, robot_inputs
 from softrobot_env.robots.artifacts import fingerprint
 from softrobot_env.training.motions import Plan, collect
@@ -237,13 +237,13 @@ def run(order: TrainingRequest, show: ProgressCallback) -> Metrics:
     figures: Metrics = []
     if "recording" in given:
         recording = read_recording(Path(given["recording"]))
-        axes = "xy" if robot == RIG else "xz" if robot.moves_in_xz else "xyz"
+        axes = entry_of(robot).axes or ("xz" if robot.moves_in_xz else "xyz")
         found = _judged(*split_decays(records_of(recording, robot, axes)), settings, short, show)
     else:
         plan = replace(PLAN, seed=order.seed)
         if quick:
             plan = replace(plan, decays=6, excited=2, minutes=3.0)
-        twin = given.get("twin", 0 if robot == RIG else None)
+        twin = given.get("twin", entry_of(robot).twin)
         found, plan = _simulated(robot, plan, twin, settings, short, show)
         figures.append(("largest inputs, of the workspace's", f"{plan.laps_amplitude:.2g}"))
     model, decays, forced, error = found

@@ -11,11 +11,11 @@ from softrobot_env.control.learned.neural import View
 from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.learned.network import Network
-from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.robots import RobotParams, default_robot
 from softrobot_env.training.closed_loop_check import check
 from softrobot_env.training.learners import actor_of
+from softrobot_env.training.references import view_for
 from softrobot_env.training.rl_config import RLConfig
-from softrobot_env.training.views import view_for
 
 #: Environment steps, mean `SCORE` of the checks, largest error [mm] on swing and L-shape among
 #: them, and number of failures.
@@ -25,13 +25,16 @@ Point = dict[str, float]
 #: reach as those of the arm.
 SCORE = TrackingReward()
 
+#: Reach [m] of a robot that the reward's scales are of.
+REACH = 0.5
+
 #: Taken from the reward for each failed episode.
 _PENALTY = 1.0
 
 
 def score_of(robot: RobotParams) -> TrackingReward:
     """What networks of a robot are judged by."""
-    share = robot.reach / ARM.reach
+    share = robot.reach / REACH
     return replace(
         SCORE, coarse_scale=share * SCORE.coarse_scale, fine_scale=share * SCORE.fine_scale
     )
@@ -50,7 +53,7 @@ class Watch(BaseCallback):
         config: RLConfig,
         show: ProgressCallback,
         save: Callable[[BaseAlgorithm, Network, list[Point]], None],
-        robot: RobotParams = ARM,
+        robot: RobotParams | None = None,
         view: View | None = None,
         anew: Callable[[BaseAlgorithm, int], None] | None = None,
     ) -> None:
@@ -66,7 +69,8 @@ class Watch(BaseCallback):
         """
         super().__init__()
         self._anew = anew
-        self._robot, self._view = robot, view_for(robot) if view is None else view
+        self._robot = robot = robot or default_robot()
+        self._view = view_for(robot) if view is None else view
         self._config, self._show, self._save = config, show, save
         self.best: Network | None = None
         self.curve: list[Point] = []

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from softrobot_env.beams.closed_forms import spatial_piece
-from softrobot_env.beams.closed_forms.spatial_piece import SUBPIECES, make_rig_piece
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.robots import ARM, RIG, Head
+from softrobot_env.thesis.rig import spatial_piece
+from softrobot_env.thesis.rig.spatial_piece import SUBPIECES, make_rig_piece
 
 #: Gravity from the side as well, and a long head: nothing special about the upright rig.
 TILTED = replace(

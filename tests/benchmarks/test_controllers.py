@@ -27,7 +27,7 @@ from softrobot_env.cli import main
 from softrobot_env.control.registry import POLICIES
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import Outcome
-from softrobot_env.evaluation.thesis import AUDIT, CONTROLLERS, FIGURES
+from softrobot_env.thesis.figures import AUDIT, CONTROLLERS, FIGURES
 from studies.quantities import number, span, with_unit
 
 pytestmark = pytest.mark.slow  # a study; the quick suite has what it stands on

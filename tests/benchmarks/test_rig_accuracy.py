@@ -11,7 +11,6 @@ from rich.console import Console
 from scipy.integrate import quad
 from scipy.special import airy
 
-from softrobot_env.beams.closed_forms.spatial_piece import acceleration, make_rig_piece
 from softrobot_env.benchmarks.accuracy import tables
 from softrobot_env.benchmarks.accuracy.cases.beam_models import COSSERAT, DISTRIBUTED
 from softrobot_env.benchmarks.accuracy.cases.motions import timed_row
@@ -29,6 +28,7 @@ from softrobot_env.benchmarks.accuracy.rig.statics import (
 from softrobot_env.benchmarks.accuracy.rows import BENDING, DURATION, Limit, converged, distance
 from softrobot_env.robots import RIG
 from softrobot_env.scene.timestep import TimestepWarning
+from softrobot_env.thesis.rig.spatial_piece import acceleration, make_rig_piece
 from studies.truths.analytic import arc_tip
 from studies.truths.rig_column import column_tip, tensions
 from studies.truths.rig_ritz_rod import RigRod

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from softrobot_env.cli import main
-from softrobot_env.envs.rig import RigEnv
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.robots.twin import rig3d_twin
 from softrobot_env.tasks import EVERY_TASK, OPTIONS, defaults, make_task
+from softrobot_env.thesis.envs import RigEnv
 
 FAST = ["--option", "period=0.5", "--control-period", "0.05"]
 

@@ -11,7 +11,6 @@ import pytest
 
 from softrobot_env.control import memoryless
 from softrobot_env.control.learned import neural
-from softrobot_env.control.learned.qs_nn import QuasiStaticNetwork
 from softrobot_env.control.registry import (
     EVERY_POLICY,
     POLICIES,
@@ -22,6 +21,7 @@ from softrobot_env.core.paths import models_dir
 from softrobot_env.learned.network import Network, Scaling, initial_network
 from softrobot_env.robots import ARM
 from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.thesis.arm.qs_nn import QuasiStaticNetwork
 from studies.speed import measure_afresh
 
 #: Of the arm: 6 of the error and velocity, 8 ahead, 12 of the curvatures, 3 inputs.

@@ -4,15 +4,8 @@ import numpy as np
 import pytest
 
 from softrobot_env.beams.closed_forms.planar_arm import inertia_forces, make_planar_arm
-from softrobot_env.control.arm.estimation import update_estimate
-from softrobot_env.control.arm.gains import (
-    INPUT_WEIGHT,
-    VELOCITY_WEIGHT,
-    preview_design,
-)
-from softrobot_env.control.arm.operating_points import linear_model
-from softrobot_env.control.arm.timing import KNOTS, PERIOD
 from softrobot_env.control.linear_quadratic import discretized
+from softrobot_env.control.observers import linear_model
 from softrobot_env.control.reference_smoothing import (
     ACCELERATION,
     JUMP,
@@ -27,6 +20,13 @@ from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import ARM
 from softrobot_env.tasks import make_task
 from softrobot_env.tasks.trajectories import Step
+from softrobot_env.thesis.arm.estimation import update_estimate
+from softrobot_env.thesis.arm.gains import (
+    INPUT_WEIGHT,
+    VELOCITY_WEIGHT,
+    preview_design,
+)
+from softrobot_env.thesis.arm.timing import KNOTS, PERIOD
 
 ARM_DATA = make_planar_arm(ARM)
 LIMIT = np.full(3, 80.0)

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from softrobot_env.beams.registry import BeamPlant
-from softrobot_env.control.mpc.controller import MPC
-from softrobot_env.control.mpc.settings import PREVIEW, THESIS
 from softrobot_env.control.registry import make_policy, policy_environment
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.metrics import step_metrics, tracking_metrics
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import ARM
+from softrobot_env.thesis.arm.mpc import MPC
+from softrobot_env.thesis.arm.mpc_settings import PREVIEW, THESIS
 
 POLICIES = ("mpc", "mpc_preview")
 

@@ -10,10 +10,10 @@ from softrobot_env.beams.closed_forms import planar_arm
 from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
 from softrobot_env.beams.model import State
 from softrobot_env.beams.pcc import PCC
-from softrobot_env.control.mpc.optimisation import BoundedSolver, Optimiser, Problem
-from softrobot_env.control.mpc.settings import PREVIEW, THESIS, MPCSettings
 from softrobot_env.robots import ARM
 from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.thesis.arm.mpc_optimisation import BoundedSolver, Optimiser, Problem
+from softrobot_env.thesis.arm.mpc_settings import PREVIEW, THESIS, MPCSettings
 
 DATA = make_planar_arm(ARM)
 MAP = TendonMap(ARM)

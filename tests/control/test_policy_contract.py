@@ -16,11 +16,11 @@ from softrobot_env.control.registry import (
     make_policy,
     policy_environment,
 )
-from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import ARM, RIG
 from softrobot_env.tasks import make_task
+from softrobot_env.thesis.envs import RigEnv
 
 #: Long enough for several decisions of the slowest policy.
 SHORT = replace(make_task("swing"), duration=0.6)

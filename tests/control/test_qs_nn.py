@@ -8,16 +8,16 @@ import pytest
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.cli import main
-from softrobot_env.control.learned.qs_nn import QuasiStaticNetwork
 from softrobot_env.control.registry import make_policy, policy_environment
 from softrobot_env.core.paths import models_dir
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.metrics import step_metrics
 from softrobot_env.evaluation.run import run_episode
-from softrobot_env.learned import quasi_static
 from softrobot_env.learned.network import Network, suits
 from softrobot_env.robots import ARM
 from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.thesis.arm import quasi_static
+from softrobot_env.thesis.arm.qs_nn import QuasiStaticNetwork
 from softrobot_env.training.registry import TRAININGS
 
 STATICS = ConstantCurvatureStatics(ARM)

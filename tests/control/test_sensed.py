@@ -8,10 +8,10 @@ import pytest
 from softrobot_env.control.base import Controller
 from softrobot_env.control.registry import make_policy
 from softrobot_env.control.sensed import Sensed
-from softrobot_env.envs.rig import RigEnv
 from softrobot_env.robots import RIG, Sensor
 from softrobot_env.sensing.estimation import LightModel
 from softrobot_env.sensing.reconstruction import TIP, Map, Reconstruction
+from softrobot_env.thesis.envs import RigEnv
 
 #: A sensor as designed, on a robot whose tip grows in proportion to its bend.
 LIGHT = LightModel(

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from softrobot_env.envs.disturbances import MAY_VANISH, NEUTRAL
-from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.vector import VectorTrackingEnv
+from softrobot_env.thesis.envs import RigEnv
 
 STRANGE = (nan, -inf, -1.0, "x", (nan, 1.0), {}, object(), np.array(nan), np.array([nan, 1.0]))
 

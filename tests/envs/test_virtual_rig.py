@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.simulation.virtual_rig import VirtualRig
 from softrobot_env.robots import CAMERA_PERIOD
 from softrobot_env.robots.twin import rig3d_twin
+from softrobot_env.thesis.envs import RigEnv
 
 TWIN = rig3d_twin(3)
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from softrobot_env.control.registry import make_policy
-from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.evaluation.runner import Case, run
 from softrobot_env.robots.twin import rig3d_twin
 from softrobot_env.tasks import make_task
+from softrobot_env.thesis.envs import RigEnv
 
 LSHAPE = Case(make_task("lshape"), "feedforward", duration=2.0, scene={"control_period": 0.05})
 

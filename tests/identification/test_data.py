@@ -8,16 +8,8 @@ import pytest
 from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
-from softrobot_env.beams.closed_forms.spatial_piece import (
-    SUBPIECES,
-    energies,
-    make_rig_piece,
-    output,
-)
 from softrobot_env.beams.pcc import PCC
-from softrobot_env.control.rig.servo_constraints import OutOfReachError
 from softrobot_env.identification import networks as rig_networks
-from softrobot_env.identification.slow_rig import RigStatics
 from softrobot_env.identification.visits import (
     POINTS,
     RADIUS,
@@ -28,7 +20,15 @@ from softrobot_env.identification.visits import (
 )
 from softrobot_env.learned.early_stopping import train
 from softrobot_env.robots import ARM, RIG, Drive
-from softrobot_env.robots.three_tendons import ThreeTendons
+from softrobot_env.thesis.rig.servo_constraints import OutOfReachError
+from softrobot_env.thesis.rig.slow_rig import RigStatics
+from softrobot_env.thesis.rig.spatial_piece import (
+    SUBPIECES,
+    energies,
+    make_rig_piece,
+    output,
+)
+from softrobot_env.thesis.rig.three_tendons import ThreeTendons
 
 PIECE, TENDONS = make_rig_piece(RIG), ThreeTendons(RIG)
 

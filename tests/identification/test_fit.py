@@ -28,7 +28,6 @@ from softrobot_env.identification.fit.residual import corrected, read_residual, 
 from softrobot_env.identification.fit.rests import at_rest
 from softrobot_env.identification.fit.unknowns import HOLDS, RUBS, Fact, Group, Unknowns
 from softrobot_env.identification.fit.validation import blocks_of
-from softrobot_env.identification.parameters import identified, record
 from softrobot_env.identification.replay import replay
 from softrobot_env.recordings import (
     Commands,
@@ -43,6 +42,7 @@ from softrobot_env.recordings.files import recordings_dir
 from softrobot_env.robots import ROBOTS, RobotParams, Tendon, read_robot, write_robot
 from softrobot_env.robots.twin import rig3d_twin
 from softrobot_env.tasks import make_task
+from softrobot_env.thesis.rig.parameters import identified, record
 
 RADIUS, TENDON, LENGTH, MODULUS = 0.004, 0.008, 0.2, 1e7
 BENDING = MODULUS * pi * RADIUS**4 / 4

@@ -6,10 +6,10 @@ from scipy.optimize import minimize
 from scipy.stats import kstest, multivariate_normal
 
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.learned import quasi_static
 from softrobot_env.learned.bayesian import train
 from softrobot_env.learned.network import Dataset, Network, Scaling, initial_network
 from softrobot_env.robots import ARM
+from softrobot_env.thesis.arm import quasi_static
 
 STATICS = ConstantCurvatureStatics(ARM)
 

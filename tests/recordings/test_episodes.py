@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from softrobot_env.envs.recording import RecordEpisodes, RecordVectorEpisodes
-from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.evaluation.run import run_episode
@@ -18,6 +17,7 @@ from softrobot_env.robots import ARM, ROBOTS
 from softrobot_env.robots.twin import rig3d_twin, twin_or_ideal
 from softrobot_env.scene.timestep import TimestepWarning
 from softrobot_env.tasks import make_task
+from softrobot_env.thesis.envs import RigEnv
 
 
 class Wander:

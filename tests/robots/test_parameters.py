@@ -27,7 +27,7 @@ from softrobot_env.robots import (
 )
 from softrobot_env.robots.actuation import TendonMap, robot_inputs
 from softrobot_env.robots.artifacts import fingerprint
-from softrobot_env.robots.three_tendons import ThreeTendons
+from softrobot_env.thesis.rig.three_tendons import ThreeTendons
 
 # ---------------------------------------------------------------- derived values
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from softrobot_env.robots import ARM, RIG
-from softrobot_env.robots.three_tendons import ThreeTendons
+from softrobot_env.thesis.rig.three_tendons import ThreeTendons
 
 #: Tendons with errors of azimuth [degrees] and radius [m], as on a real robot.
 ROUGH = replace(

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from support.postures import posed
 
-from softrobot_env.control.rig.servo_constraints import ServoConstraints
 from softrobot_env.robots import EQUIVALENT, EQUIVALENT_RIG, RIG
 from softrobot_env.robots.twin import nominal_twin, rig3d_twin
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.statics import equilibrium
+from softrobot_env.thesis.rig.servo_constraints import ServoConstraints
 
 TWINS = [rig3d_twin(seed) for seed in range(300)]
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.control.arm.statics import least_norm
+from softrobot_env.control.feedforward.least_norm import least_norm
 from softrobot_env.robots import ARM, EXAMPLES, RIG, Base, RobotParams, Tendon, find_robot
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.inverse import Held, InverseStatics, spread

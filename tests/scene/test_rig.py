@@ -10,7 +10,6 @@ from scipy.optimize import brentq
 from support.rig_column import HEAD, LEVER, Column, G, L, posed, scene, tip_at
 
 from softrobot_env.beams.ancf import ANCF
-from softrobot_env.beams.closed_forms.spatial_piece import SUBPIECES
 from softrobot_env.beams.cosserat import CosseratRod
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.beams.registry import BeamPlant
@@ -20,6 +19,7 @@ from softrobot_env.scene.chain import joint_angles, mean_curvature, posture
 from softrobot_env.scene.config import SceneConfig, TipSensors
 from softrobot_env.scene.statics import equilibrium
 from softrobot_env.scene.timestep import linearize
+from softrobot_env.thesis.rig.spatial_piece import SUBPIECES
 
 
 def test_the_column_with_one_shape_is_the_audits_rig():

@@ -7,16 +7,16 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from softrobot_env.beams.closed_forms.spatial_piece import SUBPIECES
 from softrobot_env.control.feedforward.reference_feedback import ReferenceFeedback
 from softrobot_env.control.feedforward.statics import ChainStatics
 from softrobot_env.control.registry import make_policy
-from softrobot_env.control.rig.servo_constraints import ServoConstraints
 from softrobot_env.identification.networks import direction_of
-from softrobot_env.identification.slow_rig import RigStatics
 from softrobot_env.identification.visits import collect, disk_points, split
 from softrobot_env.robots import EQUIVALENT_RIG, RIG
 from softrobot_env.robots.twin import rig3d_twin
+from softrobot_env.thesis.rig.servo_constraints import ServoConstraints
+from softrobot_env.thesis.rig.slow_rig import RigStatics
+from softrobot_env.thesis.rig.spatial_piece import SUBPIECES
 from studies import rig, rig_networks
 from studies.rig import LATE, RADIUS, balance, disturbed, effective_force, least_force
 from studies.rig_networks import LAYERS, NEURONS, SAMPLES, Cell, cells, measure_cell, train

@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.beams.model import State
-from softrobot_env.control.rig.servo_dae import output_matrix, place_output
-from softrobot_env.control.rig.servo_flexible import STABILISATION
-from softrobot_env.robots.three_tendons import mean_curvature
+from softrobot_env.thesis.rig.servo_dae import output_matrix, place_output
+from softrobot_env.thesis.rig.servo_flexible import STABILISATION
+from softrobot_env.thesis.rig.three_tendons import mean_curvature
 
 _LEAD = 4  # steps in which errors of the first one, by the implicit Euler method, fade
 

@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from softrobot_env.envs.rig import RigEnv
+from softrobot_env.thesis.envs import RigEnv
 
 TWINS = pytest.mark.parametrize("twin", [None, 3], ids=["nominal", "twin"])
 

@@ -13,7 +13,7 @@ from softrobot_env.tasks import (
     make_task,
     remake_task,
 )
-from softrobot_env.tasks.rig_trajectories import LapCircle, RoundedTriangle
+from softrobot_env.thesis.trajectories import LapCircle, RoundedTriangle
 
 
 def test_tasks_are_those_of_the_audit():

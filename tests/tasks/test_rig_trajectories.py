@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from softrobot_env.tasks.rig_trajectories import LapCircle, RoundedTriangle
+from softrobot_env.thesis.trajectories import LapCircle, RoundedTriangle
 
 #: Smooth ones, and the times [s] at which their formulas change.
 SMOOTH = [

@@ -17,10 +17,9 @@ from softrobot_env.robots import ARM, RIG, ROBOTS, find_robot, read_robot, write
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import artifact_name, find_artifact, fingerprint, train_command
 from softrobot_env.tasks import make_task
-from softrobot_env.training.references import generic_task
+from softrobot_env.training.references import generic_task, view_for
 from softrobot_env.training.registry import TRAININGS
 from softrobot_env.training.request import TrainingRequest, file_of
-from softrobot_env.training.views import view_for
 
 FINGER = ROBOTS["planar_finger"]
 OTHERS = (
@@ -109,7 +108,7 @@ def test_a_file_of_a_robot_that_has_changed_is_refused(mine):
 
 def test_the_arm_is_seen_as_its_shipped_networks_were_trained():
     """The thesis' scales, which files of networks did not tell once."""
-    view = neural.arm_view()
+    view = neural.arm_view(ARM)
     assert view_for(ARM) == view and view.count == 29
     assert (view.coarse, view.fine, view.velocity, view.ahead) == (0.05, 0.001, 0.1, 0.02)
     assert (view.scales, view.action) == ((3.0, 20.0), 0.15)

@@ -31,7 +31,7 @@ from softrobot_env.training.rl_config import TRAINING_TASKS, RLConfig, preset  #
 from softrobot_env.training.vec_env import NetworkVecEnv  # noqa: E402
 from softrobot_env.training.watch import SCORE  # noqa: E402
 
-VIEW = neural.arm_view()
+VIEW = neural.arm_view(ARM)
 SHORT = replace(make_task("swing"), duration=0.05)
 TINY = RLConfig(
     hidden=(8,),

@@ -11,8 +11,8 @@ from softrobot_env.benchmarks.episodes import EpisodeRecord, record_of
 from softrobot_env.benchmarks.records import for_pictures, one
 from softrobot_env.evaluation import runner
 from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.evaluation.thesis import CONTROLLERS
 from softrobot_env.tasks import make_task
+from softrobot_env.thesis.figures import CONTROLLERS
 
 #: Parameter that sec. 6.6.3 varies.
 E = "youngs_modulus"

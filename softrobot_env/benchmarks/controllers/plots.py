@@ -9,7 +9,6 @@ from softrobot_env.benchmarks.controllers.cases import COMPARED, PCC, VARIED, Co
 from softrobot_env.benchmarks.controllers.run import Row
 from softrobot_env.benchmarks.records import names, of_kind, one, select
 from softrobot_env.evaluation.labels import variation_label
-from softrobot_env.evaluation.thesis import CONTROLLERS, FIGURES, POLICY_TIME
 from softrobot_env.rendering.curves import (
     Curve,
     draw_curvatures,
@@ -45,6 +44,7 @@ from softrobot_env.rendering.figures import (
 )
 from softrobot_env.robots import ARM, centerline
 from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.thesis.figures import CONTROLLERS, FIGURES, POLICY_TIME
 from studies.pictures import label_points
 
 #: Colours of factors on Young's modulus: warm where the robot is softer than known.

@@ -19,8 +19,8 @@ from softrobot_env.benchmarks.controllers.run import Row
 from softrobot_env.benchmarks.records import names, of_kind, one, select
 from softrobot_env.evaluation.labels import task_label, variation_label
 from softrobot_env.evaluation.report import failures
-from softrobot_env.evaluation.thesis import AUDIT, CONTROLLERS, FIGURES, POLICY_TIME, ROBUSTNESS
 from softrobot_env.rendering.tables import new_table, pivot_table, verdict
+from softrobot_env.thesis.figures import AUDIT, CONTROLLERS, FIGURES, POLICY_TIME, ROBUSTNESS
 from studies.quantities import (
     QUANTITIES,
     both,

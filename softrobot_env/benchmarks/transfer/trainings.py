@@ -16,12 +16,13 @@ from softrobot_env.beams.registry import MUJOCO, BeamPlant
 from softrobot_env.benchmarks.laps import RefusedRow, refusal
 from softrobot_env.core.jobs import quiet
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.learned import bayesian, quasi_static
+from softrobot_env.learned import bayesian
 from softrobot_env.learned.network import describe
 from softrobot_env.robots import ARM, EQUIVALENT_RIG, RIG, RobotParams, find_robot
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.registry import scene_of
+from softrobot_env.thesis.arm import quasi_static
 from softrobot_env.training.artifacts import save, save_vector_policy
 from softrobot_env.training.imitation import ImitationConfig, imitate
 from softrobot_env.training.references import generic_task

@@ -31,7 +31,7 @@ from softrobot_env.identification.excitation import (
 from softrobot_env.recordings import Recording, write_recording
 from softrobot_env.recordings.columns import check_writable
 from softrobot_env.recordings.files import header_path
-from softrobot_env.robots import RIG, RobotParams, find_robot
+from softrobot_env.robots import RobotParams, default_robot, entry_of, find_robot
 
 EXAMPLE = """softrobot robot record --twin 3 --out out/rig.csv
   softrobot robot record --robot my.toml --kinds pulls --static --out out/pulls.csv
@@ -102,7 +102,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _run(args: argparse.Namespace, console: Console) -> int:
     """Record and write."""
-    robot = RIG if args.robot is None else find_robot(args.robot)
+    robot = default_robot(on_a_line=True) if args.robot is None else find_robot(args.robot)
     planned = plan(robot, _excitation(args), args.control_period)
     scales = ", ".join(f"{scale:.2g}" for scale in planned.scales)
     console.print(f"{planned.duration:.0f} s, to {scales} of full scale")
@@ -166,9 +166,9 @@ def _environment(
         return
     from softrobot_env.envs.real import RealRigEnv
 
-    if robot != RIG or args.plant != MUJOCO:
+    if not entry_of(robot).on_a_line or args.plant != MUJOCO:
         raise ValueError(f"--robot, --plant: only with --env {SIMULATED}")
-    task = resting_task(RIG, planned.duration, "xy")
+    task = resting_task(robot, planned.duration, entry_of(robot).axes)
     options = {"control_period": args.control_period, "observe": "all"}
     if args.env == VIRTUAL:
         (drawn,) = args.twin or (0,)
@@ -190,17 +190,12 @@ def _closing(env: gymnasium.Env) -> Iterator[RecordEpisodes]:
 
 
 def _simulated(args: argparse.Namespace, robot: RobotParams, planned: Plan) -> gymnasium.Env:
-    from softrobot_env.envs.rig import RigEnv
-    from softrobot_env.envs.tracking import TrackingEnv
-    from softrobot_env.robots.twin import drawn_twin
+    from softrobot_env.evaluation.runner import simulated
 
+    entry = entry_of(robot)
     options = {"control_period": args.control_period, "observe": "all"}
     if args.plant != MUJOCO:
         options["plant"] = BeamPlant(args.plant)
-    (drawn,) = args.twin or (0 if robot == RIG else None,)
-    if drawn is not None:
-        options["twin"] = drawn_twin(robot, drawn)
-    if robot != RIG:
-        return TrackingEnv(resting_task(robot, planned.duration), **options)
-    pieces = {} if args.plant == MUJOCO else {"pieces": None}
-    return RigEnv(resting_task(robot, planned.duration, "xy"), **options, **pieces)
+        options |= {} if entry.pieces is None else {"pieces": None}
+    (seed,) = args.twin or (entry.twin,)
+    return simulated(resting_task(robot, planned.duration, entry.axes), seed, **options)

@@ -20,7 +20,7 @@ from softrobot_env.evaluation.labels import REAL, VIRTUAL
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.hardware.robot_file import RobotFile
 from softrobot_env.hardware.transport import LoggingTransport, SerialTransport, Transport
-from softrobot_env.robots import RIG, RobotParams
+from softrobot_env.robots import RobotParams, default_robot
 
 #: Arguments of simulated robots alone -> their value unless given.
 _SIMULATED = {"vary": [], "randomize": [], "feedback": FEEDBACKS[0], "plant": MUJOCO}
@@ -32,7 +32,7 @@ class RealSetup(Setup):
     def __init__(self, args: argparse.Namespace) -> None:
         """Arguments of `softrobot evaluate`."""
         super().__init__(args)
-        self.plant = args.env
+        self.plant, self._own = args.env, default_robot(on_a_line=True)
 
     def twins(self, robot: RobotParams) -> list[int | None]:
         """Seeds for virtual robots; a real one is what it is."""
@@ -41,18 +41,18 @@ class RealSetup(Setup):
     def complete(self, case: Case) -> Case:
         """See `Setup`."""
         case = super().complete(case)
-        return replace(case, plant=self.plant) if case.task.robot == RIG else case
+        return replace(case, plant=self.plant) if case.task.robot == self._own else case
 
     def check(self, cases: list[Case]) -> None:
         """Refuse what belongs to a virtual robot or to none, and unfit references."""
         args = self._args
-        if not any(case.task.robot == RIG for case in cases):
-            raise ValueError(f"--env {self.plant}: only with tasks of the rig")
+        if not any(case.task.robot == self._own for case in cases):
+            raise ValueError(f"--env {self.plant}: only with tasks of the {self._own.name}")
         if self.plant == REAL and args.twin is not None:
             raise ValueError("--twin: only with simulated and virtual robots")
         if self.plant == VIRTUAL and (args.robot_file is not None or args.port is not None):
             raise ValueError("--robot-file, --port: only with --env real")
-        if self.plant == VIRTUAL and None in self.twins(RIG):
+        if self.plant == VIRTUAL and None in self.twins(self._own):
             raise ValueError("--twin none: only with simulated robots")
         foreign = [f"--{name}" for name, value in _SIMULATED.items() if vars(args)[name] != value]
         if foreign:
@@ -61,7 +61,7 @@ class RealSetup(Setup):
 
     def environment(self, case: Case, **drawing: Any) -> gymnasium.Env:
         """Environment for a case; its `close` ends a virtual robot's process."""
-        if case.task.robot != RIG:
+        if case.task.robot != self._own:
             return super().environment(case, **drawing)
         if self.plant == VIRTUAL:
             return _VirtualRigEnv(case, self._line)

@@ -4,7 +4,7 @@ import argparse
 from array import array
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from math import isnan
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -105,17 +105,18 @@ def _soak(
     from softrobot_env.control.registry import make_policy
     from softrobot_env.envs.real import RealRigEnv
     from softrobot_env.evaluation.run import play
-    from softrobot_env.robots import RIG
-    from softrobot_env.tasks import Task
-    from softrobot_env.tasks.rig_trajectories import RoundedTriangle
+    from softrobot_env.robots import default_robot
+    from softrobot_env.tasks import make_task
 
-    run = RoundedTriangle(period=_PERIOD, laps=max(0, int(seconds / _PERIOD)))
-    task = Task("soak", RIG, run, seconds, (0.0, 0.0, 0.0), axes="xy")
+    robot = default_robot(on_a_line=True)
+    lap = make_task("triangle", robot=robot, period=_PERIOD)
+    run = replace(lap.trajectory, laps=max(0, int(seconds / _PERIOD)))
+    task = replace(lap, name="soak", trajectory=run, duration=seconds)
     # Missed steps do not end the run: a promise judges them.
     steps = round(seconds / file.control_period)
     # A stall shall count as missed steps and late answers, and not end the run.
     env = RealRigEnv(task, robot_file=file, tip=tip, max_missed=steps, oldest=_OLDEST)
-    policy = make_policy(_POLICY, RIG, env.control_period)
+    policy = make_policy(_POLICY, robot, env.control_period)
     samples, last = {name: array("d") for name in _SAMPLED}, {}
     with closing(env), progress_on(console) as progress:
         bar = progress.add_task("soak", total=seconds)

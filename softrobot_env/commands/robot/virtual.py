@@ -116,12 +116,20 @@ def virtual_robot(
     """
     from softrobot_env.envs.simulation.virtual_rig import VirtualRig
     from softrobot_env.hardware.virtual_robot import Core
-    from softrobot_env.robots.twin import rig3d_twin
+    from softrobot_env.robots import default_robot
+    from softrobot_env.robots.twin import sampled_twin
 
     servos = sorted(virtual_file().tendons, key=lambda servo: servo.channel)
     boot = int(np.random.default_rng().integers(1, 2**32))
     core = Core(n=len(servos), boot_id=boot)
-    return VirtualRobot(core, VirtualRig(rig3d_twin(twin), seed=seed), servos, _SUPPLY, show, watch)
+    return VirtualRobot(
+        core,
+        VirtualRig(sampled_twin(default_robot(on_a_line=True), twin), seed=seed),
+        servos,
+        _SUPPLY,
+        show,
+        watch,
+    )
 
 
 def _await_eof(stdin: int, then: Callable[[], None]) -> None:

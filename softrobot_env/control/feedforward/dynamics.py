@@ -26,6 +26,7 @@ from softrobot_env.control.status import REASONS, SATURATED
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams
+from softrobot_env.robots.artifacts import find_artifact
 from softrobot_env.scene.inverse import Linear, least_step
 
 #: Share of the reach within which the path of equilibria is taken as a parabola.
@@ -208,3 +209,22 @@ class InverseDynamicsPI(FeedforwardPI, InverseDynamics):
 
     def _learning(self, period: float) -> Neighbourhood:
         return Neighbourhood(self._statics, period)
+
+
+def make_hybrid(
+    robot: RobotParams, control_period: float, learnt: str | Path | None = None
+) -> InverseDynamics:
+    """Statics of a network of places and the dynamics of the chain.
+
+    Args:
+        robot: Nominal robot.
+        control_period: [s] between calls.
+        learnt: File of the network; found unless given, see `artifacts.find_artifact`.
+
+    Raises:
+        ValueError, FileNotFoundError: No network of this robot, or no such file.
+    """
+    if not isinstance(learnt, str | Path | None):
+        raise ValueError(f"robot {robot.name!r} takes a network of its statics, not of a rig")
+    weights = find_artifact(robot, "qs_nn") if learnt is None else learnt
+    return InverseDynamics(robot, control_period, weights=weights)

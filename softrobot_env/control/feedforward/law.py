@@ -15,6 +15,7 @@ from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams
+from softrobot_env.robots.artifacts import find_artifact
 
 
 @dataclass(frozen=True)
@@ -184,3 +185,15 @@ class FeedforwardPI(Feedforward):
 
     def _learning(self, period: float) -> Neighbourhood | None:
         """What is near the rests of the robot, whose differences are learned, if they are."""
+
+
+def make_network(
+    robot: RobotParams, control_period: float, weights: str | Path | None = None
+) -> Feedforward:
+    """Statics of a network of places; found unless given, see `artifacts.find_artifact`.
+
+    Raises:
+        ValueError, FileNotFoundError: No network of this robot, or no such file.
+    """
+    path = find_artifact(robot, "qs_nn") if weights is None else Path(weights)
+    return Feedforward(robot, control_period, weights=path)

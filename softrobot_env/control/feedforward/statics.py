@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.control.arm.statics import least_norm
+from softrobot_env.control.feedforward.least_norm import least_norm
 from softrobot_env.control.status import REASONS, UNREACHABLE
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.learned.network import check_ends, load_for

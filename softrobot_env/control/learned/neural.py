@@ -17,7 +17,7 @@ from softrobot_env.core.paths import models_dir
 from softrobot_env.core.records import Positive, check_fields
 from softrobot_env.learned.network import Network, absorbed, check_ends, load_for
 from softrobot_env.learned.plain_inference import PlainInference
-from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import find_artifact
 
@@ -135,7 +135,7 @@ def view_in(about: Arrays, robot: RobotParams) -> View:
     return View(**{name: about[f"{_VIEW}{name}"].tolist() for name in told})
 
 
-def arm_view(robot: RobotParams = ARM) -> View:
+def arm_view(robot: RobotParams) -> View:
     """Of the thesis' arm, the scales that its shipped networks were trained with."""
     sizes, state = state_sizes(robot), ("curvature", "curvature_rate")
     return View(
@@ -165,8 +165,6 @@ def view_of(robot: RobotParams, sizes: Mapping[str, int], period: float | None =
     Raises:
         ValueError, EquilibriumError: It has no first mode at rest.
     """
-    if robot == ARM and period in (None, PERIOD):
-        return arm_view()
     from softrobot_env.control.scheduled.timing import timing_of
 
     first = timing_of(robot).first
@@ -224,15 +222,13 @@ def environment_of(
 ) -> dict[str, Any]:
     """What a trained policy of a robot needs of an environment: its control period and preview.
 
-    That of the arm unless the robot has a file of the policy, which `make_policy` asks for.
+    The usual ones unless the robot has a file of the policy, which `make_policy` asks for.
     """
-    if robot == ARM and weights is None:
-        return arm_view().environment
     try:
         _, about = Network.load(find_artifact(robot, policy) if weights is None else weights)
+        return view_in(about, robot).environment
     except (OSError, ValueError):
-        return arm_view().environment
-    return view_in(about, ARM).environment
+        return {"control_period": PERIOD, "preview": PREVIEW}
 
 
 class NeuralPolicy(Memoryless):

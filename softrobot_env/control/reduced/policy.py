@@ -8,7 +8,7 @@ import numpy as np
 
 from softrobot_env.control.base import Controller
 from softrobot_env.control.limits import kept
-from softrobot_env.control.mpc.optimisation import BoundedSolver
+from softrobot_env.control.linear_quadratic import BoundedSolver
 from softrobot_env.control.reduced.environment import ARTIFACT, SAMPLES, preview_times
 from softrobot_env.control.reduced.planning import Shape, ahead, estimate, program
 from softrobot_env.control.status import NOT_COMPUTED, NOT_FINITE, REASONS, SATURATED, UNREACHABLE

@@ -13,7 +13,7 @@ import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.control.limits import kept
-from softrobot_env.control.mpc.optimisation import BoundedSolver
+from softrobot_env.control.linear_quadratic import BoundedSolver
 from softrobot_env.control.scheduled.aiming import (
     AimingLaw,
     TrackingTarget,
@@ -72,6 +72,12 @@ THESIS = PlanSettings(1 / 12, (2 / 12, 5 / 12), None, False)
 
 #: With preview and estimates. More than two nodes follow no better, and need larger tables.
 PREVIEW = PlanSettings(None, (0.15,), 1.0, True)
+
+
+def preview_environment(robot: RobotParams) -> dict[str, Any]:
+    """What `mpc_preview` needs of an environment: the control period, and preview."""
+    timing = PREVIEW.timing(robot)
+    return {"control_period": timing.period, "preview": timing.knots}
 
 
 class Constrained:

@@ -1,7 +1,7 @@
 """When laws of any robot decide, and at which times they see the reference, in its own time."""
 
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -47,3 +47,14 @@ def knots_until(share: float, first: float, period: float) -> tuple[float, ...]:
     most = max(share * first, _KNOTS[2] * period)
     knots = np.round([k * period for k in _KNOTS if k * period <= most], 9)
     return tuple(knots.tolist())
+
+
+def lqi(robot: RobotParams) -> dict[str, Any]:
+    """What `lqi` and `mpc` need of an environment: the control period."""
+    return {"control_period": timing_of(robot).period}
+
+
+def lq_preview(robot: RobotParams) -> dict[str, Any]:
+    """What `lq_preview` needs of an environment: the control period, and preview."""
+    timing = timing_of(robot)
+    return {"control_period": timing.period, "preview": timing.knots}

@@ -7,7 +7,6 @@ from time import perf_counter
 
 import numpy as np
 
-from softrobot_env.control.feedforward.policies import is_rig
 from softrobot_env.core.processes import chosen_processes
 from softrobot_env.identification.fit.assignment import (
     Assignment,
@@ -50,7 +49,7 @@ from softrobot_env.identification.fit.validation import (
 )
 from softrobot_env.identification.networks import Networks, networks_of
 from softrobot_env.identification.replay.simulation import mean_known
-from softrobot_env.identification.visits import VISIT, visits_of
+from softrobot_env.identification.visits import VISIT, visiting, visits_of
 from softrobot_env.recordings import Header, Recording
 from softrobot_env.robots import RobotParams
 
@@ -193,7 +192,7 @@ class _Run:
 
     def __init__(self, recording: Recording, given: _Given) -> None:
         self.given, self.recording = given, recording
-        self.visits = (recording.patterns == VISIT) & is_rig(given.robot)
+        self.visits = (recording.patterns == VISIT) & (visiting(given.robot) is not None)
         self.static = at_rest(recording, self.visits)
         self.moving = None if recording.static else recording
         if self.moving is not None and not self.visits.all():

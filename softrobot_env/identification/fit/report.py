@@ -14,8 +14,8 @@ from softrobot_env.identification.fit.least_squares import NORMAL_95, size
 from softrobot_env.identification.fit.path import Identification
 from softrobot_env.identification.fit.residual import RESIDUAL_FILE
 from softrobot_env.identification.fit.validation import centred
-from softrobot_env.identification.parameters import parameters_of
 from softrobot_env.identification.replay.simulation import mean_known
+from softrobot_env.identification.visits import visiting
 from softrobot_env.recordings.header import write_header
 from softrobot_env.rendering.tables import Column, make_table, named_values
 from softrobot_env.robots import write_robot
@@ -336,7 +336,7 @@ def write_files(found: Identification, out: Path) -> list[str]:
     else:  # one of an earlier run would not fit the robot
         (out / RESIDUAL_FILE).unlink(missing_ok=True)
     if found.networks is not None:
-        parameters_of(found).save(out / NETWORK_FILE, found.believed, {})
+        visiting(found.believed).parameters_of(found).save(out / NETWORK_FILE, found.believed, {})
         written.append(NETWORK_FILE)
     else:
         (out / NETWORK_FILE).unlink(missing_ok=True)

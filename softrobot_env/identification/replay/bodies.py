@@ -15,9 +15,8 @@ from softrobot_env.envs.reference import own_axes
 from softrobot_env.envs.simulation.beam_plant import BeamPlant as BeamSimulations
 from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
 from softrobot_env.recordings import Marker
-from softrobot_env.robots import RIG, RobotParams
+from softrobot_env.robots import RobotParams, entry_of
 from softrobot_env.robots.twin import Twin
-from softrobot_env.scene.registry import RIG_PIECES
 from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.statics import equilibrium
 from softrobot_env.scene.tangent import RubbingForces
@@ -55,8 +54,8 @@ class Body:
         options: dict[str, Any] = {"actuation": drive}
         if torsion and plant == MUJOCO and not robot.is_planar:
             options["torsion"] = True
-        if robot == RIG and plant == MUJOCO:
-            options["pieces"] = RIG_PIECES
+        if plant == MUJOCO and (pieces := entry_of(robot).pieces) is not None:
+            options["pieces"] = pieces
         robot, self.period = twin.robot, period
         self._robot, axes = robot, own_axes(robot)
         if plant == MUJOCO:

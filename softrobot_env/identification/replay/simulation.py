@@ -19,8 +19,8 @@ from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.identification.replay.bodies import Body
 from softrobot_env.recordings import Recording
-from softrobot_env.robots import RIG, RobotParams
-from softrobot_env.robots.twin import Twin, drawn_twin, nominal_twin, twin_or_ideal
+from softrobot_env.robots import RobotParams
+from softrobot_env.robots.twin import Twin, twin_of
 
 #: Longest control period [s], that of the grid of rows at unequal distances, and the largest
 #: difference of equal distances, as a share.
@@ -122,7 +122,7 @@ def replay(
     if not recording.header.marker:
         raise ValueError("the recording has no markers: nothing can be compared")
     begun = process_time()
-    built, drive = _built(robot, twin), recording.drive(robot)
+    built, drive = twin_of(robot, twin), recording.drive(robot)
     controls = recording.controls(robot)
     if recording.static:
         # Weights beside the axis twist a robot; environments leave that out, here it is quick.
@@ -150,14 +150,6 @@ def _size(error: np.ndarray) -> np.ndarray:
 
 def _silent(rows: int) -> None:
     pass
-
-
-def _built(robot: RobotParams, twin: Twin | int | None) -> Twin:
-    if isinstance(twin, Twin):
-        return twin
-    if twin is not None:
-        return drawn_twin(robot, twin)
-    return twin_or_ideal(None) if robot == RIG else nominal_twin(robot)
 
 
 def _equilibria(

@@ -8,14 +8,14 @@ import pytest
 from support.servo_law import ServoLaw
 
 from softrobot_env.control.feedforward.motion import Motion
-from softrobot_env.control.feedforward.policies import make_hybrid
 from softrobot_env.control.registry import RIG_POLICIES, installed_policies, make_policy
-from softrobot_env.control.rig.feedforward import LENGTH_SCALE, RigFeedforward
-from softrobot_env.control.rig.identified import IdentifiedParameters
-from softrobot_env.control.rig.inverse import TOTAL, OnePiece, SeveralPieces
 from softrobot_env.identification.visits import nominal_lengths
 from softrobot_env.robots import RIG, SERVO_SPEED
-from softrobot_env.tasks.rig_trajectories import RoundedTriangle
+from softrobot_env.thesis.rig.feedforward import LENGTH_SCALE, RigFeedforward
+from softrobot_env.thesis.rig.identified import IdentifiedParameters
+from softrobot_env.thesis.rig.inverse import TOTAL, OnePiece, SeveralPieces
+from softrobot_env.thesis.rig.policies import make_hybrid
+from softrobot_env.thesis.trajectories import RoundedTriangle
 
 PERIOD = 0.02
 FAST = RoundedTriangle(period=1.0, approach=0.0)

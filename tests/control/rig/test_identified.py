@@ -7,18 +7,18 @@ import pytest
 from scipy.optimize import least_squares
 
 from softrobot_env.cli import main
-from softrobot_env.control.rig.identified import IdentifiedParameters, turned
-from softrobot_env.control.rig.inverse import PIECES, PIECES_SOFTER, TOTAL
-from softrobot_env.control.rig.servo_flexible import FlexibleServoConstraints
-from softrobot_env.envs.rig import RigEnv
 from softrobot_env.identification import excitation
 from softrobot_env.identification.excitation import Excitation, plan
-from softrobot_env.identification.parameters import identified, parameters_of, record
 from softrobot_env.identification.visits import nominal_lengths, visits_of
 from softrobot_env.learned.network import Scaling, initial_network
 from softrobot_env.robots import ARM, EQUIVALENT, EQUIVALENT_RIG, RIG, ROBOTS
-from softrobot_env.robots.three_tendons import mean_curvature
 from softrobot_env.robots.twin import nominal_twin, rig3d_twin
+from softrobot_env.thesis.envs import RigEnv
+from softrobot_env.thesis.rig.identified import IdentifiedParameters, turned
+from softrobot_env.thesis.rig.inverse import PIECES, PIECES_SOFTER, TOTAL
+from softrobot_env.thesis.rig.parameters import identified, parameters_of, record
+from softrobot_env.thesis.rig.servo_flexible import FlexibleServoConstraints
+from softrobot_env.thesis.rig.three_tendons import mean_curvature
 
 FEW = Excitation(kinds=("visits",), points=10)
 

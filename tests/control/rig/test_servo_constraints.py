@@ -3,14 +3,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softrobot_env.beams.closed_forms import spatial_piece
-from softrobot_env.beams.closed_forms.spatial_piece import SUBPIECES
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.beams.signals import Signal, held
-from softrobot_env.control.rig.servo_constraints import Inverse, OutOfReachError, ServoConstraints
 from softrobot_env.robots import RIG
-from softrobot_env.robots.three_tendons import ThreeTendons
-from softrobot_env.tasks.rig_trajectories import LapCircle, RoundedTriangle
+from softrobot_env.thesis.rig import spatial_piece
+from softrobot_env.thesis.rig.servo_constraints import Inverse, OutOfReachError, ServoConstraints
+from softrobot_env.thesis.rig.spatial_piece import SUBPIECES
+from softrobot_env.thesis.rig.three_tendons import ThreeTendons
+from softrobot_env.thesis.trajectories import LapCircle, RoundedTriangle
 
 SERVO = ServoConstraints(RIG)
 FAST = RoundedTriangle(period=1.0)

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from support.flexible_plan import inputs, internal_poles, output, plan
 
-from softrobot_env.beams.closed_forms.spatial_piece import SUBPIECES
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.beams.signals import held
-from softrobot_env.control.rig.servo_constraints import ServoConstraints
-from softrobot_env.control.rig.servo_dae import hold
-from softrobot_env.control.rig.servo_flexible import FlexibleServoConstraints, InversionError
 from softrobot_env.robots import RIG
-from softrobot_env.tasks.rig_trajectories import LapCircle, RoundedTriangle
+from softrobot_env.thesis.rig.servo_constraints import ServoConstraints
+from softrobot_env.thesis.rig.servo_dae import hold
+from softrobot_env.thesis.rig.servo_flexible import FlexibleServoConstraints, InversionError
+from softrobot_env.thesis.rig.spatial_piece import SUBPIECES
+from softrobot_env.thesis.trajectories import LapCircle, RoundedTriangle
 
 FAST = RoundedTriangle(period=1.0, laps=0, approach=2.0)
 RATE = 50

@@ -9,13 +9,13 @@ from support.servo_law import ServoLaw
 
 from softrobot_env.control.feedforward.motion import Motion
 from softrobot_env.control.registry import make_policy
-from softrobot_env.control.rig.feedforward import RigFeedforward
-from softrobot_env.control.rig.inverse import TOTAL, OnePiece, SeveralPieces
-from softrobot_env.control.rig.servo_constraints import ServoConstraints
-from softrobot_env.control.rig.servo_flexible import FlexibleServoConstraints
 from softrobot_env.robots import LENGTH_SCALE, RIG, SERVO_SPEED
-from softrobot_env.robots.three_tendons import ThreeTendons
-from softrobot_env.tasks.rig_trajectories import RoundedTriangle
+from softrobot_env.thesis.rig.feedforward import RigFeedforward
+from softrobot_env.thesis.rig.inverse import TOTAL, OnePiece, SeveralPieces
+from softrobot_env.thesis.rig.servo_constraints import ServoConstraints
+from softrobot_env.thesis.rig.servo_flexible import FlexibleServoConstraints
+from softrobot_env.thesis.rig.three_tendons import ThreeTendons
+from softrobot_env.thesis.trajectories import RoundedTriangle
 
 PERIOD = 0.02
 SLACK, SLOW = "tendon would slacken", "servo too slow"

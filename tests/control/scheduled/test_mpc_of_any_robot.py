@@ -8,7 +8,6 @@ import pytest
 from scipy.optimize import lsq_linear
 
 import softrobot_env  # noqa: F401  (registers the environments)
-from softrobot_env.control.mpc.optimisation import BoundedSolver
 from softrobot_env.control.scheduled.law import build_table
 from softrobot_env.control.scheduled.lq_preview import LQPreview, Preview
 from softrobot_env.control.scheduled.mpc import PREVIEW, THESIS, Constrained, ScheduledMPC
@@ -17,6 +16,7 @@ from softrobot_env.control.scheduled.plan_gains import RegulatorCost, deviation_
 from softrobot_env.control.scheduled.table import row_size
 from softrobot_env.control.scheduled.timing import Timing, timing_of
 from softrobot_env.robots import ARM, find_robot
+from softrobot_env.thesis.arm.mpc_optimisation import BoundedSolver
 
 ROD = find_robot("silicone_rod")
 TIMING = timing_of(ROD)

@@ -16,12 +16,12 @@ from softrobot_env.commands.robot.soak import unsafe_outputs
 from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.control.registry import make_policy
 from softrobot_env.envs.real import RealRigEnv
-from softrobot_env.envs.rig import RigEnv
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.hardware.errors import LinkError, RobotFaultError
 from softrobot_env.robots import RIG
 from softrobot_env.tasks import Task
-from softrobot_env.tasks.rig_trajectories import RoundedTriangle
+from softrobot_env.thesis.envs import RigEnv
+from softrobot_env.thesis.trajectories import RoundedTriangle
 
 pytest.importorskip("serial", reason="needs the robot extra")
 pytest.importorskip("cobs", reason="needs the robot extra")

@@ -13,11 +13,11 @@ from gymnasium.wrappers import FlattenObservation
 from support.rig_episodes import TWINS, act, flatten, rig, steps
 
 from softrobot_env.envs.observations.table import OBSERVABLES
-from softrobot_env.envs.rig import RigEnv
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.registration import RIG_ENVIRONMENTS
 from softrobot_env.scene.registry import SCENES
 from softrobot_env.tasks import RIG_TASKS
+from softrobot_env.thesis.envs import RigEnv
 
 
 def arrays(result):

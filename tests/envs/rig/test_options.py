@@ -8,10 +8,10 @@ import pytest
 from support.rig_episodes import TWINS, act, flatten, rig, steps
 
 from softrobot_env.envs.options import REAL_OPTIONS, SIMULATED_OPTIONS, parse_options
-from softrobot_env.envs.rig import RigEnv
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import Twin
 from softrobot_env.tasks import Task, make_task
+from softrobot_env.thesis.envs import RigEnv
 
 OTHER = replace(RIG, name="other", pieces=2)
 

@@ -13,7 +13,6 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from softrobot_env.beams import signals
-from softrobot_env.beams.closed_forms.spatial_piece import SUBPIECES, acceleration, make_rig_piece
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.benchmarks.accuracy.cases.motions import (
     BeamMotion,
@@ -49,6 +48,7 @@ from softrobot_env.benchmarks.accuracy.rows import (
 from softrobot_env.benchmarks.beams import chain_scene
 from softrobot_env.core.jobs import Job
 from softrobot_env.scene.quadrature import RULES
+from softrobot_env.thesis.rig.spatial_piece import SUBPIECES, acceleration, make_rig_piece
 from studies.truths.rig_column import tensions
 from studies.truths.rig_ritz_rod import RigRod
 

@@ -11,12 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import root
 
-from softrobot_env.beams.closed_forms.spatial_piece import (
-    RigPiece,
-    add_static,
-    make_rig_piece,
-    output,
-)
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.benchmarks.accuracy.cases.beam_models import COSSERAT, DISTRIBUTED, Contestant
 from softrobot_env.benchmarks.accuracy.rig.cases import CHAIN, ROBOT, STATIC
@@ -37,6 +31,7 @@ from softrobot_env.core.jobs import Job
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.quadrature import RULES
+from softrobot_env.thesis.rig.spatial_piece import RigPiece, add_static, make_rig_piece, output
 from studies.truths.rig_column import column_tip, tensions
 from studies.truths.rig_ritz_rod import RigRod
 

@@ -1,0 +1,1 @@
+"""Laws, networks and trainings of the planar arm in closed form."""

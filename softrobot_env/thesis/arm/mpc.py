@@ -1,0 +1,189 @@
+"""Model predictive control of the tip, thesis sec. 6.5."""
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from softrobot_env.beams.closed_forms import planar_arm
+from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
+from softrobot_env.control.base import Controller, hold_for, state_sizes, usable
+from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED, UNREACHABLE
+from softrobot_env.core.interfaces import Observation
+from softrobot_env.robots import RobotParams
+from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.thesis.arm.estimation import update_estimate
+from softrobot_env.thesis.arm.mpc_optimisation import Iterate, Optimiser, Problem
+from softrobot_env.thesis.arm.mpc_settings import PREVIEW, THESIS, MPCSettings
+from softrobot_env.thesis.robots import ARM
+
+#: Part of the limit from which an input counts as saturated.
+_FULL = 1 - 1e-9
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Deviation of the robot from its model, see `estimation.update_estimate`.
+
+    Attributes:
+        stiffness: Factor [1] on the nominal stiffness.
+        force: (n,) [N m2] on the curvatures.
+        information: (2,) [s], see `estimation.update_estimate`.
+    """
+
+    stiffness: float
+    force: np.ndarray
+    information: np.ndarray
+
+
+@dataclass(frozen=True)
+class MPCState:
+    """What the next decision needs.
+
+    Attributes:
+        action: (n_inputs,) [1], the last one that was determined.
+        plan: The last optimum; None to begin anew from the inputs in force.
+        seen: (2, n), curvatures and rates at the last decision; None before the first one.
+        estimate: What the model leaves unexplained.
+        status: Why the action is not the one wanted, or None.
+    """
+
+    action: np.ndarray
+    plan: Iterate | None
+    seen: np.ndarray | None
+    estimate: Estimate
+    status: str | None
+
+
+class MPC(Controller):
+    """Optimises the inputs over a horizon and applies the first of them.
+
+    Predicts with the planar constant-curvature arm from the full state and resolves the
+    redundancy of the inputs by their cost. Where the optimisation fails the last action that was
+    determined is kept, and the next one begins anew; the state's `status` says why.
+    """
+
+    def __init__(
+        self, robot: RobotParams, control_period: float, settings: MPCSettings = THESIS
+    ) -> None:
+        """Prepare for a robot.
+
+        Args:
+            robot: The nominal robot.
+            control_period: [s] between calls of `predict`.
+            settings: Horizon, cost and optimisation, as of the arm.
+
+        Raises:
+            ValueError: A robot that is no planar arm, or a control period that does not divide
+                the settings' period.
+            ImportError: The solver of the quadratic programs is not installed.
+        """
+        self.hold = hold_for(settings.period, control_period, "model predictive control")
+        self.requires = _required(settings)
+        sizes = state_sizes(robot)
+        self.sizes = {name: size for name, size in sizes.items() if name in self.requires}
+        if settings.preview:
+            self.preview = settings.times
+            self.sizes["reference_preview"] = 2 * len(settings.times)
+        self._reach = robot.length
+        settings = _scaled(settings, robot)
+        self._settings, self._arm = settings, make_planar_arm(robot)
+        self._limit = TendonMap(robot).input_scale
+        self._optimiser = Optimiser(settings, self._limit)
+        self._no_guess, self._shift = settings.no_guess(self._arm.n), settings.shift
+
+    def start(self, observation: Observation) -> MPCState:
+        """Begin from the action in force."""
+        action = usable(observation["previous_action"])
+        estimate = Estimate(1.0, np.zeros(self._arm.n), np.zeros(2))
+        return MPCState(action, None, None, estimate, None)
+
+    def act(self, observation: Observation, state: MPCState) -> tuple[np.ndarray, MPCState]:
+        """First input of the optimum, or the last action that was determined."""
+        for name in self.requires:
+            if not np.all(np.isfinite(observation[name])):
+                status = f"{REASONS[NOT_FINITE]}: {name}"
+                return state.action, replace(state, plan=None, seen=None, status=status)
+        seen = np.stack([observation["curvature"], observation["curvature_rate"]])
+        before = self._limit * observation["previous_action"]
+        estimate = self._estimate(seen, before, state)
+        arm = self._arm._replace(stiffness=estimate.stiffness * self._arm.stiffness)
+        problem = Problem(arm, seen, estimate.force, before, self._reference(observation))
+        optimum = self._optimiser.minimise(problem, *self._beginning(before, state))
+        now = MPCState(state.action, None, seen, estimate, None)
+        if np.hypot(*observation["reference"]) > self._reach:
+            now = replace(now, status=REASONS[UNREACHABLE])
+        if optimum.failure is not None:
+            reasons = filter(None, (now.status, f"last action kept: {optimum.failure}"))
+            return now.action, replace(now, status="; ".join(reasons))
+        return self._apply(optimum.last, now)
+
+    def _apply(self, optimum: Iterate, state: MPCState) -> tuple[np.ndarray, MPCState]:
+        action = np.clip(optimum.inputs[0] / self._limit, -1.0, 1.0)
+        status = REASONS[SATURATED] if np.any(np.abs(action) >= _FULL) else state.status
+        return action, replace(state, action=action, plan=optimum, status=status)
+
+    def _beginning(self, before: np.ndarray, state: MPCState) -> tuple[np.ndarray, np.ndarray]:
+        """Inputs and accelerations to begin from: the last plan, one period on."""
+        if state.plan is None:
+            return np.tile(before, (len(self._shift), 1)), self._no_guess
+        return state.plan.inputs[self._shift], state.plan.guess
+
+    def _reference(self, observation: Observation) -> np.ndarray:
+        """(p + 1, 2) [m], now and at the ends of the steps, less the tip's offset."""
+        now = observation["reference"]
+        points = np.tile(now, (len(self._settings.steps) + 1, 1))
+        if self._settings.preview:
+            points[1:] = observation["reference_preview"].reshape(-1, 2)
+        return points - self._offset(observation) if self._settings.estimate else points
+
+    def _offset(self, observation: Observation) -> np.ndarray:
+        """Tip (2,) [m] as measured, less that of the measured curvatures."""
+        tip, jacobian = np.empty(2), np.empty((2, self._arm.n))
+        planar_arm.tip(self._arm, observation["curvature"], tip, jacobian)
+        return observation["tip_position"] - tip
+
+    def _estimate(self, seen: np.ndarray, before: np.ndarray, state: MPCState) -> Estimate:
+        """Estimate after another period with inputs `before` (n_inputs,) [N].
+
+        Observations that are absurd, though finite, leave it as it was.
+        """
+        if not self._settings.estimate or state.seen is None:
+            return state.estimate
+        force, information = state.estimate.force.copy(), state.estimate.information.copy()
+        stiffness = update_estimate(
+            self._arm,
+            self._settings.period,
+            *state.seen,
+            *seen,
+            before,
+            self._limit,
+            True,
+            information,
+            force,
+        )
+        if not np.isfinite(stiffness + force.sum() + information.sum()):
+            return state.estimate
+        return Estimate(stiffness, force, information)
+
+
+def _scaled(settings: MPCSettings, robot: RobotParams) -> MPCSettings:
+    """Settings whose inputs [1/N2] weigh as much as the arm's that move its tip as far."""
+    share = (_tip_by_input(robot) / _tip_by_input(ARM)) ** 2
+    return replace(settings, effort=share * settings.effort, change=share * settings.change)
+
+
+def _tip_by_input(robot: RobotParams) -> float:
+    """Twice the motion [m/N] of the tip of a straight arm by an input that bends all of it."""
+    return robot.length**2 * abs(robot.tendons[0].offset[0]) / robot.bending_stiffness
+
+
+def _required(settings: MPCSettings) -> tuple[str, ...]:
+    names = ["curvature", "curvature_rate", "reference", "previous_action"]
+    names += ["reference_preview"] if settings.preview else []
+    names += ["tip_position"] if settings.estimate else []
+    return tuple(names)
+
+
+#: Makes the controller with preview and estimates.
+make_preview = partial(MPC, settings=PREVIEW)

@@ -1,0 +1,298 @@
+"""Operating points of the arm in closed form, and gains scheduled by them (thesis sec. 6.4).
+
+The linear model at a point; gains on a regular grid of points and in a file, their interpolation;
+and what the laws of `control.scheduled` ask for in place of a table: the equilibrium at a
+reference.
+
+Without outer forces an equilibrium of the arm is given by one curvature of each third; the
+scheduling variables are those of the first piece of each third, sigma = (beta_1, beta_3, beta_5).
+"""
+
+from collections.abc import Callable, Iterator
+from itertools import product
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from softrobot_env.beams.closed_forms import planar_arm
+from softrobot_env.beams.closed_forms.planar_arm import PlanarArm, make_planar_arm
+from softrobot_env.beams.numerics.compilation import implementation, kernel, reference, structure
+from softrobot_env.control.scheduled.aiming import (
+    TrackingTarget,
+    aimed,
+    references_of,
+    split_memory,
+)
+from softrobot_env.control.scheduled.law import Law
+from softrobot_env.control.scheduled.lqi import Resting, resting
+from softrobot_env.control.status import FINE, OUTSIDE, UNREACHABLE
+from softrobot_env.core.artifacts import read_arrays, write_arrays
+from softrobot_env.robots import RobotParams
+from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.robots.artifacts import find_artifact, refuse_artifact, train_command
+from softrobot_env.thesis.arm.estimation import stiffness_factor, update_estimate
+from softrobot_env.thesis.arm.statics import REACH, follow
+from softrobot_env.thesis.arm.timing import PERIOD, identity
+from softrobot_env.thesis.robots import ARM
+
+#: Points and largest curvature [1/m] along each scheduling variable: 16 x 13 x 11 = 2288 points
+#: (audit of sec. 6.4). With 16, none is the straight pose, where the tip's height cannot be
+#: controlled to first order.
+GRID = ((16, 7.5), (13, 7.2), (11, 7.0))
+_LOW = np.array([-limit for _, limit in GRID])
+_SPACING = np.array([2 * limit / (count - 1) for count, limit in GRID])
+
+_OFFSET_BANDWIDTH = 100.0  # 1/s, of the difference between measured and modelled tip
+
+
+@structure
+class Grid(NamedTuple):
+    """The arm in closed form with gains on a grid of operating points, in place of a `Table`.
+
+    Attributes:
+        n, m: Numbers of curvatures and inputs.
+        directions: (2, 3), along which the tip moves.
+        lever: (m, n), zeros: tendons are driven by tension.
+        arm: The nominal arm.
+        gains: (n1, n2, n3, k), on the grid, of actions.
+        limit: (m,) [N], full-scale inputs.
+    """
+
+    n: int
+    m: int
+    directions: np.ndarray
+    lever: np.ndarray
+    arm: PlanarArm
+    gains: np.ndarray
+    limit: np.ndarray
+
+
+def read_grid(robot: RobotParams, policy: str, columns: tuple[int, ...], path: Path | None) -> Any:
+    """Reference to the `Grid` that a file holds.
+
+    Args:
+        robot: Nominal robot.
+        policy: Whose gains they are.
+        columns: Numbers of gains per input that belong together, which the law reads in turn.
+        path: The file; found unless given, see `artifacts.find_artifact`.
+
+    Raises:
+        FileNotFoundError, ValueError: As `load_gains`.
+    """
+    arm, limit = make_planar_arm(robot), TendonMap(robot).input_scale
+    path = find_artifact(robot, policy) if path is None else path
+    found = load_gains(path, robot, policy, arm.inputs.shape[1] * sum(columns))
+    by_input = found.reshape(*found.shape[:3], len(limit), -1) / limit[:, None]
+    parts = np.split(by_input, np.cumsum(columns)[:-1], axis=-1)
+    gains = np.concatenate([part.reshape(*found.shape[:3], -1) for part in parts], axis=-1)
+    n, m = arm.inputs.shape
+    return reference(Grid(n, m, np.eye(3)[[0, 2]], np.zeros((m, n)), arm, gains, limit))
+
+
+def axes() -> list[np.ndarray]:
+    """Values [1/m] along the three axes of the grid."""
+    return [np.linspace(-limit, limit, count) for count, limit in GRID]
+
+
+def operating_points(pieces: int) -> Iterator[np.ndarray]:
+    """Curvatures (pieces,) [1/m] of all points, for thirds of pieces / 3 pieces each."""
+    for sigma in product(*axes()):
+        yield np.repeat(sigma, pieces // 3)
+
+
+def build_gains(
+    robot: RobotParams,
+    design: Callable[[np.ndarray], np.ndarray],
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> np.ndarray:
+    """Gains (n1, n2, n3, k) on the grid.
+
+    Args:
+        robot: The robot.
+        design: Function from the curvature (pieces,) [1/m] of an operating point to gains (k,).
+        progress: Called with the numbers of points done and of all points.
+    """
+    shape, gains = tuple(count for count, _ in GRID), []
+    for curvature in operating_points(robot.pieces):
+        gains.append(design(curvature))
+        progress(len(gains), int(np.prod(shape)))
+    return np.reshape(gains, (*shape, -1))
+
+
+def save_gains(path: Path, robot: RobotParams, gains: np.ndarray) -> None:
+    """Write gains (n1, n2, n3, k), in single precision, which is far finer than they need be."""
+    write_arrays(path, {"gains": gains.astype(np.float32), "robot": identity(robot)})
+
+
+def load_gains(path: Path, robot: RobotParams, policy: str, count: int) -> np.ndarray:
+    """Gains (n1, n2, n3, count) that `save_gains` wrote.
+
+    Args:
+        path: File.
+        robot: The robot it is wanted for.
+        policy: Whose gains they are, which tells the command that makes them.
+        count: Number of gains per point that is wanted.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: It belongs to another robot or law, is damaged or not finite.
+    """
+    if not path.exists():
+        command = train_command(robot, policy)
+        raise FileNotFoundError(f"no gains at {path}; make them with `{command}`")
+    data = read_arrays(path)
+    data.check_finite()
+    found = data["robot"]
+    wanted = identity(robot)
+    with data.fitting():
+        same = wanted.shape == found.shape and np.allclose(wanted, found, rtol=1e-9)
+    if not same:
+        refuse_artifact(path, ARM.name, robot, policy)
+    data.check_shape("gains", (None,) * 4)
+    gains = np.ascontiguousarray(data["gains"], dtype=np.float64)
+    if gains.shape != (*(size for size, _ in GRID), count):
+        raise ValueError(
+            f"{path} does not fit this version: make it anew with `{train_command(robot, policy)}`"
+        )
+    return gains
+
+
+@kernel
+def interpolate(table: np.ndarray, curvature: np.ndarray, out: np.ndarray) -> bool:
+    """Set out (k,) to the gains at a curvature (pieces,) [1/m] by trilinear interpolation.
+
+    The table (n1, n2, n3, k) has them on the grid.
+
+    Returns:
+        Whether the curvature lies in the grid; outside, the nearest gains on its boundary count.
+    """
+    third = len(curvature) // 3
+    inside = True
+    index, share = np.empty(3, np.int64), np.empty(3)
+    for axis in range(3):
+        count = table.shape[axis]
+        place = (curvature[third * axis] - _LOW[axis]) / _SPACING[axis]
+        if not 0 <= place <= count - 1:
+            inside = False
+            place = min(max(place, 0.0), count - 1.0)
+        index[axis] = min(int(place), count - 2)
+        share[axis] = place - index[axis]
+    out[:] = 0
+    for corner in range(8):
+        weight, i = 1.0, index.copy()
+        for axis in range(3):
+            if corner >> axis & 1:
+                weight, i[axis] = weight * share[axis], i[axis] + 1
+            else:
+                weight *= 1 - share[axis]
+        gains = table[i[0], i[1], i[2]]
+        for k in range(len(out)):
+            out[k] += weight * gains[k]
+    return inside
+
+
+@implementation(resting, Grid)
+@kernel
+def _at_rest(
+    grid: Grid, law: Law, target: np.ndarray, held: np.ndarray, curvature: np.ndarray
+) -> Resting:
+    n, m, limit, table = grid.n, grid.m, grid.limit, grid.gains
+    inputs, place = held * limit, target[::2].copy()
+    rest, inverse, gains = np.empty(n), np.empty((m, 2)), np.empty(table.shape[3])
+    gap = follow(grid.arm, place, np.zeros(n), 1.0, limit, inputs, rest, inverse)
+    for j in range(m):
+        held[j] = inputs[j] / limit[j]
+    doubt = _doubt(gap, interpolate(table, curvature, gains))
+    return Resting(held, rest, gains, doubt, gap <= REACH)
+
+
+@kernel
+def _doubt(gap: float, inside: bool) -> int:
+    """What is said of a distance [m] from the reference, and of a place off the grid."""
+    if gap > REACH:
+        return UNREACHABLE
+    return FINE if inside else OUTSIDE
+
+
+@kernel
+def _estimate(
+    grid: Grid,
+    adaptive: bool,
+    memory: np.ndarray,
+    curvature: np.ndarray,
+    rate: np.ndarray,
+    tip: np.ndarray,
+    previous: np.ndarray,
+) -> float:
+    """Update what the nominal model leaves unexplained; the stiffness factor [1]."""
+    arm, limit = grid.arm, grid.limit
+    before, rate_before, force, _, offset, information, begun, _ = split_memory(
+        memory, grid.n, grid.m
+    )
+    point, jacobian = np.empty(2), np.empty((2, grid.n))
+    planar_arm.tip(arm, curvature, point, jacobian)
+    share = 1.0
+    scale = stiffness_factor(adaptive, information)
+    if begun[0]:
+        share = 1 - np.exp(-_OFFSET_BANDWIDTH * PERIOD)
+        scale = update_estimate(
+            arm,
+            PERIOD,
+            before,
+            rate_before,
+            curvature,
+            rate,
+            previous * limit,
+            limit,
+            adaptive,
+            information,
+            force,
+        )
+    for i in range(2):
+        offset[2 * i] += share * (tip[i] - point[i] - offset[2 * i])
+    begun[0] = 1.0
+    before[:], rate_before[:] = curvature, rate
+    return scale
+
+
+@implementation(aimed, Grid)
+@kernel
+def _aimed(
+    grid: Grid,
+    law: Law,
+    adaptive: bool,
+    memory: np.ndarray,
+    curvature: np.ndarray,
+    rate: np.ndarray,
+    tip: np.ndarray,
+    target: np.ndarray,
+    preview: np.ndarray,
+    previous: np.ndarray,
+) -> TrackingTarget:
+    arm, limit, n, m = grid.arm, grid.limit, grid.n, grid.m
+    _, _, force, held, offset, _, _, smoothing = split_memory(memory, n, m)
+    scale = _estimate(grid, adaptive, memory, curvature, rate, tip, previous)
+    points, velocity = references_of(law, target, preview, smoothing)
+    inputs, rest, inverse = held * limit, np.empty(n), np.empty((m, 2))
+    place = np.array((points[0, 0] - offset[0], points[0, 2] - offset[2]))
+    gap = follow(arm, place, force, scale, limit, inputs, rest, inverse)
+    action, rising = np.empty(m), np.empty(m)
+    for j in range(m):
+        held[j] = inputs[j] / limit[j]
+        rising[j] = (inverse[j, 0] * velocity[0] + inverse[j, 1] * velocity[2]) / limit[j]
+        action[j] = held[j] + arm.damping_time * rising[j]
+    gains = np.empty(grid.gains.shape[3])
+    doubt = _doubt(gap, interpolate(grid.gains, curvature, gains))
+    times, lever, stiffness = law.times, arm.inputs, scale * arm.stiffness
+    away, ways = np.empty(2 * n), np.empty(2 * len(times) - 2)
+    for i in range(n):
+        moving = 0.0
+        for j in range(m):
+            moving += lever[i, j] * rising[j] * limit[j] / stiffness
+        away[i], away[n + i] = curvature[i] - rest[i], rate[i] - moving
+    for k in range(1, len(times)):
+        for i in range(2):
+            way = points[k, 2 * i] - points[0, 2 * i] - times[k] * velocity[2 * i]
+            ways[2 * k - 2 + i] = way
+    return TrackingTarget(action, rising, away, ways, velocity, np.empty((0, 3)), doubt, gains)

@@ -1,0 +1,76 @@
+"""The closed forms that take the place of laws on tables for the arm, and for planar arms."""
+
+from pathlib import Path
+from typing import Any
+
+from softrobot_env.control.base import state_sizes
+from softrobot_env.control.feedforward.law import Feedforward
+from softrobot_env.control.scheduled.law import ScheduledLaw
+from softrobot_env.control.scheduled.lq_preview import LQPreview
+from softrobot_env.control.scheduled.lqi import LQI
+from softrobot_env.core.interfaces import Policy
+from softrobot_env.learned.network import Network
+from softrobot_env.robots import RobotParams
+from softrobot_env.robots.artifacts import find_artifact
+from softrobot_env.thesis.arm.mpc import MPC, make_preview
+from softrobot_env.thesis.arm.operating_points import read_grid
+from softrobot_env.thesis.arm.qs_nn import QuasiStaticNetwork
+from softrobot_env.thesis.arm.timing import TIMING
+
+#: A file, or None where it is looked for.
+_Path = str | Path | None
+
+
+def make_network(robot: RobotParams, control_period: float, weights: _Path = None) -> Policy:
+    """The quasi-static network: the thesis' local inverse of the arm, or one of places.
+
+    Args:
+        robot: The arm.
+        control_period: [s] between calls.
+        weights: File of either kind; found unless given, see `artifacts.find_artifact`.
+
+    Raises:
+        ValueError: No network of this robot, or a control period that the arm's cannot have.
+        FileNotFoundError: No such file.
+    """
+    path = find_artifact(robot, "qs_nn") if weights is None else Path(weights)
+    if not path.is_file() or "workspace" in Network.load(path)[1]:
+        return QuasiStaticNetwork(robot, control_period, path)
+    return Feedforward(robot, control_period, weights=path)
+
+
+def make_lq_preview(
+    robot: RobotParams, control_period: float, adaptive: bool = False, gains: _Path = None
+) -> Policy:
+    """LQ with preview, see `control.scheduled.policies`."""
+    columns = 2 * robot.pieces, 2 * len(TIMING.knots)
+    table = _grid(robot, "lq_preview", columns, gains)
+    return _of_arm(LQPreview(robot, control_period, table, adaptive, TIMING), robot)
+
+
+def make_lqi(robot: RobotParams, control_period: float, gains: _Path = None) -> Policy:
+    """LQI with gain scheduling, see `control.scheduled.policies`."""
+    table = _grid(robot, "lqi", (2 * robot.pieces + 2,), gains)
+    return _of_arm(LQI(robot, control_period, table, TIMING), robot)
+
+
+def make_mpc(
+    robot: RobotParams, control_period: float, preview: bool = False, gains: _Path = None
+) -> Policy:
+    """Model predictive control of a planar arm; see `control.scheduled.policies`.
+
+    There is no table: `gains` is not read.
+    """
+    return (make_preview if preview else MPC)(robot, control_period)
+
+
+def _grid(robot: RobotParams, name: str, columns: tuple[int, ...], gains: _Path) -> Any:
+    return read_grid(robot, name, columns, None if gains is None else Path(gains))
+
+
+def _of_arm(law: ScheduledLaw, robot: RobotParams) -> ScheduledLaw:
+    """A law of the arm, which knows the sizes of all that it reads."""
+    sizes = state_sizes(robot) | {"reference_preview": 2 * len(TIMING.knots)}
+    law.sizes = {name: sizes[name] for name in law.requires}
+    law.preview = TIMING.knots if "reference_preview" in law.requires else None
+    return law

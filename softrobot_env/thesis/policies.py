@@ -1,0 +1,89 @@
+"""Policies of the thesis' arm and rig by name; what they import is loaded when they are made."""
+
+from softrobot_env.control.registry import EVERY_POLICY, PolicySpec
+from softrobot_env.core.registry import VARIANTS
+from softrobot_env.thesis.robots import RIG
+from softrobot_env.training.registry import register_training
+
+_ARM, _RIG = "softrobot_env.thesis.arm", "softrobot_env.thesis.rig"
+_IS_ARM, _IS_PLANAR_ARM = f"{_ARM}.timing:is_arm", f"{_ARM}.timing:is_planar_arm"
+_IS_RIG = f"{_RIG}.three_tendons:is_rig"
+_LQ, _MPC = f"{_ARM}.timing:LQ_ENVIRONMENT", f"{_ARM}.mpc_settings:PREVIEW_ENVIRONMENT"
+
+#: Policies of the spatial test rig. They take as option `learnt` the identified parameters of one
+#: rig; without it, they take those that are shipped, of twin 0.
+RIG_POLICIES: dict[str, PolicySpec] = {
+    name: PolicySpec(f"{_RIG}.policies:{make}", options)
+    for name, make, options in (
+        ("rig_nn", "make_hybrid", {"model": "none"}),
+        ("rig_nn_p", "make_network_feedback", {"integral": 0.0}),
+        ("rig_nn_pi", "make_network_feedback", {}),
+        ("inverse_dynamics", "make_inverse", {}),
+        ("inverse_dynamics_ahead", "make_inverse", {"ahead": True}),
+        ("hybrid", "make_hybrid", {}),
+        ("hybrid_ahead", "make_hybrid", {"ahead": True}),
+        ("hybrid_flexible", "make_hybrid", {"model": "several pieces", "ahead": True}),
+        (
+            "hybrid_calibrated",
+            "make_hybrid",
+            {"model": "calibrated", "ahead": True, "backlash": True},
+        ),
+        (
+            "hybrid_feedback",
+            "make_hybrid",
+            {"model": "calibrated", "ahead": True, "backlash": True, "feedback": True},
+        ),
+    )
+}
+
+#: Name -> the robots of a closed form, and its policy.
+_VARIANTS = {
+    "qs_nn": (
+        _IS_ARM,
+        PolicySpec(
+            f"{_ARM}.policies:make_network", {}, {"control_period": 0.01, "preview": (0.2,)}
+        ),
+    ),
+    "lqi": (
+        _IS_ARM,
+        PolicySpec(f"{_ARM}.policies:make_lqi", {}, f"{_ARM}.timing:LQI_ENVIRONMENT"),
+    ),
+    "lq_preview": (_IS_ARM, PolicySpec(f"{_ARM}.policies:make_lq_preview", {}, _LQ)),
+    "lq_adaptive": (
+        _IS_ARM,
+        PolicySpec(f"{_ARM}.policies:make_lq_preview", {"adaptive": True}, _LQ),
+    ),
+    "mpc": (
+        _IS_PLANAR_ARM,
+        PolicySpec(f"{_ARM}.policies:make_mpc", {}, {"control_period": 0.01}, "daqp"),
+    ),
+    "mpc_preview": (
+        _IS_PLANAR_ARM,
+        PolicySpec(f"{_ARM}.policies:make_mpc", {"preview": True}, _MPC, "daqp"),
+    ),
+    "inverse_dynamics": (_IS_RIG, RIG_POLICIES["inverse_dynamics"]),
+    "hybrid": (_IS_RIG, RIG_POLICIES["hybrid"]),
+}
+
+
+#: Name -> the robots of a closed form, and what trains its policy.
+_TRAININGS = {
+    "qs_nn": (f"{_ARM}.training:is_the_arm", f"{_ARM}.training:train_network"),
+    "lqi": (_IS_ARM, f"{_ARM}.training:train_lqi"),
+    "lq_preview": (_IS_ARM, f"{_ARM}.training:train_lq_preview"),
+    "mpc": (_IS_PLANAR_ARM, f"{_ARM}.training:train_nothing"),
+    "mpc_preview": (_IS_PLANAR_ARM, f"{_ARM}.training:train_nothing"),
+}
+
+
+def register() -> None:
+    """Register policies and trainings of the rig, and the closed forms."""
+    for name, spec in RIG_POLICIES.items():
+        if name not in EVERY_POLICY.registered():
+            EVERY_POLICY.register(name, spec)
+    VARIANTS.register("visits", _IS_RIG, f"{_RIG}.parameters:VISITING")
+    for name, (fits, train) in _TRAININGS.items():
+        VARIANTS.register(f"training {name}", fits, train)
+    register_training("rig_nn", f"{_RIG}.parameters:train", RIG, options=("twin",))
+    for name, (fits, spec) in _VARIANTS.items():
+        VARIANTS.register(f"policy {name}", fits, spec)

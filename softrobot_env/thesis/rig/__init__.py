@@ -1,0 +1,1 @@
+"""Laws, identification and models of the spatial test rig."""
