@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -103,20 +104,18 @@ def _section(length: float, radius: float | tuple[float, float], modulus: float)
     return Section(length, radius, modulus, 1050.0, 0.02, DEFAULT_PIECES, poisson_ratio=0.4)
 
 
-def _tendon(name: str, offset: tuple[float, float], end: float, **options: object) -> Tendon:
+def _tendon(name: str, offset: tuple[float, float], end: float, **options: Any) -> Tendon:
     return Tendon(name, offset, end, 0, 60.0, **options)
 
 
-def _robot(
-    name: str, *sections: Section, tendons: tuple[Tendon, ...], **more: object
-) -> RobotParams:
+def _robot(sections: Sequence[Section], *tendons: Tendon, **more: Any) -> RobotParams:
     """A robot with the pieces that robot files have which do not say any."""
     ends = np.cumsum([0.0, *(section.length for section in sections)])
     cut = (
         replace(section, pieces=default_pieces(*ends[k : k + 2], tendons))
         for k, section in enumerate(sections)
     )
-    return RobotParams(name, sections=tuple(cut), tendons=tendons, **more)
+    return RobotParams(tendons[0].name, sections=tuple(cut), tendons=tendons, **more)
 
 
 def _guided(turns: float) -> RobotParams:
@@ -124,19 +123,17 @@ def _guided(turns: float) -> RobotParams:
     ends = np.linspace(0, 0.3, 11).tolist()
     discs = tuple(Disc.uniform(s, 0.002, 0.012, 0.002) for s in ends[1:])
     tendon = _tendon("guided", (0.010, 0.0), 0.3, guides=tuple(ends[1:-1]), turns=turns)
-    return _robot("discs", _section(0.3, 0.003, 6e7), tendons=(tendon,), discs=discs)
-
-
-_ONE = _section(0.3, 0.010, 8e5)
-_TWO = (_section(0.18, 0.013, 6e5), _section(0.14, 0.009, 9e5))
-_THREE = (_section(0.12, 0.014, 7e5), _section(0.1, (0.012, 0.009), 7e5), _section(0.1, 0.008, 5e5))
+    return _robot([_section(0.3, 0.003, 6e7)], tendon, discs=discs)
 
 
 def _helical(turns: float) -> RobotParams:
-    tendon = _tendon("helical", (0.005, -0.005), 0.3, turns=turns)
-    return _robot("helical", _ONE, tendons=(tendon,))
+    return _robot(_ONE, _tendon("helical", (0.005, -0.005), 0.3, turns=turns))
 
 
+_ONE = [_section(0.3, 0.010, 8e5)]
+_TAPERED, _SIDEWAYS = [_section(0.3, (0.011, 0.005), 8e5)], [_section(0.3, (0.014, 0.010), 8e5)]
+_TWO = (_section(0.18, 0.013, 6e5), _section(0.14, 0.009, 9e5))
+_THREE = (_section(0.12, 0.014, 7e5), _section(0.1, (0.012, 0.009), 7e5), _section(0.1, 0.008, 5e5))
 _SIDE_BY_SIDE = tuple(
     _tendon(f"{end}_{k}", (r * np.cos(a + 2.1 * k), r * np.sin(a + 2.1 * k)), end)
     for end, r, a in ((0.12, 0.010, 0.3), (0.22, 0.007, 1.2), (0.32, 0.005, 2.5))
@@ -147,78 +144,34 @@ _OF_TWO = (
     _tendon("outer", (0.006, 0.003), 0.32),
     _tendon("winding", (-0.006, 0.0), 0.32, turns=0.6),
 )
+_NEARER = _tendon("nearer", (0.004, 0.008), 0.3, route=((0.3, 0.001, -0.001),))
+_VIA = ((0.08, 0.007, 0.002), (0.19, 0.0, -0.008), (0.3, -0.004, 0.0))
+_HANGING = {"gravity": _GRAVITY, "base": Base((0.0, 0.1, 0.5), (0.0, 0.0, -1.0), 0.4)}
+_LYING = {
+    "gravity": _GRAVITY,
+    "base": Base((0.0, 0.0, 0.3), (1.0, 0.3, 0.0), 1.0),
+    "discs": (Disc.uniform(0.2, 0.02, 0.015, 0.004),),
+}
+_UP = _tendon("up", (0.006, 0.004), 0.3, turns=0.3)
+_NINE = (6.0, 0.5, 2.0, 0.5, 4.0, 0.5, 0.5, 1.5, 0.0)
 
 CASES = (
     Case("helix of 1.5 turns", _helical(1.5), (5.0,), quick=True),
     Case("helix of 4 turns", _helical(-4.0), (6.0,)),
-    Case(
-        "converging",
-        _robot(
-            "converging",
-            _ONE,
-            tendons=(_tendon("nearer", (0.004, 0.008), 0.3, route=((0.3, 0.001, -0.001),)),),
-        ),
-        (3.0,),
-    ),
+    Case("converging", _robot(_ONE, _NEARER), (3.0,)),
     Case(
         "via-points",
-        _robot(
-            "via",
-            _ONE,
-            tendons=(
-                _tendon(
-                    "via",
-                    (0.0, 0.009),
-                    0.3,
-                    route=((0.08, 0.007, 0.002), (0.19, 0.0, -0.008), (0.3, -0.004, 0.0)),
-                ),
-            ),
-        ),
+        _robot(_ONE, _tendon("via", (0.0, 0.009), 0.3, route=_VIA)),
         (4.0,),
         quick=True,
     ),
-    Case(
-        "tapered",
-        _robot(
-            "tapered",
-            _section(0.3, (0.011, 0.005), 8e5),
-            tendons=(_tendon("side", (0.003, 0.003), 0.3),),
-        ),
-        (0.4,),
-    ),
-    Case("two sections", _robot("two", *_TWO, tendons=_OF_TWO), (6.0, 2.0, 3.0), quick=True),
-    Case(
-        "three sections side by side",
-        _robot("three", *_THREE, tendons=_SIDE_BY_SIDE),
-        (6.0, 0.5, 2.0, 0.5, 4.0, 0.5, 0.5, 1.5, 0.0),
-    ),
+    Case("tapered", _robot(_TAPERED, _tendon("side", (0.003, 0.003), 0.3)), (0.4,)),
+    Case("two sections", _robot(_TWO, *_OF_TWO), (6.0, 2.0, 3.0), quick=True),
+    Case("three sections side by side", _robot(_THREE, *_SIDE_BY_SIDE), _NINE),
     Case("ten discs", _guided(0.0), (2.5,), guided_rod, quick=True),
     Case("ten discs, winding", _guided(0.5), (2.5,), guided_rod),
-    Case(
-        "hanging",
-        _robot(
-            "hanging",
-            *_TWO,
-            tendons=_OF_TWO,
-            gravity=_GRAVITY,
-            base=Base((0.0, 0.1, 0.5), (0.0, 0.0, -1.0), 0.4),
-        ),
-        (6.0, 2.0, 3.0),
-        hanging_rod,
-    ),
-    Case(
-        "sideways",
-        _robot(
-            "sideways",
-            _section(0.3, (0.014, 0.010), 8e5),
-            tendons=(_tendon("up", (0.006, 0.004), 0.3, turns=0.3),),
-            gravity=_GRAVITY,
-            base=Base((0.0, 0.0, 0.3), (1.0, 0.3, 0.0), 1.0),
-            discs=(Disc.uniform(0.2, 0.02, 0.015, 0.004),),
-        ),
-        (4.0,),
-        hanging_rod,
-    ),
+    Case("hanging", _robot(_TWO, *_OF_TWO, **_HANGING), (6.0, 2.0, 3.0), hanging_rod),
+    Case("sideways", _robot(_SIDEWAYS, _UP, **_LYING), (4.0,), hanging_rod),
 )
 
 
