@@ -127,33 +127,33 @@ def read(sensor: Sensor, angles: np.ndarray, rate: float, seed: int = 0) -> np.n
     return out
 
 
+def _deg_row(figure: str, quantity: str, radians: float, kind: Kind, **others: Any) -> Row:
+    return Row(figure, quantity, float(np.degrees(radians)), "deg", kind, **others)
+
+
 def _constant(quick: bool) -> list[Row]:
     periods = 5 if quick else _PERIODS
     time = np.arange(int(periods * _PERIOD * _RATE)) / _RATE
     each = np.radians(15) * (1 - np.cos(2 * np.pi * time / _PERIOD))
     light = read(_SENSOR, np.stack([each, each], axis=1), _RATE)
-    relative = Range.of(light).relative(light)
-    training = slice(0, int(_PERIOD * _RATE))
-    total, out = 2 * each, []
-    test = slice(training.stop, None)
+    relative, total, at = Range.of(light).relative(light), 2 * each, np.linspace(0, 100, 101)
+    training, test = (slice(int(_PERIOD * _RATE)), slice(int(_PERIOD * _RATE), None))
+    out, fits = [], {}
+    for order, printed in PRINTED.items():
+        found = fit(relative[training], total[training], order)
+        out += _errors(order, AngleErrors.of(found(relative[test]) - total[test]))
+        fits[order] = np.degrees(found(at))
+        there = fits[order] - np.polynomial.Polynomial(printed)(at)
+        what, rms = f"order {order}: RMS from the thesis' polynomial", np.sqrt(np.mean(there**2))
+        out.append(Row("Tab. 4.1", what, float(rms), "deg", "implied", note=_coefficients(found)))
     curves: dict[str, Any] = {
         "time": time[:_EARLY],
         "angle": np.degrees(total[:_EARLY]),
         "current": relative[:_EARLY],
         "cloud": (relative[::10], np.degrees(total[::10])),
-        "fits": {},
+        "fits": fits,
     }
-    for order, printed in PRINTED.items():
-        found = fit(relative[training], total[training], order)
-        errors = AngleErrors.of(found(relative[test]) - total[test])
-        out += _errors(order, errors)
-        at = np.linspace(0, 100, 101)
-        there = np.degrees(found(at)) - np.polynomial.Polynomial(printed)(at)
-        what, rms = f"order {order}: RMS from the thesis' polynomial", np.sqrt(np.mean(there**2))
-        out.append(Row("Tab. 4.1", what, float(rms), "deg", "implied", note=_coefficients(found)))
-        curves["fits"][order] = np.degrees(found(at))
-    out[0] = replace(out[0], curves=curves)
-    return out
+    return [replace(out[0], curves=curves), *out[1:]]
 
 
 def _coefficients(found: np.polynomial.Polynomial) -> str:
@@ -163,27 +163,15 @@ def _coefficients(found: np.polynomial.Polynomial) -> str:
 
 
 def _errors(order: int, errors: AngleErrors) -> list[Row]:
-    names = ("mean error", "standard deviation", "largest error")
-    printed = _ERRORS.get(order, (None,) * 3)
-    return [
-        Row(
-            "Figs. 4.6, 4.7",
-            f"order {order}: {name}",
-            float(np.degrees(value)),
-            "deg",
-            _kind(order, name),
-            thesis=thesis,
-            note="by the hysteresis" if (order, name) == (5, "mean error") else "",
-        )
-        for name, value, thesis in zip(names, errors, printed, strict=True)
-        if thesis is not None or name == "mean error"
-    ]
-
-
-def _kind(order: int, name: str) -> Kind:
-    if order < 5:
-        return "implied"
-    return "fitted" if name == "mean error" else "check"
+    names, out = ("mean error", "standard deviation", "largest error"), []
+    for name, value, thesis in zip(names, errors, _ERRORS.get(order, (None,) * 3), strict=True):
+        first = name == "mean error"
+        if thesis is not None or first:
+            kind = "implied" if order < 5 else "fitted" if first else "check"
+            note = "by the hysteresis" if order == 5 and first else ""
+            what = f"order {order}: {name}"
+            out.append(_deg_row("Figs. 4.6, 4.7", what, value, kind, thesis=thesis, note=note))
+    return out
 
 
 def _noise(quick: bool) -> list[Row]:
@@ -359,13 +347,18 @@ class _Finger:
 
 def finger_rows(quick: bool = False) -> list[Row]:
     """Rows of Figs. 4.15 to 4.18, of one finger, or of three where not quick."""
-    specimens = (1,) if quick else (1, 2, 3)
     grips = {f"enclosing {name}": _gripped(name, pull) for name, pull in _ENCLOSE.items()}
     grips |= {f"fingertip {name}": _gripped(name, _TIP) for name in _ENCLOSE if name != "oval"}
-    found = [_judge_finger(specimen, grips) for specimen in specimens]
+    found = [_judge_finger(specimen, grips) for specimen in ((1,) if quick else (1, 2, 3))]
     pooled = {key: np.concatenate([one[key].ravel() for one, _ in found]) for key in found[0][0]}
     enclosing = [k for k in pooled if k.startswith("enclosing")]
     tip = [k for k in pooled if k.startswith("fingertip")]
+
+    def row(figure: str, quantity: str, value: float, thesis: float | None) -> Row:
+        note = "no shear, no pressed section here" if "tip" in quantity else ""
+        note = "bends by 93 degrees, calibrated to 60" if "oval" in quantity else note
+        return _deg_row(figure, quantity, value, "assumed", thesis=thesis, note=note)
+
     out = []
     for name, keys, mean, deviation, figure in (
         ("enclosing", enclosing, 2.5, 1.8, "Fig. 4.16"),
@@ -373,25 +366,17 @@ def finger_rows(quick: bool = False) -> list[Row]:
         ("fingertip", tip, 4.4, 4.7, "Fig. 4.17"),
     ):
         errors = AngleErrors.of(np.concatenate([pooled[k] for k in keys]))
-        out += [
-            _row(figure, f"{name}: mean error of a sensor", errors.mean, mean),
-            _row(figure, f"{name}: standard deviation", errors.deviation, deviation),
-        ]
+        out.append(row(figure, f"{name}: mean error of a sensor", errors.mean, mean))
+        out.append(row(figure, f"{name}: standard deviation", errors.deviation, deviation))
     for key, largest in zip(enclosing, (6, 6, 6, 10), strict=True):
-        out.append(_row("Fig. 4.16", f"{key}: largest error", np.abs(pooled[key]).max(), largest))
-    series = {name: pair[:2] for name, pair in found[0][1]["series"].items()}
-    out[0] = Row(**vars(out[0]) | {"curves": found[0][1] | {"series": series}})
-    worst, curves = _reconstructed(found[0][1])
+        out.append(row("Fig. 4.16", f"{key}: largest error", np.abs(pooled[key]).max(), largest))
+    shown = found[0][1]
+    series = {name: pair[:2] for name, pair in shown["series"].items()}
+    out[0] = replace(out[0], curves=shown | {"series": series})
+    worst, shapes = _reconstructed(shown)
     what = "48 mm: largest error of the tip, of the shape by three sensors"
     note = "the thesis has a picture"
-    return [*out, Row("Fig. 4.18", what, worst, "mm", "assumed", note=note, curves=curves)]
-
-
-def _row(figure: str, quantity: str, value: float, thesis: float | None) -> Row:
-    note = "no shear, no pressed section here" if "tip" in quantity else ""
-    note = "bends by 93 degrees, calibrated to 60" if "oval" in quantity else note
-    value = float(np.degrees(value))
-    return Row(figure, quantity, value, "deg", "assumed", thesis, note=note)
+    return [*out, Row("Fig. 4.18", what, worst, "mm", "assumed", note=note, curves=shapes)]
 
 
 def _judge_finger(specimen: int, grips: dict[str, _Grip]) -> tuple[dict[str, np.ndarray], dict]:
@@ -593,23 +578,17 @@ def spatial_rows(quick: bool = False) -> list[Row]:
 
 
 def _tip_rows(case: _Case, found: list[_Found]) -> list[Row]:
-    goals = {"network test": 4.6, "network circle": 7.0}
-    where = {"network test": "Fig. 4.22", "network circle": "Fig. 4.23"}
+    printed = {"network test": ("Fig. 4.22", 4.6), "network circle": ("Fig. 4.23", 7.0)}
     out = []
     for what in found[0].squares:
         each = [1e3 * float(np.sqrt(one.squares[what].mean())) for one in found]
-        out.append(
-            Row(
-                where.get(what, ""),
-                f"{what}, RMS of {len(found)} specimens: {case.name}",
-                float(np.sqrt(np.mean(np.square(each)))),
-                "mm",
-                "fitted" if case.scale == _SCALES[-1] and what == "network test" else "assumed",
-                thesis=goals.get(what),
-                goal=None if "without" in what else goals.get(what, 1e3 * GOAL),
-                note=f"{min(each):.2f} to {max(each):.2f}",
-            )
-        )
+        figure, thesis = printed.get(what, ("", None))
+        goal = None if "without" in what else thesis or 1e3 * GOAL
+        fitted = case.scale == _SCALES[-1] and what == "network test"
+        name = f"{what}, RMS of {len(found)} specimens: {case.name}"
+        rms, kind = float(np.sqrt(np.mean(np.square(each)))), "fitted" if fitted else "assumed"
+        note = f"{min(each):.2f} to {max(each):.2f}"
+        out.append(Row(figure, name, rms, "mm", kind, thesis=thesis, goal=goal, note=note))
     return out
 
 
