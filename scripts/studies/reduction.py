@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter, thread_time
@@ -13,6 +14,7 @@ import numpy as np
 from rich.table import Table
 
 from softrobot_env.beams.registry import BeamPlant
+from softrobot_env.benchmarks.timing import best_of
 from softrobot_env.control.reduced.environment import preview_times
 from softrobot_env.core.artifacts import write_arrays
 from softrobot_env.core.interfaces import Policy
@@ -222,6 +224,11 @@ class Followed:
     period: float
     record: Recorded
     begin: int
+
+    @property
+    def laps(self) -> np.ndarray:
+        """Tips (t, 2) [m] from there on."""
+        return self.record.outputs[self.begin :]
 
 
 @dataclass(frozen=True)
@@ -477,92 +484,82 @@ def measure(case: tuple) -> list[Record]:
     return {"rig": _rig, "orders": _order_rows, "amounts": _amounts}[what](*given)
 
 
+def _learned(
+    learner: Callable[[], Model], refusal: type[Exception] = FitError
+) -> tuple[Model | None, float]:
+    """A model, None where it could not be learned, and the time [s] that it took."""
+    begin = perf_counter()
+    try:
+        model = learner()
+    except refusal:
+        model = None
+    return model, perf_counter() - begin
+
+
 def _rig(twin: int | None, quick: bool) -> list[Record]:
     """All models of a rig on all paths, and closed loops."""
     data = RigData(twin, quick)
-    followed = data.paths()
+    followed, loops = data.paths(), []
     rows: list[Record] = [_spectrum(data)]
-    ours = None
     for name in list(MODELS)[:2] if quick else MODELS:
-        decays, forced = data.thesis if name == THESIS_MODEL else data.ours
-        begin = perf_counter()
-        try:
-            model: Model | None = MODELS[name](decays, forced)
-        except FitError:
-            model = None
-        time = perf_counter() - begin
-        ours = model if name == OURS else ours
-        rows += [_path(name, twin, model, path, time, data.unseen[0]) for path in followed]
+        records = data.thesis if name == THESIS_MODEL else data.ours
+        model, time = _learned(partial(MODELS[name], *records))
+        rows += [_path(name, twin, path, time, *_predicted(model, path, data)) for path in followed]
+        if name == OURS and isinstance(model, ReducedModel):
+            loops = _loops(twin, model, [*records[0], *records[1]], quick)
     if not quick:
         rows += [
-            _row(PHYSICAL, twin, real, _laps(beam), None, None)
+            _path(PHYSICAL, twin, real, None, beam.laps, None)
             for real, beam in zip(followed, data.paths("pcc"), strict=True)
         ]
-    if isinstance(ours, ReducedModel):
-        decays, forced = data.ours
-        rows += _loops(twin, ours, [*decays, *forced], quick)
-    return rows
+    return rows + loops
 
 
 def _spectrum(data: RigData) -> SpectrumRow:
-    decays = data.thesis[0]
+    decays, shown = data.thesis[0], ()
     found = spectrum(decays, THESIS.delays, 4)
     slow = found.eigenvalues[0]
-    return SpectrumRow(
-        data.twin,
-        float(-slow.real),
-        float(abs(slow.imag)),
-        found.separation,
-        *((decays[0].outputs, _oscillation(data.excited)) if data.twin == SHOWN else ()),
-    )
+    if data.twin == SHOWN:
+        excited = data.excited
+        change = (excited.inputs[:, :1] - excited.inputs[0, 0]) * robot_inputs(RIG).input_scale[0]
+        shown = decays[0].outputs, np.hstack([excited.outputs, change])
+    values = float(-slow.real), float(abs(slow.imag)), found.separation
+    return SpectrumRow(data.twin, *values, *shown)
 
 
-def _oscillation(record: Recorded) -> np.ndarray:
-    change = (record.inputs[:, :1] - record.inputs[0, 0]) * robot_inputs(RIG).input_scale[0]
-    return np.hstack([record.outputs, change])
+def _predicted(
+    model: Model | None, path: Followed, data: RigData
+) -> tuple[np.ndarray | None, float | None]:
+    """Laps (t, 2) [m] from some samples of the rest before them; time [s] of a prediction."""
+    if model is None:
+        return None, None
+    ahead = 20 + model.delays - 1
+    part = _part(path.record, slice(path.begin - ahead, None))
+    return model.predict_record(part)[ahead - model.delays + 1 :], _time(model, data)
 
 
-def _laps(path: Followed) -> np.ndarray:
-    return path.record.outputs[path.begin :]
+def _part(record: Recorded, rows: slice) -> Recorded:
+    return Recorded(record.outputs[rows], record.inputs[rows], record.period)
+
+
+def _time(model: Model, data: RigData) -> float:
+    """Time [s] of a prediction of unseen motion, the shortest of some."""
+    long = data.unseen[0]
+    cut = _part(long, slice(round(_PREDICTED / long.period)))
+    return best_of(lambda: model.predict_record(cut), _TIMED)[0]
 
 
 def _path(
-    name: str, twin: int | None, model: Model | None, path: Followed, time: float, long: Recorded
-) -> PathRow:
-    """Predict a path, from some samples of the rest before it."""
-    if model is None:
-        return _row(name, twin, path, None, time, None)
-    ahead = 20 + model.delays - 1
-    rows = slice(path.begin - ahead, None)
-    part = Recorded(path.record.outputs[rows], path.record.inputs[rows], path.record.period)
-    predicted = model.predict_record(part)[ahead - model.delays + 1 :]
-    count = round(_PREDICTED / long.period)
-    cut = Recorded(long.outputs[:count], long.inputs[:count], long.period)
-    return _row(name, twin, path, predicted, time, _time(model, cut))
-
-
-def _time(model: Model, record: Recorded) -> float:
-    """Time [s] of a prediction, the shortest of some."""
-    times = []
-    for _ in range(_TIMED):
-        begin = perf_counter()
-        model.predict_record(record)
-        times.append(perf_counter() - begin)
-    return min(times)
-
-
-def _row(
     name: str,
     twin: int | None,
     path: Followed,
-    predicted: np.ndarray | None,
     fit_time: float | None,
+    predicted: np.ndarray | None,
     predict_time: float | None,
 ) -> PathRow:
-    measured = _laps(path)
     known = predicted is not None and bool(np.abs(predicted).max() < _LOST)
-    mean = float(np.linalg.norm(predicted - measured, axis=1).mean()) if known else None
-    largest = float(np.linalg.norm(measured - path.record.outputs[0], axis=1).max())
+    mean = float(np.linalg.norm(predicted - path.laps, axis=1).mean()) if known else None
+    largest = float(np.linalg.norm(path.laps - path.record.outputs[0], axis=1).max())
     return PathRow(
         model=name,
         twin=twin,
@@ -574,7 +571,7 @@ def _row(
         thesis=PRINTED.get(path.period) if name == THESIS_MODEL else None,
         fit_time=fit_time,
         predict_time=predict_time,
-        measured=measured if twin == SHOWN else None,
+        measured=path.laps if twin == SHOWN else None,
         predicted=predicted if twin == SHOWN and known else None,
     )
 
@@ -582,23 +579,21 @@ def _row(
 def _loops(
     twin: int | None, model: ReducedModel, records: Sequence[Recorded], quick: bool
 ) -> list[Record]:
-    """Triangles by what was learned of this rig; and by the best of the other laws, on twin 0."""
+    """Triangles by what was learned of this rig; and by the best of the other laws, on twin 0.
+
+    That one acts on identified parameters, which are shipped of this twin alone.
+    """
     rows: list[Record] = []
     with TemporaryDirectory() as folder:
         path = Path(folder) / "ssm.npz"
-        learned = trusted(model, records)
-        write_arrays(path, {**learned.arrays(), **fingerprint(RIG)})
-        for policy in _LOOPS[:1] if quick else _LOOPS:
-            reduced = policy.startswith("ssm")
-            if not reduced and twin != SHOWN:
-                continue  # it acts on identified parameters, which are shipped of this twin alone
-            for period in _PERIODS[1:] if quick else _PERIODS:
-                task = make_task("triangle", period=period)
-                case = Case(task, policy, twin=twin)
-                if reduced:
-                    scene = {"control_period": model.period}
-                    scene["preview"] = preview_times(model.period, model.lag)
-                    case = replace(case, given={"weights": path}, scene=scene)
+        write_arrays(path, {**trusted(model, records).arrays(), **fingerprint(RIG)})
+        scene = {"control_period": model.period, "preview": preview_times(model.period, model.lag)}
+        own = {"given": {"weights": path}, "scene": scene}
+        loops = product(_LOOPS[:1] if quick else _LOOPS, _PERIODS[1:] if quick else _PERIODS)
+        for policy, period in loops:
+            task, reduced = make_task("triangle", period=period), policy.startswith("ssm")
+            if reduced or twin == SHOWN:
+                case = Case(task, policy, twin=twin, **(own if reduced else {}))
                 rows.append(_loop(case, LOOP_GOALS.get(period) if reduced else None))
     return rows
 
@@ -661,36 +656,26 @@ def _rms(model: Model | None, records: Records) -> float | None:
 def _order_rows(twin: int) -> list[Record]:
     """Fig. 3.14."""
     data, rows = RigData(twin), []
-    for delays in DELAYS:
-        for order in SHAPE_ORDERS:
-            try:
-                model = fit(*data.thesis, replace(THESIS, delays=delays, shape_order=order))
-            except FitError:
-                model = None
-            rows.append(OrderRow(twin, order, 2 * delays, _rms(model, data.unseen)))
+    for delays, order in product(DELAYS, SHAPE_ORDERS):
+        how = replace(THESIS, delays=delays, shape_order=order)
+        model, _ = _learned(partial(fit, *data.thesis, how))
+        rows.append(OrderRow(twin, order, 2 * delays, _rms(model, data.unseen)))
     return rows
 
 
 def _amounts(twin: int) -> list[Record]:
     """Ours with less motion to learn from, and of other orders."""
-    data = RigData(twin)
+    data, rows = RigData(twin), []
     decays, forced = data.ours
     cases = [(minutes, 3) for minutes in MINUTES] + [(MINUTES[-1], o) for o in ORDERS if o != 3]
-    rows = []
     for minutes, order in cases:
         share = minutes / MINUTES[-1]
         some = forced[: max(1, round(share * len(forced)))]
         few = decays[:: max(1, round(1 / share))]
-        begin = perf_counter()
-        try:
-            how = Settings(order=order, input_order=order)
-            model = learn(few, some, how, lower=False)
-        except ValueError:
-            model = None
-        time, predict_time = perf_counter() - begin, None
-        if model is not None:
-            predict_time = _time(model, data.unseen[0])
-        rows.append(DataRow(twin, minutes, order, _rms(model, data.unseen), time, predict_time))
+        how = Settings(order=order, input_order=order)
+        model, time = _learned(partial(learn, few, some, how, lower=False), ValueError)
+        times = time, None if model is None else _time(model, data)
+        rows.append(DataRow(twin, minutes, order, _rms(model, data.unseen), *times))
     return rows
 
 
@@ -718,10 +703,11 @@ def picture(rows: Sequence[Record]) -> figures.Figure:
     reach = 1.3e3 * max((np.abs(row.measured).max() for row in shown), default=1e-3)
     axes[0][0].set(xlim=(-reach, reach), ylim=(-reach, reach))
     others = figures.add_panels(lower, 2, 3).flat
-    _decay(others[0], of_kind(rows, SpectrumRow))
-    _speeds(others[1], shown, of_kind(rows, SpectrumRow))
+    decays = of_kind(rows, SpectrumRow)
+    _decay(others[0], decays)
+    _speeds(others[1], shown, decays)
     _orders_panel(others[2], of_kind(rows, OrderRow))
-    _excited(others[3], of_kind(rows, SpectrumRow))
+    _excited(others[3], decays)
     _inputs(others[4])
     others[5].set_visible(False)
     fastest = select(of_kind(rows, PathRow), model=OURS, period=min(periods, default=0))
@@ -732,9 +718,8 @@ def picture(rows: Sequence[Record]) -> figures.Figure:
             f"Models learned from motion, {OURS}, predict laps of {fastest[0].period:g} s with a "
             f"mean error of {1e3 * max(known):.2g} mm at most"
         )
-    figures.add_title(
-        figure, message, "As Figs. 3.11 to 3.18: paths of the rig, predicted from the inputs"
-    )
+    subject = "As Figs. 3.11 to 3.18: paths of the rig, predicted from the inputs"
+    figures.add_title(figure, message, subject)
     figures.add_legend(figure, axes[0][0])
     return figure
 
