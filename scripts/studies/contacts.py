@@ -15,9 +15,14 @@ from time import perf_counter
 import numpy as np
 from rich.table import Table
 
-from softrobot_env.benchmarks.timing import best_of
-from softrobot_env.benchmarks.verdicts import WRONG_SHARE, Verdict, verdict_of, with_warning
 from softrobot_env.core.motion import State
+from softrobot_env.evaluation.models.runs import (
+    WRONG_SHARE,
+    Verdict,
+    best_of,
+    verdict_of,
+    with_warning,
+)
 from softrobot_env.rendering import figures
 from softrobot_env.rendering.tables import pivot_table
 from softrobot_env.robots import ARM, Base, RobotParams

@@ -8,6 +8,7 @@ busy machine as well; compilation stands beside them.
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import version
 from importlib.util import find_spec
 from math import cos, pi, sin
@@ -23,9 +24,9 @@ from scipy.optimize import root
 from softrobot_env.benchmarks.accuracy.cases import tension_step as case
 from softrobot_env.benchmarks.accuracy.cases.beam_models import DISTRIBUTED
 from softrobot_env.benchmarks.accuracy.cases.motions import TimedMotion, beam_limit
-from softrobot_env.benchmarks.accuracy.rows import DURATION, Limit
-from softrobot_env.benchmarks.timing import best_of
+from softrobot_env.benchmarks.accuracy.rows import DURATION
 from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.evaluation.models.runs import Limit, best_of, front
 from softrobot_env.robots import ARM, RobotParams, Tendon
 from softrobot_env.robots.sections import Section
 from studies.lab import Column, Lab, Record, Study, groups, quantity, select, table
@@ -113,24 +114,17 @@ def our_rows(limit: Limit, quick: bool) -> Iterator[Row]:
 def _our_row(limit: Limit, motion: TimedMotion) -> Row:
     motion()  # compiles
     seconds, tips = best_of(motion, 5, process_time)
-    set_by = motion.settings
-    return Row(
-        "motion",
-        OURS,
-        version(OURS),
-        set_by.model,
-        set_by.n,
-        set_by.integrator,
-        None if set_by.tolerance else set_by.timestep,
-        set_by.tolerance,
-        **_errors(limit, tips),
-        core_seconds=seconds / DURATION,
-    )
+    own = motion.settings
+    timestep = None if own.tolerance else own.timestep
+    steps = {"integrator": own.integrator, "timestep": timestep, "tolerance": own.tolerance}
+    return _motion_row(OURS, limit, tips, seconds, model=own.model, n=own.n, **steps)
 
 
-def _errors(limit: Limit, tips: np.ndarray) -> dict[str, Any]:
+def _motion_row(package: str, limit: Limit, tips: np.ndarray, seconds: float, **about: Any) -> Row:
     error = np.linalg.norm(tips - limit.tips, axis=1)
-    return {"e_mean": float(error.mean()), "e_max": float(error.max()), "text": limit.text}
+    found = {"e_mean": float(error.mean()), "e_max": float(error.max()), "text": limit.text}
+    cost = {"core_seconds": seconds / DURATION}
+    return Row("motion", package, version(package), **about, **found, **cost)
 
 
 def peer_rows(limit: Limit, quick: bool) -> Iterator[Row]:
@@ -139,22 +133,13 @@ def peer_rows(limit: Limit, quick: bool) -> Iterator[Row]:
         for integrator in ("Kvaerno5",) if quick or n > 6 else ("Kvaerno5", "Kvaerno3", "Tsit5"):
             simulate, compiled = _motion(n, integrator), None
             for tolerance in _TOLERANCES[:2] if integrator == "Tsit5" else _TOLERANCES:
-                first, _ = best_of(lambda t=tolerance, f=simulate: f(t), 1, process_time)
-                seconds, tips = best_of(lambda t=tolerance, f=simulate: f(t), 3, process_time)
+                run = partial(simulate, tolerance)
+                first, _ = best_of(run, 1, process_time)
+                seconds, tips = best_of(run, 3, process_time)
                 compiled = first - seconds if compiled is None else compiled
-                yield Row(
-                    "motion",
-                    PEER,
-                    version(PEER),
-                    "PlanarPCS",
-                    n,
-                    integrator,
-                    None,
-                    tolerance,
-                    **_errors(limit, tips),
-                    core_seconds=seconds / DURATION,
-                    compiled=compiled,
-                )
+                about = {"model": "PlanarPCS", "n": n, "integrator": integrator}
+                times = {"tolerance": tolerance, "compiled": compiled}
+                yield _motion_row(PEER, limit, tips, seconds, **about, **times)
 
 
 def _motion(n: int, integrator: str) -> Callable[[float], np.ndarray]:
@@ -266,17 +251,8 @@ def our_row(quick: bool) -> Row:
     env = TrackingEnv("reach", robot=robot(), control_period=PERIOD)
     seconds = _step_time(env, -_SHARE, quick)
     *_, info = env.step(np.zeros(env.action_space.shape, np.float32))
-    return Row(
-        "environment",
-        OURS,
-        version(OURS),
-        "TrackingEnv, reach",
-        env.simulation.scene.model.nv,
-        e_max=float(info["integration_error"]),
-        core_seconds=seconds / PERIOD,
-        period=PERIOD,
-        steps_per_second=1 / seconds,
-    )
+    size, error = env.simulation.scene.model.nv, float(info["integration_error"])
+    return _steps_row(OURS, "TrackingEnv, reach", size, seconds, period=PERIOD, e_max=error)
 
 
 def peer_row(quick: bool) -> Row:
@@ -285,18 +261,15 @@ def peer_row(quick: bool) -> Row:
 
     env = gymnasium.make(PEER_ENV, disable_env_checker=True)
     seconds = _step_time(env, 0.0, quick)
-    rod = env.unwrapped
-    return Row(
-        "environment",
-        PEER_OF_STEPS,
-        version(PEER_OF_STEPS),
-        PEER_ENV,
-        6 * rod.n_elements,
-        timestep=rod.time_step,
-        core_seconds=seconds / PERIOD,
-        period=rod.time_step * rod.simulation_steps_per_action,
-        steps_per_second=1 / seconds,
-    )
+    rod, package = env.unwrapped, PEER_OF_STEPS
+    period = rod.time_step * rod.simulation_steps_per_action
+    steps = {"timestep": rod.time_step, "period": period}
+    return _steps_row(package, PEER_ENV, 6 * rod.n_elements, seconds, **steps)
+
+
+def _steps_row(package: str, model: str, n: int, seconds: float, **others: Any) -> Row:
+    cost = {"core_seconds": seconds / PERIOD, "steps_per_second": 1 / seconds}
+    return Row("environment", package, version(package), model, n, **others, **cost)
 
 
 def _step_time(env: gymnasium.Env, least: float, quick: bool) -> float:
@@ -341,24 +314,17 @@ def with_ratios(rows: list[Row]) -> list[Row]:
     return [*motions, *ratios(motions), *steps, *steps_ratio(steps)]
 
 
-def ratios(rows: list[Row]) -> list[Row]:
+def ratios(motions: list[Row]) -> list[Row]:
     """For each run of SoRoMoX that no faster one of it beats, its time over that of ours."""
-    motions = select(rows, kind="motion")
-    ours, out, best = select(motions, package=OURS), [], float("inf")
-    for row in sorted(select(motions, package=PEER), key=lambda r: r.core_seconds):
-        if row.e_mean >= 0.85 * best:
-            continue
-        best = row.e_mean
+    ours, out = select(motions, package=OURS), []
+    for row in front(select(motions, package=PEER), cost="core_seconds"):
         for family in ("mujoco_chain", "pcc"):
             alike = [r for r in ours if r.model.startswith(family) and r.e_mean <= row.e_mean]
             if alike:
-                fast = min(alike, key=lambda r: r.core_seconds)
-                value = row.core_seconds / fast.core_seconds
+                value = row.core_seconds / min(r.core_seconds for r in alike)
                 known = {"e_mean": row.e_mean, "tolerance": row.tolerance, "value": value}
-                integrator = f"{row.model}, {row.integrator}"
-                out.append(
-                    Row("ratio", row.package, row.version, family, row.n, integrator, **known)
-                )
+                about = "ratio", row.package, row.version, family, row.n
+                out.append(Row(*about, f"{row.model}, {row.integrator}", **known))
     return out
 
 
@@ -378,20 +344,14 @@ def _setting(row: Row) -> str:
     return f"tol {row.tolerance:.0e}".replace("e-0", "e-")
 
 
-def _front(rows: list[Row]) -> list[Row]:
-    out: list[Row] = []
-    for row in sorted(rows, key=lambda row: row.core_seconds):
-        if not out or row.e_mean < 0.85 * out[-1].e_mean:
-            out.append(row)
-    return out
-
-
 def _best(rows: list[Row]) -> list[Table]:
     """Motions that no faster one of the same model beats."""
     found = groups(select(rows, kind="motion"), "package", "model").values()
     title = "Tension step of the arm, 3 s: runs that none of the model beats"
     shown = "model", "n", "integrator", Column("step", _setting, ">"), "e_mean", "e_max"
-    return table(title, *shown, "core_seconds", "compiled")([r for m in found for r in _front(m)])
+    return table(title, *shown, "core_seconds", "compiled")(
+        [r for m in found for r in front(m, cost="core_seconds")]
+    )
 
 
 def _notes(rows: list[Row]) -> list[Text]:

@@ -14,11 +14,11 @@ import numpy as np
 from rich.table import Table
 
 from softrobot_env.beams.registry import BeamPlant
-from softrobot_env.benchmarks.timing import best_of
 from softrobot_env.control.reduced.environment import preview_times
 from softrobot_env.core.artifacts import write_arrays
 from softrobot_env.core.interfaces import Policy
 from softrobot_env.evaluation.metrics import approached_metrics
+from softrobot_env.evaluation.models.runs import best_of
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.evaluation.runner import run as run_episode
 from softrobot_env.identification.excitation import resting_task

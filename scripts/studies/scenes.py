@@ -14,13 +14,16 @@ import numpy as np
 from rich.table import Table
 from scipy.linalg import eigh
 
-from softrobot_env.benchmarks.accuracy.rows import distance, zero_timestep
-from softrobot_env.benchmarks.stability.runs import (
-    mujoco_integrator,
-    neutral_scene,
+from softrobot_env.benchmarks.stability.runs import mujoco_integrator, neutral_scene
+from softrobot_env.evaluation.models.runs import (
+    WRONG_SHARE,
+    Verdict,
+    distance,
     silent_warnings,
+    verdict_of,
+    with_warning,
+    zero_timestep,
 )
-from softrobot_env.benchmarks.verdicts import WRONG_SHARE, Verdict, verdict_of, with_warning
 from softrobot_env.rendering import figures
 from softrobot_env.rendering.tables import Column, new_table, pivot_table
 from softrobot_env.scene.build import Scene, build_scene

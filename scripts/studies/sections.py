@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from softrobot_env.beams.cosserat import CosseratRod
 from softrobot_env.beams.registry import BeamPlant
-from softrobot_env.benchmarks.timing import best_of
 from softrobot_env.core.equilibrium import EquilibriumError
+from softrobot_env.evaluation.models.runs import best_of
 from softrobot_env.rendering import figures
 from softrobot_env.robots import Base, Disc, RobotParams, Section, Tendon
 from softrobot_env.robots.file import PIECES as DEFAULT_PIECES

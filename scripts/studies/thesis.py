@@ -18,7 +18,7 @@ from softrobot_env.beams.cosserat import MOMENTS, CosseratRod
 from softrobot_env.beams.model import BeamModel, IntegrationError, Motion
 from softrobot_env.beams.numerics import quaternions
 from softrobot_env.benchmarks.accuracy.cases.spiral import DURATION, PERIOD, ROBOT, force, loads
-from softrobot_env.benchmarks.timing import best_of
+from softrobot_env.evaluation.models.runs import best_of
 from softrobot_env.rendering.tables import make_table
 from softrobot_env.robots import CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.loads import Load

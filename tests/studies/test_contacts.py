@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from softrobot_env.benchmarks.verdicts import Verdict
+from softrobot_env.evaluation.models.runs import Verdict
 from studies import contacts
 from studies.contacts import CASES, Run, judged
 

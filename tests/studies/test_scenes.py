@@ -8,7 +8,7 @@ import pytest
 from softrobot_env.beams import signals
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.benchmarks.stability.runs import neutral_scene
-from softrobot_env.benchmarks.verdicts import Verdict, verdict_of
+from softrobot_env.evaluation.models.runs import Verdict, verdict_of
 from softrobot_env.robots import ARM
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.simulation import Simulation
