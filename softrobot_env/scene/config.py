@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil, cos, inf, nan, sin
+from typing import Literal
 
 import numpy as np
 
@@ -163,36 +164,27 @@ class SceneConfig:
     robot: RobotParams
     pieces: Pieces | tuple[Pieces, ...] | None = None
     rule: str | None = None
-    actuation: str = "tension"
+    actuation: Literal[ACTUATIONS] = "tension"
     control_period: Positive = 0.01
     timestep: Positive | None = None
-    integrator: str | None = None
+    integrator: Literal[INTEGRATORS] | None = None
     sensors: tuple[TipSensors, ...] = ()
     cameras: tuple[Camera, ...] = ()
     markers: tuple[Marker, ...] = ()
     paths: tuple[PathMarker, ...] = ()
     loads: tuple[Load, ...] = ()
     appearance: Appearance | None = None
-    bending: str = "planar"
+    bending: Literal[BENDING] = "planar"
     torsion: bool = False
     accuracy: float | str = DEFAULT_SHARE
     contacts: Contacts | None = None
     objects: tuple[Object, ...] = ()
-    channels: str | None = None
+    channels: Literal[CHANNELS] | None = None
 
     def __post_init__(self) -> None:
         check_fields(self, "scene")
         for name in ("cameras", "markers", "paths", "loads", "objects"):
             check_unique([part.name for part in getattr(self, name)], f"the scene's {name}")
-        chosen = {"actuation": ACTUATIONS, "bending": BENDING}
-        if self.integrator is not None:
-            chosen["integrator"] = INTEGRATORS
-        if self.channels is not None:
-            chosen["channels"] = CHANNELS
-        for name, allowed in chosen.items():
-            value = getattr(self, name)
-            if value not in allowed:
-                raise ValueError(f"unknown {name} {value!r}; choose from {', '.join(allowed)}")
         if self.timestep is not None and self.timestep > self.control_period:
             raise ValueError(
                 f"timestep must be at most the control period, {self.control_period:g} s, got "

@@ -5,15 +5,7 @@ from types import EllipsisType
 import numpy as np
 
 from softrobot_env.core.arrays import HOST, HostArrays
-from softrobot_env.scene.integration.layout import (
-    COMMAND,
-    HALF,
-    HORN,
-    MOTOR,
-    OFFSET,
-    SERVO_ROWS,
-    SPEED,
-)
+from softrobot_env.scene.integration import layout
 
 
 class Servos:
@@ -49,17 +41,17 @@ class Servos:
             count: Number n of robots; None is one, whose arrays have no axis of robots.
         """
         self._one, self.arrays = count is None, HOST
-        self.block = np.zeros((count or 1, SERVO_ROWS, np.shape(offset)[-1]))
-        self.block[:, SPEED], self.block[:, OFFSET] = speed, offset
-        self.block[:, HALF] = np.asarray(backlash, dtype=float) / 2
+        self.block = np.zeros((count or 1, layout.SERVO_ROWS, np.shape(offset)[-1]))
+        self.block[:, layout.SPEED], self.block[:, layout.OFFSET] = speed, offset
+        self.block[:, layout.HALF] = np.asarray(backlash, dtype=float) / 2
         self._connect()
         self.start(0.0)
 
     def _connect(self) -> None:
         """Take views, which a copy has of its own."""
         rows = self.block[0] if self._one else self.block.swapaxes(0, 1)
-        self._offset, self.command = rows[OFFSET], rows[COMMAND]
-        self.motor, self.horn = rows[MOTOR], rows[HORN]
+        self._offset, self.command = rows[layout.OFFSET], rows[layout.COMMAND]
+        self.motor, self.horn = rows[layout.MOTOR], rows[layout.HORN]
 
     def live_as(self, arrays: HostArrays) -> None:
         """Be arrays of another kind from now on."""

@@ -27,6 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.scene.integration import layout
+from softrobot_env.scene.integration import mujoco_functions as mj
 from softrobot_env.scene.integration.euler import euler_step
 from softrobot_env.scene.integration.forces import (
     Chain,
@@ -38,17 +39,7 @@ from softrobot_env.scene.integration.forces import (
     measure,
     no_forces,
 )
-from softrobot_env.scene.integration.mujoco_functions import (
-    assign,
-    cut,
-    inlined,
-    ints,
-    jit,
-    making,
-    move,
-    reals,
-    subtract,
-)
+from softrobot_env.scene.integration.mujoco_functions import ints, jit, making, reals
 
 #: Largest and smallest share [1] of the accuracy by which one interval may err.
 LARGEST_SHARE, SMALLEST_SHARE = 0.1, 0.003
@@ -119,18 +110,18 @@ def work_size(chain, memory):
 def work_on(chain, memory, room):
     """Arrays for `integrate`, cut from free memory."""
     nq, nv, most = chain.q.size, chain.v.size, int(memory[layout.MOST])
-    rows = cut(room, most, nv), cut(room, most, nv)
-    entry = cut(room, 3, nv)
+    rows = mj.cut(room, most, nv), mj.cut(room, most, nv)
+    entry = mj.cut(room, 3, nv)
     return Work(
         chain,
         memory,
-        cut(room, 1, nq)[0],
-        cut(room, 1, nv)[0],
+        mj.cut(room, 1, nq)[0],
+        mj.cut(room, 1, nv)[0],
         no_forces(chain, room),
         no_forces(chain, room),
-        cut(room, 1, chain.ctrl.size)[0],
-        cut(room, nv, nv),
-        cut(room, 1, nv)[0],
+        mj.cut(room, 1, chain.ctrl.size)[0],
+        mj.cut(room, nv, nv),
+        mj.cut(room, 1, nv)[0],
         Table(rows[0], rows[1], entry[0], entry[1], entry[2]),
     )
 
@@ -156,21 +147,21 @@ def integrate(work, ramp):
         if time < end:
             evaluate(chain)
     memory[layout.NEXT] = length
-    assign(chain.ctrl, ramp.end)
+    mj.assign(chain.ctrl, ramp.end)
 
 
 # ---------------------------------------------------------------- an interval
 
 
-@inlined
+@mj.inlined
 def _start(work, ramp, time):
     """Remember the state and what acts in it: it serves the first step of all rows."""
-    assign(work.q, work.chain.q)
-    assign(work.v, work.chain.v)
+    mj.assign(work.q, work.chain.q)
+    mj.assign(work.v, work.chain.v)
     _measure(work, work.first, ramp, time)
 
 
-@inlined
+@mj.inlined
 def _measure(work, forces, ramp, time):
     """What acts with the controls of a time [s] on the ramp."""
     _control(work.chain.ctrl, ramp, time)
@@ -178,7 +169,7 @@ def _measure(work, forces, ramp, time):
     work.memory[layout.EVALUATIONS] += 1
 
 
-@inlined
+@mj.inlined
 def _control(ctrl, ramp, time):
     """Let controls (nu,) be those of a time [s] on the ramp."""
     share = time / ramp.duration
@@ -218,12 +209,12 @@ def _extrapolate(work, ramp, time, h):
     return rows, error
 
 
-@inlined
+@mj.inlined
 def _take_steps(work, ramp, time, h, count):
     """Cross an interval [s] in equal Euler steps, from its start."""
     chain, part = work.chain, h / count
-    assign(chain.q, work.q)
-    assign(chain.v, work.v)
+    mj.assign(chain.q, work.q)
+    mj.assign(chain.v, work.v)
     _take_step(work, work.first, part)
     for k in range(1, count):
         evaluate(chain)
@@ -231,32 +222,32 @@ def _take_steps(work, ramp, time, h, count):
         _take_step(work, work.forces, part)
 
 
-@inlined
+@mj.inlined
 def _take_step(work, forces, h):
     chain = work.chain
     euler_step(chain, forces, h, work.matrix, work.change)
     for i in range(chain.v.size):
         chain.v[i] += work.change[i]
-    move(chain.model, chain.q, chain.v, h)
+    mj.move(chain.model, chain.q, chain.v, h)
 
 
-@inlined
+@mj.inlined
 def _add_row(work, row):
     """Neville: entry j of this row is from entry j - 1 of this row and of the one before."""
     table = work.table
-    subtract(work.chain.model, table.turn, work.chain.q, work.q)
-    assign(table.velocity, work.chain.v)
+    mj.subtract(work.chain.model, table.turn, work.chain.q, work.q)
+    mj.assign(table.velocity, work.chain.v)
     for j in range(row):
         weight = 1 / ((row + 1) / (row - j) - 1)
         _extrapolate_entry(table.turn, table.turns[j], weight)
         _extrapolate_entry(table.velocity, table.velocities[j], weight)
         for i in range(table.gap.size):
             table.gap[i] = table.turn[i] - table.turns[j, i]
-    assign(table.turns[row], table.turn)
-    assign(table.velocities[row], table.velocity)
+    mj.assign(table.turns[row], table.turn)
+    mj.assign(table.velocities[row], table.velocity)
 
 
-@inlined
+@mj.inlined
 def _extrapolate_entry(entry, before, weight):
     """Replace an entry of the row before by that of this row, and that by the next of this row."""
     for i in range(entry.size):
@@ -279,9 +270,9 @@ def _take(work, entry, h):
     """Let an entry of the table be the state at the end of an interval [s]."""
     chain, table = work.chain, work.table
     acceleration = reals(chain.data, chain.header[layout.AT.qacc], chain.v.size)
-    assign(chain.q, work.q)
-    assign(chain.v, table.velocities[entry])
-    move(chain.model, chain.q, table.turns[entry], 1.0)
+    mj.assign(chain.q, work.q)
+    mj.assign(chain.v, table.velocities[entry])
+    mj.move(chain.model, chain.q, table.turns[entry], 1.0)
     for i in range(chain.v.size):
         acceleration[i] = (chain.v[i] - work.v[i]) / h
 
@@ -315,9 +306,9 @@ def _unseen(work, ramp, time, entry, part):
     The entry of the table at its end, a time [s] on the ramp, is so far off, at most.
     """
     chain, table = work.chain, work.table
-    assign(work.drives, drive_forces(chain))
-    assign(chain.q, work.q)
-    move(chain.model, chain.q, table.turns[entry], 1.0)
+    mj.assign(work.drives, drive_forces(chain))
+    mj.assign(chain.q, work.q)
+    mj.move(chain.model, chain.q, table.turns[entry], 1.0)
     _control(chain.ctrl, ramp, time)
     if not find_switched(chain, work.drives, work.forces):
         return 0.0

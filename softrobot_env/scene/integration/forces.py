@@ -4,29 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from softrobot_env.scene.integration import mujoco_functions as mj
 from softrobot_env.scene.integration.layout import AT, LENGTHS, NBODY, NQ, NTENDON, NU, NV
-from softrobot_env.scene.integration.mujoco_functions import (
-    assign,
-    cut,
-    inlined,
-    ints,
-    jit,
-    making,
-    mj_acceleration,
-    mj_actuation,
-    mj_com_pos,
-    mj_com_vel,
-    mj_factor_mass,
-    mj_kinematics,
-    mj_make_mass,
-    mj_passive,
-    mj_rne,
-    mj_tendon,
-    mj_transmission,
-    reals,
-    reals_at,
-    word,
-)
+from softrobot_env.scene.integration.mujoco_functions import ints, jit, making, reals
 
 #: Parameters of a drive's law in MuJoCo, mjNBIAS.
 BIASES = 10
@@ -88,7 +68,7 @@ def chain_of(model, data, header):
         reals(data, header[AT.qvel], nv),
         reals(data, header[AT.ctrl], header[NU]),
         reals(data, header[AT.M], start[nv - 1] + nonzero[nv - 1]),
-        reals_at(header[LENGTHS], nv),
+        mj.reals_at(header[LENGTHS], nv),
     )
 
 
@@ -97,35 +77,35 @@ def no_forces(chain, room):
     """Arrays for `measure`, cut from free memory."""
     nv, nu, tendons = chain.v.size, chain.ctrl.size, chain.header[NTENDON]
     return Forces(
-        cut(room, 1, chain.mass.size)[0],
-        cut(room, 1, nv)[0],
-        cut(room, 1, nu)[0],
-        cut(room, nu, nv),
-        cut(room, 1, tendons)[0],
-        cut(room, tendons, nv),
-        cut(room, 1, 2)[0],
+        mj.cut(room, 1, chain.mass.size)[0],
+        mj.cut(room, 1, nv)[0],
+        mj.cut(room, 1, nu)[0],
+        mj.cut(room, nu, nv),
+        mj.cut(room, 1, tendons)[0],
+        mj.cut(room, tendons, nv),
+        mj.cut(room, 1, 2)[0],
     )
 
 
-@inlined
+@mj.inlined
 def evaluate(chain):
     """Kinematics, mass and all forces but the drives' at MuJoCo's state."""
     model, data = chain.model, chain.data
-    mj_kinematics(model, data)
-    mj_com_pos(model, data)
-    mj_tendon(model, data)
-    mj_make_mass(model, data)
-    mj_transmission(model, data)
-    mj_com_vel(model, data)
-    mj_passive(model, data)
-    mj_rne(model, data, 0, word(data, chain.header[AT.qfrc_bias]))
+    mj.mj_kinematics(model, data)
+    mj.mj_com_pos(model, data)
+    mj.mj_tendon(model, data)
+    mj.mj_make_mass(model, data)
+    mj.mj_transmission(model, data)
+    mj.mj_com_vel(model, data)
+    mj.mj_passive(model, data)
+    mj.mj_rne(model, data, 0, mj.word(data, chain.header[AT.qfrc_bias]))
 
 
-@inlined
+@mj.inlined
 def measure(chain, forces):
     """All that acts where `evaluate` was called last, with the controls in force."""
     _sum_forces(chain, forces.force)
-    assign(forces.mass, chain.mass)
+    mj.assign(forces.mass, chain.mass)
     forces.counts[0] = find_taut(chain, forces.stiffness, forces.pulls)
     forces.counts[1] = _find_rubbing(chain, forces.friction, forces.arms)
 
@@ -134,16 +114,16 @@ def measure(chain, forces):
 def _sum_forces(chain, force):
     """All generalised forces (nv,)."""
     model, data, header, nv = chain.model, chain.data, chain.header, chain.v.size
-    mj_actuation(model, data)
+    mj.mj_actuation(model, data)
     passive, bias = reals(data, header[AT.qfrc_passive], nv), reals(data, header[AT.qfrc_bias], nv)
     actuator = reals(data, header[AT.qfrc_actuator], nv)
     applied = reals(data, header[AT.qfrc_applied], nv)
     for i in range(nv):
         force[i] = passive[i] - bias[i] + actuator[i] + applied[i]
     if _any(reals(data, header[AT.xfrc_applied], 6 * header[NBODY])):
-        mj_factor_mass(model, data)
-        mj_acceleration(model, data)
-        assign(force, reals(data, header[AT.qfrc_smooth], nv))
+        mj.mj_factor_mass(model, data)
+        mj.mj_acceleration(model, data)
+        mj.assign(force, reals(data, header[AT.qfrc_smooth], nv))
 
 
 @jit
@@ -243,11 +223,11 @@ def find_switched(chain, before, forces):
         Whether any drive has changed its law.
     """
     model, data = chain.model, chain.data
-    mj_kinematics(model, data)
-    mj_com_pos(model, data)
-    mj_tendon(model, data)
-    mj_transmission(model, data)
-    mj_actuation(model, data)
+    mj.mj_kinematics(model, data)
+    mj.mj_com_pos(model, data)
+    mj.mj_tendon(model, data)
+    mj.mj_transmission(model, data)
+    mj.mj_actuation(model, data)
     found = False
     for i in range(chain.v.size):
         forces.force[i] = 0.0

@@ -18,6 +18,7 @@ from numba.core.ccallback import CFunc
 from softrobot_env.machine_code import CALLED
 from softrobot_env.machine_code.cache import SourceCache
 from softrobot_env.scene.integration import layout
+from softrobot_env.scene.integration import mujoco_functions as mj
 from softrobot_env.scene.integration.extrapolation import (
     Ramp,
     bounded,
@@ -27,27 +28,7 @@ from softrobot_env.scene.integration.extrapolation import (
     work_size,
 )
 from softrobot_env.scene.integration.forces import chain_of, evaluate
-from softrobot_env.scene.integration.mujoco_functions import (
-    ADDRESS,
-    assign,
-    jit,
-    making,
-    mj_actuation,
-    mj_check_pos,
-    mj_check_vel,
-    mj_forward,
-    mj_fwd_position,
-    mj_fwd_velocity,
-    mj_sensor_pos,
-    mj_sensor_vel,
-    mj_step,
-    mj_step1,
-    mj_step2,
-    pointer,
-    reals,
-    reals_at,
-    subtract,
-)
+from softrobot_env.scene.integration.mujoco_functions import ADDRESS, jit, making, reals
 
 
 @jit
@@ -66,7 +47,7 @@ def wind(servos, memory, path):
     """
     rows = 1 + _moving(servos, memory)
     half, horn = servos[layout.HALF], servos[layout.HORN]
-    assign(path[0], horn)
+    mj.assign(path[0], horn)
     for k in range(1, rows):
         for i in range(horn.size):
             # A motor turns one way, so its horn is pushed by one side of the backlash at most.
@@ -74,7 +55,7 @@ def wind(servos, memory, path):
             path[k, i] = min(max(horn[i], motor - half[i]), motor + half[i])
     for i in range(horn.size):
         servos[layout.MOTOR, i] = _turned(servos, i, (rows - 1) * memory[layout.LONGEST])
-    assign(horn, path[rows - 1])
+    mj.assign(horn, path[rows - 1])
     return rows
 
 
@@ -161,7 +142,9 @@ def _extrapolated_period(chain, memory, shadowed, states, path, free):
     _integrate_period(work_on(chain, shadowed, room), path, held)
     _save(chain, states[1])
     _load(chain, states[0])
-    reals_at(np.int64(chain.data) + 8 * chain.header[layout.AT.time], 1)[0] += memory[layout.PERIOD]
+    mj.reals_at(np.int64(chain.data) + 8 * chain.header[layout.AT.time], 1)[0] += memory[
+        layout.PERIOD
+    ]
     _finish(chain.model, chain.data)
     _compare(chain, memory, shadowed, states)
 
@@ -169,14 +152,14 @@ def _extrapolated_period(chain, memory, shadowed, states, path, free):
 @jit
 def _save(chain, state):
     """Keep the state (nq + nv,) of a chain."""
-    assign(state[: chain.q.size], chain.q)
-    assign(state[chain.q.size :], chain.v)
+    mj.assign(state[: chain.q.size], chain.q)
+    mj.assign(state[chain.q.size :], chain.v)
 
 
 @jit
 def _load(chain, state):
-    assign(chain.q, state[: chain.q.size])
-    assign(chain.v, state[chain.q.size :])
+    mj.assign(chain.q, state[: chain.q.size])
+    mj.assign(chain.v, state[chain.q.size :])
 
 
 @jit
@@ -204,20 +187,20 @@ def _finish(model, data):
     Not of the acceleration: the velocity tells whether that is finite, and small stiff robots do
     reach what MuJoCo takes for a divergence.
     """
-    mj_check_pos(model, data)
-    mj_check_vel(model, data)
-    mj_fwd_position(model, data)
-    mj_sensor_pos(model, data)
-    mj_fwd_velocity(model, data)
-    mj_sensor_vel(model, data)
-    mj_actuation(model, data)
+    mj.mj_check_pos(model, data)
+    mj.mj_check_vel(model, data)
+    mj.mj_fwd_position(model, data)
+    mj.mj_sensor_pos(model, data)
+    mj.mj_fwd_velocity(model, data)
+    mj.mj_sensor_vel(model, data)
+    mj.mj_actuation(model, data)
 
 
 @making
 def _compare(chain, memory, shadowed, states):
     """Estimate the error from how far the shadow has strayed."""
     nq, turn = chain.q.size, np.empty(chain.v.size)
-    subtract(chain.model, turn, states[1, :nq], states[0, :nq])
+    mj.subtract(chain.model, turn, states[1, :nq], states[0, :nq])
     strayed = displacement(chain, turn)
     if not strayed < np.inf:
         strayed = np.inf
@@ -239,15 +222,15 @@ def _mujoco_period(chain, memory, path):
     last = len(path) - 1
     for k in range(substeps):
         if last >= 0:
-            assign(chain.ctrl, path[min(k, last)])
+            mj.assign(chain.ctrl, path[min(k, last)])
         if k == 0 and memory[layout.METHOD] == layout.SPLIT:
-            mj_step2(model, data)
+            mj.mj_step2(model, data)
         else:
-            mj_step(model, data)
+            mj.mj_step(model, data)
     if last >= 0:
-        assign(chain.ctrl, path[last])
-    mj_step1(model, data)
-    mj_actuation(model, data)
+        mj.assign(chain.ctrl, path[last])
+    mj.mj_step1(model, data)
+    mj.mj_actuation(model, data)
     memory[layout.EVALUATIONS] += substeps * (4 if memory[layout.METHOD] == layout.WHOLE else 1)
     memory[layout.STEPS] += substeps
 
@@ -260,10 +243,10 @@ def _path(number, header, memory):
     """Controls (rows, nu) during the period, that of its servos if a simulation has them."""
     nu = header[layout.NU]
     if header[layout.ROWS] or not header[layout.SERVOS]:
-        return reals_at(header[layout.PATH], header[layout.ROWS] * nu).reshape(
+        return mj.reals_at(header[layout.PATH], header[layout.ROWS] * nu).reshape(
             header[layout.ROWS], nu
         )
-    block = reals_at(
+    block = mj.reals_at(
         header[layout.SERVOS] + 8 * number * layout.SERVO_ROWS * nu, layout.SERVO_ROWS * nu
     )
     path = np.empty((1 + int(memory[layout.SUBSTEPS]), nu))
@@ -274,13 +257,13 @@ def _path(number, header, memory):
 def _advance(model, data, number, header):
     chain = chain_of(model, data, header)
     address = header[layout.MEMORY] + number * header[layout.STRIDE]
-    memory = reals_at(address, layout.MEMORY_SIZE)
+    memory = mj.reals_at(address, layout.MEMORY_SIZE)
     memory[layout.MISSED] = 0.0
     path = _path(number, header, memory)
     if memory[layout.METHOD] == layout.EXTRAPOLATED:
-        shadowed = reals_at(address + 8 * layout.MEMORY_SIZE, layout.MEMORY_SIZE)
+        shadowed = mj.reals_at(address + 8 * layout.MEMORY_SIZE, layout.MEMORY_SIZE)
         size = chain.q.size + chain.v.size
-        states = reals_at(header[layout.SHADOW_STATES] + number * 16 * size, 2 * size).reshape(
+        states = mj.reals_at(header[layout.SHADOW_STATES] + number * 16 * size, 2 * size).reshape(
             2, size
         )
         free = np.empty(work_size(chain, memory) + work_size(chain, shadowed))
@@ -293,22 +276,22 @@ def _advance(model, data, number, header):
 def _tell(data, number, header):
     """Copy what is to be reported of a simulation to its row of the arrays of all."""
     reported = numba.carray(
-        pointer(np.uint64(header[layout.TELL])), (header[layout.TOLD], 3), np.int64
+        mj.pointer(np.uint64(header[layout.TELL])), (header[layout.TOLD], 3), np.int64
     )
     for k in range(header[layout.TOLD]):
         place, size, address = reported[k, 0], reported[k, 1], reported[k, 2]
-        reals_at(address + 8 * size * number, size)[:] = reals(data, place, size)
+        mj.reals_at(address + 8 * size * number, size)[:] = reals(data, place, size)
 
 
 @making
 def _header_at(address):
-    return numba.carray(pointer(address), (layout.HEADER,), np.int64)
+    return numba.carray(mj.pointer(address), (layout.HEADER,), np.int64)
 
 
 @_entry
 def refresh(model, data, number, header):
     """Compute all read-outs of a simulation, without moving it; arguments as `advance`."""
-    mj_forward(model, data)
+    mj.mj_forward(model, data)
     _tell(data, number, _header_at(header))
 
 
