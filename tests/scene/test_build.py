@@ -186,8 +186,8 @@ def test_integrator_and_timestep_asked_for_are_compiled(name):
     [
         ({"rule": "simpson"}, "midpoint, gauss2"),
         ({"pieces": 0}, "a whole number from 1 to 10000"),
-        ({"integrator": "leapfrog"}, "implicitfast, discrete, implicit, Euler, RK4"),
-        ({"actuation": "pressure"}, "tension, length"),
+        ({"integrator": "leapfrog"}, "'implicitfast', 'discrete', 'implicit', 'Euler', 'RK4'"),
+        ({"actuation": "pressure"}, "actuation must be one of 'tension', 'length'"),
         ({"control_period": 0.0}, "control_period must be finite and positive"),
         ({"timestep": -1e-3}, "timestep must be None or finite and positive"),
         ({"timestep": float("nan")}, "timestep must be None or finite and positive"),

@@ -570,7 +570,7 @@ def test_timestep_rule_bounds_a_spatial_chain():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"bending": "sideways"}, "planar, spatial"),
+        ({"bending": "sideways"}, "bending must be one of 'planar', 'spatial'"),
         ({"torsion": True}, "bending='spatial'"),
     ],
 )
