@@ -147,7 +147,7 @@ def _on_chain(found: "Identification", progress: Progress, bar: TaskID) -> "Erro
 
 def _plot(found: "Identification", args: argparse.Namespace) -> None:
     from softrobot_env.identification.fit.report import parameter_rows
-    from softrobot_env.rendering.identification import plot_identification
+    from softrobot_env.rendering.recordings import plot_identification
 
     errors = {"fitted": found.fit.simulated.error[:, -1]}
     for validation in found.validations:

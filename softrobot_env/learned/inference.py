@@ -84,7 +84,7 @@ _SERIES = tuple(1 / math.factorial(n) for n in range(13, -1, -1))
 
 
 @numba.njit(inline="always", error_model="numpy", fastmath={"contract", "nsz"})
-def _tanh(x: float) -> float:
+def _tanh(x):
     size = abs(x)
     if size > _FAR:  # so that what is no number stays none
         size = _FAR
@@ -103,7 +103,7 @@ def _tanh(x: float) -> float:
 
 
 @_kernel
-def _layer(values: np.ndarray, parameters: np.ndarray, out: np.ndarray) -> None:
+def _layer(values, parameters, out):
     """Write what the neurons of a layer add up.
 
     Args:
@@ -128,7 +128,7 @@ def _layer(values: np.ndarray, parameters: np.ndarray, out: np.ndarray) -> None:
 
 
 @_kernel
-def forward(values: np.ndarray, parameters: np.ndarray, sizes: np.ndarray, out: np.ndarray) -> None:
+def forward(values, parameters, sizes, out):
     """Write the outputs (n_out,) of a network, see `parameters_of`, for inputs (n_in,).
 
     An array made here and returned would cost more than a layer.
@@ -145,14 +145,14 @@ def forward(values: np.ndarray, parameters: np.ndarray, sizes: np.ndarray, out: 
 
 
 @_kernel
-def _one(inputs: np.ndarray, parameters: np.ndarray, sizes: np.ndarray, out: np.ndarray) -> None:
+def _one(inputs, parameters, sizes, out):
     if len(inputs) != sizes[0]:
         raise ValueError
     forward(inputs, parameters, sizes, out)
 
 
 @_kernel
-def _many(inputs: np.ndarray, parameters: np.ndarray, sizes: np.ndarray, out: np.ndarray) -> None:
+def _many(inputs, parameters, sizes, out):
     for i in range(len(inputs)):
         forward(inputs[i], parameters, sizes, out[i])
 

@@ -122,7 +122,7 @@ def _run(args: argparse.Namespace) -> int:
     write_text(args.out / "report.md", text)
     console.print(f"{result.cpu_time:.1f} s of CPU time. Wrote {args.out}/report.json, report.md")
     if not args.no_plots:
-        from softrobot_env.rendering.replays import plot_replay
+        from softrobot_env.rendering.recordings import plot_replay
 
         if drawn(lambda: plot_replay(result, rows, args.out), console):
             console.print(f"Wrote plots to {args.out}")

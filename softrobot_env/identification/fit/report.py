@@ -117,48 +117,29 @@ class DoubtRow:
 
 def parameter_rows(found: Identification) -> list[ParameterRow]:
     """All parameters."""
-    rows, unknowns, dynamics = [], found.unknowns, found.dynamics
-    place = 0
-    for group in unknowns.groups:
-        for label in group.labels:
-            value, deviation = float(found.fit.x[place]), float(found.fit.deviation[place])
-            if dynamics is not None and group.name == "tendon_friction":
-                value += dynamics.friction[0]
-                deviation = float(np.hypot(deviation, dynamics.friction[1]))
-            rows.append(
-                _parameter(
-                    f"{group.name}: {label}",
-                    group.stage,
-                    value,
-                    deviation,
-                    float(unknowns.spread[place]),
-                    group.unit,
-                    bool(found.fit.free[place]),
-                )
-            )
-            place += 1
+    unknowns, dynamics, fit = found.unknowns, found.dynamics, found.fit
+    kinds = [(group.stage, group.unit) for group in unknowns.groups for _ in group.labels]
+    values, deviations = fit.x.copy(), fit.deviation.copy()
+    place = unknowns.place("tendon_friction")
+    if dynamics is not None and place is not None:
+        values[place] += dynamics.friction[0]
+        deviations[place] = np.hypot(deviations[place], dynamics.friction[1])
+    known = zip(unknowns.labels, kinds, values, deviations, unknowns.spread, fit.free, strict=True)
+    rows = [_parameter(name, *kind, *rest) for name, kind, *rest in known]
     if dynamics is not None:
-        for k, (name, unit) in enumerate(
-            (("damping_time: all", "log"), ("marker_delay: all", "s"))
-        ):
-            numbers = (float(x[k]) for x in (dynamics.values, dynamics.deviation, dynamics.prior))
-            rows.append(_parameter(name, "dynamics", *numbers, unit, True))
+        kinds = (("damping_time: all", "log"), ("marker_delay: all", "s"))
+        numbers = zip(dynamics.values, dynamics.deviation, dynamics.prior, strict=True)
+        for (name, unit), row in zip(kinds, numbers, strict=True):
+            rows.append(_parameter(name, "dynamics", unit, *row, True))
     return rows
 
 
 def _parameter(
-    name: str,
-    stage: str,
-    value: float,
-    deviation: float,
-    prior: float,
-    unit: str,
-    free: bool,
+    name: str, stage: str, unit: str, value: float, deviation: float, prior: float, free: bool
 ) -> ParameterRow:
-    half = NORMAL_95 * deviation
-    return ParameterRow(
-        name, stage, value, deviation, value - half, value + half, prior, unit, free
-    )
+    value, deviation, half = float(value), float(deviation), float(NORMAL_95 * deviation)
+    ends = value - half, value + half
+    return ParameterRow(name, stage, value, deviation, *ends, float(prior), unit, bool(free))
 
 
 def error_rows(found: Identification) -> list[ErrorRow]:
@@ -184,16 +165,9 @@ def _error(
     known = error[~np.isnan(error).all(axis=-1)]
     distance = np.sqrt(np.nansum(known**2, axis=-1))
     off = centred(error) if mean is None else size(error - mean)
-    return ErrorRow(
-        rows,
-        model,
-        pattern,
-        len(error),
-        size(error),
-        off,
-        float(distance.mean()) if distance.size else 0.0,
-        float(distance.max(initial=0.0)),
-    )
+    mean_distance = float(distance.mean()) if distance.size else 0.0
+    sizes = size(error), off, mean_distance, float(distance.max(initial=0.0))
+    return ErrorRow(rows, model, pattern, len(error), *sizes)
 
 
 def chain_row(error: np.ndarray) -> ErrorRow:
@@ -234,10 +208,8 @@ _ERRORS = (
 )
 
 
-def tables(found: Identification, chain: ErrorRow | None, whole: bool) -> Group:
-    """Tables for people; of all patterns and parameters if `whole`."""
-    errors = error_rows(found)
-    general = [row for row in errors if row.pattern == "all"] + ([] if chain is None else [chain])
+def _facts(found: Identification) -> dict[str, Any]:
+    """What is said of the whole."""
     fit = found.fit
     facts = {
         "rows": len(found.recording.times),
@@ -263,6 +235,14 @@ def tables(found: Identification, chain: ErrorRow | None, whole: bool) -> Group:
     if found.networks is not None:
         errors = (f"{name} {1e3 * error:.2f} mm" for name, error in found.networks.errors.items())
         facts["networks, rms of points to test"] = ", ".join(errors)
+    return facts
+
+
+def tables(found: Identification, chain: ErrorRow | None, whole: bool) -> Group:
+    """Tables for people; of all patterns and parameters if `whole`."""
+    errors = error_rows(found)
+    general = [row for row in errors if row.pattern == "all"] + ([] if chain is None else [chain])
+    facts = _facts(found)
     parts: list[Any] = [
         named_values(found.believed.name, facts),
         *(Text(f"Look at: {doubt}", style="bold") for doubt in found.doubts),
@@ -271,8 +251,8 @@ def tables(found: Identification, chain: ErrorRow | None, whole: bool) -> Group:
     ]
     if found.combinations:
         cut = found.combinations[: None if whole else 4]
-        told = [UnknownRow(str(c), c.information) for c in cut]
-        parts.append(make_table("What the data cannot tell", (Column("combination"),), told))
+        rows = [UnknownRow(str(c), c.information) for c in cut]
+        parts.append(make_table("What the data cannot tell", (Column("combination"),), rows))
     if found.experiments:
         parts.append(make_table("What would tell more", _EXPERIMENTS, _experiments(found)))
     if whole:
@@ -330,16 +310,15 @@ def write_files(found: Identification, out: Path) -> list[str]:
     write_robot(found.robot, out / ROBOT_FILE, _notes(found))
     write_header(found.header, out / HEADER_FILE)
     written = [ROBOT_FILE, HEADER_FILE]
+    for name, part in ((RESIDUAL_FILE, found.residual), (NETWORK_FILE, found.networks)):
+        if part is None:  # one of an earlier run would not fit the robot
+            (out / name).unlink(missing_ok=True)
     if found.residual is not None:
         found.residual.save(out / RESIDUAL_FILE)
         written.append(RESIDUAL_FILE)
-    else:  # one of an earlier run would not fit the robot
-        (out / RESIDUAL_FILE).unlink(missing_ok=True)
     if found.networks is not None:
         visiting(found.believed).parameters_of(found).save(out / NETWORK_FILE, found.believed, {})
         written.append(NETWORK_FILE)
-    else:
-        (out / NETWORK_FILE).unlink(missing_ok=True)
     if found.experiments:
         commands = found.recording.header.commands
         raw = (found.experiments[0].commands - commands.offset) / commands.scale
@@ -360,8 +339,7 @@ def _notes(found: Identification) -> list[str]:
         "believed before that is left (1: the data tell nothing).",
     ]
     for row in rows:
-        unit = _UNITS.get(row.unit, (row.unit, 1.0))[0]
-        scale = _UNITS.get(row.unit, ("", 1.0))[1]
+        unit, scale = _UNITS.get(row.unit, (row.unit, 1.0))
         notes.append(
             f"  {row.parameter}: {_value(row)} {unit} +- {scale * row.deviation:.2g} "
             f"({row.deviation / row.prior:.2f})"

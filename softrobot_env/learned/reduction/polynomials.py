@@ -111,9 +111,7 @@ class Monomials:
 
 
 @_kernel
-def _evaluate_all(
-    parents: np.ndarray, factors: np.ndarray, values: np.ndarray, out: np.ndarray
-) -> None:
+def _evaluate_all(parents, factors, values, out):
     for row in range(len(values)):
         for j in range(len(parents)):
             lower = 1.0 if parents[j] < 0 else out[row, parents[j]]
@@ -121,7 +119,7 @@ def _evaluate_all(
 
 
 @_kernel
-def _rate(motion: Motion, x: np.ndarray, u: np.ndarray, terms: np.ndarray, out: np.ndarray) -> None:
+def _rate(motion, x, u, terms, out):
     """The polynomials' value (n,), and the monomials (terms,)."""
     n = len(x)
     out[:] = 0.0
@@ -137,15 +135,7 @@ def _rate(motion: Motion, x: np.ndarray, u: np.ndarray, terms: np.ndarray, out: 
 
 
 @_kernel
-def _rate_gradient(
-    motion: Motion,
-    x: np.ndarray,
-    u: np.ndarray,
-    terms: np.ndarray,
-    slopes: np.ndarray,
-    out: np.ndarray,
-    gradient: np.ndarray,
-) -> None:
+def _rate_gradient(motion, x, u, terms, slopes, out, gradient):
     """As `_rate`, with the gradient (n, n + m) by (x, u); slopes (terms, n + m) is room."""
     n, both = len(x), len(x) + len(u)
     out[:] = 0.0
@@ -169,7 +159,7 @@ def _rate_gradient(
 
 
 @_kernel
-def advance(motion: Motion, x: np.ndarray, u: np.ndarray, terms: np.ndarray) -> None:
+def advance(motion, x, u, terms):
     """Move x (n,) on by a sample, under an input u (m,) that is held."""
     if motion.substeps == 0:
         new = np.empty(len(x))
@@ -188,7 +178,7 @@ def advance(motion: Motion, x: np.ndarray, u: np.ndarray, terms: np.ndarray) -> 
 
 
 @_kernel
-def roll(motion: Motion, starts: np.ndarray, inputs: np.ndarray, out: np.ndarray) -> None:
+def roll(motion, starts, inputs, out):
     """States out (b, t, n) at the samples, from starts (b, n) under inputs (b, t, m)."""
     terms = np.empty(len(motion.parents))
     for one in range(len(starts)):
@@ -200,9 +190,7 @@ def roll(motion: Motion, starts: np.ndarray, inputs: np.ndarray, out: np.ndarray
 
 
 @_kernel
-def linearise(
-    motion: Motion, x: np.ndarray, u: np.ndarray, transition: np.ndarray, effect: np.ndarray
-) -> None:
+def linearise(motion, x, u, transition, effect):
     """Move x (n,) on by a sample and tell how the result changes with x (n, n) and u (n, m)."""
     n, m, count = len(x), len(u), len(motion.parents)
     terms, slopes = np.empty(count), np.empty((count, n + m))
@@ -236,14 +224,7 @@ def linearise(
 
 
 @_kernel
-def sensitivities(
-    motion: Motion,
-    start: np.ndarray,
-    inputs: np.ndarray,
-    states: np.ndarray,
-    by_start: np.ndarray,
-    by_coefficients: np.ndarray,
-) -> None:
+def sensitivities(motion, start, inputs, states, by_start, by_coefficients):
     """States (t, n) with their changes by start (t, n, n) and by coefficients (t, n, n, terms).
 
     Of a motion whose polynomials give the next x, or of one Runge-Kutta step a sample, whose slope
