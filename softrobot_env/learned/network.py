@@ -160,11 +160,9 @@ class Network:
         values = read_arrays(path)
         values.check_finite(_MAY_BE_INFINITE)
         layers = range(max(1, sum(name.startswith("weight_") for name in values)))
-        shapes = {
-            f"{end}_{side}": (None,) for end in ("input", "output") for side in ("low", "high")
-        }
-        for k in layers:
-            shapes |= {f"weight_{k}": (None, None), f"bias_{k}": (None,)}
+        ends = [f"{end}_{side}" for end in ("input", "output") for side in ("low", "high")]
+        shapes = {f"weight_{k}": (None, None) for k in layers}
+        shapes |= dict.fromkeys([*(f"bias_{k}" for k in layers), *ends], (None,))
         for name, shape in shapes.items():
             values.check_shape(name, shape)
         weights, biases = (tuple(values[f"{n}_{k}"] for k in layers) for n in ("weight", "bias"))

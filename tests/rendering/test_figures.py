@@ -11,7 +11,7 @@ import pytest
 import softrobot_env
 from softrobot_env.beams.registry import PLANTS
 from softrobot_env.control.registry import POLICIES, RIG_POLICIES
-from softrobot_env.rendering import figures, identification
+from softrobot_env.rendering import figures, recordings
 from softrobot_env.rendering.curves import Curve, end_errors
 from softrobot_env.rendering.figures import (
     STYLES,
@@ -140,14 +140,14 @@ def test_an_identification_shows_all_errors_also_of_a_marker_without_height(heig
     """A camera may see no height; one panel's errors may be larger than another's."""
     drawn = {}
     monkeypatch.setattr(
-        identification, "save", lambda figure, path: drawn.setdefault(path.stem, figure)
+        recordings, "save", lambda figure, path: drawn.setdefault(path.stem, figure)
     )
     points = np.linspace(0, 0.1, 12).reshape(4, 3)
     points[:, 2] = height
     error = np.full((4, 3), 1e-3) + 0 * points
     known = SimpleNamespace(parameter="mass", value=0.1, deviation=0.02, prior=0.4)
     given = {"fitted": error, "cross-validated": 3 * error}
-    identification.plot_identification(points, given, [known], "a robot", Path())
+    recordings.plot_identification(points, given, [known], "a robot", Path())
     size = np.sqrt(np.isfinite(error[0]).sum())  # mm
     panels = drawn["identify_errors"].axes
     assert [panel.get_title(loc="left").split("RMS ")[1] for panel in panels] == [
