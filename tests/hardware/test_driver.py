@@ -45,6 +45,12 @@ def driver(live):
         yield found
 
 
+@pytest.fixture
+def armed(driver):
+    driver.arm()
+    return driver
+
+
 class Breakable:
     """A transport that breaks when told to.
 
@@ -53,8 +59,8 @@ class Breakable:
         closed: How often it was closed.
     """
 
-    def __init__(self, transport):
-        self._transport = transport
+    def __init__(self, transport, error=None):
+        self._transport, self._error = transport, error
         self.deaf = self.dumb = False
         self.closed = 0
 
@@ -65,7 +71,7 @@ class Breakable:
 
     def write(self, data):
         if self.dumb:
-            raise LinkError("cannot write to /dev/robot")
+            raise self._error
         self._transport.write(data)
 
     def close(self):
@@ -83,33 +89,30 @@ def test_connecting_leaves_a_robot_off(live, driver):
     assert not live.board.core.outputs.powered
 
 
-def test_a_set_point_is_followed_and_answered(driver):
-    driver.arm()
-    reading = driver.wait_for(driver.command([1e-4, 0.0, -1e-4]), time.monotonic() + 1)
+def test_a_set_point_is_followed_and_answered(armed):
+    reading = armed.wait_for(armed.command([1e-4, 0.0, -1e-4]), time.monotonic() + 1)
     np.testing.assert_allclose(reading.applied, [1e-4, 0.0, -1e-4])
-    assert 0 < reading.round_trip < 1 and driver.link["round_trip"] is not None
+    assert 0 < reading.round_trip < 1 and armed.link["round_trip"] is not None
 
 
-def test_a_slow_move_takes_its_time(driver):
-    driver.arm()
-    duration = elapsed(lambda: driver.move_to([5e-3, 0.0, -2.5e-3], speed=0.05, timeout=3))
-    np.testing.assert_allclose(driver.reading.applied, [5e-3, 0.0, -2.5e-3])
+def test_a_slow_move_takes_its_time(armed):
+    duration = elapsed(lambda: armed.move_to([5e-3, 0.0, -2.5e-3], speed=0.05, timeout=3))
+    np.testing.assert_allclose(armed.reading.applied, [5e-3, 0.0, -2.5e-3])
     assert duration > 0.08
 
 
-def test_a_move_out_of_range_does_not_begin(driver):
-    driver.arm()
-    with pytest.raises(ValueError, match="tendon 1"):
-        driver.move_to([0.04, 0.0, 0.0], speed=0.05, timeout=1)
-    with pytest.raises(ValueError, match="speed must be positive"):
-        driver.move_to(HERE, speed=0.0, timeout=1)
-    assert driver.reading.applied.tolist() == HERE
-
-
-def test_a_move_that_takes_too_long_is_told(driver):
-    driver.arm()
-    with pytest.raises(RobotError, match=r"not come to its target within 0\.1 s"):
-        driver.move_to([0.02, 0.0, 0.0], speed=0.02, timeout=0.1)
+@pytest.mark.parametrize(
+    ("target", "speed", "error", "complaint"),
+    [
+        ([0.04, 0.0, 0.0], 0.05, ValueError, "tendon 1"),
+        (HERE, 0.0, ValueError, "speed must be positive"),
+        ([0.02, 0.0, 0.0], 0.02, RobotError, r"not come to its target within 0\.1 s"),
+    ],
+)
+def test_a_move_that_cannot_be_or_takes_too_long_is_told(armed, target, speed, error, complaint):
+    with pytest.raises(error, match=complaint):
+        armed.move_to(target, speed=speed, timeout=0.1)
+    assert error is RobotError or armed.reading.applied.tolist() == HERE
 
 
 def test_nobody_answers_in_time(live):
@@ -119,25 +122,23 @@ def test_nobody_answers_in_time(live):
         driver.connect(0.15)
 
 
-def test_wait_for_ends_at_the_deadline(live, driver):
-    driver.arm()
+def test_wait_for_ends_at_the_deadline(live, armed):
     live.alive.clear()
-    seq = driver.command(HERE)
-    assert driver.wait_for(seq, time.monotonic() + 0.05) is None
+    seq = armed.command(HERE)
+    assert armed.wait_for(seq, time.monotonic() + 0.05) is None
 
 
-def test_an_emergency_stop_cuts_and_is_cleared_by_hand_only(live, driver):
-    driver.arm()
-    driver.estop()
-    assert driver.wait_for_fault(1.0).code == m.Fault.ESTOP
+def test_an_emergency_stop_cuts_and_is_cleared_by_hand_only(live, armed):
+    armed.estop()
+    assert armed.wait_for_fault(1.0).code == m.Fault.ESTOP
     assert not live.board.core.outputs.powered
     with pytest.raises(RobotFaultError, match="emergency stop; clear it"):
-        driver.command(HERE)
+        armed.command(HERE)
     with pytest.raises(RobotFaultError):
-        driver.arm()
-    driver.clear()
-    assert driver.fault is None and not live.board.core.outputs.powered
-    driver.arm()
+        armed.arm()
+    armed.clear()
+    assert armed.fault is None and not live.board.core.outputs.powered
+    armed.arm()
     assert live.board.core.outputs.powered
 
 
@@ -165,24 +166,22 @@ def test_a_position_far_outside_the_range_is_not_armed(live, driver):
     assert not live.board.core.outputs.powered
 
 
-def test_a_stop_ramps_to_rest(live, driver):
-    driver.arm()
-    driver.move_to([5e-3, 0.0, 0.0], speed=0.1, timeout=3)
-    assert elapsed(driver.stop) > 0.03
+def test_a_stop_ramps_to_rest(live, armed):
+    armed.move_to([5e-3, 0.0, 0.0], speed=0.1, timeout=3)
+    assert elapsed(armed.stop) > 0.03
     outputs = live.board.core.outputs
     assert outputs.applied == (0, 0, 0) and not outputs.powered
 
 
-def test_a_restart_surfaces_and_connecting_again_helps(live, driver):
-    driver.arm()
+def test_a_restart_surfaces_and_connecting_again_helps(live, armed):
     live.board.core = Board(boot_id=9).core
     with pytest.raises(LinkError):
         for _ in range(100):
-            driver.pace(HERE, time.monotonic() + 0.02)
+            armed.pace(HERE, time.monotonic() + 0.02)
     with pytest.raises(SessionLostError, match="boot 00000001, now 00000009"):
-        driver.wait_for(0, time.monotonic() + 2)
-    assert driver.connect().boot_id == 9
-    driver.arm()
+        armed.wait_for(0, time.monotonic() + 2)
+    assert armed.connect().boot_id == 9
+    armed.arm()
 
 
 def test_what_breaks_while_listening_is_raised_by_the_next_call(live):
@@ -206,23 +205,21 @@ def test_what_nobody_understands_is_told(live, driver):
         driver.wait_for(1, time.monotonic() + 5)
 
 
-def test_a_pace_waits_for_a_robot_that_is_slow_to_answer(live, driver):
-    driver.arm()
+def test_a_pace_waits_for_a_robot_that_is_slow_to_answer(live, armed):
     live.alive.clear()
-    answers = [driver.pace(HERE, time.monotonic() + 0.005) for _ in range(6)]
+    answers = [armed.pace(HERE, time.monotonic() + 0.005) for _ in range(6)]
     assert answers == [None] * 6
     live.alive.set()
     end = time.monotonic() + 5
-    while driver.pace(HERE, time.monotonic() + 0.02) is None:
+    while armed.pace(HERE, time.monotonic() + 0.02) is None:
         assert time.monotonic() < end
 
 
-def test_a_pace_does_not_wait_for_a_silent_robot(live, driver):
-    driver.arm()
+def test_a_pace_does_not_wait_for_a_silent_robot(live, armed):
     live.alive.clear()
     with pytest.raises(LinkError, match=r"said nothing for 0\.5 s"):
         for _ in range(200):
-            driver.pace(HERE, time.monotonic() + 0.02)
+            armed.pace(HERE, time.monotonic() + 0.02)
 
 
 def test_closing_stops_the_robot_and_happens_once(live):
@@ -238,15 +235,17 @@ def test_closing_stops_the_robot_and_happens_once(live):
         driver.connect()
 
 
-def test_closing_a_dead_robot_is_bounded(live, driver):
+def test_closing_a_dead_robot_is_bounded(live, armed):
     """Its ramp, from where it stands, and the answer to a stop: about a second."""
-    driver.arm()
     live.alive.clear()
-    assert elapsed(driver.close) < 20
+    assert elapsed(armed.close) < 20
 
 
-def test_closing_goes_on_when_a_stage_fails(live):
-    transport = Breakable(live.transport)
+@pytest.mark.parametrize(
+    "error", [LinkError("cannot write to /dev/robot"), OSError("no such device")], ids=repr
+)
+def test_closing_goes_on_when_a_stage_fails(live, error):
+    transport = Breakable(live.transport, error)
     driver = Driver(PATIENT, transport)
     driver.connect()
     driver.arm()
@@ -255,54 +254,38 @@ def test_closing_goes_on_when_a_stage_fails(live):
     assert transport.closed
 
 
-class Unwritable(Breakable):
-    """A transport whose port fails in the way of the operating system."""
-
-    def write(self, data):
-        if self.dumb:
-            raise OSError("no such device")
-        super().write(data)
-
-
-def test_closing_goes_on_when_the_system_fails(live):
-    transport = Unwritable(live.transport)
-    driver = Driver(PATIENT, transport)
-    driver.connect()
-    driver.arm()
-    transport.dumb = True
-    driver.close()
-    assert transport.closed
-
-
-def test_a_forked_child_leaves_the_robot_to_its_parent():
-    program = """
-        import os, signal, sys
-        from softrobot_env.hardware.driver import ExitGuard
-        ExitGuard(lambda: print("closed", flush=True)).install()
-        for end in (lambda: signal.raise_signal(signal.SIGTERM), lambda: sys.exit(3)):
-            child = os.fork()
-            if child == 0:
-                end()
-            os.waitpid(child, 0)
-        print("children are gone", flush=True)
-    """
-    assert run_program(program).stdout == "children are gone\nclosed\n"
+FORKED = """
+    import os, signal, sys
+    from softrobot_env.hardware.driver import ExitGuard
+    ExitGuard(lambda: print("closed", flush=True)).install()
+    for end in (lambda: signal.raise_signal(signal.SIGTERM), lambda: sys.exit(3)):
+        child = os.fork()
+        if child == 0:
+            end()
+        os.waitpid(child, 0)
+    print("children are gone", flush=True)
+"""
+IN_A_THREAD = """
+    import signal, threading
+    from softrobot_env.hardware.driver import ExitGuard
+    guard = ExitGuard(lambda: print("closed", flush=True))
+    guard.install()
+    thread = threading.Thread(target=guard.install)
+    thread.start()
+    thread.join()
+    print("installed", flush=True)
+    signal.raise_signal(signal.SIGTERM)
+"""
 
 
-def test_the_guard_may_be_installed_again_by_another_thread():
-    program = """
-        import signal, threading
-        from softrobot_env.hardware.driver import ExitGuard
-        guard = ExitGuard(lambda: print("closed", flush=True))
-        guard.install()
-        thread = threading.Thread(target=guard.install)
-        thread.start()
-        thread.join()
-        print("installed", flush=True)
-        signal.raise_signal(signal.SIGTERM)
-    """
+@pytest.mark.parametrize(
+    ("program", "said"),
+    [(FORKED, "children are gone\nclosed\n"), (IN_A_THREAD, "installed\nclosed\n")],
+    ids=["a forked child leaves the robot to its parent", "installed again by a thread"],
+)
+def test_the_guard_closes_once(program, said):
     ended = run_program(program)
-    assert (ended.stdout, ended.stderr) == ("installed\nclosed\n", "")
+    assert (ended.stdout, ended.stderr) == (said, "")
 
 
 def run_program(text):

@@ -8,7 +8,7 @@ import pytest
 from softrobot_env.beams import signals
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.benchmarks.stability.runs import neutral_scene
-from softrobot_env.evaluation.models.runs import Verdict, verdict_of
+from softrobot_env.evaluation.models.runs import Verdict
 from softrobot_env.robots import ARM
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.simulation import Simulation
@@ -41,21 +41,21 @@ def test_a_scene_is_the_same_whenever_it_is_drawn(many):
 
 
 def test_scenes_cover_what_robots_can_be(many):
-    robots = [scene.config.robot for scene in many]
-    slenderness = np.array([r.length / r.outer_radius for r in robots])
-    assert slenderness.min() < 10 and slenderness.max() > 1000
-    moduli = np.array([r.youngs_modulus for r in robots])
-    assert moduli.min() < 1e4 and moduli.max() > 1e11
+    configs = [scene.config for scene in many]
+    robots = [config.robot for config in configs]
+    for low, high, found in (
+        (10, 1000, [r.length / r.outer_radius for r in robots]),
+        (1e4, 1e11, [r.youngs_modulus for r in robots]),
+        (5, 29, [config.n_pieces for config in configs]),
+    ):
+        assert min(found) < low and max(found) > high
     weights = {round(float(np.linalg.norm(r.gravity)) / G, 6) for r in robots}
     assert weights == {0.0, 1.0, 100.0}
     assert {scene.excitation for scene in many} == set(EXCITATIONS)
     assert {len(r.tendons) for r in robots} == {1, 2, 3, 4}
-    pieces = {scene.config.n_pieces for scene in many}
-    assert min(pieces) == 4 and max(pieces) == 30
-    assert all(0.002 <= scene.config.control_period <= 0.05 for scene in many)
-    assert sum(r.has_friction for r in robots) > 20
-    assert sum(r.head is not None for r in robots) > 20
-    assert sum(scene.config.torsion for scene in many) > 20
+    assert all(0.002 <= config.control_period <= 0.05 for config in configs)
+    rare = [r.has_friction for r in robots], [r.head is not None for r in robots]
+    assert all(sum(each) > 20 for each in (*rare, [config.torsion for config in configs]))
 
 
 def test_controls_stay_where_actuators_do_not_clamp_them(many):
@@ -94,57 +94,41 @@ def test_the_arm_is_accurate():
     assert row.uncertainty <= 0.25 * row.asked_share * row.length
 
 
-def test_a_coarse_step_is_wrong_and_the_judge_says_so():
-    lively = ARM.vary(damping_time=0.1, youngs_modulus=0.5)
-    row = judge(of_arm(lively, periods=100), integrator="discrete", timestep=0.01)
-    assert row.verdict == Verdict.WRONG and row.error_share > 0.05
+LIVELY = ARM.vary(damping_time=0.1, youngs_modulus=0.5)
+STIFF = ARM.vary(damping_time=0.01, youngs_modulus=100.0)
+THIN = RandomScene(
+    *(0, 0, SceneConfig(replace(ARM, outer_radius=1e-6, inner_radius=0.0, tendons=()))),
+    *(np.zeros(3), np.zeros((5, 0)), "let_go"),
+)
 
 
-def test_a_failure_is_reported_beside_a_refined_run_that_is_fine():
-    stiff = ARM.vary(damping_time=0.01, youngs_modulus=100.0)
-    row = judge(of_arm(stiff), integrator="Euler", timestep=0.01)
-    assert row.verdict == Verdict.REPORTED and "diverged" in row.why
-    assert row.refined_fine is True and row.error is None
-
-
-def test_a_scene_that_cannot_be_built_is_reported():
-    robot = replace(ARM, outer_radius=1e-6, inner_radius=0.0, tendons=())
-    drawn = RandomScene(0, 0, SceneConfig(robot), np.zeros(3), np.zeros((5, 0)), "let_go")
-    row = judge(drawn)
-    assert row.verdict == Verdict.REPORTED and row.why and row.joints is None
-    assert row.refined_fine is None
-
-
-def verdict(error, warning=None):
-    """The verdict of a run of the arm that is `error` [m] off."""
-    asked = SceneConfig(ARM).wanted_accuracy
-    return verdict_of(error, asked, ARM.length, failure=None, warning=warning)
-
-
-def test_a_warning_excuses_what_silence_does_not():
-    assert verdict(0.0) == Verdict.ACCURATE
-    assert verdict(0.01) == Verdict.INACCURATE  # 2 % of the length
-    assert verdict(0.1) == Verdict.WRONG
-    assert verdict(0.1, "expect divergence") == Verdict.WARNED
-    assert verdict(0.0, "expect divergence") == Verdict.ACCURATE
-    assert verdict(None) == Verdict.UNJUDGED
-    assert verdict(float("nan")) == Verdict.WRONG
+@pytest.mark.parametrize(
+    ("drawn", "forced", "verdict", "why", "refined_fine"),
+    [
+        (of_arm(LIVELY, 100), {"integrator": "discrete", "timestep": 0.01}, "WRONG", "", None),
+        (of_arm(STIFF), {"integrator": "Euler", "timestep": 0.01}, "REPORTED", "diverged", True),
+        (THIN, {}, "REPORTED", "Error", None),
+    ],
+    ids=["coarse", "failed", "refused"],
+)
+def test_what_goes_wrong_is_said(drawn, forced, verdict, why, refined_fine):
+    row = judge(drawn, **forced)
+    assert row.verdict == Verdict[verdict] and why in (row.why or "")
+    assert row.refined_fine is refined_fine
+    assert row.error_share > 0.05 if verdict == "WRONG" else row.error is None
 
 
 def test_what_refined_runs_do_not_agree_on_is_not_judged(monkeypatch):
     monkeypatch.setattr(scenes, "refine", lambda *_: Refined(np.zeros((41, 3)), 0.3, 8, "RK4"))
     row = judge(of_arm())
-    assert (
-        row.verdict == Verdict.UNJUDGED and row.why == "refined runs differ by 60 % of the length"
-    )
+    why = "refined runs differ by 60 % of the length"
+    assert (row.verdict, row.why) == (Verdict.UNJUDGED, why)
 
 
 def test_an_estimate_is_good_within_its_factor():
     known = replace(judge(of_arm()), error_share=1e-3)
-    assert replace(known, estimate_share=np.float64(2.9e-3)).estimate_is_good is True
-    assert not replace(known, estimate_share=3.1e-3).estimate_is_good
-    assert not replace(known, estimate_share=3e-4).estimate_is_good
-    assert replace(known, estimate_share=None).estimate_is_good is None
+    for share, good in ((np.float64(2.9e-3), True), (3.1e-3, False), (3e-4, False), (None, None)):
+        assert replace(known, estimate_share=share).estimate_is_good is good
 
 
 def test_verdicts_do_not_depend_on_processes():
