@@ -388,19 +388,15 @@ def _bounded(value: float | None) -> float | None:
     return value if value is not None and isfinite(value) else None
 
 
-def _description(drawn: RandomScene) -> dict[str, object]:
+def _description(drawn: RandomScene) -> dict[str, Any]:
     config, robot = drawn.config, drawn.config.robot
-    return {
-        "seed": drawn.seed,
-        "index": drawn.index,
-        "bending": config.bending,
-        "torsion": config.torsion,
-        "actuation": config.actuation,
+    of_config = "bending", "torsion", "actuation", "control_period"
+    found = {name: getattr(drawn, name) for name in ("seed", "index", "excitation", "duration")}
+    found |= {name: getattr(config, name) for name in of_config}
+    found |= {name: getattr(robot, name) for name in ("length", "youngs_modulus", "density")}
+    return found | {
         "pieces": config.n_pieces,
-        "length": robot.length,
         "slenderness": robot.length / robot.outer_radius,
-        "youngs_modulus": robot.youngs_modulus,
-        "density": robot.density,
         "damping_ratio": robot.damping_time * pi * robot.first_frequency,
         "gravity": float(np.linalg.norm(robot.gravity)) / G,
         "weight_load": weight_load(robot),
@@ -410,22 +406,15 @@ def _description(drawn: RandomScene) -> dict[str, object]:
         "pretension": max((t.pretension / t.tension_limit for t in robot.tendons), default=0.0),
         "head": 0.0 if robot.head is None else robot.head.mass / robot.mass,
         "loaded": bool(config.loads),
-        "excitation": drawn.excitation,
-        "control_period": config.control_period,
-        "duration": drawn.duration,
     }
 
 
-def _choice(own: OwnRun) -> dict[str, object]:
+def _choice(own: OwnRun) -> dict[str, Any]:
     if own.scene is None:
         return dict.fromkeys(("joints", "integrator", "timestep", "substeps"))
     choice = own.scene.timestep
-    return {
-        "joints": own.scene.model.nv,
-        "integrator": choice.integrator,
-        "timestep": choice.timestep,
-        "substeps": choice.substeps,
-    }
+    found = {name: getattr(choice, name) for name in ("integrator", "timestep", "substeps")}
+    return found | {"joints": own.scene.model.nv}
 
 
 def _why_unjudged(truth: Refined, length: float) -> str:

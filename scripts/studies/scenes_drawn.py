@@ -165,22 +165,22 @@ def _tendons(
     friction = _log(rng, 0.003, 0.1) if rng.random() < 0.2 else 0.0
     pretension = rng.uniform(0.02, 0.3) if rng.random() < 0.5 else 0.0
     stiffness = _log(rng, 1, 300)  # a tendon's moment about the fibre per turn of the tip
-    lever, turn = rng.uniform(0.5, 2.0) * robot.outer_radius, rng.uniform(0, 2 * pi)
+    moment_arm, turn = rng.uniform(0.5, 2.0) * robot.outer_radius, rng.uniform(0, 2 * pi)
     out = []
     for index in range(count):
         angle = turn + 2 * pi * index / count if spatial else pi * index
         end = robot.length * int(rng.integers(ceil(robot.pieces / 2), robot.pieces + 1))
         end = robot.length if index == 0 else end / robot.pieces
-        limit = _moment(rng, robot) / lever
+        limit = _moment(rng, robot) / moment_arm
         guides = np.linspace(0, end, int(rng.integers(2, 9)) + 1)[1:-1] if guided else ()
         tendon = Tendon(
             f"tendon{index}",
-            (lever * cos(angle), lever * sin(angle) if spatial else 0.0),
+            (moment_arm * cos(angle), moment_arm * sin(angle) if spatial else 0.0),
             end,
             index // 2,
             tension_limit=float(limit),
             guides=tuple(map(float, guides)),
-            stiffness=stiffness * robot.bending_stiffness / (end * lever**2),
+            stiffness=stiffness * robot.bending_stiffness / (end * moment_arm**2),
             pretension=float(pretension * limit),
             friction=float(friction * limit),
         )

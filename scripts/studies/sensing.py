@@ -194,8 +194,7 @@ def _other_rows(quick: bool) -> list[Row]:
     light = read(_SENSOR, angles, rate)
     relative, total = Range.of(light).relative(light), angles.sum(axis=1)
     gap = np.abs(angles[:, 0] - angles[:, 1])
-    near = gap <= _NEARLY
-    found = fit(relative[near], total[near], 5)
+    found = fit(relative[gap <= _NEARLY], total[gap <= _NEARLY], 5)
     error = np.abs(np.degrees(found(relative) - total))
     early, some = time < _SHOWN, slice(None, None, max(1, len(time) // _POINTS))
     curves = {
@@ -208,37 +207,29 @@ def _other_rows(quick: bool) -> list[Row]:
     }
     at = np.linspace(0, 100, 101)
     printed = np.polynomial.Polynomial(PRINTED_OTHER)(at)
-    apart = np.degrees(found(at)) - printed
     between = np.sqrt(np.mean((np.polynomial.Polynomial(POLYNOMIAL)(at) - printed) ** 2))
-    small, large = gap <= np.radians(10), gap > np.radians(20)
-    share, high = float(np.mean(error[small] < 2)), float(error[large].max())
-    where, least = "Figs. 4.8 to 4.11", float(np.degrees(gap[error > 10].min()))
-    dark = "by the dark level; thesis: "
-    rms = float(np.sqrt(np.mean(apart**2)))
+    small, large = error[gap <= np.radians(10)], error[gap > np.radians(20)]
+    rms = float(np.sqrt(np.mean((np.degrees(found(at)) - printed) ** 2)))
+    share, least = 100 * float(np.mean(small < 2)), float(np.degrees(gap[error > 10].min()))
     both = f"the thesis' two differ by {between:.2f}; {_coefficients(found)}"
-    alike, mean = "to 10 degrees difference", float(error[small].mean())
-    return [
-        Row(
-            *(where, f"mean error {alike}", mean, "deg", "check"),
-            note='thesis: "mostly below 2"',
-            goal=2.0,
-            curves=curves,
-        ),
-        *(
-            Row(figure, quantity, value, unit, kind, note=note)
-            for figure, quantity, value, unit, kind, note in (
-                (where, _SHARE + f", {alike}", 100 * share, "%", "fitted", f'{dark}"mostly"'),
-                (where, f"largest error {alike}", float(error[small].max()), "deg", "check", ""),
-                (where, f"largest error {_BEYOND}", high, "deg", "fitted", f"{dark}above 10"),
-                (where, _LEAST, least, "deg", "check", "thesis: more than 20"),
-                ("Tab. 4.2", "RMS from the thesis' polynomial", rms, "deg", "check", both),
-            )
-        ),
+    where, dark = "Figs. 4.8 to 4.11", "by the dark level; thesis: "
+    alike, apart = "to 10 degrees difference", "beyond 20 degrees difference"
+    largest = float(small.max()), float(large.max())
+    rows = [
+        Row(figure, quantity, value, unit, kind, note=note)
+        for figure, quantity, value, unit, kind, note in (
+            (where, f"mean error {alike}", float(small.mean()), "deg", "check", _MOSTLY),
+            (where, f"share below 2 degrees, {alike}", share, "%", "fitted", f'{dark}"mostly"'),
+            (where, f"largest error {alike}", largest[0], "deg", "check", ""),
+            (where, f"largest error {apart}", largest[1], "deg", "fitted", f"{dark}above 10"),
+            (where, _LEAST, least, "deg", "check", "thesis: more than 20"),
+            ("Tab. 4.2", "RMS from the thesis' polynomial", rms, "deg", "check", both),
+        )
     ]
+    return [replace(rows[0], goal=2.0, curves=curves), *rows[1:]]
 
 
-_SHARE, _BEYOND = "share below 2 degrees", "beyond 20 degrees difference"
-_LEAST = "least difference with an error of 10 degrees"
+_MOSTLY, _LEAST = 'thesis: "mostly below 2"', "least difference with an error of 10 degrees"
 
 
 # -------------------- three planar sensors in a finger, in simulated grips (thesis sec. 4.1.3)

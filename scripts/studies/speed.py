@@ -37,7 +37,7 @@ from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.registration import ENVIRONMENTS
 from softrobot_env.robots import ARM, EXAMPLES, find_robot
 from softrobot_env.scene.simulation import Simulation
-from studies.lab import Column, Lab, Record, Study, number, quantity, table
+from studies.lab import Column, Lab, Record, Study, TableMaker, number, quantity, table
 
 
 @dataclass(frozen=True)
@@ -598,15 +598,26 @@ def _bare(env: gymnasium.Env) -> Callable[[], object]:
     return simulation.advance
 
 
+def _tabled(what: str, name: str, *columns: str | Column) -> TableMaker:
+    """A table of the rows of a kind, headed by what their variants are."""
+    return table("", Column(name, "variant"), *columns, where={"what": what})
+
+
 def _sizes(head: str) -> Column:
     return Column(head, lambda row: f"{row.n_envs} x {row.threads}", ">")
 
 
-def _is_step(row: Row) -> bool:
-    return row.what in ("env.step", "vector env.step")
+def _scaled(head: str, field: str, form: str, factor: float = 1.0, missing: str = "-") -> Column:
+    """A number in any unit; text where there is none."""
+
+    def cell(row: Row) -> str:
+        value = getattr(row, field)
+        return missing if value is None else number(factor * value, form)
+
+    return Column(head, cell, ">")
 
 
-_STEPS_PER_SECOND = Column("steps/s", lambda r: number(r.steps_per_second, ".0f"), ">")
+_MOVING = "random steps of the action\nby half of its range, 0.1 s"
 
 STUDY = Study(
     kinds=(Row,),
@@ -615,52 +626,38 @@ STUDY = Study(
         table(
             "",
             *(Column("", "variant"), _sizes("envs x\nthreads"), "steps_per_second"),
-            *("raw_steps_per_second", "ratio", Column("over-\nhead µs", "overhead", ".1f", "µs")),
+            *("raw_steps_per_second", "ratio", _scaled("over-\nhead µs", "overhead", ".1f", 1e6)),
             "overhead_ratio",
-            where=_is_step,
+            where=lambda row: row.what in ("env.step", _VECTOR),
         ),
-        table(
-            "",
-            *(Column("many arms on MuJoCo Warp", "variant"), Column("robots", "n_envs", "d")),
-            _STEPS_PER_SECOND,
-            where={"what": WARP},
+        _tabled(
+            *(WARP, "many arms on MuJoCo Warp", Column("robots", "n_envs", "d")),
+            _scaled("steps/s", "steps_per_second", ".0f"),
         ),
-        table(
-            "",
-            Column("random steps of the action\nby half of its range, 0.1 s", "variant"),
-            Column("accuracy %", lambda row: number(100 * row.accuracy, ".3g"), ">"),
-            *("steps_per_second", "error", Column("estimate\nmm", "estimate", ".3f", "mm")),
-            where={"what": "moving"},
+        _tabled(
+            *("moving", _MOVING, _scaled("accuracy %", "accuracy", ".3g", 100.0)),
+            *("steps_per_second", "error", _scaled("estimate\nmm", "estimate", ".3f", 1e3)),
         ),
-        table(
-            "",
-            *(Column("env.step, moving", "variant"), "dof", _sizes("robots x\nthreads")),
-            Column("µs a robot\nand period", "seconds", ".1f", "µs"),
+        _tabled(
+            *(ROBOT, "env.step, moving", "dof", _sizes("robots x\nthreads")),
+            _scaled("µs a robot\nand period", "seconds", ".1f", 1e6),
             Column("periods/s", "steps_per_second", ".0f"),
             Column("bare/s", "raw_steps_per_second", ".0f"),
             Column("bare/\nenv", "ratio", ".2f"),
-            where={"what": ROBOT},
         ),
-        table(
-            "",
-            Column("policy", "variant"),
-            Column("period\nms", lambda row: number(1e3 * row.period, "g"), ">"),
-            Column("decision µs,\nmedian", "seconds", ".1f", "µs"),
-            Column("longest ms\nof computing", "longest", ".3f", "ms"),
-            Column("256 stacked\nms", "stacked", ".2f", "ms"),
-            where={"what": DECISION},
+        _tabled(
+            *(DECISION, "policy", _scaled("period\nms", "period", "g", 1e3)),
+            _scaled("decision µs,\nmedian", "seconds", ".1f", 1e6),
+            _scaled("longest ms\nof computing", "longest", ".3f", 1e3),
+            _scaled("256 stacked\nms", "stacked", ".2f", 1e3),
         ),
-        table(
-            "",
-            *(Column("several cores", "variant"), "threads", "efficiency"),
-            Column("ready\nafter s", lambda row: number(row.started, ".1f"), ">"),
+        _tabled(
+            *(SCALING, "several cores", "threads", "efficiency"),
+            _scaled("ready\nafter s", "started", ".1f"),
             Column("job or\nstep s", "seconds", ".2g"),
-            where={"what": SCALING},
         ),
         table(
-            "",
-            Column("", "variant"),
-            Column("ms", lambda row: number(row.seconds, ".1f", "ms", missing="no OpenGL"), ">"),
+            *("", Column("", "variant"), _scaled("ms", "seconds", ".1f", 1e3, "no OpenGL")),
             where=lambda row: row.what in ("start", "render"),
         ),
     ],
