@@ -33,14 +33,18 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from softrobot_env.core.jobs import Progress, quiet, run_in_processes
 from softrobot_env.core.runs import (
+    Kept,
+    Progress,
     Record,
     for_pictures,
     groups,
     names,
     of_kind,
     one,
+    quiet,
+    run_cases,
+    run_in_processes,
     select,
 )
 from softrobot_env.rendering.figures import (
@@ -216,34 +220,35 @@ class Lab:
         progress: Called with (description, done, total).
         processes: Cases at a time; 0 for one after the other here, None for one per core.
         options: Options of the study that were given.
+        kinds: Dataclasses of the rows.
+        kept: Rows that an earlier run left when it was stopped, and where those of this one go.
     """
 
     quick: bool = False
     progress: Progress = quiet
     processes: int | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
+    kinds: tuple[type[Record], ...] = ()
+    kept: Kept | None = None
 
     def measure(
         self, cases: Iterable[Any], measure: Callable, label: Callable[[Any], str] | None = None
     ) -> list[Any]:
         """Rows of cases in their order; `measure` gives a row, or a list of rows, of each."""
-        cases = list(cases)
-        tasks = [((label or case_label)(case), partial(measure, case)) for case in cases]
-        found = []
-        for rows in self.tasks(tasks):
-            found += rows if isinstance(rows, list) else [rows]
-        return found
+        found = run_cases(
+            cases,
+            measure,
+            kinds=self.kinds,
+            kept=self.kept,
+            label=label or case_label,
+            progress=self.progress,
+            processes=self.processes,
+        )
+        return [row for rows in found for row in (rows if isinstance(rows, list) else [rows])]
 
     def tasks(self, tasks: Sequence[tuple[str, Callable[[], Any]]]) -> list[Any]:
         """What named functions return, which may be anything."""
-        if self.processes != 0:
-            return run_in_processes(tasks, self.progress, self.processes)
-        found = []
-        for done, (description, task) in enumerate(tasks):
-            self.progress(description, done, len(tasks))
-            found.append(task())
-        self.progress("done", len(tasks), len(tasks))
-        return found
+        return run_in_processes(tasks, self.progress, self.processes)
 
 
 def case_label(case: Any) -> str:
@@ -288,10 +293,19 @@ class Study:
     alone: bool = False
     processes: int | None = None
 
-    def run(self, quick: bool = False, progress: Progress | None = None, **options: Any) -> list:
+    #: What the rows depend on besides the package.
+    sources = tuple(Path(__file__).parent.rglob("*.py"))
+
+    def run(
+        self,
+        quick: bool = False,
+        progress: Progress | None = None,
+        kept: Kept | None = None,
+        **options: Any,
+    ) -> list:
         """Measure; `options` are those of the command line."""
         workers = 0 if self.alone else self.processes
-        lab = Lab(quick, progress or quiet, workers, options)
+        lab = Lab(quick, progress or quiet, workers, options, self.kinds, kept)
         rows = (
             self.stages(lab)
             if self.stages

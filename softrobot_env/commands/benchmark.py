@@ -10,7 +10,7 @@ from softrobot_env.commands.arguments import add_robot, add_workers, seed
 from softrobot_env.commands.output import add_out, changed_results, drawn, new_results
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.core.processes import using
-from softrobot_env.core.runs import Record
+from softrobot_env.core.runs import KEPT, Record, kept_rows
 from softrobot_env.core.studies import BENCHMARKS, Benchmark, measured
 from softrobot_env.core.writing import write_text
 from softrobot_env.evaluation import stored
@@ -103,14 +103,18 @@ def _measure(
     console: Console,
 ) -> None:
     """Run, print and write."""
-    with progress_on(console) as progress, using(args.workers):
-        bar = progress.add_task(args.what, total=None)
+    study = f"{args.what} quick={args.quick} {sorted(options.items())}"
+    with kept_rows(out / KEPT, study, getattr(benchmark, "sources", ())) as kept:
+        with progress_on(console) as progress, using(args.workers):
+            bar = progress.add_task(args.what, total=None)
 
-        def show(description: str, done: int, total: int) -> None:
-            progress.update(bar, description=description, completed=done, total=total)
+            def show(description: str, done: int, total: int) -> None:
+                progress.update(bar, description=description, completed=done, total=total)
 
-        records = benchmark.run(args.quick, show, **options)
-    _write(args, benchmark, out, records, console)
+            records = benchmark.run(args.quick, show, kept=kept, **options)
+        if kept.taken:
+            console.print(f"Took up {kept.taken} cases that were done when an earlier run stopped")
+        _write(args, benchmark, out, records, console)
 
 
 def _write(

@@ -97,7 +97,7 @@ def names(records: Iterable[Any]) -> list[str]:
 
 
 def packed(row: Any) -> dict[str, Any]:
-    """All fields of a row, those for pictures too, as JSON has them, with the name of its kind."""
+    """All fields of a row, those for pictures too, with the name of its kind."""
     return {_KIND: type(row).__name__} | {f.name: getattr(row, f.name) for f in fields(row)}
 
 
@@ -107,7 +107,7 @@ def unpacked(values: Mapping[str, Any], kinds: Iterable[type]) -> Any:
     Raises:
         ValueError: They are of none of the kinds, or a field does not hold what its type says.
     """
-    known = {kind.__name__: kind for kind in kinds}
+    known = {one.__name__: one for kind in kinds for one in (kind, *kind.__subclasses__())}
     try:
         kind = known[values[_KIND]]
         hints = _hints(kind)
@@ -137,10 +137,14 @@ def as_typed(value: Any, hint: Any) -> Any:
         for one in inner:
             with suppress(TypeError, ValueError):
                 return as_typed(value, one)
-    elif isinstance(value, dict) and _KIND in value:
+    elif isinstance(value, dict) and "shape" in value and _KIND in value:
         if hint in (Any, np.ndarray):
             return np.array(value["values"], value[_KIND]).reshape(value["shape"])
-    elif hint is Any or (origin is Literal and value in inner):
+    elif hint is Any and isinstance(value, list):
+        return [as_typed(one, Any) for one in value]
+    elif hint is Any and isinstance(value, dict) and _KIND not in value:
+        return {k: as_typed(v, Any) for k, v in value.items()}
+    elif (hint is Any and not isinstance(value, dict)) or (origin is Literal and value in inner):
         return value
     elif origin is dict and isinstance(value, dict):
         return {k: as_typed(v, inner[1]) for k, v in value.items()}
@@ -154,7 +158,7 @@ def as_typed(value: Any, hint: Any) -> Any:
     elif hint is NoneType and value is None:
         return value
     elif is_dataclass(hint) and isinstance(value, dict):
-        return hint(**{k: as_typed(v, _hints(hint)[k]) for k, v in value.items()})
+        return unpacked({_KIND: hint.__name__} | value, [hint])
     elif isinstance(hint, type) and isinstance(value, bool) == (hint is bool):
         wanted = int | float if hint is float else hint
         if isinstance(value, wanted):
@@ -169,13 +173,17 @@ def _plain(value: Any) -> Any:
         TypeError: It is nothing that a row can hold.
     """
     if isinstance(value, np.ndarray):
-        return {_KIND: value.dtype.str, "shape": value.shape, "values": value.ravel().tolist()}
+        return {
+            _KIND: value.dtype.str,
+            "shape": list(value.shape),
+            "values": value.ravel().tolist(),
+        }
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, Enum):
         return value.value
     if is_dataclass(value):
-        return {f.name: getattr(value, f.name) for f in fields(value)}
+        return packed(value)
     raise TypeError(f"a row cannot hold {value!r:.60}")
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from softrobot_env.core.registry import Registry, load
+from softrobot_env.core.runs import Kept
 
 
 class Benchmark(Protocol):
@@ -21,6 +22,7 @@ class Benchmark(Protocol):
         alone: Whether it runs one job after the other, as it measures times that other jobs would
             lengthen, or as its parts need each other.
         draw: Draws rows to a PNG of the given path, or others beside it; None without pictures.
+        sources: Files that rows depend on besides the package, if it says so.
     """
 
     kinds: tuple[type, ...]
@@ -28,8 +30,14 @@ class Benchmark(Protocol):
     alone: bool
     draw: Callable[[Sequence[Any], Path], None] | None
 
-    def run(self, quick: bool, progress: Callable | None = None, **options: Any) -> list[Any]:
-        """Rows; `progress` is called with (description, done, total)."""
+    def run(
+        self,
+        quick: bool,
+        progress: Callable | None = None,
+        kept: Kept | None = None,
+        **options: Any,
+    ) -> list[Any]:
+        """Rows; `progress` is called with (description, done, total), `kept` is for `run_cases`."""
 
     def show(self, rows: Sequence[Any]) -> Any:
         """Rows as tables of a terminal, anything that rich prints."""

@@ -8,6 +8,8 @@ import pytest
 from rich.console import Console
 
 from softrobot_env.cli import main
+from softrobot_env.core import runs
+from softrobot_env.core.runs import packed, unpacked
 from softrobot_env.core.studies import BENCHMARKS, measured
 from softrobot_env.evaluation import stored
 
@@ -26,6 +28,8 @@ def test_the_committed_report_is_read_and_shown(name):
     study, folder = BENCHMARKS[name](), RESULTS / name
     assert measured(name) and set(study.options) <= {"count", "seed"}
     records = stored.read(folder, study.kinds)
+    kept = json.loads(json.dumps([packed(record) for record in records], default=runs._plain))
+    assert [unpacked(one, study.kinds).row() for one in kept] == [r.row() for r in records]
     rows = stored._rows(next(folder.glob("report.json*")))
     assert [json.loads(json.dumps(record.row())) for record in records] == rows
     needed = any(set(vars(record)) - set(record.written()) for record in records)
