@@ -28,8 +28,9 @@ def test_the_committed_report_is_read_and_shown(name):
     study, folder = BENCHMARKS[name](), RESULTS / name
     assert measured(name) and set(study.options) <= {"count", "seed"}
     records = stored.read(folder, study.kinds)
-    kept = json.loads(json.dumps([packed(record) for record in records], default=runs._plain))
-    assert [unpacked(one, study.kinds).row() for one in kept] == [r.row() for r in records]
+    firsts = {type(record): record for record in reversed(records)}.values()
+    kept = json.loads(json.dumps([packed(record) for record in firsts], default=runs._plain))
+    assert [unpacked(one, study.kinds).row() for one in kept] == [r.row() for r in firsts]
     rows = stored._rows(next(folder.glob("report.json*")))
     assert [json.loads(json.dumps(record.row())) for record in records] == rows
     needed = any(set(vars(record)) - set(record.written()) for record in records)
