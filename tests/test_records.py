@@ -263,6 +263,12 @@ def test_ranges_are_those_of_the_unit_in_files():
         Part(1.0, 0.02)
 
 
+def test_numbers_of_files_are_decimal_after_a_change_of_units():
+    unit = Unit("ms", 1e-3)
+    assert unit.read(12.3456789) == 0.0123456789 and unit.written(0.0123456789) == 12.3456789
+    assert unit.read(7) == 0.007 and unit.written(0.007) == 7
+
+
 words = st.text(st.characters(codec="utf-8"), min_size=1)
 numbers = st.floats(-1e9, 1e9)
 sizes = st.floats(1e-9, 100)

@@ -276,7 +276,7 @@ def write(record: Any, full: bool = False) -> dict[str, Any]:
     table = {}
     for key, entry in keys(type(record)).items():
         value = getattr(record, entry.name)
-        if full or entry.default is MISSING or value != entry.default:
+        if full or value != entry.default:
             if entry.many:
                 value = [write(one, full) for one in value]
             elif entry.kind is not None and value is not None:
