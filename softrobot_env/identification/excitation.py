@@ -102,7 +102,7 @@ class Excitation:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a robot is told.
+    """What a robot is commanded.
 
     Attributes:
         actions: (t, n_inputs), each for a control period.
@@ -397,7 +397,7 @@ def excite(
         plan: What to tell it.
         limits: Of tension and radius, see `Excitation`.
         seed, options: Of the reset.
-        progress: Told the number of steps from time to time.
+        progress: Called with the number of steps from time to time.
 
     Returns:
         Why it ended too early, or None.
@@ -436,7 +436,7 @@ def at_rests(recording: Recording, plan: Plan) -> tuple[Recording, float]:
 
     Args:
         recording: Of one run of the plan: its start and a row for each action, maybe fewer.
-        plan: What was told.
+        plan: What was commanded.
 
     Returns:
         The recording, and how far [m] a marker still moved at the end of a rest, noise included.

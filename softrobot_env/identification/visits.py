@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from softrobot_env.core.registry import VARIANTS, load
-from softrobot_env.identification.fit.rests import at_rest
+from softrobot_env.identification.fit.static_windows import at_rest
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
 

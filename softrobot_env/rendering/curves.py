@@ -191,8 +191,8 @@ def end_errors(curves: Sequence[Curve]) -> str:
     failed = len(curves) - len(away)
     some = f"{len(away)} of {len(curves)} end" if failed else "all end"
     who = some if len(curves) > 1 else f"{curves[0].name} ends"
-    told = f"{who} within {max(away):.2g} mm of the reference"
-    return f"{told}, {failed} failed" if failed else told
+    said = f"{who} within {max(away):.2g} mm of the reference"
+    return f"{said}, {failed} failed" if failed else said
 
 
 def most_input(curves: Sequence[Curve], values: Values, shown: Shown = everything) -> tuple:

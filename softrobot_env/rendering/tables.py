@@ -47,7 +47,7 @@ def spread(values: Sequence[float | None], form: str = ".3g", unit: str = "") ->
     """Median of some numbers in SI units, and in brackets the least and the largest.
 
     Args:
-        values: The numbers; None where there is none, which is told.
+        values: The numbers; None where there is none, which is said.
         form, unit: As of `number`.
     """
     known = [value for value in values if value is not None]

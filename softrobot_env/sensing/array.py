@@ -37,7 +37,7 @@ class SensorArray:
 
         Args:
             sensors: As designed; what is built is said by `start`.
-            edges: (cells + 1,) [m] between which shapes are told, see `sensing.shape`.
+            edges: (cells + 1,) [m] between which shapes are given, see `sensing.shape`.
             control_period: [s].
             count: Number n of robots.
         """

@@ -192,7 +192,7 @@ class Arcs:
 
 
 def _parts(sensors: Sequence[Sensor]) -> list[tuple[float, float, np.ndarray]]:
-    """Begin and end [m] of what bends by features (2, f) [rad], for each that is told."""
+    """Begin and end [m] of what bends by features (2, f) [rad], for each that is reported."""
     count = reported(sensors)
     out, at = [], 0
     for sensor in sensors:
@@ -232,7 +232,7 @@ class Reconstruction:
         sensors: As designed.
         lights: Of each spatial sensor, None of others.
         arcs: Where the tip is, roughly; None where sensors do not say.
-        coordinates: Out of x, y and z, those of the tip that are told.
+        coordinates: Out of x, y and z, those of the tip that are reported.
         maps: Name of an observable -> how it follows from the sensors, of the tip beyond the arcs.
     """
 

@@ -25,8 +25,8 @@ from softrobot_env.identification.fit.model import StaticModel
 from softrobot_env.identification.fit.path import identify, placed
 from softrobot_env.identification.fit.report import write_files
 from softrobot_env.identification.fit.residual import corrected, read_residual, trained
-from softrobot_env.identification.fit.rests import at_rest
-from softrobot_env.identification.fit.unknowns import HOLDS, RUBS, Fact, Group, Unknowns
+from softrobot_env.identification.fit.static_windows import at_rest
+from softrobot_env.identification.fit.unknowns import FRICTIONS, HOLDS, Fact, Group, Unknowns
 from softrobot_env.identification.fit.validation import blocks_of
 from softrobot_env.identification.replay import replay
 from softrobot_env.recordings import (
@@ -86,7 +86,7 @@ UP_AND_DOWN = np.concatenate([np.linspace(0.1, 1, 6), np.linspace(0.8, 0.1, 4)])
 @pytest.mark.slow
 def test_a_tendon_bends_the_model_to_an_arc_and_its_slopes_are_exact():
     robot, levels = rod(), np.linspace(0.1, 1.0, 4)
-    model = StaticModel(robot, pulled(robot, levels), known=RUBS)
+    model = StaticModel(robot, pulled(robot, levels), known=FRICTIONS)
     x = np.zeros(len(model.unknowns.spread))
     found = model.simulate(x, np.ones(len(x), dtype=bool))
     turn = levels * TENDON * LENGTH / BENDING
@@ -104,7 +104,7 @@ def test_a_tendon_bends_the_model_to_an_arc_and_its_slopes_are_exact():
 def test_finer_pieces_come_nearer_by_the_square_and_leave_the_chain_alone():
     """Of a heavy rod: its weight bends each piece unlike an arc."""
     robot = replace(rod(), gravity=(0.0, 0.0, -9.81)).vary(density=2.0)
-    models = [StaticModel(robot, pulled(robot, np.linspace(0.1, 0.6, 3)), known=RUBS)]
+    models = [StaticModel(robot, pulled(robot, np.linspace(0.1, 0.6, 3)), known=FRICTIONS)]
     for _ in range(3):
         models.append(models[-1].finer())
     x = np.zeros(len(models[0].unknowns.spread))
@@ -161,7 +161,7 @@ def test_what_is_written_is_what_was_found(tmp_path):
     text = (tmp_path / "robot.toml").read_text()
     assert "# " in text and "youngs_modulus: section 1" in text
     again = placed(recording, read)
-    model = StaticModel(robot, again, known=RUBS).finer()  # as it was fitted
+    model = StaticModel(robot, again, known=FRICTIONS).finer()  # as it was fitted
     same = model.simulate(np.zeros(len(model.unknowns.spread)))
     assert np.abs(same.markers - found.fit.simulated.markers).max() < 1e-7
     assert size(replay(again, robot).error) < size(found.fit.simulated.error) + 2e-4 < 1e-3

@@ -33,7 +33,7 @@ _Case = tuple[tuple[int, ...], tuple[float, ...]]
 
 _TOGETHER = 4  # simulated in one job
 
-#: Told how many assignments have been simulated.
+#: Called with how many assignments have been simulated.
 ProgressCallback = Callable[[int], None]
 
 
@@ -70,7 +70,7 @@ def assigned(
     Args:
         recording: With as many columns of lengths or tensions as the robot has tendons.
         robot: As its file says.
-        show: Told from time to time.
+        show: Called from time to time.
         any_way: Whether the recording may be turned in any way, not about the axis alone.
 
     Raises:
@@ -119,15 +119,15 @@ def doubted(recording: Recording, robot: RobotParams) -> str | None:
     (other, signs), share = _Search(recording, robot, None, None, False).other(order)
     if share > _CLEARLY:
         return None
-    told = []
+    seems = []
     for column, was, k, sign in zip(columns, order, other, signs, strict=True):
         if sign == 0:
-            told.append(f"column {column} seems to pull nothing")
+            seems.append(f"column {column} seems to pull nothing")
         elif sign < 0:
-            told.append(f"column {column} seems to count the other way (commands.factors)")
+            seems.append(f"column {column} seems to count the other way (commands.factors)")
         elif k != was:
-            told.append(f"column {column} seems to pull {names[k]} (commands.tendons)")
-    return f"{', '.join(told)}: friction apart, that would leave {share:.0%} of the error"
+            seems.append(f"column {column} seems to pull {names[k]} (commands.tendons)")
+    return f"{', '.join(seems)}: friction apart, that would leave {share:.0%} of the error"
 
 
 def with_tendons(recording: Recording, found: Assignment) -> Recording:
@@ -333,7 +333,7 @@ def _simulated(
         header = replace(recording.header, commands=commands)
         part = replace(recording, header=header, commands=np.array(signs) * recording.commands)
         model = StaticModel(robot, part, pieces=_PIECES)
-        moved = model.simulate(np.zeros(len(model.unknowns.spread)), rubs=False)
+        moved = model.simulate(np.zeros(len(model.unknowns.spread)), has_friction=False)
         rms, turn, _ = aligned(moved.markers, model.points, any_way)
         found.append((rms, float(turn[2])))
     return found

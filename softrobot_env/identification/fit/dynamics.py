@@ -81,7 +81,7 @@ def dynamics_of(
         friction: Likewise of the tendons' friction in common, which is found anew; None where it is
             known, which then stays as it is.
         begin: (2,) logarithm of the damping's factor, and delay [s], where the search begins.
-        show: Told each step and its RMS [m].
+        show: Called with each step and its RMS [m].
 
     Raises:
         ValueError: The robot has no damping to begin with, or the simulation fails everywhere.

@@ -58,7 +58,7 @@ class Body(NamedTuple):
         mass: (n + 1,) [kg], at the ends of the pieces.
         head: (2,) [kg, m], mass above the end, and its height.
         gravity: (3,) [m/s2] along the robot's axes.
-        play: (n_tendons,) [m], half of the servos' backlash.
+        backlash: (n_tendons,) [m], half of the servos' backlash.
         marker: (n_markers, 3) [m], from the nodes, along the cross-section's axes.
         holding: (n,) [N m], friction of the backbone against bending in any direction.
     """
@@ -73,7 +73,7 @@ class Body(NamedTuple):
     mass: np.ndarray
     head: np.ndarray
     gravity: np.ndarray
-    play: np.ndarray
+    backlash: np.ndarray
     marker: np.ndarray
     holding: np.ndarray
 
@@ -317,19 +317,19 @@ def _bound(layout, body, k, pull):
 
 
 @kernel
-def _tension(layout, body, k, length, control, anchor, rubs):
+def _tension(layout, body, k, length, control, anchor, has_friction):
     """Tension [N] of tendon k inside the robot, friction included."""
     pull = _pull(layout, body, k, length, control)
-    if rubs:
+    if has_friction:
         pull = pull + _bound(layout, body, k, pull) * _slid(length - anchor, layout.loose)
     return pull
 
 
 @kernel
-def _add_tendon(layout, body, q, k, control, anchor, rubs, work):
+def _add_tendon(layout, body, q, k, control, anchor, has_friction, work):
     """Add tendon k's generalised force to work.force (3 n,) [N m]; sets its length and arm."""
     work.length[k] = _tendon_length(layout, body.place, q, k, work.arm[k])
-    tension = _tension(layout, body, k, work.length[k], control, anchor, rubs)
+    tension = _tension(layout, body, k, work.length[k], control, anchor, has_friction)
     for i in range(3 * layout.last[k]):
         work.force[i] += tension * work.arm[k, i]
 
@@ -358,39 +358,39 @@ def _held_slopes(layout, q, i, anchor, out):
 
 
 @kernel
-def _add_piece(layout, body, q, i, anchor, rubs, out):
+def _add_piece(layout, body, q, i, anchor, has_friction, out):
     """Add spring and friction of piece i to out (3 n,) [N m]; anchor (2 n,) [rad] of bends."""
     b0, b1 = q[3 * i] - body.rest[i, 0], q[3 * i + 1] - body.rest[i, 1]
     k = body.stiffness[i]
     out[3 * i] += k[0] * b0 + k[1] * b1
     out[3 * i + 1] += k[1] * b0 + k[2] * b1
     out[3 * i + 2] += k[3] * q[3 * i + 2]
-    if rubs:
+    if has_friction:
         x, y = _held(layout, q, i, anchor)
         out[3 * i] += body.holding[i] * x
         out[3 * i + 1] += body.holding[i] * y
 
 
 @kernel
-def imbalance(layout, body, state, rubs, work):
+def imbalance(layout, body, state, has_friction, work):
     """Set work.force (3 n,) [N m] to what is missing from balance, and the rest of it.
 
     Args:
         layout, body, state: The robot.
-        rubs: Whether friction counts.
+        has_friction: Whether friction counts.
         work: Scratch of the numbers' kind.
     """
     tendons, q = len(work.length), state.q
     work.force[:] = 0
     for i in range(len(layout.sizes)):
-        _add_piece(layout, body, q, i, state.anchor[tendons:], rubs, work.force)
+        _add_piece(layout, body, q, i, state.anchor[tendons:], has_friction, work.force)
     for k in range(tendons):
-        _add_tendon(layout, body, q, k, state.control[k], state.anchor[k], rubs, work)
+        _add_tendon(layout, body, q, k, state.control[k], state.anchor[k], has_friction, work)
     _add_weight(layout, body, q, work.place, work.axes, work.force)
 
 
 @kernel
-def _tangent(layout, body, state, rubs, scratch):
+def _tangent(layout, body, state, has_friction, scratch):
     """Set the tangent to the derivative of the imbalance by q, where real numbers were set last.
 
     By complex steps: a tendon's arm about a piece depends on its turns alone, so that three steps
@@ -405,14 +405,14 @@ def _tangent(layout, body, state, rubs, scratch):
         for j in range(3):
             z[3 * i + j] = complex(q[3 * i + j], TINY)
             work.force[3 * i : 3 * i + 3] = 0
-            _add_piece(layout, body, z, i, anchor[tendons:], rubs, work.force)
+            _add_piece(layout, body, z, i, anchor[tendons:], has_friction, work.force)
             for k in range(3):
                 out[3 * i + k, 3 * i + j] = work.force[3 * i + k].imag / TINY
             z[3 * i + j] = q[3 * i + j]
     for k in range(tendons):
         length, held = real.length[k], anchor[k]
-        tension = _tension(layout, body, k, length, control[k], held, rubs)
-        moved = _tension(layout, body, k, complex(length, TINY), control[k], held, rubs)
+        tension = _tension(layout, body, k, length, control[k], held, has_friction)
+        moved = _tension(layout, body, k, complex(length, TINY), control[k], held, has_friction)
         rate = moved.imag / TINY
         m = 3 * layout.last[k]
         if rate != 0:
@@ -440,16 +440,16 @@ def _tangent(layout, body, state, rubs, scratch):
 
 
 @kernel
-def _settle(layout, body, state, rubs, tolerance, scratch):
+def _settle(layout, body, state, has_friction, tolerance, scratch):
     """Newton's method from a state, whose turns it changes; whether it found an equilibrium.
 
     The tangent is then that there.
     """
     q, real = state.q, scratch.real
-    imbalance(layout, body, state, rubs, real)
+    imbalance(layout, body, state, has_friction, real)
     size = np.sqrt(np.sum(real.force**2))
     for iteration in range(40):
-        _tangent(layout, body, state, rubs, scratch)
+        _tangent(layout, body, state, has_friction, scratch)
         if size < tolerance and iteration > 0:
             return True
         if not np.isfinite(size):
@@ -459,7 +459,7 @@ def _settle(layout, body, state, rubs, tolerance, scratch):
         start = q.copy()
         for _ in range(12):
             q[:] = start - share * step
-            imbalance(layout, body, state, rubs, real)
+            imbalance(layout, body, state, has_friction, real)
             new = np.sqrt(np.sum(real.force**2))
             if new < size * (1 - 1e-4 * share) or new < tolerance:
                 break
@@ -482,7 +482,7 @@ def _body(many, j):
         many.mass[j],
         many.head[j],
         many.gravity[j],
-        many.play[j],
+        many.backlash[j],
         many.marker[j],
         many.holding[j],
     )
@@ -515,7 +515,7 @@ def _touched(many, tendons):
                 or many.pretension[j, k].imag != 0
                 or many.friction[j, k].imag != 0
                 or many.straight[j, k].imag != 0
-                or many.play[j, k].imag != 0
+                or many.backlash[j, k].imag != 0
             )
         springs = np.any(many.stiffness[j].imag != 0) or np.any(many.rest[j].imag != 0)
         others[j, 0] = springs or np.any(many.holding[j].imag != 0)
@@ -526,7 +526,7 @@ def _touched(many, tendons):
 
 
 @kernel
-def _add_slopes(layout, many, touched, state, rubs, work, by):
+def _add_slopes(layout, many, touched, state, has_friction, work, by):
     """Take derivatives of the imbalance by p parameters, at rest turns, off `by.right`.
 
     Sets `by.length`. Anchors count as constant.
@@ -538,12 +538,12 @@ def _add_slopes(layout, many, touched, state, rubs, work, by):
         one = _body(many, j)
         work.force[:] = 0
         for i in range(n // 3 if others[j, 0] else 0):
-            _add_piece(layout, one, q, i, anchor[tendons:], rubs, work.force)
+            _add_piece(layout, one, q, i, anchor[tendons:], has_friction, work.force)
         for k in range(tendons):
             by.length[k, j] = 0.0
             if pulls[j, k]:
                 moved = complex(control[k], TINY * by.control[k, j])
-                _add_tendon(layout, one, q, k, moved, anchor[k], rubs, work)
+                _add_tendon(layout, one, q, k, moved, anchor[k], has_friction, work)
                 by.length[k, j] = work.length[k].imag / TINY
         if others[j, 1]:
             _add_weight(layout, one, q, work.place, work.axes, work.force)
@@ -552,7 +552,7 @@ def _add_slopes(layout, many, touched, state, rubs, work, by):
 
 
 @kernel
-def _add_anchors(layout, body, arm, rub, friction, rubs, by):
+def _add_anchors(layout, body, arm, rub, friction, has_friction, by):
     """Add to `by.right` what friction changes by its anchors, which earlier rows moved.
 
     Args:
@@ -560,12 +560,12 @@ def _add_anchors(layout, body, arm, rub, friction, rubs, by):
         arm: (n_tendons, 3 n), see `Work`.
         rub: (n_tendons + 2 n,) share of friction.
         friction: By motion.
-        rubs: Whether friction counts.
+        has_friction: Whether friction counts.
         by: Added to.
     """
     tendons = len(friction.hold)
     for k in range(tendons):
-        if rubs and abs(rub[k]) < 1:
+        if has_friction and abs(rub[k]) < 1:
             for i in range(3 * layout.last[k]):
                 by.right[i] += friction.hold[k] * arm[k, i] * by.anchor[k]
     for i in range(len(layout.sizes)):
@@ -575,14 +575,14 @@ def _add_anchors(layout, body, arm, rub, friction, rubs, by):
 
 
 @kernel
-def _move_anchors(layout, arm, rub, held, rubs, by_q, by):
+def _move_anchors(layout, arm, rub, held, has_friction, by_q, by):
     """Set `by.anchor` for the next row, by derivatives by_q (3 n, p) of the turns.
 
     Other arguments as in `_add_anchors`.
     """
     tendons = len(by.length)
     for k in range(tendons):
-        if not rubs or abs(rub[k]) >= 1:
+        if not has_friction or abs(rub[k]) >= 1:
             by.anchor[k] = arm[k] @ by_q + by.length[k]
     for i in range(len(layout.sizes)):
         m, bends = tendons + 2 * i, by_q[3 * i : 3 * i + 2]
@@ -619,26 +619,26 @@ def _move_servos(body, many, command, control, by_control):
     """Let horns (n_tendons,) follow a command at the edge of the backlash; else they stay."""
     for k in range(len(control)):
         off = control[k] - command[k]
-        if abs(off) > body.play[k]:
+        if abs(off) > body.backlash[k]:
             side = 1.0 if off > 0 else -1.0
-            control[k] = command[k] + side * body.play[k]
+            control[k] = command[k] + side * body.backlash[k]
             for j in range(by_control.shape[1]):
-                by_control[k, j] = side * many.play[j, k].imag / TINY
+                by_control[k, j] = side * many.backlash[j, k].imag / TINY
 
 
 @kernel
-def _find(layout, body, state, before, rubs, tolerance, scratch):
+def _find(layout, body, state, before, has_friction, tolerance, scratch):
     """Balance a state, whose controls were `before`, at once or in steps; whether that worked."""
     q = state.q
     start = q.copy()
-    if _settle(layout, body, state, rubs, tolerance, scratch):
+    if _settle(layout, body, state, has_friction, tolerance, scratch):
         return True
     q[:] = start
     fine = True
     for step in range(32):
         between = before + (step + 1) / 32 * (state.control - before)
         part = State(q, between, state.anchor)
-        fine = _settle(layout, body, part, rubs, tolerance, scratch)
+        fine = _settle(layout, body, part, has_friction, tolerance, scratch)
     if not fine and not np.all(np.isfinite(q)):
         q[:] = 0
     return fine
@@ -678,25 +678,25 @@ def follow(layout, body, many, rows, tolerance, scratch):
     friction = Friction(np.zeros(tendons), np.zeros((n // 3, 2, 2)))
     touched = _touched(many, tendons)
     for t in range(len(rows.controls)):
-        rubs, rub = not rows.begins[t], rows.rub[t]
-        if not rubs:
+        has_friction, rub = not rows.begins[t], rows.rub[t]
+        if not has_friction:
             state.q[:], before[:], state.control[:], by.control[:, :] = 0, 0, rows.controls[t], 0
         _move_servos(body, many, rows.controls[t], state.control, by.control)
-        rows.found[t] = _find(layout, body, state, before, rubs, tolerance, scratch)
+        rows.found[t] = _find(layout, body, state, before, has_friction, tolerance, scratch)
         before[:] = state.control
         rows.turns[t] = state.q
-        imbalance(layout, body, state, rubs, real)
+        imbalance(layout, body, state, has_friction, real)
         _seen(layout, body.marker, real, rows.markers[t])
         rub[:], friction.hold[:], friction.held[:] = 0.0, 0.0, 0.0
-        if rubs:
+        if has_friction:
             _set_friction(layout, body, state, real, rub, friction)
         if p > 0:
             by.right[:, :] = 0
-            _add_anchors(layout, body, real.arm, rub, friction, rubs, by)
-            _add_slopes(layout, many, touched, state, rubs, scratch.complex, by)
+            _add_anchors(layout, body, real.arm, rub, friction, has_friction, by)
+            _add_slopes(layout, many, touched, state, has_friction, scratch.complex, by)
             by_q = np.linalg.solve(scratch.tangent, by.right)
             _seen_slopes(layout, body, many, touched, state.q, by_q, scratch, rows.slopes[t])
-            _move_anchors(layout, real.arm, rub, friction.held, rubs, by_q, by)
+            _move_anchors(layout, real.arm, rub, friction.held, has_friction, by_q, by)
         for k in range(tendons):
             state.anchor[k] = real.length[k] - layout.loose * rub[k]
         for m in range(2 * len(layout.sizes)):

@@ -26,7 +26,7 @@ _ROUNDS = 2  # of weights from residuals
 #: 95 % of a normal distribution lie within so many standard deviations.
 NORMAL_95 = 1.959964
 
-#: Told about each step: number, RMS [m].
+#: Called after each step with its number and RMS [m].
 ProgressCallback = Callable[[int, float], None]
 
 
@@ -152,16 +152,16 @@ class _Problem:
         free: np.ndarray,
         weights: Weights,
         used: np.ndarray | None,
-        rubs: bool,
+        has_friction: bool,
     ) -> None:
-        self._model, self._free, self._rubs = model, free, rubs
+        self._model, self._free, self._friction = model, free, has_friction
         self._weights, self._used = weights, used
         self.root = np.linalg.cholesky(model.unknowns.prior[np.ix_(free, free)])
         self._mean = model.unknowns.mean[free]
 
     def at(self, x: np.ndarray, slopes: bool = False) -> _Point:
         """The rows at parameters (p,), with slopes by the free ones or without."""
-        found = self._model.simulate(x, self._free if slopes else None, rubs=self._rubs)
+        found = self._model.simulate(x, self._free if slopes else None, has_friction=self._friction)
         away = np.linalg.solve(self.root, x[self._free] - self._mean)
         cost = _data_cost(found, self._weights, self._used) + 0.5 * float(np.sum(away**2))
         return _Point(x, found, cost)
@@ -201,7 +201,7 @@ def search(
     weights: Weights,
     *,
     used: np.ndarray | None = None,
-    rubs: bool = True,
+    has_friction: bool = True,
     steps: int = _STEPS,
     least: float = _LEAST,
     show: ProgressCallback | None = None,
@@ -214,12 +214,12 @@ def search(
         free: (p,) bool, which to change.
         weights: Of the rows.
         used: (t,) bool, rows whose markers count; all unless given.
-        rubs: Whether friction counts.
+        has_friction: Whether friction counts.
         steps: At most.
         least: Relative decrease of the cost at which it ends.
-        show: Told about each.
+        show: Called after each.
     """
-    problem = _Problem(model, free, weights, used, rubs)
+    problem = _Problem(model, free, weights, used, has_friction)
     damping, taken, here = _DAMPING, 0, problem.at(x.copy(), slopes=True)
     for step in range(steps):
         better, damping = descend(here, problem.steps(here), damping, _RULE)

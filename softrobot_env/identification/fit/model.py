@@ -28,9 +28,9 @@ from softrobot_env.identification.fit.unknowns import (
     Turned,
     Unknowns,
     groups,
+    start_backlash,
     start_bending_friction,
     start_friction,
-    start_play,
 )
 from softrobot_env.recordings import Header, Recording
 from softrobot_env.recordings.header import Commands
@@ -118,9 +118,9 @@ class StaticModel:
         self._friction = np.array([t.friction for t in robot.tendons], dtype=float)
         if "tendon_friction" not in known:
             self._friction = start_friction(robot, travel, self._by_length)
-        self._play = robot.drive.backlash / 2 if self._by_length else 0.0
+        self._backlash = robot.drive.backlash / 2 if self._by_length else 0.0
         if self._by_length and "backlash" not in known:
-            self._play = start_play(robot, travel)
+            self._backlash = start_backlash(robot, travel)
         self._holding = np.array([s.bending_friction for s in robot.backbone.sections])
         if "bending_friction" not in known:
             self._holding = start_bending_friction(robot)
@@ -241,7 +241,7 @@ class StaticModel:
             self._mass * heavy,
             over * np.array([heavy, 1.0]),
             gravity,
-            self._play * np.exp(take("backlash", 1)[0]) * np.ones(n),
+            self._backlash * np.exp(take("backlash", 1)[0]) * np.ones(n),
             self._offsets(x),
             (self._holding * np.exp(take("bending_friction", len(self._holding))))[self._section],
         )
@@ -289,7 +289,7 @@ class StaticModel:
         x: np.ndarray,
         free: np.ndarray | None = None,
         rows: np.ndarray | None = None,
-        rubs: bool = True,
+        has_friction: bool = True,
     ) -> Simulated:
         """Markers and errors for parameters x (p,).
 
@@ -297,14 +297,14 @@ class StaticModel:
             x: Parameters.
             free: (p,) bool, those to derive by; none unless given.
             rows: Indices of rows, followed one after the other; all unless given.
-            rubs: Whether tendons have friction, and servos backlash.
+            has_friction: Whether tendons have friction, and servos backlash.
         """
         chosen = np.arange(len(self.begins)) if rows is None else np.asarray(rows)
         by = np.zeros(0, dtype=int) if free is None else np.flatnonzero(free)
         body = _contiguous(self.body(x), float)
-        if not rubs:
+        if not has_friction:
             body = body._replace(
-                **{n: 0 * getattr(body, n) for n in ("friction", "holding", "play")}
+                **{n: 0 * getattr(body, n) for n in ("friction", "holding", "backlash")}
             )
         steps = x.astype(complex) + TINY * 1j * np.eye(len(x))[by]
         begins = np.append(True, np.diff(self.recording.runs[chosen]) != 0) | self.begins[chosen]
@@ -361,7 +361,7 @@ class StaticModel:
         bend = np.array(robot.precurvature) + np.append(more, 0.0)[:2]
         unlike, drive = complex(*self._unlike(x)), robot.drive
         if self._by_length and drive.kind == "length":
-            drive = replace(drive, backlash=2 * float(body.play[0]))
+            drive = replace(drive, backlash=2 * float(body.backlash[0]))
         found = replace(
             robot.with_sections(*self._sections_of(x, heavy)),
             tendons=self._tendons_of(x, body),

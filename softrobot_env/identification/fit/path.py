@@ -31,11 +31,11 @@ from softrobot_env.identification.fit.least_squares import (
 )
 from softrobot_env.identification.fit.model import StaticModel
 from softrobot_env.identification.fit.residual import Residual, bends_of, trained
-from softrobot_env.identification.fit.rests import at_rest
+from softrobot_env.identification.fit.static_windows import at_rest
 from softrobot_env.identification.fit.unknowns import (
+    FRICTIONS,
     HOLDS,
     LAGS,
-    RUBS,
     STAGES,
     Fact,
     Turned,
@@ -412,29 +412,29 @@ def _in_motion(
 
     At rest, friction of tendons and backlash of servos do the same: tendons lag behind their
     commands. A robot that sways under a constant command tells friction alone; and how fast it
-    sways tells how stiff it is for its mass. Where no servo can have play, nothing is to be told
-    apart: friction is then that in motion. What it differs from that at rest is what the law of
+    sways tells how stiff it is for its mass. Where no servo can have backlash, friction is that in
+    motion. What it differs from that at rest is what the law of
     friction lacks, such as tendons that give a little before they slide: half of it counts as a
     standard deviation, of damping and delay as far as they depend on friction.
     """
     unknowns, x = model.unknowns, fit.x.copy()
-    rubs, play = (unknowns.place(name) for name in LAGS)
+    rubbing, backlash = (unknowns.place(name) for name in LAGS)
     stiff = unknowns.place("youngs_modulus")
     first = dynamics_of(
         _named(model, fit),
         placed(moving, header(fit)),
         _common(unknowns, fit, "youngs_modulus"),
-        _common(unknowns, fit, "tendon_friction") if fit.free[rubs].any() else None,
+        _common(unknowns, fit, "tendon_friction") if fit.free[rubbing].any() else None,
         show=lambda n, _: show(n),
     )
-    if play is None or not (fit.free[rubs].all() and fit.free[play].all()):
+    if backlash is None or not (fit.free[rubbing].all() and fit.free[backlash].all()):
         other, own = first.friction
-        rubbing = (other, float(np.hypot(own, other / 2)))
+        friction = (other, float(np.hypot(own, other / 2)))
         deviation = np.hypot(first.deviation, first.by_friction * other / 2)
-        return replace(first, friction=rubbing, deviation=deviation), fit
-    x[rubs] += first.friction[0]
-    rubbing = unknowns.common("tendon_friction")
-    facts = [Fact(rubbing, float(rubbing @ x), first.friction[1])]
+        return replace(first, friction=friction, deviation=deviation), fit
+    x[rubbing] += first.friction[0]
+    common = unknowns.common("tendon_friction")
+    facts = [Fact(common, float(common @ x), first.friction[1])]
     if fit.free[stiff].all():
         ratio = unknowns.common("youngs_modulus") - unknowns.common("mass")
         x[stiff] += first.modulus[0]
@@ -524,14 +524,14 @@ def _statics(
     lacks might.
     """
     robot, stages, known, show = given.robot, given.stages, given.known, given.show
-    filed = [name for name in RUBS if name in known or "statics" not in stages]
+    filed = [name for name in FRICTIONS if name in known or "statics" not in stages]
 
     def tried(what: str, held: Sequence[str]) -> tuple[StaticModel, Fit]:
         model = StaticModel(robot, static, turned, known=held)
         free, x = _free(model, stages, known), np.zeros(len(model.unknowns.spread))
         free[model.unknowns.place(HOLDS)] &= HOLDS not in held
         if turned == "any way":
-            seen = model.simulate(x, rubs=False).markers
+            seen = model.simulate(x, has_friction=False).markers
             _, vector, shift = aligned(seen, model.points, any_way=True)
             model.place_frame(x, vector, shift)
         elif turn:
@@ -545,8 +545,8 @@ def _statics(
     if HOLDS in filed:
         return model, fit, plain
     holding, other = tried("friction of the backbone", filed)
-    rubs = pays(fit, other) and _kept(holding.robot_of(other.x)) > _LEAST_KEPT
-    return (holding, other, filed) if rubs else (model, fit, plain)
+    has_friction = pays(fit, other) and _kept(holding.robot_of(other.x)) > _LEAST_KEPT
+    return (holding, other, filed) if has_friction else (model, fit, plain)
 
 
 def _kept(robot: RobotParams) -> float:
@@ -567,7 +567,7 @@ def _fitted(
     start = first_weights(model)
     frame = free & model.unknowns.of(["frame"])
     if frame.any():
-        x = search(model, x, frame, start, rubs=False, steps=4).x
+        x = search(model, x, frame, start, has_friction=False, steps=4).x
     best = fitted(model, x, free, start, show)
     stiff = model.unknowns.place("youngs_modulus")
     if size(best.simulated.error) < 2.5 * start.deviation or stiff is None or not free[stiff].any():

@@ -15,7 +15,7 @@ import numpy as np
 
 from softrobot_env.core.artifacts import read_arrays, write_arrays
 from softrobot_env.identification.fit.model import StaticModel
-from softrobot_env.identification.fit.unknowns import RUBS
+from softrobot_env.identification.fit.unknowns import FRICTIONS
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
 
@@ -129,7 +129,7 @@ def bends_of(model: StaticModel, turns: np.ndarray) -> np.ndarray:
 
 def corrected(residual: Residual, robot: RobotParams, recording: Recording) -> np.ndarray:
     """(t, k, 3) [m] in the world, to be added to a simulation of an identified robot's markers."""
-    model = StaticModel(robot, recording, known=RUBS)
+    model = StaticModel(robot, recording, known=FRICTIONS)
     found = model.simulate(np.zeros(len(model.unknowns.spread)))
     change = residual.correction(bends_of(model, found.turns), recording.commands, model.begins)
     axes = np.eye(3) if robot.base is None else robot.base.axes

@@ -24,7 +24,7 @@ LAGS = ("tendon_friction", "backlash")
 HOLDS = "bending_friction"
 
 #: All kinds that a model has some of unless they are known to be as the file says.
-RUBS = (*LAGS, HOLDS)
+FRICTIONS = (*LAGS, HOLDS)
 
 #: How the recording's frame may be turned, beyond what a careful hand leaves open.
 Turned = Literal["as said", "about the axis", "any way"]
@@ -32,7 +32,7 @@ Turned = Literal["as said", "about the axis", "any way"]
 _ANY = 3.0  # rad, of a turn that may be any
 _BEND = 0.1  # rad, by which the zero of a servo may bend a robot
 _HOLD = 0.06  # rad, by which friction of the backbone may keep a robot bent
-_PLAY = 0.003  # half of a backlash that is usual, over the recorded range of commands
+_BACKLASH = 0.003  # half of a backlash that is usual, over the recorded range of commands
 
 #: Stages in their order, and what they find.
 STAGES: dict[str, str] = {
@@ -153,9 +153,9 @@ def start_bending_friction(robot: RobotParams) -> np.ndarray:
     return np.array([s.bending_friction or usual for s in robot.backbone.sections])
 
 
-def start_play(robot: RobotParams, travel: float) -> float:
+def start_backlash(robot: RobotParams, travel: float) -> float:
     """[m], half of the backlash that a search begins with: the file's, or a share of the travel."""
-    return max(robot.drive.backlash / 2, _PLAY * travel)
+    return max(robot.drive.backlash / 2, _BACKLASH * travel)
 
 
 @dataclass(frozen=True)

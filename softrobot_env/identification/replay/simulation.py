@@ -28,7 +28,7 @@ _LONGEST, _GRID, _EQUAL = 0.02, 0.005, 1e-3
 
 _SHOWN = 50  # rows between two reports of progress
 
-#: Told how many rows are done.
+#: Called with how many rows are done.
 Progress = Callable[[int], None]
 
 
@@ -113,7 +113,7 @@ def replay(
         robot: The robot.
         plant: One of `beams.registry.PLANTS`.
         twin: Of a robot driven by length, what is simulated of it; or the seed of one.
-        progress: Told from time to time.
+        progress: Called from time to time.
 
     Raises:
         ValueError: The commands do not fit the robot, a marker is off it, or the model lacks what

@@ -35,11 +35,11 @@ class Spectrum:
         return self.separation >= SEPARATED
 
     def __str__(self) -> str:
-        told = "separated" if self.separated else "not separated"
+        how = "separated" if self.separated else "not separated"
         kept = ", ".join(f"{one.real:.3g}{one.imag:+.3g}i" for one in self.eigenvalues[: self.kept])
         return (
             f"slow modes {kept} 1/s; those left out decay {self.separation:.2g} times as fast: "
-            f"{told}"
+            f"{how}"
         )
 
 

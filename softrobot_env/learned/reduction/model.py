@@ -20,9 +20,9 @@ class ReducedModel:
         period: [s] of a sample.
         delays: Number of samples in a delay vector y (p,), p = delays times outputs.
         origin: (o,) outputs at the equilibrium that coordinates are zero at.
-        rest: (k,) what the drives are told there.
+        rest: (k,) what the drives are commanded there.
         basis: (k, m) orthonormal, reduced inputs v = basis' (u - rest).
-        lag: Samples by which inputs act later than they are told.
+        lag: Samples by which inputs act later than they are commanded.
         tangent: V (p, n) orthonormal, x = V' (y - y of the origin), (3.13).
         shape_powers: (terms, n) of the monomials of w, (3.14).
         shape: (p, terms), of monomials of x over its scale.

@@ -12,7 +12,7 @@ class Record:
 
     Attributes:
         outputs: z (t, o), what was measured.
-        inputs: u (t, k), what the drives were told: row i acts from sample i to the next one.
+        inputs: u (t, k), what the drives were commanded: row i acts from sample i to the next one.
         period: [s] between samples.
     """
 

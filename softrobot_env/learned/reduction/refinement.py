@@ -61,7 +61,7 @@ def refine(
         model: To begin with.
         records: Like those it was learned from.
         settings: How.
-        progress: Told iterations done and in all, and the root mean square of the errors.
+        progress: Called with iterations done and in all, and the root mean square of the errors.
 
     Stretches that the first model loses itself in are left out of a stage.
 
