@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from softrobot_env.core.writing import whole
+from softrobot_env.core.writing import atomic_write
 
 
 class Arrays(dict[str, np.ndarray]):
@@ -100,7 +100,8 @@ def read_arrays(path: str | Path) -> Arrays:
 def write_arrays(path: str | Path, values: Mapping[str, Any]) -> None:
     """Write a compressed npz file that `read_arrays` reads, under exactly this name."""
     arrays = {name: np.asarray(value) for name, value in values.items()}
-    with whole(path) as aside, aside.open("wb") as file:  # given a name, NumPy would append to it
+    # Given a name, NumPy would append to it.
+    with atomic_write(path) as aside, aside.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
 
 

@@ -9,7 +9,7 @@ from uuid import uuid4
 
 
 @contextmanager
-def whole(path: Path | str) -> Iterator[Path]:
+def atomic_write(path: Path | str) -> Iterator[Path]:
     """A path beside `path` to write to, which takes its place at the end of the context.
 
     It has the same suffix. Where writing fails, what was written is deleted and `path` stays as it
@@ -37,8 +37,8 @@ def whole(path: Path | str) -> Iterator[Path]:
 
 
 def write_text(path: Path | str, text: str) -> None:
-    """Write a text file; OSError as `whole`."""
-    with whole(path) as aside:
+    """Write a text file; OSError as `atomic_write`."""
+    with atomic_write(path) as aside:
         aside.write_text(text, encoding="utf-8")
 
 

@@ -25,7 +25,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from softrobot_env.core.paths import cache_dir, firmware_dir
-from softrobot_env.core.writing import whole
+from softrobot_env.core.writing import atomic_write
 from softrobot_env.hardware.protocol.messages import (
     ADC_CHANNELS,
     FORCE_UNIT,
@@ -237,7 +237,7 @@ def _folder(sources: list[Path], compiler: list[str]) -> Path:
 def _compile(command: list[str], sources: list[Path], path: Path) -> None:
     """Compile the units; two processes may do this at once."""
     units = [str(source) for source in sources if source.suffix == ".cpp"]
-    with whole(path) as aside:
+    with atomic_write(path) as aside:
         done = subprocess.run([*command, *units, "-o", str(aside)], capture_output=True, text=True)
         if done.returncode:
             raise CompilerMissingError(f"{shlex.join(command)} failed:\n{done.stderr}")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from softrobot_env.core.extras import install_command
-from softrobot_env.core.writing import whole
+from softrobot_env.core.writing import atomic_write
 from softrobot_env.recordings.header import Header
 
 #: Columns (t,) by name.
@@ -38,7 +38,7 @@ def check_writable(path: Path | str) -> None:
 def write_columns(columns: Columns, path: Path | str) -> None:
     """Write a CSV or Parquet file, by its ending; errors as `check_writable`."""
     check_writable(path)
-    with whole(path) as aside:
+    with atomic_write(path) as aside:
         (_write_csv if aside.suffix.lower() == ".csv" else _write_parquet)(columns, aside)
 
 

@@ -11,7 +11,7 @@ from zlib import crc32
 import numpy as np
 
 from softrobot_env.core.extras import install_command
-from softrobot_env.core.writing import whole
+from softrobot_env.core.writing import atomic_write
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -284,6 +284,6 @@ def save(figure: Figure, path: Path | str) -> Path:
     for axis in figure.axes:
         for title in (axis.title, axis._left_title):
             title.set_fontsize(min(10, title.get_fontsize()))
-    with whole(path) as aside:
+    with atomic_write(path) as aside:
         figure.savefig(aside, dpi=min(150, _MOST_DOTS / figure.get_figwidth()))
     return Path(path)

@@ -11,7 +11,7 @@ import numpy as np
 
 from softrobot_env.core.extras import install_command
 from softrobot_env.core.interfaces import Policy
-from softrobot_env.core.writing import whole
+from softrobot_env.core.writing import atomic_write
 from softrobot_env.evaluation.run import play
 from softrobot_env.scene.appearance import tension_colours
 
@@ -51,7 +51,7 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float) -> i
     if first is None:
         raise ValueError(f"there are no frames to write to {path.name!r}")
     count = 0
-    with whole(path) as aside:
+    with atomic_write(path) as aside:
         aside.touch()  # a folder that takes no file is refused before the writer, which tells twice
         with imageio.get_writer(aside, **_writer_options(suffix, fps)) as writer:
             for frame in chain([first], iterator):

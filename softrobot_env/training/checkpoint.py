@@ -11,7 +11,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import ReplayBuffer
 
 from softrobot_env.core.interfaces import ProgressCallback
-from softrobot_env.core.writing import whole
+from softrobot_env.core.writing import atomic_write
 from softrobot_env.learned.network import Network, Scaling
 
 #: The newest state of a training, and the one before.
@@ -48,7 +48,7 @@ def write(folder: Path, checkpoint: Checkpoint) -> None:
     """Write a state beside the one before, so that one of them is whole at any time."""
     newest, held = folder / _NEWEST, dict(vars(checkpoint))
     held["best"] = _network_state(checkpoint.best)
-    with whole(newest) as aside:
+    with atomic_write(newest) as aside:
         torch.save(held, aside)
         if newest.is_file():
             newest.replace(folder / _BEFORE)

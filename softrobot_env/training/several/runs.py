@@ -12,7 +12,7 @@ from time import perf_counter
 from softrobot_env.core.artifacts import read_facts
 from softrobot_env.core.processes import Workers, using
 from softrobot_env.core.runs import Kept, Progress, Row, for_pictures, quiet, run_cases
-from softrobot_env.core.writing import whole, write_text
+from softrobot_env.core.writing import atomic_write, write_text
 from softrobot_env.training.registry import TRAININGS
 from softrobot_env.training.request import Metrics, Quantity, TrainingRequest, curve_file
 
@@ -128,7 +128,7 @@ def _with_files(order: TrainingRequest, run: Run, files: dict[str, bytes]) -> Ru
     for file, content in files.items():
         path = order.path.with_name(file)
         if not path.is_file() or path.read_bytes() != content:
-            with whole(path) as aside:
+            with atomic_write(path) as aside:
                 aside.write_bytes(content)
     return run
 

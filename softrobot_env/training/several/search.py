@@ -16,8 +16,8 @@ from typing import Any
 
 from softrobot_env.core.cluster import connected
 from softrobot_env.core.extras import install_command
-from softrobot_env.core.jobs import Progress, quiet
 from softrobot_env.core.processes import THREADS, Workers
+from softrobot_env.core.runs import Progress, quiet
 from softrobot_env.training.registry import TRAININGS
 from softrobot_env.training.request import TrainingRequest
 from softrobot_env.training.several.runs import Run, described, goes_on, with_curve

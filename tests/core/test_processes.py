@@ -18,7 +18,7 @@ from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.statics import equilibrium
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 
 #: Writes at the end of a process, not of those it starts, how many threads it runs.
 WITNESS = """

@@ -10,7 +10,7 @@ import pytest
 from softrobot_env.core import extras
 from softrobot_env.core.extras import install_command
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 
