@@ -34,6 +34,7 @@ STUDIES = {
 
 #: Name -> module and name in it; the others have not moved here yet.
 PLACES: dict[str, str] = {
+    "accuracy": "accuracy.study:STUDY",
     "contacts": "contacts:STUDY",
     "gripper": "gripper:STUDY",
     "identify": "identify:STUDY",
@@ -44,6 +45,7 @@ PLACES: dict[str, str] = {
     "sections": "sections:STUDY",
     "sensing": "sensing:STUDY",
     "speed": "speed:STUDY",
+    "stability": "stability.study:STUDY",
     "thesis": "thesis:STUDY",
     "feedback": "rig:FEEDBACK",
     "rig": "rig:RIG_STUDY",

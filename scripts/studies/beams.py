@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import mujoco
 import numpy as np
 from scipy.linalg import eigh
 
@@ -11,11 +12,14 @@ from softrobot_env.beams.ancf import ANCF
 from softrobot_env.beams.cosserat import CosseratRod
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.beams.pcc import PCC
+from softrobot_env.evaluation.models.runs import best_of
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.quadrature import RULES
+
+_STEPS = 200
 
 
 def make_beam(
@@ -92,3 +96,19 @@ def _end_points(model: BeamModel, q: np.ndarray) -> np.ndarray:
     """Centre of the end and a point of its rim (2, 3) [m]."""
     rim = np.array([[0.0, 0.0], [model.robot.outer_radius, 0.0]])
     return model.positions(q, np.full(2, model.robot.length), rim)
+
+
+def step_cost(
+    model: mujoco.MjModel,
+    posture: np.ndarray | None = None,
+    ctrl: np.ndarray | None = None,
+    repeats: int = 5,
+) -> float:
+    """Time [s] of one `mj_step` from a posture (nq,) under controls (nu,), else from the start."""
+    data = mujoco.MjData(model)
+    if posture is not None:
+        data.qpos[:] = posture
+    if ctrl is not None:
+        data.ctrl[:] = ctrl
+    mujoco.mj_step(model, data)
+    return best_of(lambda: mujoco.mj_step(model, data, _STEPS), repeats)[0] / _STEPS

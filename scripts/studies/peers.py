@@ -21,14 +21,12 @@ from rich.table import Table
 from rich.text import Text
 from scipy.optimize import root
 
-from softrobot_env.benchmarks.accuracy.cases import tension_step as case
-from softrobot_env.benchmarks.accuracy.cases.beam_models import DISTRIBUTED
-from softrobot_env.benchmarks.accuracy.cases.motions import TimedMotion, beam_limit
-from softrobot_env.benchmarks.accuracy.rows import DURATION
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.models.runs import Limit, best_of, front
 from softrobot_env.robots import ARM, RobotParams, Tendon
 from softrobot_env.robots.sections import Section
+from studies.accuracy import tension_step as case
+from studies.accuracy.cases import DISTRIBUTED, DURATION, TimedMotion, beam_limit
 from studies.lab import Column, Lab, Record, Study, groups, quantity, select, table
 
 #: Who is compared; ours goes first in tables.

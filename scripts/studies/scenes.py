@@ -14,7 +14,6 @@ import numpy as np
 from rich.table import Table
 from scipy.linalg import eigh
 
-from softrobot_env.benchmarks.stability.runs import mujoco_integrator, neutral_scene
 from softrobot_env.evaluation.models.runs import (
     WRONG_SHARE,
     Verdict,
@@ -32,6 +31,7 @@ from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.timestep import linearize
 from studies.lab import Record, Study, quantity, select, table
 from studies.scenes_drawn import G, RandomScene, draw_scene, swing, weight_load
+from studies.stability.runs import mujoco_integrator, neutral_scene
 
 #: An estimate is good if the error is within this factor of it.
 GOOD_FACTOR = 3.0
@@ -176,7 +176,7 @@ class Refined:
 def step_cost(nv: int, integrator: str) -> float:
     """Nominal time [s] of a step of a chain with nv degrees of freedom.
 
-    Fitted to chains of 12 to 180 on one core of a server (`benchmarks.timing.step_cost`).
+    Fitted to chains of 12 to 180 on one core of a server (`studies.beams.step_cost`).
     """
     one = 1e-6 * (1.5 + 0.1 * nv + 0.016 * nv**2)
     return one * {"RK4": 3.0, "implicitfast": 1.0, "discrete": 1.0}.get(integrator, 2.0)

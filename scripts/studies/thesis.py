@@ -17,11 +17,12 @@ from softrobot_env.beams.ancf import ANCF
 from softrobot_env.beams.cosserat import MOMENTS, CosseratRod
 from softrobot_env.beams.model import BeamModel, IntegrationError, Motion
 from softrobot_env.beams.numerics import quaternions
-from softrobot_env.benchmarks.accuracy.cases.spiral import DURATION, PERIOD, ROBOT, force, loads
 from softrobot_env.evaluation.models.runs import best_of
 from softrobot_env.rendering.tables import make_table
 from softrobot_env.robots import CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.loads import Load
+from studies.accuracy.cases import DURATION
+from studies.accuracy.spiral import PERIOD, ROBOT, force, loads
 from studies.beams import make_beam, mode_frequency, tip_twist, weightless
 from studies.lab import Column, Lab, Record, Study, groups, new_table, number, select
 from studies.thesis_pictures import pictures

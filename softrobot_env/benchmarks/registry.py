@@ -29,11 +29,9 @@ class Old:
 
 
 _OTHERS: dict[str, dict[str, Any]] = {
-    "accuracy": {"alone": True},
     "controllers": {"alone": True},
     "generalization": {},
     "laws": {},
-    "stability": {"alone": True},
     "transfer": {},
 }
 

@@ -7,7 +7,6 @@ import pytest
 
 from softrobot_env.beams import signals
 from softrobot_env.beams.pcc import PCC
-from softrobot_env.benchmarks.stability.runs import neutral_scene
 from softrobot_env.evaluation.models.runs import Verdict
 from softrobot_env.robots import ARM
 from softrobot_env.scene.config import SceneConfig
@@ -15,6 +14,7 @@ from softrobot_env.scene.simulation import Simulation
 from studies import scenes
 from studies.scenes import STUDY, Refined, judge, measure, refine, refined_run
 from studies.scenes_drawn import EXCITATIONS, G, RandomScene, draw_scene
+from studies.stability.runs import neutral_scene
 
 #: Drawn and refined scenes take long.
 pytestmark = pytest.mark.slow

@@ -1,0 +1,463 @@
+"""Lengths pulled in at the rig's servos, at rest and over time."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.optimize import root
+from softrobot_env.beams.closed_forms.spatial_piece import (
+    SUBPIECES,
+    RigPiece,
+    acceleration,
+    add_static,
+    make_rig_piece,
+    output,
+)
+
+from softrobot_env.beams import signals
+from softrobot_env.beams.model import BeamModel
+from softrobot_env.beams.pcc import PCC
+from softrobot_env.evaluation.models.runs import (
+    Limit,
+    best_of,
+    converged,
+    distance,
+    extrapolate,
+    zero_timestep,
+)
+from softrobot_env.robots import RIG, RobotParams
+from softrobot_env.robots.loads import Load
+from softrobot_env.scene.config import TipSensors
+from softrobot_env.scene.quadrature import RULES
+from studies.accuracy.cases import (
+    BENDING,
+    COSSERAT,
+    DISTRIBUTED,
+    DURATION,
+    SHEAR,
+    BeamMotion,
+    ChainMotion,
+    Contestant,
+    Job,
+    Physics,
+    Row,
+    Settings,
+    TimedMotion,
+    agreement_row,
+    static_row,
+    timed_row,
+)
+from studies.beams import chain_scene
+from studies.truths.rig_column import column_tip, tensions
+from studies.truths.rig_ritz_rod import RigRod
+
+#: Lengths (3,) [m] of the static cases. In the last one a tendon hangs slack.
+STATIC: dict[str, tuple[float, float, float]] = {
+    "rig_pull_10mm": (10e-3, 0.0, 0.0),
+    "rig_pull_20mm": (20e-3, 0.0, 0.0),
+    "rig_general": (12e-3, 6e-3, 0.0),
+    "rig_slack": (12e-3, 4e-3, -25e-3),
+}
+
+STEP, CIRCLE = "rig_length_step", "rig_fast_circle"
+
+#: [s] between compared instants: a control period of the rig's environments.
+PERIOD = 0.02
+
+#: The step pulls in one tendon [m]. The circle pulls them in and lets them out in turn by as much,
+#: once a second after the first one, which takes the tip round at about 0.6 m/s.
+_STEP, _CIRCLE, _LAP, _RISE = 10e-3, 7e-3, 1.0, 1.0
+
+
+def step(t: float | np.ndarray) -> np.ndarray:
+    """Lengths (..., 3) [m] at times (...) [s] of one tendon that is pulled in at once."""
+    return np.ones(np.shape(t))[..., None] * np.array([_STEP, 0.0, 0.0])
+
+
+def circle(t: float | np.ndarray) -> np.ndarray:
+    """Lengths (..., 3) [m] at times (...) [s] that lead the tip to a circle and round on it."""
+    t = np.asarray(t)[..., None]
+    size = _CIRCLE * np.sin(np.pi / 2 * np.minimum(t / _RISE, 1)) ** 2
+    return size * np.cos(2 * np.pi * (t / _LAP - np.arange(3) / 3))
+
+
+MOTIONS: dict[str, Callable[[float | np.ndarray], np.ndarray]] = {STEP: step, CIRCLE: circle}
+
+CASES = (*STATIC, *MOTIONS)
+
+
+def sample_times() -> np.ndarray:
+    """Instants [s] at which tips are compared."""
+    return np.linspace(0, DURATION, round(DURATION / PERIOD) + 1)
+
+
+#: The robot of all cases, and its MuJoCo chain.
+ROBOT = RIG
+CHAIN = {
+    "actuation": "length",
+    "bending": "spatial",
+    "control_period": PERIOD,
+    "sensors": (TipSensors(),),
+}
+
+
+# ---------------------------------------------------------------- at rest
+
+PIECE = "rig_piece"
+
+#: Joints of the chain, coarse to fine; those of rules with three joints per piece.
+JOINTS, JOINTS_OF_THREES = (2, 4, 8, 16, 32), (3, 6, 12, 24)
+
+#: Pieces of the beam models at rest.
+PIECES = {DISTRIBUTED.name: (1, 2, 4, 8, 16), COSSERAT.name: (6, 12, 24, 48)}
+
+_LOAD_STEPS = 4
+_TOLERANCE = 1e-12
+
+#: Name of the rod by Ritz' method in the report.
+RITZ = "ritz_rod"
+_TERMS = 8
+
+#: The Cosserat rod applies moments half a segment before its end, an error of first order.
+_FIRST_ORDER = "cosserat"
+
+#: Output point (3,) [m] for lengths (3,) [m].
+Solve = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A model with its resolution.
+
+    Attributes:
+        name: Name in the report.
+        n: Pieces, of the chain joints.
+        physics: What it converges to.
+        solve: Statics.
+    """
+
+    name: str
+    n: int
+    physics: Physics
+    solve: Solve
+
+
+def entries(quick: bool = False) -> list[Entry]:
+    """All models at rest; a quick run has the coarsest ones."""
+    found = [Entry(PIECE, 1, BENDING, piece_statics())]
+    for contestant in (DISTRIBUTED, COSSERAT):
+        for n in PIECES[contestant.name][: 2 if quick else None]:
+            solve = beam_statics(contestant, n)
+            found.append(Entry(contestant.name, n, contestant.physics, solve))
+    for rule in RULES:
+        for n in joint_numbers(rule)[: 3 if quick else None]:
+            found.append(Entry(f"mujoco_chain/{rule}", n, BENDING, chain_statics(rule, n)))
+    return found
+
+
+def joint_numbers(rule: str) -> tuple[int, ...]:
+    """Joints of the chain with a rule."""
+    return JOINTS_OF_THREES if len(RULES[rule]) == 3 else JOINTS
+
+
+def piece_statics(robot: RobotParams = ROBOT) -> Solve:
+    """The closed form of one piece, with uniform backbone and head."""
+    piece = make_rig_piece(robot, "distributed")
+    offsets = np.array([t.offset for t in robot.tendons])
+
+    def missing(y: np.ndarray, pulled: np.ndarray) -> np.ndarray:
+        moment = tensions(robot, pulled, np.array([y[1], -y[0]])) @ offsets
+        out = np.array([moment[1], -moment[0]])
+        add_static(piece, y, out)
+        return out
+
+    def solve(pulled: np.ndarray) -> np.ndarray:
+        y = np.zeros(2)
+        for share in np.arange(1, _LOAD_STEPS + 1) / _LOAD_STEPS:
+            y = root(missing, y, (share * pulled,), tol=_TOLERANCE).x
+        return piece_output(piece, y)
+
+    return solve
+
+
+def piece_output(piece: RigPiece, y: np.ndarray) -> np.ndarray:
+    """Output point (3,) [m] of the closed form at y (2,) [rad]."""
+    point, jacobian = np.empty(3), np.empty((3, 2))
+    output(piece, np.ascontiguousarray(y), point, jacobian)
+    return point
+
+
+def beam_statics(contestant: Contestant, n: int) -> Solve:
+    """A beam model that carries the head as a dead load."""
+    weight = ROBOT.head.mass * np.array(ROBOT.gravity)
+    end = ROBOT.length
+    loads = (
+        Load("head", end, force=tuple(weight)),
+        Load("lever_x", end, moment=(1.0, 0.0, 0.0)),
+        Load("lever_y", end, moment=(0.0, 1.0, 0.0)),
+    )
+    model = contestant.build(replace(ROBOT, head=None), n, loads, "spatial", drive="length")
+
+    def solve(pulled: np.ndarray) -> np.ndarray:
+        q, moment = model.rest(), np.zeros(2)
+        for share in np.arange(1, _LOAD_STEPS + 1) / _LOAD_STEPS:
+
+            def posture(
+                moment: np.ndarray, share: float = share, near: np.ndarray = q
+            ) -> np.ndarray:
+                u = np.array([*(share * pulled), 1.0, *moment])
+                return model.equilibrium(u, near, check_stability=False)
+
+            def missing(moment: np.ndarray, posture: Callable = posture) -> np.ndarray:
+                lever = ROBOT.head.centre * end_axis(model, posture(moment))
+                return np.cross(lever, weight)[:2] - moment
+
+            moment = root(missing, moment, tol=_TOLERANCE).x
+            q = posture(moment)
+        return model.tip(q) + ROBOT.head.output * end_axis(model, q)
+
+    return solve
+
+
+def end_axis(model: BeamModel, q: np.ndarray) -> np.ndarray:
+    """Unit vectors (..., 3) along a head that is fixed to the end, at q (n,) or (T, n)."""
+    radius = model.robot.outer_radius
+    places = np.array([[0.0, 0.0], [radius, 0.0], [0.0, radius]])
+    points = model.positions(q, np.full(3, model.robot.length), places)
+    centre, x, y = np.moveaxis(points, -2, 0)
+    axis = np.cross(x - centre, y - centre)
+    return axis / np.linalg.norm(axis, axis=-1, keepdims=True)
+
+
+def chain_statics(rule: str, n: int) -> Solve:
+    """The MuJoCo chain on n joints."""
+    scene = chain_scene(ROBOT, rule, n, **CHAIN)
+
+    def solve(pulled: np.ndarray) -> np.ndarray:
+        return scene.tip(scene.equilibrium(pulled, load_steps=_LOAD_STEPS))
+
+    return solve
+
+
+def static_jobs(quick: bool = False) -> Iterator[Job]:
+    """One job for each case; a quick run has the first and the last one."""
+    for case in list(STATIC)[:: len(STATIC) - 1 if quick else 1]:
+        yield f"{case}, all models", lambda c=case: case_rows(c, quick)
+
+
+def static_truth(case: str, physics: Physics) -> Limit:
+    """The exact tip (3,) [m] of a case."""
+    tip = column_tip(ROBOT, np.array(STATIC[case]), physics.shear_coefficient)
+    kind = "that only bends" if physics == BENDING else "with shear and extension"
+    return Limit(tip, 0.0, f"column {kind} (initial values from the end)")
+
+
+def case_rows(case: str, quick: bool = False) -> list[Row]:
+    """Errors of all models, and what they converge to."""
+    truths = {physics.name: static_truth(case, physics) for physics in (BENDING, SHEAR)}
+    found, tips = [], {}
+    for entry in entries(quick):
+        if entry.name not in {name for name, _ in tips}:
+            entry.solve(np.array(STATIC[case]))  # compiles
+        wall_time, tip = best_of(lambda e=entry: e.solve(np.array(STATIC[case])), 1 if quick else 5)
+        exact = truths[entry.physics.name]
+        options = {"wall_time": wall_time}
+        found.append(static_row(case, entry.name, entry.n, entry.physics, exact, tip, **options))
+        tips.setdefault((entry.name, entry.physics.name), {})[entry.n] = tip
+    found.append(_ritz_row(case, truths[BENDING.name]))
+    if not quick:
+        for (model, physics), by_size in tips.items():
+            if model != PIECE:
+                found.append(_limit_row(case, model, by_size, physics, truths[physics]))
+    return found
+
+
+def _ritz_row(case: str, exact: Limit) -> Row:
+    """Whether two independent truths agree, one by polynomials, one by initial values."""
+    rod = RigRod(ROBOT, _TERMS)
+    tip = rod.tip(rod.equilibrium(np.array(STATIC[case])))
+    gap = distance(tip, exact.tips)
+    return agreement_row(case, RITZ, _TERMS, gap, ROBOT.length, BENDING.name, exact.text)
+
+
+def _limit_row(
+    case: str, model: str, tips: dict[int, np.ndarray], physics: str, exact: Limit
+) -> Row:
+    sizes = sorted(tips)[-3:]
+    limit = converged({n: tips[n] for n in sizes}, 1 if model == _FIRST_ORDER else 2)
+    text = f"limit of n = {', '.join(map(str, sizes))}; {exact.text}"
+    gap = distance(limit, exact.tips)
+    return agreement_row(case, model, sizes[-1], gap, ROBOT.length, physics, text)
+
+
+# ---------------------------------------------------------------- in motion
+
+#: Timesteps per control period, integrators of the chain, and hinge rules of a quick run.
+SUBSTEPS = (20, 10, 4, 2)
+INTEGRATORS = ("implicitfast", "discrete")
+QUICK_RULES = ("gauss2", "balanced2")
+
+#: Pieces of PCC, whose three rigid bodies give inertia to no more, and tolerances.
+MOVING_PIECES = (1, 2, 3)
+TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5)
+_CONVERGED = 1e-8
+
+#: Models that are left out, and why.
+LEFT_OUT = {
+    "cosserat, in motion": "it has no rigid bodies, and the head has most of the rig's inertia",
+    "pcc/lumped, pcc/distributed, in motion": "no rigid body beyond the backbone's end",
+    "ancf": "no rod is exact for this continuum where bending is uneven, and it has no head",
+}
+
+#: Terms and tolerances of the truth, the coarser first; of a quick run.
+_TRUTHS = ((5, 1e-6), (6, 1e-7))
+_QUICK_TRUTHS = ((3, 1e-4), (4, 1e-4))
+
+#: Substeps of the chain's limit: h, h / 2 and h / 4.
+_FINE = (40, 80, 160)
+_SIZES = (8, 16, 32)
+
+
+def motion_truth(case: str, quick: bool = False) -> Limit:
+    """Tips (k, 3) [m] of the rod by Ritz' method; the coarser one gives the uncertainty."""
+    coarse, fine = (
+        RigRod(ROBOT, terms).motion(MOTIONS[case], sample_times(), rtol)
+        for terms, rtol in (_QUICK_TRUTHS if quick else _TRUTHS)
+    )
+    uncertainty = distance(coarse, fine)
+    terms, rtol = (_QUICK_TRUTHS if quick else _TRUTHS)[1]
+    text = f"rod by Ritz' method, {terms} terms, Radau {rtol:.0e}"
+    return Limit(fine, uncertainty, f"{text}; uncertainty {1e3 * uncertainty:.1g} mm")
+
+
+def chain_motion(case: str, rule: str, n: int, substeps: int, integrator: str) -> ChainMotion:
+    """A motion of the MuJoCo chain with n joints and some timesteps per control period."""
+    options = CHAIN | {"timestep": PERIOD / substeps, "integrator": integrator}
+    return ChainMotion(chain_scene(ROBOT, rule, n, **options), MOTIONS[case])
+
+
+def chain_limit(case: str) -> Limit:
+    """The chain's motion with infinitely many joints and at zero timestep."""
+
+    def solve(n: int) -> np.ndarray:
+        motions = [chain_motion(case, "gauss2", n, k, "implicitfast")() for k in _FINE]
+        return zero_timestep(motions)[0]
+
+    return extrapolate(solve, _SIZES, "limit of mujoco_chain/gauss2 at zero timestep")
+
+
+def subpieces_motion(case: str, n: int, tolerance: float) -> BeamMotion:
+    """PCC of n pieces with the thesis' three rigid bodies, which hold the head."""
+    beam = PCC(ROBOT, n, axes="spatial", inertia=SUBPIECES, drive="length")
+
+    def tips(q: np.ndarray) -> np.ndarray:
+        return beam.tip(q) + ROBOT.head.output * end_axis(beam, q)
+
+    signal = signals.smooth(MOTIONS[case], DURATION)
+    return BeamMotion("pcc/subpieces", n, beam, signal, tips, PERIOD, tolerance=tolerance)
+
+
+class PieceMotion:
+    """The closed form of one piece with uniform backbone and head, integrated by SciPy.
+
+    Args:
+        case: Key of `MOTIONS`.
+        tolerance: Relative, and absolute of angles and rates.
+    """
+
+    def __init__(self, case: str, tolerance: float) -> None:
+        self._piece, self._pulled = make_rig_piece(ROBOT, "distributed"), MOTIONS[case]
+        self._tolerance, self._steps = tolerance, 1
+
+    @property
+    def settings(self) -> Settings:
+        """What it was simulated with; the steps are those of the last call."""
+        return Settings(PIECE, 1, DURATION / self._steps, "RK45", self._tolerance)
+
+    def _slope(self, t: float, x: np.ndarray) -> np.ndarray:
+        out = np.empty(4)
+        out[:2] = x[2:]
+        force = tensions(ROBOT, self._pulled(t), np.array([x[1], -x[0]]))
+        acceleration(self._piece, x[:2], x[2:], force, out[2:])
+        return out
+
+    def __call__(self) -> np.ndarray:
+        """Tips (k, 3) [m]."""
+        found = solve_ivp(
+            self._slope,
+            (0, DURATION),
+            np.zeros(4),
+            t_eval=sample_times(),
+            rtol=self._tolerance,
+            atol=self._tolerance,
+            dense_output=True,
+        )
+        self._steps = len(found.sol.ts) - 1
+        return np.array([piece_output(self._piece, y) for y in found.y[:2].T])
+
+
+def motion_jobs(quick: bool = False) -> Iterator[Job]:
+    """Jobs of all motions; a quick run has one of them, on few models."""
+    limits: dict[str, Limit] = {}
+
+    def find(case: str) -> list[Row]:
+        limits[case] = motion_truth(case, quick)
+        return []
+
+    for case in (STEP,) if quick else MOTIONS:
+        yield f"{case}, truth", lambda c=case: find(c)
+        yield f"{case}, chain", lambda c=case: chain_rows(c, limits[c], quick)
+        yield f"{case}, one piece and PCC", lambda c=case: piece_rows(c, limits[c], quick)
+        if not quick:
+            yield f"{case}, agreement", lambda c=case: [agreement(c, limits[c])]
+    yield "rig, models left out", notes
+
+
+def notes() -> list[Row]:
+    """Which models cannot be the rig, and why."""
+    return [
+        Row("note", "rig", model, reference=f"left out: {why}") for model, why in LEFT_OUT.items()
+    ]
+
+
+def agreement(case: str, exact: Limit) -> Row:
+    """Distance of the chain's limit from the rod by Ritz' method."""
+    limit = chain_limit(case)
+    gap = distance(limit.tips, exact.tips)
+    text = f"{limit.text}; {exact.text}"
+    pair = "mujoco_chain/gauss2 / ritz_rod"
+    return agreement_row(case, pair, 32, gap, ROBOT.length, BENDING.name, text)
+
+
+def chain_rows(case: str, exact: Limit, quick: bool = False) -> list[Row]:
+    """Runs of the chain over rules, joints, integrators and timesteps."""
+    return [
+        timed_row(
+            case, BENDING, exact, chain_motion(case, rule, n, k, integrator), 2 if quick else 5
+        )
+        for rule in (QUICK_RULES if quick else RULES)
+        for n in joint_numbers(rule)[1 : 3 if quick else 4]
+        for integrator in INTEGRATORS
+        for k in SUBSTEPS
+    ]
+
+
+def piece_rows(case: str, exact: Limit, quick: bool = False) -> list[Row]:
+    """Runs of the closed form and of PCC with given rigid bodies, with adapted steps."""
+    found = _adaptive_rows(case, partial(PieceMotion, case), exact, quick)
+    for n in MOVING_PIECES:
+        found += _adaptive_rows(case, partial(subpieces_motion, case, n), exact, quick)
+    return found
+
+
+def _adaptive_rows(
+    case: str, make: Callable[[float], TimedMotion], exact: Limit, quick: bool
+) -> list[Row]:
+    """Runs at several tolerances, for which `make` makes the motion."""
+    still, repeats = make(_CONVERGED)(), 1 if quick else 5
+    return [
+        timed_row(case, BENDING, exact, make(tolerance), repeats, still)
+        for tolerance in (TOLERANCES[1:3] if quick else TOLERANCES)
+    ]

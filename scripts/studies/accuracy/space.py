@@ -1,0 +1,342 @@
+"""Equilibria of slender rods in space whose tips are known exactly, without any mesh.
+
+from studies.accuracy.cases import Job
+Loads are sampled as they are seen from the section that carries them, and gravity as seen from
+the tip: then the shape is an initial-value problem (`studies.truths.spatial_rod`), and loads and
+gravity follow in the world's directions, in which the models get them.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import cos, pi, sin
+from time import perf_counter
+
+import numpy as np
+
+from softrobot_env.beams.model import BeamModel
+from softrobot_env.core.equilibrium import EquilibriumError
+from softrobot_env.robots import RobotParams
+from softrobot_env.robots.loads import Load
+from softrobot_env.scene.build import Scene, build_scene
+from softrobot_env.scene.config import TWISTING_RULE, SceneConfig
+from studies.accuracy.cases import (
+    BENDING,
+    CONTESTANTS,
+    CONTINUUM,
+    SHEAR,
+    Contestant,
+    Job,
+    Physics,
+    Row,
+    goal,
+)
+from studies.lab import select
+from studies.truths.analytic import Section, bent_rod
+from studies.truths.spatial_rod import SpatialSection, SpatialShape, dead_loads, followed_rod, helix
+
+#: A rod of thermoplastic polyurethane and a steel wire; length over radius is 80 and 750.
+TPU = RobotParams("tpu", 0.4, 0.005, 0.0, 70e6, 1200.0, 0.01, 12, poisson_ratio=0.4)
+STEEL = RobotParams("steel", 0.6, 0.0008, 0.0, 200e9, 7850.0, 0.01, 12, poisson_ratio=0.4)
+
+#: Number of random wrenches, and of a quick run; their seed.
+WRENCHES, QUICK_WRENCHES, _SEED = 20, 4, 16
+
+#: Azimuth [rad] of the plane of planar cases, in no direction of the hinges.
+_OBLIQUE = 0.5
+
+#: Strength of the dead and the follower force in EI / L^2.
+_FORCE = 5.0
+
+#: Forces along the rod over those across: near its buckling load every model is at its worst.
+_AXIAL = 0.3
+
+_G = 9.81
+
+
+@dataclass(frozen=True)
+class SpatialCase:
+    """A rod at rest.
+
+    Attributes:
+        robot: The rod, with the gravity of the case.
+        loads: Loads, applied in full.
+        tip: (3,) [m], exact.
+    """
+
+    robot: RobotParams
+    loads: tuple[Load, ...]
+    tip: np.ndarray
+
+
+#: Name -> heading in the tables, see `cases_of`.
+HEADINGS = {
+    "wrenches": "random wrenches",
+    "sag_0deg": "sag, 0°",
+    "sag_45deg": "sag, 45°",
+    "helix_dead": "helix, dead",
+    "helix_follower": "helix, follows",
+    "circle": "full circle",
+    "force_dead": "force, dead",
+    "force_follower": "force, follows",
+}
+
+
+def cases_of(name: str, robot: RobotParams, physics: Physics, quick: bool = False) -> tuple:
+    """The cases that go by a name, each a `SpatialCase`; many for wrenches, else one.
+
+    Args:
+        name: A key of `HEADINGS`.
+        robot: A rod without gravity.
+        physics: What the truth deforms by.
+        quick: Fewer wrenches.
+    """
+    section = section_of(robot, physics)
+    if name == "wrenches":
+        return tuple(wrenches(robot, section, QUICK_WRENCHES if quick else WRENCHES))
+    return (_SINGLE[name](robot, section),)
+
+
+def section_of(robot: RobotParams, physics: Physics) -> SpatialSection:
+    """The rod's section for some physics."""
+    section = SpatialSection(robot.bending_stiffness, robot.torsional_stiffness)
+    k = physics.shear_coefficient
+    if k is None:
+        return section
+    shear_modulus = robot.youngs_modulus / (2 * (1 + robot.poisson_ratio))
+    shear = k * shear_modulus * robot.area
+    return replace(section, shear=shear, axial=robot.youngs_modulus * robot.area)
+
+
+def wrenches(robot: RobotParams, section: SpatialSection, count: int) -> Iterator[SpatialCase]:
+    """Random forces and moments in the middle and at the tip, and gravity from any side.
+
+    Universal joints at 12 stations err by about 0.7 and 1 mm on TPU and steel (see `scene.chain`).
+    """
+    rng, length = np.random.default_rng(_SEED), robot.length
+    force, moment = section.bending / length**2, section.bending / length
+    for _ in range(count):
+        follower = tuple(
+            Load(
+                name, station, _vector(rng, 0.85 * force, _AXIAL), _vector(rng, 0.5 * moment), True
+            )
+            for name, station in (("middle", length / 2), ("tip", length))
+        )
+        gravity = _G * np.array(_vector(rng, 1.0))
+        weight = robot.mass_per_length * gravity / np.linalg.norm(gravity) * _G
+        shape = _shape(robot, section, follower, weight)
+        world = shape.frame[-1] @ weight / robot.mass_per_length
+        heavy = replace(robot, gravity=tuple(world.tolist()))
+        yield SpatialCase(heavy, tuple(dead_loads(follower, shape)), shape.tip)
+
+
+def _vector(
+    rng: np.random.Generator, size: float, axial: float = 1.0
+) -> tuple[float, float, float]:
+    return tuple((size * rng.standard_normal(3) * (1.0, 1.0, axial)).tolist())
+
+
+def _shape(
+    robot: RobotParams,
+    section: SpatialSection,
+    loads: tuple[Load, ...],
+    weight: np.ndarray | None = None,
+) -> SpatialShape:
+    stations = np.array([0.0, robot.length / 2, robot.length])
+    return followed_rod(robot.length, section, loads, stations, weight)
+
+
+def _sag(azimuth: float) -> Callable[[RobotParams, SpatialSection], SpatialCase]:
+    """A weight that bends the rod visibly."""
+
+    def case(robot: RobotParams, section: SpatialSection) -> SpatialCase:
+        # A tip turned by about w L^3 / (6 EI) sees a weight across the straight rod from behind.
+        size = 6 * section.bending / robot.length**3
+        across = np.array([cos(azimuth), sin(azimuth), 0.0])
+        weight = size * (0.8 * across + np.array([0.0, 0.0, 0.6]))
+        shape = _shape(robot, section, (), weight)
+        world = shape.frame[-1] @ weight / robot.mass_per_length
+        return SpatialCase(replace(robot, gravity=tuple(world.tolist())), (), shape.tip)
+
+    return case
+
+
+def _helix(follows: bool) -> Callable[[RobotParams, SpatialSection], SpatialCase]:
+    """A tip moment across and about the rod."""
+
+    def case(robot: RobotParams, section: SpatialSection) -> SpatialCase:
+        unit = section.bending / robot.length
+        moment = unit * np.array([0.8, 2.0, 1.5])
+        load = Load("load", robot.length, moment=tuple(moment.tolist()), follows=follows)
+        tip = helix(robot.length, section, moment, np.array([0.0, robot.length]), follows).tip
+        return SpatialCase(robot, (load,), tip)
+
+    return case
+
+
+def _circle(robot: RobotParams, section: SpatialSection) -> SpatialCase:
+    """A tip moment that closes the rod to a circle: its tip comes back to the clamp."""
+    size = 2 * pi * section.bending / robot.length
+    moment = (-size * sin(_OBLIQUE), size * cos(_OBLIQUE), 0.0)
+    load = Load("load", robot.length, moment=moment, follows=True)
+    return SpatialCase(robot, (load,), np.zeros(3))
+
+
+def _force_follower(robot: RobotParams, section: SpatialSection) -> SpatialCase:
+    """A force on the tip, across the tip's section."""
+    size = _FORCE * section.bending / robot.length**2
+    across = (size * cos(_OBLIQUE), size * sin(_OBLIQUE), 0.0)
+    load = Load("load", robot.length, force=across, follows=True)
+    return SpatialCase(robot, (load,), _shape(robot, section, (load,)).tip)
+
+
+def _force_dead(robot: RobotParams, section: SpatialSection) -> SpatialCase:
+    """A force on the tip that stays across the straight rod: the planar elastica, turned."""
+    size = _FORCE * section.bending / robot.length**2
+    flat = Section(section.bending, section.shear, section.axial)
+    aside, along = bent_rod(robot.length, flat, force=(size, 0.0)).tip
+    turn = np.array([cos(_OBLIQUE), sin(_OBLIQUE)])
+    load = Load("load", robot.length, force=(*(size * turn).tolist(), 0.0))
+    return SpatialCase(robot, (load,), np.array([*(aside * turn), along]))
+
+
+_SINGLE = {
+    "sag_0deg": _sag(0.0),
+    "sag_45deg": _sag(pi / 4),
+    "helix_dead": _helix(False),
+    "helix_follower": _helix(True),
+    "circle": _circle,
+    "force_dead": _force_dead,
+    "force_follower": _force_follower,
+}
+
+
+# ---------------------------------------------------------------- errors
+
+ROBOTS = (TPU, STEEL)
+
+#: Stations of the chain, coarse to fine, and its rules.
+STATIONS, RULES = (6, 12, 24, 48), ("coupled2", "balanced2", "gauss2")
+
+_LOAD_STEPS = 5
+_TRUTH = "exact rod ({}), from the tip"
+
+#: Mean tip error [m] of the wrenches at 12 stations that the default chain stays below, and by how
+#: much a sag at 45 degrees may err more than one along an axis.
+_GOALS = {"tpu": 0.25e-3, "steel": 0.35e-3}
+_DIRECTION = 1.5
+_OF_GOALS = (f"mujoco_chain/{TWISTING_RULE}", 12)
+
+
+def name_of(case: str, robot: RobotParams) -> str:
+    """Name of a case of a robot in the report."""
+    return f"{case}_{robot.name}"
+
+
+def jobs(quick: bool = False) -> Iterator[Job]:
+    """A job for each robot and case."""
+    for robot in ROBOTS:
+        for case in HEADINGS:
+            yield f"{robot.name}, {case}", lambda c=case, r=robot: case_rows(c, r, quick)
+
+
+def case_rows(case: str, robot: RobotParams, quick: bool = False) -> list[Row]:
+    """Errors of all models in the cases of a name."""
+    found = []
+    shown = slice(2 if quick else None)
+    for rule in RULES:
+        name = f"mujoco_chain/{rule}"
+        truths = cases_of(case, robot, BENDING, quick)
+        for n in STATIONS[shown]:
+            solve = [lambda c=c, n=n, r=rule: chain_tip(c, r, n) for c in truths]
+            found.append(_row(case, robot, name, n, BENDING, truths, solve))
+    for contestant in CONTESTANTS[1:]:  # at rest, masses do not matter
+        slow = quick or contestant.physics == CONTINUUM
+        truths = cases_of(case, robot, contestant.physics, slow)
+        for n in contestant.sizes[: 1 if quick else None]:
+            solve = [lambda c=c, n=n, m=contestant: beam_tip(c, m, n) for c in truths]
+            physics = contestant.physics
+            found.append(_row(case, robot, contestant.name, n, physics, truths, solve))
+    return [*found, stretch_row(robot, quick)] if case == "wrenches" else found
+
+
+def stretch_row(robot: RobotParams, quick: bool = False) -> Row:
+    """Distance [m] of the tips of exact rods with and without shear and extension.
+
+    Both bear the same random forces and moments, as their sections see them.
+    """
+    rigid, elastic = (cases_of("wrenches", robot, physics, quick) for physics in (BENDING, SHEAR))
+    gaps = [np.linalg.norm(a.tip - b.tip) for a, b in zip(rigid, elastic, strict=True)]
+    mean = float(np.mean(gaps))
+    return Row(
+        "physics",
+        f"random wrenches, {robot.name}",
+        "exact rods: shear and stretch",
+        e_mean=mean,
+        e_max=float(np.max(gaps)),
+        physics=SHEAR.name,
+        reference=_TRUTH.format(BENDING.name),
+        value=mean / robot.length,
+    )
+
+
+def chain_tip(case: SpatialCase, rule: str, n: int) -> tuple[np.ndarray, float]:
+    """Tip (3,) [m] of the chain with n stations, and the time [s] of its equilibrium."""
+    config = SceneConfig(
+        case.robot, pieces=n // 2, rule=rule, loads=case.loads, bending="spatial", torsion=True
+    )
+    return _solved(build_scene(config), case)
+
+
+def beam_tip(case: SpatialCase, contestant: Contestant, n: int) -> tuple[np.ndarray, float]:
+    """Tip (3,) [m] of a beam model with n pieces, and the time [s] of its equilibrium."""
+    return _solved(contestant.build(case.robot, n, case.loads, "torsion"), case)
+
+
+def _solved(model: Scene | BeamModel, case: SpatialCase) -> tuple[np.ndarray, float]:
+    begin = perf_counter()
+    q = model.equilibrium(np.ones(len(case.loads)), load_steps=_LOAD_STEPS, check_stability=False)
+    return model.tip(q), perf_counter() - begin
+
+
+def _row(
+    case: str,
+    robot: RobotParams,
+    model: str,
+    n: int,
+    physics: Physics,
+    truths: Sequence[SpatialCase],
+    solve: Sequence,
+) -> Row:
+    errors, times, lost = [], [], []
+    for truth, tip_of in zip(truths, solve, strict=True):
+        try:
+            tip, took = tip_of()
+        except EquilibriumError as error:
+            lost.append(str(error))
+            continue
+        errors.append(float(np.linalg.norm(tip - truth.tip)))
+        times.append(took)
+    name, text = name_of(case, robot), _TRUTH.format(physics.name)
+    if lost:
+        text = f"{len(lost)} of {len(truths)} not solved: {lost[0]}"
+        return Row("note", name, model, n, physics=physics.name, reference=text)
+    values = {"e_mean": float(np.mean(errors)), "e_max": float(np.max(errors))}
+    values |= {"wall_time": float(np.min(times)), "physics": physics.name}
+    return Row("static", name, model, n, reference=text, **values)
+
+
+def goal_rows(rows: Sequence[Row]) -> Iterator[Row]:
+    """What the default chain has to reach, and did it."""
+    model, n = _OF_GOALS
+    mine = {row.case: row for row in select(rows, kind="static", model=model, n=n)}
+    for robot in ROBOTS:
+        names = [name_of(case, robot) for case in ("wrenches", "sag_0deg", "sag_45deg")]
+        if not set(names) <= set(mine):
+            continue
+        wrench, along, across = (mine[name] for name in names)
+        bound = _GOALS[robot.name]
+        case = f"random wrenches, {robot.name}, 12 stations: mean error [m]"
+        yield goal(case, wrench, wrench.e_mean, most=bound)
+        case = f"sag at 45 degrees, {robot.name}, 12 stations: times that along an axis"
+        ratio = across.e_mean / along.e_mean
+        yield goal(case, across, max(ratio, 1 / ratio), most=_DIRECTION)

@@ -1,0 +1,484 @@
+"""Error against run time of the MuJoCo chain and the beam models, each against a converged truth.
+
+from studies.accuracy.cases import Job
+Statics and frequencies are compared with closed forms and boundary-value solutions, motions with
+limits of infinitely many pieces. Models that shear and stretch converge to something else than
+those that only bend and twist, so each is compared with the truth of its own physics, and where
+models share the physics, their limits must agree (`cases.agreement`).
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from itertools import compress, product
+from typing import Any
+
+import numpy as np
+
+from softrobot_env.beams.model import IntegrationError, Motion, State
+from softrobot_env.evaluation.models.runs import Limit, best_of, converged, distance
+from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.scene.quadrature import RULES
+from studies.accuracy import pyelastica_rod, rig, shown, space, spiral, tension_step
+from studies.accuracy.cases import (
+    BENDING,
+    BOUND,
+    CONTESTANTS,
+    CONTINUUM,
+    COSSERAT,
+    DISTRIBUTED,
+    DURATION,
+    LUMPED,
+    Contestant,
+    Job,
+    Physics,
+    Row,
+    agreement_row,
+    beam_limit,
+    goal,
+    static_row,
+    timed_row,
+)
+from studies.accuracy.planar import (
+    ScalarCase,
+    StaticCase,
+    beam_row,
+    chain_row,
+    scalar_cases,
+    static_cases,
+)
+from studies.beams import chain_scene, step_cost
+from studies.lab import Lab, Study, groups, select
+
+#: Numbers of hinges, coarse to fine; a quick run stops after the second.
+HINGES = (6, 12, 24, 48)
+
+#: The arm's tendons end at thirds of its length, where pieces of three hinges must end too.
+HINGES_OF_THIRDS = (9, 18, 36)
+
+#: Timesteps [s] and integrators of the chain in the tension step.
+TIMESTEPS = (1e-3, 2e-3, 5e-3, 1e-2)
+DYNAMIC_INTEGRATORS = ("implicitfast", "discrete")
+
+#: Joints of the chain in the spiral, and steps per 10 ms.
+SPIRAL_JOINTS = (2, 4, 6, 12)
+SPIRAL_JOINTS_OF_THREES = (3, 6, 12)
+SUBSTEPS = (2, 3, 5, 10)
+
+#: Tolerances of the adaptive integrators, and fixed steps [s].
+TOLERANCES, FINE_TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5), (1e-6, 1e-7)
+FIXED_STEPS = {"implicit_euler": (1e-2, 2.5e-3), "sdirk2": (2e-2, 1e-2, 5e-3)}
+
+#: Error of the run that measures the error in time, far below those of the others.
+_CONVERGED = 1e-8
+
+_LOAD_STEPS = 5
+
+#: Motions in which a step of the chain costs the same throughout.
+_EVEN = (tension_step.CASE, *rig.MOTIONS)
+
+
+def run(lab: Lab) -> list[Row]:
+    """Rows of all cases, models and resolutions, and what they say of the goals."""
+    quick = lab.quick
+    jobs = [*_static_jobs(quick), *_number_jobs(quick), *_dynamic_jobs(quick)]
+    jobs += [*space.jobs(quick), *rig.static_jobs(quick), *rig.motion_jobs(quick)]
+    jobs.append(("PyElastica", lambda: pyelastica_rod.rows(quick)))
+    rows = [row for found in lab.tasks(jobs) for row in found]
+    _share_step_times(rows)
+    return [*rows, *goal_rows(rows, quick), *space.goal_rows(rows)]
+
+
+def _share_step_times(rows: list[Row]) -> None:
+    """Give the chain's motions of equal cost the same time.
+
+    A step costs the same whatever the rule and the timestep, so its best time over all runs with
+    as many hinges and the same integrator is the truth; single runs differ by the machine's noise.
+    """
+    even = [r.kind == "dynamic" and r.is_chain and r.case in _EVEN for r in rows]
+    alike = groups(compress(rows, even), "case", "n", "integrator")
+    best = {key: min(row.step_time for row in mine) for key, mine in alike.items()}
+    for index in compress(range(len(rows)), even):
+        row = rows[index]
+        step = best[row.case, row.n, row.integrator]
+        rows[index] = replace(row, step_time=step, wall_time=step * DURATION / row.timestep)
+
+
+def hinge_numbers(robot: RobotParams, rule: str, quick: bool = False) -> tuple[int, ...]:
+    """Numbers of hinges of a rule on a robot: tendons must end between pieces."""
+    thirds = len(RULES[rule]) == 3 and bool(robot.tendons)
+    numbers = HINGES_OF_THIRDS if thirds else HINGES
+    return numbers[:2] if quick else numbers
+
+
+# ---------------------------------------------------------------- statics
+
+
+def _static_jobs(quick: bool) -> Iterator[Job]:
+    repeats = 2 if quick else 5
+    for case in static_cases():
+        yield case.name, lambda c=case: _static_rows(c, quick, repeats)
+
+
+def _static_rows(case: StaticCase, quick: bool, repeats: int) -> list[Row]:
+    found, tips = [], {}
+    for rule in RULES:
+        for n in hinge_numbers(case.robot, rule, quick):
+            row, tip = chain_static_row(case, rule, n, repeats)
+            found.append(row)
+            tips.setdefault((row.model, BENDING), {})[n] = tip
+    for contestant in CONTESTANTS:
+        name, physics = contestant.name, contestant.physics
+        truth = _truth(case, physics)
+        for n in contestant.sizes[: 2 if quick else None]:
+            model = contestant.build(case.robot, n, case.loads)
+
+            def solve(model: Any = model) -> np.ndarray:
+                return model.equilibrium(case.ctrl, load_steps=_LOAD_STEPS, check_stability=False)
+
+            solve()  # compiles
+            wall_time, q = best_of(solve, repeats)
+            tip = model.tip(q)[[0, 2]]
+            tips.setdefault((name, physics), {})[n] = tip
+            found.append(static_row(case.name, name, n, physics, truth, tip, wall_time=wall_time))
+    found += static_rows(case, tips)
+    return found if quick else found + slender_static_rows(case)
+
+
+def _truth(case: StaticCase, physics: Physics) -> Limit:
+    tip, text = case.truth(physics)
+    return Limit(tip, 0.0, text)
+
+
+def chain_static_row(
+    case: StaticCase, rule: str, n: int, repeats: int = 1
+) -> tuple[Row, np.ndarray]:
+    """Solve one static case on a chain of n hinges; times are the best of `repeats`.
+
+    Returns:
+        The row, and the tip (2,) [m].
+    """
+    scene = chain_scene(case.robot, rule, n, loads=case.loads)
+    wall_time, posture = best_of(lambda: scene.equilibrium(case.ctrl), repeats)
+    tip = scene.tip(posture)[[0, 2]]
+    row = static_row(
+        case.name,
+        f"mujoco_chain/{rule}",
+        scene.model.nv,
+        BENDING,
+        _truth(case, BENDING),
+        tip,
+        wall_time=wall_time,
+        timestep=scene.timestep.timestep,
+        integrator=scene.timestep.integrator,
+        step_time=step_cost(scene.model, posture, case.ctrl, repeats),
+    )
+    return row, tip
+
+
+# ---------------------------------------------------------------- frequencies and torsion
+
+
+def _number_jobs(quick: bool) -> Iterator[Job]:
+    for case in scalar_cases():
+        yield case.name, lambda c=case: _number_rows(c, quick)
+
+
+def _number_rows(case: ScalarCase, quick: bool) -> list[Row]:
+    shown, repeats = slice(2 if quick else None), 2 if quick else 5
+    out = [
+        beam_row(case, contestant, n, repeats)
+        for contestant in CONTESTANTS
+        for n in contestant.sizes[shown]
+    ]
+    return out + [
+        chain_row(case, rule, n, BENDING, repeats) for rule in RULES for n in HINGES[shown]
+    ]
+
+
+# ---------------------------------------------------------------- motions
+
+
+def _dynamic_jobs(quick: bool) -> Iterator[Job]:
+    limits: dict[tuple[str, str], Limit] = {}
+
+    def find_limits(case: str, contestant: Contestant) -> list[Row]:
+        limits[case, contestant.physics.name] = case_limit(case, contestant, quick)
+        return []
+
+    for case in (spiral.CASE, tension_step.CASE):
+        # Of the models of equal physics the last one gives the truth: it has the full inertia.
+        for contestant in {c.physics: c for c in CONTESTANTS}.values():
+            description = f"{case}, limit of {contestant.name}"
+            yield description, lambda s=case, c=contestant: find_limits(s, c)
+        yield f"{case}, agreement", lambda s=case: dynamic_rows(s, limits, quick)
+        for contestant in CONTESTANTS:
+            yield (
+                f"{case}, {contestant.name}",
+                lambda s=case, c=contestant: _beam_rows(s, c, limits[s, c.physics.name], quick),
+            )
+        for rule in RULES:
+            yield (
+                f"{case}, chain {rule}",
+                lambda s=case, r=rule: _chain_rows(s, r, limits[s, BENDING.name], quick),
+            )
+
+
+def _beam_rows(case: str, contestant: Contestant, truth: Limit, quick: bool) -> list[Row]:
+    found, (module, _) = [], MOTIONS[case]
+    numbers = contestant.spiral if module is spiral else contestant.step
+    for index, n in enumerate(numbers[: 2 if quick else None]):
+        motion = module.beam_motion(contestant, n)
+        exact = replace(motion, tolerance=_CONVERGED)()
+        for method, step, tolerance in _settings(contestant, index, quick):
+            run = replace(motion, method=method, step=step, tolerance=tolerance)
+            repeats = 2 if quick else 5
+            try:
+                found.append(timed_row(case, contestant.physics, truth, run, repeats, exact))
+            except IntegrationError as error:
+                text = f"left out: {error}"
+                found.append(Row("note", case, contestant.name, n, reference=text))
+    return found
+
+
+def _settings(
+    contestant: Contestant, index: int, quick: bool
+) -> Iterator[tuple[str, float | None, float | None]]:
+    """Method, step and tolerance; fixed steps and the finest ones for the coarsest model only."""
+    for tolerance in (*TOLERANCES, *(FINE_TOLERANCES if index == 0 else ())):
+        yield "sdirk4", None, tolerance
+    if contestant.explicit and index < 2:
+        for tolerance in TOLERANCES[1:]:
+            yield "dormand_prince", None, tolerance
+    if index == 0:
+        for method, steps in FIXED_STEPS.items():
+            for step in steps[: 2 if quick else None]:
+                yield method, step, None
+
+
+def _chain_rows(case: str, rule: str, truth: Limit, quick: bool) -> list[Row]:
+    if case == spiral.CASE:
+        numbers = SPIRAL_JOINTS_OF_THREES if len(RULES[rule]) == 3 else SPIRAL_JOINTS
+        numbers, steps = (numbers[:-1], SUBSTEPS[:3]) if quick else (numbers, SUBSTEPS)
+        make, repeats = spiral.chain_motion, 5 if quick else 20
+    else:
+        numbers, steps = hinge_numbers(ARM, rule, quick), TIMESTEPS
+        make, repeats = tension_step.chain_motion, 2 if quick else 5
+    return [
+        timed_row(case, BENDING, truth, make(rule, n, step, integrator), repeats)
+        for n, integrator, step in product(numbers, DYNAMIC_INTEGRATORS, steps)
+    ]
+
+
+# ---------------------------------------------------------------- agreement
+
+_SLENDER = 30.0
+
+#: Elements of a slender continuum, which converges slowly: bending also strains its fibres.
+_FINE = 96
+
+#: Pieces of the limits of each model in the spiral and the tension step, full and quick.
+_SIZES = {
+    ("pcc", spiral.CASE): ((5, 10, 20), (3, 6, 12)),
+    ("pcc", tension_step.CASE): ((6, 12, 24), (3, 6, 12)),
+    ("cosserat", spiral.CASE): ((8, 16, 32), (8, 16, 32)),
+    ("cosserat", tension_step.CASE): ((12, 24, 48), (6, 12, 24)),
+    ("ancf", spiral.CASE): ((3, 6, 12), (2, 4, 8)),
+    ("ancf", tension_step.CASE): ((6, 12, 24), (3, 6, 12)),
+}
+
+
+#: Case -> module with its `beam_motion`, and robot.
+MOTIONS = {spiral.CASE: (spiral, spiral.ROBOT), tension_step.CASE: (tension_step, ARM)}
+
+
+def slender(robot: RobotParams) -> RobotParams:
+    """A robot of equal EI and mass per length, with a thirtieth of the radius."""
+    return replace(
+        robot,
+        outer_radius=robot.outer_radius / _SLENDER,
+        inner_radius=robot.inner_radius / _SLENDER,
+        youngs_modulus=robot.youngs_modulus * _SLENDER**4,
+        density=robot.density * _SLENDER**2,
+    )
+
+
+def static_rows(
+    case: StaticCase, tips: dict[tuple[str, Physics], dict[int, np.ndarray]]
+) -> list[Row]:
+    """How far the limits of models are from the exact equilibrium of their physics.
+
+    Args:
+        case: The case.
+        tips: Tips (2,) [m] by model, physics and number of pieces; the two finest are extrapolated
+            to infinitely many for an error of second order.
+    """
+    found = []
+    for (model, physics), by_size in tips.items():
+        coarse, fine = sorted(by_size)[-2:]
+        limit = converged({n: by_size[n] for n in (coarse, fine)}, 2)
+        truth, text = case.truth(physics)
+        text = f"limit of n = {coarse}, {fine}; {text}"
+        gap, length = distance(limit, truth), case.robot.length
+        row = agreement_row(case.name, model, fine, gap, length, physics.name, text)
+        # Where bending is not uniform, no rod is the limit of a continuum: reported, not checked.
+        unknown = physics == CONTINUUM and not case.uniform
+        found.append(_unchecked(row) if unknown else row)
+    return found
+
+
+def slender_static_rows(case: StaticCase) -> list[Row]:
+    """How far a fine continuum model of a slender robot is from the exact rod that only bends."""
+    robot, found = slender(case.robot), []
+    for contestant in CONTESTANTS:
+        if contestant.physics == CONTINUUM:
+            model = contestant.build(robot, _FINE, case.loads)
+            q = model.equilibrium(case.ctrl, load_steps=5, check_stability=False)
+            truth, text = case.truth(BENDING)
+            gap = distance(model.tip(q)[[0, 2]], truth)
+            name, length = f"{contestant.name}, slender", robot.length
+            found.append(agreement_row(case.name, name, _FINE, gap, length, BENDING.name, text))
+    return found
+
+
+def case_limit(
+    case: str, contestant: Contestant, quick: bool, robot: RobotParams | None = None
+) -> Limit:
+    """Converged motion of a model, of the case's own robot unless another is given."""
+    sizes = _SIZES[contestant.name.split("/")[0], case][quick]
+    module, own = MOTIONS[case]
+    return beam_limit(module.beam_motion, contestant, sizes, robot or own)
+
+
+def dynamic_rows(case: str, limits: dict[tuple[str, str], Limit], quick: bool) -> list[Row]:
+    """Distances of the limits of different models.
+
+    Args:
+        case: "spiral" or "tension_step".
+        limits: Converged motion by case and physics.
+        quick: Coarser limits, and no slender robot.
+    """
+    _, robot = MOTIONS[case]
+    truth = limits[case, BENDING.name]
+    turning = case == spiral.CASE
+    chain = (spiral.chain_limit if turning else tension_step.converged_reference)(quick)
+    name = DISTRIBUTED.name
+    found = [_pair(case, f"mujoco_chain/gauss2 / {name}", chain, truth, robot)]
+    for contestant in CONTESTANTS:
+        if contestant.physics != BENDING:
+            other = limits[case, contestant.physics.name]
+            pair = f"{contestant.name} / {name} (other physics)"
+            # Not a check: what shear and extension do to the motion.
+            found.append(_unchecked(_pair(case, pair, other, truth, robot)))
+    return found if quick else found + list(_slender_rows(case, slender(robot)))
+
+
+def _slender_rows(case: str, robot: RobotParams) -> Iterator[Row]:
+    truth = case_limit(case, DISTRIBUTED, True, robot)
+    for contestant in CONTESTANTS:
+        if contestant.physics != BENDING:
+            limit = case_limit(case, contestant, True, robot)
+            pair = f"{contestant.name} / {DISTRIBUTED.name}, slender"
+            yield _pair(case, pair, limit, truth, robot)
+
+
+def _pair(case: str, pair: str, a: Limit, b: Limit, robot: RobotParams) -> Row:
+    error = np.linalg.norm(a.tips - b.tips, axis=-1)
+    gap, text = distance(a.tips, b.tips), f"{a.text}; {b.text}"
+    row = agreement_row(case, pair, None, gap, robot.length, BENDING.name, text)
+    row = replace(row, e_mean=float(error.mean()))
+    if max(a.uncertainty, b.uncertainty) > BOUND * robot.length:
+        return replace(_unchecked(row), model=f"{pair}: no limit found")
+    return row
+
+
+def _unchecked(row: Row) -> Row:
+    """What other physics, or an unknown limit, make of an agreement: a distance without a bound."""
+    return replace(row, kind="physics", limit=None, met=None)
+
+
+# ---------------------------------------------------------------- goals
+
+#: Errors in time [m]: our own, and the thesis' (Tab. 2.2, whose unit is m according to the audit).
+_FINE, _THESIS = 1e-6, 0.9e-3
+
+#: Model, pieces and run time [s] of the spiral.
+_SPIRALS = (("pcc/lumped", 2, 0.020), ("cosserat", 7, 0.100), ("ancf", 2, 1.0))
+
+_STEPS, _STEP = 500, 1e-5  # s, below the stability limit of 20 pieces
+
+
+def goal_rows(found: list[Row], quick: bool = False) -> list[Row]:
+    """Goals and what rows of the benchmark say about them; limits of a speed-up are lower ones."""
+    return [*_spirals(found), *_right_hand_side(quick), *_chain(found), *_speed_up(found)]
+
+
+def _spirals(found: list[Row]) -> Iterator[Row]:
+    for model, n, bound in _SPIRALS:
+        mine = select(found, case=spiral.CASE, model=model, n=n)
+        for error in (_FINE, _THESIS):
+            good = (row for row in mine if row.e_time is not None and row.e_time <= error)
+            best = _fastest(good)
+            if best is not None:
+                case = f"3 s spiral, error in time <= {1e3 * error:g} mm: time [s]"
+                yield goal(case, best, best.wall_time, most=bound)
+
+
+def _right_hand_side(quick: bool) -> Iterator[Row]:
+    times = {n: right_hand_side_time(n, 3 if quick else 20) for n in (5, 20)}
+    few, many = (Row("goal", "", LUMPED.name, n) for n in times)
+    yield goal("right-hand side in 3-D: time [s]", few, times[5], most=10e-6)
+    growth = times[20] / times[5]
+    yield goal("its growth from 5 to 20 pieces: factor", many, growth, most=(20 / 5) ** 2)
+
+
+def right_hand_side_time(pieces: int, repeats: int) -> float:
+    """Time [s] per acceleration of the spatial PCC model in the spiral, all of rk4 included."""
+    model = LUMPED.build(spiral.ROBOT, pieces, spiral.loads(), "spatial")
+    start = State(np.full(model.n, 1 / model.robot.length), np.zeros(model.n))  # bent
+    inputs = np.array([1.0, -2.0])
+
+    def simulate() -> Motion:
+        return model.simulate(_STEPS * _STEP, inputs, start, method="rk4", step=_STEP)
+
+    simulate()  # compiles
+    time, motion = best_of(simulate, repeats)
+    return time / motion.residuals
+
+
+def _chain(found: list[Row]) -> Iterator[Row]:
+    chains = (r for r in select(found, case=spiral.CASE, kind="dynamic") if r.is_chain)
+    best = _fastest(row for row in chains if row.e_mean < 1e-4)
+    if best is not None:
+        speed = spiral.DURATION / best.wall_time
+        yield goal("spiral, mean error < 0.1 mm: times real time", best, speed, least=300.0)
+
+
+def _speed_up(found: list[Row]) -> Iterator[Row]:
+    """The fastest run of at most the same error, for each of PyElastica's: chain and rod.
+
+    The goal is the chain's; the rod, which has PyElastica's physics, stands beside it.
+    """
+    runs = select(found, case=pyelastica_rod.CASE, kind="dynamic")
+    for theirs in select(runs, model=pyelastica_rod.NAME):
+        for model in (pyelastica_rod.CHAIN, COSSERAT.name):
+            best = _fastest(r for r in select(runs, model=model) if r.e_max <= theirs.e_max)
+            if best is not None:
+                ratio = theirs.wall_time / best.wall_time
+                case = f"undamped spiral, error of PyElastica {theirs.n} or less: times faster"
+                row = goal(case, best, ratio, least=30.0)
+                checked = model == pyelastica_rod.CHAIN
+                yield row if checked else replace(row, limit=None, met=None)
+
+
+def _fastest(found: Iterable[Row]) -> Row | None:
+    return min(found, key=lambda row: row.wall_time, default=None)
+
+
+STUDY = Study(
+    kinds=(Row,),
+    stages=run,
+    tables=(shown.tables,),
+    plots=shown.PLOTS,
+    note="Error in time on robots of all kinds: softrobot benchmark scenes",
+    alone=True,
+)

@@ -1,0 +1,425 @@
+"""Extreme cases: large bends, slack tendons, jumps, extreme sections and a long free oscillation.
+
+The chain runs with what the timestep rule picks, the beam models with sdirk4 at a fixed step and
+with steps adapted to its error estimate.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from math import ceil, pi
+
+import numpy as np
+
+from softrobot_env.beams import signals
+from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
+from softrobot_env.beams.model import State
+from softrobot_env.evaluation.models.runs import distance
+from softrobot_env.robots import ARM, CANTILEVER_WEAK, RobotParams
+from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.robots.loads import Load
+from softrobot_env.scene.config import SceneConfig
+from studies.accuracy.cases import SHEAR
+from studies.beams import make_beam, weightless
+from studies.stability.map import damped
+from studies.stability.runs import (
+    ADAPTIVE,
+    CHAIN,
+    WRONG,
+    BeamSystem,
+    ChainSystem,
+    Job,
+    Plan,
+    Reference,
+    Row,
+    System,
+    Trace,
+    Verdict,
+    judge,
+    judge_errors,
+    neutral_scene,
+    refined_runs,
+    rule_choice,
+    steps_for,
+)
+from studies.truths.analytic import arc_tip, elastica
+from studies.truths.continuum_arc import TEXT as CONTINUUM_ARC
+from studies.truths.continuum_arc import continuum_arc_tip
+from studies.truths.shearable_rod import section, tendon_tip
+
+#: Method of the beam models, and its steps per first period.
+BEAM_METHOD = "sdirk4"
+BEAM_STEPS = 250
+
+#: Share of the length that the tip may be off; of the amplitude in a free oscillation.
+SHARE = 0.05
+OSCILLATION_SHARE = 0.2
+
+#: Growth of the amplitude that rounding and the sampling of the peaks explain.
+_GROWTH = 1.01
+_AMPLITUDE = 2e-3  # of the length
+_CONTROL_PERIOD = 0.01
+_MOST_STEPS = 10_000_000
+_REFINE = (4, 8)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A robot, its inputs over time and what is known of the motion.
+
+    Attributes:
+        name: Name in the report.
+        robot: The robot.
+        values: (k, n_inputs), inputs, each held for `hold`.
+        hold: [s].
+        duration: [s].
+        loads: Loads.
+        drive: "tension" or "length".
+        tip: (2,) [m], where the tip comes to rest; None compares with a refined run.
+        truth: What the tip is compared with.
+        angle: Start of the coordinates, for robots that start straight but for rounding.
+        tips: The same by model, (2,) [m] and a text, for models of other physics: rods that
+            can be compressed, and the continuum with its large strains.
+    """
+
+    name: str
+    robot: RobotParams
+    values: np.ndarray
+    hold: float
+    duration: float
+    loads: tuple[Load, ...] = ()
+    drive: str = "tension"
+    tip: np.ndarray | None = None
+    truth: str = "refined run of the same model"
+    angle: float = 0.0
+    tips: dict[str, tuple[np.ndarray, str]] = field(default_factory=dict)
+
+    @property
+    def bound(self) -> float:
+        """[m]."""
+        return SHARE * self.robot.length
+
+
+def settling(name: str, robot: RobotParams, load: Load, tip: np.ndarray | None, truth: str) -> Case:
+    """A load that grows over one first period of a well damped robot, which then settles."""
+    robot = damped(robot, 0.5)
+    period = 1 / robot.first_frequency
+    ramp = np.linspace(0, 1, max(2, ceil(period / _CONTROL_PERIOD)))[:, None]
+    return Case(name, robot, ramp, _CONTROL_PERIOD, 5 * period, loads=(load,), tip=tip, truth=truth)
+
+
+def bare(robot: RobotParams) -> RobotParams:
+    """The robot without tendons and weight."""
+    return replace(weightless(robot), tendons=())
+
+
+def curl(turns: float = 1.25) -> Case:
+    """A tip moment that bends a rod to more than a full circle.
+
+    Its length is 40 radii: the arm's thick section would compress a St. Venant-Kirchhoff continuum
+    beyond its largest stress.
+    """
+    robot, curvature = rod_of(40), 2 * pi * turns / ARM.length
+    moment = curvature * robot.bending_stiffness
+    load = Load("load", robot.length, moment=(0.0, moment, 0.0), follows=True)
+    tip = arc_tip(robot.length, curvature)
+    case = settling("curl_moment", robot, load, tip, "circular arc (exact)")
+    return replace(case, tips={"ancf2d": (continuum_arc_tip(robot, moment), CONTINUUM_ARC)})
+
+
+def follower_tip(length: float, bending_stiffness: float, force: float) -> np.ndarray:
+    """Tip (2,) [m] of a rod under a lateral tip force [N] that turns with the tip.
+
+    In axes that turn with the tip the force is fixed, EI p'' = -F cos p with p = p' = 0 there: an
+    initial-value problem from the tip to the base.
+    """
+    from scipy.integrate import solve_ivp
+
+    def toward_base(s: float, y: np.ndarray) -> list[float]:
+        return [-y[1], force / bending_stiffness * np.cos(y[0]), -np.sin(y[0]), -np.cos(y[0])]
+
+    end = solve_ivp(toward_base, (0, length), np.zeros(4), rtol=1e-11, atol=1e-13)
+    angle, _, x, z = end.y[:, -1]
+    return np.array(
+        [-np.cos(angle) * x + np.sin(angle) * z, -np.sin(angle) * x - np.cos(angle) * z]
+    )
+
+
+def follower(strength: float = 3.0) -> Case:
+    """A lateral tip force that turns with the tip, in units of EI / L^2."""
+    robot = bare(ARM)
+    force = strength * robot.bending_stiffness / robot.length**2
+    load = Load("load", robot.length, force=(force, 0.0, 0.0), follows=True)
+    tip = follower_tip(robot.length, robot.bending_stiffness, force)
+    return settling("follower_force", robot, load, tip, "elastica from the tip (exact)")
+
+
+def tip_force(name: str, robot: RobotParams, strength: float, independent: bool = True) -> Case:
+    """A dead lateral tip force, in units of EI / L^2, on a robot without tendons and weight."""
+    robot = bare(robot)
+    force = strength * robot.bending_stiffness / robot.length**2
+    load = Load("load", robot.length, force=(force, 0.0, 0.0))
+    if not independent:
+        return settling(name, robot, load, None, "refined run of the same model")
+    rod = elastica(robot.length, robot.bending_stiffness, force=(force, 0.0))
+    return settling(name, robot, load, rod.tip, "elastica (boundary-value solution)")
+
+
+def rod_of(slenderness: float) -> RobotParams:
+    """A solid rod of the arm's length and material with length / radius given."""
+    return replace(bare(ARM), outer_radius=ARM.length / slenderness, inner_radius=0.0)
+
+
+def tension_limit() -> Case:
+    """The longest upper tendon jumps to its limit.
+
+    All three at once would swing the arm beyond the curvature 1 / outer radius, where the inner
+    side folds. A St. Venant-Kirchhoff continuum (ANCF) has no equilibrium at this tension: its
+    fibres soften under compression (`studies.truths.continuum_arc` finds none from about 75 N on).
+    """
+    limit = ARM.tendons[-2].tension_limit
+    tension = np.array([0.0] * (len(ARM.tendons) - 2) + [limit, 0.0])
+    tip = ConstantCurvatureStatics(ARM).tip(TendonMap(ARM).reduced(tension))
+    pressed = tendon_tip(ARM, section(ARM, SHEAR.shear_coefficient), tension)
+    return Case(
+        "tension_limit",
+        ARM,
+        tension[None],
+        1.0,
+        8.0,
+        tip=tip,
+        truth="constant curvature (exact)",
+        tips={
+            "cosserat": (pressed, "constant curvature and compression (exact)"),
+            "ancf2d": (tip, "constant curvature; this continuum has no equilibrium"),
+        },
+    )
+
+
+def slack_taut(pull: float = 0.01, stiffness: float = 2e4) -> Case:
+    """Elastic tendons driven by length, pulled in and let go in turn: half of them hang slack."""
+    tendons = tuple(replace(t, stiffness=stiffness, pretension=1.0) for t in ARM.tendons)
+    sides = np.array([np.sign(t.offset[0]) for t in tendons])
+    values = pull * np.array([(-1) ** k * sides for k in range(12)])
+    return Case("slack_taut", replace(ARM, tendons=tendons), values, 0.25, 3.0, drive="length")
+
+
+def repeated_steps(tension: float = 40.0) -> Case:
+    """Tensions that jump from one side to the other before the arm comes to rest."""
+    up = np.array([t.offset[0] > 0 for t in ARM.tendons])
+    values = tension * np.array([up if k % 2 == 0 else ~up for k in range(12)])
+    return Case("repeated_steps", ARM, values, 0.3, 3.6)
+
+
+def straight(angle: float) -> Case:
+    """A tension step that starts from the straight pose, exactly or but for rounding."""
+    values = np.array([[20.0] + [0.0] * (len(ARM.tendons) - 1)])
+    return Case(f"straight_start_{angle:g}", ARM, values, 1.0, 2.0, angle=angle)
+
+
+def longest_pair(name: str) -> Case:
+    """A tension step with the longest pair alone, which leaves the number of pieces free."""
+    robot = replace(ARM, tendons=ARM.tendons[-2:])
+    return Case(name, robot, np.array([[20.0, 0.0]]), 1.0, 3.0)
+
+
+def jobs(beams: tuple[str, ...], quick: bool = False) -> Iterator[Job]:
+    """All cases on the chain and the given beam models; n is chosen per case."""
+    weak = replace(CANTILEVER_WEAK, poisson_ratio=0.49)
+    cases = [  # with hinges of the chain, and pieces of the beams
+        (curl(), 24, 24),
+        (tension_limit(), 12, 12),
+        (slack_taut(), 12, 6),
+        (straight(0.0), 12, 6),
+        (straight(1e-12), 12, 6),
+        (longest_pair("one_piece"), 2, 1),
+    ]
+    if not quick:
+        cases += [
+            (follower(), 24, 12),
+            (repeated_steps(), 12, 6),
+            (tip_force("near_incompressible", weak, 3.0), 24, 12),
+            (tip_force("slender_500", rod_of(500), 2.0), 24, 12),
+            (tip_force("thick_2", rod_of(2), 1.0, independent=False), 12, 6),
+            (longest_pair("many_pieces"), 64, 64),
+        ]
+    for case, hinges, pieces in cases:
+        yield f"{case.name}, chain", lambda c=case, n=hinges: [run_case(c, CHAIN, n)]
+        for beam in beams:
+            yield (
+                f"{case.name}, {beam}",
+                lambda c=case, b=beam, n=pieces: [
+                    run_case(c, b, n, method) for method in (BEAM_METHOD, BEAM_METHOD + ADAPTIVE)
+                ],
+            )
+    duration = 60.0 if quick else 600.0
+    for damping in (0.0, 1e-4):
+        for model in (CHAIN, *beams):
+            yield (
+                f"free oscillation, {model}",
+                lambda z=damping, m=model: [oscillation_row(m, 6, z, duration)],
+            )
+
+
+def run_case(case: Case, model: str, n: int, method: str = BEAM_METHOD) -> Row:
+    """Run one case on one model; `method` is for beams. Of adapted steps the mean is reported."""
+    tip, truth = case.tips.get(model, (case.tip, case.truth))
+    case = replace(case, tip=tip, truth=truth)
+    system = _system(case, model, n)
+    plan = _plan(case.robot, system, case.duration)
+    if isinstance(system, BeamSystem):
+        plan = replace(plan, integrator=method)
+    finer = None
+    if case.tip is None:
+        finer = refined(_system(replace(case, angle=0.0), model, n), plan)
+    trace = system.run(plan)
+    if finer is not None:
+        verdict = judge(trace, finer, case.bound)
+    elif trace.outcome is not None:
+        verdict = Verdict(trace.outcome, trace.failure, None)
+    else:
+        error = np.linalg.norm(trace.tip[-1:] - case.tip, axis=1)
+        verdict = judge_errors(trace.time[-1:], error, case.bound, case.truth)
+    if trace.steps:
+        time = plan.timestep * plan.steps
+        plan = replace(plan, timestep=time / trace.steps, steps=trace.steps)
+    return Row.of(
+        case.name,
+        model,
+        n,
+        plan,
+        verdict,
+        case.bound,
+        trace.wall_time,
+        reference=case.truth,
+        uncertainty=None if finer is None else finer.uncertainty,
+    )
+
+
+def _system(case: Case, model: str, n: int) -> System:
+    if model == CHAIN:
+        config = SceneConfig(case.robot, pieces=n // 2, actuation=case.drive, loads=case.loads)
+
+        def controls(time: float) -> np.ndarray:
+            return case.values[min(int(time / case.hold + 1e-6), len(case.values) - 1)]
+
+        return ChainSystem(config, np.full(n, case.angle), controls)
+    beam = make_beam(model, case.robot, n, loads=case.loads, drive=case.drive)
+    q = beam.rest()
+    q = q + case.angle * beam.data.scale
+    inputs = signals.held(case.values, case.hold)
+    return BeamSystem(beam, State(q, np.zeros(beam.n)), inputs)
+
+
+def _plan(robot: RobotParams, system: System, duration: float) -> Plan:
+    """The rule's choice for the chain; sdirk4 for a beam. Steps divide the control period."""
+    period = 1 / robot.first_frequency
+    if isinstance(system, ChainSystem):
+        choice = rule_choice(system)
+        integrator, timestep = choice.integrator, choice.timestep
+    else:
+        integrator = BEAM_METHOD
+        timestep = _CONTROL_PERIOD / ceil(_CONTROL_PERIOD * BEAM_STEPS / period)
+    steps = steps_for(duration, timestep, 1, _MOST_STEPS)
+    return Plan(integrator, timestep, steps, max(timestep, _CONTROL_PERIOD))
+
+
+def refined(system: System, plan: Plan) -> Reference:
+    """The same with smaller fixed steps, also for a run with adapted ones; verified by halving.
+
+    Raises:
+        RuntimeError: A refined run failed, or both are equal: the steps had no effect.
+    """
+    plan = replace(plan, integrator=plan.integrator.removesuffix(ADAPTIVE))
+    coarse, fine = refined_runs(system, [plan.finer(k) for k in _REFINE])
+    gap = distance(coarse.tip, fine.tip)
+    if gap == 0:
+        raise RuntimeError("the refined runs are equal: they cannot verify each other")
+    return Reference(fine.time, fine.tip, gap)
+
+
+def oscillation_row(model: str, n: int, damping: float, duration: float) -> Row:
+    """A small free oscillation in the first mode, against the linear solution.
+
+    It fails if the tip leaves the linear solution by more than `OSCILLATION_SHARE` of the
+    amplitude, or if the amplitude grows.
+    """
+    robot = damped(bare(ARM), damping)
+    amplitude = _AMPLITUDE * robot.length
+    system, frequency = _released(robot, model, n, amplitude)
+    plan = replace(_plan(robot, system, duration), sample=0.05 / robot.first_frequency)
+    trace = system.run(plan)
+    bound = OSCILLATION_SHARE * amplitude
+    verdict = Verdict(trace.outcome or "", trace.failure, None)
+    if trace.outcome is None:
+        expected = _linear(trace.time, frequency, damping, robot.damping_time) * amplitude
+        error = np.abs(trace.tip[:, 0] - expected)
+        verdict = judge_errors(trace.time, error, bound, "the linear solution")
+        growth = _amplitude_growth(trace)
+        if growth > _GROWTH:
+            text = f"finite but wrong: the free amplitude grew by a factor {growth:.3g}"
+            verdict = Verdict(WRONG, text, verdict.e_max)
+    name = "oscillation" if damping == 0 else "oscillation_damped"
+    return Row.of(
+        f"{name}_{duration / 60:g}min",
+        model,
+        n,
+        plan,
+        verdict,
+        bound,
+        trace.wall_time,
+        damping_scale=robot.damping_time / ARM.damping_time,
+        damping_ratio=damping,
+        reference="linear solution of the same model",
+    )
+
+
+def _linear(time: np.ndarray, frequency: float, damping: float, mu: float) -> np.ndarray:
+    """Free oscillation (k,) from unit deflection at rest; `frequency` undamped [rad/s]."""
+    if damping == 0:
+        return np.cos(frequency * time)
+    rate = mu * frequency**2 / 2
+    swing = np.sqrt(frequency**2 - rate**2)
+    decay = np.exp(-rate * time)
+    return decay * (np.cos(swing * time) + rate / swing * np.sin(swing * time))
+
+
+def _amplitude_growth(trace: Trace) -> float:
+    """Largest deflection in the last tenth over that in the first."""
+    x, tenth = np.abs(trace.tip[:, 0]), len(trace.tip) // 10
+    return float(np.max(x[-tenth:]) / np.max(x[:tenth]))
+
+
+def _released(robot: RobotParams, model: str, n: int, amplitude: float) -> tuple[System, float]:
+    """System in its first mode with a tip deflection [m], and the mode's frequency [rad/s]."""
+    if model == CHAIN:
+        config = SceneConfig(robot, pieces=n // 2)
+        chain = ChainSystem(config, np.zeros(n), np.empty(0))
+        shape, frequency = _first_mode(chain.linear.mass, chain.linear.stiffness)
+        stations = neutral_scene(config).layout.stations
+        shape = shape * amplitude / float(shape @ (robot.length - stations))
+        return ChainSystem(config, shape, np.empty(0)), frequency
+    beam = make_beam(model, robot, n)
+    rest = beam.rest()
+    space = beam.linearize(State(rest, np.zeros(beam.n)))
+    lever = space.c[0, : len(space.mass)]
+    shape, frequency = _first_mode(space.mass, space.stiffness, lever)
+    q = rest + beam.tangent(rest) @ (shape * amplitude)
+    return BeamSystem(beam, State(q, np.zeros(beam.n)), np.empty(0)), frequency
+
+
+def _first_mode(
+    mass: np.ndarray, stiffness: np.ndarray, lever: np.ndarray | None = None
+) -> tuple[np.ndarray, float]:
+    """Shape of the slowest mode, of unit tip deflection if a lever (m,) is given, and [rad/s].
+
+    Bending in two planes is equally slow; the lever then picks the plane of the deflection.
+    """
+    from scipy.linalg import eigh
+
+    squares, shapes = eigh(stiffness, mass)
+    shape = shapes[:, 0]
+    if lever is not None:
+        slow = shapes[:, squares < squares[0] * (1 + 1e-6)]
+        weights = lever @ slow
+        shape = slow @ weights / float(weights @ weights)
+    return shape, float(np.sqrt(squares[0]))

@@ -1,0 +1,251 @@
+"""Maps of stability over timestep, stiffness, damping, resolution and integrator.
+
+The arm has no gravity, its tensions grow with its stiffness and the damping ratio is kept, so all
+stiffnesses move alike in units of the first period T1: refined runs are made once and stretched.
+The map is drawn over the absolute timestep and the stiffness nevertheless, as these are what a
+user sets; similarity then shows as diagonals of equal colour, and where absolute times (the
+control period in the timestep rule) break it, that shows too.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from math import isinf, pi
+
+import numpy as np
+
+from softrobot_env.beams.model import State
+from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.statics import equilibrium
+from softrobot_env.scene.timestep import stability_limit
+from studies.accuracy.tension_step import END, START, tensions
+from studies.beams import make_beam
+from studies.stability.runs import (
+    BEAM_METHODS,
+    CHAIN,
+    CHAIN_INTEGRATORS,
+    BeamSystem,
+    ChainSystem,
+    Job,
+    Plan,
+    Reference,
+    Row,
+    System,
+    beam_reference,
+    chain_reference,
+    judge,
+    neutral_scene,
+    rule_choice,
+    steps_for,
+)
+
+#: [s]: what a user would try. Stiffness in units of the arm's.
+TIMESTEPS = (1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2)
+STIFFNESSES = (1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)
+
+#: Damping ratio of the arm's first mode.
+NOMINAL = ARM.damping_time * pi * ARM.first_frequency
+ALL_DAMPINGS = (0.0, 0.01, NOMINAL, 1.0, 5.0)
+SOME_DAMPINGS = (0.0, NOMINAL, 5.0)
+
+#: First periods simulated, and samples of the tip in each.
+PERIODS = 3
+SAMPLES = 200
+
+#: Steps of a run: enough to see an instability grow, few enough to bear the cost.
+LEAST_STEPS, MOST_STEPS = 50, 3000
+MOST_RULE_STEPS = 20_000
+
+#: [m], 5 % of the length.
+BOUND = 0.05 * ARM.length
+
+#: Timesteps in units of the linearised chain's limit.
+LIMIT_RATIOS = (0.5, 0.7, 0.85, 0.95, 1.05, 1.2, 1.5, 2.0, 3.0)
+
+_REFERENCE_STEPS = 1000  # per first period, at least
+_LIMIT_SHARE = 0.4
+_LARGEST_LIMIT = 0.1
+
+
+def damped(robot: RobotParams, damping_ratio: float) -> RobotParams:
+    """The robot with a damping ratio of its first mode."""
+    return replace(robot, damping_time=damping_ratio / (pi * robot.first_frequency))
+
+
+def scaled_arm(stiffness: float, damping_ratio: float) -> RobotParams:
+    """The arm with its stiffness multiplied and a damping ratio of the first mode.
+
+    Its tension limits grow along; else they would cut the tensions of a stiff arm.
+    """
+    robot = damped(ARM.vary(youngs_modulus=stiffness), damping_ratio)
+    tendons = (replace(t, tension_limit=stiffness * t.tension_limit) for t in ARM.tendons)
+    return replace(robot, tendons=tuple(tendons))
+
+
+@dataclass
+class Family:
+    """A model with a number of hinges or pieces, in all stiffnesses and dampings.
+
+    Attributes:
+        model: `CHAIN`, or a name of `make_beam`.
+        n: Number of hinges or pieces.
+    """
+
+    model: str
+    n: int
+    _posture: np.ndarray | None = None
+    _references: dict[float, Reference] = field(default_factory=dict)
+    _system: tuple[tuple[float, float], System] | None = None
+
+    @property
+    def integrators(self) -> tuple[str, ...]:
+        """Names of its integrators or methods."""
+        return CHAIN_INTEGRATORS if self.model == CHAIN else BEAM_METHODS
+
+    def system(self, stiffness: float, damping: float) -> System:
+        """The robot in the equilibrium of `START`, with the tensions of `END`."""
+        key = (stiffness, damping)
+        if self._system is None or self._system[0] != key:
+            self._system = (key, self._build(scaled_arm(stiffness, damping)))
+        return self._system[1]
+
+    def _build(self, robot: RobotParams) -> System:
+        inputs = tensions(robot, END)
+        if self.model == CHAIN:
+            config = SceneConfig(robot, pieces=self.n // 2)
+            if self._posture is None:
+                self._posture = equilibrium(neutral_scene(config).model, tensions(robot, START))
+            return ChainSystem(config, self._posture, inputs)
+        beam = make_beam(self.model, robot, self.n)
+        if self._posture is None:
+            u = tensions(robot, START)
+            self._posture = beam.equilibrium(u, check_stability=False)
+        return BeamSystem(beam, State(self._posture, np.zeros(beam.n)), inputs)
+
+    def reference(self, stiffness: float, damping: float) -> Reference:
+        """The refined motion, computed for the arm's own stiffness."""
+        if damping not in self._references:
+            self._references[damping] = self._refine(damping)
+        return self._references[damping].stretched(stiffness**-0.5)
+
+    def _refine(self, damping: float) -> Reference:
+        system, period = self.system(1.0, damping), 1 / ARM.first_frequency
+        sample = period / SAMPLES
+        if isinstance(system, BeamSystem):
+            return beam_reference(system, PERIODS * period, sample)
+        limit = stability_limit("implicitfast", system.linear)
+        most = min(period / _REFERENCE_STEPS, _LIMIT_SHARE * limit)
+        return chain_reference(system, PERIODS * period, sample, most)
+
+
+def run_cell(
+    family: Family,
+    stiffness: float,
+    damping: float,
+    integrator: str,
+    timestep: float,
+    *,
+    case: str = "map",
+    most: int = MOST_STEPS,
+) -> Row:
+    """Run one cell of a map.
+
+    It lasts `PERIODS` first periods, but at least `LEAST_STEPS` and at most `most` steps. The tip
+    is compared while the refined run lasts.
+    """
+    system, robot = family.system(stiffness, damping), scaled_arm(stiffness, damping)
+    reference = family.reference(stiffness, damping)
+    period = 1 / robot.first_frequency
+    steps = steps_for(PERIODS * period, timestep, LEAST_STEPS, most)
+    plan = Plan(integrator, timestep, steps, min(period, steps * timestep) / 40)
+    trace = system.run(plan)
+    limit = None
+    if isinstance(system, ChainSystem):
+        limit = stability_limit(integrator, system.linear)
+    return Row.of(
+        case,
+        family.model,
+        family.n,
+        plan,
+        judge(trace, reference, BOUND),
+        BOUND,
+        trace.wall_time,
+        stiffness_scale=stiffness,
+        damping_scale=robot.damping_time / ARM.damping_time,
+        damping_ratio=damping,
+        stability_limit=None if limit is None or isinf(limit) else float(limit),
+        reference="refined run of the same model",
+        uncertainty=reference.uncertainty,
+    )
+
+
+def map_rows(
+    family: Family,
+    damping: float,
+    timesteps: tuple[float, ...] = TIMESTEPS,
+    stiffnesses: tuple[float, ...] = STIFFNESSES,
+) -> list[Row]:
+    """All cells of one damping ratio."""
+    return [
+        run_cell(family, stiffness, damping, integrator, timestep)
+        for stiffness in stiffnesses
+        for integrator in family.integrators
+        for timestep in timesteps
+    ]
+
+
+def rule_rows(
+    family: Family, damping: float, stiffnesses: tuple[float, ...] = STIFFNESSES
+) -> list[Row]:
+    """Runs with what the rule picks, by itself and for every integrator that a user may fix."""
+    rows = []
+    for stiffness in stiffnesses:
+        for asked in (None, *family.integrators):
+            choice = rule_choice(family.system(stiffness, damping), asked)
+            rows.append(
+                run_cell(
+                    family,
+                    stiffness,
+                    damping,
+                    choice.integrator,
+                    choice.timestep,
+                    case="rule" if asked is None else "rule_asked",
+                    most=MOST_RULE_STEPS if asked is None else MOST_STEPS,
+                )
+            )
+    return rows
+
+
+def limit_rows(
+    family: Family, damping: float, ratios: tuple[float, ...] = LIMIT_RATIOS
+) -> list[Row]:
+    """Runs around the stability limit of the linearised chain, in the arm's own stiffness.
+
+    Limits beyond `_LARGEST_LIMIT` first periods are left out: accuracy asks for less.
+    """
+    rows = []
+    for integrator in family.integrators:
+        limit = float(stability_limit(integrator, family.system(1.0, damping).linear))
+        if limit > _LARGEST_LIMIT / ARM.first_frequency:
+            continue
+        rows += [
+            run_cell(family, 1.0, damping, integrator, ratio * limit, case="limit")
+            for ratio in ratios
+        ]
+    return rows
+
+
+def jobs(
+    family: Family,
+    dampings: tuple[float, ...],
+    timesteps: tuple[float, ...] = TIMESTEPS,
+    stiffnesses: tuple[float, ...] = STIFFNESSES,
+    ratios: tuple[float, ...] = LIMIT_RATIOS,
+) -> Iterator[Job]:
+    """Map of a model; of a chain also the rule and the limit."""
+    for damping in dampings:
+        name = f"{family.model} {family.n}, damping {damping:.2g}"
+        yield name, lambda z=damping: map_rows(family, z, timesteps, stiffnesses)
+        if family.model == CHAIN:
+            yield f"{name}, rule", lambda z=damping: rule_rows(family, z, stiffnesses)
+            yield f"{name}, limit", lambda z=damping: limit_rows(family, z, ratios)

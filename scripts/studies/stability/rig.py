@@ -1,0 +1,274 @@
+"""The rig with other tendons, stiffness and damping, and what its servos do."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import product
+from math import ceil, inf, isinf
+
+import numpy as np
+
+from softrobot_env.evaluation.models.runs import distance
+from softrobot_env.robots import RIG, SERVO_SPEED, RobotParams
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.timestep import stability_limit
+from studies.stability.runs import (
+    CHAIN,
+    CHAIN_INTEGRATORS,
+    NO_TRUTH,
+    WRONG,
+    ChainSystem,
+    Job,
+    Plan,
+    Reference,
+    Row,
+    Trace,
+    Verdict,
+    judge,
+    rule_choice,
+    steps_for,
+)
+
+#: [s], control period of the rig's environments.
+PERIOD = 0.02
+
+#: Bend that the lengths belong to [m], and its azimuth [rad], between the tendons.
+_PULL, _AZIMUTH = 6e-3, 0.4
+
+#: [m], by which all tendons are let out until they hang slack; [s] between the commands.
+_SLACK, _HOLD = -15e-3, 0.4
+
+#: Way [m] of a servo in a control period.
+_REACH = SERVO_SPEED * PERIOD
+
+#: [s] simulated.
+DURATION = 1.6
+
+
+@dataclass(frozen=True)
+class Variation:
+    """What differs from the rig.
+
+    Attributes:
+        tendon_stiffness, modulus, damping: Factors [1]; that of Young's modulus keeps the damping
+            time.
+        pretension, friction: [N] of every tendon.
+        motion: Key of `MOTIONS`.
+    """
+
+    tendon_stiffness: float = 1.0
+    modulus: float = 1.0
+    damping: float = 1.0
+    pretension: float = RIG.tendons[0].pretension
+    friction: float = 0.0
+    motion: str = "bend"
+
+    def robot(self) -> RobotParams:
+        """The rig so varied."""
+        varied = RIG.vary(youngs_modulus=self.modulus, damping_time=self.damping)
+        tendons = (
+            replace(
+                tendon,
+                stiffness=self.tendon_stiffness * tendon.stiffness,
+                pretension=self.pretension,
+                friction=self.friction,
+            )
+            for tendon in varied.tendons
+        )
+        return replace(varied, tendons=tuple(tendons))
+
+    def system(self, n: int) -> ChainSystem:
+        """The chain on n joints, straight, whose servos follow the motion."""
+        config = SceneConfig(
+            self.robot(),
+            pieces=n // 2,
+            actuation="length",
+            bending="spatial",
+            control_period=PERIOD,
+        )
+        return ChainSystem(config, np.zeros(2 * n), MOTIONS[self.motion])
+
+
+def _bent(size: float) -> np.ndarray:
+    """Lengths (3,) [m] that fit together: each by its tendon's place in the bend."""
+    return size * np.cos(_AZIMUTH - 2 * np.pi * np.arange(3) / 3)
+
+
+def _toward(targets: np.ndarray) -> Callable[[float], np.ndarray]:
+    """Lengths over time of servos that hold each of targets (k, 3) [m] for a while."""
+    path, lengths = [], np.zeros(3)
+    for target in targets:
+        for _ in range(round(_HOLD / PERIOD)):
+            lengths = lengths + np.clip(target - lengths, -_REACH, _REACH)
+            path.append(lengths)
+    return lambda time: path[min(int(time / PERIOD + 1e-6), len(path) - 1)]
+
+
+#: What the servos do: bend to one side, to the other and back; or let out all tendons until they
+#: are slack, and tighten them again in a bend.
+MOTIONS = {
+    "bend": _toward(np.array([_bent(_PULL), _bent(-_PULL), _bent(_PULL), np.zeros(3)])),
+    "slack": _toward(np.array([_bent(_PULL), np.full(3, _SLACK), _bent(-_PULL), np.zeros(3)])),
+}
+
+
+# ---------------------------------------------------------------- runs
+
+MAP, RULE, ASKED = "rig_map", "rig_rule", "rig_rule_asked"
+CASES = (MAP, RULE, ASKED)
+
+TIMESTEPS = (1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2)
+TENDONS = (1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)
+DAMPINGS = (0.0, 0.1, 1.0)
+
+#: A quick run.
+QUICK_TIMESTEPS, QUICK_TENDONS, QUICK_DAMPINGS = (1e-3, 5e-3, 2e-2), (1.0, 1e4), (0.0, 1.0)
+
+#: Joints of the rig's environments.
+JOINTS = 8
+
+#: [m], 5 % of the length; [N], a twentieth of the tensions' limit, in the mean over the run.
+BOUND = 0.05 * RIG.length
+TENSION_BOUND = RIG.tendons[0].tension_limit / 20
+
+MOST_STEPS = 16_000
+_REFERENCE_STEP, _FRICTION_STEP = 2e-4, 1e-4
+_LIMIT_SHARE = 0.4
+
+#: [m], largest distance of refined runs that can judge another one.
+TRUSTED = BOUND / 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigRow(Row):
+    """A run of a varied rig.
+
+    Attributes:
+        tendon_stiffness_scale: Of the tendons, over nylon's.
+        pretension, friction: [N] of every tendon.
+        motion: Key of `MOTIONS`.
+        e_tension: [N], mean error of the tensions, None where nothing can judge them.
+    """
+
+    tendon_stiffness_scale: float
+    pretension: float
+    friction: float
+    motion: str
+    e_tension: float | None
+
+
+def reference(rig: Variation, system: ChainSystem) -> Reference:
+    """A refined run, compared with steps twice as long; the uncertainty is infinite if it fails."""
+    integrator, step = _refinement(rig, system)
+    plan = Plan(integrator, PERIOD, round(DURATION / PERIOD), PERIOD).finer(ceil(PERIOD / step))
+    coarse, fine = system.run(plan), system.run(plan.finer(2))
+    failed = coarse.failure or fine.failure
+    uncertainty = inf if failed else distance(coarse.tip, fine.tip)
+    return Reference(fine.time, fine.tip, uncertainty, fine.tension)
+
+
+def _refinement(rig: Variation, system: ChainSystem) -> tuple[str, float]:
+    """Integrator and largest step [s]: RK4 neither damps nor drives undamped motion.
+
+    With damping, discrete is the only integrator that finds friction.
+    """
+    if rig.damping and rig.friction:
+        return "discrete", _FRICTION_STEP
+    integrator = "implicitfast" if rig.damping else "RK4"
+    limit = stability_limit(integrator, system.linear)
+    return integrator, min(_REFERENCE_STEP, _LIMIT_SHARE * limit)
+
+
+def run(
+    rig: Variation,
+    system: ChainSystem,
+    truth: Reference,
+    integrator: str,
+    timestep: float,
+    case: str,
+) -> RigRow:
+    """One run, of at most `MOST_STEPS` steps, judged by its tip and its tensions."""
+    plan = Plan(integrator, timestep, steps_for(DURATION, timestep, 1, MOST_STEPS), PERIOD)
+    trace = system.run(plan)
+    verdict, error = judged(trace, truth)
+    limit = stability_limit(integrator, system.linear)
+    return RigRow.of(
+        case,
+        CHAIN,
+        JOINTS,
+        plan,
+        verdict,
+        BOUND,
+        trace.wall_time,
+        stiffness_scale=rig.modulus,
+        damping_scale=rig.damping,
+        stability_limit=None if isinf(limit) else float(limit),
+        reference="refined run of the same model",
+        uncertainty=None if isinf(truth.uncertainty) else truth.uncertainty,
+        tendon_stiffness_scale=rig.tendon_stiffness,
+        pretension=rig.pretension,
+        friction=rig.friction,
+        motion=rig.motion,
+        e_tension=error,
+    )
+
+
+def judged(trace: Trace, truth: Reference) -> tuple[Verdict, float | None]:
+    """How a run ended, and the mean error [N] of its tensions, None where it has none."""
+    if trace.failure is None and truth.uncertainty > TRUSTED:
+        gap = f"{1e3 * truth.uncertainty:.3g} mm" if truth.uncertainty < inf else "no bound"
+        text = f"no truth: refined runs differ by {gap}"
+        return Verdict(NO_TRUTH, text, None), None
+    verdict = judge(trace, truth, BOUND)
+    if verdict.e_max is None:
+        return verdict, None
+    error = tension_error(trace, truth)
+    if verdict.failure is None and error > TENSION_BOUND:
+        text = f"finite but wrong: tensions {error:.3g} N from the refined run in the mean"
+        return replace(verdict, outcome=WRONG, failure=text), error
+    return verdict, error
+
+
+def tension_error(trace: Trace, truth: Reference) -> float:
+    """Mean distance [N] of the tensions of two runs, as long as both last."""
+    count = min(len(trace.tension), len(truth.tension))
+    return float(np.mean(np.abs(trace.tension[:count] - truth.tension[:count])))
+
+
+def jobs(quick: bool = False) -> Iterator[Job]:
+    """The map with what the timestep rule picks on it, and the rule for all kinds of rigs."""
+    tendons, dampings = (QUICK_TENDONS, QUICK_DAMPINGS) if quick else (TENDONS, DAMPINGS)
+    steps = QUICK_TIMESTEPS if quick else TIMESTEPS
+    for damping in dampings:
+        for tendon in tendons:
+            rig = Variation(tendon_stiffness=tendon, damping=damping)
+            name = f"rig, tendons x {tendon:g}, damping x {damping:g}"
+            yield name, lambda r=rig: variation_rows(r, steps)
+    for rig in () if quick else variations():
+        yield "rig, timestep rule", lambda r=rig: variation_rows(r, ())
+
+
+def variations() -> Iterator[Variation]:
+    """Rigs beyond the map that the rule has to keep stable."""
+    for tendon, modulus, damping in product((1e-2, 1.0, 1e2, 1e4), (0.5, 10.0, 100.0), (0, 1, 10)):
+        yield Variation(tendon, modulus, damping)
+    for tendon, damping in product((1.0, 1e2, 1e4), (0.0, 1.0)):
+        for drive in product((0.0, 0.5, 10.0), (0.0, 0.3), ("bend", "slack")):
+            rig = Variation(tendon, 1.0, damping, *drive)
+            if rig != Variation(tendon, damping=damping):  # on the map
+                yield rig
+
+
+def variation_rows(rig: Variation, timesteps: tuple[float, ...]) -> list[RigRow]:
+    """Runs of a rig with given timesteps and every integrator, and with the rule's choices."""
+    system = rig.system(JOINTS)
+    truth = reference(rig, system)
+    rows = [
+        run(rig, system, truth, integrator, timestep, MAP)
+        for integrator in CHAIN_INTEGRATORS
+        for timestep in timesteps
+    ]
+    for asked in (None, *CHAIN_INTEGRATORS):
+        choice = rule_choice(system, asked, rig.friction > 0)
+        case = RULE if asked is None else ASKED
+        rows.append(run(rig, system, truth, choice.integrator, choice.timestep, case))
+    return rows

@@ -1,1 +1,0 @@
-"""What the models compute in the accuracy benchmark, each with its truth."""

@@ -1,1 +1,0 @@
-"""The accuracy benchmark of the spatial test rig."""

@@ -1,1 +1,0 @@
-"""Slender rods in space: wrenches in all directions, helices, circles and follower loads."""

@@ -1,1 +1,0 @@
-"""The stability benchmark of the spatial test rig."""
