@@ -7,14 +7,6 @@ from functools import partial
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
-from softrobot_env.beams.closed_forms.spatial_piece import (
-    SUBPIECES,
-    RigPiece,
-    acceleration,
-    add_static,
-    make_rig_piece,
-    output,
-)
 
 from softrobot_env.beams import signals
 from softrobot_env.beams.model import BeamModel
@@ -31,6 +23,14 @@ from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.config import TipSensors
 from softrobot_env.scene.quadrature import RULES
+from softrobot_env.thesis.rig.spatial_piece import (
+    SUBPIECES,
+    RigPiece,
+    acceleration,
+    add_static,
+    make_rig_piece,
+    output,
+)
 from studies.accuracy.cases import (
     BENDING,
     COSSERAT,
