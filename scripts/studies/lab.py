@@ -403,6 +403,7 @@ def pivot(
     heading: Callable[[Any], str] = str,
     headings: Sequence[str] | None = None,
     more: Mapping[str, Callable[[list[Any]], Any]] | None = None,
+    show: Callable[[Any], Any] | None = None,
     sections: bool = False,
     ordered: bool = False,
 ) -> TableMaker:
@@ -419,6 +420,7 @@ def pivot(
         heading: From a value of the columns' field to a heading.
         headings: Of the lines' fields; their names unless given.
         more: Further columns behind those of a field.
+        show: From a value that names a line to its text.
         sections: Whether a rule parts lines whose first field differs.
         ordered: Whether columns, and lines of one field, are in ascending order of their values.
     """
@@ -435,7 +437,7 @@ def pivot(
                 if sections and before not in (None, line[0]):
                     out.add_section()
                 before = line[0]
-                out.add_row(*map(_name, line), *(f(found[line]) for f in own.values()))
+                out.add_row(*map(show or _name, line), *(f(found[line]) for f in own.values()))
             yield out
 
     def _heads() -> tuple[str, ...]:

@@ -29,8 +29,6 @@ class Old:
 
 
 _OTHERS: dict[str, dict[str, Any]] = {
-    "controllers": {"alone": True},
-    "generalization": {},
     "laws": {},
     "transfer": {},
 }
