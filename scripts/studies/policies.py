@@ -18,7 +18,6 @@ from softrobot_env.evaluation.labels import task_label, variation_label
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.rows import EpisodeRow
 from softrobot_env.evaluation.runner import Outcome
-from softrobot_env.thesis.figures import AUDIT, CONTROLLERS, FIGURES, POLICY_TIME, ROBUSTNESS
 from softrobot_env.rendering.curves import (
     Curve,
     draw_curvatures,
@@ -56,6 +55,7 @@ from softrobot_env.rendering.figures import (
 from softrobot_env.robots import ARM, centerline
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.tasks import make_task
+from softrobot_env.thesis.figures import AUDIT, CONTROLLERS, FIGURES, POLICY_TIME, ROBUSTNESS
 from studies.lab import (
     Column,
     Record,
