@@ -26,7 +26,7 @@ from mujoco.sysid._src.trajectory import ModelSequences, create_initial_state
 from softrobot_env.benchmarks.records import Record
 from softrobot_env.commands.output import new_results
 from softrobot_env.core.writing import write_text
-from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
+from softrobot_env.envs.simulation.plants import MujocoPlant
 from softrobot_env.evaluation.report import write_json
 from softrobot_env.identification.fit import path
 from softrobot_env.identification.fit.dynamics import Dynamics, dynamics_of, windows_of

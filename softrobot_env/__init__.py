@@ -14,11 +14,14 @@ from softrobot_env.registration import register_envs  # noqa: E402  (loads NumPy
 
 register_envs()
 
-#: What adds robots, tasks and policies of one's own, loaded when it is asked for.
+#: What adds robots, tasks, policies and so on of one's own, loaded when it is asked for.
 _REGISTER = {
     "register_robot": "softrobot_env.robots.registry:register_robot",
     "register_task": "softrobot_env.tasks.registry:register_task",
     "register_policy": "softrobot_env.control.registry:register_policy",
+    "register_observable": "softrobot_env.envs.observations.table:register_observable",
+    "register_reward": "softrobot_env.envs.rewards:register_reward",
+    "register_variation": "softrobot_env.robots.variations:register_variation",
 }
 
 

@@ -13,7 +13,7 @@ from softrobot_env.control.gripper.calibration import FingerCalibration, calibra
 from softrobot_env.control.gripper.policies import CALM, RISE, ScriptedGrip, SizedGrip
 from softrobot_env.control.gripper.size import SizeEstimator, size_by_sensor
 from softrobot_env.envs.gripper import VectorGripperEnv
-from softrobot_env.envs.rendering.gripper import finger_shapes
+from softrobot_env.envs.rendering.renderer import finger_shapes
 from softrobot_env.rendering import figures
 from softrobot_env.robots import GRIPPERS
 from softrobot_env.scene.assembly import AssembledScene, build_assembly

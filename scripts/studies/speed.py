@@ -29,7 +29,7 @@ from softrobot_env.control.registry import (
     policy_environment,
 )
 from softrobot_env.core.processes import Workers, usable_cores, using, worker_processes
-from softrobot_env.envs.base import EpisodeEnv
+from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.rendering.renderer import RenderError
 from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.envs.tracking import TrackingEnv
@@ -590,7 +590,7 @@ def _time_block(env: gymnasium.Env) -> tuple[float, float]:
 def _bare(env: gymnasium.Env) -> Callable[[], object]:
     """The simulation in a step of an environment that was reset, under its zero action."""
     model, data = env.model, env.data
-    if not isinstance(env, EpisodeEnv):
+    if not isinstance(env, TrackingEnv):
         data.ctrl[:] = 0.0
         return lambda: mujoco.mj_step(model, data, env.frame_skip)
     simulation = Simulation(env.scene)

@@ -12,9 +12,8 @@ from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.control.registry import EVERY_POLICY, FEEDBACKS, NETWORK, policy_environment
 from softrobot_env.core.processes import Workers, parsed_workers
 from softrobot_env.core.registry import is_path
-from softrobot_env.envs.disturbances import NEUTRAL, check_value
 from softrobot_env.hardware.tip import LAST_PORT
-from softrobot_env.robots import ROBOTS, RobotParams
+from softrobot_env.robots import ROBOTS, VARIATIONS, RobotParams
 from softrobot_env.robots.artifacts import OUT
 from softrobot_env.scene.config import DEFAULT_RULE, DEFAULT_SHARE, INTEGRATORS
 from softrobot_env.scene.quadrature import RULES
@@ -224,7 +223,7 @@ def number(text: str, allowed: Callable[[float], bool], what: str) -> float:
 
 def variation(text: str) -> tuple[str, list[float]]:
     """`name=1,2,3` as the name of a variation and its values."""
-    name, values = named_values(text, NEUTRAL)
+    name, values = named_values(text, VARIATIONS)
     return name, [_varied(name, value) for value in values]
 
 
@@ -238,13 +237,12 @@ def named_values(text: str, known: Iterable[str] | None = None) -> tuple[str, li
 
 
 def _varied(name: str, text: str) -> float:
-    what = f"a factor on {name}" if NEUTRAL[name] == 1 else f"a value of {name}"
+    what = f"a factor on {name}" if VARIATIONS[name].is_factor else f"a value of {name}"
     value = number(text, isfinite, what)
     try:
-        check_value(name, value)
+        return VARIATIONS[name].check(value)
     except ValueError as error:
         raise argparse.ArgumentTypeError(f"{text!r} is not {what}: {error}") from error
-    return value
 
 
 def names_or_all(known: list[str]) -> Callable[[str], str]:

@@ -16,10 +16,10 @@ from softrobot_env.control.registry import (
     installed_policies,
     policy_name,
 )
-from softrobot_env.envs.disturbances import NEUTRAL, rounded
+from softrobot_env.envs.disturbances import rounded
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.evaluation.runner import Case
-from softrobot_env.robots import default_robot, entry_of
+from softrobot_env.robots import VARIATIONS, default_robot, entry_of
 from softrobot_env.tasks import Task, find_maker, make_task, tasks_of
 
 #: Step widths [m] of tasks that have one, unless given (thesis Tabs. 6.2 to 6.4).
@@ -157,7 +157,10 @@ def _variations(given: list[tuple[str, list[float]]]) -> list[dict[str, float]]:
     """Every combination of what varies, without the values that change nothing."""
     varied = merge(given)
     combinations = itertools.product(*varied.values())
-    return [{n: v for n, v in zip(varied, c, strict=True) if v != NEUTRAL[n]} for c in combinations]
+    return [
+        {n: v for n, v in zip(varied, c, strict=True) if v != VARIATIONS[n].neutral}
+        for c in combinations
+    ]
 
 
 def _draws(args: argparse.Namespace) -> list[dict[str, float]]:

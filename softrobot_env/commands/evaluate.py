@@ -38,7 +38,6 @@ from softrobot_env.core.extras import install_command
 from softrobot_env.core.processes import using
 from softrobot_env.core.runs import KEPT, Kept, kept_rows, run_cases
 from softrobot_env.core.writing import write_text
-from softrobot_env.envs.disturbances import NEUTRAL
 from softrobot_env.evaluation import report, runner
 from softrobot_env.evaluation.labels import (
     learnt_label,
@@ -50,6 +49,7 @@ from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.rows import EvaluatedRow
 from softrobot_env.hardware.errors import RobotError
 from softrobot_env.recordings import write_recording
+from softrobot_env.robots import VARIATIONS
 from softrobot_env.tasks import EVERY_TASK, with_option
 
 #: Arguments that no episode depends on.
@@ -108,7 +108,7 @@ def _add_errors(group: argparse._ArgumentGroup) -> None:
         type=variation,
         default=[],
         metavar="NAME=V1,V2",
-        help=f"values of one of {', '.join(NEUTRAL)}: in SI units or as factors; "
+        help=f"values of one of {', '.join(VARIATIONS)}: in SI units or as factors; "
         "controllers keep the nominal robot",
     )
     group.add_argument(

@@ -1,37 +1,19 @@
-"""What lies between policy and robot: the drives' gain and delay, and noise of the sensors.
-
-A variation is one flat dict of numbers by name; `NEUTRAL` has every name. Some belong to the robot
-(`robots.VARIABLE`), the rest is here.
-"""
+"""What lies between policy and robot: the drives' gain and delay, and noise of the sensors."""
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from softrobot_env import robots
 from softrobot_env.core.arrays import HOST, HostArrays, namespace
 from softrobot_env.envs.observations.table import SENSOR_NOISE
-
-#: What can be varied, with the values that change nothing.
-NEUTRAL: dict[str, float] = robots.NEUTRAL | {
-    "tension_gain": 1.0,
-    "delay": 0.0,
-    "sensor_noise": 0.0,
-    "sensor_errors": 0.0,
-}
-
-#: Values that may be zero.
-MAY_VANISH = (*robots.MAY_VANISH, "delay", "sensor_noise", "sensor_errors")
-
-#: Largest values: [s], [1] the noise for which observation spaces leave room, and [1].
-LARGEST = {"delay": 1.0, "sensor_noise": 10.0, "sensor_errors": 5.0}
+from softrobot_env.robots.variations import VARIATIONS
 
 #: Standard deviations at which noise ends, so that it has bounds.
 _FARTHEST = 6.0
 
 #: Standard deviations at scale 1 for which observation spaces leave room.
-NOISE_ROOM = LARGEST["sensor_noise"] * _FARTHEST
+NOISE_ROOM = VARIATIONS["sensor_noise"].range[1] * _FARTHEST
 
 #: Control instants whose noise is drawn at once.
 _BLOCK = 64
@@ -71,7 +53,7 @@ class Disturbance:
         return drives
 
     def noise(self, sizes: dict[str, int], rng: np.random.Generator) -> "SensorNoise | None":
-        """Started noise of one robot, seeded by a draw; None without, and then nothing is drawn.
+        """Started noise of one robot, with a sampled seed; None without, which samples nothing.
 
         Args:
             sizes: Of the observables that can have noise.
@@ -84,19 +66,6 @@ class Disturbance:
         return noise
 
 
-def check_value(name: str, value: object) -> None:
-    """Check one value of a variation.
-
-    Raises:
-        ValueError: Unknown name, or a value out of range; the message names what is allowed.
-    """
-    if name not in NEUTRAL:
-        raise ValueError(f"cannot vary {name!r}; choose from {', '.join(NEUTRAL)}")
-    robots.check_number(name, value, name in MAY_VANISH)
-    if value > LARGEST.get(name, np.inf):
-        raise ValueError(f"value of {name!r} must be at most {LARGEST[name]:g}, got {value!r}")
-
-
 def split(
     variation: dict[str, float], control_period: float
 ) -> tuple[dict[str, float], Disturbance]:
@@ -105,8 +74,8 @@ def split(
     Raises:
         ValueError: The delay is no multiple of the control period.
     """
-    robot = {name: v for name, v in variation.items() if name in robots.VARIABLE}
-    rest = {name: float(v) for name, v in variation.items() if name not in robots.VARIABLE}
+    robot = {name: v for name, v in variation.items() if VARIATIONS[name].apply is not None}
+    rest = {name: float(v) for name, v in variation.items() if name not in robot}
     if "delay" in rest:
         rest["delay"] = periods(rest["delay"], control_period)
     return robot, Disturbance(**rest)
@@ -130,13 +99,13 @@ def rounded(variation: dict[str, float], control_period: float) -> dict[str, flo
     """The variation with its delay at the nearest allowed multiple of the control period."""
     if "delay" not in variation:
         return variation
-    most = int(LARGEST["delay"] / control_period + _WHOLE)
+    most = int(VARIATIONS["delay"].range[1] / control_period + _WHOLE)
     return variation | {
         "delay": min(round(variation["delay"] / control_period), most) * control_period
     }
 
 
-def told_variation(values: dict[str, Any]) -> dict[str, Any]:
+def reported_variation(values: dict[str, Any]) -> dict[str, Any]:
     """Values of a variation, numbers or arrays (n,), by their names in `info`."""
     return {f"variation_{name}": np.array(value, dtype=float)[()] for name, value in values.items()}
 

@@ -1,211 +1,98 @@
 """Grippers that enclose a clamped bar, or grasp a free one and hold it: one, or many at once."""
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
+from collections.abc import Callable
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from gymnasium.vector.utils import batch_space
 from numpy import float64
 
 from softrobot_env.core.interfaces import Seen
-from softrobot_env.core.records import Count, Positive, Whole, check_argument, check_fields
-from softrobot_env.envs.observations.fingers import GripperView, observes
-from softrobot_env.envs.observations.table import arrays, speed_limit
-from softrobot_env.envs.options import (
-    MASK,
-    check_rendering,
-    checked_actions,
-    parse_autoreset,
-    parse_seeds,
-    seed_generators,
-    take_mask,
-)
-from softrobot_env.envs.rendering.gripper import GripperRenderer
+from softrobot_env.core.records import check_argument
+from softrobot_env.envs.config import GRIPPER, MANY, PICTURES, ControlPeriod, EnvConfig
+from softrobot_env.envs.observations.fingers import FingerSensors, GripperView, observes
+from softrobot_env.envs.observations.table import speed_limit
+from softrobot_env.envs.options import MASK, checked_actions, parse_seeds, seed_generators
+from softrobot_env.envs.parts import EpisodeSpec
+from softrobot_env.envs.rendering.renderer import GripperRenderer
+from softrobot_env.envs.rewards import GripReward
 from softrobot_env.envs.simulation.grippers import GripperBatch
-from softrobot_env.envs.spec import EpisodeSpec
+from softrobot_env.envs.vector import BatchEnv
 from softrobot_env.robots import Gripper, RobotParams, as_number, find_gripper
-from softrobot_env.robots.parameters import Pieces
 from softrobot_env.scene.gripper import FINENESS, Resolution
 from softrobot_env.tasks.gripper import DRAWN, GRIP_TASKS, POSITIVE, GripTask
-
-if TYPE_CHECKING:
-    from softrobot_env.envs.simulation.finger_sensors import FingerSensors
-
-#: [s].
-DEFAULT_PERIOD = 0.02
 
 #: Of the fingers' own quantities each has one; pulls and shaking are vectors.
 _OF_FINGERS, _VECTORS = ("modulus", "arm"), ("pull", "shake")
 
-
-@dataclass(frozen=True)
-class GripReward:
-    """Weights of the reward's terms [1], which come by their names in `info`.
-
-    With the error e of the task over what counts as success, the term grip is
-    `grip` exp(-e), effort is -`effort` times the mean square of the tensions over their limits, and
-    smoothness -`smoothness` times the mean square of the change of the actions.
-    """
-
-    grip: float = 1.0
-    effort: float = 0.05
-    smoothness: float = 0.05
-    failure: float = -10.0
-
-    def __post_init__(self) -> None:
-        check_fields(self, "reward")
-
-    def terms(
-        self, error: np.ndarray, action: np.ndarray, previous: np.ndarray, failed: np.ndarray
-    ) -> dict[str, np.ndarray]:
-        """Terms (n,) for errors (n,), actions (n, inputs) and failures (n,) bool."""
-        terms = {
-            "reward_grip": self.grip * np.exp(-error),
-            "reward_effort": -self.effort * np.mean(((action + 1) / 2) ** 2, axis=1),
-            "reward_smoothness": -self.smoothness * np.mean((action - previous) ** 2, axis=1),
-        }
-        terms = {name: np.where(failed, 0.0, term) for name, term in terms.items()}
-        return terms | {"reward_failure": self.failure * failed}
-
-
+_USUAL = {"task": "hold", "control_period": 0.02, "observe": ("curvature", "tendon_tension")}
 _TERMS = ("reward_grip", "reward_effort", "reward_smoothness", "reward_failure")
 
 
-class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]):
+class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]):
     """Grippers on a thread pool; `GripperEnv` is one of them.
 
     An action in [-1, 1] is the tension of a tendon between none and its limit. Observations are
     float64 in SI units: `curvature` and `curvature_rate` (means over each piece of each finger, as
     ideal sensors have them), `tendon_tension`, `sensors` (readings of the sensors that each finger
-    carries, a specimen drawn anew), `contact` (size of each finger's force on the bar) and
+    carries, a specimen sampled anew), `contact` (size of each finger's force on the bar) and
     `previous_action`; or, with observe_as="vector", one float32 vector of them of order 1. `info`
     is flat: time, the terms of the reward by their names, error (over what counts as success),
-    success (only at the end), what was drawn, and the place of the bar.
+    success (only at the end), what was sampled, and the place of the bar.
 
     Attributes:
         gripper, task: What they are.
         simulation: Of all.
     """
 
-    spec = EpisodeSpec()
-    metadata: ClassVar = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
+    takes: ClassVar = (*GRIPPER, *MANY)
+    usual: ClassVar = _USUAL
 
-    def __init__(
-        self,
-        num_envs: int = 1,
-        task: str | GripTask = "hold",
-        *,
-        gripper: str | Gripper = "gripper",
-        control_period: float = DEFAULT_PERIOD,
-        observe: tuple[str, ...] | str = ("curvature", "tendon_tension"),
-        observe_as: str = "dict",
-        reward: GripReward | None = None,
-        fineness: str | Resolution = "quick",
-        pieces: int | None = None,
-        timestep: float | None = None,
-        threads: int = 0,
-        backend: str = "mujoco",
-        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        render_mode: None = None,
-    ) -> None:
+    def __init__(self, num_envs: int = 1, task: str | GripTask = "hold", **options: Any) -> None:
         """Build the environments.
 
         Args:
             num_envs: Their number n.
             task: A name out of `GRIP_TASKS`, or a task.
-            gripper: A name out of `GRIPPERS`, the path of a file, or a gripper.
-            control_period: [s].
-            observe: Names out of `observations.fingers.KNOWN`, or "all".
-            observe_as: "dict" or "vector".
-            reward: The usual one unless given.
-            fineness: A name out of `scene.gripper.FINENESS`: "quick" has few pieces and long
-                timesteps, and bends err by 1 degree on average, "rule" is as the rule for contacts
-                has it, and 50 times slower (`softrobot benchmark gripper`).
-            pieces: Of each finger, as the fineness has it unless given.
-            timestep: [s], as the fineness has it unless given.
-            threads: Of the pool, 0 for as many as have enough to do.
-            backend: "mujoco" alone: what touches is not simulated by "warp".
-            autoreset_mode: One of `AutoresetMode`, or its value.
-            render_mode: None; many environments are not drawn.
+            **options: Those that `VectorGripperEnv.takes` names, see `config.EnvConfig`.
 
         Raises:
-            ValueError: An argument out of range; the message names what is allowed.
+            ValueError: An option out of range; the message names what is allowed.
+            TypeError: An unknown option.
 
         Warns:
             TimestepWarning: A timestep was given that is longer than the rule's.
         """
-        _check_arguments(num_envs, control_period, observe_as, threads, pieces, timestep)
-        check_argument("render_mode", render_mode, type(None))
-        if backend != "mujoco":
+        config = EnvConfig.of(type(self), {"num_envs": num_envs, "task": task, **options})
+        check_argument("control_period", config.control_period, ControlPeriod)
+        if config.backend != "mujoco":
             raise ValueError(
-                f"grippers have the backend 'mujoco' alone, got {backend!r}: they touch"
+                f"grippers have the backend 'mujoco' alone, got {config.backend!r}: they touch"
             )
-        check_argument("reward", reward, GripReward | None)
-        self.task = GRIP_TASKS.find(task) if isinstance(task, str) else task
-        check_argument("task", self.task, GripTask)
-        self.gripper = find_gripper(gripper) if isinstance(gripper, str) else gripper
-        check_argument("gripper", self.gripper, Gripper)
-        self.num_envs, self.control_period = int(num_envs), float(control_period)
-        self.max_episode_steps = max(1, round(self.task.duration / control_period))
-        self._mode = self.autoreset_mode = parse_autoreset(autoreset_mode)
-        self.metadata = {**self.metadata, "autoreset_mode": self._mode}
-        self._reward = reward or GripReward()
-        fineness = FINENESS.find(fineness) if isinstance(fineness, str) else fineness
-        check_argument("fineness", fineness, Resolution)
-        self.simulation = GripperBatch(
-            self.gripper,
-            self.task,
-            control_period,
-            self.num_envs,
-            threads,
-            pieces,
-            timestep,
-            fineness,
-            felt_along=observes(observe, "sensors"),
-        )
-        self.sensors = None
-        if observes(observe, "sensors"):
-            self.sensors = _sensors(self.simulation, control_period)
+        check_argument("reward", config.reward, GripReward | None)
+        self.task = _found(config.task, GRIP_TASKS.find, "task", GripTask)
+        self.gripper = _found(config.gripper, find_gripper, "gripper", Gripper)
+        fineness = _found(config.fineness, FINENESS.find, "fineness", Resolution)
+        self.control_period = float(config.control_period)
+        self._reward = config.reward or GripReward()
+        self.max_episode_steps = max(1, round(self.task.duration / self.control_period))
         self._limits = self.gripper.tension_limits
-        n = self.num_envs
+        n, fingers = int(config.num_envs), self.gripper.fingers
         self._action = np.full((n, len(self._limits)), -1.0)
-        self.observe_as = observe_as
-        self._view = GripperView(
-            self.simulation,
-            observe,
-            observe_as == "vector",
-            lambda: self._action.copy(),
-            self.sensors,
-        )
-        self.vector_layout = self._view.layout
-        self.single_observation_space = self._view.space
-        self.single_action_space = gymnasium.spaces.Box(-1.0, 1.0, self._limits.shape, np.float32)
-        self.observation_space = batch_space(self.single_observation_space, n)
-        self.action_space = batch_space(self.single_action_space, n)
-        self._prepare()
-
-    def __getstate__(self) -> NoReturn:
-        raise TypeError(
-            f"a {type(self).__name__} cannot be copied or pickled, as its simulations live in "
-            "MuJoCo's memory: make another with the same arguments"
-        )
-
-    def _prepare(self) -> None:
-        n, fingers = self.num_envs, len(self.gripper.fingers)
-        shapes = dict.fromkeys(_OF_FINGERS, (n, fingers)) | dict.fromkeys(_VECTORS, (n, 3))
-        self._drawn = {name: np.zeros(shapes.get(name, n)) for name in DRAWN}
-        self._index = np.zeros(n, dtype=np.int64)
-        self._worst = np.zeros(n)
-        self._home = np.zeros((n, 3))
-        self._done = np.ones(n, dtype=bool)
-        self._started = False
-        self._generators: list[np.random.Generator] = []
-        self._observation: Seen | None = None
-        self._speed = max(speed_limit(finger.robot) for finger in self.gripper.fingers)
+        sensed = observes(config.observe, "sensors")
+        self.simulation = GripperBatch(self.gripper, self.task, config, fineness, sensed)
+        self.sensors = FingerSensors(self.simulation, self.control_period) if sensed else None
+        self._view = GripperView(self.simulation, config, self._action.copy, self.sensors)
+        self.observe_as, self.vector_layout = config.observe_as, self._view.layout
+        action_space = gymnasium.spaces.Box(-1.0, 1.0, self._limits.shape, np.float32)
+        self._prepare(config, self._view.space, action_space)
+        shapes = dict.fromkeys(_OF_FINGERS, (n, len(fingers))) | dict.fromkeys(_VECTORS, (n, 3))
+        self._sampled = {name: np.zeros(shapes.get(name, n)) for name in DRAWN}
+        self._worst, self._home = np.zeros(n), np.zeros((n, 3))
+        self._speed = max(speed_limit(finger.robot) for finger in fingers)
         self._enclosable = np.array(
-            [(k, s) for k, f in enumerate(self.gripper.fingers) for s in _starts(f.robot)]
+            [(k, s) for k, f in enumerate(fingers) for s in _starts(f.robot)]
         )
 
     # ------------------------------------------------------------------ episodes
@@ -220,28 +107,24 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
 
         Args:
             seed: Seed of the first environment, the others follow; or one each.
-            options: Values in place of draws, by names out of `tasks.gripper.DRAWN`, each a number
-                or an array of n; `modulus` and `arm` may be of the fingers, `pull` and `shake` are
-                sizes, in a drawn direction, or vectors (3,). And `reset_mask` (n,) bool, the
+            options: Values in place of samples, by names out of `tasks.gripper.DRAWN`, each a
+                number or an array of n; `modulus` and `arm` may be of the fingers, `pull` and `shake` are
+                sizes, in a sampled direction, or vectors (3,). And `reset_mask` (n,) bool, the
                 environments to reset, all unless given.
 
         Raises:
             ValueError: A bad option; the message names what is allowed.
         """
-        check_argument("options", options, dict | None)
-        given = dict(options or {})
-        which = take_mask(given, self.num_envs, self._started)
+        given, which = self._given(options)
         fixed = {name: self._parsed(name, value) for name, value in given.items()}
         seed_generators(self._generators, parse_seeds(seed, self.num_envs))
         self._begin(which, fixed)
         self._started = True
         self._observation = self._view()
-        return self._observation, self._info(
-            self._error(), {name: np.zeros(self.num_envs) for name in _TERMS}
-        )
+        return self._observation, self._info_of({name: np.zeros(self.num_envs) for name in _TERMS})
 
     def _parsed(self, name: str, value: Any) -> np.ndarray:
-        """An option as an array that broadcasts to that of what is drawn."""
+        """An option as an array that broadcasts to that of what is sampled."""
         if name not in DRAWN:
             raise ValueError(f"unknown option {name!r}; allowed are {', '.join(DRAWN)}, {MASK}")
         try:
@@ -250,7 +133,7 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
                 shape = (self.num_envs,)
                 values = np.broadcast_to(values, shape)
             else:
-                values = np.broadcast_to(values, self._drawn[name].shape)
+                values = np.broadcast_to(values, self._sampled[name].shape)
         except (TypeError, ValueError):
             values = np.array([np.nan])
         least = -np.inf if name in _VECTORS and values.ndim == 2 else 0.0
@@ -267,19 +150,19 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
     def _begin(self, which: np.ndarray, fixed: dict[str, np.ndarray] | None = None) -> None:
         """Start episodes of the environments `which` (k,)."""
         for i in which:
-            for name, value in self._draw(self._generators[i]).items():
-                self._drawn[name][i] = value
+            for name, value in self._sample(self._generators[i]).items():
+                self._sampled[name][i] = value
         for name, value in (fixed or {}).items():
-            own = self._drawn[name]
+            own = self._sampled[name]
             if name in _VECTORS and value.ndim == 1:
                 sizes = np.linalg.norm(own[which], axis=1, keepdims=True)
                 sizes[sizes == 0] = 1.0
                 own[which] *= value[which, None] / sizes
             else:
                 own[which] = value[which]
-        self.simulation.start(which, {name: v[which] for name, v in self._drawn.items()})
+        self.simulation.start(which, {name: v[which] for name, v in self._sampled.items()})
         if self.sensors is not None:
-            errors, specimen = self._drawn["sensor_errors"], self._drawn["specimen"]
+            errors, specimen = self._sampled["sensor_errors"], self._sampled["specimen"]
             seeds = np.array([self._generators[i].integers(2**31) for i in which])
             self.sensors.start(which, errors[which], specimen[which], seeds)
         self._index[which], self._worst[which], self._action[which] = 0, 0.0, -1.0
@@ -287,7 +170,7 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
         self._done[which] = False
         self._set_threshold()
 
-    def _draw(self, rng: np.random.Generator) -> dict[str, Any]:
+    def _sample(self, rng: np.random.Generator) -> dict[str, Any]:
         out: dict[str, Any] = {}
         for name in DRAWN:
             ends = getattr(self.task, name)
@@ -323,17 +206,15 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
             gymnasium.error.ResetNeeded: Nothing was started, or an episode is over and autoreset
                 is disabled.
         """
-        if not self._started or (self._mode == AutoresetMode.DISABLED and self._done.any()):
-            raise gymnasium.error.ResetNeeded("call reset() before step(): an episode is over")
-        self.simulation.check_process()
-        actions, previous = checked_actions(actions, self._action.shape), self._action
-        ended = self._done.copy() if self._mode == AutoresetMode.NEXT_STEP else None
-        self._action = actions
+        self._check_running()
+        actions, previous = checked_actions(actions, self._action.shape), self._action.copy()
+        ended = self._ended()
+        self._action[:] = actions
         self.simulation.ctrl[:] = (actions + 1) / 2 * self._limits
         self.simulation.push(*self._disturbances())
         diverged = self._advance(ended)
         self._index += 1
-        if ended is not None and ended.any():
+        if ended is not None:
             self._begin(np.flatnonzero(ended))
         return self._result(previous, diverged, ended)
 
@@ -344,13 +225,13 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
         since = self._index * self.control_period - self.task.closing
         rise = (self.task.duration - self.task.closing) / 2
         share = np.clip(since / rise, 0.0, 1.0)[:, None]
-        wave = np.where(since > 0, np.sin(2 * np.pi * self._drawn["rate"] * since), 0.0)[:, None]
-        return self._drawn["pull"] * share, self._drawn["shake"] * wave
+        wave = np.where(since > 0, np.sin(2 * np.pi * self._sampled["rate"] * since), 0.0)[:, None]
+        return self._sampled["pull"] * share, self._sampled["shake"] * wave
 
     def _advance(self, ended: np.ndarray | None) -> np.ndarray:
         """Integrate all but the ended (n,) bool; whether each (n,) diverged."""
         running = None
-        if ended is not None and ended.any():
+        if ended is not None:
             running = np.flatnonzero(~ended)
             if not len(running):
                 return np.zeros(self.num_envs, dtype=bool)
@@ -364,7 +245,7 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
         if self.task.free:
             away = np.linalg.norm(self.simulation.place - self._home, axis=1)
             return away / self.task.within
-        radius = self._drawn["diameter"] / 2
+        radius = self._sampled["diameter"] / 2
         width = [f.robot.backbone.widest for f in self.gripper.fingers]
         rho = radius[:, None] + np.array(width)[self._enclosable[:, 0].astype(int)]
         off = np.abs(self.simulation.curvature * rho - 1)
@@ -382,18 +263,17 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
         failed = diverged | lost | ~np.isfinite(speed)
         self._worst = np.maximum(self._worst, error) if self.task.free else error
         terms = self._reward.terms(error, self._action, previous, failed)
-        if ended is not None and ended.any():
+        if ended is not None:
             failed &= ~ended
             terms = {name: np.where(ended, 0.0, term) for name, term in terms.items()}
         truncated = (self._index >= self.max_episode_steps) & ~failed
-        for value, last in zip(arrays(self._observation), arrays(before), strict=True):
-            value[failed] = last[failed]
-        info = self._info(error, terms, truncated & (self._worst <= 1))
+        self._keep_last(failed, before)
+        info = self._info_of(terms, error, truncated & (self._worst <= 1))
         if failed.any():
             info |= self._failures(failed, diverged)
         self._done = failed | truncated
         if self._mode == AutoresetMode.SAME_STEP and self._done.any():
-            info = self._restart(info)
+            info = self._restarted(info, _TERMS)
         return self._observation, sum(terms.values()), failed, truncated, info
 
     def _failures(self, failed: np.ndarray, diverged: np.ndarray) -> dict[str, np.ndarray]:
@@ -404,37 +284,34 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
             texts[i] = f"{what} by t = {time:.3f} s"
         return {"failure": texts, "_failure": failed.copy()}
 
-    def _restart(self, last: dict[str, Any]) -> dict[str, Any]:
-        """Reset ended episodes within the step; `info` of the new ones, and that of the ends."""
-        done = self._done.copy()
-        final = {"final_obs": self._observation, "_final_obs": done}
-        final |= {"final_info": last, "_final_info": done}
-        self._begin(np.flatnonzero(done))
+    def _begin_again(self, which: np.ndarray) -> None:
+        self._begin(which)
         self._observation = self._view()
-        terms = {name: np.where(done, 0.0, last[name]) for name in _TERMS}
-        return self._info(self._error(), terms) | final
 
-    def _info(
-        self, error: np.ndarray, terms: dict[str, Any], success: np.ndarray | None = None
+    def _info_of(
+        self,
+        terms: dict[str, Any],
+        error: np.ndarray | None = None,
+        success: np.ndarray | None = None,
     ) -> dict[str, Any]:
         n = self.num_envs
         info = {
             "time": self._index * self.control_period,
-            "error": error,
+            "error": self._error() if error is None else error,
             "success": np.zeros(n, dtype=bool) if success is None else success,
             "bar_position": self.simulation.place,
             **terms,
-            **{name: value.copy() for name, value in self._drawn.items()},
+            **{name: value.copy() for name, value in self._sampled.items()},
         }
         everyone = np.ones(n, dtype=bool)
         return info | {f"_{name}": everyone for name in info}
 
 
-def _sensors(batch: GripperBatch, control_period: float) -> "FingerSensors":
-    # Compiled code takes time to load.
-    from softrobot_env.envs.simulation.finger_sensors import FingerSensors
-
-    return FingerSensors(batch, control_period)
+def _found(given: Any, find: Callable[[str], Any], name: str, kind: type) -> Any:
+    """An option, looked up if it is a name; raises ValueError if it is something else."""
+    found = find(given) if isinstance(given, str) else given
+    check_argument(name, found, kind)
+    return found
 
 
 def _starts(robot: RobotParams) -> np.ndarray:
@@ -442,58 +319,29 @@ def _starts(robot: RobotParams) -> np.ndarray:
     return robot.backbone.cut(robot.pieces)[:-1]
 
 
-def _check_arguments(
-    num_envs: Any,
-    control_period: Any,
-    observe_as: Any,
-    threads: Any,
-    pieces: Any,
-    timestep: Any,
-) -> None:
-    check_argument("num_envs", num_envs, Count)
-    check_argument("control_period", control_period, Positive)
-    check_argument("threads", threads, Whole)
-    check_argument("pieces", pieces, Pieces | None)
-    check_argument("timestep", timestep, Positive | None)
-    if observe_as not in ("dict", "vector"):
-        raise ValueError(f"observe_as must be 'dict' or 'vector', got {observe_as!r}")
-
-
 class GripperEnv(gymnasium.Env[Seen, np.ndarray]):
     """One gripper; see `VectorGripperEnv`, whose arguments it has.
 
     Attributes:
         gripper, task, simulation: As there.
-        shown: (pieces,) [1/m], curvatures whose shapes `render` draws over the true ones, such as
-            what calibrated sensors tell; true means unless set.
+        shown: (pieces,) [1/m], curvatures whose shapes `render` shows over the true ones, such as
+            what calibrated sensors say; true means unless set.
+        takes, config: As there.
     """
 
     spec = EpisodeSpec()
     metadata: ClassVar = {"render_modes": ["rgb_array"], "render_fps": 50}
+    takes: ClassVar = (*GRIPPER, *PICTURES)
+    usual: ClassVar = _USUAL
 
-    def __init__(
-        self,
-        task: str | GripTask = "hold",
-        *,
-        render_mode: str | None = None,
-        width: int = 640,
-        height: int = 480,
-        **options: Any,
-    ) -> None:
-        """Build the environment.
-
-        Args:
-            task: As of `VectorGripperEnv`.
-            render_mode: None or "rgb_array".
-            width, height: Of a picture in pixels.
-            **options: As of `VectorGripperEnv`, but for its autoreset.
-
-        Raises:
-            ValueError: As there.
-        """
-        check_rendering(render_mode, self.metadata["render_modes"], (width, height))
+    def __init__(self, task: str | GripTask = "hold", **options: Any) -> None:
+        """Build the environment; options are those that `GripperEnv.takes` names."""
+        self.config = config = EnvConfig.of(type(self), {"task": task, **options})
         self._all = VectorGripperEnv(
-            1, task, threads=1, autoreset_mode=AutoresetMode.DISABLED, **options
+            1,
+            threads=1,
+            autoreset_mode=AutoresetMode.DISABLED,
+            **{name: getattr(config, name) for name in GRIPPER},
         )
         self.gripper, self.task = self._all.gripper, self._all.task
         self.simulation = self._all.simulation
@@ -503,7 +351,7 @@ class GripperEnv(gymnasium.Env[Seen, np.ndarray]):
         self.observation_space = self._all.single_observation_space
         self.action_space = self._all.single_action_space
         self.metadata = {**self.metadata, "render_fps": max(1, round(1 / self.control_period))}
-        self.render_mode, self._frame = render_mode, (width, height)
+        self.render_mode, self._frame = config.render_mode, (config.width, config.height)
         self._renderer: GripperRenderer | None = None
         self._diameter = 0.0
         self.shown: np.ndarray | None = None
@@ -535,7 +383,7 @@ class GripperEnv(gymnasium.Env[Seen, np.ndarray]):
     def render(self) -> np.ndarray | None:
         """Picture (height, width, 3) uint8 in mode "rgb_array"; None otherwise.
 
-        The fingers' shapes as `shown` tells them are drawn over the true ones.
+        The fingers' shapes as `shown` has them lie over the true ones.
 
         Raises:
             RenderError: No OpenGL; says what to install.

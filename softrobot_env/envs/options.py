@@ -1,36 +1,26 @@
-"""Checks of what users pass to environments and to their `reset`."""
+"""Checks of what users pass to `reset` and `step` of environments."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from inspect import signature
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from gymnasium.utils import seeding
-from gymnasium.vector import AutoresetMode
 from numpy import float64
 
 from softrobot_env.core.arrays import HOST, HostArrays, namespace
-from softrobot_env.core.records import check_argument, shown
-from softrobot_env.envs.disturbances import NEUTRAL, check_value, periods
-from softrobot_env.robots import as_number
+from softrobot_env.core.records import shown
+from softrobot_env.envs.disturbances import periods
+from softrobot_env.robots.variations import VARIATIONS, as_number, check_variation, neutral
 from softrobot_env.tasks import LONGEST, Task, remake_task
 
 #: Option of many environments that says which are reset.
 MASK = "reset_mask"
 
-#: Control periods [s] an environment accepts.
-CONTROL_PERIODS = (1e-3, 0.2)
-
 
 @dataclass(frozen=True)
 class ResetOptions:
-    """Options of one reset; see `RESET_OPTIONS`.
-
-    In `vary` youngs_modulus, density, damping_time, tendon_radius and tension_gain are factors
-    [1], tendon_friction is in N, delay in s, sensor_noise [1] the scale of the noise of
-    `observations.table` and sensor_errors [1] that of imperfections of curvature sensors.
-    """
+    """Options of one reset; see `RESET_OPTIONS`, and of `vary` `robots.variations`."""
 
     vary: dict[str, float] = field(default_factory=dict)
     step_width: float | None = None
@@ -91,7 +81,7 @@ def _numbers(name: str, value: Any, _size: int) -> dict[str, float]:
 
 def _variation(name: str, value: Any, size: int) -> dict[str, float]:
     for varied, amount in _numbers(name, value, size).items():
-        check_value(varied, amount)
+        check_variation(varied, amount)
     return value
 
 
@@ -104,7 +94,9 @@ def _truth(name: str, value: Any, _size: int) -> bool:
 #: Options of `reset` of all environments; each environment takes some of them.
 RESET_OPTIONS = {
     "vary": ResetOption(
-        f"variation of the robot, its drives and sensors by name ({', '.join(NEUTRAL)})", _variation
+        "variation of the robot, its drives and sensors by name "
+        f"({', '.join(VARIATIONS.registered())})",
+        _variation,
     ),
     "step_width": ResetOption("width [m] of the step task", positive),
     "duration": ResetOption("duration [s] of the episode instead of the task's", positive),
@@ -185,17 +177,6 @@ def seed_generators(generators: list[np.random.Generator], seeds: list[int | Non
             generators[i] = seeding.np_random(one)[0]
 
 
-def parse_autoreset(mode: AutoresetMode | str) -> AutoresetMode:
-    """A mode, or that of a name.
-
-    Raises:
-        ValueError: No mode; the message names them.
-    """
-    values = tuple(one.value for one in AutoresetMode)
-    check_argument("autoreset_mode", mode, AutoresetMode | Literal[values])
-    return AutoresetMode(mode)
-
-
 def parse_variation(vary: Any, count: int, control_period: float) -> dict[str, np.ndarray]:
     """Values (count,) of every variation, those that are not given neutral.
 
@@ -203,11 +184,11 @@ def parse_variation(vary: Any, count: int, control_period: float) -> dict[str, n
         ValueError: Not a dict, an unknown name, a value out of range, or not as many as
             environments.
     """
-    out = {name: np.full(count, value) for name, value in NEUTRAL.items()}
+    out = {name: np.full(count, value) for name, value in neutral().items()}
     for name, value in _numbers("vary", vary, count).items():
         values = np.asarray(value).tolist() if np.ndim(value) else [value] * count
         for one in values:
-            check_value(name, one)
+            check_variation(name, one)
             if name == "delay":
                 periods(one, control_period)  # refuses fractions
         if len(values) != count:
@@ -240,31 +221,7 @@ def _parse_mask(mask: Any, count: int) -> np.ndarray:
     return np.flatnonzero(mask)
 
 
-# ---------------------------------------------------------------- arguments and actions
-
-
-def check_timing(control_period: float, preview: tuple[float, ...]) -> None:
-    """Check the control period and the preview times of an environment.
-
-    Raises:
-        ValueError: One is out of range; the message names what is allowed.
-    """
-    low, high = CONTROL_PERIODS
-    if not low <= (as_number(control_period) or 0.0) <= high:
-        raise ValueError(
-            f"control_period must lie between {low:g} and {high:g} s, got {control_period!r}"
-        )
-    times = [as_number(time) for time in preview] if np.iterable(preview) else []
-    if not times or not all(t is not None and 0 <= t < np.inf for t in times):
-        raise ValueError(f"preview needs one or more times >= 0 s, got {preview!r}")
-
-
-def check_rendering(render_mode: str | None, modes: list[str], size: tuple[int, int]) -> None:
-    """Raise ValueError for a mode that is neither None nor one of `modes`, or a bad frame size."""
-    if not (render_mode is None or (isinstance(render_mode, str) and render_mode in modes)):
-        raise ValueError(f"render_mode must be None or one of {modes}, got {render_mode!r}")
-    if not all(type(pixels) is int and pixels > 0 for pixels in size):
-        raise ValueError(f"width and height must be positive pixels, got {size}")
+# ---------------------------------------------------------------- actions
 
 
 #: By how much an action may lie beyond its bounds, which it then counts as: rounding of float32.
@@ -318,20 +275,4 @@ def checked_actions(actions: Any, shape: tuple[int, ...], arrays: HostArrays = H
     raise ValueError(
         f"{what} {' x '.join(map(str, shape))} numbers in [-1, 1], got {shown(actions)} "
         f"(gymnasium.wrappers.{wrapper} clips)"
-    )
-
-
-def unexpected_argument(kind: type, name: str, also: Iterable[str] = ()) -> TypeError:
-    """What Python raises for an unknown keyword argument of a class, with those that are allowed.
-
-    Args:
-        kind: The class.
-        name: The argument.
-        also: Names allowed besides the parameters of the class.
-    """
-    parameters = signature(kind.__init__).parameters.values()
-    own = [p.name for p in parameters if p.kind is not p.VAR_KEYWORD][1:]
-    return TypeError(
-        f"{kind.__name__}.__init__() got an unexpected keyword argument {name!r}; allowed are "
-        f"{', '.join(dict.fromkeys([*own, *also]))}"
     )

@@ -1,75 +1,83 @@
-"""What is drawn anew for every episode (domain randomisation)."""
+"""What is sampled anew for every episode (domain randomisation)."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
-from softrobot_env.envs.disturbances import NEUTRAL, check_value
-from softrobot_env.robots import as_number
+from softrobot_env.robots.variations import VARIATIONS, Variation, as_number, find_variation
 
 Range = tuple[float, float]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class Randomization:
     """Ranges of what varies between episodes: of the robot, its drives and its sensors.
 
-    The names are those of the reset option `vary`. Factors [1] are drawn log-uniformly, and a range
-    (1, 1) leaves a parameter as it is; friction, delay and noise are drawn uniformly, (0, 0) is
-    without.
+        Randomization(youngs_modulus=(0.5, 1.5), delay=(0.0, 0.02))
+
+    The names are those of the reset option `vary`, `robots.variations.VARIATIONS`. Factors [1] are
+    sampled log-uniformly, amounts uniformly; a delay [s] is rounded to whole control periods.
 
     Attributes:
-        youngs_modulus, density, damping_time, tendon_radius: Smallest and largest factor [1].
-        tension_gain: Smallest and largest tension applied per tension commanded [1].
-        tendon_friction: [N], dry friction of every tendon.
-        delay: [s] from an action to its effect; a draw is rounded to whole control periods.
-        sensor_noise: Scale [1] of the noise of `disturbances.SENSOR_NOISE`.
-        sensor_errors: Scale [1] of the usual imperfections of curvature sensors.
+        ranges: Smallest and largest values by name, of everything that can vary.
     """
 
-    youngs_modulus: Range = (1.0, 1.0)
-    density: Range = (1.0, 1.0)
-    damping_time: Range = (1.0, 1.0)
-    tendon_radius: Range = (1.0, 1.0)
-    tension_gain: Range = (1.0, 1.0)
-    tendon_friction: Range = (0.0, 0.0)
-    delay: Range = (0.0, 0.0)
-    sensor_noise: Range = (0.0, 0.0)
-    sensor_errors: Range = (0.0, 0.0)
+    ranges: dict[str, Range]
 
-    def __post_init__(self) -> None:
-        for name, ends in self._ranges().items():
-            numbers = [as_number(end) for end in ends] if np.iterable(ends) else []
-            positive = _is_factor(name)
-            if (
-                len(numbers) != 2
-                or None in numbers
-                or not 0 <= numbers[0] <= numbers[1] < np.inf
-                or (positive and numbers[0] == 0)
-            ):
-                allowed = "0 < low <= high" if positive else "0 <= low <= high"
-                raise ValueError(f"the range of {name!r} must be a pair {allowed}, got {ends!r}")
-            check_value(name, numbers[1])
+    def __init__(self, **ranges: Range) -> None:
+        """Ranges of some; all else stays as it is.
 
-    def _ranges(self) -> dict[str, Range]:
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+        Raises:
+            ValueError: An unknown name, or a range that is none; says what is allowed.
+        """
+        for name, ends in ranges.items():
+            _check_range(find_variation(name), ends)
+        every = {name: (one.neutral, one.neutral) for name, one in VARIATIONS.items()}
+        object.__setattr__(self, "ranges", every | {n: tuple(ends) for n, ends in ranges.items()})
+
+    @property
+    def varied(self) -> dict[str, Range]:
+        """Ranges of what differs from the nominal robot, at least in some episodes."""
+        return {
+            name: ends
+            for name, ends in self.ranges.items()
+            if set(ends) != {VARIATIONS[name].neutral}
+        }
+
+    def fitting(self, robot: object) -> "Randomization":
+        """Without what cannot vary of a robot (`RobotParams`)."""
+        return Randomization(
+            **{n: ends for n, ends in self.varied.items() if misfit(n, robot) is None}
+        )
 
     def draw(self, rng: np.random.Generator) -> dict[str, float]:
-        """Values by name, of what varies; the same draws from the same seed."""
-        drawn, fixed = {}, {}
-        for name, (low, high) in self._ranges().items():
-            if low < high:
-                drawn[name] = _draw(rng, low, high, _is_factor(name))
-            elif low != NEUTRAL[name]:
-                fixed[name] = low
-        return drawn | fixed
+        """Values by name, of what varies; the same from the same seed."""
+        ranges = self.varied
+        sampled = {
+            name: _sample(rng, low, high, VARIATIONS[name].is_factor)
+            for name, (low, high) in ranges.items()
+            if low < high
+        }
+        return sampled | {name: low for name, (low, high) in ranges.items() if low == high}
 
 
-def _is_factor(name: str) -> bool:
-    return NEUTRAL[name] == 1
+def misfit(name: str, robot: object) -> str | None:
+    """Why something cannot vary of a robot; None if it can."""
+    why = VARIATIONS[name].misfit
+    return None if why is None else why(robot)
 
 
-def _draw(rng: np.random.Generator, low: float, high: float, logarithmic: bool) -> float:
+def _check_range(variation: Variation, ends: object) -> None:
+    numbers = [as_number(end) for end in ends] if np.iterable(ends) else []
+    low, high = variation.range
+    if len(numbers) != 2 or None in numbers or not low <= numbers[0] <= numbers[1] <= high:
+        raise ValueError(
+            f"the range of {variation.name!r} must be a pair {low:g} <= low <= high <= {high:g}, "
+            f"got {ends!r}"
+        )
+
+
+def _sample(rng: np.random.Generator, low: float, high: float, logarithmic: bool) -> float:
     if logarithmic:
         return float(np.exp(rng.uniform(np.log(low), np.log(high))))
     return float(rng.uniform(low, high))

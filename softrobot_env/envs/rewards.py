@@ -1,16 +1,18 @@
-"""The reward of tip tracking, as named terms."""
+"""Rewards of tip tracking and of grips, as named terms."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import dist, hypot
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy import float64
 
 from softrobot_env.core.arrays import namespace
 from softrobot_env.core.records import Positive, check_argument, check_fields
-from softrobot_env.envs.observations.vector import NEAR
+from softrobot_env.core.registry import Registry
+from softrobot_env.envs.observations.table import NEAR
 from softrobot_env.robots import RobotParams
 
 #: Names of the terms, as `info` has them.
@@ -20,8 +22,36 @@ TERMS = tuple(
 
 _ZERO = float64(0.0)
 
-#: Terms of the start of an episode, which earns nothing.
-NO_REWARD = dict.fromkeys(TERMS, _ZERO)
+
+class Outcome(NamedTuple):
+    """What a step led to, of one robot or of n.
+
+    Attributes:
+        error: [m] or (n,) [m], distance between tip and reference.
+        action, previous: (..., n_inputs) [1], inputs of this step and of the one before.
+        measured: The true state, functions as of `observations.table.Measured`.
+    """
+
+    error: Any
+    action: np.ndarray
+    previous: np.ndarray
+    measured: Any
+
+
+@dataclass(frozen=True)
+class RewardTerm:
+    """A term of one's own in a reward.
+
+    Attributes:
+        name: In `info`, after "reward_".
+        value: Function of an `Outcome` that returns the term, a number or (n,).
+    """
+
+    name: str
+    value: Callable[[Outcome], Any]
+
+    def __post_init__(self) -> None:
+        check_fields(self, "reward term")
 
 
 @dataclass(frozen=True)
@@ -34,6 +64,7 @@ class TrackingReward:
         coarse_scale, fine_scale: [m], errors at which the two tracking terms fall to 1/e.
         tracking, precision, effort, smoothness: Weights [1] of the terms.
         failure: Reward [1] of a step that ends in failure.
+        more: Terms of one's own, which are added.
     """
 
     coarse_scale: Positive = 0.05
@@ -43,9 +74,15 @@ class TrackingReward:
     effort: float = 0.01
     smoothness: float = 0.05
     failure: float = -10.0
+    more: tuple[RewardTerm, ...] = ()
 
     def __post_init__(self) -> None:
         check_fields(self, "reward")
+
+    @property
+    def none(self) -> dict[str, float64]:
+        """Terms of the start of an episode, which earns nothing."""
+        return dict.fromkeys([*TERMS, *(f"reward_{term.name}" for term in self.more)], _ZERO)
 
     def _earned(self, error: Any, functions: Any) -> tuple[Any, Any]:
         """Terms tracking and precision of errors [m], by the functions of `math` or of arrays."""
@@ -53,28 +90,40 @@ class TrackingReward:
         return tracking, self.precision * functions.exp(-error / self.fine_scale)
 
     def terms(
-        self, error: float, action: list[float], previous: list[float]
+        self, error: float, action: list[float], previous: list[float], measured: Any = None
     ) -> tuple[float, dict[str, float64]]:
         """Reward of a step that succeeded, and the terms whose sum it is.
 
         Args:
             error: [m], distance between tip and reference at the end of the step.
             action, previous: (n_inputs,) [1], this step's action and the one before.
+            measured: As of `Outcome`, for terms of one's own.
         """
         size = len(action)
         tracking, precision = self._earned(error, math)
         effort = -self.effort * hypot(*action) ** 2 / size
         smoothness = -self.smoothness * dist(action, previous) ** 2 / size
-        return tracking + precision + effort + smoothness, {
-            "reward_tracking": float64(tracking),
-            "reward_precision": float64(precision),
-            "reward_effort": float64(effort),
-            "reward_smoothness": float64(smoothness),
-            "reward_failure": _ZERO,
-        }
+        total, terms = (
+            tracking + precision + effort + smoothness,
+            {
+                "reward_tracking": float64(tracking),
+                "reward_precision": float64(precision),
+                "reward_effort": float64(effort),
+                "reward_smoothness": float64(smoothness),
+                "reward_failure": _ZERO,
+            },
+        )
+        if self.more:
+            own = self._own(Outcome(error, np.array(action), np.array(previous), measured))
+            terms |= {name: float64(value) for name, value in own.items()}
+            total += sum(own.values())
+        return total, terms
+
+    def _own(self, outcome: Outcome) -> dict[str, Any]:
+        return {f"reward_{term.name}": term.value(outcome) for term in self.more}
 
     def batch_terms(
-        self, error: np.ndarray, action: np.ndarray, previous: np.ndarray
+        self, error: np.ndarray, action: np.ndarray, previous: np.ndarray, measured: Any = None
     ) -> dict[str, np.ndarray]:
         """Terms for errors (n,) [m] and actions (n, n_inputs), NumPy's or tensors."""
         size, change, kind = action.shape[1], action - previous, namespace(error)
@@ -85,11 +134,12 @@ class TrackingReward:
             "reward_effort": (action**2).sum(axis=1) * (-self.effort / size),
             "reward_smoothness": (change**2).sum(axis=1) * (-self.smoothness / size),
             "reward_failure": kind.zeros_like(error),
+            **self._own(Outcome(error, action, previous, measured)),
         }
 
     def failed_terms(self) -> tuple[float, dict[str, float64]]:
         """Reward of a step that failed, and its terms: the penalty alone."""
-        return self.failure, NO_REWARD | {"reward_failure": float64(self.failure)}
+        return self.failure, self.none | {"reward_failure": float64(self.failure)}
 
 
 @dataclass(frozen=True)
@@ -123,8 +173,21 @@ class LogReward(TrackingReward):
         return self.tracking * (1 - lost), super()._earned(error, functions)[1]
 
 
-#: Rewards by name, of a robot.
-REWARDS = {"tracking": lambda robot: TrackingReward(), "log": LogReward.of}
+#: Rewards by name, functions of a robot.
+REWARDS: Registry[Callable[[RobotParams], TrackingReward]] = Registry(
+    "reward", {"tracking": lambda robot: TrackingReward(), "log": LogReward.of}
+)
+
+
+def register_reward(
+    name: str, make: Callable[[RobotParams], TrackingReward], replace: bool = False
+) -> None:
+    """Add a reward by name, or replace one: a function of the robot that makes it.
+
+    Raises:
+        ValueError: The name is taken and `replace` is not set.
+    """
+    REWARDS.register(name, make, replace)
 
 
 def reward_of(
@@ -144,3 +207,33 @@ def reward_of(
     if isinstance(reward, TrackingReward):
         return reward
     return REWARDS[reward or ("log" if learns else "tracking")](robot)
+
+
+@dataclass(frozen=True)
+class GripReward:
+    """Weights of the reward's terms [1] of a gripper, which come by their names in `info`.
+
+    With the error e of the task over what counts as success, the term grip is
+    `grip` exp(-e), effort is -`effort` times the mean square of the tensions over their limits, and
+    smoothness -`smoothness` times the mean square of the change of the actions.
+    """
+
+    grip: float = 1.0
+    effort: float = 0.05
+    smoothness: float = 0.05
+    failure: float = -10.0
+
+    def __post_init__(self) -> None:
+        check_fields(self, "reward")
+
+    def terms(
+        self, error: np.ndarray, action: np.ndarray, previous: np.ndarray, failed: np.ndarray
+    ) -> dict[str, np.ndarray]:
+        """Terms (n,) for errors (n,), actions (n, inputs) and failures (n,) bool."""
+        terms = {
+            "reward_grip": self.grip * np.exp(-error),
+            "reward_effort": -self.effort * np.mean(((action + 1) / 2) ** 2, axis=1),
+            "reward_smoothness": -self.smoothness * np.mean((action - previous) ** 2, axis=1),
+        }
+        terms = {name: np.where(failed, 0.0, term) for name, term in terms.items()}
+        return terms | {"reward_failure": self.failure * failed}

@@ -1,47 +1,50 @@
 """Tip tracking with one simulated robot."""
 
 from dataclasses import replace
-from typing import Any
+from math import dist
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
+from numpy import float64
 
-from softrobot_env.core.interfaces import PlantFactory, Seen
-from softrobot_env.core.records import check_argument
-from softrobot_env.envs.base import EpisodeEnv
+from softrobot_env.core.interfaces import Seen
+from softrobot_env.envs.config import PICTURES, SIMULATED, EnvConfig
 from softrobot_env.envs.disturbances import (
-    NEUTRAL,
     Drives,
     SensorNoise,
     noise_seed,
+    reported_variation,
     rounded,
     split,
-    told_variation,
 )
-from softrobot_env.envs.observations.camera import Camera, filmed
-from softrobot_env.envs.observations.readouts import fitted, noisy
-from softrobot_env.envs.observations.table import Measured
-from softrobot_env.envs.options import ResetOptions
-from softrobot_env.envs.randomization import Randomization
-from softrobot_env.envs.rewards import TrackingReward
-from softrobot_env.envs.setting import (
-    DEFAULT_ACCURACY,
-    SimulatedSetting,
-    Start,
-    check_task_options,
-)
-from softrobot_env.envs.simulation.beam_plant import BeamSimulation
-from softrobot_env.robots import RobotParams
-from softrobot_env.robots.twin import Twin
+from softrobot_env.envs.observations.readouts import Camera, filmed, fitted, noisy
+from softrobot_env.envs.observations.table import Measured, Sources, copied
+from softrobot_env.envs.options import ResetOptions, one_action
+from softrobot_env.envs.parts import EpisodeSpec, SimulatedParts, Start
+from softrobot_env.envs.reference import ReferenceTable
+from softrobot_env.envs.rendering.renderer import Frame, WindowRenderer, lifted, make_renderer
+from softrobot_env.envs.simulation.plants import BeamSimulation
+from softrobot_env.robots.variations import neutral
+from softrobot_env.scene.build import Scene
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.tasks import Task
 
-#: [s].
-DEFAULT_PERIOD = 0.01
+#: What `_install` takes from a simulation anew; a copy or a pickle goes without.
+_REBUILT = {
+    "model",
+    "data",
+    "_readout",
+    "_exact",
+    "_see",
+    "_renderer",
+    "_advance",
+    "_target",
+    "_estimates",
+}
 
 
-# Learning libraries tell environments by their direct bases: `gymnasium.Env` is one of them.
-class TrackingEnv(EpisodeEnv, gymnasium.Env[Seen, np.ndarray]):
+class TrackingEnv(gymnasium.Env[Seen, np.ndarray]):
     """Move the tip of a tendon-driven robot along a reference.
 
     The action is a vector in [-1, 1], held for one `control_period`, and stands for the inputs of
@@ -83,9 +86,9 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Seen, np.ndarray]):
 
     For learning libraries there is `observe_as="vector"`: the same observables as one float32
     vector of order 1, scaled by the robot's own length, first frequency and full scale
-    (`observations.vector.VectorView`), so that no running statistics need to be kept with a policy.
+    (`observations.table.VectorView`), so that no running statistics need to be kept with a policy.
     `vector_layout` says which entries are what. The reference is then its distance to the tip, on a
-    coarse and on a fine scale, and the preview what lies ahead of it. Unless told otherwise, such
+    coarse and on a fine scale, and the preview what lies ahead of it. Unless asked otherwise, such
     an environment also has what helps an agent that begins with nothing:
 
     * `act_as="change"`: an action is the change of the inputs in force, by at most as much as the
@@ -107,8 +110,8 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Seen, np.ndarray]):
     and any command later (`delay`, a multiple of the control period); until the first action
     arrives the start is in force. A varied robot starts in the posture of the nominal one, with the
     same commands (thesis sec. 6.6.3), times the `tension_gain`; names and units of `vary` are
-    those of `Randomization`. Sensors may be noisy (`sensor_noise`). Rewards, error, failures and
-    `previous_action` keep to the true state and the commanded action, and with noise or a camera
+    those of `robots.variations`. Sensors may be noisy (`sensor_noise`). Rewards, error, failures
+    and `previous_action` keep to the true state and the commanded action, and with noise or a camera
     that errs `info` also holds the true tip_position, and curvature.
 
     A camera without noise and delay sees the true position and velocity. Otherwise it takes a
@@ -116,161 +119,204 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Seen, np.ndarray]):
     longer), each at the control instant that follows, and the velocity is the difference of its
     last two over the time between them. Potentiometers know neither offset nor backlash of a servo.
 
-    A task that is drawn from a seed (`random`, `reach`) and given by name without one is drawn anew
-    for every episode, by `np_random`, and keeps its duration; with `seed=` it stays.
+    A task that is sampled from a seed (`random`, `reach`) and given by name without one is sampled
+    anew for every episode, by `np_random`, and keeps its duration; with `seed=` it stays.
 
     Attributes:
+        takes: Names of the options that it has, which `config.EnvConfig` explains.
+        config: The options.
         task: The task, `task.robot` its nominal robot.
         twin: What is simulated of a robot driven by length, which policies are not meant to look
             at; None of another.
         control_period: [s].
+        axes: The coordinates out of x, y and z that positions have, a slice of (3,).
         input_scale: (n_inputs,) [N] or [m], input of a full-scale action.
         observe_as, act_as: As given, or what is usual.
         vector_layout: Slices of an observation by name, where it is one vector; else None.
-        reading: What a file tells of that vector, see `vector_reading`.
+        reading: What a file says of that vector, see `vector_reading`.
         model, data: The MuJoCo objects of the running scene; None with another plant.
     """
 
-    def __init__(
-        self,
-        task: str | Task = "swing",
-        *,
-        robot: str | RobotParams | None = None,
-        twin: Twin | int | None = None,
-        control_period: float = DEFAULT_PERIOD,
-        observe: tuple[str, ...] | str | None = None,
-        preview: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4),
-        observe_as: str = "dict",
-        act_as: str | None = None,
-        reward: TrackingReward | str | None = None,
-        randomization: Randomization | None = None,
-        pieces: int | tuple[int, ...] | None = None,
-        rule: str | None = None,
-        timestep: float | None = None,
-        integrator: str | None = None,
-        accuracy: float | str = DEFAULT_ACCURACY,
-        plant: PlantFactory | None = None,
-        render_mode: str | None = None,
-        width: int = 640,
-        height: int = 480,
-        **task_options: float,
-    ) -> None:
+    spec = EpisodeSpec()
+    metadata: ClassVar = {"render_modes": ["rgb_array", "human"], "render_fps": 100}
+    takes: ClassVar[tuple[str, ...]] = (*SIMULATED, "plant", *PICTURES)
+    usual: ClassVar[dict[str, Any]] = {}
+    _robot_vary: ClassVar[dict[str, float]] = {}  # of the running simulation
+
+    def __init__(self, task: str | Task = "swing", **options: Any) -> None:
         """Build the environment.
 
         Args:
-            task: Task or its name.
-            robot: The robot of a task given by name: itself, its name, or a robot file (*.toml).
-                Unless given, the one that the task is made for.
-            twin: Of a robot driven by length, the one that is simulated; or the seed of a rig with
-                errors (`twin.rig3d_twin`). Unless given, a robot as its parameters say.
-            control_period: [s], between 1 ms and 200 ms.
-            observe: Names of the observables in an observation, or "all": all but `sensors`, which
-                are asked for by name. Unless given, all but these and
-                tensions, lengths and reference_acceleration of a robot driven by tension, and all
-                but curvatures and tensions of one driven by length, as a lab can measure them.
-            preview: Times [s] ahead of now of `reference_preview`.
-            observe_as: "dict", or "vector": one float32 vector of order 1, see below.
-            act_as: What actions stand for: "input", or "change" of the inputs in force. Unless
-                given, inputs, and with vectors changes.
-            reward: Weights and scales of the reward, or the name of one: "tracking" or "log".
-                Unless given "tracking", and with vectors "log".
-            randomization: Ranges of what varies, drawn by `np_random` for every episode that is
-                reset without `vary`, and told in `info["variation_density"]` and so on.
-            pieces, rule, timestep, integrator, accuracy: Of the MuJoCo chain, see `SceneConfig`; in
-                space, pieces must be a multiple of the robot's.
-            plant: Builds the model that is simulated in place of the MuJoCo chain, for instance
-                `beams.registry.BeamPlant("pcc")`.
-            render_mode: None, "rgb_array" or "human".
-            width, height: Size of a frame in pixels.
-            **task_options: Of a task given by name, see `tasks.make_task`.
+            task: A task or its name.
+            **options: Those that `TrackingEnv.takes` names, see `config.EnvConfig`, and of a task
+                given by name its own, see `tasks.make_task`.
 
         Raises:
-            ValueError: An argument out of range; the message names what is allowed.
-            TypeError: An unknown argument.
+            ValueError: An option out of range; the message names what is allowed.
+            TypeError: An unknown option.
         """
-        check_task_options(type(self), task, robot, task_options)
-        check_argument("randomization", randomization, Randomization | None)
+        self.config = config = EnvConfig.of(type(self), {"task": task, **options})
+        self._parts = parts = SimulatedParts(config)
+        parts.show_in(self)
+        self.observation_space, self.action_space = parts.observation_space, parts.action_space
+        self.max_episode_steps = parts.reference.last_index
+        self.render_mode = config.render_mode
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1 / self.control_period))}
+        self._frame_size, self._renderer = (config.width, config.height), None
+        self.twin, self._servos, self._sensors = parts.twin, parts.servos(), parts.sensors()
+        self._command = parts.inputs.per_action().command
+        self._no_reward = parts.reward.none
         self._drives: Drives | None = None
         self._noise: SensorNoise | None = None
         self._camera: Camera | None = None
-        setting = SimulatedSetting(
-            task,
-            task_options,
-            robot=robot,
-            twin=twin,
-            control_period=control_period,
-            observe=observe,
-            preview=preview,
-            observe_as=observe_as,
-            act_as=act_as,
-            reward=reward,
-            plant=plant,
-            pieces=pieces,
-            rule=rule,
-            timestep=timestep,
-            integrator=integrator,
-            accuracy=accuracy,
-        )
-        setting.check_randomization(randomization)
-        self._randomization = randomization
-        self.twin, self._servos = setting.twin, setting.servos()
-        self._bank = setting.bank()
-        self.input_scale = setting.inputs.input_scale
-        self._command = setting.inputs.per_action().command
-        self._redrawn = isinstance(task, str) and "seed" not in task_options and setting.is_drawn
-        super().__init__(setting, render_mode, (width, height))
+        self._follow(self.task, parts.reference)
+        self._running = False
+        self._episode = self._index = 0
+        self._error = 0.0
+        self._action_shape = self.action_space.shape
+        self._action_array = np.zeros(self._action_shape)
+        self._action: list[float] = self._action_array.tolist()
+        self._rows: dict[str, np.ndarray] = {}
+        self._last_observation: Seen | None = None
+        self._variation: dict[str, float64] = {}  # as `info` has it
+        self._install(parts.plant.simulation({}))
+
+    # ------------------------------------------------------------------ simulation
+
+    @property
+    def current_task(self) -> Task:
+        """The task of the running episode: `task`, with what was sampled and given to `reset`."""
+        return self._current
+
+    @property
+    def scene(self) -> Scene | None:
+        """The scene of the running episode; None with another plant than the MuJoCo chain."""
+        return self._simulation.scene
+
+    @property
+    def simulation(self) -> Simulation | BeamSimulation:
+        """What is advanced; another one after a reset that varies the robot."""
+        return self._simulation
 
     @property
     def command(self) -> np.ndarray:
-        """(nu,) what the drives are told [N or m], to be written to by who acts without `step`."""
+        """(nu,) what the drives are to do [N or m], to be written to by who acts without `step`."""
         return self._target
 
-    def _make_readout(self, simulation: Simulation | BeamSimulation) -> Measured:
+    def _install(self, simulation: Simulation | BeamSimulation) -> None:
+        """Connect to a simulation, so that a step looks nothing up."""
+        self._simulation = simulation
+        self.model, self.data = simulation.model, simulation.data
+        self._advance = simulation.advance
+        self._estimates = simulation.estimates
         self._target = simulation.ctrl
         if self._servos is not None:
             simulation.drive_by(self._servos)
             self._target = self._servos.command
-        readout = self._setting.plant.readout(simulation, self._servos)
-        self._exact = readout
-        if self._bank is not None:
-            readout = fitted(readout, self._bank, 0)
+        self._exact = readout = self._parts.plant.readout(simulation, self._servos)
+        if self._sensors is not None:
+            readout = fitted(readout, self._sensors, 0)
         if self._camera is not None:
             readout = filmed(readout, self._camera)
-        return readout if self._noise is None else noisy(readout, self._noise, 0)
+        self._readout: Measured = readout if self._noise is None else noisy(readout, self._noise, 0)
 
-    def _move(self, action: np.ndarray) -> bool:
-        if self._drives is None:
-            self._command(action, self._target)
-        else:
-            self._target[:] = self._drives.apply(self._command(action))[0]
-        return self._advance()
+    def _follow(self, task: Task, reference: ReferenceTable) -> None:
+        """Make a task the current one."""
+        self._current, self._reference = task, reference
+        self._points, self._last_index = reference.points, reference.last_index
+
+    def _reference_of(self, task: Task) -> ReferenceTable:
+        """Reference of a task, which may be the current one."""
+        return self._reference if task == self._current else self._parts.reference_of(task)
+
+    def __getstate__(self) -> dict:
+        return {k: v for k, v in self.__dict__.items() if k not in _REBUILT}
+
+    def __setstate__(self, state: dict) -> None:
+        self.__dict__.update(state)
+        self._renderer = None
+        self._install(self._simulation)
+        if not self._robot_vary:  # one model, as before
+            self._parts.plant.adopt(self._simulation)
+        if self._last_observation is not None:
+            self._bind_observation(self._index + 1)
 
     # ------------------------------------------------------------------ episodes
 
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Seen, dict[str, Any]]:
+        """Start an episode at rest.
+
+        Args:
+            seed: Seed of `np_random`. Only `randomization` and the noise of sensors and of a twin's
+                camera sample from it.
+            options: `SIMULATED_OPTIONS` of `envs.options`, see there; each holds for this episode
+                only.
+
+        Raises:
+            ValueError: A bad option; the message names what is allowed.
+            EquilibriumError: There is no equilibrium at the start.
+        """
+        super().reset(seed=seed)
+        parsed = self._parse(options)
+        # Everything that can be refused comes before anything is changed.
+        task = parsed.changed(self.task)
+        start, reference = self._parts.start(parsed, task), self._reference_of(task)
+        self._start(parsed, start)
+        self._follow(task, reference)
+        self._action_array = self._parts.action_of(start.input)
+        self._action = self._action_array.tolist()
+        self._rows = self._reference.rows()
+        self._index = 0
+        self._episode += 1
+        self._bind_observation(0)
+        self._running = True
+        self._measure()
+        observation = self._observe()
+        if self.render_mode == "human":
+            self.render()
+        return observation, self._info(self._no_reward)
+
+    def _bind_observation(self, index: int) -> None:
+        """Prepare the observations from control instant `index` on.
+
+        Every observation takes the next row of the episode's own copies of the reference: none is
+        shared between observations, and none is copied in a step.
+        """
+        sources = Sources(
+            self._readout,
+            lambda column: iter(self._rows[column][index:]).__next__,
+            lambda: self._action_array,
+        )
+        self._see = self._parts.observer(sources)
+
     def _parse(self, options: dict[str, Any] | None) -> ResetOptions:
-        parsed = super()._parse(options)
-        if self._redrawn and "seed" not in parsed.task:
-            drawn = int(self.np_random.integers(2**31))
-            lasts = parsed.duration or self.task.duration  # whatever the draw
-            parsed = replace(parsed, task=parsed.task | {"seed": drawn}, duration=lasts)
-        if self._randomization is None or "vary" in (options or {}):
+        """The checked options of a reset, with what is sampled."""
+        parsed = self._parts.parse_options(options)
+        if self._parts.is_resampled and "seed" not in parsed.task:
+            seed = int(self.np_random.integers(2**31))
+            lasts = parsed.duration or self.task.duration  # whatever the seed
+            parsed = replace(parsed, task=parsed.task | {"seed": seed}, duration=lasts)
+        if self.config.randomization is None or "vary" in (options or {}):
             return parsed
-        drawn = self._randomization.draw(self.np_random)
-        return replace(parsed, vary=rounded(drawn, self.control_period))
+        sampled = self.config.randomization.draw(self.np_random)
+        return replace(parsed, vary=rounded(sampled, self.control_period))
 
     def _start(self, options: ResetOptions, start: Start) -> None:
-        setting = self._setting
+        """Bring the simulation to a start; refuse what is wrong before anything is changed."""
+        parts = self._parts
         robot_vary, disturbance = split(options.vary, self.control_period)
         # The running simulation goes on if it is of the wanted robot.
         simulation = self._simulation
         if robot_vary != self._robot_vary:
-            simulation = setting.plant.simulation(robot_vary)
-        drives = disturbance.drives(setting.most, start.command)
+            simulation = parts.plant.simulation(robot_vary)
+        drives = disturbance.drives(parts.most, start.command)
         self._robot_vary, self._drives = robot_vary, drives
-        if self._randomization is not None:
-            self._variation = told_variation(NEUTRAL | options.vary)
+        if self.config.randomization is not None:
+            self._variation = reported_variation(neutral() | options.vary)
         command = start.command if drives is None else drives.tension[0]
-        noise, camera = disturbance.noise(setting.noise_sizes, self.np_random), self._make_camera()
+        noise, camera = disturbance.noise(parts.noise_sizes, self.np_random), self._make_camera()
         changed = simulation is not self._simulation
         if self._servos is not None:
             self._servos.start(command)
@@ -281,18 +327,18 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Seen, np.ndarray]):
             self._install(simulation)
         if camera is not None:
             camera.start(np.array(self._readout.tip))
-        if self._bank is not None:
-            self._start_bank(disturbance.sensor_errors)
+        if self._sensors is not None:
+            self._start_sensors(disturbance.sensor_errors)
 
-    def _start_bank(self, errors: float) -> None:
-        """Start the curvature sensors, of a specimen drawn if it errs [1]."""
+    def _start_sensors(self, errors: float) -> None:
+        """Start the curvature sensors, of a sampled specimen if it errs [1]."""
         seed, first = noise_seed(self.np_random), np.array([0])
         self._exact.update()
-        built = self._setting.built_sensors(errors, seed)
-        self._bank.start(first, [built], [seed], self._exact.shape())
+        built = self._parts.built_sensors(errors, seed)
+        self._sensors.start(first, [built], [seed], self._exact.shape())
 
     def _make_camera(self) -> Camera | None:
-        """The camera of an episode; None without errors, and then nothing is drawn."""
+        """The camera of an episode; None without errors, which samples nothing."""
         twin = self.twin
         if twin is None:
             return None
@@ -300,4 +346,138 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Seen, np.ndarray]):
         if twin.camera_noise == 0 and delay == 0:
             return None
         seed = noise_seed(self.np_random) if twin.camera_noise else 0
-        return Camera(twin.camera_noise, delay, self.control_period, seed, self._setting.dimensions)
+        return Camera(twin.camera_noise, delay, self.control_period, seed, self._parts.dimensions)
+
+    # ------------------------------------------------------------------ steps
+
+    def step(self, action: np.ndarray) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
+        """Apply an action (n_inputs,) in [-1, 1] for one control period.
+
+        Raises:
+            ValueError: Not n_inputs real numbers, or one beyond [-1, 1] by more than 1e-6.
+            gymnasium.error.ResetNeeded: The episode is over or was never started.
+        """
+        if not self._running:
+            raise gymnasium.error.ResetNeeded("call reset() before step(): no episode is running")
+        previous = self._action
+        given, self._action = one_action(action, self._action_shape)
+        if self._parts.change is not None:
+            given = self._parts.wanted(given, self._action_array)
+            self._action = given.tolist()
+        self._action_array = given
+        if self._drives is None:
+            self._command(given, self._target)
+        else:
+            self._target[:] = self._drives.apply(self._command(given))[0]
+        healthy = self._advance()
+        self._index += 1
+        failure = self._measure()
+        if not healthy:
+            failure = self._simulation.failure() or failure
+        if failure is not None:
+            return self._fail(failure)
+        earned = self._reward.terms(self._error, self._action, previous, self._exact)
+        return self._go_on(*earned)
+
+    def _measure(self) -> str | None:
+        """Update measurements and error; return what left the workspace, or None."""
+        readout = self._readout
+        outside = readout.update()
+        self._error = dist(readout.tip, self._points[self._index])
+        return outside
+
+    def _observe(self) -> Seen:
+        self._last_observation = observation = self._see()
+        return observation
+
+    def _go_on(
+        self, reward: float, terms: dict[str, float64]
+    ) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
+        self._running = self._index < self._last_index
+        observation = self._observe()
+        if self.render_mode == "human":
+            self.render()
+        return observation, reward, False, not self._running, self._info(terms)
+
+    def _fail(self, failure: str) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
+        self._running = False
+        reward, terms = self._reward.failed_terms()
+        last = copied(self._last_observation)
+        return last, reward, True, False, self._info(terms) | {"failure": failure}
+
+    def _info(self, terms: dict[str, float64]) -> dict[str, Any]:
+        readout = self._readout
+        info = {
+            "time": float64(self._index * self.control_period),
+            "error": float64(self._error),
+            "tendon_tension": readout.tendon_tension(),
+            "tendon_length": readout.true_length(),
+            **terms,
+        }
+        if self._estimates is not None:
+            info["integration_error"] = self._estimates[0]
+        if self._variation:
+            info |= self._variation
+        return info if readout.truth is None else info | readout.truth()
+
+    # ------------------------------------------------------------------ pictures
+
+    @property
+    def metres_per_pixel(self) -> float | None:
+        """[m] in the plane of pictures that `render` makes as arrays; None before the first."""
+        return None if self._renderer is None else self._renderer.metres / self._frame_size[1]
+
+    def render(self) -> np.ndarray | None:
+        """Frame (height, width, 3) uint8 in mode "rgb_array"; None otherwise.
+
+        Raises:
+            RenderError: No OpenGL (or, in mode "human", no display); says what to install.
+            gymnasium.error.ResetNeeded: Nothing was started yet.
+        """
+        if self._last_observation is None:
+            raise gymnasium.error.ResetNeeded("call reset() before render()")
+        if self.render_mode is None:
+            gymnasium.logger.warn(
+                'render() does nothing without a render mode; pass render_mode="rgb_array"'
+            )
+            return None
+        if self._renderer is None:
+            scene = self._parts.plant.config
+            self._renderer = make_renderer(self.render_mode, scene, self._frame_size)
+        return self._renderer.draw(self._frame())
+
+    def open_window(self) -> WindowRenderer:
+        """The window of render mode "human", opened with sliders for the drives if it is not open.
+
+        Raises:
+            RenderError: There is no display.
+        """
+        if self._renderer is None:
+            self._renderer = WindowRenderer(self._parts.plant.config, controls=True)
+        return self._renderer
+
+    def _frame(self) -> Frame:
+        return Frame(
+            episode=self._episode,
+            time=self._simulation.time,
+            qpos=self._simulation.posture,
+            tension=self._readout.tendon_tension(),
+            target=self._in_space(np.array(self._points[self._index])[None])[0],
+            path=self._in_space(self._current.trajectory.path()[:, self.axes]),
+            jumps=getattr(self._current.trajectory, "jumps", False),
+        )
+
+    def _in_space(self, points: np.ndarray) -> np.ndarray:
+        """Where to show points (k, d) [m] of the reference, (k, 3)."""
+        if self.task.axes == "xy":
+            return lifted(self.task.robot, points)
+        base = self.task.robot.base
+        placed = np.tile((0.0, 0.0, 0.0) if base is None else base.position, (len(points), 1))
+        placed[:, self.axes] = points
+        return placed
+
+    def close(self) -> None:
+        """Free the renderer; closing twice is harmless."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None

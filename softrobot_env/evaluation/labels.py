@@ -1,26 +1,14 @@
 """What rows of a report are called for people."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-from softrobot_env.robots import ENTRIES, RobotEntry
+from softrobot_env.robots import ENTRIES, VARIATIONS, RobotEntry
 from softrobot_env.tasks import OPTIONS, owner_of
 from softrobot_env.tasks.spec import option_text
 
 #: Plants of rows that are no simulation: the rig, and a virtual one, over a serial line.
 REAL, VIRTUAL = "real", "virtual"
-
-#: Variation -> how people read it: factors, and amounts in people's units.
-_VARIATIONS: dict[str, Callable[[float], str]] = {
-    "youngs_modulus": lambda v: f"E x {v:g}",
-    "density": lambda v: f"rho x {v:g}",
-    "damping_time": lambda v: f"mu x {v:g}",
-    "tendon_radius": lambda v: f"r_t x {v:g}",
-    "tendon_friction": lambda v: f"friction {v:g} N",
-    "tension_gain": lambda v: f"gain x {v:g}",
-    "delay": lambda v: f"delay {1e3 * v:g} ms",
-    "sensor_noise": lambda v: f"noise x {v:g}",
-}
 
 
 def option_columns(options: Mapping[str, float]) -> dict[str, float | None]:
@@ -62,7 +50,7 @@ def _has_twins(row: Mapping[str, Any]) -> bool:
 
 def variation_label(row: Mapping[str, Any]) -> str:
     """Varied parameters for people, empty when nominal."""
-    return ", ".join(_VARIATIONS[name](value) for name, value in row["variation"].items())
+    return ", ".join(VARIATIONS[name].shown(value) for name, value in row["variation"].items())
 
 
 def rig_label(row: Mapping[str, Any]) -> str:

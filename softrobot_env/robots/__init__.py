@@ -8,19 +8,7 @@ from softrobot_env.core.registry import served
 from softrobot_env.robots.file import read_gripper, read_robot, write_gripper, write_robot
 from softrobot_env.robots.gripper import Finger, Gripper
 from softrobot_env.robots.loads import Load
-from softrobot_env.robots.parameters import (
-    MAY_VANISH,
-    NEUTRAL,
-    VARIABLE,
-    Base,
-    Disc,
-    Drive,
-    Head,
-    RobotParams,
-    as_number,
-    centerline,
-    check_number,
-)
+from softrobot_env.robots.parameters import Base, Disc, Drive, Head, RobotParams, centerline
 from softrobot_env.robots.registry import (
     CAMERA_PERIOD,
     ENTRIES,
@@ -40,6 +28,7 @@ from softrobot_env.robots.registry import (
 from softrobot_env.robots.sections import Backbone, Section
 from softrobot_env.robots.sensors import Sensor
 from softrobot_env.robots.tendons import Tendon
+from softrobot_env.robots.variations import VARIATIONS, Variation, as_number, register_variation
 
 __getattr__ = served(__name__)
 
@@ -49,11 +38,9 @@ __all__ = [
     "EXAMPLES",
     "GRIPPERS",
     "LENGTH_SCALE",
-    "MAY_VANISH",
-    "NEUTRAL",
     "ROBOTS",
     "SERVO_SPEED",
-    "VARIABLE",
+    "VARIATIONS",
     "Backbone",
     "Base",
     "Disc",
@@ -67,9 +54,9 @@ __all__ = [
     "Section",
     "Sensor",
     "Tendon",
+    "Variation",
     "as_number",
     "centerline",
-    "check_number",
     "default_robot",
     "entry_of",
     "find_gripper",
@@ -78,6 +65,7 @@ __all__ = [
     "read_robot",
     "register_entry",
     "register_robot",
+    "register_variation",
     "write_gripper",
     "write_robot",
 ]

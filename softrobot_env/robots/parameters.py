@@ -8,7 +8,6 @@ A robot with a `base` has this frame turned and moved; gravity stays in the worl
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import cos, hypot, inf, pi, sin, sqrt
-from numbers import Real
 from pathlib import Path
 from typing import Annotated, Any, Literal
 from warnings import warn
@@ -29,28 +28,12 @@ from softrobot_env.core.records import (
 from softrobot_env.robots.sections import Backbone, Pieces, PoissonRatio, Section
 from softrobot_env.robots.sensors import Sensor
 from softrobot_env.robots.tendons import Tendon
+from softrobot_env.robots.variations import varied
 
 __all__ = ["Pieces", "Tendon"]
 
 #: How tendons can be driven.
 DriveKind = Literal["tension", "length"]
-
-#: What `RobotParams.vary` varies, with the values that change nothing: factors [1] on parameters of
-#: the robot, and a friction [N].
-NEUTRAL: dict[str, float] = {
-    "youngs_modulus": 1.0,
-    "density": 1.0,
-    "damping_time": 1.0,
-    "tendon_radius": 1.0,
-    "tendon_friction": 0.0,
-}
-VARIABLE = tuple(NEUTRAL)
-
-#: Largest of them, and one over the smallest where none may be zero.
-_MOST = 1e6
-
-#: Those that may be zero.
-MAY_VANISH = ("damping_time", "tendon_friction")
 
 #: Smallest positive root of cos(x) cosh(x) = -1: first mode of a clamped-free beam.
 _CLAMPED_FREE_ROOT = 1.8751040687119611
@@ -488,32 +471,18 @@ class RobotParams:
         bent = self.curvature_limit * tendon.end * tendon.farthest
         return bent + tendon.tension_limit / tendon.stiffness
 
-    def vary(self, **scales: float) -> "RobotParams":
-        """The same robot with some parameters multiplied by factors, and with tendon friction.
+    def vary(self, **values: float) -> "RobotParams":
+        """The same robot with some parameters varied.
 
         Args:
-            **scales: Value by name, one of `VARIABLE`: `tendon_friction` [N] adds to the dry
-                friction of every tendon, the others are factors [1]. A varied Young's modulus
-                keeps the damping time mu, hence scales D with K (sec. 6.6.3). The tendon radius
-                is the distance of all tendons from the neutral fibre. All sections vary alike.
+            **values: By names out of `variations.VARIATIONS`, as there: factors [1], of
+                `tendon_friction` [N] what is added for every tendon. The tendon radius is the
+                distance of all tendons from the neutral fibre. All sections vary alike.
 
         Raises:
-            ValueError: Unknown name, or a value that is not finite and positive; only friction and
-                damping time may vanish.
+            ValueError: An unknown name or a value out of range; the message names what is allowed.
         """
-        for name, scale in scales.items():
-            if name not in VARIABLE:
-                raise ValueError(f"cannot vary {name!r}; choose from {', '.join(VARIABLE)}")
-            check_number(name, scale, name in MAY_VANISH)
-        values = {name: float(scale) for name, scale in scales.items()}
-        radius = values.pop("tendon_radius", NEUTRAL["tendon_radius"])
-        friction = values.pop("tendon_friction", NEUTRAL["tendon_friction"])
-        tendons = tuple(tendon.vary(radius, friction) for tendon in self.tendons)
-        if self.sections:
-            sections = (section.vary(**values) for section in self.sections)
-            return replace(self.with_sections(*sections), tendons=tendons)
-        scaled = {name: getattr(self, name) * factor for name, factor in values.items()}
-        return replace(self, tendons=tendons, **scaled)
+        return varied(self, values)
 
 
 def _check_floats(robot: RobotParams) -> None:
@@ -560,21 +529,6 @@ def _or_infinite(robot: RobotParams, name: str) -> float:
         return getattr(robot, name)
     except OverflowError:
         return inf
-
-
-def check_number(name: str, value: object, may_vanish: bool) -> None:
-    """Raise ValueError unless a value is within 1e-6 and 1e6, or from zero where it may vanish."""
-    number = as_number(value)
-    if number is None or not (0 < number < inf or (may_vanish and number == 0)):
-        least = "zero or more" if may_vanish else "positive"
-        raise ValueError(f"value of {name!r} must be finite and {least}, got {value!r}")
-    if number > _MOST or (number < 1 / _MOST and not may_vanish):
-        raise ValueError(f"value of {name!r} must lie in {1 / _MOST:g} to {_MOST:g}, got {value!r}")
-
-
-def as_number(value: object) -> float | None:
-    """The value as a float, None if it is no number (nor text, nor a truth value)."""
-    return float(value) if isinstance(value, Real) and not isinstance(value, bool) else None
 
 
 def centerline(robot: RobotParams, curvature: np.ndarray, points: int = 10) -> np.ndarray:

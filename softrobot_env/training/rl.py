@@ -272,6 +272,7 @@ def _keep(
 def _about(config: RLConfig, seed: int, robot: RobotParams) -> dict[str, Any]:
     """Settings, seed and robot, in what a checkpoint can hold."""
     told = {**asdict(config), "seed": seed, "robot": str(fingerprint(robot)["fingerprint"])}
+    told["randomization"] = config.randomization.ranges
     if config.backend == "mujoco":  # which checkpoints do not tell
         del told["backend"], told["device"]
     return json.loads(json.dumps(told))

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from softrobot_env.core.records import Count, Positive, check_fields
-from softrobot_env.envs.randomization import Randomization
+from softrobot_env.envs.randomization import Randomization, misfit
 from softrobot_env.robots import RobotParams
 
 #: What an agent can be trained on: the thesis' tasks, and references drawn by
@@ -207,15 +207,13 @@ QUICK = {"steps": 4000, "critic_steps": 0, "envs_per_task": 2, "trials": ({},)}
 def of_any_robot(config: RLConfig, robot: RobotParams) -> RLConfig:
     """Settings for another robot than the arm: its tasks, and what can vary of it."""
     ranges, trials = config.randomization, config.trials
-    if robot.drive.kind == "length":  # drives apply no tension that could err
-        ranges = replace(ranges, tension_gain=(1.0, 1.0))
-        trials = tuple(trial for trial in trials if "tension_gain" not in trial)
-    if config.randomization == NARROW:
+    trials = tuple(trial for trial in trials if not any(misfit(name, robot) for name in trial))
+    if ranges == NARROW:
         trials = _ROBOT_MODULI
     return replace(
         config,
         tasks=ROBOT_TASKS,
-        randomization=ranges,
+        randomization=ranges.fitting(robot),
         trials=trials,
         **_ROBOT_SIZES[config.algorithm],
     )

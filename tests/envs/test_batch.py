@@ -10,7 +10,7 @@ from support.routed_robots import HELICAL
 
 from softrobot_env.envs.simulation import batch as module
 from softrobot_env.envs.simulation.batch import BatchSimulation
-from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
+from softrobot_env.envs.simulation.plants import MujocoPlant
 from softrobot_env.robots import EXAMPLES, NEUTRAL, find_robot
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig, TipSensors

@@ -9,8 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from softrobot_env.beams.registry import BeamPlant as Factory
-from softrobot_env.envs.simulation.beam_plant import BeamPlant
-from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
+from softrobot_env.envs.simulation.plants import BeamPlant, MujocoPlant
 from softrobot_env.robots import ROBOTS
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.servos import Servos

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from softrobot_env.envs.observations.camera import Camera, Cameras
+from softrobot_env.envs.observations.readouts import Camera, Cameras
 
 COUNT, NOISE = 4, 1e-3
 

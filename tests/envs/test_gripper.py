@@ -12,8 +12,7 @@ from softrobot_env.control.gripper.calibration import calibrated, columns
 from softrobot_env.control.gripper.policies import ScriptedGrip, SizedGrip
 from softrobot_env.control.gripper.size import SizeEstimator, size_by_sensor
 from softrobot_env.envs.gripper import GripperEnv, GripReward, VectorGripperEnv
-from softrobot_env.envs.observations.fingers import KNOWN
-from softrobot_env.envs.simulation.finger_sensors import shares
+from softrobot_env.envs.observations.fingers import KNOWN, shares
 from softrobot_env.registration import GRIPPER_ENVIRONMENTS
 from softrobot_env.robots import GRIPPERS
 from softrobot_env.robots.file import write_gripper

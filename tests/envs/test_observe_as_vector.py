@@ -16,7 +16,7 @@ from support.real_episodes import FILE, Still
 
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.control.registry import make_policy
-from softrobot_env.envs.observations.vector import FAR, NEAR
+from softrobot_env.envs.observations.table import FAR, NEAR
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.envs.rewards import LogReward, TrackingReward
 from softrobot_env.envs.tracking import TrackingEnv

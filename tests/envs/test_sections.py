@@ -66,7 +66,7 @@ def test_a_base_out_of_the_plane_is_refused_where_x_and_z_are_measured():
 
 
 def test_measured_pieces_have_to_be_pieces_of_the_chain():
-    from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
+    from softrobot_env.envs.simulation.plants import MujocoPlant
 
     with pytest.raises(ValueError, match="do not divide the robot's own 12"):
         MujocoPlant(TWO, 0.01, bending="spatial", torsion=True, pieces=(8, 4))

@@ -16,7 +16,6 @@ from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.robot.link import robot_of
 from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED
-from softrobot_env.envs.disturbances import NEUTRAL
 from softrobot_env.envs.recording import RecordEpisodes
 from softrobot_env.evaluation.labels import VIRTUAL
 from softrobot_env.identification.excitation import (
@@ -31,7 +30,7 @@ from softrobot_env.identification.excitation import (
 from softrobot_env.recordings import Recording, write_recording
 from softrobot_env.recordings.columns import check_writable
 from softrobot_env.recordings.files import header_path
-from softrobot_env.robots import RobotParams, default_robot, entry_of, find_robot
+from softrobot_env.robots import VARIATIONS, RobotParams, default_robot, entry_of, find_robot
 
 EXAMPLE = """softrobot robot record --twin 3 --out out/rig.csv
   softrobot robot record --robot my.toml --kinds pulls --static --out out/pulls.csv
@@ -68,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=variation,
         default=[],
         metavar="NAME=V",
-        help=f"what is otherwise with a simulated robot than believed: {', '.join(NEUTRAL)}",
+        help=f"what is otherwise with a simulated robot than believed: {', '.join(VARIATIONS)}",
     )
     parser.add_argument(
         "--plant", choices=PLANTS, default=MUJOCO, help="of a simulated robot; default: mujoco"

@@ -1,23 +1,24 @@
-"""What is measured of a running simulation: a chain, many chains, a beam model, with noise.
+"""What is measured of a running simulation: a chain, many chains, a beam model, through sensors.
 
 Every readout has the functions of `table.Measured`, which return new arrays, and
 
 * `tip`: where the tip is, [m] as plain numbers or (n, 2);
 * `bend`: its mean curvatures [1/m], a new array at every `update`;
 * `true_length`: function that returns a new array of tendon lengths [m] as they are;
-* `truth`: function that returns what `info` tells of the true state, None if sensors are exact;
+* `truth`: function that returns what `info` says of the true state, None if sensors are exact;
 * `shape()`: rotation (1 or n, cells, 3) [1/m] of the parts between `cells` of its plant, as an
   array of NumPy;
 * `update()`: measure anew; what left the documented workspace, or None.
 """
 
+from collections import deque
 from collections.abc import Callable
-from math import hypot, sqrt
+from math import ceil, hypot, sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softrobot_env.core.arrays import HOST, HostArrays, like, namespace
+from softrobot_env.core.arrays import HOST, HostArrays, like, namespace, on_host
 from softrobot_env.core.interfaces import Measurement
 from softrobot_env.envs.disturbances import SensorNoise
 from softrobot_env.envs.observations.table import (
@@ -27,7 +28,7 @@ from softrobot_env.envs.observations.table import (
     curvature_rate_limit,
 )
 from softrobot_env.envs.simulation.batch import BatchSimulation
-from softrobot_env.robots import RobotParams
+from softrobot_env.robots import CAMERA_PERIOD, RobotParams
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.chain import mean_curvature, station_strain
 from softrobot_env.scene.servos import Servos
@@ -35,6 +36,13 @@ from softrobot_env.scene.simulation import Simulation
 
 if TYPE_CHECKING:  # compiled code takes time to load
     from softrobot_env.sensing.array import SensorArray
+
+
+#: Standard deviations at which a camera's noise ends, so that it has bounds.
+FARTHEST = 6.0
+
+#: Pictures of many cameras whose noise is sampled at once.
+_BLOCK = 64
 
 
 def left_workspace(what: str, time: float) -> str:
@@ -77,7 +85,7 @@ class _ChainMeasures:
         self.curvature, self.speed = robot.curvature_limit, speed
         most = float(np.linalg.norm(self.mean, axis=1).max())
         self.turning = curvature_rate_limit(robot, speed) / most
-        # No hinge has a longer lever than the reach, so that slow hinges say that the tip is slow.
+        # No hinge has a longer moment arm than the reach: of slow hinges the tip is slow.
         self.slow = min(self.turning, self.speed / (robot.reach * sqrt(self.mean.shape[1])))
 
     def sharpness(self, fine: np.ndarray) -> np.ndarray:
@@ -97,7 +105,7 @@ class _ChainMeasures:
             fine: (k,) [1/m], curvatures of the chain's own pieces.
             velocity: (2,) or (3,) [m/s], of the tip.
             rates: (nv,) [rad/s], of the hinges.
-            time: [s], told.
+            time: [s], for the text.
         """
         bend = fine if self.directions == 1 else self.sharpness(fine)
         sharp = sharp_bend(bend, self.curvature, time)
@@ -250,8 +258,8 @@ class BatchReadout:
 
     def what_left(self, robot: int, time: float) -> str | None:
         """What of one robot left the documented workspace, or None."""
-        told = (self._bends[robot], self._velocity[robot], self._simulation.qvel[robot])
-        return self._measures.what_left(*map(self._arrays.host, told), time)
+        own = (self._bends[robot], self._velocity[robot], self._simulation.qvel[robot])
+        return self._measures.what_left(*map(self._arrays.host, own), time)
 
 
 def _largest(values: np.ndarray) -> float:
@@ -331,7 +339,7 @@ class BeamReadout:
         return left_workspace(f"{name}[{k}] = {values[worst]:.4g} is outside {bounds}", time)
 
 
-#: What `info` tells where sensors show something else.
+#: What `info` has where sensors show something else.
 _TRUE = ("tip_position", "curvature")
 
 
@@ -367,12 +375,12 @@ class SensedReadout:
         return outside
 
 
-def fitted(readout: Any, bank: "SensorArray", robots: int | slice) -> SensedReadout:
+def fitted(readout: Any, sensors: "SensorArray", robots: int | slice) -> SensedReadout:
     """An exact readout with the curvature sensors of `robots`, see `noisy`."""
     return SensedReadout(
         readout,
-        {"sensors": lambda: like(bank.reading[robots].copy(), readout.tip)},
-        lambda _, which: bank.look(readout.shape(), which),
+        {"sensors": lambda: like(sensors.reading[robots].copy(), readout.tip)},
+        lambda _, which: sensors.look(readout.shape(), which),
     )
 
 
@@ -385,3 +393,141 @@ def noisy(readout: Any, noise: SensorNoise, robots: int | slice) -> SensedReadou
 
     seen_by_name = {name: seen(name) for name in SENSOR_NOISE}
     return SensedReadout(readout, seen_by_name, lambda _, which: noise.advance(which))
+
+
+class Camera:
+    """A camera that sees late and not exactly, one picture per `CAMERA_PERIOD` on average.
+
+    Each is taken at the first control instant after it is due: from one to the next it is a whole
+    number of control periods, the one below or above a `CAMERA_PERIOD`, and one where a control
+    period is longer.
+
+    Attributes:
+        position: (coordinates,) [m], what the newest picture at hand says.
+        velocity: (coordinates,) [m/s], by difference to the picture before, over the time between.
+    """
+
+    def __init__(
+        self, noise: float, delay: int, control_period: float, seed: int, coordinates: int = 2
+    ) -> None:
+        """A camera with noise of standard deviation `noise` [m], `delay` control periods late.
+
+        It sees so many coordinates.
+        """
+        self._noise, self._delay, self._period = noise, delay, control_period
+        self._frame = CAMERA_PERIOD / control_period
+        self._generator = np.random.default_rng(seed)
+        self._instant, self._due = -1, 0.0
+        self._undeveloped: deque[tuple[int, np.ndarray]] = deque()
+        self._taken = -1
+        self.position, self.velocity = np.zeros((2, coordinates))
+
+    def start(self, tip: np.ndarray) -> None:
+        """Look at a tip at rest at (coordinates,) [m] until there are two pictures."""
+        for _ in range(self._delay + 2 * ceil(self._frame)):
+            self.see(tip)
+
+    def see(self, tip: np.ndarray) -> bool:
+        """Come to the next control instant, with the tip at (coordinates,) [m].
+
+        Returns:
+            Whether a picture is new.
+        """
+        self._instant += 1
+        if self._instant >= self._due:
+            self._due += self._frame
+            normal = np.clip(
+                self._generator.standard_normal(self.position.size), -FARTHEST, FARTHEST
+            )
+            self._undeveloped.append((self._instant, tip + self._noise * normal))
+        if not self._undeveloped or self._undeveloped[0][0] > self._instant - self._delay:
+            return False
+        taken, seen = self._undeveloped.popleft()
+        self.velocity = (seen - self.position) / ((taken - self._taken) * self._period)
+        self.position, self._taken = seen, taken
+        return True
+
+    @property
+    def age(self) -> float:
+        """How long ago [s] the newest picture at hand was taken."""
+        return (self._instant - self._taken) * self._period
+
+
+class Cameras:
+    """As many as n robots: what `Camera` says of each, at once.
+
+    Attributes:
+        position, velocity: (n, coordinates) [m, m/s], see `Camera`.
+    """
+
+    def __init__(
+        self, count: int, noise: float, delay: int, control_period: float, coordinates: int = 2
+    ) -> None:
+        """Cameras that are to be started; arguments as `Camera`'s."""
+        self._noise, self._delay, self._period = noise, delay, control_period
+        self._frame = CAMERA_PERIOD / control_period
+        self._everyone = np.arange(count)
+        self._generators: list[np.random.Generator | None] = [None] * count
+        self._normal = np.zeros((count, _BLOCK, coordinates))
+        # Rings of undeveloped pictures: there is one at an instant at most.
+        self._seen = np.zeros((count, delay + 1, coordinates))
+        self._when = np.zeros((count, delay + 1), dtype=int)
+        self._instant, self._due = np.zeros(count, dtype=int), np.zeros(count)
+        self._pictures, self._developed = np.zeros((2, count), dtype=int)
+        self._taken = np.zeros(count, dtype=int)
+        self.position, self.velocity = np.zeros((2, count, coordinates))
+
+    def start(self, which: np.ndarray, seeds: list[int], tip: np.ndarray) -> None:
+        """Start cameras `which` (k,), each with a seed, before tips at rest at (k, coordinates)."""
+        for i, seed in zip(which.tolist(), seeds, strict=True):
+            self._generators[i] = np.random.default_rng(seed)
+        self._instant[which] = self._taken[which] = -1
+        self._due[which] = self._pictures[which] = self._developed[which] = 0
+        self.position[which] = self.velocity[which] = 0.0
+        tips = np.zeros_like(self.position)
+        tips[which] = tip
+        for _ in range(self._delay + 2 * ceil(self._frame)):
+            self.see(tips, which)
+
+    def see(self, tip: np.ndarray, which: np.ndarray | None = None) -> None:
+        """Come to the next control instant, all or `which` (k,); tips of all (n, coordinates)."""
+        which = self._everyone if which is None else which
+        self._instant[which] += 1
+        self._take(which[self._instant[which] >= self._due[which]], tip)
+        # The oldest that is not developed yet; where there is none, it is an older one.
+        oldest = self._when[which, self._developed[which] % (self._delay + 1)]
+        late = oldest <= self._instant[which] - self._delay
+        self._develop(which[late & (self._developed[which] < self._pictures[which])])
+
+    def _take(self, which: np.ndarray, tip: np.ndarray) -> None:
+        """Take pictures of the tips `which` (k,) of all."""
+        self._due[which] += self._frame
+        number = self._pictures[which]
+        place = number % (self._delay + 1)
+        at = number % _BLOCK
+        for i in which[at == 0].tolist():
+            normal = self._generators[i].standard_normal(self._normal.shape[1:])
+            self._normal[i] = np.clip(normal, -FARTHEST, FARTHEST)
+        self._seen[which, place] = tip[which] + self._noise * self._normal[which, at]
+        self._when[which, place] = self._instant[which]
+        self._pictures[which] += 1
+
+    def _develop(self, which: np.ndarray) -> None:
+        """Let the next pictures `which` (k,) be the newest."""
+        place = self._developed[which] % (self._delay + 1)
+        seen, taken = self._seen[which, place], self._when[which, place]
+        passed = (taken - self._taken[which]) * self._period
+        self.velocity[which] = (seen - self.position[which]) / passed[:, None]
+        self.position[which], self._taken[which] = seen, taken
+        self._developed[which] += 1
+
+
+def filmed(readout: ChainReadout | BatchReadout, camera: Camera | Cameras) -> SensedReadout:
+    """A readout with the tip as cameras see it; every `update` is their next control instant."""
+    seen = {
+        "tip_position": lambda: like(camera.position.copy(), readout.tip),
+        "tip_velocity": lambda: like(camera.velocity.copy(), readout.tip),
+    }
+    if isinstance(camera, Cameras):
+        return SensedReadout(readout, seen, lambda tip, which: camera.see(on_host(tip), which))
+    return SensedReadout(readout, seen, lambda tip, _: camera.see(np.array(tip)))

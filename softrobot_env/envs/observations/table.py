@@ -1,6 +1,10 @@
-"""What an agent can observe: every quantity with its size, bounds, unit, source and noise, once."""
+"""What an agent can observe: every quantity with its size, bounds, unit, source and noise, once.
 
-from collections.abc import Callable
+An agent sees a dict of them in SI units, or one vector of order 1 (`VectorView`), as learning
+libraries expect it.
+"""
+
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import sqrt
@@ -9,7 +13,10 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from gymnasium import spaces
 
+from softrobot_env.core.arrays import HostArrays, namespace
 from softrobot_env.core.interfaces import Observation, Seen
+from softrobot_env.core.registry import Registry
+from softrobot_env.core.vector_reading import Reading
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.quadrature import HingeLayout
 from softrobot_env.scene.timestep import slowest
@@ -144,6 +151,7 @@ class Observable:
             wide motions at the first frequency.
         noise: Standard deviation of its sensor's noise of scale 1, new in every control period: a
             policy that looks more often can average more of it.
+        usual: Of robots with which drives it is observed unless an environment is asked otherwise.
     """
 
     unit: str
@@ -151,11 +159,18 @@ class Observable:
     read: Callable[[Sources], Read]
     scale: Callable[[Sizes], float | np.ndarray]
     noise: float = 0.0
+    usual: tuple[str, ...] = ()
 
 
 def known_of(robot: RobotParams) -> tuple[str, ...]:
     """Names of the observables that a robot has: `sensors` only if it carries any."""
     return tuple(name for name in OBSERVABLES if name != "sensors" or robot.sensors)
+
+
+def usual_of(robot: RobotParams) -> tuple[str, ...]:
+    """Names of the observables of an environment that is not asked for others."""
+    drive = robot.drive.kind
+    return tuple(name for name, one in OBSERVABLES.registered().items() if drive in one.usual)
 
 
 def symmetric(size: int, bound: float | np.ndarray) -> spaces.Box:
@@ -217,74 +232,115 @@ def _length_scale(s: Sizes) -> np.ndarray:
     return np.maximum(np.fromiter(pulled, float), _SHORTEST * s.robot.length)
 
 
+_ALWAYS = ("tension", "length")
+
 #: Every observable. Positions have the coordinates that the task names; curvatures are piece by
 #: piece, of a spatial robot (beta, gamma) each, and torsion where it twists.
-OBSERVABLES: dict[str, Observable] = {
-    "tip_position": Observable(
-        "m", _tip_position, lambda o: o.measured.tip_position, _position_scale, 1e-4
-    ),
-    "tip_velocity": Observable(
-        "m/s",
-        lambda s: _vector(s, s.speed + s.speed_room),
-        lambda o: o.measured.tip_velocity,
-        _speed_scale,
-        5e-3,
-    ),
-    "curvature": Observable(
-        "1/m",
-        lambda s: symmetric(s.directions * s.pieces, s.robot.curvature_limit),
-        lambda o: o.measured.curvature,
-        _bend_scale,
-        0.01,
-    ),
-    "curvature_rate": Observable(
-        "1/(m s)",
-        _curvature_rate,
-        lambda o: o.measured.curvature_rate,
-        lambda s: _bend_scale(s) * s.frequency,
-        0.5,
-    ),
-    "tendon_tension": Observable(
-        "N",
-        _tendon_tension,
-        lambda o: o.measured.tendon_tension,
-        lambda s: np.array([t.tension_limit / 2 for t in s.robot.tendons]),
-    ),
-    "tendon_length": Observable(
-        "m", _tendon_length, lambda o: o.measured.tendon_length, _length_scale
-    ),
-    "reference": Observable("m", _positions, lambda o: o.reference("position"), _position_scale),
-    "reference_velocity": Observable(
-        "m/s",
-        lambda s: _vector(s, REFERENCE_SPEED * s.robot.reach),
-        lambda o: o.reference("velocity"),
-        _speed_scale,
-    ),
-    "reference_acceleration": Observable(
-        "m/s2",
-        lambda s: _vector(s, REFERENCE_ACCELERATION * s.robot.reach),
-        lambda o: o.reference("acceleration"),
-        lambda s: _speed_scale(s) * s.frequency,
-    ),
-    "reference_preview": Observable(
-        "m",
-        lambda s: _positions(s, s.n_preview),
-        lambda o: o.reference("preview"),
-        _position_scale,
-    ),
-    "sensors": Observable(
-        "1 or rad",
-        lambda s: spaces.Box(*readings(s.robot.sensors), dtype=np.float64),
-        lambda o: o.measured.sensors,
-        lambda s: 0.5,
-    ),
-    "previous_action": Observable(
-        "1", lambda s: symmetric(s.n_inputs, 1.0), lambda o: o.action, lambda s: 0.5
-    ),
-}
+OBSERVABLES: Registry[Observable] = Registry(
+    "observable",
+    {
+        "tip_position": Observable(
+            "m", _tip_position, lambda o: o.measured.tip_position, _position_scale, 1e-4, _ALWAYS
+        ),
+        "tip_velocity": Observable(
+            "m/s",
+            lambda s: _vector(s, s.speed + s.speed_room),
+            lambda o: o.measured.tip_velocity,
+            _speed_scale,
+            5e-3,
+            _ALWAYS,
+        ),
+        "curvature": Observable(
+            "1/m",
+            lambda s: symmetric(s.directions * s.pieces, s.robot.curvature_limit),
+            lambda o: o.measured.curvature,
+            _bend_scale,
+            0.01,
+            ("tension",),
+        ),
+        "curvature_rate": Observable(
+            "1/(m s)",
+            _curvature_rate,
+            lambda o: o.measured.curvature_rate,
+            lambda s: _bend_scale(s) * s.frequency,
+            0.5,
+            ("tension",),
+        ),
+        "tendon_tension": Observable(
+            "N",
+            _tendon_tension,
+            lambda o: o.measured.tendon_tension,
+            lambda s: np.array([t.tension_limit / 2 for t in s.robot.tendons]),
+        ),
+        "tendon_length": Observable(
+            "m",
+            _tendon_length,
+            lambda o: o.measured.tendon_length,
+            _length_scale,
+            usual=("length",),
+        ),
+        "reference": Observable(
+            "m", _positions, lambda o: o.reference("position"), _position_scale, usual=_ALWAYS
+        ),
+        "reference_velocity": Observable(
+            "m/s",
+            lambda s: _vector(s, REFERENCE_SPEED * s.robot.reach),
+            lambda o: o.reference("velocity"),
+            _speed_scale,
+            usual=_ALWAYS,
+        ),
+        "reference_acceleration": Observable(
+            "m/s2",
+            lambda s: _vector(s, REFERENCE_ACCELERATION * s.robot.reach),
+            lambda o: o.reference("acceleration"),
+            lambda s: _speed_scale(s) * s.frequency,
+            usual=("length",),
+        ),
+        "reference_preview": Observable(
+            "m",
+            lambda s: _positions(s, s.n_preview),
+            lambda o: o.reference("preview"),
+            _position_scale,
+            usual=_ALWAYS,
+        ),
+        "sensors": Observable(
+            "1 or rad",
+            lambda s: spaces.Box(*readings(s.robot.sensors), dtype=np.float64),
+            lambda o: o.measured.sensors,
+            lambda s: 0.5,
+        ),
+        "previous_action": Observable(
+            "1",
+            lambda s: symmetric(s.n_inputs, 1.0),
+            lambda o: o.action,
+            lambda s: 0.5,
+            0.0,
+            _ALWAYS,
+        ),
+    },
+)
+
+#: Those that "all" stands for: the sensors cost time and their noise draws from the environment's
+#: generator, and what is registered is for those who ask for it.
+EVERY = tuple(name for name in OBSERVABLES.registered() if name != "sensors")
+
+
+def register_observable(name: str, observable: Observable, replace: bool = False) -> None:
+    """Add an observable of simulated robots, or replace one; environments are asked for it by name.
+
+    Its `read` gets measurements with the noise of their own sensors, of one robot (size,) or of
+    many (n, size).
+
+    Raises:
+        ValueError: The name is taken and `replace` is not set, or it has noise of its own.
+    """
+    if observable.noise:
+        raise ValueError(f"observable {name!r}: only what sensors measure has noise, not more")
+    OBSERVABLES.register(name, observable, replace)
+
 
 #: Standard deviations of noise of scale 1 by observable; the others have none.
-SENSOR_NOISE = {name: o.noise for name, o in OBSERVABLES.items() if o.noise}
+SENSOR_NOISE = {name: o.noise for name, o in OBSERVABLES.registered().items() if o.noise}
 
 
 def observation_space(
@@ -293,15 +349,14 @@ def observation_space(
     """Dict space of some of the observables that an environment has.
 
     Args:
-        observe: Their names, or one name. Among them "all" stands for all but `sensors`, which cost
-            time and whose noise draws from the environment's generator: ("all", "sensors").
+        observe: Their names, or one name. Among them "all" stands for `EVERY`: ("all", "sensors").
         known: Names that the environment has.
         sizes: Of its robot.
 
     Raises:
         ValueError: No name, an unknown name or a repeated one.
     """
-    every = [name for name in known if name != "sensors"]
+    every = [name for name in EVERY if name in known]
     asked = (observe,) if isinstance(observe, str) else observe
     listed = tuple(asked) if np.iterable(asked) else ()
     names = tuple(n for name in listed for n in (every if name == "all" else [name]))
@@ -323,7 +378,7 @@ def observer(
     Args:
         observed: Space of the observables, which come in its order.
         sources: Where they come from.
-        view: What the agent is shown of them (`vector.VectorView`); None for all as they are.
+        view: What the agent is shown of them (`VectorView`); None for all as they are.
     """
     reads = [(name, OBSERVABLES[name].read(sources)) for name in observed]
     if view is None:
@@ -341,3 +396,116 @@ def copied(observation: Seen) -> Seen:
     if isinstance(observation, np.ndarray):
         return observation.copy()
     return {name: value.copy() for name, value in observation.items()}
+
+
+#: Scales of the tracking error in a vector, over the robot's reach: of far away, and of near by.
+FAR, NEAR = 0.1, 0.002
+
+#: Scale of how far the reference moves within the preview, over the robot's reach.
+_AHEAD = 0.05
+
+
+class _Entries(NamedTuple):
+    """Neighbours in a vector: asinh((`name` less `origin`) / scale).
+
+    Attributes:
+        label: What the entries are called.
+        name: The observable.
+        origin: Another observable, or numbers in its unit.
+        scale: In its unit.
+    """
+
+    label: str
+    name: str
+    origin: str | np.ndarray
+    scale: float | np.ndarray
+
+
+class VectorView:
+    """Reads an observation, a dict in SI units, as one float32 vector.
+
+    Every entry is asinh(x / scale) of an x in SI units: like x / scale up to 1, like its logarithm
+    beyond, so that nothing is cut off and all bounds are small. Scales are the robot's own
+    (`Observable.scale`). Where the tip is observed too, the reference is its error, once over
+    `FAR` and once over `NEAR`; the preview is what lies ahead of the reference.
+
+    Attributes:
+        space: Box (k,) of float32, with the bounds of the observables.
+        layout: Slices of the vector by name.
+        reading: What makes the vector of an observation.
+    """
+
+    def __init__(self, observed: spaces.Dict, sizes: Sizes) -> None:
+        """A view of observations in a space, of a robot of these sizes."""
+        self._names = tuple(observed)
+        where = _slices({name: box.shape[0] for name, box in observed.items()})
+        parts = _entries(observed, sizes)
+        self.layout = _slices({part.label: observed[part.name].shape[0] for part in parts})
+        places = {name: np.arange(own.start, own.stop) for name, own in where.items()}
+        take = np.concatenate([places[part.name] for part in parts])
+        origin, scale = np.zeros((2, len(take)))
+        relative, less = np.zeros((2, 0), dtype=int)
+        for part in parts:
+            own = self.layout[part.label]
+            scale[own] = part.scale
+            if isinstance(part.origin, str):
+                here = np.arange(own.start, own.stop)
+                relative = np.append(relative, here)
+                less = np.append(less, np.resize(places[part.origin], len(here)))
+            else:
+                origin[own] = part.origin
+        entries = np.array([box.shape[0] for box in observed.values()])
+        names = np.array(self._names)
+        self.reading = Reading(names, entries, take, origin, scale, relative, less)
+        self.space = self._bounds(observed)
+
+    def _bounds(self, observed: spaces.Dict) -> spaces.Box:
+        low, high = (
+            np.concatenate([getattr(box, end) for box in observed.values()])
+            for end in ("low", "high")
+        )
+        least, most = (
+            self.reading(*ends).astype(np.float32) for ends in ((low, high), (high, low))
+        )
+        # Rounding may not bring a vector out of its space.
+        return spaces.Box(
+            np.nextafter(least, -np.float32(np.inf)), np.nextafter(most, np.float32(np.inf))
+        )
+
+    def __call__(self, observation: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Vectors (..., k) of observations (..., size)."""
+        return self._read(observation, self.reading)
+
+    def on(self, arrays: HostArrays) -> Callable[[Mapping[str, np.ndarray]], np.ndarray]:
+        """The same for observations that are `arrays`."""
+        reading = self.reading.on(arrays)
+        return lambda observation: self._read(observation, reading)
+
+    def _read(self, observation: Mapping[str, np.ndarray], reading: Reading) -> np.ndarray:
+        parts = [observation[name] for name in self._names]
+        kind = namespace(parts[0])
+        return kind.asarray(reading(kind.concatenate(parts, axis=-1)), dtype=kind.float32)
+
+
+def _slices(sizes: Mapping[str, int]) -> dict[str, slice]:
+    """Where parts of these sizes lie, one behind the other."""
+    ends = np.cumsum(list(sizes.values())).tolist()
+    return {
+        name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)
+    }
+
+
+def _entries(observed: spaces.Dict, sizes: Sizes) -> list[_Entries]:
+    """What a vector holds of the observables of a space."""
+    reach, parts = sizes.robot.reach, []
+    for name, box in observed.items():
+        middle, scale = (box.low + box.high) / 2, OBSERVABLES[name].scale(sizes)
+        own = _Entries(name, name, middle, scale)
+        if name == "reference" and "tip_position" in observed.spaces:
+            far = _Entries("tracking_error", name, "tip_position", FAR * reach)
+            parts += [far, far._replace(label="tracking_error_near", scale=NEAR * reach)]
+        elif name == "reference_preview" and "reference" in observed.spaces:
+            parts.append(own._replace(origin="reference", scale=_AHEAD * reach))
+        else:
+            parts.append(own)
+    return parts

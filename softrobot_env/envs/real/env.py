@@ -1,7 +1,9 @@
 """Tip tracking with the real test rig over a serial line; the contract of `RigEnv`."""
 
+import time
 from collections.abc import Callable
-from math import dist, nan
+from dataclasses import replace
+from math import dist, floor, nan
 from pathlib import Path
 from time import monotonic
 from typing import Any, ClassVar
@@ -10,25 +12,151 @@ import gymnasium
 import numpy as np
 
 from softrobot_env.core.interfaces import Seen
-from softrobot_env.core.records import Whole, check_argument, shown
-from softrobot_env.envs.observations.table import Sources, copied
-from softrobot_env.envs.options import one_action, positive
-from softrobot_env.envs.real.session import RealSession, TooLateError
-from softrobot_env.envs.real.setting import TENSION, RealSetting
-from softrobot_env.envs.real.step_clock import StepClock
-from softrobot_env.envs.real.tip_filter import StaleError, TipFilter, reference_at
-from softrobot_env.envs.reference import TOP, ReferenceTable
-from softrobot_env.envs.rewards import NO_REWARD, TrackingReward
-from softrobot_env.envs.setting import check_task_options
-from softrobot_env.envs.spec import EpisodeSpec
+from softrobot_env.core.records import check_argument, shown
+from softrobot_env.envs.config import REAL, EnvConfig
+from softrobot_env.envs.observations.table import EVERY, OBSERVABLES, Sources, copied, speed_limit
+from softrobot_env.envs.options import REAL_OPTIONS, ResetOptions, one_action, parse_options
+from softrobot_env.envs.parts import EnvParts, EpisodeSpec, make_env_task, sizes_of
+from softrobot_env.envs.real.session import (
+    RealSession,
+    StaleError,
+    TipFilter,
+    TooLateError,
+    reference_at,
+)
+from softrobot_env.envs.reference import ReferenceTable
 from softrobot_env.hardware.errors import RobotError, RobotFaultError
 from softrobot_env.hardware.protocol.messages import Capability, Fault
 from softrobot_env.hardware.protocol.unit_conversion import FaultInfo
-from softrobot_env.hardware.robot_file import RobotFile
-from softrobot_env.hardware.tip import TipSource
-from softrobot_env.hardware.transport import SerialTransport, Transport
+from softrobot_env.hardware.robot_file import RobotFile, read_robot_file, rig_file
+from softrobot_env.hardware.transport import SerialTransport
 from softrobot_env.robots import LENGTH_SCALE
-from softrobot_env.tasks import Task
+from softrobot_env.scene.config import DEFAULT_RULE
+from softrobot_env.scene.quadrature import place_hinges
+from softrobot_env.scene.registry import RIG_PIECES
+from softrobot_env.tasks import RIG_TASKS, Task
+
+#: Needs a board that measures forces.
+TENSION = "tendon_tension"
+
+#: What a rig can measure.
+_SEEN = tuple(name for name in EVERY if not name.startswith("curvature"))
+
+
+class StepClock:
+    """When steps are due. Lateness never builds up, and missed steps are never made up for."""
+
+    def __init__(
+        self,
+        period: float,
+        now: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        """A clock with a period [s]."""
+        self._period, self._now, self._sleep = period, now, sleep
+        self._due = 0.0
+
+    def start(self) -> None:
+        """The first step is due now."""
+        self._due = self._now()
+
+    def begin(self) -> tuple[float, int]:
+        """A step begins.
+
+        Returns:
+            Lateness [s], and how many whole periods are skipped: none when late by less than half
+            a period, as the next deadline is still met.
+        """
+        late = self._now() - self._due
+        missed = floor(late / self._period + 0.5) if late > 0 else 0
+        self._due += missed * self._period
+        return late, missed
+
+    @property
+    def deadline(self) -> float:
+        """[s], end of the step that has begun."""
+        return self._due + self._period
+
+    def finish(self) -> None:
+        """Wait for the end of the step."""
+        self._due += self._period
+        left = self._due - self._now()
+        if left > 0:
+            self._sleep(left)
+
+
+class RealParts(EnvParts):
+    """The test rig over a serial line.
+
+    Attributes:
+        file: The robot file.
+        reach: Box of the tip positions that lie within reach.
+        speed: [m/s], limit of the tip's speed.
+    """
+
+    def __init__(self, config: EnvConfig) -> None:
+        check_argument("robot_file", config.robot_file, str | Path | RobotFile | None)
+        task = make_env_task(config)
+        if task.axes != "xy" or task.robot.drive.kind != "length":
+            raise ValueError(
+                f"the real rig is driven by length and its camera sees x and y, unlike task "
+                f"{task.label!r} of robot {task.robot.name!r}; choose from {', '.join(RIG_TASKS)}"
+            )
+        if any(task.start_input):
+            raise ValueError(f"task {task.label!r} does not start with all tendons at length zero")
+        self.file = _choose_file(config, task)
+        period, observe = config.control_period, config.observe
+        super().__init__(config, task, self.file.control_period if period is None else period)
+        _check_period(self.file, self.control_period)
+        robot = task.robot
+        self.speed = speed_limit(robot)
+        layout = place_hinges(robot.length, RIG_PIECES, DEFAULT_RULE)
+        sizes = sizes_of(task, layout, robot.pieces, len(config.preview), directions=2)
+        self.reach = OBSERVABLES["tip_position"].space(sizes)
+        if observe == "all":
+            observe = tuple(name for name in _SEEN if name != TENSION)
+        self._make_spaces(observe, _SEEN, sizes)
+
+    def parse_options(self, options: dict[str, Any] | None) -> ResetOptions:
+        """See `EnvParts`."""
+        return parse_options(options, REAL_OPTIONS)
+
+
+def _choose_file(config: EnvConfig, task: Task) -> RobotFile:
+    """The robot file, read if it is a path, with another port if one is given.
+
+    Raises:
+        ValueError: What the file must not say, or another number of tendons than the task's.
+        FileNotFoundError: No such file.
+    """
+    given, port = config.robot_file, config.port
+    if given is None:
+        file = rig_file()
+    else:
+        file = given if isinstance(given, RobotFile) else read_robot_file(Path(given))
+    tendons = len(task.robot.tendons)
+    if len(file.tendons) != tendons:
+        raise ValueError(
+            f"robot {file.name!r} has {len(file.tendons)} tendons, the task's robot {tendons}"
+        )
+    return file if port is None else replace(file, port=port)
+
+
+def _check_period(file: RobotFile, control_period: float) -> None:
+    """Raise ValueError for a control period [s] that does not fit to a robot file.
+
+    It must be longer than what the board waits to answer, and leave the watchdog some patience.
+    """
+    if control_period <= file.state_delay:
+        raise ValueError(
+            f"control_period must be longer than the state delay of {file.state_delay:g} s, got "
+            f"{control_period:g} s"
+        )
+    if control_period > file.watchdog / 2:
+        raise ValueError(
+            f"control_period must be at most half of the watchdog of {file.watchdog:g} s, got "
+            f"{control_period:g} s"
+        )
 
 
 class RealRigEnv(gymnasium.Env[Seen, np.ndarray]):
@@ -44,7 +172,7 @@ class RealRigEnv(gymnasium.Env[Seen, np.ndarray]):
       stands still, and the clock starts with the first step. From then on a pause longer than the
       watchdog of the robot file stops the rig.
     * `tip_position` is the newest measurement, some milliseconds old: `info["tip_age"]` [s];
-      `info["tip_refused"]` counts what came to its source and told nothing.
+      `info["tip_refused"]` counts what came to its source and said nothing.
       `info["error"]` is its distance to the reference of its own time.
     * A step called late by half a period or more skips whole periods: the reference goes on,
       `info["missed_steps"]` counts them, nothing is sent twice or in a burst.
@@ -69,82 +197,36 @@ class RealRigEnv(gymnasium.Env[Seen, np.ndarray]):
 
     metadata: ClassVar = {"render_modes": []}
     spec = EpisodeSpec()
-    axes = TOP
     length_scale = LENGTH_SCALE
     source = "real"
 
-    def __init__(
-        self,
-        task: str | Task = "triangle",
-        *,
-        port: str | None = None,
-        robot_file: str | Path | RobotFile | None = None,
-        line: Callable[[], Transport] | None = None,
-        tip: TipSource | None = None,
-        control_period: float | None = None,
-        observe: tuple[str, ...] | str | None = None,
-        preview: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4),
-        observe_as: str = "dict",
-        act_as: str | None = None,
-        reward: TrackingReward | str | None = None,
-        max_missed: int = 25,
-        oldest: float = 0.1,
-        **task_options: float,
-    ) -> None:
+    takes: ClassVar = REAL
+    usual: ClassVar = {"control_period": None}
+
+    def __init__(self, task: str | Task = "triangle", **options: Any) -> None:
         """Build the environment; the robot is not touched before the first `reset`.
 
         Args:
-            task: Task or its name; only tasks that start at rest.
-            port: Serial port instead of the robot file's.
-            robot_file: Calibration and limits, or the path of its TOML file; the default one of
-                the rig unless given.
-            line: Opens the way to the microcontroller, instead of the serial port.
-            tip: Measures the tip, instead of what the robot file names.
-            control_period: [s], instead of the robot file's; longer than its `state_delay`, and at
-                most half of its watchdog.
-            observe: Names of the observables in an observation; unless given, or "all", those that
-                every rig has; "tendon_tension" needs a board that measures forces.
-            preview: Times [s] ahead of now of `reference_preview`.
-            observe_as, act_as, reward: As of `TrackingEnv`.
-            max_missed: Control periods that may be missed in an episode.
-            oldest: [s], oldest measurement that is still good.
-            **task_options: Of a task given by name, see `tasks.make_task`.
+            task: A task or its name; only tasks that start at rest.
+            **options: Those that `RealRigEnv.takes` names, see `config.EnvConfig`, and of a task
+                given by name its own.
 
         Raises:
-            ValueError: An argument out of range; the message names what is allowed.
+            ValueError: An option out of range; the message names what is allowed.
             FileNotFoundError: No such robot file.
-            TypeError: An unknown argument.
+            TypeError: An unknown option.
         """
-        check_task_options(type(self), task, None, task_options)
-        check_argument("max_missed", max_missed, Whole)
-        check_argument("line", line, Callable | None)
+        self.config = config = EnvConfig.of(type(self), {"task": task, **options})
+        tip = config.tip
         if not (tip is None or callable(getattr(tip, "latest", None))):
             raise ValueError(f"tip must be None or a TipSource (with latest), got {shown(tip)}")
-        setting = self._setting = RealSetting(
-            task,
-            task_options,
-            robot_file,
-            port,
-            control_period=control_period,
-            observe=observe,
-            preview=preview,
-            observe_as=observe_as,
-            act_as=act_as,
-            reward=reward,
-        )
-        positive("oldest", oldest)
-        self.task, self.control_period = setting.task, setting.control_period
-        self.observation_space = setting.observation_space
-        self.action_space = setting.action_space
-        self.vector_layout, self.reading = setting.vector_layout, setting.reading
-        self.observe_as, self.act_as = setting.observe_as, setting.act_as
-        self.max_episode_steps = setting.reference.last_index
-        self._max_missed, self._oldest = max_missed, oldest
-        self._reward = setting.reward
-        file = setting.file
-        self._session = RealSession(
-            file, line or (lambda: SerialTransport(file.port, file.baud)), tip
-        )
+        self._parts = parts = RealParts(config)
+        parts.show_in(self)
+        self.observation_space, self.action_space = parts.observation_space, parts.action_space
+        self.max_episode_steps = parts.reference.last_index
+        file = parts.file
+        line = config.line or (lambda: SerialTransport(file.port, file.baud))
+        self._session = RealSession(file, line, tip)
         self._clock = StepClock(self.control_period)
         self._running, self._fault = False, None
 
@@ -156,7 +238,7 @@ class RealRigEnv(gymnasium.Env[Seen, np.ndarray]):
         """Bring the rig to rest and begin an episode; the first step starts the clock.
 
         Args:
-            seed: Of `np_random`, from which nothing is drawn.
+            seed: Of `np_random`, which nothing is sampled from.
             options: `REAL_OPTIONS` of `envs.options`, see there.
 
         Raises:
@@ -167,15 +249,15 @@ class RealRigEnv(gymnasium.Env[Seen, np.ndarray]):
         """
         self._session.check_process()
         super().reset(seed=seed)
-        parsed = self._setting.parse_options(options)
-        reference = self._setting.reference_of(parsed.changed(self.task))
+        parsed = self._parts.parse_options(options)
+        reference = self._parts.reference_of(parsed.changed(self.task))
         self._running = False
         if self._fault is not None and not parsed.clear_fault:
             raise RobotFaultError(self._fault)
         self._session.prepare(parsed.clear_fault)
         self._check_forces()
         self._begin(reference)
-        return self._observe(), self._info(NO_REWARD, monotonic())
+        return self._observe(), self._info(self._reward.none, monotonic())
 
     def _begin(self, reference: ReferenceTable) -> None:
         self._reference, self._rows = reference, reference.rows()
@@ -183,8 +265,8 @@ class RealRigEnv(gymnasium.Env[Seen, np.ndarray]):
         self._action = [0.0] * self.action_space.shape[0]
         self._fault, self._started, self._limited = None, False, False
         self._lateness, self._round_trip = 0.0, None
-        setting = self._setting
-        self._tip = TipFilter(self._session.sight(), setting.reach, setting.speed)
+        parts = self._parts
+        self._tip = TipFilter(self._session.sight(), parts.reach, parts.speed)
         self._running = True
 
     def step(self, action: np.ndarray) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
@@ -202,7 +284,7 @@ class RealRigEnv(gymnasium.Env[Seen, np.ndarray]):
         if not self._running:
             raise gymnasium.error.ResetNeeded("call reset() before step(): no episode is running")
         given, _ = one_action(action, self.action_space.shape)
-        values = self._setting.wanted(given, np.array(self._action)).tolist()
+        values = self._parts.wanted(given, np.array(self._action)).tolist()
         try:
             return self._step(values)
         except RobotError as error:
@@ -223,10 +305,10 @@ class RealRigEnv(gymnasium.Env[Seen, np.ndarray]):
         self._lateness, missed = self._clock.begin()
         self._missed += missed
         self._index = min(self._index + missed + 1, self._reference.last_index)
-        if self._missed > self._max_missed:
+        if self._missed > self.config.max_missed:
             raise TooLateError(
                 f"missed {self._missed} steps of {1e3 * self.control_period:g} ms, allowed are "
-                f"{self._max_missed}"
+                f"{self.config.max_missed}"
             )
         wanted = self.length_scale * np.array(values)
         self._limited, self._round_trip = self._session.command(wanted, self._clock.deadline)
@@ -234,7 +316,8 @@ class RealRigEnv(gymnasium.Env[Seen, np.ndarray]):
         now = monotonic()
         self._look(now)
         previous, self._action = self._action, values
-        reward, terms = self._reward.terms(self._error(now), values, previous)
+        measured = _Measured(self._session, self._tip)
+        reward, terms = self._reward.terms(self._error(now), values, previous, measured)
         observation, info = self._observe(), self._info(terms, now)
         self._running = self._index < self._reference.last_index
         if not self._running:
@@ -252,10 +335,10 @@ class RealRigEnv(gymnasium.Env[Seen, np.ndarray]):
         sight, reading = self._session.sight(), self._session.driver.reading
         ages = {"the tip source": now - sight.time, "the microcontroller": reading.age(now)}
         for whose, age in ages.items():
-            if age > self._oldest:
+            if age > self.config.oldest:
                 raise StaleError(
                     f"the last measurement of {whose} is {1e3 * age:.0f} ms old, allowed are "
-                    f"{1e3 * self._oldest:.0f} ms"
+                    f"{1e3 * self.config.oldest:.0f} ms"
                 )
         self._tip.add(sight)
 
@@ -263,7 +346,7 @@ class RealRigEnv(gymnasium.Env[Seen, np.ndarray]):
         return Capability.FORCE in self._session.driver.info.capabilities
 
     def _check_forces(self) -> None:
-        if TENSION in self._setting.observed.spaces and not self._measures_forces():
+        if TENSION in self._parts.observed.spaces and not self._measures_forces():
             raise RobotError(
                 "the board measures no forces: leave out the observable tendon_tension"
             )
@@ -275,7 +358,7 @@ class RealRigEnv(gymnasium.Env[Seen, np.ndarray]):
             lambda column: self._rows[column][self._index].copy,
             lambda: np.array(self._action),
         )
-        self._last = self._setting.observer(sources)()
+        self._last = self._parts.observer(sources)()
         return self._last
 
     def _error(self, now: float) -> float:
@@ -312,8 +395,8 @@ class RealRigEnv(gymnasium.Env[Seen, np.ndarray]):
     def _fail(self, error: RobotError) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
         self._running = False
         self._session.end()
-        told = error.fault if isinstance(error, RobotFaultError) else None
-        self._fault = told or FaultInfo(Fault.NONE, None, None, str(error))
+        fault = error.fault if isinstance(error, RobotFaultError) else None
+        self._fault = fault or FaultInfo(Fault.NONE, None, None, str(error))
         reward, terms = self._reward.failed_terms()
         info = self._info(terms, monotonic()) | {"failure": self._fault.text}
         last = copied(self._last)

@@ -1,4 +1,4 @@
-"""Pictures of a running simulation, drawn from a scene of their own.
+"""Pictures of a running simulation, rendered from a scene of their own.
 
 The simulated scene has nothing to see. A renderer builds the visible scene of the same robot,
 copies the posture into it, and adds the reference, the target and the trail of the tip.
@@ -15,13 +15,16 @@ import mujoco
 import numpy as np
 
 from softrobot_env.envs.rendering.opengl import OffscreenContext, RenderError, check_display
-from softrobot_env.robots import RobotParams
+from softrobot_env.envs.simulation.grippers import GripperBatch, bar
+from softrobot_env.robots import Gripper, RobotParams, centerline
 from softrobot_env.scene.appearance import TENDON_LINE, tendon_width, tension_colours
+from softrobot_env.scene.assembly import build_assembly
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import TIP_SITE
-from softrobot_env.scene.config import FRONT_CAMERA, SceneConfig, visible
+from softrobot_env.scene.config import FRONT_CAMERA, Appearance, Camera, SceneConfig, visible
+from softrobot_env.scene.gripper import gripper_scene
 
-__all__ = ["Frame", "Lines", "RenderError", "lifted", "make_renderer"]
+__all__ = ["Frame", "GripperRenderer", "RenderError", "finger_shapes", "lifted", "make_renderer"]
 
 _MAX_GEOMS = 2000
 _PATH_POINTS = 50
@@ -35,6 +38,11 @@ _PAUSE = 0.02  # s between two looks at a window that is paused
 _PATH = np.array([0.40, 0.42, 0.48, 1.0])
 _TARGET = np.array([0.05, 0.65, 0.30, 1.0])
 _WHITE = np.array([1.0, 1.0, 1.0, 1.0])
+_BAR = (0.55, 0.65, 0.6, 0.3)
+_SENSED_LINE = 0.0007  # m
+_WIDER = 2.5  # lines of tendons, which are thin on fingers, than of robots alone
+_BEFORE = 0.0045  # m towards the camera, so that a line is seen before its finger
+_PIECE_POINTS = 6
 _TRAIL = np.array([0.05, 0.30, 0.90, 1.0])
 
 
@@ -306,11 +314,18 @@ def _thinned(path: np.ndarray) -> np.ndarray:
     return np.concatenate((path[:-1:stride], path[-1:]))
 
 
-def _add_line(scene: mujoco.MjvScene, points: np.ndarray, radius: float, rgba: np.ndarray) -> None:
+def _add_line(
+    scene: mujoco.MjvScene,
+    points: np.ndarray,
+    radius: float,
+    rgba: np.ndarray,
+    emission: float | None = None,
+) -> None:
     for start, end in pairwise(points):
         geom = _next_geom(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, np.zeros(3), rgba)
         if geom is None:
             return
+        geom.emission = geom.emission if emission is None else emission
         mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_CAPSULE.value, radius, start, end)
 
 
@@ -369,3 +384,78 @@ def lifted(robot: RobotParams, points: np.ndarray) -> np.ndarray:
     rising = slice(0, int(np.argmax(distance)) + 1)
     z = np.interp(np.hypot(*points.T), distance[rising], height[rising])
     return np.column_stack((points, z))
+
+
+class GripperRenderer:
+    """Renders into arrays.
+
+    Attributes:
+        diameter: [m], of the bar.
+        metres: [m] from the lower to the upper edge of a picture.
+    """
+
+    def __init__(self, batch: GripperBatch, diameter: float, width: int, height: int) -> None:
+        self.diameter = diameter
+        gripper, task, config = batch.gripper, batch.task, batch.scene.config
+        reach = max(finger.robot.reach for finger in gripper.fingers)
+        self.metres = 1.6 * reach
+        camera = Camera(FRONT_CAMERA, (0.0, 0.45 * reach), self.metres, 0.25)
+        own = config.members[0].config
+        self._scene = build_assembly(
+            gripper_scene(
+                gripper,
+                (bar(gripper, task, diameter, rgba=_BAR),),
+                control_period=own.control_period,
+                pieces=own.pieces,
+                appearance=Appearance(surroundings=False),
+                cameras=(camera,),
+            )
+        )
+        self._gripper, model = gripper, self._scene.model
+        parts = self._scene.parts.values()
+        self._tendons = [
+            (part.u, Lines(model, part.scene.config.robot, part.member.prefix, _WIDER))
+            for part in parts
+        ]
+        self._data = mujoco.MjData(model)
+        self._context = OffscreenContext(model, width, height)
+        self._shown = mujoco.MjvScene(model, _MAX_GEOMS)
+        self._camera = mujoco.MjvCamera()
+        self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        self._camera.fixedcamid = model.camera(FRONT_CAMERA).id
+
+    def draw(self, qpos: np.ndarray, tension: np.ndarray, curvature: np.ndarray) -> np.ndarray:
+        """Picture (height, width, 3) uint8.
+
+        Args:
+            qpos: (nq,), posture of fingers and bar.
+            tension: (n_tendons,) [N], of all fingers in turn.
+            curvature: (pieces,) [1/m], of all fingers' pieces in turn, as sensors tell it.
+        """
+        model, data = self._scene.model, self._data
+        data.qpos[:] = qpos
+        mujoco.mj_forward(model, data)
+        for own, tendons in self._tendons:
+            tendons.show(tension[own])
+        everything = mujoco.mjtCatBit.mjCAT_ALL.value
+        option = mujoco.MjvOption()
+        mujoco.mjv_updateScene(model, data, option, None, self._camera, everything, self._shown)
+        for points in finger_shapes(self._gripper, curvature):
+            points[:, 1] -= _BEFORE
+            _add_line(self._shown, points, _SENSED_LINE, _TRAIL, emission=0.0)
+        return self._context.draw(self._shown)
+
+    def close(self) -> None:
+        """Free the OpenGL context; closing twice is harmless."""
+        self._context.close()
+
+
+def finger_shapes(gripper: Gripper, curvature: np.ndarray) -> list[np.ndarray]:
+    """Shapes (k, 3) [m] of the fingers, each piece an arc of its mean curvature (pieces,) [1/m]."""
+    out, first = [], 0
+    for finger in gripper.fingers:
+        own = curvature[first : first + finger.robot.pieces]
+        first += finger.robot.pieces
+        points = centerline(finger.robot, own, _PIECE_POINTS)
+        out.append(np.array(finger.base.position) + points @ finger.base.axes.T)
+    return out

@@ -1,34 +1,33 @@
-"""Many simulations of one scene, stepped on a thread pool, none hiding a diverged state."""
+"""Many simulations of one scene, stepped on a thread pool, none hiding a diverged state.
 
+The pool is MuJoCo's, through its C interface: `mujoco.batch` of the Python package offers `mj_step`
+only; here any C function is run on all.
+"""
+
+import ctypes
+import os
 import warnings
+from collections.abc import Iterator
 from math import inf
 from time import perf_counter
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from softrobot_env.core.arrays import HOST
 from softrobot_env.core.processes import usable_cores
-from softrobot_env.envs.simulation.pool import Pool
-from softrobot_env.robots import NEUTRAL, VARIABLE
+from softrobot_env.robots.variations import VARIATIONS
 from softrobot_env.scene.build import CompiledModel, Scene, rates_of, vary_scene
+from softrobot_env.scene.integration.layout import library_path
 from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.simulation import WORRYING, Simulation, inaccuracy
 from softrobot_env.scene.tendons import FRICTION_IMPEDANCE, FRICTION_REFERENCE, full_length
 
-#: Model fields that are proportional to parameters of the robot.
-PROPORTIONAL = {
-    "jnt_stiffness": ("youngs_modulus",),
-    "jnt_stiffnesspoly": ("youngs_modulus",),
-    "tendon_stiffness": ("youngs_modulus",),
-    "tendon_stiffnesspoly": ("youngs_modulus",),
-    "tendon_damping": ("youngs_modulus", "damping_time"),
-    "dof_damping": ("youngs_modulus", "damping_time"),
-    "body_mass": ("density",),
-    "body_inertia": ("density",),
-}
+#: Variations that a batch lays out itself: tendons in other channels, and their friction.
+LAID_OUT = ("tendon_radius", "tendon_friction")
 
-#: Those that tell where tendons run: lever arms in channels, guides, and ranges of lengths.
+#: Model fields that tell where tendons run: moment arms in channels, guides, and ranges of lengths.
 _ROUTES = ("wrap_prm", "site_pos", "actuator_ctrlrange", "actuator_biasprm")
 
 #: Work [s] in a control period that pays for a thread: waking it up takes 20 to 50 µs.
@@ -38,6 +37,152 @@ WORTH = 80e-6
 _TIMED = 5
 
 _NO_CONSTRAINT = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+
+
+_STATE = {
+    "qpos": mujoco.mjtState.mjSTATE_QPOS,
+    "qvel": mujoco.mjtState.mjSTATE_QVEL,
+    "ctrl": mujoco.mjtState.mjSTATE_CTRL,
+    "xfrc_applied": mujoco.mjtState.mjSTATE_XFRC_APPLIED,
+}
+_ERROR_LENGTH = 500
+
+
+class _Settings(ctypes.Structure):
+    """mjBatchConfig."""
+
+    _fields_ = (("threads", ctypes.c_int), ("persistent", ctypes.c_bool))
+
+
+def _library() -> ctypes.CDLL:
+    """MuJoCo's library with the types of the functions used here."""
+    library, pointer, whole, text = (
+        ctypes.CDLL(library_path()),
+        ctypes.c_void_p,
+        ctypes.c_int,
+        ctypes.c_char_p,
+    )
+    sizes = ctypes.POINTER(whole)
+    for name, result, arguments in (
+        ("makeBatch", pointer, (pointer, whole, pointer, text, whole)),
+        ("deleteBatch", None, (pointer,)),
+        ("nstate", whole, (pointer,)),
+        ("stateComponent", pointer, (pointer, whole, sizes)),
+        ("warning", pointer, (pointer,)),
+        ("expand", pointer, (pointer, text, sizes, sizes)),
+        ("setConst", whole, (pointer, pointer, whole)),
+        ("reset", whole, (pointer, pointer, whole, pointer, whole)),
+        ("apply", whole, (pointer, pointer, whole, pointer, pointer, whole)),
+        ("error", text, (pointer, whole)),
+    ):
+        function = getattr(library, f"mjb_{name}")
+        function.restype, function.argtypes = result, arguments
+    return library
+
+
+class Pool:
+    """n simulations of one model, each with a state and values of the model of its own.
+
+    Attributes:
+        count: Number n of simulations.
+        warnings: (n, mjNWARNING, 2) int32, last information and number of each.
+    """
+
+    def __init__(self, model: mujoco.MjModel, count: int, threads: int = 1) -> None:
+        """Allocate.
+
+        Args:
+            model: The model; it is copied.
+            count: Number n.
+            threads: That share the work.
+
+        Raises:
+            RuntimeError: What MuJoCo says.
+        """
+        self._c, self.count, self._model = _library(), count, model
+        self._process = os.getpid()
+        settings, error = _Settings(threads, True), ctypes.create_string_buffer(_ERROR_LENGTH)
+        self._batch = self._c.mjb_makeBatch(
+            model._address, count, ctypes.byref(settings), error, _ERROR_LENGTH
+        )
+        if not self._batch:
+            raise RuntimeError(f"cannot make a batch of {count}: {error.value.decode()}")
+        self.warnings = _view(
+            self._c.mjb_warning(self._batch), (count, int(mujoco.mjtWarning.mjNWARNING), 2), "i4"
+        )
+        self._everyone = np.arange(count, dtype=np.int32)
+
+    def __del__(self) -> None:
+        # The threads that deleting waits for are not there in a forked child.
+        if getattr(self, "_batch", None) and os.getpid() == self._process:
+            self._c.mjb_deleteBatch(self._batch)
+
+    def bind(self, name: str) -> np.ndarray:
+        """Array (n, k) of a part of the state, a key of `_STATE`, to be written to."""
+        size, row = ctypes.c_int(), self._c.mjb_nstate(self._batch)
+        start = self._c.mjb_stateComponent(self._batch, int(_STATE[name]), ctypes.byref(size))
+        flat = _view(start, ((self.count - 1) * row + size.value,), float)
+        return np.lib.stride_tricks.as_strided(flat, (self.count, size.value), (8 * row, 8))
+
+    def expand(self, name: str) -> np.ndarray:
+        """Array (n, ...) of a field of the model, from now on of every simulation's own.
+
+        Raises:
+            ValueError: There is none.
+        """
+        size, bytes_ = ctypes.c_int(), ctypes.c_int()
+        like = _field(self._model, name)
+        start = self._c.mjb_expand(
+            self._batch, name.encode(), ctypes.byref(size), ctypes.byref(bytes_)
+        )
+        return self._array(start, name, like, bytes_.value)
+
+    def _array(self, start: int | None, name: str, like: np.ndarray, size: int = 0) -> np.ndarray:
+        if not start:
+            raise ValueError(f"no field {name!r} of many simulations")
+        kind = like.dtype if not size or like.dtype.itemsize == size else np.dtype(f"i{size}")
+        return _view(start, (self.count, *like.shape), kind)
+
+    def set_const(self, which: np.ndarray) -> None:
+        """Derive constants of the models `which` (k,) anew."""
+        self._call(self._c.mjb_setConst, which)
+
+    def reset(self, which: np.ndarray) -> None:
+        """Set simulations `which` (k,) to their start, without computing anything."""
+        self._call(self._c.mjb_reset, which, None, int(mujoco.mjtStage.mjSTAGE_NONE))
+
+    def apply(self, which: np.ndarray | None, function: Any, argument: int) -> None:
+        """Run a C function (model, data, number, argument) on simulations `which` (k,)."""
+        self._call(
+            self._c.mjb_apply,
+            self._everyone if which is None else which,
+            ctypes.cast(function, ctypes.c_void_p),
+            argument,
+            1,
+        )
+
+    def check_process(self) -> None:
+        """Raise RuntimeError in a forked child, which would wait for ever for its lost threads."""
+        if os.getpid() != self._process:
+            raise RuntimeError(
+                f"these simulations belong to process {self._process}, and its threads are not in "
+                f'this child of it, {os.getpid()}: make them here, or start children with "spawn"'
+            )
+
+    def _call(self, function: Any, which: np.ndarray, *arguments: Any) -> None:
+        self.check_process()
+        ids = np.ascontiguousarray(which, dtype=np.int32)
+        if len(ids) and function(self._batch, ids.ctypes.data, len(ids), *arguments):
+            texts = {self._c.mjb_error(self._batch, int(i)).decode() for i in ids}
+            raise RuntimeError("; ".join(sorted(texts - {""})))
+
+
+def _view(start: int, shape: tuple[int, ...], kind: Any) -> np.ndarray:
+    """Array over memory that somebody else holds."""
+    kind = np.dtype(kind)
+    size = int(np.prod(shape)) * kind.itemsize
+    raw = np.ctypeslib.as_array(ctypes.cast(start, ctypes.POINTER(ctypes.c_uint8)), (size,))
+    return raw.view(kind).reshape(shape)
 
 
 def threads_for(scene: CompiledModel, count: int) -> int:
@@ -171,9 +316,11 @@ class BatchSimulation(Batch):
         super().__init__(scene, count, threads)
         self._varied = self._rubs = False
         self._rates = rates_of(scene)
-        self.full_length = np.tile(full_length(scene.config.robot, scene.model), (count, 1))
+        self._full = full_length(scene.config.robot, scene.model)
+        self.full_length = np.tile(self._full, (count, 1))
         self._own = own_fields(scene)
         self._slopes: dict[str, np.ndarray] | None = None  # of routes, by the factor on radii
+        self._rebuilt: set[str] = set()  # fields that were taken from scenes built for variations
 
     def vary(self, which: np.ndarray, values: dict[str, np.ndarray]) -> None:
         """Let simulations be of varied robots, in posture and motion as they are.
@@ -182,26 +329,49 @@ class BatchSimulation(Batch):
 
         Args:
             which: (k,) int, increasing, the simulations.
-            values: (k,) of each of `robots.VARIABLE`, as `RobotParams.vary` takes them.
+            values: (k,) of every variation of robots, as `RobotParams.vary` takes them.
 
         Raises:
-            ValueError: A robot for which an integrator of MuJoCo would need its own timestep.
+            ValueError: A robot for which an integrator of MuJoCo would need its own timestep, or
+                a variation that changes what all simulations share.
         """
-        if not self._varied and all(np.all(values[name] == v) for name, v in NEUTRAL.items()):
+        if not self._varied and nominal(values):
             return
         check_timesteps(self.scene, which, values)
         self._varied = True
-        model = self.scene.model
-        for field, names in PROPORTIONAL.items():
-            factor = np.prod([values[name] for name in names], axis=0)
+        model, expand = self.scene.model, self._batch.expand
+        for field in self._rebuilt:
+            expand(field)[which] = _field(model, field)
+        if self._rebuilt:
+            self.full_length[which] = self._full
+        for field, factor in proportional(values):
             own = self._own.get(field, slice(None))
-            nominal = getattr(model, field)[own]
-            expanded = self._batch.expand(field)
-            expanded[which, own] = nominal * factor.reshape(-1, *(1,) * nominal.ndim)
+            usual = getattr(model, field)[own]
+            expand(field)[which, own] = usual * factor.reshape(-1, *(1,) * usual.ndim)
         self._route(which, values["tendon_radius"])
         self._rub(which, values["tendon_friction"])
-        self._integration.set(which, self.scene.timestep, self._rates(values))
+        rates = self._rates(values)
+        for at in np.flatnonzero(unknown(values)):
+            rate = self._rebuild(which[at], {name: float(v[at]) for name, v in values.items()})
+            if rates is not None:
+                rates[at] = rate
+        self._integration.set(which, self.scene.timestep, rates)
         self._batch.set_const(which)
+
+    def _rebuild(self, robot: int, values: dict[str, float]) -> float:
+        """Take all that differs in a scene built for one robot; the rate of its integration."""
+        built = vary_scene(self.scene, values)
+        for field in changed_fields(self.scene.model, built.model):
+            try:
+                self._batch.expand(field)[robot] = _field(built.model, field)
+            except ValueError:
+                raise ValueError(
+                    f"{', '.join(values)}: many simulations cannot differ in {field!r}, which one "
+                    "of them changes; take single environments"
+                ) from None
+            self._rebuilt.add(field)
+        self.full_length[robot] = full_length(built.config.robot, built.model)
+        return built.timestep.rate
 
     def _route(self, which: np.ndarray, radius: np.ndarray) -> None:
         """Lay the tendons at factors (k,) on their distances from the fibre.
@@ -250,6 +420,44 @@ class BatchSimulation(Batch):
         self._integration.drive_by(servos.block)
 
 
+def nominal(values: dict[str, np.ndarray]) -> bool:
+    """Whether values (k,) by name change nothing."""
+    return all(np.all(v == VARIATIONS[name].neutral) for name, v in values.items())
+
+
+def unknown(values: dict[str, np.ndarray]) -> np.ndarray:
+    """(k,) bool, which robots differ in what needs a scene of their own."""
+    odd = np.zeros(len(next(iter(values.values()))), dtype=bool)
+    for name, value in values.items():
+        if not (VARIATIONS[name].scales or name in LAID_OUT):
+            odd |= value != VARIATIONS[name].neutral
+    return odd
+
+
+def proportional(values: dict[str, np.ndarray]) -> Iterator[tuple[str, np.ndarray]]:
+    """Fields of a model and the factors (k,) that variations have on them."""
+    names: dict[str, list[str]] = {}
+    for name in values:
+        for field in VARIATIONS[name].scales:
+            names.setdefault(field, []).append(name)
+    for field, own in names.items():
+        yield field, np.prod([values[name] for name in own], axis=0)
+
+
+def changed_fields(nominal: mujoco.MjModel, varied: mujoco.MjModel) -> list[str]:
+    """Names of the arrays in which a model of the same robot differs."""
+    names = [n for n in dir(nominal) if isinstance(getattr(nominal, n), np.ndarray)]
+    names += ["opt.gravity", "opt.disableflags"]
+    return [n for n in names if not np.array_equal(_field(nominal, n), _field(varied, n))]
+
+
+def _field(model: mujoco.MjModel, name: str) -> np.ndarray:
+    """A field such as "body_mass" or "opt.gravity"."""
+    for part in name.split("."):
+        model = getattr(model, part)
+    return np.asarray(model)
+
+
 def own_fields(scene: Scene) -> dict[str, slice]:
     """What of fields follows the factors of a variation: links, not heads and discs."""
     first = scene.model.body("link0").id
@@ -270,13 +478,13 @@ def check_timesteps(scene: Scene, which: np.ndarray, values: dict[str, np.ndarra
     Args:
         scene: Of the robots.
         which: (k,) int, their numbers.
-        values: (k,) of each of `robots.VARIABLE`.
+        values: (k,) of every variation of robots.
     """
     shared = scene.timestep
     if shared.accuracy is not None or scene.config.timestep is not None:
         return
     for at in range(len(which)):
-        own = vary_scene(scene, {n: float(values[n][at]) for n in VARIABLE}).timestep
+        own = vary_scene(scene, {n: float(v[at]) for n, v in values.items()}).timestep
         if own.timestep < shared.timestep * (1 - 1e-9):
             raise ValueError(
                 f"robot {which[at]} needs a timestep of {own.timestep:.3g} s with "

@@ -6,13 +6,13 @@ from math import pi
 import mujoco
 import numpy as np
 
+from softrobot_env.envs.config import EnvConfig
 from softrobot_env.envs.simulation.batch import Batch
 from softrobot_env.robots.gripper import Gripper
-from softrobot_env.robots.parameters import Pieces
 from softrobot_env.scene.assembly import FELT, build_assembly, felt_by
 from softrobot_env.scene.chain import mean_curvature
 from softrobot_env.scene.contacts import links_of
-from softrobot_env.scene.gripper import FINENESS, Resolution, gripper_scene
+from softrobot_env.scene.gripper import Resolution, gripper_scene
 from softrobot_env.scene.objects import Capsule
 from softrobot_env.scene.timestep import TimestepWarning
 from softrobot_env.tasks.gripper import GripTask
@@ -54,37 +54,36 @@ class GripperBatch(Batch):
         self,
         gripper: Gripper,
         task: GripTask,
-        control_period: float,
-        count: int,
-        threads: int = 0,
-        pieces: Pieces | None = None,
-        timestep: float | None = None,
-        fineness: Resolution | None = None,
+        config: EnvConfig,
+        fineness: Resolution,
         felt_along: bool = False,
     ) -> None:
-        """Build the simulations; arguments as those of `gripper_scene` and of `Batch`.
+        """Build the simulations.
 
-        A fineness, the rule's unless given, says the pieces and the timestep that are not.
+        Args:
+            gripper, task: What they are of.
+            config: Number, threads, and pieces and timestep unless the fineness says them.
+            fineness: How fine they are.
+            felt_along: As of `gripper_scene`.
         """
         self.gripper, self.task = gripper, task
         nominal = bar(gripper, task, float(np.mean(task.diameter)))
-        fineness = fineness or FINENESS["rule"]
         scene = gripper_scene(
             gripper,
             (nominal,),
             contacts=fineness.contacts,
-            control_period=control_period,
-            pieces=pieces or fineness.pieces_of(gripper),
-            timestep=timestep,
+            control_period=config.control_period,
+            pieces=config.pieces or fineness.pieces_of(gripper),
+            timestep=config.timestep,
             felt_along=felt_along,
         )
         built = build_assembly(scene)
-        if timestep is None and fineness.longer > 1:
+        if config.timestep is None and fineness.longer > 1:
             longer = fineness.longer * built.timestep.timestep
             with warnings.catch_warnings():  # of what was asked for
                 warnings.simplefilter("ignore", TimestepWarning)
                 built = build_assembly(scene.with_timestep(longer))
-        super().__init__(built, count, threads)
+        super().__init__(built, config.num_envs, config.threads)
         model, expand = built.model, self._batch.expand
         self._body, self._geom = model.body(BAR).id, model.geom(f"{BAR}_shape").id
         self._pairs = [k for k in range(model.npair) if self._geom in _geoms(model, k)]
@@ -144,18 +143,18 @@ class GripperBatch(Batch):
             return self.qpos[:, -7:-4].copy()
         return self._place[:, self._body].copy()
 
-    def start(self, which: np.ndarray, drawn: dict[str, np.ndarray]) -> None:
-        """Start simulations `which` (k,), fingers straight, with what they draw.
+    def start(self, which: np.ndarray, sampled: dict[str, np.ndarray]) -> None:
+        """Start simulations `which` (k,), fingers straight, with what is sampled.
 
         Args:
             which: (k,) int, increasing.
-            drawn: By names out of `tasks.gripper.DRAWN`, (k,) or of fingers (k, fingers).
+            sampled: By names out of `tasks.gripper.DRAWN`, (k,) or of fingers (k, fingers).
         """
-        radius = drawn["diameter"] / 2
-        self._shape(which, radius, drawn["mass"])
+        radius = sampled["diameter"] / 2
+        self._shape(which, radius, sampled["mass"])
         for pair in self._pairs:
-            self._friction[which, pair, :2] = drawn["friction"][:, None]
-        self._make_fingers(which, drawn["modulus"], drawn["arm"])
+            self._friction[which, pair, :2] = sampled["friction"][:, None]
+        self._make_fingers(which, sampled["modulus"], sampled["arm"])
         heights = np.array([self.gripper.seat(r) + _GAP * self.task.free for r in radius])
         q = np.tile(self.scene.model.qpos0, (len(which), 1))
         if self.task.free:

@@ -4,9 +4,9 @@ from math import ceil
 
 import numpy as np
 
-from softrobot_env.envs.observations.camera import Camera
+from softrobot_env.envs.observations.readouts import Camera
 from softrobot_env.envs.reference import TOP
-from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
+from softrobot_env.envs.simulation.plants import MujocoPlant
 from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.registry import RIG_PIECES
 from softrobot_env.scene.servos import Servos
@@ -80,7 +80,7 @@ class VirtualRig:
 
     @property
     def length(self) -> np.ndarray:
-        """Positions (n,) [m] of the servos, as their potentiometers tell."""
+        """Positions (n,) [m] of the servos, as their potentiometers read."""
         return self._servos.reading
 
     @property

@@ -16,12 +16,13 @@ import warp
 
 from softrobot_env.core.arrays import TorchArrays
 from softrobot_env.envs.simulation.batch import (
-    PROPORTIONAL,
     check_timesteps,
+    nominal,
     own_fields,
+    proportional,
     slopes_of,
 )
-from softrobot_env.robots import NEUTRAL
+from softrobot_env.envs.simulation.warp_limits import SCALABLE
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.integration.layout import (
     COMMAND,
@@ -41,7 +42,7 @@ ROWS = 3
 
 #: Fields of the model that each robot has of its own once robots vary.
 _VARIED = (
-    *PROPORTIONAL,
+    *SCALABLE,
     "body_subtreemass",
     "site_pos",
     "actuator_ctrlrange",
@@ -161,20 +162,19 @@ class WarpBatch:
 
         Args:
             which: (k,) int, increasing, the simulations.
-            values: (k,) of each of `robots.VARIABLE`, as `RobotParams.vary` takes them.
+            values: (k,) of every variation of robots, as `RobotParams.vary` takes them.
 
         Raises:
             ValueError: A robot for which MuJoCo's integrator would need its own timestep.
         """
-        if not self._varied and all(np.all(values[name] == v) for name, v in NEUTRAL.items()):
+        if not self._varied and nominal(values):
             return
         check_timesteps(self.scene, which, values)
         if not self._varied:
             self._varied = True
             self._take_model(dict.fromkeys(_VARIED, self.count))
         robots = self.arrays.index(which)
-        for field, names in PROPORTIONAL.items():
-            factor = np.prod([values[name] for name in names], axis=0)
+        for field, factor in proportional(values):
             own = own_fields(self.scene).get(field, slice(None))
             rows = np.repeat(getattr(self._host, field)[None], len(which), axis=0)
             rows[:, own] = rows[:, own] * factor.reshape(-1, *(1,) * (rows.ndim - 1))

@@ -1,17 +1,18 @@
-"""What the backend "warp" can do, told before anything is built; itself it loads nothing heavy."""
+"""What the backend "warp" can do, said before anything is built; it loads nothing heavy."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 from importlib.util import find_spec
 from math import ceil
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 
 from softrobot_env.core.extras import install_command
 from softrobot_env.envs.randomization import Randomization
+from softrobot_env.robots.variations import VARIATIONS
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.config import DEFAULT_SHARE
 from softrobot_env.scene.timestep import EXTRAPOLATION
@@ -21,6 +22,11 @@ if TYPE_CHECKING:  # what takes seconds to load
 
 #: Those of its integrators.
 INTEGRATORS = (EXTRAPOLATION, "implicitfast", "discrete")
+
+#: Fields of a model in which its robots can differ by factors.
+SCALABLE = tuple(
+    dict.fromkeys(field for one in VARIATIONS.registered().values() for field in one.scales)
+)
 
 #: Length of a step of the extrapolation, over the first period, unless a timestep is given.
 STEP_SHARE = 1 / 150
@@ -64,12 +70,15 @@ def check_options(threads: int, integrator: str | None, accuracy: float | str) -
         )
 
 
-def check_variation(scene: Scene, variation: Mapping[str, Any]) -> None:
-    """Raise ValueError for values, or arrays of them, that the backend cannot vary."""
-    if np.any(np.asarray(variation.get("tendon_friction", 0.0)) != 0):
-        _check_friction(scene)
-    if np.any(np.asarray(variation.get("tendon_radius", 1.0)) != 1):
-        _check_radius(scene)
+def check_varied(scene: Scene, names: Iterable[str]) -> None:
+    """Raise ValueError for variations of robots, by name, that the backend cannot have."""
+    checks = {"tendon_friction": _check_friction, "tendon_radius": _check_radius}
+    for name in names:
+        one = VARIATIONS[name]
+        if name in checks:
+            checks[name](scene)
+        elif one.apply is not None and not (one.scales and set(one.scales) <= set(SCALABLE)):
+            raise ValueError(f"{_BACKEND} cannot vary {name!r}: leave it out, or the backend")
 
 
 def _check_friction(scene: Scene) -> None:
@@ -91,9 +100,7 @@ def _check_radius(scene: Scene) -> None:
 def check_robot(scene: Scene, randomization: Randomization | None) -> None:
     """Raise ValueError for what the backend cannot simulate."""
     model, name = scene.model, scene.name
-    if scene.config.robot.has_friction or (
-        randomization is not None and any(randomization.tendon_friction)
-    ):
+    if scene.config.robot.has_friction:
         _check_friction(scene)
     if model.nq != model.nv:
         raise ValueError(
@@ -102,8 +109,7 @@ def check_robot(scene: Scene, randomization: Randomization | None) -> None:
         )
     if np.any(model.actuator_trntype != mujoco.mjtTrn.mjTRN_TENDON):
         raise ValueError(f"{_BACKEND} takes drives of tendons alone; robot {name!r} has others")
-    if randomization is not None and tuple(randomization.tendon_radius) != (1, 1):
-        _check_radius(scene)
+    check_varied(scene, () if randomization is None else randomization.varied)
 
 
 def make_batch(scene: Scene, count: int, device: str) -> "WarpBatch":

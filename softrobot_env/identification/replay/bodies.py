@@ -12,8 +12,8 @@ import numpy as np
 from softrobot_env.beams.registry import MUJOCO, BeamPlant
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.envs.reference import own_axes
-from softrobot_env.envs.simulation.beam_plant import BeamPlant as BeamSimulations
-from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
+from softrobot_env.envs.simulation.plants import BeamPlant as BeamSimulations
+from softrobot_env.envs.simulation.plants import MujocoPlant
 from softrobot_env.recordings import Marker
 from softrobot_env.robots import RobotParams, entry_of
 from softrobot_env.robots.twin import Twin

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from softrobot_env.envs.real import tip_filter
-from softrobot_env.envs.real.tip_filter import STILL, STILL_TIME, NotStillError, wait_for_rest
+from softrobot_env.envs.real.session import STILL, STILL_TIME, NotStillError, wait_for_rest
 from softrobot_env.hardware.tip import TipMeasurement
 
 

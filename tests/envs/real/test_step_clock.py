@@ -2,7 +2,7 @@
 
 import pytest
 
-from softrobot_env.envs.real.step_clock import StepClock
+from softrobot_env.envs.real.env import StepClock
 
 
 class Time:

@@ -6,7 +6,7 @@ from gymnasium.utils import seeding
 from support.rig_episodes import rig
 
 from softrobot_env.envs.disturbances import noise_seed
-from softrobot_env.envs.observations.camera import Cameras, filmed
+from softrobot_env.envs.observations.readouts import Cameras, filmed
 from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.robots import LENGTH_SCALE
 from softrobot_env.scene.servos import Servos

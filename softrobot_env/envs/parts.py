@@ -1,75 +1,73 @@
 """What an environment is built from and never changes: task, plant, spaces, starts.
 
-Single and vectorised environments of a robot hold the same setting.
+Single and vectorised environments of a robot hold the same parts.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from copy import copy
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
 
 from softrobot_env.core.arrays import HOST, HostArrays
-from softrobot_env.core.interfaces import PlantFactory, Seen
+from softrobot_env.core.interfaces import Seen
 from softrobot_env.core.records import check_argument
 from softrobot_env.core.vector_reading import Reading
+from softrobot_env.envs.config import CHAIN, ControlPeriod, EnvConfig
 from softrobot_env.envs.disturbances import NOISE_ROOM
-from softrobot_env.envs.observations.camera import FARTHEST
+from softrobot_env.envs.observations.readouts import FARTHEST
 from softrobot_env.envs.observations.table import (
     OBSERVABLES,
     SENSOR_NOISE,
     Sizes,
     Sources,
+    VectorView,
     known_of,
     observation_space,
     observer,
     speed_limit,
+    usual_of,
 )
-from softrobot_env.envs.observations.vector import VectorView
-from softrobot_env.envs.options import (
-    SIMULATED_OPTIONS,
-    ResetOptions,
-    check_timing,
-    unexpected_argument,
-)
+from softrobot_env.envs.options import SIMULATED_OPTIONS, ResetOptions
 from softrobot_env.envs.options import parse_options as parse
-from softrobot_env.envs.randomization import Randomization
+from softrobot_env.envs.randomization import misfit
 from softrobot_env.envs.reference import AXES, ReferenceTable, sample_reference
-from softrobot_env.envs.rewards import TrackingReward, reward_of
-from softrobot_env.envs.simulation.beam_plant import BeamPlant
-from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
-from softrobot_env.robots import CAMERA_PERIOD, RobotParams, Sensor
+from softrobot_env.envs.rewards import reward_of
+from softrobot_env.envs.simulation.plants import BeamPlant, MujocoPlant
+from softrobot_env.robots import CAMERA_PERIOD, VARIATIONS, RobotParams, Sensor
 from softrobot_env.robots.actuation import Inputs, check_inputs, robot_inputs
-from softrobot_env.robots.twin import (
-    LARGEST_ERROR,
-    LARGEST_NOISE,
-    Twin,
-    twin_of,
-)
+from softrobot_env.robots.twin import LARGEST_ERROR, LARGEST_NOISE, Twin, twin_of
 from softrobot_env.scene.config import DEFAULT_SHARE
 from softrobot_env.scene.quadrature import HingeLayout
 from softrobot_env.scene.servos import Servos
-from softrobot_env.tasks import OPTIONS, Task, make_task, options_of
+from softrobot_env.tasks import Task, make_task
 
 if TYPE_CHECKING:
     from softrobot_env.sensing.array import SensorArray
-
-DEFAULT_ACCURACY = DEFAULT_SHARE
-
-#: How an environment may be seen, and what its actions may stand for.
-OBSERVE_AS, ACT_AS = ("dict", "vector"), ("input", "change")
 
 #: Largest change of an input in a step, over full scale, where actions change inputs: this share of
 #: full scale in the time in which the first mode turns by 1 rad.
 CHANGE = 1.0
 
-#: Beginnings of the observables that are not observed unless asked for, by drive. What is left of a
-#: robot driven by length is what a lab has of it: camera, servos and reference.
-_ASKED_FOR = {
-    "tension": ("tendon", "reference_acceleration", "sensors"),
-    "length": ("curvature", "tendon_tension", "sensors"),
-}
+
+class EpisodeSpec:
+    """The attribute `spec`, which knows how many steps the environment's episodes have.
+
+    Episodes end by themselves, so the registry asks for no wrapper that ends them. How long they
+    are depends on the options: `spec.max_episode_steps` is the environment's own
+    `max_episode_steps`, that of episodes without the reset option `duration`.
+    """
+
+    def __get__(self, env: Any, _kind: type) -> EnvSpec | None:
+        return None if env is None else env.__dict__.get("_spec")
+
+    def __set__(self, env: Any, spec: EnvSpec | None) -> None:
+        env._spec = spec = copy(spec)
+        if spec is not None:
+            spec.max_episode_steps = env.max_episode_steps
 
 
 class Start(NamedTuple):
@@ -86,13 +84,14 @@ class Start(NamedTuple):
     posture: np.ndarray
 
 
-class Setting:
+class EnvParts:
     """A task and its spaces.
 
     Attributes:
+        config: The options.
         task: The task.
         control_period: [s].
-        observe_as, act_as: How agents see and act, see `TrackingEnv`.
+        observe_as, act_as: How agents see and act, see `EnvConfig`.
         observation_space, action_space: Spaces of one robot.
         observed: Space of the observables, which `observation_space` is unless they are shown as a
             vector.
@@ -109,31 +108,21 @@ class Setting:
     view: VectorView | None = None
     change: float | None = None
 
-    def __init__(
-        self,
-        task: Task,
-        control_period: float,
-        preview: tuple[float, ...],
-        observe_as: str,
-        act_as: str | None,
-        reward: TrackingReward | str | None,
-    ) -> None:
-        check_timing(control_period, preview)
-        check_argument("observe_as", observe_as, Literal[OBSERVE_AS])
-        check_argument("act_as", act_as, Literal[ACT_AS] | None)
-        learns = observe_as == "vector"
-        self.observe_as, self.act_as = observe_as, act_as or ("change" if learns else "input")
-        self.reward = reward_of(reward, task.robot, learns)
-        self.task, self.control_period, self.axes = task, control_period, AXES[task.axes]
+    def __init__(self, config: EnvConfig, task: Task, control_period: float | None) -> None:
+        check_argument("control_period", control_period, ControlPeriod)
+        self.config, self.task, self.control_period = config, task, control_period
+        self.observe_as = config.observe_as
+        self.act_as = config.act_as or ("change" if config.is_for_learning else "input")
+        self.reward = reward_of(config.reward, task.robot, config.is_for_learning)
+        self.axes = AXES[task.axes]
         self.inputs: Inputs = robot_inputs(task.robot)
-        self._preview = np.array(preview, dtype=float)
+        self._preview = np.array(config.preview, dtype=float)
 
     def _make_spaces(
         self, observe: tuple[str, ...] | str | None, known: tuple[str, ...], sizes: Sizes
     ) -> None:
         if observe is None:
-            without = _ASKED_FOR[self.task.robot.drive.kind]
-            observe = tuple(name for name in OBSERVABLES if not name.startswith(without))
+            observe = usual_of(self.task.robot)
         self.observed = self.observation_space = observation_space(observe, known, sizes)
         if self.observe_as == "vector":
             self.view = VectorView(self.observed, sizes)
@@ -158,11 +147,11 @@ class Setting:
 
     @property
     def reading(self) -> Reading | None:
-        """What a file tells of the vector and of what actions do; None where there is none."""
+        """What a file says of the vector and of what actions do; None where there is none."""
         if self.view is None:
             return None
-        told = {"period": self.control_period, "preview": self._preview}
-        return replace(self.view.reading, **told, change=self.change or 0.0)
+        own = {"period": self.control_period, "preview": self._preview}
+        return replace(self.view.reading, **own, change=self.change or 0.0)
 
     def observer(self, sources: Sources, arrays: HostArrays = HOST) -> Callable[[], Seen]:
         """Function that makes a new observation of `arrays`, as the environment is seen."""
@@ -190,8 +179,16 @@ class Setting:
         """The checked options of a `reset`; raises ValueError."""
         raise NotImplementedError
 
+    def show_in(self, env: Any) -> None:
+        """Give an environment the attributes that all kinds have."""
+        env._parts, env._reward = self, self.reward
+        env.task, env.axes, env.control_period = self.task, self.axes, self.control_period
+        env.vector_layout, env.reading = self.vector_layout, self.reading
+        env.observe_as, env.act_as = self.observe_as, self.act_as
+        env.input_scale = self.inputs.input_scale
 
-class SimulatedSetting(Setting):
+
+class SimulatedParts(EnvParts):
     """Any robot, simulated: what stands for it may be a twin or a beam model.
 
     Attributes:
@@ -200,47 +197,39 @@ class SimulatedSetting(Setting):
         noise_sizes: Of the observables whose sensors can have noise.
         dimensions: Number d of the coordinates that positions have.
         most: (n_tendons,) [N], what drives apply at most; lengths have no bound of their own.
+        is_resampled: Whether the task is sampled from a seed, anew for every episode.
     """
 
-    def __init__(
-        self,
-        task: str | Task,
-        task_options: dict[str, float],
-        *,
-        robot: str | RobotParams | None = None,
-        twin: Twin | int | None = None,
-        control_period: float,
-        observe: tuple[str, ...] | str | None,
-        preview: tuple[float, ...],
-        observe_as: str,
-        act_as: str | None,
-        reward: TrackingReward | str | None,
-        plant: PlantFactory | None = None,
-        **chain: Any,
-    ) -> None:
-        """Arguments as those of `TrackingEnv`."""
-        check_argument("plant", plant, Callable | None)
-        task = make_env_task(task, robot, task_options)
-        super().__init__(task, control_period, preview, observe_as, act_as, reward)
-        self.twin = _twin_for(twin, self.task)
+    def __init__(self, config: EnvConfig) -> None:
+        super().__init__(config, make_env_task(config), config.control_period)
+        self.twin = _twin_for(self.task.robot, config.twin)
         built = self.task.robot if self.twin is None else self.twin.robot
-        speed = speed_limit(self.task.robot)  # policies do not know the twin
         self._offset = 0.0 if self.twin is None else np.array(self.twin.servo_offset)
-        self.plant = plant = _plant(built, control_period, speed, self.axes, plant, chain)
+        # Policies do not know the twin.
+        self.plant = plant = _plant(config, built, speed_limit(self.task.robot), self.axes)
         sizes = sizes_of(
-            self.task, plant.layout, plant.pieces, len(preview), plant.directions, plant.strain
+            self.task,
+            plant.layout,
+            plant.pieces,
+            len(self._preview),
+            plant.directions,
+            plant.strain,
         )
         self.noise_sizes = {name: OBSERVABLES[name].space(sizes).shape[0] for name in SENSOR_NOISE}
         self.dimensions = sizes.dimensions
         limits = [tendon.tension_limit for tendon in self.task.robot.tendons]
         self.most = np.array(limits) if self.twin is None else np.full(len(limits), np.inf)
-        self._bends = self.noise_sizes["curvature"]
-        self._make_spaces(observe, known_of(self.task.robot), sizes)
+        self.bends = self.noise_sizes["curvature"]
+        self._make_spaces(config.observe, known_of(self.task.robot), sizes)
         self._sensors = built.sensors
         if [(s.kind, s.size) for s in built.sensors] != [
             (s.kind, s.size) for s in self.task.robot.sensors
         ]:
             raise ValueError("a twin needs sensors of the same kinds as the task's robot")
+        by_name = isinstance(config.task, str) and "seed" not in config.task_options
+        self.is_resampled = by_name and self.task.option("seed") is not None
+        if config.randomization is not None:
+            self.check_varied(config.randomization.varied)
 
     def servos(self, count: int | None = None) -> Servos | None:
         """Servos of the twin, for one robot or for `count`; None of a robot driven by tension."""
@@ -249,7 +238,7 @@ class SimulatedSetting(Setting):
             return None
         return Servos(twin.servo_speed, twin.servo_offset, twin.backlash, count)
 
-    def bank(self, count: int = 1) -> "SensorArray | None":
+    def sensors(self, count: int = 1) -> "SensorArray | None":
         """Curvature sensors of `count` robots, if they are observed."""
         if "sensors" not in self.observed.spaces:
             return None
@@ -258,18 +247,13 @@ class SimulatedSetting(Setting):
         return SensorArray(self._sensors, self.plant.cells, self.control_period, count)
 
     def built_sensors(self, errors: float, seed: int) -> tuple[Sensor, ...]:
-        """Sensors of a robot whose specimen is drawn, with a scale of errors [1]."""
+        """Sensors of a robot whose specimen is sampled, with a scale of errors [1]."""
         return tuple(sensor.with_imperfections(errors, seed >> 32) for sensor in self._sensors)
 
-    @property
-    def is_drawn(self) -> bool:
-        """Whether the task is drawn from a seed."""
-        return self.task.option("seed") is not None
-
     def parse_options(self, options: dict[str, Any] | None) -> ResetOptions:
-        """See `Setting`."""
+        """See `EnvParts`."""
         n = self.inputs.n_inputs
-        sizes = {"start_input": n, "start_length": n, "start_curvature": self._bends}
+        sizes = {"start_input": n, "start_length": n, "start_curvature": self.bends}
         parsed = parse(options, SIMULATED_OPTIONS, sizes)
         if parsed.start_length is not None and self.twin is None:
             raise ValueError(
@@ -281,30 +265,18 @@ class SimulatedSetting(Setting):
 
     def check_variation(self, variation: Mapping[str, Any]) -> None:
         """Raise ValueError for a value, or one of an array, that this robot cannot have."""
-        if np.any(np.asarray(variation.get("tension_gain", 1.0)) != 1):
-            self._check_gain()
-        if np.any(np.asarray(variation.get("sensor_errors", 0.0)) != 0):
-            self._check_sensors()
+        self.check_varied(
+            name
+            for name, value in variation.items()
+            if np.any(np.asarray(value) != VARIATIONS[name].neutral)
+        )
 
-    def check_randomization(self, randomization: Randomization | None) -> None:
-        """Raise ValueError for what cannot vary between episodes of this robot."""
-        if randomization is not None and tuple(randomization.tension_gain) != (1, 1):
-            self._check_gain()
-        if randomization is not None and tuple(randomization.sensor_errors) != (0, 0):
-            self._check_sensors()
-
-    def _check_sensors(self) -> None:
-        if not self.task.robot.sensors:
-            raise ValueError(
-                f"sensor_errors varies curvature sensors; robot {self.task.robot.name!r} has none"
-            )
-
-    def _check_gain(self) -> None:
-        if self.twin is not None:
-            raise ValueError(
-                f"tension_gain varies tensions that drives apply; robot {self.task.robot.name!r} "
-                "is driven by length"
-            )
+    def check_varied(self, names: Iterable[str]) -> None:
+        """Raise ValueError for what cannot vary of this robot."""
+        for name in names:
+            why = misfit(name, self.task.robot)
+            if why is not None:
+                raise ValueError(why)
 
     def start(self, options: ResetOptions, task: Task) -> Start:
         """How the options, or else the task, let an episode begin.
@@ -327,50 +299,33 @@ class SimulatedSetting(Setting):
 
 
 def _plant(
-    robot: RobotParams,
-    control_period: float,
-    speed: float,
-    axes: slice,
-    factory: PlantFactory | None,
-    chain: dict[str, Any],
+    config: EnvConfig, robot: RobotParams, speed: float, axes: slice
 ) -> MujocoPlant | BeamPlant:
-    if factory is None:
-        return MujocoPlant(robot, control_period, speed, axes, **chain)
-    given = {k: v for k, v in chain.items() if v not in (None, DEFAULT_ACCURACY)}
+    chain, period = {name: getattr(config, name) for name in CHAIN}, config.control_period
+    if config.plant is None:
+        return MujocoPlant(robot, period, speed, axes, **chain)
+    given = [name for name, value in chain.items() if value not in (None, DEFAULT_SHARE)]
     if given:
         raise ValueError(
             f"{', '.join(given)} belong to the MuJoCo chain; another plant has its own options"
         )
-    return BeamPlant(robot, control_period, factory, speed, axes)
+    return BeamPlant(robot, period, config.plant, speed, axes)
 
 
-def make_env_task(
-    task: str | Task, robot: str | RobotParams | None, options: dict[str, float]
-) -> Task:
+def make_env_task(config: EnvConfig) -> Task:
     """The task of an environment, made if it is a name.
 
     Raises:
         ValueError: A bad name or option, or options or a robot for a task that is made already.
     """
+    task, options = config.task, config.task_options
     check_argument("task", task, str | Task)
-    check_argument("robot", robot, str | RobotParams | None)
     if isinstance(task, str):
-        return make_task(task, robot=robot, **options)
-    if options or robot is not None:
-        given = ", ".join([*options, *(["robot"] if robot is not None else [])])
+        return make_task(task, robot=config.robot, **options)
+    if options or config.robot is not None:
+        given = ", ".join([*options, *(["robot"] if config.robot is not None else [])])
         raise ValueError(f"a task that is made already has its robot and options, got {given}")
     return task
-
-
-def check_task_options(
-    kind: type, task: str | Task, robot: str | RobotParams | None, options: dict[str, float]
-) -> None:
-    """Raise TypeError for an argument of an environment class that is no option of any task."""
-    check_argument("robot", robot, str | RobotParams | None)
-    own = options_of(task, robot) if isinstance(task, str) else ()
-    for name in options:
-        if name not in own and name not in OPTIONS:
-            raise unexpected_argument(kind, name, own)
 
 
 def sizes_of(
@@ -409,17 +364,16 @@ def sizes_of(
     )
 
 
-def _twin_for(twin: Twin | int | None, task: Task) -> Twin | None:
-    check_argument("twin", twin, Twin | int | None)
-    robot = task.robot
+def _twin_for(robot: RobotParams, given: Twin | int | None) -> Twin | None:
+    """What is simulated of a robot driven by length; None of one driven by tension."""
     if robot.drive.kind == "tension":
-        if twin is not None:
+        if given is not None:
             raise ValueError(
                 f"a twin is a robot whose tendons are wound up by servos; robot {robot.name!r} is "
                 "driven by tension (use `vary` or `randomization`)"
             )
         return None
-    made = twin_of(robot, twin)
+    made = twin_of(robot, given)
     if len(made.robot.tendons) != len(robot.tendons):
         raise ValueError(
             f"the twin has {len(made.robot.tendons)} tendons, the task's robot {len(robot.tendons)}"

@@ -1,0 +1,172 @@
+"""Options of all environments: declared, checked and explained once."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
+
+from gymnasium.vector import AutoresetMode
+
+from softrobot_env.core.records import (
+    Count,
+    NotNegative,
+    Positive,
+    Range,
+    Whole,
+    check_argument,
+    check_fields,
+)
+from softrobot_env.envs.randomization import Randomization
+from softrobot_env.envs.rewards import GripReward, TrackingReward
+from softrobot_env.robots import Gripper, RobotParams
+from softrobot_env.robots.parameters import Pieces
+from softrobot_env.robots.twin import Twin
+from softrobot_env.scene.config import DEFAULT_SHARE
+from softrobot_env.scene.gripper import Resolution
+from softrobot_env.tasks import OPTIONS, Task, options_of
+from softrobot_env.tasks.gripper import GripTask
+
+#: [s].
+ControlPeriod = Annotated[float, Range("between 0.001 and 0.2 s", lambda x: 1e-3 <= x <= 0.2)]
+AUTORESET_MODES = tuple(mode.value for mode in AutoresetMode)
+
+#: What environments take: all but the gripper's, simulated ones, those with pictures, many at once,
+#: many robots, the real rig, and grippers.
+TRACKING = ("task", "control_period", "observe", "preview", "observe_as", "act_as", "reward")
+CHAIN = ("pieces", "rule", "timestep", "integrator", "accuracy")
+SIMULATED = (*TRACKING, "robot", "twin", "randomization", *CHAIN)
+PICTURES = ("render_mode", "width", "height")
+MANY = ("num_envs", "threads", "backend", "autoreset_mode", "render_mode")
+VECTOR = (*SIMULATED, *MANY, "device", "max_episode_steps")
+REAL = (*TRACKING, "port", "robot_file", "line", "tip", "max_missed", "oldest")
+GRIPPER = ("task", "control_period", "observe", "observe_as", "reward", "gripper", "fineness")
+GRIPPER += ("pieces", "timestep", "backend")
+
+
+@dataclass(frozen=True)
+class EnvConfig:
+    """Options of environments, keyword arguments of `gymnasium.make` and `gymnasium.make_vec`.
+
+    Each environment takes some of them, its attribute `takes`; and for a task given by name the
+    options of that task, see `tasks.make_task`.
+
+    Attributes:
+        task: A task or its name.
+        robot: The robot of a task given by name: itself, its name, or a robot file (*.toml). Unless
+            given, the one that the task is made for.
+        twin: Of a robot driven by length, the one that is simulated; or the seed of a rig with
+            errors (`twin.rig3d_twin`). Unless given, a robot as its parameters say.
+        control_period: [s], between 1 ms and 200 ms. Of the real rig that of the robot file unless
+            given; longer than its `state_delay`, and at most half of its watchdog.
+        observe: Names of the observables in an observation, or "all": all but `sensors`, and those
+            that others registered, which are asked for by name. Unless given, all but these and
+            tensions, lengths and reference_acceleration of a robot driven by tension, and all but
+            curvatures and tensions of one driven by length, as a lab can measure them. Of the real
+            rig "tendon_tension" needs a board that measures forces. Of grippers names out of
+            `observations.fingers.KNOWN`.
+        preview: Times [s] ahead of now of `reference_preview`.
+        observe_as: "dict", or "vector": one float32 vector of order 1.
+        act_as: What actions stand for: "input", or "change" of the inputs in force. Unless given,
+            inputs, and with vectors changes.
+        reward: Weights and scales of the reward, or the name of one out of `rewards.REWARDS`.
+            Unless given "tracking", and with vectors "log"; of grippers a `GripReward`.
+        randomization: Ranges of what varies, sampled by `np_random` for every episode that is reset
+            without `vary`, and reported in `info["variation_density"]` and so on.
+        pieces, rule, timestep, integrator, accuracy: Of the MuJoCo chain, see `SceneConfig`; in
+            space, pieces must be a multiple of the robot's. Of each finger of a gripper pieces, and
+            the timestep [s], as its fineness says unless given.
+        plant: Builds the model that is simulated in place of the MuJoCo chain, for instance
+            `beams.registry.BeamPlant("pcc")`.
+        render_mode: None, "rgb_array" or "human"; many environments are not rendered.
+        width, height: Size of a frame in pixels.
+        num_envs: Number n of environments.
+        threads: Of their pool, 0 for as many as have enough to do.
+        backend: "mujoco", or "warp" (extra `gpu`), which knows no contacts.
+        device: Of the backend "warp": "cuda:0" or "cpu"; the first CUDA device unless given.
+        max_episode_steps: After which an episode is truncated, if it is not over before.
+        autoreset_mode: One of `AutoresetMode`, or its value.
+        gripper: A name out of `GRIPPERS`, the path of a file, or a gripper.
+        fineness: A name out of `scene.gripper.FINENESS`: "quick" has few pieces and long timesteps,
+            and bends err by 1 degree on average, "rule" is as the rule for contacts has it, and 50
+            times slower (`softrobot benchmark gripper`).
+        port: Serial port instead of the robot file's.
+        robot_file: Calibration and limits, or the path of its TOML file; the default one of the rig
+            unless given.
+        line: Opens the way to the microcontroller, instead of the serial port.
+        tip: Measures the tip (`hardware.tip.TipSource`), instead of what the robot file names.
+        max_missed: Control periods that may be missed in an episode.
+        oldest: [s], oldest measurement that is still good.
+        task_options: Options of a task given by name.
+    """
+
+    task: str | Task | GripTask = "swing"
+    robot: str | RobotParams | None = None
+    twin: Twin | int | None = None
+    control_period: ControlPeriod | None = 0.01
+    observe: str | tuple[str, ...] | None = None
+    preview: tuple[NotNegative, ...] = (0.05, 0.1, 0.2, 0.4)
+    observe_as: Literal["dict", "vector"] = "dict"
+    act_as: Literal["input", "change"] | None = None
+    reward: TrackingReward | GripReward | str | None = None
+    randomization: Randomization | None = None
+    pieces: Pieces | tuple[Pieces, ...] | None = None
+    rule: str | None = None
+    timestep: Positive | None = None
+    integrator: str | None = None
+    accuracy: float | str = DEFAULT_SHARE
+    plant: Callable[..., Any] | None = None
+    render_mode: str | None = None
+    width: Count = 640
+    height: Count = 480
+    num_envs: Count = 1
+    threads: Whole = 0
+    backend: Literal["mujoco", "warp"] = "mujoco"
+    device: str | None = None
+    max_episode_steps: Count | None = None
+    autoreset_mode: AutoresetMode | Literal[AUTORESET_MODES] = AutoresetMode.NEXT_STEP
+    gripper: str | Gripper = "gripper"
+    fineness: str | Resolution = "quick"
+    port: str | None = None
+    robot_file: object = None  # and `tip`: their types take time to load
+    line: Callable[..., Any] | None = None
+    tip: object = None
+    max_missed: Whole = 25
+    oldest: Positive = 0.1
+    task_options: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_fields(self, "environment")
+        if not self.preview:
+            raise ValueError("environment: preview needs one or more times, got none")
+
+    @classmethod
+    def of(cls, kind: type, options: dict[str, Any]) -> "EnvConfig":
+        """The options that an environment class was given.
+
+        Raises:
+            ValueError: One out of range; the message names what is allowed.
+            TypeError: One that neither the class nor any task has.
+        """
+        rest = {**kind.usual, **options}
+        config = cls(**{n: rest.pop(n) for n in kind.takes if n in rest}, task_options=rest)
+        has_options = "gripper" not in kind.takes
+        own, known = (), ()
+        if has_options and isinstance(config.task, str):
+            own, known = options_of(config.task, config.robot), OPTIONS
+        elif has_options:
+            known = OPTIONS
+        for name in rest:
+            if name not in own and name not in known:
+                raise TypeError(
+                    f"{kind.__name__}.__init__() got an unexpected keyword argument {name!r}; "
+                    f"allowed are {', '.join(dict.fromkeys([*kind.takes, *own]))}"
+                )
+        modes = tuple(kind.metadata["render_modes"])
+        check_argument(
+            "render_mode", config.render_mode, Literal[modes] | None if modes else type(None)
+        )
+        return config
+
+    @property
+    def is_for_learning(self) -> bool:
+        """Whether agents see vectors, which changes what rewards and actions are unless given."""
+        return self.observe_as == "vector"

@@ -1,0 +1,213 @@
+"""What varies between episodes: parameters of a robot, of its drives and of its sensors.
+
+An entry of `VARIATIONS` is all that a varied parameter needs: `RobotParams.vary`, the option `vary`
+of environments, `Randomization`, `softrobot evaluate --vary` and the labels of reports read it.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from numbers import Real
+from typing import Any
+
+from softrobot_env.core.records import check_fields
+from softrobot_env.core.registry import Registry
+
+#: Smallest and largest factors [1], and amounts that may be zero.
+FACTORS, AMOUNTS = (1e-6, 1e6), (0.0, 1e6)
+
+
+@dataclass(frozen=True)
+class Variation:
+    """A number that can differ from the nominal robot's.
+
+    Attributes:
+        name: In `vary`, `Randomization`, `--vary` and, after "variation_", in `info`.
+        apply: Function of a robot (`RobotParams`) and a value that returns the varied robot; None
+            of what lies between robot and policy, which environments know themselves.
+        neutral: Value that changes nothing.
+        range: Smallest and largest value.
+        unit: In SI, "1" of factors.
+        label: How reports show a value.
+        scales: Fields of a MuJoCo model that are proportional to the value, if that is all that
+            changes. Many simulations then vary at once; else a scene is built for each.
+        misfit: Function of a robot that says why it cannot have other values, or returns None.
+    """
+
+    name: str
+    apply: Callable[[Any, float], Any] | None = None
+    neutral: float = 1.0
+    range: tuple[float, float] = FACTORS
+    unit: str = "1"
+    label: Callable[[float], str] | None = None
+    scales: tuple[str, ...] = ()
+    misfit: Callable[[Any], str | None] | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self, f"variation {self.name!r}")
+        if not self.range[0] <= self.neutral <= self.range[1]:
+            raise ValueError(f"variation {self.name!r}: neutral must lie in its range")
+
+    @property
+    def is_factor(self) -> bool:
+        """Whether values are factors, which are sampled log-uniformly."""
+        return self.neutral == 1
+
+    def check(self, value: object) -> float:
+        """A value as a number; raises ValueError if it is none, or out of range."""
+        number = as_number(value)
+        low, high = self.range
+        if number is None or not low <= number <= high:
+            unit = "" if self.unit == "1" else f" {self.unit}"
+            raise ValueError(
+                f"value of {self.name!r} must be a number from {low:g} to {high:g}{unit}, got "
+                f"{value!r}"
+            )
+        return number
+
+    def shown(self, value: float) -> str:
+        """A value for people."""
+        if self.label is not None:
+            return self.label(value)
+        return f"{self.name} {'x ' if self.is_factor else ''}{value:g}"
+
+
+def _scaled(name: str) -> Callable[[Any, float], Any]:
+    """Multiplies a parameter of the robot, or of all its sections."""
+
+    def apply(robot: Any, factor: float) -> Any:
+        if robot.sections:
+            return robot.with_sections(*(s.vary(**{name: factor}) for s in robot.sections))
+        return replace(robot, **{name: getattr(robot, name) * factor})
+
+    return apply
+
+
+def _tendons(robot: Any, radius: float = 1.0, friction: float = 0.0) -> Any:
+    return replace(robot, tendons=tuple(t.vary(radius, friction) for t in robot.tendons))
+
+
+def _without_tensions(robot: Any) -> str | None:
+    if robot.drive.kind == "tension":
+        return None
+    return (
+        f"tension_gain varies tensions that drives apply; robot {robot.name!r} is driven by length"
+    )
+
+
+def _without_sensors(robot: Any) -> str | None:
+    if robot.sensors:
+        return None
+    return f"sensor_errors varies curvature sensors; robot {robot.name!r} has none"
+
+
+_SPRINGS = ("jnt_stiffness", "jnt_stiffnesspoly", "tendon_stiffness", "tendon_stiffnesspoly")
+_DAMPERS = ("tendon_damping", "dof_damping")
+
+#: Factors and friction of the robot, what lies between it and the policy, and what is registered.
+#: A varied Young's modulus keeps the damping time, hence scales D with K (thesis sec. 6.6.3).
+VARIATIONS: Registry[Variation] = Registry(
+    "variation",
+    {
+        one.name: one
+        for one in (
+            Variation(
+                "youngs_modulus",
+                _scaled("youngs_modulus"),
+                label="E x {:g}".format,
+                scales=_SPRINGS + _DAMPERS,
+            ),
+            Variation(
+                "density",
+                _scaled("density"),
+                label="rho x {:g}".format,
+                scales=("body_mass", "body_inertia"),
+            ),
+            Variation(
+                "damping_time",
+                _scaled("damping_time"),
+                range=AMOUNTS,
+                label="mu x {:g}".format,
+                scales=_DAMPERS,
+            ),
+            Variation(
+                "tendon_radius",
+                lambda robot, factor: _tendons(robot, radius=factor),
+                label="r_t x {:g}".format,
+            ),
+            Variation(
+                "tendon_friction",
+                lambda robot, force: _tendons(robot, friction=force),
+                neutral=0.0,
+                range=AMOUNTS,
+                unit="N",
+                label="friction {:g} N".format,
+            ),
+            Variation("tension_gain", label="gain x {:g}".format, misfit=_without_tensions),
+            Variation(
+                "delay",
+                neutral=0.0,
+                range=(0.0, 1.0),
+                unit="s",
+                label=lambda time: f"delay {1e3 * time:g} ms",
+            ),
+            Variation("sensor_noise", None, 0.0, (0.0, 10.0), label="noise x {:g}".format),
+            Variation(
+                "sensor_errors",
+                None,
+                0.0,
+                (0.0, 5.0),
+                label="sensor errors x {:g}".format,
+                misfit=_without_sensors,
+            ),
+        )
+    },
+)
+
+
+def register_variation(variation: Variation, replace: bool = False) -> None:
+    """Add a varied parameter of robots, or replace one.
+
+    Raises:
+        ValueError: The name is taken and `replace` is not set, or there is nothing to apply.
+    """
+    if variation.apply is None:
+        raise ValueError(f"variation {variation.name!r} needs a function `apply` of a robot")
+    VARIATIONS.register(variation.name, variation, replace)
+
+
+def find_variation(name: str) -> Variation:
+    """The entry of a name; raises ValueError that lists the names."""
+    if name not in VARIATIONS:
+        raise ValueError(f"cannot vary {name!r}; choose from {', '.join(VARIATIONS)}")
+    return VARIATIONS[name]
+
+
+def check_variation(name: str, value: object) -> None:
+    """Raise ValueError for an unknown name, or a value that it cannot have."""
+    find_variation(name).check(value)
+
+
+def neutral() -> dict[str, float]:
+    """Values by name that change nothing."""
+    return {name: one.neutral for name, one in VARIATIONS.items()}
+
+
+def varied(robot: Any, values: dict[str, float]) -> Any:
+    """A robot with values by name, applied in the order of the table.
+
+    Raises:
+        ValueError: A name or a value that cannot be, or one that no robot has.
+    """
+    for name, value in values.items():
+        check_variation(name, value)
+        if VARIATIONS[name].apply is None:
+            raise ValueError(f"{name} is no parameter of a robot: environments vary it")
+    for name, one in VARIATIONS.registered().items():
+        if name in values:
+            robot = one.apply(robot, float(values[name]))
+    return robot
+
+
+def as_number(value: object) -> float | None:
+    """The value as a float, None if it is no number (nor text, nor a truth value)."""
+    return float(value) if isinstance(value, Real) and not isinstance(value, bool) else None
