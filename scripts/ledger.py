@@ -13,7 +13,6 @@ import tempfile
 import tomllib
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import fields, is_dataclass
 from importlib import import_module
 from inspect import Parameter, signature
 from pathlib import Path
@@ -61,7 +60,7 @@ TABLES = {
     "observable": ("softrobot_env.envs.observations.table:OBSERVABLES",),
     "reward": ("softrobot_env.envs.rewards:REWARDS",),
     "reward term": ("softrobot_env.envs.rewards:TERMS",),
-    "variation": ("softrobot_env.envs.disturbances:NEUTRAL",),
+    "variation": ("softrobot_env.robots.variations:VARIATIONS",),
     "plant": ("softrobot_env.beams.registry:PLANTS",),
     "reset option": ("softrobot_env.envs.options:RESET_OPTIONS",),
     "training setting": ("softrobot_env.training.rl_config:NUMBERS",),
@@ -156,15 +155,14 @@ def environments() -> Iterator[str]:
 
 
 def _arguments(entry_point: str) -> Iterator[str]:
-    """Keyword arguments of a class; where it takes `**`, of its bases, and fields of `config`."""
+    """Keyword arguments of a class: those of `__init__`, what `takes` names, and of its bases."""
     for kind in _first([entry_point]).__mro__:
         parameters = list(signature(kind.__init__).parameters.values())[1:]
         named = (Parameter.KEYWORD_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
         yield from (p.name for p in parameters if p.kind in named)
         if not any(p.kind is Parameter.VAR_KEYWORD for p in parameters):
             return
-        if is_dataclass(config := getattr(kind, "config", None)):
-            yield from (field.name for field in fields(config))
+        yield from getattr(kind, "takes", ())
 
 
 def registries() -> Iterator[str]:

@@ -27,6 +27,10 @@ from softrobot_env.tasks.gripper import GripTask
 
 #: [s].
 ControlPeriod = Annotated[float, Range("between 0.001 and 0.2 s", lambda x: 1e-3 <= x <= 0.2)]
+
+#: [s].
+DEFAULT_PERIOD = 0.01
+
 AUTORESET_MODES = tuple(mode.value for mode in AutoresetMode)
 
 #: What environments take: all but the gripper's, simulated ones, those with pictures, many at once,
@@ -101,8 +105,8 @@ class EnvConfig:
     task: str | Task | GripTask = "swing"
     robot: str | RobotParams | None = None
     twin: Twin | int | None = None
-    control_period: ControlPeriod | None = 0.01
-    observe: str | tuple[str, ...] | None = None
+    control_period: ControlPeriod | None = DEFAULT_PERIOD
+    observe: object = None  # names, looked up where it is known what there is
     preview: tuple[NotNegative, ...] = (0.05, 0.1, 0.2, 0.4)
     observe_as: Literal["dict", "vector"] = "dict"
     act_as: Literal["input", "change"] | None = None

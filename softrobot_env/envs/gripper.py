@@ -108,9 +108,9 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, np
         Args:
             seed: Seed of the first environment, the others follow; or one each.
             options: Values in place of samples, by names out of `tasks.gripper.DRAWN`, each a
-                number or an array of n; `modulus` and `arm` may be of the fingers, `pull` and `shake` are
-                sizes, in a sampled direction, or vectors (3,). And `reset_mask` (n,) bool, the
-                environments to reset, all unless given.
+                number or an array of n; `modulus` and `arm` may be of the fingers, `pull` and
+                `shake` are sizes, in a sampled direction, or vectors (3,). And `reset_mask` (n,)
+                bool, the environments to reset, all unless given.
 
         Raises:
             ValueError: A bad option; the message names what is allowed.

@@ -24,16 +24,22 @@ class Randomization:
 
     ranges: dict[str, Range]
 
-    def __init__(self, **ranges: Range) -> None:
-        """Ranges of some; all else stays as it is.
+    def __init__(self, ranges: dict[str, Range] | None = None, **more: Range) -> None:
+        """Ranges of some, by keyword or together; all else stays as it is.
 
         Raises:
             ValueError: An unknown name, or a range that is none; says what is allowed.
         """
-        for name, ends in ranges.items():
+        given = {**(ranges or {}), **more}
+        for name, ends in given.items():
             _check_range(find_variation(name), ends)
         every = {name: (one.neutral, one.neutral) for name, one in VARIATIONS.items()}
-        object.__setattr__(self, "ranges", every | {n: tuple(ends) for n, ends in ranges.items()})
+        object.__setattr__(self, "ranges", every | {n: tuple(ends) for n, ends in given.items()})
+
+    def __getattr__(self, name: str) -> Range:
+        if name == "ranges" or name not in self.ranges:
+            raise AttributeError(name)
+        return self.ranges[name]
 
     @property
     def varied(self) -> dict[str, Range]:

@@ -164,7 +164,7 @@ class LogReward(TrackingReward):
 
     @classmethod
     def of(cls, robot: RobotParams) -> "LogReward":
-        """With the scales of a robot: twice its reach, and `observations.vector.NEAR` of it."""
+        """With the scales of a robot: twice its reach, and `observations.table.NEAR` of it."""
         return cls(coarse_scale=2 * robot.reach, fine_scale=NEAR * robot.reach)
 
     def _earned(self, error: Any, functions: Any) -> tuple[Any, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy import float64
 
 from softrobot_env.core.interfaces import Seen
-from softrobot_env.envs.config import PICTURES, SIMULATED, EnvConfig
+from softrobot_env.envs.config import DEFAULT_PERIOD, PICTURES, SIMULATED, EnvConfig
 from softrobot_env.envs.disturbances import (
     Drives,
     SensorNoise,
@@ -29,6 +29,8 @@ from softrobot_env.robots.variations import neutral
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.tasks import Task
+
+__all__ = ["DEFAULT_PERIOD", "TrackingEnv"]
 
 #: What `_install` takes from a simulation anew; a copy or a pickle goes without.
 _REBUILT = {
@@ -111,8 +113,8 @@ class TrackingEnv(gymnasium.Env[Seen, np.ndarray]):
     arrives the start is in force. A varied robot starts in the posture of the nominal one, with the
     same commands (thesis sec. 6.6.3), times the `tension_gain`; names and units of `vary` are
     those of `robots.variations`. Sensors may be noisy (`sensor_noise`). Rewards, error, failures
-    and `previous_action` keep to the true state and the commanded action, and with noise or a camera
-    that errs `info` also holds the true tip_position, and curvature.
+    and `previous_action` keep to the true state and the commanded action, and with noise or a
+    camera that errs `info` also holds the true tip_position, and curvature.
 
     A camera without noise and delay sees the true position and velocity. Otherwise it takes a
     picture every `robots.CAMERA_PERIOD` (90 a second, or one per control period where that is

@@ -187,9 +187,13 @@ def check_variation(name: str, value: object) -> None:
     find_variation(name).check(value)
 
 
-def neutral() -> dict[str, float]:
-    """Values by name that change nothing."""
-    return {name: one.neutral for name, one in VARIATIONS.items()}
+def neutral(robots_only: bool = False) -> dict[str, float]:
+    """Values by name that change nothing, of everything or of parameters of robots alone."""
+    return {
+        name: one.neutral
+        for name, one in VARIATIONS.items()
+        if not (robots_only and one.apply is None)
+    }
 
 
 def varied(robot: Any, values: dict[str, float]) -> Any:

@@ -11,7 +11,8 @@ from support.routed_robots import HELICAL
 from softrobot_env.envs.simulation import batch as module
 from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.envs.simulation.plants import MujocoPlant
-from softrobot_env.robots import EXAMPLES, NEUTRAL, find_robot
+from softrobot_env.robots import EXAMPLES, find_robot
+from softrobot_env.robots.variations import neutral
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig, TipSensors
 from softrobot_env.scene.registry import SCENES, scene_of
@@ -50,7 +51,10 @@ class Pair:
     def __init__(self, plant, variation):
         model, which = plant.nominal.model, np.arange(COUNT)
         self.batch, self.single = BatchSimulation(plant.nominal, COUNT), plant.simulation(variation)
-        values = {name: np.array([value]) for name, value in (NEUTRAL | variation).items()}
+        values = {
+            name: np.array([value])
+            for name, value in (neutral(robots_only=True) | variation).items()
+        }
         self.batch.vary(np.array([VARIED]), values)
         self.servos = [None, None]
         start = np.zeros(model.nu)
@@ -171,7 +175,7 @@ def test_many_variations_at_once_and_back_again():
         plain, varied = BatchSimulation(scene, COUNT), BatchSimulation(scene, COUNT)
         which, zero = np.arange(COUNT), np.zeros((COUNT, scene.model.nu))
         for radius in ([0.9, 1.0, 1.1], [1.0, 1.0, 1.0]):
-            values = {n: np.full(COUNT, value) for n, value in NEUTRAL.items()}
+            values = {n: np.full(COUNT, value) for n, value in neutral(robots_only=True).items()}
             varied.vary(which, values | {"tendon_radius": np.array(radius)})
             for batch in (plain, varied):
                 batch.reset(which, np.full((COUNT, scene.model.nq), 0.02), zero)

@@ -378,7 +378,7 @@ def test_bad_observe_lists_the_allowed(observe, make_env):
 
 @pytest.mark.parametrize("preview", [(), (-0.1,), (0.1, np.nan), (np.inf,)])
 def test_bad_preview(preview, make_env):
-    with pytest.raises(ValueError, match="preview needs one or more times >= 0 s"):
+    with pytest.raises(ValueError, match="preview"):
         make_env(preview=preview)
 
 
@@ -568,8 +568,8 @@ def test_one_observable_by_name(make_env):
 @pytest.mark.parametrize(
     ("argument", "message"),
     [
-        ({"width": 0}, "width and height"),
-        ({"height": 320.5}, "width and height"),
+        ({"width": 0}, "width must|height must"),
+        ({"height": 320.5}, "width must|height must"),
         ({"control_period": "x"}, "control_period"),
         ({"control_period": np.nan}, "control_period"),
         ({"preview": 0.1}, "preview"),

@@ -10,8 +10,6 @@ from support.postures import posed
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.control.registry import make_policy
 from softrobot_env.envs.disturbances import (
-    LARGEST,
-    NEUTRAL,
     SENSOR_NOISE,
     Drives,
     SensorNoise,
@@ -22,6 +20,7 @@ from softrobot_env.envs.rewards import TERMS
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import ARM
+from softrobot_env.robots.variations import VARIATIONS, neutral
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig, TipSensors
 from softrobot_env.scene.simulation import Simulation
@@ -336,7 +335,7 @@ def test_noise_is_bounded():
             return np.full(shape, 9.0)
 
     noise = SensorNoise(1, dict.fromkeys(SENSOR_NOISE, 2))
-    noise.start(0, LARGEST["sensor_noise"], 0)
+    noise.start(0, VARIATIONS["sensor_noise"].range[1], 0)
     noise._generators[0] = Wild()
     noise.advance()
     for name, deviation in SENSOR_NOISE.items():
@@ -358,7 +357,7 @@ def test_records_hold_the_truth():
 
 def test_neutral_values_are_the_plain_environment():
     env, plain = TrackingEnv("swing"), TrackingEnv("swing")
-    (observation, info), (expected, _) = env.reset(options={"vary": NEUTRAL}), plain.reset()
+    (observation, info), (expected, _) = env.reset(options={"vary": neutral()}), plain.reset()
     assert "tip_position" not in info
     for action in actions(20):
         for name, value in expected.items():

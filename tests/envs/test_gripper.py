@@ -146,7 +146,7 @@ def test_bad_options_are_refused_by_name(options, match):
         ({"fineness": 3}, "fineness must be"),
         ({"gripper": "hand"}, "choose from gripper"),
         ({"observe": ("curvature", "smell")}, "distinct names out of curvature"),
-        ({"observe_as": "image"}, "'dict' or 'vector'"),
+        ({"observe_as": "image"}, "'dict', 'vector'"),
         ({"pieces": 7}, "multiple of 3 pieces"),
         ({"control_period": 0.0}, "control_period must be"),
     ],
@@ -220,7 +220,7 @@ def test_shaking_the_palm_is_felt_as_gravity_the_other_way():
     batch.advance()
     before = float(batch.qvel[0, -4])
     batch.advance()
-    fall = -11.81 + 1.0 / float(env._all._drawn["mass"][0])
+    fall = -11.81 + 1.0 / float(env._all._sampled["mass"][0])
     assert batch.qvel[0, -4] - before == pytest.approx(fall * env.control_period, rel=1e-3)
 
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from softrobot_env.envs.options import SIMULATED_OPTIONS
-from softrobot_env.robots import ARM, VARIABLE, centerline
+from softrobot_env.robots import ARM, centerline
+from softrobot_env.robots.variations import neutral
 from softrobot_env.scene.timestep import TimestepWarning
 from softrobot_env.tasks import STEP_WIDTHS, make_task
 
@@ -191,7 +192,7 @@ def test_vary_scales_the_compiled_model(name, factor, make_env):
 
 
 def test_every_factor_is_checked_above():
-    assert {*POWERS, "tendon_friction"} == set(VARIABLE)
+    assert {*POWERS, "tendon_friction"} == set(neutral(robots_only=True))
 
 
 def test_vary_gives_the_compiled_model_friction(make_env):
@@ -306,9 +307,9 @@ BAD_OPTIONS = [
     ({"vary": {"tension_gain": nan}}, "tension_gain"),
     ({"vary": {"delay": -0.01}}, "delay"),
     ({"vary": {"delay": 0.015}}, r"multiple of the control period, 0\.01 s"),
-    ({"vary": {"delay": 1.01}}, "'delay' must be at most 1"),
+    ({"vary": {"delay": 1.01}}, "'delay' must be a number from 0 to 1 s"),
     ({"vary": {"sensor_noise": -1.0}}, "sensor_noise"),
-    ({"vary": {"sensor_noise": 10.1}}, "'sensor_noise' must be at most 10"),
+    ({"vary": {"sensor_noise": 10.1}}, "'sensor_noise' must be a number from 0 to 10"),
     ({"vary": 2.0}, "vary"),
     ({"vary": None}, "vary"),
     ({"start_input": [1.0, 2.0]}, "start_input"),

@@ -9,7 +9,8 @@ from support.routed_robots import TWO
 
 from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.robots import ARM, NEUTRAL, Base, Disc, Section
+from softrobot_env.robots import ARM, Base, Disc, Section
+from softrobot_env.robots.variations import neutral
 from softrobot_env.scene.build import build_scene, vary_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.simulation import Simulation
@@ -29,7 +30,9 @@ def conical_arm(**changes):
 
 
 def _vary(batch, **changes):
-    values = {name: np.array([value]) for name, value in (NEUTRAL | changes).items()}
+    values = {
+        name: np.array([value]) for name, value in (neutral(robots_only=True) | changes).items()
+    }
     batch.vary(np.array([1]), values)
 
 

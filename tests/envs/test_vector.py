@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from softrobot_env.envs.disturbances import NEUTRAL
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.simulation import warp_limits
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.registration import ENVIRONMENTS
+from softrobot_env.robots.variations import neutral
 from softrobot_env.tasks import make_task
 
 COUNT = 4
@@ -315,14 +315,14 @@ def test_draws_fill_their_ranges():
 def test_given_variations_win_over_draws():
     single = TrackingEnv(SHORT, randomization=RANGES)
     _, info = single.reset(seed=0, options={"vary": {"density": 1.1}})
-    expected = {f"variation_{name}": value for name, value in NEUTRAL.items()}
+    expected = {f"variation_{name}": value for name, value in neutral().items()}
     assert told(info) == expected | {"variation_density": 1.1}
 
 
 @pytest.mark.parametrize("ends", [(0.0, 1.0), (2.0, 1.0), (1.0,), "wide", (1.0, np.inf)])
 @pytest.mark.parametrize("name", ["density", "tension_gain"])
 def test_bad_ranges_are_refused(name, ends):
-    with pytest.raises(ValueError, match="0 < low <= high"):
+    with pytest.raises(ValueError, match="low <= high"):
         Randomization(**{name: ends})
 
 
@@ -334,9 +334,9 @@ def test_bad_ranges_of_amounts_are_refused(name, ends):
 
 
 def test_ranges_beyond_the_largest_values_are_refused():
-    with pytest.raises(ValueError, match="'delay' must be at most 1"):
+    with pytest.raises(ValueError, match=r"'delay' .* high <= 1,"):
         Randomization(delay=(0.0, 1.5))
-    with pytest.raises(ValueError, match="'sensor_noise' must be at most 10"):
+    with pytest.raises(ValueError, match=r"'sensor_noise' .* high <= 10,"):
         Randomization(sensor_noise=(0.0, 11.0))
 
 

@@ -176,7 +176,7 @@ EVERYTHING = Randomization(
     delay=(0.0, 0.03),
     sensor_noise=(0.0, 1.0),
 )
-ALL_BUT_GAIN = Randomization(**{n: v for n, v in vars(EVERYTHING).items() if n != "tension_gain"})
+ALL_BUT_GAIN = Randomization(**{n: v for n, v in EVERYTHING.varied.items() if n != "tension_gain"})
 
 #: Curvature sensors of a specimen that is drawn for every episode.
 SENSED = {
@@ -220,7 +220,7 @@ def test_options_of_a_reset():
     vary = {"youngs_modulus": np.array([0.7, 1.0, 1.2, 1.0]), "tendon_radius": 0.95}
     vary["tendon_friction"] = np.array([0.0, 1.0, 0.0, 0.3])
     options = {"vary": vary, "start_curvature": [0.5, 0.2, -0.1, -0.3], "duration": 0.2}
-    options["start_curvature"] = np.resize([0.5, -0.2], exact._setting._bends)
+    options["start_curvature"] = np.resize([0.5, -0.2], exact._parts.bends)
     off = differences(*(e.reset(seed=0, options=dict(options)) for e in (warp, exact)))
     for action in actions(exact, 8):
         off = largest(off, differences(*(env.step(action) for env in (warp, exact))))

@@ -287,7 +287,7 @@ class BeamReadout:
         """Bind to a simulation.
 
         Args:
-            simulation: A `simulation.beam_plant.BeamSimulation`.
+            simulation: A `simulation.plants.BeamSimulation`.
             least, most: Bounds of what is measured.
             servos: What drives the tendons in length; measured are then the lengths pulled in.
         """

@@ -24,6 +24,11 @@ from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.simulation import WORRYING, Simulation, inaccuracy
 from softrobot_env.scene.tendons import FRICTION_IMPEDANCE, FRICTION_REFERENCE, full_length
 
+#: Fields of a model that variations of the package scale.
+SCALABLE = tuple(
+    dict.fromkeys(field for one in VARIATIONS.registered().values() for field in one.scales)
+)
+
 #: Variations that a batch lays out itself: tendons in other channels, and their friction.
 LAID_OUT = ("tendon_radius", "tendon_friction")
 

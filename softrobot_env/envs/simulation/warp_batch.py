@@ -16,13 +16,13 @@ import warp
 
 from softrobot_env.core.arrays import TorchArrays
 from softrobot_env.envs.simulation.batch import (
+    SCALABLE,
     check_timesteps,
     nominal,
     own_fields,
     proportional,
     slopes_of,
 )
-from softrobot_env.envs.simulation.warp_limits import SCALABLE
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.integration.layout import (
     COMMAND,

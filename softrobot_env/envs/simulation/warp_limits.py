@@ -12,6 +12,7 @@ import numpy as np
 
 from softrobot_env.core.extras import install_command
 from softrobot_env.envs.randomization import Randomization
+from softrobot_env.envs.simulation.batch import SCALABLE
 from softrobot_env.robots.variations import VARIATIONS
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.config import DEFAULT_SHARE
@@ -22,11 +23,6 @@ if TYPE_CHECKING:  # what takes seconds to load
 
 #: Those of its integrators.
 INTEGRATORS = (EXTRAPOLATION, "implicitfast", "discrete")
-
-#: Fields of a model in which its robots can differ by factors.
-SCALABLE = tuple(
-    dict.fromkeys(field for one in VARIATIONS.registered().values() for field in one.scales)
-)
 
 #: Length of a step of the extrapolation, over the first period, unless a timestep is given.
 STEP_SHARE = 1 / 150

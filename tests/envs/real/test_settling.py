@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from softrobot_env.envs.real import tip_filter
+from softrobot_env.envs.real import session
 from softrobot_env.envs.real.session import STILL, STILL_TIME, NotStillError, wait_for_rest
 from softrobot_env.hardware.tip import TipMeasurement
 
@@ -13,8 +13,8 @@ class Clock:
 
     def __init__(self, monkeypatch):
         self.now = 100.0
-        monkeypatch.setattr(tip_filter, "monotonic", lambda: self.now)
-        monkeypatch.setattr(tip_filter, "sleep", self.sleep)
+        monkeypatch.setattr(session, "monotonic", lambda: self.now)
+        monkeypatch.setattr(session, "sleep", self.sleep)
 
     def sleep(self, duration):
         self.now += duration

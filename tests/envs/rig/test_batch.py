@@ -19,7 +19,7 @@ MEASURED = ("tip_position", "tip_velocity", "curvature", "curvature_rate", "tend
 def test_many_rigs_are_the_single_environment(seed):
     env = rig(twin=seed)
     observation, info = env.reset(seed=5)
-    setting, twin = env._setting, env.twin
+    setting, twin = env._parts, env.twin
     batch = BatchSimulation(setting.plant.nominal, COUNT)
     servos = Servos(twin.servo_speed, twin.servo_offset, twin.backlash, COUNT)
     batch.drive_by(servos)

@@ -122,7 +122,7 @@ def test_a_sharp_bend_ends_the_episode():
         ({"observe": ("tip",)}, "curvature_rate"),
         ({"preview": ()}, "preview"),
         ({"render_mode": "ansi"}, "rgb_array"),
-        ({"width": 0}, "width and height"),
+        ({"width": 0}, "width must"),
         ({"twin": Twin(replace(RIG, tendons=()), 1.0, (), ())}, "0 tendons"),
     ],
     ids=str,
