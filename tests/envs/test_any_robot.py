@@ -186,8 +186,7 @@ def test_a_built_rod_with_errors_is_a_twin_of_its_own():
     ("options", "message"),
     [
         ({"robot": "hanging_trunk", "twin": 1}, "driven by tension"),
-        ({"robot": "silicone_rod", "twin": 1}, "give a `Twin` of it"),
-        ({"robot": "snake"}, "unknown robot 'snake'; choose from arm"),
+        ({"robot": "snake"}, "unknown robot 'snake'; choose from .*arm"),
         ({"robot": "silicone_rod", "task": "swing"}, "unknown task 'swing'; choose from reach"),
         (
             {"robot": "silicone_rod", "randomization": Randomization(tension_gain=(0.9, 1.1))},

@@ -117,7 +117,6 @@ def test_a_sharp_bend_ends_the_episode():
         ),
         ({"period": 0.02}, "must accelerate by less|below"),
         ({"twin": -1}, "seed of a twin"),
-        ({"task": replace(make_task("triangle"), robot=OTHER), "twin": 3}, "give a `Twin`"),
         ({"control_period": 0.5}, "control_period"),
         ({"observe": ("tip",)}, "curvature_rate"),
         ({"preview": ()}, "preview"),
