@@ -1,13 +1,11 @@
-"""Every entry of every registry loads, public paths import, and nothing else loads by name."""
+"""Every entry of every registry loads, and nothing else loads by name."""
 
 import ast
-import importlib
 import shlex
 from pathlib import Path
 
 import gymnasium
 import pytest
-from gymnasium.envs.registration import registry
 
 from softrobot_env import registration
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
@@ -39,36 +37,6 @@ LOADERS = {
     "softrobot_env/envs/rendering/opengl.py": "MuJoCo's own modules for OpenGL",
     "scripts/ledger.py": "what users reach by name",
 }
-
-#: Names that users import, beside those in the README.
-PUBLIC = (
-    "softrobot_env.robots",
-    "softrobot_env.tasks",
-    "softrobot_env.twin",
-    "softrobot_env.loads",
-    "softrobot_env.envs.tracking",
-    "softrobot_env.envs.vector",
-    "softrobot_env.thesis.envs",
-    "softrobot_env.envs.real",
-    "softrobot_env.envs.randomization",
-    "softrobot_env.envs.disturbances",
-    "softrobot_env.control.registry",
-    "softrobot_env.beams.pcc",
-    "softrobot_env.beams.cosserat",
-    "softrobot_env.beams.ancf",
-    "softrobot_env.beams.registry",
-    "softrobot_env.scene.config",
-    "softrobot_env.scene.build",
-    "softrobot_env.scene.statics",
-    "softrobot_env.hardware.tip",
-    "softrobot_env.training.rl_config",
-    "softrobot_env.training.vec_env",
-)
-
-ENVIRONMENTS = (
-    registration.ENVIRONMENTS | registration.RIG_ENVIRONMENTS | registration.REAL_ENVIRONMENTS
-)
-
 
 # ---------------------------------------------------------------- entries
 
@@ -117,16 +85,6 @@ def test_policies_load_with_what_they_need_of_an_environment(name):
         assert set(policy.requires) <= {*bare.observation_space, "curvature_rate"}
 
 
-@pytest.mark.parametrize("env_id", ENVIRONMENTS)
-def test_environments_have_entry_points(env_id):
-    spec = registry[env_id]
-    assert callable(load(spec.entry_point))
-    if spec.vector_entry_point is not None:
-        assert callable(load(spec.vector_entry_point))
-    names = RIG_TASKS if env_id not in registration.ENVIRONMENTS else ALL_TASKS
-    assert spec.kwargs["task"] in names
-
-
 @pytest.mark.parametrize(
     ("prefix", "name", "command"),
     [("", name, command) for name, command in COMMANDS.items()]
@@ -144,12 +102,6 @@ def test_commands_parse_their_own_examples(prefix, name, command):
 
 
 # ---------------------------------------------------------------- paths
-
-
-@pytest.mark.parametrize("path", PUBLIC)
-def test_public_paths_import(path):
-    module = importlib.import_module(path)
-    assert [name for name in vars(module) if not name.startswith("_")]
 
 
 def test_only_registries_load_by_names_made_at_run_time():

@@ -69,31 +69,36 @@ def test_bad_tasks_are_named(name, options, message):
         make_task(name, **options)
 
 
-def test_a_task_needs_its_robots_tendons():
-    with pytest.raises(ValueError, match="3 tendon inputs, start_input 2"):
-        Task("short", RIG, RoundedTriangle(), 1.0, (0.0, 0.0), axes="xy")
-    with pytest.raises(ValueError, match="duration"):
-        Task("short", RIG, RoundedTriangle(), 0.0, (0.0,) * 3, axes="xy")
+def task_of(start=(0.0,) * 3, duration=1.0):
+    return Task("short", RIG, RoundedTriangle(), duration, start, axes="xy")
 
 
-@pytest.mark.parametrize("length", [0.031, -0.031])
-def test_starts_out_of_range_are_refused(length):
-    with pytest.raises(
-        ValueError, match=r"start_input must lie between \[-0.03, -0.03, -0.03\] and .* m"
-    ):
-        Task("far", RIG, RoundedTriangle(), 1.0, (0.0, length, 0.0), axes="xy")
-
-
-@pytest.mark.parametrize("length", [np.nan, np.inf])
-def test_starts_that_are_no_numbers_are_refused(length):
-    with pytest.raises(ValueError, match=r"start_input\[1\] must be a finite number"):
-        Task("far", RIG, RoundedTriangle(), 1.0, (0.0, length, 0.0), axes="xy")
-
-
-@pytest.mark.parametrize("point", [(0.1, 0.0), (0.1, np.nan, 0.0), (np.inf, 0.0, 0.0)])
-def test_set_points_need_three_finite_coordinates(point):
-    with pytest.raises(ValueError, match=r"points\[1\].* finite number"):
-        SetPoints(((0.0, 0.0, 0.0), point), 1.0)
+@pytest.mark.parametrize(
+    ("make", "values", "allowed"),
+    [
+        (task_of, [(0.0, 0.0)], "3 tendon inputs, start_input 2"),
+        (lambda duration: task_of(duration=duration), [0.0], "duration"),
+        (
+            lambda length: task_of((0.0, length, 0.0)),
+            [0.031, -0.031],
+            r"start_input must lie between \[-0.03, -0.03, -0.03\] and .* m",
+        ),
+        (
+            lambda length: task_of((0.0, length, 0.0)),
+            [np.nan, np.inf],
+            r"start_input\[1\] must be a finite number",
+        ),
+        (
+            lambda point: SetPoints(((0.0, 0.0, 0.0), point), 1.0),
+            [(0.1, 0.0), (0.1, np.nan, 0.0), (np.inf, 0.0, 0.0)],
+            r"points\[1\].* finite number",
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused(make, values, allowed):
+    for value in values:
+        with pytest.raises(ValueError, match=allowed):
+            make(value)
 
 
 def test_a_remade_task_keeps_robot_and_start():

@@ -55,24 +55,19 @@ def tip_by_quadrature(a):
 
 
 @pytest.mark.parametrize("name", KINKS)
-def test_velocity_is_the_derivative_of_position(name):
+def test_velocity_and_acceleration_are_the_derivatives(name):
+    """h^2 / 6 times the third derivative (below 1e-2 m/s3) and the rounding 1e-16 / h are below
+    1e-10 m/s; the arc-length table's interpolation in steps of 0.04 errs by 0.04^4 / 384. The
+    largest acceleration is v^2 / radius = 0.01 / 0.4 m/s2.
+    """
     trajectory, kinks = KINKS[name]
     h = 1e-4
     t = smooth_times(kinks, 2 * h)
-    difference = (trajectory.position(t + h) - trajectory.position(t - h)) / (2 * h)
-    # h^2 / 6 times the third derivative (below 1e-2 m/s3) and the rounding 1e-16 / h are below
-    # 1e-10; the arc-length table's interpolation in steps of 0.04 errs by 0.04^4 / 384.
-    np.testing.assert_allclose(trajectory.velocity(t), difference, atol=1e-8)
-
-
-@pytest.mark.parametrize("name", KINKS)
-def test_acceleration_is_the_derivative_of_velocity(name):
-    trajectory, kinks = KINKS[name]
-    h = 1e-4
-    t = smooth_times(kinks, 2 * h)
-    difference = (trajectory.velocity(t + h) - trajectory.velocity(t - h)) / (2 * h)
-    # The largest acceleration is v^2 / radius = 0.01 / 0.4 m/s2.
-    np.testing.assert_allclose(trajectory.acceleration(t), difference, atol=1e-6 * 0.025)
+    for value, rate, bound in (
+        (trajectory.position, trajectory.velocity, 1e-8),
+        (trajectory.velocity, trajectory.acceleration, 1e-6 * 0.025),
+    ):
+        np.testing.assert_allclose(rate(t), (value(t + h) - value(t - h)) / (2 * h), atol=bound)
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -128,12 +123,6 @@ def test_polyline_passes_its_waypoints():
     np.testing.assert_allclose(middle, [[0.24, 0, 0.36], [0.295, 0, 0.30]])
 
 
-@pytest.mark.parametrize("times", [(0.0, 5.0), (0.0, 5.0, 5.0), (0.0, 5.0, 4.0)])
-def test_polyline_needs_one_increasing_time_per_waypoint(times):
-    with pytest.raises(ValueError, match="one increasing time per waypoint"):
-        Polyline(CORNERS.waypoints, times)
-
-
 # ---------------------------------------------------------------- the equal-force curve
 
 
@@ -169,12 +158,6 @@ def test_parameter_at_distance(start, distance):
     assert np.linalg.norm(gap) == pytest.approx(distance, abs=1e-12)
 
 
-@pytest.mark.parametrize("distance", [0.0, -0.05, 0.4, np.nan, np.inf])
-def test_distance_out_of_reach(distance):
-    with pytest.raises(ValueError, match=r"step width must lie in \(0, \d+\] mm"):
-        CURVE.parameter_at_distance(0.6, distance)
-
-
 # ---------------------------------------------------------------- the sweep
 
 
@@ -203,17 +186,6 @@ def test_acceleration_is_normal_to_the_path():
     t = np.linspace(0.01, 9.99, 200)
     along = np.sum(SWEEP.velocity(t) * SWEEP.acceleration(t), axis=1)
     np.testing.assert_allclose(along, 0.0, atol=1e-16)
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [{"half_length": 1.0}, {"half_length": -0.5}, {"speed": 0.0}, {"speed": -0.1}],
-    ids=str,
-)
-def test_sweeps_that_cannot_be(changes):
-    valid = {"half_length": 0.5, "speed": 0.1}
-    with pytest.raises(ValueError, match="a sweep needs"):
-        CurveSweep(EqualForceCurve(0.5), **(valid | changes))
 
 
 # ---------------------------------------------------------------- smooth runs of closed paths
@@ -313,12 +285,6 @@ def test_random_paths_belong_to_their_seeds():
     assert paths[0] != paths[2]
 
 
-@pytest.mark.parametrize("seed", [-1, 0.5, "0", None, True])
-def test_seeds_that_cannot_be(seed):
-    with pytest.raises(ValueError, match="whole number >= 0"):
-        random_path(seed, START, ALONG, ACROSS)
-
-
 def test_mirrored_paths():
     phase = np.linspace(0, 6, 31)
     path = RANDOM.curve
@@ -326,32 +292,52 @@ def test_mirrored_paths():
     np.testing.assert_allclose(path.mirrored().derivative(phase, 0), expected, atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"speed": 0.0}, r"must lie in \(0, 1.26\] m/s"),
-        ({"speed": -0.1}, "must lie in"),
-        ({"speed": 1.3}, "must lie in"),
-        ({"speed": np.nan}, "speed must be a finite number"),
-        ({"laps": 0}, "laps must be a whole number, 1 or more"),
-        ({"ramp": 0.0}, "ramp must be finite and positive"),
-    ],
-    ids=str,
-)
-def test_runs_that_cannot_be(changes, message):
+# ---------------------------------------------------------------- what cannot be
+
+
+def run_of(**changes):
     """Two laps of 0.1 pi m leave room for the ramps of 0.5 s up to 0.2 pi / 0.5 m/s."""
-    with pytest.raises(ValueError, match=message):
-        SmoothRun(**({"curve": CIRCLE.curve, "speed": 0.4, "laps": 2} | changes))
+    return SmoothRun(**({"curve": CIRCLE.curve, "speed": 0.4, "laps": 2} | changes))
+
+
+def sweep_of(**changes):
+    return CurveSweep(CURVE, **({"half_length": 0.5, "speed": 0.1} | changes))
 
 
 @pytest.mark.parametrize(
-    ("cosine", "sine", "message"),
+    ("make", "values", "allowed"),
     [
-        (((1.0, 0.0, 0.0),), (), "as many cosines as sines"),
-        (((1.0, 0.0),), ((1.0, 0.0),), r"cosine\[0\] must be a tuple of 3"),
-        (((0.0, 0.0, 0.0),), ((0.0, 0.0, 0.0),), "not stay at its start"),
+        (
+            lambda times: Polyline(CORNERS.waypoints, times),
+            [(0.0, 5.0), (0.0, 5.0, 5.0), (0.0, 5.0, 4.0)],
+            "one increasing time per waypoint",
+        ),
+        (
+            lambda distance: CURVE.parameter_at_distance(0.6, distance),
+            [0.0, -0.05, 0.4, np.nan, np.inf],
+            r"step width must lie in \(0, \d+\] mm",
+        ),
+        (lambda half: sweep_of(half_length=half), [1.0, -0.5], "a sweep needs"),
+        (lambda speed: sweep_of(speed=speed), [0.0, -0.1], "a sweep needs"),
+        (
+            lambda seed: random_path(seed, START, ALONG, ACROSS),
+            [-1, 0.5, "0", None, True],
+            "whole number >= 0",
+        ),
+        (lambda v: run_of(speed=v), [0.0, -0.1, 1.3], r"must lie in \(0, 1.26\] m/s"),
+        (lambda v: run_of(speed=v), [np.nan], "speed must be a finite number"),
+        (lambda laps: run_of(laps=laps), [0], "laps must be a whole number, 1 or more"),
+        (lambda ramp: run_of(ramp=ramp), [0.0], "ramp must be finite and positive"),
+        (lambda sine: FourierPath(START, ((1.0, 0, 0),), sine), [()], "as many cosines as sines"),
+        (
+            lambda one: FourierPath(START, (one,), (one,)),
+            [(1.0, 0.0)],
+            r"cosine\[0\] must be a tuple of 3",
+        ),
+        (lambda one: FourierPath(START, (one,), (one,)), [(0.0,) * 3], "not stay at its start"),
     ],
 )
-def test_paths_that_cannot_be(cosine, sine, message):
-    with pytest.raises(ValueError, match=message):
-        FourierPath(START, cosine, sine)
+def test_what_cannot_be_is_refused(make, values, allowed):
+    for value in values:
+        with pytest.raises(ValueError, match=allowed):
+            make(value)
