@@ -4,6 +4,10 @@ The names here are what other parts import; `robots.twin` and `robots.actuation`
 Further robots, such as `ARM` and `RIG` of the thesis, are names that plug-ins hold.
 """
 
+from collections.abc import Callable
+from typing import Any
+from warnings import warn
+
 from softrobot_env.core.registry import served
 from softrobot_env.robots.file import read_gripper, read_robot, write_gripper, write_robot
 from softrobot_env.robots.gripper import Finger, Gripper
@@ -28,9 +32,29 @@ from softrobot_env.robots.registry import (
 from softrobot_env.robots.sections import Backbone, Section
 from softrobot_env.robots.sensors import Sensor
 from softrobot_env.robots.tendons import Tendon
-from softrobot_env.robots.variations import VARIATIONS, Variation, as_number, register_variation
+from softrobot_env.robots.variations import (
+    VARIATIONS,
+    Variation,
+    as_number,
+    neutral,
+    register_variation,
+)
 
-__getattr__ = served(__name__)
+_served = served(__name__)
+
+#: Earlier names that `VARIATIONS` stands for.
+_OLD: dict[str, Callable[[], Any]] = {
+    "NEUTRAL": lambda: neutral(robots_only=True),
+    "VARIABLE": lambda: tuple(neutral(robots_only=True)),
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _OLD:
+        return _served(name)
+    warn(f"robots.{name} is in robots.VARIATIONS now", DeprecationWarning, stacklevel=2)
+    return _OLD[name]()
+
 
 __all__ = [
     "CAMERA_PERIOD",
