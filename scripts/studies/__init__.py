@@ -32,36 +32,22 @@ STUDIES = {
     "transfer": "Every policy on plants, robots and twins that it was not tuned on",
 }
 
-#: Name -> module and name in it; the others have not moved here yet.
-PLACES: dict[str, str] = {
+#: Name -> module and name in it, where it is not `STUDY` of the module of that name.
+PLACES = {
     "accuracy": "accuracy.study:STUDY",
-    "contacts": "contacts:STUDY",
-    "gripper": "gripper:STUDY",
-    "identify": "identify:STUDY",
-    "peers": "peers:STUDY",
-    "reduction": "reduction:STUDY",
-    "scale": "scale:STUDY",
-    "scenes": "scenes:STUDY",
-    "sections": "sections:STUDY",
-    "sensing": "sensing:STUDY",
-    "speed": "speed:STUDY",
-    "stability": "stability.study:STUDY",
-    "thesis": "thesis:STUDY",
     "controllers": "policies:CONTROLLER_STUDY",
     "feedback": "rig:FEEDBACK",
     "generalization": "policies:GENERALIZATION",
-    "rig": "rig:RIG_STUDY",
-    "rig_networks": "rig_networks:STUDY",
+    "laws": "laws:LAWS",
     "learning": "trainings:LEARNING",
     "ppo_defaults": "trainings:PPO_DEFAULTS",
+    "rig": "rig:RIG_STUDY",
+    "stability": "stability.study:STUDY",
+    "transfer": "laws:TRANSFER",
 }
 
 
 def register() -> None:
     """Tell the registry of studies."""
     for name, about in STUDIES.items():
-        place = f"studies.{PLACES[name]}" if name in PLACES else f"{_OTHERS}:{name}"
-        register_study(name, place, about)
-
-
-_OTHERS = "softrobot_env.benchmarks.registry"
+        register_study(name, f"studies.{PLACES.get(name, f'{name}:STUDY')}", about)

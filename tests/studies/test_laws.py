@@ -1,29 +1,32 @@
-"""The study of laws: what paths ask for, which law is the best, goals and tables; small runs."""
+"""The study of laws: what paths ask for, which law is the best, goals; small runs."""
 
 from dataclasses import replace
-from io import StringIO
 
 import numpy as np
 import pytest
-from rich.console import Console
 
-from softrobot_env.benchmarks.laps import (
-    LapsRow,
-    RefusedRow,
-    difference,
-    laps_case,
-    refusal,
-    run_laps,
-)
-from softrobot_env.benchmarks.laws.demand import demand, feasible_task, inputs_of_lap
-from softrobot_env.benchmarks.laws.goals import LIMITS, ROOM, goal_rows, ranked_laws
-from softrobot_env.benchmarks.laws.plots import plot
-from softrobot_env.benchmarks.laws.rows import TASKS, prepare
-from softrobot_env.benchmarks.laws.tables import tables
 from softrobot_env.core.paths import models_dir
 from softrobot_env.evaluation.runner import Case, run
 from softrobot_env.robots import RIG, find_robot
 from softrobot_env.tasks.generic import generic_tasks
+from studies import laws as study
+from studies.laws import (
+    LIMITS,
+    ROOM,
+    TASKS,
+    LapsRow,
+    RefusedRow,
+    demand,
+    difference,
+    feasible_task,
+    goal_rows,
+    inputs_of_lap,
+    laps_case,
+    prepare,
+    ranked_laws,
+    refusal,
+    run_laps,
+)
 
 FINGER = find_robot("planar_finger")
 
@@ -31,7 +34,7 @@ FINGER = find_robot("planar_finger")
 @pytest.fixture
 def untrained(monkeypatch):
     """Trainings take minutes: policies that need one are refused."""
-    monkeypatch.setattr("softrobot_env.benchmarks.laws.rows.TRAINED", ())
+    monkeypatch.setattr(study, "TRAINED", ())
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +92,7 @@ def test_paths_that_servos_cannot_follow_become_smaller(monkeypatch):
     full = generic_tasks(rod)["circle"](frequency=0.5)
     assert demand(full).speed > 1 > max(asked)
     assert task.option("radius") < full.option("radius")
-    monkeypatch.setattr("softrobot_env.benchmarks.laws.demand._LEAST", 0.9)
+    monkeypatch.setattr(study, "_LEAST", 0.9)
     with pytest.raises(ValueError, match="times what its drives can do"):
         feasible_task(rod, "circle", 0.5)
 
@@ -140,20 +143,6 @@ def test_what_cannot_serve_is_a_row_with_the_reason(untrained, tmp_path):
     known = prepare(FINGER.name, ("circle",), (0.3,), tmp_path)
     assert [task.name for task in known.tasks] == ["circle"] and "hold" in known.policies
     assert {r.policy for r in known.rows if isinstance(r, RefusedRow)}.isdisjoint(known.policies)
-
-
-def test_tables_and_picture_of_what_there_is(row, untrained, tmp_path):
-    laps = made_up(row, {"hold": (0.1, 0.2, 0.3), "static": (0.001, 0.009, 0.05)})
-    laps[3] = replace(laps[3], share_mean=None, lap_mean=None, failure="folded")
-    known = prepare(FINGER.name, ("circle",), (0.3,), tmp_path)
-    rows = [*known.rows, *laps, *goal_rows(laps)]
-    page = Console(width=110, file=StringIO())
-    page.print(tables(rows))
-    text = page.file.getvalue()
-    assert all(len(line) <= 110 for line in text.splitlines()) and "\u2026" not in text
-    assert "folded" in text and "Goals" in text and "Refused" in text
-    plot(rows, tmp_path / "laws.png")
-    assert (tmp_path / "laws.png").stat().st_size > 1000
 
 
 def test_rows_are_those_of_a_report(row):

@@ -1,24 +1,17 @@
-"""The study of transfer: worlds, trainings on plants, ratios, tables and the map."""
+"""The study of transfer: worlds, trainings on plants and ratios."""
 
 from dataclasses import replace
-from io import StringIO
 
 import numpy as np
 import pytest
-from rich.console import Console
 
-from softrobot_env.benchmarks.laps import RefusedRow, laps_case, run_laps
-from softrobot_env.benchmarks.transfer import run as transfer
-from softrobot_env.benchmarks.transfer import trainings
-from softrobot_env.benchmarks.transfer.plots import plot
-from softrobot_env.benchmarks.transfer.run import TransferRow
-from softrobot_env.benchmarks.transfer.tables import tables
-from softrobot_env.benchmarks.transfer.worlds import PLANT, TWIN, worlds
 from softrobot_env.control.registry import make_policy
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.robots import ARM, RIG, find_robot
 from softrobot_env.robots.twin import drawn_twin, rig3d_twin
 from softrobot_env.tasks.generic import generic_tasks
+from studies import laws as study
+from studies.laws import PLANT, TWIN, TransferRow, laps_case, run_laps, worlds
 
 FINGER = find_robot("planar_finger")
 
@@ -34,7 +27,7 @@ def rows():
         for k, w in enumerate(worlds(FINGER), start=1)
     ]
     of_pcc = [replace(row, tuned_on="pcc", trained_here=True) for row in made]
-    return [transfer._with_ratio(row, made + of_pcc) for row in made + of_pcc]
+    return [study._with_ratio(row, made + of_pcc) for row in made + of_pcc]
 
 
 def test_worlds_have_all_plants_and_twins_where_there_are_servos():
@@ -71,18 +64,6 @@ def test_ratios_are_over_the_plant_of_the_tuning(rows):
     assert found["pcc", "ancf"] == pytest.approx(2)
 
 
-def test_tables_and_map_of_what_there_is(rows, tmp_path):
-    lost = replace(rows[1], share_mean=None, lap_mean=None, ratio=None, failure="folded")
-    found = [rows[0], lost, *rows[2:], RefusedRow("planar_finger", "ppo", "", "of another robot")]
-    page = Console(width=110, file=StringIO())
-    page.print(tables(found))
-    text = page.file.getvalue()
-    assert all(len(line) <= 110 for line in text.splitlines()) and "\u2026" not in text
-    assert "hold of pcc" in text and "failed" in text and "of another robot" in text
-    plot(found, tmp_path / "transfer.png")
-    assert (tmp_path / "transfer.png").stat().st_size > 1000
-
-
 @pytest.mark.parametrize("plant", ["mujoco", "pcc"])
 def test_statics_of_plants_agree(plant):
     """Those of the arm's chain and PCC to 1 % of the length of those of constant curvature."""
@@ -90,13 +71,13 @@ def test_statics_of_plants_agree(plant):
 
     inputs = np.array([8.0, -5.0, 12.0])
     wanted = ConstantCurvatureStatics(ARM).tip(inputs)
-    assert np.linalg.norm(trainings._statics(plant)(inputs) - wanted) < 0.01 * ARM.length
+    assert np.linalg.norm(study._statics(plant)(inputs) - wanted) < 0.01 * ARM.length
 
 
 @pytest.mark.slow
 def test_a_network_of_another_plant_drives_the_arm(tmp_path, monkeypatch):
-    monkeypatch.setattr(trainings, "_PAIRS", 150)
-    trainings.train_qs_nn("pcc", tmp_path / "qs_nn.npz")
+    monkeypatch.setattr(study, "_PAIRS", 150)
+    study.train_qs_nn("pcc", tmp_path / "qs_nn.npz")
     policy = make_policy("qs_nn", ARM, 0.01, weights=tmp_path / "qs_nn.npz")
     task = generic_tasks(ARM)["circle"](frequency=0.5)
     case = Case(task, "qs_nn", given={"weights": tmp_path / "qs_nn.npz"})
@@ -112,6 +93,6 @@ def test_an_imitation_learns_on_another_plant(tmp_path, monkeypatch):
     tiny = ImitationConfig(
         hidden=(8,), rounds=1, samples=40, shares=1, duration=0.3, last_epochs=1, processes=0
     )
-    monkeypatch.setattr(trainings, "_IMITATION", tiny)
-    trainings.train_imitation("pcc", tmp_path / "imitation.npz")
+    monkeypatch.setattr(study, "_IMITATION", tiny)
+    study.train_imitation("pcc", tmp_path / "imitation.npz")
     assert make_policy("imitation", ARM, 0.01, weights=tmp_path / "imitation.npz").requires

@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softrobot_env.benchmarks.registry import Old
 from softrobot_env.cli import main
 from softrobot_env.core.artifacts import read_tree, write_tree
 from softrobot_env.core.runs import Record, for_pictures
 from softrobot_env.core.studies import BENCHMARKS
 from softrobot_env.evaluation import stored
 from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.rendering.tables import make_table
+from studies.lab import Study
 
 RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
 
@@ -58,20 +57,20 @@ def run(quick: bool, progress=None) -> list[Run | Other]:
     return [Run("a", 1e-3, (1, 2), trace), Other("b", 2.0), Further("c", None, ratio=0.5)]
 
 
-def plot(records, path) -> None:
-    from softrobot_env.rendering.figures import new_figure, save
+def plot(records):
+    from softrobot_env.rendering.figures import new_figure
 
     figure, ((axis,),) = new_figure(1, 1, (3, 2))
     trace = records[0].trace
     axis.plot(trace.time, trace.error)
     axis.plot(trace.tip)
-    save(figure, path)
+    return figure
 
 
 @pytest.fixture
 def study(monkeypatch):
     """A study of seconds in the place of another."""
-    benchmark = Old(run, lambda records: make_table("", (), []), plot)
+    benchmark = Study(KINDS, stages=lambda lab: run(lab.quick), plots={"{}": plot})
     monkeypatch.setitem(BENCHMARKS.registered(), "laws", lambda: benchmark)
 
 
