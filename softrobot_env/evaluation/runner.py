@@ -98,7 +98,8 @@ class Case:
         if self.plant != MUJOCO:
             options = {"plant": BeamPlant(self.plant), "pieces": None} | options
         options = {"observe": "all" if self.feedback != SENSORS else ("all", SENSORS)} | options
-        return simulated(self.task, self.twin, **options)
+        given = {} if self._built is None else {"twin": self._built}
+        return load(entry_of(self.task.robot).environment)(self.task, **given | options)
 
     @property
     def _built(self) -> Twin | None:
