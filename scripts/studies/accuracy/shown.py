@@ -23,6 +23,7 @@ from softrobot_env.rendering.figures import (
     plain_ticks,
     style_of,
 )
+from softrobot_env.rendering.models import model_entries
 from softrobot_env.rendering.tables import Column, make_table, new_table, number, verdict
 from softrobot_env.scene.quadrature import RULES
 from studies.accuracy import pyelastica_rod, spiral, tension_step
@@ -568,10 +569,7 @@ def _set_ticks(axes: Axes, numbers: tuple[int, ...]) -> None:
 
 def _add_model_legend(figure: Figure, rows: list[Row]) -> None:
     """Legend of the models of some rows."""
-    shown = {row.family for row in rows}
-    line = {"markersize": 5, "linewidth": 1.4}
-    handles = [entry(label_of(m), **style_of(m).points, **line) for m in STYLES if m in shown]
-    add_legend(figure, handles)
+    add_legend(figure, model_entries(row.family for row in rows))
 
 
 def _of_arm(draw: Callable[[list[Row]], Figure]) -> Callable[[list[Row]], Figure]:

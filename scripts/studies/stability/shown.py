@@ -18,6 +18,7 @@ from softrobot_env.rendering.figures import (
     entry,
     new_figure,
 )
+from softrobot_env.rendering.models import cell_edges
 from softrobot_env.rendering.tables import Column, make_table, new_table, number
 from softrobot_env.robots import ARM
 from studies.lab import groups, of_kind, select
@@ -389,22 +390,15 @@ def _draw_cells(axes: Axes, rows: list[Row], stiffness: str, shades: Any) -> Non
             picture[i, j] = to_rgb(colour)
             axes.text(x[j], y[i], sign, fontsize=6, ha="center", va="center", alpha=0.6)
     axes.grid(False)
-    axes.pcolormesh(_edges(x), _edges(y), picture, edgecolors="white", linewidth=0.4)
+    axes.pcolormesh(cell_edges(x), cell_edges(y), picture, edgecolors="white", linewidth=0.4)
     axes.set(xscale="log", yscale="log")
     ruled = rows[0].model == CHAIN  # its picks may lie below the map
-    axes.set_ylim(_LOWEST if ruled else _edges(y)[0], _HIGHEST)
+    axes.set_ylim(_LOWEST if ruled else cell_edges(y)[0], _HIGHEST)
     axes.set_yticks([0.1, 1, 10], ["0.1", "1", "10"])
     axes.set_xticks([1e-2, 1, 1e2, 1e4])
     axes.minorticks_off()
-    axes.set_xlim(*_edges(x)[[0, -1]])
+    axes.set_xlim(*cell_edges(x)[[0, -1]])
     axes.tick_params(labelsize=7.5)
-
-
-def _edges(values: list[float]) -> np.ndarray:
-    """Borders (k + 1,) of cells around increasing values (k,), on a logarithmic axis."""
-    logs = np.log(values)
-    inner = (logs[1:] + logs[:-1]) / 2
-    return np.exp(np.concatenate(([2 * logs[0] - inner[0]], inner, [2 * logs[-1] - inner[-1]])))
 
 
 def _draw_limit(axes: Axes, rows: list[Row], stiffness: str) -> None:
