@@ -4,6 +4,7 @@ Each file of `tests/outside` has a function `register`, as a package names it in
 group, and at most 60 lines; `CHECKS` says what must hold of it.
 """
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,13 +14,14 @@ import pytest
 
 from softrobot_env.cli import main
 from softrobot_env.core.registry import Registry, load
+from softrobot_env.core.studies import BENCHMARKS
 from softrobot_env.envs.observations.table import OBSERVABLES
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.rewards import REWARDS, TERMS
 from softrobot_env.robots.variations import VARIATIONS
 
 FILES = sorted((Path(__file__).parent / "outside").glob("*.py"))
-REGISTRIES: tuple[Registry, ...] = (VARIATIONS, OBSERVABLES, REWARDS)
+REGISTRIES: tuple[Registry, ...] = (VARIATIONS, OBSERVABLES, REWARDS, BENCHMARKS)
 
 #: A robot that hangs in gravity.
 HANGING = {"robot": "hanging_trunk", "task": "circle", "observe": "all"}
@@ -92,7 +94,21 @@ def check_reward(_path, _tmp_path):
         assert rewards[1] == pytest.approx(reward)
 
 
+def check_study(path, folder):
+    """It measures, writes and draws, and draws the same again of its files."""
+    pytest.importorskip("matplotlib")
+    words, out = ["benchmark", "lengths", "--out", str(folder)], folder / "lengths"
+    assert main(words) == 0
+    rows = json.loads((out / "report.json").read_text())["rows"]
+    assert [row["share"] for row in rows] == [0.5, 1.0] * 2
+    before = (out / "lengths.png").read_bytes()
+    assert main([*words, "--redraw"]) == 0 and (out / "lengths.png").read_bytes() == before
+    assert main([*words, "--quick", "--overwrite"]) == 0
+    assert len(json.loads((out / "report.json").read_text())["rows"]) == 2
+
+
 CHECKS: dict[str, Callable[[Path, Path], None]] = {
+    "study": check_study,
     "variation": check_variation,
     "observable": check_observable,
     "reward": check_reward,
