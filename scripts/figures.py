@@ -20,8 +20,8 @@ Three words in place of a report name other sources:
     {code robots.ARM: length mm}               what `softrobot_env.robots.ARM` says, or a default
     {code studies.identify: GOALS.modulus}     the same of a study in `scripts/studies`
     {code robots.find_robot(rig): length mm}   what a function says of a name
-    {code evaluation.thesis.FIGURES task=swing controller=MPC: e_max mm}    one of many records
-    {code evaluation.thesis.TRIANGLE 0=hybrid 1=5.0: value.0 mm}    a mapping, by parts of its keys
+    {code thesis.figures.FIGURES task=swing controller=MPC: e_max mm}    one of many records
+    {code thesis.figures.TRIANGLE 0=hybrid 1=5.0: value.0 mm}    a mapping, by parts of its keys
     {model rig_nn: about_play mm}              a number of models/rig_nn.npz
     {quoted publisher: error mm}               docs/quoted.toml, which names the source
 

@@ -203,13 +203,16 @@ def test_what_cannot_be_is_refused_before_any_episode(arguments, reason, mine, t
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        (["evaluate", "--robot", "nobody"], "unknown robot 'nobody'; choose from arm"),
+        (["evaluate", "--robot", "nobody"], "unknown robot 'nobody'; choose from gripper_finger"),
         (["evaluate", "--tasks", "MINE:stay"], "is for any robot"),
         (["evaluate", "--robot", "cantilever_weak"], "no tendons"),
         (["render", "--robot", "planar_finger", "--policy", "lqi"], "has not been trained"),
         (["inspect", "--robot", "planar_finger", "--option", "radius=1"], "with a --task only"),
         (["train", "rig_nn", "--robot", "arm"], "'rig' alone, not for 'arm'"),
-        (["train", "imitation", "--robot", "rig", "--twin", "1"], "--twin: only with rig_nn"),
+        (
+            ["train", "imitation", "--robot", "rig", "--twin", "1"],
+            "--twin: only with ssm, sensors, rig_nn",
+        ),
         (["train", "ppo", "--robot", "rig"], "`softrobot train imitation --robot rig`"),
         (["train", "imitation", "--robot", "rig"], "`softrobot train lq_preview --robot rig`"),
         (["train", "ppo", "--robot", "rig", "--task", "swing"], "is trained on random, circle"),
