@@ -120,12 +120,12 @@ class Case:
         return make_policy(self.policy, robot, control_period, feedback, self.sensors, **options)
 
 
-def as_built(robot: RobotParams, twin: int | None) -> Twin | None:
+def as_built(robot: RobotParams, twin: Twin | int | None) -> Twin | None:
     """The twin of a seed, without one the ideal robot; None of a robot that has no twins."""
     return None if entry_of(robot).twin is None and twin is None else twin_of(robot, twin)
 
 
-def simulated(task: Task, twin: int | None = None, **options: Any) -> gymnasium.Env:
+def simulated(task: Task, twin: Twin | int | None = None, **options: Any) -> gymnasium.Env:
     """The environment of a task's robot, as built; `options` as of its class."""
     built = as_built(task.robot, twin)
     given = {} if built is None else {"twin": built}

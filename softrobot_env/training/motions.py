@@ -198,11 +198,7 @@ def collect(
 def _environment(task: Any, period: float, twin: Twin | int | None) -> gymnasium.Env:
     options = {} if twin is None else {"twin": twin}
     return simulated(
-        task,
-        **options,
-        observe=("tip_position", "previous_action"),
-        control_period=period,
-        **options,
+        task, observe=("tip_position", "previous_action"), control_period=period, **options
     )
 
 
