@@ -222,9 +222,9 @@ def test_every_training_says_of_which_robots_it_is():
 
 def test_packages_are_asked_for_by_the_teacher(monkeypatch, capsys, mine):
     """Only model predictive teachers need a solver, and nothing long comes before that is said."""
-    from softrobot_env.training import registry
+    from softrobot_env.training import request
 
-    monkeypatch.setattr(registry, "find_spec", lambda package: None if package == "daqp" else 1)
+    monkeypatch.setattr(request, "find_spec", lambda package: None if package == "daqp" else 1)
     training = TRAININGS["imitation"]
     training.check("imitation", FINGER)
     for robot, settings in ((ARM, {}), (FINGER, {"teacher": "mpc_preview"})):
