@@ -268,40 +268,40 @@ def test_saturation_ends_without_after_effects(episode):
     assert rollout.error[(rollout.time > 6.5) & (rollout.time < 9.9)].max() < 0.1e-3
 
 
+def driven(name, task, steps, spoil, **options):
+    """Actions (k, 3) and errors (k,) [m] of an episode whose sample 1000 is spoilt."""
+    env = TrackingEnv(task, observe="all", **policy_environment(name))
+    policy, state, actions, errors = make_policy(name, ARM, PERIOD), None, [], []
+    observation, _ = env.reset(options=options)
+    for k in range(steps):
+        action, state = policy.predict(spoil(observation) if k == 1000 else observation, state)
+        observation, _, terminated, _, info = env.step(action)
+        assert not terminated, info
+        actions.append(action)
+        errors.append(info["error"])
+    return np.array(actions), np.array(errors)
+
+
 @pytest.mark.parametrize("name", ["lq_preview", "lq_adaptive"])
 @pytest.mark.parametrize("size", [0.1, 2.0, 20.0, np.nan, 1e200])
 def test_one_bad_sample_does_no_lasting_harm(name, size):
-    env = TrackingEnv("lshape", observe="all", **policy_environment(name))
-    policy = make_policy(name, ARM, PERIOD)
-    observation, _ = env.reset(options={"duration": 3.0})
-    state, errors = None, []
-    for k in range(2900):
-        if k == 1000:
-            observation["curvature"] = observation["curvature"] + size
-        action, state = policy.predict(observation, state)
-        observation, _, terminated, _, info = env.step(action)
-        assert not terminated, info
-        errors.append(info["error"])
-    assert max(errors[1000:]) < 5e-3
-    assert max(errors[1500:]) < 0.3e-3
+    def spoil(observation):
+        return observation | {"curvature": observation["curvature"] + size}
+
+    _, errors = driven(name, "lshape", 2900, spoil, duration=3.0)
+    assert errors[1000:].max() < 5e-3 and errors[1500:].max() < 0.3e-3
 
 
 def test_the_stiffness_found_survives_a_bad_sample():
     """Half as stiff as it was told: a missing observation must not bring the nominal one back."""
-    env = TrackingEnv("swing", observe="all", **policy_environment("lq_adaptive"))
-    policy = make_policy("lq_adaptive", ARM, PERIOD)
-    observation, _ = env.reset(options={"vary": {"youngs_modulus": 0.5}, "duration": 2.0})
-    state, actions, errors = None, [], []
-    for k in range(1900):
-        if k == 1000:
-            observation["tip_position"] = np.full(2, np.nan)
-        action, state = policy.predict(observation, state)
-        observation, _, terminated, _, info = env.step(action)
-        assert not terminated, info
-        actions.append(80 * action)
-        errors.append(info["error"])
-    jumps_of_inputs = np.abs(np.diff(actions[990:], axis=0)).max()
-    assert jumps_of_inputs < 1.0 and max(errors[1000:]) < 0.3e-3
+
+    def lose(observation):
+        return observation | {"tip_position": np.full(2, np.nan)}
+
+    vary = {"youngs_modulus": 0.5}
+    actions, errors = driven("lq_adaptive", "swing", 1900, lose, vary=vary, duration=2.0)
+    assert 80 * np.abs(np.diff(actions[990:], axis=0)).max() < 1.0
+    assert errors[1000:].max() < 0.3e-3
 
 
 def test_a_jump_that_the_preview_shows_is_met_in_the_middle():

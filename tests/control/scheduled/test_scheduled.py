@@ -42,21 +42,34 @@ def rod_table():
     return build_table(ROD, Preview(ROD), find_points(ROD, most=25, candidates=80))
 
 
-def mean_error(policy, robot, task="circle", start=0.2, vary=None, **options):
-    """[m], after the start, a share of the episode."""
-    timing = timing_of(robot)
+def environment(robot, task="circle", **options):
+    """Of a task for a robot, with what laws of it read."""
+    times = timing_of(robot)
     task = generic_tasks(robot)[task](**options)
-    times = {"control_period": timing.period, "preview": timing.knots}
-    with TrackingEnv(task, observe="all", **times) as env:
+    return TrackingEnv(task, observe="all", control_period=times.period, preview=times.knots)
+
+
+def driven(policy, robot, task="circle", steps=None, vary=None, **options):
+    """Observation before, action, state and observation after each step of an episode."""
+    with environment(robot, task, **options) as env:
         observation, _ = env.reset(seed=0, options={"vary": vary or {}})
-        state, errors, over = None, [], False
-        while not over:
+        state, over, count = None, False, 0
+        while not over and count != steps:
+            before = observation
             action, state = policy.predict(observation, state)
             observation, _, failed, over, info = env.step(action)
             assert not failed, info["failure"]
-            away = observation["tip_position"] - observation["reference"]
-            errors.append(float(np.linalg.norm(away)))
-    return np.mean(errors[int(start * len(errors)) :])
+            count += 1
+            yield before, action, state, observation
+
+
+def mean_error(policy, robot, vary=None):
+    """[m] on a circle, after the first fifth."""
+    errors = [
+        float(np.linalg.norm(after["tip_position"] - after["reference"]))
+        for *_, after in driven(policy, robot, vary=vary)
+    ]
+    return np.mean(errors[len(errors) // 5 :])
 
 
 # --- the linear model -----------------------------------------------------------------------------
@@ -123,17 +136,9 @@ def test_the_tip_follows_a_circle(table, modulus):
 
 @pytest.mark.parametrize("modulus", [0.75, 1.25])
 def test_an_adaptive_law_finds_the_stiffness(table, modulus):
-    timing = timing_of(FINGER)
-    policy = LQPreview(FINGER, timing.period, table, adaptive=True)
-    task = generic_tasks(FINGER)["figure_eight"]()
-    with TrackingEnv(
-        task, observe="all", control_period=timing.period, preview=timing.knots
-    ) as env:
-        observation, _ = env.reset(seed=0, options={"vary": {"youngs_modulus": modulus}})
-        state = None
-        for _ in range(1200):
-            action, state = policy.predict(observation, state)
-            observation, *_ = env.step(action)
+    policy = LQPreview(FINGER, timing_of(FINGER).period, table, adaptive=True)
+    steps = driven(policy, FINGER, "figure_eight", 1200, {"youngs_modulus": modulus})
+    *_, (_, _, state, _) = steps
     assert policy.stiffness(state) == pytest.approx(modulus, abs=0.15 * abs(modulus - 1))
 
 
@@ -151,37 +156,19 @@ def test_lqi_has_no_offset(points):
 
 def test_servos_are_not_asked_for_more_than_their_speed(rod_table):
     """Far off the reference, every command is one that the servos reach in its period."""
-    timing, inputs = timing_of(ROD), robot_inputs(ROD)
-    policy = LQPreview(ROD, timing.period, rod_table)
-    task = generic_tasks(ROD)["reach"](hold=0.2)
-    with TrackingEnv(
-        task, observe="all", control_period=timing.period, preview=timing.knots
-    ) as env:
-        observation, _ = env.reset(seed=0)
-        state, said = None, set()
-        for _ in range(300):
-            before = observation["tendon_length"] / inputs.input_scale
-            action, state = policy.predict(observation, state)
-            way = np.abs(action - before) * inputs.input_scale
-            assert np.all(way <= ROD.drive.speed * timing.period * (1 + 1e-5) + 1e-8)
-            said.add(state.status)
-            observation, *_ = env.step(action)
-        assert len(said) > 1  # it was too far for them, and the law said so
+    timing, scale = timing_of(ROD), robot_inputs(ROD).input_scale
+    policy, said = LQPreview(ROD, timing.period, rod_table), set()
+    for before, action, state, _ in driven(policy, ROD, "reach", 300, hold=0.2):
+        way = np.abs(action * scale - before["tendon_length"])
+        assert np.all(way <= ROD.drive.speed * timing.period * (1 + 1e-5) + 1e-8)
+        said.add(state.status)
+    assert len(said) > 1  # it was too far for them, and the law said so
 
 
 def test_tendons_stay_taut(rod_table):
-    timing = timing_of(ROD)
-    policy = LQPreview(ROD, timing.period, rod_table)
-    task = generic_tasks(ROD)["circle"]()
-    with TrackingEnv(
-        task, observe="all", control_period=timing.period, preview=timing.knots
-    ) as env:
-        observation, _ = env.reset(seed=0)
-        state = None
-        for _ in range(600):
-            action, state = policy.predict(observation, state)
-            observation, *_ = env.step(action)
-            assert observation["tendon_tension"].min() > 0
+    policy = LQPreview(ROD, timing_of(ROD).period, rod_table)
+    for *_, after in driven(policy, ROD, steps=600):
+        assert after["tendon_tension"].min() > 0
 
 
 # --- files and refusals ---------------------------------------------------------------------------
@@ -215,17 +202,13 @@ def test_too_few_previews_are_refused(table):
 
 
 def test_values_that_are_not_finite_keep_the_action(table):
-    timing = timing_of(FINGER)
-    policy = LQPreview(FINGER, timing.period, table)
-    task = generic_tasks(FINGER)["circle"]()
-    with TrackingEnv(
-        task, observe="all", control_period=timing.period, preview=timing.knots
-    ) as env:
+    policy = LQPreview(FINGER, timing_of(FINGER).period, table)
+    with environment(FINGER) as env:
         observation, _ = env.reset(seed=0)
-        _, state = policy.predict(observation)
-        bad = observation | {"curvature": observation["curvature"] * np.nan}
-        action, state = policy.predict(bad, state)
-        np.testing.assert_allclose(action, observation["previous_action"], atol=1e-6)
-        assert state.status == "observation not finite"
-        action, state = policy.predict(observation, state)
-        assert state.status is None and np.isfinite(action).all()
+    _, state = policy.predict(observation)
+    bad = observation | {"curvature": observation["curvature"] * np.nan}
+    action, state = policy.predict(bad, state)
+    np.testing.assert_allclose(action, observation["previous_action"], atol=1e-6)
+    assert state.status == "observation not finite"
+    action, state = policy.predict(observation, state)
+    assert state.status is None and np.isfinite(action).all()
