@@ -180,21 +180,3 @@ def test_a_built_rod_with_errors_is_a_twin_of_its_own():
     assert info["tip_position"].shape == observation["tip_position"].shape == (3,)
     assert np.abs(info["tip_position"] - observation["tip_position"]).max() > 1e-5
     assert_allclose(np.abs(info["tendon_length"] - observation["tendon_length"]).max(), 1e-3, 0.2)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"robot": "hanging_trunk", "twin": 1}, "driven by tension"),
-        ({"robot": "snake"}, "unknown robot 'snake'; choose from .*arm"),
-        ({"robot": "silicone_rod", "task": "swing"}, "unknown task 'swing'; choose from reach"),
-        (
-            {"robot": "silicone_rod", "randomization": Randomization(tension_gain=(0.9, 1.1))},
-            "driven by length",
-        ),
-        ({"robot": "arm", "task": make_task("swing")}, "made already has its robot"),
-    ],
-)
-def test_what_cannot_be_is_refused_by_name(options, message):
-    with pytest.raises(ValueError, match=message):
-        TrackingEnv(**({"task": "circle"} | options))

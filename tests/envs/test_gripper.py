@@ -6,14 +6,12 @@ from dataclasses import replace
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 from softrobot_env.control.gripper.calibration import calibrated, columns
 from softrobot_env.control.gripper.policies import ScriptedGrip, SizedGrip
 from softrobot_env.control.gripper.size import SizeEstimator, size_by_sensor
 from softrobot_env.envs.gripper import GripperEnv, GripReward, VectorGripperEnv
 from softrobot_env.envs.observations.fingers import KNOWN, shares
-from softrobot_env.registration import GRIPPER_ENVIRONMENTS
 from softrobot_env.robots import GRIPPERS
 from softrobot_env.robots.file import write_gripper
 from softrobot_env.scene.assembly import build_assembly
@@ -38,16 +36,6 @@ def closing(env, tension, steps, rise=20, observation=None):
 
 
 # --- contract ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("env_id", GRIPPER_ENVIRONMENTS)
-@pytest.mark.parametrize("observe_as", ["dict", "vector"])
-def test_gymnasium_and_sb3_have_nothing_to_say(env_id, observe_as):
-    env = gymnasium.make(env_id, observe="all", observe_as=observe_as)
-    check_env(env.unwrapped, skip_render_check=True)
-    checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    checker.check_env(env.unwrapped)
-    assert env.spec.max_episode_steps == env.unwrapped.max_episode_steps
 
 
 def test_info_is_flat_and_names_the_reward():
@@ -118,42 +106,6 @@ def test_autoreset_is_as_gymnasium_has_it(mode):
         _, reward, failed, over, info = env.step(still)
         assert not reward.any() and not failed.any() and not over.any()
         assert (info["time"] == 0).all()
-
-
-@pytest.mark.parametrize(
-    ("options", "match"),
-    [
-        ({"size": 0.06}, "unknown option 'size'; allowed are diameter"),
-        ({"diameter": -0.06}, "'diameter' must be finite and positive"),
-        ({"pull": "much"}, "'pull' must be finite"),
-        ({"mass": [0.1, 0.1]}, "one number or one for each of 1"),
-    ],
-)
-def test_bad_options_are_refused_by_name(options, match):
-    env = GripperEnv("hold")
-    with pytest.raises(ValueError, match=match):
-        env.reset(options=options)
-    with pytest.raises(ValueError, match=r"in \[-1, 1\]"):
-        env.reset(seed=0)
-        env.step(np.array([2.0, 0.0, 0.0]))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "match"),
-    [
-        ({"task": "throw"}, "choose from enclose, hold"),
-        ({"fineness": "exact"}, "choose from rule, quick"),
-        ({"fineness": 3}, "fineness must be"),
-        ({"gripper": "hand"}, "choose from gripper"),
-        ({"observe": ("curvature", "smell")}, "distinct names out of curvature"),
-        ({"observe_as": "image"}, "'dict', 'vector'"),
-        ({"pieces": 7}, "multiple of 3 pieces"),
-        ({"control_period": 0.0}, "control_period must be"),
-    ],
-)
-def test_bad_arguments_are_refused_by_name(arguments, match):
-    with pytest.raises(ValueError, match=match):
-        GripperEnv(**arguments)
 
 
 def test_tasks_and_rewards_are_checked():

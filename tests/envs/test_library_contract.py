@@ -18,11 +18,11 @@ from support.patience import patient_drivers
 from support.real_episodes import FILE, Still
 
 from softrobot_env.envs.randomization import Randomization
-from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.envs.rewards import TERMS
 from softrobot_env.registration import (
     ANY_ROBOT,
     ENVIRONMENTS,
+    GRIPPER_ENVIRONMENTS,
     REAL_ENVIRONMENTS,
     RIG_ENVIRONMENTS,
 )
@@ -37,7 +37,7 @@ PATIENT = {"max_missed": 10_000, "oldest": 2.0}
 @contextmanager
 def made(env_id, **options):
     """An environment by its id; a real one with a board in memory that needs no clock."""
-    if env_id in SIMULATED:
+    if env_id not in REAL_ENVIRONMENTS:
         with closing(gymnasium.make(env_id, **options)) as env:
             yield env
         return
@@ -128,22 +128,6 @@ def test_unknown_arguments_and_drawing_of_many_are_refused(env_id):
         gymnasium.make_vec(env_id, frameskip=1)
     with pytest.raises(ValueError, match="render_mode must be None"):
         gymnasium.make_vec(env_id, render_mode="rgb_array")
-
-
-@pytest.mark.parametrize("value", [3, "x", {}, (1, 2)], ids=str)
-@pytest.mark.parametrize(
-    "name", ["robot_file", "port", "tip", "line", "reward", "max_missed", "oldest"]
-)
-def test_strange_arguments_of_the_real_rig_are_refused_in_one_line(name, value):
-    if value == 3 and name in ("max_missed", "oldest"):
-        return
-    if (name, value) == ("port", "x"):
-        return
-    missing = name == "robot_file" and value == "x"
-    with pytest.raises(FileNotFoundError if missing else ValueError) as caught:
-        RealRigEnv(**{name: value})
-    assert "\n" not in str(caught.value)
-    assert missing or name in str(caught.value)
 
 
 @pytest.mark.parametrize("env_id", [*SIMULATED, *REAL])
@@ -348,18 +332,28 @@ def test_one_steps_in_a_forked_child():
 # ---------------------------------------------------------------- the checkers
 
 
-@pytest.mark.slow  # the robot comes to rest before every one of many episodes
-@pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("env_id", REAL)
-def test_gymnasium_checker(env_id):
-    with made(env_id) as env:
-        check_env(env, skip_render_check=True)
+#: The real robot comes to rest before every one of many episodes.
+CHECKED = [*SIMULATED, *GRIPPER_ENVIRONMENTS]
+CHECKED += [pytest.param(i, marks=[*REAL[0].marks, pytest.mark.slow]) for i in REAL_ENVIRONMENTS]
 
 
-@pytest.mark.slow  # the robot comes to rest before every one of many episodes
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("env_id", REAL)
-def test_stable_baselines3_checker(env_id):
-    sb3 = pytest.importorskip("stable_baselines3.common.env_checker", reason="needs the rl extra")
-    with made(env_id) as env:
-        sb3.check_env(env, warn=True, skip_render_check=True)
+@pytest.mark.parametrize("observe_as", ["dict", "vector"])
+@pytest.mark.parametrize("env_id", CHECKED)
+def test_the_checkers_have_nothing_to_say(env_id, observe_as):
+    with made(env_id, observe="all", observe_as=observe_as) as env:
+        check_env(env.unwrapped, skip_render_check=True)
+        sb3 = pytest.importorskip("stable_baselines3.common.env_checker", reason="needs extra rl")
+        sb3.check_env(env, warn=observe_as == "vector" or env_id not in GRIPPER_ENVIRONMENTS)
+
+
+@pytest.mark.parametrize("env_id", [*SIMULATED, *GRIPPER_ENVIRONMENTS])
+def test_many_are_in_their_spaces(env_id):
+    many = gymnasium.make_vec(env_id, num_envs=2)
+    observation, _ = many.reset(seed=0)
+    assert many.observation_space.contains(observation)
+    for _ in range(3):
+        observation, *rest, _ = many.step(many.action_space.sample())
+        assert many.observation_space.contains(observation)
+        assert all(value.shape == (2,) for value in rest)
+    many.close()

@@ -208,15 +208,6 @@ def test_the_log_reward_asks_for_less_error_at_every_scale():
     assert batch["reward_tracking"][0] == pytest.approx(earned[2])
 
 
-@pytest.mark.parametrize(
-    ("name", "value"), [("observe_as", "list"), ("act_as", "rate"), ("reward", "sparse")]
-)
-def test_other_words_are_refused(name, value):
-    for kind in (TrackingEnv, VectorTrackingEnv):
-        with pytest.raises(ValueError, match=name):
-            kind(task="swing", **{name: value})
-
-
 def test_policies_by_name_refuse_what_they_do_not_know():
     for options in ({"observe_as": "vector"}, {"act_as": "change"}):
         env = TrackingEnv("swing", **options)

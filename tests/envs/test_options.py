@@ -1,12 +1,11 @@
 """Options of `reset`: what they change, for how long, and what they refuse."""
 
 from dataclasses import replace
-from math import ceil, inf, nan
+from math import ceil
 
 import numpy as np
 import pytest
 
-from softrobot_env.envs.options import SIMULATED_OPTIONS
 from softrobot_env.robots import ARM, centerline
 from softrobot_env.robots.variations import neutral
 from softrobot_env.scene.timestep import TimestepWarning
@@ -293,79 +292,6 @@ def test_a_varied_robot_is_checked_against_the_timestep(make_env):
 
 
 # ---------------------------------------------------------------- refusals
-
-BAD_OPTIONS = [
-    ({"damping": 2.0}, "unknown reset option 'damping'"),
-    ({"vary": {"length": 2.0}}, "youngs_modulus, density, damping_time, .*, sensor_noise"),
-    ({"vary": {"density": 0.0}}, "density"),
-    ({"vary": {"density": -1.0}}, "density"),
-    ({"vary": {"density": nan}}, "density"),
-    ({"vary": {"density": inf}}, "density"),
-    ({"vary": {"tendon_friction": -0.1}}, "tendon_friction"),
-    ({"vary": {"tendon_friction": inf}}, "tendon_friction"),
-    ({"vary": {"tension_gain": 0.0}}, "tension_gain"),
-    ({"vary": {"tension_gain": nan}}, "tension_gain"),
-    ({"vary": {"delay": -0.01}}, "delay"),
-    ({"vary": {"delay": 0.015}}, r"multiple of the control period, 0\.01 s"),
-    ({"vary": {"delay": 1.01}}, "'delay' must be a number from 0 to 1 s"),
-    ({"vary": {"sensor_noise": -1.0}}, "sensor_noise"),
-    ({"vary": {"sensor_noise": 10.1}}, "'sensor_noise' must be a number from 0 to 10"),
-    ({"vary": 2.0}, "vary"),
-    ({"vary": None}, "vary"),
-    ({"start_input": [1.0, 2.0]}, "start_input"),
-    ({"start_input": [1.0, nan, 2.0]}, "start_input"),
-    ({"start_input": [80.1, 0.0, 0.0]}, "start_input"),
-    ({"start_input": 5.0}, "start_input"),
-    ({"start_curvature": [1.0] * 5}, "start_curvature"),
-    ({"start_curvature": [1.0] * 5 + [inf]}, "start_curvature"),
-    ({"start_curvature": [1.0] * 5 + [-40.1]}, "start_curvature"),
-    ({"start_curvature": [0.0] * 6, "start_input": [0.0] * 3}, "not both"),
-    ({"step_width": 0.0}, "step_width"),
-    ({"step_width": 0.5}, "step width"),
-    ({"step_width": nan}, "step_width"),
-    ({"duration": 0.0}, "duration"),
-    ({"duration": -1.0}, "duration"),
-    ({"duration": nan}, "duration"),
-    ({"duration": inf}, "duration"),
-]
-
-#: Values of a wrong type.
-BAD_TYPES = [
-    ({"vary": {"density": "heavy"}}, "density"),
-    ({"vary": {"density": None}}, "density"),
-    ({"vary": {"delay": "late"}}, "delay"),
-    ({"vary": {"sensor_noise": True}}, "sensor_noise"),
-    ({"start_input": "high"}, "start_input"),
-    ({"start_input": {"pair1": 1.0}}, "start_input"),
-    ({"step_width": "wide"}, "step.width"),
-    ({"step_width": [0.1]}, "step.width"),
-    ({"duration": "long"}, "duration"),
-    ({"duration": None}, "duration"),
-]
-
-
-@pytest.mark.parametrize(("options", "message"), BAD_OPTIONS, ids=str)
-def test_bad_options_are_named(options, message, make_env):
-    with pytest.raises(ValueError, match=message):
-        make_env(STEP).reset(options=options)
-
-
-@pytest.mark.parametrize(("options", "message"), BAD_TYPES, ids=str)
-def test_options_of_a_wrong_type_are_named(options, message, make_env):
-    with pytest.raises(ValueError, match=message):
-        make_env(STEP).reset(options=options)
-
-
-def test_unknown_option_lists_the_allowed(make_env):
-    with pytest.raises(ValueError, match="stepwidth") as caught:
-        make_env(STEP).reset(options={"stepwidth": 0.1})
-    assert all(name in str(caught.value) for name in SIMULATED_OPTIONS)
-
-
-@pytest.mark.parametrize("env_id", ["SoftRobot/ArmSwing-v0", "SoftRobot/ArmLShape-v0"])
-def test_only_the_step_has_a_width(env_id, make_env):
-    with pytest.raises(ValueError, match="has no option 'step_width'"):
-        make_env(env_id).reset(options={"step_width": 0.1})
 
 
 @pytest.mark.parametrize(

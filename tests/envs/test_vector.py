@@ -11,7 +11,6 @@ from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.simulation import warp_limits
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.vector import VectorTrackingEnv
-from softrobot_env.registration import ENVIRONMENTS
 from softrobot_env.robots.variations import neutral
 from softrobot_env.tasks import make_task
 
@@ -112,20 +111,6 @@ def test_the_number_of_threads_does_not_matter():
             observation, *_ = env.step(action)
         ends.append(observation["tip_position"])
     np.testing.assert_array_equal(*ends)
-
-
-@pytest.mark.parametrize("env_id", ENVIRONMENTS)
-def test_make_vec_gives_the_batched_environment(env_id):
-    env = gymnasium.make_vec(env_id, num_envs=COUNT)
-    assert isinstance(env.unwrapped, VectorTrackingEnv)
-    assert env.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
-    observation, _ = env.reset(seed=0)
-    assert env.observation_space.contains(observation)
-    for action in actions(3):
-        observation, rewards, terminated, truncated, _ = env.step(action)
-    assert env.observation_space.contains(observation)
-    assert rewards.shape == terminated.shape == truncated.shape == (COUNT,)
-    env.close()
 
 
 def test_gymnasium_s_own_vector_wrappers_work():
@@ -395,60 +380,6 @@ def test_failures_are_told_as_by_the_single_environment():
         _, _, over, _, info = single.step(np.ones(3))
     assert info["failure"].startswith("left the workspace: curvature")
     assert infos["failure"].tolist() == [info["failure"]] * COUNT
-
-
-@pytest.mark.parametrize(
-    "bad", [np.zeros((COUNT, 2)), np.full((COUNT, 3), np.nan), np.full((COUNT, 3), 1.1)]
-)
-def test_bad_actions_are_refused(bad):
-    env = VectorTrackingEnv(COUNT, SHORT)
-    with pytest.raises(gymnasium.error.ResetNeeded):
-        env.step(np.zeros((COUNT, 3)))
-    env.reset()
-    with pytest.raises(ValueError, match=r"\[-1, 1\]"):
-        env.step(bad)
-
-
-@pytest.mark.parametrize(
-    ("options", "reason"),
-    [
-        ({"reset_mask": np.ones(3, bool)}, "4 truth values"),
-        ({"reset_mask": np.zeros(COUNT, bool)}, "some of them true"),
-        ({"vary": {"density": np.ones(3)}}, "a number or 4"),
-        ({"vary": {"mass": 2.0}}, "choose from"),
-        ({"vary": {"delay": np.array([0.0, 0.01, 0.005, 0.0])}}, "multiple of the control period"),
-        ({"vary": {"sensor_noise": -1.0}}, "sensor_noise"),
-        ({"vary": {"tendon_friction": [0.0, 1.0, -1.0, 0.0]}}, "tendon_friction"),
-        ({"step_width": 0.1}, "no option 'step_width'"),
-        ({"speed": 1.0}, "unknown reset option"),
-    ],
-)
-def test_bad_options_are_refused(options, reason):
-    env = VectorTrackingEnv(COUNT, SHORT)
-    env.reset()
-    with pytest.raises(ValueError, match=reason):
-        env.reset(options=options)
-
-
-def test_other_bad_arguments_are_refused():
-    with pytest.raises(ValueError, match="num_envs"):
-        VectorTrackingEnv(0)
-    env = VectorTrackingEnv(COUNT, SHORT)
-    with pytest.raises(ValueError, match="a number or 4 of them"):
-        env.reset(seed=[1, 2, 3])
-
-
-@pytest.mark.parametrize(
-    ("env_id", "options", "what"),
-    [
-        ("SoftRobot/ArmSwing-v0", {"backend": "jax"}, "backend must be one of 'mujoco', 'warp'"),
-        ("SoftRobot/ArmSwing-v0", {"device": "cpu"}, "device 'cpu' is for backend='warp'"),
-        ("SoftRobot/GripperHold-v0", {"backend": "warp"}, "grippers have the backend 'mujoco'"),
-    ],
-)
-def test_backends_are_refused_by_name(env_id, options, what):
-    with pytest.raises(ValueError, match=what):
-        gymnasium.make_vec(env_id, 2, "vector_entry_point", **options)
 
 
 def test_warp_says_what_to_install(monkeypatch):

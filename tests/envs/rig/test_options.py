@@ -5,9 +5,9 @@ from dataclasses import replace
 import gymnasium
 import numpy as np
 import pytest
-from support.rig_episodes import TWINS, act, flatten, rig, steps
+from support.rig_episodes import TWINS, act, rig
 
-from softrobot_env.envs.options import REAL_OPTIONS, SIMULATED_OPTIONS, parse_options
+from softrobot_env.envs.options import REAL_OPTIONS, parse_options
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import Twin
 from softrobot_env.tasks import Task, make_task
@@ -55,34 +55,6 @@ def test_other_options_keep_the_real_rigs_robot():
     assert found == replace(make_task("triangle", period=3.0), robot=OTHER)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"clear_fault": True}, "unknown reset option 'clear_fault'; allowed are vary"),
-        ({"vary": {"tension_gain": 0.9}}, "robot 'rig' is driven by length"),
-        ({"duration": 0}, "'duration' must be a positive number"),
-        ({"duration": 1e6}, "at most 3600 s"),
-        ({"start_length": [0.0, 0.0]}, "3 finite numbers"),
-        (
-            {"start_length": [0.0, 0.0, 0.04]},
-            r"'start_length' must lie between \[-0.03, -0.03, -0.03\] and .* m",
-        ),
-        ({"task": 3}, "'task' must be a dict"),
-        ({"task": {"radius": 0.1}}, "it has period"),
-        ({"task": {"name": 1.0}}, "no option 'name'"),
-        ("fast", "must be a dict"),
-    ],
-    ids=str,
-)
-def test_bad_options_are_named_and_change_nothing(options, message):
-    env, untouched = rig(), rig()
-    env.reset(), untouched.reset()
-    with pytest.raises(ValueError, match=message):
-        env.reset(options=options)
-    assert flatten(tuple(steps(env, 3))) == flatten(tuple(steps(untouched, 3)))
-    assert "start_length" in SIMULATED_OPTIONS
-
-
 def test_a_sharp_bend_ends_the_episode():
     """A rig of a hundredth of the stiffness is folded by its tendon."""
     soft = replace(RIG, youngs_modulus=RIG.youngs_modulus / 100, gravity=(0.0, 0.0, 0.0))
@@ -103,32 +75,6 @@ def test_a_sharp_bend_ends_the_episode():
         np.testing.assert_array_equal(value, results[-2][0][name])
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(act(env))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"task": "swing"}, "choose from .*triangle, rig_circle"),
-        ({"period": 0.0}, "period must be finite and positive"),
-        ({"radius": 0.1}, "no option 'radius'; it has period"),
-        (
-            {"task": make_task("reach"), "seed": 2},
-            "made already has its robot and options, got seed",
-        ),
-        ({"period": 0.02}, "must accelerate by less|below"),
-        ({"twin": -1}, "seed of a twin"),
-        ({"control_period": 0.5}, "control_period"),
-        ({"observe": ("tip",)}, "curvature_rate"),
-        ({"preview": ()}, "preview"),
-        ({"render_mode": "ansi"}, "rgb_array"),
-        ({"width": 0}, "width must"),
-        ({"twin": Twin(replace(RIG, tendons=()), 1.0, (), ())}, "0 tendons"),
-    ],
-    ids=str,
-)
-def test_bad_arguments_are_named(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        RigEnv(**arguments)
 
 
 class Broken:

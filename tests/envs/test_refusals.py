@@ -1,0 +1,244 @@
+"""What environments and their `reset` refuse: in one line that names what is allowed."""
+
+from dataclasses import replace
+from functools import cache
+from math import inf, nan
+
+import gymnasium
+import numpy as np
+import pytest
+from support.rig_episodes import flatten
+
+from softrobot_env.envs.gripper import GripperEnv, VectorGripperEnv
+from softrobot_env.envs.observations.table import known_of
+from softrobot_env.envs.options import SIMULATED_OPTIONS
+from softrobot_env.envs.randomization import Randomization
+from softrobot_env.envs.real import RealRigEnv
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.envs.vector import VectorTrackingEnv
+from softrobot_env.robots import ARM, RIG
+from softrobot_env.robots.twin import Twin
+from softrobot_env.robots.variations import VARIATIONS
+from softrobot_env.tasks import make_task
+from softrobot_env.thesis.envs import RigEnv
+
+STRANGE = (nan, -inf, -1.0, "x", (nan, 1.0), {}, object(), np.array(nan), np.array([nan, 1.0]))
+TRIANGLE = make_task("triangle")
+
+# ---------------------------------------------------------------- arguments
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        pytest.param(kind, name, id=f"{kind.__name__}-{name}")
+        for kind in (TrackingEnv, RigEnv, VectorTrackingEnv)
+        for name in kind.takes
+    ],
+)
+def test_strange_arguments_are_refused_by_name(kind, name):
+    for value in STRANGE:
+        with pytest.raises(ValueError, match="task|x" if name == "task" else name) as caught:
+            kind(**{name: value})
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("value", [3, "x", {}, (1, 2)], ids=str)
+@pytest.mark.parametrize(
+    "name", ["robot_file", "port", "tip", "line", "reward", "max_missed", "oldest"]
+)
+def test_strange_arguments_of_the_real_rig_are_refused(name, value):
+    if (name, value) in (("max_missed", 3), ("oldest", 3), ("port", "x")):
+        return  # as they may be
+    missing = name == "robot_file" and value == "x"
+    with pytest.raises(FileNotFoundError if missing else ValueError) as caught:
+        RealRigEnv(**{name: value})
+    assert "\n" not in str(caught.value)
+    assert missing or name in str(caught.value)
+
+
+OBSERVABLES = ", ".join(known_of(ARM))
+PERIOD = r"control_period must be .*between 0\.001 and 0\.2 s"
+
+#: (environment, arguments, what the message says)
+ARGUMENTS = [
+    *((TrackingEnv, {"control_period": x}, PERIOD) for x in (0.0, 0.9e-3, 0.21, -0.01, nan, inf)),
+    *((RigEnv, {"control_period": x}, PERIOD) for x in (0.5, None, "x")),
+    *((TrackingEnv, {"preview": x}, "preview") for x in ((), (-0.1,), (0.1, nan), (inf,), 0.1)),
+    *(
+        (TrackingEnv, {"observe": x}, OBSERVABLES)
+        for x in ((), ("tip",), ("reference", "tip"), ("reference", "reference"), "tip", "")
+    ),
+    (TrackingEnv, {"timestep": 0.03, "control_period": 0.02}, "timestep must be at most the con"),
+    (TrackingEnv, {"task": "wave"}, "swing"),
+    (TrackingEnv, {"render_mode": "ansi"}, "'rgb_array', 'human'"),
+    (TrackingEnv, {"width": 0}, "width must be a whole number, 1 or more"),
+    (TrackingEnv, {"height": 320.5}, "height must be a whole number, 1 or more"),
+    (TrackingEnv, {"pieces": 4}, "inside a piece"),
+    (TrackingEnv, {"robot": "hanging_trunk", "task": "circle", "twin": 1}, "driven by tension"),
+    (TrackingEnv, {"robot": "snake"}, "unknown robot 'snake'; choose from .*arm"),
+    (TrackingEnv, {"robot": "silicone_rod"}, "unknown task 'swing'; choose from reach"),
+    (
+        TrackingEnv,
+        {
+            "robot": "silicone_rod",
+            "task": "circle",
+            "randomization": Randomization(tension_gain=(0.9, 1.1)),
+        },
+        "driven by length",
+    ),
+    (TrackingEnv, {"robot": "arm", "task": make_task("swing")}, "made already has its robot"),
+    *(
+        (kind, {name: value}, f"{name} must be .*{allowed}")
+        for kind in (TrackingEnv, VectorTrackingEnv)
+        for name, value, allowed in (
+            ("observe_as", "list", "'dict', 'vector'"),
+            ("act_as", "rate", "'input', 'change'"),
+            ("reward", "sparse", "'tracking', 'log'"),
+        )
+    ),
+    (VectorTrackingEnv, {"num_envs": 0}, "num_envs must be a whole number, 1 or more"),
+    (VectorTrackingEnv, {"backend": "jax"}, "backend must be one of 'mujoco', 'warp'"),
+    (VectorTrackingEnv, {"device": "cpu"}, "device 'cpu' is for backend='warp'"),
+    (RigEnv, {"task": "swing"}, "choose from .*triangle, rig_circle"),
+    (RigEnv, {"period": 0.0}, "period must be finite and positive"),
+    (RigEnv, {"radius": 0.1}, "no option 'radius'; it has period"),
+    (RigEnv, {"task": make_task("reach"), "seed": 2}, "made already has its .*, got seed"),
+    (RigEnv, {"period": 0.02}, "must accelerate by less|below"),
+    (RigEnv, {"twin": -1}, "seed of a twin"),
+    (RigEnv, {"observe": ("tip",)}, "curvature_rate"),
+    (RigEnv, {"twin": Twin(replace(RIG, tendons=()), 1.0, (), ())}, "0 tendons"),
+    (RealRigEnv, {"observe": ("curvature",)}, "distinct names out of tip_position"),
+    (RealRigEnv, {"task": replace(TRIANGLE, start_input=(0.001, 0, 0))}, "start with all tendons"),
+    (VectorGripperEnv, {"backend": "warp"}, "grippers have the backend 'mujoco'"),
+    (GripperEnv, {"task": "throw"}, "choose from enclose, hold"),
+    (GripperEnv, {"fineness": "exact"}, "choose from rule, quick"),
+    (GripperEnv, {"fineness": 3}, "fineness must be"),
+    (GripperEnv, {"gripper": "hand"}, "choose from gripper"),
+    (GripperEnv, {"observe": ("curvature", "smell")}, "distinct names out of curvature"),
+    (GripperEnv, {"observe_as": "image"}, "'dict', 'vector'"),
+    (GripperEnv, {"pieces": 7}, "multiple of 3 pieces"),
+    (GripperEnv, {"control_period": 0.0}, PERIOD),
+]
+
+
+@pytest.mark.parametrize(("kind", "arguments", "message"), ARGUMENTS)
+def test_bad_arguments_are_refused(kind, arguments, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        kind(**arguments)
+    assert "\n" not in str(caught.value)
+
+
+# ---------------------------------------------------------------- options of a reset
+
+
+@pytest.mark.parametrize("kind", [TrackingEnv, VectorTrackingEnv])
+@pytest.mark.parametrize("name", VARIATIONS)
+def test_variations_of_no_robot_are_refused(kind, name):
+    low, _ = VARIATIONS[name].range
+    for value in (nan, inf, -1.0, 1e300, "x", None, True, *((0.0, 1e-300) if low > 0 else ())):
+        with pytest.raises(ValueError, match=f"value of '{name}' must be a number from {low:g} to"):
+            made(kind).reset(options={"vary": {name: value}})
+
+
+@cache
+def made(kind):
+    """An environment, at the start of an episode."""
+    options = {"num_envs": 4} if kind is VectorTrackingEnv else {}
+    if kind is TrackingEnv:
+        options = {"task": "step"}
+    env = kind(**options)
+    env.reset(seed=0)
+    return env
+
+
+ONE, MANY, ROUND = TrackingEnv, VectorTrackingEnv, RigEnv
+
+#: (environment, options, what the message says)
+OPTIONS = [
+    *((kind, bad, "options must be") for kind in (ONE, MANY, ROUND) for bad in (nan, "x", (1.0,))),
+    *((kind, {"vary": {1: 2}}, "must be a dict of numbers") for kind in (ONE, MANY)),
+    (ONE, {"damping": 2.0}, f"unknown reset option 'damping'.*{'.*'.join(SIMULATED_OPTIONS)}"),
+    (ONE, {"vary": {"length": 2.0}}, "youngs_modulus, density, damping_time, .*, sensor_noise"),
+    (ONE, {"vary": {"delay": 0.015}}, r"multiple of the control period, 0\.01 s"),
+    (ONE, {"vary": {"delay": 1.01}}, "'delay' must be a number from 0 to 1 s"),
+    (ONE, {"vary": {"sensor_noise": 10.1}}, "'sensor_noise' must be a number from 0 to 10"),
+    *((ONE, {"vary": x}, "vary") for x in (2.0, None)),
+    *(
+        (ONE, {"start_input": x}, "start_input")
+        for x in ([1.0, 2.0], [1.0, nan, 2.0], [80.1, 0.0, 0.0], 5.0, "high", {"pair1": 1.0})
+    ),
+    *(
+        (ONE, {"start_curvature": x}, "start_curvature")
+        for x in ([1.0] * 5, [1.0] * 5 + [inf], [1.0] * 5 + [-40.1])
+    ),
+    (ONE, {"start_curvature": [0.0] * 6, "start_input": [0.0] * 3}, "not both"),
+    *((ONE, {"step_width": x}, "step.width") for x in (0.0, 0.5, nan, "wide", [0.1])),
+    *((ONE, {"duration": x}, "duration") for x in (0.0, -1.0, nan, inf, "long", None)),
+    (MANY, {"reset_mask": np.ones(3, bool)}, "4 truth values"),
+    (MANY, {"reset_mask": np.zeros(4, bool)}, "some of them true"),
+    (MANY, {"vary": {"density": np.ones(3)}}, "a number or 4"),
+    (MANY, {"vary": {"mass": 2.0}}, "choose from"),
+    (MANY, {"vary": {"delay": [0.0, 0.01, 0.005, 0.0]}}, "multiple of the control period"),
+    (MANY, {"vary": {"tendon_friction": [0.0, 1.0, -1.0, 0.0]}}, "tendon_friction"),
+    (MANY, {"step_width": 0.1}, "no option 'step_width'"),
+    (MANY, {"speed": 1.0}, "unknown reset option"),
+    (ROUND, {"clear_fault": True}, "unknown reset option 'clear_fault'; allowed are vary"),
+    (ROUND, {"vary": {"tension_gain": 0.9}}, "robot 'rig' is driven by length"),
+    (ROUND, {"duration": 0}, "'duration' must be a positive number"),
+    (ROUND, {"duration": 1e6}, "at most 3600 s"),
+    (ROUND, {"start_length": [0.0, 0.0]}, "3 finite numbers"),
+    (ROUND, {"start_length": [0.0, 0.0, 0.04]}, r"lie between \[-0.03, -0.03, -0.03\] and .* m"),
+    (ROUND, {"task": 3}, "'task' must be a dict"),
+    (ROUND, {"task": {1: 2}}, "must be a dict of numbers"),
+    (ROUND, {"task": {"radius": 0.1}}, "it has period"),
+    (ROUND, {"task": {"name": 1.0}}, "no option 'name'"),
+    (GripperEnv, {"size": 0.06}, "unknown option 'size'; allowed are diameter"),
+    (GripperEnv, {"diameter": -0.06}, "'diameter' must be finite and positive"),
+    (GripperEnv, {"pull": "much"}, "'pull' must be finite"),
+    (GripperEnv, {"mass": [0.1, 0.1]}, "one number or one for each of 1"),
+]
+
+
+@pytest.mark.parametrize(("kind", "options", "message"), OPTIONS)
+def test_bad_options_are_refused(kind, options, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        made(kind).reset(options=options)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", [ONE, MANY, ROUND])
+def test_refused_options_change_nothing(kind):
+    own = [made.__wrapped__(kind), made.__wrapped__(kind)]
+    for other, options, message in OPTIONS:
+        if other is kind:
+            with pytest.raises(ValueError, match=message):
+                own[0].reset(options=options)
+    action = np.full(own[0].action_space.shape, 0.1, np.float32)
+    for _ in range(3):
+        assert flatten(own[0].step(action)) == flatten(own[1].step(action))
+
+
+@pytest.mark.parametrize("task", ["swing", "lshape"])
+def test_only_the_step_has_a_width(task):
+    with pytest.raises(ValueError, match="has no option 'step_width'"):
+        TrackingEnv(task).reset(options={"step_width": 0.1})
+
+
+def test_seeds_are_one_or_as_many_as_environments():
+    with pytest.raises(ValueError, match="a number or 4 of them"):
+        made(MANY).reset(seed=[1, 2, 3])
+
+
+# ---------------------------------------------------------------- actions
+
+
+@pytest.mark.parametrize("kind", [ONE, MANY, ROUND, GripperEnv])
+def test_bad_actions_are_refused(kind):
+    env = made(kind)
+    shape = env.action_space.shape
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        kind().step(np.zeros(kind().action_space.shape))
+    for bad in (np.zeros((*shape[:-1], 2)), np.full(shape, nan), np.full(shape, 1.1), None):
+        with pytest.raises(ValueError, match=r"[23] numbers in \[-1, 1\]"):
+            env.step(bad)
