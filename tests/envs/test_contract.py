@@ -57,7 +57,24 @@ def steps(env, policy, limit=None, seed=0):
             return
 
 
-# ---------------------------------------------------------------- the two checkers, spaces
+#: What all families of simulated robots promise.
+FAMILIES = {
+    "arm": ("SoftRobot/ArmSwing-v0", {}),
+    "in space": ("SoftRobot/Track-v0", {"robot": "hanging_trunk"}),
+    "rig": ("SoftRobot/RigReach-v0", {}),
+    # A picture of several instants.
+    "twin": ("SoftRobot/RigReach-v0", {"twin": 1, "control_period": 0.004}),
+}
+
+
+@pytest.fixture(params=FAMILIES)
+def make_one(request, make_env):
+    """Factory of environments of one family that observe all."""
+    env_id, options = FAMILIES[request.param]
+    return lambda: make_env(env_id, observe="all", **options)
+
+
+# ---------------------------------------------------------------- spaces
 
 
 def test_spaces_are_finite_and_alike(make_env):
@@ -101,22 +118,31 @@ def test_observations_stay_inside_the_space(env_id, policy, make_env):
 
 
 @pytest.mark.parametrize("policy", ["uniform", "pumping"])
-def test_episodes_repeat_bitwise(env_id, policy, make_env):
-    env, other = make_env(env_id), make_env(env_id)
+def test_episodes_repeat_bitwise(policy, make_one):
+    env, other = make_one(), make_one()
     runs = []
     for each in (env, other, env):  # a new environment, and the same one again
         start = each.reset(seed=7)
-        runs.append(flatten((*start, *steps(each, POLICIES[policy], 200))))
+        runs.append(flatten((*start, *steps(each, POLICIES[policy], 100))))
     assert runs[0] == runs[1] == runs[2]
 
 
-def test_seed_sets_the_generator(env_id, make_env):
-    env = make_env(env_id)
-    draws = []
+def test_observations_of_all_families_stay_inside_the_space(make_one):
+    env = make_one()
+    assert env.observation_space.contains(env.reset(seed=1)[0])
+    for observation, reward, terminated, truncated, info in steps(env, uniform, 300):
+        assert env.observation_space.contains(observation)
+        assert isinstance(reward, float) and type(terminated) is type(truncated) is bool
+        assert np.all(info["tendon_tension"] >= 0)
+
+
+def test_seed_sets_the_generator(make_one):
+    env = make_one()
+    sampled = []
     for seed in (3, 3, 4):
         env.reset(seed=seed)
-        draws.append(env.np_random.random())
-    assert draws[0] == draws[1] != draws[2]
+        sampled.append(env.np_random.random())
+    assert sampled[0] == sampled[1] != sampled[2]
     assert env.np_random_seed == 4
     env.reset()
     assert env.np_random_seed == 4
@@ -131,38 +157,35 @@ COPIES = {"pickle": lambda env: pickle.loads(pickle.dumps(env)), "deepcopy": cop
 SITUATIONS = {
     "nominal": {},
     "varied": {"vary": {"youngs_modulus": 1.5, "density": 0.7}},
-    "disturbed": {"vary": {"tension_gain": 0.9, "delay": 0.07, "sensor_noise": 2.0}},
     "rubbing and disturbed": {"vary": {"tendon_friction": 1.0, "delay": 0.02, "sensor_noise": 1.0}},
 }
 
 
 @pytest.mark.parametrize("way", COPIES)
 @pytest.mark.parametrize("situation", SITUATIONS)
-def test_copies_continue_bitwise(env_id, way, situation, make_env):
-    env = make_env(env_id, observe="all")
+def test_copies_continue_bitwise(way, situation, make_one):
+    env = make_one()
     env.reset(seed=0, options=SITUATIONS[situation])
-    list(steps(env, uniform, 40))
+    list(steps(env, uniform, 20))
     twin = COPIES[way](env)
-    expected = flatten(tuple(steps(env, switching, 100)))
-    assert flatten(tuple(steps(twin, switching, 100))) == expected
+    expected = flatten(tuple(steps(env, switching, 40)))
+    assert flatten(tuple(steps(twin, switching, 40))) == expected
     # Both go on to the same next episode, of the nominal robot.
     assert flatten(twin.reset()) == flatten(env.reset())
     np.testing.assert_array_equal(twin.model.jnt_stiffness, env.model.jnt_stiffness)
 
 
 @pytest.mark.parametrize("way", COPIES)
-def test_copies_are_independent(way, make_env):
-    env = make_env()
-    env.reset(seed=0)
-    list(steps(env, uniform, 5))
+def test_copies_are_independent(way, make_one):
+    env, untouched = make_one(), make_one()
+    for each in (env, untouched):
+        each.reset(seed=0)
+        list(steps(each, uniform, 5))
     twin = COPIES[way](env)
-    list(steps(twin, switching, 50))
+    list(steps(twin, switching, 20))
     twin.reset(options={"vary": {"density": 2.0}})
-    untouched = make_env()
-    untouched.reset(seed=0)
-    list(steps(untouched, uniform, 5))
-    continued = flatten(tuple(steps(env, uniform, 20, seed=1)))
-    assert continued == flatten(tuple(steps(untouched, uniform, 20, seed=1)))
+    continued = flatten(tuple(steps(env, uniform, 10, seed=1)))
+    assert continued == flatten(tuple(steps(untouched, uniform, 10, seed=1)))
 
 
 @pytest.mark.parametrize("way", COPIES)
@@ -204,12 +227,6 @@ def test_episode_lasts_as_long_as_the_task(env_id, fraction, make_env):
     assert count == ceil(Fraction(env.task.duration) / Fraction(fraction))
     assert env.data.time == pytest.approx(count * period, rel=1e-9)
     assert env.model.opt.timestep <= period
-
-
-def test_no_step_before_the_first_reset(env_id, make_env):
-    env = make_env(env_id)
-    with pytest.raises(gymnasium.error.ResetNeeded, match="reset"):
-        env.step(hold(env, None, None))
 
 
 def test_no_step_after_the_end(env_id, make_env):
@@ -427,8 +444,8 @@ def arrays(result):
             yield value
 
 
-def test_results_share_no_memory(env_id, make_env):
-    env = make_env(env_id, observe="all")
+def test_results_share_no_memory(make_one):
+    env = make_one()
     calls = [env.reset()]
     calls += [(obs, info) for obs, _, _, _, info in steps(env, uniform, 4)]
     calls += [env.reset()]
@@ -441,9 +458,9 @@ def test_results_share_no_memory(env_id, make_env):
             assert not any(np.shares_memory(a, b) for a in first for b in second)
 
 
-def test_written_results_do_not_reach_the_environment(env_id, make_env):
-    env, untouched = make_env(env_id, observe="all"), make_env(env_id, observe="all")
-    (observation, info), _ = env.reset(), untouched.reset()
+def test_written_results_do_not_reach_the_environment(make_one):
+    env, untouched = make_one(), make_one()
+    (observation, info), _ = env.reset(seed=0), untouched.reset(seed=0)
     rng = np.random.default_rng(3)
     for _ in range(30):
         for value in (*arrays(observation), *arrays(info)):
