@@ -21,6 +21,7 @@ _REGISTER = {
     "register_policy": "softrobot_env.control.registry:register_policy",
     "register_observable": "softrobot_env.envs.observations.table:register_observable",
     "register_reward": "softrobot_env.envs.rewards:register_reward",
+    "register_study": "softrobot_env.core.studies:register_study",
     "register_variation": "softrobot_env.robots.variations:register_variation",
 }
 

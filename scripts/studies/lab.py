@@ -48,7 +48,6 @@ from softrobot_env.core.runs import (
     select,
 )
 from softrobot_env.rendering.figures import (
-    COLOURS,
     Axes,
     Figure,
     Style,
@@ -579,12 +578,6 @@ def lines(
         return str(name), middle[-1], look.colour
 
     return draw
-
-
-def numbered(style: str = "-") -> Callable[[Any], Style]:
-    """Styles of things without names, in the order in which they come."""
-    seen: dict[Any, Style] = {}
-    return lambda value: seen.setdefault(value, Style(COLOURS[len(seen) % len(COLOURS)], style))
 
 
 def maps(
