@@ -1,12 +1,15 @@
-"""Evaluations with --workers: the rows of one process, also where they were stopped in between."""
+"""Evaluations with --workers and studies: their rows, also where they were stopped in between."""
 
 import json
+from dataclasses import dataclass
+from functools import partial
 
 import pytest
 
 from softrobot_env.cli import main
 from softrobot_env.core import runs
-from softrobot_env.core.runs import KEPT
+from softrobot_env.core.runs import KEPT, Row
+from softrobot_env.core.studies import BENCHMARKS
 
 #: What depends on the machine.
 TIMES = {"policy_time_median", "policy_time_p99", "realtime_factor"}
@@ -45,6 +48,41 @@ def test_rows_of_several_processes_are_those_of_one(tmp_path, monkeypatch, capsy
     assert "Took up 2 episodes" in capsys.readouterr().out
     assert rows(shared) == rows(alone)
     assert not (shared / KEPT).exists()
+
+
+@dataclass(frozen=True)
+class Square(Row):
+    number: int
+    square: float
+
+
+def measured(folder, case):
+    if case["number"] == 2 and (folder / "stop").exists():
+        raise ValueError("the third case fails")
+    return Square(case["number"], float(case["number"] ** 2))
+
+
+def test_a_study_that_was_stopped_goes_on(tmp_path, monkeypatch, capsys):
+    from studies.lab import Study, grid, table
+
+    study = Study(
+        kinds=(Square,),
+        cases=grid(number=range(4)),
+        measure=partial(measured, tmp_path),
+        tables=[table("Squares", "number", "square")],
+        alone=True,
+    )
+    monkeypatch.setattr(BENCHMARKS, "_own", {**BENCHMARKS._own, "squares": lambda: study})
+    (tmp_path / "stop").touch()
+    call = ["benchmark", "squares", "--out", str(tmp_path)]
+    assert main(call) == 2
+    assert len((tmp_path / "squares" / KEPT).read_text().splitlines()) == 1 + 2
+    (tmp_path / "stop").unlink()
+    assert main(call) == 0
+    assert "Took up 2 cases" in capsys.readouterr().out
+    report = json.loads((tmp_path / "squares" / "report.json").read_text())
+    assert [row["square"] for row in report["rows"]] == [0, 1, 4, 9]
+    assert not (tmp_path / "squares" / KEPT).exists()
 
 
 def test_robots_over_a_line_are_not_shared(tmp_path, capsys):
