@@ -214,8 +214,8 @@ class NetworkVecEnv(TrackingVecEnv):
     def __init__(
         self, parts: Sequence[VectorTrackingEnv], view: neural.View | None = None, **options: Any
     ) -> None:
-        """Join environments, seen in a view (the arm's unless given); `options` of the base."""
-        self.view = neural.arm_view() if view is None else view
+        """Join environments, seen in a view (the usual one unless given); `options` of the base."""
+        self.view = neural.arm_view(parts[0].task.robot) if view is None else view
         super().__init__(parts, **options)
 
     def _agent_space(self, part: VectorTrackingEnv) -> gymnasium.Space:

@@ -21,7 +21,8 @@ from softrobot_env.envs.vector import VectorTrackingEnv  # noqa: E402
 from softrobot_env.learned.network import Network  # noqa: E402
 from softrobot_env.robots import ARM  # noqa: E402
 from softrobot_env.tasks import make_task  # noqa: E402
-from softrobot_env.training import artifacts, checkpoint, references, registry  # noqa: E402
+from softrobot_env.thesis.arm import training as references  # noqa: E402
+from softrobot_env.training import artifacts, checkpoint, request  # noqa: E402
 from softrobot_env.training.artifacts import as_network, new_layers, put_network  # noqa: E402
 from softrobot_env.training.closed_loop_check import check  # noqa: E402
 from softrobot_env.training.imitation import ImitationConfig, imitate  # noqa: E402
@@ -160,7 +161,7 @@ def test_seeds_are_handed_on():
     env = NetworkVecEnv(parts)
     seeds = env.seed(3)
     env.reset()
-    drawn = [d for p in parts for d in p._info({})["variation_density"]]
+    drawn = [d for p in parts for d in p._info_of({})["variation_density"]]
     expected = [ranges.draw(np.random.default_rng(seed))["density"] for seed in seeds]
     assert drawn == expected and len(set(drawn)) == 3
 
@@ -371,7 +372,7 @@ def test_tasks_can_be_chosen(name):
 def test_robots_and_disturbances_are_drawn_for_every_episode():
     env = make_training_env(replace(preset("ppo", True, True), drawn_tasks=0, envs_per_task=3), 5)
     env.reset()
-    info = env.parts[0]._info({})
+    info = env.parts[0]._info_of({})
     for name in ("youngs_modulus", "density", "delay", "sensor_noise", "tendon_friction"):
         assert len(set(info[f"variation_{name}"])) == 3 or name == "delay"
 
@@ -396,7 +397,7 @@ def test_bad_settings_are_refused(change, reason):
 
 @pytest.mark.parametrize("arguments", [["imitation"], ["--algo", "sac"]])
 def test_missing_packages_are_told_with_their_cure(arguments, capsys, monkeypatch, tmp_path):
-    monkeypatch.setattr(registry, "find_spec", lambda name: None)
+    monkeypatch.setattr(request, "find_spec", lambda name: None)
     assert main(["train", *arguments, "--out", str(tmp_path / "none")]) == 2
     assert "needs torch" in (told := capsys.readouterr().err) and "pip install" in told
     assert not (tmp_path / "none").exists()

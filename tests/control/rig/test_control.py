@@ -8,7 +8,7 @@ import pytest
 from support.servo_law import ServoLaw
 
 from softrobot_env.control.feedforward.motion import Motion
-from softrobot_env.control.registry import RIG_POLICIES, installed_policies, make_policy
+from softrobot_env.control.registry import RIG_POLICIES, home_robot, make_policy
 from softrobot_env.identification.visits import nominal_lengths
 from softrobot_env.robots import RIG, SERVO_SPEED
 from softrobot_env.thesis.rig.feedforward import LENGTH_SCALE, RigFeedforward
@@ -244,4 +244,4 @@ def test_the_calibrated_hybrid_takes_the_play_that_was_learnt():
 
 
 def test_the_rig_s_policies_are_not_the_arm_s():
-    assert not set(RIG_POLICIES) & set(installed_policies())
+    assert {home_robot(name) for name in RIG_POLICIES} == {RIG}

@@ -177,4 +177,4 @@ def test_visits_keep_within_a_radius_and_are_of_rigs_alone():
 
 def test_twins_are_trained_for_one_artifact_only(tmp_path, capsys):
     assert main(["train", "lqi", "--twin", "1", "--out", str(tmp_path)]) != 0
-    assert "--twin: only with rig_nn" in capsys.readouterr().err
+    assert "--twin: only with ssm, sensors, rig_nn" in capsys.readouterr().err
