@@ -19,15 +19,14 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from softrobot_env.core.paths import models_dir
-from softrobot_env.core.writing import write_text
+from softrobot_env.core.files import models_dir, write_text
 from softrobot_env.learned.network import Network
 from softrobot_env.robots import ARM, RIG, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.build import scene_xml
 from softrobot_env.scene.registry import SCENES
 from softrobot_env.tasks import Task, make_task
-from softrobot_env.thesis.rig.identified import IdentifiedParameters
+from softrobot_env.thesis.rig.parameters import IdentifiedParameters
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "demo"
 PERIOD = 0.01  # s, between points of a reference

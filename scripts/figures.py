@@ -46,7 +46,7 @@ from typing import Any
 
 import numpy as np
 
-from softrobot_env.core.writing import write_text
+from softrobot_env.core.files import write_text
 from softrobot_env.rendering.tables import FACTORS, NONE, number
 
 ROOT = Path(__file__).resolve().parents[1]

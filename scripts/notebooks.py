@@ -8,7 +8,7 @@ import json
 import sys
 from pathlib import Path
 
-from softrobot_env.core.writing import write_text
+from softrobot_env.core.files import write_text
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 

@@ -24,8 +24,8 @@ from mujoco.sysid._src.timeseries import SignalType, TimeSeries
 from mujoco.sysid._src.trajectory import ModelSequences, create_initial_state
 
 from softrobot_env.commands.output import new_results
+from softrobot_env.core.files import write_text
 from softrobot_env.core.runs import Record
-from softrobot_env.core.writing import write_text
 from softrobot_env.envs.simulation.plants import MujocoPlant
 from softrobot_env.evaluation.report import write_json
 from softrobot_env.identification.fit import path

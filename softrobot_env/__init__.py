@@ -1,7 +1,7 @@
 """MuJoCo environments for tendon-driven soft robots (see README.md)."""
 
 from softrobot_env.core import __version__ as __version__
-from softrobot_env.core.paths import give_caches_a_place
+from softrobot_env.core.files import give_caches_a_place
 from softrobot_env.core.processes import prepare_the_command_line
 
 prepare_the_command_line()

@@ -14,7 +14,7 @@ import pytest
 from softrobot_env.control.registry import make_policy
 from softrobot_env.control.sensed import load_reconstruction
 from softrobot_env.core.artifacts import read_arrays, read_facts
-from softrobot_env.core.paths import assets_dir, models_dir
+from softrobot_env.core.files import assets_dir, models_dir
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.rollout import _UNMEASURED, Rollout
 from softrobot_env.evaluation.run import run_episode
@@ -38,7 +38,7 @@ from softrobot_env.recordings.header import Time
 from softrobot_env.robots import ARM, RIG, read_gripper, read_robot
 from softrobot_env.tasks import make_task
 from softrobot_env.thesis.arm.operating_points import load_gains
-from softrobot_env.thesis.rig.identified import IdentifiedParameters
+from softrobot_env.thesis.rig.parameters import IdentifiedParameters
 
 _TIMES = 500
 _MOVED = np.linspace(0.0, 1.0, 12)

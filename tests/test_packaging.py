@@ -34,7 +34,7 @@ def test_wheel_works_outside_the_checkout(wheel, tmp_path):
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(site)
     code = (
-        "import gymnasium, softrobot_env; from softrobot_env.core.paths import assets_dir;"
+        "import gymnasium, softrobot_env; from softrobot_env.core.files import assets_dir;"
         "env = gymnasium.make('SoftRobot/ArmSwing-v0'); env.reset(seed=0);"
         "env.step(env.action_space.sample());"
         "print(softrobot_env.__file__, assets_dir(), (assets_dir() / 'arm.xml').exists())"

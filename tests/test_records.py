@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from softrobot_env.core.files import text
 from softrobot_env.core.records import (
     Key,
     Positive,
@@ -23,7 +24,6 @@ from softrobot_env.core.records import (
     unwritten,
     write,
 )
-from softrobot_env.core.toml_text import text
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.hardware.robot_file import RobotFile, Servo, Supervision
 from softrobot_env.recordings import Commands, Frame, Header, Time

@@ -16,7 +16,7 @@ from softrobot_env.control.registry import (
     policy_environment,
 )
 from softrobot_env.core import registry as registries
-from softrobot_env.core.paths import assets_dir
+from softrobot_env.core.files import assets_dir
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import ARM, EXAMPLES, RIG, ROBOTS, find_robot

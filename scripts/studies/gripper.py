@@ -9,9 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from softrobot_env.control.gripper.calibration import FingerCalibration, calibrated
-from softrobot_env.control.gripper.policies import CALM, RISE, ScriptedGrip, SizedGrip
-from softrobot_env.control.gripper.size import SizeEstimator, size_by_sensor
+from softrobot_env.control.gripper import (
+    CALM,
+    RISE,
+    FingerCalibration,
+    ScriptedGrip,
+    SizedGrip,
+    SizeEstimator,
+    calibrated,
+    size_by_sensor,
+)
 from softrobot_env.envs.gripper import VectorGripperEnv
 from softrobot_env.envs.rendering.renderer import finger_shapes
 from softrobot_env.rendering import figures

@@ -18,11 +18,11 @@ from rich.table import Table
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.control.registry import fitting_policies
-from softrobot_env.core.paths import models_dir
+from softrobot_env.core.files import models_dir
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation import runner
-from softrobot_env.evaluation.labels import variation_label
+from softrobot_env.evaluation.report import variation_label
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.learned import bayesian

@@ -14,10 +14,9 @@ from rich.text import Text
 from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.control.registry import POLICIES, installed_policies
 from softrobot_env.evaluation import report, runner
-from softrobot_env.evaluation.labels import task_label, variation_label
+from softrobot_env.evaluation.report import task_label, variation_label
 from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.evaluation.rows import EpisodeRow
-from softrobot_env.evaluation.runner import Outcome
+from softrobot_env.evaluation.runner import EpisodeRow, Outcome
 from softrobot_env.rendering.curves import (
     Curve,
     draw_curvatures,

@@ -44,8 +44,12 @@ from softrobot_env.sensing.reconstruction import Reconstruction
 from softrobot_env.tasks import Task, make_task
 from softrobot_env.thesis.envs import RigEnv
 from softrobot_env.thesis.figures import TRIANGLE
-from softrobot_env.thesis.rig.identified import IdentifiedParameters
-from softrobot_env.thesis.rig.parameters import identified, parameters_of, record
+from softrobot_env.thesis.rig.parameters import (
+    IdentifiedParameters,
+    identified,
+    parameters_of,
+    record,
+)
 from softrobot_env.thesis.rig.servo_constraints import ServoConstraints
 from softrobot_env.thesis.trajectories import LapCircle
 from softrobot_env.training.sensors import calibrated

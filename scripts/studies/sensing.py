@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator
 
-from softrobot_env.control.gripper.calibration import LIFTED
+from softrobot_env.control.gripper import LIFTED
 from softrobot_env.envs.observations.fingers import shares
 from softrobot_env.learned import bayesian
 from softrobot_env.learned.network import Dataset, Network

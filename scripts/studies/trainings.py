@@ -12,8 +12,8 @@ import numpy as np
 
 from softrobot_env.control.registry import make_policy, policy_environment
 from softrobot_env.core.artifacts import read_facts
+from softrobot_env.core.files import write_text
 from softrobot_env.core.interfaces import Policy
-from softrobot_env.core.writing import write_text
 from softrobot_env.learned.network import Network
 from softrobot_env.rendering.figures import (
     COLOURS,
@@ -26,8 +26,7 @@ from softrobot_env.rendering.figures import (
     style_of,
 )
 from softrobot_env.rendering.learning import checks_figure
-from softrobot_env.training.artifacts import save
-from softrobot_env.training.closed_loop_check import check
+from softrobot_env.training.artifacts import check, save
 from softrobot_env.training.imitation import ImitationConfig, imitate
 from softrobot_env.training.rl_config import DISTURBED, RLConfig, preset
 from studies.lab import (
@@ -348,7 +347,7 @@ def goal_of(goal: Goal) -> float:
 
 def train_defaults(case: tuple[str, int, bool]) -> DefaultsRow:
     """Train in the environment of a name with a seed; quick: one rollout and one episode."""
-    from softrobot_env.training.default_ppo import train
+    from softrobot_env.training.rl_config import train
     from softrobot_env.training.vec_env import make_vec_env
 
     name, seed, quick = case

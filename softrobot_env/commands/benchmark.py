@@ -7,12 +7,11 @@ from rich.console import Console
 
 from softrobot_env.commands import own_robot
 from softrobot_env.commands.arguments import add_robot, add_workers, seed
-from softrobot_env.commands.output import add_out, changed_results, drawn, new_results
-from softrobot_env.commands.progress import progress_on
+from softrobot_env.commands.output import add_out, changed_results, drawn, new_results, progress_on
+from softrobot_env.core.files import write_text
 from softrobot_env.core.processes import using
 from softrobot_env.core.runs import KEPT, Record, kept_rows
 from softrobot_env.core.studies import BENCHMARKS, Benchmark, measured
-from softrobot_env.core.writing import write_text
 from softrobot_env.evaluation import stored
 from softrobot_env.rendering.tables import text_page
 

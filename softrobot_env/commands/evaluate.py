@@ -30,23 +30,23 @@ from softrobot_env.commands.output import (
     check_folder,
     check_free,
     new_results,
+    progress_on,
 )
-from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED, Setup
 from softrobot_env.commands.task_options import option, task_name
 from softrobot_env.core.extras import install_command
+from softrobot_env.core.files import write_text
 from softrobot_env.core.processes import using
 from softrobot_env.core.runs import KEPT, Kept, kept_rows, run_cases
-from softrobot_env.core.writing import write_text
 from softrobot_env.evaluation import report, runner
-from softrobot_env.evaluation.labels import (
+from softrobot_env.evaluation.metrics import approached_metrics
+from softrobot_env.evaluation.report import (
     learnt_label,
     option_columns,
     robot_label,
 )
-from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.evaluation.rows import EvaluatedRow
+from softrobot_env.evaluation.runner import EvaluatedRow
 from softrobot_env.hardware.errors import RobotError
 from softrobot_env.recordings import write_recording
 from softrobot_env.robots import VARIATIONS

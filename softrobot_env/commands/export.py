@@ -6,7 +6,7 @@ from rich.console import Console
 
 from softrobot_env.commands.arguments import add_robot
 from softrobot_env.commands.output import add_out, check_free
-from softrobot_env.core.writing import write_text
+from softrobot_env.core.files import write_text
 from softrobot_env.robots import find_robot
 from softrobot_env.scene.build import scene_xml
 from softrobot_env.scene.config import visible

@@ -8,8 +8,7 @@ import numpy as np
 from rich.console import Console
 
 from softrobot_env.commands.arguments import positive, seed, size
-from softrobot_env.commands.output import add_out, new_file
-from softrobot_env.commands.progress import progress_on
+from softrobot_env.commands.output import add_out, new_file, progress_on
 from softrobot_env.robots import GRIPPERS, find_gripper
 from softrobot_env.scene.gripper import FINENESS
 from softrobot_env.tasks.gripper import GRIP_TASKS
@@ -64,8 +63,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _run(args: argparse.Namespace) -> int:
     """Close the gripper, and show it if wanted."""
-    from softrobot_env.control.gripper.calibration import senses
-    from softrobot_env.control.gripper.policies import ScriptedGrip
+    from softrobot_env.control.gripper import ScriptedGrip, senses
     from softrobot_env.envs.gripper import GripperEnv
     from softrobot_env.evaluation.run import play
 
@@ -113,7 +111,7 @@ def _calibrated(
     how: dict[str, Any], start: "Moment", seed: int
 ) -> Callable[[np.ndarray], np.ndarray]:
     """Function from readings to curvatures (pieces,) [1/m], of the gripper an episode has."""
-    from softrobot_env.control.gripper.calibration import calibrated
+    from softrobot_env.control.gripper import calibrated
     from softrobot_env.envs.gripper import VectorGripperEnv
 
     own = {name: start.info[name] for name in _OWN}

@@ -10,11 +10,10 @@ from rich.console import Console
 from rich.progress import Progress, TaskID
 
 from softrobot_env.commands.arguments import add_workers
-from softrobot_env.commands.output import add_out, drawn, new_results
-from softrobot_env.commands.progress import progress_on
+from softrobot_env.commands.output import add_out, drawn, new_results, progress_on
 from softrobot_env.commands.recording.check import add_file
+from softrobot_env.core.files import write_text
 from softrobot_env.core.processes import chosen_processes, using
-from softrobot_env.core.writing import write_text
 from softrobot_env.recordings import read_recording
 from softrobot_env.rendering.tables import text_page
 from softrobot_env.robots import ROBOTS, find_robot

@@ -20,8 +20,8 @@ from softrobot_env.rendering.workspace import draw_workspace, picture_of
 from softrobot_env.robots import RobotParams, Tendon, entry_of, find_robot
 from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.build import Scene, build_scene
+from softrobot_env.scene.inverse import sample_of, workspace_of
 from softrobot_env.scene.registry import scene_of
-from softrobot_env.scene.workspace import sample_of, workspace_of
 
 EXAMPLE = """softrobot inspect --task swing
   softrobot inspect --task triangle --twin 0

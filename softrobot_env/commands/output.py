@@ -11,9 +11,9 @@ from hashlib import sha256
 from pathlib import Path
 
 from rich.console import Console
+from rich.progress import Progress, TextColumn, TimeElapsedColumn
 
-from softrobot_env.core.paths import private_dir
-from softrobot_env.core.writing import write_text
+from softrobot_env.core.files import private_dir, write_text
 
 #: What makes a folder one of results, and the list of what was written to it.
 _REPORT, _LIST = "report.json", ".written"
@@ -181,3 +181,9 @@ def inside(folder: Path, name: str) -> str:
     if name in ("", ".", "..") or any(mark in name for mark in {"/", "\\", os.sep, "\0"}):
         raise ValueError(f"--name {name!r}: a name without folders, as it is written to {folder}")
     return name
+
+
+def progress_on(console: Console) -> Progress:
+    """A bar that goes away at the end; its clock runs also while a long part is under way."""
+    columns = (*Progress.get_default_columns(), TextColumn("after"), TimeElapsedColumn())
+    return Progress(*columns, console=console, transient=True)

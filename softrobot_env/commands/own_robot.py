@@ -7,9 +7,8 @@ from typing import Any, NamedTuple
 
 from rich.console import Console
 
-from softrobot_env.commands.output import drawn, new_results
-from softrobot_env.commands.progress import progress_on
-from softrobot_env.core.writing import write_text
+from softrobot_env.commands.output import drawn, new_results, progress_on
+from softrobot_env.core.files import write_text
 from softrobot_env.evaluation.report import write_json
 from softrobot_env.rendering.tables import text_page
 from softrobot_env.robots import GRIPPERS, RobotParams, find_robot

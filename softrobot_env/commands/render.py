@@ -17,8 +17,7 @@ from softrobot_env.commands.arguments import (
     size,
 )
 from softrobot_env.commands.cases import fitting, make_setup
-from softrobot_env.commands.output import add_out, check_free, new_file
-from softrobot_env.commands.progress import progress_on
+from softrobot_env.commands.output import add_out, check_free, new_file, progress_on
 from softrobot_env.commands.setups import Setup
 from softrobot_env.commands.task_options import add_task, one_task
 from softrobot_env.envs.recording import RecordEpisodes

@@ -18,7 +18,7 @@ from softrobot_env.control.sensed import load_reconstruction
 from softrobot_env.core.registry import load
 from softrobot_env.envs.disturbances import split
 from softrobot_env.envs.tracking import DEFAULT_PERIOD
-from softrobot_env.evaluation.labels import REAL, VIRTUAL
+from softrobot_env.evaluation.report import REAL, VIRTUAL
 from softrobot_env.evaluation.runner import Case, acts_on_identified
 from softrobot_env.robots import ENTRIES, RobotEntry, RobotParams, entry_of, find_robot
 from softrobot_env.tasks import Task, tasks_of

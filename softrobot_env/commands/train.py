@@ -10,8 +10,14 @@ from rich.console import Console
 
 from softrobot_env.commands import train_rl
 from softrobot_env.commands.arguments import add_robot, add_workers, policy, seed, seeds
-from softrobot_env.commands.output import add_out, check_folder, claimed, inside, new_file
-from softrobot_env.commands.progress import progress_on
+from softrobot_env.commands.output import (
+    add_out,
+    check_folder,
+    claimed,
+    inside,
+    new_file,
+    progress_on,
+)
 from softrobot_env.commands.train_several import SEVERAL, train_several
 from softrobot_env.rendering.tables import named_values
 from softrobot_env.robots import RobotParams, default_robot, find_robot

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from softrobot_env.commands.arguments import files_among
-from softrobot_env.commands.output import drawn, inside, new_results
-from softrobot_env.commands.progress import progress_on
+from softrobot_env.commands.output import drawn, inside, new_results, progress_on
+from softrobot_env.core.files import write_text
 from softrobot_env.core.processes import using
 from softrobot_env.core.runs import KEPT, kept_rows
-from softrobot_env.core.writing import write_text
 from softrobot_env.evaluation.report import write_json
 from softrobot_env.rendering.tables import text_page
 from softrobot_env.robots import RobotParams

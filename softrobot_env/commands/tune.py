@@ -11,8 +11,7 @@ from rich.console import Console
 
 from softrobot_env.commands import train_rl
 from softrobot_env.commands.arguments import add_robot, add_workers, number, seed
-from softrobot_env.commands.output import add_out, check_free, new_results
-from softrobot_env.commands.progress import progress_on
+from softrobot_env.commands.output import add_out, check_free, new_results, progress_on
 from softrobot_env.commands.train_several import files_in, order_in, study_in_words, write
 from softrobot_env.core.runs import KEPT, kept_rows
 from softrobot_env.robots import default_robot, find_robot

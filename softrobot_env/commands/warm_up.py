@@ -9,7 +9,7 @@ from time import perf_counter
 from rich.console import Console
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
-from softrobot_env.commands.progress import progress_on
+from softrobot_env.commands.output import progress_on
 from softrobot_env.control.registry import POLICIES, installed_policies
 from softrobot_env.core.processes import usable_cores, worker_processes
 from softrobot_env.robots import ENTRIES, entry_of

@@ -8,11 +8,51 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from softrobot_env.control.status import NOT_COMPUTED, NOT_FINITE, REASONS
+from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
+
+FINE, SATURATED, UNREACHABLE, OUTSIDE, NOT_FINITE, NOT_COMPUTED = range(6)
+
+#: What the codes mean, for people.
+REASONS = {
+    FINE: None,
+    SATURATED: "tension limit reached",
+    UNREACHABLE: "reference out of reach",
+    OUTSIDE: "outside the gain table",
+    NOT_FINITE: "observation not finite",
+    NOT_COMPUTED: "computation not finite",
+}
+
+
+class Memory(NamedTuple):
+    """State of a policy whose work is done in a kernel.
+
+    Attributes:
+        values: (k,), what the kernel remembers.
+        code: Key of `REASONS`.
+    """
+
+    values: np.ndarray
+    code: int
+
+    @property
+    def status(self) -> str | None:
+        """Why the action is not the one wanted, or None."""
+        return REASONS[self.code]
+
+
+class Said(NamedTuple):
+    """State of a policy that remembers nothing: what is to be said of its last action.
+
+    Attributes:
+        status: Why the action is not the one wanted, or None.
+    """
+
+    status: str | None
+
 
 #: What a policy may measure of the state of a robot.
 MEASURED = frozenset({"tip_position", "tip_velocity", "curvature", "curvature_rate"})
@@ -272,3 +312,22 @@ def hold_for(period: float, control_period: float, policy: str) -> int:
             f"divides it, not {control_period:g} s"
         )
     return count
+
+
+@kernel
+def finite(values: np.ndarray) -> bool:
+    """Whether all values (k,) are finite."""
+    for value in values:  # noqa: SIM110  (a loop is what compiles well)
+        if not np.isfinite(value):
+            return False
+    return True
+
+
+@kernel
+def kept(previous: np.ndarray) -> np.ndarray:
+    """Action (n_inputs,) for want of a better one: the previous, zero where that is no number."""
+    action = np.zeros(len(previous))
+    for j in range(len(previous)):
+        if np.isfinite(previous[j]):
+            action[j] = min(max(previous[j], -1.0), 1.0)
+    return action

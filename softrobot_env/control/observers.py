@@ -11,22 +11,21 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
-from softrobot_env.beams.closed_forms.planar_arm import (
+from softrobot_env.beams.closed_forms import (
     PlanarArm,
     inertia_forces,
     make_planar_arm,
     tip,
 )
 from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.control.base import Controller, usable
-from softrobot_env.control.limits import finite
+from softrobot_env.control.base import Controller, finite, usable
 from softrobot_env.control.linear_quadratic import discretized
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, Range, check_argument
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.scene.inverse import workspace_of
 from softrobot_env.scene.linearised import Linearizer, LinearModel
-from softrobot_env.scene.workspace import workspace_of
 
 #: [s], longest step of the prediction by the closed form of the arm.
 _STEP = 1e-3

@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from softrobot_env.core.writing import atomic_write
+from softrobot_env.core.files import atomic_write
 
 
 class Arrays(dict[str, np.ndarray]):

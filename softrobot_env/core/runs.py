@@ -22,7 +22,7 @@ import cloudpickle
 import numpy as np
 
 from softrobot_env.core import __version__
-from softrobot_env.core.paths import assets_dir, models_dir
+from softrobot_env.core.files import assets_dir, models_dir
 from softrobot_env.core.processes import worker_processes
 
 # ---------------------------------------------------------------- rows

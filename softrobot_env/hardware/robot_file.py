@@ -10,6 +10,7 @@ from math import floor
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
+from softrobot_env.core.files import read_table, text, write_text
 from softrobot_env.core.records import (
     Range,
     Unit,
@@ -19,8 +20,6 @@ from softrobot_env.core.records import (
     whole_numbers,
     write,
 )
-from softrobot_env.core.toml_text import read_table, text
-from softrobot_env.core.writing import write_text
 from softrobot_env.hardware.protocol.messages import (
     ADC_CHANNELS,
     MOST_TENDONS,

@@ -24,8 +24,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from softrobot_env.core.paths import cache_dir, firmware_dir
-from softrobot_env.core.writing import atomic_write
+from softrobot_env.core.files import atomic_write, cache_dir, firmware_dir
 from softrobot_env.hardware.protocol.messages import (
     ADC_CHANNELS,
     FORCE_UNIT,

@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from softrobot_env.core.descent import descend
+from softrobot_env.core.continuation import descend
 from softrobot_env.learned.levenberg_marquardt import RULE, LeastSquares, damped
 from softrobot_env.learned.network import Dataset, Network
 

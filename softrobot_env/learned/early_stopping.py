@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from softrobot_env.core.descent import descend
+from softrobot_env.core.continuation import descend
 from softrobot_env.learned.levenberg_marquardt import RULE, LeastSquares, Linearization
 from softrobot_env.learned.network import Dataset, Network
 

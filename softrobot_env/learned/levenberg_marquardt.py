@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from softrobot_env.core.descent import Damping
+from softrobot_env.core.continuation import Damping
 from softrobot_env.learned.network import Dataset, Network
 
 #: How the damping mu of a training changes.

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from softrobot_env.core.extras import install_command
-from softrobot_env.core.writing import atomic_write
+from softrobot_env.core.files import atomic_write
 from softrobot_env.recordings.header import Header
 
 #: Columns (t,) by name.

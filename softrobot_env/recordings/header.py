@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from softrobot_env.core.files import read_table, text, write_text
 from softrobot_env.core.records import (
     NotNegative,
     Positive,
@@ -18,8 +19,6 @@ from softrobot_env.core.records import (
     read,
     write,
 )
-from softrobot_env.core.toml_text import read_table, text
-from softrobot_env.core.writing import write_text
 
 CommandKind = Literal["length", "tension", "action"]
 TimeUnit = Literal["s", "ms", "us", "ns"]

@@ -11,7 +11,7 @@ from zlib import crc32
 import numpy as np
 
 from softrobot_env.core.extras import install_command
-from softrobot_env.core.writing import atomic_write
+from softrobot_env.core.files import atomic_write
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,8 +10,8 @@ import gymnasium
 import numpy as np
 
 from softrobot_env.core.extras import install_command
+from softrobot_env.core.files import atomic_write
 from softrobot_env.core.interfaces import Policy
-from softrobot_env.core.writing import atomic_write
 from softrobot_env.evaluation.run import play
 from softrobot_env.scene.appearance import tension_colours
 

@@ -16,7 +16,7 @@ from softrobot_env.rendering.figures import (
     save,
 )
 from softrobot_env.robots import RobotParams
-from softrobot_env.scene.workspace import Sample, Workspace, sample_of, workspace_of
+from softrobot_env.scene.inverse import Sample, Workspace, sample_of, workspace_of
 
 _SHAPES, _POINTS = 9, 60
 _NAMES = "xyz"

@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from softrobot_env.core.artifacts import Arrays
-from softrobot_env.core.paths import assets_dir, models_dir
+from softrobot_env.core.files import assets_dir, models_dir
 from softrobot_env.robots.file import read_robot
 from softrobot_env.robots.parameters import RobotParams
 from softrobot_env.robots.registry import ROBOTS, entry_of

@@ -10,6 +10,7 @@ from math import ceil, radians
 from pathlib import Path
 from typing import Annotated, Any
 
+from softrobot_env.core.files import read_table, text, write_text
 from softrobot_env.core.records import (
     Positive,
     Unit,
@@ -20,8 +21,6 @@ from softrobot_env.core.records import (
     read_values,
     write,
 )
-from softrobot_env.core.toml_text import read_table, text
-from softrobot_env.core.writing import write_text
 from softrobot_env.robots.gripper import Finger, Gripper
 from softrobot_env.robots.parameters import Base, Disc, Drive, RobotParams
 from softrobot_env.robots.sections import Section

@@ -9,7 +9,7 @@ from math import pi
 from pathlib import Path
 from typing import Any
 
-from softrobot_env.core.paths import assets_dir
+from softrobot_env.core.files import assets_dir
 from softrobot_env.core.registry import Registry, load_plugins
 from softrobot_env.robots.file import read_gripper, read_robot
 from softrobot_env.robots.gripper import Gripper

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from softrobot_env.evaluation.labels import REAL
+from softrobot_env.evaluation.report import REAL
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from math import cos, pi, sin
 from softrobot_env.robots.parameters import Drive, Head, RobotParams, Tendon
 from softrobot_env.robots.registry import LENGTH_SCALE, RIG_PIECES, SERVO_SPEED, RobotEntry
 from softrobot_env.robots.sensors import Sensor
+from softrobot_env.robots.twin import Twin, sampled_twin, twin_of
 
 #: Cantilevers of Tab. 2.1 (T), horizontal under gravity; damping of the spiral runs (T). Poisson
 #: ratio 0 as in every model comparison (I). The thesis varies the number of pieces (S: 6).
@@ -150,8 +151,22 @@ ENTRIES = (
             *("hybrid_feedback", "ssm_mpc", "ssm_lq"),
         ),
         policy="hybrid",
-        identified="softrobot_env.thesis.rig.identified:read_identified",
+        identified="softrobot_env.thesis.rig.parameters:read_identified",
         reported="softrobot_env.thesis.figures:thesis_rows",
     ),
     RobotEntry(EQUIVALENT_RIG),
 )
+
+
+def rig3d_twin(seed: int) -> Twin:
+    """A rig with errors of manufacturing, of its servos and its camera, sampled from a seed.
+
+    Raises:
+        ValueError: The seed is no whole number of zero or more.
+    """
+    return sampled_twin(RIG, seed)
+
+
+def twin_or_ideal(seed: int | None) -> Twin:
+    """The twin of a seed; without one the ideal rig, which the one-piece model describes."""
+    return twin_of(RIG, seed)

@@ -1,5 +1,7 @@
 """Trained networks: torch's layers, files, and the figures that are told of them."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -7,15 +9,82 @@ from typing import Any
 import numpy as np
 import torch
 
+from softrobot_env.control.learned import neural
 from softrobot_env.control.learned.neural import View, view_in
 from softrobot_env.core.vector_reading import reading_in
+from softrobot_env.envs.rewards import TrackingReward
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.evaluation.metrics import (
+    StepMetrics,
+    TrackingMetrics,
+    step_metrics,
+    tracking_metrics,
+)
+from softrobot_env.evaluation.runner import Case, Outcome, run
 from softrobot_env.learned.network import Network, Scaling, check_ends, load_for
 from softrobot_env.robots import RobotParams, default_robot
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import artifact_name, find_artifact, fingerprint
-from softrobot_env.training.closed_loop_check import check
-from softrobot_env.training.references import view_for
+from softrobot_env.training.references import training_of, view_for
 from softrobot_env.training.request import Metrics, Quantity
+
+
+@dataclass(frozen=True)
+class CheckRow(TrackingMetrics):
+    """An episode of a check, with errors up to a failure.
+
+    Attributes:
+        reward: Mean over the steps.
+        failure: What went wrong, or None.
+        step: Of a step, None for other tasks.
+    """
+
+    reward: float
+    failure: str | None
+    step: StepMetrics | None
+
+
+#: By the label of the episode, for instance "step 50 mm, youngs_modulus 0.5".
+Rows = dict[str, CheckRow]
+
+
+def check(
+    network: Network,
+    variations: Sequence[dict[str, float]] = ({},),
+    duration: float | None = None,
+    reward: TrackingReward | None = None,
+    robot: RobotParams | None = None,
+    view: neural.View | None = None,
+) -> Rows:
+    """Figures of a network, one episode for each task and variation.
+
+    Args:
+        network: To run.
+        variations: Robots and disturbances, as in the option `vary` of `reset`.
+        duration: [s] of the episodes, the tasks' own unless given.
+        reward: Whose mean is told; the environments' default unless given.
+        robot: The robot; the default one unless given.
+        view: Of the network; the robot's unless given.
+    """
+    robot = robot or default_robot()
+    view, rows = view_for(robot) if view is None else view, {}
+    policy = neural.NeuralPolicy(robot, view.period, network, view=view)
+    for task in training_of(robot).check_tasks():
+        env = TrackingEnv(task, observe=policy.requires, reward=reward, **view.environment)
+        for vary in variations:
+            case = Case(task, "network", variation=vary, duration=duration)
+            label = ", ".join([task.label, *(f"{n} {value:g}" for n, value in vary.items())])
+            rows[label] = _row(run(case, env, policy))
+    return rows
+
+
+def _row(outcome: Outcome) -> CheckRow:
+    rollout, step = outcome.rollout, None
+    if outcome.case.task.step_width is not None:
+        step = step_metrics(rollout.time, rollout.tip, rollout.reference[-1])
+    errors, reward = tracking_metrics(rollout), float(np.mean(rollout.reward[1:]))
+    return CheckRow(**vars(errors), reward=reward, failure=rollout.failure, step=step)
+
 
 _START = "imitation"
 

@@ -10,8 +10,8 @@ import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import ReplayBuffer
 
+from softrobot_env.core.files import atomic_write
 from softrobot_env.core.interfaces import ProgressCallback
-from softrobot_env.core.writing import atomic_write
 from softrobot_env.learned.network import Network, Scaling
 
 #: The newest state of a training, and the one before.

@@ -22,8 +22,8 @@ from softrobot_env.learned.reduction import Record
 from softrobot_env.robots import RobotParams, entry_of
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.twin import Twin
+from softrobot_env.scene.inverse import sample_of, workspace_of
 from softrobot_env.scene.linearised import linearised
-from softrobot_env.scene.workspace import sample_of, workspace_of
 
 #: Least gain from actions to the tip in a direction, over the largest.
 _MOVING = 0.1

@@ -14,8 +14,8 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.utils import set_random_seed
 
 from softrobot_env.control.learned.neural import View
+from softrobot_env.core.files import write_text
 from softrobot_env.core.interfaces import ProgressCallback
-from softrobot_env.core.writing import write_text
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.learned.network import Network

@@ -17,8 +17,8 @@ from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import fingerprint
 from softrobot_env.robots.twin import Twin, twin_of
 from softrobot_env.scene.chain import station_strain
+from softrobot_env.scene.inverse import sample_of, workspace_of
 from softrobot_env.scene.linearised import linearised
-from softrobot_env.scene.workspace import sample_of, workspace_of
 from softrobot_env.sensing.array import felt_bends
 from softrobot_env.sensing.estimation import BEND_PER_PLACE
 from softrobot_env.sensing.reconstruction import TIP, Reconstruction, reconstruct, reported

@@ -12,7 +12,7 @@ from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.learned.network import Network
 from softrobot_env.robots import RobotParams, default_robot
-from softrobot_env.training.closed_loop_check import check
+from softrobot_env.training.artifacts import check
 from softrobot_env.training.learners import actor_of
 from softrobot_env.training.references import view_for
 from softrobot_env.training.rl_config import RLConfig

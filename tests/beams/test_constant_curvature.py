@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import minimize
 
-from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.control.feedforward.least_norm import least_norm
+from softrobot_env.beams.closed_forms import ConstantCurvatureStatics
+from softrobot_env.control.feedforward.motion import least_norm
 from softrobot_env.robots import ARM, CANTILEVER_WEAK
 
 INPUTS = [(0.0, 0.0, 0.0), (5.0, 5.0, 5.0), (-30.0, 12.0, 40.0), (60.0, -55.0, 20.0)]

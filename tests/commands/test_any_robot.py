@@ -11,7 +11,7 @@ import pytest
 from support.example_robots import SOME
 
 from softrobot_env.cli import main
-from softrobot_env.core.paths import assets_dir
+from softrobot_env.core.files import assets_dir
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.robots import find_robot

@@ -8,12 +8,12 @@ import pytest
 from support.rig_learnt_file import ALWAYS, constant_learnt, learnt_file
 
 from softrobot_env.cli import main
-from softrobot_env.core.paths import models_dir
+from softrobot_env.core.files import models_dir
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.robots import RIG
 from softrobot_env.thesis.envs import RigEnv
 from softrobot_env.thesis.rig import parameters
-from softrobot_env.thesis.rig.identified import describe_rig
+from softrobot_env.thesis.rig.parameters import describe_rig
 
 REACH = ["--tasks", "reach", "--option", "hold=0.2", "--option", "radius=0.03", "--no-plots"]
 

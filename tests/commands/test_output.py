@@ -9,7 +9,7 @@ import pytest
 
 from softrobot_env.cli import main
 from softrobot_env.commands.output import claimed, new_results
-from softrobot_env.core.paths import models_dir
+from softrobot_env.core.files import models_dir
 from softrobot_env.robots import ARM, read_robot
 from softrobot_env.robots.artifacts import find_artifact, training_folder
 

@@ -13,7 +13,7 @@ from softrobot_env.cli import main
 from softrobot_env.commands.robot import setup as real_setup
 from softrobot_env.commands.robot.soak import answer_times
 from softrobot_env.envs.real import RealRigEnv
-from softrobot_env.evaluation.labels import VIRTUAL
+from softrobot_env.evaluation.report import VIRTUAL
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.hardware.robot_file import rig_file
 from softrobot_env.hardware.transport import read_link_log

@@ -6,7 +6,7 @@ from importlib.util import find_spec
 import pytest
 
 from softrobot_env.cli import main
-from softrobot_env.core.paths import assets_dir
+from softrobot_env.core.files import assets_dir
 from softrobot_env.recordings import read_header, read_recording, write_header
 from softrobot_env.recordings.files import recordings_dir
 from softrobot_env.robots import ROBOTS, write_robot

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
+from softrobot_env.beams.closed_forms import ConstantCurvatureStatics
 from softrobot_env.control.base import Controller
 from softrobot_env.control.feedforward.law import Feedforward, FeedforwardPI
 from softrobot_env.control.learned.neural import NeuralPolicy
@@ -14,7 +14,7 @@ from softrobot_env.control.registry import (
     make_policy,
     policy_environment,
 )
-from softrobot_env.core.paths import models_dir
+from softrobot_env.core.files import models_dir
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.learned.network import Network

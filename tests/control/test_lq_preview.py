@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softrobot_env.beams.closed_forms.planar_arm import inertia_forces, make_planar_arm
+from softrobot_env.beams.closed_forms import inertia_forces, make_planar_arm
 from softrobot_env.control.linear_quadratic import discretized
 from softrobot_env.control.observers import linear_model
 from softrobot_env.control.reference_smoothing import (
@@ -21,11 +21,7 @@ from softrobot_env.robots import ARM
 from softrobot_env.tasks import make_task
 from softrobot_env.tasks.trajectories import Step
 from softrobot_env.thesis.arm.estimation import update_estimate
-from softrobot_env.thesis.arm.gains import (
-    INPUT_WEIGHT,
-    VELOCITY_WEIGHT,
-    preview_design,
-)
+from softrobot_env.thesis.arm.operating_points import INPUT_WEIGHT, VELOCITY_WEIGHT, preview_design
 from softrobot_env.thesis.arm.timing import KNOTS, PERIOD
 
 ARM_DATA = make_planar_arm(ARM)

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
+from softrobot_env.beams.closed_forms import ConstantCurvatureStatics
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.cli import main
 from softrobot_env.control.registry import make_policy, policy_environment
-from softrobot_env.core.paths import models_dir
+from softrobot_env.core.files import models_dir
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.metrics import step_metrics
 from softrobot_env.evaluation.run import run_episode

@@ -9,10 +9,10 @@ import pytest
 from softrobot_env.control.learned.neural import NeuralPolicy
 from softrobot_env.control.registry import make_policy
 from softrobot_env.core.artifacts import Arrays, read_arrays, read_facts
-from softrobot_env.core.paths import models_dir
+from softrobot_env.core.files import models_dir
 from softrobot_env.learned.network import Network
 from softrobot_env.robots import ARM, RIG
-from softrobot_env.thesis.rig.identified import IdentifiedParameters
+from softrobot_env.thesis.rig.parameters import IdentifiedParameters
 
 #: File -> option of its policy.
 FILES = {

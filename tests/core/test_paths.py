@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from softrobot_env.core import paths
+from softrobot_env.core import files as paths
 
 _READ_ONLY = """
 mount --bind {package} {package} && mount -o remount,ro,bind {package} &&

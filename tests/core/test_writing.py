@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from softrobot_env.core.writing import atomic_write, write_text
+from softrobot_env.core.files import atomic_write, write_text
 
 PACKAGE = Path(__file__).resolve().parents[2] / "softrobot_env"
 

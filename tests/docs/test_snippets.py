@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from softrobot_env.cli import build_parser, main
-from softrobot_env.core.paths import assets_dir
+from softrobot_env.core.files import assets_dir
 from softrobot_env.core.studies import BENCHMARKS
 
 ROOT = Path(__file__).resolve().parents[2]

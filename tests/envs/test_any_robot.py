@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from support.example_robots import SOME
 
 import softrobot_env  # noqa: F401
-from softrobot_env.core.paths import assets_dir
+from softrobot_env.core.files import assets_dir
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.robots import EXAMPLES, Base, find_robot

@@ -7,9 +7,14 @@ import gymnasium
 import numpy as np
 import pytest
 
-from softrobot_env.control.gripper.calibration import calibrated, columns
-from softrobot_env.control.gripper.policies import ScriptedGrip, SizedGrip
-from softrobot_env.control.gripper.size import SizeEstimator, size_by_sensor
+from softrobot_env.control.gripper import (
+    ScriptedGrip,
+    SizedGrip,
+    SizeEstimator,
+    calibrated,
+    columns,
+    size_by_sensor,
+)
 from softrobot_env.envs.gripper import GripperEnv, GripReward, VectorGripperEnv
 from softrobot_env.envs.observations.fingers import KNOWN, shares
 from softrobot_env.robots import GRIPPERS

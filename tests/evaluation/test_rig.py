@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from softrobot_env.evaluation import report
-from softrobot_env.evaluation.labels import learnt_label, option_columns, rig_label, task_label
 from softrobot_env.evaluation.metrics import approached_metrics
+from softrobot_env.evaluation.report import learnt_label, option_columns, rig_label, task_label
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import Case, Outcome
 from softrobot_env.rendering.plots import plot_task

@@ -427,7 +427,7 @@ def test_the_real_robot_is_identified(tmp_path):
     path = recordings_dir() / "ftdcr_v4" / "train.csv"
     if not path.is_file():
         pytest.skip(f"no {path}: set SOFTROBOT_RECORDINGS to the folder of real recordings")
-    from softrobot_env.core.paths import assets_dir
+    from softrobot_env.core.files import assets_dir
     from softrobot_env.recordings import read_recording
 
     whole = read_recording(path, assets_dir() / "recordings" / "ftdcr_v4.toml")

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from softrobot_env.identification.replay import error_rows, replay
-from softrobot_env.identification.replay.simulation import control_period
+from softrobot_env.identification.replay import control_period, error_rows, replay
 from softrobot_env.recordings import Commands, Frame, Header, Marker, Recording, Time
 from softrobot_env.recordings.files import recording_of
 from softrobot_env.robots import Base, RobotParams, Tendon

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.postures import posed
 
-from softrobot_env.core.paths import assets_dir
+from softrobot_env.core.files import assets_dir
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.build import build_scene, scene_xml

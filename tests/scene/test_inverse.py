@@ -6,14 +6,13 @@ from math import hypot
 import numpy as np
 import pytest
 
-from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.control.feedforward.least_norm import least_norm
+from softrobot_env.beams.closed_forms import ConstantCurvatureStatics
+from softrobot_env.control.feedforward.motion import least_norm
 from softrobot_env.robots import ARM, EXAMPLES, RIG, Base, RobotParams, Tendon, find_robot
 from softrobot_env.scene.build import build_scene
-from softrobot_env.scene.inverse import Held, InverseStatics, spread
+from softrobot_env.scene.inverse import Held, InverseStatics, sample_of, spread, workspace_of
 from softrobot_env.scene.registry import model_scene
 from softrobot_env.scene.tangent import StaticForces
-from softrobot_env.scene.workspace import sample_of, workspace_of
 
 #: A planar robot with one input: its tip moves on a line.
 FINGER = RobotParams(

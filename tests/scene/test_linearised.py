@@ -5,8 +5,8 @@ import pytest
 
 from softrobot_env.core.motion import State
 from softrobot_env.robots import ARM, find_robot
+from softrobot_env.scene.inverse import workspace_of
 from softrobot_env.scene.linearised import linearised
-from softrobot_env.scene.workspace import workspace_of
 
 
 def test_frequencies_of_the_straight_arm_are_those_of_a_cantilever():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softrobot_env.core.paths import models_dir
+from softrobot_env.core.files import models_dir
 from softrobot_env.evaluation.runner import Case, run
 from softrobot_env.robots import RIG, find_robot
 from softrobot_env.tasks.generic import generic_tasks

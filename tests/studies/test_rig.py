@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from softrobot_env.control.feedforward.reference_feedback import ReferenceFeedback
+from softrobot_env.control.feedforward.feedback import ReferenceFeedback
 from softrobot_env.control.feedforward.statics import ChainStatics
 from softrobot_env.control.registry import make_policy
 from softrobot_env.identification.networks import direction_of

@@ -4,7 +4,7 @@ import numpy as np
 
 from softrobot_env.learned.network import Network, Scaling
 from softrobot_env.robots import LENGTH_SCALE, RIG
-from softrobot_env.thesis.rig.identified import IdentifiedParameters
+from softrobot_env.thesis.rig.parameters import IdentifiedParameters
 
 #: (3,), of full scale: the actions of the quasi-static policy with this network.
 ALWAYS = np.array([0.1, 0.05, -0.05])

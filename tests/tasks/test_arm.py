@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
+from softrobot_env.beams.closed_forms import ConstantCurvatureStatics
 from softrobot_env.cli import main
-from softrobot_env.control.feedforward.least_norm import least_norm
+from softrobot_env.control.feedforward.motion import least_norm
 from softrobot_env.robots import ARM, CANTILEVER_WEAK
 from softrobot_env.tasks import ALL_TASKS, STEP_WIDTHS, TASKS, UNSEEN_TASKS, make_task
 

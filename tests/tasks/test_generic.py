@@ -10,8 +10,8 @@ from softrobot_env.envs.reference import sample_reference
 from softrobot_env.robots import ARM, RIG, Base, RobotParams, Tendon, find_robot
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.inverse import workspace_of
 from softrobot_env.scene.registry import model_scene
-from softrobot_env.scene.workspace import workspace_of
 from softrobot_env.tasks import make_task, remake_task, tasks_of
 from softrobot_env.tasks.generic import site_of
 

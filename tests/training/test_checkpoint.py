@@ -63,7 +63,7 @@ def test_a_full_disk_or_a_kill_loses_nothing(folder, monkeypatch, when):
     def fail(*_, **__):
         raise OSError(errno.ENOSPC, "full")
 
-    patches = [(torch, "save"), (Path, "replace"), ("softrobot_env.core.writing._flush", None)]
+    patches = [(torch, "save"), (Path, "replace"), ("softrobot_env.core.files._flush", None)]
     owner, name = patches[when]
     monkeypatch.setattr(*((owner, fail) if name is None else (owner, name, fail)))
     with pytest.raises(OSError, match=r"No space left.*checkpoint\.pt"):

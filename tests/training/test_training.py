@@ -14,7 +14,7 @@ from softrobot_env.cli import main  # noqa: E402
 from softrobot_env.commands import train_rl  # noqa: E402
 from softrobot_env.control.learned import neural  # noqa: E402
 from softrobot_env.control.registry import POLICIES, make_policy, policy_environment  # noqa: E402
-from softrobot_env.core.paths import models_dir  # noqa: E402
+from softrobot_env.core.files import models_dir  # noqa: E402
 from softrobot_env.envs.randomization import Randomization  # noqa: E402
 from softrobot_env.envs.tracking import TrackingEnv  # noqa: E402
 from softrobot_env.envs.vector import VectorTrackingEnv  # noqa: E402
@@ -23,8 +23,12 @@ from softrobot_env.robots import ARM  # noqa: E402
 from softrobot_env.tasks import make_task  # noqa: E402
 from softrobot_env.thesis.arm import training as references  # noqa: E402
 from softrobot_env.training import artifacts, checkpoint, request  # noqa: E402
-from softrobot_env.training.artifacts import as_network, new_layers, put_network  # noqa: E402
-from softrobot_env.training.closed_loop_check import check  # noqa: E402
+from softrobot_env.training.artifacts import (  # noqa: E402
+    as_network,
+    check,
+    new_layers,
+    put_network,
+)
 from softrobot_env.training.imitation import ImitationConfig, imitate  # noqa: E402
 from softrobot_env.training.learners import LEARNERS, actor_of, make_model, put_actor  # noqa: E402
 from softrobot_env.training.rl import begin, make_training_env, train  # noqa: E402

@@ -109,7 +109,7 @@ def test_what_cannot_be_written_says_why(tmp_path):
 def test_what_cannot_be_read_says_why(tmp_path, capsys):
     env = gymnasium.make("SoftRobot/ArmStep-v0", observe_as="vector")
     model = PPO("MlpPolicy", env, n_steps=8, batch_size=8, device="cpu")
-    from softrobot_env.control.outside import as_policy
+    from softrobot_env.control.registry import as_policy
 
     with pytest.raises(ValueError, match=r"reads one vector of \d+ .*save_vector_policy"):
         as_policy(model, "mine")

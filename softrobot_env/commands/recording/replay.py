@@ -9,10 +9,9 @@ from rich.console import Console, Group
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS
 from softrobot_env.commands.arguments import twin
-from softrobot_env.commands.output import add_out, drawn, new_results
-from softrobot_env.commands.progress import progress_on
+from softrobot_env.commands.output import add_out, drawn, new_results, progress_on
 from softrobot_env.commands.recording.check import add_file
-from softrobot_env.core.writing import write_text
+from softrobot_env.core.files import write_text
 from softrobot_env.recordings import read_recording
 from softrobot_env.rendering.tables import Column, make_table, text_page
 from softrobot_env.robots import ROBOTS, RobotParams, find_robot

@@ -11,13 +11,12 @@ from rich.console import Console
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.commands.arguments import add_robot, positive, seed, twin, variation
-from softrobot_env.commands.output import add_out, check_free, new_file
-from softrobot_env.commands.progress import progress_on
+from softrobot_env.commands.output import add_out, check_free, new_file, progress_on
 from softrobot_env.commands.robot.link import robot_of
 from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED
 from softrobot_env.envs.recording import RecordEpisodes
-from softrobot_env.evaluation.labels import VIRTUAL
+from softrobot_env.evaluation.report import VIRTUAL
 from softrobot_env.identification.excitation import (
     KINDS,
     Excitation,

@@ -16,7 +16,7 @@ from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.commands.setups import Setup
 from softrobot_env.control.registry import FEEDBACKS
 from softrobot_env.envs.real import RealRigEnv
-from softrobot_env.evaluation.labels import REAL, VIRTUAL
+from softrobot_env.evaluation.report import REAL, VIRTUAL
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.hardware.robot_file import RobotFile
 from softrobot_env.hardware.transport import LoggingTransport, SerialTransport, Transport

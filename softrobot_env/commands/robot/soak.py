@@ -15,8 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from softrobot_env.commands.arguments import positive, seed
-from softrobot_env.commands.output import add_out, new_results
-from softrobot_env.commands.progress import progress_on
+from softrobot_env.commands.output import add_out, new_results, progress_on
 from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.core.artifacts import read_arrays
 from softrobot_env.hardware.robot_file import RobotFile, read_robot_file

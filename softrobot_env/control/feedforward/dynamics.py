@@ -18,11 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from softrobot_env.control.base import REASONS, SATURATED
 from softrobot_env.control.feedforward.law import Feedforward, FeedforwardPI, FeedforwardState
 from softrobot_env.control.feedforward.motion import Motion, ahead_of
 from softrobot_env.control.feedforward.nearby import Neighbourhood
 from softrobot_env.control.feedforward.statics import ChainStatics, NetworkStatics, Rest
-from softrobot_env.control.status import REASONS, SATURATED
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams

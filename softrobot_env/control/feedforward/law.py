@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from softrobot_env.control.base import Controller, usable
+from softrobot_env.control.base import NOT_FINITE, REASONS, SATURATED, Controller, usable
 from softrobot_env.control.feedforward.feedback import Feedback, FeedbackState
 from softrobot_env.control.feedforward.motion import Motion
 from softrobot_env.control.feedforward.nearby import Neighbourhood
 from softrobot_env.control.feedforward.statics import Rest, statics_of
-from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams

@@ -1,8 +1,11 @@
 """References as laws without feedback follow them: ahead of time, by drives that take a while."""
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+
+from softrobot_env.beams.closed_forms import ConstantCurvatureStatics
 
 
 class Motion(NamedTuple):
@@ -47,3 +50,178 @@ def ahead_of(
     """
     late = np.minimum(np.abs(rate), speed) * period / (2 * speed) * rate
     return late + lag * np.tanh(rate / _TURNING)
+
+
+#: What differs at any robot: standard deviation before anything was seen, least and largest value.
+#: Shares of stiffness and of damping, and a weight at the tip, in weights of the robot.
+_ALWAYS = np.array([(0.3, -0.5, 1.0), (0.3, -0.8, 2.0), (0.3, -0.5, 1.0)])
+
+#: The same of an offset of an input, in its full scale, and of how a robot in space is built: turn
+#: of its tendons about the axis [rad], difference of the bending stiffnesses in two directions.
+_OFFSET, _BUILT = (0.05, -0.5, 0.5), (0.1, -0.5, 0.5)
+
+#: What no difference explains: a share of the reach, for a time over that of the first mode, 1 / w.
+#: It is far more than sensors err by: what is not modelled lasts, and an estimate that follows
+#: faster than the first mode would take motions for differences.
+_ERROR, _LASTS = 0.01, 10.0
+
+#: Times, over that of the first mode, in which as much is forgotten as was unknown at first.
+_FORGETS_OFFSETS, _FORGETS = 300.0, 1000.0
+
+
+class Differences(NamedTuple):
+    """An estimate.
+
+    Attributes:
+        mean: (n,), shares by which the robot is stiffer and its damping per stiffness larger,
+            weight at its tip [weights of the robot], offsets of the inputs [full scale], and how it
+            is built otherwise (`nearby.Neighbourhood`).
+        covariance: (n, n).
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def stiffer(self) -> float:
+        """Share by which the robot is stiffer than its model [1]."""
+        return float(self.mean[0])
+
+    @property
+    def damped(self) -> float:
+        """Share by which its damping per stiffness is larger than its model's [1]."""
+        return float(self.mean[1])
+
+    @property
+    def weight(self) -> float:
+        """Weight at the tip, in weights of the robot [1]."""
+        return float(self.mean[2])
+
+
+class DifferenceFilter:
+    """Kalman filter of `Differences` that walk randomly, about constant.
+
+    An error that there would be without any correction is -G(ways) times the differences, with
+    the ways of the tip by each of them and G the first mode.
+    """
+
+    def __init__(
+        self, n_inputs: int, n_built: int, reach: float, frequency: float, period: float
+    ) -> None:
+        """Weigh what is seen every `period` [s] of a robot of a `reach` [m].
+
+        Args:
+            n_inputs: Of the robot.
+            n_built: Number of ways in which it may be built otherwise.
+            reach: [m].
+            frequency: Angular frequency w [rad/s] of the first mode.
+            period: [s] between two updates.
+        """
+        own = np.vstack([_ALWAYS, *[_OFFSET] * n_inputs, *[_BUILT] * n_built])
+        spread, self._least, self._most = own.T
+        self._begun = Differences(np.zeros(len(own)), np.diag(spread**2))
+        forgets = np.full(len(own), _FORGETS)
+        forgets[len(_ALWAYS) : len(_ALWAYS) + n_inputs] = _FORGETS_OFFSETS
+        self._walk = self._begun.covariance * (period * frequency / forgets)
+        self._reach, self._lasts = reach, max(1.0, _LASTS / (frequency * period))
+
+    def begin(self) -> Differences:
+        """Before anything was seen."""
+        return self._begun
+
+    def updated(
+        self, before: Differences, left: np.ndarray, ways: np.ndarray, far: float
+    ) -> Differences:
+        """After an error was seen.
+
+        Args:
+            before: The last estimate.
+            left: (k,) [m], the error that there would be without any correction.
+            ways: (n, k) [m], of the tip by each difference, as G gives them.
+            far: [m], of the tip from where they hold: what they leave out goes with its square.
+        """
+        noise = ((_ERROR * self._reach) ** 2 + (far**2 / self._reach) ** 2) * self._lasts
+        covariance = before.covariance + self._walk
+        seen = covariance @ ways
+        expected = ways.T @ seen + noise * np.eye(len(left))
+        gain = np.linalg.solve(expected, seen.T).T
+        mean = before.mean - gain @ (left + ways.T @ before.mean)
+        covariance = covariance - gain @ seen.T
+        return Differences(np.clip(mean, self._least, self._most), (covariance + covariance.T) / 2)
+
+
+#: Largest distance [m] from the target, and step [N] to a lesser norm left.
+_REACHED, _SHORTEST = 1e-8, 1e-7
+_NEWTON_ITERATIONS = 60
+
+
+@dataclass(frozen=True)
+class InverseStatics:
+    """Outcome of `least_norm`.
+
+    Attributes:
+        reduced: (n_inputs,) [N], reduced tendon inputs.
+        residual: [m], distance between the target and the tip these inputs hold.
+        converged: Whether the tip is on the target at a local minimum of the tension norm.
+    """
+
+    reduced: np.ndarray
+    residual: float
+    converged: bool
+
+
+def least_norm(
+    statics: ConstantCurvatureStatics, target: np.ndarray, guess: np.ndarray
+) -> InverseStatics:
+    """Inputs of least norm that hold the tip on a target, near a guess.
+
+    Minimises |u|^2 / 2 subject to tip(u) = target by a range- and null-space Newton method with
+    step control.
+
+    Args:
+        statics: Of the robot.
+        target: (2,) [m], (x, z).
+        guess: (n_inputs,) [N], start; the nearest local minimum is found.
+
+    Returns:
+        The inputs. `converged` is False where the target cannot be reached from the guess; the
+        inputs are then those of the smallest residual met.
+    """
+    u = np.array(guess, dtype=float)
+    best, best_residual = u, np.inf
+    for _ in range(_NEWTON_ITERATIONS):
+        tip, first, second = statics.expand(u)
+        gap = np.asarray(target) - tip
+        residual = float(np.hypot(*gap))
+        if residual < best_residual:
+            best, best_residual = u, residual
+        to_range, to_null = _newton_steps(u, gap, first, second)
+        if residual < _REACHED and np.max(np.abs(to_null)) < _SHORTEST:
+            return InverseStatics(u, residual, True)
+        u = u + _shorten(to_range, statics.limit) + _shorten(to_null, statics.limit)
+    return InverseStatics(best, best_residual, False)
+
+
+def _newton_steps(
+    u: np.ndarray, gap: np.ndarray, first: np.ndarray, second: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Step towards the target in the row space of J, and down |u|^2 in its null space."""
+    left, singular, right = np.linalg.svd(first)
+    # Near the straight pose J loses rank; the damping bounds the step there and vanishes with
+    # the gap, so it does not disturb convergence.
+    damping = 1e-3 * np.hypot(*gap) * singular[0]
+    # A straight arm with its tip on the target: no gain, where both are exactly zero.
+    gain = singular / (singular**2 + damping + np.finfo(float).tiny)
+    range_, null = right[: len(singular)].T, right[len(singular) :].T
+    to_range = range_ @ (gain * (left.T @ gap))
+    multiplier = -left @ (gain * (range_.T @ u))
+    bend = np.eye(len(u)) + multiplier[0] * second[0] + multiplier[1] * second[1]
+    hessian = null.T @ bend @ null
+    values, vectors = np.linalg.eigh(hessian)
+    slope = vectors.T @ (null.T @ u)
+    return to_range, -null @ (vectors @ (slope / np.maximum(np.abs(values), 0.1)))
+
+
+def _shorten(step: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """The step, scaled down to at most a tenth of the tension limit."""
+    return step / max(1.0, np.max(np.abs(step) / (0.1 * limit)))

@@ -18,8 +18,7 @@ import mujoco
 import numpy as np
 from scipy.linalg import eigh, expm
 
-from softrobot_env.control.feedforward.differences import Differences
-from softrobot_env.control.feedforward.motion import Motion
+from softrobot_env.control.feedforward.motion import Differences, Motion
 from softrobot_env.control.feedforward.statics import ChainStatics, Rest
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.inverse import Linear

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.control.limits import kept
+from softrobot_env.control.base import NOT_FINITE, Memory, kept
 from softrobot_env.control.scheduled.aiming import (
     AimingLaw,
     aimed,
@@ -27,7 +27,6 @@ from softrobot_env.control.scheduled.law import Law, tighten
 from softrobot_env.control.scheduled.operating_points import Equilibrium
 from softrobot_env.control.scheduled.plan_gains import RegulatorCost, plan_gains
 from softrobot_env.control.scheduled.timing import Timing, timing_of
-from softrobot_env.control.status import NOT_FINITE, Memory
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import RobotParams
 

@@ -5,14 +5,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import implementation, kernel
-from softrobot_env.control.limits import finite, kept
+from softrobot_env.control.base import FINE, NOT_FINITE, Memory, finite, kept
 from softrobot_env.control.linear_quadratic import integral_gains
 from softrobot_env.control.scheduled.aiming import conclude, doubt_of
 from softrobot_env.control.scheduled.law import Law, ScheduledLaw, in_space, is_planar, tighten
 from softrobot_env.control.scheduled.operating_points import Equilibrium
 from softrobot_env.control.scheduled.table import Table, inverse_of, look_up
 from softrobot_env.control.scheduled.timing import Timing
-from softrobot_env.control.status import FINE, NOT_FINITE, Memory
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import RobotParams
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.control.limits import kept
+from softrobot_env.control.base import NOT_COMPUTED, NOT_FINITE, SATURATED, Memory, kept
 from softrobot_env.control.linear_quadratic import BoundedSolver
 from softrobot_env.control.scheduled.aiming import (
     AimingLaw,
@@ -27,7 +27,6 @@ from softrobot_env.control.scheduled.law import Law, tighten
 from softrobot_env.control.scheduled.operating_points import Equilibrium
 from softrobot_env.control.scheduled.plan_gains import RegulatorCost, deviation_cost, plan_gains
 from softrobot_env.control.scheduled.timing import Timing, knots_until, timing_of
-from softrobot_env.control.status import NOT_COMPUTED, NOT_FINITE, SATURATED, Memory
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import RobotParams
 

@@ -11,16 +11,17 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel, reference
-from softrobot_env.beams.registry import MUJOCO
+from softrobot_env.beams.registry import MUJOCO, BeamPlant
 from softrobot_env.control.scheduled.table import Table, look_up
 from softrobot_env.core.equilibrium import EquilibriumError
+from softrobot_env.core.motion import State
 from softrobot_env.core.processes import one_blas_thread
 from softrobot_env.robots import RobotParams
+from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.scene.build import build_scene
-from softrobot_env.scene.inverse import Held, InverseStatics, ReachableEllipse
+from softrobot_env.scene.inverse import Held, InverseStatics, ReachableEllipse, workspace_of
 from softrobot_env.scene.linearised import Linearizer, LinearModel
 from softrobot_env.scene.registry import model_scene
-from softrobot_env.scene.workspace import workspace_of
 
 #: Equilibria that are looked for, and the most of them that become points.
 CANDIDATES, MOST = 600, 250
@@ -158,7 +159,7 @@ def _looking(
 ) -> Callable[[Held], tuple[np.ndarray, np.ndarray, np.ndarray, LinearModel]]:
     """Function from what holds the chain to action, curvature, tip and model of a plant."""
     if plant != MUJOCO:
-        from softrobot_env.control.scheduled.beam_points import BeamLinearizer
+        from softrobot_env.control.scheduled.operating_points import BeamLinearizer
 
         beam = BeamLinearizer(robot, plant)
         return lambda held: beam.rest(held.inputs[-1])
@@ -298,3 +299,86 @@ def _errors(
         by_shape = jacobian[i] @ (now.curvature - rows[i, m : m + n])
         by_place = now.tip - tips[i]
         out[i] = np.sqrt(max(np.sum(by_shape**2), np.sum(by_place**2)))
+
+
+#: [1], step of an action to both sides, as of `scene.linearised`.
+_SHIFT = 1e-7
+
+
+class Rest(NamedTuple):
+    """A robot at rest.
+
+    Attributes:
+        action: (m,) [1].
+        curvature: (n,) [1/m].
+        tip: (3,) [m].
+        model: The linear model about it.
+    """
+
+    action: np.ndarray
+    curvature: np.ndarray
+    tip: np.ndarray
+    model: LinearModel
+
+
+class BeamLinearizer:
+    """Makes the linear models of a robot's beam model.
+
+    Attributes:
+        stepped: The model with its read-outs.
+        inputs: Of the robot.
+    """
+
+    def __init__(self, robot: RobotParams, plant: str) -> None:
+        """Build the model.
+
+        Args:
+            robot: The robot.
+            plant: One of `beams.registry.PLANTS`, except the chain.
+
+        Raises:
+            ValueError: The model lacks what the robot has.
+        """
+        scene = model_scene(robot)
+        self.stepped = BeamPlant(plant)(
+            scene.robot,
+            axes=slice(0, 3),
+            bending=scene.bending,
+            torsion=scene.torsion,
+            actuation=scene.actuation,
+        )
+        self.inputs = robot_inputs(robot)
+        self._command = self.inputs.per_action().command
+        self._bare = self.stepped.bare()
+        self._last: np.ndarray | None = None
+
+    def rest(self, inputs: np.ndarray) -> Rest:
+        """The robot at rest under inputs (m,) [N or m], looked for from the one before.
+
+        Raises:
+            EquilibriumError: There is none, or it is unstable.
+        """
+        model, command = self.stepped.model, self.inputs.command(inputs)
+        q = self._last = model.equilibrium(command, self._last)
+        space = model.linearize(State(q, np.zeros_like(q)), command)
+        ways = model.tangent(q)
+        rates = [self.stepped.measure(q, np.ascontiguousarray(way)) for way in ways.T]
+        mean = np.array([rate.curvature_rate for rate in rates]).T
+        tip = np.array([rate.tip_velocity for rate in rates]).T
+        w = np.linalg.solve(space.stiffness, mean.T)
+        w = np.linalg.solve((mean @ w).T, w.T).T
+        action = (inputs - self.inputs.input_centre) / self.inputs.input_scale
+        shift = _SHIFT * np.eye(len(action))
+        by_action = (self._command(action + shift) - self._command(action - shift)).T / (2 * _SHIFT)
+        forces = space.mass @ space.b[len(space.mass) :, : len(by_action)]
+        still = np.zeros_like(q)
+        found = LinearModel(
+            w.T @ space.mass @ w,
+            w.T @ space.damping @ w,
+            w.T @ space.stiffness @ w,
+            w.T @ forces @ by_action,
+            tip @ w,
+            w.T @ ways.T @ self._bare.residual(q, still, still),
+        )
+        seen = self.stepped.measure(q, still)
+        return Rest(action, seen.curvature, seen.tip_position, found)

@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softrobot_env.core.descent import Damping, descend
+from softrobot_env.core.continuation import Damping, descend
 from softrobot_env.identification.fit.least_squares import clustered, correlation_time
-from softrobot_env.identification.replay.simulation import mean_known, replay
+from softrobot_env.identification.replay import mean_known, replay
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
 

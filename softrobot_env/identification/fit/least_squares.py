@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import t as student_t
 
-from softrobot_env.core.descent import Damping, descend
+from softrobot_env.core.continuation import Damping, descend
 from softrobot_env.identification.fit.model import Simulated, StaticModel
-from softrobot_env.identification.replay.simulation import mean_known
+from softrobot_env.identification.replay import mean_known
 
 _STEPS = 25
 _LEAST = 1e-4  # relative decrease of the cost at which a search ends

@@ -48,7 +48,7 @@ from softrobot_env.identification.fit.validation import (
     pattern_numbers,
 )
 from softrobot_env.identification.networks import Networks, networks_of
-from softrobot_env.identification.replay.simulation import mean_known
+from softrobot_env.identification.replay import mean_known
 from softrobot_env.identification.visits import VISIT, visiting, visits_of
 from softrobot_env.recordings import Header, Recording
 from softrobot_env.robots import RobotParams

@@ -15,7 +15,7 @@ from softrobot_env.identification.fit.least_squares import Weights, search, size
 from softrobot_env.identification.fit.model import StaticModel
 from softrobot_env.identification.fit.residual import bends_of, trained
 from softrobot_env.identification.fit.unknowns import Turned
-from softrobot_env.identification.replay.simulation import mean_known
+from softrobot_env.identification.replay import mean_known
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
 

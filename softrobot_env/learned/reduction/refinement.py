@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softrobot_env.core.descent import Damping, descend
+from softrobot_env.core.continuation import Damping, descend
 from softrobot_env.core.records import Count, Positive, Whole, check_fields
 from softrobot_env.learned.reduction.model import ReducedModel
 from softrobot_env.learned.reduction.polynomials import Monomials, roll, sensitivities

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from softrobot_env.beams.closed_forms.planar_arm import PlanarArm, inertia_forces
+from softrobot_env.beams.closed_forms import PlanarArm, inertia_forces
 from softrobot_env.beams.numerics.compilation import kernel
 
 #: Part of the full actuation that balances of forces are good for, and of the inertia forces,

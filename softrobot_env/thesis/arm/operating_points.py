@@ -15,9 +15,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from softrobot_env.beams.closed_forms import planar_arm
-from softrobot_env.beams.closed_forms.planar_arm import PlanarArm, make_planar_arm
+from softrobot_env.beams import closed_forms
+from softrobot_env.beams.closed_forms import PlanarArm, make_planar_arm
 from softrobot_env.beams.numerics.compilation import implementation, kernel, reference, structure
+from softrobot_env.control.base import FINE, OUTSIDE, UNREACHABLE
+from softrobot_env.control.linear_quadratic import discretized, integral_gains
+from softrobot_env.control.observers import linear_model
 from softrobot_env.control.scheduled.aiming import (
     TrackingTarget,
     aimed,
@@ -26,15 +29,26 @@ from softrobot_env.control.scheduled.aiming import (
 )
 from softrobot_env.control.scheduled.law import Law
 from softrobot_env.control.scheduled.lqi import Resting, resting
-from softrobot_env.control.status import FINE, OUTSIDE, UNREACHABLE
+from softrobot_env.control.scheduled.plan_gains import Regulator, costates
+from softrobot_env.control.scheduled.timing import Timing
 from softrobot_env.core.artifacts import read_arrays, write_arrays
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.artifacts import find_artifact, refuse_artifact, train_command
 from softrobot_env.thesis.arm.estimation import stiffness_factor, update_estimate
 from softrobot_env.thesis.arm.statics import REACH, follow
-from softrobot_env.thesis.arm.timing import PERIOD, identity
 from softrobot_env.thesis.robots import ARM
+
+
+
+
+
+
+
+
+
+
+
 
 #: Points and largest curvature [1/m] along each scheduling variable: 16 x 13 x 11 = 2288 points
 #: (audit of sec. 6.4). With 16, none is the straight pose, where the tip's height cannot be
@@ -231,7 +245,7 @@ def _estimate(
         memory, grid.n, grid.m
     )
     point, jacobian = np.empty(2), np.empty((2, grid.n))
-    planar_arm.tip(arm, curvature, point, jacobian)
+    closed_forms.tip(arm, curvature, point, jacobian)
     share = 1.0
     scale = stiffness_factor(adaptive, information)
     if begun[0]:
@@ -296,3 +310,50 @@ def _aimed(
             way = points[k, 2 * i] - points[0, 2 * i] - times[k] * velocity[2 * i]
             ways[2 * k - 2 + i] = way
     return TrackingTarget(action, rising, away, ways, velocity, np.empty((0, 3)), doubt, gains)
+
+
+#: Weights of LQI on the integrated tip error and on the inputs. The thesis gives none; this ratio
+#: comes closest to its rise times (audit of sec. 6.4).
+ERROR_WEIGHT = 10.0  # 1/(m s)2
+LQI_INPUT_WEIGHT = 1e-6  # 1/N2
+
+#: Weights of LQ with preview: sum_k (|e|^2 + VELOCITY_WEIGHT |e.|^2 + INPUT_WEIGHT |u|^2), with e
+#: the tip's distance [m] from the reference and u the inputs' [N] from those that hold it.
+VELOCITY_WEIGHT = 1e-3  # s2
+INPUT_WEIGHT = 3e-7  # m2/N2
+
+
+def lqi_design(arm: PlanarArm, curvature: np.ndarray) -> np.ndarray:
+    """Gains [K, K_i] (n_inputs, 2 n + 2) [N] of LQI, flattened.
+
+    Args:
+        arm: The arm.
+        curvature: (n,) [1/m] of the operating point, which is at rest.
+    """
+    a, b, c = linear_model(arm, curvature).state_space()
+    return integral_gains((a, b), c, LQI_INPUT_WEIGHT, ERROR_WEIGHT).ravel()
+
+
+def preview_design(arm: PlanarArm, curvature: np.ndarray, period: float = PERIOD) -> np.ndarray:
+    """Gains [N] of u = -K x + sum_i G_i r_i, flattened to (n_inputs * (2 n + 2 * knots),).
+
+    x = (curvatures, rates) and r_i, the reference at the i-th knot, are deviations from an
+    operating point.
+
+    Args:
+        arm: The arm.
+        curvature: (n,) [1/m] of the operating point.
+        period: [s] between decisions.
+    """
+    continuous_a, continuous_b, position = linear_model(arm, curvature).state_space()
+    speed = np.roll(position, arm.n, axis=1)
+    weight = position.T @ position + VELOCITY_WEIGHT * speed.T @ speed
+    # Riccati's equation needs every state in the cost; this is far below the rest.
+    weight += 1e-12 * np.eye(len(weight))
+    change = INPUT_WEIGHT * np.eye(continuous_b.shape[1])
+    system = discretized(continuous_a, continuous_b, period)
+    size = np.ones(len(weight))
+    law = Regulator(size, system, (position, speed), VELOCITY_WEIGHT, (weight, change))
+    ahead = law.gain @ costates(law, TIMING._replace(period=period))[0]
+    by_knot = ahead.reshape(len(change), len(KNOTS), 2)
+    return np.hstack([law.feedback, by_knot.reshape(len(change), -1)]).ravel()

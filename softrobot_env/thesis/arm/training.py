@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
+from softrobot_env.beams.closed_forms import ConstantCurvatureStatics
 from softrobot_env.control.learned import neural
 from softrobot_env.core.interfaces import Policy, ProgressCallback
 from softrobot_env.robots import RobotParams
@@ -210,14 +210,14 @@ def train_network(order: TrainingRequest, show: ProgressCallback) -> Metrics:
 
 def train_lqi(order: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Gains of `lqi` in closed form (thesis sec. 6.4)."""
-    from softrobot_env.thesis.arm.gains import lqi_design
+    from softrobot_env.thesis.arm.operating_points import lqi_design
 
     return _train_gains(lqi_design, order, show)
 
 
 def train_lq_preview(order: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Gains of `lq_preview` in closed form."""
-    from softrobot_env.thesis.arm.gains import preview_design
+    from softrobot_env.thesis.arm.operating_points import preview_design
 
     return _train_gains(preview_design, order, show)
 
@@ -234,7 +234,7 @@ def _train_gains(
     design: Callable[..., Any], order: TrainingRequest, show: ProgressCallback
 ) -> Metrics:
     """Gain table of a law for the arm, by its design."""
-    from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
+    from softrobot_env.beams.closed_forms import make_planar_arm
     from softrobot_env.thesis.arm.operating_points import build_gains, save_gains
 
     robot = order.robot

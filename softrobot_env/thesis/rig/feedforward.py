@@ -15,12 +15,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from softrobot_env.control.base import Controller
+from softrobot_env.control.base import NOT_FINITE, REASONS, UNREACHABLE, Controller
 from softrobot_env.control.feedforward.feedback import Feedback, FeedbackState
 from softrobot_env.control.feedforward.motion import Motion, ahead_of
 from softrobot_env.control.feedforward.nearby import Neighbourhood
 from softrobot_env.control.feedforward.statics import ChainStatics, Rest
-from softrobot_env.control.status import NOT_FINITE, REASONS, UNREACHABLE
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.core.registry import Registry
@@ -33,8 +32,8 @@ from softrobot_env.robots import (
     RobotParams,
 )
 from softrobot_env.scene.registry import RIG_PIECES
-from softrobot_env.thesis.rig.identified import IdentifiedParameters, turned
 from softrobot_env.thesis.rig.inverse import OnePiece, SeveralPieces
+from softrobot_env.thesis.rig.parameters import IdentifiedParameters, turned
 from softrobot_env.thesis.rig.servo_constraints import OutOfReachError
 from softrobot_env.thesis.rig.servo_flexible import InversionError
 

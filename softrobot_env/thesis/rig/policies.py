@@ -8,7 +8,7 @@ from pathlib import Path
 from softrobot_env.core.interfaces import Policy
 from softrobot_env.robots import CAMERA_PERIOD, RobotParams
 from softrobot_env.robots.artifacts import find_artifact
-from softrobot_env.thesis.rig.identified import IdentifiedParameters
+from softrobot_env.thesis.rig.parameters import IdentifiedParameters
 from softrobot_env.thesis.rig.three_tendons import is_rig
 
 #: [m], how far beyond its points feedback may ask a network: the tip stays nearer.
@@ -99,7 +99,7 @@ def make_network_feedback(
     Raises:
         ValueError, FileNotFoundError: As there.
     """
-    from softrobot_env.control.feedforward.reference_feedback import ReferenceFeedback
+    from softrobot_env.control.feedforward.feedback import ReferenceFeedback
     from softrobot_env.thesis.rig.feedforward import RigFeedforward
 
     if not is_rig(robot):

@@ -10,9 +10,9 @@ from threading import Event, Thread
 from time import perf_counter
 
 from softrobot_env.core.artifacts import read_facts
+from softrobot_env.core.files import atomic_write, write_text
 from softrobot_env.core.processes import Workers, using
 from softrobot_env.core.runs import Kept, Progress, Row, for_pictures, quiet, run_cases
-from softrobot_env.core.writing import atomic_write, write_text
 from softrobot_env.training.registry import TRAININGS
 from softrobot_env.training.request import Metrics, Quantity, TrainingRequest, curve_file
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from softrobot_env.control.feedforward.differences import DifferenceFilter
 from softrobot_env.control.feedforward.dynamics import InverseDynamics
 from softrobot_env.control.feedforward.feedback import Feedback
-from softrobot_env.control.feedforward.motion import Motion
+from softrobot_env.control.feedforward.motion import DifferenceFilter, Motion
 from softrobot_env.control.feedforward.nearby import Nearby, Neighbourhood, _held
 from softrobot_env.control.feedforward.statics import ChainStatics, Rest
 from softrobot_env.robots import ARM, EQUIVALENT_RIG, find_robot

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from support.example_robots import SOME
 
+from softrobot_env.control.base import NOT_FINITE, REASONS, UNREACHABLE
 from softrobot_env.control.registry import make_policy
-from softrobot_env.control.status import NOT_FINITE, REASONS, UNREACHABLE
 from softrobot_env.robots import ARM, RIG, find_robot
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.scene.build import build_scene

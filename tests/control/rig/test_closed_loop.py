@@ -8,7 +8,7 @@ from softrobot_env.control.registry import make_policy
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import RIG
 from softrobot_env.thesis.envs import RigEnv
-from softrobot_env.thesis.rig.identified import IdentifiedParameters
+from softrobot_env.thesis.rig.parameters import IdentifiedParameters
 
 SLOW, FAST = 5.0, 1.0
 

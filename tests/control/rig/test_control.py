@@ -12,8 +12,8 @@ from softrobot_env.control.registry import RIG_POLICIES, home_robot, make_policy
 from softrobot_env.identification.visits import nominal_lengths
 from softrobot_env.robots import RIG, SERVO_SPEED
 from softrobot_env.thesis.rig.feedforward import LENGTH_SCALE, RigFeedforward
-from softrobot_env.thesis.rig.identified import IdentifiedParameters
 from softrobot_env.thesis.rig.inverse import TOTAL, OnePiece, SeveralPieces
+from softrobot_env.thesis.rig.parameters import IdentifiedParameters
 from softrobot_env.thesis.rig.policies import make_hybrid
 from softrobot_env.thesis.trajectories import RoundedTriangle
 

@@ -14,9 +14,14 @@ from softrobot_env.learned.network import Scaling, initial_network
 from softrobot_env.robots import ARM, EQUIVALENT, EQUIVALENT_RIG, RIG, ROBOTS
 from softrobot_env.robots.twin import nominal_twin, rig3d_twin
 from softrobot_env.thesis.envs import RigEnv
-from softrobot_env.thesis.rig.identified import IdentifiedParameters, turned
 from softrobot_env.thesis.rig.inverse import PIECES, PIECES_SOFTER, TOTAL
-from softrobot_env.thesis.rig.parameters import identified, parameters_of, record
+from softrobot_env.thesis.rig.parameters import (
+    IdentifiedParameters,
+    identified,
+    parameters_of,
+    record,
+    turned,
+)
 from softrobot_env.thesis.rig.servo_flexible import FlexibleServoConstraints
 from softrobot_env.thesis.rig.three_tendons import mean_curvature
 

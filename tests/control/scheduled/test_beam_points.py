@@ -3,16 +3,15 @@
 import numpy as np
 import pytest
 
-from softrobot_env.control.scheduled.beam_points import BeamLinearizer
 from softrobot_env.control.scheduled.law import build_table
 from softrobot_env.control.scheduled.lq_preview import LQPreview, Preview
-from softrobot_env.control.scheduled.operating_points import find_points
+from softrobot_env.control.scheduled.operating_points import BeamLinearizer, find_points
 from softrobot_env.control.scheduled.timing import timing_of
 from softrobot_env.evaluation.runner import Case, run
 from softrobot_env.robots import ARM, find_robot
 from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.scene.inverse import workspace_of
 from softrobot_env.scene.linearised import Linearizer
-from softrobot_env.scene.workspace import workspace_of
 from softrobot_env.tasks.generic import generic_tasks
 
 FINGER, ROD = find_robot("planar_finger"), find_robot("silicone_rod")

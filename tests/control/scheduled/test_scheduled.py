@@ -19,9 +19,9 @@ from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import artifact_name
 from softrobot_env.robots.file import read_robot, write_robot
 from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.inverse import workspace_of
 from softrobot_env.scene.linearised import Linearizer
 from softrobot_env.scene.registry import scene_of
-from softrobot_env.scene.workspace import workspace_of
 from softrobot_env.tasks.generic import generic_tasks
 
 FINGER, ROD = find_robot("planar_finger"), find_robot("silicone_rod")

@@ -9,7 +9,7 @@ from support.firmware_bench import running  # skips without a compiler
 from support.processes import python
 
 from firmware_schema import header
-from softrobot_env.core.paths import firmware_dir
+from softrobot_env.core.files import firmware_dir
 from softrobot_env.hardware import virtual_robot as core
 from softrobot_env.hardware.protocol.messages import Reset
 from softrobot_env.hardware.virtual_robot import CompilerMissingError, Core, Measured

@@ -1,1 +1,0 @@
-"""Models in closed form: equal pieces of constant curvature, in a plane or one in space."""

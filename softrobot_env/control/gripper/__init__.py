@@ -1,1 +1,0 @@
-"""Policies of grippers, and the size of what they enclose."""

@@ -1,0 +1,181 @@
+"""Files are written whole or not at all: a full disk or a kill leaves what was there before."""
+
+import json
+import os
+import tempfile
+import tomllib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from errno import EEXIST
+from functools import cache
+from numbers import Integral, Real
+from pathlib import Path
+from stat import S_ISDIR
+from typing import Any
+from uuid import uuid4
+
+
+@contextmanager
+def atomic_write(path: Path | str) -> Iterator[Path]:
+    """A path beside `path` to write to, which takes its place at the end of the context.
+
+    It has the same suffix. Where writing fails, what was written is deleted and `path` stays as it
+    was. Folders are made as needed; a link stays a link.
+
+    Raises:
+        OSError: It cannot be written, with the name of `path`; or it is there and no file.
+    """
+    file = Path(path).resolve()
+    if file.exists() and not file.is_file():
+        raise FileExistsError(EEXIST, "it is there, but no file", str(path))
+    aside = file.with_name(f".{file.stem}-{uuid4().hex[:12]}{file.suffix}")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        yield aside
+        _flush(aside)
+        aside.replace(file)
+    except OSError as error:
+        if error.errno is None:
+            raise
+        raise type(error)(error.errno, os.strerror(error.errno), str(path)) from error
+    finally:
+        with suppress(OSError):
+            aside.unlink()
+
+
+def write_text(path: Path | str, text: str) -> None:
+    """Write a text file; OSError as `atomic_write`."""
+    with atomic_write(path) as aside:
+        aside.write_text(text, encoding="utf-8")
+
+
+def _flush(path: Path) -> None:
+    """Let what was written reach the disk before it gets its name."""
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())
+
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+
+
+def _data_dir(name: str) -> Path:
+    """Folder `name` inside an installed wheel, else beside the package in a checkout."""
+    packaged = _PACKAGE / "_data" / name
+    return packaged if packaged.is_dir() else _PACKAGE.parent / name
+
+
+def assets_dir() -> Path:
+    """Folder of the exported MJCF scenes."""
+    return _data_dir("assets")
+
+
+def models_dir() -> Path:
+    """Folder of trained artifacts and their model cards."""
+    return _data_dir("models")
+
+
+def firmware_dir() -> Path:
+    """Folder of the microcontroller's sources."""
+    return _data_dir("firmware")
+
+
+def cache_dir() -> Path:
+    """Folder for what is compiled: in the user's cache, else a private one for temporary files."""
+    own = _user_cache()
+    return private_dir() if own is None else own / "softrobot_env"
+
+
+def give_caches_a_place() -> None:
+    """Let Numba and Matplotlib keep files in `cache_dir` where they would find no place themselves.
+
+    Numba looks beside the sources and in the user's cache, Matplotlib in the user's home, and tells
+    of it at length; call it before they are loaded.
+    """
+    if _user_cache() is not None:
+        return
+    os.environ.setdefault("MPLCONFIGDIR", str(cache_dir() / "matplotlib"))
+    if not os.access(_PACKAGE, os.W_OK):
+        os.environ.setdefault("NUMBA_CACHE_DIR", str(cache_dir() / "numba"))
+
+
+def _user_cache() -> Path | None:
+    """The user's folder of caches, None where nothing can be written."""
+    with suppress(RuntimeError):  # there may be no home at all
+        own = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        there = next(place for place in (own, *own.parents) if place.exists())
+        if there.is_dir() and os.access(there, os.W_OK):
+            return own
+    return None
+
+
+@cache
+def private_dir() -> Path:
+    """A folder that nobody else can write to: what lies in a cache is run."""
+    user = os.getuid() if hasattr(os, "getuid") else 0
+    path = Path(tempfile.gettempdir()) / f"softrobot_env-{user}"
+    with suppress(OSError):
+        path.mkdir(mode=0o700, exist_ok=True)
+        found = path.lstat()
+        if S_ISDIR(found.st_mode) and found.st_uid == user and not found.st_mode & 0o077:
+            return path
+    return Path(tempfile.mkdtemp(prefix="softrobot_env-"))
+
+
+def read_table(path: Path) -> dict[str, Any]:
+    """The table that a TOML file holds.
+
+    Raises:
+        ValueError: The file is no TOML.
+        OSError: The file cannot be read.
+    """
+    try:
+        return tomllib.loads(path.read_text("utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"no TOML: {error}") from None
+
+
+def text(table: Mapping[str, Any], path: str = "") -> str:
+    """The text of a table; numbers are read back to the last bit.
+
+    Tables in it, and lists of tables, follow under their names.
+
+    Args:
+        table: The table.
+        path: Of the table within the file, ending with a dot.
+    """
+    inner = {name: value for name, value in table.items() if _is_inner(value)}
+    plain = {name: value for name, value in table.items() if name not in inner}
+    blocks = ["".join(f"{_key(name)} = {_value(value)}\n" for name, value in plain.items())]
+    for name, value in inner.items():
+        place = path + _key(name)
+        if isinstance(value, Mapping):
+            blocks.append(f"[{place}]\n{text(value, f'{place}.')}")
+        else:
+            blocks += [f"[[{place}]]\n{text(one, f'{place}.')}" for one in value]
+    return "\n".join(blocks)
+
+
+def _is_inner(value: Any) -> bool:
+    """Whether a value is a table or tables."""
+    tables = value if isinstance(value, list | tuple) else [value]
+    return bool(tables) and all(isinstance(one, Mapping) for one in tables)
+
+
+def _key(name: str) -> str:
+    return name if name.isidentifier() and name.isascii() else _text(name)
+
+
+def _text(text: str) -> str:
+    """A text; JSON writes it as TOML does, but for one character."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        pairs = (f"{_key(name)} = {_value(inner)}" for name, inner in value.items())
+        return f"{{{', '.join(pairs)}}}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_value, value))}]"
+    if isinstance(value, Real) and not isinstance(value, bool):
+        return repr(int(value)) if isinstance(value, Integral) else repr(float(value))
+    return _text(value) if isinstance(value, str) else json.dumps(value, ensure_ascii=False)

@@ -1,0 +1,465 @@
+"""A recording's commands, simulated with any robot.
+
+Of a static recording each row is an equilibrium, found from that of the row before: where tendons
+rub or servos have play, the end of a slow motion from there. A moving robot
+begins each run at rest under the run's first command and is stepped as environments step it:
+commands change at the ends of control periods. Rows at equal distances of at most 20 ms are control
+periods; of others commands are held on a grid of 5 ms or finer, and markers interpolated.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import cached_property, partial
+from math import ceil
+from time import process_time
+from typing import Any
+
+import numpy as np
+
+from softrobot_env.beams.registry import MUJOCO, BeamPlant
+from softrobot_env.core.equilibrium import EquilibriumError
+from softrobot_env.envs.reference import own_axes
+from softrobot_env.envs.simulation.plants import BeamPlant as BeamSimulations
+from softrobot_env.envs.simulation.plants import MujocoPlant
+from softrobot_env.recordings import Marker, Recording
+from softrobot_env.robots import RobotParams, entry_of
+from softrobot_env.robots.twin import Twin, twin_of
+from softrobot_env.scene.servos import Servos
+from softrobot_env.scene.statics import equilibrium
+from softrobot_env.scene.tangent import RubbingForces
+
+_LET_OUT = 0.02  # of the robot's length, by which tendons are let out to be slack
+_STEP, _SHORTEST = 1 / 16, 1 / 1024  # of the way from one command to another
+
+
+class Body:
+    """A robot that is simulated under controls (n_tendons,) [N] or [m], with its servos.
+
+    Attributes:
+        period: [s], of the controls.
+    """
+
+    def __init__(
+        self,
+        robot: RobotParams,
+        twin: Twin,
+        plant: str,
+        drive: str,
+        period: float,
+        torsion: bool = False,
+    ) -> None:
+        """Build the model.
+
+        Args:
+            robot: The nominal robot.
+            twin: What is simulated of it; its servos count where commands are lengths.
+            plant: One of `beams.registry.PLANTS`.
+            drive: What controls are, "tension" or "length".
+            period: [s].
+            torsion: Whether a spatial chain of MuJoCo twists, also where no tendon winds.
+        """
+        options: dict[str, Any] = {"actuation": drive}
+        if torsion and plant == MUJOCO and not robot.is_planar:
+            options["torsion"] = True
+        if plant == MUJOCO and (pieces := entry_of(robot).pieces) is not None:
+            options["pieces"] = pieces
+        robot, self.period = twin.robot, period
+        self._robot, axes = robot, own_axes(robot)
+        if plant == MUJOCO:
+            made = MujocoPlant(robot, period, axes=axes, **options)
+            self._model = made.nominal
+        else:
+            made = BeamSimulations(robot, period, BeamPlant(plant), axes=axes, **options)
+        self._simulation = made.simulation({})
+        if plant != MUJOCO:
+            self._model = self._simulation.plant.model
+        self._servos, self._offset = None, np.zeros(len(robot.tendons))
+        self._rubbing: RubbingForces | None = None
+        idle = [0.0 if drive == "length" else t.pretension for t in robot.tendons]
+        self._idle, self._slack = np.array(idle, dtype=float), np.zeros(len(idle))
+        if drive == "length":
+            held = [t.pretension / t.stiffness for t in robot.tendons]
+            self._slack = np.array(held) + _LET_OUT * robot.length
+        self._play = self._horn = np.zeros_like(self._offset)
+        if drive == "length":
+            self._play = np.array(twin.backlash) / 2
+            self._offset = np.array(twin.servo_offset)
+            self._servos = Servos(twin.servo_speed, twin.servo_offset, twin.backlash)
+            self._simulation.drive_by(self._servos)
+
+    def at_rest(self, control: np.ndarray, guess: np.ndarray | None = None) -> np.ndarray:
+        """Coordinates in stable equilibrium under controls (n_tendons,).
+
+        Near the guess, else where slowly growing loads lead, else where the robot goes in small
+        steps from rest without commands, or with all tendons let out: some that are slack and some
+        that are not may give the loads' path a kink at its very begin.
+
+        Raises:
+            EquilibriumError: None was found, or only an unstable one.
+            ValueError: A control is out of its range.
+        """
+        try:
+            return self._model.equilibrium(control + self._offset, guess)
+        except EquilibriumError:
+            rest, idle = self._model.equilibrium, self._idle
+            try:
+                start = rest(idle + self._offset)
+            except EquilibriumError:
+                idle = idle - self._slack
+                start = rest(idle + self._offset)
+            return self._by_steps(rest, idle, control, start)
+
+    def follow(self, control: np.ndarray, before: np.ndarray | None) -> np.ndarray:
+        """Coordinates at rest after slow motion from those before, with friction and backlash.
+
+        Without any before, in the middle of the play and as if nothing rubbed. Errors as `at_rest`.
+        """
+        if before is None:
+            self._horn = control.copy()
+        last, self._horn = (
+            self._horn,
+            np.clip(self._horn, control - self._play, control + self._play),
+        )
+        if before is None or self._simulation.data is None or not self._robot.has_friction:
+            return self.at_rest(self._horn, before)
+        model = self._model.model
+        if self._rubbing is None:
+            self._rubbing = RubbingForces(model, before)
+        rest = partial(equilibrium, model, rubbing=self._rubbing)
+        try:
+            return rest(self._horn + self._offset, before)
+        except EquilibriumError:
+            return self._by_steps(rest, last, self._horn, before)
+
+    def _by_steps(
+        self, rest: Callable[..., np.ndarray], begin: np.ndarray, end: np.ndarray, q: np.ndarray
+    ) -> np.ndarray:
+        """Coordinates under commands `end`, from q under others in ever smaller steps."""
+        share, step = 0.0, _STEP
+        while share < 1:
+            ahead = min(share + step, 1.0)
+            try:
+                q, share = rest(self._offset + begin + ahead * (end - begin), q), ahead
+            except EquilibriumError:
+                step /= 2
+                if step < _SHORTEST:
+                    raise
+        return q
+
+    def begin(self, control: np.ndarray) -> None:
+        """Be at rest under controls (n_tendons,); errors as `at_rest`."""
+        posture, applied = self.at_rest(control), control
+        if self._servos is not None:
+            self._servos.start(control)
+            applied = self._servos.horn
+        self._simulation.reset(posture, applied)
+
+    def advance(self, control: np.ndarray) -> str | None:
+        """Go on for a period under controls (n_tendons,); what went wrong, or None."""
+        target = self._simulation.ctrl if self._servos is None else self._servos.command
+        target[:] = control
+        return None if self._simulation.advance() else self._simulation.failure() or "diverged"
+
+    @property
+    def q(self) -> np.ndarray:
+        """A copy of the coordinates now."""
+        data = self._simulation.data
+        return self._simulation.q.copy() if data is None else data.qpos.copy()
+
+    def markers(self, q: np.ndarray, markers: Sequence[Marker]) -> np.ndarray:
+        """Where markers are, (T, k, 3) [m] in the world, in postures q (T, n)."""
+        places = [self._place(q, marker) for marker in markers]
+        return np.stack(places, axis=1) if places else np.zeros((len(q), 0, 3))
+
+    def _place(self, q: np.ndarray, marker: Marker) -> np.ndarray:
+        length = self._robot.length
+        station = length if marker.station_m is None else marker.station_m
+        if station > length * (1 + 1e-9):
+            raise ValueError(f"marker: station_m must be at most {length:g}, got {station:g}")
+        point = self._tip(q) if marker.station_m is None else self._at(q, station, (0.0, 0.0))
+        if not any(marker.offset_m):
+            return point
+        radius = self._robot.backbone.widest
+        middle = self._at(q, station, (0.0, 0.0))
+        x = (self._at(q, station, (radius, 0.0)) - middle) / radius
+        y = (self._at(q, station, (0.0, radius)) - middle) / radius
+        along, across, out = marker.offset_m
+        return point + along * x + across * y + out * np.cross(x, y)
+
+    def _tip(self, q: np.ndarray) -> np.ndarray:
+        """(T, 3) [m]: of a head, its output point; beams have a last section in its place."""
+        if self._simulation.data is not None:
+            return self._model.tip(q)
+        return self._at(q, self._robot.reach, (0.0, 0.0))
+
+    def _at(self, q: np.ndarray, station: float, offset: tuple[float, float]) -> np.ndarray:
+        return self._model.positions(q, np.array([station]), np.array([offset]))[:, 0]
+
+
+#: Longest control period [s], that of the grid of rows at unequal distances, and the largest
+#: difference of equal distances, as a share.
+_LONGEST, _GRID, _EQUAL = 0.02, 0.005, 1e-3
+
+_SHOWN = 50  # rows between two reports of progress
+
+#: Called with how many rows are done.
+Progress = Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A recording and what a simulated robot did under its commands.
+
+    Attributes:
+        recording: The recording.
+        robot: What was simulated.
+        plant: By which model.
+        simulated: (t, k, 3) [m], markers in the world; NaN where the simulation failed.
+        failures: What went wrong, one line for each failed row or run.
+        cpu_time: [s] that the simulation took, compilation included.
+    """
+
+    recording: Recording
+    robot: RobotParams
+    plant: str
+    simulated: np.ndarray
+    failures: tuple[str, ...]
+    cpu_time: float = field(compare=False)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the reader of its errors must know, a line each."""
+        if not (self.static and self.robot.has_friction):
+            return ()
+        return (
+            "tendons rub: rows count as ends of slow motions from one to the next; a robot that "
+            "sways on its way has less hysteresis",
+        )
+
+    @property
+    def recorded(self) -> np.ndarray:
+        """(t, k, 3) [m], markers in the world."""
+        return self.recording.markers
+
+    @property
+    def times(self) -> np.ndarray:
+        """(t,) [s] of all runs, one after the other."""
+        steps = np.diff(self.recording.times, prepend=0.0)
+        return np.cumsum(np.maximum(steps, 0.0))
+
+    @property
+    def static(self) -> bool:
+        """Whether rows are postures at rest."""
+        return self.recording.static
+
+    @property
+    def title(self) -> str:
+        """Robot and model, for people."""
+        return f"{self.robot.name}, {self.plant}"
+
+    @cached_property
+    def error(self) -> np.ndarray:
+        """Simulated less recorded (t, k, 3) [m]; NaN where one of them is unknown."""
+        return self.simulated - self.recording.markers
+
+    @cached_property
+    def distance(self) -> np.ndarray:
+        """Its size (t, k) [m] over the coordinates that were measured."""
+        return _size(self.error)
+
+    @cached_property
+    def centred(self) -> np.ndarray:
+        """The same with the mean error of each marker over all rows removed."""
+        return _size(self.error - mean_known(self.error))
+
+
+def replay(
+    recording: Recording,
+    robot: RobotParams,
+    plant: str = MUJOCO,
+    twin: Twin | int | None = None,
+    progress: Progress | None = None,
+) -> Replay:
+    """Simulate the commands of a recording.
+
+    Args:
+        recording: The recording; its header says which tendons the commands drive.
+        robot: The robot.
+        plant: One of `beams.registry.PLANTS`.
+        twin: Of a robot driven by length, what is simulated of it; or the seed of one.
+        progress: Called from time to time.
+
+    Raises:
+        ValueError: The commands do not fit the robot, a marker is off it, or the model lacks what
+            the robot has.
+    """
+    if not recording.header.marker:
+        raise ValueError("the recording has no markers: nothing can be compared")
+    begun = process_time()
+    built, drive = twin_of(robot, twin), recording.drive(robot)
+    controls = recording.controls(robot)
+    if recording.static:
+        # Weights beside the axis twist a robot; environments leave that out, here it is quick.
+        body, work = Body(robot, built, plant, drive, _LONGEST, torsion=True), _equilibria
+    else:
+        body, work = Body(robot, built, plant, drive, control_period(recording)), _motions
+    simulated, failures = work(body, recording, controls, progress or _silent)
+    used = process_time() - begun
+    return Replay(recording, built.robot, plant, simulated, tuple(failures), used)
+
+
+def mean_known(error: np.ndarray) -> np.ndarray:
+    """Mean (k, 3) of errors (t, k, 3) over the rows where they are known; NaN without any."""
+    known = ~np.isnan(error)
+    count = known.sum(axis=0)
+    total = np.where(known, error, 0.0).sum(axis=0)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _size(error: np.ndarray) -> np.ndarray:
+    known = ~np.isnan(error)
+    sizes = np.sqrt(np.sum(np.where(known, error, 0.0) ** 2, axis=-1))
+    return np.where(known.any(axis=-1), sizes, np.nan)
+
+
+def _silent(rows: int) -> None:
+    pass
+
+
+def _equilibria(
+    body: Body, recording: Recording, controls: np.ndarray, progress: Progress
+) -> tuple[np.ndarray, list[str]]:
+    q, found, failures = None, {}, []
+    for row, control in enumerate(controls):
+        try:
+            found[row] = q = body.follow(control, q)
+        except EquilibriumError as error:
+            q = None
+            failures.append(f"row {row + 1}: {error}")
+        if row % _SHOWN == 0:
+            progress(row)
+    markers = recording.header.marker
+    simulated = np.full((len(controls), len(markers), 3), np.nan)
+    if found:
+        simulated[list(found)] = body.markers(np.array(list(found.values())), markers)
+    return simulated, failures
+
+
+def _motions(
+    body: Body, recording: Recording, controls: np.ndarray, progress: Progress
+) -> tuple[np.ndarray, list[str]]:
+    failures = []
+    simulated = np.full((len(controls), len(recording.header.marker), 3), np.nan)
+    for run in range(int(recording.runs[-1]) + 1):
+        rows = np.flatnonzero(recording.runs == run)
+        part = recording.part(rows)
+        ahead = part.header.commands.in_force == "until"
+        try:
+            simulated[rows], failure = _motion(body, part, controls[rows], ahead)
+        except EquilibriumError as error:
+            failure = str(error)
+        failures += [] if failure is None else [f"run {run}: {failure}"]
+        progress(int(rows[-1]) + 1)
+    return simulated, failures
+
+
+def control_period(recording: Recording) -> float:
+    """Control period [s] by which a moving robot's commands are simulated."""
+    steps = np.diff(recording.times)[np.diff(recording.runs) == 0]
+    if not len(steps):
+        return _LONGEST
+    step = float(np.median(steps))
+    if np.abs(steps - step).max() <= _EQUAL * step:
+        return round(step / ceil(step / _LONGEST - _EQUAL), 9)
+    return min(step / 2, _GRID)
+
+
+def _motion(
+    body: Body, run: Recording, controls: np.ndarray, ahead: bool
+) -> tuple[np.ndarray, str | None]:
+    """Markers (t, k, 3) of one run; NaN after a failure, and what failed."""
+    periods = max(1, ceil(run.times[-1] / body.period - _EQUAL))
+    middle = (np.arange(periods) + 0.5) * body.period
+    rows = np.searchsorted(run.times, middle, side="right") - 1 + ahead
+    body.begin(controls[0])
+    states, failure = [body.q], None
+    for row in np.minimum(rows, len(controls) - 1):
+        failure = body.advance(controls[row])
+        if failure is not None:
+            break
+        states.append(body.q)
+    places = body.markers(np.array(states), run.header.marker)
+    reached = body.period * np.arange(len(places))
+    simulated = np.full((len(run.times), len(run.header.marker), 3), np.nan)
+    known = run.times <= reached[-1] + _EQUAL * body.period
+    for k, marker in enumerate(run.header.marker):
+        seen = run.times[known] - marker.delay_s
+        for axis in range(3):
+            simulated[known, k, axis] = np.interp(seen, reached, places[:, k, axis])
+    return simulated, failure
+
+
+#: Pattern of the row over all rows.
+ALL = "all"
+
+
+@dataclass(frozen=True)
+class ErrorRow:
+    """Errors of a pattern, or of all rows.
+
+    The distance of simulated and recorded markers, as they are and with the mean error over all
+    rows removed from each marker (one offset for all patterns).
+
+    Attributes:
+        pattern: Label of the rows, or "all".
+        rows: Their number.
+        failed: How many of them have no simulated position.
+        rms, mean, max: [m]; None where all failed.
+        rms_centred, mean_centred, max_centred: [m], mean offset removed.
+        offset_x, offset_y, offset_z: [m], mean error; None where it was not measured.
+    """
+
+    pattern: str
+    rows: int
+    failed: int
+    rms: float | None
+    mean: float | None
+    max: float | None
+    rms_centred: float | None
+    mean_centred: float | None
+    max_centred: float | None
+    offset_x: float | None
+    offset_y: float | None
+    offset_z: float | None
+
+    def columns(self) -> dict[str, Any]:
+        """The row as report.json has it."""
+        return asdict(self)
+
+
+def error_rows(replay: Replay) -> list[ErrorRow]:
+    """Errors of all rows, then of each pattern in the order of its first row."""
+    patterns = replay.recording.patterns
+    whole = np.ones(len(patterns), dtype=bool)
+    parts = {ALL: whole}
+    if len(set(patterns)) > 1:
+        parts |= {name: patterns == name for name in dict.fromkeys(patterns)}
+    return [_row(name, replay, rows) for name, rows in parts.items()]
+
+
+def _row(name: str, replay: Replay, rows: np.ndarray) -> ErrorRow:
+    raw, centred = replay.distance[rows], replay.centred[rows]
+    offset = [_number(x) for x in mean_known(replay.error[rows].reshape(-1, 3))]
+    failed = int(np.isnan(replay.simulated[rows]).any(axis=(1, 2)).sum())
+    return ErrorRow(name, len(raw), failed, *_sizes(raw), *_sizes(centred), *offset)
+
+
+def _sizes(distance: np.ndarray) -> tuple[float | None, float | None, float | None]:
+    known = distance[~np.isnan(distance)]
+    if not known.size:
+        return None, None, None
+    return float(np.sqrt(np.mean(known**2))), float(known.mean()), float(known.max())
+
+
+def _number(value: float) -> float | None:
+    return None if np.isnan(value) else float(value)
