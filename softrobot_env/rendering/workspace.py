@@ -29,7 +29,7 @@ def draw_workspace(robot: RobotParams, folder: Path | str) -> Path:
         Path of the PNG, `workspace_NAME.png` in the folder, which is made.
 
     Raises:
-        ValueError, EquilibriumError: As `scene.workspace.workspace_of`.
+        ValueError, EquilibriumError: As `scene.inverse.workspace_of`.
         ImportError: matplotlib is not installed.
     """
     space, sample = workspace_of(robot), sample_of(robot)

@@ -95,7 +95,7 @@ class ReachableRegion(NamedTuple):
 
 @lru_cache(maxsize=32)
 def site_of(robot: RobotParams) -> ReachableRegion:
-    """The site of a robot's tasks, in its workspace; errors as `scene.workspace.workspace_of`."""
+    """The site of a robot's tasks, in its workspace; errors as `scene.inverse.workspace_of`."""
     from softrobot_env.scene.inverse import workspace_of
     from softrobot_env.scene.linearised import linearised
 

@@ -30,7 +30,7 @@ def serve() -> None:
     serve_names("softrobot_env.robots.registry", f"{thesis}.robots", robots)
     tasks = "ALL_TASKS RIG_TASKS STEP_WIDTHS TASKS UNSEEN_TASKS WITH_OPTION equal_input"
     serve_names("softrobot_env.tasks", f"{thesis}.tasks", tasks)
-    serve_names("softrobot_env.robots.twin", f"{thesis}.twins", "rig3d_twin twin_or_ideal")
+    serve_names("softrobot_env.robots.twin", f"{thesis}.robots", "rig3d_twin twin_or_ideal")
     serve_names("softrobot_env.envs.rig", f"{thesis}.envs", "RigEnv VectorRigEnv")
     serve_names("softrobot_env.control.registry", f"{thesis}.policies", "RIG_POLICIES")
     ids = "ENVIRONMENTS RIG_ENVIRONMENTS REAL_ENVIRONMENTS"

@@ -18,7 +18,15 @@ from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import ARM
 from softrobot_env.tasks import make_task
 from softrobot_env.thesis.arm import gains
-from softrobot_env.thesis.arm.operating_points import GRID, axes, build_gains, interpolate, load_gains, operating_points, save_gains
+from softrobot_env.thesis.arm.operating_points import (
+    GRID,
+    axes,
+    build_gains,
+    interpolate,
+    load_gains,
+    operating_points,
+    save_gains,
+)
 from softrobot_env.thesis.arm.statics import follow
 
 PERIOD = 1e-3

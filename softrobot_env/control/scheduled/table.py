@@ -1,14 +1,10 @@
 """Tables of operating points with the gains of a law at each, and what kernels do with them."""
 
-from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel, structure
-from softrobot_env.robots import RobotParams
-from softrobot_env.scene.build import build_scene
-from softrobot_env.scene.registry import model_scene
 
 #: Points that are blended at most.
 NEIGHBOURS = 6
@@ -259,16 +255,3 @@ def inverse_of(moved: np.ndarray, directions: np.ndarray, damping: float) -> np.
     for i in range(len(square)):
         square[i, i] += damping**2 * size
     return along.T @ np.linalg.solve(square, directions)
-
-
-
-
-
-
-
-
-
-
-
-
-

@@ -14,8 +14,8 @@ from softrobot_env.robots import RobotParams
 from softrobot_env.robots.artifacts import find_artifact
 from softrobot_env.thesis.arm.mpc import MPC, make_preview
 from softrobot_env.thesis.arm.operating_points import read_grid
-from softrobot_env.thesis.arm.timing import TIMING
 from softrobot_env.thesis.arm.qs_nn import QuasiStaticNetwork
+from softrobot_env.thesis.arm.timing import TIMING
 
 #: A file, or None where it is looked for.
 _Path = str | Path | None
