@@ -17,7 +17,7 @@ from softrobot_env.robots import RobotParams
 
 #: Weights of the cost int (|e|^2 + i (T g)^2 |a|^2) dt, with e the integral of the tip's error
 #: [m s], T the period of the first mode, a the actions' distance from those at rest, and g [m] how
-#: far an action of one moves the tip. About the ratio of the arm's table (`thesis.arm.operating_points`).
+#: far an action of one moves the tip. About the ratio of the arm's table (`thesis`).
 _INPUT_WEIGHT = 5e-4
 
 #: Decay of the integrals in the design, over T: where a direction cannot be asked for, as the
