@@ -28,7 +28,7 @@ STUDIES = {
     "sensing": "Curvature sensors as in chapter 4 of the thesis, and a better estimate of the tip",
     "speed": "Environment steps per second, what a step costs, and how long policies decide",
     "stability": "Which timestep, integrator, stiffness and damping hold",
-    "thesis": "Metrics and tables of the thesis' chapter 2 anew",
+    "thesis": "Figures and tables of the thesis' chapter 2 anew",
     "transfer": "Every policy on plants, robots and twins that it was not tuned on",
 }
 

@@ -1,4 +1,4 @@
-"""Metrics and tables of chapter 2 of the thesis as data, with the audit's corrections."""
+"""Figures and tables of chapter 2 of the thesis as data, with the audit's corrections."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
