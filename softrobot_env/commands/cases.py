@@ -113,7 +113,7 @@ def _for_task(names: list[str], called: str, task: Task, setup: Setup) -> list[s
     if "all" in names:
         named = [*fitting(task, setup), *(name for name in names if name != "all")]
     else:
-        named = [name for name in names if setup.misfit(name, task) is None]
+        named = [name for name in names if setup.incompatibility(name, task) is None]
     if not named:
         able = ", ".join(fitting(task, setup))
         raise ValueError(
@@ -123,9 +123,9 @@ def _for_task(names: list[str], called: str, task: Task, setup: Setup) -> list[s
 
 
 def fitting(task: Task, setup: Setup) -> list[str]:
-    """Installed policies that can drive a task's robot, see `Setup.misfit`."""
+    """Installed policies that can drive a task's robot, see `Setup.incompatibility`."""
     ready = [*installed_policies(), *(name for name in EVERY_POLICY if name not in POLICIES)]
-    return [name for name in ready if setup.misfit(name, task) is None]
+    return [name for name in ready if setup.incompatibility(name, task) is None]
 
 
 def _check_names(names: list[str]) -> None:
@@ -142,7 +142,9 @@ def _check_names(names: list[str]) -> None:
 def _check_policies(names: list[str], tasks: list[Task], setup: Setup) -> None:
     """Refuse policies that are for none of the tasks."""
     for name in (name for name in names if name != "all"):
-        reasons = dict.fromkeys((task.robot.name, setup.misfit(name, task)) for task in tasks)
+        reasons = dict.fromkeys(
+            (task.robot.name, setup.incompatibility(name, task)) for task in tasks
+        )
         if None in [reason for _, reason in reasons]:
             continue
         owners = [robot for robot, made in families().items() if name in made]

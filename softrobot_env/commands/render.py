@@ -134,7 +134,7 @@ def _case(args: argparse.Namespace, setup: Setup) -> Case:
     """
     task = one_task(args, setup.robot)
     name = args.policy or setup.default_policy(task)
-    reason = setup.misfit(name, task)
+    reason = setup.incompatibility(name, task)
     if reason is not None:
         raise ValueError(
             f"policy {name!r} is not for the task {task.name}: {reason}; choose from "

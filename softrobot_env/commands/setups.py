@@ -11,7 +11,7 @@ from softrobot_env.commands.arguments import plant_options
 from softrobot_env.control.registry import (
     FEEDBACKS,
     SENSORS,
-    misfit,
+    incompatibility,
     policy_environment,
 )
 from softrobot_env.control.sensed import load_reconstruction
@@ -78,9 +78,9 @@ class Setup:
     def default_policy(self, task: Task) -> str:
         """The policy to show on a task."""
         name = entry_of(task.robot).policy
-        return name if self.misfit(name, task) is None else _SHOWN
+        return name if self.incompatibility(name, task) is None else _SHOWN
 
-    def misfit(self, policy: str, task: Task) -> str | None:
+    def incompatibility(self, policy: str, task: Task) -> str | None:
         """Why a policy is not for a task's robot, or its reference; None where it is.
 
         Raises:
@@ -98,7 +98,7 @@ class Setup:
         for owner, family in made_for.items():
             if policy in family and robot in made_for:
                 return None if owner == robot else f"policy {policy!r} is for robot {owner.name!r}"
-        return misfit(policy, robot)
+        return incompatibility(policy, robot)
 
     def twins(self, robot: RobotParams) -> list[int | None]:
         """Twins of a robot to run every case on, None for the robot as it should be."""

@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
 def _case(args: argparse.Namespace, setup: Setup, task: Any) -> Case:
     """What is shown; without a policy as the usual one of the robot would have it."""
     name = args.policy or setup.default_policy(task)
-    reason = setup.misfit(name, task)
+    reason = setup.incompatibility(name, task)
     if reason is not None:
         raise ValueError(f"policy {name!r} is not for the task {task.name}: {reason}")
     case = setup.complete(Case(task, name, twin=None))

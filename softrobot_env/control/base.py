@@ -168,11 +168,11 @@ class Controller(ABC):
                     f"{type(self).__name__} needs {size} entries of {name}, not {found}: {cure}"
                 )
 
-    def rehearse(self, robot: RobotParams) -> None:
+    def warm_up(self, robot: RobotParams) -> None:
         """Decide for a robot at rest, so that no decision will wait for a compiler or its leavings.
 
         `make_policy` does so. Three decisions: some laws compute more once they have a past. A
-        policy that does not tell the `sizes` of all that it `requires` does not rehearse.
+        policy that does not tell the `sizes` of all that it `requires` is not warmed up.
         """
         if not set(self.requires) <= self.sizes.keys():
             return

@@ -7,6 +7,7 @@ from importlib.util import find_spec
 from inspect import signature
 from pathlib import Path
 from typing import Any
+from warnings import warn
 
 import gymnasium
 import numpy as np
@@ -314,10 +315,10 @@ def policy_name(which: str) -> str:
 def fitting_policies(robot: RobotParams, control_period: float = 0.01) -> dict[str, str | None]:
     """Why a policy cannot drive a robot, by the name of each that is installed; None if it can."""
     ready = [name for name in EVERY_POLICY if name not in POLICIES or name in installed_policies()]
-    return {name: misfit(name, robot, control_period) for name in ready}
+    return {name: incompatibility(name, robot, control_period) for name in ready}
 
 
-def misfit(which: str, robot: RobotParams, control_period: float = 0.01) -> str | None:
+def incompatibility(which: str, robot: RobotParams, control_period: float = 0.01) -> str | None:
     """What a robot lacks that a policy cannot drive; None where it can.
 
     Raises:
@@ -329,6 +330,12 @@ def misfit(which: str, robot: RobotParams, control_period: float = 0.01) -> str 
     except ValueError as error:
         return str(error)
     return None
+
+
+def misfit(which: str, robot: RobotParams, control_period: float = 0.01) -> str | None:
+    """The former name of `incompatibility`; it warns."""
+    warn("control.registry.misfit is incompatibility now", DeprecationWarning, stacklevel=2)
+    return incompatibility(which, robot, control_period)
 
 
 def make_policy(
@@ -379,14 +386,14 @@ def make_policy(
     if feedback != FEEDBACKS[0] and "curvature_rate" in getattr(policy, "requires", ()):
         from softrobot_env.control.observers import OutputFeedback
 
-        _rehearse(policy, robot)
+        _warm_up(policy, robot)
         policy = OutputFeedback(policy, robot, control_period)
     if feedback == SENSORS and MEASURED.intersection(getattr(policy, "requires", ())):
         from softrobot_env.control.sensed import Sensed, load_reconstruction
 
-        _rehearse(policy, robot)
+        _warm_up(policy, robot)
         policy = Sensed(policy, load_reconstruction(robot, sensors), control_period)
-    _rehearse(policy, robot)
+    _warm_up(policy, robot)
     return policy
 
 
@@ -395,10 +402,10 @@ def sensors_delay(robot: RobotParams) -> float | None:
     return max((sensor.delay for sensor in robot.sensors), default=None)
 
 
-def _rehearse(policy: Policy, robot: RobotParams) -> None:
+def _warm_up(policy: Policy, robot: RobotParams) -> None:
     """Let a policy that can do so decide before it matters."""
-    if hasattr(policy, "rehearse"):
-        policy.rehearse(robot)
+    if hasattr(policy, "warm_up"):
+        policy.warm_up(robot)
 
 
 def _check_interface(name: str, env: gymnasium.Env) -> None:

@@ -33,7 +33,7 @@ from softrobot_env.envs.observations.table import (
 )
 from softrobot_env.envs.options import SIMULATED_OPTIONS, ResetOptions
 from softrobot_env.envs.options import parse_options as parse
-from softrobot_env.envs.randomization import misfit
+from softrobot_env.envs.randomization import incompatibility
 from softrobot_env.envs.reference import AXES, ReferenceTable, sample_reference
 from softrobot_env.envs.rewards import reward_of
 from softrobot_env.envs.simulation.plants import BeamPlant, MujocoPlant
@@ -274,7 +274,7 @@ class SimulatedParts(EnvParts):
     def check_varied(self, names: Iterable[str]) -> None:
         """Raise ValueError for what cannot vary of this robot."""
         for name in names:
-            why = misfit(name, self.task.robot)
+            why = incompatibility(name, self.task.robot)
             if why is not None:
                 raise ValueError(why)
 

@@ -53,7 +53,7 @@ class Randomization:
     def fitting(self, robot: object) -> "Randomization":
         """Without what cannot vary of a robot (`RobotParams`)."""
         return Randomization(
-            **{n: ends for n, ends in self.varied.items() if misfit(n, robot) is None}
+            **{n: ends for n, ends in self.varied.items() if incompatibility(n, robot) is None}
         )
 
     def draw(self, rng: np.random.Generator) -> dict[str, float]:
@@ -67,9 +67,9 @@ class Randomization:
         return sampled | {name: low for name, (low, high) in ranges.items() if low == high}
 
 
-def misfit(name: str, robot: object) -> str | None:
+def incompatibility(name: str, robot: object) -> str | None:
     """Why something cannot vary of a robot; None if it can."""
-    why = VARIATIONS[name].misfit
+    why = VARIATIONS[name].incompatibility
     return None if why is None else why(robot)
 
 

@@ -30,7 +30,8 @@ class Variation:
         label: How reports show a value.
         scales: Fields of a MuJoCo model that are proportional to the value, if that is all that
             changes. Many simulations then vary at once; else a scene is built for each.
-        misfit: Function of a robot that says why it cannot have other values, or returns None.
+        incompatibility: Function of a robot that says why it cannot have other values, or returns
+            None.
     """
 
     name: str
@@ -40,7 +41,7 @@ class Variation:
     unit: str = "1"
     label: Callable[[float], str] | None = None
     scales: tuple[str, ...] = ()
-    misfit: Callable[[Any], str | None] | None = None
+    incompatibility: Callable[[Any], str | None] | None = None
 
     def __post_init__(self) -> None:
         check_fields(self, f"variation {self.name!r}")
@@ -142,7 +143,9 @@ VARIATIONS: Registry[Variation] = Registry(
                 unit="N",
                 label="friction {:g} N".format,
             ),
-            Variation("tension_gain", label="gain x {:g}".format, misfit=_without_tensions),
+            Variation(
+                "tension_gain", label="gain x {:g}".format, incompatibility=_without_tensions
+            ),
             Variation(
                 "delay",
                 neutral=0.0,
@@ -157,7 +160,7 @@ VARIATIONS: Registry[Variation] = Registry(
                 0.0,
                 (0.0, 5.0),
                 label="sensor errors x {:g}".format,
-                misfit=_without_sensors,
+                incompatibility=_without_sensors,
             ),
         )
     },

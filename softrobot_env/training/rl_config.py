@@ -11,7 +11,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
 
 from softrobot_env.core.records import Count, Positive, check_fields
-from softrobot_env.envs.randomization import Randomization, misfit
+from softrobot_env.envs.randomization import Randomization, incompatibility
 from softrobot_env.robots import RobotParams
 
 #: What an agent can be trained on: the thesis' tasks, and references drawn by
@@ -212,7 +212,9 @@ QUICK = {"steps": 4000, "critic_steps": 0, "envs_per_task": 2, "trials": ({},)}
 def of_any_robot(config: RLConfig, robot: RobotParams) -> RLConfig:
     """Settings for another robot than the arm: its tasks, and what can vary of it."""
     ranges, trials = config.randomization, config.trials
-    trials = tuple(trial for trial in trials if not any(misfit(name, robot) for name in trial))
+    trials = tuple(
+        trial for trial in trials if not any(incompatibility(name, robot) for name in trial)
+    )
     if ranges == NARROW:
         trials = _ROBOT_MODULI
     return replace(

@@ -9,7 +9,7 @@ import pytest
 
 from softrobot_env.cli import main
 from softrobot_env.control.learned import neural
-from softrobot_env.control.registry import make_policy, misfit, policy_environment
+from softrobot_env.control.registry import incompatibility, make_policy, policy_environment
 from softrobot_env.core.registry import is_path, load
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.learned.network import Scaling, initial_network
@@ -93,14 +93,16 @@ def test_the_command_that_is_advised_names_the_robot_as_commands_know_it(mine):
 
 @pytest.mark.parametrize("policy", ["imitation", "ppo", "sac", "qs_nn", "lqi", "lq_preview", "mpc"])
 def test_policies_without_training_advise_theirs(policy, mine):
-    assert f"`softrobot train {policy} --robot {mine.file}`" in misfit(policy, mine)
+    assert f"`softrobot train {policy} --robot {mine.file}`" in incompatibility(policy, mine)
 
 
 def test_a_file_of_a_robot_that_has_changed_is_refused(mine):
     save(mine, "ppo")
-    assert misfit("ppo", mine) is None
+    assert incompatibility("ppo", mine) is None
     write_robot(FINGER.vary(damping_time=2), mine.file)
-    assert f"`softrobot train ppo --robot {mine.file}`" in misfit("ppo", read_robot(mine.file))
+    assert f"`softrobot train ppo --robot {mine.file}`" in incompatibility(
+        "ppo", read_robot(mine.file)
+    )
 
 
 # ---------------------------------------------------------------- networks of any robot

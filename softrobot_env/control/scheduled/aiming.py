@@ -41,7 +41,7 @@ class TrackingTarget(NamedTuple):
             of the arm (2 k,), in its plane.
         velocity: (3,) [m/s], of the reference.
         bending: (n, 3) [1/m2], how the curvatures at rest move with the reference.
-        doubt: Why the law may do otherwise than is wanted, a code of `status`.
+        status_code: Why the law may do otherwise than is wanted, a code of `status`.
         gains: Of the law.
     """
 
@@ -51,7 +51,7 @@ class TrackingTarget(NamedTuple):
     ways: np.ndarray
     velocity: np.ndarray
     bending: np.ndarray
-    doubt: int
+    status_code: int
     gains: np.ndarray
 
 
@@ -252,12 +252,12 @@ def _looked_up(
         else:
             way = points[i + 1] - points[0]
         ways[3 * i : 3 * i + 3] = way - law.times[i + 1] * velocity
-    bending, doubt = now.by_action @ to_action, doubt_of(law, gap)
-    return TrackingTarget(action, rising, away, ways, velocity, bending, doubt, now.gains)
+    bending, status_code = now.by_action @ to_action, status_code_of(law, gap)
+    return TrackingTarget(action, rising, away, ways, velocity, bending, status_code, now.gains)
 
 
 @kernel
-def doubt_of(law: Law, gap: np.ndarray) -> int:
+def status_code_of(law: Law, gap: np.ndarray) -> int:
     """What is said of a way (k,) [m] from the operating point's tip to the reference."""
     return UNREACHABLE if np.sqrt(np.sum(gap**2)) > _FAR * law.reach else FINE
 
@@ -309,7 +309,7 @@ def forget_balance(law: Law, memory: np.ndarray) -> None:
 
 @kernel
 def conclude(
-    law: Law, wanted: np.ndarray, previous: np.ndarray, doubt: int, memory: np.ndarray
+    law: Law, wanted: np.ndarray, previous: np.ndarray, status_code: int, memory: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Action (m,), next memory and code of a decision.
 
@@ -320,10 +320,10 @@ def conclude(
         law: Whose speeds hold.
         wanted: (m,) [1].
         previous: (m,) [1], in force.
-        doubt: Code of what else may keep the law from what is wanted.
+        status_code: Code of what else may keep the law from what is wanted.
         memory: Of this decision.
     """
-    m, share, code, speed = len(wanted), 1.0, doubt, law.speed
+    m, share, code, speed = len(wanted), 1.0, status_code, law.speed
     if not (finite(wanted) and finite(memory)):
         return np.full(m, np.nan), memory, FINE
     for j in range(m):

@@ -91,7 +91,7 @@ def _act(
     aim = aimed(law.table, law, adaptive, memory, curvature, rate, tip, target, preview, previous)
     wanted = planned(law, aim)[0]
     tighten(law, curvature, wanted)
-    return conclude(law, wanted, previous, aim.doubt, memory)
+    return conclude(law, wanted, previous, aim.status_code, memory)
 
 
 class Preview:

@@ -7,7 +7,7 @@ import numpy as np
 from softrobot_env.beams.numerics.compilation import implementation, kernel
 from softrobot_env.control.base import FINE, NOT_FINITE, Memory, finite, kept
 from softrobot_env.control.linear_quadratic import integral_gains
-from softrobot_env.control.scheduled.aiming import conclude, doubt_of
+from softrobot_env.control.scheduled.aiming import conclude, status_code_of
 from softrobot_env.control.scheduled.law import Law, ScheduledLaw, in_space, is_planar, tighten
 from softrobot_env.control.scheduled.operating_points import Equilibrium
 from softrobot_env.control.scheduled.table import Table, inverse_of, look_up
@@ -113,7 +113,7 @@ def _act(
         integral += step
         wanted = integrated
     tighten(law, curvature, wanted)
-    return conclude(law, wanted, previous, rest.doubt, memory)
+    return conclude(law, wanted, previous, rest.status_code, memory)
 
 
 class Resting(NamedTuple):
@@ -123,14 +123,14 @@ class Resting(NamedTuple):
         action: (m,) [1], which holds the tip at the reference, or near it.
         curvature: (n,) [1/m], at rest under that.
         gains: Of the law.
-        doubt: Why the law may do otherwise than is wanted, a code of `status`.
+        status_code: Why the law may do otherwise than is wanted, a code of `status`.
         integrates: Whether the error may be integrated.
     """
 
     action: np.ndarray
     curvature: np.ndarray
     gains: np.ndarray
-    doubt: int
+    status_code: int
     integrates: bool
 
 
@@ -157,8 +157,8 @@ def _looked_up(
     to_action = inverse_of(now.jacobian @ now.by_action, table.directions, _DAMPING)
     correction = -(to_action @ (now.tip - target))
     rest = now.curvature + now.by_action @ correction
-    doubt = doubt_of(law, table.directions @ (now.tip - target))
-    return Resting(now.action + correction, rest, now.gains, doubt, True)
+    status_code = status_code_of(law, table.directions @ (now.tip - target))
+    return Resting(now.action + correction, rest, now.gains, status_code, True)
 
 
 @kernel

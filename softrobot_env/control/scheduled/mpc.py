@@ -107,7 +107,7 @@ class Program(NamedTuple):
         hessian: H (c m, c m).
         lower, upper: (c m,) [1].
         fine: Whether the plan keeps all limits.
-        doubt: See `TrackingTarget`.
+        status_code: See `TrackingTarget`.
     """
 
     wanted: np.ndarray
@@ -115,7 +115,7 @@ class Program(NamedTuple):
     lower: np.ndarray
     upper: np.ndarray
     fine: bool
-    doubt: int
+    status_code: int
 
 
 class ScheduledMPC(AimingLaw):
@@ -176,7 +176,7 @@ class ScheduledMPC(AimingLaw):
         if best is None:
             return kept(seen[-1]), Memory(state.values, NOT_COMPUTED)
         m = self._law.table.m
-        action, memory, code = conclude(self._law, best[:m], seen[-1], program.doubt, memory)
+        action, memory, code = conclude(self._law, best[:m], seen[-1], program.status_code, memory)
         missed = np.abs(best[:m] - program.wanted[:m]).max() > _AT_BOUND
         return action, Memory(memory, SATURATED if missed else code)
 
@@ -233,7 +233,7 @@ def _program(
         periods = (law.nodes[c] - law.nodes[c - 1]) / law.period
         for j in range(m):
             fine &= abs(plan[c, j] - plan[c - 1, j]) <= periods * law.speed[j]
-    return Program(plan.ravel(), hessian, lower, upper, fine, aim.doubt)
+    return Program(plan.ravel(), hessian, lower, upper, fine, aim.status_code)
 
 
 @kernel

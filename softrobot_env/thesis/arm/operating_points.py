@@ -206,12 +206,12 @@ def _at_rest(
     gap = follow(grid.arm, place, np.zeros(n), 1.0, limit, inputs, rest, inverse)
     for j in range(m):
         held[j] = inputs[j] / limit[j]
-    doubt = _doubt(gap, interpolate(table, curvature, gains))
-    return Resting(held, rest, gains, doubt, gap <= REACH)
+    status_code = _status_code(gap, interpolate(table, curvature, gains))
+    return Resting(held, rest, gains, status_code, gap <= REACH)
 
 
 @kernel
-def _doubt(gap: float, inside: bool) -> int:
+def _status_code(gap: float, inside: bool) -> int:
     """What is said of a distance [m] from the reference, and of a place off the grid."""
     if gap > REACH:
         return UNREACHABLE
@@ -286,7 +286,7 @@ def _aimed(
         rising[j] = (inverse[j, 0] * velocity[0] + inverse[j, 1] * velocity[2]) / limit[j]
         action[j] = held[j] + arm.damping_time * rising[j]
     gains = np.empty(grid.gains.shape[3])
-    doubt = _doubt(gap, interpolate(grid.gains, curvature, gains))
+    status_code = _status_code(gap, interpolate(grid.gains, curvature, gains))
     times, lever, stiffness = law.times, arm.inputs, scale * arm.stiffness
     away, ways = np.empty(2 * n), np.empty(2 * len(times) - 2)
     for i in range(n):
@@ -298,7 +298,9 @@ def _aimed(
         for i in range(2):
             way = points[k, 2 * i] - points[0, 2 * i] - times[k] * velocity[2 * i]
             ways[2 * k - 2 + i] = way
-    return TrackingTarget(action, rising, away, ways, velocity, np.empty((0, 3)), doubt, gains)
+    return TrackingTarget(
+        action, rising, away, ways, velocity, np.empty((0, 3)), status_code, gains
+    )
 
 
 #: Weights of LQI on the integrated tip error and on the inputs. The thesis gives none; this ratio
