@@ -14,7 +14,7 @@ import numpy as np
 from rich.table import Table
 
 from softrobot_env.beams.registry import BeamPlant
-from softrobot_env.control.reduced.policy import preview_times
+from softrobot_env.control.reduced.environment import preview_times
 from softrobot_env.core.artifacts import write_arrays
 from softrobot_env.core.interfaces import Policy
 from softrobot_env.evaluation.metrics import approached_metrics

@@ -347,8 +347,8 @@ def goal_of(goal: Goal) -> float:
 
 def train_defaults(case: tuple[str, int, bool]) -> DefaultsRow:
     """Train in the environment of a name with a seed; quick: one rollout and one episode."""
-    from softrobot_env.training.rl_config import train
     from softrobot_env.training.vec_env import make_vec_env
+    from studies.default_ppo import train
 
     name, seed, quick = case
     goal = replace(GOALS[name], episodes=1) if quick else GOALS[name]

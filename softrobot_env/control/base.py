@@ -8,7 +8,6 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams
@@ -312,22 +311,3 @@ def hold_for(period: float, control_period: float, policy: str) -> int:
             f"divides it, not {control_period:g} s"
         )
     return count
-
-
-@kernel
-def finite(values: np.ndarray) -> bool:
-    """Whether all values (k,) are finite."""
-    for value in values:  # noqa: SIM110  (a loop is what compiles well)
-        if not np.isfinite(value):
-            return False
-    return True
-
-
-@kernel
-def kept(previous: np.ndarray) -> np.ndarray:
-    """Action (n_inputs,) for want of a better one: the previous, zero where that is no number."""
-    action = np.zeros(len(previous))
-    for j in range(len(previous)):
-        if np.isfinite(previous[j]):
-            action[j] = min(max(previous[j], -1.0), 1.0)
-    return action

@@ -18,7 +18,8 @@ from softrobot_env.beams.closed_forms import (
     tip,
 )
 from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.control.base import Controller, finite, usable
+from softrobot_env.control.base import Controller, usable
+from softrobot_env.control.limits import finite
 from softrobot_env.control.linear_quadratic import discretized
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, Range, check_argument

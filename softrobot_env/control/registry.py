@@ -13,7 +13,7 @@ import gymnasium
 import numpy as np
 
 from softrobot_env.control.base import MEASURED
-from softrobot_env.control.reduced.policy import is_reduced_model, ssm_environment
+from softrobot_env.control.reduced.environment import is_reduced_model, ssm_environment
 from softrobot_env.core.interfaces import Observation, Policy
 from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.core.registry import VARIANTS, Registry, is_path, load, load_given, served

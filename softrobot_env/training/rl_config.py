@@ -1,14 +1,9 @@
 """Settings of reinforcement learning, and the ones that the shipped policies were trained with."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
-
-import torch
-from stable_baselines3 import PPO
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import VecEnv
 
 from softrobot_env.core.records import Count, Positive, check_fields
 from softrobot_env.envs.randomization import Randomization, incompatibility
@@ -229,48 +224,3 @@ def of_any_robot(config: RLConfig, robot: RobotParams) -> RLConfig:
 def checkpoint_of(settings: Mapping[str, Any], path: Path) -> Path:
     """Folder of what a training that writes to a file needs to go on."""
     return settings.get("checkpoint", Path("out") / "train" / path.stem)
-
-
-#: Rollouts between two checks.
-_BETWEEN = 3
-
-
-def train(
-    env: VecEnv, seed: int, steps: int, check: Callable[[PPO], float]
-) -> list[tuple[int, float]]:
-    """Train a policy with default settings, on one core.
-
-    Args:
-        env: With observations that are vectors.
-        seed: Of everything random.
-        steps: Of all environments together; the last rollout is finished.
-        check: A figure of what was learned.
-
-    Returns:
-        Steps and figure before the training, after every few rollouts, and after it.
-    """
-    torch.set_num_threads(1)
-    model = PPO("MlpPolicy", env, seed=seed, device="cpu")
-    checks = _Checks(check)
-    model.learn(steps, callback=checks)
-    checks.look()
-    env.close()
-    return checks.curve
-
-
-class _Checks(BaseCallback):
-    """Keeps what a check said after so many steps."""
-
-    def __init__(self, check: Callable[[PPO], float]) -> None:
-        super().__init__()
-        self._check, self.curve = check, []
-
-    def _on_rollout_start(self) -> None:
-        if self.num_timesteps % (_BETWEEN * self.model.n_steps * self.model.n_envs) == 0:
-            self.look()
-
-    def look(self) -> None:
-        self.curve.append((self.num_timesteps, self._check(self.model)))
-
-    def _on_step(self) -> bool:
-        return True

@@ -5,14 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel, structure
-from softrobot_env.control.base import (
-    FINE,
-    NOT_COMPUTED,
-    NOT_FINITE,
-    SATURATED,
-    UNREACHABLE,
-    finite,
-)
+from softrobot_env.control.base import FINE, NOT_COMPUTED, NOT_FINITE, SATURATED, UNREACHABLE
+from softrobot_env.control.limits import finite
 from softrobot_env.learned.inference import forward
 
 

@@ -15,10 +15,10 @@ from softrobot_env.control.base import (
     REASONS,
     SATURATED,
     Said,
-    finite,
     hold_for,
 )
 from softrobot_env.control.learned import neural
+from softrobot_env.control.limits import finite
 from softrobot_env.control.memoryless import Decide, Memoryless
 from softrobot_env.core.files import models_dir
 from softrobot_env.core.interfaces import Policy

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import implementation, kernel
-from softrobot_env.control.base import FINE, SATURATED, UNREACHABLE, Memory, finite, usable
+from softrobot_env.control.base import FINE, SATURATED, UNREACHABLE, Memory, usable
+from softrobot_env.control.limits import finite
 from softrobot_env.control.reference_smoothing import begin_smoothing, memory_size, smoothed
 from softrobot_env.control.scheduled.law import Law, ScheduledLaw, in_space, is_planar
 from softrobot_env.control.scheduled.table import Row, Table, inverse_of, look_up, look_up_action

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.control.base import NOT_FINITE, Memory, kept
+from softrobot_env.control.base import NOT_FINITE, Memory
+from softrobot_env.control.limits import kept
 from softrobot_env.control.scheduled.aiming import (
     AimingLaw,
     aimed,

@@ -5,7 +5,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import implementation, kernel
-from softrobot_env.control.base import FINE, NOT_FINITE, Memory, finite, kept
+from softrobot_env.control.base import FINE, NOT_FINITE, Memory
+from softrobot_env.control.limits import finite, kept
 from softrobot_env.control.linear_quadratic import integral_gains
 from softrobot_env.control.scheduled.aiming import conclude, status_code_of
 from softrobot_env.control.scheduled.law import Law, ScheduledLaw, in_space, is_planar, tighten

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.control.base import NOT_COMPUTED, NOT_FINITE, SATURATED, Memory, kept
+from softrobot_env.control.base import NOT_COMPUTED, NOT_FINITE, SATURATED, Memory
+from softrobot_env.control.limits import kept
 from softrobot_env.control.linear_quadratic import BoundedSolver
 from softrobot_env.control.scheduled.aiming import (
     AimingLaw,

@@ -7,15 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.control.base import (
-    NOT_COMPUTED,
-    NOT_FINITE,
-    REASONS,
-    SATURATED,
-    Said,
-    finite,
-    hold_for,
-)
+from softrobot_env.control.base import NOT_COMPUTED, NOT_FINITE, REASONS, SATURATED, Said, hold_for
+from softrobot_env.control.limits import finite
 from softrobot_env.control.memoryless import Decide, Memoryless
 from softrobot_env.learned.inference import PlainInference, forward
 from softrobot_env.learned.network import Network, Scaling, absorbed, load_for

@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from softrobot_env.control.reduced.environment import ssm_environment
 from softrobot_env.control.reduced.planning import outputs, program
-from softrobot_env.control.reduced.policy import ReducedPlanner, ssm_environment
+from softrobot_env.control.reduced.policy import ReducedPlanner
 from softrobot_env.control.registry import make_policy
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.runner import Case, run
