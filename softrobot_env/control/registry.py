@@ -201,7 +201,7 @@ REDUCED_POLICIES: dict[str, PolicySpec] = {
     name: PolicySpec(
         _REDUCED,
         {"constrained": constrained},
-        environment="softrobot_env.control.reduced.policy:ssm_environment",
+        environment="softrobot_env.control.reduced.environment:ssm_environment",
         package="daqp" if constrained else None,
     )
     for name, constrained in (("ssm_mpc", True), ("ssm_lq", False))
