@@ -9,7 +9,7 @@ from softrobot_env.beams.closed_forms import ConstantCurvatureStatics, make_plan
 from softrobot_env.control.feedforward.motion import least_norm
 from softrobot_env.control.observers import linear_model
 from softrobot_env.robots import ARM
-from softrobot_env.thesis.arm import gains
+from softrobot_env.thesis.arm import operating_points as gains
 
 
 def follow(statics, start, end, guess):

@@ -31,7 +31,8 @@ from softrobot_env.identification.visits import (
 )
 from softrobot_env.learned import early_stopping
 from softrobot_env.learned.early_stopping import Fit
-from softrobot_env.learned.inference import CompiledInference, PlainInference
+from softrobot_env.learned.inference import CompiledInference
+from softrobot_env.learned.plain_inference import PlainInference
 from softrobot_env.rendering.figures import (
     BLUE,
     COLOURS,

@@ -8,7 +8,7 @@ import numpy as np
 
 from softrobot_env.control.base import NOT_COMPUTED, NOT_FINITE, Controller, Held, Said
 from softrobot_env.core.interfaces import Observation
-from softrobot_env.learned.inference import numba_is_loaded
+from softrobot_env.learned.plain_inference import numba_is_loaded
 
 #: Writes actions and codes for observations, all of them arrays in one row: (k * size,), float32
 #: (k * n_inputs,) and (k,).

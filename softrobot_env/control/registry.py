@@ -161,8 +161,6 @@ POLICIES: dict[str, PolicySpec] = {
     "static": PolicySpec("softrobot_env.control.feedforward.law:Feedforward", {"closed": False}),
     "chain_dynamics": PolicySpec("softrobot_env.control.feedforward.dynamics:InverseDynamics"),
     "chain_dynamics_pi": PolicySpec("softrobot_env.control.feedforward.dynamics:InverseDynamicsPI"),
-    "inverse_dynamics": PolicySpec("softrobot_env.control.feedforward.dynamics:InverseDynamics"),
-    "hybrid": PolicySpec("softrobot_env.control.feedforward.dynamics:make_hybrid"),
     "qs_nn": PolicySpec(
         "softrobot_env.control.feedforward.law:make_network",
         environment={"control_period": 0.01, "preview": (0.2,)},
@@ -195,6 +193,12 @@ POLICIES: dict[str, PolicySpec] = {
     },
 }
 
+#: Policies of any robot that no comparison takes up unless it is asked to.
+INVERSE_POLICIES: dict[str, PolicySpec] = {
+    "inverse_dynamics": PolicySpec("softrobot_env.control.feedforward.dynamics:InverseDynamics"),
+    "hybrid": PolicySpec("softrobot_env.control.feedforward.dynamics:make_hybrid"),
+}
+
 #: Plans on a model that was learned of a robot's motion by `softrobot train ssm`; one of the rig is
 #: shipped.
 REDUCED_POLICIES: dict[str, PolicySpec] = {
@@ -221,7 +225,9 @@ def home_robot(name: str) -> RobotParams:
 
 
 #: Every policy by name, those of other packages as well.
-EVERY_POLICY: Registry[PolicySpec] = Registry("policy", POLICIES | REDUCED_POLICIES)
+EVERY_POLICY: Registry[PolicySpec] = Registry(
+    "policy", POLICIES | INVERSE_POLICIES | REDUCED_POLICIES
+)
 
 __getattr__ = served(__name__)
 
@@ -460,7 +466,7 @@ def policy_environment(name: str, robot: RobotParams | str | None = None) -> dic
     needed = spec.environment
     if needed is None:
         needed = getattr(spec.loaded(), "environment", {})
+    if robot is None and (isinstance(needed, str) or callable(needed)):
+        return policy_environment(name, default_robot())
     needed = load(needed) if isinstance(needed, str) else needed
-    if not callable(needed):
-        return dict(needed)
-    return policy_environment(name, default_robot()) if robot is None else dict(needed(robot))
+    return dict(needed(robot) if callable(needed) else needed)

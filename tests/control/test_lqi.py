@@ -10,14 +10,13 @@ from softrobot_env.beams.pcc import PCC
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.control.feedforward.motion import least_norm
 from softrobot_env.control.observers import linear_model
-from softrobot_env.control.scheduled.policies import make_lqi
 from softrobot_env.core.files import models_dir
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.metrics import step_metrics, tracking_metrics
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import ARM
 from softrobot_env.tasks import make_task
-from softrobot_env.thesis.arm import gains
+from softrobot_env.thesis.arm import operating_points as gains
 from softrobot_env.thesis.arm.operating_points import (
     GRID,
     axes,
@@ -27,6 +26,7 @@ from softrobot_env.thesis.arm.operating_points import (
     operating_points,
     save_gains,
 )
+from softrobot_env.thesis.arm.policies import make_lqi
 from softrobot_env.thesis.arm.statics import follow
 
 PERIOD = 1e-3

@@ -54,7 +54,7 @@ def test_nothing_else_writes_files():
     }
     assert found == {
         "core/artifacts.py",
-        "core/writing.py",
+        "core/files.py",
         "hardware/transport.py",
         "recordings/columns.py",
         "training/several/runs.py",

@@ -83,9 +83,9 @@ def test_other_sources():
     arm = softrobot_env.robots.ARM
     assert figures.figure("code robots.ARM", "length mm") == f"{1e3 * arm.length:g}"
     assert figures.figure("code robots.find_robot(arm)", "tendons.0.tension_limit") == "80"
-    assert figures.figure("code tasks.arm._step", "step_width mm") == "50"
-    assert figures.figure("code evaluation.thesis.FIGURES task=swing controller=LQI", "e_max mm")
-    assert figures.figure("code evaluation.thesis.TRIANGLE 0=hybrid 1=5.0", "value.0 mm") == "2.9"
+    assert figures.figure("code thesis.tasks._step", "step_width mm") == "50"
+    assert figures.figure("code thesis.figures.FIGURES task=swing controller=LQI", "e_max mm")
+    assert figures.figure("code thesis.figures.TRIANGLE 0=hybrid 1=5.0", "value.0 mm") == "2.9"
 
 
 def test_quoted_figures_have_a_source_and_are_used():

@@ -5,9 +5,10 @@ import pytest
 from scipy.optimize import least_squares
 
 from softrobot_env.learned.early_stopping import Dataset, train
-from softrobot_env.learned.inference import CompiledInference, PlainInference
+from softrobot_env.learned.inference import CompiledInference
 from softrobot_env.learned.levenberg_marquardt import LeastSquares
 from softrobot_env.learned.network import Scaling, initial_network
+from softrobot_env.learned.plain_inference import PlainInference
 
 
 def make_network(hidden, n_in, n_out, seed=0):

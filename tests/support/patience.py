@@ -34,7 +34,6 @@ def patient_commands():
     with patient_drivers(), pytest.MonkeyPatch.context() as patch:
         for module in (real_setup, record, soak):
             patch.setattr(module, "virtual_process", process)
-        defaults = RealRigEnv.__init__.__kwdefaults__
-        patch.setitem(defaults, "max_missed", 10_000)
-        patch.setitem(defaults, "oldest", 2.0)
+        patch.setitem(RealRigEnv.usual, "max_missed", 10_000)
+        patch.setitem(RealRigEnv.usual, "oldest", 2.0)
         yield

@@ -9,8 +9,8 @@ from softrobot_env.beams.closed_forms import ConstantCurvatureStatics
 from softrobot_env.control.base import REASONS, UNREACHABLE
 from softrobot_env.control.feedforward.motion import least_norm
 from softrobot_env.core.equilibrium import EquilibriumError
-from softrobot_env.learned.inference import inference
 from softrobot_env.learned.network import check_ends, load_for
+from softrobot_env.learned.plain_inference import inference
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import Inputs, robot_inputs
 from softrobot_env.robots.artifacts import fingerprint

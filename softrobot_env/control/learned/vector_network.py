@@ -3,28 +3,24 @@
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from softrobot_env.beams.numerics.compilation import kernel, structure
 from softrobot_env.control.base import (
     FINE,
-    NOT_COMPUTED,
-    NOT_FINITE,
     REASONS,
     SATURATED,
     Said,
     hold_for,
 )
 from softrobot_env.control.learned import neural
-from softrobot_env.control.limits import finite
 from softrobot_env.control.memoryless import Decide, Memoryless
 from softrobot_env.core.files import models_dir
 from softrobot_env.core.interfaces import Policy
 from softrobot_env.core.vector_reading import Reading, reading_in
-from softrobot_env.learned.inference import PlainInference, forward
 from softrobot_env.learned.network import Network, absorbed, check_ends, load_for
+from softrobot_env.learned.plain_inference import PlainInference
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import find_artifact
@@ -125,7 +121,7 @@ class VectorNetwork(Memoryless):
     def compiled(self) -> Decide:
         """`vector_kernel.decide` with this network and this reading."""
         from softrobot_env.beams.numerics.compilation import reference
-        from softrobot_env.control.learned.vector_network import VectorLaw, decide
+        from softrobot_env.control.learned.vector_kernel import VectorLaw, decide
         from softrobot_env.learned.inference import parameters_of
 
         reading = self._reading
@@ -145,61 +141,3 @@ class VectorNetwork(Memoryless):
             sizes=sizes,
         )
         return partial(decide, reference(law))
-
-
-@structure
-class VectorLaw(NamedTuple):
-    """A network, and what lies between it and observations and actions; see `vector_network`.
-
-    Attributes:
-        width: Number of all entries that are observed.
-        before: Where the inputs in force begin among them.
-        take, origin, scale: See `Reading`.
-        less: (k,), entry that is taken off, -1 where there is none.
-        change: See `Reading`.
-        parameters, sizes: Of the network, see `learned.inference.parameters_of`.
-    """
-
-    width: int
-    before: int
-    take: np.ndarray
-    less: np.ndarray
-    origin: np.ndarray
-    scale: np.ndarray
-    change: float
-    parameters: np.ndarray
-    sizes: np.ndarray
-
-
-@kernel
-def _decide(
-    law: VectorLaw, observed: np.ndarray, seen: np.ndarray, given: np.ndarray, action: np.ndarray
-) -> int:
-    """Write the action (m,) for finite observables; `seen` and `given` are the network's ends."""
-    for i in range(len(seen)):
-        value = observed[law.take[i]]
-        if law.less[i] >= 0:
-            value -= observed[law.less[i]]
-        seen[i] = np.float32(np.arcsinh((value - law.origin[i]) / law.scale[i]))
-    forward(seen, law.parameters, law.sizes, given)
-    code, total = FINE, 0.0
-    for i in range(len(action)):
-        wanted = min(max(given[i], -1.0), 1.0)
-        if law.change > 0:
-            wanted = min(max(observed[law.before + i], -1.0), 1.0) + law.change * wanted
-            if abs(wanted) > 1.0:
-                code = SATURATED
-        action[i] = min(max(wanted, -1.0), 1.0)
-        total += given[i]
-    return code if np.isfinite(total) else NOT_COMPUTED
-
-
-@kernel
-def decide(law: VectorLaw, observed: np.ndarray, actions: np.ndarray, codes: np.ndarray) -> None:
-    """Write actions and codes of `status`, for observables, see `memoryless.Decide`."""
-    width, m = law.width, law.sizes[-1]
-    seen, given = np.empty(law.sizes[0]), np.empty(m)
-    for k in range(len(codes)):
-        row, codes[k] = observed[k * width : (k + 1) * width], NOT_FINITE
-        if finite(row):
-            codes[k] = _decide(law, row, seen, given, actions[k * m : (k + 1) * m])

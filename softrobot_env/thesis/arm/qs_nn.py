@@ -6,12 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.control.base import NOT_COMPUTED, NOT_FINITE, REASONS, SATURATED, Said, hold_for
-from softrobot_env.control.limits import finite
+from softrobot_env.control.base import REASONS, SATURATED, Said, hold_for
 from softrobot_env.control.memoryless import Decide, Memoryless
-from softrobot_env.learned.inference import PlainInference, forward
 from softrobot_env.learned.network import Network, Scaling, absorbed, load_for
+from softrobot_env.learned.plain_inference import PlainInference
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.artifacts import find_artifact
@@ -91,7 +89,7 @@ class QuasiStaticNetwork(Memoryless):
     def compiled(self) -> Decide:
         """`qs_nn_kernel.decide` with this network and workspace."""
         from softrobot_env.learned.inference import parameters_of
-        from softrobot_env.thesis.arm.qs_nn import decide
+        from softrobot_env.thesis.arm.qs_nn_kernel import decide
 
         return partial(decide, *parameters_of(absorbed(self._network)), self._workspace)
 
@@ -104,50 +102,3 @@ def _of_actions(network: Network, input_scale: np.ndarray) -> Network:
         for scaling, scale in zip((network.inputs, network.outputs), ends, strict=True)
     )
     return replace(network, inputs=inputs, outputs=outputs)
-
-
-@kernel
-def _outside(workspace: np.ndarray, target: np.ndarray) -> bool:
-    """Whether a place (2,) [m] is none of a workspace (n_sectors, 2) [m]."""
-    sectors = len(workspace)
-    share = (np.arctan2(target[0], target[1]) + np.pi) / (2 * np.pi)
-    nearest, farthest = workspace[min(int(share * sectors), sectors - 1)]
-    distance = np.sqrt(target[0] * target[0] + target[1] * target[1])
-    return not nearest <= distance <= farthest
-
-
-@kernel
-def _limit(wanted: np.ndarray, action: np.ndarray, far: bool) -> int:
-    """Write an action (m,) in [-1, 1] and say what `QuasiStaticNetwork.says` has about it."""
-    limited, total = False, 0.0
-    for j in range(len(wanted)):
-        action[j] = min(max(wanted[j], -1.0), 1.0)
-        limited |= abs(wanted[j]) > 1.0
-        total += wanted[j]
-    return limited + 2 * far if np.isfinite(total) else NOT_COMPUTED
-
-
-@kernel
-def decide(
-    parameters: np.ndarray,
-    sizes: np.ndarray,
-    workspace: np.ndarray,
-    observed: np.ndarray,
-    actions: np.ndarray,
-    codes: np.ndarray,
-) -> None:
-    """Write actions and codes, for observables in the order of the network's inputs.
-
-    Args:
-        parameters, sizes: Of the network, see `learned.inference.parameters_of`.
-        workspace: (n_sectors, 2) [m], see `learned.quasi_static.workspace`, with the margin.
-        observed, actions, codes: See `memoryless.Decide`.
-    """
-    width, m = sizes[0], sizes[-1]
-    wanted = np.empty(m)
-    for k in range(len(codes)):
-        row, codes[k] = observed[k * width : (k + 1) * width], NOT_FINITE
-        if finite(row):
-            forward(row, parameters, sizes, wanted)
-            far = _outside(workspace, row[2:4])
-            codes[k] = _limit(wanted, actions[k * m : (k + 1) * m], far)
