@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softrobot_env.beams.closed_forms import ConstantCurvatureStatics, make_planar_arm
+from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
+from softrobot_env.beams.planar_arm import make_planar_arm
 from softrobot_env.control.feedforward.motion import least_norm
 from softrobot_env.control.observers import linear_model
 from softrobot_env.robots import ARM

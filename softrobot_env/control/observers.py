@@ -11,13 +11,13 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
-from softrobot_env.beams.closed_forms import (
+from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.beams.planar_arm import (
     PlanarArm,
     inertia_forces,
     make_planar_arm,
     tip,
 )
-from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.control.base import Controller, usable
 from softrobot_env.control.limits import finite
 from softrobot_env.control.linear_quadratic import discretized

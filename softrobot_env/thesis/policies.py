@@ -40,9 +40,7 @@ RIG_POLICIES: dict[str, PolicySpec] = {
 _VARIANTS = {
     "qs_nn": (
         _IS_ARM,
-        PolicySpec(
-            f"{_ARM}.policies:make_network", {}, {"control_period": 0.01, "preview": (0.2,)}
-        ),
+        PolicySpec(f"{_ARM}.qs_nn:make_network", {}, {"control_period": 0.01, "preview": (0.2,)}),
     ),
     "lqi": (
         _IS_ARM,

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import minimize
 
-from softrobot_env.beams.closed_forms import ConstantCurvatureStatics
+from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.control.feedforward.motion import least_norm
 from softrobot_env.robots import ARM, CANTILEVER_WEAK
 

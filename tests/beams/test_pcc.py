@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh, expm
 
-from softrobot_env.beams.closed_forms import ConstantCurvatureStatics
+from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.beams.pcc import actuation as pcc_actuation
 from softrobot_env.beams.pcc import dynamics as pcc_dynamics

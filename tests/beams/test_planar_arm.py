@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softrobot_env.beams import closed_forms
-from softrobot_env.beams.closed_forms import make_planar_arm
+from softrobot_env.beams import planar_arm
 from softrobot_env.beams.pcc import PCC
+from softrobot_env.beams.planar_arm import make_planar_arm
 from softrobot_env.robots import ARM, CANTILEVER_WEAK
 from softrobot_env.robots.actuation import TendonMap
 
@@ -26,7 +26,7 @@ def state(request):
 def test_equations_of_motion_are_those_of_the_general_model(state):
     q, v, a, u = state
     out = np.empty(6)
-    closed_forms.residual(DATA, q, v, a, u, out)
+    planar_arm.residual(DATA, q, v, a, u, out)
     expected = MODEL.residual(q, v, a, MAP.tension(u))
     np.testing.assert_allclose(out, expected, rtol=1e-10, atol=1e-13 * np.abs(expected).max())
 
@@ -34,7 +34,7 @@ def test_equations_of_motion_are_those_of_the_general_model(state):
 def test_inertia_is_that_of_the_general_model(state):
     q, v, _, _ = state
     mass, gyroscopic = np.empty((6, 6)), np.empty(6)
-    closed_forms.inertia_forces(DATA, q, v, mass, gyroscopic)
+    planar_arm.inertia_forces(DATA, q, v, mass, gyroscopic)
     form = MODEL.control_affine(q, v)
     np.testing.assert_allclose(mass, form.mass, rtol=1e-10, atol=1e-16)
     np.testing.assert_allclose(gyroscopic, form.gyroscopic, rtol=1e-8, atol=1e-12)
@@ -43,7 +43,7 @@ def test_inertia_is_that_of_the_general_model(state):
 def test_tip_and_its_derivative(state):
     q = state[0]
     point, jacobian = np.empty(2), np.empty((2, 6))
-    closed_forms.tip(DATA, q, point, jacobian)
+    planar_arm.tip(DATA, q, point, jacobian)
     np.testing.assert_allclose(point, MODEL.tip(q)[[0, 2]], atol=1e-14)
     step = 1e-6
     for k, direction in enumerate(step * np.eye(6)):
@@ -54,11 +54,11 @@ def test_tip_and_its_derivative(state):
 def test_derivatives_are_those_of_the_residual(state):
     q, v, a, u = state
     by_q, by_v = np.empty((2, 6, 6))
-    closed_forms.derivatives(DATA, q, v, a, u, by_q, by_v)
+    planar_arm.derivatives(DATA, q, v, a, u, by_q, by_v)
 
     def residual(q, v):
         out = np.empty(6)
-        closed_forms.residual(DATA, q, v, a, u, out)
+        planar_arm.residual(DATA, q, v, a, u, out)
         return out
 
     for k, e in enumerate(1e-5 * np.eye(6)):
@@ -70,7 +70,7 @@ def test_derivatives_are_those_of_the_residual(state):
 
 def test_series_and_closed_form_meet():
     """E and its derivatives (x, z) just below and above the angle at which the form changes."""
-    below, above = closed_forms._turned(0.3 - 1e-9), closed_forms._turned(0.3 + 1e-9)
+    below, above = planar_arm._turned(0.3 - 1e-9), planar_arm._turned(0.3 + 1e-9)
     np.testing.assert_allclose(below, above, atol=1e-9)
 
 

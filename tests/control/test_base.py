@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softrobot_env.beams.closed_forms import ConstantCurvatureStatics
+from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.control.base import Controller
 from softrobot_env.control.feedforward.law import Feedforward, FeedforwardPI
 from softrobot_env.control.learned.neural import NeuralPolicy

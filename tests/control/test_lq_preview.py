@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softrobot_env.beams.closed_forms import inertia_forces, make_planar_arm
+from softrobot_env.beams.planar_arm import inertia_forces, make_planar_arm
 from softrobot_env.control.linear_quadratic import discretized
 from softrobot_env.control.observers import linear_model
 from softrobot_env.control.reference_smoothing import (

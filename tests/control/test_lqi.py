@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, solve_continuous_are
 
-from softrobot_env.beams.closed_forms import ConstantCurvatureStatics, make_planar_arm
+from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.beams.model import State
 from softrobot_env.beams.pcc import PCC
+from softrobot_env.beams.planar_arm import make_planar_arm
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.control.feedforward.motion import least_norm
 from softrobot_env.control.observers import linear_model

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from softrobot_env.beams import closed_forms
-from softrobot_env.beams.closed_forms import make_planar_arm
+from softrobot_env.beams import planar_arm
 from softrobot_env.beams.model import State
 from softrobot_env.beams.pcc import PCC
+from softrobot_env.beams.planar_arm import make_planar_arm
 from softrobot_env.robots import ARM
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.thesis.arm.mpc_optimisation import BoundedSolver, Optimiser, Problem
@@ -30,7 +30,7 @@ def make_problem(settings: MPCSettings, seed: int = 0, force: float = 0.0) -> Pr
     rng = np.random.default_rng(seed)
     curvature = 2.0 + rng.normal(size=6)
     tip, jacobian = np.empty(2), np.empty((2, 6))
-    closed_forms.tip(DATA, curvature, tip, jacobian)
+    planar_arm.tip(DATA, curvature, tip, jacobian)
     ahead = np.linspace(0.0, 1.0, len(settings.steps) + 1)[:, None]
     return Problem(
         arm=DATA,
@@ -53,7 +53,7 @@ def residuals(
     states = np.concatenate((problem.start[None], path))
     tips, jacobian = np.empty((len(states), 2)), np.empty((2, 6))
     for state, tip in zip(states, tips, strict=True):
-        closed_forms.tip(DATA, state[0], tip, jacobian)
+        planar_arm.tip(DATA, state[0], tip, jacobian)
     error = tips - problem.reference
     steps = np.array(settings.steps)[:, None]
     share = np.sqrt(steps / steps[0])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softrobot_env.beams.closed_forms import ConstantCurvatureStatics
+from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.cli import main
 from softrobot_env.control.registry import make_policy, policy_environment

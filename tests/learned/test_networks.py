@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import kstest, multivariate_normal
 
-from softrobot_env.beams.closed_forms import ConstantCurvatureStatics
+from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.learned.bayesian import train
 from softrobot_env.learned.network import Dataset, Network, Scaling, initial_network
 from softrobot_env.robots import ARM

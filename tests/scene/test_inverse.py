@@ -6,7 +6,7 @@ from math import hypot
 import numpy as np
 import pytest
 
-from softrobot_env.beams.closed_forms import ConstantCurvatureStatics
+from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.control.feedforward.motion import least_norm
 from softrobot_env.robots import ARM, EXAMPLES, RIG, Base, RobotParams, Tendon, find_robot
 from softrobot_env.scene.build import build_scene

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from softrobot_env.beams.closed_forms import ConstantCurvatureStatics
+from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.robots import ARM, CANTILEVER_WEAK
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.loads import Load

@@ -67,7 +67,7 @@ def test_ratios_are_over_the_plant_of_the_tuning(rows):
 @pytest.mark.parametrize("plant", ["mujoco", "pcc"])
 def test_statics_of_plants_agree(plant):
     """Those of the arm's chain and PCC to 1 % of the length of those of constant curvature."""
-    from softrobot_env.beams.closed_forms import ConstantCurvatureStatics
+    from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 
     inputs = np.array([8.0, -5.0, 12.0])
     wanted = ConstantCurvatureStatics(ARM).tip(inputs)

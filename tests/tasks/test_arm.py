@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from softrobot_env.beams.closed_forms import ConstantCurvatureStatics
+from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.cli import main
 from softrobot_env.control.feedforward.motion import least_norm
 from softrobot_env.robots import ARM, CANTILEVER_WEAK

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from softrobot_env.beams.closed_forms import ConstantCurvatureStatics
+from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.evaluation.models.runs import best_of
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.actuation import TendonMap

@@ -11,7 +11,7 @@ from math import ceil, pi
 import numpy as np
 
 from softrobot_env.beams import signals
-from softrobot_env.beams.closed_forms import ConstantCurvatureStatics
+from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.beams.model import State
 from softrobot_env.evaluation.models.runs import distance
 from softrobot_env.robots import ARM, CANTILEVER_WEAK, RobotParams

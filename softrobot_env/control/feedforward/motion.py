@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softrobot_env.beams.closed_forms import ConstantCurvatureStatics
+from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 
 
 class Motion(NamedTuple):

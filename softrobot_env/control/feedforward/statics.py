@@ -5,7 +5,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from softrobot_env.beams.closed_forms import ConstantCurvatureStatics
+from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.control.base import REASONS, UNREACHABLE
 from softrobot_env.control.feedforward.motion import least_norm
 from softrobot_env.core.equilibrium import EquilibriumError

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from softrobot_env.beams.closed_forms import PlanarArm, inertia_forces
 from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.beams.planar_arm import PlanarArm, inertia_forces
 
 #: Part of the full actuation that balances of forces are good for, and of the inertia forces,
 #: where the lumped model is coarse.

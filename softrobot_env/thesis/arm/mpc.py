@@ -5,8 +5,8 @@ from functools import partial
 
 import numpy as np
 
-from softrobot_env.beams import closed_forms
-from softrobot_env.beams.closed_forms import make_planar_arm
+from softrobot_env.beams import planar_arm
+from softrobot_env.beams.planar_arm import make_planar_arm
 from softrobot_env.control.base import (
     NOT_FINITE,
     REASONS,
@@ -148,7 +148,7 @@ class MPC(Controller):
     def _offset(self, observation: Observation) -> np.ndarray:
         """Tip (2,) [m] as measured, less that of the measured curvatures."""
         tip, jacobian = np.empty(2), np.empty((2, self._arm.n))
-        closed_forms.tip(self._arm, observation["curvature"], tip, jacobian)
+        planar_arm.tip(self._arm, observation["curvature"], tip, jacobian)
         return observation["tip_position"] - tip
 
     def _estimate(self, seen: np.ndarray, before: np.ndarray, state: MPCState) -> Estimate:

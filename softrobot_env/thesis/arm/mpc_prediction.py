@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from softrobot_env.beams import closed_forms
+from softrobot_env.beams import planar_arm
 from softrobot_env.beams.numerics.compilation import kernel, structure
 
 _STEP = 1e-30  # imaginary: its square vanishes beside one
@@ -92,7 +92,7 @@ def _newton_system(
         q1[j] += s * s * _STEP * 1j
         v1[j] += s * _STEP * 1j
         a1[j] += _STEP * 1j
-        closed_forms.residual(arm, q1, v1, a1, u1, out)
+        planar_arm.residual(arm, q1, v1, a1, u1, out)
         for i in range(n):
             matrix[i, j], right[i, 0] = out[i].imag / _STEP, out[i].real
         q1[j], v1[j], a1[j] = q[j], v[j], a[j]
@@ -160,8 +160,8 @@ def _differentiate_stage(
     """
     n, (first, end) = arm.n, columns
     by_q, by_v, matrix = np.empty((3, n, n))
-    closed_forms.derivatives(arm, state[0], state[1], a, u, by_q, by_v)
-    closed_forms.inertia_forces(arm, state[0], state[1], matrix, np.empty(n))
+    planar_arm.derivatives(arm, state[0], state[1], a, u, by_q, by_v)
+    planar_arm.inertia_forces(arm, state[0], state[1], matrix, np.empty(n))
     for i in range(n):
         for j in range(n):
             by_v[i, j] += s * by_q[i, j]
@@ -302,7 +302,7 @@ def _locate(
     arm: Any, state: np.ndarray, slope: np.ndarray, end: int, target: np.ndarray, tip: _Tip
 ) -> None:
     """Set the tip's error and its derivatives by the first `end` inputs."""
-    closed_forms.tip(arm, state[0], tip.error, tip.jacobian)
+    planar_arm.tip(arm, state[0], tip.error, tip.jacobian)
     for x in range(2):
         tip.error[x] -= target[x]
         for c in range(end):

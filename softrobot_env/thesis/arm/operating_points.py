@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from softrobot_env.beams import closed_forms
-from softrobot_env.beams.closed_forms import PlanarArm, make_planar_arm
+from softrobot_env.beams import planar_arm
 from softrobot_env.beams.numerics.compilation import implementation, kernel, reference, structure
+from softrobot_env.beams.planar_arm import PlanarArm, make_planar_arm
 from softrobot_env.control.base import FINE, OUTSIDE, UNREACHABLE
 from softrobot_env.control.linear_quadratic import discretized, integral_gains
 from softrobot_env.control.observers import linear_model
@@ -234,7 +234,7 @@ def _estimate(
         memory, grid.n, grid.m
     )
     point, jacobian = np.empty(2), np.empty((2, grid.n))
-    closed_forms.tip(arm, curvature, point, jacobian)
+    planar_arm.tip(arm, curvature, point, jacobian)
     share = 1.0
     scale = stiffness_factor(adaptive, information)
     if begun[0]:

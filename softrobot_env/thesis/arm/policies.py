@@ -4,39 +4,17 @@ from pathlib import Path
 from typing import Any
 
 from softrobot_env.control.base import state_sizes
-from softrobot_env.control.feedforward.law import Feedforward
 from softrobot_env.control.scheduled.law import ScheduledLaw
 from softrobot_env.control.scheduled.lq_preview import LQPreview
 from softrobot_env.control.scheduled.lqi import LQI
 from softrobot_env.core.interfaces import Policy
-from softrobot_env.learned.network import Network
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.artifacts import find_artifact
 from softrobot_env.thesis.arm.mpc import MPC, make_preview
 from softrobot_env.thesis.arm.operating_points import read_grid
-from softrobot_env.thesis.arm.qs_nn import QuasiStaticNetwork
 from softrobot_env.thesis.arm.timing import TIMING
 
 #: A file, or None where it is looked for.
 _Path = str | Path | None
-
-
-def make_network(robot: RobotParams, control_period: float, weights: _Path = None) -> Policy:
-    """The quasi-static network: the thesis' local inverse of the arm, or one of places.
-
-    Args:
-        robot: The arm.
-        control_period: [s] between calls.
-        weights: File of either kind; found unless given, see `artifacts.find_artifact`.
-
-    Raises:
-        ValueError: No network of this robot, or a control period that the arm's cannot have.
-        FileNotFoundError: No such file.
-    """
-    path = find_artifact(robot, "qs_nn") if weights is None else Path(weights)
-    if not path.is_file() or "workspace" in Network.load(path)[1]:
-        return QuasiStaticNetwork(robot, control_period, path)
-    return Feedforward(robot, control_period, weights=path)
 
 
 def make_lq_preview(

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from softrobot_env.control.base import REASONS, SATURATED, Said, hold_for
+from softrobot_env.control.feedforward.law import Feedforward
 from softrobot_env.control.memoryless import Decide, Memoryless
+from softrobot_env.core.interfaces import Policy
 from softrobot_env.learned.network import Network, Scaling, absorbed, load_for
 from softrobot_env.learned.plain_inference import PlainInference
 from softrobot_env.robots import RobotParams
@@ -102,3 +104,23 @@ def _of_actions(network: Network, input_scale: np.ndarray) -> Network:
         for scaling, scale in zip((network.inputs, network.outputs), ends, strict=True)
     )
     return replace(network, inputs=inputs, outputs=outputs)
+
+
+def make_network(
+    robot: RobotParams, control_period: float, weights: str | Path | None = None
+) -> Policy:
+    """The quasi-static network: the thesis' local inverse of the arm, or one of places.
+
+    Args:
+        robot: The arm.
+        control_period: [s] between calls.
+        weights: File of either kind; found unless given, see `artifacts.find_artifact`.
+
+    Raises:
+        ValueError: No network of this robot, or a control period that the arm's cannot have.
+        FileNotFoundError: No such file.
+    """
+    path = find_artifact(robot, "qs_nn") if weights is None else Path(weights)
+    if not path.is_file() or "workspace" in Network.load(path)[1]:
+        return QuasiStaticNetwork(robot, control_period, path)
+    return Feedforward(robot, control_period, weights=path)

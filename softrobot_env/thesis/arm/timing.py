@@ -31,7 +31,7 @@ def is_planar_arm(robot: RobotParams) -> bool:
     """Whether the closed form of planar arms knows a robot."""
     if is_arm(robot):
         return True
-    from softrobot_env.beams.closed_forms import make_planar_arm
+    from softrobot_env.beams.planar_arm import make_planar_arm
 
     try:
         make_planar_arm(robot)

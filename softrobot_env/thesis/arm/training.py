@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from softrobot_env.beams.closed_forms import ConstantCurvatureStatics
+from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.control.learned import neural
 from softrobot_env.core.interfaces import Policy, ProgressCallback
 from softrobot_env.robots import RobotParams
@@ -234,7 +234,7 @@ def _train_gains(
     design: Callable[..., Any], order: TrainingRequest, show: ProgressCallback
 ) -> Metrics:
     """Gain table of a law for the arm, by its design."""
-    from softrobot_env.beams.closed_forms import make_planar_arm
+    from softrobot_env.beams.planar_arm import make_planar_arm
     from softrobot_env.thesis.arm.operating_points import build_gains, save_gains
 
     robot = order.robot
