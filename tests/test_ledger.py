@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 import warnings
+from fnmatch import fnmatchcase
 from importlib import import_module
 from pathlib import Path
 
@@ -22,13 +23,13 @@ def known() -> list[str]:
 
 
 def explained() -> set[str]:
-    """What stands in the changelog's lines "* `entry`: reason"; an entry may end with `*`."""
+    """Entries of the changelog's lines "* `entry`: reason"; `*` in one stands for anything."""
     text = (ROOT / "CHANGELOG.md").read_text().partition(REASONS)[2]
     return set(re.findall(r"^\* `([^`]+)`: \w", re.split(r"^## ", text, flags=re.M)[0], re.M))
 
 
 def is_explained(entry: str, reasons: set[str]) -> bool:
-    return any(entry.startswith(one[:-1]) if one.endswith("*") else entry == one for one in reasons)
+    return any(fnmatchcase(entry, one) for one in reasons)
 
 
 def imports(entry: str) -> bool:

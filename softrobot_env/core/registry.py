@@ -29,7 +29,7 @@ _called: set[str] = set()
 def load_plugins(group: str = GROUP) -> None:
     """Call what installed packages name in an entry-point group, once in a process.
 
-    One that fails is told in a warning, and changes nothing for the others.
+    One that fails is reported in a warning, and changes nothing for the others.
     """
     if group in _called:
         return
