@@ -1,9 +1,11 @@
 """Decisions of policies: those of networks against their plain formulas, and their time."""
 
+import json
 import pickle
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 from time import thread_time
 
 import numpy as np
@@ -22,7 +24,7 @@ from softrobot_env.learned.network import Network, Scaling, initial_network
 from softrobot_env.robots import ARM
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.thesis.arm.qs_nn import QuasiStaticNetwork
-from studies.speed import measure_afresh
+from studies.speed import measure_afresh, moving_rows
 
 #: Of the arm: 6 of the error and velocity, 8 ahead, 12 of the curvatures, 3 inputs.
 FEATURES = 29
@@ -223,12 +225,23 @@ def test_many_decisions_take_far_less_than_so_many_calls(name):
     assert least(many, 10) < 150 * least(one, 200)
 
 
+@pytest.fixture(scope="module")
+def slowness():
+    """Time of the arm's motion here over that in the committed report; at least 1."""
+    [here] = moving_rows(True)
+    report = Path(__file__).parents[2] / "docs/results/speed/report.json"
+    rows = json.loads(report.read_text())["rows"]
+    [there] = [r for r in rows if (r["what"], r["accuracy"]) == (here.what, here.accuracy)]
+    return max(1.0, here.seconds / there["seconds"])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", list(EVERY_POLICY))
-def test_no_decision_of_5000_is_longer_than_its_control_period(name):
+def test_no_decision_of_5000_is_longer_than_its_control_period(name, slowness):
     if name in POLICIES and name not in installed_policies():
         pytest.skip("needs the extra mpc")
     # What compiles, loads or iterates for long does so in every process; pauses of a busy virtual
-    # machine, which count as computing, do not come back.
+    # machine, which count as computing, do not come back. A machine slower than that of the
+    # report may take longer by as much.
     runs = (measure_afresh(name) for _ in range(3))
-    assert any(run["longest"] < run["period"] for run in runs)
+    assert any(run["longest"] < run["period"] * slowness for run in runs)
