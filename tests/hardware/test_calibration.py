@@ -23,11 +23,6 @@ def test_jogging_may_use_all_pulses_and_no_more():
     np.testing.assert_allclose(pulses, [SHORTEST_PULSE, LONGEST_PULSE] * 3, atol=0.5e-6)
 
 
-def test_jogging_is_slow():
-    robot = rig_file()
-    assert jog_file(robot).slew == robot.ramp < robot.slew
-
-
 def test_jogging_goes_no_farther_than_the_longest_ramp():
     """A winch of 600 mm for all pulses, where the file allows 40 mm to one side."""
     servos = tuple(replace(s, gain=3e-3, minimum=0.0, maximum=0.04) for s in rig_file().tendons)
@@ -41,10 +36,6 @@ def test_a_board_with_a_zero_of_its_own_keeps_it():
     with pytest.raises(ValueError, match="lengths from its own zero"):
         begun.obey("zero")
     assert begun.obey("max").result().tendons[0].maximum == pytest.approx(1e-3)
-
-
-def test_nothing_done_leaves_the_robot_as_it_was():
-    assert obey([]).result() == rig_file()
 
 
 def test_jogs_add_up_for_the_chosen_tendon():

@@ -84,11 +84,6 @@ def elapsed(action):
     return time.monotonic() - start
 
 
-def test_connecting_leaves_a_robot_off(live, driver):
-    assert driver.info.firmware and driver.reading.state == m.DeviceState.DISARMED
-    assert not live.board.core.outputs.powered
-
-
 def test_a_set_point_is_followed_and_answered(armed):
     reading = armed.wait_for(armed.command([1e-4, 0.0, -1e-4]), time.monotonic() + 1)
     np.testing.assert_allclose(reading.applied, [1e-4, 0.0, -1e-4])
@@ -147,23 +142,6 @@ def test_a_fault_whose_cause_is_there_cannot_be_cleared(live, driver):
     driver.wait_for_fault(1.0)
     with pytest.raises(RefusedError, match="refuses CLEAR: a fault is latched"):
         driver.clear()
-
-
-def test_a_fault_that_was_there_before_is_known_after_connecting(live, driver):
-    driver.estop()
-    driver.wait_for_fault(1.0)
-    driver.connect()
-    assert driver.fault.code == m.Fault.ESTOP
-
-
-def test_a_position_far_outside_the_range_is_not_armed(live, driver):
-    live.board.position = (3300, 0, 0)
-    while driver.reading.length[0] < 0.033:
-        time.sleep(0.01)
-    with pytest.raises(RefusedError, match="refuses SETPOINT: too far") as caught:
-        driver.arm()
-    assert caught.value.reason == m.Reason.FAR
-    assert not live.board.core.outputs.powered
 
 
 def test_a_stop_ramps_to_rest(live, armed):

@@ -2,20 +2,16 @@
 
 import os
 import struct
-import time
 import tty
 from itertools import count
 
 import pytest
-from support.hardware_boards import FullDisk, LiveBoard, MemoryTransport
-from support.replay import ReplayTransport
+from support.hardware_boards import FullDisk, MemoryTransport
 
 from softrobot_env.hardware import transport
-from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.errors import LinkError
 from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.messages import encode
-from softrobot_env.hardware.robot_file import rig_file
 from softrobot_env.hardware.transport import (
     Chunk,
     Direction,
@@ -111,15 +107,6 @@ def recorded(tmp_path, ticks):
     return tmp_path / "short.link"
 
 
-def drive(driver, clock):
-    """Connect, arm, follow a set-point, be stopped; what the driver saw."""
-    driver.connect()
-    driver.arm()
-    reading = driver.wait_for(driver.command([1e-4, 0.0, 0.0]), clock() + 1)
-    driver.estop()
-    return driver.info.boot_id, reading.applied.tolist(), driver.wait_for_fault(1.0).text
-
-
 def test_what_was_recorded_is_read(recorded):
     assert read_link_log(recorded) == LinkLog(
         (
@@ -196,25 +183,3 @@ def test_other_files_are_refused(tmp_path, recorded):
     other.write_bytes(data[:start] + struct.pack("<I", m.SCHEMA ^ 1) + data[start + 4 :])
     with pytest.raises(ValueError, match="another table of messages"):
         read_link_log(other)
-
-
-def test_a_replay_shows_the_driver_what_happened(tmp_path):
-    path = tmp_path / "run.link"
-    with (
-        LiveBoard() as live,
-        Driver(rig_file(), LoggingTransport(live.transport, path)) as driver,
-    ):
-        seen = drive(driver, time.monotonic)
-    replay = ReplayTransport(read_link_log(path))
-    with Driver(rig_file(), replay, replay.clock, replay.draw) as again:
-        assert drive(again, replay.clock) == seen
-
-
-def test_a_replay_ends_with_the_recording():
-    replay = ReplayTransport(LinkLog((Chunk(1.0, Direction.FROM_ROBOT, b"x"),), True))
-    assert replay.read(0.0) == b"x" and replay.read(0.0) == b""
-    replay.write(b"more")
-    with pytest.raises(LinkError, match="recording is over"):
-        replay.read(0.0)
-    with pytest.raises(LinkError, match="no further session"):
-        replay.draw(32)

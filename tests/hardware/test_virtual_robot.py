@@ -84,11 +84,6 @@ def test_its_file_has_a_servo_that_is_stuck_noticed(bench):
     assert pull(bench, 0.02).code == Fault.STALL
 
 
-def test_its_file_has_a_tendon_that_pulls_too_hard_noticed(bench):
-    bench.board.force = (5000, 0, 0)
-    assert pull(bench, 0.0).code == Fault.FORCE
-
-
 PARENT = """
 from time import sleep
 from softrobot_env.commands.robot.virtual import virtual_process

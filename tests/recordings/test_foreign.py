@@ -11,7 +11,6 @@ import pytest
 from softrobot_env.recordings import Commands, Header, Marker, Time, read_recording
 
 TIPS = np.array([[0.0, 1.0], [2.0, 3.0], [4.0, 5.0]])
-_TIP = "x/Point point\n===\nMSG: x/Point\nfloat64 x\nfloat64 z"
 SERVOS = np.array([[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]])
 
 

@@ -103,19 +103,9 @@ def test_tendons_share_most_of_their_turn():
 
 
 def test_nothing_else_differs():
+    varied = ("name", "youngs_modulus", "damping_time", "anisotropy", "stiff_azimuth")
+    known = {name: getattr(RIG, name) for name in (*varied, "precurvature", "sensors")}
     for twin in TWINS[:20]:
-        known = {
-            name: getattr(RIG, name)
-            for name in (
-                "name",
-                "youngs_modulus",
-                "damping_time",
-                "anisotropy",
-                "stiff_azimuth",
-                "precurvature",
-                "sensors",
-            )
-        }
         tendons = tuple(
             replace(t, offset=ideal.offset, friction=0.0)
             for t, ideal in zip(twin.robot.tendons, RIG.tendons, strict=True)
@@ -125,11 +115,6 @@ def test_nothing_else_differs():
         assert twin.camera_delay == pytest.approx(1 / 90)
 
 
-def test_servos_and_tendons_are_numbered_alike():
-    for twin in TWINS[:20]:
-        assert [t.name for t in twin.robot.tendons] == [t.name for t in RIG.tendons]
-
-
 def reached(robot, pulled):
     """(2,) [m], where the tip of a fine chain stands at pulled-in lengths."""
     config = SceneConfig(robot, pieces=8, actuation="length", bending="spatial")
@@ -137,7 +122,7 @@ def reached(robot, pulled):
     return posed(model, equilibrium(model, pulled)).site("tip").xpos[:2]
 
 
-@pytest.mark.parametrize("distance", [0.03, 0.06, 0.09, 0.12])
+@pytest.mark.parametrize("distance", [0.06, 0.12])
 def test_the_equivalent_rig_stands_where_the_one_piece_model_says(distance):
     turn = np.exp(2j * np.pi * np.array([0.0, 0.15, 0.5]))
     z = distance * np.stack([turn.real, turn.imag], axis=1)

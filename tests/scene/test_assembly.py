@@ -123,15 +123,6 @@ def test_three_fingers_close_symmetrically():
     np.testing.assert_allclose(tips.sum(axis=0)[:2], 0, atol=1e-9)
 
 
-def test_weight_is_that_of_all():
-    """Below their first hinges the fingers belong to what they stand on."""
-    built = gripper(gravity=WEIGHT)
-    part = built["finger1"]
-    backbone, edges = FINGER.robot.backbone, np.append(part.scene.layout.stations, 0.12)
-    mass = float(backbone.integrals(backbone.mass, np.unique([*edges, 0.06])).sum())
-    assert mujoco.mj_getTotalmass(built.model) == pytest.approx(3 * mass)
-
-
 def test_exported_scene_is_the_compiled_one():
     built = gripper(gravity=WEIGHT)
     model = mujoco.MjModel.from_xml_string(assembly_xml(built.config))

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.linalg import eigvalsh
 
-from softrobot_env.robots import ARM, CANTILEVER_WEAK, RobotParams, Tendon
+from softrobot_env.robots import RobotParams, Tendon
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.coupling import excess_stiffness
-from softrobot_env.scene.quadrature import place_hinges
+from softrobot_env.scene.quadrature import RULES, place_hinges
 from softrobot_env.scene.tangent import StaticForces
 from studies.truths.analytic import Section, bent_rod, euler_bernoulli_frequency
 from studies.truths.spatial_rod import SpatialSection, dead_loads, followed_rod
@@ -59,15 +59,6 @@ def test_moments_that_vary_linearly_turn_and_lift_the_end_as_without_springs(pie
         assert place @ found == pytest.approx(place @ moment, rel=1e-12)
 
 
-def test_coupled_pieces_turn_by_the_second_derivative_of_the_moment():
-    # 1 / 6 - 1 / (2 sqrt 12): the mean square of what two Gauss points leave, in numbers.
-    x = np.linspace(0, 1, 100001)[:-1]
-    wandering = np.mean(((x > 0.5 - 12**-0.5) / 2 + (x > 0.5 + 12**-0.5) / 2 - x) ** 2)
-    compliance = np.linalg.inv(np.eye(9) + excess_stiffness(9))
-    found = compliance @ np.arange(9.0) ** 2
-    np.testing.assert_allclose(found[3:-3], np.arange(9.0)[3:-3] ** 2 + 2 * wandering, rtol=1e-6)
-
-
 # --- statics ------------------------------------------------------------------------------------
 
 
@@ -85,17 +76,6 @@ def test_elastica_under_a_force_aslant_is_of_third_order_and_more(angle):
     np.testing.assert_allclose(order(found["gauss2"]), 2, atol=0.3)
     assert np.all(order(found["coupled2"]) > 3)
     assert found["coupled2"][0] < found["gauss2"][0] / 2
-
-
-def test_weight_is_of_third_order_and_more():
-    section, stations = SpatialSection(EI, ROD.torsional_stiffness), np.array([0.0, LENGTH])
-    weight = 6 * EI / LENGTH**3 * np.array([0.8, 0.5, 0.6])
-    shape = followed_rod(LENGTH, section, [], stations, weight)
-    gravity = shape.frame[-1] @ weight / ROD.mass_per_length
-    heavy = replace(ROD, gravity=tuple(gravity.tolist()))
-    tips = [tip(heavy, n, **TWISTING) for n in (6, 12, 24)]
-    errors = [np.linalg.norm(x - shape.tip) for x in tips]
-    assert np.all(order(errors) > 2.9)
 
 
 @pytest.mark.parametrize("poisson_ratio", [1e-9, 0.4])
@@ -191,15 +171,52 @@ def test_frequencies_are_of_third_order_and_more():
     assert coarse[0] < frequency_errors("balanced2", 6)[0] / 4
 
 
-@pytest.mark.parametrize("robot", [CANTILEVER_WEAK, ARM], ids=lambda r: r.name)
-def test_a_motion_converges_to_that_of_the_uncoupled_chain(robot):
-    """Against eight times as many pieces of another rule; damping and gravity act."""
-    bent = replace(robot, tendons=(), gravity=(9.81, 0.0, 0.0))
-    tips = {}
-    for rule, pieces in (("coupled2", 6), ("coupled2", 12), ("balanced2", 48)):
-        built = build_scene(SceneConfig(bent, pieces=pieces, rule=rule, accuracy=1e-6))
-        motion = built.simulate(0.3, samples=np.linspace(0, 0.3, 7))
-        tips[rule, pieces] = built.tip(motion.q)
-    truth = tips.pop(("balanced2", 48))
-    coarse, fine = (np.linalg.norm(x - truth, axis=1).max() for x in tips.values())
-    assert fine < coarse / 3 and coarse < 1e-3 * robot.length
+# ---------------------------------------------------------------- hinges as quadrature
+#: Highest degree of a polynomial each rule integrates exactly: one more than the number of nodes
+#: for Gauss rules of one, three and five (2 m - 1), one for the others by symmetry.
+DEGREE = {"midpoint": 1, "gauss2": 3, "balanced2": 1, "chord2": 1, "gauss3": 5, "coupled2": 3}
+
+
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("pieces", [1, 2, 7])
+def test_hinges_share_out_the_whole_length_inside_their_pieces(rule, pieces):
+    layout = place_hinges(0.4, pieces, rule)
+    assert len(layout.stations) == len(layout.weights) == pieces * len(RULES[rule])
+    assert np.all(np.diff(layout.stations) > 0)
+    assert layout.weights.sum() == pytest.approx(0.4, rel=1e-14)
+    np.testing.assert_allclose(layout.sizes, 0.4 / pieces, rtol=1e-13)
+    np.testing.assert_array_equal(np.floor(layout.stations / (0.4 / pieces)), layout.piece)
+    # Mirrored, a robot is the same robot.
+    np.testing.assert_allclose(layout.stations, 0.4 - layout.stations[::-1], atol=1e-15)
+    np.testing.assert_allclose(layout.weights, layout.weights[::-1], rtol=1e-14)
+
+
+def test_hinges_stand_where_the_rules_names_say():
+    for rule, nodes in {"midpoint": 1, "gauss2": 2, "gauss3": 3}.items():
+        layout, (x, w) = place_hinges(2.0, 1, rule), np.polynomial.legendre.leggauss(nodes)
+        np.testing.assert_allclose(layout.stations, 1 + x, atol=1e-15)
+        np.testing.assert_allclose(layout.weights, w, rtol=1e-14)
+    # balanced2 at the first and last fifth, chord2 at a third of the piece from its middle.
+    np.testing.assert_allclose(place_hinges(1.0, 1, "balanced2").stations, [1 / 5, 4 / 5])
+    np.testing.assert_allclose(place_hinges(1.0, 1, "chord2").stations, [1 / 6, 5 / 6])
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_rule_is_exact_up_to_its_degree_and_no_further(rule):
+    layout = place_hinges(1.0, 1, rule)
+    for degree in range(DEGREE[rule] + 1):
+        integral = layout.weights @ layout.stations**degree
+        assert integral == pytest.approx(1 / (degree + 1), rel=1e-13)
+    beyond = DEGREE[rule] + 1
+    error = abs(layout.weights @ layout.stations**beyond - 1 / (beyond + 1))
+    assert error > 1e-5
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_integration_error_falls_with_the_rules_order(rule):
+    def error(pieces):
+        layout = place_hinges(2.0, pieces, rule)
+        return abs(layout.weights @ np.exp(layout.stations) - (np.exp(2) - 1))
+
+    order = np.log2(error(4) / error(8))
+    assert order == pytest.approx(DEGREE[rule] + 1, abs=0.1)

@@ -67,9 +67,7 @@ def distance(one, other):
 VARIATIONS = [
     {},
     {"damping_time": 0.5, "youngs_modulus": 0.5},
-    {"damping_time": 0.1, "youngs_modulus": 0.5},
     {"damping_time": 0.1, "youngs_modulus": 0.5, "density": 2.0},
-    {"damping_time": 0.25, "density": 0.5},
 ]
 
 

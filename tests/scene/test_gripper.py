@@ -13,7 +13,7 @@ from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.contacts import net_force
 from softrobot_env.scene.gripper import CONTACTS, gripper_scene
-from softrobot_env.scene.objects import Capsule, Contacts, Ellipsoid
+from softrobot_env.scene.objects import Capsule, Contacts
 from softrobot_env.scene.simulation import Simulation
 from studies.truths.wrapped_finger import wrapped_finger
 
@@ -88,18 +88,6 @@ def test_an_enclosing_grip_is_that_of_an_inextensible_finger(diameter, tension):
     assert found == pytest.approx(line, rel=0.03)
 
 
-def test_more_pieces_come_closer_to_the_closed_solution():
-    """To its curvature: links are chords, and err by the square of their size."""
-    radius, tension = 0.033, 18.0
-    truth, errors = exact(tension, radius), []
-    for pieces in (12, 24):
-        scene = one_finger(radius, pieces, truth.base_pressure)
-        q, _ = at_rest(scene, tension)
-        middle = scene.curvature(q)[pieces // 12 : pieces // 2, 1]
-        errors.append(abs(middle.mean() / truth.curvature - 1))
-    assert errors[1] < 0.4 * errors[0]
-
-
 def test_as_tension_rises_an_enclosing_grip_becomes_a_fingertip_grip():
     """Beyond the closed solution's range the tip alone presses, and the finger bows out behind."""
     radius = 0.033
@@ -116,25 +104,6 @@ def test_as_tension_rises_an_enclosing_grip_becomes_a_fingertip_grip():
     assert all(touch.stations[0] > 0.08 for touch in late)
     tip_force = sum(np.linalg.norm(touch.force) for touch in late)
     assert tip_force > 3 * exact(20.0, radius).end_force
-
-
-def test_the_oval_is_gripped_with_its_own_curvature():
-    """Bends round the ends of an oval are sharper than round a cylinder as wide."""
-    bends = []
-    for axes in ((0.013, 0.15, 0.020), (0.020, 0.15, 0.020)):
-        thing = Ellipsoid(name="object", semi_axes=axes, position=(axes[0] + WIDTH, 0, 0.03))
-        config = SceneConfig(
-            FINGER,
-            pieces=24,
-            rule="midpoint",
-            contacts=Contacts(friction=0.0, stiffness=1e6),
-            objects=(thing,),
-        )
-        scene = build_scene(config)
-        q, touches = at_rest(scene, 25.0)
-        assert touches
-        bends.append(np.abs(scene.curvature(q)[:, 1]).max())
-    assert bends[0] > 1.1 * bends[1]
 
 
 # --- energy -----------------------------------------------------------------------------------
@@ -157,46 +126,6 @@ def test_what_the_tendon_gives_is_what_the_finger_stores():
 
 
 # --- where a fingertip grip comes from --------------------------------------------------------
-
-
-def tip_of(tip_arm=0.001, friction=0.8, tension=38.0):
-    """Bend of the last sensor [deg] and share of the outer force at the tip, round 48 mm."""
-    finger = GRIPPER.fingers[1]
-    tendon = finger.robot.tendons[0]
-    route = ((FINGER.length, tip_arm, 0.0),)
-    robot = replace(finger.robot, tendons=(replace(tendon, route=route),))
-    built = build_assembly(
-        gripper_scene(
-            replace(GRIPPER, fingers=(replace(finger, robot=robot),)),
-            (lying(0.024),),
-            contacts=replace(CONTACTS, friction=friction),
-            timestep=2e-4,
-        )
-    )
-    simulation, steps = Simulation(built), 120
-    simulation.reset(built.model.qpos0, np.zeros(1))
-    for k in range(steps):
-        simulation.ctrl[:] = tension * (k + 1) / steps
-        assert simulation.advance(), simulation.failure()
-    bends = built["middle"].curvature(simulation.posture)[:, 1].reshape(3, -1).mean(axis=1)
-    outer = [t for t in simulation.contacts() if t.stations[0] and t.stations[0] > 0.036]
-    forces = np.array([np.linalg.norm(t.force) for t in outer])
-    tip = np.array([t.stations[0] > 0.081 for t in outer])
-    return np.degrees(bends[2]) * 0.03, forces[tip].sum() / forces.sum()
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
-def test_round_48_mm_friction_keeps_what_a_low_arm_at_the_tip_would_lift_off():
-    """Pull and pressure both grow with the tension: friction locks the wrapped part at any."""
-    bend, share = tip_of()
-    assert share < 0.5
-    twice, same = tip_of(tension=76.0)
-    assert same < 0.5 and twice < bend + 6
-    slippery, more = tip_of(friction=0.1)
-    assert more > 0.5 and slippery > bend + 2
-    long, most = tip_of(tip_arm=0.002)
-    assert most > 0.5 and long > bend + 10
 
 
 # --- three fingers ----------------------------------------------------------------------------

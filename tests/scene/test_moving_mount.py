@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softrobot_env.core.motion import State
 from softrobot_env.robots import CANTILEVER_WEAK, Base
 from softrobot_env.scene.assembly import Assembly, Member, build_assembly
 from softrobot_env.scene.config import SceneConfig
@@ -76,20 +75,6 @@ def test_shaking_is_gravity_of_the_opposite_direction():
     np.testing.assert_allclose(found.q[:, 0], a[0] * found.time**2 / 2, atol=1e-8)
 
 
-def test_constant_velocity_changes_nothing():
-    built = mounted(("x", "z"), accuracy="0.1%")
-    bent = np.concatenate([[0, 0], np.full(built["beam"].scene.model.nq, 0.05)])
-    start = State(bent, np.zeros(len(bent)))
-
-    def carried(speed):
-        mounts = {"beam": lambda t: [speed * t, -speed * t]}
-        return built.simulate(0.5, start=start, samples=0.1, mounts=mounts)
-
-    resting, moving = carried(0.0), carried(3.0)
-    np.testing.assert_allclose(moving.q[:, 2:], resting.q[:, 2:], atol=1e-7)
-    np.testing.assert_allclose(moving.q[:, 0], 3.0 * moving.time, atol=1e-7)
-
-
 def test_a_turning_beam_bends_outwards_by_the_centrifugal_force():
     """Beam parallel to the axis of a turntable, at a distance: small statics of a uniform load.
 
@@ -105,52 +90,6 @@ def test_a_turning_beam_bends_outwards_by_the_centrifugal_force():
     truth = distance * shaken_tip(still, omega).real
     assert truth > 1.03 * distance
     assert np.hypot(*tip[:2]) - distance == pytest.approx(truth - distance, rel=2e-3)
-
-
-def spinning_frequency(robot, omega):
-    """First circular frequency of a beam that spins about its clamp, across the plane: Ritz.
-
-    The tension rho A omega^2 (L^2 - x^2) / 2 adds to the stiffness; w = x^2 ... x^8.
-    """
-    x, weights = np.polynomial.legendre.leggauss(20)
-    x, weights = (x + 1) / 2, weights / 2
-    n = np.arange(2, 9)[:, None]
-    w, slope, bend = x**n, n * x ** (n - 1), n * (n - 1) * x ** (n - 2)
-    length, density = robot.length, robot.mass_per_length
-    tension = density * omega**2 * length**2 * (1 - x**2) / 2
-    stiffness = (robot.bending_stiffness / length**3 * weights * bend) @ bend.T
-    stiffness += (tension / length * weights * slope) @ slope.T
-    mass = (density * length * weights * w) @ w.T
-    return np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real.min())
-
-
-@pytest.mark.parametrize("across", [True, False])
-def test_a_spinning_base_stiffens_a_radial_beam(across):
-    """Free swings, counted in zeros, against Ritz's frequency.
-
-    In the plane of rotation the centrifugal force turns with the beam: its square is less by that
-    of the rotation.
-    """
-    robot = replace(BEAM, base=Base(direction=(1.0, 0.0, 0.0)), damping_time=0.0)
-    still = spinning_frequency(robot, 0.0)
-    assert still == pytest.approx(2 * np.pi * robot.first_frequency, rel=1e-5)
-    omega = 2 * np.sqrt(robot.bending_stiffness / robot.mass_per_length) / robot.length**2
-    truth = spinning_frequency(robot, omega)
-    assert truth == pytest.approx(4.1373 / 3.5160 * still, rel=1e-4)  # Wright et al. 1982
-    built = mounted(("turn_z",), robot, bending="spatial", pieces=6)
-    part, period = built["beam"], built.config.control_period
-    push = np.array([0.0, 0.0, -0.05]) if across else np.array([0.0, -0.05, 0.0])
-    start = State(np.append(0.0, part.scene.equilibrium(gravity=push)), np.zeros(built.model.nv))
-    mounts = {"beam": lambda t: [omega * t]}
-    motion = built.simulate(3.0, start=start, samples=period, mounts=mounts)
-    x, y, z = part.tip(motion.q).T
-    angle, t = omega * motion.time, motion.time
-    swing = z if across else y * np.cos(angle) - x * np.sin(angle)
-    k = np.flatnonzero(swing[1:] * swing[:-1] < 0)
-    zeros = t[k] - swing[k] * period / (swing[k + 1] - swing[k])
-    found = np.pi * (len(zeros) - 1) / (zeros[-1] - zeros[0])
-    expected = truth if across else np.sqrt(truth**2 - omega**2)
-    assert found == pytest.approx(expected, rel=2e-3)
 
 
 def test_a_turned_base_turns_all():

@@ -60,16 +60,6 @@ def test_positions_are_those_of_sites_at_the_stations(kind):
     assert built.tip(series).shape == (2, 3)
 
 
-def test_offsets_are_material_points_of_the_section():
-    built = scene("three_hinges")
-    q, station = bent(built), np.array([0.37])
-    sides = [built.positions(q, station, np.array([o])) for o in ((0.02, 0.0), (0.0, 0.01))]
-    along_x, along_y = (side[0] - built.positions(q, station)[0] for side in sides)
-    assert np.linalg.norm(along_x) == pytest.approx(0.02)
-    assert np.linalg.norm(along_y) == pytest.approx(0.01)
-    assert along_x @ along_y == pytest.approx(0, abs=1e-15)
-
-
 def test_tip_of_a_head_is_its_output_point():
     head = Head(mass=0.1, centre=0.02, inertia=(1e-4, 1e-4, 1e-4), output=0.05)
     built = scene(robot=replace(WEIGHTLESS, head=head))

@@ -2,15 +2,13 @@
 
 from dataclasses import replace
 from itertools import pairwise as pairs
-from math import cos, pi, sin, sqrt
+from math import cos, pi, sin
 
 import mujoco
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.optimize import brentq
 from support.routed_robots import (
-    CONVERGING,
     HELICAL,
     PULLED,
     ROD,
@@ -26,7 +24,7 @@ from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import Appearance, SceneConfig, TipSensors
 from softrobot_env.scene.timestep import linearize, slowest
-from studies.truths.tendon_rod import guided_rod, strains, tendon_helix, tendon_rod
+from studies.truths.tendon_rod import guided_rod, strains, tendon_rod
 from studies.truths.varying_beam import bending_frequencies
 
 #: A base that shares no axis with the world.
@@ -60,23 +58,6 @@ def test_pulled_robots_bend_as_the_exact_rod(name):
     off = np.linalg.norm(built.tip(built.equilibrium(np.array(tension))) - tip)
     assert off < 5e-4 * robot.length
     assert off < 5e-3 * np.linalg.norm(tip - [0, 0, robot.length])
-
-
-@pytest.mark.parametrize("turns", [0.5, -1.0])
-def test_a_helical_tendon_bends_and_twists_a_rod_into_a_helix(turns):
-    robot = replace(HELICAL, tendons=(replace(HELICAL.tendons[0], turns=turns),))
-    built, stations = spatial(robot), np.linspace(0, robot.length, 9)
-    q = built.equilibrium(np.array([3.0]))
-    exact = tendon_helix(robot, 3.0, stations)
-    found = built.positions(q, stations)
-    assert np.abs(found - exact.position).max() < 1e-3 * robot.length
-    # Most of the strain is bending, so that the twist shows what the tendon's winding does.
-    twist = built.curvature(q)[:, 2].mean()
-    exact = strains(robot, np.array([3.0]), 0.0, None)[1][2]
-    assert twist == pytest.approx(exact, rel=1e-3)
-    moment = 3.0 * 0.008**2 * 2 * pi * turns / 0.4
-    assert exact == pytest.approx(-moment / robot.torsional_stiffness, rel=0.03)  # first order
-    assert twist != pytest.approx(-moment / robot.torsional_stiffness, rel=0.005)
 
 
 def strain_errors(robot, tension, **options):
@@ -128,32 +109,6 @@ def test_a_winding_tendon_driven_by_length_pulls_as_its_stiffness_says():
     assert shorter > 1e-4
 
 
-def test_a_small_moment_of_a_converging_tendon_is_its_tension_times_its_distance():
-    tension = 1e-3
-    # x = 0.010 - 0.02 s: deflection T / EI times the integral of (L - s) x.
-    length, bending = CONVERGING.length, CONVERGING.bending_stiffness
-    deflection = tension / bending * (0.010 * length**2 / 2 - 0.02 * length**3 / 6)
-    built = build_scene(SceneConfig(CONVERGING))
-    found = built.tip(built.equilibrium(np.array([tension])))[0]
-    assert found == pytest.approx(deflection, rel=2e-3)
-
-
-def test_a_small_force_bends_a_cone_as_the_closed_form():
-    # F L^3 / (3 E I0) r0 / r1 with I0 and r0 at the clamp.
-    force, load = 1e-5, Load("force", 0.4, (1e-5, 0.0, 0.0))
-    exact = force * 0.4**3 / (3 * 1e6 * pi / 4 * 0.012**4) * 0.012 / 0.006
-    built = build_scene(SceneConfig(replace(TAPERED, tendons=()), loads=(load,)))
-    assert built.tip(built.equilibrium(np.ones(1)))[0] == pytest.approx(exact, rel=1e-4)
-
-
-def test_a_moment_bends_each_section_by_its_own_stiffness():
-    load = Load("moment", 0.4, moment=(0.0, 0.02, 0.0))
-    built = build_scene(SceneConfig(replace(TWO, tendons=()), loads=(load,), pieces=(2, 3)))
-    curvature = built.curvature(built.equilibrium(np.ones(1)))[:, 1]
-    expected = 0.02 / TWO.backbone.bending(np.array([0.1, 0.3]))
-    assert_allclose(curvature, np.repeat(expected, [2, 3]), rtol=1e-9)
-
-
 @pytest.mark.parametrize("robot", [HELICAL, VIA, ALL], ids=lambda robot: robot.name)
 def test_tendon_lengths_are_told_in_the_straight_pose(robot):
     built = spatial(robot)
@@ -198,21 +153,6 @@ def test_frequencies_are_those_of_the_exact_beam(robot):
     assert_allclose(found, exact, rtol=2e-3)
     assert found[0] == pytest.approx(exact[0], rel=5e-4)
     assert slowest(robot, winding=False) == pytest.approx(2 * pi * exact[0], rel=0.15)
-
-
-def test_a_disc_on_the_tip_lowers_the_frequency_as_the_closed_form():
-    ratio = 0.5  # of the masses; the disc's own inertia is negligible
-    disc = Disc(ROD.length, ratio * ROD.mass, (1e-9,) * 3)
-
-    def determinant(x):
-        c, s, ch, sh = np.cos(x), np.sin(x), np.cosh(x), np.sinh(x)
-        return 1 + c * ch + ratio * x * (c * sh - s * ch)
-
-    wave = brentq(determinant, 0.5, 1.875) / ROD.length
-    thin = replace(ROD, discs=(disc,), outer_radius=ROD.outer_radius)
-    exact = wave**2 * sqrt(ROD.bending_stiffness / ROD.mass_per_length)
-    found = linearize(build_scene(SceneConfig(thin)).model).frequencies()[0]
-    assert found == pytest.approx(exact, rel=3e-3)  # its sections' rotary inertia is in the chain
 
 
 def test_the_own_integrator_moves_all_of_it_as_runge_kutta():

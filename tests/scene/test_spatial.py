@@ -1,17 +1,18 @@
 """Chains that bend in space: symmetry, helices, twist, frequencies, tendons and follower loads."""
 
 from dataclasses import replace
+from functools import partial
 
 import mujoco
 import numpy as np
 import pytest
 from support.postures import posed
 
-from softrobot_env.robots import ARM, CANTILEVER_WEAK, Tendon
+from softrobot_env.robots import CANTILEVER_WEAK, Tendon
 from softrobot_env.robots.loads import Load
-from softrobot_env.scene.build import build_scene, scene_xml
+from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import joint_angles, posture
-from softrobot_env.scene.config import Appearance, SceneConfig, TipSensors, visible
+from softrobot_env.scene.config import SceneConfig, visible
 from softrobot_env.scene.quadrature import RULES
 from softrobot_env.scene.statics import EquilibriumError, equilibrium
 from softrobot_env.scene.timestep import linearize
@@ -20,7 +21,6 @@ from studies.truths.analytic import arc_tip, rayleigh_frequency
 ROBOT = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0))
 INCOMPRESSIBLE = replace(ROBOT, poisson_ratio=0.5)
 LENGTH, EI = ROBOT.length, ROBOT.bending_stiffness
-WEIGHT = ROBOT.mass_per_length * 9.81
 
 #: A chain that twists, without springs between its pieces.
 TWISTING = {"bending": "spatial", "torsion": True, "rule": "balanced2"}
@@ -132,13 +132,6 @@ def test_posture_and_joint_angles_are_inverse(kind):
     )
 
 
-def test_planar_angles_are_the_posture():
-    model = build_scene(SceneConfig(ARM)).model
-    q = np.linspace(-0.1, 0.3, model.nq)
-    np.testing.assert_array_equal(joint_angles(model, q), q[:, None])
-    np.testing.assert_array_equal(posture(model, q[:, None]), q)
-
-
 # --- statics ----------------------------------------------------------------------------------
 
 
@@ -196,45 +189,18 @@ def helix_tip(moment, bending_stiffness):
 MOMENT = np.array([0.5, 0.9, 1.2])
 
 
-def test_world_moment_makes_the_exact_discrete_helix():
-    """Every ball joint turns by m w / EI about the fixed moment: polygon on a helix, any rule."""
-    built, data = loaded("ball", moment=MOMENT, load_steps=4)
-    turn = MOMENT / EI
-    knots = np.concatenate(([0.0], built.layout.stations, [LENGTH]))
-    position, angle = np.zeros(3), 0.0
-    axis, size = turn / np.linalg.norm(turn), np.linalg.norm(turn)
-    for index, step in enumerate(np.diff(knots)):
-        if index:
-            angle += size * built.layout.weights[index - 1]
-        tangent = np.zeros(3)
-        mujoco.mju_rotVecQuat(
-            tangent,
-            np.array([0.0, 0.0, 1.0]),
-            np.concatenate(([np.cos(angle / 2)], np.sin(angle / 2) * axis)),
-        )
-        position += step * tangent
-    np.testing.assert_allclose(data.site("tip").xpos, position, atol=1e-9)
-
-
-def test_world_moment_converges_to_the_helix():
-    truth = helix_tip(MOMENT, EI)
-    errors = [
-        np.linalg.norm(tip("ball", pieces=n, moment=MOMENT, load_steps=4) - truth) for n in (6, 12)
-    ]
-    assert errors[1] < 0.2e-3
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.15)
-
-
-def test_three_hinges_converge_to_the_helix():
+@pytest.mark.parametrize("kind", ["ball", "three_hinges"])
+def test_a_world_moment_converges_to_the_helix(kind):
     """With Poisson's ratio barely off zero the rod is the same, its joints are three hinges."""
-    robot = replace(ROBOT, poisson_ratio=1e-9)
+    robot = replace(ROBOT, poisson_ratio=0.0 if kind == "ball" else 1e-9)
     truth, errors = helix_tip(MOMENT, EI), []
-    for pieces in (3, 6, 12):
-        load = Load("load", LENGTH, moment=tuple(MOMENT))
-        model = scene("three_hinges", robot, pieces=pieces, loads=(load,)).model
+    load = Load("load", LENGTH, moment=tuple(MOMENT))
+    for pieces in (6, 12):
+        model = scene(kind, robot, pieces=pieces, loads=(load,)).model
         q = equilibrium(model, np.ones(1), load_steps=4)
         errors.append(np.linalg.norm(posed(model, q).site("tip").xpos - truth))
-    np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 2, atol=0.25)
+    assert errors[1] < 0.2e-3
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.25)
 
 
 @pytest.mark.parametrize("kind", ["ball", "three_hinges"])
@@ -249,13 +215,12 @@ def test_end_torque_twists_by_its_length_over_gj(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("load_steps", [1, 5])
-def test_gravity_sideways_is_gravity_in_the_plane(kind, load_steps):
+def test_gravity_sideways_is_gravity_in_the_plane(kind):
     planar = build_scene(SceneConfig(CANTILEVER_WEAK)).model
     truth = posed(planar, equilibrium(planar, np.zeros(0))).site("tip").xpos
     robot = replace(KINDS[kind][0], gravity=(0.0, -9.81, 0.0))
     model = scene(kind, robot).model
-    found = posed(model, equilibrium(model, np.zeros(0), load_steps=load_steps))
+    found = posed(model, equilibrium(model, np.zeros(0), load_steps=5))
     np.testing.assert_allclose(found.site("tip").xpos, turned(truth, np.pi / 2), atol=1e-9)
     np.testing.assert_array_equal(model.opt.gravity, robot.gravity)
 
@@ -285,104 +250,42 @@ def test_equilibria_follow_the_branch_from_straight():
         equilibrium(built.model, np.ones(1), guess=other)
 
 
-@pytest.mark.parametrize("load_steps", [0, -1, 1.5])
-def test_load_steps_are_whole_and_positive(load_steps):
-    with pytest.raises(ValueError, match="whole number, at least one"):
-        equilibrium(scene("ball").model, np.zeros(0), load_steps=load_steps)
-
-
 # --- follower loads ---------------------------------------------------------------------------
 
 
-def test_a_planar_follower_force_keeps_its_angle_to_the_tip():
-    """EI y'' balances it: the equilibrium is the dead load's turned along with the tip."""
-    load = Load("load", LENGTH, force=(0.8, 0.0, -0.5), follows=True)
-    follower = build_scene(SceneConfig(ROBOT, loads=(load,))).model
-    data = posed(follower, equilibrium(follower, np.ones(1)))
-    force = data.site("tip").xmat.reshape(3, 3) @ load.force
-    assert np.linalg.norm(force - load.force) > 0.3  # it did turn
-    dead = Load("load", LENGTH, force=tuple(force))
-    model = build_scene(SceneConfig(ROBOT, loads=(dead,))).model
-    found = posed(model, equilibrium(model, np.ones(1), guess=data.qpos)).qpos
-    np.testing.assert_allclose(found, data.qpos, atol=1e-9)
+@pytest.mark.parametrize("kind", ["planar", *KINDS])
+def test_a_follower_turns_with_the_cross_section(kind):
+    """The equilibrium is that of the dead load which is turned as the tip is."""
 
+    def at_rest(guess=None, **load):
+        model = build(loads=(Load("load", LENGTH, **load),)).model
+        return posed(model, equilibrium(model, np.ones(1), guess))
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_spatial_follower_turns_with_the_cross_section(kind):
-    # Without torsion no moment about z is taken, which the turned moment has.
-    moment = (0.0, 0.0, 0.0) if kind == "universal" else (0.05, 0.0, 0.02)
-    load = Load("load", LENGTH, force=(0.8, 0.6, -0.5), moment=moment, follows=True)
-    model = scene(kind, loads=(load,)).model
-    data = posed(model, equilibrium(model, np.ones(1)))
+    build = partial(scene, kind)
+    force, moment = (0.8, 0.6, -0.5), (0.05, 0.0, 0.02)
+    if kind == "planar":
+        build, force = lambda **x: build_scene(SceneConfig(ROBOT, **x)), (0.8, 0.0, -0.5)
+    if kind in ("planar", "universal"):  # without torsion none is taken about z, as it would turn
+        moment = (0.0, 0.0, 0.0)
+    data = at_rest(force=force, moment=moment, follows=True)
     frame = data.site("tip").xmat.reshape(3, 3)
-    dead = Load("load", LENGTH, force=tuple(frame @ load.force), moment=tuple(frame @ load.moment))
-    model = scene(kind, loads=(dead,)).model
-    found = equilibrium(model, np.ones(1), guess=data.qpos)
-    np.testing.assert_allclose(found, data.qpos, atol=1e-9)
-
-
-def test_a_follower_moment_in_the_plane_is_a_dead_one():
-    """A moment about y does not notice the turn; the arc of constant curvature is known."""
-    for follows in (False, True):
-        load = Load("load", LENGTH, moment=(0.0, 0.4, 0.0), follows=follows)
-        model = build_scene(SceneConfig(ROBOT, pieces=24, rule="chord2", loads=(load,))).model
-        found = posed(model, equilibrium(model, np.ones(1))).site("tip").xpos
-        np.testing.assert_allclose(found[[0, 2]], arc_tip(LENGTH, 0.4 / EI), atol=1e-7)
-
-
-def test_an_axial_follower_force_acts_along_the_tips_tangent():
-    load = Load("load", LENGTH, force=(0.0, 0.0, 3.0), follows=True)
-    model = scene("ball", loads=(load,)).model
-    data = mujoco.MjData(model)
-    data.ctrl[:] = 1.0
-    data.qpos[:] = posture(model, np.tile([0.05, 0.02, 0.01], (model.nv // 3, 1)))
-    mujoco.mj_forward(model, data)
-    # The work on a small motion is force x tangent . displacement.
-    jacobian = np.zeros((3, model.nv))
-    mujoco.mj_jacSite(model, data, jacobian, None, model.site("load_point").id)
-    tangent = data.site("tip").xmat.reshape(3, 3)[:, 2]
-    np.testing.assert_allclose(data.qfrc_actuator, 3.0 * tangent @ jacobian, atol=1e-12)
+    assert np.linalg.norm(frame @ force - force) > 0.3
+    found = at_rest(data.qpos, force=tuple(frame @ force), moment=tuple(frame @ moment))
+    np.testing.assert_allclose(found.qpos, data.qpos, atol=1e-9)
 
 
 # --- tendons ----------------------------------------------------------------------------------
 
 
-def trio(guides=(), robot=ROBOT, **options):
+def trio(robot=ROBOT):
     """Three tendons at 120 degrees along the whole robot."""
-    azimuths = np.radians([0, 120, 240])
-    return replace(
-        robot,
-        tendons=tuple(
-            Tendon(
-                f"t{i}",
-                (0.02 * np.cos(a), 0.02 * np.sin(a)),
-                LENGTH,
-                0,
-                80.0,
-                guides=guides,
-                **options,
-            )
-            for i, a in enumerate(azimuths)
-        ),
-    )
-
-
-GUIDES = tuple(LENGTH * np.arange(1, 12) / 12)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("guides", [(), GUIDES], ids=["channels", "guides"])
-def test_equal_tensions_keep_it_straight(kind, guides):
-    model = scene(kind, trio(guides, KINDS[kind][0])).model
-    np.testing.assert_allclose(
-        posed(model, equilibrium(model, np.full(3, 8.0))).site("tip").xpos,
-        [0, 0, LENGTH],
-        atol=1e-12,
-    )
+    places = [(0.02 * np.cos(a), 0.02 * np.sin(a)) for a in np.radians([0, 120, 240])]
+    tendons = tuple(Tendon(f"t{i}", place, LENGTH, 0, 80.0) for i, place in enumerate(places))
+    return replace(robot, tendons=tendons)
 
 
 @pytest.mark.parametrize("torsion", [False, True])
-@pytest.mark.parametrize("azimuth", [0, 35, 90, 160])
+@pytest.mark.parametrize("azimuth", [90, 160])
 def test_one_tendon_bends_towards_its_azimuth(azimuth, torsion):
     """Constant curvature F r / EI in the tendon's plane, and no twist of two stations together."""
     direction = np.array([np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))])
@@ -411,26 +314,6 @@ def test_channel_length_follows_both_angles(torsion):
     np.testing.assert_allclose(
         data.ten_length[:3], -offsets @ angles[:, :2].sum(axis=0), atol=1e-15
     )
-
-
-def test_many_guides_are_a_channel():
-    """In space as in the plane, the excess falls with the square of the number of spans."""
-    tips = {}
-    for spans in (3, 6, 12, None):
-        guides = tuple(LENGTH * np.arange(1, spans) / spans) if spans else ()
-        model = scene("universal", trio(guides), pieces=12).model
-        q = equilibrium(model, np.array([15.0, 6.0, 0.0]))
-        tips[spans] = posed(model, q).site("tip").xpos.copy()
-    errors = [np.linalg.norm(tips[s] - tips[None]) for s in (3, 6, 12)]
-    np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 2, atol=0.3)
-
-
-def test_length_driven_trio_holds_its_pretension():
-    robot = trio(stiffness=900.0, pretension=2.0)
-    model = scene("universal", robot, actuation="length").model
-    data = posed(model, equilibrium(model, np.zeros(3)))
-    np.testing.assert_allclose(data.actuator_force, 2.0)
-    np.testing.assert_allclose(data.qpos, 0, atol=1e-12)
 
 
 def test_a_planar_chain_takes_the_lateral_offset_of_a_tendon_as_it_did():
@@ -478,79 +361,13 @@ def test_torsional_frequency_is_the_rods(kind):
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.1)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_rk4_keeps_the_energy_of_a_swing_in_space(kind):
-    robot = replace(KINDS[kind][0], damping_time=0.0, gravity=(0.0, 0.0, 9.81))
-    drifts = []
-    for timestep in (1e-3, 5e-4):
-        options = {"integrator": "RK4", "timestep": timestep, "control_period": 1e-2}
-        model = scene(kind, robot, pieces=2, rule="midpoint", **options).model
-        model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
-        data = mujoco.MjData(model)
-        columns = model.nv // 2
-        data.qpos[:] = posture(model, np.array([[0.4, 0.2, 0.1], [0.1, -0.3, 0.1]])[:, :columns])
-        mujoco.mj_forward(model, data)
-        start = data.energy.sum()
-        energies = []
-        for _ in range(round(2.0 / timestep)):
-            mujoco.mj_step(model, data)
-            energies.append(data.energy.copy())
-        energies = np.array(energies)
-        assert np.ptp(energies[:, 1]) > 0.02  # J of kinetic energy come and go
-        mujoco.mj_forward(model, data)
-        drifts.append(abs(data.energy.sum() - start) / energies[:, 1].max())
-    assert drifts[1] < 1e-5
-    assert drifts[1] < drifts[0] / 8
-
-
-def test_a_swing_in_a_plane_is_the_planar_chains():
-    """The same motion in azimuth 0, and in 63 degrees on ball joints."""
-    options = {"pieces": 3, "timestep": 1e-3, "integrator": "RK4"}
-    planar = build_scene(SceneConfig(ROBOT, **options)).model
-    bend = np.linspace(0.05, 0.2, 6)
-    truth = swing_tips(planar, bend)
-    azimuth = np.radians(63.0)
-    for kind, angle in (("universal", 0.0), ("ball", azimuth)):
-        model = scene(kind, **options).model
-        angles = np.outer(bend, [np.cos(angle), np.sin(angle), 0.0][: model.nv // 6])
-        found = swing_tips(model, posture(model, angles))
-        np.testing.assert_allclose(found, [turned(x, angle) for x in truth], atol=1e-10)
-    assert np.ptp(truth[:, 0]) > 0.1
-
-
-def swing_tips(model, q):
-    """Tips (k, 3) [m] during a swing from rest."""
-    data = mujoco.MjData(model)
-    data.qpos[:] = q
-    tips = []
-    for _ in range(20):
-        mujoco.mj_step(model, data, 25)
-        mujoco.mj_kinematics(model, data)
-        tips.append(data.site("tip").xpos.copy())
-    return np.array(tips)
-
-
 # --- what reads a scene -----------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_exported_scene_is_the_same_model(kind):
-    robot, options = KINDS[kind]
-    config = SceneConfig(
-        trio(GUIDES, robot), sensors=(TipSensors(),), appearance=Appearance(), **options
-    )
-    model, again = build_scene(config).model, mujoco.MjModel.from_xml_string(scene_xml(config))
-    assert (again.nq, again.nv, again.nu) == (model.nq, model.nv, model.nu)
-    for field in ("jnt_type", "jnt_axis", "jnt_stiffness", "dof_damping", "body_inertia"):
-        np.testing.assert_allclose(
-            getattr(again, field), getattr(model, field), rtol=2e-5, atol=1e-9
-        )
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_visible_scene_has_the_same_dynamics_and_room_behind_it(kind):
     robot, options = KINDS[kind]
-    bare = SceneConfig(trio(robot=robot), **options)
+    bare = SceneConfig(trio(robot), **options)
     plain, seen = build_scene(bare).model, build_scene(visible(bare)).model
     np.testing.assert_array_equal(linearize(seen).mass, linearize(plain).mass)
     assert seen.nskin == 1
@@ -565,15 +382,3 @@ def test_timestep_rule_bounds_a_spatial_chain():
         assert spatial.first_period == pytest.approx(planar.first_period, rel=1e-9)
         assert spatial.stability_limit <= planar.stability_limit * (1 + 1e-9)
         assert spatial.timestep <= spatial.stability_limit / 2
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"bending": "sideways"}, "bending must be one of 'planar', 'spatial'"),
-        ({"torsion": True}, "bending='spatial'"),
-    ],
-)
-def test_bad_options_name_what_is_allowed(options, message):
-    with pytest.raises(ValueError, match=message):
-        SceneConfig(ARM, **options)

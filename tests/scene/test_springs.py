@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 
 from softrobot_env.robots import CANTILEVER_WEAK, Tendon
-from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
-from softrobot_env.scene.statics import equilibrium
 from softrobot_env.scene.tangent import StaticForces
 
 ROBOT = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0))
@@ -62,7 +60,7 @@ def missing_force(built, station, size, read, stiffness):
 
 
 @pytest.mark.parametrize("poisson_ratio", [0.0, 0.25, 0.5])
-@pytest.mark.parametrize("station", [3, 4, 5, 6])
+@pytest.mark.parametrize("station", [3, 4])
 def test_three_hinges_store_the_energy_of_the_rotation_vector(poisson_ratio, station):
     """To fourth order: the force is right to third, for both orders of the hinges."""
     # Barely off zero the robot is one of ball joints, but gets hinges.
@@ -82,61 +80,6 @@ def test_universal_joints_store_the_energy_of_the_tilt(station):
     errors = [missing_force(built, station, h, tilt_of, stiffness) for h in (0.4, 0.2)]
     assert errors[1] < 2e-2 * stiffness[0] * 0.2**3
     assert np.log2(errors[0] / errors[1]) == pytest.approx(5, abs=0.2)
-
-
-def wrench_tips(robot, pieces, wrenches):
-    """Tips (k, 3) [m] under wrenches (k, 12) in the middle and at the tip."""
-    unit = np.eye(6)
-    loads = [
-        Load(f"{place}{i}", station, tuple(row[:3]), tuple(row[3:]))
-        for place, station in (("middle", LENGTH / 2), ("tip", LENGTH))
-        for i, row in enumerate(unit)
-    ]
-    model = build_scene(SceneConfig(robot, pieces=pieces, loads=tuple(loads), **TWISTING)).model
-    data, tips = mujoco.MjData(model), []
-    for wrench in wrenches:
-        data.qpos[:] = equilibrium(model, wrench, load_steps=3)
-        mujoco.mj_kinematics(model, data)
-        tips.append(data.site("tip").xpos.copy())
-    return np.array(tips)
-
-
-def random_wrenches(count, seed):
-    """Of a size that bends by about a radian."""
-    size = np.repeat([ROBOT.bending_stiffness / LENGTH**2, ROBOT.bending_stiffness / LENGTH], 3)
-    directions = np.random.default_rng(seed).normal(size=(count, 4, 3))
-    unit = directions / np.linalg.norm(directions, axis=2, keepdims=True)
-    return unit.reshape(count, 12) * np.tile(size, 2)
-
-
-def difference(pieces, wrenches):
-    """Mean distance [m] of the tips of the same rod on hinges and on ball joints."""
-    hinged = wrench_tips(replace(ROBOT, poisson_ratio=1e-12), pieces, wrenches)
-    return np.linalg.norm(hinged - wrench_tips(ROBOT, pieces, wrenches), axis=1).mean()
-
-
-def test_three_hinges_are_a_ball_joint_to_fourth_order(monkeypatch):
-    """Under random wrenches in space."""
-    wrenches = random_wrenches(6, 5)
-    errors = [difference(pieces, wrenches) for pieces in (3, 6)]
-    assert errors[1] < 0.02e-3
-    assert np.log2(errors[0] / errors[1]) > 3.5
-    monkeypatch.setattr("softrobot_env.scene.build.add_springs", lambda *_: None)
-    assert difference(6, wrenches) > 20 * errors[1]
-
-
-@pytest.mark.parametrize("options", [{"bending": "spatial"}, TWISTING])
-def test_gravity_bends_alike_in_all_directions(options):
-    robot = replace(ROBOT, poisson_ratio=0.4)
-    model = build_scene(SceneConfig(robot, **options)).model
-    data, tips = mujoco.MjData(model), []
-    for azimuth in np.radians([0.0, 20.0, 45.0, 70.0]):
-        c, s = np.cos(azimuth), np.sin(azimuth)
-        data.qpos[:] = equilibrium(model, np.zeros(0), gravity=(9.81 * c, 9.81 * s, 0.0))
-        mujoco.mj_kinematics(model, data)
-        x, y, z = data.site("tip").xpos
-        tips.append((x * c + y * s, y * c - x * s, z))
-    np.testing.assert_allclose(tips, np.tile(tips[0], (4, 1)), atol=0.05e-3)
 
 
 @pytest.mark.parametrize("options", [{"bending": "spatial"}, TWISTING])

@@ -86,12 +86,6 @@ def test_constant_curvature_error_is_of_the_rules_order(error, rule):
     assert np.log2(error(coarse, rule) / error(fine, rule)) == pytest.approx(order, abs=0.15)
 
 
-@pytest.mark.parametrize("rule", ["gauss2", "balanced2"])
-def test_twelve_hinges_are_accurate_to_half_a_millimetre(rule):
-    assert weight_error(12, rule) < 0.6e-3
-    assert moment_error(12, rule) < 0.5e-3
-
-
 @pytest.mark.parametrize("rule", SIMPLE_RULES)
 def test_pure_moment_turns_every_hinge_by_its_share(rule):
     """Angle = moment x weight / EI, exactly: a statement about the solver, not the rule."""
@@ -110,38 +104,7 @@ def test_tendons_turn_every_hinge_by_the_exact_curvature(inputs):
     np.testing.assert_allclose(posture, curvature * scene.layout.weights, rtol=1e-9)
 
 
-def test_full_circle_closes():
-    """2 pi EI / L bends the rod to a circle; its tip returns to the clamp."""
-    moment = 2 * np.pi * EI / LENGTH
-    load = Load("load", LENGTH, moment=(0.0, moment, 0.0))
-    assert np.linalg.norm(tip(WEIGHTLESS, 12, "balanced2", [1.0], loads=(load,))) < 1e-9
-
-
-def test_loads_keep_the_worlds_directions():
-    """Opposite dead loads mirror the equilibrium; half the control is half the load."""
-    load = Load("load", LENGTH, force=(4.0, 0.0, 1.0), moment=(0.0, 0.2, 0.0))
-    mirrored = Load("load", LENGTH, force=(-4.0, 0.0, 1.0), moment=(0.0, -0.2, 0.0))
-    half = Load("load", LENGTH, force=(2.0, 0.0, 0.5), moment=(0.0, 0.1, 0.0))
-    one = tip(WEIGHTLESS, 12, "balanced2", [1.0], loads=(load,))
-    other = tip(WEIGHTLESS, 12, "balanced2", [1.0], loads=(mirrored,))
-    np.testing.assert_allclose(other, one * [-1, 1], atol=1e-9)
-    np.testing.assert_allclose(
-        tip(WEIGHTLESS, 12, "balanced2", [0.5], loads=(load,)),
-        tip(WEIGHTLESS, 12, "balanced2", [1.0], loads=(half,)),
-        atol=1e-9,
-    )
-
-
-def test_load_in_the_middle_leaves_the_rest_straight():
-    load = Load("load", LENGTH / 2, force=(5.0, 0.0, 0.0))
-    scene = build_scene(SceneConfig(WEIGHTLESS, loads=(load,)))
-    posture = equilibrium(scene.model, np.ones(1))
-    beyond = scene.layout.stations > LENGTH / 2
-    np.testing.assert_allclose(posture[beyond], 0, atol=1e-12)
-    assert np.all(posture[~beyond] > 0)
-
-
-@pytest.mark.parametrize("slope", [-1.2, -0.8, -0.4, 0.5, 1.1])
+@pytest.mark.parametrize("slope", [-1.2, 0.5])
 def test_weight_in_any_direction_matches_the_elastica(slope):
     direction = np.array([np.cos(slope), 0.0, np.sin(slope)])
     weight = WEIGHT * direction
@@ -165,14 +128,6 @@ def test_equilibrium_is_at_rest_in_the_simulation():
     np.testing.assert_allclose(data.qpos, posture, atol=1e-9)
 
 
-def test_simulation_settles_in_the_equilibrium():
-    damped = replace(CANTILEVER_WEAK, damping_time=0.3)
-    model, posture = solve(damped, 12, "balanced2")
-    data = mujoco.MjData(model)
-    mujoco.mj_step(model, data, round(15 / model.opt.timestep))
-    np.testing.assert_allclose(data.qpos, posture, atol=1e-6)
-
-
 def test_no_equilibrium_is_reported(monkeypatch):
     """No load so bad is known; what remains is to forbid the path's steps."""
     monkeypatch.setattr("softrobot_env.core.continuation._STEPS", 1)
@@ -183,6 +138,9 @@ def test_no_equilibrium_is_reported(monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        *(({"load_steps": steps}, "whole number, at least one") for steps in (0, -1, 1.5)),
+        ({"ctrl": np.full(6, -1.0)}, r"'pair1_up' must lie in \[0, 80\]"),
+        ({"ctrl": np.full(6, 80.1)}, r"'pair1_up' must lie in \[0, 80\]"),
         ({"ctrl": np.full(6, np.nan)}, "controls must be finite, got nan"),
         ({"ctrl": np.zeros(5)}, r"need controls of shape \(6,\), got \(5,\)"),
         ({"guess": np.full(12, np.inf)}, "the guess must be finite, got inf"),
@@ -212,13 +170,6 @@ def test_unstable_equilibria_are_refused():
         equilibrium(standing, np.zeros(standing.nu))
     hanging = build_scene(SceneConfig(replace(ARM, gravity=(0.0, 0.0, 9.81)))).model
     np.testing.assert_array_equal(equilibrium(hanging, np.zeros(hanging.nu)), 0.0)
-
-
-def test_controls_out_of_range_are_refused_rather_than_clamped():
-    model = build_scene(SceneConfig(ARM)).model
-    for value in (-1.0, 80.1):
-        with pytest.raises(ValueError, match=r"'pair1_up' must lie in \[0, 80\]"):
-            equilibrium(model, np.array([value, 0, 0, 0, 0, 0]))
 
 
 @pytest.mark.parametrize("bending", ["planar", "spatial"])

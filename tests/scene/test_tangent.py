@@ -85,15 +85,37 @@ def worst(config, ctrl, seed=0):
 
 
 @pytest.mark.parametrize("bending", BENDING)
-@pytest.mark.parametrize("poisson_ratio", [0.0, 0.4])
-@pytest.mark.parametrize("guides", [(), (0.2, 0.4, 0.7)], ids=["channels", "guides"])
-def test_tangent_is_the_derivative_of_the_force(bending, poisson_ratio, guides):
-    params = robot(guides, bending, poisson_ratio=poisson_ratio, head=HEAD)
+@pytest.mark.parametrize("channels", ["linear", "guides", "exact"])
+def test_tangent_is_the_derivative_of_the_force(bending, channels):
+    """On hinges; one tendon winds where a chain twists along exact channels."""
+    guides = (0.2, 0.4, 0.7) if channels == "guides" else ()
+    params = robot(guides, bending, poisson_ratio=0.4, head=HEAD)
     options = {"pieces": 4, "loads": loads(bending), **BENDING[bending]}
+    if channels == "exact":
+        options["channels"] = "exact"
+        if bending == "twisting":
+            tendons = (replace(params.tendons[0], turns=0.8), *params.tendons[1:])
+            params = replace(params, tendons=tendons)
     assert worst(SceneConfig(params, **options), np.array([10, 4, 0, 1, 0.6, 1])) < 1e-9
     # One tendon is slack, one taut, and one pulls as much as it may.
     ctrl = np.array([0.05, -0.05, 0.002, 1, 0.6, 1])
     assert worst(SceneConfig(params, actuation="length", **options), ctrl) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("guides", "changes", "options"),
+    [
+        ((0.2, 0.4, 0.7), {}, {"rule": "gauss2"}),
+        ((), {"precurvature": (1.0, -0.5)}, {}),
+        ((), {"precurvature": (1.0, -0.5), "anisotropy": 0.3, "stiff_azimuth": 0.7}, {}),
+    ],
+    ids=["balls", "precurved", "uneven"],
+)
+def test_tangent_of_other_joints(guides, changes, options):
+    config = SceneConfig(robot(guides, **changes), pieces=4, **BENDING["twisting"] | options)
+    model = build_scene(config).model
+    assert (model.nq > model.nv) == ("rule" in options)
+    assert worst(config, np.array([10.0, 4, 3])) < 1e-9
 
 
 def test_a_pull_at_the_tip_is_a_dead_load_there():
@@ -122,49 +144,6 @@ def test_what_is_carried_at_the_tip_is_inert():
     motion = 0.5 * rng.standard_normal((3, nv))
     found = forces[0].of_motion(*motion, 0.3)
     np.testing.assert_allclose(found, forces[1].of_motion(*motion), rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.parametrize("bending", BENDING)
-def test_tangent_of_exact_channels(bending):
-    params = robot((), bending, poisson_ratio=0.4)
-    if bending == "twisting":
-        tendons = (replace(params.tendons[0], turns=0.8), *params.tendons[1:])
-        params = replace(params, tendons=tendons)
-    options = {"pieces": 4, "channels": "exact", **BENDING[bending]}
-    assert worst(SceneConfig(params, **options), np.array([10.0, 4, 3])) < 1e-9
-    ctrl = np.array([0.05, -0.05, 0.002])
-    assert worst(SceneConfig(params, actuation="length", **options), ctrl) < 1e-9
-
-
-def test_tangent_of_ball_joints_between_guides():
-    config = SceneConfig(robot((0.2, 0.4, 0.7)), pieces=4, rule="gauss2", **BENDING["twisting"])
-    assert build_scene(config).model.nq > build_scene(config).model.nv
-    assert worst(config, np.array([10.0, 4, 3])) < 1e-9
-
-
-@pytest.mark.parametrize("anisotropy", [0.0, 0.3])
-def test_tangent_of_a_precurved_robot(anisotropy):
-    params = robot((), anisotropy=anisotropy, stiff_azimuth=0.7, precurvature=(1.0, -0.5))
-    config = SceneConfig(params, pieces=4, bending="spatial", torsion=True)
-    assert worst(config, np.array([10.0, 4, 0])) < 1e-9
-
-
-@pytest.mark.parametrize("bending", BENDING)
-def test_newtons_method_converges_quadratically(bending):
-    """The error of each iteration is that of the last one squared."""
-    params = robot((0.2, 0.4, 0.7), bending, poisson_ratio=0.4)
-    forces = StaticForces(build_scene(SceneConfig(params, **BENDING[bending])).model)
-    q, turns = forces.model.qpos0, []
-    for _ in range(12):
-        force = forces.force(q, np.array([9.0, 3.0, 2.0]))
-        turn = np.linalg.solve(forces.tangent(), -force)
-        q = moved(forces.model, q, turn)
-        turns.append(np.max(np.abs(turn)))
-    near = [k for k, turn in enumerate(turns) if 1e-7 < turn < 0.1]
-    assert len(near) >= 2
-    for k in near:
-        assert turns[k + 1] < 10 * turns[k] ** 2 + 1e-12
-    assert turns[-1] < 1e-11
 
 
 def test_share_scales_all_but_the_joints_springs():

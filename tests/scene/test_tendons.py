@@ -55,20 +55,6 @@ def guide_path(layout, q, offset, stations):
 
 
 @pytest.mark.parametrize("guides", [(), evenly(5)], ids=["channel", "guides"])
-@pytest.mark.parametrize(("name", "side"), [("up", 1), ("low", -1)])
-def test_tension_bends_the_robot_to_its_own_side(guides, name, side):
-    scene = build_scene(SceneConfig(pair(guides)))
-    model, data = scene.model, mujoco.MjData(scene.model)
-    data.ctrl[model.actuator(name).id] = 5.0
-    mujoco.mj_step(model, data, 20)
-    mujoco.mj_forward(model, data)
-    assert side * data.site("tip").xpos[0] > 1e-3
-    # It bends because the tendon shortens.
-    straight = LENGTH if guides else 0.0
-    assert data.ten_length[model.tendon(name).id] < straight - 1e-5
-
-
-@pytest.mark.parametrize("guides", [(), evenly(5)], ids=["channel", "guides"])
 def test_tendons_never_push(guides):
     model = build_scene(SceneConfig(pair(guides))).model
     data = posed(model, np.full(model.nq, 0.02))
@@ -158,14 +144,6 @@ def test_lever_arm_is_that_of_straight_spans_along_an_arc(spans):
     np.testing.assert_allclose(truth.mean(), excess, rtol=turn**2)
 
 
-def test_many_guides_are_a_channel():
-    # The excess falls with the square of the number of spans.
-    errors = [np.abs(lever_arms(s) - [RADIUS, -RADIUS]).max() for s in (4, 8, 16)]
-    np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 2, atol=0.1)
-    # l t / 12 + r t^2 / 8 = 1.1 % of r at 16 spans.
-    assert errors[-1] < 0.015 * RADIUS
-
-
 def bend(robot, pull):
     """Total turn [rad], tendon forces (2,) [N] and the scene in equilibrium at pulled lengths."""
     scene = build_scene(SceneConfig(robot, actuation="length"))
@@ -198,7 +176,7 @@ def test_length_drive_with_a_slack_tendon_bends_against_one_spring():
     assert force[1] == 0
 
 
-@pytest.mark.parametrize("pull", [(0.006, -0.002), (0.012, -0.03), (-0.02, -0.02)])
+@pytest.mark.parametrize("pull", [(0.006, -0.002), (0.012, -0.03), (0.0, 0.0)])
 def test_length_drive_through_guides_obeys_its_law(pull):
     spans = 6
     robot = elastic(evenly(spans))
@@ -208,12 +186,6 @@ def test_length_drive_through_guides_obeys_its_law(pull):
     stretch = np.array(pull) - (LENGTH - np.array(paths))
     expected = np.maximum(0, PRETENSION + STIFFNESS * stretch)
     np.testing.assert_allclose(force, expected, rtol=1e-9, atol=1e-12)
-
-
-def test_length_drive_holds_pretension_at_zero_pull():
-    q, force, _ = bend(elastic(evenly(4)), (0.0, 0.0))
-    np.testing.assert_allclose(q, 0, atol=1e-12)
-    np.testing.assert_allclose(force, PRETENSION)
 
 
 def test_length_drive_reaches_full_tension_at_the_tightest_bend():

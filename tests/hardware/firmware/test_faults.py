@@ -48,13 +48,6 @@ def test_the_watchdog_waits_as_long_as_configured(watchdog):
     assert is_off(bench, m.DeviceState.LATCHED)  # it was at rest: no way to ramp
 
 
-def test_a_setpoint_after_its_time_saves_no_watchdog():
-    bench = away()
-    replies = bench.run(bench.setpoint(*AWAY), ms=200)
-    assert refusals(replies) == [m.Reason.STATE]
-    bench.wait(200, state=m.DeviceState.LATCHED)
-
-
 @pytest.mark.parametrize("cause", ["message", "switch"])
 def test_an_emergency_stop_cuts_at_once(cause):
     bench = away()
@@ -66,14 +59,6 @@ def test_an_emergency_stop_cuts_at_once(cause):
     assert is_off(bench, m.DeviceState.LATCHED)
 
 
-def test_an_emergency_stop_cuts_a_ramp_too():
-    bench = away()
-    bench.run(m.Stop(SESSION, 0))
-    bench.wait(10)
-    bench.run(m.EStop())
-    assert is_off(bench, m.DeviceState.LATCHED)
-
-
 def test_an_emergency_stop_needs_no_hello():
     bench = Bench()
     assert faults(bench.run(m.EStop())) == [(m.Fault.ESTOP, 0)]
@@ -82,13 +67,6 @@ def test_an_emergency_stop_needs_no_hello():
     assert refusals(bench.run(m.Arm(SESSION, fields_crc(CONFIG)))) == [m.Reason.STATE]
     bench.run(m.Clear(m.Fault.ESTOP))
     assert refusals(bench.run(m.Arm(SESSION, fields_crc(CONFIG)))) == []
-
-
-def test_low_voltage_cuts_at_once():
-    bench = away()
-    spoil(bench, vbus=4999)
-    assert faults(bench.run()) == [(m.Fault.BROWN_OUT, 0)]
-    assert is_off(bench, m.DeviceState.LATCHED)
 
 
 def test_voltage_does_not_matter_while_the_outputs_are_off():
@@ -158,31 +136,23 @@ def test_limits_themselves_are_allowed(edge):
     assert bench.out.state == m.DeviceState.RUNNING
 
 
-BAD_EVERYWHERE = {"force": (-5, 9999, 1), "adc": (0,) * 4, "vbus": 0}
-
-
-def test_zeros_switch_checks_off():
-    none = {"max_force": (0,) * N, "min_force": (0,) * N, "stall_error": 0, "vbus_min": 0}
-    bench = away(replace(CONFIG, adc_mask=0, **none))
-    spoil(bench, length=(3000, -3000, 0), **BAD_EVERYWHERE)
+@pytest.mark.parametrize(
+    ("config", "options"),
+    [
+        (
+            {"max_force": (0,) * N, "min_force": (0,) * N, "stall_error": 0, "vbus_min": 0}
+            | {"adc_mask": 0},
+            {},
+        ),
+        ({}, {"capabilities": m.Capability(0)}),
+    ],
+    ids=["zeros", "no capabilities"],
+)
+def test_checks_are_off_by_zeros_and_where_the_board_cannot_measure(config, options):
+    bench = away(replace(CONFIG, **config), **options)
+    spoil(bench, length=(3000, -3000, 0), force=(-5, 9999, 1), adc=(0,) * 4, vbus=0)
     bench.hold(200, *AWAY)
     assert bench.out.state == m.DeviceState.RUNNING
-
-
-def test_what_the_board_cannot_measure_is_not_checked():
-    bench = away(capabilities=m.Capability(0))
-    spoil(bench, length=(3000, -3000, 0), **BAD_EVERYWHERE)
-    bench.hold(200, *AWAY)
-    assert bench.out.state == m.DeviceState.RUNNING
-
-
-def test_a_rail_of_the_converter_is_told_at_once():
-    bench = away()
-    spoil(bench, adc=(2000, 4095, 2000, 2000))
-    warnings = [state.warnings for state in states(bench.hold(20, *AWAY))]
-    assert warnings[-1] == m.Warning.ADC_RAIL
-    spoil(bench, adc=(2000, 2000, 4095, 2000))  # that one is not supervised
-    assert states(bench.hold(20, *AWAY))[-1].warnings == 0
 
 
 def test_slewing_is_told_while_under_way():
@@ -199,3 +169,109 @@ def test_lasting_faults_and_the_watchdog_survive_the_wrap_of_the_clock(start):
     bench.run()
     assert bench.out.state == m.DeviceState.RAMPING
     assert faults(bench.wait(650)) == [(m.Fault.FORCE, 2)] * 3
+
+
+# ---------------------------------------------------------------- what follows a fault
+def test_the_first_cause_is_kept_and_repeated():
+    bench = away()
+    spoil(bench, force=(2500, 100, 100))
+    bench.hold(40, *AWAY)
+    bench.run()
+    assert bench.out.state == m.DeviceState.RAMPING
+    first = of(m.FaultReport, bench.replies)[0]
+    bench.run(m.EStop())
+    reports = of(m.FaultReport, bench.wait(1000))
+    assert reports == [first] * 5
+    state = states(bench.wait(60))[0]
+    assert state.faults == 1 << m.Fault.FORCE | 1 << m.Fault.ESTOP
+    assert state.state == m.DeviceState.LATCHED
+
+
+def test_a_second_stalled_tendon_stops_where_it_is():
+    bench = away(replace(CONFIG, ramp=1000))
+    spoil(bench, length=(-100, 150, 50))
+    bench.hold(50, *AWAY)
+    spoil(bench, length=(-100, -300, 50))
+    bench.wait(60)
+    held = bench.out.applied
+    assert held[0] == 250
+    assert REST < held[1] < 150
+    assert is_off(bench, m.DeviceState.LATCHED)
+
+
+def test_clearing_needs_the_first_cause_by_name():
+    bench = away()
+    assert refusals(bench.run(m.Clear(m.Fault.NONE))) == [m.Reason.STATE]
+    bench.run(m.EStop())
+    for other in (m.Fault.NONE, m.Fault.WATCHDOG, 200):
+        assert refusals(bench.run(m.Clear(other))) == [m.Reason.FAULT]
+    assert is_off(bench, m.DeviceState.LATCHED)
+    assert refusals(bench.run(m.Clear(m.Fault.ESTOP))) == []
+    assert is_off(bench, m.DeviceState.DISARMED)
+    state = states(bench.wait(60))[0]
+    assert state.faults == 0
+    assert faults(bench.wait(400)) == []
+
+
+@pytest.mark.parametrize(
+    ("fault", "bad", "good"),
+    [
+        (m.Fault.ESTOP, {"estop": True}, {"estop": False}),
+        (m.Fault.BROWN_OUT, {"vbus": 4999}, {"vbus": 5000}),
+        (m.Fault.FORCE, {"force": (100, 100, 2001)}, {"force": (100, 100, 0)}),
+        (m.Fault.ADC, {"adc": (4086, 99, 99, 99)}, {"adc": (99, 99, 99, 99)}),
+    ],
+)
+def test_clearing_needs_the_cause_to_be_gone(fault, bad, good):
+    bench = away()
+    spoil(bench, **bad)
+    bench.hold(40, *AWAY)
+    bench.wait(200)
+    assert refusals(bench.run(m.Clear(fault))) == [m.Reason.FAULT]
+    assert is_off(bench, m.DeviceState.LATCHED)
+    spoil(bench, **good)
+    bench.run()
+    assert refusals(bench.run(m.Clear(fault))) == []
+    assert is_off(bench, m.DeviceState.DISARMED)
+
+
+def test_a_later_cause_must_be_gone_too():
+    bench = away()
+    bench.wait(300)
+    spoil(bench, estop=True)
+    bench.run()
+    assert refusals(bench.run(m.Clear(m.Fault.WATCHDOG))) == [m.Reason.FAULT]
+    spoil(bench, estop=False)
+    bench.run()
+    assert refusals(bench.run(m.Clear(m.Fault.WATCHDOG))) == []
+
+
+def test_a_slack_or_stalled_robot_can_be_cleared_with_the_outputs_off():
+    for fault, bad in (
+        (m.Fault.SLACK, {"force": (0,) * N}),
+        (m.Fault.STALL, {"length": (2000,) * N}),
+    ):
+        bench = away()
+        spoil(bench, **bad)
+        bench.hold(40, *AWAY)
+        bench.wait(200)
+        assert refusals(bench.run(m.Clear(fault))) == []
+
+
+def test_running_goes_on_after_a_fault_only_with_a_new_session():
+    bench = away()
+    bench.wait(300)
+    bench.run(m.Clear(m.Fault.WATCHDOG))
+    bench.hold(50, REST, REST, REST)
+    assert is_off(bench, m.DeviceState.DISARMED)
+    bench.run(m.Arm(SESSION, fields_crc(CONFIG)))
+    bench.hold(50, REST + 60, REST, REST)
+    assert bench.out.applied == (REST + 60, REST, REST)
+
+
+def test_the_switch_latches_while_disarmed():
+    bench = Bench()
+    bench.configure()
+    spoil(bench, estop=True)
+    bench.run()
+    assert is_off(bench, m.DeviceState.LATCHED)

@@ -9,10 +9,11 @@ import pytest
 import support.firmware_bench  # noqa: F401  (skips without a compiler)
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from support.firmware_bench import CONFIG, Bench, N, running, states
 
 from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.messages import LONGEST, Decoder, encode
-from softrobot_env.hardware.virtual_robot import library
+from softrobot_env.hardware.protocol.messages import LONGEST, Decoder, Hello, Ping, encode
+from softrobot_env.hardware.virtual_robot import Measured, library
 
 #: Range of each field type, by the name of its annotation's struct code.
 RANGES = {
@@ -178,3 +179,53 @@ def test_counters_saturate():
     cpp.feed(b"\2\0" * 70_000)
     assert cpp.frame_errors == 2**16 - 1
     cpp.close()
+
+
+# ---------------------------------------------------------------- floods
+def test_one_flipped_bit_never_gives_another_motion():
+    size = len(encode(Bench().setpoint(250, 250, 250), 1))
+    for bit in range(8 * size):
+        bench = running()
+        frame = bytearray(encode(bench.setpoint(250, 250, 250), bench.seq + 1))
+        frame[bit // 8] ^= 1 << bit % 8
+        bench.core.receive(bytes(frame))
+        bench.run()
+        bench.run()
+        only_a_delimiter = bit // 8 == 0 and bench.out.applied == (60,) * N
+        assert bench.out.applied == (50,) * N or only_a_delimiter
+
+
+QUIET = Measured((0,) * N, (0,) * N, (0,) * 4, 0, False)
+
+
+def unread(bench, periods):
+    """(messages, errors) that wait after so many states nobody has read."""
+    for _ in range(periods):
+        bench.now += 50_000
+        bench.core.run(bench.now, QUIET)
+    found = bench.decoder.feed(bench.core.transmit())
+    return found, bench.decoder.crc_errors + bench.decoder.frame_errors
+
+
+def test_a_peer_that_reads_nothing_gets_whole_messages():
+    bench = Bench()
+    frames, errors = unread(bench, 100)
+    ((_, later),) = unread(bench, 1)[0]
+    assert errors == 0 and later == 100
+    assert [seq for _, seq in frames] == list(range(len(frames)))
+    assert len(frames) < 10
+    bench.run(Hello(42, 1, 1))
+    assert bench.replies[0].nonce == 42
+
+
+def test_states_leave_room_for_answers():
+    bench = Bench()
+    for _ in range(100):
+        bench.now += 50_000
+        bench.core.run(bench.now, QUIET)
+    answers = bench.run(Hello(1, 1, 1), CONFIG, Ping(9))
+    assert [type(m).__name__ for m in answers if not states([m])] == [
+        "HelloAck",
+        "ConfigAck",
+        "Pong",
+    ]

@@ -1,7 +1,9 @@
 """What the device does with a host's messages, asserted on its outputs."""
 
 from dataclasses import replace
+from itertools import pairwise
 
+import numpy as np
 import pytest
 from support.firmware_bench import (
     AWAY,
@@ -19,14 +21,7 @@ from support.firmware_bench import (
 )
 
 from softrobot_env.hardware.protocol import messages as m
-
-
-def test_power_on_is_off():
-    bench = Bench()
-    bench.run()
-    assert is_off(bench, m.DeviceState.DISARMED)
-    bench.hold(200, 0, 0, 0)
-    assert is_off(bench, m.DeviceState.DISARMED)
+from softrobot_env.hardware.protocol.messages import Capability, DeviceState, Reason
 
 
 def test_hello_is_answered_with_what_the_board_is():
@@ -173,14 +168,6 @@ def test_without_measured_lengths_it_must_be_near_the_last_position():
     assert states(bench.wait(60))[0].length == bench.out.applied == (400, REST, REST)
 
 
-def test_servos_beyond_a_limit_start_at_the_limit():
-    bench = Bench()
-    bench.length = (3040, REST, -3099)
-    bench.arm()
-    bench.run(bench.setpoint(3000, REST, -3000))
-    assert bench.out.applied == (3000, REST, -3000)
-
-
 @pytest.mark.parametrize("end", [m.Stop(SESSION, 0), m.Disarm(SESSION)])
 def test_stop_and_disarm_ramp_to_rest_and_switch_off(end):
     bench = running()
@@ -215,28 +202,11 @@ def test_a_ramp_ends_after_ten_seconds_however_slow_it_is(start):
     assert is_off(bench, m.DeviceState.DISARMED)
 
 
-def test_a_configured_ramp_after_a_fault_ends_after_ten_seconds_too():
-    bench = Bench().start(replace(CONFIG, ramp=1))
-    bench.hold(50, *AWAY)
-    bench.wait(100, state=m.DeviceState.RAMPING)
-    bench.wait(9999)
-    assert bench.out.powered
-    bench.run()
-    assert is_off(bench, m.DeviceState.LATCHED)
-
-
 @pytest.mark.parametrize("end", [m.Stop(SESSION + 1, 0), m.Disarm(SESSION + 1), m.Disarm(0)])
 def test_only_its_own_session_can_be_stopped(end):
     bench = running()
     assert refusals(bench.run(end)) == [m.Reason.SESSION]
     assert bench.out.state == m.DeviceState.RUNNING
-
-
-def test_disarm_while_armed():
-    bench = Bench()
-    bench.arm()
-    bench.run(m.Disarm(SESSION))
-    assert is_off(bench, m.DeviceState.DISARMED)
 
 
 def test_sessions_follow_each_other():
@@ -266,3 +236,202 @@ def test_messages_of_a_device_are_no_orders():
     assert refusals(bench.run(bench.setpoint(REST, REST, REST), state, m.Pong(1, 2))) == []
     assert bench.out.state == m.DeviceState.RUNNING
     assert bench.run(m.HelloAck(0, 0, 0, 1, 1, m.SCHEMA, N, 0, 0)) == []
+
+
+# ---------------------------------------------------------------- set-points
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"session": SESSION + 1}, Reason.SESSION),
+        ({"session": 0}, Reason.SESSION),
+        ({"mode": 1}, Reason.MODE),
+        ({"n": 2, "target": (REST, REST)}, Reason.COUNT),
+        ({"target": (REST, -3001, REST)}, Reason.RANGE),
+        ({"target": (REST, REST, 2501)}, Reason.RANGE),
+    ],
+)
+def test_a_wrong_setpoint_neither_moves_nor_feeds(changes, reason):
+    bench = running()
+    for _ in range(9):
+        wrong = bench.setpoint(200, 200, 200, **changes)
+        assert refusals(bench.run(wrong, ms=10)) == [reason]
+        assert bench.out.applied == (REST,) * N
+    bench.run(ms=11)
+    assert is_off(bench, DeviceState.LATCHED)
+
+
+def test_the_reasons_have_an_order():
+    bench = Bench()
+    bench.arm()
+    wrong = {"session": 1, "mode": 1, "n": 2, "target": (9999, 9999)}
+    right = {"session": SESSION, "mode": 0, "n": N, "target": (9999, 9999, 9999)}
+    for fixed, reason in zip(
+        ((), ("session",), ("session", "mode"), ("session", "mode", "n", "target")),
+        (Reason.SESSION, Reason.MODE, Reason.COUNT, Reason.RANGE),
+        strict=True,
+    ):
+        bad = wrong | {name: right[name] for name in fixed}
+        assert refusals(bench.run(bench.setpoint(**bad))) == [reason]
+
+
+def test_sequence_numbers_wrap():
+    bench = Bench()
+    bench.arm()
+    bench.run(bench.setpoint(REST, REST, REST), seq=65534)
+    for seq, accepted in ((65535, True), (0, True), (65535, False), (32767, True), (65535, False)):
+        target = bench.out.applied[0] + 1
+        reasons = refusals(bench.run(bench.setpoint(target, REST, REST), seq=seq, ms=5))
+        bench.run()
+        assert (reasons == []) is accepted
+        assert (bench.out.applied[0] == target) is accepted
+
+
+@pytest.mark.parametrize(("age", "reasons"), [(50.0, []), (50.9, [Reason.LATE])])
+def test_age_counts_to_the_time_to_live(age, reasons):
+    bench = running(replace(CONFIG, watchdog_ms=1000))
+    bench.hold(100, REST, REST, REST, every=50)
+    old = bench.setpoint(REST, REST, REST)
+    assert refusals(bench.run(old, ms=1 + age)) == reasons  # all others took 1 ms
+
+
+@pytest.mark.parametrize("drift", [-0.005, 0.005])
+def test_drift_of_the_clocks_is_no_age(drift):
+    bench = running()
+    for _ in range(3000):
+        bench.host_clock += round(10_000 * drift)
+        assert refusals(bench.run(bench.setpoint(REST, REST, REST, ttl_ms=10), ms=10)) == []
+    assert bench.out.powered
+
+
+def test_a_setpoint_that_was_held_up_ten_seconds_is_late_in_spite_of_drift():
+    bench = running()
+    held = bench.setpoint(200, 200, 200)
+    bench.hold(10_000, REST, REST, REST)
+    assert refusals(bench.run(held)) == [Reason.LATE]
+
+
+@pytest.mark.parametrize("ahead", [0, 1_234_567_890, 2**31, 2**32 - 5000])
+def test_both_clocks_wrap(ahead):
+    bench = Bench(now=2**32 - 50_000)
+    bench.host_clock = ahead
+    bench.start()
+    replies = bench.hold(200, 250, REST, REST)
+    assert refusals(replies) == []
+    assert bench.out.applied == (250, REST, REST)
+    gaps = [(b.t_dev - a.t_dev) % 2**32 for a, b in pairwise(states(replies))]
+    assert max(gaps) <= 11_000
+    bench.wait(101)
+    assert bench.out.state == DeviceState.RAMPING
+
+
+def test_a_state_follows_each_setpoint_after_the_delay():
+    bench = running()
+    bench.wait(5)
+    setpoint = bench.setpoint(60, REST, REST)
+    assert states(bench.run(setpoint)) == states(bench.run()) == []
+    (state,) = states(bench.run())
+    assert (state.last_seq, state.t_host_echo) == (bench.seq, setpoint.t_host)
+    assert state.session == SESSION
+    assert state.state == DeviceState.RUNNING
+
+
+@pytest.mark.parametrize(("configured", "period"), [(False, 50), (True, 30)])
+def test_states_run_free(configured, period):
+    bench = Bench()
+    if configured:
+        bench.configure(replace(CONFIG, free_run_ms=30))
+    times = [state.t_dev for state in states(bench.wait(400))]
+    assert {b - a for a, b in pairwise(times)} == {1000 * period}
+
+
+def test_a_state_tells_what_is_measured():
+    bench = running()
+    bench.length, bench.force = (60, -70, 80), (101, 202, 303)
+    bench.adc, bench.vbus = (11, 22, 33, 4095), 65535
+    (state,) = states(bench.run(ms=50))
+    assert (state.length, state.force) == (bench.length, bench.force)
+    assert (state.adc, state.vbus) == (bench.adc, bench.vbus)
+    assert state.applied == (REST,) * N
+    assert state.t_dev == bench.now
+
+
+def test_what_the_board_cannot_measure_is_told_as_nothing():
+    bench = Bench(capabilities=Capability(0))
+    bench.configure()
+    bench.length, bench.force = (60, -70, 80), (101, 202, 303)
+    (state,) = states(bench.run(ms=50))
+    assert (state.length, state.force) == ((REST,) * N, (0,) * N)
+    assert (state.adc, state.vbus) == ((0,) * 4, 0)
+
+
+def test_outputs_slew_to_the_setpoint_and_stop_there():
+    bench = running()
+    applied = [bench.out.applied]
+    bench.run(bench.setpoint(100, -10, REST))
+    for _ in range(8):
+        bench.run()
+        applied.append(bench.out.applied)
+    expected = [(min(REST + 10 * i, 100), max(REST - 10 * i, -10), REST) for i in range(9)]
+    assert applied == expected
+
+
+def test_slow_slews_do_not_stand_still_between_short_passes():
+    bench = running(replace(CONFIG, slew=(10, 10000, 10000)))
+    bench.hold(2000, 1000, REST, REST)
+    assert bench.out.applied[0] == pytest.approx(REST + 20, abs=1)
+
+
+def test_a_main_loop_that_was_stuck_does_not_jump():
+    bench = running(replace(CONFIG, watchdog_ms=1000))
+    bench.run(bench.setpoint(3000, REST, REST))
+    bench.run(ms=900)
+    assert REST < bench.out.applied[0] <= REST + 10 * 50
+
+
+# ---------------------------------------------------------------- another calibration
+def with_servos_that_nobody_measures():
+    """Switched off away from rest."""
+    bench = Bench(capabilities=m.Capability(0)).start()
+    bench.hold(50, *AWAY)
+    assert bench.out.pulse_us == (1525, 1385, 1603)
+    bench.run(m.EStop())
+    bench.run(m.Clear(m.Fault.ESTOP))
+    return bench
+
+
+@pytest.mark.parametrize(
+    ("changes", "present"),
+    [
+        ({}, AWAY),
+        ({"center_us": (1505, 1380, 1610)}, (200, -50, -150)),
+        ({"gain": (500, 2000, -500)}, (500, -75, -50)),
+        ({"center_us": (1505, 1400, 1600), "gain": (-1600, 1000, 300)}, (-125, -150, 83)),
+    ],
+)
+def test_a_new_calibration_leaves_unmeasured_servos_where_they_are(changes, present):
+    bench = with_servos_that_nobody_measures()
+    before = np.array((1525, 1385, 1602.5))
+    bench.arm(replace(CONFIG, **changes))
+    assert bench.out.applied == present
+    assert refusals(bench.run(bench.setpoint(present[0] + 101, *present[1:]))) == [m.Reason.FAR]
+    assert refusals(bench.run(bench.setpoint(*present))) == []
+    assert bench.out.powered
+    assert np.all(abs(bench.out.pulse_us - before) <= 0.51)
+
+
+def test_servos_out_of_reach_of_a_new_calibration_stay_off():
+    bench = with_servos_that_nobody_measures()
+    bench.arm(replace(CONFIG, center_us=(2000, 1400, 1000), gain=(1, -1000, 1)))
+    assert bench.out.applied == (-32768, 150, 32767)
+    assert refusals(bench.run(bench.setpoint(-3000, 150, 2500))) == [m.Reason.FAR]
+    assert is_off(bench, m.DeviceState.ARMED)
+
+
+def test_measured_servos_are_where_a_new_calibration_measures_them():
+    bench = running()
+    bench.run(m.Disarm(SESSION))
+    bench.wait(5, state=m.DeviceState.DISARMED)
+    bench.length = (400, -400, 300)
+    bench.arm(replace(CONFIG, center_us=(1510, 1410, 1610)))
+    assert refusals(bench.run(bench.setpoint(*bench.length))) == []
+    assert bench.out.applied == bench.length
