@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.hardware_boards import Board, LiveBoard
+from support.hardware_boards import LiveBoard
 
 from softrobot_env.hardware.driver import Driver, ExitGuard
 from softrobot_env.hardware.errors import (
@@ -18,7 +18,6 @@ from softrobot_env.hardware.errors import (
     RefusedError,
     RobotError,
     RobotFaultError,
-    SessionLostError,
 )
 from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.messages import encode
@@ -117,12 +116,6 @@ def test_nobody_answers_in_time(live):
         driver.connect(0.15)
 
 
-def test_wait_for_ends_at_the_deadline(live, armed):
-    live.alive.clear()
-    seq = armed.command(HERE)
-    assert armed.wait_for(seq, time.monotonic() + 0.05) is None
-
-
 def test_an_emergency_stop_cuts_and_is_cleared_by_hand_only(live, armed):
     armed.estop()
     assert armed.wait_for_fault(1.0).code == m.Fault.ESTOP
@@ -142,24 +135,6 @@ def test_a_fault_whose_cause_is_there_cannot_be_cleared(live, driver):
     driver.wait_for_fault(1.0)
     with pytest.raises(RefusedError, match="refuses CLEAR: a fault is latched"):
         driver.clear()
-
-
-def test_a_stop_ramps_to_rest(live, armed):
-    armed.move_to([5e-3, 0.0, 0.0], speed=0.1, timeout=3)
-    assert elapsed(armed.stop) > 0.03
-    outputs = live.board.core.outputs
-    assert outputs.applied == (0, 0, 0) and not outputs.powered
-
-
-def test_a_restart_surfaces_and_connecting_again_helps(live, armed):
-    live.board.core = Board(boot_id=9).core
-    with pytest.raises(LinkError):
-        for _ in range(100):
-            armed.pace(HERE, time.monotonic() + 0.02)
-    with pytest.raises(SessionLostError, match="boot 00000001, now 00000009"):
-        armed.wait_for(0, time.monotonic() + 2)
-    assert armed.connect().boot_id == 9
-    armed.arm()
 
 
 def test_what_breaks_while_listening_is_raised_by_the_next_call(live):

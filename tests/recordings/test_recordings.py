@@ -9,14 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from softrobot_env.core.files import assets_dir
 from softrobot_env.recordings import (
-    Commands,
     Frame,
-    Header,
     Marker,
     Recording,
     read_header,
     read_recording,
-    write_header,
     write_recording,
 )
 from softrobot_env.recordings.files import header_path, recordings_dir
@@ -233,12 +230,6 @@ def test_what_is_written_is_read_again(tmp_path, suffix):
     for name in ("times", "commands", "markers", "runs"):
         assert getattr(again, name) == pytest.approx(getattr(recording, name), rel=1e-7, abs=1e-9)
     assert {file.name for file in path.parent.iterdir()} == {f"b{suffix}", "b.toml"}
-
-
-def test_a_header_is_read_as_it_was_written(tmp_path):
-    head = Header(Commands("tension", ("T",), "N", in_force="until"), rate_Hz=100, robot="finger")
-    write_header(head, tmp_path / "h.toml")
-    assert read_header(tmp_path / "h.toml") == head
 
 
 def test_a_frame_turns_as_rotation_vectors_do():

@@ -93,7 +93,7 @@ def _robots(draw):
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(robot=_robots())
 def test_what_is_written_is_read_as_the_same_robot(robot, tmp_path_factory):
     path = tmp_path_factory.mktemp("robot") / "robot.toml"

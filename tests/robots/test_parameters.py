@@ -18,7 +18,6 @@ from softrobot_env.robots import (
     ROBOTS,
     Base,
     Disc,
-    RobotParams,
     Tendon,
     centerline,
     find_robot,
@@ -58,18 +57,6 @@ def test_numbers_of_the_audit(robot, quantity, printed):
 
 
 UNIFORM = [robot for robot in ROBOTS.values() if not robot.sections]
-
-
-@pytest.mark.parametrize("robot", UNIFORM, ids=lambda r: r.name)
-def test_hand_formulas(robot):
-    outer, inner = 2 * robot.outer_radius, 2 * robot.inner_radius
-    assert robot.area == pytest.approx(pi * (outer**2 - inner**2) / 4, rel=1e-13)
-    assert robot.second_moment == pytest.approx(pi * (outer**4 - inner**4) / 64, rel=1e-13)
-    stiffness = robot.youngs_modulus * robot.second_moment
-    assert robot.bending_stiffness == pytest.approx(stiffness, rel=1e-13)
-    assert robot.mass_per_length == pytest.approx(robot.density * robot.area, rel=1e-13)
-    assert robot.mass == pytest.approx(robot.density * robot.area * robot.length, rel=1e-13)
-    assert robot.curvature_limit * robot.outer_radius == pytest.approx(1, rel=1e-13)
 
 
 @pytest.mark.parametrize("robot", UNIFORM, ids=lambda r: r.name)
@@ -155,12 +142,6 @@ def test_pair_formula_of_the_thesis():
     """(6.8): the upper tendon pulls a positive input, the lower one a negative."""
     tension = TendonMap(ARM).tension(np.array([3.0, -4.0, 0.0]))
     np.testing.assert_allclose(tension, [3, 0, 0, 4, 0, 0], atol=1e-14)
-
-
-def test_reduced_inputs_of_many_tensions():
-    tensions = np.arange(24.0).reshape(2, 2, 6)
-    expected = tensions[..., 0::2] - tensions[..., 1::2]
-    np.testing.assert_allclose(TendonMap(ARM).reduced(tensions), expected, atol=1e-13)
 
 
 @pytest.mark.parametrize(
@@ -384,12 +365,6 @@ def test_what_cannot_be_is_refused(record, changes, message):
         replace(record, **changes)
 
 
-def test_robots_by_name():
-    for name, robot in ROBOTS.items():
-        assert robot.name == name
-        assert isinstance(robot, RobotParams)
-
-
 # ---------------------------------------------------------------- shape
 
 
@@ -440,7 +415,7 @@ ROUGH = replace(
         )
     ),
 )
-ROBOTS = pytest.mark.parametrize("robot", [RIG, ROUGH], ids=["exact", "rough"])
+EXACT_AND_ROUGH = pytest.mark.parametrize("robot", [RIG, ROUGH], ids=["exact", "rough"])
 
 
 def directions(count=721):
@@ -449,13 +424,7 @@ def directions(count=721):
     return 3 * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
-def test_phi_is_that_of_the_thesis():
-    half, side = np.sin(np.radians(30)), np.cos(np.radians(30))
-    expected = [[1, -half, -half], [0, side, -side]]
-    np.testing.assert_allclose(ThreeTendons(RIG).phi, expected, atol=1e-15)
-
-
-@ROBOTS
+@EXACT_AND_ROUGH
 def test_tensions_invert_the_projection_in_all_quadrants(robot):
     tendons, reduced = ThreeTendons(robot), directions()
     for tension in (tendons.tension(reduced), tendons.tension(reduced, total=30.0)):
@@ -493,7 +462,7 @@ def test_a_sum_too_small_is_refused_with_the_least_one():
     assert tendons.tension(np.array([-3.0, 0.0]), total=7.5).sum() == pytest.approx(7.5)
 
 
-@ROBOTS
+@EXACT_AND_ROUGH
 def test_lengths_stretch_the_tendons_by_their_tensions(robot):
     tendons, curvature = ThreeTendons(robot), 7 * directions()
     tension = tendons.tension(directions()[::-1])
@@ -504,7 +473,7 @@ def test_lengths_stretch_the_tendons_by_their_tensions(robot):
     )
 
 
-@ROBOTS
+@EXACT_AND_ROUGH
 def test_channels_shorten_on_the_inner_side(robot):
     """A channel at the offset p runs on an arc of radius 1 / kappa - p."""
     tendons, bend = ThreeTendons(robot), 6.0

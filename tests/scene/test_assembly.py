@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 
 from softrobot_env.robots import ARM, RIG, ROBOTS, Base
-from softrobot_env.scene import contacts
 from softrobot_env.scene.assembly import Assembly, Member, assembly_xml, build_assembly
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.mount import Mount
 from softrobot_env.scene.objects import Contacts, Sphere
 from softrobot_env.scene.registry import scene_of
-from softrobot_env.scene.simulation import Simulation
 
 FINGER = replace(scene_of(ROBOTS["planar_finger"]), pieces=6)
 WEIGHT = (0.0, 0.0, -9.81)
@@ -110,19 +108,6 @@ def test_the_estimate_of_the_error_is_that_of_the_worst_robot():
     np.testing.assert_allclose(estimates, estimates[0], rtol=1e-6)
 
 
-def test_three_fingers_close_symmetrically():
-    built = gripper()
-    assert built.input_names[:2] == ("finger1/lower_front", "finger1/lower_back")
-    closing = np.array([2.0, 0.0, 3.0, 0.0])
-    q = built.simulate(0.3, built.inputs(**dict.fromkeys(built.parts, closing))).q[-1]
-    tips = np.stack([part.tip(q) for part in built.parts.values()])
-    radii = np.linalg.norm(tips[:, :2], axis=1)
-    assert np.all(radii < 0.03)  # from 0.035
-    np.testing.assert_allclose(radii, radii[0], atol=1e-9)
-    np.testing.assert_allclose(tips[:, 2], tips[0, 2], atol=1e-9)
-    np.testing.assert_allclose(tips.sum(axis=0)[:2], 0, atol=1e-9)
-
-
 def test_exported_scene_is_the_compiled_one():
     built = gripper(gravity=WEIGHT)
     model = mujoco.MjModel.from_xml_string(assembly_xml(built.config))
@@ -131,34 +116,6 @@ def test_exported_scene_is_the_compiled_one():
             getattr(model, field), getattr(built.model, field), rtol=1e-5, atol=1e-9
         )
     assert [model.actuator(k).name for k in range(model.nu)] == list(built.input_names)
-
-
-def test_the_integrator_serves_a_copied_simulation():
-    built = gripper()
-    simulation = Simulation(built)
-    simulation.reset(built.model.qpos0, built.inputs(finger2=np.array([1.0, 0.0, 0.0, 0.0])))
-    assert simulation.advance()
-    assert built["finger2"].tip(simulation.posture)[0] != built["finger2"].tip(built.start().q)[0]
-
-
-BALL = Sphere(name="ball", position=(0.0, 0.0, 0.1), radius=0.022, mass=0.01, friction=0.8)
-
-
-def test_three_fingers_hold_a_ball_against_gravity():
-    """They close on a free ball; at rest their contacts carry its weight and nothing else."""
-    built = gripper(gravity=WEIGHT, contacts=Contacts(), objects=(BALL,))
-    assert built.timestep.integrator == "implicitfast"
-    u = built.inputs(**{name: np.array([0.0, 0.0, 6.0, 0.0]) for name in built.parts})
-    state = built.simulate(1.5, u).end
-    ball = built.model.body("ball")
-    touches = built.contacts(state, u)
-    pressing = {touch.first for touch in touches if touch.second == "ball"}
-    assert pressing == {f"finger{k}/backbone" for k in (1, 2, 3)}
-    force = contacts.net_force(touches, "ball")
-    np.testing.assert_allclose(force, [0, 0, 9.81 * ball.mass[0]], atol=2e-3 * 9.81 * ball.mass[0])
-    later = built.simulate(0.5, u, state).end
-    place = built.model.jnt_qposadr[built.model.joint("ball_free").id]
-    assert np.abs(later.q - state.q)[place : place + 3].max() < 2e-4
 
 
 def test_fingers_do_not_touch_themselves_unless_asked():

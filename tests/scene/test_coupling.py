@@ -210,13 +210,3 @@ def test_rule_is_exact_up_to_its_degree_and_no_further(rule):
     beyond = DEGREE[rule] + 1
     error = abs(layout.weights @ layout.stations**beyond - 1 / (beyond + 1))
     assert error > 1e-5
-
-
-@pytest.mark.parametrize("rule", RULES)
-def test_integration_error_falls_with_the_rules_order(rule):
-    def error(pieces):
-        layout = place_hinges(2.0, pieces, rule)
-        return abs(layout.weights @ np.exp(layout.stations) - (np.exp(2) - 1))
-
-    order = np.log2(error(4) / error(8))
-    assert order == pytest.approx(DEGREE[rule] + 1, abs=0.1)

@@ -108,18 +108,6 @@ def test_rows_of_the_extrapolation_are_its_order(rows):
     assert np.log2(coarse / fine) == pytest.approx(rows, abs=0.45)
 
 
-def test_the_wanted_accuracy_buys_cost():
-    controls = steps(60)
-    truth, _ = tips(scene(accuracy="0.001%"), controls)
-    errors, costs = [], []
-    for accuracy in ("2%", "0.1%", "0.01%"):
-        found, simulation = tips(scene(accuracy=accuracy), controls)
-        errors.append(distance(found, truth))
-        costs.append(simulation._integration.evaluations[0])
-    assert errors[0] > errors[1] > errors[2]
-    assert costs[0] < costs[1] < costs[2]
-
-
 def test_the_estimate_finds_motions_that_part():
     """Full tensions make a hardly damped arm snap: far off at default, and it says so."""
     wild = ARM.vary(damping_time=0.1, youngs_modulus=0.5)
@@ -179,25 +167,6 @@ def test_ball_joints_and_gravity(bending):
     mujoco.mj_forward(model, data)
     gap = np.linalg.norm(data.sensordata[:3] - simulation.data.sensordata[:3])
     assert gap < 1e-3 * rod.length
-
-
-def test_a_ramp_of_the_controls_is_followed_within_a_period():
-    """One period with a path is many with its steps: horns of servos move steadily."""
-    far, near = (
-        Simulation(scene(RIG, actuation="length", bending="spatial", control_period=p))
-        for p in (0.02, 0.001)
-    )
-    for simulation in (far, near):
-        simulation.reset(simulation.model.qpos0, np.zeros(3))
-    way = np.array([0.004, -0.001, 0.0])
-    shares = np.linspace(0, 1, len(far.step_times) + 1)
-    assert far.advance_through(shares[:, None] * way)
-    for k in range(20):
-        middle = (k + 0.5) / 20 * way
-        near.ctrl[:] = middle
-        assert near.advance()
-    gap = np.abs(far.data.sensordata[:3] - near.data.sensordata[:3]).max()
-    assert gap < 0.02 * np.abs(near.data.sensordata[:2]).max()
 
 
 def test_a_loaded_copy_remembers_its_step(tmp_path):

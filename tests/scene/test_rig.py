@@ -241,24 +241,6 @@ def test_anisotropy_is_stiff_towards_its_azimuth(azimuth):
         )
 
 
-def test_turned_hinges_are_the_same_robot():
-    """Barely anisotropic: to second order the axes of the hinges do not matter."""
-    turned = replace(RIG, anisotropy=1e-9, stiff_azimuth=0.6)
-    errors = []
-    for pieces in (4, 8):
-        pull = [0.012, -0.004, 0.003]
-        a, b = (tip_at(scene(robot, pieces=pieces), pull) for robot in (RIG, turned))
-        errors.append(np.linalg.norm(a - b))
-    assert 1e-9 < errors[1] < 0.3e-3
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.3)
-
-
-def test_posture_and_joint_angles_are_inverse_with_turned_hinges():
-    model = scene(replace(RIG, anisotropy=0.3, stiff_azimuth=1.1)).model
-    angles = np.random.default_rng(0).uniform(-0.5, 0.5, (8, 2))
-    np.testing.assert_allclose(joint_angles(model, posture(model, angles)), angles, atol=1e-15)
-
-
 @pytest.mark.parametrize("azimuth", [0.0, 0.8])
 def test_precurvature_bends_the_unloaded_robot(azimuth):
     bent = replace(

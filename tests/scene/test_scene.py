@@ -131,7 +131,7 @@ def test_a_small_swing_has_the_beams_frequency():
     np.testing.assert_array_equal(motion.end.v, motion.v[-1])
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ["planar", "three_hinges"])
 def test_a_damped_motion_ends_in_the_equilibrium_of_its_gravity(kind):
     robot = replace(KINDS[kind][0], damping_time=0.3)
     built, gravity = scene(kind, robot, pieces=2), np.array([4.0, 0.0, -2.0])
@@ -174,14 +174,6 @@ def test_a_motion_tells_its_error():
     assert np.all(np.diff(motion.integration_error) >= 0)
     assert np.max(errors) < 3 * motion.integration_error[-1] < 3 * built.timestep.accuracy
     assert build_scene(replace(fine, integrator="RK4")).simulate(0.1).integration_error is None
-
-
-def test_a_motion_goes_on_where_another_ended():
-    load = Load("push", LENGTH, (1.0, 0.0, 0.0))
-    built = scene("ball", pieces=3, loads=(load,))
-    whole = built.simulate(0.2, np.ones(1), samples=0.1)
-    part = built.simulate(0.1, np.ones(1), start=State(whole.q[1], whole.v[1]))
-    np.testing.assert_allclose(part.q[-1], whole.q[-1], atol=1e-6)
 
 
 def test_divergence_is_an_error():

@@ -304,18 +304,6 @@ def test_one_tendon_bends_towards_its_azimuth(azimuth, torsion):
     np.testing.assert_allclose(found, [*(x * direction), z], atol=2e-4 * LENGTH)
 
 
-@pytest.mark.parametrize("torsion", [False, True])
-def test_channel_length_follows_both_angles(torsion):
-    robot = trio()
-    built = build_scene(SceneConfig(robot, bending="spatial", torsion=torsion))
-    angles = np.random.default_rng(1).uniform(-0.1, 0.1, joint_angles_of(built).shape)
-    data = posed(built.model, posture(built.model, angles))
-    offsets = np.array([t.offset for t in robot.tendons])
-    np.testing.assert_allclose(
-        data.ten_length[:3], -offsets @ angles[:, :2].sum(axis=0), atol=1e-15
-    )
-
-
 def test_a_planar_chain_takes_the_lateral_offset_of_a_tendon_as_it_did():
     """Only the offset in the bending plane has a lever arm there."""
     robot = replace(ROBOT, tendons=(Tendon("t", (0.02, 0.015), LENGTH, 0, 80.0),))
@@ -374,11 +362,3 @@ def test_visible_scene_has_the_same_dynamics_and_room_behind_it(kind):
     wall = np.flatnonzero(seen.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
     # A robot bent towards +y by a quarter turn stays in front of the wall.
     assert seen.geom_pos[wall[0], 1] > robot.length
-
-
-def test_timestep_rule_bounds_a_spatial_chain():
-    for kind in KINDS:
-        spatial, planar = scene(kind).timestep, build_scene(SceneConfig(ROBOT)).timestep
-        assert spatial.first_period == pytest.approx(planar.first_period, rel=1e-9)
-        assert spatial.stability_limit <= planar.stability_limit * (1 + 1e-9)
-        assert spatial.timestep <= spatial.stability_limit / 2

@@ -62,38 +62,16 @@ def solve_mass(model, q, force, out):
 
 
 @kernel
-def project(model, q, v):
+def nothing(model, q, out):
     pass
 
 
 @kernel
-def locate(model, q, out):
+def no_forces(model, q, forces, out):
     pass
 
 
-@kernel
-def add_forces(model, q, forces, out):
-    pass
-
-
-@kernel
-def load_axes(model, q, out):
-    pass
-
-
-@kernel
-def add_moments(model, q, moments, out):
-    pass
-
-
-@kernel
-def channel_lengths(model, q, out):
-    pass
-
-
-@kernel
-def add_channel_forces(model, q, tension, out):
-    pass
-
+project = locate = load_axes = channel_lengths = nothing
+add_forces = add_moments = add_channel_forces = no_forces
 
 mechanics.implement(ChainData, sys.modules[__name__])

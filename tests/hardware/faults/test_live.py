@@ -2,7 +2,6 @@
 
 from contextlib import suppress
 from copy import copy
-from dataclasses import replace
 from threading import Event, Thread
 from time import monotonic, sleep
 
@@ -13,7 +12,6 @@ from support.output_witness import WatchedCore
 from support.real_episodes import (
     FILE,
     PERIOD,
-    Still,
     assert_comes_to_rest,
     assert_runs_again,
     fail,
@@ -22,12 +20,10 @@ from support.real_episodes import (
 )
 from support.serial_proxy import KINDS, Harm, SerialProxy
 
-from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.hardware.driver import Driver
-from softrobot_env.hardware.errors import LinkError, ProtocolMismatchError, UnansweredError
+from softrobot_env.hardware.errors import LinkError, UnansweredError
 from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.link import MOST_IN_FLIGHT
-from softrobot_env.hardware.protocol.messages import Decoder, encode
 from softrobot_env.hardware.transport import SerialTransport
 from softrobot_env.hardware.virtual_robot import VirtualRobot
 
@@ -241,39 +237,3 @@ def test_a_restart_ends_the_episode(restarted, live):
 
 def test_a_restarted_board_can_run_again(restarted, live):
     assert_runs_again(restarted, live.board.core)
-
-
-class OtherFirmware(WatchedCore):
-    """A device that introduces itself with other numbers."""
-
-    def __init__(self, **changes):
-        super().__init__()
-        self._changes = changes
-
-    def transmit(self):
-        sent = Decoder().feed(super().transmit())
-        return b"".join(encode(self._changed(message), seq) for message, seq in sent)
-
-    def _changed(self, message):
-        return replace(message, **self._changes) if isinstance(message, m.HelloAck) else message
-
-
-@pytest.mark.parametrize(
-    ("changes", "told"),
-    [
-        ({"min_protocol": 2, "max_protocol": 3}, "speaks protocol 2 to 3, this package 1"),
-        ({"schema": 0xABCD}, f"schema 0000abcd and {m.SCHEMA:08x}"),
-    ],
-    ids=["protocol", "table"],
-)
-def test_another_firmware_is_named_and_never_armed(changes, told):
-    board = Board()
-    board.core = OtherFirmware(**changes)
-    with LiveBoard(board) as live:
-        env = RealRigEnv(robot_file=FILE, line=line(live), tip=Still())
-        with pytest.raises(ProtocolMismatchError, match=told):
-            env.reset()
-        env.close()
-        sleep(0.1)
-    assert {type(message) for message in board.core.heard} == {m.Hello}
-    assert not board.core.outputs.powered

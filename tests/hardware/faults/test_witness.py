@@ -89,4 +89,4 @@ def test_a_robot_that_does_not_stop_is_noticed(bench):
 def test_a_robot_that_stays_where_it_is_does_no_wrong(bench):
     stays = bench.board.core.outputs.applied
     bench.board.core.lie = lambda out: at(out, stays)
-    bench.run(1.0)
+    bench.run(0.3)

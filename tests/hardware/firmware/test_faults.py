@@ -8,7 +8,6 @@ from support.firmware_bench import (
     CONFIG,
     REST,
     SESSION,
-    Bench,
     N,
     away,
     faults,
@@ -57,24 +56,6 @@ def test_an_emergency_stop_cuts_at_once(cause):
     assert faults(replies) == [(m.Fault.ESTOP, 0)]
     bench.hold(100, *AWAY)
     assert is_off(bench, m.DeviceState.LATCHED)
-
-
-def test_an_emergency_stop_needs_no_hello():
-    bench = Bench()
-    assert faults(bench.run(m.EStop())) == [(m.Fault.ESTOP, 0)]
-    assert is_off(bench, m.DeviceState.LATCHED)
-    assert refusals(bench.configure()) == []
-    assert refusals(bench.run(m.Arm(SESSION, fields_crc(CONFIG)))) == [m.Reason.STATE]
-    bench.run(m.Clear(m.Fault.ESTOP))
-    assert refusals(bench.run(m.Arm(SESSION, fields_crc(CONFIG)))) == []
-
-
-def test_voltage_does_not_matter_while_the_outputs_are_off():
-    bench = Bench()
-    spoil(bench, vbus=0)
-    bench.configure()
-    bench.wait(300)
-    assert is_off(bench, m.DeviceState.DISARMED)
 
 
 SLOW_FAULTS = [
@@ -153,12 +134,6 @@ def test_checks_are_off_by_zeros_and_where_the_board_cannot_measure(config, opti
     spoil(bench, length=(3000, -3000, 0), force=(-5, 9999, 1), adc=(0,) * 4, vbus=0)
     bench.hold(200, *AWAY)
     assert bench.out.state == m.DeviceState.RUNNING
-
-
-def test_slewing_is_told_while_under_way():
-    bench = running()
-    warnings = [state.warnings for state in states(bench.hold(50, REST + 250, REST, REST))]
-    assert warnings == [1, 1, 1, 0, 0]
 
 
 @pytest.mark.parametrize("start", [2**32 - 30_000, 2**32 - 90_000])
@@ -267,11 +242,3 @@ def test_running_goes_on_after_a_fault_only_with_a_new_session():
     bench.run(m.Arm(SESSION, fields_crc(CONFIG)))
     bench.hold(50, REST + 60, REST, REST)
     assert bench.out.applied == (REST + 60, REST, REST)
-
-
-def test_the_switch_latches_while_disarmed():
-    bench = Bench()
-    bench.configure()
-    spoil(bench, estop=True)
-    bench.run()
-    assert is_off(bench, m.DeviceState.LATCHED)

@@ -219,5 +219,5 @@ class BlindLink(Link):
 
 TestLink, TestBlindLink = Link.TestCase, BlindLink.TestCase
 TestLink.settings = TestBlindLink.settings = settings(
-    max_examples=60, stateful_step_count=40, deadline=None
+    max_examples=25, stateful_step_count=40, deadline=None
 )
