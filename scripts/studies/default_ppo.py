@@ -1,6 +1,7 @@
 """PPO as stable-baselines3 comes, with checks of what it has learned."""
 
 from collections.abc import Callable
+from typing import Any
 
 import torch
 from stable_baselines3 import PPO
@@ -12,8 +13,8 @@ _BETWEEN = 3
 
 
 def train(
-    env: VecEnv, seed: int, steps: int, check: Callable[[PPO], float]
-) -> list[tuple[int, float]]:
+    env: VecEnv, seed: int, steps: int, check: Callable[[PPO], float] | None = None, **settings: Any
+) -> tuple[PPO, list[tuple[int, float]]]:
     """Train a policy with default settings, on one core.
 
     Args:
@@ -21,17 +22,19 @@ def train(
         seed: Of everything random.
         steps: Of all environments together; the last rollout is finished.
         check: A figure of what was learned.
+        **settings: Of PPO, others than its default.
 
     Returns:
-        Steps and figure before the training, after every few rollouts, and after it.
+        The policy; steps and figure before the training, after every few rollouts, and after it.
     """
     torch.set_num_threads(1)
-    model = PPO("MlpPolicy", env, seed=seed, device="cpu")
-    checks = _Checks(check)
+    model = PPO("MlpPolicy", env, seed=seed, device="cpu", **settings)
+    checks = None if check is None else _Checks(check)
     model.learn(steps, callback=checks)
+    if checks is None:
+        return model, []
     checks.look()
-    env.close()
-    return checks.curve
+    return model, checks.curve
 
 
 class _Checks(BaseCallback):

@@ -57,6 +57,7 @@ from softrobot_env.rendering.figures import (
     new_figure,
     plain_ticks,
     save,
+    style_axes,
     style_of,
 )
 from softrobot_env.rendering.tables import (
@@ -69,8 +70,6 @@ from softrobot_env.rendering.tables import (
     spread,
     verdict,
 )
-from studies.pictures import heatmap
-from studies.quantities import QUANTITIES
 
 __all__ = [
     "Case",
@@ -81,6 +80,7 @@ __all__ = [
     "Study",
     "at_least",
     "at_most",
+    "cell",
     "failures",
     "for_pictures",
     "grid",
@@ -131,6 +131,29 @@ def quantity(unit: str = "", form: str = ".3g", label: str = "", **default: Any)
     return field(metadata={"unit": unit, "form": form, "label": label}, **default)
 
 
+#: Field of an episode's row -> label, unit and format.
+EPISODE = {
+    "e_max": ("max", "mm", ".3g"),
+    "e_rms": ("rms", "mm", ".3g"),
+    "e_final": ("final", "mm", ".2f"),
+    "e_motion": ("motion", "mm", ".2f"),
+    "e_motion_least": ("least", "mm", ".2f"),
+    "rise_time": ("rise", "ms", ".0f"),
+    "settling_time": ("settling", "s", ".2f"),
+    "overshoot": ("over", "%", ".1f"),
+    "steady_state_error": ("steady", "%", ".2f"),
+    "tension_max": ("tension", "N", ".0f"),
+    "policy_time_median": ("policy", "µs", ".1f"),
+    "policy_time_p99": ("p99", "µs", ".1f"),
+    "decision_period": ("every", "ms", "g"),
+    "e_max_ratio": ("max over nominal", "", ".2f"),
+    "e_rms_ratio": ("rms over nominal", "", ".2f"),
+}
+
+#: Of these None says that it was never so.
+_NEVER = ("settling_time", "rise_time")
+
+
 def shown(rows: Rows, name: str) -> tuple[str, str, str]:
     """Label, unit and format of a field of rows, or of what `Column` would show of it."""
     for row in rows[:1]:
@@ -138,15 +161,22 @@ def shown(rows: Rows, name: str) -> tuple[str, str, str]:
             if own.name == name and "unit" in own.metadata:
                 meta = own.metadata
                 return meta["label"] or name.replace("_", " "), meta["unit"], meta["form"]
-    if name in QUANTITIES:
-        known = QUANTITIES[name]
-        return known.name, known.unit, ".3g"
+    if name in EPISODE:
+        return EPISODE[name]
     return name.replace("_", " "), "", "" if rows and _is_text(rows, name) else "g"
 
 
 def _is_text(rows: Rows, name: str) -> bool:
     values = (getattr(row, name) for row in rows)
     return all(value is None or isinstance(value, str | bool) for value in values)
+
+
+def cell(row: Any | None, name: str) -> str:
+    """A value of a row: a dash if it was not run, "failed" or "never" where there is none."""
+    if row is None or getattr(row, "failure", None) is not None:
+        return "-" if row is None else "failed"
+    _, unit, form = shown([row], name)
+    return number(getattr(row, name), form, unit, "never" if name in _NEVER else "-")
 
 
 def _chosen(rows: Rows, of: type | None, where: Where | None) -> list[Any]:
@@ -252,8 +282,10 @@ class Lab:
 
 def case_label(case: Any) -> str:
     """A case for a progress bar."""
-    if isinstance(case, Mapping):
-        return ", ".join(str(value) for value in case.values() if value not in (None, ""))
+    if isinstance(case, Mapping | tuple):
+        parts = case.values() if isinstance(case, Mapping) else case
+        told = [part for part in parts if not isinstance(part, bool)]
+        return ", ".join(str(part) for part in told if part or part == 0)
     return getattr(case, "label", None) or str(case)
 
 
@@ -386,14 +418,18 @@ def table(
 def _column(rows: Rows, column: str | Column) -> Column:
     if isinstance(column, Column):
         return column
-    label, unit, form = shown(rows, column)
-    return Column(" ".join(filter(None, (label, unit))), column, form, unit)
+    _, unit, form = shown(rows, column)
+    return Column(_heading(rows, column), column, form, unit)
+
+
+def _heading(rows: Rows, name: str) -> str:
+    return " ".join(filter(None, shown(rows, name)[:2]))
 
 
 def pivot(
     title: str,
     lines: Sequence[str],
-    columns: str | Mapping[str, Callable[[list[Any]], Any]],
+    columns: str | Sequence[str] | Mapping[str, Callable[[list[Any]], Any]],
     cell: str | Callable[[list[Any]], Any] = "",
     *,
     of: type | None = None,
@@ -411,8 +447,8 @@ def pivot(
     Args:
         title: With `{field}` for what is the same in all rows of a table.
         lines: Fields that name a line.
-        columns: A field, a column for each of its values; or headings and what is shown of all
-            rows of a line.
+        columns: A field, a column for each of its values; or fields, of which the median, the
+            least and the largest of a line are shown; or headings and what is shown of a line.
         cell: With a field as columns, what is shown: a field of the first row, or a function of
             the rows, of which there is at least one.
         of, where, per: As of `table`.
@@ -443,6 +479,8 @@ def pivot(
         return tuple(lines if headings is None else headings)
 
     def _expanded(group: list[Any]) -> dict[str, Callable[[list[Any]], Any]]:
+        if not isinstance(columns, str):
+            return {_heading(group, name): partial(_spread, name) for name in columns}
         values = [value for (value,) in groups(group, columns)]
         return {heading(v): partial(_of_value, v) for v in (sorted(values) if ordered else values)}
 
@@ -456,6 +494,11 @@ def pivot(
         return number(getattr(mine[0], cell), form, unit)
 
     return make
+
+
+def _spread(name: str, rows: list[Any]) -> str:
+    _, unit, form = shown(rows, name)
+    return spread([getattr(row, name) for row in rows], form, unit)
 
 
 def _name(value: Any) -> str | None:
@@ -485,20 +528,9 @@ def title_of(title: str | Callable[[Rows], str], rows: Rows) -> str:
     return title(rows) if callable(title) else title
 
 
-def panels(rows: Rows, panel: str | None, columns: int, size: tuple[float, float]) -> tuple:
-    """A figure with a panel for each value of a field: figure, and (axis, value, rows) of each."""
-    found = {(None,): list(rows)} if panel is None else groups(rows, panel)
-    columns = min(columns, len(found))
-    lines_ = ceil(len(found) / columns)
-    figure, axes = new_figure(lines_, columns, (size[0] * columns, 1.3 + size[1] * lines_))
-    for axis in axes.flat[len(found) :]:
-        axis.set_visible(False)
-    return figure, [(a, k, g) for a, ((k,), g) in zip(axes.flat, found.items(), strict=False)]
-
-
 def lines(
     x: str,
-    y: str,
+    y: str | Sequence[str],
     by: str,
     *,
     title: str | Callable[[Rows], str],
@@ -510,16 +542,16 @@ def lines(
     band: bool = False,
     log: str = "",
     style: Callable[[Any], Style] = style_of,
-    line: Mapping[str, Any] | None = None,
+    line: Mapping[str, Any] | Callable[[list[Any]], Mapping[str, Any]] | None = None,
     columns: int = 3,
     size: tuple[float, float] = (4.2, 2.7),
     legend: bool = False,
-    decorate: Callable[[Axes, Any, list[Any]], None] | None = None,
+    decorate: Callable[[Axes, list[Any], str], None] | None = None,
 ) -> PlotMaker:
     """Lines of y over x; a cross at the top where a value is missing.
 
     Args:
-        x, y: Fields.
+        x, y: Fields; several of y have rows of panels of their own.
         by: Field whose values are lines of their own.
         title, subject: What is to be seen, and what is shown; see `add_title`.
         panel: Field whose values have panels of their own.
@@ -528,36 +560,46 @@ def lines(
         band: Whether all that lies between the rows at an x is shaded.
         log: Axes with logarithmic scales, out of "xy".
         style: From a value of `by` to how it is drawn.
-        line: Matplotlib's keywords for all lines.
+        line: Matplotlib's keywords for all lines, or a function of the rows of one.
         columns, size: Of the panels, size in inches.
         legend: Whether names stand in a legend and not at the ends of the lines.
-        decorate: Called with axis, value of its panel and its rows at the end.
+        decorate: Called with the axis of a panel, its rows and its y at the end.
     """
 
     def draw(rows: Rows) -> Figure | None:
         mine = _chosen(rows, of, where)
         if not mine:
             return None
-        figure, parts = panels(mine, panel, columns, size)
-        for axis, value, own in parts:
-            ends = [_line(axis, name, group) for (name,), group in groups(own, by).items()]
-            axis.set(xlabel=axis_label(own, x), ylabel=axis_label(own, y))
-            axis.set(**{f"{name}scale": "log" for name in log})
-            if value is not None:
-                axis.set_title(str(value))
-            if log:
-                plain_ticks(axis)
-            if decorate is not None:
-                decorate(axis, value, own)
-            if not legend:
-                label_lines(axis, [end for end in ends if end is not None])
+        ys, found = ([y] if isinstance(y, str) else y), {(None,): mine}
+        found = found if panel is None else groups(mine, panel)
+        across = min(columns, len(found))
+        down = ceil(len(ys) * len(found) / across)
+        figure, axes = new_figure(down, across, (size[0] * across, 1.3 + size[1] * down))
+        panels = [(name, value, own) for name in ys for (value,), own in found.items()]
+        for axis, (name, value, own) in zip(axes.flat, panels, strict=False):
+            _panel(axis, name, value, own)
+        for axis in axes.flat[len(panels) :]:
+            axis.set_visible(False)
         add_title(figure, title_of(title, mine), subject)
         if legend:
-            add_legend(figure, parts[0][0])
+            add_legend(figure, axes[0, 0])
         return figure
 
-    def _line(axis: Axes, name: Any, rows: list[Any]) -> tuple[str, float, str] | None:
-        look = style(name)
+    def _panel(axis: Axes, name: str, value: Any, own: list[Any]) -> None:
+        ends = [_line(axis, name, key, group) for (key,), group in groups(own, by).items()]
+        axis.set(xlabel=axis_label(own, x), ylabel=axis_label(own, name))
+        axis.set(**{f"{direction}scale": "log" for direction in log})
+        if value is not None:
+            axis.set_title(str(value))
+        if log:
+            plain_ticks(axis)
+        if decorate is not None:
+            decorate(axis, own, name)
+        if not legend:
+            label_lines(axis, [end for end in ends if end is not None])
+
+    def _line(axis: Axes, y: str, name: Any, rows: list[Any]) -> tuple[str, float, str] | None:
+        look, own = style(name), line(rows) if callable(line) else line or {}
         known: dict[float, list[float]] = {}
         for (place,), group in sorted(groups(rows, x).items()):
             values = [_scaled(group, y, getattr(row, y)) for row in group]
@@ -570,7 +612,7 @@ def lines(
         if not known:
             return None
         middle = [join(values) for values in known.values()]
-        keys = {"markersize": 4, "linewidth": 1.2} | (look.curve | look.points) | dict(line or {})
+        keys = {"markersize": 4, "linewidth": 1.2} | (look.curve | look.points) | dict(own)
         axis.plot([*known], middle, label=str(name), **keys)
         if band:
             ends = ([f(v) for v in known.values()] for f in (min, max))
@@ -581,23 +623,72 @@ def lines(
 
 
 def maps(
-    axis: Axes,
-    rows: Sequence[str],
-    columns: Sequence[str],
-    cell: Callable[[str, str], tuple[float | None, str]],
-    colours: tuple[float, float],
-    headings: Sequence[str] | None = None,
-) -> None:
-    """A map of numbers: light is good, dark is bad.
+    panel: str,
+    line: str,
+    column: str,
+    value: Callable[[Any], float | None],
+    *,
+    title: str | Callable[[Rows], str],
+    subject: str = "",
+    of: type | None = None,
+    where: Where | None = None,
+    headings: Callable[[list[Any]], str],
+    colours: Callable[[list[Any]], tuple[float, float]],
+) -> PlotMaker:
+    """Maps of numbers: light is good, dark is bad, on a logarithmic scale; a dash for no row.
 
     Args:
-        axis: The axis.
-        rows, columns: What its lines and columns are.
-        cell: From both to a number, or None, and what is written there.
-        colours: Smallest and largest number of the scale.
-        headings: Of the columns.
+        panel: Field whose values have maps of their own.
+        line, column: Fields whose values are lines and columns.
+        value: From a row to its number; None where it failed, or has none.
+        title, subject, of, where: As of `lines`.
+        headings: From the rows of a map to its title.
+        colours: From the same to the smallest and largest number of the scale.
     """
-    found = [[cell(row, column) for column in columns] for row in rows]
-    values = np.array([[np.nan if v is None else v for v, _ in line] for line in found])
-    texts = [[text for _, text in line] for line in found]
-    heatmap(axis, values, texts, rows, headings or columns, colours)
+
+    def draw(rows: Rows) -> Figure | None:
+        mine = _chosen(rows, of, where)
+        if not mine:
+            return None
+        parts, names_ = groups(mine, panel), [name for (name,) in groups(mine, column)]
+        sizes = [0.9 + len(groups(own, line)) for own in parts.values()]
+        figure, _ = new_figure(0, 0, (max(8.0, 1.6 + 0.62 * len(names_)), 1.3 + 0.31 * sum(sizes)))
+        axes = figure.subplots(len(parts), 1, squeeze=False, height_ratios=sizes)
+        for axis, own in zip(axes.flat, parts.values(), strict=True):
+            _map(axis, own, names_)
+            axis.set_title(headings(own), fontsize=10, loc="left")
+        add_title(figure, title_of(title, mine), subject)
+        return figure
+
+    def _map(axis: Axes, own: list[Any], names_: list[Any]) -> None:
+        from matplotlib.colors import LogNorm
+
+        labels, ends = [name for (name,) in groups(own, line)], colours(own)
+        found = [[one(own, **{line: a, column: b}) for b in names_] for a in labels]
+        values = np.array([[_number(row) for row in some] for some in found])
+        norm = LogNorm(*ends)
+        scaled = np.clip(values, *ends)
+        style_axes(axis)
+        axis.grid(False)
+        axis.set_facecolor("0.85")  # of cells without a number
+        axis.pcolormesh(
+            np.ma.masked_invalid(scaled), cmap="viridis_r", norm=norm, edgecolors="white", lw=1
+        )
+        for i, j in np.ndindex(values.shape):
+            row, number_ = found[i][j], float(values[i, j])
+            colour = "white" if norm(scaled[i, j]) > 0.55 else "black"
+            text = f"{number_:.{(number_ < 1) + (number_ < 10)}f}"
+            if np.isnan(number_):
+                failed = row is not None and row.failure is not None
+                text, colour = ("failed", "#A50026") if failed else ("-", "black")
+            axis.text(j + 0.5, i + 0.5, text, ha="center", va="center", size=8.5, color=colour)
+        axis.set_yticks(np.arange(len(labels)) + 0.5, labels)
+        axis.set_xticks(np.arange(len(names_)) + 0.5, names_, fontsize=8.5)
+        axis.tick_params(length=0)
+        axis.invert_yaxis()
+
+    def _number(row: Any | None) -> float:
+        found = None if row is None else value(row)
+        return np.nan if found is None else found
+
+    return draw

@@ -27,20 +27,7 @@ from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.learned import bayesian
 from softrobot_env.learned.network import describe
-from softrobot_env.rendering.figures import (
-    BLACK,
-    Axes,
-    Figure,
-    add_legend,
-    add_title,
-    entry,
-    label_lines,
-    new_figure,
-    plain_ticks,
-    style_axes,
-    style_of,
-)
-from softrobot_env.rendering.tables import pivot_table
+from softrobot_env.rendering.figures import BLACK, Axes, Figure
 from softrobot_env.robots import ARM, EQUIVALENT_RIG, RIG, RobotParams, find_robot
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.file import read_robot, write_robot
@@ -64,16 +51,19 @@ from studies.lab import (
     Study,
     failures,
     groups,
+    lines,
+    maps,
     new_table,
     number,
     of_kind,
     one,
+    pivot,
+    quantity,
     quiet,
     select,
     table,
     verdict,
 )
-from studies.pictures import heatmap
 from studies.policies import PolicyRow, record_of
 
 #: Names of the robots of the studies. The rig is the twin whose parameters come with the package.
@@ -102,13 +92,13 @@ class LapsRow(PolicyRow):
         share_mean, share_max: The same over the length of the robot [1].
     """
 
-    frequency: float
+    frequency: float = quantity("", "g", "laps per second / first frequency")
     radius: float
     feedback: str
     what: str
     lap_mean: float | None
     lap_max: float | None
-    share_mean: float | None
+    share_mean: float | None = quantity("%", ".2g", "error / length")
     share_max: float | None
 
     @property
@@ -289,12 +279,12 @@ class PathRow(Record):
     """
 
     robot: str
-    task: str
-    frequency: float
-    first_frequency: float
-    radius: float
-    inputs: float
-    speed: float
+    task: str = quantity(form="", label="path")
+    frequency: float = quantity("", "g", "laps/s\nover f1")
+    first_frequency: float = quantity("", ".3g", "f1 Hz")
+    radius: float = quantity("mm", ".3g")
+    inputs: float = quantity("%", ".0f")
+    speed: float = quantity("%", ".0f", "servo\nspeed")
 
 
 @dataclass(frozen=True)
@@ -376,12 +366,12 @@ class GoalRow(Record):
     """
 
     robot: str
-    policy: str
+    policy: str = quantity(form="", label="best law")
     what: str
-    frequency: float
-    share: float | None
-    ratio: float | None
-    limit: float
+    frequency: float = quantity("", "g", "laps/s\nover f1")
+    share: float | None = quantity("%", ".3f", "error/\nlength")
+    ratio: float | None = quantity("", ".2f", "over\nnominal")
+    limit: float = quantity("%", ".2f")
     met: bool
 
 
@@ -495,25 +485,6 @@ def _reads_rates(case: Case) -> bool:
 
 # ---------------------------------------------------------------- tables of the laws
 
-_PATH_COLUMNS = (
-    Column("robot"),
-    Column("path", "task"),
-    Column("laps/s\nover f1", "frequency", "g"),
-    Column("f1 Hz", "first_frequency", ".3g"),
-    Column("radius\nmm", "radius", ".3g", "mm"),
-    Column("inputs\n% of limit", "inputs", ".0f", "%"),
-    Column("servo speed\n% of limit", "speed", ".0f", "%"),
-)
-_GOAL_COLUMNS = (
-    Column("robot"),
-    Column("best law", "policy"),
-    Column("with", lambda row: row.what or "nominal"),
-    Column("laps/s\nover f1", "frequency", "g"),
-    Column("mean error\n% of length", "share", ".3f", "%"),
-    Column("over\nnominal", "ratio", ".2f"),
-    Column("limit %", "limit", ".2f", "%"),
-    Column("met", lambda row: verdict(row.met)),
-)
 _LAW_NOTES = (
     "Errors are those of two laps at full rate, after a ramp of one lap. "
     "Decision times are medians of cores that are all busy. Limited: share of the decisions whose "
@@ -536,113 +507,94 @@ def refused(rows: Sequence[Any]) -> Table:
     return out
 
 
-def _law_tables(rows: Sequence[Any]) -> Iterator[Table]:
-    """A table per robot: a line per law and path, a column per frequency."""
-    laps = [row for row in of_kind(rows, LapsRow) if row.what == ""]
-    for (robot,), mine in groups(laps, "robot").items():
-        frequencies = [f for (f,) in groups(mine, "frequency")]
-        heads = [f"{f:g} f1\nmean/max mm (%)" for f in frequencies]
-        title = f"{robot}: error in mm (mean in % of the length), decision time, limited decisions"
-        out = new_table(title, ("path", "law"), (*heads, "µs", "limited\n%"))
-        for (task,), on_path in groups(mine, "task").items():
-            for (law,), found in groups(on_path, "policy").items():
-                cells = [_lap_error(select(found, frequency=f)) for f in frequencies]
-                time = number(max(r.policy_time_median for r in found), ".0f", "µs")
-                limited = "/".join(f"{100 * row.limited:.0f}" for row in found)
-                out.add_row(task, law, *cells, time, limited)
-            out.add_section()
-        yield out
-
-
 def _lap_error(rows: list[LapsRow]) -> str:
-    """Mean and largest error in mm and % of the length, of one episode or none."""
-    if not rows or rows[0].lap_mean is None:
-        return "failed" if rows else "-"
+    """Mean and largest error in mm and % of the length of an episode."""
     row = rows[0]
+    if row.lap_mean is None:
+        return "failed"
     size = "/".join(number(v, ".2g", "mm") for v in (row.lap_mean, row.lap_max))
     return f"{size} ({number(row.share_mean, '.2g', '%')})"
 
 
 #: Failed episodes, if any.
-FAILED = failures(
-    "robot", "policy", "task", Column("f", "frequency", "g"), Column("with", "what"), of=LapsRow
-)
+FAILED = failures("robot", "policy", "task", "frequency", Column("with", "what"), of=LapsRow)
+
+
+def _slowest(rows: list[LapsRow]) -> str:
+    return number(max(row.policy_time_median for row in rows), ".0f", "µs")
+
 
 # ---------------------------------------------------------------- picture of the laws
 
 #: Laws in a panel, those at the top of the ranking; the tables have all.
 _BEST_LAWS = 5
 
-_COLUMNS = 2
-_ENDS = 1e-3, 100.0  # [%], of the axis of errors
-
 
 def law_picture(rows: Sequence[Any]) -> Figure:
     """Draw the mean error over the length on the worst path against the frequency."""
-    every = of_kind(rows, LapsRow)
-    laps = groups(select(every, what=""), "robot")
-    ranks = ranked_laws(every)
-    lines = -(-len(laps) // _COLUMNS)
-    figure, axes = new_figure(lines, _COLUMNS, (9.5, 1.3 + 2.7 * lines))
-    reached = 0
-    for axis, ((robot,), mine) in zip(axes.flat, laps.items(), strict=False):
-        laws = ranks.get(robot, [])[:_BEST_LAWS]
-        worst = {law: _worst_shares(select(mine, policy=law)) for law in [*laws, HOLD]}
-        reached += bool(laws) and _is_within(worst[laws[0]])
-        _panel(axis, robot, worst)
-    for axis in axes.flat[len(laps) :]:
-        axis.set_visible(False)
-    goal = {"color": BLACK, "marker": "_", "linestyle": "none", "markersize": 22}
-    add_legend(figure, [entry("goal of the best law", **goal)])
-    add_title(
-        figure,
-        f"The best law stays within the goal at every speed on {reached} of {len(laps)} robots",
-        f"Mean error on the worst path, at full rate; the {_BEST_LAWS} best laws of each robot and "
-        "the resting robot, the best one thick; crosses: failed",
-    )
-    return figure
+    laps, goals = of_kind(rows, LapsRow), select(of_kind(rows, GoalRow), what="")
+    ranks = ranked_laws(laps)
+    best = {robot: laws[0] for robot, laws in ranks.items()}
+    reached = sum(all(g.met for g in mine) for mine in groups(goals, "robot").values())
 
+    def chosen(row: LapsRow) -> bool:
+        laws = [*ranks.get(row.robot, [])[:_BEST_LAWS], HOLD]
+        return row.what == "" and row.policy in laws
 
-def _worst_shares(rows: list[LapsRow]) -> dict[float, float | None]:
-    """Largest error over the length [%] by frequency; None where an episode failed."""
-    out = {}
-    for (frequency,), found in sorted(groups(rows, "frequency").items()):
-        shares = [row.share_mean for row in found]
-        out[frequency] = None if None in shares else 100 * max(shares)
-    return out
+    def goal(axis: Axes, rows: list[LapsRow], name: str) -> None:
+        axis.plot(LIMITS.keys(), [100 * v for v in LIMITS.values()], "_", color=BLACK, ms=22)
+        axis.set_xticks(list(LIMITS))
 
-
-def _is_within(worst: dict[float, float | None]) -> bool:
-    return all(w is not None and w <= 100 * LIMITS[f] for f, w in worst.items())
-
-
-def _panel(axis: Axes, robot: str, worst: dict[str, dict[float, float | None]]) -> None:
-    axis.set(title=robot, yscale="log", ylim=_ENDS, xlim=(min(LIMITS) - 0.03, max(LIMITS) + 0.03))
-    names = []
-    for order, (law, values) in enumerate(worst.items()):
-        style = style_of(law)
-        known = [(f, v) for f, v in values.items() if v is not None]
-        for frequency in (f for f, v in values.items() if v is None):
-            place = axis.get_xaxis_transform()
-            axis.plot(frequency, 0.98, "x", color=style.colour, transform=place)
-        if known:
-            width = {"linewidth": 1.2 if order else 2.6, "markersize": 4}
-            axis.plot(*zip(*known, strict=True), **(style.curve | style.points), **width)
-            names.append((law, known[-1][1], style.colour))
-    axis.plot(LIMITS.keys(), [100 * v for v in LIMITS.values()], "_", color=BLACK, ms=22)
-    axis.set(xlabel="laps per second / first frequency", ylabel="error / length [%]")
-    plain_ticks(axis)
-    axis.set_xticks(list(LIMITS))
-    label_lines(axis, names)
+    return lines(
+        "frequency",
+        "share_mean",
+        "policy",
+        title=f"The best law stays within the goal at every speed on {reached} of {len(best)} "
+        "robots",
+        subject=f"Mean error on the worst path, at full rate; the {_BEST_LAWS} best laws of each "
+        "robot and the resting robot, the best one thick; crosses: failed; black: goal of the best",
+        panel="robot",
+        where=chosen,
+        join=max,
+        log="y",
+        line=lambda rows: {"linewidth": 2.6 if best.get(rows[0].robot) == rows[0].policy else 1.2},
+        columns=2,
+        size=(4.75, 2.7),
+        decorate=goal,
+    )(laps)
 
 
 LAWS = Study(
     kinds=(LapsRow, RefusedRow, PathRow, GoalRow),
     stages=laws,
     tables=[
-        table("Paths, and what a lap asks of the drives", *_PATH_COLUMNS, of=PathRow),
-        _law_tables,
-        table("Goals: the worst path of the best law", *_GOAL_COLUMNS, of=GoalRow),
+        table(
+            "Paths, and what a lap asks of the drives, of their limits",
+            *("robot", "task", "frequency", "first_frequency", "radius", "inputs", "speed"),
+            of=PathRow,
+        ),
+        pivot(
+            "{robot}: error in mm (mean in % of the length), decision time, limited decisions",
+            ("policy", "task"),
+            "frequency",
+            _lap_error,
+            of=LapsRow,
+            where={"what": ""},
+            per=("robot",),
+            heading=lambda frequency: f"{frequency:g} f1\nmean/max mm (%)",
+            headings=("law", "path"),
+            more={
+                "µs": _slowest,
+                "limited\n%": lambda rows: "/".join(f"{100 * row.limited:.0f}" for row in rows),
+            },
+            sections=True,
+        ),
+        table(
+            "Goals: the worst path of the best law",
+            *("robot", "policy", Column("with", lambda row: row.what or "nominal"), "frequency"),
+            *("share", "ratio", "limit", Column("met", lambda row: verdict(row.met))),
+            of=GoalRow,
+        ),
         FAILED,
         refused,
     ],
@@ -748,13 +700,12 @@ def train_imitation(plant: str, path: Path) -> None:
 
 def train_ppo(plant: str, path: Path) -> None:
     """Train PPO on a few random paths on a plant, single environments one after the other."""
-    import torch
-    from stable_baselines3 import PPO
     from stable_baselines3.common.vec_env import DummyVecEnv
 
-    torch.set_num_threads(1)
+    from studies.default_ppo import train
+
     env = DummyVecEnv([partial(_vectors, plant, k, pace) for k, pace in enumerate(_PACES)])
-    model = PPO("MlpPolicy", env, n_steps=_BETWEEN, seed=_SEED, device="cpu").learn(_STEPS)
+    model, _ = train(env, _SEED, _STEPS, n_steps=_BETWEEN)
     save_vector_policy(path, model, env.envs[0], _SEED)
     env.close()
 
@@ -965,8 +916,6 @@ def _with_ratio(row: TransferRow, rows: list[TransferRow]) -> TransferRow:
 
 # ---------------------------------------------------------------- tables of the transfer
 
-_TITLES = {PLANT: "other plants", VARIED: "other robots", TWIN: "twins"}
-
 _TRANSFER_NOTES = (
     f"Mean error over a lap at full rate of {TASK}, {FREQUENCY:g} laps per period of the first "
     "mode, in % of the length, and after a stroke over that on the plant of the tuning: the chain, "
@@ -979,28 +928,16 @@ _TRANSFER_NOTES = (
 )
 
 
-def _transfer_tables(rows: Sequence[Any]) -> Iterator[Table]:
-    for (robot, group), mine in groups(of_kind(rows, TransferRow), "robot", "group").items():
-        yield pivot_table(
-            f"{robot}, {_TITLES[group]}: error in % of the length / over that of the tuning",
-            "policy",
-            [label for (label,) in groups(mine, "label")],
-            [world for (world,) in groups(mine, "world")],
-            lambda label, world, mine=mine: _transfer_cell(one(mine, label=label, world=world)),
-        )
-
-
-def _transfer_cell(row: TransferRow | None, stroke: str = " / ") -> str:
+def _transfer_cell(rows: list[TransferRow]) -> str:
     """Error and ratio of an episode, or what there is in their place."""
-    if row is None or row.failure is not None:
-        return "-" if row is None else "failed"
+    (row,) = rows
+    if row.failure is not None:
+        return "failed"
     percent = None if row.share_mean is None else 100 * row.share_mean
-    return f"{_two_digits(percent)}{stroke}{_two_digits(row.ratio)}"
-
-
-def _two_digits(value: float | None) -> str:
-    """Two digits, or all before the point."""
-    return number(value, ".2g" if value is None or value < 99.5 else ".0f")
+    return " / ".join(
+        number(value, ".2g" if value is None or value < 99.5 else ".0f")
+        for value in (percent, row.ratio)
+    )
 
 
 # ---------------------------------------------------------------- picture of the transfer
@@ -1008,59 +945,41 @@ def _two_digits(value: float | None) -> str:
 #: Policies of a robot; the tables have all.
 _MOST = 6
 
-#: In cells where the plant lacks what the robot has; the tables say what.
-_REFUSED = "refused"
-
-#: [%] of the length, ends of the colours.
-_COLOURS = (0.1, 100.0)
-
 
 def transfer_picture(rows: Sequence[Any]) -> Figure:
-    """Draw the mean errors in % of the length."""
+    """Draw the mean errors in % of the length of those that err least in their worst world."""
     found = of_kind(rows, TransferRow)
-    lost = {(row.robot, row.policy, row.what) for row in of_kind(rows, RefusedRow)}
-    robots = {robot: _ranked_policies(mine) for (robot,), mine in groups(found, "robot").items()}
-    heights = [0.9 + len(labels[:_MOST]) for labels in robots.values()]
-    figure, _ = new_figure(0, 0, (9.5, 1.2 + 0.31 * sum(heights)))
-    axes = figure.subplots(len(robots), 1, squeeze=False, height_ratios=heights)
-    worlds = [world for (world,) in groups(found, "world")]
-    for axis, (robot, ranked) in zip(axes.flat, robots.items(), strict=True):
-        mine, labels = [row for row in found if row.robot == robot], ranked[:_MOST]
-        cells = [[one(mine, label=p, world=w) for w in worlds] for p in labels]
-        own = {row.label: row.policy for row in mine}
-        texts = [
-            [
-                _text(row, bool({(robot, own[p], w), (robot, p, w)} & lost))
-                for row, w in zip(line, worlds, strict=True)
-            ]
-            for p, line in zip(labels, cells, strict=True)
-        ]
-        values = np.array([[_percent(row) for row in line] for line in cells])
-        style_axes(axis)
-        heatmap(axis, values, texts, labels, worlds, _COLOURS)
-        some = f"{len(labels)} of {len(ranked)} policies"
-        axis.set_title(f"{robot}, {some}", loc="left", fontsize=10)
-    add_title(figure, _message(found, robots), _SUBJECT)
-    return figure
+    ranked = {robot: _ranked_policies(mine) for (robot,), mine in groups(found, "robot").items()}
+    shown = [
+        row
+        for robot, labels in ranked.items()
+        for label in labels[:_MOST]
+        for row in select(found, robot=robot, label=label)
+    ]
+    worst = [
+        (_worst(select(shown, robot=r, label=p)), f"{r}, {p}") for r, (p, *_) in ranked.items()
+    ]
+    ends = [f"{share:.2g} % ({name})" for share, name in sorted(worst) if np.isfinite(share)]
+    message = "No policy stands all worlds of a robot"
+    if ends:
+        said = " to ".join(dict.fromkeys((ends[0], ends[-1])))
+        message = f"In their worst world robots' best policies err by {said}"
+    return maps(
+        "robot",
+        "label",
+        "world",
+        lambda row: None if row.share_mean is None else 100 * row.share_mean,
+        title=message,
+        subject="Mean error in % of the length on plants and robots that a policy was not tuned "
+        f"on, of the {_MOST} that err least in their worst; a dash: refused, or no such world",
+        headings=lambda rows: rows[0].robot,
+        colours=lambda rows: (0.1, 100.0),
+    )(shown)
 
 
-_SUBJECT = (
-    "Mean error in % of the length on plants and robots that a policy was not tuned on, of those "
-    "that err least in their worst; empty: no such world"
-)
-
-
-def _message(rows: list[TransferRow], robots: dict[str, list[str]]) -> str:
-    """What the best policies of robots err in their worst world: from which robot to which."""
-    found = []
-    for robot, (label, *_) in robots.items():
-        mine = [_percent(row) for row in rows if (row.robot, row.label) == (robot, label)]
-        found.append((max(mine), f"{_short(max(mine))} % ({robot}, {label})"))
-    found = [pair for pair in found if np.isfinite(pair[0])]
-    if not found:
-        return "No policy stands all worlds of a robot"
-    ends = dict.fromkeys((min(found)[1], max(found)[1]))
-    return f"In their worst world robots' best policies err by {' to '.join(ends)}"
+def _worst(rows: list[TransferRow]) -> float:
+    """Largest mean error [%] of the length, infinite where it failed."""
+    return max(np.inf if row.share_mean is None else 100 * row.share_mean for row in rows)
 
 
 def _ranked_policies(rows: list[TransferRow]) -> list[str]:
@@ -1077,25 +996,22 @@ def _ranked_policies(rows: list[TransferRow]) -> list[str]:
     return [label for (label,) in sorted(policies, key=order)]
 
 
-def _text(row: TransferRow | None, refused: bool) -> str:
-    """What stands in a cell: nothing where a robot has no such world."""
-    if row is None:
-        return _REFUSED if refused else ""
-    return "failed" if row.failure is not None else _short(_percent(row))
-
-
-def _short(percent: float) -> str:
-    return number(percent, ".2g" if percent < 99.5 else ".0f")
-
-
-def _percent(row: TransferRow | None) -> float:
-    return np.nan if row is None or row.share_mean is None else 100 * row.share_mean
-
-
 TRANSFER = Study(
     kinds=(TransferRow, RefusedRow),
     stages=transfer,
-    tables=[_transfer_tables, FAILED, refused],
+    tables=[
+        pivot(
+            "{robot}, worlds by {group}: error in % of the length / over that of the tuning",
+            ("label",),
+            "world",
+            _transfer_cell,
+            of=TransferRow,
+            per=("robot", "group"),
+            headings=("policy",),
+        ),
+        FAILED,
+        refused,
+    ],
     note=_TRANSFER_NOTES,
     plots={"{}": transfer_picture},
 )

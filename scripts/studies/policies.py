@@ -1,56 +1,23 @@
 """All policies of the arm: on the thesis' tasks (sec. 6.6), on unseen paths, on unknown robots."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import partial
 from itertools import product
 from statistics import median
 from typing import Any, TypeVar
 
 import numpy as np
 from rich.table import Table
-from rich.text import Text
 
 from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.control.registry import POLICIES, installed_policies
-from softrobot_env.evaluation import report, runner
+from softrobot_env.evaluation import runner
 from softrobot_env.evaluation.report import task_label, variation_label
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import EpisodeRow, Outcome
-from softrobot_env.rendering.curves import (
-    Curve,
-    draw_curvatures,
-    draw_path,
-    draw_shapes,
-    draw_stacked,
-    draw_tip,
-    end_errors,
-    finish,
-    least_error,
-    longest,
-    most_input,
-    policy_curves,
-    typical_error,
-    until,
-)
-from softrobot_env.rendering.figures import (
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    SKY,
-    THESIS,
-    VERMILLION,
-    Axes,
-    Figure,
-    add_legend,
-    add_title,
-    entry,
-    label_lines,
-    new_figure,
-    style_axes,
-    style_of,
-)
+from softrobot_env.rendering import curves, figures
+from softrobot_env.rendering.curves import Curve
+from softrobot_env.rendering.figures import Axes, Figure, new_figure
 from softrobot_env.robots import ARM, centerline
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.tasks import make_task
@@ -59,21 +26,26 @@ from studies.lab import (
     Column,
     Record,
     Study,
+    TableMaker,
     at_most,
+    cell,
+    failures,
     for_pictures,
     groups,
+    lines,
     maps,
     names,
     new_table,
+    number,
     of_kind,
     one,
     pivot,
+    quantity,
     select,
+    shown,
     table,
     verdict,
 )
-from studies.pictures import label_points
-from studies.quantities import QUANTITIES, both, cell, cells, number, span, with_unit
 
 Kind = TypeVar("Kind", bound="PolicyRow")
 Variation = dict[str, float]
@@ -386,204 +358,109 @@ def best_policy(found: list[ControllerRow]) -> str | None:
 
 # ---------------------------------------------------------------- tables beside the thesis
 
-_STEP = ("rise_time", "settling_time", "overshoot", "steady_state_error")
-_NUMBERS = {0.05: "6.2", 0.1: "6.3", 0.2: "6.4"}
-_PLANTS = {"thesis": "PCC", "mujoco": "MuJoCo"}
-_SETTINGS = {**_PLANTS, "output": "MuJoCo, output", "robustness": "MuJoCo, other E"}
-
-
-def _printed(policy: str, task: str, width: float | None, metric: str) -> tuple[str, str]:
-    """The thesis' number and the audit's."""
-    controller = CONTROLLERS.get(policy)
-    figure = one(FIGURES, task=task, step_width=width, controller=controller)
-    thesis = None if figure is None else getattr(figure, metric)
-    audit = AUDIT.get((task, width, controller), {}).get(metric)
-    bound = "<" * (metric == "e_motion" and thesis is not None)
-    return bound + number(thesis, metric), span(audit, metric)
-
-
-def _pair(rows: Iterable[Any], **values: Any) -> list[Any]:
-    """Rows on both plants, None for one that was not run."""
-    return [one(rows, setting=setting, **values) for setting in _PLANTS]
-
-
-def _step_table(rows: Sequence[Any], width: float) -> Table:
-    """Tab. 6.2, 6.3 or 6.4: a line per controller and quantity."""
-    title = f"Tab. {_NUMBERS[width]}: step of {1e3 * width:g} mm, thesis' controllers"
-    out = new_table(title, ("controller", "quantity"), ("thesis", "audit", *_PLANTS.values()))
-    found = of_kind(rows, ControllerRow)
-    for policy in CONTROLLERS:
-        pair = _pair(found, policy=policy, task="step", step_width=width)
-        for metric in _STEP if pair != [None, None] else ():
-            printed = _printed(policy, "step", width, metric)
-            ours = (cell(row, metric) for row in pair)
-            out.add_row(policy, QUANTITIES[metric].heading, *printed, *ours)
-        out.add_section()
-    return out
-
-
-def _on_plants(row: Any) -> bool:
-    return isinstance(row, ControllerRow) and row.setting in _PLANTS
-
-
-def _both(metric: str) -> Callable:
-    return lambda rows: both(_pair(rows), metric)
-
-
-def _thesis_columns(metric: str, heads: tuple[str, str]) -> dict[str, Callable]:
-    def printed(k: int) -> Callable:
-        return lambda r: _printed(r[0].policy, r[0].task, r[0].step_width, metric)[k]
-
-    return {head: printed(k) for k, head in enumerate(heads)}
-
-
-def _tracking(task: str) -> Any:
-    metrics = ("e_max", "e_rms", "e_final", "tension_max")
-    return pivot(
-        f"{task}: tip error in mm and largest tension in N, PCC / MuJoCo",
-        ("policy",),
-        _thesis_columns("e_max", ("max, thesis", "max, audit"))
-        | {QUANTITIES[metric].name: _both(metric) for metric in metrics},
-        where=lambda row: _on_plants(row) and row.task == task,
-    )
-
-
-def _motion(setting: str) -> Callable:
-    """Smallest and largest error away from the kinks of the reference."""
-
-    def shown(rows: list[ControllerRow]) -> str:
-        row = one(rows, setting=setting)
-        if row is None or row.e_motion is None:
-            return cell(row, "e_motion")
-        return span((row.e_motion_least, row.e_motion), "e_motion")
-
-    return shown
-
-
-_SPANS = "\n".join(
-    f"{task}: {' and '.join(f'{a:g} to {b:g} s' for a, b in times)}"
-    for task, times in MOTION.items()
+_SETTINGS = {
+    "thesis": "PCC",
+    "mujoco": "MuJoCo",
+    "output": "observed",
+    "robustness": "MuJoCo, other E",
+}
+_TIMES = ("policy_time_median", "policy_time_p99", "decision_period")
+_STEP = (
+    *("rise_time", "settling_time", "overshoot", "steady_state_error"),
+    *("e_rms", "tension_max", *_TIMES),
 )
+_TRACKING = ("e_max", "e_rms", "e_final", "e_motion_least", "e_motion", "tension_max", *_TIMES)
 
 
-def _times(setting: str, task: str, width: float | None) -> Callable:
-    def shown(rows: list[ControllerRow]) -> str:
-        row = one(rows, setting=setting, task=task, step_width=width)
-        if row is None:
-            return "-"
-        timed = ("policy_time_median", "policy_time_p99")
-        return " / ".join(number(getattr(row, name), name) for name in timed)
-
-    return shown
+def _headings(metrics: Iterable[str]) -> list[str]:
+    """Labels with their units below."""
+    return ["\n".join(shown([], metric)[:2]) for metric in metrics]
 
 
-def _thesis_time(rows: list[ControllerRow]) -> str:
-    return number(POLICY_TIME.get(CONTROLLERS.get(rows[0].policy)), "policy_time_median")
+def _text(value: float | None, metric: str) -> str:
+    _, unit, form = shown([], metric)
+    return number(value, form, unit)
+
+
+def _printed(row: ControllerRow, metrics: Iterable[str]) -> dict[str, list[str]]:
+    """What the thesis and the audit say of an episode; nothing of other policies than its own."""
+    if row.policy not in CONTROLLERS:
+        return {}
+    case = {"task": row.task, "step_width": row.step_width, "controller": CONTROLLERS[row.policy]}
+    thesis = vars(one(FIGURES, **case)) | {"policy_time_median": POLICY_TIME[case["controller"]]}
+    audit = AUDIT.get(tuple(case.values()), {})
+    ends = [dict.fromkeys(_text(end, m) for end in audit.get(m, (None,))) for m in metrics]
+    bound = [m == "e_motion" and thesis[m] is not None for m in metrics]
+    said = ["<" * b + _text(thesis.get(m), m) for m, b in zip(metrics, bound, strict=True)]
+    return {"thesis": said, "audit": ["-".join(texts) for texts in ends]}
+
+
+def _nominal(rows: Sequence[Any]) -> Iterator[Table]:
+    """All policies on each task, beside what the thesis says of its own (Tabs. 6.2 to 6.5)."""
+    mine = [row for row in of_kind(rows, ControllerRow) if row.setting != "robustness"]
+    for (place,), found in groups(mine, "place").items():
+        metrics = _STEP if found[0].step_width is not None else _TRACKING
+        out = new_table(f"{place}, nominal robot", ("policy", "by"), _headings(metrics))
+        for (policy,), runs in groups(found, "policy").items():
+            lines = _printed(runs[0], metrics)
+            lines |= {_SETTINGS[row.setting]: [cell(row, m) for m in metrics] for row in runs}
+            for name, texts in lines.items():
+                out.add_row(policy, name, *texts)
+            out.add_section()
+        yield out
 
 
 # ---------------------------------------------------------------- tables of other robots, goals
 
 
-def moduli(rows: Iterable[ControllerRow]) -> list[float]:
-    """Factors on Young's modulus that occur, 1 among them, in ascending order."""
-    return sorted({1.0} | {row.modulus for row in rows if row.modulus is not None})
+def _varied_errors(metrics: Sequence[str], steps: bool) -> TableMaker:
+    """Errors over Young's modulus, on each plant."""
+
+    def meant(row: Any) -> bool:
+        if not isinstance(row, ControllerRow) or row.feedback != "state" or row.modulus is None:
+            return False
+        return (row.step_width is not None) == steps and (row.plant, row.task) not in _UNVARIED
+
+    def cells(rows: list[ControllerRow]) -> str:
+        failed = rows[0].failure is not None
+        return "failed" if failed else " / ".join(cell(rows[0], metric) for metric in metrics)
+
+    what = " / ".join(" ".join(shown([], metric)[:2]) for metric in metrics)
+    title = f"{{place}} on {{plant}} with another Young's modulus: {what}"
+    return pivot(
+        title, ("policy",), "modulus", cells, where=meant, per=("plant", "place"),
+        heading=lambda factor: f"E x {factor:g}",
+    )  # fmt: skip
 
 
-def _robustness(rows: Sequence[Any]) -> Iterator[Table]:
-    """Errors over Young's modulus on one plant and the other, largest ratios, other parameters."""
-    found = select(of_kind(rows, ControllerRow), feedback="state")
-    yield _moduli(found, "pcc", *_SWING)
-    for place in (*TASKS[3:], *TASKS[:3]):
-        yield _moduli(found, "mujoco", *place)
-    varied = of_kind(found, VariedRow)
-    order = [task_label({"task": task, "step_width": width}) for task, width in TASKS]
-    yield from pivot(
-        "MuJoCo: largest error with another Young's modulus over the nominal one (max / rms)",
-        ("policy",),
-        {place: partial(_largest, place) for place in order},
-        where=lambda row: row.plant == "mujoco" and list(row.variation) == [E],
-    )(varied)
-    yield from table(
-        "Swing on MuJoCo with another density or damping time (beyond the thesis)",
-        "policy",
-        Column("variation", lambda row: variation_label(row.row())),
-        Column("max mm", lambda row: cell(row, "e_max"), ">"),
-        Column("rms mm", lambda row: cell(row, "e_rms"), ">"),
-        Column("max over nominal", lambda row: number(row.e_max_ratio, "e_max_ratio"), ">"),
-        Column("rms over nominal", lambda row: number(row.e_rms_ratio, "e_rms_ratio"), ">"),
-        where={"setting": "robustness", "modulus": None},
-    )(varied)
+#: Other moduli are not met there.
+_UNVARIED = ((PCC, "step"), (PCC, "lshape"))
 
 
-def _moduli(rows: list[ControllerRow], plant: str, task: str, width: float | None) -> Table:
-    """A line per policy, a column per factor on Young's modulus, with what the thesis says."""
-    metrics, stroke, what = ("e_max", "e_rms"), " / ", "max / rms mm"
-    if width is not None:
-        metrics, stroke = ("e_rms", "settling_time", "overshoot"), "/"
-        what = "rms mm/settling s/over %"
-    mine = select(rows, plant=plant, task=task, step_width=width)
-    factors = moduli(mine)
-    label = task_label({"task": task, "step_width": width})
-    title = f"{label} on {'PCC' if plant == PCC else 'MuJoCo'} with another Young's modulus: {what}"
-    out = new_table(title, ("policy",), [f"E x {factor:g}" for factor in factors])
-    for policy in names(mine) if len(factors) > 1 else ():
-        found = [one(mine, policy=policy, modulus=factor) for factor in factors]
-        out.add_row(policy, *(cells(row, metrics, stroke) for row in found))
-        if plant == PCC and policy in CONTROLLERS:
-            said = ROBUSTNESS[CONTROLLERS[policy]]
-            out.add_row("  thesis", *(said.get(factor, "-") for factor in factors))
-    return out
+def _largest(rows: list[VariedRow]) -> str:
+    if any(row.failure is not None for row in rows):
+        return "failed"
+    found = ([getattr(row, f"{name}_ratio") for row in rows] for name in _ERRORS)
+    largest = (max((v for v in values if v is not None), default=None) for values in found)
+    return " / ".join(number(value, ".2f") for value in largest)
 
 
-def _largest(place: str, rows: list[VariedRow]) -> str:
-    rows = select(rows, place=place)
-    if not rows or any(row.failure is not None for row in rows):
-        return "failed" if rows else "-"
-    parts = []
-    for name in ("e_max_ratio", "e_rms_ratio"):
-        known = [getattr(row, name) for row in rows]
-        parts.append(number(max((v for v in known if v is not None), default=None), name))
-    return " / ".join(parts if rows[0].task != "step" else parts[1:])
-
-
-def _output(rows: Sequence[Any]) -> Table:
-    """Policies that measure rates, with an observer in place of the rates."""
-    title = "MuJoCo, tip and curvatures measured, rates observed (in brackets: rates measured)"
-    metrics = ("e_max", "e_rms", "settling_time", "overshoot")
-    out = new_table(title, ("task", "policy"), ("max mm", "rms mm", "settling s", "over %"))
-    found = of_kind(rows, ControllerRow)
-    for (place,), mine in groups(select(found, setting="output"), "place").items():
-        for row in mine:
-            nominal = one(found, setting="mujoco", place=place, policy=row.policy)
-            # The largest error of a step is its width.
-            shown = metrics[:2] if row.task != "step" else metrics[1:]
-            pairs = (f"{cell(row, name)} ({cell(nominal, name)})" for name in metrics)
-            texts = (p if n in shown else "" for n, p in zip(metrics, pairs, strict=True))
-            out.add_row(place, row.policy, *texts)
-        out.add_section()
-    return out
-
-
-def _goals(rows: Sequence[Any]) -> Table:
-    title = "Goals: the best policy on MuJoCo in the settings it was run in, then policy times"
-    out = new_table(title, ("goal", "policy", "setting"), ("found", "limit", "met"))
-    order = {name: place for place, name in enumerate((*JUDGED, "robustness"))}
-    timed = "policy_time_median"
-    goals = of_kind(rows, GoalRow)
-    for row in sorted(goals, key=lambda row: (row.metric == timed, order[row.setting])):
-        numbers = (with_unit(value, row.metric) for value in (row.value, row.limit))
-        out.add_row(row.goal, row.policy, _SETTINGS[row.setting], *numbers, verdict(row.met))
-    return out
-
-
-def _failed(rows: Sequence[Any]) -> list[Text]:
-    return [*map(Text, report.failures([row.row() for row in of_kind(rows, ControllerRow)]))]
+def _goal_value(name: str) -> Column:
+    return Column(
+        name, lambda row: f"{_text(getattr(row, name), row.metric)} {shown([], row.metric)[1]}", ">"
+    )
 
 
 # ---------------------------------------------------------------- pictures
 
 #: Colours of factors on Young's modulus: warm where the robot is softer than known.
-_MODULI = {0.5: VERMILLION, 0.75: ORANGE, 1.0: GREEN, 1.25: SKY, 1.5: BLUE}
+_MODULI = {
+    0.5: figures.VERMILLION,
+    0.75: figures.ORANGE,
+    1.0: figures.GREEN,
+    1.25: figures.SKY,
+    1.5: figures.BLUE,
+}
 
 #: [s] of a step response that is shown from near, and as a whole.
 _STEP_WINDOWS = (1.0, 5.0)
@@ -591,7 +468,7 @@ _STEP_WINDOWS = (1.0, 5.0)
 
 def _pictures(rows: Sequence[Any]) -> dict[str, Figure]:
     """Figs. 6.14 to 6.22 of the thesis anew, those that there are episodes for."""
-    found = of_kind(rows, ControllerRow)
+    found = [row for row in of_kind(rows, ControllerRow) if row.trace is not None]
     swing, lshape = (_compared(found, task) for task in ("swing", "lshape"))
     step = _compared(found, "step", 0.05)
     wanted = [
@@ -603,184 +480,173 @@ def _pictures(rows: Sequence[Any]) -> dict[str, Figure]:
         ("fig_6_19", _inputs, lshape, "L-shape, PCC plant"),
     ]
     out = {
-        name: draw(curves, f"As Fig. {name[4:].replace('_', '.')}: {text}")
-        for name, draw, curves, text in wanted
-        if curves
+        name: draw(drawn, f"As Fig. {name[4:].replace('_', '.')}: {text}")
+        for name, draw, drawn, text in wanted
+        if drawn
     }
     for policy, name in VARIED.items():
-        curves = _varied(found, policy)
+        drawn = _varied(found, policy)
         title = "As Figs. 6.20 to 6.22"
         if policy in CONTROLLERS:
             title = f"As Fig. {name[4:].replace('_', '.')}"
-        if len(curves) > 1:
+        if len(drawn) > 1:
             text = f"{title}: swing of {policy} with another Young's modulus, PCC plant"
-            out[name] = _tracked(curves, text, _sensitive(curves))
+            out[name] = _tracked(drawn, text, _sensitive(drawn))
     return out
 
 
 def _compared(rows: list[ControllerRow], task: str, width: float | None = None) -> list[Curve]:
     mine = select(rows, setting="thesis", task=task, step_width=width)
-    return policy_curves({row.policy: row.trace for row in mine if row.policy in COMPARED})
+    return curves.policy_curves({row.policy: row.trace for row in mine if row.policy in COMPARED})
 
 
 def _varied(rows: list[ControllerRow], policy: str) -> list[Curve]:
-    mine = select(rows, plant=PCC, task="swing", policy=policy, feedback="state")
-    found = {factor: one(mine, modulus=factor) for factor in moduli(mine)}
+    mine = select(rows, plant=PCC, task="swing", policy=policy)
     return [
-        Curve(variation_label(row.row()) or "nominal E", row.trace, {"color": _MODULI[factor]})
-        for factor, row in found.items()
-        if row is not None
+        Curve(variation_label(row.row()) or "nominal E", row.trace, {"color": _MODULI[row.modulus]})
+        for row in sorted(mine, key=lambda row: row.modulus)
     ]
 
 
-def _sensitive(curves: list[Curve]) -> str:
+def _sensitive(drawn: list[Curve]) -> str:
     """A message of the most sensitive case."""
-    errors = {curve.name: 1e3 * typical_error(curve.rollout) for curve in curves}
+    errors = {curve.name: 1e3 * curves.typical_error(curve.rollout) for curve in drawn}
     least, most = (f(errors, key=errors.__getitem__) for f in (min, max))
     text = "failed" if np.isinf(errors[most]) else f"{errors[most]:.3g} mm"
     return f"The rms error goes from {errors[least]:.3g} mm ({least}) to {text} ({most})"
 
 
-def _step_picture(curves: list[Curve], title: str) -> Figure:
+def _step_picture(drawn: list[Curve], title: str) -> Figure:
     figure, axes = new_figure(2, 2, (9.5, 6))
     for column, end in enumerate(_STEP_WINDOWS):
-        draw_tip(axes[:, column], curves, shown=until(end))
-    return finish(figure, axes[0, 0], least_error(curves), title)
+        curves.draw_tip(axes[:, column], drawn, shown=curves.until(end))
+    return curves.finish(figure, axes[0, 0], curves.least_error(drawn), title)
 
 
-def _tracked(curves: list[Curve], title: str, message: str = "") -> Figure:
+def _tracked(drawn: list[Curve], title: str, message: str = "") -> Figure:
     figure, axes = new_figure(3, 1, (8, 8))
-    draw_tip(axes[:, 0], curves)
-    return finish(figure, axes[0, 0], message or least_error(curves), title)
+    curves.draw_tip(axes[:, 0], drawn)
+    return curves.finish(figure, axes[0, 0], message or curves.least_error(drawn), title)
 
 
-def _inputs(curves: list[Curve], title: str) -> Figure:
+def _inputs(drawn: list[Curve], title: str) -> Figure:
     pairs = TendonMap(ARM)
+
+    def pulled(rollout: Rollout) -> np.ndarray:
+        return pairs.reduced(rollout.tendon_tension)
+
     figure, axes = new_figure(pairs.n_inputs, 1, (8, 7.5))
     labels = [f"$u_{pair + 1}$ [N]" for pair in range(pairs.n_inputs)]
-    draw_stacked(axes[:, 0], curves, lambda r: pairs.reduced(r.tendon_tension), labels)
-    name, most = most_input(curves, lambda r: pairs.reduced(r.tendon_tension))
+    curves.draw_stacked(axes[:, 0], drawn, pulled, labels)
+    name, most = curves.most_input(drawn, pulled)
     message = f"{name} pulls most, up to {most:.3g} N"
-    return finish(figure, axes[0, 0], message, f"{title}; negative: lower tendon")
+    return curves.finish(figure, axes[0, 0], message, f"{title}; negative: lower tendon")
 
 
-def _arms(curves: list[Curve], title: str) -> Figure:
+def _arms(drawn: list[Curve], title: str) -> Figure:
     figure, ((left, right),) = new_figure(1, 2, (9.5, 4.6))
-    draw_shapes(left, curves, [centerline(ARM, c.rollout.curvature[-1]) for c in curves])
-    draw_path(left, [], longest(curves).reference)
-    draw_curvatures(right, curves, ARM)
-    message = end_errors(curves)
-    return finish(figure, left, message[0].upper() + message[1:], title)
+    curves.draw_shapes(left, drawn, [centerline(ARM, c.rollout.curvature[-1]) for c in drawn])
+    curves.draw_path(left, [], curves.longest(drawn).reference)
+    curves.draw_curvatures(right, drawn, ARM)
+    message = curves.end_errors(drawn)
+    return curves.finish(figure, left, message[0].upper() + message[1:], title)
 
 
-def _plane(curves: list[Curve], title: str) -> Figure:
+def _plane(drawn: list[Curve], title: str) -> Figure:
     """Tip and error over time on the left, the path in the plane on the right."""
     figure, axes = new_figure(3, 2, (10, 7.6))
-    draw_tip(axes[:, 0], curves)
+    curves.draw_tip(axes[:, 0], drawn)
     grid = axes[0, 1].get_gridspec()
     for axis in axes[:, 1]:
         axis.remove()
     path = figure.add_subplot(grid[:, 1])
-    style_axes(path)
-    draw_path(path, curves, longest(curves).reference)
-    return finish(figure, axes[0, 0], least_error(curves), title)
+    figures.style_axes(path)
+    curves.draw_path(path, drawn, curves.longest(drawn).reference)
+    return curves.finish(figure, axes[0, 0], curves.least_error(drawn), title)
 
 
-def _error_against_time(rows: Sequence[Any]) -> Figure | None:
-    """Rms and largest error over the median policy time; the thesis gives the largest only."""
-    rows = [row for row in rows if _on_plants(row) and row.task == "swing" and not row.failure]
-    if not rows:
-        return None
-    figure, ((left, right),) = new_figure(1, 2, (10, 5.2))
-    for axis, (metric, text) in zip((left, right), reversed(_ERRORS.items()), strict=True):
-        for row in rows:
-            axis.plot(*_point(row, metric), **_marker(style_of(row.policy).colour, row.setting))
-        axis.set(xscale="log", yscale="log", ylabel=f"{text} on the swing [mm]")
-        axis.set_xlabel("policy time per decision, median [µs]")
-    of_controller = {controller: policy for policy, controller in CONTROLLERS.items()}
-    for printed in select(FIGURES, task="swing"):
-        colour = style_of(of_controller[printed.controller]).colour
-        place = 1e6 * POLICY_TIME[printed.controller], 1e3 * printed.e_max
-        right.plot(*place, **THESIS | {"color": colour, "markeredgecolor": "black"})
-    labels = {"mujoco": "MuJoCo", "thesis": "PCC plant"}
-    told = [entry(label, **_marker(GREY, setting)) for setting, label in labels.items()]
+def _thesis_points(axis: Axes, rows: list[ControllerRow], metric: str) -> None:
+    """The thesis gives the largest error alone."""
+    for policy, controller in CONTROLLERS.items() if rows[0].plant == PCC else ():
+        error = one(FIGURES, task="swing", controller=controller).e_max
+        place = 1e6 * POLICY_TIME[controller], 1e3 * error
+        if metric == "e_max":
+            colour = figures.style_of(policy).colour
+            mark = {"color": colour, "markeredgecolor": "black", "label": "_"}
+            axis.plot(*place, **figures.THESIS | mark)
+
+
+def _best_swing(rows: list[ControllerRow]) -> str:
     best = min(select(rows, setting="mujoco") or rows, key=lambda row: row.e_rms)
-    add_title(
-        figure,
-        f"{best.policy} errs least on the swing, {1e3 * best.e_rms:.2g} mm rms for "
-        f"{float(f'{1e6 * best.policy_time_median:.2g}'):g} µs a decision",
-        "All policies: error against the time of a decision",
-    )
-    label = "thesis (colour: its controller)"
-    add_legend(figure, [*told, entry(**THESIS | {"label": label, "color": GREY})])
-    for axis, metric in zip((left, right), reversed(_ERRORS), strict=True):
-        label_points(axis, [_labelled(rows, name, metric) for name in names(rows)])
-    return figure
+    error, time = 1e3 * best.e_rms, float(f"{1e6 * best.policy_time_median:.2g}")
+    return f"{best.policy} errs least on the swing, {error:.2g} mm rms for {time:g} µs a decision"
 
 
-def _point(row: ControllerRow, metric: str) -> tuple[float, float]:
-    return 1e6 * row.policy_time_median, 1e3 * getattr(row, metric)
-
-
-def _labelled(rows: list[ControllerRow], policy: str, metric: str) -> tuple:
-    """Name, places [µs, mm] and colour of a policy's points."""
-    places = [_point(row, metric) for row in select(rows, policy=policy)]
-    return policy, places, style_of(policy).colour
-
-
-def _marker(colour: str, setting: str) -> dict[str, str | float]:
-    face = colour if setting == "mujoco" else "white"
-    style = {"marker": "o", "linestyle": "none", "markersize": 7}
-    return {"color": colour, "markerfacecolor": face, **style}
-
-
-_STEP_COLUMNS = (*_STEP, "e_rms", "tension_max")
+_SPANS = "; ".join(
+    f"{task}: {' and '.join(f'{a:g} to {b:g} s' for a, b in times)}"
+    for task, times in MOTION.items()
+)
+_SAID = "; ".join(
+    f"{name}, {', '.join(f'E x {factor:g} {what}' for factor, what in said.items())}"
+    for name, said in ROBUSTNESS.items()
+)
+_VARIED_WITH = Column("variation", lambda row: variation_label(row.row()))
 
 CONTROLLER_STUDY = Study(
     kinds=(ControllerRow, GoalRow),
     cases=controller_cases,
     measure=measure_controller,
-    label=lambda case: ", ".join(str(part) for part in case if part),
     derive=controllers_derived,
     alone=True,
     tables=[
-        *(partial(_step_table, width=width) for width in _NUMBERS),
+        _nominal,
+        _varied_errors(("e_max", "e_rms"), steps=False),
+        _varied_errors(("settling_time", "overshoot"), steps=True),
         pivot(
-            "Steps, all policies: PCC / MuJoCo",
-            ("step_width", "policy"),
-            {QUANTITIES[metric].heading: _both(metric) for metric in _STEP_COLUMNS},
-            where=lambda row: _on_plants(row) and row.task == "step",
-            headings=("step", "policy"),
-            show=lambda value: value if isinstance(value, str) else f"{1e3 * value:g} mm",
-            sections=True,
-        ),
-        *(_tracking(task) for task in MOTION),
-        pivot(
-            f"Smallest to largest error in mm away from the reference's kinks\n{_SPANS}",
-            ("task", "policy"),
-            _thesis_columns("e_motion", ("thesis", "audit"))
-            | {name: _motion(setting) for setting, name in _PLANTS.items()},
-            where=lambda row: _on_plants(row) and row.task in MOTION,
-            sections=True,
-        ),
-        pivot(
-            "Tab. 6.5: policy time per decision in µs, median / 99th percentile",
+            "MuJoCo: largest errors with another Young's modulus over the nominal ones (max / rms)",
             ("policy",),
-            {
-                "decides\nevery ms": lambda rows: f"{1e3 * rows[0].decision_period:g}",
-                "thesis": _thesis_time,
-                "PCC\nstep 50 mm": _times("thesis", "step", 0.05),
-                "MuJoCo\nstep 50 mm": _times("mujoco", "step", 0.05),
-                "MuJoCo\nswing": _times("mujoco", "swing", None),
-            },
-            where=_on_plants,
+            "place",
+            _largest,
+            of=VariedRow,
+            where=lambda row: row.plant == MUJOCO and list(row.variation) == [E],
         ),
-        _robustness,
-        _output,
-        _goals,
-        _failed,
+        table(
+            "Swing on MuJoCo with another density or damping time (beyond the thesis)",
+            *("policy", Column("variation", lambda row: variation_label(row.row())), "e_max"),
+            *("e_rms", "e_max_ratio", "e_rms_ratio"),
+            of=VariedRow,
+            where={"setting": "robustness", "modulus": None},
+        ),
+        table(
+            "Goals: the best policy on MuJoCo in the settings it was run in, then policy times",
+            *("goal", "policy", Column("setting", lambda row: _SETTINGS[row.setting])),
+            *(_goal_value("value"), _goal_value("limit")),
+            Column("met", lambda row: verdict(row.met), ">"),
+            of=GoalRow,
+        ),
+        failures("policy", "place", _VARIED_WITH, of=ControllerRow),
     ],
-    plots={"{}": _pictures, "error_against_time": _error_against_time},
+    note="observed: on MuJoCo, by tip and curvatures, without rates; motion: largest error away "
+    f"from the reference's kinks, and the least; {_SPANS}. The thesis says of the swing with "
+    f"another modulus: {_SAID}.",
+    plots={
+        "{}": _pictures,
+        "error_against_time": lines(
+            "policy_time_median",
+            tuple(_ERRORS),
+            "policy",
+            title=_best_swing,
+            subject="Error on the swing against the time of a decision; stars: thesis",
+            panel="plant",
+            of=ControllerRow,
+            where=lambda row: row.task == "swing" and row.setting in JUDGED[:2] and not row.failure,
+            log="xy",
+            line={"linestyle": "none", "markersize": 7},
+            size=(5.0, 3.4),
+            legend=True,
+            decorate=_thesis_points,
+        ),
+    },
 )
 
 # ---------------------------------------------------------------- unseen paths, unknown robots
@@ -834,19 +700,20 @@ class GeneralRow(PolicyRow):
     """
 
     part: str
-    speed: float | None
+    speed: float | None = quantity("m/s", "g", "largest speed")
     path_seed: int | None
     seed: int = 0
 
     @property
     def heading(self) -> str:
-        """What differs between the columns of a table."""
-        if self.part == "unseen":
-            return f"{_SHORT[self.task]}\n{self.speed:g} m/s"
+        """What differs from the nominal robot."""
         return variation_name(self.variation).replace(" ", "\n", 1)
 
-
-_SHORT = {"circle": "circle", "figure_eight": "eight", "random": "random"}
+    @property
+    def group(self) -> str:
+        """What is disturbed."""
+        known = (NOMINAL, *PARAMETERS)
+        return "a robot of other parameters" if self.variation in known else "other drives, sensors"
 
 
 def variation_name(variation: Variation) -> str:
@@ -883,94 +750,58 @@ def measure_general(case: tuple) -> GeneralRow:
     return record_of(runner.run(wanted), GeneralRow, **own)
 
 
-_STEP_METRICS = {"overshoot": "overshoot in %", "settling_time": "settling time in s"}
-_MM = {metric: f"{text} in mm" for metric, text in _ERRORS.items()}
-_GROUPS = {
-    "a robot of other parameters": (NOMINAL, *PARAMETERS),
-    "disturbed drives and sensors": (NOMINAL, *DISTURBANCES),
-}
-
-
-def _general_tables(rows: list[GeneralRow]) -> Iterator[Table]:
-    for metric, text in _MM.items():
-        yield from pivot(
-            f"Unseen references: {text}",
-            ("policy",),
-            "heading",
-            partial(_general_cell, metric),
-            where=lambda row: row.part == "unseen" and row.task != "random",
-        )(rows)
-    columns = {
-        f"{name}\n{speed:g} m/s": lambda rows, m=m, v=speed: _general_cell(m, select(rows, speed=v))
-        for m, name in (("e_max", "max"), ("e_rms", "rms"))
-        for speed in SPEEDS["random"]
-    }
-    title = "Random paths: median / worst of the seeds, errors in mm"
-    yield from pivot(title, ("policy",), columns, where={"task": "random"})(rows)
-    for task, width in DISTURBED_TASKS:
-        title = {"swing": "Swing", "lshape": "L-shape", "step": "Step of 50 mm"}[task]
-        for metric, text in (_MM if width is None else _STEP_METRICS).items():
-            for group, variations in _GROUPS.items():
-                mine = [r for r in select(rows, task=task) if r.variation in variations]
-                if any(row.variation for row in mine):
-                    name = f"{title} on {group}: {text}"
-                    shown = partial(_general_cell, metric)
-                    yield from pivot(name, ("policy",), "heading", shown)(mine)
-
-
-def _general_cell(metric: str, rows: Sequence[GeneralRow]) -> str:
+def _several(metric: str) -> Callable[[list[GeneralRow]], str]:
     """A value, or median and worst of several seeds; how many failed if any did."""
-    if len(rows) <= 1:
-        return cell(rows[0] if rows else None, metric)
-    failed = sum(row.failure is not None for row in rows)
-    if failed:
-        return f"{failed} of {len(rows)} failed"
-    values = [getattr(row, metric) for row in rows]
-    return f"{number(median(values), metric)} / {number(max(values), metric)}"
+
+    def shown_of(rows: list[GeneralRow]) -> str:
+        failed = sum(row.failure is not None for row in rows)
+        if len(rows) == 1 or failed:
+            return cell(rows[0], metric) if len(rows) == 1 else f"{failed} of {len(rows)} failed"
+        values = [getattr(row, metric) for row in rows]
+        return f"{_text(median(values), metric)} / {_text(max(values), metric)}"
+
+    return shown_of
 
 
-# ---------------------------------------------------------------- error against speed
+def _general_table(metric: str, title: str, columns: str, per: str, **where: Any) -> TableMaker:
+    label, unit, _ = shown([], metric)
+    return pivot(
+        f"{title}: {_ERRORS.get(metric, label)} in {unit}",
+        ("policy",),
+        columns,
+        _several(metric),
+        where=where,
+        per=(per,) if columns == "speed" else ("task", per),
+        heading=lambda value: f"{value:g} m/s" if columns == "speed" else value,
+    )
+
+
+# ---------------------------------------------------------------- pictures of unseen and disturbed
 
 #: Policies in the figure, those that err least; the tables have all.
 _MOST = 6
 
-_PATH_TITLES = {
-    "circle": "circle of 40 mm",
-    "figure_eight": "figure eight, 200 x 60 mm",
-    "random": "random paths, bars to the worst",
-}
-
 
 def _speeds(rows: Sequence[Any]) -> Figure | None:
-    rows = select(rows, part="unseen")
-    if not rows:
-        return None
-    figure, axes = new_figure(len(_ERRORS), len(SPEEDS), (10.5, 7.2))
-    every, best = names(rows), _ranked(rows)[:_MOST]
-    for row_of_axes, (metric, text) in zip(axes, _ERRORS.items(), strict=True):
-        for axis, speeds in zip(row_of_axes, SPEEDS.values(), strict=True):
-            if axis is not row_of_axes[0]:
-                axis.sharey(row_of_axes[0])
-            axis.set(xscale="log", yscale="log", xlim=(speeds[0] / 1.2, speeds[-1] * 1.2))
-            axis.set_xticks(speeds, [f"{speed:g}" for speed in speeds])
-            axis.set_xticks([], minor=True)
-        ends: list = []
-        for axis, task in zip(row_of_axes, SPEEDS, strict=True):
-            found = [_line(axis, select(rows, task=task, policy=name), metric) for name in best]
-            ends = [end for end in found if end is not None]
-        label_lines(row_of_axes[-1], ends)
-        row_of_axes[0].set_ylabel(f"{text} [mm]")
-    for above, below, task in zip(axes[0], axes[-1], SPEEDS, strict=True):
-        above.set_title(_PATH_TITLES[task], fontsize=10)
-        below.set_xlabel("speed of the reference [m/s]")
-    errors = [row.e_max for row in select(rows, policy=best[0]) if row.failure is None]
+    mine = select(rows, part="unseen")
+    best = _ranked(mine)[:_MOST]
+    errors = [row.e_max for row in select(mine, policy=best[0]) if row.failure is None]
     message = "On paths that no policy has met all failed"
     if errors:
         message = f"On paths that no policy has met {best[0]} errs least, by "
         message += f"{1e3 * max(errors):.2g} mm at most"
-    some = f"The {len(best)} of {len(every)} policies that err least"
-    add_title(figure, message, f"{some}; crosses at the top: failed")
-    return figure
+    some = f"The {len(best)} of {len(names(mine))} policies that err least, median of the seeds"
+    return lines(
+        "speed",
+        tuple(_ERRORS),
+        "policy",
+        title=message,
+        subject=f"{some}, shaded: all of them; crosses at the top: failed",
+        panel="task",
+        band=True,
+        log="xy",
+        decorate=lambda axis, rows, metric: axis.set_xticks(SPEEDS[rows[0].task], minor=False),
+    )([row for row in mine if row.policy in best])
 
 
 def _ranked(rows: list[GeneralRow]) -> list[str]:
@@ -982,104 +813,68 @@ def _ranked(rows: list[GeneralRow]) -> list[str]:
     return sorted(order, key=order.__getitem__)
 
 
-def _line(axis: Axes, rows: list[GeneralRow], metric: str) -> tuple[str, float, str] | None:
-    """Median over the seeds at each speed, with a bar to the worst; a cross where any failed.
-
-    Returns the name, height and colour of its right end.
-    """
-    if not rows:
-        return None
-    policy, style = rows[0].policy, style_of(rows[0].policy)
-    speeds = sorted({row.speed for row in rows})
-    values = [_values(select(rows, speed=speed), metric) for speed in speeds]
-    middle = np.array([median(v) if v else np.nan for v in values])
-    worst = np.array([max(v, default=np.nan) for v in values])
-    bars = [np.zeros(len(speeds)), worst - middle]
-    line = {"markersize": 5, "capsize": 2, "linewidth": 1.2, "elinewidth": 0.7}
-    axis.errorbar(speeds, middle, bars, label=policy, **(style.curve | style.points), **line)
-    for speed in (s for s, v in zip(speeds, values, strict=True) if not v):
-        axis.plot(speed, 0.99, "x", color=style.colour, transform=axis.get_xaxis_transform())
-    known = [median(v) for v in values if v]
-    return (policy, known[-1], style.colour) if known else None
+def _mapped(row: GeneralRow) -> float | None:
+    """Overshoot [%] of a step, else largest error [mm]."""
+    value, factor = (row.overshoot, 100) if row.task == "step" else (row.e_max, 1e3)
+    return None if row.failure is not None or value is None else factor * value
 
 
-def _values(rows: list[GeneralRow], metric: str) -> list[float]:
-    """Errors [mm]; none if any run failed."""
-    if any(row.failure is not None for row in rows):
-        return []
-    return [1e3 * getattr(row, metric) for row in rows]
+def _map_title(rows: list[GeneralRow]) -> str:
+    return f"{rows[0].place}, {'overshoot [%]' if rows[0].task == 'step' else 'largest error [mm]'}"
 
 
-# ---------------------------------------------------------------- map of disturbed robots
-
-#: Panels of the map: task -> metric, title, factor from SI, smallest and largest of the colours.
-_PANELS: Mapping[str, tuple[str, str, float, tuple[float, float]]] = {
-    "swing": ("e_max", "swing, largest error [mm]", 1e3, (0.3, 300.0)),
-    "lshape": ("e_max", "L-shape, largest error [mm]", 1e3, (0.3, 300.0)),
-    "step": ("overshoot", "step of 50 mm, overshoot [%]", 1e2, (1.0, 100.0)),
-}
-
-
-def _map(rows: Sequence[Any]) -> Figure | None:
-    rows = select(rows, part="disturbed")
-    if not rows:
-        return None
-    tasks = groups(rows, "task")
-    variations = len(groups(rows, "heading"))
-    figure, axes = new_figure(len(tasks), 1, (1.6 + 0.58 * variations, 1.3 + 3.0 * len(tasks)))
-    for axis, ((task,), mine) in zip(axes.flat, tasks.items(), strict=True):
-        metric, title, factor, colours = _PANELS[task]
-
-        def shown(policy: str, heading: str, mine: list = mine, m: str = metric, f: float = factor):  # noqa: ANN202
-            row = one(mine, policy=policy, heading=heading)
-            value = None if row is None else getattr(row, m)
-            if value is None:
-                return None, "-" if row is None or row.failure is None else "failed"
-            digits = sum(f * value < size for size in (1.0, 10.0))
-            return f * value, f"{f * value:.{digits}f}"
-
-        headings = [heading for (heading,) in groups(mine, "heading")]
-        maps(axis, names(mine), headings, shown, colours)
-        axis.set_title(title, fontsize=10, loc="left")
-    worst = {policy: _worst(select(rows, policy=policy)) for policy in names(rows)}
+def _least_disturbed(rows: list[GeneralRow]) -> str:
+    """Who errs least on swing and L-shape; who failed anywhere errs infinitely."""
+    worst = {}
+    for (policy,), mine in groups(rows, "policy").items():
+        errors = [
+            row.e_max if row.failure is None else np.inf for row in mine if row.task != "step"
+        ]
+        worst[policy] = max(errors, default=np.inf)
     least = min(worst, key=worst.__getitem__)
-    add_title(
-        figure,
+    return (
         f"On disturbed robots {least} errs least in its worst case, {1e3 * worst[least]:.2g} mm on "
-        "swing and L-shape",
-        "Robots, drives and sensors that no policy knows: light errs little, dark much",
+        "swing and L-shape"
     )
-    return figure
-
-
-def _worst(rows: list[GeneralRow]) -> float:
-    """Largest error [m] over swing and L-shape; infinite if it failed anywhere."""
-    mine = [row for row in rows if row.task != "step"]
-    if not mine or any(row.failure is not None for row in mine):
-        return np.inf
-    return max(row.e_max for row in mine)
 
 
 GENERALIZATION = Study(
     kinds=(GeneralRow,),
     cases=general_cases,
     measure=measure_general,
-    label=lambda case: ", ".join(str(part) for part in case if part),
     tables=[
-        _general_tables,
-        table(
-            "Failed",
-            "policy",
-            Column("task", lambda row: task_label(row.row())),
-            Column("variation", lambda row: variation_name(row.variation)),
-            "failure",
-            where=lambda row: row.failure is not None,
+        *(
+            _general_table(
+                metric, "{task}, unseen: median / worst of seeds", "speed", "task", part="unseen"
+            )
+            for metric in _ERRORS
         ),
+        *(
+            _general_table(
+                metric, "{task} on {group}", "heading", "group", part="disturbed", task=task
+            )
+            for task, width in DISTURBED_TASKS
+            for metric in (_ERRORS if width is None else ("overshoot", "settling_time"))
+        ),
+        failures("policy", "place", _VARIED_WITH),
     ],
     note="Episodes start at rest under the inputs that hold the arm's closed statics on the "
     "reference. The chain's tip is then some tenths of a millimetre off, 0.32 mm in the unseen "
     "tasks, which bounds the largest error from below. An overshoot has no value, and a dash, "
     "where the tip did not come nearer to the target in the end. Policy times in the report are "
     "those of cores that are all busy.",
-    plots={"{}": _speeds, "{}_disturbed": _map},
+    plots={
+        "{}": _speeds,
+        "{}_disturbed": maps(
+            "task",
+            "policy",
+            "heading",
+            _mapped,
+            title=_least_disturbed,
+            subject="Robots, drives and sensors that no policy knows: light errs little, dark much",
+            where={"part": "disturbed"},
+            headings=_map_title,
+            colours=lambda rows: (1.0, 100.0) if rows[0].task == "step" else (0.3, 300.0),
+        ),
+    },
 )

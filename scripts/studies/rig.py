@@ -1,6 +1,6 @@
 """Policies of the rig on its twins: triangles (thesis sec. 5.4), disturbed circles (sec. 6.1)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cache
@@ -9,7 +9,7 @@ from statistics import median
 from typing import Any
 
 import numpy as np
-from rich.text import Text
+from rich.table import Table
 from scipy.linalg import expm
 from scipy.optimize import brentq, minimize_scalar
 
@@ -19,25 +19,9 @@ from softrobot_env.control.sensed import Sensed
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import Case, run
-from softrobot_env.rendering.curves import (
-    Curve,
-    draw,
-    draw_path,
-    finish,
-    least_error,
-    longest,
-    policy_curves,
-)
-from softrobot_env.rendering.figures import (
-    REFERENCE,
-    Axes,
-    Figure,
-    add_legend,
-    add_panels,
-    add_title,
-    new_figure,
-    style_of,
-)
+from softrobot_env.rendering import curves, figures
+from softrobot_env.rendering.curves import Curve
+from softrobot_env.rendering.figures import REFERENCE, Figure, new_figure, style_of
 from softrobot_env.robots import EQUIVALENT_RIG, LENGTH_SCALE, RIG
 from softrobot_env.robots.twin import Twin, rig3d_twin, twin_or_ideal
 from softrobot_env.sensing.reconstruction import Reconstruction
@@ -57,17 +41,20 @@ from studies.lab import (
     Column,
     Record,
     Study,
+    TableMaker,
     at_least,
     at_most,
+    failures,
     for_pictures,
     groups,
-    names,
+    new_table,
     number,
     of_kind,
     one,
     pivot,
     quantity,
     select,
+    spread,
     table,
     verdict,
 )
@@ -109,12 +96,12 @@ class TriangleRow(Record):
     e_mean: float | None
     e_max: float | None
     failure: str | None
-    limited: float
-    policy_time_median: float
-    policy_time_p99: float
-    policy_time_max: float
-    computing_factor: float
-    realtime_factor: float
+    limited: float = quantity("%", ".1f")
+    policy_time_median: float = quantity("µs", ".0f", "decision")
+    policy_time_p99: float = quantity("µs", ".0f", "99 %")
+    policy_time_max: float = quantity("µs", ".0f", "longest")
+    computing_factor: float = quantity("x", ".0f", "inputs")
+    realtime_factor: float = quantity("x", ".0f", "simulation")
     trace: Rollout | None = for_pictures()
 
 
@@ -275,17 +262,22 @@ def middle(rows: list[TriangleRow], name: str, policy: str, period: float) -> fl
 def with_goals(rows: list[Any]) -> list[Any]:
     """The rows and what medians over twins say about accuracy, ranking and computing time."""
     twins = [row for row in of_kind(rows, TriangleRow) if row.twin is not None]
-    if not twins:
-        return rows
-    out: list[Any] = list(rows)
-    for policy, period in product(("hybrid", "hybrid_flexible"), (SLOW, FAST)):
-        for name, limit in zip(("e_mean", "e_max"), TRIANGLE["hybrid", period], strict=True):
-            goal = f"T = {period:g} s, {'mean' if name == 'e_mean' else 'largest'} error"
-            value = middle(twins, name, policy, period)
-            out.append(at_most(RigGoal, limit, value, goal=goal, policy=policy, unit="mm"))
-    goal, best = f"T = {FAST:g} s, mean error, beyond the thesis", "hybrid_calibrated"
-    value = middle(twins, "e_mean", best, FAST)
-    out.append(at_most(RigGoal, 4e-3, value, goal=goal, policy=best, unit="mm"))
+    return [*rows, *_goals(twins)] if twins else rows
+
+
+def _goals(twins: list[TriangleRow]) -> Iterator[RigGoal]:
+    limits = [
+        (f"T = {period:g} s, {what} error", policy, period, name, limit)
+        for policy, period in product(("hybrid", "hybrid_flexible"), (SLOW, FAST))
+        for what, name, limit in zip(
+            ("mean", "largest"), ("e_mean", "e_max"), TRIANGLE["hybrid", period], strict=True
+        )
+    ]
+    beyond = f"T = {FAST:g} s, mean error, beyond the thesis"
+    limits.append((beyond, "hybrid_calibrated", FAST, "e_mean", 4e-3))
+    for goal, policy, period, name, limit in limits:
+        value = middle(twins, name, policy, period)
+        yield at_most(RigGoal, limit, value, goal=goal, policy=policy, unit="mm")
     words = {"rig_nn": "network", "inverse_dynamics": "model", "hybrid": "hybrid"}
     for period, order in (
         (SLOW, ("hybrid", "rig_nn", "inverse_dynamics")),
@@ -294,81 +286,47 @@ def with_goals(rows: list[Any]) -> list[Any]:
         goal = f"T = {period:g} s: {' before '.join(words[name] for name in order)}"
         errors = [middle(twins, "e_mean", name, period) for name in order]
         met = None not in errors and errors == sorted(errors)
-        out.append(at_least(RigGoal, 1.0, float(met), goal=goal, policy="", unit=""))
-    for policy in names(twins):
-        mine = select(twins, policy=policy)
-        factor, longest_ = (
-            median(getattr(row, name) for row in mine)
-            for name in ("computing_factor", "policy_time_p99")
-        )
-        own = {"goal": "inputs, times real time", "policy": policy, "unit": "x"}
-        out.append(at_least(RigGoal, 20.0, factor, **own))
-        own = {"goal": "99 % of the decisions", "policy": policy, "unit": "ms"}
-        out.append(at_most(RigGoal, 0.020, longest_, **own))
-    return out
+        yield at_least(RigGoal, 1.0, float(met), goal=goal, policy="", unit="")
+    for (policy,), mine in groups(twins, "policy").items():
+        factor = median(row.computing_factor for row in mine)
+        longest = median(row.policy_time_p99 for row in mine)
+        goal = "inputs, times real time"
+        yield at_least(RigGoal, 20.0, factor, goal=goal, policy=policy, unit="x")
+        goal = "99 % of the decisions"
+        yield at_most(RigGoal, 0.020, longest, goal=goal, policy=policy, unit="ms")
 
 
 # ---------------------------------------------------------------- tables of the triangles
 
 
-def _rig_name(twin: int | None) -> str:
-    return "without errors" if twin is None else f"twin {twin}"
+def rig_name(row: Any) -> str:
+    """The rig of a row for people."""
+    return "without errors" if row.twin is None else f"twin {row.twin}"
 
 
-def _errors(number_: str, period: float) -> Any:
-    """Tab. 5.2 or 5.3."""
+def _over_twins(name: str) -> Callable[[list[TriangleRow]], str]:
+    """Of all twins, by a field of their rows."""
 
-    def twins(rows: list[TriangleRow]) -> list[TriangleRow]:
-        return [row for row in rows if row.twin is not None]
+    def said(rows: list[TriangleRow]) -> str:
+        values = [getattr(row, name) for row in rows if row.twin is not None]
+        return "failed" if None in values else spread(values, ".1f", "mm")
 
-    def ideal(rows: list[TriangleRow]) -> str:
-        pair = [
-            middle(select(rows, twin=None), n, rows[0].policy, period) for n in ("e_mean", "e_max")
-        ]
-        return _both(pair)
-
-    return pivot(
-        f"Tab. {number_}: triangle, T = {period:g} s, mean / largest error in mm\n"
-        "after the approach; twins: median (range)",
-        ("policy",),
-        {
-            "thesis": lambda rows: _both(TRIANGLE.get((rows[0].policy, period))),
-            "no errors": ideal,
-            "twins, mean": lambda rows: _range(twins(rows), "e_mean"),
-            "twins, largest": lambda rows: _range(twins(rows), "e_max"),
-        },
-        of=TriangleRow,
-        where={"period": period},
-    )
+    return said
 
 
-def _both(pair: Any) -> str:
-    if pair is None or None in pair:
-        return "-"
-    return " / ".join(f"{1e3 * value:.1f}" for value in pair)
+def _both(pair: Sequence[float | None] | None) -> str:
+    return "-" if pair is None else " / ".join(number(value, ".1f", "mm") for value in pair)
 
 
-def _range(rows: list[TriangleRow], name: str) -> str:
-    values = [getattr(row, name) for row in rows]
-    if not values or None in values:
-        return "failed" if values else "-"
-    centre, least, most = (1e3 * f(values) for f in (median, min, max))
-    return f"{centre:.1f} ({least:.1f}-{most:.1f})"
-
-
-def _over(join: Callable[..., float], name: str, form: str = ".0f", unit: str = "") -> Callable:
-    return lambda rows: number(join([getattr(row, name) for row in rows]), form, unit)
+def _ideal(rows: list[TriangleRow]) -> str:
+    row = one(rows, twin=None)
+    return _both(None if row is None else (row.e_mean, row.e_max))
 
 
 def _goal_value(value: float | None, unit: str) -> str:
     if value is None:
         return "failed"
     return f"{number(value, '.3g', unit)} {unit}" if unit else ("yes" if value else "no")
-
-
-def _failed(rows: list[Any]) -> list[Text]:
-    lost = [row for row in of_kind(rows, TriangleRow) if row.failure is not None]
-    return [Text(f"{_rig_name(row.twin)}, {row.policy}: {row.failure}") for row in lost]
 
 
 # ---------------------------------------------------------------- pictures of the triangles
@@ -399,26 +357,26 @@ def _pictures(rows: list[Any]) -> dict[str, Figure]:
 def _tracking(traces: dict[str, Rollout], title: str) -> Figure:
     """Paths on the left, errors over time on the right."""
     figure, ((left, right),) = new_figure(1, 2, (9.5, 4.8))
-    curves = policy_curves(traces)
-    whole = longest(curves)
+    drawn = curves.policy_curves(traces)
+    whole = curves.longest(drawn)
     # Two of the seven laps; the dashes of several would fill each other.
-    draw_path(left, curves, whole.reference[whole.time <= whole.time[-1] * 2 / 7], "xy")
-    draw(right, curves, lambda rollout: 1e3 * rollout.error)
+    two = whole.reference[whole.time <= whole.time[-1] * 2 / 7]
+    curves.draw_path(left, drawn, two, "xy")
+    curves.draw(right, drawn, lambda rollout: 1e3 * rollout.error)
     right.set(xlabel="time after the approach [s]", ylabel="error [mm]")
     right.set_ylim(bottom=0)
-    return finish(figure, left, least_error(curves), title)
+    return curves.finish(figure, left, curves.least_error(drawn), title)
 
 
 def _parts(network: Rollout, hybrid: Rollout) -> Figure:
     """Both parts of the first tendon's length: what the hybrid adds is the dynamic one."""
     figure, ((axis,),) = new_figure(1, 1, (9.0, 4.2))
     quasi_static, both = (1e3 * LENGTH_SCALE * r.action[:, 0] for r in (network, hybrid))
-    curves = (
+    for label, values, policy in (
         ("quasi-static part: network", quasi_static, "rig_nn"),
         ("dynamic part: inverse dynamics", both - quasi_static, "inverse_dynamics"),
         ("hybrid", both, "hybrid"),
-    )
-    for label, values, policy in curves:
+    ):
         axis.plot(network.time, values, **style_of(policy).curve, linewidth=1.2, label=label)
     axis.set(xlabel="time after the approach [s]", ylabel="length pulled in, $s_1$ [mm]")
     part, whole = np.ptp(both - quasi_static), np.ptp(both)
@@ -426,38 +384,34 @@ def _parts(network: Rollout, hybrid: Rollout) -> Figure:
         f"The dynamic part moves by {part:.2g} mm, the hybrid's whole length by {whole:.2g} mm"
     )
     subject = f"As Fig. 5.13: length of tendon 1, triangle, a lap in {FAST:g} s"
-    return finish(figure, axis, message, subject)
+    return curves.finish(figure, axis, message, subject)
 
 
 def _forces(rows: list[ForceRow]) -> Figure:
     """Effective tendon force and its phase over the angular velocity."""
-    figure, ((top,), (bottom,)) = new_figure(2, 1, (7.5, 5.6))
-    known = select(rows, y_name="effective_force_N")
-    for axis, mine, factor in (
-        (top, known, 1.0),
-        (bottom, select(rows, y_name="phase_rad"), 180 / np.pi),
+    figure, axes = new_figure(2, 1, (7.5, 5.6))
+    marked = "effective_force_N", "phase_rad", "omega_of_least_force_rad_s"
+    force, phase, (least,) = (select(rows, y_name=name) for name in marked)
+    (even,) = select(rows, y_name="omega_of_balance_rad_s")
+    top, bottom = axes[:, 0]
+    for axis, mine, factor, mark, what in (
+        (top, force, 1.0, least.y, "least force"),
+        (bottom, phase, 180 / np.pi, even.y, "stiffness and inertia in balance"),
     ):
-        points = [(row.x, factor * row.y) for row in mine]
-        axis.plot(*zip(*points, strict=True), **style_of("inverse_dynamics").curve)
+        points = [row.x for row in mine], [factor * row.y for row in mine]
+        axis.plot(*points, **style_of("inverse_dynamics").curve)
         axis.set_xscale("log")
-    _mark(top, rows, "omega_of_least_force_rad_s", "least force")
-    _mark(bottom, rows, "omega_of_balance_rad_s", "stiffness and inertia in balance")
+        axis.axvline(mark, **REFERENCE | {"color": "0.4", "label": None})
+        text = {"ha": "right", "fontsize": 9, "color": "0.4", "textcoords": "offset points"}
+        place = {"xycoords": ("data", "axes fraction"), "xytext": (-5, 0)}
+        axis.annotate(f"{what}: {mark:.2g} rad/s", (mark, 0.9), **place, **text)
     top.set(yscale="log", ylabel="effective force [N]")
     bottom.set(xlabel="angular velocity [rad/s]", ylabel="ahead of the output [deg]")
     bottom.set_yticks([0, 45, 90, 135, 180])
-    least = one(rows, y_name="omega_of_least_force_rad_s")
-    force = min(row.y for row in known)
-    message = f"A circle takes the least force, {force:.2g} N, at {least.y:.2g} rad/s"
-    add_title(figure, message, "As Fig. 5.14: circle of 90 mm")
+    small = min(row.y for row in force)
+    message = f"A circle takes the least force, {small:.2g} N, at {least.y:.2g} rad/s"
+    figures.add_title(figure, message, "As Fig. 5.14: circle of 90 mm")
     return figure
-
-
-def _mark(axis: Axes, rows: list[ForceRow], name: str, what: str) -> None:
-    row = one(rows, y_name=name)
-    axis.axvline(row.y, **REFERENCE | {"color": "0.4", "label": None})
-    text = {"ha": "right", "fontsize": 9, "color": "0.4", "textcoords": "offset points"}
-    place = {"xycoords": ("data", "axes fraction"), "xytext": (-5, 0)}
-    axis.annotate(f"{what}: {row.y:.2g} rad/s", (row.y, 0.9), **place, **text)
 
 
 RIG_STUDY = Study(
@@ -467,20 +421,29 @@ RIG_STUDY = Study(
     derive=with_goals,
     alone=True,
     tables=[
-        _errors("5.2", SLOW),
-        _errors("5.3", FAST),
         pivot(
-            "Computing: time per decision, inputs alone and simulation in times real time;\n"
-            "medians over the episodes, largest and share of limited decisions over all",
+            "Triangle, T = {period} s (Tabs. 5.2 and 5.3), mean / largest error in mm\n"
+            "after the approach; twins: median (range)",
             ("policy",),
             {
-                "µs": _over(median, "policy_time_median", unit="µs"),
-                "99 % µs": _over(median, "policy_time_p99", unit="µs"),
-                "max µs": _over(max, "policy_time_max", unit="µs"),
-                "inputs": _over(median, "computing_factor"),
-                "simulation": _over(median, "realtime_factor"),
-                "limited %": _over(max, "limited", ".1f", "%"),
+                "thesis": lambda rows: _both(TRIANGLE.get((rows[0].policy, rows[0].period))),
+                "no errors": _ideal,
+                "twins, mean": _over_twins("e_mean"),
+                "twins, largest": _over_twins("e_max"),
             },
+            of=TriangleRow,
+            per=("period",),
+        ),
+        pivot(
+            "Computing: time per decision, median of the episodes (least to largest)",
+            ("policy",),
+            ("policy_time_median", "policy_time_p99", "policy_time_max"),
+            of=TriangleRow,
+        ),
+        pivot(
+            "Inputs alone and simulation in times real time, share of limited decisions: the same",
+            ("policy",),
+            ("computing_factor", "realtime_factor", "limited"),
             of=TriangleRow,
         ),
         table(
@@ -501,7 +464,7 @@ RIG_STUDY = Study(
             Column("met", lambda row: verdict(row.met), ">"),
             of=RigGoal,
         ),
-        _failed,
+        failures(Column("rig", rig_name), "period", "policy", of=TriangleRow),
     ],
     plots={"{}": _pictures},
 )
@@ -687,11 +650,7 @@ class GainRow(Record):
 
 def gain_rows() -> list[GainRow]:
     """The thesis' gains, and the largest stable ones in the same ratio."""
-    least, most = 0.0, 10.0
-    for _ in range(50):
-        half = (least + most) / 2
-        stable = _spectral_radius(half, _RATIO * half) < 1
-        least, most = (half, most) if stable else (least, half)
+    least = brentq(lambda k: _spectral_radius(k, _RATIO * k) - 1, 0.01, 10.0, xtol=1e-14)
     pairs = [(*gains, False) for gains in TOLD] + [(least, _RATIO * least, True)]
     return [_gain_row(*pair) for pair in pairs]
 
@@ -740,67 +699,52 @@ def _spectral_radius(proportional: float, integral: float) -> float:
 # ---------------------------------------------------------------- tables and picture of circles
 
 
-def _circle_errors(rows: list[Any]) -> list[Any]:
+def _circle_errors(title: str, name: str, **where: Any) -> TableMaker:
     """RMS errors by disturbance: twin 0, median of the others, and the thesis'."""
-    out = []
-    for (path, by), mine in groups(of_kind(rows, CircleRow), "path", "seen_by").items():
-        for what, name in ((path, "rms"), (f"the last of {path}", "last")):
-            if name == "rms" or path != LAP:
-                title = (
-                    f"Circle of 120 mm, {what}, tip by the {by}: RMS error in mm of twin "
-                    f"{mine[0].twin} / median of the others{' (thesis)' if path == LAP else ''}"
-                )
-                cell = _last if name == "last" else _rms
-                out += pivot(title, ("policy",), "disturbance", cell, heading=_disturbance)(mine)
-    return out
+
+    def cell(rows: list[CircleRow]) -> str:
+        values = [getattr(row, name) for row in rows]
+        if None in values:
+            return "failed"
+        first, *others = (1e3 * value for value in values)
+        text = f"{first:.2g}" + (f" / {median(others):.2g}" if others else "")
+        return text if rows[0].thesis is None else f"{text} ({1e3 * rows[0].thesis:.1f})"
+
+    return pivot(
+        f"Circle of 120 mm, {title}, tip by the {{seen_by}}: RMS error in mm of twin 0 / median "
+        "of the others (thesis)",
+        ("policy",),
+        "disturbance",
+        cell,
+        of=CircleRow,
+        where=where,
+        per=("path", "seen_by"),
+        heading=_disturbance,
+    )
 
 
 def _disturbance(name: str) -> str:
     return name or "undisturbed"
 
 
-def _rms(rows: list[CircleRow], name: str = "rms") -> str:
-    values = [getattr(row, name) for row in rows]
-    if None in values:
-        return "failed"
-    first, *others = (1e3 * value for value in values)
-    text = f"{first:.2g}" + (f" / {median(others):.2g}" if others else "")
-    return text if rows[0].thesis is None else f"{text} ({1e3 * rows[0].thesis:.1f})"
-
-
-def _last(rows: list[CircleRow]) -> str:
-    return _rms(rows, "last")
-
-
-def _shares(rows: list[Any]) -> list[Any]:
+def _shares(rows: list[Any]) -> Table:
     """What P and PI leave of the error of the network alone, here and in the thesis."""
+    heads = ("here", "thesis", "first mode: still", "turning once a lap")
     mine = select(of_kind(rows, CircleRow), path=LAP, seen_by=CAMERA)
-    circle, (alone, p, pi) = make_task("rig_circle").trajectory, THESIS
-    gains = {p: (TOLD[0][0], 0.0), pi: TOLD[0]}
-    rates = {"first mode: still": 0.0, "turning once a lap": circle.speed / circle.radius}
-
-    def share(rows: list[CircleRow], disturbance: str) -> str:
-        own = one(rows, disturbance=disturbance)
-        base = one(mine, policy=alone, disturbance=disturbance)
-        if own is None or base is None or None in (own.rms, base.rms):
-            return "-"
-        return f"{100 * own.rms / base.rms:.0f}"
-
-    columns: dict[str, Any] = {}
-    for d in [d for (d,) in groups(mine, "disturbance") if (alone, d) in PRINTED]:
-        columns[d] = lambda rows, d=d: share(rows, d)
-        columns[f"{d}\nthesis"] = lambda rows, d=d: (
-            f"{100 * PRINTED[rows[0].policy, d] / PRINTED[alone, d]:.0f}"
-        )
-    for head, rate in rates.items():
-        columns[head] = lambda rows, r=rate: f"{100 * left(*gains[rows[0].policy], r):.0f}"
+    circle, (alone, *fed_back) = make_task("rig_circle").trajectory, THESIS
+    gains = dict(zip(fed_back, ((TOLD[0][0], 0.0), TOLD[0]), strict=True))
     title = f"Share of the error of {alone} that is left, %"
-    return list(pivot(title, ("policy",), columns, where=lambda row: row.policy in gains)(mine))
-
-
-def _lost_circles(rows: list[Any]) -> list[Text]:
-    lost = [row for row in of_kind(rows, CircleRow) if row.failure is not None]
-    return [Text(f"{row.policy}, {row.disturbance}: {row.failure}") for row in lost]
+    out = new_table(title, ("policy", "disturbance"), heads)
+    for policy, what in (key for key in PRINTED if key[0] in gains):
+        pair = [one(mine, policy=name, disturbance=what) for name in (policy, alone)]
+        errors = [None if row is None else row.rms for row in pair]
+        shares = [
+            None if None in errors else errors[0] / errors[1],
+            PRINTED[policy, what] / PRINTED[alone, what],
+            *(left(*gains[policy], rate) for rate in (0.0, circle.speed / circle.radius)),
+        ]
+        out.add_row(policy, what, *(number(share, ".0f", "%") for share in shares))
+    return out
 
 
 #: [mm], at the lower end of the axes of errors.
@@ -814,16 +758,12 @@ def _circle_picture(rows: list[Any]) -> Figure:
     figure, _ = new_figure(0, 0, (max(2.1 * len(cases), 5.0), 5.6))
     figure.get_layout_engine().set(h_pad=0.09)  # inches
     parts = figure.subfigures(2, 1, height_ratios=[1, 1.05])
-    axes = [add_panels(part, 1, len(cases), share=True)[0] for part in parts]
+    axes = [figures.add_panels(part, 1, len(cases), share=True)[0] for part in parts]
     for above, below, ((name,), mine) in zip(*axes, cases.items(), strict=True):
-        curves = _circle_curves(mine)
-        reference = 1e3 * curves[0].rollout.reference
-        above.plot(*reference[:, :2].T, **REFERENCE)
-        for curve in curves:
-            tip = 1e3 * curve.rollout.tip
-            above.plot(*tip[:, :2].T, label=curve.label, **curve.line)
-            below.plot(curve.rollout.time, 1e3 * curve.rollout.error, **curve.line)
-        above.set(title=_disturbance(name), xlabel="x [mm]", aspect="equal")
+        drawn = _circle_curves(mine)
+        curves.draw_path(above, drawn, drawn[0].rollout.reference, "xy")
+        curves.draw(below, drawn, lambda rollout: 1e3 * rollout.error)
+        above.set(title=_disturbance(name), ylabel="")
         below.set(xlabel="time [s]", yscale="log")
     axes[1][0].set_ylim(bottom=_LEAST_ERROR)
     axes[0][0].set_ylabel("y [mm]")
@@ -833,19 +773,19 @@ def _circle_picture(rows: list[Any]) -> Figure:
         errors = [row.rms for row in mine]
         worst[policy] = np.inf if None in errors else max(errors)
     best = min(worst, key=worst.__getitem__)
-    add_title(
+    figures.add_title(
         figure,
         f"{best} errs least when disturbed, {1e3 * worst[best]:.2g} mm rms at most",
         "A circle with a disturbance of the rig, as Figs. 6.3 and 6.4; tips seen by the camera "
         "unless told",
     )
-    add_legend(figure, axes[0][0])
+    figures.add_legend(figure, axes[0][0])
     return figure
 
 
 def _circle_curves(rows: list[CircleRow]) -> list[Curve]:
     """A policy with a sensor is drawn as with the camera, dotted."""
-    seen = policy_curves({row.policy: row.trace for row in select(rows, seen_by=CAMERA)})
+    seen = curves.policy_curves({row.policy: row.trace for row in select(rows, seen_by=CAMERA)})
     known = {curve.name: curve.line for curve in seen}
     return seen + [
         Curve(f"{row.policy}, {row.seen_by}", row.trace, known[row.policy] | {"linestyle": ":"})
@@ -857,9 +797,9 @@ FEEDBACK = Study(
     kinds=(CircleRow, GainRow),
     cases=circles,
     measure=measure_circle,
-    label=lambda case: "gains" if case is None else ", ".join(map(str, case)),
     tables=[
-        _circle_errors,
+        _circle_errors("{path}", "rms"),
+        _circle_errors("the last of {path}", "last", path=LAPS),
         _shares,
         table(
             "P and PI feedback by the first mode alone: what is stable",
@@ -869,7 +809,7 @@ FEEDBACK = Study(
             Column("", lambda row: "largest stable in this ratio" if row.limit else "thesis"),
             of=GainRow,
         ),
-        _lost_circles,
+        failures("policy", "disturbance", of=CircleRow),
     ],
     note=f"The tip is seen {1e3 * LATE:g} ms late, by a camera or a curvature sensor with the "
     "errors of the twin; the sensor is calibrated by 120 postures at rest. Policies know the "

@@ -14,7 +14,6 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from softrobot_env.evaluation.models.runs import best_of
 from softrobot_env.identification import networks as rig_networks
@@ -33,17 +32,8 @@ from softrobot_env.learned import early_stopping
 from softrobot_env.learned.early_stopping import Fit
 from softrobot_env.learned.inference import CompiledInference
 from softrobot_env.learned.plain_inference import PlainInference
-from softrobot_env.rendering.figures import (
-    BLUE,
-    COLOURS,
-    REFERENCE,
-    Axes,
-    Figure,
-    add_legend,
-    add_title,
-    new_figure,
-    plain_ticks,
-)
+from softrobot_env.rendering import figures
+from softrobot_env.rendering.figures import BLUE, COLOURS, Axes, Figure
 from softrobot_env.robots import RIG
 from softrobot_env.thesis.rig.inverse import TOTAL
 from softrobot_env.thesis.rig.parameters import record
@@ -153,8 +143,13 @@ class FrictionRow(CellRow):
         total: [N], one of `TOTALS`.
     """
 
-    friction: float
+    friction: float = quantity("N", "g")
     total: float | None
+
+    @property
+    def tensions(self) -> str:
+        """Their sum for people."""
+        return "least" if self.total is None else f"{self.total:g} N"
 
 
 @dataclass(frozen=True)
@@ -300,19 +295,6 @@ def _range(rows: list[CellRow]) -> str:
     return f"{middle} ({least} to {largest})"
 
 
-def _friction(rows: list[Any]) -> list[Table]:
-    mine = [
-        replace(row, total="least" if row.total is None else f"{row.total:g} N")
-        for row in of_kind(rows, FrictionRow)
-    ]
-    title = "Stand-in without dither: rms error in mm on the test set, median (range)"
-    lines, heads = ("friction", "total"), ("friction N", "sum of tensions")
-    made = list(pivot(title, lines, "direction", _range, headings=heads)(mine))
-    if mine:
-        made[0].add_row("thesis", "", *(number(e, ".2f", "mm") for e in THESIS.values()))
-    return made
-
-
 _ON_TEST = "rms error in mm on the test set, median"
 
 TABLES = [
@@ -348,7 +330,14 @@ TABLES = [
         of=CellRow,
         where={"study": "samples", "samples": TRAINING},
     ),
-    _friction,
+    pivot(
+        "Stand-in without dither: rms error in mm on the test set, median (range)",
+        ("friction", "tensions"),
+        "direction",
+        _range,
+        of=FrictionRow,
+        headings=("friction N", "sum of tensions"),
+    ),
     table(
         "Computing time per sample",
         Column("network", "direction"),
@@ -373,23 +362,25 @@ def picture(rows: list[Any]) -> Figure:
     """A line of panels per direction, error over neurons and over samples."""
     found = [row for row in of_kind(rows, CellRow) if row.study in ("size", "samples")]
     directions = groups(found, "direction")
-    figure, axes = new_figure(len(directions), 2, (9.5, 1.0 + 3.3 * len(directions)))
+    figure, axes = figures.new_figure(len(directions), 2, (9.5, 1.0 + 3.3 * len(directions)))
     for (left, right), ((direction,), mine) in zip(axes, directions.items(), strict=True):
         _sizes(left, select(mine, study="size"))
         _samples(right, select(mine, study="samples"), direction)
-        left.axhline(1e3 * THESIS[direction], **REFERENCE | {"label": "thesis"})
+        left.axhline(1e3 * THESIS[direction], **figures.REFERENCE | {"label": "thesis"})
         left.set_ylabel(f"rms error [mm]\n{_TITLES[direction]}")
         for axis in (left, right):
             axis.set(xscale="log", yscale="log")
-            plain_ticks(axis, "xy")
+            figures.plain_ticks(axis, "xy")
     axes[-1, 0].set_xlabel("neurons per layer")
     axes[-1, 1].set_xlabel("samples in the training set")
     used = select(found, study="samples", samples=TRAINING)
     told = [f"{1e3 * row.e_rms:.2g} mm {_WHAT[row.direction]}" for row in used]
     message = f"With {TRAINING} samples networks err by {' and '.join(told)}"
-    add_title(figure, message, "Quasi-static networks of the rig on the test set")
+    figures.add_title(figure, message, "Quasi-static networks of the rig on the test set")
     shown = [h for axis in axes[0] for h in axis.get_legend_handles_labels()[0]]
-    add_legend(figure, [handle for handle in shown if not handle.get_label().startswith("_")])
+    figures.add_legend(
+        figure, [handle for handle in shown if not handle.get_label().startswith("_")]
+    )
     return figure
 
 

@@ -15,16 +15,7 @@ from softrobot_env.core.artifacts import read_facts
 from softrobot_env.core.files import write_text
 from softrobot_env.core.interfaces import Policy
 from softrobot_env.learned.network import Network
-from softrobot_env.rendering.figures import (
-    COLOURS,
-    REFERENCE,
-    Figure,
-    add_legend,
-    add_title,
-    new_figure,
-    plain_ticks,
-    style_of,
-)
+from softrobot_env.rendering.figures import COLOURS, REFERENCE, Axes, Figure, Style, style_of
 from softrobot_env.rendering.learning import checks_figure
 from softrobot_env.training.artifacts import check, save
 from softrobot_env.training.imitation import ImitationConfig, imitate
@@ -35,10 +26,10 @@ from studies.lab import (
     Record,
     Study,
     groups,
+    lines,
     pivot,
     quantity,
     quiet,
-    spread,
     table,
     verdict,
 )
@@ -97,14 +88,14 @@ class LearnedRow(Record):
 
     policy: str
     seed: int
-    minutes: float
+    minutes: float = quantity()
     curve: list[dict[str, Any]]
-    swing_max: float
-    lshape_max: float
-    overshoot: float | None
-    settling_time: float | None
-    worst_modulus: float
-    worst: float
+    swing_max: float = quantity("mm", label="swing max")
+    lshape_max: float = quantity("mm", label="L-shape max")
+    overshoot: float | None = quantity("%", label="step 50 mm: overshoot")
+    settling_time: float | None = quantity("s", label="settling")
+    worst_modulus: float = quantity("mm", label="E x 0.5 to 1.5: max")
+    worst: float = quantity("mm", label="disturbed: max")
     failures: int
     trials: int
 
@@ -190,16 +181,6 @@ def _checked(name: str, seed: int, folder: Path, quick: bool) -> LearnedRow:
     )
 
 
-def _spread(name: str, factor: float = 1.0) -> Any:
-    def cell(rows: list[LearnedRow]) -> str:
-        found = [getattr(row, name) for row in rows]
-        values = [None if value is None else factor * value for value in found]
-        largest = max((value for value in values if value), default=0)
-        return spread(values, ".0f" if largest >= 100 else ".3g")
-
-    return cell
-
-
 _CHECKS = (
     "Closed-loop checks: swing, L-shape and steps of 50, 100 and 200 mm, nominal, Young's modulus "
     "x 0.5 and 1.5, and (disturbed) density x 0.6, damping x 0.5, tension gain 0.9, friction "
@@ -221,34 +202,16 @@ def _learning_curves(rows: list[LearnedRow]) -> Figure:
     )
 
 
-def _learned(title: str, columns: dict[str, Any]) -> Any:
-    title = f"{title}: median of the seeds (least to largest)"
-    return pivot(title, ("policy",), columns, headings=("training",))
-
-
 LEARNING = Study(
     kinds=(LearnedRow,),
     stages=learn,
     processes=_PROCESSES,
     tables=[
-        _learned(
-            "nominal robot",
-            {
-                "swing max mm": _spread("swing_max", 1e3),
-                "L-shape max mm": _spread("lshape_max", 1e3),
-                "step 50 mm: overshoot %": _spread("overshoot", 100),
-                "settling s": _spread("settling_time"),
-            },
-        ),
-        _learned(
-            "other robots, disturbances, cost",
-            {
-                "E x 0.5 to 1.5: max mm": _spread("worst_modulus", 1e3),
-                "disturbed: max mm": _spread("worst", 1e3),
-                "failures": _spread("failures"),
-                "minutes": _spread("minutes"),
-            },
-        ),
+        pivot(f"{title}: median of the seeds (least to largest)", ("policy",), columns)
+        for title, columns in {
+            "nominal robot": ("swing_max", "lshape_max", "overshoot", "settling_time"),
+            "other robots, disturbances, cost": ("worst_modulus", "worst", "failures", "minutes"),
+        }.items()
     ],
     note=_CHECKS,
     plots={"{}": _learning_curves},
@@ -356,31 +319,34 @@ def train_defaults(case: tuple[str, int, bool]) -> DefaultsRow:
     env, began = gymnasium.make(goal.env_id, **options), perf_counter()
     training = make_vec_env(goal.env_id, ENVIRONMENTS, threads=1, **options)
     error_of = partial(mean_error, env, episodes=goal.episodes)
-    found = train(training, seed, 1 if quick else STEPS, error_of)
+    _, found = train(training, seed, 1 if quick else STEPS, error_of)
+    training.close()
     minutes = (perf_counter() - began) / 60
     curve = [(step, error if error < float("inf") else None) for step, error in found]
     policy = goal.goal if isinstance(goal.goal, str) else None
     return DefaultsRow(name, seed, *curve[-1], goal_of(goal), policy, minutes, curve)
 
 
-def _defaults_curves(rows: list[DefaultsRow]) -> Figure:
+def _goal_line(axis: Axes, rows: list[DefaultsRow], name: str) -> None:
+    axis.axhline(1e3 * rows[0].goal, **REFERENCE)
+
+
+def _defaults_curves(rows: list[DefaultsRow]) -> Figure | None:
     """The mean error over environment steps, each seed a line, and the goal."""
-    cases = groups(rows, "case")
-    figure, (axes,) = new_figure(1, len(cases), (2.5 * len(cases), 3.3))
-    for axis, ((name,), mine) in zip(axes, cases.items(), strict=True):
-        for row, colour in zip(mine, COLOURS, strict=False):
-            steps, errors = zip(*row.curve, strict=True)
-            values = [np.nan if error is None else 1e3 * error for error in errors]
-            axis.plot(np.array(steps) / 1e3, values, ".-", color=colour, label=f"seed {row.seed}")
-        axis.axhline(1e3 * mine[0].goal, **REFERENCE | {"label": "goal"})
-        axis.set(title=name, yscale="log", xlabel="thousand steps")
-        plain_ticks(axis, "y")
-    axes[0].set_ylabel("mean error [mm]")
     good = sum(row.good for row in rows)
-    title = f"PPO with its default settings reaches the goal in {good} of {len(rows)} trainings"
-    add_title(figure, title)
-    add_legend(figure, axes[0])
-    return figure
+    return lines(
+        "steps",
+        "error",
+        "seed",
+        title=f"PPO with its default settings reaches the goal in {good} of {len(rows)} trainings",
+        subject="Colours: seeds; crosses: a failed episode; dashes: the goal",
+        panel="case",
+        log="y",
+        style=lambda seed: Style(COLOURS[seed]),
+        columns=4,
+        size=(2.7, 2.7),
+        decorate=_goal_line,
+    )([replace(row, steps=k, error=error) for row in rows for k, error in row.curve])
 
 
 PPO_DEFAULTS = Study(

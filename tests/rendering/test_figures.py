@@ -22,7 +22,6 @@ from softrobot_env.rendering.figures import (
     style_of,
 )
 from softrobot_env.scene.quadrature import RULES
-from studies.pictures import label_points
 
 SOURCES = sorted(Path(softrobot_env.__file__).parent.rglob("*.py"))
 
@@ -96,26 +95,6 @@ def are_apart(found):
         (one[:2] < other[2:]).all() and (other[:2] < one[2:]).all()
         for one, other in combinations(found, 2)
     )
-
-
-@pytest.mark.parametrize("log", [False, True])
-def test_names_beside_points_cover_neither_each_other_nor_the_points(log):
-    """Six pairs of points, two of them close together, one at each side of the axis."""
-    _, ((axis,),) = new_figure(1, 1, (5, 4))
-    middle = np.array([[1, 1], [9, 9], [5, 5], [5.2, 5.1], [9, 1], [1, 9.0]])
-    names = [f"policy_{k}" for k in range(len(middle))]
-    pairs = [[(x, y), (x + 0.1, y + 0.1)] for x, y in middle]
-    for pair in pairs:
-        axis.plot(*zip(*pair, strict=True), "o")
-    if log:
-        axis.set(xscale="log", yscale="log")
-    label_points(axis, [(n, p, "black") for n, p in zip(names, pairs, strict=True)])
-    found, whole = boxes(axis), axis.get_window_extent().extents
-    assert [text.get_text() for text in axis.texts] == names and are_apart(found)
-    points = axis.transData.transform(np.concatenate(pairs))
-    for box in found:
-        assert (box[:2] >= whole[:2] - 1).all() and (box[2:] <= whole[2:] + 1).all()
-        assert not ((points > box[:2]) & (points < box[2:])).all(axis=1).any()
 
 
 def test_names_at_the_ends_of_lines_do_not_overlap():
