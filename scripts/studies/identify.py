@@ -6,7 +6,7 @@ itself, and by the rig as everybody believes it to be. Zeros of the servos are c
 each of them knows.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import exp, log
 from time import perf_counter
@@ -24,13 +24,23 @@ from softrobot_env.identification.fit.least_squares import size
 from softrobot_env.identification.fit.path import identify
 from softrobot_env.identification.fit.report import parameter_rows
 from softrobot_env.rendering import figures
-from softrobot_env.rendering.tables import make_table
 from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.actuation import with_balance
 from softrobot_env.robots.twin import Twin, rig3d_twin
 from softrobot_env.tasks import make_task
 from softrobot_env.thesis.rig.parameters import identified, record
-from studies.lab import Column, Record, Study, groups, of_kind, quantity, table, verdict
+from studies.lab import (
+    Column,
+    Record,
+    Study,
+    groups,
+    number,
+    of_kind,
+    pivot,
+    quantity,
+    table,
+    verdict,
+)
 from studies.truths.rubbing_rod import BELIEVED, drawn, recorded
 
 # -------------------- twins
@@ -232,44 +242,27 @@ GOALS = {"modulus": 0.02, "damping": 0.05, "friction": 0.2}
 COVERAGE, RATIO = 0.9, 1.3
 
 
-def _summary(kind: str, rows: Sequence[FoundRow]) -> dict[str, Any]:
-    """What was found of a kind of parameter, see the captions of the tables."""
-    error = np.array([row.error for row in rows])
-    sizes, inside = np.abs(error), float(np.mean([row.inside for row in rows]))
-    most = {"median": float(np.median(sizes)), "most": float(sizes.max()), "inside": inside}
-    found = {"kind": kind, "count": len(rows), "bias": float(error.mean()), **most}
-    if kind in GOALS:
-        within = float(np.mean(sizes <= GOALS[kind]))
-        met = bool(within == 1 and inside >= COVERAGE)
-        found |= {"goal": GOALS[kind], "within": within, "met": met}
-    return found
+def _error(join: Callable[[Any], float], of: Callable[[float], float] = abs) -> Callable:
+    def said(rows: list[FoundRow]) -> str:
+        unit = "%" if rows[0].kind in GOALS else "ms"
+        return f"{number(join([of(row.error) for row in rows]), '.1f', unit)} {unit}"
+
+    return said
 
 
-def _summaries(rows: Sequence[Record]) -> list[Table]:
-    """Errors and coverage of each kind of parameter."""
-    rows = of_kind(rows, FoundRow)
-    found = [_summary(kind, mine) for (kind,), mine in groups(rows, "kind").items()]
+def _within(rows: list[FoundRow]) -> float | None:
+    """Share of errors within what is asked."""
+    goal = GOALS.get(rows[0].kind)
+    return None if goal is None else float(np.mean([abs(row.error) <= goal for row in rows]))
 
-    def size(unit: str) -> tuple[Column, ...]:
-        heads = {"bias": f"mean {unit}", "median": "median", "most": "largest"}
-        return tuple(Column(head, name, ".1f", unit) for name, head in heads.items())
 
-    start = Column("parameter", "kind"), Column("n", "count", "d")
-    inside = Column("in 95 %", "inside", ".1f", "%")
-    goal = Column("asked", "goal", ".1f", "%"), Column("within it", "within", ".1f", "%"), inside
-    met = Column("met", lambda row: verdict(row["met"]), ">")
-    times = [row.time for row in rows if row.kind == "modulus"]
-    caption = (
-        f"{len(times)} robots; an identification took {np.median(times):.1f} s. mean: of the "
-        "error; median, largest: of its size; in 95 %: truths within the stated interval. met: all "
-        f"within what is asked, and the truth in at least {100 * COVERAGE:.0f} % of the intervals"
-    )
-    relative, late = ([r for r in found if ("goal" in r) == known] for known in (True, False))
-    title = "Cosserat rods, identified"
-    return [
-        make_table(title, (*start, *size("%"), *goal, met), relative, caption=caption),
-        make_table("Delay of the markers", (*start, *size("ms"), inside), late),
-    ]
+def _inside(rows: list[FoundRow]) -> float:
+    return float(np.mean([row.inside for row in rows]))
+
+
+def _met(rows: list[FoundRow]) -> Text:
+    within = _within(rows)
+    return verdict(None if within is None else within == 1 and _inside(rows) >= COVERAGE)
 
 
 def _laps(rows: Sequence[Record]) -> list[Table]:
@@ -293,10 +286,6 @@ def _laps(rows: Sequence[Record]) -> list[Table]:
     )(rows)
 
 
-#: Repetitions, each with a truth of its own.
-REPETITIONS, QUICK = 100, 1
-
-
 def measure(case: tuple[str, int]) -> list[Record]:
     """A repetition, or laps of a twin, by its seed."""
     what, seed = case
@@ -308,7 +297,27 @@ STUDY = Study(
     cases=[*(("twin", k) for k in TWINS), *(("robot", k) for k in range(REPETITIONS))],
     quick=[("robot", k) for k in range(QUICK)],
     measure=measure,
-    label=lambda case: f"{case[0]} {case[1]}",
-    tables=[_summaries, _laps],
+    tables=[
+        pivot(
+            "Cosserat rods, identified",
+            ("kind",),
+            {
+                "n": len,
+                "mean": _error(np.mean, float),
+                "median": _error(np.median),
+                "largest": _error(max),
+                "asked %": lambda rows: number(GOALS.get(rows[0].kind), ".1f", "%"),
+                "within it %": lambda rows: number(_within(rows), ".1f", "%"),
+                "in 95 %": lambda rows: number(_inside(rows), ".1f", "%"),
+                "met": _met,
+            },
+            of=FoundRow,
+            headings=("parameter",),
+        ),
+        _laps,
+    ],
+    note="mean: of the error; median, largest: of its size; in 95 %: truths within the stated "
+    "interval; met: all within what is asked, and the truth in at least "
+    f"{100 * COVERAGE:.0f} % of the intervals",
     plots={"{}": picture},
 )

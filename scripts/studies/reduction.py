@@ -7,16 +7,14 @@ from functools import cached_property, partial
 from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from time import perf_counter, thread_time
-from typing import Any, Protocol
+from time import perf_counter
+from typing import Protocol
 
 import numpy as np
-from rich.table import Table
 
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.control.reduced.environment import preview_times
 from softrobot_env.core.artifacts import write_arrays
-from softrobot_env.core.interfaces import Policy
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.models.runs import best_of
 from softrobot_env.evaluation.runner import Case
@@ -30,7 +28,7 @@ from softrobot_env.learned.reduction import Record as Recorded
 from softrobot_env.learned.reduction.polynomials import Monomials
 from softrobot_env.learned.reduction.records import delay_vectors
 from softrobot_env.rendering import figures
-from softrobot_env.rendering.tables import new_table
+from softrobot_env.rendering.figures import Axes
 from softrobot_env.robots import RIG
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import fingerprint
@@ -52,7 +50,7 @@ from studies.lab import (
     select,
     table,
 )
-from studies.pictures import add_notes
+from studies.rig import rig_name
 
 
 @dataclass(frozen=True)
@@ -87,6 +85,11 @@ class PathRow(Record):
     predict_time: float | None
     measured: np.ndarray | None = for_pictures()
     predicted: np.ndarray | None = for_pictures()
+
+    @property
+    def rig(self) -> str:
+        """Its name for people."""
+        return rig_name(self)
 
 
 @dataclass(frozen=True)
@@ -136,7 +139,7 @@ class LoopRow(Record):
         period: [s] of a lap.
         mean, largest: [m], errors of the tip; None where the episode failed.
         goal: [m], of the mean, or None.
-        decision: [s] of the processor, median of a decision.
+        decision: [s], median of a decision.
         longest: [s], 99 of 100 are shorter.
         failure: What went wrong, or None.
     """
@@ -503,15 +506,16 @@ def _rig(twin: int | None, quick: bool) -> list[Record]:
     rows: list[Record] = [_spectrum(data)]
     for name in list(MODELS)[:2] if quick else MODELS:
         records = data.thesis if name == THESIS_MODEL else data.ours
-        model, time = _learned(partial(MODELS[name], *records))
-        rows += [_path(name, twin, path, time, *_predicted(model, path, data)) for path in followed]
+        model, learned_in = _learned(partial(MODELS[name], *records))
+        predict_in = None if model is None else _time(model, data)
+        for path in followed:
+            laps = None if model is None else _predicted(model, path)
+            rows.append(_path(name, twin, path, laps, learned_in, predict_in))
         if name == OURS and isinstance(model, ReducedModel):
             loops = _loops(twin, model, [*records[0], *records[1]], quick)
     if not quick:
-        rows += [
-            _path(PHYSICAL, twin, real, None, beam.laps, None)
-            for real, beam in zip(followed, data.paths("pcc"), strict=True)
-        ]
+        beams = data.paths("pcc")
+        rows += [_path(PHYSICAL, twin, *pair) for pair in zip(followed, beams, strict=True)]
     return rows + loops
 
 
@@ -527,15 +531,11 @@ def _spectrum(data: RigData) -> SpectrumRow:
     return SpectrumRow(data.twin, *values, *shown)
 
 
-def _predicted(
-    model: Model | None, path: Followed, data: RigData
-) -> tuple[np.ndarray | None, float | None]:
-    """Laps (t, 2) [m] from some samples of the rest before them; time [s] of a prediction."""
-    if model is None:
-        return None, None
+def _predicted(model: Model, path: Followed) -> np.ndarray:
+    """Laps (t, 2) [m] from some samples of the rest before them."""
     ahead = 20 + model.delays - 1
     part = _part(path.record, slice(path.begin - ahead, None))
-    return model.predict_record(part)[ahead - model.delays + 1 :], _time(model, data)
+    return model.predict_record(part)[ahead - model.delays + 1 :]
 
 
 def _part(record: Recorded, rows: slice) -> Recorded:
@@ -553,10 +553,11 @@ def _path(
     name: str,
     twin: int | None,
     path: Followed,
-    fit_time: float | None,
-    predicted: np.ndarray | None,
-    predict_time: float | None,
+    laps: np.ndarray | Followed | None,
+    fit_time: float | None = None,
+    predict_time: float | None = None,
 ) -> PathRow:
+    predicted = laps.laps if isinstance(laps, Followed) else laps
     known = predicted is not None and bool(np.abs(predicted).max() < _LOST)
     mean = float(np.linalg.norm(predicted - path.laps, axis=1).mean()) if known else None
     largest = float(np.linalg.norm(path.laps - path.record.outputs[0], axis=1).max())
@@ -598,37 +599,8 @@ def _loops(
     return rows
 
 
-class _Clocked:
-    """A policy and how long each of its decisions computed, whatever else the machine did then.
-
-    Attributes:
-        times: [s] of the decisions of the last episode, the time that the thread was at work.
-    """
-
-    def __init__(self, policy: Policy) -> None:
-        self._policy = policy
-        self.times: list[float] = []
-        self._calls = 0
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._policy, name)
-
-    def predict(self, observation: Any, state: Any = None, *others: Any) -> tuple[Any, Any]:
-        if state is None:
-            self.times, self._calls = [], 0
-        begin = thread_time()
-        found = self._policy.predict(observation, state, *others)
-        taken = thread_time() - begin
-        if self._calls % getattr(self._policy, "hold", 1) == 0:
-            self.times.append(taken)
-        self._calls += 1
-        return found
-
-
 def _loop(case: Case, goal: float | None) -> LoopRow:
-    with closing(case.environment()) as env:
-        clocked = _Clocked(case.make_policy(env.control_period))
-        rollout = run_episode(case, env, clocked).rollout
+    rollout = run_episode(case).rollout
     errors = approached_metrics(rollout, case.task.trajectory)
     return LoopRow(
         policy=case.policy,
@@ -637,8 +609,8 @@ def _loop(case: Case, goal: float | None) -> LoopRow:
         mean=errors.e_mean_tracking,
         largest=errors.e_max_tracking,
         goal=goal,
-        decision=float(np.median(clocked.times)),
-        longest=float(np.percentile(clocked.times, 99)),
+        decision=float(np.median(rollout.policy_time)),
+        longest=float(np.percentile(rollout.policy_time, 99)),
         failure=rollout.failure,
     )
 
@@ -703,13 +675,14 @@ def picture(rows: Sequence[Record]) -> figures.Figure:
     reach = 1.3e3 * max((np.abs(row.measured).max() for row in shown), default=1e-3)
     axes[0][0].set(xlim=(-reach, reach), ylim=(-reach, reach))
     others = figures.add_panels(lower, 2, 3).flat
-    decays = of_kind(rows, SpectrumRow)
-    _decay(others[0], decays)
+    decays = [row for row in of_kind(rows, SpectrumRow) if row.decay_path is not None]
+    _decays(others[0], others[3], decays)
     _speeds(others[1], shown, decays)
-    _orders_panel(others[2], of_kind(rows, OrderRow))
-    _excited(others[3], decays)
+    orders = of_kind(rows, OrderRow)
+    _orders_panel(others[2], orders)
     _inputs(others[4])
-    others[5].set_visible(False)
+    for axis in (others[5], *(() if orders else (others[2],))):
+        axis.set_visible(False)
     fastest = select(of_kind(rows, PathRow), model=OURS, period=min(periods, default=0))
     known = [row.mean for row in fastest if row.mean is not None]
     message = "No path is predicted"
@@ -724,7 +697,7 @@ def picture(rows: Sequence[Record]) -> figures.Figure:
     return figure
 
 
-def _paths_panel(axis: Any, rows: list[PathRow]) -> None:
+def _paths_panel(axis: Axes, rows: list[PathRow]) -> None:
     measured = 1e3 * rows[0].measured
     axis.plot(*measured.T, color=_COLOURS["measured"], linewidth=2.5, label="measured")
     for row in rows:
@@ -732,89 +705,60 @@ def _paths_panel(axis: Any, rows: list[PathRow]) -> None:
             axis.plot(*(1e3 * row.predicted).T, color=_COLOURS[row.model], label=row.model)
 
 
-def _decay(axis: Any, rows: list[SpectrumRow]) -> None:
-    """Fig. 3.11."""
-    ends = []
-    for record in (row.decay_path for row in rows if row.decay_path is not None):
-        time = PERIOD * np.arange(len(record))
+_LEGEND = {"loc": "upper left", "frameon": False, "fontsize": 8}
+
+
+def _decays(left: Axes, right: Axes, rows: list[SpectrumRow]) -> None:
+    """Figs. 3.11 and 3.12: in the grey part the drives excite."""
+    for row in rows:
+        time = PERIOD * np.arange(max(len(row.decay_path), len(row.excited)))
         for k, name, colour in ((0, "x", figures.GREEN), (1, "y", figures.PURPLE)):
-            axis.plot(time, 1e3 * record[:, k], color=colour)
-            ends.append((name, 1e3 * record[-1, k], colour))
-    axis.set(title="a decay", xlabel="time [s]", ylabel="tip [mm]")
-    figures.label_lines(axis, ends)
+            path = row.decay_path[:, k]
+            left.plot(time[: len(path)], 1e3 * path, color=colour, label=name)
+        for k, name, colour in ((0, "x", figures.GREEN), (2, "first input", figures.ORANGE)):
+            path = row.excited[:, k]
+            right.plot(time[: len(path)], 1e3 * path, color=colour, label=name)
+        active = time[np.flatnonzero(np.abs(row.excited[:, 2]) > 1e-9)]
+        right.axvspan(active[0], active[-1], color="0.9", linewidth=0)
+    left.set(title="a decay", xlabel="time [s]", ylabel="tip [mm]")
+    right.set(title="excited, then left alone", xlabel="time [s]", ylabel="tip, input [mm]")
+    for axis in (left, right):
+        axis.legend(**_LEGEND | {"loc": "upper right"})
 
 
-def _excited(axis: Any, rows: list[SpectrumRow]) -> None:
-    """Fig. 3.12: in the grey part the drives excite."""
-    known = [row.excited for row in rows if row.excited is not None]
-    if not known:
-        axis.set_visible(False)
-        return
-    time = PERIOD * np.arange(len(known[0]))
-    axis.plot(time, 1e3 * known[0][:, 0], color=figures.GREEN)
-    axis.plot(time, 1e3 * known[0][:, 2], color=figures.ORANGE)
-    active = time[np.flatnonzero(np.abs(known[0][:, 2]) > 1e-9)]
-    axis.axvspan(active[0], active[-1], color="0.9", linewidth=0)
-    add_notes(
-        axis,
-        [
-            ("x of the tip", figures.GREEN),
-            ("first input", figures.ORANGE),
-            ("grey: excited", figures.GREY),
-        ],
-    )
-    axis.set(title="excited, then left alone", xlabel="time [s]", ylabel="tip, input [mm]")
-
-
-def _inputs(axis: Any) -> None:
+def _inputs(axis: Axes) -> None:
     """Fig. 3.13."""
-    held, *smooth = 1e3 * random_inputs()
-    time = PERIOD * np.arange(len(held))
-    axis.plot(time, held, color=figures.GREY, linewidth=1)
-    notes = [("as drawn by chance", figures.GREY)]
-    for one, cutoff, colour in zip(
-        smooth, CUTOFFS, (figures.GREEN, figures.PURPLE, figures.ORANGE), strict=True
-    ):
-        axis.plot(time, one, color=colour)
-        notes.append((f"below {cutoff:g} Hz", colour))
+    names = ["sampled", *(f"below {cutoff:g} Hz" for cutoff in CUTOFFS)]
+    colours = (figures.GREY, figures.GREEN, figures.PURPLE, figures.ORANGE)
+    for values, name, colour in zip(1e3 * random_inputs(), names, colours, strict=True):
+        axis.plot(PERIOD * np.arange(len(values)), values, color=colour, label=name)
     low, high = axis.get_ylim()
-    axis.set_ylim(low, high + 0.35 * (high - low))  # room for the notes
-    add_notes(axis, notes, "upper left")
+    axis.set_ylim(low, high + 0.35 * (high - low))  # room for the legend
+    axis.legend(**_LEGEND, ncols=2)
     axis.set(title="random inputs, filtered", xlabel="time [s]", ylabel="first input [mm]")
 
 
-def _speeds(axis: Any, paths: list[PathRow], rows: list[SpectrumRow]) -> None:
+def _speeds(axis: Axes, paths: list[PathRow], rows: list[SpectrumRow]) -> None:
     """Fig. 3.18: decays are slow where the fastest path is fast."""
     fastest = min(paths, key=lambda row: row.period)
-    notes = {}
-    for record, label, colour in (
-        (fastest.measured, f"{fastest.path}, T = {fastest.period:g} s", figures.PURPLE),
-        *((row.decay_path, "a decay", figures.GREEN) for row in rows),
-    ):
-        if record is None:
-            continue
+    name = f"{fastest.path}, T = {fastest.period:g} s"
+    found = [(name, fastest.measured, figures.PURPLE)]
+    found += [("a decay", row.decay_path, figures.GREEN) for row in rows]
+    for name, record, colour in found:
         speed = np.linalg.norm(np.diff(record, axis=0), axis=1) / PERIOD
-        distance = np.linalg.norm(record[1:], axis=1)
-        axis.plot(1e3 * distance, speed, ".", markersize=2, color=colour)
-        notes[label] = colour
-    add_notes(axis, [*notes.items()], "upper left")
+        distance = 1e3 * np.linalg.norm(record[1:], axis=1)
+        axis.plot(distance, speed, ".", markersize=2, color=colour, label=name)
+    axis.legend(**_LEGEND, markerscale=4)
     axis.set(title="speed by place", xlabel="distance from the axis [mm]", ylabel="speed [m/s]")
 
 
-def _orders_panel(axis: Any, rows: list[OrderRow]) -> None:
+def _orders_panel(axis: Axes, rows: list[OrderRow]) -> None:
     """Fig. 3.14."""
-    if not rows:
-        axis.set_visible(False)
-        return
     ends = []
-    for ((order,), mine), colour in zip(
-        groups(rows, "shape_order").items(), figures.COLOURS, strict=False
-    ):
-        known = [row for row in mine if row.rms is not None]
-        if known:
-            points = [r.p for r in known], [1e3 * r.rms for r in known]
-            axis.plot(*points, "o-", color=colour, markersize=4)
-            ends.append((f"$n_w$ = {order}", points[1][-1], colour))
+    for (order,), mine in groups(rows, "shape_order").items():
+        known = [(row.p, 1e3 * row.rms) for row in mine if row.rms is not None]
+        (line,) = axis.plot(*zip(*known, strict=True), "o-", markersize=4)
+        ends.append((f"$n_w$ = {order}", known[-1][1], line.get_color()))
     axis.set(title="thesis' settings", xlabel="numbers in a delay vector, $p$", yscale="log")
     axis.set_ylabel("rms error [mm]")
     figures.plain_ticks(axis, "y")
@@ -831,33 +775,6 @@ _NOTE = (
 )
 
 
-def rig_name(twin: int | None) -> str:
-    """Name of a rig for people."""
-    return "without errors" if twin is None else f"twin {twin}"
-
-
-def _path_tables(rows: Sequence[Record]) -> list[Table]:
-    return [
-        _path_table(twin, mine) for (twin,), mine in groups(of_kind(rows, PathRow), "twin").items()
-    ]
-
-
-def _path_table(twin: int | None, rows: list[PathRow]) -> Table:
-    periods = [p for (p,) in groups(rows, "period")]
-    title = (
-        f"Rig {rig_name(twin)}: mean error in mm over rectangle and circle (goal), by the period "
-        "of a lap; NMTE of the slowest and of the fastest"
-    )
-    heads = [*(f"{p:g} s" for p in periods), "NMTE %", "learned s", "25 s in ms"]
-    out = new_table(title, ("model",), heads)
-    for (model,), mine in groups(rows, "model").items():
-        cells = [_cell(select(mine, period=p)) for p in periods]
-        share = " / ".join(_share(select(mine, period=p)) for p in (periods[0], periods[-1]))
-        times = number(mine[0].fit_time, ".2g"), number(mine[0].predict_time, ".2g", "ms")
-        out.add_row(model, *cells, share, *times)
-    return out
-
-
 def _cell(rows: list[PathRow]) -> str:
     means = [row.mean for row in rows]
     if None in means:
@@ -867,22 +784,39 @@ def _cell(rows: list[PathRow]) -> str:
     return f"{1e3 * mean:.2g}" + ("" if goal is None else f" ({1e3 * goal:g}{missed})")
 
 
-def _share(rows: list[PathRow]) -> str:
-    shares = [row.nmte for row in rows]
-    return "-" if None in shares else f"{100 * sum(shares) / len(shares):.2g}"
+def _shares(rows: list[PathRow]) -> str:
+    """Of the slowest and of the fastest laps."""
+    by_period = [[row.nmte for row in mine] for mine in groups(rows, "period").values()]
+    return " / ".join(
+        "-" if None in some else f"{100 * sum(some) / len(some):.2g}"
+        for some in (by_period[0], by_period[-1])
+    )
 
 
-_RIG = Column("rig", lambda row: rig_name(row.twin))
+_RIG = Column("rig", rig_name)
 
 STUDY = Study(
     kinds=(PathRow, OrderRow, DataRow, LoopRow, SpectrumRow),
     cases=cases,
     measure=measure,
-    label=lambda case: " ".join(map(str, case[:2])),
     tables=[
-        _path_tables,
         pivot(
-            f"Fig. 3.14, rig {rig_name(SHOWN)}: RMS error in mm of unseen random motion of 25 s",
+            "Rig {rig}: mean error in mm over rectangle and circle (goal), by the period of a lap; "
+            "NMTE of the slowest and of the fastest",
+            ("model",),
+            "period",
+            _cell,
+            of=PathRow,
+            per=("rig",),
+            heading=lambda period: f"{period:g} s",
+            more={
+                "NMTE %": _shares,
+                "learned s": lambda rows: number(rows[0].fit_time, ".2g"),
+                "25 s in ms": lambda rows: number(rows[0].predict_time, ".2g", "ms"),
+            },
+        ),
+        pivot(
+            f"Fig. 3.14, twin {SHOWN}: RMS error in mm of unseen random motion of 25 s",
             ("shape_order",),
             "p",
             lambda rows: number(rows[0].rms, ".3g", "mm", "diverges"),

@@ -22,7 +22,7 @@ from softrobot_env.core.runs import KEPT, kept_rows, run_cases
 from softrobot_env.robots import find_robot
 from softrobot_env.training.rl_config import preset
 from studies.lab import Column, Lab, Record, Study, number, quantity, table
-from studies.speed import scaling_rows
+from studies.speed import block_time, scaling_rows
 
 #: [USD] of a core for an hour: an assumption, of the order of what clouds ask for.
 PRICE = 0.04
@@ -217,8 +217,8 @@ ROBOTS = {
 #: Robots of a batch, share of full actions, and rounds of which the best counts.
 _BATCH, _SHARE, _ROUNDS = 256, 0.2, 6
 
-#: [s] of computing in a round; programs that run, per core, from which on the machine is busy.
-_BLOCK, _BUSY = 0.3, 0.75
+#: Programs that run, per core, from which on the machine is busy.
+_BUSY = 0.75
 
 
 def stages(lab: Lab) -> list[Row]:
@@ -261,15 +261,6 @@ def _busy_workers() -> list[Row]:
     return [Row("workers", name, **own) for name in ("processes", "Ray", "threads of a batch")]
 
 
-def _computing(do: Callable[[], object]) -> float:
-    """Computing time [s] of a call, the mean of a block of them."""
-    begin, count = process_time(), 0
-    while process_time() - begin < _BLOCK:
-        do()
-        count += 1
-    return (process_time() - begin) / count
-
-
 def _robots(name: str, count: int, quick: bool) -> Row:
     """Robots in random motion, on one core."""
     env_id, robot = ROBOTS[name]
@@ -277,7 +268,9 @@ def _robots(name: str, count: int, quick: bool) -> Row:
     env = gymnasium.make_vec(env_id, num_envs=count, threads=1, **options)
     env.reset(seed=0)
     actions = _SHARE * np.random.default_rng(0).uniform(-1, 1, env.action_space.shape)
-    seconds = min(_computing(lambda: env.step(actions)) for _ in range(2 if quick else _ROUNDS))
+    seconds = min(
+        block_time(lambda: env.step(actions), process_time) for _ in range(2 if quick else _ROUNDS)
+    )
     period = env.control_period
     env.close()
     way = "one" if count == 1 else "batch"

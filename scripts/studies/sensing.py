@@ -35,7 +35,6 @@ from softrobot_env.sensing.estimation import BendFilter, calibrate
 from softrobot_env.sensing.optics import POLYNOMIAL, SPAN, STRAIGHT
 from studies.gripper import GRIPPER, things
 from studies.lab import Column, Record, Study, for_pictures, quantity, table, verdict
-from studies.pictures import add_notes
 
 #: Whether a number of the model was chosen so that the row comes out; it follows from the thesis'
 #: polynomial of order 5, which the model has; it tests the model with numbers chosen elsewhere; or
@@ -116,14 +115,37 @@ def planar_rows(quick: bool = False) -> list[Row]:
 def read(sensor: Sensor, angles: np.ndarray, rate: float, seed: int = 0) -> np.ndarray:
     """Readings (n,) of three fibres at angles (n, 2) [rad], from straight on, at a rate [Hz]."""
     third = sensor.end / 3
-    bank = SensorArray([replace(sensor, rate=rate)], np.arange(4) * third, 1 / rate)
-    strain = np.zeros((len(angles), 1, 3, 3))
-    strain[:, 0, 0, 0], strain[:, 0, 2, 0] = (2 * angles / third).T
-    bank.start(np.array([0]), [[sensor]], [seed], np.zeros((1, 3, 3)))
-    out = np.empty(len(angles))
-    for k, shape in enumerate(strain):
-        bank.look(shape)
-        out[k] = bank.reading[0, 0]
+    strain = np.zeros((len(angles), 3, 3))
+    strain[:, 0, 0], strain[:, 2, 0] = (2 * angles / third).T
+    return readings([replace(sensor, rate=rate)], np.arange(4) * third, 1 / rate, seed, strain)[
+        :, 0
+    ]
+
+
+def readings(
+    sensors: Sequence[Sensor],
+    edges: np.ndarray,
+    period: float,
+    seed: int,
+    strain: np.ndarray,
+    touch: np.ndarray | None = None,
+) -> np.ndarray:
+    """Readings (n, fibres) of sensors that were straight before.
+
+    Args:
+        sensors: The sensors.
+        edges: (cells + 1,) [m].
+        period: [s] from one shape to the next.
+        seed: Of the noise.
+        strain: (n, cells, 3) [1/m], see `sensing.shape`.
+        touch: (n, sensors) [N], if any.
+    """
+    array = SensorArray(sensors, edges, period)
+    array.start(np.array([0]), [sensors], [seed], np.zeros((1, *strain.shape[1:])))
+    out = np.empty((len(strain), array.size))
+    for k, row in enumerate(out):
+        array.look(strain[k : k + 1], touch=None if touch is None else touch[k : k + 1])
+        row[:] = array.reading[0]
     return out
 
 
@@ -312,28 +334,11 @@ def _gripped(name: str, tension: float) -> _Grip:
     )
 
 
-@dataclass(frozen=True)
-class _Finger:
-    """Sensors and tags of a specimen."""
-
-    bank: SensorArray
-    sensors: tuple[Sensor, ...]
-    seed: int
-
-    @classmethod
-    def built(cls, specimen: int, edges: np.ndarray) -> "_Finger":
-        sensors = tuple(sensor.with_imperfections(1.0, specimen) for sensor in _ROBOT.sensors)
-        return cls(SensorArray(sensors, edges, 1 / _RATE), sensors, specimen)
-
-    def read(self, grip: _Grip) -> tuple[np.ndarray, np.ndarray]:
-        """Light (n, 3) and turns seen by tags (n, 3) [rad] in a grip."""
-        still = np.zeros((1, *grip.strain.shape[1:]))
-        self.bank.start(np.array([0]), [self.sensors], [self.seed], still)
-        out = np.empty((len(grip.strain), self.bank.size))
-        for k, shape in enumerate(grip.strain):
-            self.bank.look(shape[None], touch=grip.touch[k : k + 1])
-            out[k] = self.bank.reading[0]
-        return out[:, :3], out[:, 3:].reshape(len(out), 3, -1).sum(axis=2)
+def _finger_read(grip: _Grip, specimen: int) -> tuple[np.ndarray, np.ndarray]:
+    """Light (n, 3) and turns seen by tags (n, 3) [rad] of a specimen in a grip."""
+    sensors = tuple(sensor.with_imperfections(1.0, specimen) for sensor in _ROBOT.sensors)
+    out = readings(sensors, grip.edges, 1 / _RATE, specimen, grip.strain, grip.touch)
+    return out[:, :3], out[:, 3:].reshape(len(out), 3, -1).sum(axis=2)
 
 
 def finger_rows(quick: bool = False) -> list[Row]:
@@ -373,8 +378,7 @@ def finger_rows(quick: bool = False) -> list[Row]:
 def _judge_finger(specimen: int, grips: dict[str, _Grip]) -> tuple[dict[str, np.ndarray], dict]:
     """Errors (n, 3) [rad] of sensors by the grip, and what is drawn."""
     whole = grips[f"fingertip {_SMALL}"]
-    finger = _Finger.built(specimen, whole.edges)
-    light, turns = finger.read(whole)
+    light, turns = _finger_read(whole, specimen)
     known = Calibration.fitted(light, turns)
     span = known.high - known.low
     at = known.low + np.linspace(0, 1, 101)[:, None] * span
@@ -386,7 +390,7 @@ def _judge_finger(specimen: int, grips: dict[str, _Grip]) -> tuple[dict[str, np.
     }
     errors, series = {}, {}
     for name, grip in grips.items():
-        light, turns = finger.read(grip)
+        light, turns = _finger_read(grip, specimen)
         seen = known(light)
         errors[name] = seen - turns
         series[name] = seen, turns, grip
@@ -490,42 +494,32 @@ def _lengths(most: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
     return np.unique(lengths.round(12), axis=0)
 
 
-def _readings(visit: _Visit, sensor: Sensor, bent: float = 0.0) -> np.ndarray:
-    """Readings (n, 4) at all postures; `bent` is how much a phototransistor is not linear [1]."""
-    bank = SensorArray([sensor], visit.edges, _PAUSE)
-    still = np.zeros_like(visit.shapes[:1])
-    bank.start(np.array([0]), [[sensor]], [sensor.specimen], still)
-    out = np.empty((len(visit.shapes), sensor.size))
-    for shape, row in zip(visit.shapes, out, strict=True):
-        bank.look(shape[None])
-        row[:] = bank.reading[0]
-    return out * (1 - bent * out / np.e)
-
-
 def _judge_spatial(specimen: int, sensor: Sensor, bent: float) -> _Found:
-    """Errors of network and model on one specimen."""
+    """Errors of network and model on one specimen; light is not linear by a share `bent` [1]."""
     visit, rng = _visit(specimen), np.random.default_rng(specimen)
-    readings, tips = _readings(visit, sensor, bent), visit.tips
+    seed, tips = sensor.specimen, visit.tips
+    light = readings([sensor], visit.edges, _PAUSE, seed, visit.shapes)
+    light *= 1 - bent * light / np.e
     seen = tips[:_POINTS] + CAMERA_NOISE * rng.standard_normal((_POINTS, 2))
     known = np.zeros(_POINTS, dtype=bool)
     known[rng.permutation(_POINTS)[: round(_TRAINING * _POINTS)]] = True
     parts = {"test": np.append(~known, np.zeros(len(tips) - _POINTS, dtype=bool))}
     parts["circle"] = np.arange(len(tips)) > _POINTS
-    network = _network(Dataset(readings[:_POINTS][known], seen[known]), rng)
-    model = calibrate(readings[:_POINTS], seen, known, RIG.sensors[0])
-    estimates = {"network": network(readings), "model": _followed(BendFilter(model), readings)}
+    network = _network(Dataset(light[:_POINTS][known], seen[known]), rng)
+    model = calibrate(light[:_POINTS], seen, known, RIG.sensors[0])
+    estimates = {"network": network(light), "model": _followed(BendFilter(model), light)}
     if sensor.flicker == USUAL["flicker"] and not bent:
         without = {
             "model without play": BendFilter(replace(model, lag=0.0)),
             "model without drift": BendFilter(model, _NO_DRIFT),
         }
-        estimates |= {name: _followed(one, readings) for name, one in without.items()}
+        estimates |= {name: _followed(one, light) for name, one in without.items()}
     squares = {
         f"{name} {part}": ((estimate - tips)[which] ** 2).sum(axis=1)
         for name, estimate in estimates.items()
         for part, which in parts.items()
     }
-    return _Found(squares, {"readings": readings, "tips": tips, **estimates})
+    return _Found(squares, {"readings": light, "tips": tips, **estimates})
 
 
 def _followed(tracker: BendFilter, readings: np.ndarray) -> np.ndarray:
@@ -633,13 +627,12 @@ def _planar_picture(constant: dict, other: dict, message: str) -> figures.Figure
     axis.plot(*constant["cloud"], ".", color="0.8", markersize=3)
     at = np.linspace(0, 100, 101)
     for order, colour in _ORDERS.items():
-        axis.plot(at, constant["fits"][order], color=colour)
+        axis.plot(at, constant["fits"][order], color=colour, label=f"order {order}")
         printed = np.polynomial.Polynomial(PRINTED[order])(at)
         axis.plot(at[::10], printed[::10], "*", color=colour, markersize=7)
     axis.set(xlabel="relative current [%]", ylabel="total angle [deg]")
     axis.set_title("as Fig. 4.7: polynomials")
-    orders = [(f"order {order}", colour) for order, colour in _ORDERS.items()]
-    add_notes(axis, [*orders, ("stars: thesis", figures.BLACK)])
+    axis.legend(frameon=False, fontsize=8, title="stars: thesis", title_fontsize=8)
     _other(*axes.flat[2:], other)
     return figure
 

@@ -30,13 +30,12 @@ from softrobot_env.control.registry import (
 )
 from softrobot_env.core.processes import Workers, usable_cores, using, worker_processes
 from softrobot_env.envs.rendering.renderer import RenderError
-from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.registration import ENVIRONMENTS
 from softrobot_env.robots import ARM, EXAMPLES, find_robot
 from softrobot_env.scene.simulation import Simulation
-from studies.lab import Column, Lab, Record, Study, TableMaker, number, quantity, table
+from studies.lab import Column, Lab, Record, Study, TableMaker, quantity, table
 
 
 @dataclass(frozen=True)
@@ -118,6 +117,19 @@ def mean_time(do: Callable[[], object], count: int) -> float:
     for _ in range(count):
         do()
     return (perf_counter() - begin) / count
+
+
+def block_time(do: Callable[[], object], clock: Callable[[], float] = perf_counter) -> float:
+    """Mean time [s] of a call in a block of 0.3 s, by `process_time` that of computing."""
+    begin, count = clock(), 0
+    while clock() - begin < _BLOCK:
+        do()
+        count += 1
+    return (clock() - begin) / count
+
+
+#: [s] of a block.
+_BLOCK = 0.3
 
 
 # -------------------- decisions, from the first in a fresh process on, and for many
@@ -259,13 +271,16 @@ def robot_rows(quick: bool) -> list[Row]:
     """A row for each robot and number of robots."""
     counts, budget = (COUNTS[:2], _BUDGET / 10) if quick else (COUNTS, _BUDGET)
     return [
-        _robot_row(name, *made, count, budget)
+        _batch_row(ROBOT, name, *made, count, budget)
         for name, made in _environments().items()
         for count in counts
     ]
 
 
-def _robot_row(name: str, env_id: str, options: dict[str, Any], count: int, budget: float) -> Row:
+def _batch_row(
+    what: str, name: str, env_id: str, options: dict[str, Any], count: int, budget: float
+) -> Row:
+    """A row of robots in random motion, and of bare simulations in the same motion."""
     env = gymnasium.make_vec(env_id, num_envs=count, **options)
     actions = _SHARE * np.random.default_rng(0).uniform(-1, 1, env.action_space.shape)
     times: list[tuple[float, float]] = []
@@ -274,9 +289,9 @@ def _robot_row(name: str, env_id: str, options: dict[str, Any], count: int, budg
         stepped = _period_time(env, actions, lambda: env.step(actions)[2])
         times.append((_period_time(env, actions, env.simulation.advance), stepped))
     raw, seconds = np.min(times, axis=0).tolist()
-    simulation = env.simulation
-    row = step_row(ROBOT, name, seconds, raw, count, simulation.threads)
-    return replace(row, dof=simulation.scene.model.nv)
+    simulation, dof = env.simulation, env.simulation.scene.model.nv
+    env.close()
+    return replace(step_row(what, name, seconds, raw, count, simulation.threads), dof=dof)
 
 
 def _period_time(
@@ -361,7 +376,7 @@ def _threads(cores: int) -> Row:
         env.reset(seed=0)
         step = partial(env.step, np.zeros(env.action_space.shape, dtype=np.float32))
         step()
-        times[threads] = min(mean_time(step, 10) for _ in range(_ROUNDS))
+        times[threads] = min(block_time(step) for _ in range(_ROUNDS))
         env.close()
     own = {"seconds": times[cores], "efficiency": times[1] / times[cores] / cores}
     return Row(SCALING, "threads of a batch", _ROBOTS, cores, **own)
@@ -389,8 +404,6 @@ print(json.dumps({
 }))
 """
 
-_FRAMES = 40
-
 
 def wait_rows(quick: bool) -> list[Row]:
     """What a user waits for: the least of several fresh interpreters, and a frame."""
@@ -411,7 +424,7 @@ def frame_time() -> float | None:
         env.render()
     except RenderError:
         return None
-    mean = mean_time(env.render, _FRAMES)
+    mean = block_time(env.render)
     env.close()
     return mean
 
@@ -426,58 +439,23 @@ BATCHES = ((16, 1), (16, 2), (16, 4), (256, 1), (256, 2))
 #: Processes of Gymnasium's AsyncVectorEnv; more share the same cores and only need more memory.
 _PROCESSES = 16
 
-#: [s] of a block.
-_BLOCK = 0.3
-
-
-def _in_turns(quick: bool, *actions: Callable[[], object]) -> list[float]:
-    """Least time [s] of each of some things done in turns, over some rounds."""
-    rounds = range(2 if quick else 6)
-    return np.min([[_block_time(do) for do in actions] for _ in rounds], axis=0).tolist()
-
-
-def _block_time(do: Callable[[], object]) -> float:
-    """Mean time [s] of a call in a block."""
-    begin, count = perf_counter(), 0
-    while perf_counter() - begin < _BLOCK:
-        do()
-        count += 1
-    return (perf_counter() - begin) / count
-
 
 def vector_rows(quick: bool) -> list[Row]:
-    """Rows, whose ratio is that to bare simulations of the same scene."""
+    """Rows of the arm, whose ratio is that to bare simulations of the same scene."""
     # Processes first: they are forked, and the simulations below reserve much memory.
-    processes = _processes(quick)
-    rows = []
-    for sizes in BATCHES[-1:] if quick else BATCHES:
-        times = _in_turns(quick, *_batched(*sizes))
-        rows.append(step_row(_VECTOR, "VectorTrackingEnv", *times, *sizes))
-    return [*rows, processes]
-
-
-def _processes(quick: bool) -> Row:
-    """Row of Gymnasium's environments in processes."""
     env = gymnasium.make_vec(_SWING, num_envs=_PROCESSES, vectorization_mode="async")
     env.reset(seed=0)
     actions = np.zeros(env.action_space.shape, np.float32)
-    (least,) = _in_turns(quick, lambda: env.step(actions))
+    least = min(block_time(lambda: env.step(actions)) for _ in range(2 if quick else 6))
     env.close()
-    return step_row(_VECTOR, "AsyncVectorEnv of the same", least, None, _PROCESSES, _PROCESSES)
-
-
-def _batched(count: int, threads: int) -> tuple[Callable[[], object], Callable[[], object]]:
-    """Our environment's step, and the bare step of as many simulations in the same motion."""
-    env = VectorTrackingEnv(count, "swing", threads=threads)
-    env.reset(seed=0)
-    actions = np.zeros((count, 3), np.float32)
-    single = TrackingEnv("swing")
-    single.reset()
-    bare = BatchSimulation(single.scene, count, threads)
-    # A moving arm costs more than one at rest: both start bent, and swing without tension.
-    start = single.data.qpos, np.zeros(single.model.nu)
-    bare.reset(np.arange(count), *(np.tile(row, (count, 1)) for row in start))
-    return lambda: env.step(actions), bare.advance
+    name = "AsyncVectorEnv of the same"
+    processes = step_row(_VECTOR, name, least, None, _PROCESSES, _PROCESSES)
+    budget = _BUDGET / 10 if quick else _BUDGET
+    rows = [
+        _batch_row(_VECTOR, "VectorTrackingEnv", _SWING, {"threads": threads}, count, budget)
+        for count, threads in (BATCHES[-1:] if quick else BATCHES)
+    ]
+    return [*rows, processes]
 
 
 # -------------------- many arms on MuJoCo Warp, where there is a CUDA device
@@ -606,16 +584,6 @@ def _sizes(head: str) -> Column:
     return Column(head, lambda row: f"{row.n_envs} x {row.threads}", ">")
 
 
-def _scaled(head: str, field: str, form: str, factor: float = 1.0, missing: str = "-") -> Column:
-    """A number in any unit; text where there is none."""
-
-    def cell(row: Row) -> str:
-        value = getattr(row, field)
-        return missing if value is None else number(factor * value, form)
-
-    return Column(head, cell, ">")
-
-
 _MOVING = "random steps of the action\nby half of its range, 0.1 s"
 
 STUDY = Study(
@@ -625,38 +593,38 @@ STUDY = Study(
         table(
             "",
             *(Column("", "variant"), _sizes("envs x\nthreads"), "steps_per_second"),
-            *("raw_steps_per_second", "ratio", _scaled("over-\nhead µs", "overhead", ".1f", 1e6)),
+            *("raw_steps_per_second", "ratio", Column("over-\nhead µs", "overhead", ".1f", "µs")),
             "overhead_ratio",
             where=lambda row: row.what in ("env.step", _VECTOR),
         ),
         _tabled(
             *(WARP, "many arms on MuJoCo Warp", Column("robots", "n_envs", "d")),
-            _scaled("steps/s", "steps_per_second", ".0f"),
+            Column("steps/s", "steps_per_second", ".0f"),
         ),
         _tabled(
-            *("moving", _MOVING, _scaled("accuracy %", "accuracy", ".3g", 100.0)),
-            *("steps_per_second", "error", _scaled("estimate\nmm", "estimate", ".3f", 1e3)),
+            *("moving", _MOVING, Column("accuracy %", "accuracy", ".3g", "%")),
+            *("steps_per_second", "error", Column("estimate\nmm", "estimate", ".3f", "ms")),
         ),
         _tabled(
             *(ROBOT, "env.step, moving", "dof", _sizes("robots x\nthreads")),
-            _scaled("µs a robot\nand period", "seconds", ".1f", 1e6),
+            Column("µs a robot\nand period", "seconds", ".1f", "µs"),
             Column("periods/s", "steps_per_second", ".0f"),
             Column("bare/s", "raw_steps_per_second", ".0f"),
             Column("bare/\nenv", "ratio", ".2f"),
         ),
         _tabled(
-            *(DECISION, "policy", _scaled("period\nms", "period", "g", 1e3)),
-            _scaled("decision µs,\nmedian", "seconds", ".1f", 1e6),
-            _scaled("longest ms\nof computing", "longest", ".3f", 1e3),
-            _scaled("256 stacked\nms", "stacked", ".2f", 1e3),
+            *(DECISION, "policy", Column("period\nms", "period", "g", "ms")),
+            Column("decision µs,\nmedian", "seconds", ".1f", "µs"),
+            Column("longest ms\nof computing", "longest", ".3f", "ms"),
+            Column("256 stacked\nms", "stacked", ".2f", "ms"),
         ),
         _tabled(
             *(SCALING, "several cores", "threads", "efficiency"),
-            _scaled("ready\nafter s", "started", ".1f"),
+            Column("ready\nafter s", "started", ".1f"),
             Column("job or\nstep s", "seconds", ".2g"),
         ),
         table(
-            *("", Column("", "variant"), _scaled("ms", "seconds", ".1f", 1e3, "no OpenGL")),
+            *("", Column("", "variant"), Column("ms (-: no OpenGL)", "seconds", ".1f", "ms")),
             where=lambda row: row.what in ("start", "render"),
         ),
     ],

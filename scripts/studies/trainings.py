@@ -1,9 +1,7 @@
 """Trained policies over several seeds, and what PPO learns with nobody's tuning."""
 
-import json
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -11,18 +9,15 @@ import gymnasium
 import numpy as np
 
 from softrobot_env.control.registry import make_policy, policy_environment
-from softrobot_env.core.artifacts import read_facts
-from softrobot_env.core.files import write_text
 from softrobot_env.core.interfaces import Policy
 from softrobot_env.learned.network import Network
 from softrobot_env.rendering.figures import COLOURS, REFERENCE, Axes, Figure, Style, style_of
 from softrobot_env.rendering.learning import checks_figure
-from softrobot_env.training.artifacts import check, save
+from softrobot_env.training.artifacts import check
 from softrobot_env.training.imitation import ImitationConfig, imitate
-from softrobot_env.training.rl_config import DISTURBED, RLConfig, preset
+from softrobot_env.training.rl_config import DISTURBED, preset
 from studies.lab import (
     Column,
-    Lab,
     Record,
     Study,
     groups,
@@ -40,9 +35,6 @@ SEEDS = (0, 1, 2)
 _PROCESSES = 2
 
 # ---------------------------------------------------------------- presets over several seeds
-
-#: Where finished trainings are kept; they are not repeated.
-FOLDER = Path("out") / "learning"
 
 IMITATION = "imitation"
 
@@ -100,76 +92,37 @@ class LearnedRow(Record):
     trials: int
 
 
-def learn(lab: Lab) -> list[LearnedRow]:
-    """Train what is missing, then check all."""
-    seeds, folder = (SEEDS[:1], FOLDER / "quick") if lab.quick else (SEEDS, FOLDER)
-    jobs = [(chain, seed) for seed in seeds for chain in CHAINS]
-    lab.tasks([("training", partial(run_chain, *job, folder, lab.quick)) for job in jobs])
-    jobs = [(name, seed, folder, lab.quick) for name in (IMITATION, *CASES) for seed in seeds]
-    here = replace(lab, processes=0)
-    return here.tasks([(f"checks of {job[0]}", partial(_checked, *job)) for job in jobs])
+def learning_cases(quick: bool) -> list[tuple]:
+    """Names of a chain, seed, and whether all is cut short."""
+    return [(chain, seed, quick) for seed in SEEDS[: 1 if quick else None] for chain in CHAINS]
 
 
-def run_chain(chain: tuple[str, ...], seed: int, folder: Path, quick: bool) -> None:
-    """Train what is missing in a folder: a network and a file of facts for each name."""
-    for name in chain:
-        settings, facts = _settings(name, seed, quick), _file(folder, name, seed, ".json")
-        if not facts.is_file() or read_facts(facts)["settings"] != settings:
-            _train(name, seed, folder, quick)
-
-
-def _train(name: str, seed: int, folder: Path, quick: bool) -> None:
+def learn(case: tuple[tuple[str, ...], int, bool]) -> list[LearnedRow]:
+    """Train and check what a chain names, one after the other."""
     from softrobot_env.training.rl import train
 
-    began, curve = perf_counter(), []
-    if name == IMITATION:
-        network = imitate(_imitation(quick), seed, quiet)
-    else:
-        warm = CASES[name][1]
-        start = Network.load(_file(folder, IMITATION, seed))[0] if warm else None
-        network, curve = train(_config(name, quick), seed, quiet, start)
-    folder.mkdir(parents=True, exist_ok=True)
-    save(network, _file(folder, name, seed), seed)
-    minutes, settings = (perf_counter() - began) / 60, _settings(name, seed, quick)
-    facts = {"minutes": minutes, "curve": curve, "settings": settings}
-    write_text(_file(folder, name, seed, ".json"), json.dumps(facts))
+    names, seed, quick = case
+    rows, start = [], None
+    for name in names:
+        began, curve = perf_counter(), []
+        if name == IMITATION:
+            short = _QUICK_IMITATION if quick else {}
+            network = start = imitate(replace(ImitationConfig(), processes=0, **short), seed, quiet)
+        else:
+            config = replace(preset(*CASES[name]), **(_QUICK_RL if quick else {}))
+            network, curve = train(config, seed, quiet, start if CASES[name][1] else None)
+        minutes = (perf_counter() - began) / 60
+        rows.append(_checked(network, quick, policy=name, seed=seed, minutes=minutes, curve=curve))
+    return rows
 
 
-def _imitation(quick: bool) -> ImitationConfig:
-    return replace(ImitationConfig(), processes=0, **(_QUICK_IMITATION if quick else {}))
-
-
-def _config(name: str, quick: bool) -> RLConfig:
-    return replace(preset(*CASES[name]), **(_QUICK_RL if quick else {}))
-
-
-def _settings(name: str, seed: int, quick: bool) -> dict[str, Any]:
-    """All that a training depends on, of the network it starts from as well."""
-    found: dict[str, Any] = {"seed": seed}
-    if name == IMITATION or CASES[name][1]:
-        found["imitation"] = asdict(_imitation(quick))
-    if name != IMITATION:
-        found["config"] = asdict(_config(name, quick))
-    return json.loads(json.dumps(found))
-
-
-def _file(folder: Path, name: str, seed: int, suffix: str = ".npz") -> Path:
-    return folder / f"{name}_{seed}{suffix}"
-
-
-def _checked(name: str, seed: int, folder: Path, quick: bool) -> LearnedRow:
+def _checked(network: Network, quick: bool, **own: Any) -> LearnedRow:
     """Figures of a network, on the nominal robot and on others."""
-    facts = read_facts(_file(folder, name, seed, ".json"))
-    network, _ = Network.load(_file(folder, name, seed))
     rows = check(network, ({},) if quick else DISTURBED, 0.2 if quick else None)
     tracking = {label: row.e_max for label, row in rows.items() if row.step is None}
     moduli = [e for label, e in tracking.items() if "," not in label or "youngs_modulus" in label]
     step = rows["step 50 mm"].step
     return LearnedRow(
-        policy=name,
-        seed=seed,
-        minutes=facts["minutes"],
-        curve=facts["curve"],
         swing_max=tracking["swing"],
         lshape_max=tracking["lshape"],
         overshoot=step.overshoot,
@@ -178,7 +131,13 @@ def _checked(name: str, seed: int, folder: Path, quick: bool) -> LearnedRow:
         worst=max(tracking.values()),
         failures=sum(row.failure is not None for row in rows.values()),
         trials=len(rows),
+        **own,
     )
+
+
+def _in_order(rows: list[LearnedRow]) -> list[LearnedRow]:
+    order = (IMITATION, *CASES)
+    return sorted(rows, key=lambda row: (order.index(row.policy), row.seed))
 
 
 _CHECKS = (
@@ -204,7 +163,9 @@ def _learning_curves(rows: list[LearnedRow]) -> Figure:
 
 LEARNING = Study(
     kinds=(LearnedRow,),
-    stages=learn,
+    cases=learning_cases,
+    measure=learn,
+    derive=_in_order,
     processes=_PROCESSES,
     tables=[
         pivot(f"{title}: median of the seeds (least to largest)", ("policy",), columns)

@@ -8,7 +8,6 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 
-from studies import trainings
 from studies.trainings import CASES, CHAINS, GOALS, Goal, goal_of, mean_error
 
 
@@ -18,13 +17,6 @@ def test_what_starts_from_a_network_comes_after_it():
         for name in chain:
             warm = name in CASES and CASES[name][1]
             assert not warm or "imitation" in chain[: chain.index(name)]
-
-
-@pytest.mark.slow
-def test_finished_trainings_are_not_repeated(tmp_path, monkeypatch):
-    trainings.run_chain(("ppo",), 1, tmp_path, quick=True)
-    monkeypatch.setattr(trainings, "_train", pytest.fail)
-    trainings.run_chain(("ppo",), 1, tmp_path, quick=True)
 
 
 def test_the_error_is_the_mean_of_all_instants_and_a_failure_is_infinite():
