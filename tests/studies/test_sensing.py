@@ -20,7 +20,7 @@ def test_a_simulated_finger_wraps_as_the_audit_says(monkeypatch):
     np.testing.assert_allclose(bends[:, 1], 52.1, atol=1.5)
     assert (bends[:, 0] < 45).all()  # straight where it leaves its clamp
     assert (grip.touch[held, 1] > 0.1).all() and not grip.touch[0, 1:3].any()
-    light, turns = sensing._Finger.built(1, grip.edges).read(grip)
+    light, turns = sensing._finger_read(grip, 1)
     noise = 6 * 5e-3 * np.sqrt(2)
     np.testing.assert_allclose(np.degrees(turns[held]), bends, atol=np.degrees(noise))
     assert (light[held] < 0.7).all()
