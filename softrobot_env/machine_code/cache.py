@@ -1,12 +1,24 @@
 """A cache of compiled functions that knows all their sources, so that none is ever stale."""
 
+import sys
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from time import monotonic, sleep
+from typing import IO, Any
 
+from numba.core import event
 from numba.core.caching import FunctionCache, IndexDataCacheFile
+
+try:
+    from fcntl import LOCK_EX, LOCK_NB, flock
+except ImportError:  # not on Windows, where processes may compile the same at once
+    flock = None
+
+#: Longest wait [s] for another process that compiles the same, and between two looks at it.
+_PATIENCE, _PAUSE = 120.0, 0.05
 
 
 @cache
@@ -54,14 +66,74 @@ class CacheFiles(IndexDataCacheFile):
             old.unlink(missing_ok=True)
 
 
+def _lock(path: Path) -> IO | None:
+    """A file locked for this process until it is closed, None if it stays locked by another."""
+    file = path.open("wb")
+    end = monotonic() + _PATIENCE
+    while monotonic() < end:
+        try:
+            flock(file, LOCK_EX | LOCK_NB)
+            return file
+        except BlockingIOError:
+            sleep(_PAUSE)
+    file.close()
+    return None
+
+
 class SourceCache(FunctionCache):
     """Numba's cache, which watches the file of the function alone, for one that calls others.
 
     An edit of any source in some folders recompiles: that of the function unless others are given,
-    and this one.
+    and this one. Of several processes that need a function, one compiles it, and the others wait.
     """
 
     def __init__(self, function: Callable, *places: Path) -> None:
         super().__init__(function)
         places = places or (Path(function.__code__.co_filename).parent,)
         self._cache_file = CacheFiles(self._cache_file, digest_of((*places, Path(__file__).parent)))
+        self._locks: dict[Any, IO] = {}
+
+    def _load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = super()._load_overload(sig, target_context)
+        if found is None and self._enabled and flock is not None:
+            name = self._cache_file._name(self._index_key(sig, target_context.codegen()))
+            with suppress(OSError):
+                self._impl.locator.ensure_cache_path()
+                lock = _lock(Path(self._cache_path, name).with_suffix(".lock"))
+                if lock is not None:
+                    self._locks[sig] = lock
+            found = super()._load_overload(sig, target_context)
+            if found is not None:
+                self._unlock(sig)
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Store a compiled function; other processes need not wait for it any more."""
+        super().save_overload(sig, data)
+        self._unlock(sig)
+
+    def _unlock(self, sig: Any) -> None:
+        lock = self._locks.pop(sig, None)
+        if lock is not None:
+            Path(lock.name).unlink(missing_ok=True)
+            lock.close()
+
+    def unlock(self) -> None:
+        """Let other processes compile what could not be compiled here."""
+        for sig in list(self._locks):
+            self._unlock(sig)
+
+
+class _Failures(event.Listener):
+    """Unlocks what could not be compiled."""
+
+    def on_start(self, _: event.Event) -> None:
+        pass
+
+    def on_end(self, ended: event.Event) -> None:
+        cache = ended.data["dispatcher"]._cache
+        if sys.exc_info()[0] is not None and isinstance(cache, SourceCache):
+            cache.unlock()
+
+
+event.register("numba:compile", _Failures())

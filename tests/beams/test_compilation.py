@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import NamedTuple
 
@@ -171,3 +172,31 @@ def test_garbage_is_collected_after_a_compilation_if_it_was_before(collects):
         assert gc.isenabled() == collects
     finally:
         (gc.enable if before else gc.disable)()
+
+
+_COMPILES_LONG = """
+import sys, time
+from softrobot_env.beams.numerics.compilation import kernel
+
+@kernel
+def calls(x):
+    total = 0.0
+    for i in range(3):
+        total += (x[i:] @ x[i:]) + x[::-1].sum() + (x.reshape(-1, 1) * x).sum()
+    return total
+
+import numpy as np
+time.sleep(max(0.0, float(sys.argv[1]) - time.time()))
+calls(np.ones(4))
+print(sum(calls.stats.cache_hits.values()))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="files are not locked there")
+def test_of_processes_that_need_the_same_kernel_one_compiles_it(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(_COMPILES_LONG)
+    command = [sys.executable, str(script), str(time.time() + 3)]
+    runs = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(3)]
+    assert sorted(int(run.communicate()[0]) for run in runs) == [0, 1, 1]
+    assert not list(tmp_path.rglob("*.lock"))

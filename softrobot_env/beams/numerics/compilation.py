@@ -49,11 +49,11 @@ class _KernelCache(SourceCache):
         if linked:
             self._cache_file._base += "-linked"
 
-    def save_overload(self, sig: Any, data: Any) -> None:
+    def _save_overload(self, sig: Any, data: Any) -> None:
         """Store a compiled kernel if all types of its arguments belong to this package."""
         classes = [getattr(t, "instance_class", None) for t in sig]
         if all(c is None or c.__module__.split(".")[0] == _PACKAGE for c in classes):
-            super().save_overload(sig, data)
+            super()._save_overload(sig, data)
 
 
 def kernel(function: Callable, everywhere: bool = False) -> Any:
