@@ -1,84 +1,20 @@
 """What lies between policy and robot: the drives' gain and delay, and noise of the sensors."""
 
-from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from softrobot_env.core.arrays import HOST, HostArrays, namespace
-from softrobot_env.envs.observations.table import SENSOR_NOISE
+from softrobot_env.envs.observations.readouts import SensorNoise, filmed, fitted, noisy
+from softrobot_env.envs.observations.table import SENSOR_NOISE, Measured
 from softrobot_env.robots.variations import VARIATIONS
 
-#: Standard deviations at which noise ends, so that it has bounds.
-_FARTHEST = 6.0
+if TYPE_CHECKING:
+    from softrobot_env.envs.parts import SimulatedParts
 
-#: Standard deviations at scale 1 for which observation spaces leave room.
-NOISE_ROOM = VARIATIONS["sensor_noise"].range[1] * _FARTHEST
+__all__ = ["SENSOR_NOISE", "Drives", "Periphery", "SensorNoise", "noise_seed"]
 
-#: Control instants whose noise is drawn at once.
-_BLOCK = 64
-
-_FIRST = np.array([0])
 _WHOLE = 1e-9  # s that a delay may miss a multiple of the control period
-
-
-@dataclass(frozen=True)
-class Disturbance:
-    """The part of a variation that is not the robot's.
-
-    Attributes:
-        tension_gain: [1], tension applied per tension commanded, up to the tendon's limit.
-        delay: Control periods from an action to its effect.
-        sensor_noise: [1], scale of the noise of `observations.table`.
-        sensor_errors: [1], scale of the usual imperfections of curvature sensors
-            (`robots.sensors.USUAL`), of a specimen drawn for the episode.
-    """
-
-    tension_gain: float = 1.0
-    delay: int = 0
-    sensor_noise: float = 0.0
-    sensor_errors: float = 0.0
-
-    def drives(self, limit: np.ndarray, tension: np.ndarray) -> "Drives | None":
-        """Started drives of one robot, None where they apply what is commanded.
-
-        Args:
-            limit: (n_tendons,) [N], largest tensions.
-            tension: (n_tendons,) [N], commanded at the start.
-        """
-        if self.tension_gain == 1 and self.delay == 0:
-            return None
-        drives = Drives(1, limit)
-        drives.start(_FIRST, np.array([self.tension_gain]), np.array([self.delay]), tension)
-        return drives
-
-    def noise(self, sizes: dict[str, int], rng: np.random.Generator) -> "SensorNoise | None":
-        """Started noise of one robot, with a sampled seed; None without, which samples nothing.
-
-        Args:
-            sizes: Of the observables that can have noise.
-            rng: Where the seed comes from.
-        """
-        if self.sensor_noise == 0:
-            return None
-        noise = SensorNoise(1, sizes)
-        noise.start(0, self.sensor_noise, noise_seed(rng))
-        return noise
-
-
-def split(
-    variation: dict[str, float], control_period: float
-) -> tuple[dict[str, float], Disturbance]:
-    """Part of the robot, and the rest.
-
-    Raises:
-        ValueError: The delay is no multiple of the control period.
-    """
-    robot = {name: v for name, v in variation.items() if VARIATIONS[name].apply is not None}
-    rest = {name: float(v) for name, v in variation.items() if name not in robot}
-    if "delay" in rest:
-        rest["delay"] = periods(rest["delay"], control_period)
-    return robot, Disturbance(**rest)
 
 
 def periods(delay: float, control_period: float) -> int:
@@ -173,54 +109,92 @@ class Drives:
         return namespace(sent).minimum(sent, self._limit)
 
 
-class SensorNoise:
-    """White Gaussian noise of n robots' sensors, none until started.
+class Periphery:
+    """What lies between robots and policies: drives, and sensors with their errors.
 
-    Normal variates beyond 6 standard deviations (one in 5e8) are set to 6. Every robot's noise
-    depends on its seed alone: all observables draw, observed or not.
+    Attributes:
+        drives: None where all apply what is commanded.
+        noise: Of sensors; None where all are silent.
+        cameras, sensors: Those of a twin that err, and of curvature if they are observed; or None.
     """
 
-    def __init__(self, count: int, sizes: dict[str, int]) -> None:
-        """No noise for `count` robots, whose observables with sensors have these sizes."""
-        each = list(sizes.values())
-        ends = np.cumsum(each)
-        self._columns = dict(zip(sizes, map(slice, ends - each, ends), strict=True))
-        self._deviation = np.repeat([SENSOR_NOISE[name] for name in sizes], each)
-        self._everyone = np.arange(count)
-        self._scale = np.zeros(count)
-        self._generators: list[np.random.Generator | None] = [None] * count
-        self._rows = np.zeros((count, _BLOCK, len(self._deviation)))
-        self._at = np.zeros(count, dtype=int)
-        self._now = self._rows[:, 0]
+    def __init__(
+        self, parts: "SimulatedParts", count: int | None = None, arrays: HostArrays = HOST
+    ) -> None:
+        """Of one robot, or of `count` of them."""
+        self._parts, self._count, self._arrays = parts, count or 1, arrays
+        self._robots = 0 if count is None else slice(None)
+        self.drives: Drives | None = None
+        self.noise: SensorNoise | None = None
+        self.cameras, self.sensors = parts.cameras(count), parts.sensors(self._count)
 
-    def start(self, robot: int, scale: float, seed: int | None) -> None:
-        """Start an episode of one robot with noise of a scale [1], None as seed if that is 0."""
-        self._scale[robot] = scale
-        self._generators[robot] = None if seed is None else np.random.default_rng(seed)
-        self._rows[robot] = 0.0
-        self._at[robot] = _BLOCK - 1  # the next instant draws
+    def readout(self, exact: Measured) -> Measured:
+        """What sensors show of exact measurements."""
+        out = exact
+        if self.sensors is not None:
+            out = fitted(out, self.sensors, self._robots)
+        if self.cameras is not None:
+            out = filmed(out, self.cameras)
+        return out if self.noise is None else noisy(out, self.noise, self._robots)
 
-    def advance(self, which: np.ndarray | None = None) -> None:
-        """Go on to the next control instant, all or the robots `which` (k,) int."""
-        which = self._everyone if which is None else which
-        self._at[which] += 1
-        for robot in np.flatnonzero(self._at == _BLOCK).tolist():
-            self._at[robot] = 0
-            self._draw(robot)
-        self._now = self._rows[self._everyone, self._at]
+    def start_drives(
+        self, which: np.ndarray, values: dict[str, np.ndarray], command: np.ndarray
+    ) -> np.ndarray:
+        """Start the drives of robots `which` (k,).
 
-    def _draw(self, robot: int) -> None:
-        generator = self._generators[robot]
-        if generator is not None:
-            normal = generator.standard_normal(self._rows.shape[1:])
-            normal = np.clip(normal, -_FARTHEST, _FARTHEST, out=normal)
-            self._rows[robot] = normal * (self._scale[robot] * self._deviation)
+        Args:
+            which: Their numbers.
+            values: (n,) of variations by name.
+            command: (k, n_tendons) [N or m].
 
-    def on(self, name: str) -> np.ndarray:
-        """Noise (n, size) on an observable of `observations.table` at this instant."""
-        return self._now[:, self._columns[name]]
+        Returns:
+            (k, n_tendons) [N or m], what they apply.
+        """
+        gain = values["tension_gain"]
+        delay = np.rint(values["delay"] / self._parts.control_period).astype(int)
+        if np.all(gain == 1) and not delay.any():
+            self.drives = None
+            return command
+        if self.drives is None:
+            self.drives = Drives(self._count, self._parts.most, self._arrays)
+        self.drives.start(which, gain[which], delay[which], command)
+        return self._arrays.host(self.drives.tension)[which]
 
-    @property
-    def noisy(self) -> np.ndarray:
-        """(n,) bool, which robots have noise."""
-        return self._scale > 0
+    def start_sensors(
+        self,
+        which: np.ndarray,
+        values: dict[str, np.ndarray],
+        generators: list[np.random.Generator],
+        exact: Any,
+    ) -> bool:
+        """Start noise, cameras and sensors of robots `which` (k,), at rest.
+
+        Args:
+            which, values: As of `start_drives`.
+            generators: Of n robots; where seeds come from.
+            exact: What is measured exactly.
+
+        Returns:
+            Whether there is noise now and was none, or the other way: `readout` is another then.
+        """
+        scale, parts = values["sensor_noise"], self._parts
+        changed = bool(scale.any()) != (self.noise is not None)
+        if changed:
+            self.noise = SensorNoise(self._count, parts.noise_sizes) if scale.any() else None
+        seeds, sensed = [], []  # of cameras, and of curvature sensors
+        for i in which.tolist():
+            if self.noise is not None:
+                self.noise.start(i, scale[i], noise_seed(generators[i]) if scale[i] else None)
+            if self.cameras is not None:
+                seeds.append(noise_seed(generators[i]) if parts.twin.camera_noise else 0)
+            if self.sensors is not None:
+                sensed.append(noise_seed(generators[i]))
+        if self.cameras is not None:
+            exact.update()
+            tips = [exact.tip] if self._robots == 0 else self._arrays.host(exact.tip)
+            self.cameras.start(which, seeds, np.asarray(tips)[which])
+        if self.sensors is not None:
+            errors = values["sensor_errors"][which].tolist()
+            built = [parts.built_sensors(*pair) for pair in zip(errors, sensed, strict=True)]
+            self.sensors.start(which, built, sensed, exact.shape()[which])
+        return changed

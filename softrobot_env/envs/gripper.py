@@ -12,8 +12,7 @@ from softrobot_env.core.interfaces import Seen
 from softrobot_env.core.records import check_argument
 from softrobot_env.envs.config import GRIPPER, MANY, PICTURES, ControlPeriod, EnvConfig
 from softrobot_env.envs.observations.fingers import FingerSensors, GripperView, observes
-from softrobot_env.envs.observations.table import speed_limit
-from softrobot_env.envs.options import MASK, checked_actions, parse_seeds, seed_generators
+from softrobot_env.envs.options import MASK, checked_actions
 from softrobot_env.envs.parts import EpisodeSpec
 from softrobot_env.envs.rendering.renderer import GripperRenderer
 from softrobot_env.envs.rewards import GripReward
@@ -27,7 +26,6 @@ from softrobot_env.tasks.gripper import DRAWN, GRIP_TASKS, POSITIVE, GripTask
 _OF_FINGERS, _VECTORS = ("modulus", "arm"), ("pull", "shake")
 
 _USUAL = {"task": "hold", "control_period": 0.02, "observe": ("curvature", "tendon_tension")}
-_TERMS = ("reward_grip", "reward_effort", "reward_smoothness", "reward_failure")
 
 
 class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]):
@@ -40,6 +38,11 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, np
     `previous_action`; or, with observe_as="vector", one float32 vector of them of order 1. `info`
     is flat: time, the terms of the reward by their names, error (over what counts as success),
     success (only at the end), what was sampled, and the place of the bar.
+
+    An episode starts with fingers straight, a new bar and new fingers. Options of `reset` are
+    values in place of samples, by names out of `tasks.gripper.DRAWN`, each a number or an array of
+    n; `modulus` and `arm` may be of the fingers, `pull` and `shake` are sizes, in a sampled
+    direction, or vectors (3,).
 
     Attributes:
         gripper, task: What they are.
@@ -83,64 +86,40 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, np
         sensed = observes(config.observe, "sensors")
         self.simulation = GripperBatch(self.gripper, self.task, config, fineness, sensed)
         self.sensors = FingerSensors(self.simulation, self.control_period) if sensed else None
-        self._view = GripperView(self.simulation, config, self._action.copy, self.sensors)
+        self._view = GripperView(self.simulation, config, lambda: self._action.copy(), self.sensors)
         self.observe_as, self.vector_layout = config.observe_as, self._view.layout
         action_space = gymnasium.spaces.Box(-1.0, 1.0, self._limits.shape, np.float32)
         self._prepare(config, self._view.space, action_space)
         shapes = dict.fromkeys(_OF_FINGERS, (n, len(fingers))) | dict.fromkeys(_VECTORS, (n, 3))
         self._sampled = {name: np.zeros(shapes.get(name, n)) for name in DRAWN}
         self._worst, self._home = np.zeros(n), np.zeros((n, 3))
-        self._speed = max(speed_limit(finger.robot) for finger in fingers)
+        self._last[:] = self.max_episode_steps
         self._enclosable = np.array(
             [(k, s) for k, f in enumerate(fingers) for s in _starts(f.robot)]
         )
 
     # ------------------------------------------------------------------ episodes
 
-    def reset(
-        self,
-        *,
-        seed: int | list[int | None] | None = None,
-        options: dict[str, Any] | None = None,
-    ) -> tuple[Seen, dict[str, Any]]:
-        """Start episodes: fingers straight, a new bar and new fingers.
+    def _parsed(self, given: dict[str, Any]) -> Callable[[np.ndarray], None]:
+        fixed = {name: self._value(name, value) for name, value in given.items()}
+        return lambda which: self._begin(which, fixed)
 
-        Args:
-            seed: Seed of the first environment, the others follow; or one each.
-            options: Values in place of samples, by names out of `tasks.gripper.DRAWN`, each a
-                number or an array of n; `modulus` and `arm` may be of the fingers, `pull` and
-                `shake` are sizes, in a sampled direction, or vectors (3,). And `reset_mask` (n,)
-                bool, the environments to reset, all unless given.
-
-        Raises:
-            ValueError: A bad option; the message names what is allowed.
-        """
-        given, which = self._given(options)
-        fixed = {name: self._parsed(name, value) for name, value in given.items()}
-        seed_generators(self._generators, parse_seeds(seed, self.num_envs))
-        self._begin(which, fixed)
-        self._started = True
-        self._observation = self._view()
-        return self._observation, self._info_of({name: np.zeros(self.num_envs) for name in _TERMS})
-
-    def _parsed(self, name: str, value: Any) -> np.ndarray:
+    def _value(self, name: str, value: Any) -> np.ndarray:
         """An option as an array that broadcasts to that of what is sampled."""
         if name not in DRAWN:
             raise ValueError(f"unknown option {name!r}; allowed are {', '.join(DRAWN)}, {MASK}")
+        shape = self._sampled[name].shape
         try:
             values = np.asarray(value, dtype=float)
-            if name in _VECTORS and values.shape != (3,):
+            is_vector = name in _VECTORS and values.shape == (3,)
+            if name in _VECTORS and not is_vector:  # a size
                 shape = (self.num_envs,)
-                values = np.broadcast_to(values, shape)
-            else:
-                values = np.broadcast_to(values, self._sampled[name].shape)
+            values = np.broadcast_to(values, shape)
         except (TypeError, ValueError):
-            values = np.array([np.nan])
-        least = -np.inf if name in _VECTORS and values.ndim == 2 else 0.0
+            values, is_vector = np.array([np.nan]), False
         positive = name in POSITIVE
-        if not (np.isfinite(values).all() and (values >= least).all()) or (
-            positive and not (values > 0).all()
-        ):
+        known = np.isfinite(values) & (is_vector | (values > 0 if positive else values >= 0))
+        if not known.all():
             raise ValueError(
                 f"option {name!r} must be finite and {'positive' if positive else 'zero or more'}, "
                 f"one number or one for each of {self.num_envs}, got {value!r}"
@@ -196,27 +175,10 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, np
 
     # ------------------------------------------------------------------ steps
 
-    def step(
-        self, actions: np.ndarray
-    ) -> tuple[Seen, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Apply actions (n, inputs) in [-1, 1] for one control period.
-
-        Raises:
-            ValueError: Not so many real numbers, or one beyond [-1, 1] by more than 1e-6.
-            gymnasium.error.ResetNeeded: Nothing was started, or an episode is over and autoreset
-                is disabled.
-        """
-        self._check_running()
-        actions, previous = checked_actions(actions, self._action.shape), self._action.copy()
-        ended = self._ended()
-        self._action[:] = actions
+    def _act(self, actions: np.ndarray, ended: np.ndarray | None) -> None:
+        self._action = actions
         self.simulation.ctrl[:] = (actions + 1) / 2 * self._limits
         self.simulation.push(*self._disturbances())
-        diverged = self._advance(ended)
-        self._index += 1
-        if ended is not None:
-            self._begin(np.flatnonzero(ended))
-        return self._result(previous, diverged, ended)
 
     def _disturbances(self) -> tuple[np.ndarray, np.ndarray]:
         """Pulls (n, 3) [N] and accelerations of the palm (n, 3) [m/s2] in this period."""
@@ -229,18 +191,17 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, np
         return self._sampled["pull"] * share, self._sampled["shake"] * wave
 
     def _advance(self, ended: np.ndarray | None) -> np.ndarray:
-        """Integrate all but the ended (n,) bool; whether each (n,) diverged."""
-        running = None
-        if ended is not None:
-            running = np.flatnonzero(~ended)
-            if not len(running):
-                return np.zeros(self.num_envs, dtype=bool)
-        diverged = self.simulation.advance(running)
-        if self.sensors is not None:
-            self.sensors.look(running)
-        return diverged.copy() if running is None else diverged & ~ended
+        diverged = super()._advance(ended)
+        if self.sensors is not None and (ended is None or not ended.all()):
+            self.sensors.look(None if ended is None else np.flatnonzero(~ended))
+        return diverged
 
-    def _error(self) -> np.ndarray:
+    def _observe(self, started: np.ndarray | None = None) -> Seen:
+        self._error = self._off()
+        self._worst = np.maximum(self._worst, self._error) if self.task.free else self._error
+        return self._view()
+
+    def _off(self) -> np.ndarray:
         """(n,) [1], over what counts as success."""
         if self.task.free:
             away = np.linalg.norm(self.simulation.place - self._home, axis=1)
@@ -251,60 +212,29 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, np
         off = np.abs(self.simulation.curvature * rho - 1)
         return np.sum(off * self._beyond, axis=1) / self.task.within
 
-    def _result(
-        self, previous: np.ndarray, diverged: np.ndarray, ended: np.ndarray | None
-    ) -> tuple[Seen, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        before, self._observation = self._observation, self._view()
-        error = self._error()
-        speed = np.abs(self.simulation.qvel).max(axis=1)
-        lost = np.zeros_like(diverged)
-        if self.task.free:
-            lost = ~(error * self.task.within <= self.task.lost)
-        failed = diverged | lost | ~np.isfinite(speed)
-        self._worst = np.maximum(self._worst, error) if self.task.free else error
-        terms = self._reward.terms(error, self._action, previous, failed)
-        if ended is not None:
-            failed &= ~ended
-            terms = {name: np.where(ended, 0.0, term) for name, term in terms.items()}
-        truncated = (self._index >= self.max_episode_steps) & ~failed
-        self._keep_last(failed, before)
-        info = self._info_of(terms, error, truncated & (self._worst <= 1))
-        if failed.any():
-            info |= self._failures(failed, diverged)
-        self._done = failed | truncated
-        if self._mode == AutoresetMode.SAME_STEP and self._done.any():
-            info = self._restarted(info, _TERMS)
-        return self._observation, sum(terms.values()), failed, truncated, info
+    def _outside(self) -> np.ndarray:
+        lost = ~np.isfinite(self.simulation.qvel).all(axis=1)
+        return (
+            lost | ~(self._error * self.task.within <= self.task.lost) if self.task.free else lost
+        )
 
-    def _failures(self, failed: np.ndarray, diverged: np.ndarray) -> dict[str, np.ndarray]:
-        texts = np.full(self.num_envs, None, dtype=object)
-        for i in np.flatnonzero(failed):
-            time = self._index[i] * self.control_period
-            what = "the simulation diverged" if diverged[i] else "the bar was lost"
-            texts[i] = f"{what} by t = {time:.3f} s"
-        return {"failure": texts, "_failure": failed.copy()}
+    def _terms(self, previous: np.ndarray) -> dict[str, np.ndarray]:
+        return self._reward.batch_terms(self._error, self._action, previous)
 
-    def _begin_again(self, which: np.ndarray) -> None:
-        self._begin(which)
-        self._observation = self._view()
+    def _what_failed(self, i: int, diverged: bool, time: float) -> str:
+        what = "the simulation diverged" if diverged else "the bar was lost"
+        return f"{what} by t = {time:.3f} s"
 
-    def _info_of(
-        self,
-        terms: dict[str, Any],
-        error: np.ndarray | None = None,
-        success: np.ndarray | None = None,
-    ) -> dict[str, Any]:
-        n = self.num_envs
+    def _info_of(self, terms: dict[str, Any], over: np.ndarray | None = None) -> dict[str, Any]:
         info = {
             "time": self._index * self.control_period,
-            "error": self._error() if error is None else error,
-            "success": np.zeros(n, dtype=bool) if success is None else success,
+            "error": self._error,
+            "success": ~self._everyone if over is None else over & (self._worst <= 1),
             "bar_position": self.simulation.place,
             **terms,
             **{name: value.copy() for name, value in self._sampled.items()},
         }
-        everyone = np.ones(n, dtype=bool)
-        return info | {f"_{name}": everyone for name in info}
+        return self._masked(info)
 
 
 def _found(given: Any, find: Callable[[str], Any], name: str, kind: type) -> Any:
@@ -343,10 +273,8 @@ class GripperEnv(gymnasium.Env[Seen, np.ndarray]):
             autoreset_mode=AutoresetMode.DISABLED,
             **{name: getattr(config, name) for name in GRIPPER},
         )
-        self.gripper, self.task = self._all.gripper, self._all.task
-        self.simulation = self._all.simulation
-        self.control_period = self._all.control_period
-        self.max_episode_steps = self._all.max_episode_steps
+        for name in ("gripper", "task", "simulation", "control_period", "max_episode_steps"):
+            setattr(self, name, getattr(self._all, name))
         self.observe_as, self.vector_layout = self._all.observe_as, self._all.vector_layout
         self.observation_space = self._all.single_observation_space
         self.action_space = self._all.single_action_space
@@ -361,10 +289,7 @@ class GripperEnv(gymnasium.Env[Seen, np.ndarray]):
     ) -> tuple[Seen, dict[str, Any]]:
         """As of `VectorGripperEnv`, for one."""
         super().reset(seed=seed)
-        if self._all._generators:
-            self._all._generators[0] = self.np_random
-        else:
-            self._all._generators.append(self.np_random)
+        self._all._generators[:] = [self.np_random]
         observation, info = self._all.reset(options=options)
         self._diameter = float(info["diameter"][0])
         return _only(observation), _alone(info)

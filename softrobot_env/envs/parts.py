@@ -17,8 +17,8 @@ from softrobot_env.core.interfaces import Seen
 from softrobot_env.core.records import check_argument
 from softrobot_env.core.vector_reading import Reading
 from softrobot_env.envs.config import CHAIN, ControlPeriod, EnvConfig
-from softrobot_env.envs.disturbances import NOISE_ROOM
-from softrobot_env.envs.observations.readouts import FARTHEST
+from softrobot_env.envs.disturbances import periods
+from softrobot_env.envs.observations.readouts import FARTHEST, NOISE_ROOM, Camera, Cameras
 from softrobot_env.envs.observations.table import (
     OBSERVABLES,
     SENSOR_NOISE,
@@ -246,6 +246,15 @@ class SimulatedParts(EnvParts):
 
         return SensorArray(self._sensors, self.plant.cells, self.control_period, count)
 
+    def cameras(self, count: int | None = None) -> Camera | Cameras | None:
+        """Camera of the twin, of one robot or of `count`; None without errors."""
+        twin = self.twin
+        delay = 0 if twin is None else round(twin.camera_delay / self.control_period)
+        if twin is None or (twin.camera_noise == 0 and delay == 0):
+            return None
+        how = twin.camera_noise, delay, self.control_period, self.dimensions
+        return Camera(*how) if count is None else Cameras(count, *how)
+
     def built_sensors(self, errors: float, seed: int) -> tuple[Sensor, ...]:
         """Sensors of a robot whose specimen is sampled, with a scale of errors [1]."""
         return tuple(sensor.with_imperfections(errors, seed >> 32) for sensor in self._sensors)
@@ -261,6 +270,7 @@ class SimulatedParts(EnvParts):
                 f"{self.task.robot.name!r} is driven by tension: give start_input"
             )
         self.check_variation(parsed.vary)
+        periods(parsed.vary.get("delay", 0.0), self.control_period)
         return parsed
 
     def check_variation(self, variation: Mapping[str, Any]) -> None:

@@ -19,6 +19,7 @@ from softrobot_env.robots import RobotParams
 TERMS = tuple(
     f"reward_{name}" for name in ("tracking", "precision", "effort", "smoothness", "failure")
 )
+GRIP_TERMS = ("reward_grip", *TERMS[2:])
 
 _ZERO = float64(0.0)
 
@@ -226,14 +227,20 @@ class GripReward:
     def __post_init__(self) -> None:
         check_fields(self, "reward")
 
-    def terms(
-        self, error: np.ndarray, action: np.ndarray, previous: np.ndarray, failed: np.ndarray
+    @property
+    def none(self) -> dict[str, float64]:
+        """As of `TrackingReward`."""
+        return dict.fromkeys(GRIP_TERMS, _ZERO)
+
+    failed_terms = TrackingReward.failed_terms
+
+    def batch_terms(
+        self, error: np.ndarray, action: np.ndarray, previous: np.ndarray
     ) -> dict[str, np.ndarray]:
-        """Terms (n,) for errors (n,), actions (n, inputs) and failures (n,) bool."""
-        terms = {
+        """Terms (n,) for errors (n,) and actions (n, inputs)."""
+        return {
             "reward_grip": self.grip * np.exp(-error),
             "reward_effort": -self.effort * np.mean(((action + 1) / 2) ** 2, axis=1),
             "reward_smoothness": -self.smoothness * np.mean((action - previous) ** 2, axis=1),
+            "reward_failure": np.zeros_like(error),
         }
-        terms = {name: np.where(failed, 0.0, term) for name, term in terms.items()}
-        return terms | {"reward_failure": self.failure * failed}

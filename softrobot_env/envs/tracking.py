@@ -10,27 +10,21 @@ from numpy import float64
 
 from softrobot_env.core.interfaces import Seen
 from softrobot_env.envs.config import DEFAULT_PERIOD, PICTURES, SIMULATED, EnvConfig
-from softrobot_env.envs.disturbances import (
-    Drives,
-    SensorNoise,
-    noise_seed,
-    reported_variation,
-    rounded,
-    split,
-)
-from softrobot_env.envs.observations.readouts import Camera, filmed, fitted, noisy
+from softrobot_env.envs.disturbances import Drives, Periphery, reported_variation, rounded
 from softrobot_env.envs.observations.table import Measured, Sources, copied
 from softrobot_env.envs.options import ResetOptions, one_action
 from softrobot_env.envs.parts import EpisodeSpec, SimulatedParts, Start
 from softrobot_env.envs.reference import ReferenceTable
 from softrobot_env.envs.rendering.renderer import Frame, WindowRenderer, lifted, make_renderer
 from softrobot_env.envs.simulation.plants import BeamSimulation
-from softrobot_env.robots.variations import neutral
+from softrobot_env.robots.variations import VARIATIONS, neutral
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.tasks import Task
 
 __all__ = ["DEFAULT_PERIOD", "TrackingEnv"]
+
+_FIRST = np.array([0])
 
 #: What `_install` takes from a simulation anew; a copy or a pickle goes without.
 _REBUILT = {
@@ -165,12 +159,9 @@ class TrackingEnv(gymnasium.Env[Seen, np.ndarray]):
         self.render_mode = config.render_mode
         self.metadata = {**self.metadata, "render_fps": max(1, round(1 / self.control_period))}
         self._frame_size, self._renderer = (config.width, config.height), None
-        self.twin, self._servos, self._sensors = parts.twin, parts.servos(), parts.sensors()
+        self.twin, self._servos, self._periphery = parts.twin, parts.servos(), Periphery(parts)
         self._command = parts.inputs.per_action().command
-        self._no_reward = parts.reward.none
         self._drives: Drives | None = None
-        self._noise: SensorNoise | None = None
-        self._camera: Camera | None = None
         self._follow(self.task, parts.reference)
         self._running = False
         self._episode = self._index = 0
@@ -215,12 +206,8 @@ class TrackingEnv(gymnasium.Env[Seen, np.ndarray]):
         if self._servos is not None:
             simulation.drive_by(self._servos)
             self._target = self._servos.command
-        self._exact = readout = self._parts.plant.readout(simulation, self._servos)
-        if self._sensors is not None:
-            readout = fitted(readout, self._sensors, 0)
-        if self._camera is not None:
-            readout = filmed(readout, self._camera)
-        self._readout: Measured = readout if self._noise is None else noisy(readout, self._noise, 0)
+        self._exact = self._parts.plant.readout(simulation, self._servos)
+        self._readout: Measured = self._periphery.readout(self._exact)
 
     def _follow(self, task: Task, reference: ReferenceTable) -> None:
         """Make a task the current one."""
@@ -278,7 +265,7 @@ class TrackingEnv(gymnasium.Env[Seen, np.ndarray]):
         observation = self._observe()
         if self.render_mode == "human":
             self.render()
-        return observation, self._info(self._no_reward)
+        return observation, self._info(self._reward.none)
 
     def _bind_observation(self, index: int) -> None:
         """Prepare the observations from control instant `index` on.
@@ -307,48 +294,26 @@ class TrackingEnv(gymnasium.Env[Seen, np.ndarray]):
 
     def _start(self, options: ResetOptions, start: Start) -> None:
         """Bring the simulation to a start; refuse what is wrong before anything is changed."""
-        parts = self._parts
-        robot_vary, disturbance = split(options.vary, self.control_period)
+        parts, vary = self._parts, options.vary
+        robot_vary = {n: v for n, v in vary.items() if VARIATIONS[n].apply is not None}
+        values = {name: np.array([value]) for name, value in (neutral() | vary).items()}
         # The running simulation goes on if it is of the wanted robot.
         simulation = self._simulation
         if robot_vary != self._robot_vary:
             simulation = parts.plant.simulation(robot_vary)
-        drives = disturbance.drives(parts.most, start.command)
-        self._robot_vary, self._drives = robot_vary, drives
+        self._robot_vary = robot_vary
         if self.config.randomization is not None:
-            self._variation = reported_variation(neutral() | options.vary)
-        command = start.command if drives is None else drives.tension[0]
-        noise, camera = disturbance.noise(parts.noise_sizes, self.np_random), self._make_camera()
-        changed = simulation is not self._simulation
+            self._variation = reported_variation(neutral() | vary)
+        command = self._periphery.start_drives(_FIRST, values, start.command[None])[0]
+        self._drives = self._periphery.drives
         if self._servos is not None:
             self._servos.start(command)
             command = self._servos.horn
         simulation.reset(start.posture, command)
-        if changed or noise is not self._noise or camera is not self._camera:
-            self._noise, self._camera = noise, camera
+        if simulation is not self._simulation:
             self._install(simulation)
-        if camera is not None:
-            camera.start(np.array(self._readout.tip))
-        if self._sensors is not None:
-            self._start_sensors(disturbance.sensor_errors)
-
-    def _start_sensors(self, errors: float) -> None:
-        """Start the curvature sensors, of a sampled specimen if it errs [1]."""
-        seed, first = noise_seed(self.np_random), np.array([0])
-        self._exact.update()
-        built = self._parts.built_sensors(errors, seed)
-        self._sensors.start(first, [built], [seed], self._exact.shape())
-
-    def _make_camera(self) -> Camera | None:
-        """The camera of an episode; None without errors, which samples nothing."""
-        twin = self.twin
-        if twin is None:
-            return None
-        delay = round(twin.camera_delay / self.control_period)
-        if twin.camera_noise == 0 and delay == 0:
-            return None
-        seed = noise_seed(self.np_random) if twin.camera_noise else 0
-        return Camera(twin.camera_noise, delay, self.control_period, seed, self._parts.dimensions)
+        if self._periphery.start_sensors(_FIRST, values, [self.np_random], self._exact):
+            self._readout = self._periphery.readout(self._exact)
 
     # ------------------------------------------------------------------ steps
 

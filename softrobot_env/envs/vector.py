@@ -1,7 +1,8 @@
 """Tip tracking with many robots at once."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from sys import maxsize
 from typing import Any, ClassVar, NamedTuple, NoReturn
 
@@ -14,14 +15,7 @@ from softrobot_env.core.arrays import HOST, HostArrays, namespace
 from softrobot_env.core.interfaces import Seen
 from softrobot_env.core.records import check_argument
 from softrobot_env.envs.config import VECTOR, EnvConfig
-from softrobot_env.envs.disturbances import (
-    Drives,
-    SensorNoise,
-    noise_seed,
-    reported_variation,
-    rounded,
-)
-from softrobot_env.envs.observations.readouts import Cameras, filmed, fitted, noisy
+from softrobot_env.envs.disturbances import Periphery, reported_variation, rounded
 from softrobot_env.envs.observations.table import Sources, arrays
 from softrobot_env.envs.options import (
     ResetOptions,
@@ -106,6 +100,8 @@ class _References:
 class BatchEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]):
     """Episodes of many robots at once: what begins, ends and restarts them.
 
+    What a robot is, sees and earns is that of its class: hooks follow after `step`.
+
     Attributes:
         takes: Names of the options that it has, which `config.EnvConfig` explains.
         config: The options.
@@ -130,7 +126,7 @@ class BatchEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]):
         self.observation_space = batch_space(observation, self.num_envs)
         self.action_space = batch_space(action, self.num_envs)
         self._everyone = np.ones(self.num_envs, dtype=bool)
-        self._index = np.zeros(self.num_envs, dtype=np.int64)
+        self._index, self._last = np.zeros((2, self.num_envs), dtype=np.int64)
         self._done = np.ones(self.num_envs, dtype=bool)
         self._generators: list[np.random.Generator] = []
         self._started = False
@@ -142,51 +138,148 @@ class BatchEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]):
             "MuJoCo's memory: make another with the same arguments"
         )
 
-    def _given(self, options: dict[str, Any] | None) -> tuple[dict[str, Any], np.ndarray]:
-        """The options of a reset but the mask, and the environments (k,) that are reset."""
+    def reset(
+        self,
+        *,
+        seed: int | list[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Seen, dict[str, Any]]:
+        """Start episodes at rest.
+
+        Args:
+            seed: Seed of the first environment, the others follow; or one each.
+            options: Those that the class explains. And `reset_mask` (n,) bool, the environments to
+                reset, all unless given.
+
+        Raises:
+            ValueError: A bad option; the message names what is allowed.
+        """
+        # Everything that can be refused comes before anything is changed.
         check_argument("options", options, dict | None)
         given = dict(options or {})
-        return given, take_mask(given, self.num_envs, self._started)
+        which = take_mask(given, self.num_envs, self._started)
+        begin, seeds = self._parsed(given), parse_seeds(seed, self.num_envs)
+        seed_generators(self._generators, seeds)
+        begin(which)
+        self._started = True
+        self._observation = self._observe(which)
+        terms = {name: self.arrays.real(np.zeros(self.num_envs)) for name in self._reward.none}
+        return self._observation, self._info_of(terms)
 
-    def _check_running(self) -> None:
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[Seen, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Apply actions (n, inputs) in [-1, 1] for one control period.
+
+        Raises:
+            ValueError: Not so many real numbers, or one beyond [-1, 1] by more than 1e-6.
+            RuntimeError: This is a forked child of the process that made the environments.
+            gymnasium.error.ResetNeeded: Nothing was started, or an episode is over and autoreset
+                is disabled.
+        """
         if not self._started or (self._mode == AutoresetMode.DISABLED and self._done.any()):
             raise gymnasium.error.ResetNeeded("call reset() before step(): an episode is over")
         self.simulation.check_process()
-
-    def _ended(self) -> np.ndarray | None:
-        """(n,) bool, the environments that this step resets; None without any."""
+        previous, before = self._action, self._observation
+        actions = checked_actions(actions, self.action_space.shape, self.arrays)
         resets = self._mode == AutoresetMode.NEXT_STEP and self._done.any()
-        return self._done.copy() if resets else None
+        ended = self._done.copy() if resets else None  # which this step resets
+        self._act(actions, ended)
+        diverged = self._advance(ended)
+        self._index += 1
+        if ended is not None:
+            self._begin(np.flatnonzero(ended))
+        self._observation = self._observe()
+        failed, terms = diverged | self._outside(), self._terms(previous)
+        if ended is not None:
+            failed[ended] = False
+            for term in terms.values():
+                term[self._where(ended)] = 0.0
+        failures = self._fail(failed, diverged, terms, before) if failed.any() else {}
+        over = (self._index >= self._last) & ~failed
+        info = self._info_of(terms, over) | failures
+        self._done = failed | over
+        if self._mode == AutoresetMode.SAME_STEP and self._done.any():
+            info = self._restarted(info)
+        flags = self.arrays.flags
+        return self._observation, sum(terms.values()), flags(failed), flags(over), info
+
+    def _advance(self, ended: np.ndarray | None) -> np.ndarray:
+        """Integrate all but the ended (n,) bool; whether each (n,) diverged."""
+        if ended is None:
+            return self.simulation.advance()
+        running = np.flatnonzero(~ended)
+        return self.simulation.advance(running) & ~ended if len(running) else ~self._everyone
 
     def _where(self, mask: np.ndarray) -> np.ndarray:
         """What picks the environments of a mask (n,) bool out of arrays."""
         return self.arrays.index(np.flatnonzero(mask))
 
-    def _keep_last(self, failed: np.ndarray, before: Seen) -> None:
-        """Show of failed episodes (n,) bool what was seen before."""
-        where = self._where(failed)
+    def _fail(
+        self,
+        failed: np.ndarray,
+        diverged: np.ndarray,
+        terms: dict[str, np.ndarray],
+        before: Seen,
+    ) -> dict[str, np.ndarray]:
+        """Penalise failed episodes, show what was seen before, and say what happened."""
+        texts, where = np.full(self.num_envs, None, dtype=object), self._where(failed)
+        for i in np.flatnonzero(failed):
+            texts[i] = self._what_failed(i, diverged[i], self._index[i] * self.control_period)
+        for name, value in self._reward.failed_terms()[1].items():
+            terms[name][where] = float(value)
         for value, last in zip(arrays(self._observation), arrays(before), strict=True):
             value[where] = last[where]
+        return {"failure": texts, "_failure": self.arrays.flags(failed.copy())}
 
-    def _restarted(self, last: dict[str, Any], names: Iterable[str]) -> dict[str, Any]:
+    def _restarted(self, last: dict[str, Any]) -> dict[str, Any]:
         """`info` of episodes that begin in the step that ended others, whose `info` is `last`."""
         done = self.arrays.flags(self._done.copy())
         final = {"final_obs": self._observation, "_final_obs": done}
         final |= {"final_info": last, "_final_info": done}
         ended = np.flatnonzero(self._done)
-        terms = {name: self.arrays.copy(last[name]) for name in names}
+        terms = {name: self.arrays.copy(last[name]) for name in self._reward.none}
         for term in terms.values():
             term[self._where(self._done)] = 0.0
-        self._begin_again(ended)
+        self._begin(ended)
+        self._observation = self._observe(ended)
         return self._info_of(terms) | final
 
-    def _begin_again(self, which: np.ndarray) -> None:
-        """Start usual episodes of the environments `which` (k,), and observe."""
-        raise NotImplementedError
+    def _masked(self, info: dict[str, Any]) -> dict[str, Any]:
+        """`info` with masks that say that all environments have it."""
+        everyone = self.arrays.flags(self._everyone.copy())
+        return info | dict.fromkeys([f"_{name}" for name in info], everyone)
 
-    def _info_of(self, terms: dict[str, Any]) -> dict[str, Any]:
-        """`info` of this instant, with terms of the reward."""
-        raise NotImplementedError
+    # ------------------------------------------------------------------ of each class
+
+    def _parsed(self, given: dict[str, Any]) -> Callable[[np.ndarray], None]:
+        """What starts episodes of environments (k,) with options of a reset; refuses bad ones."""
+
+    def _begin(self, which: np.ndarray) -> None:
+        """Start usual episodes of the environments `which` (k,)."""
+
+    def _act(self, actions: np.ndarray, ended: np.ndarray | None) -> None:
+        """Command what actions (n, inputs) ask for; those of the ended (n,) bool do not count."""
+
+    def _observe(self, started: np.ndarray | None = None) -> Seen:
+        """New arrays (n, ...), which the caller may keep; updates error and read-outs too.
+
+        Args:
+            started: (k,) int, the environments at another instant than in the last observation;
+                all unless given.
+        """
+
+    def _outside(self) -> np.ndarray:
+        """(n,) bool, which robots failed without a divergence."""
+
+    def _terms(self, previous: np.ndarray) -> dict[str, np.ndarray]:
+        """Terms (n,) of the reward, after actions (n, inputs) before the ones in force."""
+
+    def _what_failed(self, i: int, diverged: bool, time: float) -> str:
+        """Why the episode of environment `i` failed at a time [s]."""
+
+    def _info_of(self, terms: dict[str, Any], over: np.ndarray | None = None) -> dict[str, Any]:
+        """`info` of this instant, with terms of the reward and which (n,) bool are over."""
 
 
 class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]):
@@ -207,6 +300,9 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, n
     With `backend="warp"` MuJoCo Warp simulates the robots on a `device`, and observations, rewards,
     flags and numbers in `info` are tensors of PyTorch there. Actions may be tensors or arrays.
     Docs: docs/howto/gpu.md.
+
+    Options of `reset` are those of `TrackingEnv.reset`, the same for all; values in `vary` may also
+    be arrays (n,).
 
     Attributes:
         takes: Names of the options that it has, which `config.EnvConfig` explains.
@@ -260,41 +356,19 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, n
 
     def _connect(self) -> None:
         """State of the episodes, and what a step would otherwise look up."""
-        n, m = self.num_envs, len(self.input_scale)
-        parts = self._parts
+        n, parts = self.num_envs, self._parts
         self._references = _References(n, parts.reference, self.arrays)
         self._command = parts.inputs.per_action(self.arrays).command
-        self._nobody = np.zeros(n, dtype=bool)
-        self._nobody.flags.writeable = False
-        self._last = np.zeros(n, dtype=np.int64)
-        self._action = self.arrays.real(np.zeros((n, m)))
+        self._action = self.arrays.real(np.zeros(self.action_space.shape))
         self._variation = {name: np.full(n, value) for name, value in neutral().items()}
-        self._drives: Drives | None = None
         self._exact = parts.plant.readout(self.simulation, self._servos)
-        self._noise: SensorNoise | None = None
-        self._cameras, self._sensors = self._make_cameras(), parts.sensors(n)
+        self._periphery = Periphery(parts, n, self.arrays)
         self._measure()
         self._usual = self._beginning(parts.parse_options({}), self.task)
 
-    def _make_cameras(self) -> Cameras | None:
-        """Cameras that err, or None."""
-        twin = self.twin
-        delay = 0 if twin is None else round(twin.camera_delay / self.control_period)
-        if twin is None or (twin.camera_noise == 0 and delay == 0):
-            return None
-        start = self._parts.dimensions
-        return Cameras(self.num_envs, twin.camera_noise, delay, self.control_period, start)
-
     def _measure(self) -> None:
         """Connect to what is measured, through the sensors that there are."""
-        self._readout = self._exact
-        if self._sensors is not None:
-            self._readout = fitted(self._readout, self._sensors, slice(None))
-        if self._cameras is not None:
-            self._readout = filmed(self._readout, self._cameras)
-        if self._noise is not None:
-            self._readout = noisy(self._readout, self._noise, slice(None))
-        references = self._references
+        self._readout, references = self._periphery.readout(self._exact), self._references
         sources = Sources(
             self._readout,
             lambda column: lambda: references.rows(column, self._at),
@@ -304,29 +378,11 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, n
 
     # ------------------------------------------------------------------ episodes
 
-    def reset(
-        self,
-        *,
-        seed: int | list[int | None] | None = None,
-        options: dict[str, Any] | None = None,
-    ) -> tuple[Seen, dict[str, Any]]:
-        """Start episodes at rest.
-
-        Args:
-            seed: Seed of the first environment, the others follow; or one each.
-            options: As those of `TrackingEnv.reset`, the same for all; values in `vary` may also be
-                arrays (n,). And `reset_mask` (n,) bool, the environments to
-                reset, all unless given.
-
-        Raises:
-            ValueError: A bad option; the message names what is allowed.
-        """
-        # Everything that can be refused comes before anything is changed.
-        given, which = self._given(options)
+    def _parsed(self, given: dict[str, Any]) -> Callable[[np.ndarray], None]:
         variation = None
         if "vary" in given:
             variation = parse_variation(given.pop("vary"), self.num_envs, self.control_period)
-        parsed, seeds = self._parts.parse_options(given), parse_seeds(seed, self.num_envs)
+        parsed = self._parts.parse_options(given)
         if variation is not None:
             self._parts.check_variation(variation)
             for name, value in neutral().items():  # also what was registered since
@@ -335,13 +391,8 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, n
                 odd = (n for n, v in variation.items() if np.any(v != VARIATIONS[n].neutral))
                 warp_limits.check_varied(self._parts.plant.nominal, odd)
         beginning = self._beginning(parsed, parsed.changed(self.task))
-        seed_generators(self._generators, seeds)
         resampled = self._parts.is_resampled and "seed" not in parsed.task
-        self._begin(which, beginning, variation, resampled)
-        self._started = True
-        self._observation = self._observe(which)
-        terms = {name: self.arrays.real(np.zeros(self.num_envs)) for name in self._reward.none}
-        return self._observation, self._info_of(terms)
+        return partial(self._start, beginning, variation, resampled)
 
     def _beginning(self, options: ResetOptions, task: Task) -> _Beginning:
         """How episodes of a task begin.
@@ -362,20 +413,23 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, n
             task = replace(remake_task(self.task, seed=seed), duration=self.task.duration)
             yield np.array([i]), self._beginning(usual, task)
 
-    def _begin(
+    def _begin(self, which: np.ndarray) -> None:
+        self._start(self._usual, None, self._parts.is_resampled, which)
+
+    def _start(
         self,
-        which: np.ndarray,
         beginning: _Beginning,
-        variation: dict[str, np.ndarray] | None = None,
-        resampled: bool = False,
+        variation: dict[str, np.ndarray] | None,
+        resampled: bool,
+        which: np.ndarray,
     ) -> None:
         """Start episodes of the environments `which` (k,).
 
         Args:
-            which: The environments.
             beginning: Of all of them, unless each samples its own.
-            variation: What robots they have; unless given, nominal or randomized ones.
+            variation: What robots they have; None for nominal or randomized ones.
             resampled: Whether each samples a task.
+            which: The environments.
         """
         each = self._sampled(which) if resampled else [(which, beginning)]
         starts = []
@@ -394,138 +448,35 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, n
                     self._variation[name][i] = value
         own = {n: v[which] for n, v in self._variation.items() if VARIATIONS[n].apply is not None}
         self.simulation.vary(which, own)
-        command = self._start_drives(which, command)
+        command = self._periphery.start_drives(which, self._variation, command)
         if self._servos is not None:
             self._servos.start(command, which)
             command = self.arrays.host(self._servos.horn)[which]
         self.simulation.reset(which, posture, command)
-        self._start_sensors(which)
+        how = which, self._variation, self._generators, self._exact
+        if self._periphery.start_sensors(*how):
+            self._measure()
         self._index[which] = 0
         wanted = self._parts.action_of(action)
         self._action[self.arrays.index(which)] = self.arrays.real(wanted)
         self._done[which] = False
 
-    def _start_drives(self, which: np.ndarray, command: np.ndarray) -> np.ndarray:
-        """Start the drives of the environments `which` (k,); returns what they apply (k, m)."""
-        gain = self._variation["tension_gain"]
-        delay = np.rint(self._variation["delay"] / self.control_period).astype(int)
-        if np.all(gain == 1) and not delay.any():
-            self._drives = None  # all apply what is commanded
-            return command
-        if self._drives is None:
-            self._drives = Drives(self.num_envs, self._parts.most, self.arrays)
-        self._drives.start(which, gain[which], delay[which], command)
-        return self.arrays.host(self._drives.tension)[which]
+    # ------------------------------------------------------------------ steps
 
-    def _start_sensors(self, which: np.ndarray) -> None:
-        """Start noise and cameras of the environments `which` (k,)."""
-        scale = self._variation["sensor_noise"]
-        if scale.any() != (self._noise is not None):
-            noise = SensorNoise(self.num_envs, self._parts.noise_sizes) if scale.any() else None
-            self._noise = noise
-            self._measure()
-        seeds, sensed = [], []  # of cameras, and of curvature sensors
-        for i in which.tolist():
-            if self._noise is not None:
-                seed = noise_seed(self._generators[i]) if scale[i] else None
-                self._noise.start(i, scale[i], seed)
-            if self._cameras is not None:
-                blurred = self.twin.camera_noise > 0
-                seeds.append(noise_seed(self._generators[i]) if blurred else 0)
-            if self._sensors is not None:
-                sensed.append(noise_seed(self._generators[i]))
-        if self._cameras is not None:
-            self._exact.update()
-            self._cameras.start(which, seeds, self.arrays.host(self._exact.tip)[which])
-        if self._sensors is not None:
-            errors = self._variation["sensor_errors"][which].tolist()
-            pairs = zip(errors, sensed, strict=True)
-            built = [self._parts.built_sensors(*pair) for pair in pairs]
-            self._sensors.start(which, built, sensed, self._exact.shape()[which])
-
-    def step(
-        self, actions: np.ndarray
-    ) -> tuple[Seen, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Apply actions (n, n_inputs) in [-1, 1] for one control period.
-
-        Raises:
-            ValueError: Not so many real numbers, or one beyond [-1, 1] by more than 1e-6.
-            RuntimeError: This is a forked child of the process that made the environments.
-            gymnasium.error.ResetNeeded: Nothing was started, or an episode is over and autoreset
-                is disabled.
-        """
-        self._check_running()
-        shape, previous = (self.num_envs, len(self.input_scale)), self._action
-        actions = checked_actions(actions, shape, self.arrays)
-        ended = self._ended()
-        self._action = self._parts.wanted(actions, previous)
+    def _act(self, actions: np.ndarray, ended: np.ndarray | None) -> None:
+        self._action = self._parts.wanted(actions, self._action)
         if ended is not None:
             self._action[self._where(ended)] = 0.0
-        command = self._command(self._action)
-        self._target[:] = command if self._drives is None else self._drives.apply(command)
-        failed = self._advance(ended)
-        self._index += 1
-        if ended is not None:
-            self._begin_usual(np.flatnonzero(ended))
-        return self._result(previous, failed, ended)
+        command, drives = self._command(self._action), self._periphery.drives
+        self._target[:] = command if drives is None else drives.apply(command)
 
-    def _advance(self, ended: np.ndarray | None) -> np.ndarray:
-        """Integrate all but the ended (n,) bool; whether each (n,) diverged."""
-        if ended is None:
-            return self.simulation.advance()
-        running = np.flatnonzero(~ended)
-        return self.simulation.advance(running) & ~ended if len(running) else self._nobody
+    def _outside(self) -> np.ndarray:
+        return self._exact.outside
 
-    def _result(
-        self, previous: np.ndarray, failed: np.ndarray, ended: np.ndarray | None
-    ) -> tuple[Seen, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        before = self._observation
-        self._observation = self._observe()
-        terminated = failed | self._exact.outside
-        truncated = (self._index >= self._last) & ~terminated
-        terms = self._reward.batch_terms(self._error, self._action, previous, self._exact)
-        failures = None
-        if ended is not None:
-            terminated[ended] = truncated[ended] = False
-            for term in terms.values():
-                term[self._where(ended)] = 0.0
-        if terminated.any():
-            failures = self._fail(terminated, failed, terms, before)
-        info = self._info_of(terms)
-        if failures is not None:
-            info |= {"failure": failures, "_failure": self.arrays.flags(terminated.copy())}
-        self._done = terminated | truncated
-        if self._mode == AutoresetMode.SAME_STEP and self._done.any():
-            info = self._restarted(info, self._reward.none)
-        flags = self.arrays.flags
-        return self._observation, sum(terms.values()), flags(terminated), flags(truncated), info
+    def _terms(self, previous: np.ndarray) -> dict[str, np.ndarray]:
+        return self._reward.batch_terms(self._error, self._action, previous, self._exact)
 
-    def _begin_usual(self, which: np.ndarray) -> None:
-        self._begin(which, self._usual, resampled=self._parts.is_resampled)
-
-    def _begin_again(self, which: np.ndarray) -> None:
-        self._begin_usual(which)
-        self._observation = self._observe(which)
-
-    def _fail(
-        self,
-        failed: np.ndarray,
-        diverged: np.ndarray,
-        terms: dict[str, np.ndarray],
-        before: Seen,
-    ) -> np.ndarray:
-        """Penalise failed episodes, show what was seen before, and say what happened."""
-        failures = np.full(self.num_envs, None, dtype=object)
-        for i in np.flatnonzero(failed):
-            failures[i] = self._what_failed(i, diverged[i])
-        where = self._where(failed)
-        for name, value in self._reward.failed_terms()[1].items():
-            terms[name][where] = float(value)
-        self._keep_last(failed, before)
-        return failures
-
-    def _what_failed(self, i: int, diverged: bool) -> str:
-        time = self._index[i] * self.control_period
+    def _what_failed(self, i: int, diverged: bool, time: float) -> str:
         if diverged:
             return f"simulation diverged in the control period ending at t = {time:.3f} s"
         return self._exact.what_left(i, time)
@@ -533,19 +484,13 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, n
     # ------------------------------------------------------------------ read-outs
 
     def _observe(self, started: np.ndarray | None = None) -> Seen:
-        """New arrays (n, ...), which the caller may keep; updates error and read-outs too.
-
-        Args:
-            started: (k,) int, the environments at another instant than in the last observation;
-                all unless given.
-        """
         self._readout.update(started)
         self._at = self._references.at(self._index)
         gap = self._exact.tip - self._references.rows("position", self._at)
         self._error = namespace(gap).einsum("ij,ij->i", gap, gap) ** 0.5
         return self._see()
 
-    def _info_of(self, terms: dict[str, np.ndarray]) -> dict[str, Any]:
+    def _info_of(self, terms: dict[str, Any], over: np.ndarray | None = None) -> dict[str, Any]:
         info: dict[str, Any] = {
             "time": self.arrays.real(self._index * self.control_period),
             "error": self._error,
@@ -559,11 +504,10 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, n
         if self.config.randomization is not None:
             own = reported_variation(self._variation)
             info |= {name: self.arrays.real(value) for name, value in own.items()}
-        everyone = self.arrays.flags(self._everyone.copy())
-        info |= dict.fromkeys([f"_{name}" for name in info], everyone)
+        info = self._masked(info)
         if self._readout.truth is not None:
-            truth = self._readout.truth()
-            sensed = self._everyone if self._cameras is not None else self._noise.noisy
+            truth, periphery = self._readout.truth(), self._periphery
+            sensed = self._everyone if periphery.cameras is not None else periphery.noise.noisy
             masks = {f"_{name}": self.arrays.flags(sensed.copy()) for name in truth}
             info |= truth | masks
         return info

@@ -30,6 +30,10 @@ class Variation:
         label: How reports show a value.
         scales: Fields of a MuJoCo model that are proportional to the value, if that is all that
             changes. Many simulations then vary at once; else a scene is built for each.
+        shifts: Fields that are linear in it, likewise.
+        switches: Fields that have another value as soon as it is not neutral, likewise.
+        at_once: Function of a robot that says whether these fields are all that changes; of any
+            robot unless given.
         incompatibility: Function of a robot that says why it cannot have other values, or returns
             None.
     """
@@ -41,6 +45,9 @@ class Variation:
     unit: str = "1"
     label: Callable[[float], str] | None = None
     scales: tuple[str, ...] = ()
+    shifts: tuple[str, ...] = ()
+    switches: tuple[str, ...] = ()
+    at_once: Callable[[Any], bool] | None = None
     incompatibility: Callable[[Any], str | None] | None = None
 
     def __post_init__(self) -> None:
@@ -52,6 +59,11 @@ class Variation:
     def is_factor(self) -> bool:
         """Whether values are factors, which are sampled log-uniformly."""
         return self.neutral == 1
+
+    def is_of_fields(self, robot: Any) -> bool:
+        """Whether fields of a model say all that it changes of a robot."""
+        known = bool(self.scales or self.shifts or self.switches)
+        return known and (self.at_once is None or self.at_once(robot))
 
     def check(self, value: object) -> float:
         """A value as a number; raises ValueError if it is none, or out of range."""
@@ -134,6 +146,8 @@ VARIATIONS: Registry[Variation] = Registry(
                 "tendon_radius",
                 lambda robot, factor: _tendons(robot, radius=factor),
                 label="r_t x {:g}".format,
+                shifts=("wrap_prm", "site_pos", "actuator_ctrlrange", "actuator_biasprm"),
+                at_once=lambda robot: all(tendon.is_straight for tendon in robot.tendons),
             ),
             Variation(
                 "tendon_friction",
@@ -142,6 +156,8 @@ VARIATIONS: Registry[Variation] = Registry(
                 range=AMOUNTS,
                 unit="N",
                 label="friction {:g} N".format,
+                shifts=("tendon_frictionloss",),
+                switches=("tendon_solimp_fri", "tendon_solref_fri", "opt.disableflags"),
             ),
             Variation(
                 "tension_gain", label="gain x {:g}".format, incompatibility=_without_tensions

@@ -20,8 +20,8 @@ def test_many_cameras_are_single_ones(delay, period, coordinates):
     def start(which, seeds, tip):
         many.start(np.array(which), seeds, tip[which])
         for i, seed in zip(which, seeds, strict=True):
-            single[i] = Camera(NOISE, delay, period, seed, coordinates)
-            single[i].start(tip[i])
+            single[i] = Camera(NOISE, delay, period, coordinates)
+            single[i].start(None, [seed], tip[[i]])
 
     tip = rng.uniform(-1, 1, (COUNT, coordinates))
     start(list(range(COUNT)), [3, 4, 5, 6], tip)

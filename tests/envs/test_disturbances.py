@@ -363,4 +363,4 @@ def test_neutral_values_are_the_plain_environment():
         for name, value in expected.items():
             np.testing.assert_array_equal(observation[name], value)
         observation, expected = env.step(action)[0], plain.step(action)[0]
-    assert env._drives is None and env._noise is None and env.data.nefc == 0
+    assert env._drives is None is env._periphery.noise and env.data.nefc == 0

@@ -20,7 +20,6 @@ import numpy as np
 
 from softrobot_env.core.arrays import HOST, HostArrays, like, namespace, on_host
 from softrobot_env.core.interfaces import Measurement
-from softrobot_env.envs.disturbances import SensorNoise
 from softrobot_env.envs.observations.table import (
     SENSOR_NOISE,
     Measured,
@@ -28,7 +27,7 @@ from softrobot_env.envs.observations.table import (
     curvature_rate_limit,
 )
 from softrobot_env.envs.simulation.batch import BatchSimulation
-from softrobot_env.robots import CAMERA_PERIOD, RobotParams
+from softrobot_env.robots import CAMERA_PERIOD, VARIATIONS, RobotParams
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.chain import mean_curvature, station_strain
 from softrobot_env.scene.servos import Servos
@@ -38,10 +37,13 @@ if TYPE_CHECKING:  # compiled code takes time to load
     from softrobot_env.sensing.array import SensorArray
 
 
-#: Standard deviations at which a camera's noise ends, so that it has bounds.
+#: Standard deviations at which noise ends, so that it has bounds.
 FARTHEST = 6.0
 
-#: Pictures of many cameras whose noise is sampled at once.
+#: Standard deviations at scale 1 for which observation spaces leave room.
+NOISE_ROOM = VARIATIONS["sensor_noise"].range[1] * FARTHEST
+
+#: Control instants, or pictures of many cameras, whose noise is sampled at once.
 _BLOCK = 64
 
 
@@ -384,6 +386,59 @@ def fitted(readout: Any, sensors: "SensorArray", robots: int | slice) -> SensedR
     )
 
 
+class SensorNoise:
+    """White Gaussian noise of n robots' sensors, none until started.
+
+    Normal variates beyond 6 standard deviations (one in 5e8) are set to 6. Every robot's noise
+    depends on its seed alone: all observables draw, observed or not.
+    """
+
+    def __init__(self, count: int, sizes: dict[str, int]) -> None:
+        """No noise for `count` robots, whose observables with sensors have these sizes."""
+        each = list(sizes.values())
+        ends = np.cumsum(each)
+        self._columns = dict(zip(sizes, map(slice, ends - each, ends), strict=True))
+        self._deviation = np.repeat([SENSOR_NOISE[name] for name in sizes], each)
+        self._everyone = np.arange(count)
+        self._scale = np.zeros(count)
+        self._generators: list[np.random.Generator | None] = [None] * count
+        self._rows = np.zeros((count, _BLOCK, len(self._deviation)))
+        self._at = np.zeros(count, dtype=int)
+        self._now = self._rows[:, 0]
+
+    def start(self, robot: int, scale: float, seed: int | None) -> None:
+        """Start an episode of one robot with noise of a scale [1], None as seed if that is 0."""
+        self._scale[robot] = scale
+        self._generators[robot] = None if seed is None else np.random.default_rng(seed)
+        self._rows[robot] = 0.0
+        self._at[robot] = _BLOCK - 1  # the next instant draws
+
+    def advance(self, which: np.ndarray | None = None) -> None:
+        """Go on to the next control instant, all or the robots `which` (k,) int."""
+        which = self._everyone if which is None else which
+        self._at[which] += 1
+        for robot in np.flatnonzero(self._at == _BLOCK).tolist():
+            self._at[robot] = 0
+            self._draw(robot)
+        self._now = self._rows[self._everyone, self._at]
+
+    def _draw(self, robot: int) -> None:
+        generator = self._generators[robot]
+        if generator is not None:
+            normal = generator.standard_normal(self._rows.shape[1:])
+            normal = np.clip(normal, -FARTHEST, FARTHEST, out=normal)
+            self._rows[robot] = normal * (self._scale[robot] * self._deviation)
+
+    def on(self, name: str) -> np.ndarray:
+        """Noise (n, size) on an observable of `observations.table` at this instant."""
+        return self._now[:, self._columns[name]]
+
+    @property
+    def noisy(self) -> np.ndarray:
+        """(n,) bool, which robots have noise."""
+        return self._scale > 0
+
+
 def noisy(readout: Any, noise: SensorNoise, robots: int | slice) -> SensedReadout:
     """A readout with noise of `robots`: 0 where it is of one robot, `slice(None)` of many."""
 
@@ -408,24 +463,28 @@ class Camera:
     """
 
     def __init__(
-        self, noise: float, delay: int, control_period: float, seed: int, coordinates: int = 2
+        self, noise: float, delay: int, control_period: float, coordinates: int = 2, seed: int = 0
     ) -> None:
         """A camera with noise of standard deviation `noise` [m], `delay` control periods late.
 
         It sees so many coordinates.
         """
         self._noise, self._delay, self._period = noise, delay, control_period
-        self._frame = CAMERA_PERIOD / control_period
+        self._frame, self._coordinates = CAMERA_PERIOD / control_period, coordinates
+        self._switch_on(seed)
+
+    def _switch_on(self, seed: int) -> None:
         self._generator = np.random.default_rng(seed)
         self._instant, self._due = -1, 0.0
         self._undeveloped: deque[tuple[int, np.ndarray]] = deque()
         self._taken = -1
-        self.position, self.velocity = np.zeros((2, coordinates))
+        self.position, self.velocity = np.zeros((2, self._coordinates))
 
-    def start(self, tip: np.ndarray) -> None:
-        """Look at a tip at rest at (coordinates,) [m] until there are two pictures."""
+    def start(self, _which: np.ndarray, seeds: list[int], tip: np.ndarray) -> None:
+        """Look at a tip at rest at (1, coordinates) [m] until there are two pictures."""
+        self._switch_on(seeds[0])
         for _ in range(self._delay + 2 * ceil(self._frame)):
-            self.see(tip)
+            self.see(tip[0])
 
     def see(self, tip: np.ndarray) -> bool:
         """Come to the next control instant, with the tip at (coordinates,) [m].

@@ -22,26 +22,20 @@ from softrobot_env.scene.build import CompiledModel, Scene, rates_of, vary_scene
 from softrobot_env.scene.integration.layout import library_path
 from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.simulation import WORRYING, Simulation, inaccuracy
-from softrobot_env.scene.tendons import FRICTION_IMPEDANCE, FRICTION_REFERENCE, full_length
+from softrobot_env.scene.tendons import full_length
 
-#: Fields of a model that variations of the package scale.
-SCALABLE = tuple(
-    dict.fromkeys(field for one in VARIATIONS.registered().values() for field in one.scales)
+#: Fields of a model that variations of the package scale or shift.
+VARIED = tuple(
+    dict.fromkeys(
+        field for one in VARIATIONS.registered().values() for field in (*one.scales, *one.shifts)
+    )
 )
-
-#: Variations that a batch lays out itself: tendons in other channels, and their friction.
-LAID_OUT = ("tendon_radius", "tendon_friction")
-
-#: Model fields that tell where tendons run: moment arms in channels, guides, and ranges of lengths.
-_ROUTES = ("wrap_prm", "site_pos", "actuator_ctrlrange", "actuator_biasprm")
 
 #: Work [s] in a control period that pays for a thread: waking it up takes 20 to 50 µs.
 WORTH = 80e-6
 
 #: Control periods that are timed for that.
 _TIMED = 5
-
-_NO_CONSTRAINT = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
 
 
 _STATE = {
@@ -136,7 +130,7 @@ class Pool:
             ValueError: There is none.
         """
         size, bytes_ = ctypes.c_int(), ctypes.c_int()
-        like = _field(self._model, name)
+        like = field_of(self._model, name)
         start = self._c.mjb_expand(
             self._batch, name.encode(), ctypes.byref(size), ctypes.byref(bytes_)
         )
@@ -319,12 +313,10 @@ class BatchSimulation(Batch):
     def __init__(self, scene: Scene, count: int, threads: int = 0) -> None:
         """Build the simulations; arguments as `Batch`'s."""
         super().__init__(scene, count, threads)
-        self._varied = self._rubs = False
         self._rates = rates_of(scene)
         self._full = full_length(scene.config.robot, scene.model)
         self.full_length = np.tile(self._full, (count, 1))
-        self._own = own_fields(scene)
-        self._slopes: dict[str, np.ndarray] | None = None  # of routes, by the factor on radii
+        self._fields: VariedFields | None = None
         self._rebuilt: set[str] = set()  # fields that were taken from scenes built for variations
 
     def vary(self, which: np.ndarray, values: dict[str, np.ndarray]) -> None:
@@ -340,23 +332,20 @@ class BatchSimulation(Batch):
             ValueError: A robot for which an integrator of MuJoCo would need its own timestep, or
                 a variation that changes what all simulations share.
         """
-        if not self._varied and nominal(values):
+        if self._fields is None and nominal(values):
             return
         check_timesteps(self.scene, which, values)
-        self._varied = True
+        if self._fields is None:
+            self._fields = VariedFields(self.scene)
         model, expand = self.scene.model, self._batch.expand
         for field in self._rebuilt:
-            expand(field)[which] = _field(model, field)
+            expand(field)[which] = field_of(model, field)
         if self._rebuilt:
             self.full_length[which] = self._full
-        for field, factor in proportional(values):
-            own = self._own.get(field, slice(None))
-            usual = getattr(model, field)[own]
-            expand(field)[which, own] = usual * factor.reshape(-1, *(1,) * usual.ndim)
-        self._route(which, values["tendon_radius"])
-        self._rub(which, values["tendon_friction"])
+        for field, rows in self._fields.of(values):
+            expand(field)[which] = rows
         rates = self._rates(values)
-        for at in np.flatnonzero(unknown(values)):
+        for at in np.flatnonzero(self._fields.unknown(values)):
             rate = self._rebuild(which[at], {name: float(v[at]) for name, v in values.items()})
             if rates is not None:
                 rates[at] = rate
@@ -368,7 +357,7 @@ class BatchSimulation(Batch):
         built = vary_scene(self.scene, values)
         for field in changed_fields(self.scene.model, built.model):
             try:
-                self._batch.expand(field)[robot] = _field(built.model, field)
+                self._batch.expand(field)[robot] = field_of(built.model, field)
             except ValueError:
                 raise ValueError(
                     f"{', '.join(values)}: many simulations cannot differ in {field!r}, which one "
@@ -377,43 +366,6 @@ class BatchSimulation(Batch):
             self._rebuilt.add(field)
         self.full_length[robot] = full_length(built.config.robot, built.model)
         return built.timestep.rate
-
-    def _route(self, which: np.ndarray, radius: np.ndarray) -> None:
-        """Lay the tendons at factors (k,) on their distances from the fibre.
-
-        What places straight tendons is linear in them. Where tendons wind, a scene is built for
-        each factor.
-        """
-        if self._slopes is None and np.all(radius == 1):
-            return
-        scene = self.scene
-        if self._slopes is None:
-            self._slopes = slopes_of(scene)
-        winding = not all(tendon.is_straight for tendon in scene.config.robot.tendons)
-        for name, slope in self._slopes.items():
-            steps = (radius - 1).reshape(-1, *(1,) * slope.ndim)
-            self._batch.expand(name)[which] = getattr(scene.model, name) + steps * slope
-        for i, factor in zip(which.tolist() if winding else (), radius.tolist(), strict=False):
-            laid = vary_scene(scene, {"tendon_radius": factor})
-            for name in _ROUTES:
-                self._batch.expand(name)[i] = getattr(laid.model, name)
-            self.full_length[i] = full_length(laid.config.robot, laid.model)
-
-    def _rub(self, which: np.ndarray, friction: np.ndarray) -> None:
-        """Add friction (k,) [N] to the tendons, as `scene.build` and `scene.tendons` would."""
-        if not self._rubs and not friction.any():
-            return
-        if not self._rubs:
-            self._rubs = True
-            self._batch.expand("tendon_solimp_fri")[:] = FRICTION_IMPEDANCE
-            self._batch.expand("tendon_solref_fri")[:] = FRICTION_REFERENCE
-        model = self.scene.model
-        own = np.arange(model.ntendon) < len(self.scene.config.robot.tendons)
-        loss = model.tendon_frictionloss + friction[:, None] * own
-        self._batch.expand("tendon_frictionloss")[which] = loss
-        flags = model.opt.disableflags | _NO_CONSTRAINT
-        rubbing = loss.any(axis=1) | model.dof_frictionloss.any()
-        self._batch.expand("opt.disableflags")[which] = flags & ~(_NO_CONSTRAINT * rubbing)
 
     def drive_by(self, servos: Servos) -> None:
         """Let servos of n robots turn in every period from now on; horns are the controls.
@@ -430,51 +382,74 @@ def nominal(values: dict[str, np.ndarray]) -> bool:
     return all(np.all(v == VARIATIONS[name].neutral) for name, v in values.items())
 
 
-def unknown(values: dict[str, np.ndarray]) -> np.ndarray:
-    """(k,) bool, which robots differ in what needs a scene of their own."""
-    odd = np.zeros(len(next(iter(values.values()))), dtype=bool)
-    for name, value in values.items():
-        if not (VARIATIONS[name].scales or name in LAID_OUT):
-            odd |= value != VARIATIONS[name].neutral
-    return odd
+class VariedFields:
+    """Fields of the models of robots that vary at once, by the table of variations."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Of variations of a scene's robot."""
+        self._scene, self._probes = scene, {}
+        first = scene.model.body("link0").id
+        links = slice(first, first + len(scene.layout.stations))
+        # Links follow the factors, heads and discs do not.
+        self._own = {"body_mass": links, "body_inertia": links}
+
+    def unknown(self, values: dict[str, np.ndarray]) -> np.ndarray:
+        """(k,) bool, which robots differ in what needs a scene of their own."""
+        odd = np.zeros(len(next(iter(values.values()))), dtype=bool)
+        for name, value in values.items():
+            if not VARIATIONS[name].is_of_fields(self._scene.config.robot):
+                odd |= value != VARIATIONS[name].neutral
+        return odd
+
+    def of(self, values: dict[str, np.ndarray]) -> Iterator[tuple[str, np.ndarray]]:
+        """Fields and their rows (k, ...) for values (k,) of variations."""
+        scaled: dict[str, list[str]] = {}
+        for name, value in values.items():
+            for field in VARIATIONS[name].scales:
+                scaled.setdefault(field, []).append(name)
+            if name in self._probes or np.any(value != VARIATIONS[name].neutral):
+                yield from self._shifted(name, value)
+        for field, names in scaled.items():
+            own, usual = self._own.get(field, slice(None)), field_of(self._scene.model, field)
+            rows = np.repeat(usual[None], len(value), axis=0)
+            factor = np.prod([values[name] for name in names], axis=0)
+            rows[:, own] = usual[own] * _as_column(factor, usual)
+            yield field, rows
+
+    def _shifted(self, name: str, value: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+        """Fields that one variation shifts or switches: two scenes tell the lines."""
+        one = VARIATIONS[name]
+        if not (one.shifts or one.switches) or not one.is_of_fields(self._scene.config.robot):
+            return
+        other = 0.5 if one.is_factor else one.neutral + 1
+        if name not in self._probes:
+            self._probes[name] = vary_scene(self._scene, {name: other}).model
+        for field in (*one.shifts, *one.switches):
+            usual, there = (field_of(m, field) for m in (self._scene.model, self._probes[name]))
+            off = _as_column(value - one.neutral, usual)
+            if field in one.shifts:
+                yield field, usual + off * ((there - usual) / (other - one.neutral))
+            else:
+                yield field, np.where(off != 0, there, usual)
 
 
-def proportional(values: dict[str, np.ndarray]) -> Iterator[tuple[str, np.ndarray]]:
-    """Fields of a model and the factors (k,) that variations have on them."""
-    names: dict[str, list[str]] = {}
-    for name in values:
-        for field in VARIATIONS[name].scales:
-            names.setdefault(field, []).append(name)
-    for field, own in names.items():
-        yield field, np.prod([values[name] for name in own], axis=0)
+def _as_column(values: np.ndarray, like: np.ndarray) -> np.ndarray:
+    """Values (k,) that broadcast to fields (k, ...)."""
+    return values.reshape(-1, *(1,) * like.ndim)
 
 
 def changed_fields(nominal: mujoco.MjModel, varied: mujoco.MjModel) -> list[str]:
     """Names of the arrays in which a model of the same robot differs."""
     names = [n for n in dir(nominal) if isinstance(getattr(nominal, n), np.ndarray)]
     names += ["opt.gravity", "opt.disableflags"]
-    return [n for n in names if not np.array_equal(_field(nominal, n), _field(varied, n))]
+    return [n for n in names if not np.array_equal(field_of(nominal, n), field_of(varied, n))]
 
 
-def _field(model: mujoco.MjModel, name: str) -> np.ndarray:
+def field_of(model: mujoco.MjModel, name: str) -> np.ndarray:
     """A field such as "body_mass" or "opt.gravity"."""
     for part in name.split("."):
         model = getattr(model, part)
     return np.asarray(model)
-
-
-def own_fields(scene: Scene) -> dict[str, slice]:
-    """What of fields follows the factors of a variation: links, not heads and discs."""
-    first = scene.model.body("link0").id
-    links = slice(first, first + len(scene.layout.stations))
-    return {"body_mass": links, "body_inertia": links}
-
-
-def slopes_of(scene: Scene) -> dict[str, np.ndarray]:
-    """How fields that place straight tendons change with the factor on their distances."""
-    half = vary_scene(scene, {"tendon_radius": 0.5}).model
-    told = ((name, getattr(scene.model, name), getattr(half, name)) for name in _ROUTES)
-    return {name: 2 * (whole - part) for name, whole, part in told}
 
 
 def check_timesteps(scene: Scene, which: np.ndarray, values: dict[str, np.ndarray]) -> None:

@@ -51,7 +51,7 @@ class VirtualRig:
         simulation.reset(posture, self._servos.horn)
         self._readout = plant.readout(simulation, self._servos)
         late, self._rng = ceil(twin.camera_delay / tick - 1e-9), np.random.default_rng([seed, 1])
-        self._camera = Camera(twin.camera_noise, late, tick, seed)
+        self._camera = Camera(twin.camera_noise, late, tick, seed=seed)
 
     def advance(self, command: np.ndarray | None) -> str | None:
         """Go on for a tick.

@@ -15,14 +15,7 @@ import torch
 import warp
 
 from softrobot_env.core.arrays import TorchArrays
-from softrobot_env.envs.simulation.batch import (
-    SCALABLE,
-    check_timesteps,
-    nominal,
-    own_fields,
-    proportional,
-    slopes_of,
-)
+from softrobot_env.envs.simulation.batch import VARIED, VariedFields, check_timesteps, nominal
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.integration.layout import (
     COMMAND,
@@ -40,17 +33,9 @@ from softrobot_env.scene.timestep import EXTRAPOLATION
 #: Rows of the extrapolation: 4 evaluations of all forces, and order 3.
 ROWS = 3
 
-#: Fields of the model that each robot has of its own once robots vary.
-_VARIED = (
-    *SCALABLE,
-    "body_subtreemass",
-    "site_pos",
-    "actuator_ctrlrange",
-    "actuator_biasprm",
-    "actuator_gear",
-    "tendon_frictionloss",
-)
-
+#: Fields of the model that each robot has of its own once robots vary: all share the lever arms of
+#: channels, for which the gear of a drive takes the factor.
+_VARIED = (*(x for x in VARIED if x != "wrap_prm"), "body_subtreemass", "actuator_gear")
 
 #: As those of `scene.integration.euler`.
 _SWEEPS, _STILL = warp.constant(200), warp.constant(warp.float64(1e-12))
@@ -105,7 +90,7 @@ class WarpBatch:
             warp.config.log_level = warp.LOG_ERROR if device == "cpu" else warp.LOG_WARNING
         warp.init()
         self._device = warp.device_from_torch(self.arrays.device)
-        self._varied, self._slopes, self._rubs = False, None, scene.config.robot.has_friction
+        self._varied, self._rubs = None, scene.config.robot.has_friction
         with self._on_device():
             self._data = mujoco_warp.make_data(model, nworld=count, nconmax=0, njmax=0)
         self._take_model({})
@@ -167,25 +152,21 @@ class WarpBatch:
         Raises:
             ValueError: A robot for which MuJoCo's integrator would need its own timestep.
         """
-        if not self._varied and nominal(values):
+        if self._varied is None and nominal(values):
             return
         check_timesteps(self.scene, which, values)
-        if not self._varied:
-            self._varied = True
+        if self._varied is None:
+            self._varied = VariedFields(self.scene)
             self._take_model(dict.fromkeys(_VARIED, self.count))
         robots = self.arrays.index(which)
-        for field, factor in proportional(values):
-            own = own_fields(self.scene).get(field, slice(None))
-            rows = np.repeat(getattr(self._host, field)[None], len(which), axis=0)
-            rows[:, own] = rows[:, own] * factor.reshape(-1, *(1,) * (rows.ndim - 1))
-            self._set(field, robots, rows)
+        for field, rows in self._varied.of(values):
+            if field in _VARIED:
+                self._set(field, robots, rows)
             if field == "body_mass":
                 self._set("body_subtreemass", robots, self._carried(rows))
-        self._route(robots, values["tendon_radius"])
-        own = np.arange(self._host.ntendon) < len(self.scene.config.robot.tendons)
-        loss = self._host.tendon_frictionloss + values["tendon_friction"][:, None] * own
-        self._set("tendon_frictionloss", robots, loss)
-        self._rubs = self._rubs or bool(loss.any())
+            elif field == "wrap_prm":
+                self._stretch(robots, rows, values["tendon_radius"])
+        self._rubs = self._rubs or bool(values["tendon_friction"].any())
 
     def _set(self, field: str, robots: torch.Tensor, rows: np.ndarray) -> None:
         own = self._fields[field]
@@ -198,23 +179,10 @@ class WarpBatch:
             total[:, self._host.body_parentid[body]] += total[:, body]
         return total
 
-    def _route(self, robots: torch.Tensor, radius: np.ndarray) -> None:
-        """Lay straight tendons at factors (k,) on their distances from the fibre.
-
-        Of channels all robots share the lever arms: the drive's gear takes the factor there.
-        """
-        if self._slopes is None and np.all(radius == 1):
-            return
-        if self._slopes is None:
-            self._slopes = slopes_of(self.scene)
-        for field in ("site_pos", "actuator_ctrlrange", "actuator_biasprm"):
-            slope = self._slopes[field]
-            steps = (radius - 1).reshape(-1, *(1,) * slope.ndim)
-            self._set(field, robots, getattr(self._host, field) + steps * slope)
-        starts, sizes = self._host.tendon_adr, self._host.tendon_num
-        moved = [
-            self._slopes["wrap_prm"][a : a + k].any() for a, k in zip(starts, sizes, strict=True)
-        ]
+    def _stretch(self, robots: torch.Tensor, arms: np.ndarray, radius: np.ndarray) -> None:
+        """Multiply lever arms (k, ...) of channels by factors (k,)."""
+        changed = (arms != self._host.wrap_prm).astype(int)
+        moved = np.add.reduceat(changed, self._host.tendon_adr, axis=1) > 0
         factors = np.where(moved, radius[:, None], 1.0)
         self._radius[robots] = self.arrays.real(factors)
         drawn = factors[:, self._host.actuator_trnid[:, 0]]

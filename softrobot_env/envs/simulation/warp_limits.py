@@ -12,7 +12,7 @@ import numpy as np
 
 from softrobot_env.core.extras import install_command
 from softrobot_env.envs.randomization import Randomization
-from softrobot_env.envs.simulation.batch import SCALABLE
+from softrobot_env.envs.simulation.batch import VARIED
 from softrobot_env.robots.variations import VARIATIONS
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.config import DEFAULT_SHARE
@@ -71,9 +71,10 @@ def check_varied(scene: Scene, names: Iterable[str]) -> None:
     checks = {"tendon_friction": _check_friction, "tendon_radius": _check_radius}
     for name in names:
         one = VARIATIONS[name]
+        fields = {*one.scales, *one.shifts}
         if name in checks:
             checks[name](scene)
-        elif one.apply is not None and not (one.scales and set(one.scales) <= set(SCALABLE)):
+        elif one.apply is not None and (one.switches or not fields or not fields <= {*VARIED}):
             raise ValueError(f"{_BACKEND} cannot vary {name!r}: leave it out, or the backend")
 
 
@@ -86,7 +87,7 @@ def _check_friction(scene: Scene) -> None:
 
 
 def _check_radius(scene: Scene) -> None:
-    if not all(tendon.is_straight for tendon in scene.config.robot.tendons):
+    if not VARIATIONS["tendon_radius"].is_of_fields(scene.config.robot):
         raise ValueError(
             f"{_BACKEND} can vary tendon_radius where all tendons are straight; robot "
             f"{scene.name!r} has others"
