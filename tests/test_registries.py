@@ -34,7 +34,7 @@ ROOT = Path(__file__).resolve().parents[1]
 #: Modules that may import by a name made at run time, and why.
 LOADERS = {
     "softrobot_env/core/registry.py": "what registries name",
-    "softrobot_env/envs/rendering/opengl.py": "MuJoCo's own modules for OpenGL",
+    "softrobot_env/envs/rendering.py": "MuJoCo's own modules for OpenGL",
     "scripts/ledger.py": "what users reach by name",
 }
 

@@ -20,7 +20,7 @@ from softrobot_env.control.gripper import (
     size_by_sensor,
 )
 from softrobot_env.envs.gripper import VectorGripperEnv
-from softrobot_env.envs.rendering.renderer import finger_shapes
+from softrobot_env.envs.rendering import finger_shapes
 from softrobot_env.rendering import figures
 from softrobot_env.robots import GRIPPERS
 from softrobot_env.scene.assembly import AssembledScene, build_assembly

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import LinearNDInterpolator
 
 from softrobot_env.control.gripper import LIFTED
-from softrobot_env.envs.observations.fingers import shares
+from softrobot_env.envs.simulation.grippers import shares
 from softrobot_env.learned import bayesian
 from softrobot_env.learned.network import Dataset, Network
 from softrobot_env.rendering import figures

@@ -29,7 +29,7 @@ from softrobot_env.control.registry import (
     policy_environment,
 )
 from softrobot_env.core.processes import Workers, usable_cores, using, worker_processes
-from softrobot_env.envs.rendering.renderer import RenderError
+from softrobot_env.envs.rendering import RenderError
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.registration import ENVIRONMENTS

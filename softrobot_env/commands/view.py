@@ -12,7 +12,7 @@ from softrobot_env.commands.arguments import add_robot, policy, port
 from softrobot_env.commands.cases import make_setup
 from softrobot_env.commands.setups import Setup
 from softrobot_env.commands.task_options import add_task, one_task
-from softrobot_env.envs.rendering.opengl import RenderError, check_display
+from softrobot_env.envs.rendering import RenderError, check_display
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import visible

@@ -66,7 +66,7 @@ class EnvConfig:
             tensions, lengths and reference_acceleration of a robot driven by tension, and all but
             curvatures and tensions of one driven by length, as a lab can measure them. Of the real
             rig "tendon_tension" needs a board that measures forces. Of grippers names out of
-            `observations.fingers.KNOWN`.
+            `simulation.grippers.KNOWN`.
         preview: Times [s] ahead of now of `reference_preview`.
         observe_as: "dict", or "vector": one float32 vector of order 1.
         act_as: What actions stand for: "input", or "change" of the inputs in force. Unless given,

@@ -11,12 +11,16 @@ from numpy import float64
 from softrobot_env.core.interfaces import Seen
 from softrobot_env.core.records import check_argument
 from softrobot_env.envs.config import GRIPPER, MANY, PICTURES, ControlPeriod, EnvConfig
-from softrobot_env.envs.observations.fingers import FingerSensors, GripperView, observes
 from softrobot_env.envs.options import MASK, checked_actions
 from softrobot_env.envs.parts import EpisodeSpec
-from softrobot_env.envs.rendering.renderer import GripperRenderer
+from softrobot_env.envs.rendering import GripperRenderer
 from softrobot_env.envs.rewards import GripReward
-from softrobot_env.envs.simulation.grippers import GripperBatch
+from softrobot_env.envs.simulation.grippers import (
+    FingerSensors,
+    GripperBatch,
+    GripperView,
+    observes,
+)
 from softrobot_env.envs.vector import BatchEnv
 from softrobot_env.robots import Gripper, RobotParams, as_number, find_gripper
 from softrobot_env.scene.gripper import FINENESS, Resolution

@@ -15,7 +15,7 @@ from softrobot_env.envs.observations.table import Measured, Sources, copied
 from softrobot_env.envs.options import ResetOptions, one_action
 from softrobot_env.envs.parts import EpisodeSpec, SimulatedParts, Start
 from softrobot_env.envs.reference import ReferenceTable
-from softrobot_env.envs.rendering.renderer import Frame, WindowRenderer, lifted, make_renderer
+from softrobot_env.envs.rendering import Frame, WindowRenderer, lifted, make_renderer
 from softrobot_env.envs.simulation.plants import BeamSimulation
 from softrobot_env.robots.variations import VARIATIONS, neutral
 from softrobot_env.scene.build import Scene

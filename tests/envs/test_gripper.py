@@ -16,7 +16,7 @@ from softrobot_env.control.gripper import (
     size_by_sensor,
 )
 from softrobot_env.envs.gripper import GripperEnv, GripReward, VectorGripperEnv
-from softrobot_env.envs.observations.fingers import KNOWN, shares
+from softrobot_env.envs.simulation.grippers import KNOWN, shares
 from softrobot_env.robots import GRIPPERS
 from softrobot_env.robots.file import write_gripper
 from softrobot_env.scene.assembly import build_assembly

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from softrobot_env.control.registry import make_policy
+from softrobot_env.envs import rendering as opengl
 from softrobot_env.envs.gripper import GripperEnv
-from softrobot_env.envs.rendering import opengl
-from softrobot_env.envs.rendering.opengl import RenderError, candidate_backends
+from softrobot_env.envs.rendering import RenderError, candidate_backends
 from softrobot_env.rendering.video import caption, record, write_video
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -294,7 +294,7 @@ _WINDOW = """
 import sys, time
 import numpy as np
 from PIL import ImageGrab
-from softrobot_env.envs.rendering.renderer import Frame, make_renderer
+from softrobot_env.envs.rendering import Frame, make_renderer
 from softrobot_env.robots import find_robot
 from softrobot_env.scene.registry import scene_of
 

@@ -1,21 +1,41 @@
-"""Many simulations of a gripper, each with a bar and fingers of its own."""
+"""Many simulations of a gripper, each with a bar and fingers of its own, and what is seen of them.
+
+Observables are those of the fingers in turn, and contacts.
+"""
 
 import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from math import pi
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
+from gymnasium import spaces
 
+from softrobot_env.core.interfaces import Seen
 from softrobot_env.envs.config import EnvConfig
+from softrobot_env.envs.observations.table import (
+    OBSERVABLES,
+    Sizes,
+    Sources,
+    speed_limit,
+    symmetric,
+)
 from softrobot_env.envs.simulation.batch import Batch
 from softrobot_env.robots.gripper import Gripper
-from softrobot_env.scene.assembly import FELT, build_assembly, felt_by
-from softrobot_env.scene.chain import mean_curvature
+from softrobot_env.robots.sensors import Sensor
+from softrobot_env.scene.assembly import FELT, Part, build_assembly, felt_by
+from softrobot_env.scene.chain import mean_curvature, station_strain
 from softrobot_env.scene.contacts import links_of
 from softrobot_env.scene.gripper import Resolution, gripper_scene
 from softrobot_env.scene.objects import Capsule
 from softrobot_env.scene.timestep import TimestepWarning
 from softrobot_env.tasks.gripper import GripTask
+
+if TYPE_CHECKING:  # compiled code takes time to load
+    from softrobot_env.sensing.array import SensorArray
 
 #: Name of the bar among objects.
 BAR = "bar"
@@ -212,3 +232,265 @@ def _inertia(mass: np.ndarray, radius: np.ndarray, length: float) -> np.ndarray:
     across = rod * (radius**2 / 4 + length**2 / 12)
     across += ball * (2 / 5 * radius**2 + length**2 / 4 + 3 / 8 * length * radius)
     return np.stack([across, across, along], axis=1)
+
+
+# ---------------------------------------------------------------- observations
+
+#: Observables of `table.OBSERVABLES` that fingers have, and those of the gripper alone.
+SENSORS = "sensors"
+OF_FINGERS = ("curvature", "curvature_rate", "tendon_tension", SENSORS)
+CONTACT, ACTION = "contact", "previous_action"
+KNOWN = (*OF_FINGERS, CONTACT, ACTION)
+
+#: [N], bound of the force of a finger on the bar, and its usual size.
+_MOST, _USUAL = 1e3, 2.0
+
+
+@dataclass(frozen=True)
+class _Finger:
+    """Measurements (n, size) of one finger of n grippers, as `table.Measured` has them."""
+
+    batch: GripperBatch
+    part: Part
+    bends: np.ndarray
+    sensors: Callable[[], np.ndarray] | None
+
+    def curvature(self) -> np.ndarray:
+        return self.batch.qpos[:, self.part.q] @ self.bends
+
+    def curvature_rate(self) -> np.ndarray:
+        return self.batch.qvel[:, self.part.v] @ self.bends
+
+    def tendon_tension(self) -> np.ndarray:
+        return self.batch.actuator_force[:, self.part.u].copy()
+
+
+class GripperView:
+    """Observations of n grippers.
+
+    Attributes:
+        space: Of one gripper's observation, a dict of float64 or one float32 vector.
+        layout: Slices of the vector by name; None of a dict.
+    """
+
+    def __init__(
+        self,
+        batch: GripperBatch,
+        config: EnvConfig,
+        action: Callable[[], np.ndarray],
+        sensors: "FingerSensors | None" = None,
+    ) -> None:
+        """A view.
+
+        Args:
+            batch: What is observed.
+            config: Names out of `KNOWN`, or "all": all but `sensors`, which cost time; and whether
+                an observation is one vector.
+            action: Function that returns the actions in force, (n, inputs).
+            sensors: Of the fingers, if they are observed.
+
+        Raises:
+            ValueError: No name, an unknown or a repeated one.
+        """
+        self._reads, boxes, scales = {}, {}, []
+        for name in _checked(config.observe):
+            self._reads[name], boxes[name], scale = _observable(name, batch, action, sensors)
+            scales.append(scale)
+        ends = np.cumsum([0, *(box.shape[0] for box in boxes.values())]).tolist()
+        self.layout = None
+        if config.is_for_learning:
+            self.layout = {n: slice(*ends[k : k + 2]) for k, n in enumerate(boxes)}
+        self._scale = np.concatenate(scales)
+        self.space = self._vector_space(boxes) if config.is_for_learning else spaces.Dict(boxes)
+
+    def _vector_space(self, boxes: dict[str, spaces.Box]) -> spaces.Box:
+        low, high = (
+            self._vector([getattr(box, end) for box in boxes.values()]) for end in ("low", "high")
+        )
+        far = np.float32(np.inf)
+        return spaces.Box(np.nextafter(low, -far), np.nextafter(high, far))
+
+    def _vector(self, parts: list[np.ndarray]) -> np.ndarray:
+        """As `table.VectorView` has it: asinh(x / scale), of order 1 and never cut off."""
+        return np.arcsinh(np.concatenate(parts, axis=-1) / self._scale).astype(np.float32)
+
+    def __call__(self) -> Seen:
+        """New observations, stacked."""
+        if self.layout is not None:
+            return self._vector([read() for read in self._reads.values()])
+        return {name: read() for name, read in self._reads.items()}
+
+
+def observes(observe: Any, name: str) -> bool:
+    """Whether an observable is among those that are asked for."""
+    return name in _checked(observe)
+
+
+def _checked(observe: Any) -> tuple[str, ...]:
+    if isinstance(observe, str):
+        every = tuple(name for name in KNOWN if name != SENSORS)
+        observe = every if observe == "all" else (observe,)
+    names = tuple(observe) if np.iterable(observe) else ()
+    if not names or not set(names) <= set(KNOWN) or len(set(names)) < len(names):
+        raise ValueError(f"observe needs distinct names out of {', '.join(KNOWN)}; got {observe!r}")
+    return names
+
+
+def _observable(
+    name: str,
+    batch: GripperBatch,
+    action: Callable[[], np.ndarray],
+    sensors: "FingerSensors | None",
+) -> tuple[Callable[[], np.ndarray], spaces.Box, np.ndarray]:
+    """How an observable is read, its box and its usual sizes."""
+    count = len(batch.scene.parts)
+    if name == CONTACT:
+        box = spaces.Box(np.zeros(count), np.full(count, _MOST), dtype=np.float64)
+        return lambda: np.linalg.norm(batch.felt, axis=-1), box, np.full(count, _USUAL)
+    if name == ACTION:
+        box = symmetric(batch.scene.n_inputs, 1.0)
+        return action, box, np.full(batch.scene.n_inputs, 0.5)
+    observable, sizes = OBSERVABLES[name], [_sizes(part) for part in batch.scene.parts.values()]
+    boxes = [observable.space(s) for s in sizes]
+    fingers = _fingers(batch, sensors)
+    reads = [observable.read(Sources(f, _no_reference, action)) for f in fingers]
+    low, high = (np.concatenate([getattr(box, end) for box in boxes]) for end in ("low", "high"))
+    scale = [
+        np.broadcast_to(observable.scale(s), b.shape) for s, b in zip(sizes, boxes, strict=True)
+    ]
+    read = partial(_together, reads)
+    return read, spaces.Box(low, high, dtype=np.float64), np.concatenate(scale)
+
+
+def _together(reads: list[Callable[[], np.ndarray]]) -> np.ndarray:
+    return np.concatenate([read() for read in reads], axis=1)
+
+
+def _no_reference(column: str) -> Callable[[], np.ndarray]:
+    raise ValueError(f"a gripper follows no reference, and has no {column}")
+
+
+def _fingers(batch: GripperBatch, sensors: "FingerSensors | None") -> list[_Finger]:
+    first, out = 0, []
+    for k, part in enumerate(batch.scene.parts.values()):
+        pieces = part.scene.config.robot.pieces
+        read = None if sensors is None else partial(sensors.reading, k)
+        out.append(_Finger(batch, part, batch.bends[part.q, first : first + pieces], read))
+        first += pieces
+    return out
+
+
+def _sizes(part: Part) -> Sizes:
+    robot = part.scene.config.robot
+    return Sizes(robot, part.scene.layout, robot.pieces, speed_limit(robot), 1, slice(0, 3, 2))
+
+
+#: Noise and specimens of a gripper's fingers have seeds this far apart.
+_APART = 1_000_003
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """Like fingers, whose sensors are read together.
+
+    Attributes:
+        array: Of all of them, those of a gripper one after the other.
+        fingers: Their numbers.
+    """
+
+    array: "SensorArray"
+    fingers: tuple[int, ...]
+
+
+class FingerSensors:
+    """What the sensors of all fingers read, with the force of the bar on each."""
+
+    def __init__(self, batch: GripperBatch, control_period: float) -> None:
+        """Sensors that are to be started.
+
+        Raises:
+            ValueError: A finger carries none.
+        """
+        from softrobot_env.sensing.array import SensorArray
+
+        self._batch, self._parts = batch, list(batch.scene.parts.values())
+        alike: dict[tuple, list[int]] = {}
+        for k, part in enumerate(self._parts):
+            robot, weights = part.scene.config.robot, part.scene.layout.weights
+            if not robot.sensors:
+                raise ValueError(f"finger {part.member.name!r} carries no sensors to observe")
+            if part.scene.model.nq != part.scene.model.nv:
+                raise ValueError(f"finger {part.member.name!r} twists: its sensors are not read")
+            alike.setdefault((robot.sensors, tuple(weights.tolist())), []).append(k)
+        # Of hinges, strains are linear in the angles.
+        self._strains = [
+            station_strain(part.scene.model, part.scene.layout, np.eye(part.scene.model.nq))
+            for part in self._parts
+        ]
+        self._shares = [
+            shares(batch.links(k), part.scene.config.robot.sensors)
+            for k, part in enumerate(self._parts)
+        ]
+        self._kinds = []
+        for (sensors, weights), fingers in alike.items():
+            edges = np.concatenate([[0.0], np.cumsum(weights)])
+            array = SensorArray(sensors, edges, control_period, batch.count * len(fingers))
+            self._kinds.append(_Kind(array, tuple(fingers)))
+
+    def reading(self, finger: int) -> np.ndarray:
+        """(n, size), see `robots.sensors.Sensor`."""
+        kind = next(kind for kind in self._kinds if finger in kind.fingers)
+        return kind.array.reading[kind.fingers.index(finger) :: len(kind.fingers)].copy()
+
+    def start(
+        self, which: np.ndarray, scale: np.ndarray, specimen: np.ndarray, seeds: np.ndarray
+    ) -> None:
+        """Start grippers `which` (k,).
+
+        Args:
+            which: Their numbers.
+            scale: (k,) of the usual imperfections.
+            specimen: (k,) int, what the differences of their sensors are sampled from.
+            seeds: (k,) int, of noise.
+        """
+        for kind in self._kinds:
+            shape, rows = self._shape(kind)[0], _rows(which, kind)
+            built, noise = [], []
+            for errors, number, seed in zip(scale, specimen, seeds, strict=True):
+                for k in kind.fingers:
+                    sensors = self._parts[k].scene.config.robot.sensors
+                    own = int(number) + _APART * k
+                    built.append([s.with_imperfections(float(errors), own) for s in sensors])
+                    noise.append(int(seed) + _APART * k)
+            kind.array.start(rows, built, noise, shape[rows])
+
+    def look(self, which: np.ndarray | None = None) -> None:
+        """Come to the next control instant, all grippers or `which` (k,)."""
+        for kind in self._kinds:
+            shape, touch = self._shape(kind)
+            kind.array.look(shape, None if which is None else _rows(which, kind), touch)
+
+    def _shape(self, kind: _Kind) -> tuple[np.ndarray, np.ndarray]:
+        """Of its fingers shapes (n, cells, 3) [1/m] and contact (n, sensors) [N] on each sensor."""
+        shapes, touches = [], []
+        for k in kind.fingers:
+            posture = self._parts[k].posture(self._batch.qpos)
+            shapes.append(np.tensordot(posture, self._strains[k], 1))
+            force = self._batch.pressed(k)
+            touches.append(np.sqrt((force**2).sum(axis=2)) @ self._shares[k])
+        return tuple(
+            np.stack(each, axis=1).reshape(-1, *each[0].shape[1:]) for each in (shapes, touches)
+        )
+
+
+def shares(links: np.ndarray, sensors: Sequence[Sensor]) -> np.ndarray:
+    """Shares (links, sensors) of links, between arc lengths (links, 2) [m], on sensors."""
+    low, high = links.T[..., None]
+    ends = np.array([(sensor.begin, sensor.end) for sensor in sensors]).T
+    both = np.minimum(high, ends[1]) - np.maximum(low, ends[0])
+    return np.clip(both, 0.0, None) / (high - low)
+
+
+def _rows(which: np.ndarray, kind: _Kind) -> np.ndarray:
+    count = len(kind.fingers)
+    return (which[:, None] * count + np.arange(count)).ravel()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support.rig_episodes import rig
 
-from softrobot_env.envs.rendering.renderer import lifted
+from softrobot_env.envs.rendering import lifted
 from softrobot_env.robots import RIG
 
 
@@ -20,7 +20,7 @@ def test_references_are_drawn_on_the_dome():
 
 
 def test_frames_show_the_rig():
-    from softrobot_env.envs.rendering.opengl import RenderError
+    from softrobot_env.envs.rendering import RenderError
 
     env = rig("triangle", render_mode="rgb_array", width=160, height=120)
     env.reset()
