@@ -16,7 +16,7 @@ from softrobot_env.control.registry import (
 )
 from softrobot_env.control.sensed import load_reconstruction
 from softrobot_env.core.registry import load
-from softrobot_env.envs.disturbances import split
+from softrobot_env.envs.disturbances import periods
 from softrobot_env.envs.tracking import DEFAULT_PERIOD
 from softrobot_env.evaluation.report import REAL, VIRTUAL
 from softrobot_env.evaluation.runner import Case, acts_on_identified
@@ -142,7 +142,7 @@ class Setup:
             if case.plant != MUJOCO and "tendon_friction" in case.variation:
                 raise ValueError(f"tendon_friction: only with --plant {MUJOCO}")
             try:
-                split(case.variation, period_of(case))
+                periods(case.variation.get("delay", 0.0), period_of(case))
             except ValueError as error:
                 raise ValueError(f"{case.policy}: {error}") from None
         self._try_out(cases)

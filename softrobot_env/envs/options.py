@@ -203,21 +203,14 @@ def take_mask(options: dict[str, Any], count: int, started: bool) -> np.ndarray:
     Raises:
         ValueError: Another shape or type, none true, or not all in the first reset.
     """
-    which = _parse_mask(options.pop(MASK, None), count)
-    if not started and len(which) < count:
-        raise ValueError("the first reset must be of all environments")
-    return which
-
-
-def _parse_mask(mask: Any, count: int) -> np.ndarray:
-    """Indices (k,) of a mask (count,) bool, all for None."""
-    if mask is None:
-        return np.arange(count)
-    mask = np.asarray(mask)
+    mask = options.pop(MASK, None)
+    mask = np.ones(count, dtype=bool) if mask is None else np.asarray(mask)
     if mask.shape != (count,) or mask.dtype != bool or not mask.any():
         raise ValueError(
             f"reset_mask must be {count} truth values, some of them true, got {mask!r}"
         )
+    if not started and not mask.all():
+        raise ValueError("the first reset must be of all environments")
     return np.flatnonzero(mask)
 
 

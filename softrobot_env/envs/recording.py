@@ -63,7 +63,27 @@ class _Episodes:
             self._runs = []
 
 
-class RecordEpisodes(gymnasium.Wrapper):
+class _Recorder:
+    """A wrapper that records."""
+
+    _episodes: _Episodes
+
+    @property
+    def recording(self) -> Recording:
+        """All rows so far.
+
+        Raises:
+            ValueError: There are none.
+        """
+        return self._episodes.recording()
+
+    def close(self, **arguments: Any) -> None:
+        """Write what was recorded, and close what is wrapped."""
+        self._episodes.write()
+        super().close(**arguments)
+
+
+class RecordEpisodes(_Recorder, gymnasium.Wrapper):
     """Records every episode of an environment, simulated or real, as a run of one recording.
 
     A row is a control instant: the command in force until then, and the tip as the camera sees it
@@ -113,22 +133,8 @@ class RecordEpisodes(gymnasium.Wrapper):
         tip, age = observation["tip_position"].copy(), float(info.get("tip_age", 0.0))
         self._run.append((float(info["time"]), age, np.array(action), tip, self.label))
 
-    @property
-    def recording(self) -> Recording:
-        """All rows so far.
 
-        Raises:
-            ValueError: There are none.
-        """
-        return self._episodes.recording()
-
-    def close(self) -> None:
-        """Write what was recorded, and close the environment."""
-        self._episodes.write()
-        super().close()
-
-
-class RecordVectorEpisodes(VectorWrapper):
+class RecordVectorEpisodes(_Recorder, VectorWrapper):
     """`RecordEpisodes` of many environments: a run for each episode of each of them.
 
     Attributes:
@@ -171,17 +177,3 @@ class RecordVectorEpisodes(VectorWrapper):
                 self._runs[k] = self._episodes.begin()
             action, tip = (np.array(observation[name][k]) for name in reversed(_NEEDED))
             self._runs[k].append((time, 0.0, action, tip, self.label))
-
-    @property
-    def recording(self) -> Recording:
-        """All rows so far.
-
-        Raises:
-            ValueError: There are none.
-        """
-        return self._episodes.recording()
-
-    def close(self, **arguments: Any) -> None:
-        """Write what was recorded, and close the environments."""
-        self._episodes.write()
-        super().close(**arguments)

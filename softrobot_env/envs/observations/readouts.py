@@ -122,48 +122,59 @@ class _ChainMeasures:
         return None
 
 
-class ChainReadout:
-    """Exact measurements of a chain, through views that look nothing up in a step."""
+class _Chains:
+    """Exact measurements of a chain or of many."""
 
     truth = sensors = None
 
     def __init__(
         self,
-        simulation: Simulation,
+        simulation: Simulation | BatchSimulation,
         robot: RobotParams,
         pieces: int,
         speed: float,
         axes: slice,
         servos: Servos | None = None,
     ) -> None:
-        """Bind to a simulation.
+        """Bind to a simulation, or to many.
 
         Args:
-            simulation: The simulation, of `robot` or of a variation of it.
+            simulation: Of `robot` or of variations of it.
             robot: The robot.
             pieces: Number of pieces whose curvature is measured.
             speed: [m/s], limit of the tip's speed.
             axes: Coordinates out of x, y and z of the tip that are measured.
             servos: What drives the tendons in length; measured are then the lengths pulled in.
         """
-        self._data = data = simulation.data
-        self._measures = measures = _ChainMeasures(simulation.scene, robot, pieces, speed)
+        scene, arrays = simulation.scene, getattr(simulation, "arrays", HOST)
+        self._simulation, self._arrays = simulation, arrays
+        source = getattr(simulation, "data", simulation)
+        self._measures = _ChainMeasures(scene, robot, pieces, speed)
+        self._angles, self._rates = angles, _ = source.qpos, source.qvel
+        self._tip, self._velocity = (source.sensordata[..., k : k + 3][..., axes] for k in (0, 3))
+        self.curvature = lambda: self.bend
+        self.shape = lambda: station_strain(
+            scene.model, scene.layout, np.atleast_2d(arrays.host(angles))
+        )
+        self.tendon_tension = lambda: arrays.copy(source.actuator_force)
+        self.tendon_length, self.true_length = _tendon_lengths(
+            source.ten_length[..., : len(robot.tendons)], simulation.full_length, servos, arrays
+        )
+        self._bind()
+        self.update()
+
+
+class ChainReadout(_Chains):
+    """Exact measurements of a chain, through views that look nothing up in a step."""
+
+    def _bind(self) -> None:
+        measures, rates = self._measures, self._rates
         self._mean, self._fine = mean, fine = measures.mean, measures.fine
         self._coarse = fine is not mean
         self._limit, self._slow = measures.curvature, measures.slow
-        self._angles, self._rates = data.qpos, data.qvel
-        rates = self._rates
-        self._tip, self._velocity = data.sensordata[0:3][axes], data.sensordata[3:6][axes]
         self.tip_position, self.tip_velocity = self._tip.copy, self._velocity.copy
-        self.curvature = lambda: self.bend
         self.curvature_rate = lambda: mean.dot(rates)
-        scene, angles = simulation.scene, self._angles
-        self.shape = lambda: station_strain(scene.model, scene.layout, angles[None])
-        self.tendon_tension = data.actuator_force.copy
-        self.tendon_length, self.true_length = _tendon_lengths(
-            data.ten_length[: len(robot.tendons)], simulation.full_length, servos
-        )
-        self.update()
+        self.tendon_tension = self._simulation.data.actuator_force.copy
 
     def update(self, _which: None = None) -> str | None:
         """Measure anew; return what left the documented workspace, or None."""
@@ -174,7 +185,9 @@ class ChainReadout:
             fine = self._fine.dot(angles)
         # The norms bound all pieces and the tip, so the exact check runs only near the limits.
         if hypot(*fine.tolist()) > self._limit or hypot(*self._rates.tolist()) > self._slow:
-            return self._measures.what_left(fine, self._velocity, self._rates, self._data.time)
+            return self._measures.what_left(
+                fine, self._velocity, self._rates, self._simulation.data.time
+            )
         return None
 
 
@@ -194,51 +207,25 @@ def _tendon_lengths(
     return (both := lambda: inside + full), both
 
 
-class BatchReadout:
+class BatchReadout(_Chains):
     """Exact measurements of n chains, as arrays of the kind that their simulations have.
 
     Attributes:
         outside: (n,) bool, which robots left the workspace, with what `what_left` says.
     """
 
-    truth = sensors = None
-
-    def __init__(
-        self,
-        simulation: BatchSimulation,
-        robot: RobotParams,
-        pieces: int,
-        speed: float,
-        axes: slice,
-        servos: Servos | None = None,
-    ) -> None:
-        """Bind to simulations of `robot` or of variations of it; arguments as `ChainReadout`'s."""
-        self._simulation, self._arrays = simulation, simulation.arrays
-        self._measures = measures = _ChainMeasures(simulation.scene, robot, pieces, speed)
-        self._mean = self._fine = self._arrays.real(measures.mean.T)
+    def _bind(self) -> None:
+        simulation, measures, arrays = self._simulation, self._measures, self._arrays
+        self._mean = self._fine = arrays.real(measures.mean.T)
         if measures.fine is not measures.mean:
-            self._fine = self._arrays.real(measures.fine.T)
+            self._fine = arrays.real(measures.fine.T)
         self._gentle = measures.curvature / sqrt(measures.directions)
         self._slow = measures.slow / sqrt(simulation.qvel.shape[1])
-        self._tip = simulation.sensordata[:, 0:3][:, axes]
-        self._velocity = simulation.sensordata[:, 3:6][:, axes]
         self._nobody = np.zeros(simulation.count, dtype=bool)
         self._nobody.flags.writeable = False
         self.tip_position = lambda: self.tip
-        self.tip_velocity = lambda: self._arrays.copy(self._velocity)
-        self.curvature = lambda: self.bend
-        self.curvature_rate = lambda: self._arrays.real(simulation.qvel) @ self._mean
-        scene = simulation.scene
-        angles = simulation.qpos
-        self.shape = lambda: station_strain(scene.model, scene.layout, self._arrays.host(angles))
-        self.tendon_tension = lambda: self._arrays.copy(simulation.actuator_force)
-        self.tendon_length, self.true_length = _tendon_lengths(
-            simulation.ten_length[:, : len(robot.tendons)],
-            simulation.full_length,
-            servos,
-            self._arrays,
-        )
-        self.update()
+        self.tip_velocity = lambda: arrays.copy(self._velocity)
+        self.curvature_rate = lambda: arrays.real(simulation.qvel) @ self._mean
 
     def update(self, _which: np.ndarray | None = None) -> None:
         """Measure anew."""

@@ -28,14 +28,40 @@ from softrobot_env.scene.statics import equilibrium
 _PATH_STEP = 2e-3
 
 
-class MujocoPlant:
-    """Builds simulations of a robot and of its variations.
+class _Plant:
+    """What all plants know.
 
     Attributes:
         robot: The nominal robot.
-        nominal: Its scene.
         speed: [m/s], limit of the tip's speed.
         axes: Coordinates out of x, y and z that are measured, a slice of (3,).
+        config: The scene to render.
+    """
+
+    def __init__(
+        self,
+        robot: RobotParams,
+        control_period: float,
+        speed: float | None,
+        axes: slice | None,
+        scene_options: dict[str, Any],
+    ) -> None:
+        self.robot, self.speed = robot, speed_limit(robot) if speed is None else speed
+        self.axes = own_axes(robot) if axes is None else axes
+        own = scene_of(robot)
+        self.config: SceneConfig = replace(own, control_period=control_period, **scene_options)
+
+    @property
+    def directions(self) -> int:
+        """Numbers of curvatures of a piece: 1 in a plane, 2 in space, 3 of one that twists."""
+        return 1 if self.config.bending == "planar" else 2 + self.config.torsion
+
+
+class MujocoPlant(_Plant):
+    """Builds simulations of a robot and of its variations.
+
+    Attributes:
+        nominal: The scene of the nominal robot.
         pieces: Number of pieces whose curvature is measured: a planar chain's own, of a spatial one
             the robot's.
         strain: Zero: the chain is inextensible.
@@ -64,20 +90,14 @@ class MujocoPlant:
         Raises:
             ValueError: A part that does not fit the robot; the message says which and why.
         """
-        self.robot, self.speed = robot, speed_limit(robot) if speed is None else speed
-        own = scene_of(robot)
-        self.nominal = build_scene(replace(own, control_period=control_period, **scene_options))
-        self.axes = own_axes(robot) if axes is None else axes
+        super().__init__(robot, control_period, speed, axes, scene_options)
+        self.nominal = build_scene(self.config)
+        self.config = self.nominal.config
         spatial = self.config.bending == "spatial"
         self.pieces = robot.pieces if spatial else self.layout.pieces
         _check_pieces(robot, self.layout, self.pieces)
         if self.axes == PLANE:
             robot.require_plane("a planar chain")
-
-    @property
-    def directions(self) -> int:
-        """Numbers of curvatures of a piece: 1 in a plane, 2 in space, 3 of a chain that twists."""
-        return 1 if self.config.bending == "planar" else 2 + self.config.torsion
 
     @property
     def layout(self) -> HingeLayout:
@@ -88,11 +108,6 @@ class MujocoPlant:
     def cells(self) -> np.ndarray:
         """Edges (cells + 1,) [m] of the parts whose rotation a readout's `shape` has."""
         return np.append(0.0, np.cumsum(self.layout.weights))
-
-    @property
-    def config(self) -> SceneConfig:
-        """The scene to render."""
-        return self.nominal.config
 
     def readout(
         self, simulation: Simulation | BatchSimulation, servos: Servos | None = None
@@ -135,17 +150,14 @@ def _check_pieces(robot: RobotParams, layout: HingeLayout, pieces: int) -> None:
         )
 
 
-class BeamPlant:
+class BeamPlant(_Plant):
     """Builds simulations of a robot and of its variations with a beam model.
 
-    Observables are those of the MuJoCo chain, with the curvature of the robot's own pieces.
+    Observables are those of the MuJoCo chain, with the curvature of the robot's own pieces. In
+    pictures hinges turn by that.
 
     Attributes:
-        robot: The nominal robot.
-        speed: [m/s], limit of the tip's speed.
-        config: The scene to render: hinges turn by the measured curvature of their pieces.
-        layout: Its hinges.
-        axes: Coordinates out of x, y and z that are measured, a slice of (3,).
+        layout: Hinges of the scene to render.
         pieces: Number of pieces whose curvature is measured, the robot's own.
     """
 
@@ -171,11 +183,8 @@ class BeamPlant:
         Raises:
             ValueError: The robot has dry friction, or what the model lacks.
         """
-        self.robot, self.speed = robot, speed_limit(robot) if speed is None else speed
-        self.axes = own_axes(robot) if axes is None else axes
-        self.config = config = replace(
-            scene_of(robot), control_period=control_period, **scene_options
-        )
+        super().__init__(robot, control_period, speed, axes, scene_options)
+        config = self.config
         self.layout: HingeLayout = place_between(config.edges, config.hinge_rule)
         self.pieces, self._factory = robot.pieces, factory
         way = {name: getattr(config, name) for name in ("bending", "torsion", "actuation")}
@@ -192,8 +201,8 @@ class BeamPlant:
 
     @property
     def directions(self) -> int:
-        """Numbers of curvatures of a piece: 1 in a plane, 2 in space."""
-        return 1 if self.config.bending == "planar" else 2
+        """See `_Plant`; torsion is not measured."""
+        return min(2, super().directions)
 
     @property
     def cells(self) -> np.ndarray:
@@ -252,8 +261,7 @@ class BeamPlant:
 
     def posture(self, strains: np.ndarray) -> np.ndarray:
         """Hinge angles (nq,) [rad] of the scene to render for strains (pieces, 3) [1/m]."""
-        kinds = 1 if self.config.bending == "planar" else 2 + self.config.torsion
-        angles = strains[self.layout.piece, :kinds] * self.layout.weights[:, None]
+        angles = strains[self.layout.piece, : super().directions] * self.layout.weights[:, None]
         return posture(self._shown, angles)
 
 

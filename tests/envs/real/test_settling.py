@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from softrobot_env.envs.real import session
-from softrobot_env.envs.real.session import STILL, STILL_TIME, NotStillError, wait_for_rest
+from softrobot_env.envs import real as session
+from softrobot_env.envs.real import STILL, STILL_TIME, NotStillError, wait_for_rest
 from softrobot_env.hardware.tip import TipMeasurement
 
 

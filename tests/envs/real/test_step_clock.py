@@ -2,7 +2,7 @@
 
 import pytest
 
-from softrobot_env.envs.real.env import StepClock
+from softrobot_env.envs.real import StepClock
 
 
 class Time:

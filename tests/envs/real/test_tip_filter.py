@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
-from softrobot_env.envs.real.session import StaleError, TipFilter, reference_at
+from softrobot_env.envs.real import StaleError, TipFilter, reference_at
 from softrobot_env.hardware.tip import TipMeasurement
 
 
