@@ -28,12 +28,11 @@ from softrobot_env.rendering.tables import pivot_table
 from softrobot_env.robots import ARM, Base, RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.robots.registry import GRIPPERS, find_robot
-from softrobot_env.scene.assembly import AssembledScene, Assembly, build_assembly
+from softrobot_env.scene.assembly import AssembledScene, Assembly, build_assembly, gripper_scene
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.chain import SEPARATOR, TIP_SITE
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.contacts import material_stiffness, tune
-from softrobot_env.scene.gripper import gripper_scene
 from softrobot_env.scene.objects import Box, Capsule, Contacts, Cylinder, Ground, Object, Sphere
 from softrobot_env.scene.registry import scene_of
 from softrobot_env.scene.simulation import Simulation

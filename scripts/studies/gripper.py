@@ -23,8 +23,7 @@ from softrobot_env.envs.gripper import VectorGripperEnv
 from softrobot_env.envs.rendering import finger_shapes
 from softrobot_env.rendering import figures
 from softrobot_env.robots import GRIPPERS
-from softrobot_env.scene.assembly import AssembledScene, build_assembly
-from softrobot_env.scene.gripper import gripper_scene
+from softrobot_env.scene.assembly import AssembledScene, build_assembly, gripper_scene
 from softrobot_env.scene.objects import Capsule, Ellipsoid, Object
 from softrobot_env.scene.simulation import Simulation
 from studies.lab import Column, Lab, Record, Study, for_pictures, groups, of_kind, quantity, table

@@ -20,11 +20,10 @@ from softrobot_env.rendering import figures
 from softrobot_env.robots import RIG, WORKSPACE, Sensor
 from softrobot_env.robots.sensors import USUAL
 from softrobot_env.robots.twin import CAMERA_NOISE, rig3d_twin
-from softrobot_env.scene.assembly import build_assembly, felt_by
+from softrobot_env.scene.assembly import FINENESS, build_assembly, felt_by, gripper_scene
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import station_strain
 from softrobot_env.scene.contacts import links_of
-from softrobot_env.scene.gripper import FINENESS, gripper_scene
 from softrobot_env.scene.registry import RIG_PIECES, scene_of
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.statics import equilibrium

@@ -10,7 +10,7 @@ from rich.console import Console
 from softrobot_env.commands.arguments import positive, seed, size
 from softrobot_env.commands.output import add_out, new_file, progress_on
 from softrobot_env.robots import GRIPPERS, find_gripper
-from softrobot_env.scene.gripper import FINENESS
+from softrobot_env.scene.assembly import FINENESS
 from softrobot_env.tasks.gripper import GRIP_TASKS
 
 if TYPE_CHECKING:

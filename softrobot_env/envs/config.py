@@ -20,8 +20,8 @@ from softrobot_env.envs.rewards import GripReward, TrackingReward
 from softrobot_env.robots import Gripper, RobotParams
 from softrobot_env.robots.parameters import Pieces
 from softrobot_env.robots.twin import Twin
+from softrobot_env.scene.assembly import Resolution
 from softrobot_env.scene.config import DEFAULT_SHARE
-from softrobot_env.scene.gripper import Resolution
 from softrobot_env.tasks import OPTIONS, Task, options_of
 from softrobot_env.tasks.gripper import GripTask
 
@@ -89,9 +89,9 @@ class EnvConfig:
         max_episode_steps: After which an episode is truncated, if it is not over before.
         autoreset_mode: One of `AutoresetMode`, or its value.
         gripper: A name out of `GRIPPERS`, the path of a file, or a gripper.
-        fineness: A name out of `scene.gripper.FINENESS`: "quick" has few pieces and long timesteps,
-            and bends err by 1 degree on average, "rule" is as the rule for contacts has it, and 50
-            times slower (`softrobot benchmark gripper`).
+        fineness: A name out of `scene.assembly.FINENESS`: "quick" has few pieces and long
+            timesteps, and bends err by 1 degree on average, "rule" is as the rule for contacts has
+            it, and 50 times slower (`softrobot benchmark gripper`).
         port: Serial port instead of the robot file's.
         robot_file: Calibration and limits, or the path of its TOML file; the default one of the rig
             unless given.

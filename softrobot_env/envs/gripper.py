@@ -23,7 +23,7 @@ from softrobot_env.envs.simulation.grippers import (
 )
 from softrobot_env.envs.vector import BatchEnv
 from softrobot_env.robots import Gripper, RobotParams, as_number, find_gripper
-from softrobot_env.scene.gripper import FINENESS, Resolution
+from softrobot_env.scene.assembly import FINENESS, Resolution
 from softrobot_env.tasks.gripper import DRAWN, GRIP_TASKS, POSITIVE, GripTask
 
 #: Of the fingers' own quantities each has one; pulls and shaking are vectors.

@@ -40,7 +40,7 @@ from softrobot_env.hardware.protocol.unit_conversion import FaultInfo
 from softrobot_env.hardware.robot_file import RobotFile, read_robot_file, rig_file
 from softrobot_env.hardware.tip import TipMeasurement, TipSource, make_tip_source
 from softrobot_env.hardware.transport import SerialTransport, Transport
-from softrobot_env.robots import LENGTH_SCALE
+from softrobot_env.robots import LENGTH_SCALE, usual_task
 from softrobot_env.scene.config import DEFAULT_RULE
 from softrobot_env.scene.quadrature import place_hinges
 from softrobot_env.scene.registry import RIG_PIECES
@@ -213,11 +213,12 @@ class RealRigEnv(gymnasium.Env[Seen, np.ndarray]):
     takes: ClassVar = REAL
     usual: ClassVar = {"control_period": None}
 
-    def __init__(self, task: str | Task = "triangle", **options: Any) -> None:
+    def __init__(self, task: str | Task | None = None, **options: Any) -> None:
         """Build the environment; the robot is not touched before the first `reset`.
 
         Args:
-            task: A task or its name; only tasks that start at rest.
+            task: A task or its name; only tasks that start at rest. The robot's usual one unless
+                given.
             **options: Those that `RealRigEnv.takes` names, see `config.EnvConfig`, and of a task
                 given by name its own.
 
@@ -226,7 +227,7 @@ class RealRigEnv(gymnasium.Env[Seen, np.ndarray]):
             FileNotFoundError: No such robot file.
             TypeError: An unknown option.
         """
-        self.config = config = EnvConfig.of(type(self), {"task": task, **options})
+        self.config = config = EnvConfig.of(type(self), {"task": task or usual_task(), **options})
         tip = config.tip
         if not (tip is None or callable(getattr(tip, "latest", None))):
             raise ValueError(f"tip must be None or a TipSource (with latest), got {shown(tip)}")

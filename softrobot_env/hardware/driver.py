@@ -5,7 +5,6 @@
 
 import atexit
 import os
-import secrets
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -45,25 +44,16 @@ class Driver:
     by itself when set-points stay away for longer than its watchdog allows.
     """
 
-    def __init__(
-        self,
-        robot: RobotFile,
-        transport: Transport,
-        clock: Callable[[], float] = monotonic,
-        draw: Callable[[int], int] = secrets.randbits,
-    ) -> None:
+    def __init__(self, robot: RobotFile, transport: Transport) -> None:
         """Nothing is sent yet.
 
         Args:
             robot: Calibration and limits.
             transport: The way to the robot; `close` closes it.
-            clock: [s].
-            draw: Random number of that many bits.
         """
-        self.robot = robot
-        self._transport, self._clock, self._draw = transport, clock, draw
+        self.robot, self._transport = robot, transport
         self._session = Session(robot, nonce=0)  # until connect()
-        self._exchange = Exchange(transport, clock)
+        self._exchange = Exchange(transport)
         self._closed = False
         self._guard = ExitGuard(self.close)
 
@@ -105,8 +95,8 @@ class Driver:
         """
         if self._closed:
             raise LinkError("this driver is closed")
-        session = self._session = Session(self.robot, self._draw(32))
-        end, ask = self._clock() + timeout, self._exchange.ask
+        session = self._session = Session(self.robot, randbits(32))
+        end, ask = monotonic() + timeout, self._exchange.ask
         self._exchange.listen(session)
         self._guard.install()
         ask(m.Hello, session.hello, lambda: session.phase >= Phase.IDENTIFIED, end)
@@ -127,10 +117,10 @@ class Driver:
             LinkError: No answer within `timeout` [s].
             RobotError: Not connected, or armed already.
         """
-        end, session, number = self._clock() + timeout, self._session, self._draw(16) or 1
+        end, session, number = monotonic() + timeout, self._session, randbits(16) or 1
 
         def hold() -> bytes:
-            return session.setpoint(session.present_target(), self._clock())[1]
+            return session.setpoint(session.present_target(), monotonic())[1]
 
         ask = self._exchange.ask
         ask(m.Arm, lambda: session.arm(number), lambda: session.phase >= Phase.ARMED, end)
@@ -147,7 +137,7 @@ class Driver:
             RobotError: Not armed.
         """
         with self._exchange.held():
-            seq, frame = self._session.setpoint(length, self._clock())
+            seq, frame = self._session.setpoint(length, monotonic())
         self._exchange.write(frame)
         return seq
 
@@ -156,7 +146,7 @@ class Driver:
 
         Args:
             seq: What `command` returned.
-            deadline: [s] on the driver's clock.
+            deadline: [s] of `time.monotonic`.
 
         Returns:
             None at the deadline, or at once if a fault stops the robot.
@@ -187,12 +177,12 @@ class Driver:
             raise ValueError(f"speed must be positive, got {speed} m/s")
         if self.reading is None:
             raise RobotError("move_to() needs a robot that is connected and armed")
-        start, end = self.reading.applied, self._clock() + timeout
+        start, end = self.reading.applied, monotonic() + timeout
         way, period = np.asarray(length, float) - start, self.robot.control_period
         steps = max(1, ceil(np.abs(way).max() / (speed * period)))
-        step, due = 0, self._clock()
-        while self._clock() < end:
-            step, due = min(step + 1, steps), max(due, self._clock()) + period
+        step, due = 0, monotonic()
+        while monotonic() < end:
+            step, due = min(step + 1, steps), max(due, monotonic()) + period
             reading = self.pace(start + way * step / steps, due)
             if step == steps and reading is not None and reading.is_at(length):
                 return reading
@@ -223,7 +213,7 @@ class Driver:
     def wait_for_fault(self, timeout: float) -> FaultInfo | None:
         """The fault that stops the robot, None if none does within `timeout` [s]."""
         session = self._session
-        self._exchange.wait(lambda: session.fault is not None, self._clock() + timeout)
+        self._exchange.wait(lambda: session.fault is not None, monotonic() + timeout)
         return session.fault
 
     def stop(self, timeout: float = 1.0) -> None:
@@ -237,7 +227,7 @@ class Driver:
         """
         session = self._session
         if session.phase >= Phase.ARMING:
-            end = self._clock() + timeout + self._ramp_duration()
+            end = monotonic() + timeout + self._ramp_duration()
             self._exchange.ask(m.Stop, session.stop, lambda: session.phase < Phase.ARMING, end)
 
     def clear(self, timeout: float = 1.0) -> None:
@@ -251,7 +241,7 @@ class Driver:
             LinkError: No answer in time.
         """
         session = self._session
-        end = self._clock() + timeout + self._ramp_duration()
+        end = monotonic() + timeout + self._ramp_duration()
         self._learn_fault(session, end)
         self._exchange.ask(m.Clear, session.clear, lambda: session.fault is None, end)
 
@@ -276,7 +266,7 @@ class Driver:
         self._exchange.wait(lambda: session.fault is None or session.fault_reported, end)
 
     def _is_alive(self) -> bool:
-        return self.reading is not None and self._clock() - self.reading.time < _FRESH
+        return self.reading is not None and monotonic() - self.reading.time < _FRESH
 
     def _park(self) -> None:
         if self._is_alive():
@@ -355,8 +345,8 @@ class Exchange:
     What goes wrong while listening ends the thread and is raised by the next call.
     """
 
-    def __init__(self, transport: Transport, clock: Callable[[], float]) -> None:
-        self._transport, self._clock = transport, clock
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
         # Both locks are reentrant: a signal's handler may close what it has interrupted.
         self._changed, self._writing, self._closing = Condition(), RLock(), Event()
         self._thread: Thread | None = None
@@ -398,7 +388,7 @@ class Exchange:
             RobotError: What went wrong while listening.
         """
         with self._changed:
-            left = max(0.0, end - self._clock())
+            left = max(0.0, end - monotonic())
             self._changed.wait_for(lambda: self._error is not None or done(), left)
             self._raise_error()
             return done()
@@ -420,15 +410,15 @@ class Exchange:
             RobotError: What went wrong while listening, or while making the frame.
         """
         session, reason, name = self._session, None, kind.__name__.upper()
-        while not self.wait(done, self._clock()):
-            if self._clock() >= end:
+        while not self.wait(done, monotonic()):
+            if monotonic() >= end:
                 if reason is None:
                     raise LinkError(f"the robot has not answered {name} in time")
                 raise RefusedError(name, reason)
             with self.held():
                 data = make()
             self.write(data)
-            retry = min(end, self._clock() + _RETRY)
+            retry = min(end, monotonic() + _RETRY)
             self.wait(lambda: done() or session.refusal(kind) is not None, retry)
             reason = session.refusal(kind)
             if reason in _PASSING:
@@ -438,7 +428,7 @@ class Exchange:
 
     def pause(self, end: float) -> None:
         """Wait until `end` [s], or until this is closed."""
-        self._closing.wait(max(0.0, end - self._clock()))
+        self._closing.wait(max(0.0, end - monotonic()))
 
     def close(self) -> None:
         """End the thread; twice is harmless."""
@@ -464,7 +454,7 @@ class Exchange:
 
     def _take(self, data: bytes) -> None:
         with self._changed:
-            reply = self._session.receive(data, self._clock())
+            reply = self._session.receive(data, monotonic())
             self._changed.notify_all()
         if reply:
             self.write(reply)

@@ -28,6 +28,7 @@ from softrobot_env.robots.registry import (
     find_robot,
     register_entry,
     register_robot,
+    usual_task,
 )
 from softrobot_env.robots.sections import Backbone, Section
 from softrobot_env.robots.sensors import Sensor
@@ -90,6 +91,7 @@ __all__ = [
     "register_entry",
     "register_robot",
     "register_variation",
+    "usual_task",
     "write_gripper",
     "write_robot",
 ]

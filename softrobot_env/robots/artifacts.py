@@ -13,7 +13,7 @@ from softrobot_env.core.artifacts import Arrays
 from softrobot_env.core.files import assets_dir, models_dir
 from softrobot_env.robots.file import read_robot
 from softrobot_env.robots.parameters import RobotParams
-from softrobot_env.robots.registry import ROBOTS, entry_of
+from softrobot_env.robots.registry import ROBOTS, default_robot, entry_of
 
 #: Where trainings write what is not beside a robot's file.
 OUT = Path("out")
@@ -99,9 +99,8 @@ def check_robot(data: Arrays, robot: RobotParams, policy: str) -> None:
     """
     if str(data.get("fingerprint")) != str(fingerprint(robot)["fingerprint"]):
         of = data.get("robot")
-        refuse_artifact(
-            data.path, str(of) if of is not None and of.ndim == 0 else "arm", robot, policy
-        )
+        known = of is not None and of.ndim == 0  # the first files tell no robot
+        refuse_artifact(data.path, str(of) if known else default_robot().name, robot, policy)
 
 
 def fingerprint(robot: RobotParams) -> dict[str, np.ndarray]:

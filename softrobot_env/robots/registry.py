@@ -50,7 +50,7 @@ class RobotEntry:
         plain_files: Whether trained files have the name of the policy alone.
         named_by_tasks: Whether its tasks tell it in reports, without its name.
         task, policy: Shown unless another one is asked for.
-        tasks: That "all" stands for; every one unless given.
+        tasks: That "all" stands for, its usual one first; every one unless given.
         policies: Made for it: those that it is given where tasks have their robots; none unless
             given.
         teacher: Policy that is imitated unless another one is asked for. The gains of the usual
@@ -128,6 +128,12 @@ def default_robot(on_a_line: bool = False) -> RobotParams:
     if found is None:
         raise ValueError(f"give a robot: --robot FILE, or one of {', '.join(ENTRIES)}")
     return found
+
+
+def usual_task(robot: RobotParams | None = None) -> str:
+    """The first of a robot's own tasks; of the one behind a serial line unless given."""
+    entry = entry_of(robot or default_robot(on_a_line=True))
+    return (entry.tasks or (entry.task,))[0]
 
 
 def register_entry(entry: RobotEntry, *, replace: bool = False) -> None:

@@ -8,6 +8,7 @@ as in their own scenes; positions and motion are those of the one model of all.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from math import lcm
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -15,9 +16,11 @@ import numpy as np
 
 from softrobot_env.core.motion import State
 from softrobot_env.core.records import check_fields, check_unique
-from softrobot_env.robots import Base
-from softrobot_env.scene import contacts, extras, kinematics
-from softrobot_env.scene.appearance import add_surroundings
+from softrobot_env.core.registry import Registry
+from softrobot_env.robots import Base, Gripper
+from softrobot_env.robots.parameters import Pieces
+from softrobot_env.scene import contacts, kinematics
+from softrobot_env.scene.appearance import add_camera, add_surroundings
 from softrobot_env.scene.build import (
     CompiledModel,
     Scene,
@@ -30,9 +33,9 @@ from softrobot_env.scene.build import (
     spec_xml,
 )
 from softrobot_env.scene.chain import BASE_BODY, SEPARATOR, TIP_SITE
-from softrobot_env.scene.config import Camera, SceneConfig, contact_pieces
+from softrobot_env.scene.config import Appearance, Camera, SceneConfig, contact_pieces
 from softrobot_env.scene.mount import TURNS, Mount, Prescribed, add_drives, add_mount, followed
-from softrobot_env.scene.objects import Contacts, Object
+from softrobot_env.scene.objects import Box, Contacts, Object
 from softrobot_env.scene.simulation import Inputs, SceneMotion, simulate
 from softrobot_env.scene.statics import finite
 from softrobot_env.scene.timestep import (
@@ -523,7 +526,7 @@ def _feel(spec: mujoco.MjSpec, name: str, part: tuple[mujoco.mjtObj, str], thing
 
 def _add_surroundings(spec: mujoco.MjSpec, assembly: Assembly) -> None:
     for camera in assembly.cameras:
-        extras.add_camera(spec, camera)
+        add_camera(spec, camera)
     if assembly.surroundings:
         low, high = _box(assembly)
         size = float(np.max(high - low))
@@ -568,3 +571,110 @@ def _strictest(choices: list[TimestepChoice]) -> TimestepChoice:
         first_period=max(choice.first_period for choice in choices),
         reason=f"{reason}{1e3 * shortest.timestep:.3g} ms",
     )
+
+
+# ---------------------------------------------------------------- grippers
+
+#: Name of the palm among objects.
+PALM = "palm"
+
+#: How fingers touch. They bend in planes of their own, and do not meet.
+CONTACTS = Contacts(friction=0.8, between_robots=False)
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """How finely a gripper is simulated.
+
+    Attributes:
+        name: Key in `FINENESS`.
+        pieces: Of a finger, over those of its robot; as many as a robot with contacts has if None.
+        longer: Timestep over the rule's for contacts [1].
+        contacts: How fingers touch.
+    """
+
+    name: str
+    pieces: int | None
+    longer: float
+    contacts: Contacts
+
+    def pieces_of(self, gripper: Gripper) -> int | None:
+        """Pieces of each finger; None by the rule."""
+        if self.pieces is None:
+            return None
+        return self.pieces * lcm(*(finger.robot.pieces for finger in gripper.fingers))
+
+
+#: By the rule; and as quick as keeps bends within those of fingers' sensors, on average.
+FINENESS = Registry(
+    "fineness",
+    {
+        "rule": Resolution("rule", None, 1.0, CONTACTS),
+        "quick": Resolution("quick", 2, 16.0, replace(CONTACTS, stopping=5.0, sideways=30.0)),
+    },
+)
+
+#: Hinges of fingers: one in the middle of a piece, which with many pieces is enough.
+RULE = "midpoint"
+
+_PALM_RGBA = (0.35, 0.37, 0.4, 1.0)
+
+
+def gripper_scene(
+    gripper: Gripper,
+    objects: Sequence[Object] = (),
+    *,
+    contacts: Contacts = CONTACTS,
+    control_period: float = 0.02,
+    pieces: Pieces | None = None,
+    timestep: float | None = None,
+    rule: str = RULE,
+    felt_along: bool = False,
+    appearance: Appearance | None = None,
+    cameras: tuple[Camera, ...] = (),
+) -> Assembly:
+    """A gripper and what it grips; `build_assembly` builds it.
+
+    Args:
+        gripper: The gripper.
+        objects: What it touches, beside its palm.
+        contacts: How they touch.
+        control_period, timestep: [s].
+        pieces, rule: Of each finger; as a robot with contacts unless given.
+        felt_along: Whether the force of each link on the last object is reported, too.
+        appearance: Of the fingers; nothing is to be seen of them without.
+        cameras: That look at it.
+    """
+    members = tuple(
+        Member(
+            finger.name,
+            SceneConfig(
+                finger.robot,
+                pieces=pieces,
+                rule=rule,
+                control_period=control_period,
+                timestep=timestep,
+                appearance=appearance,
+            ),
+            finger.base,
+        )
+        for finger in gripper.fingers
+    )
+    return Assembly(
+        gripper.name,
+        members,
+        gravity=gripper.gravity,
+        contacts=contacts,
+        objects=(*_palm(gripper), *objects),
+        cameras=cameras,
+        surroundings=bool(cameras),
+        felt=objects[-1].name if objects else None,
+        felt_along=felt_along,
+    )
+
+
+def _palm(gripper: Gripper) -> tuple[Object, ...]:
+    if gripper.palm is None:
+        return ()
+    place = (0.0, 0.0, -gripper.palm[2] / 2)
+    return (Box(name=PALM, size=gripper.palm, position=place, rgba=_PALM_RGBA),)

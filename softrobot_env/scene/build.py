@@ -12,14 +12,12 @@ import numpy as np
 from softrobot_env.core.motion import State
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import refuse_out_of_plane, refuse_torsion, seen_from_base
-from softrobot_env.scene import contacts, extras, kinematics
-from softrobot_env.scene.appearance import add_appearance
+from softrobot_env.scene import appearance, contacts, kinematics
 from softrobot_env.scene.chain import Chain, add_chain, joint_kinds
 from softrobot_env.scene.config import SceneConfig
-from softrobot_env.scene.coupling import couple_pieces
 from softrobot_env.scene.quadrature import HingeLayout, place_between
 from softrobot_env.scene.simulation import Inputs, SceneMotion, simulate
-from softrobot_env.scene.springs import add_springs
+from softrobot_env.scene.springs import add_springs, couple_pieces
 from softrobot_env.scene.statics import checked_controls, equilibrium, finite, settle
 from softrobot_env.scene.tendons import add_tendons
 from softrobot_env.scene.timestep import (
@@ -423,14 +421,14 @@ def empty_spec(name: str, gravity: Sequence[float], *, friction: bool) -> mujoco
 
 def _add_parts(chain: Chain, config: SceneConfig) -> None:
     for _ in config.sensors:
-        extras.add_tip_sensors(chain.spec)
+        appearance.add_tip_sensors(chain.spec)
     for load in config.loads:
-        extras.add_load(chain, load)
+        appearance.add_load(chain, load)
     for camera in config.cameras:
-        extras.add_camera(chain.spec, camera)
+        appearance.add_camera(chain.spec, camera)
     for path in config.paths:
-        extras.add_path(chain.spec, path)
+        appearance.add_path(chain.spec, path)
     for marker in config.markers:
-        extras.add_marker(chain.spec, marker)
+        appearance.add_marker(chain.spec, marker)
     if config.appearance is not None:
-        add_appearance(chain, config.robot, config.appearance)
+        appearance.add_appearance(chain, config.robot, config.appearance)

@@ -16,7 +16,7 @@ mu - s, which stays, is what both errors leave together.
 best for large deflections under distributed load or tip force and in motion, `gauss2` for small
 deflections, `chord2` where tendons or moments act alone (`softrobot benchmark accuracy`).
 `coupled2` has the hinges of `gauss2` and springs between neighbouring pieces, which take back the
-error that is left (`scene.coupling`).
+error that is left (`scene.springs`).
 """
 
 from dataclasses import dataclass
@@ -55,7 +55,7 @@ class HingeLayout:
         weights: (n,) [m], length of beam each hinge represents; they sum to the robot's length.
         piece: (n,) index of the piece each hinge stands in.
         edges: (pieces + 1,) [m], ends of the pieces.
-        coupled: Whether springs couple them (`scene.coupling`).
+        coupled: Whether springs couple them (`scene.springs`).
     """
 
     stations: np.ndarray

@@ -19,8 +19,7 @@ from softrobot_env.envs.gripper import GripperEnv, GripReward, VectorGripperEnv
 from softrobot_env.envs.simulation.grippers import KNOWN, shares
 from softrobot_env.robots import GRIPPERS
 from softrobot_env.robots.file import write_gripper
-from softrobot_env.scene.assembly import build_assembly
-from softrobot_env.scene.gripper import FINENESS, gripper_scene
+from softrobot_env.scene.assembly import FINENESS, build_assembly, gripper_scene
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.tasks.gripper import DRAWN, GRIP_TASKS, GripTask
 

@@ -13,8 +13,8 @@ from softrobot_env.robots import RobotParams, Tendon
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
-from softrobot_env.scene.coupling import excess_stiffness
 from softrobot_env.scene.quadrature import RULES, place_hinges
+from softrobot_env.scene.springs import excess_stiffness
 from softrobot_env.scene.tangent import StaticForces
 from studies.truths.analytic import Section, bent_rod, euler_bernoulli_frequency
 from studies.truths.spatial_rod import SpatialSection, dead_loads, followed_rod

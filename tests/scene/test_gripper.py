@@ -8,11 +8,10 @@ import pytest
 
 from softrobot_env.core.motion import State
 from softrobot_env.robots import GRIPPERS, find_robot
-from softrobot_env.scene.assembly import build_assembly
+from softrobot_env.scene.assembly import CONTACTS, build_assembly, gripper_scene
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.contacts import net_force
-from softrobot_env.scene.gripper import CONTACTS, gripper_scene
 from softrobot_env.scene.objects import Capsule, Contacts
 from softrobot_env.scene.simulation import Simulation
 from studies.truths.wrapped_finger import wrapped_finger
@@ -103,6 +102,46 @@ def test_what_the_tendon_gives_is_what_the_finger_stores():
 
 
 # --- where a fingertip grip comes from --------------------------------------------------------
+
+
+def tip_of(tip_arm=0.001, friction=0.8, tension=38.0):
+    """Bend of the last sensor [deg] and share of the outer force at the tip, round 48 mm."""
+    finger = GRIPPER.fingers[1]
+    tendon = finger.robot.tendons[0]
+    route = ((FINGER.length, tip_arm, 0.0),)
+    robot = replace(finger.robot, tendons=(replace(tendon, route=route),))
+    built = build_assembly(
+        gripper_scene(
+            replace(GRIPPER, fingers=(replace(finger, robot=robot),)),
+            (lying(0.024),),
+            contacts=replace(CONTACTS, friction=friction),
+            timestep=2e-4,
+        )
+    )
+    simulation, steps = Simulation(built), 120
+    simulation.reset(built.model.qpos0, np.zeros(1))
+    for k in range(steps):
+        simulation.ctrl[:] = tension * (k + 1) / steps
+        assert simulation.advance(), simulation.failure()
+    bends = built["middle"].curvature(simulation.posture)[:, 1].reshape(3, -1).mean(axis=1)
+    outer = [t for t in simulation.contacts() if t.stations[0] and t.stations[0] > 0.036]
+    forces = np.array([np.linalg.norm(t.force) for t in outer])
+    tip = np.array([t.stations[0] > 0.081 for t in outer])
+    return np.degrees(bends[2]) * 0.03, forces[tip].sum() / forces.sum()
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
+def test_round_48_mm_friction_keeps_what_a_low_arm_at_the_tip_would_lift_off():
+    """Pull and pressure both grow with the tension: friction locks the wrapped part at any."""
+    bend, share = tip_of()
+    assert share < 0.5
+    twice, same = tip_of(tension=76.0)
+    assert same < 0.5 and twice < bend + 6
+    slippery, more = tip_of(friction=0.1)
+    assert more > 0.5 and slippery > bend + 2
+    long, most = tip_of(tip_arm=0.002)
+    assert most > 0.5 and long > bend + 10
 
 
 # --- three fingers ----------------------------------------------------------------------------

@@ -104,11 +104,11 @@ def _soak(
     from softrobot_env.control.registry import make_policy
     from softrobot_env.envs.real import RealRigEnv
     from softrobot_env.evaluation.run import play
-    from softrobot_env.robots import default_robot
+    from softrobot_env.robots import default_robot, usual_task
     from softrobot_env.tasks import make_task
 
     robot = default_robot(on_a_line=True)
-    lap = make_task("triangle", robot=robot, period=_PERIOD)
+    lap = make_task(usual_task(robot), robot=robot, period=_PERIOD)
     run = replace(lap.trajectory, laps=max(0, int(seconds / _PERIOD)))
     task = replace(lap, name="soak", trajectory=run, duration=seconds)
     # Missed steps do not end the run: a promise judges them.

@@ -26,10 +26,16 @@ from softrobot_env.envs.observations.table import (
 from softrobot_env.envs.simulation.batch import Batch
 from softrobot_env.robots.gripper import Gripper
 from softrobot_env.robots.sensors import Sensor
-from softrobot_env.scene.assembly import FELT, Part, build_assembly, felt_by
+from softrobot_env.scene.assembly import (
+    FELT,
+    Part,
+    Resolution,
+    build_assembly,
+    felt_by,
+    gripper_scene,
+)
 from softrobot_env.scene.chain import mean_curvature, station_strain
 from softrobot_env.scene.contacts import links_of
-from softrobot_env.scene.gripper import Resolution, gripper_scene
 from softrobot_env.scene.objects import Capsule
 from softrobot_env.scene.timestep import TimestepWarning
 from softrobot_env.tasks.gripper import GripTask
