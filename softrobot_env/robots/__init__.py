@@ -10,9 +10,17 @@ from warnings import warn
 
 from softrobot_env.core.registry import served
 from softrobot_env.robots.file import read_gripper, read_robot, write_gripper, write_robot
-from softrobot_env.robots.gripper import Finger, Gripper
 from softrobot_env.robots.loads import Load
-from softrobot_env.robots.parameters import Base, Disc, Drive, Head, RobotParams, centerline
+from softrobot_env.robots.parameters import (
+    Base,
+    Disc,
+    Drive,
+    Finger,
+    Gripper,
+    Head,
+    RobotParams,
+    centerline,
+)
 from softrobot_env.robots.registry import (
     CAMERA_PERIOD,
     ENTRIES,

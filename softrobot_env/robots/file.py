@@ -21,8 +21,7 @@ from softrobot_env.core.records import (
     read_values,
     write,
 )
-from softrobot_env.robots.gripper import Finger, Gripper
-from softrobot_env.robots.parameters import Base, Disc, Drive, RobotParams
+from softrobot_env.robots.parameters import Base, Disc, Drive, Finger, Gripper, RobotParams
 from softrobot_env.robots.sections import Section
 from softrobot_env.robots.tendons import Tendon
 

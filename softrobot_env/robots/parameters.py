@@ -550,3 +550,73 @@ def centerline(robot: RobotParams, curvature: np.ndarray, points: int = 10) -> n
     chord = piece / points * np.sinc(half / pi)
     steps = np.stack([np.sin(tangent), np.zeros_like(tangent), np.cos(tangent)], axis=1)
     return np.concatenate((np.zeros((1, 3)), np.cumsum(chord[:, None] * steps, axis=0)))
+
+
+# ---------------------------------------------------------------- grippers
+@dataclass(frozen=True)
+class Finger:
+    """A robot that is a finger.
+
+    Attributes:
+        name: Unique name.
+        robot: The robot.
+        base: Where it is clamped; its own x axis points to what it grips.
+    """
+
+    name: str
+    robot: RobotParams
+    base: Base
+
+    def __post_init__(self) -> None:
+        check_fields(self, f"finger {self.name!r}")
+
+
+@dataclass(frozen=True)
+class Gripper:
+    """Fingers round a palm.
+
+    Attributes:
+        name: Key in `GRIPPERS`.
+        fingers: One or more.
+        gravity: (3,) [m/s2].
+        palm: Sizes (3,) [m] of a block below z = 0; None without.
+        file: That describes it, None of others.
+    """
+
+    name: str
+    fingers: Annotated[tuple[Finger, ...], Key("finger")]
+    gravity: Annotated[tuple[float, float, float], Unit("m/s2")] = (0.0, 0.0, 0.0)
+    palm: Annotated[tuple[Positive, Positive, Positive] | None, Unit("m")] = None
+    file: Path | None = unwritten(None, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        check_fields(self, f"gripper {self.name!r}")
+        if not self.fingers:
+            raise ValueError(f"gripper {self.name!r} needs a finger")
+        check_unique([finger.name for finger in self.fingers], f"gripper {self.name!r}: fingers")
+        for finger in self.fingers:
+            if not finger.robot.tendons or finger.robot.drive.kind != "tension":
+                raise ValueError(
+                    f"gripper {self.name!r}: finger {finger.name!r} needs tendons that are driven "
+                    "by tension"
+                )
+
+    @cached_property
+    def tension_limits(self) -> np.ndarray:
+        """(n,) [N], of all tendons, finger by finger."""
+        return np.array([t.tension_limit for f in self.fingers for t in f.robot.tendons])
+
+    def seat(self, radius: float) -> float:
+        """Height [m] at which a round thing of a radius [m] above the middle touches first.
+
+        Its axis lies across the planes in which the fingers bend. It touches the lines along which
+        the straight fingers lie, or the palm.
+        """
+        heights = [0.0 if self.palm is None else radius]
+        for finger in self.fingers:
+            inward = finger.base.axes[:, 0]
+            away = radius + float(finger.robot.backbone.widest)
+            if inward[2] > 0:
+                beyond = away + inward[:2] @ np.array(finger.base.position[:2])
+                heights.append(finger.base.position[2] + float(beyond / inward[2]))
+        return max(heights)

@@ -244,7 +244,7 @@ def add_chain(
     for index, weight in enumerate(layout.weights):
         origin = stations[index + 1] - stations[index]
         body = bodies[-1].add_body(name=f"link{index}", pos=[0, 0, origin])
-        _set_inertia(body, robot, stations[index + 2] - stations[index + 1], inertias[index])
+        _set_link_inertia(body, robot, stations[index + 2] - stations[index + 1], inertias[index])
         for kind in order_of(kinds, index):
             joint = _add_joint(body, f"{kind}{index}", kind, robot, weight, azimuth)
             joint.stiffness[0] = stiffness = joints[kind][index]
@@ -290,8 +290,7 @@ def _add_tip(chain: Chain, head: Head | None) -> None:
     body, height = chain.locate(chain.length)
     if head is not None:
         body = body.add_body(name=HEAD_BODY, pos=[0, 0, height])
-        body.mass, body.ipos, body.inertia = head.mass, [0, 0, head.centre], head.inertia
-        body.explicitinertial = True
+        set_inertia(body, head.mass, head.centre, head.inertia)
         height = head.output
     body.add_site(name=TIP_SITE, pos=[0, 0, height], size=[1e-3, 0, 0])
 
@@ -301,9 +300,7 @@ def _add_discs(chain: Chain, discs: Sequence[Disc]) -> None:
     for index, disc in enumerate(discs):
         link, height = chain.locate(disc.station)
         body = link.add_body(name=f"disc{index}", pos=[0, 0, height])
-        # Not given, MuJoCo would take the body's own place once more.
-        body.mass, body.ipos, body.inertia = disc.mass, [0, 0, 0], disc.inertia
-        body.explicitinertial = True
+        set_inertia(body, disc.mass, 0, disc.inertia)
 
 
 def _inertias(robot: RobotParams, edges: np.ndarray) -> np.ndarray:
@@ -323,7 +320,14 @@ def _inertias(robot: RobotParams, edges: np.ndarray) -> np.ndarray:
     return np.column_stack([mass, centre, second - first * centre + rotary, 2 * rotary])
 
 
-def _set_inertia(
+def set_inertia(body: mujoco.MjsBody, mass: float, centre: float, inertia: Sequence[float]) -> None:
+    """Mass [kg], height [m] of its centre above the body, and inertia (3,) [kg m2] about that."""
+    # Not given, MuJoCo would take the body's own place once more for the centre.
+    body.mass, body.ipos, body.inertia = mass, [0, 0, centre], inertia
+    body.explicitinertial = True
+
+
+def _set_link_inertia(
     body: mujoco.MjsBody, robot: RobotParams, length: float, inertia: np.ndarray
 ) -> None:
     """Mass and inertia of a part of `length` [m] of the backbone, a row of `_inertias`.
@@ -332,17 +336,14 @@ def _set_inertia(
         ValueError: They are smaller than what MuJoCo takes.
     """
     mass, centre, lateral, axial = inertia.tolist()
-    body.mass = mass
-    body.ipos = [0, 0, centre]
-    body.inertia = [lateral, lateral, axial]
-    least = min(mass, *body.inertia)
+    set_inertia(body, mass, centre, [lateral, lateral, axial])
+    least = min(mass, lateral, axial)
     if least < mujoco.mjMINVAL:
         raise ValueError(
             f"robot {robot.name!r}: a link of {length:.3g} m has a mass of {mass:.3g} kg and "
-            f"inertias down to {min(body.inertia):.3g} kg m2, MuJoCo takes {mujoco.mjMINVAL:g} or "
-            "more: take fewer pieces, a denser or thicker robot, or a beam model"
+            f"inertias down to {min(lateral, axial):.3g} kg m2, MuJoCo takes {mujoco.mjMINVAL:g} "
+            "or more: take fewer pieces, a denser or thicker robot, or a beam model"
         )
-    body.explicitinertial = True
 
 
 def _add_joint(

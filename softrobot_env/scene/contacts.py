@@ -80,7 +80,7 @@ class Surface:
         owner: What it belongs to, for people: a part of a robot, or an object.
         friction: Coefficient [1]; None leaves it to the other one.
         stiffness: [N/m] of its skin; infinite of objects.
-        robot: Number of the robot it belongs to; None of objects.
+        robot: Number of the robot it belongs to, 0 of one alone; None of objects.
         span: [m], arc lengths between which it lies on its robot.
         radius: [m] around the backbone.
         halves: Whether it meets others in two points at once, each of half the stiffness.
@@ -150,9 +150,7 @@ class Touch:
 # ---------------------------------------------------------------- shapes
 
 
-def add_skin(
-    chain: Chain, robot: RobotParams, contacts: Contacts, number: int = 0
-) -> list[Surface]:
+def add_skin(chain: Chain, robot: RobotParams, contacts: Contacts) -> list[Surface]:
     """Add the shapes of a robot to its chain.
 
     The tip is round: its last capsule ends where the backbone does.
@@ -171,17 +169,17 @@ def add_skin(
         start = ends[index]
         end = min(ends[index + 1], robot.length - tip_radius)
         if end - start > _SHORTEST * tip_radius:
-            out.append(_add_link(body, index, (start, end), robot, contacts, number))
+            out.append(_add_link(body, index, (start, end), robot, contacts))
     for index, disc in enumerate(robot.discs):
         radius, half = disc.cylinder
-        surface = _part(f"disc{index}", disc.station, half, radius, robot, contacts, number)
+        surface = _part(f"disc{index}", disc.station, half, radius, robot, contacts)
         body = chain.spec.body(f"disc{index}")
         _add_shape(body, surface, mujoco.mjtGeom.mjGEOM_CYLINDER, [radius, half, 0])
         out.append(surface)
     if robot.head is not None:
         size = robot.head.half_sizes
         width = hypot(size[0], size[1])
-        surface = _part(HEAD_BODY, robot.length, size[2], width, robot, contacts, number)
+        surface = _part(HEAD_BODY, robot.length, size[2], width, robot, contacts)
         box, at = mujoco.mjtGeom.mjGEOM_BOX, [0, 0, robot.head.centre]
         _add_shape(chain.spec.body(HEAD_BODY), surface, box, list(size), at)
         out.append(surface)
@@ -194,7 +192,6 @@ def _add_link(
     span: tuple[float, float],
     robot: RobotParams,
     contacts: Contacts,
-    number: int,
 ) -> Surface:
     start, end = span
     radius, half = _radius(robot, (start + end) / 2), (end - start) / 2
@@ -204,7 +201,7 @@ def _add_link(
         BACKBONE,
         None,
         per_length * (end - start),
-        number,
+        0,
         (start, end),
         radius,
         fixed=index == 0,
@@ -221,12 +218,11 @@ def _part(
     radius: float,
     robot: RobotParams,
     contacts: Contacts,
-    number: int,
 ) -> Surface:
     """A disc or head, covered with the robot's skin."""
     stiffness = 2 * radius * _skin_stiffness(robot, station, contacts)
     span = station - half, station + half
-    return Surface(f"{name}_skin", name, None, stiffness, number, span, radius)
+    return Surface(f"{name}_skin", name, None, stiffness, 0, span, radius)
 
 
 def _add_shape(

@@ -21,6 +21,7 @@ import numpy as np
 
 from softrobot_env.core.records import check_fields
 from softrobot_env.robots import RobotParams
+from softrobot_env.scene.chain import set_inertia
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -82,8 +83,7 @@ def add_mount(
     clamp = (0.0, 0.0, 0.0) if robot.base is None else robot.base.position
     pivot = np.array(clamp if mount.pivot is None else mount.pivot, dtype=float)
     body = spec.worldbody.add_body(name=prefix + MOUNT_BODY, pos=pivot)
-    body.mass, body.ipos, body.inertia = _SMALL, [0, 0, 0], [_SMALL] * 3
-    body.explicitinertial = True
+    set_inertia(body, _SMALL, 0, [_SMALL] * 3)
     mass = robot.mass + sum(d.mass for d in robot.discs) + (robot.head.mass if robot.head else 0.0)
     reach = robot.reach + float(np.linalg.norm(pivot - clamp))
     for direction in mount.directions:

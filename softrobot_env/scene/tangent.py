@@ -33,6 +33,7 @@ import mujoco
 import numpy as np
 
 from softrobot_env.scene.chain import TIP_SITE
+from softrobot_env.scene.tendons import actuator_arms, tendon_arms
 
 #: [rad] of a bend of the whole robot at which friction of its backbone is whole.
 _GIVE = 0.01
@@ -79,10 +80,8 @@ class StaticForces:
         """
         model, data = self.model, self._data
         self._share, self._pull = share, np.zeros(3) if pull is None else pull
-        data.qpos[:], data.ctrl[:] = qpos, ctrl
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_tendon(model, data)
+        data.ctrl[:] = ctrl
+        self._place(qpos)
         mujoco.mj_transmission(model, data)
         mujoco.mj_fwdVelocity(model, data)
         mujoco.mj_fwdActuation(model, data)
@@ -107,12 +106,8 @@ class StaticForces:
     def by_controls(self) -> np.ndarray:
         """Derivative (nv, nu) [N m] of the last `force` by the controls, at a share of 1."""
         model, data = self.model, self._data
-        moment = np.zeros((model.nu, model.nv))
-        mujoco.mju_sparse2dense(
-            moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
-        )
         gain = model.actuator_gainprm[:, 0] * self._unlimited(np.arange(model.nu))
-        return (gain[:, None] * moment).T
+        return (gain[:, None] * actuator_arms(model, data)).T
 
     def tip(self, qpos: np.ndarray) -> np.ndarray:
         """Tip (3,) [m] in a posture (nq,)."""
@@ -122,10 +117,14 @@ class StaticForces:
 
     def tendon_length(self, qpos: np.ndarray) -> np.ndarray:
         """Lengths (ntendon,) [m] in a posture (nq,), as MuJoCo counts them."""
+        self._place(qpos)
+        return self._data.ten_length.copy()
+
+    def _place(self, qpos: np.ndarray) -> None:
+        """Take a posture (nq,)."""
         self._data.qpos[:] = qpos
         for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon):
             compute(self.model, self._data)
-        return self._data.ten_length.copy()
 
     def tip_by_turns(self) -> tuple[np.ndarray, np.ndarray]:
         """Tip (3,) [m] in the posture of the last `force`, and its derivative (3, nv) by turns."""
@@ -151,10 +150,7 @@ class StaticForces:
             carried: [kg] more at the tip.
         """
         model, data = self.model, self._data
-        data.qpos[:] = qpos
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_tendon(model, data)
+        self._place(qpos)
         mujoco.mj_transmission(model, data)
         out = np.empty(model.nv)
         mujoco.mj_makeM(model, data)
@@ -322,10 +318,8 @@ class RubbingForces(StaticForces):
         super().force(qpos, ctrl, share)
         model, data = self.model, self._data
         self._slid = np.clip((data.ten_length - self.anchors) / _LOOSE, -1.0, 1.0)
-        arms = np.zeros((model.ntendon, model.nv))
-        rows = model.ten_J_rownnz, model.ten_J_rowadr, model.ten_J_colind
-        mujoco.mju_sparse2dense(arms, data.ten_J, *rows)
-        self.applied = self.applied - (self._bound() * self._slid) @ arms
+        pull = self._bound() * self._slid
+        self.applied = self.applied - pull @ tendon_arms(model, data)
         if len(self._bends):
             turned = np.zeros(model.nv)
             mujoco.mj_differentiatePos(model, turned, 1.0, self.posture, qpos)

@@ -232,3 +232,21 @@ def _pull_by_length(spec: mujoco.MjSpec, tendon: Tendon, most: float, straight: 
     actuator.forcelimited = True
     actuator.forcerange = [0.0, tendon.tension_limit]
     actuator.ctrlrange = [-most, most]
+
+
+def actuator_arms(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """Moment arms (nu, nv) of actuators, of a state whose transmission is known."""
+    out = np.zeros((model.nu, model.nv))
+    rows = data.moment_rownnz, data.moment_rowadr, data.moment_colind
+    if model.nu:
+        mujoco.mju_sparse2dense(out, data.actuator_moment, *rows)
+    return out
+
+
+def tendon_arms(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    """Moment arms (ntendon, nv) of tendons, of a state whose tendons are known."""
+    out = np.zeros((model.ntendon, model.nv))
+    rows = model.ten_J_rownnz, model.ten_J_rowadr, model.ten_J_colind
+    if model.ntendon:
+        mujoco.mju_sparse2dense(out, data.ten_J, *rows)
+    return out

@@ -43,6 +43,7 @@ import numpy as np
 
 from softrobot_env.core.processes import one_blas_thread
 from softrobot_env.robots import RobotParams
+from softrobot_env.scene.tendons import actuator_arms, tendon_arms
 
 ACCURACY = 1 / 500
 SAFETY = 0.5
@@ -203,18 +204,10 @@ def linearize(model: mujoco.MjModel) -> LinearChain:
     mujoco.mj_forward(model, data)
     mass = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, mass)
-    moment = np.zeros((model.nu, model.nv))
-    if model.nu:
-        mujoco.mju_sparse2dense(
-            moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
-        )
     springs = -model.actuator_biasprm[:, 1]  # force per length [N/m], zero for tension drives
-    arms = np.zeros((model.ntendon, model.nv))
-    if model.ntendon:
-        mujoco.mju_sparse2dense(
-            arms, data.ten_J, model.ten_J_rownnz, model.ten_J_rowadr, model.ten_J_colind
-        )
-    stiffness = np.diag(model.jnt_stiffness[model.dof_jntid]) + _acting(springs, moment)
+    arms = tendon_arms(model, data)
+    stiffness = np.diag(model.jnt_stiffness[model.dof_jntid])
+    stiffness = stiffness + _acting(springs, actuator_arms(model, data))
     stiffness += _acting(model.tendon_stiffness, arms)
     damping = np.diag(model.dof_damping) + _acting(model.tendon_damping, arms)
     robots = np.ix_(*2 * [model.jnt_type[model.dof_jntid] != mujoco.mjtJoint.mjJNT_FREE])

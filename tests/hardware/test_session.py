@@ -16,9 +16,8 @@ from softrobot_env.hardware.errors import (
     SessionLostError,
 )
 from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.link import DeviceClock, LinkCounters
 from softrobot_env.hardware.protocol.messages import Decoder, encode
-from softrobot_env.hardware.protocol.session import Phase
+from softrobot_env.hardware.protocol.session import DeviceClock, LinkCounters, Phase
 from softrobot_env.hardware.robot_file import Supervision, rig_file, virtual_file
 
 HERE = [0.0, 0.0, 0.0]

@@ -8,7 +8,7 @@ import pytest
 from support.postures import posed
 
 from softrobot_env.core.files import assets_dir
-from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK
+from softrobot_env.robots import ARM
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.build import build_scene, scene_xml
 from softrobot_env.scene.config import (
@@ -20,54 +20,17 @@ from softrobot_env.scene.config import (
     SceneConfig,
     TipSensors,
 )
-from softrobot_env.scene.quadrature import RULES
 from softrobot_env.scene.registry import SCENES
 
-ROBOTS = (ARM, CANTILEVER_WEAK, CANTILEVER_STIFF)
 FITTING = {"midpoint": 6, "gauss2": 6, "balanced2": 6, "chord2": 6, "gauss3": 3, "coupled2": 6}
 
 GUIDED = replace(
     ARM, tendons=tuple(replace(t, guides=tuple(np.arange(0.05, t.end, 0.05))) for t in ARM.tendons)
 )
 
-#: Without springs between the pieces, which tests/scene/test_coupling.py is for.
-SIMPLE_RULES = [rule for rule in RULES if rule != "coupled2"]
-
 
 def scene(robot=ARM, rule="balanced2", **options):
     return build_scene(SceneConfig(robot, pieces=FITTING[rule], rule=rule, **options))
-
-
-@pytest.mark.parametrize("rule", SIMPLE_RULES)
-@pytest.mark.parametrize("robot", ROBOTS, ids=lambda r: r.name)
-def test_links_have_the_beams_mass_and_inertia(robot, rule):
-    built = scene(robot, rule)
-    first = built.layout.stations[0]  # the beam below the first hinge is part of the clamp
-    model, moving = built.model, robot.length - first
-    assert model.body_mass.sum() == pytest.approx(robot.mass_per_length * moving, rel=1e-12)
-    data = posed(model, np.zeros(model.nq))
-    np.testing.assert_allclose(data.subtree_com[1], [0, 0, (robot.length + first) / 2], atol=1e-12)
-    # The straight chain turned about its first hinge is one hollow cylinder, however it is cut.
-    mass = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, mass)
-    square = robot.outer_radius**2 + robot.inner_radius**2
-    cylinder = robot.mass_per_length * moving * (moving**2 / 3 + square / 4)
-    assert mass[0, 0] == pytest.approx(cylinder, rel=1e-12)
-
-
-@pytest.mark.parametrize("rule", SIMPLE_RULES)
-@pytest.mark.parametrize("robot", ROBOTS, ids=lambda r: r.name)
-def test_hinges_have_the_beams_stiffness_and_damping(robot, rule):
-    built = scene(robot, rule)
-    radii = robot.outer_radius**4 - robot.inner_radius**4
-    stiffness = robot.youngs_modulus * np.pi / 4 * radii / built.layout.weights
-    model = built.model
-    assert model.njnt == model.nv == len(RULES[rule]) * FITTING[rule]
-    np.testing.assert_allclose(model.jnt_stiffness, stiffness, rtol=1e-12)
-    np.testing.assert_allclose(model.dof_damping, robot.damping_time * stiffness, rtol=1e-12)
-    # In series the hinges are as compliant as the beam.
-    total = robot.length / robot.bending_stiffness
-    assert np.sum(1 / model.jnt_stiffness) == pytest.approx(total, rel=1e-12)
 
 
 def test_guides_stand_where_the_robot_says():

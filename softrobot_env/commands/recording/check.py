@@ -9,7 +9,7 @@ from rich.console import Console
 from softrobot_env.commands.arguments import add_robot
 from softrobot_env.recordings import Recording, read_recording
 from softrobot_env.recordings.header import UNITS
-from softrobot_env.recordings.summary import Summary, summarize
+from softrobot_env.recordings.recording import Summary, summarize
 from softrobot_env.rendering.tables import PlainTable, named_values, new_table
 from softrobot_env.robots import find_robot
 

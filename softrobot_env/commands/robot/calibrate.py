@@ -13,10 +13,15 @@ from rich.console import Console
 
 from softrobot_env.commands.output import add_out, new_file
 from softrobot_env.commands.robot.link import add_robot, numbers, open_driver, robot_of
-from softrobot_env.hardware.calibration import HELP, Calibration, UnknownCommandError, jog_file
 from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.protocol.messages import Capability
-from softrobot_env.hardware.robot_file import write_robot_file
+from softrobot_env.hardware.robot_file import (
+    HELP,
+    Calibration,
+    UnknownCommandError,
+    jog_file,
+    write_robot_file,
+)
 
 EXAMPLE = "softrobot robot calibrate --port /dev/ttyUSB0 --out rig.toml"
 

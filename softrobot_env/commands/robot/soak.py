@@ -32,7 +32,7 @@ _OLDEST = 1.0  # s
 #: Of `info`, in every step.
 _SAMPLED = ("rtt_s", "lateness_s", "tip_age", "error")
 
-#: Of the link, see `hardware.protocol.link.LinkCounters`.
+#: Of the link, see `hardware.protocol.session.LinkCounters`.
 _COUNTERS = (
     "lost",
     "crc_errors",

@@ -24,7 +24,7 @@ from softrobot_env.envs.observations.table import (
     symmetric,
 )
 from softrobot_env.envs.simulation.batch import Batch
-from softrobot_env.robots.gripper import Gripper
+from softrobot_env.robots.parameters import Gripper
 from softrobot_env.robots.sensors import Sensor
 from softrobot_env.scene.assembly import (
     FELT,

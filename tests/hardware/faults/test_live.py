@@ -23,7 +23,7 @@ from support.serial_proxy import KINDS, Harm, SerialProxy
 from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.errors import LinkError, UnansweredError
 from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.link import MOST_IN_FLIGHT
+from softrobot_env.hardware.protocol.session import MOST_IN_FLIGHT
 from softrobot_env.hardware.transport import SerialTransport
 from softrobot_env.hardware.virtual_robot import VirtualRobot
 
