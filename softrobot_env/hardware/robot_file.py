@@ -13,21 +13,8 @@ from typing import Annotated, Any, Self, get_type_hints
 import numpy as np
 
 from softrobot_env.core.files import read_table, text, write_text
-from softrobot_env.core.records import (
-    Range,
-    Unit,
-    check_fields,
-    placed,
-    read,
-    whole_numbers,
-    write,
-)
-from softrobot_env.hardware.protocol.messages import (
-    ADC_CHANNELS,
-    MOST_TENDONS,
-    Capability,
-    Config,
-)
+from softrobot_env.core.records import Range, Unit, check_fields, placed, read, whole_numbers, write
+from softrobot_env.hardware.protocol.messages import ADC_CHANNELS, MOST_TENDONS, Capability, Config
 from softrobot_env.robots import LENGTH_SCALE, SERVO_SPEED
 
 #: Baud rates that a 16 MHz microcontroller meets.

@@ -38,11 +38,7 @@ from softrobot_env.scene.mount import TURNS, Mount, Prescribed, add_drives, add_
 from softrobot_env.scene.objects import Box, Contacts, Object
 from softrobot_env.scene.simulation import Inputs, SceneMotion, simulate
 from softrobot_env.scene.statics import finite
-from softrobot_env.scene.timestep import (
-    LinearChain,
-    TimestepChoice,
-    linearize,
-)
+from softrobot_env.scene.timestep import LinearChain, TimestepChoice, linearize
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline

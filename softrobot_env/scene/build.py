@@ -229,11 +229,7 @@ def _extrapolated(config: SceneConfig, robot: RobotParams) -> TimestepChoice:
     """How the scene with a robot, or a variation of it, is integrated by our own integrator."""
     winding = config.actuation == "length"
     return extrapolation(
-        robot,
-        config.control_period,
-        config.wanted_accuracy,
-        config.timestep,
-        winding=winding,
+        robot, config.control_period, config.wanted_accuracy, config.timestep, winding=winding
     )
 
 

@@ -212,12 +212,7 @@ def _add_link(
 
 
 def _part(
-    name: str,
-    station: float,
-    half: float,
-    radius: float,
-    robot: RobotParams,
-    contacts: Contacts,
+    name: str, station: float, half: float, radius: float, robot: RobotParams, contacts: Contacts
 ) -> Surface:
     """A disc or head, covered with the robot's skin."""
     stiffness = 2 * radius * _skin_stiffness(robot, station, contacts)

@@ -666,11 +666,7 @@ def own_directions(scene: Scene) -> np.ndarray:
 
 
 def least_step(
-    jacobian: np.ndarray,
-    gap: np.ndarray,
-    action: np.ndarray,
-    share: float,
-    damping: float = 0.0,
+    jacobian: np.ndarray, gap: np.ndarray, action: np.ndarray, share: float, damping: float = 0.0
 ) -> tuple[np.ndarray, float]:
     """Change (m,) of actions that closes a gap (k,) within their box, and its part of no effect.
 

@@ -147,12 +147,7 @@ def _couple_three(
 
 
 def _add_spring(
-    chain: Chain,
-    index: int,
-    number: int,
-    joints: dict[str, float],
-    square: float,
-    cube: float,
+    chain: Chain, index: int, number: int, joints: dict[str, float], square: float, cube: float
 ) -> None:
     """Tendon along the hinges of a station, with the force of a power law of its length."""
     tendon = chain.spec.add_tendon(name=f"spring{index}_{number}")

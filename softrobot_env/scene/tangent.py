@@ -64,11 +64,7 @@ class StaticForces:
         self._tip, self._pull = model.site(TIP_SITE).id, np.zeros(3)
 
     def force(
-        self,
-        qpos: np.ndarray,
-        ctrl: np.ndarray,
-        share: float = 1.0,
-        pull: np.ndarray | None = None,
+        self, qpos: np.ndarray, ctrl: np.ndarray, share: float = 1.0, pull: np.ndarray | None = None
     ) -> np.ndarray:
         """Generalised force (nv,) [N m] on the chain at rest.
 

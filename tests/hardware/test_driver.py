@@ -13,12 +13,7 @@ import pytest
 from support.hardware_boards import LiveBoard
 
 from softrobot_env.hardware.driver import Driver, ExitGuard
-from softrobot_env.hardware.errors import (
-    LinkError,
-    RefusedError,
-    RobotError,
-    RobotFaultError,
-)
+from softrobot_env.hardware.errors import LinkError, RefusedError, RobotError, RobotFaultError
 from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.messages import encode
 from softrobot_env.hardware.robot_file import rig_file

@@ -119,10 +119,7 @@ def test_what_was_recorded_is_read(recorded):
 
 def test_messages_of_a_recording(recorded):
     found = [(c.direction, message, seq) for c, message, seq in read_link_log(recorded).messages()]
-    assert found == [
-        (Direction.TO_ROBOT, m.Ping(7), 1),
-        (Direction.FROM_ROBOT, m.Pong(7, 8), 2),
-    ]
+    assert found == [(Direction.TO_ROBOT, m.Ping(7), 1), (Direction.FROM_ROBOT, m.Pong(7, 8), 2)]
 
 
 @pytest.mark.parametrize("lost", [1, 5, 25])

@@ -26,10 +26,7 @@ FINGER = RobotParams(
     density=1000.0,
     damping_time=0.02,
     pieces=3,
-    tendons=(
-        Tendon("up", (0.008, 0.0), 0.1, 0, 10.0),
-        Tendon("low", (-0.008, 0.0), 0.1, 0, 10.0),
-    ),
+    tendons=(Tendon("up", (0.008, 0.0), 0.1, 0, 10.0), Tendon("low", (-0.008, 0.0), 0.1, 0, 10.0)),
 )
 
 #: A helical tendon beside two straight ones: the chain twists, and no tendon opposes another.
@@ -54,7 +51,7 @@ def inverse_of(robot):
 
 
 @pytest.fixture(
-    params=[*ROBOTS[:-1], pytest.param(ROBOTS[-1], marks=pytest.mark.slow)],
+    params=[*ROBOTS[:-2], *(pytest.param(long, marks=pytest.mark.slow) for long in ROBOTS[-2:])],
     ids=lambda robot: robot.name,
 )
 def robot(request):

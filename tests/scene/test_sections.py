@@ -8,16 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from support.routed_robots import (
-    HELICAL,
-    PULLED,
-    ROD,
-    TAPERED,
-    TWO,
-    VIA,
-    WINDING,
-    tendon,
-)
+from support.routed_robots import HELICAL, PULLED, ROD, TAPERED, TWO, VIA, WINDING, tendon
 
 from softrobot_env.robots import Base, Disc, RobotParams, Section
 from softrobot_env.robots.loads import Load

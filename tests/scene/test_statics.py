@@ -73,7 +73,7 @@ def hinges(rule, finest=24):
 @pytest.mark.parametrize("rule", SIMPLE_RULES)
 @pytest.mark.parametrize("error", [weight_error, force_error], ids=["self_weight", "tip_force"])
 def test_tip_error_is_of_second_order(error, rule):
-    coarse, fine = hinges(rule, 48)
+    coarse, fine = hinges(rule)
     assert np.log2(error(coarse, rule) / error(fine, rule)) == pytest.approx(2, abs=0.2)
 
 
