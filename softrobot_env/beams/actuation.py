@@ -177,6 +177,31 @@ def _values(tendons: Sequence[Tendon], name: str) -> np.ndarray:
 
 
 @kernel
+def channel_tangent(along, curvature, place):
+    """Tangent t + r' + kappa x r of a channel at r = (x, y, 0), in the section's frame.
+
+    Rucker and Webster (IEEE Trans. Robotics 27, 2011).
+
+    Args:
+        along, curvature: The rod's tangent t, e_z but for shear and stretch, and kappa [1/m].
+        place: (4,) x, y [m], x' and y' [1].
+    """
+    x, y = place[0], place[1]
+    return (
+        along[0] + place[2] - curvature[2] * y,
+        along[1] + place[3] + curvature[2] * x,
+        along[2] + curvature[0] * y - curvature[1] * x,
+    )
+
+
+@kernel
+def channel_arm(place, tangent):
+    """Moment arm of a channel: its place in the section times its tangent, (x, y, 0) x tangent."""
+    x, y = place[0], place[1]
+    return y * tangent[2], -x * tangent[2], x * tangent[1] - y * tangent[0]
+
+
+@kernel
 def path_lengths(actuation, points, lengths):
     """Set the lengths (n_tendons,) [m] of the guided tendons through points (n_points, 3)."""
     for k in range(len(actuation.guided)):

@@ -9,38 +9,41 @@ exp(i phi(s)), smooth through the straight pose.
 
 import numpy as np
 
-from softrobot_env.robots import RobotParams
+from softrobot_env.robots import RobotParams, Tendon
 from softrobot_env.robots.actuation import TendonMap
 
 _NODES = 16
+
+
+def channel_pairs(robot: RobotParams, what: str) -> tuple[TendonMap, list[Tendon]]:
+    """Reduced inputs of a robot, and the first of each of its pairs of tendons.
+
+    Raises:
+        ValueError: The robot has gravity, guides, no tendons, or some without an opposite one.
+    """
+    if not robot.tendons or any(robot.gravity) or any(t.guides for t in robot.tendons):
+        raise ValueError(
+            f"robot {robot.name!r}: {what} needs tendons in continuous channels and no gravity"
+        )
+    tendon_map = TendonMap(robot)
+    tendon_map.require_pairs(what)
+    return tendon_map, [robot.tendons[np.flatnonzero(row)[0]] for row in tendon_map.phi]
 
 
 class ConstantCurvatureStatics:
     """Tip (x, z) as a function of the reduced tendon inputs, and its derivatives."""
 
     def __init__(self, robot: RobotParams) -> None:
-        """Raise ValueError when the robot has gravity, guides or no tendons."""
-        if not robot.tendons or any(robot.gravity) or any(t.guides for t in robot.tendons):
-            raise ValueError(
-                f"robot {robot.name!r}: constant-curvature statics need tendons in continuous "
-                "channels and no gravity"
-            )
+        """Errors as `channel_pairs`."""
+        tendon_map, pairs = channel_pairs(robot, "the statics of constant curvature")
         self.robot = robot
-        tendon_map = TendonMap(robot)
-        tendon_map.require_pairs("constant-curvature statics")
-        self.n_inputs = tendon_map.n_inputs
-        self.limit = tendon_map.input_scale
-        self._sides, self._ends = self._pairs(tendon_map)
+        self.n_inputs, self.limit = tendon_map.n_inputs, tendon_map.input_scale
+        # Curvature per input [1/(N m)] and end station [m] of every pair.
+        self._sides = np.array([abs(t.offset[0]) for t in pairs]) / robot.bending_stiffness
+        self._ends = np.array([t.end for t in pairs])
         stations, self._weights = self._quadrature()
         # phi(s) = slope(s) @ u: a pair bends the arm up to its end only.
         self._slope = self._sides * np.minimum.outer(stations, self._ends)
-
-    def _pairs(self, tendon_map: TendonMap) -> tuple[np.ndarray, np.ndarray]:
-        """Curvature per input [1/(N m)] and end station [m] of every pair."""
-        tendons = self.robot.tendons
-        members = [np.flatnonzero(row) for row in tendon_map.phi]
-        radius = np.array([abs(tendons[m[0]].offset[0]) for m in members])
-        return radius / self.robot.bending_stiffness, np.array([tendons[m[0]].end for m in members])
 
     def _quadrature(self) -> tuple[np.ndarray, np.ndarray]:
         """Gauss nodes and weights on each interval of constant curvature."""

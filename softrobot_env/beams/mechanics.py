@@ -21,7 +21,8 @@ import numpy as np
 from numba.extending import overload
 
 from softrobot_env.beams.actuation import add_path_forces, path_lengths, tendon_tensions
-from softrobot_env.beams.numerics.compilation import implementation, kernel
+from softrobot_env.beams.numerics import compilation
+from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.machine_code import LINKED
 
 # ---------------------------------------------------------------- provided by a model
@@ -47,22 +48,24 @@ def locate(model, q, out):
     raise NotImplementedError
 
 
-def add_forces(model, q, forces, out):
-    """Add to out (n,) the generalised force of forces (n_points, 3) [N] on those points.
+def add_wrenches(model, q, forces, moments, out):
+    """Add to out (n,) the generalised force of forces and moments on those points.
 
-    The transpose of the derivative of `locate`: both must agree exactly, so that the work of a
-    tension is that of the change of its tendon's length.
+    The transpose of the derivative of `locate`, and of the rotation of the cross-sections: both
+    must agree exactly, so that the work of a tension is that of the change of its tendon's length.
+
+    Args:
+        model: Data of a model.
+        q: (n,).
+        forces: (n_points, 3) [N].
+        moments: (n_loads, 3) [N m], on the first points, or none.
+        out: (n,).
     """
     raise NotImplementedError
 
 
 def load_axes(model, q, out):
     """Set out (n_loads, 3, 3) to the orientation of the cross-sections of the loads."""
-    raise NotImplementedError
-
-
-def add_moments(model, q, moments, out):
-    """Add to out (n,) the generalised force of moments (n_loads, 3) [N m] at the loads."""
     raise NotImplementedError
 
 
@@ -119,7 +122,7 @@ def implement(data_class: type, *modules: ModuleType) -> None:
         for name, each in vars(module).items():
             function = globals().get(name)
             if isinstance(function, FunctionType) and hasattr(each, "py_func"):
-                implementation(function, data_class)(each)
+                compilation.implement(function, data_class, each)
                 if function is add_internal_tangent:
                     _WITH_TANGENT.add(data_class)
 
@@ -149,38 +152,36 @@ def add_applied(model, q, u, out):
     n_loads = len(actuation.load_follows)
     points = np.empty((n_points, 3), q.dtype)
     forces = np.zeros((n_points, 3), q.dtype)
+    moments = np.zeros((n_loads if actuation.moments else 0, 3), q.dtype)
     if n_points > n_loads:
         locate(model, q, points)
     if n_loads > 0:
-        _add_loads(model, q, u[n_tendons:], forces, out)
+        _set_loads(model, q, u[n_tendons:], forces, moments)
     if n_tendons > 0:
         _add_tendons(model, q, u[:n_tendons], points, forces, out)
     if n_points > 0:
-        add_forces(model, q, forces, out)
+        add_wrenches(model, q, forces, moments, out)
 
 
 @kernel
-def _add_loads(model, q, amplitude, forces, out):
+def _set_loads(model, q, amplitude, forces, moments):
     actuation = model.actuation
-    n_loads = len(amplitude)
-    moments = np.zeros((n_loads, 3), q.dtype)
-    axes = np.zeros((n_loads, 3, 3), q.dtype)
+    axes = np.zeros((len(amplitude), 3, 3), q.dtype)
     if actuation.followers:
         load_axes(model, q, axes)
-    for k in range(n_loads):
+    for k in range(len(amplitude)):
         for i in range(3):
             force, moment = amplitude[k] * 0, amplitude[k] * 0
             if actuation.load_follows[k]:
                 for j in range(3):
                     force = force + amplitude[k] * axes[k, i, j] * actuation.load_force[k, j]
                     moment = moment + amplitude[k] * axes[k, i, j] * actuation.load_moment[k, j]
-                forces[k, i] = force
-                moments[k, i] = moment
             else:
-                forces[k, i] = amplitude[k] * actuation.load_force[k, i]
-                moments[k, i] = amplitude[k] * actuation.load_moment[k, i]
-    if actuation.moments:
-        add_moments(model, q, moments, out)
+                force = amplitude[k] * actuation.load_force[k, i]
+                moment = amplitude[k] * actuation.load_moment[k, i]
+            forces[k, i] = force
+            if len(moments) > 0:
+                moments[k, i] = moment
 
 
 @kernel
@@ -271,7 +272,7 @@ def applied_forces_turn(model):
 
 
 @kernel
-def _differentiated(model, q, v, a, u, applied_only, out):
+def differentiated(model, q, v, a, u, applied_only, out):
     """Set out (n,) to the residual, or to the part of it that loads and tendons cause."""
     if applied_only:
         out[:] = 0.0
@@ -293,7 +294,7 @@ def _add_differences(model, q, v, a, u, damping, mass, applied_only, out):
     block, reach = model.block, model.reach
     group = min(n, (2 * reach + 1) * block)
     base, moved = np.empty(n), np.empty(n)
-    _differentiated(model, q, v, a, u, applied_only, base)
+    differentiated(model, q, v, a, u, applied_only, base)
     q1, v1, a1 = q.copy(), v.copy(), a.copy()
     for first in range(group):
         for j in range(first, n, group):
@@ -301,7 +302,7 @@ def _add_differences(model, q, v, a, u, damping, mass, applied_only, out):
             step = q1[j] - q[j]  # what was really added, after rounding
             v1[j] = v[j] + damping * step
             a1[j] = a[j] + mass * step
-        _differentiated(model, q1, v1, a1, u, applied_only, moved)
+        differentiated(model, q1, v1, a1, u, applied_only, moved)
         for j in range(first, n, group):
             step, home = q1[j] - q[j], j // block
             for i in range(max(0, (home - reach) * block), min(n, (home + reach + 1) * block)):

@@ -9,36 +9,18 @@ import numpy as np
 
 from softrobot_env.beams import mechanics, signals
 from softrobot_env.beams.actuation import Actuation, make_actuation, points_only, tendon_tensions
+from softrobot_env.beams.numerics import band, integration, linearization
 from softrobot_env.beams.numerics.compilation import kernel, reference
-from softrobot_env.beams.numerics.integration import (
-    DONE,
-    FAILURES,
-    Control,
-    effort,
-    integrate,
-    workspace,
-)
-from softrobot_env.beams.numerics.integration import samples as samples_at
-from softrobot_env.beams.numerics.linearization import (
-    StateSpace,
-    input_derivatives,
-    point_derivatives,
-    residual_derivatives,
-)
-from softrobot_env.beams.numerics.methods import find_method
 from softrobot_env.beams.signals import Signal
-from softrobot_env.beams.statics import LoadedModel
-from softrobot_env.core.continuation import find_equilibrium
-from softrobot_env.core.equilibrium import (
-    checked_load_steps,
-    positive_definite,
-    require_stable,
-    stability_asked,
-)
+from softrobot_env.core import equilibrium as equilibria
+from softrobot_env.core.continuation import Newton, find_equilibrium
 from softrobot_env.core.motion import IntegrationError, Motion, State, sample_times
 from softrobot_env.core.processes import one_blas_thread
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
+
+#: Step of the difference by the loads' share, which most forces are linear in.
+_SHARE = 1e-2
 
 
 @dataclass(frozen=True)
@@ -95,7 +77,7 @@ class BeamModel:
             a field `gravity` that all gravity forces are linear in.
         input_names: Names of the inputs.
         warns: Whether the model warns where it knows that it is inaccurate; a study of its errors
-            need not be told.
+            need not be warned.
         inertia: How the mass is distributed: a name, or rigid bodies that are all of it.
 
     Raises:
@@ -230,7 +212,7 @@ class BeamModel:
         """B (n, n_inputs) for tensions and load amplitudes."""
         data = self.data._replace(actuation=self.data.actuation._replace(by_length=False))
         out = np.empty((self.n, self.n_inputs))
-        input_derivatives(data, np.ascontiguousarray(q, dtype=float), np.zeros(self.n_inputs), out)
+        linearization.input_derivatives(data, self._vector(q), np.zeros(self.n_inputs), out)
         return out
 
     # ------------------------------------------------------------------ statics and dynamics
@@ -258,22 +240,22 @@ class BeamModel:
             EquilibriumError: None was found, or an unstable one.
             ValueError: `load_steps` or `check_stability` is not one of these.
         """
-        kind, load_steps = stability_asked(check_stability), checked_load_steps(load_steps)
-        u = self._inputs(u)
+        kind, u = equilibria.stability_asked(check_stability), self._inputs(u)
+        load_steps = equilibria.checked_load_steps(load_steps)
         guess = None if guess is None else self._finite(guess)
         loaded = LoadedModel(self, u)
         q = find_equilibrium(loaded, self.rest(), guess, load_steps)
         if kind == "dynamic" or (kind == "static" and not self._resists(loaded, q)):
             space = self.linearize(State(q, np.zeros_like(q)), u)
-            require_stable(kind, space.stiffness, space.mass, space.damping)
+            equilibria.require_stable(kind, space.stiffness, space.mass, space.damping)
         if self.warns:
             self.warn_of(q)
         return q
 
-    def _resists(self, loaded: LoadedModel, q: np.ndarray) -> bool:
+    def _resists(self, loaded: "LoadedModel", q: np.ndarray) -> bool:
         """Whether every deviation from q (n,) is opposed, whatever the masses."""
         t = self.tangent(q)
-        return positive_definite(t.T @ loaded.stiffness(q) @ t)
+        return equilibria.positive_definite(t.T @ loaded.stiffness(q) @ t)
 
     def simulate(
         self,
@@ -293,7 +275,7 @@ class BeamModel:
             duration: [s].
             u: Constant inputs (n_inputs,) or a `Signal`; zero unless given.
             start: Initial state; the straight pose at rest unless given.
-            method: A key of `methods.METHODS`.
+            method: A key of `integration.METHODS`.
             step: [s], fixed step; without it a method that estimates its error adapts it.
             tolerance: Largest error of a step, relative to the size of a large motion; 1e-6
                 unless given. With a fixed step it bounds the error of Newton's iteration only,
@@ -306,21 +288,22 @@ class BeamModel:
             ValueError: Unknown method, or a method that needs a step.
             IntegrationError: The integration failed; the message says how and when.
         """
-        scheme = find_method(method, step)
+        scheme = integration.find_method(method, step)
         start = self.start() if start is None else start
         times = sample_times(duration, samples)
         q, v = (self._finite(x).copy() for x in start)
-        found, took = samples_at(times, self.n), effort()
+        found, took = integration.samples(times, self.n), integration.effort()
         # An adaptive method finds its step within a few steps of any small one.
         if tolerance is None:
             tolerance = 1e-6 if step is None else 1e-10
-        control = Control(step is None, step or duration / 1000, tolerance, max_steps)
-        work = workspace(self.n, mechanics.bandwidth(self.data), len(scheme.b), self.n_inputs)
+        control = integration.Control(step is None, step or duration / 1000, tolerance, max_steps)
+        width = mechanics.bandwidth(self.data)
+        work = integration.workspace(self.n, width, len(scheme.b), self.n_inputs)
         given = (reference(x) for x in (scheme, control, self._signal(u), work))
-        code, reached = integrate(self.data, *given, (q, v), found, took)
-        if code != DONE:
+        code, reached = integration.integrate(self.data, *given, (q, v), found, took)
+        if code != integration.DONE:
             raise IntegrationError(
-                f"{FAILURES[code]} at t = {reached:.4g} s ({method}, "
+                f"{integration.FAILURES[code]} at t = {reached:.4g} s ({method}, "
                 f"{'adaptive step' if step is None else f'step {step:g} s'})",
                 reached,
             )
@@ -329,7 +312,7 @@ class BeamModel:
         return BeamMotion(*found, *took.counters.tolist(), *took.steps.tolist())
 
     @one_blas_thread()
-    def linearize(self, state: State, u: np.ndarray | None = None) -> StateSpace:
+    def linearize(self, state: State, u: np.ndarray | None = None) -> linearization.StateSpace:
         """Linear model about a state under inputs u (n_inputs,).
 
         Redundant coordinates are replaced by those of `tangent`; that is exact only at rest in
@@ -342,9 +325,9 @@ class BeamModel:
         u, n = self._inputs(u), self.n
         by_q, by_v, by_a = np.empty((3, n, n))
         a = self.acceleration(q, v, u)
-        residual_derivatives(self.data, q, v, a, u, by_q, by_v, by_a)
+        linearization.residual_derivatives(self.data, q, v, a, u, by_q, by_v, by_a)
         inputs = np.empty((n, self.n_inputs))
-        input_derivatives(self.data, q, u, inputs)
+        linearization.input_derivatives(self.data, q, u, inputs)
         t = self.tangent(q)
         if t.shape[1] < n and np.any(v):
             raise ValueError("a model with redundant coordinates is linearised at rest only")
@@ -353,7 +336,7 @@ class BeamModel:
         m = t.shape[1]
         solved = np.linalg.solve(mass, np.hstack([stiffness, damping, t.T @ inputs]))
         upper = np.hstack([np.zeros((m, m)), np.eye(m)])
-        return StateSpace(
+        return linearization.StateSpace(
             a=np.vstack([upper, -solved[:, : 2 * m]]),
             b=np.vstack([np.zeros((m, self.n_inputs)), solved[:, 2 * m :]]),
             c=np.hstack([tip, np.zeros((3, m))]),
@@ -412,7 +395,7 @@ class BeamModel:
         """(3 k, n) derivative of centreline points by the coordinates."""
         probe = self.probe(stations)
         out = np.empty((3 * len(stations), self.n))
-        point_derivatives(probe, self._vector(q), out)
+        linearization.point_derivatives(probe, self._vector(q), out)
         base = self.robot.base
         if base is not None:
             out = (base.axes @ out.reshape(-1, 3, self.n)).reshape(out.shape)
@@ -494,6 +477,75 @@ class BeamModel:
         if not np.all(np.isfinite(u.coefficients)):
             raise ValueError("the signal's coefficients must be finite")
         return u
+
+
+class LoadedModel:
+    """A model under a share of its inputs, gravity and pretension."""
+
+    def __init__(self, model: BeamModel, u: np.ndarray) -> None:
+        data, actuation = model.data, model.data.actuation
+        self._whole = (data.gravity, actuation.pretension, u)
+        self._part = tuple(x.copy() for x in self._whole)
+        gravity, pretension, _ = self._part
+        actuation = actuation._replace(pretension=pretension)
+        self._data = model.static_data(data._replace(gravity=gravity, actuation=actuation))
+        self._zero, self.scale, self.moved = np.zeros(model.n), data.scale, model.moved
+        width = mechanics.bandwidth(self._data)
+        self._width, self._matrix = width, np.empty((model.n, 3 * width + 1))
+        self._pivot = np.empty(model.n, dtype=np.int64)
+
+    def _residual(self, q: np.ndarray, share: float) -> np.ndarray:
+        for part, whole in zip(self._part, self._whole, strict=True):
+            np.multiply(share, whole, out=part)
+        out = np.empty_like(q)
+        mechanics.residual(self._data, q, self._zero, self._zero, self._part[2], out)
+        return out
+
+    def stiffness(self, q: np.ndarray) -> np.ndarray:
+        """Derivative (n, n) of the forces that rest takes by q (n,), under full loads."""
+        self._residual(q, 1.0)
+        linearization.stiffness_band(self._data, q, self._part[2], self._matrix)
+        dense = np.zeros((len(q), len(q)))
+        for off in range(-self._width, self._width + 1):
+            rows = np.arange(max(0, -off), min(len(q), len(q) - off))
+            dense[rows, rows + off] = self._matrix[rows, off + self._width]
+        return dense
+
+    def newton(self, q: np.ndarray, share: float) -> Newton | None:
+        """Newton's changes at q (n,), None where the stiffness is singular or not finite."""
+        ahead = self._residual(q, share + _SHARE)
+        missing = self._residual(q, share)
+        linearization.stiffness_band(self._data, q, self._part[2], self._matrix)
+        if not band.factor(self._matrix, self._width, self._pivot):
+            return None
+        found = Newton(-missing, (missing - ahead) / _SHARE)
+        for x in found:
+            band.solve(self._matrix, self._width, self._pivot, x)
+        return found if all(np.all(np.isfinite(x)) for x in found) else None
+
+    def again(self, q: np.ndarray, share: float) -> np.ndarray:
+        """The change (n,) to balance the forces at q (n,), by the last factors."""
+        change = -self._residual(q, share)
+        band.solve(self._matrix, self._width, self._pivot, change)
+        return change
+
+
+def masses_at(robot: RobotParams, places: np.ndarray) -> np.ndarray:
+    """Masses (k,) [kg] at places (k,) [m], which share backbone and discs between them."""
+    backbone, number = robot.backbone, np.arange(len(places))
+
+    def beyond(s: np.ndarray) -> np.ndarray:
+        at = np.interp(s, places, number)
+        return backbone.mass(s) * (at - np.floor(at))
+
+    second = backbone.integrals(beyond, places)
+    mass = np.append(backbone.integrals(backbone.mass, places) - second, 0.0)
+    mass[1:] += second
+    for disc in robot.discs:
+        at = float(np.interp(disc.station, places, number))
+        k = min(int(at), len(places) - 2)
+        mass[k : k + 2] += disc.mass * np.array([k + 1 - at, at - k])
+    return mass
 
 
 def _check_robot(robot: RobotParams, has_head: bool) -> None:

@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from softrobot_env.beams.constant_curvature import channel_pairs
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.actuation import TendonMap
 
 #: Angle [rad] below which E is summed as a series, to full precision.
 _SMALL = 0.3
@@ -52,11 +52,6 @@ def make_planar_arm(robot: RobotParams) -> PlanarArm:
     Raises:
         ValueError: The robot has gravity or guides, or tendons ending inside a piece.
     """
-    if not robot.tendons or any(robot.gravity) or any(t.guides for t in robot.tendons):
-        raise ValueError(
-            f"robot {robot.name!r}: the planar arm needs tendons in continuous channels and no "
-            "gravity"
-        )
     n, length = robot.pieces, robot.length / robot.pieces
     share = np.ones(n)
     share[-1] = 0.5
@@ -74,13 +69,10 @@ def make_planar_arm(robot: RobotParams) -> PlanarArm:
 
 
 def _inputs(robot: RobotParams, n: int, length: float) -> np.ndarray:
-    """B (n, n_inputs): a pair bends the pieces up to its end with its lever arm."""
-    tendon_map = TendonMap(robot)
-    tendon_map.require_pairs("a planar arm in closed form")
-    pairs = [np.flatnonzero(row)[0] for row in tendon_map.phi]
+    """B (n, n_inputs): a pair bends the pieces up to its end with its moment arm."""
+    _, pairs = channel_pairs(robot, "a planar arm in closed form")
     out = np.zeros((n, len(pairs)))
-    for j, k in enumerate(pairs):
-        tendon = robot.tendons[k]
+    for j, tendon in enumerate(pairs):
         reached = tendon.end / length
         if abs(reached - round(reached)) > 1e-9:
             raise ValueError(

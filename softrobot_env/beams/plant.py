@@ -13,17 +13,8 @@ import numpy as np
 
 from softrobot_env.beams import mechanics
 from softrobot_env.beams.model import BeamModel
+from softrobot_env.beams.numerics import integration
 from softrobot_env.beams.numerics.compilation import kernel, reference
-from softrobot_env.beams.numerics.integration import (
-    DONE,
-    FAILURES,
-    Control,
-    effort,
-    integrate,
-    samples,
-    workspace,
-)
-from softrobot_env.beams.numerics.methods import find_method
 from softrobot_env.beams.numerics.quaternions import (
     add,
     cross,
@@ -88,7 +79,7 @@ class SteppedModel:
             strain: See `interfaces.PlantModel`.
             axes: Coordinates of the tip that are measured.
             bending: "planar" for a model in the x-z plane, or "spatial".
-            method: A key of `methods.METHODS`.
+            method: A key of `integration.METHODS`.
             step: [s], fixed step; without it a method that estimates its error adapts it.
             tolerance: Error of a step, relative to the size of a large motion.
 
@@ -114,12 +105,13 @@ class SteppedModel:
         """Build the model, and what a step would otherwise build anew."""
         self._whole = headless(self.robot)
         self.model = model = self._build(self._whole, ())
-        scheme = find_method(self._method, self._step)
+        scheme = integration.find_method(self._method, self._step)
         self._scheme = reference(scheme)
         self._signals: dict[tuple[int, float], tuple[np.ndarray, Any]] = {}
         width = mechanics.bandwidth(model.data)
-        self._work = reference(workspace(model.n, width, len(scheme.b), model.n_inputs))
-        self._samples, self._effort = samples(np.zeros(2), model.n), effort()
+        self._work = reference(integration.workspace(model.n, width, len(scheme.b), model.n_inputs))
+        self._samples = integration.samples(np.zeros(2), model.n)
+        self._effort = integration.effort()
         self._prepare_readout()
 
     def _prepare_readout(self) -> None:
@@ -127,13 +119,11 @@ class SteppedModel:
         robot = self.robot
         if self._directions == 1:
             robot.require_plane("a planar model")
-        edges = robot.backbone.cut(robot.pieces)
-        self._sizes = np.diff(edges)
-        most = robot.curvature_limit * self._sizes.max() / _LARGEST_TURN
-        least = max(_SECTIONS, ceil(most))
-        self._probe = self._place_probe(self._stations(least))
-        number = max(least, ceil(_CELLS / robot.pieces))
-        self.cells, self._cell_probe = self._stations(number), None
+        sizes = np.diff(robot.backbone.cut(robot.pieces))
+        least = max(_SECTIONS, ceil(robot.curvature_limit * sizes.max() / _LARGEST_TURN))
+        self._pieces = self._place_probe(self._stations(least)), sizes
+        self.cells = self._stations(max(least, ceil(_CELLS / robot.pieces)))
+        self._parts: tuple[Any, np.ndarray] | None = None  # of the cells
         base = robot.base or Base()
         self._base = np.column_stack([base.axes, base.position])[self._axes]
 
@@ -219,7 +209,7 @@ class SteppedModel:
 
     def bare(self, loads: Sequence[Load] = ()) -> BeamModel:
         """The model of the robot without tendons and weight: its springs, and loads."""
-        return self._build(_bare(self._whole), loads)
+        return self._build(replace(self._whole, tendons=(), gravity=(0.0, 0.0, 0.0)), loads)
 
     def _cannot_bend(self, curvature: np.ndarray) -> str:
         return (
@@ -237,16 +227,16 @@ class SteppedModel:
         signal = self._follow(control, duration)
         # The whole period is tried first: a motion that follows its reference needs few steps.
         first = duration if self._step is None else self._step
-        control = reference(Control(self._step is None, first, self._tolerance, _MAX_STEPS))
+        control = integration.Control(self._step is None, first, self._tolerance, _MAX_STEPS)
+        given = (self.model.data, self._scheme, reference(control), signal, self._work)
         self._effort.counters[:] = 0
         self._samples.times[1] = duration
         self._work.formed[0] = 0.0  # a copy of the environment goes on without the old matrix
-        given = (self.model.data, self._scheme, control, signal, self._work)
-        code, reached = integrate(*given, (q, v), self._samples, self._effort)
-        if code == DONE:
+        code, reached = integration.integrate(*given, (q, v), self._samples, self._effort)
+        if code == integration.DONE:
             return None
         how = f"tolerance {self._tolerance:g}" if self._step is None else f"step {self._step:g} s"
-        return f"{FAILURES[code]} after {reached:.4g} s of it ({self._method}, {how})"
+        return f"{integration.FAILURES[code]} after {reached:.4g} s of it ({self._method}, {how})"
 
     def _follow(self, control: np.ndarray, duration: float) -> Any:
         """The compiled signal of controls (n,), or of a path of them."""
@@ -265,7 +255,7 @@ class SteppedModel:
 
     def measure(self, q: np.ndarray, v: np.ndarray) -> Measurement:
         """New arrays with everything that can be measured (`interfaces.PlantModel`)."""
-        tip, strain = self._measure(q, v)
+        tip, strain = self._seen(q, v)
         curvature, rate = strain[:, :, : self._directions].copy().reshape(2, -1)
         return Measurement(*tip.copy(), curvature, rate, self.model.tendon_length(q))
 
@@ -275,23 +265,22 @@ class SteppedModel:
 
     def strains(self, q: np.ndarray) -> np.ndarray:
         """Beta, gamma and torsion (pieces, 3) [1/m] in a posture (`interfaces.PlantModel`)."""
-        return self._measure(q, np.zeros_like(q))[1][0]
+        return self._seen(q, np.zeros_like(q))[1][0]
 
     def shape(self, q: np.ndarray) -> np.ndarray:
         """Beta, gamma and torsion (k, 3) [1/m] of all cells (`interfaces.PlantModel`)."""
-        if self._cell_probe is None:
-            self._cell_probe = self._place_probe(self.cells)
-        sizes = np.diff(self.cells)
-        return self._seen(self._cell_probe, sizes, q, np.zeros_like(q))[1][0]
-
-    def _measure(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Tip (2, axes) and strains (2, pieces, 3), each with its rate."""
-        return self._seen(self._probe, self._sizes, q, v)
+        if self._parts is None:
+            self._parts = self._place_probe(self.cells), np.diff(self.cells)
+        return self._seen(q, np.zeros_like(q), self._parts)[1][0]
 
     def _seen(
-        self, probe: Any, sizes: np.ndarray, q: np.ndarray, v: np.ndarray
+        self, q: np.ndarray, v: np.ndarray, parts: tuple[Any, np.ndarray] | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Tip and strains (2, parts, 3) of parts of some sizes [m], as `_measure`."""
+        """Tip (2, axes) and strains (2, parts, 3), each with its rate.
+
+        Of the robot's pieces unless given others, by their probe and sizes [m].
+        """
+        probe, sizes = parts or self._pieces
         tip, strain = np.zeros((2, len(self._base))), np.zeros((2, len(sizes), 3))
         measure = _measure if self._directions == 1 else _measure_in_space
         measure(probe, q, v, sizes, self._base, tip, strain)
@@ -318,11 +307,6 @@ def headless(robot: RobotParams) -> RobotParams:
     )
     longer = replace(robot, head=None).with_sections(*sections, stiff)
     return replace(longer, discs=(*robot.discs, disc))
-
-
-def _bare(robot: RobotParams) -> RobotParams:
-    """The robot without tendons and weight."""
-    return replace(robot, tendons=(), gravity=(0.0, 0.0, 0.0))
 
 
 @kernel

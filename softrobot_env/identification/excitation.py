@@ -69,7 +69,7 @@ class Excitation:
         amplitude: Of full scale, at most, but for visits; less where a limit is met. Before steps,
             lengths are dithered by 0.02 more.
         speed: [1/s], of full scale, at most, but for visits; and 0.8 of what the drives can do.
-            Friction and backlash are told best where a robot does not sway before it rests.
+            Friction and backlash are seen best where a robot does not sway before it rests.
         levels: Of a pull.
         rest: [s] at each level, and at least between motions.
         decay: [s] after a release.
@@ -394,7 +394,7 @@ def excite(
 
     Args:
         env: Environment, usually a `RecordEpisodes`, whose `label` is kept.
-        plan: What to tell it.
+        plan: What to command.
         limits: Of tension and radius, see `Excitation`.
         seed, options: Of the reset.
         progress: Called with the number of steps from time to time.

@@ -1,11 +1,11 @@
 """Quasi-static visits of the spatial rig: where to go, by which lengths, and what is measured.
 
 Thesis sec. 3.2.2. Points are spread evenly over the workspace; the statics of the nominal rig, one
-piece of constant curvature, tell the lengths that put its output there with the least tensions
+piece of constant curvature, give the lengths that put its output there with the least tensions
 (the set S_red of sec. 3.1.2). The rig visits these lengths in turn and its output is measured.
 
 A rig is excited and recorded to visit them as for any other identification (`excitation`). At 3 s a
-point, the 215 points of a network take eleven minutes; the thesis tells five.
+point, the 215 points of a network take eleven minutes; the thesis says five.
 """
 
 from collections.abc import Callable

@@ -6,14 +6,8 @@ from itertools import accumulate, pairwise
 import numpy as np
 
 from softrobot_env.robots.sensors import Sensor
-from softrobot_env.sensing import specimens
-from softrobot_env.sensing.optics import (
-    CONVERTER,
-    SATURATED,
-    STRAIGHT,
-    split_light,
-    transmission,
-)
+from softrobot_env.sensing import optics
+from softrobot_env.sensing.optics import CONVERTER, SATURATED, STRAIGHT
 from softrobot_env.sensing.shape import Places
 
 #: Standard deviations at which noise ends.
@@ -45,7 +39,7 @@ class SensorArray:
         self._everyone = np.arange(count)
         self._places = Places(edges, *_places(self._sensors))
         self._columns = _slices([sensor.size for sensor in sensors])
-        self._joints = _slices([specimens.joints_of(sensor) for sensor in sensors])
+        self._joints = _slices([optics.joints_of(sensor) for sensor in sensors])
         self.size = self._columns[-1].stop
         self._of = np.repeat(np.arange(len(sensors)), [sensor.size for sensor in sensors])
 
@@ -68,7 +62,7 @@ class SensorArray:
         names = ("temperature", "drift", "hysteresis", "stretch", "stray", "flicker")
         self._error = {name: np.zeros((count, sensors)) for name in names}
         self._lag = np.zeros((count, joints))
-        self._backlash = np.zeros((count, joints, len(specimens.PLAY), 2))
+        self._backlash = np.zeros((count, joints, len(optics.PLAY), 2))
         self._drift = np.zeros((count, size))
         self._instant = np.zeros(count, dtype=int)
         self._due = np.zeros((count, size))
@@ -107,11 +101,9 @@ class SensorArray:
 
     def _build(self, i: int, sensors: Sequence[Sensor]) -> None:
         for k, sensor in enumerate(sensors):
-            one = specimens.build(sensor)
-            self._gain[i, self._columns[k]], self._moment_arm[i, self._joints[k]] = (
-                one.gain,
-                one.moment_arm,
-            )
+            one = optics.build(sensor)
+            self._gain[i, self._columns[k]] = one.gain
+            self._moment_arm[i, self._joints[k]] = one.moment_arm
             self._tilt[i, k], self._azimuth[i, k] = one.tilt, one.azimuth
             self._acceptance[i, k] = one.acceptance
             self._lag[i, self._joints[k]] = sensor.hysteresis
@@ -143,9 +135,8 @@ class SensorArray:
         light = self._light(which, bend, spans)
         level = light * self._gains(which, normal, spans) + self._leaks(which, touch)
         noisy = self._straight * level + self._noise * normal[:, 1]
-        counts = np.where(
-            self._step > 0, np.rint(np.clip(noisy, 0, np.minimum(self._most, CONVERTER))), noisy
-        )
+        counts = np.rint(np.clip(noisy, 0, np.minimum(self._most, CONVERTER)))
+        counts = np.where(self._step > 0, counts, noisy)
         due = self._instant[which][:, None] >= self._due[which]
         self._due[which] += np.where(due, self._frame, 0.0)
         self._held[which] = np.where(due, counts / self._straight, self._held[which])
@@ -155,9 +146,9 @@ class SensorArray:
         bend, spans = self._places.turns(shape)
         bend = bend * self._moment_arm[which][..., None]
         backlash = self._backlash[which]
-        specimens.follow(backlash, bend)
+        optics.follow(backlash, bend)
         self._backlash[which] = backlash
-        return specimens.lagged(backlash, bend, self._lag[which]), spans
+        return optics.lagged(backlash, bend, self._lag[which]), spans
 
     def _noise_of(self, which: np.ndarray) -> np.ndarray:
         """Normal variates (k, 3, size) of this instant; the drifts go on."""
@@ -166,7 +157,7 @@ class SensorArray:
             sampled = self._generators[i].standard_normal(self._normal.shape[1:])
             self._normal[i] = np.clip(sampled, -FARTHEST, FARTHEST)
         normal = self._normal[which, at]
-        keep = np.exp(-self._period / specimens.DRIFT_TIME)
+        keep = np.exp(-self._period / optics.DRIFT_TIME)
         self._drift[which] = keep * self._drift[which] + np.sqrt(1 - keep**2) * normal[:, 2]
         return normal
 
@@ -178,10 +169,12 @@ class SensorArray:
             acceptance = self._acceptance[which, k][:, None]
             if sensor.kind == "planar":
                 angle = np.hypot(*np.moveaxis(bend[:, self._joints[k]], -1, 0))
-                out[:, own] = transmission(angle, acceptance).prod(axis=1, keepdims=True)
+                out[:, own] = optics.transmission(angle, acceptance).prod(axis=1, keepdims=True)
             elif sensor.kind == "spatial":
                 azimuth, tilt = self._azimuth[which, k], self._tilt[which, k]
-                aligned = split_light(bend[:, self._joints[k].start], azimuth, tilt, acceptance)
+                aligned = optics.split_light(
+                    bend[:, self._joints[k].start], azimuth, tilt, acceptance
+                )
                 out[:, own] = aligned * np.exp(1.0)
             else:
                 turn = spans[:, tags : tags + sensor.segments]
@@ -193,12 +186,12 @@ class SensorArray:
         """Factors (k, size) on the light; ones of tags."""
         error = {name: values[which][:, self._of] for name, values in self._error.items()}
         time = self._instant[which][:, None] * self._period
-        warm = error["temperature"] * (1 - np.exp(-time / specimens.WARMING_TIME))
+        warm = error["temperature"] * (1 - np.exp(-time / optics.WARMING_TIME))
         # Towards the side it lies on, a bend shortens the sensor.
         lengths = np.array([sensor.end - sensor.begin for sensor in self._sensors])
         mean = spans[:, : len(lengths)] / lengths[:, None]
         strain = -(mean * self._offset).sum(axis=2)[:, self._of]
-        gain = self._gain[which] * (1 + specimens.LIGHT_PER_KELVIN * warm)
+        gain = self._gain[which] * (1 + optics.LIGHT_PER_KELVIN * warm)
         gain *= (1 + error["drift"] * self._drift[which]) * (1 + error["flicker"] * normal[:, 0])
         gain *= np.clip(1 - error["stretch"] * strain, 0.0, None)
         return np.where(self._step > 0, gain, 1.0)
@@ -221,7 +214,7 @@ def felt_bends(
         strain: (n, cells, 3) [1/m], shapes of n robots.
     """
     bends, _ = Places(edges, *_places(sensors)).turns(strain)
-    return np.split(bends, np.cumsum([specimens.joints_of(s) for s in sensors])[:-1], axis=1)
+    return np.split(bends, np.cumsum([optics.joints_of(s) for s in sensors])[:-1], axis=1)
 
 
 def _slices(counts: Sequence[int]) -> list[slice]:

@@ -1,19 +1,21 @@
 """Tip of a robot from its spatial sensor by a model of the light, instead of a network.
 
-Four readings tell two bends; what is left over tells how the gains of the four paths drift.
+Four readings give two bends; what is left over shows how the gains of the four paths drift.
 `LightModel` has the few numbers of a specimen, `calibrate` finds them, with its hysteresis, from
 readings with tips seen by a camera, and `BendFilter` finds the bend, its play and the drift of the
 gains from one reading to the next: the most probable values by Gauss and Newton.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 
+from softrobot_env.core.continuation import Damping, descend
 from softrobot_env.robots.sensors import ACCEPTANCE, OUTPUTS, Sensor
-from softrobot_env.sensing.optics import STRAIGHT, TILT, split_light
-from softrobot_env.sensing.specimens import DRIFT_TIME, follow, lagged
+from softrobot_env.sensing.optics import DRIFT_TIME, STRAIGHT, TILT, follow, lagged, split_light
 
 #: How far numbers of specimens are expected to lie from the design [1, rad].
 _SPREAD = 0.1
@@ -31,6 +33,10 @@ DRIFT = 0.015
 #: Largest bend [rad] of the sensor, and bends on a side of the grid where a search begins.
 _FARTHEST, _GRID = 0.75, 9
 _ITERATIONS = 12
+_DAMPING, _RULE = 1e-3, Damping(tries=12)
+_CLOSE = 1e-7  # change of a bend [rad] or gain [1] that is none
+_DIFFERENCE = 1e-5  # rad
+_TURNS = _DIFFERENCE * np.array([[0.0, 0.0], [1, 0], [-1, 0], [0, 1], [0, -1]])
 
 
 @dataclass(frozen=True)
@@ -38,7 +44,7 @@ class LightModel:
     """Numbers of one specimen on one robot.
 
     Attributes:
-        gain, tilt, azimuth: (4,) of the light paths, see `specimens.Specimen`.
+        gain, tilt, azimuth: (4,) of the light paths, see `optics.Specimen`.
         acceptance: [rad].
         lag: [1], share of the bend that lags behind.
         straight: (2,) [rad], bend where the tip is at the origin.
@@ -62,9 +68,11 @@ class LightModel:
 
     def bend(self, tip: np.ndarray) -> np.ndarray:
         """Bends (..., 2) [rad] of tips (..., 2) [m]."""
+        return self.straight + self._growth(tip) * (tip @ self.turn.T)
+
+    def _growth(self, tip: np.ndarray) -> np.ndarray:
         square = (tip**2).sum(axis=-1, keepdims=True)
-        growth = 1 + self.curve[0] * square + self.curve[1] * square**2
-        return self.straight + growth * (tip @ self.turn.T)
+        return 1 + self.curve[0] * square + self.curve[1] * square**2
 
     def tip(self, bend: np.ndarray) -> np.ndarray:
         """Tips (..., 2) [m] of bends (..., 2) [rad], inverse of `bend`."""
@@ -72,9 +80,7 @@ class LightModel:
         straight = (bend - self.straight) @ inverse
         tip = straight.copy()
         for _ in range(60):
-            square = (tip**2).sum(axis=-1, keepdims=True)
-            growth = 1 + self.curve[0] * square + self.curve[1] * square**2
-            tip = 0.5 * (tip + straight / growth)
+            tip = 0.5 * (tip + straight / self._growth(tip))
         return tip
 
 
@@ -174,15 +180,27 @@ class BendFilter:
         self.drift = keep * self.drift
         self._variance = keep**2 * self._variance + (1 - keep**2) * self._expected
         weight = 1 / (_RELATIVE * reading + _CONVERTER) ** 2
-        starts = [self.bend, self._nearest(reading, weight)]
-        prior = np.linalg.inv(self._variance)
-        anchor = (self.model.bend(np.zeros(2)), 1e8) if straight else (np.zeros(2), 1e-2)
-        found = [self._search(s, reading, weight, prior, anchor) for s in starts]
-        _, bend, drift, hessian = min(found, key=lambda one: one[0])
-        self.bend, self.drift = bend, drift
-        self._variance = np.linalg.inv(hessian)[2:, 2:]
-        follow(self._play, bend[None, None])
-        self.tip = self.model.tip(bend)
+        place, sure = (self.model.bend(np.zeros(2)), 1e8) if straight else (np.zeros(2), 1e-2)
+        # Of bend and drift, what is expected and how much that counts.
+        mean, prior = np.concatenate([place, self.drift]), np.diag([sure] * 2 + [0.0] * OUTPUTS)
+        prior[2:, 2:] = np.linalg.inv(self._variance)
+
+        def guess(x: np.ndarray) -> _Guess:
+            light, gain = self._light(x[:2] + _TURNS), 1 + x[2:]
+            off, slope = reading - gain * light[0], np.diag(light[0])
+            by_bend = (light[1::2] - light[2::2]) * gain / (2 * _DIFFERENCE)
+            slope = np.concatenate([by_bend.T, slope], axis=1)
+            cost = weight @ off**2 + (x - mean) @ prior @ (x - mean)
+            gradient = slope.T @ (weight * off) - prior @ (x - mean)
+            return _Guess(float(cost), x, (slope.T * weight) @ slope + prior, gradient)
+
+        starts = (self.bend, self._nearest(reading, weight))
+        found = [_least(guess, np.concatenate([bend, self.drift])) for bend in starts]
+        best = min(found, key=lambda one: one.cost)
+        self.bend, self.drift = best.x[:2], best.x[2:]
+        self._variance = np.linalg.inv(best.hessian)[2:, 2:]
+        follow(self._play, self.bend[None, None])
+        self.tip = self.model.tip(self.bend)
         return self.tip
 
     def _nearest(self, reading: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -196,44 +214,31 @@ class BendFilter:
         share = np.full((len(bend), 1), self.model.lag)
         return self.model.light(lagged(play, bend[:, None], share)[:, 0])
 
-    def _search(
-        self,
-        bend: np.ndarray,
-        reading: np.ndarray,
-        weight: np.ndarray,
-        prior: np.ndarray,
-        anchor: tuple[np.ndarray, float],
-    ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-        """Cost, bend, drift and Hessian (6, 6) at a minimum near a bend."""
-        mean, drift = self.drift, self.drift
-        (place, sure), step = anchor, 1e-5
-        tries = step * np.array([[0.0, 0.0], [1, 0], [-1, 0], [0, 1], [0, -1]])
-        best, damping = None, 1e-3
-        for _ in range(_ITERATIONS):
-            light = self._light(bend + tries)
-            off = reading - (1 + drift) * light[0]
-            slope = np.empty((OUTPUTS, 2 + OUTPUTS))
-            slope[:, 0] = (1 + drift) * (light[1] - light[2]) / (2 * step)
-            slope[:, 1] = (1 + drift) * (light[3] - light[4]) / (2 * step)
-            slope[:, 2:] = np.diag(light[0])
-            cost = weight @ off**2 + (drift - mean) @ prior @ (drift - mean)
-            cost += sure * ((bend - place) ** 2).sum()
-            if best is not None and cost > best[0]:
-                damping *= 10
-            else:
-                damping /= 3
-                hessian = (slope.T * weight) @ slope
-                hessian[2:, 2:] += prior
-                hessian[0, 0] += sure
-                hessian[1, 1] += sure
-                gradient = slope.T @ (weight * off)
-                gradient[2:] -= prior @ (drift - mean)
-                gradient[:2] -= sure * (bend - place)
-                best = (cost, bend, drift, hessian)
-                if np.abs(gradient / np.diag(hessian)).max() < 1e-7:
-                    break
-                kept = gradient, hessian
-            way = np.linalg.solve(kept[1] + damping * np.diag(np.diag(kept[1])), kept[0])
-            bend = best[1] + np.clip(way[:2], -0.2, 0.2)
-            drift = best[2] + way[2:]
-        return best
+
+class _Guess(NamedTuple):
+    """Bend and drift (6,), what they cost, half of its second derivative, and the way down."""
+
+    cost: float
+    x: np.ndarray
+    hessian: np.ndarray
+    gradient: np.ndarray
+
+
+def _least(guess: Callable[[np.ndarray], _Guess], x: np.ndarray) -> _Guess:
+    """A minimum near x (6,), by Levenberg and Marquardt."""
+    here, damping = guess(x), _DAMPING
+    for _ in range(_ITERATIONS):
+        diagonal = np.diag(here.hessian)
+        if np.abs(here.gradient / diagonal).max() < _CLOSE:
+            break
+
+        def step(damping: float, here: _Guess = here, diagonal: np.ndarray = diagonal) -> _Guess:
+            way = np.linalg.solve(here.hessian + damping * np.diag(diagonal), here.gradient)
+            way[:2] = np.clip(way[:2], -0.2, 0.2)
+            return guess(here.x + way)
+
+        moved, damping = descend(here, step, damping, _RULE)
+        if moved is None:
+            break
+        here = moved
+    return here

@@ -1,8 +1,8 @@
 """What policies want to know of a robot, from its curvature sensors: tip and curvatures.
 
-While a robot is calibrated, a camera sees what sensors shall tell later. Spatial sensors have a
+While a robot is calibrated, a camera sees what sensors shall report later. Spatial sensors have a
 model of their light, which takes their play and drift away (`estimation`). With what they and tags
-tell, arcs say roughly where the tip is; polynomials, as few as the postures can tell, say the rest.
+report, arcs say roughly where the tip is; polynomials, as few as the postures determine, the rest.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,18 +12,19 @@ from itertools import combinations_with_replacement, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from softrobot_env.core.artifacts import Arrays
 from softrobot_env.robots import RobotParams, Sensor
 from softrobot_env.sensing.estimation import BendFilter, LightModel, calibrate
 
-#: The observable that every calibration tells.
+#: The observable that every calibration reports.
 TIP = "tip_position"
 
 #: Orders that are tried, postures that each coefficient wants, and parts of a cross-validation.
 _ORDERS, _POSTURES, _PARTS = (1, 2, 3, 4, 5), 3, 6
 
-#: Shrinks coefficients that postures hardly tell, over their number.
+#: Shrinks coefficients that postures hardly determine, over their number.
 _RIDGE = 1e-6
 
 #: Change of a polynomial [1] that the next order has to bring to be worth it.
@@ -64,7 +65,7 @@ class Map:
     def __call__(self, features: np.ndarray) -> np.ndarray:
         """Outputs (..., outputs) of features (..., features), which do not leave their range far.
 
-        Far beyond the postures a polynomial tells nothing: features are taken at a fifth of their
+        Far beyond the postures a polynomial means nothing: features are taken at a fifth of their
         range beyond it.
         """
         scaled = np.clip((features - self.middle) / self.half, -1.2, 1.2)
@@ -87,7 +88,7 @@ def _powers(features: int, order: int) -> np.ndarray:
 
 
 def fit_map(features: np.ndarray, outputs: np.ndarray) -> Map:
-    """The polynomials that tell outputs of postures best that were left out.
+    """The polynomials that give outputs of postures best that were left out.
 
     Args:
         features: (n, f).
@@ -140,7 +141,7 @@ class Arcs:
 
     Attributes:
         lengths: (arcs,) [m].
-        bends: (arcs, 2, features), of each arc [rad] by what sensors tell.
+        bends: (arcs, 2, features), of each arc [rad] by what sensors report.
         head: [m] beyond the last arc.
         base, axes: (3,) [m] and (3, 3), where the robot is clamped and its own axes, in the world.
     """
@@ -154,7 +155,7 @@ class Arcs:
     @classmethod
     def of(cls, robot: RobotParams) -> "Arcs | None":
         """Of a robot whose sensors lie one after the other; None where they overlap, or where one
-        does not tell to which side the robot bends.
+        does not report to which side the robot bends.
         """
         parts = sorted(_parts(robot.sensors), key=lambda part: part[:2])
         begins, ends = np.array([part[:2] for part in parts]).T
@@ -187,7 +188,9 @@ class Arcs:
             place = place + length * np.einsum(
                 "nij,nj->ni", turn, np.concatenate([aside * side, along], axis=1)
             )
-            turn = turn @ _turn(bend)
+            # By bends towards x and y it turns about y and -x.
+            about = np.stack([-bend[:, 1], bend[:, 0], np.zeros(len(bend))], axis=1)
+            turn = turn @ Rotation.from_rotvec(about).as_matrix()
         return self.base + (place + self.head * turn[:, :, 2]) @ self.axes.T
 
 
@@ -214,19 +217,9 @@ def reported(sensors: Sequence[Sensor]) -> int:
     return sum(2 if sensor.kind == "spatial" else sensor.size for sensor in sensors)
 
 
-def _turn(bend: np.ndarray) -> np.ndarray:
-    """Rotations (n, 3, 3) by bends (n, 2) [rad] towards x and y."""
-    size = np.hypot(*bend.T)
-    a, b = np.sinc(size / np.pi), np.sinc(size / (2 * np.pi)) ** 2 / 2
-    cross = np.zeros((len(bend), 3, 3))
-    cross[:, 0, 2], cross[:, 1, 2] = bend.T
-    cross[:, 2, 0], cross[:, 2, 1] = -bend.T
-    return np.eye(3) + a[:, None, None] * cross + b[:, None, None] * cross @ cross
-
-
 @dataclass(frozen=True)
 class Reconstruction:
-    """What a calibrated robot's sensors tell.
+    """What a calibrated robot's sensors report.
 
     Attributes:
         sensors: As designed.

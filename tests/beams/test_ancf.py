@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
+from support.beam_kinds import gradient, state
 
-from softrobot_env.beams.ancf import ANCF, LockingWarning
-from softrobot_env.beams.ancf import actuation as ancf_actuation
-from softrobot_env.beams.ancf.tangent import add_internal_tangent
-from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, Tendon
+from softrobot_env.beams.ancf import ANCF, LockingWarning, dynamics
+from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK
 from softrobot_env.robots.loads import Load
 from studies.truths import analytic
 
@@ -24,23 +23,17 @@ pytestmark = [
 
 DIMENSIONS = [2, 3]
 RING = replace(ARM, name="ring", poisson_ratio=0.3, gravity=(-9.81, 0.0, 2.0), tendons=())
-WEIGHTLESS = {
-    "weak": replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0)),
-    "stiff": replace(CANTILEVER_STIFF, gravity=(0.0, 0.0, 0.0)),
-}
+WEIGHTLESS = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0))
 
 
-def random_pose(model, seed=0, size=0.05):
+def random_pose(model):
     """Far from straight: gradients off by 5 %, positions by 5 mm."""
-    rng = np.random.default_rng(seed)
-    unit = np.where(model.data.scale < 1, 0.1, 1.0)  # scale is the length, or 1 of a gradient
-    return model.rest() + size * unit * rng.normal(size=model.n)
+    return state(model)[0]
 
 
-def complex_gradient(function, q):
-    """Gradient (..., n) of an analytic function of q (n,)."""
-    steps = 1e-30j * np.eye(len(q))
-    return np.stack([np.imag(function(q + step)) / 1e-30 for step in steps], axis=-1)
+def in_plane(dimension, vector):
+    """Axes of a dimension, and of a rotation vector what is in the plane."""
+    return ([0, 2], np.array([0.0, vector[1], 0.0])) if dimension == 2 else ([0, 1, 2], vector)
 
 
 # ------------------------------------------------------------- the element, point by point
@@ -65,7 +58,9 @@ def shapes(point, length, d):
 
 def shape_gradients(point, length, d):
     """(2 (d + 1), d) derivatives of the shape functions by X, along imaginary steps."""
-    return complex_gradient(lambda x: shapes(x, length, d), np.array(point, dtype=float))
+    return np.moveaxis(
+        gradient(lambda x: shapes(x, length, d), np.array(point, dtype=float)), 0, -1
+    )
 
 
 def volume(robot, length):
@@ -162,10 +157,8 @@ def test_both_exact_rules_agree_and_the_thesis_rule_tends_to_them(dimension):
 def test_rigid_motion_causes_no_force(dimension):
     robot = replace(RING, gravity=(0.0, 0.0, 0.0))
     model = ANCF(robot, 3, dimension=dimension, clamped=False)
-    axis = np.array([0.0, 2.0, 0.0] if dimension == 2 else [1.0, 2.0, -0.5])
-    turn = Rotation.from_rotvec(axis).as_matrix()
-    if dimension == 2:
-        turn = turn[np.ix_([0, 2], [0, 2])]
+    world, axis = in_plane(dimension, np.array([1.0, 2.0, -0.5]))
+    turn = Rotation.from_rotvec(axis).as_matrix()[np.ix_(world, world)]
     x = nodal_vectors(model, model.rest(), 1) @ turn.T
     x[:, 0] += 0.3
     q, zero = x.ravel(), np.zeros(model.n)
@@ -173,31 +166,6 @@ def test_rigid_motion_causes_no_force(dimension):
     tolerance = 1e-14 * robot.youngs_modulus * robot.area
     np.testing.assert_allclose(model.residual(q, zero, zero), 0, atol=tolerance)
     assert model.potential_energy(q) < tolerance
-
-
-@pytest.mark.parametrize("clamped", [True, False])
-@pytest.mark.parametrize("quadrature", ["exact", 3])
-@pytest.mark.parametrize("dimension", DIMENSIONS)
-def test_tangent_is_the_derivative_of_the_residual(dimension, quadrature, clamped):
-    model = ANCF(RING, 3, dimension=dimension, quadrature=quadrature, clamped=clamped)
-    q, v, a = random_pose(model), *np.random.default_rng(7).normal(size=(2, model.n))
-    damping, mass, k = 30.0, 500.0, 2 * model.data.block - 1
-    found = np.ones((model.n, 3 * k + 1))
-    assert add_internal_tangent(model.data, q, v, damping, mass, found)
-    found -= 1  # it adds to what is there
-    expected = np.zeros_like(found)
-    for j in range(model.n):
-        step = 1e-5 * model.data.scale[j] * np.eye(model.n)[j]
-        # A polynomial of the third degree: fourth-order differences are exact.
-        ahead, back, ahead2, back2 = (
-            model.residual(q + h * step, v + h * damping * step, a + h * mass * step)
-            for h in (1, -1, 2, -2)
-        )
-        column = (8 * (ahead - back) - (ahead2 - back2)) / (12 * step[j])
-        for i in range(max(0, j - k), min(model.n, j + k + 1)):
-            expected[i, j - i + k] = column[i]
-    size = np.abs(expected).max()
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * size)
 
 
 # ------------------------------------------------------------- inertia
@@ -225,22 +193,10 @@ def test_mass_is_the_volume_integral(dimension):
 
 
 @pytest.mark.parametrize("dimension", DIMENSIONS)
-def test_free_rod_falls_with_gravity(dimension):
-    model = ANCF(RING, 3, dimension=dimension, clamped=False)
-    a = model.acceleration(model.rest(), np.zeros(model.n))
-    x = nodal_vectors(model, a, 1)
-    world = [0, 2] if dimension == 2 else [0, 1, 2]
-    expected = np.zeros_like(x)
-    expected[:, 0] = np.array(RING.gravity)[world]
-    np.testing.assert_allclose(x, expected, atol=1e-9)
-
-
-@pytest.mark.parametrize("dimension", DIMENSIONS)
 def test_momentum_is_that_of_a_rigid_motion(dimension):
     """Rotation about the origin with angular velocity w: m w x c and inertia times w."""
     model = ANCF(RING, 3, dimension=dimension, clamped=False)
-    spin = np.array([0.0, 0.7, 0.0] if dimension == 2 else [0.3, 0.7, -1.1])
-    world = [0, 2] if dimension == 2 else [0, 1, 2]
+    world, spin = in_plane(dimension, np.array([0.3, 0.7, -1.1]))
     q = model.rest()
     x = np.zeros((4, dimension + 1, 3))
     x[..., world] = nodal_vectors(model, q, 1)
@@ -258,98 +214,31 @@ def test_momentum_is_that_of_a_rigid_motion(dimension):
 # ------------------------------------------------------------- points, loads and tendons
 
 
-def probe_model(dimension, follows=False):
-    stations = (0.0, 0.17, 0.25, 0.5)
-    loads = [
-        Load(f"load{k}", s, force=(1.0, 0.0, 0.5), moment=(0.0, 0.3, 0.0), follows=follows)
-        for k, s in enumerate(stations)
-    ]
-    tendons = (
-        Tendon("guided", (0.02, 0.0), 0.5, 0, 80.0, guides=(0.1, 0.25, 0.4)),
-        Tendon("short", (-0.02, 0.0), 0.31, 0, 80.0),
-        Tendon("long", (0.01, 0.0), 0.5, 0, 80.0),
-        Tendon("node", (0.01, 0.0), 0.125, 0, 80.0),
-    )
-    if dimension == 3:
-        tendons = tuple(replace(t, offset=(t.offset[0], 0.012)) for t in tendons)
-    return ANCF(replace(RING, tendons=tendons), 4, dimension=dimension, loads=loads)
-
-
 @pytest.mark.parametrize("dimension", DIMENSIONS)
-def test_points_are_the_shape_functions_and_forces_their_transpose(dimension):
-    model, d, length = probe_model(dimension), dimension, RING.length / 4
-    q = random_pose(model)
-    actuation = model.data.actuation
-
-    def locate(x):
-        out = np.empty((len(actuation.point_station), 3), x.dtype)
-        ancf_actuation.locate(model.data, x, out)
-        return out
-
-    vectors, found = nodal_vectors(model, q, 1), locate(q)
-    for at, offset, point in zip(
-        actuation.point_station, actuation.point_offset, found, strict=True
-    ):
+def test_points_are_the_shape_functions(dimension):
+    d, length = dimension, RING.length / 4
+    model = ANCF(RING, 4, dimension=d)
+    q, vectors = random_pose(model), nodal_vectors(model, random_pose(model), 1)
+    places, offsets = [0.0, 0.17, 0.25, 0.5], np.array([[0.02, 0.012]] * 4)
+    for at, offset, point in zip(places, offsets, model.positions(q, places, offsets), strict=True):
         e = min(int(at / length), 3)
         s = shapes([at - e * length, *offset[: d - 1]], length, d)
         expected = s @ vectors[e : e + 2].reshape(-1, d)
         np.testing.assert_allclose(point[[0, 2] if d == 2 else [0, 1, 2]], expected, atol=1e-14)
-    forces = np.random.default_rng(6).normal(size=found.shape)
-    if dimension == 2:
-        np.testing.assert_array_equal(found[:, 1], actuation.point_offset[:, 1])
-    work = np.zeros(model.n)
-    ancf_actuation.add_forces(model.data, q, forces, work)
-    expected = np.einsum("kin,ki->n", complex_gradient(locate, q), forces)
-    np.testing.assert_allclose(work, expected, atol=1e-13)
-
-
-@pytest.mark.parametrize("dimension", DIMENSIONS)
-def test_channel_length_is_that_of_a_fine_polygon(dimension):
-    model = probe_model(dimension)
-    q = model.rest() + (random_pose(model) - model.rest()) / 5
-    for tendon, found in list(zip(model.robot.tendons, model.tendon_length(q), strict=True))[1:]:
-        at = np.linspace(0, tendon.end, 4001)
-        points = model.positions(q, at, np.tile(tendon.offset, (len(at), 1)))
-        polygon = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
-        assert found == pytest.approx(polygon, rel=1e-6)
-
-
-@pytest.mark.parametrize("drive", ["tension", "length"])
-@pytest.mark.parametrize("dimension", DIMENSIONS)
-def test_equations_involve_the_promised_neighbours_only(dimension, drive):
-    """Guides at nodes 0, 2 and 5, the rest between nodes: blocks up to three apart couple."""
-    length, pieces = RING.length, 6
-    tendon = Tendon(
-        "t", (0.02, 0.0), length, 0, 80.0, guides=(length / 3, 5 / 6 * length), stiffness=1e3
-    )
-    model = ANCF(replace(RING, tendons=(tendon,)), pieces, dimension=dimension, drive=drive)
-    assert model.data.reach == (3 if drive == "tension" else pieces)
-    q, zero, u = random_pose(model), np.zeros(model.n), np.array([0.06])
-    u = u if drive == "length" else 100 * u
-    matrix = np.empty((model.n, model.n))
-    for j in range(model.n):
-        step = np.zeros(model.n)
-        step[j] = 1e-6 * model.data.scale[j]
-        moved = model.residual(q + step, zero, zero, u) - model.residual(q - step, zero, zero, u)
-        matrix[:, j] = moved / (2 * step[j])
-    block = np.arange(model.n) // model.data.block
-    apart = np.abs(block[:, None] - block)
-    assert not matrix[apart > model.data.reach].any()
-    assert np.abs(matrix[apart == 3]).max() > 1
+        assert d == 3 or point[1] == offset[1]
 
 
 @pytest.mark.parametrize("dimension", DIMENSIONS)
 def test_moments_do_work_on_the_rotation_of_the_section(dimension):
     model = ANCF(RING, 3, dimension=dimension, clamped=False, loads=[Load("m", 0.2)])
-    world = [0, 2] if dimension == 2 else [0, 1, 2]
-    spin = np.array([0.0, 0.7, 0.0] if dimension == 2 else [0.3, 0.7, -1.1])
+    world, spin = in_plane(dimension, np.array([0.3, 0.7, -1.1]))
     moment = np.array([0.2, -0.5, 0.9])
     q = random_pose(model)
     x = np.zeros((4, dimension + 1, 3))
     x[..., world] = nodal_vectors(model, q, 1)
     v = np.cross(spin, x)[..., world].ravel()
     force = np.zeros(model.n)
-    ancf_actuation.add_moments(model.data, q, moment[None], force)
+    dynamics.add_wrenches(model.data, q, np.zeros((1, 3)), moment[None], force)
     assert force @ v == pytest.approx(moment @ spin, rel=1e-12)
     # A deformation of the section without rotation takes no work.
     stretch = np.zeros((4, dimension + 1, dimension))
@@ -361,16 +250,16 @@ def test_moments_do_work_on_the_rotation_of_the_section(dimension):
 def test_load_axes_turn_with_the_section(dimension):
     model = ANCF(RING, 3, dimension=dimension, clamped=False, loads=[Load("m", 0.2)])
     axes = np.empty((1, 3, 3))
-    ancf_actuation.load_axes(model.data, model.rest(), axes)
+    dynamics.load_axes(model.data, model.rest(), axes)
     np.testing.assert_allclose(axes[0], np.eye(3), atol=1e-15)
-    turn = Rotation.from_rotvec([0.0, 1.3, 0.0] if dimension == 2 else [0.4, 1.3, -0.9])
-    world = [0, 2] if dimension == 2 else [0, 1, 2]
+    world, axis = in_plane(dimension, np.array([0.4, 1.3, -0.9]))
+    turn = Rotation.from_rotvec(axis)
     matrix = turn.as_matrix()[np.ix_(world, world)]
     q = (nodal_vectors(model, model.rest(), 1) @ matrix.T).ravel()
-    ancf_actuation.load_axes(model.data, q, axes)
+    dynamics.load_axes(model.data, q, axes)
     np.testing.assert_allclose(axes[0], turn.as_matrix(), atol=1e-14)
     # The axes stay orthonormal on a deformed section.
-    ancf_actuation.load_axes(model.data, random_pose(model), axes)
+    dynamics.load_axes(model.data, random_pose(model), axes)
     np.testing.assert_allclose(axes[0].T @ axes[0], np.eye(3), atol=1e-14)
     assert np.linalg.det(axes[0]) == pytest.approx(1, abs=1e-12)
 
@@ -417,40 +306,8 @@ def test_planar_and_spatial_model_agree_without_poisson_effect(follows):
     assert abs(tips[0][0]) > 0.05
 
 
-def test_spatial_model_treats_both_lateral_axes_alike():
-    tips = []
-    for gravity in ((-4.0, 0.0, 0.0), (0.0, -4.0, 0.0)):
-        model = ANCF(replace(RING, gravity=gravity), 4)
-        tips.append(model.tip(model.equilibrium(check_stability=False)))
-    np.testing.assert_allclose(tips[0], tips[1][[1, 0, 2]], atol=1e-10)
-
-
-@pytest.mark.parametrize("dimension", DIMENSIONS)
-def test_moment_about_y_bends_towards_x(dimension):
-    robot, moment = WEIGHTLESS["weak"], 1e-3
-    model = ANCF(robot, 4, dimension=dimension, loads=[Load("m", 0.5, moment=(0.0, moment, 0.0))])
-    q = model.equilibrium(np.ones(1), check_stability=False)
-    # A pure moment bends a cubic element exactly; large rotations enter at the second order.
-    kappa = moment / robot.bending_stiffness
-    curvature = model.curvature(q)
-    np.testing.assert_allclose(curvature[:, 1], kappa, rtol=2e-3)
-    np.testing.assert_allclose(curvature[:, [0, 2]], 0, atol=1e-9)
-    assert model.tip(q)[0] == pytest.approx(kappa * robot.length**2 / 2, rel=2e-3)
-
-
-@pytest.mark.parametrize("dimension", DIMENSIONS)
-def test_opposed_channels_bend_as_their_moment(dimension):
-    """A tension F at offset e bends by F e / EI; the compression it adds is small here."""
-    tendon = Tendon("t", (0.02, 0.0), 0.5, 0, 80.0)
-    robot = replace(WEIGHTLESS["weak"], tendons=(tendon,))
-    model = ANCF(robot, 4, dimension=dimension)
-    q = model.equilibrium(np.array([0.05]), check_stability=False)
-    kappa = 0.05 * 0.02 / robot.bending_stiffness
-    np.testing.assert_allclose(model.curvature(q)[:, 1], kappa, rtol=5e-3)
-
-
 def test_torsion_is_the_closed_form():
-    model = ANCF(WEIGHTLESS["weak"], 3, loads=[Load("m", 0.5, moment=(0.0, 0.0, 0.01))])
+    model = ANCF(WEIGHTLESS, 3, loads=[Load("m", 0.5, moment=(0.0, 0.0, 0.01))])
     twist = model.twist(model.equilibrium(np.ones(1), check_stability=False))
     # M L / GJ for small angles.
     assert twist == pytest.approx(0.01 * 0.5 / model.robot.torsional_stiffness, rel=1e-4)
@@ -462,7 +319,7 @@ def test_torsion_is_the_closed_form():
 
 @pytest.mark.parametrize(("poisson", "expected"), [(0.0, 6.938), (0.49, 5.684)])
 def test_torsional_frequency_converges_to_the_audits(poisson, expected):
-    robot = replace(WEIGHTLESS["weak"], poisson_ratio=poisson)
+    robot = replace(WEIGHTLESS, poisson_ratio=poisson)
     # Quarter wave: f = sqrt(GJ / (2 rho I)) / (4 L).
     inertia = 2 * robot.density * robot.second_moment
     exact = np.sqrt(robot.torsional_stiffness / inertia) / (4 * robot.length)
@@ -482,17 +339,6 @@ def test_torsional_frequency_converges_to_the_audits(poisson, expected):
     assert abs(errors[1]) < 1.1e-3
 
 
-def test_damping_is_proportional_to_stiffness_in_the_straight_pose():
-    model = ANCF(WEIGHTLESS["stiff"], 3)
-    space = model.linearize(model.start())
-    size = np.abs(space.stiffness).max()
-    mu = model.robot.damping_time
-    np.testing.assert_allclose(space.damping, mu * space.stiffness, atol=1e-13 * size)
-
-
-# ------------------------------------------------------------- interface
-
-
 # ---------------------------------------------------------------- locking
 
 
@@ -502,7 +348,7 @@ def test_damping_is_proportional_to_stiffness_in_the_straight_pose():
 )
 def test_slender_beams_lock_as_the_rule_says_and_warn(dimension, ratio, pieces, turn):
     """A moment bends to turn / (1 + share); the rule counts the bend that is left."""
-    robot = replace(WEIGHTLESS["weak"], outer_radius=0.5 * ratio, inner_radius=0.0)
+    robot = replace(WEIGHTLESS, outer_radius=0.5 * ratio, inner_radius=0.0)
     moment = turn * robot.bending_stiffness / 0.5
     load = Load("m", 0.5, moment=(0.0, moment, 0.0))
     model = ANCF(robot, pieces, dimension=dimension, loads=[load])
@@ -514,7 +360,7 @@ def test_slender_beams_lock_as_the_rule_says_and_warn(dimension, ratio, pieces, 
 
 
 def test_the_elements_that_the_warning_asks_for_do_not_lock():
-    robot = replace(WEIGHTLESS["weak"], outer_radius=0.005, inner_radius=0.0)
+    robot = replace(WEIGHTLESS, outer_radius=0.005, inner_radius=0.0)
     load = Load("m", 0.5, moment=(0.0, robot.bending_stiffness / 0.5, 0.0))
     with pytest.warns(LockingWarning, match="take 10 or more"):
         ANCF(robot, 6, dimension=2, loads=[load]).equilibrium([1.0])

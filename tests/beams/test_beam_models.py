@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 from softrobot_env.beams import signals
 from softrobot_env.beams.ancf import ANCF
@@ -99,28 +100,6 @@ def test_models_agree_in_space_under_a_force_and_a_moment():
     shear = np.linalg.norm(force) * LENGTH / shear_stiffness
     assert np.linalg.norm(found["cosserat"] - found["ancf"]) < 1e-3 * LENGTH
     assert worst(found) < shear + 1e-3 * LENGTH
-
-
-@pytest.mark.slow  # compiling all models takes a minute
-def test_moment_at_mid_length_bends_the_lower_half_only():
-    moment = 0.4
-    load = Load("load", LENGTH / 2, moment=(0.0, moment, 0.0))
-    angle = moment / WEIGHTLESS.bending_stiffness * LENGTH / 2
-    chord = LENGTH / 2 * np.sinc(angle / 2 / np.pi)
-    truth = chord * np.array([np.sin(angle / 2), 0, np.cos(angle / 2)])
-    truth += LENGTH / 2 * np.array([np.sin(angle), 0, np.cos(angle)])
-    for name, tip in tips(WEIGHTLESS, 16, [1.0], loads=(load,)).items():
-        assert np.linalg.norm(tip - truth) < 1.5e-3 * LENGTH, name
-
-
-@pytest.mark.slow  # compiling all models takes a minute
-def test_follower_moment_makes_the_same_circle_as_a_dead_one_in_the_plane():
-    bend = 2 * np.pi * 0.6 * WEIGHTLESS.bending_stiffness / LENGTH
-    for follows in (False, True):
-        load = Load("load", LENGTH, moment=(0.0, bend, 0.0), follows=follows)
-        model = PCC(WEIGHTLESS, 4, loads=(load,))
-        q = model.equilibrium([1.0], load_steps=5)
-        np.testing.assert_allclose(model.curvature(q)[:, 1], 2 * np.pi * 0.6 / LENGTH, rtol=1e-9)
 
 
 def bent_tip(pieces):
@@ -235,20 +214,6 @@ def falling(model, **options):
 
 @pytest.mark.filterwarnings("ignore::softrobot_env.beams.ancf.LockingWarning")
 @pytest.mark.parametrize("name", NAMES)
-def test_energy_of_an_undamped_fall_is_conserved(name):
-    model = model_of(name, replace(CANTILEVER_WEAK, damping_time=0.0), 3)
-    motion = falling(model, method="dormand_prince", tolerance=1e-9)
-    energy = [
-        model.kinetic_energy(q, v) + model.potential_energy(q)
-        for q, v in zip(motion.q, motion.v, strict=True)
-    ]
-    exchanged = max(model.kinetic_energy(q, v) for q, v in zip(motion.q, motion.v, strict=True))
-    assert exchanged > 1.0
-    assert np.ptp(energy) < 1e-5 * exchanged
-
-
-@pytest.mark.filterwarnings("ignore::softrobot_env.beams.ancf.LockingWarning")
-@pytest.mark.parametrize("name", NAMES)
 def test_scipy_solves_the_same_right_hand_side(name):
     model = model_of(name, CANTILEVER_WEAK, 2)
     start = model.start()
@@ -286,16 +251,6 @@ def test_models_fall_alike():
     assert np.max(np.linalg.norm(rod - ancf, axis=1)) < 0.2 * 12.7e-3 + 1e-3
 
 
-@pytest.mark.slow  # compiling the models takes long
-@pytest.mark.parametrize(("weight", "share"), [(1.0, 2e-3), (0.1, 1e-4)])
-def test_continuum_falls_like_a_rod_of_coefficient_1_while_strains_are_small(weight, share):
-    """The rest are the large strains' terms, of second order in the load."""
-    robot = replace(CANTILEVER_STIFF, gravity=(-9.81 * weight, 0.0, 0.0))
-    rod = limit_of_fall(lambda n: CosseratRod(robot, n, shear_coefficient=1.0))
-    ancf = limit_of_fall(lambda n: ANCF(robot, n, dimension=2))
-    assert np.max(np.linalg.norm(rod - ancf, axis=1)) < share * robot.length
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_linear_model_predicts_small_motions(name):
     model = model_of(name, WEIGHTLESS, 4, loads=(PUSH,))
@@ -310,8 +265,6 @@ def test_linear_model_predicts_small_motions(name):
     m = space.a.shape[0]
     augmented = np.zeros((m + 1, m + 1))
     augmented[:m, :m], augmented[:m, m:] = space.a, space.b * small
-    from scipy.linalg import expm
-
     flow, x = expm(augmented * 0.03), np.append(np.zeros(m), 1.0)
     predicted = [np.zeros(3)]
     for _ in motion.time[1:]:

@@ -8,52 +8,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from support.beam_kinds import STEP, derivative, state
 
-from softrobot_env.beams import mechanics
-from softrobot_env.beams.cosserat import GRIDS, CosseratRod
-from softrobot_env.beams.cosserat import actuation as cosserat_actuation
-from softrobot_env.beams.cosserat import dynamics as cosserat_dynamics
+from softrobot_env.beams.cosserat import GRIDS, CosseratRod, dynamics
 from softrobot_env.beams.numerics import quaternions
-from softrobot_env.beams.numerics.linearization import residual_derivatives
-from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, Tendon
+from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams, Tendon
 from softrobot_env.robots.loads import Load
 from studies.truths import analytic
+from studies.truths.analytic import Section, bent_rod
 from studies.truths.shearable_rod import bending_frequency
+from studies.truths.spatial_rod import SpatialSection, followed_rod, helix
 
-STEP = 1e-30
 WEIGHTLESS = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0))
 TWISTY = replace(WEIGHTLESS, poisson_ratio=0.49, gravity=(1.0, -2.0, 3.0))
 WEIGHTINGS = [1, 2, 3, 4, 5]
 
 
-def derivative(function, x, direction):
-    return np.imag(function(x + 1j * STEP * direction)) / STEP
-
-
-def jacobian(function, x):
-    return np.stack([derivative(function, x, e) for e in np.eye(len(x))], axis=-1)
-
-
-def filled(kernel, shape):
-    """Function of complex arguments around a kernel that fills its last argument."""
-
-    def function(data, *arguments):
-        out = np.zeros(shape, complex)
-        kernel(data, *(np.asarray(x, complex) for x in arguments), out)
-        return out
-
-    return function
-
-
-def shaken(model, seed=0, size=0.25, unit=True):
-    """A strongly deformed, moving state; quaternions normalised or not."""
-    rng = np.random.default_rng(seed)
-    n, blocks = model.n, slice(0, 7 * model.pieces)
-    q, v = model.rest(), rng.normal(size=n)
-    scale = np.tile([0.1 * model.data.spacing] * 3 + [size] * 4, model.pieces)
-    q[blocks] += scale * rng.normal(size=len(scale))
-    if unit:
-        cosserat_dynamics.project(model.data, q, v)
+def shaken(model):
+    """A strongly deformed, moving state of unit quaternions."""
+    q, v = state(model)
+    dynamics.project(model.data, q, v)
     return q, v
 
 
@@ -183,9 +157,7 @@ def test_damping_takes_its_power_from_the_strain_rates():
     d, robot = damped.data.spacing, TWISTY
 
     def strains(x):
-        kappa = cosserat_dynamics.curvatures(
-            cosserat_dynamics.sections(x, 4), -1, damped.data.cells, 5
-        )
+        kappa = dynamics.curvatures(dynamics.sections(x, 4), -1, damped.data.cells, 5)
         blocks = x.reshape(4, 7)
         edges = np.diff(np.vstack((np.zeros(3), blocks[:, :3])), axis=0) / d
         p = blocks[:, 3:] / np.sqrt((blocks[:, 3:] ** 2).sum(axis=1))[:, None]
@@ -202,28 +174,6 @@ def test_damping_takes_its_power_from_the_strain_rates():
     lengths = d * np.array([0.5, 1, 1, 1])
     expected = lengths @ rates[:4] ** 2 @ bending + d * (rates[4:] ** 2).sum(axis=0) @ stretching
     assert power == pytest.approx(robot.damping_time * expected, rel=1e-10)
-
-
-def test_a_thrown_rod_keeps_momentum_and_energy():
-    robot = replace(CANTILEVER_WEAK, damping_time=0.0)
-    model = CosseratRod(robot, 3, clamped=False)
-    q, v = model.rest(), np.zeros(model.n)
-    x = q[:21].reshape(3, 7)
-    v[:21].reshape(3, 7)[:, :3] = np.array([0.5, 0, 0]) + np.cross([0, 6, 4], x[:, :3])
-    v[:21].reshape(3, 7)[:, 3:] = 0, 0, 3, 2
-    v[21:] = 0.5, 0, 0
-    v[7:10] += 1, 2, 3
-    end = model.simulate(0.2, start=(q, v), method="rk4", step=5e-5).end
-    before, after = model.momentum(q, v), model.momentum(*end)
-    weight = robot.mass * np.array(robot.gravity)
-    np.testing.assert_allclose(after[:3], before[:3] + 0.2 * weight, rtol=1e-9, atol=1e-12)
-    # Gravity acts in the centre of mass, which flies on a parabola.
-    centre = robot.mass * np.array([0, 0, 0.25]) * 0.2 + before[:3] * 0.2**2 / 2
-    torque = np.cross(centre, robot.gravity)
-    np.testing.assert_allclose(after[3:], before[3:] + torque, rtol=1e-7, atol=1e-9)
-    total = [model.kinetic_energy(*s) + model.potential_energy(s[0]) for s in ((q, v), tuple(end))]
-    assert total[1] == pytest.approx(total[0], rel=1e-6)
-    assert model.potential_energy(end.q) != pytest.approx(0, abs=0.05 * total[0])
 
 
 # ---------------------------------------------------------------- quaternion norm
@@ -248,10 +198,10 @@ def test_the_norm_drifts_or_decays(rate):
 
 def test_projection_normalises_and_leaves_the_motion():
     model = CosseratRod(TWISTY, 3)
-    q, v = shaken(model, unit=False)
+    q, v = state(model)
     assert model.constraint_drift(q) > 0.01
     projected, velocity = q.copy(), v.copy()
-    cosserat_dynamics.project(model.data, projected, velocity)
+    dynamics.project(model.data, projected, velocity)
     assert model.constraint_drift(projected) < 1e-15
     blocks = projected.reshape(3, 7)[:, 3:], velocity.reshape(3, 7)[:, 3:]
     np.testing.assert_allclose((blocks[0] * blocks[1]).sum(axis=1), 0, atol=1e-14)
@@ -349,22 +299,11 @@ def test_following_axes_are_extrapolated_to_the_tip():
     axes = np.empty((1, 3, 3))
     errors = []
     for curvature in (1e-3, 1.0):
-        cosserat_actuation.load_axes(model.data, arc(model, curvature), axes)
+        dynamics.load_axes(model.data, arc(model, curvature), axes)
         np.testing.assert_allclose(axes[0] @ axes[0].T, np.eye(3), atol=1e-14)
         errors.append(abs(np.arctan2(axes[0, 0, 2], axes[0, 0, 0]) - 0.5 * curvature))
     assert errors[0] < 1e-9
     assert errors[1] < 1e-4  # third order of the half segment's angle, 0.05
-
-
-def channelled(ends, offsets):
-    tendons = tuple(
-        Tendon(f"t{k}", offset, end, 0, 100.0)
-        for k, (end, offset) in enumerate(zip(ends, offsets, strict=True))
-    )
-    return replace(WEIGHTLESS, tendons=tendons)
-
-
-CHANNELS = channelled([0.5, 0.3, 0.21, 0.03], [(0.02, 0.01), (0.0, 0.02), (-0.01, 0.02), (0.02, 0)])
 
 
 @pytest.mark.parametrize("grid", GRIDS)
@@ -372,7 +311,8 @@ def test_channels_shorten_on_the_inner_side_of_a_bend(grid):
     ends = np.array([0.03, 0.125, 0.2, 0.4375])
     if grid == "middles":
         ends[-1] = 0.5  # the whole rod bends
-    robot = channelled(ends, [(0.02, 0.01)] * 4)
+    tendons = (Tendon(f"t{k}", (0.02, 0.01), end, 0, 100.0) for k, end in enumerate(ends))
+    robot = replace(WEIGHTLESS, tendons=tuple(tendons))
     model = CosseratRod(robot, 4, grid=grid)
     np.testing.assert_allclose(model.tendon_length(model.rest()), ends, rtol=1e-14)
     np.testing.assert_allclose(model.tendon_length(arc(model, 3.0)), ends * (1 - 0.06), rtol=1e-13)
@@ -384,77 +324,25 @@ def test_channels_shorten_on_the_inner_side_of_a_bend(grid):
 @pytest.mark.parametrize(
     ("grid", "part"), [("middles", [1, 1, 1, 1, 0, 0]), ("thesis", [1, 1, 1, 1, 0.5, 0])]
 )
-def test_a_tendon_bends_to_constant_curvature(grid, part):
+def test_a_tendon_bends_up_to_its_end(grid, part):
+    """It ends at the fourth vertex of the thesis' grid, whose cell is half inside."""
     model = CosseratRod(ARM, grid=grid)
-    u = np.zeros(6)
-    u[4] = 20.0
-    q = model.equilibrium(u)
-    curvature = 20 * 0.025 / ARM.bending_stiffness
-    np.testing.assert_allclose(model.curvature(q)[:, 1], curvature, rtol=1e-9)
     q = model.equilibrium(np.array([0, 0, 20.0, 0, 0, 0]))
-    # The tendon ends at the fourth vertex of the thesis' grid, whose cell is half inside.
-    found = model.vertex_curvature(q)[:, 1] / curvature
-    np.testing.assert_allclose(found, part, atol=1e-9)
-
-
-def disc(tendon, distance):
-    guides = np.arange(distance, tendon.end - distance / 2, distance)
-    return replace(tendon, guides=tuple(float(x) for x in guides))
+    curvature = 20 * 0.025 / ARM.bending_stiffness
+    np.testing.assert_allclose(model.vertex_curvature(q)[:, 1] / curvature, part, atol=1e-9)
 
 
 @pytest.mark.parametrize("grid", GRIDS)
 def test_discs_at_the_tip_bend_the_last_piece_as_the_others(grid):
     """Within a hundredth of constant curvature; a hinge between discs has the longer lever arm."""
-    robot = replace(ARM, tendons=tuple(disc(t, 0.5 / 12) for t in ARM.tendons[4:]))
+    guides = tuple((0.5 / 12 * np.arange(1, 12)).tolist())
+    robot = replace(ARM, tendons=tuple(replace(t, guides=guides) for t in ARM.tendons[4:]))
     model = CosseratRod(robot, 12, grid=grid)
     q = model.equilibrium(np.array([5.0, 0.0]))
     curvature = model.vertex_curvature(q)[:, 1]
     truth = 5 * 0.025 / ARM.bending_stiffness
     truth += 5 * truth * (0.5 / 12) ** 2 / 12 / ARM.bending_stiffness  # the chord's lever arm
     np.testing.assert_allclose(curvature[1:], truth, rtol=0.01)
-
-
-@pytest.mark.parametrize(
-    ("robot", "options"),
-    [
-        (WEIGHTLESS, {}),
-        (WEIGHTLESS, {"clamped": False}),
-        (WEIGHTLESS, {"moments": "printed", "weighting": 2, "baumgarte": 10.0}),
-        (
-            WEIGHTLESS,
-            {"loads": [Load("f", 0.29, force=(1, 2, 3), moment=(0.1, 0.2, 0.3), follows=True)]},
-        ),
-        (CHANNELS, {}),
-        (replace(ARM, tendons=tuple(disc(t, 0.13) for t in ARM.tendons)), {}),
-        (replace(ARM, tendons=tuple(replace(t, stiffness=1e3) for t in ARM.tendons)), {"drive": 1}),
-    ],
-    ids=["plain", "free", "printed", "follower", "channels", "discs", "length"],
-)
-def test_the_iteration_matrix_reaches_far_enough(robot, options):
-    options = {k: "length" if k == "drive" else v for k, v in options.items()}
-    model = CosseratRod(robot, 8, **options)
-    q, v = shaken(model, size=0.05)
-    n, width, data = model.n, mechanics.bandwidth(model.data), model.data
-    a, u = 10 * v, (0.005 if model.drive == "length" else 3.0) * np.arange(1.0, model.n_inputs + 1)
-    by_q, by_v, by_a = np.empty((3, n, n))
-    residual_derivatives(data, q, v, a, u, by_q, by_v, by_a)
-    # Column by column, without any knowledge of the reach.
-    exact = jacobian(
-        lambda x: filled(mechanics.residual, n)(data, x, v + 7 * (x - q), a + 30 * (x - q), u), q
-    )
-    size = np.abs(exact).max()
-    np.testing.assert_allclose(by_q + 7 * by_v + 30 * by_a, exact, atol=1e-13 * size)
-    matrix = np.empty((n, 3 * width + 1))
-    mechanics.iteration_matrix(data, q, v, a, u, 7.0, 30.0, matrix)
-    found = np.zeros((n, n))
-    for i in range(n):
-        for j in range(max(0, i - width), min(n, i + width + 1)):
-            found[i, j] = matrix[i, j - i + width]
-    block = np.arange(n) // 7
-    distance = np.abs(block[:, None] - block)
-    assert not np.any(exact[distance > data.reach])
-    assert np.any(exact[distance == min(data.reach, block[-1])])
-    np.testing.assert_allclose(found, exact, rtol=1e-5, atol=1e-6 * np.abs(exact).max())
 
 
 # ---------------------------------------------------------------- convergence and the audit
@@ -507,17 +395,155 @@ def test_small_deflections_converge_to_timoshenkos():
     assert (4 * fine - coarse) / 3 == pytest.approx(expected, rel=1e-6)
 
 
-def test_tip_moment_bends_to_a_circle_with_second_order():
-    turn = np.pi
-    load = Load("m", 0.5, moment=(0.0, turn * WEIGHTLESS.bending_stiffness / 0.5, 0.0))
-    x, z = analytic.arc_tip(0.5, turn / 0.5)
-    errors = []
-    for pieces in (6, 12, 24):
-        model = CosseratRod(WEIGHTLESS, pieces, loads=[load])
-        q = model.equilibrium([1.0], load_steps=10, check_stability=False)
-        np.testing.assert_allclose(model.curvature(q)[:, 1], turn / 0.5, rtol=1e-9)
-        errors.append(np.linalg.norm(model.tip(q) - [x, 0, z]))
-    np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 4, rtol=0.03)
+# ---------------------------------------------------------------- slender rods
+
+# Loads that follow the sections have one equilibrium only, which `spatial_rod.followed_rod` finds
+# without solving an equation.
+
+LENGTH = 0.5
+RATIOS = (0.05, 0.005, 0.0005)
+PIECES = (12, 25, 50, 100)
 
 
-# ---------------------------------------------------------------- arguments
+def slender(ratio: float) -> RobotParams:
+    """A weightless rod of solid section, its radius this share of its length."""
+    return replace(
+        CANTILEVER_STIFF,
+        length=LENGTH,
+        outer_radius=ratio * LENGTH,
+        inner_radius=0.0,
+        youngs_modulus=7e7,
+        poisson_ratio=0.4,
+        gravity=(0.0, 0.0, 0.0),
+    )
+
+
+def stiffness(robot: RobotParams) -> SpatialSection:
+    shear = 0.75 * robot.youngs_modulus / 2 / (1 + robot.poisson_ratio) * robot.area
+    axial = robot.youngs_modulus * robot.area
+    return SpatialSection(robot.bending_stiffness, robot.torsional_stiffness, shear, axial)
+
+
+def wrench(rng, name, station, robot, follows):
+    """Random direction; up to 5 EI / L^2 and 4 EI / L, which bends by more than a half turn."""
+    unit = robot.bending_stiffness / LENGTH
+    force, moment = rng.normal(size=(2, 3))
+    force *= rng.uniform(0, 5) * unit / LENGTH / np.linalg.norm(force)
+    moment *= rng.uniform(0, 4) * unit / np.linalg.norm(moment)
+    return Load(name, station, tuple(force), tuple(moment), follows=follows)
+
+
+def random_case(rng):
+    """A rod of any slenderness under a wrench at the tip and one in between."""
+    robot = slender(10 ** rng.uniform(np.log10(5e-4), np.log10(0.05)))
+    mid = rng.uniform(0.3, 0.9) * LENGTH
+    places = (("tip", LENGTH), ("mid", mid))
+    return robot, [wrench(rng, name, s, robot, rng.random() < 0.3) for name, s in places]
+
+
+def tip_of(robot, pieces, loads):
+    model = CosseratRod(robot, pieces, loads=loads)
+    return model.tip(model.equilibrium(np.ones(len(loads)), check_stability=False))
+
+
+def unsolved(count, pieces, seed):
+    """Random cases without an equilibrium, with what was said; it must then be true."""
+    rng, found = np.random.default_rng(seed), []
+    for index in range(count):
+        robot, loads = random_case(rng)
+        try:
+            assert np.all(np.isfinite(tip_of(robot, pieces, loads)))
+        except Exception as error:
+            found.append((index, str(error)))
+    return found
+
+
+@pytest.mark.parametrize("pieces", PIECES)
+def test_random_wrenches_are_solved_at_any_slenderness(pieces):
+    assert not unsolved(12, pieces, seed=101)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pieces", PIECES)
+def test_two_hundred_random_wrenches_are_solved(pieces):
+    assert not unsolved(200, pieces, seed=0)
+
+
+@pytest.mark.parametrize("ratio", RATIOS)
+def test_wrenches_in_space_give_the_exact_tip(ratio):
+    rng, robot = np.random.default_rng(3), slender(ratio)
+    for _ in range(4):
+        loads = [wrench(rng, "tip", LENGTH, robot, True)]
+        truth = followed_rod(LENGTH, stiffness(robot), loads, [LENGTH]).tip
+        coarse, fine = (np.linalg.norm(tip_of(robot, n, loads) - truth) for n in (25, 50))
+        assert fine < 1e-3 * LENGTH
+        assert coarse / fine == pytest.approx(4, rel=0.15)
+
+
+@pytest.mark.parametrize("ratio", RATIOS)
+@pytest.mark.parametrize("follows", [False, True])
+def test_a_moment_and_torsion_make_the_exact_helix(ratio, follows):
+    robot = slender(ratio)
+    moment = np.array([2.0, 4.0, -3.0]) * robot.bending_stiffness / LENGTH
+    truth = helix(LENGTH, stiffness(robot), moment, [LENGTH], follows).tip
+    load = Load("m", LENGTH, moment=tuple(moment), follows=follows)
+    assert np.linalg.norm(tip_of(robot, 50, [load]) - truth) < 1e-3 * LENGTH
+
+
+@pytest.mark.parametrize("ratio", RATIOS)
+@pytest.mark.parametrize("follows", [False, True])
+def test_a_moment_closes_the_circle(ratio, follows):
+    """The closed polygon of the segments returns to the clamp as the circle does."""
+    robot = slender(ratio)
+    moment = 2 * np.pi * robot.bending_stiffness / LENGTH
+    load = Load("m", LENGTH, moment=(0.0, moment, 0.0), follows=follows)
+    model = CosseratRod(robot, 50, loads=[load])
+    q = model.equilibrium([1.0])
+    assert np.linalg.norm(model.tip(q)) < 1e-6 * LENGTH
+    top = model.positions(q, [LENGTH / 2])[0]
+    assert np.linalg.norm(top - [LENGTH / np.pi, 0, 0]) < 1e-3 * LENGTH
+
+
+@pytest.mark.parametrize("ratio", RATIOS)
+def test_a_force_bends_to_the_elastica(ratio):
+    robot = slender(ratio)
+    unit, exact = robot.bending_stiffness / LENGTH**2, stiffness(robot)
+    dead = (5.0 * unit, 0.0, -3.0 * unit)
+    section = Section(exact.bending, exact.shear, exact.axial)
+    truth = bent_rod(LENGTH, section, force=(dead[0], dead[2])).tip
+    found = tip_of(robot, 50, [Load("f", LENGTH, force=dead)])
+    assert np.linalg.norm(found[[0, 2]] - truth) < 1e-3 * LENGTH
+    follower = Load("f", LENGTH, force=(5.0 * unit, 0.0, 0.0), follows=True)
+    truth = followed_rod(LENGTH, exact, [follower], [LENGTH]).tip
+    assert np.linalg.norm(tip_of(robot, 50, [follower]) - truth) < 1e-3 * LENGTH
+
+
+def test_steps_of_newtons_method_change_strains_as_they_say():
+    """`moved` is the sum to first order, and the strains it leaves are linear in the step."""
+    model = CosseratRod(slender(0.01), 5)
+    rng = np.random.default_rng(2)
+    q = model.moved(model.rest(), 0.3 * rng.normal(size=model.n))
+    change = rng.normal(size=model.n)
+    blocks = change.reshape(5, 7)[:, 3:]
+    blocks -= (blocks * q.reshape(5, 7)[:, 3:]).sum(axis=1)[:, None] * q.reshape(5, 7)[:, 3:]
+    small = 1e-5
+    np.testing.assert_allclose(model.moved(q, small * change), q + small * change, atol=1e-8)
+
+    def stretch(x):
+        places = np.vstack([np.zeros(3), x.reshape(5, 7)[:, :3]])
+        return np.linalg.norm(np.diff(places, axis=0), axis=1)
+
+    assert model.constraint_drift(model.moved(q, change)) < 1e-14
+    bend = np.zeros((5, 7))
+    bend[:, 5] = 0.2 * np.arange(1, 6)  # quaternions turn about y, the vertices follow
+    bend[:, 0] = 2 * np.cumsum(model.data.segments * bend[:, 5])
+    bent = model.moved(model.rest(), bend.ravel())
+    assert bent[-7] > 0.2 * LENGTH
+    np.testing.assert_allclose(stretch(bent), model.data.segments, rtol=1e-14)
+
+
+def test_a_rod_that_nothing_holds_has_no_equilibrium():
+    load = Load("f", LENGTH, force=(1e-3, 0.0, 0.0))
+    model = CosseratRod(slender(0.01), 4, loads=[load], clamped=False)
+    with pytest.raises(RuntimeError, match=r"nothing holds the robot|no equilibrium"):
+        model.equilibrium([1.0])

@@ -4,156 +4,42 @@ Derivatives for comparison are taken by complex steps through the kernels.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pytest
 from scipy.linalg import eigvals
+from support.beam_kinds import (
+    CONTINUA,
+    FREE,
+    KERNELS,
+    KINDS,
+    PCCS,
+    ROBOT,
+    SLOW,
+    Kind,
+    derivative,
+    filled,
+    gradient,
+    law,
+    state,
+)
 
 from softrobot_env.beams import mechanics
 from softrobot_env.beams.ancf import ANCF
-from softrobot_env.beams.ancf import actuation as ancf_actuation
-from softrobot_env.beams.ancf import elements as ancf_dynamics
-from softrobot_env.beams.cosserat import CosseratRod
-from softrobot_env.beams.cosserat import actuation as cosserat_actuation
+from softrobot_env.beams.cosserat import GRIDS, CosseratRod
 from softrobot_env.beams.cosserat import dynamics as cosserat_dynamics
 from softrobot_env.beams.model import _potential
+from softrobot_env.beams.numerics.linearization import residual_derivatives
 from softrobot_env.beams.pcc import PCC
-from softrobot_env.beams.pcc import actuation as pcc_actuation
-from softrobot_env.beams.pcc import dynamics as pcc_dynamics
-from softrobot_env.robots import CANTILEVER_STIFF, CANTILEVER_WEAK, Tendon
+from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, Tendon
 from softrobot_env.robots.loads import Load
+from studies.truths.analytic import arc_tip
 
-STEP = 1e-30
-KERNELS = {
-    PCC: (pcc_dynamics, pcc_actuation),
-    CosseratRod: (cosserat_dynamics, cosserat_actuation),
-    ANCF: (ancf_dynamics, ancf_actuation),
-}
-ROBOT = replace(
-    CANTILEVER_WEAK,
-    poisson_ratio=0.3,
-    gravity=(-9.0, 2.0, 3.0),
-    damping_time=0.01,
-    tendons=(
-        Tendon("whole", (0.02, 0.01), 0.5, 0, 50.0),
-        Tendon("part", (-0.01, 0.02), 0.41, 0, 50.0),
-        Tendon("short", (0.02, 0.0), 0.03, 0, 50.0),
-        Tendon("guided", (0.0, 0.025), 0.45, 0, 50.0, (0.1, 0.2, 1 / 3)),
-    ),
-)
-LOADS = (
-    Load("tip", 0.5, (0.3, -0.2, 0.5), (0.02, 0.01, -0.03)),
-    Load("inner", 0.23, (-0.4, 0.1, 0.2), (0.01, -0.02, 0.02), follows=True),
-    Load("base", 0.0, (1.0, 2.0, 3.0)),
-)
-#: Bodies inside and at the ends of the pieces, none with equal moments of inertia.
-BODIES = (
-    (0.05, 0.3, (4e-4, 2e-4, 3e-4)),
-    (0.25, 0.2, (1e-4, 3e-4, 2e-4)),
-    (0.31, 0.4, (3e-4, 1e-4, 5e-4)),
-    (0.5, 0.1, (2e-4, 6e-4, 1e-4)),
-)
-#: Parts of forces and moments that a kind of model has.
-KEPT = {"planar": ((1, 0, 1), (0, 1, 0)), "spatial": ((1, 1, 1), (1, 1, 0))}
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A kind of model: class, pieces, options, and directions out of `KEPT` if it lacks some."""
-
-    model: type
-    pieces: int
-    options: dict = field(default_factory=dict)
-    directions: str = ""
-
-    def __str__(self):
-        return " ".join(
-            [self.model.__name__, str(self.pieces), *map(_short, self.options.values())]
-        )
-
-    def made(self, robot=ROBOT, loads=LOADS):
-        """The model of what a robot and loads have in its directions."""
-        force, moment = KEPT.get(self.directions, ((1, 1, 1), (1, 1, 1)))
-        if self.directions == "planar":
-            tendons = tuple(replace(t, offset=(t.offset[0], 0.0)) for t in robot.tendons)
-            gravity = tuple(np.multiply(robot.gravity, force))
-            robot = replace(robot, tendons=tendons, gravity=gravity)
-        within = [
-            replace(x, force=tuple(np.multiply(x.force, force)), moment=_times(x.moment, moment))
-            for x in loads
-        ]
-        return self.model(robot, self.pieces, loads=within, **self.options)
-
-
-def _times(a, b):
-    return tuple(np.multiply(a, b))
-
-
-def _short(value):
-    return value if isinstance(value, str) else "bodies" if isinstance(value, tuple) else str(value)
-
-
-SLOW = pytest.mark.slow  # compiling the continuum takes long
-PLANAR, FREE = {"axes": "planar"}, {"clamped": False}
-PCCS = [
-    Kind(PCC, 3, PLANAR, "planar"),
-    Kind(PCC, 3, {"axes": "spatial"}, "spatial"),
-    Kind(PCC, 3, {"axes": "torsion"}),
-    Kind(PCC, 3, {"axes": "spatial", "inertia": "distributed"}, "spatial"),
-    Kind(PCC, 3, {"axes": "torsion", "inertia": BODIES}),
-]
-RODS = [
-    Kind(CosseratRod, 4),
-    Kind(CosseratRod, 1),
-    Kind(CosseratRod, 4, {"grid": "thesis"}),
-    Kind(CosseratRod, 4, FREE),
-    *(Kind(CosseratRod, 4, {"weighting": k}) for k in (1, 2, 3, 4)),
-    Kind(CosseratRod, 4, {"grid": "thesis", "weighting": 1, "moments": "printed"}),
-]
-CONTINUA = [
-    pytest.param(
-        Kind(ANCF, pieces, {"dimension": d, "quadrature": rule} | more, directions), marks=SLOW
-    )
-    for d, directions in ((2, "planar"), (3, ""))
-    for pieces, rule, more in ((4, "exact", {}), (3, 3, {}), (3, "exact", FREE), (1, "exact", {}))
-]
-KINDS = [*PCCS, *RODS, *CONTINUA]
-law = pytest.mark.parametrize("kind", KINDS, ids=str)
 pytestmark = pytest.mark.filterwarnings("ignore::softrobot_env.beams.ancf.LockingWarning")
 
-
-def state(model, seed=7):
-    """A strongly deformed, moving state; quaternions are not normalised."""
-    rng = np.random.default_rng(seed)
-    if isinstance(model, PCC):  # pieces turn by up to about 90 degrees
-        return rng.normal(scale=5.0, size=model.n), rng.normal(scale=20.0, size=model.n)
-    if isinstance(model, ANCF):
-        unit = np.where(model.data.scale < 1, 0.1, 1.0)  # scale is the length, or 1 of a gradient
-        return model.rest() + 0.05 * unit * rng.normal(size=model.n), rng.normal(size=model.n)
-    q, scale = model.rest(), [0.1 * model.data.spacing] * 3 + [0.25] * 4
-    q[: 7 * model.pieces] += np.tile(scale, model.pieces) * rng.normal(size=7 * model.pieces)
-    return q, rng.normal(size=model.n)
-
-
-def derivative(function, x, direction):
-    return np.imag(function(x + 1j * STEP * direction)) / STEP
-
-
-def gradient(function, x):
-    """(n, ...) of a function of x (n,)."""
-    return np.stack([derivative(function, x, e) for e in np.eye(len(x))])
-
-
-def filled(kernel, data, *shape):
-    """A function around a kernel that fills its last argument."""
-
-    def function(*arguments):
-        out = np.zeros(shape, complex)
-        kernel(data, *(np.asarray(x, complex) for x in arguments), out)
-        return out
-
-    return function
+WEIGHTLESS = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize("kind", [*KINDS, Kind(CosseratRod, 3, FREE | {"baumgarte": 5.0})], ids=str)
@@ -210,7 +96,7 @@ def test_gravity_alone_changes_the_momentum_of_a_free_rod(kind):
     if isinstance(model, CosseratRod):
         cosserat_dynamics.project(model.data, q, v)
     n, a = model.n, model.acceleration(q, v)
-    momentum = filled(KERNELS[kind.model][0].momentum, model.data, 6)
+    momentum = filled(KERNELS[kind.model].momentum, model.data, 6)
     rate = derivative(lambda x: momentum(x[:n], x[n:]), np.append(q, v), np.append(v, a))
     moment = momentum(q, q).real[:3]  # the first one of the mass: places move as places are
     weight, internal = np.array(model.robot.gravity), np.abs(a).max() * ROBOT.mass
@@ -221,11 +107,11 @@ def test_gravity_alone_changes_the_momentum_of_a_free_rod(kind):
 @law
 def test_forces_on_points_are_the_transpose_of_their_motion(kind):
     model = kind.made()
-    kernels, places = KERNELS[kind.model][1], np.array([0.0, 0.03, 0.125, 0.2, 0.3, 0.41, 0.5])
+    kernels, places = KERNELS[kind.model], np.array([0.0, 0.03, 0.125, 0.2, 0.3, 0.41, 0.5])
     sides = np.array([[0.02, -0.01]] * 3 + [[0.0, 0.0]] + [[0.01, 0.03]] * 3)
     data, (q, _) = model.probe(places, sides), state(model)
     forces, found = np.random.default_rng(3).normal(size=(7, 3)), np.ones(model.n)
-    kernels.add_forces(data, q, forces, found)  # it adds
+    kernels.add_wrenches(data, q, forces, np.empty((0, 3)), found)  # it adds
     moves = gradient(filled(kernels.locate, data, 7, 3), q)
     np.testing.assert_allclose(found - 1, np.einsum("nki,ki->n", moves, forces), atol=1e-13)
 
@@ -233,13 +119,151 @@ def test_forces_on_points_are_the_transpose_of_their_motion(kind):
 @law
 def test_channels_pull_along_the_slope_of_their_lengths(kind):
     model = kind.made()
-    kernels, (q, _) = KERNELS[kind.model][1], state(model)
+    kernels, (q, _) = KERNELS[kind.model], state(model)
     tension, found = np.array([3.0, 7.0, 2.0]), np.ones(model.n)
     kernels.add_channel_forces(model.data, q, tension, found)
     slope = gradient(filled(kernels.channel_lengths, model.data, 3), q)
     np.testing.assert_allclose(1 - found, slope @ tension, atol=1e-12)
     straight = [t.end for t in ROBOT.tendons]
     np.testing.assert_allclose(model.tendon_length(model.rest())[:3], straight[:3], rtol=1e-14)
+
+
+@pytest.mark.parametrize("kind", [*PCCS, *CONTINUA], ids=str)
+def test_channels_are_as_long_as_polygons_through_their_points(kind):
+    model = kind.made()
+    q, _ = state(model, size=0.2)
+    tendons = model.robot.tendons[:3]
+    for found, tendon in zip(model.tendon_length(q)[:3], tendons, strict=True):
+        at = np.unique([*np.linspace(0, tendon.end, 3001), *model.edges])
+        at = at[at <= tendon.end]
+        points = model.positions(q, at, np.tile(tendon.offset, (len(at), 1)))
+        polygon = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+        assert found == pytest.approx(polygon, rel=1e-6)
+
+
+# ---------------------------------------------------------------- reach of the equations
+
+
+def channelled(*ends, **options):
+    places = [(0.02, 0.01), (0.0, 0.02), (-0.01, 0.02), (0.02, 0.0)]
+    tendons = (
+        Tendon(f"t{k}", offset, end, 0, 100.0, **options)
+        for k, (end, offset) in enumerate(zip(ends, places, strict=False))
+    )
+    return replace(WEIGHTLESS, tendons=tuple(tendons))
+
+
+def guided(tendon, distance):
+    guides = np.arange(distance, tendon.end - distance / 2, distance)
+    return replace(tendon, guides=tuple(guides.tolist()))
+
+
+FOLLOWER = Load("f", 0.29, force=(1, 2, 3), moment=(0.1, 0.2, 0.3), follows=True)
+RING = replace(ARM, name="ring", poisson_ratio=0.3, gravity=(-9.81, 0.0, 2.0), tendons=())
+#: Guides at nodes 0, 2 and 5 of six elements: blocks up to three apart couple.
+WIDE = Tendon("t", (0.02, 0.0), 0.5, 0, 80.0, guides=(0.5 / 3, 2.5 / 6), stiffness=1e3)
+DISCS = replace(ARM, tendons=tuple(guided(t, 0.13) for t in ARM.tendons))
+REACHING = {
+    "plain": (CosseratRod, 8, WEIGHTLESS, {}),
+    "free": (CosseratRod, 8, WEIGHTLESS, FREE),
+    "printed": (
+        CosseratRod,
+        8,
+        WEIGHTLESS,
+        {"moments": "printed", "weighting": 2, "baumgarte": 10.0},
+    ),
+    "follower": (CosseratRod, 8, WEIGHTLESS, {"loads": [FOLLOWER]}),
+    "channels": (CosseratRod, 8, channelled(0.5, 0.3, 0.21, 0.03), {}),
+    "discs": (
+        CosseratRod,
+        8,
+        replace(ARM, tendons=tuple(guided(t, 0.13) for t in ARM.tendons)),
+        {},
+    ),
+    "length": (CosseratRod, 8, channelled(0.5, 0.3, stiffness=1e3), {"drive": "length"}),
+} | {
+    f"ancf {name} {d}": (ANCF, pieces, robot, options | {"dimension": d})
+    for d in (2, 3)
+    for name, pieces, robot, options in (
+        ("exact", 3, RING, {}),
+        ("free", 3, RING, FREE | {"quadrature": 3}),
+        ("discs", 6, replace(RING, tendons=(WIDE,)), {}),
+        ("length", 6, replace(RING, tendons=(WIDE,)), {"drive": "length"}),
+    )
+}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=SLOW if "ancf" in n else ()) for n in REACHING]
+)
+def test_the_iteration_matrix_is_the_derivative_and_reaches_far_enough(name):
+    make, pieces, robot, options = REACHING[name]
+    model = make(robot, pieces, **options)
+    (q, v), n, data = state(model, size=0.2), model.n, model.data
+    a, u = 10 * v, (0.005 if model.drive == "length" else 3.0) * np.arange(1.0, model.n_inputs + 1)
+    by_q, by_v, by_a = np.empty((3, n, n))
+    residual_derivatives(data, q, v, a, u, by_q, by_v, by_a)
+    # Column by column, without any knowledge of the reach.
+    missing = filled(mechanics.residual, data, n)
+    exact = gradient(lambda x: missing(x, v + 7 * (x - q), a + 30 * (x - q), u), q).T
+    size = np.abs(exact).max()
+    np.testing.assert_allclose(by_q + 7 * by_v + 30 * by_a, exact, atol=1e-13 * size)
+    width = mechanics.bandwidth(data)
+    matrix, found = np.empty((n, 3 * width + 1)), np.zeros((n, n))
+    mechanics.iteration_matrix(data, q, v, a, u, 7.0, 30.0, matrix)
+    for i in range(n):
+        for j in range(max(0, i - width), min(n, i + width + 1)):
+            found[i, j] = matrix[i, j - i + width]
+    block = np.arange(n) // data.block
+    distance = np.abs(block[:, None] - block)
+    assert not np.any(exact[distance > data.reach])
+    assert np.any(exact[distance == min(data.reach, block[-1])])
+    # A continuum knows the derivative of its own forces, others are differences.
+    within = 1e-11 if make is ANCF and not model.n_inputs else 1e-6
+    np.testing.assert_allclose(found, exact, rtol=10 * within, atol=within * size)
+
+
+# ---------------------------------------------------------------- statics in closed form
+
+
+@pytest.mark.parametrize(
+    ("make", "within"),
+    [
+        *((partial(PCC, axes=axes), 1e-9) for axes in ("planar", "spatial", "torsion")),
+        *((partial(CosseratRod, grid=grid), 1e-9) for grid in GRIDS),
+        *(pytest.param(partial(ANCF, dimension=d), 5e-3, marks=SLOW) for d in (2, 3)),
+    ],
+)
+def test_a_tendon_bends_towards_it_to_constant_curvature(make, within):
+    """A tension F at the offset e bends by F e / EI; the compression it adds is small."""
+    tendon = Tendon("t", (0.02, 0.0), 0.5, 0, 80.0)
+    model = make(replace(WEIGHTLESS, tendons=(tendon,)), 4)
+    q = model.equilibrium([0.05], check_stability=False)
+    kappa = 0.05 * 0.02 / WEIGHTLESS.bending_stiffness
+    np.testing.assert_allclose(model.curvature(q)[:, 1], kappa, rtol=within)
+    np.testing.assert_allclose(model.curvature(q)[:, [0, 2]], 0, atol=1e-9)
+    assert model.tip(q)[0] == pytest.approx(kappa * 0.5**2 / 2, rel=0.05)
+
+
+@pytest.mark.parametrize("follows", [False, True])
+@pytest.mark.parametrize(
+    ("make", "pieces", "turns", "within"),
+    [
+        (PCC, 1, 1.7, 1e-9),
+        (PCC, 4, 0.5, 1e-9),
+        (CosseratRod, 6, 0.5, 1e-9),
+        *(pytest.param(partial(ANCF, dimension=d), 4, 1e-3, 2e-3, marks=SLOW) for d in (2, 3)),
+    ],
+)
+def test_a_tip_moment_bends_to_a_circle(make, pieces, turns, within, follows):
+    bend = 2 * np.pi * turns / 0.5
+    load = Load("m", 0.5, moment=(0.0, bend * WEIGHTLESS.bending_stiffness, 0.0), follows=follows)
+    model = make(WEIGHTLESS, pieces, loads=[load])
+    q = model.equilibrium([1.0], load_steps=10, check_stability=False)
+    np.testing.assert_allclose(model.curvature(q)[:, 1], bend, rtol=within)
+    np.testing.assert_allclose(model.curvature(q)[:, [0, 2]], 0, atol=1e-9)
+    if make is PCC:
+        np.testing.assert_allclose(model.tip(q)[[0, 2]], arc_tip(0.5, bend), atol=1e-9)
 
 
 # ---------------------------------------------------------------- the audit's numbers

@@ -71,7 +71,12 @@ def no_forces(model, q, forces, out):
     pass
 
 
+@kernel
+def add_wrenches(model, q, forces, moments, out):
+    pass
+
+
 project = locate = load_axes = channel_lengths = nothing
-add_forces = add_moments = add_channel_forces = no_forces
+add_channel_forces = no_forces
 
 mechanics.implement(ChainData, sys.modules[__name__])

@@ -10,27 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from softrobot_env.beams import mechanics
 from softrobot_env.beams.actuation import Actuation
-from softrobot_env.beams.ancf import actuation, elements, tangent
-from softrobot_env.beams.ancf.elements import AncfData, ElementPoints
-from softrobot_env.beams.ancf.section import (
-    SectionLaw,
-    chebyshev_rule,
-    hooke,
-    legendre,
-    legendre_rule,
-    section_moments,
-)
-from softrobot_env.beams.ancf.shapes import (
-    AXES,
-    channel_rules,
-    element_mass,
-    gravity_force,
-    hermite_slopes,
-    mass_factor,
-    places,
-    point_shapes,
-    straight_vectors,
-)
+from softrobot_env.beams.ancf import dynamics, section, shapes
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load, refuse_out_of_plane, seen_from_base
@@ -61,7 +41,7 @@ class ANCF(BeamModel):
     h that bends by the angle t keeps its ends and their slopes, and its cubic stretches by
     t^2 (x^2 - x + 1/6) / 2 in between, x = X1 / h, which a rod that only bends does not. With the
     area A and the second moment I of the section a moment then is EI k (1 + A h^4 k^2 / (360 I))
-    at the curvature k: four times less with 1.4 times the elements. `locking` tells it, and
+    at the curvature k: four times less with 1.4 times the elements. `locking` gives it, and
     `equilibrium` and `simulate` warn where it is more than a hundredth.
     """
 
@@ -123,50 +103,52 @@ class ANCF(BeamModel):
         self.clamped = bool(clamped)
         super().__init__(robot, pieces, loads, drive)
 
-    def _data(self, actuation: Actuation) -> AncfData:
+    def _data(self, actuation: Actuation) -> dynamics.AncfData:
         robot, pieces, d = self.robot, self.pieces, self.dimension
         piece, block, fixed = robot.length / pieces, (d + 1) * d, int(self.clamped)
-        straight = straight_vectors(d, piece, pieces)
-        bending, director = element_mass(robot, piece)
-        element, position = places(actuation.point_station, piece, pieces)
+        straight = shapes.straight_vectors(d, piece, pieces)
+        bending, director = shapes.element_mass(robot, piece)
+        element, position = shapes.places(actuation.point_station, piece, pieces)
         along, weight, points, weights = self._quadrature()
-        modulus = hooke(robot, None if d == 3 else self.plane)
-        moments = section_moments(robot.outer_radius, robot.inner_radius)
-        return AncfData(
+        slopes = shapes.hermite_slopes(along, piece)
+        modulus = section.hooke(robot, None if d == 3 else self.plane)
+        moments = section.section_moments(robot.outer_radius, robot.inner_radius)
+        return dynamics.AncfData(
             n=block * (pieces + 1 - fixed),
             block=block,
             reach=self._reach(actuation, element, position),
             scale=np.tile([robot.length] * d + [1.0] * (d * d), pieces + 1 - fixed),
             actuation=actuation,
-            axes=np.array(AXES[d]),
+            axes=np.array(shapes.AXES[d]),
             pieces=pieces,
             piece=piece,
             clamp=straight[0].ravel() if self.clamped else np.empty(0),
-            law=SectionLaw(*modulus, tuple(moments), points, weights),
+            law=section.SectionLaw(*modulus, tuple(moments), points, weights),
             damping_time=robot.damping_time,
-            points=ElementPoints(piece, along, piece * weight, hermite_slopes(along, piece)),
+            points=dynamics.ElementPoints(piece, along, piece * weight, slopes),
             mass_bending=bending,
             mass_director=director,
-            bending_factor=mass_factor(bending, 2, pieces, fixed),
-            director_factor=mass_factor(director, 1, pieces, fixed),
-            gravity=gravity_force(robot, bending, d, pieces)[fixed:].ravel(),
+            bending_factor=shapes.mass_factor(bending, 2, pieces, fixed),
+            director_factor=shapes.mass_factor(director, 1, pieces, fixed),
+            gravity=shapes.gravity_force(robot, bending, d, pieces)[fixed:].ravel(),
             straight=straight[fixed:].ravel(),
             point_element=element,
             point_position=position,
-            point_shape=point_shapes(position, piece, actuation.point_offset, d),
-            **channel_rules(actuation, piece, pieces),
+            point_shape=shapes.point_shapes(position, piece, actuation.point_offset, d),
+            **shapes.channel_rules(actuation, piece, pieces),
         )
 
     def _quadrature(self) -> tuple[np.ndarray, ...]:
         """Points and weights along an element of length 1, and those of the section."""
         d = self.dimension
-        section = (self.robot.outer_radius, self.robot.inner_radius, d == 2)
+        ring = (self.robot.outer_radius, self.robot.inner_radius, d == 2)
         if self.quadrature == "exact":
-            return *legendre(_POINTS), np.empty((0, d)), np.empty(0)
+            return *section.legendre(_POINTS), np.empty((0, d)), np.empty(0)
         if self.quadrature == "chebyshev":
-            along, rule = legendre(_POINTS), chebyshev_rule(3, *section)
+            along, rule = section.legendre(_POINTS), section.chebyshev_rule(3, *ring)
         else:
-            along, rule = legendre(self.quadrature), legendre_rule(self.quadrature, *section)
+            along = section.legendre(self.quadrature)
+            rule = section.legendre_rule(self.quadrature, *ring)
         one = np.ones(len(rule.weights))
         return *along, np.column_stack([one, rule.points])[:, :d].copy(), rule.weights
 
@@ -230,11 +212,11 @@ class ANCF(BeamModel):
         directors = np.zeros((2, nodes, 3))
         directors[1, :, 1] = 1  # of a planar model
         for k in range(d - 1):
-            directors[k][:, list(AXES[d])] = vectors[:, k + 2]
+            directors[k][:, list(shapes.AXES[d])] = vectors[:, k + 2]
         normal = np.cross(directors[0], directors[1])
         x = directors[0] / np.linalg.norm(directors[0], axis=1, keepdims=True)
         z = normal / np.linalg.norm(normal, axis=1, keepdims=True)
         return np.stack([x, np.cross(z, x), z], axis=2)
 
 
-mechanics.implement(AncfData, elements, tangent, actuation)
+mechanics.implement(dynamics.AncfData, dynamics)

@@ -51,7 +51,7 @@ def element_mass(robot: RobotParams, piece: float) -> tuple[np.ndarray, np.ndarr
 
 
 def mass_factor(element: np.ndarray, vectors: int, pieces: int, fixed: int) -> np.ndarray:
-    """Cholesky factor for `elements._substitute` of the mass assembled from elements."""
+    """Cholesky factor for `dynamics._substitute` of the mass assembled from elements."""
     size, m = len(element), vectors * (pieces + 1)
     mass = np.zeros((m, m))
     for first in range(0, vectors * pieces, vectors):

@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softrobot_env.beams.actuation import Actuation
+from softrobot_env.beams.actuation import Actuation, channel_arm, channel_tangent
 from softrobot_env.beams.numerics.compilation import kernel, structure
 from softrobot_env.beams.numerics.quaternions import (
     add,
@@ -32,6 +32,7 @@ from softrobot_env.beams.numerics.quaternions import (
     difference,
     dot3,
     dot4,
+    mix,
     quaternion_at,
     quotient,
     relative,
@@ -433,3 +434,176 @@ def momentum(model, q, v, out):
         turning = rotate(section_at(q, k), stretched(inertia[k], row3(w, k + 1)))
         for i in range(3):
             out[i + 3] += turning[i]
+
+
+# ---------------------------------------------------------------- points and loads
+
+
+@kernel
+def locate(model, q, out):
+    """Set out (n_points, 3) [m] to the material points."""
+    offset = model.actuation.point_offset
+    for m in range(len(offset)):
+        n, share = model.vertex[m], model.share[m]
+        low, high = vertex_at(q, model.base, n), vertex_at(q, model.base, n + 1)
+        for i in range(3):
+            out[m, i] = (1 - share) * low[i] + share * high[i]
+        out[m, 2] += model.shift[m]
+        if offset[m, 0] != 0 or offset[m, 1] != 0:
+            k, weight = model.section[m], model.weight[m]
+            _add_director(out, m, 1 - weight, section_at(q, k), offset)
+            _add_director(out, m, weight, section_at(q, k + 1), offset)
+
+
+@kernel
+def _add_director(out, m, weight, frame, offset):
+    zero = frame[0] * 0
+    add_scaled(out, m, weight, rotate(frame, (zero + offset[m, 0], zero + offset[m, 1], zero)))
+
+
+@kernel
+def add_wrenches(model, q, forces, moments, out):
+    """Add to out (n,) the generalised force of forces (n_points, 3) and moments on the points."""
+    offset = model.actuation.point_offset
+    for m in range(len(offset)):
+        n, share, force = model.vertex[m], model.share[m], row3(forces, m)
+        low, high = vertex_index(model.base, n), vertex_index(model.base, n + 1)
+        for i in range(3):
+            if low >= 0:
+                out[low + i] += (1 - share) * force[i]
+            out[high + i] += share * force[i]
+        k = model.section[m]
+        if offset[m, 0] != 0 or offset[m, 1] != 0:
+            weight = model.weight[m]
+            _add_arm(q, k, 1 - weight, force, offset, m, out)
+            _add_arm(q, k + 1, weight, force, offset, m, out)
+        if m < len(moments):
+            weight, moment = model.moment_weight[m], row3(moments, m)
+            _add_torque(q, k, 1 - weight, moment, out)
+            _add_torque(q, k + 1, weight, moment, out)
+
+
+@kernel
+def _add_torque(q, k, weight, moment, out):
+    """Add to out (n,) the share of a moment [N m], in the world, that turns segment k."""
+    if k >= 0 and weight != 0:
+        _turn_segment(q, k, weight, rotate_back(section_at(q, k), moment), out)
+
+
+@kernel
+def _add_arm(q, k, weight, force, offset, m, out):
+    """Add to out (n,) the share of a force on offset m that turns segment k."""
+    if k >= 0 and weight != 0:
+        x, y, z = rotate_back(section_at(q, k), force)
+        a, b = offset[m, 0], offset[m, 1]
+        _turn_segment(q, k, weight, (b * z, -a * z, a * y - b * x), out)
+
+
+@kernel
+def _turn_segment(q, k, factor, torque, out):
+    """Add to out (n,) factor times a torque [N m] on segment k, in its frame."""
+    p = quaternion_at(q, 7 * k + 3)
+    scale, row = 2 * factor / dot4(p, p), times_vector(p, torque)
+    for i in range(4):
+        out[7 * k + 3 + i] += scale * row[i]
+
+
+@kernel
+def load_axes(model, q, out):
+    """Set out (n_loads, 3, 3) to the orientation of the loads' cross-sections.
+
+    The normalised mean of the neighbouring quaternions, extrapolated beyond the last.
+    """
+    zero = q[0] * 0
+    for m in range(len(out)):
+        k, weight = model.section[m], model.weight[m]
+        low, high = section_at(q, k), section_at(q, k + 1)
+        if dot4(low, high).real < 0:
+            high = (-high[0], -high[1], -high[2], -high[3])
+        frame = unit(
+            (
+                (1 - weight) * low[0] + weight * high[0],
+                (1 - weight) * low[1] + weight * high[1],
+                (1 - weight) * low[2] + weight * high[2],
+                (1 - weight) * low[3] + weight * high[3],
+            )
+        )
+        e_x = rotate(frame, (zero + 1, zero, zero))
+        e_y = rotate(frame, (zero, zero + 1, zero))
+        e_z = cross(e_x, e_y)
+        for i in range(3):
+            out[m, i, 0], out[m, i, 1], out[m, i, 2] = e_x[i], e_y[i], e_z[i]
+
+
+# ---------------------------------------------------------------- channels
+
+
+@kernel
+def _channel_tangent(t, kappa, k, sample):
+    """Tangent of a channel in segment k, in its frame.
+
+    The rod's tangent t there is e_z and shares of the segment's shear and stretch.
+    """
+    size, low, high = sample[0] + sample[1], row3(kappa, k), row3(kappa, k + 1)
+    there = (sample[6] * t[0], sample[6] * t[1], 1 + sample[7] * (t[2] - 1))
+    return channel_tangent(there, mix(sample[0] / size, low, sample[1] / size, high), sample[2:])
+
+
+@kernel
+def channel_lengths(model, q, out):
+    """Set out (n_channels,) [m] to the lengths of the continuous channels.
+
+    Rucker and Webster (IEEE Trans. Robotics 27, 2011): the tangent of a channel at r(s) = (x, y) is
+    gamma + e_z + r' + kappa x r. gamma is that of the segment, kappa that of the nearer
+    vertex; the half segment at the tip has none in the thesis' grid, where it cannot bend. The
+    stub of the other grid bends with the first vertex.
+    """
+    base, first, samples = model.base, model.first_sample, model.samples
+    u = sections(q, model.pieces)
+    kappa = curvatures(u, base, model.cells, model.weighting)
+    zero = q[0] * 0
+    for c in range(len(out)):
+        out[c] = zero
+    for m in range(first[1]):
+        x = _channel_tangent((zero, zero, zero + 1), kappa, 0, samples[m])
+        out[model.sampled[m]] += samples[m, 0] * np.sqrt(dot3(x, x))
+    for k in range(model.pieces):
+        t = segment_vector(q, base, k, model.segments, row4(u, k + 1))
+        for m in range(first[k + 1], first[k + 2]):
+            x = _channel_tangent(t, kappa, k, samples[m])
+            out[model.sampled[m]] += (samples[m, 0] + samples[m, 1]) * np.sqrt(dot3(x, x))
+
+
+@kernel
+def add_channel_forces(model, q, tension, out):
+    """Add to out (n,) the generalised force of tensions (n_channels,) [N] in the channels."""
+    base, first, samples = model.base, model.first_sample, model.samples
+    u = sections(q, model.pieces)
+    kappa = curvatures(u, base, model.cells, model.weighting)
+    torque, moment = np.zeros_like(kappa), np.zeros_like(kappa)
+    zero = q[0] * 0
+    for m in range(first[1]):
+        x = _channel_tangent((zero, zero, zero + 1), kappa, 0, samples[m])
+        pull = tension[model.sampled[m]] * samples[m, 0] / np.sqrt(dot3(x, x))
+        add_scaled(moment, 0, pull, channel_arm(samples[m, 2:], x))
+    for k in range(model.pieces):
+        frame = row4(u, k + 1)
+        t, force = segment_vector(q, base, k, model.segments, frame), (zero, zero, zero)
+        for m in range(first[k + 1], first[k + 2]):
+            low, high = samples[m, 0], samples[m, 1]
+            x = _channel_tangent(t, kappa, k, samples[m])
+            pull = tension[model.sampled[m]] / np.sqrt(dot3(x, x))
+            part = (low + high) / model.segments[k] * pull
+            shear = part * samples[m, 6]
+            force = add(force, (shear * x[0], shear * x[1], part * samples[m, 7] * x[2]))
+            arm = channel_arm(samples[m, 2:], x)
+            add_scaled(moment, k, low * pull, arm)
+            add_scaled(moment, k + 1, high * pull, arm)
+        pull_ends(base, k, frame, -1.0, force, out)
+        add_scaled(torque, k + 1, model.segments[k], cross(t, force))
+    for n in range(first_vertex(base), model.pieces):
+        turn, scale = relative(row4(u, n), row4(u, n + 1)), 1 / model.cells[n]
+        xi, slope = weighting(model.weighting, turn)
+        add_moment(torque, n, turn, xi, slope, scaled(scale, row3(moment, n)))
+    for k in range(model.pieces):
+        _turn_segment(q, k, 1.0, row3(torque, k + 1), out)

@@ -7,9 +7,9 @@ import numpy as np
 
 from softrobot_env.beams import mechanics
 from softrobot_env.beams.actuation import Actuation, channel_samples, channels_of
-from softrobot_env.beams.cosserat import actuation, dynamics
+from softrobot_env.beams.cosserat import dynamics
 from softrobot_env.beams.cosserat.dynamics import CosseratData
-from softrobot_env.beams.model import BeamModel
+from softrobot_env.beams.model import BeamModel, masses_at
 from softrobot_env.robots import RobotParams, Tendon
 from softrobot_env.robots.loads import Load
 
@@ -23,7 +23,7 @@ MOMENTS = ("conservative", "printed")
 _PER_SPAN = 2
 
 #: From the middle of a piece towards the end of a pair, over its length. Bent at 1/6 and 5/6 a span
-#: shortens, and has lever arms, as an arc does to second order of its angle.
+#: shortens, and has moment arms, as an arc does to second order of its angle.
 _OUTWARDS = 2 / 3 - 0.5
 
 
@@ -127,7 +127,9 @@ class CosseratRod(BeamModel):
         rotary = float(backbone.integrals(backbone.rotary, self.edges).sum())
         scale = np.tile([robot.length] * 3 + [1.0] * 4, pieces)
         places = self._places(actuation.point_station)
-        places["weight"] = self._director_weight(actuation, places["weight"])
+        if self.grid == "thesis":  # discs turn with the last section
+            weights = places["weight"][actuation.first[0] : actuation.first[-1]]
+            np.minimum(weights, 1.0, out=weights)
         return CosseratData(
             n=7 * pieces + (0 if self.clamped else 3),
             block=7,
@@ -189,29 +191,17 @@ class CosseratRod(BeamModel):
     def _inertia(self, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Masses (N + 1,) [kg] of the vertices and inertias (N, 3) [kg m2] of the segments.
 
-        A disc is shared out between the vertices, and the sections, beside it.
+        The inertia of a disc is shared out between the sections beside it.
         """
         backbone, pieces = self.robot.backbone, self.pieces
-        number = np.arange(pieces + 1)
-
-        def beyond(s: np.ndarray) -> np.ndarray:
-            at = np.interp(s, vertices, number)
-            return backbone.mass(s) * (at - np.floor(at))
-
-        whole = backbone.integrals(backbone.mass, vertices)
-        second = backbone.integrals(beyond, vertices)
-        mass = np.append(whole - second, 0.0)
-        mass[1:] += second
         inertia = np.outer(backbone.integrals(backbone.rotary, vertices), [1.0, 1.0, 2.0])
         for disc in self.robot.discs:
             place = {k: x[0] for k, x in self._places(np.array([disc.station])).items()}
-            vertex, share = place["vertex"], place["share"]
-            mass[vertex : vertex + 2] += disc.mass * np.array([1 - share, share])
             section, weight = place["section"], place["moment_weight"]
             for k, part in ((section, 1 - weight), (section + 1, weight)):
                 if 0 <= k < pieces:
                     inertia[k] += part * np.array(disc.inertia)
-        return mass, inertia
+        return masses_at(self.robot, vertices), inertia
 
     def _places(self, stations: np.ndarray) -> dict[str, np.ndarray]:
         """Fields of `CosseratData` about points at stations (k,) [m]."""
@@ -220,13 +210,6 @@ class CosseratRod(BeamModel):
         return _thesis_places(
             stations / (self.robot.length / self.pieces), self.pieces, self.clamped
         )
-
-    def _director_weight(self, actuation: Actuation, weight: np.ndarray) -> np.ndarray:
-        """Weights of the points; in the thesis' grid discs turn with the last section."""
-        if self.grid == "thesis":
-            discs = slice(actuation.first[0], actuation.first[-1])
-            weight[discs] = np.minimum(weight[discs], 1.0)
-        return weight
 
     def _strain_shares(self, edges: np.ndarray, vertices: np.ndarray) -> np.ndarray:
         """Shear and stretch (k, 2) [1] between edges over that of the segment they are in."""
@@ -438,4 +421,4 @@ def _snapped(at: np.ndarray) -> np.ndarray:
     return np.where(np.abs(at - np.round(at)) < 1e-9, np.round(at), at)
 
 
-mechanics.implement(CosseratData, dynamics, actuation)
+mechanics.implement(CosseratData, dynamics)

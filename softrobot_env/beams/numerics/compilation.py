@@ -89,19 +89,15 @@ def _dispatcher(function: Callable, **options: Any) -> Any:
     return numba.njit(error_model="numpy", fastmath={"contract", "nsz"}, **options)(function)
 
 
-def implementation(function: Callable, data_class: type) -> Callable[[Any], Any]:
-    """Decorator: a kernel is what a function does for first arguments of a structure's class."""
+def implement(function: Callable, data_class: type, made: Any) -> None:
+    """Let a kernel be what a function does for first arguments of a structure's class."""
 
-    def register(made: Any) -> Any:
-        def choose(*arguments: Any) -> Any:
-            fits = getattr(arguments[0], "instance_class", None) is data_class
-            return made.py_func if fits else None
+    def choose(*arguments: Any) -> Any:
+        fits = getattr(arguments[0], "instance_class", None) is data_class
+        return made.py_func if fits else None
 
-        choose.__signature__ = signature(made.py_func)  # type: ignore[attr-defined]
-        overload(function, jit_options=LINKED)(choose)
-        return made
-
-    return register
+    choose.__signature__ = signature(made.py_func)  # type: ignore[attr-defined]
+    overload(function, jit_options=LINKED)(choose)
 
 
 # ---------------------------------------------------------------- structures
@@ -117,7 +113,7 @@ class _StructType(types.StructRef):
 
     def __init__(self, fields: Any) -> None:
         super().__init__(fields)
-        # Numba tells types apart by name and puts the names of all arguments into every symbol:
+        # Numba distinguishes types by name and puts the names of all arguments into every symbol:
         # kilobytes of fields would be most of the code that LLVM reads.
         digest = sha256(self.name.encode()).hexdigest()[:16]
         self.name = f"{type(self).__name__}_{digest}"

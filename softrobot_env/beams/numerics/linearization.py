@@ -9,8 +9,8 @@ from softrobot_env.beams.mechanics import (
     add_internal_tangent,
     applied_forces_turn,
     bandwidth,
+    differentiated,
     locate,
-    residual,
 )
 from softrobot_env.beams.numerics.compilation import kernel
 
@@ -73,19 +73,14 @@ def _add_derivative(model, q, v, a, u, x, applied_only, out):
     block, reach = model.block, model.reach
     group = min(n, (2 * reach + 1) * block)
     moved = np.empty(n, np.complex128)
-    sign = -1.0 if applied_only else 1.0
     for first in range(group):
         for j in range(first, n, group):
             x[j] += _STEP * 1j
-        if applied_only:
-            moved[:] = 0.0
-            add_applied(model, q, u, moved)
-        else:
-            residual(model, q, v, a, u, moved)
+        differentiated(model, q, v, a, u, applied_only, moved)
         for j in range(first, n, group):
             home = j // block
             for i in range(max(0, (home - reach) * block), min(n, (home + reach + 1) * block)):
-                out[i, j - i + width] += sign * moved[i].imag / _STEP
+                out[i, j - i + width] += moved[i].imag / _STEP
             x[j] = x[j].real
 
 

@@ -163,6 +163,13 @@ def transmit(length, c, phi, force, moment):
 
 
 @kernel
+def clamp(zero):
+    """Axes and position of the clamp, of numbers of the type of zero."""
+    o, e = zero, zero + 1.0
+    return ((e, o, o), (o, e, o), (o, o, e)), (o, o, o)
+
+
+@kernel
 def compose(axes, c, phi):
     """Axes of the end in the world, three vectors, given those of the start."""
     o = 0 * c[0]

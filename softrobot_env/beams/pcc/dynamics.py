@@ -1,12 +1,12 @@
-"""Dynamics of the piecewise constant curvature model, in kernels; data as in `pcc.PccData`.
+"""Kernels of the piecewise constant curvature model; data as in `pcc.PccData`.
 
 Inertia sits in rigid bodies at sections of the rod. The recursions run over the pieces from the
-clamp to the tip (motion) and back (forces). Only the kernels that are called from outside take the
-whole data: passing them on would make the compiler slow.
+clamp to the tip (motion) and back (forces).
 """
 
 import numpy as np
 
+from softrobot_env.beams.actuation import channel_arm, channel_tangent
 from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.beams.numerics.quaternions import (
     accumulate,
@@ -18,13 +18,16 @@ from softrobot_env.beams.numerics.quaternions import (
     vector,
 )
 from softrobot_env.beams.pcc.constant_strain import (
+    clamp,
     compose,
     motion,
     motion_bias,
     position,
     stumpff,
+    to_axes,
     to_world,
     transmit,
+    turn,
     turn_back,
 )
 
@@ -38,7 +41,7 @@ COLUMNS = 10
 
 
 @kernel
-def set_rotations(block, length, q, out):
+def _set_rotations(block, length, q, out):
     """Set out (pieces, 3) to the pieces' rotation vectors l (-gamma, beta, tau) [rad].
 
     The lengths l are (pieces,). Linear in q, so also for rates and accelerations.
@@ -51,7 +54,15 @@ def set_rotations(block, length, q, out):
 
 
 @kernel
-def add_generalised(block, length, i, load, out):
+def _turns(model, q):
+    """The same of a model, (pieces, 3)."""
+    turns = np.empty((model.pieces, 3), q.dtype)
+    _set_rotations(model.block, model.length, q, turns)
+    return turns
+
+
+@kernel
+def _add_generalised(block, length, i, load, out):
     """Add a generalised force on the rotation vector of piece i to that on the coordinates."""
     k = i * block
     out[k] += length[i] * load[1]
@@ -59,13 +70,6 @@ def add_generalised(block, length, i, load, out):
         out[k + 1] -= length[i] * load[0]
     if block > 2:
         out[k + 2] += length[i] * load[2]
-
-
-@kernel
-def clamp(zero):
-    """Axes and position of the clamp, of numbers of the type of zero."""
-    o, e = zero, zero + 1.0
-    return ((e, o, o), (o, e, o), (o, o, e)), (o, o, o)
 
 
 # ---------------------------------------------------------------- equations of motion
@@ -76,15 +80,15 @@ def internal_residual(model, q, v, a, out):
     """M a + k + elastic and damping forces less gravity (n,), by the Newton-Euler recursion."""
     block, length = model.block, model.length
     work = np.empty((model.pieces, COLUMNS, 3), out.dtype)
-    set_rotations(block, length, q, work[:, ROTATION])
-    set_rotations(block, length, v, work[:, RATE])
-    set_rotations(block, length, a, work[:, SECOND])
+    _set_rotations(block, length, q, work[:, ROTATION])
+    _set_rotations(block, length, v, work[:, RATE])
+    _set_rotations(block, length, a, work[:, SECOND])
     _inertial_wrenches(length, model.gravity, model.first[0], model.bodies, work)
     for k in range(len(out)):
         i = k // block
         stiffness = model.twisting[i] if k % block == 2 else model.bending[i]
         out[k] = stiffness * (q[k] + model.damping_time[i] * v[k])
-    gather(block, length, work, out)
+    _gather(block, length, work, out)
 
 
 @kernel
@@ -109,7 +113,7 @@ def _inertial_wrenches(length, gravity, first, bodies, work):
             w, aw, r = turn_back(c, phi, w), turn_back(c, phi, aw), turn_back(c, phi, r)
             force, moment = scaled(bodies[k, 1], r), _euler(bodies[k], w, aw)
             if k < last:
-                add_wrench(u, length[i], c, phi, force, moment, row)
+                _add_wrench(u, length[i], c, phi, force, moment, row)
             else:
                 store(row[STUMPFF], c[:3])
                 store(row[STUMPFF + 1], c[3:6])
@@ -119,7 +123,7 @@ def _inertial_wrenches(length, gravity, first, bodies, work):
 
 
 @kernel
-def add_wrench(u, length, c, phi, force, moment, row):
+def _add_wrench(u, length, c, phi, force, moment, row):
     """Add force and moment at the fraction u of a piece, in the section's frame, to its work."""
     load, force, moment = transmit(u * length, c, phi, force, moment)
     accumulate(row[FORCE], force)
@@ -128,7 +132,7 @@ def add_wrench(u, length, c, phi, force, moment, row):
 
 
 @kernel
-def gather(block, length, work, out):
+def _gather(block, length, work, out):
     """Add to out (n,) the generalised force of the forces and moments in the work array."""
     zero = 0 * work[0, 0, 0]
     force, moment = (zero, zero, zero), (zero, zero, zero)
@@ -140,7 +144,7 @@ def gather(block, length, work, out):
         force, moment = add(force, vector(row[END_FORCE])), add(moment, vector(row[END_MOMENT]))
         load, force, moment = transmit(length[i], c, vector(row[ROTATION]), force, moment)
         force, moment = add(force, vector(row[FORCE])), add(moment, vector(row[MOMENT]))
-        add_generalised(block, length, i, add(load, vector(row[LOAD])), out)
+        _add_generalised(block, length, i, add(load, vector(row[LOAD])), out)
 
 
 @kernel
@@ -182,7 +186,7 @@ def project(model, q, v):
 def solve_mass(model, q, force, out):
     """Set out (n,) to M(q)^-1 force; overwrites the force."""
     m = np.empty((model.n, model.n), q.dtype)
-    mass_matrix(model, q, m)
+    mass_and_momenta(model, q, m)
     _solve_definite(m, force, out)
 
 
@@ -218,12 +222,6 @@ SPIN, VELOCITY, ANGULAR, LINEAR, OWN_ANGULAR, OWN_LINEAR = 0, 1, 2, 3, 4, 5
 
 
 @kernel
-def mass_matrix(model, q, out):
-    """Set out (n, n) to the mass matrix M(q)."""
-    mass_and_momenta(model, q, out)
-
-
-@kernel
 def mass_and_momenta(model, q, out):
     """Set out (n, n) to M(q); motion and momentum (n, 6, 3) per unit rate of each coordinate.
 
@@ -233,7 +231,7 @@ def mass_and_momenta(model, q, out):
     """
     block = model.block
     moves, inertia = np.empty((model.n, 6, 3), q.dtype), np.empty((model.pieces, 9, 3), q.dtype)
-    set_rotations(block, model.length, q, inertia[:, TURN])
+    _set_rotations(block, model.length, q, inertia[:, TURN])
     _set_moves(block, model.length, model.first[0], model.bodies, moves, inertia, out)
     _fill_mass(block, moves, inertia, out)
     return moves
@@ -373,20 +371,19 @@ def potential(model, q):
         i = k // block
         stiffness = model.twisting[i] if k % block == 2 else model.bending[i]
         energy += 0.5 * stiffness * q[k] * q[k]
-    turns = np.empty((model.pieces, 1, 3), q.dtype)
-    set_rotations(block, model.length, q, turns[:, 0])
-    return energy + _weight(model.length, model.gravity, model.first[0], model.bodies, turns)
+    return energy + _weight(model, _turns(model, q))
 
 
 @kernel
-def _weight(length, gravity, first, bodies, turns):
-    """Potential energy [J] of the bodies' weights, given the rotation vectors (pieces, 1, 3)."""
-    axes, x = clamp(0 * turns[0, 0, 0])
-    energy, here, there, start = 0 * turns[0, 0, 0], x, axes, 0.0
+def _weight(model, turns):
+    """Potential energy [J] of the bodies' weights, given the rotation vectors (pieces, 3)."""
+    length, gravity, first, bodies = model.length, model.gravity, model.first[0], model.bodies
+    axes, x = clamp(0 * turns[0, 0])
+    energy, here, there, start = 0 * turns[0, 0], x, axes, 0.0
     for i in range(len(turns)):
         for k in range(first[i], first[i + 1]):
             u = bodies[k, 0]
-            phi = scaled(u, vector(turns[i, 0]))
+            phi = scaled(u, vector(turns[i]))
             c = stumpff(dot3(phi, phi))
             here = add(x, to_world(axes, position(u * length[i], c, phi)))
             there = compose(axes, c, phi)
@@ -406,3 +403,118 @@ def momentum(model, q, v, out):
         for j in range(model.n):
             out[d] += moves[j, LINEAR, d] * v[j]
             out[3 + d] += moves[j, ANGULAR, d] * v[j]
+
+
+# ---------------------------------------------------------------- points and loads
+
+
+@kernel
+def locate(model, q, out):
+    """Set out (n_points, 3) [m] to the material points of the actuation."""
+    length, first, points, turns = model.length, model.first[1], model.points, _turns(model, q)
+    zero = 0 * q[0]
+    axes, x = clamp(zero)
+    for i in range(len(turns)):
+        whole = vector(turns[i])
+        for m in range(first[i], first[i + 1]):
+            u = points[m, 0]
+            phi = scaled(u, whole)
+            c = stumpff(dot3(phi, phi))
+            offset = turn(c, phi, (zero + points[m, 1], zero + points[m, 2], zero))
+            local = add(position(u * length[i], c, phi), offset)
+            store(out[int(points[m, 3])], add(x, to_world(axes, local)))
+        c = stumpff(dot3(whole, whole))
+        x = add(x, to_world(axes, position(length[i], c, whole)))
+        axes = compose(axes, c, whole)
+
+
+@kernel
+def load_axes(model, q, out):
+    """Set out (n_loads, 3, 3) to the axes, as columns, of the cross-sections of the loads."""
+    first, points, turns = model.first[1], model.points, _turns(model, q)
+    axes, _ = clamp(0 * q[0])
+    for i in range(len(turns)):
+        whole = vector(turns[i])
+        for m in range(first[i], first[i + 1]):
+            k = int(points[m, 3])
+            if k < len(out):
+                phi = scaled(points[m, 0], whole)
+                ex, ey, ez = compose(axes, stumpff(dot3(phi, phi)), phi)
+                for d in range(3):
+                    out[k, d, 0], out[k, d, 1], out[k, d, 2] = ex[d], ey[d], ez[d]
+        axes = compose(axes, stumpff(dot3(whole, whole)), whole)
+
+
+@kernel
+def add_wrenches(model, q, forces, moments, out):
+    """Add to out (n,) the generalised force of forces (n_points, 3) and moments on the points."""
+    work = np.empty((model.pieces, COLUMNS, 3), out.dtype)
+    _set_rotations(model.block, model.length, q, work[:, ROTATION])
+    _collect(model.length, model.first[1], model.points, forces, moments, work)
+    _gather(model.block, model.length, work, out)
+
+
+@kernel
+def _collect(length, first, points, forces, moments, work):
+    """Fill work for `_gather`, given the rotation vectors in its first columns."""
+    zero = 0 * work[0, 0, 0]
+    axes, _ = clamp(zero)
+    for i in range(len(work)):
+        row = work[i]
+        whole = vector(row[ROTATION])
+        c = stumpff(dot3(whole, whole))
+        store(row[STUMPFF], c[:3])
+        store(row[STUMPFF + 1], c[3:6])
+        for d in range(END_FORCE, COLUMNS):
+            store(row[d], (zero, zero, zero))
+        for m in range(first[i], first[i + 1]):
+            k = int(points[m, 3])
+            u = points[m, 0]
+            phi = scaled(u, whole)
+            part = stumpff(dot3(phi, phi))
+            there = compose(axes, part, phi)
+            force = to_axes(there, vector(forces[k]))
+            moment = cross((zero + points[m, 1], zero + points[m, 2], zero), force)
+            if k < len(moments):
+                moment = add(moment, to_axes(there, vector(moments[k])))
+            _add_wrench(u, length[i], part, phi, force, moment, row)
+        axes = compose(axes, c, whole)
+
+
+# ---------------------------------------------------------------- continuous channels
+
+
+@kernel
+def channel_lengths(model, q, out):
+    """Set out (n_channels,) [m] to the lengths of the continuous channels."""
+    turns = _turns(model, q)
+    zero = 0 * q[0]
+    along = (zero, zero, zero + 1)
+    for k in range(len(out)):
+        out[k] = zero
+    first, samples = model.first_sample, model.samples
+    for i in range(len(turns)):
+        strain = scaled(1 / model.length[i], vector(turns[i]))
+        for m in range(first[i], first[i + 1]):
+            x = channel_tangent(along, strain, samples[m, 1:])
+            out[model.sampled[m]] += samples[m, 0] * np.sqrt(dot3(x, x))
+
+
+@kernel
+def add_channel_forces(model, q, tension, out):
+    """Add to out (n,) the generalised force of tensions (n_channels,) [N] in the channels.
+
+    The negative gradient of tension times channel length.
+    """
+    turns = _turns(model, q)
+    zero = 0 * q[0]
+    along = (zero, zero, zero + 1)
+    first, samples = model.first_sample, model.samples
+    for i in range(len(turns)):
+        strain, load = scaled(1 / model.length[i], vector(turns[i])), (zero, zero, zero)
+        for m in range(first[i], first[i + 1]):
+            x = channel_tangent(along, strain, samples[m, 1:])
+            pull = tension[model.sampled[m]] * samples[m, 0] / np.sqrt(dot3(x, x))
+            load = add(load, scaled(-pull, channel_arm(samples[m, 1:], x)))
+        load = scaled(1 / model.length[i], load)
+        _add_generalised(model.block, model.length, i, load, out)

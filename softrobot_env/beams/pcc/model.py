@@ -10,7 +10,7 @@ from softrobot_env.beams import mechanics
 from softrobot_env.beams.actuation import Actuation, channel_samples, channels_of
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.beams.numerics.compilation import reference, structure
-from softrobot_env.beams.pcc import actuation, dynamics
+from softrobot_env.beams.pcc import dynamics
 from softrobot_env.core.registry import Registry
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load, refuse_out_of_plane, refuse_torsion, seen_from_base
@@ -104,16 +104,13 @@ class PCC(BeamModel):
         drive: str = "tension",
     ) -> None:
         AXES.find(axes)
+        seen = seen_from_base(robot, loads)
         if axes == "planar":
+            wanted = "'spatial' or 'torsion'"
             refuse_out_of_plane(
-                "PCC with axes 'planar'",
-                "'spatial' or 'torsion'",
-                seen_from_base(robot, loads),
-                robot.own_gravity,
-                robot.tendons,
+                "PCC with axes 'planar'", wanted, seen, robot.own_gravity, robot.tendons
             )
         elif axes == "spatial":
-            seen = seen_from_base(robot, loads)
             refuse_torsion("PCC with axes 'spatial'", "'torsion'", seen, robot.tendons)
         self.axes, self.inertia = axes, inertia
         super().__init__(robot, pieces, loads, drive)
@@ -158,11 +155,8 @@ class PCC(BeamModel):
         """Curvature (pieces, 3) [1/m]: kx = -gamma, ky = beta and torsion."""
         q = np.reshape(q, (self.pieces, -1))
         strain = np.zeros((self.pieces, 3), q.dtype)
-        strain[:, 1] = q[:, 0]
-        if q.shape[1] > 1:
-            strain[:, 0] = -q[:, 1]
-        if q.shape[1] > 2:
-            strain[:, 2] = q[:, 2]
+        block = q.shape[1]
+        strain[:, [1, 0, 2][:block]] = q * [1, -1, 1][:block]
         return strain
 
 
@@ -184,7 +178,9 @@ def _bodies(
     ends = np.column_stack([edges[1:], np.zeros((pieces, 4))])
     inner = np.empty((0, 5))
     if not isinstance(inertia, str):
-        inner = _given(robot, inertia)
+        check_stations(robot, inertia)
+        rows = [(s, mass, *moments) for s, mass, moments in inertia]
+        inner = np.array(rows, dtype=float).reshape(-1, 5)
     elif inertia == "distributed":
         x, w = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
         places = (edges[:-1, None] + length[:, None] * (x + 1) / 2).ravel()
@@ -214,13 +210,6 @@ def _per_length(robot: RobotParams, places: np.ndarray) -> np.ndarray:
     return np.column_stack([mass, rotary, rotary, 2 * rotary])
 
 
-def _given(robot: RobotParams, stations: Sequence[Station]) -> np.ndarray:
-    """Place [m], mass and moments of inertia (k, 5) of given bodies."""
-    check_stations(robot, stations)
-    rows = [(s, mass, *moments) for s, mass, moments in stations]
-    return np.array(rows, dtype=float).reshape(-1, 5)
-
-
 def check_stations(robot: RobotParams, stations: Sequence[Station]) -> None:
     """Raise ValueError for a rigid body off the robot or of negative or infinite inertia."""
     for s, mass, moments in stations:
@@ -236,7 +225,7 @@ def check_stations(robot: RobotParams, stations: Sequence[Station]) -> None:
 def _check_definite(data: PccData) -> None:
     """Raise ValueError if a coordinate has no inertia in the straight pose."""
     mass = np.empty((data.n, data.n))
-    dynamics.mass_matrix(reference(data), np.zeros(data.n), mass)
+    dynamics.mass_and_momenta(reference(data), np.zeros(data.n), mass)
     size = np.sqrt(np.diag(mass))
     if not np.all(size > 0) or (np.linalg.eigvalsh(mass / np.outer(size, size))[0] < _SINGULAR):
         raise ValueError(
@@ -245,4 +234,4 @@ def _check_definite(data: PccData) -> None:
         )
 
 
-mechanics.implement(PccData, dynamics, actuation)
+mechanics.implement(PccData, dynamics)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations, permutations
+from itertools import chain, combinations, permutations
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -164,37 +164,29 @@ class _Search:
         self._seen: dict[_Case, tuple[float, float]] = {}
 
     def best(self) -> Assignment:
-        count = len(self._names)
-        starts = {(order, (sign,) * count) for sign in self._signs() for order in self._first(sign)}
-        self._look_at(starts)
-        ranked = sorted(starts, key=lambda start: self._rms(*start)[0])
-        for start in ranked[:_KEPT]:
+        count, signs = len(self._names), self._signs()
+        starts = {(order, (sign,) * count) for sign in signs for order in self._first(sign)}
+        for start in self._ranked(starts)[:_KEPT]:
             self._improve(*start)
-        columns, signs = self._best()
-        if len(self._signs()) > 1:
-            for _ in range(len(columns)):
-                around = self._flipped(columns, signs)
-                self._look_at(around)
-                other = min(around, key=lambda case: self._rms(*case)[0])
-                if self._rms(*other)[0] > _CLEARLY * self._rms(columns, signs)[0]:
-                    break
-                self._improve(*other)
-                columns, signs = self._best()
-        rms, turn = self._seen[columns, signs]
+        best = self._best()
+        for _ in range(count if len(signs) > 1 else 0):
+            other = self._least(self._flipped(*best))
+            if self._rms(other) > _CLEARLY * self._rms(best):
+                break
+            self._improve(*other)
+            best = self._best()
+        rms, turn = self._seen[best]
         # Tendons of all sections turned on by their distance are the same in another frame.
         others = [found[0] for found in self._seen.values() if found[0] > rms * (1 + 1e-6)]
-        names = tuple(self._names[k] for k in columns)
-        return Assignment(names, signs, turn, rms, min(others, default=rms), len(self._seen))
+        names = tuple(self._names[k] for k in best[0])
+        return Assignment(names, best[1], turn, rms, min(others, default=rms), len(self._seen))
 
     def sides(self, order: tuple[int, ...]) -> tuple[float, ...]:
         """The signs of an order: all alike, but for those that leave a share less by themselves."""
-        tried = [(order, (sign,) * len(order)) for sign in self._signs()]
-        best = tried[0]
-        while len(tried) > 1:
-            around = [*tried[1:], *((order, flip) for flip in _flips(best[1]))]
-            self._look_at(around)
-            other = min(around, key=lambda case: self._rms(*case)[0])
-            if self._rms(*other)[0] > _CLEARLY * self._rms(*best)[0]:
+        best, *tried = [(order, (sign,) * len(order)) for sign in self._signs()]
+        while tried:
+            other = self._least([*tried, *((order, flip) for flip in _flips(best[1]))])
+            if self._rms(other) > _CLEARLY * self._rms(best):
                 break
             best = other
         return best[1]
@@ -209,23 +201,18 @@ class _Search:
         flips = [] if self._whole.kind == "tension" else _flips(here)
         around: list[_Case] = [(order, signs) for signs in [*flips, *none]]
         around += [(other, here) for other in self._neighbours(order)]
-        self._look_at(around)
-        best = min(around, key=lambda case: self._rms(*case)[0])
-        return best, self._rms(*best)[0] / max(self._rms(order, here)[0], 1e-12)
+        best = self._least(around)
+        return best, self._rms(best) / max(self._rms((order, here)), 1e-12)
 
     def _best(self) -> _Case:
         return min(self._seen, key=lambda case: self._seen[case][0])
 
     def _flipped(self, order: tuple[int, ...], signs: tuple[float, ...]) -> list[_Case]:
         """One column of another sign, also with its tendon changed for any other."""
-        found = [(order, flip) for flip in _flips(signs)]
-        for i in range(len(order)):
-            for j in range(len(order)):
-                if i != j:
-                    other, flip = list(order), list(signs)
-                    other[i], other[j] = other[j], other[i]
-                    flip[i] *= -1
-                    found.append((tuple(other), tuple(flip)))
+        flips = _flips(signs)
+        found = [(order, flip) for flip in flips]
+        for i, j in permutations(range(len(order)), 2):
+            found.append((_swapped(order, i, j), flips[i]))
         return found
 
     def _signs(self) -> tuple[float, ...]:
@@ -241,13 +228,13 @@ class _Search:
         place = np.array([t.offset for t in self._robot.tendons])
         expected = place / np.linalg.norm(place, axis=1)[:, None]
         rank = np.argsort(np.argsort(-size)) / max(len(size) - 1, 1)
-        lever = np.argsort(np.argsort(ends, kind="stable")) / max(len(ends) - 1, 1)
+        farther = np.argsort(np.argsort(ends, kind="stable")) / max(len(ends) - 1, 1)
         found = set()
         for turn in 2 * np.pi * np.arange(_TURNS) / _TURNS:
             c, s = np.cos(turn), np.sin(turn)
             turned = way @ np.array([[c, s], [-s, c]])
             for weight in (0.0, 0.5, -0.5):
-                cost = 1 - turned @ expected.T + weight * np.abs(rank[:, None] - lever[None, :])
+                cost = 1 - turned @ expected.T + weight * np.abs(rank[:, None] - farther[None, :])
                 found.add(tuple(linear_sum_assignment(cost)[1].tolist()))
         return found
 
@@ -267,21 +254,14 @@ class _Search:
 
     def _improve(self, order: tuple[int, ...], signs: tuple[float, ...]) -> None:
         for _ in range(_SWEEPS):
-            before = self._rms(order, signs)[0]
-            around = self._neighbours(order)
-            self._look_at((other, signs) for other in around)
-            best = min(around, key=lambda other: self._rms(other, signs)[0])
-            if self._rms(best, signs)[0] >= before:
+            best = self._least([(other, signs) for other in self._neighbours(order)])
+            if self._rms(best) >= self._rms((order, signs)):
                 return
-            order = best
+            order = best[0]
 
     def _neighbours(self, order: tuple[int, ...]) -> list[tuple[int, ...]]:
         """Two columns changed, tendons of one end turned on, or two ends' tendons changed."""
-        found = []
-        for i, j in combinations(range(len(order)), 2):
-            other = list(order)
-            other[i], other[j] = other[j], other[i]
-            found.append(tuple(other))
+        found = [_swapped(order, i, j) for i, j in combinations(range(len(order)), 2)]
         ends = np.array([t.end for t in self._robot.tendons])
         groups = [np.flatnonzero(ends == end).tolist() for end in np.unique(ends)]
         for group in groups:
@@ -290,17 +270,22 @@ class _Search:
                 found.append(tuple(swap.get(k, k) for k in order))
         if len({len(g) for g in groups}) == 1 and len(groups) <= 4:
             for other in permutations(groups):
-                swap = {
-                    a: b
-                    for one, two in zip(groups, other, strict=True)
-                    for a, b in zip(one, two, strict=True)
-                }
+                swap = dict(zip(chain(*groups), chain(*other), strict=True))
                 found.append(tuple(swap[k] for k in order))
         return [one for one in dict.fromkeys(found) if one != order]
 
-    def _rms(self, order: tuple[int, ...], signs: tuple[float, ...]) -> tuple[float, float]:
-        self._look_at([(order, signs)])
-        return self._seen[order, signs]
+    def _rms(self, case: _Case) -> float:
+        self._look_at([case])
+        return self._seen[case][0]
+
+    def _ranked(self, cases: Iterable[_Case]) -> list[_Case]:
+        """Cases by the error that they leave."""
+        cases = list(cases)
+        self._look_at(cases)
+        return sorted(cases, key=self._rms)
+
+    def _least(self, cases: Iterable[_Case]) -> _Case:
+        return self._ranked(cases)[0]
 
     def _look_at(self, cases: Iterable[_Case]) -> None:
         """Simulate what has not been, several at a time if there are processes."""
@@ -312,6 +297,13 @@ class _Search:
             self._seen.update(zip(part, found, strict=True))
             if self._show is not None:
                 self._show(len(self._seen))
+
+
+def _swapped(order: tuple[int, ...], i: int, j: int) -> tuple[int, ...]:
+    """An order with two of its tendons changed for each other."""
+    other = list(order)
+    other[i], other[j] = other[j], other[i]
+    return tuple(other)
 
 
 def _flips(signs: tuple[float, ...]) -> list[tuple[float, ...]]:

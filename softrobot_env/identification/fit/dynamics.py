@@ -20,7 +20,7 @@ from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
 
 _LONGEST = 12.0  # s that are simulated
-_SLOW = 0.2  # of the largest speed; slower motion tells friction at rest, not damping
+_SLOW = 0.2  # of the largest speed; slower motion shows friction at rest, not damping
 _WINDOW, _BEFORE = 1.5, 3.0  # s after it begins to move, and at most before
 _STEPS = 6
 _DAMPING, _RULE = 1e-3, Damping(least=1e-6, tries=5)

@@ -1,4 +1,4 @@
-"""Which commands would tell most about what is known least.
+"""Which commands would show most of what is known least.
 
 Candidates are single pulls of each tendon, the others held or let out, and the robot lying or
 hanging where gravity matters. Each is simulated with what was found; with its slopes the spread of
@@ -14,12 +14,12 @@ from softrobot_env.identification.fit.model import StaticModel
 
 _LEVELS = 8
 _ASKED = 5  # parameters that are known least
-_TOLD = 5  # experiments
+_REPORTED = 5  # experiments
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """Commands that would tell more.
+    """Commands that would show more.
 
     Attributes:
         name: What to do.
@@ -65,7 +65,7 @@ def best_experiments(model: StaticModel, fit: Fit) -> list[Experiment]:
                 commands,
             )
         )
-    return sorted(found, key=lambda one: -one.gain)[:_TOLD]
+    return sorted(found, key=lambda one: -one.gain)[:_REPORTED]
 
 
 def _candidates(model: StaticModel) -> list[tuple[str, np.ndarray, np.ndarray | None]]:
@@ -113,14 +113,6 @@ def _slopes(
     other = model.on(planned, gravity)
     found = other.simulate(fit.x, fit.free)
     slopes = found.slopes.copy()
-    frame = other.unknowns.place("frame_turn"), other.unknowns.place("frame_shift")
     if gravity is not None:  # it is put up anew: the old frame does not count
-        for place in frame:
-            if place is not None:
-                slopes[
-                    ...,
-                    np.flatnonzero(
-                        np.isin(np.flatnonzero(fit.free), range(place.start, place.stop))
-                    ),
-                ] = 0
+        slopes[..., other.unknowns.moves_frame[fit.free]] = 0
     return slopes if found.found.all() and np.isfinite(slopes).all() else None

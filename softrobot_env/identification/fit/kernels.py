@@ -17,6 +17,23 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.beams.numerics.quaternions import (
+    add,
+    cross,
+    dot3,
+    scaled,
+    store,
+    vector,
+    vector_at,
+)
+from softrobot_env.beams.pcc.constant_strain import (
+    clamp,
+    compose,
+    position,
+    to_axes,
+    to_world,
+    transmit,
+)
 
 #: Imaginary step.
 TINY = 1e-30
@@ -33,7 +50,7 @@ class Layout(NamedTuple):
         nodes: (n_markers,) ends of pieces that carry the markers, 0 is the base.
         loose: [m] of sliding at which friction of a tendon is whole.
         give: (n,) [rad] of a turn at which friction of a piece is whole.
-        apart: Whether friction of the backbone is told apart from that of the tendons.
+        apart: Whether friction of the backbone is kept apart from that of the tendons.
     """
 
     sizes: np.ndarray
@@ -163,17 +180,12 @@ class Rows(NamedTuple):
 
 
 @kernel
-def _series(x):
-    """(1 - cos t) / t^2 and its like for x = t^2; no division, so that complex steps pass.
-
-    Returns:
-        sin t / t, b = (1 - cos t) / t^2, c = (t - sin t) / t^3, e = (1/2 - b) / x, and
-        f = (1/6 - c) / x, from which the derivatives by x follow.
-    """
-    f = 1 / 120 * (1 - x / 42 * (1 - x / 72 * (1 - x / 110 * (1 - x / 156 * (1 - x / 210)))))
-    e = 1 / 24 * (1 - x / 30 * (1 - x / 56 * (1 - x / 90 * (1 - x / 132 * (1 - x / 182)))))
-    c = 1 / 6 - x * f
-    return 1 - x * c, 0.5 - x * e, c, e, f
+def _stumpff(x):
+    """Stumpff functions c_0 to c_5 (`constant_strain`) at x; no division: complex steps pass."""
+    c5 = 1 / 120 * (1 - x / 42 * (1 - x / 72 * (1 - x / 110 * (1 - x / 156 * (1 - x / 210)))))
+    c4 = 1 / 24 * (1 - x / 30 * (1 - x / 56 * (1 - x / 90 * (1 - x / 132 * (1 - x / 182)))))
+    c2, c3 = 0.5 - x * c4, 1 / 6 - x * c5
+    return 1 - x * c2, 1 - x * c3, c2, c3, c4, c5
 
 
 @kernel
@@ -188,7 +200,7 @@ def _tendon_length(layout, place, q, k, arm):
         span = layout.sizes[i] / m
         p0, p1, p2 = q[3 * i] / m, q[3 * i + 1] / m, q[3 * i + 2] / m
         x = p0 * p0 + p1 * p1 + p2 * p2
-        _a, b, c, e, _f = _series(x)
+        _, _, b, c, e, _ = _stumpff(x)
         s, ds = 2 * b, 2 * e - c  # sinc(t / 2)^2 and its derivative by x
         # (1 - s) / x = 2 e, and its derivative: that of the series of e
         de = -(1 - x / 28 * (1 - x / 60 * (1 - x / 99))) / 360
@@ -205,82 +217,49 @@ def _tendon_length(layout, place, q, k, arm):
 
 
 @kernel
-def posture(layout, q, place, axes):
-    """Set places (n + 1, 3) [m] and axes (n + 1, 3, 3) of the pieces' ends."""
-    n = len(layout.sizes)
-    place[0, :] = 0
-    axes[0, :, :] = 0
-    for j in range(3):
-        axes[0, j, j] = 1
-    turn = np.zeros((3, 3), q.dtype)
-    for i in range(n):
-        p0, p1, p2 = q[3 * i], q[3 * i + 1], q[3 * i + 2]
-        x = p0 * p0 + p1 * p1 + p2 * p2
-        a, b, c, _e, _f = _series(x)
-        span = layout.sizes[i]
-        v0, v1, v2 = b * p1 + c * p0 * p2, -b * p0 + c * p1 * p2, a + c * p2 * p2
-        one = 1 - x * b
-        turn[0, 0], turn[0, 1], turn[0, 2] = (
-            one + b * p0 * p0,
-            b * p0 * p1 - a * p2,
-            b * p0 * p2 + a * p1,
-        )
-        turn[1, 0], turn[1, 1], turn[1, 2] = (
-            b * p0 * p1 + a * p2,
-            one + b * p1 * p1,
-            b * p1 * p2 - a * p0,
-        )
-        turn[2, 0], turn[2, 1], turn[2, 2] = (
-            b * p0 * p2 - a * p1,
-            b * p1 * p2 + a * p0,
-            one + b * p2 * p2,
-        )
-        for j in range(3):
-            r0, r1, r2 = axes[i, j, 0], axes[i, j, 1], axes[i, j, 2]
-            place[i + 1, j] = place[i, j] + span * (r0 * v0 + r1 * v1 + r2 * v2)
-            for k in range(3):
-                axes[i + 1, j, k] = r0 * turn[0, k] + r1 * turn[1, k] + r2 * turn[2, k]
+def _set_posture(layout, q, place, axes):
+    """Set places (n + 1, 3) [m] and axes (n + 1, 3, 3), one a row, of the pieces' ends."""
+    frame, here = clamp(q[0] * 0)
+    _store_frame(axes[0], frame)
+    store(place[0], here)
+    for i in range(len(layout.sizes)):
+        phi = vector_at(q, 3 * i)
+        c = _stumpff(dot3(phi, phi))
+        here = add(here, to_world(frame, position(layout.sizes[i], c, phi)))
+        frame = compose(frame, c, phi)
+        _store_frame(axes[i + 1], frame)
+        store(place[i + 1], here)
 
 
 @kernel
-def _add_weight(layout, body, q, place, axes, out):
+def _store_frame(rows, frame):
+    """Set rows (3, 3) to three vectors."""
+    store(rows[0], frame[0])
+    store(rows[1], frame[1])
+    store(rows[2], frame[2])
+
+
+@kernel
+def _frame(rows):
+    """Rows (3, 3) as three vectors."""
+    return vector(rows[0]), vector(rows[1]), vector(rows[2])
+
+
+@kernel
+def _add_weight(layout, body, q, work, out):
     """Take the weights' generalised force off `out` (3 n,) [N m]; sets the posture."""
-    posture(layout, q, place, axes)
-    n, g = len(layout.sizes), body.gravity
-    w = body.head[0]
-    f0, f1, f2 = w * g[0], w * g[1], w * g[2]
-    h = body.head[1]
-    a0, a1, a2 = h * axes[n, 0, 2], h * axes[n, 1, 2], h * axes[n, 2, 2]
-    m0, m1, m2 = a1 * f2 - a2 * f1, a2 * f0 - a0 * f2, a0 * f1 - a1 * f0
+    _set_posture(layout, q, work.place, work.axes)
+    gravity, n, zero = vector(body.gravity), len(layout.sizes), q[0] * 0
+    force = to_axes(_frame(work.axes[n]), scaled(body.head[0], gravity))
+    moment = cross((zero, zero, zero + body.head[1]), force)
     for i in range(n - 1, -1, -1):
-        w = body.mass[i + 1]
-        f0, f1, f2 = f0 + w * g[0], f1 + w * g[1], f2 + w * g[2]
-        p0, p1, p2 = q[3 * i], q[3 * i + 1], q[3 * i + 2]
-        x = p0 * p0 + p1 * p1 + p2 * p2
-        a, b, c, e, f = _series(x)
-        da, db, dc = (c - b) / 2, e - c / 2, (3 * f - e) / 2
-        r = axes[i]
-        l0 = r[0, 0] * f0 + r[1, 0] * f1 + r[2, 0] * f2
-        l1 = r[0, 1] * f0 + r[1, 1] * f1 + r[2, 1] * f2
-        l2 = r[0, 2] * f0 + r[1, 2] * f1 + r[2, 2] * f2
-        n0 = r[0, 0] * m0 + r[1, 0] * m1 + r[2, 0] * m2
-        n1 = r[0, 1] * m0 + r[1, 1] * m1 + r[2, 1] * m2
-        n2 = r[0, 2] * m0 + r[1, 2] * m1 + r[2, 2] * m2
-        s = (db * p1 + dc * p0 * p2) * l0 + (dc * p1 * p2 - db * p0) * l1 + (da + dc * p2 * p2) * l2
-        d = p0 * n0 + p1 * n1 + p2 * n2
-        span = layout.sizes[i]
-        out[3 * i] -= span * (2 * p0 * s + c * p2 * l0 - b * l1)
-        out[3 * i + 1] -= span * (2 * p1 * s + b * l0 + c * p2 * l1)
-        out[3 * i + 2] -= span * (2 * p2 * s + c * p0 * l0 + c * p1 * l1 + 2 * c * p2 * l2)
-        out[3 * i] -= a * n0 - b * (p1 * n2 - p2 * n1) + c * p0 * d
-        out[3 * i + 1] -= a * n1 - b * (p2 * n0 - p0 * n2) + c * p1 * d
-        out[3 * i + 2] -= a * n2 - b * (p0 * n1 - p1 * n0) + c * p2 * d
-        a0, a1, a2 = (
-            place[i + 1, 0] - place[i, 0],
-            place[i + 1, 1] - place[i, 1],
-            place[i + 1, 2] - place[i, 2],
+        phi = vector_at(q, 3 * i)
+        weight = to_axes(_frame(work.axes[i + 1]), scaled(body.mass[i + 1], gravity))
+        load, force, moment = transmit(
+            layout.sizes[i], _stumpff(dot3(phi, phi)), phi, add(force, weight), moment
         )
-        m0, m1, m2 = m0 + a1 * f2 - a2 * f1, m1 + a2 * f0 - a0 * f2, m2 + a0 * f1 - a1 * f0
+        for j in range(3):
+            out[3 * i + j] -= load[j]
 
 
 @kernel
@@ -308,7 +287,7 @@ def _pull(layout, body, k, length, control):
 def _bound(layout, body, k, pull):
     """Largest friction [N] of tendon k.
 
-    Where friction of the backbone is told apart, it is no more than the tension: a slack tendon
+    Where friction of the backbone is kept apart, it is no more than the tension: a slack tendon
     does not rub.
     """
     if layout.apart and pull.real < body.friction[k].real:
@@ -386,7 +365,7 @@ def imbalance(layout, body, state, has_friction, work):
         _add_piece(layout, body, q, i, state.anchor[tendons:], has_friction, work.force)
     for k in range(tendons):
         _add_tendon(layout, body, q, k, state.control[k], state.anchor[k], has_friction, work)
-    _add_weight(layout, body, q, work.place, work.axes, work.force)
+    _add_weight(layout, body, q, work, work.force)
 
 
 @kernel
@@ -394,7 +373,7 @@ def _tangent(layout, body, state, has_friction, scratch):
     """Set the tangent to the derivative of the imbalance by q, where real numbers were set last.
 
     By complex steps: a tendon's arm about a piece depends on its turns alone, so that three steps
-    tell those of all pieces.
+    give those of all pieces.
     """
     q, control, anchor = state.q, state.control, state.anchor
     real, work, out = scratch.real, scratch.complex, scratch.tangent
@@ -433,7 +412,7 @@ def _tangent(layout, body, state, has_friction, scratch):
         for j in range(3 * n):
             z[j] = complex(q[j], TINY)
             work.force[:] = 0
-            _add_weight(layout, body, z, work.place, work.axes, work.force)
+            _add_weight(layout, body, z, work, work.force)
             z[j] = q[j]
             for i in range(3 * n):
                 out[i, j] += work.force[i].imag / TINY
@@ -493,10 +472,8 @@ def _seen(layout, marker, work, out):
     """Set markers (n_markers, 3) [m] of the posture in `work`."""
     for k in range(len(layout.nodes)):
         i = layout.nodes[k]
-        for a in range(3):
-            out[k, a] = work.place[i, a]
-            for b in range(3):
-                out[k, a] += work.axes[i, a, b] * marker[k, b]
+        offset = to_world(_frame(work.axes[i]), vector(marker[k]))
+        store(out[k], add(vector(work.place[i]), offset))
 
 
 @kernel
@@ -546,7 +523,7 @@ def _add_slopes(layout, many, touched, state, has_friction, work, by):
                 _add_tendon(layout, one, q, k, moved, anchor[k], has_friction, work)
                 by.length[k, j] = work.length[k].imag / TINY
         if others[j, 1]:
-            _add_weight(layout, one, q, work.place, work.axes, work.force)
+            _add_weight(layout, one, q, work, work.force)
         for i in range(n):
             by.right[i, j] -= work.force[i].imag / TINY
 
@@ -602,16 +579,18 @@ def _seen_slopes(layout, body, many, touched, q, by_q, scratch, out):
     by_turn = np.zeros((len(layout.nodes), 3, n))
     for i in range(n):
         z[i] = complex(q[i], TINY)
-        posture(layout, z, work.place, work.axes)
+        _set_posture(layout, z, work.place, work.axes)
         _seen(layout, body.marker, work, seen)
         by_turn[:, :, i] = seen.imag / TINY
         z[i] = q[i]
     for k in range(len(layout.nodes)):
         out[k] = by_turn[k] @ by_q
-        axes = scratch.real.axes[layout.nodes[k]]
+        frame = _frame(scratch.real.axes[layout.nodes[k]])
         for j in range(by_q.shape[1]):
             if touched[1][j, 2]:
-                out[k, :, j] += axes @ (many.marker[j, k].imag / TINY)
+                moved = to_world(frame, vector(many.marker[j, k].imag))
+                for i in range(3):
+                    out[k, i, j] += moved[i] / TINY
 
 
 @kernel

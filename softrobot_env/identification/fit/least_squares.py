@@ -20,7 +20,7 @@ _STEPS = 25
 _LEAST = 1e-4  # relative decrease of the cost at which a search ends
 _ROUGH = 3e-3  # of searches whose weights change afterwards
 _DAMPING, _RULE = 1e-3, Damping(factor=5, least=1e-7, tries=6)
-_OUTLYING = 5.0  # standard deviations, beyond which a residual does not tell of the rest
+_OUTLYING = 5.0  # standard deviations, beyond which a residual says nothing of the rest
 _ROUNDS = 2  # of weights from residuals
 
 #: 95 % of a normal distribution lie within so many standard deviations.
@@ -106,7 +106,7 @@ def clustered(
 ) -> np.ndarray:
     """Covariance of least squares whose model lacks something: of noise, and of what it lacks.
 
-    What the model lacks pulls each run another way. Their scatter tells how much that matters:
+    What the model lacks pulls each run another way. Their scatter shows how much that matters:
     N^-1 (sum of g g') N^-1 over the gradients g of w runs (Liang and Zeger, Biometrika 73, 1986),
     times w / (w - 1), and as runs are few by Student's t of w - 1 over the normal quantile. One
     run scatters nothing: then it is noise alone.
@@ -267,7 +267,9 @@ def pays(simple: Fit, other: Fit) -> bool:
 
 def _data_cost(found: Simulated, weights: Weights, used: np.ndarray | None = None) -> float:
     """What the residuals cost: half of their squares over their variance where they are small."""
-    square = _squares(found.error, used) / weights.scale**2
+    square = np.nansum(found.error**2, axis=-1) / weights.scale**2
+    if used is not None:
+        square = square * used[:, None]
     return float(np.sum(np.sqrt(1 + square) - 1) * (weights.scale / weights.deviation) ** 2)
 
 
@@ -293,7 +295,7 @@ def first_weights(model: StaticModel) -> Weights:
 
 @dataclass(frozen=True)
 class Combination:
-    """Parameters that the data tell together only, or not at all.
+    """Parameters that the data determine together only, or not at all.
 
     Attributes:
         information: Of the data over that of the prior: below one it is the prior that speaks.
@@ -309,7 +311,7 @@ class Combination:
 
 
 def combinations(fit: Fit, labels: list[str], most: int = 12) -> list[Combination]:
-    """Combinations of free parameters that the data tell less of than the prior, least first.
+    """Combinations of free parameters that the data say less of than the prior, least first.
 
     By singular values of the slopes, parameters in units of the prior.
     """
@@ -325,12 +327,6 @@ def combinations(fit: Fit, labels: list[str], most: int = 12) -> list[Combinatio
         parts = tuple((names[i], float(sign * vector[i])) for i in order if abs(vector[i]) > 0.15)
         found.append(Combination(float(max(value, 0.0)), parts))
     return found
-
-
-def _squares(error: np.ndarray, used: np.ndarray | None) -> np.ndarray:
-    """(t, k) squared distances, of unknown coordinates and rows that do not count zero."""
-    squares = np.nansum(error**2, axis=-1)
-    return squares if used is None else squares * used[:, None]
 
 
 def _normal(

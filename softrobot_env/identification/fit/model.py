@@ -14,24 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from softrobot_env.beams.model import masses_at
 from softrobot_env.core.processes import one_blas_thread
-from softrobot_env.identification.fit.kernels import (
-    TINY,
-    Body,
-    Layout,
-    Rows,
-    follow,
-    scratch,
-)
-from softrobot_env.identification.fit.unknowns import (
-    HOLDS,
-    Turned,
-    Unknowns,
-    groups,
-    start_backlash,
-    start_bending_friction,
-    start_friction,
-)
+from softrobot_env.identification.fit import kernels, unknowns
+from softrobot_env.identification.fit.kernels import TINY, Body, Layout
+from softrobot_env.identification.fit.unknowns import HOLDS, Turned, Unknowns
 from softrobot_env.recordings import Header, Recording
 from softrobot_env.recordings.header import Commands
 from softrobot_env.robots import RobotParams, Section, Tendon
@@ -113,17 +100,17 @@ class StaticModel:
         self.points = self._own(recording.markers)
         self.spatial = not robot.is_planar
         how = {"turned": turned, "spatial": self.spatial, "by_length": self._by_length}
-        self.unknowns = Unknowns(tuple(groups(robot, recording, **how)))
+        self.unknowns = Unknowns(tuple(unknowns.groups(robot, recording, **how)))
         travel = float(np.ptp(recording.commands, axis=0).max())
         self._friction = np.array([t.friction for t in robot.tendons], dtype=float)
         if "tendon_friction" not in known:
-            self._friction = start_friction(robot, travel, self._by_length)
+            self._friction = unknowns.start_friction(robot, travel, self._by_length)
         self._backlash = robot.drive.backlash / 2 if self._by_length else 0.0
         if self._by_length and "backlash" not in known:
-            self._backlash = start_backlash(robot, travel)
+            self._backlash = unknowns.start_backlash(robot, travel)
         self._holding = np.array([s.bending_friction for s in robot.backbone.sections])
         if "bending_friction" not in known:
-            self._holding = start_bending_friction(robot)
+            self._holding = unknowns.start_bending_friction(robot)
         self._lay(pieces)
         self._usual = len(self.layout.sizes)
 
@@ -183,18 +170,7 @@ class StaticModel:
         self._torsion = backbone.in_series(backbone.torsion, edges) / sizes
         middle = edges[:-1] + sizes / 2
         self._section = backbone.index(middle)
-        own = backbone.integrals(backbone.mass, edges)
-        first = backbone.integrals(lambda s: backbone.mass(s) * s, edges)
-        share = (first / own - edges[:-1]) / sizes
-        mass = np.zeros(len(edges))
-        mass[:-1] += own * (1 - share)
-        mass[1:] += own * share
-        for disc in robot.discs:
-            i = int(np.clip(np.searchsorted(edges, disc.station) - 1, 0, len(sizes) - 1))
-            part = (disc.station - edges[i]) / sizes[i]
-            mass[i] += disc.mass * (1 - part)
-            mass[i + 1] += disc.mass * part
-        self._mass = mass
+        self._mass = masses_at(robot, edges)
         self._scale = float(self._bending.min())
 
     # ------------------------------------------------------------------ parameters to arrays
@@ -303,27 +279,25 @@ class StaticModel:
         by = np.zeros(0, dtype=int) if free is None else np.flatnonzero(free)
         body = _contiguous(self.body(x), float)
         if not has_friction:
-            body = body._replace(
-                **{n: 0 * getattr(body, n) for n in ("friction", "holding", "backlash")}
-            )
+            none = {name: 0 * getattr(body, name) for name in ("friction", "holding", "backlash")}
+            body = body._replace(**none)
         steps = x.astype(complex) + TINY * 1j * np.eye(len(x))[by]
         begins = np.append(True, np.diff(self.recording.runs[chosen]) != 0) | self.begins[chosen]
         found = self._rows(chosen, begins, len(by))
         many = _many([self.body(y) for y in steps], body)
-        room = scratch(len(self.layout.sizes), len(body.spring))
-        follow(self.layout, body, many, found, _TOLERANCE * self._scale, room)
+        room = kernels.scratch(len(self.layout.sizes), len(body.spring))
+        kernels.follow(self.layout, body, many, found, _TOLERANCE * self._scale, room)
         points = self.points[chosen]
-        for index, moved in enumerate(steps):
-            if self._moves_frame(by[index]):
-                change = np.nan_to_num(self._placed(moved, points).imag) / TINY
-                found.slopes[..., index] -= change
+        for index in np.flatnonzero(self.unknowns.moves_frame[by]):
+            change = np.nan_to_num(self._placed(steps[index], points).imag) / TINY
+            found.slopes[..., index] -= change
         error = found.markers - self._placed(x, points)
         return Simulated(error, found.slopes, found.turns, found.rub, found.found, found.markers)
 
-    def _rows(self, chosen: np.ndarray, begins: np.ndarray, by: int) -> Rows:
+    def _rows(self, chosen: np.ndarray, begins: np.ndarray, by: int) -> kernels.Rows:
         """Rows before they are followed, for derivatives by so many parameters."""
         rows, n, k = len(chosen), len(self.layout.sizes), len(self.layout.nodes)
-        return Rows(
+        return kernels.Rows(
             controls=np.ascontiguousarray(self._controls[chosen]),
             begins=begins,
             turns=np.zeros((rows, 3 * n)),
@@ -332,10 +306,6 @@ class StaticModel:
             rub=np.zeros((rows, len(self.robot.tendons) + 2 * n)),
             found=np.ones(rows, dtype=bool),
         )
-
-    def _moves_frame(self, index: int) -> bool:
-        places = [self.unknowns.place(name) for name in ("frame_turn", "frame_shift")]
-        return any(p is not None and p.start <= index < p.stop for p in places)
 
     def place_frame(self, x: np.ndarray, vector: np.ndarray, shift: np.ndarray) -> None:
         """Set parameters x (p,) of the frame: rotation vector (3,) [rad] and shift (3,) [m]."""

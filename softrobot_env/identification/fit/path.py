@@ -8,45 +8,16 @@ from time import perf_counter
 import numpy as np
 
 from softrobot_env.core.processes import chosen_processes
-from softrobot_env.identification.fit.assignment import (
-    Assignment,
-    aligned,
-    assigned,
-    doubted,
-    sided,
-    with_signs,
-    with_tendons,
-)
+from softrobot_env.identification.fit import assignment, least_squares, unknowns, validation
+from softrobot_env.identification.fit.assignment import Assignment
 from softrobot_env.identification.fit.dynamics import Dynamics, dynamics_of
 from softrobot_env.identification.fit.experiment import Experiment, best_experiments
-from softrobot_env.identification.fit.least_squares import (
-    Combination,
-    Fit,
-    combinations,
-    first_weights,
-    fitted,
-    pays,
-    search,
-    size,
-)
+from softrobot_env.identification.fit.least_squares import Fit, fitted, search, size
 from softrobot_env.identification.fit.model import StaticModel
 from softrobot_env.identification.fit.residual import Residual, bends_of, trained
 from softrobot_env.identification.fit.static_windows import at_rest
-from softrobot_env.identification.fit.unknowns import (
-    FRICTIONS,
-    HOLDS,
-    LAGS,
-    STAGES,
-    Fact,
-    Turned,
-    Unknowns,
-)
-from softrobot_env.identification.fit.validation import (
-    Setup,
-    Validation,
-    cross_validated,
-    pattern_numbers,
-)
+from softrobot_env.identification.fit.unknowns import HOLDS, STAGES, Fact, Turned, Unknowns
+from softrobot_env.identification.fit.validation import Setup, Validation, cross_validated
 from softrobot_env.identification.networks import Networks, networks_of
 from softrobot_env.identification.replay import mean_known
 from softrobot_env.identification.visits import VISIT, visiting, visits_of
@@ -73,7 +44,7 @@ _STARTS = (-0.7, 0.7)  # further ones, of the logarithm of the stiffness
 
 @dataclass(frozen=True)
 class Identification:
-    """What a recording tells of a robot.
+    """What a recording shows of a robot.
 
     Attributes:
         robot: With what was found.
@@ -87,7 +58,7 @@ class Identification:
         validations: None without.
         residual: The correction; None without, or where none helps.
         dynamics: None of a recording at rest.
-        experiments: What would tell more, best first.
+        experiments: What would show more, best first.
         networks: Of its statics; None without visits.
         doubts: Why the result may be wrong, a line each.
         times: [s] that each part took.
@@ -111,9 +82,9 @@ class Identification:
     times: dict[str, float] = field(default_factory=dict)
 
     @property
-    def combinations(self) -> list[Combination]:
+    def combinations(self) -> list[least_squares.Combination]:
         """What the data cannot tell, least known first."""
-        return combinations(self.fit, self.unknowns.labels)
+        return least_squares.combinations(self.fit, self.unknowns.labels)
 
 
 def check_stages(stages: Sequence[str]) -> tuple[str, ...]:
@@ -203,7 +174,7 @@ class _Run:
         self.assignment: Assignment | None = None
         self.networks: Networks | None = None
         self.dynamics: Dynamics | None = None
-        self.validations: list[Validation] = []
+        self.validations: tuple[Validation, ...] = ()
         self.residual: Residual | None = None
         self.correction: np.ndarray | None = None
 
@@ -218,13 +189,13 @@ class _Run:
             def show(done: int) -> None:
                 self.given.show("which column pulls what", done, 200)
 
-            found = self.assignment = assigned(static, robot, show, any_way=any_way)
-            self._change(lambda recording: with_tendons(recording, found))
+            found = self.assignment = assignment.assigned(static, robot, show, any_way=any_way)
+            self._change(lambda recording: assignment.with_tendons(recording, found))
             return True
         if static.kind == "length":
-            signs = sided(static, robot, any_way=any_way)
+            signs = assignment.sided(static, robot, any_way=any_way)
             if min(signs) < 0:
-                self._change(lambda recording: with_signs(recording, signs))
+                self._change(lambda recording: assignment.with_signs(recording, signs))
         return False
 
     def _change(self, change: Callable[[Recording], Recording]) -> None:
@@ -257,14 +228,12 @@ class _Run:
         """Damping, delay and friction."""
         if self.moving is None or "dynamics" not in self.given.stages:
             return False
+
+        def show(done: int, _: float) -> None:
+            self.given.show("dynamics", done, 6)
+
         header = partial(_header, self.model, recording=self.recording)
-        self.dynamics, self.fit = _in_motion(
-            self.model,
-            self.fit,
-            self.moving,
-            header,
-            lambda done: self.given.show("dynamics", done, 6),
-        )
+        self.dynamics, self.fit = _in_motion(self.model, self.fit, self.moving, header, show)
         return True
 
     def cross_validate(self) -> bool:
@@ -274,7 +243,7 @@ class _Run:
         given = self.given.robot, self.static, self.turned, self.filed
         setup = Setup(*given, self.fit.x, self.free, self.fit.weights)
         show = partial(self.given.show, "cross-validation")
-        self.validations = cross_validated(setup, "residual" in self.given.stages, show)
+        self.validations = tuple(cross_validated(setup, "residual" in self.given.stages, show))
         return True
 
     def learn_residual(self) -> bool:
@@ -284,7 +253,7 @@ class _Run:
         self.given.show("residual", 0, 1)
         fit = self.fit.simulated
         rows = (bends_of(self.model, fit.turns), self.static.commands, self.model.begins)
-        self.residual = trained(*rows, fit.error, pattern_numbers(self.static))
+        self.residual = trained(*rows, fit.error, validation.pattern_numbers(self.static))
         if self.residual is not None:
             self.correction = self.residual.correction(*rows)
         return True
@@ -309,25 +278,14 @@ class _Run:
             robot, delay = self.dynamics.robot, self.dynamics.delay
             late = tuple(replace(m, delay_s=m.delay_s + delay) for m in header.marker)
             header = replace(header, marker=late)
-        return Identification(
-            robot=robot,
-            header=header,
-            believed=self.given.robot,
-            recording=self.static,
-            stages=self.given.stages,
-            unknowns=self.unknowns,
-            fit=self.fit,
-            assignment=self.assignment,
-            validations=tuple(self.validations),
-            residual=self.residual,
-            correction=self.correction,
-            dynamics=self.dynamics,
-            experiments=self.experiments,
-            networks=self.networks,
-            doubts=self.doubts,
-            times=self.times,
-        )
+        found = {name: getattr(self, name) for name in _FOUND}
+        given = self.given
+        return Identification(robot, header, given.robot, self.static, given.stages, **found)
 
+
+#: Fields of an `Identification` that are those of its run.
+_FOUND = ("unknowns", "fit", "assignment", "validations", "residual", "correction", "dynamics")
+_FOUND += ("experiments", "networks", "doubts", "times")
 
 #: What an identification does, in this order.
 _STEPS: dict[str, Callable[[_Run], bool]] = {
@@ -371,11 +329,13 @@ def _doubts(model: StaticModel, fit: Fit, recording: Recording) -> Iterator[str]
             yield f"column {column} counts what is let out (found; the header says no factors)"
     if static.kind != "action" and left > _SMALL * moved:
         placed_here = placed(static, model.header_of(fit.x, static.header))
-        other = doubted(placed_here, model.robot_of(fit.x))
+        other = assignment.doubted(placed_here, model.robot_of(fit.x))
         if other is not None:
             yield other
     if left > _SMALL * moved:
-        rms, vector, _ = aligned(fit.simulated.markers, fit.simulated.markers - error, any_way=True)
+        rms, vector, _ = assignment.aligned(
+            fit.simulated.markers, fit.simulated.markers - error, any_way=True
+        )
         turn = np.degrees(np.linalg.norm(vector))
         if rms < _BETTER * left and turn > _TURNED:
             yield (
@@ -406,26 +366,26 @@ def _in_motion(
     fit: Fit,
     moving: Recording,
     header: Callable[[Fit], Header],
-    show: Callable[[int], None],
+    show: Callable[[int, float], None],
 ) -> tuple[Dynamics, Fit]:
-    """The dynamics, and the statics with what the motion tells of them.
+    """The dynamics, and the statics with what the motion shows of them.
 
     At rest, friction of tendons and backlash of servos do the same: tendons lag behind their
-    commands. A robot that sways under a constant command tells friction alone; and how fast it
-    sways tells how stiff it is for its mass. Where no servo can have backlash, friction is that in
+    commands. A robot that sways under a constant command shows friction alone; and how fast it
+    sways shows how stiff it is for its mass. Where no servo can have backlash, friction is that in
     motion. What it differs from that at rest is what the law of
     friction lacks, such as tendons that give a little before they slide: half of it counts as a
     standard deviation, of damping and delay as far as they depend on friction.
     """
-    unknowns, x = model.unknowns, fit.x.copy()
-    rubbing, backlash = (unknowns.place(name) for name in LAGS)
-    stiff = unknowns.place("youngs_modulus")
+    known, x = model.unknowns, fit.x.copy()
+    rubbing, backlash = (known.place(name) for name in unknowns.LAGS)
+    stiff = known.place("youngs_modulus")
     first = dynamics_of(
         _named(model, fit),
         placed(moving, header(fit)),
-        _common(unknowns, fit, "youngs_modulus"),
-        _common(unknowns, fit, "tendon_friction") if fit.free[rubbing].any() else None,
-        show=lambda n, _: show(n),
+        _common(known, fit, "youngs_modulus"),
+        _common(known, fit, "tendon_friction") if fit.free[rubbing].any() else None,
+        show=show,
     )
     if backlash is None or not (fit.free[rubbing].all() and fit.free[backlash].all()):
         other, own = first.friction
@@ -433,20 +393,20 @@ def _in_motion(
         deviation = np.hypot(first.deviation, first.by_friction * other / 2)
         return replace(first, friction=friction, deviation=deviation), fit
     x[rubbing] += first.friction[0]
-    common = unknowns.common("tendon_friction")
+    common = known.common("tendon_friction")
     facts = [Fact(common, float(common @ x), first.friction[1])]
     if fit.free[stiff].all():
-        ratio = unknowns.common("youngs_modulus") - unknowns.common("mass")
+        ratio = known.common("youngs_modulus") - known.common("mass")
         x[stiff] += first.modulus[0]
         facts.append(Fact(ratio, float(ratio @ x), first.modulus[1]))
-    model.unknowns = replace(unknowns, facts=tuple(facts))
+    model.unknowns = replace(known, facts=tuple(facts))
     again = fitted(model, x, fit.free, fit.weights)
     second = dynamics_of(
         _named(model, again),
         placed(moving, header(again)),
         friction=None,
         begin=first.values,
-        show=lambda n, _: show(n),
+        show=show,
     )
     return replace(second, deviation=first.deviation, before=first.before), again
 
@@ -473,9 +433,9 @@ def placed(recording: Recording, header: Header) -> Recording:
     )
 
 
-def _common(unknowns: Unknowns, fit: Fit, name: str) -> float:
+def _common(known: Unknowns, fit: Fit, name: str) -> float:
     """Standard deviation of what the parameters of a kind have in common."""
-    place = unknowns.place(name)
+    place = known.place(name)
     part = fit.covariance[place, place]
     return float(np.sqrt(part.mean()))
 
@@ -524,7 +484,7 @@ def _statics(
     lacks might.
     """
     robot, stages, known, show = given.robot, given.stages, given.known, given.show
-    filed = [name for name in FRICTIONS if name in known or "statics" not in stages]
+    filed = [name for name in unknowns.FRICTIONS if name in known or "statics" not in stages]
 
     def tried(what: str, held: Sequence[str]) -> tuple[StaticModel, Fit]:
         model = StaticModel(robot, static, turned, known=held)
@@ -532,7 +492,7 @@ def _statics(
         free[model.unknowns.place(HOLDS)] &= HOLDS not in held
         if turned == "any way":
             seen = model.simulate(x, has_friction=False).markers
-            _, vector, shift = aligned(seen, model.points, any_way=True)
+            _, vector, shift = assignment.aligned(seen, model.points, any_way=True)
             model.place_frame(x, vector, shift)
         elif turn:
             x[model.unknowns.place("frame_turn").stop - 1] = turn
@@ -545,7 +505,7 @@ def _statics(
     if HOLDS in filed:
         return model, fit, plain
     holding, other = tried("friction of the backbone", filed)
-    has_friction = pays(fit, other) and _kept(holding.robot_of(other.x)) > _LEAST_KEPT
+    has_friction = least_squares.pays(fit, other) and _kept(holding.robot_of(other.x)) > _LEAST_KEPT
     return (holding, other, filed) if has_friction else (model, fit, plain)
 
 
@@ -564,7 +524,7 @@ def _fitted(
 
     These two at a time if processes were chosen by `processes.using`.
     """
-    start = first_weights(model)
+    start = least_squares.first_weights(model)
     frame = free & model.unknowns.of(["frame"])
     if frame.any():
         x = search(model, x, frame, start, has_friction=False, steps=4).x

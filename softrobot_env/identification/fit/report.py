@@ -23,7 +23,7 @@ from softrobot_env.robots import write_robot
 #: Names of the files, as a replay looks for them.
 ROBOT_FILE, HEADER_FILE, COMMANDS_FILE = "robot.toml", "recording.toml", "next_experiment.csv"
 
-#: What `--learnt` takes.
+#: What the option `--learnt` takes.
 NETWORK_FILE = "rig_nn.npz"
 
 _UNITS = {"log": ("%", 100.0), "share": ("%", 100.0), "rad": ("deg", 180 / np.pi), "m": ("mm", 1e3)}
@@ -75,44 +75,6 @@ class ErrorRow:
     rms_centred: float
     mean: float
     max: float
-
-
-@dataclass(frozen=True)
-class UnknownRow:
-    """A combination of parameters that the data hardly tell.
-
-    Attributes:
-        combination: Parameters with their shares.
-        information: Of the data, over that of the prior.
-    """
-
-    combination: str
-    information: float
-
-
-@dataclass(frozen=True)
-class ExperimentRow:
-    """Commands that would tell more.
-
-    Attributes:
-        experiment: What to do.
-        gain: Sum over the five least known parameters of the share by which variances fall.
-        parameter: Which of them gains most.
-        before, after: Its standard deviation.
-    """
-
-    experiment: str
-    gain: float
-    parameter: str
-    before: float
-    after: float
-
-
-@dataclass(frozen=True)
-class DoubtRow:
-    """Why the result may be wrong."""
-
-    doubt: str
 
 
 def parameter_rows(found: Identification) -> list[ParameterRow]:
@@ -179,20 +141,18 @@ def chain_row(error: np.ndarray) -> ErrorRow:
 def report_rows(found: Identification, chain: ErrorRow | None) -> list[dict[str, Any]]:
     """Rows of report.json, each with its kind."""
     errors = error_rows(found) + ([] if chain is None else [chain])
-    kinds: list[tuple[str, list[Any]]] = [
-        ("error", errors),
-        ("parameter", parameter_rows(found)),
-        ("not told", [UnknownRow(str(c), c.information) for c in found.combinations]),
-        ("experiment", _experiments(found)),
-        ("doubt", [DoubtRow(text) for text in found.doubts]),
+    rows = [{"kind": "error"} | asdict(row) for row in errors]
+    rows += [{"kind": "parameter"} | asdict(row) for row in parameter_rows(found)]
+    rows += [
+        {"kind": "not told", "combination": str(one), "information": one.information}
+        for one in found.combinations
     ]
-    return [{"kind": kind} | asdict(row) for kind, rows in kinds for row in rows]
-
-
-def _experiments(found: Identification) -> list[ExperimentRow]:
-    return [
-        ExperimentRow(e.name, e.gain, e.parameter, e.before, e.after) for e in found.experiments
+    columns = {"experiment": "name"} | {n: n for n in ("gain", "parameter", "before", "after")}
+    rows += [
+        {"kind": "experiment"} | {key: getattr(one, name) for key, name in columns.items()}
+        for one in found.experiments
     ]
+    return rows + [{"kind": "doubt", "doubt": text} for text in found.doubts]
 
 
 _MM = {"form": ".2f", "unit": "mm"}
@@ -251,41 +211,44 @@ def tables(found: Identification, chain: ErrorRow | None, whole: bool) -> Group:
     ]
     if found.combinations:
         cut = found.combinations[: None if whole else 4]
-        rows = [UnknownRow(str(c), c.information) for c in cut]
-        parts.append(make_table("What the data cannot tell", (Column("combination"),), rows))
+        parts.append(make_table("What the data cannot tell", (Column("combination", str),), cut))
     if found.experiments:
-        parts.append(make_table("What would tell more", _EXPERIMENTS, _experiments(found)))
+        parts.append(make_table("What would tell more", _EXPERIMENTS, found.experiments))
     if whole:
-        parts.append(
-            make_table("Errors by pattern", _ERRORS, [r for r in errors if r.pattern != "all"])
-        )
+        by_pattern = [row for row in errors if row.pattern != "all"]
+        parts.append(make_table("Errors by pattern", _ERRORS, by_pattern))
     return Group(*parts)
 
 
+def _shown_number(row: ParameterRow, value: float) -> float:
+    """A value in the unit that is shown; a factor less one."""
+    if row.unit == "log":
+        return 100 * (exp(min(value, 50.0)) - 1)
+    return value * _unit(row)[1]
+
+
+def _unit(row: ParameterRow) -> tuple[str, float]:
+    """The unit that is shown, and its factor."""
+    return _UNITS.get(row.unit, (row.unit, 1.0))
+
+
 def _value(row: ParameterRow) -> str:
-    return f"{_shown_number(row.value, row.unit):+.3g}"
+    return f"{_shown_number(row, row.value):+.3g}"
 
 
 def _interval(row: ParameterRow) -> str:
-    low, high = (_shown_number(x, row.unit) for x in (row.low, row.high))
-    return f"{low:+.3g} to {high:+.3g}"
-
-
-def _shown_number(value: float, unit: str) -> float:
-    if unit == "log":
-        return 100 * (exp(min(value, 50.0)) - 1)
-    return value * _UNITS.get(unit, ("", 1.0))[1]
+    return f"{_shown_number(row, row.low):+.3g} to {_shown_number(row, row.high):+.3g}"
 
 
 _PARAMETERS = (
     Column("parameter"),
     Column("change", _value, ">"),
     Column("95 %", _interval, ">"),
-    Column("unit", lambda row: _UNITS.get(row.unit, (row.unit, 1.0))[0]),
+    Column("unit", lambda row: _unit(row)[0]),
     Column("spread left", lambda row: row.deviation / row.prior, ".2f"),
 )
 _EXPERIMENTS = (
-    Column("experiment"),
+    Column("experiment", "name"),
     Column("gain", "gain", ".2f"),
     Column("tells most of", "parameter"),
     Column("deviation", "before", ".3g"),
@@ -339,7 +302,7 @@ def _notes(found: Identification) -> list[str]:
         "believed before that is left (1: the data tell nothing).",
     ]
     for row in rows:
-        unit, scale = _UNITS.get(row.unit, (row.unit, 1.0))
+        unit, scale = _unit(row)
         notes.append(
             f"  {row.parameter}: {_value(row)} {unit} +- {scale * row.deviation:.2g} "
             f"({row.deviation / row.prior:.2f})"

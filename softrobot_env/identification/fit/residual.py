@@ -78,18 +78,7 @@ class Residual:
 
     def save(self, path: Path) -> None:
         """Write the arrays; no code is in the file."""
-        write_arrays(
-            path,
-            {
-                "middle": self.middle,
-                "spread": self.spread,
-                "band": self.band,
-                "memory": np.array(self.memory),
-                "width": np.array(self.width),
-                "rows": self.rows,
-                "weights": self.weights,
-            },
-        )
+        write_arrays(path, {name: np.asarray(value) for name, value in vars(self).items()})
 
 
 def read_residual(path: Path) -> Residual:
@@ -168,16 +157,14 @@ def trained(
         features[:, held : 2 * held] *= memory
         square = _squares(features, features)
         for width, noise in product(_WIDTHS, _NOISES):
-            left = _left(np.exp(-square / 2 / width**2), target, fold, noise)
+            matrix = np.exp(-square / 2 / width**2)
+            left = _left(matrix, target, fold, noise)
             if left < 0.98 * least:
-                best, least = (memory, width, noise), left
+                best, least = (memory, width, features, matrix + noise * np.eye(len(matrix))), left
     if best is None:
         return None
-    memory, width, noise = best
-    features = scaled.copy()
-    features[:, held : 2 * held] *= memory
-    matrix = np.exp(-_squares(features, features) / 2 / width**2)
-    weights = np.linalg.solve(matrix + noise * np.eye(len(matrix)), target)
+    memory, width, features, matrix = best
+    weights = np.linalg.solve(matrix, target)
     return Residual(middle, spread, band, memory, width, features, weights)
 
 

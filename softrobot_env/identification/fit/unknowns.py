@@ -2,7 +2,7 @@
 
 All parameters are zero where the robot is as its file says. Each belongs to a stage that a user
 switches; spreads are standard deviations of a prior, what a datasheet and a careful hand leave
-open. What the data tell better does not depend on them.
+open. What the data show better does not depend on them.
 """
 
 from collections.abc import Sequence
@@ -160,7 +160,7 @@ def start_backlash(robot: RobotParams, travel: float) -> float:
 
 @dataclass(frozen=True)
 class Fact:
-    """What something else than the rows tells of the parameters x: weights @ x = value.
+    """What something else than the rows says of the parameters x: weights @ x = value.
 
     Attributes:
         weights: (p,).
@@ -223,6 +223,12 @@ class Unknowns:
     def labels(self) -> list[str]:
         """(p,) names for people."""
         return [f"{g.name}: {label}" for g in self.groups for label in g.labels]
+
+    @property
+    def moves_frame(self) -> np.ndarray:
+        """(p,) bool, those that turn or shift the recording's frame."""
+        names = ("frame_turn", "frame_shift")
+        return np.concatenate([[g.name in names] * len(g.labels) for g in self.groups])
 
     def place(self, name: str) -> slice | None:
         """Where the parameters of a kind stand, None where there is none."""
