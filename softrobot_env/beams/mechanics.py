@@ -21,8 +21,7 @@ import numpy as np
 from numba.extending import overload
 
 from softrobot_env.beams.actuation import add_path_forces, path_lengths, tendon_tensions
-from softrobot_env.beams.numerics import compilation
-from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.beams.numerics.compilation import implementation, kernel
 from softrobot_env.machine_code import LINKED
 
 # ---------------------------------------------------------------- provided by a model
@@ -122,7 +121,7 @@ def implement(data_class: type, *modules: ModuleType) -> None:
         for name, each in vars(module).items():
             function = globals().get(name)
             if isinstance(function, FunctionType) and hasattr(each, "py_func"):
-                compilation.implement(function, data_class, each)
+                implementation(function, data_class)(each)
                 if function is add_internal_tangent:
                     _WITH_TANGENT.add(data_class)
 

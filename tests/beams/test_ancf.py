@@ -138,22 +138,6 @@ def test_energy_and_damping_are_the_volume_integrals(dimension, plane, quadratur
 
 
 @pytest.mark.parametrize("dimension", DIMENSIONS)
-def test_both_exact_rules_agree_and_the_thesis_rule_tends_to_them(dimension):
-    rules = ["exact", "chebyshev", 6, 8, 16]
-    forces = {}
-    for rule in rules:
-        model = ANCF(RING, 2, dimension=dimension, quadrature=rule)
-        v = np.random.default_rng(2).normal(size=model.n)
-        forces[rule] = model.residual(random_pose(model), v, np.zeros(model.n))
-    size = np.linalg.norm(forces["exact"])
-    errors = {rule: np.linalg.norm(forces[rule] - forces["exact"]) / size for rule in rules}
-    assert errors["chebyshev"] < 1e-13
-    # The errors are those of the section's moments, which fall as n^-3.
-    assert errors[6] > errors[8] > 3e-4
-    assert errors[8] / errors[16] == pytest.approx(8, rel=0.25)
-
-
-@pytest.mark.parametrize("dimension", DIMENSIONS)
 def test_rigid_motion_causes_no_force(dimension):
     robot = replace(RING, gravity=(0.0, 0.0, 0.0))
     model = ANCF(robot, 3, dimension=dimension, clamped=False)
@@ -291,19 +275,6 @@ def test_small_deflection_converges_to_timoshenko_without_shear_correction():
     # The clamp also holds r_,1, so that the first element cannot shear at its base: an error of
     # first order in the element's length besides that of second order. Both extrapolated:
     assert abs(errors[0] - 6 * errors[1] + 8 * errors[2]) / 3 < 2e-5
-
-
-@pytest.mark.parametrize("follows", [False, True])
-def test_planar_and_spatial_model_agree_without_poisson_effect(follows):
-    robot = replace(RING, poisson_ratio=0.0, gravity=(-2.0, 0.0, 1.0))
-    load = Load("tip", 0.4, force=(-1.0, 0.0, -0.2), moment=(0.0, -0.1, 0.0), follows=follows)
-    tips = []
-    for dimension in DIMENSIONS:
-        model = ANCF(robot, 4, dimension=dimension, loads=[load])
-        q = model.equilibrium(np.ones(1), check_stability=False)
-        tips.append(np.concatenate([model.tip(q), model.curvature(q).ravel()]))
-    np.testing.assert_allclose(tips[0], tips[1], atol=1e-9)
-    assert abs(tips[0][0]) > 0.05
 
 
 def test_torsion_is_the_closed_form():

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.recorded_rods import LENGTH, recorded, rod
 
 from softrobot_env.cli import main
 from softrobot_env.control.registry import make_policy
@@ -29,55 +30,33 @@ from softrobot_env.identification.fit.static_windows import at_rest
 from softrobot_env.identification.fit.unknowns import FRICTIONS, HOLDS, Fact, Group, Unknowns
 from softrobot_env.identification.fit.validation import blocks_of
 from softrobot_env.identification.replay import replay
-from softrobot_env.recordings import (
-    Commands,
-    Frame,
-    Header,
-    Marker,
-    Recording,
-    read_header,
-    write_recording,
-)
+from softrobot_env.recordings import Frame, Recording, read_header, write_recording
 from softrobot_env.recordings.files import recordings_dir
-from softrobot_env.robots import ROBOTS, RobotParams, Tendon, read_robot, write_robot
+from softrobot_env.robots import ROBOTS, RobotParams, read_robot, write_robot
 from softrobot_env.robots.twin import rig3d_twin
 from softrobot_env.tasks import make_task
 from softrobot_env.thesis.rig.parameters import identified, record
 
-RADIUS, TENDON, LENGTH, MODULUS = 0.004, 0.008, 0.2, 1e7
+RADIUS, TENDON, MODULUS = 0.004, 0.008, 1e7
 BENDING = MODULUS * pi * RADIUS**4 / 4
-
-
-def rod(**other) -> RobotParams:
-    """A rod with three tendons in channels, driven by tension, weightless unless told."""
-    azimuth = 2 * np.pi * np.arange(3) / 3
-    tendons = tuple(
-        Tendon(f"t{k}", (TENDON * np.cos(a), TENDON * np.sin(a)), LENGTH, 0, 5.0)
-        for k, a in enumerate(azimuth)
-    )
-    size = {"length": LENGTH, "outer_radius": RADIUS, "inner_radius": 0.0, "pieces": 8}
-    material = {"youngs_modulus": MODULUS, "density": 1200.0, "damping_time": 0.05}
-    return RobotParams("rod", tendons=tendons, poisson_ratio=0.3, **size, **material, **other)
+ROD = rod(RADIUS, TENDON, MODULUS, 1200.0)
+HEAVY = replace(ROD, gravity=(0.0, 0.0, -9.81))
 
 
 def in_turn(robot: RobotParams, levels, kind: str = "tension", begin: float = 0.0) -> Recording:
     """Commands [N] or [m] to one tendon after the other at rest, and no markers yet."""
-    names, unit = tuple(t.name for t in robot.tendons), {"tension": "N", "length": "m"}[kind]
+    names = [t.name for t in robot.tendons]
     rows = np.concatenate([np.outer(levels, one) for one in np.eye(3)]) + begin
-    header = Header(Commands(kind, names, unit, names), (Marker("x", "y", "z"),), rate_Hz=1.0)
     labels = np.repeat([f"pull {name}" for name in names], len(levels))
-    times, none = np.arange(len(rows)) * 1.0, np.zeros((len(rows), 1, 3))
-    header = replace(header, static=True)
-    return Recording(header, times, rows, none, labels, np.zeros(len(rows), int))
+    return recorded(rows, kind, names, labels=labels)
 
 
 def pulled(robot: RobotParams, levels: np.ndarray, noise: float = 0.0) -> Recording:
     """What the MuJoCo chain shows at rest when each tendon is pulled in turn [N]."""
     blank = in_turn(robot, levels)
     seen = replay(blank, robot).simulated
-    return replace(
-        blank, markers=seen + noise * np.random.default_rng(1).standard_normal(seen.shape)
-    )
+    seen = seen + noise * np.random.default_rng(1).standard_normal(seen.shape)
+    return replace(blank, markers=seen)
 
 
 UP_AND_DOWN = np.concatenate([np.linspace(0.1, 1, 6), np.linspace(0.8, 0.1, 4)])
@@ -85,7 +64,7 @@ UP_AND_DOWN = np.concatenate([np.linspace(0.1, 1, 6), np.linspace(0.8, 0.1, 4)])
 
 @pytest.mark.slow
 def test_a_tendon_bends_the_model_to_an_arc_and_its_slopes_are_exact():
-    robot, levels = rod(), np.linspace(0.1, 1.0, 4)
+    robot, levels = ROD, np.linspace(0.1, 1.0, 4)
     model = StaticModel(robot, pulled(robot, levels), known=FRICTIONS)
     x = np.zeros(len(model.unknowns.spread))
     found = model.simulate(x, np.ones(len(x), dtype=bool))
@@ -103,7 +82,7 @@ def test_a_tendon_bends_the_model_to_an_arc_and_its_slopes_are_exact():
 @pytest.mark.slow
 def test_finer_pieces_come_nearer_by_the_square_and_leave_the_chain_alone():
     """Of a heavy rod: its weight bends each piece unlike an arc."""
-    robot = replace(rod(), gravity=(0.0, 0.0, -9.81)).vary(density=2.0)
+    robot = HEAVY.vary(density=2.0)
     models = [StaticModel(robot, pulled(robot, np.linspace(0.1, 0.6, 3)), known=FRICTIONS)]
     for _ in range(3):
         models.append(models[-1].finer())
@@ -118,7 +97,7 @@ def test_finer_pieces_come_nearer_by_the_square_and_leave_the_chain_alone():
 @pytest.mark.slow
 def test_friction_weight_and_modulus_are_found_in_what_the_chain_does():
     """Of a heavy rod whose tendons rub; where friction was is carried from row to row."""
-    believed = rod(gravity=(0.0, 0.0, -9.81))
+    believed = HEAVY
     true = believed.vary(youngs_modulus=1.3, density=0.8, tendon_friction=0.03)
     recording = pulled(true, UP_AND_DOWN, noise=1e-4)
     found = identify(recording, believed, ("statics",), validate=False)
@@ -135,9 +114,9 @@ def test_friction_weight_and_modulus_are_found_in_what_the_chain_does():
 def test_friction_of_the_backbone_is_found_where_there_is_some(held):
     """Of a rod that keeps a bend of `held` [rad]; the other has friction of its tendons alone."""
     most = held * BENDING / LENGTH
-    true = replace(rod(), bending_friction=most or None).vary(tendon_friction=0.02)
+    true = replace(ROD, bending_friction=most or None).vary(tendon_friction=0.02)
     recording = pulled(true, np.append(UP_AND_DOWN, 0.0), noise=1e-4)
-    found = identify(recording, rod(), ("statics",), validate=False)
+    found = identify(recording, ROD, ("statics",), validate=False)
     sections = found.robot.backbone.sections
     assert [s.bending_friction for s in sections] == pytest.approx([most], rel=0.1)
     assert [t.friction for t in found.robot.tendons] == pytest.approx([0.02] * 3, rel=0.2)
@@ -153,9 +132,8 @@ def test_what_is_written_is_what_was_found(tmp_path):
     true = believed.vary(youngs_modulus=0.8, tendon_friction=0.1)
     seen = frame.to_recorded(replay(blank, true).simulated)
     recording = replace(blank, markers=seen)
-    found = identify(
-        recording, believed, ("frame", "tendons", "geometry", "statics"), validate=False
-    )
+    stages = ("frame", "tendons", "geometry", "statics")
+    found = identify(recording, believed, stages, validate=False)
     write_files(found, tmp_path)
     robot, read = read_robot(tmp_path / "robot.toml"), read_header(tmp_path / "recording.toml")
     text = (tmp_path / "robot.toml").read_text()
@@ -266,7 +244,7 @@ def test_a_twin_that_nobody_told_is_identified_and_driven():
 
 @pytest.mark.slow
 def test_columns_in_another_order_and_a_turned_frame_are_told_apart():
-    robot = rod(gravity=(0.0, 0.0, -9.81))
+    robot = HEAVY
     recording = pulled(robot, np.linspace(0.1, 1.0, 4))
     order, turn = (2, 0, 1), 0.7
     commands = replace(recording.header.commands, columns=("a", "b", "c"), tendons=None)
@@ -290,7 +268,7 @@ def test_columns_in_another_order_and_a_turned_frame_are_told_apart():
 
 @pytest.mark.slow
 def test_further_starts_find_in_processes_what_they_find_in_this_one(monkeypatch):
-    robot = rod()
+    robot = ROD
     recording = pulled(robot.vary(youngs_modulus=1.3), np.linspace(0.1, 1.0, 4), noise=1e-4)
     # Nothing is good enough, so that the further starts are taken.
     monkeypatch.setattr(path, "size", lambda error: 1.0 + size(error))
@@ -338,14 +316,13 @@ def test_rests_are_the_ends_of_times_without_a_command():
     commands = np.stack([level, 0 * level], axis=1)
     sway = np.exp(-8 * (times % 1.0)) * np.cos(30 * times)
     markers = np.stack([level + 0.2 * sway, 0 * level, 0 * level], axis=1)[:, None]
-    header = Header(Commands("tension", ("a", "b"), "N"), (Marker("x", "y", "z"),), rate_Hz=100.0)
-    moving = Recording(header, times, commands, markers, np.full(1200, ""), np.zeros(1200, int))
+    moving = recorded(commands, names="ab", markers=markers, times=times, rate_Hz=100.0)
     rests = at_rest(moving)
     assert rests.static and rests.commands[:, 0].tolist() == list(range(12))
     # It jumped to all but the first: tendons come to rest anywhere, and the markers do not count.
     assert rests.runs.tolist() == list(range(12)) and np.isnan(rests.markers[1:]).all()
     # What is read with another header keeps what was lost.
-    again = placed(rests, replace(header, static=True))
+    again = placed(rests, replace(moving.header, static=True))
     assert np.array_equal(again.markers, rests.markers, equal_nan=True)
     with pytest.raises(ValueError, match="rests 7 times in the recording, fewer than 8: record"):
         at_rest(moving.part(slice(0, 700)))
@@ -357,9 +334,8 @@ def test_windows_of_motion_are_whole_decays_led_by_the_pull_before():
     level = np.concatenate([np.zeros(40), np.tile(cycle, 6)])
     times = 0.01 * np.arange(len(level))
     markers = np.stack([np.append(0.0, level[:-1]), 0 * level, 0 * level], axis=1)[:, None]
-    header = Header(Commands("tension", ("a",), "N"), (Marker("x", "y", "z"),), rate_Hz=100.0)
-    labels, runs = np.full(len(level), ""), np.zeros(len(level), int)
-    windows = windows_of(Recording(header, times, level[:, None], markers, labels, runs))
+    moving = recorded(level[:, None], names="a", markers=markers, times=times, rate_Hz=100.0)
+    windows = windows_of(moving)
     assert np.bincount(windows.runs).tolist() == [250] * 5  # 12 s at most
     for number in range(5):
         mine = windows.runs == number
@@ -377,13 +353,16 @@ def test_blocks_hold_whole_patterns():
     assert blocks_of(patterns, "contiguous")[:14].tolist() == [0] * 14
 
 
+def command_of(folder, robot: RobotParams, recording: Recording) -> list[str]:
+    write_recording(recording, folder / "pulls.csv")
+    write_robot(robot, folder / "rod.toml")
+    return ["identify", str(folder / "pulls.csv"), "--robot", str(folder / "rod.toml")]
+
+
 @pytest.mark.slow
 def test_the_command_writes_what_a_replay_reads(tmp_path, capsys):
-    true = rod(gravity=(0.0, 0.0, -9.81)).vary(youngs_modulus=1.2)
-    write_recording(pulled(true, UP_AND_DOWN, 1e-4), tmp_path / "pulls.csv")
-    write_robot(rod(gravity=(0.0, 0.0, -9.81)), tmp_path / "rod.toml")
-    out = tmp_path / "found"
-    command = ["identify", str(tmp_path / "pulls.csv"), "--robot", str(tmp_path / "rod.toml")]
+    true, out = HEAVY.vary(youngs_modulus=1.2), tmp_path / "found"
+    command = command_of(tmp_path, HEAVY, pulled(true, UP_AND_DOWN, 1e-4))
     quick = ["--no-validation", "--no-plots", "--out", str(out)]
     assert main([*command, "--stages", "statics", "--known", "mass", *quick]) == 0
     said = capsys.readouterr().out
@@ -394,31 +373,27 @@ def test_the_command_writes_what_a_replay_reads(tmp_path, capsys):
     assert modulus["value"] == pytest.approx(np.log(1.2), abs=0.02)
     assert modulus["low"] < modulus["value"] < modulus["high"]
     replayed = ["recording", "replay", str(tmp_path / "pulls.csv"), "--no-plots"]
-    assert (
-        main([*replayed, "--robot", str(out / "robot.toml"), "--out", str(tmp_path / "replay")])
-        == 0
-    )
+    given = ["--robot", str(out / "robot.toml"), "--out", str(tmp_path / "replay")]
+    assert main([*replayed, *given]) == 0
     assert json.loads((tmp_path / "replay" / "report.json").read_text())["rows"][0]["rms"] < 1e-3
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "said"),
     [
         (["--stages", "statics,magic"], "'magic' is not one of frame, tendons"),
         (["--stages", "residual"], "one of the first four at least, got residual"),
         (["--known", "weight"], "known must be out of frame_turn"),
     ],
 )
-def test_what_is_not_there_is_refused_in_one_line(given, told, tmp_path, capsys):
-    write_recording(pulled(rod(), np.linspace(0.2, 1, 3)), tmp_path / "pulls.csv")
-    write_robot(rod(), tmp_path / "rod.toml")
-    command = ["identify", str(tmp_path / "pulls.csv"), "--robot", str(tmp_path / "rod.toml")]
+def test_what_is_not_there_is_refused_in_one_line(given, said, tmp_path, capsys):
+    command = command_of(tmp_path, ROD, in_turn(ROD, np.linspace(0.2, 1, 3)))
     try:
         code = main([*command, *given, "--out", str(tmp_path / "out")])
     except SystemExit as stop:
         code = stop.code
     assert code == 2
-    assert told in capsys.readouterr().err
+    assert said in capsys.readouterr().err
 
 
 @pytest.mark.slow
@@ -434,18 +409,10 @@ def test_the_real_robot_is_identified(tmp_path):
     recording = whole.part(slice(0, 700))
     found = identify(recording, ROBOTS["ftdcr_v4"], validate=False)
     # Which of the three tendons of a section is the first depends on how the frame is turned.
-    sections = {
-        column: tendon[:8]
-        for column, tendon in zip(
-            recording.header.commands.columns, found.assignment.tendons, strict=True
-        )
-    }
-    groups = [{f"servo_{k}_mm" for k in ids} for ids in ((4, 3, 9), (5, 2, 8), (6, 1, 7))]
-    assert [{sections[c] for c in group} for group in groups] == [
-        {"section1"},
-        {"section2"},
-        {"section3"},
-    ]
+    pairs = zip(recording.header.commands.columns, found.assignment.tendons, strict=True)
+    sections = {column: tendon[:8] for column, tendon in pairs}
+    for k, ids in enumerate(((4, 3, 9), (5, 2, 8), (6, 1, 7)), 1):
+        assert {sections[f"servo_{i}_mm"] for i in ids} == {f"section{k}"}
     assert size(found.fit.simulated.error) < 6e-3
     again = placed(whole, found.header)
     assert size(replay(again, found.robot).error) < 12e-3  # most patterns it has not seen

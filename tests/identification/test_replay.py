@@ -6,27 +6,17 @@ from math import pi
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from support.recorded_rods import AZIMUTHS, LENGTH, recorded, rod
 
 from softrobot_env.identification.replay import control_period, error_rows, replay
-from softrobot_env.recordings import Commands, Frame, Header, Marker, Recording, Time
+from softrobot_env.recordings import Commands, Frame, Header, Marker, Time
 from softrobot_env.recordings.files import recording_of
-from softrobot_env.robots import Base, RobotParams, Tendon
+from softrobot_env.robots import Base
 from softrobot_env.robots.twin import nominal_twin
 
-RADIUS, TENDON, LENGTH, MODULUS = 0.005, 0.003, 0.2, 1e6
+RADIUS, TENDON, MODULUS = 0.005, 0.003, 1e6
 BENDING = MODULUS * pi * RADIUS**4 / 4
-AZIMUTHS = np.radians([0, 120, 240])
-
-
-def rod(**other) -> RobotParams:
-    """A weightless rod with three tendons in channels, 120 degrees apart, all the way."""
-    tendons = tuple(
-        Tendon(f"t{k}", (TENDON * np.cos(a), TENDON * np.sin(a)), LENGTH, 0, 5.0, stiffness=1e5)
-        for k, a in enumerate(AZIMUTHS)
-    )
-    material = {"youngs_modulus": MODULUS, "density": 1000.0, "damping_time": 0.05}
-    size = {"length": LENGTH, "outer_radius": RADIUS, "inner_radius": 0.0, "pieces": 8}
-    return RobotParams("rod", tendons=tendons, poisson_ratio=0.3, **size, **material, **other)
+ROD = rod(RADIUS, TENDON, MODULUS, 1000.0, stiffness=1e5)
 
 
 def on_the_arc(tension: float, azimuth: float, station: float, offset: np.ndarray) -> np.ndarray:
@@ -42,21 +32,11 @@ def on_the_arc(tension: float, azimuth: float, station: float, offset: np.ndarra
 @pytest.mark.slow
 def test_a_level_robot_twists_under_its_weight_as_a_rod_does():
     """Bent to the side, its weight has an arm about its own axis."""
-    level = rod(gravity=(0.0, 0.0, -9.81), base=Base(direction=(1.0, 0.0, 0.0)))
+    level = replace(ROD, gravity=(0.0, 0.0, -9.81), base=Base(direction=(1.0, 0.0, 0.0)))
     level = replace(
         level.vary(youngs_modulus=3.0), tendons=tuple(t.turned(0.0, 3.0) for t in level.tendons)
     )
-    names = tuple(t.name for t in level.tendons)
-    header = Header(Commands("tension", names, "N", names), (Marker("x", "y", "z"),), static=True)
-    pulls = np.array([[0.0, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.6, 0.0]])
-    recording = Recording(
-        header,
-        np.arange(3.0),
-        pulls,
-        np.zeros((3, 1, 3)),
-        np.full(3, ""),
-        np.zeros(3, dtype=int),
-    )
+    recording = recorded([[0.0, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.6, 0.0]])
     chain, beam = (
         replay(recording, level, plant).simulated[:, 0] for plant in ("mujoco", "cosserat")
     )
@@ -85,31 +65,21 @@ def test_arcs_in_a_turned_frame_with_commands_in_another_order_and_markers_besid
         "tension", tuple(f"T{k}" for k in order), "mN", tuple(f"t{k}" for k in order), (-1,) * 3
     )
     header = Header(commands, tuple(markers), rate_Hz=1, static=True, frame=frame)
-    found = replay(recording_of(columns, header), rod())
+    found = replay(recording_of(columns, header), ROD)
     # Hinges in the places of quadrature points lie off the arc by the square of a piece's turn.
     assert not found.failures and found.distance.max() < 2e-3 * LENGTH
     assert np.ptp(found.recorded[:, 0], axis=0).min() > 0.1 * LENGTH
 
 
-def still(robot, errors, labels):
+def still(errors, labels=None):
     """A recording of a rod that stays straight, whose camera errs by (t, 3) [m]."""
-    rows = len(errors)
-    header = Header(
-        Commands("tension", ("t0",), "N"), (Marker("x", "y", "z"),), rate_Hz=1, static=True
-    )
-    return Recording(
-        header,
-        np.arange(rows, dtype=float),
-        np.zeros((rows, 1)),
-        np.array([0, 0, LENGTH]) - np.array(errors)[:, None],
-        np.array(labels),
-        np.zeros(rows, dtype=int),
-    )
+    markers = np.array([0, 0, LENGTH]) - np.array(errors)[:, None]
+    return recorded(np.zeros((len(errors), 1)), names=["t0"], markers=markers, labels=labels)
 
 
-def test_errors_are_told_as_they_are_and_with_one_offset_removed_by_pattern():
+def test_errors_are_reported_as_they_are_and_with_one_offset_removed_by_pattern():
     errors = 1e-3 * np.array([[3, 0, 4], [3, 0, 4], [0, 0, 0], [6, 0, -8]])
-    whole, first, second = error_rows(replay(still(rod(), errors, ["a", "a", "b", "b"]), rod()))
+    whole, first, second = error_rows(replay(still(errors, ["a", "a", "b", "b"]), ROD))
     assert (whole.pattern, whole.rows, whole.failed) == ("all", 4, 0)
     sizes = np.array([5, 5, 0, 10])
     assert 1e3 * whole.rms == pytest.approx(np.sqrt(np.mean(sizes**2)))
@@ -122,44 +92,35 @@ def test_errors_are_told_as_they_are_and_with_one_offset_removed_by_pattern():
 
 def test_rows_in_which_a_marker_was_lost_do_not_count():
     errors = 1e-3 * np.array([[3, 0, 4], [np.nan, np.nan, np.nan], [0, 0, 0]])
-    told = still(rod(), np.nan_to_num(errors), ["", "", ""])
-    marker = replace(told.header.marker[0], may_be_lost=True)
+    seen = still(np.nan_to_num(errors))
+    marker = replace(seen.header.marker[0], may_be_lost=True)
     lost = replace(
-        told,
-        header=replace(told.header, marker=(marker,)),
+        seen,
+        header=replace(seen.header, marker=(marker,)),
         markers=np.array([0, 0, LENGTH]) - errors[:, None],
     )
-    (row,) = error_rows(replay(lost, rod()))
+    (row,) = error_rows(replay(lost, ROD))
     assert (row.rows, row.failed) == (3, 0) and 1e3 * row.mean == pytest.approx(2.5)
 
 
-def test_rows_without_an_equilibrium_are_told_and_counted():
-    robot = rod(gravity=(0.0, 0.0, -9.81))
-    hanging = replace(robot, density=3e5)  # a column that its weight buckles
-    found = replay(still(hanging, np.zeros((2, 3)), ["", ""]), hanging)
+def test_rows_without_an_equilibrium_are_reported_and_counted():
+    column = replace(ROD, gravity=(0.0, 0.0, -9.81), density=3e5)  # its weight buckles it
+    found = replay(still(np.zeros((2, 3))), column)
     assert len(found.failures) == 2 and "row 1: " in found.failures[0]
     (row,) = error_rows(found)
     assert (row.failed, row.rms, row.offset_x) == (2, None, None)
 
 
-def moving(robot, times, commands, **marker):
-    """A recording with the tip at the origin, whatever the robot does."""
-    commanded = Commands("length", ("t0", "t1", "t2"), "m", in_force="from")
-    header = Header(commanded, (Marker("x", "y", "z", **marker),), Time("t"))
-    rows = len(times)
-    shape = np.zeros((rows, 1, 3)), np.full(rows, ""), np.zeros(rows, dtype=int)
-    return Recording(header, np.array(times), np.array(commands), *shape)
-
-
 def test_a_servo_winds_at_its_speed_and_a_marker_is_seen_late():
     """Slow servos: the bend follows the lengths, r times the angle, whenever it is looked at."""
-    robot = replace(rod(), density=1.0, damping_time=0.001)  # so light that it does not lag
+    robot = replace(ROD, density=1.0, damping_time=0.001)  # so light that it does not lag
     robot = replace(robot, drive=replace(robot.drive, kind="length", speed=0.002, travel=0.01))
     times = np.concatenate([[0.0], np.cumsum(np.tile([0.011, 0.02, 0.014], 40))])
     pull = np.array([0.001, -0.0005, -0.0005])
     commands = np.tile(pull, (len(times), 1))
     commands[0] = 0.0
-    recording = moving(robot, times, commands, delay_s=0.1)
+    late = {"marker": Marker("x", "y", "z", delay_s=0.1), "time": Time("t")}
+    recording = recorded(commands, "length", times=times, **late)
     # At unequal distances commands are held on a grid.
     assert control_period(recording) == 0.005
     x = replay(recording, robot).simulated[:, 0, 0]
@@ -171,7 +132,7 @@ def test_a_servo_winds_at_its_speed_and_a_marker_is_seen_late():
 
 
 def test_what_cannot_be_replayed_is_refused():
-    robot, recording = rod(), still(rod(), np.zeros((1, 3)), [""])
+    robot, recording = ROD, still(np.zeros((1, 3)))
     head = recording.header
     none = replace(recording, header=replace(head, marker=()), markers=np.zeros((1, 0, 3)))
     with pytest.raises(ValueError, match="no markers"):
@@ -186,18 +147,11 @@ def test_what_cannot_be_replayed_is_refused():
 @pytest.mark.parametrize("plant", ["mujoco", pytest.param("pcc", marks=pytest.mark.slow)])
 def test_lengths_let_out_from_rest_are_found_by_small_steps(plant):
     """Of all tendons one pulls and the others give way, so that the rod is an arc."""
-    names = ("t0", "t1", "t2")
-    header = Header(
-        Commands("length", names, "m", names), (Marker("x", "y", "z"),), rate_Hz=1, static=True
-    )
     angle = 0.8
-    pulled = angle * TENDON * np.cos(AZIMUTHS)
     tip = LENGTH / angle * np.array([1 - np.cos(angle), 0.0, np.sin(angle)])
-    told = Recording(
-        header, np.zeros(1), pulled[None], tip[None, None], np.array([""]), np.zeros(1, dtype=int)
-    )
-    robot = replace(rod(), tendons=tuple(replace(t, pretension=0.01) for t in rod().tendons))
-    found = replay(told, robot, plant)
+    wanted = recorded(angle * TENDON * np.cos(AZIMUTHS)[None], "length", markers=tip[None, None])
+    robot = replace(ROD, tendons=tuple(replace(t, pretension=0.01) for t in ROD.tendons))
+    found = replay(wanted, robot, plant)
     # Tendons that are not infinitely stiff give a little.
     assert not found.failures and found.distance.max() < 0.02 * tip[0]
 
@@ -205,14 +159,15 @@ def test_lengths_let_out_from_rest_are_found_by_small_steps(plant):
 def test_friction_leaves_static_rows_where_a_slow_motion_does():
     """The same commands as slow motion, by MuJoCo's dry friction, and as rows at rest."""
     rubbing = {"friction": 0.05, "pretension": 0.5, "stiffness": 500.0}
-    tendons = tuple(replace(t, **rubbing) for t in rod().tendons)
-    robot = replace(rod(), tendons=tendons, damping_time=0.02, density=100.0)
+    tendons = tuple(replace(t, **rubbing) for t in ROD.tendons)
+    robot = replace(ROD, tendons=tendons, damping_time=0.02, density=100.0)
     robot = replace(robot, drive=replace(robot.drive, kind="length", travel=0.01))
     ways = np.linspace(0, 1, 40), np.ones(20), np.linspace(1, 0.3, 30), np.full(20, 0.3)
     shares, ends = np.concatenate(ways), [59, -1]
     commands = shares[:, None] * np.array([0.002, -0.001, -0.001])
-    moved = moving(robot, 0.1 * np.arange(len(shares)), commands)
-    rested = replace(moved, header=replace(moved.header, static=True))
+    times = 0.1 * np.arange(len(shares))
+    moved = recorded(commands, "length", times=times, time=Time("t"))
+    rested = recorded(commands, "length")
     free = replace(robot, tendons=tuple(replace(t, friction=0.0) for t in tendons))
     slow, still, smooth = (
         replay(*pair).simulated[:, 0, 0]
@@ -225,15 +180,12 @@ def test_friction_leaves_static_rows_where_a_slow_motion_does():
 
 
 def test_servos_with_play_stop_short_by_half_of_it():
-    robot = rod()
-    robot = replace(robot, drive=replace(robot.drive, kind="length", travel=0.01))
+    robot = replace(ROD, drive=replace(ROD.drive, kind="length", travel=0.01))
     twin = replace(nominal_twin(robot), backlash=(2e-4, 0.0, 2e-4))
     pull = np.array([0.002, -0.001, -0.001])
     commands = np.array([0.0, 1.0, 0.5, 0.49])[:, None] * pull
-    told = moving(robot, np.arange(4.0), commands)
-    rested = replace(told, header=replace(told.header, static=True))
+    rested = recorded(commands, "length")
     horns = np.array([[0, 0, 0], [0.0019, -0.001, -0.0009], [0.0011, -0.0005, -0.0006]])
     horns = np.append(horns, [[0.00108, -0.00049, -0.00059]], axis=0)
-    told = replace(rested, commands=horns)
-    with_play, there = replay(rested, robot, twin=twin), replay(told, robot)
+    with_play, there = replay(rested, robot, twin=twin), replay(recorded(horns, "length"), robot)
     assert with_play.simulated == pytest.approx(there.simulated, abs=1e-8)

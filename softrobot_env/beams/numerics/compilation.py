@@ -89,15 +89,19 @@ def _dispatcher(function: Callable, **options: Any) -> Any:
     return numba.njit(error_model="numpy", fastmath={"contract", "nsz"}, **options)(function)
 
 
-def implement(function: Callable, data_class: type, made: Any) -> None:
-    """Let a kernel be what a function does for first arguments of a structure's class."""
+def implementation(function: Callable, data_class: type) -> Callable[[Any], Any]:
+    """Decorator: a kernel is what a function does for first arguments of a structure's class."""
 
-    def choose(*arguments: Any) -> Any:
-        fits = getattr(arguments[0], "instance_class", None) is data_class
-        return made.py_func if fits else None
+    def register(made: Any) -> Any:
+        def choose(*arguments: Any) -> Any:
+            fits = getattr(arguments[0], "instance_class", None) is data_class
+            return made.py_func if fits else None
 
-    choose.__signature__ = signature(made.py_func)  # type: ignore[attr-defined]
-    overload(function, jit_options=LINKED)(choose)
+        choose.__signature__ = signature(made.py_func)  # type: ignore[attr-defined]
+        overload(function, jit_options=LINKED)(choose)
+        return made
+
+    return register
 
 
 # ---------------------------------------------------------------- structures
