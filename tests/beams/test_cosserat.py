@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 from support.beam_kinds import STEP, derivative, state
 
 from softrobot_env.beams.cosserat import GRIDS, CosseratRod, dynamics
@@ -32,11 +33,8 @@ def shaken(model):
 
 
 def section(q, k):
-    """Rotation matrix of segment k, by Rodrigues' formula."""
-    p = q[7 * k + 3 : 7 * k + 7]
-    p0, p1, p2, p3 = p / np.linalg.norm(p)
-    cross = np.array([[0, -p3, p2], [p3, 0, -p1], [-p2, p1, 0]])
-    return np.eye(3) + 2 * p0 * cross + 2 * cross @ cross
+    """Rotation matrix of segment k."""
+    return Rotation.from_quat(q[7 * k + 3 : 7 * k + 7], scalar_first=True).as_matrix()
 
 
 def turned(q, rotation, pieces):
@@ -44,37 +42,27 @@ def turned(q, rotation, pieces):
     r0, r1, r2, r3 = rotation
     left = np.array([[r0, -r1, -r2, -r3], [r1, r0, -r3, r2], [r2, r3, r0, -r1], [r3, -r2, r1, r0]])
     matrix = section(np.concatenate((np.zeros(3), rotation)), 0)
-    out = q.copy()
-    for k in range(pieces):
-        out[7 * k : 7 * k + 3] = matrix @ q[7 * k : 7 * k + 3]
-        out[7 * k + 3 : 7 * k + 7] = left @ q[7 * k + 3 : 7 * k + 7]
-    out[7 * pieces :] = matrix @ q[7 * pieces :] if len(q) > 7 * pieces else []
+    out, (blocks, base) = q.copy(), np.split(q, [7 * pieces])
+    blocks = blocks.reshape(pieces, 7)
+    out[: 7 * pieces] = np.hstack([blocks[:, :3] @ matrix.T, blocks[:, 3:] @ left.T]).ravel()
+    out[7 * pieces :] = base @ matrix.T if len(base) else []
     return out
 
 
-def home(model, k):
-    """Arc length [m] of the section that segment k turns with."""
-    return model.data.spacing * (k + (1.0 if model.grid == "middles" else 0.5))
-
-
-def arc(model, curvature):
-    """Coordinates of a chain of unstretched segments at angles curvature * s in the x-z plane."""
-    q, lengths = model.rest(), model.data.segments
-    x = np.zeros(3)
-    for k in range(model.pieces):
-        angle = curvature * home(model, k)
-        x = x + lengths[k] * np.array([np.sin(angle), 0, np.cos(angle)])
-        q[7 * k : 7 * k + 7] = *x, np.cos(angle / 2), 0, np.sin(angle / 2), 0
+def posed(model, *strain):
+    """Coordinates of a chain of unstretched segments whose sections turn by strain (3,) * s."""
+    home = 1.0 if model.grid == "middles" else 0.5  # a segment turns with the section there
+    places = model.data.spacing * (np.arange(model.pieces) + home)
+    turns = Rotation.from_rotvec(np.outer(places, strain))
+    q, axis = model.rest(), turns.as_matrix()[:, :, 2]
+    blocks = q[: 7 * model.pieces].reshape(-1, 7)
+    blocks[:, :3] = np.cumsum(model.data.segments[:, None] * axis, axis=0)
+    blocks[:, 3:] = turns.as_quat(scalar_first=True)
     return q
 
 
 def twisted(model, rate):
-    """Coordinates of the straight rod twisted by rate * s."""
-    q = model.rest()
-    for k in range(model.pieces):
-        angle = rate * home(model, k)
-        q[7 * k + 3 : 7 * k + 7] = np.cos(angle / 2), 0, 0, np.sin(angle / 2)
-    return q
+    return posed(model, 0, 0, rate)
 
 
 def sag(model):
@@ -123,7 +111,9 @@ def test_a_rigid_motion_changes_no_strain():
 @pytest.mark.parametrize("grid", GRIDS)
 def test_curvature_is_the_angle_per_length(grid):
     model = CosseratRod(WEIGHTLESS, 3, grid=grid)
-    np.testing.assert_allclose(model.curvature(arc(model, 7.0)), [[0, 7.0, 0]] * 3, atol=1e-12)
+    np.testing.assert_allclose(
+        model.curvature(posed(model, 0, 7.0, 0)), [[0, 7.0, 0]] * 3, atol=1e-12
+    )
     np.testing.assert_allclose(model.curvature(twisted(model, 7.0)), [[0, 0, 7.0]] * 3, atol=1e-12)
     assert model.twist(twisted(model, 7.0)) == pytest.approx(3.5, rel=1e-13)
 
@@ -277,20 +267,21 @@ def test_a_tip_moment_twists_as_the_audit_says(pieces):
 
 
 def test_following_loads_turn_with_the_section():
-    loads = [
-        Load("f", 0.5, force=(1.0, 2.0, 3.0), moment=(0.3, 0.2, 0.1), follows=True),
-        Load("g", 0.2, force=(1.0, 2.0, 3.0), moment=(0.3, 0.2, 0.1), follows=True),
-    ]
-    model = CosseratRod(WEIGHTLESS, 4, loads=loads, clamped=False)
-    dead = CosseratRod(
-        WEIGHTLESS, 4, loads=[replace(x, follows=False) for x in loads], clamped=False
+    places, wrench = {"f": 0.5, "g": 0.2}, {"force": (1.0, 2.0, 3.0), "moment": (0.3, 0.2, 0.1)}
+    follower, dead = (
+        CosseratRod(
+            WEIGHTLESS,
+            4,
+            loads=[Load(name, s, **wrench, follows=follows) for name, s in places.items()],
+            clamped=False,
+        )
+        for follows in (True, False)
     )
-    rest, zero, u = model.rest(), np.zeros(model.n), np.array([1.0, -0.5])
+    rest, zero, u = dead.rest(), np.zeros(dead.n), np.array([1.0, -0.5])
     r = np.array([1, -2, 3, 4]) / np.sqrt(30)
-    applied = model.residual(turned(rest, r, 4), zero, zero, u)
-    np.testing.assert_allclose(
-        applied, turned(dead.residual(rest, zero, zero, u), r, 4), atol=1e-11
-    )
+    applied = follower.residual(turned(rest, r, 4), zero, zero, u)
+    expected = turned(dead.residual(rest, zero, zero, u), r, 4)
+    np.testing.assert_allclose(applied, expected, atol=1e-11)
 
 
 def test_following_axes_are_extrapolated_to_the_tip():
@@ -299,7 +290,7 @@ def test_following_axes_are_extrapolated_to_the_tip():
     axes = np.empty((1, 3, 3))
     errors = []
     for curvature in (1e-3, 1.0):
-        dynamics.load_axes(model.data, arc(model, curvature), axes)
+        dynamics.load_axes(model.data, posed(model, 0, curvature, 0), axes)
         np.testing.assert_allclose(axes[0] @ axes[0].T, np.eye(3), atol=1e-14)
         errors.append(abs(np.arctan2(axes[0, 0, 2], axes[0, 0, 0]) - 0.5 * curvature))
     assert errors[0] < 1e-9
@@ -315,7 +306,9 @@ def test_channels_shorten_on_the_inner_side_of_a_bend(grid):
     robot = replace(WEIGHTLESS, tendons=tuple(tendons))
     model = CosseratRod(robot, 4, grid=grid)
     np.testing.assert_allclose(model.tendon_length(model.rest()), ends, rtol=1e-14)
-    np.testing.assert_allclose(model.tendon_length(arc(model, 3.0)), ends * (1 - 0.06), rtol=1e-13)
+    np.testing.assert_allclose(
+        model.tendon_length(posed(model, 0, 3.0, 0)), ends * (1 - 0.06), rtol=1e-13
+    )
     # Helix: the tangent has the axial part 1 and the circumferential part rate * radius.
     helix = ends * np.hypot(1, 8.0 * np.hypot(0.02, 0.01))
     np.testing.assert_allclose(model.tendon_length(twisted(model, 8.0)), helix, rtol=1e-13)
@@ -334,14 +327,14 @@ def test_a_tendon_bends_up_to_its_end(grid, part):
 
 @pytest.mark.parametrize("grid", GRIDS)
 def test_discs_at_the_tip_bend_the_last_piece_as_the_others(grid):
-    """Within a hundredth of constant curvature; a hinge between discs has the longer lever arm."""
+    """Within a hundredth of constant curvature; a hinge between discs has the longer arm."""
     guides = tuple((0.5 / 12 * np.arange(1, 12)).tolist())
     robot = replace(ARM, tendons=tuple(replace(t, guides=guides) for t in ARM.tendons[4:]))
     model = CosseratRod(robot, 12, grid=grid)
     q = model.equilibrium(np.array([5.0, 0.0]))
     curvature = model.vertex_curvature(q)[:, 1]
     truth = 5 * 0.025 / ARM.bending_stiffness
-    truth += 5 * truth * (0.5 / 12) ** 2 / 12 / ARM.bending_stiffness  # the chord's lever arm
+    truth += 5 * truth * (0.5 / 12) ** 2 / 12 / ARM.bending_stiffness  # the chord's arm
     np.testing.assert_allclose(curvature[1:], truth, rtol=0.01)
 
 

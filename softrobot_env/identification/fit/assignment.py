@@ -90,7 +90,7 @@ def assigned(
             "it by the header's commands.tendons"
         )
     with chosen_processes() as pool:
-        return _Search(recording, robot, show, pool, any_way).best()
+        return _Search(recording, robot, any_way, show, pool).best()
 
 
 def sided(recording: Recording, robot: RobotParams, *, any_way: bool = False) -> tuple[float, ...]:
@@ -102,7 +102,7 @@ def sided(recording: Recording, robot: RobotParams, *, any_way: bool = False) ->
     names = [t.name for t in robot.tendons]
     known = recording.tendons or recording.header.commands.columns
     order = tuple(names.index(name) for name in known)
-    return _Search(recording, robot, None, None, any_way).sides(order)
+    return _Search(recording, robot, any_way).sides(order)
 
 
 def doubted(recording: Recording, robot: RobotParams) -> str | None:
@@ -116,7 +116,7 @@ def doubted(recording: Recording, robot: RobotParams) -> str | None:
     """
     names, columns = [t.name for t in robot.tendons], recording.header.commands.columns
     order = tuple(names.index(name) for name in recording.tendons or columns)
-    (other, signs), share = _Search(recording, robot, None, None, False).other(order)
+    (other, signs), share = _Search(recording, robot).other(order)
     if share > _CLEARLY:
         return None
     seems = []
@@ -147,20 +147,18 @@ def with_signs(recording: Recording, signs: Sequence[float]) -> Recording:
     return replace(recording, header=header, commands=recording.commands * signs)
 
 
+@dataclass
 class _Search:
-    def __init__(
-        self,
-        recording: Recording,
-        robot: RobotParams,
-        show: ProgressCallback | None,
-        pool: Executor | None,
-        any_way: bool,
-    ) -> None:
-        self._pool, self._any_way = pool, any_way
-        rows = np.unique(np.linspace(0, len(recording.times) - 1, _ROWS).astype(int))
-        self._whole, self._robot, self._show = recording, robot, show
-        self._part = recording.part(rows)
-        self._names = [t.name for t in robot.tendons]
+    recording: Recording
+    robot: RobotParams
+    any_way: bool = False
+    show: ProgressCallback | None = None
+    pool: Executor | None = None
+
+    def __post_init__(self) -> None:
+        rows = np.unique(np.linspace(0, len(self.recording.times) - 1, _ROWS).astype(int))
+        self._part = self.recording.part(rows)
+        self._names = [t.name for t in self.robot.tendons]
         self._seen: dict[_Case, tuple[float, float]] = {}
 
     def best(self) -> Assignment:
@@ -198,7 +196,7 @@ class _Search:
         """
         here = (1.0,) * len(order)
         none = [tuple(0.0 if i == k else 1.0 for i in range(len(order))) for k in range(len(order))]
-        flips = [] if self._whole.kind == "tension" else _flips(here)
+        flips = [] if self.recording.kind == "tension" else _flips(here)
         around: list[_Case] = [(order, signs) for signs in [*flips, *none]]
         around += [(other, here) for other in self._neighbours(order)]
         best = self._least(around)
@@ -216,16 +214,16 @@ class _Search:
         return found
 
     def _signs(self) -> tuple[float, ...]:
-        given = self._whole.header.commands.factors is not None
-        return (1.0,) if given or self._whole.kind == "tension" else (1.0, -1.0)
+        given = self.recording.header.commands.factors is not None
+        return (1.0,) if given or self.recording.kind == "tension" else (1.0, -1.0)
 
     def _first(self, sign: float) -> set[tuple[int, ...]]:
         """Assignments by how markers move when columns change, for many turns of the frame."""
         moved = self._directions() * sign
         size = np.linalg.norm(moved, axis=1)
         way = moved / np.maximum(size, 1e-12)[:, None]
-        ends = np.array([t.end for t in self._robot.tendons])
-        place = np.array([t.offset for t in self._robot.tendons])
+        ends = np.array([t.end for t in self.robot.tendons])
+        place = np.array([t.offset for t in self.robot.tendons])
         expected = place / np.linalg.norm(place, axis=1)[:, None]
         rank = np.argsort(np.argsort(-size)) / max(len(size) - 1, 1)
         farther = np.argsort(np.argsort(ends, kind="stable")) / max(len(ends) - 1, 1)
@@ -240,8 +238,8 @@ class _Search:
 
     def _directions(self) -> np.ndarray:
         """(n, 2) how far the last marker moves to the side per column, by changes between rows."""
-        tip, commands = self._whole.markers[:, -1], self._whole.commands
-        same = np.diff(self._whole.runs) == 0
+        tip, commands = self.recording.markers[:, -1], self.recording.commands
+        same = np.diff(self.recording.runs) == 0
         change = np.diff(commands, axis=0)[same]
         moved = np.diff(tip, axis=0)[same][:, :2]
         small = np.abs(change).max(axis=1) <= 3 * np.median(np.abs(change).max(axis=1))
@@ -262,7 +260,7 @@ class _Search:
     def _neighbours(self, order: tuple[int, ...]) -> list[tuple[int, ...]]:
         """Two columns changed, tendons of one end turned on, or two ends' tendons changed."""
         found = [_swapped(order, i, j) for i, j in combinations(range(len(order)), 2)]
-        ends = np.array([t.end for t in self._robot.tendons])
+        ends = np.array([t.end for t in self.robot.tendons])
         groups = [np.flatnonzero(ends == end).tolist() for end in np.unique(ends)]
         for group in groups:
             for shift in range(1, len(group)):
@@ -290,13 +288,13 @@ class _Search:
     def _look_at(self, cases: Iterable[_Case]) -> None:
         """Simulate what has not been, several at a time if there are processes."""
         new = [case for case in cases if case not in self._seen]
-        each, size = (map, 1) if self._pool is None else (self._pool.map, _TOGETHER)
+        each, size = (map, 1) if self.pool is None else (self.pool.map, _TOGETHER)
         parts = [new[k : k + size] for k in range(0, len(new), size)]
-        simulated = partial(_simulated, self._robot, self._part, self._names, self._any_way)
+        simulated = partial(_simulated, self.robot, self._part, self._names, self.any_way)
         for part, found in zip(parts, each(simulated, parts), strict=True):
             self._seen.update(zip(part, found, strict=True))
-            if self._show is not None:
-                self._show(len(self._seen))
+            if self.show is not None:
+                self.show(len(self._seen))
 
 
 def _swapped(order: tuple[int, ...], i: int, j: int) -> tuple[int, ...]:

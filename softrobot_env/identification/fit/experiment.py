@@ -52,19 +52,13 @@ def best_experiments(model: StaticModel, fit: Fit) -> list[Experiment]:
         old = fit.covariance[np.ix_(free, free)]
         gained = np.linalg.solve(np.eye(len(a)) + a @ old @ a.T, a @ old)
         new = np.diag(old - old @ a.T @ gained)
-        places = [int(np.flatnonzero(free == k)[0]) for k in asked]
-        falls = np.array([1 - new[p] / old[p, p] for p in places])
-        most = int(np.argmax(falls))
-        found.append(
-            Experiment(
-                name,
-                float(falls.sum()),
-                model.unknowns.labels[asked[most]],
-                float(np.sqrt(old[places[most], places[most]])),
-                float(np.sqrt(max(new[places[most]], 0.0))),
-                commands,
-            )
-        )
+        places = np.searchsorted(free, asked)
+        before, after = np.diag(old)[places], new[places]
+        most = int(np.argmax(1 - after / before))
+        label = model.unknowns.labels[asked[most]]
+        deviations = np.sqrt([before[most], max(after[most], 0.0)]).tolist()
+        gain = float((1 - after / before).sum())
+        found.append(Experiment(name, gain, label, *deviations, commands))
     return sorted(found, key=lambda one: -one.gain)[:_REPORTED]
 
 
