@@ -21,8 +21,8 @@ _REFUSED, _TERMINATED = 2, 143
 
 def build_parser() -> argparse.ArgumentParser:
     """The parser with all commands."""
+    from softrobot_env.commands.arguments import Parser, add_commands
     from softrobot_env.commands.registry import COMMANDS
-    from softrobot_env.commands.subcommands import Parser, add_commands
 
     parser = Parser(
         prog="softrobot", description="MuJoCo environments for tendon-driven soft robots."
@@ -47,7 +47,7 @@ def main(argv: list[str] | None = None) -> int:
         name = f"softrobot {args.command}" if args.command else name
         stop.begin()
         with _warned(name):
-            status = args.command_run(args)
+            status = args.run(args)
         if stop.asked != SIGTERM:
             return status
     except KeyboardInterrupt:

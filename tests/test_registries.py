@@ -96,9 +96,7 @@ def test_commands_parse_their_own_examples(prefix, name, command):
     assert examples and all(examples)
     for program, *words in examples:
         assert program == "softrobot" and " ".join(words).startswith(prefix + name)
-        args = build_parser().parse_args(words)
-        run = args.robot_command_run if prefix else args.command_run
-        assert run == command.module.run
+        assert build_parser().parse_args(words).run == command.module.run
 
 
 # ---------------------------------------------------------------- paths

@@ -1,16 +1,16 @@
-"""Arguments that several commands share."""
+"""Commands under a parser, and the arguments that several of them share."""
 
 import argparse
 import glob
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from math import inf, isfinite, nan
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, NoReturn
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.control.registry import EVERY_POLICY, FEEDBACKS, NETWORK, policy_environment
-from softrobot_env.core.processes import Workers, parsed_workers
+from softrobot_env.core.processes import parsed_workers
 from softrobot_env.core.registry import is_path
 from softrobot_env.hardware.tip import LAST_PORT
 from softrobot_env.robots import ROBOTS, VARIATIONS, RobotParams
@@ -18,139 +18,229 @@ from softrobot_env.robots.artifacts import OUT
 from softrobot_env.scene.config import DEFAULT_RULE, DEFAULT_SHARE, INTEGRATORS
 from softrobot_env.scene.quadrature import RULES
 
-#: The ideal rig, among the seeds of twins.
-_NO_TWIN = "none"
+
+class Command(NamedTuple):
+    """A command.
+
+    Attributes:
+        module: Or an object: has `EXAMPLE` for people, `add_arguments(parser)` and `run(args)`,
+            which returns the exit status.
+        text: What it does.
+    """
+
+    module: Any
+    text: str
+
+
+class Parser(argparse.ArgumentParser):
+    """Says in one line what is wrong with arguments."""
+
+    def parse_known_args(self, *arguments: Any, **more: Any) -> tuple[Any, list[str]]:
+        """Refuse unknown arguments here: argparse would let the uppermost parser do it."""
+        found, unknown = super().parse_known_args(*arguments, **more)
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+        return found, unknown
+
+    def error(self, message: str) -> NoReturn:
+        """End the program with status 2."""
+        text = " ".join(message.split())
+        self.exit(2, f"{self.prog}: {text}; see {self.prog} --help\n")
+
+
+def add_commands(
+    parser: argparse.ArgumentParser, commands: Mapping[str, Command], dest: str = argparse.SUPPRESS
+) -> None:
+    """Add commands with their arguments and examples; without one the parser's help is printed.
+
+    Args:
+        parser: Where to add them.
+        commands: By name.
+        dest: Attribute of the parsed arguments that holds the name; `run` holds the module's.
+    """
+
+    def show_help(_: argparse.Namespace) -> int:
+        parser.print_help()
+        return 0
+
+    parser.set_defaults(run=show_help)
+    added = parser.add_subparsers(dest=dest, metavar="COMMAND")
+    for name, (module, text) in commands.items():
+        command = added.add_parser(
+            name,
+            help=text,
+            description=text,
+            epilog=f"example:\n  {module.EXAMPLE}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        command.set_defaults(run=getattr(module, "run", None))
+        module.add_arguments(command)
+
+
+#: Values of arguments that are not given.
+_NOT_GIVEN = (None, False, [])
+
+#: Where arguments are added.
+Parsers = argparse._ActionsContainer
+
+#: How an option is declared that may be given several times.
+SEVERAL = {"action": "append", "default": []}
+
+
+def add(
+    parser: Parsers, declared: str, text: str | None = None, kind: Any = None, **more: Any
+) -> None:
+    """Add an argument.
+
+    Args:
+        parser: Where.
+        declared: Its name and, separated by spaces, what its values are called; an option without
+            is a switch, unless `more` says what it takes.
+        text: For people.
+        kind: Makes a value of a text; by what it is called in `_KINDS` unless given.
+        **more: As of `ArgumentParser.add_argument`.
+    """
+    name, *called = declared.split()
+    if called:
+        kind = kind or _KINDS.get(called[0])
+        more = {"metavar": called[0] if len(called) == 1 else tuple(called), "type": kind} | more
+        more |= {"nargs": len(called)} if len(called) > 1 else {}
+    elif not more:
+        more = {"action": "store_true"}
+    elif kind is not None:
+        more["type"] = kind
+    parser.add_argument(name, help=text, **more)
+
+
+def flags(args: argparse.Namespace, names: Iterable[str]) -> str:
+    """Those among arguments that are given, as they are written."""
+    given = [name for name in names if vars(args).get(name) not in _NOT_GIVEN]
+    return ", ".join(f"--{name.replace('_', '-')}" for name in given)
 
 
 def add_scene(parser: argparse.ArgumentParser) -> None:
     """Discretisation and integration, as `SceneConfig` has them."""
     group = parser.add_argument_group("scene")
-    group.add_argument(
-        "--control-period",
-        type=positive,
-        metavar="S",
-        help="default: the policy's own where it has one, else 0.01 s, of the rig 0.02 s",
+    period = "default: the policy's own where it has one, else 0.01 s, of the rig 0.02 s"
+    share = f"{DEFAULT_SHARE}".replace("%", "%%")
+    add(group, "--control-period S", period)
+    add(group, "--pieces PIECES", "pieces of the robot; default: the robot's own", int)
+    add(group, "--rule RULE", f"hinge rule out of {', '.join(RULES)}; default: {DEFAULT_RULE}")
+    add(group, "--timestep S", "default: by rule")
+    add(
+        group,
+        "--accuracy A",
+        "wanted accuracy in time of any point of the robot: m, or a share of its length; default: "
+        + share,
     )
-    group.add_argument("--pieces", type=int, help="pieces of the robot; default: the robot's own")
-    group.add_argument(
-        "--rule",
-        help=f"hinge rule out of {', '.join(RULES)}; default: {DEFAULT_RULE}",
-    )
-    group.add_argument("--timestep", type=positive, metavar="S", help="default: by rule")
-    group.add_argument(
-        "--accuracy",
-        metavar="A",
-        help="wanted accuracy in time of any point of the robot: m, or a share of its length; "
-        f"default: {DEFAULT_SHARE}".replace("%", "%%"),
-    )
-    group.add_argument("--integrator", help=f"out of {', '.join(INTEGRATORS)}; default: by rule")
+    add(group, "--integrator INTEGRATOR", f"out of {', '.join(INTEGRATORS)}; default: by rule")
 
 
-def add_workers(parser: argparse._ActionsContainer, note: str = "") -> None:
+def add_workers(parser: Parsers, note: str = "") -> None:
     """--workers, for `processes.using`; None unless given."""
-    parser.add_argument(
-        "--workers",
-        type=_workers,
-        metavar="N|ray[:ADDRESS]",
-        help="run jobs in N processes, or on a Ray cluster: one started here, or the one at "
-        f"HOST:PORT or auto{note}",
+    add(
+        parser,
+        "--workers N|ray[:ADDRESS]",
+        "run jobs in N processes, or on a Ray cluster: one started here, or the one at HOST:PORT "
+        f"or auto{note}",
+        of_text(parsed_workers),
     )
 
 
-def _workers(text: str) -> Workers:
-    try:
-        return parsed_workers(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
+def of_text(make: Callable[[str], Any]) -> Callable[[str], Any]:
+    """What makes a value of a text, for a parser, by what raises ValueError."""
+
+    def convert(text: str) -> Any:
+        try:
+            return make(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return convert
+
+
+#: Arguments of `add_scene`.
+SCENE = ("control_period", "pieces", "rule", "timestep", "integrator", "accuracy")
 
 
 def scene_options(args: argparse.Namespace) -> dict[str, object]:
     """Keyword arguments of an environment from `add_scene`."""
-    names = ("control_period", "pieces", "rule", "timestep", "integrator", "accuracy")
-    given = {name: getattr(args, name) for name in names}
-    return {name: value for name, value in given.items() if value is not None}
+    return {name: getattr(args, name) for name in SCENE if getattr(args, name) is not None}
 
 
-def add_robot(parser: argparse.ArgumentParser, note: str) -> None:
+def add_robot(parser: Parsers, note: str, **more: Any) -> None:
     """--robot, for `find_robot`; None unless given."""
-    parser.add_argument(
-        "--robot",
-        metavar="ROBOT",
-        help=f"a robot file (*.toml), or a robot out of {', '.join(ROBOTS)}; {note}",
-    )
+    known = f"a robot file (*.toml), or a robot out of {', '.join(ROBOTS)}; {note}"
+    add(parser, "--robot ROBOT", known, **more)
 
 
-def add_plant(parser: argparse.ArgumentParser) -> None:
-    """--plant, and the arguments of `add_scene`."""
-    add_scene(parser)
-    parser.add_argument(
-        "--plant",
-        choices=PLANTS,
-        default=MUJOCO,
-        help="what is simulated: MuJoCo's chain or a beam model; default: mujoco",
-    )
+def add_plant(parser: Parsers) -> None:
+    """--plant."""
+    text = "what is simulated: MuJoCo's chain or a beam model; default: mujoco"
+    add(parser, "--plant", text, choices=PLANTS, default=MUJOCO)
 
 
 def plant_options(args: argparse.Namespace, policy: str, robot: RobotParams) -> dict[str, object]:
-    """Keyword arguments of an environment for a policy of a robot, from `add_plant`.
+    """Keyword arguments of an environment for a policy of a robot, of `add_scene`, `add_plant`.
 
     Raises:
         ValueError: An option of the MuJoCo chain together with a beam model.
     """
+    own, given = policy_environment(policy, robot), scene_options(args)
     if args.plant == MUJOCO:
-        return policy_environment(policy, robot) | scene_options(args)
-    given = {name: getattr(args, name) for name in ("rule", "timestep", "integrator", "accuracy")}
-    foreign = [f"--{name}" for name, value in given.items() if value]
-    if foreign:
-        raise ValueError(f"{', '.join(foreign)}: only with --plant {MUJOCO}")
-    period = {} if args.control_period is None else {"control_period": args.control_period}
-    plant = BeamPlant(args.plant, args.pieces)
-    return policy_environment(policy, robot) | {"plant": plant, **period}
+        return own | given
+    if told := flags(args, ("rule", "timestep", "integrator", "accuracy")):
+        raise ValueError(f"{told}: only with --plant {MUJOCO}")
+    given["plant"] = BeamPlant(args.plant, given.pop("pieces", None))
+    return own | given
 
 
-def add_feedback(parser: argparse._ActionsContainer) -> None:
+def add_feedback(parser: Parsers) -> None:
     """--feedback."""
-    parser.add_argument(
+    add(
+        parser,
         "--feedback",
+        "what policies measure: the full state; or tip and curvatures with an observer for the "
+        "rates; or curvature sensors alone, calibrated by `softrobot train sensors`; default: "
+        "state",
         choices=FEEDBACKS,
         default=FEEDBACKS[0],
-        help="what policies measure: the full state; or tip and curvatures with an observer for "
-        "the rates; or curvature sensors alone, calibrated by `softrobot train sensors`; "
-        "default: state",
     )
-    parser.add_argument(
-        "--sensors",
-        type=Path,
-        metavar="FILE",
-        help="calibration for --feedback sensors; default: beside the robot's file, or where "
-        "policies look, that of the rig's twin 0",
+    add(
+        parser,
+        "--sensors FILE",
+        "calibration for --feedback sensors; default: beside the robot's file, or where policies "
+        "look, that of the rig's twin 0",
     )
 
 
-def add_twin(parser: argparse._ActionsContainer, several: bool = False) -> None:
+def add_twin(parser: Parsers, nargs: int | str = 1) -> None:
     """--twin, a list of one seed or of several; None unless given."""
-    parser.add_argument(
-        "--twin",
-        nargs="+" if several else 1,
-        type=twin,
-        metavar="SEED",
-        help="the rig that is simulated: seed of a digital twin, a rig with errors of "
-        f"manufacturing, servos and camera that no policy is told, or {_NO_TWIN} for an ideal "
-        "one without them, which stands where the one-piece model of the policies says; default: "
-        "0",
+    add(
+        parser,
+        "--twin SEED",
+        "the rig that is simulated: seed of a digital twin, a rig with errors of manufacturing, "
+        f"servos and camera that no policy is told, or {_NO_TWIN} for an ideal one without them, "
+        "which stands where the one-piece model of the policies says; default: 0",
+        twin,
+        nargs=nargs,
     )
 
 
-def add_learnt(parser: argparse._ActionsContainer) -> None:
+def add_learnt(parser: Parsers) -> None:
     """--learnt FILE, None unless given."""
-    parser.add_argument(
-        "--learnt",
-        type=Path,
-        metavar="FILE",
-        help="identified parameters that policies of the rig act on, a file of "
-        "`softrobot train rig_nn --twin SEED`; default: the one shipped, of twin 0, whichever rig "
-        "is driven",
+    add(
+        parser,
+        "--learnt FILE",
+        "identified parameters that policies of the rig act on, a file of `softrobot train rig_nn "
+        "--twin SEED`; default: the one shipped, of twin 0, whichever rig is driven",
     )
+
+
+def add_line(parser: Parsers, robot_file: str) -> None:
+    """--robot-file, and --port in its place."""
+    add(parser, "--robot-file FILE", robot_file)
+    add(parser, "--port PORT", "serial port; default: the robot file's", str)
 
 
 def files_among(given: Iterable[Any]) -> set[Path]:
@@ -169,14 +259,23 @@ def files_among(given: Iterable[Any]) -> set[Path]:
     return found
 
 
+#: The ideal rig, among the seeds of twins.
+_NO_TWIN = "none"
+
+
 def positive(text: str) -> float:
     """A positive number."""
     return number(text, lambda value: 0 < value < inf, "a positive number")
 
 
+def whole(text: str, what: str = "a whole number, 1 or more") -> int:
+    """A whole number, 1 or more."""
+    return int(number(text, lambda v: v >= 1 and v == int(v), what))
+
+
 def size(text: str) -> int:
     """A number of pixels."""
-    return int(number(text, lambda v: v >= 1 and v == int(v), "a whole number of pixels"))
+    return whole(text, "a whole number of pixels")
 
 
 def port(text: str) -> int:
@@ -245,19 +344,6 @@ def _varied(name: str, text: str) -> float:
         raise argparse.ArgumentTypeError(f"{text!r} is not {what}: {error}") from error
 
 
-def names_or_all(known: list[str]) -> Callable[[str], str]:
-    """Converter that accepts the known names and "all", and lists them otherwise."""
-
-    def convert(text: str) -> str:
-        if text != "all" and text not in known:
-            raise argparse.ArgumentTypeError(
-                f"unknown name {text!r}; choose from {', '.join(known)}, all"
-            )
-        return text
-
-    return convert
-
-
 def policy(text: str) -> str:
     """A policy's name, or the path of one's own."""
     if not is_path(text) and not text.endswith(NETWORK) and text not in EVERY_POLICY:
@@ -276,3 +362,8 @@ def or_all(convert: Callable[[str], str]) -> Callable[[str], str]:
 def expand_all(names: list[str], known: list[str]) -> list[str]:
     """The names, with "all" standing for every known one."""
     return list(known) if "all" in names else list(dict.fromkeys(names))
+
+
+#: What values are, by what they are called.
+_KINDS = {"S": positive, "SEED": seed, "POLICY": policy}
+_KINDS |= dict.fromkeys(("FILE", "DIR", "PATH", "TOML"), Path)

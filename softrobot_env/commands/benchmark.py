@@ -1,23 +1,59 @@
 """`softrobot benchmark`: runs a study, writes its report and draws its pictures."""
 
 import argparse
+from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from rich.console import Console
 
-from softrobot_env.commands import own_robot
-from softrobot_env.commands.arguments import add_robot, add_workers, seed
-from softrobot_env.commands.output import add_out, changed_results, drawn, new_results, progress_on
+from softrobot_env.commands.arguments import add, add_robot, add_workers, flags, seed
+from softrobot_env.commands.output import (
+    add_out,
+    changed_results,
+    drawn,
+    new_results,
+    progress_on,
+    write_report,
+)
 from softrobot_env.core.files import write_text
 from softrobot_env.core.processes import using
-from softrobot_env.core.runs import KEPT, Record, kept_rows
+from softrobot_env.core.runs import KEPT, kept_rows
 from softrobot_env.core.studies import BENCHMARKS, Benchmark, measured
 from softrobot_env.evaluation import stored
 from softrobot_env.rendering.tables import text_page
+from softrobot_env.robots import GRIPPERS, RobotParams, find_robot
 
 EXAMPLE = """softrobot benchmark speed --quick
   softrobot benchmark accuracy --robot my.toml
   softrobot benchmark laws --redraw"""
+
+
+class Check(NamedTuple):
+    """How to measure a robot, from (robot, quick, progress), and to show its rows."""
+
+    measure: Callable[..., list[Any]]
+    tables: Callable[..., Any]
+    plot: Callable[..., None]
+
+
+def _accuracy() -> Check:
+    from softrobot_env.evaluation.models.accuracy import measure
+    from softrobot_env.rendering.models import accuracy_tables, plot_accuracy
+
+    return Check(measure, accuracy_tables, plot_accuracy)
+
+
+def _stability() -> Check:
+    from softrobot_env.evaluation.models.stability import measure
+    from softrobot_env.rendering.models import plot_stability, stability_tables
+
+    return Check(measure, stability_tables, plot_stability)
+
+
+#: What can be measured of any robot; each loads what it needs.
+CHECKS: dict[str, Callable[[], Check]] = {"accuracy": _accuracy, "stability": _stability}
 
 #: Options of some benchmarks -> help.
 _OPTIONS = {
@@ -35,16 +71,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     told = "".join(f"\n  {name:<16}{measured(name)}" for name in BENCHMARKS)
     parser.description = f"{parser.description}:{told}"
-    known = tuple(dict.fromkeys((*BENCHMARKS, *own_robot.CHECKS))) if BENCHMARKS else None
-    parser.add_argument("what", choices=known, metavar="WHAT", help="one of the above")
-    parser.add_argument("--quick", action="store_true", help="fewer cases, under 45 s")
-    parser.add_argument(
-        "--redraw",
-        action="store_true",
-        help="measure nothing: draw the pictures of the report that is there anew",
-    )
+    known = tuple(dict.fromkeys((*BENCHMARKS, *CHECKS))) if BENCHMARKS else None
+    add(parser, "what WHAT", "one of the above", choices=known)
+    add(parser, "--quick", "fewer cases, under 45 s")
+    anew = "measure nothing: draw the pictures of the report that is there anew"
+    add(parser, "--redraw", anew)
     for name, what in _OPTIONS.items():
-        parser.add_argument(f"--{name}", type=seed, metavar="N", help=what)
+        add(parser, f"--{name} N", what, seed)
     add_robot(
         parser,
         "accuracy and stability only: measure the models of this robot in place of the study's",
@@ -56,7 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     if args.robot is not None:
-        return own_robot.run(args)
+        return _run_own(args)
     if args.what not in BENCHMARKS:
         raise ValueError(_NOT_HERE.format(args.what, ", ".join(BENCHMARKS) or "none"))
     benchmark = BENCHMARKS[args.what]()
@@ -74,9 +107,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _redraw(args: argparse.Namespace, benchmark: Benchmark, out: Path, console: Console) -> int:
     """Draw the pictures of a report anew; 1 where they could not be drawn."""
-    given = [f"--{name}" for name in ("quick", *_OPTIONS, "workers") if getattr(args, name)]
-    if given:
-        raise ValueError(f"{given[0]} measures anew, --redraw measures nothing: give one of them")
+    if told := flags(args, ("quick", *_OPTIONS, "workers")):
+        raise ValueError(f"{told} measures anew, --redraw measures nothing: give one of them")
     if benchmark.draw is None:
         raise ValueError(f"the benchmark {args.what} has no pictures")
     with changed_results(out):
@@ -101,36 +133,20 @@ def _measure(
     options: dict[str, int],
     console: Console,
 ) -> None:
-    """Run, print and write."""
+    """Run, print and write reports and plots."""
     study = f"{args.what} quick={args.quick} {sorted(options.items())}"
     with kept_rows(out / KEPT, study, getattr(benchmark, "sources", ())) as kept:
-        with progress_on(console) as progress, using(args.workers):
-            bar = progress.add_task(args.what, total=None)
-
-            def show(description: str, done: int, total: int) -> None:
-                progress.update(bar, description=description, completed=done, total=total)
-
+        with progress_on(console, args.what) as show, using(args.workers):
             records = benchmark.run(args.quick, show, kept=kept, **options)
         if kept.taken:
             console.print(f"Took up {kept.taken} cases that were done when an earlier run stopped")
-        _write(args, benchmark, out, records, console)
-
-
-def _write(
-    args: argparse.Namespace,
-    benchmark: Benchmark,
-    out: Path,
-    records: list[Record],
-    console: Console,
-) -> None:
-    """Reports and plots."""
-    stored.write(out, records, args.command_line)
-    tables = benchmark.show(records)
-    console.print(tables)
-    text = text_page(f"Benchmark: {args.what}", tables, args.command_line)
-    write_text(out / "report.md", text)
-    plotted = _draw(args.what, benchmark, out, console)
-    console.print(f"Wrote report.json, report.md{' and plots' if plotted else ''} to {out}")
+        stored.write(out, records, args.command_line)
+        tables = benchmark.show(records)
+        console.print(tables)
+        text = text_page(f"Benchmark: {args.what}", tables, args.command_line)
+        write_text(out / "report.md", text)
+        plotted = _draw(args.what, benchmark, out, console)
+        console.print(f"Wrote report.json, report.md{' and plots' if plotted else ''} to {out}")
 
 
 def _own_options(args: argparse.Namespace, known: tuple[str, ...]) -> dict[str, int]:
@@ -139,8 +155,45 @@ def _own_options(args: argparse.Namespace, known: tuple[str, ...]) -> dict[str, 
     Raises:
         ValueError: The benchmark does not have one of them.
     """
-    given = {name: getattr(args, name) for name in _OPTIONS if getattr(args, name) is not None}
-    foreign = [f"--{name}" for name in given if name not in known]
-    if foreign:
-        raise ValueError(f"the benchmark {args.what} takes no {', '.join(foreign)}")
-    return given
+    if foreign := flags(args, (name for name in _OPTIONS if name not in known)):
+        raise ValueError(f"the benchmark {args.what} takes no {foreign}")
+    return {name: getattr(args, name) for name in known if getattr(args, name) is not None}
+
+
+# ---------------------------------------------------------------- robots of one's own
+
+
+def _run_own(args: argparse.Namespace) -> int:
+    """Measure `args.what` of `args.robot`, a robot of one's own.
+
+    Raises:
+        ValueError: It cannot be measured of any robot, or the robot is none.
+    """
+    if args.what not in CHECKS:
+        raise ValueError(
+            f"the benchmark {args.what} measures its own robots: --robot goes with "
+            f"{' and '.join(CHECKS)}; give it to softrobot evaluate or inspect for more"
+        )
+    if args.redraw:
+        raise ValueError("--redraw draws the study's own report anew: leave out --robot")
+    robot, check, console = _found(args.robot), CHECKS[args.what](), Console()
+    out = args.out / args.what
+    with new_results(out, args.overwrite):
+        with progress_on(console, args.what) as show:
+            rows = check.measure(robot, args.quick, show)
+        tables, title = check.tables(rows), f"Benchmark: {args.what} of {robot.name}"
+        console.print(tables)
+        write_report(out, [asdict(row) for row in rows], title, tables, args.command_line)
+        picture = out / f"{args.what}.png"
+        plotted = drawn(lambda: check.plot(rows, picture, robot.name), console)
+        told = " and a picture" if plotted else ""
+        console.print(f"Wrote report.json, report.md{told} to {out}")
+    return 0
+
+
+def _found(which: str) -> RobotParams:
+    if which in GRIPPERS:
+        raise ValueError(
+            f"gripper {which!r} is several robots: give one of its fingers, such as gripper_finger"
+        )
+    return find_robot(which)

@@ -7,9 +7,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from softrobot_env.commands.arguments import expand_all
-from softrobot_env.commands.setups import SIMULATED, Setup, families, period_of
-from softrobot_env.commands.task_options import Given, check_used, combinations, merge
+from softrobot_env.commands.arguments import (
+    expand_all,
+    flags,
+)
+from softrobot_env.commands.setups import (
+    SIMULATED,
+    Given,
+    Setup,
+    check_used,
+    combinations,
+    families,
+    merge,
+    one_task,
+    period_of,
+)
 from softrobot_env.control.registry import (
     EVERY_POLICY,
     POLICIES,
@@ -19,14 +31,20 @@ from softrobot_env.control.registry import (
 from softrobot_env.envs.disturbances import rounded
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.evaluation.runner import Case
-from softrobot_env.robots import VARIATIONS, default_robot, entry_of
-from softrobot_env.tasks import Task, find_maker, make_task, tasks_of
+from softrobot_env.robots import (
+    VARIATIONS,
+    default_robot,
+    entry_of,
+)
+from softrobot_env.tasks import (
+    Task,
+    find_maker,
+    make_task,
+    tasks_of,
+)
 
 #: Step widths [m] of tasks that have one, unless given (thesis Tabs. 6.2 to 6.4).
 STEP_WIDTHS = (0.05, 0.1, 0.2)
-
-#: Arguments that only robots over a serial line have.
-_SERIAL = ("robot_file", "port")
 
 #: Robots drawn from --randomize unless told otherwise, and at most.
 _DRAWS, _MOST_DRAWS = 5, 100_000
@@ -46,9 +64,8 @@ def make_setup(args: argparse.Namespace) -> Setup:
         if args.robot is not None:
             raise ValueError(f"--robot: only with simulated robots, --env {env} has its rig")
         return RealSetup(args)
-    given = [f"--{name.replace('_', '-')}" for name in _SERIAL if getattr(args, name, None)]
-    if given:
-        raise ValueError(f"{', '.join(given)}: only with --env real or virtual")
+    if told := flags(args, ("robot_file", "port")):
+        raise ValueError(f"{told}: only with --env real or virtual")
     return Setup(args)
 
 
@@ -95,6 +112,29 @@ def _of_task(
                 if variation in drawn:
                     case = replace(case, variation=rounded(variation, period_of(case)))
                 yield case
+
+
+def one_case(args: argparse.Namespace, setup: Setup, twin: bool) -> Case:
+    """The episode of `add_task` and --policy, unless given the robot's usual one, to be shown.
+
+    Args:
+        args: The arguments.
+        setup: The robots.
+        twin: Whether it has the errors of a twin.
+
+    Raises:
+        ValueError: A policy of another robot; nothing would be shown.
+    """
+    task = one_task(args, setup.robot)
+    name = args.policy or setup.default_policy(task)
+    reason = setup.incompatibility(name, task)
+    if reason is not None:
+        raise ValueError(
+            f"policy {name!r} is not for the task {task.name}: {reason}; choose from "
+            f"{', '.join(fitting(task, setup))}"
+        )
+    case = Case(task, name, twin=setup.twins(task.robot)[0] if twin else None)
+    return replace(setup.complete(case), duration=getattr(args, "duration", None))
 
 
 def left_out(args: argparse.Namespace, cases: list[Case]) -> list[str]:

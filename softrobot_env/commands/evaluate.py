@@ -10,10 +10,15 @@ from typing import Any
 from rich.console import Console
 
 from softrobot_env.commands.arguments import (
+    SEVERAL,
+    Parsers,
+    add,
     add_feedback,
     add_learnt,
+    add_line,
     add_plant,
     add_robot,
+    add_scene,
     add_twin,
     add_workers,
     files_among,
@@ -25,6 +30,7 @@ from softrobot_env.commands.arguments import (
 )
 from softrobot_env.commands.cases import left_out, make_cases, make_setup
 from softrobot_env.commands.output import (
+    add_no_plots,
     add_out,
     changed_results,
     check_folder,
@@ -32,8 +38,14 @@ from softrobot_env.commands.output import (
     new_results,
     progress_on,
 )
-from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED, Setup
-from softrobot_env.commands.task_options import option, task_name
+from softrobot_env.commands.setups import (
+    ENVIRONMENTS,
+    SIMULATED,
+    Setup,
+    option,
+    task_name,
+    task_options,
+)
 from softrobot_env.core.extras import install_command
 from softrobot_env.core.files import write_text
 from softrobot_env.core.processes import using
@@ -50,7 +62,6 @@ from softrobot_env.evaluation.runner import EvaluatedRow
 from softrobot_env.hardware.errors import RobotError
 from softrobot_env.recordings import write_recording
 from softrobot_env.robots import VARIATIONS
-from softrobot_env.tasks import EVERY_TASK, with_option
 
 #: Arguments that no episode depends on.
 _ELSEWHERE = (
@@ -62,7 +73,7 @@ _ELSEWHERE = (
     "redraw",
     "save_rollouts",
     "command_line",
-    "command_run",
+    "run",
 )
 
 EXAMPLE = """softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1.25,1.5
@@ -76,15 +87,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command, by what they are about."""
     parser.usage = "softrobot evaluate [--tasks TASK ...] [--policies POLICY ...] [OPTION ...]"
     add_robot(parser, "all tasks are for it; default: the arm's and the rig's have theirs")
-    _add_cases(parser)
-    parser.add_argument("--duration", type=positive, metavar="S", help="default: the task's")
+    add(
+        parser,
+        "--tasks TASK",
+        "out of `softrobot list tasks`, or one's own, package.module:name or file.py:name; "
+        "default: all of --robot, of the arm step, swing, lshape",
+        or_all(task_name),
+        nargs="+",
+        default=["all"],
+    )
+    add(
+        parser,
+        "--policies POLICY",
+        "out of `softrobot list policies`, or one's own as of tasks; default: all that fit a task",
+        or_all(policy),
+        nargs="+",
+        default=["all"],
+    )
+    add(parser, "--duration S", "default: the task's")
     _add_options(parser.add_argument_group("options of tasks"))
     _add_errors(parser.add_argument_group("other robots than the policies know"))
     rig = parser.add_argument_group("the test rig")
-    add_twin(rig, several=True)
+    add_twin(rig, "+")
     add_learnt(rig)
     _add_real(parser.add_argument_group("rigs over a serial line"))
     add_feedback(parser.add_argument_group("feedback"))
+    add_scene(parser)
     add_plant(parser)
     add_workers(
         parser.add_argument_group("episodes side by side"),
@@ -93,118 +121,65 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     out = parser.add_argument_group("what is written")
     add_out(out, "out/evaluate")
-    out.add_argument("--no-plots", action="store_true", help="skip the plots")
-    out.add_argument(
-        "--redraw", action="store_true", help="run nothing: draw the plots that are there anew"
-    )
-    out.add_argument("--save-rollouts", action="store_true", help="also write npz records")
+    add_no_plots(out)
+    add(out, "--redraw", "run nothing: draw the plots that are there anew")
+    add(out, "--save-rollouts", "also write npz records")
 
 
-def _add_errors(group: argparse._ArgumentGroup) -> None:
+def _add_errors(group: Parsers) -> None:
     """--vary and --randomize."""
-    group.add_argument(
-        "--vary",
-        action="append",
-        type=variation,
-        default=[],
-        metavar="NAME=V1,V2",
-        help=f"values of one of {', '.join(VARIATIONS)}: in SI units or as factors; "
-        "controllers keep the nominal robot",
+    add(
+        group,
+        "--vary NAME=V1,V2",
+        f"values of one of {', '.join(VARIATIONS)}: in SI units or as factors; controllers keep "
+        "the nominal robot",
+        variation,
+        **SEVERAL,
     )
-    group.add_argument(
-        "--randomize",
-        action="append",
-        type=variation,
-        default=[],
-        metavar="NAME=LOW,HIGH",
-        help="ranges of the same quantities, of which --draws robots are drawn besides those of "
-        "--vary; every policy gets the same ones",
+    add(
+        group,
+        "--randomize NAME=LOW,HIGH",
+        "ranges of the same quantities, of which --draws robots are drawn besides those of --vary; "
+        "every policy gets the same ones",
+        variation,
+        **SEVERAL,
     )
-    group.add_argument("--draws", type=seed, metavar="N", help="of --randomize; default: 5")
+    add(group, "--draws N", "of --randomize; default: 5", seed)
 
 
-def _add_cases(parser: argparse.ArgumentParser) -> None:
-    """--tasks and --policies."""
-    parser.add_argument(
-        "--tasks",
-        nargs="+",
-        type=or_all(task_name),
-        default=["all"],
-        metavar="TASK",
-        help="out of `softrobot list tasks`, or one's own, package.module:name or file.py:name; "
-        "default: all of --robot, of the arm step, swing, lshape",
-    )
-    parser.add_argument(
-        "--policies",
-        nargs="+",
-        type=or_all(policy),
-        default=["all"],
-        metavar="POLICY",
-        help="out of `softrobot list policies`, or one's own as of tasks; default: all that fit a "
-        "task",
-    )
-
-
-def _add_options(parser: argparse._ArgumentGroup) -> None:
+def _add_options(group: Parsers) -> None:
     """--option, and short forms of some."""
-    parser.add_argument(
-        "--option",
-        action="append",
-        type=option,
-        default=[],
-        metavar="NAME=V1,V2",
-        help="values of an option of tasks, in SI units: "
-        + "; ".join(
-            f"{name} of {', '.join(tasks)}"
-            for name, tasks in with_option(EVERY_TASK).items()
-            if tasks
-        ),
-    )
-    parser.add_argument(
-        "--step-widths",
-        nargs="+",
-        type=positive,
-        metavar="M",
-        help="as --option step_width=...; default: 0.05 0.1 0.2",
-    )
-    parser.add_argument(
-        "--speeds",
-        type=lambda text: [positive(part) for part in text.split(",")],
-        metavar="V1,V2",
-        help="as --option speed=...; of circle, figure_eight, random the largest of the reference, "
+    known = "; ".join(f"{name} of {', '.join(tasks)}" for name, tasks in task_options().items())
+    values = f"values of an option of tasks, in SI units: {known}"
+    add(group, "--option NAME=V1,V2", values, option, **SEVERAL)
+    widths = "as --option step_width=...; default: 0.05 0.1 0.2"
+    add(group, "--step-widths M", widths, positive, nargs="+")
+    add(
+        group,
+        "--speeds V1,V2",
+        "as --option speed=...; of circle, figure_eight, random the largest of the reference, "
         "default: 0.1",
+        lambda text: [positive(part) for part in text.split(",")],
     )
-    parser.add_argument(
-        "--path-seeds",
-        nargs="+",
-        type=int,
-        metavar="N",
-        help="as --option seed=...; default: 0",
-    )
+    add(group, "--path-seeds N", "as --option seed=...; default: 0", int, nargs="+")
 
 
-def _add_real(parser: argparse._ArgumentGroup) -> None:
+def _add_real(group: Parsers) -> None:
     """--env, and where a real robot is."""
-    parser.add_argument(
+    add(
+        group,
         "--env",
+        "tasks of the rig in simulation, on a virtual robot over a serial line in real time, or on "
+        f"a real one; default: {SIMULATED}",
         choices=ENVIRONMENTS,
         default=SIMULATED,
-        help="tasks of the rig in simulation, on a virtual robot over a serial line in real time, "
-        f"or on a real one; default: {SIMULATED}",
     )
-    parser.add_argument(
-        "--robot-file",
-        type=Path,
-        metavar="FILE",
-        help="of a real robot, see `softrobot robot calibrate`; default: the rig's",
-    )
-    parser.add_argument("--port", help="serial port; default: the robot file's")
-    parser.add_argument(
-        "--record",
-        type=Path,
-        metavar="DIR",
-        help="write commands and tip of every episode as a recording there, for `softrobot "
-        "recording`; and of a serial line all messages",
+    add_line(group, "of a real robot, see `softrobot robot calibrate`; default: the rig's")
+    add(
+        group,
+        "--record DIR",
+        "write commands and tip of every episode as a recording there, for `softrobot recording`; "
+        "and of a serial line all messages",
     )
 
 
@@ -291,22 +266,23 @@ def _evaluate(args: argparse.Namespace, console: Console) -> int:
 def _run_cases(cases: list[runner.Case], setup: Setup, console: Console) -> list[Result]:
     """Results; those so far if a real robot does not go on."""
     results = []
-    with progress_on(console) as progress:
-        bar = progress.add_task("evaluate", total=len(cases))
+    with progress_on(console, "evaluate", len(cases)) as show:
         for count, case in enumerate(cases):
-            progress.update(bar, description=case.label)
             duration = case.duration or case.task.duration
 
-            def show(now: float, count: int = count, duration: float = duration) -> None:
-                progress.update(bar, completed=count + min(1.0, now / duration))
+            def tell(
+                now: float, case: runner.Case = case, begun: int = count, duration: float = duration
+            ) -> None:
+                show(case.label, begun + min(1.0, now / duration), len(cases))
 
+            tell(0.0)
             try:
                 with closing(setup.environment(case)) as env:
-                    results.append(Result(runner.run(case, env, progress=show)))
+                    results.append(Result(runner.run(case, env, progress=tell)))
             except RobotError as error:
                 console.print(f"Ended before {case.label}: {error}")
                 break
-            progress.update(bar, completed=count + 1)
+            tell(duration)
     return results
 
 
@@ -322,12 +298,7 @@ def _run_side_by_side(
     cases: list[runner.Case], args: argparse.Namespace, kept: Kept, console: Console
 ) -> list[Result]:
     """Results in processes, those that are kept taken up."""
-    with progress_on(console) as progress, using(args.workers):
-        bar = progress.add_task("evaluate", total=len(cases))
-
-        def show(description: str, done: int, total: int) -> None:
-            progress.update(bar, description=description, completed=done, total=total)
-
+    with progress_on(console, "evaluate", len(cases)) as show, using(args.workers):
         episodes = run_cases(
             enumerate(cases),
             lambda numbered: runner.run(numbered[1]),

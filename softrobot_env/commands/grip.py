@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Console
 
-from softrobot_env.commands.arguments import positive, seed, size
+from softrobot_env.commands.arguments import add, positive, size
 from softrobot_env.commands.output import add_out, new_file, progress_on
 from softrobot_env.robots import GRIPPERS, find_gripper
 from softrobot_env.scene.assembly import FINENESS
@@ -27,27 +27,19 @@ _OWN = ("modulus", "arm", "sensor_errors", "specimen")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument("--task", choices=tuple(GRIP_TASKS), default="hold")
-    parser.add_argument(
-        "--gripper",
-        default="gripper",
-        metavar="GRIPPER",
-        help=f"a gripper file (*.toml), or one out of {', '.join(GRIPPERS)}; default: gripper",
-    )
-    parser.add_argument(
-        "--tension", type=positive, default=30.0, metavar="N", help="of all tendons; default: 30"
-    )
+    add(parser, "--task", choices=tuple(GRIP_TASKS), default="hold")
+    known = f"a gripper file (*.toml), or one out of {', '.join(GRIPPERS)}; default: gripper"
+    add(parser, "--gripper GRIPPER", known, default="gripper")
+    add(parser, "--tension N", "of all tendons; default: 30", positive, default=30.0)
     for name, unit in zip(_FIXED, ("M", "KG", "1"), strict=True):
-        parser.add_argument(f"--{name}", type=positive, metavar=unit, help="default: drawn")
-    parser.add_argument("--seed", type=seed, default=0, help="of what is drawn; default: 0")
-    parser.add_argument(
-        "--fineness", choices=tuple(FINENESS), default="quick", help="default: quick"
-    )
-    parser.add_argument("--pieces", type=int, help="of each finger; default: by fineness")
-    parser.add_argument("--timestep", type=positive, metavar="S", help="default: by fineness")
+        add(parser, f"--{name} {unit}", "default: drawn", positive)
+    add(parser, "--seed SEED", "of what is drawn; default: 0", default=0)
+    add(parser, "--fineness", "default: quick", choices=tuple(FINENESS), default="quick")
+    add(parser, "--pieces PIECES", "of each finger; default: by fineness", int)
+    add(parser, "--timestep S", "default: by fineness")
     add_out(parser, None, ".mp4 or .gif; default: no video", "FILE")
-    parser.add_argument("--fps", type=positive, default=25, help="frames per second; default: 25")
-    parser.add_argument("--size", type=size, nargs=2, default=(640, 480), metavar=("W", "H"))
+    add(parser, "--fps FPS", "frames per second; default: 25", positive, default=25)
+    add(parser, "--size W H", None, size, default=(640, 480))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -67,9 +59,9 @@ def _run(args: argparse.Namespace) -> int:
     from softrobot_env.envs.gripper import GripperEnv
     from softrobot_env.evaluation.run import play
 
-    width, height = args.size
     gripper = find_gripper(args.gripper)
-    sensed = args.out is not None and senses(gripper)
+    filmed = args.out is not None
+    sensed = filmed and senses(gripper)
     how = {
         "gripper": gripper,
         "fineness": args.fineness,
@@ -77,29 +69,24 @@ def _run(args: argparse.Namespace) -> int:
         "timestep": args.timestep,
         "observe": ("sensors",) if sensed else ("curvature",),
     }
-    env = GripperEnv(
-        args.task,
-        **how,
-        render_mode=None if args.out is None else "rgb_array",
-        width=width,
-        height=height,
-    )
+    pictured = {"render_mode": "rgb_array" if filmed else None}
+    pictured |= dict(zip(("width", "height"), args.size, strict=True))
+    env = GripperEnv(args.task, **how, **pictured)
     policy = ScriptedGrip(env.gripper, env.control_period, args.tension)
     fixed = {name: getattr(args, name) for name in _FIXED if getattr(args, name) is not None}
     console, pictures, info, shape = Console(), [], {}, None
-    with progress_on(console) as progress:
-        bar = progress.add_task(args.task, total=env.max_episode_steps)
-        for moment in play(env, policy, args.seed, fixed):
+    with progress_on(console, args.task, env.max_episode_steps) as show:
+        for count, moment in enumerate(play(env, policy, args.seed, fixed), 1):
             info = moment.info
             if sensed:
                 shape = shape or _calibrated(how, moment, args.seed)
                 env.shown = shape(moment.observation["sensors"])
-            progress.advance(bar)
-            if args.out is not None and info["time"] * args.fps + 1e-6 >= len(pictures):
+            show(args.task, count, env.max_episode_steps)
+            if filmed and info["time"] * args.fps + 1e-6 >= len(pictures):
                 pictures.append(_picture(env, args, info))
     env.close()
     console.print(_outcome(info))
-    if args.out is not None:
+    if filmed:
         from softrobot_env.rendering.video import write_video
 
         count = write_video(args.out, pictures, args.fps)

@@ -2,21 +2,27 @@
 
 import argparse
 from dataclasses import replace
+from functools import partial
 from time import perf_counter
 from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
-from rich.progress import Progress, TaskID
 
-from softrobot_env.commands.arguments import add_workers
-from softrobot_env.commands.output import add_out, drawn, new_results, progress_on
-from softrobot_env.commands.recording.check import add_file
-from softrobot_env.core.files import write_text
+from softrobot_env.commands.arguments import add, add_robot, add_workers
+from softrobot_env.commands.output import (
+    add_no_plots,
+    add_out,
+    drawn,
+    new_results,
+    progress_on,
+    write_report,
+)
+from softrobot_env.commands.recording import add_file
+from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.core.processes import chosen_processes, using
 from softrobot_env.recordings import read_recording
-from softrobot_env.rendering.tables import text_page
-from softrobot_env.robots import ROBOTS, find_robot
+from softrobot_env.robots import find_robot
 
 if TYPE_CHECKING:
     from softrobot_env.identification.fit.path import Identification
@@ -31,38 +37,30 @@ _STAGES = ("frame", "tendons", "geometry", "statics", "dynamics", "residual", "n
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     add_file(parser)
-    parser.add_argument(
-        "--robot",
-        required=True,
-        metavar="ROBOT",
-        help=f"as it is believed to be: a robot file (*.toml), or a robot out of "
-        f"{', '.join(ROBOTS)}",
-    )
-    parser.add_argument(
-        "--stages",
-        type=_stages,
-        default=_STAGES,
-        metavar="A,B",
-        help=f"what to find, out of {','.join(_STAGES)}; the rest stays as the robot file says; "
+    add_robot(parser, "as it is believed to be", required=True)
+    add(
+        parser,
+        "--stages A,B",
+        f"what to find, out of {','.join(_STAGES)}; the rest stays as the robot file says; "
         "default: all",
+        _stages,
+        default=_STAGES,
     )
-    parser.add_argument(
-        "--known",
-        type=lambda text: tuple(text.split(",")),
+    add(
+        parser,
+        "--known A,B",
+        "kinds of parameters that the robot file says exactly, such as mass,tendon_radius",
+        lambda text: tuple(text.split(",")),
         default=(),
-        metavar="A,B",
-        help="kinds of parameters that the robot file says exactly, such as mass,tendon_radius",
     )
-    parser.add_argument(
+    add(
+        parser,
         "--any-turn",
-        action="store_true",
-        help="the recording's frame may be anywhere and turned in any way; about the robot's axis "
-        "it may be turned anyway where the columns' tendons are not known",
+        "the recording's frame may be anywhere and turned in any way; about the robot's axis it "
+        "may be turned anyway where the columns' tendons are not known",
     )
-    parser.add_argument(
-        "--no-validation", action="store_true", help="skip the cross-validation, half of the time"
-    )
-    parser.add_argument("--no-plots", action="store_true", help="skip the plots")
+    add(parser, "--no-validation", "skip the cross-validation, half of the time")
+    add_no_plots(parser)
     add_workers(
         parser,
         "; those of the assignment, of further starts and of the cross-validation; default: two "
@@ -92,7 +90,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _identified(args: argparse.Namespace) -> int:
-    from softrobot_env.evaluation.report import write_json
     from softrobot_env.identification.fit import report
     from softrobot_env.identification.fit.path import check_stages, identify
 
@@ -100,12 +97,7 @@ def _identified(args: argparse.Namespace) -> int:
     stages = check_stages(args.stages)
     robot = find_robot(args.robot)
     recording = read_recording(args.recording, args.header)
-    with progress_on(console) as progress:
-        bar = progress.add_task("identify", total=None)
-
-        def show(what: str, done: int, total: int) -> None:
-            progress.update(bar, description=what, completed=done, total=total)
-
+    with progress_on(console, "identify") as show:
         found = identify(
             recording,
             robot,
@@ -115,14 +107,11 @@ def _identified(args: argparse.Namespace) -> int:
             validate=not args.no_validation,
             show=show,
         )
-        chain = _on_chain(found, progress, bar)
+        chain = _on_chain(found, show)
     console.print(report.tables(found, chain, whole=False))
     files = report.write_files(found, args.out)
-    write_json(args.out / "report.json", report.report_rows(found, chain), args.command_line)
-    page = text_page(
-        "Identification of a robot", report.tables(found, chain, whole=True), args.command_line
-    )
-    write_text(args.out / "report.md", page)
+    tables, rows = report.tables(found, chain, whole=True), report.report_rows(found, chain)
+    write_report(args.out, rows, "Identification of a robot", tables, args.command_line)
     wrote = ", ".join([*files, "report.json", "report.md"])
     console.print(f"{perf_counter() - began:.0f} s. Wrote {wrote} to {args.out}", soft_wrap=True)
     if not args.no_plots and drawn(lambda: _plot(found, args), console):
@@ -130,17 +119,16 @@ def _identified(args: argparse.Namespace) -> int:
     return 0
 
 
-def _on_chain(found: "Identification", progress: Progress, bar: TaskID) -> "ErrorRow | None":
+def _on_chain(found: "Identification", show: ProgressCallback) -> "ErrorRow | None":
     """Errors of the robot that was found, simulated by the MuJoCo chain."""
     from softrobot_env.identification.fit.path import placed
     from softrobot_env.identification.fit.report import chain_row
     from softrobot_env.identification.replay import replay
 
     static = placed(found.recording, replace(found.header, static=True))
-    progress.update(bar, description="MuJoCo chain", total=len(static.times), completed=0)
-    error = replay(
-        static, found.robot, progress=lambda rows: progress.update(bar, completed=rows)
-    ).error
+    tell = partial(show, "MuJoCo chain", total=len(static.times))
+    tell(0)
+    error = replay(static, found.robot, progress=tell).error
     return None if np.isnan(error).all() else chain_row(error)
 
 

@@ -9,10 +9,15 @@ import mujoco
 from rich.console import Console
 from rich.table import Table
 
-from softrobot_env.commands.arguments import add_robot, add_scene, add_twin, scene_options
+from softrobot_env.commands.arguments import (
+    add,
+    add_robot,
+    add_scene,
+    add_twin,
+    scene_options,
+)
 from softrobot_env.commands.output import add_out, check_free
-from softrobot_env.commands.setups import Setup
-from softrobot_env.commands.task_options import add_task, one_task
+from softrobot_env.commands.setups import Setup, add_task, one_task
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.runner import Case, simulated
 from softrobot_env.rendering.tables import Column, make_table, named_values
@@ -46,9 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     add_task(parser)
     add_robot(parser, "its own scene unless --task is given; default: the task's")
-    parser.add_argument(
-        "--workspace", action="store_true", help="of --robot: draw where its tip rests"
-    )
+    add(parser, "--workspace", "of --robot: draw where its tip rests")
     add_out(parser, "out/inspect", "; of the picture")
     add_twin(parser)
     add_scene(parser)
@@ -117,12 +120,6 @@ def _inspect_task(args: argparse.Namespace) -> int:
 
 
 def _print(scene: Scene, title: str, left_out: list[str], own: dict[str, str]) -> None:
-    console = Console()
-    console.print(_overview(scene, title, left_out, own))
-    console.print(_tendons(scene.config.robot))
-
-
-def _overview(scene: Scene, title: str, left_out: list[str], own: dict[str, str]) -> Table:
     """What every scene has, what else a robot leaves out, and rows of its own."""
     model = scene.model
     tendons = len(scene.config.robot.tendons)
@@ -138,7 +135,8 @@ def _overview(scene: Scene, title: str, left_out: list[str], own: dict[str, str]
         **_timing(scene),
         **own,
     }
-    return named_values(title, rows)
+    Console().print(named_values(title, rows))
+    Console().print(_tendons(scene.config.robot))
 
 
 def _holding(robot: RobotParams) -> dict[str, str]:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from gymnasium.envs.registration import EnvSpec, registry
 from rich.console import Console
 
-from softrobot_env.commands.arguments import add_robot
+from softrobot_env.commands.arguments import add, add_robot
 from softrobot_env.control.registry import EVERY_POLICY, fitting_policies
 from softrobot_env.core.studies import BENCHMARKS
 from softrobot_env.rendering.tables import named_values
@@ -23,7 +23,7 @@ _NAMESPACE = "SoftRobot/"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument("what", nargs="?", choices=_EVERYTHING, help="these alone; default: all")
+    add(parser, "what", "these alone; default: all", nargs="?", choices=_EVERYTHING)
     add_robot(parser, "what it can be given, and why not the rest; default: all there is")
 
 

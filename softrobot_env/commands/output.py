@@ -3,32 +3,36 @@
 One rule for files and folders of results. Nobody else writes to them meanwhile.
 """
 
-import argparse
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.progress import Progress, TextColumn, TimeElapsedColumn
 
+from softrobot_env.commands.arguments import Parsers, add
 from softrobot_env.core.files import private_dir, write_text
+from softrobot_env.core.interfaces import ProgressCallback
+from softrobot_env.evaluation.report import write_json
+from softrobot_env.rendering.tables import text_page
 
 #: What makes a folder one of results, and the list of what was written to it.
 _REPORT, _LIST = "report.json", ".written"
 
 
-def add_out(
-    parser: argparse._ActionsContainer, default: str | None, note: str = "", metavar: str = "DIR"
-) -> None:
+def add_out(parser: Parsers, default: str | None, note: str = "", metavar: str = "DIR") -> None:
     """--out and --overwrite."""
-    told = note if default is None else f"default: {default}{note}"
-    usual = None if default is None else Path(default)
-    parser.add_argument("--out", type=Path, default=usual, metavar=metavar, help=told)
-    parser.add_argument(
-        "--overwrite", action="store_true", help="replace what is there of an earlier run"
-    )
+    usual = "" if default is None else f"default: {default}"
+    add(parser, f"--out {metavar}", usual + note, default=Path(default) if default else None)
+    add(parser, "--overwrite", "replace what is there of an earlier run")
+
+
+def add_no_plots(parser: Parsers) -> None:
+    """--no-plots."""
+    add(parser, "--no-plots", "skip the plots")
 
 
 def check_free(*paths: Path, overwrite: bool) -> None:
@@ -183,7 +187,30 @@ def inside(folder: Path, name: str) -> str:
     return name
 
 
-def progress_on(console: Console) -> Progress:
-    """A bar that goes away at the end; its clock runs also while a long part is under way."""
+@contextmanager
+def progress_on(
+    console: Console, name: str, total: float | None = None, prefix: str = ""
+) -> Iterator[ProgressCallback]:
+    """A bar that goes away at the end; its clock runs also while a long part is under way.
+
+    Args:
+        console: Where it is shown.
+        name: What it says at first.
+        total: Of what is done, as far as it is known.
+        prefix: Of what it says later.
+
+    Yields:
+        What is told (description, done, total).
+    """
     columns = (*Progress.get_default_columns(), TextColumn("after"), TimeElapsedColumn())
-    return Progress(*columns, console=console, transient=True)
+    with Progress(*columns, console=console, transient=True) as progress:
+        bar = progress.add_task(name, total=total)
+        yield lambda what, done, total: progress.update(
+            bar, description=prefix + what, completed=done, total=total
+        )
+
+
+def write_report(folder: Path, rows: list[Any], title: str, tables: Any, command_line: str) -> None:
+    """Rows as report.json, and tables as report.md."""
+    write_json(folder / "report.json", rows, command_line)
+    write_text(folder / "report.md", text_page(title, tables, command_line))

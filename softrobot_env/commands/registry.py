@@ -3,11 +3,11 @@
 from softrobot_env.commands import (
     benchmark,
     evaluate,
-    export,
     grip,
     identify,
     inspect,
     listing,
+    recording,
     render,
     robot_file,
     train,
@@ -15,9 +15,8 @@ from softrobot_env.commands import (
     view,
     warm_up,
 )
-from softrobot_env.commands.recording import command as recording
+from softrobot_env.commands.arguments import Command
 from softrobot_env.commands.robot import command as robot
-from softrobot_env.commands.subcommands import Command
 from softrobot_env.core.registry import Registry
 
 #: Name -> command.
@@ -36,7 +35,9 @@ COMMANDS: Registry[Command] = Registry(
         "inspect": Command(inspect, "print what a scene contains and what it leaves out"),
         "warm-up": Command(warm_up, "compile what is compiled at its first use, ahead of it"),
         "list": Command(listing, "print the robots, tasks, policies, environments there are"),
-        "export": Command(export, "write the MJCF of the registered scenes, or of a robot"),
+        "export": Command(
+            robot_file.EXPORT, "write the MJCF of the registered scenes, or of a robot"
+        ),
         "robot-file": Command(robot_file, "check the file of a robot of your own"),
         "recording": Command(
             recording, "check tables of commands and markers, and replay them with any robot"

@@ -1,31 +1,28 @@
-"""`softrobot robot-file`: robots of one's own, described by TOML files."""
+"""`softrobot robot-file` and `softrobot export`: robots as TOML files, and as MJCF."""
 
 import argparse
-from pathlib import Path
 from types import SimpleNamespace
 
 from rich.console import Console
 
-from softrobot_env.commands.subcommands import Command, add_commands
-from softrobot_env.robots import read_robot
-from softrobot_env.scene.build import build_scene
-from softrobot_env.scene.registry import scene_of
+from softrobot_env.commands.arguments import Command, add, add_commands, add_robot
+from softrobot_env.commands.output import add_out, check_free
+from softrobot_env.core.files import write_text
+from softrobot_env.robots import find_robot, read_robot
+from softrobot_env.scene.build import build_scene, scene_xml
+from softrobot_env.scene.config import visible
+from softrobot_env.scene.registry import SCENES, scene_of
 
 EXAMPLE = "softrobot robot-file check my.toml"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command: its commands with theirs."""
-    add_commands(parser, FILE_COMMANDS, "file_command")
-
-
-def run(args: argparse.Namespace) -> int:
-    """Run the command."""
-    return args.file_command_run(args)
+    add_commands(parser, FILE_COMMANDS)
 
 
 def _add_file(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", type=Path, help="a robot file")
+    add(parser, "file FILE", "a robot file")
 
 
 def _check(args: argparse.Namespace) -> int:
@@ -47,3 +44,32 @@ _CHECK = SimpleNamespace(EXAMPLE=EXAMPLE, add_arguments=_add_file, run=_check)
 
 #: The commands of `softrobot robot-file`.
 FILE_COMMANDS = {"check": Command(_CHECK, "say whether a robot file is good, or what is wrong")}
+
+
+def _add_export(parser: argparse.ArgumentParser) -> None:
+    add_out(parser, "out/assets")
+    add_robot(parser, "default: all registered scenes")
+
+
+def _export(args: argparse.Namespace) -> int:
+    """Write scenes as MJCF."""
+    scenes = SCENES
+    if args.robot is not None:
+        scene = scene_of(find_robot(args.robot))
+        scenes = {scene.robot.name: scene, f"{scene.robot.name}_view": visible(scene)}
+    paths = {name: args.out / f"{name}.xml" for name in scenes}
+    check_free(*paths.values(), overwrite=args.overwrite)
+    for name, config in scenes.items():
+        path = paths[name]
+        write_text(path, scene_xml(config))
+        Console().print(f"Wrote {path}")
+    return 0
+
+
+#: `softrobot export`.
+EXPORT = SimpleNamespace(
+    EXAMPLE="""softrobot export --out assets --overwrite
+  softrobot export --robot my.toml --out out""",
+    add_arguments=_add_export,
+    run=_export,
+)

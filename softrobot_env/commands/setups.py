@@ -1,13 +1,26 @@
-"""The robots that commands can be given, as their arguments describe them."""
+"""The robots and tasks that commands can be given, as their arguments describe them."""
 
 import argparse
+import itertools
+from collections.abc import Mapping
 from dataclasses import replace
+from math import isfinite
 from typing import Any
 
 import gymnasium
 
 from softrobot_env.beams.registry import MUJOCO
-from softrobot_env.commands.arguments import plant_options
+from softrobot_env.commands.arguments import (
+    SCENE,
+    SEVERAL,
+    Parsers,
+    add,
+    flags,
+    named_values,
+    number,
+    plant_options,
+    positive,
+)
 from softrobot_env.control.registry import (
     FEEDBACKS,
     SENSORS,
@@ -15,13 +28,32 @@ from softrobot_env.control.registry import (
     policy_environment,
 )
 from softrobot_env.control.sensed import load_reconstruction
-from softrobot_env.core.registry import load
+from softrobot_env.core.registry import is_path, load
 from softrobot_env.envs.disturbances import periods
 from softrobot_env.envs.tracking import DEFAULT_PERIOD
 from softrobot_env.evaluation.report import REAL, VIRTUAL
 from softrobot_env.evaluation.runner import Case, acts_on_identified
-from softrobot_env.robots import ENTRIES, RobotEntry, RobotParams, entry_of, find_robot
-from softrobot_env.tasks import Task, tasks_of
+from softrobot_env.robots import (
+    ENTRIES,
+    ROBOTS,
+    RobotEntry,
+    RobotParams,
+    default_robot,
+    entry_of,
+    find_robot,
+)
+from softrobot_env.tasks import (
+    EVERY_TASK,
+    Maker,
+    Task,
+    defaults,
+    find_maker,
+    known_tasks,
+    make_task,
+    tasks_of,
+    with_option,
+)
+from softrobot_env.tasks.generic import GENERIC_TASKS
 
 #: What --env can be: simulated, or over a serial line.
 SIMULATED = "sim"
@@ -30,11 +62,9 @@ ENVIRONMENTS = (SIMULATED, VIRTUAL, REAL)
 #: Duration [s] of step responses: the thesis' 25 s lets slow policies settle.
 STEP_DURATION = 25.0
 
-#: Arguments that only robots with twins have.
-_TWIN_ARGUMENTS = ("twin", "learnt")
-
-#: Shown of a robot that its own policy cannot drive.
-_SHOWN = RobotEntry.policy
+#: What arguments are that a command does not have.
+_UNLESS_GIVEN = dict.fromkeys((*SCENE, "robot", "twin", "learnt", "sensors", "duration"))
+_UNLESS_GIVEN |= {"plant": MUJOCO, "feedback": FEEDBACKS[0]}
 
 
 def period_of(case: Case) -> float:
@@ -68,17 +98,14 @@ class Setup:
         Raises:
             ValueError, OSError: As `find_robot`.
         """
-        self._args = args
-        given = getattr(args, "robot", None)
-        self.robot = None if given is None else find_robot(given)
-        self._feedback = getattr(args, "feedback", FEEDBACKS[0])
-        self._sensors = getattr(args, "sensors", None)
+        self._args = args = argparse.Namespace(**_UNLESS_GIVEN | vars(args))
+        self.robot = None if args.robot is None else find_robot(args.robot)
         self._read: dict[RobotParams, Any] = {}
 
     def default_policy(self, task: Task) -> str:
         """The policy to show on a task."""
         name = entry_of(task.robot).policy
-        return name if self.incompatibility(name, task) is None else _SHOWN
+        return name if self.incompatibility(name, task) is None else RobotEntry.policy
 
     def incompatibility(self, policy: str, task: Task) -> str | None:
         """Why a policy is not for a task's robot, or its reference; None where it is.
@@ -91,7 +118,7 @@ class Setup:
             own = ", ".join(tasks_of(robot).own())
             return f"policy {policy!r} follows x and y alone, as {own} have them"
         own = policy_environment(policy, robot).get("control_period")
-        given = getattr(self._args, "control_period", None)
+        given = self._args.control_period
         if None not in (own, given) and abs(round(own / given) * given - own) > 1e-9:
             return f"{policy} needs a control_period that divides {own:g} s, not {given:g} s"
         made_for = {} if self.robot is not None else families()
@@ -116,18 +143,18 @@ class Setup:
         Raises:
             ValueError, FileNotFoundError: An argument that does not fit; the message says why.
         """
+        args, robot = self._args, case.task.robot
         step = STEP_DURATION if case.task.step_width is not None else None
-        tension, feedback = case.task.robot.drive.kind == "tension", self._feedback
+        measured = robot.drive.kind == "tension" or args.feedback == SENSORS
+        identified = acts_on_identified(case.policy, robot)
         return replace(
             case,
-            plant=self._args.plant,
-            feedback=feedback if tension or feedback == SENSORS else None,
-            sensors=self._sensors,
-            duration=getattr(self._args, "duration", None) or step,
-            scene=plant_options(self._args, case.policy, case.task.robot),
-            identified=self._identified(case.task.robot)
-            if acts_on_identified(case.policy, case.task.robot)
-            else None,
+            plant=args.plant,
+            feedback=args.feedback if measured else None,
+            sensors=args.sensors,
+            duration=args.duration or step,
+            scene=plant_options(args, case.policy, robot),
+            identified=self._identified(robot) if identified else None,
         )
 
     def check(self, cases: list[Case]) -> None:
@@ -149,7 +176,7 @@ class Setup:
 
     def _check_feedback(self, cases: list[Case]) -> None:
         """Refuse feedback that a robot does not have."""
-        feedback, file = self._feedback, self._sensors
+        feedback, file = self._args.feedback, self._args.sensors
         if feedback != SENSORS and file is not None:
             raise ValueError(f"--sensors: only with --feedback {SENSORS}")
         for robot in {case.task.robot for case in cases} if feedback == SENSORS else ():
@@ -170,12 +197,11 @@ class Setup:
 
     def _check_twins(self, cases: list[Case]) -> None:
         """Refuse arguments of robots with twins that no case uses."""
-        args = vars(self._args)
-        own = [f"--{name}" for name in _TWIN_ARGUMENTS if args.get(name) is not None]
-        if not cases and own:
+        told = flags(self._args, ("twin", "learnt"))
+        if not cases and told:
             tasks = "; ".join(f"{r.name}, {', '.join(tasks_of(r).own())}" for r in with_twins())
-            raise ValueError(f"{', '.join(own)}: only with tasks of the {tasks}")
-        unused = args.get("learnt") is not None and not any(case.identified for case in cases)
+            raise ValueError(f"{told}: only with tasks of the {tasks}")
+        unused = self._args.learnt is not None and not any(case.identified for case in cases)
         if cases and unused:
             robot = cases[0].task.robot
             able = [name for name in entry_of(robot).policies if acts_on_identified(name, robot)]
@@ -206,3 +232,107 @@ class Setup:
         if robot not in self._read:
             self._read[robot] = load(entry_of(robot).identified)(robot, self._args.learnt)
         return self._read[robot]
+
+
+#: Options of a task by name.
+Options = dict[str, float]
+
+#: Values given for options of tasks.
+Given = dict[str, list[float]]
+
+
+def task_help() -> str:
+    """What --task can be, for people."""
+    own = {name: ", ".join(tasks_of(robot).own()) for name, robot in ROBOTS.items()}
+    named = "".join(f"of the {name}: {tasks}; " for name, tasks in own.items() if tasks)
+    return (
+        f"{named}of any --robot: {', '.join(GENERIC_TASKS.registered())}; or one's own, "
+        "package.module:name or file.py:name"
+    )
+
+
+def task_options() -> dict[str, list[str]]:
+    """Options of the tasks that have a robot -> those tasks."""
+    return {name: tasks for name, tasks in with_option(EVERY_TASK).items() if tasks}
+
+
+def task_name(text: str) -> str:
+    """A task's name, or the path of one's own."""
+    if not is_path(text) and text not in known_tasks():
+        known = ", ".join(known_tasks())
+        raise argparse.ArgumentTypeError(
+            f"unknown task {text!r}; choose from {known}, or give package.module:name or "
+            "file.py:name"
+        )
+    return text
+
+
+def combinations(make: Maker, given: Given) -> list[Options]:
+    """Options of a task in every combination of the values given for them."""
+    own = defaults(make)
+    values = []
+    for option, default in own.items():
+        kind = float if isinstance(default, float) else lambda seed: seed  # seeds stay whole
+        values.append([v if v is None else kind(v) for v in given.get(option, [default])])
+    return [
+        dict(zip(own, chosen, strict=True))
+        for chosen in itertools.product(*map(dict.fromkeys, values))
+    ]
+
+
+def check_used(given: Given, makers: Mapping[str, Maker], robot: RobotParams | None) -> None:
+    """Refuse options that none of the tasks has.
+
+    Raises:
+        ValueError: The message names the tasks that have the option, or else all options.
+    """
+    here = with_option(makers)
+    known = here | (with_option(EVERY_TASK) if robot is None else with_option(tasks_of(robot)))
+    for name in given:
+        if here.get(name):
+            continue
+        if not known.get(name):
+            able = ", ".join(filter(known.get, known))
+            raise ValueError(f"no task has the option {name!r}; choose from {able}")
+        raise ValueError(f"{name} is an option of {', '.join(known[name])} only")
+
+
+def option(text: str) -> tuple[str, list[float]]:
+    """`name=1,2,3` as the name of an option of tasks and its values."""
+    name, values = named_values(text)
+    # What is written as a whole number stays one.
+    return name, [int(v) if v.isdecimal() else number(v, isfinite, "a number") for v in values]
+
+
+def merge(pairs: list[tuple[str, list[float]]]) -> Given:
+    """Values by name; those of a name given twice add up."""
+    merged: Given = {}
+    for name, values in pairs:
+        merged[name] = list(dict.fromkeys([*merged.get(name, []), *values]))
+    return merged
+
+
+def add_task(parser: Parsers) -> None:
+    """--task, --option and --step-width, of commands that are about one task."""
+    usual = "default: swing of the arm, circle of --robot"
+    add(parser, "--task TASK", f"{task_help()}; {usual}", task_name)
+    told = f"an option of the task, in SI units, out of {', '.join(task_options())}"
+    add(parser, "--option NAME=VALUE", told, option, **SEVERAL)
+    add(parser, "--step-width M", "as --option step_width=...", positive)
+
+
+def one_task(args: argparse.Namespace, robot: RobotParams | None) -> Task:
+    """The task of `add_task`, for a robot unless it has its own.
+
+    Raises:
+        ValueError: An option of other tasks, several values of one, or one out of range.
+    """
+    width = [] if args.step_width is None else [("step_width", [args.step_width])]
+    given = merge([*args.option, *width])
+    name = args.task or entry_of(default_robot() if robot is None else robot).task
+    make = find_maker(name, robot)
+    check_used(given, {name: make}, robot)
+    options, *more = combinations(make, given)
+    if more:
+        raise ValueError("--option: only one value of each for one task")
+    return make_task(name, robot=robot, **options)

@@ -1,30 +1,69 @@
 """`softrobot train`: make the trained artifacts that policies load, for any robot."""
 
 import argparse
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from softrobot_env.commands import train_rl
-from softrobot_env.commands.arguments import add_robot, add_workers, policy, seed, seeds
+from softrobot_env.commands.arguments import (
+    SEVERAL,
+    Parser,
+    Parsers,
+    add,
+    add_robot,
+    add_workers,
+    files_among,
+    flags,
+    seeds,
+)
 from softrobot_env.commands.output import (
     add_out,
     check_folder,
     claimed,
+    drawn,
     inside,
     new_file,
+    new_results,
     progress_on,
+    write_report,
 )
-from softrobot_env.commands.train_several import SEVERAL, train_several
+from softrobot_env.core.processes import using
+from softrobot_env.core.runs import KEPT, kept_rows
 from softrobot_env.rendering.tables import named_values
 from softrobot_env.robots import RobotParams, default_robot, find_robot
-from softrobot_env.robots.artifacts import artifact_folder, looked_up, training_folder
-from softrobot_env.training.registry import TRAININGS
+from softrobot_env.robots.artifacts import (
+    artifact_folder,
+    artifact_name,
+    looked_up,
+    training_folder,
+)
+from softrobot_env.training.registry import (
+    LEARNERS,
+    REINFORCEMENT,
+    TRAININGS,
+    check_reinforcement,
+)
 from softrobot_env.training.request import Training, TrainingRequest, file_of
-from softrobot_env.training.rl_config import checkpoint_of
+from softrobot_env.training.rl_config import (
+    IMITATION,
+    ROBOT_TASKS,
+    SCRATCH_SETTINGS,
+    TRAINING_TASKS,
+    checkpoint_of,
+)
+
+if TYPE_CHECKING:
+    from softrobot_env.training.several.runs import Run
+
+#: Where several runs are written, in a folder by the training's name.
+SEVERAL_RUNS = Path("out") / "trainings"
+
+ALGORITHMS = tuple(SCRATCH_SETTINGS)
 
 EXAMPLE = """softrobot train lq_preview --robot my.toml
   softrobot train imitation --robot my.toml --teacher lq_preview
@@ -35,58 +74,118 @@ EXAMPLE = """softrobot train lq_preview --robot my.toml
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument(
-        "what",
-        nargs="?",
-        choices=list(TRAININGS),
-        metavar="NAME",
-        help=f"policy to train, out of {', '.join(TRAININGS)}; or give --algo",
-    )
+    known = f"policy to train, out of {', '.join(TRAININGS)}; or give --algo"
+    add(parser, "what NAME", known, nargs="?", choices=list(TRAININGS))
     add_robot(parser, "a name or a file; default: the thesis' of the artifact")
     drawn = parser.add_mutually_exclusive_group()
-    drawn.add_argument("--seed", type=seed, help="of the randomness; default: 0")
-    drawn.add_argument(
-        "--seeds",
-        type=seeds,
-        metavar="A..B|A,B",
-        help="a run for each; with this, several values of --set or --workers, runs have folders "
-        "in that of --out, and the same command goes on with those that are not done",
+    add(drawn, "--seed SEED", "of the randomness; default: 0")
+    add(
+        drawn,
+        "--seeds A..B|A,B",
+        "a run for each; with this, several values of --set or --workers, runs have folders in "
+        "that of --out, and the same command goes on with those that are not done",
+        seeds,
     )
     add_workers(parser, "; several runs at a time; default: as many processes as cores")
     add_out(
         parser,
         None,
         "default: beside the file of a robot of one's own, else out; of several runs "
-        f"{SEVERAL}/NAME",
+        f"{SEVERAL_RUNS}/NAME",
     )
-    parser.add_argument(
-        "--ship",
-        action="store_true",
-        help="write what comes with the package: models/, or beside the robots in assets/",
+    shipped = "write what comes with the package: models/, or beside the robots in assets/"
+    add(parser, "--ship", shipped)
+    add(parser, "--quick", "seconds, to see that everything runs; no good policy")
+    add(
+        parser,
+        "--twin SEED",
+        "of the twin that rig_nn is of; default: 0. Others than 0 go to a file with the seed in "
+        "its name, for `softrobot evaluate --learnt`",
     )
-    parser.add_argument(
-        "--quick", action="store_true", help="seconds, to see that everything runs; no good policy"
+    add(
+        parser,
+        "--recording FILE",
+        "that ssm learns from, see `softrobot recording`; default: motion that is simulated",
     )
-    parser.add_argument(
-        "--twin",
-        type=seed,
-        metavar="SEED",
-        help="of the twin that rig_nn is of; default: 0. Others than 0 go to a file with "
-        "the seed in its name, for `softrobot evaluate --learnt`",
+    teacher = "that imitation learns from; default: of the arm mpc_preview, else lq_preview"
+    add(parser, "--teacher POLICY", teacher)
+    group = parser.add_argument_group("reinforcement learning")
+    add(group, "--algo", "algorithm of stable-baselines3, as NAME", choices=ALGORITHMS)
+    add_learning(group)
+    add(group, "--name NAME", "of the file written; default: the algorithm's")
+    folder = "folder of what --resume needs; default: out/train/NAME"
+    add(group, "--checkpoint DIR", folder)
+    add(group, "--resume", "go on with the checkpoint")
+    add(group, "--log DIR", "folder of TensorBoard's logs")
+
+
+def add_learning(group: Parsers) -> None:
+    """Arguments that say what is learned by reinforcement, and how."""
+    every = [*TRAINING_TASKS, *ROBOT_TASKS]
+    add(
+        group,
+        "--task TASK",
+        f"out of {', '.join(TRAINING_TASKS)} (references drawn at random), of other robots than "
+        f"the arm out of {', '.join(ROBOT_TASKS)}; default: all",
+        nargs="+",
+        choices=[*every, "all"],
+        default=["all"],
     )
-    parser.add_argument(
-        "--recording",
-        type=Path,
-        metavar="FILE",
-        help="that ssm learns from, see `softrobot recording`; default: motion that is simulated",
+    add(
+        group,
+        "--start NETWORK",
+        "file of a network to start from, imitation (the one in --out, else where policies look) "
+        "or none; default: imitation",
+        default=IMITATION,
     )
-    parser.add_argument(
-        "--teacher",
-        type=policy,
-        metavar="POLICY",
-        help="that imitation learns from; default: of the arm mpc_preview, else lq_preview",
+    add(
+        group,
+        "--randomize",
+        "draw robots and disturbances from broad ranges, not Young's modulus alone",
     )
-    train_rl.add_arguments(parser)
+    add(
+        group,
+        "--backend",
+        "what simulates: MuJoCo, or MuJoCo Warp on a graphics card (see docs/howto/gpu.md)",
+        choices=("mujoco", "warp"),
+        default="mujoco",
+    )
+    add(group, "--device DEVICE", "of the backend warp: cuda:0 unless given, or cpu")
+    add(group, "--steps STEPS", "environment steps; default: by algorithm", int)
+    add(
+        group,
+        "--set NAME=V1,V2",
+        "another number of training.rl_config.RLConfig, for instance rate=1e-4; with several "
+        "values a run for each",
+        _setting,
+        **SEVERAL,
+    )
+
+
+def _setting(text: str) -> tuple[str, tuple[float, ...]]:
+    """`name=number` or `name=number,number`."""
+    name, _, values = text.partition("=")
+    try:
+        return name, tuple(dict.fromkeys(map(float, values.split(","))))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=NUMBER or N1,N2") from None
+
+
+def values_of(args: argparse.Namespace) -> dict[str, tuple[float, ...]]:
+    """Values of the settings of `--set`; of one that is given twice, the last."""
+    return dict(args.set)
+
+
+def given(args: argparse.Namespace) -> dict[str, Any]:
+    """Settings of reinforcement learning that are given, for `rl.config_of`.
+
+    Of several values of one, the first.
+    """
+    parser = Parser()
+    add_arguments(parser)
+    found = {name: getattr(args, name) for name in REINFORCEMENT if hasattr(args, name)}
+    found["set"] = [(name, values[0]) for name, values in found["set"]]
+    return {name: value for name, value in found.items() if value != parser.get_default(name)}
 
 
 def run(args: argparse.Namespace) -> int:
@@ -100,14 +199,14 @@ def run(args: argparse.Namespace) -> int:
     if (args.what is None) == (args.algo is None):
         raise ValueError(
             f"give an artifact ({', '.join(TRAININGS)}) or an algorithm (--algo "
-            f"{', '.join(train_rl.ALGORITHMS)})"
+            f"{', '.join(ALGORITHMS)})"
         )
     name, args.seed = args.what or args.algo, args.seed or 0
     training, settings = TRAININGS[name], _settings(args)
     robot = find_robot(args.robot) if args.robot else training.robot or default_robot()
     training.check(name, robot, settings)
     check_settings(training, settings)
-    values = train_rl.values_of(args)
+    values = values_of(args)
     if args.seeds or args.workers or any(len(own) > 1 for own in values.values()):
         return train_several(args, name, robot, settings, values)
     order = TrainingRequest(robot, _path(args, name, robot), args.seed, settings)
@@ -119,12 +218,7 @@ def run(args: argparse.Namespace) -> int:
             held.enter_context(claimed(folder))
             check_folder(folder)
         order.path.parent.mkdir(parents=True, exist_ok=True)
-        progress = held.enter_context(progress_on(console))
-        bar = progress.add_task(name, total=None)
-
-        def show(description: str, done: int, total: int) -> None:
-            progress.update(bar, description=f"{name}: {description}", completed=done, total=total)
-
+        show = held.enter_context(progress_on(console, name, prefix=f"{name}: "))
         figures = training.run(order, show)
     figures = dict(figures) | {"time": f"{perf_counter() - began:.1f} s"}
     console.print(named_values(f"{name} of {robot.name}, seed {args.seed}", figures))
@@ -138,7 +232,7 @@ def run(args: argparse.Namespace) -> int:
 def _settings(args: argparse.Namespace) -> dict[str, Any]:
     """Settings of trainings that are given."""
     own = {name: getattr(args, name) for name in ("twin", "recording", "teacher", "quick")}
-    return {n: v for n, v in own.items() if v not in (None, False)} | train_rl.given(args)
+    return {n: v for n, v in own.items() if v not in (None, False)} | given(args)
 
 
 def check_settings(training: Training, settings: dict[str, Any]) -> None:
@@ -160,3 +254,104 @@ def _path(args: argparse.Namespace, name: str, robot: RobotParams) -> Path:
     folder = artifact_folder(robot) if args.ship else args.out or training_folder(robot)
     path = file_of(robot, inside(folder, name if args.name is None else args.name), folder)
     return path.with_stem(f"{path.stem}_{args.twin}") if args.twin else path
+
+
+# ---------------------------------------------------------------- several runs
+
+
+#: What only a single run takes.
+_SINGLE = ("ship", "checkpoint", "resume")
+
+#: Arguments that no run depends on.
+ELSEWHERE = ("workers", "out", "overwrite", "log", "command", "command_line", "run")
+
+
+def train_several(
+    args: argparse.Namespace,
+    name: str,
+    robot: RobotParams,
+    settings: Mapping[str, Any],
+    values: Mapping[str, Sequence[float]],
+) -> int:
+    """Train with all seeds and values of settings; 1 if a run failed.
+
+    Raises:
+        ValueError: An argument that several runs do not take, seeds of a training without chance,
+            or what a run would refuse.
+        FileExistsError: There are results already, and no --overwrite.
+    """
+    from softrobot_env.training.several import report, runs
+
+    if told := flags(args, _SINGLE):
+        raise ValueError(f"{told}: of a single run, not of --seeds and --workers")
+    if args.seeds is not None and not TRAININGS[name].drawn:
+        able = ", ".join(other for other, known in TRAININGS.items() if known.drawn)
+        raise ValueError(f"--seeds: nothing in {name} is drawn at random; only with {able}")
+    out = args.out or SEVERAL_RUNS / name
+    order = order_in(out, name, robot, settings, args.name)
+    orders = runs.orders_of(order, args.seeds or (args.seed,), values)
+    if name in LEARNERS:
+        for one in orders.values():
+            check_reinforcement(name, one)
+    console = Console()
+    study = study_in_words("train", args)
+    files = files_in(args, out)
+    with new_results(out, args.overwrite), kept_rows(out / KEPT, study, files) as kept:
+        bar = progress_on(console, name, len(orders), prefix=f"{name}: ")
+        with bar as show, using(args.workers):
+            found = runs.run_all(name, orders, kept, show, args.overwrite)
+        if kept.taken:
+            console.print(f"Took up {kept.taken} runs that were done when the command stopped")
+        write(args, out, f"Several runs of {name}", found, report.tables(found), console)
+    best = report.best_of(found)
+    if best is not None:
+        path = out / best.folder / order.path.name
+        console.print(f"Best: seed {best.seed}, {path}", soft_wrap=True, highlight=False)
+    return int(any(run.failure for run in found))
+
+
+def order_in(
+    out: Path, name: str, robot: RobotParams, settings: Mapping[str, Any], file: str | None
+) -> TrainingRequest:
+    """What runs have in common, whose folders are in `out`, as is what they build on."""
+    path = file_of(robot, inside(out, file or name), out.resolve())
+    settings = dict(settings)
+    if "recording" in settings:
+        settings["recording"] = settings["recording"].resolve()
+    beside = path.with_name(artifact_name(robot, IMITATION))
+    if "start" in settings and Path(settings["start"]).is_file():
+        settings["start"] = str(Path(settings["start"]).resolve())
+    elif name in LEARNERS and "start" not in settings and beside.is_file():
+        settings["start"] = str(beside)
+    return replace(TrainingRequest(robot, path, 0, settings), near=path.parent)
+
+
+def study_in_words(command: str, args: argparse.Namespace) -> str:
+    """What a study is, by the arguments that its runs depend on."""
+    given = {key: value for key, value in vars(args).items() if key not in ELSEWHERE}
+    return f"{command} {sorted(given.items(), key=str)}"
+
+
+def files_in(args: argparse.Namespace, out: Path) -> set[Path]:
+    """Files that the runs depend on: those that are given, and what they build on in `out`."""
+    given = [value for key, value in vars(args).items() if key not in ELSEWHERE]
+    return files_among(given) | set(out.resolve().glob("*.npz"))
+
+
+def write(
+    args: argparse.Namespace,
+    out: Path,
+    title: str,
+    found: "list[Run]",
+    tables: Any,
+    console: Console,
+) -> None:
+    """Report, page and curves."""
+    from softrobot_env.training.several.report import plot
+
+    write_report(out, [run.row() for run in found], title, tables, args.command_line)
+    console.print(tables)
+    curves = any(run.curve for run in found)
+    plotted = curves and drawn(lambda: plot(found, out / "curves.png"), console)
+    wrote = "report.json, report.md" + (", curves.png" if plotted else "")
+    console.print(f"Wrote {wrote} to {out}", soft_wrap=True)

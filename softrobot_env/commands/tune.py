@@ -2,26 +2,33 @@
 
 import argparse
 import shlex
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from softrobot_env.commands import train_rl
-from softrobot_env.commands.arguments import add_robot, add_workers, number, seed
+from softrobot_env.commands import train
+from softrobot_env.commands.arguments import SEVERAL, add, add_robot, add_workers, of_text, whole
 from softrobot_env.commands.output import add_out, check_free, new_results, progress_on
-from softrobot_env.commands.train_several import files_in, order_in, study_in_words, write
 from softrobot_env.core.runs import KEPT, kept_rows
 from softrobot_env.robots import default_robot, find_robot
 from softrobot_env.training.registry import LEARNERS, TRAININGS, check_reinforcement
 from softrobot_env.training.request import TrainingRequest
-from softrobot_env.training.several.space import Range, Space, corners, parsed, read_space
+from softrobot_env.training.several.search import (
+    Range,
+    Search,
+    Space,
+    corners,
+    parsed,
+    read_space,
+    searched,
+    trial_folder,
+    tune_on,
+)
 
 if TYPE_CHECKING:
     from softrobot_env.training.several.runs import Run
-    from softrobot_env.training.several.search import Search
 
 EXAMPLE = """softrobot tune ppo --start none --search rate=1e-5..1e-3:log --search batch=256,512
   softrobot tune sac --space space.toml --trials 20 --steps 200000 --workers ray:auto"""
@@ -36,43 +43,23 @@ _CHECKS = 9
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     known = list(LEARNERS)
-    parser.add_argument(
-        "what", choices=known, metavar="NAME", help=f"training, out of {', '.join(known)}"
-    )
+    add(parser, "what NAME", f"training, out of {', '.join(known)}", choices=known)
     add_robot(parser, "a name or a file; default: arm")
-    parser.add_argument("--seed", type=seed, default=0, help="of trainings and draws; default: 0")
-    parser.add_argument(
-        "--search",
-        action="append",
-        type=_space,
-        default=[],
-        metavar="NAME=LOW..HIGH[:log]|V1,V2",
-        help="a number of training.rl_config.RLConfig, and the range or the values to search in",
+    add(parser, "--seed SEED", "of trainings and draws; default: 0", default=0)
+    add(
+        parser,
+        "--search NAME=LOW..HIGH[:log]|V1,V2",
+        "a number of training.rl_config.RLConfig, and the range or the values to search in",
+        of_text(parsed),
+        **SEVERAL,
     )
-    parser.add_argument(
-        "--space", type=Path, metavar="FILE", help="TOML file with the same in a table [search]"
-    )
-    parser.add_argument(
-        "--trials",
-        type=_count,
-        metavar="N",
-        help=f"draws; default: {_TRIALS}, without ranges all combinations of values",
-    )
-    parser.add_argument("--quick", action="store_true", help="small trainings; no good settings")
-    train_rl.add_learning(parser.add_argument_group("reinforcement learning"))
+    add(parser, "--space FILE", "TOML file with the same in a table [search]")
+    draws = f"draws; default: {_TRIALS}, without ranges all combinations of values"
+    add(parser, "--trials N", draws, whole)
+    add(parser, "--quick", "small trainings; no good settings")
+    train.add_learning(parser.add_argument_group("reinforcement learning"))
     add_workers(parser, "; N are those of a Ray started here; default: as many as cores")
     add_out(parser, None, "default: out/tune/NAME; the same command goes on with what is there")
-
-
-def _space(text: str) -> tuple[str, tuple[float, ...] | Range]:
-    try:
-        return parsed(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-
-
-def _count(text: str) -> int:
-    return int(number(text, lambda v: v >= 1 and v == int(v), "a whole number, 1 or more"))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -85,11 +72,11 @@ def run(args: argparse.Namespace) -> int:
     """
     name, robot = args.what, find_robot(args.robot) if args.robot else default_robot()
     space = ({} if args.space is None else read_space(args.space)) | dict(args.search)
-    settings = train_rl.given(args) | ({"quick": True} if args.quick else {})
+    settings = train.given(args) | ({"quick": True} if args.quick else {})
     _check_space(args, space)
     TRAININGS[name].check(name, robot, settings)
     out = args.out or Path("out") / "tune" / name
-    order = order_in(out, name, robot, settings, None)
+    order = train.order_in(out, name, robot, settings, None)
     for values in corners(space):
         fixed = list((dict(settings.get("set", ())) | values).items())
         check_reinforcement(name, _with(order, {"set": fixed}))
@@ -100,7 +87,7 @@ def _check_space(args: argparse.Namespace, space: Space) -> None:
     """Refuse what cannot be searched; names and ranges are checked by the training."""
     if not space:
         raise ValueError("nothing to search: give --search NAME=LOW..HIGH or --space FILE")
-    fixed = train_rl.values_of(args)
+    fixed = train.values_of(args)
     several = [name for name, values in fixed.items() if len(values) > 1]
     if several:
         raise ValueError(f"--set {several[0]}: one value; several are searched by --search")
@@ -119,36 +106,28 @@ def _search(
     """Search, print and write."""
     from softrobot_env.training.several import report
     from softrobot_env.training.several.runs import check_unclaimed
-    from softrobot_env.training.several.search import Search, searched, trial_folder, tune_on
 
     order, steps = _sized(name, order)
     ranges = any(isinstance(own, Range) for own in space.values())
     search = Search(name, order, space, steps, args.trials or (_TRIALS if ranges else None))
     console = Console()
-    words = study_in_words("tune", args)
-    files = files_in(args, out) - {order.path}
+    words = train.study_in_words("tune", args)
+    files = train.files_in(args, out) - {order.path}
     with new_results(out, args.overwrite), kept_rows(out / KEPT, words, files) as kept:
         study = kept.name
         if not args.overwrite:
             check_free(order.path, overwrite=False)
             places = [trial_folder(search, number) for number in range(search.count)]
             check_unclaimed([place / order.path.name for place in places], study)
-        with tune_on(args.workers) as tune, progress_on(console) as progress:
-            bar = progress.add_task(name, total=None)
-            found = searched(tune, search, study, _shown(progress, bar, name))
+        bar = progress_on(console, name, prefix=f"{name}: ")
+        with tune_on(args.workers) as tune, bar as show:
+            found = searched(tune, search, study, show)
         table = report.runs_table(found, "trial")
         best = report.best_of(found)
-        write(args, out, f"Search for settings of {name}", found, table, console)
+        train.write(args, out, f"Search for settings of {name}", found, table, console)
         if best is not None:
             _keep(search, best, args, console)
     return int(best is None)
-
-
-def _shown(progress: Any, bar: Any, name: str) -> Callable[[str, int, int], None]:
-    def show(what: str, done: int, total: int) -> None:
-        progress.update(bar, description=f"{name}: {what}", completed=done, total=total)
-
-    return show
 
 
 def _sized(name: str, order: TrainingRequest) -> tuple[TrainingRequest, int]:
@@ -162,10 +141,9 @@ def _sized(name: str, order: TrainingRequest) -> tuple[TrainingRequest, int]:
     return _with(order, {"set": list(fixed.items())}), config.steps
 
 
-def _keep(search: "Search", best: "Run", args: argparse.Namespace, console: Console) -> None:
+def _keep(search: Search, best: "Run", args: argparse.Namespace, console: Console) -> None:
     """Write the best network, and print the command that trains it anew."""
     from softrobot_env.training.rl import save_kept
-    from softrobot_env.training.several.search import trial_folder
 
     where = trial_folder(search, best.trial - 1)
     told = f"written to {search.order.path}"

@@ -7,11 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from softrobot_env.beams.registry import MUJOCO
-from softrobot_env.commands.arguments import add_robot, policy, port
-from softrobot_env.commands.cases import make_setup
-from softrobot_env.commands.setups import Setup
-from softrobot_env.commands.task_options import add_task, one_task
+from softrobot_env.commands.arguments import add, add_robot, port
+from softrobot_env.commands.cases import make_setup, one_case
+from softrobot_env.commands.setups import add_task, one_task
 from softrobot_env.envs.rendering import RenderError, check_display
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.scene.build import build_scene
@@ -28,32 +26,20 @@ EXAMPLE = """softrobot view --robot my.toml
 _HELP = "Space pauses; double-click on a piece, then Ctrl and drag, pulls it"
 _HOST = "127.0.0.1"
 
-#: Arguments of a scene, which is the robot's own here.
-_SCENE = ("control_period", "pieces", "rule", "timestep", "integrator", "accuracy")
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     add_robot(parser, "default: the task's")
     add_task(parser)
-    parser.add_argument(
-        "--policy", type=policy, metavar="POLICY", help="drives the robot; default: the sliders do"
-    )
-    parser.add_argument(
+    add(parser, "--policy POLICY", "drives the robot; default: the sliders do")
+    add(
+        parser,
         "--web",
-        action="store_true",
-        help="in a browser of this machine, without display: MuJoCo's studio, which has no "
+        "in a browser of this machine, without display: MuJoCo's studio, which has no "
         "authentication (whoever runs programs here can reach it)",
     )
-    parser.add_argument(
-        "--port",
-        type=port,
-        default=0,
-        dest="web_port",
-        metavar="PORT",
-        help="of --web; default: a free one from 8080 on",
-    )
-    parser.set_defaults(plant=MUJOCO, twin=None, learnt=None, **dict.fromkeys(_SCENE))
+    told = "of --web; default: a free one from 8080 on"
+    add(parser, "--port PORT", told, port, default=0, dest="web_port")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -64,17 +50,17 @@ def run(args: argparse.Namespace) -> int:
         RenderError: There is no display.
     """
     setup = make_setup(args)
-    task = one_task(args, setup.robot)
     if args.web:
         if args.policy is not None:
             raise ValueError("--policy goes with a window only, not with --web")
-        _browse(scene_of(task.robot), args.web_port)
+        _browse(scene_of(one_task(args, setup.robot).robot), args.web_port)
         return 0
     try:
         check_display()
     except RenderError as error:
         raise RenderError(f"{error}: softrobot view --web shows the robot in a browser") from None
-    case = _case(args, setup, task)
+    case = one_case(args, setup, twin=False)
+    setup.check([case])
     Console().print(_HELP)
     with closing(setup.environment(case, render_mode="human").unwrapped) as env:
         if args.policy is None:
@@ -82,17 +68,6 @@ def run(args: argparse.Namespace) -> int:
         else:
             _by_policy(env, case)
     return 0
-
-
-def _case(args: argparse.Namespace, setup: Setup, task: Any) -> Case:
-    """What is shown; without a policy as the usual one of the robot would have it."""
-    name = args.policy or setup.default_policy(task)
-    reason = setup.incompatibility(name, task)
-    if reason is not None:
-        raise ValueError(f"policy {name!r} is not for the task {task.name}: {reason}")
-    case = setup.complete(Case(task, name, twin=None))
-    setup.check([case])
-    return replace(case, duration=None)
 
 
 def _by_hand(env: "TrackingEnv") -> None:

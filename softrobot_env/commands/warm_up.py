@@ -9,6 +9,7 @@ from time import perf_counter
 from rich.console import Console
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
+from softrobot_env.commands.arguments import add
 from softrobot_env.commands.output import progress_on
 from softrobot_env.control.registry import POLICIES, installed_policies
 from softrobot_env.core.processes import usable_cores, worker_processes
@@ -23,12 +24,8 @@ _STEPS = 3
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument(
-        "names",
-        nargs="*",
-        metavar="NAME",
-        help=f"plants ({', '.join(PLANTS)}) and policies of the arm and the rig; default: all",
-    )
+    what = f"plants ({', '.join(PLANTS)}) and policies of the arm and the rig; default: all"
+    add(parser, "names NAME", what, nargs="*")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -44,15 +41,13 @@ def run(args: argparse.Namespace) -> int:
     names = list(dict.fromkeys([MUJOCO, *(args.names or known)]))
     console, began, failed = Console(), perf_counter(), 0
     with (
-        progress_on(console) as progress,
+        progress_on(console, "compiling", len(names)) as show,
         worker_processes(min(usable_cores(), len(names))) as pool,
     ):
-        bar = progress.add_task("compiling", total=len(names))
         pool.submit(warm, names[0]).result()  # what all others need
-        progress.advance(bar)
         waiting = {pool.submit(warm, name): name for name in names[1:]}
-        for done in as_completed(waiting):
-            progress.update(bar, advance=1, description=f"compiling: {waiting[done]} is done")
+        for count, done in enumerate(as_completed(waiting), 2):
+            show(f"compiling: {waiting[done]} is done", count, len(names))
             if (error := done.exception()) is not None:
                 failed += 1
                 console.print(f"{waiting[done]}: {error}", markup=False, soft_wrap=True)

@@ -19,8 +19,6 @@ from softrobot_env.training.request import WARP, Metrics, Quantity, Training, Tr
 #: The last operating points, by robot, plant and whether they are few.
 _FOUND: dict[tuple[RobotParams, str, bool], Any] = {}
 
-_SCHEDULED = "softrobot_env.control.scheduled"
-
 
 def quantity_mm(length: float) -> Quantity:
     """A length [m], shown in mm."""
@@ -109,20 +107,6 @@ def _imitation(order: TrainingRequest, show: ProgressCallback) -> Metrics:
     return [("teacher", lesson.teacher), *figures(network, robot=order.robot, view=view)]
 
 
-def _sensors(order: TrainingRequest, show: ProgressCallback) -> Metrics:
-    """Calibration of a robot's curvature sensors."""
-    from softrobot_env.training.sensors import run
-
-    return run(order, show)
-
-
-def _reduced(order: TrainingRequest, show: ProgressCallback) -> Metrics:
-    """Reduced model of a robot as built, learned from its motion (thesis sec. 3.3)."""
-    from softrobot_env.training.ssm import run
-
-    return run(order, show)
-
-
 def _reinforcement(
     algorithm: str, randomize: bool, order: TrainingRequest, show: ProgressCallback
 ) -> Metrics:
@@ -148,7 +132,19 @@ def _randomized(order: TrainingRequest, randomize: bool) -> TrainingRequest:
     return replace(order, settings={"randomize": True, **order.settings}) if randomize else order
 
 
-#: Settings of reinforcement learning, see `commands.train_rl`.
+def _run_by_path(path: str, order: TrainingRequest, show: ProgressCallback) -> Metrics:
+    return load(path)(order, show)
+
+
+#: Policies that act on a table of gains -> the design of the gains.
+_TABLES = {
+    "lqi": "softrobot_env.control.scheduled.lqi:Integral",
+    "lq_preview": "softrobot_env.control.scheduled.lq_preview:Preview",
+    "mpc": "softrobot_env.control.scheduled.policies:WithoutPreview",
+    "mpc_preview": "softrobot_env.control.scheduled.mpc:Constrained",
+}
+
+#: Settings of reinforcement learning, see `commands.train`.
 REINFORCEMENT = (
     *("task", "start", "randomize", "steps", "set", "checkpoint", "resume", "log"),
     *("backend", "device"),
@@ -164,30 +160,21 @@ TRAININGS: Registry[Training] = Registry(
     "training",
     {
         "qs_nn": Training(partial(_fitting, "qs_nn", _network), ("quick",)),
-        "lqi": Training(
-            partial(_fitting, "lqi", partial(_table, f"{_SCHEDULED}.lqi:Integral")),
-            ("quick",),
-            drawn=False,
+        **{
+            name: Training(
+                partial(_fitting, name, partial(_table, design)),
+                ("quick",),
+                ("daqp",) if name.startswith("mpc") else (),
+                drawn=False,
+            )
+            for name, design in _TABLES.items()
+        },
+        "ssm": Training(
+            partial(_run_by_path, "softrobot_env.training.ssm:run"), ("twin", "recording", "quick")
         ),
-        "lq_preview": Training(
-            partial(_fitting, "lq_preview", partial(_table, f"{_SCHEDULED}.lq_preview:Preview")),
-            ("quick",),
-            drawn=False,
+        "sensors": Training(
+            partial(_run_by_path, "softrobot_env.training.sensors:run"), ("twin", "quick")
         ),
-        "mpc": Training(
-            partial(_fitting, "mpc", partial(_table, f"{_SCHEDULED}.policies:WithoutPreview")),
-            ("quick",),
-            ("daqp",),
-            drawn=False,
-        ),
-        "mpc_preview": Training(
-            partial(_fitting, "mpc_preview", partial(_table, f"{_SCHEDULED}.mpc:Constrained")),
-            ("quick",),
-            ("daqp",),
-            drawn=False,
-        ),
-        "ssm": Training(_reduced, ("twin", "recording", "quick")),
-        "sensors": Training(_sensors, ("twin", "quick")),
         "imitation": Training(_imitation, ("teacher", "quick"), ("torch",), also=_teachers_package),
         **{
             name: Training(
@@ -224,7 +211,3 @@ def register_training(
     """
     loaded = partial(_run_by_path, run) if isinstance(run, str) else run
     TRAININGS.register(name, Training(loaded, robot=robot, **facts), replace)
-
-
-def _run_by_path(path: str, order: TrainingRequest, show: ProgressCallback) -> Metrics:
-    return load(path)(order, show)

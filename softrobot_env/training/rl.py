@@ -139,7 +139,7 @@ def run(algorithm: str, order: TrainingRequest, show: ProgressCallback) -> Metri
 
 
 def config_of(algorithm: str, settings: Mapping[str, Any], robot: RobotParams) -> RLConfig:
-    """Settings of a training, by those that are given (`commands.train_rl`).
+    """Settings of a training, by those that are given (`commands.train`).
 
     Raises:
         ValueError: A setting that does not exist or is no number, or one out of range.

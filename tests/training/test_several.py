@@ -15,7 +15,7 @@ from softrobot_env.training.request import Quantity, Training, TrainingRequest, 
 from softrobot_env.training.several import runs
 from softrobot_env.training.several.report import best_of, plot, tables
 from softrobot_env.training.several.runs import orders_of, run_all
-from softrobot_env.training.several.space import Range, corners, parsed, read_space
+from softrobot_env.training.several.search import Range, corners, parsed, read_space
 
 CURVE = [
     {"steps": 0, "reward": 0.1, "max_mm": 90.0, "failures": 0},

@@ -1,27 +1,334 @@
-"""`softrobot robot`: a real robot over serial."""
+"""`softrobot robot`: a real robot over serial; who answers there, orders to it, recorded links."""
 
 import argparse
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, fields
+from math import inf
+from time import monotonic
+from types import SimpleNamespace
+from typing import Any
 
-from softrobot_env.commands.robot import calibrate, orders, record, replay, soak, virtual
-from softrobot_env.commands.robot import list as list_ports
-from softrobot_env.commands.subcommands import Command, add_commands
+import numpy as np
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from softrobot_env.commands.arguments import Command, add, add_commands
+from softrobot_env.commands.robot import calibrate, record, soak, virtual
+from softrobot_env.commands.robot.link import (
+    add_robot,
+    info_rows,
+    open_driver,
+    reading_rows,
+    robot_of,
+)
 from softrobot_env.core.registry import Registry
+from softrobot_env.hardware.driver import Driver, identify
+from softrobot_env.hardware.errors import RobotError
+from softrobot_env.hardware.protocol.messages import (
+    DeviceState,
+    Fault,
+    FaultReport,
+    Message,
+    Nack,
+    Ping,
+    Pong,
+    Reason,
+    Setpoint,
+    State,
+)
+from softrobot_env.hardware.protocol.unit_conversion import faults
+from softrobot_env.hardware.robot_file import BAUDS, rig_file
+from softrobot_env.hardware.transport import (
+    Direction,
+    LinkLog,
+    SerialTransport,
+    load_serial,
+    read_link_log,
+)
+from softrobot_env.rendering.tables import Column, make_table, named_values
 
 EXAMPLE = "softrobot robot hold --port /dev/ttyUSB0 --seconds 10"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command: its commands with theirs."""
+    add_commands(parser, ROBOT_COMMANDS)
+
+
+# ---------------------------------------------------------------- who answers
+
+
+def _add_list(parser: argparse.ArgumentParser) -> None:
+    add(parser, "ports PORT", "default: every serial port of this computer", nargs="*")
+    add(parser, "--baud", "default: %(default)s", int, choices=BAUDS, default=rig_file().baud)
+    add(parser, "--timeout S", "for each port; default: 2", float, default=2.0)
+
+
+def _list(args: argparse.Namespace) -> int:
+    """Print who answers; 1 if nobody does.
+
+    Every port gets a few bytes; a robot that moves ramps to rest.
+    """
+    answers = {port: _answer(port, args) for port in args.ports or _ports()}
+    told = {port: text for port, (_, text) in answers.items()}
+    columns = Column("port", lambda port: port), Column("who answers", told.get)
+    table = make_table("", columns, told)
+    Console().print(table if answers else "This computer has no serial port.")
+    return int(not any(found for found, _ in answers.values()))
+
+
+def _ports() -> list[str]:
+    load_serial()
+    from serial.tools.list_ports import comports
+
+    return sorted(port.device for port in comports())
+
+
+def _answer(port: str, args: argparse.Namespace) -> tuple[bool, str]:
+    """Whether a robot answers at a port, and what it or its port says."""
+    try:
+        transport = SerialTransport(port, args.baud)
+        try:
+            info = identify(transport, args.timeout)
+        finally:
+            transport.close()
+    except RobotError as error:
+        return False, str(error)
+    return True, f"firmware {info.firmware}, {info.tendons} tendons"
+
+
+# ---------------------------------------------------------------- orders
+
+_LONGEST_MOVE = 30.0  # s
+
+
+@dataclass(frozen=True)
+class RobotCommand:
+    """A command to the robot that the arguments of `add_robot` mean, see `Command.module`.
+
+    Attributes:
+        EXAMPLE: For people.
+        give: Gives the order to a driver that has sent nothing yet; returns the exit status.
+        options: More arguments, as `arguments.add` has them.
+    """
+
+    EXAMPLE: str
+    give: Callable[[Driver, argparse.Namespace], int]
+    options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        """Arguments of the command."""
+        add_robot(parser)
+        for name, option in self.options.items():
+            add(parser, name, **option)
+
+    def run(self, args: argparse.Namespace) -> int:
+        """Run the command."""
+        with open_driver(robot_of(args), args.record) as driver:
+            return self.give(driver, args)
+
+
+def _info(driver: Driver, args: argparse.Namespace) -> int:
+    """What a robot says of itself; 1 if a fault is latched."""
+    robot, rows = driver.robot, info_rows(driver.connect()) | reading_rows(driver.reading)
+    Console().print(named_values(f"Robot {robot.name} at {robot.port}", rows))
+    return int(bool(driver.reading.faults))
+
+
+def _stop(driver: Driver, args: argparse.Namespace) -> int:
+    """Ramp to rest, then off; 1 if a fault is latched.
+
+    A hello ends any session with the ramp, and the configuration is taken only after it.
+    """
+    driver.connect(args.timeout)
+    if args.clear:
+        driver.clear()
+    title = f"Robot {driver.robot.name} has stopped"
+    Console().print(named_values(title, reading_rows(driver.reading)))
+    return int(bool(driver.reading.faults))
+
+
+def _estop(driver: Driver, args: argparse.Namespace) -> int:
+    """Cut the outputs at once; 1 if it cannot be confirmed."""
+    driver.estop()
+    driver.connect()
+    # Again: a board that starts when its port is opened has missed the first one.
+    driver.estop()
+    stopped = driver.wait_for_fault(1.0)
+    if args.clear:
+        driver.clear()
+    Console().print(named_values(f"Robot {driver.robot.name}", reading_rows(driver.reading)))
+    return int(not stopped)
+
+
+def _hold(driver: Driver, args: argparse.Namespace) -> int:
+    """Hold at rest; Ctrl-C ends it in order."""
+    console = Console()
+    driver.connect()
+    driver.arm()
+    try:
+        _stay(driver, args.seconds, console)
+    except KeyboardInterrupt:
+        console.print("Stopping.")
+    return 0
+
+
+def _stay(driver: Driver, seconds: float, console: Console) -> None:
+    robot = driver.robot
+    rest = np.array([servo.rest for servo in robot.tendons])
+    driver.move_to(rest, robot.ramp, _LONGEST_MOVE)
+    end, due = monotonic() + seconds, monotonic()
+    with Live(_shown(driver), console=console, get_renderable=lambda: _shown(driver)):
+        while due < end:
+            due = max(due, monotonic()) + robot.control_period
+            driver.pace(rest, due)
+
+
+def _shown(driver: Driver) -> Table:
+    link = driver.link
+    trips = f"{1e3 * (link['round_trip'] or 0):.1f} ms, longest "
+    trips += f"{1e3 * link['longest_round_trip']:.1f} ms"
+    counts = f"{link['sent']} sent, {link['received']} received, {link['lost']} lost"
+    rows = reading_rows(driver.reading) | {"round trip": trips, "messages": counts}
+    return named_values(f"Robot {driver.robot.name}, Ctrl-C stops it", rows)
+
+
+_INFO = RobotCommand("softrobot robot info --robot-file rig.toml", _info)
+_HOLD = RobotCommand(
+    "softrobot robot hold --robot-file rig.toml --seconds 10",
+    _hold,
+    {"--seconds S": {"text": "default: until Ctrl-C", "default": inf}},
+)
+_STOP = RobotCommand(
+    "softrobot robot stop --port /dev/ttyUSB0",
+    _stop,
+    {
+        "--clear": {"text": "clear a latched fault, if its cause is gone"},
+        "--timeout S": {"text": "default: 10", "default": 10.0},
+    },
+)
+_ESTOP = RobotCommand(
+    "softrobot robot estop --port /dev/ttyUSB0",
+    _estop,
+    {"--clear": {"text": "clear the emergency stop afterwards"}},
+)
+
+
+# ---------------------------------------------------------------- recorded links
+
+_ARROWS = {Direction.TO_ROBOT: "to robot", Direction.FROM_ROBOT: "from robot"}
+
+#: Left out unless all messages are wanted.
+_ROUTINE = (Setpoint, Ping, Pong)
+
+
+#: A message: time [s] from the start, which way, and what.
+Line = tuple[float, Direction, Message]
+
+
+def _add_replay(parser: argparse.ArgumentParser) -> None:
+    add(parser, "log FILE", "what --record has written")
+    add(parser, "--all", "also set-points, and states that tell nothing new")
+
+
+def _replay(args: argparse.Namespace) -> int:
+    """Print what a link carried; 1 if the log breaks off in a record."""
+    log = read_link_log(args.log)
+    lines = [
+        (chunk.time - log.chunks[0].time, chunk.direction, message)
+        for chunk, message, _ in log.messages()
+    ]
+    console = Console()
+    console.print(make_table("", _COLUMNS, lines if args.all else _news(lines)))
+    console.print(_summary(log, lines))
+    return int(not log.complete)
+
+
+def _news(lines: list[Line]) -> Iterator[Line]:
+    """Lines that tell of something new."""
+    told = None
+    for line in lines:
+        *_, message = line
+        if isinstance(message, _ROUTINE):
+            continue
+        tells = _tells(message)
+        if tells is None or tells != told:
+            yield line
+        told = tells or told
+
+
+def _tells(message: Message) -> tuple | None:
+    """What of a message that comes again and again would be new; None for others."""
+    if isinstance(message, State):
+        return State, message.state, message.faults, message.session
+    if isinstance(message, FaultReport):
+        return FaultReport, message.code, message.channel
+    return None
+
+
+def _text(message: Message) -> str:
+    if isinstance(message, State):
+        applied = ", ".join(f"{x / 100:.2f}" for x in message.applied)
+        state = DeviceState(message.state).name.lower()
+        stopped = ", ".join(fault.name.lower() for fault in faults(message)) or "none"
+        return f"{state}, applied {applied} mm, faults {stopped}"
+    if isinstance(message, Nack):
+        return f"message {message.about_seq}: {Reason(message.reason).name.lower()}"
+    if isinstance(message, FaultReport):
+        code = Fault(message.code).name.lower()
+        return f"{code}, channel {message.channel}, value {message.value}"
+    pairs = ((field.name, getattr(message, field.name)) for field in fields(message))
+    return ", ".join(f"{name} {value}" for name, value in pairs)
+
+
+#: Of the table of lines.
+_COLUMNS = (
+    Column("s", lambda line: line[0], ".3f"),
+    Column("", lambda line: _ARROWS[line[1]]),
+    Column("message", lambda line: type(line[2]).__name__),
+    Column("what it says", lambda line: _text(line[2])),
+)
+
+
+def _summary(log: LinkLog, lines: list[Line]) -> str:
+    counts = Counter(way for _, way, _ in lines)
+    duration = lines[-1][0] if lines else 0.0
+    end = "" if log.complete else "; the file breaks off in a record"
+    return (
+        f"{duration:.2f} s, {counts[Direction.TO_ROBOT]} messages to the robot, "
+        f"{counts[Direction.FROM_ROBOT]} from it{end}"
+    )
+
 
 #: The commands of `softrobot robot`.
 ROBOT_COMMANDS: Registry[Command] = Registry(
     "command of robot",
     {
-        "list": Command(list_ports, "list serial ports and who answers there"),
-        "info": Command(orders.INFO, "configure a robot and print what it says of itself"),
+        "list": Command(
+            SimpleNamespace(
+                EXAMPLE="softrobot robot list /dev/ttyUSB0 /dev/ttyUSB1",
+                add_arguments=_add_list,
+                run=_list,
+            ),
+            "list serial ports and who answers there",
+        ),
+        "info": Command(_INFO, "configure a robot and print what it says of itself"),
         "calibrate": Command(
             calibrate, "jog the servos, mark zero, range and rest, and write a robot file"
         ),
-        "hold": Command(orders.HOLD, "arm a robot and hold it at rest"),
-        "stop": Command(orders.STOP, "ramp a robot to rest and switch its outputs off"),
-        "estop": Command(orders.ESTOP, "cut a robot's outputs at once"),
-        "replay": Command(replay, "print what a recorded link carried"),
+        "hold": Command(_HOLD, "arm a robot and hold it at rest"),
+        "stop": Command(_STOP, "ramp a robot to rest and switch its outputs off"),
+        "estop": Command(_ESTOP, "cut a robot's outputs at once"),
+        "replay": Command(
+            SimpleNamespace(
+                EXAMPLE="softrobot robot replay out/session.link --all",
+                add_arguments=_add_replay,
+                run=_replay,
+            ),
+            "print what a recorded link carried",
+        ),
         "record": Command(
             record, "excite a robot, simulated, virtual or real, within limits, and record it"
         ),
@@ -31,13 +338,3 @@ ROBOT_COMMANDS: Registry[Command] = Registry(
         ),
     },
 )
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the command: its commands with theirs."""
-    add_commands(parser, ROBOT_COMMANDS, "robot_command")
-
-
-def run(args: argparse.Namespace) -> int:
-    """Run the command."""
-    return args.robot_command_run(args)

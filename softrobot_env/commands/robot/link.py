@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
+from softrobot_env.commands.arguments import Parsers, add, add_line
 from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.protocol.session import DeviceInfo
 from softrobot_env.hardware.protocol.unit_conversion import Reading
@@ -16,13 +17,10 @@ from softrobot_env.hardware.robot_file import RobotFile, read_robot_file, rig_fi
 from softrobot_env.hardware.transport import LoggingTransport, SerialTransport, Transport
 
 
-def add_robot(parser: argparse.ArgumentParser) -> None:
+def add_robot(parser: Parsers) -> None:
     """--robot-file, --port and --record."""
-    parser.add_argument(
-        "--robot-file", type=Path, help="robot file (TOML); default: the rig before its calibration"
-    )
-    parser.add_argument("--port", help="serial port; default: the robot file's")
-    parser.add_argument("--record", type=Path, metavar="FILE", help="new file for all messages")
+    add_line(parser, "robot file (TOML); default: the rig before its calibration")
+    add(parser, "--record FILE", "new file for all messages")
 
 
 def robot_of(args: argparse.Namespace) -> RobotFile:

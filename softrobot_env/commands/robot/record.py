@@ -4,13 +4,20 @@ import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields
-from pathlib import Path
+from functools import partial
 
 import gymnasium
 from rich.console import Console
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
-from softrobot_env.commands.arguments import add_robot, positive, seed, twin, variation
+from softrobot_env.commands.arguments import (
+    SEVERAL,
+    add,
+    add_line,
+    add_robot,
+    twin,
+    variation,
+)
 from softrobot_env.commands.output import add_out, check_free, new_file, progress_on
 from softrobot_env.commands.robot.link import robot_of
 from softrobot_env.commands.robot.virtual import virtual_process
@@ -51,41 +58,29 @@ _NUMBERS = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     add_robot(parser, "simulated; default: the rig")
-    parser.add_argument("--env", choices=ENVIRONMENTS, default=SIMULATED, help="default: sim")
-    parser.add_argument(
-        "--twin",
+    add(parser, "--env", "default: sim", choices=ENVIRONMENTS, default=SIMULATED)
+    add(
+        parser,
+        "--twin SEED",
+        "errors of manufacturing and servos that a simulated or virtual robot driven by length has "
+        "and nobody is told, or none; default: of the rig 0, of others none",
+        twin,
         nargs=1,
-        type=twin,
-        metavar="SEED",
-        help="errors of manufacturing and servos that a simulated or virtual robot driven by "
-        "length has and nobody is told, or none; default: of the rig 0, of others none",
     )
-    parser.add_argument(
-        "--vary",
-        action="append",
-        type=variation,
-        default=[],
-        metavar="NAME=V",
-        help=f"what is otherwise with a simulated robot than believed: {', '.join(VARIATIONS)}",
-    )
-    parser.add_argument(
-        "--plant", choices=PLANTS, default=MUJOCO, help="of a simulated robot; default: mujoco"
-    )
-    parser.add_argument("--robot-file", type=Path, metavar="FILE", help="of a real rig")
-    parser.add_argument("--port", help="serial port; default: the robot file's")
-    parser.add_argument("--control-period", type=positive, default=0.02, metavar="S")
-    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=["pulls", "random"])
+    known = ", ".join(VARIATIONS)
+    told = f"what is otherwise with a simulated robot than believed: {known}"
+    add(parser, "--vary NAME=V", told, variation, **SEVERAL)
+    add(parser, "--plant", "of a simulated robot; default: mujoco", choices=PLANTS, default=MUJOCO)
+    add_line(parser, "of a real rig")
+    add(parser, "--control-period S", default=0.02)
+    add(parser, "--kinds", nargs="+", choices=KINDS, default=["pulls", "random"])
     usual = {field.name: field.default for field in fields(Excitation)}
     for name, text in _NUMBERS.items():
-        parser.add_argument(
-            f"--{name}", type=float, metavar="X", help=f"{text}; default: {usual[name]:g}"
-        )
-    parser.add_argument("--levels", type=int, help="of a pull; default: 4")
-    parser.add_argument("--points", type=int, help=f"to be visited; default: {usual['points']}")
-    parser.add_argument("--seed", type=seed, help="of random motion and of noise; default: 0")
-    parser.add_argument(
-        "--static", action="store_true", help="keep one row for each rest, averaged over its end"
-    )
+        add(parser, f"--{name} X", f"{text}; default: {usual[name]:g}", float)
+    add(parser, "--levels LEVELS", "of a pull; default: 4", int)
+    add(parser, "--points POINTS", f"to be visited; default: {usual['points']}", int)
+    add(parser, "--seed SEED", "of random motion and of noise; default: 0")
+    add(parser, "--static", "keep one row for each rest, averaged over its end")
     add_out(parser, "out/recording.csv", ", or a .parquet", "FILE")
 
 
@@ -120,20 +115,11 @@ def _recorded(
 ) -> tuple[Recording, str | None]:
     """What was recorded, and why it ended too early or None."""
     options = {"vary": _varied(args)} if args.vary else None
-    with (
-        _environment(args, robot, planned) as env,
-        progress_on(console) as progress,
-    ):
-        bar = progress.add_task("record", total=len(planned.actions))
+    count, how = len(planned.actions), _excitation(args)
+    with _environment(args, robot, planned) as env, progress_on(console, "record", count) as show:
+        tell = partial(show, "record", total=count)
         try:
-            stopped = excite(
-                env,
-                planned,
-                _excitation(args),
-                args.seed,
-                options,
-                lambda steps: progress.update(bar, completed=steps),
-            )
+            stopped = excite(env, planned, how, args.seed, options, tell)
         except KeyboardInterrupt:  # what was recorded until then is kept
             stopped = "by Ctrl-C"
         return env.recording, stopped

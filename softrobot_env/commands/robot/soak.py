@@ -14,7 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from softrobot_env.commands.arguments import positive, seed
+from softrobot_env.commands.arguments import add
 from softrobot_env.commands.output import add_out, new_results, progress_on
 from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.core.artifacts import read_arrays
@@ -48,15 +48,9 @@ _WINDOW = 0.05
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument(
-        "--seconds", type=positive, default=600.0, metavar="S", help="duration; default: 600"
-    )
-    parser.add_argument(
-        "--robot-file", type=Path, metavar="FILE", help="a real robot; default: a virtual one"
-    )
-    parser.add_argument(
-        "--twin", type=seed, default=0, metavar="SEED", help="of the virtual robot; default: 0"
-    )
+    add(parser, "--seconds S", "duration; default: 600", default=600.0)
+    add(parser, "--robot-file FILE", "a real robot; default: a virtual one")
+    add(parser, "--twin SEED", "of the virtual robot; default: 0", default=0)
     add_out(parser, "out/soak")
 
 
@@ -117,8 +111,7 @@ def _soak(
     env = RealRigEnv(task, robot_file=file, tip=tip, max_missed=steps, oldest=_OLDEST)
     policy = make_policy(_POLICY, robot, env.control_period)
     samples, last = {name: array("d") for name in _SAMPLED}, {}
-    with closing(env), progress_on(console) as progress:
-        bar = progress.add_task("soak", total=seconds)
+    with closing(env), progress_on(console, "soak", seconds) as show:
         for count, moment in enumerate(play(env, policy)):
             last = moment.info
             if count > 0:
@@ -126,7 +119,7 @@ def _soak(
                 for name, column in samples.items():
                     column.append(last[name])
             if count % 50 == 0:
-                progress.update(bar, completed=last["time"])
+                show("soak", last["time"], seconds)
     return _measured(samples, last, env.control_period)
 
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from rich.console import Console
 
-from softrobot_env.commands.arguments import port, positive, seed
+from softrobot_env.commands.arguments import add, port
 from softrobot_env.commands.output import check_free
 from softrobot_env.core.artifacts import write_arrays
 from softrobot_env.hardware.protocol.messages import LENGTH_UNIT
@@ -38,28 +38,18 @@ _START, _END = 60.0, 30.0  # s, a long log takes a while to write
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument(
-        "--twin", type=seed, default=0, metavar="SEED", help="the rig that is simulated; default: 0"
+    add(parser, "--twin SEED", "the rig that is simulated; default: 0", default=0)
+    add(parser, "--link PATH", "also make a symbolic link to the port here")
+    camera = f"UDP port of this machine that gets the camera's pictures; default: {TRACKER_PORT}"
+    add(parser, "--camera-port N", camera, port, default=TRACKER_PORT)
+    add(parser, "--seed SEED", "of the noise of camera and sensors", default=0)
+    add(parser, "--seconds S", "stop after this time")
+    add(
+        parser,
+        "--log FILE",
+        "npz with what really happened: time, tip, applied, powered, at every millisecond",
     )
-    parser.add_argument(
-        "--link", type=Path, metavar="PATH", help="also make a symbolic link to the port here"
-    )
-    parser.add_argument(
-        "--camera-port",
-        type=port,
-        default=TRACKER_PORT,
-        metavar="N",
-        help=f"UDP port of this machine that gets the camera's pictures; default: {TRACKER_PORT}",
-    )
-    parser.add_argument("--seed", type=seed, default=0, help="of the noise of camera and sensors")
-    parser.add_argument("--seconds", type=positive, metavar="S", help="stop after this time")
-    parser.add_argument(
-        "--log",
-        type=Path,
-        metavar="FILE",
-        help="npz with what really happened: time, tip, applied, powered, at every millisecond",
-    )
-    parser.add_argument(_UNTIL_EOF, action="store_true", help=argparse.SUPPRESS)
+    add(parser, _UNTIL_EOF, argparse.SUPPRESS)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,0 +1,264 @@
+"""`softrobot recording`: tables of commands and marker positions: checked, and replayed."""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.console import Console, Group
+
+from softrobot_env.commands.arguments import (
+    Command,
+    Parsers,
+    add,
+    add_commands,
+    add_plant,
+    add_robot,
+    twin,
+)
+from softrobot_env.commands.output import (
+    add_no_plots,
+    add_out,
+    drawn,
+    new_results,
+    progress_on,
+    write_report,
+)
+from softrobot_env.core.registry import Registry
+from softrobot_env.recordings import Recording, read_recording
+from softrobot_env.recordings.header import UNITS
+from softrobot_env.recordings.recording import Summary, summarize
+from softrobot_env.rendering.tables import Column, PlainTable, make_table, named_values, new_table
+from softrobot_env.robots import RobotParams, find_robot
+
+if TYPE_CHECKING:
+    from softrobot_env.identification.replay import ErrorRow, Replay
+
+EXAMPLE = "softrobot recording check train.csv --header assets/recordings/ftdcr_v4.toml"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command: its commands with theirs."""
+    add_commands(parser, RECORDING_COMMANDS)
+
+
+def add_file(parser: Parsers) -> None:
+    """The recording, and --header."""
+    table = "a table, .csv or .parquet; or an .mcap file, or the folder of a Minari data set"
+    add(parser, "recording FILE", table)
+    add(
+        parser,
+        "--header TOML",
+        "says which column is what, before what NAME.toml beside the table says; default: "
+        "NAME.toml alone",
+    )
+
+
+# ---------------------------------------------------------------- check
+
+_PATTERNS = 12  # at most that are listed
+
+
+def _add_check(parser: argparse.ArgumentParser) -> None:
+    add_file(parser)
+    add_robot(parser, "to compare with; default: none")
+
+
+def _check(args: argparse.Namespace) -> int:
+    """What is wrong with a file is refused, what is odd is told."""
+    recording = read_recording(args.recording, args.header)
+    robot = None if args.robot is None else find_robot(args.robot)
+    summary = summarize(recording, robot)
+    console = Console(highlight=False)
+    console.print(named_values(str(args.recording), _values(recording, summary)))
+    console.print(_ranges(recording, summary))
+    for warning in summary.warnings:
+        console.print(f"Look at: {warning}", markup=False, soft_wrap=True)
+    return 0
+
+
+def _values(recording: Recording, summary: Summary) -> dict[str, str]:
+    head = recording.header
+    rate = "" if summary.rate is None else f", mostly {summary.rate:.4g} a second"
+    late = f", the first before row {summary.gaps[0]}" if summary.gaps else ""
+    named = [f"{name} ({rows})" for name, rows in summary.patterns.items() if name]
+    more = [f"and {len(named) - _PATTERNS} more"] if len(named) > _PATTERNS else []
+    return {
+        "robot": head.robot or "not said",
+        "rows": f"{summary.rows}{rate}",
+        "motion": "at rest in every row" if recording.static else "moves between rows",
+        "runs": f"{summary.runs}, {summary.duration:.4g} s together",
+        "gaps": f"{len(summary.gaps)}{late}; longest {summary.longest_gap:.3g} s",
+        "commands": f"{len(head.commands.columns)}, {recording.kind}",
+        "markers": str(len(head.marker)),
+        "patterns": ", ".join([*named[:_PATTERNS], *more]) or "none",
+    }
+
+
+def _ranges(recording: Recording, summary: Summary) -> PlainTable:
+    head = recording.header
+    table = new_table("Ranges", ("column", "drives"), ("from", "to", "unit"))
+    drives = head.commands.tendons or ("",) * len(head.commands.columns)
+    unit = "mm" if head.commands.unit in UNITS["angle"] else head.commands.unit
+    size = UNITS[recording.kind][unit]
+    rows = zip(head.commands.columns, drives, summary.command_range, strict=True)
+    for name, tendon, (low, high) in rows:
+        table.add_row(name, tendon, f"{low / size:.4g}", f"{high / size:.4g}", unit)
+    for k, marker in enumerate(summary.marker_range, 1):
+        for axis, (low, high) in zip("xyz", 1e3 * marker, strict=True):
+            if not np.isnan(low):
+                table.add_row(f"marker {k} {axis}", "", f"{low:.4g}", f"{high:.4g}", "mm")
+    return table
+
+
+# ---------------------------------------------------------------- replay
+
+#: The header that an identification writes beside its robot file.
+_BESIDE_ROBOT = "recording.toml"
+
+_MM = {"form": ".2f", "unit": "mm"}
+
+_COLUMNS = (
+    Column("pattern", "pattern"),
+    Column("rows", "rows", "d"),
+    Column("RMS mm", "rms", **_MM),
+    Column("mean", "mean", **_MM),
+    Column("max", "max", **_MM),
+    Column("centred: RMS", "rms_centred", **_MM),
+    Column("mean", "mean_centred", **_MM),
+    Column("max", "max_centred", **_MM),
+)
+_CAPTION = "centred: with the mean offset over all rows removed"
+
+_LEARNED = "with residual"
+
+_WORST = 5  # patterns on the terminal
+
+
+def _add_replay(parser: argparse.ArgumentParser) -> None:
+    add_file(parser)
+    add_robot(
+        parser,
+        f"{_BESIDE_ROBOT} beside the file counts as --header unless that is given, and "
+        "residual.npz as a correction that is told apart",
+        required=True,
+    )
+    add_plant(parser)
+    add(
+        parser,
+        "--twin SEED",
+        "errors of manufacturing, servos and tendons, of a robot driven by length; default: none",
+        twin,
+    )
+    add_no_plots(parser)
+    add_out(parser, "out/replay")
+
+
+def _replay(args: argparse.Namespace) -> int:
+    """Replay, print and write; 1 if a part of the recording could not be simulated."""
+    from softrobot_env.identification.replay import error_rows
+    from softrobot_env.identification.replay import replay as replayed
+
+    console = Console(highlight=False)
+    robot = find_robot(args.robot)
+    header = args.header or _beside(robot)
+    if header is not None and args.header is None:
+        console.print(f"Header: {header}", soft_wrap=True)
+    recording = read_recording(args.recording, header)
+    count = len(recording.times)
+    with progress_on(console, "replay", count) as show:
+        result = replayed(
+            recording, robot, args.plant, args.twin, lambda rows: show("replay", rows, count)
+        )
+    rows = error_rows(result)
+    title = f"{args.recording.name}: {robot.name}, {args.plant}"
+    console.print(make_table(_title(title, rows), _COLUMNS, _worst(rows), caption=_CAPTION))
+    told = [*result.notes, *(f"Failed: {failure}" for failure in result.failures)]
+    for line in told:
+        console.print(line, soft_wrap=True, markup=False)
+    common = {"robot": robot.name, "plant": args.plant, "cpu_time": result.cpu_time}
+    columns = [common | row.columns() for row in rows]
+    parts = [make_table(title, _COLUMNS, rows, caption=_CAPTION), *told]
+    learned = _with_residual(result)
+    if learned is not None:
+        better, title = error_rows(learned), f"{title}, {_LEARNED}"
+        console.print(make_table(title, _COLUMNS, better[:1], caption=_CAPTION))
+        columns += [common | {"model": _LEARNED} | row.columns() for row in better]
+        parts.append(make_table(title, _COLUMNS, better, caption=_CAPTION))
+    page = Group(*parts)
+    write_report(args.out, columns, "Replay of a recording", page, args.command_line)
+    console.print(f"{result.cpu_time:.1f} s of CPU time. Wrote {args.out}/report.json, report.md")
+    if not args.no_plots:
+        from softrobot_env.rendering.recordings import plot_replay
+
+        if drawn(lambda: plot_replay(result, rows, args.out), console):
+            console.print(f"Wrote plots to {args.out}")
+    return int(bool(result.failures))
+
+
+def _run_replay(args: argparse.Namespace) -> int:
+    with new_results(args.out, args.overwrite):
+        return _replay(args)
+
+
+def _with_residual(result: "Replay") -> "Replay | None":
+    """The replay corrected by what was learned of an identified robot, beside whose file it is."""
+    from softrobot_env.identification.fit.residual import (
+        RESIDUAL_FILE,
+        corrected,
+        read_residual,
+    )
+
+    file = result.robot.file
+    path = None if file is None else file.parent / RESIDUAL_FILE
+    if path is None or not path.is_file() or not result.static:
+        return None
+    change = corrected(read_residual(path), result.robot, result.recording)
+    return replace(result, simulated=result.simulated + change)
+
+
+def _worst(rows: "list[ErrorRow]") -> "list[ErrorRow]":
+    """All rows together, and the patterns with the largest errors."""
+    known = [row for row in rows[1:] if row.rms is not None]
+    return [rows[0], *sorted(known, key=lambda row: -row.rms)[:_WORST]]
+
+
+def _title(title: str, rows: "list[ErrorRow]") -> str:
+    more = len(rows) - 1 - _WORST
+    return f"{title} (the worst {_WORST} of {len(rows) - 1} patterns)" if more > 0 else title
+
+
+def _beside(robot: RobotParams) -> Path | None:
+    """The header beside a robot's file, where there is one."""
+    if robot.file is None:
+        return None
+    path = robot.file.parent / _BESIDE_ROBOT
+    return path if path.is_file() else None
+
+
+_CHECK = SimpleNamespace(
+    EXAMPLE="""softrobot recording check train.csv
+  softrobot recording check train.csv --header assets/recordings/ftdcr_v4.toml --robot ftdcr_v4""",
+    add_arguments=_add_check,
+    run=_check,
+)
+
+_REPLAY = SimpleNamespace(
+    EXAMPLE="""softrobot recording replay test.csv --robot out/identify/robot.toml
+  softrobot recording replay train.csv --header my_header.toml --robot my.toml --plant cosserat""",
+    add_arguments=_add_replay,
+    run=_run_replay,
+)
+
+#: The commands of `softrobot recording`.
+RECORDING_COMMANDS: Registry[Command] = Registry(
+    "command of recording",
+    {
+        "check": Command(_CHECK, "say whether a recording is good, what it holds and what is odd"),
+        "replay": Command(
+            _REPLAY, "simulate a recording's commands with a robot; report the error of its markers"
+        ),
+    },
+)

@@ -1,1 +1,0 @@
-"""`softrobot recording` and its commands."""
