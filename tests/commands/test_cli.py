@@ -1,12 +1,16 @@
 import json
+import os
+import re
 import subprocess
 import sys
+import time
 
 import pytest
 
 from softrobot_env.cli import main
 from softrobot_env.commands import cases as evaluate_cases
 from softrobot_env.commands.registry import COMMANDS
+from softrobot_env.machine_code.notice import Notice
 
 
 def test_evaluate_writes_report_and_plots(tmp_path, capsys):
@@ -128,50 +132,6 @@ def test_inspect_follows_the_scene_options(capsys):
     assert "3 hinges in 3 pieces, rule midpoint" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("arguments", "allowed"),
-    [
-        (["evaluate", "--policies", "pid"], "feedforward_pi"),
-        (["evaluate", "--tasks", "jump"], "lshape"),
-        (["evaluate", "--vary", "mass=2"], "youngs_modulus"),
-        (["inspect", "--task", "jump"], "swing"),
-        (["render", "--policy", "pid"], "feedforward"),
-        (["benchmark", "weight"], "speed"),
-        (["evaluate", "--vary", "youngs_modulus=0"], "a factor on youngs_modulus"),
-        (["evaluate", "--step-widths", "abc"], "a positive number"),
-        (["render", "--size", "0", "10"], "pixels"),
-    ],
-)
-def test_bad_names_list_the_known_ones(arguments, allowed, capsys):
-    with pytest.raises(SystemExit) as stop:
-        main(arguments)
-    assert stop.value.code == 2
-    assert allowed in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        (["inspect", "--rule", "simpson"], "balanced2"),
-        (["inspect", "--pieces", "4"], "inside a piece"),
-        (["inspect", "--control-period", "3"], "control_period"),
-        (["inspect", "--twin", "1"], "--twin: only with tasks of the rig"),
-        (["inspect", "--workspace"], "--workspace goes with --robot only"),
-        (["evaluate", "--step-widths", "0.9", "--tasks", "step"], "step width"),
-        (["evaluate", "--step-widths", "0.1", "--tasks", "swing"], "step_width is an option of"),
-        (["evaluate", "--speeds", "0.1", "--tasks", "swing"], "circle, figure_eight, random"),
-        (["evaluate", "--path-seeds", "1", "--tasks", "circle"], "random, reach"),
-        (["render", "--step-width", "0.1", "--task", "swing"], "step only"),
-        (["render", "--task", "swing", "--begin", "15"], "the episode is over after 15 s"),
-        (["evaluate", "--tasks", "circle", "--option", "colour=1"], "speed"),
-    ],
-)
-def test_bad_values_end_with_the_reason(arguments, reason, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # where no earlier run left out/evaluate
-    assert main(arguments) == 2
-    assert reason in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_has_an_example(command, capsys):
     with pytest.raises(SystemExit):
@@ -205,3 +165,72 @@ def test_quick_speed_benchmark(tmp_path):
         "decision",
         "scaling",
     }
+
+
+# ---------------------------------------------------------------- grip
+
+WITHOUT_LIMITS = pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
+
+
+@WITHOUT_LIMITS
+def test_a_grip_is_told(capsys):
+    words = ["grip", "--task", "enclose", "--diameter", "0.06", "--tension", "18"]
+    assert main(words) == 0
+    assert "bar of 60.0 mm: success" in capsys.readouterr().out
+    assert main(["grip", "--tension", "0.1", "--mass", "0.03", "--seed", "1"]) == 1
+    assert "the bar was lost" in capsys.readouterr().out
+
+
+@WITHOUT_LIMITS
+def test_a_grip_is_filmed(tmp_path, capsys):
+    pytest.importorskip("imageio")
+    out = tmp_path / "grip.gif"
+    words = ["grip", "--task", "enclose", "--fps", "2", "--size", "160", "120"]
+    try:
+        assert main([*words, "--out", str(out)]) == 0
+    except RuntimeError as error:
+        pytest.skip(str(error))
+    assert out.stat().st_size > 1000
+    assert "Wrote" in capsys.readouterr().out
+
+
+# ---------------------------------------------------------------- warm-up
+
+
+def test_long_compilations_are_told_once_they_are_long(capsys, monkeypatch):
+    from softrobot_env.machine_code import notice
+
+    monkeypatch.setattr(notice, "_PATIENCE", 0.05)
+    monkeypatch.setattr(notice, "_watched", lambda: True)
+    listener = Notice()
+    listener.on_start(None)
+    listener.on_end(None)
+    time.sleep(0.15)
+    assert capsys.readouterr().err == ""
+    listener.on_start(None)
+    listener.on_start(None)
+    listener.on_end(None)
+    time.sleep(0.3)
+    listener.on_end(None)
+    assert re.fullmatch(r"compiling \(once, .*2 functions\n", capsys.readouterr().err)
+    assert listener.count == 3
+
+
+_COUNT = """
+from softrobot_env.commands.warm_up import warm
+from softrobot_env.machine_code.notice import NOTICE
+warm("hold")
+print(NOTICE.count)
+"""
+
+
+@pytest.mark.slow
+def test_what_was_warmed_up_is_not_compiled_again(tmp_path):
+    places = dict.fromkeys(("NUMBA_CACHE_DIR", "XDG_CACHE_HOME"), str(tmp_path))
+    environment = {**os.environ, **places}
+    command = [sys.executable, "-m", "softrobot_env", "warm-up", "mujoco", "hold"]
+    subprocess.run(command, env=environment, check=True, timeout=300)
+    done = subprocess.run(
+        [sys.executable, "-c", _COUNT], env=environment, capture_output=True, text=True, check=True
+    )
+    assert int(done.stdout) == 0

@@ -13,65 +13,59 @@ from softrobot_env.core.files import models_dir
 from softrobot_env.robots import ARM, read_robot
 from softrobot_env.robots.artifacts import find_artifact, training_folder
 
-_EVALUATE = ["evaluate", "--tasks", "lshape", "--policies", "hold", "--control-period", "0.2"]
-_SHORT = [*_EVALUATE, "--duration", "0.4", "--no-plots"]
+_SHORT = "evaluate --tasks lshape --policies hold --control-period 0.2 --duration 0.4 --no-plots"
 
 #: Calls that find what they would write, and the name of it.
-_TAKEN = {
-    "evaluate": (_SHORT, "report.json"),
-    "benchmark": (["benchmark", "speed", "--quick"], "speed/report.json"),
-    "export": (["export"], "arm.xml"),
-    "train": (["train", "lqi", "--quick"], "lqi.npz"),
-    "inspect": (
-        ["inspect", "--robot", "planar_finger", "--workspace"],
-        "workspace_planar_finger.png",
-    ),
-    "replay": (
-        ["recording", "replay", "rec.csv", "--robot", "rig"],
-        "report.json",
-    ),
-    "soak": (["robot", "soak"], "report.json"),
-}
+_TAKEN = [
+    (f"{_SHORT} --out .", "report.json"),
+    ("benchmark speed --quick --out .", "speed/report.json"),
+    ("export --out .", "arm.xml"),
+    ("train lqi --quick --out .", "lqi.npz"),
+    ("inspect --robot planar_finger --workspace --out .", "workspace_planar_finger.png"),
+    ("recording replay rec.csv --robot rig --out .", "report.json"),
+    ("robot soak --out .", "report.json"),
+    ("render --task swing --out a.gif", "a.gif"),
+    ("grip --out a.gif", "a.gif"),
+]
+
+#: Calls that would write, to what follows, something they take long to compute.
+_LONG = [
+    ("evaluate --out", ""),
+    ("evaluate --out new --record", ""),
+    ("benchmark accuracy --quick --out", ""),
+    ("train lqi --quick --out", ""),
+    ("train ppo --quick --out new --checkpoint", ""),
+    ("render --out", "a.gif"),
+    ("grip --out", "a.gif"),
+    ("robot record --out", "a.csv"),
+    ("identify rec.csv --robot rig --out", ""),
+    ("recording replay rec.csv --robot rig --out", ""),
+    ("export --out", ""),
+    ("robot virtual --log", "a.npz"),
+]
 
 
 def refused(words, capsys):
-    assert main([str(word) for word in words]) == 2
+    assert main(words.split()) == 2
     (line,) = capsys.readouterr().err.splitlines()
     return line
 
 
-@pytest.mark.parametrize("name", _TAKEN)
-def test_earlier_results_are_not_replaced(name, tmp_path, capsys):
-    words, written = _TAKEN[name]
+@pytest.mark.parametrize(("words", "written"), _TAKEN)
+def test_earlier_results_are_not_replaced(words, written, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     path = tmp_path / written
     path.parent.mkdir(exist_ok=True)
     path.write_text("mine")
-    assert "--overwrite" in refused([*words, "--out", tmp_path], capsys)
+    assert "--overwrite" in refused(words, capsys)
     assert path.read_text() == "mine"
     assert [found for found in tmp_path.rglob("*") if found.is_file()] == [path]
 
 
-#: Calls that would write something they take long to compute.
-_LONG = {
-    "evaluate": (["evaluate", "--out"], ""),
-    "its recordings": (["evaluate", "--out", "new", "--record"], ""),
-    "benchmark": (["benchmark", "accuracy", "--quick", "--out"], ""),
-    "train": (["train", "lqi", "--quick", "--out"], ""),
-    "its checkpoint": (["train", "ppo", "--quick", "--out", "new", "--checkpoint"], ""),
-    "render": (["render", "--out"], "a.gif"),
-    "grip": (["grip", "--out"], "a.gif"),
-    "record": (["robot", "record", "--out"], "a.csv"),
-    "identify": (["identify", "rec.csv", "--robot", "rig", "--out"], ""),
-    "replay": (["recording", "replay", "rec.csv", "--robot", "rig", "--out"], ""),
-    "export": (["export", "--out"], ""),
-    "virtual": (["robot", "virtual", "--log"], "a.npz"),
-}
-
-
-@pytest.mark.parametrize("name", _LONG)
+@pytest.mark.parametrize(("words", "file"), _LONG)
 @pytest.mark.parametrize("place", ["file", "file/below", "/dev/full", "closed/below"])
 def test_places_that_cannot_be_written_are_refused_at_once(
-    name, place, tmp_path, capsys, monkeypatch
+    words, file, place, tmp_path, capsys, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
     Path("file").write_text("mine")
@@ -80,29 +74,20 @@ def test_places_that_cannot_be_written_are_refused_at_once(
         "softrobot_env.commands.output.os.access", lambda path, _: Path(path).resolve() != closed
     )
     closed.mkdir()
-    words, file = _LONG[name]
-    line = refused([*words, Path(place) / file], capsys)
+    line = refused(f"{words} {Path(place) / file}", capsys)
     assert ("nothing can be written in closed" if place.startswith("closed") else "folder") in line
     assert Path("file").read_text() == "mine"
     assert not list(closed.iterdir())
 
 
-@pytest.mark.parametrize("words", [["render", "--task", "swing"], ["grip"]])
+@pytest.mark.parametrize("words", ["render --task swing", "grip"])
 def test_a_folder_is_not_replaced_by_a_video(words, tmp_path, capsys):
     (tmp_path / "a.gif").mkdir()
-    assert "is no file" in refused([*words, "--overwrite", "--out", tmp_path / "a.gif"], capsys)
-
-
-@pytest.mark.parametrize("words", [["render", "--task", "swing"], ["grip"]])
-def test_earlier_videos_are_not_replaced(words, tmp_path, capsys):
-    path = tmp_path / "a.gif"
-    path.write_text("mine")
-    assert "--overwrite" in refused([*words, "--out", path], capsys)
-    assert path.read_text() == "mine"
+    assert "is no file" in refused(f"{words} --overwrite --out {tmp_path}/a.gif", capsys)
 
 
 def test_overwriting_leaves_nothing_old_and_nothing_of_others(tmp_path):
-    given = [*_SHORT, "--out", str(tmp_path)]
+    given = [*_SHORT.split(), "--out", str(tmp_path)]
     assert main([*given, "--save-rollouts"]) == 0
     (mine := tmp_path / "ppo.npz").write_text("mine")
     assert (tmp_path / "lshape_hold.npz").is_file()
@@ -146,20 +131,12 @@ def test_two_runs_do_not_write_to_one_folder(tmp_path, capsys):
     )
     assert holder.stdout.readline() == "held\n"
     try:
-        assert "another run writes to" in refused([*_SHORT, "--out", tmp_path], capsys)
+        assert "another run writes to" in refused(f"{_SHORT} --out {tmp_path}", capsys)
     finally:
         holder.kill()
         holder.communicate()
     with claimed(tmp_path):  # what was killed holds nothing
         pass
-
-
-@pytest.mark.parametrize("name", ["../x", "a/b", "", "..", "/tmp/x"])
-def test_names_do_not_leave_the_folder(name, tmp_path, capsys):
-    words = ["train", "--algo", "ppo", "--start", "none", "--quick", "--out", tmp_path / "in"]
-    pytest.importorskip("stable_baselines3")
-    assert "--name" in refused([*words, "--name", name], capsys)
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_trainings_do_not_touch_what_is_shipped(tmp_path, monkeypatch, capsys):
@@ -170,7 +147,7 @@ def test_trainings_do_not_touch_what_is_shipped(tmp_path, monkeypatch, capsys):
     assert (tmp_path / "out" / "lqi.npz").is_file()
     assert (models_dir() / "lqi.npz").read_bytes() == shipped
     assert find_artifact(ARM, "lqi") == models_dir() / "lqi.npz"
-    assert "--overwrite" in refused(["train", "lqi", "--quick", "--ship"], capsys)
+    assert "--overwrite" in refused("train lqi --quick --ship", capsys)
 
 
 def test_trainings_of_ones_own_robot_go_beside_its_file(tmp_path):

@@ -87,22 +87,6 @@ def test_a_virtual_robot_ends_if_its_environment_is_refused(ended):
     assert ended == [3]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ("--tasks swing --env virtual", "only with tasks of the rig"),
-        ("--tasks reach --env real --twin 1", "--twin"),
-        ("--tasks reach --env virtual --twin none", "--twin none"),
-        ("--tasks reach --env real --learnt none.npz", "no network at none.npz"),
-        ("--tasks reach --env virtual --port /dev/ttyUSB0", "--port"),
-        ("--tasks reach --port /dev/ttyUSB0", "--port"),
-    ],
-)
-def test_what_does_not_fit_is_refused(arguments, said, tmp_path, capsys):
-    assert main(["evaluate", *arguments.split(), "--out", str(tmp_path)]) == 2
-    assert said in capsys.readouterr().err
-
-
 def test_no_robot_at_the_port(tmp_path, capsys):
     command = "evaluate --tasks reach --policies hybrid --env real --port /dev/no_robot"
     assert main([*command.split(), "--no-plots", "--out", str(tmp_path)]) == 1

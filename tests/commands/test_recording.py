@@ -67,34 +67,6 @@ def test_what_is_evaluated_is_recorded(tmp_path):
     assert len(recording.times) == 11 and recording.kind == "tension"
 
 
-@pytest.mark.parametrize(
-    ("command", "said"),
-    [
-        ("recording check none.csv", "none.csv: no such file"),
-        ("recording replay none.csv --robot nobody", "nobody"),
-        ("robot record --robot planar_finger --amplitude 2", "amplitude must be in (0, 1]"),
-        ("robot record --robot arm --env virtual", "--robot, --plant: only with --env sim"),
-        ("robot record --env virtual --vary density=1", "--vary: only with --env sim"),
-        (
-            "robot record --env virtual --twin none",
-            "--twin none: only with --env sim",
-        ),
-        (
-            "robot record --robot arm --twin 1",
-            "a twin has servos; robot 'arm' is driven by tension",
-        ),
-        ("robot record --out a.xls", "a.xls: recordings are written as .csv or .parquet"),
-        ("robot record --out README.csv", "README.csv is there already"),
-    ],
-)
-def test_what_does_not_fit_is_refused(command, said, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "README.csv").touch()
-    assert main(command.split()) == 2
-    error = capsys.readouterr().err
-    assert said in error and error.count("\n") == 1
-
-
 def test_a_real_robot_is_refused_until_its_tendons_are_known(tmp_path, capsys):
     path = recordings_dir() / "ftdcr_v4" / "train.csv"
     if not path.is_file():

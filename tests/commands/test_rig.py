@@ -1,15 +1,20 @@
-"""The spatial test rig on the command line: evaluate, render and inspect."""
+"""The rig on the command line: what is identified of it with `--learnt`, and its sensors."""
 
 import json
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.rig_learnt_file import ALWAYS, constant_learnt, learnt_file
 
 from softrobot_env.cli import main
 from softrobot_env.evaluation.rollout import Rollout
+from softrobot_env.robots import ROBOTS, Sensor, write_robot
 from softrobot_env.robots.twin import rig3d_twin
 from softrobot_env.tasks import EVERY_TASK, OPTIONS, defaults, make_task
 from softrobot_env.thesis.envs import RigEnv
+from softrobot_env.thesis.rig import parameters
 
 FAST = ["--option", "period=0.5", "--control-period", "0.05"]
 
@@ -101,47 +106,6 @@ def test_options_apply_to_every_task_that_has_them(tmp_path):
     assert told == [("reach", 0.05, 2, None), ("rig_circle", 0.05, None, 0.2)]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        (["--tasks", "swing", "--policies", "hybrid"], "for the tasks triangle, rig_circle, reach"),
-        (["--tasks", "triangle", "--policies", "lqi"], "for the tasks step, swing"),
-        (["--tasks", "swing", "reach", "--policies", "hybrid"], "no policy for task 'swing'"),
-        (["--tasks", "swing", "--twin", "1"], "--twin: only with tasks of the rig"),
-        (["--tasks", "reach", "--option", "period=1"], "period is an option of triangle only"),
-        (["--tasks", "reach", "--option", "seed=0.5"], "whole number"),
-        (["--tasks", "triangle", "--option", "period=0"], "positive"),
-        (["--tasks", "triangle", "--option", "period=5,0.08"], "below 2.02 m/s"),
-        (["--tasks", "triangle", "--vary", "tension_gain=2"], "driven by length"),
-        (["--tasks", "triangle", "--plant", "pcc"], "no tendon friction"),
-        (["--tasks", "triangle", "--feedback", "output"], "--feedback output: only with"),
-    ],
-    ids=str,
-)
-def test_what_no_case_uses_is_refused_before_any_episode(arguments, reason, tmp_path, capsys):
-    assert main(["evaluate", *arguments, "--out", str(tmp_path)]) == 2
-    assert reason in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(
-    ("arguments", "allowed"),
-    [
-        (["--option", "period"], "NAME=V1,V2"),
-        (["--option", "period=fast"], "not a number"),
-        (["--option", "period=inf"], "not a number"),
-        (["--twin", "-1"], "none"),
-        (["--twin", "some"], "none"),
-        (["--policies", "pid"], "hybrid_flexible"),
-    ],
-    ids=str,
-)
-def test_bad_arguments_are_told_what_is_allowed(arguments, allowed, capsys):
-    with pytest.raises(SystemExit):
-        main(["evaluate", "--tasks", "triangle", *arguments])
-    assert allowed in capsys.readouterr().err
-
-
 def test_inspect_shows_the_rig_as_built(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     assert main(["inspect", "--task", "triangle", "--twin", "3"]) == 0
@@ -177,16 +141,6 @@ def test_a_rig_varies_and_can_be_a_beam_model(tmp_path, capsys):
     assert row["e_final"] == pytest.approx(rows[2]["e_final"], abs=2e-3)  # ideal, as a chain
 
 
-def test_render_takes_one_value_and_a_policy_of_the_rig(tmp_path, capsys):
-    out = ["--out", str(tmp_path / "a.gif")]
-    assert main(["render", "--task", "triangle", "--option", "period=5,1", *out]) == 2
-    assert "one value" in capsys.readouterr().err
-    assert main(["render", "--task", "triangle", "--policy", "lqi", *out]) == 2
-    assert "hybrid" in capsys.readouterr().err
-    assert main(["render", "--task", "swing", "--twin", "1", *out]) == 2
-    assert "tasks of the rig" in capsys.readouterr().err
-
-
 def test_render_draws_the_rig(tmp_path, monkeypatch):
     frame = np.zeros((60, 80, 3), np.uint8)
     drawn = []
@@ -204,3 +158,113 @@ def test_options_are_declared_once():
         assert set(defaults(make)) <= set(OPTIONS)
         assert dict(make_task(name).options) == defaults(make)
         assert make_task(name, **defaults(make)) == make_task(name)
+
+
+# ---------------------------------------------------------------- what is identified of a rig
+
+REACH = ["--tasks", "reach", "--option", "hold=0.2", "--option", "radius=0.03", "--no-plots"]
+
+
+@pytest.fixture
+def learnt(tmp_path):
+    """A file of twin 3."""
+    return str(learnt_file(tmp_path / "learnt.npz", twin=3))
+
+
+def reached(out, *arguments):
+    """Rows and text of a report."""
+    rows = evaluated(out, *REACH, *arguments)
+    return rows, (out / "report.md").read_text()
+
+
+def test_policies_act_as_the_file_says(learnt, tmp_path):
+    policies = ["--policies", "rig_nn", "inverse_dynamics"]
+    more = ["--twin", "3", "--learnt", learnt, "--save-rollouts"]
+    rows, text = reached(tmp_path / "out", *policies, *more)
+    assert [(row["twin"], row["learnt"]) for row in rows] == [(3, "twin 3"), (3, None)]
+    record, other = (
+        Rollout.load(next((tmp_path / "out").glob(f"*{row['policy']}.npz"))) for row in rows
+    )
+    np.testing.assert_allclose(record.action[1:], np.tile(ALWAYS, (len(record.action) - 1, 1)))
+    assert not np.allclose(other.action[1:], ALWAYS, atol=0.01)
+    assert "other rigs differ" not in text
+
+
+def test_other_rigs_than_the_one_of_the_file_are_noted(learnt, tmp_path, capsys):
+    more = ["--policies", "rig_nn", "--twin", "3", "0", "--learnt", learnt]
+    rows, text = reached(tmp_path / "out", *more)
+    assert [(row["twin"], row["learnt"]) for row in rows] == [(3, "twin 3"), (0, "twin 3")]
+    note = "The identified parameters of the rig are of twin 3; other rigs differ from it."
+    assert text.count(note) == 1
+    assert " ".join(capsys.readouterr().out.split()).count(note) == 1
+
+
+def test_a_video_shows_what_the_file_says(learnt, tmp_path, monkeypatch):
+    taken, step = [], RigEnv.step
+
+    def told(env, action):
+        taken.append(action)
+        return step(env, action)
+
+    monkeypatch.setattr(RigEnv, "step", told)
+    monkeypatch.setattr(RigEnv, "render", lambda env: np.zeros((60, 80, 3), np.uint8))
+    arguments = ["--task", "reach", "--policy", "rig_nn", "--duration", "0.2", "--fps", "10"]
+    arguments += ["--size", "80", "60", "--learnt", learnt]
+    assert main(["render", *arguments, "--out", str(tmp_path / "a.gif")]) == 0
+    np.testing.assert_allclose(taken, np.tile(ALWAYS, (len(taken), 1)))
+    assert len(taken) == 10
+
+
+def test_the_trained_file_is_of_its_twin(tmp_path, monkeypatch, capsys):
+    """What `train` writes is what `evaluate` takes."""
+    errors = {"inverse": 1e-4, "forward": 2e-4}
+    lesson = SimpleNamespace(networks=SimpleNamespace(errors=errors))
+    monkeypatch.setattr(parameters, "record", lambda twin, seed, **_: None)
+    monkeypatch.setattr(parameters, "identified", lambda recorded, seed, **_: lesson)
+    monkeypatch.setattr(parameters, "parameters_of", lambda found, twin: constant_learnt(twin))
+    assert main(["train", "rig_nn", "--twin", "3", "--out", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert "bending damping over nominal" in said and "1.000" in said
+    more = ["--policies", "rig_nn", "--twin", "3", "--learnt", str(tmp_path / "rig_nn_3.npz")]
+    (row,), _ = reached(tmp_path / "out", *more)
+    assert row["learnt"] == "twin 3"
+
+
+# ---------------------------------------------------------------- its sensors
+
+
+@pytest.fixture
+def finger(tmp_path):
+    """The file of a finger with tags on both of its pieces."""
+    robot = ROBOTS["planar_finger"]
+    half = robot.length / 2
+    tags = (Sensor("a", "tags", 0.0, half, 1), Sensor("b", "tags", half, robot.length, 1))
+    write_robot(replace(robot, name="felt", sensors=tags), tmp_path / "felt.toml")
+    return tmp_path / "felt.toml"
+
+
+def test_the_rig_is_driven_by_its_sensor_alone(tmp_path):
+    words = ["--tasks", "triangle", "--policies", "rig_nn_pi", "--feedback", "sensors"]
+    (row,) = evaluated(tmp_path, *words, "--duration", "2", "--no-plots")
+    assert row["feedback"] == "sensors" and row["failure"] is None
+
+
+@pytest.mark.slow
+def test_any_robot_is_calibrated_and_driven_by_its_sensors(finger, tmp_path, capsys):
+    words = ["--robot", str(finger), "--tasks", "circle", "--policies", "chain_dynamics_pi"]
+    words += ["--feedback", "sensors"]
+    assert main(["evaluate", *words, "--out", str(tmp_path / "out")]) == 2
+    assert f"softrobot train sensors --robot {finger}" in capsys.readouterr().err
+    assert main(["train", "sensors", "--robot", str(finger), "--quick"]) == 0
+    assert (finger.parent / "felt.sensors.npz").is_file()
+    (row,) = evaluated(tmp_path / "out", *words, "--no-plots")
+    assert row["failure"] is None and row["e_mean"] < 1e-3
+
+
+@pytest.mark.slow
+def test_sensors_that_tell_no_side_are_refused(finger, capsys):
+    robot = ROBOTS["planar_finger"]
+    planar = (Sensor("a", "planar", 0.0, robot.length),)
+    write_robot(replace(robot, name="felt", sensors=planar), finger)
+    assert main(["train", "sensors", "--robot", str(finger), "--quick"]) == 2
+    assert "do not tell where its tip is" in capsys.readouterr().err

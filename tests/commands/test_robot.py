@@ -169,8 +169,3 @@ def test_replay_prints_a_recording(robot, tmp_path, capsys):
     path.write_bytes(path.read_bytes()[:-1])
     assert main(["robot", "replay", str(path)]) == 1
     assert "breaks off" in capsys.readouterr().out
-
-
-def test_a_port_that_is_not_there_is_told(capsys):
-    assert main(["robot", "info", "--port", "/dev/no-robot"]) == 2
-    assert "cannot open /dev/no-robot" in capsys.readouterr().err

@@ -83,14 +83,3 @@ def test_a_study_that_was_stopped_goes_on(tmp_path, monkeypatch, capsys):
     report = json.loads((tmp_path / "squares" / "report.json").read_text())
     assert [row["square"] for row in report["rows"]] == [0, 1, 4, 9]
     assert not (tmp_path / "squares" / KEPT).exists()
-
-
-def test_robots_over_a_line_are_not_shared(tmp_path, capsys):
-    call = "evaluate --tasks triangle --env virtual --workers 2 --out"
-    assert main([*call.split(), str(tmp_path)]) == 2
-    assert "--workers: only with --env sim" in capsys.readouterr().err
-
-
-def test_benchmarks_that_measure_times_refuse_workers(tmp_path, capsys):
-    assert main(["benchmark", "speed", "--workers", "2", "--out", str(tmp_path)]) == 2
-    assert "runs one job after the other" in capsys.readouterr().err

@@ -1,7 +1,6 @@
 """Several runs of a training: folders, what goes on, what is refused, and the search's space."""
 
 import json
-import sys
 from dataclasses import replace
 from functools import partial
 from time import monotonic, sleep
@@ -123,32 +122,6 @@ def test_tables_and_curves(orders, tmp_path):
     assert (tmp_path / "curves.png").stat().st_size > 1000
 
 
-@pytest.mark.parametrize(
-    "words, reason",
-    [
-        ("lqi --seeds 0..2", "nothing in lqi is drawn at random; only with qs_nn"),
-        ("ppo --seeds 0..2 --ship", "--ship: of a single run"),
-        ("ppo --workers 2 --checkpoint x --resume", "--checkpoint, --resume: of a single run"),
-        ("ppo --start none --set rate=1,2 --set speed=1", "cannot set 'speed'"),
-        ("ppo --start none --set discount=0.9,2", "discount must lie between"),
-        ("ppo --seeds 0,1 --start nowhere.npz", "no network at nowhere.npz"),
-        ("qs_nn --set rate=1,2", "--set: only with ppo"),
-    ],
-)
-def test_what_several_runs_do_not_take_is_refused(words, reason, tmp_path, capsys):
-    pytest.importorskip("stable_baselines3")
-    assert main(["train", *words.split(), "--out", str(tmp_path / "none")]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert reason in line and not (tmp_path / "none").exists()
-
-
-@pytest.mark.parametrize("words", ["--seeds 3..1", "--seeds 1,x", "--seeds 0,1 --seed 0"])
-def test_seeds_that_are_none_are_refused(words, capsys):
-    with pytest.raises(SystemExit):
-        main(["train", "qs_nn", *words.split()])
-    assert "--seeds" in capsys.readouterr().err
-
-
 def rows(folder):
     found = json.loads((folder / "report.json").read_text())["rows"]
     return [{name: value for name, value in row.items() if name != "minutes"} for row in found]
@@ -227,26 +200,3 @@ def test_files_of_spaces_that_are_none_are_refused(content, reason, tmp_path):
     file.write_text(content)
     with pytest.raises(ValueError, match=reason):
         read_space(file)
-
-
-@pytest.mark.parametrize(
-    "words, reason",
-    [
-        ("", "nothing to search"),
-        ("--search speed=1..2", "cannot set 'speed'; choose from drawn_tasks"),
-        ("--search rate=0.1..1000", "rate must lie between"),
-        ("--search batch=1.5,2", "batch must be a whole number"),
-        ("--search rate=0.1..1 --set rate=0.1", "--search rate: it is the budget"),
-        ("--search steps=1..2", "--search steps: it is the budget"),
-        ("--search rate=0.1..1 --set batch=1,2", "--set batch: one value"),
-        ("--space nowhere.toml", "nowhere.toml"),
-        ("--search rate=1e-4..1e-3", "Ray is missing: pip install"),
-    ],
-)
-def test_what_cannot_be_searched_is_refused(words, reason, tmp_path, capsys, monkeypatch):
-    pytest.importorskip("stable_baselines3")
-    monkeypatch.setitem(sys.modules, "ray", None)
-    call = ["tune", "ppo", "--start", "none", *words.split(), "--out", str(tmp_path / "out")]
-    assert main(call) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert reason in line

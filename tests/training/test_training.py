@@ -11,7 +11,6 @@ pytest.importorskip("stable_baselines3")
 pytest.importorskip("daqp")
 
 from softrobot_env.cli import main  # noqa: E402
-from softrobot_env.commands import train_rl  # noqa: E402
 from softrobot_env.control.learned import neural  # noqa: E402
 from softrobot_env.control.registry import POLICIES, make_policy, policy_environment  # noqa: E402
 from softrobot_env.core.files import models_dir  # noqa: E402
@@ -407,10 +406,6 @@ def test_missing_packages_are_told_with_their_cure(arguments, capsys, monkeypatc
     assert not (tmp_path / "none").exists()
 
 
-def test_the_command_knows_what_the_training_knows():
-    assert tuple(LEARNERS) == train_rl.ALGORITHMS
-
-
 @pytest.mark.slow
 def test_the_command_trains_and_goes_on(tmp_path, capsys):
     start = as_network(new_layers(VIEW.count, (128, 128), 3))
@@ -425,23 +420,6 @@ def test_the_command_trains_and_goes_on(tmp_path, capsys):
     assert main([*common, "--steps", "32", "--name", "one", "--resume"]) == 0
     curve = json.loads((tmp_path / "one_curve.json").read_text())
     assert [point["steps"] for point in curve][-1] >= 32
-
-
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        (["train"], "give an artifact"),
-        (["train", "qs_nn", "--algo", "ppo"], "give an artifact"),
-        (["train", "--algo", "ppo", "--set", "speed=1"], "cannot set 'speed'"),
-        (["train", "--algo", "ppo", "--set", "steps=1.5"], "whole number"),
-        (["train", "--algo", "ppo", "--set", "discount=2"], "discount must lie between"),
-        (["train", "lqi", "--resume", "--steps", "3"], "--steps, --resume: only with ppo, sac"),
-        (["train", "--algo", "ppo", "--start", "nowhere.npz"], "no network at nowhere.npz"),
-    ],
-)
-def test_bad_arguments_of_the_command_are_told(arguments, reason, capsys, tmp_path):
-    assert main([*arguments, "--out", str(tmp_path)]) == 2
-    assert reason in capsys.readouterr().err
 
 
 # ---------------------------------------------------------------------- what is shipped

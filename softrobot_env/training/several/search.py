@@ -182,7 +182,7 @@ def searched(tune: Any, search: Search, study: str, show: Progress) -> list[Run]
         tuner = _new_tuner(
             tune, tune.with_resources(partial(_trial, search, study), {"cpu": 1}), search, where
         )
-        results = {_number(result.metrics["trial_id"]): result for result in tuner.fit()}
+        results = {_trial_number(result.metrics["trial_id"]): result for result in tuner.fit()}
     return [_run(search, number, results[number]) for number in sorted(results)]
 
 
@@ -191,7 +191,7 @@ def trial_folder(search: Search, number: int) -> Path:
     return search.order.path.parent / TRIALS / f"trial_{number + 1}"
 
 
-def _number(trial_id: str) -> int:
+def _trial_number(trial_id: str) -> int:
     """Of a trial, by what Tune calls it: a random text and the number."""
     return int(trial_id.rpartition("_")[2])
 
@@ -256,7 +256,7 @@ def _trial(search: Search, study: str, drawn: dict[str, float]) -> None:
 
     from softrobot_env.training.checkpoint import read
 
-    folder = trial_folder(search, _number(tune.get_context().get_trial_id()))
+    folder = trial_folder(search, _trial_number(tune.get_context().get_trial_id()))
     order, last = order_of(search, drawn, folder), {"steps": 0, "reward": -1.0}
     resume = goes_on(folder, study)
     settings = {**order.settings, "checkpoint": folder, "resume": resume}

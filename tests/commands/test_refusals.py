@@ -1,0 +1,298 @@
+"""Calls that commands refuse: one line that says what, status 2, and nothing is written."""
+
+import argparse
+import sys
+from itertools import takewhile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.rig_learnt_file import constant_learnt, learnt_file
+
+from softrobot_env.cli import build_parser, main
+from softrobot_env.core.files import models_dir
+from softrobot_env.robots import RIG
+from softrobot_env.thesis.rig.parameters import describe_rig
+
+# ---------------------------------------------------------------- made from the parsers
+
+#: Takes any text, or refuses only when it runs.
+_ANY = (None, str, Path)
+
+_BAD = "?!"
+
+
+def parsers(parser, words=()):
+    """All commands: words that call them, and their parsers."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for name, below in action.choices.items():
+                yield (*words, name), below
+                yield from parsers(below, (*words, name))
+
+
+def wrong_calls():
+    """Calls with an unknown option, without a value, and with a bad one, of each option."""
+    for words, parser in parsers(build_parser()):
+        positional = [a for a in parser._actions if not a.option_strings]
+        if any(isinstance(a, argparse._SubParsersAction) for a in positional):
+            yield (*words, _BAD)
+            continue
+        yield (*words, "--no-such-option")
+        for action in positional:
+            if action.choices or action.type not in _ANY:
+                yield (*words, _BAD)
+        for action in parser._actions:
+            if not action.option_strings or action.nargs == 0:
+                continue
+            option = action.option_strings[-1]
+            yield (*words, option)
+            if action.choices or action.type not in _ANY:
+                yield (*words, option, _BAD)
+
+
+def test_each_is_refused_in_one_line(capsys):
+    wrong, calls = {}, list(wrong_calls())
+    assert len(calls) > 200
+    for words in calls:
+        with pytest.raises(SystemExit) as stop:
+            main(list(words))
+        told = capsys.readouterr()
+        lines = told.err.splitlines()
+        own = takewhile(lambda word: word[0] not in "-?", words)
+        command = " ".join(["softrobot", *own])
+        fine = stop.value.code == 2 and not told.out and len(lines) == 1
+        if not (fine and lines[0].startswith(f"{command}:") and f"{command} --help" in lines[0]):
+            wrong[words] = told
+    assert not wrong
+
+
+# ---------------------------------------------------------------- by what they ask for
+
+MINE = """
+from softrobot_env.tasks import SetPoints, Task
+
+def stay(robot, seconds=0.2):
+    points = SetPoints(((0.0, 0.0, robot.reach),), float(seconds))
+    return Task("stay", robot, points, float(seconds), (0.0, 0.0))
+
+class P:
+    def __init__(self, robot, control_period): pass
+
+def hold(robot, control_period): pass
+
+def needs_head(robot, control_period):
+    if robot.head is None:
+        raise ValueError("needs_head needs a robot with a head")
+"""
+
+FINGER = "--robot planar_finger"
+
+#: Words of a call, and what its line says; the folder has the files of `files`.
+CALLS = [
+    ("evaluate --policies pid", "feedforward_pi"),
+    ("evaluate --tasks jump", "lshape"),
+    ("evaluate --vary mass=2", "youngs_modulus"),
+    ("evaluate --vary youngs_modulus=0", "a factor on youngs_modulus"),
+    ("evaluate --step-widths abc", "a positive number"),
+    ("evaluate --step-widths 0.9 --tasks step", "step width"),
+    ("evaluate --step-widths 0.1 --tasks swing", "step_width is an option of"),
+    ("evaluate --speeds 0.1 --tasks swing", "circle, figure_eight, random"),
+    ("evaluate --path-seeds 1 --tasks circle", "random, reach"),
+    ("evaluate --tasks circle --option colour=1", "speed"),
+    ("evaluate --tasks swing --policies hold --timestep 1e-300", "timestep must be at least"),
+    ("evaluate --randomize density=0.5,2 --draws 1000000000", "--draws: at most"),
+    ("evaluate --tasks triangle --env virtual --workers 2", "--workers: only with --env sim"),
+    ("inspect --task jump", "swing"),
+    ("inspect --rule simpson", "balanced2"),
+    ("inspect --pieces 4", "inside a piece"),
+    ("inspect --control-period 3", "control_period"),
+    ("inspect --twin 1", "--twin: only with tasks of the rig"),
+    ("inspect --workspace", "--workspace goes with --robot only"),
+    (f"inspect {FINGER} --option radius=1", "with a --task only"),
+    ("render --policy pid", "feedforward"),
+    ("render --size 0 10", "pixels"),
+    ("render --step-width 0.1 --task swing", "step only"),
+    ("render --task swing --begin 15", "the episode is over after 15 s"),
+    ("view --web --policy hold", "--policy"),
+    ("view --web --port 99999", "65535"),
+    ("grip --out grip.avi", "grip.avi"),
+    ("grip --seed -1", "--seed"),
+    ("grip --gripper hand", "softrobot grip: unknown gripper 'hand'; choose from gripper"),
+    ("warm-up nothing_like_it", "lq_adaptive"),
+    ("benchmark weight", "speed"),
+    ("benchmark speed --workers 2", "runs one job after the other"),
+    (f"benchmark speed {FINGER}", "measures its own robots"),
+    # The rig's tasks and policies, and what others lack.
+    ("evaluate --tasks swing --policies hybrid", "for the tasks triangle, rig_circle, reach"),
+    ("evaluate --tasks triangle --policies lqi", "for the tasks step, swing"),
+    ("evaluate --tasks swing reach --policies hybrid", "no policy for task 'swing'"),
+    ("evaluate --tasks swing --twin 1", "--twin: only with tasks of the rig"),
+    ("evaluate --tasks reach --option period=1", "period is an option of triangle only"),
+    ("evaluate --tasks reach --option seed=0.5", "whole number"),
+    ("evaluate --tasks triangle --option period=0", "positive"),
+    ("evaluate --tasks triangle --option period=5,0.08", "below 2.02 m/s"),
+    ("evaluate --tasks triangle --option period", "NAME=V1,V2"),
+    ("evaluate --tasks triangle --option period=fast", "not a number"),
+    ("evaluate --tasks triangle --option period=inf", "not a number"),
+    ("evaluate --tasks triangle --vary tension_gain=2", "driven by length"),
+    ("evaluate --tasks triangle --plant pcc", "no tendon friction"),
+    ("evaluate --tasks triangle --feedback output", "--feedback output: only with"),
+    ("evaluate --tasks triangle --twin -1", "none"),
+    ("evaluate --tasks triangle --twin some", "none"),
+    ("evaluate --tasks triangle --policies pid", "hybrid_flexible"),
+    ("render --task triangle --option period=5,1", "one value"),
+    ("render --task triangle --policy lqi", "hybrid"),
+    ("render --task swing --twin 1", "tasks of the rig"),
+    # Files of identified parameters.
+    ("evaluate --tasks swing --learnt learnt.npz", "--learnt: only with tasks of the rig, triang"),
+    (
+        "evaluate --tasks reach --policies inverse_dynamics inverse_dynamics_ahead --learnt "
+        "learnt.npz",
+        "--learnt: only with the policies rig_nn, rig_nn_p, rig_nn_pi, hybrid, hybrid_ahead",
+    ),
+    ("render --task swing --learnt learnt.npz", "--learnt: only with tasks of the rig, triangle"),
+    (
+        "render --task reach --policy inverse_dynamics --learnt learnt.npz",
+        "--learnt: only with the policies",
+    ),
+    ("evaluate --tasks reach --learnt no.npz", "no.npz"),
+    ("evaluate --tasks reach --learnt no.npz", "make it with `softrobot train rig_nn --robot rig`"),
+    ("evaluate --tasks reach --learnt mine.py", "mine.py is no npz file of arrays, or damaged"),
+    (
+        "evaluate --tasks reach --learnt gains.npz",
+        "gains.npz lacks the array 'weight_0'; it has gains; make",
+    ),
+    ("evaluate --tasks reach --learnt undamped.npz", "undamped.npz lacks the array 'damping'"),
+    ("evaluate --tasks reach --learnt arm.npz", "is of 'arm' as it was then"),
+    # Robots, tasks and policies of one's own.
+    (f"evaluate {FINGER} --tasks swing", "unknown task 'swing'; choose from reach"),
+    (f"evaluate {FINGER} --tasks reach --policies lqi", "lqi has not been trained"),
+    (f"evaluate {FINGER} --tasks reach --policies mine.py:needs_head", "a robot with a head"),
+    (f"evaluate {FINGER} --tasks reach --policies mine.py:missing", "missing"),
+    (f"evaluate {FINGER} --tasks mine.py:P", "must take the robot"),
+    (
+        f"evaluate {FINGER} --tasks reach --policies hold mine.py:hold",
+        "two policies called 'hold'",
+    ),
+    (f"evaluate {FINGER} --tasks circle --option hold=1", "hold is an option of reach only"),
+    (f"evaluate {FINGER} --tasks circle --option radius=0.1", "smaller radius"),
+    (f"evaluate {FINGER} --tasks reach --env virtual", "--robot: only with simulated robots"),
+    (f"evaluate {FINGER} --tasks reach --learnt x.npz", "--learnt: only with tasks of the rig"),
+    (f"evaluate {FINGER} --tasks reach --twin 1", "--twin: only with tasks of the rig"),
+    (f"evaluate {FINGER} --tasks reach --draws 2", "only with --randomize"),
+    (f"evaluate {FINGER} --tasks reach --randomize density=2,0.5", "low <= high"),
+    ("evaluate --robot rig --tasks circle --policies hybrid", "follows x and y alone, as triang"),
+    ("evaluate --robot nobody", "unknown robot 'nobody'; choose from gripper_finger"),
+    ("evaluate --tasks mine.py:stay", "is for any robot"),
+    ("evaluate --robot cantilever_weak", "no tendons"),
+    # Sensors.
+    (
+        "evaluate --tasks triangle --policies rig_nn_pi --twin 3 --feedback sensors",
+        "--twin 3 --out DIR` and give it by",
+    ),
+    (
+        "evaluate --tasks swing --policies lqi --feedback sensors",
+        "robot 'arm' carries none; give it [[sensor]] tables",
+    ),
+    (
+        "evaluate --tasks triangle --policies rig_nn_pi --sensors no.npz --feedback sensors",
+        "No such file",
+    ),
+    (
+        "evaluate --tasks triangle --policies rig_nn_pi --sensors a.npz",
+        "--sensors: only with --feedback sensors",
+    ),
+    # Recordings.
+    ("recording check none.csv", "none.csv: no such file"),
+    ("recording replay none.csv --robot nobody", "nobody"),
+    (f"robot record {FINGER} --amplitude 2", "amplitude must be in (0, 1]"),
+    ("robot record --robot arm --env virtual", "--robot, --plant: only with --env sim"),
+    ("robot record --env virtual --vary density=1", "--vary: only with --env sim"),
+    ("robot record --env virtual --twin none", "--twin none: only with --env sim"),
+    ("robot record --robot arm --twin 1", "a twin has servos; robot 'arm' is driven by tension"),
+    ("robot record --out a.xls", "a.xls: recordings are written as .csv or .parquet"),
+    ("robot record --out mine.csv", "mine.csv is there already"),
+    # Robots over a line.
+    ("evaluate --tasks swing --env virtual", "only with tasks of the rig"),
+    ("evaluate --tasks reach --env real --twin 1", "--twin"),
+    ("evaluate --tasks reach --env virtual --twin none", "--twin none"),
+    ("evaluate --tasks reach --env real --learnt none.npz", "no network at none.npz"),
+    ("evaluate --tasks reach --env virtual --port /dev/ttyUSB0", "--port"),
+    ("evaluate --tasks reach --port /dev/ttyUSB0", "--port"),
+    ("robot info --port /dev/no-robot", "cannot open /dev/no-robot"),
+    ("robot virtual --seed -1", "--seed"),
+    # Trainings.
+    ("train", "give an artifact"),
+    ("train qs_nn --algo ppo", "give an artifact"),
+    ("train --algo ppo --set speed=1", "cannot set 'speed'"),
+    ("train --algo ppo --set steps=1.5", "whole number"),
+    ("train --algo ppo --set discount=2", "discount must lie between"),
+    ("train --algo ppo --start nowhere.npz", "no network at nowhere.npz"),
+    ("train lqi --resume --steps 3", "--steps, --resume: only with ppo, sac"),
+    (
+        "train lqi --recording a.csv --steps 9",
+        "--recording: only with ssm; --steps: only with ppo",
+    ),
+    ("train rig_nn --robot arm", "'rig' alone, not for 'arm'"),
+    ("train imitation --robot rig --twin 1", "--twin: only with ssm, sensors, rig_nn"),
+    ("train imitation --robot rig", "`softrobot train lq_preview --robot rig`"),
+    ("train ppo --robot rig", "`softrobot train imitation --robot rig`"),
+    ("train ppo --robot rig --task swing", "is trained on random, circle"),
+    # Several, and searches.
+    ("train lqi --seeds 0..2", "nothing in lqi is drawn at random; only with qs_nn"),
+    ("train ppo --seeds 0..2 --ship", "--ship: of a single run"),
+    ("train ppo --workers 2 --checkpoint x --resume", "--checkpoint, --resume: of a single run"),
+    ("train ppo --start none --set rate=1,2 --set speed=1", "cannot set 'speed'"),
+    ("train ppo --start none --set discount=0.9,2", "discount must lie between"),
+    ("train ppo --seeds 0,1 --start nowhere.npz", "no network at nowhere.npz"),
+    ("train qs_nn --set rate=1,2", "--set: only with ppo"),
+    ("train qs_nn --seeds 3..1", "--seeds"),
+    ("train qs_nn --seeds 1,x", "--seeds"),
+    ("train qs_nn --seeds 0,1 --seed 0", "--seeds"),
+    ("tune ppo --start none", "nothing to search"),
+    ("tune ppo --start none --search speed=1..2", "cannot set 'speed'; choose from drawn_tasks"),
+    ("tune ppo --start none --search rate=0.1..1000", "rate must lie between"),
+    ("tune ppo --start none --search batch=1.5,2", "batch must be a whole number"),
+    (
+        "tune ppo --start none --search rate=0.1..1 --set rate=0.1",
+        "--search rate: it is",
+    ),
+    ("tune ppo --start none --search steps=1..2", "--search steps: it is the budget"),
+    ("tune ppo --start none --search rate=0.1..1 --set batch=1,2", "--set batch: one value"),
+    ("tune ppo --start none --space nowhere.toml", "nowhere.toml"),
+    ("tune ppo --start none --search rate=1e-4..1e-3", "Ray is missing: pip install"),
+    *((f"train --algo ppo --start none --name {n}", "--name") for n in ("../x", "a/b", "..", "/x")),
+]
+
+#: What a command needs, of the extras.
+NEEDS = {"train": "stable_baselines3", "tune": "stable_baselines3", "robot": "serial"}
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A folder with a file of tasks and policies, and files of identified parameters."""
+    folder = tmp_path_factory.mktemp("files")
+    (folder / "mine.py").write_text(MINE)
+    (folder / "mine.csv").touch()
+    learnt_file(folder / "learnt.npz", twin=3)
+    np.savez(folder / "gains.npz", gains=1.0)
+    lacking = describe_rig(RIG) | {"stiffness": 1, "turn": 0, "play": 0}
+    constant_learnt().network.save(folder / "undamped.npz", lacking)
+    (folder / "arm.npz").write_bytes((models_dir() / "qs_nn.npz").read_bytes())
+    return folder
+
+
+@pytest.mark.parametrize(("words", "reason"), CALLS)
+def test_what_cannot_be_is_refused_in_one_line(words, reason, files, capsys, monkeypatch):
+    pytest.importorskip(NEEDS.get(words.split()[0], "numpy"))
+    monkeypatch.chdir(files)
+    monkeypatch.setitem(sys.modules, "ray", None)  # as if it were not installed
+    before = sorted(path for path in files.rglob("*") if path.is_file())
+    try:
+        status = main(words.split())
+    except SystemExit as stop:
+        status = stop.code
+    (line,) = capsys.readouterr().err.splitlines()
+    assert status == 2 and reason in line
+    assert before == sorted(path for path in files.rglob("*") if path.is_file())
