@@ -112,13 +112,6 @@ def add(
     parser.add_argument(name, help=text, **more)
 
 
-def add_all(parser: Parsers, options: Mapping[str, Any]) -> None:
-    """Add arguments: what is declared -> its text, or a tuple of text, kind and a dict of more."""
-    for declared, said in options.items():
-        text, kind, more, *_ = (*(said if isinstance(said, tuple) else (said,)), None, None)
-        add(parser, declared, text, kind, **more or {})
-
-
 def flags(args: argparse.Namespace, names: Iterable[str]) -> str:
     """Those among arguments that are given, as they are written."""
     given = [name for name in names if vars(args).get(name) not in _NOT_GIVEN]

@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Callable
 
-from gymnasium.envs.registration import EnvSpec, registry
+from gymnasium.envs.registration import registry
 from rich.console import Console
 
 from softrobot_env.commands.arguments import add, add_robot
@@ -18,7 +18,6 @@ EXAMPLE = """softrobot list
   softrobot list policies --robot my.toml"""
 
 _FITS = "can drive it"
-_NAMESPACE = "SoftRobot/"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,44 +38,24 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _robots() -> dict[str, str]:
-    return {name: _told(robot) for name, robot in ROBOTS.items()}
-
-
 def _tasks() -> dict[str, str]:
     own = {f"of {name}": ", ".join(tasks_of(robot).own()) for name, robot in ROBOTS.items()}
     return {n: t for n, t in own.items() if t} | {"of any robot": ", ".join(GENERIC_TASKS)}
 
 
-def _policies() -> dict[str, str]:
-    return {"": ", ".join(EVERY_POLICY)}
-
-
 def _envs() -> dict[str, str]:
-    return {name: _summary(spec) for name, spec in registry.items() if name.startswith(_NAMESPACE)}
-
-
-def _summary(spec: EnvSpec) -> str:
-    task = spec.kwargs.get("task")
-    return "any robot and task" if task is None else f"task {task}"
-
-
-def _benchmarks() -> dict[str, str]:
-    return {"": ", ".join(BENCHMARKS)}
+    tasks = {k: v.kwargs.get("task") for k, v in registry.items() if k.startswith("SoftRobot/")}
+    return {name: f"task {task}" if task else "any robot and task" for name, task in tasks.items()}
 
 
 #: What can be listed.
 _EVERYTHING: dict[str, Callable[[], dict[str, str]]] = {
-    "robots": _robots,
+    "robots": lambda: {name: _told(robot) for name, robot in ROBOTS.items()},
     "tasks": _tasks,
-    "policies": _policies,
+    "policies": lambda: {"": ", ".join(EVERY_POLICY)},
     "envs": _envs,
-    "benchmarks": _benchmarks,
+    "benchmarks": lambda: {"": ", ".join(BENCHMARKS)},
 }
-
-
-def _tasks_of(robot: RobotParams) -> dict[str, str]:
-    return {name: _options(make) for name, make in tasks_of(robot).items()}
 
 
 def _policies_of(robot: RobotParams) -> dict[str, str]:
@@ -86,7 +65,7 @@ def _policies_of(robot: RobotParams) -> dict[str, str]:
 
 #: What can be listed of one robot.
 _OF_ROBOT: dict[str, Callable[[RobotParams], dict[str, str]]] = {
-    "tasks": _tasks_of,
+    "tasks": lambda robot: {name: _options(make) for name, make in tasks_of(robot).items()},
     "policies": _policies_of,
 }
 

@@ -174,7 +174,9 @@ def _replay(args: argparse.Namespace) -> int:
         )
     rows = error_rows(result)
     title = f"{args.recording.name}: {robot.name}, {args.plant}"
-    console.print(make_table(_title(title, rows), _COLUMNS, _worst(rows), caption=_CAPTION))
+    count = len(rows) - 1
+    few = f" (the worst {_WORST} of {count} patterns)" if count > _WORST else ""
+    console.print(make_table(f"{title}{few}", _COLUMNS, _worst(rows), caption=_CAPTION))
     told = [*result.notes, *(f"Failed: {failure}" for failure in result.failures)]
     for line in told:
         console.print(line, soft_wrap=True, markup=False)
@@ -223,11 +225,6 @@ def _worst(rows: "list[ErrorRow]") -> "list[ErrorRow]":
     """All rows together, and the patterns with the largest errors."""
     known = [row for row in rows[1:] if row.rms is not None]
     return [rows[0], *sorted(known, key=lambda row: -row.rms)[:_WORST]]
-
-
-def _title(title: str, rows: "list[ErrorRow]") -> str:
-    more = len(rows) - 1 - _WORST
-    return f"{title} (the worst {_WORST} of {len(rows) - 1} patterns)" if more > 0 else title
 
 
 def _beside(robot: RobotParams) -> Path | None:

@@ -171,19 +171,12 @@ def _setting(text: str) -> tuple[str, tuple[float, ...]]:
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=NUMBER or N1,N2") from None
 
 
-def values_of(args: argparse.Namespace) -> dict[str, tuple[float, ...]]:
-    """Values of the settings of `--set`; of one that is given twice, the last."""
-    return dict(args.set)
-
-
 def given(args: argparse.Namespace) -> dict[str, Any]:
-    """Settings of reinforcement learning that are given, for `rl.config_of`.
-
-    Of several values of one, the first.
-    """
+    """Settings of a training that are given; of several values of one, the first."""
     parser = Parser()
     add_arguments(parser)
-    found = {name: getattr(args, name) for name in REINFORCEMENT if hasattr(args, name)}
+    names = ("twin", "recording", "teacher", "quick", *REINFORCEMENT)
+    found = {name: getattr(args, name) for name in names if hasattr(args, name)}
     found["set"] = [(name, values[0]) for name, values in found["set"]]
     return {name: value for name, value in found.items() if value != parser.get_default(name)}
 
@@ -202,11 +195,11 @@ def run(args: argparse.Namespace) -> int:
             f"{', '.join(ALGORITHMS)})"
         )
     name, args.seed = args.what or args.algo, args.seed or 0
-    training, settings = TRAININGS[name], _settings(args)
+    training, settings = TRAININGS[name], given(args)
     robot = find_robot(args.robot) if args.robot else training.robot or default_robot()
     training.check(name, robot, settings)
     check_settings(training, settings)
-    values = values_of(args)
+    values = dict(args.set)  # of one that is given twice, the last
     if args.seeds or args.workers or any(len(own) > 1 for own in values.values()):
         return train_several(args, name, robot, settings, values)
     order = TrainingRequest(robot, _path(args, name, robot), args.seed, settings)
@@ -227,12 +220,6 @@ def run(args: argparse.Namespace) -> int:
     if used is not None and used.resolve() != order.path.resolve():
         console.print(f"The policy {name} still acts on {used}: --ship replaces it", soft_wrap=True)
     return 0
-
-
-def _settings(args: argparse.Namespace) -> dict[str, Any]:
-    """Settings of trainings that are given."""
-    own = {name: getattr(args, name) for name in ("twin", "recording", "teacher", "quick")}
-    return {n: v for n, v in own.items() if v not in (None, False)} | given(args)
 
 
 def check_settings(training: Training, settings: dict[str, Any]) -> None:

@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     """
     name, robot = args.what, find_robot(args.robot) if args.robot else default_robot()
     space = ({} if args.space is None else read_space(args.space)) | dict(args.search)
-    settings = train.given(args) | ({"quick": True} if args.quick else {})
+    settings = train.given(args)
     _check_space(args, space)
     TRAININGS[name].check(name, robot, settings)
     out = args.out or Path("out") / "tune" / name
@@ -87,7 +87,7 @@ def _check_space(args: argparse.Namespace, space: Space) -> None:
     """Refuse what cannot be searched; names and ranges are checked by the training."""
     if not space:
         raise ValueError("nothing to search: give --search NAME=LOW..HIGH or --space FILE")
-    fixed = train.values_of(args)
+    fixed = dict(args.set)
     several = [name for name, values in fixed.items() if len(values) > 1]
     if several:
         raise ValueError(f"--set {several[0]}: one value; several are searched by --search")

@@ -25,7 +25,7 @@ from softrobot_env.learned.network import Network, Scaling, check_ends, load_for
 from softrobot_env.robots import RobotParams, default_robot
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import artifact_name, find_artifact, fingerprint
-from softrobot_env.training.references import training_of, view_for
+from softrobot_env.training.references import seen_in, training_of
 from softrobot_env.training.request import Metrics, Quantity
 
 
@@ -66,8 +66,7 @@ def check(
         robot: The robot; the default one unless given.
         view: Of the network; the robot's unless given.
     """
-    robot = robot or default_robot()
-    view, rows = view_for(robot) if view is None else view, {}
+    (robot, view), rows = seen_in(robot, view), {}
     policy = neural.NeuralPolicy(robot, view.period, network, view=view)
     for task in training_of(robot).check_tasks():
         env = TrackingEnv(task, observe=policy.requires, reward=reward, **view.environment)
@@ -132,10 +131,9 @@ def save(
     view: View | None = None,
 ) -> None:
     """Write a network in single precision, with its robot, its view and the seed."""
-    robot = robot or default_robot()
+    robot, view = seen_in(robot, view)
     single = network.with_parameters(network.parameters.astype(np.float32))
-    seen = view_for(robot) if view is None else view
-    single.save(path, {**fingerprint(robot), **seen.about(), "seed": seed})
+    single.save(path, {**fingerprint(robot), **view.about(), "seed": seed})
 
 
 def save_vector_policy(path: Path | str, model: Any, env: Any, seed: int = 0) -> None:

@@ -149,16 +149,8 @@ def settings_of(lesson: ImitationSetup, quick: bool = False) -> ImitationConfig:
             randomization=_NEAR,
         )
     if quick:
-        small = {
-            "rounds": 2,
-            "samples": 1000,
-            "shares": 2,
-            "epochs": 2,
-            "last_epochs": 4,
-            "every": 1,
-        }
-
-        config = replace(config, **small, processes=0)
+        few = {"rounds": 2, "samples": 1000, "shares": 2, "epochs": 2, "last_epochs": 4}
+        config = replace(config, **few, every=1, processes=0)
     return config
 
 
@@ -254,8 +246,7 @@ def _episode(
 ) -> Iterator[tuple[Observation, np.ndarray]]:
     """Observations of the network where it decides, and the teacher's actions."""
     robot, view, teacher = lesson.robot, lesson.view(), _teacher(lesson)
-    duration = config.duration * rng.uniform(0.3, 1.0)
-    task = lesson.training.sampled_task(rng, duration)
+    task = lesson.training.sampled_task(rng, config.duration * rng.uniform(0.3, 1.0))
     env = _environment(config, lesson, task)
     hold = round(view.period / env.control_period)
     actor = None if network is None else neural.NeuralPolicy(robot, view.period, network, view=view)
@@ -276,9 +267,8 @@ def _episode(
 
 def _environment(config: ImitationConfig, lesson: ImitationSetup, task: Task) -> TrackingEnv:
     """With all that network and teacher see, the network's preview first."""
-    needs, plant = lesson.environment(), None
-    if config.plant != MUJOCO:
-        plant = BeamPlant(config.plant)
+    needs = lesson.environment()
+    plant = None if config.plant == MUJOCO else BeamPlant(config.plant)
     return TrackingEnv(
         task,
         control_period=needs["control_period"],

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import gymnasium
 import numpy as np
@@ -24,6 +24,7 @@ from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.inverse import sample_of, workspace_of
 from softrobot_env.scene.linearised import linearised
+from softrobot_env.tasks.trajectories import quintic_step
 
 #: Least gain from actions to the tip in a direction, over the largest.
 _MOVING = 0.1
@@ -172,34 +173,26 @@ def collect(
     inputs = robot_inputs(robot)
     start = tuple((inputs.input_centre + inputs.input_scale * drives.rest).tolist())
     longest = max(plan.run, 12 * drives.first + plan.decay) + 1
-    done, total = 0, plan.decays + plan.excited + runs
-    decays, forced = [], []
-    with closing(
-        _environment(replace(task, duration=longest, start_input=start), drives.period, twin)
-    ) as env:
-        for k in range(total):
-            if k < plan.decays:
-                actions, begin = _release(drives, plan, rng)
-            elif k < plan.decays + plan.excited:
-                actions, begin = _swing(drives, plan, rng)
-            else:
-                kind = plan.kinds[(k - plan.decays - plan.excited) % len(plan.kinds)]
-                actions, begin = _KINDS[kind](drives, plan, rng), 0
+    kinds = [_KINDS[plan.kinds[k % len(plan.kinds)]] for k in range(runs)]
+    motions = [_release] * plan.decays + [_swing] * plan.excited + kinds
+    records = []
+    options = {} if twin is None else {"twin": twin}
+    env = simulated(
+        replace(task, duration=longest, start_input=start),
+        observe=("tip_position", "previous_action"),
+        control_period=drives.period,
+        **options,
+    )
+    with closing(env):
+        for motion in motions:
+            actions, begin = motion(drives, plan, rng)
             record = drive(env, drives.rest + actions @ drives.basis.T, int(rng.integers(2**31)))
             begin = 0 if whole else begin
-            part = Record(record.outputs[begin:], record.inputs[begin:], record.period)
-            (forced if k >= plan.decays + plan.excited else decays).append(part)
-            done += 1
+            records.append(Record(record.outputs[begin:], record.inputs[begin:], record.period))
             if show is not None:
-                show("motions", done, total)
-    return decays, forced
-
-
-def _environment(task: Any, period: float, twin: Twin | int | None) -> gymnasium.Env:
-    options = {} if twin is None else {"twin": twin}
-    return simulated(
-        task, observe=("tip_position", "previous_action"), control_period=period, **options
-    )
+                show("motions", len(records), len(motions))
+    count = plan.decays + plan.excited
+    return records[:count], records[count:]
 
 
 def drive(env: gymnasium.Env, actions: np.ndarray, seed: int) -> Record:
@@ -223,12 +216,8 @@ def drive(env: gymnasium.Env, actions: np.ndarray, seed: int) -> Record:
 def _release(drives: Drives, plan: Plan, rng: np.random.Generator) -> tuple[np.ndarray, int]:
     """Bent somewhere, rest, let go: actions (t, m) and the first sample without any."""
     there = plan.amplitude * _target(drives, rng)
-    moving, resting = (
-        round(3 * drives.first / drives.period),
-        round(2 * drives.first / drives.period),
-    )
-    share = np.linspace(0, 1, moving)[:, None]
-    share = share**3 * (10 - 15 * share + 6 * share**2)
+    moving, resting = (round(n * drives.first / drives.period) for n in (3, 2))
+    share = quintic_step(np.linspace(0, 1, moving)[:, None])[1]
     actions = np.vstack([share * there, np.tile(there, (resting, 1))])
     return _let_go(drives, plan, actions)
 
@@ -248,14 +237,14 @@ def _let_go(drives: Drives, plan: Plan, actions: np.ndarray) -> tuple[np.ndarray
     return actions, int(moving[-1]) + 1 + round(0.1 / drives.period)
 
 
-def _random(drives: Drives, plan: Plan, rng: np.random.Generator) -> np.ndarray:
+def _random(drives: Drives, plan: Plan, rng: np.random.Generator) -> tuple[np.ndarray, int]:
     """Places held for some time, low-pass filtered (thesis sec. 3.3.3)."""
     hold = drives.first * rng.uniform(*HOLDS)
     cutoff = rng.uniform(*CUTOFFS) / drives.first
     count = round(plan.run / drives.period)
     holds = [plan.amplitude * _target(drives, rng) for _ in range(int(plan.run / hold) + 2)]
     steps = np.repeat(np.array(holds), max(1, round(hold / drives.period)), axis=0)[:count]
-    return _possible(drives, _from_rest(drives, filtered(steps, cutoff, drives.period)))
+    return _possible(drives, _from_rest(drives, filtered(steps, cutoff, drives.period))), 0
 
 
 def filtered(steps: np.ndarray, cutoff: float, period: float) -> np.ndarray:
@@ -267,7 +256,7 @@ def filtered(steps: np.ndarray, cutoff: float, period: float) -> np.ndarray:
     return sosfiltfilt(sos, steps, axis=0) if len(steps) > 60 else steps
 
 
-def _laps(drives: Drives, plan: Plan, rng: np.random.Generator) -> np.ndarray:
+def _laps(drives: Drives, plan: Plan, rng: np.random.Generator) -> tuple[np.ndarray, int]:
     """Ellipses, rounder or flatter, whose size and speed change slowly."""
     count = round(plan.run / drives.period)
     time = np.arange(count) * drives.period
@@ -278,15 +267,14 @@ def _laps(drives: Drives, plan: Plan, rng: np.random.Generator) -> np.ndarray:
     turn = 2 * np.pi * np.cumsum(speed) * drives.period
     share = np.interp(time, at, np.sqrt(rng.uniform(0.05, 1, knots)))[:, None]
     share = share / _resonance(speed * drives.first)[:, None]
-    one = plan.laps_amplitude * np.stack(
-        [np.interp(time, at, x) for x in _ways(drives, rng, knots)], -1
-    )
-    other = plan.laps_amplitude * np.stack(
-        [np.interp(time, at, x) for x in _ways(drives, rng, knots)], -1
+    one, other = (
+        plan.laps_amplitude
+        * np.stack([np.interp(time, at, x) for x in _ways(drives, rng, knots)], -1)
+        for _ in range(2)
     )
     phase = turn[:, None]
     actions = share * (np.cos(phase) * one + np.sin(phase) * other)
-    return _possible(drives, _from_rest(drives, actions))
+    return _possible(drives, _from_rest(drives, actions)), 0
 
 
 def _ways(drives: Drives, rng: np.random.Generator, knots: int) -> np.ndarray:
@@ -309,7 +297,7 @@ def _from_rest(drives: Drives, actions: np.ndarray) -> np.ndarray:
     """Actions (t, m) that begin at zero."""
     begin = np.linspace(0, 1, round(2 * drives.first / drives.period))[:, None]
     fade = np.ones((len(actions), 1))
-    fade[: len(begin)] = (begin**3 * (10 - 15 * begin + 6 * begin**2))[: len(fade)]
+    fade[: len(begin)] = quintic_step(begin)[1][: len(fade)]
     return fade * actions
 
 
@@ -330,7 +318,4 @@ def _possible(drives: Drives, actions: np.ndarray) -> np.ndarray:
     return out
 
 
-_KINDS: dict[str, Callable[[Drives, Plan, np.random.Generator], np.ndarray]] = {
-    "random": _random,
-    "laps": _laps,
-}
+_KINDS = {"random": _random, "laps": _laps}

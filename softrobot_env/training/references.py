@@ -13,7 +13,7 @@ from softrobot_env.core.interfaces import Policy
 from softrobot_env.core.registry import load
 from softrobot_env.envs.observations.table import REFERENCE_SPEED
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.robots import RobotParams, entry_of
+from softrobot_env.robots import RobotParams, default_robot, entry_of
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.tasks import Task, make_task
 from softrobot_env.tasks.generic import generic_tasks, site_of
@@ -136,6 +136,12 @@ def training_of(robot: RobotParams) -> RobotTraining:
 def view_for(robot: RobotParams, period: float | None = None) -> View:
     """See `RobotTraining.view`."""
     return training_of(robot).view(period)
+
+
+def seen_in(robot: RobotParams | None, view: View | None) -> tuple[RobotParams, View]:
+    """A robot and the view of its networks: the default one, and its own, unless given."""
+    robot = robot or default_robot()
+    return robot, view_for(robot) if view is None else view
 
 
 def _at_rest(robot: RobotParams) -> Task:

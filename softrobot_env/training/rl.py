@@ -19,7 +19,7 @@ from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.learned.network import Network
-from softrobot_env.robots import RobotParams, default_robot
+from softrobot_env.robots import RobotParams
 from softrobot_env.robots.artifacts import fingerprint
 from softrobot_env.tasks import Task
 from softrobot_env.training.artifacts import figures, load_start, save
@@ -31,7 +31,7 @@ from softrobot_env.training.checkpoint import (
     write,
 )
 from softrobot_env.training.learners import freeze_actor, make_model, put_actor
-from softrobot_env.training.references import training_of, view_for
+from softrobot_env.training.references import seen_in, training_of, view_for
 from softrobot_env.training.request import Metrics, TrainingRequest, curve_file
 from softrobot_env.training.rl_config import (
     IMITATION,
@@ -86,22 +86,21 @@ def train(
             folder holds one that is not finished, or the network to start from does not fit.
     """
     torch.set_num_threads(config.threads)
-    robot = robot or default_robot()
-    view = view_for(robot) if view is None else view
+    robot, view = seen_in(robot, view)
     logs = None if log is None else str(log)
     about = _about(config, seed, robot)
     anew = None if checkpoint is None else partial(_begin_anew, seed)
     watch = Watch(config, show, partial(_keep, checkpoint, about, told), robot, view, anew)
-    if resume:
-        before = _to_go_on_with(checkpoint, about, show)
-        watch.take_up(before.best, before.curve)
-        model = make_model(config, make_training_env(config, seed, robot, view), seed, logs)
-        put_learner_state(model, before.learner)
-    else:
+    before = _to_go_on_with(checkpoint, about, show) if resume else None
+    if before is None:
         _check_free(checkpoint)
         set_random_seed(seed)
-        model = make_model(config, make_training_env(config, seed, robot, view), seed, logs)
+    model = make_model(config, make_training_env(config, seed, robot, view), seed, logs)
+    if before is None:
         begin(model, config, start)
+    else:
+        watch.take_up(before.best, before.curve)
+        put_learner_state(model, before.learner)
     left = config.steps - (model.num_timesteps if resume else 0)
     if left > 0:
         model.learn(left, callback=watch, reset_num_timesteps=not resume)
@@ -199,8 +198,7 @@ def make_training_env(
     config: RLConfig, seed: int, robot: RobotParams | None = None, view: View | None = None
 ) -> NetworkVecEnv:
     """All tasks of a training at once, robots drawn anew for every episode, seen in a view."""
-    robot = robot or default_robot()
-    view = view_for(robot) if view is None else view
+    robot, view = seen_in(robot, view)
     rng = np.random.default_rng([seed, 1])  # the environments have streams of `seed` itself
     learned = training_of(robot).learned_tasks
     parts = [

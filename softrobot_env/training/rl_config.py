@@ -143,21 +143,10 @@ _OFF_POLICY = {"envs_per_task": 2, "batch": 256, "rate": 1e-3, "deviation": 0.1,
 SCRATCH_SETTINGS = {"ppo": {}, "sac": _OFF_POLICY, "td3": _OFF_POLICY}
 
 #: And from a network that is good already: closer about its actions, and slower.
-_OFF_POLICY_TUNING = {
-    "fine_scale": 0.001,
-    "critic_steps": 60_000,
-    "rate": 1e-4,
-    "deviation": 0.02,
-    "steps": 300_000,
-}
+_CLOSE = {"fine_scale": 0.001, "deviation": 0.02}
+_OFF_POLICY_TUNING = _CLOSE | {"critic_steps": 60_000, "rate": 1e-4, "steps": 300_000}
 _TUNING_SETTINGS = {
-    "ppo": {
-        "fine_scale": 0.001,
-        "critic_steps": 200_000,
-        "rate": 5e-5,
-        "deviation": 0.02,
-        "steps": 1_000_000,
-    },
+    "ppo": _CLOSE | {"critic_steps": 200_000, "rate": 5e-5, "steps": 1_000_000},
     "sac": _OFF_POLICY_TUNING,
     "td3": _OFF_POLICY_TUNING,
 }
@@ -179,15 +168,15 @@ def preset(algorithm: str, warm: bool, disturbed: bool) -> RLConfig:
     Raises:
         ValueError: Unknown algorithm; the message lists the known ones.
     """
-    config = RLConfig(algorithm)
-    config = replace(config, **SCRATCH_SETTINGS[algorithm])
+    RLConfig(algorithm)
+    settings = dict(SCRATCH_SETTINGS[algorithm])
     if warm:
-        config = replace(config, **_TUNING_SETTINGS[algorithm])
+        settings |= _TUNING_SETTINGS[algorithm]
     if warm and disturbed:
-        config = replace(config, **_DISTURBED_TUNING.get(algorithm, {}))
+        settings |= _DISTURBED_TUNING.get(algorithm, {})
     if disturbed:
-        config = replace(config, randomization=BROAD, trials=DISTURBED)
-    return config
+        settings |= {"randomization": BROAD, "trials": DISTURBED}
+    return RLConfig(algorithm, **settings)
 
 
 #: Robots of the closed-loop checks of other robots than the arm.

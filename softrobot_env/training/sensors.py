@@ -22,6 +22,7 @@ from softrobot_env.scene.linearised import linearised
 from softrobot_env.sensing.array import felt_bends
 from softrobot_env.sensing.estimation import BEND_PER_PLACE
 from softrobot_env.sensing.reconstruction import TIP, Reconstruction, reconstruct, reported
+from softrobot_env.tasks.trajectories import quintic_step
 from softrobot_env.training.references import generic_task
 from softrobot_env.training.request import Metrics, Quantity, TrainingRequest
 
@@ -114,8 +115,7 @@ def _visits(
     for which in chosen:
         looks: list[dict[str, np.ndarray]] = []
         for k in range(1, moving + resting + 1):
-            share = min(1.0, k / moving)
-            share = share**3 * (10 - 15 * share + 6 * share**2)
+            share = quintic_step(min(1.0, k / moving))[1]
             action = before + share * (actions[which] - before)
             observation, *_, info = env.step(np.float32(action))
             if "failure" in info:

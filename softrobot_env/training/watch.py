@@ -11,10 +11,9 @@ from softrobot_env.control.learned.neural import View
 from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.learned.network import Network
-from softrobot_env.robots import RobotParams, default_robot
+from softrobot_env.robots import RobotParams
 from softrobot_env.training.artifacts import check
 from softrobot_env.training.learners import actor_of
-from softrobot_env.training.references import view_for
 from softrobot_env.training.rl_config import RLConfig
 
 #: Environment steps, mean `SCORE` of the checks, largest error [mm] on swing and L-shape among
@@ -53,8 +52,8 @@ class Watch(BaseCallback):
         config: RLConfig,
         show: ProgressCallback,
         save: Callable[[BaseAlgorithm, Network, list[Point]], None],
-        robot: RobotParams | None = None,
-        view: View | None = None,
+        robot: RobotParams,
+        view: View,
         anew: Callable[[BaseAlgorithm, int], None] | None = None,
     ) -> None:
         """Watch a training.
@@ -64,13 +63,12 @@ class Watch(BaseCallback):
             show: Told the progress.
             save: Called after every check, with the learner, the best network and the curve.
             robot: To train for.
-            view: Of its networks; that of the robot unless given.
+            view: Of its networks.
             anew: Called with learner and steps where a training goes on after a check, if given.
         """
         super().__init__()
         self._anew = anew
-        self._robot = robot = robot or default_robot()
-        self._view = view_for(robot) if view is None else view
+        self._robot, self._view = robot, view
         self._config, self._show, self._save = config, show, save
         self.best: Network | None = None
         self.curve: list[Point] = []

@@ -302,39 +302,27 @@ def _summary(log: LinkLog, lines: list[Line]) -> str:
     )
 
 
+_LIST = SimpleNamespace(
+    EXAMPLE="softrobot robot list /dev/ttyUSB0 /dev/ttyUSB1", add_arguments=_add_list, run=_list
+)
+_REPLAY = SimpleNamespace(
+    EXAMPLE="softrobot robot replay out/session.link --all", add_arguments=_add_replay, run=_replay
+)
+
+_COMMANDS = {
+    "list": (_LIST, "list serial ports and who answers there"),
+    "info": (_INFO, "configure a robot and print what it says of itself"),
+    "calibrate": (calibrate, "jog the servos, mark zero, range and rest, and write a robot file"),
+    "hold": (_HOLD, "arm a robot and hold it at rest"),
+    "stop": (_STOP, "ramp a robot to rest and switch its outputs off"),
+    "estop": (_ESTOP, "cut a robot's outputs at once"),
+    "replay": (_REPLAY, "print what a recorded link carried"),
+    "record": (record, "excite a robot, simulated, virtual or real, within limits, and record it"),
+    "virtual": (virtual, "run the rig without hardware, behind a serial port"),
+    "soak": (soak, "run at full rate for long, and print whether every promise was kept"),
+}
+
 #: The commands of `softrobot robot`.
 ROBOT_COMMANDS: Registry[Command] = Registry(
-    "command of robot",
-    {
-        "list": Command(
-            SimpleNamespace(
-                EXAMPLE="softrobot robot list /dev/ttyUSB0 /dev/ttyUSB1",
-                add_arguments=_add_list,
-                run=_list,
-            ),
-            "list serial ports and who answers there",
-        ),
-        "info": Command(_INFO, "configure a robot and print what it says of itself"),
-        "calibrate": Command(
-            calibrate, "jog the servos, mark zero, range and rest, and write a robot file"
-        ),
-        "hold": Command(_HOLD, "arm a robot and hold it at rest"),
-        "stop": Command(_STOP, "ramp a robot to rest and switch its outputs off"),
-        "estop": Command(_ESTOP, "cut a robot's outputs at once"),
-        "replay": Command(
-            SimpleNamespace(
-                EXAMPLE="softrobot robot replay out/session.link --all",
-                add_arguments=_add_replay,
-                run=_replay,
-            ),
-            "print what a recorded link carried",
-        ),
-        "record": Command(
-            record, "excite a robot, simulated, virtual or real, within limits, and record it"
-        ),
-        "virtual": Command(virtual, "run the rig without hardware, behind a serial port"),
-        "soak": Command(
-            soak, "run at full rate for long, and print whether every promise was kept"
-        ),
-    },
+    "command of robot", {name: Command(*said) for name, said in _COMMANDS.items()}
 )
