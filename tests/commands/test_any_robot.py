@@ -1,6 +1,5 @@
 """The command line for any robot, by its file or name, with tasks and policies of one's own."""
 
-import json
 import re
 import shlex
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from support.commands import called, evaluated, rows_in
 from support.example_robots import SOME
 
 from softrobot_env.cli import main
@@ -33,10 +33,6 @@ class P:
 class Q(P):
     environment = {"control_period": 0.05}
 
-def needs_head(robot, control_period):
-    if robot.head is None:
-        raise ValueError("needs_head needs a robot with a head")
-    return P(robot, control_period)
 """
 
 
@@ -48,17 +44,11 @@ def mine(tmp_path):
     return path
 
 
-def evaluated(out, *arguments):
-    """Rows of a run without plots."""
-    assert main(["evaluate", *arguments, "--no-plots", "--out", str(out), "--overwrite"]) == 0
-    return json.loads((out / "report.json").read_text())["rows"]
-
-
 @pytest.mark.parametrize("name", SOME)
 def test_an_example_is_evaluated_by_one_command(name, tmp_path):
-    file = str(assets_dir() / "robots" / f"{name}.toml")
-    arguments = ["--robot", file, "--tasks", "reach", "--policies", "all", "--duration", "0.5"]
-    rows = evaluated(tmp_path, *arguments, "--save-rollouts")
+    file = assets_dir() / "robots" / f"{name}.toml"
+    words = "--tasks reach --policies all --duration 0.5 --no-plots --save-rollouts"
+    rows = evaluated(tmp_path, "--robot", file, words)
     assert {"hold", "static"} <= {row["policy"] for row in rows}
     assert not {"lqi", "hybrid"} & {row["policy"] for row in rows}
     assert {row["robot"] for row in rows} == {name} and not any(row["failure"] for row in rows)
@@ -69,40 +59,27 @@ def test_an_example_is_evaluated_by_one_command(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", SOME)
-def test_an_example_is_rendered_by_one_command(name, tmp_path):
-    size = ["--size", "64", "48", "--fps", "5", "--duration", "0.2"]
-    out = tmp_path / "a.gif"
-    assert (
-        main(
-            ["render", "--robot", name, "--task", "reach", *size, "--out", str(out), "--overwrite"]
-        )
-        == 0
-    )
+def test_an_example_is_rendered_inspected_and_exported(name, tmp_path, capsys):
+    out, robot = tmp_path / "a.gif", find_robot(name)
+    size = "--size 64 48 --fps 5 --duration 0.2 --out"
+    assert called("render --task reach --robot", name, size, out) == 0
     assert out.stat().st_size > 1000
-
-
-@pytest.mark.parametrize("name", SOME)
-def test_an_example_is_inspected_by_one_command(name, capsys):
-    assert main(["inspect", "--robot", name, "--task", "reach"]) == 0
-    out = " ".join(capsys.readouterr().out.split())
-    robot = find_robot(name)
-    assert f"robot {name}" in out and robot.tendons[-1].name in out
+    capsys.readouterr()
+    assert called("inspect --task reach --robot", name) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert f"robot {name}" in told and robot.tendons[-1].name in told
     unit = "lengths to pull in" if robot.drive.kind == "length" else "inputs, full scale"
-    assert unit in out and ("servos" in out) == (robot.drive.kind == "length")
-
-
-@pytest.mark.parametrize("name", SOME)
-def test_an_example_is_exported_by_one_command(name, tmp_path):
-    assert main(["export", "--robot", name, "--out", str(tmp_path)]) == 0
+    assert unit in told and ("servos" in told) == (robot.drive.kind == "length")
+    assert called("export --robot", name, "--out", tmp_path) == 0
     for stem in (name, f"{name}_view"):
         model = mujoco.MjModel.from_xml_path(str(tmp_path / f"{stem}.xml"))
-        assert model.nu == len(find_robot(name).tendons)
+        assert model.nu == len(robot.tendons)
 
 
 def test_variations_and_several_tasks_are_told_apart(tmp_path, mine, capsys):
-    arguments = ["--robot", "planar_finger", "--tasks", f"{mine}:stay", "reach"]
-    arguments += ["--policies", "hold", f"{mine}:P", f"{mine}:Q", "--duration", "0.2"]
-    rows = evaluated(tmp_path / "out", *arguments, "--vary", "youngs_modulus=1,0.5")
+    words = f"--robot planar_finger --tasks {mine}:stay reach --policies hold {mine}:P {mine}:Q"
+    more = "--duration 0.2 --no-plots --save-rollouts --vary youngs_modulus=1,0.5"
+    rows = evaluated(tmp_path / "out", words, more)
     told = [(row["task"], row["policy"], row["variation"].get("youngs_modulus")) for row in rows]
     policies = ("hold", "P", "Q")
     assert told == [(t, p, v) for t in ("stay", "reach") for p in policies for v in (None, 0.5)]
@@ -112,6 +89,9 @@ def test_variations_and_several_tasks_are_told_apart(tmp_path, mine, capsys):
     assert soft > 1.3 * nominal
     out = capsys.readouterr().out
     assert "stay seconds 0.2, planar_finger" in out and "E x 0.5" in out
+    for policy, period in {"P": 0.01, "Q": 0.05}.items():  # as each wants it
+        (path,) = (tmp_path / "out").glob(f"stay_*_{policy}.npz")
+        assert np.diff(Rollout.load(path).time)[0] == pytest.approx(period)
 
 
 @pytest.mark.parametrize(
@@ -122,26 +102,15 @@ def test_variations_and_several_tasks_are_told_apart(tmp_path, mine, capsys):
     ],
 )
 def test_pictures_are_of_what_a_robot_has(name, pictures, tmp_path):
-    arguments = ["--robot", name, "--tasks", "reach", "--policies", "hold", "--duration", "0.1"]
-    assert main(["evaluate", *arguments, "--out", str(tmp_path)]) == 0
+    evaluated(tmp_path, "--tasks reach --policies hold --duration 0.1 --robot", name)
     assert {path.stem.rpartition("_")[2] for path in tmp_path.glob("*.png")} == pictures
-
-
-def test_the_environment_is_as_the_policy_wants_it(tmp_path, mine):
-    arguments = ["--robot", "planar_finger", "--tasks", f"{mine}:stay", "--save-rollouts"]
-    evaluated(tmp_path / "out", *arguments, "--policies", f"{mine}:P", f"{mine}:Q")
-    steps = {
-        path.stem[-1]: np.diff(Rollout.load(path).time)[0]
-        for path in (tmp_path / "out").glob("*.npz")
-    }
-    assert steps == pytest.approx({"P": 0.01, "Q": 0.05})
 
 
 @pytest.mark.slow
 def test_robots_are_drawn_alike_for_every_policy(tmp_path):
-    arguments = ["--robot", "silicone_rod", "--tasks", "reach", "--policies", "hold", "static"]
-    arguments += ["--randomize", "density=0.5,2", "--randomize", "delay=0.011,0.029"]
-    rows = evaluated(tmp_path, *arguments, "--draws", "3", "--duration", "0.1")
+    words = "--robot silicone_rod --tasks reach --policies hold static --no-plots --draws 3"
+    ranges = "--randomize density=0.5,2 --randomize delay=0.011,0.029 --duration 0.1"
+    rows = evaluated(tmp_path, words, ranges)
     drawn = [[r["variation"] for r in rows if r["policy"] == p] for p in ("hold", "static")]
     assert drawn[0][1:] == drawn[1][1:] and drawn[0][0] == drawn[1][0] == {}
     factors = [variation["density"] for variation in drawn[0][1:]]
@@ -151,22 +120,17 @@ def test_robots_are_drawn_alike_for_every_policy(tmp_path):
 
 @pytest.mark.slow
 def test_a_plant_goes_where_it_can(tmp_path):
-    short = ["--tasks", "reach", "--policies", "static", "--duration", "0.3"]
-    rows = [
-        *evaluated(tmp_path, "--robot", "planar_finger", *short),
-        *evaluated(tmp_path, "--robot", "planar_finger", *short, "--plant", "pcc"),
-    ]
+    words = "--robot planar_finger --tasks reach --policies static --duration 0.3 --no-plots"
+    rows = [*evaluated(tmp_path, words), *evaluated(tmp_path, words, "--plant pcc")]
     assert [row["plant"] for row in rows] == ["mujoco", "pcc"]
     assert rows[0]["e_final"] == pytest.approx(rows[1]["e_final"], abs=1e-3)
 
 
 def test_a_named_robot_of_the_thesis_can_have_generic_tasks(tmp_path):
-    arguments = ["--robot", "rig", "--tasks", "figure_eight", "--policies", "static", "hold"]
-    rows = evaluated(tmp_path, *arguments, "--duration", "0.1")
-    assert [(row["robot"], row["twin"], row["policy"]) for row in rows] == [
-        ("rig", 0, "static"),
-        ("rig", 0, "hold"),
-    ]
+    words = "--tasks figure_eight --policies static hold --duration 0.1 --no-plots"
+    rows = evaluated(tmp_path, "--robot rig", words)
+    told = [(row["robot"], row["twin"], row["policy"]) for row in rows]
+    assert told == [("rig", 0, "static"), ("rig", 0, "hold")]
 
 
 def test_list_tells_what_there_is_and_why_not(capsys):
@@ -193,7 +157,7 @@ def test_commands_of_the_page_work_as_printed(tmp_path, monkeypatch):
     for line in lines:
         program, *words = shlex.split(line, comments=True)
         assert program == "softrobot" and main(words) == 0
-    rows = json.loads((tmp_path / "out" / "finger" / "report.json").read_text())["rows"]
+    rows = rows_in(tmp_path / "out" / "finger")
     assert {(row["task"], row["policy"]) for row in rows} == {
         (task, policy)
         for task in ("circle", "lemniscate")
@@ -206,7 +170,7 @@ def test_commands_of_the_page_work_as_printed(tmp_path, monkeypatch):
 
 def test_the_rigs_own_policies_are_not_asked_for_references_in_space(tmp_path):
     """Without a policy each command takes one that fits."""
-    short = ["--robot", "rig", "--duration", "0.1"]
-    assert main(["render", *short, "--size", "64", "48", "--out", str(tmp_path / "a.gif")]) == 0
-    rows = evaluated(tmp_path / "e", *short, "--tasks", "circle")
+    short = "--robot rig --duration 0.1"
+    assert called("render", short, "--size 64 48 --out", tmp_path / "a.gif") == 0
+    rows = evaluated(tmp_path / "e", short, "--tasks circle --no-plots")
     assert {"static", "hold"} <= {row["policy"] for row in rows}

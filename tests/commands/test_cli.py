@@ -6,27 +6,21 @@ import sys
 import time
 
 import pytest
+from support.commands import called, evaluated, rows_in
 
 from softrobot_env.cli import main
 from softrobot_env.commands import cases as evaluate_cases
 from softrobot_env.commands.registry import COMMANDS
 from softrobot_env.machine_code.notice import Notice
 
+HOLD = "--tasks lshape --policies hold --control-period 0.2"
+
 
 def test_evaluate_writes_report_and_plots(tmp_path, capsys):
-    arguments = [
-        "--tasks",
-        "lshape",
-        "--policies",
-        "hold",
-        "feedforward",
-        "--control-period",
-        "0.1",
-    ]
-    assert main(["evaluate", *arguments, "--save-rollouts", "--out", str(tmp_path)]) == 0
-    report = json.loads((tmp_path / "report.json").read_text())
-    assert report["meta"]["command"].startswith("softrobot evaluate --tasks lshape")
-    rows = report["rows"]
+    words = "--tasks lshape --policies hold feedforward --control-period 0.1 --save-rollouts"
+    rows = evaluated(tmp_path, words)
+    meta = json.loads((tmp_path / "report.json").read_text())["meta"]
+    assert meta["command"].startswith("softrobot evaluate --tasks lshape")
     assert [row["policy"] for row in rows] == ["hold", "feedforward"]
     assert rows[0]["e_max"] > rows[1]["e_max"] > 0
     written = {path.name for path in tmp_path.iterdir()}
@@ -36,66 +30,47 @@ def test_evaluate_writes_report_and_plots(tmp_path, capsys):
 
 
 def test_evaluate_varies_the_plant(tmp_path):
-    arguments = ["--tasks", "step", "--step-widths", "0.1", "--policies", "feedforward"]
-    vary = ["--vary", "youngs_modulus=0.75,1", "--control-period", "0.1"]
-    assert main(["evaluate", *arguments, *vary, "--out", str(tmp_path)]) == 0
-    rows = json.loads((tmp_path / "report.json").read_text())["rows"]
+    words = "--tasks step --step-widths 0.1 --policies feedforward --control-period 0.1"
+    rows = evaluated(tmp_path, words, "--vary youngs_modulus=0.75,1")
     assert [row["variation"] for row in rows] == [{"youngs_modulus": 0.75}, {}]
     assert rows[0]["steady_state_error"] > 10 * rows[1]["steady_state_error"]
     assert (tmp_path / "step_100_mm_feedforward_varied_tip.png").exists()
 
 
 def test_repeated_variations_add_up(tmp_path):
-    vary = ["--vary", "youngs_modulus=0.5", "--vary", "youngs_modulus=2", "--vary", "density=1,2"]
-    arguments = ["--tasks", "lshape", "--policies", "hold", "--control-period", "0.2", "--no-plots"]
-    assert main(["evaluate", *arguments, *vary, "--out", str(tmp_path)]) == 0
-    rows = json.loads((tmp_path / "report.json").read_text())["rows"]
+    vary = "--vary youngs_modulus=0.5 --vary youngs_modulus=2 --vary density=1,2"
+    rows = evaluated(tmp_path, HOLD, "--no-plots", vary)
     assert [row["variation"] for row in rows] == [
-        {"youngs_modulus": 0.5},
-        {"youngs_modulus": 0.5, "density": 2.0},
-        {"youngs_modulus": 2.0},
-        {"youngs_modulus": 2.0, "density": 2.0},
+        {"youngs_modulus": modulus} | density
+        for modulus in (0.5, 2.0)
+        for density in ({}, {"density": 2.0})
     ]
 
 
 def test_no_number_of_a_table_is_cut_short(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
-    vary = ["--vary", "youngs_modulus=0.5", "--vary", "density=2"]
-    arguments = ["--tasks", "swing", "step", "--step-widths", "0.05", "--control-period", "0.1"]
-    arguments += ["--policies", "hold", "feedforward", "feedforward_pi"]
-    main(["evaluate", *arguments, *vary, "--no-plots", "--out", str(tmp_path)])
+    words = "--tasks swing step --step-widths 0.05 --control-period 0.1 --no-plots --policies hold"
+    vary = "--vary youngs_modulus=0.5 --vary density=2"
+    rows = evaluated(tmp_path, words, "feedforward feedforward_pi", vary)
     out = capsys.readouterr().out
     assert "\u2026" not in out
-    rows = json.loads((tmp_path / "report.json").read_text())["rows"]
     shown = [r for r in rows if r["task"] == "swing"]
     assert all(f"{1e3 * row['e_max']:.2f}" in out for row in shown)
 
 
 def test_policies_without_their_package_are_left_out_of_all(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(evaluate_cases, "installed_policies", lambda: ["hold"])
-    arguments = ["--tasks", "lshape", "--control-period", "0.2", "--no-plots"]
-    assert main(["evaluate", *arguments, "--out", str(tmp_path)]) == 0
+    rows = evaluated(tmp_path, "--tasks lshape --control-period 0.2 --no-plots")
     out = capsys.readouterr().out
     assert "Left out feedforward" in out and '"daqp>=' in out
-    rows = json.loads((tmp_path / "report.json").read_text())["rows"]
     assert [row["policy"] for row in rows] == ["hold"]
-
-
-def test_an_unusable_folder_is_told_before_any_work(tmp_path, capsys):
-    (tmp_path / "file").write_text("")
-    assert main(["evaluate", "--out", str(tmp_path / "file")]) == 2
-    assert "file" in capsys.readouterr().err
 
 
 def test_without_matplotlib_the_results_still_come(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)  # as if it were not installed
-    arguments = ["--tasks", "lshape", "--policies", "hold", "--control-period", "0.2"]
-    assert main(["evaluate", *arguments, "--out", str(tmp_path)]) == 0
-    assert {path.name for path in tmp_path.glob("[!.]*")} == {
-        "report.json",
-        "report.md",
-        "lshape_drawn.npz",  # to draw elsewhere
-    }
+    evaluated(tmp_path, HOLD)
+    written = {path.name for path in tmp_path.glob("[!.]*")}
+    assert written == {"report.json", "report.md", "lshape_drawn.npz"}  # to draw elsewhere
     told = " ".join(capsys.readouterr().out.split())
     assert "No plots: plots need matplotlib: pip install" in told and "Wrote plots" not in told
 
@@ -103,10 +78,10 @@ def test_without_matplotlib_the_results_still_come(tmp_path, capsys, monkeypatch
 def test_a_failed_episode_sets_the_exit_status(tmp_path):
     from softrobot_env.scene.timestep import TimestepWarning
 
-    diverging = ["--integrator", "RK4", "--timestep", "0.02", "--control-period", "0.02"]
-    arguments = ["--tasks", "swing", "--policies", "feedforward", "--vary", "damping_time=0"]
+    words = "--tasks swing --policies feedforward --vary damping_time=0 --no-plots --out"
+    diverging = "evaluate --integrator RK4 --timestep 0.02 --control-period 0.02"
     with pytest.warns(TimestepWarning):
-        status = main(["evaluate", *arguments, *diverging, "--no-plots", "--out", str(tmp_path)])
+        status = called(diverging, words, tmp_path)
     assert status == 1
     assert "failed" in (tmp_path / "report.md").read_text()
 
@@ -150,20 +125,13 @@ def test_scripts_are_the_same_commands(script, request):
 
 @pytest.mark.slow
 def test_quick_speed_benchmark(tmp_path):
-    assert main(["benchmark", "speed", "--quick", "--out", str(tmp_path)]) == 0
-    rows = json.loads((tmp_path / "speed" / "report.json").read_text())["rows"]
+    assert called("benchmark speed --quick --out", tmp_path) == 0
+    rows = rows_in(tmp_path / "speed")
     names = {row["variant"] for row in rows}
     assert {"HalfCheetah-v5", "SoftRobot/ArmSwing-v0"} <= names
     assert {row["what"] for row in rows} == {
-        "env.step",
-        "moving",
-        "robots",
-        "vector env.step",
-        "warp env.step",
-        "start",
-        "render",
-        "decision",
-        "scaling",
+        *("env.step", "moving", "robots", "vector env.step", "warp env.step"),
+        *("start", "render", "decision", "scaling"),
     }
 
 

@@ -283,16 +283,21 @@ def files(tmp_path_factory):
     return folder
 
 
+def written(folder):
+    """All files but hidden ones."""
+    return sorted(path for path in folder.rglob("[!.]*") if path.is_file())
+
+
 @pytest.mark.parametrize(("words", "reason"), CALLS)
 def test_what_cannot_be_is_refused_in_one_line(words, reason, files, capsys, monkeypatch):
     pytest.importorskip(NEEDS.get(words.split()[0], "numpy"))
     monkeypatch.chdir(files)
     monkeypatch.setitem(sys.modules, "ray", None)  # as if it were not installed
-    before = sorted(path for path in files.rglob("*") if path.is_file())
+    before = written(files)
     try:
         status = main(words.split())
     except SystemExit as stop:
         status = stop.code
     (line,) = capsys.readouterr().err.splitlines()
     assert status == 2 and reason in line
-    assert before == sorted(path for path in files.rglob("*") if path.is_file())
+    assert before == written(files)

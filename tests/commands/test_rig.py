@@ -1,11 +1,11 @@
 """The rig on the command line: what is identified of it with `--learnt`, and its sensors."""
 
-import json
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.commands import evaluated
 from support.rig_learnt_file import ALWAYS, constant_learnt, learnt_file
 
 from softrobot_env.cli import main
@@ -16,13 +16,7 @@ from softrobot_env.tasks import EVERY_TASK, OPTIONS, defaults, make_task
 from softrobot_env.thesis.envs import RigEnv
 from softrobot_env.thesis.rig import parameters
 
-FAST = ["--option", "period=0.5", "--control-period", "0.05"]
-
-
-def evaluated(out, *arguments):
-    """Rows of a run, without plots unless asked for."""
-    assert main(["evaluate", *arguments, "--out", str(out), "--overwrite"]) == 0
-    return json.loads((out / "report.json").read_text())["rows"]
+FAST = "--option period=0.5 --control-period 0.05"
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +86,7 @@ def test_twins_are_compared_with_the_ideal_rig(tmp_path, capsys):
 
 
 def test_all_policies_are_those_that_fit(tmp_path):
-    rows = evaluated(tmp_path, "--tasks", "triangle", "--no-plots", *FAST)
+    rows = evaluated(tmp_path, "--tasks", "triangle", "--no-plots", FAST)
     assert {"rig_nn", "hybrid_calibrated"} <= {row["policy"] for row in rows}
     assert not {"hold", "lqi"} & {row["policy"] for row in rows}
 
@@ -128,7 +122,7 @@ def test_inspect_tells_which_errors_a_rig_has_not(capsys):
 
 @pytest.mark.slow  # compiling the model takes long
 def test_a_rig_varies_and_can_be_a_beam_model(tmp_path, capsys):
-    arguments = ["--tasks", "triangle", "--policies", "inverse_dynamics", "--no-plots", *FAST]
+    arguments = ["--tasks", "triangle", "--policies", "inverse_dynamics", "--no-plots", FAST]
     arguments += ["--duration", "0.3"]
     vary = ["--twin", "0", "none", "--vary", "youngs_modulus=1,0.5"]
     rows = evaluated(tmp_path, *arguments, *vary)

@@ -12,7 +12,7 @@ pytest.importorskip("daqp")
 
 from softrobot_env.cli import main  # noqa: E402
 from softrobot_env.control.learned import neural  # noqa: E402
-from softrobot_env.control.registry import POLICIES, make_policy, policy_environment  # noqa: E402
+from softrobot_env.control.registry import POLICIES, make_policy  # noqa: E402
 from softrobot_env.core.files import models_dir  # noqa: E402
 from softrobot_env.envs.randomization import Randomization  # noqa: E402
 from softrobot_env.envs.tracking import TrackingEnv  # noqa: E402
@@ -203,25 +203,12 @@ def test_imitation_is_reproducible():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_reinforcement_learning_is_reproducible(algorithm):
-    config = replace(TINY, algorithm=algorithm)
-    runs = [train(config, 3, quiet) for _ in range(2)]
-    np.testing.assert_array_equal(runs[0][0].parameters, runs[1][0].parameters)
-    assert runs[0][1] == runs[1][1]
-    steps = [point["steps"] for point in runs[0][1]]
-    assert steps[0] == 0 and steps[-1] >= 128 and len(steps) >= 3
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_reinforcement_learning_goes_on_from_a_checkpoint(algorithm, tmp_path):
-    whole = replace(TINY, algorithm=algorithm)
-    half = replace(whole, steps=72)
-    _, first = train(half, 3, quiet, checkpoint=tmp_path / "kept")
-    network, curve = train(whole, 3, quiet, checkpoint=tmp_path / "kept", resume=True)
+def test_reinforcement_learning_goes_on_for_longer(tmp_path):
+    half = replace(TINY, steps=72)
+    _, first = train(half, 3, quiet, checkpoint=tmp_path)
+    network, curve = train(TINY, 3, quiet, checkpoint=tmp_path, resume=True)
     assert curve[: len(first)] == first and curve[-1]["steps"] >= 128 > first[-1]["steps"]
-    again, same = train(whole, 3, quiet, checkpoint=tmp_path / "kept", resume=True)
+    again, same = train(TINY, 3, quiet, checkpoint=tmp_path, resume=True)
     assert same == curve
     np.testing.assert_array_equal(again.parameters, network.parameters)
 
@@ -266,15 +253,6 @@ def test_the_network_taken_out_of_a_learner_acts_as_the_learner(algorithm):
     found = [start(one.astype(float)) for one in seen]
     found = np.tanh(found) if LEARNERS[algorithm].squashed else np.clip(found, -1, 1)
     np.testing.assert_allclose(model.predict(seen, deterministic=True)[0], found, atol=1e-5)
-
-
-@pytest.mark.parametrize("algorithm", ONE_ALGORITHM)
-def test_trials_are_logged_for_tensorboard(algorithm, tmp_path):
-    accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
-    _, curve = train(replace(TINY, algorithm=algorithm), 3, quiet, log=tmp_path)
-    events = accumulator.EventAccumulator(str(next(tmp_path.iterdir()))).Reload()
-    logged = [(event.step, event.value) for event in events.Scalars("trial/reward")]
-    assert logged == [(point["steps"], pytest.approx(point["reward"])) for point in curve]
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
@@ -349,12 +327,17 @@ def test_a_stopped_training_goes_on_as_if_it_had_not_been(algorithm, tmp_path):
     np.testing.assert_array_equal(found.parameters, network.parameters)
 
 
-def test_a_resumed_training_logs_where_it_is_told(tmp_path):
-    pytest.importorskip("tensorboard")
-    half = replace(TINY, steps=72)
-    train(half, 3, quiet, checkpoint=tmp_path / "kept", log=tmp_path / "one")
-    train(TINY, 3, quiet, checkpoint=tmp_path / "kept", resume=True, log=tmp_path / "two")
-    assert any((tmp_path / "two").rglob("events*"))
+def test_trials_are_logged_for_tensorboard_where_it_is_told(tmp_path):
+    accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
+    kept, curve = tmp_path / "kept", []
+    for folder, steps in (("one", 72), ("two", 128)):
+        before, more = len(curve), {"checkpoint": kept, "resume": folder == "two"}
+        log = tmp_path / folder
+        _, curve = train(replace(TINY, steps=steps), 3, quiet, log=log, **more)
+        events = accumulator.EventAccumulator(str(next(log.iterdir()))).Reload()
+        logged = [(event.step, event.value) for event in events.Scalars("trial/reward")]
+        wanted = [(point["steps"], pytest.approx(point["reward"])) for point in curve[before:]]
+        assert logged == wanted
 
 
 def test_seeds_of_trainings_share_nothing():
@@ -362,14 +345,11 @@ def test_seeds_of_trainings_share_nothing():
     assert not (seeds[0] & seeds[1] or seeds[1] & seeds[2] or seeds[0] & seeds[2])
 
 
-@pytest.mark.parametrize("name", TRAINING_TASKS)
-def test_tasks_can_be_chosen(name):
-    env = make_training_env(replace(TINY, tasks=(name,)), 0)
-    names = {part.task.name for part in env.parts}
-    if name == "drawn":
-        assert names <= {"random step", "random legs", "random waves", "step", "swing", "lshape"}
-    else:
-        assert names == {name}
+def test_tasks_can_be_chosen():
+    drawn = {"random step", "random legs", "random waves", "step", "swing", "lshape"}
+    for name in TRAINING_TASKS:
+        env = make_training_env(replace(TINY, tasks=(name,)), 0)
+        assert {part.task.name for part in env.parts} <= (drawn if name == "drawn" else {name})
 
 
 def test_robots_and_disturbances_are_drawn_for_every_episode():
@@ -482,9 +462,4 @@ def test_another_robot_or_file_is_refused(tmp_path):
         neural.NeuralPolicy(ARM.vary(tendon_radius=1.1), 0.01, "imitation.npz")
     with pytest.raises(FileNotFoundError, match="softrobot train"):
         neural.NeuralPolicy(ARM, 0.01, tmp_path / "none.npz")
-
-
-def test_the_policy_is_registered():
-    policy = make_policy("imitation", ARM, 0.005)
-    assert policy.hold == 2
-    assert policy_environment("imitation") == {"control_period": 0.01, "preview": neural.PREVIEW}
+    assert make_policy("imitation", ARM, 0.005).hold == 2
