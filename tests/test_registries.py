@@ -1,6 +1,5 @@
 """Every entry of every registry loads, and nothing else loads by name."""
 
-import ast
 import os
 import shlex
 import subprocess
@@ -34,13 +33,6 @@ from softrobot_env.scene.registry import SCENES
 from softrobot_env.tasks import ALL_TASKS, RIG_TASKS, make_task
 
 ROOT = Path(__file__).resolve().parents[1]
-
-#: Modules that may import by a name made at run time, and why.
-LOADERS = {
-    "softrobot_env/core/registry.py": "what registries name",
-    "softrobot_env/envs/rendering.py": "MuJoCo's own modules for OpenGL",
-    "scripts/ledger.py": "what users reach by name",
-}
 
 # ---------------------------------------------------------------- entries
 
@@ -102,41 +94,6 @@ def test_commands_parse_their_own_examples(prefix, name, command):
         assert program == "softrobot" and " ".join(words).startswith(prefix + name)
         run = build_parser().parse_args(words).run
         assert callable(run) and getattr(command.module, "run", run) == run
-
-
-# ---------------------------------------------------------------- paths
-
-
-def test_only_registries_load_by_names_made_at_run_time():
-    """Paths written as one text are found by search and by tests; composed ones are not."""
-    offenders = {
-        path.relative_to(ROOT).as_posix()
-        for folder in ("softrobot_env", "scripts")
-        for path in (ROOT / folder).rglob("*.py")
-        if loads_by_name(ast.parse(path.read_text()))
-    }
-    assert offenders == set(LOADERS)
-
-
-def loads_by_name(tree: ast.Module) -> bool:
-    """Whether a source imports by a name, or runs a file."""
-    banned = {"import_module", "__import__", "run_module", "run_path", "exec_module"}
-    names = (getattr(node, "id", getattr(node, "attr", None)) for node in ast.walk(tree))
-    aliases = (node.name for node in ast.walk(tree) if isinstance(node, ast.alias))
-    return not banned.isdisjoint([*names, *aliases])
-
-
-def test_what_registries_name_is_written_whole():
-    """`load` takes texts of registries, never one that is put together."""
-    composed = []
-    for path in (ROOT / "softrobot_env").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            called = isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] == "load"
-            if called and node.args and isinstance(node.args[0], ast.JoinedStr | ast.BinOp):
-                text = ast.unparse(node.args[0])
-                if "softrobot_env" in text:
-                    composed.append(f"{path.relative_to(ROOT)}:{node.lineno}: {text}")
-    assert not composed
 
 
 # ---------------------------------------------------------------- environments

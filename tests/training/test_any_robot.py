@@ -149,16 +149,6 @@ def test_the_view_of_a_file_is_the_view_it_was_trained_with(mine):
 # ---------------------------------------------------------------- the command
 
 
-def test_nothing_is_overwritten_unless_asked_to(mine, capsys):
-    path = save(mine, "qs_nn")
-    before, began = path.read_bytes(), time.process_time()
-    assert main(["train", "qs_nn", "--robot", str(mine.file)]) == 2
-    assert "--overwrite replaces it" in capsys.readouterr().err and path.read_bytes() == before
-    assert time.process_time() - began < 1  # it has not been trained first
-    assert main(["train", "qs_nn", "--robot", "arm", "--ship"]) == 2
-    assert "qs_nn.npz is there already" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     "arguments",
     [
