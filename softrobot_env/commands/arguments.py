@@ -1,8 +1,15 @@
 """Commands under a parser, and the arguments that several of them share."""
 
-import argparse
 import glob
 import sys
+from argparse import (
+    SUPPRESS,
+    ArgumentParser,
+    ArgumentTypeError,
+    Namespace,
+    RawDescriptionHelpFormatter,
+    _ActionsContainer,
+)
 from collections.abc import Callable, Iterable, Mapping
 from math import inf, isfinite, nan
 from pathlib import Path
@@ -32,7 +39,7 @@ class Command(NamedTuple):
     text: str
 
 
-class Parser(argparse.ArgumentParser):
+class Parser(ArgumentParser):
     """Says in one line what is wrong with arguments."""
 
     def parse_known_args(self, *arguments: Any, **more: Any) -> tuple[Any, list[str]]:
@@ -49,7 +56,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def add_commands(
-    parser: argparse.ArgumentParser, commands: Mapping[str, Command], dest: str = argparse.SUPPRESS
+    parser: ArgumentParser, commands: Mapping[str, Command], dest: str = SUPPRESS
 ) -> None:
     """Add commands with their arguments and examples; without one the parser's help is printed.
 
@@ -59,7 +66,7 @@ def add_commands(
         dest: Attribute of the parsed arguments that holds the name; `run` holds the module's.
     """
 
-    def show_help(_: argparse.Namespace) -> int:
+    def show_help(_: Namespace) -> int:
         parser.print_help()
         return 0
 
@@ -71,7 +78,7 @@ def add_commands(
             help=text,
             description=text,
             epilog=f"example:\n  {module.EXAMPLE}",
-            formatter_class=argparse.RawDescriptionHelpFormatter,
+            formatter_class=RawDescriptionHelpFormatter,
         )
         command.set_defaults(run=getattr(module, "run", None))
         module.add_arguments(command)
@@ -81,7 +88,7 @@ def add_commands(
 _NOT_GIVEN = (None, False, [])
 
 #: Where arguments are added.
-Parsers = argparse._ActionsContainer
+Parsers = _ActionsContainer
 
 #: How an option is declared that may be given several times.
 SEVERAL = {"action": "append", "default": []}
@@ -112,13 +119,13 @@ def add(
     parser.add_argument(name, help=text, **more)
 
 
-def flags(args: argparse.Namespace, names: Iterable[str]) -> str:
+def flags(args: Namespace, names: Iterable[str]) -> str:
     """Those among arguments that are given, as they are written."""
     given = [name for name in names if vars(args).get(name) not in _NOT_GIVEN]
     return ", ".join(f"--{name.replace('_', '-')}" for name in given)
 
 
-def add_scene(parser: argparse.ArgumentParser) -> None:
+def add_scene(parser: ArgumentParser) -> None:
     """Discretisation and integration, as `SceneConfig` has them."""
     group = parser.add_argument_group("scene")
     period = "default: the policy's own where it has one, else 0.01 s, of the rig 0.02 s"
@@ -154,7 +161,7 @@ def of_text(make: Callable[[str], Any]) -> Callable[[str], Any]:
         try:
             return make(text)
         except ValueError as error:
-            raise argparse.ArgumentTypeError(str(error)) from None
+            raise ArgumentTypeError(str(error)) from None
 
     return convert
 
@@ -163,7 +170,7 @@ def of_text(make: Callable[[str], Any]) -> Callable[[str], Any]:
 SCENE = ("control_period", "pieces", "rule", "timestep", "integrator", "accuracy")
 
 
-def scene_options(args: argparse.Namespace) -> dict[str, object]:
+def scene_options(args: Namespace) -> dict[str, object]:
     """Keyword arguments of an environment from `add_scene`."""
     return {name: getattr(args, name) for name in SCENE if getattr(args, name) is not None}
 
@@ -180,7 +187,7 @@ def add_plant(parser: Parsers) -> None:
     add(parser, "--plant", text, choices=PLANTS, default=MUJOCO)
 
 
-def plant_options(args: argparse.Namespace, policy: str, robot: RobotParams) -> dict[str, object]:
+def plant_options(args: Namespace, policy: str, robot: RobotParams) -> dict[str, object]:
     """Keyword arguments of an environment for a policy of a robot, of `add_scene`, `add_plant`.
 
     Raises:
@@ -281,7 +288,7 @@ def size(text: str) -> int:
 def port(text: str) -> int:
     """Number of a port that something can be sent to."""
     if not text.isdecimal() or not 1 <= int(text) <= LAST_PORT:
-        raise argparse.ArgumentTypeError(f"must be from 1 to {LAST_PORT}, not {text}")
+        raise ArgumentTypeError(f"must be from 1 to {LAST_PORT}, not {text}")
     return int(text)
 
 
@@ -295,7 +302,7 @@ def twin(text: str) -> int | None:
 def seed(text: str, what: str = "a whole number of zero or more") -> int:
     """A whole number, zero or more."""
     if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text!r} is not {what}")
+        raise ArgumentTypeError(f"{text!r} is not {what}")
     return int(text)
 
 
@@ -305,7 +312,7 @@ def seeds(text: str) -> tuple[int, ...]:
     found = range(seed(first), seed(last) + 1) if dots else map(seed, text.split(","))
     chosen = tuple(dict.fromkeys(found))
     if not chosen:
-        raise argparse.ArgumentTypeError(f"{text!r} is not FIRST..LAST or A,B,...")
+        raise ArgumentTypeError(f"{text!r} is not FIRST..LAST or A,B,...")
     return chosen
 
 
@@ -316,7 +323,7 @@ def number(text: str, allowed: Callable[[float], bool], what: str) -> float:
     except ValueError:
         value = nan
     if not allowed(value):
-        raise argparse.ArgumentTypeError(f"{text!r} is not {what}")
+        raise ArgumentTypeError(f"{text!r} is not {what}")
     return value
 
 
@@ -331,7 +338,7 @@ def named_values(text: str, known: Iterable[str] | None = None) -> tuple[str, li
     name, _, values = text.partition("=")
     if not values or (known is not None and name not in known):
         told = "" if known is None else f" with NAME out of {', '.join(known)}"
-        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=V1,V2,...{told}")
+        raise ArgumentTypeError(f"{text!r} is not NAME=V1,V2,...{told}")
     return name, values.split(",")
 
 
@@ -341,13 +348,13 @@ def _varied(name: str, text: str) -> float:
     try:
         return VARIATIONS[name].check(value)
     except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is not {what}: {error}") from error
+        raise ArgumentTypeError(f"{text!r} is not {what}: {error}") from error
 
 
 def policy(text: str) -> str:
     """A policy's name, or the path of one's own."""
     if not is_path(text) and not text.endswith(NETWORK) and text not in EVERY_POLICY:
-        raise argparse.ArgumentTypeError(
+        raise ArgumentTypeError(
             f"unknown policy {text!r}; choose from {', '.join(EVERY_POLICY)}, or give "
             f"package.module:name, file.py:name or the file{NETWORK} of a trained network"
         )

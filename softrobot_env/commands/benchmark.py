@@ -1,6 +1,6 @@
 """`softrobot benchmark`: runs a study, writes its report and draws its pictures."""
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -67,7 +67,7 @@ _NOT_HERE = (
 )
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
     told = "".join(f"\n  {name:<16}{measured(name)}" for name in BENCHMARKS)
     parser.description = f"{parser.description}:{told}"
@@ -86,7 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_out(parser, "out/benchmark", "; a folder of what is measured is made in it")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     """Run the command."""
     if args.robot is not None:
         return _run_own(args)
@@ -105,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _redraw(args: argparse.Namespace, benchmark: Benchmark, out: Path, console: Console) -> int:
+def _redraw(args: Namespace, benchmark: Benchmark, out: Path, console: Console) -> int:
     """Draw the pictures of a report anew; 1 where they could not be drawn."""
     if told := flags(args, ("quick", *_OPTIONS, "workers")):
         raise ValueError(f"{told} measures anew, --redraw measures nothing: give one of them")
@@ -127,7 +127,7 @@ def _draw(what: str, benchmark: Benchmark, out: Path, console: Console) -> bool:
 
 
 def _measure(
-    args: argparse.Namespace,
+    args: Namespace,
     benchmark: Benchmark,
     out: Path,
     options: dict[str, int],
@@ -149,7 +149,7 @@ def _measure(
         console.print(f"Wrote report.json, report.md{' and plots' if plotted else ''} to {out}")
 
 
-def _own_options(args: argparse.Namespace, known: tuple[str, ...]) -> dict[str, int]:
+def _own_options(args: Namespace, known: tuple[str, ...]) -> dict[str, int]:
     """Options that were given.
 
     Raises:
@@ -163,7 +163,7 @@ def _own_options(args: argparse.Namespace, known: tuple[str, ...]) -> dict[str, 
 # ---------------------------------------------------------------- robots of one's own
 
 
-def _run_own(args: argparse.Namespace) -> int:
+def _run_own(args: Namespace) -> int:
     """Measure `args.what` of `args.robot`, a robot of one's own.
 
     Raises:

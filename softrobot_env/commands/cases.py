@@ -1,7 +1,7 @@
 """The robots and the episodes that commands are asked for."""
 
-import argparse
 import itertools
+from argparse import Namespace
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -50,7 +50,7 @@ STEP_WIDTHS = (0.05, 0.1, 0.2)
 _DRAWS, _MOST_DRAWS = 5, 100_000
 
 
-def make_setup(args: argparse.Namespace) -> Setup:
+def make_setup(args: Namespace) -> Setup:
     """The robots that the arguments describe.
 
     Raises:
@@ -69,7 +69,7 @@ def make_setup(args: argparse.Namespace) -> Setup:
     return Setup(args)
 
 
-def make_cases(args: argparse.Namespace, setup: Setup) -> list[Case]:
+def make_cases(args: Namespace, setup: Setup) -> list[Case]:
     """Every combination of what was asked for that fits together.
 
     Raises:
@@ -101,7 +101,7 @@ def _every_task(setup: Setup) -> list[str]:
 
 
 def _of_task(
-    tasks: list[Task], policies: list[str], setup: Setup, args: argparse.Namespace
+    tasks: list[Task], policies: list[str], setup: Setup, args: Namespace
 ) -> Iterator[Case]:
     given, drawn = _variations(args.vary), _draws(args)
     conditions = list(itertools.product(setup.twins(tasks[0].robot), [*given, *drawn]))
@@ -114,7 +114,7 @@ def _of_task(
                 yield case
 
 
-def one_case(args: argparse.Namespace, setup: Setup, twin: bool) -> Case:
+def one_case(args: Namespace, setup: Setup, twin: bool) -> Case:
     """The episode of `add_task` and --policy, unless given the robot's usual one, to be shown.
 
     Args:
@@ -137,7 +137,7 @@ def one_case(args: argparse.Namespace, setup: Setup, twin: bool) -> Case:
     return replace(setup.complete(case), duration=getattr(args, "duration", None))
 
 
-def left_out(args: argparse.Namespace, cases: list[Case]) -> list[str]:
+def left_out(args: Namespace, cases: list[Case]) -> list[str]:
     """Policies that would have been run if their packages were installed."""
     missing = [name for name in POLICIES if name not in installed_policies()]
     made_for = {name for case in cases for name in entry_of(case.task.robot).policies}
@@ -205,7 +205,7 @@ def _variations(given: list[tuple[str, list[float]]]) -> list[dict[str, float]]:
     ]
 
 
-def _draws(args: argparse.Namespace) -> list[dict[str, float]]:
+def _draws(args: Namespace) -> list[dict[str, float]]:
     """Variations drawn from --randomize, the same for every policy and task.
 
     Raises:
@@ -221,7 +221,7 @@ def _draws(args: argparse.Namespace) -> list[dict[str, float]]:
     return [ranges.draw(rng) for _ in range(count)]
 
 
-def _given_options(args: argparse.Namespace) -> Given:
+def _given_options(args: Namespace) -> Given:
     """Values given for options of tasks, in whatever form."""
     short = {"step_width": args.step_widths, "speed": args.speeds, "seed": args.path_seeds}
     return merge([*args.option, *((name, values) for name, values in short.items() if values)])

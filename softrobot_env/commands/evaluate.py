@@ -1,6 +1,6 @@
 """`softrobot evaluate`: policies on tasks, with table, report and plots."""
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -83,7 +83,7 @@ EXAMPLE = """softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1
   softrobot evaluate --robot my.toml --tasks circle my_tasks.py:lemniscate --policies all"""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command, by what they are about."""
     parser.usage = "softrobot evaluate [--tasks TASK ...] [--policies POLICY ...] [OPTION ...]"
     add_robot(parser, "all tasks are for it; default: the arm's and the rig's have theirs")
@@ -214,7 +214,7 @@ class Result:
         return self.outcome.case.robot_label
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     """Run the command; 1 if any episode failed."""
     console = Console()
     if args.redraw:
@@ -237,7 +237,7 @@ def _redraw(out: Path, console: Console) -> int:
     return 0
 
 
-def _evaluate(args: argparse.Namespace, console: Console) -> int:
+def _evaluate(args: Namespace, console: Console) -> int:
     """Run all cases and write."""
     if args.record is not None:
         check_folder(args.record)
@@ -295,7 +295,7 @@ class _Episode:
 
 
 def _run_side_by_side(
-    cases: list[runner.Case], args: argparse.Namespace, kept: Kept, console: Console
+    cases: list[runner.Case], args: Namespace, kept: Kept, console: Console
 ) -> list[Result]:
     """Results in processes, those that are kept taken up."""
     with progress_on(console, "evaluate", len(cases)) as show, using(args.workers):
@@ -313,7 +313,7 @@ def _run_side_by_side(
     return [Result(runner.Outcome(c, e.rollout, e.decision_period)) for c, e in found]
 
 
-def _write(results: list[Result], args: argparse.Namespace, console: Console) -> None:
+def _write(results: list[Result], args: Namespace, console: Console) -> None:
     """Reports, records and plots; the table first, so that it is there without matplotlib."""
     rows = [result.columns for result in results]
     report.write_json(args.out / "report.json", rows, args.command_line)

@@ -1,6 +1,6 @@
 """`softrobot grip`: close a gripper on a bar, tell what comes of it, and write a video."""
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +25,7 @@ _FIXED = ("diameter", "mass", "friction")
 _OWN = ("modulus", "arm", "sensor_errors", "specimen")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
     add(parser, "--task", choices=tuple(GRIP_TASKS), default="hold")
     known = f"a gripper file (*.toml), or one out of {', '.join(GRIPPERS)}; default: gripper"
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(parser, "--size W H", None, size, default=(640, 480))
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     """Run the command."""
     if args.out is not None:
         from softrobot_env.rendering.video import check_suffix
@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     return _run(args)
 
 
-def _run(args: argparse.Namespace) -> int:
+def _run(args: Namespace) -> int:
     """Close the gripper, and show it if wanted."""
     from softrobot_env.control.gripper import ScriptedGrip, senses
     from softrobot_env.envs.gripper import GripperEnv
@@ -107,7 +107,7 @@ def _calibrated(
     return lambda readings: found.curvature(readings, straight)[0]
 
 
-def _picture(env: Any, args: argparse.Namespace, info: dict[str, Any]) -> Any:
+def _picture(env: Any, args: Namespace, info: dict[str, Any]) -> Any:
     from softrobot_env.rendering.video import caption, explain
 
     picture = explain(env.render(), env.metres_per_pixel, float(env.gripper.tension_limits.max()))

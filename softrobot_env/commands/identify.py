@@ -1,6 +1,6 @@
 """`softrobot identify`: find a robot's parameters in a recording of it."""
 
-import argparse
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
@@ -34,7 +34,7 @@ EXAMPLE = """softrobot identify train.csv --header assets/recordings/ftdcr_v4.to
 _STAGES = ("frame", "tendons", "geometry", "statics", "dynamics", "residual", "network")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
     add_file(parser)
     add_robot(parser, "as it is believed to be", required=True)
@@ -73,11 +73,11 @@ def _stages(text: str) -> tuple[str, ...]:
     names = tuple(name.strip() for name in text.split(","))
     unknown = [name for name in names if name not in _STAGES]
     if unknown:
-        raise argparse.ArgumentTypeError(f"{unknown[0]!r} is not one of {', '.join(_STAGES)}")
+        raise ArgumentTypeError(f"{unknown[0]!r} is not one of {', '.join(_STAGES)}")
     return names
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     """Run the command.
 
     Raises:
@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
         return _identified(args)
 
 
-def _identified(args: argparse.Namespace) -> int:
+def _identified(args: Namespace) -> int:
     from softrobot_env.identification.fit import report
     from softrobot_env.identification.fit.path import check_stages, identify
 
@@ -132,7 +132,7 @@ def _on_chain(found: "Identification", show: ProgressCallback) -> "ErrorRow | No
     return None if np.isnan(error).all() else chain_row(error)
 
 
-def _plot(found: "Identification", args: argparse.Namespace) -> None:
+def _plot(found: "Identification", args: Namespace) -> None:
     from softrobot_env.identification.fit.report import parameter_rows
     from softrobot_env.rendering.recordings import plot_identification
 

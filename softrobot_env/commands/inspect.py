@@ -1,6 +1,6 @@
 """`softrobot inspect`: what a scene contains, what it leaves out, and what a step costs."""
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from math import isinf
 from pathlib import Path
@@ -47,7 +47,7 @@ _OPTIONAL = {
 }
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
     add_task(parser)
     add_robot(parser, "its own scene unless --task is given; default: the task's")
@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     """Run the command."""
     if args.robot is not None and args.task is None:
         return _inspect_robot(args)
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     return _inspect_task(args)
 
 
-def _inspect_robot(args: argparse.Namespace) -> int:
+def _inspect_robot(args: Namespace) -> int:
     """Print the scene of a robot without a task."""
     if args.twin is not None or args.option or args.step_width:
         raise ValueError("--option, --step-width and --twin go with a --task only")
@@ -103,7 +103,7 @@ def _show_workspace(robot: RobotParams, folder: Path) -> None:
     Console().print(named_values(f"Workspace of {robot.name}", rows))
 
 
-def _inspect_task(args: argparse.Namespace) -> int:
+def _inspect_task(args: Namespace) -> int:
     """Print the scene of a task."""
     setup, scene = Setup(args), scene_options(args)
     task = one_task(args, setup.robot)

@@ -1,6 +1,6 @@
 """`softrobot list`: what there is by name, with what other packages have registered."""
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 
 from gymnasium.envs.registration import registry
@@ -20,13 +20,13 @@ EXAMPLE = """softrobot list
 _FITS = "can drive it"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
     add(parser, "what", "these alone; default: all", nargs="?", choices=_EVERYTHING)
     add_robot(parser, "what it can be given, and why not the rest; default: all there is")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     """Run the command."""
     told = _EVERYTHING if args.robot is None else _OF_ROBOT
     if args.what is not None and args.what not in told:

@@ -1,6 +1,6 @@
 """`softrobot recording`: tables of commands and marker positions: checked, and replayed."""
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 EXAMPLE = "softrobot recording check train.csv --header assets/recordings/ftdcr_v4.toml"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command: its commands with theirs."""
     add_commands(parser, RECORDING_COMMANDS)
 
@@ -61,12 +61,12 @@ def add_file(parser: Parsers) -> None:
 _PATTERNS = 12  # at most that are listed
 
 
-def _add_check(parser: argparse.ArgumentParser) -> None:
+def _add_check(parser: ArgumentParser) -> None:
     add_file(parser)
     add_robot(parser, "to compare with; default: none")
 
 
-def _check(args: argparse.Namespace) -> int:
+def _check(args: Namespace) -> int:
     """What is wrong with a file is refused, what is odd is told."""
     recording = read_recording(args.recording, args.header)
     robot = None if args.robot is None else find_robot(args.robot)
@@ -137,7 +137,7 @@ _LEARNED = "with residual"
 _WORST = 5  # patterns on the terminal
 
 
-def _add_replay(parser: argparse.ArgumentParser) -> None:
+def _add_replay(parser: ArgumentParser) -> None:
     add_file(parser)
     add_robot(
         parser,
@@ -156,7 +156,7 @@ def _add_replay(parser: argparse.ArgumentParser) -> None:
     add_out(parser, "out/replay")
 
 
-def _replay(args: argparse.Namespace) -> int:
+def _replay(args: Namespace) -> int:
     """Replay, print and write; 1 if a part of the recording could not be simulated."""
     from softrobot_env.identification.replay import error_rows
     from softrobot_env.identification.replay import replay as replayed
@@ -200,7 +200,7 @@ def _replay(args: argparse.Namespace) -> int:
     return int(bool(result.failures))
 
 
-def _run_replay(args: argparse.Namespace) -> int:
+def _run_replay(args: Namespace) -> int:
     with new_results(args.out, args.overwrite):
         return _replay(args)
 

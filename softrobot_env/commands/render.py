@@ -1,6 +1,6 @@
 """`softrobot render`: a video of a policy on a task."""
 
-import argparse
+from argparse import ArgumentParser, Namespace
 
 from rich.console import Console
 
@@ -39,7 +39,7 @@ def _policies() -> str:
     return "".join(own)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
     add_robot(parser, "default: the task's")
     add_task(parser)
@@ -68,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_plant(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     """Run the command."""
     from softrobot_env.rendering.video import record, write_video
 
@@ -105,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _format(args: argparse.Namespace, case: Case) -> tuple[float, tuple[int, int]]:
+def _format(args: Namespace, case: Case) -> tuple[float, tuple[int, int]]:
     """Frames per second, width and height: a GIF stays below some 2 MB unless told otherwise."""
     if args.out.suffix.lower() != ".gif":
         return args.fps or 30, args.size or (640, 480)

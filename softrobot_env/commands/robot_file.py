@@ -1,6 +1,6 @@
 """`softrobot robot-file` and `softrobot export`: robots as TOML files, and as MJCF."""
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from types import SimpleNamespace
 
 from rich.console import Console
@@ -16,16 +16,16 @@ from softrobot_env.scene.registry import SCENES, scene_of
 EXAMPLE = "softrobot robot-file check my.toml"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command: its commands with theirs."""
     add_commands(parser, FILE_COMMANDS)
 
 
-def _add_file(parser: argparse.ArgumentParser) -> None:
+def _add_file(parser: ArgumentParser) -> None:
     add(parser, "file FILE", "a robot file")
 
 
-def _check(args: argparse.Namespace) -> int:
+def _check(args: Namespace) -> int:
     """Read a file, build its scene and say what it is."""
     robot = read_robot(args.file)
     config = scene_of(robot)
@@ -46,12 +46,12 @@ _CHECK = SimpleNamespace(EXAMPLE=EXAMPLE, add_arguments=_add_file, run=_check)
 FILE_COMMANDS = {"check": Command(_CHECK, "say whether a robot file is good, or what is wrong")}
 
 
-def _add_export(parser: argparse.ArgumentParser) -> None:
+def _add_export(parser: ArgumentParser) -> None:
     add_out(parser, "out/assets")
     add_robot(parser, "default: all registered scenes")
 
 
-def _export(args: argparse.Namespace) -> int:
+def _export(args: Namespace) -> int:
     """Write scenes as MJCF."""
     scenes = SCENES
     if args.robot is not None:

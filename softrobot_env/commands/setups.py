@@ -1,7 +1,7 @@
 """The robots and tasks that commands can be given, as their arguments describe them."""
 
-import argparse
 import itertools
+from argparse import ArgumentTypeError, Namespace
 from collections.abc import Mapping
 from dataclasses import replace
 from math import isfinite
@@ -92,13 +92,13 @@ class Setup:
         robot: That of --robot, for which all tasks are; None where each task has its own.
     """
 
-    def __init__(self, args: argparse.Namespace) -> None:
+    def __init__(self, args: Namespace) -> None:
         """Read --robot.
 
         Raises:
             ValueError, OSError: As `find_robot`.
         """
-        self._args = args = argparse.Namespace(**_UNLESS_GIVEN | vars(args))
+        self._args = args = Namespace(**_UNLESS_GIVEN | vars(args))
         self.robot = None if args.robot is None else find_robot(args.robot)
         self._read: dict[RobotParams, Any] = {}
 
@@ -260,7 +260,7 @@ def task_name(text: str) -> str:
     """A task's name, or the path of one's own."""
     if not is_path(text) and text not in known_tasks():
         known = ", ".join(known_tasks())
-        raise argparse.ArgumentTypeError(
+        raise ArgumentTypeError(
             f"unknown task {text!r}; choose from {known}, or give package.module:name or "
             "file.py:name"
         )
@@ -321,7 +321,7 @@ def add_task(parser: Parsers) -> None:
     add(parser, "--step-width M", "as --option step_width=...", positive)
 
 
-def one_task(args: argparse.Namespace, robot: RobotParams | None) -> Task:
+def one_task(args: Namespace, robot: RobotParams | None) -> Task:
     """The task of `add_task`, for a robot unless it has its own.
 
     Raises:

@@ -1,6 +1,6 @@
 """`softrobot train`: make the trained artifacts that policies load, for any robot."""
 
-import argparse
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -72,7 +72,7 @@ EXAMPLE = """softrobot train lq_preview --robot my.toml
   softrobot train rig_nn --twin 3"""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
     known = f"policy to train, out of {', '.join(TRAININGS)}; or give --algo"
     add(parser, "what NAME", known, nargs="?", choices=list(TRAININGS))
@@ -168,10 +168,10 @@ def _setting(text: str) -> tuple[str, tuple[float, ...]]:
     try:
         return name, tuple(dict.fromkeys(map(float, values.split(","))))
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=NUMBER or N1,N2") from None
+        raise ArgumentTypeError(f"{text!r} is not NAME=NUMBER or N1,N2") from None
 
 
-def given(args: argparse.Namespace) -> dict[str, Any]:
+def given(args: Namespace) -> dict[str, Any]:
     """Settings of a training that are given; of several values of one, the first."""
     parser = Parser()
     add_arguments(parser)
@@ -181,7 +181,7 @@ def given(args: argparse.Namespace) -> dict[str, Any]:
     return {name: value for name, value in found.items() if value != parser.get_default(name)}
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     """Run the command.
 
     Raises:
@@ -234,7 +234,7 @@ def check_settings(training: Training, settings: dict[str, Any]) -> None:
         raise ValueError("; ".join(told))
 
 
-def _path(args: argparse.Namespace, name: str, robot: RobotParams) -> Path:
+def _path(args: Namespace, name: str, robot: RobotParams) -> Path:
     """The file to write."""
     if args.ship and args.out is not None:
         raise ValueError("--ship has its folder: give it or --out")
@@ -254,7 +254,7 @@ ELSEWHERE = ("workers", "out", "overwrite", "log", "command", "command_line", "r
 
 
 def train_several(
-    args: argparse.Namespace,
+    args: Namespace,
     name: str,
     robot: RobotParams,
     settings: Mapping[str, Any],
@@ -313,20 +313,20 @@ def order_in(
     return replace(TrainingRequest(robot, path, 0, settings), near=path.parent)
 
 
-def study_in_words(command: str, args: argparse.Namespace) -> str:
+def study_in_words(command: str, args: Namespace) -> str:
     """What a study is, by the arguments that its runs depend on."""
     given = {key: value for key, value in vars(args).items() if key not in ELSEWHERE}
     return f"{command} {sorted(given.items(), key=str)}"
 
 
-def files_in(args: argparse.Namespace, out: Path) -> set[Path]:
+def files_in(args: Namespace, out: Path) -> set[Path]:
     """Files that the runs depend on: those that are given, and what they build on in `out`."""
     given = [value for key, value in vars(args).items() if key not in ELSEWHERE]
     return files_among(given) | set(out.resolve().glob("*.npz"))
 
 
 def write(
-    args: argparse.Namespace,
+    args: Namespace,
     out: Path,
     title: str,
     found: "list[Run]",

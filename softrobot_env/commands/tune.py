@@ -1,7 +1,7 @@
 """`softrobot tune`: search for settings of a training by Ray Tune."""
 
-import argparse
 import shlex
+from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,7 +40,7 @@ _TRIALS = 16
 _CHECKS = 9
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
     known = list(LEARNERS)
     add(parser, "what NAME", f"training, out of {', '.join(known)}", choices=known)
@@ -62,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_out(parser, None, "default: out/tune/NAME; the same command goes on with what is there")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     """Run the command; 1 if all trials failed.
 
     Raises:
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
     return _search(args, name, order, space, out)
 
 
-def _check_space(args: argparse.Namespace, space: Space) -> None:
+def _check_space(args: Namespace, space: Space) -> None:
     """Refuse what cannot be searched; names and ranges are checked by the training."""
     if not space:
         raise ValueError("nothing to search: give --search NAME=LOW..HIGH or --space FILE")
@@ -100,9 +100,7 @@ def _with(order: TrainingRequest, changes: dict[str, Any]) -> TrainingRequest:
     return replace(order, settings={**order.settings, **changes})
 
 
-def _search(
-    args: argparse.Namespace, name: str, order: TrainingRequest, space: Space, out: Path
-) -> int:
+def _search(args: Namespace, name: str, order: TrainingRequest, space: Space, out: Path) -> int:
     """Search, print and write."""
     from softrobot_env.training.several import report
     from softrobot_env.training.several.runs import check_unclaimed
@@ -141,7 +139,7 @@ def _sized(name: str, order: TrainingRequest) -> tuple[TrainingRequest, int]:
     return _with(order, {"set": list(fixed.items())}), config.steps
 
 
-def _keep(search: Search, best: "Run", args: argparse.Namespace, console: Console) -> None:
+def _keep(search: Search, best: "Run", args: Namespace, console: Console) -> None:
     """Write the best network, and print the command that trains it anew."""
     from softrobot_env.training.rl import save_kept
 

@@ -1,6 +1,6 @@
 """`softrobot view`: a robot alive in a window or a browser, with sliders for its drives."""
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from contextlib import closing
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -27,7 +27,7 @@ _HELP = "Space pauses; double-click on a piece, then Ctrl and drag, pulls it"
 _HOST = "127.0.0.1"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
     add_robot(parser, "default: the task's")
     add_task(parser)
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(parser, "--port PORT", told, port, default=0, dest="web_port")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     """Run the command until the window is closed.
 
     Raises:

@@ -1,6 +1,6 @@
 """`softrobot warm-up`: compile ahead what is otherwise compiled, in silence, at its first use."""
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from concurrent.futures import as_completed
 from contextlib import closing
 from itertools import islice
@@ -22,13 +22,13 @@ EXAMPLE = """softrobot warm-up
 _STEPS = 3
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
     what = f"plants ({', '.join(PLANTS)}) and policies of the arm and the rig; default: all"
     add(parser, "names NAME", what, nargs="*")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     """Run the command; 1 if one of them does not run.
 
     Raises:

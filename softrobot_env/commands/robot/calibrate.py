@@ -1,7 +1,7 @@
 """`softrobot robot calibrate`: jog the servos, mark zero, range and rest, write a robot file."""
 
-import argparse
 import sys
+from argparse import ArgumentParser, Namespace
 from collections.abc import Iterable
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -31,13 +31,13 @@ write       write the file and stop
 quit        stop without a file"""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
     add_robot(parser)
     add_out(parser, "robot.toml", metavar="FILE")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     """Run the command; 1 if no file was written.
 
     Raises:

@@ -1,6 +1,6 @@
 """`softrobot robot`: a real robot over serial; who answers there, orders to it, recorded links."""
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
@@ -52,7 +52,7 @@ from softrobot_env.rendering.tables import Column, make_table, named_values
 EXAMPLE = "softrobot robot hold --port /dev/ttyUSB0 --seconds 10"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command: its commands with theirs."""
     add_commands(parser, ROBOT_COMMANDS)
 
@@ -60,13 +60,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 # ---------------------------------------------------------------- who answers
 
 
-def _add_list(parser: argparse.ArgumentParser) -> None:
+def _add_list(parser: ArgumentParser) -> None:
     add(parser, "ports PORT", "default: every serial port of this computer", nargs="*")
     add(parser, "--baud", "default: %(default)s", int, choices=BAUDS, default=rig_file().baud)
     add(parser, "--timeout S", "for each port; default: 2", float, default=2.0)
 
 
-def _list(args: argparse.Namespace) -> int:
+def _list(args: Namespace) -> int:
     """Print who answers; 1 if nobody does.
 
     Every port gets a few bytes; a robot that moves ramps to rest.
@@ -86,7 +86,7 @@ def _ports() -> list[str]:
     return sorted(port.device for port in comports())
 
 
-def _answer(port: str, args: argparse.Namespace) -> tuple[bool, str]:
+def _answer(port: str, args: Namespace) -> tuple[bool, str]:
     """Whether a robot answers at a port, and what it or its port says."""
     try:
         transport = SerialTransport(port, args.baud)
@@ -115,29 +115,29 @@ class RobotCommand:
     """
 
     EXAMPLE: str
-    give: Callable[[Driver, argparse.Namespace], int]
+    give: Callable[[Driver, Namespace], int]
     options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
-    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+    def add_arguments(self, parser: ArgumentParser) -> None:
         """Arguments of the command."""
         add_robot(parser)
         for name, option in self.options.items():
             add(parser, name, **option)
 
-    def run(self, args: argparse.Namespace) -> int:
+    def run(self, args: Namespace) -> int:
         """Run the command."""
         with open_driver(robot_of(args), args.record) as driver:
             return self.give(driver, args)
 
 
-def _info(driver: Driver, args: argparse.Namespace) -> int:
+def _info(driver: Driver, args: Namespace) -> int:
     """What a robot says of itself; 1 if a fault is latched."""
     robot, rows = driver.robot, info_rows(driver.connect()) | reading_rows(driver.reading)
     Console().print(named_values(f"Robot {robot.name} at {robot.port}", rows))
     return int(bool(driver.reading.faults))
 
 
-def _stop(driver: Driver, args: argparse.Namespace) -> int:
+def _stop(driver: Driver, args: Namespace) -> int:
     """Ramp to rest, then off; 1 if a fault is latched.
 
     A hello ends any session with the ramp, and the configuration is taken only after it.
@@ -150,7 +150,7 @@ def _stop(driver: Driver, args: argparse.Namespace) -> int:
     return int(bool(driver.reading.faults))
 
 
-def _estop(driver: Driver, args: argparse.Namespace) -> int:
+def _estop(driver: Driver, args: Namespace) -> int:
     """Cut the outputs at once; 1 if it cannot be confirmed."""
     driver.estop()
     driver.connect()
@@ -163,7 +163,7 @@ def _estop(driver: Driver, args: argparse.Namespace) -> int:
     return int(not stopped)
 
 
-def _hold(driver: Driver, args: argparse.Namespace) -> int:
+def _hold(driver: Driver, args: Namespace) -> int:
     """Hold at rest; Ctrl-C ends it in order."""
     console = Console()
     driver.connect()
@@ -228,12 +228,12 @@ _ROUTINE = (Setpoint, Ping, Pong)
 Line = tuple[float, Direction, Message]
 
 
-def _add_replay(parser: argparse.ArgumentParser) -> None:
+def _add_replay(parser: ArgumentParser) -> None:
     add(parser, "log FILE", "what --record has written")
     add(parser, "--all", "also set-points, and states that tell nothing new")
 
 
-def _replay(args: argparse.Namespace) -> int:
+def _replay(args: Namespace) -> int:
     """Print what a link carried; 1 if the log breaks off in a record."""
     log = read_link_log(args.log)
     lines = [

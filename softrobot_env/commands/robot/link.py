@@ -1,6 +1,6 @@
 """Arguments that say which robot, the driver they mean, and what a robot says, for people."""
 
-import argparse
+from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -23,7 +23,7 @@ def add_robot(parser: Parsers) -> None:
     add(parser, "--record FILE", "new file for all messages")
 
 
-def robot_of(args: argparse.Namespace) -> RobotFile:
+def robot_of(args: Namespace) -> RobotFile:
     """The robot that the arguments of `add_robot` mean.
 
     Raises:

@@ -1,6 +1,6 @@
 """`softrobot robot record`: excite a robot within limits, and record it for an identification."""
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields
@@ -55,7 +55,7 @@ _NUMBERS = {
 }
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
     add_robot(parser, "simulated; default: the rig")
     add(parser, "--env", "default: sim", choices=ENVIRONMENTS, default=SIMULATED)
@@ -84,7 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_out(parser, "out/recording.csv", ", or a .parquet", "FILE")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     """Run the command; 1 if the robot was stopped before the end."""
     console = Console(highlight=False)
     check_writable(args.out)
@@ -93,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
         return _run(args, console)
 
 
-def _run(args: argparse.Namespace, console: Console) -> int:
+def _run(args: Namespace, console: Console) -> int:
     """Record and write."""
     robot = default_robot(on_a_line=True) if args.robot is None else find_robot(args.robot)
     planned = plan(robot, _excitation(args), args.control_period)
@@ -111,7 +111,7 @@ def _run(args: argparse.Namespace, console: Console) -> int:
 
 
 def _recorded(
-    args: argparse.Namespace, robot: RobotParams, planned: Plan, console: Console
+    args: Namespace, robot: RobotParams, planned: Plan, console: Console
 ) -> tuple[Recording, str | None]:
     """What was recorded, and why it ended too early or None."""
     options = {"vary": _varied(args)} if args.vary else None
@@ -125,13 +125,13 @@ def _recorded(
         return env.recording, stopped
 
 
-def _excitation(args: argparse.Namespace) -> Excitation:
+def _excitation(args: Namespace) -> Excitation:
     given = {name: getattr(args, name) for name in (*_NUMBERS, "levels", "points", "seed")}
     given = {name: value for name, value in given.items() if value is not None}
     return Excitation(kinds=tuple(args.kinds), **given)
 
 
-def _varied(args: argparse.Namespace) -> dict[str, float]:
+def _varied(args: Namespace) -> dict[str, float]:
     several = [name for name, values in args.vary if len(values) > 1]
     if several:
         raise ValueError(f"--vary {several[0]}: one value, as a recording is of one robot")
@@ -141,9 +141,7 @@ def _varied(args: argparse.Namespace) -> dict[str, float]:
 
 
 @contextmanager
-def _environment(
-    args: argparse.Namespace, robot: RobotParams, planned: Plan
-) -> Iterator[RecordEpisodes]:
+def _environment(args: Namespace, robot: RobotParams, planned: Plan) -> Iterator[RecordEpisodes]:
     """The robot in an environment that is closed, and a real one at rest, at the end."""
     if args.env == SIMULATED:
         yield from _closing(_simulated(args, robot, planned))
@@ -173,7 +171,7 @@ def _closing(env: gymnasium.Env) -> Iterator[RecordEpisodes]:
         recorded.close()
 
 
-def _simulated(args: argparse.Namespace, robot: RobotParams, planned: Plan) -> gymnasium.Env:
+def _simulated(args: Namespace, robot: RobotParams, planned: Plan) -> gymnasium.Env:
     from softrobot_env.evaluation.runner import simulated
 
     entry = entry_of(robot)

@@ -1,7 +1,7 @@
 """The spatial test rig over a serial line: a real one, or a virtual one in its own process."""
 
-import argparse
 import sys
+from argparse import Namespace
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
@@ -29,7 +29,7 @@ _SIMULATED = {"vary": [], "randomize": [], "feedback": FEEDBACKS[0], "plant": MU
 class RealSetup(Setup):
     """A rig over a serial line; tasks of other robots are simulated."""
 
-    def __init__(self, args: argparse.Namespace) -> None:
+    def __init__(self, args: Namespace) -> None:
         """Arguments of `softrobot evaluate`."""
         super().__init__(args)
         self.plant, self._own = args.env, default_robot(on_a_line=True)

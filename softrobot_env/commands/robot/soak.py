@@ -1,6 +1,6 @@
 """`softrobot robot soak`: a long run at full rate, and whether it kept its promises."""
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from array import array
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -46,7 +46,7 @@ _COUNTERS = (
 _WINDOW = 0.05
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
     add(parser, "--seconds S", "duration; default: 600", default=600.0)
     add(parser, "--robot-file FILE", "a real robot; default: a virtual one")
@@ -54,14 +54,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_out(parser, "out/soak")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     """Run the command; 1 if a promise was broken."""
     console = Console()
     with new_results(args.out, args.overwrite):
         return _run(args, console)
 
 
-def _run(args: argparse.Namespace, console: Console) -> int:
+def _run(args: Namespace, console: Console) -> int:
     """Run, print and write."""
     from softrobot_env.evaluation.report import write_json
 
@@ -79,7 +79,7 @@ def _run(args: argparse.Namespace, console: Console) -> int:
 
 @contextmanager
 def _robot(
-    args: argparse.Namespace,
+    args: Namespace,
 ) -> Iterator[tuple[RobotFile, TipSource | None, dict[str, np.ndarray] | None]]:
     """Robot file, tip source, and a log that is filled when the context has ended."""
     if args.robot_file is not None:

@@ -1,6 +1,5 @@
 """`softrobot robot virtual`: the rig without hardware, behind a serial port."""
 
-import argparse
 import json
 import os
 import signal
@@ -8,6 +7,7 @@ import socket
 import subprocess
 import sys
 import time
+from argparse import SUPPRESS, ArgumentParser, Namespace
 from array import array
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -36,7 +36,7 @@ _SUPPLY = 6.0  # V
 _START, _END = 60.0, 30.0  # s, a long log takes a while to write
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
     add(parser, "--twin SEED", "the rig that is simulated; default: 0", default=0)
     add(parser, "--link PATH", "also make a symbolic link to the port here")
@@ -49,10 +49,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--log FILE",
         "npz with what really happened: time, tip, applied, powered, at every millisecond",
     )
-    add(parser, _UNTIL_EOF, argparse.SUPPRESS)
+    add(parser, _UNTIL_EOF, SUPPRESS)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     """Run the command until it is stopped; 1 if the simulation failed."""
     if args.log is not None:
         check_free(args.log, overwrite=True)
