@@ -3,9 +3,8 @@
 from argparse import ArgumentParser, Namespace
 from contextlib import closing
 from dataclasses import asdict, dataclass
-from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 from rich.console import Console
 
@@ -183,35 +182,29 @@ def _add_real(group: Parsers) -> None:
     )
 
 
-@dataclass(frozen=True)
-class Result:
+class Result(NamedTuple):
     """An episode and its row of the report."""
 
     outcome: runner.Outcome
-
-    @cached_property
-    def row(self) -> EvaluatedRow:
-        """What the report says of it."""
-        case, rollout = self.outcome.case, self.outcome.rollout
-        known = case.identified
-        return self.outcome.row(
-            EvaluatedRow,
-            options=option_columns(dict(case.task.options)),
-            twin=case.twin,
-            feedback=case.feedback,
-            learnt=None if known is None else learnt_label(known.twin),
-            **asdict(approached_metrics(rollout, case.task.trajectory)),
-        )
-
-    @cached_property
-    def columns(self) -> dict[str, Any]:
-        """The row as report.json has it."""
-        return self.row.columns()
+    row: EvaluatedRow
 
     @property
     def group(self) -> str:
         """Task, and robot or rig, of the episodes that one plot compares."""
         return self.outcome.case.robot_label
+
+
+def _result(outcome: runner.Outcome) -> Result:
+    case, known = outcome.case, outcome.case.identified
+    row = outcome.row(
+        EvaluatedRow,
+        options=option_columns(dict(case.task.options)),
+        twin=case.twin,
+        feedback=case.feedback,
+        learnt=None if known is None else learnt_label(known.twin),
+        **asdict(approached_metrics(outcome.rollout, case.task.trajectory)),
+    )
+    return Result(outcome, row)
 
 
 def run(args: Namespace) -> int:
@@ -278,7 +271,7 @@ def _run_cases(cases: list[runner.Case], setup: Setup, console: Console) -> list
             tell(0.0)
             try:
                 with closing(setup.environment(case)) as env:
-                    results.append(Result(runner.run(case, env, progress=tell)))
+                    results.append(_result(runner.run(case, env, progress=tell)))
             except RobotError as error:
                 console.print(f"Ended before {case.label}: {error}")
                 break
@@ -310,12 +303,12 @@ def _run_side_by_side(
             progress=show,
         )
     found = zip(cases, episodes, strict=True)
-    return [Result(runner.Outcome(c, e.rollout, e.decision_period)) for c, e in found]
+    return [_result(runner.Outcome(c, e.rollout, e.decision_period)) for c, e in found]
 
 
 def _write(results: list[Result], args: Namespace, console: Console) -> None:
     """Reports, records and plots; the table first, so that it is there without matplotlib."""
-    rows = [result.columns for result in results]
+    rows = [result.row.columns() for result in results]
     report.write_json(args.out / "report.json", rows, args.command_line)
     text = report.markdown(rows, args.command_line)
     write_text(args.out / "report.md", text)
@@ -369,7 +362,7 @@ def _plot(results: list[Result], out: Path) -> int:
             drawn += 1
         for name in dict.fromkeys(r.row.policy for r in same):
             mine = [r for r in same if r.row.policy == name]
-            varied = {robot_label(r.columns) or "nominal": r.outcome.rollout for r in mine}
+            varied = {robot_label(r.row.columns()) or "nominal": r.outcome.rollout for r in mine}
             if len(varied) > 1:
                 title, file = f"{group}, {name}", f"{stem}_{name}_varied"
                 plot_task(varied, task, title, out, file, varied=True)

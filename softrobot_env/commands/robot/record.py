@@ -1,8 +1,7 @@
 """`softrobot robot record`: excite a robot within limits, and record it for an identification."""
 
 from argparse import ArgumentParser, Namespace
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing
 from dataclasses import fields
 from functools import partial
 
@@ -20,7 +19,6 @@ from softrobot_env.commands.arguments import (
 )
 from softrobot_env.commands.output import add_out, check_free, new_file, progress_on
 from softrobot_env.commands.robot.link import robot_of
-from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED
 from softrobot_env.envs.recording import RecordEpisodes
 from softrobot_env.evaluation.report import VIRTUAL
@@ -116,7 +114,8 @@ def _recorded(
     """What was recorded, and why it ended too early or None."""
     options = {"vary": _varied(args)} if args.vary else None
     count, how = len(planned.actions), _excitation(args)
-    with _environment(args, robot, planned) as env, progress_on(console, "record", count) as show:
+    recorded = closing(RecordEpisodes(_environment(args, robot, planned)))
+    with recorded as env, progress_on(console, "record", count) as show:
         tell = partial(show, "record", total=count)
         try:
             stopped = excite(env, planned, how, args.seed, options, tell)
@@ -140,35 +139,23 @@ def _varied(args: Namespace) -> dict[str, float]:
     return {name: values[0] for name, values in args.vary}
 
 
-@contextmanager
-def _environment(args: Namespace, robot: RobotParams, planned: Plan) -> Iterator[RecordEpisodes]:
-    """The robot in an environment that is closed, and a real one at rest, at the end."""
+def _environment(args: Namespace, robot: RobotParams, planned: Plan) -> gymnasium.Env:
+    """The robot in an environment; a real one is at rest when that is closed."""
     if args.env == SIMULATED:
-        yield from _closing(_simulated(args, robot, planned))
-        return
+        return _simulated(args, robot, planned)
+    from softrobot_env.commands.robot.setup import VirtualRigEnv
     from softrobot_env.envs.real import RealRigEnv
 
     if not entry_of(robot).on_a_line or args.plant != MUJOCO:
         raise ValueError(f"--robot, --plant: only with --env {SIMULATED}")
     task = resting_task(robot, planned.duration, entry_of(robot).axes)
     options = {"control_period": args.control_period, "observe": "all"}
-    if args.env == VIRTUAL:
-        (drawn,) = args.twin or (0,)
-        if drawn is None:
-            raise ValueError(f"--twin none: only with --env {SIMULATED}")
-        with virtual_process(drawn) as virtual:
-            env = RealRigEnv(task, robot_file=virtual.file, tip=virtual.tip, **options)
-            yield from _closing(env)
-        return
-    yield from _closing(RealRigEnv(task, robot_file=robot_of(args), **options))
-
-
-def _closing(env: gymnasium.Env) -> Iterator[RecordEpisodes]:
-    recorded = RecordEpisodes(env)
-    try:
-        yield recorded
-    finally:
-        recorded.close()
+    if args.env != VIRTUAL:
+        return RealRigEnv(task, robot_file=robot_of(args), **options)
+    (drawn,) = args.twin or (0,)
+    if drawn is None:
+        raise ValueError(f"--twin none: only with --env {SIMULATED}")
+    return VirtualRigEnv(task, drawn, **options)
 
 
 def _simulated(args: Namespace, robot: RobotParams, planned: Plan) -> gymnasium.Env:

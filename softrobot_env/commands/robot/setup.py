@@ -5,6 +5,7 @@ from argparse import Namespace
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from softrobot_env.evaluation.runner import Case
 from softrobot_env.hardware.robot_file import RobotFile
 from softrobot_env.hardware.transport import LoggingTransport, SerialTransport, Transport
 from softrobot_env.robots import RobotParams, default_robot
+from softrobot_env.tasks import Task
 
 #: Arguments of simulated robots alone -> their value unless given.
 _SIMULATED = {"vary": [], "randomize": [], "feedback": FEEDBACKS[0], "plant": MUJOCO}
@@ -64,11 +66,12 @@ class RealSetup(Setup):
         if case.task.robot != self._own:
             return super().environment(case, **drawing)
         if self.plant == VIRTUAL:
-            return _VirtualRigEnv(case, self._line)
+            line = partial(self._line, case)
+            return VirtualRigEnv(case.task, case.twin, line, observe="all")
         file = robot_of(self._args)
-        return RealRigEnv(case.task, robot_file=file, observe="all", line=self._line(file, case))
+        return RealRigEnv(case.task, robot_file=file, observe="all", line=self._line(case, file))
 
-    def _line(self, file: RobotFile, case: Case) -> Callable[[], Transport]:
+    def _line(self, case: Case, file: RobotFile) -> Callable[[], Transport]:
         """Opens the way to a robot, recorded where that is wanted."""
 
         def line() -> Transport:
@@ -90,21 +93,28 @@ class _ToldLog(LoggingTransport):
             print(f"The log broke off: {self.failure}", file=sys.stderr)
 
 
-class _VirtualRigEnv(RealRigEnv):
+class VirtualRigEnv(RealRigEnv):
     """The real rig's environment with a virtual robot that lives as long as it does."""
 
     def __init__(
-        self, case: Case, line: Callable[[RobotFile, Case], Callable[[], Transport]]
+        self,
+        task: Task,
+        twin: int,
+        line: Callable[[RobotFile], Callable[[], Transport]] | None = None,
+        **options: Any,
     ) -> None:
+        """Start a virtual robot.
+
+        Args:
+            task: The task.
+            twin: Seed of the twin.
+            line: From the robot's file to what opens the way to it; its port unless given.
+            **options: Of `RealRigEnv`.
+        """
         with ExitStack() as started:
-            robot = started.enter_context(virtual_process(case.twin))
-            super().__init__(
-                case.task,
-                robot_file=robot.file,
-                tip=robot.tip,
-                observe="all",
-                line=line(robot.file, case),
-            )
+            robot = started.enter_context(virtual_process(twin))
+            options["line"] = None if line is None else line(robot.file)
+            super().__init__(task, robot_file=robot.file, tip=robot.tip, **options)
             self._process = started.pop_all()
 
     def close(self) -> None:
