@@ -54,7 +54,7 @@ def test_an_error_names_the_file_that_was_asked_for(tmp_path):
 
 
 def test_nothing_else_writes_files():
-    """But logs of a line, which grow while a robot runs, locks, and what `atomic_write` is round."""
+    """But logs of lines, which grow while robots run, locks, and what `atomic_write` is round."""
     writes = re.compile(r'\.write_text\(|\.write_bytes\(|savez\w*\(|"wb"|"w"|"xb"')
     found = {
         path.relative_to(PACKAGE).as_posix()
