@@ -6,8 +6,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rich.console import Console
-
 from softrobot_env.commands.arguments import add, add_robot, add_workers, flags, seed
 from softrobot_env.commands.output import (
     add_out,
@@ -15,6 +13,7 @@ from softrobot_env.commands.output import (
     drawn,
     new_results,
     progress_on,
+    say,
     write_report,
 )
 from softrobot_env.core.files import write_text
@@ -96,34 +95,33 @@ def run(args: Namespace) -> int:
     options = _own_options(args, benchmark.options)
     if benchmark.alone and args.workers is not None:
         raise ValueError(f"the benchmark {args.what} runs one job after the other: no --workers")
-    console = Console()
     out = args.out / args.what
     if args.redraw:
-        return _redraw(args, benchmark, out, console)
+        return _redraw(args, benchmark, out)
     with new_results(out, args.overwrite):
-        _measure(args, benchmark, out, options, console)
+        _measure(args, benchmark, out, options)
     return 0
 
 
-def _redraw(args: Namespace, benchmark: Benchmark, out: Path, console: Console) -> int:
+def _redraw(args: Namespace, benchmark: Benchmark, out: Path) -> int:
     """Draw the pictures of a report anew; 1 where they could not be drawn."""
     if told := flags(args, ("quick", *_OPTIONS, "workers")):
         raise ValueError(f"{told} measures anew, --redraw measures nothing: give one of them")
     if benchmark.draw is None:
         raise ValueError(f"the benchmark {args.what} has no pictures")
     with changed_results(out):
-        plotted = _draw(args.what, benchmark, out, console)
+        plotted = _draw(args.what, benchmark, out)
     if plotted:
-        console.print(f"Drew the plots in {out} anew")
+        say(f"Drew the plots in {out} anew")
     return int(not plotted)
 
 
-def _draw(what: str, benchmark: Benchmark, out: Path, console: Console) -> bool:
+def _draw(what: str, benchmark: Benchmark, out: Path) -> bool:
     """Pictures of a folder's report, and of nothing else, so that they can be drawn again."""
     if benchmark.draw is None:
         return False
     records = stored.read(out, benchmark.kinds)
-    return drawn(lambda: benchmark.draw(records, out / f"{what}.png"), console)
+    return drawn(lambda: benchmark.draw(records, out / f"{what}.png"))
 
 
 def _measure(
@@ -131,22 +129,21 @@ def _measure(
     benchmark: Benchmark,
     out: Path,
     options: dict[str, int],
-    console: Console,
 ) -> None:
     """Run, print and write reports and plots."""
     study = f"{args.what} quick={args.quick} {sorted(options.items())}"
     with kept_rows(out / KEPT, study, getattr(benchmark, "sources", ())) as kept:
-        with progress_on(console, args.what) as show, using(args.workers):
+        with progress_on(args.what) as show, using(args.workers):
             records = benchmark.run(args.quick, show, kept=kept, **options)
         if kept.taken:
-            console.print(f"Took up {kept.taken} cases that were done when an earlier run stopped")
+            say(f"Took up {kept.taken} cases that were done when an earlier run stopped")
         stored.write(out, records, args.command_line)
         tables = benchmark.show(records)
-        console.print(tables)
+        say(tables)
         text = text_page(f"Benchmark: {args.what}", tables, args.command_line)
         write_text(out / "report.md", text)
-        plotted = _draw(args.what, benchmark, out, console)
-        console.print(f"Wrote report.json, report.md{' and plots' if plotted else ''} to {out}")
+        plotted = _draw(args.what, benchmark, out)
+        say(f"Wrote report.json, report.md{' and plots' if plotted else ''} to {out}")
 
 
 def _own_options(args: Namespace, known: tuple[str, ...]) -> dict[str, int]:
@@ -176,18 +173,18 @@ def _run_own(args: Namespace) -> int:
         )
     if args.redraw:
         raise ValueError("--redraw draws the study's own report anew: leave out --robot")
-    robot, check, console = _found(args.robot), CHECKS[args.what](), Console()
+    robot, check = _found(args.robot), CHECKS[args.what]()
     out = args.out / args.what
     with new_results(out, args.overwrite):
-        with progress_on(console, args.what) as show:
+        with progress_on(args.what) as show:
             rows = check.measure(robot, args.quick, show)
         tables, title = check.tables(rows), f"Benchmark: {args.what} of {robot.name}"
-        console.print(tables)
+        say(tables)
         write_report(out, [asdict(row) for row in rows], title, tables, args.command_line)
         picture = out / f"{args.what}.png"
-        plotted = drawn(lambda: check.plot(rows, picture, robot.name), console)
+        plotted = drawn(lambda: check.plot(rows, picture, robot.name))
         told = " and a picture" if plotted else ""
-        console.print(f"Wrote report.json, report.md{told} to {out}")
+        say(f"Wrote report.json, report.md{told} to {out}")
     return 0
 
 

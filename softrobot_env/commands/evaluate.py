@@ -6,8 +6,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from rich.console import Console
-
 from softrobot_env.commands.arguments import (
     SEVERAL,
     Parsers,
@@ -36,6 +34,7 @@ from softrobot_env.commands.output import (
     check_free,
     new_results,
     progress_on,
+    say,
 )
 from softrobot_env.commands.setups import (
     ENVIRONMENTS,
@@ -209,14 +208,13 @@ def _result(outcome: runner.Outcome) -> Result:
 
 def run(args: Namespace) -> int:
     """Run the command; 1 if any episode failed."""
-    console = Console()
     if args.redraw:
-        return _redraw(args.out, console)
+        return _redraw(args.out)
     with new_results(args.out, args.overwrite):
-        return _evaluate(args, console)
+        return _evaluate(args)
 
 
-def _redraw(out: Path, console: Console) -> int:
+def _redraw(out: Path) -> int:
     """Draw the pictures of an earlier run anew, of its files alone."""
     from softrobot_env.rendering.plots import DRAWN, redraw
 
@@ -226,11 +224,11 @@ def _redraw(out: Path, console: Console) -> int:
             raise FileNotFoundError(f"{out}: there is no *{DRAWN} of an earlier run with plots")
         for file in files:
             redraw(file)
-    console.print(f"Drew {len(files)} comparisons in {out} anew")
+    say(f"Drew {len(files)} comparisons in {out} anew")
     return 0
 
 
-def _evaluate(args: Namespace, console: Console) -> int:
+def _evaluate(args: Namespace) -> int:
     """Run all cases and write."""
     if args.record is not None:
         check_folder(args.record)
@@ -241,25 +239,25 @@ def _evaluate(args: Namespace, console: Console) -> int:
     cases = make_cases(args, setup)
     missing = left_out(args, cases)
     if missing:
-        console.print(f"Left out {', '.join(missing)}: {install_command('mpc')}", markup=False)
+        say(f"Left out {', '.join(missing)}: {install_command('mpc')}", markup=False)
     if args.workers is None:
-        results = _run_cases(cases, setup, console)
-        _write(results, args, console)
+        results = _run_cases(cases, setup)
+        _write(results, args)
     else:
         given = {k: v for k, v in vars(args).items() if k not in _ELSEWHERE}
         study = f"evaluate {sorted(given.items())}"
         with kept_rows(args.out / KEPT, study, files_among(given.values())) as kept:
-            results = _run_side_by_side(cases, args, kept, console)
+            results = _run_side_by_side(cases, args, kept)
             if kept.taken:
-                console.print(f"Took up {kept.taken} episodes of an earlier run that was stopped")
-            _write(results, args, console)
+                say(f"Took up {kept.taken} episodes of an earlier run that was stopped")
+            _write(results, args)
     return int(len(results) < len(cases) or any(result.row.failure for result in results))
 
 
-def _run_cases(cases: list[runner.Case], setup: Setup, console: Console) -> list[Result]:
+def _run_cases(cases: list[runner.Case], setup: Setup) -> list[Result]:
     """Results; those so far if a real robot does not go on."""
     results = []
-    with progress_on(console, "evaluate", len(cases)) as show:
+    with progress_on("evaluate", len(cases)) as show:
         for count, case in enumerate(cases):
             duration = case.duration or case.task.duration
 
@@ -273,7 +271,7 @@ def _run_cases(cases: list[runner.Case], setup: Setup, console: Console) -> list
                 with closing(setup.environment(case)) as env:
                     results.append(_result(runner.run(case, env, progress=tell)))
             except RobotError as error:
-                console.print(f"Ended before {case.label}: {error}")
+                say(f"Ended before {case.label}: {error}")
                 break
             tell(duration)
     return results
@@ -287,11 +285,9 @@ class _Episode:
     decision_period: float
 
 
-def _run_side_by_side(
-    cases: list[runner.Case], args: Namespace, kept: Kept, console: Console
-) -> list[Result]:
+def _run_side_by_side(cases: list[runner.Case], args: Namespace, kept: Kept) -> list[Result]:
     """Results in processes, those that are kept taken up."""
-    with progress_on(console, "evaluate", len(cases)) as show, using(args.workers):
+    with progress_on("evaluate", len(cases)) as show, using(args.workers):
         episodes = run_cases(
             enumerate(cases),
             lambda numbered: runner.run(numbered[1]),
@@ -306,7 +302,7 @@ def _run_side_by_side(
     return [_result(runner.Outcome(c, e.rollout, e.decision_period)) for c, e in found]
 
 
-def _write(results: list[Result], args: Namespace, console: Console) -> None:
+def _write(results: list[Result], args: Namespace) -> None:
     """Reports, records and plots; the table first, so that it is there without matplotlib."""
     rows = [result.row.columns() for result in results]
     report.write_json(args.out / "report.json", rows, args.command_line)
@@ -317,19 +313,19 @@ def _write(results: list[Result], args: Namespace, console: Console) -> None:
             result.outcome.rollout.save(args.out / f"{_file_stem(result)}.npz")
     if args.record is not None:
         _record(results, args.record)
-        console.print(f"Wrote {len(results)} recordings to {args.record}", soft_wrap=True)
+        say(f"Wrote {len(results)} recordings to {args.record}", soft_wrap=True)
     for table in report.tables(rows):
-        console.print(table)
+        say(table)
     for note in report.notes(rows):
-        console.print(note)
-    console.print(f"Wrote {args.out}/report.json, report.md")
+        say(note)
+    say(f"Wrote {args.out}/report.json, report.md")
     if not args.no_plots:
         try:
             drawn = _plot(results, args.out)
         except ImportError as error:  # the reports are complete without pictures
-            console.print(f"No plots: {error}", markup=False)
+            say(f"No plots: {error}", markup=False)
         else:
-            console.print(f"Wrote plots to {args.out}" if drawn else "No plots: nothing was run")
+            say(f"Wrote plots to {args.out}" if drawn else "No plots: nothing was run")
 
 
 def _record(results: list[Result], folder: Path) -> None:

@@ -5,10 +5,9 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich.console import Console
 
 from softrobot_env.commands.arguments import add, positive, size
-from softrobot_env.commands.output import add_out, new_file, progress_on
+from softrobot_env.commands.output import add_out, new_file, progress_on, say
 from softrobot_env.robots import GRIPPERS, find_gripper
 from softrobot_env.scene.assembly import FINENESS
 from softrobot_env.tasks.gripper import GRIP_TASKS
@@ -74,8 +73,8 @@ def _run(args: Namespace) -> int:
     env = GripperEnv(args.task, **how, **pictured)
     policy = ScriptedGrip(env.gripper, env.control_period, args.tension)
     fixed = {name: getattr(args, name) for name in _FIXED if getattr(args, name) is not None}
-    console, pictures, info, shape = Console(), [], {}, None
-    with progress_on(console, args.task, env.max_episode_steps) as show:
+    pictures, info, shape = [], {}, None
+    with progress_on(args.task, env.max_episode_steps) as show:
         for count, moment in enumerate(play(env, policy, args.seed, fixed), 1):
             info = moment.info
             if sensed:
@@ -85,12 +84,12 @@ def _run(args: Namespace) -> int:
             if filmed and info["time"] * args.fps + 1e-6 >= len(pictures):
                 pictures.append(_picture(env, args, info))
     env.close()
-    console.print(_outcome(info))
+    say(_outcome(info))
     if filmed:
         from softrobot_env.rendering.video import write_video
 
         count = write_video(args.out, pictures, args.fps)
-        console.print(f"Wrote {args.out} ({count} frames)")
+        say(f"Wrote {args.out} ({count} frames)")
     return int("failure" in info)
 
 

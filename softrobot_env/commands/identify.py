@@ -7,7 +7,6 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.console import Console
 
 from softrobot_env.commands.arguments import add, add_robot, add_workers
 from softrobot_env.commands.output import (
@@ -16,6 +15,7 @@ from softrobot_env.commands.output import (
     drawn,
     new_results,
     progress_on,
+    say,
     write_report,
 )
 from softrobot_env.commands.recording import add_file
@@ -93,11 +93,11 @@ def _identified(args: Namespace) -> int:
     from softrobot_env.identification.fit import report
     from softrobot_env.identification.fit.path import check_stages, identify
 
-    console, began = Console(highlight=False), perf_counter()
+    began = perf_counter()
     stages = check_stages(args.stages)
     robot = find_robot(args.robot)
     recording = read_recording(args.recording, args.header)
-    with progress_on(console, "identify") as show:
+    with progress_on("identify") as show:
         found = identify(
             recording,
             robot,
@@ -108,14 +108,14 @@ def _identified(args: Namespace) -> int:
             show=show,
         )
         chain = _on_chain(found, show)
-    console.print(report.tables(found, chain, whole=False))
+    say(report.tables(found, chain, whole=False))
     files = report.write_files(found, args.out)
     tables, rows = report.tables(found, chain, whole=True), report.report_rows(found, chain)
     write_report(args.out, rows, "Identification of a robot", tables, args.command_line)
     wrote = ", ".join([*files, "report.json", "report.md"])
-    console.print(f"{perf_counter() - began:.0f} s. Wrote {wrote} to {args.out}", soft_wrap=True)
-    if not args.no_plots and drawn(lambda: _plot(found, args), console):
-        console.print(f"Wrote plots to {args.out}")
+    say(f"{perf_counter() - began:.0f} s. Wrote {wrote} to {args.out}", soft_wrap=True)
+    if not args.no_plots and drawn(lambda: _plot(found, args)):
+        say(f"Wrote plots to {args.out}")
     return 0
 
 

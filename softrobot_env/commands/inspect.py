@@ -6,7 +6,6 @@ from math import isinf
 from pathlib import Path
 
 import mujoco
-from rich.console import Console
 from rich.table import Table
 
 from softrobot_env.commands.arguments import (
@@ -16,7 +15,7 @@ from softrobot_env.commands.arguments import (
     add_twin,
     scene_options,
 )
-from softrobot_env.commands.output import add_out, check_free
+from softrobot_env.commands.output import add_out, check_free, say
 from softrobot_env.commands.setups import Setup, add_task, one_task
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.runner import Case, simulated
@@ -100,7 +99,7 @@ def _show_workspace(robot: RobotParams, folder: Path) -> None:
         "ground of tasks": line,
         "picture": str(picture),
     }
-    Console().print(named_values(f"Workspace of {robot.name}", rows))
+    say(named_values(f"Workspace of {robot.name}", rows))
 
 
 def _inspect_task(args: Namespace) -> int:
@@ -135,8 +134,8 @@ def _print(scene: Scene, title: str, left_out: list[str], own: dict[str, str]) -
         **_timing(scene),
         **own,
     }
-    Console().print(named_values(title, rows))
-    Console().print(_tendons(scene.config.robot))
+    say(named_values(title, rows))
+    say(_tendons(scene.config.robot))
 
 
 def _holding(robot: RobotParams) -> dict[str, str]:

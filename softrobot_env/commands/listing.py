@@ -4,9 +4,9 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 
 from gymnasium.envs.registration import registry
-from rich.console import Console
 
 from softrobot_env.commands.arguments import add, add_robot
+from softrobot_env.commands.output import say
 from softrobot_env.control.registry import EVERY_POLICY, fitting_policies
 from softrobot_env.core.studies import BENCHMARKS
 from softrobot_env.rendering.tables import named_values
@@ -34,7 +34,7 @@ def run(args: Namespace) -> int:
     of = () if args.robot is None else (find_robot(args.robot),)
     for what in told if args.what is None else (args.what,):
         title = what.capitalize() if args.robot is None else f"{what.capitalize()} of {of[0].name}"
-        Console().print(named_values(title, told[what](*of)))
+        say(named_values(title, told[what](*of)))
     return 0
 
 

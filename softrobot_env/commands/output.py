@@ -166,12 +166,17 @@ def claimed(path: Path) -> Iterator[None]:
         yield
 
 
-def drawn(draw: Callable[[], object], console: Console) -> bool:
+def say(*shown: Any, **how: Any) -> None:
+    """Print to the terminal, as `print` of rich's `Console` does."""
+    Console().print(*shown, **how)
+
+
+def drawn(draw: Callable[[], object]) -> bool:
     """Draw plots; False, with a note, without matplotlib: reports are complete without pictures."""
     try:
         draw()
     except ImportError as error:
-        console.print(f"No plots: {error}", markup=False, soft_wrap=True)
+        say(f"No plots: {error}", markup=False, soft_wrap=True)
         return False
     return True
 
@@ -189,12 +194,11 @@ def inside(folder: Path, name: str) -> str:
 
 @contextmanager
 def progress_on(
-    console: Console, name: str, total: float | None = None, prefix: str = ""
+    name: str, total: float | None = None, prefix: str = ""
 ) -> Iterator[ProgressCallback]:
     """A bar that goes away at the end; its clock runs also while a long part is under way.
 
     Args:
-        console: Where it is shown.
         name: What it says at first.
         total: Of what is done, as far as it is known.
         prefix: Of what it says later.
@@ -203,7 +207,7 @@ def progress_on(
         What is told (description, done, total).
     """
     columns = (*Progress.get_default_columns(), TextColumn("after"), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as progress:
+    with Progress(*columns, console=Console(), transient=True) as progress:
         bar = progress.add_task(name, total=total)
         yield lambda what, done, total: progress.update(
             bar, description=prefix + what, completed=done, total=total

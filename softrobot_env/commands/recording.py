@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.console import Console, Group
+from rich.console import Group
 
 from softrobot_env.commands.arguments import (
     Command,
@@ -24,6 +24,7 @@ from softrobot_env.commands.output import (
     drawn,
     new_results,
     progress_on,
+    say,
     write_report,
 )
 from softrobot_env.core.registry import Registry
@@ -71,11 +72,10 @@ def _check(args: Namespace) -> int:
     recording = read_recording(args.recording, args.header)
     robot = None if args.robot is None else find_robot(args.robot)
     summary = summarize(recording, robot)
-    console = Console(highlight=False)
-    console.print(named_values(str(args.recording), _values(recording, summary)))
-    console.print(_ranges(recording, summary))
+    say(named_values(str(args.recording), _values(recording, summary)))
+    say(_ranges(recording, summary))
     for warning in summary.warnings:
-        console.print(f"Look at: {warning}", markup=False, soft_wrap=True)
+        say(f"Look at: {warning}", markup=False, soft_wrap=True)
     return 0
 
 
@@ -161,14 +161,13 @@ def _replay(args: Namespace) -> int:
     from softrobot_env.identification.replay import error_rows
     from softrobot_env.identification.replay import replay as replayed
 
-    console = Console(highlight=False)
     robot = find_robot(args.robot)
     header = args.header or _beside(robot)
     if header is not None and args.header is None:
-        console.print(f"Header: {header}", soft_wrap=True)
+        say(f"Header: {header}", soft_wrap=True)
     recording = read_recording(args.recording, header)
     count = len(recording.times)
-    with progress_on(console, "replay", count) as show:
+    with progress_on("replay", count) as show:
         result = replayed(
             recording, robot, args.plant, args.twin, lambda rows: show("replay", rows, count)
         )
@@ -176,27 +175,27 @@ def _replay(args: Namespace) -> int:
     title = f"{args.recording.name}: {robot.name}, {args.plant}"
     count = len(rows) - 1
     few = f" (the worst {_WORST} of {count} patterns)" if count > _WORST else ""
-    console.print(make_table(f"{title}{few}", _COLUMNS, _worst(rows), caption=_CAPTION))
+    say(make_table(f"{title}{few}", _COLUMNS, _worst(rows), caption=_CAPTION))
     told = [*result.notes, *(f"Failed: {failure}" for failure in result.failures)]
     for line in told:
-        console.print(line, soft_wrap=True, markup=False)
+        say(line, soft_wrap=True, markup=False)
     common = {"robot": robot.name, "plant": args.plant, "cpu_time": result.cpu_time}
     columns = [common | row.columns() for row in rows]
     parts = [make_table(title, _COLUMNS, rows, caption=_CAPTION), *told]
     learned = _with_residual(result)
     if learned is not None:
         better, title = error_rows(learned), f"{title}, {_LEARNED}"
-        console.print(make_table(title, _COLUMNS, better[:1], caption=_CAPTION))
+        say(make_table(title, _COLUMNS, better[:1], caption=_CAPTION))
         columns += [common | {"model": _LEARNED} | row.columns() for row in better]
         parts.append(make_table(title, _COLUMNS, better, caption=_CAPTION))
     page = Group(*parts)
     write_report(args.out, columns, "Replay of a recording", page, args.command_line)
-    console.print(f"{result.cpu_time:.1f} s of CPU time. Wrote {args.out}/report.json, report.md")
+    say(f"{result.cpu_time:.1f} s of CPU time. Wrote {args.out}/report.json, report.md")
     if not args.no_plots:
         from softrobot_env.rendering.recordings import plot_replay
 
-        if drawn(lambda: plot_replay(result, rows, args.out), console):
-            console.print(f"Wrote plots to {args.out}")
+        if drawn(lambda: plot_replay(result, rows, args.out)):
+            say(f"Wrote plots to {args.out}")
     return int(bool(result.failures))
 
 

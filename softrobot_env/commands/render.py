@@ -2,8 +2,6 @@
 
 from argparse import ArgumentParser, Namespace
 
-from rich.console import Console
-
 from softrobot_env.commands.arguments import (
     add,
     add_feedback,
@@ -16,7 +14,7 @@ from softrobot_env.commands.arguments import (
     size,
 )
 from softrobot_env.commands.cases import make_setup, one_case
-from softrobot_env.commands.output import add_out, check_free, new_file, progress_on
+from softrobot_env.commands.output import add_out, check_free, new_file, progress_on, say
 from softrobot_env.commands.setups import add_task
 from softrobot_env.envs.recording import RecordEpisodes
 from softrobot_env.evaluation.runner import Case
@@ -88,8 +86,7 @@ def run(args: Namespace) -> int:
     policy = case.make_policy(env.control_period)
     if args.record is not None:
         env = RecordEpisodes(env, args.record)
-    console = Console()
-    with new_file(args.out, args.overwrite), progress_on(console, case.label, 1.0) as show:
+    with new_file(args.out, args.overwrite), progress_on(case.label, 1.0) as show:
         frames = record(
             env,
             policy,
@@ -101,7 +98,7 @@ def run(args: Namespace) -> int:
         )
         count = write_video(args.out, frames, fps=fps)
     env.close()
-    console.print(f"Wrote {args.out} ({count} frames)")
+    say(f"Wrote {args.out} ({count} frames)")
     return 0
 
 

@@ -3,10 +3,8 @@
 from argparse import ArgumentParser, Namespace
 from types import SimpleNamespace
 
-from rich.console import Console
-
 from softrobot_env.commands.arguments import Command, add, add_commands, add_robot
-from softrobot_env.commands.output import add_out, check_free
+from softrobot_env.commands.output import add_out, check_free, say
 from softrobot_env.core.files import write_text
 from softrobot_env.robots import find_robot, read_robot
 from softrobot_env.scene.build import build_scene, scene_xml
@@ -36,7 +34,7 @@ def _check(args: Namespace) -> int:
         f"{robot.drive.kind}, {len(robot.discs)} disc(s), "
         f"{len(robot.sensors)} sensor(s), {config.bending}, {model.nv} DOFs"
     )
-    Console(soft_wrap=True, highlight=False, markup=False).print(text)
+    say(text, soft_wrap=True, highlight=False, markup=False)
     return 0
 
 
@@ -62,7 +60,7 @@ def _export(args: Namespace) -> int:
     for name, config in scenes.items():
         path = paths[name]
         write_text(path, scene_xml(config))
-        Console().print(f"Wrote {path}")
+        say(f"Wrote {path}")
     return 0
 
 

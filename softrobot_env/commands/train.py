@@ -8,8 +8,6 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-
 from softrobot_env.commands.arguments import (
     SEVERAL,
     Parser,
@@ -30,6 +28,7 @@ from softrobot_env.commands.output import (
     new_file,
     new_results,
     progress_on,
+    say,
     write_report,
 )
 from softrobot_env.core.processes import using
@@ -203,7 +202,7 @@ def run(args: Namespace) -> int:
     if args.seeds or args.workers or any(len(own) > 1 for own in values.values()):
         return train_several(args, name, robot, settings, values)
     order = TrainingRequest(robot, _path(args, name, robot), args.seed, settings)
-    console, began = Console(), perf_counter()
+    began = perf_counter()
     with ExitStack() as held:
         held.enter_context(new_file(order.path, args.overwrite or bool(settings.get("resume"))))
         if "checkpoint" in training.options:
@@ -211,14 +210,14 @@ def run(args: Namespace) -> int:
             held.enter_context(claimed(folder))
             check_folder(folder)
         order.path.parent.mkdir(parents=True, exist_ok=True)
-        show = held.enter_context(progress_on(console, name, prefix=f"{name}: "))
+        show = held.enter_context(progress_on(name, prefix=f"{name}: "))
         figures = training.run(order, show)
     figures = dict(figures) | {"time": f"{perf_counter() - began:.1f} s"}
-    console.print(named_values(f"{name} of {robot.name}, seed {args.seed}", figures))
-    console.print(f"Wrote {order.path}", soft_wrap=True)
+    say(named_values(f"{name} of {robot.name}, seed {args.seed}", figures))
+    say(f"Wrote {order.path}", soft_wrap=True)
     used = looked_up(robot, name)
     if used is not None and used.resolve() != order.path.resolve():
-        console.print(f"The policy {name} still acts on {used}: --ship replaces it", soft_wrap=True)
+        say(f"The policy {name} still acts on {used}: --ship replaces it", soft_wrap=True)
     return 0
 
 
@@ -280,20 +279,19 @@ def train_several(
     if name in LEARNERS:
         for one in orders.values():
             check_reinforcement(name, one)
-    console = Console()
     study = study_in_words("train", args)
     files = files_in(args, out)
     with new_results(out, args.overwrite), kept_rows(out / KEPT, study, files) as kept:
-        bar = progress_on(console, name, len(orders), prefix=f"{name}: ")
+        bar = progress_on(name, len(orders), prefix=f"{name}: ")
         with bar as show, using(args.workers):
             found = runs.run_all(name, orders, kept, show, args.overwrite)
         if kept.taken:
-            console.print(f"Took up {kept.taken} runs that were done when the command stopped")
-        write(args, out, f"Several runs of {name}", found, report.tables(found), console)
+            say(f"Took up {kept.taken} runs that were done when the command stopped")
+        write(args, out, f"Several runs of {name}", found, report.tables(found))
     best = report.best_of(found)
     if best is not None:
         path = out / best.folder / order.path.name
-        console.print(f"Best: seed {best.seed}, {path}", soft_wrap=True, highlight=False)
+        say(f"Best: seed {best.seed}, {path}", soft_wrap=True, highlight=False)
     return int(any(run.failure for run in found))
 
 
@@ -331,14 +329,13 @@ def write(
     title: str,
     found: "list[Run]",
     tables: Any,
-    console: Console,
 ) -> None:
     """Report, page and curves."""
     from softrobot_env.training.several.report import plot
 
     write_report(out, [run.row() for run in found], title, tables, args.command_line)
-    console.print(tables)
+    say(tables)
     curves = any(run.curve for run in found)
-    plotted = curves and drawn(lambda: plot(found, out / "curves.png"), console)
+    plotted = curves and drawn(lambda: plot(found, out / "curves.png"))
     wrote = "report.json, report.md" + (", curves.png" if plotted else "")
-    console.print(f"Wrote {wrote} to {out}", soft_wrap=True)
+    say(f"Wrote {wrote} to {out}", soft_wrap=True)

@@ -6,11 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-
 from softrobot_env.commands import train
 from softrobot_env.commands.arguments import SEVERAL, add, add_robot, add_workers, of_text, whole
-from softrobot_env.commands.output import add_out, check_free, new_results, progress_on
+from softrobot_env.commands.output import add_out, check_free, new_results, progress_on, say
 from softrobot_env.core.runs import KEPT, kept_rows
 from softrobot_env.robots import default_robot, find_robot
 from softrobot_env.training.registry import LEARNERS, TRAININGS, check_reinforcement
@@ -108,7 +106,6 @@ def _search(args: Namespace, name: str, order: TrainingRequest, space: Space, ou
     order, steps = _sized(name, order)
     ranges = any(isinstance(own, Range) for own in space.values())
     search = Search(name, order, space, steps, args.trials or (_TRIALS if ranges else None))
-    console = Console()
     words = train.study_in_words("tune", args)
     files = train.files_in(args, out) - {order.path}
     with new_results(out, args.overwrite), kept_rows(out / KEPT, words, files) as kept:
@@ -117,14 +114,14 @@ def _search(args: Namespace, name: str, order: TrainingRequest, space: Space, ou
             check_free(order.path, overwrite=False)
             places = [trial_folder(search, number) for number in range(search.count)]
             check_unclaimed([place / order.path.name for place in places], study)
-        bar = progress_on(console, name, prefix=f"{name}: ")
+        bar = progress_on(name, prefix=f"{name}: ")
         with tune_on(args.workers) as tune, bar as show:
             found = searched(tune, search, study, show)
         table = report.runs_table(found, "trial")
         best = report.best_of(found)
-        train.write(args, out, f"Search for settings of {name}", found, table, console)
+        train.write(args, out, f"Search for settings of {name}", found, table)
         if best is not None:
-            _keep(search, best, args, console)
+            _keep(search, best, args)
     return int(best is None)
 
 
@@ -139,7 +136,7 @@ def _sized(name: str, order: TrainingRequest) -> tuple[TrainingRequest, int]:
     return _with(order, {"set": list(fixed.items())}), config.steps
 
 
-def _keep(search: Search, best: "Run", args: Namespace, console: Console) -> None:
+def _keep(search: Search, best: "Run", args: Namespace) -> None:
     """Write the best network, and print the command that trains it anew."""
     from softrobot_env.training.rl import save_kept
 
@@ -149,7 +146,7 @@ def _keep(search: Search, best: "Run", args: Namespace, console: Console) -> Non
         save_kept(search.order, where)
     else:
         told = "whose network is on the node that trained it"
-    console.print(f"Best: trial {best.trial}, {told}", soft_wrap=True, highlight=False)
+    say(f"Best: trial {best.trial}, {told}", soft_wrap=True, highlight=False)
     words = ["softrobot", "train", search.name]
     words += [] if args.robot is None else ["--robot", str(args.robot)]
     words += [] if args.task == ["all"] else ["--task", *args.task]
@@ -157,4 +154,4 @@ def _keep(search: Search, best: "Run", args: Namespace, console: Console) -> Non
     words += ["--randomize"] * args.randomize + ["--quick"] * args.quick
     for name, value in best.settings.items():
         words += ["--set", f"{name}={value:.17g}"]  # each digit counts for the same network
-    console.print("Train with its settings:", shlex.join(words), soft_wrap=True, highlight=False)
+    say("Train with its settings:", shlex.join(words), soft_wrap=True, highlight=False)

@@ -5,10 +5,9 @@ from contextlib import closing
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-
 from softrobot_env.commands.arguments import add, add_robot, port
 from softrobot_env.commands.cases import make_setup, one_case
+from softrobot_env.commands.output import say
 from softrobot_env.commands.setups import add_task, one_task
 from softrobot_env.envs.rendering import RenderError, check_display
 from softrobot_env.evaluation.runner import Case
@@ -61,7 +60,7 @@ def run(args: Namespace) -> int:
         raise RenderError(f"{error}: softrobot view --web shows the robot in a browser") from None
     case = one_case(args, setup, twin=False)
     setup.check([case])
-    Console().print(_HELP)
+    say(_HELP)
     with closing(setup.environment(case, render_mode="human").unwrapped) as env:
         if args.policy is None:
             _by_hand(env)
@@ -114,7 +113,8 @@ def _browse(config: Any, http_port: int) -> None:
 
 
 def _tell(port: int) -> None:
-    Console(soft_wrap=True).print(
+    say(
         f"http://{_HOST}:{port}/ shows the robot; Ctrl-C ends it. It has no authentication: all "
-        "programs of this machine, and pages open in its browsers, can reach it"
+        "programs of this machine, and pages open in its browsers, can reach it",
+        soft_wrap=True,
     )

@@ -6,11 +6,9 @@ from contextlib import closing
 from itertools import islice
 from time import perf_counter
 
-from rich.console import Console
-
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.commands.arguments import add
-from softrobot_env.commands.output import progress_on
+from softrobot_env.commands.output import progress_on, say
 from softrobot_env.control.registry import POLICIES, installed_policies
 from softrobot_env.core.processes import usable_cores, worker_processes
 from softrobot_env.robots import ENTRIES, entry_of
@@ -39,9 +37,9 @@ def run(args: Namespace) -> int:
     if unknown:
         raise ValueError(f"unknown {', '.join(unknown)}: choose from {', '.join(known)}")
     names = list(dict.fromkeys([MUJOCO, *(args.names or known)]))
-    console, began, failed = Console(), perf_counter(), 0
+    began, failed = perf_counter(), 0
     with (
-        progress_on(console, "compiling", len(names)) as show,
+        progress_on("compiling", len(names)) as show,
         worker_processes(min(usable_cores(), len(names))) as pool,
     ):
         pool.submit(warm, names[0]).result()  # what all others need
@@ -50,9 +48,9 @@ def run(args: Namespace) -> int:
             show(f"compiling: {waiting[done]} is done", count, len(names))
             if (error := done.exception()) is not None:
                 failed += 1
-                console.print(f"{waiting[done]}: {error}", markup=False, soft_wrap=True)
+                say(f"{waiting[done]}: {error}", markup=False, soft_wrap=True)
     ready = len(names) - failed
-    console.print(f"{ready} of {len(names)} are compiled, in {perf_counter() - began:.0f} s")
+    say(f"{ready} of {len(names)} are compiled, in {perf_counter() - began:.0f} s")
     return int(failed > 0)
 
 

@@ -9,9 +9,8 @@ from threading import Thread
 from time import monotonic
 
 import numpy as np
-from rich.console import Console
 
-from softrobot_env.commands.output import add_out, new_file
+from softrobot_env.commands.output import add_out, new_file, say
 from softrobot_env.commands.robot.link import add_robot, numbers, open_driver, robot_of
 from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.protocol.messages import Capability
@@ -43,18 +42,18 @@ def run(args: Namespace) -> int:
     Raises:
         FileExistsError: The file to write is there; the robot has not moved.
     """
-    robot, console = robot_of(args), Console()
+    robot = robot_of(args)
     with (
         new_file(args.out, args.overwrite),
         open_driver(jog_file(robot), args.record) as driver,
     ):
         info = driver.connect()
-        console.print(_HELP, highlight=False)
+        say(_HELP, highlight=False)
         driver.arm()
         keeps_zero = Capability.LENGTH in info.capabilities
         begun = Calibration.begin(robot, driver.reading.applied, keeps_zero)
-        written = jog(driver, begun, _Lines(sys.stdin), args.out, console)
-    console.print(f"Wrote {args.out}" if written else "Nothing written.")
+        written = jog(driver, begun, _Lines(sys.stdin), args.out)
+    say(f"Wrote {args.out}" if written else "Nothing written.")
     return int(not written)
 
 
@@ -78,9 +77,7 @@ class _Lines:
         self._queue.put("quit")
 
 
-def jog(
-    driver: Driver, calibration: Calibration, lines: _Lines, out: Path, console: Console
-) -> bool:
+def jog(driver: Driver, calibration: Calibration, lines: _Lines, out: Path) -> bool:
     """Move an armed robot as the lines say, until a file is written, or until "quit".
 
     A line is obeyed when the robot has come to where the one before sent it.
@@ -98,32 +95,30 @@ def jog(
         if line == "quit":
             return False
         if line == "write":
-            if _write(calibration, out, console):
+            if _write(calibration, out):
                 return True
         elif line:
-            calibration = _obey(calibration, line, console)
+            calibration = _obey(calibration, line)
 
 
-def _write(calibration: Calibration, out: Path, console: Console) -> bool:
+def _write(calibration: Calibration, out: Path) -> bool:
     """Write what was found; what is wrong with it is reported, and can be mended."""
     try:
         write_robot_file(calibration.result(), out)
     except (ValueError, OSError) as error:
-        console.print(f"not written: {error}", highlight=False)
+        say(f"not written: {error}", highlight=False)
         return False
     return True
 
 
-def _obey(calibration: Calibration, line: str, console: Console) -> Calibration:
+def _obey(calibration: Calibration, line: str) -> Calibration:
     try:
         found = calibration.obey(line)
     except UnknownCommandError as error:
-        console.print(f"{error}; there are:\n{_HELP}", highlight=False)
+        say(f"{error}; there are:\n{_HELP}", highlight=False)
         return calibration
     except ValueError as error:
-        console.print(str(error), highlight=False)
+        say(str(error), highlight=False)
         return calibration
-    console.print(
-        f"tendon {found.tendon + 1}; targets {numbers(1e3 * np.array(found.target), 2)} mm"
-    )
+    say(f"tendon {found.tendon + 1}; targets {numbers(1e3 * np.array(found.target), 2)} mm")
     return found

@@ -10,11 +10,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
 from softrobot_env.commands.arguments import Command, add, add_commands
+from softrobot_env.commands.output import say
 from softrobot_env.commands.robot import calibrate, record, soak, virtual
 from softrobot_env.commands.robot.link import (
     add_robot,
@@ -75,7 +75,7 @@ def _list(args: Namespace) -> int:
     told = {port: text for port, (_, text) in answers.items()}
     columns = Column("port", lambda port: port), Column("who answers", told.get)
     table = make_table("", columns, told)
-    Console().print(table if answers else "This computer has no serial port.")
+    say(table if answers else "This computer has no serial port.")
     return int(not any(found for found, _ in answers.values()))
 
 
@@ -133,7 +133,7 @@ class RobotCommand:
 def _info(driver: Driver, args: Namespace) -> int:
     """What a robot says of itself; 1 if a fault is latched."""
     robot, rows = driver.robot, info_rows(driver.connect()) | reading_rows(driver.reading)
-    Console().print(named_values(f"Robot {robot.name} at {robot.port}", rows))
+    say(named_values(f"Robot {robot.name} at {robot.port}", rows))
     return int(bool(driver.reading.faults))
 
 
@@ -146,7 +146,7 @@ def _stop(driver: Driver, args: Namespace) -> int:
     if args.clear:
         driver.clear()
     title = f"Robot {driver.robot.name} has stopped"
-    Console().print(named_values(title, reading_rows(driver.reading)))
+    say(named_values(title, reading_rows(driver.reading)))
     return int(bool(driver.reading.faults))
 
 
@@ -159,28 +159,27 @@ def _estop(driver: Driver, args: Namespace) -> int:
     stopped = driver.wait_for_fault(1.0)
     if args.clear:
         driver.clear()
-    Console().print(named_values(f"Robot {driver.robot.name}", reading_rows(driver.reading)))
+    say(named_values(f"Robot {driver.robot.name}", reading_rows(driver.reading)))
     return int(not stopped)
 
 
 def _hold(driver: Driver, args: Namespace) -> int:
     """Hold at rest; Ctrl-C ends it in order."""
-    console = Console()
     driver.connect()
     driver.arm()
     try:
-        _stay(driver, args.seconds, console)
+        _stay(driver, args.seconds)
     except KeyboardInterrupt:
-        console.print("Stopping.")
+        say("Stopping.")
     return 0
 
 
-def _stay(driver: Driver, seconds: float, console: Console) -> None:
+def _stay(driver: Driver, seconds: float) -> None:
     robot = driver.robot
     rest = np.array([servo.rest for servo in robot.tendons])
     driver.move_to(rest, robot.ramp, _LONGEST_MOVE)
     end, due = monotonic() + seconds, monotonic()
-    with Live(_shown(driver), console=console, get_renderable=lambda: _shown(driver)):
+    with Live(_shown(driver), get_renderable=lambda: _shown(driver)):
         while due < end:
             due = max(due, monotonic()) + robot.control_period
             driver.pace(rest, due)
@@ -240,9 +239,8 @@ def _replay(args: Namespace) -> int:
         (chunk.time - log.chunks[0].time, chunk.direction, message)
         for chunk, message, _ in log.messages()
     ]
-    console = Console()
-    console.print(make_table("", _COLUMNS, lines if args.all else _news(lines)))
-    console.print(_summary(log, lines))
+    say(make_table("", _COLUMNS, lines if args.all else _news(lines)))
+    say(_summary(log, lines))
     return int(not log.complete)
 
 

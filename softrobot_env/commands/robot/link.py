@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 
 from softrobot_env.commands.arguments import Parsers, add, add_line
+from softrobot_env.commands.output import say
 from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.protocol.session import DeviceInfo
 from softrobot_env.hardware.protocol.unit_conversion import Reading
@@ -49,7 +49,7 @@ def open_driver(robot: RobotFile, record: Path | None) -> Iterator[Driver]:
             yield driver
     finally:
         if isinstance(transport, LoggingTransport) and transport.failure is not None:
-            Console().print(f"The log {record} breaks off: {transport.failure}")
+            say(f"The log {record} breaks off: {transport.failure}")
 
 
 def info_rows(info: DeviceInfo) -> dict[str, str]:

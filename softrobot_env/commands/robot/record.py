@@ -6,7 +6,6 @@ from dataclasses import fields
 from functools import partial
 
 import gymnasium
-from rich.console import Console
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.commands.arguments import (
@@ -17,7 +16,7 @@ from softrobot_env.commands.arguments import (
     twin,
     variation,
 )
-from softrobot_env.commands.output import add_out, check_free, new_file, progress_on
+from softrobot_env.commands.output import add_out, check_free, new_file, progress_on, say
 from softrobot_env.commands.robot.link import robot_of
 from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED
 from softrobot_env.envs.recording import RecordEpisodes
@@ -84,38 +83,35 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Run the command; 1 if the robot was stopped before the end."""
-    console = Console(highlight=False)
     check_writable(args.out)
     check_free(header_path(args.out), overwrite=args.overwrite)
     with new_file(args.out, args.overwrite):
-        return _run(args, console)
+        return _run(args)
 
 
-def _run(args: Namespace, console: Console) -> int:
+def _run(args: Namespace) -> int:
     """Record and write."""
     robot = default_robot(on_a_line=True) if args.robot is None else find_robot(args.robot)
     planned = plan(robot, _excitation(args), args.control_period)
     scales = ", ".join(f"{scale:.2g}" for scale in planned.scales)
-    console.print(f"{planned.duration:.0f} s, to {scales} of full scale")
-    recording, stopped = _recorded(args, robot, planned, console)
+    say(f"{planned.duration:.0f} s, to {scales} of full scale")
+    recording, stopped = _recorded(args, robot, planned)
     if stopped:
-        console.print(f"Stopped {stopped}", markup=False, soft_wrap=True)
+        say(f"Stopped {stopped}", markup=False, soft_wrap=True)
     if args.static:
         recording, moved = at_rests(recording, planned)
-        console.print(f"At the ends of rests the tip moved by up to {1e3 * moved:.2g} mm")
+        say(f"At the ends of rests the tip moved by up to {1e3 * moved:.2g} mm")
     write_recording(recording, args.out)
-    console.print(f"Wrote {len(recording.times)} rows to {args.out}, and its header beside it")
+    say(f"Wrote {len(recording.times)} rows to {args.out}, and its header beside it")
     return int(bool(stopped))
 
 
-def _recorded(
-    args: Namespace, robot: RobotParams, planned: Plan, console: Console
-) -> tuple[Recording, str | None]:
+def _recorded(args: Namespace, robot: RobotParams, planned: Plan) -> tuple[Recording, str | None]:
     """What was recorded, and why it ended too early or None."""
     options = {"vary": _varied(args)} if args.vary else None
     count, how = len(planned.actions), _excitation(args)
     recorded = closing(RecordEpisodes(_environment(args, robot, planned)))
-    with recorded as env, progress_on(console, "record", count) as show:
+    with recorded as env, progress_on("record", count) as show:
         tell = partial(show, "record", total=count)
         try:
             stopped = excite(env, planned, how, args.seed, options, tell)

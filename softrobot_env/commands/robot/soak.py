@@ -11,11 +11,10 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from softrobot_env.commands.arguments import add
-from softrobot_env.commands.output import add_out, new_results, progress_on
+from softrobot_env.commands.output import add_out, new_results, progress_on, say
 from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.core.artifacts import read_arrays
 from softrobot_env.hardware.robot_file import RobotFile, read_robot_file
@@ -56,24 +55,23 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Run the command; 1 if a promise was broken."""
-    console = Console()
     with new_results(args.out, args.overwrite):
-        return _run(args, console)
+        return _run(args)
 
 
-def _run(args: Namespace, console: Console) -> int:
+def _run(args: Namespace) -> int:
     """Run, print and write."""
     from softrobot_env.evaluation.report import write_json
 
     with _robot(args) as (file, tip, log):
-        row = _soak(file, tip, args.seconds, console)
+        row = _soak(file, tip, args.seconds)
     if log is not None:
         row |= unsafe_outputs(log, file)
     promises = list(_promises(row))
     told = [asdict(promise) | {"met": promise.met} for promise in promises]
     write_json(args.out / "report.json", [row, *told], args.command_line)
-    console.print(_table(row, promises))
-    console.print(f"Wrote {args.out}/report.json")
+    say(_table(row, promises))
+    say(f"Wrote {args.out}/report.json")
     return int(not all(promise.met for promise in promises))
 
 
@@ -92,9 +90,7 @@ def _robot(
         log.update(read_arrays(path))
 
 
-def _soak(
-    file: RobotFile, tip: TipSource | None, seconds: float, console: Console
-) -> dict[str, Any]:
+def _soak(file: RobotFile, tip: TipSource | None, seconds: float) -> dict[str, Any]:
     from softrobot_env.control.registry import make_policy
     from softrobot_env.envs.real import RealRigEnv
     from softrobot_env.evaluation.run import play
@@ -111,7 +107,7 @@ def _soak(
     env = RealRigEnv(task, robot_file=file, tip=tip, max_missed=steps, oldest=_OLDEST)
     policy = make_policy(_POLICY, robot, env.control_period)
     samples, last = {name: array("d") for name in _SAMPLED}, {}
-    with closing(env), progress_on(console, "soak", seconds) as show:
+    with closing(env), progress_on("soak", seconds) as show:
         for count, moment in enumerate(play(env, policy)):
             last = moment.info
             if count > 0:

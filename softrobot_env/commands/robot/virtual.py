@@ -17,10 +17,9 @@ from threading import Event, Thread, Timer
 from typing import NamedTuple
 
 import numpy as np
-from rich.console import Console
 
 from softrobot_env.commands.arguments import add, port
-from softrobot_env.commands.output import check_free
+from softrobot_env.commands.output import check_free, say
 from softrobot_env.core.artifacts import write_arrays
 from softrobot_env.hardware.protocol.messages import LENGTH_UNIT
 from softrobot_env.hardware.robot_file import TRACKER_PORT, RobotFile, virtual_file
@@ -63,12 +62,11 @@ def run(args: Namespace) -> int:
     watch = None if args.log is None else log.add
     robot = virtual_robot(args.twin, args.seed, camera.show, watch)
     timer = Timer(args.seconds or 0.0, stop.set)
-    console = Console()
     if args.until_eof:
         Thread(target=_await_eof, args=(sys.stdin.fileno(), stop.set), daemon=True).start()
     try:
         with linked(robot.port, args.link) as port:
-            console.print(
+            say(
                 f"Virtual robot, twin {args.twin}, at {port}; pictures to UDP port "
                 f"{args.camera_port}; stop with Ctrl-C"
             )
@@ -83,9 +81,9 @@ def run(args: Namespace) -> int:
             signal.signal(number, handler)
         if args.log is not None:
             log.save(args.log)
-    console.print(f"Stopped; at most {1e3 * robot.lag:.1f} ms behind the clock")
+    say(f"Stopped; at most {1e3 * robot.lag:.1f} ms behind the clock")
     if robot.failure is not None:
-        console.print(f"The simulation failed: {robot.failure}")
+        say(f"The simulation failed: {robot.failure}")
     return int(robot.failure is not None)
 
 
