@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from softrobot_env.commands import output, setups
 from softrobot_env.commands.arguments import (
     SEVERAL,
     Parsers,
@@ -26,24 +27,7 @@ from softrobot_env.commands.arguments import (
     variation,
 )
 from softrobot_env.commands.cases import left_out, make_cases, make_setup
-from softrobot_env.commands.output import (
-    add_no_plots,
-    add_out,
-    changed_results,
-    check_folder,
-    check_free,
-    new_results,
-    progress_on,
-    say,
-)
-from softrobot_env.commands.setups import (
-    ENVIRONMENTS,
-    SIMULATED,
-    Setup,
-    option,
-    task_name,
-    task_options,
-)
+from softrobot_env.commands.output import say
 from softrobot_env.core.extras import install_command
 from softrobot_env.core.files import write_text
 from softrobot_env.core.processes import using
@@ -90,7 +74,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--tasks TASK",
         "out of `softrobot list tasks`, or one's own, package.module:name or file.py:name; "
         "default: all of --robot, of the arm step, swing, lshape",
-        or_all(task_name),
+        or_all(setups.task_name),
         nargs="+",
         default=["all"],
     )
@@ -118,8 +102,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         "default: one after the other",
     )
     out = parser.add_argument_group("what is written")
-    add_out(out, "out/evaluate")
-    add_no_plots(out)
+    output.add_out(out, "out/evaluate")
+    output.add_no_plots(out)
     add(out, "--redraw", "run nothing: draw the plots that are there anew")
     add(out, "--save-rollouts", "also write npz records")
 
@@ -147,9 +131,11 @@ def _add_errors(group: Parsers) -> None:
 
 def _add_options(group: Parsers) -> None:
     """--option, and short forms of some."""
-    known = "; ".join(f"{name} of {', '.join(tasks)}" for name, tasks in task_options().items())
+    known = "; ".join(
+        f"{name} of {', '.join(tasks)}" for name, tasks in setups.task_options().items()
+    )
     values = f"values of an option of tasks, in SI units: {known}"
-    add(group, "--option NAME=V1,V2", values, option, **SEVERAL)
+    add(group, "--option NAME=V1,V2", values, setups.option, **SEVERAL)
     widths = "as --option step_width=...; default: 0.05 0.1 0.2"
     add(group, "--step-widths M", widths, positive, nargs="+")
     add(
@@ -168,9 +154,9 @@ def _add_real(group: Parsers) -> None:
         group,
         "--env",
         "tasks of the rig in simulation, on a virtual robot over a serial line in real time, or on "
-        f"a real one; default: {SIMULATED}",
-        choices=ENVIRONMENTS,
-        default=SIMULATED,
+        f"a real one; default: {setups.SIMULATED}",
+        choices=setups.ENVIRONMENTS,
+        default=setups.SIMULATED,
     )
     add_line(group, "of a real robot, see `softrobot robot calibrate`; default: the rig's")
     add(
@@ -210,7 +196,7 @@ def run(args: Namespace) -> int:
     """Run the command; 1 if any episode failed."""
     if args.redraw:
         return _redraw(args.out)
-    with new_results(args.out, args.overwrite):
+    with output.new_results(args.out, args.overwrite):
         return _evaluate(args)
 
 
@@ -218,7 +204,7 @@ def _redraw(out: Path) -> int:
     """Draw the pictures of an earlier run anew, of its files alone."""
     from softrobot_env.rendering.plots import DRAWN, redraw
 
-    with changed_results(out):
+    with output.changed_results(out):
         files = sorted(out.glob(f"*{DRAWN}"))
         if not files:
             raise FileNotFoundError(f"{out}: there is no *{DRAWN} of an earlier run with plots")
@@ -231,10 +217,10 @@ def _redraw(out: Path) -> int:
 def _evaluate(args: Namespace) -> int:
     """Run all cases and write."""
     if args.record is not None:
-        check_folder(args.record)
-        check_free(*sorted(args.record.glob("*.csv")), overwrite=args.overwrite)
-    if args.workers is not None and args.env != SIMULATED:
-        raise ValueError(f"--workers: only with --env {SIMULATED}")
+        output.check_folder(args.record)
+        output.check_free(*sorted(args.record.glob("*.csv")), overwrite=args.overwrite)
+    if args.workers is not None and args.env != setups.SIMULATED:
+        raise ValueError(f"--workers: only with --env {setups.SIMULATED}")
     setup = make_setup(args)
     cases = make_cases(args, setup)
     missing = left_out(args, cases)
@@ -254,10 +240,10 @@ def _evaluate(args: Namespace) -> int:
     return int(len(results) < len(cases) or any(result.row.failure for result in results))
 
 
-def _run_cases(cases: list[runner.Case], setup: Setup) -> list[Result]:
+def _run_cases(cases: list[runner.Case], setup: setups.Setup) -> list[Result]:
     """Results; those so far if a real robot does not go on."""
     results = []
-    with progress_on("evaluate", len(cases)) as show:
+    with output.progress_on("evaluate", len(cases)) as show:
         for count, case in enumerate(cases):
             duration = case.duration or case.task.duration
 
@@ -287,7 +273,7 @@ class _Episode:
 
 def _run_side_by_side(cases: list[runner.Case], args: Namespace, kept: Kept) -> list[Result]:
     """Results in processes, those that are kept taken up."""
-    with progress_on("evaluate", len(cases)) as show, using(args.workers):
+    with output.progress_on("evaluate", len(cases)) as show, using(args.workers):
         episodes = run_cases(
             enumerate(cases),
             lambda numbered: runner.run(numbered[1]),

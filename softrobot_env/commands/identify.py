@@ -8,16 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from softrobot_env.commands import output
 from softrobot_env.commands.arguments import add, add_robot, add_workers
-from softrobot_env.commands.output import (
-    add_no_plots,
-    add_out,
-    drawn,
-    new_results,
-    progress_on,
-    say,
-    write_report,
-)
+from softrobot_env.commands.output import say
 from softrobot_env.commands.recording import add_file
 from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.core.processes import chosen_processes, using
@@ -60,13 +53,13 @@ def add_arguments(parser: ArgumentParser) -> None:
         "may be turned anyway where the columns' tendons are not known",
     )
     add(parser, "--no-validation", "skip the cross-validation, half of the time")
-    add_no_plots(parser)
+    output.add_no_plots(parser)
     add_workers(
         parser,
         "; those of the assignment, of further starts and of the cross-validation; default: two "
         "processes, of the cross-validation alone",
     )
-    add_out(parser, "out/identify")
+    output.add_out(parser, "out/identify")
 
 
 def _stages(text: str) -> tuple[str, ...]:
@@ -85,7 +78,7 @@ def run(args: Namespace) -> int:
         ValueError: A recording or robot that nothing can be identified of; says why.
     """
     # The last one keeps a cluster, which is then started, or connected to, once for all parts.
-    with new_results(args.out, args.overwrite), using(args.workers), chosen_processes():
+    with output.new_results(args.out, args.overwrite), using(args.workers), chosen_processes():
         return _identified(args)
 
 
@@ -97,7 +90,7 @@ def _identified(args: Namespace) -> int:
     stages = check_stages(args.stages)
     robot = find_robot(args.robot)
     recording = read_recording(args.recording, args.header)
-    with progress_on("identify") as show:
+    with output.progress_on("identify") as show:
         found = identify(
             recording,
             robot,
@@ -111,10 +104,10 @@ def _identified(args: Namespace) -> int:
     say(report.tables(found, chain, whole=False))
     files = report.write_files(found, args.out)
     tables, rows = report.tables(found, chain, whole=True), report.report_rows(found, chain)
-    write_report(args.out, rows, "Identification of a robot", tables, args.command_line)
+    output.write_report(args.out, rows, "Identification of a robot", tables, args.command_line)
     wrote = ", ".join([*files, "report.json", "report.md"])
     say(f"{perf_counter() - began:.0f} s. Wrote {wrote} to {args.out}", soft_wrap=True)
-    if not args.no_plots and drawn(lambda: _plot(found, args)):
+    if not args.no_plots and output.drawn(lambda: _plot(found, args)):
         say(f"Wrote plots to {args.out}")
     return 0
 

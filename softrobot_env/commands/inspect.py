@@ -8,13 +8,8 @@ from pathlib import Path
 import mujoco
 from rich.table import Table
 
-from softrobot_env.commands.arguments import (
-    add,
-    add_robot,
-    add_scene,
-    add_twin,
-    scene_options,
-)
+from softrobot_env.commands import arguments
+from softrobot_env.commands.arguments import add
 from softrobot_env.commands.output import add_out, check_free, say
 from softrobot_env.commands.setups import Setup, add_task, one_task
 from softrobot_env.envs.tracking import TrackingEnv
@@ -49,11 +44,11 @@ _OPTIONAL = {
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
     add_task(parser)
-    add_robot(parser, "its own scene unless --task is given; default: the task's")
+    arguments.add_robot(parser, "its own scene unless --task is given; default: the task's")
     add(parser, "--workspace", "of --robot: draw where its tip rests")
     add_out(parser, "out/inspect", "; of the picture")
-    add_twin(parser)
-    add_scene(parser)
+    arguments.add_twin(parser)
+    arguments.add_scene(parser)
 
 
 def run(args: Namespace) -> int:
@@ -69,7 +64,7 @@ def _inspect_robot(args: Namespace) -> int:
     """Print the scene of a robot without a task."""
     if args.twin is not None or args.option or args.step_width:
         raise ValueError("--option, --step-width and --twin go with a --task only")
-    config = replace(scene_of(find_robot(args.robot)), **scene_options(args))
+    config = replace(scene_of(find_robot(args.robot)), **arguments.scene_options(args))
     if args.workspace:
         check_free(picture_of(config.robot, args.out), overwrite=args.overwrite)
     own = {"bends": f"{config.bending}, {'twists' if config.torsion else 'without torsion'}"}
@@ -104,7 +99,7 @@ def _show_workspace(robot: RobotParams, folder: Path) -> None:
 
 def _inspect_task(args: Namespace) -> int:
     """Print the scene of a task."""
-    setup, scene = Setup(args), scene_options(args)
+    setup, scene = Setup(args), arguments.scene_options(args)
     task = one_task(args, setup.robot)
     twin = setup.twins(task.robot)[0]
     case = Case(task, "hold", twin=twin, scene=scene)

@@ -9,24 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import Group
 
-from softrobot_env.commands.arguments import (
-    Command,
-    Parsers,
-    add,
-    add_commands,
-    add_plant,
-    add_robot,
-    twin,
-)
-from softrobot_env.commands.output import (
-    add_no_plots,
-    add_out,
-    drawn,
-    new_results,
-    progress_on,
-    say,
-    write_report,
-)
+from softrobot_env.commands import arguments, output
+from softrobot_env.commands.arguments import Parsers, add
+from softrobot_env.commands.output import say
 from softrobot_env.core.registry import Registry
 from softrobot_env.recordings import Recording, read_recording
 from softrobot_env.recordings.header import UNITS
@@ -42,7 +27,7 @@ EXAMPLE = "softrobot recording check train.csv --header assets/recordings/ftdcr_
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command: its commands with theirs."""
-    add_commands(parser, RECORDING_COMMANDS)
+    arguments.add_commands(parser, RECORDING_COMMANDS)
 
 
 def add_file(parser: Parsers) -> None:
@@ -64,7 +49,7 @@ _PATTERNS = 12  # at most that are listed
 
 def _add_check(parser: ArgumentParser) -> None:
     add_file(parser)
-    add_robot(parser, "to compare with; default: none")
+    arguments.add_robot(parser, "to compare with; default: none")
 
 
 def _check(args: Namespace) -> int:
@@ -139,21 +124,21 @@ _WORST = 5  # patterns on the terminal
 
 def _add_replay(parser: ArgumentParser) -> None:
     add_file(parser)
-    add_robot(
+    arguments.add_robot(
         parser,
         f"{_BESIDE_ROBOT} beside the file counts as --header unless that is given, and "
         "residual.npz as a correction that is told apart",
         required=True,
     )
-    add_plant(parser)
+    arguments.add_plant(parser)
     add(
         parser,
         "--twin SEED",
         "errors of manufacturing, servos and tendons, of a robot driven by length; default: none",
-        twin,
+        arguments.twin,
     )
-    add_no_plots(parser)
-    add_out(parser, "out/replay")
+    output.add_no_plots(parser)
+    output.add_out(parser, "out/replay")
 
 
 def _replay(args: Namespace) -> int:
@@ -167,7 +152,7 @@ def _replay(args: Namespace) -> int:
         say(f"Header: {header}", soft_wrap=True)
     recording = read_recording(args.recording, header)
     count = len(recording.times)
-    with progress_on("replay", count) as show:
+    with output.progress_on("replay", count) as show:
         result = replayed(
             recording, robot, args.plant, args.twin, lambda rows: show("replay", rows, count)
         )
@@ -189,18 +174,18 @@ def _replay(args: Namespace) -> int:
         columns += [common | {"model": _LEARNED} | row.columns() for row in better]
         parts.append(make_table(title, _COLUMNS, better, caption=_CAPTION))
     page = Group(*parts)
-    write_report(args.out, columns, "Replay of a recording", page, args.command_line)
+    output.write_report(args.out, columns, "Replay of a recording", page, args.command_line)
     say(f"{result.cpu_time:.1f} s of CPU time. Wrote {args.out}/report.json, report.md")
     if not args.no_plots:
         from softrobot_env.rendering.recordings import plot_replay
 
-        if drawn(lambda: plot_replay(result, rows, args.out)):
+        if output.drawn(lambda: plot_replay(result, rows, args.out)):
             say(f"Wrote plots to {args.out}")
     return int(bool(result.failures))
 
 
 def _run_replay(args: Namespace) -> int:
-    with new_results(args.out, args.overwrite):
+    with output.new_results(args.out, args.overwrite):
         return _replay(args)
 
 
@@ -249,11 +234,13 @@ _REPLAY = SimpleNamespace(
 )
 
 #: The commands of `softrobot recording`.
-RECORDING_COMMANDS: Registry[Command] = Registry(
+RECORDING_COMMANDS: Registry[arguments.Command] = Registry(
     "command of recording",
     {
-        "check": Command(_CHECK, "say whether a recording is good, what it holds and what is odd"),
-        "replay": Command(
+        "check": arguments.Command(
+            _CHECK, "say whether a recording is good, what it holds and what is odd"
+        ),
+        "replay": arguments.Command(
             _REPLAY, "simulate a recording's commands with a robot; report the error of its markers"
         ),
     },

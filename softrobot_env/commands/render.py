@@ -2,17 +2,8 @@
 
 from argparse import ArgumentParser, Namespace
 
-from softrobot_env.commands.arguments import (
-    add,
-    add_feedback,
-    add_learnt,
-    add_plant,
-    add_robot,
-    add_scene,
-    add_twin,
-    positive,
-    size,
-)
+from softrobot_env.commands import arguments
+from softrobot_env.commands.arguments import add
 from softrobot_env.commands.cases import make_setup, one_case
 from softrobot_env.commands.output import add_out, check_free, new_file, progress_on, say
 from softrobot_env.commands.setups import add_task
@@ -39,7 +30,7 @@ def _policies() -> str:
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
-    add_robot(parser, "default: the task's")
+    arguments.add_robot(parser, "default: the task's")
     add_task(parser)
     own = f"{_policies()}or one's own, package.module:name or file.py:name; default: static"
     add(parser, "--policy POLICY", own)
@@ -48,9 +39,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         parser,
         "--fps FPS",
         f"frames per second; default: 30, of a .gif {_GIF_FPS}, with {_GIF_FRAMES} frames at most",
-        positive,
+        arguments.positive,
     )
-    add(parser, "--size W H", "default: 640 480, of a .gif 400 300", size)
+    add(parser, "--size W H", "default: 640 480, of a .gif 400 300", arguments.size)
     add(parser, "--duration S", "default: the task's")
     add(
         parser,
@@ -59,11 +50,11 @@ def add_arguments(parser: ArgumentParser) -> None:
         default=0.0,
     )
     add(parser, "--record FILE", "also write a recording, .csv or .parquet")
-    add_twin(parser)
-    add_learnt(parser)
-    add_feedback(parser)
-    add_scene(parser)
-    add_plant(parser)
+    arguments.add_twin(parser)
+    arguments.add_learnt(parser)
+    arguments.add_feedback(parser)
+    arguments.add_scene(parser)
+    arguments.add_plant(parser)
 
 
 def run(args: Namespace) -> int:

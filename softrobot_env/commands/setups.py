@@ -10,17 +10,8 @@ from typing import Any
 import gymnasium
 
 from softrobot_env.beams.registry import MUJOCO
-from softrobot_env.commands.arguments import (
-    SCENE,
-    SEVERAL,
-    Parsers,
-    add,
-    flags,
-    named_values,
-    number,
-    plant_options,
-    positive,
-)
+from softrobot_env.commands import arguments
+from softrobot_env.commands.arguments import SEVERAL, Parsers, add
 from softrobot_env.control.registry import (
     FEEDBACKS,
     SENSORS,
@@ -63,7 +54,7 @@ ENVIRONMENTS = (SIMULATED, VIRTUAL, REAL)
 STEP_DURATION = 25.0
 
 #: What arguments are that a command does not have.
-_UNLESS_GIVEN = dict.fromkeys((*SCENE, "robot", "twin", "learnt", "sensors", "duration"))
+_UNLESS_GIVEN = dict.fromkeys((*arguments.SCENE, "robot", "twin", "learnt", "sensors", "duration"))
 _UNLESS_GIVEN |= {"plant": MUJOCO, "feedback": FEEDBACKS[0]}
 
 
@@ -153,7 +144,7 @@ class Setup:
             feedback=args.feedback if measured else None,
             sensors=args.sensors,
             duration=args.duration or step,
-            scene=plant_options(args, case.policy, robot),
+            scene=arguments.plant_options(args, case.policy, robot),
             identified=self._identified(robot) if identified else None,
         )
 
@@ -197,7 +188,7 @@ class Setup:
 
     def _check_twins(self, cases: list[Case]) -> None:
         """Refuse arguments of robots with twins that no case uses."""
-        told = flags(self._args, ("twin", "learnt"))
+        told = arguments.flags(self._args, ("twin", "learnt"))
         if not cases and told:
             tasks = "; ".join(f"{r.name}, {', '.join(tasks_of(r).own())}" for r in with_twins())
             raise ValueError(f"{told}: only with tasks of the {tasks}")
@@ -299,9 +290,11 @@ def check_used(given: Given, makers: Mapping[str, Maker], robot: RobotParams | N
 
 def option(text: str) -> tuple[str, list[float]]:
     """`name=1,2,3` as the name of an option of tasks and its values."""
-    name, values = named_values(text)
+    name, values = arguments.named_values(text)
     # What is written as a whole number stays one.
-    return name, [int(v) if v.isdecimal() else number(v, isfinite, "a number") for v in values]
+    return name, [
+        int(v) if v.isdecimal() else arguments.number(v, isfinite, "a number") for v in values
+    ]
 
 
 def merge(pairs: list[tuple[str, list[float]]]) -> Given:
@@ -318,7 +311,7 @@ def add_task(parser: Parsers) -> None:
     add(parser, "--task TASK", f"{task_help()}; {usual}", task_name)
     told = f"an option of the task, in SI units, out of {', '.join(task_options())}"
     add(parser, "--option NAME=VALUE", told, option, **SEVERAL)
-    add(parser, "--step-width M", "as --option step_width=...", positive)
+    add(parser, "--step-width M", "as --option step_width=...", arguments.positive)
 
 
 def one_task(args: Namespace, robot: RobotParams | None) -> Task:

@@ -8,14 +8,8 @@ from functools import partial
 import gymnasium
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
-from softrobot_env.commands.arguments import (
-    SEVERAL,
-    add,
-    add_line,
-    add_robot,
-    twin,
-    variation,
-)
+from softrobot_env.commands import arguments
+from softrobot_env.commands.arguments import SEVERAL, add
 from softrobot_env.commands.output import add_out, check_free, new_file, progress_on, say
 from softrobot_env.commands.robot.link import robot_of
 from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED
@@ -54,21 +48,21 @@ _NUMBERS = {
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
-    add_robot(parser, "simulated; default: the rig")
+    arguments.add_robot(parser, "simulated; default: the rig")
     add(parser, "--env", "default: sim", choices=ENVIRONMENTS, default=SIMULATED)
     add(
         parser,
         "--twin SEED",
         "errors of manufacturing and servos that a simulated or virtual robot driven by length has "
         "and nobody is told, or none; default: of the rig 0, of others none",
-        twin,
+        arguments.twin,
         nargs=1,
     )
     known = ", ".join(VARIATIONS)
     told = f"what is otherwise with a simulated robot than believed: {known}"
-    add(parser, "--vary NAME=V", told, variation, **SEVERAL)
+    add(parser, "--vary NAME=V", told, arguments.variation, **SEVERAL)
     add(parser, "--plant", "of a simulated robot; default: mujoco", choices=PLANTS, default=MUJOCO)
-    add_line(parser, "of a real rig")
+    arguments.add_line(parser, "of a real rig")
     add(parser, "--control-period S", default=0.02)
     add(parser, "--kinds", nargs="+", choices=KINDS, default=["pulls", "random"])
     usual = {field.name: field.default for field in fields(Excitation)}
