@@ -90,7 +90,14 @@ def train(
     logs = None if log is None else str(log)
     about = _about(config, seed, robot)
     anew = None if checkpoint is None else partial(_begin_anew, seed)
-    watch = Watch(config, show, partial(_keep, checkpoint, about, told), robot, view, anew)
+
+    def keep(model: BaseAlgorithm, best: Network, curve: list[Point]) -> None:
+        if checkpoint is not None:
+            write(checkpoint, Checkpoint(about, curve, best, learner_state(model)))
+        if told is not None:
+            told(curve)
+
+    watch = Watch(config, show, keep, robot, view, anew)
     before = _to_go_on_with(checkpoint, about, show) if resume else None
     if before is None:
         _check_free(checkpoint)
@@ -251,20 +258,6 @@ def _begin_anew(seed: int, model: BaseAlgorithm, steps: int) -> None:
     model.set_random_seed(int(np.random.SeedSequence([seed, steps]).generate_state(1)[0] >> 1))
     model._last_obs = model.get_env().reset()
     model._last_episode_starts = np.ones(model.n_envs, dtype=bool)
-
-
-def _keep(
-    folder: Path | None,
-    about: dict[str, Any],
-    told: Callable[[list[Point]], None] | None,
-    model: BaseAlgorithm,
-    best: Network,
-    curve: list[Point],
-) -> None:
-    if folder is not None:
-        write(folder, Checkpoint(about, curve, best, learner_state(model)))
-    if told is not None:
-        told(curve)
 
 
 def _about(config: RLConfig, seed: int, robot: RobotParams) -> dict[str, Any]:
