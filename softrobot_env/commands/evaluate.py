@@ -6,26 +6,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from softrobot_env.commands import output, setups
-from softrobot_env.commands.arguments import (
-    SEVERAL,
-    Parsers,
-    add,
-    add_feedback,
-    add_learnt,
-    add_line,
-    add_plant,
-    add_robot,
-    add_scene,
-    add_twin,
-    add_workers,
-    files_among,
-    or_all,
-    policy,
-    positive,
-    seed,
-    variation,
-)
+from softrobot_env.commands import arguments, output, setups
+from softrobot_env.commands.arguments import SEVERAL, Parsers, add
 from softrobot_env.commands.cases import left_out, make_cases, make_setup
 from softrobot_env.commands.output import say
 from softrobot_env.core.extras import install_command
@@ -68,13 +50,15 @@ EXAMPLE = """softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command, by what they are about."""
     parser.usage = "softrobot evaluate [--tasks TASK ...] [--policies POLICY ...] [OPTION ...]"
-    add_robot(parser, "all tasks are for it; default: the arm's and the rig's have theirs")
+    arguments.add_robot(
+        parser, "all tasks are for it; default: the arm's and the rig's have theirs"
+    )
     add(
         parser,
         "--tasks TASK",
         "out of `softrobot list tasks`, or one's own, package.module:name or file.py:name; "
         "default: all of --robot, of the arm step, swing, lshape",
-        or_all(setups.task_name),
+        arguments.or_all(setups.task_name),
         nargs="+",
         default=["all"],
     )
@@ -82,7 +66,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         parser,
         "--policies POLICY",
         "out of `softrobot list policies`, or one's own as of tasks; default: all that fit a task",
-        or_all(policy),
+        arguments.or_all(arguments.policy),
         nargs="+",
         default=["all"],
     )
@@ -90,13 +74,13 @@ def add_arguments(parser: ArgumentParser) -> None:
     _add_options(parser.add_argument_group("options of tasks"))
     _add_errors(parser.add_argument_group("other robots than the policies know"))
     rig = parser.add_argument_group("the test rig")
-    add_twin(rig, "+")
-    add_learnt(rig)
+    arguments.add_twin(rig, "+")
+    arguments.add_learnt(rig)
     _add_real(parser.add_argument_group("rigs over a serial line"))
-    add_feedback(parser.add_argument_group("feedback"))
-    add_scene(parser)
-    add_plant(parser)
-    add_workers(
+    arguments.add_feedback(parser.add_argument_group("feedback"))
+    arguments.add_scene(parser)
+    arguments.add_plant(parser)
+    arguments.add_workers(
         parser.add_argument_group("episodes side by side"),
         ", and take up those that are done after a stop; decisions take longer than alone; "
         "default: one after the other",
@@ -115,7 +99,7 @@ def _add_errors(group: Parsers) -> None:
         "--vary NAME=V1,V2",
         f"values of one of {', '.join(VARIATIONS)}: in SI units or as factors; controllers keep "
         "the nominal robot",
-        variation,
+        arguments.variation,
         **SEVERAL,
     )
     add(
@@ -123,10 +107,10 @@ def _add_errors(group: Parsers) -> None:
         "--randomize NAME=LOW,HIGH",
         "ranges of the same quantities, of which --draws robots are drawn besides those of --vary; "
         "every policy gets the same ones",
-        variation,
+        arguments.variation,
         **SEVERAL,
     )
-    add(group, "--draws N", "of --randomize; default: 5", seed)
+    add(group, "--draws N", "of --randomize; default: 5", arguments.seed)
 
 
 def _add_options(group: Parsers) -> None:
@@ -137,13 +121,13 @@ def _add_options(group: Parsers) -> None:
     values = f"values of an option of tasks, in SI units: {known}"
     add(group, "--option NAME=V1,V2", values, setups.option, **SEVERAL)
     widths = "as --option step_width=...; default: 0.05 0.1 0.2"
-    add(group, "--step-widths M", widths, positive, nargs="+")
+    add(group, "--step-widths M", widths, arguments.positive, nargs="+")
     add(
         group,
         "--speeds V1,V2",
         "as --option speed=...; of circle, figure_eight, random the largest of the reference, "
         "default: 0.1",
-        lambda text: [positive(part) for part in text.split(",")],
+        lambda text: [arguments.positive(part) for part in text.split(",")],
     )
     add(group, "--path-seeds N", "as --option seed=...; default: 0", int, nargs="+")
 
@@ -158,7 +142,9 @@ def _add_real(group: Parsers) -> None:
         choices=setups.ENVIRONMENTS,
         default=setups.SIMULATED,
     )
-    add_line(group, "of a real robot, see `softrobot robot calibrate`; default: the rig's")
+    arguments.add_line(
+        group, "of a real robot, see `softrobot robot calibrate`; default: the rig's"
+    )
     add(
         group,
         "--record DIR",
@@ -232,7 +218,7 @@ def _evaluate(args: Namespace) -> int:
     else:
         given = {k: v for k, v in vars(args).items() if k not in _ELSEWHERE}
         study = f"evaluate {sorted(given.items())}"
-        with kept_rows(args.out / KEPT, study, files_among(given.values())) as kept:
+        with kept_rows(args.out / KEPT, study, arguments.files_among(given.values())) as kept:
             results = _run_side_by_side(cases, args, kept)
             if kept.taken:
                 say(f"Took up {kept.taken} episodes of an earlier run that was stopped")

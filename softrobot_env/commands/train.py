@@ -8,17 +8,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from softrobot_env.commands.arguments import (
-    SEVERAL,
-    Parser,
-    Parsers,
-    add,
-    add_robot,
-    add_workers,
-    files_among,
-    flags,
-    seeds,
-)
+from softrobot_env.commands import arguments
+from softrobot_env.commands.arguments import SEVERAL, Parsers, add
 from softrobot_env.commands.output import (
     add_out,
     check_folder,
@@ -41,12 +32,7 @@ from softrobot_env.robots.artifacts import (
     looked_up,
     training_folder,
 )
-from softrobot_env.training.registry import (
-    LEARNERS,
-    REINFORCEMENT,
-    TRAININGS,
-    check_reinforcement,
-)
+from softrobot_env.training import registry
 from softrobot_env.training.request import Training, TrainingRequest, file_of
 from softrobot_env.training.rl_config import (
     IMITATION,
@@ -73,9 +59,9 @@ EXAMPLE = """softrobot train lq_preview --robot my.toml
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
-    known = f"policy to train, out of {', '.join(TRAININGS)}; or give --algo"
-    add(parser, "what NAME", known, nargs="?", choices=list(TRAININGS))
-    add_robot(parser, "a name or a file; default: the thesis' of the artifact")
+    known = f"policy to train, out of {', '.join(registry.TRAININGS)}; or give --algo"
+    add(parser, "what NAME", known, nargs="?", choices=list(registry.TRAININGS))
+    arguments.add_robot(parser, "a name or a file; default: the thesis' of the artifact")
     drawn = parser.add_mutually_exclusive_group()
     add(drawn, "--seed SEED", "of the randomness; default: 0")
     add(
@@ -83,9 +69,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--seeds A..B|A,B",
         "a run for each; with this, several values of --set or --workers, runs have folders in "
         "that of --out, and the same command goes on with those that are not done",
-        seeds,
+        arguments.seeds,
     )
-    add_workers(parser, "; several runs at a time; default: as many processes as cores")
+    arguments.add_workers(parser, "; several runs at a time; default: as many processes as cores")
     add_out(
         parser,
         None,
@@ -172,9 +158,9 @@ def _setting(text: str) -> tuple[str, tuple[float, ...]]:
 
 def given(args: Namespace) -> dict[str, Any]:
     """Settings of a training that are given; of several values of one, the first."""
-    parser = Parser()
+    parser = arguments.Parser()
     add_arguments(parser)
-    names = ("twin", "recording", "teacher", "quick", *REINFORCEMENT)
+    names = ("twin", "recording", "teacher", "quick", *registry.REINFORCEMENT)
     found = {name: getattr(args, name) for name in names if hasattr(args, name)}
     found["set"] = [(name, values[0]) for name, values in found["set"]]
     return {name: value for name, value in found.items() if value != parser.get_default(name)}
@@ -190,11 +176,11 @@ def run(args: Namespace) -> int:
     """
     if (args.what is None) == (args.algo is None):
         raise ValueError(
-            f"give an artifact ({', '.join(TRAININGS)}) or an algorithm (--algo "
+            f"give an artifact ({', '.join(registry.TRAININGS)}) or an algorithm (--algo "
             f"{', '.join(ALGORITHMS)})"
         )
     name, args.seed = args.what or args.algo, args.seed or 0
-    training, settings = TRAININGS[name], given(args)
+    training, settings = registry.TRAININGS[name], given(args)
     robot = find_robot(args.robot) if args.robot else training.robot or default_robot()
     training.check(name, robot, settings)
     check_settings(training, settings)
@@ -226,7 +212,7 @@ def check_settings(training: Training, settings: dict[str, Any]) -> None:
     foreign: dict[str, list[str]] = {}
     for name in settings:
         if name not in training.options:
-            able = [other for other, known in TRAININGS.items() if name in known.options]
+            able = [other for other, known in registry.TRAININGS.items() if name in known.options]
             foreign.setdefault(", ".join(able), []).append(f"--{name}")
     if foreign:
         told = (f"{', '.join(options)}: only with {able}" for able, options in foreign.items())
@@ -268,17 +254,17 @@ def train_several(
     """
     from softrobot_env.training.several import report, runs
 
-    if told := flags(args, _SINGLE):
+    if told := arguments.flags(args, _SINGLE):
         raise ValueError(f"{told}: of a single run, not of --seeds and --workers")
-    if args.seeds is not None and not TRAININGS[name].drawn:
-        able = ", ".join(other for other, known in TRAININGS.items() if known.drawn)
+    if args.seeds is not None and not registry.TRAININGS[name].drawn:
+        able = ", ".join(other for other, known in registry.TRAININGS.items() if known.drawn)
         raise ValueError(f"--seeds: nothing in {name} is drawn at random; only with {able}")
     out = args.out or SEVERAL_RUNS / name
     order = order_in(out, name, robot, settings, args.name)
     orders = runs.orders_of(order, args.seeds or (args.seed,), values)
-    if name in LEARNERS:
+    if name in registry.LEARNERS:
         for one in orders.values():
-            check_reinforcement(name, one)
+            registry.check_reinforcement(name, one)
     study = study_in_words("train", args)
     files = files_in(args, out)
     with new_results(out, args.overwrite), kept_rows(out / KEPT, study, files) as kept:
@@ -306,7 +292,7 @@ def order_in(
     beside = path.with_name(artifact_name(robot, IMITATION))
     if "start" in settings and Path(settings["start"]).is_file():
         settings["start"] = str(Path(settings["start"]).resolve())
-    elif name in LEARNERS and "start" not in settings and beside.is_file():
+    elif name in registry.LEARNERS and "start" not in settings and beside.is_file():
         settings["start"] = str(beside)
     return replace(TrainingRequest(robot, path, 0, settings), near=path.parent)
 
@@ -320,7 +306,7 @@ def study_in_words(command: str, args: Namespace) -> str:
 def files_in(args: Namespace, out: Path) -> set[Path]:
     """Files that the runs depend on: those that are given, and what they build on in `out`."""
     given = [value for key, value in vars(args).items() if key not in ELSEWHERE]
-    return files_among(given) | set(out.resolve().glob("*.npz"))
+    return arguments.files_among(given) | set(out.resolve().glob("*.npz"))
 
 
 def write(

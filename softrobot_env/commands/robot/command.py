@@ -26,18 +26,7 @@ from softrobot_env.commands.robot.link import (
 from softrobot_env.core.registry import Registry
 from softrobot_env.hardware.driver import Driver, identify
 from softrobot_env.hardware.errors import RobotError
-from softrobot_env.hardware.protocol.messages import (
-    DeviceState,
-    Fault,
-    FaultReport,
-    Message,
-    Nack,
-    Ping,
-    Pong,
-    Reason,
-    Setpoint,
-    State,
-)
+from softrobot_env.hardware.protocol import messages
 from softrobot_env.hardware.protocol.unit_conversion import faults
 from softrobot_env.hardware.robot_file import BAUDS, rig_file
 from softrobot_env.hardware.transport import (
@@ -220,11 +209,11 @@ _ESTOP = RobotCommand(
 _ARROWS = {Direction.TO_ROBOT: "to robot", Direction.FROM_ROBOT: "from robot"}
 
 #: Left out unless all messages are wanted.
-_ROUTINE = (Setpoint, Ping, Pong)
+_ROUTINE = (messages.Setpoint, messages.Ping, messages.Pong)
 
 
 #: A message: time [s] from the start, which way, and what.
-Line = tuple[float, Direction, Message]
+Line = tuple[float, Direction, messages.Message]
 
 
 def _add_replay(parser: ArgumentParser) -> None:
@@ -257,25 +246,25 @@ def _news(lines: list[Line]) -> Iterator[Line]:
         told = tells or told
 
 
-def _tells(message: Message) -> tuple | None:
+def _tells(message: messages.Message) -> tuple | None:
     """What of a message that comes again and again would be new; None for others."""
-    if isinstance(message, State):
-        return State, message.state, message.faults, message.session
-    if isinstance(message, FaultReport):
-        return FaultReport, message.code, message.channel
+    if isinstance(message, messages.State):
+        return messages.State, message.state, message.faults, message.session
+    if isinstance(message, messages.FaultReport):
+        return messages.FaultReport, message.code, message.channel
     return None
 
 
-def _text(message: Message) -> str:
-    if isinstance(message, State):
+def _text(message: messages.Message) -> str:
+    if isinstance(message, messages.State):
         applied = ", ".join(f"{x / 100:.2f}" for x in message.applied)
-        state = DeviceState(message.state).name.lower()
+        state = messages.DeviceState(message.state).name.lower()
         stopped = ", ".join(fault.name.lower() for fault in faults(message)) or "none"
         return f"{state}, applied {applied} mm, faults {stopped}"
-    if isinstance(message, Nack):
-        return f"message {message.about_seq}: {Reason(message.reason).name.lower()}"
-    if isinstance(message, FaultReport):
-        code = Fault(message.code).name.lower()
+    if isinstance(message, messages.Nack):
+        return f"message {message.about_seq}: {messages.Reason(message.reason).name.lower()}"
+    if isinstance(message, messages.FaultReport):
+        code = messages.Fault(message.code).name.lower()
         return f"{code}, channel {message.channel}, value {message.value}"
     pairs = ((field.name, getattr(message, field.name)) for field in fields(message))
     return ", ".join(f"{name} {value}" for name, value in pairs)

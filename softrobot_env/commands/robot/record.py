@@ -15,15 +15,7 @@ from softrobot_env.commands.robot.link import robot_of
 from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED
 from softrobot_env.envs.recording import RecordEpisodes
 from softrobot_env.evaluation.report import VIRTUAL
-from softrobot_env.identification.excitation import (
-    KINDS,
-    Excitation,
-    Plan,
-    at_rests,
-    excite,
-    plan,
-    resting_task,
-)
+from softrobot_env.identification import excitation
 from softrobot_env.recordings import Recording, write_recording
 from softrobot_env.recordings.columns import check_writable
 from softrobot_env.recordings.files import header_path
@@ -64,8 +56,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     add(parser, "--plant", "of a simulated robot; default: mujoco", choices=PLANTS, default=MUJOCO)
     arguments.add_line(parser, "of a real rig")
     add(parser, "--control-period S", default=0.02)
-    add(parser, "--kinds", nargs="+", choices=KINDS, default=["pulls", "random"])
-    usual = {field.name: field.default for field in fields(Excitation)}
+    add(parser, "--kinds", nargs="+", choices=excitation.KINDS, default=["pulls", "random"])
+    usual = {field.name: field.default for field in fields(excitation.Excitation)}
     for name, text in _NUMBERS.items():
         add(parser, f"--{name} X", f"{text}; default: {usual[name]:g}", float)
     add(parser, "--levels LEVELS", "of a pull; default: 4", int)
@@ -86,21 +78,23 @@ def run(args: Namespace) -> int:
 def _run(args: Namespace) -> int:
     """Record and write."""
     robot = default_robot(on_a_line=True) if args.robot is None else find_robot(args.robot)
-    planned = plan(robot, _excitation(args), args.control_period)
+    planned = excitation.plan(robot, _excitation(args), args.control_period)
     scales = ", ".join(f"{scale:.2g}" for scale in planned.scales)
     say(f"{planned.duration:.0f} s, to {scales} of full scale")
     recording, stopped = _recorded(args, robot, planned)
     if stopped:
         say(f"Stopped {stopped}", markup=False, soft_wrap=True)
     if args.static:
-        recording, moved = at_rests(recording, planned)
+        recording, moved = excitation.at_rests(recording, planned)
         say(f"At the ends of rests the tip moved by up to {1e3 * moved:.2g} mm")
     write_recording(recording, args.out)
     say(f"Wrote {len(recording.times)} rows to {args.out}, and its header beside it")
     return int(bool(stopped))
 
 
-def _recorded(args: Namespace, robot: RobotParams, planned: Plan) -> tuple[Recording, str | None]:
+def _recorded(
+    args: Namespace, robot: RobotParams, planned: excitation.Plan
+) -> tuple[Recording, str | None]:
     """What was recorded, and why it ended too early or None."""
     options = {"vary": _varied(args)} if args.vary else None
     count, how = len(planned.actions), _excitation(args)
@@ -108,16 +102,16 @@ def _recorded(args: Namespace, robot: RobotParams, planned: Plan) -> tuple[Recor
     with recorded as env, progress_on("record", count) as show:
         tell = partial(show, "record", total=count)
         try:
-            stopped = excite(env, planned, how, args.seed, options, tell)
+            stopped = excitation.excite(env, planned, how, args.seed, options, tell)
         except KeyboardInterrupt:  # what was recorded until then is kept
             stopped = "by Ctrl-C"
         return env.recording, stopped
 
 
-def _excitation(args: Namespace) -> Excitation:
+def _excitation(args: Namespace) -> excitation.Excitation:
     given = {name: getattr(args, name) for name in (*_NUMBERS, "levels", "points", "seed")}
     given = {name: value for name, value in given.items() if value is not None}
-    return Excitation(kinds=tuple(args.kinds), **given)
+    return excitation.Excitation(kinds=tuple(args.kinds), **given)
 
 
 def _varied(args: Namespace) -> dict[str, float]:
@@ -129,7 +123,7 @@ def _varied(args: Namespace) -> dict[str, float]:
     return {name: values[0] for name, values in args.vary}
 
 
-def _environment(args: Namespace, robot: RobotParams, planned: Plan) -> gymnasium.Env:
+def _environment(args: Namespace, robot: RobotParams, planned: excitation.Plan) -> gymnasium.Env:
     """The robot in an environment; a real one is at rest when that is closed."""
     if args.env == SIMULATED:
         return _simulated(args, robot, planned)
@@ -138,7 +132,7 @@ def _environment(args: Namespace, robot: RobotParams, planned: Plan) -> gymnasiu
 
     if not entry_of(robot).on_a_line or args.plant != MUJOCO:
         raise ValueError(f"--robot, --plant: only with --env {SIMULATED}")
-    task = resting_task(robot, planned.duration, entry_of(robot).axes)
+    task = excitation.resting_task(robot, planned.duration, entry_of(robot).axes)
     options = {"control_period": args.control_period, "observe": "all"}
     if args.env != VIRTUAL:
         return RealRigEnv(task, robot_file=robot_of(args), **options)
@@ -148,7 +142,7 @@ def _environment(args: Namespace, robot: RobotParams, planned: Plan) -> gymnasiu
     return VirtualRigEnv(task, drawn, **options)
 
 
-def _simulated(args: Namespace, robot: RobotParams, planned: Plan) -> gymnasium.Env:
+def _simulated(args: Namespace, robot: RobotParams, planned: excitation.Plan) -> gymnasium.Env:
     from softrobot_env.evaluation.runner import simulated
 
     entry = entry_of(robot)
@@ -157,4 +151,4 @@ def _simulated(args: Namespace, robot: RobotParams, planned: Plan) -> gymnasium.
         options["plant"] = BeamPlant(args.plant)
         options |= {} if entry.pieces is None else {"pieces": None}
     (seed,) = args.twin or (entry.twin,)
-    return simulated(resting_task(robot, planned.duration, entry.axes), seed, **options)
+    return simulated(excitation.resting_task(robot, planned.duration, entry.axes), seed, **options)
