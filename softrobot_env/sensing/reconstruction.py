@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from softrobot_env.core.artifacts import Arrays
-from softrobot_env.robots import RobotParams, Sensor
+from softrobot_env.robots import Base, RobotParams, Sensor
 from softrobot_env.sensing.estimation import BendFilter, LightModel, calibrate
 
 #: The observable that every calibration reports.
@@ -166,14 +166,8 @@ class Arcs:
         bends = np.zeros((len(parts), 2, count))
         for k, (begin, end, bend) in enumerate(parts):
             bends[k] = bend * lengths[k] / (end - begin)
-        base = robot.base
-        return cls(
-            lengths,
-            bends,
-            robot.reach - robot.length,
-            np.zeros(3) if base is None else np.array(base.position),
-            np.eye(3) if base is None else base.axes,
-        )
+        base, head = robot.base or Base(), robot.reach - robot.length
+        return cls(lengths, bends, head, np.array(base.position), base.axes)
 
     def tip(self, features: np.ndarray) -> np.ndarray:
         """Output point (n, 3) [m] in the world, of features (n, f)."""
@@ -185,9 +179,8 @@ class Arcs:
             # sin(a) / a towards +z, and (1 - cos(a)) / a to the side.
             along, aside = np.sinc(size / np.pi), size * np.sinc(size / (2 * np.pi)) ** 2 / 2
             side = bend / np.where(size > 0, size, 1.0)
-            place = place + length * np.einsum(
-                "nij,nj->ni", turn, np.concatenate([aside * side, along], axis=1)
-            )
+            chord = np.concatenate([aside * side, along], axis=1)
+            place = place + length * np.einsum("nij,nj->ni", turn, chord)
             # By bends towards x and y it turns about y and -x.
             about = np.stack([-bend[:, 1], bend[:, 0], np.zeros(len(bend))], axis=1)
             turn = turn @ Rotation.from_rotvec(about).as_matrix()
@@ -245,11 +238,8 @@ class Reconstruction:
         filters = tuple(None if light is None else BendFilter(light) for light in self.lights)
         start = SensedShape(filters, np.full(self.size, np.nan), {})
         if not np.isfinite(reading).all():
-            return start._replace(
-                reported={
-                    name: np.full(m.weights.shape[1], np.nan) for name, m in self.maps.items()
-                }
-            )
+            sizes = {name: one.weights.shape[1] for name, one in self.maps.items()}
+            return start._replace(reported={n: np.full(k, np.nan) for n, k in sizes.items()})
         return self.update(start, reading, 0.0)
 
     def update(self, before: SensedShape, reading: np.ndarray, passed: float) -> SensedShape:

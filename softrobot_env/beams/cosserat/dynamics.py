@@ -42,6 +42,7 @@ from softrobot_env.beams.numerics.quaternions import (
     row3,
     row4,
     scaled,
+    store,
     stretched,
     times_vector,
     unit,
@@ -164,7 +165,7 @@ def spins(q, v, pieces):
     for k in range(pieces):
         p = quaternion_at(q, 7 * k + 3)
         factor, x = 2 / dot4(p, p), quotient(p, quaternion_at(v, 7 * k + 3))
-        w[k + 1, 0], w[k + 1, 1], w[k + 1, 2] = factor * x[1], factor * x[2], factor * x[3]
+        store(w[k + 1], scaled(factor, x[1:]))
     return w
 
 
@@ -225,12 +226,8 @@ def _add_stretching(model, q, v, u, w, torque, out):
         frame = row4(u, k + 1)
         t = segment_vector(q, base, k, segments, frame)
         rate = segment_vector(v, base, k, segments, frame)
-        turning = cross(row3(w, k + 1), t)
-        force = (
-            c[k, 0] * (t[0] + mu[k] * (rate[0] - turning[0])),
-            c[k, 1] * (t[1] + mu[k] * (rate[1] - turning[1])),
-            c[k, 2] * (t[2] - 1 + mu[k] * (rate[2] - turning[2])),
-        )
+        strain, rate = (t[0], t[1], t[2] - 1), difference(rate, cross(row3(w, k + 1), t))
+        force = stretched(c[k], mix(1.0, strain, mu[k], rate))
         pull_ends(base, k, frame, 1.0, force, out)
         add_scaled(torque, k + 1, segments[k], cross(t, force))
 
@@ -259,11 +256,7 @@ def _add_bending(model, u, w, torque):
         xi, slope = weighting(model.weighting, turn)
         factor = 2 / cells[n]
         still, moving = factor * (xi + mu[n] * slope * rate[0]), factor * mu[n] * xi
-        moment = (
-            c[n, 0] * (still * turn[1] + moving * rate[1]),
-            c[n, 1] * (still * turn[2] + moving * rate[2]),
-            c[n, 2] * (still * turn[3] + moving * rate[3]),
-        )
+        moment = stretched(c[n], mix(still, turn[1:], moving, rate[1:]))
         if not model.conservative:
             xi, slope = xi * 0 + 1, xi * 0
         add_moment(torque, n, turn, xi, slope, moment)
@@ -285,9 +278,8 @@ def add_moment(torque, n, turn, xi, slope, moment):
         xi, slope: The weighting and its derivative by c.
         moment: Vector [N m].
     """
-    s = (turn[1], turn[2], turn[3])
-    twist = cross(s, moment)
-    along = slope * dot3(s, moment)
+    s = turn[1:]
+    twist, along = cross(s, moment), slope * dot3(s, moment)
     for i in range(3):
         even, odd = xi * twist[i], xi * turn[0] * moment[i] - along * s[i]
         torque[n, i] += even + odd
@@ -312,11 +304,8 @@ def _set_rotation_rows(model, q, v, a, w, torque, out):
         spinning = stretched(body, w_k)
         gyroscopic = cross(w_k, spinning)
         drag = factor * radial
-        missing = (
-            factor * body[0] * turned[1] - drag * spinning[0] + gyroscopic[0] - torque[k + 1, 0],
-            factor * body[1] * turned[2] - drag * spinning[1] + gyroscopic[1] - torque[k + 1, 1],
-            factor * body[2] * turned[3] - drag * spinning[2] + gyroscopic[2] - torque[k + 1, 2],
-        )
+        rising = mix(factor, stretched(body, turned[1:]), -drag, spinning)
+        missing = add(rising, difference(gyroscopic, row3(torque, k + 1)))
         excess = 0.5 * (square - 1)
         normal = norm_stiffness * excess + normal_inertia * (
             dot4(p, ddp) + dot4(dp, dp) + 2 * z * radial + z * z * excess
@@ -386,10 +375,8 @@ def displace(model, q, change, out):
         angle = np.sqrt(dot3(turn, turn))
         part = np.sin(angle) / angle if angle > 0 else 1.0
         row = times_vector(u, scaled(part, turn))
-        out[j + 3] = np.cos(angle) * u[0] + row[0]
-        out[j + 4] = np.cos(angle) * u[1] + row[1]
-        out[j + 5] = np.cos(angle) * u[2] + row[2]
-        out[j + 6] = np.cos(angle) * u[3] + row[3]
+        for i in range(4):
+            out[j + 3 + i] = np.cos(angle) * u[i] + row[i]
         x = add(x, scaled(segments[k], rotate(unit(quaternion_at(out, j + 3)), strain)))
         out[j], out[j + 1], out[j + 2] = x
 
@@ -518,16 +505,9 @@ def load_axes(model, q, out):
     for m in range(len(out)):
         k, weight = model.section[m], model.weight[m]
         low, high = section_at(q, k), section_at(q, k + 1)
-        if dot4(low, high).real < 0:
-            high = (-high[0], -high[1], -high[2], -high[3])
-        frame = unit(
-            (
-                (1 - weight) * low[0] + weight * high[0],
-                (1 - weight) * low[1] + weight * high[1],
-                (1 - weight) * low[2] + weight * high[2],
-                (1 - weight) * low[3] + weight * high[3],
-            )
-        )
+        b = -weight if dot4(low, high).real < 0 else weight
+        real, (x, y, z) = (1 - weight) * low[0] + b * high[0], mix(1 - weight, low[1:], b, high[1:])
+        frame = unit((real, x, y, z))
         e_x = rotate(frame, (zero + 1, zero, zero))
         e_y = rotate(frame, (zero, zero + 1, zero))
         e_z = cross(e_x, e_y)

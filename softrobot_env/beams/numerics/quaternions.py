@@ -142,14 +142,8 @@ def times_vector(p, x):
 @kernel
 def rotate(u, x):
     """Rotated vector R x."""
-    axis = (u[1], u[2], u[3])
-    turned = cross(axis, x)
-    again = cross(axis, turned)
-    return (
-        x[0] + 2 * (u[0] * turned[0] + again[0]),
-        x[1] + 2 * (u[0] * turned[1] + again[1]),
-        x[2] + 2 * (u[0] * turned[2] + again[2]),
-    )
+    turned = cross(u[1:], x)
+    return add(x, scaled(2.0, add(scaled(u[0], turned), cross(u[1:], turned))))
 
 
 @kernel
@@ -173,16 +167,9 @@ def relative(first, second):
 @kernel
 def relative_rate(w, first, second):
     """Rate of `relative` w, given the angular velocities of both frames in themselves [rad/s]."""
-    x, y, z = w[1], w[2], w[3]
-    dx, dy, dz = second[0] - first[0], second[1] - first[1], second[2] - first[2]
-    total = (second[0] + first[0], second[1] + first[1], second[2] + first[2])
-    twist = cross((x, y, z), total)
-    return (
-        -0.5 * (x * dx + y * dy + z * dz),
-        0.5 * (w[0] * dx + twist[0]),
-        0.5 * (w[0] * dy + twist[1]),
-        0.5 * (w[0] * dz + twist[2]),
-    )
+    change, twist = difference(second, first), cross(w[1:], add(second, first))
+    x, y, z = scaled(0.5, add(scaled(w[0], change), twist))
+    return -0.5 * dot3(w[1:], change), x, y, z
 
 
 #: sin^2 below which theta / sin(theta) is summed as a series: eight terms are then exact.
@@ -206,7 +193,7 @@ def weighting(kind, w):
         value = 2 / (1 + c)
         return value, -value / (1 + c)
     if kind == 5:
-        square = w[1] * w[1] + w[2] * w[2] + w[3] * w[3]
+        square = dot3(w[1:], w[1:])
         if square.real < _SERIES:
             return _arc_over_sine(square), -2 * c * _arc_over_sine_slope(square)
         sine = np.sqrt(square)

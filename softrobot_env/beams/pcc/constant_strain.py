@@ -65,13 +65,7 @@ def _series(x):
 @kernel
 def blend(c0, c1, c2, phi, a):
     """Product of c0 1 + c1 [phi] + c2 phi phi^T with a vector."""
-    x, y, z = cross(phi, a)
-    k = c2 * dot3(phi, a)
-    return (
-        c0 * a[0] + c1 * x + k * phi[0],
-        c0 * a[1] + c1 * y + k * phi[1],
-        c0 * a[2] + c1 * z + k * phi[2],
-    )
+    return add(mix(c0, a, c1, cross(phi, a)), scaled(c2 * dot3(phi, a), phi))
 
 
 @kernel
@@ -185,11 +179,7 @@ def compose(axes, c, phi):
 def to_world(axes, a):
     """A vector in the world, given its coordinates along axes."""
     x, y, z = axes
-    return (
-        x[0] * a[0] + y[0] * a[1] + z[0] * a[2],
-        x[1] * a[0] + y[1] * a[1] + z[1] * a[2],
-        x[2] * a[0] + y[2] * a[1] + z[2] * a[2],
-    )
+    return add(mix(a[0], x, a[1], y), scaled(a[2], z))
 
 
 @kernel

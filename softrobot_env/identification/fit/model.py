@@ -21,9 +21,8 @@ from softrobot_env.identification.fit.kernels import TINY, Body, Layout
 from softrobot_env.identification.fit.unknowns import HOLDS, Turned, Unknowns
 from softrobot_env.recordings import Header, Recording
 from softrobot_env.recordings.header import Commands
-from softrobot_env.robots import RobotParams, Section, Tendon
+from softrobot_env.robots import Base, RobotParams, Section, Tendon
 from softrobot_env.robots.actuation import with_balance
-from softrobot_env.robots.parameters import Base
 
 _PIECES = 6  # at least, over all of the robot
 _CHANNEL = 1000  # spans of a continuous channel in a piece
@@ -95,8 +94,8 @@ class StaticModel:
         self._gravity = np.array(robot.own_gravity)
         self._by_length = recording.drive(robot) == "length"
         self.begins = np.append(True, np.diff(recording.runs) != 0)
-        self._axes = np.eye(3) if robot.base is None else robot.base.axes
-        self._base = np.zeros(3) if robot.base is None else np.array(robot.base.position)
+        base = robot.base or Base()
+        self._axes, self._base = base.axes, np.array(base.position)
         self.points = self._own(recording.markers)
         self.spatial = not robot.is_planar
         how = {"turned": turned, "spatial": self.spatial, "by_length": self._by_length}
@@ -140,15 +139,13 @@ class StaticModel:
     def _lay(self, pieces: int | None) -> None:
         robot, markers = self.robot, self.recording.header.marker
         stations = [m.station_m for m in markers if m.station_m is not None]
-        ends = np.unique(
-            np.round([*robot.backbone.ends, *(t.end for t in robot.tendons), *stations], 12)
-        )
+        ends = [*robot.backbone.ends, *(t.end for t in robot.tendons), *stations]
+        ends = np.unique(np.round(ends, 12))
         ends = ends[(ends >= 0) & (ends <= robot.length * (1 + 1e-12))]
         least, total = (2, _PIECES) if pieces is None else (1, pieces)
         pieces = max(least, ceil(total / (len(ends) - 1)))
-        edges = np.concatenate(
-            [a + (b - a) / pieces * np.arange(pieces) for a, b in pairwise(ends)] + [ends[-1:]]
-        )
+        parts = [a + (b - a) / pieces * np.arange(pieces) for a, b in pairwise(ends)]
+        edges = np.concatenate([*parts, ends[-1:]])
         self._edges, sizes = edges, np.diff(edges)
         self.stretches = pieces * np.arange(len(ends) - 1)
         tendons = robot.tendons
@@ -157,19 +154,15 @@ class StaticModel:
         for k, tendon in enumerate(tendons):
             if tendon.guides:
                 spans[k] = _spans(np.array(tendon.stations), edges)
-        nodes = [
-            len(sizes) if m.station_m is None else int(np.argmin(np.abs(edges - m.station_m)))
-            for m in markers
-        ]
+        places = [edges[-1] if m.station_m is None else m.station_m for m in markers]
+        nodes = np.array([int(np.argmin(np.abs(edges - place))) for place in places])
         give = _GIVE * sizes / robot.length
-        nodes = np.array(nodes)
         apart = bool(self._holding.any())
         self.layout = Layout(sizes, spans, last, self._by_length, nodes, _LOOSE, give, apart)
         backbone = robot.backbone
         self._bending = backbone.in_series(backbone.bending, edges) / sizes
         self._torsion = backbone.in_series(backbone.torsion, edges) / sizes
-        middle = edges[:-1] + sizes / 2
-        self._section = backbone.index(middle)
+        self._section = backbone.index(edges[:-1] + sizes / 2)
         self._mass = masses_at(robot, edges)
         self._scale = float(self._bending.min())
 
@@ -193,9 +186,8 @@ class StaticModel:
         place = np.array([t.offset for t in tendons], dtype=x.dtype).reshape(-1, 2)
         angle, radius = take("tendon_angle", n), np.exp(take("tendon_radius", n))
         c, s = np.cos(angle) * radius, np.sin(angle) * radius
-        place = np.stack(
-            [c * place[:, 0] - s * place[:, 1], s * place[:, 0] + c * place[:, 1]], axis=1
-        )
+        a, b = place.T
+        place = np.stack([c * a - s * b, s * a + c * b], axis=1)
         spring = np.ones(n, dtype=x.dtype)
         if self._by_length:
             spring = np.array([t.stiffness for t in tendons]) * np.exp(take("tendon_stiffness", n))
@@ -261,51 +253,39 @@ class StaticModel:
 
     @one_blas_thread()
     def simulate(
-        self,
-        x: np.ndarray,
-        free: np.ndarray | None = None,
-        rows: np.ndarray | None = None,
-        has_friction: bool = True,
+        self, x: np.ndarray, free: np.ndarray | None = None, has_friction: bool = True
     ) -> Simulated:
         """Markers and errors for parameters x (p,).
 
         Args:
             x: Parameters.
             free: (p,) bool, those to derive by; none unless given.
-            rows: Indices of rows, followed one after the other; all unless given.
             has_friction: Whether tendons have friction, and servos backlash.
         """
-        chosen = np.arange(len(self.begins)) if rows is None else np.asarray(rows)
         by = np.zeros(0, dtype=int) if free is None else np.flatnonzero(free)
         body = _contiguous(self.body(x), float)
         if not has_friction:
             none = {name: 0 * getattr(body, name) for name in ("friction", "holding", "backlash")}
             body = body._replace(**none)
         steps = x.astype(complex) + TINY * 1j * np.eye(len(x))[by]
-        begins = np.append(True, np.diff(self.recording.runs[chosen]) != 0) | self.begins[chosen]
-        found = self._rows(chosen, begins, len(by))
         many = _many([self.body(y) for y in steps], body)
-        room = kernels.scratch(len(self.layout.sizes), len(body.spring))
-        kernels.follow(self.layout, body, many, found, _TOLERANCE * self._scale, room)
-        points = self.points[chosen]
-        for index in np.flatnonzero(self.unknowns.moves_frame[by]):
-            change = np.nan_to_num(self._placed(steps[index], points).imag) / TINY
-            found.slopes[..., index] -= change
-        error = found.markers - self._placed(x, points)
-        return Simulated(error, found.slopes, found.turns, found.rub, found.found, found.markers)
-
-    def _rows(self, chosen: np.ndarray, begins: np.ndarray, by: int) -> kernels.Rows:
-        """Rows before they are followed, for derivatives by so many parameters."""
-        rows, n, k = len(chosen), len(self.layout.sizes), len(self.layout.nodes)
-        return kernels.Rows(
-            controls=np.ascontiguousarray(self._controls[chosen]),
-            begins=begins,
+        rows, n, k = len(self.begins), len(self.layout.sizes), len(self.layout.nodes)
+        found = kernels.Rows(
+            controls=np.ascontiguousarray(self._controls),
+            begins=self.begins,
             turns=np.zeros((rows, 3 * n)),
             markers=np.zeros((rows, k, 3)),
-            slopes=np.zeros((rows, k, 3, by)),
-            rub=np.zeros((rows, len(self.robot.tendons) + 2 * n)),
+            slopes=np.zeros((rows, k, 3, len(by))),
+            rub=np.zeros((rows, len(body.spring) + 2 * n)),
             found=np.ones(rows, dtype=bool),
         )
+        room = kernels.scratch(n, len(body.spring))
+        kernels.follow(self.layout, body, many, found, _TOLERANCE * self._scale, room)
+        for index in np.flatnonzero(self.unknowns.moves_frame[by]):
+            change = np.nan_to_num(self._placed(steps[index]).imag) / TINY
+            found.slopes[..., index] -= change
+        error = found.markers - self._placed(x)
+        return Simulated(error, found.slopes, found.turns, found.rub, found.found, found.markers)
 
     def place_frame(self, x: np.ndarray, vector: np.ndarray, shift: np.ndarray) -> None:
         """Set parameters x (p,) of the frame: rotation vector (3,) [rad] and shift (3,) [m]."""
@@ -313,13 +293,12 @@ class StaticModel:
         x[self.unknowns.place("frame_turn")] = vector if self.spatial else vector[1:2]
         x[self.unknowns.place("frame_shift")] = shift[axes]
 
-    def _placed(self, x: np.ndarray, points: np.ndarray) -> np.ndarray:
+    def _placed(self, x: np.ndarray) -> np.ndarray:
         """Recorded points (t, k, 3) along the robot's axes."""
-        turn = self._turn(x, "frame_turn")
-        if np.isnan(points).all(axis=(0, 1)).any():
-            # A coordinate that was not measured: turns need all, shifts do not.
-            return points + self._shift(x)
-        return points @ turn.T + self._shift(x)
+        points = self.points
+        if not np.isnan(points).all(axis=(0, 1)).any():  # turns need all coordinates
+            points = points @ self._turn(x, "frame_turn").T
+        return points + self._shift(x)
 
     # ------------------------------------------------------------------ what was found
 

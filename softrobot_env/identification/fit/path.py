@@ -22,7 +22,7 @@ from softrobot_env.identification.networks import Networks, networks_of
 from softrobot_env.identification.replay import mean_known
 from softrobot_env.identification.visits import VISIT, visiting, visits_of
 from softrobot_env.recordings import Header, Recording
-from softrobot_env.robots import RobotParams
+from softrobot_env.robots import Base, RobotParams
 
 #: Called with what is done, how much of it, and of how much.
 ProgressCallback = Callable[[str, int, int], None]
@@ -442,7 +442,7 @@ def _common(known: Unknowns, fit: Fit, name: str) -> float:
 
 def _check_place(recording: Recording, robot: RobotParams) -> None:
     """Raise ValueError if a marker is mostly where the robot cannot have it."""
-    clamp = np.zeros(3) if robot.base is None else np.array(robot.base.position)
+    clamp = np.array((robot.base or Base()).position)
     for k, places in enumerate(recording.markers.swapaxes(0, 1), 1):
         away = np.sqrt(np.nansum((places - clamp) ** 2, axis=1))
         far = float(np.median(away[~np.isnan(places).all(axis=1)])) if places.size else 0.0

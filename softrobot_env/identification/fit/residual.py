@@ -17,7 +17,7 @@ from softrobot_env.core.artifacts import read_arrays, write_arrays
 from softrobot_env.identification.fit.model import StaticModel
 from softrobot_env.identification.fit.unknowns import FRICTIONS
 from softrobot_env.recordings import Recording
-from softrobot_env.robots import RobotParams
+from softrobot_env.robots import Base, RobotParams
 
 _WIDTHS = (0.7, 1.0, 1.5, 2.2, 3.2, 5.0)
 _NOISES = (0.03, 0.1, 0.3, 1.0)
@@ -121,8 +121,7 @@ def corrected(residual: Residual, robot: RobotParams, recording: Recording) -> n
     model = StaticModel(robot, recording, known=FRICTIONS)
     found = model.simulate(np.zeros(len(model.unknowns.spread)))
     change = residual.correction(bends_of(model, found.turns), recording.commands, model.begins)
-    axes = np.eye(3) if robot.base is None else robot.base.axes
-    return change @ axes.T
+    return change @ (robot.base or Base()).axes.T
 
 
 def trained(
