@@ -5,14 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 from support.beam_kinds import gradient, state
 
 from softrobot_env.beams.ancf import ANCF, LockingWarning, dynamics
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK
 from softrobot_env.robots.loads import Load
-from studies.truths import analytic
 
 #: Each dimension and integration rule is compiled by itself; what all models have in common is
 #: tested in test_beam_models. Most models here are coarse on purpose.
@@ -259,55 +257,12 @@ def test_poisson_locking_is_the_audits(plane, expected):
     assert -1e3 * tip[0] == pytest.approx(expected, abs=0.0051)
 
 
-def test_small_deflection_converges_to_timoshenko_without_shear_correction():
-    robot = replace(CANTILEVER_STIFF, gravity=(-9.81e-4, 0.0, 0.0))
-    shear = robot.youngs_modulus / 2 * robot.area
-    weight = robot.mass_per_length * 9.81e-4
-    exact = analytic.timoshenko_deflection(
-        robot.length, robot.bending_stiffness, shear, distributed=weight
-    )
-    errors = []
-    for pieces in (8, 16, 32):
-        model = ANCF(robot, pieces, dimension=2)
-        tip = model.tip(model.equilibrium(check_stability=False))
-        errors.append(1 + tip[0] / exact)
-    assert errors[0] > errors[1] > errors[2] > 0
-    # The clamp also holds r_,1, so that the first element cannot shear at its base: an error of
-    # first order in the element's length besides that of second order. Both extrapolated:
-    assert abs(errors[0] - 6 * errors[1] + 8 * errors[2]) / 3 < 2e-5
-
-
 def test_torsion_is_the_closed_form():
     model = ANCF(WEIGHTLESS, 3, loads=[Load("m", 0.5, moment=(0.0, 0.0, 0.01))])
     twist = model.twist(model.equilibrium(np.ones(1), check_stability=False))
     # M L / GJ for small angles.
     assert twist == pytest.approx(0.01 * 0.5 / model.robot.torsional_stiffness, rel=1e-4)
     assert 1e3 * twist == pytest.approx(19.08, abs=0.0051)
-
-
-# ------------------------------------------------------------- frequencies
-
-
-@pytest.mark.parametrize(("poisson", "expected"), [(0.0, 6.938), (0.49, 5.684)])
-def test_torsional_frequency_converges_to_the_audits(poisson, expected):
-    robot = replace(WEIGHTLESS, poisson_ratio=poisson)
-    # Quarter wave: f = sqrt(GJ / (2 rho I)) / (4 L).
-    inertia = 2 * robot.density * robot.second_moment
-    exact = np.sqrt(robot.torsional_stiffness / inertia) / (4 * robot.length)
-    assert exact == pytest.approx(expected, abs=5.1e-4)
-    errors = []
-    for pieces in (5, 10):
-        model = ANCF(robot, pieces)
-        space = model.linearize(model.start())
-        # Sections turn as a whole where r_,2 moves along y as r_,3 does against x.
-        turn = np.zeros((model.n, pieces))
-        for k in range(pieces):
-            turn[12 * k + 7, k], turn[12 * k + 9, k] = 1, -1
-        stiffness, mass = (turn.T @ m @ turn for m in (space.stiffness, space.mass))
-        frequency = np.sqrt(eigh(stiffness, mass, eigvals_only=True)[0]) / (2 * np.pi)
-        errors.append(frequency / exact - 1)
-    assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
-    assert abs(errors[1]) < 1.1e-3
 
 
 # ---------------------------------------------------------------- locking

@@ -15,7 +15,6 @@ from softrobot_env.beams.cosserat import GRIDS, CosseratRod, dynamics
 from softrobot_env.beams.numerics import quaternions
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams, Tendon
 from softrobot_env.robots.loads import Load
-from studies.truths import analytic
 from studies.truths.analytic import Section, bent_rod
 from studies.truths.shearable_rod import bending_frequency
 from studies.truths.spatial_rod import SpatialSection, followed_rod, helix
@@ -234,13 +233,6 @@ def test_points_follow_a_linear_twist_up_to_the_ends(pieces, grid, clamped):
     np.testing.assert_allclose(points, expected, atol=1e-13)
 
 
-def test_points_of_one_segment_turn_with_it():
-    model = CosseratRod(WEIGHTLESS, 1, clamped=False)
-    q = turned(model.rest(), np.array([1, -2, 3, 4]) / np.sqrt(30), 1)
-    expected = np.column_stack((SIDES, PLACES)) @ section(q, 0).T
-    np.testing.assert_allclose(model.positions(q, PLACES, SIDES), expected, atol=1e-14)
-
-
 @pytest.mark.parametrize("share", [0.0, 0.03, 0.3, 0.6, 0.875])
 def test_a_moment_twists_up_to_where_it_acts(share):
     load = Load("turn", 0.5 * share, moment=(0.0, 0.0, 0.01))
@@ -375,17 +367,6 @@ def test_deflection_converges_to_the_geometrically_exact_one(moments):
     coarse, fine = (sag(CosseratRod(CANTILEVER_WEAK, n, moments=moments)) for n in (20, 40))
     # Audit: 392.73 mm with shear. The extrapolation leaves fourth-order terms.
     assert (4 * fine - coarse) / 3 == pytest.approx(392.73, abs=0.02)
-
-
-def test_small_deflections_converge_to_timoshenkos():
-    robot = replace(CANTILEVER_STIFF, gravity=(-9.81e-3, 0.0, 0.0))
-    shear = 0.75 * robot.youngs_modulus / 2 * robot.area
-    weight = robot.mass_per_length * 9.81e-3
-    expected = 1e3 * analytic.timoshenko_deflection(
-        robot.length, robot.bending_stiffness, shear, weight
-    )
-    coarse, fine = (sag(CosseratRod(robot, n)) for n in (8, 16))
-    assert (4 * fine - coarse) / 3 == pytest.approx(expected, rel=1e-6)
 
 
 # ---------------------------------------------------------------- slender rods

@@ -1,6 +1,7 @@
 """Data of the rig's quasi-static networks, and the rig with friction that gives them."""
 
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -217,6 +218,7 @@ def test_bad_rigs_and_lengths_are_refused():
 # ---------------------------------------------------------------- networks
 
 
+@cache
 def ideal(total=None):
     """Data without friction and noise, split to train (150), stop and test with."""
     data = collect(RIG, RigStatics(friction=0, noise=0), np.random.default_rng(0), total=total)
