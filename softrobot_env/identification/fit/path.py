@@ -130,10 +130,8 @@ def identify(
     Raises:
         ValueError: Recording and robot do not fit, or have what cannot be identified.
     """
-    given = _Given(
-        robot, check_stages(stages), tuple(known), any_turn, validate, seed, show or _quiet
-    )
-    run = _Run(recording, given)
+    options = check_stages(stages), tuple(known), any_turn, validate, seed, show or _quiet
+    run = _Run(recording, robot, *options)
     for name, stage in _STEPS.items():
         began = perf_counter()
         if stage(run):
@@ -145,10 +143,11 @@ def _quiet(what: str, done: int, total: int) -> None:
     """Show no progress."""
 
 
-@dataclass(frozen=True)
-class _Given:
-    """Arguments of `identify`."""
+@dataclass
+class _Run:
+    """An identification that goes on step by step; each says whether there was anything to do."""
 
+    recording: Recording
     robot: RobotParams
     stages: tuple[str, ...]
     known: tuple[str, ...]
@@ -156,38 +155,34 @@ class _Given:
     validate: bool
     seed: int
     show: ProgressCallback
+    assignment: Assignment | None = None
+    networks: Networks | None = None
+    dynamics: Dynamics | None = None
+    validations: tuple[Validation, ...] = ()
+    residual: Residual | None = None
+    correction: np.ndarray | None = None
+    times: dict[str, float] = field(default_factory=dict)
 
-
-class _Run:
-    """An identification that goes on step by step; each says whether there was anything to do."""
-
-    def __init__(self, recording: Recording, given: _Given) -> None:
-        self.given, self.recording = given, recording
-        self.visits = (recording.patterns == VISIT) & (visiting(given.robot) is not None)
+    def __post_init__(self) -> None:
+        recording = self.recording
+        self.visits = (recording.patterns == VISIT) & (visiting(self.robot) is not None)
         self.static = at_rest(recording, self.visits)
         self.moving = None if recording.static else recording
         if self.moving is not None and not self.visits.all():
             self.moving = self.moving.part(~self.visits)
-        if not given.any_turn:
-            _check_place(self.static, given.robot)
-        self.times: dict[str, float] = {}
-        self.assignment: Assignment | None = None
-        self.networks: Networks | None = None
-        self.dynamics: Dynamics | None = None
-        self.validations: tuple[Validation, ...] = ()
-        self.residual: Residual | None = None
-        self.correction: np.ndarray | None = None
+        if not self.any_turn:
+            _check_place(self.static, self.robot)
 
     def assign(self) -> bool:
         """Which column pulls what, or to which side."""
-        robot, static, any_way = self.given.robot, self.static, self.given.any_turn
-        if static.kind == "action" or "tendons" not in self.given.stages:
+        robot, static, any_way = self.robot, self.static, self.any_turn
+        if static.kind == "action" or "tendons" not in self.stages:
             return False
         names = {t.name for t in robot.tendons}
         if static.tendons is None and not set(static.header.commands.columns) <= names:
 
             def show(done: int) -> None:
-                self.given.show("which column pulls what", done, 200)
+                self.show("which column pulls what", done, 200)
 
             found = self.assignment = assignment.assigned(static, robot, show, any_way=any_way)
             self._change(lambda recording: assignment.with_tendons(recording, found))
@@ -204,33 +199,58 @@ class _Run:
 
     def train(self) -> bool:
         """Networks of what was visited."""
-        if "network" not in self.given.stages or not self.visits.any():
+        if "network" not in self.stages or not self.visits.any():
             return False
-        self.given.show("networks", 0, 1)
-        self.networks = networks_of(visits_of(self.static, self.given.robot), self.given.seed)
+        self.show("networks", 0, 1)
+        self.networks = networks_of(visits_of(self.static, self.robot), self.seed)
         return True
 
     def fit_statics(self) -> bool:
-        """The rows at rest."""
-        turn = 0.0 if self.assignment is None else self.assignment.turn
+        """The rows at rest.
+
+        Few backbones have friction. One is fitted with and without unless the file knows of some,
+        and has it where that pays, and where it keeps more of a bend than other things that the
+        model lacks might.
+        """
         self.turned: Turned = "as said" if self.assignment is None else "about the axis"
-        if self.given.any_turn:
+        if self.any_turn:
             self.turned = "any way"
-        self.model, self.fit, self.filed = _statics(self.given, self.static, self.turned, turn)
-        if size(self.fit.simulated.error) < _FINE * self.given.robot.length:
+        filed = [n for n in unknowns.FRICTIONS if n in self.known or "statics" not in self.stages]
+        self.filed = filed
+        if not self.robot.holds or HOLDS in filed:
+            self.filed = list(dict.fromkeys([*filed, HOLDS]))
+        self.model, self.fit = self._tried("fit", self.filed)
+        if HOLDS not in filed and HOLDS in self.filed:
+            model, fit = self._tried("friction of the backbone", filed)
+            if least_squares.pays(self.fit, fit) and _kept(model.robot_of(fit.x)) > _LEAST_KEPT:
+                self.model, self.fit, self.filed = model, fit, filed
+        if size(self.fit.simulated.error) < _FINE * self.robot.length:
             # Pieces of the usual length bias a modulus by some 0.2 %, more than is left open.
             self.model, fit = self.model.finer(), self.fit
             self.fit = search(self.model, fit.x, fit.free, fit.weights, least=_CLOSE)
         self.unknowns, self.free = self.model.unknowns, self.fit.free
         return True
 
+    def _tried(self, what: str, filed: Sequence[str]) -> tuple[StaticModel, Fit]:
+        """Model and fit of the rows at rest, some kinds of friction being as the file says."""
+        model = StaticModel(self.robot, self.static, self.turned, known=filed)
+        free, x = _free(model, self.stages, self.known), np.zeros(len(model.unknowns.spread))
+        free[model.unknowns.place(HOLDS)] &= HOLDS not in filed
+        if self.turned == "any way":
+            seen = model.simulate(x, has_friction=False).markers
+            _, vector, shift = assignment.aligned(seen, model.points, any_way=True)
+            model.place_frame(x, vector, shift)
+        elif self.assignment is not None and self.assignment.turn:
+            x[model.unknowns.place("frame_turn").stop - 1] = self.assignment.turn
+        return model, _fitted(model, x, free, lambda n, _: self.show(what, min(n, _FITS), _FITS))
+
     def fit_dynamics(self) -> bool:
         """Damping, delay and friction."""
-        if self.moving is None or "dynamics" not in self.given.stages:
+        if self.moving is None or "dynamics" not in self.stages:
             return False
 
         def show(done: int, _: float) -> None:
-            self.given.show("dynamics", done, 6)
+            self.show("dynamics", done, 6)
 
         header = partial(_header, self.model, recording=self.recording)
         self.dynamics, self.fit = _in_motion(self.model, self.fit, self.moving, header, show)
@@ -238,19 +258,19 @@ class _Run:
 
     def cross_validate(self) -> bool:
         """Errors of rows that were not fitted."""
-        if not self.given.validate:
+        if not self.validate:
             return False
-        given = self.given.robot, self.static, self.turned, self.filed
+        given = self.robot, self.static, self.turned, self.filed
         setup = Setup(*given, self.fit.x, self.free, self.fit.weights)
-        show = partial(self.given.show, "cross-validation")
-        self.validations = tuple(cross_validated(setup, "residual" in self.given.stages, show))
+        show = partial(self.show, "cross-validation")
+        self.validations = tuple(cross_validated(setup, "residual" in self.stages, show))
         return True
 
     def learn_residual(self) -> bool:
         """What physics leaves."""
-        if "residual" not in self.given.stages:
+        if "residual" not in self.stages:
             return False
-        self.given.show("residual", 0, 1)
+        self.show("residual", 0, 1)
         fit = self.fit.simulated
         rows = (bends_of(self.model, fit.turns), self.static.commands, self.model.begins)
         self.residual = trained(*rows, fit.error, validation.pattern_numbers(self.static))
@@ -260,7 +280,7 @@ class _Run:
 
     def ask(self) -> bool:
         """Which experiments would tell more."""
-        self.given.show("what would tell more", 0, 1)
+        self.show("what would tell more", 0, 1)
         self.experiments = tuple(best_experiments(self.model, self.fit))
         return True
 
@@ -279,8 +299,7 @@ class _Run:
             late = tuple(replace(m, delay_s=m.delay_s + delay) for m in header.marker)
             header = replace(header, marker=late)
         found = {name: getattr(self, name) for name in _FOUND}
-        given = self.given
-        return Identification(robot, header, given.robot, self.static, given.stages, **found)
+        return Identification(robot, header, self.robot, self.static, self.stages, **found)
 
 
 #: Fields of an `Identification` that are those of its run.
@@ -472,41 +491,6 @@ def _free(model: StaticModel, stages: Sequence[str], known: Sequence[str]) -> np
             place = model.unknowns.place(name)
             free[place or slice(0)] = False
     return free
-
-
-def _statics(
-    given: _Given, static: Recording, turned: Turned, turn: float
-) -> tuple[StaticModel, Fit, list[str]]:
-    """Model and fit of the rows at rest, and the kinds of friction that are as the file says.
-
-    Few backbones have friction. One is fitted with and without unless the file knows of some, and
-    has it where that pays, and where it keeps more of a bend than other things that the model
-    lacks might.
-    """
-    robot, stages, known, show = given.robot, given.stages, given.known, given.show
-    filed = [name for name in unknowns.FRICTIONS if name in known or "statics" not in stages]
-
-    def tried(what: str, held: Sequence[str]) -> tuple[StaticModel, Fit]:
-        model = StaticModel(robot, static, turned, known=held)
-        free, x = _free(model, stages, known), np.zeros(len(model.unknowns.spread))
-        free[model.unknowns.place(HOLDS)] &= HOLDS not in held
-        if turned == "any way":
-            seen = model.simulate(x, has_friction=False).markers
-            _, vector, shift = assignment.aligned(seen, model.points, any_way=True)
-            model.place_frame(x, vector, shift)
-        elif turn:
-            x[model.unknowns.place("frame_turn").stop - 1] = turn
-        return model, _fitted(model, x, free, lambda n, _: show(what, min(n, _FITS), _FITS))
-
-    if robot.holds and HOLDS not in filed:
-        return *tried("fit", filed), filed
-    plain = list(dict.fromkeys([*filed, HOLDS]))
-    model, fit = tried("fit", plain)
-    if HOLDS in filed:
-        return model, fit, plain
-    holding, other = tried("friction of the backbone", filed)
-    has_friction = least_squares.pays(fit, other) and _kept(holding.robot_of(other.x)) > _LEAST_KEPT
-    return (holding, other, filed) if has_friction else (model, fit, plain)
 
 
 def _kept(robot: RobotParams) -> float:
