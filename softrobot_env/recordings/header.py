@@ -191,12 +191,12 @@ class Frame:
     @cached_property
     def rotation(self) -> np.ndarray:
         """(3, 3) from recorded to world directions, turn included."""
-        vector = np.radians(self.turn_deg)
-        angle = float(np.linalg.norm(vector))
-        x, y, z = vector / (angle or 1.0)
-        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        turn = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-        return turn @ self._permutation
+        if not any(self.turn_deg):
+            return self._permutation
+        from scipy.spatial.transform import Rotation  # takes time to load
+
+        turn = Rotation.from_rotvec(self.turn_deg, degrees=True)
+        return turn.as_matrix() @ self._permutation
 
     def to_world(self, points: np.ndarray) -> np.ndarray:
         """Recorded points (t, ..., 3) [m] in the world.

@@ -19,7 +19,7 @@ from softrobot_env.core.records import check_fields, check_unique
 from softrobot_env.core.registry import Registry
 from softrobot_env.robots import Base, Gripper
 from softrobot_env.robots.parameters import Pieces
-from softrobot_env.scene import contacts, kinematics
+from softrobot_env.scene import contacts
 from softrobot_env.scene.appearance import add_camera, add_surroundings
 from softrobot_env.scene.build import (
     CompiledModel,
@@ -32,8 +32,9 @@ from softrobot_env.scene.build import (
     is_extrapolated,
     spec_xml,
 )
-from softrobot_env.scene.chain import BASE_BODY, SEPARATOR, TIP_SITE
+from softrobot_env.scene.chain import BASE_BODY, SEPARATOR
 from softrobot_env.scene.config import Appearance, Camera, SceneConfig, contact_pieces
+from softrobot_env.scene.kinematics import Kinematics
 from softrobot_env.scene.mount import TURNS, Mount, Prescribed, add_drives, add_mount, followed
 from softrobot_env.scene.objects import Box, Contacts, Object
 from softrobot_env.scene.simulation import Inputs, SceneMotion, simulate
@@ -202,8 +203,8 @@ class Assembly:
 
 
 @dataclass(frozen=True)
-class Part:
-    """A member in the scene of all.
+class Part(Kinematics):
+    """A member in the scene of all; postures and states that it takes are those of all.
 
     Attributes:
         member: What was asked for.
@@ -226,39 +227,9 @@ class Part:
         """Its part (nq,) or (T, nq) of postures of all."""
         return np.asarray(q)[..., self.q]
 
-    def tip(self, q: np.ndarray) -> np.ndarray:
-        """Tip (3,) or (T, 3) [m] in postures of all; with a head, its output point."""
-        site = self.scene.model.site(TIP_SITE)
-        return self._positions(q, site.bodyid, site.pos[None])[..., 0, :]
-
-    def positions(
-        self, q: np.ndarray, stations: np.ndarray, offsets: np.ndarray | None = None
-    ) -> np.ndarray:
-        """As `Scene.positions`, in postures of all."""
-        return self._positions(q, *self._places(stations, offsets))
-
-    def velocities(self, q: np.ndarray, v: np.ndarray, stations: np.ndarray) -> np.ndarray:
-        """As `Scene.velocities`, in a state of all."""
-        q, v = finite("q", q, (self.model.nq,)), finite("v", v, (self.model.nv,))
-        body, points = self._places(stations, None)
-        return kinematics.velocities(self.model, q, v, self.bodies[body], points)
-
-    def curvature(self, q: np.ndarray) -> np.ndarray:
-        """As `Scene.curvature`, in a posture of all."""
-        return self.scene.curvature(self.posture(q))
-
-    def tendon_length(self, q: np.ndarray) -> np.ndarray:
-        """As `Scene.tendon_length`, in a posture of all."""
-        return self.scene.tendon_length(self.posture(q))
-
-    def _places(
-        self, stations: np.ndarray, offsets: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        scene = self.scene
-        return kinematics.places(scene.config.robot, scene.layout, stations, offsets)
-
-    def _positions(self, q: np.ndarray, body: np.ndarray, points: np.ndarray) -> np.ndarray:
-        return kinematics.positions(self.model, q, self.bodies[body], points)
+    def numbers(self, bodies: np.ndarray) -> np.ndarray:
+        """See `Kinematics`."""
+        return self.bodies[bodies]
 
 
 @dataclass(frozen=True)

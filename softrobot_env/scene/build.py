@@ -12,9 +12,10 @@ import numpy as np
 from softrobot_env.core.motion import State
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import refuse_out_of_plane, refuse_torsion, seen_from_base
-from softrobot_env.scene import appearance, contacts, kinematics
+from softrobot_env.scene import appearance, contacts
 from softrobot_env.scene.chain import Chain, add_chain, joint_kinds
 from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.kinematics import Kinematics
 from softrobot_env.scene.quadrature import HingeLayout, place_between
 from softrobot_env.scene.simulation import Inputs, SceneMotion, simulate
 from softrobot_env.scene.springs import add_springs, couple_pieces
@@ -80,7 +81,7 @@ class CompiledModel:
 
 
 @dataclass(frozen=True)
-class Scene(CompiledModel):
+class Scene(CompiledModel, Kinematics):
     """A compiled scene.
 
     Attributes:
@@ -96,6 +97,11 @@ class Scene(CompiledModel):
     timestep: TimestepChoice
     model: mujoco.MjModel
     pairs: tuple[contacts.Pair, ...] = ()
+
+    @property
+    def scene(self) -> "Scene":
+        """Itself, as parts of assemblies have theirs."""
+        return self
 
     @property
     def name(self) -> str:
@@ -162,35 +168,6 @@ class Scene(CompiledModel):
         """
         gravity = None if gravity is None else self.checked_gravity(gravity)
         return simulate(self, duration, u, start, samples=samples, gravity=gravity)
-
-    def positions(
-        self, q: np.ndarray, stations: np.ndarray, offsets: np.ndarray | None = None
-    ) -> np.ndarray:
-        """Material points (k, 3) or (T, k, 3) [m] in postures (nq,) or (T, nq).
-
-        As `scene.kinematics.places`, which tells of the stations, offsets and errors.
-        """
-        where = kinematics.places(self.config.robot, self.layout, stations, offsets)
-        return kinematics.positions(self.model, q, *where)
-
-    def tip(self, q: np.ndarray) -> np.ndarray:
-        """Tip (3,) or (T, 3) [m] for q (nq,) or (T, nq); with a head, its output point."""
-        return kinematics.tips(self.model, q)
-
-    def velocities(self, q: np.ndarray, v: np.ndarray, stations: np.ndarray) -> np.ndarray:
-        """Velocity (k, 3) [m/s] of the centreline at arc lengths (k,) [m] in state q, v."""
-        q, v = finite("q", q, (self.model.nq,)), finite("v", v, (self.model.nv,))
-        where = kinematics.places(self.config.robot, self.layout, stations, None)
-        return kinematics.velocities(self.model, q, v, *where)
-
-    def curvature(self, q: np.ndarray) -> np.ndarray:
-        """Mean curvature (pieces, 3) [1/m] about x, y and z of each piece at q (nq,)."""
-        return kinematics.curvature(self.model, self.layout, finite("q", q, (self.model.nq,)))
-
-    def tendon_length(self, q: np.ndarray) -> np.ndarray:
-        """(n_tendons,) [m] inside the robot at q (nq,)."""
-        q = finite("q", q, (self.model.nq,))
-        return kinematics.tendon_lengths(self.model, self.config.robot, q)
 
     def checked_gravity(self, gravity: np.ndarray) -> np.ndarray:
         """A gravity (3,) [m/s2] that the chain feels.

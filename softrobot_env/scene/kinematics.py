@@ -1,99 +1,120 @@
-"""Places on a chain in a posture, how they move, and how long its tendons are."""
+"""Places on a robot in a posture, how they move, its curvature, and how long its tendons are."""
+
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 
-from softrobot_env.robots import RobotParams
 from softrobot_env.scene.chain import TIP_SITE
-from softrobot_env.scene.quadrature import HingeLayout
+from softrobot_env.scene.statics import finite
 from softrobot_env.scene.tendons import full_length
 
+if TYPE_CHECKING:
+    from softrobot_env.scene.build import Scene
 
-def places(
-    robot: RobotParams, layout: HingeLayout, stations: np.ndarray, offsets: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Bodies (k,) that carry points of the robot, and the points (k, 3) [m] in their axes.
 
-    Args:
-        robot, layout: Of the chain. A station on a hinge belongs to the link above it.
-        stations: (k,) [m] from 0 to the robot's length.
-        offsets: (k, 2) [m] in the section; on the centreline if None.
+class Kinematics:
+    """A robot in postures of a compiled model, of it alone or of several robots.
 
-    Raises:
-        ValueError: A point is off the robot, or the shapes do not fit.
+    Attributes:
+        model: The compiled model.
+        scene: Of the robot alone.
     """
-    stations = robot.stations(stations, offsets)
-    body = np.searchsorted(layout.stations, stations, side="right")
-    points = np.zeros((len(stations), 3))
-    points[:, 2] = stations - np.concatenate(([0.0], layout.stations))[body]
-    if offsets is not None:
-        points[:, :2] = offsets
-    return body + (robot.base is not None), points
 
+    model: mujoco.MjModel
+    scene: "Scene"
 
-def positions(
-    model: mujoco.MjModel, q: np.ndarray, body: np.ndarray, points: np.ndarray
-) -> np.ndarray:
-    """Positions (k, 3) or (T, k, 3) [m] of points (k, 3) of bodies (k,) at q (nq,) or (T, nq).
+    def posture(self, q: np.ndarray) -> np.ndarray:
+        """The robot's part (nq,) or (T, nq) of postures of the model."""
+        return np.asarray(q)
 
-    Raises:
-        ValueError: The postures are not of that shape.
-    """
-    series = np.atleast_2d(np.asarray(q, dtype=float))
-    if series.shape[1:] != (model.nq,):
-        raise ValueError(f"need postures of {model.nq} numbers each, got {np.shape(q)}")
-    data, out = mujoco.MjData(model), np.empty((len(series), len(body), 3))
-    for posture, row in zip(series, out, strict=True):
-        data.qpos[:] = posture
+    def numbers(self, bodies: np.ndarray) -> np.ndarray:
+        """Numbers (k,) in the model of bodies (k,) of the robot alone."""
+        return bodies
+
+    def positions(
+        self, q: np.ndarray, stations: np.ndarray, offsets: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Material points (k, 3) or (T, k, 3) [m] in postures (nq,) or (T, nq) of the model.
+
+        Args:
+            q: [rad].
+            stations: (k,) [m] from 0 to the robot's length. One on a hinge belongs to the link
+                above it.
+            offsets: (k, 2) [m] in the section; on the centreline unless given.
+
+        Raises:
+            ValueError: A point is off the robot, or the shapes do not fit.
+        """
+        return self._at(q, *self._places(stations, offsets))
+
+    def tip(self, q: np.ndarray) -> np.ndarray:
+        """Tip (3,) or (T, 3) [m] for q (nq,) or (T, nq); with a head, its output point."""
+        site = self.scene.model.site(TIP_SITE)
+        return self._at(q, self.numbers(site.bodyid), site.pos[None])[..., 0, :]
+
+    def velocities(self, q: np.ndarray, v: np.ndarray, stations: np.ndarray) -> np.ndarray:
+        """Velocity (k, 3) [m/s] of the centreline at arc lengths (k,) [m] in state q, v."""
+        model = self.model
+        data, jacobian = mujoco.MjData(model), np.empty((3, model.nv))
+        data.qpos[:], v = finite("q", q, (model.nq,)), finite("v", v, (model.nv,))
         mujoco.mj_kinematics(model, data)
-        axes = data.xmat[body].reshape(-1, 3, 3)
-        row[:] = data.xpos[body] + (axes @ points[:, :, None])[:, :, 0]
-    return out if np.ndim(q) == 2 else out[0]
+        mujoco.mj_comPos(model, data)
+        bodies, points = self._places(stations, None)
+        out = np.empty((len(bodies), 3))
+        for row, number, point in zip(out, bodies, points, strict=True):
+            place = data.xpos[number] + data.xmat[number].reshape(3, 3) @ point
+            mujoco.mj_jac(model, data, jacobian, None, place, number)
+            row[:] = jacobian @ v
+        return out
 
+    def curvature(self, q: np.ndarray) -> np.ndarray:
+        """Mean curvature (pieces, 3) [1/m] about x, y and z of each piece at q (nq,).
 
-def tips(model: mujoco.MjModel, q: np.ndarray) -> np.ndarray:
-    """Tip (3,) or (T, 3) [m] in postures (nq,) or (T, nq): of a head, its output point."""
-    site = model.site(TIP_SITE)
-    return positions(model, q, site.bodyid, site.pos[None])[..., 0, :]
+        Of the rotation vectors by which its stations turn, whatever hinges they have.
+        """
+        model, layout = self.scene.model, self.scene.layout
+        data, out = mujoco.MjData(model), np.zeros((layout.pieces, 3))
+        data.qpos[:] = finite("q", self.posture(q), (model.nq,))
+        mujoco.mj_kinematics(model, data)
+        first = model.body("link0").id
+        for link, piece in enumerate(layout.piece, first):
+            turn = np.empty(3)
+            mujoco.mju_subQuat(turn, data.xquat[link], data.xquat[model.body_parentid[link]])
+            out[piece] += turn
+        return out / layout.sizes[:, None]
 
+    def tendon_length(self, q: np.ndarray) -> np.ndarray:
+        """(n_tendons,) [m] inside the robot at q (nq,)."""
+        model, robot = self.scene.model, self.scene.config.robot
+        data = mujoco.MjData(model)
+        data.qpos[:] = finite("q", self.posture(q), (model.nq,))
+        for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon):
+            compute(model, data)
+        return data.ten_length[: len(robot.tendons)] + full_length(robot, model)
 
-def velocities(
-    model: mujoco.MjModel, q: np.ndarray, v: np.ndarray, body: np.ndarray, points: np.ndarray
-) -> np.ndarray:
-    """Velocities (k, 3) [m/s] of points (k, 3) of bodies (k,) at q (nq,), v (nv,)."""
-    data, jacobian = mujoco.MjData(model), np.empty((3, model.nv))
-    data.qpos[:] = q
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    out = np.empty((len(body), 3))
-    for row, number, point in zip(out, body, points, strict=True):
-        place = data.xpos[number] + data.xmat[number].reshape(3, 3) @ point
-        mujoco.mj_jac(model, data, jacobian, None, place, number)
-        row[:] = jacobian @ v
-    return out
+    def _places(
+        self, stations: np.ndarray, offsets: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Bodies (k,) that carry points of the robot, and the points (k, 3) [m] in their axes."""
+        robot, hinges = self.scene.config.robot, self.scene.layout.stations
+        stations = robot.stations(stations, offsets)
+        link = np.searchsorted(hinges, stations, side="right")
+        points = np.zeros((len(stations), 3))
+        points[:, 2] = stations - np.concatenate(([0.0], hinges))[link]
+        if offsets is not None:
+            points[:, :2] = offsets
+        return self.numbers(link + (robot.base is not None)), points
 
-
-def curvature(model: mujoco.MjModel, layout: HingeLayout, q: np.ndarray) -> np.ndarray:
-    """Mean curvature (pieces, 3) [1/m] about x, y and z of each piece in a posture (nq,).
-
-    Of the rotation vectors by which its stations turn, whatever hinges they have.
-    """
-    data, out = mujoco.MjData(model), np.zeros((layout.pieces, 3))
-    data.qpos[:] = q
-    mujoco.mj_kinematics(model, data)
-    first = model.body("link0").id
-    for station, piece in enumerate(layout.piece):
-        turn = np.empty(3)
-        link = first + station
-        mujoco.mju_subQuat(turn, data.xquat[link], data.xquat[model.body_parentid[link]])
-        out[piece] += turn
-    return out / layout.sizes[:, None]
-
-
-def tendon_lengths(model: mujoco.MjModel, robot: RobotParams, q: np.ndarray) -> np.ndarray:
-    """Lengths (n_tendons,) [m] inside the robot in a posture (nq,)."""
-    data = mujoco.MjData(model)
-    data.qpos[:] = q
-    for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon):
-        compute(model, data)
-    return data.ten_length[: len(robot.tendons)] + full_length(robot, model)
+    def _at(self, q: np.ndarray, bodies: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Positions (k, 3) or (T, k, 3) [m] of points (k, 3) of bodies (k,)."""
+        model, series = self.model, np.atleast_2d(np.asarray(q, dtype=float))
+        if series.shape[1:] != (model.nq,):
+            raise ValueError(f"need postures of {model.nq} numbers each, got {np.shape(q)}")
+        data, out = mujoco.MjData(model), np.empty((len(series), len(bodies), 3))
+        for posture, row in zip(series, out, strict=True):
+            data.qpos[:] = posture
+            mujoco.mj_kinematics(model, data)
+            axes = data.xmat[bodies].reshape(-1, 3, 3)
+            row[:] = data.xpos[bodies] + (axes @ points[:, :, None])[:, :, 0]
+        return out if np.ndim(q) == 2 else out[0]

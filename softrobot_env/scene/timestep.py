@@ -33,7 +33,7 @@ place of 3 mm (2 ms, friction of 0.5 N).
 """
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil, inf, pi, sqrt
@@ -75,8 +75,8 @@ RATE = 5.0
 #: [s], longest timestep where servos wind up tendons: their way is set once a timestep.
 LONGEST_WINDING = 5e-3
 
-#: DOFs up to which all frequencies are computed, and steps of Lanczos' method beyond.
-_DENSE, _LANCZOS = 64, 60
+#: DOFs up to which damping counts in the limit of a chain whose modes it couples.
+_DENSE = 64
 
 
 class TimestepWarning(UserWarning):
@@ -132,18 +132,9 @@ class LinearChain:
 
     @cached_property
     def extremes(self) -> tuple[float, float]:
-        """Smallest and largest undamped angular frequency [rad/s].
-
-        Of many DOFs by Lanczos' method, and without BLAS: its threads take seconds for milliseconds
-        of work on a busy machine.
-        """
-        if len(self.mass) <= _DENSE:
-            found = self.frequencies()
-            return float(found[0]), float(found[-1])
-        mass, stiffness = _factor(self.mass), _factor(self.stiffness)
-        slow = _largest(lambda x: _solved(stiffness, _times(self.mass, x)), self.mass)
-        fast = _largest(lambda x: _solved(mass, _times(self.stiffness, x)), self.stiffness)
-        return 1 / sqrt(slow), sqrt(fast)
+        """Smallest and largest undamped angular frequency [rad/s]."""
+        found = self.frequencies()
+        return float(found[0]), float(found[-1])
 
     @property
     def damping_time(self) -> float | None:
@@ -159,43 +150,6 @@ class LinearChain:
         # As 1 / w^2, so that the slow modes are the accurate ones.
         half = np.linalg.inv(np.linalg.cholesky(self.stiffness))
         return 1 / np.sqrt(np.linalg.eigvalsh(half @ self.mass @ half.T)[::-1])
-
-
-def _factor(matrix: np.ndarray) -> np.ndarray:
-    factor = matrix.copy()
-    mujoco.mju_cholFactor(factor, 0.0)
-    return factor
-
-
-def _solved(factor: np.ndarray, x: np.ndarray) -> np.ndarray:
-    out = np.empty_like(x)
-    mujoco.mju_cholSolve(out, factor, x)
-    return out
-
-
-def _times(matrix: np.ndarray, x: np.ndarray) -> np.ndarray:
-    return np.einsum("ij,j->i", matrix, x)
-
-
-def _largest(apply: Callable[[np.ndarray], np.ndarray], metric: np.ndarray) -> float:
-    """Largest eigenvalue of an operator that is symmetric in a metric (n, n), by Lanczos."""
-    x = np.random.default_rng(0).standard_normal(len(metric))
-    basis, images, diagonal, beside = [], [], [], []
-    for _ in range(_LANCZOS):
-        for _ in range(2):  # twice is enough
-            for known, image in zip(basis, images, strict=True):
-                x = x - np.sum(image * x) * known
-        image = _times(metric, x)
-        size = sqrt(np.sum(x * image))
-        if beside and size < 1e-12 * diagonal[0]:
-            break
-        beside.append(size)
-        basis.append(x / size)
-        images.append(image / size)
-        x = apply(basis[-1])
-        diagonal.append(float(np.sum(images[-1] * x)))
-    band = np.diag(diagonal) + np.diag(beside[1:], 1) + np.diag(beside[1:], -1)
-    return float(np.linalg.eigvalsh(band)[-1])
 
 
 def linearize(model: mujoco.MjModel) -> LinearChain:

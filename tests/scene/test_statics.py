@@ -5,6 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from support.postures import posed
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.robots import ARM, CANTILEVER_WEAK
@@ -13,7 +14,6 @@ from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import joint_angles
 from softrobot_env.scene.config import SceneConfig
-from softrobot_env.scene.kinematics import tips
 from softrobot_env.scene.quadrature import RULES
 from softrobot_env.scene.statics import EquilibriumError, equilibrium
 from softrobot_env.scene.tangent import RubbingForces
@@ -36,7 +36,7 @@ def solve(robot, n, rule, ctrl=(), **options):
 
 def tip(robot, n, rule, ctrl=(), **options):
     model, posture = solve(robot, n, rule, ctrl, **options)
-    return tips(model, posture)[[0, 2]]
+    return posed(model, posture).site("tip").xpos[[0, 2]]
 
 
 def moment_error(n, rule, moment=1.0):
@@ -116,7 +116,8 @@ def test_weight_in_any_direction_matches_the_elastica(slope):
     for share in (0.2, 0.4, 0.6, 0.8, 1.0):
         model.opt.gravity[:] = 9.81 * share * direction
         posture = equilibrium(model, np.zeros(0), posture)
-    assert np.linalg.norm(tips(model, posture)[[0, 2]] - truth) < 0.6e-3
+    found = posed(model, posture).site("tip").xpos[[0, 2]]
+    assert np.linalg.norm(found - truth) < 0.6e-3
 
 
 def test_equilibrium_is_at_rest_in_the_simulation():
