@@ -116,71 +116,50 @@ def _without_sensors(robot: Any) -> str | None:
 _SPRINGS = ("jnt_stiffness", "jnt_stiffnesspoly", "tendon_stiffness", "tendon_stiffnesspoly")
 _DAMPERS = ("tendon_damping", "dof_damping")
 
+
+def _factor(name: str, symbol: str, **options: Any) -> Variation:
+    """A parameter of the robot, or of all its sections, that is multiplied."""
+    return Variation(name, _scaled(name), label=f"{symbol} x {{:g}}".format, **options)
+
+
 #: Factors and friction of the robot, what lies between it and the policy, and what is registered.
 #: A varied Young's modulus keeps the damping time, hence scales D with K (thesis sec. 6.6.3).
-VARIATIONS: Registry[Variation] = Registry(
-    "variation",
-    {
-        one.name: one
-        for one in (
-            Variation(
-                "youngs_modulus",
-                _scaled("youngs_modulus"),
-                label="E x {:g}".format,
-                scales=_SPRINGS + _DAMPERS,
-            ),
-            Variation(
-                "density",
-                _scaled("density"),
-                label="rho x {:g}".format,
-                scales=("body_mass", "body_inertia"),
-            ),
-            Variation(
-                "damping_time",
-                _scaled("damping_time"),
-                range=AMOUNTS,
-                label="mu x {:g}".format,
-                scales=_DAMPERS,
-            ),
-            Variation(
-                "tendon_radius",
-                lambda robot, factor: _tendons(robot, radius=factor),
-                label="r_t x {:g}".format,
-                shifts=("wrap_prm", "site_pos", "actuator_ctrlrange", "actuator_biasprm"),
-                at_once=lambda robot: all(tendon.is_straight for tendon in robot.tendons),
-            ),
-            Variation(
-                "tendon_friction",
-                lambda robot, force: _tendons(robot, friction=force),
-                neutral=0.0,
-                range=AMOUNTS,
-                unit="N",
-                label="friction {:g} N".format,
-                shifts=("tendon_frictionloss",),
-                switches=("tendon_solimp_fri", "tendon_solref_fri", "opt.disableflags"),
-            ),
-            Variation(
-                "tension_gain", label="gain x {:g}".format, incompatibility=_without_tensions
-            ),
-            Variation(
-                "delay",
-                neutral=0.0,
-                range=(0.0, 1.0),
-                unit="s",
-                label=lambda time: f"delay {1e3 * time:g} ms",
-            ),
-            Variation("sensor_noise", None, 0.0, (0.0, 10.0), label="noise x {:g}".format),
-            Variation(
-                "sensor_errors",
-                None,
-                0.0,
-                (0.0, 5.0),
-                label="sensor errors x {:g}".format,
-                incompatibility=_without_sensors,
-            ),
-        )
-    },
+_USUAL = (
+    _factor("youngs_modulus", "E", scales=_SPRINGS + _DAMPERS),
+    _factor("density", "rho", scales=("body_mass", "body_inertia")),
+    _factor("damping_time", "mu", range=AMOUNTS, scales=_DAMPERS),
+    Variation(
+        "tendon_radius",
+        lambda robot, factor: _tendons(robot, radius=factor),
+        label="r_t x {:g}".format,
+        shifts=("wrap_prm", "site_pos", "actuator_ctrlrange", "actuator_biasprm"),
+        at_once=lambda robot: all(tendon.is_straight for tendon in robot.tendons),
+    ),
+    Variation(
+        "tendon_friction",
+        lambda robot, force: _tendons(robot, friction=force),
+        neutral=0.0,
+        range=AMOUNTS,
+        unit="N",
+        label="friction {:g} N".format,
+        shifts=("tendon_frictionloss",),
+        switches=("tendon_solimp_fri", "tendon_solref_fri", "opt.disableflags"),
+    ),
+    Variation("tension_gain", label="gain x {:g}".format, incompatibility=_without_tensions),
+    Variation("delay", None, 0.0, (0.0, 1.0), "s", label=lambda time: f"delay {1e3 * time:g} ms"),
+    Variation("sensor_noise", None, 0.0, (0.0, 10.0), label="noise x {:g}".format),
+    Variation(
+        "sensor_errors",
+        None,
+        0.0,
+        (0.0, 5.0),
+        label="sensor errors x {:g}".format,
+        incompatibility=_without_sensors,
+    ),
 )
+
+#: What varies, by name.
+VARIATIONS: Registry[Variation] = Registry("variation", {one.name: one for one in _USUAL})
 
 
 def register_variation(variation: Variation, replace: bool = False) -> None:
