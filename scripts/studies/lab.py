@@ -26,7 +26,7 @@ from functools import partial
 from math import ceil
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from rich.console import Group
@@ -38,14 +38,9 @@ from softrobot_env.core.runs import (
     Progress,
     Record,
     for_pictures,
-    groups,
-    names,
-    of_kind,
-    one,
     quiet,
     run_cases,
     run_in_processes,
-    select,
 )
 from softrobot_env.rendering.figures import (
     Axes,
@@ -103,6 +98,38 @@ __all__ = [
     "table",
     "verdict",
 ]
+
+#: A row of a study.
+AnyRecord = TypeVar("AnyRecord")
+
+
+def select(records: Iterable[AnyRecord], **values: Any) -> list[AnyRecord]:
+    """Records that have given values in some fields."""
+    return [r for r in records if all(getattr(r, k) == v for k, v in values.items())]
+
+
+def groups(records: Iterable[AnyRecord], *names: str) -> dict[tuple, list[AnyRecord]]:
+    """Records by the values of some of their fields, in the order of their first appearance."""
+    out: dict[tuple, list[AnyRecord]] = {}
+    for record in records:
+        out.setdefault(tuple(getattr(record, name) for name in names), []).append(record)
+    return out
+
+
+def one(records: Iterable[AnyRecord], **values: Any) -> AnyRecord | None:
+    """The first record that has given values in some fields; None if there is none."""
+    return next(iter(select(records, **values)), None)
+
+
+def of_kind(records: Iterable[Any], kind: type[AnyRecord]) -> list[AnyRecord]:
+    """Records of a kind."""
+    return [record for record in records if isinstance(record, kind)]
+
+
+def names(records: Iterable[Any]) -> list[str]:
+    """Policies in the order of their first records."""
+    return [policy for (policy,) in groups(records, "policy")]
+
 
 Rows = Sequence[Any]
 

@@ -94,16 +94,8 @@ def new_results(folder: Path, overwrite: bool) -> Iterator[None]:
     with claimed(folder):
         check_free(folder / _REPORT, overwrite=overwrite)
         folder.mkdir(parents=True, exist_ok=True)
-        listed, before = _listed(folder), _states(folder)
-        try:
+        with _noted(folder, anew=True):
             yield
-        finally:
-            now = _states(folder)
-            written = {name for name, state in now.items() if state != before.get(name)}
-            if _REPORT in written:
-                for name in listed - written:
-                    (folder / name).unlink(missing_ok=True)
-                write_text(folder / _LIST, "".join(f"{name}\n" for name in sorted(written)))
 
 
 @contextmanager
@@ -116,13 +108,22 @@ def changed_results(folder: Path) -> Iterator[None]:
     """
     if not any(folder.glob(f"{_REPORT}*")):
         raise FileNotFoundError(f"{folder / _REPORT}: there is no such report")
-    with claimed(folder):
-        before = _states(folder)
-        try:
-            yield
-        finally:
-            written = {k for k, state in _states(folder).items() if state != before.get(k)}
-            names = sorted(_listed(folder) | written)
+    with claimed(folder), _noted(folder, anew=False):
+        yield
+
+
+@contextmanager
+def _noted(folder: Path, anew: bool) -> Iterator[None]:
+    """List what is written to a folder; with a report anew, the rest of what is listed goes."""
+    listed, before = _listed(folder), _states(folder)
+    try:
+        yield
+    finally:
+        written = {k for k, state in _states(folder).items() if state != before.get(k)}
+        for name in listed - written if anew and _REPORT in written else ():
+            (folder / name).unlink(missing_ok=True)
+        if not anew or _REPORT in written:
+            names = sorted(written if anew else listed | written)
             write_text(folder / _LIST, "".join(f"{name}\n" for name in names))
 
 

@@ -15,7 +15,7 @@ from functools import cache, partial
 from hashlib import sha256
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 from uuid import uuid4
 
 import cloudpickle
@@ -57,40 +57,10 @@ _DRAWN = {"drawn": True}
 #: The name of rows in studies.
 Record = Row
 
-AnyRecord = TypeVar("AnyRecord")
-
 
 def for_pictures(default: Any = None) -> Any:
     """A field of a record for pictures alone, such as arrays over time."""
     return field(default=default, metadata=_DRAWN, repr=False)
-
-
-def select(records: Iterable[AnyRecord], **values: Any) -> list[AnyRecord]:
-    """Records that have given values in some fields."""
-    return [r for r in records if all(getattr(r, k) == v for k, v in values.items())]
-
-
-def groups(records: Iterable[AnyRecord], *names: str) -> dict[tuple, list[AnyRecord]]:
-    """Records by the values of some of their fields, in the order of their first appearance."""
-    out: dict[tuple, list[AnyRecord]] = {}
-    for record in records:
-        out.setdefault(tuple(getattr(record, name) for name in names), []).append(record)
-    return out
-
-
-def one(records: Iterable[AnyRecord], **values: Any) -> AnyRecord | None:
-    """The first record that has given values in some fields; None if there is none."""
-    return next(iter(select(records, **values)), None)
-
-
-def of_kind(records: Iterable[Any], kind: type[AnyRecord]) -> list[AnyRecord]:
-    """Records of a kind."""
-    return [record for record in records if isinstance(record, kind)]
-
-
-def names(records: Iterable[Any]) -> list[str]:
-    """Policies in the order of their first records."""
-    return [policy for (policy,) in groups(records, "policy")]
 
 
 # ---------------------------------------------------------------- rows as JSON

@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softrobot_env.core.runs import Record, for_pictures, groups, select
+from studies.lab import Record, for_pictures, groups, select
 
 
 @dataclass(frozen=True)
 class Run(Record):
     case: str
     error: float | None = None
-    trace: np.ndarray | None = for_pictures()  # noqa: RUF009
+    trace: np.ndarray | None = for_pictures()
 
 
 def test_a_record_writes_all_but_what_is_drawn():
