@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from softrobot_env import recordings
 from softrobot_env.control.registry import make_policy
 from softrobot_env.control.sensed import load_reconstruction
 from softrobot_env.core.artifacts import read_arrays, read_facts
@@ -24,15 +25,6 @@ from softrobot_env.hardware.transport import LoggingTransport, read_link_log
 from softrobot_env.identification.fit.residual import Residual, read_residual
 from softrobot_env.learned.network import Network
 from softrobot_env.learned.reduction import ReducedModel
-from softrobot_env.recordings import (
-    Commands,
-    Header,
-    Marker,
-    Recording,
-    read_header,
-    read_recording,
-    write_recording,
-)
 from softrobot_env.recordings.files import header_path
 from softrobot_env.recordings.header import Time
 from softrobot_env.robots import ARM, RIG, read_gripper, read_robot
@@ -42,10 +34,10 @@ from softrobot_env.thesis.rig.parameters import IdentifiedParameters
 
 _TIMES = 500
 _MOVED = np.linspace(0.0, 1.0, 12)
-SHORT_RECORDING = Recording(
-    header=Header(
-        commands=Commands("tension", ("a", "b"), "N", ("a", "b")),
-        marker=(Marker("x", "y", "z"),),
+SHORT_RECORDING = recordings.Recording(
+    header=recordings.Header(
+        commands=recordings.Commands("tension", ("a", "b"), "N", ("a", "b")),
+        marker=(recordings.Marker("x", "y", "z"),),
         time=Time("t"),
         label="what",
     ),
@@ -192,7 +184,7 @@ def recording(name):
     def make(folder):
         if name.endswith("parquet"):
             pytest.importorskip("pyarrow")
-        write_recording(SHORT_RECORDING, folder / name)
+        recordings.write_recording(SHORT_RECORDING, folder / name)
         return folder / name
 
     return make
@@ -235,9 +227,9 @@ KINDS = {
         lambda path: load_reconstruction(RIG, path),
     ),
     "residual": (residual, read_residual),
-    "recording.csv": (recording("a.csv"), read_recording),
-    "recording.parquet": (recording("a.parquet"), read_recording),
-    "recording.toml": (recording_header, read_header),
+    "recording.csv": (recording("a.csv"), recordings.read_recording),
+    "recording.parquet": (recording("a.parquet"), recordings.read_recording),
+    "recording.toml": (recording_header, recordings.read_header),
 }
 
 

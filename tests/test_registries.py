@@ -15,17 +15,8 @@ from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.cli import build_parser
 from softrobot_env.commands.registry import COMMANDS
 from softrobot_env.commands.robot.command import ROBOT_COMMANDS
+from softrobot_env.control import registry
 from softrobot_env.control.base import Controller
-from softrobot_env.control.registry import (
-    POLICIES,
-    REDUCED_POLICIES,
-    RIG_POLICIES,
-    find_policy,
-    home_robot,
-    installed_policies,
-    make_policy,
-    policy_environment,
-)
 from softrobot_env.core.registry import load
 from softrobot_env.robots import ARM, ROBOTS, RobotParams
 from softrobot_env.scene.build import build_scene
@@ -63,20 +54,22 @@ def test_plants_are_built(name):
         assert at_rest.tip_position == pytest.approx([0.0, ARM.length])
 
 
-@pytest.mark.parametrize("name", POLICIES | RIG_POLICIES | REDUCED_POLICIES)
+@pytest.mark.parametrize(
+    "name", registry.POLICIES | registry.RIG_POLICIES | registry.REDUCED_POLICIES
+)
 def test_policies_load_with_what_they_need_of_an_environment(name):
-    spec = find_policy(name, home_robot(name))
-    if spec.package is not None and name not in installed_policies():
+    spec = registry.find_policy(name, registry.home_robot(name))
+    if spec.package is not None and name not in registry.installed_policies():
         pytest.skip(f"needs {spec.package}")
     assert callable(load(spec.make))
     assert all(spec.takes(option) for option in spec.options)
-    robot = home_robot(name)
-    wanted = policy_environment(name, robot)
+    robot = registry.home_robot(name)
+    wanted = registry.policy_environment(name, robot)
     own = registration.ENVIRONMENTS if robot == ARM else registration.RIG_ENVIRONMENTS
     env_id = next(iter(own))
     with gymnasium.make(env_id, observe="all", **wanted) as env:
         bare = env.unwrapped
-        policy = make_policy(name, bare.task.robot, bare.control_period)
+        policy = registry.make_policy(name, bare.task.robot, bare.control_period)
         assert isinstance(policy, Controller)
         assert set(policy.requires) <= {*bare.observation_space, "curvature_rate"}
 

@@ -9,13 +9,7 @@ at (3 - sqrt(5)) / 2.
 import numpy as np
 import pytest
 
-from softrobot_env.core.equilibrium import (
-    EquilibriumError,
-    checked_load_steps,
-    require_stable,
-    stability_asked,
-    static_growth,
-)
+from softrobot_env.core import equilibrium
 
 MASS = np.array([[3.0, 1.0], [1.0, 1.0]])
 SPRING = np.array([[2.0, -1.0], [-1.0, 1.0]])
@@ -34,8 +28,8 @@ def dead(p):
 
 def refused(kind, stiffness, damping=0.0):
     try:
-        require_stable(kind, stiffness, MASS, damping * SPRING)
-    except EquilibriumError as error:
+        equilibrium.require_stable(kind, stiffness, MASS, damping * SPRING)
+    except equilibrium.EquilibriumError as error:
         return str(error)
     return None
 
@@ -61,8 +55,8 @@ def test_a_little_damping_lowers_the_flutter_load():
 
 def test_growth_is_that_of_the_undamped_motion():
     wanted = np.sqrt(-np.linalg.eigvals(np.linalg.solve(MASS, dead(1.0))).real.min())
-    assert static_growth(dead(1.0), MASS) == pytest.approx(wanted, rel=1e-12)
-    assert static_growth(np.diag([1.0, 0.0]), MASS) == 0.0
+    assert equilibrium.static_growth(dead(1.0), MASS) == pytest.approx(wanted, rel=1e-12)
+    assert equilibrium.static_growth(np.diag([1.0, 0.0]), MASS) == 0.0
 
 
 def test_the_verdict_survives_stiffnesses_of_very_different_size():
@@ -74,19 +68,19 @@ def test_the_verdict_survives_stiffnesses_of_very_different_size():
         stiffness[3, 3] = soft + stiffness[3, :3] @ np.linalg.solve(
             stiffness[:3, :3], stiffness[:3, 3]
         )
-        assert (static_growth(stiffness, np.eye(4)) is None) == stable
+        assert (equilibrium.static_growth(stiffness, np.eye(4)) is None) == stable
 
 
 def test_words_and_numbers_are_checked():
-    assert [stability_asked(x) for x in (True, "static", "dynamic", False)] == [
+    assert [equilibrium.stability_asked(x) for x in (True, "static", "dynamic", False)] == [
         "static",
         "static",
         "dynamic",
         None,
     ]
     with pytest.raises(ValueError, match="'static', 'dynamic'"):
-        stability_asked("flutter")
-    assert checked_load_steps(np.int64(3)) == 3
+        equilibrium.stability_asked("flutter")
+    assert equilibrium.checked_load_steps(np.int64(3)) == 3
     for wrong in (0, -1, 1.5, 0.2):
         with pytest.raises(ValueError, match="whole number, at least one"):
-            checked_load_steps(wrong)
+            equilibrium.checked_load_steps(wrong)
