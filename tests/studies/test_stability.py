@@ -1,31 +1,26 @@
-"""The stability benchmark: its verdicts, the timestep rule on a small map, and extreme cases."""
+"""The stability study: its verdicts, the timestep rule on maps, extreme cases, and the rig."""
 
-from math import pi
+from dataclasses import replace
+from math import inf, pi
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from softrobot_env.beams.model import State
-from softrobot_env.robots import ARM
+from softrobot_env.robots import ARM, RIG, SERVO_SPEED
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.timestep import stability_limit
 from studies.beams import make_beam
-from studies.stability import extremes, shown
-from studies.stability.map import (
-    BOUND,
-    Family,
-    limit_rows,
-    map_rows,
-    rule_rows,
-    run_cell,
-    scaled_arm,
-)
+from studies.stability import extremes, rig, runs, shown
+from studies.stability.map import BOUND, Family, limit_rows, map_rows, rule_rows, run_cell
+from studies.stability.rig import MAP, MOTIONS, PERIOD, RULE, TRUSTED, Variation
 from studies.stability.runs import (
     CHAIN,
     DIVERGED,
+    NO_TRUTH,
     NOT_CONVERGED,
     STABLE,
     WRONG,
-    BeamSystem,
     Plan,
     Reference,
     Trace,
@@ -34,126 +29,112 @@ from studies.stability.runs import (
 
 STIFFNESSES = (1e-2, 1.0, 1e4)
 TIMESTEPS = (1e-4, 2e-3, 2e-2)
+CHAIN_OF_SIX, PCC = Family(CHAIN, 6), Family("pcc", 3)
 
 
 @pytest.fixture(scope="module")
-def chain():
-    return Family(CHAIN, 6)
-
-
-@pytest.fixture(scope="module")
-def pcc():
-    return Family("pcc", 3)
-
-
-@pytest.fixture(scope="module")
-def rows(chain):
+def rows():
     """A coarse map with the rule on it."""
     return [
         row
         for damping in (0.0, 5.0)
         for row in (
-            *map_rows(chain, damping, TIMESTEPS, STIFFNESSES),
-            *rule_rows(chain, damping, STIFFNESSES),
-            *limit_rows(chain, damping, (0.5, 0.9, 1.2, 2.0)),
+            *map_rows(CHAIN_OF_SIX, damping, TIMESTEPS, STIFFNESSES),
+            *rule_rows(CHAIN_OF_SIX, damping, STIFFNESSES),
+            *limit_rows(CHAIN_OF_SIX, damping, (0.5, 0.9, 1.2, 2.0)),
         )
     ]
 
 
-def circle(time, radius=0.1):
-    return radius * np.stack([np.cos(time), np.sin(time)], axis=1)
+# ------------------------------------------------------------- verdicts
 
 
-def trace_of(time, tip, failure=None):
-    return Trace(time, tip, DIVERGED if failure else None, failure, 0.0, len(time))
+def circle(time):
+    return 0.1 * np.stack([np.cos(time), np.sin(time)], axis=1)
 
 
-@pytest.fixture(scope="module")
-def truth():
-    time = np.linspace(0, 6, 400)
-    return Reference(time, circle(time), 0.0)
+def judged(time, off, bound, after=inf, failure=None):
+    """A run on a circle, off by (2,) [m] after some time, against the circle for 6 s."""
+    known = np.linspace(0, 6, 400)
+    tip = circle(time) + np.where(time > after if after < inf else time >= 0, 1, 0)[:, None] * off
+    return judge(Trace(time, tip, failure, 0.0, 9), Reference(known, circle(known), 0.0), bound)
 
 
-def test_judge_measures_the_distance_to_the_truth(truth):
-    time = np.linspace(0, 6, 50)
-    off = trace_of(time, circle(time) + np.array([0.003, 0.004]))
-    verdict = judge(off, truth, 0.0051)
-    assert (verdict.outcome, verdict.failure) == (STABLE, None)
-    assert verdict.e_max == pytest.approx(0.005, abs=1e-9)
-    assert judge(off, truth, 0.0049).outcome == WRONG
+@pytest.mark.parametrize(
+    ("time", "off", "bound", "outcome"),
+    [
+        (np.linspace(0, 6, 50), (0.003, 0.004), 0.0051, STABLE),
+        (np.linspace(0, 6, 50), (0.003, 0.004), 0.0049, WRONG),
+        (np.array([0.0, 2 * pi]), (0.0, 0.0), 0.01, WRONG),  # right by chance, once a turn
+        (np.array([0.0, 0.01, 0.02]), (0.0, 0.0), 1e-3, STABLE),  # cut short
+    ],
+)
+def test_a_run_is_judged_by_its_distance_to_the_truth(time, off, bound, outcome):
+    assert judged(time, off, bound).outcome == outcome
 
 
-def test_judge_says_how_wrong_and_when(truth):
-    time = np.linspace(0, 6, 61)
-    tip = circle(time)
-    tip[30] += [0.037, 0.0]
-    verdict = judge(trace_of(time, tip), truth, 0.01)
-    assert verdict.failure == "finite but wrong: tip 37 mm from the refined run at t = 3 s"
+def test_a_verdict_says_how_wrong_and_when():
+    verdict = judged(np.linspace(0, 6, 61), (0.037, 0.0), 0.01, after=2.95)
+    assert verdict.e_max == pytest.approx(0.037, abs=1e-9)
+    assert verdict.failure.startswith("finite but wrong: tip 37 mm from the refined run at t = ")
 
 
-def test_judge_is_not_fooled_by_few_instants_that_are_right(truth):
-    """Once per turn the tip of a run at rest meets the circle."""
-    time = np.array([0.0, 2 * pi])
-    lucky = trace_of(time, circle(time))
-    assert judge(lucky, truth, 0.01).outcome == WRONG
-
-
-def test_a_run_cut_short_is_compared_while_it_lasts(truth):
-    time = np.array([0.0, 0.01, 0.02])
-    assert judge(trace_of(time, circle(time)), truth, 1e-3).outcome == STABLE
-
-
-def test_instants_after_the_truth_count_for_failures_only(truth):
+def test_instants_after_the_truth_count_for_failures_only():
     time = np.linspace(0, 12, 100)
-    tip = circle(time)
-    tip[time > 6.1] += 1.0
-    assert judge(trace_of(time, tip), truth, 0.01).outcome == STABLE
-    failed = judge(trace_of(time, tip, "diverged at t = 9 s"), truth, 0.01)
+    assert judged(time, (1.0, 1.0), 0.01, after=6.1).outcome == STABLE
+    failed = judged(time, (1.0, 1.0), 0.01, 6.1, "diverged at t = 9 s")
     assert (failed.outcome, failed.e_max) == (DIVERGED, None)
 
 
-def test_scaled_arm_keeps_the_damping_ratio_and_the_tensions_allowed():
-    for stiffness in STIFFNESSES:
-        robot = scaled_arm(stiffness, 0.3)
-        assert robot.first_frequency == pytest.approx(ARM.first_frequency * stiffness**0.5)
-        assert robot.damping_time * pi * robot.first_frequency == pytest.approx(0.3)
-        assert robot.tendons[0].tension_limit == pytest.approx(80 * stiffness)
+@pytest.mark.parametrize(
+    ("family", "stiffness", "damping", "integrator", "timestep", "outcome"),
+    [
+        (CHAIN_OF_SIX, 1e4, 0.0, "implicitfast", 0.02, DIVERGED),
+        # Stable for any step, but damps all motion: after a period it hardly swings.
+        (CHAIN_OF_SIX, 1.0, 0.0, "discrete", 0.05, WRONG),
+        (PCC, 1.0, 0.0, "implicit_euler", 0.05, WRONG),
+        (PCC, 1.0, 5.0, "rk4", 0.02, DIVERGED),
+    ],
+)
+def test_provoked_failures_are_named(
+    family, stiffness, damping, integrator, timestep, outcome, capfd
+):
+    row = run_cell(family, stiffness, damping, integrator, timestep)
+    assert (row.stable, row.outcome) == (False, outcome)
+    if outcome == DIVERGED:
+        assert row.e_max is None and row.failure.startswith("diverged at t = ")
+    else:
+        assert row.e_max > BOUND and row.failure.startswith("finite but wrong: tip ")
+    said = "".join(capfd.readouterr())
+    assert "MuJoCo" not in said and "WARNING" not in said
 
 
-def test_equal_steps_per_period_move_equally(chain):
+def test_failed_newton_iteration_is_named():
+    beam = make_beam("pcc", ARM, 3)
+    system = runs.BeamSystem(beam, beam.rest() + 3 / ARM.length, np.zeros(6))
+    system.start = system.start._replace(v=np.full(3, 1e6))
+    trace = system.run(Plan("implicit_euler", 0.1, 10, 0.1))
+    assert trace.outcome == NOT_CONVERGED
+    assert trace.failure.startswith("Newton's iteration did not converge at t = ")
+
+
+# ------------------------------------------------------------- the map and the rule
+
+
+def test_equal_steps_per_period_move_equally():
     """The similarity that lets all stiffnesses share one refined run, checked on the runs."""
     errors = [
-        run_cell(chain, stiffness, 0.1, "implicitfast", 2e-3 * stiffness**-0.5).e_max
+        run_cell(CHAIN_OF_SIX, stiffness, 0.1, "implicitfast", 2e-3 * stiffness**-0.5).e_max
         for stiffness in STIFFNESSES
     ]
     np.testing.assert_allclose(errors, errors[1], rtol=1e-3)
 
 
-def test_references_are_far_more_accurate_than_the_bound(rows):
-    assert max(row.uncertainty for row in rows if row.uncertainty) < 0.05 * BOUND
-
-
-def test_provoked_divergence_is_named_with_its_time(chain, capfd):
-    row = run_cell(chain, 1e4, 0.0, "implicitfast", 0.02)
-    assert (row.stable, row.outcome, row.e_max) == (False, DIVERGED, None)
-    assert row.failure.startswith("diverged at t = ")
-    assert "MuJoCo" not in "".join(capfd.readouterr())
-    assert "WARNING" not in "".join(capfd.readouterr())
-
-
-def test_provoked_wrong_run_is_finite_and_beyond_the_bound(chain):
-    # discrete is stable for any step, but damps all motion: after a period it hardly swings.
-    row = run_cell(chain, 1.0, 0.0, "discrete", 0.05)
-    assert row.outcome == WRONG
-    assert row.e_max > BOUND
-    assert row.failure.startswith("finite but wrong: tip ")
-
-
 def test_rule_is_stable_everywhere(rows):
+    assert max(row.uncertainty for row in rows if row.uncertainty) < 0.05 * BOUND
     picks = [row for row in rows if row.case in ("rule", "rule_asked")]
-    failed = [r for r in picks if not r.stable]
     assert len(picks) == 2 * len(STIFFNESSES) * 6
-    assert not failed, failed
+    assert not [row for row in picks if not row.stable]
     for row in picks:
         assert (0.01 / row.timestep) == pytest.approx(round(0.01 / row.timestep), rel=1e-9)
 
@@ -163,8 +144,7 @@ def test_limit_separates_stable_from_diverging_runs(rows):
     around = [r for r in rows if r.case == "limit" and r.integrator != "implicit"]
     assert {row.integrator for row in around} == {"implicitfast", "Euler", "RK4"}
     for row in around:
-        ratio = row.timestep / row.stability_limit
-        assert row.stable == (ratio < 1), row
+        assert row.stable == (row.timestep < row.stability_limit), row
 
 
 def test_safe_step_ends_before_the_first_failure():
@@ -177,61 +157,30 @@ def test_safe_step_ends_before_the_first_failure():
     assert shown.safe_step([cell(0.1, False)]) is None
 
 
-def test_implicit_euler_with_a_huge_step_is_finite_but_wrong(pcc):
-    row = run_cell(pcc, 1.0, 0.0, "implicit_euler", 0.05)
-    assert row.outcome == WRONG
-    assert row.e_max > BOUND
+# ------------------------------------------------------------- extreme cases
 
 
-def test_explicit_method_on_a_damped_beam_diverges(pcc):
-    row = run_cell(pcc, 1.0, 5.0, "rk4", 0.02)
-    assert (row.outcome, row.e_max) == (DIVERGED, None)
-
-
-def test_failed_newton_iteration_is_named(pcc):
-    beam = make_beam(pcc.model, ARM, 3)
-    start = State(beam.rest() + 3 / ARM.length, np.full(3, 1e6))
-    trace = BeamSystem(beam, start, np.zeros(6)).run(Plan("implicit_euler", 0.1, 10, 0.1))
-    assert trace.outcome == NOT_CONVERGED
-    assert trace.failure.startswith("Newton's iteration did not converge at t = ")
-
-
-EXACT = [extremes.curl(), extremes.follower()]
-
-
-@pytest.mark.parametrize("case", EXACT, ids=lambda case: case.name)
-def test_extreme_loads_agree_with_exact_shapes(case):
-    row = extremes.run_case(case, CHAIN, 24)
-    assert row.stable
-    assert row.e_max < 1e-3
+@pytest.mark.parametrize(
+    ("case", "n", "bound"),
+    [  # the first two have exact shapes
+        (extremes.curl(), 24, 1e-3),
+        (extremes.follower(), 24, 1e-3),
+        (extremes.tension_limit(), 12, inf),
+        (extremes.slack_taut(), 6, inf),
+        (extremes.straight(1e-12), 6, inf),
+        (extremes.longest_pair("one_piece"), 2, inf),
+    ],
+    ids=lambda x: getattr(x, "name", ""),
+)
+def test_chain_survives_extreme_cases(case, n, bound):
+    row = extremes.run_case(case, CHAIN, n)
+    assert row.stable and row.e_max < bound, row.failure
 
 
 def test_follower_force_agrees_with_small_deflections():
     x, z = extremes.follower_tip(2.0, 5.0, 1e-3)
     assert x == pytest.approx(1e-3 * 2.0**3 / (3 * 5.0), rel=1e-6)
     assert z == pytest.approx(2.0, rel=1e-6)
-
-
-CASES = [
-    (extremes.tension_limit(), 12),
-    (extremes.slack_taut(), 6),
-    (extremes.straight(0.0), 6),
-    (extremes.straight(1e-12), 6),
-    (extremes.longest_pair("one_piece"), 2),
-]
-
-
-@pytest.mark.parametrize(("case", "n"), CASES, ids=lambda x: getattr(x, "name", x))
-def test_chain_survives_extreme_cases(case, n):
-    row = extremes.run_case(case, CHAIN, n)
-    assert row.stable, row.failure
-
-
-def test_rounding_at_the_straight_start_does_not_matter():
-    exact, rounded = (
-        extremes.run_case(extremes.straight(angle), CHAIN, 6).e_max for angle in (0.0, 1e-12)
-    )
-    assert rounded == pytest.approx(exact, rel=1e-6)
 
 
 @pytest.mark.parametrize("damping", [0.0, 1e-3])
@@ -245,7 +194,7 @@ def test_free_oscillation_follows_the_linear_solution(damping):
 def test_growing_oscillation_fails():
     time = np.linspace(0, 20, 400)
     tip = np.stack([np.exp(0.01 * time) * np.cos(5 * time), 0 * time], axis=1)
-    assert extremes._amplitude_growth(trace_of(time, tip)) > 1.1
+    assert extremes._amplitude_growth(Trace(time, tip, None, 0.0, 400)) > 1.1
 
 
 def test_linear_solution_solves_the_oscillators_equation():
@@ -261,6 +210,119 @@ def test_linear_solution_solves_the_oscillators_equation():
 def test_adaptive_run_is_compared_with_an_independent_one():
     """A refined run that adapted its steps too would agree to rounding, whatever its error."""
     row = extremes.run_case(extremes.longest_pair("one_piece"), "pcc", 1, "sdirk4 adaptive")
-    assert row.uncertainty > 1e-9
-    assert row.e_max > 1e-9
+    assert min(row.uncertainty, row.e_max) > 1e-9
     assert row.stable
+
+
+# ------------------------------------------------------------- the rig
+
+
+JOINTS = 4
+
+
+def test_variation_changes_what_it_says():
+    robot = Variation(1e4, 0.5, 0.1, 10.0, 0.3).robot()
+    assert robot.bending_stiffness == pytest.approx(0.5 * RIG.bending_stiffness)
+    assert robot.damping_time == pytest.approx(0.1 * RIG.damping_time)
+    for tendon in robot.tendons:
+        assert (tendon.stiffness, tendon.pretension, tendon.friction) == (9.8e6, 10.0, 0.3)
+    assert Variation().robot() == RIG
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_servos_wind_at_their_speed_and_return(name):
+    path = np.array([MOTIONS[name](k * PERIOD) for k in range(round(rig.DURATION / PERIOD))])
+    speed = np.abs(np.diff(path, axis=0, prepend=np.zeros((1, 3)))) / PERIOD
+    assert np.max(speed) == pytest.approx(SERVO_SPEED)
+    np.testing.assert_allclose(path[-1], 0, atol=1e-15)
+    np.testing.assert_allclose(path[19].sum(), 0, atol=1e-15)  # a bend pulls in what it lets out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tendons", [1.0, 1e4])
+def test_slack_tendons_carry_exactly_nothing(tendons):
+    trace = (
+        Variation(tendons, motion="slack")
+        .system(JOINTS)
+        .run(Plan("implicitfast", 2e-4, 8000, PERIOD))
+    )
+    let_out = (trace.time > 0.7) & (trace.time < 0.79)
+    assert trace.failure is None and trace.tip.shape == (81, 3)
+    np.testing.assert_allclose(trace.tip[0], [0, 0, RIG.reach], atol=1e-15)
+    assert np.all(trace.tension[let_out] == 0)
+    assert np.max(trace.tension[trace.time < 0.4]) > 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tendons", [1.0, 1e2, 1e4])
+def test_undamped_rig_grows_from_two_over_the_highest_frequency_on(tendons):
+    """The textbook limit of semi-implicit Euler, for tendons that stay taut, of a nudged rig."""
+    robot = replace(Variation(tendons, 1.0, 0.0, 10.0).robot(), gravity=(0.0, 0.0, 0.0))
+    driven = {"actuation": "length", "bending": "spatial", "control_period": PERIOD}
+    nudge = 1e-7 * np.random.default_rng(0).normal(size=2 * JOINTS)
+    system = runs.ChainSystem(SceneConfig(robot, pieces=2, **driven), nudge, np.zeros(3))
+    limit = stability_limit("implicitfast", system.linear)
+    assert limit == pytest.approx(2 / system.linear.frequencies()[-1], rel=1e-6)
+    swings = []
+    for step in (0.97 * limit, 1.03 * limit):
+        trace = system.run(Plan("implicitfast", step, 800, step))
+        swings.append(np.max(np.abs(trace.tip[:, :2])))
+    assert swings[0] < 1e-5 and swings[1] > 1e-4
+
+
+@pytest.fixture(scope="module")
+def steel():
+    varied = Variation(1e4)
+    system = varied.system(JOINTS)
+    return varied, system, rig.reference(varied, system)
+
+
+@pytest.mark.slow
+def test_chattering_tensions_are_wrong_though_the_tip_is_right(steel):
+    limit = stability_limit("implicitfast", steel[1].linear)
+    row = rig.run(*steel, "implicitfast", PERIOD / np.floor(PERIOD / (1.5 * limit)), MAP)
+    assert row.outcome == WRONG and row.e_max < row.e_bound
+    assert row.e_tension > 5 and "tensions" in row.failure
+
+
+def test_nothing_is_judged_by_refined_runs_that_differ():
+    time = np.linspace(0, 1, 20)
+    still = Trace(time, np.zeros((20, 3)), None, 0.0, 20, np.zeros((20, 3)))
+    truth = Reference(still.time, still.tip, 0.5 * TRUSTED, still.tension)
+    assert rig.judged(still, truth)[0].outcome == STABLE
+    for uncertainty in (2 * TRUSTED, inf):
+        verdict, error = rig.judged(still, replace(truth, uncertainty=uncertainty))
+        assert (verdict.outcome, verdict.e_max, error) == (NO_TRUTH, None, None)
+    gone = replace(still, failure="diverged at t = 1 s")
+    assert rig.judged(gone, replace(truth, uncertainty=inf))[0].outcome == DIVERGED
+
+
+@pytest.mark.slow
+def test_undamped_rig_with_stiff_tendons_has_no_truth():
+    stiff, nylon = (Variation(c, damping=0.0) for c in (1e2, 1.0))
+    assert rig.reference(stiff, stiff.system(JOINTS)).uncertainty > TRUSTED
+    assert rig.reference(nylon, nylon.system(JOINTS)).uncertainty < TRUSTED / 10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "varied",
+    [
+        Variation(),
+        Variation(1e-2),
+        Variation(1e2, motion="slack", pretension=0.0),
+        Variation(1e4, pretension=10.0),
+        Variation(1e4, damping=0.1, motion="slack"),
+        Variation(1.0, 100.0),
+        Variation(1.0, damping=0.0),
+        Variation(friction=0.3),
+    ],
+    ids=str,
+)
+def test_rule_keeps_the_rig_stable(varied):
+    system = varied.system(JOINTS)
+    choice = runs.rule_choice(system, friction=varied.friction > 0)
+    truth = rig.reference(varied, system)
+    row = rig.run(varied, system, truth, choice.integrator, choice.timestep, RULE)
+    assert row.stable, row.failure
+    assert row.uncertainty < TRUSTED

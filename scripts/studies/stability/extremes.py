@@ -6,41 +6,25 @@ with steps adapted to its error estimate.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from math import ceil, pi
 
 import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.linalg import eigh
 
 from softrobot_env.beams import signals
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.beams.model import State
-from softrobot_env.evaluation.models.runs import distance
 from softrobot_env.robots import ARM, CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.config import SceneConfig
 from studies.accuracy.cases import SHEAR
 from studies.beams import make_beam, weightless
+from studies.stability import runs
 from studies.stability.map import damped
-from studies.stability.runs import (
-    ADAPTIVE,
-    CHAIN,
-    WRONG,
-    BeamSystem,
-    ChainSystem,
-    Job,
-    Plan,
-    Reference,
-    Row,
-    System,
-    Trace,
-    Verdict,
-    judge,
-    judge_errors,
-    neutral_scene,
-    refined_runs,
-    rule_choice,
-    steps_for,
-)
+from studies.stability.runs import ADAPTIVE, CHAIN, Plan, Row, Trace, Verdict, judge_errors
 from studies.truths.analytic import arc_tip, elastica
 from studies.truths.continuum_arc import TEXT as CONTINUUM_ARC
 from studies.truths.continuum_arc import continuum_arc_tip
@@ -132,16 +116,14 @@ def follower_tip(length: float, bending_stiffness: float, force: float) -> np.nd
     In axes that turn with the tip the force is fixed, EI p'' = -F cos p with p = p' = 0 there: an
     initial-value problem from the tip to the base.
     """
-    from scipy.integrate import solve_ivp
 
     def toward_base(s: float, y: np.ndarray) -> list[float]:
         return [-y[1], force / bending_stiffness * np.cos(y[0]), -np.sin(y[0]), -np.cos(y[0])]
 
     end = solve_ivp(toward_base, (0, length), np.zeros(4), rtol=1e-11, atol=1e-13)
     angle, _, x, z = end.y[:, -1]
-    return np.array(
-        [-np.cos(angle) * x + np.sin(angle) * z, -np.sin(angle) * x - np.cos(angle) * z]
-    )
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.array([-cos * x + sin * z, -sin * x - cos * z])
 
 
 def follower(strength: float = 3.0) -> Case:
@@ -180,19 +162,12 @@ def tension_limit() -> Case:
     tension = np.array([0.0] * (len(ARM.tendons) - 2) + [limit, 0.0])
     tip = ConstantCurvatureStatics(ARM).tip(TendonMap(ARM).reduced(tension))
     pressed = tendon_tip(ARM, section(ARM, SHEAR.shear_coefficient), tension)
-    return Case(
-        "tension_limit",
-        ARM,
-        tension[None],
-        1.0,
-        8.0,
-        tip=tip,
-        truth="constant curvature (exact)",
-        tips={
-            "cosserat": (pressed, "constant curvature and compression (exact)"),
-            "ancf2d": (tip, "constant curvature; this continuum has no equilibrium"),
-        },
-    )
+    case = Case("tension_limit", ARM, tension[None], 1.0, 8.0)
+    tips = {
+        "cosserat": (pressed, "constant curvature and compression (exact)"),
+        "ancf2d": (tip, "constant curvature; this continuum has no equilibrium"),
+    }
+    return replace(case, tip=tip, truth="constant curvature (exact)", tips=tips)
 
 
 def slack_taut(pull: float = 0.01, stiffness: float = 2e4) -> Case:
@@ -222,7 +197,7 @@ def longest_pair(name: str) -> Case:
     return Case(name, robot, np.array([[20.0, 0.0]]), 1.0, 3.0)
 
 
-def jobs(beams: tuple[str, ...], quick: bool = False) -> Iterator[Job]:
+def jobs(beams: tuple[str, ...], quick: bool = False) -> Iterator[runs.Job]:
     """All cases on the chain and the given beam models; n is chosen per case."""
     weak = replace(CANTILEVER_WEAK, poisson_ratio=0.49)
     cases = [  # with hinges of the chain, and pieces of the beams
@@ -243,21 +218,20 @@ def jobs(beams: tuple[str, ...], quick: bool = False) -> Iterator[Job]:
             (longest_pair("many_pieces"), 64, 64),
         ]
     for case, hinges, pieces in cases:
-        yield f"{case.name}, chain", lambda c=case, n=hinges: [run_case(c, CHAIN, n)]
+        yield f"{case.name}, chain", partial(rows_of, case, CHAIN, hinges)
         for beam in beams:
-            yield (
-                f"{case.name}, {beam}",
-                lambda c=case, b=beam, n=pieces: [
-                    run_case(c, b, n, method) for method in (BEAM_METHOD, BEAM_METHOD + ADAPTIVE)
-                ],
-            )
+            yield f"{case.name}, {beam}", partial(rows_of, case, beam, pieces)
     duration = 60.0 if quick else 600.0
     for damping in (0.0, 1e-4):
         for model in (CHAIN, *beams):
-            yield (
-                f"free oscillation, {model}",
-                lambda z=damping, m=model: [oscillation_row(m, 6, z, duration)],
-            )
+            run = partial(oscillation_row, model, 6, damping, duration)
+            yield f"free oscillation, {model}", lambda r=run: [r()]
+
+
+def rows_of(case: Case, model: str, n: int) -> list[Row]:
+    """Runs of one case on one model; beams with fixed and with adapted steps."""
+    methods = (BEAM_METHOD,) if model == CHAIN else (BEAM_METHOD, BEAM_METHOD + ADAPTIVE)
+    return [run_case(case, model, n, method) for method in methods]
 
 
 def run_case(case: Case, model: str, n: int, method: str = BEAM_METHOD) -> Row:
@@ -266,15 +240,15 @@ def run_case(case: Case, model: str, n: int, method: str = BEAM_METHOD) -> Row:
     case = replace(case, tip=tip, truth=truth)
     system = _system(case, model, n)
     plan = _plan(case.robot, system, case.duration)
-    if isinstance(system, BeamSystem):
+    if model != CHAIN:
         plan = replace(plan, integrator=method)
     finer = None
     if case.tip is None:
         finer = refined(_system(replace(case, angle=0.0), model, n), plan)
     trace = system.run(plan)
     if finer is not None:
-        verdict = judge(trace, finer, case.bound)
-    elif trace.outcome is not None:
+        verdict = runs.judge(trace, finer, case.bound)
+    elif trace.failure:
         verdict = Verdict(trace.outcome, trace.failure, None)
     else:
         error = np.linalg.norm(trace.tip[-1:] - case.tip, axis=1)
@@ -282,59 +256,48 @@ def run_case(case: Case, model: str, n: int, method: str = BEAM_METHOD) -> Row:
     if trace.steps:
         time = plan.timestep * plan.steps
         plan = replace(plan, timestep=time / trace.steps, steps=trace.steps)
-    return Row.of(
-        case.name,
-        model,
-        n,
-        plan,
-        verdict,
-        case.bound,
-        trace.wall_time,
-        reference=case.truth,
-        uncertainty=None if finer is None else finer.uncertainty,
-    )
+    known = {"reference": case.truth, "uncertainty": finer and finer.uncertainty}
+    about = {"case": case.name, "model": model, "n": n, "e_bound": case.bound}
+    return Row.of(plan, trace, verdict, **about, **known)
 
 
-def _system(case: Case, model: str, n: int) -> System:
+def _system(case: Case, model: str, n: int) -> runs.System:
     if model == CHAIN:
         config = SceneConfig(case.robot, pieces=n // 2, actuation=case.drive, loads=case.loads)
 
         def controls(time: float) -> np.ndarray:
             return case.values[min(int(time / case.hold + 1e-6), len(case.values) - 1)]
 
-        return ChainSystem(config, np.full(n, case.angle), controls)
+        return runs.ChainSystem(config, np.full(n, case.angle), controls)
     beam = make_beam(model, case.robot, n, loads=case.loads, drive=case.drive)
-    q = beam.rest()
-    q = q + case.angle * beam.data.scale
-    inputs = signals.held(case.values, case.hold)
-    return BeamSystem(beam, State(q, np.zeros(beam.n)), inputs)
+    q = beam.rest() + case.angle * beam.data.scale
+    return runs.BeamSystem(beam, q, signals.held(case.values, case.hold))
 
 
-def _plan(robot: RobotParams, system: System, duration: float) -> Plan:
+def _plan(robot: RobotParams, system: runs.System, duration: float) -> Plan:
     """The rule's choice for the chain; sdirk4 for a beam. Steps divide the control period."""
     period = 1 / robot.first_frequency
-    if isinstance(system, ChainSystem):
-        choice = rule_choice(system)
+    if isinstance(system, runs.ChainSystem):
+        choice = runs.rule_choice(system)
         integrator, timestep = choice.integrator, choice.timestep
     else:
         integrator = BEAM_METHOD
         timestep = _CONTROL_PERIOD / ceil(_CONTROL_PERIOD * BEAM_STEPS / period)
-    steps = steps_for(duration, timestep, 1, _MOST_STEPS)
+    steps = runs.steps_for(duration, timestep, 1, _MOST_STEPS)
     return Plan(integrator, timestep, steps, max(timestep, _CONTROL_PERIOD))
 
 
-def refined(system: System, plan: Plan) -> Reference:
+def refined(system: runs.System, plan: Plan) -> runs.Reference:
     """The same with smaller fixed steps, also for a run with adapted ones; verified by halving.
 
     Raises:
         RuntimeError: A refined run failed, or both are equal: the steps had no effect.
     """
     plan = replace(plan, integrator=plan.integrator.removesuffix(ADAPTIVE))
-    coarse, fine = refined_runs(system, [plan.finer(k) for k in _REFINE])
-    gap = distance(coarse.tip, fine.tip)
-    if gap == 0:
+    found = runs.Reference.of(*runs.refined_runs(system, [plan.finer(k) for k in _REFINE]))
+    if found.uncertainty == 0:
         raise RuntimeError("the refined runs are equal: they cannot verify each other")
-    return Reference(fine.time, fine.tip, gap)
+    return found
 
 
 def oscillation_row(model: str, n: int, damping: float, duration: float) -> Row:
@@ -350,23 +313,19 @@ def oscillation_row(model: str, n: int, damping: float, duration: float) -> Row:
     trace = system.run(plan)
     bound = OSCILLATION_SHARE * amplitude
     verdict = Verdict(trace.outcome or "", trace.failure, None)
-    if trace.outcome is None:
+    if trace.failure is None:
         expected = _linear(trace.time, frequency, damping, robot.damping_time) * amplitude
         error = np.abs(trace.tip[:, 0] - expected)
         verdict = judge_errors(trace.time, error, bound, "the linear solution")
         growth = _amplitude_growth(trace)
         if growth > _GROWTH:
             text = f"finite but wrong: the free amplitude grew by a factor {growth:.3g}"
-            verdict = Verdict(WRONG, text, verdict.e_max)
+            verdict = Verdict(runs.WRONG, text, verdict.e_max)
     name = "oscillation" if damping == 0 else "oscillation_damped"
+    about = {"case": f"{name}_{duration / 60:g}min", "model": model, "n": n, "e_bound": bound}
     return Row.of(
-        f"{name}_{duration / 60:g}min",
-        model,
-        n,
-        plan,
-        verdict,
-        bound,
-        trace.wall_time,
+        *(plan, trace, verdict),
+        **about,
         damping_scale=robot.damping_time / ARM.damping_time,
         damping_ratio=damping,
         reference="linear solution of the same model",
@@ -389,22 +348,24 @@ def _amplitude_growth(trace: Trace) -> float:
     return float(np.max(x[-tenth:]) / np.max(x[:tenth]))
 
 
-def _released(robot: RobotParams, model: str, n: int, amplitude: float) -> tuple[System, float]:
+def _released(
+    robot: RobotParams, model: str, n: int, amplitude: float
+) -> tuple[runs.System, float]:
     """System in its first mode with a tip deflection [m], and the mode's frequency [rad/s]."""
     if model == CHAIN:
         config = SceneConfig(robot, pieces=n // 2)
-        chain = ChainSystem(config, np.zeros(n), np.empty(0))
+        chain = runs.ChainSystem(config, np.zeros(n), np.empty(0))
         shape, frequency = _first_mode(chain.linear.mass, chain.linear.stiffness)
-        stations = neutral_scene(config).layout.stations
-        shape = shape * amplitude / float(shape @ (robot.length - stations))
-        return ChainSystem(config, shape, np.empty(0)), frequency
+        lever = robot.length - chain.scene.layout.stations
+        shape = shape * amplitude / float(shape @ lever)
+        return runs.ChainSystem(config, shape, np.empty(0)), frequency
     beam = make_beam(model, robot, n)
     rest = beam.rest()
     space = beam.linearize(State(rest, np.zeros(beam.n)))
     lever = space.c[0, : len(space.mass)]
     shape, frequency = _first_mode(space.mass, space.stiffness, lever)
     q = rest + beam.tangent(rest) @ (shape * amplitude)
-    return BeamSystem(beam, State(q, np.zeros(beam.n)), np.empty(0)), frequency
+    return runs.BeamSystem(beam, q, np.empty(0)), frequency
 
 
 def _first_mode(
@@ -414,8 +375,6 @@ def _first_mode(
 
     Bending in two planes is equally slow; the lever then picks the plane of the deflection.
     """
-    from scipy.linalg import eigh
-
     squares, shapes = eigh(stiffness, mass)
     shape = shapes[:, 0]
     if lever is not None:

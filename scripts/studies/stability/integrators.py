@@ -6,21 +6,16 @@ smaller accuracy.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import Any
 
 import numpy as np
-from rich.table import Table
 
-from softrobot_env.rendering.figures import COLOURS, add_legend, add_title, new_figure
-from softrobot_env.rendering.tables import Column, make_table
 from softrobot_env.robots import ARM, RIG, RobotParams, Tendon
-from softrobot_env.scene.build import Scene, build_scene
+from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
-from studies.lab import Record, select
+from studies.lab import Record, groups, quantity
 from studies.stability.runs import Job
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 #: A soft trunk that hangs.
 TRUNK = RobotParams(
@@ -64,19 +59,16 @@ class FrontRow(Record):
 
     case: str
     integrator: str
-    setting: float
-    error: float
-    evaluations: float
-    cost: float
+    setting: float = quantity("", ".3g", "accuracy 1 or\ntimestep s")
+    error: float = quantity("mm", ".3g")
+    evaluations: float = quantity("", ".1f")
+    cost: float = quantity("µs", ".0f", "a period")
 
 
 def jobs(quick: bool = False) -> Iterator[Job]:
     """One job a case; a quick run has the first one only."""
     for case in list(CASES)[: 1 if quick else None]:
-        yield (
-            f"integrators, {case}",
-            lambda c=case: _case(c),
-        )
+        yield f"integrators, {case}", partial(_case, case)
 
 
 def _case(case: str) -> list[FrontRow]:
@@ -87,66 +79,34 @@ def _case(case: str) -> list[FrontRow]:
     config = SceneConfig(robot, **options)
     controls = controls_of(build_scene(config), 0)
     truth, *_ = motion(build_scene(replace(config, accuracy=_TRUTH)), controls)
-
-    def row(scene: Scene, setting: float) -> FrontRow:
+    settings = [(a, {"accuracy": f"{100 * a:g}%"}) for a in ACCURACIES]
+    for name in ("implicitfast", "discrete"):
+        settings += [(h, {"timestep": h, "integrator": name}) for h in TIMESTEPS]
+    rows = []
+    for setting, given in settings:
+        scene = build_scene(replace(config, **given))
         found, evaluations, cost = motion(scene, controls)
         error = float(np.linalg.norm(found - truth, axis=-1).max())
-        return FrontRow(case, scene.timestep.integrator, setting, error, evaluations, cost)
-
-    ours = [row(build_scene(replace(config, accuracy=f"{100 * a:g}%")), a) for a in ACCURACIES]
-    return ours + [
-        row(build_scene(replace(config, timestep=h, integrator=name)), h)
-        for name in ("implicitfast", "discrete")
-        for h in TIMESTEPS
-    ]
+        integrator = scene.timestep.integrator
+        rows.append(FrontRow(case, integrator, setting, error, evaluations, cost))
+    return rows
 
 
-def _gain(rows: list[FrontRow]) -> str:
+def gain(rows: list[FrontRow]) -> str:
     """How much less the first integrator errs for at most as many evaluations, as a message."""
-    ours, *others = dict.fromkeys(row.integrator for row in rows)
+    ours, *others = (name for (name,) in groups(rows, "integrator"))
     ratios = []
-    for case in dict.fromkeys(row.case for row in rows):
-        mine = select(rows, case=case)
-        most = min(max(r.evaluations for r in select(mine, integrator=i)) for i in (ours, *others))
-        cheap = [row for row in mine if row.evaluations <= most]
+    for mine in groups(rows, "case").values():
+        by = {name: own for (name,), own in groups(mine, "integrator").items()}
+        most = min(max(row.evaluations for row in own) for own in by.values())
         best = {
-            i: min((r.error for r in select(cheap, integrator=i)), default=None)
-            for i in (ours, *others)
+            name: min((row.error for row in own if row.evaluations <= most), default=None)
+            for name, own in by.items()
         }
-        rest = [best[i] for i in others if best[i] is not None]
+        rest = [best[name] for name in others if best[name] is not None]
         if best[ours] and rest:
             ratios.append(min(rest) / best[ours])
     if not ratios:
         return "Integrators: error against cost"
     least = float(f"{min(ratios):.2g}")
     return f"At best, for no more forces, {ours} errs at least {least:g} times less than the others"
-
-
-def figure(rows: list[FrontRow]) -> "Figure":
-    """Error against evaluations of the forces, one panel a case."""
-    cases = list(dict.fromkeys(row.case for row in rows))
-    drawn, panels = new_figure(1, len(cases), (2.6 * len(cases), 3.6))
-    for axes, case in zip(panels[0], cases, strict=True):
-        names = dict.fromkeys(row.integrator for row in rows)
-        for name, colour in zip(names, COLOURS, strict=False):
-            mine = select(rows, case=case, integrator=name)
-            points = [(row.evaluations, 1e3 * row.error) for row in mine]
-            axes.loglog(*zip(*points, strict=True), "o-", color=colour, label=name, markersize=3)
-        axes.set(title=case, xlabel="force evaluations")
-    panels[0, 0].set_ylabel("error [mm]")
-    add_title(drawn, _gain(rows), "Errors of links against forces computed, at several settings")
-    add_legend(drawn, panels[0, 0])
-    return drawn
-
-
-def table(rows: list[FrontRow]) -> Table:
-    """One line a run."""
-    columns = (
-        Column("", "case"),
-        Column("integrator", "integrator"),
-        Column("accuracy 1 or\ntimestep s", "setting", ".3g"),
-        Column("error mm", "error", ".3g", "mm"),
-        Column("evaluations", "evaluations", ".1f"),
-        Column("µs per period", "cost", ".0f", "µs"),
-    )
-    return make_table("Integrators: error against cost", columns, rows)

@@ -8,36 +8,20 @@ control period in the timestep rule) break it, that shows too.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
-from math import isinf, pi
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache, partial
+from math import pi
 
 import numpy as np
 
-from softrobot_env.beams.model import State
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.statics import equilibrium
 from softrobot_env.scene.timestep import stability_limit
 from studies.accuracy.tension_step import END, START, tensions
 from studies.beams import make_beam
-from studies.stability.runs import (
-    BEAM_METHODS,
-    CHAIN,
-    CHAIN_INTEGRATORS,
-    BeamSystem,
-    ChainSystem,
-    Job,
-    Plan,
-    Reference,
-    Row,
-    System,
-    beam_reference,
-    chain_reference,
-    judge,
-    neutral_scene,
-    rule_choice,
-    steps_for,
-)
+from studies.stability import runs
+from studies.stability.runs import BEAM_METHODS, CHAIN, CHAIN_INTEGRATORS, Plan, Reference, Row
 
 #: [s]: what a user would try. Stiffness in units of the arm's.
 TIMESTEPS = (1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2)
@@ -82,7 +66,7 @@ def scaled_arm(stiffness: float, damping_ratio: float) -> RobotParams:
     return replace(robot, tendons=tuple(tendons))
 
 
-@dataclass
+@dataclass(frozen=True)
 class Family:
     """A model with a number of hinges or pieces, in all stiffnesses and dampings.
 
@@ -93,49 +77,44 @@ class Family:
 
     model: str
     n: int
-    _posture: np.ndarray | None = None
-    _references: dict[float, Reference] = field(default_factory=dict)
-    _system: tuple[tuple[float, float], System] | None = None
 
     @property
     def integrators(self) -> tuple[str, ...]:
         """Names of its integrators or methods."""
         return CHAIN_INTEGRATORS if self.model == CHAIN else BEAM_METHODS
 
-    def system(self, stiffness: float, damping: float) -> System:
+    @lru_cache(1)  # noqa: B019 (a run has few families)
+    def system(self, stiffness: float, damping: float) -> runs.System:
         """The robot in the equilibrium of `START`, with the tensions of `END`."""
-        key = (stiffness, damping)
-        if self._system is None or self._system[0] != key:
-            self._system = (key, self._build(scaled_arm(stiffness, damping)))
-        return self._system[1]
-
-    def _build(self, robot: RobotParams) -> System:
+        robot = scaled_arm(stiffness, damping)
         inputs = tensions(robot, END)
         if self.model == CHAIN:
-            config = SceneConfig(robot, pieces=self.n // 2)
-            if self._posture is None:
-                self._posture = equilibrium(neutral_scene(config).model, tensions(robot, START))
-            return ChainSystem(config, self._posture, inputs)
-        beam = make_beam(self.model, robot, self.n)
-        if self._posture is None:
-            u = tensions(robot, START)
-            self._posture = beam.equilibrium(u, check_stability=False)
-        return BeamSystem(beam, State(self._posture, np.zeros(beam.n)), inputs)
+            return runs.ChainSystem(SceneConfig(robot, pieces=self.n // 2), self.posture(), inputs)
+        return runs.BeamSystem(make_beam(self.model, robot, self.n), self.posture(), inputs)
+
+    @cache  # noqa: B019
+    def posture(self) -> np.ndarray:
+        """The equilibrium of `START`, which all stiffnesses have."""
+        robot = scaled_arm(STIFFNESSES[0], NOMINAL)
+        u = tensions(robot, START)
+        if self.model != CHAIN:
+            return make_beam(self.model, robot, self.n).equilibrium(u, check_stability=False)
+        scene = runs.neutral_scene(SceneConfig(robot, pieces=self.n // 2))
+        return equilibrium(scene.model, u)
 
     def reference(self, stiffness: float, damping: float) -> Reference:
         """The refined motion, computed for the arm's own stiffness."""
-        if damping not in self._references:
-            self._references[damping] = self._refine(damping)
-        return self._references[damping].stretched(stiffness**-0.5)
+        return self._refined(damping).stretched(stiffness**-0.5)
 
-    def _refine(self, damping: float) -> Reference:
+    @cache  # noqa: B019
+    def _refined(self, damping: float) -> Reference:
         system, period = self.system(1.0, damping), 1 / ARM.first_frequency
         sample = period / SAMPLES
-        if isinstance(system, BeamSystem):
-            return beam_reference(system, PERIODS * period, sample)
+        if self.model != CHAIN:
+            return runs.beam_reference(system, PERIODS * period, sample)
         limit = stability_limit("implicitfast", system.linear)
         most = min(period / _REFERENCE_STEPS, _LIMIT_SHARE * limit)
-        return chain_reference(system, PERIODS * period, sample, most)
+        return runs.chain_reference(system, PERIODS * period, sample, most)
 
 
 def run_cell(
@@ -156,24 +135,18 @@ def run_cell(
     system, robot = family.system(stiffness, damping), scaled_arm(stiffness, damping)
     reference = family.reference(stiffness, damping)
     period = 1 / robot.first_frequency
-    steps = steps_for(PERIODS * period, timestep, LEAST_STEPS, most)
+    steps = runs.steps_for(PERIODS * period, timestep, LEAST_STEPS, most)
     plan = Plan(integrator, timestep, steps, min(period, steps * timestep) / 40)
     trace = system.run(plan)
-    limit = None
-    if isinstance(system, ChainSystem):
-        limit = stability_limit(integrator, system.linear)
     return Row.of(
-        case,
-        family.model,
-        family.n,
-        plan,
-        judge(trace, reference, BOUND),
-        BOUND,
-        trace.wall_time,
+        *(plan, trace, runs.judge(trace, reference, BOUND)),
+        **vars(family),
+        case=case,
+        e_bound=BOUND,
         stiffness_scale=stiffness,
         damping_scale=robot.damping_time / ARM.damping_time,
         damping_ratio=damping,
-        stability_limit=None if limit is None or isinf(limit) else float(limit),
+        stability_limit=system.limit(integrator),
         reference="refined run of the same model",
         uncertainty=reference.uncertainty,
     )
@@ -201,18 +174,10 @@ def rule_rows(
     rows = []
     for stiffness in stiffnesses:
         for asked in (None, *family.integrators):
-            choice = rule_choice(family.system(stiffness, damping), asked)
-            rows.append(
-                run_cell(
-                    family,
-                    stiffness,
-                    damping,
-                    choice.integrator,
-                    choice.timestep,
-                    case="rule" if asked is None else "rule_asked",
-                    most=MOST_RULE_STEPS if asked is None else MOST_STEPS,
-                )
-            )
+            choice = runs.rule_choice(family.system(stiffness, damping), asked)
+            picked = family, stiffness, damping, choice.integrator, choice.timestep
+            own = {"case": "rule", "most": MOST_RULE_STEPS}
+            rows.append(run_cell(*picked, **{"case": "rule_asked"} if asked else own))
     return rows
 
 
@@ -223,16 +188,14 @@ def limit_rows(
 
     Limits beyond `_LARGEST_LIMIT` first periods are left out: accuracy asks for less.
     """
-    rows = []
-    for integrator in family.integrators:
-        limit = float(stability_limit(integrator, family.system(1.0, damping).linear))
-        if limit > _LARGEST_LIMIT / ARM.first_frequency:
-            continue
-        rows += [
-            run_cell(family, 1.0, damping, integrator, ratio * limit, case="limit")
-            for ratio in ratios
-        ]
-    return rows
+    linear = family.system(1.0, damping).linear
+    limits = {name: float(stability_limit(name, linear)) for name in family.integrators}
+    return [
+        run_cell(family, 1.0, damping, integrator, ratio * limit, case="limit")
+        for integrator, limit in limits.items()
+        if limit <= _LARGEST_LIMIT / ARM.first_frequency
+        for ratio in ratios
+    ]
 
 
 def jobs(
@@ -241,11 +204,11 @@ def jobs(
     timesteps: tuple[float, ...] = TIMESTEPS,
     stiffnesses: tuple[float, ...] = STIFFNESSES,
     ratios: tuple[float, ...] = LIMIT_RATIOS,
-) -> Iterator[Job]:
+) -> Iterator[runs.Job]:
     """Map of a model; of a chain also the rule and the limit."""
     for damping in dampings:
         name = f"{family.model} {family.n}, damping {damping:.2g}"
-        yield name, lambda z=damping: map_rows(family, z, timesteps, stiffnesses)
+        yield name, partial(map_rows, family, damping, timesteps, stiffnesses)
         if family.model == CHAIN:
-            yield f"{name}, rule", lambda z=damping: rule_rows(family, z, stiffnesses)
-            yield f"{name}, limit", lambda z=damping: limit_rows(family, z, ratios)
+            yield f"{name}, rule", partial(rule_rows, family, damping, stiffnesses)
+            yield f"{name}, limit", partial(limit_rows, family, damping, ratios)

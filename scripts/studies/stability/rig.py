@@ -2,31 +2,17 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
-from math import ceil, inf, isinf
+from math import ceil, inf
 
 import numpy as np
 
-from softrobot_env.evaluation.models.runs import distance
 from softrobot_env.robots import RIG, SERVO_SPEED, RobotParams
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.timestep import stability_limit
-from studies.stability.runs import (
-    CHAIN,
-    CHAIN_INTEGRATORS,
-    NO_TRUTH,
-    WRONG,
-    ChainSystem,
-    Job,
-    Plan,
-    Reference,
-    Row,
-    Trace,
-    Verdict,
-    judge,
-    rule_choice,
-    steps_for,
-)
+from studies.stability import runs
+from studies.stability.runs import CHAIN, CHAIN_INTEGRATORS, Plan, Reference, Trace, Verdict
 
 #: [s], control period of the rig's environments.
 PERIOD = 0.02
@@ -65,27 +51,18 @@ class Variation:
     def robot(self) -> RobotParams:
         """The rig so varied."""
         varied = RIG.vary(youngs_modulus=self.modulus, damping_time=self.damping)
+        own = {"pretension": self.pretension, "friction": self.friction}
         tendons = (
-            replace(
-                tendon,
-                stiffness=self.tendon_stiffness * tendon.stiffness,
-                pretension=self.pretension,
-                friction=self.friction,
-            )
+            replace(tendon, stiffness=self.tendon_stiffness * tendon.stiffness, **own)
             for tendon in varied.tendons
         )
         return replace(varied, tendons=tuple(tendons))
 
-    def system(self, n: int) -> ChainSystem:
+    def system(self, n: int) -> runs.ChainSystem:
         """The chain on n joints, straight, whose servos follow the motion."""
-        config = SceneConfig(
-            self.robot(),
-            pieces=n // 2,
-            actuation="length",
-            bending="spatial",
-            control_period=PERIOD,
-        )
-        return ChainSystem(config, np.zeros(2 * n), MOTIONS[self.motion])
+        driven = {"actuation": "length", "bending": "spatial", "control_period": PERIOD}
+        config = SceneConfig(self.robot(), pieces=n // 2, **driven)
+        return runs.ChainSystem(config, np.zeros(2 * n), MOTIONS[self.motion])
 
 
 def _bent(size: float) -> np.ndarray:
@@ -139,7 +116,7 @@ TRUSTED = BOUND / 3
 
 
 @dataclass(frozen=True, kw_only=True)
-class RigRow(Row):
+class RigRow(runs.Row):
     """A run of a varied rig.
 
     Attributes:
@@ -156,17 +133,17 @@ class RigRow(Row):
     e_tension: float | None
 
 
-def reference(rig: Variation, system: ChainSystem) -> Reference:
+def reference(rig: Variation, system: runs.ChainSystem) -> Reference:
     """A refined run, compared with steps twice as long; the uncertainty is infinite if it fails."""
     integrator, step = _refinement(rig, system)
     plan = Plan(integrator, PERIOD, round(DURATION / PERIOD), PERIOD).finer(ceil(PERIOD / step))
     coarse, fine = system.run(plan), system.run(plan.finer(2))
-    failed = coarse.failure or fine.failure
-    uncertainty = inf if failed else distance(coarse.tip, fine.tip)
-    return Reference(fine.time, fine.tip, uncertainty, fine.tension)
+    if coarse.failure or fine.failure:
+        return Reference(fine.time, fine.tip, inf, fine.tension)
+    return Reference.of(coarse, fine)
 
 
-def _refinement(rig: Variation, system: ChainSystem) -> tuple[str, float]:
+def _refinement(rig: Variation, system: runs.ChainSystem) -> tuple[str, float]:
     """Integrator and largest step [s]: RK4 neither damps nor drives undamped motion.
 
     With damping, discrete is the only integrator that finds friction.
@@ -180,30 +157,25 @@ def _refinement(rig: Variation, system: ChainSystem) -> tuple[str, float]:
 
 def run(
     rig: Variation,
-    system: ChainSystem,
+    system: runs.ChainSystem,
     truth: Reference,
     integrator: str,
     timestep: float,
     case: str,
 ) -> RigRow:
     """One run, of at most `MOST_STEPS` steps, judged by its tip and its tensions."""
-    plan = Plan(integrator, timestep, steps_for(DURATION, timestep, 1, MOST_STEPS), PERIOD)
+    plan = Plan(integrator, timestep, runs.steps_for(DURATION, timestep, 1, MOST_STEPS), PERIOD)
     trace = system.run(plan)
     verdict, error = judged(trace, truth)
-    limit = stability_limit(integrator, system.linear)
+    about = {"case": case, "model": CHAIN, "n": JOINTS, "e_bound": BOUND}
     return RigRow.of(
-        case,
-        CHAIN,
-        JOINTS,
-        plan,
-        verdict,
-        BOUND,
-        trace.wall_time,
+        *(plan, trace, verdict),
+        **about,
         stiffness_scale=rig.modulus,
         damping_scale=rig.damping,
-        stability_limit=None if isinf(limit) else float(limit),
+        stability_limit=system.limit(integrator),
         reference="refined run of the same model",
-        uncertainty=None if isinf(truth.uncertainty) else truth.uncertainty,
+        uncertainty=None if truth.uncertainty == inf else truth.uncertainty,
         tendon_stiffness_scale=rig.tendon_stiffness,
         pretension=rig.pretension,
         friction=rig.friction,
@@ -217,14 +189,14 @@ def judged(trace: Trace, truth: Reference) -> tuple[Verdict, float | None]:
     if trace.failure is None and truth.uncertainty > TRUSTED:
         gap = f"{1e3 * truth.uncertainty:.3g} mm" if truth.uncertainty < inf else "no bound"
         text = f"no truth: refined runs differ by {gap}"
-        return Verdict(NO_TRUTH, text, None), None
-    verdict = judge(trace, truth, BOUND)
+        return Verdict(runs.NO_TRUTH, text, None), None
+    verdict = runs.judge(trace, truth, BOUND)
     if verdict.e_max is None:
         return verdict, None
     error = tension_error(trace, truth)
     if verdict.failure is None and error > TENSION_BOUND:
         text = f"finite but wrong: tensions {error:.3g} N from the refined run in the mean"
-        return replace(verdict, outcome=WRONG, failure=text), error
+        return replace(verdict, outcome=runs.WRONG, failure=text), error
     return verdict, error
 
 
@@ -234,7 +206,7 @@ def tension_error(trace: Trace, truth: Reference) -> float:
     return float(np.mean(np.abs(trace.tension[:count] - truth.tension[:count])))
 
 
-def jobs(quick: bool = False) -> Iterator[Job]:
+def jobs(quick: bool = False) -> Iterator[runs.Job]:
     """The map with what the timestep rule picks on it, and the rule for all kinds of rigs."""
     tendons, dampings = (QUICK_TENDONS, QUICK_DAMPINGS) if quick else (TENDONS, DAMPINGS)
     steps = QUICK_TIMESTEPS if quick else TIMESTEPS
@@ -242,9 +214,9 @@ def jobs(quick: bool = False) -> Iterator[Job]:
         for tendon in tendons:
             rig = Variation(tendon_stiffness=tendon, damping=damping)
             name = f"rig, tendons x {tendon:g}, damping x {damping:g}"
-            yield name, lambda r=rig: variation_rows(r, steps)
+            yield name, partial(variation_rows, rig, steps)
     for rig in () if quick else variations():
-        yield "rig, timestep rule", lambda r=rig: variation_rows(r, ())
+        yield "rig, timestep rule", partial(variation_rows, rig, ())
 
 
 def variations() -> Iterator[Variation]:
@@ -262,13 +234,8 @@ def variation_rows(rig: Variation, timesteps: tuple[float, ...]) -> list[RigRow]
     """Runs of a rig with given timesteps and every integrator, and with the rule's choices."""
     system = rig.system(JOINTS)
     truth = reference(rig, system)
-    rows = [
-        run(rig, system, truth, integrator, timestep, MAP)
-        for integrator in CHAIN_INTEGRATORS
-        for timestep in timesteps
-    ]
+    cells = [(*cell, MAP) for cell in product(CHAIN_INTEGRATORS, timesteps)]
     for asked in (None, *CHAIN_INTEGRATORS):
-        choice = rule_choice(system, asked, rig.friction > 0)
-        case = RULE if asked is None else ASKED
-        rows.append(run(rig, system, truth, choice.integrator, choice.timestep, case))
-    return rows
+        choice = runs.rule_choice(system, asked, rig.friction > 0)
+        cells.append((choice.integrator, choice.timestep, ASKED if asked else RULE))
+    return [run(rig, system, truth, *cell) for cell in cells]

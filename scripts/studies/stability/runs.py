@@ -4,10 +4,9 @@ Both kinds of systems, the MuJoCo chain and the beam models, run through the sam
 returns a `Trace`, which says how the run ended instead of raising.
 """
 
-import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from math import ceil
+from math import ceil, isinf
 from time import perf_counter
 from typing import Any, Self
 
@@ -16,15 +15,19 @@ import numpy as np
 
 from softrobot_env.beams.model import BeamModel, IntegrationError, State
 from softrobot_env.beams.signals import Signal
-from softrobot_env.evaluation.models.runs import distance, silent_warnings, zero_timestep
+from softrobot_env.evaluation.models.runs import (
+    distance,
+    silent_warnings,
+    unwarned,
+    zero_timestep,
+)
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.timestep import (
-    LinearChain,
     TimestepChoice,
-    TimestepWarning,
     choose_timestep,
     linearize,
+    stability_limit,
 )
 from studies.lab import Record
 
@@ -65,7 +68,6 @@ class Trace:
     Attributes:
         time: (k,) [s].
         tip: (k, 2) [m] in (x, z), of a spatial chain (k, 3); without the part after a failure.
-        outcome: `DIVERGED` or `NOT_CONVERGED` if the run failed, else None.
         failure: What failed and when, or None.
         wall_time: [s].
         steps: Steps taken.
@@ -74,11 +76,17 @@ class Trace:
 
     time: np.ndarray
     tip: np.ndarray
-    outcome: str | None
     failure: str | None
     wall_time: float
     steps: int
     tension: np.ndarray | None = None
+
+    @property
+    def outcome(self) -> str | None:
+        """`DIVERGED` or `NOT_CONVERGED` if the run failed, else None."""
+        if self.failure is None:
+            return None
+        return DIVERGED if self.failure.startswith(DIVERGED) else NOT_CONVERGED
 
 
 @dataclass(frozen=True)
@@ -123,28 +131,25 @@ class ChainSystem:
     """
 
     def __init__(
-        self,
-        config: SceneConfig,
-        posture: np.ndarray,
-        controls: np.ndarray | Controls,
+        self, config: SceneConfig, posture: np.ndarray, controls: np.ndarray | Controls
     ) -> None:
-        self.scene, self.posture = neutral_scene(config), posture
-        self.controls = controls
+        self.scene, self.posture, self.controls = neutral_scene(config), posture, controls
         self.axes = [0, 2] if config.bending == "planar" else [0, 1, 2]
-        self.linear: LinearChain = linearize(self.scene.model)
+        self.linear = linearize(self.scene.model)
 
+    def limit(self, integrator: str) -> float | None:
+        """Stability limit [s] of the linearised chain; None without one."""
+        limit = stability_limit(integrator, self.linear)
+        return None if isinf(limit) else float(limit)
+
+    @silent_warnings()
     def run(self, plan: Plan) -> Trace:
         """Simulate; failures are reported, not raised."""
-        model = self.scene.model
+        model, varying = self.scene.model, callable(self.controls)
         model.opt.timestep = plan.timestep
         model.opt.integrator = mujoco_integrator(plan.integrator)
         data = mujoco.MjData(model)
         data.qpos[:] = self.posture
-        with silent_warnings():
-            return self._step(model, data, plan)
-
-    def _step(self, model: mujoco.MjModel, data: mujoco.MjData, plan: Plan) -> Trace:
-        varying = callable(self.controls)
         if not varying:
             data.ctrl[:] = self.controls
         sample = self.scene.config.control_period if varying else plan.sample
@@ -152,7 +157,7 @@ class ChainSystem:
         tip = data.site("tip").xpos
         times, tips, tensions, done, failure = [], [], [], 0, None
         begin = perf_counter()
-        while failure is None and done <= plan.steps:
+        while failure is None:
             mujoco.mj_kinematics(model, data)
             failure = chain_failure(data, tip)
             if failure is None:
@@ -166,20 +171,17 @@ class ChainSystem:
                 data.ctrl[:] = self.controls(done * plan.timestep)
             mujoco.mj_step(model, data, count)
             done += count
-        wall_time = perf_counter() - begin
-        outcome = None if failure is None else DIVERGED
         series = np.array(times), np.array(tips)
-        return Trace(*series, outcome, failure, wall_time, done, np.array(tensions))
+        return Trace(*series, failure, perf_counter() - begin, done, np.array(tensions))
 
 
+@unwarned()
 def rule_choice(
     system: ChainSystem, asked: str | None = None, friction: bool = False
 ) -> TimestepChoice:
     """What `scene.timestep` picks for a chain; `asked` fixes the integrator."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", TimestepWarning)
-        period = system.scene.config.control_period
-        return choose_timestep(system.linear, period, integrator=asked, friction=friction)
+    period = system.scene.config.control_period
+    return choose_timestep(system.linear, period, integrator=asked, friction=friction)
 
 
 def neutral_scene(config: SceneConfig) -> Scene:
@@ -206,12 +208,16 @@ class BeamSystem:
 
     Args:
         model: The model.
-        start: Its state at the start.
+        q: Its coordinates (n,) at the start, at rest.
         inputs: Constant inputs (n_inputs,), or a signal.
     """
 
-    def __init__(self, model: BeamModel, start: State, inputs: np.ndarray | Signal) -> None:
-        self.model, self.start, self.inputs = model, start, inputs
+    def __init__(self, model: BeamModel, q: np.ndarray, inputs: np.ndarray | Signal) -> None:
+        self.model, self.inputs = model, inputs
+        self.start = State(q, np.zeros(model.n))
+
+    def limit(self, integrator: str) -> None:
+        """None is known."""
 
     def run(self, plan: Plan) -> Trace:
         """Simulate; failures are reported, not raised."""
@@ -231,23 +237,13 @@ class BeamSystem:
                 max_steps=_MOST_ADAPTED if adaptive else plan.steps + 1,
             )
         except IntegrationError as error:
-            return _failed(error, perf_counter() - begin)
+            # The message starts with what happened and goes on with " at t = ".
+            what = str(error).split(" at t = ")[0].removeprefix("the motion ")
+            failure = f"{what} at t = {error.time:.4g} s"
+            return Trace(np.empty(0), np.empty((0, 2)), failure, perf_counter() - begin, 0)
         wall_time = perf_counter() - begin
         tip = self.model.tip(motion.q)[:, [0, 2]]
-        return Trace(motion.time, tip, None, None, wall_time, motion.steps)
-
-
-def _failed(error: IntegrationError, wall_time: float) -> Trace:
-    # The message starts with what happened and goes on with " at t = ".
-    what = str(error).split(" at t = ")[0].removeprefix("the motion ")
-    return Trace(
-        np.empty(0),
-        np.empty((0, 2)),
-        DIVERGED if what == DIVERGED else NOT_CONVERGED,
-        f"{what} at t = {error.time:.4g} s",
-        wall_time,
-        0,
-    )
+        return Trace(motion.time, tip, None, wall_time, motion.steps)
 
 
 #: A model at rest whose inputs are about to change.
@@ -269,6 +265,11 @@ class Reference:
     tip: np.ndarray
     uncertainty: float
     tension: np.ndarray | None = None
+
+    @classmethod
+    def of(cls, coarse: Trace, fine: Trace) -> Self:
+        """The finer of two refined runs; the coarser one says how well it is known."""
+        return cls(fine.time, fine.tip, distance(coarse.tip, fine.tip), fine.tension)
 
     def at(self, time: np.ndarray) -> np.ndarray:
         """Tip (k, 2) or (k, 3) [m] at instants (k,) [s] that it covers."""
@@ -309,8 +310,7 @@ def beam_reference(system: BeamSystem, duration: float, sample: float) -> Refere
         adapted = replace(plan, integrator=plan.integrator + ADAPTIVE)
         plans = [replace(adapted, tolerance=tolerance) for tolerance in _REFERENCE_TOLERANCES]
         traces = refined_runs(system, plans)
-    coarse, fine = traces
-    return Reference(fine.time, fine.tip, distance(coarse.tip, fine.tip))
+    return Reference.of(*traces)
 
 
 def refined_runs(system: System, plans: Iterable[Plan]) -> list[Trace]:
@@ -353,7 +353,7 @@ class Verdict:
     e_max: float | None
 
 
-def judge(trace: Trace, truth: Reference, bound: float, name: str = "the refined run") -> Verdict:
+def judge(trace: Trace, truth: Reference, bound: float) -> Verdict:
     """Classify a run; instants that the truth does not cover count for failures only.
 
     A run with very few instants, which could be right by chance, is compared between them too.
@@ -365,7 +365,8 @@ def judge(trace: Trace, truth: Reference, bound: float, name: str = "the refined
     if len(time) < _LEAST_INSTANTS:
         time = truth.time[truth.time <= trace.time[-1]]
         tip = np.stack([np.interp(time, trace.time, x) for x in trace.tip.T], axis=1)
-    return judge_errors(time, np.linalg.norm(tip - truth.at(time), axis=1), bound, name)
+    error = np.linalg.norm(tip - truth.at(time), axis=1)
+    return judge_errors(time, error, bound, "the refined run")
 
 
 def judge_errors(time: np.ndarray, error: np.ndarray, bound: float, name: str) -> Verdict:
@@ -420,28 +421,9 @@ class Row(Record):
     uncertainty: float | None = None
 
     @classmethod
-    def of(
-        cls,
-        case: str,
-        model: str,
-        n: int,
-        plan: Plan,
-        verdict: Verdict,
-        bound: float,
-        wall_time: float,
-        **others: Any,
-    ) -> Self:
+    def of(cls, plan: Plan, trace: Trace, verdict: Verdict, **others: Any) -> Self:
         """The row of a run that was planned and ended so; `others` are further fields."""
-        return cls(
-            case=case,
-            model=model,
-            n=n,
-            timestep=plan.timestep,
-            integrator=plan.integrator,
-            stable=verdict.outcome == STABLE,
-            **vars(verdict),
-            e_bound=bound,
-            wall_time=wall_time,
-            duration=plan.timestep * plan.steps,
-            **others,
-        )
+        steps = {"timestep": plan.timestep, "integrator": plan.integrator}
+        spent = {"wall_time": trace.wall_time, "duration": plan.timestep * plan.steps}
+        stable = verdict.outcome == STABLE
+        return cls(stable=stable, **vars(verdict), **steps, **spent, **others)

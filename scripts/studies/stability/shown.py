@@ -1,36 +1,24 @@
-"""The stability rows as tables that fit a terminal."""
+"""The stability rows as tables that fit a terminal, and as pictures."""
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from softrobot_env.rendering.figures import (
-    ORANGE,
-    PURPLE,
-    VERMILLION,
-    Axes,
-    Figure,
-    add_legend,
-    add_title,
-    entry,
-    new_figure,
-)
+from softrobot_env.rendering import figures
+from softrobot_env.rendering.figures import Axes, Figure, entry
 from softrobot_env.rendering.models import cell_edges
-from softrobot_env.rendering.tables import Column, make_table, new_table, number
 from softrobot_env.robots import ARM
-from studies.lab import groups, of_kind, select
+from studies.lab import Column, groups, lines, number, of_kind, pivot, select, table
 from studies.stability import map as arm_map
 from studies.stability import rig
-from studies.stability.integrators import FrontRow, table
-from studies.stability.integrators import figure as front_figure
-from studies.stability.rig import ASKED, BOUND, JOINTS, MAP, RULE, TENSION_BOUND, RigRow
-from studies.stability.rig import CASES as RIG_CASES
+from studies.stability.integrators import FrontRow, gain
+from studies.stability.rig import ASKED, MAP, RULE, RigRow
 from studies.stability.runs import (
     CHAIN,
-    CHAIN_INTEGRATORS,
     DIVERGED,
     NO_TRUTH,
     NOT_CONVERGED,
@@ -40,18 +28,9 @@ from studies.stability.runs import (
 )
 
 #: Cases that make up the maps, and those of the rig; all others are extreme cases.
-MAP_CASES = ("map", "rule", "rule_asked", "limit", *RIG_CASES)
+MAP_CASES = ("map", "rule", "rule_asked", "limit", *rig.CASES)
 
 _SHORT = {CHAIN: "chain", "implicit_euler": "impl. Euler"}
-
-
-def tables(rows: list[Row]) -> list[Table]:
-    """Shares of the maps, the rule, how sharp its limit is, extreme cases, the rig's, and costs."""
-    costs, rows = of_kind(rows, FrontRow), of_kind(rows, Row)
-    rig_rows = of_kind(rows, RigRow)
-    parts = [_shares(rows), _rule(rows), _limits(rows), _extremes(rows)]
-    parts += [_rig_safe(rig_rows), _rig_rule(rig_rows), _rig_failures(rig_rows)]
-    return [*parts, table(costs)]
 
 
 def first_period(row: Row) -> float:
@@ -69,128 +48,103 @@ def safe_step(rows: Iterable[Row], unit: Callable[[Row], float] = lambda _: 1.0)
     return safe
 
 
-def _shares(rows: list[Row]) -> Table:
-    """One line per model and integrator."""
-    cells = select(rows, case="map")
-    dampings = sorted({row.damping_ratio for row in cells})
-    shown = [z for z in dampings if z in (dampings[0], dampings[-1])] if cells else []
-    out = new_table(
-        "Maps: share of cells in %; largest step up to which all are stable (T1: first period)",
-        ("model", "n", "integrator"),
-        ("stable", "wrong", "div.", "no c.", *(f"h, z={z:g}" for z in shown)),
-    )
-    for (model, n, integrator), mine in groups(cells, "model", "n", "integrator").items():
-        shares = [
-            f"{100 * len(select(mine, outcome=kind)) / len(mine):.0f}"
-            for kind in (STABLE, WRONG, DIVERGED, NOT_CONVERGED)
-        ]
-        steps = [safe_step(select(mine, damping_ratio=z), first_period) for z in shown]
-        texts = ("none" if step is None else f"T1/{1 / step:.0f}" for step in steps)
-        out.add_row(_short(model), n, _short(integrator), *shares, *texts)
-    return out
+def _short(name: Any) -> str:
+    return _SHORT.get(name, f"{name:.2g}" if isinstance(name, float) else name)
 
 
-def _rule(rows: list[Row]) -> Table:
-    """One line per resolution and damping."""
-    out = new_table(
-        "Timestep rule on the map",
-        ("n", "zeta", "picks"),
-        ("steps / T1", "stable", "e_max", "asked: stable"),
-    )
-    asked = groups(select(rows, case="rule_asked"), "n", "damping_ratio")
-    picked = groups(select(rows, case="rule"), "n", "damping_ratio")
-    for (n, damping), mine in picked.items():
-        steps = [first_period(row) / row.timestep for row in mine]
-        error = _largest(mine, "e_max", "mm")
-        out.add_row(
-            n,
-            f"{damping:.2g}",
-            ", ".join(sorted({row.integrator for row in mine})),
-            f"{min(steps):.0f} to {max(steps):.0f}",
-            _count(mine),
-            f"{error} mm" if error != "-" else error,
-            _count(asked.get((n, damping), [])),
-        )
-    return out
+def _count(outcome: str) -> Callable[[list[Row]], int]:
+    return lambda rows: len(select(rows, outcome=outcome))
 
 
-def _count(rows: list[Row]) -> str:
+def _share(outcome: str) -> Callable[[list[Row]], str]:
+    return lambda rows: f"{100 * len(select(rows, outcome=outcome)) / len(rows):.0f}"
+
+
+def _stable(rows: list[Row]) -> str:
     return f"{sum(row.stable for row in rows)}/{len(rows)}"
 
 
-def _largest(rows: list[Row], name: str, unit: str) -> str:
+def _picks(rows: list[Row]) -> str:
+    return ", ".join(sorted({row.integrator for row in rows}))
+
+
+def _largest(name: str, unit: str) -> Callable[[list[Row]], str]:
+    def cell(rows: list[Row]) -> str:
+        known = (v for v in (getattr(row, name) for row in rows) if v is not None)
+        return number(max(known, default=None), ".2g", unit)
+
+    return cell
+
+
+def _shares(rows: list[Row]) -> Iterable[Table]:
+    """One line per model and integrator."""
+    dampings = sorted({row.damping_ratio for row in select(rows, case="map")})
+    outcomes = {"stable": STABLE, "wrong": WRONG, "div.": DIVERGED, "no c.": NOT_CONVERGED}
+    columns = {name: partial(_share, outcome) for name, outcome in outcomes.items()}
+    columns |= {f"h, z={z:g}": partial(_safe_share, z) for z in (*dampings[:1], *dampings[-1:])}
+    title = "Maps: share of cells in %; largest step up to which all are stable (T1: first period)"
+    lines = "model", "n", "integrator"
+    return pivot(title, lines, columns, where={"case": "map"}, show=_short)(rows)
+
+
+def _share(outcome: str, rows: list[Row]) -> str:
+    return f"{100 * len(select(rows, outcome=outcome)) / len(rows):.0f}"
+
+
+def _safe_share(damping: float, rows: list[Row]) -> str:
+    step = safe_step(select(rows, damping_ratio=damping), first_period)
+    return "none" if step is None else f"T1/{1 / step:.0f}"
+
+
+def _picked(rows: list[Row]) -> list[Row]:
+    """The rule's own picks."""
+    return select(rows, case="rule")
+
+
+def _steps(rows: list[Row]) -> str:
+    steps = [first_period(row) / row.timestep for row in _picked(rows)]
+    return f"{min(steps):.0f} to {max(steps):.0f}"
+
+
+def _stable(rows: list[Row]) -> str:
+    return f"{sum(row.stable for row in rows)}/{len(rows)}"
+
+
+def _largest(name: str, unit: str, rows: list[Row]) -> str:
     values = (getattr(row, name) for row in rows)
     return number(max((v for v in values if v is not None), default=None), ".2g", unit)
 
 
-def _limits(rows: list[Row]) -> Table:
-    """How sharp the linearised chain's stability limit is."""
-    out = new_table(
-        "Stability limit of the linearised chain: runs at timesteps in units of the limit",
-        ("integrator", "n", "zeta"),
-        ("limit", "stable up to", "fails from", "diverges from"),
-    )
-    cells = groups(select(rows, case="limit"), "integrator", "n", "damping_ratio")
-    for (integrator, n, damping), mine in cells.items():
-        mine = sorted(mine, key=lambda row: row.timestep)
-        ratio = {row: row.timestep / row.stability_limit for row in mine}
-        bad = [r for row, r in ratio.items() if not row.stable]
-        gone = [r for row, r in ratio.items() if row.outcome == DIVERGED]
-        good = [r for r in ratio.values() if not bad or r < bad[0]]
-        out.add_row(
-            integrator,
-            n,
-            f"{damping:.2g}",
-            f"{1e3 * mine[0].stability_limit:.3g} ms",
-            *(f"{r[0]:.2f}" if r else None for r in (good[-1:], bad, gone)),
-        )
-    return out
+def _stable_up_to(rows: list[Row]) -> str | None:
+    step = safe_step(rows)
+    return None if step is None else f"{step / rows[0].stability_limit:.2f}"
 
 
-def _extremes(rows: list[Row]) -> Table:
+def _first(outcomes: tuple[str, ...], rows: list[Row]) -> str | None:
+    """Least timestep over the stability limit of the runs that end in one of some ways."""
+    ratios = [r.timestep / r.stability_limit for r in rows if r.outcome in outcomes]
+    return f"{min(ratios):.2f}" if ratios else None
+
+
+def _extremes(rows: list[Row]) -> Iterable[Table]:
     """One line per case and model."""
-    mine = [row for row in rows if row.case not in MAP_CASES]
+    mine = [row for row in of_kind(rows, Row) if row.case not in MAP_CASES]
     failed = (row for row in mine if row.failure)
-    return make_table(
+    return table(
         "Extreme cases",
-        (
-            Column("case"),
-            Column("model", lambda row: _short(row.model)),
-            Column("n"),
-            Column("integrator", lambda row: _short(row.integrator)),
-            Column("h [ms]", "timestep", ".3g", "ms"),
-            Column("error [mm]", _error, ">"),
-            Column("bound", "e_bound", ".2g", "mm"),
-            Column("time [s]", "wall_time", ".2g"),
-        ),
-        mine,
+        *("case", Column("model", lambda row: _short(row.model)), "n"),
+        Column("integrator", lambda row: _short(row.integrator)),
+        Column("h [ms]", "timestep", ".3g", "ms"),
+        Column("error [mm]", _error, ">"),
+        Column("bound", "e_bound", ".2g", "mm"),
+        Column("time [s]", "wall_time", ".2g"),
         caption="\n".join(f"{row.case}, {_short(row.model)}: {row.failure}" for row in failed),
-    )
+    )(mine)
 
 
 def _error(row: Row) -> Text:
     error = number(row.e_max, ".2g", "mm")
     return Text(error) if row.stable else Text(f"{error} FAILS", style="red")
-
-
-def _short(name: str) -> str:
-    return _SHORT.get(name, name)
-
-
-# ---------------------------------------------------------------- the rig
-
-
-def _rig_safe(rows: list[RigRow]) -> Table:
-    out = new_table(
-        "Rig: largest timestep [ms] up to which all runs are stable (?: no truth)",
-        ("damping", "tendons"),
-        CHAIN_INTEGRATORS,
-    )
-    cells = groups(select(rows, case=MAP), "damping_scale", "tendon_stiffness_scale")
-    for (damping, tendons), mine in cells.items():
-        steps = (_safe(select(mine, integrator=name)) for name in CHAIN_INTEGRATORS)
-        out.add_row(f"x {damping:g}", f"x {tendons:g}", *steps)
-    return out
 
 
 def _safe(rows: list[RigRow]) -> str:
@@ -199,60 +153,96 @@ def _safe(rows: list[RigRow]) -> str:
     return number(safe_step(rows), "g", "ms", missing="none")
 
 
-def _rig_rule(rows: list[RigRow]) -> Table:
-    """One line per integrator, the rule's own or asked for, friction and damping."""
-    out = new_table(
-        "Rig: what the timestep rule picks, over tendons, stiffness, pretension and slack",
-        ("integrator", "friction", "damping"),
-        ("runs", "stable", "wrong", "div.", "no truth", "e max [mm]", "F err. [N]"),
-    )
-    for asked in (None, *CHAIN_INTEGRATORS):
-        picked = select(rows, case=ASKED, integrator=asked) if asked else select(rows, case=RULE)
-        for (friction, damping), mine in groups(picked, "friction", "damping_scale").items():
-            names = ", ".join(sorted({row.integrator for row in mine}))
-            outcomes = [row.outcome for row in mine]
-            out.add_row(
-                names if asked else f"rule: {names}",
-                f"{friction:g} N",
-                f"x {damping:g}",
-                len(mine),
-                *(outcomes.count(kind) for kind in (STABLE, WRONG, DIVERGED, NO_TRUTH)),
-                _largest(mine, "e_max", "mm"),
-                _largest(mine, "e_tension", "N"),
-            )
-    return out
-
-
-def _rig_failures(rows: list[RigRow]) -> Table:
-    """One line per own pick of the rule that diverged or is wrong."""
-    return make_table(
-        "Rig: picks of the rule that fail",
-        (
-            Column("tendons, E, damping", _rig_label),
-            Column("pretension, friction, motion", _drive_label),
-            Column("picks", lambda row: f"{row.integrator} {1e3 * row.timestep:.3g} ms"),
-            Column("failure"),
-        ),
-        [row for row in select(rows, case=RULE) if row.outcome in (WRONG, DIVERGED)],
-    )
-
-
-def _rig_label(row: RigRow) -> str:
+def _scales(row: RigRow) -> str:
     scales = row.tendon_stiffness_scale, row.stiffness_scale, row.damping_scale
     return " ".join(f"x {scale:g}" for scale in scales)
 
 
-def _drive_label(row: RigRow) -> str:
-    return f"{row.pretension:g} N, {row.friction:g} N, {row.motion}"
+#: What the rule picks for the rig, by itself and with an integrator asked for.
+_RIG_RULE = {RULE: "rule", ASKED: "asked"}
+_RIG_OUTCOMES = {"stable": STABLE, "wrong": WRONG, "div.": DIVERGED, "no truth": NO_TRUTH}
+
+TABLES = (
+    lambda rows: _shares(of_kind(rows, Row)),
+    pivot(
+        "Timestep rule on the map",
+        ("n", "damping_ratio"),
+        {
+            "picks": lambda rows: ", ".join(sorted({row.integrator for row in _picked(rows)})),
+            "steps / T1": _steps,
+            "stable": lambda rows: _stable(_picked(rows)),
+            "e max [mm]": lambda rows: _largest("e_max", "mm", _picked(rows)),
+            "asked: stable": lambda rows: _stable(select(rows, case="rule_asked")),
+        },
+        of=Row,
+        where=lambda row: row.case in ("rule", "rule_asked"),
+        headings=("n", "zeta"),
+        show=_short,
+    ),
+    pivot(
+        "Stability limit of the linearised chain: runs at timesteps in units of the limit",
+        ("integrator", "n", "damping_ratio"),
+        {
+            "limit": lambda rows: f"{1e3 * rows[0].stability_limit:.3g} ms",
+            "stable up to": _stable_up_to,
+            "fails from": partial(_first, (WRONG, DIVERGED, NOT_CONVERGED, NO_TRUTH)),
+            "diverges from": partial(_first, (DIVERGED,)),
+        },
+        of=Row,
+        where={"case": "limit"},
+        headings=("integrator", "n", "zeta"),
+        show=_short,
+    ),
+    _extremes,
+    pivot(
+        "Rig: largest timestep [ms] up to which all runs are stable (?: no truth)",
+        ("damping_scale", "tendon_stiffness_scale"),
+        "integrator",
+        _safe,
+        of=RigRow,
+        where={"case": MAP},
+        headings=("damping x", "tendons x"),
+    ),
+    pivot(
+        "Rig: what the timestep rule picks, over tendons, stiffness, pretension and slack",
+        ("case", "integrator", "friction", "damping_scale"),
+        {
+            "runs": len,
+            **{k: lambda rows, v=v: len(select(rows, outcome=v)) for k, v in _RIG_OUTCOMES.items()},
+            "e max [mm]": partial(_largest, "e_max", "mm"),
+            "F err. [N]": partial(_largest, "e_tension", "N"),
+        },
+        of=RigRow,
+        where=lambda row: row.case in _RIG_RULE,
+        headings=("", "integrator", "friction", "damping"),
+        show=lambda value: _RIG_RULE.get(value, _short(value)),
+        ordered=True,
+    ),
+    table(
+        "Rig: picks of the rule that fail",
+        Column("tendons, E, damping", _scales),
+        Column("drive", lambda row: f"{row.pretension:g} N, {row.friction:g} N, {row.motion}"),
+        Column("picks", lambda row: f"{row.integrator} {1e3 * row.timestep:.3g} ms"),
+        "failure",
+        of=RigRow,
+        where=lambda row: row.case == RULE and row.outcome in (WRONG, DIVERGED),
+        caption="drive: pretension, friction, motion",
+    ),
+    table(
+        "Integrators: error against cost",
+        *(Column("", "case"), "integrator", "setting", "error", "evaluations", "cost"),
+        of=FrontRow,
+    ),
+)
 
 
 # ---------------------------------------------------------------- pictures
 
 #: Outcome -> colour, sign in the cell, and text of the legend.
 _OUTCOMES = {
-    WRONG: (ORANGE, "~", "~  finite but wrong"),
-    DIVERGED: (VERMILLION, "x", "x  diverged"),
-    NOT_CONVERGED: (PURPLE, "N", "N  Newton's iteration failed"),
+    WRONG: (figures.ORANGE, "~", "~  finite but wrong"),
+    DIVERGED: (figures.VERMILLION, "x", "x  diverged"),
+    NOT_CONVERGED: (figures.PURPLE, "N", "N  Newton's iteration failed"),
     NO_TRUTH: ("#CCCCCC", "?", "?  ended, but refined runs differ"),
 }
 _EMPTY = {"markerfacecolor": "white", "markeredgecolor": "0.6"}
@@ -268,21 +258,36 @@ _LOWEST, _HIGHEST = 0.015, 28.0
 _OWN = ("rule", RULE)
 
 
-def pictures(rows: list[Row]) -> dict[str, Figure]:
-    """A map for each model and resolution, that of the rig, and the integrators' error and cost."""
-    costs, rows = of_kind(rows, FrontRow), of_kind(rows, Row)
-    found = {"{}_integrators": front_figure(costs)} if costs else {}
-    lines = ("damping_ratio", "damping ratio {:.2g}"), ("stiffness_scale", "stiffness / arm's")
-    maps = groups(select(rows, case="map"), "model", "n")
-    for index, ((model, n), cells) in enumerate(maps.items()):
+def maps(rows: list[Row]) -> dict[str, Figure]:
+    """A map for each model and resolution, and that of the rig."""
+    rows, found = of_kind(rows, Row), {}
+    fields = ("damping_ratio", "damping ratio {:.2g}"), ("stiffness_scale", "stiffness / arm's")
+    known = groups(select(rows, case="map"), "model", "n").items()
+    for index, ((model, n), cells) in enumerate(known):
         mine = select(rows, model=model, n=n)
         picks = select(mine, case="rule") + select(mine, case="rule_asked")
         name = "{}" if index == 0 else f"{{}}_{model.split('/')[0]}_{n}"
-        found[name] = _draw(cells, picks, _title(cells[0]), *lines)
-    cells = [row for row in rows if row.case in (MAP, RULE, ASKED) and _is_rig_itself(row)]
-    if select(cells, case=MAP):
-        found["{}_rig"] = _draw_rig(cells)
+        found[name] = _draw(cells, picks, _title(cells[0]), *fields)
+    mine = [row for row in of_kind(rows, RigRow) if _is_rig_itself(row)]
+    if cells := select(mine, case=MAP):
+        found["{}_rig"] = _draw_rig(cells, mine)
     return found
+
+
+PLOTS = {
+    "{}": maps,
+    "{}_integrators": lines(
+        *("evaluations", "error", "integrator"),
+        title=gain,
+        subject="Errors of links against forces computed, at several settings",
+        panel="case",
+        of=FrontRow,
+        log="xy",
+        columns=4,
+        size=(2.6, 2.6),
+        legend=True,
+    ),
+}
 
 
 def _title(row: Row) -> str:
@@ -312,18 +317,16 @@ def _is_rig_itself(row: RigRow) -> bool:
     return (row.stiffness_scale, row.pretension, row.friction, row.motion) == usual
 
 
-def _draw_rig(rows: list[RigRow]) -> Figure:
-    cells = select(rows, case=MAP)
+def _draw_rig(cells: list[RigRow], rows: list[RigRow]) -> Figure:
     dampings = {row.damping_scale for row in cells}
-    return _draw(
-        cells,
-        [row for row in rows if row.case != MAP and row.damping_scale in dampings],
-        f"Spatial rig with {JOINTS} joints, which servos bend to and fro for {rig.DURATION:g} s; "
-        f"green: within {1e3 * BOUND:g} mm (5 % of the length) and {TENSION_BOUND:g} N of tension "
-        "in the mean of a refined run",
-        ("damping_scale", "damping x {:g}"),
-        ("tendon_stiffness_scale", "tendon stiffness / nylon's"),
+    picks = [row for row in rows if row.case != MAP and row.damping_scale in dampings]
+    title = (
+        f"Spatial rig with {rig.JOINTS} joints, which servos bend to and fro for {rig.DURATION:g} "
+        f"s; green: within {1e3 * rig.BOUND:g} mm (5 % of the length) and {rig.TENSION_BOUND:g} N "
+        "of tension in the mean of a refined run"
     )
+    tendons = "tendon_stiffness_scale", "tendon stiffness / nylon's"
+    return _draw(cells, picks, title, ("damping_scale", "damping x {:g}"), tendons)
 
 
 def _draw(
@@ -351,7 +354,7 @@ def _draw(
     integrators = list(dict.fromkeys(row.integrator for row in cells))
     dampings = sorted({getattr(row, field) for row in cells})
     size = 1.6 + 1.75 * len(integrators), 2.2 + 1.6 * len(dampings)
-    figure, panels = new_figure(len(dampings), len(integrators), size, share=True)
+    figure, panels = figures.new_figure(len(dampings), len(integrators), size, share=True)
     for line, damping in zip(panels, dampings, strict=True):
         for axes, integrator in zip(line, integrators, strict=True):
             own = {"integrator": integrator, field: damping}
@@ -364,13 +367,13 @@ def _draw(
         axes.set_title(integrator, fontsize=10, fontweight="bold")
     for axes in panels[-1]:
         axes.set_xlabel(x_label, fontsize=8.5)
-    add_title(figure, _message(cells, picks), title)
+    figures.add_title(figure, _message(cells, picks), title)
     place = {"location": "right", "shrink": 0.6, "aspect": 30, "pad": 0.01}
     bar = figure.colorbar(shades, ax=panels, **place)
     bar.set_label("stable: largest error of the tip [mm]", fontsize=8.5)
     bar.ax.tick_params(labelsize=7.5)
     ruled = cells[0].model == CHAIN
-    add_legend(figure, _entries({row.outcome for row in cells}, bool(picks), ruled))
+    figures.add_legend(figure, _entries({row.outcome for row in cells}, bool(picks), ruled))
     return figure
 
 

@@ -60,8 +60,8 @@ def _quick_jobs() -> Iterator[Job]:
 STUDY = Study(
     kinds=(Row, rig.RigRow, integrators.FrontRow),
     stages=run,
-    tables=(shown.tables,),
-    plots={"{}": shown.pictures},
+    tables=shown.TABLES,
+    plots=shown.PLOTS,
     note="What the rule does on robots of all kinds: softrobot benchmark scenes",
     alone=True,
 )
