@@ -1,7 +1,8 @@
 """The rows of the accuracy benchmark, and converged limits to compare them with."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Protocol
 
 import mujoco
@@ -18,10 +19,9 @@ from softrobot_env.evaluation.models.runs import (
     silent_warnings,
 )
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import Scene
 from studies.beams import make_beam
-from studies.lab import Record
+from studies.lab import Record, quantity
 from studies.stability.runs import chain_failure
 
 #: [s] of all motions.
@@ -62,15 +62,15 @@ class Row(Record):
     kind: str
     case: str
     model: str
-    n: int | None = None
+    n: int | None = quantity("", "d", default=None)
     timestep: float | None = None
     integrator: str | None = None
     tolerance: float | None = None
-    e_mean: float | None = None
-    e_max: float | None = None
-    e_time: float | None = None
+    e_mean: float | None = quantity("mm", ".2g", "e mean", default=None)
+    e_max: float | None = quantity("mm", ".2g", "e max", default=None)
+    e_time: float | None = quantity("mm", ".2g", "e time", default=None)
     e_relative: float | None = None
-    wall_time: float | None = None
+    wall_time: float | None = quantity("ms", ".3g", "time", default=None)
     step_time: float | None = None
     physics: str | None = None
     reference: str | None = None
@@ -140,37 +140,19 @@ def motion_row(
 ) -> Row:
     """Mean and largest error of tips (k, d) [m] in motion."""
     error = np.linalg.norm(tips - truth.tips, axis=1)
-    return Row(
-        "dynamic",
-        case,
-        **vars(settings),
-        e_mean=float(error.mean()),
-        e_max=float(error.max()),
-        e_time=e_time,
-        wall_time=wall_time,
-        step_time=wall_time * settings.timestep / DURATION,
-        physics=physics.name,
-        reference=truth.text,
-    )
+    values = {"e_mean": float(error.mean()), "e_max": float(error.max()), "e_time": e_time}
+    values |= {"wall_time": wall_time, "step_time": wall_time * settings.timestep / DURATION}
+    about = vars(settings) | {"physics": physics.name, "reference": truth.text}
+    return Row("dynamic", case, **about, **values)
 
 
 def agreement_row(
     case: str, model: str, n: int | None, gap: float, length: float, physics: str, text: str
 ) -> Row:
     """How far [m] the limit of a model is from another of its physics, and from the bound."""
-    return Row(
-        "agreement",
-        case,
-        model,
-        n,
-        e_mean=gap,
-        e_max=gap,
-        physics=physics,
-        reference=text,
-        value=gap / length,
-        limit=BOUND,
-        met=gap / length < BOUND,
-    )
+    share = {"value": gap / length, "limit": BOUND, "met": gap / length < BOUND}
+    about = {"physics": physics, "reference": text}
+    return Row("agreement", case, model, n, e_mean=gap, e_max=gap, **about, **share)
 
 
 # ---------------------------------------------------------------- models
@@ -196,16 +178,9 @@ class Contestant:
     step: tuple[int, ...]
     explicit: bool = False
 
-    def build(
-        self,
-        robot: RobotParams,
-        pieces: int,
-        loads: Sequence[Load] = (),
-        space: str = "planar",
-        **options: Any,
-    ) -> BeamModel:
-        """The model of a robot; arguments as those of `make_beam`."""
-        return make_beam(self.name, robot, pieces, loads, space, **options)
+    def build(self, *given: Any, **options: Any) -> BeamModel:
+        """The model of a robot; arguments as those of `make_beam` after the name."""
+        return make_beam(self.name, *given, **options)
 
 
 LUMPED = Contestant("pcc/lumped", BENDING, (3, 6, 12, 24), (2, 3, 5, 8), (3, 6, 12), True)
@@ -273,15 +248,9 @@ class BeamMotion:
         Raises:
             IntegrationError: The integration failed.
         """
-        motion = self.beam.simulate(
-            DURATION,
-            self.inputs,
-            self.start,
-            method=self.method,
-            step=self.step,
-            tolerance=self.tolerance or _NEWTON,
-            samples=self.period,
-        )
+        how = {"method": self.method, "step": self.step, "tolerance": self.tolerance or _NEWTON}
+        about = DURATION, self.inputs, self.start
+        motion = self.beam.simulate(*about, samples=self.period, **how)
         self._steps = motion.steps
         return self.tips(motion.q)
 
@@ -296,9 +265,7 @@ def beam_limit(
     """A motion of a beam model with infinitely many pieces."""
 
     def solve(n: int) -> np.ndarray:
-        motion = make(contestant, n, robot)
-        motion.tolerance = _REFERENCE
-        return motion()
+        return replace(make(contestant, n, robot), tolerance=_REFERENCE)()
 
     return extrapolate(solve, sizes, f"limit of {contestant.name} (sdirk4, 1e-7)")
 
@@ -320,19 +287,19 @@ class ChainMotion:
         posture: np.ndarray | None = None,
         compared: Callable[[np.ndarray], np.ndarray] = lambda tips: tips,
     ) -> None:
-        self.scene, self._model, self._compared = scene, scene.model, compared
+        self.scene, self._compared, model = scene, compared, scene.model
         self._substeps = round(scene.config.control_period / scene.timestep.timestep)
         kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
-        self._data, size = mujoco.MjData(self._model), mujoco.mj_stateSize(self._model, kind)
-        self._start = np.empty((1, size))
+        self._data, size = mujoco.MjData(model), mujoco.mj_stateSize(model, kind)
         if posture is not None:
             self._data.qpos[:] = posture
-        mujoco.mj_getState(self._model, self._data, self._start[0], kind)
-        times = np.arange(round(DURATION / self._model.opt.timestep) + 1)
-        self._ctrl = np.ascontiguousarray(controls(times * self._model.opt.timestep)[None])
-        self._state = np.empty((1, len(times), size))
-        self._sensors = np.empty((1, len(times), self._model.nsensordata))
-        self._rollout = Rollout(nthread=0)
+        start, times = np.empty((1, size)), np.arange(round(DURATION / model.opt.timestep) + 1)
+        mujoco.mj_getState(model, self._data, start[0], kind)
+        ctrl = np.ascontiguousarray(controls(times * model.opt.timestep)[None])
+        found = {"state": np.empty((1, len(times), size))}
+        found["sensordata"] = self._sensors = np.empty((1, len(times), model.nsensordata))
+        run = Rollout(nthread=0).rollout
+        self._run = partial(run, [model], [self._data], start, ctrl, **found)
 
     @property
     def settings(self) -> Settings:
@@ -348,14 +315,7 @@ class ChainMotion:
             RuntimeError: The simulation diverged.
         """
         with silent_warnings():
-            self._rollout.rollout(
-                [self._model],
-                [self._data],
-                self._start,
-                self._ctrl,
-                state=self._state,
-                sensordata=self._sensors,
-            )
+            self._run()
         tips = self._sensors[0, :: self._substeps, :3].copy()
         failure = chain_failure(self._data, tips[-1])
         if failure:
@@ -391,6 +351,6 @@ def goal(
 ) -> Row:
     """What the best row has to do with a goal, which has one of two bounds."""
     met = value >= least if most is None else value <= most
-    bound = {"limit": least if most is None else most, "met": met}
+    bound = {"value": value, "limit": least if most is None else most, "met": met}
     left_out = dict.fromkeys(("step_time", "reference", "e_relative"))
-    return replace(best, kind="goal", case=case, value=value, **bound, **left_out)
+    return replace(best, kind="goal", case=case, **bound, **left_out)

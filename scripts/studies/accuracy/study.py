@@ -477,7 +477,7 @@ def _fastest(found: Iterable[Row]) -> Row | None:
 STUDY = Study(
     kinds=(Row,),
     stages=run,
-    tables=(shown.tables,),
+    tables=shown.TABLES,
     plots=shown.PLOTS,
     note="Error in time on robots of all kinds: softrobot benchmark scenes",
     alone=True,
