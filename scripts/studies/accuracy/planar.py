@@ -12,9 +12,8 @@ from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, RobotPa
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.chain import joint_angles
-from softrobot_env.scene.statics import equilibrium
 from softrobot_env.scene.timestep import linearize
-from studies.accuracy.cases import CONTINUUM, Contestant, Physics, Row
+from studies.accuracy.cases import BENDING, CONTINUUM, Contestant, Physics, Row
 from studies.beams import chain_scene, mode_frequency, tip_twist, weightless
 from studies.truths.analytic import arc_tip, bent_rod, elastica, rayleigh_frequency
 from studies.truths.continuum_arc import TEXT as CONTINUUM_ARC
@@ -183,16 +182,13 @@ class ScalarCase:
 def scalar_cases() -> list[ScalarCase]:
     """All cases whose result is a number."""
     weak, stiff = weightless(CANTILEVER_WEAK), weightless(CANTILEVER_STIFF)
+    twist, turning = torsion_angle(weak, MOMENT), torsion_frequency(weak)
     analytic = "analytic torsion"
     return [
         ScalarCase("bending_frequency_weak", weak, _bending(weak), False, False),
         ScalarCase("bending_frequency_stiff", stiff, _bending(stiff), False, False),
-        ScalarCase(
-            "torsion_static", weak, lambda _: (torsion_angle(weak, MOMENT), analytic), True, True
-        ),
-        ScalarCase(
-            "torsion_frequency", weak, lambda _: (torsion_frequency(weak), analytic), True, False
-        ),
+        ScalarCase("torsion_static", weak, lambda _: (twist, analytic), True, True),
+        ScalarCase("torsion_frequency", weak, lambda _: (turning, analytic), True, False),
     ]
 
 
@@ -222,17 +218,17 @@ def beam_row(case: ScalarCase, contestant: Contestant, n: int, repeats: int = 1)
     return _row(case, contestant.name, contestant.physics, n, time, found)
 
 
-def chain_row(case: ScalarCase, rule: str, n: int, physics: Physics, repeats: int = 1) -> Row:
+def chain_row(case: ScalarCase, rule: str, n: int, repeats: int = 1) -> Row:
     """Compare the MuJoCo chain."""
     options = {"bending": "spatial" if case.torsion else "planar", "torsion": case.torsion}
     loads = (_MOMENT_LOAD,) if case.static else ()
-    model = chain_scene(case.robot, rule, n, loads=loads, **options).model
+    scene = chain_scene(case.robot, rule, n, loads=loads, **options)
     if case.static:
-        time, q = best_of(lambda: equilibrium(model, np.ones(1)), repeats)
-        found = float(joint_angles(model, q)[:, 2].sum())
+        time, q = best_of(lambda: scene.equilibrium(np.ones(1)), repeats)
+        found = float(joint_angles(scene.model, q)[:, 2].sum())
     else:
-        time, found = best_of(lambda: _chain_frequency(model, case.torsion), repeats)
-    return _row(case, f"mujoco_chain/{rule}", physics, n, time, found)
+        time, found = best_of(lambda: _chain_frequency(scene.model, case.torsion), repeats)
+    return _row(case, f"mujoco_chain/{rule}", BENDING, n, time, found)
 
 
 def _chain_frequency(model: mujoco.MjModel, torsion: bool) -> float:
@@ -247,14 +243,6 @@ def _chain_frequency(model: mujoco.MjModel, torsion: bool) -> float:
 
 def _row(case: ScalarCase, model: str, physics: Physics, n: int, time: float, found: float) -> Row:
     truth, text = case.truth(physics)
-    return Row(
-        "number",
-        case.name,
-        model,
-        n,
-        e_relative=abs(found / truth - 1),
-        value=found,
-        wall_time=time,
-        physics=physics.name,
-        reference=text,
-    )
+    values = {"e_relative": abs(found / truth - 1), "value": found, "wall_time": time}
+    about = {"physics": physics.name, "reference": text}
+    return Row("number", case.name, model, n, **about, **values)

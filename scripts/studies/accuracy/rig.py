@@ -1,8 +1,10 @@
 """Lengths pulled in at the rig's servos, at rest and over time."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
+from itertools import product
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -44,7 +46,6 @@ from studies.accuracy.cases import (
     Physics,
     Row,
     Settings,
-    TimedMotion,
     agreement_row,
     static_row,
     timed_row,
@@ -114,6 +115,7 @@ JOINTS, JOINTS_OF_THREES = (2, 4, 8, 16, 32), (3, 6, 12, 24)
 PIECES = {DISTRIBUTED.name: (1, 2, 4, 8, 16), COSSERAT.name: (6, 12, 24, 48)}
 
 _LOAD_STEPS = 4
+_SHARES = np.arange(1, _LOAD_STEPS + 1) / _LOAD_STEPS
 _TOLERANCE = 1e-12
 
 #: Name of the rod by Ritz' method in the report.
@@ -127,33 +129,19 @@ _FIRST_ORDER = "cosserat"
 Solve = Callable[[np.ndarray], np.ndarray]
 
 
-@dataclass(frozen=True)
-class Entry:
-    """A model with its resolution.
-
-    Attributes:
-        name: Name in the report.
-        n: Pieces, of the chain joints.
-        physics: What it converges to.
-        solve: Statics.
-    """
-
-    name: str
-    n: int
-    physics: Physics
-    solve: Solve
+#: Name, pieces or joints, physics and statics of a model.
+Entry = tuple[str, int, Physics, Solve]
 
 
 def entries(quick: bool = False) -> list[Entry]:
     """All models at rest; a quick run has the coarsest ones."""
-    found = [Entry(PIECE, 1, BENDING, piece_statics())]
-    for contestant in (DISTRIBUTED, COSSERAT):
-        for n in PIECES[contestant.name][: 2 if quick else None]:
-            solve = beam_statics(contestant, n)
-            found.append(Entry(contestant.name, n, contestant.physics, solve))
+    found = [(PIECE, 1, BENDING, piece_statics())]
+    for one in (DISTRIBUTED, COSSERAT):
+        for n in PIECES[one.name][: 2 if quick else None]:
+            found.append((one.name, n, one.physics, beam_statics(one, n)))
     for rule in RULES:
         for n in joint_numbers(rule)[: 3 if quick else None]:
-            found.append(Entry(f"mujoco_chain/{rule}", n, BENDING, chain_statics(rule, n)))
+            found.append((f"mujoco_chain/{rule}", n, BENDING, chain_statics(rule, n)))
     return found
 
 
@@ -175,7 +163,7 @@ def piece_statics(robot: RobotParams = ROBOT) -> Solve:
 
     def solve(pulled: np.ndarray) -> np.ndarray:
         y = np.zeros(2)
-        for share in np.arange(1, _LOAD_STEPS + 1) / _LOAD_STEPS:
+        for share in _SHARES:
             y = root(missing, y, (share * pulled,), tol=_TOLERANCE).x
         return piece_output(piece, y)
 
@@ -191,8 +179,7 @@ def piece_output(piece: RigPiece, y: np.ndarray) -> np.ndarray:
 
 def beam_statics(contestant: Contestant, n: int) -> Solve:
     """A beam model that carries the head as a dead load."""
-    weight = ROBOT.head.mass * np.array(ROBOT.gravity)
-    end = ROBOT.length
+    weight, end = ROBOT.head.mass * np.array(ROBOT.gravity), ROBOT.length
     loads = (
         Load("head", end, force=tuple(weight)),
         Load("lever_x", end, moment=(1.0, 0.0, 0.0)),
@@ -202,13 +189,11 @@ def beam_statics(contestant: Contestant, n: int) -> Solve:
 
     def solve(pulled: np.ndarray) -> np.ndarray:
         q, moment = model.rest(), np.zeros(2)
-        for share in np.arange(1, _LOAD_STEPS + 1) / _LOAD_STEPS:
+        for share in _SHARES:
+            near, lengths = q, share * pulled
 
-            def posture(
-                moment: np.ndarray, share: float = share, near: np.ndarray = q
-            ) -> np.ndarray:
-                u = np.array([*(share * pulled), 1.0, *moment])
-                return model.equilibrium(u, near, check_stability=False)
+            def posture(moment: np.ndarray, u: np.ndarray = lengths, q: np.ndarray = near) -> Any:
+                return model.equilibrium(np.array([*u, 1.0, *moment]), q, check_stability=False)
 
             def missing(moment: np.ndarray, posture: Callable = posture) -> np.ndarray:
                 lever = ROBOT.head.centre * end_axis(model, posture(moment))
@@ -234,17 +219,13 @@ def end_axis(model: BeamModel, q: np.ndarray) -> np.ndarray:
 def chain_statics(rule: str, n: int) -> Solve:
     """The MuJoCo chain on n joints."""
     scene = chain_scene(ROBOT, rule, n, **CHAIN)
-
-    def solve(pulled: np.ndarray) -> np.ndarray:
-        return scene.tip(scene.equilibrium(pulled, load_steps=_LOAD_STEPS))
-
-    return solve
+    return lambda pulled: scene.tip(scene.equilibrium(pulled, load_steps=_LOAD_STEPS))
 
 
 def static_jobs(quick: bool = False) -> Iterator[Job]:
     """One job for each case; a quick run has the first and the last one."""
     for case in list(STATIC)[:: len(STATIC) - 1 if quick else 1]:
-        yield f"{case}, all models", lambda c=case: case_rows(c, quick)
+        yield f"{case}, all models", partial(case_rows, case, quick)
 
 
 def static_truth(case: str, physics: Physics) -> Limit:
@@ -258,14 +239,14 @@ def case_rows(case: str, quick: bool = False) -> list[Row]:
     """Errors of all models, and what they converge to."""
     truths = {physics.name: static_truth(case, physics) for physics in (BENDING, SHEAR)}
     found, tips = [], {}
-    for entry in entries(quick):
-        if entry.name not in {name for name, _ in tips}:
-            entry.solve(np.array(STATIC[case]))  # compiles
-        wall_time, tip = best_of(lambda e=entry: e.solve(np.array(STATIC[case])), 1 if quick else 5)
-        exact = truths[entry.physics.name]
-        options = {"wall_time": wall_time}
-        found.append(static_row(case, entry.name, entry.n, entry.physics, exact, tip, **options))
-        tips.setdefault((entry.name, entry.physics.name), {})[entry.n] = tip
+    for name, n, physics, statics in entries(quick):
+        solve = partial(statics, np.array(STATIC[case]))
+        if name not in {known for known, _ in tips}:
+            solve()  # compiles
+        wall_time, tip = best_of(solve, 1 if quick else 5)
+        exact = truths[physics.name]
+        found.append(static_row(case, name, n, physics, exact, tip, wall_time=wall_time))
+        tips.setdefault((name, physics.name), {})[n] = tip
     found.append(_ritz_row(case, truths[BENDING.name]))
     if not quick:
         for (model, physics), by_size in tips.items():
@@ -322,12 +303,11 @@ _SIZES = (8, 16, 32)
 
 def motion_truth(case: str, quick: bool = False) -> Limit:
     """Tips (k, 3) [m] of the rod by Ritz' method; the coarser one gives the uncertainty."""
+    settings = _QUICK_TRUTHS if quick else _TRUTHS
     coarse, fine = (
-        RigRod(ROBOT, terms).motion(MOTIONS[case], sample_times(), rtol)
-        for terms, rtol in (_QUICK_TRUTHS if quick else _TRUTHS)
+        RigRod(ROBOT, terms).motion(MOTIONS[case], sample_times(), rtol) for terms, rtol in settings
     )
-    uncertainty = distance(coarse, fine)
-    terms, rtol = (_QUICK_TRUTHS if quick else _TRUTHS)[1]
+    uncertainty, (terms, rtol) = distance(coarse, fine), settings[1]
     text = f"rod by Ritz' method, {terms} terms, Radau {rtol:.0e}"
     return Limit(fine, uncertainty, f"{text}; uncertainty {1e3 * uncertainty:.1g} mm")
 
@@ -385,15 +365,9 @@ class PieceMotion:
 
     def __call__(self) -> np.ndarray:
         """Tips (k, 3) [m]."""
-        found = solve_ivp(
-            self._slope,
-            (0, DURATION),
-            np.zeros(4),
-            t_eval=sample_times(),
-            rtol=self._tolerance,
-            atol=self._tolerance,
-            dense_output=True,
-        )
+        exact = dict.fromkeys(("rtol", "atol"), self._tolerance)
+        about = self._slope, (0, DURATION), np.zeros(4)
+        found = solve_ivp(*about, t_eval=sample_times(), dense_output=True, **exact)
         self._steps = len(found.sol.ts) - 1
         return np.array([piece_output(self._piece, y) for y in found.y[:2].T])
 
@@ -407,19 +381,13 @@ def motion_jobs(quick: bool = False) -> Iterator[Job]:
         return []
 
     for case in (STEP,) if quick else MOTIONS:
-        yield f"{case}, truth", lambda c=case: find(c)
-        yield f"{case}, chain", lambda c=case: chain_rows(c, limits[c], quick)
-        yield f"{case}, one piece and PCC", lambda c=case: piece_rows(c, limits[c], quick)
+        yield f"{case}, truth", partial(find, case)
+        yield f"{case}, chain", partial(chain_rows, case, limits, quick)
+        yield f"{case}, one piece and PCC", partial(piece_rows, case, limits, quick)
         if not quick:
             yield f"{case}, agreement", lambda c=case: [agreement(c, limits[c])]
-    yield "rig, models left out", notes
-
-
-def notes() -> list[Row]:
-    """Which models cannot be the rig, and why."""
-    return [
-        Row("note", "rig", model, reference=f"left out: {why}") for model, why in LEFT_OUT.items()
-    ]
+    left_out = [Row("note", "rig", m, reference=f"left out: {why}") for m, why in LEFT_OUT.items()]
+    yield "rig, models left out", lambda: left_out
 
 
 def agreement(case: str, exact: Limit) -> Row:
@@ -431,33 +399,26 @@ def agreement(case: str, exact: Limit) -> Row:
     return agreement_row(case, pair, 32, gap, ROBOT.length, BENDING.name, text)
 
 
-def chain_rows(case: str, exact: Limit, quick: bool = False) -> list[Row]:
+def chain_rows(case: str, limits: dict[str, Limit], quick: bool = False) -> list[Row]:
     """Runs of the chain over rules, joints, integrators and timesteps."""
-    return [
-        timed_row(
-            case, BENDING, exact, chain_motion(case, rule, n, k, integrator), 2 if quick else 5
-        )
+    motions = (
+        chain_motion(case, rule, n, substeps, integrator)
         for rule in (QUICK_RULES if quick else RULES)
         for n in joint_numbers(rule)[1 : 3 if quick else 4]
-        for integrator in INTEGRATORS
-        for k in SUBSTEPS
-    ]
+        for integrator, substeps in product(INTEGRATORS, SUBSTEPS)
+    )
+    repeats = 2 if quick else 5
+    return [timed_row(case, BENDING, limits[case], motion, repeats) for motion in motions]
 
 
-def piece_rows(case: str, exact: Limit, quick: bool = False) -> list[Row]:
+def piece_rows(case: str, limits: dict[str, Limit], quick: bool = False) -> list[Row]:
     """Runs of the closed form and of PCC with given rigid bodies, with adapted steps."""
-    found = _adaptive_rows(case, partial(PieceMotion, case), exact, quick)
-    for n in MOVING_PIECES:
-        found += _adaptive_rows(case, partial(subpieces_motion, case, n), exact, quick)
+    made = [partial(PieceMotion, case)]
+    made += [partial(subpieces_motion, case, n) for n in MOVING_PIECES]
+    found, repeats = [], 1 if quick else 5
+    for make in made:
+        still = make(_CONVERGED)()
+        for tolerance in TOLERANCES[1:3] if quick else TOLERANCES:
+            about = case, BENDING, limits[case], make(tolerance)
+            found.append(timed_row(*about, repeats, still))
     return found
-
-
-def _adaptive_rows(
-    case: str, make: Callable[[float], TimedMotion], exact: Limit, quick: bool
-) -> list[Row]:
-    """Runs at several tolerances, for which `make` makes the motion."""
-    still, repeats = make(_CONVERGED)(), 1 if quick else 5
-    return [
-        timed_row(case, BENDING, exact, make(tolerance), repeats, still)
-        for tolerance in (TOLERANCES[1:3] if quick else TOLERANCES)
-    ]

@@ -8,8 +8,11 @@ gravity follow in the world's directions, in which the models get them.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
 from math import cos, pi, sin
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
@@ -17,8 +20,8 @@ from softrobot_env.beams.model import BeamModel
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
-from softrobot_env.scene.build import Scene, build_scene
-from softrobot_env.scene.config import TWISTING_RULE, SceneConfig
+from softrobot_env.scene.build import Scene
+from softrobot_env.scene.config import TWISTING_RULE
 from studies.accuracy.cases import (
     BENDING,
     CONTESTANTS,
@@ -30,6 +33,7 @@ from studies.accuracy.cases import (
     Row,
     goal,
 )
+from studies.beams import chain_scene
 from studies.lab import select
 from studies.truths.analytic import Section, bent_rod
 from studies.truths.spatial_rod import SpatialSection, SpatialShape, dead_loads, followed_rod, helix
@@ -116,33 +120,29 @@ def wrenches(robot: RobotParams, section: SpatialSection, count: int) -> Iterato
     force, moment = section.bending / length**2, section.bending / length
     for _ in range(count):
         follower = tuple(
-            Load(
-                name, station, _vector(rng, 0.85 * force, _AXIAL), _vector(rng, 0.5 * moment), True
-            )
-            for name, station in (("middle", length / 2), ("tip", length))
+            Load(*place, _vector(rng, 0.85 * force, _AXIAL), _vector(rng, 0.5 * moment), True)
+            for place in (("middle", length / 2), ("tip", length))
         )
         gravity = _G * np.array(_vector(rng, 1.0))
         weight = robot.mass_per_length * gravity / np.linalg.norm(gravity) * _G
         shape = _shape(robot, section, follower, weight)
-        world = shape.frame[-1] @ weight / robot.mass_per_length
-        heavy = replace(robot, gravity=tuple(world.tolist()))
-        yield SpatialCase(heavy, tuple(dead_loads(follower, shape)), shape.tip)
+        loads = tuple(dead_loads(follower, shape))
+        yield SpatialCase(_heavy(robot, weight, shape), loads, shape.tip)
 
 
-def _vector(
-    rng: np.random.Generator, size: float, axial: float = 1.0
-) -> tuple[float, float, float]:
+def _vector(rng: np.random.Generator, size: float, axial: float = 1.0) -> tuple[float, ...]:
     return tuple((size * rng.standard_normal(3) * (1.0, 1.0, axial)).tolist())
 
 
-def _shape(
-    robot: RobotParams,
-    section: SpatialSection,
-    loads: tuple[Load, ...],
-    weight: np.ndarray | None = None,
-) -> SpatialShape:
+def _shape(robot: RobotParams, section: SpatialSection, loads: tuple, *weight: Any) -> SpatialShape:
     stations = np.array([0.0, robot.length / 2, robot.length])
-    return followed_rod(robot.length, section, loads, stations, weight)
+    return followed_rod(robot.length, section, loads, stations, *weight)
+
+
+def _heavy(robot: RobotParams, weight: np.ndarray, shape: SpatialShape) -> RobotParams:
+    """A robot with the gravity that its tip sees as a weight (3,) [N/m]."""
+    world = shape.frame[-1] @ weight / robot.mass_per_length
+    return replace(robot, gravity=tuple(world.tolist()))
 
 
 def _sag(azimuth: float) -> Callable[[RobotParams, SpatialSection], SpatialCase]:
@@ -154,8 +154,7 @@ def _sag(azimuth: float) -> Callable[[RobotParams, SpatialSection], SpatialCase]
         across = np.array([cos(azimuth), sin(azimuth), 0.0])
         weight = size * (0.8 * across + np.array([0.0, 0.0, 0.6]))
         shape = _shape(robot, section, (), weight)
-        world = shape.frame[-1] @ weight / robot.mass_per_length
-        return SpatialCase(replace(robot, gravity=tuple(world.tolist())), (), shape.tip)
+        return SpatialCase(_heavy(robot, weight, shape), (), shape.tip)
 
     return case
 
@@ -236,26 +235,24 @@ def jobs(quick: bool = False) -> Iterator[Job]:
     """A job for each robot and case."""
     for robot in ROBOTS:
         for case in HEADINGS:
-            yield f"{robot.name}, {case}", lambda c=case, r=robot: case_rows(c, r, quick)
+            yield f"{robot.name}, {case}", partial(case_rows, case, robot, quick)
 
 
 def case_rows(case: str, robot: RobotParams, quick: bool = False) -> list[Row]:
     """Errors of all models in the cases of a name."""
-    found = []
-    shown = slice(2 if quick else None)
-    for rule in RULES:
+    found, shown = [], slice(2 if quick else None)
+    truths = cases_of(case, robot, BENDING, quick)
+    for rule, n in product(RULES, STATIONS[shown]):
         name = f"mujoco_chain/{rule}"
-        truths = cases_of(case, robot, BENDING, quick)
-        for n in STATIONS[shown]:
-            solve = [lambda c=c, n=n, r=rule: chain_tip(c, r, n) for c in truths]
-            found.append(_row(case, robot, name, n, BENDING, truths, solve))
-    for contestant in CONTESTANTS[1:]:  # at rest, masses do not matter
-        slow = quick or contestant.physics == CONTINUUM
-        truths = cases_of(case, robot, contestant.physics, slow)
-        for n in contestant.sizes[: 1 if quick else None]:
-            solve = [lambda c=c, n=n, m=contestant: beam_tip(c, m, n) for c in truths]
-            physics = contestant.physics
-            found.append(_row(case, robot, contestant.name, n, physics, truths, solve))
+        found.append(
+            _row(case, robot, name, n, BENDING, truths, partial(chain_tip, rule=rule, n=n))
+        )
+    for one in CONTESTANTS[1:]:  # at rest, masses do not matter
+        physics = one.physics
+        truths = cases_of(case, robot, physics, quick or physics == CONTINUUM)
+        for n in one.sizes[: 1 if quick else None]:
+            solve = partial(beam_tip, contestant=one, n=n)
+            found.append(_row(case, robot, one.name, n, physics, truths, solve))
     return [*found, stretch_row(robot, quick)] if case == "wrenches" else found
 
 
@@ -266,25 +263,16 @@ def stretch_row(robot: RobotParams, quick: bool = False) -> Row:
     """
     rigid, elastic = (cases_of("wrenches", robot, physics, quick) for physics in (BENDING, SHEAR))
     gaps = [np.linalg.norm(a.tip - b.tip) for a, b in zip(rigid, elastic, strict=True)]
-    mean = float(np.mean(gaps))
-    return Row(
-        "physics",
-        f"random wrenches, {robot.name}",
-        "exact rods: shear and stretch",
-        e_mean=mean,
-        e_max=float(np.max(gaps)),
-        physics=SHEAR.name,
-        reference=_TRUTH.format(BENDING.name),
-        value=mean / robot.length,
-    )
+    values = {"e_mean": float(np.mean(gaps)), "e_max": float(np.max(gaps))}
+    values |= {"value": values["e_mean"] / robot.length, "physics": SHEAR.name}
+    about = "physics", f"random wrenches, {robot.name}", "exact rods: shear and stretch"
+    return Row(*about, reference=_TRUTH.format(BENDING.name), **values)
 
 
 def chain_tip(case: SpatialCase, rule: str, n: int) -> tuple[np.ndarray, float]:
     """Tip (3,) [m] of the chain with n stations, and the time [s] of its equilibrium."""
-    config = SceneConfig(
-        case.robot, pieces=n // 2, rule=rule, loads=case.loads, bending="spatial", torsion=True
-    )
-    return _solved(build_scene(config), case)
+    options = {"loads": case.loads, "bending": "spatial", "torsion": True}
+    return _solved(chain_scene(case.robot, rule, n, **options), case)
 
 
 def beam_tip(case: SpatialCase, contestant: Contestant, n: int) -> tuple[np.ndarray, float]:
@@ -305,12 +293,12 @@ def _row(
     n: int,
     physics: Physics,
     truths: Sequence[SpatialCase],
-    solve: Sequence,
+    solve: Callable[[SpatialCase], tuple[np.ndarray, float]],
 ) -> Row:
     errors, times, lost = [], [], []
-    for truth, tip_of in zip(truths, solve, strict=True):
+    for truth in truths:
         try:
-            tip, took = tip_of()
+            tip, took = solve(truth)
         except EquilibriumError as error:
             lost.append(str(error))
             continue

@@ -9,14 +9,14 @@ models share the physics, their limits must agree (`cases.agreement`).
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import compress, product
-from typing import Any
 
 import numpy as np
 
-from softrobot_env.beams.model import IntegrationError, Motion, State
+from softrobot_env.beams.model import IntegrationError, State
 from softrobot_env.evaluation.models.runs import Limit, best_of, converged, distance
-from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.robots import RobotParams
 from softrobot_env.scene.quadrature import RULES
 from studies.accuracy import pyelastica_rod, rig, shown, space, spiral, tension_step
 from studies.accuracy.cases import (
@@ -38,14 +38,7 @@ from studies.accuracy.cases import (
     static_row,
     timed_row,
 )
-from studies.accuracy.planar import (
-    ScalarCase,
-    StaticCase,
-    beam_row,
-    chain_row,
-    scalar_cases,
-    static_cases,
-)
+from studies.accuracy.planar import StaticCase, beam_row, chain_row, scalar_cases, static_cases
 from studies.beams import chain_scene, step_cost
 from studies.lab import Lab, Study, groups, select
 
@@ -73,6 +66,12 @@ _CONVERGED = 1e-8
 
 _LOAD_STEPS = 5
 
+#: Case -> module with its motions, limit of the chain, and robot.
+MOTIONS = {module.CASE: module for module in (spiral, tension_step)}
+
+#: Converged motions by case and physics.
+Limits = dict[tuple[str, str], Limit]
+
 #: Motions in which a step of the chain costs the same throughout.
 _EVEN = (tension_step.CASE, *rig.MOTIONS)
 
@@ -80,9 +79,9 @@ _EVEN = (tension_step.CASE, *rig.MOTIONS)
 def run(lab: Lab) -> list[Row]:
     """Rows of all cases, models and resolutions, and what they say of the goals."""
     quick = lab.quick
-    jobs = [*_static_jobs(quick), *_number_jobs(quick), *_dynamic_jobs(quick)]
-    jobs += [*space.jobs(quick), *rig.static_jobs(quick), *rig.motion_jobs(quick)]
-    jobs.append(("PyElastica", lambda: pyelastica_rod.rows(quick)))
+    jobs = [*_static_jobs(quick), *_dynamic_jobs(quick), *space.jobs(quick)]
+    jobs += [*rig.static_jobs(quick), *rig.motion_jobs(quick)]
+    jobs.append(("PyElastica", partial(pyelastica_rod.rows, quick)))
     rows = [row for found in lab.tasks(jobs) for row in found]
     _share_step_times(rows)
     return [*rows, *goal_rows(rows, quick), *space.goal_rows(rows)]
@@ -116,7 +115,12 @@ def hinge_numbers(robot: RobotParams, rule: str, quick: bool = False) -> tuple[i
 def _static_jobs(quick: bool) -> Iterator[Job]:
     repeats = 2 if quick else 5
     for case in static_cases():
-        yield case.name, lambda c=case: _static_rows(c, quick, repeats)
+        yield case.name, partial(_static_rows, case, quick, repeats)
+    for case in scalar_cases():
+        coarse = slice(2 if quick else None)
+        beams = [(beam_row, m, n) for m in CONTESTANTS for n in m.sizes[coarse]]
+        runs = beams + [(chain_row, *run) for run in product(RULES, HINGES[coarse])]
+        yield case.name, lambda c=case, r=runs: [row(c, m, n, repeats) for row, m, n in r]
 
 
 def _static_rows(case: StaticCase, quick: bool, repeats: int) -> list[Row]:
@@ -131,10 +135,9 @@ def _static_rows(case: StaticCase, quick: bool, repeats: int) -> list[Row]:
         truth = _truth(case, physics)
         for n in contestant.sizes[: 2 if quick else None]:
             model = contestant.build(case.robot, n, case.loads)
-
-            def solve(model: Any = model) -> np.ndarray:
-                return model.equilibrium(case.ctrl, load_steps=_LOAD_STEPS, check_stability=False)
-
+            solve = partial(
+                model.equilibrium, case.ctrl, load_steps=_LOAD_STEPS, check_stability=False
+            )
             solve()  # compiles
             wall_time, q = best_of(solve, repeats)
             tip = model.tip(q)[[0, 2]]
@@ -159,81 +162,45 @@ def chain_static_row(
     """
     scene = chain_scene(case.robot, rule, n, loads=case.loads)
     wall_time, posture = best_of(lambda: scene.equilibrium(case.ctrl), repeats)
-    tip = scene.tip(posture)[[0, 2]]
-    row = static_row(
-        case.name,
-        f"mujoco_chain/{rule}",
-        scene.model.nv,
-        BENDING,
-        _truth(case, BENDING),
-        tip,
-        wall_time=wall_time,
-        timestep=scene.timestep.timestep,
-        integrator=scene.timestep.integrator,
-        step_time=step_cost(scene.model, posture, case.ctrl, repeats),
-    )
-    return row, tip
-
-
-# ---------------------------------------------------------------- frequencies and torsion
-
-
-def _number_jobs(quick: bool) -> Iterator[Job]:
-    for case in scalar_cases():
-        yield case.name, lambda c=case: _number_rows(c, quick)
-
-
-def _number_rows(case: ScalarCase, quick: bool) -> list[Row]:
-    shown, repeats = slice(2 if quick else None), 2 if quick else 5
-    out = [
-        beam_row(case, contestant, n, repeats)
-        for contestant in CONTESTANTS
-        for n in contestant.sizes[shown]
-    ]
-    return out + [
-        chain_row(case, rule, n, BENDING, repeats) for rule in RULES for n in HINGES[shown]
-    ]
+    tip, choice = scene.tip(posture)[[0, 2]], scene.timestep
+    about = case.name, f"mujoco_chain/{rule}", scene.model.nv, BENDING, _truth(case, BENDING), tip
+    steps = {"timestep": choice.timestep, "integrator": choice.integrator}
+    step_time = step_cost(scene.model, posture, case.ctrl, repeats)
+    return static_row(*about, wall_time=wall_time, step_time=step_time, **steps), tip
 
 
 # ---------------------------------------------------------------- motions
 
 
 def _dynamic_jobs(quick: bool) -> Iterator[Job]:
-    limits: dict[tuple[str, str], Limit] = {}
+    limits: Limits = {}
 
     def find_limits(case: str, contestant: Contestant) -> list[Row]:
         limits[case, contestant.physics.name] = case_limit(case, contestant, quick)
         return []
 
-    for case in (spiral.CASE, tension_step.CASE):
+    for case in MOTIONS:
         # Of the models of equal physics the last one gives the truth: it has the full inertia.
-        for contestant in {c.physics: c for c in CONTESTANTS}.values():
-            description = f"{case}, limit of {contestant.name}"
-            yield description, lambda s=case, c=contestant: find_limits(s, c)
-        yield f"{case}, agreement", lambda s=case: dynamic_rows(s, limits, quick)
-        for contestant in CONTESTANTS:
-            yield (
-                f"{case}, {contestant.name}",
-                lambda s=case, c=contestant: _beam_rows(s, c, limits[s, c.physics.name], quick),
-            )
+        for one in {c.physics: c for c in CONTESTANTS}.values():
+            yield f"{case}, limit of {one.name}", partial(find_limits, case, one)
+        yield f"{case}, agreement", partial(dynamic_rows, case, limits, quick)
+        for one in CONTESTANTS:
+            yield f"{case}, {one.name}", partial(_beam_rows, case, one, limits, quick)
         for rule in RULES:
-            yield (
-                f"{case}, chain {rule}",
-                lambda s=case, r=rule: _chain_rows(s, r, limits[s, BENDING.name], quick),
-            )
+            yield f"{case}, chain {rule}", partial(_chain_rows, case, rule, limits, quick)
 
 
-def _beam_rows(case: str, contestant: Contestant, truth: Limit, quick: bool) -> list[Row]:
-    found, (module, _) = [], MOTIONS[case]
-    numbers = contestant.spiral if module is spiral else contestant.step
+def _beam_rows(case: str, contestant: Contestant, limits: Limits, quick: bool) -> list[Row]:
+    found, physics = [], contestant.physics
+    truth = limits[case, physics.name]
+    numbers = contestant.spiral if case == spiral.CASE else contestant.step
     for index, n in enumerate(numbers[: 2 if quick else None]):
-        motion = module.beam_motion(contestant, n)
+        motion = MOTIONS[case].beam_motion(contestant, n)
         exact = replace(motion, tolerance=_CONVERGED)()
         for method, step, tolerance in _settings(contestant, index, quick):
             run = replace(motion, method=method, step=step, tolerance=tolerance)
-            repeats = 2 if quick else 5
             try:
-                found.append(timed_row(case, contestant.physics, truth, run, repeats, exact))
+                found.append(timed_row(case, physics, truth, run, 2 if quick else 5, exact))
             except IntegrationError as error:
                 text = f"left out: {error}"
                 found.append(Row("note", case, contestant.name, n, reference=text))
@@ -255,14 +222,15 @@ def _settings(
                 yield method, step, None
 
 
-def _chain_rows(case: str, rule: str, truth: Limit, quick: bool) -> list[Row]:
+def _chain_rows(case: str, rule: str, limits: Limits, quick: bool) -> list[Row]:
     if case == spiral.CASE:
         numbers = SPIRAL_JOINTS_OF_THREES if len(RULES[rule]) == 3 else SPIRAL_JOINTS
         numbers, steps = (numbers[:-1], SUBSTEPS[:3]) if quick else (numbers, SUBSTEPS)
-        make, repeats = spiral.chain_motion, 5 if quick else 20
+        repeats = 5 if quick else 20
     else:
-        numbers, steps = hinge_numbers(ARM, rule, quick), TIMESTEPS
-        make, repeats = tension_step.chain_motion, 2 if quick else 5
+        numbers, steps = hinge_numbers(tension_step.ROBOT, rule, quick), TIMESTEPS
+        repeats = 2 if quick else 5
+    make, truth = MOTIONS[case].chain_motion, limits[case, BENDING.name]
     return [
         timed_row(case, BENDING, truth, make(rule, n, step, integrator), repeats)
         for n, integrator, step in product(numbers, DYNAMIC_INTEGRATORS, steps)
@@ -285,10 +253,6 @@ _SIZES = {
     ("ancf", spiral.CASE): ((3, 6, 12), (2, 4, 8)),
     ("ancf", tension_step.CASE): ((6, 12, 24), (3, 6, 12)),
 }
-
-
-#: Case -> module with its `beam_motion`, and robot.
-MOTIONS = {spiral.CASE: (spiral, spiral.ROBOT), tension_step.CASE: (tension_step, ARM)}
 
 
 def slender(robot: RobotParams) -> RobotParams:
@@ -345,11 +309,11 @@ def case_limit(
 ) -> Limit:
     """Converged motion of a model, of the case's own robot unless another is given."""
     sizes = _SIZES[contestant.name.split("/")[0], case][quick]
-    module, own = MOTIONS[case]
-    return beam_limit(module.beam_motion, contestant, sizes, robot or own)
+    module = MOTIONS[case]
+    return beam_limit(module.beam_motion, contestant, sizes, robot or module.ROBOT)
 
 
-def dynamic_rows(case: str, limits: dict[tuple[str, str], Limit], quick: bool) -> list[Row]:
+def dynamic_rows(case: str, limits: Limits, quick: bool) -> list[Row]:
     """Distances of the limits of different models.
 
     Args:
@@ -357,11 +321,8 @@ def dynamic_rows(case: str, limits: dict[tuple[str, str], Limit], quick: bool) -
         limits: Converged motion by case and physics.
         quick: Coarser limits, and no slender robot.
     """
-    _, robot = MOTIONS[case]
-    truth = limits[case, BENDING.name]
-    turning = case == spiral.CASE
-    chain = (spiral.chain_limit if turning else tension_step.converged_reference)(quick)
-    name = DISTRIBUTED.name
+    robot, truth, name = MOTIONS[case].ROBOT, limits[case, BENDING.name], DISTRIBUTED.name
+    chain = MOTIONS[case].chain_limit(quick)
     found = [_pair(case, f"mujoco_chain/gauss2 / {name}", chain, truth, robot)]
     for contestant in CONTESTANTS:
         if contestant.physics != BENDING:
@@ -436,10 +397,7 @@ def right_hand_side_time(pieces: int, repeats: int) -> float:
     model = LUMPED.build(spiral.ROBOT, pieces, spiral.loads(), "spatial")
     start = State(np.full(model.n, 1 / model.robot.length), np.zeros(model.n))  # bent
     inputs = np.array([1.0, -2.0])
-
-    def simulate() -> Motion:
-        return model.simulate(_STEPS * _STEP, inputs, start, method="rk4", step=_STEP)
-
+    simulate = partial(model.simulate, _STEPS * _STEP, inputs, start, method="rk4", step=_STEP)
     simulate()  # compiles
     time, motion = best_of(simulate, repeats)
     return time / motion.residuals

@@ -12,7 +12,7 @@ from softrobot_env.tasks import equal_input
 from studies.accuracy.cases import BeamMotion, ChainMotion, Contestant
 from studies.beams import chain_scene
 
-CASE = "tension_step"
+CASE, ROBOT = "tension_step", ARM
 
 #: [s]; the tip is compared at the end of every control period.
 PERIOD = 0.01
@@ -57,7 +57,7 @@ def _compared(tips: np.ndarray) -> np.ndarray:
     return tips[1:, [0, 2]]
 
 
-def converged_reference(quick: bool = False) -> Limit:
+def chain_limit(quick: bool = False) -> Limit:
     """Extrapolate the motion to zero timestep and infinitely many hinges.
 
     Timesteps h, h/2, h/4 remove the orders h and h^2 of implicitfast; numbers of hinges n and 2n
