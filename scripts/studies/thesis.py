@@ -1,8 +1,9 @@
 """Figures and tables of chapter 2 of the thesis as data, with the audit's corrections."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from math import cos, pi, sin
 from typing import Any
 
@@ -18,13 +19,12 @@ from softrobot_env.beams.cosserat import MOMENTS, CosseratRod
 from softrobot_env.beams.model import BeamModel, IntegrationError, Motion
 from softrobot_env.beams.numerics import quaternions
 from softrobot_env.evaluation.models.runs import best_of
-from softrobot_env.rendering.tables import make_table
 from softrobot_env.robots import CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.loads import Load
 from studies.accuracy.cases import DURATION
 from studies.accuracy.spiral import PERIOD, ROBOT, force, loads
 from studies.beams import make_beam, mode_frequency, tip_twist, weightless
-from studies.lab import Column, Lab, Record, Study, groups, new_table, number, select
+from studies.lab import Column, Lab, Record, Study, number, pivot, select, table
 from studies.thesis_pictures import pictures
 from studies.truths import thesis_values as values
 from studies.truths.analytic import (
@@ -97,13 +97,27 @@ def make_row(
     return Row(figure, case, model, n, x_name, x_value, y_name, y_value, **others)
 
 
-def build(
+def curve(
+    where: tuple[str, str],
     model: str,
     robot: RobotParams,
-    n: int,
-    loads: Sequence[Load] = (),
-    planar: bool = True,
+    pieces: Sequence[int],
+    y_name: str,
+    measure: Callable[[BeamModel], float],
+    audit: Mapping[int, float] | None = None,
+    note: str | None = None,
     **options: Any,
+) -> list[Row]:
+    """A number of a model with some numbers of pieces; `where` is figure and case."""
+    known = audit or {}
+    return [
+        make_row(*where, model, n, y_name, y, audit=known.get(n), note=note)
+        for n, y in ((n, measure(build(model, robot, n, **options))) for n in pieces)
+    ]
+
+
+def build(
+    model: str, robot: RobotParams, n: int, *loads: Load, planar: bool = True, **options: Any
 ) -> BeamModel:
     """A model as the thesis sets it up, with n pieces.
 
@@ -112,14 +126,13 @@ def build(
             kappa = 3/4; it is always spatial. ANCF's integrals are exact.
         robot: The robot.
         n: Number of pieces.
-        loads: Loads.
+        *loads: Loads.
         planar: Whether to take the planar version of PCC and ANCF; else PCC has torsion.
         **options: Further options of the model's class, instead of those named.
     """
     if model == "cosserat":
         printed = {"grid": "thesis", "weighting": 2, "moments": "printed"}
-        printed["shear_coefficient"] = SHEAR_COEFFICIENT
-        options = printed | options
+        options = printed | {"shear_coefficient": SHEAR_COEFFICIENT} | options
     return make_beam(model, robot, n, loads, "planar" if planar else "torsion", **options)
 
 
@@ -155,33 +168,27 @@ def _theory_rows(figure: str, name: str, y_name: str, found: dict, audit: dict) 
 
 
 def _locked_rows(
-    figure: str,
-    name: str,
-    robot: RobotParams,
-    pieces: tuple[int, ...],
-    y_name: str,
-    measure: Callable[[BeamModel], float],
-    **note: str,
+    where: tuple[str, str], robot: RobotParams, pieces: tuple[int, ...], *measured: Any, **note: str
 ) -> list[Row]:
     """ANCF with the Poisson ratio of silicone, by law of the plane."""
-    silicone, rows = replace(robot, poisson_ratio=SILICONE), []
-    for plane, case in LOCKED.items():
-        for n in pieces:
-            y = measure(build("ancf", silicone, n, plane=plane))
-            rows.append(make_row(figure, f"{name}, {case}", "ancf", n, y_name, y, **note))
-    return rows
+    silicone, (figure, name) = replace(robot, poisson_ratio=SILICONE), where
+    return [
+        row
+        for plane, case in LOCKED.items()
+        for row in curve(
+            (figure, f"{name}, {case}"), "ancf", silicone, pieces, *measured, plane=plane, **note
+        )
+    ]
 
 
 def deflection_rows(pieces: tuple[int, ...]) -> list[Row]:
     """Fig. 2.11 for some numbers of pieces, with the converged solutions."""
-    rows = []
+    rows, measured = [], (_TIP, deflection)
     for name, robot in SETS.items():
+        where = "2.11", name
         for model in MODELS:
-            audit = values.DEFLECTION[name, model]
-            for n in pieces:
-                found = deflection(build(model, robot, n))
-                rows.append(make_row("2.11", name, model, n, _TIP, found, audit=audit.get(n)))
-        for row in _locked_rows("2.11", name, robot, pieces, _TIP, deflection, note=_LOCKING):
+            rows += curve(where, model, robot, pieces, *measured, values.DEFLECTION[name, model])
+        for row in _locked_rows(where, robot, pieces, *measured, note=_LOCKING):
             plane = row.case.rpartition(" ")[2]
             known = values.LOCKED_DEFLECTION[plane] if (name, row.n) == ("stiff", 20) else None
             rows.append(replace(row, audit=known))
@@ -251,7 +258,7 @@ def torsion_rows(pieces: tuple[int, ...]) -> list[Row]:
     ]
     for model in MODELS:
         for n in pieces:
-            beam = build(model, robot, n, (load,), planar=False)
+            beam = build(model, robot, n, load, planar=False)
             q = beam.equilibrium(np.ones(1), check_stability=False)
             rows.append(row("tip", model, n, tip_twist(beam, q), audit=exact))
             if isinstance(beam, CosseratRod):
@@ -275,21 +282,18 @@ _PRINTED_FACTOR = (
 
 def bending_rows(pieces: tuple[int, ...]) -> list[Row]:
     """Fig. 2.13 for some numbers of pieces, 14 among them."""
-    rows = []
+    rows, measured = [], (_FREQUENCY, mode_frequency)
     for name, heavy in SETS.items():
-        robot = weightless(heavy)
+        robot, where = weightless(heavy), ("2.13", name)
         beam = robot.length, robot.bending_stiffness, robot.mass_per_length
         theory = {
             "euler_bernoulli": euler_bernoulli_frequency(*beam),
             "timoshenko": bending_frequency(robot, SHEAR_COEFFICIENT),
         }
-        rows += _theory_rows("2.13", name, _FREQUENCY, theory, values.FREQUENCY_THEORY)
+        rows += _theory_rows(*where, _FREQUENCY, theory, values.FREQUENCY_THEORY)
         for model in MODELS:
-            audit = values.FREQUENCY[name, model]
-            for n in pieces:
-                found = mode_frequency(build(model, robot, n))
-                rows.append(make_row("2.13", name, model, n, _FREQUENCY, found, audit=audit.get(n)))
-        rows += _locked_rows("2.13", name, robot, pieces, _FREQUENCY, mode_frequency)
+            rows += curve(where, model, robot, pieces, *measured, values.FREQUENCY[name, model])
+        rows += _locked_rows(where, robot, pieces, *measured)
     return rows + [row for name in SETS for row in _spread_rows(name, rows)]
 
 
@@ -317,17 +321,15 @@ def torsional_rows(pieces: tuple[int, ...]) -> list[Row]:
         robot = replace(weightless(CANTILEVER_WEAK), poisson_ratio=ratio)
         case, exact = f"nu = {ratio:g}", torsion_frequency(robot)
         rows.append(make_row("2.15", case, "analytic", None, _FREQUENCY, exact, audit=audit))
+        twisting = partial(mode_frequency, torsion=True)
         for model in MODELS:
             lumped = values.TORSION_FREQUENCY_LUMPED if ratio == 0 and model != "ancf" else {}
-            for n in pieces:
-                found = mode_frequency(build(model, robot, n, planar=False), torsion=True)
-                rows.append(
-                    make_row("2.15", case, model, n, _FREQUENCY, found, audit=lumped.get(n))
-                )
+            about = ("2.15", case), model, robot, pieces, _FREQUENCY, twisting, lumped
+            rows += curve(*about, planar=False)
     rod = {r.n: r.y for r in rows if (r.case, r.model) == ("nu = 0", "cosserat")}
     known = {"audit": values.TORSION_FREQUENCY_PRINTED, "note": _PRINTED_FACTOR}
-    curve = "2.15", "nu = 0, printed (2.44)", "cosserat", max(rod), _FREQUENCY
-    return [*rows, make_row(*curve, 4 * rod[max(rod)], **known)]
+    line = "2.15", "nu = 0, printed (2.44)", "cosserat", max(rod), _FREQUENCY
+    return [*rows, make_row(*line, 4 * rod[max(rod)], **known)]
 
 
 # -------------------- the Cosserat rod: Fig. 2.4 (drift), 2.5 and 2.6 (weighting functions)
@@ -345,26 +347,23 @@ _BIN = 0.1  # s
 def weighting_rows() -> list[Row]:
     """Fig. 2.5: xi_1 to xi_5 over theta, half the angle between sections."""
     rows = []
-    for kind in WEIGHTINGS:
-        for degrees in range(0, 90, 3):
-            theta = degrees * pi / 180
-            value, _ = quaternions.weighting(kind, (cos(theta), sin(theta), 0.0, 0.0))
-            x = ("theta_rad", theta)
-            rows.append(make_row("2.5", f"xi_{kind}", "cosserat", None, "weighting", value, x))
+    for kind, degrees in product(WEIGHTINGS, range(0, 90, 3)):
+        theta = degrees * pi / 180
+        value, _ = quaternions.weighting(kind, (cos(theta), sin(theta), 0.0, 0.0))
+        line = "2.5", f"xi_{kind}", "cosserat", None, "weighting"
+        rows.append(make_row(*line, value, ("theta_rad", theta)))
     return rows
 
 
 def influence_rows() -> list[Row]:
     """Fig. 2.6: deflection by weighting, with printed and with conservative moments."""
     rows, found = [], {}
-    for moments in MOMENTS:
-        for n in values.WEIGHTINGS:
-            for kind in WEIGHTINGS:
-                rod = build("cosserat", CANTILEVER_WEAK, n, weighting=kind, moments=moments)
-                found[moments, n, kind] = y = deflection(rod)
-                audit = values.WEIGHTINGS[n][kind - 1] if moments == "printed" else None
-                curve, x = ("2.6", moments, "cosserat", n, _TIP), ("weighting", kind)
-                rows.append(make_row(*curve, y, x, audit=audit))
+    for moments, n, kind in product(MOMENTS, values.WEIGHTINGS, WEIGHTINGS):
+        rod = build("cosserat", CANTILEVER_WEAK, n, weighting=kind, moments=moments)
+        found[moments, n, kind] = y = deflection(rod)
+        audit = values.WEIGHTINGS[n][kind - 1] if moments == "printed" else None
+        line, x = ("2.6", moments, "cosserat", n, _TIP), ("weighting", kind)
+        rows.append(make_row(*line, y, x, audit=audit))
     for moments, audit, thesis in (
         ("printed", values.SPREAD_PRINTED, values.SPREAD_THESIS),
         ("conservative", values.SPREAD_CONSERVATIVE, {}),
@@ -583,33 +582,24 @@ def evaluation_rows(pieces: tuple[int, ...]) -> list[Row]:
 
 def single_rows(pieces: tuple[int, ...]) -> list[Row]:
     """Fig. 2.16: time per evaluation over the number of pieces, planar PCC and ANCF."""
-    rows = []
+    rows, measured = [], (pieces, "evaluation_time_s", evaluation_time)
     for model in MODELS:
-        for n in pieces:
-            time = evaluation_time(build(model, CANTILEVER_WEAK, n))
-            rows.append(make_row("2.16", "compiled", model, n, "evaluation_time_s", time))
-    for n in pieces:
-        beam = build("ancf", CANTILEVER_WEAK, n, quadrature=values.ORDER)
-        case = f"compiled, order {values.ORDER}"
-        rows.append(make_row("2.16", case, "ancf", n, "evaluation_time_s", evaluation_time(beam)))
-    return rows
+        rows += curve(("2.16", "compiled"), model, CANTILEVER_WEAK, *measured)
+    where = "2.16", f"compiled, order {values.ORDER}"
+    return rows + curve(where, "ancf", CANTILEVER_WEAK, *measured, quadrature=values.ORDER)
 
 
 def self_weight_rows(pieces: tuple[int, ...]) -> list[Row]:
     """Fig. 2.17 and the measured time of the same 5 s of the weak set's oscillation."""
     rows = []
-    for model in MODELS:
-        method = METHODS[model]
-        for n in pieces:
-            beam = build(model, CANTILEVER_WEAK, n)
-            simulate = partial(beam.simulate, _DURATION, method=method, tolerance=TOLERANCE)
-            motion = simulate()
-            time, _ = best_of(simulate, 3)
-            number = evaluations(beam, motion)
-            rows += [
-                make_row("2.17", method, model, n, "evaluations", number),
-                make_row("2.18", f"{method}, measured", model, n, "computation_time_s", time),
-            ]
+    for (model, method), n in product(METHODS.items(), pieces):
+        beam = build(model, CANTILEVER_WEAK, n)
+        simulate = partial(beam.simulate, _DURATION, method=method, tolerance=TOLERANCE)
+        number = evaluations(beam, simulate())
+        time, _ = best_of(simulate, 3)
+        measured = f"{method}, measured", model, n, "computation_time_s", time
+        rows.append(make_row("2.17", method, model, n, "evaluations", number))
+        rows.append(make_row("2.18", *measured))
     return rows
 
 
@@ -617,10 +607,10 @@ def total_rows(rows: list[Row]) -> list[Row]:
     """Fig. 2.18 from the rows of Fig. 2.16 and 2.17, and statements that the thesis draws."""
     single = {(r.model, r.n): r.y for r in select(rows, figure="2.16", case="compiled")}
     number = {(r.model, r.n): r.y for r in select(rows, figure="2.17")}
-    out = []
-    for (model, n), count in number.items():
-        total = count * single[model, n]
-        out.append(make_row("2.18", "product", model, n, "computation_time_s", total))
+    out = [
+        make_row("2.18", "product", *key, "computation_time_s", count * single[key])
+        for key, count in number.items()
+    ]
     return out + _statement_rows(number, out)
 
 
@@ -661,7 +651,7 @@ _EXCHANGED = "the thesis' columns of ode15s and ode45 are exchanged for this mod
 
 def spiral_model(model: str, n: int) -> BeamModel:
     """Spatial model of the stiff set, without gravity (audit), with forces on its tip."""
-    return build(model, ROBOT, n, loads(), planar=False)
+    return build(model, ROBOT, n, *loads(), planar=False)
 
 
 def distances(tip: np.ndarray, other: np.ndarray) -> tuple[float, float]:
@@ -703,19 +693,14 @@ def _distance_rows(key: tuple[str, int], found: tuple[float, float], finest: boo
     audit = values.SPIRAL_DISTANCE.get(key, (None, None))
     thesis, notes = (None, None), []
     if finest:
-        thesis = values.FINEST_BOUND
-        notes = [
-            "PCC has no shear, which separates the models by more than the thesis states (audit)"
-        ]
+        thesis, notes = values.FINEST_BOUND, [_APART]
     elif values.CHOSEN[key[0]] == key[1]:
         thesis = values.CHOSEN_BOUND
     if audit[0] is not None:
         notes.append("the audit's mean includes ANCF with 8 pieces")
-    names = "mean_distance_m", "largest_distance_m"
+    note, names = "; ".join(notes) or None, ("mean_distance_m", "largest_distance_m")
     return [
-        make_row(
-            "2.20", "spiral", *key, *pair, thesis=limit, audit=known, note="; ".join(notes) or None
-        )
+        make_row("2.20", "spiral", *key, *pair, thesis=limit, audit=known, note=note)
         for *pair, limit, known in zip(names, found, thesis, audit, strict=True)
     ]
 
@@ -726,10 +711,10 @@ def _size_rows(key: tuple[str, int], tip: np.ndarray) -> list[Row]:
     if known is None:
         return []
     radius = np.max(np.linalg.norm(tip[:, :2], axis=1))
-    rows = [make_row("2.22", "spiral", *key, "largest_radius_m", radius, audit=known)]
-    for name, found, expected in zip("xyz", tip[-1], values.SPIRAL_TIP.get(key, ()), strict=False):
-        rows.append(make_row("2.22", "spiral", *key, f"last_tip_{name}_m", found, audit=expected))
-    return rows
+    found = [("largest_radius_m", radius, known)]
+    places = zip("xyz", tip[-1], values.SPIRAL_TIP.get(key, ()), strict=False)
+    found += [(f"last_tip_{name}_m", y, expected) for name, y, expected in places]
+    return [make_row("2.22", "spiral", *key, *pair, audit=audit) for *pair, audit in found]
 
 
 # ---------------------------------------------------------------- Fig. 2.19
@@ -767,9 +752,9 @@ class _Contest:
     def __init__(self, model: str) -> None:
         self.model, self.n = model, values.CHOSEN[model]
         self.beam = spiral_model(model, self.n)
-        times = np.linspace(0.0, DURATION, _DENSE)
-        motion = _simulate(self.beam, times, tolerance=_REFERENCE)
-        self._reference = CubicSpline(times, self.beam.tip(motion.q))
+        self._dense = np.linspace(0.0, DURATION, _DENSE)
+        motion = _simulate(self.beam, self._dense, tolerance=_REFERENCE)
+        self._reference = CubicSpline(self._dense, self.beam.tip(motion.q))
 
     def row(self, case: str, figure: str, y_name: str, y: float | None, **others: Any) -> Row:
         """A row of one line of the tables; `others` as those of `make_row`."""
@@ -783,9 +768,8 @@ class _Contest:
     def errors_between(self, step: float, **options: Any) -> tuple[float, float]:
         """The same over the whole motion, the tip moving straight from step to step."""
         times, tip = self._tips(step, **options)
-        dense = np.linspace(0.0, DURATION, _DENSE)
-        straight = np.stack([np.interp(dense, times, x) for x in tip.T], axis=1)
-        return distances(straight, self._reference(dense))
+        straight = np.stack([np.interp(self._dense, times, x) for x in tip.T], axis=1)
+        return distances(straight, self._reference(self._dense))
 
     def _tips(self, step: float | None, **options: Any) -> tuple[np.ndarray, np.ndarray]:
         """Times (k,) [s] and tips (k, 3) [m]; nowhere, so to speak, if the simulation fails."""
@@ -800,10 +784,8 @@ class _Contest:
     def loosest_tolerance(self, method: str, accuracy: float) -> float | None:
         """First of the tolerances whose mean error is below an accuracy [m]."""
         options = {"method": method, "max_steps": _MOST_STEPS}
-        for tolerance in _TOLERANCES:
-            if self.errors(tolerance=tolerance, **options)[0] <= accuracy:
-                return tolerance
-        return None
+        good = (t for t in _TOLERANCES if self.errors(tolerance=t, **options)[0] <= accuracy)
+        return next(good, None)
 
     def fewest_steps(self, method: str, accuracy: float) -> int:
         """Number of steps of a fixed-step method with a mean error [m] below an accuracy."""
@@ -830,17 +812,13 @@ def table_rows(model: str, quick: bool = False) -> list[Row]:
             the stiff models.
     """
     contest = _Contest(model)
-    rows = []
-    explicit = model == "pcc" or not quick
-    for index, method in enumerate(("sdirk4", "dormand_prince")[: 1 + explicit]):
-        rows += _adaptive_rows(contest, method, index)
+    methods = ("sdirk4", "dormand_prince")[: 1 + (model == "pcc" or not quick)]
+    rows = [row for k, method in enumerate(methods) for row in _adaptive_rows(contest, method, k)]
     for index, accuracy in enumerate(values.EULER_ACCURACIES[: 2 if quick else 3]):
         steps = contest.fewest_steps("implicit_euler", accuracy)
         case = f"implicit_euler, {1e3 * accuracy:g} mm"
         rows += _euler_rows(contest, case, steps, index)
-    if model == "pcc":
-        rows += _printed_step_rows(contest)
-    return rows
+    return rows + _printed_step_rows(contest) if model == "pcc" else rows
 
 
 def _adaptive_rows(contest: _Contest, method: str, column: int) -> list[Row]:
@@ -880,19 +858,18 @@ def _euler_rows(contest: _Contest, case: str, steps: int, column: int) -> list[R
 
 def _printed_step_rows(contest: _Contest) -> list[Row]:
     """Errors of implicit Euler at the printed steps, which show that Tab. 2.2 is in metres."""
-    rows = []
-    for step, audit, accuracy in zip(
-        values.STEPS["pcc"][2], values.EULER_ERRORS, values.EULER_ACCURACIES, strict=True
-    ):
-        put = partial(contest.row, f"implicit_euler, {step:g} s")
+    printed, rows = values.STEPS["pcc"][2], []
+    known = zip(printed, values.EULER_ERRORS, values.EULER_ACCURACIES, strict=True)
+    for step, audit, accuracy in known:
+        put = partial(contest.row, f"implicit_euler, {step:g} s", "tab2.2")
         options = {"method": "implicit_euler", "step": step}
         mean, worst = contest.errors(**options)
         between, _ = contest.errors_between(**options)
-        note = f"{_OWN} at the steps" + (f"; {_UNEVEN}" * (step == max(values.STEPS["pcc"][2])))
+        note = f"{_OWN} at the steps" + (f"; {_UNEVEN}" * (step == max(printed)))
         rows += [
-            put("tab2.2", "mean_error_m", mean, audit=audit[0], note=note),
-            put("tab2.2", "largest_error_m", worst, audit=audit[1], note=note),
-            put("tab2.2", "mean_error_between_m", between, thesis=accuracy, note=_BETWEEN),
+            put("mean_error_m", mean, audit=audit[0], note=note),
+            put("largest_error_m", worst, audit=audit[1], note=note),
+            put("mean_error_between_m", between, thesis=accuracy, note=_BETWEEN),
         ]
     return rows
 
@@ -983,30 +960,27 @@ def _is_printed_step(row: Row) -> bool:
     return row.figure == "tab2.2" and row.case.endswith(" s")
 
 
-def _printed(rows: list[Row]) -> Table:
+def _is_printed(row: Row) -> bool:
+    return _is_printed_step(row) or (row.thesis is not None and row.figure not in _SOLVERS)
+
+
+def _printed(rows: list[Row]) -> list[Table]:
     """All numbers that the thesis prints, except the tables of solvers."""
-
-    def stated(row: Row) -> bool:
-        return row.thesis is not None and row.figure not in _SOLVERS
-
-    return make_table(
+    make = table(
         "Numbers of chapter 2: as printed, as the audit expects them, and ours",
-        (
-            Column("figure"),
-            Column("case"),
-            Column("model", lambda row: _model_name(row.model, row.n)),
-            Column("what", lambda row: " ".join(_QUANTITIES[row.y_name][:2]).strip()),
-            Column("thesis", _bound, ">"),
-            Column("audit", lambda row: _shown(row, row.audit), ">"),
-            Column("ours", lambda row: _shown(row, row.y), ">"),
-        ),
-        [row for row in sorted(rows, key=_place) if stated(row) or _is_printed_step(row)],
+        *("figure", "case", Column("model", _model_name)),
+        Column("what", lambda row: " ".join(_QUANTITIES[row.y_name][:2]).strip()),
+        Column("thesis", _bound, ">"),
+        Column("audit", lambda row: _shown(row, row.audit), ">"),
+        Column("ours", lambda row: _shown(row, row.y), ">"),
+        where=_is_printed,
     )
+    return make(sorted(rows, key=_place))
 
 
-def _model_name(model: str, n: int | None) -> str:
-    name = _NAMES.get(model, model.replace("_", " "))
-    return name if n is None else f"{name} {n}"
+def _model_name(row: Row) -> str:
+    name = _NAMES.get(row.model, row.model.replace("_", " "))
+    return name if row.n is None else f"{name} {row.n}"
 
 
 def _shown(row: Row, value: float | None) -> str:
@@ -1019,49 +993,54 @@ def _bound(row: Row) -> str:
     return "< " * below + _shown(row, row.thesis)
 
 
-def _deviations(rows: list[Row]) -> Table:
+def _off(row: Row) -> float:
+    return abs(row.y / row.audit - 1)
+
+
+def _worst(rows: list[Row]) -> Row:
+    """The row farthest from the audit."""
+    return max(rows, key=_off)
+
+
+def _deviations(rows: list[Row]) -> Iterable[Table]:
     """Largest relative deviations from the audit where the thesis prints nothing."""
-    out = new_table(
+    make = pivot(
         "Further numbers of the audit, and how far we are off at most",
-        ("figure", "what"),
-        ("numbers", "largest deviation %"),
+        ("figure", "y_name"),
+        {
+            "numbers": len,
+            "largest deviation %": lambda mine: number(_off(_worst(mine)), ".2f", "%"),
+            "where": lambda mine: f"{_model_name(_worst(mine))}, {_worst(mine).case}",
+        },
+        where=lambda row: row.audit and row.thesis is None and not _is_printed_step(row),
+        headings=("figure", "what"),
+        show=lambda name: _QUANTITIES[name][0] if name in _QUANTITIES else name,
     )
-    out.add_column("where")
-    compared = (
-        row
-        for row in sorted(rows, key=_place)
-        if row.audit and row.y is not None and row.thesis is None and not _is_printed_step(row)
-    )
-    for (figure, name), mine in groups(compared, "figure", "y_name").items():
-        worst, where = max(
-            (abs(row.y / row.audit - 1), f"{_model_name(row.model, row.n)}, {row.case}")
-            for row in mine
-        )
-        out.add_row(figure, _QUANTITIES[name][0], len(mine), number(worst, ".2f", "%"), where)
-    return out
+    return make(row for row in sorted(rows, key=_place) if row.y is not None)
 
 
-def _solvers(rows: list[Row]) -> Table:
+def _solvers(rows: list[Row]) -> Iterable[Table]:
     """Tab. 2.2 and 2.3, ours with the thesis' numbers in brackets."""
-    out = new_table(
+    steps = "step_s", "smallest_step_s", "largest_step_s"
+    make = pivot(
         "Tab. 2.2 and 2.3, spiral of 3 s: ours (thesis)",
-        ("model", "solver, accuracy"),
-        ("time ms", "error mm", "steps ms"),
+        ("model", "n", "case"),
+        {
+            "time ms": partial(_both, ("computation_time_s",)),
+            "error mm": partial(_both, ("mean_error_m",)),
+            "steps ms": partial(_both, steps),
+        },
+        where=lambda row: row.figure in _SOLVERS and not _is_printed_step(row),
+        headings=("model", "n", "solver, accuracy"),
+        show=lambda name: _NAMES.get(name, name),
     )
-    rows = [row for row in rows if row.figure in _SOLVERS and not _is_printed_step(row)]
-    rows.sort(key=lambda row: MODELS.index(row.model))
-    for (model, case, n), mine in groups(rows, "model", "case", "n").items():
-        line = {row.y_name: row for row in mine}
-        adapted = ("smallest_step_s", "largest_step_s")
-        steps = ("step_s",) if "step_s" in line else adapted
-        names = ("computation_time_s",), ("mean_error_m",), steps
-        cells = (_both([line[k] for k in own if k in line]) for own in names)
-        out.add_row(_model_name(model, n), case, *cells)
-    return out
+    known = (row for row in rows if row.model in MODELS)
+    return make(sorted(known, key=lambda row: MODELS.index(row.model)))
 
 
-def _both(rows: list[Row]) -> str:
+def _both(names: tuple[str, ...], rows: list[Row]) -> str:
     """Our numbers, and the thesis' in brackets, times 1000; a range for two rows."""
+    rows = [row for row in rows if row.y_name in names]
     if not rows:
         return ""
     ours, thesis = (" - ".join(_short(getattr(r, key)) for r in rows) for key in ("y", "thesis"))
