@@ -4,7 +4,6 @@ Moving scenes run on a grid of stiffness, friction and timestep and are judged b
 at rest are compared with exact solutions.
 """
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,18 +12,18 @@ from math import pi
 from time import perf_counter
 
 import numpy as np
-from rich.table import Table
 
 from softrobot_env.core.motion import State
 from softrobot_env.evaluation.models.runs import (
     WRONG_SHARE,
     Verdict,
     best_of,
+    distance,
+    unwarned,
     verdict_of,
     with_warning,
 )
 from softrobot_env.rendering import figures
-from softrobot_env.rendering.tables import pivot_table
 from softrobot_env.robots import ARM, Base, RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.robots.registry import GRIPPERS, find_robot
@@ -36,7 +35,6 @@ from softrobot_env.scene.contacts import material_stiffness, tune
 from softrobot_env.scene.objects import Box, Capsule, Contacts, Cylinder, Ground, Object, Sphere
 from softrobot_env.scene.registry import scene_of
 from softrobot_env.scene.simulation import Simulation
-from softrobot_env.scene.timestep import TimestepWarning
 from studies.lab import Record, Study, groups, of_kind, pivot, quantity, select, table
 from studies.truths.resting_rods import CHECKS, STIFFNESS
 
@@ -115,27 +113,9 @@ class Check(Record):
 _DOWN = (0.0, 0.0, -9.81)
 _ACROSS = (pi / 2, 0.0, 0.0)  # an axis along y
 
-_ROD = RobotParams(
-    "rod",
-    length=0.3,
-    outer_radius=0.01,
-    inner_radius=0.0,
-    youngs_modulus=5e5,
-    density=1000.0,
-    damping_time=0.02,
-    pieces=12,
-    gravity=_DOWN,
-    base=Base((0.0, 0.0, 0.06), (1.0, 0.0, 0.0)),
-)
-_CURL = replace(
-    _ROD,
-    length=0.4,
-    outer_radius=0.005,
-    damping_time=0.05,
-    pieces=24,
-    gravity=(0.0, 0.0, 0.0),
-    base=None,
-)
+_LYING = {"gravity": _DOWN, "base": Base((0.0, 0.0, 0.06), (1.0, 0.0, 0.0))}
+_ROD = RobotParams("rod", 0.3, 0.01, 0.0, 5e5, 1000.0, 0.02, 12, **_LYING)
+_CURL = RobotParams("rod", 0.4, 0.005, 0.0, 5e5, 1000.0, 0.05, 24)
 
 
 @dataclass(frozen=True)
@@ -172,12 +152,8 @@ class Case:
         Raises:
             ValueError: The contacts are too stiff for the timestep.
         """
-        contacts = Contacts(
-            stiffness=stiffness,
-            friction=friction,
-            self_contact=self.self_contact,
-            between_robots=False,
-        )
+        skin = {"stiffness": stiffness, "friction": friction, "self_contact": self.self_contact}
+        contacts = Contacts(between_robots=False, **skin)
         touching = replace(self.config, contacts=contacts, objects=self.objects)
         if isinstance(touching, SceneConfig):
             return build_scene(replace(touching, timestep=timestep))
@@ -233,14 +209,8 @@ def _gripping() -> Case:
     x, _, z = left.base.position
     left = replace(left, base=replace(left.base, position=(x, 0.0, z)))
     pair = replace(gripper, fingers=(left, middle))
-    bar = Capsule(
-        name="bar",
-        radius=0.03,
-        length=0.06,
-        turn=_ACROSS,
-        mass=0.08,
-        position=(0.0, 0.0, gripper.seat(0.03) + 1e-4),
-    )
+    place = {"turn": _ACROSS, "position": (0.0, 0.0, gripper.seat(0.03) + 1e-4)}
+    bar = Capsule(name="bar", radius=0.03, length=0.06, mass=0.08, **place)
     scene = gripper_scene(pair, (bar,), control_period=0.01)
     return Case(scene, (20.0, 20.0), 0.3, 0.5, objects=scene.objects)
 
@@ -268,18 +238,12 @@ _CLEAR = 0.25
 
 @dataclass(frozen=True)
 class Run:
-    """A run of a scene.
+    """A run of a scene: fields of its `Cell`, and what is judged.
 
     Attributes:
-        timestep: [s].
         places: (periods, k, 3) [m] of the tip and the free objects; None if it failed.
-        why: Why it failed, or was refused.
-        warning: What a `TimestepWarning` said.
-        wall_time: [s].
-        most_touches: Most contacts at the end of a control period.
     """
 
-    timestep: float
     places: np.ndarray | None = None
     why: str | None = None
     warning: str | None = None
@@ -292,34 +256,20 @@ def judged(name: str, ratio: float, friction: float, steps: Sequence[int]) -> li
     case = CASES[name]()
     stiffness = ratio * _softest(case.robot)
     build = partial(case.build, stiffness, friction)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", TimestepWarning)
+    with unwarned():
         rule = build().timestep.timestep
         coarse, truth = (_refined(case, build(rule / parts)) for parts in _REFINED)
-    cells = []
+    about = {"scene": name, "stiffness_ratio": ratio, "stiffness": stiffness, "friction": friction}
+    about |= {"uncertainty": _distance(coarse, truth), "duration": case.duration}
+    cells, length = [], case.robot.length
     for multiple in steps:
         own = _own_run(case, build, None if multiple == 1 else multiple * rule)
-        known = _distance(coarse, truth)
-        error = None if own.places is None else _distance(own.places, truth)
-        cells.append(
-            Cell(
-                scene=name,
-                stiffness_ratio=ratio,
-                stiffness=stiffness,
-                friction=friction,
-                steps_ratio=multiple,
-                timestep=multiple * rule,
-                verdict=_verdict(own, error, known, case.robot.length),
-                why=own.why,
-                warning=own.warning,
-                error=error,
-                error_share=None if error is None else error / case.robot.length,
-                uncertainty=known,
-                wall_time=own.wall_time,
-                duration=case.duration,
-                most_touches=own.most_touches,
-            )
-        )
+        error = _distance(own.places, truth)
+        found = {name: value for name, value in vars(own).items() if name != "places"}
+        found |= {"steps_ratio": multiple, "timestep": multiple * rule, "error": error}
+        found["error_share"] = None if error is None else error / length
+        found["verdict"] = _verdict(own, error, about["uncertainty"], length)
+        cells.append(Cell(**about, **found))
     return cells
 
 
@@ -333,10 +283,9 @@ def _own_run(case: Case, build: Callable[..., Touching], timestep: float | None)
 
     def build_and_run() -> Run:
         try:
-            scene = build(timestep)
+            return _run(case, build(timestep))
         except ValueError as error:
-            return Run(timestep or 0.0, why=str(error))
-        return _run(case, scene)
+            return Run(why=str(error))
 
     ran, warning = with_warning(build_and_run)
     return replace(ran, warning=warning)
@@ -349,7 +298,7 @@ def _refined(case: Case, scene: Touching) -> np.ndarray | None:
 
 def _run(case: Case, scene: Touching) -> Run:
     """Places of a run, whose contacts are counted when the time is no longer taken."""
-    simulation, choice = Simulation(scene), scene.timestep
+    simulation = Simulation(scene)
     simulation.reset(scene.model.qpos0, case.inputs(0.0))
     model, data = scene.model, simulation.data
     names = [thing.name for thing in case.objects if thing.is_free]
@@ -361,18 +310,16 @@ def _run(case: Case, scene: Touching) -> Run:
     for number in range(round(case.duration / scene.config.control_period)):
         simulation.ctrl[:] = case.inputs(number * scene.config.control_period)
         if not simulation.advance():
-            return Run(choice.timestep, why=simulation.failure())
+            return Run(why=simulation.failure())
         places.append(np.array(seen))
         touches = max(touches, int(simulation.data.ncon))
     took = perf_counter() - begin
-    return Run(choice.timestep, np.array(places), wall_time=took, most_touches=touches)
+    return Run(np.array(places), wall_time=took, most_touches=touches)
 
 
 def _distance(one: np.ndarray | None, other: np.ndarray | None) -> float | None:
     """Largest distance [m] between two runs at any instant; None if one of them failed."""
-    if one is None or other is None:
-        return None
-    return float(np.linalg.norm(one - other, axis=-1).max())
+    return None if one is None or other is None else distance(one, other)
 
 
 def _verdict(own: Run, error: float | None, known: float | None, length: float) -> Verdict:
@@ -392,20 +339,15 @@ def check(name: str, pieces: int, repeats: int = 3) -> list[Check]:
     force = np.sum([touch.force for touch in touches], axis=0)
     pressed = sum(np.linalg.norm(touch.force) for touch in touches)
     exact, exact_pressed = truth.contact(touches), truth.pressed(touches)
-    off = None if truth.tip is None else np.linalg.norm(scene.tip(q) - truth.tip)
-    return [
-        Check(
-            case=name,
-            pieces=pieces,
-            stiffness=STIFFNESS,
-            timestep=scene.timestep.timestep,
-            force=float(np.linalg.norm(force)),
-            force_error=float(np.linalg.norm(force - exact) / np.linalg.norm(exact)),
-            pressed_error=float(pressed / exact_pressed - 1),
-            tip_error=None if off is None else float(off / scene.config.robot.length),
-            wall_time=wall_time,
-        )
-    ]
+    size, length = np.linalg.norm, scene.config.robot.length
+    found = {
+        "force": float(size(force)),
+        "force_error": float(size(force - exact) / size(exact)),
+        "pressed_error": float(pressed / exact_pressed - 1),
+        "tip_error": None if truth.tip is None else float(size(scene.tip(q) - truth.tip) / length),
+    }
+    about = {"case": name, "pieces": pieces, "stiffness": STIFFNESS, "wall_time": wall_time}
+    return [Check(timestep=scene.timestep.timestep, **about, **found)]
 
 
 # -------------------- picture
@@ -418,15 +360,12 @@ def picture(rows: Sequence[Record]) -> figures.Figure:
     """What timesteps cost and how far they are off."""
     figure, axes = figures.new_figure(1, 2, (10, 5.6))
     cells, checks = of_kind(rows, Cell), of_kind(rows, Check)
-    scenes = _grid(axes[0, 0], cells)
+    entries = _grid(axes[0, 0], cells)
     _rods(axes[0, 1], checks)
-    steps = [
-        figures.entry(
-            f"{n} x the rule's timestep", color=figures.BLACK, marker=_MARKERS[n], linestyle=""
-        )
-        for (n,) in groups(cells, "steps_ratio")
-    ]
-    figures.add_legend(figure, [*scenes, *steps])
+    for (n,) in groups(cells, "steps_ratio"):
+        look = {"color": figures.BLACK, "marker": _MARKERS[n], "linestyle": ""}
+        entries.append(figures.entry(f"{n} x the rule's timestep", **look))
+    figures.add_legend(figure, entries)
     judged = [c for c in select(cells, steps_ratio=1) if c.error_share is not None]
     good = sum(c.error_share <= ACCURATE_SHARE for c in judged)
     figures.add_title(
@@ -445,25 +384,19 @@ def _grid(axis: figures.Axes, cells: Sequence[Cell]) -> list:
     for ((scene,), mine), colour in zip(groups(cells, "scene").items(), _COLOURS, strict=False):
         for multiple, marker in _MARKERS.items():
             known = [c for c in select(mine, steps_ratio=multiple) if c.error_share is not None]
-            cost = [c.wall_time / c.duration for c in known]
-            share = [c.error_share for c in known]
-            axis.scatter(cost, share, s=20, c=colour, marker=marker, alpha=0.7)
+            places = [c.wall_time / c.duration for c in known], [c.error_share for c in known]
+            axis.scatter(*places, s=20, c=colour, marker=marker, alpha=0.7)
         entries.append(figures.entry(scene, color=colour, marker="o", linestyle=""))
+    place = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
     for share, colour, text in (
         (ACCURATE_SHARE, figures.BLACK, "accurate below"),
         (WRONG_SHARE, figures.VERMILLION, "wrong above"),
     ):
         axis.axhline(share, color=colour, linewidth=0.9, linestyle="--")
-        place = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
         style = {"fontsize": 8, "color": colour, "va": "center"}
         axis.annotate(text, (1.0, share), (4, 0), **place, **style)
-    axis.set(
-        xscale="log",
-        yscale="log",
-        xlabel="run time / simulated time",
-        ylabel="error / length",
-        title="Moving scenes",
-    )
+    axis.set(xscale="log", yscale="log", title="Moving scenes")
+    axis.set(xlabel="run time / simulated time", ylabel="error / length")
     return entries
 
 
@@ -471,20 +404,16 @@ def _rods(axis: figures.Axes, checks: Sequence[Check]) -> None:
     """Errors of forces and tips over the time to come to rest, a line each."""
     ends = []
     for ((case,), mine), colour in zip(groups(checks, "case").items(), _COLOURS, strict=False):
-        for field, style in (("force_error", "-"), ("tip_error", ":")):
-            known = [c for c in mine if getattr(c, field) is not None]
-            if known:
-                times = [1e3 * c.wall_time for c in known]
-                errors = [getattr(c, field) for c in known]
-                axis.plot(times, errors, color=colour, linestyle=style, marker="o", markersize=4)
-                what = "force" if field == "force_error" else "tip"
-                ends.append((f"{case},\n{what}", errors[-1], colour))
+        for what, style in (("force", "-"), ("tip", ":")):
+            points = [(1e3 * c.wall_time, getattr(c, f"{what}_error")) for c in mine]
+            points = [point for point in points if point[1] is not None]
+            if points:
+                line = {"color": colour, "linestyle": style, "marker": "o", "markersize": 4}
+                axis.plot(*zip(*points, strict=True), **line)
+                ends.append((f"{case},\n{what}", points[-1][1], colour))
+    axis.set(xscale="log", yscale="log", title="Rods at rest")
     axis.set(
-        xscale="log",
-        yscale="log",
-        xlabel="time to come to rest [ms]",
-        ylabel="relative error of force; of tip over length",
-        title="Rods at rest",
+        xlabel="time to come to rest [ms]", ylabel="relative error of force; of tip over length"
     )
     figures.label_lines(axis, ends)
 
@@ -521,19 +450,6 @@ def _times(multiple: int) -> str:
     return "the rule's" if multiple == 1 else f"{multiple} times"
 
 
-def _verdicts(rows: Sequence[Record]) -> Table:
-    cells = of_kind(rows, Cell)
-    lines = {_times(n): n for (n,) in groups(cells, "steps_ratio")}
-    return pivot_table(
-        f"Verdicts of {len(cells)} cells by timestep: accurate within {100 * ACCURATE_SHARE:g} %, "
-        f"wrong beyond {100 * WRONG_SHARE:g} % of the length",
-        "timestep",
-        lines,
-        Verdict,
-        lambda n, verdict: len(select(cells, steps_ratio=n, verdict=verdict)),
-    )
-
-
 def _errors(cells: list[Cell]) -> str | None:
     """Largest error in % and mean run time over simulated time."""
     known = [c for c in cells if c.error_share is not None]
@@ -550,7 +466,15 @@ STUDY = Study(
     measure=measure,
     label=lambda case: ", ".join(map(str, case[:3])),
     tables=[
-        _verdicts,
+        pivot(
+            f"Verdicts of cells by timestep: accurate within {100 * ACCURATE_SHARE:g} %, wrong "
+            f"beyond {100 * WRONG_SHARE:g} % of the length",
+            ("steps_ratio",),
+            {v: lambda cells, v=v: len(select(cells, verdict=v)) for v in Verdict},
+            of=Cell,
+            headings=("timestep",),
+            show=_times,
+        ),
         pivot(
             "Largest error over the length, and mean run time over simulated time",
             ("scene",),

@@ -7,7 +7,7 @@ from softrobot_env.evaluation.models.runs import Verdict
 from studies import contacts
 from studies.contacts import CASES, Run, judged
 
-HERE = Run(1e-3, np.zeros((3, 1, 3)))
+HERE = Run(np.zeros((3, 1, 3)))
 
 
 @pytest.mark.parametrize(
@@ -17,8 +17,8 @@ HERE = Run(1e-3, np.zeros((3, 1, 3)))
         (HERE, 0.03, 1e-5, Verdict.INACCURATE),
         (HERE, 0.3, 1e-5, Verdict.WRONG),
         (HERE, float("nan"), 1e-5, Verdict.WRONG),
-        (Run(1e-3, HERE.places, warning="long"), 0.3, 1e-5, Verdict.WARNED),
-        (Run(1e-3, why="diverged"), None, 1e-5, Verdict.REPORTED),
+        (Run(HERE.places, warning="long"), 0.3, 1e-5, Verdict.WARNED),
+        (Run(why="diverged"), None, 1e-5, Verdict.REPORTED),
         (HERE, 0.005, 0.004, Verdict.UNJUDGED),
         (HERE, None, None, Verdict.UNJUDGED),
     ],
@@ -33,7 +33,7 @@ def test_a_rule_that_is_not_kept_is_found_out(monkeypatch):
     monkeypatch.setattr(contacts, "_REFINED", (2, 4))
     (cell,) = judged("arm sweeps into post", 1.0, 0.0, (64,))
     assert cell.verdict == Verdict.WARNED and cell.error_share > 0.05
-    silent = Run(cell.timestep, HERE.places)
+    silent = Run(HERE.places)
     assert contacts._verdict(silent, cell.error, cell.uncertainty, 0.5) == Verdict.WRONG
 
 

@@ -11,24 +11,11 @@ from softrobot_env.robots.loads import Load
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.contacts import Touch
 from softrobot_env.scene.objects import Contacts, Cylinder
-from studies.truths.touching_rod import (
-    propped_reaction,
-    rod_on_post,
-    rod_round_cylinder,
-)
+from studies.truths.touching_rod import propped_reaction, rod_on_post, rod_round_cylinder
 
 _ACROSS = (pi / 2, 0.0, 0.0)
 
-ROD = RobotParams(
-    "rod",
-    length=0.4,
-    outer_radius=0.005,
-    inner_radius=0.0,
-    youngs_modulus=5e6,
-    density=1000.0,
-    damping_time=0.01,
-    pieces=12,
-)
+ROD = RobotParams("rod", 0.4, 0.005, 0.0, 5e6, 1000.0, 0.01, 12)
 _LYING = replace(ROD, gravity=(0.0, 0.0, -0.1), base=Base((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
 
 #: [N/m2], of the skin.
@@ -52,20 +39,18 @@ class Exact:
     tip: np.ndarray | None
 
 
-def _skin() -> Contacts:
-    return Contacts(friction=0.0, stiffness=STIFFNESS)
+_SKIN = Contacts(friction=0.0, stiffness=STIFFNESS)
+
+
+def _across(name: str, radius: float, x: float, z: float) -> Cylinder:
+    """A cylinder whose axis is along y."""
+    return Cylinder(name=name, radius=radius, length=0.1, turn=_ACROSS, position=(x, 0.0, z))
 
 
 def _propped() -> Exact:
     """A cantilever under its weight with a prop near its end."""
     station, radius = 0.36, 0.02
-    prop = Cylinder(
-        name="prop",
-        radius=radius,
-        length=0.1,
-        turn=_ACROSS,
-        position=(station, 0.0, -radius - _LYING.outer_radius),
-    )
+    prop = _across("prop", radius, station, -radius - _LYING.outer_radius)
     load = _LYING.mass_per_length * -_LYING.gravity[2]
     beam = _LYING.length, _LYING.bending_stiffness, load, station
 
@@ -74,22 +59,16 @@ def _propped() -> Exact:
         depth = sum(touch.depth for touch in touches) / len(touches)
         return propped_reaction(*beam, depth / size)
 
-    config = SceneConfig(_LYING, contacts=_skin(), objects=(prop,))
+    config = SceneConfig(_LYING, contacts=_SKIN, objects=(prop,))
     return Exact(config, lambda t: np.array([0.0, 0.0, reaction(t)]), reaction, None)
 
 
 def _loaded(force: float, post: tuple[float, float], radius: float, exact: Callable) -> Exact:
     """A rod pressed on a round post by a dead force [N] at its tip."""
     truth = exact(ROD.length, ROD.bending_stiffness, (force, 0.0), post, radius)
-    thing = Cylinder(
-        name="post",
-        radius=radius - ROD.outer_radius,
-        length=0.1,
-        turn=_ACROSS,
-        position=(post[0], 0.0, post[1]),
-    )
+    thing = _across("post", radius - ROD.outer_radius, *post)
     load = Load("push", ROD.length, force=(force, 0.0, 0.0))
-    config = SceneConfig(ROD, contacts=_skin(), objects=(thing,), loads=(load,))
+    config = SceneConfig(ROD, contacts=_SKIN, objects=(thing,), loads=(load,))
     contact, tip = (np.array([x, 0.0, z]) for x, z in (truth.contact, truth.tip))
     return Exact(config, lambda _: contact, lambda _: truth.pressed, tip)
 
