@@ -200,30 +200,6 @@ def refine(
     """
     scene.model.tendon_solref_fri[:, 0] = _FRICTION
     method, substeps = _first(scene)
-    return _ladder(scene, drawn, enough, method, substeps)
-
-
-def _first(scene: Scene) -> tuple[str, int]:
-    """Method, and its steps per control period in the coarsest of the refined runs."""
-    chain, period = linearize(scene.model), scene.config.control_period
-    fastest = float(eigh(chain.stiffness, chain.mass, eigvals_only=True)[-1]) ** 0.5
-    creep = float(eigh(chain.damping, chain.mass, eigvals_only=True)[-1])
-    implicit = max(2 / fastest, 2 * creep / fastest**2)
-    steps = {"RK4": 2 / max(fastest, creep), "implicitfast": implicit}
-    method = "RK4" if _SHORTER * steps["RK4"] >= steps["implicitfast"] else "implicitfast"
-    step = min(_OF_LIMIT * steps[method], _OF_PERIOD / swing(scene.config.robot))
-    if scene.config.robot.has_friction:
-        method, step = "discrete", min(step, _RUBBING / swing(scene.config.robot))
-    return method, max(_LEAST, ceil(period / step))
-
-
-def _ladder(
-    scene: Scene,
-    drawn: RandomScene,
-    enough: Callable[[np.ndarray, float], bool],
-    method: str,
-    substeps: int,
-) -> Refined:
     name = method if method == "RK4" else f"{method} extrapolated"
     cost = step_cost(scene.model.nv, method)
     found, runs, spent = None, [], 0.0
@@ -238,6 +214,20 @@ def _ladder(
         substeps *= 2
     tips, uncertainty = found or (None, None)
     return Refined(tips, uncertainty, substeps, name)
+
+
+def _first(scene: Scene) -> tuple[str, int]:
+    """Method, and its steps per control period in the coarsest of the refined runs."""
+    chain, period = linearize(scene.model), scene.config.control_period
+    fastest = float(eigh(chain.stiffness, chain.mass, eigvals_only=True)[-1]) ** 0.5
+    creep = float(eigh(chain.damping, chain.mass, eigvals_only=True)[-1])
+    implicit = max(2 / fastest, 2 * creep / fastest**2)
+    steps = {"RK4": 2 / max(fastest, creep), "implicitfast": implicit}
+    method = "RK4" if _SHORTER * steps["RK4"] >= steps["implicitfast"] else "implicitfast"
+    step = min(_OF_LIMIT * steps[method], _OF_PERIOD / swing(scene.config.robot))
+    if scene.config.robot.has_friction:
+        method, step = "discrete", min(step, _RUBBING / swing(scene.config.robot))
+    return method, max(_LEAST, ceil(period / step))
 
 
 def _estimate(method: str, runs: list[np.ndarray]) -> tuple[np.ndarray, float] | None:
@@ -289,7 +279,6 @@ class OwnRun:
 
     Attributes:
         scene: The compiled scene; None if it was refused.
-        warning: What a `TimestepWarning` said, or None.
         tips: (1 + periods, 3) [m]; None if the run failed or was not made.
         failure: Why it failed, or None.
         wall_time: [s] of the steps.
@@ -297,7 +286,6 @@ class OwnRun:
     """
 
     scene: Scene | None
-    warning: str | None = None
     tips: np.ndarray | None = None
     failure: str | None = None
     wall_time: float | None = None
@@ -314,27 +302,24 @@ def judge(drawn: RandomScene, **forced: Any) -> Row:
     drawn = replace(drawn, config=replace(drawn.config, **forced))
     with silent_warnings():
         own, warning = with_warning(lambda: _own_run(drawn))
-        own = replace(own, warning=warning)
         truth = _truth(drawn, own)
     error = None if own.tips is None or truth.tips is None else distance(own.tips, truth.tips)
     asked, length = drawn.config.wanted_accuracy, drawn.config.robot.length
     verdict = verdict_of(error, asked, length, failure=own.failure, warning=warning)
     why = own.failure or (_why_unjudged(truth, length) if error is None else None)
-    estimate, uncertainty = (_bounded(x) for x in (own.estimate, truth.uncertainty))
+    lengths = {"error": error, "asked": asked, "estimate": _bounded(own.estimate)}
+    shares = {f"{name}_share": x if x is None else x / length for name, x in lengths.items()}
+    judged = {"verdict": verdict, "why": why, "warning": warning, "wall_time": own.wall_time}
+    failed = own.failure is not None and own.scene is not None
     return Row(
         **_description(drawn),
         **_choice(own),
-        verdict=verdict,
-        why=why,
-        refined_fine=None if own.failure is None or own.scene is None else truth.tips is not None,
+        **shares,
         error=error,
-        error_share=None if error is None else error / length,
-        asked_share=asked / length,
-        estimate_share=None if estimate is None else estimate / length,
-        warning=own.warning,
-        wall_time=own.wall_time,
+        **judged,
+        refined_fine=truth.tips is not None if failed else None,
         reference=f"{truth.method}, {truth.substeps} steps a period" if truth.substeps else None,
-        uncertainty=uncertainty,
+        uncertainty=_bounded(truth.uncertainty),
     )
 
 
@@ -348,26 +333,18 @@ def _own_run(drawn: RandomScene) -> OwnRun:
     if cost > _DEAREST:
         return OwnRun(scene)
     simulation = Simulation(scene)
-    begin = perf_counter()
-    tips, failure = _advance(simulation, start_posture(scene, drawn), drawn.controls)
-    wall_time = perf_counter() - begin
-    estimate = simulation.integration_error
-    return OwnRun(scene, None, tips, failure, wall_time, estimate)
-
-
-def _advance(
-    simulation: Simulation, posture: np.ndarray, controls: np.ndarray
-) -> tuple[np.ndarray | None, str | None]:
-    """Tips, or why there are none."""
-    simulation.reset(posture, controls[0])
+    simulation.reset(start_posture(scene, drawn), drawn.controls[0])
     tip = simulation.data.site("tip").xpos
-    tips = [tip.copy()]
-    for row in controls:
+    tips, failure, begin = [tip.copy()], None, perf_counter()
+    for row in drawn.controls:
         simulation.ctrl[:] = row
         if not simulation.advance():
-            return None, simulation.failure()
+            failure = simulation.failure()
+            break
         tips.append(tip.copy())
-    return np.array(tips), None
+    wall_time = perf_counter() - begin
+    found = None if failure else np.array(tips)
+    return OwnRun(scene, found, failure, wall_time, simulation.integration_error)
 
 
 def _truth(drawn: RandomScene, own: OwnRun) -> Refined:
@@ -390,10 +367,14 @@ def _bounded(value: float | None) -> float | None:
 
 def _description(drawn: RandomScene) -> dict[str, Any]:
     config, robot = drawn.config, drawn.config.robot
-    of_config = "bending", "torsion", "actuation", "control_period"
     found = {name: getattr(drawn, name) for name in ("seed", "index", "excitation", "duration")}
-    found |= {name: getattr(config, name) for name in of_config}
-    found |= {name: getattr(robot, name) for name in ("length", "youngs_modulus", "density")}
+    for name in ("bending", "torsion", "actuation", "control_period"):
+        found[name] = getattr(config, name)
+    for name in ("length", "youngs_modulus", "density"):
+        found[name] = getattr(robot, name)
+    for name in ("friction", "pretension"):
+        shares = (getattr(tendon, name) / tendon.tension_limit for tendon in robot.tendons)
+        found[name] = max(shares, default=0.0)
     return found | {
         "pieces": config.n_pieces,
         "slenderness": robot.length / robot.outer_radius,
@@ -402,18 +383,16 @@ def _description(drawn: RandomScene) -> dict[str, Any]:
         "weight_load": weight_load(robot),
         "tendons": len(robot.tendons),
         "guided": any(tendon.guides for tendon in robot.tendons),
-        "friction": max((t.friction / t.tension_limit for t in robot.tendons), default=0.0),
-        "pretension": max((t.pretension / t.tension_limit for t in robot.tendons), default=0.0),
         "head": 0.0 if robot.head is None else robot.head.mass / robot.mass,
         "loaded": bool(config.loads),
     }
 
 
 def _choice(own: OwnRun) -> dict[str, Any]:
+    names = "integrator", "timestep", "substeps"
     if own.scene is None:
-        return dict.fromkeys(("joints", "integrator", "timestep", "substeps"))
-    choice = own.scene.timestep
-    found = {name: getattr(choice, name) for name in ("integrator", "timestep", "substeps")}
+        return dict.fromkeys(("joints", *names))
+    found = {name: getattr(own.scene.timestep, name) for name in names}
     return found | {"joints": own.scene.model.nv}
 
 
@@ -459,9 +438,8 @@ def _summary(rows: Sequence[Row]) -> Table:
     out = new_table(title, ("verdict", "of these"), ("scenes", "%"))
     for verdict in Verdict:
         mine = select(rows, verdict=verdict)
-        out.add_row(
-            verdict, _remark(verdict, mine), len(mine), f"{100 * len(mine) / len(rows):.1f}"
-        )
+        share = f"{100 * len(mine) / len(rows):.1f}"
+        out.add_row(verdict, _remark(verdict, mine), len(mine), share)
     return out
 
 
@@ -481,10 +459,9 @@ def _remark(verdict: str, rows: list[Row]) -> str:
 
 
 def _compared(rows: Sequence[Row]) -> Table:
-    def cell(test: Callable[[Row], bool], verdict: str) -> int:
-        return sum(test(row) for row in select(rows, verdict=verdict))
-
-    return pivot_table("Verdicts by what the scenes have", "scenes", _GROUPS, Verdict, cell)
+    title = "Verdicts by what the scenes have"
+    by = {verdict: select(rows, verdict=verdict) for verdict in Verdict}
+    return pivot_table(title, "scenes", _GROUPS, by, lambda test, mine: sum(map(test, mine)))
 
 
 def _chain(row: Row) -> str:
@@ -562,10 +539,12 @@ def picture(rows: Sequence[Row]) -> figures.Figure:
         f"{len(rows)} random scenes of seed {rows[0].seed}, tip errors against refined runs",
     )
     weight = r"weight over stiffness, $\rho A g L^3 / EI$"
-    _scatter(axes[0, 0], rows, _shown_estimate, _shown_error)
-    _scatter(axes[0, 1], rows, _weight, lambda row: row.damping_ratio)
-    _scatter(axes[1, 0], rows, _weight, _shown_error)
-    _scatter(axes[1, 1], rows, _cost, _shown_error)
+    estimate = "the package's estimate / length (asked for, where it gives none)"
+    _scatter(axes[0, 0], rows, _shown_estimate, _shown_error, xlabel=estimate)
+    _scatter(axes[0, 1], rows, _weight, lambda row: row.damping_ratio, xlabel=weight)
+    _scatter(axes[1, 0], rows, _weight, _shown_error, xlabel=weight)
+    _scatter(axes[1, 1], rows, _cost, _shown_error, xlabel="run time / simulated time")
+    axes[0, 1].set_ylabel("damping ratio of the first elastic mode")
     for axis in (axes[0, 0], *axes[1]):  # what was asked for, and what is wrong
         line = {"linewidth": 0.9, "linestyle": "--"}
         axis.axhline(rows[0].asked_share, color=figures.BLACK, **line)
@@ -575,10 +554,6 @@ def picture(rows: Sequence[Row]) -> figures.Figure:
     axes[0, 0].plot(line, line, color=figures.GREY, linewidth=0.9)
     good = line / GOOD_FACTOR, line * GOOD_FACTOR
     axes[0, 0].fill_between(line, *good, color="0.93", zorder=0)
-    axes[0, 0].set_xlabel("the package's estimate / length (asked for, where it gives none)")
-    axes[0, 1].set(xlabel=weight, ylabel="damping ratio of the first elastic mode")
-    axes[1, 0].set_xlabel(weight)
-    axes[1, 1].set_xlabel("run time / simulated time")
     entries = [
         figures.entry(f"{verdict} ({counts[verdict]})", color=colour, marker=marker, linestyle="")
         for verdict, (colour, marker) in _STYLES.items()
@@ -587,13 +562,13 @@ def picture(rows: Sequence[Row]) -> figures.Figure:
     return figure
 
 
-def _scatter(axis: figures.Axes, rows: Sequence[Row], x: Value, y: Value) -> None:
+def _scatter(axis: figures.Axes, rows: Sequence[Row], x: Value, y: Value, **labels: str) -> None:
     """Points by verdict on logarithmic axes; rows without a value are left out."""
     for verdict, (colour, marker) in _STYLES.items():
         points = [(x(row), y(row)) for row in select(rows, verdict=verdict)]
         known = np.array([p for p in points if None not in p], dtype=float).reshape(-1, 2)
         axis.scatter(*known.T, s=26, c=colour, marker=marker, linewidths=1.0, alpha=0.8)
-    axis.set(xscale="log", yscale="log")
+    axis.set(xscale="log", yscale="log", **labels)
 
 
 def _weight(row: Row) -> float:
@@ -604,14 +579,16 @@ def _cost(row: Row) -> float | None:
     return None if row.wall_time is None else row.wall_time / row.duration
 
 
-def _shown_error(row: Row) -> float | None:
-    share = row.error_share
+def _shown(share: float | None) -> float | None:
     return None if share is None else min(max(share, _LEAST_ERROR), _MOST_ERROR)
 
 
+def _shown_error(row: Row) -> float | None:
+    return _shown(row.error_share)
+
+
 def _shown_estimate(row: Row) -> float:
-    share = row.estimate_share
-    return row.asked_share if share is None else min(max(share, _LEAST_ERROR), _MOST_ERROR)
+    return row.asked_share if row.estimate_share is None else _shown(row.estimate_share)
 
 
 # -------------------- the study

@@ -72,20 +72,14 @@ def draw_scene(seed: int, index: int) -> RandomScene:
     robot = replace(robot, head=_head(rng, robot))
     robot = replace(robot, tendons=_tendons(rng, robot, spatial, length_drive))
     torsion = spatial and rng.random() < 0.5
-    config = SceneConfig(
-        robot,
-        pieces=pieces,
-        actuation="length" if length_drive else "tension",
-        control_period=_control_period(rng, robot),
-        loads=_loads(rng, robot, spatial, torsion),
-        bending="spatial" if spatial else "planar",
-        torsion=torsion,
-    )
+    bends = {"bending": "spatial" if spatial else "planar", "torsion": torsion}
+    driven = {"actuation": "length" if length_drive else "tension", "pieces": pieces}
+    driven |= {"control_period": _control_period(rng, robot)}
+    config = SceneConfig(robot, loads=_loads(rng, robot, spatial, torsion), **driven, **bends)
     excitation = str(rng.choice(EXCITATIONS))
     curvature = _curvature(rng, config) if excitation == "let_go" else np.zeros(3)
-    return RandomScene(
-        seed, index, config, curvature, _controls(rng, config, excitation), excitation
-    )
+    controls = _controls(rng, config, excitation)
+    return RandomScene(seed, index, config, curvature, controls, excitation)
 
 
 def swing(robot: RobotParams) -> float:
@@ -110,27 +104,17 @@ def _bare_robot(rng: np.random.Generator, spatial: bool) -> RobotParams:
     length = _log(rng, 0.1, 1.5)
     radius = length / _log(rng, 5, 2000)
     hollow = rng.uniform(0.2, 0.9) if rng.random() < 0.3 else 0.0
-    robot = RobotParams(
-        "random",
-        length=length,
-        outer_radius=radius,
-        inner_radius=hollow * radius,
-        youngs_modulus=_log(rng, 1e3, 2e11),
-        density=_log(rng, 300, 8000),
-        damping_time=0.0,
-        pieces=1,
-        poisson_ratio=rng.uniform(0, 0.5),
-        anisotropy=rng.uniform(0, 1) if spatial and rng.random() < 0.2 else 0.0,
-        stiff_azimuth=rng.uniform(0, pi),
-    )
+    material = _log(rng, 1e3, 2e11), _log(rng, 300, 8000), 0.0
+    more = {"poisson_ratio": rng.uniform(0, 0.5)}
+    more["anisotropy"] = rng.uniform(0, 1) if spatial and rng.random() < 0.2 else 0.0
+    more["stiff_azimuth"] = rng.uniform(0, pi)
+    robot = RobotParams("random", length, radius, hollow * radius, *material, 1, **more)
     share, by_time = _log(rng, 0.01, 1.0), rng.random() < 0.5
     usual = USUAL_TIME if by_time else USUAL_RATIO / (pi * robot.first_frequency)
     return replace(robot, damping_time=share * usual)
 
 
-def _gravity(
-    rng: np.random.Generator, robot: RobotParams, spatial: bool
-) -> tuple[float, float, float]:
+def _gravity(rng: np.random.Generator, robot: RobotParams, spatial: bool) -> tuple[float, ...]:
     """None, that of the earth or 100 times as much; hanging, standing, sideways or oblique.
 
     A robot that cannot carry itself hangs in most cases: one that falls soon moves at random.
@@ -142,7 +126,7 @@ def _gravity(
     return tuple(float(size * x) + 0.0 for x in named[rng.choice(4, p=shares)])
 
 
-def _direction(rng: np.random.Generator, spatial: bool) -> tuple[float, float, float]:
+def _direction(rng: np.random.Generator, spatial: bool) -> tuple[float, ...]:
     vector = rng.standard_normal(3) * (1.0, 1.0 if spatial else 0.0, 1.0)
     return tuple(float(x) for x in vector / np.linalg.norm(vector))
 
@@ -173,17 +157,11 @@ def _tendons(
         end = robot.length if index == 0 else end / robot.pieces
         limit = _moment(rng, robot) / moment_arm
         guides = np.linspace(0, end, int(rng.integers(2, 9)) + 1)[1:-1] if guided else ()
-        tendon = Tendon(
-            f"tendon{index}",
-            (moment_arm * cos(angle), moment_arm * sin(angle) if spatial else 0.0),
-            end,
-            index // 2,
-            tension_limit=float(limit),
-            guides=tuple(map(float, guides)),
-            stiffness=stiffness * robot.bending_stiffness / (end * moment_arm**2),
-            pretension=float(pretension * limit),
-            friction=float(friction * limit),
-        )
+        offset = moment_arm * cos(angle), moment_arm * sin(angle) if spatial else 0.0
+        more = {"pretension": float(pretension * limit), "friction": float(friction * limit)}
+        more |= {"guides": tuple(map(float, guides))}
+        more["stiffness"] = stiffness * robot.bending_stiffness / (end * moment_arm**2)
+        tendon = Tendon(f"tendon{index}", offset, end, index // 2, float(limit), **more)
         out.append(tendon if length_drive else replace(tendon, stiffness=float("inf")))
     return tuple(out)
 
