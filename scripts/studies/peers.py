@@ -27,6 +27,7 @@ from softrobot_env.robots import ARM, RobotParams, Tendon
 from softrobot_env.robots.sections import Section
 from studies.accuracy import tension_step as case
 from studies.accuracy.cases import DISTRIBUTED, DURATION, TimedMotion, beam_limit
+from studies.accuracy.shown import setting
 from studies.lab import Column, Lab, Record, Study, groups, quantity, select, table
 
 #: Who is compared; ours goes first in tables.
@@ -136,8 +137,8 @@ def peer_rows(limit: Limit, quick: bool) -> Iterator[Row]:
                 seconds, tips = best_of(run, 3, process_time)
                 compiled = first - seconds if compiled is None else compiled
                 about = {"model": "PlanarPCS", "n": n, "integrator": integrator}
-                times = {"tolerance": tolerance, "compiled": compiled}
-                yield _motion_row(PEER, limit, tips, seconds, **about, **times)
+                about |= {"tolerance": tolerance, "compiled": compiled}
+                yield _motion_row(PEER, limit, tips, seconds, **about)
 
 
 def _motion(n: int, integrator: str) -> Callable[[float], np.ndarray]:
@@ -174,11 +175,8 @@ def _motion(n: int, integrator: str) -> Callable[[float], np.ndarray]:
     rate = jax.jit(lambda y, u: robot.forward_dynamics(0.0, y, (u, jnp.zeros(n))))
     q = np.zeros(n)
     for share in (0.25, 0.5, 0.75, 1.0):  # of the tensions
-        u = share * before
-        found = root(
-            lambda q, u=u: np.asarray(rate(jnp.array([*q, *(0 * q)]), u)[n:]), q, tol=1e-10
-        )
-        q = found.x
+        force = partial(rate, u=share * before)
+        q = root(lambda q, f=force: np.asarray(f(jnp.array([*q, *(0 * q)]))[n:]), q, tol=1e-10).x
     start = jnp.array([*q, *(0 * q)])
     times = case.PERIOD * jnp.arange(1, round(DURATION / case.PERIOD) + 1)
 
@@ -217,31 +215,16 @@ _SHARE, _STEPS = 0.2, 20
 
 def robot() -> RobotParams:
     """Our arm of the same size."""
-    half = {
-        "length": 0.15,
-        "youngs_modulus": 3e6,
-        "density": 1000.0,
-        "damping_time": 0.03,
-        "pieces": 6,
-        "poisson_ratio": 0.5,
-    }
+    half = {"length": 0.15, "youngs_modulus": 3e6, "density": 1000.0, "poisson_ratio": 0.5}
+    half |= {"damping_time": 0.03, "pieces": 6}
     tendons = (
-        Tendon(
-            f"{name}{i}",
-            (0.01 * cos(i * pi / 3), 0.01 * sin(i * pi / 3)),
-            end,
-            group,
-            55.2,
-        )
+        Tendon(f"{name}{i}", (0.01 * cos(i * pi / 3), 0.01 * sin(i * pi / 3)), end, group, 55.2)
         for group, (name, end) in enumerate((("long", 0.30), ("short", 0.15)))
         for i in range(6)
     )
     radii = (0.023, 0.0167), (0.0167, 0.0104)
-    return RobotParams(
-        "spirob",
-        tendons=tuple(tendons),
-        sections=tuple(Section(outer_radius=pair, **half) for pair in radii),
-    )
+    sections = tuple(Section(outer_radius=pair, **half) for pair in radii)
+    return RobotParams("spirob", tendons=tuple(tendons), sections=sections)
 
 
 def our_row(quick: bool) -> Row:
@@ -335,21 +318,13 @@ def steps_ratio(rows: list[Row]) -> list[Row]:
     return [Row("ratio", theirs.package, theirs.version, theirs.model, theirs.n, value=value)]
 
 
-def _setting(row: Row) -> str:
-    """Fixed timestep, or the tolerance of adapted ones."""
-    if row.tolerance is None:
-        return f"{1e3 * row.timestep:.3g} ms"
-    return f"tol {row.tolerance:.0e}".replace("e-0", "e-")
-
-
 def _best(rows: list[Row]) -> list[Table]:
     """Motions that no faster one of the same model beats."""
     found = groups(select(rows, kind="motion"), "package", "model").values()
     title = "Tension step of the arm, 3 s: runs that none of the model beats"
-    shown = "model", "n", "integrator", Column("step", _setting, ">"), "e_mean", "e_max"
-    return table(title, *shown, "core_seconds", "compiled")(
-        [r for m in found for r in front(m, cost="core_seconds")]
-    )
+    shown = "model", "n", "integrator", Column("step", setting, ">"), "e_mean", "e_max"
+    make = table(title, *shown, "core_seconds", "compiled")
+    return make([r for m in found for r in front(m, cost="core_seconds")])
 
 
 def _notes(rows: list[Row]) -> list[Text]:

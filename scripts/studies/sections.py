@@ -145,7 +145,8 @@ _OF_TWO = (
     _tendon("winding", (-0.006, 0.0), 0.32, turns=0.6),
 )
 _NEARER = _tendon("nearer", (0.004, 0.008), 0.3, route=((0.3, 0.001, -0.001),))
-_VIA = ((0.08, 0.007, 0.002), (0.19, 0.0, -0.008), (0.3, -0.004, 0.0))
+_ROUTE = ((0.08, 0.007, 0.002), (0.19, 0.0, -0.008), (0.3, -0.004, 0.0))
+_VIA = _tendon("via", (0.0, 0.009), 0.3, route=_ROUTE)
 _HANGING = {"gravity": _GRAVITY, "base": Base((0.0, 0.1, 0.5), (0.0, 0.0, -1.0), 0.4)}
 _LYING = {
     "gravity": _GRAVITY,
@@ -159,12 +160,7 @@ CASES = (
     Case("helix of 1.5 turns", _helical(1.5), (5.0,), quick=True),
     Case("helix of 4 turns", _helical(-4.0), (6.0,)),
     Case("converging", _robot(_ONE, _NEARER), (3.0,)),
-    Case(
-        "via-points",
-        _robot(_ONE, _tendon("via", (0.0, 0.009), 0.3, route=_VIA)),
-        (4.0,),
-        quick=True,
-    ),
+    Case("via-points", _robot(_ONE, _VIA), (4.0,), quick=True),
     Case("tapered", _robot(_TAPERED, _tendon("side", (0.003, 0.003), 0.3)), (0.4,)),
     Case("two sections", _robot(_TWO, *_OF_TWO), (6.0, 2.0, 3.0), quick=True),
     Case("three sections side by side", _robot(_THREE, *_SIDE_BY_SIDE), _NINE),
@@ -223,31 +219,17 @@ def _row(case: Case, model: str, pieces: int, default: bool, truth: SpatialShape
         time, (tip, strains, edges, n, move) = best_of(lambda: solve(tension), 3)
     except (EquilibriumError, ValueError) as error:
         return Row(case.name, model, pieces, default, failure=str(error))
-    base = robot.base or Base()
-    exact = base.axes @ truth.tip + base.position
-    off = _mean(strains, edges, _parts(robot)) - _true_strains(truth, robot)
-    largest = np.abs(_true_strains(truth, robot)).max()
-    error = float(np.linalg.norm(tip - exact))
-    return Row(
-        case.name,
-        model,
-        pieces,
-        default,
-        n=n,
-        error=error,
-        error_share=error / robot.length,
-        curvature_error=float(np.abs(off[:, :2]).max() / largest),
-        twist_error=float(np.abs(off[:, 2]).max() / largest),
-        equilibrium_time=time,
-        time_per_second=_moved(move) if pieces <= _MOVED else None,
-    )
+    base, exact = robot.base or Base(), _true_strains(truth, robot)
+    error = float(np.linalg.norm(tip - base.axes @ truth.tip - base.position))
+    off = np.abs(_mean(strains, edges, _parts(robot)) - exact) / np.abs(exact).max()
+    moved = _moved(move) if pieces <= _MOVED else None
+    errors = error, error / robot.length, float(off[:, :2].max()), float(off[:, 2].max())
+    return Row(case.name, model, pieces, default, n, *errors, time, moved)
 
 
 def _chain(robot: RobotParams, pieces: int, _: str) -> Callable[[np.ndarray], Found]:
-    config = SceneConfig(
-        robot, pieces=pieces, bending="spatial", torsion=True, control_period=_PERIOD
-    )
-    scene = build_scene(config)
+    way = {"bending": "spatial", "torsion": True, "control_period": _PERIOD}
+    scene = build_scene(SceneConfig(robot, pieces=pieces, **way))
 
     def solve(tension: np.ndarray) -> Found:
         q = scene.equilibrium(tension)
@@ -257,7 +239,7 @@ def _chain(robot: RobotParams, pieces: int, _: str) -> Callable[[np.ndarray], Fo
             simulation.reset(scene.start().q, tension)
             return simulation.advance
 
-        return scene.tip(q), scene.curvature(q), config.edges, scene.model.nv, start
+        return scene.tip(q), scene.curvature(q), scene.config.edges, scene.model.nv, start
 
     return solve
 
@@ -314,18 +296,17 @@ def _mean(strains: np.ndarray, edges: np.ndarray, parts: np.ndarray) -> np.ndarr
     return np.diff(at, axis=0) / np.diff(parts)[:, None]
 
 
-_MODELS = {"chain": "mujoco_chain", "pcc": "pcc", "cosserat": "cosserat"}
+_STYLES = {"chain": "mujoco_chain", "pcc": "pcc", "cosserat": "cosserat"}
 _COLUMNS = 3
 
 
 def picture(rows: Sequence[Row]) -> figures.Figure:
     """Error against run time of all robots; full dots are default resolutions."""
     cases = groups(rows, "case")
-    lines = ceil(len(cases) / _COLUMNS)
-    figure, axes = figures.new_figure(
-        lines, _COLUMNS, (3.3 * _COLUMNS, 2.3 * lines + 1.1), share=True
-    )
-    own = [row for row in select(rows, default=True) if row.failure is None]
+    count = ceil(len(cases) / _COLUMNS)
+    size = 3.3 * _COLUMNS, 2.3 * count + 1.1
+    figure, axes = figures.new_figure(count, _COLUMNS, size, share=True)
+    own = select(rows, default=True, failure=None)
     good = sum(row.error_share <= GOAL for row in own)
     figures.add_title(
         figure,
@@ -333,14 +314,13 @@ def picture(rows: Sequence[Row]) -> figures.Figure:
         "of the length",
         "Sections and routes: error of the tip against the time to find an equilibrium",
     )
-    colours = {model: figures.style_of(name).colour for model, name in _MODELS.items()}
     for axis, ((case,), mine) in zip(axes.flat, cases.items(), strict=False):
-        for model, colour in colours.items():
-            done = [row for row in select(mine, model=model) if row.failure is None]
-            points = [(1e3 * r.equilibrium_time, 100 * r.error_share) for r in done]
-            axis.plot(*zip(*points, strict=True), "o-", color=colour, markerfacecolor="white")
-            own = [p for p, row in zip(points, done, strict=True) if row.default]
-            axis.plot(*zip(*own, strict=True), "o", color=colour)
+        for model, name in _STYLES.items():
+            colour, done = figures.style_of(name).colour, select(mine, model=model, failure=None)
+            for shown, line in ((done, "-"), (select(done, default=True), "")):
+                points = [(1e3 * r.equilibrium_time, 100 * r.error_share) for r in shown]
+                face = "white" if line else colour
+                axis.plot(*zip(*points, strict=True), f"o{line}", color=colour, mfc=face)
         axis.axhline(100 * GOAL, color=figures.BLACK, linewidth=0.9, linestyle="--")
         axis.set(xscale="log", yscale="log", title=case)
         axis.tick_params(labelbottom=True)  # also above an empty place
@@ -350,18 +330,10 @@ def picture(rows: Sequence[Row]) -> figures.Figure:
         axis.set_xlabel("run time [ms]")
     for axis in axes.flat[len(cases) :]:
         axis.set_visible(False)
-    figures.add_legend(
-        figure,
-        [
-            figures.entry(figures.label_of(_MODELS[m]), color=colour, marker="o")
-            for m, colour in colours.items()
-        ]
-        + [
-            figures.entry(
-                f"goal: {100 * GOAL:g} % at the full dots", color=figures.BLACK, linestyle="--"
-            )
-        ],
-    )
+    styles = [figures.style_of(name) for name in _STYLES.values()]
+    looks = {style.label: style.points | {"marker": "o"} for style in styles}
+    looks[f"goal: {100 * GOAL:g} % at the full dots"] = {"color": figures.BLACK, "linestyle": "--"}
+    figures.add_legend(figure, [figures.entry(text, **look) for text, look in looks.items()])
     return figure
 
 
