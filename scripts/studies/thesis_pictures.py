@@ -1,7 +1,6 @@
 """Pictures of `studies.thesis`, one for each group of figures."""
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,8 +13,6 @@ from studies.truths import thesis_values as values
 
 #: A row of `studies.thesis`.
 Row = Any
-
-Draw = Callable[[Axes, list[Row]], None]
 
 #: Models by name in the rows.
 MODELS = ("pcc", "cosserat", "ancf")
@@ -175,8 +172,6 @@ def _accuracy_message(rows: list[Row]) -> str:
     for exact in select(rows, model="exact_rod", **sag):
         for model, row in _finest(rows, case=exact.case, **sag).items():
             off.append((abs(row.y / exact.y - 1), row.n, f"{label_of(model)}, {exact.case} set"))
-    if not off:
-        return "Deflections and frequencies over the number of pieces"
     share, pieces, where = max(off)
     return (
         f"With {pieces} pieces and nu = 0 deflections are within {100 * share:.2g} % of the exact "
@@ -192,6 +187,10 @@ _SOLVERS = {
     "Radau, not": ("Radau", figures.VERMILLION),
     "Radau, projected": ("Radau, projected", GREEN),
 }
+
+
+#: Text -> line by the tolerance of Fig. 2.4.
+_TOLERANCES = {"Fig. 2.4: relative tolerance 1e-3": "-", "1e-5 (thesis: stricter)": ":"}
 
 
 def _draw_drift(axes: Axes, rows: list[Row]) -> None:
@@ -240,7 +239,7 @@ def _cosserat_message(rows: list[Row]) -> str:
         how = "not projected" if ", not projected" in row.case else "projected"
         drift[how] = max(row.y, drift.get(how, 0.0))
     sizes = [f"{value:.1g} when {how}" for how, value in drift.items()]
-    return f"Norms of quaternions drift by up to {' and '.join(sizes)}" if sizes else "Drift"
+    return f"Norms of quaternions drift by up to {' and '.join(sizes)}"
 
 
 # -------------------- quadrature: Fig. 2.8 and 2.9
@@ -283,15 +282,13 @@ def _finish_orders(axes: Axes, y: str) -> None:
 
 def _quadrature_message(rows: list[Row]) -> str:
     """What the thesis' order errs, and costs over exact moments."""
-    chosen = {"case": "legendre, against exact", "y_name": "relative_rms_error"}
-    errors = [r.y for r in select(rows, figure="2.8", **chosen) if r.x == values.ORDER]
-    times = [r.y for r in select(rows, figure="2.9", case="legendre") if r.x == values.ORDER]
-    exact = [r.y for r in select(rows, figure="2.9", case="exact")]
-    if not (errors and times and exact):
-        return "Quadrature of elastic forces"
+    chosen = {"x": values.ORDER, "figure": "2.8", "y_name": "relative_rms_error"}
+    (error,) = select(rows, case="legendre, against exact", **chosen)
+    (time,) = select(rows, figure="2.9", case="legendre", x=values.ORDER)
+    (exact,) = select(rows, figure="2.9", case="exact")
     return (
-        f"Order {values.ORDER}, the thesis' choice, errs by {100 * errors[0]:.2g} % and takes "
-        f"{times[0] / exact[0]:.2g} times as long as exact moments"
+        f"Order {values.ORDER}, the thesis' choice, errs by {100 * error.y:.2g} % and takes "
+        f"{time.y / exact.y:.2g} times as long as exact moments"
     )
 
 
@@ -347,8 +344,6 @@ def _cost_message(rows: list[Row]) -> str:
     """What evaluations of the finest models take."""
     finest = _finest(rows, figure="2.16", case="compiled", y_name="evaluation_time_s").items()
     times = [(r.y, f"{1e6 * r.y:.2g} µs ({label_of(model)})", r.n) for model, r in finest]
-    if not times:
-        return "What evaluations and simulations take"
     least, most = min(times), max(times)
     return f"With {most[2]} pieces an evaluation takes {least[1]} to {most[1]}"
 
@@ -369,7 +364,7 @@ def _draw_distances(axes: Axes, rows: list[Row]) -> None:
     _finish(axes, yscale="log", ylabel="mean distance to the mean of the models [mm]")
 
 
-def _draw_tips(axes: Axes, rows: list[Row], names: tuple[str, str], **settings: Any) -> None:
+def _draw_tips(axes: Axes, rows: list[Row], names: tuple[str, str], settings: dict) -> None:
     """Two of time, x and y for all models and their mean, smoothly interpolated."""
     for model in (_MEAN, *MODELS):
         x = select(rows, figure="2.21", case="spiral", model=model)
@@ -393,50 +388,10 @@ def _spiral_message(rows: list[Row]) -> str:
     """How far the tips of the finest models are from their mean."""
     finest = _finest(rows, figure="2.20", y_name="mean_distance_m").items()
     off = [(r.y, f"{1e3 * r.y:.2g} mm ({label_of(model)}, {r.n} pieces)") for model, r in finest]
-    if not off:
-        return "Tips on the spiral"
     return f"The finest models' tips are {min(off)[1]} to {max(off)[1]} from the mean of all"
 
 
 # -------------------- the pictures
-
-
-def _accuracy() -> dict[str, Draw]:
-    deflections, bending = (partial(partial, draw) for draw in (_draw_deflections, _draw_bending))
-    return {
-        "Fig. 2.11a  self-weight, stiff set": deflections(name="stiff", top=29),
-        "Fig. 2.11b  self-weight, weak set": deflections(name="weak", top=520),
-        "Fig. 2.12  weak set, 5 pieces": _draw_centrelines,
-        "Fig. 2.14  static torsion, weak set": _draw_twist,
-        "Fig. 2.13a  bending, stiff set": bending(name="stiff", limits=(2.8, 8)),
-        "Fig. 2.13b  bending, weak set": bending(name="weak", limits=(0.35, 1.05)),
-        "Fig. 2.15  torsional oscillation, weak set": _draw_torsional,
-    }
-
-
-def _cost() -> dict[str, Draw]:
-    times, tables = (partial(partial, draw) for draw in (_draw_simulation_times, _draw_table))
-    computed = {"names": ("computation_time_s",), "label": "computation time [s]"}
-    steps = {"names": ("step_s", "smallest_step_s", "largest_step_s"), "label": "step [s]"}
-    return {
-        "Fig. 2.16  right-hand side, planar PCC and ANCF": _draw_evaluation_times,
-        "Fig. 2.17  number of evaluations, weak set": _draw_evaluation_numbers,
-        "Fig. 2.18  number times time, and measured": times(figure="2.18", duration=5.0),
-        "Fig. 2.19  spiral, relative tolerance 1e-3": times(figure="2.19", duration=3.0),
-        "Tab. 2.2  spiral, computation times": tables(figure="tab2.2", **computed),
-        "Tab. 2.3  spiral, steps (smallest, largest)": tables(figure="tab2.3", **steps),
-    }
-
-
-def _spiral() -> dict[str, Draw]:
-    x, y = "tip, x [mm]", "tip, y [mm]"
-    time = {"names": ("time", "x"), "xlabel": "time [s]", "ylabel": x}
-    path = {"names": ("x", "y"), "xlabel": x, "ylabel": y, "aspect": "equal"}
-    return {
-        "Fig. 2.20  distance over the number of pieces": _draw_distances,
-        "Fig. 2.21  tip over time": partial(_draw_tips, **time),
-        "Fig. 2.22  path of the tip": partial(_draw_tips, **path),
-    }
 
 
 class Picture(NamedTuple):
@@ -446,54 +401,88 @@ class Picture(NamedTuple):
     message: Callable[[list[Row]], str]
     columns: int
     size: tuple[float, float]
-    panels: dict[str, Draw]
-    legend: Sequence[figures.Line2D] = ()
+    panels: dict[str, tuple]
+    legend: Callable[[], Sequence[figures.Line2D]] = tuple
 
 
-def _all() -> dict[str, Picture]:
-    """What is appended to a picture's name -> the picture."""
-    cosserat = {
-        "Fig. 2.4  drift of the quaternions, weak set, 5 pieces": _draw_drift,
-        "Fig. 2.5  weighting functions": _draw_weightings,
-        "Fig. 2.6  their influence, by the moments": _draw_influence,
-    }
-    quadrature = {
-        "Fig. 2.8  error of the elastic force, one element": _draw_errors,
-        "Fig. 2.9  time, with damping and inertia": _draw_times,
-    }
-    tolerances = {"Fig. 2.4: relative tolerance 1e-3": "-", "1e-5 (thesis: stricter)": ":"}
-    drift = [entry(text, color=BLACK, linestyle=line) for text, line in tolerances.items()]
-    hollow = _hollow_entry("hollow: measured (Fig. 2.18), thesis (tables)")
-    tips = [entry(**_tip_style(model)) for model in (_MEAN, *MODELS)]
-    beams = "deflections, shapes and frequencies of the beam models"
-    rod = "drift and weighting of the Cosserat rod"
-    rule = "quadrature of elastic forces, error and time"
-    turning = "the spiral under a turning force"
-    return {
-        "": Picture(beams, _accuracy_message, 2, (9.0, 13.0), _accuracy(), _accuracy_legend()),
-        "_cosserat": Picture(rod, _cosserat_message, 2, (9.5, 7.6), cosserat, drift),
-        "_quadrature": Picture(rule, _quadrature_message, 2, (10.0, 4.4), quadrature),
-        "_cost": Picture(
-            "what beam models cost",
-            *(_cost_message, 2, (9.5, 11.5), _cost(), [*_model_entries(), hollow]),
-        ),
-        "_spiral": Picture(turning, _spiral_message, 3, (12, 4.9), _spiral(), tips),
-    }
+_COMPUTED = ("computation_time_s",), "computation time [s]"
+_STEPS = ("step_s", "smallest_step_s", "largest_step_s"), "step [s]"
+_TIME = ("time", "x"), {"xlabel": "time [s]", "ylabel": "tip, x [mm]"}
+_PATH = ("x", "y"), {"xlabel": "tip, x [mm]", "ylabel": "tip, y [mm]", "aspect": "equal"}
+
+#: What is appended to a picture's name -> the picture.
+_PICTURES = {
+    "": Picture(
+        "deflections, shapes and frequencies of the beam models",
+        *(_accuracy_message, 2, (9.0, 13.0)),
+        {
+            "Fig. 2.11a  self-weight, stiff set": (_draw_deflections, "stiff", 29),
+            "Fig. 2.11b  self-weight, weak set": (_draw_deflections, "weak", 520),
+            "Fig. 2.12  weak set, 5 pieces": (_draw_centrelines,),
+            "Fig. 2.14  static torsion, weak set": (_draw_twist,),
+            "Fig. 2.13a  bending, stiff set": (_draw_bending, "stiff", (2.8, 8)),
+            "Fig. 2.13b  bending, weak set": (_draw_bending, "weak", (0.35, 1.05)),
+            "Fig. 2.15  torsional oscillation, weak set": (_draw_torsional,),
+        },
+        _accuracy_legend,
+    ),
+    "_cosserat": Picture(
+        "drift and weighting of the Cosserat rod",
+        *(_cosserat_message, 2, (9.5, 7.6)),
+        {
+            "Fig. 2.4  drift of the quaternions, weak set, 5 pieces": (_draw_drift,),
+            "Fig. 2.5  weighting functions": (_draw_weightings,),
+            "Fig. 2.6  their influence, by the moments": (_draw_influence,),
+        },
+        lambda: [entry(text, color=BLACK, linestyle=line) for text, line in _TOLERANCES.items()],
+    ),
+    "_quadrature": Picture(
+        "quadrature of elastic forces, error and time",
+        *(_quadrature_message, 2, (10.0, 4.4)),
+        {
+            "Fig. 2.8  error of the elastic force, one element": (_draw_errors,),
+            "Fig. 2.9  time, with damping and inertia": (_draw_times,),
+        },
+    ),
+    "_cost": Picture(
+        "what beam models cost",
+        *(_cost_message, 2, (9.5, 11.5)),
+        {
+            "Fig. 2.16  right-hand side, planar PCC and ANCF": (_draw_evaluation_times,),
+            "Fig. 2.17  number of evaluations, weak set": (_draw_evaluation_numbers,),
+            "Fig. 2.18  number times time, and measured": (_draw_simulation_times, "2.18", 5.0),
+            "Fig. 2.19  spiral, relative tolerance 1e-3": (_draw_simulation_times, "2.19", 3.0),
+            "Tab. 2.2  spiral, computation times": (_draw_table, "tab2.2", *_COMPUTED),
+            "Tab. 2.3  spiral, steps (smallest, largest)": (_draw_table, "tab2.3", *_STEPS),
+        },
+        lambda: [*_model_entries(), _hollow_entry("hollow: measured (Fig. 2.18), thesis (tables)")],
+    ),
+    "_spiral": Picture(
+        "the spiral under a turning force",
+        *(_spiral_message, 3, (12, 4.9)),
+        {
+            "Fig. 2.20  distance over the number of pieces": (_draw_distances,),
+            "Fig. 2.21  tip over time": (_draw_tips, *_TIME),
+            "Fig. 2.22  path of the tip": (_draw_tips, *_PATH),
+        },
+        lambda: [entry(**_tip_style(model)) for model in (_MEAN, *MODELS)],
+    ),
+}
 
 
 def pictures(rows: list[Row]) -> dict[str, figures.Figure]:
     """The figures on accuracy, and the others with their names appended to the file's."""
     found = {}
-    for name, picture in _all().items():
+    for name, picture in _PICTURES.items():
         lines = -(-len(picture.panels) // picture.columns)
         figure, axes = figures.new_figure(lines, picture.columns, picture.size)
         for axis in axes.flat[len(picture.panels) :]:
             axis.set_visible(False)
-        for axis, (title, draw) in zip(axes.flat, picture.panels.items(), strict=False):
+        for axis, (title, (draw, *given)) in zip(axes.flat, picture.panels.items(), strict=False):
             axis.set_title(title, fontsize=10)
             axis.tick_params(labelsize=8.5)
-            draw(axis, rows)
-        figures.add_legend(figure, picture.legend)
+            draw(axis, rows, *given)
+        figures.add_legend(figure, picture.legend())
         figures.add_title(figure, picture.message(rows), f"As in the thesis: {picture.subject}")
         found["{}" + name] = figure
     return found
