@@ -314,8 +314,7 @@ def _of_marker(name: str, places: np.ndarray) -> Iterator[str]:
 
 
 def _far(number: int, places: np.ndarray, robot: RobotParams) -> Iterator[str]:
-    clamp = np.zeros(3) if robot.base is None else np.array(robot.base.position)
-    far = float(np.sqrt(np.nansum((places - clamp) ** 2, axis=1)).max())
+    far = float(np.sqrt(np.nansum((places - robot.clamp.position) ** 2, axis=1)).max())
     if far > _FAR * robot.reach:
         yield (
             f"marker {number} is up to {1e3 * far:.4g} mm from the clamp, the robot reaches "

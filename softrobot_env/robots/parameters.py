@@ -361,6 +361,11 @@ class RobotParams:
         return stations
 
     @property
+    def clamp(self) -> Base:
+        """Its base; that at the world's origin along +z unless it has one."""
+        return self.base or Base()
+
+    @property
     def own_gravity(self) -> tuple[float, float, float]:
         """Gravity (3,) [m/s2] along the robot's own axes at its base."""
         return self.seen(self.gravity)
@@ -434,8 +439,7 @@ class RobotParams:
     @property
     def moves_in_xz(self) -> bool:
         """Whether it is planar, and its plane is the world's x-z plane."""
-        turned = self.base is not None and np.abs(self.base.axes[1, [0, 2]]).max() > 1e-12
-        return self.is_planar and not turned
+        return self.is_planar and bool(np.abs(self.clamp.axes[1, [0, 2]]).max() <= 1e-12)
 
     @property
     def twists(self) -> bool:

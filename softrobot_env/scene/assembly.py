@@ -84,7 +84,7 @@ class Member:
 
     def _refuse_out_of_plane(self, mount: Mount) -> None:
         """A planar chain cannot feel what leaves its plane."""
-        normal = (self.base or self.config.robot.base or Base()).axes[:, 1]
+        normal = (self.base or self.config.robot.clamp).axes[:, 1]
         for direction in mount.directions:
             along = abs(normal @ mount.axis(direction))
             if along < 1 - 1e-9 if direction in TURNS else along > 1e-9:
@@ -422,7 +422,7 @@ def _box(assembly: Assembly) -> tuple[np.ndarray, np.ndarray]:
     """Lower and upper corner (3,) [m] of what the straight robots take, with some room."""
     ends = []
     for config in assembly.placed:
-        base, width = config.robot.base or Base(), 2 * config.robot.backbone.widest
+        base, width = config.robot.clamp, 2 * config.robot.backbone.widest
         tip = np.array(base.position) + config.robot.reach * base.axes[:, 2]
         ends += [end + side * width for end in (np.array(base.position), tip) for side in (-1, 1)]
     return np.min(ends, axis=0), np.max(ends, axis=0)

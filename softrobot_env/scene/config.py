@@ -298,10 +298,7 @@ def parse_accuracy(accuracy: float | str, length: float) -> float:
 
 def _middle(robot: RobotParams) -> tuple[float, float]:
     """(x, z) [m] of about the middle of the straight robot."""
-    height = 0.48 * robot.reach
-    if robot.base is None:
-        return 0.0, height
-    x, _, z = robot.base.position + height * robot.base.axes[:, 2]
+    x, _, z = robot.clamp.position + 0.48 * robot.reach * robot.clamp.axes[:, 2]
     return float(x), float(z)
 
 
@@ -316,8 +313,7 @@ def visible(config: SceneConfig, aspect: float = 4 / 3) -> SceneConfig:
     height = reach * max(_HEIGHT_SHOWN, _WIDTH_SHOWN / aspect)
     elevation = 0.0
     if config.bending == "spatial":  # of one that hangs from below, where its mount hides nothing
-        base = config.robot.base
-        hangs = base is not None and base.axes[2, 2] < -_HANGING
+        hangs = config.robot.clamp.axes[2, 2] < -_HANGING
         elevation = -_ELEVATION if hangs else _ELEVATION
     camera = Camera(FRONT_CAMERA, _middle(config.robot), height, elevation)
     return replace(config, appearance=Appearance(), cameras=(camera,))

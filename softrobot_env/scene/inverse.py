@@ -660,9 +660,8 @@ def own_directions(scene: Scene) -> np.ndarray:
 
     Across and along a planar robot, else the two across a spatial one.
     """
-    base = scene.config.robot.base
-    axes = np.eye(3) if base is None else base.axes
-    return axes.T[[0, 2]] if scene.config.bending == "planar" else axes.T[[0, 1]]
+    axes = scene.config.robot.clamp.axes.T
+    return axes[[0, 2]] if scene.config.bending == "planar" else axes[[0, 1]]
 
 
 def least_step(

@@ -80,7 +80,7 @@ def add_mount(
 
     At rest the frame's axes are the world's.
     """
-    clamp = (0.0, 0.0, 0.0) if robot.base is None else robot.base.position
+    clamp = robot.clamp.position
     pivot = np.array(clamp if mount.pivot is None else mount.pivot, dtype=float)
     body = spec.worldbody.add_body(name=prefix + MOUNT_BODY, pos=pivot)
     set_inertia(body, _SMALL, 0, [_SMALL] * 3)

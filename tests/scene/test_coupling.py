@@ -139,17 +139,6 @@ def test_loads_guides_and_ends_of_tendons_are_between_the_pieces_that_are_couple
     assert not coupled(replace(ROD, tendons=(replace(tendon, end=LENGTH, guides=guides),)))
 
 
-def test_without_three_pieces_between_loads_it_is_the_chain_of_gauss_points():
-    models = []
-    for rule in ("gauss2", "coupled2"):
-        robot = replace(ROD, poisson_ratio=0.4)  # on hinges
-        loads = tuple(Load(f"load{k}", LENGTH * k / 6) for k in (2, 4))
-        models.append(build_scene(SceneConfig(robot, rule=rule, loads=loads, **TWISTING)).model)
-    assert len({model.ntendon for model in models}) == 1
-    for field in ("jnt_stiffness", "body_mass", "body_inertia", "body_ipos", "tendon_stiffness"):
-        np.testing.assert_array_equal(*(getattr(model, field) for model in models))
-
-
 # --- dynamics -----------------------------------------------------------------------------------
 
 

@@ -145,18 +145,6 @@ def test_the_first_setpoint_must_be_near_where_the_servos_are():
     assert bench.out.pulse_us == (1550, 1450, 1603)  # 1500 + 10 * 5, 1400 + 10 * 5, 1600 + 5 / 2
 
 
-def test_without_measured_lengths_it_must_be_near_the_last_position():
-    bench = Bench(capabilities=m.Capability(0))
-    bench.length = (2000,) * N  # counts for nothing
-    bench.arm()
-    assert refusals(bench.run(bench.setpoint(REST + 101, REST, REST))) == [m.Reason.FAR]
-    assert refusals(bench.run(bench.setpoint(REST + 100, REST, REST))) == []
-    assert bench.out.applied == (REST,) * N
-    bench.hold(100, 400, REST, REST)
-    bench.run(m.EStop())
-    assert states(bench.wait(60))[0].length == bench.out.applied == (400, REST, REST)
-
-
 @pytest.mark.parametrize("end", [m.Stop(SESSION, 0), m.Disarm(SESSION)])
 def test_stop_and_disarm_ramp_to_rest_and_switch_off(end):
     bench = running()
