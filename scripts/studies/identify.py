@@ -29,18 +29,7 @@ from softrobot_env.robots.actuation import with_balance
 from softrobot_env.robots.twin import Twin, rig3d_twin
 from softrobot_env.tasks import make_task
 from softrobot_env.thesis.rig.parameters import identified, record
-from studies.lab import (
-    Column,
-    Record,
-    Study,
-    groups,
-    number,
-    of_kind,
-    pivot,
-    quantity,
-    table,
-    verdict,
-)
+from studies import lab
 from studies.truths.rubbing_rod import BELIEVED, drawn, recorded
 
 # -------------------- twins
@@ -53,7 +42,7 @@ POLICIES, PERIODS = ("chain_dynamics_pi", "inverse_dynamics"), (5.0, 1.0)
 
 
 @dataclass(frozen=True)
-class TwinRow(Record):
+class TwinRow(lab.Record):
     """Laps of a twin.
 
     Attributes:
@@ -68,13 +57,13 @@ class TwinRow(Record):
     """
 
     kind: str
-    twin: int = quantity("", "d")
-    policy: str = quantity("", "", "law")
-    period: float = quantity("s", "g", "lap")
-    found: float | None = quantity("mm", ".2f", "identified")
-    true: float | None = quantity("mm", ".2f", "known")
-    believed: float | None = quantity("mm", ".2f")
-    ratio: float | None = quantity("", ".2f")
+    twin: int = lab.quantity("", "d")
+    policy: str = lab.quantity("", "", "law")
+    period: float = lab.quantity("s", "g", "lap")
+    found: float | None = lab.quantity("mm", ".2f", "identified")
+    true: float | None = lab.quantity("mm", ".2f", "known")
+    believed: float | None = lab.quantity("mm", ".2f")
+    ratio: float | None = lab.quantity("", ".2f")
     time: float
 
 
@@ -139,7 +128,7 @@ _STAGES = ("frame", "statics", "dynamics")
 
 
 @dataclass(frozen=True)
-class FoundRow(Record):
+class FoundRow(lab.Record):
     """A parameter of a repetition.
 
     Attributes:
@@ -208,9 +197,9 @@ _TITLES = {
 }
 
 
-def picture(rows: Sequence[Record]) -> figures.Figure:
+def picture(rows: Sequence[lab.Record]) -> figures.Figure:
     """A panel for each kind; intervals that miss the truth in another colour."""
-    kinds = groups(of_kind(rows, FoundRow), "kind")
+    kinds = lab.groups(lab.of_kind(rows, FoundRow), "kind")
     figure, axes = figures.new_figure(1, len(kinds), (2.6 * len(kinds), 3.6))
     for axis, ((kind,), mine) in zip(axes[0], kinds.items(), strict=True):
         title, scale = _TITLES[kind]
@@ -222,7 +211,7 @@ def picture(rows: Sequence[Record]) -> figures.Figure:
         ends = [scale * min(r.true for r in mine), scale * max(r.true for r in mine)]
         axis.plot(ends, ends, color=figures.BLACK, linewidth=0.8)
         axis.set(xlabel="true", ylabel="found", title=title)
-    found = of_kind(rows, FoundRow)
+    found = lab.of_kind(rows, FoundRow)
     inside = sum(row.inside for row in found)
     figures.add_title(
         figure,
@@ -245,7 +234,7 @@ COVERAGE, RATIO = 0.9, 1.3
 def _error(join: Callable[[Any], float], of: Callable[[float], float] = abs) -> Callable:
     def said(rows: list[FoundRow]) -> str:
         unit = "%" if rows[0].kind in GOALS else "ms"
-        return f"{number(join([of(row.error) for row in rows]), '.1f', unit)} {unit}"
+        return f"{lab.number(join([of(row.error) for row in rows]), '.1f', unit)} {unit}"
 
     return said
 
@@ -262,43 +251,43 @@ def _inside(rows: list[FoundRow]) -> float:
 
 def _met(rows: list[FoundRow]) -> Text:
     within = _within(rows)
-    return verdict(None if within is None else within == 1 and _inside(rows) >= COVERAGE)
+    return lab.verdict(None if within is None else within == 1 and _inside(rows) >= COVERAGE)
 
 
-def _laps(rows: Sequence[Record]) -> list[Table]:
+def _laps(rows: Sequence[lab.Record]) -> list[Table]:
     """Laps of twins; judged is the best law of each way of knowing the twin."""
     best = [
         min(mine, key=lambda row: np.inf if row.true is None else row.true)
-        for mine in groups(of_kind(rows, TwinRow), "twin", "period").values()
+        for mine in lab.groups(lab.of_kind(rows, TwinRow), "twin", "period").values()
     ]
 
     def met(row: TwinRow) -> str | Text:
         judged = row in best and row.ratio is not None
-        return verdict(row.ratio <= RATIO) if judged else ""
+        return lab.verdict(row.ratio <= RATIO) if judged else ""
 
-    return table(
+    return lab.table(
         "Twins of which nothing was known",
         *("twin", "policy", "period", "found", "true", "believed", "ratio"),
-        Column("met", met, ">"),
+        lab.Column("met", met, ">"),
         of=TwinRow,
         caption="mean error of triangles; ratio: of the robot identified over the twin itself "
         f"known; met: at most {RATIO:g} by the law that is best for the twin known",
     )(rows)
 
 
-def measure(case: tuple[str, int]) -> list[Record]:
+def measure(case: tuple[str, int]) -> list[lab.Record]:
     """A repetition, or laps of a twin, by its seed."""
     what, seed = case
     return {"robot": repetition, "twin": driven}[what](seed)
 
 
-STUDY = Study(
+STUDY = lab.Study(
     kinds=(FoundRow, TwinRow),
     cases=[*(("twin", k) for k in TWINS), *(("robot", k) for k in range(REPETITIONS))],
     quick=[("robot", k) for k in range(QUICK)],
     measure=measure,
     tables=[
-        pivot(
+        lab.pivot(
             "Cosserat rods, identified",
             ("kind",),
             {
@@ -306,9 +295,9 @@ STUDY = Study(
                 "mean": _error(np.mean, float),
                 "median": _error(np.median),
                 "largest": _error(max),
-                "asked %": lambda rows: number(GOALS.get(rows[0].kind), ".1f", "%"),
-                "within it %": lambda rows: number(_within(rows), ".1f", "%"),
-                "in 95 %": lambda rows: number(_inside(rows), ".1f", "%"),
+                "asked %": lambda rows: lab.number(GOALS.get(rows[0].kind), ".1f", "%"),
+                "within it %": lambda rows: lab.number(_within(rows), ".1f", "%"),
+                "in 95 %": lambda rows: lab.number(_inside(rows), ".1f", "%"),
                 "met": _met,
             },
             of=FoundRow,

@@ -21,8 +21,9 @@ plots. Everything that studies need of the package's core is named here too.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from functools import partial
+from itertools import product
 from math import ceil
 from pathlib import Path
 from statistics import median
@@ -33,71 +34,13 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from softrobot_env.core.runs import (
-    Kept,
-    Progress,
-    Record,
-    for_pictures,
-    quiet,
-    run_cases,
-    run_in_processes,
-)
-from softrobot_env.rendering.figures import (
-    Axes,
-    Figure,
-    Style,
-    add_legend,
-    add_title,
-    label_lines,
-    new_figure,
-    plain_ticks,
-    save,
-    style_axes,
-    style_of,
-)
-from softrobot_env.rendering.tables import (
-    FACTORS,
-    Column,
-    make_table,
-    named_values,
-    new_table,
-    number,
-    spread,
-    verdict,
-)
-
-__all__ = [
-    "Case",
-    "Column",
-    "Grid",
-    "Lab",
-    "Record",
-    "Study",
-    "at_least",
-    "at_most",
-    "cell",
-    "failures",
-    "for_pictures",
-    "grid",
-    "groups",
-    "lines",
-    "maps",
-    "named_values",
-    "names",
-    "new_table",
-    "number",
-    "of_kind",
-    "one",
-    "pivot",
-    "quantity",
-    "quiet",
-    "replace",
-    "select",
-    "shown",
-    "spread",
-    "table",
-    "verdict",
-]
+from softrobot_env.core import runs
+from softrobot_env.core.runs import Kept, Progress, Record, quiet
+from softrobot_env.core.runs import for_pictures as for_pictures
+from softrobot_env.rendering import figures
+from softrobot_env.rendering.figures import Axes, Figure, Style, style_of
+from softrobot_env.rendering.tables import FACTORS, Column, make_table, new_table, number, spread
+from softrobot_env.rendering.tables import verdict as verdict
 
 #: A row of a study.
 AnyRecord = TypeVar("AnyRecord")
@@ -231,8 +174,7 @@ def at_most(kind: type, limit: float, value: float | None, strict: bool = False,
 
 def at_least(kind: type, limit: float, value: float | None, **own: Any) -> Any:
     """As `at_most`, with a lower limit."""
-    met = value is not None and value >= limit
-    return kind(value=value, limit=limit, met=met, **own)
+    return kind(value=value, limit=limit, met=value is not None and value >= limit, **own)
 
 
 # ---------------------------------------------------------------- cases and running
@@ -243,23 +185,14 @@ Case = dict[str, Any]
 
 @dataclass(frozen=True)
 class Grid:
-    """Cases by the values of their axes, the last one changing fastest.
+    """Cases by the values of their axes, the last one changing fastest."""
 
-    A value may depend on those of earlier axes: then it is a function of the case so far.
-    """
-
-    axes: Mapping[str, Sequence[Any] | Callable[[Case], Sequence[Any]]]
+    axes: Mapping[str, Sequence[Any]]
 
     def cases(self, **other: Any) -> list[Case]:
         """All of them, with other values of some axes."""
-        found: list[Case] = [{}]
-        for name, values in {**self.axes, **other}.items():
-            found = [
-                case | {name: value}
-                for case in found
-                for value in (values(case) if callable(values) else values)
-            ]
-        return found
+        axes = {**self.axes, **other}
+        return [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]
 
 
 def grid(**axes: Any) -> Grid:
@@ -291,7 +224,7 @@ class Lab:
         self, cases: Iterable[Any], measure: Callable, label: Callable[[Any], str] | None = None
     ) -> list[Any]:
         """Rows of cases in their order; `measure` gives a row, or a list of rows, of each."""
-        found = run_cases(
+        found = runs.run_cases(
             cases,
             measure,
             kinds=self.kinds,
@@ -304,7 +237,7 @@ class Lab:
 
     def tasks(self, tasks: Sequence[tuple[str, Callable[[], Any]]]) -> list[Any]:
         """What named functions return, which may be anything."""
-        return run_in_processes(tasks, self.progress, self.processes)
+        return runs.run_in_processes(tasks, self.progress, self.processes)
 
 
 def case_label(case: Any) -> str:
@@ -401,7 +334,7 @@ class Study:
             made = made if isinstance(made, Mapping) else {stem: made}
             for name, figure in made.items():
                 if figure is not None:
-                    save(figure, path.with_stem(name.format(path.stem)))
+                    figures.save(figure, path.with_stem(name.format(path.stem)))
 
 
 # ---------------------------------------------------------------- tables
@@ -550,11 +483,6 @@ def axis_label(rows: Rows, name: str) -> str:
     return f"{label} [{unit}]" if unit else label
 
 
-def title_of(title: str | Callable[[Rows], str], rows: Rows) -> str:
-    """A title, or what a function makes of the rows."""
-    return title(rows) if callable(title) else title
-
-
 def lines(
     x: str,
     y: str | Sequence[str],
@@ -601,15 +529,15 @@ def lines(
         found = found if panel is None else groups(mine, panel)
         across = min(columns, len(found))
         down = ceil(len(ys) * len(found) / across)
-        figure, axes = new_figure(down, across, (size[0] * across, 1.3 + size[1] * down))
+        figure, axes = figures.new_figure(down, across, (size[0] * across, 1.3 + size[1] * down))
         panels = [(name, value, own) for name in ys for (value,), own in found.items()]
         for axis, (name, value, own) in zip(axes.flat, panels, strict=False):
             _panel(axis, name, value, own)
         for axis in axes.flat[len(panels) :]:
             axis.set_visible(False)
-        add_title(figure, title_of(title, mine), subject)
+        figures.add_title(figure, title(mine) if callable(title) else title, subject)
         if legend:
-            add_legend(figure, axes[0, 0])
+            figures.add_legend(figure, axes[0, 0])
         return figure
 
     def _panel(axis: Axes, name: str, value: Any, own: list[Any]) -> None:
@@ -619,11 +547,11 @@ def lines(
         if value is not None:
             axis.set_title(str(value))
         if log:
-            plain_ticks(axis)
+            figures.plain_ticks(axis)
         if decorate is not None:
             decorate(axis, own, name)
         if not legend:
-            label_lines(axis, [end for end in ends if end is not None])
+            figures.label_lines(axis, [end for end in ends if end is not None])
 
     def _line(axis: Axes, y: str, name: Any, rows: list[Any]) -> tuple[str, float, str] | None:
         look, own = style(name), line(rows) if callable(line) else line or {}
@@ -679,12 +607,14 @@ def maps(
             return None
         parts, names_ = groups(mine, panel), [name for (name,) in groups(mine, column)]
         sizes = [0.9 + len(groups(own, line)) for own in parts.values()]
-        figure, _ = new_figure(0, 0, (max(8.0, 1.6 + 0.62 * len(names_)), 1.3 + 0.31 * sum(sizes)))
+        figure, _ = figures.new_figure(
+            0, 0, (max(8.0, 1.6 + 0.62 * len(names_)), 1.3 + 0.31 * sum(sizes))
+        )
         axes = figure.subplots(len(parts), 1, squeeze=False, height_ratios=sizes)
         for axis, own in zip(axes.flat, parts.values(), strict=True):
             _map(axis, own, names_)
             axis.set_title(headings(own), fontsize=10, loc="left")
-        add_title(figure, title_of(title, mine), subject)
+        figures.add_title(figure, title(mine) if callable(title) else title, subject)
         return figure
 
     def _map(axis: Axes, own: list[Any], names_: list[Any]) -> None:
@@ -695,7 +625,7 @@ def maps(
         values = np.array([[_number(row) for row in some] for some in found])
         norm = LogNorm(*ends)
         scaled = np.clip(values, *ends)
-        style_axes(axis)
+        figures.style_axes(axis)
         axis.grid(False)
         axis.set_facecolor("0.85")  # of cells without a number
         axis.pcolormesh(

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import compress
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -44,26 +45,7 @@ from softrobot_env.training.imitation import ImitationConfig, imitate
 from softrobot_env.training.references import generic_task
 from softrobot_env.training.registry import TRAININGS
 from softrobot_env.training.request import TrainingRequest, file_of
-from studies.lab import (
-    Column,
-    Lab,
-    Record,
-    Study,
-    failures,
-    groups,
-    lines,
-    maps,
-    new_table,
-    number,
-    of_kind,
-    one,
-    pivot,
-    quantity,
-    quiet,
-    select,
-    table,
-    verdict,
-)
+from studies import lab
 from studies.policies import PolicyRow, record_of
 
 #: Names of the robots of the studies. The rig is the twin whose parameters come with the package.
@@ -92,13 +74,13 @@ class LapsRow(PolicyRow):
         share_mean, share_max: The same over the length of the robot [1].
     """
 
-    frequency: float = quantity("", "g", "laps per second / first frequency")
+    frequency: float = lab.quantity("", "g", "laps per second / first frequency")
     radius: float
     feedback: str
     what: str
     lap_mean: float | None
     lap_max: float | None
-    share_mean: float | None = quantity("%", ".2g", "error / length")
+    share_mean: float | None = lab.quantity("%", ".2g", "error / length")
     share_max: float | None
 
     @property
@@ -108,7 +90,7 @@ class LapsRow(PolicyRow):
 
 
 @dataclass(frozen=True)
-class RefusedRow(Record):
+class RefusedRow(lab.Record):
     """A policy, or a plant, that cannot serve a robot.
 
     Attributes:
@@ -267,7 +249,7 @@ FREQUENCIES = (0.1, 0.3, 0.5)
 
 
 @dataclass(frozen=True)
-class PathRow(Record):
+class PathRow(lab.Record):
     """A path of a robot.
 
     Attributes:
@@ -279,12 +261,12 @@ class PathRow(Record):
     """
 
     robot: str
-    task: str = quantity(form="", label="path")
-    frequency: float = quantity("", "g", "laps/s\nover f1")
-    first_frequency: float = quantity("", ".3g", "f1 Hz")
-    radius: float = quantity("mm", ".3g")
-    inputs: float = quantity("%", ".0f")
-    speed: float = quantity("%", ".0f", "servo\nspeed")
+    task: str = lab.quantity(form="", label="path")
+    frequency: float = lab.quantity("", "g", "laps/s\nover f1")
+    first_frequency: float = lab.quantity("", ".3g", "f1 Hz")
+    radius: float = lab.quantity("mm", ".3g")
+    inputs: float = lab.quantity("%", ".0f")
+    speed: float = lab.quantity("%", ".0f", "servo\nspeed")
 
 
 @dataclass(frozen=True)
@@ -351,7 +333,7 @@ ROOM = {"": 1.0, "E x 0.75": 2.0, "E x 1.25": 2.0, OBSERVER: 1.5}
 
 
 @dataclass(frozen=True)
-class GoalRow(Record):
+class GoalRow(lab.Record):
     """A goal, and what the best law of a robot reached.
 
     Attributes:
@@ -366,12 +348,12 @@ class GoalRow(Record):
     """
 
     robot: str
-    policy: str = quantity(form="", label="best law")
+    policy: str = lab.quantity(form="", label="best law")
     what: str
-    frequency: float = quantity("", "g", "laps/s\nover f1")
-    share: float | None = quantity("%", ".3f", "error/\nlength")
-    ratio: float | None = quantity("", ".2f", "over\nnominal")
-    limit: float = quantity("%", ".2f")
+    frequency: float = lab.quantity("", "g", "laps/s\nover f1")
+    share: float | None = lab.quantity("%", ".3f", "error/\nlength")
+    ratio: float | None = lab.quantity("", ".2f", "over\nnominal")
+    limit: float = lab.quantity("%", ".2f")
     met: bool
 
 
@@ -382,8 +364,8 @@ def ranked_laws(rows: Iterable[LapsRow]) -> dict[str, list[str]]:
     """
     known = [row for row in rows if row.what in ROOM and row.policy != HOLD]
     found: dict[str, list[str]] = {}
-    for (robot,), mine in groups(known, "robot").items():
-        laws = groups(mine, "policy")
+    for (robot,), mine in lab.groups(known, "robot").items():
+        laws = lab.groups(mine, "policy")
         most = max(map(len, laws.values()))
         order = sorted(laws, key=lambda law: (most - len(laws[law]), _over_limit(laws[law])))
         found[robot] = [law for (law,) in order]
@@ -403,10 +385,10 @@ def _over_limit(rows: list[LapsRow]) -> tuple[int, float]:
 def goal_rows(rows: list[LapsRow]) -> Iterator[GoalRow]:
     """Goals of the best laws, for all that was run."""
     for robot, (law, *_) in ranked_laws(rows).items():
-        mine = select(rows, robot=robot, policy=law)
-        for (frequency,), nominal in groups(select(mine, what=""), "frequency").items():
+        mine = lab.select(rows, robot=robot, policy=law)
+        for (frequency,), nominal in lab.groups(lab.select(mine, what=""), "frequency").items():
             for what, room in ROOM.items():
-                found = select(mine, what=what, frequency=frequency)
+                found = lab.select(mine, what=what, frequency=frequency)
                 pair = [_largest_share(group, len(nominal)) for group in (found, nominal)]
                 ratio = None if None in pair else pair[0] / pair[1]
                 share, limit = pair[0], room * LIMITS[frequency]
@@ -430,38 +412,38 @@ _ALL = (ROBOTS, TASKS, FREQUENCIES)
 _QUICK = (("planar_finger", "silicone_rod"), TASKS[:1], FREQUENCIES[1:2])
 
 
-def _without(folder: str, row: Record) -> Record:
+def _without(folder: str, row: lab.Record) -> lab.Record:
     """The row with robots' files named without their folder, which is gone."""
     if not isinstance(row, RefusedRow):
         return row
     return replace(row, reason=row.reason.replace(f"{folder}/", ""))
 
 
-def laws(lab: Lab) -> list[Record]:
+def laws(bench: lab.Lab) -> list[lab.Record]:
     """Paths, what is refused, episodes of all laws that fit, of the best on other robots, goals."""
-    robots, tasks, frequencies = _QUICK if lab.quick else _ALL
+    robots, tasks, frequencies = _QUICK if bench.quick else _ALL
     with TemporaryDirectory() as folder:
-        known = _prepared(lab, robots, tasks, frequencies, Path(folder))
-        rows: list[Record] = [row for prepared in known.values() for row in prepared.rows]
+        known = _prepared(bench, robots, tasks, frequencies, Path(folder))
+        rows: list[lab.Record] = [row for prepared in known.values() for row in prepared.rows]
         every = [(t, law) for p in known.values() for law in p.policies for t in p.tasks]
-        rows += lab.measure([laps_case(*each) for each in every], run_laps)
-        rows += _varied(lab, known, of_kind(rows, LapsRow))
-        rows += goal_rows(of_kind(rows, LapsRow))
+        rows += bench.measure([laps_case(*each) for each in every], run_laps)
+        rows += _varied(bench, known, lab.of_kind(rows, LapsRow))
+        rows += goal_rows(lab.of_kind(rows, LapsRow))
     return [_without(folder, row) for row in rows]
 
 
 def _prepared(
-    lab: Lab, robots: tuple[str, ...], tasks: tuple, frequencies: tuple, folder: Path
+    bench: lab.Lab, robots: tuple[str, ...], tasks: tuple, frequencies: tuple, folder: Path
 ) -> dict[str, Prepared]:
     jobs = [
         (f"training and paths of {name}", partial(prepare, name, tasks, frequencies, folder))
         for name in robots
     ]
-    return dict(zip(robots, lab.tasks(jobs), strict=True))
+    return dict(zip(robots, bench.tasks(jobs), strict=True))
 
 
 def _varied(
-    lab: Lab, known: dict[str, Prepared], rows: list[LapsRow]
+    bench: lab.Lab, known: dict[str, Prepared], rows: list[LapsRow]
 ) -> list[LapsRow | RefusedRow]:
     """The best laws of each robot on softer and stiffer ones, and with an observer."""
     cases, unchanged = [], []
@@ -472,9 +454,9 @@ def _varied(
             ways.append({"feedback": "output"})
         else:
             same = {"what": OBSERVER, "feedback": "output"}
-            unchanged += [replace(row, **same) for row in select(rows, robot=name, policy=law)]
+            unchanged += [replace(row, **same) for row in lab.select(rows, robot=name, policy=law)]
         cases += [laps_case(task, law, **way) for way in ways for task in known[name].tasks]
-    return [*lab.measure(cases, run_laps), *unchanged]
+    return [*bench.measure(cases, run_laps), *unchanged]
 
 
 def _reads_rates(case: Case) -> bool:
@@ -499,9 +481,9 @@ _LAW_NOTES = (
 
 def refused(rows: Sequence[Any]) -> Table:
     """What is refused, and why: a line per robot and reason."""
-    out = new_table("Refused", ("robot", "policies", "with", "reason"))
-    for (robot, what, reason), same in groups(
-        of_kind(rows, RefusedRow), "robot", "what", "reason"
+    out = lab.new_table("Refused", ("robot", "policies", "with", "reason"))
+    for (robot, what, reason), same in lab.groups(
+        lab.of_kind(rows, RefusedRow), "robot", "what", "reason"
     ).items():
         out.add_row(robot, ", ".join(row.policy for row in same), what, reason)
     return out
@@ -512,16 +494,18 @@ def _lap_error(rows: list[LapsRow]) -> str:
     row = rows[0]
     if row.lap_mean is None:
         return "failed"
-    size = "/".join(number(v, ".2g", "mm") for v in (row.lap_mean, row.lap_max))
-    return f"{size} ({number(row.share_mean, '.2g', '%')})"
+    size = "/".join(lab.number(v, ".2g", "mm") for v in (row.lap_mean, row.lap_max))
+    return f"{size} ({lab.number(row.share_mean, '.2g', '%')})"
 
 
 #: Failed episodes, if any.
-FAILED = failures("robot", "policy", "task", "frequency", Column("with", "what"), of=LapsRow)
+FAILED = lab.failures(
+    "robot", "policy", "task", "frequency", lab.Column("with", "what"), of=LapsRow
+)
 
 
 def _slowest(rows: list[LapsRow]) -> str:
-    return number(max(row.policy_time_median for row in rows), ".0f", "µs")
+    return lab.number(max(row.policy_time_median for row in rows), ".0f", "µs")
 
 
 # ---------------------------------------------------------------- picture of the laws
@@ -532,10 +516,10 @@ _BEST_LAWS = 5
 
 def law_picture(rows: Sequence[Any]) -> Figure:
     """Draw the mean error over the length on the worst path against the frequency."""
-    laps, goals = of_kind(rows, LapsRow), select(of_kind(rows, GoalRow), what="")
+    laps, goals = lab.of_kind(rows, LapsRow), lab.select(lab.of_kind(rows, GoalRow), what="")
     ranks = ranked_laws(laps)
     best = {robot: laws[0] for robot, laws in ranks.items()}
-    reached = sum(all(g.met for g in mine) for mine in groups(goals, "robot").values())
+    reached = sum(all(g.met for g in mine) for mine in lab.groups(goals, "robot").values())
 
     def chosen(row: LapsRow) -> bool:
         laws = [*ranks.get(row.robot, [])[:_BEST_LAWS], HOLD]
@@ -545,7 +529,7 @@ def law_picture(rows: Sequence[Any]) -> Figure:
         axis.plot(LIMITS.keys(), [100 * v for v in LIMITS.values()], "_", color=BLACK, ms=22)
         axis.set_xticks(list(LIMITS))
 
-    return lines(
+    return lab.lines(
         "frequency",
         "share_mean",
         "policy",
@@ -564,16 +548,16 @@ def law_picture(rows: Sequence[Any]) -> Figure:
     )(laps)
 
 
-LAWS = Study(
+LAWS = lab.Study(
     kinds=(LapsRow, RefusedRow, PathRow, GoalRow),
     stages=laws,
     tables=[
-        table(
+        lab.table(
             "Paths, and what a lap asks of the drives, of their limits",
             *("robot", "task", "frequency", "first_frequency", "radius", "inputs", "speed"),
             of=PathRow,
         ),
-        pivot(
+        lab.pivot(
             "{robot}: error in mm (mean in % of the length), decision time, limited decisions",
             ("policy", "task"),
             "frequency",
@@ -589,10 +573,15 @@ LAWS = Study(
             },
             sections=True,
         ),
-        table(
+        lab.table(
             "Goals: the worst path of the best law",
-            *("robot", "policy", Column("with", lambda row: row.what or "nominal"), "frequency"),
-            *("share", "ratio", "limit", Column("met", lambda row: verdict(row.met))),
+            *(
+                "robot",
+                "policy",
+                lab.Column("with", lambda row: row.what or "nominal"),
+                "frequency",
+            ),
+            *("share", "ratio", "limit", lab.Column("met", lambda row: lab.verdict(row.met))),
             of=GoalRow,
         ),
         FAILED,
@@ -666,21 +655,24 @@ TABLES, OTHER = ("lqi", "lq_preview", "mpc", "mpc_preview"), "pcc"
 
 
 @dataclass(frozen=True)
-class Trained:
-    """A policy that was trained for this study.
+class Tuned:
+    """A policy of a robot, as shipped, or trained for this study.
 
     Attributes:
         robot, policy: Names.
-        plant: That it was trained on.
-        option: The policy's keyword argument for its file.
-        file: The file.
+        plant: That it was tuned or trained on.
+        given: The policy's keyword argument for its file, if it was trained for this study.
     """
 
     robot: str
     policy: str
-    plant: str
-    option: str
-    file: Path
+    plant: str = MUJOCO
+    given: Mapping[str, Path] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """As of `TransferRow`."""
+        return f"{self.policy} of {self.plant}" if self.given else self.policy
 
 
 def train_qs_nn(plant: str, path: Path) -> None:
@@ -695,7 +687,7 @@ def train_qs_nn(plant: str, path: Path) -> None:
 
 def train_imitation(plant: str, path: Path) -> None:
     """Train an imitation on a plant, and save it."""
-    save(imitate(replace(_IMITATION, plant=plant), _SEED, quiet), path, _SEED)
+    save(imitate(replace(_IMITATION, plant=plant), _SEED, lab.quiet), path, _SEED)
 
 
 def train_ppo(plant: str, path: Path) -> None:
@@ -725,14 +717,14 @@ NETWORKS: dict[str, tuple[Callable[[str, Path], None], tuple[str, ...]]] = {
 }
 
 
-def train_network(policy: str, plant: str, folder: Path) -> Trained:
+def train_network(policy: str, plant: str, folder: Path) -> list[Tuned]:
     """Train one of `NETWORKS`."""
     path = folder / f"{ARM.name}_{policy}_{plant}.npz"
     NETWORKS[policy][0](plant, path)
-    return Trained(ARM.name, policy, plant, "weights", path)
+    return [Tuned(ARM.name, policy, plant, {"weights": path})]
 
 
-def tune_tables(name: str, folder: Path) -> list[Trained | RefusedRow]:
+def tune_tables(name: str, folder: Path) -> list[Tuned | RefusedRow]:
     """Design the tables of a robot from the other plant, or say why not."""
     robot, out = find_robot(name), []
     for policy in TABLES:
@@ -740,13 +732,13 @@ def tune_tables(name: str, folder: Path) -> list[Trained | RefusedRow]:
         why = _untunable(robot)
         try:
             if why is None:
-                TRAININGS[policy].run(TrainingRequest(robot, path, _SEED, {"plant": OTHER}), quiet)
+                TRAININGS[policy].run(
+                    TrainingRequest(robot, path, _SEED, {"plant": OTHER}), lab.quiet
+                )
         except ValueError as error:
             why = str(error)
-        if why is not None:
-            out.append(refusal(name, policy, f"tuned on {OTHER}", why))
-        else:
-            out.append(Trained(name, policy, OTHER, "gains", path))
+        refused = None if why is None else refusal(name, policy, f"tuned on {OTHER}", why)
+        out.append(refused or Tuned(name, policy, OTHER, {"gains": path}))
     return out
 
 
@@ -788,9 +780,6 @@ _LEFT_OUT = (
     "take minutes on this plant"
 )
 
-#: An episode, and the fields of its row that it does not tell.
-_Told = tuple[Case, dict[str, object]]
-
 _QUICK_ROBOTS, _QUICK_WORLDS = ("planar_finger",), ("mujoco", "pcc", "E x 0.75")
 
 
@@ -817,98 +806,83 @@ class TransferRow(LapsRow):
         return f"{self.policy} of {self.tuned_on}" if self.trained_here else self.policy
 
 
-def transfer(lab: Lab) -> list[Record]:
+def transfer(bench: lab.Lab) -> list[lab.Record]:
     """What is refused, and episodes of all policies in all worlds; a quick run trains nothing."""
-    robots = _QUICK_ROBOTS if lab.quick else TRANSFER_ROBOTS
+    robots = _QUICK_ROBOTS if bench.quick else TRANSFER_ROBOTS
     with TemporaryDirectory() as folder:
-        known = _prepared(lab, robots, (TASK,), (FREQUENCY,), Path(folder))
-        trained, others = ([], []) if lab.quick else _trained(lab, Path(folder))
+        known = _prepared(bench, robots, (TASK,), (FREQUENCY,), Path(folder))
+        made = [] if bench.quick else _trained(bench, Path(folder))
+        shipped = [Tuned(n, law) for n, p in known.items() for law in p.policies if law != HOLD]
         cases = [
-            case
+            (tuned, world, task)
             for name, prepared in known.items()
             for world in worlds(find_robot(name))
-            if not lab.quick or world.name in _QUICK_WORLDS
-            for case in _episodes(prepared, world, [made for made in trained if made.robot == name])
+            if not bench.quick or world.name in _QUICK_WORLDS
+            for tuned in lab.select([*shipped, *lab.of_kind(made, Tuned)], robot=name)
+            for task in prepared.tasks
         ]
-        slow = [(case, own) for case, own in cases if case.plant == _SLOW_PLANT]
-        rest = [(case, own) for case, own in cases if case.plant != _SLOW_PLANT]
-        rows = lab.tasks([_job(*each) for each in rest])
-        slow, left_out = _able(slow, of_kind(rows, TransferRow))
-        rows += [*left_out, *lab.tasks([_job(*each) for each in slow])]
+        rows = bench.measure([c for c in cases if c[1].name != _SLOW_PLANT], travel, _label)
+        slow = [case for case in cases if case[1].name == _SLOW_PLANT]
+        able = [_follows(case[0], lab.of_kind(rows, TransferRow)) for case in slow]
+        for (tuned, *_), follows in zip(slow, able, strict=True):
+            if not follows:
+                rows.append(refusal(tuned.robot, tuned.label, _SLOW_PLANT, _LEFT_OUT))
+        rows += bench.measure(compress(slow, able), travel, _label)
     order = {world.name: k for name in robots for k, world in enumerate(worlds(find_robot(name)))}
     found = sorted(
-        of_kind(rows, TransferRow), key=lambda r: (robots.index(r.robot), order[r.world])
+        lab.of_kind(rows, TransferRow), key=lambda r: (robots.index(r.robot), order[r.world])
     )
-    why_not = [row for p in known.values() for row in of_kind(p.rows, RefusedRow)]
-    why_not += [*others, *of_kind(rows, RefusedRow)]
+    why_not = [row for p in known.values() for row in p.rows] + made + rows
     return [
-        *(_without(folder, row) for row in why_not),
+        *(_without(folder, row) for row in lab.of_kind(why_not, RefusedRow)),
         *(_with_ratio(row, found) for row in found),
     ]
 
 
-def _trained(lab: Lab, folder: Path) -> tuple[list[Trained], list[RefusedRow]]:
+def _label(case: tuple[Tuned, World, Task]) -> str:
+    tuned, world, _ = case
+    return f"{world.name}, {tuned.robot}, {tuned.label}"
+
+
+def _trained(bench: lab.Lab, folder: Path) -> list[Tuned | RefusedRow]:
     """What is trained for this study, and what cannot be."""
     jobs = [
         (f"tables of {name} on {OTHER}", partial(tune_tables, name, folder))
         for name in reversed(TRANSFER_ROBOTS)  # the slowest first
     ]
-    count = len(jobs)
     jobs += [
         (f"training {policy} on {plant}", partial(train_network, policy, plant, folder))
         for policy, (_, plants) in NETWORKS.items()
         for plant in plants
     ]
-    found = lab.tasks(jobs)
-    made = [*(one for some in found[:count] for one in some), *found[count:]]
-    return of_kind(made, Trained), of_kind(made, RefusedRow)
+    return [made for some in bench.tasks(jobs) for made in some]
 
 
-def _episodes(prepared: Prepared, world: World, trained: list[Trained]) -> list[_Told]:
-    """Episodes of all policies in a world."""
-    told, out = {"world": world.name, "group": world.group}, []
-    for task in prepared.tasks:
-        for policy in prepared.policies:
-            if policy != HOLD:
-                own = told | {"tuned_on": MUJOCO, "trained_here": False}
-                out.append((_case(task, policy, **world.case), own))
-        for made in trained:
-            own = told | {"tuned_on": made.plant, "trained_here": True}
-            case = _case(task, made.policy, given={made.option: made.file}, **world.case)
-            out.append((case, own))
-    return out
-
-
-def _able(slow: list[_Told], rows: list[TransferRow]) -> tuple[list[_Told], list[RefusedRow]]:
-    """The episodes on the slow plant of policies that follow the path on the chain, and others."""
-    able, left_out = [], []
-    for case, own in slow:
-        same = {name: own[name] for name in ("tuned_on", "trained_here")}
-        name = case.task.robot.name
-        home = one(rows, robot=name, policy=case.policy, world=MUJOCO, **same)
-        if home is not None and home.share_mean is not None and home.share_mean < _LOST:
-            able.append((case, own))
-        else:
-            label = f"{case.policy} of {own['tuned_on']}" if own["trained_here"] else case.policy
-            left_out.append(refusal(name, label, _SLOW_PLANT, _LEFT_OUT))
-    return able, left_out
-
-
-def _case(task: Task, policy: str, **more: Any) -> Case:
+def travel(case: tuple[Tuned, World, Task]) -> TransferRow | RefusedRow:
     """An episode that ends a lap earlier than those of the study of laws: some plants are slow."""
+    tuned, world, task = case
     run = task.trajectory
-    lap = 2 * np.pi / run.rate
-    return laps_case(task, policy, duration=run.end_time - run.ramp - lap, **more)
+    duration = run.end_time - run.ramp - 2 * np.pi / run.rate
+    return run_laps(
+        laps_case(task, tuned.policy, duration=duration, given=tuned.given, **world.case),
+        TransferRow,
+        tuned_on=tuned.plant,
+        trained_here=bool(tuned.given),
+        world=world.name,
+        group=world.group,
+    )
 
 
-def _job(case: Case, own: dict[str, object]) -> tuple[str, Callable]:
-    return f"{own['world']}, {case.label}", partial(run_laps, case, TransferRow, **own)
+def _follows(tuned: Tuned, rows: list[TransferRow]) -> bool:
+    """Whether a policy follows the path on the chain."""
+    home = lab.one(rows, robot=tuned.robot, label=tuned.label, world=MUJOCO)
+    return home is not None and home.share_mean is not None and home.share_mean < _LOST
 
 
 def _with_ratio(row: TransferRow, rows: list[TransferRow]) -> TransferRow:
     """A row with its error over that of the same policy on its own plant."""
     same = {"robot": row.robot, "label": row.label, "task": row.task}
-    own = one(rows, **same, group=PLANT, world=row.tuned_on)
+    own = lab.one(rows, **same, group=PLANT, world=row.tuned_on)
     if own is None or not own.lap_mean or row.lap_mean is None:
         return row
     return replace(row, ratio=row.lap_mean / own.lap_mean)
@@ -935,7 +909,7 @@ def _transfer_cell(rows: list[TransferRow]) -> str:
         return "failed"
     percent = None if row.share_mean is None else 100 * row.share_mean
     return " / ".join(
-        number(value, ".2g" if value is None or value < 99.5 else ".0f")
+        lab.number(value, ".2g" if value is None or value < 99.5 else ".0f")
         for value in (percent, row.ratio)
     )
 
@@ -948,23 +922,25 @@ _MOST = 6
 
 def transfer_picture(rows: Sequence[Any]) -> Figure:
     """Draw the mean errors in % of the length of those that err least in their worst world."""
-    found = of_kind(rows, TransferRow)
-    ranked = {robot: _ranked_policies(mine) for (robot,), mine in groups(found, "robot").items()}
+    found = lab.of_kind(rows, TransferRow)
+    ranked = {
+        robot: _ranked_policies(mine) for (robot,), mine in lab.groups(found, "robot").items()
+    }
     shown = [
         row
         for robot, labels in ranked.items()
         for label in labels[:_MOST]
-        for row in select(found, robot=robot, label=label)
+        for row in lab.select(found, robot=robot, label=label)
     ]
     worst = [
-        (_worst(select(shown, robot=r, label=p)), f"{r}, {p}") for r, (p, *_) in ranked.items()
+        (_worst(lab.select(shown, robot=r, label=p)), f"{r}, {p}") for r, (p, *_) in ranked.items()
     ]
     ends = [f"{share:.2g} % ({name})" for share, name in sorted(worst) if np.isfinite(share)]
     message = "No policy stands all worlds of a robot"
     if ends:
         said = " to ".join(dict.fromkeys((ends[0], ends[-1])))
         message = f"In their worst world robots' best policies err by {said}"
-    return maps(
+    return lab.maps(
         "robot",
         "label",
         "world",
@@ -985,7 +961,7 @@ def _worst(rows: list[TransferRow]) -> float:
 def _ranked_policies(rows: list[TransferRow]) -> list[str]:
     """Policies of a robot: those that were run everywhere and never failed, by their largest error,
     then the others."""
-    policies = groups(rows, "label")
+    policies = lab.groups(rows, "label")
     most = max(map(len, policies.values()))
 
     def order(label: tuple) -> tuple[int, float]:
@@ -996,11 +972,11 @@ def _ranked_policies(rows: list[TransferRow]) -> list[str]:
     return [label for (label,) in sorted(policies, key=order)]
 
 
-TRANSFER = Study(
+TRANSFER = lab.Study(
     kinds=(TransferRow, RefusedRow),
     stages=transfer,
     tables=[
-        pivot(
+        lab.pivot(
             "{robot}, worlds by {group}: error in % of the length / over that of the tuning",
             ("label",),
             "world",

@@ -22,30 +22,7 @@ from softrobot_env.robots import ARM, centerline
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.tasks import make_task
 from softrobot_env.thesis.figures import AUDIT, CONTROLLERS, FIGURES, POLICY_TIME, ROBUSTNESS
-from studies.lab import (
-    Column,
-    Record,
-    Study,
-    TableMaker,
-    at_most,
-    cell,
-    failures,
-    for_pictures,
-    groups,
-    lines,
-    maps,
-    names,
-    new_table,
-    number,
-    of_kind,
-    one,
-    pivot,
-    quantity,
-    select,
-    shown,
-    table,
-    verdict,
-)
+from studies import lab
 
 Kind = TypeVar("Kind", bound="PolicyRow")
 Variation = dict[str, float]
@@ -57,7 +34,7 @@ _ERRORS = {"e_max": "largest error", "e_rms": "rms error"}
 
 
 @dataclass(frozen=True, kw_only=True)
-class PolicyRow(EpisodeRow, Record):
+class PolicyRow(EpisodeRow, lab.Record):
     """An episode.
 
     Attributes:
@@ -141,7 +118,7 @@ class ControllerRow(PolicyRow):
     feedback: str
     e_motion: float | None
     e_motion_least: float | None
-    trace: Rollout | None = for_pictures()
+    trace: Rollout | None = lab.for_pictures()
 
     @property
     def modulus(self) -> float | None:
@@ -163,7 +140,7 @@ class VariedRow(ControllerRow):
 
 
 @dataclass(frozen=True, kw_only=True)
-class GoalRow(Record):
+class GoalRow(lab.Record):
     """A goal, and what was found.
 
     Attributes:
@@ -266,7 +243,7 @@ def with_ratios(rows: list[ControllerRow]) -> list[ControllerRow]:
 
 def _with_ratio(rows: list[ControllerRow], row: ControllerRow) -> VariedRow:
     kept = ("plant", "policy", "task", "step_width", "feedback")
-    nominal = one(rows, **{name: getattr(row, name) for name in kept}, variation={})
+    nominal = lab.one(rows, **{name: getattr(row, name) for name in kept}, variation={})
     ratios: dict[str, Any] = {}
     for name in _ERRORS:
         value, base = getattr(row, name), getattr(nominal, name, None)
@@ -322,19 +299,21 @@ def goal_rows(found: list[ControllerRow]) -> list[GoalRow]:
         own = {"goal": goal, "policy": policy, "setting": setting, "metric": metric}
         worst = None if None in values else max(values)
         strict = metric == "steady_state_error"
-        out.append(at_most(GoalRow, limit, worst, strict, **own))
+        out.append(lab.at_most(GoalRow, limit, worst, strict, **own))
 
     for goal, task, metric, widths, limit in GOALS if best else ():
         for setting in JUDGED:
             fields_ = {"setting": setting, "policy": best, "task": task}
-            mine = [one(found, **fields_, step_width=width) for width in widths]
+            mine = [lab.one(found, **fields_, step_width=width) for width in widths]
             values = [getattr(row, metric) for row in mine if row is not None]
             if values:
                 judge(goal, best, setting, metric, values, limit)
-    nominal = select(of_kind(found, VariedRow), plant="mujoco", policy=best, feedback="state")
+    nominal = lab.select(
+        lab.of_kind(found, VariedRow), plant="mujoco", policy=best, feedback="state"
+    )
     varied = [row for row in nominal if list(row.variation) == [E]]
     for task, width, metrics in _GROWTH if varied else ():
-        mine = select(varied, task=task, step_width=width)
+        mine = lab.select(varied, task=task, step_width=width)
         label = task if width is None else f"step of {1e3 * width:g} mm"
         for metric in metrics if mine else ():
             goal, ratio = f"{label}, {_ERRORS[metric]} over nominal, worst E", f"{metric}_ratio"
@@ -343,7 +322,7 @@ def goal_rows(found: list[ControllerRow]) -> list[GoalRow]:
         failed = sum(row.failure is not None for row in varied)
         judge("failed episodes with another E", best, "robustness", "failures", [failed], 0)
     for (policy, limit), setting in product(_POLICY_TIMES.items(), ("mujoco", "thesis")):
-        row = one(found, setting=setting, policy=policy, task="step", step_width=0.05)
+        row = lab.one(found, setting=setting, policy=policy, task="step", step_width=0.05)
         if row is not None:
             goal, metric = f"policy time of {policy}", "policy_time_median"
             judge(goal, policy, setting, metric, [row.policy_time_median], limit)
@@ -352,7 +331,7 @@ def goal_rows(found: list[ControllerRow]) -> list[GoalRow]:
 
 def best_policy(found: list[ControllerRow]) -> str | None:
     """The policy with the least rms error on MuJoCo's swing; None if there is none."""
-    swings = select(found, setting="mujoco", task="swing", failure=None)
+    swings = lab.select(found, setting="mujoco", task="swing", failure=None)
     return min(swings, key=lambda row: row.e_rms).policy if swings else None
 
 
@@ -374,12 +353,12 @@ _TRACKING = ("e_max", "e_rms", "e_final", "e_motion_least", "e_motion", "tension
 
 def _headings(metrics: Iterable[str]) -> list[str]:
     """Labels with their units below."""
-    return ["\n".join(shown([], metric)[:2]) for metric in metrics]
+    return ["\n".join(lab.shown([], metric)[:2]) for metric in metrics]
 
 
 def _text(value: float | None, metric: str) -> str:
-    _, unit, form = shown([], metric)
-    return number(value, form, unit)
+    _, unit, form = lab.shown([], metric)
+    return lab.number(value, form, unit)
 
 
 def _printed(row: ControllerRow, metrics: Iterable[str]) -> dict[str, list[str]]:
@@ -387,7 +366,9 @@ def _printed(row: ControllerRow, metrics: Iterable[str]) -> dict[str, list[str]]
     if row.policy not in CONTROLLERS:
         return {}
     case = {"task": row.task, "step_width": row.step_width, "controller": CONTROLLERS[row.policy]}
-    thesis = vars(one(FIGURES, **case)) | {"policy_time_median": POLICY_TIME[case["controller"]]}
+    thesis = vars(lab.one(FIGURES, **case)) | {
+        "policy_time_median": POLICY_TIME[case["controller"]]
+    }
     audit = AUDIT.get(tuple(case.values()), {})
     ends = [dict.fromkeys(_text(end, m) for end in audit.get(m, (None,))) for m in metrics]
     bound = [m == "e_motion" and thesis[m] is not None for m in metrics]
@@ -397,13 +378,13 @@ def _printed(row: ControllerRow, metrics: Iterable[str]) -> dict[str, list[str]]
 
 def _nominal(rows: Sequence[Any]) -> Iterator[Table]:
     """All policies on each task, beside what the thesis says of its own (Tabs. 6.2 to 6.5)."""
-    mine = [row for row in of_kind(rows, ControllerRow) if row.setting != "robustness"]
-    for (place,), found in groups(mine, "place").items():
+    mine = [row for row in lab.of_kind(rows, ControllerRow) if row.setting != "robustness"]
+    for (place,), found in lab.groups(mine, "place").items():
         metrics = _STEP if found[0].step_width is not None else _TRACKING
-        out = new_table(f"{place}, nominal robot", ("policy", "by"), _headings(metrics))
-        for (policy,), runs in groups(found, "policy").items():
+        out = lab.new_table(f"{place}, nominal robot", ("policy", "by"), _headings(metrics))
+        for (policy,), runs in lab.groups(found, "policy").items():
             lines = _printed(runs[0], metrics)
-            lines |= {_SETTINGS[row.setting]: [cell(row, m) for m in metrics] for row in runs}
+            lines |= {_SETTINGS[row.setting]: [lab.cell(row, m) for m in metrics] for row in runs}
             for name, texts in lines.items():
                 out.add_row(policy, name, *texts)
             out.add_section()
@@ -413,7 +394,7 @@ def _nominal(rows: Sequence[Any]) -> Iterator[Table]:
 # ---------------------------------------------------------------- tables of other robots, goals
 
 
-def _varied_errors(metrics: Sequence[str], steps: bool) -> TableMaker:
+def _varied_errors(metrics: Sequence[str], steps: bool) -> lab.TableMaker:
     """Errors over Young's modulus, on each plant."""
 
     def meant(row: Any) -> bool:
@@ -423,11 +404,11 @@ def _varied_errors(metrics: Sequence[str], steps: bool) -> TableMaker:
 
     def cells(rows: list[ControllerRow]) -> str:
         failed = rows[0].failure is not None
-        return "failed" if failed else " / ".join(cell(rows[0], metric) for metric in metrics)
+        return "failed" if failed else " / ".join(lab.cell(rows[0], metric) for metric in metrics)
 
-    what = " / ".join(" ".join(shown([], metric)[:2]) for metric in metrics)
+    what = " / ".join(" ".join(lab.shown([], metric)[:2]) for metric in metrics)
     title = f"{{place}} on {{plant}} with another Young's modulus: {what}"
-    return pivot(
+    return lab.pivot(
         title, ("policy",), "modulus", cells, where=meant, per=("plant", "place"),
         heading=lambda factor: f"E x {factor:g}",
     )  # fmt: skip
@@ -442,12 +423,14 @@ def _largest(rows: list[VariedRow]) -> str:
         return "failed"
     found = ([getattr(row, f"{name}_ratio") for row in rows] for name in _ERRORS)
     largest = (max((v for v in values if v is not None), default=None) for values in found)
-    return " / ".join(number(value, ".2f") for value in largest)
+    return " / ".join(lab.number(value, ".2f") for value in largest)
 
 
-def _goal_value(name: str) -> Column:
-    return Column(
-        name, lambda row: f"{_text(getattr(row, name), row.metric)} {shown([], row.metric)[1]}", ">"
+def _goal_value(name: str) -> lab.Column:
+    return lab.Column(
+        name,
+        lambda row: f"{_text(getattr(row, name), row.metric)} {lab.shown([], row.metric)[1]}",
+        ">",
     )
 
 
@@ -468,7 +451,7 @@ _STEP_WINDOWS = (1.0, 5.0)
 
 def _pictures(rows: Sequence[Any]) -> dict[str, Figure]:
     """Figs. 6.14 to 6.22 of the thesis anew, those that there are episodes for."""
-    found = [row for row in of_kind(rows, ControllerRow) if row.trace is not None]
+    found = [row for row in lab.of_kind(rows, ControllerRow) if row.trace is not None]
     swing, lshape = (_compared(found, task) for task in ("swing", "lshape"))
     step = _compared(found, "step", 0.05)
     wanted = [
@@ -496,12 +479,12 @@ def _pictures(rows: Sequence[Any]) -> dict[str, Figure]:
 
 
 def _compared(rows: list[ControllerRow], task: str, width: float | None = None) -> list[Curve]:
-    mine = select(rows, setting="thesis", task=task, step_width=width)
+    mine = lab.select(rows, setting="thesis", task=task, step_width=width)
     return curves.policy_curves({row.policy: row.trace for row in mine if row.policy in COMPARED})
 
 
 def _varied(rows: list[ControllerRow], policy: str) -> list[Curve]:
-    mine = select(rows, plant=PCC, task="swing", policy=policy)
+    mine = lab.select(rows, plant=PCC, task="swing", policy=policy)
     return [
         Curve(variation_label(row.row()) or "nominal E", row.trace, {"color": _MODULI[row.modulus]})
         for row in sorted(mine, key=lambda row: row.modulus)
@@ -568,7 +551,7 @@ def _plane(drawn: list[Curve], title: str) -> Figure:
 def _thesis_points(axis: Axes, rows: list[ControllerRow], metric: str) -> None:
     """The thesis gives the largest error alone."""
     for policy, controller in CONTROLLERS.items() if rows[0].plant == PCC else ():
-        error = one(FIGURES, task="swing", controller=controller).e_max
+        error = lab.one(FIGURES, task="swing", controller=controller).e_max
         place = 1e6 * POLICY_TIME[controller], 1e3 * error
         if metric == "e_max":
             colour = figures.style_of(policy).colour
@@ -577,7 +560,7 @@ def _thesis_points(axis: Axes, rows: list[ControllerRow], metric: str) -> None:
 
 
 def _best_swing(rows: list[ControllerRow]) -> str:
-    best = min(select(rows, setting="mujoco") or rows, key=lambda row: row.e_rms)
+    best = min(lab.select(rows, setting="mujoco") or rows, key=lambda row: row.e_rms)
     error, time = 1e3 * best.e_rms, float(f"{1e6 * best.policy_time_median:.2g}")
     return f"{best.policy} errs least on the swing, {error:.2g} mm rms for {time:g} µs a decision"
 
@@ -590,9 +573,9 @@ _SAID = "; ".join(
     f"{name}, {', '.join(f'E x {factor:g} {what}' for factor, what in said.items())}"
     for name, said in ROBUSTNESS.items()
 )
-_VARIED_WITH = Column("variation", lambda row: variation_label(row.row()))
+_VARIED_WITH = lab.Column("variation", lambda row: variation_label(row.row()))
 
-CONTROLLER_STUDY = Study(
+CONTROLLER_STUDY = lab.Study(
     kinds=(ControllerRow, GoalRow),
     cases=controller_cases,
     measure=measure_controller,
@@ -602,7 +585,7 @@ CONTROLLER_STUDY = Study(
         _nominal,
         _varied_errors(("e_max", "e_rms"), steps=False),
         _varied_errors(("settling_time", "overshoot"), steps=True),
-        pivot(
+        lab.pivot(
             "MuJoCo: largest errors with another Young's modulus over the nominal ones (max / rms)",
             ("policy",),
             "place",
@@ -610,28 +593,28 @@ CONTROLLER_STUDY = Study(
             of=VariedRow,
             where=lambda row: row.plant == MUJOCO and list(row.variation) == [E],
         ),
-        table(
+        lab.table(
             "Swing on MuJoCo with another density or damping time (beyond the thesis)",
-            *("policy", Column("variation", lambda row: variation_label(row.row())), "e_max"),
+            *("policy", lab.Column("variation", lambda row: variation_label(row.row())), "e_max"),
             *("e_rms", "e_max_ratio", "e_rms_ratio"),
             of=VariedRow,
             where={"setting": "robustness", "modulus": None},
         ),
-        table(
+        lab.table(
             "Goals: the best policy on MuJoCo in the settings it was run in, then policy times",
-            *("goal", "policy", Column("setting", lambda row: _SETTINGS[row.setting])),
+            *("goal", "policy", lab.Column("setting", lambda row: _SETTINGS[row.setting])),
             *(_goal_value("value"), _goal_value("limit")),
-            Column("met", lambda row: verdict(row.met), ">"),
+            lab.Column("met", lambda row: lab.verdict(row.met), ">"),
             of=GoalRow,
         ),
-        failures("policy", "place", _VARIED_WITH, of=ControllerRow),
+        lab.failures("policy", "place", _VARIED_WITH, of=ControllerRow),
     ],
     note="observed: on MuJoCo, by tip and curvatures, without rates; motion: largest error away "
     f"from the reference's kinks, and the least; {_SPANS}. The thesis says of the swing with "
     f"another modulus: {_SAID}.",
     plots={
         "{}": _pictures,
-        "error_against_time": lines(
+        "error_against_time": lab.lines(
             "policy_time_median",
             tuple(_ERRORS),
             "policy",
@@ -700,7 +683,7 @@ class GeneralRow(PolicyRow):
     """
 
     part: str
-    speed: float | None = quantity("m/s", "g", "largest speed")
+    speed: float | None = lab.quantity("m/s", "g", "largest speed")
     path_seed: int | None
     seed: int = 0
 
@@ -756,16 +739,18 @@ def _several(metric: str) -> Callable[[list[GeneralRow]], str]:
     def shown_of(rows: list[GeneralRow]) -> str:
         failed = sum(row.failure is not None for row in rows)
         if len(rows) == 1 or failed:
-            return cell(rows[0], metric) if len(rows) == 1 else f"{failed} of {len(rows)} failed"
+            return (
+                lab.cell(rows[0], metric) if len(rows) == 1 else f"{failed} of {len(rows)} failed"
+            )
         values = [getattr(row, metric) for row in rows]
         return f"{_text(median(values), metric)} / {_text(max(values), metric)}"
 
     return shown_of
 
 
-def _general_table(metric: str, title: str, columns: str, per: str, **where: Any) -> TableMaker:
-    label, unit, _ = shown([], metric)
-    return pivot(
+def _general_table(metric: str, title: str, columns: str, per: str, **where: Any) -> lab.TableMaker:
+    label, unit, _ = lab.shown([], metric)
+    return lab.pivot(
         f"{title}: {_ERRORS.get(metric, label)} in {unit}",
         ("policy",),
         columns,
@@ -783,15 +768,15 @@ _MOST = 6
 
 
 def _speeds(rows: Sequence[Any]) -> Figure | None:
-    mine = select(rows, part="unseen")
+    mine = lab.select(rows, part="unseen")
     best = _ranked(mine)[:_MOST]
-    errors = [row.e_max for row in select(mine, policy=best[0]) if row.failure is None]
+    errors = [row.e_max for row in lab.select(mine, policy=best[0]) if row.failure is None]
     message = "On paths that no policy has met all failed"
     if errors:
         message = f"On paths that no policy has met {best[0]} errs least, by "
         message += f"{1e3 * max(errors):.2g} mm at most"
-    some = f"The {len(best)} of {len(names(mine))} policies that err least, median of the seeds"
-    return lines(
+    some = f"The {len(best)} of {len(lab.names(mine))} policies that err least, median of the seeds"
+    return lab.lines(
         "speed",
         tuple(_ERRORS),
         "policy",
@@ -807,7 +792,7 @@ def _speeds(rows: Sequence[Any]) -> Figure | None:
 def _ranked(rows: list[GeneralRow]) -> list[str]:
     """Policies, first without failures, then by the median of their errors."""
     order = {}
-    for (policy,), mine in groups(rows, "policy").items():
+    for (policy,), mine in lab.groups(rows, "policy").items():
         errors = [row.e_max for row in mine if row.failure is None]
         order[policy] = len(mine) - len(errors), median(errors or [np.inf])
     return sorted(order, key=order.__getitem__)
@@ -826,7 +811,7 @@ def _map_title(rows: list[GeneralRow]) -> str:
 def _least_disturbed(rows: list[GeneralRow]) -> str:
     """Who errs least on swing and L-shape; who failed anywhere errs infinitely."""
     worst = {}
-    for (policy,), mine in groups(rows, "policy").items():
+    for (policy,), mine in lab.groups(rows, "policy").items():
         errors = [
             row.e_max if row.failure is None else np.inf for row in mine if row.task != "step"
         ]
@@ -838,7 +823,7 @@ def _least_disturbed(rows: list[GeneralRow]) -> str:
     )
 
 
-GENERALIZATION = Study(
+GENERALIZATION = lab.Study(
     kinds=(GeneralRow,),
     cases=general_cases,
     measure=measure_general,
@@ -856,7 +841,7 @@ GENERALIZATION = Study(
             for task, width in DISTURBED_TASKS
             for metric in (_ERRORS if width is None else ("overshoot", "settling_time"))
         ),
-        failures("policy", "place", _VARIED_WITH),
+        lab.failures("policy", "place", _VARIED_WITH),
     ],
     note="Episodes start at rest under the inputs that hold the arm's closed statics on the "
     "reference. The chain's tip is then some tenths of a millimetre off, 0.32 mm in the unseen "
@@ -865,7 +850,7 @@ GENERALIZATION = Study(
     "those of cores that are all busy.",
     plots={
         "{}": _speeds,
-        "{}_disturbed": maps(
+        "{}_disturbed": lab.maps(
             "task",
             "policy",
             "heading",

@@ -37,24 +37,12 @@ from softrobot_env.thesis.envs import RigEnv
 from softrobot_env.thesis.rig.inverse import TOTAL
 from softrobot_env.training.motions import Plan, collect, drive, drives_of, filtered
 from softrobot_env.training.ssm import PLAN, learn, smoothed, trusted
-from studies.lab import (
-    Column,
-    Record,
-    Study,
-    for_pictures,
-    groups,
-    number,
-    of_kind,
-    pivot,
-    quantity,
-    select,
-    table,
-)
+from studies import lab
 from studies.rig import rig_name
 
 
 @dataclass(frozen=True)
-class PathRow(Record):
+class PathRow(lab.Record):
     """A path that a model predicts from rest and the inputs alone, two laps.
 
     Attributes:
@@ -83,8 +71,8 @@ class PathRow(Record):
     thesis: float | None
     fit_time: float | None
     predict_time: float | None
-    measured: np.ndarray | None = for_pictures()
-    predicted: np.ndarray | None = for_pictures()
+    measured: np.ndarray | None = lab.for_pictures()
+    predicted: np.ndarray | None = lab.for_pictures()
 
     @property
     def rig(self) -> str:
@@ -93,7 +81,7 @@ class PathRow(Record):
 
 
 @dataclass(frozen=True)
-class OrderRow(Record):
+class OrderRow(lab.Record):
     """Fig. 3.14: a model with the thesis' settings but for two.
 
     Attributes:
@@ -106,11 +94,11 @@ class OrderRow(Record):
     twin: int | None
     shape_order: int
     p: int
-    rms: float | None = quantity("mm", ".3g", "RMS")
+    rms: float | None = lab.quantity("mm", ".3g", "RMS")
 
 
 @dataclass(frozen=True)
-class DataRow(Record):
+class DataRow(lab.Record):
     """Error against what is learned from, and against order.
 
     Attributes:
@@ -122,15 +110,15 @@ class DataRow(Record):
     """
 
     twin: int | None
-    minutes: float = quantity("", "g", "min of motion")
-    order: int = quantity("", "d")
-    rms: float | None = quantity("mm", ".3g", "RMS")
-    fit_time: float = quantity("s", ".3g", "learned in")
-    predict_time: float | None = quantity("ms", ".3g", "25 s in")
+    minutes: float = lab.quantity("", "g", "min of motion")
+    order: int = lab.quantity("", "d")
+    rms: float | None = lab.quantity("mm", ".3g", "RMS")
+    fit_time: float = lab.quantity("s", ".3g", "learned in")
+    predict_time: float | None = lab.quantity("ms", ".3g", "25 s in")
 
 
 @dataclass(frozen=True)
-class LoopRow(Record):
+class LoopRow(lab.Record):
     """A closed loop on the triangle (thesis sec. 5.4).
 
     Attributes:
@@ -146,17 +134,17 @@ class LoopRow(Record):
 
     policy: str
     twin: int | None
-    period: float = quantity("s", "g", "lap")
-    mean: float | None = quantity("mm", ".3g")
-    largest: float | None = quantity("mm", ".3g")
-    goal: float | None = quantity("mm", "g")
-    decision: float = quantity("ms", ".2g", "decides")
-    longest: float = quantity("ms", ".2g", "99 %")
+    period: float = lab.quantity("s", "g", "lap")
+    mean: float | None = lab.quantity("mm", ".3g")
+    largest: float | None = lab.quantity("mm", ".3g")
+    goal: float | None = lab.quantity("mm", "g")
+    decision: float = lab.quantity("ms", ".2g", "decides")
+    longest: float = lab.quantity("ms", ".2g", "99 %")
     failure: str | None
 
 
 @dataclass(frozen=True)
-class SpectrumRow(Record):
+class SpectrumRow(lab.Record):
     """Modes of a rig's decays.
 
     Attributes:
@@ -169,11 +157,11 @@ class SpectrumRow(Record):
     """
 
     twin: int | None
-    decay: float = quantity("1/s", ".3g")
-    frequency: float = quantity("rad/s", ".3g")
-    separation: float = quantity("", ".3g", "others decay times as fast")
-    decay_path: np.ndarray | None = for_pictures()
-    excited: np.ndarray | None = for_pictures()
+    decay: float = lab.quantity("1/s", ".3g")
+    frequency: float = lab.quantity("rad/s", ".3g")
+    separation: float = lab.quantity("", ".3g", "others decay times as fast")
+    decay_path: np.ndarray | None = lab.for_pictures()
+    excited: np.ndarray | None = lab.for_pictures()
 
 
 # -------------------- motion to learn from, and paths to be predicted
@@ -481,7 +469,7 @@ def cases(quick: bool = False) -> list[tuple]:
     return [*(("rig", twin, False) for twin in TWINS), ("orders", SHOWN), ("amounts", SHOWN)]
 
 
-def measure(case: tuple) -> list[Record]:
+def measure(case: tuple) -> list[lab.Record]:
     """Learn models of rigs, predict paths that they have not seen, and control by them."""
     what, *given = case
     return {"rig": _rig, "orders": _order_rows, "amounts": _amounts}[what](*given)
@@ -499,11 +487,11 @@ def _learned(
     return model, perf_counter() - begin
 
 
-def _rig(twin: int | None, quick: bool) -> list[Record]:
+def _rig(twin: int | None, quick: bool) -> list[lab.Record]:
     """All models of a rig on all paths, and closed loops."""
     data = RigData(twin, quick)
     followed, loops = data.paths(), []
-    rows: list[Record] = [_spectrum(data)]
+    rows: list[lab.Record] = [_spectrum(data)]
     for name in list(MODELS)[:2] if quick else MODELS:
         records = data.thesis if name == THESIS_MODEL else data.ours
         model, learned_in = _learned(partial(MODELS[name], *records))
@@ -579,12 +567,12 @@ def _path(
 
 def _loops(
     twin: int | None, model: ReducedModel, records: Sequence[Recorded], quick: bool
-) -> list[Record]:
+) -> list[lab.Record]:
     """Triangles by what was learned of this rig; and by the best of the other laws, on twin 0.
 
     That one acts on identified parameters, which are shipped of this twin alone.
     """
-    rows: list[Record] = []
+    rows: list[lab.Record] = []
     with TemporaryDirectory() as folder:
         path = Path(folder) / "ssm.npz"
         write_arrays(path, {**trusted(model, records).arrays(), **fingerprint(RIG)})
@@ -625,7 +613,7 @@ def _rms(model: Model | None, records: Records) -> float | None:
         return float(np.sqrt(squares.mean())) if np.isfinite(squares).all() else None
 
 
-def _order_rows(twin: int) -> list[Record]:
+def _order_rows(twin: int) -> list[lab.Record]:
     """Fig. 3.14."""
     data, rows = RigData(twin), []
     for delays, order in product(DELAYS, SHAPE_ORDERS):
@@ -635,7 +623,7 @@ def _order_rows(twin: int) -> list[Record]:
     return rows
 
 
-def _amounts(twin: int) -> list[Record]:
+def _amounts(twin: int) -> list[lab.Record]:
     """Ours with less motion to learn from, and of other orders."""
     data, rows = RigData(twin), []
     decays, forced = data.ours
@@ -656,18 +644,18 @@ def _amounts(twin: int) -> list[Record]:
 _COLOURS = {"measured": "0.6", THESIS_MODEL: "#D55E00", OURS: "#0072B2"}
 
 
-def picture(rows: Sequence[Record]) -> figures.Figure:
+def picture(rows: Sequence[lab.Record]) -> figures.Figure:
     """Measured and predicted paths by speed, a decay, speeds, and Fig. 3.14."""
-    shown = [row for row in of_kind(rows, PathRow) if row.measured is not None]
+    shown = [row for row in lab.of_kind(rows, PathRow) if row.measured is not None]
     shown = [row for row in shown if row.model in _COLOURS]
-    periods = [p for (p,) in groups(shown, "period")]
+    periods = [p for (p,) in lab.groups(shown, "period")]
     figure, _ = figures.new_figure(0, 0, (10.0, 10.5))
     figure.get_layout_engine().set(h_pad=0.09)  # inches
     upper, lower = figure.subfigures(2, 1, height_ratios=[1, 1.2])
     axes = figures.add_panels(upper, 2, max(len(periods), 1), share=True)
     for line, name in zip(axes, ("rectangle", "circle"), strict=True):
         for axis, period in zip(line, periods, strict=False):
-            _paths_panel(axis, select(shown, path=name, period=period))
+            _paths_panel(axis, lab.select(shown, path=name, period=period))
             axis.set(title=f"{name}, T = {period:g} s", aspect="equal")
         line[0].set_ylabel("y [mm]")
     for axis in axes[1]:
@@ -675,15 +663,15 @@ def picture(rows: Sequence[Record]) -> figures.Figure:
     reach = 1.3e3 * max((np.abs(row.measured).max() for row in shown), default=1e-3)
     axes[0][0].set(xlim=(-reach, reach), ylim=(-reach, reach))
     others = figures.add_panels(lower, 2, 3).flat
-    decays = [row for row in of_kind(rows, SpectrumRow) if row.decay_path is not None]
+    decays = [row for row in lab.of_kind(rows, SpectrumRow) if row.decay_path is not None]
     _decays(others[0], others[3], decays)
     _speeds(others[1], shown, decays)
-    orders = of_kind(rows, OrderRow)
+    orders = lab.of_kind(rows, OrderRow)
     _orders_panel(others[2], orders)
     _inputs(others[4])
     for axis in (others[5], *(() if orders else (others[2],))):
         axis.set_visible(False)
-    fastest = select(of_kind(rows, PathRow), model=OURS, period=min(periods, default=0))
+    fastest = lab.select(lab.of_kind(rows, PathRow), model=OURS, period=min(periods, default=0))
     known = [row.mean for row in fastest if row.mean is not None]
     message = "No path is predicted"
     if known:
@@ -755,7 +743,7 @@ def _speeds(axis: Axes, paths: list[PathRow], rows: list[SpectrumRow]) -> None:
 def _orders_panel(axis: Axes, rows: list[OrderRow]) -> None:
     """Fig. 3.14."""
     ends = []
-    for (order,), mine in groups(rows, "shape_order").items():
+    for (order,), mine in lab.groups(rows, "shape_order").items():
         known = [(row.p, 1e3 * row.rms) for row in mine if row.rms is not None]
         (line,) = axis.plot(*zip(*known, strict=True), "o-", markersize=4)
         ends.append((f"$n_w$ = {order}", known[-1][1], line.get_color()))
@@ -786,21 +774,21 @@ def _cell(rows: list[PathRow]) -> str:
 
 def _shares(rows: list[PathRow]) -> str:
     """Of the slowest and of the fastest laps."""
-    by_period = [[row.nmte for row in mine] for mine in groups(rows, "period").values()]
+    by_period = [[row.nmte for row in mine] for mine in lab.groups(rows, "period").values()]
     return " / ".join(
         "-" if None in some else f"{100 * sum(some) / len(some):.2g}"
         for some in (by_period[0], by_period[-1])
     )
 
 
-_RIG = Column("rig", rig_name)
+_RIG = lab.Column("rig", rig_name)
 
-STUDY = Study(
+STUDY = lab.Study(
     kinds=(PathRow, OrderRow, DataRow, LoopRow, SpectrumRow),
     cases=cases,
     measure=measure,
     tables=[
-        pivot(
+        lab.pivot(
             "Rig {rig}: mean error in mm over rectangle and circle (goal), by the period of a lap; "
             "NMTE of the slowest and of the fastest",
             ("model",),
@@ -811,31 +799,31 @@ STUDY = Study(
             heading=lambda period: f"{period:g} s",
             more={
                 "NMTE %": _shares,
-                "learned s": lambda rows: number(rows[0].fit_time, ".2g"),
-                "25 s in ms": lambda rows: number(rows[0].predict_time, ".2g", "ms"),
+                "learned s": lambda rows: lab.number(rows[0].fit_time, ".2g"),
+                "25 s in ms": lambda rows: lab.number(rows[0].predict_time, ".2g", "ms"),
             },
         ),
-        pivot(
+        lab.pivot(
             f"Fig. 3.14, twin {SHOWN}: RMS error in mm of unseen random motion of 25 s",
             ("shape_order",),
             "p",
-            lambda rows: number(rows[0].rms, ".3g", "mm", "diverges"),
+            lambda rows: lab.number(rows[0].rms, ".3g", "mm", "diverges"),
             of=OrderRow,
             heading=lambda p: f"p = {p}",
             headings=("n_w",),
         ),
-        table(
+        lab.table(
             "Improved model, unseen random motion",
             *("minutes", "order", "rms", "fit_time", "predict_time"),
             of=DataRow,
         ),
-        table(
+        lab.table(
             "Triangle, closed loop",
             *(_RIG, "policy", "period", "mean", "largest", "goal", "decision", "longest"),
             "failure",
             of=LoopRow,
         ),
-        table("Modes of decays", _RIG, "decay", "frequency", "separation", of=SpectrumRow),
+        lab.table("Modes of decays", _RIG, "decay", "frequency", "separation", of=SpectrumRow),
     ],
     note=_NOTE,
     plots={"{}": picture},

@@ -37,27 +37,7 @@ from softrobot_env.thesis.rig.parameters import (
 from softrobot_env.thesis.rig.servo_constraints import ServoConstraints
 from softrobot_env.thesis.trajectories import LapCircle
 from softrobot_env.training.sensors import calibrated
-from studies.lab import (
-    Column,
-    Record,
-    Study,
-    TableMaker,
-    at_least,
-    at_most,
-    failures,
-    for_pictures,
-    groups,
-    new_table,
-    number,
-    of_kind,
-    one,
-    pivot,
-    quantity,
-    select,
-    spread,
-    table,
-    verdict,
-)
+from studies import lab
 from studies.thesis import Row as ForceRow
 from studies.thesis import make_row
 
@@ -74,7 +54,7 @@ _POINTS, _QUICK_POINTS = 61, 16  # of Fig. 5.14
 
 
 @dataclass(frozen=True)
-class TriangleRow(Record):
+class TriangleRow(lab.Record):
     """Laps of the triangle.
 
     Attributes:
@@ -96,17 +76,17 @@ class TriangleRow(Record):
     e_mean: float | None
     e_max: float | None
     failure: str | None
-    limited: float = quantity("%", ".1f")
-    policy_time_median: float = quantity("µs", ".0f", "decision")
-    policy_time_p99: float = quantity("µs", ".0f", "99 %")
-    policy_time_max: float = quantity("µs", ".0f", "longest")
-    computing_factor: float = quantity("x", ".0f", "inputs")
-    realtime_factor: float = quantity("x", ".0f", "simulation")
-    trace: Rollout | None = for_pictures()
+    limited: float = lab.quantity("%", ".1f")
+    policy_time_median: float = lab.quantity("µs", ".0f", "decision")
+    policy_time_p99: float = lab.quantity("µs", ".0f", "99 %")
+    policy_time_max: float = lab.quantity("µs", ".0f", "longest")
+    computing_factor: float = lab.quantity("x", ".0f", "inputs")
+    realtime_factor: float = lab.quantity("x", ".0f", "simulation")
+    trace: Rollout | None = lab.for_pictures()
 
 
 @dataclass(frozen=True, kw_only=True)
-class RigGoal(Record):
+class RigGoal(lab.Record):
     """A goal for medians over the twins; values and limits in SI units.
 
     Attributes:
@@ -255,13 +235,13 @@ def force_rows(count: int) -> list[ForceRow]:
 
 def middle(rows: list[TriangleRow], name: str, policy: str, period: float) -> float | None:
     """Median of a value over the rigs; None if one of them failed, or none was run."""
-    values = [getattr(row, name) for row in select(rows, policy=policy, period=period)]
+    values = [getattr(row, name) for row in lab.select(rows, policy=policy, period=period)]
     return None if not values or None in values else median(values)
 
 
 def with_goals(rows: list[Any]) -> list[Any]:
     """The rows and what medians over twins say about accuracy, ranking and computing time."""
-    twins = [row for row in of_kind(rows, TriangleRow) if row.twin is not None]
+    twins = [row for row in lab.of_kind(rows, TriangleRow) if row.twin is not None]
     return [*rows, *_goals(twins)] if twins else rows
 
 
@@ -277,7 +257,7 @@ def _goals(twins: list[TriangleRow]) -> Iterator[RigGoal]:
     limits.append((beyond, "hybrid_calibrated", FAST, "e_mean", 4e-3))
     for goal, policy, period, name, limit in limits:
         value = middle(twins, name, policy, period)
-        yield at_most(RigGoal, limit, value, goal=goal, policy=policy, unit="mm")
+        yield lab.at_most(RigGoal, limit, value, goal=goal, policy=policy, unit="mm")
     words = {"rig_nn": "network", "inverse_dynamics": "model", "hybrid": "hybrid"}
     for period, order in (
         (SLOW, ("hybrid", "rig_nn", "inverse_dynamics")),
@@ -286,14 +266,14 @@ def _goals(twins: list[TriangleRow]) -> Iterator[RigGoal]:
         goal = f"T = {period:g} s: {' before '.join(words[name] for name in order)}"
         errors = [middle(twins, "e_mean", name, period) for name in order]
         met = None not in errors and errors == sorted(errors)
-        yield at_least(RigGoal, 1.0, float(met), goal=goal, policy="", unit="")
-    for (policy,), mine in groups(twins, "policy").items():
+        yield lab.at_least(RigGoal, 1.0, float(met), goal=goal, policy="", unit="")
+    for (policy,), mine in lab.groups(twins, "policy").items():
         factor = median(row.computing_factor for row in mine)
         longest = median(row.policy_time_p99 for row in mine)
         goal = "inputs, times real time"
-        yield at_least(RigGoal, 20.0, factor, goal=goal, policy=policy, unit="x")
+        yield lab.at_least(RigGoal, 20.0, factor, goal=goal, policy=policy, unit="x")
         goal = "99 % of the decisions"
-        yield at_most(RigGoal, 0.020, longest, goal=goal, policy=policy, unit="ms")
+        yield lab.at_most(RigGoal, 0.020, longest, goal=goal, policy=policy, unit="ms")
 
 
 # ---------------------------------------------------------------- tables of the triangles
@@ -309,24 +289,24 @@ def _over_twins(name: str) -> Callable[[list[TriangleRow]], str]:
 
     def said(rows: list[TriangleRow]) -> str:
         values = [getattr(row, name) for row in rows if row.twin is not None]
-        return "failed" if None in values else spread(values, ".1f", "mm")
+        return "failed" if None in values else lab.spread(values, ".1f", "mm")
 
     return said
 
 
 def _both(pair: Sequence[float | None] | None) -> str:
-    return "-" if pair is None else " / ".join(number(value, ".1f", "mm") for value in pair)
+    return "-" if pair is None else " / ".join(lab.number(value, ".1f", "mm") for value in pair)
 
 
 def _ideal(rows: list[TriangleRow]) -> str:
-    row = one(rows, twin=None)
+    row = lab.one(rows, twin=None)
     return _both(None if row is None else (row.e_mean, row.e_max))
 
 
 def _goal_value(value: float | None, unit: str) -> str:
     if value is None:
         return "failed"
-    return f"{number(value, '.3g', unit)} {unit}" if unit else ("yes" if value else "no")
+    return f"{lab.number(value, '.3g', unit)} {unit}" if unit else ("yes" if value else "no")
 
 
 # ---------------------------------------------------------------- pictures of the triangles
@@ -341,7 +321,7 @@ _PATHS = {
 
 
 def _pictures(rows: list[Any]) -> dict[str, Figure]:
-    laps = [row for row in of_kind(rows, TriangleRow) if row.trace is not None]
+    laps = [row for row in lab.of_kind(rows, TriangleRow) if row.trace is not None]
     traces, out = {(row.policy, row.period): row.trace for row in laps}, {}
     for name, (title, period, policies) in _PATHS.items():
         mine = {p: traces[p, period] for p in policies if (p, period) in traces}
@@ -350,7 +330,7 @@ def _pictures(rows: list[Any]) -> dict[str, Figure]:
     pair = [traces.get((name, FAST)) for name in ("rig_nn", "hybrid")]
     if None not in pair:
         out["fig_5_13"] = _parts(*pair)
-    forces = of_kind(rows, ForceRow)
+    forces = lab.of_kind(rows, ForceRow)
     return out | ({"fig_5_14": _forces(forces)} if forces else {})
 
 
@@ -391,8 +371,8 @@ def _forces(rows: list[ForceRow]) -> Figure:
     """Effective tendon force and its phase over the angular velocity."""
     figure, axes = new_figure(2, 1, (7.5, 5.6))
     marked = "effective_force_N", "phase_rad", "omega_of_least_force_rad_s"
-    force, phase, (least,) = (select(rows, y_name=name) for name in marked)
-    (even,) = select(rows, y_name="omega_of_balance_rad_s")
+    force, phase, (least,) = (lab.select(rows, y_name=name) for name in marked)
+    (even,) = lab.select(rows, y_name="omega_of_balance_rad_s")
     top, bottom = axes[:, 0]
     for axis, mine, factor, mark, what in (
         (top, force, 1.0, least.y, "least force"),
@@ -414,14 +394,14 @@ def _forces(rows: list[ForceRow]) -> Figure:
     return figure
 
 
-RIG_STUDY = Study(
+RIG_STUDY = lab.Study(
     kinds=(TriangleRow, ForceRow, RigGoal),
     cases=triangles,
     measure=measure_triangle,
     derive=with_goals,
     alone=True,
     tables=[
-        pivot(
+        lab.pivot(
             "Triangle, T = {period} s (Tabs. 5.2 and 5.3), mean / largest error in mm\n"
             "after the approach; twins: median (range)",
             ("policy",),
@@ -434,37 +414,37 @@ RIG_STUDY = Study(
             of=TriangleRow,
             per=("period",),
         ),
-        pivot(
+        lab.pivot(
             "Computing: time per decision, median of the episodes (least to largest)",
             ("policy",),
             ("policy_time_median", "policy_time_p99", "policy_time_max"),
             of=TriangleRow,
         ),
-        pivot(
+        lab.pivot(
             "Inputs alone and simulation in times real time, share of limited decisions: the same",
             ("policy",),
             ("computing_factor", "realtime_factor", "limited"),
             of=TriangleRow,
         ),
-        table(
+        lab.table(
             "Fig. 5.14: circle of 90 mm, angular velocity in rad/s",
-            Column("what", lambda row: row.y_name.removesuffix("_rad_s").replace("_", " ")),
-            Column("found", "y", ".3g"),
-            Column("thesis", form="g"),
-            Column("audit", form="g"),
+            lab.Column("what", lambda row: row.y_name.removesuffix("_rad_s").replace("_", " ")),
+            lab.Column("found", "y", ".3g"),
+            lab.Column("thesis", form="g"),
+            lab.Column("audit", form="g"),
             of=ForceRow,
             where=lambda row: row.x is None,
         ),
-        table(
+        lab.table(
             "Goals",
             "goal",
             "policy",
-            Column("found", lambda row: _goal_value(row.value, row.unit), ">"),
-            Column("limit", lambda row: _goal_value(row.limit, row.unit), ">"),
-            Column("met", lambda row: verdict(row.met), ">"),
+            lab.Column("found", lambda row: _goal_value(row.value, row.unit), ">"),
+            lab.Column("limit", lambda row: _goal_value(row.limit, row.unit), ">"),
+            lab.Column("met", lambda row: lab.verdict(row.met), ">"),
             of=RigGoal,
         ),
-        failures(Column("rig", rig_name), "period", "policy", of=TriangleRow),
+        lab.failures(lab.Column("rig", rig_name), "period", "policy", of=TriangleRow),
     ],
     plots={"{}": _pictures},
 )
@@ -514,7 +494,7 @@ _FAST = {"radius": 0.12, "speed": 2 * np.pi * 0.12, "laps": 6, "ramp": 2.0}
 
 
 @dataclass(frozen=True)
-class CircleRow(Record):
+class CircleRow(lab.Record):
     """A circle.
 
     Attributes:
@@ -542,7 +522,7 @@ class CircleRow(Record):
     last: float | None
     thesis: float | None
     failure: str | None
-    trace: Rollout | None = for_pictures()
+    trace: Rollout | None = lab.for_pictures()
 
 
 def circles(quick: bool) -> list[Any]:
@@ -629,7 +609,7 @@ _RATIO, TOLD = 5.0, ((0.2, 1.0), (0.3, 2.0))
 
 
 @dataclass(frozen=True)
-class GainRow(Record):
+class GainRow(lab.Record):
     """A pair of gains.
 
     Attributes:
@@ -641,10 +621,10 @@ class GainRow(Record):
         limit: Whether these are the largest stable gains of the thesis' ratio.
     """
 
-    proportional: float = quantity(form=".2f", label="K_P")
-    integral: float = quantity(form=".2f", label="K_I 1/s")
+    proportional: float = lab.quantity(form=".2f", label="K_P")
+    integral: float = lab.quantity(form=".2f", label="K_I 1/s")
     radius: float
-    decay: float | None = quantity(form=".2f", label="rings for s")
+    decay: float | None = lab.quantity(form=".2f", label="rings for s")
     limit: bool
 
 
@@ -699,7 +679,7 @@ def _spectral_radius(proportional: float, integral: float) -> float:
 # ---------------------------------------------------------------- tables and picture of circles
 
 
-def _circle_errors(title: str, name: str, **where: Any) -> TableMaker:
+def _circle_errors(title: str, name: str, **where: Any) -> lab.TableMaker:
     """RMS errors by disturbance: twin 0, median of the others, and the thesis'."""
 
     def cell(rows: list[CircleRow]) -> str:
@@ -710,7 +690,7 @@ def _circle_errors(title: str, name: str, **where: Any) -> TableMaker:
         text = f"{first:.2g}" + (f" / {median(others):.2g}" if others else "")
         return text if rows[0].thesis is None else f"{text} ({1e3 * rows[0].thesis:.1f})"
 
-    return pivot(
+    return lab.pivot(
         f"Circle of 120 mm, {title}, tip by the {{seen_by}}: RMS error in mm of twin 0 / median "
         "of the others (thesis)",
         ("policy",),
@@ -730,20 +710,20 @@ def _disturbance(name: str) -> str:
 def _shares(rows: list[Any]) -> Table:
     """What P and PI leave of the error of the network alone, here and in the thesis."""
     heads = ("here", "thesis", "first mode: still", "turning once a lap")
-    mine = select(of_kind(rows, CircleRow), path=LAP, seen_by=CAMERA)
+    mine = lab.select(lab.of_kind(rows, CircleRow), path=LAP, seen_by=CAMERA)
     circle, (alone, *fed_back) = make_task("rig_circle").trajectory, THESIS
     gains = dict(zip(fed_back, ((TOLD[0][0], 0.0), TOLD[0]), strict=True))
     title = f"Share of the error of {alone} that is left, %"
-    out = new_table(title, ("policy", "disturbance"), heads)
+    out = lab.new_table(title, ("policy", "disturbance"), heads)
     for policy, what in (key for key in PRINTED if key[0] in gains):
-        pair = [one(mine, policy=name, disturbance=what) for name in (policy, alone)]
+        pair = [lab.one(mine, policy=name, disturbance=what) for name in (policy, alone)]
         errors = [None if row is None else row.rms for row in pair]
         shares = [
             None if None in errors else errors[0] / errors[1],
             PRINTED[policy, what] / PRINTED[alone, what],
             *(left(*gains[policy], rate) for rate in (0.0, circle.speed / circle.radius)),
         ]
-        out.add_row(policy, what, *(number(share, ".0f", "%") for share in shares))
+        out.add_row(policy, what, *(lab.number(share, ".0f", "%") for share in shares))
     return out
 
 
@@ -753,8 +733,8 @@ _LEAST_ERROR = 0.05
 
 def _circle_picture(rows: list[Any]) -> Figure:
     """Figs. 6.3 and 6.4: paths of the tip, and errors over time, a column for each disturbance."""
-    laps = [row for row in of_kind(rows, CircleRow) if row.trace is not None]
-    cases = groups(laps, "disturbance")
+    laps = [row for row in lab.of_kind(rows, CircleRow) if row.trace is not None]
+    cases = lab.groups(laps, "disturbance")
     figure, _ = new_figure(0, 0, (max(2.1 * len(cases), 5.0), 5.6))
     figure.get_layout_engine().set(h_pad=0.09)  # inches
     parts = figure.subfigures(2, 1, height_ratios=[1, 1.05])
@@ -769,7 +749,7 @@ def _circle_picture(rows: list[Any]) -> Figure:
     axes[0][0].set_ylabel("y [mm]")
     axes[1][0].set_ylabel("error [mm]")
     worst = {}
-    for (policy,), mine in groups(select(laps, seen_by=CAMERA), "policy").items():
+    for (policy,), mine in lab.groups(lab.select(laps, seen_by=CAMERA), "policy").items():
         errors = [row.rms for row in mine]
         worst[policy] = np.inf if None in errors else max(errors)
     best = min(worst, key=worst.__getitem__)
@@ -785,15 +765,15 @@ def _circle_picture(rows: list[Any]) -> Figure:
 
 def _circle_curves(rows: list[CircleRow]) -> list[Curve]:
     """A policy with a sensor is drawn as with the camera, dotted."""
-    seen = curves.policy_curves({row.policy: row.trace for row in select(rows, seen_by=CAMERA)})
+    seen = curves.policy_curves({row.policy: row.trace for row in lab.select(rows, seen_by=CAMERA)})
     known = {curve.name: curve.line for curve in seen}
     return seen + [
         Curve(f"{row.policy}, {row.seen_by}", row.trace, known[row.policy] | {"linestyle": ":"})
-        for row in select(rows, seen_by=SENSOR)
+        for row in lab.select(rows, seen_by=SENSOR)
     ]
 
 
-FEEDBACK = Study(
+FEEDBACK = lab.Study(
     kinds=(CircleRow, GainRow),
     cases=circles,
     measure=measure_circle,
@@ -801,15 +781,15 @@ FEEDBACK = Study(
         _circle_errors("{path}", "rms"),
         _circle_errors("the last of {path}", "last", path=LAPS),
         _shares,
-        table(
+        lab.table(
             "P and PI feedback by the first mode alone: what is stable",
             "proportional",
             "integral",
             "decay",
-            Column("", lambda row: "largest stable in this ratio" if row.limit else "thesis"),
+            lab.Column("", lambda row: "largest stable in this ratio" if row.limit else "thesis"),
             of=GainRow,
         ),
-        failures("policy", "disturbance", of=CircleRow),
+        lab.failures("policy", "disturbance", of=CircleRow),
     ],
     note=f"The tip is seen {1e3 * LATE:g} ms late, by a camera or a curvature sensor with the "
     "errors of the twin; the sensor is calibrated by 120 postures at rest. Policies know the "

@@ -38,19 +38,7 @@ from softrobot_env.robots import RIG
 from softrobot_env.thesis.rig.inverse import TOTAL
 from softrobot_env.thesis.rig.parameters import record
 from softrobot_env.thesis.rig.slow_rig import RigStatics
-from studies.lab import (
-    Column,
-    Lab,
-    Record,
-    Study,
-    groups,
-    number,
-    of_kind,
-    pivot,
-    quantity,
-    select,
-    table,
-)
+from studies import lab
 
 #: Hidden layers and neurons of each of them, Figs. 3.7 and 5.3; in a quick run those of `_QUICK`.
 LAYERS = (1, 2, 3, 4, 5)
@@ -116,7 +104,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class CellRow(Cell, Record):
+class CellRow(Cell, lab.Record):
     """What the trainings of a cell have found; `samples` also where it is all of them.
 
     Attributes:
@@ -125,13 +113,13 @@ class CellRow(Cell, Record):
         iterations, training_time: Of a training, medians; [1] and [s].
     """
 
-    e_rms: float = quantity("mm", ".3f", "rms")
+    e_rms: float = lab.quantity("mm", ".3f", "rms")
     e_rms_least: float
     e_rms_largest: float
-    e_max: float = quantity("mm", ".2f", "max")
+    e_max: float = lab.quantity("mm", ".2f", "max")
     e_rms_validation: float
-    iterations: float = quantity(form="g", label="steps")
-    training_time: float = quantity("s", ".2f", "training")
+    iterations: float = lab.quantity(form="g", label="steps")
+    training_time: float = lab.quantity("s", ".2f", "training")
 
 
 @dataclass(frozen=True)
@@ -143,7 +131,7 @@ class FrictionRow(CellRow):
         total: [N], one of `TOTALS`.
     """
 
-    friction: float = quantity("N", "g")
+    friction: float = lab.quantity("N", "g")
     total: float | None
 
     @property
@@ -153,7 +141,7 @@ class FrictionRow(CellRow):
 
 
 @dataclass(frozen=True)
-class InferenceRow(Record):
+class InferenceRow(lab.Record):
     """Computing time of a network.
 
     Attributes:
@@ -165,26 +153,26 @@ class InferenceRow(Record):
 
     direction: str
     variant: str
-    time: float = quantity("µs", ".2f")
+    time: float = lab.quantity("µs", ".2f")
     study: str = "inference"
 
 
-def run(lab: Lab) -> list[Any]:
+def run(bench: lab.Lab) -> list[Any]:
     """Train and time networks with the data of a twin, as its controllers get them, then friction.
 
     Rows of sizes and samples, of times, and of friction.
     """
-    count, trainings = (_QUICK_POINTS, QUICK_TRAININGS) if lab.quick else (POINTS, TRAININGS)
+    count, trainings = (_QUICK_POINTS, QUICK_TRAININGS) if bench.quick else (POINTS, TRAININGS)
     points = disk_points(count)
-    lab.progress("visiting the points", 0, 1)
+    bench.progress("visiting the points", 0, 1)
     visits = Excitation(kinds=("visits",), points=len(points), seed=_SEED)
     data = visits_of(record(_SEED, excitation=visits), RIG)
     parts = split(len(data.lengths), np.random.default_rng(_SEED))
-    rows = measure_cells(lab, cells(lab.quick), data, parts)
-    rows += inference_rows(data, parts, _QUICK_REPEATS if lab.quick else _REPEATS)
+    rows = measure_cells(bench, cells(bench.quick), data, parts)
+    rows += inference_rows(data, parts, _QUICK_REPEATS if bench.quick else _REPEATS)
     pairs = list(product(TOTALS, FRICTIONS))
     measure = partial(friction_rows, points, trainings)
-    return rows + lab.measure(pairs, measure, lambda pair: f"friction {pair[1]:g} N")
+    return rows + bench.measure(pairs, measure, lambda pair: f"friction {pair[1]:g} N")
 
 
 def cells(quick: bool = False) -> list[Cell]:
@@ -199,10 +187,12 @@ def cells(quick: bool = False) -> list[Cell]:
     return found
 
 
-def measure_cells(lab: Lab, wanted: Sequence[Cell], data: RigData, parts: Split) -> list[CellRow]:
+def measure_cells(
+    bench: lab.Lab, wanted: Sequence[Cell], data: RigData, parts: Split
+) -> list[CellRow]:
     """Rows of cells in their order; those that take longest are begun first."""
     order = sorted(wanted, key=lambda cell: -cell.layers * cell.neurons)
-    rows = lab.measure(order, partial(measure_cell, data=data, parts=parts))
+    rows = bench.measure(order, partial(measure_cell, data=data, parts=parts))
     found = dict(zip(order, rows, strict=True))
     return [found[cell] for cell in wanted]
 
@@ -291,14 +281,14 @@ _ARROWS = {"forward": "s -> z", "inverse": "z -> s"}
 
 def _range(rows: list[CellRow]) -> str:
     values = (rows[0].e_rms, rows[0].e_rms_least, rows[0].e_rms_largest)
-    middle, least, largest = (number(value, ".3f", "mm") for value in values)
+    middle, least, largest = (lab.number(value, ".3f", "mm") for value in values)
     return f"{middle} ({least} to {largest})"
 
 
 _ON_TEST = "rms error in mm on the test set, median"
 
 TABLES = [
-    pivot(
+    lab.pivot(
         f"{{direction}}: {_ON_TEST}",
         ("neurons",),
         "layers",
@@ -310,7 +300,7 @@ TABLES = [
         headings=("neurons per layer",),
         ordered=True,
     ),
-    pivot(
+    lab.pivot(
         f"Samples in the training set: {_ON_TEST} (range)",
         ("samples",),
         "direction",
@@ -319,18 +309,18 @@ TABLES = [
         where={"study": "samples"},
         ordered=True,
     ),
-    table(
+    lab.table(
         f"Networks of {TRAINING} samples, medians",
-        Column("network", lambda row: f"{row.direction}, {_ARROWS[row.direction]}"),
+        lab.Column("network", lambda row: f"{row.direction}, {_ARROWS[row.direction]}"),
         "e_rms",
-        Column("thesis mm", lambda row: THESIS[row.direction], ".2f", "mm"),
+        lab.Column("thesis mm", lambda row: THESIS[row.direction], ".2f", "mm"),
         "e_max",
         "iterations",
         "training_time",
         of=CellRow,
         where={"study": "samples", "samples": TRAINING},
     ),
-    pivot(
+    lab.pivot(
         "Stand-in without dither: rms error in mm on the test set, median (range)",
         ("friction", "tensions"),
         "direction",
@@ -338,12 +328,12 @@ TABLES = [
         of=FrictionRow,
         headings=("friction N", "sum of tensions"),
     ),
-    table(
+    lab.table(
         "Computing time per sample",
-        Column("network", "direction"),
-        Column("how", "variant"),
+        lab.Column("network", "direction"),
+        lab.Column("how", "variant"),
         "time",
-        Column("thesis µs", lambda r: _THESIS_TIMES.get((r.direction, r.variant)), ".1f", "µs"),
+        lab.Column("thesis µs", lambda r: _THESIS_TIMES.get((r.direction, r.variant)), ".1f", "µs"),
         of=InferenceRow,
     ),
 ]
@@ -360,12 +350,12 @@ _TOLD = {"forward": (80, 1e-3), "inverse": (55, 0.3e-3)}
 
 def picture(rows: list[Any]) -> Figure:
     """A line of panels per direction, error over neurons and over samples."""
-    found = [row for row in of_kind(rows, CellRow) if row.study in ("size", "samples")]
-    directions = groups(found, "direction")
+    found = [row for row in lab.of_kind(rows, CellRow) if row.study in ("size", "samples")]
+    directions = lab.groups(found, "direction")
     figure, axes = figures.new_figure(len(directions), 2, (9.5, 1.0 + 3.3 * len(directions)))
     for (left, right), ((direction,), mine) in zip(axes, directions.items(), strict=True):
-        _sizes(left, select(mine, study="size"))
-        _samples(right, select(mine, study="samples"), direction)
+        _sizes(left, lab.select(mine, study="size"))
+        _samples(right, lab.select(mine, study="samples"), direction)
         left.axhline(1e3 * THESIS[direction], **figures.REFERENCE | {"label": "thesis"})
         left.set_ylabel(f"rms error [mm]\n{_TITLES[direction]}")
         for axis in (left, right):
@@ -373,7 +363,7 @@ def picture(rows: list[Any]) -> Figure:
             figures.plain_ticks(axis, "xy")
     axes[-1, 0].set_xlabel("neurons per layer")
     axes[-1, 1].set_xlabel("samples in the training set")
-    used = select(found, study="samples", samples=TRAINING)
+    used = lab.select(found, study="samples", samples=TRAINING)
     told = [f"{1e3 * row.e_rms:.2g} mm {_WHAT[row.direction]}" for row in used]
     message = f"With {TRAINING} samples networks err by {' and '.join(told)}"
     figures.add_title(figure, message, "Quasi-static networks of the rig on the test set")
@@ -386,7 +376,7 @@ def picture(rows: list[Any]) -> Figure:
 
 def _sizes(axis: Axes, rows: list[CellRow]) -> None:
     """Medians, a curve per number of layers."""
-    for (layers,), mine in sorted(groups(rows, "layers").items()):
+    for (layers,), mine in sorted(lab.groups(rows, "layers").items()):
         x, y = zip(*sorted((row.neurons, 1e3 * row.e_rms) for row in mine), strict=True)
         label, colour = f"{layers} layer{'s' * (layers > 1)}", COLOURS[layers % len(COLOURS)]
         axis.plot(x, y, "o-", color=colour, label=label, markersize=4, linewidth=1.2)
@@ -407,6 +397,6 @@ def _samples(axis: Axes, rows: list[CellRow], direction: str) -> None:
     axis.plot(*zip(*marks, strict=True), "x", linestyle="none", **mark)
 
 
-STUDY = Study(
+STUDY = lab.Study(
     kinds=(CellRow, InferenceRow, FrictionRow), stages=run, tables=TABLES, plots={"{}": picture}
 )

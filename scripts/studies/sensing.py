@@ -233,24 +233,22 @@ def _other_rows(quick: bool) -> list[Row]:
     rms = float(np.sqrt(np.mean((np.degrees(found(at)) - printed) ** 2)))
     share, least = 100 * float(np.mean(small < 2)), float(np.degrees(gap[error > 10].min()))
     both = f"the thesis' two differ by {between:.2f}; {_coefficients(found)}"
-    where, dark = "Figs. 4.8 to 4.11", "by the dark level; thesis: "
+    where = "Figs. 4.8 to 4.11"
     alike, apart = "to 10 degrees difference", "beyond 20 degrees difference"
-    largest = float(small.max()), float(large.max())
     rows = [
-        Row(figure, quantity, value, unit, kind, note=note)
-        for figure, quantity, value, unit, kind, note in (
-            (where, f"mean error {alike}", float(small.mean()), "deg", "check", _MOSTLY),
-            (where, f"share below 2 degrees, {alike}", share, "%", "fitted", f'{dark}"mostly"'),
-            (where, f"largest error {alike}", largest[0], "deg", "check", ""),
-            (where, f"largest error {apart}", largest[1], "deg", "fitted", f"{dark}above 10"),
-            (where, _LEAST, least, "deg", "check", "thesis: more than 20"),
-            ("Tab. 4.2", "RMS from the thesis' polynomial", rms, "deg", "check", both),
-        )
+        Row(where, f"mean error {alike}", float(small.mean()), "deg", "check", note=_MOSTLY),
+        Row(where, f"share below 2 degrees, {alike}", share, "%", "fitted", note=_MUCH),
+        Row(where, f"largest error {alike}", float(small.max()), "deg", "check"),
+        Row(where, f"largest error {apart}", float(large.max()), "deg", "fitted", note=_ABOVE),
+        Row(where, _LEAST, least, "deg", "check", note="thesis: more than 20"),
+        Row("Tab. 4.2", "RMS from the thesis' polynomial", rms, "deg", "check", note=both),
     ]
     return [replace(rows[0], goal=2.0, curves=curves), *rows[1:]]
 
 
-_MOSTLY, _LEAST = 'thesis: "mostly below 2"', "least difference with an error of 10 degrees"
+_LEAST = "least difference with an error of 10 degrees"
+_MOSTLY = 'thesis: "mostly below 2"'
+_MUCH, _ABOVE = 'by the dark level; thesis: "mostly"', "by the dark level; thesis: above 10"
 
 
 # -------------------- three planar sensors in a finger, in simulated grips (thesis sec. 4.1.3)
@@ -530,46 +528,39 @@ def _network(samples: Dataset, rng: np.random.Generator) -> Network:
     return bayesian.train(samples.new_network(_HIDDEN, rng), samples, 200).network
 
 
-class _Case(NamedTuple):
-    """Imperfections: a scale of the usual ones, noise of each sample, light that is not linear."""
-
-    name: str
-    scale: float
-    flicker: float
-    bent: float = 0.0
-
-
-def _cases() -> list[_Case]:
-    own = USUAL["flicker"]
-    scaled = (_Case(f"x {s:g}, {100 * s * _FLICKER:g} % noise", s, s * _FLICKER) for s in _SCALES)
-    bent = _Case("usual, light not linear by 5 %", 1.0, own, 0.05)
-    return [_Case("usual", 1.0, own), *scaled, bent]
+#: Name -> scale of the usual imperfections, noise of each sample, light that is not linear [1].
+_CASES = {
+    "usual": (1.0, USUAL["flicker"], 0.0),
+    **{f"x {s:g}, {100 * s * _FLICKER:g} % noise": (s, s * _FLICKER, 0.0) for s in _SCALES},
+    "usual, light not linear by 5 %": (1.0, USUAL["flicker"], 0.05),
+}
 
 
 def spatial_rows(quick: bool = False) -> list[Row]:
     """Rows of Figs. 4.22 and 4.23, and of the estimate by the model."""
     specimens = QUICK_SPECIMENS if quick else SPECIMENS
     out = []
-    for case in _cases()[: 2 if quick else None]:
+    for name in list(_CASES)[: 2 if quick else None]:
+        scale, flicker, bent = _CASES[name]
         found = []
         for specimen in specimens:
-            sensor = RIG.sensors[0].with_imperfections(case.scale, specimen)
-            found.append(_judge_spatial(specimen, replace(sensor, flicker=case.flicker), case.bent))
-        out += _tip_rows(case, found)
+            sensor = RIG.sensors[0].with_imperfections(scale, specimen)
+            found.append(_judge_spatial(specimen, replace(sensor, flicker=flicker), bent))
+        out += _tip_rows(name, found)
         if len(out) == len(found[0].squares):  # of the first case
             out[0] = replace(out[0], curves=found[0].curves)
     return out
 
 
-def _tip_rows(case: _Case, found: list[_Found]) -> list[Row]:
+def _tip_rows(case: str, found: list[_Found]) -> list[Row]:
     printed = {"network test": ("Fig. 4.22", 4.6), "network circle": ("Fig. 4.23", 7.0)}
     out = []
     for what in found[0].squares:
         each = [1e3 * float(np.sqrt(one.squares[what].mean())) for one in found]
         figure, thesis = printed.get(what, ("", None))
         goal = None if "without" in what else thesis or 1e3 * GOAL
-        fitted = case.scale == _SCALES[-1] and what == "network test"
-        name = f"{what}, RMS of {len(found)} specimens: {case.name}"
+        fitted = _CASES[case][0] == _SCALES[-1] and what == "network test"
+        name = f"{what}, RMS of {len(found)} specimens: {case}"
         rms, kind = float(np.sqrt(np.mean(np.square(each)))), "fitted" if fitted else "assumed"
         note = f"{min(each):.2f} to {max(each):.2f}"
         out.append(Row(figure, name, rms, "mm", kind, thesis=thesis, goal=goal, note=note))
@@ -580,6 +571,8 @@ def _tip_rows(case: _Case, found: list[_Found]) -> list[Row]:
 
 #: Samples of the four laps.
 _CIRCLE = slice(-240, None)
+
+_LEGEND = {"framealpha": 0.9, "edgecolor": "none", "fontsize": 8}
 
 #: Orders of polynomials -> colour.
 _ORDERS = {1: figures.BLUE, 3: figures.GREEN, 5: figures.VERMILLION}
@@ -621,7 +614,7 @@ def _planar_picture(constant: dict, other: dict, message: str) -> figures.Figure
     axis.plot(constant["time"], constant["angle"], color=figures.BLUE)
     axis.plot(constant["time"], constant["current"], color=figures.VERMILLION)
     axis.set(xlabel="time [s]", ylabel="angle [deg], current [%]", title="as Fig. 4.6")
-    _name_ends(axis, "angle", "current")
+    axis.legend(["angle", "current"], **_LEGEND)
     axis = axes[0, 1]
     axis.plot(*constant["cloud"], ".", color="0.8", markersize=3)
     at = np.linspace(0, 100, 101)
@@ -631,17 +624,9 @@ def _planar_picture(constant: dict, other: dict, message: str) -> figures.Figure
         axis.plot(at[::10], printed[::10], "*", color=colour, markersize=7)
     axis.set(xlabel="relative current [%]", ylabel="total angle [deg]")
     axis.set_title("as Fig. 4.7: polynomials")
-    axis.legend(frameon=False, fontsize=8, title="stars: thesis", title_fontsize=8)
+    axis.legend(**_LEGEND, title="stars: thesis", title_fontsize=8)
     _other(*axes.flat[2:], other)
     return figure
-
-
-def _name_ends(axis: figures.Axes, *names: str) -> None:
-    """Names of the panel's lines at their right ends."""
-    lines = zip(names, axis.lines, strict=True)
-    figures.label_lines(
-        axis, [(name, line.get_ydata()[-1], line.get_color()) for name, line in lines]
-    )
 
 
 def _other(
@@ -653,7 +638,7 @@ def _other(
     first.plot(other["time"], other["angles"][:, 1], color=figures.GREEN)
     first.plot(other["time"], other["current"], color=figures.VERMILLION)
     first.set(xlabel="time [s]", ylabel="angles [deg], current [%]", title="as Fig. 4.8")
-    _name_ends(first, "angle 1", "angle 2", "current")
+    first.legend(["angle 1", "angle 2", "current"], **_LEGEND)
     for axis, values, title in (
         (seen, current, "as Fig. 4.9: relative current [%]"),
         (off, error, "as Fig. 4.10: error [deg]"),
@@ -664,7 +649,7 @@ def _other(
     last.plot(other["time"], other["estimate"], color=figures.VERMILLION)
     last.plot(other["time"], other["angle"], **figures.REFERENCE)
     last.set(xlabel="time [s]", ylabel="total angle [deg]", title="as Fig. 4.11")
-    _name_ends(last, "sensor", "reference")
+    last.legend(["sensor", "reference"], **_LEGEND)
 
 
 def _finger_picture(grips: dict, shape: dict, message: str) -> figures.Figure:

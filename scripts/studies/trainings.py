@@ -16,18 +16,7 @@ from softrobot_env.rendering.learning import checks_figure
 from softrobot_env.training.artifacts import check
 from softrobot_env.training.imitation import ImitationConfig, imitate
 from softrobot_env.training.rl_config import DISTURBED, preset
-from studies.lab import (
-    Column,
-    Record,
-    Study,
-    groups,
-    lines,
-    pivot,
-    quantity,
-    quiet,
-    table,
-    verdict,
-)
+from studies import lab
 
 SEEDS = (0, 1, 2)
 
@@ -64,7 +53,7 @@ _QUICK_IMITATION = {"rounds": 1, "samples": 200, "shares": 1, "epochs": 1, "last
 
 
 @dataclass(frozen=True)
-class LearnedRow(Record):
+class LearnedRow(lab.Record):
     """A training and closed-loop checks of its network.
 
     Attributes:
@@ -80,14 +69,14 @@ class LearnedRow(Record):
 
     policy: str
     seed: int
-    minutes: float = quantity()
+    minutes: float = lab.quantity()
     curve: list[dict[str, Any]]
-    swing_max: float = quantity("mm", label="swing max")
-    lshape_max: float = quantity("mm", label="L-shape max")
-    overshoot: float | None = quantity("%", label="step 50 mm: overshoot")
-    settling_time: float | None = quantity("s", label="settling")
-    worst_modulus: float = quantity("mm", label="E x 0.5 to 1.5: max")
-    worst: float = quantity("mm", label="disturbed: max")
+    swing_max: float = lab.quantity("mm", label="swing max")
+    lshape_max: float = lab.quantity("mm", label="L-shape max")
+    overshoot: float | None = lab.quantity("%", label="step 50 mm: overshoot")
+    settling_time: float | None = lab.quantity("s", label="settling")
+    worst_modulus: float = lab.quantity("mm", label="E x 0.5 to 1.5: max")
+    worst: float = lab.quantity("mm", label="disturbed: max")
     failures: int
     trials: int
 
@@ -107,10 +96,12 @@ def learn(case: tuple[tuple[str, ...], int, bool]) -> list[LearnedRow]:
         began, curve = perf_counter(), []
         if name == IMITATION:
             short = _QUICK_IMITATION if quick else {}
-            network = start = imitate(replace(ImitationConfig(), processes=0, **short), seed, quiet)
+            network = start = imitate(
+                replace(ImitationConfig(), processes=0, **short), seed, lab.quiet
+            )
         else:
             config = replace(preset(*CASES[name]), **(_QUICK_RL if quick else {}))
-            network, curve = train(config, seed, quiet, start if CASES[name][1] else None)
+            network, curve = train(config, seed, lab.quiet, start if CASES[name][1] else None)
         minutes = (perf_counter() - began) / 60
         rows.append(_checked(network, quick, policy=name, seed=seed, minutes=minutes, curve=curve))
     return rows
@@ -154,21 +145,21 @@ _CURVES = (
 
 
 def _learning_curves(rows: list[LearnedRow]) -> Figure:
-    learned = groups((row for row in rows if row.curve), "policy")
+    learned = lab.groups((row for row in rows if row.curve), "policy")
     return checks_figure(
         {name: (style_of(name), [row.curve for row in mine]) for (name,), mine in learned.items()},
         _CURVES,
     )
 
 
-LEARNING = Study(
+LEARNING = lab.Study(
     kinds=(LearnedRow,),
     cases=learning_cases,
     measure=learn,
     derive=_in_order,
     processes=_PROCESSES,
     tables=[
-        pivot(f"{title}: median of the seeds (least to largest)", ("policy",), columns)
+        lab.pivot(f"{title}: median of the seeds (least to largest)", ("policy",), columns)
         for title, columns in {
             "nominal robot": ("swing_max", "lshape_max", "overshoot", "settling_time"),
             "other robots, disturbances, cost": ("worst_modulus", "worst", "failures", "minutes"),
@@ -218,7 +209,7 @@ GOALS = {
 
 
 @dataclass(frozen=True)
-class DefaultsRow(Record):
+class DefaultsRow(lab.Record):
     """A training.
 
     Attributes:
@@ -233,12 +224,12 @@ class DefaultsRow(Record):
     """
 
     case: str
-    seed: int = quantity(form="d")
-    steps: int = quantity(form="d")
-    error: float | None = quantity("mm", ".3g", "mean error")
-    goal: float = quantity("mm", ".3g")
+    seed: int = lab.quantity(form="d")
+    steps: int = lab.quantity(form="d")
+    error: float | None = lab.quantity("mm", ".3g", "mean error")
+    goal: float = lab.quantity("mm", ".3g")
     goal_policy: str | None
-    minutes: float = quantity(form=".2g")
+    minutes: float = lab.quantity(form=".2g")
     curve: list[tuple[int, float | None]]
 
     @property
@@ -295,7 +286,7 @@ def _goal_line(axis: Axes, rows: list[DefaultsRow], name: str) -> None:
 def _defaults_curves(rows: list[DefaultsRow]) -> Figure | None:
     """The mean error over environment steps, each seed a line, and the goal."""
     good = sum(row.good for row in rows)
-    return lines(
+    return lab.lines(
         "steps",
         "error",
         "seed",
@@ -310,21 +301,21 @@ def _defaults_curves(rows: list[DefaultsRow]) -> Figure | None:
     )([replace(row, steps=k, error=error) for row in rows for k, error in row.curve])
 
 
-PPO_DEFAULTS = Study(
+PPO_DEFAULTS = lab.Study(
     kinds=(DefaultsRow,),
     cases=lambda quick: [(name, k, quick) for name in GOALS for k in SEEDS[: 1 if quick else None]],
     measure=train_defaults,
     processes=_PROCESSES,
     tables=[
-        table(
+        lab.table(
             "PPO as stable-baselines3 comes, from nothing",
-            Column("environment", "case"),
+            lab.Column("environment", "case"),
             "seed",
             "steps",
             "error",
             "goal",
-            Column("goal is", lambda row: row.goal_policy or "given"),
-            Column("met", lambda row: verdict(row.good), ">"),
+            lab.Column("goal is", lambda row: row.goal_policy or "given"),
+            lab.Column("met", lambda row: lab.verdict(row.good), ">"),
             "minutes",
         )
     ],
