@@ -358,14 +358,14 @@ def sizes(
         examples, count: Bars that are fitted to, and tested on.
         scales: Of the sensors' imperfections; None for exact bends.
     """
-    pieces, rows = _pieces(test), []
+    (pieces, _), (fitted, _), rows = _built(test, task), _built(fit, task), []
     for errors in scales:
         read = read_bends(test, task, _TESTED, count, errors)
         if errors is None:
             plain = size_by_sensor(GRIPPER, read["exact"])
             rows.append(_size("second sensor", task, pieces, None, None, plain, read["diameters"]))
         found = fitted_size(fit, task, examples, errors)(read["bends"])
-        about = "polynomial", task, pieces, _pieces(fit), errors
+        about = "polynomial", task, pieces, fitted, errors
         rows.append(_size(*about, found, read["diameters"]))
         rows.append(_shape(test, task, pieces, errors, read))
     return rows
@@ -394,13 +394,10 @@ def _spread(values: np.ndarray) -> tuple[float, float, float]:
     return float(values.mean()), float(np.percentile(values, 95)), float(values.max())
 
 
-def _pieces(fineness: str) -> int:
-    scene = make(fineness, "enclose", 1).simulation.scene
-    return next(iter(scene.parts.values())).scene.config.n_pieces
-
-
-def _timestep(fineness: str, task: str) -> float:
-    return make(fineness, task, 1).simulation.scene.timestep.timestep
+def _built(fineness: str, task: str) -> tuple[int, float]:
+    """Pieces of a finger, and timestep [s]."""
+    scene = make(fineness, task, 1).simulation.scene
+    return next(iter(scene.parts.values())).scene.config.n_pieces, scene.timestep.timestep
 
 
 def outcomes(fineness: str, task: str, policy: str, count: int, examples: int = 0) -> list[Outcome]:
@@ -427,13 +424,16 @@ def outcomes(fineness: str, task: str, policy: str, count: int, examples: int = 
             return SizedGrip(GRIPPER, PERIOD, size=size, sensors=known)
         return ScriptedGrip(GRIPPER, PERIOD, float(policy.split()[1]))
 
-    runs = played(fineness, task, made, _HELD, count, **how)
+    runs, (pieces, timestep) = (
+        played(fineness, task, made, _HELD, count, **how),
+        _built(fineness, task),
+    )
     return [
         Outcome(
             task=task,
             policy=f"ppo, {examples} steps" if policy == "ppo" else policy,
-            pieces=_pieces(fineness),
-            timestep=_timestep(fineness, task),
+            pieces=pieces,
+            timestep=timestep,
             count=count,
             success=float(runs["success"].mean()),
             lost=float(runs["lost"].mean()),
@@ -472,8 +472,8 @@ def speeds(task: str, many: int, threads: Sequence[int]) -> list[Speed]:
 
 
 def _speed(fineness: str, task: str, count: int, threads: int, *errors: float | None) -> Speed:
-    own = task, _pieces(fineness), _timestep(fineness, task), fineness, count, threads
-    return Speed(*own, _rate(fineness, task, count, threads), *errors)
+    own = *_built(fineness, task), fineness, count, threads
+    return Speed(task, *own, _rate(fineness, task, count, threads), *errors)
 
 
 def _bends(fineness: str, task: str) -> np.ndarray:

@@ -8,7 +8,6 @@ from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
-from typing import Protocol
 
 import numpy as np
 
@@ -315,19 +314,6 @@ _HIDDEN, _SAMPLES, _STEPS = (20,), 4000, 60
 Records = Sequence[Recorded]
 
 
-class Model(Protocol):
-    """What predicts outputs of a record from its first samples and its inputs.
-
-    Attributes:
-        delays: Number of the first samples that it needs.
-    """
-
-    delays: int
-
-    def predict_record(self, record: Recorded) -> np.ndarray:
-        """Outputs (t - delays + 1, o) from the last of the first samples on."""
-
-
 @dataclass(frozen=True)
 class Lifted:
     """Linear dynamics of monomials of a reduced model's coordinates, or a network's map of them.
@@ -344,11 +330,11 @@ class Lifted:
 
     @property
     def delays(self) -> int:
-        """See `Model`."""
+        """Number of the first samples that it needs."""
         return self.base.delays
 
     def predict_record(self, record: Recorded) -> np.ndarray:
-        """See `Model`."""
+        """Outputs (t - delays + 1, o) from the last of the first samples on."""
         base, late = self.base, self.base.delays - 1
         rows = np.maximum(np.arange(record.samples) - base.lag, 0)
         inputs = base.reduced_inputs(record.inputs[rows])[late:]
@@ -359,16 +345,6 @@ class Lifted:
                 states[t] = state
                 state = self.step(state, u)
             return base.decode(states[:, : base.dimension])
-
-
-def improved(decays: Records, forced: Records) -> ReducedModel:
-    """Ours: products of coordinates and inputs up to order 3, refined on stretches of 1.5 s."""
-    return learn(decays, forced)
-
-
-def thesis(decays: Records, forced: Records) -> ReducedModel:
-    """With the settings of Tab. 3.1."""
-    return fit(decays, forced, THESIS)
 
 
 def linear(dimension: int, decays: Records, forced: Records) -> ReducedModel:
@@ -424,11 +400,15 @@ def _transitions(
     return base, *(np.concatenate(part) for part in zip(*parts, strict=True))
 
 
-#: Name -> how it is learned; and of whose motion.
+#: What predicts outputs of a record from its first samples and its inputs.
+Model = ReducedModel | Lifted
+
+#: Name -> how it is learned: with the settings of Tab. 3.1; ours, with products of coordinates and
+#: inputs up to order 3, refined on stretches of 1.5 s; and what one would take in their place.
 OURS, THESIS_MODEL = "improved", "thesis"
 MODELS: dict[str, Callable[[Records, Records], Model]] = {
-    THESIS_MODEL: thesis,
-    OURS: improved,
+    THESIS_MODEL: lambda decays, forced: fit(decays, forced, THESIS),
+    OURS: learn,
     "linear, 4 states": partial(linear, 4),
     "linear, 10 states": partial(linear, _LARGE),
     "Koopman (EDMD)": koopman,

@@ -10,6 +10,7 @@ import numpy as np
 
 from softrobot_env.control.registry import make_policy, policy_environment
 from softrobot_env.core.interfaces import Policy
+from softrobot_env.evaluation.run import play
 from softrobot_env.learned.network import Network
 from softrobot_env.rendering.figures import COLOURS, REFERENCE, Axes, Figure, Style, style_of
 from softrobot_env.rendering.learning import checks_figure
@@ -240,16 +241,10 @@ class DefaultsRow(lab.Record):
 
 def mean_error(env: gymnasium.Env, policy: Policy, episodes: int) -> float:
     """Mean error [m] of a policy over all instants of some episodes, infinite if one failed."""
-    errors = []
-    for k in range(episodes):
-        observation, _ = env.reset(seed=_FIRST_EPISODE + k)
-        state, over = None, False
-        while not over:
-            action, state = policy.predict(observation, state, deterministic=True)
-            observation, _, failed, ended, info = env.step(action)
-            errors.append(np.inf if failed else info["error"])
-            over = failed or ended
-    return float(np.mean(errors))
+    seeds = range(_FIRST_EPISODE, _FIRST_EPISODE + episodes)
+    moments = [moment for seed in seeds for moment in [*play(env, policy, seed)][1:]]
+    failed = any(moment.failed for moment in moments)
+    return np.inf if failed else float(np.mean([moment.info["error"] for moment in moments]))
 
 
 def goal_of(goal: Goal) -> float:

@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from softrobot_env.cli import main
-from softrobot_env.core import runs
+from softrobot_env.core import registry, runs
 from softrobot_env.core.runs import packed, unpacked
 from softrobot_env.core.studies import BENCHMARKS, measured
 from softrobot_env.evaluation import stored
@@ -73,3 +73,12 @@ def test_a_quick_run_measures_writes_and_draws(name, tmp_path, monkeypatch, caps
         before = {path: path.read_bytes() for path in pictures}
         assert main(["benchmark", name, "--redraw", "--out", str(tmp_path / "out")]) == 0
         assert {path: path.read_bytes() for path in out.glob("*.png")} == before
+
+
+def test_the_wheel_alone_says_where_studies_are(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(registry, "_entry_points", lambda *_: [])
+    monkeypatch.setattr(registry, "_called", set())
+    monkeypatch.setattr(BENCHMARKS, "_own", {})
+    assert main(["benchmark", "controllers", "--out", str(tmp_path)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "'controllers'" in line and "scripts/studies of its repository" in line

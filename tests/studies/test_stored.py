@@ -15,7 +15,7 @@ from softrobot_env.core.runs import Record, for_pictures
 from softrobot_env.core.studies import BENCHMARKS
 from softrobot_env.evaluation import stored
 from softrobot_env.evaluation.rollout import Rollout
-from studies.lab import Study
+from studies.lab import Study, groups, select
 
 RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
 
@@ -50,6 +50,17 @@ def rollout() -> Rollout:
 
 
 KINDS = (Run, Other)
+
+
+def test_a_record_writes_all_but_what_is_for_pictures():
+    row = {"case": "a", "error": None, "sizes": ()}
+    assert Run("a", None, trace=rollout()).row() == row
+
+
+def test_records_are_selected_and_grouped_by_their_fields():
+    runs = [Run("b", 1.0), Run("a", 1.0), Run("b", 2.0)]
+    assert select(runs, case="b", error=2.0) == [runs[2]]
+    assert groups(runs, "case") == {("b",): [runs[0], runs[2]], ("a",): [runs[1]]}
 
 
 def run(quick: bool, progress=None) -> list[Run | Other]:

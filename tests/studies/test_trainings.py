@@ -21,13 +21,13 @@ def test_what_starts_from_a_network_comes_after_it():
 
 def test_the_error_is_the_mean_of_all_instants_and_a_failure_is_infinite():
     env = gymnasium.make("SoftRobot/ArmStep-v0", observe_as="vector")
-    still = SimpleNamespace(predict=lambda seen, state, deterministic: (np.zeros(3), state))
+    still = SimpleNamespace(predict=lambda seen, state, *_: (np.zeros(3), state))
     env.reset()
     errors = [env.step(np.zeros(3))[4]["error"] for _ in range(500)]
     assert mean_error(env, still, 1) == pytest.approx(np.mean(errors))
     rates = env.unwrapped.vector_layout["curvature_rate"]
 
-    def pump(seen, state, deterministic):  # the most change the way it bends
+    def pump(seen, state, *_):  # the most change the way it bends
         return np.full(3, 1.0 if seen[rates].sum() >= 0 else -1.0), state
 
     assert mean_error(env, SimpleNamespace(predict=pump), 1) == np.inf
