@@ -288,7 +288,7 @@ class Prepared:
 TRAINED = ("qs_nn", "lqi", "lq_preview", "mpc", "mpc_preview")
 
 
-def trained_robot(name: str, folder: Path, seed: int = 0) -> RobotParams:
+def trained_robot(name: str, folder: Path, quick: bool = False) -> RobotParams:
     """A robot of a file in a folder, with what its policies learn of it beside."""
     robot = find_robot(name)
     if robot in (ARM, RIG):
@@ -297,16 +297,22 @@ def trained_robot(name: str, folder: Path, seed: int = 0) -> RobotParams:
     write_robot(robot, file)
     robot = read_robot(file)
     for policy in TRAINED:
-        order = TrainingRequest(robot, file_of(robot, policy), seed)
+        order = TrainingRequest(
+            robot, file_of(robot, policy), _SEED, {"quick": True} if quick else {}
+        )
         TRAININGS[policy].run(order, lambda description, done, total: None)
     return robot
 
 
 def prepare(
-    name: str, tasks: tuple[str, ...], frequencies: tuple[float, ...], folder: Path
+    name: str,
+    tasks: tuple[str, ...],
+    frequencies: tuple[float, ...],
+    folder: Path,
+    quick: bool = False,
 ) -> Prepared:
     """Train for a robot, lay out its paths, and ask all policies whether they can drive it."""
-    robot, made, rows = trained_robot(name, folder), [], []
+    robot, made, rows = trained_robot(name, folder, quick), [], []
     for task in tasks:
         for frequency in frequencies:
             try:
@@ -409,7 +415,7 @@ MODULI, BEST = (0.75, 1.25), 3
 
 #: Robots, tasks and frequencies, and those of a quick run.
 _ALL = (ROBOTS, TASKS, FREQUENCIES)
-_QUICK = (("planar_finger", "silicone_rod"), TASKS[:1], FREQUENCIES[1:2])
+_QUICK = (("planar_finger",), TASKS[:1], FREQUENCIES[1:2])
 
 
 def _without(folder: str, row: lab.Record) -> lab.Record:
@@ -432,13 +438,9 @@ def laws(bench: lab.Lab) -> list[lab.Record]:
     return [_without(folder, row) for row in rows]
 
 
-def _prepared(
-    bench: lab.Lab, robots: tuple[str, ...], tasks: tuple, frequencies: tuple, folder: Path
-) -> dict[str, Prepared]:
-    jobs = [
-        (f"training and paths of {name}", partial(prepare, name, tasks, frequencies, folder))
-        for name in robots
-    ]
+def _prepared(bench: lab.Lab, robots: tuple[str, ...], *given: Any) -> dict[str, Prepared]:
+    given = *given, bench.quick
+    jobs = [(f"training and paths of {name}", partial(prepare, name, *given)) for name in robots]
     return dict(zip(robots, bench.tasks(jobs), strict=True))
 
 

@@ -258,7 +258,7 @@ class RigData:
 
     def _collect(self, plan: Plan) -> tuple[list[Recorded], list[Recorded]]:
         if self.quick:
-            plan = replace(plan, decays=8, excited=2, minutes=3.0)
+            plan = replace(plan, decays=8, excited=2, minutes=2.0)
         return collect(RIG, plan, self.twin)
 
     def paths(self, plant: str | None = None) -> list[Followed]:

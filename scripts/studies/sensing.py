@@ -339,9 +339,10 @@ def _finger_read(grip: _Grip, specimen: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def finger_rows(quick: bool = False) -> list[Row]:
-    """Rows of Figs. 4.15 to 4.18, of one finger, or of three where not quick."""
-    grips = {f"enclosing {name}": _gripped(name, pull) for name, pull in _ENCLOSE.items()}
-    grips |= {f"fingertip {name}": _gripped(name, _TIP) for name in _ENCLOSE if name != "oval"}
+    """Rows of Figs. 4.15 to 4.18, of three fingers; quickly of one that grips the smallest."""
+    things_ = (_SMALL,) if quick else tuple(_ENCLOSE)
+    grips = {f"enclosing {name}": _gripped(name, _ENCLOSE[name]) for name in things_}
+    grips |= {f"fingertip {name}": _gripped(name, _TIP) for name in things_ if name != "oval"}
     found = [_judge_finger(specimen, grips) for specimen in ((1,) if quick else (1, 2, 3))]
     pooled = {key: np.concatenate([one[key].ravel() for one, _ in found]) for key in found[0][0]}
     enclosing = [k for k in pooled if k.startswith("enclosing")]
@@ -361,7 +362,8 @@ def finger_rows(quick: bool = False) -> list[Row]:
         errors = AngleErrors.of(np.concatenate([pooled[k] for k in keys]))
         out.append(row(figure, f"{name}: mean error of a sensor", errors.mean, mean))
         out.append(row(figure, f"{name}: standard deviation", errors.deviation, deviation))
-    for key, largest in zip(enclosing, (6, 6, 6, 10), strict=True):
+    for key in enclosing:
+        largest = 10 if "oval" in key else 6
         out.append(row("Fig. 4.16", f"{key}: largest error", np.abs(pooled[key]).max(), largest))
     shown = found[0][1]
     series = {name: pair[:2] for name, pair in shown["series"].items()}

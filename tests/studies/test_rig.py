@@ -19,7 +19,7 @@ from softrobot_env.thesis.rig.slow_rig import RigStatics
 from softrobot_env.thesis.rig.spatial_piece import SUBPIECES
 from studies import rig, rig_networks
 from studies.rig import LATE, RADIUS, balance, disturbed, effective_force, least_force
-from studies.rig_networks import LAYERS, NEURONS, SAMPLES, Cell, cells, measure_cell, train
+from studies.rig_networks import Cell, measure_cell, train
 
 SERVO = ServoConstraints(RIG)
 LEVER = 5.5e-3
@@ -160,22 +160,6 @@ def test_goals_are_judged_by_medians_and_failures_meet_none():
 
 
 # ---------------------------------------------------------------- networks
-
-
-def test_a_full_run_of_networks_is_that_of_the_thesis():
-    every = cells()
-    assert len(set(every)) == len(every)
-    assert SAMPLES[-1] == 646 and {80, 55, 150} < set(SAMPLES)
-    for direction in ("forward", "inverse"):
-        mine = [cell for cell in every if cell.direction == direction]
-        sizes = {(c.layers, c.neurons) for c in mine if c.study == "size"}
-        assert sizes == {(a, b) for a in LAYERS for b in NEURONS}
-        assert [c.samples for c in mine if c.study == "samples"] == list(SAMPLES)
-    keys = ("study", "direction", "layers", "neurons", "samples")
-    quick, whole = (
-        {tuple(getattr(c, k) for k in keys) for c in some} for some in (cells(True), every)
-    )
-    assert quick < whole
 
 
 @pytest.mark.slow
