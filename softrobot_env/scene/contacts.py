@@ -153,94 +153,65 @@ class Touch:
 def add_skin(chain: Chain, robot: RobotParams, contacts: Contacts) -> list[Surface]:
     """Add the shapes of a robot to its chain.
 
-    The tip is round: its last capsule ends where the backbone does.
+    The tip is round: its last capsule ends where the backbone does. Discs and head are covered with
+    the robot's skin.
 
     Raises:
         ValueError: The robot is shorter than its radius at the tip.
     """
-    tip_radius = _radius(robot, robot.length)
+    shape, tip_radius, out = mujoco.mjtGeom, _radius(robot, robot.length), []
     if robot.length <= tip_radius:
         raise ValueError(
             f"robot {robot.name!r}: contacts need a robot longer than its radius of {tip_radius} m"
         )
+
+    def part(name: str, station: float, half: float, radius: float) -> Surface:
+        stiffness = 2 * radius * _skin_stiffness(robot, station, contacts)
+        span = station - half, station + half
+        out.append(Surface(f"{name}_skin", name, None, stiffness, 0, span, radius))
+        return out[-1]
+
     ends = np.array([0.0, *chain.layout.stations, robot.length])
-    out = []
     for index, body in enumerate(chain.bodies):
-        start = ends[index]
-        end = min(ends[index + 1], robot.length - tip_radius)
+        start, end = ends[index], min(ends[index + 1], robot.length - tip_radius)
         if end - start > _SHORTEST * tip_radius:
-            out.append(_add_link(body, index, (start, end), robot, contacts))
+            middle, half = (start + end) / 2, (end - start) / 2
+            radius, name = _radius(robot, middle), _SKIN.format(index)
+            stiffness = _skin_stiffness(robot, middle, contacts) * (end - start)
+            link = Surface(name, BACKBONE, None, stiffness, 0, (start, end), radius)
+            out.append(replace(link, fixed=index == 0))
+            kind = shape.mjGEOM_CAPSULE, [radius, half, 0], half
+            _add_shape(body, name, *kind, [_LINK, start, start, end])
     for index, disc in enumerate(robot.discs):
         radius, half = disc.cylinder
-        surface = _part(f"disc{index}", disc.station, half, radius, robot, contacts)
-        body = chain.spec.body(f"disc{index}")
-        _add_shape(body, surface, mujoco.mjtGeom.mjGEOM_CYLINDER, [radius, half, 0])
-        out.append(surface)
+        disc_part = part(f"disc{index}", disc.station, half, radius)
+        kind = shape.mjGEOM_CYLINDER, [radius, half, 0], 0
+        _add_shape(chain.spec.body(disc_part.owner), disc_part.geom, *kind, _middle(disc_part))
     if robot.head is not None:
         size = robot.head.half_sizes
-        width = hypot(size[0], size[1])
-        surface = _part(HEAD_BODY, robot.length, size[2], width, robot, contacts)
-        box, at = mujoco.mjtGeom.mjGEOM_BOX, [0, 0, robot.head.centre]
-        _add_shape(chain.spec.body(HEAD_BODY), surface, box, list(size), at)
-        out.append(surface)
+        head = part(HEAD_BODY, robot.length, size[2], hypot(size[0], size[1]))
+        kind = shape.mjGEOM_BOX, list(size), robot.head.centre
+        _add_shape(chain.spec.body(HEAD_BODY), head.geom, *kind, _middle(head))
     return out
 
 
-def _add_link(
-    body: mujoco.MjsBody,
-    index: int,
-    span: tuple[float, float],
-    robot: RobotParams,
-    contacts: Contacts,
-) -> Surface:
-    start, end = span
-    radius, half = _radius(robot, (start + end) / 2), (end - start) / 2
-    per_length = _skin_stiffness(robot, (start + end) / 2, contacts)
-    surface = Surface(
-        _SKIN.format(index),
-        BACKBONE,
-        None,
-        per_length * (end - start),
-        0,
-        (start, end),
-        radius,
-        fixed=index == 0,
-    )
-    capsule = mujoco.mjtGeom.mjGEOM_CAPSULE
-    _add_shape(body, surface, capsule, [radius, half, 0], [0, 0, half], origin=start)
-    return surface
-
-
-def _part(
-    name: str, station: float, half: float, radius: float, robot: RobotParams, contacts: Contacts
-) -> Surface:
-    """A disc or head, covered with the robot's skin."""
-    stiffness = 2 * radius * _skin_stiffness(robot, station, contacts)
-    span = station - half, station + half
-    return Surface(f"{name}_skin", name, None, stiffness, 0, span, radius)
+def _middle(surface: Surface) -> list[float]:
+    """What the user numbers of a disc or head say."""
+    return [_PART, sum(surface.span) / 2, 0, 0]
 
 
 def _add_shape(
     body: mujoco.MjsBody,
-    surface: Surface,
+    name: str,
     kind: mujoco.mjtGeom,
     size: Sequence[float],
-    pos: Sequence[float] = (0, 0, 0),
-    origin: float | None = None,
+    height: float,
+    stations: Sequence[float],
 ) -> None:
     """Geom that touches by pairs alone. Its user numbers tell the stations on it."""
-    low, high = surface.span
-    body.add_geom(
-        name=surface.geom,
-        type=kind,
-        size=size,
-        pos=pos,
-        mass=0,
-        contype=0,
-        conaffinity=0,
-        group=3,  # which viewers do not show
-        userdata=[_PART, (low + high) / 2, 0, 0] if origin is None else [_LINK, origin, low, high],
-    )
+    geom = body.add_geom(name=name, type=kind, size=size, pos=[0, 0, height], userdata=stations)
+    geom.mass, geom.contype, geom.conaffinity = 0, 0, 0
+    geom.group = 3  # which viewers do not show
 
 
 def _radius(robot: RobotParams, station: float) -> float:
