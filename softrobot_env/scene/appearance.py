@@ -5,6 +5,7 @@ Nothing of them but loads moves the scene.
 The body is one smooth surface that bends with the links (a MuJoCo skin).
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -129,33 +130,26 @@ def _add_anchor_ring(chain: Chain, robot: RobotParams, station: float) -> None:
     """Thin ring where tendons end."""
     half = 0.0025
     body, height = chain.locate(min(station, robot.length - 2 * half))
-    add_visual(
-        body,
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        pos=[0, 0, height - half],
-        size=[_radius(robot, station) + tendon_width(robot), half, 0],
-        rgba=_DARK,
-    )
+    size = [_radius(robot, station) + tendon_width(robot), half, 0]
+    add_visual(body, "CYLINDER", size, _DARK, pos=[0, 0, height - half])
 
 
 def _add_head(body: mujoco.MjsBody, head: Head) -> None:
     """Block on a stem: the uniform one of the head's inertia, with a dark tag on each side."""
     half = np.array(head.half_sizes)
-    box, cylinder = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER
     centre, stem = np.array([0.0, 0.0, head.centre]), head.centre / 2
-    add_visual(body, type=cylinder, pos=[0, 0, stem], size=[min(half) / 2, stem, 0], rgba=_DARK)
-    add_visual(body, type=box, pos=centre, size=half, rgba=_WHITE)
+    add_visual(body, "CYLINDER", [min(half) / 2, stem, 0], _DARK, pos=[0, 0, stem])
+    add_visual(body, "BOX", half, _WHITE, pos=centre)
     for axis, side in ((0, 1), (0, -1), (1, 1), (1, -1), (2, 1)):
         out = side * np.eye(3)[axis]
         size = np.where(out == 0, _TAG_SHARE * half, _TAG_THICKNESS)
-        add_visual(body, type=box, pos=centre + out * half, size=size, rgba=_DARK)
+        add_visual(body, "BOX", size, _DARK, pos=centre + out * half)
 
 
 def _add_disc(body: mujoco.MjsBody, disc: Disc, least: float) -> None:
     """The uniform disc of its inertia, of a radius `least` [m] or more."""
     radius, half = disc.cylinder
-    size = [max(radius, least), half, 0]
-    add_visual(body, type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=size, rgba=_DARK)
+    add_visual(body, "CYLINDER", [max(radius, least), half, 0], _DARK)
 
 
 def _add_base(body: mujoco.MjsBody, robot: RobotParams) -> None:
@@ -164,13 +158,8 @@ def _add_base(body: mujoco.MjsBody, robot: RobotParams) -> None:
     widest = max(1.3 * radius, _WIDEST_BASE * robot.reach)
     for width, top, height in ((1.5, 0.25, 0.25), (2.6, -0.25, (_BASE_DEPTH - 0.25) / 2)):
         size = min(width * radius, widest)
-        add_visual(
-            body,
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=[0, 0, (top - height) * radius],
-            size=[size, size, height * radius],
-            rgba=_DARK,
-        )
+        place = [0, 0, (top - height) * radius]
+        add_visual(body, "BOX", [size, size, height * radius], _DARK, pos=place)
 
 
 def add_surroundings(
@@ -223,21 +212,16 @@ def _add_wall(spec: mujoco.MjSpec, behind: float) -> None:
     )
     grid = spec.add_material(name="grid", texrepeat=[10, 10], texuniform=True, specular=0.0)
     grid.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "grid"
-    add_visual(
-        spec.worldbody,
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        pos=[0, behind, 0],
-        quat=[0.7071067811865476, 0.7071067811865476, 0, 0],
-        size=[1.5, 1.5, 0.1],
-        material="grid",
-    )
+    turn = [0.7071067811865476, 0.7071067811865476, 0, 0]
+    place = {"pos": [0, behind, 0], "quat": turn, "material": "grid"}
+    add_visual(spec.worldbody, "PLANE", [1.5, 1.5, 0.1], **place)
 
 
 def _add_floor(spec: mujoco.MjSpec, height: float, behind: float) -> None:
     """Floor at z = `height` [m] up to the wall at y = `behind` [m]."""
     half, thin = 1.5, 0.005
-    box = {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": [half, half, thin]}
-    add_visual(spec.worldbody, pos=[0, behind - half, height - thin], rgba=_FLOOR, **box)
+    place = [0, behind - half, height - thin]
+    add_visual(spec.worldbody, "BOX", [half, half, thin], _FLOOR, pos=place)
 
 
 def _add_skin(chain: Chain, robot: RobotParams, rgba: Rgba) -> None:
@@ -346,21 +330,14 @@ def add_load(chain: Chain, load: Load) -> None:
 def add_marker(spec: mujoco.MjSpec, marker: Marker) -> None:
     """Ball on a mocap body of the marker's name."""
     body = spec.worldbody.add_body(name=marker.name, mocap=True, pos=marker.position)
-    add_visual(
-        body, type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[marker.radius, 0, 0], rgba=marker.rgba
-    )
+    add_visual(body, "SPHERE", [marker.radius, 0, 0], marker.rgba)
 
 
 def add_path(spec: mujoco.MjSpec, path: PathMarker) -> None:
     """Capsules between consecutive points."""
     for start, end in pairwise(path.points):
-        add_visual(
-            spec.worldbody,
-            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-            fromto=[*start, *end],
-            size=[path.radius, 0, 0],
-            rgba=path.rgba,
-        )
+        size = [path.radius, 0, 0]
+        add_visual(spec.worldbody, "CAPSULE", size, path.rgba, fromto=[*start, *end])
 
 
 def add_camera(spec: mujoco.MjSpec, camera: Camera) -> None:
@@ -375,6 +352,11 @@ def add_camera(spec: mujoco.MjSpec, camera: Camera) -> None:
     )
 
 
-def add_visual(body: mujoco.MjsBody, **geom: Any) -> None:
-    """Geom that is only seen: no mass, no contacts."""
-    body.add_geom(mass=0, contype=0, conaffinity=0, **geom)
+def add_visual(
+    body: mujoco.MjsBody, shape: str, size: Sequence[float], rgba: Rgba | None = None, **geom: Any
+) -> None:
+    """Geom of a shape such as "BOX" that is only seen: no mass, no contacts."""
+    if rgba is not None:
+        geom["rgba"] = rgba
+    kind = getattr(mujoco.mjtGeom, f"mjGEOM_{shape}")
+    body.add_geom(type=kind, size=size, mass=0, contype=0, conaffinity=0, **geom)
