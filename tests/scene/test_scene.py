@@ -5,8 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from support.chain_turns import station_turns
-from support.postures import posed
+from support.postures import posed, station_turns
 
 from softrobot_env.core.motion import IntegrationError, State
 from softrobot_env.robots import ARM, CANTILEVER_WEAK, Head, Tendon

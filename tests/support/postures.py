@@ -1,6 +1,8 @@
 """What MuJoCo computes of a model in a posture."""
 
 import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
 
 
 def posed(model, q):
@@ -9,3 +11,14 @@ def posed(model, q):
     data.qpos[:] = q
     mujoco.mj_forward(model, data)
     return data
+
+
+def station_turns(model: mujoco.MjModel, q: np.ndarray) -> np.ndarray:
+    """Rotation vectors (stations, 3) [rad] of a chain of hinges in a posture (nq,)."""
+    turns = []
+    for body in np.unique(model.jnt_bodyid):
+        turn = Rotation.identity()
+        for joint in np.flatnonzero(model.jnt_bodyid == body):
+            turn *= Rotation.from_rotvec(model.jnt_axis[joint] * q[model.jnt_qposadr[joint]])
+        turns.append(turn.as_rotvec())
+    return np.array(turns)
