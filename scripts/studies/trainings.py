@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -14,8 +15,10 @@ from softrobot_env.evaluation.run import play
 from softrobot_env.learned.network import Network
 from softrobot_env.rendering.figures import COLOURS, REFERENCE, Axes, Figure, Style, style_of
 from softrobot_env.rendering.learning import checks_figure
+from softrobot_env.robots import ARM
 from softrobot_env.training.artifacts import check
 from softrobot_env.training.imitation import ImitationConfig, imitate
+from softrobot_env.training.request import TrainingRequest
 from softrobot_env.training.rl_config import DISTURBED, preset
 from studies import lab
 
@@ -102,7 +105,8 @@ def learn(case: tuple[tuple[str, ...], int, bool]) -> list[LearnedRow]:
             )
         else:
             config = replace(preset(*CASES[name]), **(_QUICK_RL if quick else {}))
-            network, curve = train(config, seed, lab.quiet, start if CASES[name][1] else None)
+            order = TrainingRequest(ARM, Path(f"{name}.npz"), seed, {"checkpoint": None})
+            network, curve = train(config, order, lab.quiet, start if CASES[name][1] else None)
         minutes = (perf_counter() - began) / 60
         rows.append(_checked(network, quick, policy=name, seed=seed, minutes=minutes, curve=curve))
     return rows

@@ -1,7 +1,7 @@
 """Reinforcement learning of a network on all tasks at once (stable-baselines3)."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -48,33 +48,25 @@ from softrobot_env.training.watch import REACH, Point, Watch
 
 def train(
     config: RLConfig,
-    seed: int,
+    order: TrainingRequest,
     show: ProgressCallback,
     start: Network | None = None,
-    *,
-    checkpoint: Path | None = None,
-    resume: bool = False,
-    log: Path | None = None,
-    robot: RobotParams | None = None,
     view: View | None = None,
-    told: Callable[[list[Point]], None] | None = None,
 ) -> tuple[Network, list[Point]]:
     """Train from a network, or from scratch.
 
     Args:
-        config: Size and settings.
-        seed: Of everything random.
+        config: Size and settings; `tasks` are the robot's own.
+        order: Robot, seed and who is told of the learning curve after each check, when the
+            checkpoint is written; and among its settings `checkpoint`, the folder that is written
+            to at every closed-loop check unless it is None, see `training.checkpoint`; `resume`,
+            whether to go on with the training that the folder holds; `log`, the folder of
+            TensorBoard's logs (needs the package tensorboard). A training that goes on with as
+            many steps ends as if it had not been stopped, since all episodes and draws begin anew
+            after every check; with more, the learning rate is that of so many left of all.
         show: Told the progress.
         start: Network to start from.
-        checkpoint: Folder that is written to at every closed-loop check, if given; see
-            `training.checkpoint`.
-        resume: Whether to go on with the training that the folder holds. With as many steps it
-            ends as if it had not been stopped, since all episodes and draws begin anew after
-            every check; with more, the learning rate is that of so many left of all.
-        log: Folder of TensorBoard's logs (needs the package tensorboard), none unless given.
-        robot: To train for; `tasks` of the settings are its own.
         view: Of the networks; that of the robot unless given.
-        told: Called with the learning curve after each check, when the checkpoint is written.
 
     Returns:
         The network that did best in the checks, the one to start from among them, and the
@@ -86,16 +78,18 @@ def train(
             folder holds one that is not finished, or the network to start from does not fit.
     """
     torch.set_num_threads(config.threads)
-    robot, view = seen_in(robot, view)
-    logs = None if log is None else str(log)
+    robot, view = seen_in(order.robot, view)
+    settings, seed = order.settings, order.seed
+    checkpoint, resume = checkpoint_of(settings, order.path), settings.get("resume", False)
+    logs = str(settings["log"]) if "log" in settings else None
     about = _about(config, seed, robot)
     anew = None if checkpoint is None else partial(_begin_anew, seed)
 
     def keep(model: BaseAlgorithm, best: Network, curve: list[Point]) -> None:
         if checkpoint is not None:
             write(checkpoint, Checkpoint(about, curve, best, learner_state(model)))
-        if told is not None:
-            told(curve)
+        if order.told is not None:
+            order.told(curve)
 
     watch = Watch(config, show, keep, robot, view, anew)
     before = _to_go_on_with(checkpoint, about, show) if resume else None
@@ -122,25 +116,13 @@ def run(algorithm: str, order: TrainingRequest, show: ProgressCallback) -> Metri
     Raises:
         FileNotFoundError, ValueError: As `train`; or a setting that does not exist or is no number.
     """
-    settings, robot, path = order.settings, order.robot, order.path
-    config = config_of(algorithm, settings, robot)
+    config = config_of(algorithm, order.settings, order.robot)
     start, view = _start(order)
-    network, curve = train(
-        config,
-        order.seed,
-        show,
-        start,
-        checkpoint=checkpoint_of(settings, path),
-        resume=settings.get("resume", False),
-        log=settings.get("log"),
-        robot=robot,
-        view=view,
-        told=order.told,
-    )
-    save(network, path, order.seed, robot, view)
-    written = curve_file(path)
+    network, curve = train(config, order, show, start, view)
+    save(network, order.path, order.seed, order.robot, view)
+    written = curve_file(order.path)
     write_text(written, json.dumps(curve, indent=1) + "\n")
-    told = figures(network, config.trials, robot, view)
+    told = figures(network, config.trials, order.robot, view)
     return [*told, ("learning curve", str(written))]
 
 

@@ -210,6 +210,6 @@ def of_any_robot(config: RLConfig, robot: RobotParams) -> RLConfig:
     )
 
 
-def checkpoint_of(settings: Mapping[str, Any], path: Path) -> Path:
-    """Folder of what a training that writes to a file needs to go on."""
+def checkpoint_of(settings: Mapping[str, Any], path: Path) -> Path | None:
+    """Folder of what a training that writes to a file needs to go on; None where it shall not."""
     return settings.get("checkpoint", Path("out") / "train" / path.stem)

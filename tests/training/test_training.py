@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from softrobot_env.learned.network import Network  # noqa: E402
 from softrobot_env.robots import ARM  # noqa: E402
 from softrobot_env.tasks import make_task  # noqa: E402
 from softrobot_env.thesis.arm import training as references  # noqa: E402
-from softrobot_env.training import artifacts, checkpoint, request  # noqa: E402
+from softrobot_env.training import artifacts, checkpoint, request, rl  # noqa: E402
 from softrobot_env.training.artifacts import (  # noqa: E402
     as_network,
     check,
@@ -30,7 +31,7 @@ from softrobot_env.training.artifacts import (  # noqa: E402
 )
 from softrobot_env.training.imitation import ImitationConfig, imitate  # noqa: E402
 from softrobot_env.training.learners import LEARNERS, actor_of, make_model, put_actor  # noqa: E402
-from softrobot_env.training.rl import begin, make_training_env, train  # noqa: E402
+from softrobot_env.training.rl import begin, make_training_env  # noqa: E402
 from softrobot_env.training.rl_config import TRAINING_TASKS, RLConfig, preset  # noqa: E402
 from softrobot_env.training.vec_env import NetworkVecEnv  # noqa: E402
 from softrobot_env.training.watch import SCORE  # noqa: E402
@@ -64,6 +65,12 @@ TINY_IMITATION = ImitationConfig(
 
 def quiet(*_):
     pass
+
+
+def train(config, seed, show, start=None, **settings):
+    """A training of the arm, without checkpoint unless it is given."""
+    order = request.TrainingRequest(ARM, Path("x.npz"), seed, {"checkpoint": None} | settings)
+    return rl.train(config, order, show, start)
 
 
 def part(count=2, task=SHORT, mode="SameStep"):
