@@ -1,8 +1,6 @@
 """Arguments that say which robot, the driver they mean, and what a robot says, for people."""
 
 from argparse import Namespace
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,23 +31,34 @@ def robot_of(args: Namespace) -> RobotFile:
     return robot if args.port is None else replace(robot, port=args.port)
 
 
-@contextmanager
-def open_driver(robot: RobotFile, record: Path | None) -> Iterator[Driver]:
-    """A driver at the robot's port, closed with the context; nothing is sent yet.
-
-    At the end it is told if the log has broken off.
+def open_driver(robot: RobotFile, record: Path | None) -> Driver:
+    """A driver at the robot's port, to be closed as a context; nothing is sent yet.
 
     Raises:
         LinkError: The port cannot be opened.
         OSError: The file to record to exists or cannot be written.
     """
-    transport = _recorded(SerialTransport(robot.port, robot.baud), record)
+    return Driver(robot, opened(robot, record))
+
+
+def opened(robot: RobotFile, record: Path | None) -> Transport:
+    """The robot's port, recorded to a file where one is given; errors as of `open_driver`."""
+    transport = SerialTransport(robot.port, robot.baud)
     try:
-        with Driver(robot, transport) as driver:
-            yield driver
-    finally:
-        if isinstance(transport, LoggingTransport) and transport.failure is not None:
-            say(f"The log {record} breaks off: {transport.failure}")
+        return transport if record is None else _ToldLog(transport, record)
+    except OSError:
+        transport.close()
+        raise
+
+
+class _ToldLog(LoggingTransport):
+    """A log that says at its end why it broke off."""
+
+    def close(self) -> None:
+        """See `Transport`."""
+        super().close()
+        if self.failure is not None:
+            say(f"The log breaks off: {self.failure}")
 
 
 def info_rows(info: DeviceInfo) -> dict[str, str]:
@@ -80,13 +89,3 @@ def reading_rows(reading: Reading) -> dict[str, str]:
 def numbers(values: np.ndarray, digits: int) -> str:
     """Numbers in a row."""
     return "  ".join(f"{value:.{digits}f}" for value in values)
-
-
-def _recorded(transport: Transport, record: Path | None) -> Transport:
-    if record is None:
-        return transport
-    try:
-        return LoggingTransport(transport, record)
-    except OSError:
-        transport.close()
-        raise

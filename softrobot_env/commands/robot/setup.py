@@ -1,6 +1,5 @@
 """The spatial test rig over a serial line: a real one, or a virtual one in its own process."""
 
-import sys
 from argparse import Namespace
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -12,7 +11,7 @@ from typing import Any
 import gymnasium
 
 from softrobot_env.beams.registry import MUJOCO
-from softrobot_env.commands.robot.link import robot_of
+from softrobot_env.commands.robot.link import opened, robot_of
 from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.commands.setups import Setup
 from softrobot_env.control.registry import FEEDBACKS
@@ -20,7 +19,7 @@ from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.evaluation.report import REAL, VIRTUAL
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.hardware.robot_file import RobotFile
-from softrobot_env.hardware.transport import LoggingTransport, SerialTransport, Transport
+from softrobot_env.hardware.transport import Transport
 from softrobot_env.robots import RobotParams, default_robot
 from softrobot_env.tasks import Task
 
@@ -73,24 +72,8 @@ class RealSetup(Setup):
 
     def _line(self, case: Case, file: RobotFile) -> Callable[[], Transport]:
         """Opens the way to a robot, recorded where that is wanted."""
-
-        def line() -> Transport:
-            transport = SerialTransport(file.port, file.baud)
-            if self._args.record is None:
-                return transport
-            return _ToldLog(transport, _free_name(self._args.record, case))
-
-        return line
-
-
-class _ToldLog(LoggingTransport):
-    """A log that says at its end why it broke off."""
-
-    def close(self) -> None:
-        """See `Transport`."""
-        super().close()
-        if self.failure is not None:
-            print(f"The log broke off: {self.failure}", file=sys.stderr)
+        folder = self._args.record
+        return lambda: opened(file, None if folder is None else _free_name(folder, case))
 
 
 class VirtualRigEnv(RealRigEnv):
