@@ -86,7 +86,7 @@ def needs_head(robot, control_period):
         raise ValueError("needs_head needs a robot with a head")
 """
 
-FINGER = "--robot planar_finger"
+FINGER, REACH = "--robot planar_finger", "evaluate --tasks reach"
 
 #: Words of a call, and what its line says; the folder has the files of `files`.
 CALLS = [
@@ -140,23 +140,16 @@ CALLS = [
     ("render --task triangle --option period=5,1", "one value"),
     ("render --task triangle --policy lqi", "hybrid"),
     # Files of identified parameters.
-    ("evaluate --tasks swing --learnt learnt.npz", "--learnt: only with tasks of the rig, triang"),
+    ("evaluate --tasks swing --learnt a.npz", "--learnt: only with tasks of the rig, triang"),
     (
-        "evaluate --tasks reach --policies inverse_dynamics inverse_dynamics_ahead --learnt "
-        "learnt.npz",
+        "evaluate --tasks reach --policies inverse_dynamics inverse_dynamics_ahead --learnt a.npz",
         "--learnt: only with the policies rig_nn, rig_nn_p, rig_nn_pi, hybrid, hybrid_ahead",
     ),
-    (
-        "render --task reach --policy inverse_dynamics --learnt learnt.npz",
-        "--learnt: only with the policies",
-    ),
+    ("render --task reach --policy inverse_dynamics --learnt a.npz", "--learnt: only with the pol"),
     ("evaluate --tasks reach --learnt no.npz", "no.npz"),
     ("evaluate --tasks reach --learnt no.npz", "make it with `softrobot train rig_nn --robot rig`"),
     ("evaluate --tasks reach --learnt mine.py", "mine.py is no npz file of arrays, or damaged"),
-    (
-        "evaluate --tasks reach --learnt gains.npz",
-        "gains.npz lacks the array 'weight_0'; it has gains; make",
-    ),
+    (f"{REACH} --learnt gains.npz", "gains.npz lacks the array 'weight_0'; it has gains; make"),
     ("evaluate --tasks reach --learnt undamped.npz", "undamped.npz lacks the array 'damping'"),
     ("evaluate --tasks reach --learnt arm.npz", "is of 'arm' as it was then"),
     # Robots, tasks and policies of one's own.
@@ -165,10 +158,7 @@ CALLS = [
     (f"evaluate {FINGER} --tasks reach --policies mine.py:needs_head", "a robot with a head"),
     (f"evaluate {FINGER} --tasks reach --policies mine.py:missing", "missing"),
     (f"evaluate {FINGER} --tasks mine.py:P", "must take the robot"),
-    (
-        f"evaluate {FINGER} --tasks reach --policies hold mine.py:hold",
-        "two policies called 'hold'",
-    ),
+    (f"evaluate {FINGER} --tasks reach --policies hold mine.py:hold", "two policies called 'hold'"),
     (f"evaluate {FINGER} --tasks circle --option hold=1", "hold is an option of reach only"),
     (f"evaluate {FINGER} --tasks circle --option radius=0.1", "smaller radius"),
     (f"evaluate {FINGER} --tasks reach --env virtual", "--robot: only with simulated robots"),
@@ -184,18 +174,12 @@ CALLS = [
         "evaluate --tasks triangle --policies rig_nn_pi --twin 3 --feedback sensors",
         "--twin 3 --out DIR` and give it by",
     ),
-    (
-        "evaluate --tasks swing --policies lqi --feedback sensors",
-        "robot 'arm' carries none; give it [[sensor]] tables",
-    ),
+    ("evaluate --tasks swing --policies lqi --feedback sensors", "robot 'arm' carries none; give"),
     (
         "evaluate --tasks triangle --policies rig_nn_pi --sensors no.npz --feedback sensors",
         "No such file",
     ),
-    (
-        "evaluate --tasks triangle --policies rig_nn_pi --sensors a.npz",
-        "--sensors: only with --feedback sensors",
-    ),
+    ("evaluate --tasks triangle --policies rig_nn_pi --sensors a.npz", "--sensors: only with --fe"),
     # Recordings.
     ("recording check none.csv", "none.csv: no such file"),
     ("recording replay none.csv --robot nobody", "nobody"),
@@ -223,10 +207,7 @@ CALLS = [
     ("train --algo ppo --set discount=2", "discount must lie between"),
     ("train --algo ppo --start nowhere.npz", "no network at nowhere.npz"),
     ("train lqi --resume --steps 3", "--steps, --resume: only with ppo, sac"),
-    (
-        "train lqi --recording a.csv --steps 9",
-        "--recording: only with ssm; --steps: only with ppo",
-    ),
+    ("train lqi --recording a.csv --steps 9", "--recording: only with ssm; --steps: only with ppo"),
     ("train rig_nn --robot arm", "'rig' alone, not for 'arm'"),
     ("train imitation --robot rig --twin 1", "--twin: only with ssm, sensors, rig_nn"),
     ("train imitation --robot rig", "`softrobot train lq_preview --robot rig`"),
@@ -247,10 +228,7 @@ CALLS = [
     ("tune ppo --start none --search speed=1..2", "cannot set 'speed'; choose from drawn_tasks"),
     ("tune ppo --start none --search rate=0.1..1000", "rate must lie between"),
     ("tune ppo --start none --search batch=1.5,2", "batch must be a whole number"),
-    (
-        "tune ppo --start none --search rate=0.1..1 --set rate=0.1",
-        "--search rate: it is",
-    ),
+    ("tune ppo --start none --search rate=0.1..1 --set rate=0.1", "--search rate: it is"),
     ("tune ppo --start none --search steps=1..2", "--search steps: it is the budget"),
     ("tune ppo --start none --search rate=0.1..1 --set batch=1,2", "--set batch: one value"),
     ("tune ppo --start none --space nowhere.toml", "nowhere.toml"),
@@ -268,7 +246,7 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("files")
     (folder / "mine.py").write_text(MINE)
     (folder / "mine.csv").touch()
-    learnt_file(folder / "learnt.npz", twin=3)
+    learnt_file(folder / "a.npz", twin=3)
     np.savez(folder / "gains.npz", gains=1.0)
     lacking = describe_rig(RIG) | {"stiffness": 1, "turn": 0, "play": 0}
     constant_learnt().network.save(folder / "undamped.npz", lacking)
