@@ -68,6 +68,22 @@ class Held(NamedTuple):
     errors: np.ndarray
 
 
+class Sample(NamedTuple):
+    """Stable equilibria under inputs that fill the box of actions evenly.
+
+    Attributes:
+        inputs: (n, n_inputs) [N or m]; of the action 0 first.
+        postures: (n, nq).
+        tips: (n, 3) [m].
+        left_out: Number of actions without a stable equilibrium, or beyond the drives' travel.
+    """
+
+    inputs: np.ndarray
+    postures: np.ndarray
+    tips: np.ndarray
+    left_out: int
+
+
 class Place(NamedTuple):
     """Where inputs hold the tip: actions (m,) of tensions, and inputs and posture as of `Held`."""
 
@@ -436,22 +452,15 @@ class InverseStatics:
         return np.clip(pulled, -self.inputs.input_scale, self.inputs.input_scale)
 
     @one_blas_thread()
-    def sample(self, count: int) -> tuple[Held, int]:
-        """Stable equilibria all over the box of actions, and how many were left out.
+    def sample(self, count: int) -> Sample:
+        """Stable equilibria all over the box of actions, by a number of them.
 
         The actions, of tensions, fill their box evenly; each equilibrium is looked for from that of
-        the nearest action found before. Left out is where there is none or an unstable one, and
-        lengths beyond the drives' travel.
-
-        Args:
-            count: Number of actions.
-
-        Returns:
-            The equilibria, without errors, that of the action 0 first.
+        the nearest action found before.
         """
         found = self._spread(count, self._box)
         inputs, postures = (np.array([getattr(f, n) for f in found]) for n in ("inputs", "posture"))
-        return Held(inputs, postures, np.zeros(len(found))), count + 1 - len(found)
+        return Sample(inputs, postures, self.scene.tip(postures), count + 1 - len(found))
 
     def _spread(self, count: int, box: float) -> list[Place]:
         found, actions = [self._rest], [self._rest.action]
@@ -741,23 +750,6 @@ class Workspace:
         return self.inverse.scene
 
 
-@dataclass(frozen=True, eq=False)
-class Sample:
-    """Stable equilibria under inputs that fill the box of actions evenly.
-
-    Attributes:
-        inputs: (n, n_inputs) [N or m]; of the action 0 first.
-        postures: (n, nq).
-        tips: (n, 3) [m].
-        left_out: Number of actions without a stable equilibrium, or beyond the drives' travel.
-    """
-
-    inputs: np.ndarray
-    postures: np.ndarray
-    tips: np.ndarray
-    left_out: int
-
-
 @lru_cache(maxsize=32)
 def workspace_of(robot: RobotParams) -> Workspace:
     """The workspace of a robot under its own weight, found once in a process.
@@ -773,6 +765,4 @@ def workspace_of(robot: RobotParams) -> Workspace:
 @lru_cache(maxsize=8)
 def sample_of(robot: RobotParams, count: int = SAMPLE) -> Sample:
     """A sample of a robot's workspace by `count` actions; errors as `workspace_of`."""
-    inverse = workspace_of(robot).inverse
-    held, left_out = inverse.sample(count)
-    return Sample(held.inputs, held.postures, inverse.scene.tip(held.postures), left_out)
+    return workspace_of(robot).inverse.sample(count)

@@ -118,7 +118,7 @@ def hold_sample(
 
     Each is looked for from the nearest that are known, so that neighbours have like inputs.
     """
-    sample, _ = inverse.sample(count)
+    sample = inverse.sample(count)
     points = np.array([inverse.tip(posture) for posture in sample.postures])
     tips = points @ inverse.directions.T
     known = inverse.solve(points[:1])

@@ -235,10 +235,10 @@ def _candidates(
             held.append(found)
             yield found
     solver = inverse if len(directions) == 2 else InverseStatics(inverse.scene, directions)
-    sample = inverse.sample(count - within)[0]
-    for inputs, angles in zip(sample.inputs, sample.postures, strict=True):
+    sample = inverse.sample(count - within)
+    for inputs, angles, tip in zip(sample.inputs, sample.postures, sample.tips, strict=True):
         start = Held(inputs[None], angles[None], np.zeros(1))
-        found = solver.solve(inverse.scene.tip(angles)[None], start, anywhere=False)
+        found = solver.solve(tip[None], start, anywhere=False)
         done += 1
         progress(done, count)
         if found.errors[-1] <= solver.tolerance:
