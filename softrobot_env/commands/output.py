@@ -167,9 +167,14 @@ def claimed(path: Path) -> Iterator[None]:
         yield
 
 
+#: Consoles of the bars that are shown: what is printed meanwhile goes above them.
+_BARS: list[Console] = []
+
+
 def say(*shown: Any, **how: Any) -> None:
     """Print to the terminal, as `print` of rich's `Console` does."""
-    Console().print(*shown, **how)
+    console = _BARS[-1] if _BARS else Console()
+    console.print(*shown, **how)
 
 
 def drawn(draw: Callable[[], object]) -> bool:
@@ -208,11 +213,15 @@ def progress_on(
         What is told (description, done, total).
     """
     columns = (*Progress.get_default_columns(), TextColumn("after"), TimeElapsedColumn())
-    with Progress(*columns, console=Console(), transient=True) as progress:
-        bar = progress.add_task(name, total=total)
-        yield lambda what, done, total: progress.update(
-            bar, description=prefix + what, completed=done, total=total
-        )
+    _BARS.append(console := Console())
+    try:
+        with Progress(*columns, console=console, transient=True) as progress:
+            bar = progress.add_task(name, total=total)
+            yield lambda what, done, total: progress.update(
+                bar, description=prefix + what, completed=done, total=total
+            )
+    finally:
+        _BARS.remove(console)
 
 
 def write_report(folder: Path, rows: list[Any], title: str, tables: Any, command_line: str) -> None:

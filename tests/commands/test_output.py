@@ -1,6 +1,7 @@
 """What commands write: nothing of an earlier run is lost, mixed up or written by two at once."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -8,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from softrobot_env.cli import main
-from softrobot_env.commands.output import claimed, new_results
+from softrobot_env.commands.output import claimed, new_results, progress_on, say
 from softrobot_env.core.files import models_dir
 from softrobot_env.robots import ARM, read_robot
 from softrobot_env.robots.artifacts import find_artifact, training_folder
@@ -156,3 +157,11 @@ def test_trainings_of_ones_own_robot_go_beside_its_file(tmp_path):
     own = tmp_path / "mine.toml"
     own.write_text(source.read_text())
     assert training_folder(read_robot(own)) == tmp_path
+
+
+def test_what_is_said_meanwhile_goes_above_the_bar(capsys, monkeypatch):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    with progress_on("work", 2) as show:
+        show("half", 1, 2)
+        say("told")
+    assert re.search("\x1b\\[2K\n?(\x1b\\[0m)?told", capsys.readouterr().out)
