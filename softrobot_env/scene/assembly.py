@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from math import lcm
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
@@ -18,7 +18,6 @@ from softrobot_env.core.motion import State
 from softrobot_env.core.records import check_fields, check_unique
 from softrobot_env.core.registry import Registry
 from softrobot_env.robots import Base, Gripper
-from softrobot_env.robots.parameters import Pieces
 from softrobot_env.scene import contacts
 from softrobot_env.scene.appearance import add_camera, add_surroundings
 from softrobot_env.scene.build import (
@@ -33,7 +32,7 @@ from softrobot_env.scene.build import (
     spec_xml,
 )
 from softrobot_env.scene.chain import BASE_BODY, SEPARATOR
-from softrobot_env.scene.config import Appearance, Camera, SceneConfig, contact_pieces
+from softrobot_env.scene.config import Camera, SceneConfig, contact_pieces
 from softrobot_env.scene.kinematics import Kinematics
 from softrobot_env.scene.mount import TURNS, Mount, Prescribed, add_drives, add_mount, followed
 from softrobot_env.scene.objects import Box, Contacts, Object
@@ -592,13 +591,9 @@ def gripper_scene(
     objects: Sequence[Object] = (),
     *,
     contacts: Contacts = CONTACTS,
-    control_period: float = 0.02,
-    pieces: Pieces | None = None,
-    timestep: float | None = None,
-    rule: str = RULE,
     felt_along: bool = False,
-    appearance: Appearance | None = None,
     cameras: tuple[Camera, ...] = (),
+    **finger: Any,
 ) -> Assembly:
     """A gripper and what it grips; `build_assembly` builds it.
 
@@ -606,30 +601,17 @@ def gripper_scene(
         gripper: The gripper.
         objects: What it touches, beside its palm.
         contacts: How they touch.
-        control_period, timestep: [s].
-        pieces, rule: Of each finger; as a robot with contacts unless given.
         felt_along: Whether the force of each link on the last object is reported, too.
-        appearance: Of the fingers; nothing is to be seen of them without.
         cameras: That look at it.
+        **finger: Of the scene of each finger, see `SceneConfig`: pieces, timestep, appearance.
     """
-    members = tuple(
-        Member(
-            finger.name,
-            SceneConfig(
-                finger.robot,
-                pieces=pieces,
-                rule=rule,
-                control_period=control_period,
-                timestep=timestep,
-                appearance=appearance,
-            ),
-            finger.base,
-        )
-        for finger in gripper.fingers
+    finger = {"rule": RULE, "control_period": 0.02} | finger
+    members = (
+        Member(one.name, SceneConfig(one.robot, **finger), one.base) for one in gripper.fingers
     )
     return Assembly(
         gripper.name,
-        members,
+        tuple(members),
         gravity=gripper.gravity,
         contacts=contacts,
         objects=(*_palm(gripper), *objects),

@@ -236,36 +236,29 @@ def choose_timestep(
     Warns:
         TimestepWarning: The choice is outside the stability bound, or stiffness forced discrete.
     """
-    period = 2 * pi / chain.extremes[0]
+    period, touching = 2 * pi / chain.extremes[0], contacts is not None
     accurate = min(ACCURACY * period, control_period)
-    touching = contacts is not None
     if touching:
-        light = max(1.0, links / STEP_LINKS) ** 2
-        accurate = min(CONTACT_ACCURACY * period, CONTACT_STEP, control_period) / light
+        accurate = min(CONTACT_ACCURACY * period, CONTACT_STEP, control_period)
+        accurate /= max(1.0, links / STEP_LINKS) ** 2  # shorter ones are lighter
         accurate = max(min(accurate, contacts), accurate / MAX_SUBSTEPS_RATIO)
-    if integrator is None and touching:
-        integrator, reason = "implicitfast", "implicitfast takes contacts as they are given"
-    elif integrator is None and chain.is_undamped_spring:
-        integrator, reason = "RK4", "RK4 neither damps nor drives undamped motion"
-    elif integrator is None and friction:
-        integrator, reason = "discrete", "discrete includes the damping where something rubs"
-        accurate = min(accurate, FRICTION_STEP)
-    elif integrator is None:
-        integrator, reason = _choose_integrator(chain, accurate)
-    else:
+    if integrator is not None:
         reason = f"{integrator} was asked for"
+    elif touching:
+        integrator, reason = "implicitfast", "implicitfast takes contacts as they are given"
+    else:
+        integrator, reason = _choose_integrator(chain, accurate, friction)
+        accurate = min(accurate, FRICTION_STEP if integrator == "discrete" and friction else inf)
     limit = stability_limit(integrator, chain)
     if timestep is None:
         safety = SAFETY_IMPLICIT if integrator == "implicit" else SAFETY
         step = min(accurate, safety * limit)
-        share = CONTACT_ACCURACY if touching else ACCURACY
-        bound = f"1/{1 / share:g} of the first period, for accuracy"
-        if touching and step != share * period:
-            bound = "the most with contacts"
         if step < accurate:
             bound = f"{safety:g} times the stability limit"
         elif step == control_period:
             bound = "the control period"
+        else:
+            bound = _accuracy_bound(step, period, touching)
         reason += f"; timestep at most {1e3 * step:.3g} ms: {bound}"
     else:
         step = timestep
@@ -273,31 +266,44 @@ def choose_timestep(
     substeps = max(1, ceil(control_period / step - 1e-9))
     chosen = control_period / substeps
     if touching and chosen > min(accurate, contacts) * (1 + 1e-9):
-        warnings.warn(
+        _warn(
             f"contacts may be inaccurate with a timestep of {chosen:.3g} s, they want "
-            f"{min(accurate, contacts):.3g} s or a smaller stiffness",
-            TimestepWarning,
-            stacklevel=4,
+            f"{min(accurate, contacts):.3g} s or a smaller stiffness"
         )
     if chosen > limit:
-        warnings.warn(
+        _warn(
             f"timestep {chosen:.3g} s with {integrator} is beyond the stability limit "
-            f"{limit:.3g} s of the linearised robot: expect divergence",
-            TimestepWarning,
-            stacklevel=4,
+            f"{limit:.3g} s of the linearised robot: expect divergence"
         )
     return TimestepChoice(integrator, chosen, substeps, period, limit, reason)
 
 
-def _choose_integrator(chain: LinearChain, accurate: float) -> tuple[str, str]:
+def _accuracy_bound(step: float, period: float, touching: bool) -> str:
+    """What bounds a step [s] for accuracy, for people."""
+    share = CONTACT_ACCURACY if touching else ACCURACY
+    if touching and step != share * period:
+        return "the most with contacts"
+    return f"1/{1 / share:g} of the first period, for accuracy"
+
+
+def _warn(text: str, above: int = 0) -> None:
+    """Warn whoever has built a scene, from `choose_timestep` or so many calls deeper."""
+    warnings.warn(text, TimestepWarning, stacklevel=5 + above)
+
+
+def _choose_integrator(chain: LinearChain, accurate: float, friction: bool) -> tuple[str, str]:
+    """Of a robot that touches nothing, and why."""
+    if chain.is_undamped_spring:
+        return "RK4", "RK4 neither damps nor drives undamped motion"
+    if friction:
+        return "discrete", "discrete includes the damping where something rubs"
     limit = stability_limit("implicitfast", chain)
     if SAFETY * limit * MAX_SUBSTEPS_RATIO >= accurate:
         return "implicitfast", "implicitfast is stable"
-    warnings.warn(
+    _warn(
         f"the robot is too stiff and too lightly damped for implicitfast (stable below "
         f"{limit:.3g} s): using discrete, which damps fast modes numerically",
-        TimestepWarning,
-        stacklevel=5,
+        above=1,
     )
     return "discrete", "implicitfast would need very small steps, discrete damps fast modes"
 
