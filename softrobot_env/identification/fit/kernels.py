@@ -476,29 +476,19 @@ def _seen(layout, marker, work, out):
         store(out[k], add(vector(work.place[i]), offset))
 
 
-@kernel
-def _touched(many, tendons):
+def touched(many: Body) -> tuple[np.ndarray, np.ndarray]:
     """What each of p parameters changes: tendons (p, n_tendons), backbone, weight, markers (p, 3).
 
     Most change one tendon, or the frame of the recording alone.
     """
-    p = len(many.gravity)
-    pulls, others = np.zeros((p, tendons), np.bool_), np.zeros((p, 3), np.bool_)
-    for j in range(p):
-        for k in range(tendons):
-            pulls[j, k] = (
-                np.any(many.place[j, k].imag != 0)
-                or many.spring[j, k].imag != 0
-                or many.pretension[j, k].imag != 0
-                or many.friction[j, k].imag != 0
-                or many.straight[j, k].imag != 0
-                or many.backlash[j, k].imag != 0
-            )
-        springs = np.any(many.stiffness[j].imag != 0) or np.any(many.rest[j].imag != 0)
-        others[j, 0] = springs or np.any(many.holding[j].imag != 0)
-        weights = np.any(many.mass[j].imag != 0) or np.any(many.head[j].imag != 0)
-        others[j, 1] = weights or np.any(many.gravity[j].imag != 0)
-        others[j, 2] = np.any(many.marker[j].imag != 0)
+    moved = Body(*(part.imag != 0 for part in many))
+    pulls = moved.place.any(axis=2) | moved.spring | moved.pretension | moved.friction
+    pulls = pulls | moved.straight | moved.backlash
+    kinds = (("stiffness", "rest", "holding"), ("mass", "head", "gravity"), ("marker",))
+    others = np.zeros((len(pulls), 3), dtype=bool)
+    for k, names in enumerate(kinds):
+        for part in (getattr(moved, name) for name in names):
+            others[:, k] |= part.any(axis=tuple(range(1, part.ndim)))
     return pulls, others
 
 
@@ -638,13 +628,14 @@ def _set_friction(layout, body, state, real, rub, friction):
 
 
 @kernel
-def follow(layout, body, many, rows, tolerance, scratch):
+def follow(layout, body, many, touched, rows, tolerance, scratch):
     """Equilibria under one row of controls after the other, each from that before.
 
     Args:
         layout, body: The robot.
         many: The same with an imaginary step in each of the parameters, (p, ...); of none, no
             derivatives are made.
+        touched: By them, see the function of that name.
         rows: Controls, and what they lead to, which is set.
         tolerance: [N m].
         scratch: Of the robot.
@@ -655,7 +646,6 @@ def follow(layout, body, many, rows, tolerance, scratch):
     by_tendons, by_anchors = np.zeros((2, tendons, p)), np.zeros((rubbing, p))
     by = Slopes(by_tendons[0], by_anchors, by_tendons[1], np.zeros((n, p)))
     friction = Friction(np.zeros(tendons), np.zeros((n // 3, 2, 2)))
-    touched = _touched(many, tendons)
     for t in range(len(rows.controls)):
         has_friction, rub = not rows.begins[t], rows.rub[t]
         if not has_friction:

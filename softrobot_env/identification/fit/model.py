@@ -280,7 +280,8 @@ class StaticModel:
             found=np.ones(rows, dtype=bool),
         )
         room = kernels.scratch(n, len(body.spring))
-        kernels.follow(self.layout, body, many, found, _TOLERANCE * self._scale, room)
+        tolerance, touched = _TOLERANCE * self._scale, kernels.touched(many)
+        kernels.follow(self.layout, body, many, touched, found, tolerance, room)
         for index in np.flatnonzero(self.unknowns.moves_frame[by]):
             change = np.nan_to_num(self._placed(steps[index]).imag) / TINY
             found.slopes[..., index] -= change
