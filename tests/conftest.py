@@ -26,7 +26,7 @@ FIRST = (
     "beams/test_cosserat.py",
     "beams/test_pcc.py",
     "beams/test_integration.py",
-    "control/scheduled/test_mpc_of_any_robot.py",
+    "control/scheduled/test_scheduled.py",
 )
 
 #: Where the durations of the last runs are kept, and what a quick test takes at most [s].

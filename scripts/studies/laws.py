@@ -26,8 +26,8 @@ from softrobot_env.evaluation import runner
 from softrobot_env.evaluation.report import variation_label
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import Case
-from softrobot_env.learned import bayesian
 from softrobot_env.learned.network import describe
+from softrobot_env.learned.training import train_regularised
 from softrobot_env.rendering.figures import BLACK, Axes, Figure
 from softrobot_env.robots import ARM, EQUIVALENT_RIG, RIG, RobotParams, find_robot
 from softrobot_env.robots.actuation import TendonMap
@@ -682,7 +682,7 @@ def train_qs_nn(plant: str, path: Path) -> None:
     tip, how = _statics(plant), quasi_static.Sampling(pairs=_PAIRS)
     drawn, start = (np.random.default_rng(s) for s in np.random.SeedSequence(_SEED).spawn(2))
     samples = quasi_static.sample(tip, TendonMap(ARM).n_inputs, how, drawn)
-    fit = bayesian.train(samples.new_network(quasi_static.HIDDEN, start), samples)
+    fit = train_regularised(samples.new_network(quasi_static.HIDDEN, start), samples)
     reached = quasi_static.workspace(samples.inputs[:, 2:4])
     fit.network.save(path, {**describe(ARM), "workspace": reached, "seed": _SEED})
 

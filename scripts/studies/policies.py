@@ -21,8 +21,9 @@ from softrobot_env.rendering.figures import Axes, Figure, new_figure
 from softrobot_env.robots import ARM, centerline
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.tasks import make_task
-from softrobot_env.thesis.figures import AUDIT, CONTROLLERS, FIGURES, POLICY_TIME, ROBUSTNESS
+from softrobot_env.thesis.figures import FIGURES, POLICY_TIME
 from studies import lab
+from studies.truths.thesis_values import AUDIT, CONTROLLERS, ROBUSTNESS
 
 Kind = TypeVar("Kind", bound="PolicyRow")
 Variation = dict[str, float]

@@ -20,12 +20,12 @@ from softrobot_env.evaluation.runner import Case
 from softrobot_env.evaluation.runner import run as run_episode
 from softrobot_env.identification.excitation import resting_task
 from softrobot_env.identification.visits import nominal_lengths
-from softrobot_env.learned.bayesian import train
 from softrobot_env.learned.network import Dataset, Network
 from softrobot_env.learned.reduction import THESIS, FitError, ReducedModel, Settings, fit, spectrum
 from softrobot_env.learned.reduction import Record as Recorded
 from softrobot_env.learned.reduction.polynomials import Monomials
 from softrobot_env.learned.reduction.records import delay_vectors
+from softrobot_env.learned.training import train_regularised
 from softrobot_env.rendering import figures
 from softrobot_env.rendering.figures import Axes
 from softrobot_env.robots import RIG
@@ -381,7 +381,7 @@ def neural(decays: Records, forced: Records) -> Lifted:
     base, x, v, then = _transitions(decays, forced)
     chosen = np.random.default_rng(0).choice(len(x), min(_SAMPLES, len(x)), replace=False)
     data = Dataset(np.hstack([x, v])[chosen], (then - x)[chosen])
-    network: Network = train(
+    network: Network = train_regularised(
         data.new_network(_HIDDEN, np.random.default_rng(0)), data, _STEPS
     ).network
     return Lifted(base, lambda state, u: state + network(np.append(state, u)), lambda at: at)

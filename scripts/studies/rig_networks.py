@@ -1,6 +1,6 @@
 """Quasi-static networks of the spatial rig: size, samples and cost (thesis Figs. 3.7 to 5.4).
 
-And what friction of the tendons costs them, on the stand-in of `identification.slow_rig`: one
+And what friction of the tendons costs them, on the stand-in of `studies.truths.slow_rig`: one
 piece, no servos, and of a camera nothing but its noise, visited without dither, so that of all
 errors of a rig friction alone varies.
 """
@@ -28,17 +28,16 @@ from softrobot_env.identification.visits import (
     split,
     visits_of,
 )
-from softrobot_env.learned import early_stopping
-from softrobot_env.learned.early_stopping import Fit
 from softrobot_env.learned.inference import CompiledInference
 from softrobot_env.learned.plain_inference import PlainInference
+from softrobot_env.learned.training import Validated, train_validated
 from softrobot_env.rendering import figures
 from softrobot_env.rendering.figures import BLUE, COLOURS, Axes, Figure
 from softrobot_env.robots import RIG
 from softrobot_env.thesis.rig.inverse import TOTAL
 from softrobot_env.thesis.rig.parameters import record
-from softrobot_env.thesis.rig.slow_rig import RigStatics
 from studies import lab
+from studies.truths.slow_rig import RigStatics
 
 #: Hidden layers and neurons of each of them, Figs. 3.7 and 5.3; in a quick run those of `_QUICK`.
 LAYERS = (1, 2, 3, 4, 5)
@@ -220,7 +219,7 @@ def measure_cell(cell: Cell, data: RigData, parts: Split) -> CellRow:
     )
 
 
-def train(cell: Cell, data: RigData, parts: Split, seed: int) -> Fit:
+def train(cell: Cell, data: RigData, parts: Split, seed: int) -> Validated:
     """One network; the seed draws its samples, where not all are used, and initial parameters."""
     every = rig_networks.direction_of(data, cell.direction)
     rng = np.random.default_rng(seed)
@@ -231,7 +230,7 @@ def train(cell: Cell, data: RigData, parts: Split, seed: int) -> Fit:
         validation = _some(validation, min(watched, len(validation)), rng)
     samples = every.take(training)
     network = samples.new_network((cell.neurons,) * cell.layers, rng)
-    return early_stopping.train(network, samples, every.take(validation))
+    return train_validated(network, samples, every.take(validation))
 
 
 def _some(indices: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:

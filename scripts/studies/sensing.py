@@ -14,8 +14,8 @@ from scipy.interpolate import LinearNDInterpolator
 
 from softrobot_env.control.gripper import LIFTED
 from softrobot_env.envs.simulation.grippers import shares
-from softrobot_env.learned import bayesian
 from softrobot_env.learned.network import Dataset, Network
+from softrobot_env.learned.training import train_regularised
 from softrobot_env.rendering import figures
 from softrobot_env.robots import RIG, WORKSPACE, Sensor
 from softrobot_env.robots.sensors import USUAL
@@ -527,7 +527,7 @@ def _followed(tracker: BendFilter, readings: np.ndarray) -> np.ndarray:
 
 
 def _network(samples: Dataset, rng: np.random.Generator) -> Network:
-    return bayesian.train(samples.new_network(_HIDDEN, rng), samples, 200).network
+    return train_regularised(samples.new_network(_HIDDEN, rng), samples, 200).network
 
 
 #: Name -> scale of the usual imperfections, noise of each sample, light that is not linear [1].

@@ -45,14 +45,17 @@ def integral_gains(
     return b.T @ riccati / input_weight
 
 
+def lines(times: np.ndarray, knots: np.ndarray) -> np.ndarray:
+    """Weights (t, k) of values at knots (k,), with straight lines in between, at times (t,)."""
+    return np.stack([np.interp(times, knots, one) for one in np.eye(len(knots))], axis=1)
+
+
 def hats(steps: int, knots: tuple[float, ...], period: float) -> np.ndarray:
     """Weights (steps + 1, knots) with which the reference at every step follows from the knots.
 
     The present reference, from which the others deviate, has none.
     """
-    times = period * np.arange(steps + 1)
-    points = np.concatenate(([0.0], knots))
-    return np.stack([np.interp(times, points, row) for row in np.eye(len(points))[1:]], axis=1)
+    return lines(period * np.arange(steps + 1), np.concatenate(([0.0], knots)))[:, 1:]
 
 
 class BoundedSolver:

@@ -6,7 +6,7 @@ A Kalman filter on a robot's equations of motion estimates the curvature rates.
 from collections.abc import Callable
 from functools import partial
 from math import ceil
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
@@ -18,11 +18,11 @@ from softrobot_env.beams.planar_arm import (
     make_planar_arm,
     tip,
 )
-from softrobot_env.control.base import Controller, usable
+from softrobot_env.control.base import Controller, Held, usable
 from softrobot_env.control.limits import finite
 from softrobot_env.control.linear_quadratic import discretized
 from softrobot_env.core.interfaces import Observation
-from softrobot_env.core.records import Positive, Range, check_argument
+from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.inverse import workspace_of
@@ -45,9 +45,6 @@ _ARM_NOISE, _ARM_WALK, _ARM_PROCESS = 1e-2, 0.5, 1e-2
 
 #: Of other robots: the same, the first one over 1 / length, of a shift of the curvatures.
 _NOISE, _WALK, _PROCESS = 5e-3, 0.5, 1e-4
-
-#: Standard deviations, of which the squares can be computed with.
-_Deviation = Annotated[float, Range("in (0, 1e6]", lambda x: 0 < x <= 1e6)]
 
 #: An estimate (4, n), as of `RateObserver`, a period later under what was applied (m,).
 Prediction = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -150,12 +147,7 @@ def linear_model(arm: PlanarArm, curvature: np.ndarray) -> LinearModel:
     return LinearModel(mass, damping, stiffness, arm.inputs, jacobian, elastic)
 
 
-def arm_observer(
-    robot: RobotParams,
-    control_period: float,
-    curvature_noise: float = _ARM_NOISE,
-    force_walk: float = _ARM_WALK,
-) -> RateObserver:
+def arm_observer(robot: RobotParams, control_period: float) -> RateObserver:
     """Of a planar arm: predicts with its nonlinear model, and estimates unexplained forces [N m2].
 
     By the linearly implicit Euler method, whose steps the stiffness does not limit. The gain is
@@ -164,18 +156,15 @@ def arm_observer(
     Args:
         robot: Nominal robot.
         control_period: [s] between two updates.
-        curvature_noise, force_walk: See `_ARM_NOISE`.
 
     Raises:
         ValueError: The robot is no planar arm.
     """
     check_argument("control_period", control_period, Positive)
-    check_argument("curvature_noise", curvature_noise, _Deviation)
-    check_argument("force_walk", force_walk, _Deviation)
     arm, limit = make_planar_arm(robot), TendonMap(robot).input_scale
-    walk = force_walk * np.max(arm.inputs @ limit)
+    walk = _ARM_WALK * np.max(arm.inputs @ limit)
     model = linear_model(arm, np.zeros(arm.n))
-    noise = curvature_noise, walk, _ARM_PROCESS
+    noise = _ARM_NOISE, walk, _ARM_PROCESS
     known = stationary_filter(model, np.eye(arm.n), control_period, *noise)
     steps = ceil(control_period / _STEP - 1e-9)
     return RateObserver(
@@ -222,10 +211,8 @@ class ObservedState(NamedTuple):
     estimate: np.ndarray
     inner: Any
 
-    @property
-    def status(self) -> str | None:
-        """Why the action is not the one wanted, or None."""
-        return getattr(self.inner, "status", None)
+    #: As of the policy.
+    status = Held.status
 
 
 class OutputFeedback(Controller):

@@ -140,75 +140,57 @@ class PolicySpec:
         return {"tip_delay": camera_delay} if asked else {}
 
 
+_FEEDFORWARD = "softrobot_env.control.feedforward"
 _SCHEDULED = "softrobot_env.control.scheduled"
+_TABLES = f"{_SCHEDULED}.policies:make_"
+_LQI_TIMES, _LQ_TIMES = f"{_SCHEDULED}.timing:lqi", f"{_SCHEDULED}.timing:lq_preview"
+_MPC_TIMES = f"{_SCHEDULED}.mpc:preview_environment"
 _REDUCED = "softrobot_env.control.reduced.policy:ReducedPlanner"
-_LEARNED = "softrobot_env.control.learned.vector_network:make_learned"
+_SSM = "softrobot_env.control.reduced.environment:ssm_environment"
+_LEARNED = "softrobot_env.control.learned.neural:NeuralPolicy"
 
 
 def _learned_environment(
     policy: str, robot: RobotParams, weights: Path | None = None
 ) -> dict[str, Any]:
     """What a trained network needs of an environment."""
-    needed = load("softrobot_env.control.learned.vector_network:learned_environment")
+    needed = load("softrobot_env.control.learned.neural:learned_environment")
     return needed(policy, robot, weights)
 
 
 #: Policies of any robot.
 POLICIES: dict[str, PolicySpec] = {
     "hold": PolicySpec("softrobot_env.control.base:Hold"),
-    "feedforward": PolicySpec("softrobot_env.control.feedforward.law:Feedforward"),
-    "feedforward_pi": PolicySpec("softrobot_env.control.feedforward.law:FeedforwardPI"),
-    "static": PolicySpec("softrobot_env.control.feedforward.law:Feedforward", {"closed": False}),
-    "chain_dynamics": PolicySpec("softrobot_env.control.feedforward.dynamics:InverseDynamics"),
-    "chain_dynamics_pi": PolicySpec("softrobot_env.control.feedforward.dynamics:InverseDynamicsPI"),
+    "feedforward": PolicySpec(f"{_FEEDFORWARD}.law:Feedforward"),
+    "feedforward_pi": PolicySpec(f"{_FEEDFORWARD}.law:FeedforwardPI"),
+    "static": PolicySpec(f"{_FEEDFORWARD}.law:Feedforward", {"closed": False}),
+    "chain_dynamics": PolicySpec(f"{_FEEDFORWARD}.dynamics:InverseDynamics"),
+    "chain_dynamics_pi": PolicySpec(f"{_FEEDFORWARD}.dynamics:InverseDynamicsPI"),
     "qs_nn": PolicySpec(
-        "softrobot_env.control.feedforward.law:make_network",
-        environment={"control_period": 0.01, "preview": (0.2,)},
+        f"{_FEEDFORWARD}.law:make_network", {}, {"control_period": 0.01, "preview": (0.2,)}
     ),
-    "lqi": PolicySpec(f"{_SCHEDULED}.policies:make_lqi", environment=f"{_SCHEDULED}.timing:lqi"),
-    "lq_preview": PolicySpec(
-        f"{_SCHEDULED}.policies:make_lq_preview", environment=f"{_SCHEDULED}.timing:lq_preview"
-    ),
-    "lq_adaptive": PolicySpec(
-        f"{_SCHEDULED}.policies:make_lq_preview",
-        {"adaptive": True},
-        environment=f"{_SCHEDULED}.timing:lq_preview",
-    ),
-    "mpc": PolicySpec(
-        f"{_SCHEDULED}.policies:make_mpc", environment=f"{_SCHEDULED}.timing:lqi", package="daqp"
-    ),
-    "mpc_preview": PolicySpec(
-        f"{_SCHEDULED}.policies:make_mpc",
-        {"preview": True},
-        environment=f"{_SCHEDULED}.mpc:preview_environment",
-        package="daqp",
-    ),
+    "lqi": PolicySpec(f"{_TABLES}lqi", {}, _LQI_TIMES),
+    "lq_preview": PolicySpec(f"{_TABLES}lq_preview", {}, _LQ_TIMES),
+    "lq_adaptive": PolicySpec(f"{_TABLES}lq_preview", {"adaptive": True}, _LQ_TIMES),
+    "mpc": PolicySpec(f"{_TABLES}mpc", {}, _LQI_TIMES, "daqp"),
+    "mpc_preview": PolicySpec(f"{_TABLES}mpc", {"preview": True}, _MPC_TIMES, "daqp"),
     **{
-        name: PolicySpec(
-            _LEARNED,
-            {"policy": name},
-            environment=partial(_learned_environment, name),
-        )
+        name: PolicySpec(_LEARNED, {"policy": name}, partial(_learned_environment, name))
         for name in ("imitation", "ppo", "sac", "ppo_randomized", "sac_randomized")
     },
 }
 
 #: Policies of any robot that no comparison takes up unless it is asked to.
 INVERSE_POLICIES: dict[str, PolicySpec] = {
-    "inverse_dynamics": PolicySpec("softrobot_env.control.feedforward.dynamics:InverseDynamics"),
-    "hybrid": PolicySpec("softrobot_env.control.feedforward.dynamics:make_hybrid"),
+    "inverse_dynamics": PolicySpec(f"{_FEEDFORWARD}.dynamics:InverseDynamics"),
+    "hybrid": PolicySpec(f"{_FEEDFORWARD}.dynamics:make_hybrid"),
 }
 
 #: Plans on a model that was learned of a robot's motion by `softrobot train ssm`; one of the rig is
 #: shipped.
 REDUCED_POLICIES: dict[str, PolicySpec] = {
-    name: PolicySpec(
-        _REDUCED,
-        {"constrained": constrained},
-        environment="softrobot_env.control.reduced.environment:ssm_environment",
-        package="daqp" if constrained else None,
-    )
-    for name, constrained in (("ssm_mpc", True), ("ssm_lq", False))
+    name: PolicySpec(_REDUCED, {"constrained": package is not None}, _SSM, package)
+    for name, package in (("ssm_mpc", "daqp"), ("ssm_lq", None))
 }
 
 

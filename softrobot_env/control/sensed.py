@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from softrobot_env.control.base import MEASURED, Controller
+from softrobot_env.control.base import MEASURED, Controller, Held
 from softrobot_env.core.artifacts import read_arrays
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, check_argument
@@ -34,10 +34,8 @@ class SensedState(NamedTuple):
     rates: dict[str, np.ndarray]
     passed: float = 0.0
 
-    @property
-    def status(self) -> str | None:
-        """Of the policy."""
-        return getattr(self.inner, "status", None)
+    #: As of the policy.
+    status = Held.status
 
 
 class Sensed(Controller):

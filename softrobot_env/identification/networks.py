@@ -6,8 +6,8 @@ import numpy as np
 
 from softrobot_env.core.registry import Registry
 from softrobot_env.identification.visits import RigData, split
-from softrobot_env.learned.early_stopping import train
 from softrobot_env.learned.network import Dataset, Network
+from softrobot_env.learned.training import train_validated
 
 #: Neurons of the hidden layers.
 HIDDEN = (10, 10)
@@ -56,7 +56,7 @@ def networks_of(data: RigData, seed: int = 0) -> Networks:
             every.take(rows[:most])
             for rows, most in ((parts.training, TRAINING), (parts.validation, VALIDATION))
         )
-        found[name] = train(training.new_network(HIDDEN, rng), training, watched).network
+        found[name] = train_validated(training.new_network(HIDDEN, rng), training, watched).network
         errors[name] = rms(found[name], every.take(parts.test))
     return Networks(**found, errors=errors)
 

@@ -2,18 +2,37 @@
 
 from softrobot_env.control.registry import EVERY_POLICY, PolicySpec
 from softrobot_env.core.registry import VARIANTS
+from softrobot_env.robots import RobotParams
+from softrobot_env.thesis.rig.three_tendons import is_rig
 from softrobot_env.thesis.robots import RIG
 from softrobot_env.training.registry import register_training
 
 _ARM, _RIG = "softrobot_env.thesis.arm", "softrobot_env.thesis.rig"
 _IS_ARM, _IS_PLANAR_ARM = f"{_ARM}.timing:is_arm", f"{_ARM}.timing:is_planar_arm"
 _IS_RIG = f"{_RIG}.three_tendons:is_rig"
+_LAW, _PLAN = f"{_ARM}.policies:make_lq_preview", f"{_ARM}.policies:make_mpc"
+_QS = {"control_period": 0.01, "preview": (0.2,)}
 _LQ, _MPC = f"{_ARM}.timing:LQ_ENVIRONMENT", f"{_ARM}.mpc_settings:PREVIEW_ENVIRONMENT"
+
+
+def _no_rig(robot: RobotParams) -> str | None:
+    """What a robot lacks that laws of the rig cannot drive."""
+    return (
+        None
+        if is_rig(robot)
+        else (
+            "it needs a head and three elastic tendons round it, as the rig has; take "
+            "'inverse_dynamics', 'hybrid' or 'feedforward_pi'"
+        )
+    )
+
+
+_CALIBRATED = {"model": "calibrated", "ahead": True, "backlash": True}
 
 #: Policies of the spatial test rig. They take as option `learnt` the identified parameters of one
 #: rig; without it, they take those that are shipped, of twin 0.
 RIG_POLICIES: dict[str, PolicySpec] = {
-    name: PolicySpec(f"{_RIG}.policies:{make}", options)
+    name: PolicySpec(f"{_RIG}.policies:{make}", options, robots=_no_rig)
     for name, make, options in (
         ("rig_nn", "make_hybrid", {"model": "none"}),
         ("rig_nn_p", "make_network_feedback", {"integral": 0.0}),
@@ -23,46 +42,22 @@ RIG_POLICIES: dict[str, PolicySpec] = {
         ("hybrid", "make_hybrid", {}),
         ("hybrid_ahead", "make_hybrid", {"ahead": True}),
         ("hybrid_flexible", "make_hybrid", {"model": "several pieces", "ahead": True}),
-        (
-            "hybrid_calibrated",
-            "make_hybrid",
-            {"model": "calibrated", "ahead": True, "backlash": True},
-        ),
-        (
-            "hybrid_feedback",
-            "make_hybrid",
-            {"model": "calibrated", "ahead": True, "backlash": True, "feedback": True},
-        ),
+        ("hybrid_calibrated", "make_hybrid", _CALIBRATED),
+        ("hybrid_feedback", "make_hybrid", _CALIBRATED | {"feedback": True}),
     )
 }
 
 #: Name -> the robots of a closed form, and its policy.
 _VARIANTS = {
-    "qs_nn": (
-        _IS_ARM,
-        PolicySpec(f"{_ARM}.qs_nn:make_network", {}, {"control_period": 0.01, "preview": (0.2,)}),
-    ),
-    "lqi": (
-        _IS_ARM,
-        PolicySpec(f"{_ARM}.policies:make_lqi", {}, f"{_ARM}.timing:LQI_ENVIRONMENT"),
-    ),
-    "lq_preview": (_IS_ARM, PolicySpec(f"{_ARM}.policies:make_lq_preview", {}, _LQ)),
-    "lq_adaptive": (
-        _IS_ARM,
-        PolicySpec(f"{_ARM}.policies:make_lq_preview", {"adaptive": True}, _LQ),
-    ),
-    "mpc": (
-        _IS_PLANAR_ARM,
-        PolicySpec(f"{_ARM}.policies:make_mpc", {}, {"control_period": 0.01}, "daqp"),
-    ),
-    "mpc_preview": (
-        _IS_PLANAR_ARM,
-        PolicySpec(f"{_ARM}.policies:make_mpc", {"preview": True}, _MPC, "daqp"),
-    ),
+    "qs_nn": (_IS_ARM, PolicySpec(f"{_ARM}.qs_nn:make_network", {}, _QS)),
+    "lqi": (_IS_ARM, PolicySpec(f"{_ARM}.policies:make_lqi", {}, f"{_ARM}.timing:LQI_ENVIRONMENT")),
+    "lq_preview": (_IS_ARM, PolicySpec(_LAW, {}, _LQ)),
+    "lq_adaptive": (_IS_ARM, PolicySpec(_LAW, {"adaptive": True}, _LQ)),
+    "mpc": (_IS_PLANAR_ARM, PolicySpec(_PLAN, {}, {"control_period": 0.01}, "daqp")),
+    "mpc_preview": (_IS_PLANAR_ARM, PolicySpec(_PLAN, {"preview": True}, _MPC, "daqp")),
     "inverse_dynamics": (_IS_RIG, RIG_POLICIES["inverse_dynamics"]),
     "hybrid": (_IS_RIG, RIG_POLICIES["hybrid"]),
 }
-
 
 #: Name -> the robots of a closed form, and what trains its policy.
 _TRAININGS = {

@@ -10,8 +10,8 @@ import numpy as np
 
 from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.core.records import Count, check_fields
-from softrobot_env.learned import bayesian
 from softrobot_env.learned.network import Dataset, Network
+from softrobot_env.learned.training import train_regularised
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.artifacts import fingerprint
 from softrobot_env.scene.build import build_scene
@@ -87,7 +87,7 @@ def train(
         if show is not None:
             show(f"squared error {error:.4g}", done, total)
 
-    fit = bayesian.train(seen.new_network(how.hidden, rng), seen, how.iterations, report)
+    fit = train_regularised(seen.new_network(how.hidden, rng), seen, how.iterations, report)
     errors = _errors(inverse, fit.network, tips[unseen], held.postures[unseen])
     about = fingerprint(robot) | {
         "tips": seen.inputs,

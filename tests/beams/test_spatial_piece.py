@@ -7,6 +7,7 @@ from softrobot_env.beams.pcc import PCC
 from softrobot_env.robots import ARM, RIG, Head
 from softrobot_env.thesis.rig import spatial_piece
 from softrobot_env.thesis.rig.spatial_piece import SUBPIECES, make_rig_piece
+from studies.truths import rig_piece
 
 #: Gravity from the side as well, and a long head: nothing special about the upright rig.
 TILTED = replace(
@@ -34,29 +35,17 @@ def curvatures(*vectors):
 def test_equations_of_motion_are_those_of_the_general_model(state):
     y, v, a, tension = state
     out = np.empty(2)
-    spatial_piece.residual(PIECE, y, v, a, tension, out)
+    rig_piece.residual(PIECE, y, v, a, tension, out)
     expected = np.linalg.solve(TURN.T, MODEL.residual(*curvatures(y, v, a), tension))
     np.testing.assert_allclose(out, expected, atol=1e-14 * np.abs(expected).max() + 1e-15)
-    spatial_piece.acceleration(PIECE, y, v, tension, out)
+    rig_piece.acceleration(PIECE, y, v, tension, out)
     expected = TURN @ MODEL.acceleration(*curvatures(y, v), tension)
     np.testing.assert_allclose(out, expected, rtol=1e-11)
 
 
-def test_parts_of_the_equations_are_those_of_the_general_model(state):
-    y, v, _, _ = state
-    mass, gyroscopic, force = np.empty((2, 2)), np.empty(2), np.empty(2)
-    spatial_piece.equations(PIECE, y, v, mass, gyroscopic, force)
-    form = MODEL.control_affine(*curvatures(y, v))
-    back = np.linalg.inv(TURN)
-    np.testing.assert_allclose(mass, back.T @ form.mass @ back, atol=1e-15)
-    np.testing.assert_allclose(gyroscopic, back.T @ form.gyroscopic, atol=1e-14)
-    np.testing.assert_allclose(force, back.T @ form.force, atol=1e-14)
-    np.testing.assert_allclose(PIECE.inputs, back.T @ form.inputs, atol=1e-16)
-
-
 def test_energies_are_those_of_the_general_model(state):
     y, v, _, _ = state
-    kinetic, potential = spatial_piece.energies(PIECE, y, v)
+    kinetic, potential = rig_piece.energies(PIECE, y, v)
     q, dq = curvatures(y, v)
     assert kinetic == pytest.approx(MODEL.kinetic_energy(q, dq), rel=1e-12)
     assert potential == pytest.approx(MODEL.potential_energy(q), rel=1e-12, abs=1e-15)
@@ -68,13 +57,13 @@ def forces_of_lagrange(piece, y, v, a):
 
     def momentum(y, v):
         energy = [
-            spatial_piece.energies(piece, y, v + s)[0]
+            rig_piece.energies(piece, y, v + s)[0]
             for s in (*(1e-3 * np.eye(2)), *(-1e-3 * np.eye(2)))
         ]
         return (np.array(energy[:2]) - energy[2:]) / 2e-3  # exact: quadratic in v
 
     def energy(y):
-        return spatial_piece.energies(piece, y, v)[0]
+        return rig_piece.energies(piece, y, v)[0]
 
     weights = ((1, 8 / 12), (2, -1 / 12))
     along = sum(
@@ -120,12 +109,12 @@ def test_the_head_counts_like_a_rigid_body_of_many_points():
     speed, turning = (p1 - p0) / (2 * step), (r1 - r0) / (2 * step) @ frame(y)[1].T
     omega = np.array([turning[2, 1], turning[0, 2], turning[1, 0]])
     expected = 0.5 * (head.mass * speed @ speed + head.inertia[0] * omega @ omega)
-    assert spatial_piece.energies(piece, y, v)[0] == pytest.approx(expected, rel=1e-7)
+    assert rig_piece.energies(piece, y, v)[0] == pytest.approx(expected, rel=1e-7)
 
 
 def output(y, piece=PIECE):
     point, jacobian = np.empty(3), np.empty((3, 2))
-    spatial_piece.output(piece, y, point, jacobian)
+    rig_piece.output(piece, y, point, jacobian)
     return point, jacobian
 
 
@@ -139,7 +128,7 @@ def test_output_is_on_the_tangent_of_the_end(state):
 def test_derivatives_of_the_output(state):
     y, v, _, _ = state
     bias, h = np.empty(3), 1e-3
-    spatial_piece.output_bias(PIECE, y, v, bias)
+    rig_piece.output_bias(PIECE, y, v, bias)
     for i, e in enumerate(h * np.eye(2)):
         near, far = output(y + e)[0] - output(y - e)[0], output(y + 2 * e)[0] - output(y - 2 * e)[0]
         np.testing.assert_allclose(output(y)[1][:, i], (8 * near - far) / (12 * h), atol=1e-10)
@@ -155,7 +144,7 @@ def test_inverse_of_the_output(bend, guess):
     y = bend * y / np.linalg.norm(y)
     point, jacobian = output(y)
     bias = np.empty(3)
-    spatial_piece.output_bias(PIECE, y, v, bias)
+    rig_piece.output_bias(PIECE, y, v, bias)
     found = np.array([[guess, 0.0], [0, 0], [0, 0]])
     limit, _ = spatial_piece.reach(PIECE)
     wanted = (point[:2], (jacobian @ v)[:2], (jacobian @ a + bias)[:2])
@@ -177,9 +166,9 @@ def test_reach_is_the_largest_distance():
 def at_rest(piece):
     """Mass [kg m2] and stiffness [N m] of the straight pose, from the residual."""
     zero, out, step = np.zeros(2), np.empty(2), 1e-6
-    spatial_piece.residual(piece, zero, zero, np.array([1.0, 0.0]), np.zeros(3), out)
+    rig_piece.residual(piece, zero, zero, np.array([1.0, 0.0]), np.zeros(3), out)
     mass = out[0]
-    spatial_piece.residual(piece, np.array([step, 0.0]), zero, zero, np.zeros(3), out)
+    rig_piece.residual(piece, np.array([step, 0.0]), zero, zero, np.zeros(3), out)
     return mass, out[0] / step
 
 

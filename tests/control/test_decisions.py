@@ -106,17 +106,6 @@ def test_networks_decide_by_their_formula(name, numba_loaded):
     assert len(statuses) >= 3  # the draw covers what can be said
 
 
-@pytest.mark.parametrize("hidden", [(), (1,), (7, 2, 9)])
-def test_networks_of_any_depth_decide(hidden, numba_loaded):
-    ends = [Scaling(-np.full(n, 2.0), np.full(n, 3.0)) for n in (FEATURES, 3)]
-    network = initial_network(hidden, *ends, np.random.default_rng(1))
-    policy = neural.NeuralPolicy(ARM, 0.01, network)
-    seen = draw(policy, 20, spread=0.2)
-    for i in range(20):
-        wanted, _ = neural_formula(network, row(seen, i))
-        np.testing.assert_allclose(policy.predict(row(seen, i))[0], wanted, atol=2e-6)
-
-
 @pytest.mark.parametrize("name", ["imitation", "sac", "qs_nn"])
 def test_stacked_decisions_are_the_single_ones(name, numba_loaded):
     """Those of float32 and strided observables as well; what is not finite is told of its own."""

@@ -5,15 +5,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
+from softrobot_env.beams import planar_arm
+from softrobot_env.beams.model import State
+from softrobot_env.beams.pcc import PCC
+from softrobot_env.beams.planar_arm import make_planar_arm
 from softrobot_env.beams.registry import BeamPlant
+from softrobot_env.control.linear_quadratic import BoundedSolver
 from softrobot_env.control.registry import make_policy, policy_environment
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.metrics import step_metrics, tracking_metrics
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import ARM
-from softrobot_env.thesis.arm.mpc import MPC
-from softrobot_env.thesis.arm.mpc_settings import PREVIEW, THESIS
+from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.thesis.arm.mpc import MPC, Optimiser, Problem
+from softrobot_env.thesis.arm.mpc_settings import PREVIEW, THESIS, MPCSettings
 
 POLICIES = ("mpc", "mpc_preview")
 
@@ -58,37 +65,6 @@ def step_response(name, width, plant=None, **options):
 # ---------------------------------------------------------------- as policies
 
 
-def test_single_and_stacked_observations_give_the_same_actions(policy):
-    observations = [observe(), observe((-0.1, 0.48), curvature=-0.5)]
-    single, states = zip(*(policy.predict(o) for o in observations), strict=True)
-    stacked = {name: np.stack([o[name] for o in observations]) for name in observations[0]}
-    actions, together = policy.predict(stacked)
-    assert actions.shape == (2, 3) and actions.dtype == np.float32
-    np.testing.assert_array_equal(actions, single)
-    again = [policy.predict(o, s)[0] for o, s in zip(observations, states, strict=True)]
-    np.testing.assert_array_equal(policy.predict(stacked, together)[0], again)
-
-
-def test_state_is_not_changed_in_place():
-    for settings in (THESIS, PREVIEW):
-        policy = MPC(ARM, settings.period, settings)
-        _, state = policy.predict(observe())
-        moved = observe((0.22, 0.43), curvature=1.1)
-        first, _ = policy.predict(moved, state)
-        second, _ = policy.predict(moved, state)
-        np.testing.assert_array_equal(first, second)
-
-
-def test_thesis_controller_decides_every_tenth_of_a_second():
-    policy = make_policy("mpc", ARM, 0.01)
-    action, state = policy.predict(observe())
-    for _ in range(9):
-        held, state = policy.predict(observe((-0.1, 0.48)), state)
-        np.testing.assert_array_equal(held, action)
-    decided, _ = policy.predict(observe((-0.1, 0.48)), state)
-    assert np.abs(decided - action).max() > 0.1
-
-
 @pytest.mark.parametrize("settings", [THESIS, PREVIEW], ids=POLICIES)
 def test_weights_do_not_depend_on_how_forces_are_geared(settings):
     """Half the lever arms and twice the tensions are the same robot to its actions."""
@@ -104,17 +80,6 @@ def test_weights_do_not_depend_on_how_forces_are_geared(settings):
     np.testing.assert_allclose(actions[1], actions[0], rtol=1e-3)
 
 
-def test_other_periods_are_refused():
-    with pytest.raises(ValueError, match=r"decides every 0\.1 s"):
-        make_policy("mpc", ARM, 0.03)
-
-
-def test_other_previews_are_refused():
-    bad = observe(reference_preview=np.zeros(8))
-    with pytest.raises(ValueError, match=r"give the environment preview=\(0.005, 0.01, 0.02"):
-        build("mpc_preview").predict(bad)
-
-
 def test_missing_package_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "daqp", None)
     with pytest.raises(ImportError, match=r'pip install "daqp>='):
@@ -122,27 +87,6 @@ def test_missing_package_is_named(monkeypatch):
 
 
 # ---------------------------------------------------------------- where no optimum is found
-
-
-@pytest.mark.parametrize("settings", [THESIS, PREVIEW], ids=POLICIES)
-def test_action_is_kept_without_a_finite_observation(settings):
-    policy = MPC(ARM, settings.period, settings)
-    action, state = policy.predict(observe())
-    for name in policy.requires:
-        bad = observe()
-        bad[name] = np.full_like(bad[name], np.nan)
-        kept, told = policy.predict(bad, state)
-        assert told.status == f"observation not finite: {name}"
-        np.testing.assert_array_equal(kept, action)
-        after, recovered = policy.predict(observe(), told)
-        assert recovered.status is None and np.all(np.isfinite(after))
-
-
-def test_first_action_without_a_finite_observation(policy):
-    bad = observe(curvature=np.nan)
-    action, state = policy.predict(bad)
-    np.testing.assert_allclose(action, 0.06)
-    assert getattr(state, "status", None) == "observation not finite: curvature"
 
 
 @pytest.mark.parametrize(
@@ -245,3 +189,181 @@ def test_preview_adapts_to_the_stiffness(scale):
     assert rollout.error.max() < 1.2e-3
     assert rollout.error[rollout.time > 0.5].max() < 0.3e-3
     assert step_response("mpc_preview", 0.05, vary=vary).overshoot < 0.05
+
+
+DATA = make_planar_arm(ARM)
+MAP = TendonMap(ARM)
+MODEL = PCC(ARM, axes="planar")
+SETTINGS = {"thesis": THESIS, "preview": PREVIEW}
+
+
+def optimiser(settings: MPCSettings, limit: float = 80.0) -> Optimiser:
+    return Optimiser(settings, np.full(3, limit))
+
+
+def make_problem(settings: MPCSettings, seed: int = 0, force: float = 0.0) -> Problem:
+    """A moving arm, bent by some 1 rad, and a reference that leads away from its tip."""
+    rng = np.random.default_rng(seed)
+    curvature = 2.0 + rng.normal(size=6)
+    tip, jacobian = np.empty(2), np.empty((2, 6))
+    planar_arm.tip(DATA, curvature, tip, jacobian)
+    ahead = np.linspace(0.0, 1.0, len(settings.steps) + 1)[:, None]
+    return Problem(
+        arm=DATA,
+        start=np.stack([curvature, rng.normal(size=6)]),
+        force=force * rng.normal(size=6),
+        before=rng.normal(size=3),
+        reference=tip + ahead * rng.normal(size=2) * 0.03,
+    )
+
+
+def some_inputs(settings: MPCSettings, seed: int = 1) -> np.ndarray:
+    return 5.0 + 3.0 * np.random.default_rng(seed).normal(size=(len(settings.moves), 3))
+
+
+def residuals(
+    solver: Optimiser, settings: MPCSettings, problem: Problem, inputs: np.ndarray
+) -> np.ndarray:
+    """Roots of the terms of the cost, written out from the predicted path."""
+    path = solver.evaluate(problem, inputs, settings.no_guess(6)).path
+    states = np.concatenate((problem.start[None], path))
+    tips, jacobian = np.empty((len(states), 2)), np.empty((2, 6))
+    for state, tip in zip(states, tips, strict=True):
+        planar_arm.tip(DATA, state[0], tip, jacobian)
+    error = tips - problem.reference
+    steps = np.array(settings.steps)[:, None]
+    share = np.sqrt(steps / steps[0])
+    applied = inputs[settings.block]
+    change = np.diff(np.concatenate((problem.before[None], applied)), axis=0)
+    terms = (
+        np.sqrt(settings.error) * share * error[1:],
+        np.sqrt(settings.rate) * share * np.diff(error, axis=0) / steps,
+        np.sqrt(settings.effort) * share * applied,
+        np.sqrt(settings.change) * change,
+    )
+    return np.concatenate([term.ravel() for term in terms])
+
+
+@pytest.mark.parametrize("name", list(SETTINGS))
+def test_prediction_is_that_of_the_general_model(name):
+    """Step by step with the integrator of the same name of the package's simulation."""
+    settings = SETTINGS[name]
+    solver, problem = optimiser(settings), make_problem(settings)
+    inputs = some_inputs(settings)
+    path = solver.evaluate(problem, inputs, settings.no_guess(6)).path
+    state = State(*problem.start)
+    for k, step in enumerate(settings.steps):
+        tension = MAP.tension(inputs[settings.block[k]])
+        motion = MODEL.simulate(step, tension, state, method=settings.integrator, step=step)
+        state = motion.end
+        np.testing.assert_allclose(path[k, 0], state.q, rtol=1e-6, atol=1e-7)
+        np.testing.assert_allclose(path[k, 1], state.v, rtol=1e-6, atol=1e-5)
+
+
+def test_force_acts_like_the_inputs_that_cause_it():
+    """A force B u_d on the curvatures is what further inputs u_d would do."""
+    settings, further = THESIS, np.array([1.0, -2.0, 3.0])
+    solver, problem, inputs = optimiser(settings), make_problem(settings), some_inputs(settings)
+    pushed = problem._replace(force=DATA.inputs @ further)
+    by_force = solver.evaluate(pushed, inputs, settings.no_guess(6)).path
+    by_inputs = solver.evaluate(problem, inputs + further, settings.no_guess(6)).path
+    np.testing.assert_allclose(by_force, by_inputs, rtol=1e-7, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", list(SETTINGS))
+def test_cost_and_its_model_follow_from_the_path(name):
+    """Cost, gradient and Gauss-Newton Hessian against finite differences of the terms."""
+    settings = SETTINGS[name]
+    solver, problem = optimiser(settings), make_problem(settings, force=1e-3)
+    inputs, step = some_inputs(settings), 1e-3
+    now = solver.evaluate(problem, inputs, settings.no_guess(6))
+    terms = residuals(solver, settings, problem, inputs)
+    assert now.cost == pytest.approx(terms @ terms, rel=1e-12)
+    alone = solver.evaluate(problem, inputs, settings.no_guess(6), differentiate=False)
+    assert alone.cost == now.cost and alone.gradient.size == 0
+    slopes = []
+    for direction in step * np.eye(inputs.size):
+        d = direction.reshape(inputs.shape)
+        ahead, behind = (residuals(solver, settings, problem, inputs + s * d) for s in (1, -1))
+        slopes.append((ahead - behind) / (2 * step))
+    slopes = np.array(slopes).T
+    scale = np.abs(now.hessian).max()
+    np.testing.assert_allclose(now.gradient, 2 * terms @ slopes, atol=1e-5 * scale)
+    np.testing.assert_allclose(now.hessian, 2 * slopes.T @ slopes, atol=1e-5 * scale)
+
+
+@pytest.mark.parametrize("limit", [80.0, 6.0], ids="{:g} N".format)
+@pytest.mark.parametrize("seed", range(3))
+def test_optimum_is_that_of_a_general_solver(seed, limit):
+    solver, problem = optimiser(THESIS, limit), make_problem(THESIS, seed)
+    begin = np.zeros((3, 3))
+    optimum = solver.minimise(problem, begin, THESIS.no_guess(6))
+    assert optimum.failure is None
+    general = least_squares(
+        lambda x: residuals(solver, THESIS, problem, x.reshape(3, 3)),
+        begin.ravel(),
+        bounds=(-limit, limit),
+        xtol=1e-12,
+        ftol=1e-14,
+        gtol=1e-12,
+        max_nfev=500,
+    )
+    inputs = optimum.last.inputs
+    assert np.any(np.abs(inputs) == limit) == (limit == 6.0)
+    assert optimum.last.cost <= 2 * general.cost * (1 + 1e-6)
+    np.testing.assert_allclose(inputs.ravel(), general.x, atol=0.02)
+
+
+@pytest.mark.parametrize("name", list(SETTINGS))
+@pytest.mark.parametrize("seed", range(5))
+def test_cost_never_increases(name, seed):
+    settings = replace(SETTINGS[name], iterations=50, tolerance=1e-4)
+    solver, problem = optimiser(settings, 20.0), make_problem(settings, seed)
+    far = problem._replace(reference=np.tile([-0.3, 0.3], (len(settings.steps) + 1, 1)))
+    begin = np.tile(problem.before, (len(settings.moves), 1))
+    optimum = solver.minimise(far, begin, settings.no_guess(6))
+    assert optimum.failure is None
+    assert len(optimum.costs) > 2 and np.all(np.diff(optimum.costs) <= 0)
+    assert np.abs(optimum.last.inputs).max() <= 20.0 + 1e-12
+
+
+def test_bounded_program_against_its_conditions():
+    """At the optimum the gradient vanishes inside the bounds and points outwards on them."""
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(8, 8))
+    hessian, gradient = root @ root.T + 0.1 * np.eye(8), 3 * rng.normal(size=8)
+    lower, upper = -np.full(8, 0.5), np.full(8, 0.3)
+    x = BoundedSolver()(hessian, gradient, lower, upper)
+    slope = hessian @ x + gradient
+    low, high = x < lower + 1e-9, x > upper - 1e-9
+    inside = ~(low | high)
+    assert 0 < inside.sum() < 8
+    np.testing.assert_allclose(slope[inside], 0.0, atol=1e-9)
+    assert np.all(slope[low] > 0) and np.all(slope[high] < 0)
+
+
+def test_unsolved_program_gives_none():
+    solve = BoundedSolver()
+    assert solve(np.eye(2), np.full(2, np.nan), -np.ones(2), np.ones(2)) is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"integrator": "rk4"}, "choose from implicit_euler, sdirk2"),
+        ({"steps": (0.1, -0.1)}, "steps must be positive"),
+        ({"period": 0.2}, "period in"),
+        ({"moves": (1, 1)}, "5 in sum"),
+        ({"effort": 0.0}, "effort must be positive"),
+    ],
+)
+def test_bad_settings_are_refused(changes, reason):
+    with pytest.raises(ValueError, match=reason):
+        replace(THESIS, **changes)
+
+
+def test_shift_moves_a_plan_on_by_one_period():
+    np.testing.assert_array_equal(THESIS.shift, [1, 2, 2])
+    settings = replace(THESIS, period=0.02, steps=(0.02, 0.02, 0.04, 0.08), moves=(1, 1, 1, 1))
+    # Blocks start at 0, 20, 40 and 80 ms; 20 ms later blocks 1, 2, 2 and 3 are in force.
+    np.testing.assert_array_equal(settings.shift, [1, 2, 2, 3])

@@ -50,7 +50,7 @@ def test_noise_is_kept_off_better_than_by_differences(motion):
     curvature, rate, actions = motion()
     noise = 0.01
     measured = curvature + noise * np.random.default_rng(0).normal(size=curvature.shape)
-    found = observe(arm_observer(ARM, PERIOD, curvature_noise=noise), measured, actions)
+    found = observe(arm_observer(ARM, PERIOD), measured, actions)
     differences = np.diff(measured, axis=0) / PERIOD
     error = rms(found[200:] - rate[200:])
     assert error < 0.4 * rms(differences[199:] - rate[200:])

@@ -29,13 +29,20 @@ RIG_SHORT = replace(make_task("triangle"), duration=0.6)
 ROBOTS = {name: home_robot(name) for name in POLICIES | RIG_POLICIES | REDUCED_POLICIES}
 
 
+#: The laws of others with other weights or gains.
+ALIKE = ("ppo_randomized", "sac", "sac_randomized", "hybrid_ahead", "rig_nn_p")
+
+
 def make_env(name, **options):
     """The environment of a policy's robot."""
     options |= policy_environment(name, ROBOTS[name])
     return TrackingEnv(SHORT, **options) if ROBOTS[name] is ARM else RigEnv(RIG_SHORT, **options)
 
 
-@pytest.fixture(scope="module", params=list(ROBOTS))
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(n, marks=pytest.mark.slow) if n in ALIKE else n for n in ROBOTS],
+)
 def name(request):
     return request.param
 

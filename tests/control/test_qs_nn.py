@@ -18,7 +18,6 @@ from softrobot_env.robots import ARM
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.thesis.arm import quasi_static
 from softrobot_env.thesis.arm.qs_nn import QuasiStaticNetwork
-from softrobot_env.training.registry import TRAININGS
 
 STATICS = ConstantCurvatureStatics(ARM)
 SCALE = TendonMap(ARM).input_scale
@@ -26,18 +25,8 @@ WEIGHTS = models_dir() / "qs_nn.npz"
 
 
 @pytest.fixture(scope="module")
-def policy():
-    return QuasiStaticNetwork(ARM, 0.2)
-
-
-@pytest.fixture(scope="module")
 def slow_policy():
     return make_policy("qs_nn", ARM, 0.01)
-
-
-@pytest.fixture(scope="module")
-def network():
-    return Network.load(WEIGHTS)[0]
 
 
 def observe(tip, target, inputs):
@@ -56,100 +45,10 @@ def at_rest(inputs):
 # ---------------------------------------------------------------- the network
 
 
-def test_one_step_is_that_of_the_inverse_statics(network):
-    """(6.17) with exact statics, for small steps of 3.6 mm (rms)."""
-    rng = np.random.default_rng(0)
-    inputs = rng.uniform(-15, 15, (500, 3))
-    missed, asked = [], []
-    for u in inputs:
-        jacobian, tip = STATICS.jacobian(u), STATICS.tip(u)
-        change = np.linalg.pinv(jacobian) @ jacobian @ rng.uniform(-0.3, 0.3, 3)
-        target = STATICS.tip(u + change)
-        reached = STATICS.tip(network(np.concatenate((tip, target, u))[None])[0])
-        missed.append(np.linalg.norm(reached - target))
-        asked.append(np.linalg.norm(target - tip))
-    assert np.sqrt(np.mean(np.square(asked))) > 3e-3
-    assert np.sqrt(np.mean(np.square(missed))) < 0.3e-3
-
-
-def test_the_noise_keeps_the_feedback_below_the_limit_of_stability(network):
-    """A step of gain one on z_k, every 0.2 s, excites the first mode: stable below 0.256."""
-    gains = []
-    for u in np.outer(np.linspace(-15, 15, 20), np.ones(3)):
-        tip, h = STATICS.tip(u), 1e-5
-        inputs = np.concatenate((tip, tip, u))
-        x = inputs + h * np.array([[1.0], [-1.0]])[:, :, None] * np.eye(2, 7)
-        slope = (network(x[0]) - network(x[1])).T / (2 * h)
-        gains.append(np.linalg.eigvals(-STATICS.jacobian(u) @ slope).real.max())
-    assert np.median(gains) < 0.256
-    assert np.mean(gains) > -0.02  # not fed back the wrong way round
-
-
 # ---------------------------------------------------------------- the policy
 
 
-def test_action_is_the_network_of_the_observation(policy, network):
-    rng = np.random.default_rng(1)
-    for u in rng.uniform(-15, 15, (20, 3)):
-        tip, target = STATICS.tip(u), STATICS.tip(u + 0.3)
-        action, state = policy.predict(observe(tip, target, u), None)
-        expected = network(np.concatenate((tip, target, u))[None])[0] / SCALE
-        np.testing.assert_allclose(action, expected, atol=1e-7)
-        assert state.status is None and action.dtype == np.float32
-
-
-def test_decides_every_fifth_of_a_second(slow_policy):
-    state, actions = None, []
-    for k in range(41):
-        tip = STATICS.tip(np.full(3, 5.0)) + 1e-3 * np.sin(k)
-        action, state = slow_policy.predict(observe(tip, tip, np.full(3, 5.0)), state)
-        actions.append(action)
-    changes = 1 + np.flatnonzero(np.any(np.diff(actions, axis=0) != 0, axis=1))
-    np.testing.assert_array_equal(changes, [20, 40])
-
-
-def test_actions_stay_within_the_tension_limit():
-    tendons = tuple(replace(t, tension_limit=10.0) for t in ARM.tendons)
-    policy = QuasiStaticNetwork(replace(ARM, tendons=tendons), 0.2)
-    u = np.full(3, 9.9)
-    observation = observe(STATICS.tip(u), STATICS.tip(u + 0.5), u * SCALE / 10)
-    action, state = policy.predict(observation, None)
-    assert state.status == "tension limit reached"
-    assert action.max() == 1.0
-
-
-def test_a_reference_outside_the_workspace_is_told_and_tried(policy):
-    start = STATICS.tip(np.full(3, 5.0))
-    action, state = policy.predict(observe(start, (0.24, 0.30), (5, 5, 5)), None)
-    assert state.status == "outside the trained workspace"  # the corner of the L-shape
-    at_start = policy.predict(at_rest((5, 5, 5)), None)[0]
-    assert np.all(np.isfinite(action)) and np.abs(action - at_start).max() > 0.01
-
-
-@pytest.mark.parametrize("name", QuasiStaticNetwork.requires)
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_bad_observations_keep_the_action(policy, name, bad):
-    _, state = policy.predict(at_rest((5, 5, 5)), None)
-    observation = at_rest((6, 6, 6))
-    observation[name][1] = bad
-    action, state = policy.predict(observation, state)
-    in_force = np.where(np.isfinite(observation["previous_action"]), 6 / 80, 0)
-    np.testing.assert_allclose(action, in_force, atol=1e-8)
-    assert state.status == f"observation not finite: {name}"
-    first, _ = policy.predict(observation, None)
-    assert np.all(np.isfinite(first))
-    recovered, state = policy.predict(at_rest((6, 6, 6)), state)
-    np.testing.assert_array_equal(recovered, policy.predict(at_rest((6, 6, 6)), None)[0])
-    assert state.status is None
-
-
 # ---------------------------------------------------------------- what is refused
-
-
-def test_another_preview_is_refused(policy):
-    observation = at_rest((5, 5, 5)) | {"reference_preview": np.zeros(8)}
-    with pytest.raises(ValueError, match=r"preview=\(0.2,\)"):
-        policy.predict(observation, None)
 
 
 def test_another_robot_is_refused():
@@ -180,13 +79,6 @@ def test_training_command_writes_what_the_policy_loads(tmp_path, capsys, monkeyp
     assert np.all(np.isfinite(action))
     _, about = Network.load(tmp_path / "qs_nn.npz")
     assert about["seed"] == 7
-
-
-def test_training_command_says_what_can_be_trained(capsys):
-    with pytest.raises(SystemExit):
-        main(["train", "nothing"])
-    told = capsys.readouterr().err
-    assert all(name in told for name in TRAININGS)
 
 
 def test_shipped_file_says_what_it_is():

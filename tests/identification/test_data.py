@@ -19,17 +19,13 @@ from softrobot_env.identification.visits import (
     nominal_lengths,
     split,
 )
-from softrobot_env.learned.early_stopping import train
+from softrobot_env.learned.training import train_validated
 from softrobot_env.robots import ARM, RIG, Drive
 from softrobot_env.thesis.rig.servo_constraints import OutOfReachError
-from softrobot_env.thesis.rig.slow_rig import RigStatics
-from softrobot_env.thesis.rig.spatial_piece import (
-    SUBPIECES,
-    energies,
-    make_rig_piece,
-    output,
-)
+from softrobot_env.thesis.rig.spatial_piece import SUBPIECES, make_rig_piece
 from softrobot_env.thesis.rig.three_tendons import ThreeTendons
+from studies.truths.rig_piece import energies, output
+from studies.truths.slow_rig import RigStatics
 
 PIECE, TENDONS = make_rig_piece(RIG), ThreeTendons(RIG)
 
@@ -232,7 +228,7 @@ def trained(direction, total=None, seed=0):
     every = rig_networks.direction_of(data, direction)
     training, validation, test = (every.take(part) for part in parts)
     start = training.new_network(rig_networks.HIDDEN, np.random.default_rng(seed))
-    return train(start, training, validation, iterations=200).network, test
+    return train_validated(start, training, validation, iterations=200).network, test
 
 
 @pytest.mark.parametrize(

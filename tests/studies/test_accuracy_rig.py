@@ -11,7 +11,7 @@ from scipy.special import airy
 from softrobot_env.evaluation.models.runs import Limit, converged, distance
 from softrobot_env.robots import RIG
 from softrobot_env.scene.timestep import TimestepWarning
-from softrobot_env.thesis.rig.spatial_piece import acceleration, make_rig_piece
+from softrobot_env.thesis.rig.spatial_piece import make_rig_piece
 from studies.accuracy.cases import BENDING, COSSERAT, DISTRIBUTED, DURATION, timed_row
 from studies.accuracy.rig import (
     MOTIONS,
@@ -27,6 +27,7 @@ from studies.accuracy.rig import (
 )
 from studies.truths.analytic import arc_tip
 from studies.truths.rig_column import column_tip, tensions
+from studies.truths.rig_piece import acceleration
 from studies.truths.rig_ritz_rod import RigRod
 
 pytestmark = pytest.mark.slow  # a study; the quick suite has what it stands on

@@ -8,9 +8,9 @@ import pytest
 from softrobot_env.control.registry import POLICIES, policy_environment
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.thesis.figures import CONTROLLERS
 from studies import policies as study
 from studies.policies import DISTURBANCES, MODULI, PARAMETERS, TASKS, ControllerRow, E
+from studies.truths.thesis_values import CONTROLLERS
 
 #: Figures of a made-up episode, all goals met.
 GOOD = {

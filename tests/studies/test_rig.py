@@ -15,11 +15,11 @@ from softrobot_env.identification.visits import collect, disk_points, split
 from softrobot_env.robots import EQUIVALENT_RIG, RIG
 from softrobot_env.robots.twin import rig3d_twin
 from softrobot_env.thesis.rig.servo_constraints import ServoConstraints
-from softrobot_env.thesis.rig.slow_rig import RigStatics
 from softrobot_env.thesis.rig.spatial_piece import SUBPIECES
 from studies import rig, rig_networks
 from studies.rig import LATE, RADIUS, balance, disturbed, effective_force, least_force
 from studies.rig_networks import Cell, measure_cell, train
+from studies.truths.slow_rig import RigStatics
 
 SERVO = ServoConstraints(RIG)
 LEVER = 5.5e-3

@@ -21,7 +21,6 @@ class Plan(NamedTuple):
         reduced: (k, 2) [N], F_red of `ThreeTendons`.
         tension: (k, 3) [N], least tensions that respect the pretension.
         pulled: (k, 3) [m], lengths pulled in.
-        dynamic: (k, 3) [m], what they have more than at rest in the same places: s_dyn of (5.36).
     """
 
     time: np.ndarray
@@ -30,7 +29,6 @@ class Plan(NamedTuple):
     reduced: np.ndarray
     tension: np.ndarray
     pulled: np.ndarray
-    dynamic: np.ndarray
 
 
 def plan(servo, trajectory, times, substeps=1, stabilisation=STABILISATION):
@@ -51,8 +49,7 @@ def plan(servo, trajectory, times, substeps=1, stabilisation=STABILISATION):
     q, v = (np.array([getattr(one, name)[2] for one in wanted]) for name in ("q", "v"))
     reduced = np.array([one.reduced for one in wanted])
     tension, pulled = inputs(servo, q, reduced)
-    dynamic = pulled - inputs(servo, *servo.hold(z[_LEAD::substeps]))[1]
-    return Plan(times, q, v, reduced, tension, pulled, dynamic)
+    return Plan(times, q, v, reduced, tension, pulled)
 
 
 def inputs(servo, q, reduced):

@@ -180,7 +180,7 @@ def test_a_model_is_found_beside_its_robot_and_evaluated(tmp_path):
     save_vector_policy(file_of(robot, "ppo"), model, env)
     assert policy_environment("ppo", robot)["control_period"] == 0.002
     policy, seen = make_policy("ppo", robot, 0.002), env.reset()
-    assert policy.sizes["previous_action"] == 2 and seen.shape[1] == len(policy._reading.take)
+    assert policy.sizes["previous_action"] == 2 and seen.shape[1] == len(policy._encoding.take)
     given = ["--robot", str(robot.file), "--tasks", "circle", "--policies", "ppo"]
     assert main(["evaluate", *given, "--duration", "0.05", "--out", str(tmp_path / "out")]) == 0
 

@@ -28,10 +28,8 @@ from softrobot_env.scene.quadrature import RULES
 from softrobot_env.thesis.rig.spatial_piece import (
     SUBPIECES,
     RigPiece,
-    acceleration,
     add_static,
     make_rig_piece,
-    output,
 )
 from studies.accuracy.cases import (
     BENDING,
@@ -52,6 +50,7 @@ from studies.accuracy.cases import (
 )
 from studies.beams import chain_scene
 from studies.truths.rig_column import column_tip, tensions
+from studies.truths.rig_piece import acceleration, output
 from studies.truths.rig_ritz_rod import RigRod
 
 #: Lengths (3,) [m] of the static cases. In the last one a tendon hangs slack.

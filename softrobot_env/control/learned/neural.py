@@ -1,11 +1,15 @@
-"""A small network as controller of any robot, trained by imitation and reinforcement learning."""
+"""A small network as controller of any robot, trained by imitation or reinforcement learning.
+
+It reads observables of a robot at scales of its own (`View`), or the vector that it learned on
+(`core.vector_reading`); either is an `Encoding`.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from functools import partial
+from functools import cached_property, partial
 from math import pi
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +26,7 @@ from softrobot_env.control.memoryless import Decide, Memoryless
 from softrobot_env.core.artifacts import Arrays
 from softrobot_env.core.files import models_dir
 from softrobot_env.core.records import Positive, check_fields
+from softrobot_env.core.vector_reading import Reading, reading_in
 from softrobot_env.learned.network import Network, absorbed, check_ends, load_for
 from softrobot_env.learned.plain_inference import PlainInference
 from softrobot_env.robots import RobotParams
@@ -49,10 +54,58 @@ _ACTION = 0.15
 #: Largest feature [1], of either sign.
 _LARGEST = 10.0
 
-_VIEW = "view_"
+_VIEW, _BEFORE = "view_", "previous_action"
 
 #: What earlier files do not tell.
 _LATER = ("change", "most")
+
+
+class Encoding(NamedTuple):
+    """What a network sees of observables, and what its outputs do.
+
+    A feature is an entry x of the observables, less another one: (x - origin) / scale, or
+    gain asinh of that where there is a gain, within +-largest. An output o in [-1, 1] is an action,
+    or changes the action in force by change o, or by change sinh(steepness o).
+
+    Attributes:
+        observed: Observables, one behind the other, with their sizes.
+        take: (k,), entries.
+        less: (k,), entries that are taken off, -1 where there is none.
+        origin, scale: (k,), in the unit of each.
+        gain: (k,) [1], 0 of what is linear.
+        largest: [1].
+        change, steepness: [1], 0 where there is none.
+    """
+
+    observed: dict[str, int]
+    take: np.ndarray
+    less: np.ndarray
+    origin: np.ndarray
+    scale: np.ndarray
+    gain: np.ndarray
+    largest: float
+    change: float
+    steepness: float
+
+    def features(self, observation: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Float32 (..., k) of observations (..., size) in SI units."""
+        flat = np.concatenate([observation[name] for name in self.observed], axis=-1)
+        less = np.where(self.less < 0, 0.0, flat[..., self.less])
+        values = (flat[..., self.take] - less - self.origin) / self.scale
+        curved = self.gain > 0
+        values[..., curved] = self.gain[curved] * np.arcsinh(values[..., curved])
+        return np.clip(values, -self.largest, self.largest).astype(np.float32)
+
+    def increment(self, output: np.ndarray) -> np.ndarray:
+        """Change of the action [1] of outputs, as within [-1, 1]."""
+        output = np.clip(output, -1.0, 1.0)
+        return self.change * (np.sinh(self.steepness * output) if self.steepness else output)
+
+
+def _places(observed: Mapping[str, int]) -> dict[str, np.ndarray]:
+    """Which entries the observables are, one behind the other, of their sizes."""
+    ends = np.cumsum([*observed.values()])
+    return {n: np.arange(end - observed[n], end) for n, end in zip(observed, ends, strict=True)}
 
 
 @dataclass(frozen=True)
@@ -105,7 +158,7 @@ class View:
 
     def increment(self, output: np.ndarray) -> np.ndarray:
         """Change of the action [1] of outputs in [-1, 1]: fine about zero, coarse far away."""
-        return self.change * np.sinh(self.steepness * np.clip(output, -1.0, 1.0))
+        return self.encoding.increment(output)
 
     def output_of(self, change: np.ndarray) -> np.ndarray:
         """Inverse of `increment`, limited to [-1, 1]."""
@@ -125,8 +178,29 @@ class View:
             "reference": self.dimensions,
             "reference_velocity": self.dimensions,
             "reference_preview": len(self.preview) * self.dimensions,
-            "previous_action": self.inputs,
+            _BEFORE: self.inputs,
         }
+
+    @cached_property
+    def encoding(self) -> Encoding:
+        """Errors twice: proportionally, and compressed so that a tenth of a millimetre counts."""
+        at = _places(self.observed)
+        tip, reference = at["tip_position"], at["reference"]
+        nothing = {name: np.full(len(places), -1) for name, places in at.items()}
+        parts = [
+            (reference, tip, self.coarse, 0.0),
+            (reference, tip, self.fine, 0.5),
+            (at["reference_velocity"], nothing["reference"], self.velocity, 0.0),
+            (at["reference_preview"], np.tile(reference, len(self.preview)), self.ahead, 0.0),
+        ]
+        scales = {**dict(zip(self.state, self.scales, strict=True)), _BEFORE: self.action}
+        parts += [(at[name], nothing[name], scale, 0.0) for name, scale in scales.items()]
+        take, less, scale, gain = (
+            np.concatenate([np.broadcast_to(part[k], len(part[0])) for part in parts])
+            for k in range(4)
+        )
+        more = _LARGEST, self.change, self.steepness
+        return Encoding(self.observed, take, less, np.zeros(len(take)), scale, gain, *more)
 
     def about(self) -> dict[str, Any]:
         """What the file of a network tells of its view."""
@@ -204,47 +278,46 @@ def view_of(robot: RobotParams, sizes: Mapping[str, int], period: float | None =
 
 
 def features(observation: Mapping[str, np.ndarray], view: View) -> np.ndarray:
-    """What the network sees, float32 (..., count) of observations (..., size) in SI units.
-
-    Errors come twice: proportionally, and compressed so that a tenth of a millimetre still counts.
-    """
-    reference = observation["reference"]
-    error = reference - observation["tip_position"]
-    preview = observation["reference_preview"]
-    ahead = preview - np.tile(reference, len(view.preview))
-    motion = zip(view.state, view.scales, strict=True)
-    parts = (
-        error / view.coarse,
-        np.arcsinh(error / view.fine) / 2,
-        observation["reference_velocity"] / view.velocity,
-        ahead / view.ahead,
-        *(observation[name] / scale for name, scale in motion),
-        observation["previous_action"] / view.action,
-    )
-    return np.clip(np.concatenate(parts, axis=-1), -_LARGEST, _LARGEST).astype(np.float32)
+    """What the network sees, float32 (..., count) of observations (..., size) in SI units."""
+    return view.encoding.features(observation)
 
 
-def environment_of(
+def _of_vector(reading: Reading, inputs: int) -> Encoding:
+    """How a network is read that learned on vectors and gives so many inputs."""
+    sizes = dict(zip(map(str, reading.names), map(int, reading.sizes), strict=True))
+    k = len(reading.take)
+    less = np.full(k, -1)
+    less[reading.relative] = reading.less
+    origin, scale = (np.array(x, dtype=float) for x in (reading.origin, reading.scale))
+    take, change = np.array(reading.take, dtype=np.int64), float(reading.change)
+    more = np.ones(k), np.inf, change, 0.0
+    return Encoding(sizes | {_BEFORE: inputs}, take, less, origin, scale, *more)
+
+
+def learned_environment(
     policy: str, robot: RobotParams, weights: str | Path | None = None
 ) -> dict[str, Any]:
     """What a trained policy of a robot needs of an environment: its control period and preview.
 
-    The usual ones unless the robot has a file of the policy, which `make_policy` asks for.
+    That of the arm's networks unless there is a file of the policy, which `make_policy` asks for.
     """
     try:
         _, about = Network.load(find_artifact(robot, policy) if weights is None else weights)
-        return view_in(about, robot).environment
+        return (reading_in(about) or view_in(about, robot)).environment
     except (OSError, ValueError):
         return {"control_period": PERIOD, "preview": PREVIEW}
 
 
 class NeuralPolicy(Memoryless):
-    """u_k+1 = u_k + View.increment(g(features)), g a small tanh network.
+    """u = g(x), or u_k+1 = u_k + h(g(x)), g a small tanh network and x what it sees.
 
-    As the network only changes the action in force, it integrates: a steady error moves on. It
-    decides as often as its `View` says, which also tells the preview that the environment must
+    A network that only changes the action in force integrates: a steady error moves on. It decides
+    as often as its `View` or vector says, which also tells the preview that the environment must
     have: of the arm every 10 ms, and `PREVIEW`. When an observation is not finite, the action in
     force is kept.
+
+    Attributes:
+        view: What it sees; None of a network that learned on vectors.
     """
 
     says = tuple(Said(REASONS[code]) for code in (FINE, SATURATED, UNREACHABLE))
@@ -268,59 +341,63 @@ class NeuralPolicy(Memoryless):
             view: Of a network at hand; the arm's unless given.
 
         Raises:
-            ValueError: Another robot, or a control period that does not divide the network's.
+            ValueError: Another robot, a control period that does not divide the network's, or a
+                network whose ends are not those of what it sees and of the inputs.
             FileNotFoundError: No such file.
         """
-        if isinstance(weights, Network):
-            network, view = weights, arm_view(robot) if view is None else view
-        else:
+        network, reading, self.n_inputs = weights, None, robot_inputs(robot).n_inputs
+        if not isinstance(weights, Network):
             # An absolute path stays what it is.
             path = find_artifact(robot, policy) if weights is None else models_dir() / weights
             network, about = load_for(path, robot, policy)
-            view = view_in(about, robot)
-        self.hold = hold_for(view.period, control_period, "the network")
-        check_ends(network, (view.count, view.inputs))
-        self.view, self.preview, self.n_inputs = view, tuple(view.preview), view.inputs
-        self.sizes, self._reach = view.observed, float(robot.reach)
-        base = np.zeros(3) if robot.base is None else np.array(robot.base.position, dtype=float)
-        self._base = base[[0, 2] if robot.moves_in_xz else slice(view.dimensions)]
+            reading = reading_in(about)
+            view = view_in(about, robot) if reading is None else None
+        elif view is None:
+            view = arm_view(robot)
+        needed = (reading or view).environment
+        self.hold = hold_for(needed["control_period"], control_period, "the network")
+        self.view, self.preview = view, tuple(needed["preview"])
+        self._base, self._reach = np.empty(0), np.inf
+        if reading is None:
+            self._encoding, self.n_inputs = view.encoding, view.inputs
+            base = np.zeros(3) if robot.base is None else np.array(robot.base.position, dtype=float)
+            self._base = base[[0, 2] if robot.moves_in_xz else slice(view.dimensions)]
+            self._reach = float(robot.reach)
+        else:
+            self._encoding = _of_vector(reading, self.n_inputs)
+        check_ends(network, (len(self._encoding.take), self.n_inputs))
+        self.sizes = self._encoding.observed
         self.requires = tuple(self.sizes)
         self._network, self._infer = network, PlainInference(network)
         self.prepare()
 
     def plain(self, observed: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """What the network gives, within the tension limit."""
-        changes = self.view.increment(
-            self._infer.batch(features(observed, self.view).astype(float))
-        )
-        wanted = np.clip(observed["previous_action"], -1.0, 1.0) + changes
+        """What the network gives, within the limits."""
+        given = self._infer.batch(self._encoding.features(observed).astype(float))
+        wanted = np.clip(given, -1.0, 1.0)
+        if self._encoding.change:
+            wanted = np.clip(observed[_BEFORE], -1.0, 1.0) + self._encoding.increment(given)
         actions = np.clip(wanted, -1.0, 1.0)
         codes = np.where((actions != wanted).any(axis=1), SATURATED, FINE)
-        far = np.linalg.norm(observed["reference"] - self._base, axis=1) > self._reach
-        return actions, np.where(far, UNREACHABLE, codes)
+        if len(self._base):
+            far = np.linalg.norm(observed["reference"] - self._base, axis=1) > self._reach
+            codes = np.where(far, UNREACHABLE, codes)
+        return actions, codes
 
     def compiled(self) -> Decide:
-        """`neural_kernel.decide` with this network and these scales."""
+        """`vector_kernel.decide` with this network and what it sees."""
         from softrobot_env.beams.numerics.compilation import reference
-        from softrobot_env.control.learned.neural_kernel import NeuralLaw, decide
+        from softrobot_env.control.learned.vector_kernel import NetworkLaw, decide
         from softrobot_env.learned.inference import parameters_of
 
-        view = self.view
-        parameters, sizes = parameters_of(absorbed(self._network))
-        law = NeuralLaw(
-            ends=np.cumsum([self.sizes[name] for name in self.requires]),
-            coarse=view.coarse,
-            fine=view.fine,
-            motion=np.repeat(view.scales, view.sizes).astype(float),
-            velocity=view.velocity,
-            ahead=view.ahead,
-            action=view.action,
-            largest=_LARGEST,
-            gain=view.change,
-            steepness=view.steepness,
-            base=self._base,
-            reach=self._reach,
-            parameters=parameters,
-            sizes=sizes,
+        places = _places(self.sizes)
+        law = NetworkLaw(
+            sum(self.sizes.values()),
+            places[_BEFORE][0],
+            places["reference"][0] if len(self._base) else 0,
+            self._base,
+            self._reach,
+            *self._encoding[1:],
+            *parameters_of(absorbed(self._network)),
         )
         return partial(decide, reference(law))

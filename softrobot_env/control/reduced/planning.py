@@ -1,51 +1,22 @@
 """Estimating the state of a reduced model, and planning its inputs, as machine code."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.learned.reduction.polynomials import Motion, advance, linearise
-
-
-class Shape(NamedTuple):
-    """Outputs z (o,) of coordinates x (n,), for the kernels.
-
-    Attributes:
-        parents, factors: Of the monomials, as of `Motion`.
-        coefficients: (o, terms).
-        scale: (n,).
-        origin: (o,).
-    """
-
-    parents: np.ndarray
-    factors: np.ndarray
-    coefficients: np.ndarray
-    scale: np.ndarray
-    origin: np.ndarray
+from softrobot_env.learned.reduction.polynomials import Motion, add_gradient, advance, linearise
 
 
 @kernel
-def outputs(shape: Shape, x: np.ndarray, z: np.ndarray, slope: np.ndarray) -> None:
-    """Outputs z (o,) at x (n,), and their change with it, slope (o, n)."""
+def outputs(
+    shape: Motion, origin: np.ndarray, x: np.ndarray, z: np.ndarray, slope: np.ndarray
+) -> None:
+    """Outputs z (o,) at x (n,), and their change with it, slope (o, n).
+
+    The shape has polynomials of x alone, of outputs less their origin (o,).
+    """
     count, n = len(shape.parents), len(x)
-    terms, slopes = np.empty(count), np.zeros((count, n))
-    z[:] = shape.origin
-    slope[:] = 0.0
-    for j in range(count):
-        parent, k = shape.parents[j], shape.factors[j]
-        lower = 1.0 if parent < 0 else terms[parent]
-        value = x[k] / shape.scale[k] if k >= 0 else 1.0
-        terms[j] = lower * value
-        if parent >= 0:
-            for i in range(n):
-                slopes[j, i] = slopes[parent, i] * value
-        if k >= 0:
-            slopes[j, k] += lower / shape.scale[k]
-        for o in range(len(z)):
-            z[o] += shape.coefficients[o, j] * terms[j]
-            for i in range(n):
-                slope[o, i] += shape.coefficients[o, j] * slopes[j, i]
+    z[:] = origin
+    add_gradient(shape, x, x[:0], np.empty(count), np.empty((count, n)), z, slope)
 
 
 @kernel
@@ -102,7 +73,8 @@ def ahead(motion: Motion, x: np.ndarray, disturbance: np.ndarray, told: np.ndarr
 @kernel
 def program(
     motion: Motion,
-    shape: Shape,
+    shape: Motion,
+    origin: np.ndarray,
     x: np.ndarray,
     disturbance: np.ndarray,
     weights: np.ndarray,
@@ -117,7 +89,8 @@ def program(
     changes of the inputs.
 
     Args:
-        motion, shape: The model.
+        motion: The model.
+        shape, origin: See `outputs`.
         x: (n,), where the plan begins.
         disturbance: (m,).
         weights: (t, c), inputs of the samples are `weights @ nodes`.
@@ -141,7 +114,7 @@ def program(
                 for i in range(n):
                     for j in range(m):
                         sensitivity[i, c * m + j] += effect[i, j] * weights[t, c]
-        outputs(shape, now, z, slope)
+        outputs(shape, origin, now, z, slope)
         tip = slope @ sensitivity
         hessian += tip.T @ tip
         gradient += tip.T @ (z - reference[t])

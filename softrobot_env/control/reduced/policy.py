@@ -1,6 +1,5 @@
 """`ssm_mpc` and `ssm_lq`: plans on a model that was learned from a robot's recorded motion."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -9,20 +8,19 @@ import numpy as np
 from softrobot_env.control.base import (
     NOT_COMPUTED,
     NOT_FINITE,
-    REASONS,
     SATURATED,
     UNREACHABLE,
     Controller,
+    Memory,
 )
 from softrobot_env.control.limits import kept
-from softrobot_env.control.linear_quadratic import BoundedSolver
+from softrobot_env.control.linear_quadratic import BoundedSolver, lines
 from softrobot_env.control.reduced.environment import ARTIFACT, SAMPLES, preview_times
-from softrobot_env.control.reduced.planning import Shape, ahead, estimate, program
+from softrobot_env.control.reduced.planning import ahead, estimate, program
 from softrobot_env.core.artifacts import Arrays, read_arrays
 from softrobot_env.core.interfaces import Observation
-from softrobot_env.core.records import Count, Positive, check_fields
 from softrobot_env.learned.reduction.model import ReducedModel
-from softrobot_env.learned.reduction.polynomials import Monomials
+from softrobot_env.learned.reduction.polynomials import Monomials, Motion
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.artifacts import check_robot, find_artifact
 
@@ -32,26 +30,11 @@ _NODES = (0.0, 0.04, 0.09, 0.15, 0.22, 0.3, 0.4, 0.5, 0.62, 0.75, 1.0)
 #: Share of the drives' speed for what the model does not know.
 _ASIDE = 0.4
 
+#: [m2], weight of the sum of squared changes of actions in a sample.
+_SMOOTHNESS = 1e-2
+
 #: What no observable in SI units exceeds that makes sense.
 _ABSURD = 1e5
-
-
-@dataclass(frozen=True)
-class Planning:
-    """How to plan.
-
-    Attributes:
-        samples: In a plan.
-        smoothness: [m2], of the sum of squared changes of actions in a sample.
-        iterations: Gauss-Newton steps in a decision.
-    """
-
-    samples: Count = SAMPLES
-    smoothness: Positive = 1e-2
-    iterations: Count = 1
-
-    def __post_init__(self) -> None:
-        check_fields(self, "planning")
 
 
 class Learned(NamedTuple):
@@ -119,10 +102,7 @@ class _Past(NamedTuple):
     nodes: np.ndarray
     code: int
 
-    @property
-    def status(self) -> str | None:
-        """Why the action is not the one wanted, or None."""
-        return REASONS[self.code]
+    status = Memory.status
 
 
 class ReducedPlanner(Controller):
@@ -137,7 +117,6 @@ class ReducedPlanner(Controller):
         constrained: bool = True,
         weights: str | Path | None = None,
         tip_delay: float = 0.0,
-        planning: Planning | None = None,
     ) -> None:
         """Load what was learned.
 
@@ -148,7 +127,6 @@ class ReducedPlanner(Controller):
                 inputs that the model was learned from; else the first action is cut off there.
             weights: File; found unless given, see `artifacts.find_artifact`.
             tip_delay: [s], how late the tip is seen, in training as here.
-            planning: How to plan.
 
         Raises:
             ValueError: Nothing was learned of this robot, or another control period.
@@ -156,16 +134,16 @@ class ReducedPlanner(Controller):
             ImportError: The solver of constrained plans is not installed.
         """
         self._learned = learned = _find(robot, weights)
-        model, planning = learned.model, planning or Planning()
+        model = learned.model
         self.hold = max(round(model.period / control_period), 1)
         if abs(self.hold * control_period - model.period) > 1e-9:
             raise ValueError(
                 f"the reduced model of {robot.name!r} needs a control_period that divides its "
                 f"period of {model.period:g} s, got {control_period:g} s"
             )
-        self._model, self._planning = model, planning
+        self._model = model
         self._late = round(tip_delay / model.period)
-        self.preview = preview_times(model.period, model.lag, planning.samples)
+        self.preview = preview_times(model.period, model.lag)
         o = len(model.origin)
         self.sizes = {
             "tip_position": o,
@@ -175,17 +153,11 @@ class ReducedPlanner(Controller):
         }
         monomials = Monomials(model.shape_powers)
         n = model.dimension
-        self._shape = Shape(
-            *monomials.chain,
-            np.ascontiguousarray(model.shape[:o]),
-            np.ascontiguousarray(model.scale[:n]),
-            model.origin,
-        )
-        count = planning.samples
-        places = np.unique(np.round(np.array(_NODES) * (count - 1))).astype(int)
-        self._places = places
-        self._weights = _hats(np.arange(count), places)
-        self._shifted = _hats(np.minimum(places + 1, count - 1), places)
+        coefficients, scale = np.ascontiguousarray(model.shape[:o]), model.scale[:n]
+        self._shape = Motion(*monomials.chain, coefficients, scale, model.period, 0)
+        self._places = places = np.unique(np.round(np.array(_NODES) * (SAMPLES - 1))).astype(int)
+        self._weights = lines(np.arange(SAMPLES), places)
+        self._shifted = lines(np.minimum(places + 1, SAMPLES - 1), places)
         rate = robot.drive.speed / _scale(robot) if np.isfinite(robot.drive.speed) else np.inf
         self._rate = np.broadcast_to(rate * model.period, (len(model.rest),)).astype(float)
         self._solve = BoundedSolver() if constrained else None
@@ -238,22 +210,21 @@ class ReducedPlanner(Controller):
         shown = np.vstack(
             [observation["reference"], observation["reference_preview"].reshape(-1, o)]
         )
-        wanted = (model.lag + 1 + np.arange(self._planning.samples) - self._late) * model.period
+        wanted = (model.lag + 1 + np.arange(SAMPLES) - self._late) * model.period
         reference = np.stack([np.interp(wanted, times, column) for column in shown.T], axis=1)
         nodes, code = self._shifted @ state.nodes, 0
         aside = self._aside(before, told[-1])
-        for _ in range(self._planning.iterations):
-            hessian, gradient = program(
-                motion, self._shape, begin, disturbance, self._weights, nodes, reference, told[-1],
-                self._planning.smoothness,
+        hessian, gradient = program(
+            motion, self._shape, model.origin, begin, disturbance, self._weights, nodes, reference,
+            told[-1], _SMOOTHNESS,
+        )  # fmt: skip
+        step = self._step(hessian, gradient, nodes, before, aside)
+        if step is None:
+            return kept(before), state._replace(
+                tips=tips, told=told, x=model.encode(tips.ravel()),
+                disturbance=np.zeros_like(disturbance), code=NOT_COMPUTED,
             )  # fmt: skip
-            step = self._step(hessian, gradient, nodes, before, aside)
-            if step is None:
-                return kept(before), state._replace(
-                    tips=tips, told=told, x=model.encode(tips.ravel()),
-                    disturbance=np.zeros_like(disturbance), code=NOT_COMPUTED,
-                )  # fmt: skip
-            nodes = nodes + step
+        nodes = nodes + step
         wanted_action = model.rest + aside + model.basis @ nodes[0]
         action = self._within(wanted_action, before)
         if np.linalg.norm(reference - model.origin, axis=1).max() > learned.farthest:
@@ -318,11 +289,6 @@ class ReducedPlanner(Controller):
     def _at_limit(self, action: np.ndarray, before: np.ndarray) -> bool:
         fast = np.abs(action - before) > self._rate * (1 - 1e-6)
         return bool(np.any((np.abs(action) > 1 - 1e-6) | fast))
-
-
-def _hats(samples: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Weights (t, c) of values at places (c,), linear in between, at samples (t,)."""
-    return np.stack([np.interp(samples, places, one) for one in np.eye(len(places))], axis=1)
 
 
 def _scale(robot: RobotParams) -> np.ndarray:

@@ -30,6 +30,24 @@ _JUMP, _ACCELERATION = 1e-2, 29.0
 _FAR = 0.02
 
 
+class Seen(NamedTuple):
+    """What a law with a plan reads, as observed, and the actions in force.
+
+    Attributes:
+        curvature, rate: (n,) [1/m, 1/(m s)].
+        tip, target: (2,) or (3,) [m], of the robot and wanted.
+        preview: (size k,) [m], of the target; empty without.
+        previous: (m,) [1].
+    """
+
+    curvature: np.ndarray
+    rate: np.ndarray
+    tip: np.ndarray
+    target: np.ndarray
+    preview: np.ndarray
+    previous: np.ndarray
+
+
 class TrackingTarget(NamedTuple):
     """Where a law wants to be, and how far from it the robot is.
 
@@ -71,30 +89,49 @@ class AimingLaw(ScheduledLaw):
         n, m = law.table.n, law.table.m
         values = np.zeros(3 * n + m + 6 + memory_size(3))
         # once an episode: by Python, as to compile these for it takes half a second
-        _, _, _, held, _, _, _, smoothing = split_memory.py_func(values, n, m)
-        held[:] = self._begun(observation)
+        own = remembered.py_func(values, n, m)
+        own.held[:] = self._begun(observation)
         tip, here = observation["tip_position"], np.empty(3)
         here_seen = usable(tip if np.isfinite(tip).all() else observation["reference"])
         in_space.py_func(here_seen, is_planar.py_func(law.table), here)
-        begin_smoothing.py_func(here, smoothing)
+        begin_smoothing.py_func(here, own.smoothing)
         return Memory(values, FINE)
 
     def stiffness(self, state: Memory) -> float:
         """Factor [1] on the nominal stiffness that is estimated; 1 unless the law is adaptive."""
         table = self._law.table
-        return 1.0 + float(split_memory.py_func(state.values, table.n, table.m)[5][0])
+        own = remembered.py_func(state.values, table.n, table.m)
+        return 1.0 + float(own.stiffness[0])
+
+
+class Remembered(NamedTuple):
+    """Views of what `AimingLaw` remembers.
+
+    Attributes:
+        curvature, rate: (n,), before.
+        shift: (n,), of the curvatures at rest; of the arm the force on them.
+        held: (m,), actions of the equilibrium before.
+        offset: (3,) [m], of the tip.
+        stiffness: (2,), what it is estimated from.
+        begun: (1,), whether a decision went before.
+        smoothing: Of references.
+    """
+
+    curvature: np.ndarray
+    rate: np.ndarray
+    shift: np.ndarray
+    held: np.ndarray
+    offset: np.ndarray
+    stiffness: np.ndarray
+    begun: np.ndarray
+    smoothing: np.ndarray
 
 
 @kernel
-def split_memory(memory: np.ndarray, n: int, m: int) -> tuple:
-    """Views of what `AimingLaw` remembers.
-
-    Curvatures and rates (n,) before; what shifts the curvatures at rest (n,); actions held (m,);
-    the tip's offset (3,); what the stiffness is estimated from (2,); whether a decision went before
-    (1,); of the smoothing of references.
-    """
+def remembered(memory: np.ndarray, n: int, m: int) -> Remembered:
+    """The parts of a memory, for n curvatures and m actions."""
     k = 3 * n + m
-    return (
+    return Remembered(
         memory[:n],
         memory[n : 2 * n],
         memory[2 * n : 3 * n],
@@ -108,35 +145,28 @@ def split_memory(memory: np.ndarray, n: int, m: int) -> tuple:
 
 @kernel
 def _estimate(
-    law: Law,
-    now: Row,
-    adaptive: bool,
-    memory: np.ndarray,
-    curvature: np.ndarray,
-    rate: np.ndarray,
-    tip: np.ndarray,
-    action: np.ndarray,
+    law: Law, now: Row, adaptive: bool, memory: np.ndarray, seen: Seen, tip: np.ndarray
 ) -> np.ndarray:
     """Update what the model leaves unexplained; shift (n,) [1/m] of the curvatures at rest.
 
     The balance of forces, over the stiffness: K^-1 (M q.. + D q.) + q - q_OP - X (a - a_OP).
     """
-    n, m = law.table.n, law.table.m
-    _, before, shift, _, offset, stiffer, begun, _ = split_memory(memory, n, m)
-    bend = curvature - now.curvature
+    own, rate = remembered(memory, law.table.n, law.table.m), seen.rate
+    shift, stiffer = own.shift, own.stiffness
+    bend = seen.curvature - now.curvature
     missing = tip - now.tip - now.jacobian @ bend
-    if begun[0]:
-        left = now.inertia @ ((rate - before) / law.period) + now.damping @ rate + bend
-        left -= now.by_action @ (action - now.action)
+    if own.begun[0]:
+        left = now.inertia @ ((rate - own.rate) / law.period) + now.damping @ rate + bend
+        left -= now.by_action @ (seen.previous - now.action)
         if adaptive:
             _adapt(law, now, left, stiffer)
         left += stiffer[0] * now.elastic
         shift += law.force * (left - shift)
-        offset += law.offset * (missing - offset)
+        own.offset[:] += law.offset * (missing - own.offset)
     elif law.offset > 0:
-        offset[:] = missing
-    begun[0] = 1.0
-    before[:] = rate
+        own.offset[:] = missing
+    own.begun[0] = 1.0
+    own.rate[:] = rate
     return shift - stiffer[0] * now.elastic
 
 
@@ -184,27 +214,15 @@ def references_of(
     return points, velocity
 
 
-def aimed(
-    table: Any,
-    law: Any,
-    adaptive: Any,
-    memory: Any,
-    curvature: Any,
-    rate: Any,
-    tip: Any,
-    target: Any,
-    preview: Any,
-    previous: Any,
-) -> Any:
+def aimed(table: Any, law: Any, adaptive: Any, memory: Any, seen: Any) -> Any:
     """Find and correct the equilibrium at the reference, as `TrackingTarget`; memory is updated.
 
     Args:
         table: The operating points.
         law: Whose they are.
         adaptive: Whether to estimate the stiffness.
-        memory: See `split_memory`.
-        curvature, rate, tip, target, preview: As observed.
-        previous: (m,) [1], actions in force.
+        memory: See `Remembered`.
+        seen: A `Seen`.
     """
     raise NotImplementedError
 
@@ -212,29 +230,20 @@ def aimed(
 @implementation(aimed, Table)
 @kernel
 def _looked_up(
-    table: Table,
-    law: Law,
-    adaptive: bool,
-    memory: np.ndarray,
-    curvature: np.ndarray,
-    rate: np.ndarray,
-    tip_seen: np.ndarray,
-    target: np.ndarray,
-    preview: np.ndarray,
-    previous: np.ndarray,
+    table: Table, law: Law, adaptive: bool, memory: np.ndarray, seen: Seen
 ) -> TrackingTarget:
     n, m, knots = table.n, table.m, len(law.times) - 1
-    _, _, _, held, offset, _, _, smoothing = split_memory(memory, n, m)
+    own = remembered(memory, n, m)
     tip = np.empty(3)
-    in_space(tip_seen, is_planar(table), tip)
-    points, velocity = references_of(law, target, preview, smoothing)
-    now = look_up(table, points[0], held)
-    held[:] = now.action
-    shift = _estimate(law, now, adaptive, memory, curvature, rate, tip, previous)
+    in_space(seen.tip, is_planar(table), tip)
+    points, velocity = references_of(law, seen.target, seen.preview, own.smoothing)
+    now = look_up(table, points[0], own.held)
+    own.held[:] = now.action
+    shift = _estimate(law, now, adaptive, memory, seen, tip)
 
     to_action = inverse_of(now.jacobian @ now.by_action, table.directions, _DAMPING)
     gap = table.directions @ (now.tip - points[0])
-    correction = -(to_action @ (now.jacobian @ shift + offset + now.tip - points[0]))
+    correction = -(to_action @ (now.jacobian @ shift + own.offset + now.tip - points[0]))
     rising = to_action @ velocity
     moving = now.by_action @ rising
     braking = now.damping @ moving
@@ -242,9 +251,9 @@ def _looked_up(
     action = now.action + correction
     away, ways, ahead = np.empty(2 * n + m), np.empty(3 * knots), np.empty(m)
     moved, before = now.jacobian @ now.by_action, now.action
-    away[:n] = curvature - (now.curvature + shift - braking + now.by_action @ correction)
-    away[n : 2 * n] = rate - moving
-    away[2 * n :] = previous + law.period * rising - action
+    away[:n] = seen.curvature - (now.curvature + shift - braking + now.by_action @ correction)
+    away[n : 2 * n] = seen.rate - moving
+    away[2 * n :] = seen.previous + law.period * rising - action
     for i in range(knots):
         if law.times[i + 1] > law.curved * law.first:
             look_up_action(table, points[i + 1], before, ahead)
@@ -289,23 +298,16 @@ def planned(law: Law, aim: TrackingTarget) -> np.ndarray:
 
 
 @kernel
-def seen_well(
-    curvature: np.ndarray,
-    rate: np.ndarray,
-    tip: np.ndarray,
-    target: np.ndarray,
-    preview: np.ndarray,
-    previous: np.ndarray,
-) -> bool:
+def seen_well(seen: Seen) -> bool:
     """Whether all that is observed is finite."""
-    state = finite(curvature) and finite(rate) and finite(tip)
-    return state and finite(target) and finite(preview) and finite(previous)
+    state = finite(seen.curvature) and finite(seen.rate) and finite(seen.tip)
+    return state and finite(seen.target) and finite(seen.preview) and finite(seen.previous)
 
 
 @kernel
 def forget_balance(law: Law, memory: np.ndarray) -> None:
     """Begin the balance of forces anew: the next one would span more than a period."""
-    split_memory(memory, law.table.n, law.table.m)[6][0] = 0.0
+    remembered(memory, law.table.n, law.table.m).begun[0] = 0.0
 
 
 @kernel

@@ -18,6 +18,7 @@ from softrobot_env.control.base import NOT_FINITE, Memory
 from softrobot_env.control.limits import kept
 from softrobot_env.control.scheduled.aiming import (
     AimingLaw,
+    Seen,
     aimed,
     conclude,
     forget_balance,
@@ -26,7 +27,7 @@ from softrobot_env.control.scheduled.aiming import (
 )
 from softrobot_env.control.scheduled.law import Law, tighten
 from softrobot_env.control.scheduled.operating_points import Equilibrium
-from softrobot_env.control.scheduled.plan_gains import RegulatorCost, plan_gains
+from softrobot_env.control.scheduled.plan_gains import Regulator, plan_gains, regulator_of
 from softrobot_env.control.scheduled.timing import Timing, timing_of
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import RobotParams
@@ -84,28 +85,33 @@ def _act(
     preview: np.ndarray,
     previous: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Action (m,), next memory and code."""
+    """Action (m,), next memory and code; arrays one by one are quicker to call with."""
+    seen = Seen(curvature, rate, tip, target, preview, previous)
     memory = memory.copy()
-    if not seen_well(curvature, rate, tip, target, preview, previous):
+    if not seen_well(seen):
         forget_balance(law, memory)
-        return kept(previous), memory, NOT_FINITE
-    aim = aimed(law.table, law, adaptive, memory, curvature, rate, tip, target, preview, previous)
+        return kept(seen.previous), memory, NOT_FINITE
+    aim = aimed(law.table, law, adaptive, memory, seen)
     wanted = planned(law, aim)[0]
-    tighten(law, curvature, wanted)
-    return conclude(law, wanted, previous, aim.status_code, memory)
+    tighten(law, seen.curvature, wanted)
+    return conclude(law, wanted, seen.previous, aim.status_code, memory)
 
 
 class Preview:
     """The gains of `LQPreview` for one robot, as `plan_gains` lays them out."""
 
-    def __init__(self, robot: RobotParams) -> None:
-        """Of any robot: its drives' speed counts."""
-        self._cost, self._knots = RegulatorCost(robot), len(timing_of(robot).knots)
+    def __init__(self, robot: RobotParams, timing: Timing | None = None) -> None:
+        """Of any robot: its drives' speed counts; at the times of the robot unless given."""
+        self._robot, self._timing = robot, timing or timing_of(robot)
 
     def count(self, n: int, m: int, directions: int) -> int:
         """Number of gains at a point, for n curvatures, m actions and so many directions."""
-        return m * (2 * n + m) + m * self._knots * 3
+        return len(self._timing.nodes) * m * (2 * n + m + 3 * len(self._timing.knots))
 
     def __call__(self, point: Equilibrium, directions: np.ndarray, timing: Timing) -> np.ndarray:
         """Gains (k,) at an operating point, for directions (k, 3) of its `Table`."""
-        return plan_gains(self._cost.at(point, directions, timing), timing, directions)
+        regulator = regulator_of(self._robot, point, directions, self._timing)
+        return self._gains(regulator, directions)
+
+    def _gains(self, regulator: Regulator, directions: np.ndarray) -> np.ndarray:
+        return plan_gains(regulator, self._timing, directions)

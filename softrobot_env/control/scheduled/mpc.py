@@ -17,6 +17,7 @@ from softrobot_env.control.limits import kept
 from softrobot_env.control.linear_quadratic import BoundedSolver
 from softrobot_env.control.scheduled.aiming import (
     AimingLaw,
+    Seen,
     TrackingTarget,
     aimed,
     conclude,
@@ -25,8 +26,8 @@ from softrobot_env.control.scheduled.aiming import (
     seen_well,
 )
 from softrobot_env.control.scheduled.law import Law, tighten
-from softrobot_env.control.scheduled.operating_points import Equilibrium
-from softrobot_env.control.scheduled.plan_gains import RegulatorCost, deviation_cost, plan_gains
+from softrobot_env.control.scheduled.lq_preview import Preview
+from softrobot_env.control.scheduled.plan_gains import Regulator, deviation_cost
 from softrobot_env.control.scheduled.timing import Timing, knots_until, timing_of
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import RobotParams
@@ -80,24 +81,22 @@ def preview_environment(robot: RobotParams) -> dict[str, Any]:
     return {"control_period": timing.period, "preview": timing.knots}
 
 
-class Constrained:
+class Constrained(Preview):
     """The gains of `ScheduledMPC`: those of a plan, then the lower triangle of H."""
 
     def __init__(self, robot: RobotParams, settings: PlanSettings = PREVIEW) -> None:
         """Of any robot: its drives' speed counts."""
-        self._cost, self._timing = RegulatorCost(robot), settings.timing(robot)
-
-    def __call__(self, point: Equilibrium, directions: np.ndarray, timing: Timing) -> np.ndarray:
-        """Gains (k,) at an operating point, for directions (d, 3) of its `Table`."""
-        regulator = self._cost.at(point, directions, self._timing)
-        gains = plan_gains(regulator, self._timing, directions)
-        cost = deviation_cost(regulator, self._timing)
-        return np.concatenate([gains, cost[np.tril_indices(len(cost))]])
+        super().__init__(robot, settings.timing(robot))
 
     def count(self, n: int, m: int, directions: int) -> int:
-        """Number of gains at a point, for n curvatures, m actions and so many directions."""
+        """As of `Preview`."""
         size = len(self._timing.nodes) * m
-        return size * (2 * n + m + 3 * len(self._timing.knots)) + size * (size + 1) // 2
+        return super().count(n, m, directions) + size * (size + 1) // 2
+
+    def _gains(self, regulator: Regulator, directions: np.ndarray) -> np.ndarray:
+        cost = deviation_cost(regulator, self._timing)
+        triangle = cost[np.tril_indices(len(cost))]
+        return np.concatenate([super()._gains(regulator, directions), triangle])
 
 
 class Program(NamedTuple):
@@ -165,19 +164,19 @@ class ScheduledMPC(AimingLaw):
 
     def act(self, observation: Observation, state: Memory) -> tuple[np.ndarray, Memory]:
         """The first of the best actions; the last one is kept where they could not be found."""
-        seen = self._seen(observation)
-        if len(self._law.times) == 1:
-            seen.insert(-1, seen[0][:0])
+        *shown, previous = self._seen(observation)
+        none = [shown[0][:0]] if len(self._law.times) == 1 else []  # no preview
+        seen = Seen(*shown, *none, previous)
         memory = state.values.copy()
-        if not seen_well(*seen):
+        if not seen_well(seen):
             forget_balance(self._law, memory)
-            return kept(seen[-1]), Memory(memory, NOT_FINITE)
-        program = _program(self._law, self._adaptive, memory, *seen)
+            return kept(previous), Memory(memory, NOT_FINITE)
+        program = _program(self._law, self._adaptive, memory, seen)
         best = program.wanted if program.fine else self._optimum(program)
         if best is None:
-            return kept(seen[-1]), Memory(state.values, NOT_COMPUTED)
+            return kept(previous), Memory(state.values, NOT_COMPUTED)
         m = self._law.table.m
-        action, memory, code = conclude(self._law, best[:m], seen[-1], program.status_code, memory)
+        action, memory, code = conclude(self._law, best[:m], previous, program.status_code, memory)
         missed = np.abs(best[:m] - program.wanted[:m]).max() > _AT_BOUND
         return action, Memory(memory, SATURATED if missed else code)
 
@@ -202,26 +201,16 @@ def _speed_rows(law: Law) -> tuple[np.ndarray, np.ndarray]:
 
 
 @kernel
-def _program(
-    law: Law,
-    adaptive: bool,
-    memory: np.ndarray,
-    curvature: np.ndarray,
-    rate: np.ndarray,
-    tip: np.ndarray,
-    target: np.ndarray,
-    preview: np.ndarray,
-    previous: np.ndarray,
-) -> Program:
+def _program(law: Law, adaptive: bool, memory: np.ndarray, seen: Seen) -> Program:
     """What is to be optimised; the memory is updated."""
-    aim = aimed(law.table, law, adaptive, memory, curvature, rate, tip, target, preview, previous)
+    aim = aimed(law.table, law, adaptive, memory, seen)
     plan = planned(law, aim)
     count, m = plan.shape
     for c in range(count):
-        tighten(law, curvature + _bent_by(law, aim, law.nodes[c] - law.period), plan[c])
+        tighten(law, seen.curvature + _bent_by(law, aim, law.nodes[c] - law.period), plan[c])
     size = count * m
     lower, upper = -np.ones(size), np.ones(size)
-    _bound_first(law, curvature, previous, lower, upper)
+    _bound_first(law, seen.curvature, seen.previous, lower, upper)
     fine, hessian = True, np.empty((size, size))
     triangle = aim.gains[len(aim.gains) - size * (size + 1) // 2 :]
     k = 0

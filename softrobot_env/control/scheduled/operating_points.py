@@ -70,6 +70,10 @@ class Equilibrium(NamedTuple):
         return np.concatenate([self.action, self.curvature, self.tip])
 
 
+#: Action (m,) [1], curvature (n,) [1/m], tip (3,) [m] and linear model of a robot at rest.
+AtRest = tuple[np.ndarray, np.ndarray, np.ndarray, LinearModel]
+
+
 class OperatingPoints(NamedTuple):
     """Equilibria that stand for a workspace.
 
@@ -118,7 +122,7 @@ def find_points(
     found = []
     for held in _candidates(robot, inverse, directions, candidates, progress):
         try:
-            found.append(_equilibrium(directions, *look(held)))
+            found.append(_equilibrium(directions, look(held)))
         except EquilibriumError:  # another plant may buckle where the chain does not
             if plant == MUJOCO:
                 raise
@@ -154,18 +158,14 @@ def row_of(point: Equilibrium, gains: np.ndarray) -> np.ndarray:
     return np.concatenate([np.ravel(part) for part in parts])
 
 
-def _looking(
-    robot: RobotParams, inverse: InverseStatics, plant: str
-) -> Callable[[Held], tuple[np.ndarray, np.ndarray, np.ndarray, LinearModel]]:
+def _looking(robot: RobotParams, inverse: InverseStatics, plant: str) -> Callable[[Held], AtRest]:
     """Function from what holds the chain to action, curvature, tip and model of a plant."""
     if plant != MUJOCO:
-        from softrobot_env.control.scheduled.operating_points import BeamLinearizer
-
         beam = BeamLinearizer(robot, plant)
         return lambda held: beam.rest(held.inputs[-1])
     linearizer = Linearizer(inverse.scene)
 
-    def look(held: Held) -> tuple[np.ndarray, np.ndarray, np.ndarray, LinearModel]:
+    def look(held: Held) -> AtRest:
         inputs, angles = held.inputs[-1], held.postures[-1]
         seen = linearizer.action(inputs), linearizer.mean @ angles, linearizer.scene.tip(angles)
         return *seen, linearizer.about(angles, inputs)
@@ -173,20 +173,15 @@ def _looking(
     return look
 
 
-def _equilibrium(
-    directions: np.ndarray,
-    action: np.ndarray,
-    curvature: np.ndarray,
-    tip: np.ndarray,
-    model: LinearModel,
-) -> Equilibrium:
+def _equilibrium(directions: np.ndarray, rest: AtRest) -> Equilibrium:
+    action, curvature, _, model = rest
     by_action = np.linalg.solve(model.stiffness, model.inputs)
     moved = directions @ model.tip @ by_action
     left, singular, right = np.linalg.svd(moved, full_matrices=False)
     gain = singular / (singular**2 + (_DAMPING * singular[0]) ** 2)
     to_action = (right.T * gain) @ left.T @ directions
     nothing = np.zeros((len(action) + len(curvature) + 3, len(_products(directions))))
-    return Equilibrium(action, curvature, tip, model, by_action, to_action, nothing)
+    return Equilibrium(*rest, by_action, to_action, nothing)
 
 
 def _products(ways: np.ndarray) -> np.ndarray:
@@ -305,22 +300,6 @@ def _errors(
 _SHIFT = 1e-7
 
 
-class Rest(NamedTuple):
-    """A robot at rest.
-
-    Attributes:
-        action: (m,) [1].
-        curvature: (n,) [1/m].
-        tip: (3,) [m].
-        model: The linear model about it.
-    """
-
-    action: np.ndarray
-    curvature: np.ndarray
-    tip: np.ndarray
-    model: LinearModel
-
-
 class BeamLinearizer:
     """Makes the linear models of a robot's beam model.
 
@@ -352,7 +331,7 @@ class BeamLinearizer:
         self._bare = self.stepped.bare()
         self._last: np.ndarray | None = None
 
-    def rest(self, inputs: np.ndarray) -> Rest:
+    def rest(self, inputs: np.ndarray) -> AtRest:
         """The robot at rest under inputs (m,) [N or m], looked for from the one before.
 
         Raises:
@@ -381,4 +360,4 @@ class BeamLinearizer:
             w.T @ ways.T @ self._bare.residual(q, still, still),
         )
         seen = self.stepped.measure(q, still)
-        return Rest(action, seen.curvature, seen.tip_position, found)
+        return action, seen.curvature, seen.tip_position, found

@@ -51,53 +51,42 @@ class Regulator:
         self.feedback = self.gain @ self.riccati @ self.a
 
 
-class RegulatorCost:
-    """The cost of a robot's tracking, by which laws of any robot are designed."""
+def regulator_of(
+    robot: RobotParams, point: Equilibrium, directions: np.ndarray, timing: Timing
+) -> Regulator:
+    """The problem of tracking at an operating point, by which laws of any robot are designed.
 
-    def __init__(self, robot: RobotParams) -> None:
-        """Of any robot: its drives' speed counts."""
-        self._drive, self._reach, self._scale = (
-            robot.drive,
-            robot.reach,
-            robot_inputs(robot).input_scale,
-        )
+    Args:
+        robot: Whose drives' speed counts.
+        point: The operating point.
+        directions: (d, 3), see `Table`.
+        timing: Of the law.
+    """
+    n, (period, first) = len(point.curvature), (timing.period, timing.first)
+    continuous_a, continuous_b, tip = point.model.state_space()
+    size = np.repeat([1.0, 1 / first], n)  # of states, so that they are of like order
+    a, b = discretized(continuous_a * size / size[:, None], continuous_b / size[:, None], period)
+    m = b.shape[1]
+    a = np.block([[a, b], [np.zeros((m, 2 * n)), np.eye(m)]])
+    b = np.vstack([b, np.eye(m)])
+    place = directions @ tip
+    position = np.hstack([place * size, np.zeros((len(place), m))])
+    speed = np.hstack([np.zeros((len(place), n)), place[:, :n] / first, np.zeros((len(place), m))])
+    gain = np.linalg.norm(place[:, :n] @ point.by_action) / np.sqrt(len(place))  # m
+    weight = position.T @ position + _VELOCITY_WEIGHT * first**2 * speed.T @ speed
+    weight[2 * n :, 2 * n :] += _INPUT_WEIGHT * gain**2 * np.eye(m)
+    # Riccati's equation needs every state in the cost; this is far below the rest.
+    weight += 1e-10 * np.trace(weight) / len(weight) * np.eye(len(weight))
+    change = _rate_weight(robot, gain, first) * (gain * first / period) ** 2 * np.eye(m)
+    velocity_weight = _VELOCITY_WEIGHT * first**2
+    return Regulator(size, (a, b), (position, speed), velocity_weight, (weight, change))
 
-    def at(self, point: Equilibrium, directions: np.ndarray, timing: Timing) -> Regulator:
-        """The problem at an operating point.
 
-        Args:
-            point: The operating point.
-            directions: (d, 3), see `Table`.
-            timing: Of the law.
-        """
-        n, (period, first) = len(point.curvature), (timing.period, timing.first)
-        continuous_a, continuous_b, tip = point.model.state_space()
-        size = np.repeat([1.0, 1 / first], n)  # of states, so that they are of like order
-        a, b = discretized(
-            continuous_a * size / size[:, None], continuous_b / size[:, None], period
-        )
-        m = b.shape[1]
-        a = np.block([[a, b], [np.zeros((m, 2 * n)), np.eye(m)]])
-        b = np.vstack([b, np.eye(m)])
-        place = directions @ tip
-        position = np.hstack([place * size, np.zeros((len(place), m))])
-        speed = np.hstack(
-            [np.zeros((len(place), n)), place[:, :n] / first, np.zeros((len(place), m))]
-        )
-        gain = np.linalg.norm(place[:, :n] @ point.by_action) / np.sqrt(len(place))  # m
-        weight = position.T @ position + _VELOCITY_WEIGHT * first**2 * speed.T @ speed
-        weight[2 * n :, 2 * n :] += _INPUT_WEIGHT * gain**2 * np.eye(m)
-        # Riccati's equation needs every state in the cost; this is far below the rest.
-        weight += 1e-10 * np.trace(weight) / len(weight) * np.eye(len(weight))
-        change = self._rate_weight(gain, first) * (gain * first / period) ** 2 * np.eye(m)
-        velocity_weight = _VELOCITY_WEIGHT * first**2
-        return Regulator(size, (a, b), (position, speed), velocity_weight, (weight, change))
-
-    def _rate_weight(self, gain: float, first: float) -> float:
-        if self._drive.kind == "tension":
-            return _RATE_WEIGHT
-        speed = gain * self._drive.speed / self._scale.max()  # m/s, of the tip
-        return _RATE_WEIGHT + _SLOW_WEIGHT * (self._reach / first / speed) ** 2
+def _rate_weight(robot: RobotParams, gain: float, first: float) -> float:
+    if robot.drive.kind == "tension":
+        return _RATE_WEIGHT
+    speed = gain * robot.drive.speed / robot_inputs(robot).input_scale.max()  # m/s, of the tip
+    return _RATE_WEIGHT + _SLOW_WEIGHT * (robot.reach / first / speed) ** 2
 
 
 def plan_gains(regulator: Regulator, timing: Timing, directions: np.ndarray) -> np.ndarray:

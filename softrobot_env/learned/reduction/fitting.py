@@ -155,21 +155,10 @@ def _without_motion(
 ) -> ReducedModel:
     """A model that knows its coordinates and inputs alone."""
     states, both = tangent.shape[1], tangent.shape[1] + basis.shape[1]
-    return ReducedModel(
-        period=period,
-        delays=settings.delays,
-        origin=origin,
-        rest=rest,
-        basis=basis,
-        lag=0,
-        tangent=tangent,
-        shape_powers=np.zeros((0, states), dtype=int),
-        shape=np.zeros((len(tangent), 0)),
-        powers=np.zeros((0, both), dtype=int),
-        coefficients=np.zeros((states, 0)),
-        scale=np.ones(both),
-        substeps=settings.substeps,
-    )
+    shape = np.zeros((0, states), dtype=int), np.zeros((len(tangent), 0))
+    motion = np.zeros((0, both), dtype=int), np.zeros((states, 0)), np.ones(both)
+    known = period, settings.delays, origin, rest, basis, 0, tangent
+    return ReducedModel(*known, *shape, *motion, settings.substeps)
 
 
 def _rest(decays: Sequence[Record], forced: Sequence[Record]) -> tuple[np.ndarray, np.ndarray]:

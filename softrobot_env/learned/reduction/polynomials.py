@@ -135,10 +135,12 @@ def _rate(motion, x, u, terms, out):
 
 
 @_kernel
-def _rate_gradient(motion, x, u, terms, slopes, out, gradient):
-    """As `_rate`, with the gradient (n, n + m) by (x, u); slopes (terms, n + m) is room."""
+def add_gradient(motion, x, u, terms, slopes, out, gradient):
+    """Add the polynomials' value (k,) to out, and set the gradient (k, n + m) by (x, u).
+
+    Room is in terms (terms,), which are set to the monomials, and slopes (terms, n + m).
+    """
     n, both = len(x), len(x) + len(u)
-    out[:] = 0.0
     gradient[:] = 0.0
     for j in range(len(motion.parents)):
         parent, k = motion.parents[j], motion.factors[j]
@@ -151,7 +153,7 @@ def _rate_gradient(motion, x, u, terms, slopes, out, gradient):
             slopes[j, i] = 0.0 if parent < 0 else slopes[parent, i] * value
         if k >= 0:
             slopes[j, k] += lower / motion.scale[k]
-        for i in range(n):
+        for i in range(len(out)):
             c = motion.coefficients[i, j]
             out[i] += c * terms[j]
             for v in range(both):
@@ -194,9 +196,9 @@ def linearise(motion, x, u, transition, effect):
     """Move x (n,) on by a sample and tell how the result changes with x (n, n) and u (n, m)."""
     n, m, count = len(x), len(u), len(motion.parents)
     terms, slopes = np.empty(count), np.empty((count, n + m))
-    value, gradient = np.empty(n), np.empty((n, n + m))
+    value, gradient = np.zeros(n), np.empty((n, n + m))
     if motion.substeps == 0:
-        _rate_gradient(motion, x, u, terms, slopes, value, gradient)
+        add_gradient(motion, x, u, terms, slopes, value, gradient)
         x[:] = value
         transition[:] = gradient[:, :n]
         effect[:] = gradient[:, n:]
@@ -211,7 +213,8 @@ def linearise(motion, x, u, transition, effect):
         for stage in range(4):
             at = x + h * nodes[stage] * slope
             at_change = whole + h * nodes[stage] * slope_change
-            _rate_gradient(motion, at, u, terms, slopes, value, gradient)
+            value[:] = 0.0
+            add_gradient(motion, at, u, terms, slopes, value, gradient)
             slope = value.copy()
             slope_change = gradient[:, :n].copy() @ at_change
             slope_change[:, n:] += gradient[:, n:]
@@ -246,7 +249,7 @@ def sensitivities(motion, start, inputs, states, by_start, by_coefficients):
         if motion.substeps > 0:
             before = (before + x) / 2
             factor = motion.period
-        _rate_gradient(motion, before, inputs[t], terms, slopes, value, gradient)
+        add_gradient(motion, before, inputs[t], terms, slopes, value, gradient)
         states[t + 1] = x
         by_start[t + 1] = transition @ by_start[t]
         for i in range(n):

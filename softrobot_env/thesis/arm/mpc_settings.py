@@ -1,15 +1,11 @@
 """Settings of the model predictive controllers."""
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from softrobot_env.core.records import NotNegative, Whole, check_fields
 from softrobot_env.core.registry import Registry
-
-if TYPE_CHECKING:
-    from softrobot_env.thesis.arm.mpc_prediction import Horizon
 
 #: Diagonal coefficient by integrator.
 GAMMA = {"implicit_euler": 1.0, "sdirk2": 1.0 - np.sqrt(0.5)}
@@ -90,25 +86,6 @@ class MPCSettings:
         """Accelerations (p, stages, n) of an arm of n pieces at rest."""
         stages = 1 if GAMMA[self.integrator] == 1 else 2
         return np.zeros((len(self.steps), stages, n))
-
-    def horizon(self) -> "Horizon":
-        """Reference to grid and weights for the kernels."""
-        from softrobot_env.beams.numerics.compilation import reference
-        from softrobot_env.thesis.arm.mpc_prediction import Horizon
-
-        steps = np.array(self.steps)
-        share = steps / steps[0]
-        return reference(
-            Horizon(
-                steps=steps,
-                block=self.block,
-                gamma=float(GAMMA[self.integrator]),
-                error=self.error * share,
-                rate=self.rate * share,
-                effort=self.effort * share,
-                change=np.full(len(steps), float(self.change)),
-            )
-        )
 
 
 #: Thesis sec. 6.5, completed by the audit: weights, and implicit for explicit Euler steps.

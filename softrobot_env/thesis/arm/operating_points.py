@@ -22,10 +22,11 @@ from softrobot_env.control.base import FINE, OUTSIDE, UNREACHABLE
 from softrobot_env.control.linear_quadratic import discretized, integral_gains
 from softrobot_env.control.observers import linear_model
 from softrobot_env.control.scheduled.aiming import (
+    Seen,
     TrackingTarget,
     aimed,
     references_of,
-    split_memory,
+    remembered,
 )
 from softrobot_env.control.scheduled.law import Law
 from softrobot_env.control.scheduled.lqi import Resting, resting
@@ -219,81 +220,61 @@ def _status_code(gap: float, inside: bool) -> int:
 
 
 @kernel
-def _estimate(
-    grid: Grid,
-    adaptive: bool,
-    memory: np.ndarray,
-    curvature: np.ndarray,
-    rate: np.ndarray,
-    tip: np.ndarray,
-    previous: np.ndarray,
-) -> float:
+def _estimate(grid: Grid, adaptive: bool, memory: np.ndarray, seen: Seen) -> float:
     """Update what the nominal model leaves unexplained; the stiffness factor [1]."""
     arm, limit = grid.arm, grid.limit
-    before, rate_before, force, _, offset, information, begun, _ = split_memory(
-        memory, grid.n, grid.m
-    )
+    own = remembered(memory, grid.n, grid.m)
     point, jacobian = np.empty(2), np.empty((2, grid.n))
-    planar_arm.tip(arm, curvature, point, jacobian)
+    planar_arm.tip(arm, seen.curvature, point, jacobian)
     share = 1.0
-    scale = stiffness_factor(adaptive, information)
-    if begun[0]:
+    scale = stiffness_factor(adaptive, own.stiffness)
+    if own.begun[0]:
         share = 1 - np.exp(-_OFFSET_BANDWIDTH * PERIOD)
         scale = update_estimate(
             arm,
             PERIOD,
-            before,
-            rate_before,
-            curvature,
-            rate,
-            previous * limit,
+            own.curvature,
+            own.rate,
+            seen.curvature,
+            seen.rate,
+            seen.previous * limit,
             limit,
             adaptive,
-            information,
-            force,
+            own.stiffness,
+            own.shift,
         )
     for i in range(2):
-        offset[2 * i] += share * (tip[i] - point[i] - offset[2 * i])
-    begun[0] = 1.0
-    before[:], rate_before[:] = curvature, rate
+        own.offset[2 * i] += share * (seen.tip[i] - point[i] - own.offset[2 * i])
+    own.begun[0] = 1.0
+    own.curvature[:], own.rate[:] = seen.curvature, seen.rate
     return scale
 
 
 @implementation(aimed, Grid)
 @kernel
-def _aimed(
-    grid: Grid,
-    law: Law,
-    adaptive: bool,
-    memory: np.ndarray,
-    curvature: np.ndarray,
-    rate: np.ndarray,
-    tip: np.ndarray,
-    target: np.ndarray,
-    preview: np.ndarray,
-    previous: np.ndarray,
-) -> TrackingTarget:
+def _aimed(grid: Grid, law: Law, adaptive: bool, memory: np.ndarray, seen: Seen) -> TrackingTarget:
     arm, limit, n, m = grid.arm, grid.limit, grid.n, grid.m
-    _, _, force, held, offset, _, _, smoothing = split_memory(memory, n, m)
-    scale = _estimate(grid, adaptive, memory, curvature, rate, tip, previous)
-    points, velocity = references_of(law, target, preview, smoothing)
+    own = remembered(memory, n, m)
+    held, offset = own.held, own.offset
+    scale = _estimate(grid, adaptive, memory, seen)
+    points, velocity = references_of(law, seen.target, seen.preview, own.smoothing)
     inputs, rest, inverse = held * limit, np.empty(n), np.empty((m, 2))
     place = np.array((points[0, 0] - offset[0], points[0, 2] - offset[2]))
-    gap = follow(arm, place, force, scale, limit, inputs, rest, inverse)
+    gap = follow(arm, place, own.shift, scale, limit, inputs, rest, inverse)
     action, rising = np.empty(m), np.empty(m)
     for j in range(m):
         held[j] = inputs[j] / limit[j]
         rising[j] = (inverse[j, 0] * velocity[0] + inverse[j, 1] * velocity[2]) / limit[j]
         action[j] = held[j] + arm.damping_time * rising[j]
     gains = np.empty(grid.gains.shape[3])
-    status_code = _status_code(gap, interpolate(grid.gains, curvature, gains))
+    status_code = _status_code(gap, interpolate(grid.gains, seen.curvature, gains))
     times, lever, stiffness = law.times, arm.inputs, scale * arm.stiffness
     away, ways = np.empty(2 * n), np.empty(2 * len(times) - 2)
     for i in range(n):
         moving = 0.0
         for j in range(m):
             moving += lever[i, j] * rising[j] * limit[j] / stiffness
-        away[i], away[n + i] = curvature[i] - rest[i], rate[i] - moving
+        away[i], away[n + i] = seen.curvature[i] - rest[i], seen.rate[i] - moving
     for k in range(1, len(times)):
         for i in range(2):
             way = points[k, 2 * i] - points[0, 2 * i] - times[k] * velocity[2 * i]

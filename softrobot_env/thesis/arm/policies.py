@@ -1,4 +1,17 @@
-"""The closed forms that take the place of laws on tables for the arm, and for planar arms."""
+"""The closed forms that take the place of laws on tables for the arm, and for planar arms.
+
+They stay because they are better on their robot, as measured on its MuJoCo plant beside the laws of
+any robot on a table of 219 operating points. Mean errors [mm] on swing and L-shape:
+
+    law           closed form       table
+    lqi           0.33    0.13      0.50   0.29
+    lq_preview    0.031   0.013     0.30   0.13
+    mpc           6.1     1.5       8.3    2.3
+    mpc_preview   0.010   0.007     0.26   0.12
+
+So does the observer of the arm (`control.observers.arm_observer`): with rates of the linearised
+chain, LQ laws err as much within 3 %, but `imitation` by up to half more on an arm half as heavy.
+"""
 
 from pathlib import Path
 from typing import Any

@@ -178,8 +178,8 @@ def is_the_arm(robot: RobotParams) -> bool:
 
 def train_network(order: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Network of the quasi-static controller for the arm (thesis sec. 6.3)."""
-    from softrobot_env.learned import bayesian
     from softrobot_env.learned.network import describe
+    from softrobot_env.learned.training import train_regularised
     from softrobot_env.thesis.arm import quasi_static
 
     statics = _STATICS
@@ -194,7 +194,7 @@ def train_network(order: TrainingRequest, show: ProgressCallback) -> Metrics:
         show(f"squared error {error:.4g}", done, total)
 
     network = samples.new_network(quasi_static.HIDDEN, start)
-    fit = bayesian.train(network, samples, *((20,) if quick else ()), progress=report)
+    fit = train_regularised(network, samples, *((20,) if quick else ()), progress=report)
     validation = quasi_static.sample(statics.tip, statics.n_inputs, how, fresh)
     reached = quasi_static.workspace(samples.inputs[:, 2:4])
     fit.network.save(order.path, {**describe(ARM), "workspace": reached, "seed": order.seed})

@@ -22,10 +22,8 @@ from softrobot_env.control.feedforward.nearby import Neighbourhood
 from softrobot_env.control.feedforward.statics import ChainStatics, Rest
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, check_argument
-from softrobot_env.core.registry import Registry
 from softrobot_env.robots import (
     CAMERA_PERIOD,
-    EQUIVALENT,
     LENGTH_SCALE,
     SERVO_SPEED,
     WORKSPACE,
@@ -33,7 +31,7 @@ from softrobot_env.robots import (
 )
 from softrobot_env.scene.registry import RIG_PIECES
 from softrobot_env.thesis.rig.inverse import OnePiece, SeveralPieces
-from softrobot_env.thesis.rig.parameters import IdentifiedParameters, turned
+from softrobot_env.thesis.rig.parameters import IdentifiedParameters
 from softrobot_env.thesis.rig.servo_constraints import OutOfReachError
 from softrobot_env.thesis.rig.servo_flexible import InversionError
 
@@ -277,35 +275,6 @@ class RigFeedforward(Controller):
         if tension is not None and min(tension.tolist()) < 0:
             return _SLACK
         return _SLOW if max(map(abs, change.tolist())) > self._reach else None
-
-
-#: Name of a model -> how it is made, of the nominal rig and what is known of one.
-_MODELS = Registry(
-    "model",
-    {
-        "one piece": lambda robot, known: OnePiece(robot),
-        "several pieces": lambda robot, known: SeveralPieces(turned(robot, EQUIVALENT, 0.0)),
-        "calibrated": lambda robot, known: SeveralPieces(known.believed(robot)),
-        "none": lambda robot, known: None,
-    },
-)
-
-
-def make_hybrid(
-    robot: RobotParams,
-    control_period: float,
-    known: IdentifiedParameters,
-    model: str,
-    ahead: bool,
-    backlash: bool,
-    feedback: bool,
-    tip_delay: float,
-) -> RigFeedforward:
-    """Network plus the dynamic part of an inverse model, see `feedforward.policies.make_hybrid`."""
-    made = _MODELS.find(model)(robot, known)
-    width = known.backlash if backlash else None
-    believed = known.believed(robot) if feedback else None
-    return RigFeedforward(robot, control_period, known, made, ahead, width, believed, tip_delay)
 
 
 def _finite(lengths: np.ndarray) -> np.ndarray:

@@ -45,7 +45,11 @@ class Pull(NamedTuple):
 
 
 class OnePiece:
-    """Servo constraints on one piece, in closed form (thesis sec. 5.2.2)."""
+    """Servo constraints on one piece, in closed form (thesis sec. 5.2.2).
+
+    `SeveralPieces(robot, 1)` tracks as well (within 5 % on the rig's tasks), but a decision takes
+    2.4 times as long.
+    """
 
     def __init__(self, robot: RobotParams) -> None:
         self._servo = ServoConstraints(robot)

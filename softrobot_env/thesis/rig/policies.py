@@ -1,38 +1,39 @@
-"""Which law stands behind the names of policies that the thesis has for its rig.
-
-Laws are loaded where they are made: those of networks do without compiled code.
-"""
+"""Which law stands behind the names of policies that the thesis has for its rig."""
 
 from pathlib import Path
 
+from softrobot_env.control.feedforward.feedback import ReferenceFeedback
 from softrobot_env.core.interfaces import Policy
-from softrobot_env.robots import CAMERA_PERIOD, RobotParams
-from softrobot_env.robots.artifacts import find_artifact
-from softrobot_env.thesis.rig.parameters import IdentifiedParameters
-from softrobot_env.thesis.rig.three_tendons import is_rig
+from softrobot_env.core.registry import Registry
+from softrobot_env.robots import CAMERA_PERIOD, EQUIVALENT, RobotParams
+from softrobot_env.thesis.rig.feedforward import RigFeedforward
+from softrobot_env.thesis.rig.inverse import OnePiece, SeveralPieces
+from softrobot_env.thesis.rig.parameters import IdentifiedParameters, turned
 
 #: [m], how far beyond its points feedback may ask a network: the tip stays nearer.
 _SHIFTED = 0.04
 
+#: Name of a model -> how it is made, of the nominal rig and what is known of one.
+_MODELS = Registry(
+    "model",
+    {
+        "one piece": lambda robot, known: OnePiece(robot),
+        "several pieces": lambda robot, known: SeveralPieces(turned(robot, EQUIVALENT, 0.0)),
+        "calibrated": lambda robot, known: SeveralPieces(known.believed(robot)),
+        "none": lambda robot, known: None,
+    },
+)
+
 
 def make_inverse(robot: RobotParams, control_period: float, ahead: bool = False) -> Policy:
-    """Inverse dynamics: of a rig in one piece, in closed form, of other robots by their chain.
+    """Inverse dynamics of a rig in one piece, in closed form.
 
     Args:
-        robot: Nominal robot.
+        robot: Nominal rig.
         control_period: [s] between calls.
-        ahead: Of a rig, see `RigFeedforward`; a chain's law always looks ahead.
-
-    Raises:
-        ValueError: The robot has no tendons, or is no rig that the law looks ahead for.
+        ahead: See `RigFeedforward`.
     """
-    from softrobot_env.control.feedforward.dynamics import InverseDynamics
-    from softrobot_env.thesis.rig.feedforward import OnePiece, RigFeedforward
-
-    if is_rig(robot):
-        return RigFeedforward(robot, control_period, model=OnePiece(robot), ahead=ahead)
-    _refuse_ahead(robot, ahead)
-    return InverseDynamics(robot, control_period)
+    return RigFeedforward(robot, control_period, model=OnePiece(robot), ahead=ahead)
 
 
 def make_hybrid(
@@ -48,37 +49,31 @@ def make_hybrid(
     """Statics of a network and the dynamic part of a model.
 
     Args:
-        robot: Nominal robot.
+        robot: Nominal rig.
         control_period: [s] between calls.
-        learnt: Identified parameters of a rig, or their file; of another robot the file of its
-            network. Found unless given: of the rig the one shipped, of twin 0.
-        model: Of a rig: "one piece" of the nominal one; "several pieces" of a rig that stands as
-            that one does; "calibrated", several pieces of the rig as identified; or "none".
-        ahead: Of a rig, see `RigFeedforward`.
-        backlash: Of a rig, whether to make up for the servos' delay and the backlash identified.
-        feedback: Of a rig, whether to feed the tip back by the chain of the rig as identified.
+        learnt: Identified parameters, or their file; those shipped, of twin 0, unless given.
+        model: "one piece" of the nominal rig; "several pieces" of a rig that stands as that one
+            does; "calibrated", several pieces of the rig as identified; or "none".
+        ahead: See `RigFeedforward`.
+        backlash: Whether to make up for the servos' delay and the backlash identified.
+        feedback: Whether to feed the tip back by the chain of the rig as identified.
         tip_delay: [s], how late feedback sees the tip; unless given, by a frame of the camera.
 
     Raises:
-        ValueError: No network of this robot, another model, or one that only a rig has.
+        ValueError: Parameters of another robot, or another model.
         FileNotFoundError: No such file.
     """
-    from softrobot_env.control.feedforward.dynamics import InverseDynamics
-    from softrobot_env.thesis.rig import feedforward as rig
-
-    if is_rig(robot):
-        own = model, ahead, backlash, feedback, tip_delay
-        return rig.make_hybrid(robot, control_period, _identified(robot, learnt), *own)
-    if model != "one piece" or backlash or feedback:
-        raise ValueError(
-            f"robot {robot.name!r} has no identified model in pieces: it needs a head and three "
-            "elastic tendons round it, as the rig has; take 'hybrid'"
-        )
-    _refuse_ahead(robot, ahead)
-    if isinstance(learnt, IdentifiedParameters):
-        raise ValueError(f"robot {robot.name!r} takes a network of its statics, not of a rig")
-    weights = find_artifact(robot, "qs_nn") if learnt is None else learnt
-    return InverseDynamics(robot, control_period, weights=weights)
+    known = _identified(robot, learnt)
+    return RigFeedforward(
+        robot,
+        control_period,
+        known,
+        _MODELS.find(model)(robot, known),
+        ahead,
+        known.backlash if backlash else None,
+        known.believed(robot) if feedback else None,
+        tip_delay,
+    )
 
 
 def make_network_feedback(
@@ -99,15 +94,7 @@ def make_network_feedback(
     Raises:
         ValueError, FileNotFoundError: As there.
     """
-    from softrobot_env.control.feedforward.feedback import ReferenceFeedback
-    from softrobot_env.thesis.rig.feedforward import RigFeedforward
-
-    if not is_rig(robot):
-        raise ValueError(
-            f"robot {robot.name!r} is no rig with identified parameters: take 'feedforward_pi'"
-        )
-    known = _identified(robot, learnt)
-    network = RigFeedforward(robot, control_period, known, margin=_SHIFTED)
+    network = RigFeedforward(robot, control_period, _identified(robot, learnt), margin=_SHIFTED)
     return ReferenceFeedback(network, control_period, proportional, integral, tip_delay)
 
 
@@ -118,11 +105,3 @@ def _identified(
     if isinstance(learnt, IdentifiedParameters):
         return learnt
     return IdentifiedParameters.load(robot, learnt)
-
-
-def _refuse_ahead(robot: RobotParams, ahead: bool) -> None:
-    if ahead:
-        raise ValueError(
-            f"robot {robot.name!r} is no rig, whose law looks ahead on demand: take "
-            "'inverse_dynamics' or 'hybrid', which always do"
-        )

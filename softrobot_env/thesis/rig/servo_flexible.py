@@ -103,24 +103,6 @@ class FlexibleServoConstraints:
                 )
         return q, reduced
 
-    def hold(self, outputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Curvatures (k, n) [1/m] and reduced inputs (k, 2) [N] that hold outputs (k, 2) [m].
-
-        Points are quickest one beside the other: where the way from one to the next is too far,
-        it is gone from the straight pose.
-
-        Raises:
-            InversionError: One of them is out of reach.
-        """
-        outputs = np.ascontiguousarray(outputs, dtype=float)
-        found, forces = np.empty((len(outputs), self.model.n)), np.empty((len(outputs), 2))
-        q, reduced = self.statics(outputs[0])
-        for k, place in enumerate(outputs):
-            if not hold(self.data, place, q, reduced):
-                q, reduced = self.statics(place)
-            found[k], forces[k] = q, reduced
-        return found, forces
-
     def start(self, position: np.ndarray) -> Progress:
         """Begin step by step, at rest with the output at (2,) or (3,) [m].
 

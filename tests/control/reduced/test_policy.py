@@ -57,7 +57,7 @@ def test_derivatives_of_the_model_are_right(policy):
     ]
     np.testing.assert_allclose(np.hstack([transition, effect]), np.array(numeric).T, atol=1e-7)
     z, slope = np.empty(2), np.empty((2, n))
-    outputs(policy._shape, x, z, slope)
+    outputs(policy._shape, model.origin, x, z, slope)
     np.testing.assert_allclose(z, model.decode(x), atol=1e-12)
     numeric = [
         (model.decode(x + step * e) - model.decode(x - step * e)) / (2 * step) for e in np.eye(n)
@@ -81,7 +81,7 @@ def test_the_gradient_of_a_plan_is_right(policy):
             before = u
         return total
 
-    arguments = model.motion, policy._shape, x, none, policy._weights
+    arguments = model.motion, policy._shape, model.origin, x, none, policy._weights
     hessian, gradient = program(*arguments, nodes, reference, last, 1e-2)
     shifts = np.eye(nodes.size).reshape(-1, *nodes.shape) * 1e-5
     numeric = [(cost(nodes + d) - cost(nodes - d)) / 4e-5 for d in shifts]

@@ -5,16 +5,21 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.flexible_plan import plan
 from support.servo_law import ServoLaw
 
 from softrobot_env.control.feedforward.motion import Motion
-from softrobot_env.control.registry import RIG_POLICIES, home_robot, make_policy
+from softrobot_env.control.registry import make_policy
+from softrobot_env.evaluation.run import run_episode
 from softrobot_env.identification.visits import nominal_lengths
-from softrobot_env.robots import RIG, SERVO_SPEED
-from softrobot_env.thesis.rig.feedforward import LENGTH_SCALE, RigFeedforward
+from softrobot_env.robots import LENGTH_SCALE, RIG, SERVO_SPEED
+from softrobot_env.thesis.envs import RigEnv
+from softrobot_env.thesis.rig.feedforward import RigFeedforward
 from softrobot_env.thesis.rig.inverse import TOTAL, OnePiece, SeveralPieces
 from softrobot_env.thesis.rig.parameters import IdentifiedParameters
 from softrobot_env.thesis.rig.policies import make_hybrid
+from softrobot_env.thesis.rig.servo_constraints import ServoConstraints
+from softrobot_env.thesis.rig.servo_flexible import FlexibleServoConstraints
 from softrobot_env.thesis.trajectories import RoundedTriangle
 
 PERIOD = 0.02
@@ -42,10 +47,16 @@ def follow(policy, wanted):
     return np.array(lengths), states
 
 
-def settled(policy, motion, state=None):
-    """Action and state for a motion, the action in force being the same already."""
-    wanted, _ = policy.predict(observation(motion), state)
-    return policy.predict(observation(motion, wanted), state)
+def decide(policy, motion, state=None, action=None):
+    """One decision; the action in force (3,) is the one wanted unless given."""
+    if action is None:
+        action, _ = policy.predict(observation(motion), state)
+    return policy.predict(observation(motion, action), state)
+
+
+SERVO = ServoConstraints(RIG)
+#: Networks that know the nominal statics.
+KNOWN = SimpleNamespace(statics=lambda z: nominal_lengths(RIG, z[None], TOTAL)[0])
 
 
 # ---------------------------------------------------------------- parts
@@ -114,11 +125,10 @@ def test_a_fast_reference_is_no_jump(period):
 
 def test_a_network_that_knows_the_nominal_statics_makes_the_hybrid_the_model():
     """(5.37) without s_err and (5.36) are (5.38)."""
-    known = SimpleNamespace(statics=lambda z: nominal_lengths(RIG, z[None], TOTAL)[0])
     wanted = motions(FAST, np.arange(0, 4, PERIOD))
-    hybrid = RigFeedforward(RIG, PERIOD, known, OnePiece(RIG))
+    hybrid = RigFeedforward(RIG, PERIOD, KNOWN, OnePiece(RIG))
     model = RigFeedforward(RIG, PERIOD, None, OnePiece(RIG))
-    statics = RigFeedforward(RIG, PERIOD, known)
+    statics = RigFeedforward(RIG, PERIOD, KNOWN)
     lengths, _ = follow(hybrid, wanted)
     np.testing.assert_allclose(lengths, follow(model, wanted)[0], atol=2e-9)
     assert np.max(np.abs(lengths - follow(statics, wanted)[0])) > 4e-3
@@ -164,20 +174,6 @@ PREVIOUS = np.array([0.1, -0.2, 0.3])
 
 
 @BOTH
-@pytest.mark.parametrize(
-    ("motion", "status"), [(FAR, "reference out of reach"), (BAD, "observation not finite")]
-)
-def test_what_cannot_be_done_is_said(name, motion, status):
-    """At the start, with nothing to go on from."""
-    policy = make_policy(name, RIG, PERIOD)
-    action, state = policy.predict(observation(motion, PREVIOUS), None)
-    np.testing.assert_allclose(action, PREVIOUS, atol=1e-7)
-    assert state.status == status
-    action, state = settled(policy, motions(FAST, np.zeros(1))[0], state)
-    assert state.status is None and np.all(np.isfinite(action))
-
-
-@BOTH
 def test_one_bad_reference_is_bridged(name):
     """On the fast laps; to begin anew at rest would cost 8 mm."""
     policy = make_policy(name, RIG, PERIOD)
@@ -203,7 +199,7 @@ def test_a_reference_that_stays_away_is_given_up(name):
 def test_the_action_in_force_matters_only_where_it_is_kept(name):
     policy = make_policy(name, RIG, PERIOD)
     there, unknown = motions(FAST, np.array([3.0]))[0], np.full(3, np.nan)
-    truth, state = settled(policy, there)
+    truth, state = decide(policy, there)
     found, said = policy.predict(observation(there, unknown), None)
     np.testing.assert_array_equal(found, truth)
     assert said.status == "observation not finite"
@@ -215,7 +211,7 @@ def test_beyond_the_network_s_points_is_said():
     policy = make_policy("rig_nn", RIG, PERIOD)
     for x, status in ((0.121, None), (0.126, "outside the trained workspace")):
         still = Motion(np.array([x, 0.0]), np.zeros(2), np.zeros(2))
-        assert settled(policy, still)[1].status == status
+        assert decide(policy, still)[1].status == status
 
 
 def test_parts_that_do_not_exist_are_refused():
@@ -223,12 +219,6 @@ def test_parts_that_do_not_exist_are_refused():
         make_hybrid(RIG, PERIOD, model="two pieces")
     with pytest.raises(ValueError, match="needs identified statics, a model or both"):
         RigFeedforward(RIG, PERIOD)
-
-
-@pytest.mark.parametrize("period", [0.0, -0.02, np.nan, np.inf])
-def test_periods_that_are_none_are_refused(period):
-    with pytest.raises(ValueError, match="control_period must be finite and positive"):
-        make_policy("hybrid_calibrated", RIG, period)
 
 
 def test_the_calibrated_hybrid_takes_the_play_that_was_learnt():
@@ -243,5 +233,191 @@ def test_the_calibrated_hybrid_takes_the_play_that_was_learnt():
     assert np.max(np.abs(some - none)) == pytest.approx(0.3e-3, rel=1e-3)
 
 
-def test_the_rig_s_policies_are_not_the_arm_s():
-    assert {home_robot(name) for name in RIG_POLICIES} == {RIG}
+SLACK, SLOW = "tendon would slacken", "servo too slow"
+
+
+def laps(period):
+    """Times (n,) [s] and motions of triangle laps."""
+    run = RoundedTriangle(period=period, approach=0.0)
+    times = np.arange(0, run.end_time, PERIOD)
+    return times, motions(run, times)
+
+
+def statuses(policy, wanted):
+    """Of the decisions for motions, the first of them with the action wanted in force."""
+    action = state = None
+    found = []
+    for motion in wanted:
+        action, state = decide(policy, motion, state, action)
+        found.append(state.status)
+    return np.array(found, dtype=object)
+
+
+def tensions(reduced):
+    """Tensions (n, 3) [N] of reduced inputs (n, 2) [N] with the sum wanted, by three equations."""
+    offsets = np.array([tendon.offset for tendon in RIG.tendons])
+    lever = np.hypot(*offsets.T).mean()
+    equations = np.vstack([offsets.T / lever, np.ones(3)])
+    right = np.column_stack([reduced, np.full(len(reduced), TOTAL)])
+    return np.linalg.solve(equations, right.T).T
+
+
+def test_slack_is_said_exactly_where_a_tension_of_the_plan_is_negative():
+    _, wanted = laps(0.6)
+    inverse = SERVO.plan(*(np.array(part) for part in zip(*wanted, strict=True)))
+    truth = tensions(inverse.reduced).min(axis=1) < 0
+    assert 0.1 < truth.mean() < 0.3
+    for learnt in (None, KNOWN):
+        found = statuses(RigFeedforward(RIG, PERIOD, learnt, OnePiece(RIG)), wanted) == SLACK
+        np.testing.assert_array_equal(found, truth)
+
+
+def test_slack_is_said_of_several_pieces_as_well():
+    """As a plan with small steps has it, but where it is close."""
+    times, wanted = laps(0.6)
+    run = RoundedTriangle(period=0.6, approach=0.0)
+    found = plan(FlexibleServoConstraints(RIG, pieces=3), run, times, substeps=8)
+    least = tensions(found.reduced).min(axis=1)
+    found = statuses(RigFeedforward(RIG, PERIOD, None, SeveralPieces(RIG, pieces=3)), wanted)
+    clear = np.abs(least) > 1.0
+    assert clear.mean() > 0.8 and np.sum(least < -1.0) > 20
+    np.testing.assert_array_equal((found == SLACK)[clear], least[clear] < 0)
+
+
+@pytest.mark.parametrize("period", [0.02, 0.005])
+def test_a_servo_is_too_slow_where_it_does_not_arrive_in_time(period):
+    """By the simulated servos."""
+    rng = np.random.default_rng(0)
+    policy = RigFeedforward(RIG, period, None, OnePiece(RIG))
+    still = Motion(np.array([0.05, -0.03]), np.zeros(2), np.zeros(2))
+    wanted, _ = decide(policy, still)
+    seen = set()
+    for _ in range(100):
+        way = rng.uniform(-1.3, 1.3, 3) * SERVO_SPEED * period
+        before = wanted - way / LENGTH_SCALE
+        action, state = decide(policy, still, None, before)
+        servos = ServoLaw(SERVO_SPEED, np.zeros(3), np.zeros(3))
+        servos.start(LENGTH_SCALE * before)
+        servos.move(LENGTH_SCALE * action.astype(float), np.array([period]))
+        late = np.abs(servos.motor - LENGTH_SCALE * action).max() > 1e-8
+        assert state.status == (SLOW if late else None)
+        seen.add(state.status)
+    assert seen == {SLOW, None}
+
+
+@pytest.mark.parametrize("period", [5.0, 1.0])
+@pytest.mark.parametrize("model", [None, OnePiece, SeveralPieces])
+def test_nothing_is_said_of_laps_that_can_be_done(period, model):
+    policy = RigFeedforward(RIG, PERIOD, KNOWN, model and model(RIG), ahead=True, backlash=1e-4)
+    assert set(statuses(policy, laps(period)[1])) == {None}
+
+
+SIDEWAYS = np.array([0.0, 20.0])  # m/s2
+NOWHERE = Motion(*np.full((3, 2), np.nan))
+
+
+@pytest.mark.parametrize(
+    ("learnt", "x", "status"),
+    [
+        (SimpleNamespace(statics=lambda z: np.full(3, 0.05)), 0.126, "length limit reached"),
+        (KNOWN, 0.126, "outside the trained workspace"),
+        (KNOWN, 0.12, SLACK),
+        (None, 0.126, SLACK),
+    ],
+)
+def test_what_changes_the_action_is_said_first(learnt, x, status):
+    """All of these are slack and too slow, too; a missing reference comes before them all."""
+    policy = RigFeedforward(RIG, PERIOD, learnt, OnePiece(RIG))
+    motion = Motion(np.array([x, 0.0]), np.zeros(2), SIDEWAYS)
+    _, state = decide(policy, motion, None, np.full(3, -1.0))
+    assert state.status == status
+    _, state = decide(policy, NOWHERE, state, np.full(3, -1.0))
+    assert state.status == "observation not finite"
+
+
+def test_statics_without_a_model_know_no_tensions():
+    found = statuses(RigFeedforward(RIG, PERIOD, KNOWN), laps(0.6)[1])
+    assert SLACK not in found
+
+
+def test_stacked_decisions_of_the_network_are_those_of_one_after_the_other(monkeypatch):
+    """In reach and out of it, slow and too fast, and some that are not finite; twice in a row."""
+    policy, rng = make_policy("rig_nn", RIG, PERIOD), np.random.default_rng(0)
+    size = {name: 0.2 * rng.uniform(-1, 1, (60, policy.sizes[name])) for name in policy.requires}
+    size["previous_action"] *= 5
+    size["reference"][3], size["previous_action"][5, 1] = np.nan, np.inf
+    calls, batch = [], type(policy._network).batch
+
+    def counted(network, places):
+        calls.append(len(places))
+        return batch(network, places)
+
+    monkeypatch.setattr(type(policy._network), "batch", counted)
+    states, alone = None, [None] * 60
+    for _ in range(2):
+        actions, states = policy.predict(size, states)
+        for i in range(60):
+            action, alone[i] = policy.predict({n: v[i] for n, v in size.items()}, alone[i])
+            np.testing.assert_array_equal(actions[i], action)
+            assert states[i].status == alone[i].status
+    assert calls == [58, 58]
+    assert {s.status for s in states} >= {
+        SLOW,
+        "outside the trained workspace",
+        "observation not finite",
+    }
+
+
+def errors(policy, period, twin=0, **known):
+    """Error [m] after the approach."""
+    env = RigEnv("triangle", period=period, twin=twin, observe="all")
+    rollout = run_episode(env, make_policy(policy, RIG, env.control_period, **known), seed=0)
+    # The first command is one to a sum of tensions that the rig does not begin with.
+    assert rollout.failure is None and rollout.policy_status[0] == "servo too slow"
+    assert set(rollout.policy_status[1:]) == {""}
+    return rollout.error[rollout.time > env.task.trajectory.approach]
+
+
+@pytest.fixture(scope="module")
+def parts():
+    """Mean errors [m] of the network alone and of the model alone."""
+    return [errors(policy, 5.0).mean() for policy in ("rig_nn", "inverse_dynamics")]
+
+
+@pytest.mark.parametrize("policy", ["hybrid", "hybrid_flexible"])
+def test_the_hybrid_is_better_than_its_parts(parts, policy):
+    """The thesis has 2.9 mm in the mean and 8.9 mm at most, 4.5 and 12.5 mm for the parts.
+
+    Half of the dynamic part would leave 3 mm or more, another sign or a turn of the network by 0.12
+    rad 8 mm or more.
+    """
+    network, model = parts
+    error = errors(policy, 5.0)
+    assert error.mean() < 3.5e-3 and error.max() < 8.9e-3
+    assert error.mean() < 0.55 * network and error.mean() < 0.2 * model
+
+
+def test_the_rig_without_errors_is_the_one_that_the_model_describes():
+    assert errors("inverse_dynamics", 5.0, twin=None).mean() < 2e-3
+
+
+def test_fast_laps_need_the_dynamics_and_their_damping():
+    """The thesis has 8.6 mm with both parts, 35.9 mm with the network alone."""
+    learnt = IdentifiedParameters.load(RIG)
+    assert errors("rig_nn", 1.0).mean() > 20e-3
+    assert errors("hybrid_calibrated", 1.0).mean() < 4e-3
+    light = replace(learnt, damping=0.8 * learnt.damping)
+    assert errors("hybrid_calibrated", 1.0, learnt=light).mean() > 5e-3
+
+
+@pytest.mark.slow
+def test_feedback_learns_another_stiffness():
+    """A tenth of the error is left, although the camera sees the tip a period late."""
+    env = RigEnv("triangle", period=5.0, twin=0, observe="all")
+    wrong, learnt = (
+        run_episode(env, make_policy(name, env), options={"vary": {"youngs_modulus": 0.75}})
+        for name in ("hybrid_calibrated", "hybrid_feedback")
+    )
+    late = wrong.time > env.task.trajectory.approach
+    assert learnt.failure is None
+    assert learnt.error[late].mean() < 0.1 * wrong.error[late].mean()

@@ -43,15 +43,6 @@ def test_dae_with_one_piece_has_the_algebraic_solution(one):
     assert gaps[1] < 1e-5
 
 
-def test_a_plan_may_begin_in_motion(one):
-    """With the forces of the motion from the first instant on."""
-    times = np.linspace(3.9, 4.4, 26)
-    motion = (FAST.position(times), FAST.velocity(times), FAST.acceleration(times))
-    exact = ServoConstraints(RIG).plan(*motion).reduced
-    gaps = np.abs(plan(one, FAST, times, 4).reduced - exact).max(axis=1)
-    assert gaps[0] < gaps[1:].max() < 0.03
-
-
 def test_stabilisation_keeps_the_output_on_its_trajectory(one):
     """Without it, the errors of the velocity's integration stay."""
     kept, free = (plan(one, FAST, TIMES, 2, stabilisation=gain) for gain in (50.0, 0.0))
@@ -93,15 +84,6 @@ def test_statics_hold_the_model(three):
         np.testing.assert_allclose(output(three, q[None])[0], z, atol=1e-13)
         held_by = three.model.equilibrium(three.tendons.tension(reduced), load_steps=10)
         np.testing.assert_allclose(held_by, q, atol=1e-7)
-
-
-def test_dynamic_part_is_what_statics_lack(three):
-
-    found = plan(three, FAST, TIMES, 2)
-    for k in (120, 200):
-        q, reduced = three.statics(FAST.position(TIMES[k : k + 1])[0, :2])
-        rest = three.tendons.pulled(three.tendons.tension(reduced), q.reshape(3, 2).mean(axis=0))
-        np.testing.assert_allclose(found.pulled[k] - found.dynamic[k], rest, atol=1e-13)
 
 
 def test_steps_are_those_of_the_plan(three):

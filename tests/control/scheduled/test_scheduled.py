@@ -1,20 +1,29 @@
 """Laws of any robot on tables of operating points, against its chain at rest and in motion."""
 
+from dataclasses import replace
+
+import gymnasium
 import numpy as np
 import pytest
 import scipy.linalg
+from scipy.optimize import lsq_linear
 
+import softrobot_env  # noqa: F401  (registers the environments)
+from softrobot_env.control.linear_quadratic import BoundedSolver
 from softrobot_env.control.observers import OutputFeedback
 from softrobot_env.control.registry import make_policy, policy_environment
 from softrobot_env.control.scheduled.law import build_table
 from softrobot_env.control.scheduled.lq_preview import LQPreview, Preview
 from softrobot_env.control.scheduled.lqi import LQI, Integral
-from softrobot_env.control.scheduled.operating_points import find_points
+from softrobot_env.control.scheduled.mpc import PREVIEW, THESIS, Constrained, ScheduledMPC
+from softrobot_env.control.scheduled.operating_points import BeamLinearizer, find_points
+from softrobot_env.control.scheduled.plan_gains import deviation_cost, plan_gains, regulator_of
 from softrobot_env.control.scheduled.policies import save_table
-from softrobot_env.control.scheduled.table import look_up
-from softrobot_env.control.scheduled.timing import timing_of
+from softrobot_env.control.scheduled.table import look_up, row_size
+from softrobot_env.control.scheduled.timing import Timing, timing_of
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.robots import find_robot
+from softrobot_env.evaluation.runner import Case, run
+from softrobot_env.robots import ARM, find_robot
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import artifact_name
 from softrobot_env.robots.file import read_robot, write_robot
@@ -25,6 +34,7 @@ from softrobot_env.scene.registry import scene_of
 from softrobot_env.tasks.generic import generic_tasks
 
 FINGER, ROD = find_robot("planar_finger"), find_robot("silicone_rod")
+TIMING = timing_of(ROD)
 
 
 @pytest.fixture(scope="module")
@@ -38,8 +48,13 @@ def table(points):
 
 
 @pytest.fixture(scope="module")
-def rod_table():
-    return build_table(ROD, Preview(ROD), find_points(ROD, most=25, candidates=80))
+def rod_points():
+    return find_points(ROD, most=25, candidates=80)
+
+
+@pytest.fixture(scope="module")
+def rod_table(rod_points):
+    return build_table(ROD, Preview(ROD), rod_points)
 
 
 def environment(robot, task="circle", **options):
@@ -190,25 +205,305 @@ def test_a_file_beside_the_robots_is_found(points, table, tmp_path):
         make_policy("lq_preview", other, period)
 
 
-def test_too_few_previews_are_refused(table):
-    timing = timing_of(FINGER)
-    policy = LQPreview(FINGER, timing.period, table)
-    with TrackingEnv(
-        generic_tasks(FINGER)["circle"](), observe="all", control_period=timing.period
-    ) as env:
-        observation, _ = env.reset(seed=0)
-        with pytest.raises(ValueError, match="needs an environment with preview="):
-            policy.predict(observation)
+# --- plans within limits --------------------------------------------------------------------------
 
 
-def test_values_that_are_not_finite_keep_the_action(table):
-    policy = LQPreview(FINGER, timing_of(FINGER).period, table)
-    with environment(FINGER) as env:
-        observation, _ = env.reset(seed=0)
-    _, state = policy.predict(observation)
-    bad = observation | {"curvature": observation["curvature"] * np.nan}
-    action, state = policy.predict(bad, state)
-    np.testing.assert_allclose(action, observation["previous_action"], atol=1e-6)
-    assert state.status == "observation not finite"
-    action, state = policy.predict(observation, state)
-    assert state.status is None and np.isfinite(action).all()
+@pytest.fixture(scope="module")
+def law(rod_points):
+    table = build_table(ROD, Constrained(ROD), rod_points)
+    return ScheduledMPC(ROD, TIMING.period, table)
+
+
+def still(law, **changed):
+    """At rest at the first operating point, with the reference there."""
+    table = law._law.table
+    row, tip, m = table.rows[0], table.tips[0], table.m
+    seen = {
+        "curvature": row[m : m + table.n],
+        "curvature_rate": np.zeros(table.n),
+        "tip_position": tip,
+        "reference": tip,
+        "reference_preview": np.tile(tip, len(law._law.times) - 1),
+        "previous_action": row[:m],
+        "tendon_length": row[:m] * law._own.input_scale,
+    }
+    return seen | changed
+
+
+# ---------------------------------------------------------------- gains
+
+
+def rolled(regulator, start, places, rates):
+    """Least inputs (count, m) from a state for outputs (count, d) and their rates, all at once."""
+    (states, order), count = regulator.b.shape, len(places)
+    by_input, free = np.zeros((states, count * order)), start.copy()
+    hessian, gradient = np.kron(np.eye(count), regulator.change), np.zeros(count * order)
+    for k in range(count):
+        by_input = regulator.a @ by_input
+        by_input[:, k * order : (k + 1) * order] += regulator.b
+        free = regulator.a @ free
+        wanted = regulator.position.T @ places[k]
+        wanted += regulator.velocity_weight * regulator.speed.T @ rates[k]
+        hessian += by_input.T @ regulator.weight @ by_input
+        gradient += by_input.T @ (regulator.weight @ free - wanted)
+    return np.linalg.solve(hessian, -gradient).reshape(count, order)
+
+
+def test_unbound_plan_is_the_dense_optimum_over_a_long_horizon(rod_points):
+    """Two hundred steps by least squares, without Riccati's equation, from states at random."""
+    h = TIMING.period
+    timing = Timing(TIMING.first, h, (h, 4 * h, 12 * h), (h, 6 * h, 15 * h))
+    point, directions = rod_points.points[3], rod_points.directions
+    regulator = regulator_of(ROD, point, directions, timing)
+    n, m, d = len(point.curvature), len(point.action), len(directions)
+    rng = np.random.default_rng(0)
+    start = 0.1 * rng.normal(size=2 * n + m)
+    ways = np.cumsum(1e-3 * rng.normal(size=(3, d)), axis=0)
+    knots, known = np.array([0.0, *timing.knots]), np.vstack([np.zeros((1, d)), ways])
+    places = np.stack([np.interp(h * np.arange(201), knots, row) for row in known.T], axis=1)
+    rates = np.gradient(places, h, axis=0)
+    rates[12:] = 0.0  # it stays at the last knot
+    inputs = rolled(regulator, start, places[1:], rates[1:])
+    dense = start[-m:] + np.cumsum(inputs, axis=0)[[0, 5, 14]]
+    gains = plan_gains(regulator, timing, directions)
+    inner = 3 * m * (2 * n + m)
+    feedback = gains[:inner].reshape(3 * m, -1) * np.concatenate([regulator.size, np.ones(m)])
+    ahead = gains[inner:].reshape(3 * m, 9)
+    planned = np.tile(start[-m:], 3) - feedback @ start + ahead @ (ways @ directions).ravel()
+    np.testing.assert_allclose(planned.reshape(3, m), dense, atol=2e-3 * np.abs(dense).max())
+
+
+def test_cost_of_deviations_is_what_they_cost_step_by_step(rod_points):
+    """By running both plans for long, each with the best feedback after the last node."""
+    timing = PREVIEW.timing(ROD)
+    regulator = regulator_of(ROD, rod_points.points[1], rod_points.directions, timing)
+    m, rng = regulator.b.shape[1], np.random.default_rng(1)
+    hessian = deviation_cost(regulator, timing)
+    costs = []
+    off = rng.normal(size=(2, len(timing.nodes), m))
+    start = 0.1 * rng.normal(size=len(regulator.a))
+    for more in (np.zeros_like(off[0]), *off):
+        costs.append(_cost(regulator, timing, start, more))
+    one, two = (more.ravel() @ hessian @ more.ravel() for more in off)
+    assert (costs[1] - costs[0]) / (costs[2] - costs[0]) == pytest.approx(one / two, rel=1e-5)
+
+
+def _cost(regulator, timing, start, off):
+    """Of the LQ plan from a state, plus deviations (c, m) of the actions at the nodes."""
+    nodes = np.array([0.0, *timing.nodes])
+    last, m = round(nodes[-1] / timing.period), off.shape[1]
+    best, state, cost = start.copy(), start.copy(), 0.0
+    for k in range(last + 3000):
+        wanted = best[-m:] - regulator.feedback @ best
+        best = regulator.a @ best - regulator.b @ regulator.feedback @ best
+        if k < last:
+            time = (k + 1) * timing.period
+            more = [np.interp(time, nodes, [0.0, *column]) for column in off.T]
+            change = wanted + more - state[-m:]
+        else:
+            change = -regulator.feedback @ state
+        state = regulator.a @ state + regulator.b @ change
+        cost += state @ regulator.weight @ state + change @ regulator.change @ change
+    return cost
+
+
+def test_gains_are_as_many_as_files_are_checked_for(law):
+    table = law._law.table
+    before = row_size(table.n, table.m, len(table.directions))
+    assert table.rows.shape[1] == before + Constrained(ROD).count(table.n, table.m, 2)
+
+
+# ---------------------------------------------------------------- programs
+
+
+def test_bounded_solver_with_rows_agrees_with_a_transformed_problem():
+    """Rows that are invertible make a problem with bounds alone, in other unknowns."""
+    rng = np.random.default_rng(3)
+    factor, rows = rng.normal(size=(8, 5)), rng.normal(size=(5, 5)) + 3 * np.eye(5)
+    goal = 3 * rng.normal(size=8)
+    back = np.linalg.inv(rows)
+    expected = back @ lsq_linear(factor @ back, goal, (-0.2, 0.3), tol=1e-14).x
+    wide = np.full(5, 1e3)
+    bounds = np.concatenate([-wide, np.full(5, -0.2)]), np.concatenate([wide, np.full(5, 0.3)])
+    found = BoundedSolver()(factor.T @ factor, -factor.T @ goal, *bounds, rows)
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+def test_programs_ask_servos_for_no_more_than_their_speed(law):
+    seen = still(law)
+    seen["reference"] = seen["reference"] + [0.03, 0.0, 0.0]
+    seen["reference_preview"] = np.tile(seen["reference"], len(law._law.times) - 1)
+    _, state = law.predict(still(law))
+    action, state = law.predict(seen, state)
+    change = np.abs(action - seen["previous_action"])
+    limit = ROD.drive.speed * TIMING.period / law._own.input_scale
+    assert np.all(change <= limit * (1 + 1e-5))
+
+
+@pytest.mark.slow
+def test_circle_beyond_the_speed_of_servos_is_followed_better_than_by_lq(rod_table, law):
+    lq = LQPreview(ROD, TIMING.period, rod_table)
+    assert followed(ROD, law, 0.5) < 0.5 * followed(ROD, lq, 0.5)
+
+
+def test_tensions_of_a_planar_arm_end_at_their_limits():
+    arm = replace(ARM, name="short", length=0.3, pieces=4, tendons=_two_pairs())
+    table = build_table(arm, Constrained(arm), find_points(arm, most=6, candidates=30))
+    law = ScheduledMPC(arm, timing_of(arm).period, table)
+    seen = still(law)
+    flat = {name: seen[name][[0, 2]] for name in ("tip_position", "reference")}
+    knots = len(law._law.times) - 1
+    seen |= flat | {"reference_preview": np.tile(flat["reference"], knots)}
+    action, state = law.predict(seen)
+    np.testing.assert_allclose(action, seen["previous_action"], atol=2e-3)
+    far = flat["reference"] + [0.1, 0.0]
+    for _ in range(20):
+        action, state = law.predict(
+            seen | {"reference": far, "reference_preview": np.tile(far, knots)}, state
+        )
+    assert np.abs(action).max() == pytest.approx(1.0, abs=1e-6)
+    assert state.status == "tension limit reached"
+
+
+def _two_pairs():
+    pairs = [t for t in ARM.tendons if t.group < 2]
+    return tuple(replace(t, end=0.15 * (t.group + 1), tension_limit=15.0) for t in pairs)
+
+
+def followed(robot, policy, share):
+    """Mean error [m] on a circle at a share of the first mode's rate."""
+    task = gymnasium.make("SoftRobot/Track-v0", robot=robot, task="circle").unwrapped.task
+    speed = task.trajectory.curve.top_rate * 2 * np.pi * share / timing_of(robot).first
+    env = gymnasium.make(
+        "SoftRobot/Track-v0",
+        robot=robot,
+        task="circle",
+        speed=speed,
+        observe=policy.requires,
+        control_period=timing_of(robot).period,
+        preview=policy._law.times[1:].tolist(),
+    )
+    seen, state, errors, over = env.reset(seed=0)[0], None, [], False
+    while not over:
+        action, state = policy.predict(seen, state)
+        seen, _, failed, late, _ = env.step(action)
+        errors.append(np.linalg.norm(seen["tip_position"] - seen["reference"]))
+        over = failed or late
+    return np.mean(errors)
+
+
+# ---------------------------------------------------------------- refusals
+
+
+def test_thesis_settings_need_no_preview(rod_points):
+    timing = THESIS.timing(ROD)
+    table = build_table(ROD, Constrained(ROD, THESIS), rod_points)
+    law = ScheduledMPC(ROD, TIMING.period, table, THESIS)
+    assert law.hold == round(timing.period / TIMING.period) and not timing.knots
+    assert "reference_preview" not in law.requires
+    seen = still(law)
+    action, _ = law.predict(seen)
+    np.testing.assert_allclose(action, seen["previous_action"], atol=2e-3)
+
+
+def test_other_previews_and_references_are_refused(law):
+    with pytest.raises(ValueError, match="needs an environment with preview="):
+        law.predict(still(law, reference_preview=np.zeros(6)))
+    with pytest.raises(ValueError, match="of three coordinates"):
+        law.predict(still(law, reference=np.zeros(1), tip_position=np.zeros(1)))
+
+
+def test_periods_that_are_no_part_of_its_own_are_refused(law):
+    with pytest.raises(ValueError, match=r"model predictive control decides every 0\.001 s"):
+        ScheduledMPC(ROD, 0.003, law._law.table)
+
+
+def test_bad_observations_keep_the_action(law):
+    seen = still(law)
+    _, state = law.predict(seen)
+    bad = still(law, curvature=np.full(law._law.table.n, np.nan))
+    action, state = law.predict(bad, state)
+    np.testing.assert_allclose(action, seen["previous_action"], atol=1e-7)
+    assert state.status.startswith("observation not finite")
+
+
+# --- points of beam models ------------------------------------------------------------------------
+
+
+def first_frequency(model):
+    return np.sqrt(np.linalg.eigvals(np.linalg.solve(model.mass, model.stiffness)).real.min())
+
+
+@pytest.mark.parametrize(
+    ("robot", "plant", "left"),
+    [
+        (FINGER, "pcc", (2e-3, 2e-3)),
+        (ROD, "pcc", (2e-3, 2e-3)),
+        # The tip also follows stretch, along the axis, and shapes within a piece, which curvatures
+        # do not tell.
+        pytest.param(ROD, "cosserat", (0.03, 0.12), marks=pytest.mark.slow),
+        pytest.param(ARM, "ancf", (0.03, 0.12), marks=pytest.mark.slow),
+    ],
+    ids=lambda x: getattr(x, "name", x),
+)
+def test_shape_and_tip_follow_the_actions_as_equilibria_do(robot, plant, left):
+    """Shapes by 2e-3, the error of the differences, and the tip but for what is left to it.
+
+    `left` is a share of the largest motion, across the axis and along it.
+    """
+    beam, scale = BeamLinearizer(robot, plant), robot_inputs(robot).input_scale
+    inputs = 0.2 * scale * np.array([1.0, -0.6, 0.4])[: len(scale)]
+    inputs = robot_inputs(robot).input_centre + inputs
+    *_, model = beam.rest(inputs)
+    slope, step = np.linalg.solve(model.stiffness, model.inputs), 1e-3
+    bend, moved = [], []
+    for push in step * np.diag(scale):
+        above, below = beam.rest(inputs + push), beam.rest(inputs - push)
+        bend.append((above[1] - below[1]) / (2 * step))
+        moved.append((above[2] - below[2]) / (2 * step))
+    np.testing.assert_allclose(slope.T, bend, atol=2e-3 * np.abs(bend).max())
+    error = np.abs((model.tip @ slope).T - moved).max(0) / np.abs(moved).max()
+    assert (error <= [left[0], left[0], left[1]]).all(), error
+
+
+@pytest.mark.parametrize("robot", [FINGER, ROD], ids=lambda robot: robot.name)
+def test_first_frequency_and_damping_are_about_those_of_the_chain(robot):
+    """Pieces of constant curvature and hinges are different models of the same beam."""
+    space = workspace_of(robot)
+    inputs = space.ground.inputs
+    chain = Linearizer(space.scene).about(space.inverse.posture(inputs), inputs)
+    *_, beam = BeamLinearizer(robot, "pcc").rest(inputs)
+    assert first_frequency(beam) == pytest.approx(first_frequency(chain), rel=0.05)
+    ratios = [np.trace(m.damping) / np.trace(m.stiffness) for m in (beam, chain)]
+    assert ratios[0] == pytest.approx(ratios[1], rel=0.05)
+    # Springs twice as stiff: what the curvatures lose by it is the curvature itself, to first
+    # order, where nothing but springs is stiff.
+    shares = [np.linalg.norm(m.elastic) / np.trace(m.stiffness) for m in (beam, chain)]
+    assert shares[0] == pytest.approx(shares[1], rel=0.05, abs=1e-6)
+
+
+def test_a_model_that_lacks_what_the_robot_has_says_so():
+    with pytest.raises(ValueError, match="one section"):
+        find_points(FINGER, plant="ancf")
+
+
+@pytest.mark.slow
+def test_a_law_tuned_on_another_plant_tracks_about_as_well_on_either():
+    """A tenth of what holding still errs, and within a third of the law that is at home."""
+    timing, errors = timing_of(FINGER), {}
+    task = generic_tasks(FINGER)["circle"](frequency=0.3)
+    for tuned in ("mujoco", "pcc"):
+        points = find_points(FINGER, most=40, candidates=120, plant=tuned)
+        law = LQPreview(FINGER, timing.period, build_table(FINGER, Preview(FINGER), points))
+        for plant in ("mujoco", "pcc"):
+            case = Case(task, "lq_preview", plant=plant)
+            env = Case(task, "hold", plant=plant, scene=_times(timing)).environment()
+            errors[tuned, plant] = float(np.mean(run(case, env, law).rollout.error))
+    hold = float(np.mean(run(Case(task, "hold")).rollout.error))
+    assert max(errors.values()) < hold / 10, errors
+    assert errors["pcc", "mujoco"] < 4 / 3 * errors["mujoco", "mujoco"], errors
+    assert errors["mujoco", "pcc"] < 4 / 3 * errors["pcc", "pcc"], errors
+
+
+def _times(timing):
+    return {"control_period": timing.period, "preview": timing.knots}

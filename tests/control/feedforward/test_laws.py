@@ -1,22 +1,132 @@
-"""Inverse dynamics of any robot: what moves the tip along the reference, and what cannot."""
+"""Static feedforward of any robot: it holds what it is asked for, and says where it cannot."""
 
 from dataclasses import replace
 
+import gymnasium
 import mujoco
 import numpy as np
 import pytest
 from support.example_robots import SOME
 
+from softrobot_env.control.base import REASONS, UNREACHABLE
 from softrobot_env.control.registry import make_policy
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import CANTILEVER_WEAK, RIG, find_robot
+from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.registry import model_scene
 from softrobot_env.scene.tangent import StaticForces
+from softrobot_env.tasks import make_task
 from softrobot_env.tasks.generic import GENERIC_TASKS, site_of
+from softrobot_env.training.quasi_static import Learning, train
+
+
+def asked(task, times):
+    """Observations at times [s], with the start in force."""
+    inputs = robot_inputs(task.robot)
+    action = (np.array(task.start_input) - inputs.input_centre) / inputs.input_scale
+    axes = ["xyz".index(name) for name in task.axes]
+    points = task.trajectory.position(times)[:, axes]
+    return [{"reference": point, "previous_action": action} for point in points]
+
+
+@pytest.mark.parametrize("name", ["arm", "rig", *SOME])
+def test_the_tip_comes_to_rest_on_the_reference(name):
+    """In a scene of its own, after a motion along the reference."""
+    robot = find_robot(name)
+    task = make_task("circle", robot=robot)
+    policy, state = make_policy("static", robot, 0.01), None
+    observations = asked(task, np.linspace(0, task.duration / 2, 15))
+    for observation in observations:
+        action, state = policy.predict(observation, state)
+        assert state.status is None
+    scene, inputs = build_scene(model_scene(robot)), robot_inputs(robot)
+    controls = np.zeros(scene.n_inputs)
+    commanded = inputs.command(inputs.input_centre + action * inputs.input_scale)
+    controls[: len(robot.tendons)] = commanded
+    tip = scene.tip(scene.equilibrium(controls))
+    axes = ["xyz".index(axis) for axis in task.axes]
+    # Actions are single precision: 6e-8 of full scale.
+    assert np.abs(tip[axes] - observations[-1]["reference"]).max() < 2e-5 * robot.reach
+
+
+def test_a_height_of_its_own_is_met_where_inputs_are_left():
+    """A trunk of two sections lifts its tip above where the least inputs hold it; a rod cannot."""
+    for name, free in (("hanging_trunk", True), ("silicone_rod", False)):
+        task = make_task("circle", robot=name)
+        (observation,) = asked(task, np.zeros(1))
+        policy = make_policy("static", task.robot, 0.01)
+        _, state = policy.predict(observation)
+        assert state.status is None
+        lifted = observation | {"reference": observation["reference"] + [0.0, 0.0, 2e-3]}
+        _, state = policy.predict(lifted, state)
+        assert state.status == (None if free else REASONS[UNREACHABLE])
+
+
+def test_an_environment_says_robot_and_period():
+    env = gymnasium.make("SoftRobot/Track-v0", robot="planar_finger", control_period=0.02)
+    policy = make_policy("static", env)
+    observation, _ = env.reset(seed=0)
+    action, state = policy.predict(observation)
+    assert state.status is None
+    *_, info = env.step(action)
+    assert info["error"] < 0.01
+    with pytest.raises(ValueError, match="control_period"):
+        make_policy("static", find_robot("planar_finger"))
+
 
 PERIOD = 0.01
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """A small network of the rod, and its file."""
+    robot = find_robot("silicone_rod")
+    shown = []
+    found = train(robot, show=lambda *row: shown.append(row), how=Learning(150, (12,), 40))
+    path = tmp_path_factory.mktemp("networks") / "qs_nn.npz"
+    found.network.save(path, found.about)
+    return robot, found, path, shown
+
+
+def test_it_knows_places_it_has_not_seen(trained):
+    """Errors of the tip's place at rest, by the chain's own statics; it tells how far it is."""
+    robot, found, _, shown = trained
+    assert found.network.sizes == (2, 12, 3)
+    assert np.median(found.errors) < 5e-3 * robot.length
+    assert {row[0].split()[0] for row in shown} == {"inverse", "squared"}
+
+
+def test_its_law_and_the_hybrid_begin_as_the_statics(trained):
+    robot, _, path, _ = trained
+    task = make_task("circle", robot=robot)
+    point = task.trajectory.position(np.zeros(1))[0]
+    seen = {
+        "reference": point,
+        "reference_velocity": np.zeros(3),
+        "reference_acceleration": np.zeros(3),
+        "previous_action": np.zeros(3),
+    }
+    static, _ = make_policy("static", robot, PERIOD).predict(seen)
+    for name, option in (("qs_nn", "weights"), ("hybrid", "learnt")):
+        policy = make_policy(name, robot, PERIOD, **{option: path})
+        action, state = policy.predict(seen)
+        assert np.abs(action - static).max() < 0.05 and state.status is None
+        far = seen | {"reference": point + np.array([0.5, 0.0, 0.0])}
+        _, state = policy.predict(far, state)
+        assert state.status in ("outside the trained workspace", "reference out of reach")
+
+
+def test_other_robots_are_told_how_to_train(trained):
+    _, _, path, _ = trained
+    finger = find_robot("planar_finger")
+    for name, option in (("qs_nn", "weights"), ("hybrid", "learnt")):
+        command = "softrobot train qs_nn --robot .*planar_finger"
+        with pytest.raises(ValueError, match=command):
+            make_policy(name, finger, PERIOD)
+        with pytest.raises(ValueError, match=command):
+            make_policy(name, finger, PERIOD, **{option: path})
 
 
 def lap(name, share, path="circle"):

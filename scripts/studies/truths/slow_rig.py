@@ -6,20 +6,14 @@ follows it across a gap, the friction R (Prandtl): it stays as it is while |F_k 
 dragged along at that distance otherwise.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
-from softrobot_env.beams.numerics.compilation import kernel, reference, structure
+from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.robots import RobotParams
-from softrobot_env.thesis.rig.spatial_piece import (
-    RigPiece,
-    add_static,
-    make_rig_piece,
-    output,
-)
+from softrobot_env.thesis.rig.spatial_piece import RigPiece, add_static, make_rig_piece
 from softrobot_env.thesis.rig.three_tendons import elastic_tendons
 from softrobot_env.thesis.robots import RIG
+from studies.truths.rig_piece import output
 
 _STEP = 0.5e-3  # [m], largest change of a length in one step of the motion
 _ITERATIONS = 50  # of Newton's method; three as a rule
@@ -27,15 +21,8 @@ _CONVERGED = 1e-11  # [rad]
 _DIFFERENCE = 1e-5  # [rad], for the stiffness; its error slows the iteration, no more
 
 
-@structure
-class _Rig(NamedTuple):
-    """Data of the kernels: a rig, fields of its `ThreeTendons`, and their friction."""
-
-    piece: RigPiece
-    arc: np.ndarray
-    pretension: np.ndarray
-    stiffness: np.ndarray
-    friction: float
+#: Piece, and of its `ThreeTendons` arc, pretension and stiffness, and their friction: for kernels.
+_Rig = tuple[RigPiece, np.ndarray, np.ndarray, np.ndarray, float]
 
 
 class RigStatics:
@@ -66,11 +53,8 @@ class RigStatics:
                 f"friction and noise must be zero or more, got {friction} N and {noise} m"
             )
         self._noise, self._rng = noise, np.random.default_rng(seed)
-        self._data = reference(
-            _Rig(
-                make_rig_piece(robot), tendons.arc, tendons.pretension, tendons.stiffness, friction
-            )
-        )
+        own = tendons.arc, tendons.pretension, tendons.stiffness
+        self._data: _Rig = (make_rig_piece(robot), *own, float(friction))
         self._lengths, self._y = np.zeros(3), np.zeros(2)
         self._tension = tendons.pretension.copy()
 
@@ -109,7 +93,7 @@ def _visit(
             now[:] = start + (lengths[i] - start) * (k / steps)
             if not _settle(rig, now, y, tension):
                 return i
-        output(rig.piece, y, point, jacobian)
+        output(rig[0], y, point, jacobian)
         outputs[i] = point[:2]
     return len(lengths)
 
@@ -117,7 +101,7 @@ def _visit(
 @kernel
 def _settle(rig: _Rig, lengths: np.ndarray, y: np.ndarray, tension: np.ndarray) -> bool:
     """Move y (2,) to the equilibrium and drag the tensions (3,) along; whether it was found."""
-    dragged, give = np.empty(3), np.empty(3)
+    inputs, dragged, give = rig[0].inputs, np.empty(3), np.empty(3)
     force, ahead, tangent = np.empty(2), np.empty(2), np.empty((2, 2))
     for _ in range(_ITERATIONS):
         _drag(rig, lengths, y, tension, dragged, give)
@@ -129,7 +113,7 @@ def _settle(rig: _Rig, lengths: np.ndarray, y: np.ndarray, tension: np.ndarray) 
             for i in range(2):
                 tangent[i, j] = (ahead[i] - force[i]) / _DIFFERENCE
                 for k in range(3):
-                    tangent[i, j] += rig.piece.inputs[i, k] * give[k] * rig.piece.inputs[j, k]
+                    tangent[i, j] += inputs[i, k] * give[k] * inputs[j, k]
         d = tangent[0, 0] * tangent[1, 1] - tangent[0, 1] * tangent[1, 0]
         one = (tangent[1, 1] * force[0] - tangent[0, 1] * force[1]) / d
         two = (tangent[0, 0] * force[1] - tangent[1, 0] * force[0]) / d
@@ -147,8 +131,8 @@ def _imbalance(rig: _Rig, y: np.ndarray, tension: np.ndarray, out: np.ndarray) -
     for i in range(2):
         out[i] = 0.0
         for k in range(3):
-            out[i] -= rig.piece.inputs[i, k] * tension[k]
-    add_static(rig.piece, y, out)
+            out[i] -= rig[0].inputs[i, k] * tension[k]
+    add_static(rig[0], y, out)
 
 
 @kernel
@@ -161,10 +145,11 @@ def _drag(
     give: np.ndarray,
 ) -> None:
     """Set the tensions (3,) [N] on the rig and by what stiffness (3,) [N/m] they follow it."""
+    piece, arc, pretension, stiffness, friction = rig
     for k in range(3):
-        short = (rig.arc[k, 0] * y[1] - rig.arc[k, 1] * y[0]) / rig.piece.length
-        pull = rig.pretension[k] + rig.stiffness[k] * (lengths[k] - short)
+        short = (arc[k, 0] * y[1] - arc[k, 1] * y[0]) / piece.length
+        pull = pretension[k] + stiffness[k] * (lengths[k] - short)
         pull = max(pull, 0.0)
-        tension[k] = max(min(before[k], pull + rig.friction), pull - rig.friction, 0.0)
+        tension[k] = max(min(before[k], pull + friction), pull - friction, 0.0)
         moved = tension[k] != before[k] and pull > 0
-        give[k] = rig.stiffness[k] if moved else 0.0
+        give[k] = stiffness[k] if moved else 0.0
