@@ -1,12 +1,10 @@
 """Robots described by files in the one environment: single, many at once, drawn, checked."""
 
-import warnings
 from dataclasses import replace
 
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 from numpy.testing import assert_allclose
 from support.example_robots import SOME
 
@@ -48,17 +46,6 @@ def test_from_file_to_first_step_in_three_lines(name):
     assert env.observation_space.contains(observation)
     assert env.unwrapped.task.robot == find_robot(name)
     assert len(observation["tip_position"]) == (2 if env.unwrapped.task.robot.is_planar else 3)
-
-
-@pytest.mark.parametrize("name", SOME)
-def test_the_checkers_have_nothing_to_say(name):
-    sb3 = pytest.importorskip("stable_baselines3.common.env_checker")
-    env = gymnasium.make(ID, robot=name, task="circle", preview=(0.1,)).unwrapped
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        # Bounds of float64 and actions in [-1, 1] are what Gymnasium asks for.
-        check_env(env, skip_render_check=True)
-        sb3.check_env(env, warn=True, skip_render_check=True)
 
 
 @pytest.mark.parametrize("name", SOME)

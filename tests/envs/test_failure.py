@@ -7,9 +7,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from softrobot_env.envs.rewards import TERMS, TrackingReward
+from softrobot_env.envs.rewards import TERMS
+from softrobot_env.envs.simulation.batch import BatchSimulation
+from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.robots import ARM
-from softrobot_env.scene.timestep import TimestepWarning
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.timestep import TimestepWarning, linearize
 from softrobot_env.tasks import make_task
 
 FULL = np.ones(3, np.float32)
@@ -167,15 +171,6 @@ def test_the_limit_is_that_of_one_piece(bend, over, piece, make_env):
         assert f"of piece {piece + 1}" in info["failure"]
 
 
-def test_penalty_is_the_rewards(make_env):
-    env = make_env(reward=TrackingReward(failure=-3.5))
-    env.reset()
-    env.data.qpos[0] = np.nan
-    _, reward, terminated, _, info = env.step(ZERO)
-    assert terminated
-    assert reward == info["reward_failure"] == -3.5
-
-
 def test_failure_in_the_last_step_is_a_failure(make_env):
     env = make_env("SoftRobot/ArmStep-v0", control_period=0.2)
     env.reset()
@@ -194,3 +189,46 @@ def test_info_of_a_divergence_is_honest(env):
     *_, info = env.step(ZERO)
     assert np.isfinite(info["time"]) and np.all(np.isfinite(info["tendon_tension"]))
     assert np.isnan(info["error"])
+
+
+#: [rad/s2], beyond MuJoCo's bound of 1e10; after a step of 10 ms the velocity is within it.
+ACCELERATION = 3e10
+
+STEP = {"timestep": 0.01, "control_period": 0.01, "integrator": "implicitfast"}
+
+
+def raised(warning):
+    """Numbers of warnings of position, velocity and acceleration."""
+    kinds = mujoco.mjtWarning
+    return [
+        int(warning[int(kind)])
+        for kind in (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC)
+    ]
+
+
+def test_a_huge_acceleration_ends_an_episode():
+    env = TrackingEnv("swing", **STEP)
+    env.reset()
+    mass = linearize(env.model).mass
+    env.data.qfrc_applied[:] = mass @ np.full(env.model.nv, ACCELERATION)
+    *_, terminated, _, info = env.step(np.zeros(3, np.float32))
+    assert raised(env.data.warning.number) == [0, 0, 1]
+    assert terminated and "acceleration of DOF" in info["failure"]
+
+
+def test_a_huge_acceleration_ends_one_of_many():
+    """Springs drive it, from a posture that is within the bound."""
+    scene = build_scene(SceneConfig(ARM, **STEP))
+    chain = linearize(scene.model)
+    posture = np.linalg.solve(chain.stiffness, chain.mass @ np.full(len(chain.mass), ACCELERATION))
+    assert np.abs(posture).max() < 1e10
+    alone = mujoco.MjData(scene.model)
+    alone.qpos[:] = posture
+    mujoco.mj_step(scene.model, alone)
+    mujoco.mj_step1(scene.model, alone)
+    assert raised(alone.warning.number) == [0, 0, 1]
+
+    batch = BatchSimulation(scene, 3)
+    postures = np.stack([0 * posture, posture, 0 * posture])
+    batch.reset(np.arange(3), postures, np.zeros((3, scene.model.nu)))
+    assert batch.advance().tolist() == [False, True, False]

@@ -13,10 +13,12 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
+from support.example_robots import EVERY_ROBOT
 from support.hardware_boards import LiveBoard
 from support.patience import patient_drivers
 from support.real_episodes import FILE, Still
 
+from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.rewards import TERMS
 from softrobot_env.registration import (
@@ -139,27 +141,6 @@ def test_direct_bases_and_spec(env_id):
         assert env.spec.max_episode_steps == steps
         assert env.spec.nondeterministic == (env_id in REAL_ENVIRONMENTS)
         assert env.spec.id == env_id
-
-
-@pytest.mark.parametrize(
-    ("env_id", "period"),
-    [
-        ("SoftRobot/ArmStep-v0", 0.005),
-        ("SoftRobot/ArmStep-v0", 0.1),
-        ("SoftRobot/RigTriangle-v0", 0.1),
-    ],
-)
-def test_episodes_last_as_long_as_the_spec_says(env_id, period):
-    with made(env_id, control_period=period) as env:
-        again = gymnasium.make(env.spec)
-        for one in (env, again):
-            one.reset()
-            over, count = False, 0
-            while not over:
-                *_, terminated, over, _ = one.step(np.zeros(env.action_space.shape, np.float32))
-                assert not terminated
-                count += 1
-            assert count == one.spec.max_episode_steps == env.spec.max_episode_steps
 
 
 @pytest.mark.parametrize("env_id", SIMULATED)
@@ -332,28 +313,19 @@ def test_one_steps_in_a_forked_child():
 # ---------------------------------------------------------------- the checkers
 
 
-#: The real robot comes to rest before every one of many episodes.
-CHECKED = [*SIMULATED, *GRIPPER_ENVIRONMENTS]
-CHECKED += [pytest.param(i, marks=[*REAL[0].marks, pytest.mark.slow]) for i in REAL_ENVIRONMENTS]
+#: Ids and options; the real robot comes to rest before every one of many episodes.
+CHECKED = [*EVERY_ROBOT.args[1], *(pytest.param(i, {}, id=i) for i in GRIPPER_ENVIRONMENTS)]
+CHECKED += [
+    pytest.param(i, {}, marks=[*REAL[0].marks, pytest.mark.slow], id=i) for i in REAL_ENVIRONMENTS
+]
+CHECKED += [pytest.param(SIMULATED[0], {"plant": BeamPlant("pcc")}, id="pcc")]
 
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("observe_as", ["dict", "vector"])
-@pytest.mark.parametrize("env_id", CHECKED)
-def test_the_checkers_have_nothing_to_say(env_id, observe_as):
-    with made(env_id, observe="all", observe_as=observe_as) as env:
+@pytest.mark.parametrize(("env_id", "options"), CHECKED)
+def test_the_checkers_have_nothing_to_say(env_id, options, observe_as):
+    with made(env_id, observe="all", observe_as=observe_as, **options) as env:
         check_env(env.unwrapped, skip_render_check=True)
         sb3 = pytest.importorskip("stable_baselines3.common.env_checker", reason="needs extra rl")
         sb3.check_env(env, warn=observe_as == "vector" or env_id not in GRIPPER_ENVIRONMENTS)
-
-
-@pytest.mark.parametrize("env_id", [*SIMULATED, *GRIPPER_ENVIRONMENTS])
-def test_many_are_in_their_spaces(env_id):
-    many = gymnasium.make_vec(env_id, num_envs=2)
-    observation, _ = many.reset(seed=0)
-    assert many.observation_space.contains(observation)
-    for _ in range(3):
-        observation, *rest, _ = many.step(many.action_space.sample())
-        assert many.observation_space.contains(observation)
-        assert all(value.shape == (2,) for value in rest)
-    many.close()

@@ -1,13 +1,11 @@
 """One vector in place of a dict, changes in place of inputs: every id, every robot."""
 
 import copy
-import warnings
 from math import asinh
 
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from support.example_robots import EVERY_ROBOT
 from support.hardware_boards import LiveBoard
@@ -31,17 +29,6 @@ def make(env_id, **options):
 
 
 # ---------------------------------------------------------------- the contract
-
-
-@EVERY_ROBOT
-def test_both_checkers_are_silent(env_id, options):
-    sb3 = pytest.importorskip("stable_baselines3.common.env_checker", reason="needs the rl extra")
-
-    env = make(env_id, **options)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        check_env(env.unwrapped, skip_render_check=True)
-        sb3.check_env(env, warn=True, skip_render_check=True)
 
 
 @EVERY_ROBOT
@@ -215,15 +202,6 @@ def test_policies_by_name_refuse_what_they_do_not_know():
             make_policy("hold", env)
     with pytest.raises(ValueError, match="recording needs a dict"):
         run_episode(make("SoftRobot/ArmSwing-v0"), make_policy("hold", ARM, 0.01))
-
-
-def test_copies_go_on_alike():
-    env = make("SoftRobot/ArmSwing-v0").unwrapped
-    env.reset(seed=0)
-    env.step(np.full(3, 0.5))
-    other = copy.deepcopy(env)
-    for one, same in zip(env.step(np.ones(3))[:2], other.step(np.ones(3))[:2], strict=True):
-        np.testing.assert_array_equal(one, same)
 
 
 def test_beam_models_show_the_same_vector():

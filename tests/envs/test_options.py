@@ -143,22 +143,16 @@ def test_step_width(width, make_env):
     np.testing.assert_allclose(observation["reference"], nominal, atol=1e-12)
 
 
-@pytest.mark.parametrize("duration", [0.001, 0.01, 0.013, 2.0, 20.0])
+@pytest.mark.parametrize("duration", [1e-12, 0.001, 0.01, 0.013, 2.0, 20.0])
 def test_duration(duration, env_id, make_env, hold_action):
     env = make_env(env_id)
     env.reset(options={"duration": duration})
     seen = hold_episode(env, hold_action(env))
-    assert len(seen) == ceil(duration / 0.01 - 1e-9)
+    assert len(seen) == max(1, ceil(duration / 0.01 - 1e-9))
     end = env.task.trajectory.position(np.array([len(seen) * 0.01]))[0, [0, 2]]
     np.testing.assert_allclose(seen[-1]["reference"], end, atol=1e-9)
     env.reset()
     assert len(hold_episode(env, hold_action(env))) == ceil(env.task.duration / 0.01 - 1e-9)
-
-
-def test_a_tiny_duration_is_one_step(make_env, hold_action):
-    env = make_env(STEP)
-    env.reset(options={"duration": 1e-12})
-    assert len(hold_episode(env, hold_action(env))) == 1
 
 
 # ---------------------------------------------------------------- variation
@@ -260,28 +254,18 @@ def test_options_hold_for_one_episode(options, following, make_env, hold_action)
     assert all(same(a[0], b[0]) and a[1] == b[1] for a, b in zip(*results, strict=True))
 
 
-def test_the_same_variation_twice(make_env):
-    env = make_env(STEP)
-    options = {"vary": {"youngs_modulus": 1.5}}
-    first, _ = env.reset(options=options)
-    env.step(np.ones(3, np.float32))
-    second, _ = env.reset(options=options)
-    assert same(first, second)
-    assert env.model.jnt_stiffness[0] == pytest.approx(
-        1.5 * ARM.bending_stiffness / (ARM.length / 12)
-    )
-
-
-def test_vary_is_not_kept_by_reference(make_env):
+def test_the_same_variation_twice_and_another_in_the_same_dict(make_env):
     """Changing the caller's dict afterwards changes no later episode."""
-    env = make_env(STEP)
-    factors = {"youngs_modulus": 1.5}
-    env.reset(options={"vary": factors})
-    factors["youngs_modulus"] = 0.5
-    env.reset(options={"vary": factors})
-    assert env.model.jnt_stiffness[0] == pytest.approx(
-        0.5 * ARM.bending_stiffness / (ARM.length / 12)
-    )
+    env, factors = make_env(STEP), {"youngs_modulus": 1.5}
+    first, _ = env.reset(options={"vary": factors})
+    env.step(np.ones(3, np.float32))
+    second, _ = env.reset(options={"vary": factors})
+    assert same(first, second)
+    for factor in (1.5, 0.5):
+        factors["youngs_modulus"] = factor
+        env.reset(options={"vary": factors})
+        spring = ARM.bending_stiffness / (ARM.length / 12)
+        assert env.model.jnt_stiffness[0] == pytest.approx(factor * spring)
 
 
 def test_a_varied_robot_is_checked_against_the_timestep(make_env):
@@ -289,33 +273,6 @@ def test_a_varied_robot_is_checked_against_the_timestep(make_env):
     env = make_env(STEP, control_period=0.02, timestep=0.02, integrator="implicitfast")
     with pytest.warns(TimestepWarning, match="beyond the stability limit"):
         env.reset(options={"vary": {"damping_time": 0.0}})
-
-
-# ---------------------------------------------------------------- refusals
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"vary": {"youngs_modulus": 2.0}, "start_curvature": [50.0] * 6},
-        {"vary": {"youngs_modulus": 2.0}, "step_width": 3.0},
-        {"vary": {"youngs_modulus": -2.0}, "step_width": 0.2},
-        {"vary": {"youngs_modulus": 2.0}, "start_input": [90.0, 0.0, 0.0]},
-        {"vary": {"youngs_modulus": 2.0, "delay": 0.001}},
-    ],
-    ids=str,
-)
-def test_a_refused_reset_leaves_the_episode_as_it_was(options, make_env, hold_action):
-    env, untouched = make_env(STEP), make_env(STEP)
-    for each in (env, untouched):
-        each.reset()
-        each.step(hold_action(each))
-    with pytest.raises(ValueError):
-        env.reset(options=options)
-    for _ in range(3):
-        ours, theirs = env.step(hold_action(env)), untouched.step(hold_action(env))
-        assert same(ours[0], theirs[0])
-        assert ours[4]["time"] == theirs[4]["time"]
 
 
 # ---------------------------------------------------------------- tasks of one's own

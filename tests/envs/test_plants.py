@@ -1,9 +1,6 @@
 """A beam model in place of the MuJoCo chain: the same environment, another plant."""
 
-import copy
 import json
-import pickle
-import warnings
 from dataclasses import replace
 from functools import cache
 from importlib.util import find_spec
@@ -11,8 +8,6 @@ from importlib.util import find_spec
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
-from support.rig_episodes import flatten
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.cli import main
@@ -55,14 +50,6 @@ def episode(env, seed, count):
 
 
 @pytest.mark.parametrize("name", EACH)
-def test_gymnasium_checker(name):
-    env = TrackingEnv("swing", plant=BeamPlant(name))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        check_env(env, skip_render_check=True)
-
-
-@pytest.mark.parametrize("name", EACH)
 def test_observables_have_the_chains_names_and_shapes(name):
     chain, env = environment(MUJOCO), environment(name)
     assert env.action_space == chain.action_space
@@ -74,34 +61,6 @@ def test_observables_have_the_chains_names_and_shapes(name):
             assert ours == box, key
         else:
             assert np.all(ours.low < box.low) and np.all(ours.high > box.high), key
-
-
-@pytest.mark.parametrize("name", EACH)
-def test_episodes_repeat_and_copies_continue_bitwise(name):
-    env = TrackingEnv("swing", observe="all", plant=BeamPlant(name))
-    vary = {"vary": {"youngs_modulus": 1.5, "density": 0.7}}
-    first = flatten((env.reset(options=vary), *episode(env, 1, 10)))
-    assert flatten((env.reset(options=vary), *episode(env, 1, 10))) == first
-    for twin in (pickle.loads(pickle.dumps(env)), copy.deepcopy(env)):
-        env.reset(options=vary), twin.reset(options=vary)
-        episode(env, 2, 5), episode(twin, 2, 5)
-        later = copy.deepcopy(twin)
-        expected = flatten(tuple(episode(env, 3, 5)))
-        assert flatten(tuple(episode(later, 3, 5))) == expected
-        assert flatten(twin.reset()) == flatten(env.reset())
-
-
-def test_results_share_no_memory():
-    env = environment("pcc")
-    results = [env.reset(), *((o, i) for o, _, _, _, i in episode(env, 0, 3))]
-    held = [
-        [v for part in result for v in part.values() if isinstance(v, np.ndarray)]
-        for result in results
-    ]
-    held.append([env._simulation.q, env._simulation.v, env._simulation.ctrl])
-    flat = [array for group in held for array in group]
-    for k, one in enumerate(flat):
-        assert not any(np.shares_memory(one, other) for other in flat[k + 1 :])
 
 
 # ---------------------------------------------------------------- postures

@@ -11,11 +11,12 @@ from support.rig_episodes import flatten
 
 from softrobot_env.envs.gripper import GripperEnv, VectorGripperEnv
 from softrobot_env.envs.observations.table import known_of
-from softrobot_env.envs.options import SIMULATED_OPTIONS
+from softrobot_env.envs.options import REAL_OPTIONS, SIMULATED_OPTIONS, parse_options
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.vector import VectorTrackingEnv
+from softrobot_env.hardware.robot_file import rig_file
 from softrobot_env.robots import ARM, RIG
 from softrobot_env.robots.twin import Twin
 from softrobot_env.robots.variations import VARIATIONS
@@ -122,6 +123,30 @@ ARGUMENTS = [
 ]
 
 
+ARGUMENTS += [
+    *(
+        (Randomization, {name: ends}, "low <= high")
+        for name in ("density", "tension_gain")
+        for ends in ((0.0, 1.0), (2.0, 1.0), (1.0,), "wide", (1.0, inf))
+    ),
+    *(
+        (Randomization, {name: ends}, "0 <= low <= high")
+        for name in ("tendon_friction", "delay", "sensor_noise")
+        for ends in ((-0.1, 0.1), (0.2, 0.1), (0.1,), "wide", (0.0, nan))
+    ),
+    (Randomization, {"delay": (0.0, 1.5)}, r"'delay' .* high <= 1,"),
+    (Randomization, {"sensor_noise": (0.0, 11.0)}, r"'sensor_noise' .* high <= 10,"),
+    *((RealRigEnv, {"oldest": x}, "oldest") for x in (nan, -0.1, inf)),
+    *((RealRigEnv, {"max_missed": x}, "max_missed") for x in (-1, 2.5, True)),
+    (RealRigEnv, {"control_period": 0.012}, "control_period"),
+    (
+        RealRigEnv,
+        {"robot_file": replace(rig_file(), watchdog=0.1, ttl=0.1), "control_period": 0.06},
+        "half of the watchdog",
+    ),
+]
+
+
 @pytest.mark.parametrize(("kind", "arguments", "message"), ARGUMENTS)
 def test_bad_arguments_are_refused(kind, arguments, message):
     with pytest.raises(ValueError, match=message) as caught:
@@ -175,6 +200,26 @@ OPTIONS = [
     (ONE, {"start_curvature": [0.0] * 6, "start_input": [0.0] * 3}, "not both"),
     *((ONE, {"step_width": x}, "step.width") for x in (0.0, 0.5, nan, "wide", [0.1])),
     *((ONE, {"duration": x}, "duration") for x in (0.0, -1.0, nan, inf, "long", None)),
+    # Nothing is changed before the last value was looked at.
+    *(
+        (kind, {"vary": {"youngs_modulus": 2.0, "tension_gain": 0.5}, **bad}, "|".join(bad).replace("_", "."))
+        for kind in (ONE, MANY)
+        for bad in (
+            {"start_curvature": [50.0] * 6},
+            {"start_input": [90.0, 0.0, 0.0]},
+            {"step_width": 3.0 if kind is ONE else 0.1},
+            {"duration": 1e6},
+        )
+    ),
+    *(
+        (MANY, {"vary": x}, y)
+        for x, y in (
+            (None, "must be a dict"),
+            ({"speed": [1.0, 2.0, 3.0]}, "cannot vary 'speed'"),
+            ({"density": "abc"}, "value of 'density'"),
+            ({"density": [1.0, 2.0]}, "must be a number or 4"),
+        )
+    ),
     (MANY, {"reset_mask": np.ones(3, bool)}, "4 truth values"),
     (MANY, {"reset_mask": np.zeros(4, bool)}, "some of them true"),
     (MANY, {"vary": {"density": np.ones(3)}}, "a number or 4"),
@@ -219,10 +264,10 @@ def test_refused_options_change_nothing(kind):
         assert flatten(own[0].step(action)) == flatten(own[1].step(action))
 
 
-@pytest.mark.parametrize("task", ["swing", "lshape"])
-def test_only_the_step_has_a_width(task):
-    with pytest.raises(ValueError, match="has no option 'step_width'"):
-        TrackingEnv(task).reset(options={"step_width": 0.1})
+@pytest.mark.parametrize("given", [1, "yes", None])
+def test_clear_fault_is_true_or_false(given):
+    with pytest.raises(ValueError, match="clear_fault"):
+        parse_options({"clear_fault": given}, REAL_OPTIONS)
 
 
 def test_seeds_are_one_or_as_many_as_environments():

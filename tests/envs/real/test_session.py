@@ -236,29 +236,3 @@ def test_a_failed_step_tells_how_late_it_was(line):
     with running(line, max_missed=1) as env:
         sleep(0.2)
         assert rest(env)[4]["lateness_s"] > 0.1
-
-
-@pytest.mark.parametrize("given", [1, "yes", None])
-def test_clear_fault_is_true_or_false(line, given):
-    with (
-        closing(RealRigEnv(robot_file=FILE, line=line, tip=Still())) as env,
-        pytest.raises(ValueError, match="clear_fault"),
-    ):
-        env.reset(options={"clear_fault": given})
-
-
-@pytest.mark.parametrize(
-    ("argument", "value"),
-    [
-        ("oldest", float("nan")),
-        ("oldest", -0.1),
-        ("oldest", float("inf")),
-        ("max_missed", -1),
-        ("max_missed", 2.5),
-        ("max_missed", True),
-        ("control_period", 0.012),
-    ],
-)
-def test_arguments_out_of_range_are_refused(argument, value):
-    with pytest.raises(ValueError, match=argument):
-        RealRigEnv(robot_file=FILE, **{argument: value})
