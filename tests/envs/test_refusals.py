@@ -202,13 +202,13 @@ OPTIONS = [
     *((ONE, {"duration": x}, "duration") for x in (0.0, -1.0, nan, inf, "long", None)),
     # Nothing is changed before the last value was looked at.
     *(
-        (kind, {"vary": {"youngs_modulus": 2.0, "tension_gain": 0.5}, **bad}, "|".join(bad).replace("_", "."))
+        (kind, {"vary": {"youngs_modulus": 2.0, "tension_gain": 0.5}, name: value}, message)
         for kind in (ONE, MANY)
-        for bad in (
-            {"start_curvature": [50.0] * 6},
-            {"start_input": [90.0, 0.0, 0.0]},
-            {"step_width": 3.0 if kind is ONE else 0.1},
-            {"duration": 1e6},
+        for name, value, message in (
+            ("start_curvature", [50.0] * 6, "start_curvature"),
+            ("start_input", [90.0, 0.0, 0.0], "start_input"),
+            ("step_width", 3.0 if kind is ONE else 0.1, "step.width"),
+            ("duration", 1e6, "'duration' must be at most"),
         )
     ),
     *(
