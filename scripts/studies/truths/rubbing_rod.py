@@ -16,32 +16,15 @@ from softrobot_env.recordings.header import Commands, Marker, Time
 from softrobot_env.robots import RobotParams, Tendon
 
 _RADIUS, _LENGTH = 0.008, 0.2
+_PLACES = ((_RADIUS * np.cos(a), _RADIUS * np.sin(a)) for a in 2 * np.pi * np.arange(3) / 3)
 _TENDONS = tuple(
-    Tendon(
-        f"tendon{k + 1}",
-        (_RADIUS * np.cos(2 * np.pi * k / 3), _RADIUS * np.sin(2 * np.pi * k / 3)),
-        _LENGTH,
-        0,
-        3.0,
-        pretension=0.2,
-    )
-    for k in range(3)
+    Tendon(f"tendon{k}", place, _LENGTH, 0, 3.0, pretension=0.2)
+    for k, place in enumerate(_PLACES, start=1)
 )
 
 #: What is believed: a polyurethane rod of 6 mm, standing, moved by tensions.
-BELIEVED = RobotParams(
-    "rod",
-    length=_LENGTH,
-    outer_radius=0.003,
-    inner_radius=0.0,
-    youngs_modulus=2e7,
-    density=1200.0,
-    damping_time=0.06,
-    pieces=8,
-    poisson_ratio=0.4,
-    tendons=_TENDONS,
-    gravity=(0.0, 0.0, -9.81),
-)
+_MORE = {"poisson_ratio": 0.4, "tendons": _TENDONS, "gravity": (0.0, 0.0, -9.81)}
+BELIEVED = RobotParams("rod", _LENGTH, 0.003, 0.0, 2e7, 1200.0, 0.06, 8, **_MORE)
 
 NOISE = 0.3e-3  # m
 _STEP = 0.002  # s, of the simulation, of which it takes a camera's picture every
@@ -126,22 +109,24 @@ def recorded(truth: Truth, seed: int) -> Recording:
 def _commands() -> tuple[np.ndarray, np.ndarray]:
     """Tensions (t, 3) [N] in steps of the simulation, and labels (t,)."""
     idle = np.array([t.pretension for t in _TENDONS])
-    here, parts, labels = idle, [np.tile(idle, (_count(_REST), 1))], ["rest"] * _count(_REST)
+    parts, labels = [np.tile(idle, (_count(_REST), 1))], ["rest"] * _count(_REST)
+
+    def pull(here: np.ndarray, there: np.ndarray, label: str, *after: np.ndarray) -> None:
+        share = np.linspace(0, 1, _count(_MOVE) + 1)[1:, None]
+        rise = share**3 * (10 - 15 * share + 6 * share**2)
+        own = [here + rise * (there - here), np.tile(there, (_count(_REST), 1)), *after]
+        parts.extend(own)
+        labels.extend([label] * sum(map(len, own)))
+
+    here = idle
     for k, tendon in enumerate(_TENDONS):
         for level in _LEVELS:
             there = idle + level * _PULL * np.eye(3)[k]
-            share = np.linspace(0, 1, _count(_MOVE) + 1)[1:, None]
-            rise = share**3 * (10 - 15 * share + 6 * share**2)
-            parts += [here + rise * (there - here), np.tile(there, (_count(_REST), 1))]
-            labels += [f"pull_{tendon.name}_{level}"] * (_count(_MOVE) + _count(_REST))
+            pull(here, there, f"pull_{tendon.name}_{level}")
             here = there
+    let_go = np.tile(idle, (_count(_DECAY), 1))
     for k, tendon in enumerate(_TENDONS):
-        there = idle + _PULL * np.eye(3)[k]
-        share = np.linspace(0, 1, _count(_MOVE) + 1)[1:, None]
-        rise = share**3 * (10 - 15 * share + 6 * share**2)
-        parts += [idle + rise * (there - idle), np.tile(there, (_count(_REST), 1))]
-        parts.append(np.tile(idle, (_count(_DECAY), 1)))
-        labels += [f"release_{tendon.name}"] * (_count(_MOVE) + _count(_REST) + _count(_DECAY))
+        pull(idle, idle + _PULL * np.eye(3)[k], f"release_{tendon.name}", let_go)
     return np.concatenate(parts), np.array(labels)
 
 

@@ -40,13 +40,11 @@ _ZERO = np.zeros(3)
 #: Derivative (n,) of a state by the arc length.
 Slope = Callable[[float, np.ndarray], np.ndarray]
 _AXIS = np.array([0.0, 0.0, 1.0])
+_CLAMPED = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])  # position and quaternion
 
 
 def tendon_rod(
-    robot: RobotParams,
-    tension: np.ndarray,
-    stations: np.ndarray,
-    shear_coefficient: float | None = None,
+    robot: RobotParams, tension: np.ndarray, stations: np.ndarray, shear: float | None = None
 ) -> SpatialShape:
     """Shape of a robot under tensions (n_tendons,) [N] of tendons in channels.
 
@@ -54,7 +52,7 @@ def tendon_rod(
         robot: The robot; neither its gravity nor its base count.
         tension: (n_tendons,) [N].
         stations: (k,) [m], increasing.
-        shear_coefficient: k of the shear stiffness k G A; None for a rod without shear and
+        shear: k of the shear stiffness k G A; None for a rod without shear and
             extension.
 
     Raises:
@@ -63,9 +61,9 @@ def tendon_rod(
     s, breaks = np.asarray(stations, dtype=float), _breaks(robot)
 
     def slope(at: float, y: np.ndarray) -> np.ndarray:
-        return motion_of(y, *strains(robot, tension, at, shear_coefficient))
+        return motion_of(y, *strains(robot, tension, at, shear))
 
-    return _shape(s, _integrated(slope, np.concatenate([_ZERO, [1.0, 0, 0, 0]]), breaks, s))
+    return _shape(s, _integrated(slope, _CLAMPED, breaks, s))
 
 
 def _integrated(
@@ -106,10 +104,7 @@ def _shape(stations: np.ndarray, states: np.ndarray) -> SpatialShape:
 
 
 def hanging_rod(
-    robot: RobotParams,
-    tension: np.ndarray,
-    stations: np.ndarray,
-    shear_coefficient: float | None = None,
+    robot: RobotParams, tension: np.ndarray, stations: np.ndarray, shear: float | None = None
 ) -> SpatialShape:
     """The same of a robot with weight, along the axes of its base.
 
@@ -135,10 +130,10 @@ def hanging_rod(
         def slope(at: float, y: np.ndarray) -> np.ndarray:
             load, turn = share * weight(at), frame_of(y)
             loads = turn.T @ load, turn.T @ y[7:]
-            motion = motion_of(y, *strains(robot, tension, at, shear_coefficient, *loads))
+            motion = motion_of(y, *strains(robot, tension, at, shear, *loads))
             return np.concatenate([motion, -np.cross(motion[:3], load)])
 
-        y = np.concatenate([_ZERO, [1.0, 0, 0, 0], moment])
+        y = np.concatenate([_CLAMPED, moment])
         return _integrated(slope, y, breaks, asked, _ENOUGH)
 
     moment = _ZERO
@@ -155,10 +150,7 @@ def hanging_rod(
 
 
 def guided_rod(
-    robot: RobotParams,
-    tension: np.ndarray,
-    stations: np.ndarray,
-    shear_coefficient: float | None = None,
+    robot: RobotParams, tension: np.ndarray, stations: np.ndarray, shear: float | None = None
 ) -> SpatialShape:
     """The same of a weightless robot whose tendons run through the same guides, up to their ends.
 
@@ -170,7 +162,7 @@ def guided_rod(
     missed = [t.name for t in robot.tendons if len(t.stations) != np.sum(guides <= t.end)]
     if missed:
         raise ValueError(f"need tendons through the same guides, unlike {', '.join(missed)}")
-    y = np.concatenate([_ZERO, [1.0, 0, 0, 0]])
+    y = _CLAMPED
     rows = np.tile(y, (len(s), 1))
     for start, end in pairwise(guides):
         active = [k for k, t in enumerate(robot.tendons) if t.end > start]
@@ -178,7 +170,7 @@ def guided_rod(
         for row, k in enumerate(active):
             ends[:, row, :2] = robot.tendons[k].at(np.array([start, end]))
         pull = np.asarray(tension, dtype=float)[active][:, None]
-        span = _Span(robot, shear_coefficient, y, (start, end), ends, pull)
+        span = _Span(robot, shear, y, (start, end), ends, pull)
         found = root(span.missed, np.tile(frame_of(y)[:, 2], len(active)), tol=1e-10)
         if not found.success:
             raise ValueError(f"no equilibrium of robot {robot.name!r}: {found.message}")
@@ -194,14 +186,14 @@ class _Span:
     def __init__(
         self,
         robot: RobotParams,
-        shear_coefficient: float | None,
+        shear: float | None,
         y: np.ndarray,
         span: tuple[float, float],
         ends: np.ndarray,
         pull: np.ndarray,
     ) -> None:
         """Places (2, tendons, 3) [m] of the tendons in both guides, and tensions [N]."""
-        self._robot, self._shear, self._y, self._pull = robot, shear_coefficient, y, pull
+        self._robot, self._shear, self._y, self._pull = robot, shear, y, pull
         self._start, self._end = y[:3] + ends[0] @ frame_of(y).T, ends[1]
         within = [x for x in robot.backbone.ends if span[0] < x < span[1]]
         self._breaks = [np.array([*span, *within])]
@@ -225,17 +217,14 @@ class _Span:
 
 
 def tendon_helix(
-    robot: RobotParams,
-    tension: float,
-    stations: np.ndarray,
-    shear_coefficient: float | None = None,
+    robot: RobotParams, tension: float, stations: np.ndarray, shear: float | None = None
 ) -> SpatialShape:
     """The helix that one helical tendon along all of a uniform robot makes; see the module."""
     _breaks(robot)
     robot.require_uniform("a helix of one tendon")
     (tendon,) = robot.tendons
     s = np.asarray(stations, dtype=float)
-    along, kappa = strains(robot, np.array([tension]), 0.0, shear_coefficient)
+    along, kappa = strains(robot, np.array([tension]), 0.0, shear)
     rate = 2 * np.pi * tendon.turns / tendon.end
     screw = kappa + rate * _AXIS
     turned = Rotation.from_rotvec(s[:, None] * screw)
@@ -247,7 +236,7 @@ def strains(
     robot: RobotParams,
     tension: np.ndarray,
     station: float,
-    shear_coefficient: float | None,
+    shear: float | None,
     force: np.ndarray = _ZERO,
     moment: np.ndarray = _ZERO,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -260,12 +249,12 @@ def strains(
     place, lead = np.zeros((2, len(active), 3))
     for row, k in enumerate(active):
         place[row, :2], lead[row, :2] = robot.tendons[k].course(station)
-    along, kappa = _answer(robot, station, shear_coefficient, force, moment)
+    along, kappa = _answer(robot, station, shear, force, moment)
     for _ in range(200):
         way = along + np.cross(kappa, place) + lead
         pulls = pull * way / np.linalg.norm(way, axis=1)[:, None]
         rest = force - pulls.sum(axis=0), moment - np.cross(place, pulls).sum(axis=0)
-        new, bent = _answer(robot, station, shear_coefficient, *rest)
+        new, bent = _answer(robot, station, shear, *rest)
         change = max(np.abs(new - along).max(), np.abs(bent - kappa).max() * robot.length)
         along, kappa = new, bent
         if change < 1e-14:
@@ -274,19 +263,15 @@ def strains(
 
 
 def _answer(
-    robot: RobotParams,
-    station: float,
-    shear_coefficient: float | None,
-    force: np.ndarray,
-    moment: np.ndarray,
+    robot: RobotParams, station: float, shear: float | None, force: np.ndarray, moment: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Strains v and kappa of a cross-section under a force and a moment along its axes."""
     backbone, s = robot.backbone, np.array([station])
     bending, torsion = backbone.bending(s)[0], backbone.torsion(s)[0]
     along = _AXIS
-    if shear_coefficient is not None:
-        shear = shear_coefficient * backbone.shear(s)[0]
-        along = _AXIS + force / [shear, shear, backbone.axial(s)[0]]
+    if shear is not None:
+        across = shear * backbone.shear(s)[0]
+        along = _AXIS + force / [across, across, backbone.axial(s)[0]]
     return along, moment / [bending, bending, torsion]
 
 
