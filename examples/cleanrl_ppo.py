@@ -12,6 +12,7 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import torch
+from numpy import ndarray
 from torch import nn
 
 from softrobot_env.training.artifacts import save_vector_policy
@@ -61,7 +62,7 @@ def chosen(seen: torch.Tensor) -> torch.distributions.Normal:
     return torch.distributions.Normal(actor(seen), log_std.exp())
 
 
-def value(seen: np.ndarray) -> np.ndarray:
+def value(seen: ndarray) -> ndarray:
     """What the critic expects."""
     with torch.no_grad():
         return critic(torch.as_tensor(seen)).squeeze(-1).numpy()

@@ -18,6 +18,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.files import models_dir, write_text
 from softrobot_env.learned.network import Network
@@ -45,7 +46,7 @@ def layers(network: Network) -> dict[str, Any]:
     return {"weights": weights, "biases": [b.tolist() for b in network.biases], **ends}
 
 
-def sampled(task: Task, begin: float, end: float, axes: str, haste: float = 1.0) -> np.ndarray:
+def sampled(task: Task, begin: float, end: float, axes: str, haste: float = 1.0) -> ndarray:
     """The reference (n, 2) [m] from a time to another [s], gone through `haste` times as fast."""
     times = np.arange(begin, end - haste * PERIOD / 2, haste * PERIOD)
     points = np.array([task.trajectory.position(t) for t in times]).reshape(len(times), 3)
@@ -119,18 +120,18 @@ class Moving:
             mujoco.mj_step(self.model, self.data)
         self.begun, self.steps = self.data.time, 0
 
-    def reference(self, time: float) -> np.ndarray:
+    def reference(self, time: float) -> ndarray:
         """Point (2,) [m] at a time [s], between those that are told."""
         approach, lap = (np.array(self.told["reference"][x]) for x in ("approach", "lap"))
         at = time / PERIOD
         below = int(np.floor(at))
 
-        def point(k: int) -> np.ndarray:
+        def point(k: int) -> ndarray:
             return approach[k] if k < len(approach) else lap[(k - len(approach)) % len(lap)]
 
         return point(below) + (at - below) * (point(below + 1) - point(below))
 
-    def evaluated(self, values: np.ndarray) -> np.ndarray:
+    def evaluated(self, values: ndarray) -> ndarray:
         """Outputs of the network."""
         (low, high), (least, most) = (np.array(self.network[x]) for x in ("inputs", "outputs"))
         values = 2 * (values - low) / (high - low) - 1

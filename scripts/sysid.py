@@ -22,6 +22,7 @@ from mujoco.sysid._src.parameter import Parameter, ParameterDict
 from mujoco.sysid._src.residual import build_residual_fn
 from mujoco.sysid._src.timeseries import SignalType, TimeSeries
 from mujoco.sysid._src.trajectory import ModelSequences, create_initial_state
+from numpy import ndarray
 
 from softrobot_env.commands.output import new_results
 from softrobot_env.core.files import write_text
@@ -163,7 +164,7 @@ def _by_sysid(seed: int, truth: Truth, robot: RobotParams, windows: Recording) -
 
 def _sequences(
     scene: Scene, windows: Recording, robot: RobotParams
-) -> tuple[ModelSequences, list[np.ndarray]]:
+) -> tuple[ModelSequences, list[ndarray]]:
     """The windows, whose markers carry their window's number and whether they count; postures."""
     model, controls = scene.model, windows.controls(robot)
     step, names, begins, told, seen, postures = model.opt.timestep, [], [], [], [], []
@@ -187,15 +188,15 @@ def _sequences(
     return ModelSequences("rod", spec, names, begins, told, seen, True), postures
 
 
-def _residual(scene: Scene, postures: list[np.ndarray]) -> Callable[..., Any]:
+def _residual(scene: Scene, postures: list[ndarray]) -> Callable[..., Any]:
     def residual(
         values: ParameterDict,
         simulated: TimeSeries,
         measured: TimeSeries,
         model: mujoco.MjModel,
         everything: bool,
-        state: np.ndarray,
-    ) -> tuple[np.ndarray, TimeSeries, TimeSeries]:
+        state: ndarray,
+    ) -> tuple[ndarray, TimeSeries, TimeSeries]:
         run, counts = int(measured.data[0, 3]), measured.data[:, 4] > 0
         q = np.vstack([postures[run], state[:, 1 : 1 + model.nq]])
         tip, times = scene.tip(q), np.append(0.0, state[:, 0])

@@ -222,10 +222,7 @@ KINDS = {
         copied(models_dir() / "ssm.npz"),
         lambda path: ReducedModel.read(read_arrays(path)),
     ),
-    "sensors": (
-        copied(models_dir() / "sensors.npz"),
-        lambda path: load_reconstruction(RIG, path),
-    ),
+    "sensors": (copied(models_dir() / "sensors.npz"), lambda path: load_reconstruction(RIG, path)),
     "residual": (residual, read_residual),
     "recording.csv": (recording("a.csv"), recordings.read_recording),
     "recording.parquet": (recording("a.parquet"), recordings.read_recording),

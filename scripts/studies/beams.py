@@ -6,6 +6,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 from scipy.linalg import eigh
 
 from softrobot_env.beams.ancf import ANCF
@@ -86,13 +87,13 @@ def mode_frequency(model: BeamModel, torsion: bool = False) -> float:
     raise ValueError("the model has no such mode")
 
 
-def tip_twist(model: BeamModel, q: np.ndarray) -> float:
+def tip_twist(model: BeamModel, q: ndarray) -> float:
     """Angle [rad] by which the tip's section is turned about the straight robot's axis."""
     center, rim = _end_points(model, q)
     return float(np.arctan2(rim[1] - center[1], rim[0] - center[0]))
 
 
-def _end_points(model: BeamModel, q: np.ndarray) -> np.ndarray:
+def _end_points(model: BeamModel, q: ndarray) -> ndarray:
     """Centre of the end and a point of its rim (2, 3) [m]."""
     rim = np.array([[0.0, 0.0], [model.robot.outer_radius, 0.0]])
     return model.positions(q, np.full(2, model.robot.length), rim)
@@ -100,8 +101,8 @@ def _end_points(model: BeamModel, q: np.ndarray) -> np.ndarray:
 
 def step_cost(
     model: mujoco.MjModel,
-    posture: np.ndarray | None = None,
-    ctrl: np.ndarray | None = None,
+    posture: ndarray | None = None,
+    ctrl: ndarray | None = None,
     repeats: int = 5,
 ) -> float:
     """Time [s] of one `mj_step` from a posture (nq,) under controls (nu,), else from the start."""

@@ -12,6 +12,7 @@ from math import pi
 from time import perf_counter
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.motion import State
 from softrobot_env.evaluation.models.runs import (
@@ -159,7 +160,7 @@ class Case:
             return build_scene(replace(touching, timestep=timestep))
         return build_assembly(touching.with_timestep(timestep))
 
-    def inputs(self, time: float) -> np.ndarray:
+    def inputs(self, time: float) -> ndarray:
         """(n_inputs,) at a time [s]."""
         return np.array(self.full) * min(1.0, time / self.rise)
 
@@ -244,7 +245,7 @@ class Run:
         places: (periods, k, 3) [m] of the tip and the free objects; None if it failed.
     """
 
-    places: np.ndarray | None = None
+    places: ndarray | None = None
     why: str | None = None
     warning: str | None = None
     wall_time: float | None = None
@@ -291,7 +292,7 @@ def _own_run(case: Case, build: Callable[..., Touching], timestep: float | None)
     return replace(ran, warning=warning)
 
 
-def _refined(case: Case, scene: Touching) -> np.ndarray | None:
+def _refined(case: Case, scene: Touching) -> ndarray | None:
     tune(scene.model, scene.pairs, scene.timestep.timestep, _LEAST_IMPEDANCE)
     return _run(case, scene).places
 
@@ -317,7 +318,7 @@ def _run(case: Case, scene: Touching) -> Run:
     return Run(np.array(places), wall_time=took, most_touches=touches)
 
 
-def _distance(one: np.ndarray | None, other: np.ndarray | None) -> float | None:
+def _distance(one: ndarray | None, other: ndarray | None) -> float | None:
     """Largest distance [m] between two runs at any instant; None if one of them failed."""
     return None if one is None or other is None else distance(one, other)
 

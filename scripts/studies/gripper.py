@@ -8,6 +8,7 @@ from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.control.gripper import (
     CALM,
@@ -255,7 +256,7 @@ def make(fineness: str, task: str, count: int, threads: int = 1, **options: Any)
     return VectorGripperEnv(count, task, fineness=fineness, threads=threads, **options)
 
 
-def _in_batches(first: int, count: int, run: Callable[[int, int], dict]) -> dict[str, np.ndarray]:
+def _in_batches(first: int, count: int, run: Callable[[int, int], dict]) -> dict[str, ndarray]:
     """Arrays that a function of first seed and number returns, of all seeds."""
     parts = [run(first + k, min(_TOGETHER, count - k)) for k in range(0, count, _TOGETHER)]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -263,7 +264,7 @@ def _in_batches(first: int, count: int, run: Callable[[int, int], dict]) -> dict
 
 def played(
     fineness: str, task: str, policy: Policies, first: int, count: int, **options: Any
-) -> dict[str, np.ndarray]:
+) -> dict[str, ndarray]:
     """Episodes of seeds from `first` on, by policies for them.
 
     Returns:
@@ -272,14 +273,14 @@ def played(
         the processor for a step of one gripper, one for each batch.
     """
 
-    def run(start: int, size: int) -> dict[str, np.ndarray]:
+    def run(start: int, size: int) -> dict[str, ndarray]:
         env = make(fineness, task, size, **options)
         return _played(env, policy(env, start), start)
 
     return _in_batches(first, count, run)
 
 
-def _played(env: VectorGripperEnv, policy: Any, first: int) -> dict[str, np.ndarray]:
+def _played(env: VectorGripperEnv, policy: Any, first: int) -> dict[str, ndarray]:
     count, steps = env.num_envs, env.max_episode_steps
     observation, _ = env.reset(seed=first)
     lost, success = np.zeros(count, bool), np.zeros(count, bool)
@@ -302,7 +303,7 @@ def _played(env: VectorGripperEnv, policy: Any, first: int) -> dict[str, np.ndar
 
 def read_bends(
     fineness: str, task: str, first: int, count: int, errors: float | None
-) -> dict[str, np.ndarray]:
+) -> dict[str, ndarray]:
     """Closings on bars of seeds from `first` on, clamped or free as in a task.
 
     With sensors each gripper is calibrated first; their imperfections are `errors` times the usual.
@@ -312,7 +313,7 @@ def read_bends(
         (n, nq), postures; diameters: (n,) [m].
     """
 
-    def run(start: int, size: int) -> dict[str, np.ndarray]:
+    def run(start: int, size: int) -> dict[str, ndarray]:
         observe = ("tendon_tension",) if errors is None else ("sensors",)
         env = make(fineness, task, size, observe=observe)
         own = {} if errors is None else {"sensor_errors": errors}
@@ -389,7 +390,7 @@ def _shape(fineness: str, task: str, pieces: int, errors: float | None, read: di
     return Shape(task, pieces, errors, away.size, *_spread(bend), *_spread(away))
 
 
-def _spread(values: np.ndarray) -> tuple[float, float, float]:
+def _spread(values: ndarray) -> tuple[float, float, float]:
     """Mean, 95th percentile and largest."""
     return float(values.mean()), float(np.percentile(values, 95)), float(values.max())
 
@@ -476,7 +477,7 @@ def _speed(fineness: str, task: str, count: int, threads: int, *errors: float | 
     return Speed(task, *own, _rate(fineness, task, count, threads), *errors)
 
 
-def _bends(fineness: str, task: str) -> np.ndarray:
+def _bends(fineness: str, task: str) -> ndarray:
     """Curvatures (steps, n, pieces) [1/m] of grippers that close, with neither pull nor shake."""
     env = make(fineness, task, _COMPARED)
     env.reset(seed=_TESTED, options={"pull": 0.0, "shake": 0.0})
@@ -487,7 +488,7 @@ def _bends(fineness: str, task: str) -> np.ndarray:
     return np.stack(bends)
 
 
-def _closing(count: int, k: int) -> np.ndarray:
+def _closing(count: int, k: int) -> ndarray:
     """Action k (n, inputs) of grippers that close and then hold."""
     tension = _SQUEEZE * min(1.0, (k + 1) * PERIOD / RISE)
     return np.tile((2 * tension / GRIPPER.tension_limits - 1).astype(np.float32), (count, 1))

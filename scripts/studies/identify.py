@@ -100,11 +100,7 @@ def _known(twin: Twin) -> RobotParams:
 
 
 def _error(
-    policy: str,
-    period: float,
-    robot: RobotParams,
-    twin: Twin,
-    offsets: np.ndarray,
+    policy: str, period: float, robot: RobotParams, twin: Twin, offsets: np.ndarray
 ) -> float | None:
     """Mean error [m] of laps of a twin with servo offsets (3,) [m], by a law for a robot."""
     built = replace(twin, servo_offset=tuple(offsets.tolist()))

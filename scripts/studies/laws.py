@@ -15,6 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from numpy import ndarray
 from rich.table import Table
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
@@ -197,7 +198,7 @@ def demand(task: Task) -> Demand:
     )
 
 
-def inputs_of_lap(task: Task) -> tuple[float, np.ndarray]:
+def inputs_of_lap(task: Task) -> tuple[float, ndarray]:
     """Duration [s] of a lap at full rate, and inputs (k, n_inputs) at equal instants of it.
 
     Raises:
@@ -210,7 +211,7 @@ def inputs_of_lap(task: Task) -> tuple[float, np.ndarray]:
     return 2 * np.pi / run.rate, held + np.fft.irfft(added, _COUNT, axis=0)
 
 
-def _added(site: ReachableRegion, rate: float, path: np.ndarray) -> np.ndarray:
+def _added(site: ReachableRegion, rate: float, path: ndarray) -> ndarray:
     """What dynamics adds to inputs (k, n_inputs), of a path (k, 3) [m], at multiples of a rate."""
     chain, directions = linearised(site.inverse, site.ground.inputs), site.inverse.directions
     still = np.linalg.pinv(directions @ chain.response(0.0))

@@ -17,6 +17,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from numpy import ndarray
 from rich.table import Table
 from rich.text import Text
 from scipy.optimize import root
@@ -119,7 +120,7 @@ def _our_row(limit: Limit, motion: TimedMotion) -> Row:
     return _motion_row(OURS, limit, tips, seconds, model=own.model, n=own.n, **steps)
 
 
-def _motion_row(package: str, limit: Limit, tips: np.ndarray, seconds: float, **about: Any) -> Row:
+def _motion_row(package: str, limit: Limit, tips: ndarray, seconds: float, **about: Any) -> Row:
     error = np.linalg.norm(tips - limit.tips, axis=1)
     found = {"e_mean": float(error.mean()), "e_max": float(error.max()), "text": limit.text}
     cost = {"core_seconds": seconds / DURATION}
@@ -141,7 +142,7 @@ def peer_rows(limit: Limit, quick: bool) -> Iterator[Row]:
                 yield _motion_row(PEER, limit, tips, seconds, **about)
 
 
-def _motion(n: int, integrator: str) -> Callable[[float], np.ndarray]:
+def _motion(n: int, integrator: str) -> Callable[[float], ndarray]:
     """A function that simulates the motion by a tolerance, with tips (300, 2) in (x, z) [m]."""
     import diffrax
     import jax

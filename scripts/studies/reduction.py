@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 from time import perf_counter
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.control.reduced.environment import preview_times
@@ -70,8 +71,8 @@ class PathRow(lab.Record):
     thesis: float | None
     fit_time: float | None
     predict_time: float | None
-    measured: np.ndarray | None = lab.for_pictures()
-    predicted: np.ndarray | None = lab.for_pictures()
+    measured: ndarray | None = lab.for_pictures()
+    predicted: ndarray | None = lab.for_pictures()
 
     @property
     def rig(self) -> str:
@@ -159,8 +160,8 @@ class SpectrumRow(lab.Record):
     decay: float = lab.quantity("1/s", ".3g")
     frequency: float = lab.quantity("rad/s", ".3g")
     separation: float = lab.quantity("", ".3g", "others decay times as fast")
-    decay_path: np.ndarray | None = lab.for_pictures()
-    excited: np.ndarray | None = lab.for_pictures()
+    decay_path: ndarray | None = lab.for_pictures()
+    excited: ndarray | None = lab.for_pictures()
 
 
 # -------------------- motion to learn from, and paths to be predicted
@@ -187,7 +188,7 @@ _LEAD, _REST, _LAPS = 4.0, 3.0, 2
 HELD, CUTOFFS, SHOWN_FOR = 0.5, (1.0, 2.0, 4.0), 8.0
 
 
-def random_inputs() -> np.ndarray:
+def random_inputs() -> ndarray:
     """Random changes of a tendon's length, held and filtered by each of `CUTOFFS`.
 
     Returns:
@@ -216,7 +217,7 @@ class Followed:
     begin: int
 
     @property
-    def laps(self) -> np.ndarray:
+    def laps(self) -> ndarray:
         """Tips (t, 2) [m] from there on."""
         return self.record.outputs[self.begin :]
 
@@ -287,7 +288,7 @@ class RigData:
             return Followed(path, period, drive(env, actions, 7), begin)
 
 
-def _points(path: str, period: float) -> tuple[np.ndarray, int]:
+def _points(path: str, period: float) -> tuple[ndarray, int]:
     """Places (t, 2) [m] of approach, rest and laps, and where laps begin."""
     turns = (np.arange(round(period * _LAPS / PERIOD)) * PERIOD / period) % 1
     if path == "circle":
@@ -325,15 +326,15 @@ class Lifted:
     """
 
     base: ReducedModel
-    step: Callable[[np.ndarray, np.ndarray], np.ndarray]
-    lift: Callable[[np.ndarray], np.ndarray]
+    step: Callable[[ndarray, ndarray], ndarray]
+    lift: Callable[[ndarray], ndarray]
 
     @property
     def delays(self) -> int:
         """Number of the first samples that it needs."""
         return self.base.delays
 
-    def predict_record(self, record: Recorded) -> np.ndarray:
+    def predict_record(self, record: Recorded) -> ndarray:
         """Outputs (t - delays + 1, o) from the last of the first samples on."""
         base, late = self.base, self.base.delays - 1
         rows = np.maximum(np.arange(record.samples) - base.lag, 0)
@@ -367,7 +368,7 @@ def koopman(decays: Records, forced: Records) -> Lifted:
     count = lifted.shape[1]
     matrix, effect = solved[:, :count], solved[:, count:]
 
-    def lift(at: np.ndarray) -> np.ndarray:
+    def lift(at: ndarray) -> ndarray:
         return dictionary((at / scale)[None])[0, order]
 
     scaled = replace(
@@ -389,7 +390,7 @@ def neural(decays: Records, forced: Records) -> Lifted:
 
 def _transitions(
     decays: Records, forced: Records
-) -> tuple[ReducedModel, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[ReducedModel, ndarray, ndarray, ndarray]:
     """Coordinates of the linear model, inputs, and the next coordinates, of all samples."""
     base = linear(2 * decays[0].outputs.shape[1], decays, forced)
     parts = []
@@ -499,7 +500,7 @@ def _spectrum(data: RigData) -> SpectrumRow:
     return SpectrumRow(data.twin, *values, *shown)
 
 
-def _predicted(model: Model, path: Followed) -> np.ndarray:
+def _predicted(model: Model, path: Followed) -> ndarray:
     """Laps (t, 2) [m] from some samples of the rest before them."""
     ahead = 20 + model.delays - 1
     part = _part(path.record, slice(path.begin - ahead, None))
@@ -521,7 +522,7 @@ def _path(
     name: str,
     twin: int | None,
     path: Followed,
-    laps: np.ndarray | Followed | None,
+    laps: ndarray | Followed | None,
     fit_time: float | None = None,
     predict_time: float | None = None,
 ) -> PathRow:

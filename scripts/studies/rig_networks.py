@@ -14,6 +14,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.evaluation.models.runs import best_of
 from softrobot_env.identification import networks as rig_networks
@@ -233,14 +234,14 @@ def train(cell: Cell, data: RigData, parts: Split, seed: int) -> Validated:
     return train_validated(network, samples, every.take(validation))
 
 
-def _some(indices: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+def _some(indices: ndarray, count: int, rng: np.random.Generator) -> ndarray:
     if count > len(indices):
         raise ValueError(f"{count} samples are wanted of a set of {len(indices)}")
     return rng.permutation(indices)[:count]
 
 
 def friction_rows(
-    points: np.ndarray, trainings: int, pair: tuple[float | None, float]
+    points: ndarray, trainings: int, pair: tuple[float | None, float]
 ) -> list[FrictionRow]:
     """Rows of both directions, of one visit of points (n, 2) [m] with a total and a friction."""
     total, friction = pair

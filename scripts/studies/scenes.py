@@ -11,6 +11,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 from rich.table import Table
 from scipy.linalg import eigh
 
@@ -167,7 +168,7 @@ class Refined:
         method: "RK4", or "implicitfast extrapolated", "discrete extrapolated".
     """
 
-    tips: np.ndarray | None
+    tips: ndarray | None
     uncertainty: float | None
     substeps: int
     method: str
@@ -182,15 +183,13 @@ def step_cost(nv: int, integrator: str) -> float:
     return one * {"RK4": 3.0, "implicitfast": 1.0, "discrete": 1.0}.get(integrator, 2.0)
 
 
-def start_posture(scene: Scene, drawn: RandomScene) -> np.ndarray:
+def start_posture(scene: Scene, drawn: RandomScene) -> ndarray:
     """Posture (nq,) in which a drawn scene starts."""
     kinds = 1 if scene.config.bending == "planar" else 3 if scene.config.torsion else 2
     return posture(scene.model, np.outer(scene.layout.weights, drawn.curvature[:kinds]))
 
 
-def refine(
-    scene: Scene, drawn: RandomScene, enough: Callable[[np.ndarray, float], bool]
-) -> Refined:
+def refine(scene: Scene, drawn: RandomScene, enough: Callable[[ndarray, float], bool]) -> Refined:
     """Halve the timestep until results agree.
 
     Args:
@@ -230,7 +229,7 @@ def _first(scene: Scene) -> tuple[str, int]:
     return method, max(_LEAST, ceil(period / step))
 
 
-def _estimate(method: str, runs: list[np.ndarray]) -> tuple[np.ndarray, float] | None:
+def _estimate(method: str, runs: list[ndarray]) -> tuple[ndarray, float] | None:
     """Best tips of successive refinements and how far they are from the next best."""
     if method == "RK4":
         return (runs[-1], distance(runs[-1], runs[-2])) if len(runs) > 1 else None
@@ -244,7 +243,7 @@ def _estimate(method: str, runs: list[np.ndarray]) -> tuple[np.ndarray, float] |
     return best, distance(best, zero_timestep(runs[-4:-1])[0])
 
 
-def refined_run(scene: Scene, drawn: RandomScene, integrator: str, substeps: int) -> np.ndarray:
+def refined_run(scene: Scene, drawn: RandomScene, integrator: str, substeps: int) -> ndarray:
     """Tips (1 + periods, 3) [m] of a run with fixed steps; fewer if it diverged."""
     model, period = scene.model, scene.config.control_period
     model.opt.timestep = period / substeps
@@ -286,7 +285,7 @@ class OwnRun:
     """
 
     scene: Scene | None
-    tips: np.ndarray | None = None
+    tips: ndarray | None = None
     failure: str | None = None
     wall_time: float | None = None
     estimate: float | None = None
@@ -352,7 +351,7 @@ def _truth(drawn: RandomScene, own: OwnRun) -> Refined:
     if own.scene is None or (own.tips is None and own.failure is None):
         return Refined(None, None, 0, "none")
 
-    def enough(tips: np.ndarray, uncertainty: float) -> bool:
+    def enough(tips: ndarray, uncertainty: float) -> bool:
         error = 0.0 if own.tips is None else distance(own.tips, tips)
         return uncertainty <= max(_CLEAR * drawn.config.wanted_accuracy, _CLEARLY_WRONG * error)
 

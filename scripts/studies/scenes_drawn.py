@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from math import ceil, cos, hypot, pi, sin, sqrt
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.robots import ARM, Head, RobotParams, Tendon
 from softrobot_env.robots.loads import Load
@@ -52,8 +53,8 @@ class RandomScene:
     seed: int
     index: int
     config: SceneConfig
-    curvature: np.ndarray
-    controls: np.ndarray
+    curvature: ndarray
+    controls: ndarray
     excitation: str
 
     @property
@@ -198,7 +199,7 @@ def _control_period(rng: np.random.Generator, robot: RobotParams) -> float:
     return round(1e3 * _log(rng, 0.002, most)) / 1e3
 
 
-def _curvature(rng: np.random.Generator, config: SceneConfig) -> np.ndarray:
+def _curvature(rng: np.random.Generator, config: SceneConfig) -> ndarray:
     """(3,) [1/m] of an arc of half a radian to two."""
     angle, azimuth = rng.uniform(0.5, 2.0), rng.uniform(0, 2 * pi)
     turn = (cos(azimuth), sin(azimuth)) if config.bending == "spatial" else (1.0, 0.0)
@@ -206,7 +207,7 @@ def _curvature(rng: np.random.Generator, config: SceneConfig) -> np.ndarray:
     return np.array([angle * turn[0], angle * turn[1], twist]) / config.robot.length
 
 
-def _controls(rng: np.random.Generator, config: SceneConfig, excitation: str) -> np.ndarray:
+def _controls(rng: np.random.Generator, config: SceneConfig, excitation: str) -> ndarray:
     """(periods, nu)."""
     period, frequency = config.control_period, swing(config.robot)
     count = int(np.clip(min(_LONGEST, _PERIODS / frequency) / period, _LEAST, _MOST))
@@ -219,8 +220,8 @@ def _controls(rng: np.random.Generator, config: SceneConfig, excitation: str) ->
 
 
 def _shape(
-    rng: np.random.Generator, excitation: str, time: np.ndarray, frequency: float, size: int
-) -> np.ndarray:
+    rng: np.random.Generator, excitation: str, time: ndarray, frequency: float, size: int
+) -> ndarray:
     """(k, size) between 0 and 1: levels held for a while, or sines; zero for what is let go."""
     if excitation == "let_go":
         return np.zeros((len(time), size))
@@ -236,7 +237,7 @@ def _shape(
     return 0.5 + 0.5 * amplitude * waves
 
 
-def _drive(actuation: str, tendon: Tendon, share: np.ndarray) -> np.ndarray:
+def _drive(actuation: str, tendon: Tendon, share: ndarray) -> ndarray:
     """Controls (k,) of a tendon from shares between 0 and 1 of what it can do.
 
     Pulled in all the way it turns the tip by a radian, and stretches under half its limit.

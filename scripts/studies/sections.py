@@ -10,6 +10,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from softrobot_env.beams.cosserat import CosseratRod
@@ -95,7 +96,7 @@ class Case:
     solve: Callable[..., SpatialShape] = tendon_rod
     quick: bool = False
 
-    def shape(self, stations: np.ndarray, shear_coefficient: float | None) -> SpatialShape:
+    def shape(self, stations: ndarray, shear_coefficient: float | None) -> SpatialShape:
         """The exact shape at arc lengths (k,) [m], along the axes of the robot's base."""
         return self.solve(self.robot, self.tension, stations, shear_coefficient)
 
@@ -184,7 +185,7 @@ _PARTS, _FINE = 3, 24  # of a section whose strain is compared, and of such a pa
 _SHEAR = 0.75  # as `CosseratRod` has
 
 #: Finds tip (3,), strains (pieces, 3), their edges, number of coordinates, and moves a period.
-Found = tuple[np.ndarray, np.ndarray, np.ndarray, int, Callable[[], object]]
+Found = tuple[ndarray, ndarray, ndarray, int, Callable[[], object]]
 
 
 def measure(case: tuple[str, tuple[int, ...]]) -> list[Row]:
@@ -227,11 +228,11 @@ def _row(case: Case, model: str, pieces: int, default: bool, truth: SpatialShape
     return Row(case.name, model, pieces, default, n, *errors, time, moved)
 
 
-def _chain(robot: RobotParams, pieces: int, _: str) -> Callable[[np.ndarray], Found]:
+def _chain(robot: RobotParams, pieces: int, _: str) -> Callable[[ndarray], Found]:
     way = {"bending": "spatial", "torsion": True, "control_period": _PERIOD}
     scene = build_scene(SceneConfig(robot, pieces=pieces, **way))
 
-    def solve(tension: np.ndarray) -> Found:
+    def solve(tension: ndarray) -> Found:
         q = scene.equilibrium(tension)
 
         def start() -> Callable[[], object]:
@@ -244,12 +245,12 @@ def _chain(robot: RobotParams, pieces: int, _: str) -> Callable[[np.ndarray], Fo
     return solve
 
 
-def _beam(robot: RobotParams, pieces: int, name: str) -> Callable[[np.ndarray], Found]:
+def _beam(robot: RobotParams, pieces: int, name: str) -> Callable[[ndarray], Found]:
     way = {"axes": slice(0, 3), "bending": "spatial", "torsion": True, "actuation": "tension"}
     stepped = BeamPlant(name, pieces=pieces)(robot, **way)
     model = stepped.model
 
-    def solve(tension: np.ndarray) -> Found:
+    def solve(tension: ndarray) -> Found:
         q = model.equilibrium(tension)
 
         def start() -> Callable[[], object]:
@@ -273,23 +274,23 @@ def _moved(start: Callable[[], Callable[[], object]]) -> float | None:
 # ---------------------------------------------------------------- strains
 
 
-def _parts(robot: RobotParams) -> np.ndarray:
+def _parts(robot: RobotParams) -> ndarray:
     """Ends (k + 1,) [m] of the parts of sections whose strains are compared."""
     return robot.backbone.cut([_PARTS] * len(robot.backbone.sections))
 
 
-def _stations(robot: RobotParams) -> np.ndarray:
+def _stations(robot: RobotParams) -> ndarray:
     return robot.backbone.cut([_PARTS * _FINE] * len(robot.backbone.sections))
 
 
-def _true_strains(truth: SpatialShape, robot: RobotParams) -> np.ndarray:
+def _true_strains(truth: SpatialShape, robot: RobotParams) -> ndarray:
     """Mean turn (k, 3) [1/m] of parts about the sections' own axes."""
     frames = Rotation.from_matrix(truth.frame)
     turns = (frames[:-1].inv() * frames[1:]).as_rotvec()
     return turns.reshape(-1, _FINE, 3).sum(axis=1) / np.diff(_parts(robot))[:, None]
 
 
-def _mean(strains: np.ndarray, edges: np.ndarray, parts: np.ndarray) -> np.ndarray:
+def _mean(strains: ndarray, edges: ndarray, parts: ndarray) -> ndarray:
     """Means (k, 3) of strains between edges over parts."""
     turned = np.append(np.zeros((1, 3)), np.cumsum(np.diff(edges)[:, None] * strains, axis=0), 0)
     at = np.stack([np.interp(parts, edges, column) for column in turned.T], axis=1)

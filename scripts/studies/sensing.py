@@ -10,6 +10,7 @@ from functools import cache
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 from scipy.interpolate import LinearNDInterpolator
 
 from softrobot_env.control.gripper import LIFTED
@@ -111,7 +112,7 @@ def planar_rows(quick: bool = False) -> list[Row]:
     return [*_constant(quick), *_noise(quick), *_other_rows(quick)]
 
 
-def read(sensor: Sensor, angles: np.ndarray, rate: float, seed: int = 0) -> np.ndarray:
+def read(sensor: Sensor, angles: ndarray, rate: float, seed: int = 0) -> ndarray:
     """Readings (n,) of three fibres at angles (n, 2) [rad], from straight on, at a rate [Hz]."""
     third = sensor.end / 3
     strain = np.zeros((len(angles), 3, 3))
@@ -123,12 +124,12 @@ def read(sensor: Sensor, angles: np.ndarray, rate: float, seed: int = 0) -> np.n
 
 def readings(
     sensors: Sequence[Sensor],
-    edges: np.ndarray,
+    edges: ndarray,
     period: float,
     seed: int,
-    strain: np.ndarray,
-    touch: np.ndarray | None = None,
-) -> np.ndarray:
+    strain: ndarray,
+    touch: ndarray | None = None,
+) -> ndarray:
     """Readings (n, fibres) of sensors that were straight before.
 
     Args:
@@ -284,10 +285,10 @@ class _Grip:
         tension: (n,) [N].
     """
 
-    strain: np.ndarray
-    touch: np.ndarray
-    edges: np.ndarray
-    tension: np.ndarray
+    strain: ndarray
+    touch: ndarray
+    edges: ndarray
+    tension: ndarray
 
 
 def _gripped(name: str, tension: float) -> _Grip:
@@ -331,7 +332,7 @@ def _gripped(name: str, tension: float) -> _Grip:
     )
 
 
-def _finger_read(grip: _Grip, specimen: int) -> tuple[np.ndarray, np.ndarray]:
+def _finger_read(grip: _Grip, specimen: int) -> tuple[ndarray, ndarray]:
     """Light (n, 3) and turns seen by tags (n, 3) [rad] of a specimen in a grip."""
     sensors = tuple(sensor.with_imperfections(1.0, specimen) for sensor in _ROBOT.sensors)
     out = readings(sensors, grip.edges, 1 / _RATE, specimen, grip.strain, grip.touch)
@@ -374,7 +375,7 @@ def finger_rows(quick: bool = False) -> list[Row]:
     return [*out, Row("Fig. 4.18", what, worst, "mm", "assumed", note=note, curves=shapes)]
 
 
-def _judge_finger(specimen: int, grips: dict[str, _Grip]) -> tuple[dict[str, np.ndarray], dict]:
+def _judge_finger(specimen: int, grips: dict[str, _Grip]) -> tuple[dict[str, ndarray], dict]:
     """Errors (n, 3) [rad] of sensors by the grip, and what is drawn."""
     whole = grips[f"fingertip {_SMALL}"]
     light, turns = _finger_read(whole, specimen)
@@ -396,7 +397,7 @@ def _judge_finger(specimen: int, grips: dict[str, _Grip]) -> tuple[dict[str, np.
     return errors, curves | {"series": series}
 
 
-def _chain(kappa: np.ndarray, size: np.ndarray) -> np.ndarray:
+def _chain(kappa: ndarray, size: ndarray) -> ndarray:
     """Points (n + 1, 2) [m] of arcs of some curvatures (n,) and lengths (n,) [m]."""
     turn = np.concatenate([[0.0], np.cumsum(kappa * size)])
     middle = (turn[:-1] + turn[1:]) / 2
@@ -449,9 +450,9 @@ _FLICKER, _SCALES = 0.015, (1.0, 2.0, 3.0)
 class _Visit(NamedTuple):
     """Postures of a rig at rest, points first, then the straight pose and the circles."""
 
-    tips: np.ndarray  # (n, 2) [m]
-    shapes: np.ndarray  # (n, cells, 3) [1/m]
-    edges: np.ndarray
+    tips: ndarray  # (n, 2) [m]
+    shapes: ndarray  # (n, cells, 3) [1/m]
+    edges: ndarray
     sensor: Sensor
 
 
@@ -459,7 +460,7 @@ class _Visit(NamedTuple):
 class _Found:
     """Squared errors [m2] of tips by what estimates them, and what is drawn."""
 
-    squares: dict[str, np.ndarray]
+    squares: dict[str, ndarray]
     curves: dict
 
 
@@ -469,7 +470,7 @@ def _visit(specimen: int) -> _Visit:
     scene = build_scene(replace(scene_of(robot), pieces=RIG_PIECES, control_period=0.02))
     rng = np.random.default_rng(specimen + 100)
 
-    def rest(lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def rest(lengths: ndarray) -> tuple[ndarray, ndarray]:
         q = equilibrium(scene.model, lengths)
         return scene.tip(q)[:2], station_strain(scene.model, scene.layout, q[None])[0]
 
@@ -486,7 +487,7 @@ def _visit(specimen: int) -> _Visit:
     return _Visit(tips, shapes, edges, robot.sensors[0])
 
 
-def _lengths(most: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
+def _lengths(most: ndarray, azimuth: ndarray) -> ndarray:
     """Lengths (n, 3) [m] pulled in towards azimuths [rad], the largest of each `most`."""
     towards = np.cos(azimuth.ravel()[:, None] - 2 * np.pi / 3 * np.arange(3))
     lengths = most.ravel()[:, None] * towards / towards.max(axis=1, keepdims=True)
@@ -521,7 +522,7 @@ def _judge_spatial(specimen: int, sensor: Sensor, bent: float) -> _Found:
     return _Found(squares, {"readings": light, "tips": tips, **estimates})
 
 
-def _followed(tracker: BendFilter, readings: np.ndarray) -> np.ndarray:
+def _followed(tracker: BendFilter, readings: ndarray) -> ndarray:
     """Tips (n, 2) [m] by readings (n, 4) in turn."""
     return np.array([tracker.update(reading, _PAUSE) for reading in readings])
 

@@ -19,6 +19,7 @@ from typing import Any
 import gymnasium
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.control.registry import (
     REDUCED_POLICIES,
@@ -227,14 +228,14 @@ def moving_rows(quick: bool) -> list[Row]:
     return rows
 
 
-def _part_times(env: TrackingEnv, actions: np.ndarray) -> list[float]:
+def _part_times(env: TrackingEnv, actions: ndarray) -> list[float]:
     """[s] of a step in each part of the motion, in which the action is held."""
     env.reset(seed=0)
     parts = actions.reshape(-1, _HELD, actions.shape[1])
     return [mean_time(partial(env.step, part[0]), _HELD) for part in parts]
 
 
-def _motion(env: TrackingEnv, actions: np.ndarray) -> tuple[np.ndarray, float]:
+def _motion(env: TrackingEnv, actions: ndarray) -> tuple[ndarray, float]:
     """Tips (periods, k) [m], and the estimate [m] of their error."""
     env.reset(seed=0)
     tips = []
@@ -294,9 +295,7 @@ def _batch_row(
     return replace(step_row(what, name, seconds, raw, count, simulation.threads), dof=dof)
 
 
-def _period_time(
-    env: VectorTrackingEnv, actions: np.ndarray, step: Callable[[], np.ndarray]
-) -> float:
+def _period_time(env: VectorTrackingEnv, actions: ndarray, step: Callable[[], ndarray]) -> float:
     """Mean time [s] of a control period, after a first one that puts the actions in force.
 
     Raises:
@@ -304,7 +303,7 @@ def _period_time(
     """
     env.reset(seed=0)
     env.step(actions)
-    failed: list[np.ndarray] = []
+    failed: list[ndarray] = []
     spent = mean_time(lambda: failed.append(step()), _STRETCH)
     if failed[-1].any():
         raise RuntimeError(f"{env.spec.id} failed while it was timed")

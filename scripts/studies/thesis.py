@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numba import njit
+from numpy import ndarray
 from rich.table import Table
 from scipy.integrate import BDF, OdeSolver, Radau
 from scipy.interpolate import CubicSpline
@@ -406,7 +407,7 @@ def drift_rows(duration: float) -> list[Row]:
 
 def _drift(
     solver: type[OdeSolver], tolerances: tuple[float, float], projected: bool, duration: float
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[ndarray, ndarray]:
     """Ends (k,) [s] of the steps, and the norm's violation (k,) there (before projecting)."""
     rod = build("cosserat", CANTILEVER_WEAK, _PIECES)
     derivative, n = rod.first_order(np.empty(0)), rod.n
@@ -426,7 +427,7 @@ def _drift(
     return np.array(times), np.array(drifts)
 
 
-def project(y: np.ndarray) -> np.ndarray:
+def project(y: ndarray) -> ndarray:
     """States (..., 2 n) with unit quaternions, and their rates normal to them: (2.47), (2.48).
 
     The rates are projected with the normalised quaternions; with others, as printed, some of the
@@ -482,7 +483,7 @@ def _element(quadrature: str | int) -> ANCF:
     return build("ancf", weightless(CANTILEVER_WEAK), 1, planar=False, quadrature=quadrature)
 
 
-def _force_sizes(model: ANCF, q: np.ndarray) -> np.ndarray:
+def _force_sizes(model: ANCF, q: ndarray) -> ndarray:
     """Norms (k,) of the elastic forces at coordinates (k, n)."""
     zero = np.zeros(model.n)
     return np.array([np.linalg.norm(model.residual(each, zero, zero)) for each in q])
@@ -535,12 +536,12 @@ def evaluation_time(model: BeamModel) -> float:
     return _time(_accelerations, model, q, v)
 
 
-def force_time(model: BeamModel, q: np.ndarray, v: np.ndarray) -> float:
+def force_time(model: BeamModel, q: ndarray, v: ndarray) -> float:
     """Time [s] of one evaluation of the forces in states (k, n), in a compiled loop."""
     return _time(_residuals, model, np.ascontiguousarray(q), np.ascontiguousarray(v))
 
 
-def _time(loop: Callable[..., None], model: BeamModel, q: np.ndarray, v: np.ndarray) -> float:
+def _time(loop: Callable[..., None], model: BeamModel, q: ndarray, v: ndarray) -> float:
     """Shortest time [s] per state of some loops, each long enough for the clock."""
     arguments = model.data, q, v, np.zeros(model.n_inputs), np.empty(model.n)
     rounds = 1
@@ -552,7 +553,7 @@ def _time(loop: Callable[..., None], model: BeamModel, q: np.ndarray, v: np.ndar
         rounds *= 4
 
 
-def random_states(model: BeamModel, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def random_states(model: BeamModel, count: int, seed: int = 0) -> tuple[ndarray, ndarray]:
     """Random coordinates and velocities (count, n); quaternions have norm 1, their rates fit."""
     rng = np.random.default_rng(seed)
     change = model.data.scale * rng.uniform(-0.3, 0.3, (count, model.n))
@@ -654,7 +655,7 @@ def spiral_model(model: str, n: int) -> BeamModel:
     return build(model, ROBOT, n, *loads(), planar=False)
 
 
-def distances(tip: np.ndarray, other: np.ndarray) -> tuple[float, float]:
+def distances(tip: ndarray, other: ndarray) -> tuple[float, float]:
     """Mean and largest distance [m] between two tips (k, 3) [m]."""
     distance = np.linalg.norm(tip - other, axis=1)
     return float(distance.mean()), float(distance.max())
@@ -705,7 +706,7 @@ def _distance_rows(key: tuple[str, int], found: tuple[float, float], finest: boo
     ]
 
 
-def _size_rows(key: tuple[str, int], tip: np.ndarray) -> list[Row]:
+def _size_rows(key: tuple[str, int], tip: ndarray) -> list[Row]:
     """Largest radius, and the tip at the end where the audit gives it."""
     known = values.SPIRAL_RADIUS[key[0]].get(key[1])
     if known is None:
@@ -771,7 +772,7 @@ class _Contest:
         straight = np.stack([np.interp(self._dense, times, x) for x in tip.T], axis=1)
         return distances(straight, self._reference(self._dense))
 
-    def _tips(self, step: float | None, **options: Any) -> tuple[np.ndarray, np.ndarray]:
+    def _tips(self, step: float | None, **options: Any) -> tuple[ndarray, ndarray]:
         """Times (k,) [s] and tips (k, 3) [m]; nowhere, so to speak, if the simulation fails."""
         count = 300 if step is None else round(DURATION / step)
         times = np.linspace(0.0, DURATION, count + 1)

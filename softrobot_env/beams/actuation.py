@@ -5,6 +5,7 @@ from math import isinf
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel, structure
 from softrobot_env.beams.numerics.quaternions import add_scaled, difference, dot3, row3
@@ -36,23 +37,23 @@ class Actuation(NamedTuple):
         straight: (n_tendons,) [m], length inside the straight robot.
     """
 
-    point_station: np.ndarray
-    point_offset: np.ndarray
-    load_force: np.ndarray
-    load_moment: np.ndarray
-    load_follows: np.ndarray
+    point_station: ndarray
+    point_offset: ndarray
+    load_force: ndarray
+    load_moment: ndarray
+    load_follows: ndarray
     moments: bool
     followers: bool
-    guided: np.ndarray
-    first: np.ndarray
-    channel: np.ndarray
-    channel_offset: np.ndarray
-    channel_end: np.ndarray
+    guided: ndarray
+    first: ndarray
+    channel: ndarray
+    channel_offset: ndarray
+    channel_end: ndarray
     by_length: bool
-    stiffness: np.ndarray
-    pretension: np.ndarray
-    limit: np.ndarray
-    straight: np.ndarray
+    stiffness: ndarray
+    pretension: ndarray
+    limit: ndarray
+    straight: ndarray
 
     @property
     def n_loads(self) -> int:
@@ -73,7 +74,7 @@ def make_actuation(
     return _arrays(robot.tendons, seen_from_base(robot, loads), drive)
 
 
-def points_only(stations: np.ndarray, offsets: np.ndarray | None = None) -> Actuation:
+def points_only(stations: ndarray, offsets: ndarray | None = None) -> Actuation:
     """Material points (k,) [m] and (k, 2) [m] to be observed, without loads and tendons."""
     stations = np.atleast_1d(np.asarray(stations, dtype=float))
     offsets = np.zeros((len(stations), 2)) if offsets is None else np.asarray(offsets, dtype=float)
@@ -123,9 +124,7 @@ def channels_of(robot: RobotParams, actuation: Actuation) -> list[Tendon]:
     return [t for t in robot.tendons if not t.guides] if len(actuation.channel_end) else []
 
 
-def channel_samples(
-    channels: Sequence[Tendon], edges: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def channel_samples(channels: Sequence[Tendon], edges: ndarray) -> tuple[ndarray, ndarray, ndarray]:
     """Points for integrals along channels within intervals between edges (k + 1,) [m].
 
     One in the interval where the place of a channel is constant, else Gauss points.
@@ -168,11 +167,11 @@ def _check(robot: RobotParams, loads: Sequence[Load], drive: str) -> None:
             )
 
 
-def _vectors(values: list[tuple[float, float, float]]) -> np.ndarray:
+def _vectors(values: list[tuple[float, float, float]]) -> ndarray:
     return np.array(values, dtype=float).reshape(-1, 3)
 
 
-def _values(tendons: Sequence[Tendon], name: str) -> np.ndarray:
+def _values(tendons: Sequence[Tendon], name: str) -> ndarray:
     return np.array([getattr(t, name) for t in tendons], dtype=float)
 
 

@@ -8,6 +8,7 @@ exp(i phi(s)), smooth through the straight pose.
 """
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.robots import RobotParams, Tendon
 from softrobot_env.robots.actuation import TendonMap
@@ -45,28 +46,28 @@ class ConstantCurvatureStatics:
         # phi(s) = slope(s) @ u: a pair bends the arm up to its end only.
         self._slope = self._sides * np.minimum.outer(stations, self._ends)
 
-    def _quadrature(self) -> tuple[np.ndarray, np.ndarray]:
+    def _quadrature(self) -> tuple[ndarray, ndarray]:
         """Gauss nodes and weights on each interval of constant curvature."""
         edges = np.unique(np.concatenate(([0.0], self._ends, [self.robot.length])))
         x, w = np.polynomial.legendre.leggauss(_NODES)
         size = np.diff(edges)[:, None]
         return (edges[:-1, None] + size * (x + 1) / 2).ravel(), (size * w / 2).ravel()
 
-    def curvature(self, reduced: np.ndarray, stations: np.ndarray) -> np.ndarray:
+    def curvature(self, reduced: ndarray, stations: ndarray) -> ndarray:
         """Curvature (k,) [1/m] at arc lengths (k,) [m] under inputs (n_inputs,) [N]."""
         reached = np.less.outer(stations, self._ends)
         return (reached * self._sides) @ reduced
 
-    def tip(self, reduced: np.ndarray) -> np.ndarray:
+    def tip(self, reduced: ndarray) -> ndarray:
         """Tip (2,) [m] in (x, z) under reduced inputs (n_inputs,) [N]."""
         z = self._weights @ np.exp(1j * (self._slope @ reduced))
         return np.array([z.imag, z.real])
 
-    def jacobian(self, reduced: np.ndarray) -> np.ndarray:
+    def jacobian(self, reduced: ndarray) -> ndarray:
         """Derivative (2, n_inputs) [m/N] of the tip."""
         return self.expand(reduced)[1]
 
-    def expand(self, reduced: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def expand(self, reduced: ndarray) -> tuple[ndarray, ndarray, ndarray]:
         """Tip (2,), its first (2, n) and second (2, n, n) derivatives under inputs (n,) [N]."""
         e = self._weights * np.exp(1j * (self._slope @ reduced))
         first = 1j * (e @ self._slope)

@@ -6,6 +6,7 @@ from numbers import Integral
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams import mechanics, signals
 from softrobot_env.beams.actuation import Actuation, make_actuation, points_only, tendon_tensions
@@ -51,10 +52,10 @@ class ControlAffine(NamedTuple):
         inputs: B (n, n_inputs).
     """
 
-    mass: np.ndarray
-    gyroscopic: np.ndarray
-    force: np.ndarray
-    inputs: np.ndarray
+    mass: ndarray
+    gyroscopic: ndarray
+    force: ndarray
+    inputs: ndarray
 
 
 class BeamModel:
@@ -112,7 +113,7 @@ class BeamModel:
         """Number of pieces with fewer of which the model cannot follow the robot's tendons."""
         return 1
 
-    def _cut(self) -> np.ndarray:
+    def _cut(self) -> ndarray:
         """Ends (pieces + 1,) [m] of the pieces."""
         return self.robot.backbone.cut(self.pieces)
 
@@ -120,23 +121,23 @@ class BeamModel:
         """Structure for the kernels with some actuation, an instance of a NamedTuple class."""
         raise NotImplementedError
 
-    def rest(self) -> np.ndarray:
+    def rest(self) -> ndarray:
         """Coordinates (n,) of the straight pose."""
         raise NotImplementedError
 
-    def curvature(self, q: np.ndarray) -> np.ndarray:
+    def curvature(self, q: ndarray) -> ndarray:
         """Mean curvature (pieces, 3) [1/m] about x, y and z of each piece at q (n,)."""
         raise NotImplementedError
 
-    def tangent(self, q: np.ndarray) -> np.ndarray:
+    def tangent(self, q: ndarray) -> ndarray:
         """Directions (n, m) that q (n,) can change in; the identity without constraints."""
         return np.eye(len(q))
 
-    def moved(self, q: np.ndarray, change: np.ndarray) -> np.ndarray:
+    def moved(self, q: ndarray, change: ndarray) -> ndarray:
         """Coordinates (n,) changed by (n,), exactly so to first order only."""
         return q + change
 
-    def warn_of(self, q: np.ndarray) -> None:
+    def warn_of(self, q: ndarray) -> None:
         """Warn that the model is not to be trusted at q (n,), if it knows that."""
 
     def static_data(self, data: Any) -> Any:
@@ -160,28 +161,26 @@ class BeamModel:
         q = self.rest()
         return State(q, np.zeros_like(q))
 
-    def residual(
-        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, u: np.ndarray | None = None
-    ) -> np.ndarray:
+    def residual(self, q: ndarray, v: ndarray, a: ndarray, u: ndarray | None = None) -> ndarray:
         """Force (n,) missing from balance: M a + k - f - B u at q, v, a (n,)."""
         q, v, a = (self._vector(x) for x in (q, v, a))
         out = np.empty(self.n)
         mechanics.residual(self.data, q, v, a, self._inputs(u), out)
         return out
 
-    def acceleration(self, q: np.ndarray, v: np.ndarray, u: np.ndarray | None = None) -> np.ndarray:
+    def acceleration(self, q: ndarray, v: ndarray, u: ndarray | None = None) -> ndarray:
         """Acceleration (n,) in state q, v (n,) under inputs u (n_inputs,), zero if not given."""
         q, v = self._vector(q), self._vector(v)
         out = np.empty(self.n)
         mechanics.acceleration(self.data, q, v, self._inputs(u), out)
         return out
 
-    def first_order(self, u: np.ndarray | Signal) -> Callable[[float, np.ndarray], np.ndarray]:
+    def first_order(self, u: ndarray | Signal) -> Callable[[float, ndarray], ndarray]:
         """Right-hand side f(t, y) of y = (q, v) (2 n,) for the solvers of SciPy."""
         signal, n = reference(self._signal(u)), self.n
         inputs = np.empty(self.n_inputs)
 
-        def derivative(t: float, y: np.ndarray) -> np.ndarray:
+        def derivative(t: float, y: ndarray) -> ndarray:
             signals.evaluate(signal, t, inputs)
             out = np.empty(2 * n)
             out[:n] = y[n:]
@@ -190,7 +189,7 @@ class BeamModel:
 
         return derivative
 
-    def control_affine(self, q: np.ndarray, v: np.ndarray) -> ControlAffine:
+    def control_affine(self, q: ndarray, v: ndarray) -> ControlAffine:
         """The equations of motion at q, v (n,), with all tendons taut if driven by length."""
         zero = np.zeros(self.n)
         static = self.residual(q, zero, zero)
@@ -208,7 +207,7 @@ class BeamModel:
             inputs[:, :k] *= actuation.stiffness
         return ControlAffine(mass, (forward + backward) / 2 - static, force, inputs)
 
-    def _unit_inputs(self, q: np.ndarray) -> np.ndarray:
+    def _unit_inputs(self, q: ndarray) -> ndarray:
         """B (n, n_inputs) for tensions and load amplitudes."""
         data = self.data._replace(actuation=self.data.actuation._replace(by_length=False))
         out = np.empty((self.n, self.n_inputs))
@@ -220,11 +219,11 @@ class BeamModel:
     @one_blas_thread()
     def equilibrium(
         self,
-        u: np.ndarray | None = None,
-        guess: np.ndarray | None = None,
+        u: ndarray | None = None,
+        guess: ndarray | None = None,
         load_steps: int = 1,
         check_stability: bool | str = True,
-    ) -> np.ndarray:
+    ) -> ndarray:
         """Coordinates (n,) in equilibrium under constant inputs u (n_inputs,).
 
         Args:
@@ -252,7 +251,7 @@ class BeamModel:
             self.warn_of(q)
         return q
 
-    def _resists(self, loaded: "LoadedModel", q: np.ndarray) -> bool:
+    def _resists(self, loaded: "LoadedModel", q: ndarray) -> bool:
         """Whether every deviation from q (n,) is opposed, whatever the masses."""
         t = self.tangent(q)
         return equilibria.positive_definite(t.T @ loaded.stiffness(q) @ t)
@@ -260,13 +259,13 @@ class BeamModel:
     def simulate(
         self,
         duration: float,
-        u: np.ndarray | Signal | None = None,
+        u: ndarray | Signal | None = None,
         start: State | None = None,
         *,
         method: str = "sdirk4",
         step: float | None = None,
         tolerance: float | None = None,
-        samples: np.ndarray | float | None = None,
+        samples: ndarray | float | None = None,
         max_steps: int = 10_000_000,
     ) -> BeamMotion:
         """Simulate a motion.
@@ -312,7 +311,7 @@ class BeamModel:
         return BeamMotion(*found, *took.counters.tolist(), *took.steps.tolist())
 
     @one_blas_thread()
-    def linearize(self, state: State, u: np.ndarray | None = None) -> linearization.StateSpace:
+    def linearize(self, state: State, u: ndarray | None = None) -> linearization.StateSpace:
         """Linear model about a state under inputs u (n_inputs,).
 
         Redundant coordinates are replaced by those of `tangent`; that is exact only at rest in
@@ -347,9 +346,7 @@ class BeamModel:
 
     # ------------------------------------------------------------------ read-outs
 
-    def positions(
-        self, q: np.ndarray, stations: np.ndarray, offsets: np.ndarray | None = None
-    ) -> np.ndarray:
+    def positions(self, q: ndarray, stations: ndarray, offsets: ndarray | None = None) -> ndarray:
         """Material points at arc lengths (k,) [m], offsets (k, 2) [m] in the section.
 
         Args:
@@ -370,7 +367,7 @@ class BeamModel:
             out = out @ base.axes.T + np.array(base.position)
         return out if np.ndim(q) == 2 else out[0]
 
-    def probe(self, stations: np.ndarray, offsets: np.ndarray | None = None) -> Any:
+    def probe(self, stations: ndarray, offsets: ndarray | None = None) -> Any:
         """Data of the model whose points, for `mechanics.locate`, are these.
 
         Args:
@@ -383,15 +380,15 @@ class BeamModel:
         stations = self.robot.stations(stations, offsets)
         return reference(self._data(points_only(stations, offsets)))
 
-    def tip(self, q: np.ndarray) -> np.ndarray:
+    def tip(self, q: ndarray) -> ndarray:
         """Tip (3,) or (T, 3) [m] of the centreline for q (n,) or (T, n)."""
         return self.positions(q, np.array([self.robot.length]))[..., 0, :]
 
-    def velocities(self, q: np.ndarray, v: np.ndarray, stations: np.ndarray) -> np.ndarray:
+    def velocities(self, q: ndarray, v: ndarray, stations: ndarray) -> ndarray:
         """Velocity (k, 3) [m/s] of the centreline at arc lengths (k,) [m] in state q, v (n,)."""
         return (self._point_jacobian(q, np.atleast_1d(stations)) @ v).reshape(-1, 3)
 
-    def _point_jacobian(self, q: np.ndarray, stations: np.ndarray) -> np.ndarray:
+    def _point_jacobian(self, q: ndarray, stations: ndarray) -> ndarray:
         """(3 k, n) derivative of centreline points by the coordinates."""
         probe = self.probe(stations)
         out = np.empty((3 * len(stations), self.n))
@@ -401,29 +398,29 @@ class BeamModel:
             out = (base.axes @ out.reshape(-1, 3, self.n)).reshape(out.shape)
         return out
 
-    def tendon_length(self, q: np.ndarray) -> np.ndarray:
+    def tendon_length(self, q: ndarray) -> ndarray:
         """(n_tendons,) [m] inside the robot at q (n,)."""
         q = self._vector(q)
         out = np.empty(len(self.robot.tendons))
         _all_tendon_lengths(self.data, q, out)
         return out
 
-    def tendon_tension(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def tendon_tension(self, q: ndarray, u: ndarray) -> ndarray:
         """(n_tendons,) [N] at q (n,) under inputs u (n_inputs,)."""
         out = np.empty(len(self.robot.tendons))
         tendon_tensions(self.data.actuation, self._inputs(u), self.tendon_length(q), out)
         return out
 
-    def kinetic_energy(self, q: np.ndarray, v: np.ndarray) -> float:
+    def kinetic_energy(self, q: ndarray, v: ndarray) -> float:
         """[J] in state q, v (n,)."""
         q, v = self._vector(q), self._vector(v)
         return float(mechanics.kinetic_energy(self.data, q, v))
 
-    def potential_energy(self, q: np.ndarray) -> float:
+    def potential_energy(self, q: ndarray) -> float:
         """Elastic and gravitational energy [J] at q (n,), zero in the straight pose."""
         return float(_potential(self.data, self._vector(q)))
 
-    def momentum(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def momentum(self, q: ndarray, v: ndarray) -> ndarray:
         """Linear [N s] and angular momentum [N m s] (6,) about the origin in state q, v (n,)."""
         q, v = self._vector(q), self._vector(v)
         out = np.empty(6)
@@ -436,14 +433,14 @@ class BeamModel:
 
     # ------------------------------------------------------------------ arguments
 
-    def _vector(self, x: np.ndarray) -> np.ndarray:
+    def _vector(self, x: ndarray) -> ndarray:
         """Coordinates, velocities or accelerations, whose shape the kernels rely on."""
         x = np.ascontiguousarray(x, dtype=float)
         if x.shape != (self.n,):
             raise ValueError(f"states of this model have shape ({self.n},), got {x.shape}")
         return x
 
-    def _finite(self, x: np.ndarray) -> np.ndarray:
+    def _finite(self, x: ndarray) -> ndarray:
         """The same, from which a computation starts; read-outs also take diverged states."""
         x = self._vector(x)
         if not np.all(np.isfinite(x)):
@@ -451,7 +448,7 @@ class BeamModel:
             raise ValueError(f"states must be finite, got {x[where[0]]} in coordinates {where}")
         return x
 
-    def _inputs(self, u: np.ndarray | None) -> np.ndarray:
+    def _inputs(self, u: ndarray | None) -> ndarray:
         if u is None:
             return np.zeros(self.n_inputs)
         u = np.ascontiguousarray(u, dtype=float)
@@ -466,7 +463,7 @@ class BeamModel:
             raise ValueError(f"inputs must be finite, got {', '.join(wrong)}")
         return u
 
-    def _signal(self, u: np.ndarray | Signal | None) -> Signal:
+    def _signal(self, u: ndarray | Signal | None) -> Signal:
         if not isinstance(u, Signal):
             return signals.constant(self._inputs(u))
         if u.coefficients.shape[2] != self.n_inputs:
@@ -482,7 +479,7 @@ class BeamModel:
 class LoadedModel:
     """A model under a share of its inputs, gravity and pretension."""
 
-    def __init__(self, model: BeamModel, u: np.ndarray) -> None:
+    def __init__(self, model: BeamModel, u: ndarray) -> None:
         data, actuation = model.data, model.data.actuation
         self._whole = (data.gravity, actuation.pretension, u)
         self._part = tuple(x.copy() for x in self._whole)
@@ -494,14 +491,14 @@ class LoadedModel:
         self._width, self._matrix = width, np.empty((model.n, 3 * width + 1))
         self._pivot = np.empty(model.n, dtype=np.int64)
 
-    def _residual(self, q: np.ndarray, share: float) -> np.ndarray:
+    def _residual(self, q: ndarray, share: float) -> ndarray:
         for part, whole in zip(self._part, self._whole, strict=True):
             np.multiply(share, whole, out=part)
         out = np.empty_like(q)
         mechanics.residual(self._data, q, self._zero, self._zero, self._part[2], out)
         return out
 
-    def stiffness(self, q: np.ndarray) -> np.ndarray:
+    def stiffness(self, q: ndarray) -> ndarray:
         """Derivative (n, n) of the forces that rest takes by q (n,), under full loads."""
         self._residual(q, 1.0)
         linearization.stiffness_band(self._data, q, self._part[2], self._matrix)
@@ -511,7 +508,7 @@ class LoadedModel:
             dense[rows, rows + off] = self._matrix[rows, off + self._width]
         return dense
 
-    def newton(self, q: np.ndarray, share: float) -> Newton | None:
+    def newton(self, q: ndarray, share: float) -> Newton | None:
         """Newton's changes at q (n,), None where the stiffness is singular or not finite."""
         ahead = self._residual(q, share + _SHARE)
         missing = self._residual(q, share)
@@ -523,18 +520,18 @@ class LoadedModel:
             band.solve(self._matrix, self._width, self._pivot, x)
         return found if all(np.all(np.isfinite(x)) for x in found) else None
 
-    def again(self, q: np.ndarray, share: float) -> np.ndarray:
+    def again(self, q: ndarray, share: float) -> ndarray:
         """The change (n,) to balance the forces at q (n,), by the last factors."""
         change = -self._residual(q, share)
         band.solve(self._matrix, self._width, self._pivot, change)
         return change
 
 
-def masses_at(robot: RobotParams, places: np.ndarray) -> np.ndarray:
+def masses_at(robot: RobotParams, places: ndarray) -> ndarray:
     """Masses (k,) [kg] at places (k,) [m], which share backbone and discs between them."""
     backbone, number = robot.backbone, np.arange(len(places))
 
-    def beyond(s: np.ndarray) -> np.ndarray:
+    def beyond(s: ndarray) -> ndarray:
         at = np.interp(s, places, number)
         return backbone.mass(s) * (at - np.floor(at))
 

@@ -14,6 +14,7 @@ dw_j / da_k = d_k + i (w_j - w_k) for k <= j, with d_k = l exp(i theta_k) E'(a_k
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.constant_curvature import channel_pairs
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
@@ -41,9 +42,9 @@ class PlanarArm(NamedTuple):
     length: float
     stiffness: float
     damping_time: float
-    mass: np.ndarray
-    inertia: np.ndarray
-    inputs: np.ndarray
+    mass: ndarray
+    inertia: ndarray
+    inputs: ndarray
 
 
 def make_planar_arm(robot: RobotParams) -> PlanarArm:
@@ -68,7 +69,7 @@ def make_planar_arm(robot: RobotParams) -> PlanarArm:
     )
 
 
-def _inputs(robot: RobotParams, n: int, length: float) -> np.ndarray:
+def _inputs(robot: RobotParams, n: int, length: float) -> ndarray:
     """B (n, n_inputs): a pair bends the pieces up to its end with its moment arm."""
     _, pairs = channel_pairs(robot, "a planar arm in closed form")
     out = np.zeros((n, len(pairs)))

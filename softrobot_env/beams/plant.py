@@ -10,6 +10,7 @@ from math import ceil
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams import mechanics
 from softrobot_env.beams.model import BeamModel
@@ -107,7 +108,7 @@ class SteppedModel:
         self.model = model = self._build(self._whole, ())
         scheme = integration.find_method(self._method, self._step)
         self._scheme = reference(scheme)
-        self._signals: dict[tuple[int, float], tuple[np.ndarray, Any]] = {}
+        self._signals: dict[tuple[int, float], tuple[ndarray, Any]] = {}
         width = mechanics.bandwidth(model.data)
         self._work = reference(integration.workspace(model.n, width, len(scheme.b), model.n_inputs))
         self._samples = integration.samples(np.zeros(2), model.n)
@@ -123,17 +124,17 @@ class SteppedModel:
         least = max(_SECTIONS, ceil(robot.curvature_limit * sizes.max() / _LARGEST_TURN))
         self._pieces = self._place_probe(self._stations(least)), sizes
         self.cells = self._stations(max(least, ceil(_CELLS / robot.pieces)))
-        self._parts: tuple[Any, np.ndarray] | None = None  # of the cells
+        self._parts: tuple[Any, ndarray] | None = None  # of the cells
         base = robot.base or Base()
         self._base = np.column_stack([base.axes, base.position])[self._axes]
 
-    def _stations(self, number: int) -> np.ndarray:
+    def _stations(self, number: int) -> ndarray:
         """Ends [m] of so many parts of each of the robot's pieces."""
         robot = self.robot
         parts = np.arange(number * robot.pieces + 1) / number
         return np.interp(parts, np.arange(robot.pieces + 1), robot.backbone.cut(robot.pieces))
 
-    def _place_probe(self, stations: np.ndarray) -> Any:
+    def _place_probe(self, stations: ndarray) -> Any:
         """Points, off the axis, of sections at stations [m], and the tip."""
         robot = self.robot
         a = robot.backbone.widest
@@ -144,11 +145,11 @@ class SteppedModel:
 
     # ------------------------------------------------------------------ postures
 
-    def rest(self) -> np.ndarray:
+    def rest(self) -> ndarray:
         """Coordinates (n,) of the straight pose."""
         return self.model.rest()
 
-    def equilibrium(self, control: np.ndarray) -> np.ndarray:
+    def equilibrium(self, control: ndarray) -> ndarray:
         """Coordinates (n,) at rest under controls (n_tendons,) [N or m].
 
         Raises:
@@ -156,7 +157,7 @@ class SteppedModel:
         """
         return self.model.equilibrium(control)
 
-    def bent(self, curvature: np.ndarray) -> np.ndarray:
+    def bent(self, curvature: ndarray) -> ndarray:
         """Coordinates (n,) whose measured curvature is `curvature` [1/m].
 
         The posture is that of the robot without tendons and weight under moments at the ends of
@@ -180,12 +181,12 @@ class SteppedModel:
         ]
         model = self.bare(loads)
 
-        def posture(bending: np.ndarray, guess: np.ndarray | None = None) -> np.ndarray:
+        def posture(bending: ndarray, guess: ndarray | None = None) -> ndarray:
             moments = stiffness * bending.reshape(-1, directions)
             moments = moments - np.append(moments[1:], np.zeros((1, directions)), axis=0)
             return model.equilibrium(moments.ravel(), guess, check_stability=False)
 
-        def read(q: np.ndarray) -> np.ndarray:
+        def read(q: ndarray) -> ndarray:
             return self.measure(q, np.zeros_like(q)).curvature
 
         wanted = np.asarray(curvature, dtype=float)
@@ -211,7 +212,7 @@ class SteppedModel:
         """The model of the robot without tendons and weight: its springs, and loads."""
         return self._build(replace(self._whole, tendons=(), gravity=(0.0, 0.0, 0.0)), loads)
 
-    def _cannot_bend(self, curvature: np.ndarray) -> str:
+    def _cannot_bend(self, curvature: ndarray) -> str:
         return (
             f"{type(self.model).__name__} with {self.model.n} coordinates cannot take the start "
             f"curvature {curvature.tolist()} 1/m; use more pieces or start from an equilibrium "
@@ -220,9 +221,7 @@ class SteppedModel:
 
     # ------------------------------------------------------------------ motion
 
-    def advance(
-        self, q: np.ndarray, v: np.ndarray, control: np.ndarray, duration: float
-    ) -> str | None:
+    def advance(self, q: ndarray, v: ndarray, control: ndarray, duration: float) -> str | None:
         """Move the state on in place; what went wrong, or None (`interfaces.PlantModel`)."""
         signal = self._follow(control, duration)
         # The whole period is tried first: a motion that follows its reference needs few steps.
@@ -238,7 +237,7 @@ class SteppedModel:
         how = f"tolerance {self._tolerance:g}" if self._step is None else f"step {self._step:g} s"
         return f"{integration.FAILURES[code]} after {reached:.4g} s of it ({self._method}, {how})"
 
-    def _follow(self, control: np.ndarray, duration: float) -> Any:
+    def _follow(self, control: ndarray, duration: float) -> Any:
         """The compiled signal of controls (n,), or of a path of them."""
         rows = control.reshape(-1, self.model.n_inputs)
         spans, kind = max(1, len(rows) - 1), (len(rows), duration)
@@ -253,29 +252,29 @@ class SteppedModel:
 
     # ------------------------------------------------------------------ read-outs
 
-    def measure(self, q: np.ndarray, v: np.ndarray) -> Measurement:
+    def measure(self, q: ndarray, v: ndarray) -> Measurement:
         """New arrays with everything that can be measured (`interfaces.PlantModel`)."""
         tip, strain = self._seen(q, v)
         curvature, rate = strain[:, :, : self._directions].copy().reshape(2, -1)
         return Measurement(*tip.copy(), curvature, rate, self.model.tendon_length(q))
 
-    def tension(self, q: np.ndarray, control: np.ndarray) -> np.ndarray:
+    def tension(self, q: ndarray, control: ndarray) -> ndarray:
         """Tensions (n_tendons,) [N] in a posture under controls (`interfaces.PlantModel`)."""
         return self.model.tendon_tension(q, control)
 
-    def strains(self, q: np.ndarray) -> np.ndarray:
+    def strains(self, q: ndarray) -> ndarray:
         """Beta, gamma and torsion (pieces, 3) [1/m] in a posture (`interfaces.PlantModel`)."""
         return self._seen(q, np.zeros_like(q))[1][0]
 
-    def shape(self, q: np.ndarray) -> np.ndarray:
+    def shape(self, q: ndarray) -> ndarray:
         """Beta, gamma and torsion (k, 3) [1/m] of all cells (`interfaces.PlantModel`)."""
         if self._parts is None:
             self._parts = self._place_probe(self.cells), np.diff(self.cells)
         return self._seen(q, np.zeros_like(q), self._parts)[1][0]
 
     def _seen(
-        self, q: np.ndarray, v: np.ndarray, parts: tuple[Any, np.ndarray] | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
+        self, q: ndarray, v: ndarray, parts: tuple[Any, ndarray] | None = None
+    ) -> tuple[ndarray, ndarray]:
         """Tip (2, axes) and strains (2, parts, 3), each with its rate.
 
         Of the robot's pieces unless given others, by their probe and sizes [m].

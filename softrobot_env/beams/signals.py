@@ -5,6 +5,7 @@ from math import ceil
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel, structure
 
@@ -21,20 +22,20 @@ class Signal(NamedTuple):
 
     start: float
     step: float
-    coefficients: np.ndarray
+    coefficients: ndarray
 
 
-def constant(values: np.ndarray) -> Signal:
+def constant(values: ndarray) -> Signal:
     """Inputs (n_inputs,) that never change."""
     return Signal(0.0, 1.0, np.array(values, dtype=float).reshape(1, 1, -1))
 
 
-def held(values: np.ndarray, period: float) -> Signal:
+def held(values: ndarray, period: float) -> Signal:
     """Row i of values (k, n_inputs) from i * period on (zero-order hold)."""
     return Signal(0.0, float(period), np.array(values, dtype=float)[:, None, :])
 
 
-def smooth(function: Callable[[float], np.ndarray], duration: float, step: float = 2e-3) -> Signal:
+def smooth(function: Callable[[float], ndarray], duration: float, step: float = 2e-3) -> Signal:
     """Cubic spline through a smooth function of time, from 0 to the duration [s].
 
     Its error is of fourth order in the step: for 2 ms about 1e-9 of the amplitude of an

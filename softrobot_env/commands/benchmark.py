@@ -124,12 +124,7 @@ def _draw(what: str, benchmark: Benchmark, out: Path) -> bool:
     return drawn(lambda: benchmark.draw(records, out / f"{what}.png"))
 
 
-def _measure(
-    args: Namespace,
-    benchmark: Benchmark,
-    out: Path,
-    options: dict[str, int],
-) -> None:
+def _measure(args: Namespace, benchmark: Benchmark, out: Path, options: dict[str, int]) -> None:
     """Run, print and write reports and plots."""
     study = f"{args.what} quick={args.quick} {sorted(options.items())}"
     with kept_rows(out / KEPT, study, getattr(benchmark, "sources", ())) as kept:

@@ -7,10 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from softrobot_env.commands.arguments import (
-    expand_all,
-    flags,
-)
+from softrobot_env.commands.arguments import expand_all, flags
 from softrobot_env.commands.setups import (
     SIMULATED,
     Given,
@@ -22,26 +19,12 @@ from softrobot_env.commands.setups import (
     one_task,
     period_of,
 )
-from softrobot_env.control.registry import (
-    EVERY_POLICY,
-    POLICIES,
-    installed_policies,
-    policy_name,
-)
+from softrobot_env.control.registry import EVERY_POLICY, POLICIES, installed_policies, policy_name
 from softrobot_env.envs.disturbances import rounded
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.evaluation.runner import Case
-from softrobot_env.robots import (
-    VARIATIONS,
-    default_robot,
-    entry_of,
-)
-from softrobot_env.tasks import (
-    Task,
-    find_maker,
-    make_task,
-    tasks_of,
-)
+from softrobot_env.robots import VARIATIONS, default_robot, entry_of
+from softrobot_env.tasks import Task, find_maker, make_task, tasks_of
 
 #: Step widths [m] of tasks that have one, unless given (thesis Tabs. 6.2 to 6.4).
 STEP_WIDTHS = (0.05, 0.1, 0.2)

@@ -16,11 +16,7 @@ from softrobot_env.core.processes import using
 from softrobot_env.core.runs import KEPT, Kept, kept_rows, run_cases
 from softrobot_env.evaluation import report, runner
 from softrobot_env.evaluation.metrics import approached_metrics
-from softrobot_env.evaluation.report import (
-    learnt_label,
-    option_columns,
-    robot_label,
-)
+from softrobot_env.evaluation.report import learnt_label, option_columns, robot_label
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import EvaluatedRow
 from softrobot_env.hardware.errors import RobotError

@@ -4,7 +4,7 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
+from numpy import ndarray
 
 from softrobot_env.commands.arguments import add, positive, size
 from softrobot_env.commands.output import add_out, new_file, progress_on, say
@@ -93,9 +93,7 @@ def _run(args: Namespace) -> int:
     return int("failure" in info)
 
 
-def _calibrated(
-    how: dict[str, Any], start: "Moment", seed: int
-) -> Callable[[np.ndarray], np.ndarray]:
+def _calibrated(how: dict[str, Any], start: "Moment", seed: int) -> Callable[[ndarray], ndarray]:
     """Function from readings to curvatures (pieces,) [1/m], of the gripper an episode has."""
     from softrobot_env.control.gripper import calibrated
     from softrobot_env.envs.gripper import VectorGripperEnv

@@ -191,11 +191,7 @@ def _run_replay(args: Namespace) -> int:
 
 def _with_residual(result: "Replay") -> "Replay | None":
     """The replay corrected by what was learned of an identified robot, beside whose file it is."""
-    from softrobot_env.identification.fit.residual import (
-        RESIDUAL_FILE,
-        corrected,
-        read_residual,
-    )
+    from softrobot_env.identification.fit.residual import RESIDUAL_FILE, corrected, read_residual
 
     file = result.robot.file
     path = None if file is None else file.parent / RESIDUAL_FILE

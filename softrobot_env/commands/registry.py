@@ -36,10 +36,7 @@ _COMMANDS = {
         recording,
         "check tables of commands and markers, and replay them with any robot",
     ),
-    "identify": (
-        identify,
-        "find a robot's parameters in a recording; write its file and a report",
-    ),
+    "identify": (identify, "find a robot's parameters in a recording; write its file and a report"),
     "robot": (robot, "find, calibrate, hold and stop a real robot, or run a virtual one"),
 }
 

@@ -12,12 +12,7 @@ import gymnasium
 from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.commands import arguments
 from softrobot_env.commands.arguments import SEVERAL, Parsers, add
-from softrobot_env.control.registry import (
-    FEEDBACKS,
-    SENSORS,
-    incompatibility,
-    policy_environment,
-)
+from softrobot_env.control.registry import FEEDBACKS, SENSORS, incompatibility, policy_environment
 from softrobot_env.control.sensed import load_reconstruction
 from softrobot_env.core.registry import is_path, load
 from softrobot_env.envs.disturbances import periods

@@ -309,13 +309,7 @@ def files_in(args: Namespace, out: Path) -> set[Path]:
     return arguments.files_among(given) | set(out.resolve().glob("*.npz"))
 
 
-def write(
-    args: Namespace,
-    out: Path,
-    title: str,
-    found: "list[Run]",
-    tables: Any,
-) -> None:
+def write(args: Namespace, out: Path, title: str, found: "list[Run]", tables: Any) -> None:
     """Report, page and curves."""
     from softrobot_env.training.several.report import plot
 

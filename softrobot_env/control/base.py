@@ -7,6 +7,7 @@ from time import process_time
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, check_argument
@@ -34,7 +35,7 @@ class Memory(NamedTuple):
         code: Key of `REASONS`.
     """
 
-    values: np.ndarray
+    values: ndarray
     code: int
 
     @property
@@ -70,7 +71,7 @@ class Held(NamedTuple):
     """
 
     inner: Any
-    action: np.ndarray
+    action: ndarray
     left: int
 
     @property
@@ -120,16 +121,16 @@ class Controller(ABC):
         """State at the beginning of an episode."""
 
     @abstractmethod
-    def act(self, observation: Observation, state: Any) -> tuple[np.ndarray, Any]:
+    def act(self, observation: Observation, state: Any) -> tuple[ndarray, Any]:
         """Action (n_inputs,) in [-1, 1], in an array that nobody keeps, and next state."""
 
     def predict(
         self,
         observation: Observation,
         state: Any = None,
-        episode_start: np.ndarray | None = None,
+        episode_start: ndarray | None = None,
         deterministic: bool = True,
-    ) -> tuple[np.ndarray, Any]:
+    ) -> tuple[ndarray, Any]:
         """See `softrobot_env.core.interfaces.Policy`.
 
         Raises:
@@ -183,17 +184,17 @@ class Controller(ABC):
         if process_time() - begin > _COMPILED:  # what it leaves would soon be collected, for long
             gc.collect()
 
-    def _go_on(self, observation: Observation, state: Any) -> tuple[np.ndarray, Any]:
+    def _go_on(self, observation: Observation, state: Any) -> tuple[ndarray, Any]:
         if state.left:
             action = state.action.copy()  # the caller may change what it gets
             return action, Held(state.inner, state.action, state.left - 1)
         return self._decide(observation, state.inner)
 
-    def _decide(self, observation: Observation, inner: Any) -> tuple[np.ndarray, Any]:
+    def _decide(self, observation: Observation, inner: Any) -> tuple[ndarray, Any]:
         action, inner = self._choose(observation, inner)
         return action, inner if self.hold == 1 else Held(inner, action.copy(), self.hold - 1)
 
-    def _choose(self, observation: Observation, state: Any) -> tuple[np.ndarray, Any]:
+    def _choose(self, observation: Observation, state: Any) -> tuple[ndarray, Any]:
         """Finite action (n_inputs,) as float32, and next state."""
         before = state.before if type(state) is Uncomputed else state
         action, state = self.act(observation, before)
@@ -201,7 +202,7 @@ class Controller(ABC):
             action, state = self._kept(observation, action), self._uncomputed(observation, before)
         return action.astype(np.float32, copy=False), state
 
-    def _kept(self, observation: Observation, action: np.ndarray) -> np.ndarray:
+    def _kept(self, observation: Observation, action: ndarray) -> ndarray:
         """The action in force where it is known, in place of one that is not finite."""
         previous = observation.get("previous_action", np.zeros_like(action))
         return np.clip(usable(previous), -1.0, 1.0)
@@ -213,8 +214,8 @@ class Controller(ABC):
         return Uncomputed(before, REASONS[NOT_COMPUTED])
 
     def _predict_stacked(
-        self, observation: Observation, state: Any, episode_start: np.ndarray | None
-    ) -> tuple[np.ndarray, list[Any]]:
+        self, observation: Observation, state: Any, episode_start: ndarray | None
+    ) -> tuple[ndarray, list[Any]]:
         count = len(observation[self.requires[0]])
         if state is not None and (not isinstance(state, list) or len(state) != count):
             found = len(state) if isinstance(state, list) else 1
@@ -230,7 +231,7 @@ class Controller(ABC):
 
     def _decide_stacked(
         self, observation: Observation, states: list[Any]
-    ) -> tuple[np.ndarray, list[Any]]:
+    ) -> tuple[ndarray, list[Any]]:
         """Actions (k, n_inputs) and next states for as many observations and states.
 
         A state of None begins an episode. This is one decision after the other; for policies that
@@ -249,16 +250,16 @@ class Hold(Controller):
     def __init__(self, robot: RobotParams, control_period: float) -> None:
         """Of any robot, at any control period [s]."""
 
-    def start(self, observation: Observation) -> np.ndarray:
+    def start(self, observation: Observation) -> ndarray:
         """The action to keep."""
         return usable(observation["previous_action"])
 
-    def act(self, observation: Observation, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def act(self, observation: Observation, state: ndarray) -> tuple[ndarray, ndarray]:
         """The kept action."""
         return state.copy(), state
 
 
-def _single(episode_start: np.ndarray) -> bool:
+def _single(episode_start: ndarray) -> bool:
     """Whether the episode of a single environment starts."""
     try:
         return bool(episode_start)
@@ -268,7 +269,7 @@ def _single(episode_start: np.ndarray) -> bool:
         ) from None
 
 
-def _at_rest(robot: RobotParams, sizes: dict[str, int]) -> dict[str, np.ndarray]:
+def _at_rest(robot: RobotParams, sizes: dict[str, int]) -> dict[str, ndarray]:
     """Observables of these sizes: the robot is straight, where it should be, and nothing pulls."""
     coordinates = sizes.get("reference", sizes.get("tip_position", 2))
     tip = np.zeros(coordinates)
@@ -292,7 +293,7 @@ def state_sizes(robot: RobotParams) -> dict[str, int]:
     }
 
 
-def usable(values: np.ndarray) -> np.ndarray:
+def usable(values: ndarray) -> ndarray:
     """Values (k,) with zeros in place of those that are no finite number."""
     return np.where(np.isfinite(values), values, 0.0)
 

@@ -5,6 +5,7 @@ from itertools import combinations_with_replacement, pairwise
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import Gripper, Sensor
@@ -14,7 +15,7 @@ from softrobot_env.sensing.calibration import Calibration
 _ORDER, _BEND, _SIZE = 3, 30.0, 0.05
 
 
-def mean_bends(gripper: Gripper, curvature: np.ndarray) -> np.ndarray:
+def mean_bends(gripper: Gripper, curvature: ndarray) -> ndarray:
     """Means over the fingers (..., pieces) [1/m], of curvatures (..., all pieces) of like fingers.
 
     Raises:
@@ -27,7 +28,7 @@ def mean_bends(gripper: Gripper, curvature: np.ndarray) -> np.ndarray:
     return np.reshape(curvature, shape).mean(axis=-2)
 
 
-def size_by_sensor(gripper: Gripper, curvature: np.ndarray, piece: int = 1) -> np.ndarray:
+def size_by_sensor(gripper: Gripper, curvature: ndarray, piece: int = 1) -> ndarray:
     """Diameters (...) [m] of bars on which a piece of each finger lies altogether.
 
     Its curvature is then 1 / (d / 2 + the distance of the fibre from the surface).
@@ -51,15 +52,15 @@ class SizeEstimator:
 
     gripper: Gripper
     tension: float
-    weights: np.ndarray
+    weights: ndarray
 
-    def __call__(self, curvature: np.ndarray) -> np.ndarray:
+    def __call__(self, curvature: ndarray) -> ndarray:
         """Diameters (...) [m] from curvatures (..., all pieces) [1/m]."""
         return _SIZE * (_terms(mean_bends(self.gripper, curvature)) @ self.weights)
 
     @classmethod
     def fitted(
-        cls, gripper: Gripper, tension: float, curvature: np.ndarray, diameter: np.ndarray
+        cls, gripper: Gripper, tension: float, curvature: ndarray, diameter: ndarray
     ) -> "SizeEstimator":
         """By least squares, from curvatures (n, all pieces) [1/m] and diameters (n,) [m].
 
@@ -73,7 +74,7 @@ class SizeEstimator:
         return cls(gripper, tension, weights)
 
 
-def _terms(bends: np.ndarray) -> np.ndarray:
+def _terms(bends: ndarray) -> ndarray:
     """Monomials (..., terms) up to the order, of curvatures (..., pieces) [1/m]."""
     x = bends / _BEND
     columns = [np.ones(x.shape[:-1])]
@@ -113,7 +114,7 @@ class FingerCalibration:
     angles: Calibration
 
     @classmethod
-    def fitted(cls, gripper: Gripper, readings: np.ndarray, order: int = 5) -> "FingerCalibration":
+    def fitted(cls, gripper: Gripper, readings: ndarray, order: int = 5) -> "FingerCalibration":
         """From readings (t, ..., size) of a grip; the first are of straight fingers.
 
         The reference is what a camera sees of the tags, as in the thesis.
@@ -126,7 +127,7 @@ class FingerCalibration:
         turns = np.stack([readings[..., own].sum(axis=-1) for own in tags], axis=-1)
         return cls(gripper, Calibration.fitted(light, turns, order))
 
-    def curvature(self, readings: np.ndarray, straight: np.ndarray) -> np.ndarray:
+    def curvature(self, readings: ndarray, straight: ndarray) -> ndarray:
         """Mean curvatures (..., pieces) [1/m] of the parts with sensors.
 
         Args:
@@ -151,7 +152,7 @@ def _planar(sensors: tuple[Sensor, ...]) -> list[Sensor]:
     return [sensor for sensor in sensors if sensor.kind == "planar"]
 
 
-def columns(gripper: Gripper) -> tuple[np.ndarray, list[np.ndarray]]:
+def columns(gripper: Gripper) -> tuple[ndarray, list[ndarray]]:
     """Where in readings of all fingers the planar sensors stand, and the tags along each.
 
     Raises:
@@ -174,7 +175,7 @@ def columns(gripper: Gripper) -> tuple[np.ndarray, list[np.ndarray]]:
     return np.array(fibres), tags
 
 
-def _along(finger: str, sensor: Sensor, seen: dict[int, tuple[float, float]]) -> np.ndarray:
+def _along(finger: str, sensor: Sensor, seen: dict[int, tuple[float, float]]) -> ndarray:
     """Columns of the tags that lie along a sensor of a finger."""
     inside = [
         column
@@ -187,7 +188,7 @@ def _along(finger: str, sensor: Sensor, seen: dict[int, tuple[float, float]]) ->
     return np.array(inside)
 
 
-def calibration_grip(period: float) -> np.ndarray:
+def calibration_grip(period: float) -> ndarray:
     """Tensions (steps,) [N] of a grip: closing beyond what encloses, and opening."""
     closing, opening = (np.linspace(0, 1, 1 + round(t / period))[1:] for t in (_CLOSING, _OPENING))
     rise = (1 - np.cos(np.pi * closing)) / 2
@@ -238,9 +239,9 @@ class ScriptedGrip:
         self,
         observation: Observation,
         state: Any = None,
-        episode_start: np.ndarray | None = None,
+        episode_start: ndarray | None = None,
         deterministic: bool = True,
-    ) -> tuple[np.ndarray, Any]:
+    ) -> tuple[ndarray, Any]:
         """As of `interfaces.Policy`; the state is the steps (n,) of each episode so far."""
         count = next(iter(observation.values())).shape[:-1]
         steps = np.zeros(count, dtype=int) if state is None else state["steps"]
@@ -254,8 +255,8 @@ class ScriptedGrip:
         return action.astype(np.float32), {"steps": steps, **kept}
 
     def _tension(
-        self, steps: np.ndarray, observation: Observation, known: dict[str, np.ndarray]
-    ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        self, steps: ndarray, observation: Observation, known: dict[str, ndarray]
+    ) -> tuple[ndarray, dict[str, ndarray]]:
         """Tensions (...) [N] in steps (...) from 1 on, and what is to be remembered."""
         return self.tension * np.minimum(steps * self.control_period / RISE, 1.0), {}
 
@@ -273,8 +274,8 @@ class SizedGrip(ScriptedGrip):
     sensors: FingerCalibration | None = None
 
     def _tension(
-        self, steps: np.ndarray, observation: Observation, known: dict[str, np.ndarray]
-    ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        self, steps: ndarray, observation: Observation, known: dict[str, ndarray]
+    ) -> tuple[ndarray, dict[str, ndarray]]:
         """First as the estimator wants it; from `CALM` on by the size, told once."""
         if self.size is None:
             raise ValueError("a SizedGrip needs the size estimator of its gripper")
@@ -289,8 +290,8 @@ class SizedGrip(ScriptedGrip):
         return np.where(np.isnan(told), first, after), {"diameter": told, **kept}
 
     def _bends(
-        self, steps: np.ndarray, observation: Observation, known: dict[str, np.ndarray]
-    ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        self, steps: ndarray, observation: Observation, known: dict[str, ndarray]
+    ) -> tuple[ndarray, dict[str, ndarray]]:
         """Curvatures (..., pieces) [1/m], and readings of straight fingers to be remembered."""
         if self.sensors is None:
             return observation["curvature"], {}

@@ -1,12 +1,13 @@
 """What kernels of control laws share: finite observations, and the action kept."""
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel
 
 
 @kernel
-def finite(values: np.ndarray) -> bool:
+def finite(values: ndarray) -> bool:
     """Whether all values (k,) are finite."""
     for value in values:  # noqa: SIM110  (a loop is what compiles well)
         if not np.isfinite(value):
@@ -15,7 +16,7 @@ def finite(values: np.ndarray) -> bool:
 
 
 @kernel
-def kept(previous: np.ndarray) -> np.ndarray:
+def kept(previous: ndarray) -> ndarray:
     """Action (n_inputs,) for want of a better one: the previous, zero where that is no number."""
     action = np.zeros(len(previous))
     for j in range(len(previous)):

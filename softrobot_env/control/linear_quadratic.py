@@ -4,6 +4,7 @@ Quadratic programs are solved by the dual active-set solver DAQP (Arnstroem et a
 """
 
 import numpy as np
+from numpy import ndarray
 from scipy.linalg import expm, solve_continuous_are
 
 from softrobot_env.core.extras import install_command
@@ -12,7 +13,7 @@ from softrobot_env.core.extras import install_command
 _OPTIMAL, _TOLERANCE = 1, 1e-9
 
 
-def discretized(a: np.ndarray, b: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
+def discretized(a: ndarray, b: ndarray, period: float) -> tuple[ndarray, ndarray]:
     """Exact A (n, n) and B (n, m) over a period [s] with constant inputs."""
     n, m = b.shape
     both = expm(period * np.block([[a, b], [np.zeros((m, n + m))]]))
@@ -20,12 +21,12 @@ def discretized(a: np.ndarray, b: np.ndarray, period: float) -> tuple[np.ndarray
 
 
 def integral_gains(
-    system: tuple[np.ndarray, np.ndarray],
-    outputs: np.ndarray,
+    system: tuple[ndarray, ndarray],
+    outputs: ndarray,
     input_weight: float,
     error_weight: float = 1.0,
     leak: float = 0.0,
-) -> np.ndarray:
+) -> ndarray:
     """Gains [K, K_i] (m, n + k) of an LQI regulator: the integrals e. = C x are states.
 
     The least int (error_weight |e|^2 + input_weight |u|^2) dt.
@@ -45,12 +46,12 @@ def integral_gains(
     return b.T @ riccati / input_weight
 
 
-def lines(times: np.ndarray, knots: np.ndarray) -> np.ndarray:
+def lines(times: ndarray, knots: ndarray) -> ndarray:
     """Weights (t, k) of values at knots (k,), with straight lines in between, at times (t,)."""
     return np.stack([np.interp(times, knots, one) for one in np.eye(len(knots))], axis=1)
 
 
-def hats(steps: int, knots: tuple[float, ...], period: float) -> np.ndarray:
+def hats(steps: int, knots: tuple[float, ...], period: float) -> ndarray:
     """Weights (steps + 1, knots) with which the reference at every step follows from the knots.
 
     The present reference, from which the others deviate, has none.
@@ -73,12 +74,12 @@ class BoundedSolver:
 
     def __call__(
         self,
-        hessian: np.ndarray,
-        gradient: np.ndarray,
-        lower: np.ndarray,
-        upper: np.ndarray,
-        rows: np.ndarray | None = None,
-    ) -> np.ndarray | None:
+        hessian: ndarray,
+        gradient: ndarray,
+        lower: ndarray,
+        upper: ndarray,
+        rows: ndarray | None = None,
+    ) -> ndarray | None:
         """Minimum (k,) for H (k, k) and g (k,); None if none was found.
 
         Args:

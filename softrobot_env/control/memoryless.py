@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.control.base import NOT_COMPUTED, NOT_FINITE, Controller, Held, Said
 from softrobot_env.core.interfaces import Observation
@@ -12,7 +13,7 @@ from softrobot_env.learned.plain_inference import numba_is_loaded
 
 #: Writes actions and codes for observations, all of them arrays in one row: (k * size,), float32
 #: (k * n_inputs,) and (k,).
-Decide = Callable[[np.ndarray, np.ndarray, np.ndarray], None]
+Decide = Callable[[ndarray, ndarray, ndarray], None]
 
 
 class Memoryless(Controller):
@@ -32,7 +33,7 @@ class Memoryless(Controller):
     n_inputs: int
 
     @abstractmethod
-    def plain(self, observed: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    def plain(self, observed: dict[str, ndarray]) -> tuple[ndarray, ndarray]:
         """Actions (k, n_inputs) in [-1, 1] and codes (k,) for finite observables (k, size)."""
 
     @abstractmethod
@@ -56,7 +57,7 @@ class Memoryless(Controller):
         """Nothing is remembered."""
         return self.says[0]
 
-    def act(self, observation: Observation, state: Said) -> tuple[np.ndarray, Said]:
+    def act(self, observation: Observation, state: Said) -> tuple[ndarray, Said]:
         """What the function gives; the action in force where that is no number."""
         seen = np.concatenate([observation[name] for name in self.requires], dtype=float)
         actions, codes = self._answers(seen, 1)
@@ -69,7 +70,7 @@ class Memoryless(Controller):
 
     def _decide_stacked(
         self, observation: Observation, states: list[Any]
-    ) -> tuple[np.ndarray, list[Any]]:
+    ) -> tuple[ndarray, list[Any]]:
         """As of any controller; the decisions that are due, in one call."""
         if self.hold == 1:
             return self._choose_stacked(observation)
@@ -82,7 +83,7 @@ class Memoryless(Controller):
             then.append(Held(inner, action, self.hold - 1 if now else state.left - 1))
         return np.stack([state.action for state in then]), then
 
-    def _choose_stacked(self, observation: Observation) -> tuple[np.ndarray, list[Said]]:
+    def _choose_stacked(self, observation: Observation) -> tuple[ndarray, list[Said]]:
         """Actions (k, n_inputs) and states for stacked observations."""
         seen = np.concatenate([observation[name] for name in self.requires], axis=1, dtype=float)
         flat, codes = self._answers(seen.ravel(), len(seen))
@@ -93,12 +94,12 @@ class Memoryless(Controller):
             actions[i], states[i] = self._failed(one, actions[i])
         return actions, states
 
-    def _failed(self, observation: Observation, action: np.ndarray) -> tuple[np.ndarray, Said]:
+    def _failed(self, observation: Observation, action: ndarray) -> tuple[ndarray, Said]:
         """The action in force, and why."""
         kept = self._kept(observation, action).astype(np.float32)
         return kept, Said(self._uncomputed(observation, None).status)
 
-    def _answers(self, observed: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    def _answers(self, observed: ndarray, count: int) -> tuple[ndarray, ndarray]:
         """Actions float32 (count * n_inputs,) and codes (count,)."""
         if len(observed) != count * self._width:
             raise ValueError(f"{type(self).__name__}: an observable has changed its size")
@@ -107,7 +108,7 @@ class Memoryless(Controller):
         self._function(observed, actions, codes)
         return actions, codes
 
-    def _by_numpy(self, observed: np.ndarray, actions: np.ndarray, codes: np.ndarray) -> None:
+    def _by_numpy(self, observed: ndarray, actions: ndarray, codes: ndarray) -> None:
         """`plain` as `Decide`."""
         rows = observed.reshape(len(codes), self._width)
         sound = np.isfinite(rows).all(axis=1)

@@ -9,15 +9,11 @@ from math import ceil
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 from scipy.linalg import solve_discrete_are
 
 from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.beams.planar_arm import (
-    PlanarArm,
-    inertia_forces,
-    make_planar_arm,
-    tip,
-)
+from softrobot_env.beams.planar_arm import PlanarArm, inertia_forces, make_planar_arm, tip
 from softrobot_env.control.base import Controller, Held, usable
 from softrobot_env.control.limits import finite
 from softrobot_env.control.linear_quadratic import discretized
@@ -47,7 +43,7 @@ _ARM_NOISE, _ARM_WALK, _ARM_PROCESS = 1e-2, 0.5, 1e-2
 _NOISE, _WALK, _PROCESS = 5e-3, 0.5, 1e-4
 
 #: An estimate (4, n), as of `RateObserver`, a period later under what was applied (m,).
-Prediction = Callable[[np.ndarray, np.ndarray], np.ndarray]
+Prediction = Callable[[ndarray, ndarray], ndarray]
 
 
 class Filter(NamedTuple):
@@ -59,14 +55,14 @@ class Filter(NamedTuple):
         deviation: [1/m], largest standard deviation of that.
     """
 
-    ahead: np.ndarray
-    by_input: np.ndarray
-    gain: np.ndarray
+    ahead: ndarray
+    by_input: ndarray
+    gain: ndarray
     deviation: float
 
 
 def stationary_filter(
-    model: LinearModel, shift: np.ndarray, period: float, noise: float, walk: float, process: float
+    model: LinearModel, shift: ndarray, period: float, noise: float, walk: float, process: float
 ) -> Filter:
     """The filter of curvatures, rates and what shifts them, a random walk.
 
@@ -111,15 +107,13 @@ class RateObserver:
         self._predicted, self._gain, self.in_force = predicted, known.gain, in_force
         self._limit = max(_OUTLIER * known.deviation, 0.01 * robot.curvature_limit)
 
-    def start(self, curvature: np.ndarray) -> np.ndarray:
+    def start(self, curvature: ndarray) -> ndarray:
         """Estimate (4, n), at rest: curvature [1/m], rate [1/(m s)], shift, outliers in a row."""
         estimate = np.zeros((4, len(curvature)))
         estimate[0] = usable(curvature)
         return estimate
 
-    def update(
-        self, estimate: np.ndarray, applied: np.ndarray, curvature: np.ndarray
-    ) -> np.ndarray:
+    def update(self, estimate: ndarray, applied: ndarray, curvature: ndarray) -> ndarray:
         """Next estimate (4, n).
 
         Args:
@@ -131,7 +125,7 @@ class RateObserver:
         return _corrected(self._gain, self._limit, ahead, np.ascontiguousarray(curvature))
 
 
-def linear_model(arm: PlanarArm, curvature: np.ndarray) -> LinearModel:
+def linear_model(arm: PlanarArm, curvature: ndarray) -> LinearModel:
     """The linear model of a planar arm, (6.25) to (6.27), of inputs [N] and the tip (x, z).
 
     Args:
@@ -208,7 +202,7 @@ class ObservedState(NamedTuple):
         inner: State of the policy.
     """
 
-    estimate: np.ndarray
+    estimate: ndarray
     inner: Any
 
     #: As of the policy.
@@ -237,9 +231,7 @@ class OutputFeedback(Controller):
         """At rest, with the policy yet to start."""
         return ObservedState(np.empty(0), None)
 
-    def act(
-        self, observation: Observation, state: ObservedState
-    ) -> tuple[np.ndarray, ObservedState]:
+    def act(self, observation: Observation, state: ObservedState) -> tuple[ndarray, ObservedState]:
         """The policy's action with estimated rates."""
         estimate = self._estimate(state, observation[self._in_force], observation["curvature"])
         full = {**observation, "curvature_rate": estimate[1]}
@@ -247,8 +239,8 @@ class OutputFeedback(Controller):
         return action, ObservedState(estimate, inner)
 
     def _estimate(
-        self, state: ObservedState | None, action: np.ndarray, curvature: np.ndarray
-    ) -> np.ndarray:
+        self, state: ObservedState | None, action: ndarray, curvature: ndarray
+    ) -> ndarray:
         """Estimate (4, n), at the start of an episode that of rest."""
         if state is None or state.inner is None:
             return self._observer.start(curvature)
@@ -256,7 +248,7 @@ class OutputFeedback(Controller):
 
     def _decide_stacked(
         self, observation: Observation, states: list[ObservedState | None]
-    ) -> tuple[np.ndarray, list[ObservedState]]:
+    ) -> tuple[ndarray, list[ObservedState]]:
         """One observer after the other, and the policy as it serves many."""
         seen = observation["previous_action"], observation["curvature"]
         estimates = [self._estimate(*one) for one in zip(states, *seen, strict=True)]
@@ -272,12 +264,12 @@ class OutputFeedback(Controller):
 @kernel
 def _arm_later(
     arm: PlanarArm,
-    limit: np.ndarray,
+    limit: ndarray,
     period: float,
     steps: int,
-    estimate: np.ndarray,
-    action: np.ndarray,
-) -> np.ndarray:
+    estimate: ndarray,
+    action: ndarray,
+) -> ndarray:
     n = arm.n
     out = estimate.copy()
     q, v, force = out[0], out[1], out[2]
@@ -300,13 +292,13 @@ def _arm_later(
 
 @kernel
 def _chain_later(
-    by_state: np.ndarray,
-    by_input: np.ndarray,
-    middle: np.ndarray,
-    rest: np.ndarray,
-    estimate: np.ndarray,
-    applied: np.ndarray,
-) -> np.ndarray:
+    by_state: ndarray,
+    by_input: ndarray,
+    middle: ndarray,
+    rest: ndarray,
+    estimate: ndarray,
+    applied: ndarray,
+) -> ndarray:
     n, out = len(middle), estimate.copy()
     out[0] -= middle
     out[:3] = (by_state @ out[:3].ravel() + by_input @ (applied - rest)).reshape(3, n)
@@ -315,7 +307,7 @@ def _chain_later(
 
 
 @kernel
-def _corrected(gain: np.ndarray, limit: float, out: np.ndarray, measured: np.ndarray) -> np.ndarray:
+def _corrected(gain: ndarray, limit: float, out: ndarray, measured: ndarray) -> ndarray:
     """The estimate after a measurement (n,), from the predicted one (4, n), which is changed."""
     n = len(measured)
     error = measured - out[0]

@@ -4,6 +4,7 @@ A jump that the preview shows is left as it is: a law with preview acts ahead of
 """
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel
 
@@ -24,7 +25,7 @@ def memory_size(dimensions: int) -> int:
 
 
 @kernel
-def begin_smoothing(here: np.ndarray, memory: np.ndarray) -> None:
+def begin_smoothing(here: ndarray, memory: ndarray) -> None:
     """Set the memory for a reference that was at a point (d,) [m] until now."""
     d = len(here)
     memory[:] = 0
@@ -35,12 +36,12 @@ def begin_smoothing(here: np.ndarray, memory: np.ndarray) -> None:
 @kernel
 def smoothed(
     period: float,
-    target: np.ndarray,
-    times: np.ndarray,
+    target: ndarray,
+    times: ndarray,
     jump: float,
     acceleration: float,
-    memory: np.ndarray,
-    points: np.ndarray,
+    memory: ndarray,
+    points: ndarray,
 ) -> None:
     """Take unannounced jumps out of a reference.
 
@@ -77,7 +78,7 @@ def smoothed(
 
 
 @kernel
-def _size(vector: np.ndarray) -> float:
+def _size(vector: ndarray) -> float:
     """Length of a vector (d,)."""
     total = 0.0
     for value in vector:
@@ -86,7 +87,7 @@ def _size(vector: np.ndarray) -> float:
 
 
 @kernel
-def _offset(start: np.ndarray, age: float, duration: float) -> np.ndarray:
+def _offset(start: ndarray, age: float, duration: float) -> ndarray:
     """Offset, velocity and acceleration (3, d) at an age [s], from those at the start (3, d)."""
     out = np.zeros_like(start)
     if age >= duration:

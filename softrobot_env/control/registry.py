@@ -11,6 +11,7 @@ from warnings import warn
 
 import gymnasium
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.control.base import MEASURED
 from softrobot_env.control.reduced.environment import is_reduced_model, ssm_environment
@@ -38,9 +39,9 @@ class Acting:
         self,
         observation: Observation,
         state: Any = None,
-        episode_start: np.ndarray | None = None,
+        episode_start: ndarray | None = None,
         deterministic: bool = True,
-    ) -> tuple[np.ndarray, Any]:
+    ) -> tuple[ndarray, Any]:
         """See `softrobot_env.core.interfaces.Policy`."""
         return np.asarray(self._act(observation)), state
 

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.control.base import MEASURED, Controller, Held
 from softrobot_env.core.artifacts import read_arrays
@@ -31,7 +32,7 @@ class SensedState(NamedTuple):
 
     inner: Any
     felt: SensedShape
-    rates: dict[str, np.ndarray]
+    rates: dict[str, ndarray]
     passed: float = 0.0
 
     #: As of the policy.
@@ -88,13 +89,13 @@ class Sensed(Controller):
         rates = {name: np.zeros_like(felt.reported[of]) for name, of in self._rates.items()}
         return SensedState(None, felt, rates, -self._period)  # the first call is now
 
-    def act(self, observation: Observation, state: SensedState) -> tuple[np.ndarray, SensedState]:
+    def act(self, observation: Observation, state: SensedState) -> tuple[ndarray, SensedState]:
         """The action of the policy for what the sensors tell."""
         state = self._seen(observation[_SENSORS], state)
         action, inner = self._policy.predict(self._full(observation, state), state.inner)
         return action, state._replace(inner=inner)
 
-    def _seen(self, reading: np.ndarray, state: SensedState) -> SensedState:
+    def _seen(self, reading: ndarray, state: SensedState) -> SensedState:
         passed = state.passed + self._period
         felt = self._known.update(state.felt, reading, passed)
         if felt is state.felt:

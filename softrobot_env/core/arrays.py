@@ -9,17 +9,18 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 
 
 def namespace(array: Any) -> ModuleType:
     """The module whose functions take an array: `torch` for a tensor, else `numpy`."""
-    if isinstance(array, np.ndarray):
+    if isinstance(array, ndarray):
         return np
     torch = sys.modules.get("torch")
     return torch if torch is not None and isinstance(array, torch.Tensor) else np
 
 
-def like(values: np.ndarray, example: Any) -> Any:
+def like(values: ndarray, example: Any) -> Any:
     """Numbers (n, ...) as an array of the kind, and on the device, of another."""
     kind = namespace(example)
     return values if kind is np else kind.as_tensor(values, device=example.device)
@@ -37,27 +38,27 @@ def on_host(tree: Any) -> Any:
 class HostArrays:
     """NumPy's arrays."""
 
-    def real(self, values: Any) -> np.ndarray:
+    def real(self, values: Any) -> ndarray:
         """Numbers as float64, not copied if they are."""
         return np.asarray(values, dtype=float)
 
-    def copy(self, values: np.ndarray) -> np.ndarray:
+    def copy(self, values: ndarray) -> ndarray:
         """A new array of float64."""
         return values.copy()
 
-    def flags(self, mask: np.ndarray) -> np.ndarray:
+    def flags(self, mask: ndarray) -> ndarray:
         """A mask of NumPy's (n,) bool."""
         return mask
 
-    def index(self, which: np.ndarray) -> np.ndarray:
+    def index(self, which: ndarray) -> ndarray:
         """Whole numbers of NumPy's (k,), to index with."""
         return which
 
-    def rows(self, column: np.ndarray, at: np.ndarray) -> np.ndarray:
+    def rows(self, column: ndarray, at: ndarray) -> ndarray:
         """Rows (k, ...), new ones, that an `index` picks."""
         return column.take(at, axis=0)
 
-    def host(self, values: np.ndarray) -> np.ndarray:
+    def host(self, values: ndarray) -> ndarray:
         """As an array of NumPy."""
         return values
 
@@ -82,7 +83,7 @@ class TorchArrays(HostArrays):
         """See `HostArrays`."""
         return values.to(self._torch.float64, copy=True)
 
-    def flags(self, mask: np.ndarray) -> Any:
+    def flags(self, mask: ndarray) -> Any:
         """See `HostArrays`."""
         return self._torch.as_tensor(mask, device=self.device)
 
@@ -92,7 +93,7 @@ class TorchArrays(HostArrays):
         """See `HostArrays`."""
         return column[at]
 
-    def host(self, values: Any) -> np.ndarray:
+    def host(self, values: Any) -> ndarray:
         """See `HostArrays`."""
         return values.detach().cpu().numpy()
 

@@ -11,18 +11,19 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.files import atomic_write
 
 
-class Arrays(dict[str, np.ndarray]):
+class Arrays(dict[str, ndarray]):
     """Arrays by name, out of a file; one that is missing is refused with the file's name.
 
     Attributes:
         path: The file.
     """
 
-    def __init__(self, path: str | Path, values: dict[str, np.ndarray]) -> None:
+    def __init__(self, path: str | Path, values: dict[str, ndarray]) -> None:
         super().__init__(values)
         self.path = path
 
@@ -90,7 +91,7 @@ def read_arrays(path: str | Path) -> Arrays:
     with Path(path).open("rb") as file:
         try:
             values = dict(np.load(file, allow_pickle=False))
-            if not all(isinstance(value, np.ndarray) for value in values.values()):
+            if not all(isinstance(value, ndarray) for value in values.values()):
                 raise ValueError("NumPy gives other members of the zip file as bytes")
         except Exception as error:  # whatever zip, zlib and NumPy raise on damage
             raise ValueError(f"{path} is no npz file of arrays, or damaged") from error
@@ -113,7 +114,7 @@ def write_tree(path: str | Path, tree: Any) -> None:
     Raises:
         TypeError: Something else is in it.
     """
-    arrays: dict[str, np.ndarray] = {}
+    arrays: dict[str, ndarray] = {}
     structure = json.dumps(_taken_apart(tree, arrays))
     write_arrays(path, {_STRUCTURE: structure, **arrays})
 
@@ -129,9 +130,9 @@ def read_tree(path: str | Path) -> Any:
 _STRUCTURE = "structure"
 
 
-def _taken_apart(value: Any, arrays: dict[str, np.ndarray]) -> Any:
+def _taken_apart(value: Any, arrays: dict[str, ndarray]) -> Any:
     """A value for json, its arrays put aside."""
-    if isinstance(value, np.ndarray):
+    if isinstance(value, ndarray):
         array = value.astype(np.float32) if value.dtype == np.float64 else value
         for name, known in arrays.items():
             if known.dtype == array.dtype and np.array_equal(known, array, array.dtype.kind == "f"):

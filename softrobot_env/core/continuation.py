@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.equilibrium import EquilibriumError
 
@@ -32,8 +33,8 @@ _STEPS = 2000
 class Newton(NamedTuple):
     """Changes (n,) by Newton's method: to balance the forces, and per share of the loads."""
 
-    balance: np.ndarray
-    per_share: np.ndarray
+    balance: ndarray
+    per_share: ndarray
 
 
 class Loaded(Protocol):
@@ -43,34 +44,34 @@ class Loaded(Protocol):
         scale: (n,) size of a large change of each coordinate.
     """
 
-    scale: np.ndarray
+    scale: ndarray
 
-    def newton(self, q: np.ndarray, share: float) -> Newton | None:
+    def newton(self, q: ndarray, share: float) -> Newton | None:
         """Newton's changes at q, None where the stiffness is singular or not finite."""
 
-    def again(self, q: np.ndarray, share: float) -> np.ndarray:
+    def again(self, q: ndarray, share: float) -> ndarray:
         """The change (n,) to balance the forces at q, by the stiffness of the last `newton`."""
 
-    def moved(self, q: np.ndarray, change: np.ndarray) -> np.ndarray:
+    def moved(self, q: ndarray, change: ndarray) -> ndarray:
         """Coordinates changed by (n,)."""
 
 
 class _Point(NamedTuple):
     """An equilibrium q (n,) under a share of the loads, and the path's direction there."""
 
-    q: np.ndarray
+    q: ndarray
     share: float
-    turn: np.ndarray
+    turn: ndarray
     growth: float
 
 
 def find_equilibrium(
     loaded: Loaded,
-    rest: np.ndarray,
-    guess: np.ndarray | None,
+    rest: ndarray,
+    guess: ndarray | None,
     load_steps: int,
     careful: bool = False,
-) -> np.ndarray:
+) -> ndarray:
     """Equilibrium under full loads, near a guess or else where slow loading leads.
 
     Args:
@@ -87,12 +88,12 @@ def find_equilibrium(
     return _follow(loaded, rest, load_steps) if q is None else q
 
 
-def _size(loaded: Loaded, change: np.ndarray) -> float:
+def _size(loaded: Loaded, change: ndarray) -> float:
     """Largest change of a coordinate relative to its scale."""
     return float(np.max(np.abs(change) / loaded.scale))
 
 
-def _near(loaded: Loaded, q: np.ndarray, careful: bool) -> np.ndarray | None:
+def _near(loaded: Loaded, q: ndarray, careful: bool) -> ndarray | None:
     """Equilibrium (n,) under full loads by damped iterations, None if they do not converge.
 
     Careful ones are so short that the next change, by the same stiffness, is smaller (Deuflhard,
@@ -122,7 +123,7 @@ def _near(loaded: Loaded, q: np.ndarray, careful: bool) -> np.ndarray | None:
     return None
 
 
-def _balance(loaded: Loaded, q: np.ndarray) -> np.ndarray | None:
+def _balance(loaded: Loaded, q: ndarray) -> ndarray | None:
     change = loaded.newton(q, 1.0)
     return None if change is None else change.balance
 
@@ -131,7 +132,7 @@ def _converged(size: float, before: float) -> bool:
     return size < _CONVERGED or (size < _STALLED and size > 0.5 * before)
 
 
-def _follow(loaded: Loaded, rest: np.ndarray, load_steps: int) -> np.ndarray:
+def _follow(loaded: Loaded, rest: ndarray, load_steps: int) -> ndarray:
     """Equilibrium (n,) under full loads at the end of the path from rest."""
     tangent = loaded.newton(rest, 0.0)
     if tangent is None:
@@ -166,7 +167,7 @@ def _lost(share: float, why: str) -> str:
 
 
 def _point(
-    loaded: Loaded, q: np.ndarray, share: float, per_share: np.ndarray, old: _Point | None
+    loaded: Loaded, q: ndarray, share: float, per_share: ndarray, old: _Point | None
 ) -> _Point:
     """A point whose direction has size one and goes on from an old one."""
     size = max(_size(loaded, per_share), 1.0)

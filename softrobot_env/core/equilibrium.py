@@ -6,6 +6,7 @@ Beam models and compiled scenes find their equilibria in ways of their own and j
 from numbers import Integral
 
 import numpy as np
+from numpy import ndarray
 
 #: Kinds of stability that can be asked for.
 STABILITY = ("static", "dynamic")
@@ -48,7 +49,7 @@ def checked_load_steps(load_steps: int) -> int:
 
 
 def require_stable(
-    kind: str, stiffness: np.ndarray, mass: np.ndarray, damping: np.ndarray | None = None
+    kind: str, stiffness: ndarray, mass: ndarray, damping: ndarray | None = None
 ) -> None:
     """Refuse an equilibrium of M x'' + D x' + K x = 0 that the robot would leave by itself.
 
@@ -80,7 +81,7 @@ def require_stable(
             )
 
 
-def static_growth(stiffness: np.ndarray, mass: np.ndarray) -> float | None:
+def static_growth(stiffness: ndarray, mass: ndarray) -> float | None:
     """Fastest rate [1/s] at which an undamped deviation grows without swinging, None if none does.
 
     Args:
@@ -97,7 +98,7 @@ def static_growth(stiffness: np.ndarray, mass: np.ndarray) -> float | None:
     return float(1 / np.sqrt(squares.real[growing].min())) if growing.any() else None
 
 
-def positive_definite(stiffness: np.ndarray) -> bool:
+def positive_definite(stiffness: ndarray) -> bool:
     """Whether every deviation (n,) is opposed: then no eigenvalue is real and negative."""
     try:
         np.linalg.cholesky((stiffness + stiffness.T) / 2)
@@ -106,7 +107,7 @@ def positive_definite(stiffness: np.ndarray) -> bool:
     return True
 
 
-def flutter_growth(stiffness: np.ndarray, mass: np.ndarray, damping: np.ndarray) -> float | None:
+def flutter_growth(stiffness: ndarray, mass: ndarray, damping: ndarray) -> float | None:
     """Fastest rate [1/s] at which a damped deviation grows, None if all of them die away.
 
     Args:

@@ -3,15 +3,15 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-import numpy as np
+from numpy import ndarray
 
 if TYPE_CHECKING:
     from softrobot_env.robots import RobotParams
 
-Observation = dict[str, np.ndarray]
+Observation = dict[str, ndarray]
 
 #: An observation as an agent sees it: its observables, or one vector of them.
-Seen = Observation | np.ndarray
+Seen = Observation | ndarray
 
 #: Told how far a long piece of work is: a description, how much is done and how much there is.
 ProgressCallback = Callable[[str, int, int], None]
@@ -29,11 +29,11 @@ class Measurement(NamedTuple):
         tendon_length: (n_tendons,) [m] inside the robot.
     """
 
-    tip_position: np.ndarray
-    tip_velocity: np.ndarray
-    curvature: np.ndarray
-    curvature_rate: np.ndarray
-    tendon_length: np.ndarray
+    tip_position: ndarray
+    tip_velocity: ndarray
+    curvature: ndarray
+    curvature_rate: ndarray
+    tendon_length: ndarray
 
 
 class PlantModel(Protocol):
@@ -52,28 +52,26 @@ class PlantModel(Protocol):
 
     robot: "RobotParams"
     strain: float
-    cells: np.ndarray
+    cells: ndarray
 
-    def rest(self) -> np.ndarray:
+    def rest(self) -> ndarray:
         """Coordinates (n,) of the straight pose."""
 
-    def equilibrium(self, control: np.ndarray) -> np.ndarray:
+    def equilibrium(self, control: ndarray) -> ndarray:
         """Coordinates (n,) at rest under controls (n_tendons,).
 
         Raises:
             EquilibriumError: There is none, or it is unstable.
         """
 
-    def bent(self, curvature: np.ndarray) -> np.ndarray:
+    def bent(self, curvature: ndarray) -> ndarray:
         """Coordinates (n,) whose measured curvature is this, as in `Measurement`.
 
         Raises:
             ValueError: The model cannot take this shape; the message says why.
         """
 
-    def advance(
-        self, q: np.ndarray, v: np.ndarray, control: np.ndarray, duration: float
-    ) -> str | None:
+    def advance(self, q: ndarray, v: ndarray, control: ndarray, duration: float) -> str | None:
         """Move the state on in place.
 
         Args:
@@ -86,16 +84,16 @@ class PlantModel(Protocol):
             What went wrong, after how many seconds and with which method; None if nothing did.
         """
 
-    def measure(self, q: np.ndarray, v: np.ndarray) -> Measurement:
+    def measure(self, q: ndarray, v: ndarray) -> Measurement:
         """New arrays with everything that can be measured in a state."""
 
-    def tension(self, q: np.ndarray, control: np.ndarray) -> np.ndarray:
+    def tension(self, q: ndarray, control: ndarray) -> ndarray:
         """Tensions (n_tendons,) [N] in a posture under controls (n_tendons,)."""
 
-    def strains(self, q: np.ndarray) -> np.ndarray:
+    def strains(self, q: ndarray) -> ndarray:
         """Mean beta, gamma and torsion (robot.pieces, 3) [1/m] of the robot's pieces, to draw."""
 
-    def shape(self, q: np.ndarray) -> np.ndarray:
+    def shape(self, q: ndarray) -> ndarray:
         """The same (k, 3) of the parts between `cells`, for sensors."""
 
 
@@ -103,13 +101,7 @@ class PlantFactory(Protocol):
     """Builds the model of a robot; a variation of the robot needs another model."""
 
     def __call__(
-        self,
-        robot: "RobotParams",
-        *,
-        axes: slice,
-        bending: str,
-        torsion: bool,
-        actuation: str,
+        self, robot: "RobotParams", *, axes: slice, bending: str, torsion: bool, actuation: str
     ) -> PlantModel:
         """Build a model.
 
@@ -136,9 +128,9 @@ class Policy(Protocol):
         self,
         observation: Observation,
         state: Any = None,
-        episode_start: np.ndarray | None = None,
+        episode_start: ndarray | None = None,
         deterministic: bool = True,
-    ) -> tuple[np.ndarray, Any]:
+    ) -> tuple[ndarray, Any]:
         """Choose actions.
 
         Args:

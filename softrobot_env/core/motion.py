@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 
 class IntegrationError(RuntimeError):
@@ -21,8 +22,8 @@ class IntegrationError(RuntimeError):
 class State(NamedTuple):
     """Coordinates and velocities."""
 
-    q: np.ndarray
-    v: np.ndarray
+    q: ndarray
+    v: ndarray
 
 
 @dataclass(frozen=True)
@@ -34,9 +35,9 @@ class Motion:
         q, v: Coordinates and velocities, a row for each instant.
     """
 
-    time: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
+    time: ndarray
+    q: ndarray
+    v: ndarray
 
     @property
     def end(self) -> State:
@@ -44,7 +45,7 @@ class Motion:
         return State(self.q[-1].copy(), self.v[-1].copy())
 
 
-def sample_times(duration: float, samples: np.ndarray | float | None) -> np.ndarray:
+def sample_times(duration: float, samples: ndarray | float | None) -> ndarray:
     """Instants (k,) [s] of a motion that are kept.
 
     Args:

@@ -20,6 +20,7 @@ from uuid import uuid4
 
 import cloudpickle
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core import __version__
 from softrobot_env.core.files import assets_dir, models_dir
@@ -108,7 +109,7 @@ def as_typed(value: Any, hint: Any) -> Any:
             with suppress(TypeError, ValueError):
                 return as_typed(value, one)
     elif isinstance(value, dict) and "shape" in value and _KIND in value:
-        if hint in (Any, np.ndarray):
+        if hint in (Any, ndarray):
             return np.array(value["values"], value[_KIND]).reshape(value["shape"])
     elif hint is Any and isinstance(value, list):
         return [as_typed(one, Any) for one in value]
@@ -142,7 +143,7 @@ def _plain(value: Any) -> Any:
     Raises:
         TypeError: It is nothing that a row can hold.
     """
-    if isinstance(value, np.ndarray):
+    if isinstance(value, ndarray):
         return {
             _KIND: value.dtype.str,
             "shape": list(value.shape),
@@ -165,7 +166,7 @@ def case_key(case: Any) -> str:
 def _said(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         return {"": type(value).__name__, **asdict(value)}
-    return value.tolist() if isinstance(value, np.ndarray | np.generic) else str(value)
+    return value.tolist() if isinstance(value, ndarray | np.generic) else str(value)
 
 
 # ---------------------------------------------------------------- rows that are kept

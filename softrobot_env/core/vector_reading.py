@@ -4,6 +4,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.arrays import HostArrays, namespace
 from softrobot_env.core.artifacts import Arrays
@@ -27,18 +28,18 @@ class Reading:
         change: [1], by which an action of 1 changes the input in force; 0 where actions are inputs.
     """
 
-    names: np.ndarray
-    sizes: np.ndarray
-    take: np.ndarray
-    origin: np.ndarray
-    scale: np.ndarray
-    relative: np.ndarray
-    less: np.ndarray
+    names: ndarray
+    sizes: ndarray
+    take: ndarray
+    origin: ndarray
+    scale: ndarray
+    relative: ndarray
+    less: ndarray
     period: float = 0.0
-    preview: np.ndarray | tuple[float, ...] = ()
+    preview: ndarray | tuple[float, ...] = ()
     change: float = 0.0
 
-    def __call__(self, flat: np.ndarray, less: np.ndarray | None = None) -> np.ndarray:
+    def __call__(self, flat: ndarray, less: ndarray | None = None) -> ndarray:
         """Vectors (..., k) of observables (..., size), differences to those of `less` if given."""
         picked = flat[..., self.take]
         if len(self.less):
@@ -58,7 +59,7 @@ class Reading:
         # Raw readings are shown only where they are asked for.
         return needed | ({"observe": ("all", _RAW)} if _RAW in self.names else {})
 
-    def about(self) -> dict[str, np.ndarray]:
+    def about(self) -> dict[str, ndarray]:
         """What the file of a network tells of its reading."""
         return {f"{_READING}{f.name}": np.asarray(getattr(self, f.name)) for f in fields(self)}
 

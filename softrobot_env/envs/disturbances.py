@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.arrays import HOST, HostArrays, namespace
 from softrobot_env.envs.observations.readouts import SensorNoise, filmed, fitted, noisy
@@ -57,7 +58,7 @@ class Drives:
     Applied is min(gain x commanded, limit): a drive pulls no more than its limit.
     """
 
-    def __init__(self, count: int, limit: np.ndarray, arrays: HostArrays = HOST) -> None:
+    def __init__(self, count: int, limit: ndarray, arrays: HostArrays = HOST) -> None:
         """Neutral drives of `count` robots, with limits (n_tendons,) [N], which take `arrays`."""
         self._arrays, self._limit = arrays, arrays.real(limit)
         self._everyone = arrays.index(np.arange(count))
@@ -66,9 +67,7 @@ class Drives:
         self._sent = arrays.real(np.zeros((count, 1, len(limit))))  # a ring of commands
         self._now = 0
 
-    def start(
-        self, which: np.ndarray, gain: np.ndarray, delay: np.ndarray, tension: np.ndarray
-    ) -> np.ndarray:
+    def start(self, which: ndarray, gain: ndarray, delay: ndarray, tension: ndarray) -> ndarray:
         """Start episodes, commands before them being the tensions at the start.
 
         Args:
@@ -94,7 +93,7 @@ class Drives:
             self._sent = kind.concatenate((room, ordered), axis=1)
             self._now = size - 1
 
-    def apply(self, commanded: np.ndarray) -> np.ndarray:
+    def apply(self, commanded: ndarray) -> ndarray:
         """Tensions (n, n_tendons) [N] in force in a control period, by those commanded in it."""
         size = self._sent.shape[1]
         self._now = (self._now + 1) % size
@@ -102,7 +101,7 @@ class Drives:
         return self.tension
 
     @property
-    def tension(self) -> np.ndarray:
+    def tension(self) -> ndarray:
         """(n, n_tendons) [N], in force now."""
         late = self._arrays.index((self._now - self._delay) % self._sent.shape[1])
         sent = self._gain * self._sent[self._everyone, late]
@@ -137,9 +136,7 @@ class Periphery:
             out = filmed(out, self.cameras)
         return out if self.noise is None else noisy(out, self.noise, self._robots)
 
-    def start_drives(
-        self, which: np.ndarray, values: dict[str, np.ndarray], command: np.ndarray
-    ) -> np.ndarray:
+    def start_drives(self, which: ndarray, values: dict[str, ndarray], command: ndarray) -> ndarray:
         """Start the drives of robots `which` (k,).
 
         Args:
@@ -162,8 +159,8 @@ class Periphery:
 
     def start_sensors(
         self,
-        which: np.ndarray,
-        values: dict[str, np.ndarray],
+        which: ndarray,
+        values: dict[str, ndarray],
         generators: list[np.random.Generator],
         exact: Any,
     ) -> bool:

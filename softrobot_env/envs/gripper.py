@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from numpy import float64
+from numpy import float64, ndarray
 
 from softrobot_env.core.interfaces import Seen
 from softrobot_env.core.records import check_argument
@@ -32,7 +32,7 @@ _OF_FINGERS, _VECTORS = ("modulus", "arm"), ("pull", "shake")
 _USUAL = {"task": "hold", "control_period": 0.02, "observe": ("curvature", "tendon_tension")}
 
 
-class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]):
+class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndarray]):
     """Grippers on a thread pool; `GripperEnv` is one of them.
 
     An action in [-1, 1] is the tension of a tendon between none and its limit. Observations are
@@ -104,11 +104,11 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, np
 
     # ------------------------------------------------------------------ episodes
 
-    def _parsed(self, given: dict[str, Any]) -> Callable[[np.ndarray], None]:
+    def _parsed(self, given: dict[str, Any]) -> Callable[[ndarray], None]:
         fixed = {name: self._value(name, value) for name, value in given.items()}
         return lambda which: self._begin(which, fixed)
 
-    def _value(self, name: str, value: Any) -> np.ndarray:
+    def _value(self, name: str, value: Any) -> ndarray:
         """An option as an array that broadcasts to that of what is sampled."""
         if name not in DRAWN:
             raise ValueError(f"unknown option {name!r}; allowed are {', '.join(DRAWN)}, {MASK}")
@@ -130,7 +130,7 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, np
             )
         return values
 
-    def _begin(self, which: np.ndarray, fixed: dict[str, np.ndarray] | None = None) -> None:
+    def _begin(self, which: ndarray, fixed: dict[str, ndarray] | None = None) -> None:
         """Start episodes of the environments `which` (k,)."""
         for i in which:
             for name, value in self._sample(self._generators[i]).items():
@@ -179,12 +179,12 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, np
 
     # ------------------------------------------------------------------ steps
 
-    def _act(self, actions: np.ndarray, ended: np.ndarray | None) -> None:
+    def _act(self, actions: ndarray, ended: ndarray | None) -> None:
         self._action = actions
         self.simulation.ctrl[:] = (actions + 1) / 2 * self._limits
         self.simulation.push(*self._disturbances())
 
-    def _disturbances(self) -> tuple[np.ndarray, np.ndarray]:
+    def _disturbances(self) -> tuple[ndarray, ndarray]:
         """Pulls (n, 3) [N] and accelerations of the palm (n, 3) [m/s2] in this period."""
         if not self.task.free:
             return np.zeros((self.num_envs, 3)), np.zeros((self.num_envs, 3))
@@ -194,18 +194,18 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, np
         wave = np.where(since > 0, np.sin(2 * np.pi * self._sampled["rate"] * since), 0.0)[:, None]
         return self._sampled["pull"] * share, self._sampled["shake"] * wave
 
-    def _advance(self, ended: np.ndarray | None) -> np.ndarray:
+    def _advance(self, ended: ndarray | None) -> ndarray:
         diverged = super()._advance(ended)
         if self.sensors is not None and (ended is None or not ended.all()):
             self.sensors.look(None if ended is None else np.flatnonzero(~ended))
         return diverged
 
-    def _observe(self, started: np.ndarray | None = None) -> Seen:
+    def _observe(self, started: ndarray | None = None) -> Seen:
         self._error = self._off()
         self._worst = np.maximum(self._worst, self._error) if self.task.free else self._error
         return self._view()
 
-    def _off(self) -> np.ndarray:
+    def _off(self) -> ndarray:
         """(n,) [1], over what counts as success."""
         if self.task.free:
             away = np.linalg.norm(self.simulation.place - self._home, axis=1)
@@ -216,20 +216,20 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, np
         off = np.abs(self.simulation.curvature * rho - 1)
         return np.sum(off * self._beyond, axis=1) / self.task.within
 
-    def _outside(self) -> np.ndarray:
+    def _outside(self) -> ndarray:
         lost = ~np.isfinite(self.simulation.qvel).all(axis=1)
         return (
             lost | ~(self._error * self.task.within <= self.task.lost) if self.task.free else lost
         )
 
-    def _terms(self, previous: np.ndarray) -> dict[str, np.ndarray]:
+    def _terms(self, previous: ndarray) -> dict[str, ndarray]:
         return self._reward.batch_terms(self._error, self._action, previous)
 
     def _what_failed(self, i: int, diverged: bool, time: float) -> str:
         what = "the simulation diverged" if diverged else "the bar was lost"
         return f"{what} by t = {time:.3f} s"
 
-    def _info_of(self, terms: dict[str, Any], over: np.ndarray | None = None) -> dict[str, Any]:
+    def _info_of(self, terms: dict[str, Any], over: ndarray | None = None) -> dict[str, Any]:
         info = {
             "time": self._index * self.control_period,
             "error": self._error,
@@ -248,12 +248,12 @@ def _found(given: Any, find: Callable[[str], Any], name: str, kind: type) -> Any
     return found
 
 
-def _starts(robot: RobotParams) -> np.ndarray:
+def _starts(robot: RobotParams) -> ndarray:
     """Where a finger's pieces begin, (pieces,) [m]."""
     return robot.backbone.cut(robot.pieces)[:-1]
 
 
-class GripperEnv(gymnasium.Env[Seen, np.ndarray]):
+class GripperEnv(gymnasium.Env[Seen, ndarray]):
     """One gripper; see `VectorGripperEnv`, whose arguments it has.
 
     Attributes:
@@ -286,7 +286,7 @@ class GripperEnv(gymnasium.Env[Seen, np.ndarray]):
         self.render_mode, self._frame = config.render_mode, (config.width, config.height)
         self._renderer: GripperRenderer | None = None
         self._diameter = 0.0
-        self.shown: np.ndarray | None = None
+        self.shown: ndarray | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -298,7 +298,7 @@ class GripperEnv(gymnasium.Env[Seen, np.ndarray]):
         self._diameter = float(info["diameter"][0])
         return _only(observation), _alone(info)
 
-    def step(self, action: np.ndarray) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
+    def step(self, action: ndarray) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
         """As of `VectorGripperEnv`, for one."""
         given = checked_actions(action, self.action_space.shape)
         observation, reward, failed, over, info = self._all.step(given[None])
@@ -309,7 +309,7 @@ class GripperEnv(gymnasium.Env[Seen, np.ndarray]):
         """[m] in the plane of pictures that `render` makes; None before the first."""
         return None if self._renderer is None else self._renderer.metres / self._frame[1]
 
-    def render(self) -> np.ndarray | None:
+    def render(self) -> ndarray | None:
         """Picture (height, width, 3) uint8 in mode "rgb_array"; None otherwise.
 
         The fingers' shapes as `shown` has them lie over the true ones.
@@ -336,7 +336,7 @@ class GripperEnv(gymnasium.Env[Seen, np.ndarray]):
 
 
 def _only(observation: Seen) -> Seen:
-    if isinstance(observation, np.ndarray):
+    if isinstance(observation, ndarray):
         return observation[0]
     return {name: value[0] for name, value in observation.items()}
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium.utils import seeding
-from numpy import float64
+from numpy import float64, ndarray
 
 from softrobot_env.core.arrays import HOST, HostArrays, namespace
 from softrobot_env.core.records import shown
@@ -25,9 +25,9 @@ class ResetOptions:
     vary: dict[str, float] = field(default_factory=dict)
     step_width: float | None = None
     duration: float | None = None
-    start_input: np.ndarray | None = None
-    start_curvature: np.ndarray | None = None
-    start_length: np.ndarray | None = None
+    start_input: ndarray | None = None
+    start_curvature: ndarray | None = None
+    start_length: ndarray | None = None
     task: dict[str, float] = field(default_factory=dict)
     clear_fault: bool = False
 
@@ -63,7 +63,7 @@ def positive(name: str, value: Any, _size: int = 0) -> float:
     return number
 
 
-def _vector(name: str, value: Any, size: int) -> np.ndarray:
+def _vector(name: str, value: Any, size: int) -> ndarray:
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
@@ -177,7 +177,7 @@ def seed_generators(generators: list[np.random.Generator], seeds: list[int | Non
             generators[i] = seeding.np_random(one)[0]
 
 
-def parse_variation(vary: Any, count: int, control_period: float) -> dict[str, np.ndarray]:
+def parse_variation(vary: Any, count: int, control_period: float) -> dict[str, ndarray]:
     """Values (count,) of every variation, those that are not given neutral.
 
     Raises:
@@ -197,7 +197,7 @@ def parse_variation(vary: Any, count: int, control_period: float) -> dict[str, n
     return out
 
 
-def take_mask(options: dict[str, Any], count: int, started: bool) -> np.ndarray:
+def take_mask(options: dict[str, Any], count: int, started: bool) -> ndarray:
     """Indices (k,) of a mask (count,) bool, taken out of the options of a reset; all without one.
 
     Raises:
@@ -221,13 +221,13 @@ def take_mask(options: dict[str, Any], count: int, started: bool) -> np.ndarray:
 ROUNDING = 1e-6
 
 
-def one_action(action: Any, shape: tuple[int]) -> tuple[np.ndarray, list[float]]:
+def one_action(action: Any, shape: tuple[int]) -> tuple[ndarray, list[float]]:
     """An action (n,) as a new array of float64 and as plain numbers.
 
     Raises:
         ValueError: As `checked_actions`.
     """
-    if type(action) is np.ndarray and action.shape == shape:
+    if type(action) is ndarray and action.shape == shape:
         values = action.tolist()
         try:
             for value in values:
@@ -241,7 +241,7 @@ def one_action(action: Any, shape: tuple[int]) -> tuple[np.ndarray, list[float]]
     return checked, checked.tolist()
 
 
-def checked_actions(actions: Any, shape: tuple[int, ...], arrays: HostArrays = HOST) -> np.ndarray:
+def checked_actions(actions: Any, shape: tuple[int, ...], arrays: HostArrays = HOST) -> ndarray:
     """Actions as a new array of float64, those beyond [-1, 1] by `ROUNDING` or less at the bound.
 
     Tensors and numbers of NumPy are taken where `arrays` are tensors.

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
+from numpy import ndarray
 
 from softrobot_env.core.arrays import HOST, HostArrays
 from softrobot_env.core.interfaces import Seen
@@ -79,9 +80,9 @@ class Start(NamedTuple):
         posture: Coordinates of the plant, hinge angles [rad] of a chain.
     """
 
-    input: np.ndarray
-    command: np.ndarray
-    posture: np.ndarray
+    input: ndarray
+    command: ndarray
+    posture: ndarray
 
 
 class EnvParts:
@@ -160,7 +161,7 @@ class EnvParts:
             view = view.on(arrays)
         return observer(self.observed, sources, view)
 
-    def wanted(self, action: np.ndarray, previous: np.ndarray) -> np.ndarray:
+    def wanted(self, action: ndarray, previous: ndarray) -> ndarray:
         """Inputs (..., n_inputs) over full scale that actions ask for.
 
         Args:
@@ -171,7 +172,7 @@ class EnvParts:
             return action
         return (previous + self.change * action).clip(-1.0, 1.0)
 
-    def action_of(self, inputs: np.ndarray) -> np.ndarray:
+    def action_of(self, inputs: ndarray) -> ndarray:
         """Inputs (n_inputs,) over full scale."""
         return (inputs - self.inputs.input_centre) / self.inputs.input_scale
 

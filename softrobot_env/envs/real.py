@@ -19,6 +19,7 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 from gymnasium import spaces
+from numpy import ndarray
 
 from softrobot_env.core.interfaces import Seen
 from softrobot_env.core.records import check_argument, shown
@@ -169,7 +170,7 @@ def _check_period(file: RobotFile, control_period: float) -> None:
         )
 
 
-class RealRigEnv(gymnasium.Env[Seen, np.ndarray]):
+class RealRigEnv(gymnasium.Env[Seen, ndarray]):
     """Move the tip of the real rig along a reference in x and y, in real time.
 
     Actions, observations, rewards and tasks are those of `RigEnv`, so that a policy made for the
@@ -280,7 +281,7 @@ class RealRigEnv(gymnasium.Env[Seen, np.ndarray]):
         self._tip = TipFilter(self._session.sight(), parts.reach, parts.speed)
         self._running = True
 
-    def step(self, action: np.ndarray) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
+    def step(self, action: ndarray) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
         """Apply an action (n_tendons,) in [-1, 1] for one control period, by the clock.
 
         Raises:
@@ -509,7 +510,7 @@ class TipFilter:
             raise StaleError(f"the tip source says ({x:.0f}, {y:.0f}) mm, which is out of reach")
 
 
-def reference_at(points: np.ndarray, step: float) -> np.ndarray:
+def reference_at(points: ndarray, step: float) -> ndarray:
     """Reference (2,) [m] at a fractional step, from its points (n + 1, 2) [m] at whole ones."""
     steps = np.arange(len(points))
     return np.array([np.interp(step, steps, column) for column in points.T])
@@ -670,7 +671,7 @@ class RealSession:
 
     # ------------------------------------------------------------------ in an episode
 
-    def command(self, length: np.ndarray, deadline: float) -> tuple[bool, float | None]:
+    def command(self, length: ndarray, deadline: float) -> tuple[bool, float | None]:
         """Send lengths (n,) [m], as far as the robot file's range allows, and await the answer.
 
         Nothing is sent while the robot is slow to answer what was sent before; measurements that

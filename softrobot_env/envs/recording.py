@@ -6,6 +6,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from numpy import ndarray
 
 from softrobot_env.core.interfaces import Seen
 from softrobot_env.envs.reference import AXES
@@ -120,7 +121,7 @@ class RecordEpisodes(_Recorder, gymnasium.Wrapper):
         self._add(observation, info)
         return observation, info
 
-    def step(self, action: np.ndarray) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
+    def step(self, action: ndarray) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
         """Go on, and note a row."""
         outcome = self.env.step(action)
         observation, *_, info = outcome
@@ -128,7 +129,7 @@ class RecordEpisodes(_Recorder, gymnasium.Wrapper):
             self._add(observation, info)
         return outcome
 
-    def _add(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> None:
+    def _add(self, observation: dict[str, ndarray], info: dict[str, Any]) -> None:
         action = info.get("applied_action", observation["previous_action"])
         tip, age = observation["tip_position"].copy(), float(info.get("tip_age", 0.0))
         self._run.append((float(info["time"]), age, np.array(action), tip, self.label))
@@ -160,15 +161,13 @@ class RecordVectorEpisodes(_Recorder, VectorWrapper):
         self._add(observation, info)
         return observation, info
 
-    def step(
-        self, actions: np.ndarray
-    ) -> tuple[Seen, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    def step(self, actions: ndarray) -> tuple[Seen, ndarray, ndarray, ndarray, dict[str, Any]]:
         """Go on, and note a row of each environment."""
         outcome = self.env.step(actions)
         self._add(outcome[0], outcome[-1])
         return outcome
 
-    def _add(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> None:
+    def _add(self, observation: dict[str, ndarray], info: dict[str, Any]) -> None:
         """Note rows; at time zero a run begins, and failed steps are left out."""
         told, failed = info["_time"], info.get("_failure", np.zeros(self.num_envs, dtype=bool))
         for k in np.flatnonzero(told & ~failed):

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from math import ceil
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.envs.observations.table import REFERENCE_ACCELERATION, REFERENCE_SPEED
 from softrobot_env.robots import RobotParams
@@ -38,17 +39,17 @@ class ReferenceTable:
     """
 
     points: list[list[float]]
-    position: np.ndarray
-    velocity: np.ndarray
-    acceleration: np.ndarray
-    preview: np.ndarray
+    position: ndarray
+    velocity: ndarray
+    acceleration: ndarray
+    preview: ndarray
 
     @property
     def last_index(self) -> int:
         """Index of the last control instant."""
         return len(self.points) - 1
 
-    def rows(self) -> dict[str, np.ndarray]:
+    def rows(self) -> dict[str, ndarray]:
         """Copies of the columns by name, whose rows an episode may give away."""
         names = ("position", "velocity", "acceleration", "preview")
         return {name: getattr(self, name).copy() for name in names}
@@ -59,7 +60,7 @@ def instants(duration: float, control_period: float) -> int:
     return max(1, ceil(duration / control_period - 1e-9))
 
 
-def sample_reference(task: Task, control_period: float, preview: np.ndarray) -> ReferenceTable:
+def sample_reference(task: Task, control_period: float, preview: ndarray) -> ReferenceTable:
     """Sample a task's reference at its control instants, and `preview` (k,) [s] after them.
 
     Raises:

@@ -21,6 +21,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.envs.simulation.grippers import GripperBatch, bar
 from softrobot_env.robots import Gripper, RobotParams, centerline
@@ -68,10 +69,10 @@ class Frame:
 
     episode: int
     time: float
-    qpos: np.ndarray
-    tension: np.ndarray
-    target: np.ndarray
-    path: np.ndarray
+    qpos: ndarray
+    tension: ndarray
+    target: ndarray
+    path: ndarray
     jumps: bool = False
 
 
@@ -130,7 +131,7 @@ class OffscreenRenderer(_Pictures):
         self.metres = view.camera.height
         super().__init__(view.model, view.data, (width, height))
 
-    def draw(self, frame: Frame) -> np.ndarray:
+    def draw(self, frame: Frame) -> ndarray:
         """Picture (height, width, 3) uint8."""
         self._view.update(frame)
         self._view.decorate(self._see(), frame, flat=True)
@@ -197,7 +198,7 @@ class WindowRenderer:
         return self._window.is_running()
 
     @property
-    def controls(self) -> np.ndarray:
+    def controls(self) -> ndarray:
         """(nu,) where the sliders are [N or m], to be written to."""
         return self._view.data.ctrl
 
@@ -245,7 +246,7 @@ class _View:
         self._disc_size = min(1.0, config.robot.reach / _FULL_SIZE)
         self._tendons = Lines(self.model, config.robot)
         self._tip = self.data.site(TIP_SITE).xpos
-        self._trail: list[np.ndarray] = []
+        self._trail: list[ndarray] = []
         self._episode = 0
 
     def update(self, frame: Frame) -> None:
@@ -302,7 +303,7 @@ class Lines:
         self._limit = np.array([t.tension_limit for t in robot.tendons])
         self._lines = [_line_id(model, prefix + t.name) for t in robot.tendons]
 
-    def show(self, tension: np.ndarray) -> None:
+    def show(self, tension: ndarray) -> None:
         """Colour them by tensions (n_tendons,) [N]."""
         share = np.clip(tension / self._limit, 0, 1)
         self._model.tendon_rgba[self._lines] = tension_colours(share)
@@ -315,7 +316,7 @@ def _line_id(model: mujoco.MjModel, tendon: str) -> int:
     return line if line >= 0 else model.tendon(tendon).id
 
 
-def _thinned(path: np.ndarray) -> np.ndarray:
+def _thinned(path: ndarray) -> ndarray:
     """At most about `_PATH_POINTS` of a path's points, ends included."""
     stride = max(1, len(path) // _PATH_POINTS)
     return np.concatenate((path[:-1:stride], path[-1:]))
@@ -327,15 +328,15 @@ class _Pen:
     def __init__(
         self,
         scene: mujoco.MjvScene,
-        up: np.ndarray | None = None,
-        towards: np.ndarray | None = None,
+        up: ndarray | None = None,
+        towards: ndarray | None = None,
     ) -> None:
         """Dots are balls, or thin discs that face a camera in a direction `towards` (3,)."""
         self._scene = scene
         self._turn = None if up is None else np.stack([np.cross(up, towards), up, towards], axis=1)
 
     def line(
-        self, points: np.ndarray, radius: float, rgba: np.ndarray, emission: float | None = None
+        self, points: ndarray, radius: float, rgba: ndarray, emission: float | None = None
     ) -> None:
         """A line through points (k, 3) [m]."""
         for ends in pairwise(points):
@@ -344,7 +345,7 @@ class _Pen:
                 geom.emission = geom.emission if emission is None else emission
                 mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_CAPSULE.value, radius, *ends)
 
-    def dot(self, center: np.ndarray, radius: float, rgba: np.ndarray) -> None:
+    def dot(self, center: ndarray, radius: float, rgba: ndarray) -> None:
         """A ball or disc about a point (3,) [m]."""
         kind, size = mujoco.mjtGeom.mjGEOM_SPHERE, np.full(3, radius)
         if self._turn is not None:
@@ -354,9 +355,7 @@ class _Pen:
             geom.pos[:] = center
             geom.mat[:] = np.eye(3) if self._turn is None else self._turn
 
-    def _next(
-        self, kind: mujoco.mjtGeom, size: np.ndarray, rgba: np.ndarray
-    ) -> mujoco.MjvGeom | None:
+    def _next(self, kind: mujoco.mjtGeom, size: ndarray, rgba: ndarray) -> mujoco.MjvGeom | None:
         """A fresh geom at the end of the scene's list, or None when that is full."""
         scene = self._scene
         if scene.ngeom >= scene.maxgeom:
@@ -373,7 +372,7 @@ class _Pen:
 _ANGLES = np.linspace(0.0, 2.2, 200)
 
 
-def lifted(robot: RobotParams, points: np.ndarray) -> np.ndarray:
+def lifted(robot: RobotParams, points: ndarray) -> ndarray:
     """Points (k, 3) [m] above x and y (k, 2) [m], where the tip of a circular arc would be.
 
     Beyond the reach of an arc the height of the farthest one is taken.
@@ -417,7 +416,7 @@ class GripperRenderer(_Pictures):
         ]
         super().__init__(scene.model, mujoco.MjData(scene.model), (width, height))
 
-    def draw(self, qpos: np.ndarray, tension: np.ndarray, curvature: np.ndarray) -> np.ndarray:
+    def draw(self, qpos: ndarray, tension: ndarray, curvature: ndarray) -> ndarray:
         """Picture (height, width, 3) uint8.
 
         Args:
@@ -436,7 +435,7 @@ class GripperRenderer(_Pictures):
         return self._context.draw(self._scene)
 
 
-def finger_shapes(gripper: Gripper, curvature: np.ndarray) -> list[np.ndarray]:
+def finger_shapes(gripper: Gripper, curvature: ndarray) -> list[ndarray]:
     """Shapes (k, 3) [m] of the fingers, each piece an arc of its mean curvature (pieces,) [1/m]."""
     out, first = [], 0
     for finger in gripper.fingers:
@@ -533,7 +532,7 @@ class OffscreenContext:
         # Also runs when the interpreter exits, while the OpenGL modules still exist.
         self._finalizer = weakref.finalize(self, _free, self._gl, self._buffers)
 
-    def draw(self, scene: mujoco.MjvScene) -> np.ndarray:
+    def draw(self, scene: mujoco.MjvScene) -> ndarray:
         """Picture (height, width, 3) uint8 of a scene."""
         self._gl.make_current()
         mujoco.mjr_render(self._rect, scene, self._buffers)

@@ -7,7 +7,7 @@ from math import dist, hypot
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy import float64
+from numpy import float64, ndarray
 
 from softrobot_env.core.arrays import namespace
 from softrobot_env.core.records import Positive, check_argument, check_fields
@@ -34,8 +34,8 @@ class Outcome(NamedTuple):
     """
 
     error: Any
-    action: np.ndarray
-    previous: np.ndarray
+    action: ndarray
+    previous: ndarray
     measured: Any
 
 
@@ -124,8 +124,8 @@ class TrackingReward:
         return {f"reward_{term.name}": term.value(outcome) for term in self.more}
 
     def batch_terms(
-        self, error: np.ndarray, action: np.ndarray, previous: np.ndarray, measured: Any = None
-    ) -> dict[str, np.ndarray]:
+        self, error: ndarray, action: ndarray, previous: ndarray, measured: Any = None
+    ) -> dict[str, ndarray]:
         """Terms for errors (n,) [m] and actions (n, n_inputs), NumPy's or tensors."""
         size, change, kind = action.shape[1], action - previous, namespace(error)
         tracking, precision = self._earned(error, kind)
@@ -234,9 +234,7 @@ class GripReward:
 
     failed_terms = TrackingReward.failed_terms
 
-    def batch_terms(
-        self, error: np.ndarray, action: np.ndarray, previous: np.ndarray
-    ) -> dict[str, np.ndarray]:
+    def batch_terms(self, error: ndarray, action: ndarray, previous: ndarray) -> dict[str, ndarray]:
         """Terms (n,) for errors (n,) and actions (n, inputs)."""
         return {
             "reward_grip": self.grip * np.exp(-error),

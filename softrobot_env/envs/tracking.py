@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
-from numpy import float64
+from numpy import float64, ndarray
 
 from softrobot_env.core.interfaces import Seen
 from softrobot_env.envs.config import DEFAULT_PERIOD, PICTURES, SIMULATED, EnvConfig
@@ -40,7 +40,7 @@ _REBUILT = {
 }
 
 
-class TrackingEnv(gymnasium.Env[Seen, np.ndarray]):
+class TrackingEnv(gymnasium.Env[Seen, ndarray]):
     """Move the tip of a tendon-driven robot along a reference.
 
     The action is a vector in [-1, 1], held for one `control_period`, and stands for the inputs of
@@ -169,7 +169,7 @@ class TrackingEnv(gymnasium.Env[Seen, np.ndarray]):
         self._action_shape = self.action_space.shape
         self._action_array = np.zeros(self._action_shape)
         self._action: list[float] = self._action_array.tolist()
-        self._rows: dict[str, np.ndarray] = {}
+        self._rows: dict[str, ndarray] = {}
         self._last_observation: Seen | None = None
         self._variation: dict[str, float64] = {}  # as `info` has it
         self._install(parts.plant.simulation({}))
@@ -192,7 +192,7 @@ class TrackingEnv(gymnasium.Env[Seen, np.ndarray]):
         return self._simulation
 
     @property
-    def command(self) -> np.ndarray:
+    def command(self) -> ndarray:
         """(nu,) what the drives are to do [N or m], to be written to by who acts without `step`."""
         return self._target
 
@@ -317,7 +317,7 @@ class TrackingEnv(gymnasium.Env[Seen, np.ndarray]):
 
     # ------------------------------------------------------------------ steps
 
-    def step(self, action: np.ndarray) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
+    def step(self, action: ndarray) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
         """Apply an action (n_inputs,) in [-1, 1] for one control period.
 
         Raises:
@@ -394,7 +394,7 @@ class TrackingEnv(gymnasium.Env[Seen, np.ndarray]):
         """[m] in the plane of pictures that `render` makes as arrays; None before the first."""
         return None if self._renderer is None else self._renderer.metres / self._frame_size[1]
 
-    def render(self) -> np.ndarray | None:
+    def render(self) -> ndarray | None:
         """Frame (height, width, 3) uint8 in mode "rgb_array"; None otherwise.
 
         Raises:
@@ -434,7 +434,7 @@ class TrackingEnv(gymnasium.Env[Seen, np.ndarray]):
             jumps=getattr(self._current.trajectory, "jumps", False),
         )
 
-    def _in_space(self, points: np.ndarray) -> np.ndarray:
+    def _in_space(self, points: ndarray) -> ndarray:
         """Where to show points (k, d) [m] of the reference, (k, 3)."""
         if self.task.axes == "xy":
             return lifted(self.task.robot, points)

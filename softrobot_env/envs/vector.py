@@ -10,6 +10,7 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
+from numpy import ndarray
 
 from softrobot_env.core.arrays import HOST, HostArrays, namespace
 from softrobot_env.core.interfaces import Seen
@@ -54,7 +55,7 @@ class _References:
         self._instants, self._arrays = shared.last_index + 1, arrays
         self.columns = {name: arrays.real(column) for name, column in shared.rows().items()}
 
-    def set(self, which: np.ndarray, table: ReferenceTable) -> None:
+    def set(self, which: ndarray, table: ReferenceTable) -> None:
         """Let environments `which` (k,) have a reference."""
         if table is self._shared:
             return
@@ -88,16 +89,16 @@ class _References:
         self._instants = instants
         self._offset = np.arange(self._count) * instants
 
-    def at(self, index: np.ndarray) -> np.ndarray:
+    def at(self, index: ndarray) -> ndarray:
         """Where in `columns` the instants `index` (n,) of all environments stand."""
         return self._arrays.index(self._offset + index)
 
-    def rows(self, name: str, at: np.ndarray) -> np.ndarray:
+    def rows(self, name: str, at: ndarray) -> ndarray:
         """Rows (n, size) of a column."""
         return self._arrays.rows(self.columns[name], at)
 
 
-class BatchEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]):
+class BatchEnv(gymnasium.vector.VectorEnv[Seen, ndarray, ndarray]):
     """Episodes of many robots at once: what begins, ends and restarts them.
 
     What a robot is, sees and earns is that of its class: hooks follow after `step`.
@@ -139,10 +140,7 @@ class BatchEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]):
         )
 
     def reset(
-        self,
-        *,
-        seed: int | list[int | None] | None = None,
-        options: dict[str, Any] | None = None,
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Seen, dict[str, Any]]:
         """Start episodes at rest.
 
@@ -166,9 +164,7 @@ class BatchEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]):
         terms = {name: self.arrays.real(np.zeros(self.num_envs)) for name in self._reward.none}
         return self._observation, self._info_of(terms)
 
-    def step(
-        self, actions: np.ndarray
-    ) -> tuple[Seen, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    def step(self, actions: ndarray) -> tuple[Seen, ndarray, ndarray, ndarray, dict[str, Any]]:
         """Apply actions (n, inputs) in [-1, 1] for one control period.
 
         Raises:
@@ -204,24 +200,20 @@ class BatchEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]):
         flags = self.arrays.flags
         return self._observation, sum(terms.values()), flags(failed), flags(over), info
 
-    def _advance(self, ended: np.ndarray | None) -> np.ndarray:
+    def _advance(self, ended: ndarray | None) -> ndarray:
         """Integrate all but the ended (n,) bool; whether each (n,) diverged."""
         if ended is None:
             return self.simulation.advance()
         running = np.flatnonzero(~ended)
         return self.simulation.advance(running) & ~ended if len(running) else ~self._everyone
 
-    def _where(self, mask: np.ndarray) -> np.ndarray:
+    def _where(self, mask: ndarray) -> ndarray:
         """What picks the environments of a mask (n,) bool out of arrays."""
         return self.arrays.index(np.flatnonzero(mask))
 
     def _fail(
-        self,
-        failed: np.ndarray,
-        diverged: np.ndarray,
-        terms: dict[str, np.ndarray],
-        before: Seen,
-    ) -> dict[str, np.ndarray]:
+        self, failed: ndarray, diverged: ndarray, terms: dict[str, ndarray], before: Seen
+    ) -> dict[str, ndarray]:
         """Penalise failed episodes, show what was seen before, and say what happened."""
         texts, where = np.full(self.num_envs, None, dtype=object), self._where(failed)
         for i in np.flatnonzero(failed):
@@ -252,16 +244,16 @@ class BatchEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]):
 
     # ------------------------------------------------------------------ of each class
 
-    def _parsed(self, given: dict[str, Any]) -> Callable[[np.ndarray], None]:
+    def _parsed(self, given: dict[str, Any]) -> Callable[[ndarray], None]:
         """What starts episodes of environments (k,) with options of a reset; refuses bad ones."""
 
-    def _begin(self, which: np.ndarray) -> None:
+    def _begin(self, which: ndarray) -> None:
         """Start usual episodes of the environments `which` (k,)."""
 
-    def _act(self, actions: np.ndarray, ended: np.ndarray | None) -> None:
+    def _act(self, actions: ndarray, ended: ndarray | None) -> None:
         """Command what actions (n, inputs) ask for; those of the ended (n,) bool do not count."""
 
-    def _observe(self, started: np.ndarray | None = None) -> Seen:
+    def _observe(self, started: ndarray | None = None) -> Seen:
         """New arrays (n, ...), which the caller may keep; updates error and read-outs too.
 
         Args:
@@ -269,20 +261,20 @@ class BatchEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]):
                 all unless given.
         """
 
-    def _outside(self) -> np.ndarray:
+    def _outside(self) -> ndarray:
         """(n,) bool, which robots failed without a divergence."""
 
-    def _terms(self, previous: np.ndarray) -> dict[str, np.ndarray]:
+    def _terms(self, previous: ndarray) -> dict[str, ndarray]:
         """Terms (n,) of the reward, after actions (n, inputs) before the ones in force."""
 
     def _what_failed(self, i: int, diverged: bool, time: float) -> str:
         """Why the episode of environment `i` failed at a time [s]."""
 
-    def _info_of(self, terms: dict[str, Any], over: np.ndarray | None = None) -> dict[str, Any]:
+    def _info_of(self, terms: dict[str, Any], over: ndarray | None = None) -> dict[str, Any]:
         """`info` of this instant, with terms of the reward and which (n,) bool are over."""
 
 
-class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]):
+class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndarray]):
     """`TrackingEnv` n times, simulated on a thread pool: the same episodes, step for step.
 
     Spaces, observations, rewards and options are those of the single environment, stacked along a
@@ -378,7 +370,7 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, n
 
     # ------------------------------------------------------------------ episodes
 
-    def _parsed(self, given: dict[str, Any]) -> Callable[[np.ndarray], None]:
+    def _parsed(self, given: dict[str, Any]) -> Callable[[ndarray], None]:
         variation = None
         if "vary" in given:
             variation = parse_variation(given.pop("vary"), self.num_envs, self.control_period)
@@ -405,7 +397,7 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, n
         last = min(reference.last_index, self._most_steps)
         return _Beginning(self._parts.start(options, task), reference, last)
 
-    def _sampled(self, which: np.ndarray) -> Iterator[tuple[np.ndarray, _Beginning]]:
+    def _sampled(self, which: ndarray) -> Iterator[tuple[ndarray, _Beginning]]:
         """Beginnings of tasks that the environments `which` (k,) sample, each its own."""
         usual = self._parts.parse_options({})
         for i in which:
@@ -413,15 +405,15 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, n
             task = replace(remake_task(self.task, seed=seed), duration=self.task.duration)
             yield np.array([i]), self._beginning(usual, task)
 
-    def _begin(self, which: np.ndarray) -> None:
+    def _begin(self, which: ndarray) -> None:
         self._start(self._usual, None, self._parts.is_resampled, which)
 
     def _start(
         self,
         beginning: _Beginning,
-        variation: dict[str, np.ndarray] | None,
+        variation: dict[str, ndarray] | None,
         resampled: bool,
-        which: np.ndarray,
+        which: ndarray,
     ) -> None:
         """Start episodes of the environments `which` (k,).
 
@@ -463,17 +455,17 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, n
 
     # ------------------------------------------------------------------ steps
 
-    def _act(self, actions: np.ndarray, ended: np.ndarray | None) -> None:
+    def _act(self, actions: ndarray, ended: ndarray | None) -> None:
         self._action = self._parts.wanted(actions, self._action)
         if ended is not None:
             self._action[self._where(ended)] = 0.0
         command, drives = self._command(self._action), self._periphery.drives
         self._target[:] = command if drives is None else drives.apply(command)
 
-    def _outside(self) -> np.ndarray:
+    def _outside(self) -> ndarray:
         return self._exact.outside
 
-    def _terms(self, previous: np.ndarray) -> dict[str, np.ndarray]:
+    def _terms(self, previous: ndarray) -> dict[str, ndarray]:
         return self._reward.batch_terms(self._error, self._action, previous, self._exact)
 
     def _what_failed(self, i: int, diverged: bool, time: float) -> str:
@@ -483,14 +475,14 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, n
 
     # ------------------------------------------------------------------ read-outs
 
-    def _observe(self, started: np.ndarray | None = None) -> Seen:
+    def _observe(self, started: ndarray | None = None) -> Seen:
         self._readout.update(started)
         self._at = self._references.at(self._index)
         gap = self._exact.tip - self._references.rows("position", self._at)
         self._error = namespace(gap).einsum("ij,ij->i", gap, gap) ** 0.5
         return self._see()
 
-    def _info_of(self, terms: dict[str, Any], over: np.ndarray | None = None) -> dict[str, Any]:
+    def _info_of(self, terms: dict[str, Any], over: ndarray | None = None) -> dict[str, Any]:
         info: dict[str, Any] = {
             "time": self.arrays.real(self._index * self.control_period),
             "error": self._error,

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.tasks.trajectories import Trajectory
@@ -72,7 +73,7 @@ def approached_metrics(rollout: Rollout, trajectory: Trajectory) -> ApproachedMe
     return ApproachedMetrics(float(error.mean()), float(error.max()))
 
 
-def step_metrics(time: np.ndarray, tip: np.ndarray, target: np.ndarray) -> StepMetrics:
+def step_metrics(time: ndarray, tip: ndarray, target: ndarray) -> StepMetrics:
     """Figures of the tip's projection onto the direction of the step.
 
     Args:
@@ -96,12 +97,12 @@ def step_metrics(time: np.ndarray, tip: np.ndarray, target: np.ndarray) -> StepM
     )
 
 
-def _rise_time(time: np.ndarray, relative: np.ndarray) -> float | None:
+def _rise_time(time: ndarray, relative: ndarray) -> float | None:
     crossings = [_first_crossing(time, relative, level) for level in (0.1, 0.9)]
     return None if None in crossings else crossings[1] - crossings[0]
 
 
-def _first_crossing(time: np.ndarray, response: np.ndarray, level: float) -> float | None:
+def _first_crossing(time: ndarray, response: ndarray, level: float) -> float | None:
     """Time at which the response first reaches a level, interpolated between samples."""
     above = np.flatnonzero(response >= level)
     if len(above) == 0:
@@ -113,7 +114,7 @@ def _first_crossing(time: np.ndarray, response: np.ndarray, level: float) -> flo
     return float(time[i - 1] + share * (time[i] - time[i - 1]))
 
 
-def _settling_time(time: np.ndarray, relative: np.ndarray, window: int) -> float | None:
+def _settling_time(time: ndarray, relative: ndarray, window: int) -> float | None:
     outside = np.flatnonzero(np.abs(relative - 1) > _BAND)
     if len(outside) == 0:
         return 0.0

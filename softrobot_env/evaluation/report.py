@@ -253,10 +253,7 @@ def _markdown_table(rows: list[Row]) -> str:
     reported = [] if entry is None or entry.reported is None else load(entry.reported)(rows[0])
     shown = _shown_columns([*rows, *reported])
     headings = ["policy", robot_heading(rows[0]), *(_COLUMNS[name][0] for name in shown)]
-    lines = [
-        "| " + " | ".join(headings) + " |",
-        "|" + "---|" * 2 + "---:|" * len(shown),
-    ]
+    lines = ["| " + " | ".join(headings) + " |", "|" + "---|" * 2 + "---:|" * len(shown)]
     for row in [*rows, *reported]:
         cells = [_policy_label(row), robot_label(row), *(_cell(row, name) for name in shown)]
         lines.append("| " + " | ".join(cells) + " |")

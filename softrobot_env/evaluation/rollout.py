@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.artifacts import read_arrays, write_arrays
 from softrobot_env.envs.reference import AXES
@@ -40,28 +41,28 @@ class Rollout:
         failure: What went wrong, or None.
     """
 
-    time: np.ndarray
-    reference: np.ndarray
-    tip: np.ndarray
-    action: np.ndarray
-    tendon_tension: np.ndarray
-    tendon_length: np.ndarray
-    curvature: np.ndarray
-    reward: np.ndarray
-    policy_time: np.ndarray
-    policy_status: np.ndarray
+    time: ndarray
+    reference: ndarray
+    tip: ndarray
+    action: ndarray
+    tendon_tension: ndarray
+    tendon_length: ndarray
+    curvature: ndarray
+    reward: ndarray
+    policy_time: ndarray
+    policy_status: ndarray
     wall_time: float
     source: str = "sim"
     failure: str | None = None
 
     @property
-    def error(self) -> np.ndarray:
+    def error(self) -> ndarray:
         """Distance (T,) [m] between tip and reference, (6.34)."""
         return np.linalg.norm(self.tip - self.reference, axis=1)
 
     def part(self, instants: slice) -> "Rollout":
         """The record at some of its instants, with all of the policy's decisions."""
-        arrays = {k: v for k, v in vars(self).items() if isinstance(v, np.ndarray)}
+        arrays = {k: v for k, v in vars(self).items() if isinstance(v, ndarray)}
         kept = {k: v[instants] for k, v in arrays.items() if not k.startswith("policy_")}
         return replace(self, **kept)
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.interfaces import Observation, Policy
 from softrobot_env.evaluation.rollout import Rollout
@@ -134,7 +135,7 @@ class _Table:
     """
 
     def __init__(self) -> None:
-        self._columns: dict[str, np.ndarray] = {}
+        self._columns: dict[str, ndarray] = {}
         self._count = 0
 
     def add(self, row: dict[str, Any]) -> None:
@@ -146,13 +147,13 @@ class _Table:
             column[self._count] = value
         self._count += 1
 
-    def _grown(self, name: str, value: np.ndarray) -> np.ndarray:
+    def _grown(self, name: str, value: ndarray) -> ndarray:
         column = np.empty((max(256, 2 * self._count), *value.shape), value.dtype)
         column[: self._count] = self._columns.get(name, column)[: self._count]
         self._columns[name] = column
         return column
 
-    def columns(self) -> dict[str, np.ndarray]:
+    def columns(self) -> dict[str, ndarray]:
         """The columns (rows, ...) by name."""
         return {name: column[: self._count].copy() for name, column in self._columns.items()}
 
@@ -179,7 +180,7 @@ def _sample(moment: Moment, axes: slice) -> dict[str, Any]:
     }
 
 
-def _in_space(point: np.ndarray, axes: slice) -> np.ndarray:
+def _in_space(point: ndarray, axes: slice) -> ndarray:
     """(3,) from the two coordinates an environment has, zero elsewhere, or unchanged."""
     if len(point) == 3:
         return point

@@ -16,6 +16,7 @@ from types import FrameType
 from typing import Any, Self
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.hardware.errors import LinkError, RefusedError, RobotError, UnansweredError
 from softrobot_env.hardware.protocol import messages as m
@@ -126,7 +127,7 @@ class Driver:
         ask(m.Arm, lambda: session.arm(number), lambda: session.phase >= Phase.ARMED, end)
         ask(m.Setpoint, hold, lambda: session.phase == Phase.RUNNING, end)
 
-    def command(self, length: np.ndarray) -> int:
+    def command(self, length: ndarray) -> int:
         """Send a set-point; returns its sequence number.
 
         Raises:
@@ -160,7 +161,7 @@ class Driver:
         )
         return session.echo(seq)
 
-    def move_to(self, length: np.ndarray, speed: float, timeout: float) -> Reading:
+    def move_to(self, length: ndarray, speed: float, timeout: float) -> Reading:
         """Move an armed robot in a straight line and wait until it is there.
 
         Args:
@@ -188,7 +189,7 @@ class Driver:
                 return reading
         raise RobotError(f"the robot has not come to its target within {timeout:g} s")
 
-    def pace(self, length: np.ndarray, due: float) -> Reading | None:
+    def pace(self, length: ndarray, due: float) -> Reading | None:
         """Command a set-point and wait until `due` [s]; its answer, None if there was none.
 
         Nothing is sent while three set-points are under way.

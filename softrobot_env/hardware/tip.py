@@ -11,6 +11,7 @@ from time import monotonic
 from typing import Annotated, Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.records import check_argument, whole_numbers
 from softrobot_env.core.registry import Registry
@@ -30,7 +31,7 @@ class TipMeasurement(NamedTuple):
     """A measurement of the tip: when it was taken [s], on the host's clock, and (2,) [m]."""
 
     time: float
-    position: np.ndarray
+    position: ndarray
 
 
 class TipSource(Protocol):
@@ -165,7 +166,7 @@ def _number(value: object, least: float, most: float) -> float:
 class SensorTip:
     """The tip from the robot's own sensors: `offset + matrix @ adc`."""
 
-    def __init__(self, offset: np.ndarray, matrix: np.ndarray) -> None:
+    def __init__(self, offset: ndarray, matrix: ndarray) -> None:
         """A linear map, offset (2,) [m] and matrix (2, channels) [m]."""
         self._offset, self._matrix = np.array(offset, float), np.array(matrix, float)
         if self._offset.shape != (2,) or self._matrix.ndim != 2 or len(self._matrix) != 2:

@@ -23,6 +23,7 @@ from time import monotonic
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.files import atomic_write, cache_dir, firmware_dir
 from softrobot_env.hardware.protocol.messages import (
@@ -255,24 +256,24 @@ class Plant(Protocol):
     """
 
     tick: float
-    picture: tuple[float, np.ndarray] | None
+    picture: tuple[float, ndarray] | None
 
     @property
-    def length(self) -> np.ndarray:
+    def length(self) -> ndarray:
         """Positions (n,) [m] of the servos."""
 
     @property
-    def tension(self) -> np.ndarray:
+    def tension(self) -> ndarray:
         """(n,) [N]."""
 
     @property
-    def tip(self) -> np.ndarray:
+    def tip(self) -> ndarray:
         """Where the tip is, (2,) [m]."""
 
     def adc(self) -> tuple[int, ...]:
         """Counts of the converter's first channels."""
 
-    def advance(self, command: np.ndarray | None) -> str | None:
+    def advance(self, command: ndarray | None) -> str | None:
         """Go on for a tick with servos driven to (n,) [m], or without power; what went wrong."""
 
 
@@ -292,7 +293,7 @@ class VirtualRobot:
         plant: Plant,
         servos: Sequence[Servo],
         supply: float,
-        show: Callable[[float, np.ndarray], None] | None = None,
+        show: Callable[[float, ndarray], None] | None = None,
         watch: Callable[["VirtualRobot"], None] | None = None,
     ) -> None:
         """Open a pseudo-terminal; nothing runs yet.
@@ -332,7 +333,7 @@ class VirtualRobot:
             self._advance()
 
     @property
-    def moment(self) -> tuple[float, np.ndarray]:
+    def moment(self) -> tuple[float, ndarray]:
         """Time [s] of the host's clock that `outputs` are of, and where the tip is, (2,) [m]."""
         return self._passed, self._plant.tip
 

@@ -15,16 +15,11 @@ from typing import Annotated, Any, Literal
 
 import gymnasium
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.records import Count, NotNegative, Positive, Range, Whole, check_fields
-from softrobot_env.identification.visits import (
-    RADIUS,
-    TOTAL,
-    VISIT,
-    disk_points,
-    nominal_lengths,
-)
+from softrobot_env.identification.visits import RADIUS, TOTAL, VISIT, disk_points, nominal_lengths
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import robot_inputs
@@ -112,10 +107,10 @@ class Plan:
         period: [s].
     """
 
-    actions: np.ndarray
-    labels: np.ndarray
-    measured: np.ndarray
-    scales: np.ndarray
+    actions: ndarray
+    labels: ndarray
+    measured: ndarray
+    scales: ndarray
     period: float
 
     @property
@@ -154,7 +149,7 @@ def plan(robot: RobotParams, excitation: Excitation, period: float) -> Plan:
     return found
 
 
-def directions(robot: RobotParams) -> dict[str, np.ndarray]:
+def directions(robot: RobotParams) -> dict[str, ndarray]:
     """Inputs (n_inputs,) at full scale that bend a robot towards each tendon, by name.
 
     Raises:
@@ -174,7 +169,7 @@ def directions(robot: RobotParams) -> dict[str, np.ndarray]:
     return ways
 
 
-def _bend_towards(robot: RobotParams, tendon: int) -> np.ndarray:
+def _bend_towards(robot: RobotParams, tendon: int) -> ndarray:
     """Lengths (n_tendons,), of any scale, of a uniform bend towards one up to its end."""
     pulled = robot.tendons[tendon]
     s = (np.arange(_SPANS) + 0.5) * pulled.end / _SPANS
@@ -184,7 +179,7 @@ def _bend_towards(robot: RobotParams, tendon: int) -> np.ndarray:
     return np.array(changes)
 
 
-def safe_scales(robot: RobotParams, ways: list[np.ndarray], limits: Excitation) -> np.ndarray:
+def safe_scales(robot: RobotParams, ways: list[ndarray], limits: Excitation) -> ndarray:
     """Shares (d,) of ways (n_inputs,) that keep a robot at rest within limits.
 
     Raises:
@@ -215,7 +210,7 @@ class _Judge:
         straight = self._scene.model.qpos_spring
         self._straight = self._scene.tendon_length(straight)
 
-    def safe(self, way: np.ndarray, share: float) -> bool:
+    def safe(self, way: ndarray, share: float) -> bool:
         """Whether it does under a share of inputs (n_inputs,)."""
         command = self._inputs.command(share * way)
         try:
@@ -226,7 +221,7 @@ class _Judge:
         most = np.maximum(self._most, self._tension(self._idle, self._posture))
         return far <= self._limits.radius and bool(np.all(self._tension(command, q) <= most))
 
-    def _tension(self, command: np.ndarray, q: np.ndarray) -> np.ndarray:
+    def _tension(self, command: ndarray, q: ndarray) -> ndarray:
         if self._inputs.unit == "N":
             return command
         stretch = command - self._straight + self._scene.tendon_length(q)
@@ -256,10 +251,10 @@ class _Moves:
         self._fastest = _FASTEST * robot.drive.speed / float(self.scale.max())
         self.speed = min(speed, self._fastest)
         self.here = np.zeros_like(self.scale)
-        self._parts: list[tuple[np.ndarray, str, int]] = []
+        self._parts: list[tuple[ndarray, str, int]] = []
         self._rests = 0
 
-    def go(self, there: np.ndarray, label: str, time: float | None = None) -> None:
+    def go(self, there: ndarray, label: str, time: float | None = None) -> None:
         """Move smoothly, in a time [s] if given and the drives can; or jump, in none."""
         way = _PEAK * float(np.max(np.abs(there - self.here) / self.scale))
         lasts = way / self.speed if time is None else max(time, way / self._fastest if time else 0)
@@ -269,7 +264,7 @@ class _Moves:
         self.follow(self.here + rise * (there - self.here), label)
         self.here = there
 
-    def follow(self, rows: np.ndarray, label: str) -> None:
+    def follow(self, rows: ndarray, label: str) -> None:
         """Follow inputs (k, n_inputs)."""
         self._parts.append((rows, label, -1))
 
@@ -296,7 +291,7 @@ class _Moves:
             self._parts.append((np.tile(self.here, (last, 1)), label, self._rests))
             self._rests += 1
 
-    def result(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def result(self) -> tuple[ndarray, ndarray, ndarray]:
         """Inputs (t, n_inputs), labels (t,) and rests (t,)."""
         rows = np.concatenate([rows for rows, _, _ in self._parts])
         labels = np.concatenate([np.full(len(rows), label) for rows, label, _ in self._parts])
@@ -304,7 +299,7 @@ class _Moves:
         return rows, labels, rests
 
 
-def _pulls(moves: _Moves, peaks: dict[str, np.ndarray], excitation: Excitation) -> None:
+def _pulls(moves: _Moves, peaks: dict[str, ndarray], excitation: Excitation) -> None:
     levels = np.arange(1, excitation.levels + 1) / excitation.levels
     for name, peak in peaks.items():
         label = f"pull_{name}"
@@ -313,7 +308,7 @@ def _pulls(moves: _Moves, peaks: dict[str, np.ndarray], excitation: Excitation) 
             moves.rest(excitation.rest, label)
 
 
-def _steps(moves: _Moves, peaks: dict[str, np.ndarray], excitation: Excitation) -> None:
+def _steps(moves: _Moves, peaks: dict[str, ndarray], excitation: Excitation) -> None:
     for name, peak in peaks.items():
         label = f"step_{name}"
         moves.go(peak, label)
@@ -323,7 +318,7 @@ def _steps(moves: _Moves, peaks: dict[str, np.ndarray], excitation: Excitation) 
         moves.rest(excitation.decay, label)
 
 
-def _random(moves: _Moves, peaks: dict[str, np.ndarray], excitation: Excitation) -> None:
+def _random(moves: _Moves, peaks: dict[str, ndarray], excitation: Excitation) -> None:
     """Sums of sines, whose shares of the directions' peaks are at most one together."""
     count = round(excitation.duration / moves.period)
     if not count:
@@ -333,7 +328,7 @@ def _random(moves: _Moves, peaks: dict[str, np.ndarray], excitation: Excitation)
     phase = rng.uniform(0, 2 * np.pi, (_SINES, len(ways)))
     time = np.arange(count) * moves.period
 
-    def motion(bandwidth: float) -> np.ndarray:
+    def motion(bandwidth: float) -> ndarray:
         turns = 2 * np.pi * bandwidth * np.multiply.outer(time, frequency) + phase
         shares = np.maximum(np.sin(turns).sum(axis=1), 0.0)  # a tendon pulls, or another does
         shares = shares / shares.sum(axis=1).max()
@@ -348,7 +343,7 @@ def _random(moves: _Moves, peaks: dict[str, np.ndarray], excitation: Excitation)
     moves.rest(excitation.rest, "random")
 
 
-def _visits(moves: _Moves, peaks: dict[str, np.ndarray], excitation: Excitation) -> None:
+def _visits(moves: _Moves, peaks: dict[str, ndarray], excitation: Excitation) -> None:
     """As `visits.collect` says why, in random order."""
     points = disk_points(excitation.points, min(RADIUS, excitation.radius))
     order = np.random.default_rng(excitation.seed).permutation(points)
@@ -359,7 +354,7 @@ def _visits(moves: _Moves, peaks: dict[str, np.ndarray], excitation: Excitation)
     moves.go(np.zeros_like(moves.scale), VISIT, _GOING)
 
 
-_KINDS: dict[str, Callable[[_Moves, dict[str, np.ndarray], Excitation], None]] = {
+_KINDS: dict[str, Callable[[_Moves, dict[str, ndarray], Excitation], None]] = {
     "pulls": _pulls,
     "steps": _steps,
     "random": _random,
@@ -420,7 +415,7 @@ def excite(
     return None
 
 
-def _beyond(far: float, tension: np.ndarray, most: np.ndarray, limits: Excitation) -> str | None:
+def _beyond(far: float, tension: ndarray, most: ndarray, limits: Excitation) -> str | None:
     """Why a robot is too far or pulls too hard, or None; tensions that are not known are NaN."""
     if far > _ROOM * limits.radius:
         return f"the tip is {1e3 * far:.4g} mm from where it rested"

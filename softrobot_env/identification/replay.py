@@ -15,6 +15,7 @@ from time import process_time
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.registry import MUJOCO, BeamPlant
 from softrobot_env.core.equilibrium import EquilibriumError
@@ -87,7 +88,7 @@ class Body:
             self._servos = Servos(twin.servo_speed, twin.servo_offset, twin.backlash)
             self._simulation.drive_by(self._servos)
 
-    def at_rest(self, control: np.ndarray, guess: np.ndarray | None = None) -> np.ndarray:
+    def at_rest(self, control: ndarray, guess: ndarray | None = None) -> ndarray:
         """Coordinates in stable equilibrium under controls (n_tendons,).
 
         Near the guess, else where slowly growing loads lead, else where the robot goes in small
@@ -109,7 +110,7 @@ class Body:
                 start = rest(idle + self._offset)
             return self._by_steps(rest, idle, control, start)
 
-    def follow(self, control: np.ndarray, before: np.ndarray | None) -> np.ndarray:
+    def follow(self, control: ndarray, before: ndarray | None) -> ndarray:
         """Coordinates at rest after slow motion from those before, with friction and backlash.
 
         Without any before, in the middle of the play and as if nothing rubbed. Errors as `at_rest`.
@@ -132,8 +133,8 @@ class Body:
             return self._by_steps(rest, last, self._horn, before)
 
     def _by_steps(
-        self, rest: Callable[..., np.ndarray], begin: np.ndarray, end: np.ndarray, q: np.ndarray
-    ) -> np.ndarray:
+        self, rest: Callable[..., ndarray], begin: ndarray, end: ndarray, q: ndarray
+    ) -> ndarray:
         """Coordinates under commands `end`, from q under others in ever smaller steps."""
         share, step = 0.0, _STEP
         while share < 1:
@@ -146,7 +147,7 @@ class Body:
                     raise
         return q
 
-    def begin(self, control: np.ndarray) -> None:
+    def begin(self, control: ndarray) -> None:
         """Be at rest under controls (n_tendons,); errors as `at_rest`."""
         posture, applied = self.at_rest(control), control
         if self._servos is not None:
@@ -154,24 +155,24 @@ class Body:
             applied = self._servos.horn
         self._simulation.reset(posture, applied)
 
-    def advance(self, control: np.ndarray) -> str | None:
+    def advance(self, control: ndarray) -> str | None:
         """Go on for a period under controls (n_tendons,); what went wrong, or None."""
         target = self._simulation.ctrl if self._servos is None else self._servos.command
         target[:] = control
         return None if self._simulation.advance() else self._simulation.failure() or "diverged"
 
     @property
-    def q(self) -> np.ndarray:
+    def q(self) -> ndarray:
         """A copy of the coordinates now."""
         data = self._simulation.data
         return self._simulation.q.copy() if data is None else data.qpos.copy()
 
-    def markers(self, q: np.ndarray, markers: Sequence[Marker]) -> np.ndarray:
+    def markers(self, q: ndarray, markers: Sequence[Marker]) -> ndarray:
         """Where markers are, (T, k, 3) [m] in the world, in postures q (T, n)."""
         places = [self._place(q, marker) for marker in markers]
         return np.stack(places, axis=1) if places else np.zeros((len(q), 0, 3))
 
-    def _place(self, q: np.ndarray, marker: Marker) -> np.ndarray:
+    def _place(self, q: ndarray, marker: Marker) -> ndarray:
         length = self._robot.length
         station = length if marker.station_m is None else marker.station_m
         if station > length * (1 + 1e-9):
@@ -186,13 +187,13 @@ class Body:
         along, across, out = marker.offset_m
         return point + along * x + across * y + out * np.cross(x, y)
 
-    def _tip(self, q: np.ndarray) -> np.ndarray:
+    def _tip(self, q: ndarray) -> ndarray:
         """(T, 3) [m]: of a head, its output point; beams have a last section in its place."""
         if self._simulation.data is not None:
             return self._model.tip(q)
         return self._at(q, self._robot.reach, (0.0, 0.0))
 
-    def _at(self, q: np.ndarray, station: float, offset: tuple[float, float]) -> np.ndarray:
+    def _at(self, q: ndarray, station: float, offset: tuple[float, float]) -> ndarray:
         return self._model.positions(q, np.array([station]), np.array([offset]))[:, 0]
 
 
@@ -222,7 +223,7 @@ class Replay:
     recording: Recording
     robot: RobotParams
     plant: str
-    simulated: np.ndarray
+    simulated: ndarray
     failures: tuple[str, ...]
     cpu_time: float = field(compare=False)
 
@@ -237,12 +238,12 @@ class Replay:
         )
 
     @property
-    def recorded(self) -> np.ndarray:
+    def recorded(self) -> ndarray:
         """(t, k, 3) [m], markers in the world."""
         return self.recording.markers
 
     @property
-    def times(self) -> np.ndarray:
+    def times(self) -> ndarray:
         """(t,) [s] of all runs, one after the other."""
         steps = np.diff(self.recording.times, prepend=0.0)
         return np.cumsum(np.maximum(steps, 0.0))
@@ -258,17 +259,17 @@ class Replay:
         return f"{self.robot.name}, {self.plant}"
 
     @cached_property
-    def error(self) -> np.ndarray:
+    def error(self) -> ndarray:
         """Simulated less recorded (t, k, 3) [m]; NaN where one of them is unknown."""
         return self.simulated - self.recording.markers
 
     @cached_property
-    def distance(self) -> np.ndarray:
+    def distance(self) -> ndarray:
         """Its size (t, k) [m] over the coordinates that were measured."""
         return _size(self.error)
 
     @cached_property
-    def centred(self) -> np.ndarray:
+    def centred(self) -> ndarray:
         """The same with the mean error of each marker over all rows removed."""
         return _size(self.error - mean_known(self.error))
 
@@ -308,7 +309,7 @@ def replay(
     return Replay(recording, built.robot, plant, simulated, tuple(failures), used)
 
 
-def mean_known(error: np.ndarray) -> np.ndarray:
+def mean_known(error: ndarray) -> ndarray:
     """Mean (k, 3) of errors (t, k, 3) over the rows where they are known; NaN without any."""
     known = ~np.isnan(error)
     count = known.sum(axis=0)
@@ -316,7 +317,7 @@ def mean_known(error: np.ndarray) -> np.ndarray:
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def _size(error: np.ndarray) -> np.ndarray:
+def _size(error: ndarray) -> ndarray:
     known = ~np.isnan(error)
     sizes = np.sqrt(np.sum(np.where(known, error, 0.0) ** 2, axis=-1))
     return np.where(known.any(axis=-1), sizes, np.nan)
@@ -327,8 +328,8 @@ def _silent(rows: int) -> None:
 
 
 def _equilibria(
-    body: Body, recording: Recording, controls: np.ndarray, progress: Progress
-) -> tuple[np.ndarray, list[str]]:
+    body: Body, recording: Recording, controls: ndarray, progress: Progress
+) -> tuple[ndarray, list[str]]:
     q, found, failures = None, {}, []
     for row, control in enumerate(controls):
         try:
@@ -346,8 +347,8 @@ def _equilibria(
 
 
 def _motions(
-    body: Body, recording: Recording, controls: np.ndarray, progress: Progress
-) -> tuple[np.ndarray, list[str]]:
+    body: Body, recording: Recording, controls: ndarray, progress: Progress
+) -> tuple[ndarray, list[str]]:
     failures = []
     simulated = np.full((len(controls), len(recording.header.marker), 3), np.nan)
     for run in range(int(recording.runs[-1]) + 1):
@@ -375,8 +376,8 @@ def control_period(recording: Recording) -> float:
 
 
 def _motion(
-    body: Body, run: Recording, controls: np.ndarray, ahead: bool
-) -> tuple[np.ndarray, str | None]:
+    body: Body, run: Recording, controls: ndarray, ahead: bool
+) -> tuple[ndarray, str | None]:
     """Markers (t, k, 3) of one run; NaN after a failure, and what failed."""
     periods = max(1, ceil(run.times[-1] / body.period - _EQUAL))
     middle = (np.arange(periods) + 0.5) * body.period
@@ -447,14 +448,14 @@ def error_rows(replay: Replay) -> list[ErrorRow]:
     return [_row(name, replay, rows) for name, rows in parts.items()]
 
 
-def _row(name: str, replay: Replay, rows: np.ndarray) -> ErrorRow:
+def _row(name: str, replay: Replay, rows: ndarray) -> ErrorRow:
     raw, centred = replay.distance[rows], replay.centred[rows]
     offset = [_number(x) for x in mean_known(replay.error[rows].reshape(-1, 3))]
     failed = int(np.isnan(replay.simulated[rows]).any(axis=(1, 2)).sum())
     return ErrorRow(name, len(raw), failed, *_sizes(raw), *_sizes(centred), *offset)
 
 
-def _sizes(distance: np.ndarray) -> tuple[float | None, float | None, float | None]:
+def _sizes(distance: ndarray) -> tuple[float | None, float | None, float | None]:
     known = distance[~np.isnan(distance)]
     if not known.size:
         return None, None, None

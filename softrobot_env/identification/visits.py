@@ -14,6 +14,7 @@ from math import pi, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.registry import VARIANTS, load
 from softrobot_env.identification.fit.static_windows import at_rest
@@ -38,7 +39,7 @@ VISIT = "visit"
 #: Outputs (n, 2) [m] beside the axis at lengths (n, 3) [m] pulled in, visited in turn from the
 #: straight rig on. Friction makes the order matter, and the rig sways for seconds: move slowly from
 #: each to the next, on a straight line in the lengths, and wait for rest before measuring.
-Measure = Callable[[np.ndarray], np.ndarray]
+Measure = Callable[[ndarray], ndarray]
 
 
 @dataclass(frozen=True)
@@ -50,20 +51,20 @@ class RigData:
         measured: z (n, 2) [m].
     """
 
-    lengths: np.ndarray
-    measured: np.ndarray
+    lengths: ndarray
+    measured: ndarray
 
 
 @dataclass(frozen=True)
 class Split:
     """Indices of the samples for each purpose, in random order."""
 
-    training: np.ndarray
-    validation: np.ndarray
-    test: np.ndarray
+    training: ndarray
+    validation: ndarray
+    test: ndarray
 
 
-def disk_points(count: int = POINTS, radius: float = RADIUS) -> np.ndarray:
+def disk_points(count: int = POINTS, radius: float = RADIUS) -> ndarray:
     """Points (count, 2) [m] that fill a disk evenly: Vogel's sunflower.
 
     Each stands for the same area: point i is in the middle of the i-th of `count` rings of equal
@@ -91,7 +92,7 @@ class Visiting(NamedTuple):
         parameters_of: Of an identification with networks, what controllers know of the robot.
     """
 
-    nominal_lengths: Callable[..., np.ndarray]
+    nominal_lengths: Callable[..., ndarray]
     parameters_of: Callable[..., Any]
 
 
@@ -101,9 +102,7 @@ def visiting(robot: RobotParams) -> Visiting | None:
     return None if found is None else load(found)
 
 
-def nominal_lengths(
-    robot: RobotParams, points: np.ndarray, total: float | None = None
-) -> np.ndarray:
+def nominal_lengths(robot: RobotParams, points: ndarray, total: float | None = None) -> ndarray:
     """Lengths (n, n_tendons) [m] that hold the output of a robot at points (n, 2) [m].
 
     Args:
@@ -128,7 +127,7 @@ def collect(
     robot: RobotParams,
     measure: Measure,
     rng: np.random.Generator,
-    points: np.ndarray | None = None,
+    points: ndarray | None = None,
     total: float | None = None,
 ) -> RigData:
     """Visit points in random order and measure.

@@ -5,13 +5,14 @@ from functools import cache
 
 import numba
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.learned.network import Network, absorbed, refuse_inputs
 
 _kernel = numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
 
 
-def parameters_of(layers: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+def parameters_of(layers: list[tuple[ndarray, ndarray]]) -> tuple[ndarray, ndarray]:
     """What `forward` takes of some layers: all parameters in one row, and the layers' sizes.
 
     Of each layer come the weights of the first neuron below in all its neurons, then those of the
@@ -31,7 +32,7 @@ class CompiledInference:
         self._outputs = network.sizes[-1]
         _compile()
 
-    def __call__(self, inputs: np.ndarray) -> np.ndarray:
+    def __call__(self, inputs: ndarray) -> ndarray:
         """Outputs (n_out,) for inputs (n_in,).
 
         Raises:
@@ -44,7 +45,7 @@ class CompiledInference:
             _one(self._doubles(inputs, 1), self._parameters, self._sizes, out)
         return out
 
-    def batch(self, inputs: np.ndarray) -> np.ndarray:
+    def batch(self, inputs: ndarray) -> ndarray:
         """Outputs (k, n_out) for inputs (k, n_in), one by one.
 
         Raises:
@@ -55,7 +56,7 @@ class CompiledInference:
         _many(inputs, self._parameters, self._sizes, out)
         return out
 
-    def _doubles(self, inputs: np.ndarray, dimensions: int) -> np.ndarray:
+    def _doubles(self, inputs: ndarray, dimensions: int) -> ndarray:
         """A copy as the kernels take it."""
         size = self._sizes[0]
         if np.ndim(inputs) != dimensions or np.shape(inputs)[-1] != size:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.artifacts import Arrays, read_arrays, write_arrays
 from softrobot_env.robots import RobotParams
@@ -18,7 +19,7 @@ _ABOUT = "about_"
 _MAY_BE_INFINITE = tuple(f"{_ABOUT}{name}" for name in ("workspace", "tendon_stiffness"))
 
 #: What the statics of a robot depend on, by name.
-Describe = Callable[[RobotParams], dict[str, np.ndarray]]
+Describe = Callable[[RobotParams], dict[str, ndarray]]
 
 
 @dataclass(frozen=True)
@@ -29,33 +30,33 @@ class Scaling:
         low, high: (n,), in the unit of the quantity.
     """
 
-    low: np.ndarray
-    high: np.ndarray
+    low: ndarray
+    high: ndarray
 
     def __post_init__(self) -> None:
         if np.shape(self.low) != np.shape(self.high) or not np.all(self.low < self.high):
             raise ValueError("scaling needs low < high in every entry, and as many of both")
 
     @classmethod
-    def of(cls, data: np.ndarray) -> "Scaling":
+    def of(cls, data: ndarray) -> "Scaling":
         """The range of data (k, n)."""
         return cls(data.min(axis=0), data.max(axis=0))
 
     @property
-    def centre(self) -> np.ndarray:
+    def centre(self) -> ndarray:
         """(n,), what is mapped to zero."""
         return (self.high + self.low) / 2
 
     @property
-    def half(self) -> np.ndarray:
+    def half(self) -> ndarray:
         """(n,), half the width of the range."""
         return (self.high - self.low) / 2
 
-    def scale(self, values: np.ndarray) -> np.ndarray:
+    def scale(self, values: ndarray) -> ndarray:
         """(..., n) [1] of values (..., n)."""
         return (values - self.centre) / self.half
 
-    def restore(self, scaled: np.ndarray) -> np.ndarray:
+    def restore(self, scaled: ndarray) -> ndarray:
         """(..., n) values of (..., n) [1]."""
         return scaled * self.half + self.centre
 
@@ -70,8 +71,8 @@ class Network:
         inputs, outputs: Scaling of the inputs (n_in,) and outputs (n_out,).
     """
 
-    weights: tuple[np.ndarray, ...]
-    biases: tuple[np.ndarray, ...]
+    weights: tuple[ndarray, ...]
+    biases: tuple[ndarray, ...]
     inputs: Scaling
     outputs: Scaling
 
@@ -93,11 +94,11 @@ class Network:
         """Number of inputs, of neurons in every hidden layer, and of outputs."""
         return (len(self.inputs.low), *(len(b) for b in self.biases))
 
-    def __call__(self, inputs: np.ndarray) -> np.ndarray:
+    def __call__(self, inputs: ndarray) -> ndarray:
         """Outputs (k, n_out) for inputs (k, n_in)."""
         return self.outputs.restore(self.activations(self.inputs.scale(inputs))[-1])
 
-    def activations(self, scaled: np.ndarray) -> list[np.ndarray]:
+    def activations(self, scaled: ndarray) -> list[ndarray]:
         """Scaled inputs (k, n_in), what every hidden layer gives, and the scaled outputs."""
         values = [scaled]
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
@@ -105,7 +106,7 @@ class Network:
         values.append(values[-1] @ self.weights[-1].T + self.biases[-1])
         return values
 
-    def jacobian(self, scaled: np.ndarray) -> np.ndarray:
+    def jacobian(self, scaled: ndarray) -> ndarray:
         """Derivative (k, n_out, n_parameters) of scaled outputs at scaled inputs (k, n_in)."""
         blocks = []
         for below, slope in self.slopes(self.activations(scaled)):
@@ -113,7 +114,7 @@ class Network:
             blocks += [slope, by_weight.reshape(*slope.shape[:2], -1)]
         return np.concatenate(blocks[::-1], axis=2)
 
-    def slopes(self, values: list[np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def slopes(self, values: list[ndarray]) -> Iterator[tuple[ndarray, ndarray]]:
         """What every layer gets (k, n_previous), and the outputs' slope by what enters its neurons.
 
         From the last layer to the first, slopes (k, n_out, n_neurons), at given activations.
@@ -125,12 +126,12 @@ class Network:
             slope = (slope @ weight) * (1 - below**2)[:, None, :]
 
     @property
-    def parameters(self) -> np.ndarray:
+    def parameters(self) -> ndarray:
         """(n_parameters,): of each layer its weights by rows, then its biases."""
         pairs = zip(self.weights, self.biases, strict=True)
         return np.concatenate([part.ravel() for pair in pairs for part in pair])
 
-    def with_parameters(self, parameters: np.ndarray) -> "Network":
+    def with_parameters(self, parameters: ndarray) -> "Network":
         """The network with other weights and biases, ordered as `parameters`."""
         weights, biases, at = [], [], 0
         for weight, bias in zip(self.weights, self.biases, strict=True):
@@ -186,13 +187,13 @@ class Dataset:
         outputs: (k, n_out).
     """
 
-    inputs: np.ndarray
-    outputs: np.ndarray
+    inputs: ndarray
+    outputs: ndarray
 
     def __len__(self) -> int:
         return len(self.inputs)
 
-    def take(self, which: np.ndarray | slice) -> "Dataset":
+    def take(self, which: ndarray | slice) -> "Dataset":
         """Some of them, by index or slice."""
         return Dataset(self.inputs[which], self.outputs[which])
 
@@ -231,7 +232,7 @@ def initial_network(
     return Network(tuple(weights), tuple(biases), inputs, outputs)
 
 
-def describe(robot: RobotParams) -> dict[str, np.ndarray]:
+def describe(robot: RobotParams) -> dict[str, ndarray]:
     """What the statics of a robot depend on, by name; the first is the robot's own name."""
     return {
         "robot": np.array(robot.name),
@@ -242,7 +243,7 @@ def describe(robot: RobotParams) -> dict[str, np.ndarray]:
     }
 
 
-def suits(about: dict[str, np.ndarray], robot: RobotParams, described: Describe = describe) -> bool:
+def suits(about: dict[str, ndarray], robot: RobotParams, described: Describe = describe) -> bool:
     """Whether a network was trained for this robot, by the description that its file has."""
     wanted = described(robot)
     if "fingerprint" in wanted:
@@ -299,13 +300,13 @@ def check_ends(network: Network, ends: tuple[int, int], what: str = "the network
         )
 
 
-def _same(one: np.ndarray, other: np.ndarray) -> bool:
+def _same(one: ndarray, other: ndarray) -> bool:
     if "U" in (one.dtype.kind, other.dtype.kind):
         return str(one) == str(other)
     return one.shape == other.shape and np.allclose(one, other, rtol=1e-9, atol=0)
 
 
-def absorbed(network: Network) -> list[tuple[np.ndarray, np.ndarray]]:
+def absorbed(network: Network) -> list[tuple[ndarray, ndarray]]:
     """Weights and biases of the layers between inputs and outputs that are not scaled."""
     weights = [np.array(w, dtype=float) for w in network.weights]
     biases = [np.array(b, dtype=float) for b in network.biases]
@@ -316,6 +317,6 @@ def absorbed(network: Network) -> list[tuple[np.ndarray, np.ndarray]]:
     return list(zip(weights, biases, strict=True))
 
 
-def refuse_inputs(wanted: str, inputs: np.ndarray) -> NoReturn:
+def refuse_inputs(wanted: str, inputs: ndarray) -> NoReturn:
     """Raise ValueError for inputs that do not have the shape `wanted`."""
     raise ValueError(f"the network needs inputs of shape {wanted}, got {np.shape(inputs)}")

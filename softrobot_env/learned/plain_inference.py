@@ -4,6 +4,7 @@ import sys
 from typing import Protocol
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.learned.network import Network, absorbed, refuse_inputs
 
@@ -29,10 +30,10 @@ def inference(network: Network) -> "Inference":
 class Inference(Protocol):
     """A network for real time."""
 
-    def __call__(self, inputs: np.ndarray) -> np.ndarray:
+    def __call__(self, inputs: ndarray) -> ndarray:
         """Outputs (n_out,) for inputs (n_in,)."""
 
-    def batch(self, inputs: np.ndarray) -> np.ndarray:
+    def batch(self, inputs: ndarray) -> ndarray:
         """Outputs (k, n_out) for inputs (k, n_in)."""
 
 
@@ -43,7 +44,7 @@ class PlainInference:
         *self._hidden, self._last = absorbed(network)
         self._size = network.sizes[0]
 
-    def __call__(self, inputs: np.ndarray) -> np.ndarray:
+    def __call__(self, inputs: ndarray) -> ndarray:
         """Outputs (n_out,) for inputs (n_in,).
 
         Raises:
@@ -53,7 +54,7 @@ class PlainInference:
             refuse_inputs(f"({self._size},)", inputs)
         return self._outputs(np.asarray(inputs))
 
-    def batch(self, inputs: np.ndarray) -> np.ndarray:
+    def batch(self, inputs: ndarray) -> ndarray:
         """Outputs (k, n_out) for inputs (k, n_in), all at once.
 
         Raises:
@@ -63,7 +64,7 @@ class PlainInference:
             refuse_inputs(f"(k, {self._size})", inputs)
         return self._outputs(np.asarray(inputs))
 
-    def _outputs(self, values: np.ndarray) -> np.ndarray:
+    def _outputs(self, values: ndarray) -> ndarray:
         for weight, bias in self._hidden:
             values = np.tanh(values @ weight.T + bias)
         weight, bias = self._last

@@ -19,6 +19,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 from scipy.linalg import cho_factor, cho_solve
 
 from softrobot_env.core.continuation import Damping, descend
@@ -39,8 +40,8 @@ class Linearization(NamedTuple):
             definite.
     """
 
-    slope: np.ndarray
-    step: Callable[[float], np.ndarray]
+    slope: ndarray
+    step: Callable[[float], ndarray]
 
 
 class LeastSquares:
@@ -66,12 +67,12 @@ class LeastSquares:
         self._outputs = network.outputs.scale(outputs)
         self.errors = self._outputs.size
 
-    def squared_error(self, parameters: np.ndarray) -> float:
+    def squared_error(self, parameters: ndarray) -> float:
         """Sum of the squared errors at parameters (n,)."""
         values = self._network.with_parameters(parameters).activations(self._inputs)
         return float(np.sum((values[-1] - self._outputs) ** 2))
 
-    def gauss_newton(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def gauss_newton(self, parameters: ndarray) -> tuple[ndarray, ndarray]:
         """J^T e (n,) and J^T J (n, n)."""
         network = self._network.with_parameters(parameters)
         n = len(parameters)
@@ -84,7 +85,7 @@ class LeastSquares:
             square += jacobian.T @ jacobian
         return slope, square
 
-    def linearize(self, parameters: np.ndarray) -> Linearization:
+    def linearize(self, parameters: ndarray) -> Linearization:
         """The errors near parameters (n,), in whichever form has the smaller matrix."""
         if len(parameters) <= self.errors:
             slope, square = self.gauss_newton(parameters)
@@ -93,13 +94,13 @@ class LeastSquares:
             )
         return self.linearize_dual(parameters)
 
-    def linearize_dual(self, parameters: np.ndarray) -> Linearization:
+    def linearize_dual(self, parameters: ndarray) -> Linearization:
         """As `linearize`, by the matrix J J^T (k n_out, k n_out)."""
         network = self._network.with_parameters(parameters)
         values = network.activations(self._inputs)
         error, square = values[-1] - self._outputs, gram(network, values)
 
-        def step(damping: float) -> np.ndarray:
+        def step(damping: float) -> ndarray:
             factor = cho_factor(damped(square, damping), overwrite_a=True)
             weight = cho_solve(factor, error.ravel())
             return backpropagate(network, values, weight.reshape(error.shape))
@@ -107,14 +108,14 @@ class LeastSquares:
         return Linearization(backpropagate(network, values, error), step)
 
 
-def damped(matrix: np.ndarray, damping: float) -> np.ndarray:
+def damped(matrix: ndarray, damping: float) -> ndarray:
     """A copy with damping added to its diagonal."""
     out = matrix.copy()
     out.flat[:: len(matrix) + 1] += damping
     return out
 
 
-def backpropagate(network: Network, values: list[np.ndarray], weight: np.ndarray) -> np.ndarray:
+def backpropagate(network: Network, values: list[ndarray], weight: ndarray) -> ndarray:
     """J^T v (n,) for v (k, n_out), with J the derivative of the scaled outputs by the parameters.
 
     Args:
@@ -130,7 +131,7 @@ def backpropagate(network: Network, values: list[np.ndarray], weight: np.ndarray
     return np.concatenate(blocks[::-1])
 
 
-def gram(network: Network, values: list[np.ndarray]) -> np.ndarray:
+def gram(network: Network, values: list[ndarray]) -> ndarray:
     """J J^T (k n_out, k n_out), rows by samples, then outputs; arguments as `backpropagate`."""
     samples, outputs = values[-1].shape
     total = np.zeros((samples, outputs, samples, outputs))
@@ -179,7 +180,7 @@ class Regularised:
 class _Point:
     """Parameters (n,) with their E_D and E_W, and the weights alpha and beta of these."""
 
-    parameters: np.ndarray
+    parameters: ndarray
     data_error: float
     size: float
     alpha: float
@@ -190,17 +191,14 @@ class _Point:
         return self.beta * self.data_error + self.alpha * self.size
 
 
-def _point(problem: LeastSquares, parameters: np.ndarray, alpha: float, beta: float) -> _Point:
+def _point(problem: LeastSquares, parameters: ndarray, alpha: float, beta: float) -> _Point:
     """The cost's parts at parameters (n,)."""
     error = problem.squared_error(parameters)
     return _Point(parameters, error, float(parameters @ parameters), alpha, beta)
 
 
 def train_regularised(
-    network: Network,
-    samples: Dataset,
-    iterations: int = 200,
-    progress: Progress | None = None,
+    network: Network, samples: Dataset, iterations: int = 200, progress: Progress | None = None
 ) -> Regularised:
     """Minimise F = beta E_D + alpha E_W, re-estimating alpha and beta after every step.
 
@@ -247,7 +245,7 @@ def train_regularised(
 
 
 def _stepped(
-    problem: LeastSquares, point: _Point, slope: np.ndarray, square: np.ndarray, damping: float
+    problem: LeastSquares, point: _Point, slope: ndarray, square: ndarray, damping: float
 ) -> _Point:
     """Where a damped step leads."""
     gradient = point.beta * slope + point.alpha * point.parameters
@@ -263,7 +261,7 @@ def _reweigh(point: _Point, gamma: float, errors: int) -> _Point:
     return replace(point, alpha=alpha, beta=beta)
 
 
-def _effective(square: np.ndarray, point: _Point) -> float:
+def _effective(square: ndarray, point: _Point) -> float:
     """Number gamma of effective parameters."""
     n = len(square)
     inverse = cho_solve(cho_factor(point.beta * square + point.alpha * np.eye(n)), np.eye(n))
@@ -302,7 +300,7 @@ class Validated:
 class _Watched:
     """Parameters (n,), sums of squared errors on both sets, and steps done."""
 
-    parameters: np.ndarray
+    parameters: ndarray
     cost: float
     validation: float
     done: int
@@ -327,7 +325,7 @@ def train_validated(
     problem = LeastSquares(network, training)
     watched = LeastSquares(network, validation)
 
-    def at(parameters: np.ndarray, done: int) -> _Watched:
+    def at(parameters: ndarray, done: int) -> _Watched:
         errors = problem.squared_error(parameters), watched.squared_error(parameters)
         return _Watched(parameters, *errors, done)
 

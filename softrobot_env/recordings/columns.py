@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.extras import install_command
 from softrobot_env.core.files import atomic_write
 from softrobot_env.recordings.header import Header
 
 #: Columns (t,) by name.
-Columns = dict[str, np.ndarray]
+Columns = dict[str, ndarray]
 
 _DECIMAL_COMMA = re.compile(r"^(\s*[-+]?\d*),(\d+(?:[eE][-+]?\d+)?\s*)$")
 
@@ -80,7 +81,7 @@ def _write_csv(columns: Columns, path: Path) -> None:
         writer.writerows(zip(*(_texts(column) for column in columns.values()), strict=True))
 
 
-def _texts(column: np.ndarray) -> list[str]:
+def _texts(column: ndarray) -> list[str]:
     if column.dtype.kind == "f":
         return [f"{value:.9g}" for value in column]
     return [str(value) for value in column]
@@ -195,7 +196,7 @@ def _fields(message: Any, name: str = "") -> Iterable[tuple[str, Any]]:
     """Numbers and texts within a message, by the names that lead to them."""
     if isinstance(message, dict):
         parts = message.items()
-    elif isinstance(message, list | tuple | np.ndarray):
+    elif isinstance(message, list | tuple | ndarray):
         parts = enumerate(message)
     elif hasattr(message, "__slots__") and not isinstance(message, np.generic):
         parts = ((slot, getattr(message, slot)) for slot in message.__slots__)

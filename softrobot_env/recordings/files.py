@@ -4,6 +4,7 @@ from os import environ
 from pathlib import Path
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.recordings.columns import (
     Columns,
@@ -105,14 +106,14 @@ def recording_of(columns: Columns, header: Header) -> Recording:
     )
 
 
-def _runs(columns: Columns, header: Header, rows: int) -> np.ndarray:
+def _runs(columns: Columns, header: Header, rows: int) -> ndarray:
     if header.runs is None:
         return np.zeros(rows, dtype=int)
     values = columns[header.runs]
     return np.append(0, np.cumsum(values[1:] != values[:-1])) if rows else np.zeros(0, dtype=int)
 
 
-def _times(columns: Columns, header: Header, runs: np.ndarray) -> np.ndarray:
+def _times(columns: Columns, header: Header, runs: ndarray) -> ndarray:
     """(t,) [s] since the first row of each run."""
     if header.time is None:
         times = np.arange(len(runs)) / (header.rate_Hz or 1.0)
@@ -128,7 +129,7 @@ _EMPTY = ("", "na", "n/a", "none", "null")
 _HOW_LOST = "; where it may be lost, its marker needs may_be_lost = true"
 
 
-def _numbers(columns: Columns, name: str, may_be_lost: bool = False, hint: str = "") -> np.ndarray:
+def _numbers(columns: Columns, name: str, may_be_lost: bool = False, hint: str = "") -> ndarray:
     """A column (t,) as finite numbers, or NaN where that may be; the hint is for empty cells."""
     values = columns[name]
     if values.dtype.kind in "US":
@@ -189,7 +190,7 @@ def write_recording(recording: Recording, path: Path | str) -> None:
     write_header(head, header_path(path))
 
 
-def _recorded(points: np.ndarray, header: Header) -> np.ndarray:
+def _recorded(points: ndarray, header: Header) -> ndarray:
     """World points (t, 3) in the recording's frame, NaN where not measured."""
     gone = np.isnan(points)
     found = header.frame.to_recorded(np.where(gone, 0.0, points))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.files import read_table, text, write_text
 from softrobot_env.core.records import (
@@ -111,14 +112,14 @@ class Commands:
         return self.kind == "length" and self.unit in UNITS["angle"]
 
     @property
-    def scale(self) -> np.ndarray:
+    def scale(self) -> ndarray:
         """(n,) what columns are multiplied by to have SI units."""
         factors = self.factors or (1.0,) * len(self.columns)
         unit = UNITS["angle" if self._by_angle else self.kind][self.unit]
         return unit * (self.spool_radius_m or 1.0) * np.array(factors, dtype=float)
 
     @property
-    def offset(self) -> np.ndarray:
+    def offset(self) -> ndarray:
         """(n,) what is added to columns after that, in SI units."""
         return np.array(self.zeros or (0.0,) * len(self.columns), dtype=float)
 
@@ -182,14 +183,14 @@ class Frame:
             raise ValueError(f"frame: axes {', '.join(self.axes)} are left-handed")
 
     @cached_property
-    def _permutation(self) -> np.ndarray:
+    def _permutation(self) -> ndarray:
         rows = np.zeros((3, 3))
         for row, axis in enumerate(self.axes):
             rows[row, _AXES.index(axis[-1])] = -1.0 if axis.startswith("-") else 1.0
         return rows
 
     @cached_property
-    def rotation(self) -> np.ndarray:
+    def rotation(self) -> ndarray:
         """(3, 3) from recorded to world directions, turn included."""
         if not any(self.turn_deg):
             return self._permutation
@@ -198,7 +199,7 @@ class Frame:
         turn = Rotation.from_rotvec(self.turn_deg, degrees=True)
         return turn.as_matrix() @ self._permutation
 
-    def to_world(self, points: np.ndarray) -> np.ndarray:
+    def to_world(self, points: ndarray) -> ndarray:
         """Recorded points (t, ..., 3) [m] in the world.
 
         A coordinate that is NaN in all rows was not measured; a point that is NaN in one was lost.
@@ -214,7 +215,7 @@ class Frame:
             return points[..., order] * matrix[range(3), order] + self.shift_m
         return points @ matrix.T + self.shift_m
 
-    def to_recorded(self, points: np.ndarray) -> np.ndarray:
+    def to_recorded(self, points: ndarray) -> ndarray:
         """The opposite of `to_world`, for points with all coordinates."""
         return (points - self.shift_m) @ self.rotation
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.recordings.header import Commands, Frame, Header, Marker, Time
 from softrobot_env.robots import RobotParams
@@ -29,11 +30,11 @@ class Recording:
     """
 
     header: Header
-    times: np.ndarray
-    commands: np.ndarray
-    markers: np.ndarray
-    labels: np.ndarray
-    runs: np.ndarray
+    times: ndarray
+    commands: ndarray
+    markers: ndarray
+    labels: ndarray
+    runs: ndarray
 
     def __post_init__(self) -> None:
         rows, head = len(self.times), self.header
@@ -91,19 +92,19 @@ class Recording:
         return self.header.commands.tendons
 
     @cached_property
-    def patterns(self) -> np.ndarray:
+    def patterns(self) -> ndarray:
         """(t,) str, labels without the ends that do not count."""
         patterns = [str(label) for label in self.labels]
         for end in self.header.label_ends:
             patterns = [text.removesuffix(end) for text in patterns]
         return np.array(patterns)
 
-    def part(self, rows: np.ndarray | slice) -> "Recording":
+    def part(self, rows: ndarray | slice) -> "Recording":
         """The recording of some rows, by their indices in order, a mask or a slice."""
         arrays = [f.name for f in fields(self) if f.name != "header"]
         return replace(self, **{name: getattr(self, name)[rows] for name in arrays})
 
-    def controls(self, robot: RobotParams) -> np.ndarray:
+    def controls(self, robot: RobotParams) -> ndarray:
         """What the drives of a robot apply, (t, n_tendons) [m] or [N], in the robot's order.
 
         A tendon without a command keeps its length, or its pretension.
@@ -133,7 +134,7 @@ class Recording:
         out[:, [names.index(name) for name in known]] = self.commands
         return out
 
-    def _by_actions(self, robot: RobotParams) -> np.ndarray:
+    def _by_actions(self, robot: RobotParams) -> ndarray:
         inputs = robot_inputs(robot)
         if self.commands.shape[1] != inputs.n_inputs:
             raise ValueError(
@@ -181,12 +182,12 @@ def episode_header(robot: RobotParams, axes: slice, source: str | None = None) -
 def episode_recording(
     robot: RobotParams,
     axes: slice,
-    times: np.ndarray,
-    actions: np.ndarray,
-    tips: np.ndarray,
+    times: ndarray,
+    actions: ndarray,
+    tips: ndarray,
     *,
     labels: Sequence[str] | None = None,
-    runs: np.ndarray | None = None,
+    runs: ndarray | None = None,
     source: str | None = None,
 ) -> Recording:
     """The recording of a robot's episodes.
@@ -217,7 +218,7 @@ def episode_recording(
     )
 
 
-def at_their_time(times: np.ndarray, ages: np.ndarray, tips: np.ndarray) -> np.ndarray:
+def at_their_time(times: ndarray, ages: ndarray, tips: ndarray) -> ndarray:
     """Tips (t, d) [m] at times (t,) [s], from what was seen then, each some age (t,) [s] old."""
     if not np.any(ages):
         return tips
@@ -254,8 +255,8 @@ class Summary:
     rate: float | None
     gaps: tuple[int, ...]
     longest_gap: float
-    command_range: np.ndarray
-    marker_range: np.ndarray
+    command_range: ndarray
+    marker_range: ndarray
     patterns: dict[str, int]
     warnings: tuple[str, ...]
 
@@ -302,7 +303,7 @@ def _warnings(recording: Recording, robot: RobotParams | None) -> Iterator[str]:
         yield from _unfit(recording, robot)
 
 
-def _of_marker(name: str, places: np.ndarray) -> Iterator[str]:
+def _of_marker(name: str, places: ndarray) -> Iterator[str]:
     places = places[:, ~np.isnan(places).all(axis=0)]
     seen = places[~np.isnan(places).any(axis=1)]
     if len(seen) < len(places):
@@ -313,7 +314,7 @@ def _of_marker(name: str, places: np.ndarray) -> Iterator[str]:
         yield f"{name} never moves"
 
 
-def _far(number: int, places: np.ndarray, robot: RobotParams) -> Iterator[str]:
+def _far(number: int, places: ndarray, robot: RobotParams) -> Iterator[str]:
     far = float(np.sqrt(np.nansum((places - robot.clamp.position) ** 2, axis=1)).max())
     if far > _FAR * robot.reach:
         yield (

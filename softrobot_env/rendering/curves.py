@@ -6,6 +6,7 @@ from itertools import cycle
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.rendering.figures import (
@@ -23,7 +24,7 @@ from softrobot_env.robots import RobotParams
 Shown = Callable[[Rollout], slice]
 
 #: Numbers over the instants (T,) of an episode, or (T, k).
-Values = Callable[[Rollout], np.ndarray]
+Values = Callable[[Rollout], ndarray]
 
 _AXES = "xyz"
 
@@ -135,7 +136,7 @@ def draw_stacked(
 def draw_path(
     axis: Axes,
     curves: Sequence[Curve],
-    reference: np.ndarray | None,
+    reference: ndarray | None,
     plane: str = "xz",
     shown: Shown = everything,
     **reference_line: Any,
@@ -149,7 +150,7 @@ def draw_path(
     axis.set(aspect="equal", xlabel=f"{plane[0]} [mm]", ylabel=f"{plane[1]} [mm]")
 
 
-def draw_shapes(axis: Axes, curves: Sequence[Curve], shapes: Sequence[np.ndarray]) -> None:
+def draw_shapes(axis: Axes, curves: Sequence[Curve], shapes: Sequence[ndarray]) -> None:
     """Shapes (n, 3) [m] of a planar robot at the end of episodes."""
     for order, (curve, points) in enumerate(zip(curves, shapes, strict=True)):
         line = dict(curve.line) | _dashes(order, len(curves))
@@ -209,7 +210,7 @@ def _dashes(order: int, count: int) -> dict[str, Any]:
     return {"linestyle": style, "linewidth": 2.0}
 
 
-def _in_plane(points: np.ndarray, plane: str) -> np.ndarray:
+def _in_plane(points: ndarray, plane: str) -> ndarray:
     """Two coordinates (2, n) [mm] of points (n, 3) [m]."""
     return 1e3 * points[:, [_AXES.index(name) for name in plane]].T
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from zlib import crc32
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.extras import install_command
 from softrobot_env.core.files import atomic_write
@@ -150,7 +151,7 @@ def label_of(name: str) -> str:
 
 def new_figure(
     rows: int, columns: int, size: tuple[float, float], share: bool = False
-) -> tuple[Figure, np.ndarray]:
+) -> tuple[Figure, ndarray]:
     """A figure of `size` [inch] with axes (rows, columns), with shared limits or own.
 
     Without rows or columns it is empty, to be divided into subfigures with `add_panels`.
@@ -167,9 +168,7 @@ def new_figure(
     return figure, add_panels(figure, rows, columns, share)
 
 
-def add_panels(
-    figure: Figure | SubFigure, rows: int, columns: int, share: bool = False
-) -> np.ndarray:
+def add_panels(figure: Figure | SubFigure, rows: int, columns: int, share: bool = False) -> ndarray:
     """Axes (rows, columns) of a figure or a part of it, with a light grid and no box."""
     if not rows * columns:
         return np.empty((0, 0), dtype=object)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.rendering.figures import Axes, Figure, Style, add_title, label_lines, new_figure
 
@@ -51,7 +52,7 @@ def _draw(axis: Axes, style: Style, curves: Sequence[Checks], entry: str) -> flo
     return float(middle[-1])
 
 
-def _common(curves: Sequence[Checks], entry: str) -> tuple[np.ndarray, np.ndarray]:
+def _common(curves: Sequence[Checks], entry: str) -> tuple[ndarray, ndarray]:
     """Steps (k,) of the checks that all trainings have, and values (trainings, k)."""
     count = min(len(curve) for curve in curves)
     steps = np.array([point["steps"] for point in curves[0][:count]])

@@ -121,9 +121,7 @@ def accuracy_tables(rows: Sequence[AccuracyRow]) -> Group:
             best,
         ),
         make_table(
-            "Limits of ever finer models",
-            (Column("", "model"), columns[3], columns[4]),
-            limits,
+            "Limits of ever finer models", (Column("", "model"), columns[3], columns[4]), limits
         ),
     ]
     if notes:
@@ -241,8 +239,7 @@ def plot_stability(rows: Sequence[StabilityRow], path: Path, robot: str) -> None
     )
     shown = {row.verdict for row in asked}
     add_legend(
-        figure,
-        [entry(text, color=c, **_SQUARE) for v, (c, text) in VERDICTS.items() if v in shown],
+        figure, [entry(text, color=c, **_SQUARE) for v, (c, text) in VERDICTS.items() if v in shown]
     )
     save(figure, path)
 

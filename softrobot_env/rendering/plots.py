@@ -7,6 +7,7 @@ from math import ceil
 from pathlib import Path
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.artifacts import read_tree, write_tree
 from softrobot_env.evaluation.rollout import Rollout
@@ -68,9 +69,9 @@ class _Comparison:
     varied: bool
     count: int
     rollouts: dict[str, Rollout]
-    driven: dict[str, np.ndarray]
-    shapes: dict[str, np.ndarray] | None
-    path: np.ndarray
+    driven: dict[str, ndarray]
+    shapes: dict[str, ndarray] | None
+    path: ndarray
     axes: str
     drive: str
     begin: float
@@ -210,7 +211,7 @@ def _driven(found: _Comparison) -> Figure:
     return finish(figure, axes[0, 0], found.titled(text), note)
 
 
-def _shapes(found: _Comparison, shapes: dict[str, np.ndarray]) -> Figure:
+def _shapes(found: _Comparison, shapes: dict[str, ndarray]) -> Figure:
     """Final shapes, and thin paths of the tips beneath them."""
     figure, ((axis,),) = new_figure(1, 1, (7.0, 5.4))
     draw_shapes(axis, found.curves, [shapes[curve.name] for curve in found.curves])

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.rendering.figures import (
     BLACK,
@@ -39,12 +40,12 @@ class Compared(Protocol):
         title: For people.
     """
 
-    recorded: np.ndarray
-    simulated: np.ndarray
-    times: np.ndarray
+    recorded: ndarray
+    simulated: ndarray
+    times: ndarray
     static: bool
-    distance: np.ndarray
-    centred: np.ndarray
+    distance: ndarray
+    centred: ndarray
     title: str
 
 
@@ -87,7 +88,7 @@ def _errors(compared: Compared) -> Figure:
     return figure
 
 
-def measured_views(points: np.ndarray) -> list[tuple[int, int]]:
+def measured_views(points: ndarray) -> list[tuple[int, int]]:
     """Pairs of axes along which points (..., 3) were measured, NaN where not; one at least."""
     measured = ~np.isnan(points).all(axis=tuple(range(points.ndim - 1)))
     return [view for view in _VIEWS if measured[list(view)].all()] or [_VIEWS[1]]
@@ -137,8 +138,8 @@ class Known(Protocol):
 
 
 def plot_identification(
-    points: np.ndarray,
-    errors: Mapping[str, np.ndarray],
+    points: ndarray,
+    errors: Mapping[str, ndarray],
     parameters: Sequence[Known],
     title: str,
     out: Path,
@@ -161,7 +162,7 @@ def plot_identification(
     return [save(figure, out / f"identify_{name}.png") for name, figure in figures.items()]
 
 
-def _rows_errors(errors: Mapping[str, np.ndarray], title: str) -> Figure:
+def _rows_errors(errors: Mapping[str, ndarray], title: str) -> Figure:
     """Distances over the rows."""
     figure, axes = new_figure(len(errors), 1, (9.0, 1.0 + 1.7 * len(errors)), share=True)
     for (name, error), axis in zip(errors.items(), axes[:, 0], strict=True):
@@ -178,7 +179,7 @@ def _rows_errors(errors: Mapping[str, np.ndarray], title: str) -> Figure:
     return figure
 
 
-def _arrows(points: np.ndarray, error: np.ndarray, title: str) -> Figure:
+def _arrows(points: ndarray, error: ndarray, title: str) -> Figure:
     """Errors as arrows, ten times as long, where the marker was, of planes that were measured."""
     views = measured_views(points)
     figure, axes = new_figure(1, len(views), (1.0 + 4.5 * len(views), 4.8))

@@ -129,11 +129,7 @@ class PlainTable(Table):
 
 
 def make_table(
-    title: str,
-    columns: Sequence[Column],
-    records: Iterable[Any],
-    *,
-    caption: str = "",
+    title: str, columns: Sequence[Column], records: Iterable[Any], *, caption: str = ""
 ) -> PlainTable:
     """A line for each record, with its columns in the given order.
 

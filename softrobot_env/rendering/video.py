@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.extras import install_command
 from softrobot_env.core.files import atomic_write
@@ -25,7 +26,7 @@ _INK = (35, 38, 46)
 _PAPER = (255, 255, 255)
 
 
-def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float) -> int:
+def write_video(path: str | Path, frames: Iterable[ndarray], fps: float) -> int:
     """Write frames to a video file.
 
     Args:
@@ -94,13 +95,13 @@ def _missing(package: str) -> str:
     return f"videos need {package}: {install_command('viz')}"
 
 
-def _even(frame: np.ndarray) -> np.ndarray:
+def _even(frame: ndarray) -> ndarray:
     """The frame without an odd last row or column: chroma has half the resolution."""
     height, width = frame.shape[:2]
     return frame[: height - height % 2, : width - width % 2]
 
 
-def caption(frame: np.ndarray, lines: Iterable[str]) -> np.ndarray:
+def caption(frame: ndarray, lines: Iterable[str]) -> ndarray:
     """Copy of a frame (height, width, 3) uint8 with lines of text in its upper left corner.
 
     Raises:
@@ -110,7 +111,7 @@ def caption(frame: np.ndarray, lines: Iterable[str]) -> np.ndarray:
     return _write(frame, (size, size), "\n".join(lines), spacing=6)
 
 
-def _write(frame: np.ndarray, at: tuple[float, float], text: str, **options: Any) -> np.ndarray:
+def _write(frame: ndarray, at: tuple[float, float], text: str, **options: Any) -> ndarray:
     """Copy of a frame with text at a place (x, y) in pixels."""
     try:
         from PIL import Image, ImageDraw, ImageFont
@@ -122,7 +123,7 @@ def _write(frame: np.ndarray, at: tuple[float, float], text: str, **options: Any
     return np.asarray(image)
 
 
-def explain(frame: np.ndarray, metres_per_pixel: float, limit: float) -> np.ndarray:
+def explain(frame: ndarray, metres_per_pixel: float, limit: float) -> ndarray:
     """Copy of a frame (height, width, 3) uint8 with a length scale and the colours of tensions.
 
     Args:
@@ -162,7 +163,7 @@ def record(
     begin: float = 0.0,
     options: dict[str, Any] | None = None,
     progress: Callable[[float], None] | None = None,
-) -> Iterator[np.ndarray]:
+) -> Iterator[ndarray]:
     """Run one episode and yield captioned frames.
 
     Args:
@@ -190,7 +191,7 @@ def record(
     limit = max(t.tension_limit for t in task.robot.tendons)
     duration = (options or {}).get("duration", task.duration)
 
-    def frames() -> Iterator[np.ndarray]:
+    def frames() -> Iterator[ndarray]:
         written = 0
         for moment in play(env, policy, options=options):
             info = moment.info

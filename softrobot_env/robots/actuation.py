@@ -8,6 +8,7 @@ from math import pi
 from typing import Protocol
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.arrays import HOST, HostArrays, namespace
 from softrobot_env.robots.parameters import RobotParams, Tendon
@@ -27,11 +28,11 @@ class Inputs(Protocol):
     """
 
     n_inputs: int
-    input_scale: np.ndarray
-    input_centre: np.ndarray
+    input_scale: ndarray
+    input_centre: ndarray
     unit: str
 
-    def command(self, inputs: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+    def command(self, inputs: ndarray, out: ndarray | None = None) -> ndarray:
         """What the drives apply, (..., n_tendons), for inputs (..., n_inputs)."""
 
     def per_action(self, arrays: HostArrays = HOST) -> "Inputs":
@@ -44,7 +45,7 @@ def robot_inputs(robot: RobotParams) -> Inputs:
     return PulledLengths(robot) if robot.drive.kind == "length" else TendonMap(robot)
 
 
-def check_inputs(inputs: Inputs, values: np.ndarray, what: str) -> None:
+def check_inputs(inputs: Inputs, values: ndarray, what: str) -> None:
     """Raise ValueError, beginning with `what`, unless actions can ask for values (n_inputs,)."""
     centre, scale = inputs.input_centre, inputs.input_scale
     if not np.all(np.abs(values - centre) <= scale * (1 + _ROUNDING)):
@@ -93,9 +94,9 @@ class PulledLengths:
             [scale if travel is None else travel for scale in own], dtype=float
         )
         self.input_centre = np.zeros(self.n_inputs)
-        self._factor: np.ndarray | float = 1.0
+        self._factor: ndarray | float = 1.0
 
-    def command(self, inputs: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+    def command(self, inputs: ndarray, out: ndarray | None = None) -> ndarray:
         """The lengths (..., n_tendons) [m] themselves, a new array unless `out` is given."""
         if namespace(inputs) is np:
             return np.multiply(inputs, self._factor, out=out)
@@ -156,7 +157,7 @@ class TendonMap:
         self._one, self._other = one, (None if np.array_equal(one, other) else other)
         self._base = np.array([t.pretension for t in tendons])
         self._pretensioned = bool(self._base.any())
-        self._shift: np.ndarray | None = None
+        self._shift: ndarray | None = None
 
     def per_action(self, arrays: HostArrays = HOST) -> "TendonMap":
         """See `Inputs`."""
@@ -169,12 +170,12 @@ class TendonMap:
         scaled._base, scaled._widest = arrays.real(self._base), arrays.flags(self._widest)
         return scaled
 
-    def tension(self, reduced: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+    def tension(self, reduced: ndarray, out: ndarray | None = None) -> ndarray:
         """Tensions (..., n_tendons) [N] >= pretension for reduced inputs (..., n_inputs) [N]."""
         if self._shift is not None:
             reduced = reduced + self._shift
         kind = namespace(reduced)
-        product = np.ndarray.dot if kind is np else kind.matmul
+        product = ndarray.dot if kind is np else kind.matmul
         pulls = product(reduced, self._one)
         if self._other is not None:
             beside = product(reduced, self._other)
@@ -187,7 +188,7 @@ class TendonMap:
 
     command = tension
 
-    def reduced(self, tension: np.ndarray) -> np.ndarray:
+    def reduced(self, tension: ndarray) -> ndarray:
         """Reduced inputs (..., n_inputs) [N] that tensions (..., n_tendons) [N] produce."""
         return (np.asarray(tension) - self._base) @ self.phi.T
 
@@ -241,7 +242,7 @@ class _Group:
         self.scale = np.full(len(self.phi), self._scale(room))
         self.centre, self.opposed = np.zeros(len(self.phi)), np.ones(len(self.phi), dtype=bool)
 
-    def _on_a_line(self, places: np.ndarray | None) -> bool:
+    def _on_a_line(self, places: ndarray | None) -> bool:
         """Whether the tendons (k, 2) lie on one line through the fibre, on both sides of it."""
         if places is None:
             return False
@@ -259,7 +260,7 @@ class _Group:
         self.other = self.one
         return True
 
-    def _around(self, places: np.ndarray | None) -> bool:
+    def _around(self, places: ndarray | None) -> bool:
         """Whether the tendons (k, 2) surround the fibre; those within the others never pull."""
         hull = [] if places is None else _hull(places)
         turns = [_cross(places[i], places[j]) for i, j in pairwise([*hull, *hull[:1]])]
@@ -273,7 +274,7 @@ class _Group:
             self.widest[k] = self.other[:, k] @ places[before] < 0
         return True
 
-    def _scale(self, room: np.ndarray) -> float:
+    def _scale(self, room: ndarray) -> float:
         """Largest factor on actions in [-1, 1] that leaves all tensions their room [N]."""
         if len(self.phi) == 1:
             farthest = np.array([[1.0], [-1.0]])
@@ -285,7 +286,7 @@ class _Group:
         return float(1 / np.max(pulls / room))
 
 
-def _directions(tendons: list[Tendon]) -> np.ndarray | None:
+def _directions(tendons: list[Tendon]) -> ndarray | None:
     """Offsets (k, 2) over their mean distance from the fibre; None unless routes are alike."""
     places = np.array([t.offset for t in tendons])
     distance = np.hypot(*places.T)
@@ -303,11 +304,11 @@ def _directions(tendons: list[Tendon]) -> np.ndarray | None:
     return places / distance.mean()
 
 
-def _cross(a: np.ndarray, b: np.ndarray) -> float:
+def _cross(a: ndarray, b: ndarray) -> float:
     return float(a[0] * b[1] - a[1] * b[0])
 
 
-def _hull(points: np.ndarray) -> list[int]:
+def _hull(points: ndarray) -> list[int]:
     """Indices of the corners of the convex hull of points (k, 2), counter-clockwise."""
     order = np.lexsort(points.T[::-1]).tolist()
     hull: list[int] = []

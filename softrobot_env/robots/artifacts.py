@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.artifacts import Arrays
 from softrobot_env.core.files import assets_dir, models_dir
@@ -103,7 +104,7 @@ def check_robot(data: Arrays, robot: RobotParams, policy: str) -> None:
         refuse_artifact(data.path, str(of) if known else default_robot().name, robot, policy)
 
 
-def fingerprint(robot: RobotParams) -> dict[str, np.ndarray]:
+def fingerprint(robot: RobotParams) -> dict[str, ndarray]:
     """All parameters of a robot but its name, as one number, in what a file tells; with its name.
 
     Parameters that are as they are unless given do not count, so that a later version, whose
@@ -120,7 +121,7 @@ def _told(value: Any) -> Any:
         named = {f.name: (f, getattr(value, f.name)) for f in fields(value) if f.compare}
         told = {n: _told(v) for n, (f, v) in named.items() if not _is_default(f, v)}
         return {"": type(value).__name__, **told}
-    if isinstance(value, tuple | list | np.ndarray):
+    if isinstance(value, tuple | list | ndarray):
         return [_told(entry) for entry in value]
     return float(value) + 0.0 if isinstance(value, Real) else value
 

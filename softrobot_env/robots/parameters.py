@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 from warnings import warn
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.records import (
     Key,
@@ -148,7 +149,7 @@ class Base:
             raise ValueError("base: direction must not be zero")
 
     @cached_property
-    def axes(self) -> np.ndarray:
+    def axes(self) -> ndarray:
         """(3, 3), its columns are the robot's axes x, y and z in the world."""
         x, y, z = (value / hypot(*self.direction) for value in self.direction)
         if hypot(x, y) > 1e-15:
@@ -342,7 +343,7 @@ class RobotParams:
                 "turns its own plane out of it: give a direction (x, 0, z) and no roll"
             )
 
-    def stations(self, stations: np.ndarray, offsets: np.ndarray | None = None) -> np.ndarray:
+    def stations(self, stations: ndarray, offsets: ndarray | None = None) -> ndarray:
         """Stations (k,) [m] of points of the robot, with offsets (k, 2) [m] in the section.
 
         Raises:
@@ -535,7 +536,7 @@ def _or_infinite(robot: RobotParams, name: str) -> float:
         return inf
 
 
-def centerline(robot: RobotParams, curvature: np.ndarray, points: int = 10) -> np.ndarray:
+def centerline(robot: RobotParams, curvature: ndarray, points: int = 10) -> ndarray:
     """Shape of a planar robot made of equal constant-curvature pieces.
 
     Args:
@@ -606,7 +607,7 @@ class Gripper:
                 )
 
     @cached_property
-    def tension_limits(self) -> np.ndarray:
+    def tension_limits(self) -> ndarray:
         """(n,) [N], of all tendons, finger by finger."""
         return np.array([t.tension_limit for f in self.fingers for t in f.robot.tendons])
 

@@ -7,6 +7,7 @@ from math import pi
 from typing import Annotated
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.records import (
     NotNegative,
@@ -24,7 +25,7 @@ Pieces = Annotated[int, whole_numbers(1, 10_000)]
 PoissonRatio = Annotated[float, Range("in (-1, 0.5]", lambda nu: -1 < nu <= 0.5)]
 
 #: A function of arc lengths (k,) [m] with values (k,), or many of them, (..., k).
-OfStation = Callable[[np.ndarray], np.ndarray]
+OfStation = Callable[[ndarray], ndarray]
 
 #: Of Gauss: the squares and fourth powers of linear radii, times squares of the place, are exact.
 _POINTS = 8
@@ -105,7 +106,7 @@ class Backbone:
         self.ends = np.concatenate(([0.0], np.cumsum([x.length for x in self.sections])))
 
     @cached_property
-    def _numbers(self) -> dict[str, np.ndarray]:
+    def _numbers(self) -> dict[str, ndarray]:
         """(n,) by name, radii (n, 2)."""
         names = ("youngs_modulus", "density", "damping_time", "poisson_ratio")
         names += ("outer_radii", "inner_radii")
@@ -115,14 +116,14 @@ class Backbone:
     def _tapers(self) -> bool:
         return not all(section.is_uniform for section in self.sections)
 
-    def index(self, s: np.ndarray) -> np.ndarray:
+    def index(self, s: ndarray) -> ndarray:
         """Number (k,) of the section at s."""
         return np.searchsorted(self.ends[1:-1], s, side="left")
 
-    def _of_material(self, name: str, s: np.ndarray) -> np.ndarray:
+    def _of_material(self, name: str, s: ndarray) -> ndarray:
         return self._numbers[name][self.index(s)]
 
-    def _radius(self, name: str, s: np.ndarray) -> np.ndarray:
+    def _radius(self, name: str, s: ndarray) -> ndarray:
         index, radii = self.index(s), self._numbers[name]
         first, last = radii[index].T
         if not self._tapers:
@@ -130,11 +131,11 @@ class Backbone:
         share = (s - self.ends[index]) / (self.ends[index + 1] - self.ends[index])
         return first + (last - first) * share
 
-    def outer_radius(self, s: np.ndarray) -> np.ndarray:
+    def outer_radius(self, s: ndarray) -> ndarray:
         """[m]"""
         return self._radius("outer_radii", s)
 
-    def inner_radius(self, s: np.ndarray) -> np.ndarray:
+    def inner_radius(self, s: ndarray) -> ndarray:
         """[m]"""
         return self._radius("inner_radii", s)
 
@@ -143,43 +144,43 @@ class Backbone:
         """Largest outer radius [m]."""
         return float(self._numbers["outer_radii"].max())
 
-    def area(self, s: np.ndarray) -> np.ndarray:
+    def area(self, s: ndarray) -> ndarray:
         """Cross-section area A [m2]."""
         return pi * (self.outer_radius(s) ** 2 - self.inner_radius(s) ** 2)
 
-    def second_moment(self, s: np.ndarray) -> np.ndarray:
+    def second_moment(self, s: ndarray) -> ndarray:
         """Second moment of area I about a lateral axis [m4]."""
         return pi / 4 * (self.outer_radius(s) ** 4 - self.inner_radius(s) ** 4)
 
-    def bending(self, s: np.ndarray) -> np.ndarray:
+    def bending(self, s: ndarray) -> ndarray:
         """EI [N m2]."""
         return self._of_material("youngs_modulus", s) * self.second_moment(s)
 
-    def torsion(self, s: np.ndarray) -> np.ndarray:
+    def torsion(self, s: ndarray) -> ndarray:
         """GJ [N m2], J = 2 I."""
         return self.bending(s) / (1 + self._of_material("poisson_ratio", s))
 
-    def axial(self, s: np.ndarray) -> np.ndarray:
+    def axial(self, s: ndarray) -> ndarray:
         """EA [N]."""
         return self._of_material("youngs_modulus", s) * self.area(s)
 
-    def shear(self, s: np.ndarray) -> np.ndarray:
+    def shear(self, s: ndarray) -> ndarray:
         """GA [N]."""
         return self.axial(s) / (2 * (1 + self._of_material("poisson_ratio", s)))
 
-    def mass(self, s: np.ndarray) -> np.ndarray:
+    def mass(self, s: ndarray) -> ndarray:
         """Rho A [kg/m]."""
         return self._of_material("density", s) * self.area(s)
 
-    def rotary(self, s: np.ndarray) -> np.ndarray:
+    def rotary(self, s: ndarray) -> ndarray:
         """Rho I [kg m]."""
         return self._of_material("density", s) * self.second_moment(s)
 
-    def damping_time(self, s: np.ndarray) -> np.ndarray:
+    def damping_time(self, s: ndarray) -> ndarray:
         """Mu [s]."""
         return self._of_material("damping_time", s)
 
-    def integrals(self, of: OfStation, edges: np.ndarray) -> np.ndarray:
+    def integrals(self, of: OfStation, edges: ndarray) -> ndarray:
         """Integrals (..., k) of a function between consecutive edges (k + 1,) [m], increasing.
 
         By Gauss points between all edges and ends of sections, which it may jump at. The function
@@ -197,21 +198,21 @@ class Backbone:
             return parts
         return np.add.reduceat(parts, np.searchsorted(cuts, edges[:-1]), axis=-1)
 
-    def in_series(self, stiffness: OfStation, edges: np.ndarray) -> np.ndarray:
+    def in_series(self, stiffness: OfStation, edges: ndarray) -> ndarray:
         """Stiffness (k,) of uniform pieces between edges that yield as much as the backbone.
 
         Under the same force or moment everywhere: the size over the integral of 1 / stiffness.
         """
         return np.diff(edges) / self.integrals(lambda s: 1 / stiffness(s), edges)
 
-    def damping(self, stiffness: OfStation, edges: np.ndarray) -> np.ndarray:
+    def damping(self, stiffness: OfStation, edges: ndarray) -> ndarray:
         """Damping time (k,) [s] of such pieces, from the power lost in them."""
         if len({x.damping_time for x in self.sections}) == 1:
             return np.full(len(edges) - 1, float(self.sections[0].damping_time))
         lost = self.integrals(lambda s: self.damping_time(s) / stiffness(s), edges)
         return lost / self.integrals(lambda s: 1 / stiffness(s), edges)
 
-    def cut(self, pieces: int | Sequence[int]) -> np.ndarray:
+    def cut(self, pieces: int | Sequence[int]) -> ndarray:
         """Ends (n + 1,) [m] of pieces: equal ones in each section, whose ends are piece ends.
 
         Args:

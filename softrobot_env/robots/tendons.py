@@ -7,6 +7,7 @@ from math import cos, hypot, inf, pi, sin
 from typing import Annotated
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.records import Key, NotNegative, Positive, Range, Unit, check_fields
 
@@ -82,7 +83,7 @@ class Tendon:
         return (0.0, *self.guides, self.end)
 
     @cached_property
-    def knots(self) -> np.ndarray:
+    def knots(self) -> ndarray:
         """(k, 3) [m]: arc length and position before turning, which is linear in between."""
         first = (0.0, *self.offset)
         return np.array([first, *(self.route or ((self.end, *self.offset),))], dtype=float)
@@ -116,15 +117,15 @@ class Tendon:
         """Largest distance [m] from the fibre."""
         return float(np.hypot(*self.knots[:, 1:].T).max())
 
-    def at(self, s: np.ndarray) -> np.ndarray:
+    def at(self, s: ndarray) -> ndarray:
         """Position (..., 2) [m] in the cross-section at arc lengths (...,) [m]."""
         return self.course(s)[0]
 
-    def slope(self, s: np.ndarray) -> np.ndarray:
+    def slope(self, s: ndarray) -> ndarray:
         """Its derivative (..., 2) [1] by the arc length; at a via-point that towards the tip."""
         return self.course(s)[1]
 
-    def course(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def course(self, s: ndarray) -> tuple[ndarray, ndarray]:
         """Both of these."""
         s, knots = np.asarray(s, dtype=float), self.knots
         if self.is_straight:
@@ -136,9 +137,7 @@ class Tendon:
         place = knots[low, 1:] + change * (s - knots[low, 0])[..., None]
         return self.wound(s, place, change)
 
-    def wound(
-        self, s: np.ndarray, place: np.ndarray, change: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def wound(self, s: ndarray, place: ndarray, change: ndarray) -> tuple[ndarray, ndarray]:
         """Places and slopes (..., 2) of the route at arc lengths (...,) [m] with its turns."""
         if not self.turns:
             return place, change
@@ -147,7 +146,7 @@ class Tendon:
         change = change + rate * np.stack([-place[..., 1], place[..., 0]], axis=-1)
         return _turned(place, c, q), _turned(change, c, q)
 
-    def fine(self, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def fine(self, edges: ndarray) -> tuple[ndarray, ndarray]:
         """Gauss points and weights (k, n) [m] for integrals between edges (k + 1,) [m].
 
         Via-points have to be among the edges.
@@ -197,7 +196,7 @@ class Tendon:
         return float(np.sum(weight * np.sum(self.at(s) ** 2, axis=-1))) / self.end
 
 
-def _turned(xy: np.ndarray, c: np.ndarray, s: np.ndarray) -> np.ndarray:
+def _turned(xy: ndarray, c: ndarray, s: ndarray) -> ndarray:
     """Vectors (..., 2) turned by angles with cosines and sines (...,)."""
     x, y = xy[..., 0], xy[..., 1]
     return np.stack([c * x - s * y, s * x + c * y], axis=-1)

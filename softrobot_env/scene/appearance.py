@@ -12,6 +12,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.robots import Disc, Head, RobotParams, Tendon
 from softrobot_env.scene.chain import HEAD_BODY, TIP_SITE, Chain
@@ -38,7 +39,7 @@ _RING_DISTANCE = 0.0125  # m
 _ROUNDING = 0.15  # of the radius, at the rim of the tip
 
 
-def tension_colours(share: np.ndarray) -> np.ndarray:
+def tension_colours(share: ndarray) -> ndarray:
     """(n, 4) colours in [0, 1] of tendons whose tension is such a share (n,) of their limit."""
     slack, tight = np.array([0.62, 0.67, 0.76, 1.0]), np.array([0.75, 0.0, 0.10, 1.0])
     # The root shows small tensions, which are the usual ones.
@@ -250,7 +251,7 @@ def _ring_distance(chain: Chain) -> float:
     return min(_RING_DISTANCE, 0.5 * gaps[gaps > 0].min(initial=np.inf))
 
 
-def _profile(robot: RobotParams, distance: float) -> tuple[np.ndarray, np.ndarray]:
+def _profile(robot: RobotParams, distance: float) -> tuple[ndarray, ndarray]:
     """Arc length (n,) and radius (n,) [m] of the rings, with a rounded rim and a closed tip."""
     length, radius = robot.length, _radius(robot, robot.length)
     edge = _ROUNDING * radius
@@ -262,7 +263,7 @@ def _profile(robot: RobotParams, distance: float) -> tuple[np.ndarray, np.ndarra
     return stations, np.concatenate((robot.backbone.outer_radius(body), rim, [0.0]))
 
 
-def _bone_weights(stations: np.ndarray, hinges: np.ndarray, length: float) -> np.ndarray:
+def _bone_weights(stations: ndarray, hinges: ndarray, length: float) -> ndarray:
     """Share (n, 1 + n_hinges) of each link in the position of each ring.
 
     It passes from one link to the next between their middles. The smooth step makes the bent
@@ -275,7 +276,7 @@ def _bone_weights(stations: np.ndarray, hinges: np.ndarray, length: float) -> np
     return passed - np.hstack((passed[:, 1:], np.zeros((len(stations), 1))))
 
 
-def _vertices(stations: np.ndarray, radii: np.ndarray) -> np.ndarray:
+def _vertices(stations: ndarray, radii: ndarray) -> ndarray:
     """(n * _SIDES, 3) [m], rounded to keep exported scenes short."""
     angle = 2 * np.pi * np.arange(_SIDES) / _SIDES
     x, y = np.multiply.outer(radii, np.cos(angle)), np.multiply.outer(radii, np.sin(angle))
@@ -283,7 +284,7 @@ def _vertices(stations: np.ndarray, radii: np.ndarray) -> np.ndarray:
     return np.stack([x, y, z], axis=-1).reshape(-1, 3).round(5)
 
 
-def _faces(rings: int) -> np.ndarray:
+def _faces(rings: int) -> ndarray:
     """(n_faces, 3) vertex indices, counter-clockwise seen from outside."""
     ring, side = np.meshgrid(np.arange(rings - 1), np.arange(_SIDES), indexing="ij")
     a, b = ring * _SIDES + side, ring * _SIDES + (side + 1) % _SIDES

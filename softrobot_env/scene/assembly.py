@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.motion import State
 from softrobot_env.core.records import check_fields, check_unique
@@ -220,13 +221,13 @@ class Part(Kinematics):
     q: slice
     v: slice
     u: slice
-    bodies: np.ndarray
+    bodies: ndarray
 
-    def posture(self, q: np.ndarray) -> np.ndarray:
+    def posture(self, q: ndarray) -> ndarray:
         """Its part (nq,) or (T, nq) of postures of all."""
         return np.asarray(q)[..., self.q]
 
-    def numbers(self, bodies: np.ndarray) -> np.ndarray:
+    def numbers(self, bodies: ndarray) -> ndarray:
         """See `Kinematics`."""
         return self.bodies[bodies]
 
@@ -265,7 +266,7 @@ class AssembledScene(CompiledModel):
         """Number of inputs."""
         return sum(part.scene.n_inputs for part in self.parts.values())
 
-    def inputs(self, **members: np.ndarray) -> np.ndarray:
+    def inputs(self, **members: ndarray) -> ndarray:
         """Inputs (n_inputs,) of all from those of members by name; zero of those left out."""
         u = np.zeros(self.n_inputs)
         for name, values in members.items():
@@ -275,13 +276,13 @@ class AssembledScene(CompiledModel):
 
     def equilibrium(
         self,
-        u: np.ndarray | None = None,
-        guess: np.ndarray | None = None,
+        u: ndarray | None = None,
+        guess: ndarray | None = None,
         load_steps: int = 1,
         check_stability: bool | str = True,
         *,
-        gravity: np.ndarray | None = None,
-    ) -> np.ndarray:
+        gravity: ndarray | None = None,
+    ) -> ndarray:
         """Posture (nq,) in equilibrium under inputs u (n_inputs,), mounts as they are at first.
 
         As `Scene.equilibrium`: robots that do not touch rest each by itself.
@@ -310,8 +311,8 @@ class AssembledScene(CompiledModel):
         u: Inputs = None,
         start: State | None = None,
         *,
-        samples: np.ndarray | float | None = None,
-        gravity: np.ndarray | None = None,
+        samples: ndarray | float | None = None,
+        gravity: ndarray | None = None,
         mounts: Mapping[str, Prescribed] | None = None,
     ) -> SceneMotion:
         """Simulate a motion, as `Scene.simulate`.
@@ -369,7 +370,7 @@ class AssembledScene(CompiledModel):
                 q[joint.qposadr], v[joint.dofadr] = x, rate
             places[name] = [self.model.actuator(joint.name).id for joint in joints]
 
-        def controls(time: float) -> np.ndarray:
+        def controls(time: float) -> ndarray:
             row = np.zeros(self.model.nu)
             row[: self.n_inputs] = drives(time)
             for name, spline in splines.items():
@@ -379,7 +380,7 @@ class AssembledScene(CompiledModel):
         return controls, State(q, v)
 
 
-def _of_time(u: Inputs, count: int) -> Callable[[float], np.ndarray]:
+def _of_time(u: Inputs, count: int) -> Callable[[float], ndarray]:
     """Inputs (count,) as a function of the time [s].
 
     Raises:
@@ -417,7 +418,7 @@ def assembly_xml(assembly: Assembly) -> str:
     return spec_xml(spec, pairs, partial(_mujocos, assembly, alone, pairs))
 
 
-def _box(assembly: Assembly) -> tuple[np.ndarray, np.ndarray]:
+def _box(assembly: Assembly) -> tuple[ndarray, ndarray]:
     """Lower and upper corner (3,) [m] of what the straight robots take, with some room."""
     ends = []
     for config in assembly.placed:

@@ -8,6 +8,7 @@ from functools import partial
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.motion import State
 from softrobot_env.robots import RobotParams
@@ -63,7 +64,7 @@ class CompiledModel:
         return State(self.model.qpos0.copy(), np.zeros(self.model.nv))
 
     def contacts(
-        self, state: State | None = None, u: np.ndarray | None = None
+        self, state: State | None = None, u: ndarray | None = None
     ) -> tuple[contacts.Touch, ...]:
         """What touches in a state under inputs u (n_inputs,), with its forces.
 
@@ -110,13 +111,13 @@ class Scene(CompiledModel, Kinematics):
 
     def equilibrium(
         self,
-        u: np.ndarray | None = None,
-        guess: np.ndarray | None = None,
+        u: ndarray | None = None,
+        guess: ndarray | None = None,
         load_steps: int = 1,
         check_stability: bool | str = True,
         *,
-        gravity: np.ndarray | None = None,
-    ) -> np.ndarray:
+        gravity: ndarray | None = None,
+    ) -> ndarray:
         """Posture (nq,) in equilibrium under constant inputs u (n_inputs,), zero unless given.
 
         As `scene.statics.equilibrium`, which tells of the arguments and errors. With contacts it is
@@ -136,9 +137,7 @@ class Scene(CompiledModel, Kinematics):
             gravity=gravity,
         )
 
-    def _settled(
-        self, u: np.ndarray, guess: np.ndarray | None, gravity: np.ndarray | None
-    ) -> np.ndarray:
+    def _settled(self, u: ndarray, guess: ndarray | None, gravity: ndarray | None) -> ndarray:
         """Posture (nq,) in which a scene with contacts comes to rest."""
         rubbing = [x.name for x in (self.config.contacts, *self.config.objects) if x.friction]
         if rubbing or self.config.robot.has_friction:
@@ -159,8 +158,8 @@ class Scene(CompiledModel, Kinematics):
         u: Inputs = None,
         start: State | None = None,
         *,
-        samples: np.ndarray | float | None = None,
-        gravity: np.ndarray | None = None,
+        samples: ndarray | float | None = None,
+        gravity: ndarray | None = None,
     ) -> SceneMotion:
         """Simulate a motion in the steps that environments take.
 
@@ -169,7 +168,7 @@ class Scene(CompiledModel, Kinematics):
         gravity = None if gravity is None else self.checked_gravity(gravity)
         return simulate(self, duration, u, start, samples=samples, gravity=gravity)
 
-    def checked_gravity(self, gravity: np.ndarray) -> np.ndarray:
+    def checked_gravity(self, gravity: ndarray) -> ndarray:
         """A gravity (3,) [m/s2] that the chain feels.
 
         Raises:
@@ -221,7 +220,7 @@ def choice_of(scene: Scene, variation: dict[str, float]) -> TimestepChoice:
     return _extrapolated(scene.config, scene.config.robot.vary(**variation))
 
 
-def rates_of(scene: Scene) -> Callable[[Mapping[str, np.ndarray]], np.ndarray | None]:
+def rates_of(scene: Scene) -> Callable[[Mapping[str, ndarray]], ndarray | None]:
     """Function from values (k,) of variations to the rates (k,) [1/s] of their `TimestepChoice`.
 
     All else of their choices is the scene's. MuJoCo's integrators have none, None.

@@ -28,6 +28,7 @@ from math import cos, sin
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.robots import Disc, Head, RobotParams
 from softrobot_env.scene.quadrature import HingeLayout
@@ -132,7 +133,7 @@ def seen_from_hinges(vector: tuple[float, float], azimuth: float) -> tuple[float
     return x * c + y * s, y * c - x * s
 
 
-def joint_angles(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:
+def joint_angles(model: mujoco.MjModel, qpos: ndarray) -> ndarray:
     """Angles of a chain's joints in a posture (nq,).
 
     Returns:
@@ -152,7 +153,7 @@ def joint_angles(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:
     return angles @ _turn(model, angles.shape[1]).T
 
 
-def posture(model: mujoco.MjModel, angles: np.ndarray) -> np.ndarray:
+def posture(model: mujoco.MjModel, angles: ndarray) -> ndarray:
     """The posture (nq,) with `angles` (stations, k) [rad]: inverse of `joint_angles`."""
     joints, qpos = _joints(model), model.qpos0.copy()
     if BALL in joints:
@@ -167,7 +168,7 @@ def posture(model: mujoco.MjModel, angles: np.ndarray) -> np.ndarray:
     return qpos
 
 
-def mean_curvature(model: mujoco.MjModel, layout: HingeLayout, pieces: int) -> np.ndarray:
+def mean_curvature(model: mujoco.MjModel, layout: HingeLayout, pieces: int) -> ndarray:
     """Matrix (n, nv) [1/m] from the hinge angles of a chain to mean curvatures of pieces.
 
     Each of them is made of equally many of the chain's own. Rows are the pieces of a planar chain;
@@ -193,7 +194,7 @@ def mean_curvature(model: mujoco.MjModel, layout: HingeLayout, pieces: int) -> n
     return matrix.reshape(-1, model.nv)
 
 
-def station_strain(model: mujoco.MjModel, layout: HingeLayout, qpos: np.ndarray) -> np.ndarray:
+def station_strain(model: mujoco.MjModel, layout: HingeLayout, qpos: ndarray) -> ndarray:
     """Beta, gamma and torsion (n, stations, 3) [1/m] of the parts that stations stand for.
 
     Args:
@@ -210,7 +211,7 @@ def station_strain(model: mujoco.MjModel, layout: HingeLayout, qpos: np.ndarray)
     return strain / layout.weights[:, None]
 
 
-def _turn(model: mujoco.MjModel, size: int) -> np.ndarray:
+def _turn(model: mujoco.MjModel, size: int) -> ndarray:
     """(size, size) from angles about a chain's own hinge axes to beta, gamma (and torsion)."""
     matrix = np.eye(size)
     if size > 1:
@@ -219,7 +220,7 @@ def _turn(model: mujoco.MjModel, size: int) -> np.ndarray:
     return matrix
 
 
-def _joints(model: mujoco.MjModel) -> dict[str, np.ndarray]:
+def _joints(model: mujoco.MjModel) -> dict[str, ndarray]:
     """Addresses (stations,) in `qpos` of the joints by kind, in the order of the kinds."""
     addresses = {model.joint(i).name: model.jnt_qposadr[i] for i in range(model.njnt)}
     kinds = [kind for kind in (*HINGE_AXES, BALL) if f"{kind}0" in addresses]
@@ -303,14 +304,14 @@ def _add_discs(chain: Chain, discs: Sequence[Disc]) -> None:
         set_inertia(body, disc.mass, 0, disc.inertia)
 
 
-def _inertias(robot: RobotParams, edges: np.ndarray) -> np.ndarray:
+def _inertias(robot: RobotParams, edges: ndarray) -> ndarray:
     """Of links between edges (links, 4): mass, height of its centre, and lateral and axial inertia.
 
     The latter two are about the centre of mass.
     """
     backbone = robot.backbone
 
-    def densities(s: np.ndarray) -> np.ndarray:
+    def densities(s: ndarray) -> ndarray:
         height = s - edges[np.searchsorted(edges[1:-1], s)]
         mass = backbone.mass(s)
         return np.stack([mass, mass * height, mass * height**2, backbone.rotary(s)])
@@ -328,7 +329,7 @@ def set_inertia(body: mujoco.MjsBody, mass: float, centre: float, inertia: Seque
 
 
 def _set_link_inertia(
-    body: mujoco.MjsBody, robot: RobotParams, length: float, inertia: np.ndarray
+    body: mujoco.MjsBody, robot: RobotParams, length: float, inertia: ndarray
 ) -> None:
     """Mass and inertia of a part of `length` [m] of the backbone, a row of `_inertias`.
 

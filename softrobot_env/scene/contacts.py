@@ -24,6 +24,7 @@ from math import hypot, inf, pi, sqrt
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.sections import Section
@@ -142,8 +143,8 @@ class Touch:
     first: str
     second: str
     stations: tuple[float | None, float | None]
-    point: np.ndarray
-    force: np.ndarray
+    point: ndarray
+    force: ndarray
     depth: float
 
 
@@ -454,9 +455,7 @@ def _kind(model: mujoco.MjModel, geom: int) -> int:
     return int(model.geom_user[geom, 0]) if model.nuser_geom else 0
 
 
-def _station(
-    model: mujoco.MjModel, data: mujoco.MjData, geom: int, point: np.ndarray
-) -> float | None:
+def _station(model: mujoco.MjModel, data: mujoco.MjData, geom: int, point: ndarray) -> float | None:
     """Arc length [m] of the backbone next to a point, None if the geom is no robot's."""
     kind = _kind(model, geom)
     if not kind:
@@ -469,7 +468,7 @@ def _station(
     return float(np.clip(start + height, low, high))
 
 
-def net_force(contacts: Iterable[Touch], name: str) -> np.ndarray:
+def net_force(contacts: Iterable[Touch], name: str) -> ndarray:
     """Force (3,) [N] of contacts on what is called `name`, an object or a part of a robot."""
     out = np.zeros(3)
     for touch in contacts:

@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.processes import one_blas_thread
@@ -63,9 +64,9 @@ class Held(NamedTuple):
         errors: (n,) [m], distances left; inf where no stable equilibrium was found.
     """
 
-    inputs: np.ndarray
-    postures: np.ndarray
-    errors: np.ndarray
+    inputs: ndarray
+    postures: ndarray
+    errors: ndarray
 
 
 class Sample(NamedTuple):
@@ -78,18 +79,18 @@ class Sample(NamedTuple):
         left_out: Number of actions without a stable equilibrium, or beyond the drives' travel.
     """
 
-    inputs: np.ndarray
-    postures: np.ndarray
-    tips: np.ndarray
+    inputs: ndarray
+    postures: ndarray
+    tips: ndarray
     left_out: int
 
 
 class Place(NamedTuple):
     """Where inputs hold the tip: actions (m,) of tensions, and inputs and posture as of `Held`."""
 
-    action: np.ndarray
-    inputs: np.ndarray
-    posture: np.ndarray
+    action: ndarray
+    inputs: ndarray
+    posture: ndarray
     error: float
 
 
@@ -105,12 +106,12 @@ class Linear(NamedTuple):
         stiffness: (nv, nv) [N m], of the chain under the tensions.
     """
 
-    balance: np.ndarray
-    by_actions: np.ndarray
-    tip_by_actions: np.ndarray
-    tip: np.ndarray
-    tip_by_turns: np.ndarray
-    stiffness: np.ndarray
+    balance: ndarray
+    by_actions: ndarray
+    tip_by_actions: ndarray
+    tip: ndarray
+    tip_by_turns: ndarray
+    stiffness: ndarray
 
 
 class ReachableEllipse(NamedTuple):
@@ -125,9 +126,9 @@ class ReachableEllipse(NamedTuple):
             only moves on a line.
     """
 
-    middle: np.ndarray
-    inputs: np.ndarray
-    axes: np.ndarray
+    middle: ndarray
+    inputs: ndarray
+    axes: ndarray
     length: float
     radius: float
 
@@ -142,7 +143,7 @@ class InverseStatics:
         tolerance: [m], error of a point that counts as reached.
     """
 
-    def __init__(self, scene: Scene, directions: np.ndarray | None = None) -> None:
+    def __init__(self, scene: Scene, directions: ndarray | None = None) -> None:
         """Look at a scene.
 
         Args:
@@ -174,7 +175,7 @@ class InverseStatics:
         shift = 1e-7 * np.eye(self._tensions.n_inputs)
         self._shifts = np.concatenate([shift, -shift])
 
-    def along(self, directions: np.ndarray) -> "InverseStatics":
+    def along(self, directions: ndarray) -> "InverseStatics":
         """The same of the tip's place along other directions (k, 3), unit vectors."""
         other = copy(self)
         other.directions = directions
@@ -188,7 +189,7 @@ class InverseStatics:
 
     @one_blas_thread()
     def solve(
-        self, points: np.ndarray, start: np.ndarray | Held | None = None, anywhere: bool = True
+        self, points: ndarray, start: ndarray | Held | None = None, anywhere: bool = True
     ) -> Held:
         """Inputs that hold the tip at points, each from those before it.
 
@@ -226,7 +227,7 @@ class InverseStatics:
             np.array([row.error for row in rows]),
         )
 
-    def place(self, inputs: np.ndarray, posture: np.ndarray | None = None) -> Place:
+    def place(self, inputs: ndarray, posture: ndarray | None = None) -> Place:
         """Where inputs (n_inputs,) lead, or their equilibrium where it is known.
 
         Raises:
@@ -234,7 +235,7 @@ class InverseStatics:
         """
         return self._held(inputs) if posture is None else self._at(inputs, posture)
 
-    def by_inputs(self, linear: Linear) -> np.ndarray:
+    def by_inputs(self, linear: Linear) -> ndarray:
         """Generalised force (nv, n_inputs) [N m] by a full scale of each input.
 
         Of the robot last linearised.
@@ -245,47 +246,47 @@ class InverseStatics:
         return arms * (self._elastic[1] * self.inputs.input_scale)
 
     @property
-    def springs(self) -> np.ndarray:
+    def springs(self) -> ndarray:
         """Generalised force (nv,) [N m] of the springs of the robot last linearised."""
         return self._forces.springs
 
-    def mass(self) -> np.ndarray:
+    def mass(self) -> ndarray:
         """Mass matrix (nv, nv) [kg m2] of the robot last linearised."""
         return self._forces.mass()
 
-    def inputs_by(self, action: np.ndarray, step: np.ndarray) -> np.ndarray:
+    def inputs_by(self, action: ndarray, step: ndarray) -> ndarray:
         """Change (n_inputs,) of the inputs that is a change (m,) of actions in a held posture."""
         if not self._pulled:
             return step * self._tensions.input_scale
         return (self._command(action + step) - self._command(action)) / self._elastic[1]
 
-    def tip(self, posture: np.ndarray) -> np.ndarray:
+    def tip(self, posture: ndarray) -> ndarray:
         """Tip (3,) [m] in a posture (nq,), in a fiftieth of the time of `Scene.tip`."""
         return self._forces.tip(posture)
 
-    def turns(self, posture: np.ndarray, other: np.ndarray) -> np.ndarray:
+    def turns(self, posture: ndarray, other: ndarray) -> ndarray:
         """Turns (nv,) [rad] of the joints from a posture (nq,) to another."""
         out = np.empty(self.scene.model.nv)
         mujoco.mj_differentiatePos(self.scene.model, out, 1.0, posture, other)
         return out
 
     def of_motion(
-        self, posture: np.ndarray, rate: np.ndarray, change: np.ndarray, carried: float = 0.0
-    ) -> np.ndarray:
+        self, posture: ndarray, rate: ndarray, change: ndarray, carried: float = 0.0
+    ) -> ndarray:
         """See `StaticForces.of_motion`."""
         return self._forces.of_motion(posture, rate, change, carried)
 
-    def controls(self, inputs: np.ndarray) -> np.ndarray:
+    def controls(self, inputs: ndarray) -> ndarray:
         """Controls (nu,) of the scene that give inputs (n_inputs,)."""
         return _controls(self.scene, self.inputs.command(np.asarray(inputs, dtype=float)))
 
     def follow(
         self,
-        point: np.ndarray,
+        point: ndarray,
         near: Place,
         share: float = _FOLLOWING,
         stiffer: float = 0.0,
-        weight: np.ndarray | None = None,
+        weight: ndarray | None = None,
     ) -> Place | None:
         """The place of a point (k,) [m], along `directions`, a small step from another.
 
@@ -321,7 +322,7 @@ class InverseStatics:
             return None
         return Place(action, self.inputs_for(action, posture), posture, left)
 
-    def posture(self, inputs: np.ndarray, guess: np.ndarray | None = None) -> np.ndarray:
+    def posture(self, inputs: ndarray, guess: ndarray | None = None) -> ndarray:
         """Stable equilibrium (nq,) under inputs (n_inputs,).
 
         Raises:
@@ -352,7 +353,7 @@ class InverseStatics:
         middle = self.tip(best.posture)
         return ReachableEllipse(middle, best.inputs, axes @ self.directions, length, radius)
 
-    def _axes(self, found: Place) -> np.ndarray:
+    def _axes(self, found: Place) -> ndarray:
         """Unit vectors (2, 2) along which the tip moves most and least."""
         return np.linalg.svd(self._tip_by_actions(found))[0].T
 
@@ -371,7 +372,7 @@ class InverseStatics:
                 return 0.0
         return radius
 
-    def _along(self, start: Place, towards: np.ndarray, length: float) -> float:
+    def _along(self, start: Place, towards: ndarray, length: float) -> float:
         """How far [m], up to a length, the tip gets straight on in a direction (k,)."""
         origin = self.directions @ self.tip(start.posture)
         here, distance, step = start, 0.0, length / 12
@@ -383,7 +384,7 @@ class InverseStatics:
                 step /= 2
         return min(distance, length)
 
-    def line(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def line(self, actions: ndarray) -> tuple[ndarray, ndarray]:
         """Tips (n, 3) [m] and inputs (n, n_inputs) under actions (n,), the same for all inputs."""
         inputs = self.inputs.input_centre + np.outer(actions, self.inputs.input_scale)
         tips = []
@@ -399,14 +400,14 @@ class InverseStatics:
         side = singular[-1] if len(singular) == len(self.directions) else 0.0
         return float(side * (1 - np.abs(found.action).max()))
 
-    def _tip_by_actions(self, found: Place) -> np.ndarray:
+    def _tip_by_actions(self, found: Place) -> ndarray:
         """(k, m) [m], in an equilibrium; EquilibriumError where the stiffness is singular."""
         linear = self.linearised(found.action, found.posture)
         if linear is None:
             raise EquilibriumError("the stiffness of an equilibrium is singular")
         return linear.tip_by_actions
 
-    def _start(self, start: np.ndarray | Held | None) -> Place:
+    def _start(self, start: ndarray | Held | None) -> Place:
         if start is None:
             return self._rest
         if isinstance(start, Held):
@@ -417,18 +418,18 @@ class InverseStatics:
     def _rest(self) -> Place:
         return self._held(self.inputs.input_centre)
 
-    def _held(self, inputs: np.ndarray) -> Place:
+    def _held(self, inputs: ndarray) -> Place:
         """Where inputs lead, and the actions of the tensions that they come to."""
         return self._at(inputs, self.posture(inputs))
 
-    def _at(self, inputs: np.ndarray, posture: np.ndarray) -> Place:
+    def _at(self, inputs: ndarray, posture: ndarray) -> Place:
         """Inputs in their equilibrium."""
         tension = self._tension(inputs, posture)
         reduced = self._tensions.reduced(tension)
         action = (reduced - self._tensions.input_centre) / self._tensions.input_scale
         return Place(np.clip(action, -1.0, 1.0), inputs, posture, 0.0)
 
-    def _tension(self, inputs: np.ndarray, posture: np.ndarray) -> np.ndarray:
+    def _tension(self, inputs: ndarray, posture: ndarray) -> ndarray:
         """(n_tendons,) [N] at rest."""
         tension = self.inputs.command(inputs)
         if not self._pulled:
@@ -438,12 +439,12 @@ class InverseStatics:
         stretch = tension - self._shortened(posture)
         return np.clip(pretension + stiffness * stretch, 0.0, limit)
 
-    def _shortened(self, posture: np.ndarray) -> np.ndarray:
+    def _shortened(self, posture: ndarray) -> ndarray:
         """How much shorter the tendons (n_tendons,) [m] are than in the straight robot."""
         length = self._forces.tendon_length(posture)[: len(self._full)]
         return self._elastic[2] - (length + self._full)
 
-    def inputs_for(self, action: np.ndarray, posture: np.ndarray) -> np.ndarray:
+    def inputs_for(self, action: ndarray, posture: ndarray) -> ndarray:
         """Inputs (n_inputs,) for actions of tensions, within their box."""
         if not self._pulled:
             return self._tensions.input_centre + action * self._tensions.input_scale
@@ -478,7 +479,7 @@ class InverseStatics:
                 actions.append(action)
         return found
 
-    def _ahead(self, near: Place, action: np.ndarray) -> np.ndarray:
+    def _ahead(self, near: Place, action: ndarray) -> ndarray:
         """Posture (nq,) under an action, in steps from a place near it."""
         posture, far = near.posture, float(np.abs(action - near.action).max())
         for part in np.linspace(0, 1, 2 + int(far / _LARGEST_STEP))[1:]:
@@ -514,13 +515,13 @@ class InverseStatics:
         return box
 
     @cached_property
-    def _sample(self) -> tuple[list[Place], np.ndarray]:
+    def _sample(self) -> tuple[list[Place], ndarray]:
         """Places to look for points from, and their tips (n, k)."""
         found = self._spread(_PLACES, self._box)
         tips = self.scene.tip(np.array([f.posture for f in found]))
         return found, tips @ self.directions.T
 
-    def _elsewhere(self, point: np.ndarray, found: Place) -> Place:
+    def _elsewhere(self, point: ndarray, found: Place) -> Place:
         """The point from the nearest places of a sample, if that is better."""
         places, tips = self._sample
         for k in np.argsort(np.linalg.norm(tips - point, axis=1))[:_TRIALS]:
@@ -529,7 +530,7 @@ class InverseStatics:
                 break
         return found
 
-    def _towards(self, point: np.ndarray, start: Place, halvings: int) -> Place:
+    def _towards(self, point: ndarray, start: Place, halvings: int) -> Place:
         """The point from a start that is reached, by points between where it is too far."""
         found = self._near(point, start)
         if found.error <= self.tolerance or halvings == 0:
@@ -541,13 +542,13 @@ class InverseStatics:
             return min(found, half, key=lambda f: f.error)
         return min(found, self._towards(point, half, halvings - 1), key=lambda f: f.error)
 
-    def _distance(self, found: Place, point: np.ndarray) -> float:
+    def _distance(self, found: Place, point: ndarray) -> float:
         """[m] to a point, perhaps another than was looked for."""
         if not np.isfinite(found.error):
             return np.inf
         return float(np.linalg.norm(self.directions @ self.tip(found.posture) - point))
 
-    def _near(self, point: np.ndarray, start: Place) -> Place:
+    def _near(self, point: ndarray, start: Place) -> Place:
         """Iterate from a start."""
         action, posture = start.action, start.posture
         share, before = 1.0, np.inf
@@ -568,7 +569,7 @@ class InverseStatics:
             before = idle
         return self._settled(point, action, posture)
 
-    def _settled(self, point: np.ndarray, action: np.ndarray, posture: np.ndarray) -> Place:
+    def _settled(self, point: ndarray, action: ndarray, posture: ndarray) -> Place:
         """What iterations have led to, in a stable equilibrium under the robot's inputs."""
         inputs = self.inputs_for(action, posture)
         try:
@@ -580,11 +581,11 @@ class InverseStatics:
 
     def linearised(
         self,
-        action: np.ndarray,
-        posture: np.ndarray,
+        action: ndarray,
+        posture: ndarray,
         stiffer: float = 0.0,
         driven: bool = False,
-        weight: np.ndarray | None = None,
+        weight: ndarray | None = None,
     ) -> Linear | None:
         """The statics near actions (m,) of tensions and a posture (nq,).
 
@@ -617,19 +618,19 @@ class InverseStatics:
         tip = self.directions @ tip + by_turns @ balance
         return Linear(balance, by_actions, by_turns @ by_actions, tip, by_turns, stiffness)
 
-    def _by_action(self, action: np.ndarray) -> np.ndarray:
+    def _by_action(self, action: ndarray) -> ndarray:
         """Derivative (n_tendons, m) [N] of the tensions by actions, the mean of both at a kink."""
         above, below = np.split(self._command(action + self._shifts), 2)
         return (above - below).T / (2 * self._shifts[0, 0])
 
-    def moved(self, posture: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    def moved(self, posture: ndarray, turn: ndarray) -> ndarray:
         """The posture (nq,) after small turns (nv,) [rad] of the joints."""
         moved = posture.copy()
         mujoco.mj_integratePos(self.scene.model, moved, turn, 1.0)
         return moved
 
 
-def spread(count: int, dimension: int) -> np.ndarray:
+def spread(count: int, dimension: int) -> ndarray:
     """Points (count, dimension) that fill the box [-1, 1] evenly, nearest to its middle first.
 
     The additive recurrence of the generalised golden ratio (Roberts, "The unreasonable
@@ -649,7 +650,7 @@ def _driven_by_tension(scene: Scene) -> Scene:
     return build_scene(replace(scene.config, robot=robot, actuation="tension"))
 
 
-def _controls(scene: Scene, commanded: np.ndarray) -> np.ndarray:
+def _controls(scene: Scene, commanded: ndarray) -> ndarray:
     """Controls (nu,) of a scene: tensions or lengths (n_tendons,), and no loads."""
     controls = np.zeros(scene.model.nu)
     low, high = scene.model.actuator_ctrlrange[: len(commanded)].T
@@ -659,12 +660,12 @@ def _controls(scene: Scene, commanded: np.ndarray) -> np.ndarray:
     return controls
 
 
-def _elastic(robot: RobotParams) -> np.ndarray:
+def _elastic(robot: RobotParams) -> ndarray:
     """Pretension [N], stiffness [N/m] and straight length [m] of the tendons, (3, n_tendons)."""
     return np.array([(t.pretension, t.stiffness, t.straight_length) for t in robot.tendons]).T
 
 
-def own_directions(scene: Scene) -> np.ndarray:
+def own_directions(scene: Scene) -> ndarray:
     """Directions (2, 3) that every robot's tip can be asked for along, in its own axes at its base.
 
     Across and along a planar robot, else the two across a spatial one.
@@ -674,8 +675,8 @@ def own_directions(scene: Scene) -> np.ndarray:
 
 
 def least_step(
-    jacobian: np.ndarray, gap: np.ndarray, action: np.ndarray, share: float, damping: float = 0.0
-) -> tuple[np.ndarray, float]:
+    jacobian: ndarray, gap: ndarray, action: ndarray, share: float, damping: float = 0.0
+) -> tuple[ndarray, float]:
     """Change (m,) of actions that closes a gap (k,) within their box, and its part of no effect.
 
     Actions that would leave the box are held at its bounds and the others make up for them.
@@ -702,8 +703,8 @@ def least_step(
 
 
 def _free_step(
-    jacobian: np.ndarray, gap: np.ndarray, action: np.ndarray, share: float, least: float
-) -> tuple[np.ndarray, float]:
+    jacobian: ndarray, gap: ndarray, action: ndarray, share: float, least: float
+) -> tuple[ndarray, float]:
     """As `least_step`, without the box."""
     left, singular, right = np.linalg.svd(jacobian, full_matrices=False)
     kept = singular > _RANK * max(singular[0], 1e-300)
@@ -716,7 +717,7 @@ def _free_step(
     return to_point - share * idle, float(np.abs(idle).max())
 
 
-def _definite(stiffness: np.ndarray) -> bool:
+def _definite(stiffness: ndarray) -> bool:
     """Whether the symmetric part of a stiffness (nv, nv) is positive definite."""
     try:
         np.linalg.cholesky(stiffness + stiffness.T)

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.scene.chain import TIP_SITE
 from softrobot_env.scene.statics import finite
@@ -24,17 +25,15 @@ class Kinematics:
     model: mujoco.MjModel
     scene: "Scene"
 
-    def posture(self, q: np.ndarray) -> np.ndarray:
+    def posture(self, q: ndarray) -> ndarray:
         """The robot's part (nq,) or (T, nq) of postures of the model."""
         return np.asarray(q)
 
-    def numbers(self, bodies: np.ndarray) -> np.ndarray:
+    def numbers(self, bodies: ndarray) -> ndarray:
         """Numbers (k,) in the model of bodies (k,) of the robot alone."""
         return bodies
 
-    def positions(
-        self, q: np.ndarray, stations: np.ndarray, offsets: np.ndarray | None = None
-    ) -> np.ndarray:
+    def positions(self, q: ndarray, stations: ndarray, offsets: ndarray | None = None) -> ndarray:
         """Material points (k, 3) or (T, k, 3) [m] in postures (nq,) or (T, nq) of the model.
 
         Args:
@@ -48,12 +47,12 @@ class Kinematics:
         """
         return self._at(q, *self._places(stations, offsets))
 
-    def tip(self, q: np.ndarray) -> np.ndarray:
+    def tip(self, q: ndarray) -> ndarray:
         """Tip (3,) or (T, 3) [m] for q (nq,) or (T, nq); with a head, its output point."""
         site = self.scene.model.site(TIP_SITE)
         return self._at(q, self.numbers(site.bodyid), site.pos[None])[..., 0, :]
 
-    def velocities(self, q: np.ndarray, v: np.ndarray, stations: np.ndarray) -> np.ndarray:
+    def velocities(self, q: ndarray, v: ndarray, stations: ndarray) -> ndarray:
         """Velocity (k, 3) [m/s] of the centreline at arc lengths (k,) [m] in state q, v."""
         model = self.model
         data, jacobian = mujoco.MjData(model), np.empty((3, model.nv))
@@ -68,7 +67,7 @@ class Kinematics:
             row[:] = jacobian @ v
         return out
 
-    def curvature(self, q: np.ndarray) -> np.ndarray:
+    def curvature(self, q: ndarray) -> ndarray:
         """Mean curvature (pieces, 3) [1/m] about x, y and z of each piece at q (nq,).
 
         Of the rotation vectors by which its stations turn, whatever hinges they have.
@@ -84,7 +83,7 @@ class Kinematics:
             out[piece] += turn
         return out / layout.sizes[:, None]
 
-    def tendon_length(self, q: np.ndarray) -> np.ndarray:
+    def tendon_length(self, q: ndarray) -> ndarray:
         """(n_tendons,) [m] inside the robot at q (nq,)."""
         model, robot = self.scene.model, self.scene.config.robot
         data = mujoco.MjData(model)
@@ -93,9 +92,7 @@ class Kinematics:
             compute(model, data)
         return data.ten_length[: len(robot.tendons)] + full_length(robot, model)
 
-    def _places(
-        self, stations: np.ndarray, offsets: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _places(self, stations: ndarray, offsets: ndarray | None) -> tuple[ndarray, ndarray]:
         """Bodies (k,) that carry points of the robot, and the points (k, 3) [m] in their axes."""
         robot, hinges = self.scene.config.robot, self.scene.layout.stations
         stations = robot.stations(stations, offsets)
@@ -106,7 +103,7 @@ class Kinematics:
             points[:, :2] = offsets
         return self.numbers(link + (robot.base is not None)), points
 
-    def _at(self, q: np.ndarray, bodies: np.ndarray, points: np.ndarray) -> np.ndarray:
+    def _at(self, q: ndarray, bodies: ndarray, points: ndarray) -> ndarray:
         """Positions (k, 3) or (T, k, 3) [m] of points (k, 3) of bodies (k,)."""
         model, series = self.model, np.atleast_2d(np.asarray(q, dtype=float))
         if series.shape[1:] != (model.nq,):

@@ -15,6 +15,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.scene.build import Scene
@@ -38,15 +39,15 @@ class LinearModel(NamedTuple):
         elastic: (n,), force of the springs at the equilibrium.
     """
 
-    mass: np.ndarray
-    damping: np.ndarray
-    stiffness: np.ndarray
-    inputs: np.ndarray
-    tip: np.ndarray
-    elastic: np.ndarray
+    mass: ndarray
+    damping: ndarray
+    stiffness: ndarray
+    inputs: ndarray
+    tip: ndarray
+    elastic: ndarray
 
     @property
-    def frequencies(self) -> np.ndarray:
+    def frequencies(self) -> ndarray:
         """Natural frequencies (n,) [Hz] without damping, the lowest first."""
         squared = np.linalg.eigvals(np.linalg.solve(self.mass, self.stiffness)).real
         return np.sqrt(np.sort(squared)) / (2 * np.pi)
@@ -59,12 +60,12 @@ class LinearModel(NamedTuple):
         (square,), mode = eigh(stiffness, self.mass, subset_by_index=[0, 0])
         return float(np.sqrt(square)), float(mode[:, 0] @ self.damping @ mode[:, 0] / square)
 
-    def response(self, rate: float) -> np.ndarray:
+    def response(self, rate: float) -> ndarray:
         """Complex amplitudes (3, m) [m] of the tip by those of inputs at a rate [rad/s]."""
         dynamic = self.stiffness - rate**2 * self.mass + 1j * rate * self.damping
         return self.tip @ np.linalg.solve(dynamic, self.inputs)
 
-    def state_space(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def state_space(self) -> tuple[ndarray, ndarray, ndarray]:
         """A (2 n, 2 n), B (2 n, m) and C (3, 2 n) of x = (dq, q')."""
         n = len(self.mass)
         right = np.hstack([-self.stiffness, -self.damping, self.inputs])
@@ -73,7 +74,7 @@ class LinearModel(NamedTuple):
         b = np.vstack([np.zeros_like(self.inputs), solved[:, 2 * n :]])
         return a, b, np.hstack([self.tip, np.zeros_like(self.tip)])
 
-    def seen_as(self, mean: np.ndarray) -> "LinearModel":
+    def seen_as(self, mean: ndarray) -> "LinearModel":
         """The same in coordinates P q, for P (k, n): W as above."""
         w = np.linalg.solve(self.stiffness, mean.T)
         w = np.linalg.solve((mean @ w).T, w.T).T
@@ -99,20 +100,20 @@ class Linearizer:
         self._shifts = np.concatenate([shift, -shift])
 
     @cached_property
-    def mean(self) -> np.ndarray:
+    def mean(self) -> ndarray:
         """P (n, nv) [1/m], from turns of joints to curvatures; ValueError unless all are hinges."""
         scene = self.scene
         return mean_curvature(scene.model, scene.layout, scene.config.robot.pieces)
 
-    def action(self, inputs: np.ndarray) -> np.ndarray:
+    def action(self, inputs: ndarray) -> ndarray:
         """Actions (..., m) of inputs (..., m) [N or m]."""
         return (inputs - self.inputs.input_centre) / self.inputs.input_scale
 
-    def about(self, angles: np.ndarray, inputs: np.ndarray) -> LinearModel:
+    def about(self, angles: ndarray, inputs: ndarray) -> LinearModel:
         """By curvatures and actions, about an equilibrium with postures (nq,) and inputs (m,)."""
         return self.chain_about(angles, inputs).seen_as(self.mean)
 
-    def chain_about(self, angles: np.ndarray, inputs: np.ndarray) -> LinearModel:
+    def chain_about(self, angles: ndarray, inputs: ndarray) -> LinearModel:
         """The same by turns of joints and actions."""
         forces = self._forces
         controls = np.zeros(self.scene.model.nu)
@@ -131,7 +132,7 @@ class Linearizer:
         )
 
 
-def linearised(inverse: InverseStatics, inputs: np.ndarray) -> LinearModel:
+def linearised(inverse: InverseStatics, inputs: ndarray) -> LinearModel:
     """The chain of inverse statics about its equilibrium under inputs (m,), by these inputs.
 
     Raises:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.records import check_fields
 from softrobot_env.robots import RobotParams
@@ -68,7 +69,7 @@ class Mount:
         return bool(set(TURNS) & set(self.directions))
 
     @staticmethod
-    def axis(direction: str) -> np.ndarray:
+    def axis(direction: str) -> ndarray:
         """(3,) along or about which a direction is, in the world."""
         return np.eye(3)[(TURNS if direction in TURNS else SLIDES).index(direction)]
 
@@ -125,7 +126,7 @@ def followed(
     count = len(mount.directions)
     knots = timestep * np.arange(max(round(duration / timestep), 3) + 1)
 
-    def at(times: np.ndarray) -> np.ndarray:
+    def at(times: ndarray) -> ndarray:
         values = [np.atleast_1d(np.asarray(motion(t), dtype=float)) for t in times.tolist()]
         if any(x.shape != (count,) or not np.all(np.isfinite(x)) for x in values):
             raise ValueError(

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.registry import Registry
 
@@ -58,10 +59,10 @@ class HingeLayout:
         coupled: Whether springs couple them (`scene.springs`).
     """
 
-    stations: np.ndarray
-    weights: np.ndarray
-    piece: np.ndarray
-    edges: np.ndarray
+    stations: ndarray
+    weights: ndarray
+    piece: ndarray
+    edges: ndarray
     coupled: bool = False
 
     @property
@@ -70,7 +71,7 @@ class HingeLayout:
         return len(self.edges) - 1
 
     @property
-    def sizes(self) -> np.ndarray:
+    def sizes(self) -> ndarray:
         """Lengths (pieces,) [m] of the pieces."""
         return np.diff(self.edges)
 
@@ -86,7 +87,7 @@ def place_hinges(length: float, pieces: int, rule: str) -> HingeLayout:
     return place_between(length / pieces * np.arange(pieces + 1), rule)
 
 
-def place_between(edges: np.ndarray, rule: str) -> HingeLayout:
+def place_between(edges: ndarray, rule: str) -> HingeLayout:
     """Place the hinges of pieces that end at edges (pieces + 1,) [m]; ValueError as above."""
     offsets = np.array(RULES.find(rule))
     shares = np.array(_SHARES.get(rule, np.full(len(offsets), 1 / len(offsets))))

@@ -3,6 +3,7 @@
 from types import EllipsisType
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.arrays import HOST, HostArrays
 from softrobot_env.scene.integration import layout
@@ -27,9 +28,9 @@ class Servos:
 
     def __init__(
         self,
-        speed: float | np.ndarray,
-        offset: np.ndarray,
-        backlash: np.ndarray,
+        speed: float | ndarray,
+        offset: ndarray,
+        backlash: ndarray,
         count: int | None = None,
     ) -> None:
         """Servos at command zero.
@@ -65,7 +66,7 @@ class Servos:
         self.__dict__.update(state)
         self._connect()
 
-    def start(self, command: np.ndarray | float, which: np.ndarray | EllipsisType = ...) -> None:
+    def start(self, command: ndarray | float, which: ndarray | EllipsisType = ...) -> None:
         """At rest at a command, in the middle of the backlash.
 
         Args:
@@ -90,6 +91,6 @@ class Servos:
             )
 
     @property
-    def reading(self) -> np.ndarray:
+    def reading(self) -> ndarray:
         """(nu,) or (n, nu) [m], as potentiometers on the motors read: without offset and gap."""
         return self.motor - self._offset

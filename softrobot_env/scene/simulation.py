@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.motion import IntegrationError, Motion, State, sample_times
 from softrobot_env.scene.contacts import Touch, touches
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from softrobot_env.scene.build import Scene
 
 #: Inputs of a motion: constant (n_inputs,), one row (k, n_inputs) a control period, or of time [s].
-Inputs = np.ndarray | Callable[[float], np.ndarray] | None
+Inputs = ndarray | Callable[[float], ndarray] | None
 
 _DIVERGED = {
     int(mujoco.mjtWarning.mjWARN_BADQPOS): "position",
@@ -54,7 +55,7 @@ class SceneMotion(Motion):
             None with MuJoCo's integrators.
     """
 
-    integration_error: np.ndarray | None
+    integration_error: ndarray | None
 
 
 class Simulation:
@@ -99,12 +100,12 @@ class Simulation:
         mujoco.mj_fwdVelocity(self.model, self.data)
 
     @property
-    def ctrl(self) -> np.ndarray:
+    def ctrl(self) -> ndarray:
         """(nu,) controls in force, to be written to."""
         return self.data.ctrl
 
     @property
-    def full_length(self) -> np.ndarray:
+    def full_length(self) -> ndarray:
         """(n_tendons,) [m] inside the straight robot, less those that `ten_length` tells."""
         return full_length(self.scene.config.robot, self.model)
 
@@ -114,11 +115,11 @@ class Simulation:
         return self.data.time
 
     @property
-    def posture(self) -> np.ndarray:
+    def posture(self) -> ndarray:
         """Hinge angles (nq,) [rad]."""
         return self.data.qpos.copy()
 
-    def reset(self, qpos: np.ndarray, ctrl: np.ndarray) -> None:
+    def reset(self, qpos: ndarray, ctrl: ndarray) -> None:
         """Set a posture (nq,) [rad] at rest, with controls (nu,) in force."""
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:] = qpos
@@ -147,7 +148,7 @@ class Simulation:
             self._warn()
         return self._warnings.tobytes() == _HEALTHY
 
-    def advance_through(self, path: np.ndarray) -> bool:
+    def advance_through(self, path: ndarray) -> bool:
         """Integrate over one control period with controls (1 + k, nu): now and at `step_times`.
 
         At most as many as the period has timesteps, and the last row holds for the rest of it. In
@@ -170,7 +171,7 @@ class Simulation:
             warnings.warn(inaccuracy(self.scene, self._estimate[0], self.time), stacklevel=4)
 
     @property
-    def estimates(self) -> np.ndarray | None:
+    def estimates(self) -> ndarray | None:
         """View (1,) of `integration_error`, None without."""
         return None if self.scene.timestep.accuracy is None else self._estimate
 
@@ -187,7 +188,7 @@ class Simulation:
         return touches(self.model, data)
 
     @property
-    def step_times(self) -> np.ndarray:
+    def step_times(self) -> ndarray:
         """Times [s] of the ends of a control period's timesteps, since its start."""
         choice = self.scene.timestep
         return choice.timestep * np.arange(1, choice.substeps + 1)
@@ -214,8 +215,8 @@ def simulate(
     u: Inputs = None,
     start: State | None = None,
     *,
-    samples: np.ndarray | float | None = None,
-    gravity: np.ndarray | None = None,
+    samples: ndarray | float | None = None,
+    gravity: ndarray | None = None,
 ) -> SceneMotion:
     """Simulate a motion of a scene.
 
@@ -255,8 +256,8 @@ def simulate(
 
 
 def _followed(
-    simulation: Simulation, controls: Callable[..., np.ndarray], ends: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    simulation: Simulation, controls: Callable[..., ndarray], ends: ndarray
+) -> tuple[ndarray, ndarray, ndarray | None]:
     """States (k, nq), (k, nv) and errors (k,) after the numbers of control periods `ends` (k,)."""
     instants = np.concatenate(([0.0], simulation.step_times))
     rows = {0: _sample(simulation)}
@@ -273,12 +274,12 @@ def _followed(
     return np.stack(q), np.stack(v), None if errors[0] is None else np.array(errors)
 
 
-def _sample(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, float | None]:
+def _sample(simulation: Simulation) -> tuple[ndarray, ndarray, float | None]:
     data = simulation.data
     return data.qpos.copy(), data.qvel.copy(), simulation.integration_error
 
 
-def _periods(times: np.ndarray, period: float) -> np.ndarray:
+def _periods(times: ndarray, period: float) -> ndarray:
     """Numbers (k,) of control periods until times (k,) [s]."""
     ends = np.round(times / period)
     off = np.abs(ends * period - times) > 1e-9 * period + 1e-12 * times
@@ -292,7 +293,7 @@ def _periods(times: np.ndarray, period: float) -> np.ndarray:
 
 def _controls(
     model: mujoco.MjModel, u: Inputs, periods: int, period: float
-) -> Callable[..., np.ndarray]:
+) -> Callable[..., ndarray]:
     """Function of the number of a period, and of instants (k,) [s] since its start.
 
     Returns rows of controls (k, nu) at those instants, or one if they hold for the period.

@@ -84,6 +84,7 @@ from math import sqrt
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.chain import Chain, order_of
@@ -201,7 +202,7 @@ def _breaks(robot: RobotParams, loaded: Iterable[float]) -> list[float]:
     return sorted(breaks)
 
 
-def excess_stiffness(pieces: int) -> np.ndarray:
+def excess_stiffness(pieces: int) -> ndarray:
     """Stiffness (k, k) [1] of k >= 3 coupled pieces less that of free ones, over EI / H.
 
     The second difference of an outermost piece is its neighbour's: under moments that vary
@@ -215,7 +216,7 @@ def excess_stiffness(pieces: int) -> np.ndarray:
     return np.linalg.inv(compliance) - np.eye(pieces)
 
 
-def _runs(breaks: list[float], edges: np.ndarray) -> Iterator[tuple[int, int]]:
+def _runs(breaks: list[float], edges: ndarray) -> Iterator[tuple[int, int]]:
     """First piece and end of each run of whole pieces between two breaks [m]."""
     tolerance = 1e-9 * edges[-1]
     for low, high in pairwise(breaks):

@@ -5,6 +5,7 @@ from math import pi
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.continuation import Newton, find_equilibrium
 from softrobot_env.core.equilibrium import (
@@ -25,14 +26,14 @@ _LARGE_TURN = 2.0  # rad that all joints make together
 @one_blas_thread()
 def equilibrium(
     model: mujoco.MjModel,
-    ctrl: np.ndarray,
-    guess: np.ndarray | None = None,
+    ctrl: ndarray,
+    guess: ndarray | None = None,
     *,
     load_steps: int = 1,
     check_stability: bool | str = True,
-    gravity: np.ndarray | None = None,
+    gravity: ndarray | None = None,
     rubbing: RubbingForces | None = None,
-) -> np.ndarray:
+) -> ndarray:
     """Posture (nq,) in equilibrium under constant controls (nu,): the hinge angles [rad].
 
     Of a chain on ball joints it holds their quaternions; `scene.chain.joint_angles` reads both.
@@ -74,7 +75,7 @@ def equilibrium(
     return q
 
 
-def finite(what: str, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def finite(what: str, values: ndarray, shape: tuple[int, ...]) -> ndarray:
     """A copy of values as floats.
 
     Raises:
@@ -88,7 +89,7 @@ def finite(what: str, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return values
 
 
-def checked_controls(model: mujoco.MjModel, ctrl: np.ndarray) -> np.ndarray:
+def checked_controls(model: mujoco.MjModel, ctrl: ndarray) -> ndarray:
     """A copy of controls (nu,).
 
     Raises:
@@ -109,12 +110,12 @@ def checked_controls(model: mujoco.MjModel, ctrl: np.ndarray) -> np.ndarray:
 class _LoadedChain:
     """A chain under a share of its controls, gravity and pretension, for `continuation`."""
 
-    def __init__(self, forces: StaticForces, ctrl: np.ndarray) -> None:
+    def __init__(self, forces: StaticForces, ctrl: ndarray) -> None:
         self._forces, self._ctrl, self._model = forces, ctrl, forces.model
         stations = len(np.unique(self._model.dof_bodyid))
         self.scale = np.full(self._model.nv, _LARGE_TURN / stations)
 
-    def newton(self, q: np.ndarray, share: float) -> Newton | None:
+    def newton(self, q: ndarray, share: float) -> Newton | None:
         """Newton's changes (nv,) at q (nq,), None where the stiffness is singular or not finite."""
         force = self._forces.force(q, self._ctrl, share)
         right = np.stack([force, self._forces.applied], axis=1)
@@ -125,11 +126,11 @@ class _LoadedChain:
             return None
         return Newton(*found.T) if np.all(np.isfinite(found)) else None
 
-    def again(self, q: np.ndarray, share: float) -> np.ndarray:
+    def again(self, q: ndarray, share: float) -> ndarray:
         """The change (nv,) to balance the forces at q (nq,), by the last stiffness."""
         return np.linalg.solve(self._stiffness, self._forces.force(q, self._ctrl, share))
 
-    def moved(self, q: np.ndarray, change: np.ndarray) -> np.ndarray:
+    def moved(self, q: ndarray, change: ndarray) -> ndarray:
         """Posture (nq,) after small turns (nv,) [rad] of the joints."""
         moved = q.copy()
         mujoco.mj_integratePos(self._model, moved, change, 1.0)
@@ -148,9 +149,9 @@ def settle(
     model: mujoco.MjModel,
     robot: RobotParams,
     first_period: float,
-    ctrl: np.ndarray,
-    start: np.ndarray,
-) -> np.ndarray:
+    ctrl: ndarray,
+    start: ndarray,
+) -> ndarray:
     """Posture (nq,) in which a scene without friction comes to rest under controls (nu,).
 
     Everything is damped in proportion to its mass, the robot's first mode critically; joints and

@@ -31,6 +31,7 @@ from weakref import WeakKeyDictionary
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.scene.chain import TIP_SITE
 from softrobot_env.scene.tendons import actuator_arms, tendon_arms
@@ -64,8 +65,8 @@ class StaticForces:
         self._tip, self._pull = model.site(TIP_SITE).id, np.zeros(3)
 
     def force(
-        self, qpos: np.ndarray, ctrl: np.ndarray, share: float = 1.0, pull: np.ndarray | None = None
-    ) -> np.ndarray:
+        self, qpos: ndarray, ctrl: ndarray, share: float = 1.0, pull: ndarray | None = None
+    ) -> ndarray:
         """Generalised force (nv,) [N m] on the chain at rest.
 
         Args:
@@ -87,7 +88,7 @@ class StaticForces:
             self.applied += self._pull @ self.tip_by_turns()[1]
         return self.springs + share * self.applied
 
-    def tangent(self) -> np.ndarray:
+    def tangent(self) -> ndarray:
         """Derivative (nv, nv) [N m] of the last `force` by small turns (nv,) of the joints."""
         axes, anchors = self._data.cdof[:, :3], self._data.xanchor[self.model.dof_jntid]
         tension, rate = self._tensions()
@@ -99,36 +100,36 @@ class StaticForces:
         self._add_springs(out)
         return out
 
-    def by_controls(self) -> np.ndarray:
+    def by_controls(self) -> ndarray:
         """Derivative (nv, nu) [N m] of the last `force` by the controls, at a share of 1."""
         model, data = self.model, self._data
         gain = model.actuator_gainprm[:, 0] * self._unlimited(np.arange(model.nu))
         return (gain[:, None] * actuator_arms(model, data)).T
 
-    def tip(self, qpos: np.ndarray) -> np.ndarray:
+    def tip(self, qpos: ndarray) -> ndarray:
         """Tip (3,) [m] in a posture (nq,)."""
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self.model, self._data)
         return self._data.site_xpos[self._tip].copy()
 
-    def tendon_length(self, qpos: np.ndarray) -> np.ndarray:
+    def tendon_length(self, qpos: ndarray) -> ndarray:
         """Lengths (ntendon,) [m] in a posture (nq,), as MuJoCo counts them."""
         self._place(qpos)
         return self._data.ten_length.copy()
 
-    def _place(self, qpos: np.ndarray) -> None:
+    def _place(self, qpos: ndarray) -> None:
         """Take a posture (nq,)."""
         self._data.qpos[:] = qpos
         for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon):
             compute(self.model, self._data)
 
-    def tip_by_turns(self) -> tuple[np.ndarray, np.ndarray]:
+    def tip_by_turns(self) -> tuple[ndarray, ndarray]:
         """Tip (3,) [m] in the posture of the last `force`, and its derivative (3, nv) by turns."""
         out = np.empty((3, self.model.nv))
         mujoco.mj_jacSite(self.model, self._data, out, None, self._tip)
         return self._data.site_xpos[self._tip].copy(), out
 
-    def mass(self) -> np.ndarray:
+    def mass(self) -> ndarray:
         """Mass matrix (nv, nv) [kg m2] in the posture of the last `force`."""
         out = np.empty((self.model.nv, self.model.nv))
         mujoco.mj_makeM(self.model, self._data)
@@ -136,8 +137,8 @@ class StaticForces:
         return out
 
     def of_motion(
-        self, qpos: np.ndarray, qvel: np.ndarray, qacc: np.ndarray, carried: float = 0.0
-    ) -> np.ndarray:
+        self, qpos: ndarray, qvel: ndarray, qacc: ndarray, carried: float = 0.0
+    ) -> ndarray:
         """Generalised force (nv,) [N m] of inertia and damping: what a motion takes over a rest.
 
         Args:
@@ -159,7 +160,7 @@ class StaticForces:
                 out += carried * self._tip_force(qvel, qacc)
         return out
 
-    def _tip_force(self, qvel: np.ndarray, qacc: np.ndarray) -> np.ndarray:
+    def _tip_force(self, qvel: ndarray, qacc: ndarray) -> ndarray:
         """Generalised force (nv,) [N m] that accelerates 1 kg at the tip."""
         tip, by_turns = self.tip_by_turns()
         change = np.empty_like(by_turns)
@@ -167,7 +168,7 @@ class StaticForces:
         mujoco.mj_jacDot(self.model, self._data, change, None, tip, body)
         return by_turns.T @ (by_turns @ qacc + change @ qvel)
 
-    def _dead(self, axes: np.ndarray, anchors: np.ndarray) -> np.ndarray:
+    def _dead(self, axes: ndarray, anchors: ndarray) -> ndarray:
         """(nv, nv) of weights and loads as if they kept their directions."""
         points, forces, moments = self._wrenches()
         dyads = (points[:, :, None] * forces[:, None, :]).reshape(-1, 9)
@@ -183,7 +184,7 @@ class StaticForces:
         out = np.where(self._of.before, by_own @ axes.T, axes @ by_other.T)
         return out + self._of.moves * (_cross(axes, moment) @ axes.T)
 
-    def _wrenches(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _wrenches(self) -> tuple[ndarray, ndarray, ndarray]:
         """Points, forces and moments (k, 3) on the links: weights, the pull, and loads."""
         model, data = self.model, self._data
         first = model.nbody + 1
@@ -195,7 +196,7 @@ class StaticForces:
             forces[first:], moments[first:] = self._loads()
         return points, forces, moments
 
-    def _loads(self) -> tuple[np.ndarray, np.ndarray]:
+    def _loads(self) -> tuple[ndarray, ndarray]:
         """Forces and moments (loads, 3) in the world's axes."""
         gear = self.model.actuator_gear[self._of.on_sites].reshape(-1, 2, 3)
         frames = self._data.site_xmat[self._of.frames].reshape(-1, 3, 3)
@@ -203,7 +204,7 @@ class StaticForces:
         world = scaled @ frames.transpose(0, 2, 1)
         return world[:, 0], world[:, 1]
 
-    def _tensions(self) -> tuple[np.ndarray, np.ndarray]:
+    def _tensions(self) -> tuple[ndarray, ndarray]:
         """Tension (ntendon,) [N] that drives give, and its derivative by length [N/m]."""
         model, data, actuators = self.model, self._data, self._of.on_tendons
         gear = model.actuator_gear[actuators, 0]
@@ -215,14 +216,14 @@ class StaticForces:
         np.add.at(rate, tendon, -(gear**2) * spring * free)
         return tension, rate
 
-    def _unlimited(self, actuators: np.ndarray) -> np.ndarray:
+    def _unlimited(self, actuators: ndarray) -> ndarray:
         """Which of some actuators are not at the limit of their force."""
         force = self._data.actuator_force[actuators]
         low, high = self.model.actuator_forcerange[actuators].T
         limited = self.model.actuator_forcelimited[actuators].astype(bool)
         return ~limited | ((low < force) & (force < high))
 
-    def _add_followers(self, axes: np.ndarray, anchors: np.ndarray, out: np.ndarray) -> None:
+    def _add_followers(self, axes: ndarray, anchors: ndarray, out: ndarray) -> None:
         """The turning of loads that follow their cross-section."""
         if not len(self._of.followers):
             return
@@ -233,9 +234,7 @@ class StaticForces:
             a, arm = axes[:n], self._data.site_xpos[site] - anchors[:n]
             out[:n, :n] += a @ _cross(a, m).T + _cross(a, arm) @ _cross(a, f).T
 
-    def _add_spans(
-        self, axes: np.ndarray, anchors: np.ndarray, tension: np.ndarray, out: np.ndarray
-    ) -> None:
+    def _add_spans(self, axes: ndarray, anchors: ndarray, tension: ndarray, out: ndarray) -> None:
         """Tensions times the curvature of the lengths between guides."""
         places = self._data.site_xpos
         for spans in self._of.spans:
@@ -250,7 +249,7 @@ class StaticForces:
             block *= tension[spans.tendon, None, None]
             np.subtract.at(out, (turns[:, :, None], turns[:, None, :]), block)
 
-    def _add_rates(self, rate: np.ndarray, out: np.ndarray) -> None:
+    def _add_rates(self, rate: ndarray, out: ndarray) -> None:
         """Tension that follows from length, by its derivative (ntendon,) [N/m]."""
         model, data = self.model, self._data
         size, begin = model.ten_J_rownnz, model.ten_J_rowadr
@@ -263,7 +262,7 @@ class StaticForces:
             block = (rate[rows, None] * arm)[:, :, None] * arm[:, None, :]
             np.subtract.at(out, (column[:, :, None], column[:, None, :]), block)
 
-    def _add_springs(self, out: np.ndarray) -> None:
+    def _add_springs(self, out: ndarray) -> None:
         """Springs of joints, and those along the hinges of a station."""
         model, data = self.model, self._data
         dof, address = model.jnt_dofadr[self._of.hinges], model.jnt_qposadr[self._of.hinges]
@@ -277,7 +276,7 @@ class StaticForces:
         if len(self._of.balls):
             self._add_ball_springs(out)
 
-    def _add_ball_springs(self, out: np.ndarray) -> None:
+    def _add_ball_springs(self, out: ndarray) -> None:
         model, balls = self.model, self._of.balls
         address = model.jnt_qposadr[balls, None] + np.arange(4)
         dof = model.jnt_dofadr[balls, None] + np.arange(3)
@@ -299,7 +298,7 @@ class RubbingForces(StaticForces):
         posture: (nq,) at which friction of the joints would vanish.
     """
 
-    def __init__(self, model: mujoco.MjModel, posture: np.ndarray) -> None:
+    def __init__(self, model: mujoco.MjModel, posture: ndarray) -> None:
         """Tendons and joints that came to rest in a posture (nq,) without friction."""
         super().__init__(model)
         self.anchors, self.posture = self.tendon_length(posture), posture.copy()
@@ -309,7 +308,7 @@ class RubbingForces(StaticForces):
         self._give = _GIVE / max(len(self._bends), 1)
         self._away = np.zeros(self._bends.shape)  # from where friction vanishes, over what gives
 
-    def force(self, qpos: np.ndarray, ctrl: np.ndarray, share: float = 1.0) -> np.ndarray:
+    def force(self, qpos: ndarray, ctrl: ndarray, share: float = 1.0) -> ndarray:
         """See `StaticForces`."""
         super().force(qpos, ctrl, share)
         model, data = self.model, self._data
@@ -323,7 +322,7 @@ class RubbingForces(StaticForces):
             self.applied[self._bends] -= self._holding * self._held()
         return data.qfrc_passive + share * self.applied
 
-    def tangent(self) -> np.ndarray:
+    def tangent(self) -> ndarray:
         """See `StaticForces`."""
         out = super().tangent()
         if len(self._bends):
@@ -334,7 +333,7 @@ class RubbingForces(StaticForces):
             out[self._bends[:, :, None], self._bends[:, None, :]] -= self._share * rate
         return out
 
-    def _held(self) -> np.ndarray:
+    def _held(self) -> ndarray:
         """(stations, k) share of friction of each station's bends, of length one at most."""
         return self._away / np.maximum(np.linalg.norm(self._away, axis=1, keepdims=True), 1.0)
 
@@ -346,20 +345,20 @@ class RubbingForces(StaticForces):
         back[self._bends] = -self._give * self._held()
         mujoco.mj_integratePos(self.model, self.posture, back, 1.0)
 
-    def _bound(self) -> np.ndarray:
+    def _bound(self) -> ndarray:
         """(ntendon,) [N], largest friction of each."""
         if not len(self._bends):
             return self._most
         return np.minimum(self._most, np.maximum(super()._tensions()[0], 0.0))
 
-    def _tensions(self) -> tuple[np.ndarray, np.ndarray]:
+    def _tensions(self) -> tuple[ndarray, ndarray]:
         tension, rate = super()._tensions()
         bound, sticks = self._bound(), np.abs(self._slid) < 1
         grows = np.where(bound < self._most, self._slid, 0.0)
         return tension + bound * self._slid, rate * (1 + grows) + sticks * bound / _LOOSE
 
 
-def _bends(model: mujoco.MjModel) -> np.ndarray:
+def _bends(model: mujoco.MjModel) -> ndarray:
     """(stations, 1 or 2) degrees of freedom that bend a station whose backbone rubs."""
     dofs = np.flatnonzero(model.dof_frictionloss > 0)
     within = dofs - model.jnt_dofadr[model.dof_jntid[dofs]]
@@ -386,19 +385,19 @@ class _Structure:
         beyond: (nv,) how many of them each turn moves.
     """
 
-    moving: np.ndarray
-    moves: np.ndarray
-    before: np.ndarray
-    hinges: np.ndarray
-    balls: np.ndarray
-    on_sites: np.ndarray
-    on_tendons: np.ndarray
-    frames: np.ndarray
-    followers: np.ndarray
+    moving: ndarray
+    moves: ndarray
+    before: ndarray
+    hinges: ndarray
+    balls: ndarray
+    on_sites: ndarray
+    on_tendons: ndarray
+    frames: ndarray
+    followers: ndarray
     spans: "tuple[_Spans, ...]"
-    sites: np.ndarray
-    from_tip: np.ndarray
-    beyond: np.ndarray
+    sites: ndarray
+    from_tip: ndarray
+    beyond: ndarray
 
 
 #: Looking it up takes as long as some iterations for a small robot.
@@ -446,14 +445,14 @@ class _Spans:
         moves: (k, n, n) whether turn l, the column, moves the axis of turn k.
     """
 
-    tendon: np.ndarray
-    start: np.ndarray
-    end: np.ndarray
-    turns: np.ndarray
-    moves: np.ndarray
+    tendon: ndarray
+    start: ndarray
+    end: ndarray
+    turns: ndarray
+    moves: ndarray
 
 
-def _spans(model: mujoco.MjModel, moving: np.ndarray, moves: np.ndarray) -> tuple[_Spans, ...]:
+def _spans(model: mujoco.MjModel, moving: ndarray, moves: ndarray) -> tuple[_Spans, ...]:
     sites = model.wrap_type == mujoco.mjtWrap.mjWRAP_SITE
     tendon = np.repeat(np.arange(model.ntendon), model.tendon_num)
     first = np.flatnonzero((tendon[:-1] == tendon[1:]) & sites[:-1] & sites[1:])
@@ -470,7 +469,7 @@ def _spans(model: mujoco.MjModel, moving: np.ndarray, moves: np.ndarray) -> tupl
     return tuple(groups)
 
 
-def _dofs_below(model: mujoco.MjModel) -> np.ndarray:
+def _dofs_below(model: mujoco.MjModel) -> ndarray:
     """(nbody,) how many turns move each body."""
     first, own, parent = (
         x.tolist() for x in (model.body_dofadr, model.body_dofnum, model.body_parentid)
@@ -481,13 +480,13 @@ def _dofs_below(model: mujoco.MjModel) -> np.ndarray:
     return np.array(count)
 
 
-def _spring_rate(x: np.ndarray, first: np.ndarray, higher: np.ndarray) -> np.ndarray:
+def _spring_rate(x: ndarray, first: ndarray, higher: ndarray) -> ndarray:
     """(k,) derivative of first x + higher[0] x^2 + ..., for coefficients (k,) and (k, powers)."""
     powers = np.arange(1, higher.shape[1] + 1)
     return first + ((powers + 1) * higher * x[:, None] ** powers).sum(axis=1)
 
 
-def _rotation_vectors(q: np.ndarray, reference: np.ndarray) -> np.ndarray:
+def _rotation_vectors(q: ndarray, reference: ndarray) -> ndarray:
     """(k, 3) of the rotations from quaternions (k, 4) to others, along the shorter way."""
     w, v = reference[:, :1], -reference[:, 1:]
     real = w[:, 0] * q[:, 0] - (v * q[:, 1:]).sum(axis=1)
@@ -497,7 +496,7 @@ def _rotation_vectors(q: np.ndarray, reference: np.ndarray) -> np.ndarray:
     return imaginary * np.where(sine > 0, angle / np.where(sine > 0, sine, 1), 2)[:, None]
 
 
-def _rotation_rates(turns: np.ndarray) -> np.ndarray:
+def _rotation_rates(turns: ndarray) -> ndarray:
     """(k, 3, 3) change of rotation vectors (k, 3) by small rotations in the turned frames."""
     skew = np.zeros((len(turns), 3, 3))
     skew[:, [2, 0, 1], [1, 2, 0]], skew[:, [1, 2, 0], [2, 0, 1]] = turns, -turns
@@ -509,13 +508,13 @@ def _rotation_rates(turns: np.ndarray) -> np.ndarray:
     return np.eye(3) + skew / 2 + second[:, None, None] * skew @ skew
 
 
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _cross(a: ndarray, b: ndarray) -> ndarray:
     """Cross products (..., 3), in a fifth of the time of NumPy's."""
     ahead, back = [1, 2, 0], [2, 0, 1]
     return a[..., ahead] * b[..., back] - a[..., back] * b[..., ahead]
 
 
-def _check(model: mujoco.MjModel, moving: np.ndarray) -> None:
+def _check(model: mujoco.MjModel, moving: ndarray) -> None:
     joint, wrap, trn = mujoco.mjtJoint, mujoco.mjtWrap, mujoco.mjtTrn
     balls = model.jnt_type == joint.mjJNT_BALL
     known = {
@@ -544,6 +543,6 @@ def _springs_along_joints(model: mujoco.MjModel) -> bool:
     return not np.any(elastic & ~(fixed & (low == high)))
 
 
-def _frames_stand(model: mujoco.MjModel, moving: np.ndarray) -> bool:
+def _frames_stand(model: mujoco.MjModel, moving: ndarray) -> bool:
     reference = model.actuator_trnid[model.actuator_trntype == mujoco.mjtTrn.mjTRN_SITE, 1]
     return not np.any(moving[model.site_bodyid[reference[reference >= 0]]])

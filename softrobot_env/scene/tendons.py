@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.robots import RobotParams, Tendon
 from softrobot_env.scene.chain import (
@@ -130,13 +131,13 @@ def _route_across_hinges(chain: Chain, tendon: Tendon) -> tuple[mujoco.MjsTendon
 
 
 def _thread(
-    spatial: mujoco.MjsTendon, body: mujoco.MjsBody, name: str, place: np.ndarray, group: int = 4
+    spatial: mujoco.MjsTendon, body: mujoco.MjsBody, name: str, place: ndarray, group: int = 4
 ) -> None:
     """Let a tendon run on through a site of a body."""
     spatial.wrap_site(body.add_site(name=name, pos=place, size=[1e-3, 0, 0], group=group).name)
 
 
-def _course(chain: Chain, tendon: Tendon) -> tuple[np.ndarray, np.ndarray]:
+def _course(chain: Chain, tendon: Tendon) -> tuple[ndarray, ndarray]:
     """Places (x, y) [m] of a channel at the stations up to its end, and their slopes, (n, 2) each.
 
     Of a route with via-points, whose slope jumps, those of the stations' shares of it.
@@ -153,7 +154,7 @@ def _course(chain: Chain, tendon: Tendon) -> tuple[np.ndarray, np.ndarray]:
     return tendon.wound(stations, *(shares @ x for x in replace(tendon, turns=0.0).course(s)))
 
 
-def _shares(layout: HingeLayout, s: np.ndarray) -> np.ndarray:
+def _shares(layout: HingeLayout, s: ndarray) -> ndarray:
     """Shares (k, stations) [1] of the stations of its piece in a place at arc lengths (k,) [m].
 
     A curvature that is a polynomial through its values at them is interpolated by them.
@@ -189,7 +190,7 @@ def route_through_guides(chain: Chain, tendon: Tendon, name: str) -> mujoco.MjsT
     return spatial
 
 
-def full_length(robot: RobotParams, model: mujoco.MjModel) -> np.ndarray:
+def full_length(robot: RobotParams, model: mujoco.MjModel) -> ndarray:
     """(n_tendons,) [m] inside the straight robot, less those that MuJoCo tells."""
     inside = np.array([tendon.straight_length for tendon in robot.tendons])
     return inside - model.tendon_length0[: len(inside)]
@@ -234,7 +235,7 @@ def _pull_by_length(spec: mujoco.MjSpec, tendon: Tendon, most: float, straight: 
     actuator.ctrlrange = [-most, most]
 
 
-def actuator_arms(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+def actuator_arms(model: mujoco.MjModel, data: mujoco.MjData) -> ndarray:
     """Moment arms (nu, nv) of actuators, of a state whose transmission is known."""
     out = np.zeros((model.nu, model.nv))
     rows = data.moment_rownnz, data.moment_rowadr, data.moment_colind
@@ -243,7 +244,7 @@ def actuator_arms(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     return out
 
 
-def tendon_arms(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+def tendon_arms(model: mujoco.MjModel, data: mujoco.MjData) -> ndarray:
     """Moment arms (ntendon, nv) of tendons, of a state whose tendons are known."""
     out = np.zeros((model.ntendon, model.nv))
     rows = model.ten_J_rownnz, model.ten_J_rowadr, model.ten_J_colind

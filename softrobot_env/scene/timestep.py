@@ -40,6 +40,7 @@ from math import ceil, inf, pi, sqrt
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.processes import one_blas_thread
 from softrobot_env.robots import RobotParams
@@ -120,9 +121,9 @@ class LinearChain:
         driven: Whether tendons are driven by length, which makes springs of them.
     """
 
-    mass: np.ndarray
-    stiffness: np.ndarray
-    damping: np.ndarray
+    mass: ndarray
+    stiffness: ndarray
+    damping: ndarray
     driven: bool = False
 
     @property
@@ -145,7 +146,7 @@ class LinearChain:
         return mu if np.allclose(self.damping, mu * self.stiffness, rtol=1e-9, atol=0) else None
 
     @one_blas_thread()
-    def frequencies(self) -> np.ndarray:
+    def frequencies(self) -> ndarray:
         """Undamped angular frequencies (nv,) [rad/s], increasing."""
         # As 1 / w^2, so that the slow modes are the accurate ones.
         half = np.linalg.inv(np.linalg.cholesky(self.stiffness))
@@ -168,7 +169,7 @@ def linearize(model: mujoco.MjModel) -> LinearChain:
     return LinearChain(mass[robots], stiffness[robots], damping[robots], driven=bool(springs.any()))
 
 
-def _acting(elements: np.ndarray, arms: np.ndarray) -> np.ndarray:
+def _acting(elements: ndarray, arms: ndarray) -> ndarray:
     """Matrix (nv, nv) of springs or dampers (k,) with moment arms (k, nv) [m]."""
     if not elements.any():
         return np.zeros((arms.shape[1], arms.shape[1]))
@@ -195,7 +196,7 @@ def stability_limit(integrator: str, chain: LinearChain) -> float:
     return float(1 / np.max(roots.real))
 
 
-def _quadratic_roots(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+def _quadratic_roots(a: ndarray, b: ndarray, c: ndarray) -> ndarray:
     """Roots (2 n,) x of det(a x^2 + b x + c) = 0 for matrices (n, n)."""
     n = len(a)
     lower = -np.linalg.solve(a, np.hstack([c, b]))
@@ -364,7 +365,7 @@ class BentBeam:
     stiffness: tuple[float, float]
     upward: float
 
-    def frequency(self, variation: Mapping[str, float | np.ndarray]) -> np.ndarray:
+    def frequency(self, variation: Mapping[str, float | ndarray]) -> ndarray:
         """Angular frequencies (...) [rad/s] by values (...) as `RobotParams.vary` takes them."""
         modulus, density, radius = (
             variation.get(name, 1.0) for name in ("youngs_modulus", "density", "tendon_radius")
@@ -378,15 +379,15 @@ def bent_beam(robot: RobotParams, winding: bool) -> BentBeam:
     """A robot as a bent beam; winding: whether its tendons are driven by length."""
     backbone, length, ends = robot.backbone, robot.length, robot.backbone.ends
 
-    def shape(s: np.ndarray) -> np.ndarray:
+    def shape(s: ndarray) -> ndarray:
         return (3 * length - s) * s**2 / (2 * length**3)
 
-    def raised(s: np.ndarray) -> np.ndarray:
+    def raised(s: ndarray) -> ndarray:
         """Twice how far [1/m] a place sinks as the tip moves sideways, over that squared."""
         x = s / length
         return (12 - 9 * x + 9 / 5 * x**2) * x**3 / (4 * length)
 
-    def parts(s: np.ndarray) -> np.ndarray:
+    def parts(s: ndarray) -> ndarray:
         mass = backbone.mass(s)
         give = (length - s) ** 2 / backbone.bending(s)
         return np.stack([mass * shape(s) ** 2, mass * raised(s), give])

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from itertools import accumulate, pairwise
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.robots.sensors import Sensor
 from softrobot_env.sensing import optics
@@ -25,7 +26,7 @@ class SensorArray:
     """
 
     def __init__(
-        self, sensors: Sequence[Sensor], edges: np.ndarray, control_period: float, count: int = 1
+        self, sensors: Sequence[Sensor], edges: ndarray, control_period: float, count: int = 1
     ) -> None:
         """Sensors that are to be started.
 
@@ -43,7 +44,7 @@ class SensorArray:
         self.size = self._columns[-1].stop
         self._of = np.repeat(np.arange(len(sensors)), [sensor.size for sensor in sensors])
 
-        def each(value: Callable[[Sensor], float]) -> np.ndarray:
+        def each(value: Callable[[Sensor], float]) -> ndarray:
             return np.array([value(sensor) for sensor in sensors])[self._of]
 
         self._frame = each(lambda s: max(1.0, 1 / (s.rate * control_period)))
@@ -75,10 +76,10 @@ class SensorArray:
 
     def start(
         self,
-        which: np.ndarray,
+        which: ndarray,
         built: Sequence[Sequence[Sensor]],
         seeds: list[int],
-        shape: np.ndarray,
+        shape: ndarray,
     ) -> None:
         """Start robots `which` (k,) at rest.
 
@@ -111,7 +112,7 @@ class SensorArray:
                 values[i, k] = getattr(sensor, name)
 
     def look(
-        self, shape: np.ndarray, which: np.ndarray | None = None, touch: np.ndarray | None = None
+        self, shape: ndarray, which: ndarray | None = None, touch: ndarray | None = None
     ) -> None:
         """Come to the next control instant, all robots or `which` (k,).
 
@@ -128,7 +129,7 @@ class SensorArray:
         late = (self._instant[which][:, None] - self._late) % self._ring.shape[1]
         self.reading[which] = self._ring[which[:, None], late, np.arange(self.size)]
 
-    def _sample(self, which: np.ndarray, shape: np.ndarray, touch: np.ndarray | None) -> None:
+    def _sample(self, which: ndarray, shape: ndarray, touch: ndarray | None) -> None:
         """Take the samples that are due, of shapes (k, cells, 3) of robots `which` (k,)."""
         normal = self._noise_of(which)
         bend, spans = self._felt(which, shape)
@@ -141,7 +142,7 @@ class SensorArray:
         self._due[which] += np.where(due, self._frame, 0.0)
         self._held[which] = np.where(due, counts / self._straight, self._held[which])
 
-    def _felt(self, which: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _felt(self, which: ndarray, shape: ndarray) -> tuple[ndarray, ndarray]:
         """Bends (k, j, 2) that joints feel in shapes, lagging behind, and turns of spans."""
         bend, spans = self._places.turns(shape)
         bend = bend * self._moment_arm[which][..., None]
@@ -150,7 +151,7 @@ class SensorArray:
         self._backlash[which] = backlash
         return optics.lagged(backlash, bend, self._lag[which]), spans
 
-    def _noise_of(self, which: np.ndarray) -> np.ndarray:
+    def _noise_of(self, which: ndarray) -> ndarray:
         """Normal variates (k, 3, size) of this instant; the drifts go on."""
         at = self._instant[which] % _BLOCK
         for i in which[at == 0].tolist():
@@ -161,7 +162,7 @@ class SensorArray:
         self._drift[which] = keep * self._drift[which] + np.sqrt(1 - keep**2) * normal[:, 2]
         return normal
 
-    def _light(self, which: np.ndarray, bend: np.ndarray, spans: np.ndarray) -> np.ndarray:
+    def _light(self, which: ndarray, bend: ndarray, spans: ndarray) -> ndarray:
         """Readings (k, size) of sensors whose joints have bends (k, j, 2), before any gain."""
         out, tags = np.empty((len(which), self.size)), len(self._sensors)
         for k, sensor in enumerate(self._sensors):
@@ -182,7 +183,7 @@ class SensorArray:
                 out[:, own] = turn @ [np.cos(sensor.azimuth), np.sin(sensor.azimuth)]
         return out
 
-    def _gains(self, which: np.ndarray, normal: np.ndarray, spans: np.ndarray) -> np.ndarray:
+    def _gains(self, which: ndarray, normal: ndarray, spans: ndarray) -> ndarray:
         """Factors (k, size) on the light; ones of tags."""
         error = {name: values[which][:, self._of] for name, values in self._error.items()}
         time = self._instant[which][:, None] * self._period
@@ -196,16 +197,14 @@ class SensorArray:
         gain *= np.clip(1 - error["stretch"] * strain, 0.0, None)
         return np.where(self._step > 0, gain, 1.0)
 
-    def _leaks(self, which: np.ndarray, touch: np.ndarray | None) -> np.ndarray | float:
+    def _leaks(self, which: ndarray, touch: ndarray | None) -> ndarray | float:
         """Light (k, size) that contacts let in, over that of a straight sensor."""
         if touch is None:
             return 0.0
         return (self._error["stray"][which] * touch)[:, self._of] * self._step
 
 
-def felt_bends(
-    sensors: Sequence[Sensor], edges: np.ndarray, strain: np.ndarray
-) -> list[np.ndarray]:
+def felt_bends(sensors: Sequence[Sensor], edges: ndarray, strain: ndarray) -> list[ndarray]:
     """Bends (n, joints, 2) [rad] of each sensor's joints.
 
     Args:

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 from numpy.polynomial import Polynomial
 
 
@@ -13,11 +14,11 @@ class Range(NamedTuple):
     high: float
 
     @classmethod
-    def of(cls, readings: np.ndarray) -> "Range":
+    def of(cls, readings: ndarray) -> "Range":
         """That of readings."""
         return cls(float(readings.min()), float(readings.max()))
 
-    def relative(self, readings: np.ndarray) -> np.ndarray:
+    def relative(self, readings: ndarray) -> ndarray:
         """Relative currents [%]."""
         return 100 * (readings - self.low) / (self.high - self.low)
 
@@ -30,13 +31,13 @@ class AngleErrors(NamedTuple):
     largest: float
 
     @classmethod
-    def of(cls, errors: np.ndarray) -> "AngleErrors":
+    def of(cls, errors: ndarray) -> "AngleErrors":
         """Those of errors of either sign."""
         size = np.abs(errors)
         return cls(float(size.mean()), float(size.std()), float(size.max()))
 
 
-def fit(relative: np.ndarray, angle: np.ndarray, order: int) -> Polynomial:
+def fit(relative: ndarray, angle: ndarray, order: int) -> Polynomial:
     """Polynomial of an order that gives angles (n,) of relative currents (n,) best (4.7).
 
     Raises:
@@ -47,7 +48,7 @@ def fit(relative: np.ndarray, angle: np.ndarray, order: int) -> Polynomial:
     return Polynomial.fit(relative, angle, order)
 
 
-def curvatures(angles: np.ndarray, length: float, first: float) -> np.ndarray:
+def curvatures(angles: ndarray, length: float, first: float) -> ndarray:
     """Curvatures (n + 1,) [1/m] of segments of `length` [m] from joints' angles (n,) [rad].
 
     Corrected (4.5). The error of the first curvature does not decay along the sensor, it
@@ -72,12 +73,12 @@ class Calibration(NamedTuple):
         coefficients: (order + 1, ...) [rad], in relative currents between -1 and 1.
     """
 
-    low: np.ndarray
-    high: np.ndarray
-    coefficients: np.ndarray
+    low: ndarray
+    high: ndarray
+    coefficients: ndarray
 
     @classmethod
-    def fitted(cls, readings: np.ndarray, angles: np.ndarray, order: int = 5) -> "Calibration":
+    def fitted(cls, readings: ndarray, angles: ndarray, order: int = 5) -> "Calibration":
         """From readings (t, ...) and angles (t, ...) [rad], each sensor by itself.
 
         Raises:
@@ -94,7 +95,7 @@ class Calibration(NamedTuple):
         coefficients = np.stack([found.coef for found in fits], axis=1)
         return cls(low.reshape(shape), high.reshape(shape), coefficients.reshape(-1, *shape))
 
-    def __call__(self, readings: np.ndarray) -> np.ndarray:
+    def __call__(self, readings: ndarray) -> ndarray:
         """Angles (..., sensors) [rad]."""
         x = 2 * (readings - self.low) / (self.high - self.low) - 1
         inside = np.clip(x, -1.0, 1.0)

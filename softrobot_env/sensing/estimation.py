@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 from scipy.optimize import least_squares
 
 from softrobot_env.core.continuation import Damping, descend
@@ -52,29 +53,29 @@ class LightModel:
         curve: (2,) [1/m2, 1/m4], how the bend grows faster than the tip far from there.
     """
 
-    gain: np.ndarray
-    tilt: np.ndarray
-    azimuth: np.ndarray
+    gain: ndarray
+    tilt: ndarray
+    azimuth: ndarray
     acceptance: float
     lag: float
-    straight: np.ndarray
-    turn: np.ndarray
-    curve: np.ndarray
+    straight: ndarray
+    turn: ndarray
+    curve: ndarray
 
-    def light(self, bend: np.ndarray) -> np.ndarray:
+    def light(self, bend: ndarray) -> ndarray:
         """Readings (..., 4) at felt bends (..., 2) [rad], without drift."""
         light = split_light(bend, self.azimuth, self.tilt, np.array([self.acceptance]))
         return np.e * self.gain * light
 
-    def bend(self, tip: np.ndarray) -> np.ndarray:
+    def bend(self, tip: ndarray) -> ndarray:
         """Bends (..., 2) [rad] of tips (..., 2) [m]."""
         return self.straight + self._growth(tip) * (tip @ self.turn.T)
 
-    def _growth(self, tip: np.ndarray) -> np.ndarray:
+    def _growth(self, tip: ndarray) -> ndarray:
         square = (tip**2).sum(axis=-1, keepdims=True)
         return 1 + self.curve[0] * square + self.curve[1] * square**2
 
-    def tip(self, bend: np.ndarray) -> np.ndarray:
+    def tip(self, bend: ndarray) -> ndarray:
         """Tips (..., 2) [m] of bends (..., 2) [rad], inverse of `bend`."""
         inverse = np.linalg.inv(self.turn).T
         straight = (bend - self.straight) @ inverse
@@ -84,7 +85,7 @@ class LightModel:
         return tip
 
 
-def _unpacked(numbers: np.ndarray, design: Sensor) -> LightModel:
+def _unpacked(numbers: ndarray, design: Sensor) -> LightModel:
     gain, tilt, azimuth, rest = np.split(numbers, [OUTPUTS, 2 * OUTPUTS, 3 * OUTPUTS])
     around = design.azimuth + 2 * np.pi / OUTPUTS * np.arange(OUTPUTS)
     return LightModel(
@@ -99,9 +100,7 @@ def _unpacked(numbers: np.ndarray, design: Sensor) -> LightModel:
     )
 
 
-def calibrate(
-    readings: np.ndarray, tips: np.ndarray, known: np.ndarray, design: Sensor
-) -> LightModel:
+def calibrate(readings: ndarray, tips: ndarray, known: ndarray, design: Sensor) -> LightModel:
     """The model of a specimen from a series of postures at rest.
 
     Args:
@@ -119,7 +118,7 @@ def calibrate(
     path = np.stack([np.interp(order, order[known], x[known]) for x in tips.T], axis=1)
     noise = (_RELATIVE + DRIFT / 2) * readings[known] + _CONVERTER
 
-    def errors(numbers: np.ndarray) -> np.ndarray:
+    def errors(numbers: ndarray) -> ndarray:
         model = _unpacked(numbers, design)
         felt = _felt(model, model.bend(path))
         off = (model.light(felt[known]) - readings[known]) / noise
@@ -133,7 +132,7 @@ def calibrate(
     return _unpacked(found.x, design)
 
 
-def _felt(model: LightModel, bends: np.ndarray) -> np.ndarray:
+def _felt(model: LightModel, bends: ndarray) -> ndarray:
     """Bends (n, 2) that fibres feel along a series of bends (n, 2)."""
     play, out = np.zeros((1, 1, 3, 2)), np.empty_like(bends)
     for bend, row in zip(bends, out, strict=True):
@@ -168,7 +167,7 @@ class BendFilter:
         grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
         self._grid = grid[np.hypot(*grid.T) <= _FARTHEST]
 
-    def update(self, reading: np.ndarray, passed: float, straight: bool = False) -> np.ndarray:
+    def update(self, reading: ndarray, passed: float, straight: bool = False) -> ndarray:
         """Take a reading (4,), `passed` seconds after the last; returns the tip (2,) [m].
 
         Args:
@@ -185,7 +184,7 @@ class BendFilter:
         mean, prior = np.concatenate([place, self.drift]), np.diag([sure] * 2 + [0.0] * OUTPUTS)
         prior[2:, 2:] = np.linalg.inv(self._variance)
 
-        def guess(x: np.ndarray) -> _Guess:
+        def guess(x: ndarray) -> _Guess:
             light, gain = self._light(x[:2] + _TURNS), 1 + x[2:]
             off, slope = reading - gain * light[0], np.diag(light[0])
             by_bend = (light[1::2] - light[2::2]) * gain / (2 * _DIFFERENCE)
@@ -203,11 +202,11 @@ class BendFilter:
         self.tip = self.model.tip(self.bend)
         return self.tip
 
-    def _nearest(self, reading: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    def _nearest(self, reading: ndarray, weight: ndarray) -> ndarray:
         light = (1 + self.drift) * self.model.light(self._grid)
         return self._grid[((light - reading) ** 2 * weight).sum(axis=1).argmin()]
 
-    def _light(self, bend: np.ndarray) -> np.ndarray:
+    def _light(self, bend: ndarray) -> ndarray:
         """Readings (k, 4) at bends (k, 2) reached from the last one, without drift."""
         play = np.repeat(self._play, len(bend), axis=0)
         follow(play, bend[:, None])
@@ -219,12 +218,12 @@ class _Guess(NamedTuple):
     """Bend and drift (6,), what they cost, half of its second derivative, and the way down."""
 
     cost: float
-    x: np.ndarray
-    hessian: np.ndarray
-    gradient: np.ndarray
+    x: ndarray
+    hessian: ndarray
+    gradient: ndarray
 
 
-def _least(guess: Callable[[np.ndarray], _Guess], x: np.ndarray) -> _Guess:
+def _least(guess: Callable[[ndarray], _Guess], x: ndarray) -> _Guess:
     """A minimum near x (6,), by Levenberg and Marquardt."""
     here, damping = guess(x), _DAMPING
     for _ in range(_ITERATIONS):
@@ -232,7 +231,7 @@ def _least(guess: Callable[[np.ndarray], _Guess], x: np.ndarray) -> _Guess:
         if np.abs(here.gradient / diagonal).max() < _CLOSE:
             break
 
-        def step(damping: float, here: _Guess = here, diagonal: np.ndarray = diagonal) -> _Guess:
+        def step(damping: float, here: _Guess = here, diagonal: ndarray = diagonal) -> _Guess:
             way = np.linalg.solve(here.hessian + damping * np.diag(diagonal), here.gradient)
             way[:2] = np.clip(way[:2], -0.2, 0.2)
             return guess(here.x + way)

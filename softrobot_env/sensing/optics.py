@@ -13,6 +13,7 @@ from math import radians
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.robots.sensors import ACCEPTANCE, OUTPUTS, Sensor
 
@@ -43,7 +44,7 @@ _TABLE = 2001  # angles of f's table
 
 
 @cache
-def _table() -> tuple[np.ndarray, np.ndarray]:
+def _table() -> tuple[ndarray, ndarray]:
     """Angles [rad] of a joint up to the largest measured, and f there."""
     current = np.linspace(0.0, 1.0, 20_001)
     total = np.polynomial.Polynomial(POLYNOMIAL)(100 * current)
@@ -53,7 +54,7 @@ def _table() -> tuple[np.ndarray, np.ndarray]:
     return angles, light / light[0]
 
 
-def transmission(angle: np.ndarray, acceptance: np.ndarray | float = ACCEPTANCE) -> np.ndarray:
+def transmission(angle: ndarray, acceptance: ndarray | float = ACCEPTANCE) -> ndarray:
     """f of (4.1): light kept at joints with angles (...) [rad], over that when straight."""
     angles, light = _table()
     beyond = light[-1] * (2 * acceptance - angle) / (2 * acceptance - MEASURED)
@@ -62,9 +63,7 @@ def transmission(angle: np.ndarray, acceptance: np.ndarray | float = ACCEPTANCE)
     return np.where(angle >= 2 * acceptance, 0.0, kept)
 
 
-def split_light(
-    bend: np.ndarray, azimuth: np.ndarray, tilt: np.ndarray, acceptance: np.ndarray
-) -> np.ndarray:
+def split_light(bend: ndarray, azimuth: ndarray, tilt: ndarray, acceptance: ndarray) -> ndarray:
     """Light (..., 4) in outgoing fibres of a spatial sensor, over that of fibres in line.
 
     Args:
@@ -84,7 +83,7 @@ def split_light(
 MOST_TURN = 4 * np.pi
 
 
-def readings(sensors: Sequence[Sensor]) -> tuple[np.ndarray, np.ndarray]:
+def readings(sensors: Sequence[Sensor]) -> tuple[ndarray, ndarray]:
     """Least and largest readings (k,) of a robot's sensors, see `robots.sensors.Sensor`."""
     tags = np.array([s.kind == "tags" for s in sensors for _ in range(s.size)])
     most = [SATURATED.get(s.kind, 1.0) / STRAIGHT.get(s.kind, 1.0) for s in sensors]
@@ -115,10 +114,10 @@ class Specimen(NamedTuple):
         acceptance: [rad].
     """
 
-    gain: np.ndarray
-    moment_arm: np.ndarray
-    tilt: np.ndarray
-    azimuth: np.ndarray
+    gain: ndarray
+    moment_arm: ndarray
+    tilt: ndarray
+    azimuth: ndarray
     acceptance: float
 
 
@@ -148,7 +147,7 @@ def joints_of(sensor: Sensor) -> int:
     return {"planar": sensor.segments - 1, "spatial": 1, "tags": 0}[sensor.kind]
 
 
-def follow(play: np.ndarray, bend: np.ndarray) -> None:
+def follow(play: ndarray, bend: ndarray) -> None:
     """Drag what lags behind: play operators (n, j, k, 2) of radii `PLAY` after bends (n, j, 2)."""
     gap = bend[:, :, None] - play
     far = np.sqrt(gap[..., 0] ** 2 + gap[..., 1] ** 2)
@@ -157,6 +156,6 @@ def follow(play: np.ndarray, bend: np.ndarray) -> None:
     play += share[..., None] * gap
 
 
-def lagged(play: np.ndarray, bend: np.ndarray, share: np.ndarray) -> np.ndarray:
+def lagged(play: ndarray, bend: ndarray, share: ndarray) -> ndarray:
     """Bends (n, j, 2) of which shares (n, j) lag behind (Prandtl-Ishlinskii)."""
     return bend + share[..., None] * (play.mean(axis=2) - bend)

@@ -12,6 +12,7 @@ from itertools import combinations_with_replacement, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from softrobot_env.core.artifacts import Arrays
@@ -41,8 +42,8 @@ class SensedShape(NamedTuple):
     """
 
     filters: tuple[BendFilter | None, ...]
-    reading: np.ndarray
-    reported: dict[str, np.ndarray]
+    reading: ndarray
+    reported: dict[str, ndarray]
 
 
 @dataclass(frozen=True)
@@ -56,13 +57,13 @@ class Map:
         error: [unit of the output], RMS over postures that were left out, largest output.
     """
 
-    powers: np.ndarray
-    weights: np.ndarray
-    middle: np.ndarray
-    half: np.ndarray
+    powers: ndarray
+    weights: ndarray
+    middle: ndarray
+    half: ndarray
     error: float
 
-    def __call__(self, features: np.ndarray) -> np.ndarray:
+    def __call__(self, features: ndarray) -> ndarray:
         """Outputs (..., outputs) of features (..., features), which do not leave their range far.
 
         Far beyond the postures a polynomial means nothing: features are taken at a fifth of their
@@ -72,12 +73,12 @@ class Map:
         return _terms(scaled, self.powers) @ self.weights
 
 
-def _terms(scaled: np.ndarray, powers: np.ndarray) -> np.ndarray:
+def _terms(scaled: ndarray, powers: ndarray) -> ndarray:
     """Terms (..., terms) of scaled features (..., features)."""
     return np.prod(scaled[..., None, :] ** powers, axis=-1)
 
 
-def _powers(features: int, order: int) -> np.ndarray:
+def _powers(features: int, order: int) -> ndarray:
     """Powers (terms, features) of all terms up to an order."""
     every = [
         np.bincount(np.array(which, dtype=int), minlength=features)
@@ -87,7 +88,7 @@ def _powers(features: int, order: int) -> np.ndarray:
     return np.array(every)
 
 
-def fit_map(features: np.ndarray, outputs: np.ndarray) -> Map:
+def fit_map(features: ndarray, outputs: ndarray) -> Map:
     """The polynomials that give outputs of postures best that were left out.
 
     Args:
@@ -118,13 +119,13 @@ def fit_map(features: np.ndarray, outputs: np.ndarray) -> Map:
     return best
 
 
-def _solved(terms: np.ndarray, outputs: np.ndarray) -> np.ndarray:
+def _solved(terms: ndarray, outputs: ndarray) -> ndarray:
     square = terms.T @ terms
     ridge = _RIDGE * len(terms) * np.eye(len(square))
     return np.linalg.solve(square + ridge, terms.T @ outputs)
 
 
-def _left_out(terms: np.ndarray, outputs: np.ndarray) -> float:
+def _left_out(terms: ndarray, outputs: ndarray) -> float:
     """RMS of the largest output over postures that the coefficients do not know."""
     part = np.arange(len(terms)) % _PARTS
     square = np.zeros(outputs.shape[1])
@@ -146,11 +147,11 @@ class Arcs:
         base, axes: (3,) [m] and (3, 3), where the robot is clamped and its own axes, in the world.
     """
 
-    lengths: np.ndarray
-    bends: np.ndarray
+    lengths: ndarray
+    bends: ndarray
     head: float
-    base: np.ndarray
-    axes: np.ndarray
+    base: ndarray
+    axes: ndarray
 
     @classmethod
     def of(cls, robot: RobotParams) -> "Arcs | None":
@@ -169,7 +170,7 @@ class Arcs:
         base, head = robot.base or Base(), robot.reach - robot.length
         return cls(lengths, bends, head, np.array(base.position), base.axes)
 
-    def tip(self, features: np.ndarray) -> np.ndarray:
+    def tip(self, features: ndarray) -> ndarray:
         """Output point (n, 3) [m] in the world, of features (n, f)."""
         turn = np.broadcast_to(np.eye(3), (len(features), 3, 3))
         place = np.zeros((len(features), 3))
@@ -187,7 +188,7 @@ class Arcs:
         return self.base + (place + self.head * turn[:, :, 2]) @ self.axes.T
 
 
-def _parts(sensors: Sequence[Sensor]) -> list[tuple[float, float, np.ndarray]]:
+def _parts(sensors: Sequence[Sensor]) -> list[tuple[float, float, ndarray]]:
     """Begin and end [m] of what bends by features (2, f) [rad], for each that is reported."""
     count = reported(sensors)
     out, at = [], 0
@@ -233,7 +234,7 @@ class Reconstruction:
         """Number of readings."""
         return sum(sensor.size for sensor in self.sensors)
 
-    def begin(self, reading: np.ndarray) -> SensedShape:
+    def begin(self, reading: ndarray) -> SensedShape:
         """Of a robot that was straight, and then rests where sensors read this (size,)."""
         filters = tuple(None if light is None else BendFilter(light) for light in self.lights)
         start = SensedShape(filters, np.full(self.size, np.nan), {})
@@ -242,7 +243,7 @@ class Reconstruction:
             return start._replace(reported={n: np.full(k, np.nan) for n, k in sizes.items()})
         return self.update(start, reading, 0.0)
 
-    def update(self, before: SensedShape, reading: np.ndarray, passed: float) -> SensedShape:
+    def update(self, before: SensedShape, reading: ndarray, passed: float) -> SensedShape:
         """Take in a reading (size,) of `passed` seconds after the last.
 
         One that is not finite, or that is the last one still, changes nothing.
@@ -256,9 +257,9 @@ class Reconstruction:
             values[TIP] = values[TIP] + self.arcs.tip(features[None])[0, list(self.coordinates)]
         return SensedShape(filters, np.array(reading), values)
 
-    def arrays(self) -> dict[str, np.ndarray]:
+    def arrays(self) -> dict[str, ndarray]:
         """What a file holds of it."""
-        out: dict[str, np.ndarray] = {"coordinates": np.array(self.coordinates)}
+        out: dict[str, ndarray] = {"coordinates": np.array(self.coordinates)}
         for name, found in self.maps.items():
             out |= {f"map_{name}_{key}": np.asarray(value) for key, value in vars(found).items()}
         for k, light in enumerate(self.lights):
@@ -314,9 +315,9 @@ def _part(
 def _features(
     sensors: Sequence[Sensor],
     filters: Sequence[BendFilter | None],
-    reading: np.ndarray,
+    reading: ndarray,
     passed: float,
-) -> np.ndarray:
+) -> ndarray:
     """What maps are fed with: bends of spatial sensors, readings of others."""
     out = []
     for one, own in zip(filters, _each(sensors, reading), strict=True):
@@ -326,17 +327,17 @@ def _features(
     return np.concatenate(out)
 
 
-def _each(sensors: Sequence[Sensor], readings: np.ndarray) -> list[np.ndarray]:
+def _each(sensors: Sequence[Sensor], readings: ndarray) -> list[ndarray]:
     """The readings (..., size) of each sensor."""
     return np.split(readings, np.cumsum([sensor.size for sensor in sensors])[:-1], axis=-1)
 
 
 def reconstruct(
     robot: RobotParams,
-    readings: np.ndarray,
-    seen: Mapping[str, np.ndarray],
+    readings: ndarray,
+    seen: Mapping[str, ndarray],
     coordinates: Sequence[int],
-    places: Sequence[np.ndarray],
+    places: Sequence[ndarray],
     passed: float,
 ) -> Reconstruction:
     """Calibrate the sensors of a robot by postures at rest.

@@ -6,6 +6,7 @@ each of some cells along the robot: the stations of a chain, or parts of a beam'
 
 import numba
 import numpy as np
+from numpy import ndarray
 
 
 class Places:
@@ -20,7 +21,7 @@ class Places:
 
     def __init__(
         self,
-        edges: np.ndarray,
+        edges: ndarray,
         joints: list[tuple[float, float, float]],
         spans: list[tuple[float, float]],
     ) -> None:
@@ -35,11 +36,11 @@ class Places:
         self.joints = self._nodes(joints, 3)
         self.spans = self._nodes(spans, 2)
 
-    def _nodes(self, places: list[tuple[float, ...]], size: int) -> np.ndarray:
+    def _nodes(self, places: list[tuple[float, ...]], size: int) -> ndarray:
         flat = np.array(places, dtype=float).reshape(-1, size)
         return np.abs(self.nodes - flat[..., None]).argmin(axis=-1)
 
-    def turns(self, strain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def turns(self, strain: ndarray) -> tuple[ndarray, ndarray]:
         """Angles [rad] towards +x and +y of robots' own, turning sections.
 
         Args:

@@ -11,6 +11,7 @@ from functools import lru_cache, partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.registry import Registry
@@ -67,7 +68,7 @@ class ReachableRegion(NamedTuple):
     period: float
     frequency: float
 
-    def held_along(self, points: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray]:
+    def held_along(self, points: ndarray, what: str) -> tuple[ndarray, ndarray]:
         """Tips (n, 3) [m] and inputs (n, n_inputs) that hold points (n, 3), one after the other.
 
         Raises:
@@ -83,7 +84,7 @@ class ReachableRegion(NamedTuple):
         tips = self.inverse.scene.tip(np.concatenate([row.postures for row in rows]))
         return tips, np.concatenate([row.inputs for row in rows])
 
-    def _out_of_reach(self, point: np.ndarray, error: float) -> str:
+    def _out_of_reach(self, point: ndarray, error: float) -> str:
         far = "no equilibrium is found" if np.isinf(error) else f"{1e3 * error:.3g} mm off"
         name, ground = self.inverse.scene.config.robot.name, self.ground
         return (
@@ -170,7 +171,7 @@ def _reach(
 
 def _set_points(
     site: ReachableRegion, rng: np.random.Generator, radius: float | None
-) -> tuple[np.ndarray, float]:
+) -> tuple[ndarray, float]:
     """Points (n, 3) [m], and the radius [m] of what they lie in."""
     if site.ground.radius == 0 and site.inverse.inputs.n_inputs > 1:
         raise ValueError(f"task 'reach' needs room; {_no_room(site)}")
@@ -187,7 +188,7 @@ def _set_points(
 
 def _on_line(
     site: ReachableRegion, rng: np.random.Generator, radius: float | None
-) -> tuple[np.ndarray, float]:
+) -> tuple[ndarray, float]:
     """Tips (n, 3) [m] under random equal actions, up to `radius` [m] from that of the action 0."""
     middle = site.ground.middle
     most = np.linalg.norm(site.inverse.line(np.array([-1.0, 1.0]))[0] - middle, axis=1).min()
@@ -287,13 +288,13 @@ def _paced(
     return SmoothRun(curve, speed, _LAPS), ("speed", speed)
 
 
-def _phases(flat: FourierPath) -> np.ndarray:
+def _phases(flat: FourierPath) -> ndarray:
     """Equal steps of the phase of a flat path, at which its tips are found."""
     count = max(_SOLVED, _PER_HARMONIC * len(flat.cosine))
     return 2 * np.pi * np.arange(count) / count
 
 
-def _raised(site: ReachableRegion, flat: FourierPath, tips: np.ndarray) -> FourierPath:
+def _raised(site: ReachableRegion, flat: FourierPath, tips: ndarray) -> FourierPath:
     """The path of the tip over a flat path, through tips (n, 3) [m] at its `_phases`.
 
     In the x-z plane it is the flat one. A spatial robot's height is a Fourier series through the
@@ -325,17 +326,17 @@ class _Sheet(NamedTuple):
     """
 
     site: ReachableRegion
-    size: np.ndarray
-    height: np.ndarray
+    size: ndarray
+    height: ndarray
 
-    def over(self, flat: np.ndarray) -> np.ndarray:
+    def over(self, flat: ndarray) -> ndarray:
         """Tips (n, 3) [m] over points (n, 3) in the plane of the ground, within the ellipse."""
         ground = self.site.ground
         away = (flat - ground.middle) @ ground.axes.T / self.size
         return flat + np.outer(_powers(away) @ self.height, np.cross(*ground.axes))
 
 
-def _powers(points: np.ndarray) -> np.ndarray:
+def _powers(points: ndarray) -> ndarray:
     """Products of powers, up to a total degree, of coordinates (n, 2) in the unit disc."""
     u, v = points.T
     degrees = [(i, k - i) for k in range(_DEGREE + 1) for i in range(k + 1)]
@@ -374,14 +375,14 @@ def _task(
     robot: RobotParams,
     trajectory: SmoothRun | SetPoints,
     duration: float,
-    start: np.ndarray,
+    start: ndarray,
     options: tuple[tuple[str, float], ...],
 ) -> Task:
     axes = "xz" if robot.moves_in_xz else "xyz"
     return Task(name, robot, trajectory, duration, _point(start), options, axes)
 
 
-def _point(values: np.ndarray) -> tuple[float, ...]:
+def _point(values: ndarray) -> tuple[float, ...]:
     return tuple(np.asarray(values, dtype=float).tolist())
 
 
@@ -399,13 +400,7 @@ def _checked(radius: float) -> float:
 
 #: Name -> function (robot, **options) that makes the task.
 GENERIC_TASKS: Registry[Callable[..., Task]] = Registry(
-    "task",
-    {
-        "reach": _reach,
-        "circle": _circle,
-        "figure_eight": _figure_eight,
-        "random": _random,
-    },
+    "task", {"reach": _reach, "circle": _circle, "figure_eight": _figure_eight, "random": _random}
 )
 
 

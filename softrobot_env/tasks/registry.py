@@ -132,9 +132,7 @@ def make_task(
 
 
 def find_maker(
-    name: str,
-    robot: RobotParams | str | None = None,
-    among: Mapping[str, Maker] = EVERY_TASK,
+    name: str, robot: RobotParams | str | None = None, among: Mapping[str, Maker] = EVERY_TASK
 ) -> Maker:
     """What makes a task of its options; arguments and errors as of `make_task`."""
     if robot is None and not is_path(name):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.records import Count, Positive, check_fields
 from softrobot_env.tasks.trajectories import Derivatives, quintic_step, ramped
@@ -39,7 +40,7 @@ class FourierPath:
         if self.top_rate == 0:
             raise ValueError("a path needs a term that is not zero, it must not stay at its start")
 
-    def derivative(self, phase: np.ndarray, order: int) -> np.ndarray:
+    def derivative(self, phase: ndarray, order: int) -> ndarray:
         """Derivative (n, 3) [m] with respect to phi at phases (n,); order 0 is the point."""
         k = np.arange(1, len(self.cosine) + 1)
         terms = np.array(self.cosine) - 1j * np.array(self.sine)
@@ -106,7 +107,7 @@ def random_path(
     return FourierPath(start, *_points(terms / farthest @ np.array([along, across])))
 
 
-def _points(terms: np.ndarray) -> list[tuple[Point, ...]]:
+def _points(terms: ndarray) -> list[tuple[Point, ...]]:
     """Arrays of points (m, n, 3) as tuples."""
     return [tuple(tuple(point) for point in group) for group in terms.tolist()]
 
@@ -152,27 +153,27 @@ class SmoothRun:
         """Time [s] at which the run comes to rest."""
         return self._way / self.rate + self.ramp
 
-    def _phase(self, t: np.ndarray) -> Derivatives:
+    def _phase(self, t: ndarray) -> Derivatives:
         """Phase [1], its rate [1/s] and acceleration [1/s2] at times t, each (n, 1)."""
         times = np.asarray(t, dtype=float)[..., None]
         return tuple(self.rate * x for x in ramped(times, self.end_time, self.ramp, quintic_step))
 
-    def position(self, t: np.ndarray) -> np.ndarray:
+    def position(self, t: ndarray) -> ndarray:
         """Point on the path."""
         return self._along(t, 0)
 
-    def velocity(self, t: np.ndarray) -> np.ndarray:
+    def velocity(self, t: ndarray) -> ndarray:
         """p' times the rate of the phase."""
         return self._along(t, 1) * self._phase(t)[1]
 
-    def acceleration(self, t: np.ndarray) -> np.ndarray:
+    def acceleration(self, t: ndarray) -> ndarray:
         """p'' times the squared rate of the phase, and p' times its acceleration."""
         _, rate, rising = self._phase(t)
         return self._along(t, 2) * rate**2 + self._along(t, 1) * rising
 
-    def _along(self, t: np.ndarray, order: int) -> np.ndarray:
+    def _along(self, t: ndarray, order: int) -> ndarray:
         return self.curve.derivative(self._phase(t)[0][..., 0], order)
 
-    def path(self) -> np.ndarray:
+    def path(self) -> ndarray:
         """One lap."""
         return self.curve.derivative(np.linspace(0, 2 * np.pi, 201), 0)

@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.records import Positive, check_fields
 
@@ -20,23 +21,23 @@ from softrobot_env.core.records import Positive, check_fields
 class Trajectory(Protocol):
     """What tasks need of a trajectory."""
 
-    def position(self, t: np.ndarray) -> np.ndarray:
+    def position(self, t: ndarray) -> ndarray:
         """Position (n, 3) [m] at times (n,) [s]."""
 
-    def velocity(self, t: np.ndarray) -> np.ndarray:
+    def velocity(self, t: ndarray) -> ndarray:
         """Velocity (n, 3) [m/s] at times (n,) [s]."""
 
-    def acceleration(self, t: np.ndarray) -> np.ndarray:
+    def acceleration(self, t: ndarray) -> ndarray:
         """Acceleration (n, 3) [m/s2] at times (n,) [s]."""
 
-    def path(self) -> np.ndarray:
+    def path(self) -> ndarray:
         """Points (k, 3) [m] on the path, in order, for drawing."""
 
 
 class Jumping:
     """A trajectory that stands still between jumps."""
 
-    def velocity(self, t: np.ndarray) -> np.ndarray:
+    def velocity(self, t: ndarray) -> ndarray:
         """Zero: a jump itself has no finite velocity."""
         return np.zeros((*np.shape(t), 3))
 
@@ -53,12 +54,12 @@ class Step(Jumping):
     def __post_init__(self) -> None:
         check_fields(self, "step")
 
-    def position(self, t: np.ndarray) -> np.ndarray:
+    def position(self, t: ndarray) -> ndarray:
         """Start before time 0, target from time 0 on."""
         before = np.asarray(t)[..., None] < 0
         return np.where(before, self.start, self.target)
 
-    def path(self) -> np.ndarray:
+    def path(self) -> ndarray:
         """The two end points."""
         return np.array([self.start, self.target])
 
@@ -80,22 +81,22 @@ class Polyline:
         if len(self.waypoints) != len(self.times) or np.any(np.diff(self.times) <= 0):
             raise ValueError("a polyline needs one increasing time per waypoint")
 
-    def position(self, t: np.ndarray) -> np.ndarray:
+    def position(self, t: ndarray) -> ndarray:
         """Linear between the waypoints."""
         points = np.array(self.waypoints)
         return np.stack([np.interp(t, self.times, points[:, i]) for i in range(3)], axis=-1)
 
-    def velocity(self, t: np.ndarray) -> np.ndarray:
+    def velocity(self, t: ndarray) -> ndarray:
         """Constant on each leg, zero outside."""
         leg = np.searchsorted(self.times, t, side="right")
         speed = np.diff(self.waypoints, axis=0) / np.diff(self.times)[:, None]
         return np.concatenate((np.zeros((1, 3)), speed, np.zeros((1, 3))))[leg]
 
-    def acceleration(self, t: np.ndarray) -> np.ndarray:
+    def acceleration(self, t: ndarray) -> ndarray:
         """Zero: all acceleration is in the kinks."""
         return np.zeros((*np.shape(t), 3))
 
-    def path(self) -> np.ndarray:
+    def path(self) -> ndarray:
         """The waypoints."""
         return np.array(self.waypoints)
 
@@ -123,7 +124,7 @@ class EqualForceCurve:
         check_fields(self, "equal-force curve")
 
     @cached_property
-    def _quadrature(self) -> tuple[np.ndarray, np.ndarray]:
+    def _quadrature(self) -> tuple[ndarray, ndarray]:
         """Weights and g(s), the tangent angle per unit a, at Gauss nodes on each third."""
         x, w = np.polynomial.legendre.leggauss(_NODES)
         third = self.length / 3
@@ -131,7 +132,7 @@ class EqualForceCurve:
         angle = np.array([3 * local, 3 * third + 2 * local, 5 * third + local])
         return np.tile(w * third / 2, 3), angle.ravel()
 
-    def derivative(self, a: np.ndarray, order: int) -> np.ndarray:
+    def derivative(self, a: ndarray, order: int) -> ndarray:
         """Derivative of the tip with respect to a, order 0 to 2: (n, 3) for a of shape (n,)."""
         weights, angle = self._quadrature
         # z + i x is the integral of exp(i a g(s)) along the arm.
@@ -192,7 +193,7 @@ class CurveSweep:
         return float(self._parameter(np.zeros(1))[0])
 
     @cached_property
-    def _table(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _table(self) -> tuple[ndarray, ndarray, ndarray]:
         """Arc length [m], curve parameter a and da/ds on a grid, odd about its middle."""
         a = np.linspace(-2.0, 2.0, 101)
         x, w = np.polynomial.legendre.leggauss(4)
@@ -201,10 +202,10 @@ class CurveSweep:
         arc = np.concatenate(([0.0], np.cumsum(self._rate(nodes) @ w * step / 2)))
         return arc - arc[len(a) // 2], a, 1 / self._rate(a)
 
-    def _rate(self, a: np.ndarray) -> np.ndarray:
+    def _rate(self, a: ndarray) -> ndarray:
         return np.linalg.norm(self.curve.derivative(a, 1), axis=-1)
 
-    def _parameter(self, t: np.ndarray) -> np.ndarray:
+    def _parameter(self, t: ndarray) -> ndarray:
         """Curve parameter at times t: the table, inverted by cubic Hermite interpolation."""
         arc, a, slope = self._table
         moved = np.clip(self.speed * np.asarray(t), 0, 2 * self.half_length) - self.half_length
@@ -215,21 +216,21 @@ class CurveSweep:
         right = u**2 * ((3 - 2 * u) * a[i] - (1 - u) * size * slope[i])
         return left + right
 
-    def _moving(self, t: np.ndarray) -> np.ndarray:
+    def _moving(self, t: ndarray) -> ndarray:
         t = np.asarray(t)
         return ((t >= 0) & (t < self.end_time))[..., None]
 
-    def position(self, t: np.ndarray) -> np.ndarray:
+    def position(self, t: ndarray) -> ndarray:
         """Point on the curve, from (-x, z) through the straight pose to (x, z)."""
         return self.curve.derivative(self._parameter(t), 0)
 
-    def velocity(self, t: np.ndarray) -> np.ndarray:
+    def velocity(self, t: ndarray) -> ndarray:
         """Speed times the unit tangent while moving."""
         tangent = self.curve.derivative(self._parameter(t), 1)
         unit = tangent / np.linalg.norm(tangent, axis=-1, keepdims=True)
         return np.where(self._moving(t), self.speed * unit, 0.0)
 
-    def acceleration(self, t: np.ndarray) -> np.ndarray:
+    def acceleration(self, t: ndarray) -> ndarray:
         """Squared speed times the curvature vector of the path while moving."""
         a = self._parameter(t)
         first, second = self.curve.derivative(a, 1), self.curve.derivative(a, 2)
@@ -238,7 +239,7 @@ class CurveSweep:
         bend = (second - first * along / squared) / squared
         return np.where(self._moving(t), self.speed**2 * bend, 0.0)
 
-    def path(self) -> np.ndarray:
+    def path(self) -> ndarray:
         """Points every 10 mm of arc length."""
         count = int(np.ceil(2 * self.half_length / 0.01)) + 1
         return self.position(np.linspace(0.0, self.end_time, count))
@@ -263,12 +264,12 @@ class SetPoints(Jumping):
         if not self.points:
             raise ValueError("set points need one point or more")
 
-    def position(self, t: np.ndarray) -> np.ndarray:
+    def position(self, t: ndarray) -> ndarray:
         """Position (n, 3) [m] at times (n,) [s]; at a jump the new point."""
         index = np.floor(np.asarray(t) / self.hold + 1e-9).astype(int)
         return np.array(self.points)[np.clip(index, 0, len(self.points) - 1)]
 
-    def path(self) -> np.ndarray:
+    def path(self) -> ndarray:
         """The points."""
         return np.array(self.points)
 
@@ -276,22 +277,22 @@ class SetPoints(Jumping):
 # ---------------------------------------------------------------- smooth steps
 
 #: Value of a function of time and its first two derivatives by time.
-Derivatives = tuple[np.ndarray, np.ndarray, np.ndarray]
+Derivatives = tuple[ndarray, ndarray, ndarray]
 
 
-def cubic_step(s: np.ndarray) -> Derivatives:
+def cubic_step(s: ndarray) -> Derivatives:
     """Integral, value and slope of the step 3 s^2 - 2 s^3 from 0 to 1, for s in [0, 1]."""
     return s**3 - s**4 / 2, s**2 * (3 - 2 * s), 6 * s * (1 - s)
 
 
-def quintic_step(s: np.ndarray) -> Derivatives:
+def quintic_step(s: ndarray) -> Derivatives:
     """As `cubic_step`, of 10 s^3 - 15 s^4 + 6 s^5, whose second derivative vanishes at the ends."""
     value = s**3 * (10 - 15 * s + 6 * s**2)
     return s**4 * (2.5 - 3 * s + s**2), value, 30 * s**2 * (1 - s) ** 2
 
 
 def ramped(
-    t: np.ndarray, duration: float, ramp: float, step: Callable[[np.ndarray], Derivatives]
+    t: ndarray, duration: float, ramp: float, step: Callable[[ndarray], Derivatives]
 ) -> Derivatives:
     """What a run from rest to rest has done [s] at times t, its rate [1] and acceleration [1/s].
 

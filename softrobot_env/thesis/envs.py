@@ -3,7 +3,7 @@
 from typing import Any, ClassVar
 
 import gymnasium
-import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.interfaces import Seen
 from softrobot_env.envs.tracking import TrackingEnv
@@ -14,7 +14,7 @@ from softrobot_env.thesis.robots import RIG, RIG_PIECES
 
 
 # Learning libraries know environments by their direct bases: `gymnasium.Env` is one of them.
-class RigEnv(TrackingEnv, gymnasium.Env[Seen, np.ndarray]):
+class RigEnv(TrackingEnv, gymnasium.Env[Seen, ndarray]):
     """`TrackingEnv` with what the spatial test rig of the thesis has unless asked otherwise.
 
     Its camera sees x and y of the head's output point. Unless given, the `twin` is
@@ -34,7 +34,7 @@ class RigEnv(TrackingEnv, gymnasium.Env[Seen, np.ndarray]):
         super().__init__(task, **_with_rig(task, options))
 
 
-class VectorRigEnv(VectorTrackingEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]):
+class VectorRigEnv(VectorTrackingEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndarray]):
     """`RigEnv` n times, see `VectorTrackingEnv`."""
 
     usual: ClassVar = RigEnv.usual

@@ -79,10 +79,7 @@ RIG = RobotParams(
     tendons=tuple(
         Tendon(
             f"tendon{k + 1}",
-            (
-                _RIG_TENDON_RADIUS * cos(2 * pi * k / 3),
-                _RIG_TENDON_RADIUS * sin(2 * pi * k / 3),
-            ),
+            (_RIG_TENDON_RADIUS * cos(2 * pi * k / 3), _RIG_TENDON_RADIUS * sin(2 * pi * k / 3)),
             end=0.180,
             group=0,
             tension_limit=40.0,

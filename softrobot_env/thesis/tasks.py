@@ -151,11 +151,7 @@ def _check_radius(radius: float) -> None:
 
 
 #: All tasks of the test rig.
-RIG_TASKS: dict[str, Maker] = {
-    "triangle": _triangle,
-    "rig_circle": _rig_circle,
-    "reach": _reach,
-}
+RIG_TASKS: dict[str, Maker] = {"triangle": _triangle, "rig_circle": _rig_circle, "reach": _reach}
 
 #: Option -> tasks of both that have it.
 WITH_OPTION = with_option(ALL_TASKS | RIG_TASKS)

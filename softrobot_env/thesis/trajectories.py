@@ -7,6 +7,7 @@ component is left zero. Both begin in the straight pose, on the axis.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.records import Count, NotNegative, Positive, Whole, check_fields
 from softrobot_env.tasks.trajectories import Derivatives, cubic_step, quintic_step, ramped
@@ -15,19 +16,19 @@ from softrobot_env.tasks.trajectories import Derivatives, cubic_step, quintic_st
 class _Run:
     """A trajectory whose position and derivatives are computed at once."""
 
-    def position(self, t: np.ndarray) -> np.ndarray:
+    def position(self, t: ndarray) -> ndarray:
         """Position (n, 3) [m] at times (n,) [s]."""
         return self._motion(t)[0]
 
-    def velocity(self, t: np.ndarray) -> np.ndarray:
+    def velocity(self, t: ndarray) -> ndarray:
         """Velocity (n, 3) [m/s] at times (n,) [s]."""
         return self._motion(t)[1]
 
-    def acceleration(self, t: np.ndarray) -> np.ndarray:
+    def acceleration(self, t: ndarray) -> ndarray:
         """Acceleration (n, 3) [m/s2] at times (n,) [s]."""
         return self._motion(t)[2]
 
-    def _motion(self, t: np.ndarray) -> Derivatives:
+    def _motion(self, t: ndarray) -> Derivatives:
         raise NotImplementedError
 
 
@@ -60,12 +61,12 @@ class RoundedTriangle(_Run):
         """Time [s] at which the run comes to rest."""
         return self.approach + (self.laps + 4) * self.period
 
-    def path(self) -> np.ndarray:
+    def path(self) -> ndarray:
         """The straight line and one lap."""
         lap = self._curve(np.linspace(0, 1, 201), 0)
         return lap if self.approach == 0 else np.concatenate((np.zeros((1, 3)), lap))
 
-    def _motion(self, t: np.ndarray) -> Derivatives:
+    def _motion(self, t: ndarray) -> Derivatives:
         t = np.asarray(t, dtype=float)
         w, rate, rise = (x[..., None] for x in self._laps(t - self.approach))
         first, second = self._curve(w[..., 0], 1), self._curve(w[..., 0], 2)
@@ -77,12 +78,12 @@ class RoundedTriangle(_Run):
         early = (t < self.approach)[..., None]
         return tuple(np.where(early, a, b) for a, b in zip(straight, on_lap, strict=True))
 
-    def _laps(self, t: np.ndarray) -> Derivatives:
+    def _laps(self, t: ndarray) -> Derivatives:
         """Number of laps w(t) done, its rate [1/s] and acceleration [1/s2]."""
         run = ramped(t, (self.laps + 4) * self.period, 2 * self.period, cubic_step)
         return tuple(x / self.period for x in run)
 
-    def _curve(self, w: np.ndarray, order: int) -> np.ndarray:
+    def _curve(self, w: ndarray, order: int) -> ndarray:
         """Derivative of the path with respect to w, (n, 3) [m] for w of shape (n,)."""
         turn = 2j * np.pi
         # z_x + i z_y
@@ -134,12 +135,12 @@ class LapCircle(_Run):
         """Time [s] at which the rig is straight again."""
         return self.lap_time[1] + self.approach
 
-    def path(self) -> np.ndarray:
+    def path(self) -> ndarray:
         """The straight line and one lap."""
         lap = self.radius * np.exp(2j * np.pi * np.linspace(0, 1, 201))
         return _in_plane(np.concatenate(([0.0], lap)))
 
-    def _motion(self, t: np.ndarray) -> Derivatives:
+    def _motion(self, t: ndarray) -> Derivatives:
         """With r(t) exp(i phi(t)), where either r or phi moves."""
         t = np.asarray(t, dtype=float)
         out, back = _rise(t, self.approach), _rise(self.end_time - t, self.approach)
@@ -151,7 +152,7 @@ class LapCircle(_Run):
             _in_plane(x) for x in (position, velocity, (push + 1j * rise - rate**2) * unit)
         )
 
-    def _phase(self, t: np.ndarray) -> Derivatives:
+    def _phase(self, t: ndarray) -> Derivatives:
         begin, end = self.lap_time
         if self.ramp:
             run = ramped(t - begin, end - begin, self.ramp, quintic_step)
@@ -160,12 +161,12 @@ class LapCircle(_Run):
         return tuple(self.rate * x for x in run)
 
 
-def _in_plane(z: np.ndarray) -> np.ndarray:
+def _in_plane(z: ndarray) -> ndarray:
     """Complex numbers x + i y (n,) as points (n, 3) at height 0."""
     return np.stack([z.real, z.imag, np.zeros_like(z.real)], axis=-1)
 
 
-def _rise(t: np.ndarray, duration: float) -> Derivatives:
+def _rise(t: ndarray, duration: float) -> Derivatives:
     """Smooth step from 0 to 1 during [0, duration], with its derivatives by time."""
     s = np.clip(t / duration, 0, 1)
     _, value, rate = quintic_step(s)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from numpy import ndarray
 
 from softrobot_env.beams.registry import MUJOCO, BeamPlant
 from softrobot_env.control.learned import neural
@@ -227,8 +228,8 @@ def _collect(
     """
     config, lesson, network, seed = job
     rng, view = np.random.default_rng(seed), lesson.view()
-    seen: list[np.ndarray] = []
-    wanted: list[np.ndarray] = []
+    seen: list[ndarray] = []
+    wanted: list[ndarray] = []
     while len(seen) < config.samples / config.shares:
         decisions = _episode(config, lesson, network, rng)
         first = int(rng.integers(config.every)) if config.every > 1 else 0
@@ -243,7 +244,7 @@ def _episode(
     lesson: ImitationSetup,
     network: Network | None,
     rng: np.random.Generator,
-) -> Iterator[tuple[Observation, np.ndarray]]:
+) -> Iterator[tuple[Observation, ndarray]]:
     """Observations of the network where it decides, and the teacher's actions."""
     robot, view, teacher = lesson.robot, lesson.view(), _teacher(lesson)
     task = lesson.training.sampled_task(rng, config.duration * rng.uniform(0.3, 1.0))

@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 
 import gymnasium
 import numpy as np
+from numpy import ndarray
 from scipy.signal import butter, sosfiltfilt
 
 from softrobot_env.core.records import NotNegative, Positive, Range, Whole, check_fields
@@ -93,12 +94,12 @@ class Drives:
         rate: [1/s], how fast each action may change; inf where the drive follows at once.
     """
 
-    rest: np.ndarray
-    basis: np.ndarray
-    targets: np.ndarray
+    rest: ndarray
+    basis: ndarray
+    targets: ndarray
     first: float
     period: float
-    rate: np.ndarray
+    rate: ndarray
 
 
 @lru_cache(maxsize=16)
@@ -126,7 +127,7 @@ def drives_of(robot: RobotParams, outputs: int, period: float | None = None) -> 
     return Drives(rest, basis, actions @ basis, first, period, rate)
 
 
-def _taut(robot: RobotParams, actions: np.ndarray) -> np.ndarray:
+def _taut(robot: RobotParams, actions: ndarray) -> ndarray:
     """Actions (k, n_inputs) with tendons of the same end pulled in further, to the same sum.
 
     Those of the sample, the tendons' own stretch included, keep all tendons taut with the least
@@ -195,7 +196,7 @@ def collect(
     return records[:count], records[count:]
 
 
-def drive(env: gymnasium.Env, actions: np.ndarray, seed: int) -> Record:
+def drive(env: gymnasium.Env, actions: ndarray, seed: int) -> Record:
     """The record of an environment that is told actions (t, n_inputs), from its reset on.
 
     Raises:
@@ -213,7 +214,7 @@ def drive(env: gymnasium.Env, actions: np.ndarray, seed: int) -> Record:
     return Record(np.array(tips), told.astype(float), env.unwrapped.control_period)
 
 
-def _release(drives: Drives, plan: Plan, rng: np.random.Generator) -> tuple[np.ndarray, int]:
+def _release(drives: Drives, plan: Plan, rng: np.random.Generator) -> tuple[ndarray, int]:
     """Bent somewhere, rest, let go: actions (t, m) and the first sample without any."""
     there = plan.amplitude * _target(drives, rng)
     moving, resting = (round(n * drives.first / drives.period) for n in (3, 2))
@@ -222,7 +223,7 @@ def _release(drives: Drives, plan: Plan, rng: np.random.Generator) -> tuple[np.n
     return _let_go(drives, plan, actions)
 
 
-def _swing(drives: Drives, plan: Plan, rng: np.random.Generator) -> tuple[np.ndarray, int]:
+def _swing(drives: Drives, plan: Plan, rng: np.random.Generator) -> tuple[ndarray, int]:
     """Excited near the first mode's frequency, then let go."""
     there = 0.5 * plan.amplitude * _target(drives, rng)
     time = np.arange(0, (2 + 2 * rng.uniform()) * drives.first, drives.period)
@@ -230,14 +231,14 @@ def _swing(drives: Drives, plan: Plan, rng: np.random.Generator) -> tuple[np.nda
     return _let_go(drives, plan, actions)
 
 
-def _let_go(drives: Drives, plan: Plan, actions: np.ndarray) -> tuple[np.ndarray, int]:
+def _let_go(drives: Drives, plan: Plan, actions: ndarray) -> tuple[ndarray, int]:
     still = np.zeros((round((plan.decay + 0.3) / drives.period), actions.shape[1]))
     actions = _possible(drives, np.vstack([actions, still]))
     moving = np.flatnonzero(np.abs(actions).max(axis=1) > 1e-9)
     return actions, int(moving[-1]) + 1 + round(0.1 / drives.period)
 
 
-def _random(drives: Drives, plan: Plan, rng: np.random.Generator) -> tuple[np.ndarray, int]:
+def _random(drives: Drives, plan: Plan, rng: np.random.Generator) -> tuple[ndarray, int]:
     """Places held for some time, low-pass filtered (thesis sec. 3.3.3)."""
     hold = drives.first * rng.uniform(*HOLDS)
     cutoff = rng.uniform(*CUTOFFS) / drives.first
@@ -247,7 +248,7 @@ def _random(drives: Drives, plan: Plan, rng: np.random.Generator) -> tuple[np.nd
     return _possible(drives, _from_rest(drives, filtered(steps, cutoff, drives.period))), 0
 
 
-def filtered(steps: np.ndarray, cutoff: float, period: float) -> np.ndarray:
+def filtered(steps: ndarray, cutoff: float, period: float) -> ndarray:
     """Inputs (t, m) by a Butterworth low-pass of order 8 without lag, with a cutoff [Hz].
 
     60 samples and fewer stay as they are.
@@ -256,7 +257,7 @@ def filtered(steps: np.ndarray, cutoff: float, period: float) -> np.ndarray:
     return sosfiltfilt(sos, steps, axis=0) if len(steps) > 60 else steps
 
 
-def _laps(drives: Drives, plan: Plan, rng: np.random.Generator) -> tuple[np.ndarray, int]:
+def _laps(drives: Drives, plan: Plan, rng: np.random.Generator) -> tuple[ndarray, int]:
     """Ellipses, rounder or flatter, whose size and speed change slowly."""
     count = round(plan.run / drives.period)
     time = np.arange(count) * drives.period
@@ -277,23 +278,23 @@ def _laps(drives: Drives, plan: Plan, rng: np.random.Generator) -> tuple[np.ndar
     return _possible(drives, _from_rest(drives, actions)), 0
 
 
-def _ways(drives: Drives, rng: np.random.Generator, knots: int) -> np.ndarray:
+def _ways(drives: Drives, rng: np.random.Generator, knots: int) -> ndarray:
     """(m, knots) places of the workspace."""
     return np.array([_target(drives, rng) for _ in range(knots)]).T
 
 
-def _resonance(ratio: np.ndarray) -> np.ndarray:
+def _resonance(ratio: ndarray) -> ndarray:
     """How much larger than at rest an oscillation at ratios of the frequency is, or one."""
     gain = 1 / np.hypot(1 - ratio**2, 0.4 * ratio)
     return np.maximum(gain, 1.0)
 
 
-def _target(drives: Drives, rng: np.random.Generator) -> np.ndarray:
+def _target(drives: Drives, rng: np.random.Generator) -> ndarray:
     """Coordinates (m,) of an action of the workspace."""
     return drives.targets[rng.integers(1, len(drives.targets))]
 
 
-def _from_rest(drives: Drives, actions: np.ndarray) -> np.ndarray:
+def _from_rest(drives: Drives, actions: ndarray) -> ndarray:
     """Actions (t, m) that begin at zero."""
     begin = np.linspace(0, 1, round(2 * drives.first / drives.period))[:, None]
     fade = np.ones((len(actions), 1))
@@ -301,7 +302,7 @@ def _from_rest(drives: Drives, actions: np.ndarray) -> np.ndarray:
     return fade * actions
 
 
-def _possible(drives: Drives, actions: np.ndarray) -> np.ndarray:
+def _possible(drives: Drives, actions: ndarray) -> ndarray:
     """Actions (t, m) that are in [-1, 1], and that the drives can follow."""
     change = actions @ drives.basis.T
     room = np.where(change > 0, 1 - drives.rest, 1 + drives.rest) / np.maximum(abs(change), 1e-12)

@@ -7,6 +7,7 @@ inverse statics of its MuJoCo chain.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.core.records import Count, check_fields
@@ -57,7 +58,7 @@ class Trained:
 
     network: Network
     about: dict[str, object]
-    errors: np.ndarray
+    errors: ndarray
     left_out: int
 
 
@@ -113,7 +114,7 @@ def inverse_of(robot: RobotParams) -> InverseStatics:
 
 def hold_sample(
     inverse: InverseStatics, count: int, show: ProgressCallback | None = None
-) -> tuple[np.ndarray, Held]:
+) -> tuple[ndarray, Held]:
     """Places (n, k) [m] all over the workspace, and the inputs of least norm that hold them.
 
     Each is looked for from the nearest that are known, so that neighbours have like inputs.
@@ -135,9 +136,7 @@ def hold_sample(
     return tips[found], Held(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
 
 
-def _errors(
-    inverse: InverseStatics, network: Network, tips: np.ndarray, postures: np.ndarray
-) -> np.ndarray:
+def _errors(inverse: InverseStatics, network: Network, tips: ndarray, postures: ndarray) -> ndarray:
     """Distances (n,) [m] of tips (n, k) from where the network's inputs let them rest."""
     actions = np.clip(network(tips), -1.0, 1.0)
     wanted = inverse.inputs.input_centre + actions * inverse.inputs.input_scale
@@ -146,7 +145,7 @@ def _errors(
     return np.linalg.norm(reached - tips, axis=1)
 
 
-def _spacing(tips: np.ndarray) -> float:
+def _spacing(tips: ndarray) -> float:
     """[m], within which nearly every place has another."""
     apart = np.linalg.norm(tips[:, None] - tips[None], axis=2)
     np.fill_diagonal(apart, np.inf)

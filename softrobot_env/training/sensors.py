@@ -7,6 +7,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.artifacts import write_arrays
 from softrobot_env.core.interfaces import ProgressCallback
@@ -102,8 +103,8 @@ def _environment(robot: RobotParams, twin: Twin | int | None, lasts: float) -> g
 
 
 def _visits(
-    env: gymnasium.Env, robot: RobotParams, seed: int, chosen: np.ndarray
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    env: gymnasium.Env, robot: RobotParams, seed: int, chosen: ndarray
+) -> Iterator[tuple[ndarray, ndarray, ndarray]]:
     """Readings, tips and curvatures at rest, the straight pose first."""
     sample, inputs = sample_of(robot), robot_inputs(robot)
     actions = (sample.inputs - inputs.input_centre) / inputs.input_scale
@@ -113,7 +114,7 @@ def _visits(
     yield _looked([observation])
     before = observation["previous_action"]
     for which in chosen:
-        looks: list[dict[str, np.ndarray]] = []
+        looks: list[dict[str, ndarray]] = []
         for k in range(1, moving + resting + 1):
             share = quintic_step(min(1.0, k / moving))[1]
             action = before + share * (actions[which] - before)
@@ -126,13 +127,13 @@ def _visits(
         before = observation["previous_action"]
 
 
-def _chosen(robot: RobotParams, seed: int, postures: int) -> np.ndarray:
+def _chosen(robot: RobotParams, seed: int, postures: int) -> ndarray:
     """Places (postures,) in the sample of a robot's workspace, in the order of the visits."""
     count = len(sample_of(robot).inputs)
     return np.random.default_rng(seed).choice(count, postures, replace=postures > count)
 
 
-def _looked(looks: list[dict[str, np.ndarray]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _looked(looks: list[dict[str, ndarray]]) -> tuple[ndarray, ndarray, ndarray]:
     """Mean readings, tip and curvatures."""
     means = {name: np.mean([look[name] for look in looks], axis=0) for name in looks[0]}
     return means["sensors"], means["tip_position"], means.get("curvature", np.empty(0))
@@ -148,9 +149,7 @@ def _pace(robot: RobotParams) -> tuple[float, float]:
     return float(times[0]), float(times[1])
 
 
-def _places(
-    robot: RobotParams, tips: np.ndarray, axes: slice, chosen: np.ndarray
-) -> list[np.ndarray]:
+def _places(robot: RobotParams, tips: ndarray, axes: slice, chosen: ndarray) -> list[ndarray]:
     """What bends (n, 2) grow with about, of each sensor; see `reconstruct`.
 
     Where one sensor tells all, the tip across the robot's axis; where there are more, what each

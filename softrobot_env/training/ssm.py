@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 from scipy.signal import savgol_filter
 
 from softrobot_env.control.reduced.policy import Learned
@@ -133,7 +134,7 @@ def trusted(model: ReducedModel, records: Sequence[Record]) -> Learned:
     return Learned(model, whole, _covariance(noise) + floor, *reached)
 
 
-def _next(model: ReducedModel, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+def _next(model: ReducedModel, x: ndarray, v: ndarray) -> ndarray:
     from softrobot_env.learned.reduction.polynomials import roll
 
     states = np.empty((len(x), 2, x.shape[1]))
@@ -142,7 +143,7 @@ def _next(model: ReducedModel, x: np.ndarray, v: np.ndarray) -> np.ndarray:
     return states[:, 1]
 
 
-def _covariance(parts: Sequence[np.ndarray]) -> np.ndarray:
+def _covariance(parts: Sequence[ndarray]) -> ndarray:
     """Of rows about zero; those far out, at the ends of records for instance, do not count."""
     rows = np.concatenate(parts)
     size = np.linalg.norm(rows / np.maximum(rows.std(axis=0), 1e-300), axis=1)
@@ -184,7 +185,7 @@ def records_of(recording: Recording, robot: RobotParams, axes: str) -> list[Reco
     return found
 
 
-def _actions(recording: Recording, robot: RobotParams) -> np.ndarray:
+def _actions(recording: Recording, robot: RobotParams) -> ndarray:
     """Actions (t, n_inputs) that make a recording's commands."""
     if recording.kind == "action":
         return recording.commands

@@ -7,6 +7,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
+from numpy import ndarray
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
@@ -124,7 +125,7 @@ class TrackingVecEnv(VecEnv):
         """What agents are shown of observations (..., size)."""
         return seen
 
-    def _action(self, chosen: np.ndarray, seen: Seen) -> np.ndarray:
+    def _action(self, chosen: ndarray, seen: Seen) -> ndarray:
         """Actions (n, n_inputs) of a part for what agents chose (n, n_inputs) on what was seen."""
         return chosen
 
@@ -140,7 +141,7 @@ class TrackingVecEnv(VecEnv):
             )
         return on_host(seen)
 
-    def step_async(self, actions: np.ndarray) -> None:
+    def step_async(self, actions: ndarray) -> None:
         """Remember what agents chose, (n, n_inputs)."""
         self._chosen = np.asarray(actions, dtype=np.float64)
 
@@ -221,8 +222,8 @@ class NetworkVecEnv(TrackingVecEnv):
     def _agent_space(self, part: VectorTrackingEnv) -> gymnasium.Space:
         return gymnasium.spaces.Box(-10.0, 10.0, (self.view.count,), np.float32)
 
-    def _shown(self, seen: Observation) -> np.ndarray:
+    def _shown(self, seen: Observation) -> ndarray:
         return neural.features(seen, self.view)
 
-    def _action(self, chosen: np.ndarray, seen: Observation) -> np.ndarray:
+    def _action(self, chosen: ndarray, seen: Observation) -> ndarray:
         return np.clip(seen["previous_action"] + self.view.increment(chosen), -1.0, 1.0)

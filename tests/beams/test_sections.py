@@ -15,12 +15,7 @@ from softrobot_env.robots import Base, Disc
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
-from studies.truths.tendon_rod import (
-    guided_rod,
-    hanging_rod,
-    tendon_helix,
-    tendon_rod,
-)
+from studies.truths.tendon_rod import guided_rod, hanging_rod, tendon_helix, tendon_rod
 from studies.truths.varying_beam import bending_frequencies
 
 SHEAR = 0.75

@@ -10,12 +10,7 @@ from softrobot_env.robots import CANTILEVER_STIFF, CANTILEVER_WEAK
 from softrobot_env.robots.loads import Load
 from studies.truths import analytic
 from studies.truths.analytic import Section, arc_tip, bent_rod
-from studies.truths.spatial_rod import (
-    SpatialSection,
-    dead_loads,
-    followed_rod,
-    helix,
-)
+from studies.truths.spatial_rod import SpatialSection, dead_loads, followed_rod, helix
 
 G = 9.81
 

@@ -6,12 +6,7 @@ import pytest
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.control.base import Controller
 from softrobot_env.control.feedforward.law import Feedforward, FeedforwardPI
-from softrobot_env.control.registry import (
-    POLICIES,
-    RIG_POLICIES,
-    make_policy,
-    policy_environment,
-)
+from softrobot_env.control.registry import POLICIES, RIG_POLICIES, make_policy, policy_environment
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import ARM, CANTILEVER_WEAK, RIG

@@ -13,12 +13,7 @@ import pytest
 
 from softrobot_env.control import memoryless
 from softrobot_env.control.learned import neural
-from softrobot_env.control.registry import (
-    EVERY_POLICY,
-    POLICIES,
-    installed_policies,
-    make_policy,
-)
+from softrobot_env.control.registry import EVERY_POLICY, POLICIES, installed_policies, make_policy
 from softrobot_env.core.files import models_dir
 from softrobot_env.learned.network import Network, Scaling, initial_network
 from softrobot_env.robots import ARM

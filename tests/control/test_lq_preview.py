@@ -191,8 +191,7 @@ def test_steps(episode, name, width, overshoot, settling):
 
 @pytest.mark.parametrize("feedback", ["state", pytest.param("output", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
-    "factor",
-    [0.5, *(pytest.param(f, marks=pytest.mark.slow) for f in (0.75, 1.25, 1.5))],
+    "factor", [0.5, *(pytest.param(f, marks=pytest.mark.slow) for f in (0.75, 1.25, 1.5))]
 )
 def test_the_adaptive_policy_stays_within_twice_its_error(episode, factor, feedback):
     for task, options in (

@@ -252,10 +252,7 @@ def waited(limit, far, near, wait, **vary):
 
 @pytest.mark.parametrize(
     ("limit", "far", "reason"),
-    [
-        (20.0, (0.24, 0.30), "tension limit reached"),
-        (80.0, (0.0, 0.60), "reference out of reach"),
-    ],
+    [(20.0, (0.24, 0.30), "tension limit reached"), (80.0, (0.0, 0.60), "reference out of reach")],
 )
 def test_integral_does_not_wind_up(limit, far, reason):
     """A reference that cannot be reached; the way back is as if nobody had waited there."""

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy import ndarray
 from scipy.optimize import least_squares
 
 from softrobot_env.beams import planar_arm
@@ -217,13 +218,13 @@ def make_problem(settings: MPCSettings, seed: int = 0, force: float = 0.0) -> Pr
     )
 
 
-def some_inputs(settings: MPCSettings, seed: int = 1) -> np.ndarray:
+def some_inputs(settings: MPCSettings, seed: int = 1) -> ndarray:
     return 5.0 + 3.0 * np.random.default_rng(seed).normal(size=(len(settings.moves), 3))
 
 
 def residuals(
-    solver: Optimiser, settings: MPCSettings, problem: Problem, inputs: np.ndarray
-) -> np.ndarray:
+    solver: Optimiser, settings: MPCSettings, problem: Problem, inputs: ndarray
+) -> ndarray:
     """Roots of the terms of the cost, written out from the predicted path."""
     path = solver.evaluate(problem, inputs, settings.no_guess(6)).path
     states = np.concatenate((problem.start[None], path))

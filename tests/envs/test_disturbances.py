@@ -9,12 +9,7 @@ from support.postures import posed
 
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.control.registry import make_policy
-from softrobot_env.envs.disturbances import (
-    SENSOR_NOISE,
-    Drives,
-    SensorNoise,
-    rounded,
-)
+from softrobot_env.envs.disturbances import SENSOR_NOISE, Drives, SensorNoise, rounded
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.rewards import TERMS
 from softrobot_env.envs.tracking import TrackingEnv

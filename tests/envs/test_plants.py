@@ -217,8 +217,7 @@ def test_a_fixed_step_is_used():
 
 
 @pytest.mark.parametrize(
-    "policy",
-    [pytest.param(p, marks=pytest.mark.slow if "mpc" in p else ()) for p in POLICIES],
+    "policy", [pytest.param(p, marks=pytest.mark.slow if "mpc" in p else ()) for p in POLICIES]
 )
 @pytest.mark.parametrize("name", EACH)
 def test_policies_run(name, policy):

@@ -4,6 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from numpy import ndarray
 
 from softrobot_env.evaluation.rollout import Rollout
 
@@ -38,7 +39,7 @@ def test_round_trip(rollout, tmp_path, failure, as_type):
         old, new = getattr(record, field.name), getattr(loaded, field.name)
         assert type(new) is type(old), field.name
         np.testing.assert_array_equal(new, old, err_msg=field.name)
-        if isinstance(old, np.ndarray):
+        if isinstance(old, ndarray):
             assert new.dtype == old.dtype
 
 
@@ -51,7 +52,7 @@ def test_round_trip_under_the_name_given(rollout, tmp_path):
 
 def test_a_record_of_the_start_alone(rollout, tmp_path):
     """An episode can fail in its first step."""
-    arrays = {f.name: getattr(rollout, f.name)[:1] for f in fields(Rollout) if f.type is np.ndarray}
+    arrays = {f.name: getattr(rollout, f.name)[:1] for f in fields(Rollout) if f.type is ndarray}
     start = replace(
         rollout, **arrays | {"policy_time": np.zeros(0), "policy_status": np.zeros(0, "<U1")}
     )

@@ -5,6 +5,7 @@ from math import pi
 
 import numpy as np
 import pytest
+from numpy import ndarray
 from scipy.spatial.transform import Rotation
 from support.recorded_rods import AZIMUTHS, LENGTH, recorded, rod
 
@@ -19,7 +20,7 @@ BENDING = MODULUS * pi * RADIUS**4 / 4
 ROD = rod(RADIUS, TENDON, MODULUS, 1000.0, stiffness=1e5)
 
 
-def on_the_arc(tension: float, azimuth: float, station: float, offset: np.ndarray) -> np.ndarray:
+def on_the_arc(tension: float, azimuth: float, station: float, offset: ndarray) -> ndarray:
     """Where a tendon alone bends a point of the cross-section at a station to: an arc."""
     curvature = tension * TENDON / BENDING
     turn = curvature * station

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 from gymnasium import spaces
+from numpy import ndarray
 
 import softrobot_env
 from softrobot_env.envs.observations.table import Observable, Sizes, Sources
@@ -11,7 +12,7 @@ from softrobot_env.envs.observations.table import Observable, Sizes, Sources
 NAME = "pull"
 
 
-def most(sizes: Sizes) -> np.ndarray:
+def most(sizes: Sizes) -> ndarray:
     """(1,) [N], the sum of all limits."""
     return np.array([sum(tendon.tension_limit for tendon in sizes.robot.tendons)])
 
@@ -21,7 +22,7 @@ def space(sizes: Sizes) -> spaces.Box:
     return spaces.Box(np.zeros(1), most(sizes) * (1 + 1e-9), dtype=np.float64)
 
 
-def read(sources: Sources) -> Callable[[], np.ndarray]:
+def read(sources: Sources) -> Callable[[], ndarray]:
     """Function that returns (1,) of one robot or (n, 1) of many."""
     return lambda: sources.measured.tendon_tension().sum(axis=-1, keepdims=True)
 

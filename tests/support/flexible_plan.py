@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.model import State
 from softrobot_env.thesis.rig.servo_dae import output_matrix, place_output
@@ -23,12 +24,12 @@ class Plan(NamedTuple):
         pulled: (k, 3) [m], lengths pulled in.
     """
 
-    time: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    reduced: np.ndarray
-    tension: np.ndarray
-    pulled: np.ndarray
+    time: ndarray
+    q: ndarray
+    v: ndarray
+    reduced: ndarray
+    tension: ndarray
+    pulled: ndarray
 
 
 def plan(servo, trajectory, times, substeps=1, stabilisation=STABILISATION):

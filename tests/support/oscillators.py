@@ -4,6 +4,7 @@ import sys
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams import mechanics
 from softrobot_env.beams.actuation import Actuation, points_only
@@ -17,12 +18,12 @@ class ChainData(NamedTuple):
     n: int
     block: int
     reach: int
-    scale: np.ndarray
+    scale: ndarray
     actuation: Actuation
-    stiffness: np.ndarray
+    stiffness: ndarray
     damping: float
     cubic: float
-    gravity: np.ndarray
+    gravity: ndarray
 
 
 def chain(stiffness, damping=0.0, cubic=0.0, pull=0.0):

@@ -2,6 +2,7 @@
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 
@@ -13,7 +14,7 @@ def posed(model, q):
     return data
 
 
-def station_turns(model: mujoco.MjModel, q: np.ndarray) -> np.ndarray:
+def station_turns(model: mujoco.MjModel, q: ndarray) -> ndarray:
     """Rotation vectors (stations, 3) [rad] of a chain of hinges in a posture (nq,)."""
     turns = []
     for body in np.unique(model.jnt_bodyid):

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.recordings import Commands, Header, Marker, Recording
 from softrobot_env.robots import RobotParams, Tendon
@@ -23,12 +24,12 @@ def rod(radius: float, distance: float, modulus: float, density: float, **tendon
 
 
 def recorded(
-    commands: np.ndarray,
+    commands: ndarray,
     kind: str = "tension",
     names: Sequence[str] = ("t0", "t1", "t2"),
-    markers: np.ndarray | None = None,
+    markers: ndarray | None = None,
     labels: Sequence[str] | None = None,
-    times: np.ndarray | None = None,
+    times: ndarray | None = None,
     marker: Marker | None = None,
     **header,
 ) -> Recording:

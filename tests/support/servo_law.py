@@ -1,6 +1,7 @@
 """The law of position servos in closed form, for a control period at a time."""
 
 import numpy as np
+from numpy import ndarray
 
 
 class ServoLaw:
@@ -10,7 +11,7 @@ class ServoLaw:
         motor, horn: (n,) [m], pulled in now.
     """
 
-    def __init__(self, speed: float, offset: np.ndarray, backlash: np.ndarray) -> None:
+    def __init__(self, speed: float, offset: ndarray, backlash: ndarray) -> None:
         """Servos at command zero.
 
         Args:
@@ -23,12 +24,12 @@ class ServoLaw:
         self._half = np.array(backlash, dtype=float) / 2
         self.start(np.zeros(len(self._offset)))
 
-    def start(self, command: np.ndarray) -> None:
+    def start(self, command: ndarray) -> None:
         """At rest at a command (n,) [m], in the middle of the play."""
         self.motor = self._offset + command
         self.horn = self.motor.copy()
 
-    def move(self, command: np.ndarray, times: np.ndarray) -> np.ndarray:
+    def move(self, command: ndarray, times: ndarray) -> ndarray:
         """Follow a command (n,) [m] until the last of some times.
 
         Args:

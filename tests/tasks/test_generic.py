@@ -28,10 +28,7 @@ LINE = RobotParams(
     density=1000.0,
     damping_time=0.02,
     pieces=3,
-    tendons=(
-        Tendon("up", (0.008, 0.0), 0.1, 0, 10.0),
-        Tendon("low", (-0.008, 0.0), 0.1, 0, 10.0),
-    ),
+    tendons=(Tendon("up", (0.008, 0.0), 0.1, 0, 10.0), Tendon("low", (-0.008, 0.0), 0.1, 0, 10.0)),
 )
 ALL = [*SOME, SIDEWAYS]
 PATHS = ("circle", "figure_eight", "random")

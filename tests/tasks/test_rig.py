@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 
 from softrobot_env.robots import RIG, WORKSPACE
-from softrobot_env.tasks import (
-    RIG_TASKS,
-    SetPoints,
-    Task,
-    make_task,
-    remake_task,
-)
+from softrobot_env.tasks import RIG_TASKS, SetPoints, Task, make_task, remake_task
 from softrobot_env.thesis.trajectories import LapCircle, RoundedTriangle
 
 

@@ -15,10 +15,7 @@ from softrobot_env.learned.network import Network, Scaling  # noqa: E402
 from softrobot_env.training.checkpoint import Checkpoint, read, write  # noqa: E402
 
 BEST = Network(
-    (np.eye(2),),
-    (np.zeros(2),),
-    Scaling(-np.ones(2), np.ones(2)),
-    Scaling(-np.ones(2), np.ones(2)),
+    (np.eye(2),), (np.zeros(2),), Scaling(-np.ones(2), np.ones(2)), Scaling(-np.ones(2), np.ones(2))
 )
 FIRST = Checkpoint(
     {"steps": 10}, [{"steps": 5, "reward": 0.5}], BEST, {"weights": {"policy": torch.ones(300)}}

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import mujoco
 import numpy as np
 from mujoco.rollout import Rollout
+from numpy import ndarray
 
 from softrobot_env.beams.model import BeamModel, State
 from softrobot_env.beams.signals import Signal
@@ -110,7 +111,7 @@ CONTINUUM = Physics("continuum", 1.0)
 
 
 def static_row(
-    case: str, model: str, n: int, physics: Physics, truth: Limit, tip: np.ndarray, **others: Any
+    case: str, model: str, n: int, physics: Physics, truth: Limit, tip: ndarray, **others: Any
 ) -> Row:
     """Error of a tip (d,) [m] at rest; `others` are further fields."""
     error = distance(tip, truth.tips)
@@ -134,7 +135,7 @@ def motion_row(
     physics: Physics,
     truth: Limit,
     settings: Settings,
-    tips: np.ndarray,
+    tips: ndarray,
     wall_time: float,
     e_time: float | None = None,
 ) -> Row:
@@ -205,7 +206,7 @@ class TimedMotion(Protocol):
         """What it was simulated with; the steps are those of the last call."""
         ...
 
-    def __call__(self) -> np.ndarray:
+    def __call__(self) -> ndarray:
         """Tips (k, d) [m]."""
         ...
 
@@ -227,8 +228,8 @@ class BeamMotion:
     name: str
     n: int
     beam: BeamModel
-    inputs: np.ndarray | Signal
-    tips: Callable[[np.ndarray], np.ndarray]
+    inputs: ndarray | Signal
+    tips: Callable[[ndarray], ndarray]
     period: float
     start: State | None = None
     method: str = "sdirk4"
@@ -242,7 +243,7 @@ class BeamMotion:
         timestep = DURATION / self._steps
         return Settings(self.name, self.n, timestep, self.method, self.tolerance)
 
-    def __call__(self) -> np.ndarray:
+    def __call__(self) -> ndarray:
         """Tips (k, d) [m].
 
         Raises:
@@ -264,7 +265,7 @@ def beam_limit(
 ) -> Limit:
     """A motion of a beam model with infinitely many pieces."""
 
-    def solve(n: int) -> np.ndarray:
+    def solve(n: int) -> ndarray:
         return replace(make(contestant, n, robot), tolerance=_REFERENCE)()
 
     return extrapolate(solve, sizes, f"limit of {contestant.name} (sdirk4, 1e-7)")
@@ -283,9 +284,9 @@ class ChainMotion:
     def __init__(
         self,
         scene: Scene,
-        controls: Callable[[np.ndarray], np.ndarray],
-        posture: np.ndarray | None = None,
-        compared: Callable[[np.ndarray], np.ndarray] = lambda tips: tips,
+        controls: Callable[[ndarray], ndarray],
+        posture: ndarray | None = None,
+        compared: Callable[[ndarray], ndarray] = lambda tips: tips,
     ) -> None:
         self.scene, self._compared, model = scene, compared, scene.model
         self._substeps = round(scene.config.control_period / scene.timestep.timestep)
@@ -308,7 +309,7 @@ class ChainMotion:
         name, n = f"mujoco_chain/{scene.config.hinge_rule}", len(scene.layout.stations)
         return Settings(name, n, choice.timestep, choice.integrator)
 
-    def __call__(self) -> np.ndarray:
+    def __call__(self) -> ndarray:
         """Tips (k, 3) [m], or what is compared of them.
 
         Raises:
@@ -330,7 +331,7 @@ def timed_row(
     truth: Limit,
     motion: TimedMotion,
     repeats: int = 1,
-    exact: np.ndarray | None = None,
+    exact: ndarray | None = None,
 ) -> Row:
     """Row of a motion, whose time is the best of `repeats`.
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.evaluation.models.runs import best_of
@@ -30,7 +31,7 @@ _GUIDE_DISTANCE = 1 / 12  # m
 _SHEAR = "geometrically exact rod, k = {:g} (boundary-value solution)"
 
 #: Tip (2,) [m] in (x, z) and where it comes from, for some physics.
-Truth = Callable[[Physics], tuple[np.ndarray, str]]
+Truth = Callable[[Physics], tuple[ndarray, str]]
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class StaticCase:
     uniform: bool = False
 
     @property
-    def ctrl(self) -> np.ndarray:
+    def ctrl(self) -> ndarray:
         """Inputs (n_tendons + n_loads,): tensions [N], then full loads [1]."""
         tension = TendonMap(self.robot).tension(np.array(self.reduced)) if self.reduced else ()
         return np.array([*tension, *np.ones(len(self.loads))])
@@ -85,7 +86,7 @@ def tip_moment(moment: float) -> StaticCase:
     tip = arc_tip(robot.length, moment / robot.bending_stiffness)
     load = Load("load", robot.length, moment=(0.0, moment, 0.0))
 
-    def truth(physics: Physics) -> tuple[np.ndarray, str]:
+    def truth(physics: Physics) -> tuple[ndarray, str]:
         if physics == CONTINUUM:
             return continuum_arc_tip(robot, moment), CONTINUUM_ARC
         return tip, "circular arc (exact)"
@@ -102,7 +103,7 @@ def tip_force(force: float) -> StaticCase:
 
 
 def _dead_load(robot: RobotParams, **loads: tuple[float, float]) -> Truth:
-    def truth(physics: Physics) -> tuple[np.ndarray, str]:
+    def truth(physics: Physics) -> tuple[ndarray, str]:
         k = physics.shear_coefficient
         if k is None:
             rod = elastica(robot.length, robot.bending_stiffness, **loads)
@@ -116,7 +117,7 @@ def tendon(force: float) -> StaticCase:
     """The arm with the longest tendon pair, in channels, at `force` [N]."""
     reduced = (0.0, 0.0, force)
 
-    def truth(physics: Physics) -> tuple[np.ndarray, str]:
+    def truth(physics: Physics) -> tuple[ndarray, str]:
         if physics.shear_coefficient is None:
             tip = ConstantCurvatureStatics(ARM).tip(np.array(reduced))
             return tip, "constant curvature (exact)"
@@ -132,7 +133,7 @@ def guided_tendon(force: float) -> StaticCase:
     """The same with guides every 1/12 m, between which the tendons are straight."""
     robot, reduced = guided_arm(), (0.0, 0.0, force)
 
-    def truth(physics: Physics) -> tuple[np.ndarray, str]:
+    def truth(physics: Physics) -> tuple[ndarray, str]:
         text = "elastica" if physics.shear_coefficient is None else _SHEAR.split(",")[0]
         return _tendon_tip(robot, reduced, physics), f"{text} between the guides"
 
@@ -148,7 +149,7 @@ def guided_arm() -> RobotParams:
     return replace(ARM, tendons=tuple(replace(t, guides=guides(t.end)) for t in ARM.tendons))
 
 
-def _tendon_tip(robot: RobotParams, reduced: tuple[float, ...], physics: Physics) -> np.ndarray:
+def _tendon_tip(robot: RobotParams, reduced: tuple[float, ...], physics: Physics) -> ndarray:
     tension = TendonMap(robot).tension(np.array(reduced))
     return tendon_tip(robot, section(robot, physics.shear_coefficient), tension)
 

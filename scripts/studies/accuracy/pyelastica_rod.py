@@ -16,6 +16,7 @@ from math import cos, sin
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.evaluation.models.runs import best_of, distance
 from softrobot_env.robots import RobotParams
@@ -87,13 +88,13 @@ def build(robot: RobotParams, n: int) -> tuple[Any, Any]:
     return simulator, rod
 
 
-def motion(n: int, timestep: float, duration: float = DURATION) -> Callable[[], np.ndarray]:
+def motion(n: int, timestep: float, duration: float = DURATION) -> Callable[[], ndarray]:
     """A function that simulates the spiral in PyElastica, once, and returns the tips (k, 3) [m]."""
     import elastica
 
     simulator, rod = build(ROBOT, n)
 
-    def simulate() -> np.ndarray:
+    def simulate() -> ndarray:
         stepper, time = elastica.PositionVerlet(), 0.0
         tips = [rod.position_collection[:, -1].copy()]
         for _ in range(round(duration / spiral.PERIOD)):

@@ -7,6 +7,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
@@ -25,12 +26,7 @@ from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.config import TipSensors
 from softrobot_env.scene.quadrature import RULES
-from softrobot_env.thesis.rig.spatial_piece import (
-    SUBPIECES,
-    RigPiece,
-    add_static,
-    make_rig_piece,
-)
+from softrobot_env.thesis.rig.spatial_piece import SUBPIECES, RigPiece, add_static, make_rig_piece
 from studies.accuracy.cases import (
     BENDING,
     COSSERAT,
@@ -71,24 +67,24 @@ PERIOD = 0.02
 _STEP, _CIRCLE, _LAP, _RISE = 10e-3, 7e-3, 1.0, 1.0
 
 
-def step(t: float | np.ndarray) -> np.ndarray:
+def step(t: float | ndarray) -> ndarray:
     """Lengths (..., 3) [m] at times (...) [s] of one tendon that is pulled in at once."""
     return np.ones(np.shape(t))[..., None] * np.array([_STEP, 0.0, 0.0])
 
 
-def circle(t: float | np.ndarray) -> np.ndarray:
+def circle(t: float | ndarray) -> ndarray:
     """Lengths (..., 3) [m] at times (...) [s] that lead the tip to a circle and round on it."""
     t = np.asarray(t)[..., None]
     size = _CIRCLE * np.sin(np.pi / 2 * np.minimum(t / _RISE, 1)) ** 2
     return size * np.cos(2 * np.pi * (t / _LAP - np.arange(3) / 3))
 
 
-MOTIONS: dict[str, Callable[[float | np.ndarray], np.ndarray]] = {STEP: step, CIRCLE: circle}
+MOTIONS: dict[str, Callable[[float | ndarray], ndarray]] = {STEP: step, CIRCLE: circle}
 
 CASES = (*STATIC, *MOTIONS)
 
 
-def sample_times() -> np.ndarray:
+def sample_times() -> ndarray:
     """Instants [s] at which tips are compared."""
     return np.linspace(0, DURATION, round(DURATION / PERIOD) + 1)
 
@@ -125,7 +121,7 @@ _TERMS = 8
 _FIRST_ORDER = "cosserat"
 
 #: Output point (3,) [m] for lengths (3,) [m].
-Solve = Callable[[np.ndarray], np.ndarray]
+Solve = Callable[[ndarray], ndarray]
 
 
 #: Name, pieces or joints, physics and statics of a model.
@@ -154,13 +150,13 @@ def piece_statics(robot: RobotParams = ROBOT) -> Solve:
     piece = make_rig_piece(robot, "distributed")
     offsets = np.array([t.offset for t in robot.tendons])
 
-    def missing(y: np.ndarray, pulled: np.ndarray) -> np.ndarray:
+    def missing(y: ndarray, pulled: ndarray) -> ndarray:
         moment = tensions(robot, pulled, np.array([y[1], -y[0]])) @ offsets
         out = np.array([moment[1], -moment[0]])
         add_static(piece, y, out)
         return out
 
-    def solve(pulled: np.ndarray) -> np.ndarray:
+    def solve(pulled: ndarray) -> ndarray:
         y = np.zeros(2)
         for share in _SHARES:
             y = root(missing, y, (share * pulled,), tol=_TOLERANCE).x
@@ -169,7 +165,7 @@ def piece_statics(robot: RobotParams = ROBOT) -> Solve:
     return solve
 
 
-def piece_output(piece: RigPiece, y: np.ndarray) -> np.ndarray:
+def piece_output(piece: RigPiece, y: ndarray) -> ndarray:
     """Output point (3,) [m] of the closed form at y (2,) [rad]."""
     point, jacobian = np.empty(3), np.empty((3, 2))
     output(piece, np.ascontiguousarray(y), point, jacobian)
@@ -186,15 +182,15 @@ def beam_statics(contestant: Contestant, n: int) -> Solve:
     )
     model = contestant.build(replace(ROBOT, head=None), n, loads, "spatial", drive="length")
 
-    def solve(pulled: np.ndarray) -> np.ndarray:
+    def solve(pulled: ndarray) -> ndarray:
         q, moment = model.rest(), np.zeros(2)
         for share in _SHARES:
             near, lengths = q, share * pulled
 
-            def posture(moment: np.ndarray, u: np.ndarray = lengths, q: np.ndarray = near) -> Any:
+            def posture(moment: ndarray, u: ndarray = lengths, q: ndarray = near) -> Any:
                 return model.equilibrium(np.array([*u, 1.0, *moment]), q, check_stability=False)
 
-            def missing(moment: np.ndarray, posture: Callable = posture) -> np.ndarray:
+            def missing(moment: ndarray, posture: Callable = posture) -> ndarray:
                 lever = ROBOT.head.centre * end_axis(model, posture(moment))
                 return np.cross(lever, weight)[:2] - moment
 
@@ -205,7 +201,7 @@ def beam_statics(contestant: Contestant, n: int) -> Solve:
     return solve
 
 
-def end_axis(model: BeamModel, q: np.ndarray) -> np.ndarray:
+def end_axis(model: BeamModel, q: ndarray) -> ndarray:
     """Unit vectors (..., 3) along a head that is fixed to the end, at q (n,) or (T, n)."""
     radius = model.robot.outer_radius
     places = np.array([[0.0, 0.0], [radius, 0.0], [0.0, radius]])
@@ -262,9 +258,7 @@ def _ritz_row(case: str, exact: Limit) -> Row:
     return agreement_row(case, RITZ, _TERMS, gap, ROBOT.length, BENDING.name, exact.text)
 
 
-def _limit_row(
-    case: str, model: str, tips: dict[int, np.ndarray], physics: str, exact: Limit
-) -> Row:
+def _limit_row(case: str, model: str, tips: dict[int, ndarray], physics: str, exact: Limit) -> Row:
     sizes = sorted(tips)[-3:]
     limit = converged({n: tips[n] for n in sizes}, 1 if model == _FIRST_ORDER else 2)
     text = f"limit of n = {', '.join(map(str, sizes))}; {exact.text}"
@@ -320,7 +314,7 @@ def chain_motion(case: str, rule: str, n: int, substeps: int, integrator: str) -
 def chain_limit(case: str) -> Limit:
     """The chain's motion with infinitely many joints and at zero timestep."""
 
-    def solve(n: int) -> np.ndarray:
+    def solve(n: int) -> ndarray:
         motions = [chain_motion(case, "gauss2", n, k, "implicitfast")() for k in _FINE]
         return zero_timestep(motions)[0]
 
@@ -331,7 +325,7 @@ def subpieces_motion(case: str, n: int, tolerance: float) -> BeamMotion:
     """PCC of n pieces with the thesis' three rigid bodies, which hold the head."""
     beam = PCC(ROBOT, n, axes="spatial", inertia=SUBPIECES, drive="length")
 
-    def tips(q: np.ndarray) -> np.ndarray:
+    def tips(q: ndarray) -> ndarray:
         return beam.tip(q) + ROBOT.head.output * end_axis(beam, q)
 
     signal = signals.smooth(MOTIONS[case], DURATION)
@@ -355,14 +349,14 @@ class PieceMotion:
         """What it was simulated with; the steps are those of the last call."""
         return Settings(PIECE, 1, DURATION / self._steps, "RK45", self._tolerance)
 
-    def _slope(self, t: float, x: np.ndarray) -> np.ndarray:
+    def _slope(self, t: float, x: ndarray) -> ndarray:
         out = np.empty(4)
         out[:2] = x[2:]
         force = tensions(ROBOT, self._pulled(t), np.array([x[1], -x[0]]))
         acceleration(self._piece, x[:2], x[2:], force, out[2:])
         return out
 
-    def __call__(self) -> np.ndarray:
+    def __call__(self) -> ndarray:
         """Tips (k, 3) [m]."""
         exact = dict.fromkeys(("rtol", "atol"), self._tolerance)
         about = self._slope, (0, DURATION), np.zeros(4)

@@ -15,6 +15,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.core.equilibrium import EquilibriumError
@@ -69,7 +70,7 @@ class SpatialCase:
 
     robot: RobotParams
     loads: tuple[Load, ...]
-    tip: np.ndarray
+    tip: ndarray
 
 
 #: Name -> heading in the tables, see `cases_of`.
@@ -139,7 +140,7 @@ def _shape(robot: RobotParams, section: SpatialSection, loads: tuple, *weight: A
     return followed_rod(robot.length, section, loads, stations, *weight)
 
 
-def _heavy(robot: RobotParams, weight: np.ndarray, shape: SpatialShape) -> RobotParams:
+def _heavy(robot: RobotParams, weight: ndarray, shape: SpatialShape) -> RobotParams:
     """A robot with the gravity that its tip sees as a weight (3,) [N/m]."""
     world = shape.frame[-1] @ weight / robot.mass_per_length
     return replace(robot, gravity=tuple(world.tolist()))
@@ -269,18 +270,18 @@ def stretch_row(robot: RobotParams, quick: bool = False) -> Row:
     return Row(*about, reference=_TRUTH.format(BENDING.name), **values)
 
 
-def chain_tip(case: SpatialCase, rule: str, n: int) -> tuple[np.ndarray, float]:
+def chain_tip(case: SpatialCase, rule: str, n: int) -> tuple[ndarray, float]:
     """Tip (3,) [m] of the chain with n stations, and the time [s] of its equilibrium."""
     options = {"loads": case.loads, "bending": "spatial", "torsion": True}
     return _solved(chain_scene(case.robot, rule, n, **options), case)
 
 
-def beam_tip(case: SpatialCase, contestant: Contestant, n: int) -> tuple[np.ndarray, float]:
+def beam_tip(case: SpatialCase, contestant: Contestant, n: int) -> tuple[ndarray, float]:
     """Tip (3,) [m] of a beam model with n pieces, and the time [s] of its equilibrium."""
     return _solved(contestant.build(case.robot, n, case.loads, "torsion"), case)
 
 
-def _solved(model: Scene | BeamModel, case: SpatialCase) -> tuple[np.ndarray, float]:
+def _solved(model: Scene | BeamModel, case: SpatialCase) -> tuple[ndarray, float]:
     begin = perf_counter()
     q = model.equilibrium(np.ones(len(case.loads)), load_steps=_LOAD_STEPS, check_stability=False)
     return model.tip(q), perf_counter() - begin
@@ -293,7 +294,7 @@ def _row(
     n: int,
     physics: Physics,
     truths: Sequence[SpatialCase],
-    solve: Callable[[SpatialCase], tuple[np.ndarray, float]],
+    solve: Callable[[SpatialCase], tuple[ndarray, float]],
 ) -> Row:
     errors, times, lost = [], [], []
     for truth in truths:

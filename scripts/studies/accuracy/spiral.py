@@ -3,6 +3,7 @@
 import warnings
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams import signals
 from softrobot_env.evaluation.models.runs import Limit, extrapolate
@@ -23,7 +24,7 @@ FORCE, RATE = 20.0, 10.0
 ROBOT = weightless(CANTILEVER_STIFF)
 
 
-def force(t: float | np.ndarray) -> np.ndarray:
+def force(t: float | ndarray) -> ndarray:
     """(..., 2) [N] in x and y at time t [s]."""
     t = np.asarray(t)
     size = (FORCE * t / DURATION)[..., None]
@@ -59,7 +60,7 @@ def chain_limit(quick: bool = False) -> Limit:
     substeps = 20 if quick else 40
     sizes = (4, 8, 16) if quick else (6, 12, 24)
 
-    def solve(n: int) -> np.ndarray:
+    def solve(n: int) -> ndarray:
         coarse, fine = (chain_motion("gauss2", n, k)() for k in (substeps, 2 * substeps))
         return 2 * fine - coarse
 

@@ -13,6 +13,7 @@ from functools import partial
 from itertools import compress, product
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.model import IntegrationError, State
 from softrobot_env.evaluation.models.runs import Limit, best_of, converged, distance
@@ -152,9 +153,7 @@ def _truth(case: StaticCase, physics: Physics) -> Limit:
     return Limit(tip, 0.0, text)
 
 
-def chain_static_row(
-    case: StaticCase, rule: str, n: int, repeats: int = 1
-) -> tuple[Row, np.ndarray]:
+def chain_static_row(case: StaticCase, rule: str, n: int, repeats: int = 1) -> tuple[Row, ndarray]:
     """Solve one static case on a chain of n hinges; times are the best of `repeats`.
 
     Returns:
@@ -266,9 +265,7 @@ def slender(robot: RobotParams) -> RobotParams:
     )
 
 
-def static_rows(
-    case: StaticCase, tips: dict[tuple[str, Physics], dict[int, np.ndarray]]
-) -> list[Row]:
+def static_rows(case: StaticCase, tips: dict[tuple[str, Physics], dict[int, ndarray]]) -> list[Row]:
     """How far the limits of models are from the exact equilibrium of their physics.
 
     Args:

@@ -1,6 +1,7 @@
 """A fast motion of the arm with known accuracy: all three tendon pairs pull harder at once."""
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.model import State
 from softrobot_env.evaluation.models.runs import Limit, converged, distance, zero_timestep
@@ -21,17 +22,13 @@ PERIOD = 0.01
 START, END = 0.6, 0.933
 
 
-def tensions(robot: RobotParams, a: float) -> np.ndarray:
+def tensions(robot: RobotParams, a: float) -> ndarray:
     """Tensions (n_tendons,) [N] of equal reduced inputs a EI / r."""
     return TendonMap(robot).tension(np.array(equal_input(robot, a)))
 
 
 def chain_motion(
-    rule: str,
-    n: int,
-    timestep: float,
-    integrator: str = "implicitfast",
-    robot: RobotParams = ARM,
+    rule: str, n: int, timestep: float, integrator: str = "implicitfast", robot: RobotParams = ARM
 ) -> ChainMotion:
     """The step of the MuJoCo chain with n joints, with tips (300, 2) in (x, z)."""
     steps = {"control_period": PERIOD, "timestep": timestep, "integrator": integrator}
@@ -46,13 +43,13 @@ def beam_motion(contestant: Contestant, n: int, robot: RobotParams = ARM) -> Bea
     q = beam.equilibrium(tensions(robot, START), load_steps=5, check_stability=False)
     rest, inputs = State(q, np.zeros_like(q)), tensions(robot, END)
 
-    def tips(q: np.ndarray) -> np.ndarray:
+    def tips(q: ndarray) -> ndarray:
         return _compared(beam.tip(q))
 
     return BeamMotion(contestant.name, n, beam, inputs, tips, PERIOD, rest)
 
 
-def _compared(tips: np.ndarray) -> np.ndarray:
+def _compared(tips: ndarray) -> ndarray:
     """Tips (k, 2) [m] in (x, z) at the ends of the control periods."""
     return tips[1:, [0, 2]]
 
@@ -75,7 +72,7 @@ def chain_limit(quick: bool = False) -> Limit:
     return Limit(tips, uncertainty, text)
 
 
-def _extrapolate(rule: str, n: int, step: float) -> np.ndarray:
+def _extrapolate(rule: str, n: int, step: float) -> ndarray:
     found = {}
     for hinges in (n, 2 * n):
         motions = [chain_motion(rule, hinges, step / k)() for k in (1, 2, 4)]

@@ -10,6 +10,7 @@ from functools import partial
 from math import ceil, pi
 
 import numpy as np
+from numpy import ndarray
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
@@ -67,15 +68,15 @@ class Case:
 
     name: str
     robot: RobotParams
-    values: np.ndarray
+    values: ndarray
     hold: float
     duration: float
     loads: tuple[Load, ...] = ()
     drive: str = "tension"
-    tip: np.ndarray | None = None
+    tip: ndarray | None = None
     truth: str = "refined run of the same model"
     angle: float = 0.0
-    tips: dict[str, tuple[np.ndarray, str]] = field(default_factory=dict)
+    tips: dict[str, tuple[ndarray, str]] = field(default_factory=dict)
 
     @property
     def bound(self) -> float:
@@ -83,7 +84,7 @@ class Case:
         return SHARE * self.robot.length
 
 
-def settling(name: str, robot: RobotParams, load: Load, tip: np.ndarray | None, truth: str) -> Case:
+def settling(name: str, robot: RobotParams, load: Load, tip: ndarray | None, truth: str) -> Case:
     """A load that grows over one first period of a well damped robot, which then settles."""
     robot = damped(robot, 0.5)
     period = 1 / robot.first_frequency
@@ -110,14 +111,14 @@ def curl(turns: float = 1.25) -> Case:
     return replace(case, tips={"ancf2d": (continuum_arc_tip(robot, moment), CONTINUUM_ARC)})
 
 
-def follower_tip(length: float, bending_stiffness: float, force: float) -> np.ndarray:
+def follower_tip(length: float, bending_stiffness: float, force: float) -> ndarray:
     """Tip (2,) [m] of a rod under a lateral tip force [N] that turns with the tip.
 
     In axes that turn with the tip the force is fixed, EI p'' = -F cos p with p = p' = 0 there: an
     initial-value problem from the tip to the base.
     """
 
-    def toward_base(s: float, y: np.ndarray) -> list[float]:
+    def toward_base(s: float, y: ndarray) -> list[float]:
         return [-y[1], force / bending_stiffness * np.cos(y[0]), -np.sin(y[0]), -np.cos(y[0])]
 
     end = solve_ivp(toward_base, (0, length), np.zeros(4), rtol=1e-11, atol=1e-13)
@@ -265,7 +266,7 @@ def _system(case: Case, model: str, n: int) -> runs.System:
     if model == CHAIN:
         config = SceneConfig(case.robot, pieces=n // 2, actuation=case.drive, loads=case.loads)
 
-        def controls(time: float) -> np.ndarray:
+        def controls(time: float) -> ndarray:
             return case.values[min(int(time / case.hold + 1e-6), len(case.values) - 1)]
 
         return runs.ChainSystem(config, np.full(n, case.angle), controls)
@@ -332,7 +333,7 @@ def oscillation_row(model: str, n: int, damping: float, duration: float) -> Row:
     )
 
 
-def _linear(time: np.ndarray, frequency: float, damping: float, mu: float) -> np.ndarray:
+def _linear(time: ndarray, frequency: float, damping: float, mu: float) -> ndarray:
     """Free oscillation (k,) from unit deflection at rest; `frequency` undamped [rad/s]."""
     if damping == 0:
         return np.cos(frequency * time)
@@ -369,8 +370,8 @@ def _released(
 
 
 def _first_mode(
-    mass: np.ndarray, stiffness: np.ndarray, lever: np.ndarray | None = None
-) -> tuple[np.ndarray, float]:
+    mass: ndarray, stiffness: ndarray, lever: ndarray | None = None
+) -> tuple[ndarray, float]:
     """Shape of the slowest mode, of unit tip deflection if a lever (m,) is given, and [rad/s].
 
     Bending in two planes is equally slow; the lever then picks the plane of the deflection.

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cache, lru_cache, partial
 from math import pi
 
-import numpy as np
+from numpy import ndarray
 
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.scene.config import SceneConfig
@@ -93,7 +93,7 @@ class Family:
         return runs.BeamSystem(make_beam(self.model, robot, self.n), self.posture(), inputs)
 
     @cache  # noqa: B019
-    def posture(self) -> np.ndarray:
+    def posture(self) -> ndarray:
         """The equilibrium of `START`, which all stiffnesses have."""
         robot = scaled_arm(STIFFNESSES[0], NOMINAL)
         u = tensions(robot, START)

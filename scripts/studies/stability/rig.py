@@ -7,6 +7,7 @@ from itertools import product
 from math import ceil, inf
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.robots import RIG, SERVO_SPEED, RobotParams
 from softrobot_env.scene.config import SceneConfig
@@ -65,12 +66,12 @@ class Variation:
         return runs.ChainSystem(config, np.zeros(2 * n), MOTIONS[self.motion])
 
 
-def _bent(size: float) -> np.ndarray:
+def _bent(size: float) -> ndarray:
     """Lengths (3,) [m] that fit together: each by its tendon's place in the bend."""
     return size * np.cos(_AZIMUTH - 2 * np.pi * np.arange(3) / 3)
 
 
-def _toward(targets: np.ndarray) -> Callable[[float], np.ndarray]:
+def _toward(targets: ndarray) -> Callable[[float], ndarray]:
     """Lengths over time of servos that hold each of targets (k, 3) [m] for a while."""
     path, lengths = [], np.zeros(3)
     for target in targets:

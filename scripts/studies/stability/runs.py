@@ -12,23 +12,14 @@ from typing import Any, Self
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.model import BeamModel, IntegrationError, State
 from softrobot_env.beams.signals import Signal
-from softrobot_env.evaluation.models.runs import (
-    distance,
-    silent_warnings,
-    unwarned,
-    zero_timestep,
-)
+from softrobot_env.evaluation.models.runs import distance, silent_warnings, unwarned, zero_timestep
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.config import SceneConfig
-from softrobot_env.scene.timestep import (
-    TimestepChoice,
-    choose_timestep,
-    linearize,
-    stability_limit,
-)
+from softrobot_env.scene.timestep import TimestepChoice, choose_timestep, linearize, stability_limit
 from studies.lab import Record
 
 #: How a run can fail: its motion grows beyond all bounds, or it gives up because Newton's
@@ -74,12 +65,12 @@ class Trace:
         tension: (k, nu) [N] of the chain's tendons, in the step before each instant.
     """
 
-    time: np.ndarray
-    tip: np.ndarray
+    time: ndarray
+    tip: ndarray
     failure: str | None
     wall_time: float
     steps: int
-    tension: np.ndarray | None = None
+    tension: ndarray | None = None
 
     @property
     def outcome(self) -> str | None:
@@ -118,7 +109,7 @@ def steps_for(duration: float, timestep: float, least: int, most: int) -> int:
 
 
 #: Controls (nu,) over time [s]; called before every step when they change.
-Controls = Callable[[float], np.ndarray]
+Controls = Callable[[float], ndarray]
 
 
 class ChainSystem:
@@ -130,9 +121,7 @@ class ChainSystem:
         controls: (nu,), constant; or their function of time, held for a control period.
     """
 
-    def __init__(
-        self, config: SceneConfig, posture: np.ndarray, controls: np.ndarray | Controls
-    ) -> None:
+    def __init__(self, config: SceneConfig, posture: ndarray, controls: ndarray | Controls) -> None:
         self.scene, self.posture, self.controls = neutral_scene(config), posture, controls
         self.axes = [0, 2] if config.bending == "planar" else [0, 1, 2]
         self.linear = linearize(self.scene.model)
@@ -194,7 +183,7 @@ def mujoco_integrator(name: str) -> int:
     return int(getattr(mujoco.mjtIntegrator, f"mjINT_{name.upper()}"))
 
 
-def chain_failure(data: mujoco.MjData, tip: np.ndarray) -> str | None:
+def chain_failure(data: mujoco.MjData, tip: ndarray) -> str | None:
     """What diverged and when, or None; `tip` (3,) [m] must be up to date."""
     bad = [name for index, name in _BAD.items() if data.warning[index].number]
     if not bad and np.all(np.isfinite(tip)):
@@ -212,7 +201,7 @@ class BeamSystem:
         inputs: Constant inputs (n_inputs,), or a signal.
     """
 
-    def __init__(self, model: BeamModel, q: np.ndarray, inputs: np.ndarray | Signal) -> None:
+    def __init__(self, model: BeamModel, q: ndarray, inputs: ndarray | Signal) -> None:
         self.model, self.inputs = model, inputs
         self.start = State(q, np.zeros(model.n))
 
@@ -261,17 +250,17 @@ class Reference:
         tension: (k, nu) [N] as that of a `Trace`, where it is judged.
     """
 
-    time: np.ndarray
-    tip: np.ndarray
+    time: ndarray
+    tip: ndarray
     uncertainty: float
-    tension: np.ndarray | None = None
+    tension: ndarray | None = None
 
     @classmethod
     def of(cls, coarse: Trace, fine: Trace) -> Self:
         """The finer of two refined runs; the coarser one says how well it is known."""
         return cls(fine.time, fine.tip, distance(coarse.tip, fine.tip), fine.tension)
 
-    def at(self, time: np.ndarray) -> np.ndarray:
+    def at(self, time: ndarray) -> ndarray:
         """Tip (k, 2) or (k, 3) [m] at instants (k,) [s] that it covers."""
         from scipy.interpolate import CubicSpline
 
@@ -369,7 +358,7 @@ def judge(trace: Trace, truth: Reference, bound: float) -> Verdict:
     return judge_errors(time, error, bound, "the refined run")
 
 
-def judge_errors(time: np.ndarray, error: np.ndarray, bound: float, name: str) -> Verdict:
+def judge_errors(time: ndarray, error: ndarray, bound: float, name: str) -> Verdict:
     """Classify a finite run by its errors (k,) [m] at instants (k,) [s]."""
     worst = int(np.argmax(error))
     e_max = float(error[worst])

@@ -17,15 +17,7 @@ from studies.stability import map as arm_map
 from studies.stability import rig
 from studies.stability.integrators import FrontRow, gain
 from studies.stability.rig import ASKED, MAP, RULE, RigRow
-from studies.stability.runs import (
-    CHAIN,
-    DIVERGED,
-    NO_TRUTH,
-    NOT_CONVERGED,
-    STABLE,
-    WRONG,
-    Row,
-)
+from studies.stability.runs import CHAIN, DIVERGED, NO_TRUTH, NOT_CONVERGED, STABLE, WRONG, Row
 
 #: Cases that make up the maps, and those of the rig; all others are extreme cases.
 MAP_CASES = ("map", "rule", "rule_asked", "limit", *rig.CASES)

@@ -10,6 +10,7 @@ from math import cos, cosh, pi
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 from scipy.integrate import solve_bvp
 from scipy.optimize import brentq
 
@@ -121,17 +122,14 @@ def _rayleigh_determinant(lam: float, slenderness: float) -> float:
     spread = np.sqrt(half**2 + lam)
     a, b = np.sqrt(half + spread), np.sqrt(spread - half)
     # w = C (cos ax - cosh bx) + S (sin ax - a/b sinh bx) meets the clamp.
-    moment = [
-        -(a**2) * cos(a) - b**2 * cosh(b),
-        -(a**2) * np.sin(a) - a * b * np.sinh(b),
-    ]
+    moment = [-(a**2) * cos(a) - b**2 * cosh(b), -(a**2) * np.sin(a) - a * b * np.sinh(b)]
     slope = [-a * np.sin(a) - b * np.sinh(b), a * cos(a) - a * cosh(b)]
     third = [a**3 * np.sin(a) - b**3 * np.sinh(b), -(a**3) * cos(a) - a * b**2 * cosh(b)]
     shear = [t + 2 * half * s for t, s in zip(third, slope, strict=True)]
     return float((moment[0] * shear[1] - moment[1] * shear[0]) / cosh(b))
 
 
-def arc_tip(length: float, curvature: float) -> np.ndarray:
+def arc_tip(length: float, curvature: float) -> ndarray:
     """Tip (2,) [m] in (x, z) of a circular arc: (1 - cos kL, sin kL) / k, smooth at k = 0.
 
     An inextensible rod under a pure tip moment M is such an arc with k = M / EI.
@@ -160,7 +158,7 @@ class Section:
     axial: float = np.inf
 
 
-def section_slope(angle: np.ndarray, force: np.ndarray, rod: Section) -> np.ndarray:
+def section_slope(angle: ndarray, force: ndarray, rod: Section) -> ndarray:
     """r' (2, ...) [1] at section angles (...) [rad] under internal forces (2, ...) [N]."""
     sin, cos = np.sin(angle), np.cos(angle)
     shear = (force[0] * cos - force[1] * sin) / rod.shear
@@ -179,13 +177,13 @@ class RodShape:
         position: (k, 2) [m], (x, z).
     """
 
-    station: np.ndarray
-    angle: np.ndarray
-    curvature: np.ndarray
-    position: np.ndarray
+    station: ndarray
+    angle: ndarray
+    curvature: ndarray
+    position: ndarray
 
     @property
-    def tip(self) -> np.ndarray:
+    def tip(self) -> ndarray:
         """(2,) [m], (x, z)."""
         return self.position[-1]
 
@@ -230,12 +228,12 @@ def bent_rod(
     y = np.stack([0 * s, 0 * s, 0 * s, s])
     for share in np.arange(1, load_steps + 1) / load_steps:
 
-        def derivative(s: np.ndarray, y: np.ndarray, share: float = share) -> np.ndarray:
+        def derivative(s: ndarray, y: ndarray, share: float = share) -> ndarray:
             inner = share * (q[:, None] * (1 - s) + f[:, None])
             slope = section_slope(y[0], inner, scaled)
             return np.stack([y[1], inner[1] * slope[0] - inner[0] * slope[1], *slope])
 
-        def ends(base: np.ndarray, tip: np.ndarray, share: float = share) -> np.ndarray:
+        def ends(base: ndarray, tip: ndarray, share: float = share) -> ndarray:
             return np.array([base[0], tip[1] - share * m, base[2], base[3]])
 
         found = solve_bvp(derivative, ends, s, y, tol=_TOLERANCE, max_nodes=_MAX_NODES)

@@ -10,6 +10,7 @@ it the powers of x integrate to the area, the second and the fourth moment of th
 from math import pi
 
 import numpy as np
+from numpy import ndarray
 from scipy.optimize import fsolve
 
 from softrobot_env.robots import RobotParams
@@ -37,7 +38,7 @@ def continuum_arc(
     fourth = pi / 8 * (robot.outer_radius**6 - robot.inner_radius**6)
     force, lever = modulus * area, modulus * second / robot.length
 
-    def balance(x: np.ndarray) -> list[float]:
+    def balance(x: ndarray) -> list[float]:
         s, k, w = x[0], x[1] / robot.length, x[2]
         c = k * w
         axial = modulus * (area * s * (s**2 - 1) / 2 + 1.5 * second * s * c**2)
@@ -60,7 +61,7 @@ def continuum_arc(
 
 def continuum_arc_tip(
     robot: RobotParams, moment: float = 0.0, tension: float = 0.0, offset: float = 0.0
-) -> np.ndarray:
+) -> ndarray:
     """Tip (2,) [m] in (x, z) of the whole robot, loaded as in `continuum_arc`."""
     stretch, curvature = continuum_arc(robot, moment, tension, offset)
     return stretch * arc_tip(robot.length, curvature)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.robots import Base, RobotParams
 from softrobot_env.robots.loads import Load
@@ -34,9 +35,9 @@ class Exact:
     """
 
     config: SceneConfig
-    contact: Callable[[tuple[Touch, ...]], np.ndarray]
+    contact: Callable[[tuple[Touch, ...]], ndarray]
     pressed: Callable[[tuple[Touch, ...]], float]
-    tip: np.ndarray | None
+    tip: ndarray | None
 
 
 _SKIN = Contacts(friction=0.0, stiffness=STIFFNESS)

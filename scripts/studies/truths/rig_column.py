@@ -13,6 +13,7 @@ the tendons pull towards p, and where the shortening is what the forces cause.
 """
 
 import numpy as np
+from numpy import ndarray
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
@@ -28,8 +29,8 @@ _GUESS = 0.3  # rad
 
 
 def tensions(
-    robot: RobotParams, pulled: np.ndarray, bend: np.ndarray, shortening: float = 0.0
-) -> np.ndarray:
+    robot: RobotParams, pulled: ndarray, bend: ndarray, shortening: float = 0.0
+) -> ndarray:
     """Tensions (3,) [N] of elastic tendons in channels; slack ones have none.
 
     Args:
@@ -45,9 +46,7 @@ def tensions(
     return np.clip(force, 0.0, [t.tension_limit for t in tendons])
 
 
-def column_tip(
-    robot: RobotParams, pulled: np.ndarray, shear_coefficient: float | None
-) -> np.ndarray:
+def column_tip(robot: RobotParams, pulled: ndarray, shear_coefficient: float | None) -> ndarray:
     """Output point (3,) [m] with lengths (3,) [m] pulled in, reached from the straight pose.
 
     Args:
@@ -77,9 +76,7 @@ def column_tip(
     return np.array([*(aside * bend / angle), robot.head.output * np.cos(angle) - base[3]])
 
 
-def _missing(
-    robot: RobotParams, rod: Section, pulled: np.ndarray, unknown: np.ndarray
-) -> np.ndarray:
+def _missing(robot: RobotParams, rod: Section, pulled: ndarray, unknown: ndarray) -> ndarray:
     """Errors (3,) [1]: angle at the base, curvature across the bend, shortening per length."""
     base, across = _base(robot, rod, pulled, unknown)
     length = robot.length
@@ -89,8 +86,8 @@ def _missing(
 
 
 def _base(
-    robot: RobotParams, rod: Section, pulled: np.ndarray, unknown: np.ndarray
-) -> tuple[np.ndarray, float]:
+    robot: RobotParams, rod: Section, pulled: ndarray, unknown: ndarray
+) -> tuple[ndarray, float]:
     """What `_toward_base` finds, and the moment [N m] of the tendons across the bend."""
     bend, angle = unknown[:2], float(np.hypot(*unknown[:2]))
     force = tensions(robot, pulled, bend, unknown[2])
@@ -101,12 +98,12 @@ def _base(
 
 def _toward_base(
     robot: RobotParams, rod: Section, angle: float, moment: float, pull: float
-) -> np.ndarray:
+) -> ndarray:
     """Section angle, moment, x, z and shortening (5,) at the base, from those at the end."""
     gravity = -robot.gravity[2]
     head, per_length = robot.head.mass * gravity, robot.mass_per_length * gravity
 
-    def slope(s: float, y: np.ndarray) -> np.ndarray:
+    def slope(s: float, y: ndarray) -> ndarray:
         weight = head + per_length * (robot.length - s)
         axis = np.array([np.sin(y[0]), np.cos(y[0])])
         along = section_slope(y[0], np.array([0.0, -weight]) - pull * axis, rod)

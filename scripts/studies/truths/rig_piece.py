@@ -4,6 +4,7 @@ Notation and equations as in `thesis.rig.spatial_piece`.
 """
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.thesis.rig.spatial_piece import (
@@ -18,11 +19,11 @@ from softrobot_env.thesis.rig.spatial_piece import (
 @kernel
 def residual(
     piece: RigPiece,
-    y: np.ndarray,
-    v: np.ndarray,
-    a: np.ndarray,
-    tension: np.ndarray,
-    out: np.ndarray,
+    y: ndarray,
+    v: ndarray,
+    a: ndarray,
+    tension: ndarray,
+    out: ndarray,
 ) -> None:
     """Set out (2,) [N m] to M a + k - q - B F, zero on every motion, (5.18).
 
@@ -41,9 +42,7 @@ def residual(
 
 
 @kernel
-def acceleration(
-    piece: RigPiece, y: np.ndarray, v: np.ndarray, tension: np.ndarray, out: np.ndarray
-) -> None:
+def acceleration(piece: RigPiece, y: ndarray, v: ndarray, tension: ndarray, out: ndarray) -> None:
     """Set out (2,) [rad/s2] to the acceleration in state y, v under tensions (3,) [N]."""
     zero = np.zeros(2, y.dtype)
     force = np.empty(2, y.dtype)
@@ -57,7 +56,7 @@ def acceleration(
 
 
 @kernel
-def energies(piece: RigPiece, y: np.ndarray, v: np.ndarray) -> tuple[float, float]:
+def energies(piece: RigPiece, y: ndarray, v: ndarray) -> tuple[float, float]:
     """Kinetic and potential energy [J]; the latter is zero in the straight pose."""
     t = y[0] * y[0] + y[1] * y[1]
     c, _, e, _ = inertia_functions(piece, t)
@@ -73,7 +72,7 @@ def energies(piece: RigPiece, y: np.ndarray, v: np.ndarray) -> tuple[float, floa
 
 
 @kernel
-def output(piece: RigPiece, y: np.ndarray, point: np.ndarray, jacobian: np.ndarray) -> None:
+def output(piece: RigPiece, y: ndarray, point: ndarray, jacobian: ndarray) -> None:
     """Set the output point (3,) [m] and its derivative (3, 2) [m/rad] at y (2,)."""
     g, dg, _, h, dh, _ = place(piece.length, piece.height, 1.0, y[0] * y[0] + y[1] * y[1])
     point[0], point[1], point[2] = g * y[1], -g * y[0], h
@@ -86,7 +85,7 @@ def output(piece: RigPiece, y: np.ndarray, point: np.ndarray, jacobian: np.ndarr
 
 
 @kernel
-def output_bias(piece: RigPiece, y: np.ndarray, v: np.ndarray, out: np.ndarray) -> None:
+def output_bias(piece: RigPiece, y: ndarray, v: ndarray, out: ndarray) -> None:
     """Set out (3,) [m/s2] to the acceleration of the output at constant rates v (2,)."""
     t, p = y[0] * y[0] + y[1] * y[1], y[0] * v[0] + y[1] * v[1]
     square = v[0] * v[0] + v[1] * v[1]

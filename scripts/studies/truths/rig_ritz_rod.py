@@ -15,6 +15,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 from numpy.polynomial import legendre
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
@@ -23,7 +24,7 @@ from softrobot_env.robots import RobotParams
 from studies.truths.rig_column import tensions
 
 #: Lengths (3,) [m] pulled in at time t [s].
-Pulled = Callable[[float], np.ndarray]
+Pulled = Callable[[float], ndarray]
 
 _NODES = 16
 _RTOL, _ATOL = 1e-8, 1e-10
@@ -41,11 +42,11 @@ class Shape(NamedTuple):
         moves: (K + 1, n, 3) [m], of the place.
     """
 
-    frame: np.ndarray
-    place: np.ndarray
-    bends: np.ndarray
-    turns: np.ndarray
-    moves: np.ndarray
+    frame: ndarray
+    place: ndarray
+    bends: ndarray
+    turns: ndarray
+    moves: ndarray
 
 
 class RigRod:
@@ -67,7 +68,7 @@ class RigRod:
         gram = self.basis.T @ (self.weights[:, None] * self.basis)
         self.elastic = np.kron(np.eye(2), robot.bending_stiffness * gram)
 
-    def shape(self, q: np.ndarray) -> Shape:
+    def shape(self, q: ndarray) -> Shape:
         """Posture for coordinates (2 terms,)."""
         beta, gamma = q.reshape(2, -1) @ self.basis.T
         frame = self._frames(_spin(np.stack([-gamma, beta, 0 * beta], axis=1)))
@@ -79,11 +80,11 @@ class RigRod:
         moves = self._up_to(np.cross(turns[:-1], frame[:-1, None, :, 2]))
         return Shape(frame, place, bends, turns, moves)
 
-    def _up_to(self, values: np.ndarray) -> np.ndarray:
+    def _up_to(self, values: ndarray) -> ndarray:
         """Integrals (K + 1, ...) from the base to the nodes and the end."""
         return np.tensordot(self.integrate, values, 1)
 
-    def _frames(self, spin: np.ndarray) -> np.ndarray:
+    def _frames(self, spin: ndarray) -> ndarray:
         """Frames (K + 1, 3, 3) with R' = R spin, R = 1 at the base, for spin (K, 3, 3)."""
         k = len(spin)
         system = np.eye(3 * k) - np.einsum(
@@ -94,16 +95,16 @@ class RigRod:
         end = np.eye(3) + np.einsum("j,jab->ab", self.weights, inner @ spin)
         return np.concatenate([inner, end[None]])
 
-    def tip(self, q: np.ndarray) -> np.ndarray:
+    def tip(self, q: ndarray) -> ndarray:
         """Output point (3,) [m]."""
         shape = self.shape(q)
         return shape.place[-1] + self.robot.head.output * shape.frame[-1, :, 2]
 
-    def tension(self, q: np.ndarray, pulled: np.ndarray) -> np.ndarray:
+    def tension(self, q: ndarray, pulled: ndarray) -> ndarray:
         """Tensions (3,) [N] when lengths (3,) [m] are pulled in; the whole bend is q's first."""
         return tensions(self.robot, pulled, q[:: self.terms])
 
-    def static_force(self, q: np.ndarray, pulled: np.ndarray, shape: Shape) -> np.ndarray:
+    def static_force(self, q: ndarray, pulled: ndarray, shape: Shape) -> ndarray:
         """Generalised force (n,) [N m] of elasticity, weight and tendons."""
         robot, head = self.robot, self.robot.head
         out = -self.elastic @ q
@@ -111,12 +112,12 @@ class RigRod:
         line = robot.mass_per_length * np.einsum("k,kia->ia", self.weights, shape.moves[:-1])
         return out + (line + head.mass * self._head_moves(shape)) @ np.array(robot.gravity)
 
-    def _head_moves(self, shape: Shape) -> np.ndarray:
+    def _head_moves(self, shape: Shape) -> ndarray:
         """Change (n, 3) [m] of the centre of the head by the coordinates."""
         up = self.robot.head.centre * shape.frame[-1, :, 2]
         return shape.moves[-1] + np.cross(shape.turns[-1], up)
 
-    def equilibrium(self, pulled: np.ndarray) -> np.ndarray:
+    def equilibrium(self, pulled: ndarray) -> ndarray:
         """Coordinates (n,) at rest with lengths (3,) [m] pulled in, reached from the straight rod.
 
         Raises:
@@ -131,14 +132,14 @@ class RigRod:
             raise RuntimeError(f"no equilibrium at {pulled} m: {found.message}")
         return q
 
-    def acceleration(self, q: np.ndarray, v: np.ndarray, pulled: np.ndarray) -> np.ndarray:
+    def acceleration(self, q: ndarray, v: ndarray, pulled: ndarray) -> ndarray:
         """(n,) [rad/s2] in state q, v (n,) with lengths (3,) [m] pulled in."""
         shape = self.shape(q)
         mass, bias = self._inertia(shape, v)
         damping = self.robot.damping_time * self.elastic @ v
         return np.linalg.solve(mass, self.static_force(q, pulled, shape) - damping - bias)
 
-    def _inertia(self, shape: Shape, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _inertia(self, shape: Shape, v: ndarray) -> tuple[ndarray, ndarray]:
         """Mass matrix (n, n) [kg m2], and forces (n,) [N m] of inertia at constant rates v."""
         robot, head, axis = self.robot, self.robot.head, shape.frame[..., 2]
         spin = np.einsum("kia,i->ka", shape.turns, v)
@@ -162,7 +163,7 @@ class RigRod:
         bias = np.einsum("kia,ka->i", heavy, moving) + np.einsum("kia,ka->i", rolled, turning)
         return mass, bias + np.einsum("kia,ka->i", shape.turns, np.cross(spin, momentum))
 
-    def motion(self, pulled: Pulled, times: np.ndarray, rtol: float = _RTOL) -> np.ndarray:
+    def motion(self, pulled: Pulled, times: ndarray, rtol: float = _RTOL) -> ndarray:
         """Output points (k, 3) [m] at instants (k,) [s], from the equilibrium at the first one.
 
         Args:
@@ -175,7 +176,7 @@ class RigRod:
         """
         n = 2 * self.terms
 
-        def slope(t: float, y: np.ndarray) -> np.ndarray:
+        def slope(t: float, y: ndarray) -> ndarray:
             return np.concatenate([y[n:], self.acceleration(y[:n], y[n:], pulled(t))])
 
         start = np.concatenate([self.equilibrium(np.zeros(3)), np.zeros(n)])
@@ -186,13 +187,13 @@ class RigRod:
         return np.array([self.tip(q) for q in found.y[:n].T])
 
 
-def _integral(k: int, x: np.ndarray) -> np.ndarray:
+def _integral(k: int, x: ndarray) -> ndarray:
     """Integrals (K + 1,) of the k-th Legendre polynomial from -1 to x (K,) and to 1."""
     series = legendre.legint(np.eye(k + 1)[k], lbnd=-1)
     return legendre.legval(np.append(x, 1.0), series)
 
 
-def _spin(vectors: np.ndarray) -> np.ndarray:
+def _spin(vectors: ndarray) -> ndarray:
     """Matrices (k, 3, 3) of the cross products with vectors (k, 3)."""
     x, y, z = vectors.T
     zero = 0 * x

@@ -8,6 +8,7 @@ friction. The camera sees the tip with noise, late.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.cosserat import CosseratRod
 from softrobot_env.core.motion import State
@@ -106,12 +107,12 @@ def recorded(truth: Truth, seed: int) -> Recording:
     )
 
 
-def _commands() -> tuple[np.ndarray, np.ndarray]:
+def _commands() -> tuple[ndarray, ndarray]:
     """Tensions (t, 3) [N] in steps of the simulation, and labels (t,)."""
     idle = np.array([t.pretension for t in _TENDONS])
     parts, labels = [np.tile(idle, (_count(_REST), 1))], ["rest"] * _count(_REST)
 
-    def pull(here: np.ndarray, there: np.ndarray, label: str, *after: np.ndarray) -> None:
+    def pull(here: ndarray, there: ndarray, label: str, *after: ndarray) -> None:
         share = np.linspace(0, 1, _count(_MOVE) + 1)[1:, None]
         rise = share**3 * (10 - 15 * share + 6 * share**2)
         own = [here + rise * (there - here), np.tile(there, (_count(_REST), 1)), *after]

@@ -8,17 +8,14 @@ from itertools import pairwise
 from math import pi
 
 import numpy as np
+from numpy import ndarray
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq, root
 
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.robots import RobotParams
-from studies.truths.analytic import (
-    Section,
-    euler_bernoulli_frequency,
-    section_slope,
-)
+from studies.truths.analytic import Section, euler_bernoulli_frequency, section_slope
 
 
 def section(robot: RobotParams, shear_coefficient: float | None) -> Section:
@@ -30,7 +27,7 @@ def section(robot: RobotParams, shear_coefficient: float | None) -> Section:
     return Section(robot.bending_stiffness, shear, robot.youngs_modulus * robot.area)
 
 
-def tendon_tip(robot: RobotParams, rod: Section, tension: np.ndarray) -> np.ndarray:
+def tendon_tip(robot: RobotParams, rod: Section, tension: ndarray) -> ndarray:
     """Tip (2,) [m] of a weightless robot under tensions (n_tendons,) [N].
 
     In channels a tension T at distance x bends by T x / EI and shortens by T / EA everywhere up
@@ -59,7 +56,7 @@ def tendon_tip(robot: RobotParams, rod: Section, tension: np.ndarray) -> np.ndar
     return pose[:2] + rest * np.array([np.sin(pose[2]), np.cos(pose[2])])
 
 
-def _channel_tip(robot: RobotParams, rod: Section, tension: np.ndarray) -> np.ndarray:
+def _channel_tip(robot: RobotParams, rod: Section, tension: ndarray) -> ndarray:
     edges = np.unique([0.0, *(t.end for t in robot.tendons), robot.length])
     angle, tip = 0.0, np.zeros(2)
     for start, end in pairwise(edges):
@@ -75,17 +72,17 @@ def _channel_tip(robot: RobotParams, rod: Section, tension: np.ndarray) -> np.nd
 
 
 def _next_guides(
-    pose: np.ndarray, span: float, rod: Section, offsets: np.ndarray, tension: np.ndarray
-) -> np.ndarray:
+    pose: ndarray, span: float, rod: Section, offsets: ndarray, tension: ndarray
+) -> ndarray:
     """Pose (x, z, t) of the next guides, `span` [m] of rod further on."""
     first = _across(pose, offsets)
 
-    def integrate(guess: np.ndarray) -> np.ndarray:
+    def integrate(guess: ndarray) -> ndarray:
         chord = _across(guess, offsets) - first
         pull = tension[:, None] * chord / np.linalg.norm(chord, axis=1)[:, None]
         force = -pull.sum(axis=0)
 
-        def derivative(_: float, y: np.ndarray) -> np.ndarray:
+        def derivative(_: float, y: ndarray) -> ndarray:
             arm = first - y[:2]
             moment = -np.sum(arm[:, 1] * pull[:, 0] - arm[:, 0] * pull[:, 1])
             return np.array([*section_slope(y[2], force, rod), moment / rod.bending])
@@ -99,7 +96,7 @@ def _next_guides(
     return found.x
 
 
-def _across(pose: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+def _across(pose: ndarray, offsets: ndarray) -> ndarray:
     """Points (k, 2) at distances (k,) from the centreline in the section of a pose."""
     return pose[:2] + offsets[:, None] * np.array([np.cos(pose[2]), -np.sin(pose[2])])
 

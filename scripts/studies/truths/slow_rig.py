@@ -7,6 +7,7 @@ dragged along at that distance otherwise.
 """
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.robots import RobotParams
@@ -22,18 +23,14 @@ _DIFFERENCE = 1e-5  # [rad], for the stiffness; its error slows the iteration, n
 
 
 #: Piece, and of its `ThreeTendons` arc, pretension and stiffness, and their friction: for kernels.
-_Rig = tuple[RigPiece, np.ndarray, np.ndarray, np.ndarray, float]
+_Rig = tuple[RigPiece, ndarray, ndarray, ndarray, float]
 
 
 class RigStatics:
     """The rig, with what has happened to it; call it to measure, as `visits.Measure`."""
 
     def __init__(
-        self,
-        robot: RobotParams = RIG,
-        friction: float = 0.3,
-        noise: float = 0.3e-3,
-        seed: int = 0,
+        self, robot: RobotParams = RIG, friction: float = 0.3, noise: float = 0.3e-3, seed: int = 0
     ) -> None:
         """Put the rig straight, with the tendons' pretension.
 
@@ -58,7 +55,7 @@ class RigStatics:
         self._lengths, self._y = np.zeros(3), np.zeros(2)
         self._tension = tendons.pretension.copy()
 
-    def __call__(self, lengths: np.ndarray) -> np.ndarray:
+    def __call__(self, lengths: ndarray) -> ndarray:
         """Outputs (n, 2) [m] after lengths (n, 3) [m], each on a straight line from the last one.
 
         Raises:
@@ -78,11 +75,11 @@ class RigStatics:
 @kernel
 def _visit(
     rig: _Rig,
-    lengths: np.ndarray,
-    now: np.ndarray,
-    y: np.ndarray,
-    tension: np.ndarray,
-    outputs: np.ndarray,
+    lengths: ndarray,
+    now: ndarray,
+    y: ndarray,
+    tension: ndarray,
+    outputs: ndarray,
 ) -> int:
     """Set outputs (n, 2) and the state now (3,), y (2,), tension (3,); number of points reached."""
     point, jacobian = np.empty(3), np.empty((3, 2))
@@ -99,7 +96,7 @@ def _visit(
 
 
 @kernel
-def _settle(rig: _Rig, lengths: np.ndarray, y: np.ndarray, tension: np.ndarray) -> bool:
+def _settle(rig: _Rig, lengths: ndarray, y: ndarray, tension: ndarray) -> bool:
     """Move y (2,) to the equilibrium and drag the tensions (3,) along; whether it was found."""
     inputs, dragged, give = rig[0].inputs, np.empty(3), np.empty(3)
     force, ahead, tangent = np.empty(2), np.empty(2), np.empty((2, 2))
@@ -126,7 +123,7 @@ def _settle(rig: _Rig, lengths: np.ndarray, y: np.ndarray, tension: np.ndarray) 
 
 
 @kernel
-def _imbalance(rig: _Rig, y: np.ndarray, tension: np.ndarray, out: np.ndarray) -> None:
+def _imbalance(rig: _Rig, y: ndarray, tension: ndarray, out: ndarray) -> None:
     """Set out (2,) [N m] to the force that holds y less that of the tensions."""
     for i in range(2):
         out[i] = 0.0
@@ -138,11 +135,11 @@ def _imbalance(rig: _Rig, y: np.ndarray, tension: np.ndarray, out: np.ndarray) -
 @kernel
 def _drag(
     rig: _Rig,
-    lengths: np.ndarray,
-    y: np.ndarray,
-    before: np.ndarray,
-    tension: np.ndarray,
-    give: np.ndarray,
+    lengths: ndarray,
+    y: ndarray,
+    before: ndarray,
+    tension: ndarray,
+    give: ndarray,
 ) -> None:
     """Set the tensions (3,) [N] on the rig and by what stiffness (3,) [N/m] they follow it."""
     piece, arc, pretension, stiffness, friction = rig

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy import ndarray
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -42,12 +43,12 @@ class SpatialShape:
         frame: (k, 3, 3), columns are the directors.
     """
 
-    station: np.ndarray
-    position: np.ndarray
-    frame: np.ndarray
+    station: ndarray
+    position: ndarray
+    frame: ndarray
 
     @property
-    def tip(self) -> np.ndarray:
+    def tip(self) -> ndarray:
         """(3,) [m], position at the last station."""
         return self.position[-1]
 
@@ -55,8 +56,8 @@ class SpatialShape:
 def helix(
     length: float,
     section: SpatialSection,
-    moment: np.ndarray,
-    stations: np.ndarray,
+    moment: ndarray,
+    stations: ndarray,
     follows: bool = False,
 ) -> SpatialShape:
     """The helix that a moment at the tip makes of a rod without forces (Kirchhoff 1859).
@@ -87,7 +88,7 @@ def helix(
     return SpatialShape(s, turned_along(bend, _AXIS, s), frames.as_matrix())
 
 
-def turned_along(rate: np.ndarray, vector: np.ndarray, s: np.ndarray) -> np.ndarray:
+def turned_along(rate: ndarray, vector: ndarray, s: ndarray) -> ndarray:
     """Integrals (k, 3) from 0 to s (k,) of a vector (3,) turned at a rate (3,) [rad/m]."""
     speed = np.linalg.norm(rate)
     if speed == 0:
@@ -104,8 +105,8 @@ def followed_rod(
     length: float,
     section: SpatialSection,
     loads: Sequence[Load],
-    stations: np.ndarray,
-    weight: np.ndarray | None = None,
+    stations: ndarray,
+    weight: ndarray | None = None,
 ) -> SpatialShape:
     """Equilibrium of a rod under forces and moments that follow its sections, however large.
 
@@ -161,7 +162,7 @@ def dead_loads(loads: Sequence[Load], shape: SpatialShape) -> list[Load]:
     return found
 
 
-def frame_of(y: np.ndarray) -> np.ndarray:
+def frame_of(y: ndarray) -> ndarray:
     """Directors (3, 3) of a state, which begins with position and quaternion (real part first)."""
     w, a, b, c = y[3:7] / np.linalg.norm(y[3:7])
     return np.array(
@@ -173,7 +174,7 @@ def frame_of(y: np.ndarray) -> np.ndarray:
     )
 
 
-def motion_of(y: np.ndarray, along: np.ndarray, kappa: np.ndarray) -> np.ndarray:
+def motion_of(y: ndarray, along: ndarray, kappa: ndarray) -> ndarray:
     """Derivative (7,) of position and quaternion by the arc length, of strains v and kappa (3,)."""
     w, x, y_, z = y[3:7]
     a, b, c = kappa / 2
@@ -186,7 +187,7 @@ def motion_of(y: np.ndarray, along: np.ndarray, kappa: np.ndarray) -> np.ndarray
     return np.concatenate([frame_of(y) @ along, turn])
 
 
-def _slope(_: float, y: np.ndarray, section: SpatialSection, weight: np.ndarray) -> np.ndarray:
+def _slope(_: float, y: ndarray, section: SpatialSection, weight: ndarray) -> ndarray:
     frame = frame_of(y)
     force, moment = frame.T @ y[7:10], frame.T @ y[10:]
     along = _AXIS + force / [section.shear, section.shear, section.axial]

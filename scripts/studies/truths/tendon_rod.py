@@ -26,6 +26,7 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
+from numpy import ndarray
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
@@ -38,13 +39,13 @@ _ENOUGH = 1e-8  # where equations are solved by integrating again and again
 _ZERO = np.zeros(3)
 
 #: Derivative (n,) of a state by the arc length.
-Slope = Callable[[float, np.ndarray], np.ndarray]
+Slope = Callable[[float, ndarray], ndarray]
 _AXIS = np.array([0.0, 0.0, 1.0])
 _CLAMPED = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])  # position and quaternion
 
 
 def tendon_rod(
-    robot: RobotParams, tension: np.ndarray, stations: np.ndarray, shear: float | None = None
+    robot: RobotParams, tension: ndarray, stations: ndarray, shear: float | None = None
 ) -> SpatialShape:
     """Shape of a robot under tensions (n_tendons,) [N] of tendons in channels.
 
@@ -60,7 +61,7 @@ def tendon_rod(
     """
     s, breaks = np.asarray(stations, dtype=float), _breaks(robot)
 
-    def slope(at: float, y: np.ndarray) -> np.ndarray:
+    def slope(at: float, y: ndarray) -> ndarray:
         return motion_of(y, *strains(robot, tension, at, shear))
 
     return _shape(s, _integrated(slope, _CLAMPED, breaks, s))
@@ -68,11 +69,11 @@ def tendon_rod(
 
 def _integrated(
     slope: Slope,
-    y: np.ndarray,
-    breaks: Sequence[np.ndarray],
-    stations: np.ndarray,
+    y: ndarray,
+    breaks: Sequence[ndarray],
+    stations: ndarray,
     rtol: float = _RTOL,
-) -> np.ndarray:
+) -> ndarray:
     """States (k + 1, n) at stations (k,) [m] and at the last break, from the first on.
 
     The slope may jump at the breaks.
@@ -83,8 +84,8 @@ def _integrated(
         margin = 1e-12 * (end - start)
 
         def inside(
-            at: float, y: np.ndarray, low: float = start + margin, high: float = end - margin
-        ) -> np.ndarray:
+            at: float, y: ndarray, low: float = start + margin, high: float = end - margin
+        ) -> ndarray:
             return slope(min(max(at, low), high), y)
 
         asked = (stations > start) & (stations <= end)
@@ -98,13 +99,13 @@ def _integrated(
     return out
 
 
-def _shape(stations: np.ndarray, states: np.ndarray) -> SpatialShape:
+def _shape(stations: ndarray, states: ndarray) -> SpatialShape:
     rows = states[: len(stations)]
     return SpatialShape(stations, rows[:, :3], np.array([frame_of(y) for y in rows]))
 
 
 def hanging_rod(
-    robot: RobotParams, tension: np.ndarray, stations: np.ndarray, shear: float | None = None
+    robot: RobotParams, tension: ndarray, stations: ndarray, shear: float | None = None
 ) -> SpatialShape:
     """The same of a robot with weight, along the axes of its base.
 
@@ -119,15 +120,15 @@ def hanging_rod(
     rod = np.append(np.cumsum(parts[::-1])[::-1], 0.0)
     gravity = np.array(robot.own_gravity)
 
-    def weight(at: float) -> np.ndarray:
+    def weight(at: float) -> ndarray:
         """[N] of what lies beyond."""
         discs = sum(disc.mass for disc in robot.discs if disc.station > at)
         return (np.interp(at, fine, rod) + discs) * gravity
 
-    def along(moment: np.ndarray, share: float, asked: np.ndarray) -> np.ndarray:
+    def along(moment: ndarray, share: float, asked: ndarray) -> ndarray:
         """States at places, from a moment at the clamp, with a share of the weight."""
 
-        def slope(at: float, y: np.ndarray) -> np.ndarray:
+        def slope(at: float, y: ndarray) -> ndarray:
             load, turn = share * weight(at), frame_of(y)
             loads = turn.T @ load, turn.T @ y[7:]
             motion = motion_of(y, *strains(robot, tension, at, shear, *loads))
@@ -150,7 +151,7 @@ def hanging_rod(
 
 
 def guided_rod(
-    robot: RobotParams, tension: np.ndarray, stations: np.ndarray, shear: float | None = None
+    robot: RobotParams, tension: ndarray, stations: ndarray, shear: float | None = None
 ) -> SpatialShape:
     """The same of a weightless robot whose tendons run through the same guides, up to their ends.
 
@@ -187,10 +188,10 @@ class _Span:
         self,
         robot: RobotParams,
         shear: float | None,
-        y: np.ndarray,
+        y: ndarray,
         span: tuple[float, float],
-        ends: np.ndarray,
-        pull: np.ndarray,
+        ends: ndarray,
+        pull: ndarray,
     ) -> None:
         """Places (2, tendons, 3) [m] of the tendons in both guides, and tensions [N]."""
         self._robot, self._shear, self._y, self._pull = robot, shear, y, pull
@@ -198,18 +199,18 @@ class _Span:
         within = [x for x in robot.backbone.ends if span[0] < x < span[1]]
         self._breaks = [np.array([*span, *within])]
 
-    def states(self, ways: np.ndarray, stations: np.ndarray) -> np.ndarray:
+    def states(self, ways: ndarray, stations: ndarray) -> ndarray:
         """States at stations and at the second guide, if tendons have directions (3 k,)."""
         force = -self._pull * ways.reshape(-1, 3)
 
-        def slope(at: float, y: np.ndarray) -> np.ndarray:
+        def slope(at: float, y: ndarray) -> ndarray:
             turn, moment = frame_of(y), np.cross(self._start - y[:3], force).sum(axis=0)
             loads = turn.T @ force.sum(axis=0), turn.T @ moment
             return motion_of(y, *_answer(self._robot, at, self._shear, *loads))
 
         return _integrated(slope, self._y, self._breaks, stations)
 
-    def missed(self, ways: np.ndarray) -> np.ndarray:
+    def missed(self, ways: ndarray) -> ndarray:
         """By how much (3 k,) [1] such tendons miss the second guide."""
         y = self.states(ways, np.empty(0))[-1]
         line = y[:3] + self._end @ frame_of(y).T - self._start
@@ -217,7 +218,7 @@ class _Span:
 
 
 def tendon_helix(
-    robot: RobotParams, tension: float, stations: np.ndarray, shear: float | None = None
+    robot: RobotParams, tension: float, stations: ndarray, shear: float | None = None
 ) -> SpatialShape:
     """The helix that one helical tendon along all of a uniform robot makes; see the module."""
     _breaks(robot)
@@ -234,12 +235,12 @@ def tendon_helix(
 
 def strains(
     robot: RobotParams,
-    tension: np.ndarray,
+    tension: ndarray,
     station: float,
     shear: float | None,
-    force: np.ndarray = _ZERO,
-    moment: np.ndarray = _ZERO,
-) -> tuple[np.ndarray, np.ndarray]:
+    force: ndarray = _ZERO,
+    moment: ndarray = _ZERO,
+) -> tuple[ndarray, ndarray]:
     """Strains v [1] and kappa [1/m], (3,) each, of one cross-section.
 
     Under tensions, and a force [N] and a moment [N m] along its axes from what lies beyond.
@@ -263,8 +264,8 @@ def strains(
 
 
 def _answer(
-    robot: RobotParams, station: float, shear: float | None, force: np.ndarray, moment: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+    robot: RobotParams, station: float, shear: float | None, force: ndarray, moment: ndarray
+) -> tuple[ndarray, ndarray]:
     """Strains v and kappa of a cross-section under a force and a moment along its axes."""
     backbone, s = robot.backbone, np.array([station])
     bending, torsion = backbone.bending(s)[0], backbone.torsion(s)[0]
@@ -275,7 +276,7 @@ def _answer(
     return along, moment / [bending, bending, torsion]
 
 
-def _breaks(robot: RobotParams) -> list[np.ndarray]:
+def _breaks(robot: RobotParams) -> list[ndarray]:
     """Places [m] where strains may jump; ValueError unless all tendons run in channels."""
     guided = [t.name for t in robot.tendons if t.guides]
     if guided:

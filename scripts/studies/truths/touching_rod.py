@@ -7,6 +7,7 @@ plane, towards +x by a positive angle; points and forces are pairs (x, z). The r
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
@@ -46,9 +47,9 @@ class Touching:
     """
 
     station: float
-    contact: np.ndarray
+    contact: ndarray
     pressed: float
-    tip: np.ndarray
+    tip: ndarray
 
 
 def rod_on_post(
@@ -75,13 +76,13 @@ def rod_on_post(
     """
     dead, centre = np.array(force), np.array(post)
 
-    def follow(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def follow(x: ndarray) -> tuple[ndarray, ndarray]:
         moment, pressed, station, angle = x
         push = -pressed * _across(angle)
         first = _elastica(np.array([0, 0, 0, moment]), station, dead + push, bending_stiffness)
         return first, _elastica(first, length - station, dead, bending_stiffness)
 
-    def residual(x: np.ndarray) -> np.ndarray:
+    def residual(x: ndarray) -> ndarray:
         touching, tip = follow(x)
         angle = x[3]
         apart = touching[:2] + radius * _across(angle) - centre
@@ -122,7 +123,7 @@ def rod_round_cylinder(
     """
     dead, centre = np.array(force), np.array(post)
 
-    def parts(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
+    def parts(x: ndarray) -> tuple[ndarray, ndarray, float, ndarray]:
         moment, edge, first, angle, last = x
         turned = angle + (last - first) / radius
         tension = float(dead @ [np.sin(turned), np.cos(turned)])
@@ -131,7 +132,7 @@ def rod_round_cylinder(
         left = np.array([*(centre - radius * _across(turned)), turned, bending_stiffness / radius])
         return begun, inside, tension, _elastica(left, length - last, dead, bending_stiffness)
 
-    def residual(x: np.ndarray) -> np.ndarray:
+    def residual(x: ndarray) -> ndarray:
         begun, _, _, tip = parts(x)
         apart = begun[:2] + radius * _across(x[3]) - centre
         moments = np.array([begun[3] - bending_stiffness / radius, tip[3]])
@@ -150,17 +151,15 @@ def rod_round_cylinder(
     return Touching(float(last), inside - dead, edges + tension * arc, tip[:2])
 
 
-def _across(angle: float) -> np.ndarray:
+def _across(angle: float) -> ndarray:
     """Unit vector (2,) across a rod at an angle [rad], towards +x of a straight one."""
     return np.array([np.cos(angle), -np.sin(angle)])
 
 
-def _elastica(
-    start: np.ndarray, length: float, force: np.ndarray, bending_stiffness: float
-) -> np.ndarray:
+def _elastica(start: ndarray, length: float, force: ndarray, bending_stiffness: float) -> ndarray:
     """State (x, z, angle, moment) at the end of a part with the internal force (2,) [N]."""
 
-    def slope(_: float, y: np.ndarray) -> list[float]:
+    def slope(_: float, y: ndarray) -> list[float]:
         sine, cosine = np.sin(y[2]), np.cos(y[2])
         moment = force[1] * sine - force[0] * cosine
         return [sine, cosine, y[3] / bending_stiffness, moment]

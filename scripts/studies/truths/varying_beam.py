@@ -4,6 +4,7 @@ from functools import reduce
 from itertools import pairwise
 
 import numpy as np
+from numpy import ndarray
 from scipy.optimize import brentq
 
 from softrobot_env.robots import RobotParams
@@ -12,7 +13,7 @@ from softrobot_env.robots import RobotParams
 _STEPS = 200
 
 
-def bending_frequencies(robot: RobotParams, n: int = 1) -> np.ndarray:
+def bending_frequencies(robot: RobotParams, n: int = 1) -> ndarray:
     """First n undamped bending frequencies (n,) [Hz] of the clamped robot, without gravity.
 
     Euler and Bernoulli's beam with the rotary inertia of its sections (Rayleigh): deflection w,
@@ -68,9 +69,7 @@ class _Beam:
         return float(np.linalg.det(y[2:]))
 
 
-def _steps(
-    h: float, bending: np.ndarray, rotary: np.ndarray, mass: np.ndarray, square: float
-) -> np.ndarray:
+def _steps(h: float, bending: ndarray, rotary: ndarray, mass: ndarray, square: float) -> ndarray:
     """Matrices (steps, 4, 4) of Runge and Kutta's steps of size h [m]."""
     slope = np.zeros((len(bending), 4, 4))
     slope[:, 0, 1], slope[:, 1, 2], slope[:, 2, 3] = 1, 1 / bending, -1

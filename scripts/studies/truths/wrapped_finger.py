@@ -54,11 +54,7 @@ class WrappedFinger:
 
 
 def wrapped_finger(
-    length: float,
-    stiffness: float,
-    tension: float,
-    arms: tuple[float, float],
-    radius: float,
+    length: float, stiffness: float, tension: float, arms: tuple[float, float], radius: float
 ) -> WrappedFinger:
     """The solution.
 

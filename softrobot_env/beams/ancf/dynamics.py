@@ -13,6 +13,7 @@ linear in the nodal vectors.
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.actuation import Actuation
 from softrobot_env.beams.ancf.section import SectionLaw, apply_law, set_strain
@@ -36,9 +37,9 @@ class ElementPoints(NamedTuple):
     """
 
     piece: float
-    position: np.ndarray
-    weight: np.ndarray
-    slope: np.ndarray
+    position: ndarray
+    weight: ndarray
+    slope: ndarray
 
 
 @structure
@@ -70,27 +71,27 @@ class AncfData(NamedTuple):
     n: int
     block: int
     reach: int
-    scale: np.ndarray
+    scale: ndarray
     actuation: Actuation
-    axes: np.ndarray
+    axes: ndarray
     pieces: int
     piece: float
-    clamp: np.ndarray
+    clamp: ndarray
     law: SectionLaw
     damping_time: float
     points: ElementPoints
-    mass_bending: np.ndarray
-    mass_director: np.ndarray
-    bending_factor: np.ndarray
-    director_factor: np.ndarray
-    gravity: np.ndarray
-    straight: np.ndarray
-    point_element: np.ndarray
-    point_position: np.ndarray
-    point_shape: np.ndarray
-    channel_pieces: np.ndarray
-    channel_weight: np.ndarray
-    channel_slope: np.ndarray
+    mass_bending: ndarray
+    mass_director: ndarray
+    bending_factor: ndarray
+    director_factor: ndarray
+    gravity: ndarray
+    straight: ndarray
+    point_element: ndarray
+    point_position: ndarray
+    point_shape: ndarray
+    channel_pieces: ndarray
+    channel_weight: ndarray
+    channel_slope: ndarray
 
 
 @kernel

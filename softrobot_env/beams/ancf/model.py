@@ -6,6 +6,7 @@ from math import ceil
 from warnings import warn
 
 import numpy as np
+from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from softrobot_env.beams import mechanics
@@ -138,7 +139,7 @@ class ANCF(BeamModel):
             **shapes.channel_rules(actuation, piece, pieces),
         )
 
-    def _quadrature(self) -> tuple[np.ndarray, ...]:
+    def _quadrature(self) -> tuple[ndarray, ...]:
         """Points and weights along an element of length 1, and those of the section."""
         d = self.dimension
         ring = (self.robot.outer_radius, self.robot.inner_radius, d == 2)
@@ -152,7 +153,7 @@ class ANCF(BeamModel):
         one = np.ones(len(rule.weights))
         return *along, np.column_stack([one, rule.points])[:, :d].copy(), rule.weights
 
-    def _reach(self, actuation: Actuation, element: np.ndarray, position: np.ndarray) -> int:
+    def _reach(self, actuation: Actuation, element: ndarray, position: ndarray) -> int:
         """Distance in nodes over which equations depend on coordinates."""
         if actuation.by_length and len(actuation.guided):
             return self.pieces
@@ -164,11 +165,11 @@ class ANCF(BeamModel):
                 reach = max(reach, int(last - first))
         return reach
 
-    def rest(self) -> np.ndarray:
+    def rest(self) -> ndarray:
         """Coordinates (n,) of the straight pose."""
         return self.data.straight.copy()
 
-    def curvature(self, q: np.ndarray) -> np.ndarray:
+    def curvature(self, q: ndarray) -> ndarray:
         """Curvature (pieces, 3) [1/m] about x, y, z of each element.
 
         The rotation between the sections at its ends, in the frame of the first one and divided
@@ -178,11 +179,11 @@ class ANCF(BeamModel):
         turn = Rotation.from_matrix(frames[:-1].transpose(0, 2, 1) @ frames[1:])
         return turn.as_rotvec() / self.data.piece
 
-    def twist(self, q: np.ndarray) -> float:
+    def twist(self, q: ndarray) -> float:
         """Torsion angle [rad] from the first section to the last, the sum over the elements."""
         return float(self.data.piece * self.curvature(q)[:, 2].sum())
 
-    def locking(self, q: np.ndarray) -> float:
+    def locking(self, q: ndarray) -> float:
         """Share [1] by which bending to q (n,) is too stiff: A h^4 k^2 / (360 I), k^2 the mean.
 
         An upper bound for `quadrature` 1 and 2, which leave out most of the stretch.
@@ -192,7 +193,7 @@ class ANCF(BeamModel):
         bend = self.data.piece**2 * float(bending.sum(axis=1).mean())
         return slenderness * bend / 360
 
-    def warn_of(self, q: np.ndarray) -> None:
+    def warn_of(self, q: ndarray) -> None:
         """Warn that the elements lock in bending to q (n,), if they do."""
         share = self.locking(q)
         if share > _LOCKED:
@@ -205,7 +206,7 @@ class ANCF(BeamModel):
                 stacklevel=3,
             )
 
-    def _frames(self, q: np.ndarray) -> np.ndarray:
+    def _frames(self, q: ndarray) -> ndarray:
         """Orientations (pieces + 1, 3, 3) of the sections at the nodes, as `load_axes`."""
         d, nodes = self.dimension, self.pieces + 1
         vectors = np.concatenate([self.data.clamp, q]).reshape(nodes, d + 1, d)

@@ -18,6 +18,7 @@ from math import pi
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel, structure
 from softrobot_env.robots import RobotParams
@@ -39,8 +40,8 @@ class SectionLaw(NamedTuple):
     lame: float
     shear: float
     moments: tuple[float, float, float, float]
-    points: np.ndarray
-    weights: np.ndarray
+    points: ndarray
+    weights: ndarray
 
 
 def hooke(robot: RobotParams, plane: str | None) -> tuple[float, float, float]:
@@ -72,8 +73,8 @@ class Moments(NamedTuple):
 class Rule(NamedTuple):
     """Points (k, 2) [m] in a section and their weights (k,) [m2]."""
 
-    points: np.ndarray
-    weights: np.ndarray
+    points: ndarray
+    weights: ndarray
 
 
 def section_moments(outer: float, inner: float = 0.0) -> Moments:
@@ -82,7 +83,7 @@ def section_moments(outer: float, inner: float = 0.0) -> Moments:
     return Moments(pi * p2, pi / 4 * p4, pi / 8 * p6, pi / 24 * p6)
 
 
-def legendre(n: int) -> tuple[np.ndarray, np.ndarray]:
+def legendre(n: int) -> tuple[ndarray, ndarray]:
     """Points in (0, 1) and weights of n-point Gauss-Legendre integration, exact to 2 n - 1."""
     x, w = np.polynomial.legendre.leggauss(n)
     return (1 + x) / 2, w / 2
@@ -114,7 +115,7 @@ def chebyshev_rule(n: int, outer: float, inner: float = 0.0, planar: bool = Fals
     return _ring(np.cos(angle), weights, 1 if planar else n, outer, inner)
 
 
-def _ring(x: np.ndarray, w: np.ndarray, across: int, outer: float, inner: float) -> Rule:
+def _ring(x: ndarray, w: ndarray, across: int, outer: float, inner: float) -> Rule:
     """Rule from one for int sqrt(1 - x^2) f(x) dx over (-1, 1) and `across` points in X3."""
     y, v = np.polynomial.legendre.leggauss(across)
     height = np.sqrt(1 - x**2)

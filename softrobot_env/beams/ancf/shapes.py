@@ -1,6 +1,7 @@
 """Constants of the ANCF beam: shape functions, masses, places of loads and tendons."""
 
 import numpy as np
+from numpy import ndarray
 from scipy.linalg import cholesky_banded
 
 from softrobot_env.beams.actuation import Actuation
@@ -13,7 +14,7 @@ _CHANNEL_POINTS = 4
 AXES = {2: (0, 2), 3: (0, 1, 2)}
 
 
-def straight_vectors(d: int, piece: float, pieces: int) -> np.ndarray:
+def straight_vectors(d: int, piece: float, pieces: int) -> ndarray:
     """Nodal vectors (pieces + 1, d + 1, d) of the straight robot: r, r_,1, r_,2 (, r_,3)."""
     out = np.zeros((pieces + 1, d + 1, d))
     out[:, 0, -1] = piece * np.arange(pieces + 1)
@@ -23,19 +24,19 @@ def straight_vectors(d: int, piece: float, pieces: int) -> np.ndarray:
     return out
 
 
-def hermite(xi: np.ndarray, piece: float) -> np.ndarray:
+def hermite(xi: ndarray, piece: float) -> ndarray:
     """Functions (k, 4) [1, m, 1, m] s_1, s_2, s_5, s_6 of (2.57) at X1 / piece = xi (k,)."""
     columns = [1 - 3 * xi**2 + 2 * xi**3, xi - 2 * xi**2 + xi**3, 3 * xi**2 - 2 * xi**3]
     return np.stack([*columns, xi**3 - xi**2], axis=-1) * [1, piece, 1, piece]
 
 
-def hermite_slopes(xi: np.ndarray, piece: float) -> np.ndarray:
+def hermite_slopes(xi: ndarray, piece: float) -> ndarray:
     """Derivatives (..., 4) [1/m, 1, 1/m, 1] of these by X1."""
     bump = 6 * (xi - xi**2) / piece
     return np.stack([-bump, 1 - 4 * xi + 3 * xi**2, bump, 3 * xi**2 - 2 * xi], axis=-1)
 
 
-def element_mass(robot: RobotParams, piece: float) -> tuple[np.ndarray, np.ndarray]:
+def element_mass(robot: RobotParams, piece: float) -> tuple[ndarray, ndarray]:
     """Mass (2.58) of an element for [r, r_,1] at both ends, (4, 4), and for r_,2, (2, 2).
 
     Terms between them vanish with the section's first moments. A planar model has the same ones,
@@ -50,7 +51,7 @@ def element_mass(robot: RobotParams, piece: float) -> tuple[np.ndarray, np.ndarr
     )
 
 
-def mass_factor(element: np.ndarray, vectors: int, pieces: int, fixed: int) -> np.ndarray:
+def mass_factor(element: ndarray, vectors: int, pieces: int, fixed: int) -> ndarray:
     """Cholesky factor for `dynamics._substitute` of the mass assembled from elements."""
     size, m = len(element), vectors * (pieces + 1)
     mass = np.zeros((m, m))
@@ -69,7 +70,7 @@ def mass_factor(element: np.ndarray, vectors: int, pieces: int, fixed: int) -> n
     return rows
 
 
-def gravity_force(robot: RobotParams, bending: np.ndarray, d: int, pieces: int) -> np.ndarray:
+def gravity_force(robot: RobotParams, bending: ndarray, d: int, pieces: int) -> ndarray:
     """Generalised force (pieces + 1, d + 1, d) of gravity: mass times that acceleration of r."""
     out = np.zeros((pieces + 1, d + 1, d))
     along = np.array(robot.own_gravity)[list(AXES[d])]
@@ -79,7 +80,7 @@ def gravity_force(robot: RobotParams, bending: np.ndarray, d: int, pieces: int) 
     return out
 
 
-def places(station: np.ndarray, piece: float, pieces: int) -> tuple[np.ndarray, np.ndarray]:
+def places(station: ndarray, piece: float, pieces: int) -> tuple[ndarray, ndarray]:
     """Element (k,) and X1 / piece (k,) of stations (k,) [m]; nodes are hit exactly."""
     at = station / piece
     at = np.where(np.abs(at - np.round(at)) < 1e-9, np.round(at), at)
@@ -87,7 +88,7 @@ def places(station: np.ndarray, piece: float, pieces: int) -> tuple[np.ndarray, 
     return element, at - element
 
 
-def point_shapes(position: np.ndarray, piece: float, offset: np.ndarray, d: int) -> np.ndarray:
+def point_shapes(position: ndarray, piece: float, offset: ndarray, d: int) -> ndarray:
     """Shape functions (k, 2, d + 1) of [r, r_,1, r_,2 (, r_,3)] at both nodes of points."""
     out = np.empty((len(position), 2, d + 1))
     out[:, :, :2] = hermite(position, piece).reshape(-1, 2, 2)
@@ -96,7 +97,7 @@ def point_shapes(position: np.ndarray, piece: float, offset: np.ndarray, d: int)
     return out
 
 
-def channel_rules(actuation: Actuation, piece: float, pieces: int) -> dict[str, np.ndarray]:
+def channel_rules(actuation: Actuation, piece: float, pieces: int) -> dict[str, ndarray]:
     """Fields of `AncfData` about the channels: their whole elements and last ones."""
     at = actuation.channel_end / piece
     entered = np.clip(np.ceil(at - 1e-9).astype(int), 1, pieces)

@@ -22,6 +22,7 @@ printed in the thesis. A torque t in the section's frame is the generalised forc
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.actuation import Actuation, channel_arm, channel_tangent
 from softrobot_env.beams.numerics.compilation import kernel, structure
@@ -90,35 +91,35 @@ class CosseratData(NamedTuple):
     n: int
     block: int
     reach: int
-    scale: np.ndarray
+    scale: ndarray
     actuation: Actuation
     pieces: int
     base: int
     spacing: float
     stub: float
-    segments: np.ndarray
-    cells: np.ndarray
-    vertex_mass: np.ndarray
-    inertia: np.ndarray
+    segments: ndarray
+    cells: ndarray
+    vertex_mass: ndarray
+    inertia: ndarray
     normal_inertia: float
-    stretching: np.ndarray
-    bending: np.ndarray
-    stretch_damping: np.ndarray
-    bend_damping: np.ndarray
-    gravity: np.ndarray
+    stretching: ndarray
+    bending: ndarray
+    stretch_damping: ndarray
+    bend_damping: ndarray
+    gravity: ndarray
     weighting: int
     conservative: bool
     baumgarte: float
     norm_stiffness: float
-    vertex: np.ndarray
-    share: np.ndarray
-    shift: np.ndarray
-    section: np.ndarray
-    weight: np.ndarray
-    moment_weight: np.ndarray
-    first_sample: np.ndarray
-    sampled: np.ndarray
-    samples: np.ndarray
+    vertex: ndarray
+    share: ndarray
+    shift: ndarray
+    section: ndarray
+    weight: ndarray
+    moment_weight: ndarray
+    first_sample: ndarray
+    sampled: ndarray
+    samples: ndarray
 
 
 # ---------------------------------------------------------------- coordinates

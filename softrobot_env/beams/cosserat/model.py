@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams import mechanics
 from softrobot_env.beams.actuation import Actuation, channel_samples, channels_of
@@ -164,7 +165,7 @@ class CosseratRod(BeamModel):
         spans = len(_span_ends(robot)) - 1
         return _PER_SPAN * spans if any(t.guides for t in robot.tendons) else 1
 
-    def _cut(self) -> np.ndarray:
+    def _cut(self) -> ndarray:
         """See `BeamModel`."""
         self._paired = np.zeros(self.pieces, dtype=bool)
         least = self.fewest(self.robot)
@@ -179,7 +180,7 @@ class CosseratRod(BeamModel):
         parts = (e + d / n * np.arange(n) for e, d, n in zip(ends, sizes, counts, strict=False))
         return np.append(np.concatenate(list(parts)), ends[-1])
 
-    def _vertices(self) -> np.ndarray:
+    def _vertices(self) -> ndarray:
         """Arc lengths (N + 1,) [m] of the vertices."""
         if self.grid == "thesis":
             return self.edges
@@ -188,7 +189,7 @@ class CosseratRod(BeamModel):
         shift = np.where(second, _OUTWARDS, -_OUTWARDS) * sizes * self._paired
         return np.append(middles + shift, self.edges[-1])
 
-    def _inertia(self, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _inertia(self, vertices: ndarray) -> tuple[ndarray, ndarray]:
         """Masses (N + 1,) [kg] of the vertices and inertias (N, 3) [kg m2] of the segments.
 
         The inertia of a disc is shared out between the sections beside it.
@@ -203,7 +204,7 @@ class CosseratRod(BeamModel):
                     inertia[k] += part * np.array(disc.inertia)
         return masses_at(self.robot, vertices), inertia
 
-    def _places(self, stations: np.ndarray) -> dict[str, np.ndarray]:
+    def _places(self, stations: ndarray) -> dict[str, ndarray]:
         """Fields of `CosseratData` about points at stations (k,) [m]."""
         if self.grid == "middles":
             return _middle_places(stations, self.edges, self._vertices())
@@ -211,7 +212,7 @@ class CosseratRod(BeamModel):
             stations / (self.robot.length / self.pieces), self.pieces, self.clamped
         )
 
-    def _strain_shares(self, edges: np.ndarray, vertices: np.ndarray) -> np.ndarray:
+    def _strain_shares(self, edges: ndarray, vertices: ndarray) -> ndarray:
         """Shear and stretch (k, 2) [1] between edges over that of the segment they are in."""
         if self.robot.is_uniform:
             return np.ones((len(edges) - 1, 2))
@@ -224,7 +225,7 @@ class CosseratRod(BeamModel):
         ]
         return np.column_stack(shares)
 
-    def _samples(self, actuation: Actuation, vertices: np.ndarray) -> dict[str, np.ndarray]:
+    def _samples(self, actuation: Actuation, vertices: ndarray) -> dict[str, ndarray]:
         """Fields of `CosseratData` about the channels.
 
         Half a segment bends with each of its vertices; where the place of a channel in a uniform
@@ -254,11 +255,11 @@ class CosseratRod(BeamModel):
     def _reach(
         self,
         actuation: Actuation,
-        vertex: np.ndarray,
-        share: np.ndarray,
-        section: np.ndarray,
-        weight: np.ndarray,
-        **_: np.ndarray,
+        vertex: ndarray,
+        share: ndarray,
+        section: ndarray,
+        weight: ndarray,
+        **_: ndarray,
     ) -> int:
         """Distance in blocks over which equations depend on coordinates."""
         if not self.clamped:
@@ -278,7 +279,7 @@ class CosseratRod(BeamModel):
             spans += [span(pair) for pair in pairwise(range(start, end))]
         return min(self.pieces, max(spans))
 
-    def moved(self, q: np.ndarray, change: np.ndarray) -> np.ndarray:
+    def moved(self, q: ndarray, change: ndarray) -> ndarray:
         """Coordinates (n,) changed by (n,) in their strains and rotations."""
         out = np.empty(self.n)
         dynamics.displace(self.data, q, change, out)
@@ -288,7 +289,7 @@ class CosseratRod(BeamModel):
         """Data with a stiffness of the quaternions' norm, which statics leave free otherwise."""
         return data._replace(norm_stiffness=4 * float(data.bending.max()) / data.spacing)
 
-    def rest(self) -> np.ndarray:
+    def rest(self) -> ndarray:
         """Coordinates (n,) of the straight pose."""
         q = np.zeros(self.data.n)
         blocks = q[: 7 * self.pieces].reshape(-1, 7)
@@ -296,7 +297,7 @@ class CosseratRod(BeamModel):
         blocks[:, 3] = 1
         return q
 
-    def tangent(self, q: np.ndarray) -> np.ndarray:
+    def tangent(self, q: ndarray) -> ndarray:
         """(n, m): columns move one vertex along an axis or turn one section about its own axis."""
         out = np.zeros((self.n, self.n - self.pieces))
         for k in range(self.pieces):
@@ -308,11 +309,11 @@ class CosseratRod(BeamModel):
         out[7 * self.pieces :, 6 * self.pieces :] = np.eye(self.n - 7 * self.pieces)
         return out
 
-    def vertex_curvature(self, q: np.ndarray) -> np.ndarray:
+    def vertex_curvature(self, q: ndarray) -> ndarray:
         """Curvature (pieces, 3) [1/m] about x, y, z at the vertices 0 to pieces - 1, (2.23)."""
         return self._curvatures(q, self.weighting)
 
-    def curvature(self, q: np.ndarray) -> np.ndarray:
+    def curvature(self, q: ndarray) -> ndarray:
         """Curvature (pieces, 3) [1/m] about x, y, z of each segment.
 
         In the thesis' grid the mean of its two vertices; the last segment, and the first of a free
@@ -327,7 +328,7 @@ class CosseratRod(BeamModel):
             mean[0] = kappa[1]
         return mean
 
-    def twist(self, q: np.ndarray) -> float:
+    def twist(self, q: ndarray) -> float:
         """Torsion angle [rad] from clamp to tip.
 
         In the thesis' grid a moment at the tip acts on the last section, half a segment before
@@ -339,19 +340,19 @@ class CosseratRod(BeamModel):
         turns = self.data.spacing * kappa
         return float(turns.sum() - turns[0] / 2 + turns[-1] / 2)
 
-    def constraint_drift(self, q: np.ndarray) -> float:
+    def constraint_drift(self, q: ndarray) -> float:
         """Largest deviation of the norm of a quaternion in q (n,) or (T, n) from 1."""
         blocks = np.atleast_2d(q)[:, : 7 * self.pieces].reshape(-1, 7)
         return float(np.max(np.abs(np.linalg.norm(blocks[:, 3:], axis=1) - 1)))
 
-    def _curvatures(self, q: np.ndarray, weighting: int) -> np.ndarray:
+    def _curvatures(self, q: ndarray, weighting: int) -> ndarray:
         u = dynamics.sections(np.ascontiguousarray(q, dtype=float), self.pieces)
         return dynamics.curvatures(u, self.data.base, self.data.cells, weighting)[:-1]
 
 
 def _joined(
-    segment: np.ndarray, sampled: np.ndarray, samples: np.ndarray, channels: list[Tendon]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    segment: ndarray, sampled: ndarray, samples: ndarray, channels: list[Tendon]
+) -> tuple[ndarray, ndarray, ndarray]:
     """Samples with those of straight channels in the two halves of a segment made one."""
     keep = np.ones(len(segment), dtype=bool)
     for number, tendon in enumerate(channels):
@@ -364,7 +365,7 @@ def _joined(
     return segment[keep], sampled[keep], np.ascontiguousarray(samples[keep])
 
 
-def _span_ends(robot: RobotParams) -> np.ndarray:
+def _span_ends(robot: RobotParams) -> ndarray:
     """Arc lengths (k,) [m] of the ends of robot, sections and spans between guides."""
     guides = [station for t in robot.tendons if t.guides for station in t.stations]
     ends = np.unique([*robot.backbone.ends, *guides])
@@ -372,9 +373,7 @@ def _span_ends(robot: RobotParams) -> np.ndarray:
     return ends[apart]
 
 
-def _middle_places(
-    stations: np.ndarray, edges: np.ndarray, vertices: np.ndarray
-) -> dict[str, np.ndarray]:
+def _middle_places(stations: ndarray, edges: ndarray, vertices: ndarray) -> dict[str, ndarray]:
     """Fields of `CosseratData` about points at stations (k,) [m], in the grid "middles".
 
     Segment k turns with the section at the end of piece k.
@@ -397,7 +396,7 @@ def _middle_places(
     }
 
 
-def _thesis_places(at: np.ndarray, pieces: int, clamped: bool) -> dict[str, np.ndarray]:
+def _thesis_places(at: ndarray, pieces: int, clamped: bool) -> dict[str, ndarray]:
     """Fields of `CosseratData` about points at places (k,) in pieces, in the grid "thesis".
 
     Directors are interpolated linearly between the clamp and the middles of the segments and
@@ -416,7 +415,7 @@ def _thesis_places(at: np.ndarray, pieces: int, clamped: bool) -> dict[str, np.n
     return out | {"section": section, "weight": weight, "moment_weight": np.clip(weight, 0.0, 1.0)}
 
 
-def _snapped(at: np.ndarray) -> np.ndarray:
+def _snapped(at: ndarray) -> ndarray:
     """Places in pieces without the rounding error of those at their ends."""
     return np.where(np.abs(at - np.round(at)) < 1e-9, np.round(at), at)
 

@@ -4,6 +4,7 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams import signals
 from softrobot_env.beams.mechanics import (
@@ -59,10 +60,10 @@ class Method(NamedTuple):
         last: Whether the last stage is the new state (b is a's last row).
     """
 
-    a: np.ndarray
-    b: np.ndarray
-    c: np.ndarray
-    error: np.ndarray
+    a: ndarray
+    b: ndarray
+    c: ndarray
+    error: ndarray
     diagonal: float
     order: int
     estimate: int
@@ -182,18 +183,18 @@ class Work(NamedTuple):
     Stages are (s, n), states and u vectors, the rest belongs to Newton's iteration.
     """
 
-    stage_v: np.ndarray
-    stage_a: np.ndarray
-    start_q: np.ndarray
-    start_v: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    change: np.ndarray
-    u: np.ndarray
-    matrix: np.ndarray
-    pivot: np.ndarray
-    formed: np.ndarray
+    stage_v: ndarray
+    stage_a: ndarray
+    start_q: ndarray
+    start_v: ndarray
+    q: ndarray
+    v: ndarray
+    a: ndarray
+    change: ndarray
+    u: ndarray
+    matrix: ndarray
+    pivot: ndarray
+    formed: ndarray
 
 
 def workspace(n: int, width: int, stages: int, n_inputs: int) -> Work:
@@ -219,9 +220,9 @@ class Step(NamedTuple):
 
     t: float
     h: float
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
+    q: ndarray
+    v: ndarray
+    a: ndarray
 
 
 class Samples(NamedTuple):
@@ -232,9 +233,9 @@ class Samples(NamedTuple):
         q, v: (k, n), filled.
     """
 
-    times: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
+    times: ndarray
+    q: ndarray
+    v: ndarray
 
 
 class Effort(NamedTuple):
@@ -245,11 +246,11 @@ class Effort(NamedTuple):
         steps: (2,) [s], set to the smallest and largest step taken.
     """
 
-    counters: np.ndarray
-    steps: np.ndarray
+    counters: ndarray
+    steps: ndarray
 
 
-def samples(times: np.ndarray, n: int) -> Samples:
+def samples(times: ndarray, n: int) -> Samples:
     """Samples of n coordinates at times (k,) [s], to be filled."""
     return Samples(times, *np.empty((2, len(times), n)))
 

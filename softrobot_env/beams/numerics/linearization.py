@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.mechanics import (
     add_applied,
@@ -29,19 +30,19 @@ class StateSpace:
         mass, damping, stiffness: (m, m), the same as M d2x + D dx + K x = 0.
     """
 
-    a: np.ndarray
-    b: np.ndarray
-    c: np.ndarray
-    mass: np.ndarray
-    damping: np.ndarray
-    stiffness: np.ndarray
+    a: ndarray
+    b: ndarray
+    c: ndarray
+    mass: ndarray
+    damping: ndarray
+    stiffness: ndarray
 
-    def poles(self) -> np.ndarray:
+    def poles(self) -> ndarray:
         """Eigenvalues (2 m,) [1/s] of A, slowest first."""
         values = np.linalg.eigvals(self.a)
         return values[np.argsort(np.abs(values))]
 
-    def frequencies(self) -> np.ndarray:
+    def frequencies(self) -> ndarray:
         """Undamped frequencies (m,) [Hz], increasing; nan where the stiffness is negative."""
         squares = np.linalg.eigvals(np.linalg.solve(self.mass, self.stiffness)).real
         squares = np.sort(squares)

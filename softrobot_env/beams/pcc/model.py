@@ -5,6 +5,7 @@ from math import inf
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams import mechanics
 from softrobot_env.beams.actuation import Actuation, channel_samples, channels_of
@@ -53,20 +54,20 @@ class PccData(NamedTuple):
     n: int
     block: int
     reach: int
-    scale: np.ndarray
+    scale: ndarray
     actuation: Actuation
     pieces: int
-    length: np.ndarray
-    bending: np.ndarray
-    twisting: np.ndarray
-    damping_time: np.ndarray
-    gravity: np.ndarray
-    first: np.ndarray
-    bodies: np.ndarray
-    points: np.ndarray
-    first_sample: np.ndarray
-    sampled: np.ndarray
-    samples: np.ndarray
+    length: ndarray
+    bending: ndarray
+    twisting: ndarray
+    damping_time: ndarray
+    gravity: ndarray
+    first: ndarray
+    bodies: ndarray
+    points: ndarray
+    first_sample: ndarray
+    sampled: ndarray
+    samples: ndarray
 
 
 class PCC(BeamModel):
@@ -147,11 +148,11 @@ class PCC(BeamModel):
             _check_definite(data)
         return data
 
-    def rest(self) -> np.ndarray:
+    def rest(self) -> ndarray:
         """Coordinates (n,) of the straight pose."""
         return np.zeros(self.pieces * AXES[self.axes])
 
-    def curvature(self, q: np.ndarray) -> np.ndarray:
+    def curvature(self, q: ndarray) -> ndarray:
         """Curvature (pieces, 3) [1/m]: kx = -gamma, ky = beta and torsion."""
         q = np.reshape(q, (self.pieces, -1))
         strain = np.zeros((self.pieces, 3), q.dtype)
@@ -160,7 +161,7 @@ class PCC(BeamModel):
         return strain
 
 
-def _place(stations: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _place(stations: ndarray, edges: ndarray) -> tuple[ndarray, ndarray]:
     """Piece and fraction of stations [m]; a joint belongs to the piece before it."""
     pieces = len(edges) - 1
     near = edges - _SNAP * edges[-1] / pieces
@@ -171,8 +172,8 @@ def _place(stations: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _bodies(
-    robot: RobotParams, edges: np.ndarray, inertia: str | Sequence[Station]
-) -> tuple[np.ndarray, np.ndarray]:
+    robot: RobotParams, edges: ndarray, inertia: str | Sequence[Station]
+) -> tuple[ndarray, ndarray]:
     """Fields `first` and `bodies` of `PccData`."""
     pieces, length = len(edges) - 1, np.diff(edges)
     ends = np.column_stack([edges[1:], np.zeros((pieces, 4))])
@@ -204,7 +205,7 @@ def _bodies(
     return np.searchsorted(index[order], np.arange(pieces + 1)), bodies[order]
 
 
-def _per_length(robot: RobotParams, places: np.ndarray) -> np.ndarray:
+def _per_length(robot: RobotParams, places: ndarray) -> ndarray:
     """Mass and moments of inertia (k, 4) per length at places (k,) [m]."""
     mass, rotary = robot.backbone.mass(places), robot.backbone.rotary(places)
     return np.column_stack([mass, rotary, rotary, 2 * rotary])

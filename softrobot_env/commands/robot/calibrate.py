@@ -43,10 +43,7 @@ def run(args: Namespace) -> int:
         FileExistsError: The file to write is there; the robot has not moved.
     """
     robot = robot_of(args)
-    with (
-        new_file(args.out, args.overwrite),
-        open_driver(jog_file(robot), args.record) as driver,
-    ):
+    with new_file(args.out, args.overwrite), open_driver(jog_file(robot), args.record) as driver:
         info = driver.connect()
         say(_HELP, highlight=False)
         driver.arm()

@@ -4,7 +4,7 @@ from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
+from numpy import ndarray
 
 from softrobot_env.commands.arguments import Parsers, add, add_line
 from softrobot_env.commands.output import say
@@ -86,6 +86,6 @@ def reading_rows(reading: Reading) -> dict[str, str]:
     }
 
 
-def numbers(values: np.ndarray, digits: int) -> str:
+def numbers(values: ndarray, digits: int) -> str:
     """Numbers in a row."""
     return "  ".join(f"{value:.{digits}f}" for value in values)

@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 from rich.table import Table
 
 from softrobot_env.commands.arguments import add
@@ -78,7 +79,7 @@ def _run(args: Namespace) -> int:
 @contextmanager
 def _robot(
     args: Namespace,
-) -> Iterator[tuple[RobotFile, TipSource | None, dict[str, np.ndarray] | None]]:
+) -> Iterator[tuple[RobotFile, TipSource | None, dict[str, ndarray] | None]]:
     """Robot file, tip source, and a log that is filled when the context has ended."""
     if args.robot_file is not None:
         yield read_robot_file(args.robot_file), None, None
@@ -147,7 +148,7 @@ def answer_times(trips: list[float | None], period: float) -> list[float]:
     return times[::-1]
 
 
-def unsafe_outputs(log: dict[str, np.ndarray], file: RobotFile) -> dict[str, Any]:
+def unsafe_outputs(log: dict[str, ndarray], file: RobotFile) -> dict[str, Any]:
     """How often a virtual robot's outputs left the range or were faster than allowed.
 
     Args:

@@ -17,6 +17,7 @@ from threading import Event, Thread, Timer
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.commands.arguments import add, port
 from softrobot_env.commands.output import check_free, say
@@ -90,7 +91,7 @@ def run(args: Namespace) -> int:
 def virtual_robot(
     twin: int,
     seed: int = 0,
-    show: Callable[[float, np.ndarray], None] | None = None,
+    show: Callable[[float, ndarray], None] | None = None,
     watch: Callable[[VirtualRobot], None] | None = None,
 ) -> VirtualRobot:
     """A virtual rig that understands pulses as `virtual_file` says.
@@ -135,7 +136,7 @@ class UdpCamera:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._address = ("127.0.0.1", port)
 
-    def show(self, age: float, tip: np.ndarray) -> None:
+    def show(self, age: float, tip: ndarray) -> None:
         """Send a picture's age [s] and tip (2,) [m]."""
         x, y = tip.tolist()
         message = json.dumps({"x": x, "y": y, "age": age})

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.control.base import REASONS, SATURATED
 from softrobot_env.control.feedforward.law import Feedforward, FeedforwardPI, FeedforwardState
@@ -50,9 +51,9 @@ class Moving(NamedTuple):
         shifts: (up to 3, nv) [rad], x_0 at the last instants, newest first.
     """
 
-    acceleration: np.ndarray | None = None
-    inputs: np.ndarray | None = None
-    shifts: tuple[np.ndarray, ...] = ()
+    acceleration: ndarray | None = None
+    inputs: ndarray | None = None
+    shifts: tuple[ndarray, ...] = ()
 
 
 class InverseDynamics(Feedforward):
@@ -100,7 +101,7 @@ class InverseDynamics(Feedforward):
 
     def _added(
         self, observation: Observation, motion: Motion, rest: Rest, state: FeedforwardState
-    ) -> tuple[np.ndarray, Moving, str | None]:
+    ) -> tuple[ndarray, Moving, str | None]:
         """Inputs of the motion; at rest those of the statics."""
         place, velocity, acceleration = motion
         now = observation["reference_acceleration"].copy()
@@ -119,10 +120,10 @@ class InverseDynamics(Feedforward):
         self,
         rest: Rest,
         linear: Linear,
-        velocity: np.ndarray,
-        acceleration: np.ndarray,
+        velocity: ndarray,
+        acceleration: ndarray,
         memory: Moving,
-    ) -> tuple[np.ndarray, tuple[np.ndarray, ...], str | None]:
+    ) -> tuple[ndarray, tuple[ndarray, ...], str | None]:
         """Inputs, the next shifts, and what is to be said."""
         place, solver = rest.place, self._statics.solver(rest.spatial)
         rate, change = self._through_rests(rest, linear, velocity, acceleration)
@@ -146,8 +147,8 @@ class InverseDynamics(Feedforward):
         return inputs, shifts[:3], REASONS[SATURATED] if limited else reason
 
     def _through_rests(
-        self, rest: Rest, linear: Linear, velocity: np.ndarray, acceleration: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+        self, rest: Rest, linear: Linear, velocity: ndarray, acceleration: ndarray
+    ) -> tuple[ndarray, ndarray]:
         """Rate and second derivative (nv,) of the posture along the equilibria of the reference."""
         speed, pull = np.linalg.norm(velocity), np.linalg.norm(acceleration)
         if speed == pull == 0:
@@ -161,7 +162,7 @@ class InverseDynamics(Feedforward):
         ]
         return (turns[0] - turns[1]) / (2 * h), (turns[0] + turns[1]) / h**2
 
-    def _beside(self, rest: Rest, linear: Linear, way: np.ndarray) -> np.ndarray:
+    def _beside(self, rest: Rest, linear: Linear, way: ndarray) -> ndarray:
         """Turns (nv,) from a rest to that of a tip a small way (k,) [m] beside it."""
         place, solver = rest.place, self._statics.solver(rest.spatial)
         target = linear.tip + way
@@ -175,17 +176,13 @@ class InverseDynamics(Feedforward):
             action, posture = action + step, solver.moved(posture, turn)
         return solver.turns(place.posture, posture)
 
-    def _balanced(
-        self, action: np.ndarray, linear: Linear, force: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _balanced(self, action: ndarray, linear: Linear, force: ndarray) -> tuple[ndarray, ndarray]:
         """Change (m,) of the actions, and shift (nv,), under more force without the tip moving."""
         bent = np.linalg.solve(linear.stiffness, force)
         step, _ = least_step(linear.tip_by_actions, linear.tip_by_turns @ bent, action, 0.0)
         return step, linear.by_actions @ step - bent
 
-    def _driven(
-        self, wanted: np.ndarray, before: np.ndarray | None
-    ) -> tuple[np.ndarray, str | None]:
+    def _driven(self, wanted: ndarray, before: ndarray | None) -> tuple[ndarray, str | None]:
         """Commands with which servos are on average where they should be in a period."""
         if before is None or (np.isinf(self._speed) and not self._lag.any()):
             return wanted, None
@@ -194,7 +191,7 @@ class InverseDynamics(Feedforward):
         return driven, _SLOW if np.abs(rate).max() > self._speed else None
 
 
-def _lag(robot: RobotParams) -> np.ndarray:
+def _lag(robot: RobotParams) -> ndarray:
     """(n_tendons,) [m] by which tendons wound up by servos lag behind, whichever way they move."""
     if robot.drive.kind != "length":
         return np.zeros(1)

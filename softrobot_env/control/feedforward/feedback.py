@@ -3,6 +3,7 @@
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.control.base import NOT_FINITE, REASONS, Controller, usable
 from softrobot_env.control.feedforward.motion import DifferenceFilter, Differences, Motion
@@ -26,8 +27,8 @@ class Sent(NamedTuple):
             tip by then.
     """
 
-    reference: np.ndarray
-    moved: np.ndarray
+    reference: ndarray
+    moved: ndarray
 
 
 class FeedbackState(NamedTuple):
@@ -42,10 +43,10 @@ class FeedbackState(NamedTuple):
         sent: The last decisions whose tip was not seen yet, oldest first.
     """
 
-    integral: np.ndarray
+    integral: ndarray
     differs: Differences | None
-    mode: np.ndarray
-    moved: np.ndarray
+    mode: ndarray
+    moved: ndarray
     near: Nearby | None
     sent: tuple[Sent, ...]
 
@@ -115,7 +116,7 @@ class Feedback:
                 n_inputs, learning.n_built, learning.reach, frequency, control_period
             )
 
-    def start(self, reference: np.ndarray) -> FeedbackState:
+    def start(self, reference: ndarray) -> FeedbackState:
         """Begin with a reference (k,) [m] that was there before."""
         k = len(reference)
         differs = None if self._filter is None else self._filter.begin()
@@ -129,10 +130,10 @@ class Feedback:
         self,
         rest: Rest,
         motion: Motion,
-        reference: np.ndarray,
-        tip: np.ndarray,
+        reference: ndarray,
+        tip: ndarray,
         felt: FeedbackState,
-    ) -> tuple[np.ndarray, FeedbackState, bool]:
+    ) -> tuple[ndarray, FeedbackState, bool]:
         """Inputs (n_inputs,) to add where the statics are at rest, and whether one is limited.
 
         Args:
@@ -160,8 +161,8 @@ class Feedback:
         return shifted - rest.inputs, now.unlearnt(felt) if limited else now, limited
 
     def _made_up(
-        self, rest: Rest, motion: Motion, change: np.ndarray, felt: FeedbackState
-    ) -> tuple[np.ndarray, FeedbackState, bool]:
+        self, rest: Rest, motion: Motion, change: ndarray, felt: FeedbackState
+    ) -> tuple[ndarray, FeedbackState, bool]:
         """Inputs (n_inputs,) of a robot that differs, what is felt, and whether one is limited."""
         differs, inputs = felt.differs, self._statics.inputs
         near = self._near.about(rest, motion, differs, felt.near)
@@ -194,8 +195,8 @@ class ReferenceState(NamedTuple):
     """
 
     inner: Any
-    integral: np.ndarray
-    sent: np.ndarray
+    integral: ndarray
+    sent: ndarray
     status: str | None = None
     begun: bool = False
 
@@ -249,7 +250,7 @@ class ReferenceFeedback(Controller):
 
     def act(
         self, observation: Observation, state: ReferenceState
-    ) -> tuple[np.ndarray, ReferenceState]:
+    ) -> tuple[ndarray, ReferenceState]:
         """The action of the policy for the shifted reference."""
         reference, tip = observation["reference"], observation[_TIP]
         is_seen = bool(np.isfinite(tip).all())

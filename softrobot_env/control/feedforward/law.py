@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.control.base import NOT_FINITE, REASONS, SATURATED, Controller, usable
 from softrobot_env.control.feedforward.feedback import Feedback, FeedbackState
@@ -29,7 +30,7 @@ class FeedforwardState:
         status: Why the action is not the one wanted, or None.
     """
 
-    target: np.ndarray
+    target: ndarray
     rest: Rest
     memory: Any
     felt: FeedbackState | None
@@ -101,7 +102,7 @@ class Feedforward(Controller):
 
     def act(
         self, observation: Observation, state: FeedforwardState
-    ) -> tuple[np.ndarray, FeedforwardState]:
+    ) -> tuple[ndarray, FeedforwardState]:
         """Statics of the target, and what is added to them."""
         if not all(np.isfinite(observation[name]).all() for name in self.requires):
             kept = np.clip(usable(observation["previous_action"]), -1.0, 1.0)
@@ -128,7 +129,7 @@ class Feedforward(Controller):
 
     def _added(
         self, observation: Observation, motion: Motion, rest: Rest, state: FeedforwardState
-    ) -> tuple[np.ndarray, Any, str | None]:
+    ) -> tuple[ndarray, Any, str | None]:
         """Inputs (n_inputs,), the next memory, and why they are not those wanted, or None."""
         return rest.inputs, state.memory, None
 
@@ -137,9 +138,9 @@ class Feedforward(Controller):
         observation: Observation,
         motion: Motion,
         rest: Rest,
-        inputs: np.ndarray,
+        inputs: ndarray,
         felt: FeedbackState | None,
-    ) -> tuple[np.ndarray, FeedbackState | None, bool]:
+    ) -> tuple[ndarray, FeedbackState | None, bool]:
         """Inputs (n_inputs,) after feedback, what it remembers, and if one is limited."""
         if self._feedback is None:
             return inputs, None, False

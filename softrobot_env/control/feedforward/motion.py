@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 
@@ -11,11 +12,11 @@ from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 class Motion(NamedTuple):
     """A reference: (k,) each, [m, m/s, m/s2]."""
 
-    position: np.ndarray
-    velocity: np.ndarray
-    acceleration: np.ndarray
+    position: ndarray
+    velocity: ndarray
+    acceleration: ndarray
 
-    def after(self, time: float, jerk: np.ndarray | float) -> "Motion":
+    def after(self, time: float, jerk: ndarray | float) -> "Motion":
         """The motion `time` [s] later, with a constant jerk (k,) [m/s3]."""
         z, dz, ddz = self
         square = time * time / 2
@@ -25,7 +26,7 @@ class Motion(NamedTuple):
             ddz + time * jerk,
         )
 
-    def ahead(self, time: float, before: np.ndarray | None, period: float) -> "Motion":
+    def ahead(self, time: float, before: ndarray | None, period: float) -> "Motion":
         """The same with the jerk since an acceleration (k,) a period [s] ago; None: no jerk."""
         return self.after(time, 0.0 if before is None else (self.acceleration - before) / period)
 
@@ -34,9 +35,7 @@ class Motion(NamedTuple):
 _TURNING = 2e-3
 
 
-def ahead_of(
-    rate: np.ndarray, period: float, speed: float, lag: np.ndarray | float = 0.0
-) -> np.ndarray:
+def ahead_of(rate: ndarray, period: float, speed: float, lag: ndarray | float = 0.0) -> ndarray:
     """What to add to commands [m] so that tendons are on average where they should be in a period.
 
     A servo takes a while, |rate| T / speed, for its way in a period; and a tendon lags behind its
@@ -79,8 +78,8 @@ class Differences(NamedTuple):
         covariance: (n, n).
     """
 
-    mean: np.ndarray
-    covariance: np.ndarray
+    mean: ndarray
+    covariance: ndarray
 
     @property
     def stiffer(self) -> float:
@@ -129,9 +128,7 @@ class DifferenceFilter:
         """Before anything was seen."""
         return self._begun
 
-    def updated(
-        self, before: Differences, left: np.ndarray, ways: np.ndarray, far: float
-    ) -> Differences:
+    def updated(self, before: Differences, left: ndarray, ways: ndarray, far: float) -> Differences:
         """After an error was seen.
 
         Args:
@@ -165,13 +162,13 @@ class InverseStatics:
         converged: Whether the tip is on the target at a local minimum of the tension norm.
     """
 
-    reduced: np.ndarray
+    reduced: ndarray
     residual: float
     converged: bool
 
 
 def least_norm(
-    statics: ConstantCurvatureStatics, target: np.ndarray, guess: np.ndarray
+    statics: ConstantCurvatureStatics, target: ndarray, guess: ndarray
 ) -> InverseStatics:
     """Inputs of least norm that hold the tip on a target, near a guess.
 
@@ -203,8 +200,8 @@ def least_norm(
 
 
 def _newton_steps(
-    u: np.ndarray, gap: np.ndarray, first: np.ndarray, second: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+    u: ndarray, gap: ndarray, first: ndarray, second: ndarray
+) -> tuple[ndarray, ndarray]:
     """Step towards the target in the row space of J, and down |u|^2 in its null space."""
     left, singular, right = np.linalg.svd(first)
     # Near the straight pose J loses rank; the damping bounds the step there and vanishes with
@@ -222,6 +219,6 @@ def _newton_steps(
     return to_range, -null @ (vectors @ (slope / np.maximum(np.abs(values), 0.1)))
 
 
-def _shorten(step: np.ndarray, limit: np.ndarray) -> np.ndarray:
+def _shorten(step: ndarray, limit: ndarray) -> ndarray:
     """The step, scaled down to at most a tenth of the tension limit."""
     return step / max(1.0, np.max(np.abs(step) / (0.1 * limit)))

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 from scipy.linalg import eigh, expm
 
 from softrobot_env.control.feedforward.motion import Differences, Motion
@@ -35,8 +36,8 @@ _MODES, _STEP = 4, 1e-4
 class Path(NamedTuple):
     """How a tip that follows its reference moves: rate (nv,) [rad/s], speed (3,) [m/s]."""
 
-    rate: np.ndarray
-    speed: np.ndarray
+    rate: ndarray
+    speed: ndarray
 
     def since(self, before: "Path", period: float) -> "Path":
         """Mean change of both per time, in a period [s]: jumps of the reference are in it."""
@@ -61,18 +62,18 @@ class Nearby(NamedTuple):
 
     rest: Rest
     linear: Linear
-    forces: np.ndarray
-    by_inputs: np.ndarray
-    ways: np.ndarray
-    moving: np.ndarray
-    held: np.ndarray
+    forces: ndarray
+    by_inputs: ndarray
+    ways: ndarray
+    moving: ndarray
+    held: ndarray
     path: Path
-    free: np.ndarray
-    forced: np.ndarray
-    tip: np.ndarray
-    at_once: np.ndarray
+    free: ndarray
+    forced: ndarray
+    tip: ndarray
+    at_once: ndarray
 
-    def later(self, mode: np.ndarray, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def later(self, mode: ndarray, forces: ndarray) -> tuple[ndarray, ndarray]:
         """y and y' (2 r, n) after a period under forces (nv, n), and the tip (n, k) [m] then."""
         after = self.free @ mode + self.forced @ forces
         return after, (self.tip @ after[: self.tip.shape[1]] + self.at_once @ forces).T
@@ -107,7 +108,7 @@ class Neighbourhood:
         return StaticForces(build_scene(other).model)
 
     @cached_property
-    def _uneven(self) -> list[np.ndarray]:
+    def _uneven(self) -> list[ndarray]:
         """(nv, nv) each, by even springs' forces those of springs stiffer in one direction.
 
         Stiffer by half of a share towards x, or halfway between x and y, and softer across.
@@ -164,11 +165,11 @@ class Neighbourhood:
         self,
         linear: Linear,
         rest: Rest,
-        by_inputs: np.ndarray,
+        by_inputs: ndarray,
         path: Path,
         change: Path,
         differs: Differences,
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> tuple[ndarray, ndarray]:
         """Forces (nv, n) [N m] by each difference, and those (nv,) that a rest accounts for."""
         springs, braked = self.statics.world.springs, self._damping @ path.rate
         pulled, inert = (self._weight, self.mass * change.speed) @ linear.tip_by_turns
@@ -180,11 +181,11 @@ class Neighbourhood:
         self,
         linear: Linear,
         axes: list[int],
-        posture: np.ndarray,
+        posture: ndarray,
         path: Path,
         change: Path,
         differs: Differences,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    ) -> tuple[ndarray, ndarray, ndarray, ndarray]:
         """How the modes go on in a period, and the tip by them and by forces: see `Nearby`."""
         by_turns, p = linear.tip_by_turns, self.modes
         carried = differs.weight * self.mass * by_turns.T @ by_turns
@@ -199,10 +200,10 @@ class Neighbourhood:
     def _own_rest(
         self,
         rest: Rest,
-        target: np.ndarray,
+        target: ndarray,
         before: Nearby | None,
         stiffer: float,
-        weight: np.ndarray,
+        weight: ndarray,
     ) -> Rest | None:
         """Where a robot that differs holds a target (k,) [m]; None if that is too far away."""
         near = rest.place if before is None else before.rest.place
@@ -215,8 +216,8 @@ class Neighbourhood:
         return None
 
     def _inertial(
-        self, posture: np.ndarray, rate: np.ndarray, turning: np.ndarray, differs: Differences
-    ) -> tuple[np.ndarray, np.ndarray]:
+        self, posture: ndarray, rate: ndarray, turning: ndarray, differs: Differences
+    ) -> tuple[ndarray, ndarray]:
         """P' (D + h_v) P and P' h_q P (r, r), along a path of rate and change (nv,) of turns."""
         world, modes = self.statics.world, self.modes
         share = (1 + differs.stiffer) * (1 + differs.damped)
@@ -225,7 +226,7 @@ class Neighbourhood:
             return damping, np.zeros_like(damping)
         carried = differs.weight * self.mass
 
-        def force(shift: np.ndarray, faster: np.ndarray) -> np.ndarray:
+        def force(shift: ndarray, faster: ndarray) -> ndarray:
             moved = world.moved(posture, shift)
             found = world.of_motion(moved, rate + faster, turning, carried)
             return modes.T @ (found - self._damping @ (rate + faster))
@@ -239,13 +240,13 @@ class Neighbourhood:
         by_rate = (np.array(by_rate) + np.array(back)) / 2
         return damping + by_rate.T, np.array(by_turn).T
 
-    def _rate(self, linear: Linear, axes: list[int], velocity: np.ndarray) -> np.ndarray:
+    def _rate(self, linear: Linear, axes: list[int], velocity: ndarray) -> ndarray:
         """Rate (nv,) [rad/s] of the turns by that of the tip (k,) [m/s] along the rests."""
         tip = linear.tip_by_actions[axes]
         square = tip @ tip.T + self.statics.damping**2 * np.eye(len(axes))
         return linear.by_actions @ (tip.T @ np.linalg.solve(square, velocity))
 
-    def _otherwise(self, rest: Rest, springs: np.ndarray) -> list[np.ndarray]:
+    def _otherwise(self, rest: Rest, springs: ndarray) -> list[ndarray]:
         """Forces (nv,) [N m] by how the robot may be built, in space.
 
         With tendons turned about the axis, per rad, and with springs that differ.
@@ -258,8 +259,8 @@ class Neighbourhood:
 
 
 def _held(
-    inertia: np.ndarray, damping: np.ndarray, stiffness: np.ndarray, period: float
-) -> tuple[np.ndarray, np.ndarray]:
+    inertia: ndarray, damping: ndarray, stiffness: ndarray, period: float
+) -> tuple[ndarray, ndarray]:
     """How M y'' + D y' + K y = f goes on in a period under held f: (2 r, 2 r) and (2 r, r)."""
     r = len(inertia)
     rates = np.zeros((3 * r, 3 * r))

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.control.base import REASONS, UNREACHABLE
@@ -45,12 +46,12 @@ class Rest(NamedTuple):
         target: Of a network, (k,) [m].
     """
 
-    inputs: np.ndarray
+    inputs: ndarray
     error: float = 0.0
     reached: bool = True
     place: Place | None = None
     spatial: bool = False
-    target: np.ndarray | None = None
+    target: ndarray | None = None
 
 
 class Statics(Protocol):
@@ -66,16 +67,16 @@ class Statics(Protocol):
     dimension: int | None
     missed: str
 
-    def begin(self, inputs: np.ndarray) -> Rest:
+    def begin(self, inputs: ndarray) -> Rest:
         """Where inputs (n_inputs,) in force lead."""
 
-    def hold(self, target: np.ndarray, before: Rest, first: bool) -> Rest:
+    def hold(self, target: ndarray, before: Rest, first: bool) -> Rest:
         """Inputs of least norm that hold the tip at a target (k,) [m], from those of one before.
 
         For the first target they may be anywhere.
         """
 
-    def shifted(self, rest: Rest, change: np.ndarray) -> tuple[np.ndarray, bool]:
+    def shifted(self, rest: Rest, change: ndarray) -> tuple[ndarray, bool]:
         """Inputs (n_inputs,) that move the tip by (k,) [m] to first order; if one is limited."""
 
     def first_mode(self) -> tuple[float, float]:
@@ -112,16 +113,16 @@ class ClosedStatics:
         if self.inputs.unit != "N":
             raise ValueError(f"robot {robot.name!r}: constant-curvature statics are of tensions")
 
-    def begin(self, inputs: np.ndarray) -> Rest:
+    def begin(self, inputs: ndarray) -> Rest:
         """See `Statics`."""
         return Rest(inputs)
 
-    def hold(self, target: np.ndarray, before: Rest, first: bool) -> Rest:
+    def hold(self, target: ndarray, before: Rest, first: bool) -> Rest:
         """See `Statics`. Out of reach, the inputs of the smallest residual."""
         found = least_norm(self._statics, target, before.inputs)
         return Rest(found.reduced, found.residual, found.converged)
 
-    def shifted(self, rest: Rest, change: np.ndarray) -> tuple[np.ndarray, bool]:
+    def shifted(self, rest: Rest, change: ndarray) -> tuple[ndarray, bool]:
         """See `Statics`."""
         jacobian = self._statics.jacobian(rest.inputs)
         square = jacobian @ jacobian.T + _DAMPING**2 * np.eye(2)
@@ -154,11 +155,11 @@ class NetworkStatics:
         self._network = inference(network)
         self._tips, self._spacing = about["tips"], float(about["spacing"])
 
-    def begin(self, inputs: np.ndarray) -> Rest:
+    def begin(self, inputs: ndarray) -> Rest:
         """See `Statics`; nothing is remembered."""
         return Rest(inputs)
 
-    def hold(self, target: np.ndarray, before: Rest, first: bool) -> Rest:
+    def hold(self, target: ndarray, before: Rest, first: bool) -> Rest:
         """See `Statics`."""
         target = target[: self._size].copy()
         action = self._network(target)
@@ -166,7 +167,7 @@ class NetworkStatics:
         inputs = self.inputs.input_centre + action * self.inputs.input_scale
         return Rest(inputs, away, away <= self._spacing, target=target)
 
-    def shifted(self, rest: Rest, change: np.ndarray) -> tuple[np.ndarray, bool]:
+    def shifted(self, rest: Rest, change: ndarray) -> tuple[ndarray, bool]:
         """See `Statics`: what the network gives for a place shifted by that."""
         inputs = self.hold(rest.target + change[: self._size], rest, False).inputs
         limited = np.abs(inputs - self.inputs.input_centre) >= self.inputs.input_scale
@@ -202,14 +203,14 @@ class ChainStatics:
         self.inputs = self.inverse.inputs
         self._off, self.damping = _OFF * robot.reach, _DAMPING_SHARE * robot.reach
 
-    def begin(self, inputs: np.ndarray) -> Rest:
+    def begin(self, inputs: ndarray) -> Rest:
         """See `Statics`."""
         try:
             return Rest(inputs, place=self.inverse.place(inputs))
         except EquilibriumError:  # a motion may begin anywhere
             return Rest(inputs)
 
-    def hold(self, target: np.ndarray, before: Rest, first: bool) -> Rest:
+    def hold(self, target: ndarray, before: Rest, first: bool) -> Rest:
         """See `Statics`. Out of reach, the inputs that come nearest, within their limits."""
         if before.place is not None:
             ways = (True, False) if before.spatial else (False, True)
@@ -219,7 +220,7 @@ class ChainStatics:
                     return rest
         return self._searched(target, before, first)
 
-    def _followed(self, target: np.ndarray, place: Place, spatial: bool) -> Rest | None:
+    def _followed(self, target: ndarray, place: Place, spatial: bool) -> Rest | None:
         """A step on, or some: a third coordinate follows once the inputs have the least norm."""
         solver, rest = self.solver(spatial), None
         for _ in range(_RELAXATIONS):
@@ -236,8 +237,8 @@ class ChainStatics:
         return self.solver(rest.spatial).linearised(rest.place.action, rest.place.posture)
 
     def shifted(
-        self, rest: Rest, change: np.ndarray, linear: Linear | None = None
-    ) -> tuple[np.ndarray, bool]:
+        self, rest: Rest, change: ndarray, linear: Linear | None = None
+    ) -> tuple[ndarray, bool]:
         """See `Statics`. Actions at their bound stay there, and the others make up for them.
 
         By the statics about the rest; of a robot that differs where these are given.
@@ -258,7 +259,7 @@ class ChainStatics:
         """See `Statics`: of the chain linearised under the action 0, its drives at rest."""
         return linearised(self.inverse, self.inputs.input_centre).first_mode()
 
-    def error(self, posture: np.ndarray, target: np.ndarray) -> float:
+    def error(self, posture: ndarray, target: ndarray) -> float:
         """Distance [m] of the tip in a posture (nq,) from all coordinates of a target (k,)."""
         return float(np.linalg.norm(self.inverse.tip(posture)[self.axes(len(target))] - target))
 
@@ -266,7 +267,7 @@ class ChainStatics:
         """Along all three directions, or its own."""
         return self.world if spatial else self.inverse
 
-    def _can_lift(self, target: np.ndarray) -> bool:
+    def _can_lift(self, target: ndarray) -> bool:
         return len(target) == 3 and self.inverse.freedom > 2
 
     def axes(self, size: int) -> list[int]:
@@ -275,15 +276,15 @@ class ChainStatics:
             return [0, 1, 2]
         return [0, 2] if self.scene.config.bending == "planar" else [0, 1]
 
-    def point(self, target: np.ndarray, spatial: bool) -> np.ndarray:
+    def point(self, target: ndarray, spatial: bool) -> ndarray:
         """The target along the directions of a solver."""
         return self.solver(spatial).directions[:, self.axes(len(target))] @ target
 
-    def _rest(self, found: Place, target: np.ndarray, spatial: bool) -> Rest:
+    def _rest(self, found: Place, target: ndarray, spatial: bool) -> Rest:
         error = self.error(found.posture, target) if np.isfinite(found.error) else np.inf
         return Rest(found.inputs, error, error <= self._off, found, spatial)
 
-    def _searched(self, target: np.ndarray, before: Rest, first: bool) -> Rest:
+    def _searched(self, target: ndarray, before: Rest, first: bool) -> Rest:
         """Solved from the place before, or from anywhere; that place stays where it is not met."""
         point = np.zeros((1, 3))
         point[0, self.axes(len(target))] = target

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.control.base import (
     FINE,
@@ -78,16 +79,16 @@ class Encoding(NamedTuple):
     """
 
     observed: dict[str, int]
-    take: np.ndarray
-    less: np.ndarray
-    origin: np.ndarray
-    scale: np.ndarray
-    gain: np.ndarray
+    take: ndarray
+    less: ndarray
+    origin: ndarray
+    scale: ndarray
+    gain: ndarray
     largest: float
     change: float
     steepness: float
 
-    def features(self, observation: Mapping[str, np.ndarray]) -> np.ndarray:
+    def features(self, observation: Mapping[str, ndarray]) -> ndarray:
         """Float32 (..., k) of observations (..., size) in SI units."""
         flat = np.concatenate([observation[name] for name in self.observed], axis=-1)
         less = np.where(self.less < 0, 0.0, flat[..., self.less])
@@ -96,13 +97,13 @@ class Encoding(NamedTuple):
         values[..., curved] = self.gain[curved] * np.arcsinh(values[..., curved])
         return np.clip(values, -self.largest, self.largest).astype(np.float32)
 
-    def increment(self, output: np.ndarray) -> np.ndarray:
+    def increment(self, output: ndarray) -> ndarray:
         """Change of the action [1] of outputs, as within [-1, 1]."""
         output = np.clip(output, -1.0, 1.0)
         return self.change * (np.sinh(self.steepness * output) if self.steepness else output)
 
 
-def _places(observed: Mapping[str, int]) -> dict[str, np.ndarray]:
+def _places(observed: Mapping[str, int]) -> dict[str, ndarray]:
     """Which entries the observables are, one behind the other, of their sizes."""
     ends = np.cumsum([*observed.values()])
     return {n: np.arange(end - observed[n], end) for n, end in zip(observed, ends, strict=True)}
@@ -156,11 +157,11 @@ class View:
         """s [1], an output o changes an action by `change` sinh(s o)."""
         return float(np.arcsinh(self.most / self.change))
 
-    def increment(self, output: np.ndarray) -> np.ndarray:
+    def increment(self, output: ndarray) -> ndarray:
         """Change of the action [1] of outputs in [-1, 1]: fine about zero, coarse far away."""
         return self.encoding.increment(output)
 
-    def output_of(self, change: np.ndarray) -> np.ndarray:
+    def output_of(self, change: ndarray) -> ndarray:
         """Inverse of `increment`, limited to [-1, 1]."""
         return np.clip(np.arcsinh(change / self.change) / self.steepness, -1.0, 1.0)
 
@@ -277,7 +278,7 @@ def view_of(robot: RobotParams, sizes: Mapping[str, int], period: float | None =
     )
 
 
-def features(observation: Mapping[str, np.ndarray], view: View) -> np.ndarray:
+def features(observation: Mapping[str, ndarray], view: View) -> ndarray:
     """What the network sees, float32 (..., count) of observations (..., size) in SI units."""
     return view.encoding.features(observation)
 
@@ -371,7 +372,7 @@ class NeuralPolicy(Memoryless):
         self._network, self._infer = network, PlainInference(network)
         self.prepare()
 
-    def plain(self, observed: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    def plain(self, observed: Mapping[str, ndarray]) -> tuple[ndarray, ndarray]:
         """What the network gives, within the limits."""
         given = self._infer.batch(self._encoding.features(observed).astype(float))
         wanted = np.clip(given, -1.0, 1.0)

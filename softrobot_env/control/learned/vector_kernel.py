@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel, structure
 from softrobot_env.control.base import FINE, NOT_COMPUTED, NOT_FINITE, SATURATED, UNREACHABLE
@@ -27,22 +28,22 @@ class NetworkLaw(NamedTuple):
     width: int
     before: int
     target: int
-    base: np.ndarray
+    base: ndarray
     reach: float
-    take: np.ndarray
-    less: np.ndarray
-    origin: np.ndarray
-    scale: np.ndarray
-    gain: np.ndarray
+    take: ndarray
+    less: ndarray
+    origin: ndarray
+    scale: ndarray
+    gain: ndarray
     largest: float
     change: float
     steepness: float
-    parameters: np.ndarray
-    sizes: np.ndarray
+    parameters: ndarray
+    sizes: ndarray
 
 
 @kernel
-def _features(law: NetworkLaw, observed: np.ndarray, out: np.ndarray) -> None:
+def _features(law: NetworkLaw, observed: ndarray, out: ndarray) -> None:
     """Write what the network sees (k,) of observables (size,) in SI units."""
     for i in range(len(out)):
         value = observed[law.take[i]]
@@ -56,7 +57,7 @@ def _features(law: NetworkLaw, observed: np.ndarray, out: np.ndarray) -> None:
 
 @kernel
 def _decide(
-    law: NetworkLaw, observed: np.ndarray, seen: np.ndarray, given: np.ndarray, action: np.ndarray
+    law: NetworkLaw, observed: ndarray, seen: ndarray, given: ndarray, action: ndarray
 ) -> int:
     """Write the action (m,) for finite observables; `seen` and `given` are the network's ends."""
     _features(law, observed, seen)
@@ -81,7 +82,7 @@ def _decide(
 
 
 @kernel
-def decide(law: NetworkLaw, observed: np.ndarray, actions: np.ndarray, codes: np.ndarray) -> None:
+def decide(law: NetworkLaw, observed: ndarray, actions: ndarray, codes: ndarray) -> None:
     """Write actions and codes of `status`, for observables, see `memoryless.Decide`."""
     width, m = law.width, law.sizes[-1]
     seen, given = np.empty(law.sizes[0]), np.empty(m)

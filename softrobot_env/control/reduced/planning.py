@@ -1,15 +1,14 @@
 """Estimating the state of a reduced model, and planning its inputs, as machine code."""
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.learned.reduction.polynomials import Motion, add_gradient, advance, linearise
 
 
 @kernel
-def outputs(
-    shape: Motion, origin: np.ndarray, x: np.ndarray, z: np.ndarray, slope: np.ndarray
-) -> None:
+def outputs(shape: Motion, origin: ndarray, x: ndarray, z: ndarray, slope: ndarray) -> None:
     """Outputs z (o,) at x (n,), and their change with it, slope (o, n).
 
     The shape has polynomials of x alone, of outputs less their origin (o,).
@@ -22,13 +21,13 @@ def outputs(
 @kernel
 def estimate(
     motion: Motion,
-    x: np.ndarray,
-    disturbance: np.ndarray,
-    covariance: np.ndarray,
-    acted: np.ndarray,
-    measured: np.ndarray,
-    process: np.ndarray,
-    noise: np.ndarray,
+    x: ndarray,
+    disturbance: ndarray,
+    covariance: ndarray,
+    acted: ndarray,
+    measured: ndarray,
+    process: ndarray,
+    noise: ndarray,
 ) -> None:
     """One step of an extended Kalman filter, in place.
 
@@ -62,7 +61,7 @@ def estimate(
 
 
 @kernel
-def ahead(motion: Motion, x: np.ndarray, disturbance: np.ndarray, told: np.ndarray) -> np.ndarray:
+def ahead(motion: Motion, x: ndarray, disturbance: ndarray, told: ndarray) -> ndarray:
     """State (n,) when the next input acts, after those told (lag, m)."""
     now, terms = x.copy(), np.empty(len(motion.parents))
     for row in range(len(told)):
@@ -74,15 +73,15 @@ def ahead(motion: Motion, x: np.ndarray, disturbance: np.ndarray, told: np.ndarr
 def program(
     motion: Motion,
     shape: Motion,
-    origin: np.ndarray,
-    x: np.ndarray,
-    disturbance: np.ndarray,
-    weights: np.ndarray,
-    nodes: np.ndarray,
-    reference: np.ndarray,
-    last: np.ndarray,
+    origin: ndarray,
+    x: ndarray,
+    disturbance: ndarray,
+    weights: ndarray,
+    nodes: ndarray,
+    reference: ndarray,
+    last: ndarray,
     smoothness: float,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[ndarray, ndarray]:
     """Hessian (c m, c m) and gradient (c m,) of half a plan's cost, by Gauss and Newton.
 
     The cost is the sum of the squares of the outputs' errors, and `smoothness` times that of the

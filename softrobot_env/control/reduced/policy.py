@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.control.base import (
     NOT_COMPUTED,
@@ -49,11 +50,11 @@ class Learned(NamedTuple):
     """
 
     model: ReducedModel
-    process: np.ndarray
-    noise: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
-    farthest: np.ndarray
+    process: ndarray
+    noise: ndarray
+    lower: ndarray
+    upper: ndarray
+    farthest: ndarray
 
     def arrays(self) -> dict[str, Any]:
         """What `read_learned` reads."""
@@ -94,12 +95,12 @@ class _Past(NamedTuple):
         code: Key of `REASONS`.
     """
 
-    tips: np.ndarray
-    told: np.ndarray
-    x: np.ndarray
-    disturbance: np.ndarray
-    covariance: np.ndarray
-    nodes: np.ndarray
+    tips: ndarray
+    told: ndarray
+    x: ndarray
+    disturbance: ndarray
+    covariance: ndarray
+    nodes: ndarray
     code: int
 
     status = Memory.status
@@ -184,7 +185,7 @@ class ReducedPlanner(Controller):
             0,
         )
 
-    def act(self, observation: Observation, state: _Past) -> tuple[np.ndarray, _Past]:
+    def act(self, observation: Observation, state: _Past) -> tuple[ndarray, _Past]:
         """The first action of the plan."""
         model, learned = self._model, self._learned
         before = np.asarray(observation["previous_action"], dtype=float)
@@ -235,12 +236,12 @@ class ReducedPlanner(Controller):
 
     def _step(
         self,
-        hessian: np.ndarray,
-        gradient: np.ndarray,
-        nodes: np.ndarray,
-        before: np.ndarray,
-        aside: np.ndarray,
-    ) -> np.ndarray | None:
+        hessian: ndarray,
+        gradient: ndarray,
+        nodes: ndarray,
+        before: ndarray,
+        aside: ndarray,
+    ) -> ndarray | None:
         """What to add to the plan; None if there is nothing finite."""
         if not (np.isfinite(hessian).all() and np.isfinite(gradient).all()):
             return None
@@ -271,7 +272,7 @@ class ReducedPlanner(Controller):
         )
         return None if found is None else found.reshape(nodes.shape)
 
-    def _aside(self, before: np.ndarray, told: np.ndarray) -> np.ndarray:
+    def _aside(self, before: ndarray, told: ndarray) -> ndarray:
         """What is left of an action's part that the model does not know, on the way to none.
 
         Episodes may start elsewhere than where the model's motion did: tendons less taut, for
@@ -281,17 +282,17 @@ class ReducedPlanner(Controller):
         aside = before - model.rest - model.basis @ told
         return aside - np.clip(aside, -_ASIDE * self._rate, _ASIDE * self._rate)
 
-    def _within(self, wanted: np.ndarray, before: np.ndarray) -> np.ndarray:
+    def _within(self, wanted: ndarray, before: ndarray) -> ndarray:
         """What the drives can do, nearest to what is wanted."""
         reach = np.clip(wanted, before - self._rate, before + self._rate)
         return np.clip(reach, -1.0, 1.0)
 
-    def _at_limit(self, action: np.ndarray, before: np.ndarray) -> bool:
+    def _at_limit(self, action: ndarray, before: ndarray) -> bool:
         fast = np.abs(action - before) > self._rate * (1 - 1e-6)
         return bool(np.any((np.abs(action) > 1 - 1e-6) | fast))
 
 
-def _scale(robot: RobotParams) -> np.ndarray:
+def _scale(robot: RobotParams) -> ndarray:
     from softrobot_env.robots.actuation import robot_inputs
 
     return robot_inputs(robot).input_scale

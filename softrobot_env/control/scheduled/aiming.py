@@ -7,6 +7,7 @@ shift of the curvatures, an offset of the tip, and, if wanted, the stiffness.
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import implementation, kernel
 from softrobot_env.control.base import FINE, SATURATED, UNREACHABLE, Memory, usable
@@ -40,12 +41,12 @@ class Seen(NamedTuple):
         previous: (m,) [1].
     """
 
-    curvature: np.ndarray
-    rate: np.ndarray
-    tip: np.ndarray
-    target: np.ndarray
-    preview: np.ndarray
-    previous: np.ndarray
+    curvature: ndarray
+    rate: ndarray
+    tip: ndarray
+    target: ndarray
+    preview: ndarray
+    previous: ndarray
 
 
 class TrackingTarget(NamedTuple):
@@ -64,14 +65,14 @@ class TrackingTarget(NamedTuple):
         gains: Of the law.
     """
 
-    action: np.ndarray
-    rising: np.ndarray
-    away: np.ndarray
-    ways: np.ndarray
-    velocity: np.ndarray
-    bending: np.ndarray
+    action: ndarray
+    rising: ndarray
+    away: ndarray
+    ways: ndarray
+    velocity: ndarray
+    bending: ndarray
     status_code: int
-    gains: np.ndarray
+    gains: ndarray
 
 
 class AimingLaw(ScheduledLaw):
@@ -117,18 +118,18 @@ class Remembered(NamedTuple):
         smoothing: Of references.
     """
 
-    curvature: np.ndarray
-    rate: np.ndarray
-    shift: np.ndarray
-    held: np.ndarray
-    offset: np.ndarray
-    stiffness: np.ndarray
-    begun: np.ndarray
-    smoothing: np.ndarray
+    curvature: ndarray
+    rate: ndarray
+    shift: ndarray
+    held: ndarray
+    offset: ndarray
+    stiffness: ndarray
+    begun: ndarray
+    smoothing: ndarray
 
 
 @kernel
-def remembered(memory: np.ndarray, n: int, m: int) -> Remembered:
+def remembered(memory: ndarray, n: int, m: int) -> Remembered:
     """The parts of a memory, for n curvatures and m actions."""
     k = 3 * n + m
     return Remembered(
@@ -145,8 +146,8 @@ def remembered(memory: np.ndarray, n: int, m: int) -> Remembered:
 
 @kernel
 def _estimate(
-    law: Law, now: Row, adaptive: bool, memory: np.ndarray, seen: Seen, tip: np.ndarray
-) -> np.ndarray:
+    law: Law, now: Row, adaptive: bool, memory: ndarray, seen: Seen, tip: ndarray
+) -> ndarray:
     """Update what the model leaves unexplained; shift (n,) [1/m] of the curvatures at rest.
 
     The balance of forces, over the stiffness: K^-1 (M q.. + D q.) + q - q_OP - X (a - a_OP).
@@ -171,7 +172,7 @@ def _estimate(
 
 
 @kernel
-def _adapt(law: Law, now: Row, left: np.ndarray, stiffer: np.ndarray) -> None:
+def _adapt(law: Law, now: Row, left: ndarray, stiffer: ndarray) -> None:
     """Update how much stiffer[0] the springs are: of those by a share s the shift is -s elastic.
 
     Least squares with forgetting, as one step down the gradient.
@@ -188,8 +189,8 @@ def _adapt(law: Law, now: Row, left: np.ndarray, stiffer: np.ndarray) -> None:
 
 @kernel
 def references_of(
-    law: Law, target: np.ndarray, preview: np.ndarray, smoothing: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+    law: Law, target: ndarray, preview: ndarray, smoothing: ndarray
+) -> tuple[ndarray, ndarray]:
     """Places (1 + k, 3) [m], now and ahead, without jumps, and the velocity (3,) [m/s] now."""
     times, size, planar = law.times, len(target), is_planar(law.table)
     points = np.zeros((len(times), 3))
@@ -230,7 +231,7 @@ def aimed(table: Any, law: Any, adaptive: Any, memory: Any, seen: Any) -> Any:
 @implementation(aimed, Table)
 @kernel
 def _looked_up(
-    table: Table, law: Law, adaptive: bool, memory: np.ndarray, seen: Seen
+    table: Table, law: Law, adaptive: bool, memory: ndarray, seen: Seen
 ) -> TrackingTarget:
     n, m, knots = table.n, table.m, len(law.times) - 1
     own = remembered(memory, n, m)
@@ -267,13 +268,13 @@ def _looked_up(
 
 
 @kernel
-def status_code_of(law: Law, gap: np.ndarray) -> int:
+def status_code_of(law: Law, gap: ndarray) -> int:
     """What is said of a way (k,) [m] from the operating point's tip to the reference."""
     return UNREACHABLE if np.sqrt(np.sum(gap**2)) > _FAR * law.reach else FINE
 
 
 @kernel
-def planned(law: Law, aim: TrackingTarget) -> np.ndarray:
+def planned(law: Law, aim: TrackingTarget) -> ndarray:
     """(c, m) [1]: actions at the nodes, as `plan_gains` plans them."""
     table, count = law.table, len(law.nodes)
     n, m = table.n, table.m
@@ -305,15 +306,15 @@ def seen_well(seen: Seen) -> bool:
 
 
 @kernel
-def forget_balance(law: Law, memory: np.ndarray) -> None:
+def forget_balance(law: Law, memory: ndarray) -> None:
     """Begin the balance of forces anew: the next one would span more than a period."""
     remembered(memory, law.table.n, law.table.m).begun[0] = 0.0
 
 
 @kernel
 def conclude(
-    law: Law, wanted: np.ndarray, previous: np.ndarray, status_code: int, memory: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, int]:
+    law: Law, wanted: ndarray, previous: ndarray, status_code: int, memory: ndarray
+) -> tuple[ndarray, ndarray, int]:
     """Action (m,), next memory and code of a decision.
 
     Where drives are too slow for a change of the actions, all change by the same share of it. The

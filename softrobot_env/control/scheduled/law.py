@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 from scipy.optimize import nnls
 
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
@@ -31,7 +32,7 @@ _AT_ONCE = 0.3
 _OPPOSED = 1e-6
 
 #: Gains of a law at an operating point: function of the point, the directions and the times.
-Design = Callable[[Equilibrium, np.ndarray, Timing], np.ndarray]
+Design = Callable[[Equilibrium, ndarray, Timing], ndarray]
 
 
 @structure
@@ -45,9 +46,9 @@ class TensionKeeping(NamedTuple):
         shares: (k, m) [1], what each tendon gets of it.
     """
 
-    stiffness: np.ndarray
-    groups: np.ndarray
-    shares: np.ndarray
+    stiffness: ndarray
+    groups: ndarray
+    shares: ndarray
 
 
 @structure
@@ -69,13 +70,13 @@ class Law(NamedTuple):
     """
 
     table: Table
-    times: np.ndarray
-    nodes: np.ndarray
+    times: ndarray
+    nodes: ndarray
     period: float
     first: float
     force: float
     offset: float
-    speed: np.ndarray
+    speed: ndarray
     taut: TensionKeeping
     reach: float
     curved: float
@@ -146,7 +147,7 @@ class ScheduledLaw(Controller):
             )
         )
 
-    def _applied(self, observation: Observation) -> np.ndarray:
+    def _applied(self, observation: Observation) -> ndarray:
         """Actions (m,) in force."""
         found = observation[self._in_force]
         return found / self._own.input_scale if self._pulled else found
@@ -169,13 +170,13 @@ class ScheduledLaw(Controller):
                 f"{tuple(self._law.times[1:].tolist())}"
             )
 
-    def _seen(self, observation: Observation) -> list[np.ndarray]:
+    def _seen(self, observation: Observation) -> list[ndarray]:
         """What the kernel reads, contiguous, and the actions in force."""
         seen = [np.ascontiguousarray(observation[name]) for name in self._observables]
         seen.append(self._applied(observation))
         return seen
 
-    def _begun(self, observation: Observation) -> np.ndarray:
+    def _begun(self, observation: Observation) -> ndarray:
         """Actions (m,) that an episode begins with."""
         return usable(self._applied(observation))
 
@@ -196,7 +197,7 @@ def _taut(robot: RobotParams) -> TensionKeeping:
 
 
 @kernel
-def tighten(law: Law, curvature: np.ndarray, action: np.ndarray) -> None:
+def tighten(law: Law, curvature: ndarray, action: ndarray) -> None:
     """Pull tendons against each other where one of them would be slacker than its pretension.
 
     Args:
@@ -218,7 +219,7 @@ def tighten(law: Law, curvature: np.ndarray, action: np.ndarray) -> None:
 
 
 @kernel
-def in_space(place: np.ndarray, planar: bool, out: np.ndarray) -> None:
+def in_space(place: ndarray, planar: bool, out: ndarray) -> None:
     """Set out (3,) to a place of two or three coordinates: x, z of a planar robot, x, y of others.
 
     The one that is missing is zero.
@@ -292,7 +293,7 @@ _ARRAYS = {
 }
 
 
-def table_arrays(table: Any) -> dict[str, np.ndarray]:
+def table_arrays(table: Any) -> dict[str, ndarray]:
     """What a file holds of a table: in single precision, far finer than it needs to be."""
     arrays = {name: getattr(table, name).astype(np.float32) for name in _ARRAYS}
     return arrays | {"sizes": np.array([table.n, table.m])}

@@ -11,7 +11,7 @@ belong to places of the tip.
 
 from typing import Any
 
-import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.control.base import NOT_FINITE, Memory
@@ -66,7 +66,7 @@ class LQPreview(AimingLaw):
         super().__init__(robot, control_period, "lq_preview", table, seen, timing)
         self._adaptive = adaptive
 
-    def act(self, observation: Observation, state: Memory) -> tuple[np.ndarray, Memory]:
+    def act(self, observation: Observation, state: Memory) -> tuple[ndarray, Memory]:
         """The control law."""
         seen = self._seen(observation)
         action, values, code = _act(self._law, self._adaptive, state.values, *seen)
@@ -77,14 +77,14 @@ class LQPreview(AimingLaw):
 def _act(
     law: Law,
     adaptive: bool,
-    memory: np.ndarray,
-    curvature: np.ndarray,
-    rate: np.ndarray,
-    tip: np.ndarray,
-    target: np.ndarray,
-    preview: np.ndarray,
-    previous: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, int]:
+    memory: ndarray,
+    curvature: ndarray,
+    rate: ndarray,
+    tip: ndarray,
+    target: ndarray,
+    preview: ndarray,
+    previous: ndarray,
+) -> tuple[ndarray, ndarray, int]:
     """Action (m,), next memory and code; arrays one by one are quicker to call with."""
     seen = Seen(curvature, rate, tip, target, preview, previous)
     memory = memory.copy()
@@ -108,10 +108,10 @@ class Preview:
         """Number of gains at a point, for n curvatures, m actions and so many directions."""
         return len(self._timing.nodes) * m * (2 * n + m + 3 * len(self._timing.knots))
 
-    def __call__(self, point: Equilibrium, directions: np.ndarray, timing: Timing) -> np.ndarray:
+    def __call__(self, point: Equilibrium, directions: ndarray, timing: Timing) -> ndarray:
         """Gains (k,) at an operating point, for directions (k, 3) of its `Table`."""
         regulator = regulator_of(self._robot, point, directions, self._timing)
         return self._gains(regulator, directions)
 
-    def _gains(self, regulator: Regulator, directions: np.ndarray) -> np.ndarray:
+    def _gains(self, regulator: Regulator, directions: ndarray) -> ndarray:
         return plan_gains(regulator, self._timing, directions)

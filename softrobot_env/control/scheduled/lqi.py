@@ -3,6 +3,7 @@
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import implementation, kernel
 from softrobot_env.control.base import FINE, NOT_FINITE, Memory
@@ -39,11 +40,7 @@ class LQI(ScheduledLaw):
     """
 
     def __init__(
-        self,
-        robot: RobotParams,
-        control_period: float,
-        table: Any,
-        timing: Timing | None = None,
+        self, robot: RobotParams, control_period: float, table: Any, timing: Timing | None = None
     ) -> None:
         """Prepare for a robot.
 
@@ -68,7 +65,7 @@ class LQI(ScheduledLaw):
         self._check_reference(observation, 0)
         return Memory(np.concatenate([self._begun(observation), np.zeros(3)]), FINE)
 
-    def act(self, observation: Observation, state: Memory) -> tuple[np.ndarray, Memory]:
+    def act(self, observation: Observation, state: Memory) -> tuple[ndarray, Memory]:
         """The control law."""
         action, values, code = _act(self._law, state.values, *self._seen(observation))
         return action, Memory(values, code)
@@ -77,13 +74,13 @@ class LQI(ScheduledLaw):
 @kernel
 def _act(
     law: Law,
-    memory: np.ndarray,
-    curvature: np.ndarray,
-    rate: np.ndarray,
-    tip_seen: np.ndarray,
-    target_seen: np.ndarray,
-    previous: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, int]:
+    memory: ndarray,
+    curvature: ndarray,
+    rate: ndarray,
+    tip_seen: ndarray,
+    target_seen: ndarray,
+    previous: ndarray,
+) -> tuple[ndarray, ndarray, int]:
     """Action (m,), next memory (actions of the equilibrium, integral) and code."""
     table, directions = law.table, law.table.directions
     n, m, d = table.n, table.m, len(directions)
@@ -128,9 +125,9 @@ class Resting(NamedTuple):
         integrates: Whether the error may be integrated.
     """
 
-    action: np.ndarray
-    curvature: np.ndarray
-    gains: np.ndarray
+    action: ndarray
+    curvature: ndarray
+    gains: ndarray
     status_code: int
     integrates: bool
 
@@ -151,7 +148,7 @@ def resting(table: Any, law: Any, target: Any, held: Any, curvature: Any) -> Any
 @implementation(resting, Table)
 @kernel
 def _looked_up(
-    table: Table, law: Law, target: np.ndarray, held: np.ndarray, curvature: np.ndarray
+    table: Table, law: Law, target: ndarray, held: ndarray, curvature: ndarray
 ) -> Resting:
     now = look_up(table, target, held)
     held[:] = now.action
@@ -163,7 +160,7 @@ def _looked_up(
 
 
 @kernel
-def _beyond(action: np.ndarray) -> float:
+def _beyond(action: ndarray) -> float:
     """Sum of how far actions (m,) lie beyond their limits."""
     total = 0.0
     for value in action:
@@ -181,7 +178,7 @@ class Integral:
         """Number of gains at a point, for n curvatures, m actions and so many directions."""
         return m * (2 * n + directions)
 
-    def __call__(self, point: Equilibrium, directions: np.ndarray, timing: Timing) -> np.ndarray:
+    def __call__(self, point: Equilibrium, directions: ndarray, timing: Timing) -> ndarray:
         """Gains [K, K_i] (m, 2 n + k) at an operating point, flattened.
 
         Args:

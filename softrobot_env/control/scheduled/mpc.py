@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.control.base import NOT_COMPUTED, NOT_FINITE, SATURATED, Memory
@@ -93,7 +94,7 @@ class Constrained(Preview):
         size = len(self._timing.nodes) * m
         return super().count(n, m, directions) + size * (size + 1) // 2
 
-    def _gains(self, regulator: Regulator, directions: np.ndarray) -> np.ndarray:
+    def _gains(self, regulator: Regulator, directions: ndarray) -> ndarray:
         cost = deviation_cost(regulator, self._timing)
         triangle = cost[np.tril_indices(len(cost))]
         return np.concatenate([super()._gains(regulator, directions), triangle])
@@ -110,10 +111,10 @@ class Program(NamedTuple):
         status_code: See `TrackingTarget`.
     """
 
-    wanted: np.ndarray
-    hessian: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
+    wanted: ndarray
+    hessian: ndarray
+    lower: ndarray
+    upper: ndarray
     fine: bool
     status_code: int
 
@@ -162,7 +163,7 @@ class ScheduledMPC(AimingLaw):
         observation["reference_preview"] = np.tile(far, len(self._law.times) - 1)
         self.act(observation, self.start(observation))
 
-    def act(self, observation: Observation, state: Memory) -> tuple[np.ndarray, Memory]:
+    def act(self, observation: Observation, state: Memory) -> tuple[ndarray, Memory]:
         """The first of the best actions; the last one is kept where they could not be found."""
         *shown, previous = self._seen(observation)
         none = [shown[0][:0]] if len(self._law.times) == 1 else []  # no preview
@@ -180,14 +181,14 @@ class ScheduledMPC(AimingLaw):
         missed = np.abs(best[:m] - program.wanted[:m]).max() > _AT_BOUND
         return action, Memory(memory, SATURATED if missed else code)
 
-    def _optimum(self, program: Program) -> np.ndarray | None:
+    def _optimum(self, program: Program) -> ndarray | None:
         lower = np.concatenate([program.lower, -self._most])
         upper = np.concatenate([program.upper, self._most])
         gradient = -program.hessian @ program.wanted
         return self._solve(program.hessian, gradient, lower, upper, self._rows)
 
 
-def _speed_rows(law: Law) -> tuple[np.ndarray, np.ndarray]:
+def _speed_rows(law: Law) -> tuple[ndarray, ndarray]:
     """Rows (r, c m) that give changes of actions between nodes, and the largest changes (r,) [1].
 
     None where drives follow at once. The first change is kept by bounds of the first action.
@@ -201,7 +202,7 @@ def _speed_rows(law: Law) -> tuple[np.ndarray, np.ndarray]:
 
 
 @kernel
-def _program(law: Law, adaptive: bool, memory: np.ndarray, seen: Seen) -> Program:
+def _program(law: Law, adaptive: bool, memory: ndarray, seen: Seen) -> Program:
     """What is to be optimised; the memory is updated."""
     aim = aimed(law.table, law, adaptive, memory, seen)
     plan = planned(law, aim)
@@ -228,7 +229,7 @@ def _program(law: Law, adaptive: bool, memory: np.ndarray, seen: Seen) -> Progra
 
 @kernel
 def _bound_first(
-    law: Law, curvature: np.ndarray, previous: np.ndarray, lower: np.ndarray, upper: np.ndarray
+    law: Law, curvature: ndarray, previous: ndarray, lower: ndarray, upper: ndarray
 ) -> None:
     """Set the bounds of the first actions: what drives can reach in a period, and taut tendons."""
     loose = law.table.lever @ curvature
@@ -242,7 +243,7 @@ def _bound_first(
 
 
 @kernel
-def _bent_by(law: Law, aim: TrackingTarget, time: float) -> np.ndarray:
+def _bent_by(law: Law, aim: TrackingTarget, time: float) -> ndarray:
     """(n,) [1/m], how much the curvatures change with the reference until a time [s]."""
     way = time * aim.velocity
     for k in range(1, len(law.times)):

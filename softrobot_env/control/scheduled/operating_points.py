@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel, reference
 from softrobot_env.beams.registry import MUJOCO, BeamPlant
@@ -57,21 +58,21 @@ class Equilibrium(NamedTuple):
         second: (m + n + 3, terms), see `table.Row`.
     """
 
-    action: np.ndarray
-    curvature: np.ndarray
-    tip: np.ndarray
+    action: ndarray
+    curvature: ndarray
+    tip: ndarray
     model: LinearModel
-    by_action: np.ndarray
-    to_action: np.ndarray
-    second: np.ndarray
+    by_action: ndarray
+    to_action: ndarray
+    second: ndarray
 
-    def state(self) -> np.ndarray:
+    def state(self) -> ndarray:
         """(m + n + 3,): action, curvature and tip."""
         return np.concatenate([self.action, self.curvature, self.tip])
 
 
 #: Action (m,) [1], curvature (n,) [1/m], tip (3,) [m] and linear model of a robot at rest.
-AtRest = tuple[np.ndarray, np.ndarray, np.ndarray, LinearModel]
+AtRest = tuple[ndarray, ndarray, ndarray, LinearModel]
 
 
 class OperatingPoints(NamedTuple):
@@ -85,8 +86,8 @@ class OperatingPoints(NamedTuple):
     """
 
     points: list[Equilibrium]
-    directions: np.ndarray
-    errors: np.ndarray
+    directions: ndarray
+    errors: ndarray
     candidates: int
 
 
@@ -136,7 +137,7 @@ def find_points(
     return OperatingPoints([found[k] for k in chosen], directions, errors, len(found))
 
 
-def row_of(point: Equilibrium, gains: np.ndarray) -> np.ndarray:
+def row_of(point: Equilibrium, gains: ndarray) -> ndarray:
     """(size,) of a point with the gains (k,) of a law, laid out as `table.split` tells."""
     stiffness, model = point.model.stiffness, point.model
     forces = np.column_stack([model.mass, model.damping, model.elastic])
@@ -173,7 +174,7 @@ def _looking(robot: RobotParams, inverse: InverseStatics, plant: str) -> Callabl
     return look
 
 
-def _equilibrium(directions: np.ndarray, rest: AtRest) -> Equilibrium:
+def _equilibrium(directions: ndarray, rest: AtRest) -> Equilibrium:
     action, curvature, _, model = rest
     by_action = np.linalg.solve(model.stiffness, model.inputs)
     moved = directions @ model.tip @ by_action
@@ -184,12 +185,12 @@ def _equilibrium(directions: np.ndarray, rest: AtRest) -> Equilibrium:
     return Equilibrium(*rest, by_action, to_action, nothing)
 
 
-def _products(ways: np.ndarray) -> np.ndarray:
+def _products(ways: ndarray) -> ndarray:
     """(terms, ...) products of the ways (k, ...) along directions, as `table.look_up` has them."""
     return np.array([ways[x] * ways[y] for x in range(len(ways)) for y in range(x + 1)])
 
 
-def _bent(found: list[Equilibrium], directions: np.ndarray) -> list[Equilibrium]:
+def _bent(found: list[Equilibrium], directions: ndarray) -> list[Equilibrium]:
     """The equilibria with their second order, fitted to those around each."""
     tips, actions = np.array([e.tip for e in found]), np.array([e.action for e in found])
     states, bent = np.array([e.state() for e in found]), []
@@ -211,7 +212,7 @@ def _bent(found: list[Equilibrium], directions: np.ndarray) -> list[Equilibrium]
 def _candidates(
     robot: RobotParams,
     inverse: InverseStatics,
-    directions: np.ndarray,
+    directions: ndarray,
     count: int,
     progress: Callable[[int, int], None],
 ) -> Iterator[Held]:
@@ -240,7 +241,7 @@ def _candidates(
             yield found
 
 
-def _disc(ground: ReachableEllipse, count: int) -> np.ndarray:
+def _disc(ground: ReachableEllipse, count: int) -> ndarray:
     """Places (count, 3) [m], even in the ellipse of a ground, from its middle outwards."""
     number = np.arange(1, count + 1)
     spiral = np.sqrt(number / count) * np.exp(1j * np.pi * (3 - np.sqrt(5)) * number)
@@ -250,11 +251,11 @@ def _disc(ground: ReachableEllipse, count: int) -> np.ndarray:
 
 def _choose(
     found: list[Equilibrium],
-    directions: np.ndarray,
-    importance: np.ndarray,
+    directions: ndarray,
+    importance: ndarray,
     most: int,
     tolerance: float,
-) -> tuple[list[int], np.ndarray]:
+) -> tuple[list[int], ndarray]:
     """Indices of the points, and the largest error [m] with each number of them.
 
     Args:
@@ -284,9 +285,7 @@ def _choose(
 
 
 @kernel
-def _errors(
-    table: Table, tips: np.ndarray, rows: np.ndarray, jacobian: np.ndarray, out: np.ndarray
-) -> None:
+def _errors(table: Table, tips: ndarray, rows: ndarray, jacobian: ndarray, out: ndarray) -> None:
     """Set out (candidates,) [m]: how far off the tip is, by shape or by place, in a blend."""
     n, m = table.n, table.m
     for i in range(len(tips)):
@@ -329,9 +328,9 @@ class BeamLinearizer:
         self.inputs = robot_inputs(robot)
         self._command = self.inputs.per_action().command
         self._bare = self.stepped.bare()
-        self._last: np.ndarray | None = None
+        self._last: ndarray | None = None
 
-    def rest(self, inputs: np.ndarray) -> AtRest:
+    def rest(self, inputs: ndarray) -> AtRest:
         """The robot at rest under inputs (m,) [N or m], looked for from the one before.
 
         Raises:

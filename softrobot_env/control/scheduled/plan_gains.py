@@ -1,6 +1,7 @@
 """Gains of plans: what actions ahead are best for a known reference, and what others would cost."""
 
 import numpy as np
+from numpy import ndarray
 from scipy.linalg import solve_discrete_are
 
 from softrobot_env.control.linear_quadratic import discretized, hats
@@ -35,11 +36,11 @@ class Regulator:
 
     def __init__(
         self,
-        size: np.ndarray,
-        system: tuple[np.ndarray, np.ndarray],
-        outputs: tuple[np.ndarray, np.ndarray],
+        size: ndarray,
+        system: tuple[ndarray, ndarray],
+        outputs: tuple[ndarray, ndarray],
         velocity_weight: float,
-        weights: tuple[np.ndarray, np.ndarray],
+        weights: tuple[ndarray, ndarray],
     ) -> None:
         """Solve Riccati's equation of a system (A, B), outputs (position, speed) and (Q, R)."""
         self.size, self.velocity_weight = size, velocity_weight
@@ -52,7 +53,7 @@ class Regulator:
 
 
 def regulator_of(
-    robot: RobotParams, point: Equilibrium, directions: np.ndarray, timing: Timing
+    robot: RobotParams, point: Equilibrium, directions: ndarray, timing: Timing
 ) -> Regulator:
     """The problem of tracking at an operating point, by which laws of any robot are designed.
 
@@ -89,7 +90,7 @@ def _rate_weight(robot: RobotParams, gain: float, first: float) -> float:
     return _RATE_WEIGHT + _SLOW_WEIGHT * (robot.reach / first / speed) ** 2
 
 
-def plan_gains(regulator: Regulator, timing: Timing, directions: np.ndarray) -> np.ndarray:
+def plan_gains(regulator: Regulator, timing: Timing, directions: ndarray) -> ndarray:
     """Gains [K (c m, 2 n + m), G (c m, knots, 3)], flattened, of the actions at the nodes.
 
     They are a- - K (x, a-) + sum_i G_i way_i, with x and a- the state and the actions in force
@@ -121,7 +122,7 @@ def plan_gains(regulator: Regulator, timing: Timing, directions: np.ndarray) -> 
     return np.concatenate([feedback.ravel(), references.ravel()])
 
 
-def deviation_cost(regulator: Regulator, timing: Timing) -> np.ndarray:
+def deviation_cost(regulator: Regulator, timing: Timing) -> ndarray:
     """H (c m, c m): half the second derivative of the cost by the actions at the nodes.
 
     The actions are off the best ones by straight lines between the nodes, and after the last one
@@ -148,7 +149,7 @@ def _periods(timing: Timing, times: tuple[float, ...]) -> list[int]:
     return [round(time / timing.period) for time in times]
 
 
-def costates(regulator: Regulator, timing: Timing) -> np.ndarray:
+def costates(regulator: Regulator, timing: Timing) -> ndarray:
     """(steps + 1, N, k d): p_1, p_2 and so on by the reference at the knots; the last stays."""
     count, outputs = len(regulator.a), len(regulator.position)
     closed = regulator.a - regulator.b @ regulator.feedback

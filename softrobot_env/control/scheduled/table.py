@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel, structure
 
@@ -29,22 +30,22 @@ class Table(NamedTuple):
 
     n: int
     m: int
-    tips: np.ndarray
-    to_action: np.ndarray
-    directions: np.ndarray
-    lever: np.ndarray
-    rows: np.ndarray
+    tips: ndarray
+    to_action: ndarray
+    directions: ndarray
+    lever: ndarray
+    rows: ndarray
 
 
 @kernel
 def blend_weights(
-    tips: np.ndarray,
-    actions: np.ndarray,
-    to_action: np.ndarray,
-    place: np.ndarray,
-    held: np.ndarray,
-    index: np.ndarray,
-    weight: np.ndarray,
+    tips: ndarray,
+    actions: ndarray,
+    to_action: ndarray,
+    place: ndarray,
+    held: ndarray,
+    index: ndarray,
+    weight: ndarray,
 ) -> int:
     """Points near a place, and their weights, which change smoothly with it and sum up to one.
 
@@ -122,17 +123,17 @@ class Row(NamedTuple):
         gains: Of the law.
     """
 
-    action: np.ndarray
-    curvature: np.ndarray
-    tip: np.ndarray
-    to_action: np.ndarray
-    by_action: np.ndarray
-    jacobian: np.ndarray
-    inertia: np.ndarray
-    damping: np.ndarray
-    elastic: np.ndarray
-    second: np.ndarray
-    gains: np.ndarray
+    action: ndarray
+    curvature: ndarray
+    tip: ndarray
+    to_action: ndarray
+    by_action: ndarray
+    jacobian: ndarray
+    inertia: ndarray
+    damping: ndarray
+    elastic: ndarray
+    second: ndarray
+    gains: ndarray
 
 
 def row_size(n: int, m: int, k: int) -> int:
@@ -142,7 +143,7 @@ def row_size(n: int, m: int, k: int) -> int:
 
 
 @kernel
-def split(row: np.ndarray, n: int, m: int, k: int) -> Row:
+def split(row: ndarray, n: int, m: int, k: int) -> Row:
     """Views of a row (size,) for n curvatures, m actions and k directions."""
     a, b = m + n, m + n + 3
     c = b + 3 * m
@@ -167,7 +168,7 @@ def split(row: np.ndarray, n: int, m: int, k: int) -> Row:
 
 
 @kernel
-def look_up(table: Table, place: np.ndarray, held: np.ndarray) -> Row:
+def look_up(table: Table, place: ndarray, held: ndarray) -> Row:
     """What the points near a place (3,) [m] tell of it, each to second order, blended.
 
     Args:
@@ -199,7 +200,7 @@ def look_up(table: Table, place: np.ndarray, held: np.ndarray) -> Row:
 
 
 @kernel
-def look_up_action(table: Table, place: np.ndarray, held: np.ndarray, out: np.ndarray) -> None:
+def look_up_action(table: Table, place: ndarray, held: ndarray, out: ndarray) -> None:
     """Set out (m,) [1] to the actions of `look_up` alone."""
     m, index, weight = table.m, np.empty(NEIGHBOURS, np.int64), np.empty(NEIGHBOURS)
     near = table.tips, table.rows[:, :m], table.to_action
@@ -216,7 +217,7 @@ def look_up_action(table: Table, place: np.ndarray, held: np.ndarray, out: np.nd
 
 
 @kernel
-def _add_action(share: float, point: Row, way: np.ndarray, out: np.ndarray) -> np.ndarray:
+def _add_action(share: float, point: Row, way: ndarray, out: ndarray) -> ndarray:
     """Add a share of the step (m,) that a way (3,) [m] takes, to first order; returns the step."""
     step = point.to_action @ way
     for j in range(len(step)):
@@ -225,9 +226,7 @@ def _add_action(share: float, point: Row, way: np.ndarray, out: np.ndarray) -> n
 
 
 @kernel
-def _add_second(
-    share: float, point: Row, way: np.ndarray, directions: np.ndarray, out: np.ndarray
-) -> None:
+def _add_second(share: float, point: Row, way: ndarray, directions: ndarray, out: ndarray) -> None:
     """Add a share of the second order by a way (3,) [m] to the first entries (k,)."""
     along, term = directions @ way, 0
     for x in range(len(along)):
@@ -239,7 +238,7 @@ def _add_second(
 
 
 @kernel
-def inverse_of(moved: np.ndarray, directions: np.ndarray, damping: float) -> np.ndarray:
+def inverse_of(moved: ndarray, directions: ndarray, damping: float) -> ndarray:
     """(m, 3): actions of least norm that move the tip along directions (k, 3), damped.
 
     Args:

@@ -17,15 +17,11 @@ from math import ceil, hypot, sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.arrays import HOST, HostArrays, like, namespace, on_host
 from softrobot_env.core.interfaces import Measurement
-from softrobot_env.envs.observations.table import (
-    SENSOR_NOISE,
-    Measured,
-    Read,
-    curvature_rate_limit,
-)
+from softrobot_env.envs.observations.table import SENSOR_NOISE, Measured, Read, curvature_rate_limit
 from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.robots import CAMERA_PERIOD, VARIATIONS, RobotParams
 from softrobot_env.scene.build import Scene
@@ -52,7 +48,7 @@ def left_workspace(what: str, time: float) -> str:
     return f"left the workspace: {what} at t = {time:.3f} s"
 
 
-def sharp_bend(curvature: np.ndarray, limit: float, time: float) -> str | None:
+def sharp_bend(curvature: ndarray, limit: float, time: float) -> str | None:
     """The sharpest of the bends (pieces,) [1/m], if it is beyond the limit, as text."""
     piece = int(np.argmax(np.abs(curvature)))
     if not abs(curvature[piece]) > limit:
@@ -90,7 +86,7 @@ class _ChainMeasures:
         # No hinge has a longer moment arm than the reach: of slow hinges the tip is slow.
         self.slow = min(self.turning, self.speed / (robot.reach * sqrt(self.mean.shape[1])))
 
-    def sharpness(self, fine: np.ndarray) -> np.ndarray:
+    def sharpness(self, fine: ndarray) -> ndarray:
         """Bend or twist (..., pieces) [1/m], the larger, of its own pieces' curvatures (..., k)."""
         if self.directions == 1:
             return abs(fine)
@@ -99,7 +95,7 @@ class _ChainMeasures:
         return bend if self.directions == 2 else kind.maximum(bend, parts[..., 2])
 
     def what_left(
-        self, fine: np.ndarray, velocity: np.ndarray, rates: np.ndarray, time: float
+        self, fine: ndarray, velocity: ndarray, rates: ndarray, time: float
     ) -> str | None:
         """What is beyond the limits, or None.
 
@@ -192,7 +188,7 @@ class ChainReadout(_Chains):
 
 
 def _tendon_lengths(
-    inside: np.ndarray, full: np.ndarray, servos: Servos | None, arrays: HostArrays = HOST
+    inside: ndarray, full: ndarray, servos: Servos | None, arrays: HostArrays = HOST
 ) -> tuple[Read, Read]:
     """Functions of tendons' lengths [m] as measured, and as they are.
 
@@ -227,7 +223,7 @@ class BatchReadout(_Chains):
         self.tip_velocity = lambda: arrays.copy(self._velocity)
         self.curvature_rate = lambda: arrays.real(simulation.qvel) @ self._mean
 
-    def update(self, _which: np.ndarray | None = None) -> None:
+    def update(self, _which: ndarray | None = None) -> None:
         """Measure anew."""
         simulation, measures, arrays = self._simulation, self._measures, self._arrays
         angles, rates = arrays.real(simulation.qpos), arrays.real(simulation.qvel)
@@ -251,12 +247,12 @@ class BatchReadout(_Chains):
         return self._measures.what_left(*map(self._arrays.host, own), time)
 
 
-def _largest(values: np.ndarray) -> float:
+def _largest(values: ndarray) -> float:
     """Largest absolute value, NaN if one is NaN."""
     return abs(values).max()
 
 
-def _norms(values: np.ndarray) -> np.ndarray:
+def _norms(values: ndarray) -> ndarray:
     """Lengths (n,) of the rows of (n, k)."""
     return (values * values).sum(axis=1) ** 0.5
 
@@ -267,11 +263,7 @@ class BeamReadout:
     truth = sensors = None
 
     def __init__(
-        self,
-        simulation: Any,
-        least: Measurement,
-        most: Measurement,
-        servos: Servos | None = None,
+        self, simulation: Any, least: Measurement, most: Measurement, servos: Servos | None = None
     ) -> None:
         """Bind to a simulation.
 
@@ -317,7 +309,7 @@ class BeamReadout:
             bend = np.hypot(bend[0::2], bend[1::2])
         return sharp_bend(bend, self._limit, self._simulation.time)
 
-    def _outside(self, values: np.ndarray) -> str:
+    def _outside(self, values: ndarray) -> str:
         """What lies farthest beyond its bounds, by their width."""
         beyond = np.maximum(self._low - values, values - self._high) / (self._high - self._low)
         worst = int(np.argmax(np.where(np.isnan(beyond), np.inf, beyond)))
@@ -350,13 +342,13 @@ class SensedReadout:
         if not seen.keys() & set(_TRUE):
             self.truth = readout.truth
 
-    def truth(self) -> dict[str, np.ndarray]:
+    def truth(self) -> dict[str, ndarray]:
         """Of tip position [m] and curvature [1/m] what sensors show otherwise, for `info`."""
         tip = np.array(self.tip) if namespace(self.tip) is np else self.tip
         true = dict(zip(_TRUE, (tip, self.bend), strict=True))
         return {name: value for name, value in true.items() if name in self._seen}
 
-    def update(self, which: np.ndarray | None = None) -> str | None:
+    def update(self, which: ndarray | None = None) -> str | None:
         """Measure anew, and look at all robots or at `which` (k,); what left the workspace."""
         outside = self._exact.update(which)
         self.tip, self.bend = self._exact.tip, self._exact.bend
@@ -400,7 +392,7 @@ class SensorNoise:
         self._rows[robot] = 0.0
         self._at[robot] = _BLOCK - 1  # the next instant draws
 
-    def advance(self, which: np.ndarray | None = None) -> None:
+    def advance(self, which: ndarray | None = None) -> None:
         """Go on to the next control instant, all or the robots `which` (k,) int."""
         which = self._everyone if which is None else which
         self._at[which] += 1
@@ -416,12 +408,12 @@ class SensorNoise:
             normal = np.clip(normal, -FARTHEST, FARTHEST, out=normal)
             self._rows[robot] = normal * (self._scale[robot] * self._deviation)
 
-    def on(self, name: str) -> np.ndarray:
+    def on(self, name: str) -> ndarray:
         """Noise (n, size) on an observable of `observations.table` at this instant."""
         return self._now[:, self._columns[name]]
 
     @property
-    def noisy(self) -> np.ndarray:
+    def noisy(self) -> ndarray:
         """(n,) bool, which robots have noise."""
         return self._scale > 0
 
@@ -463,17 +455,17 @@ class Camera:
     def _switch_on(self, seed: int) -> None:
         self._generator = np.random.default_rng(seed)
         self._instant, self._due = -1, 0.0
-        self._undeveloped: deque[tuple[int, np.ndarray]] = deque()
+        self._undeveloped: deque[tuple[int, ndarray]] = deque()
         self._taken = -1
         self.position, self.velocity = np.zeros((2, self._coordinates))
 
-    def start(self, _which: np.ndarray, seeds: list[int], tip: np.ndarray) -> None:
+    def start(self, _which: ndarray, seeds: list[int], tip: ndarray) -> None:
         """Look at a tip at rest at (1, coordinates) [m] until there are two pictures."""
         self._switch_on(seeds[0])
         for _ in range(self._delay + 2 * ceil(self._frame)):
             self.see(tip[0])
 
-    def see(self, tip: np.ndarray) -> bool:
+    def see(self, tip: ndarray) -> bool:
         """Come to the next control instant, with the tip at (coordinates,) [m].
 
         Returns:
@@ -523,7 +515,7 @@ class Cameras:
         self._taken = np.zeros(count, dtype=int)
         self.position, self.velocity = np.zeros((2, count, coordinates))
 
-    def start(self, which: np.ndarray, seeds: list[int], tip: np.ndarray) -> None:
+    def start(self, which: ndarray, seeds: list[int], tip: ndarray) -> None:
         """Start cameras `which` (k,), each with a seed, before tips at rest at (k, coordinates)."""
         for i, seed in zip(which.tolist(), seeds, strict=True):
             self._generators[i] = np.random.default_rng(seed)
@@ -535,7 +527,7 @@ class Cameras:
         for _ in range(self._delay + 2 * ceil(self._frame)):
             self.see(tips, which)
 
-    def see(self, tip: np.ndarray, which: np.ndarray | None = None) -> None:
+    def see(self, tip: ndarray, which: ndarray | None = None) -> None:
         """Come to the next control instant, all or `which` (k,); tips of all (n, coordinates)."""
         which = self._everyone if which is None else which
         self._instant[which] += 1
@@ -545,7 +537,7 @@ class Cameras:
         late = oldest <= self._instant[which] - self._delay
         self._develop(which[late & (self._developed[which] < self._pictures[which])])
 
-    def _take(self, which: np.ndarray, tip: np.ndarray) -> None:
+    def _take(self, which: ndarray, tip: ndarray) -> None:
         """Take pictures of the tips `which` (k,) of all."""
         self._due[which] += self._frame
         number = self._pictures[which]
@@ -558,7 +550,7 @@ class Cameras:
         self._when[which, place] = self._instant[which]
         self._pictures[which] += 1
 
-    def _develop(self, which: np.ndarray) -> None:
+    def _develop(self, which: ndarray) -> None:
         """Let the next pictures `which` (k,) be the newest."""
         place = self._developed[which] % (self._delay + 1)
         seen, taken = self._seen[which, place], self._when[which, place]

@@ -12,6 +12,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from gymnasium import spaces
+from numpy import ndarray
 
 from softrobot_env.core.arrays import HostArrays, namespace
 from softrobot_env.core.interfaces import Observation, Seen
@@ -36,7 +37,7 @@ _SWAY, _BEND = 0.05, 2.0
 #: Least scale of tendon lengths, over the robot's: that of tendons which no bend pulls in.
 _SHORTEST = 1e-3
 
-Read = Callable[[], np.ndarray]
+Read = Callable[[], ndarray]
 
 
 def speed_limit(robot: RobotParams) -> float:
@@ -106,7 +107,7 @@ class Sizes:
         return slowest(self.robot, self.robot.drive.kind == "length")
 
     @property
-    def origin(self) -> np.ndarray:
+    def origin(self) -> ndarray:
         """(dimensions,) [m], where the robot is clamped."""
         base = self.robot.base
         return np.zeros(self.dimensions) if base is None else np.array(base.position[self.axes])
@@ -157,7 +158,7 @@ class Observable:
     unit: str
     space: Callable[[Sizes], spaces.Box]
     read: Callable[[Sources], Read]
-    scale: Callable[[Sizes], float | np.ndarray]
+    scale: Callable[[Sizes], float | ndarray]
     noise: float = 0.0
     usual: tuple[str, ...] = ()
 
@@ -173,7 +174,7 @@ def usual_of(robot: RobotParams) -> tuple[str, ...]:
     return tuple(name for name, one in OBSERVABLES.registered().items() if drive in one.usual)
 
 
-def symmetric(size: int, bound: float | np.ndarray) -> spaces.Box:
+def symmetric(size: int, bound: float | ndarray) -> spaces.Box:
     """Box (size,) of float64 between -bound and bound."""
     high = np.broadcast_to(np.asarray(bound, dtype=np.float64), (size,))
     return spaces.Box(-high, high, dtype=np.float64)
@@ -224,7 +225,7 @@ def _bend_scale(s: Sizes) -> float:
     return _BEND / s.robot.length
 
 
-def _length_scale(s: Sizes) -> np.ndarray:
+def _length_scale(s: Sizes) -> ndarray:
     """Of tendons, as far as the bend of usual size pulls them in, or half the servos' way."""
     if s.pulled is not None:
         return np.full(len(s.robot.tendons), s.pulled / 2)
@@ -371,7 +372,7 @@ def _with_noise(observable: Observable, sizes: Sizes) -> spaces.Box:
 
 
 def observer(
-    observed: spaces.Dict, sources: Sources, view: Callable[[Observation], np.ndarray] | None
+    observed: spaces.Dict, sources: Sources, view: Callable[[Observation], ndarray] | None
 ) -> Callable[[], Seen]:
     """Function that makes a new observation.
 
@@ -386,14 +387,14 @@ def observer(
     return lambda: view({name: read() for name, read in reads})
 
 
-def arrays(observation: Seen) -> list[np.ndarray]:
+def arrays(observation: Seen) -> list[ndarray]:
     """The arrays that an observation is made of."""
     return list(observation.values()) if isinstance(observation, dict) else [observation]
 
 
 def copied(observation: Seen) -> Seen:
     """A copy."""
-    if isinstance(observation, np.ndarray):
+    if isinstance(observation, ndarray):
         return observation.copy()
     return {name: value.copy() for name, value in observation.items()}
 
@@ -417,8 +418,8 @@ class _Entries(NamedTuple):
 
     label: str
     name: str
-    origin: str | np.ndarray
-    scale: float | np.ndarray
+    origin: str | ndarray
+    scale: float | ndarray
 
 
 class VectorView:
@@ -472,16 +473,16 @@ class VectorView:
             np.nextafter(least, -np.float32(np.inf)), np.nextafter(most, np.float32(np.inf))
         )
 
-    def __call__(self, observation: Mapping[str, np.ndarray]) -> np.ndarray:
+    def __call__(self, observation: Mapping[str, ndarray]) -> ndarray:
         """Vectors (..., k) of observations (..., size)."""
         return self._read(observation, self.reading)
 
-    def on(self, arrays: HostArrays) -> Callable[[Mapping[str, np.ndarray]], np.ndarray]:
+    def on(self, arrays: HostArrays) -> Callable[[Mapping[str, ndarray]], ndarray]:
         """The same for observations that are `arrays`."""
         reading = self.reading.on(arrays)
         return lambda observation: self._read(observation, reading)
 
-    def _read(self, observation: Mapping[str, np.ndarray], reading: Reading) -> np.ndarray:
+    def _read(self, observation: Mapping[str, ndarray], reading: Reading) -> ndarray:
         parts = [observation[name] for name in self._names]
         kind = namespace(parts[0])
         return kind.asarray(reading(kind.concatenate(parts, axis=-1)), dtype=kind.float32)

@@ -14,6 +14,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.arrays import HOST
 from softrobot_env.core.processes import usable_cores
@@ -116,14 +117,14 @@ class Pool:
         if getattr(self, "_batch", None) and os.getpid() == self._process:
             self._c.mjb_deleteBatch(self._batch)
 
-    def bind(self, name: str) -> np.ndarray:
+    def bind(self, name: str) -> ndarray:
         """Array (n, k) of a part of the state, a key of `_STATE`, to be written to."""
         size, row = ctypes.c_int(), self._c.mjb_nstate(self._batch)
         start = self._c.mjb_stateComponent(self._batch, int(_STATE[name]), ctypes.byref(size))
         flat = _view(start, ((self.count - 1) * row + size.value,), float)
         return np.lib.stride_tricks.as_strided(flat, (self.count, size.value), (8 * row, 8))
 
-    def expand(self, name: str) -> np.ndarray:
+    def expand(self, name: str) -> ndarray:
         """Array (n, ...) of a field of the model, from now on of every simulation's own.
 
         Raises:
@@ -136,21 +137,21 @@ class Pool:
         )
         return self._array(start, name, like, bytes_.value)
 
-    def _array(self, start: int | None, name: str, like: np.ndarray, size: int = 0) -> np.ndarray:
+    def _array(self, start: int | None, name: str, like: ndarray, size: int = 0) -> ndarray:
         if not start:
             raise ValueError(f"no field {name!r} of many simulations")
         kind = like.dtype if not size or like.dtype.itemsize == size else np.dtype(f"i{size}")
         return _view(start, (self.count, *like.shape), kind)
 
-    def set_const(self, which: np.ndarray) -> None:
+    def set_const(self, which: ndarray) -> None:
         """Derive constants of the models `which` (k,) anew."""
         self._call(self._c.mjb_setConst, which)
 
-    def reset(self, which: np.ndarray) -> None:
+    def reset(self, which: ndarray) -> None:
         """Set simulations `which` (k,) to their start, without computing anything."""
         self._call(self._c.mjb_reset, which, None, int(mujoco.mjtStage.mjSTAGE_NONE))
 
-    def apply(self, which: np.ndarray | None, function: Any, argument: int) -> None:
+    def apply(self, which: ndarray | None, function: Any, argument: int) -> None:
         """Run a C function (model, data, number, argument) on simulations `which` (k,)."""
         self._call(
             self._c.mjb_apply,
@@ -168,7 +169,7 @@ class Pool:
                 f'this child of it, {os.getpid()}: make them here, or start children with "spawn"'
             )
 
-    def _call(self, function: Any, which: np.ndarray, *arguments: Any) -> None:
+    def _call(self, function: Any, which: ndarray, *arguments: Any) -> None:
         self.check_process()
         ids = np.ascontiguousarray(which, dtype=np.int32)
         if len(ids) and function(self._batch, ids.ctypes.data, len(ids), *arguments):
@@ -176,7 +177,7 @@ class Pool:
             raise RuntimeError("; ".join(sorted(texts - {""})))
 
 
-def _view(start: int, shape: tuple[int, ...], kind: Any) -> np.ndarray:
+def _view(start: int, shape: tuple[int, ...], kind: Any) -> ndarray:
     """Array over memory that somebody else holds."""
     kind = np.dtype(kind)
     size = int(np.prod(shape)) * kind.itemsize
@@ -261,7 +262,7 @@ class Batch:
             warnings.warn(inaccuracy(self.scene, found, time), stacklevel=5)
 
     @property
-    def integration_error(self) -> np.ndarray | None:
+    def integration_error(self) -> ndarray | None:
         """Estimated errors (n,) [m] in time since the resets; None with MuJoCo's integrators."""
         if self.scene.timestep.accuracy is None:
             return None
@@ -272,7 +273,7 @@ class Batch:
         """Number of simulations."""
         return self._batch.count
 
-    def reset(self, which: np.ndarray, qpos: np.ndarray, ctrl: np.ndarray) -> None:
+    def reset(self, which: ndarray, qpos: ndarray, ctrl: ndarray) -> None:
         """Set postures at rest, with controls in force.
 
         Args:
@@ -285,7 +286,7 @@ class Batch:
         self._batch.apply(which, self._integration.refresh, self._integration.header)
         self._integration.restart(which)
 
-    def advance(self, which: np.ndarray | None = None) -> np.ndarray:
+    def advance(self, which: ndarray | None = None) -> ndarray:
         """Integrate over one control period with the controls in `ctrl`, or by the servos.
 
         Args:
@@ -319,7 +320,7 @@ class BatchSimulation(Batch):
         self._fields: VariedFields | None = None
         self._rebuilt: set[str] = set()  # fields that were taken from scenes built for variations
 
-    def vary(self, which: np.ndarray, values: dict[str, np.ndarray]) -> None:
+    def vary(self, which: ndarray, values: dict[str, ndarray]) -> None:
         """Let simulations be of varied robots, in posture and motion as they are.
 
         Each is integrated as a single simulation of the same variation.
@@ -377,7 +378,7 @@ class BatchSimulation(Batch):
         self._integration.drive_by(servos.block)
 
 
-def nominal(values: dict[str, np.ndarray]) -> bool:
+def nominal(values: dict[str, ndarray]) -> bool:
     """Whether values (k,) by name change nothing."""
     return all(np.all(v == VARIATIONS[name].neutral) for name, v in values.items())
 
@@ -393,7 +394,7 @@ class VariedFields:
         # Links follow the factors, heads and discs do not.
         self._own = {"body_mass": links, "body_inertia": links}
 
-    def unknown(self, values: dict[str, np.ndarray]) -> np.ndarray:
+    def unknown(self, values: dict[str, ndarray]) -> ndarray:
         """(k,) bool, which robots differ in what needs a scene of their own."""
         odd = np.zeros(len(next(iter(values.values()))), dtype=bool)
         for name, value in values.items():
@@ -401,7 +402,7 @@ class VariedFields:
                 odd |= value != VARIATIONS[name].neutral
         return odd
 
-    def of(self, values: dict[str, np.ndarray]) -> Iterator[tuple[str, np.ndarray]]:
+    def of(self, values: dict[str, ndarray]) -> Iterator[tuple[str, ndarray]]:
         """Fields and their rows (k, ...) for values (k,) of variations."""
         scaled: dict[str, list[str]] = {}
         for name, value in values.items():
@@ -416,7 +417,7 @@ class VariedFields:
             rows[:, own] = usual[own] * _as_column(factor, usual)
             yield field, rows
 
-    def _shifted(self, name: str, value: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+    def _shifted(self, name: str, value: ndarray) -> Iterator[tuple[str, ndarray]]:
         """Fields that one variation shifts or switches: two scenes tell the lines."""
         one = VARIATIONS[name]
         if not (one.shifts or one.switches) or not one.is_of_fields(self._scene.config.robot):
@@ -433,26 +434,26 @@ class VariedFields:
                 yield field, np.where(off != 0, there, usual)
 
 
-def _as_column(values: np.ndarray, like: np.ndarray) -> np.ndarray:
+def _as_column(values: ndarray, like: ndarray) -> ndarray:
     """Values (k,) that broadcast to fields (k, ...)."""
     return values.reshape(-1, *(1,) * like.ndim)
 
 
 def changed_fields(nominal: mujoco.MjModel, varied: mujoco.MjModel) -> list[str]:
     """Names of the arrays in which a model of the same robot differs."""
-    names = [n for n in dir(nominal) if isinstance(getattr(nominal, n), np.ndarray)]
+    names = [n for n in dir(nominal) if isinstance(getattr(nominal, n), ndarray)]
     names += ["opt.gravity", "opt.disableflags"]
     return [n for n in names if not np.array_equal(field_of(nominal, n), field_of(varied, n))]
 
 
-def field_of(model: mujoco.MjModel, name: str) -> np.ndarray:
+def field_of(model: mujoco.MjModel, name: str) -> ndarray:
     """A field such as "body_mass" or "opt.gravity"."""
     for part in name.split("."):
         model = getattr(model, part)
     return np.asarray(model)
 
 
-def check_timesteps(scene: Scene, which: np.ndarray, values: dict[str, np.ndarray]) -> None:
+def check_timesteps(scene: Scene, which: ndarray, values: dict[str, ndarray]) -> None:
     """Refuse robots that do not share MuJoCo's timestep; our own integrator needs none.
 
     Args:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 from gymnasium import spaces
+from numpy import ndarray
 
 from softrobot_env.core.interfaces import Seen
 from softrobot_env.envs.config import EnvConfig
@@ -135,19 +136,19 @@ class GripperBatch(Batch):
         places = [scene.model.sensor(f"{name}/{FELT}").adr[0] for name in scene.parts]
         self._felt = np.array(places)[:, None] + np.arange(3)
         self._links = [links_of(scene.model, part.member.prefix) for part in parts]
-        self._pressed: dict[int, np.ndarray] = {}
+        self._pressed: dict[int, ndarray] = {}
 
     @property
-    def curvature(self) -> np.ndarray:
+    def curvature(self) -> ndarray:
         """(n, pieces) [1/m], means over the pieces of all fingers in turn."""
         return self.qpos @ self.bends
 
     @property
-    def felt(self) -> np.ndarray:
+    def felt(self) -> ndarray:
         """(n, fingers, 3) [N], force of each finger on the bar."""
         return self.sensordata[:, self._felt]
 
-    def pressed(self, finger: int) -> np.ndarray:
+    def pressed(self, finger: int) -> ndarray:
         """(n, links, 3) [N], force of each link of a finger on the bar.
 
         Raises:
@@ -158,18 +159,18 @@ class GripperBatch(Batch):
             self._pressed[finger] = np.array(first)[:, None] + np.arange(3)
         return self.sensordata[:, self._pressed[finger]]
 
-    def links(self, finger: int) -> np.ndarray:
+    def links(self, finger: int) -> ndarray:
         """(links, 2) [m], between which arc lengths each link of a finger lies."""
         return np.array(list(self._links[finger].values()))
 
     @property
-    def place(self) -> np.ndarray:
+    def place(self) -> ndarray:
         """(n, 3) [m], of the bar."""
         if self.task.free:
             return self.qpos[:, -7:-4].copy()
         return self._place[:, self._body].copy()
 
-    def start(self, which: np.ndarray, sampled: dict[str, np.ndarray]) -> None:
+    def start(self, which: ndarray, sampled: dict[str, ndarray]) -> None:
         """Start simulations `which` (k,), fingers straight, with what is sampled.
 
         Args:
@@ -189,7 +190,7 @@ class GripperBatch(Batch):
         self._batch.set_const(which)
         self.reset(which, q, np.zeros((len(which), self.scene.model.nu)))
 
-    def _shape(self, which: np.ndarray, radius: np.ndarray, mass: np.ndarray) -> None:
+    def _shape(self, which: ndarray, radius: ndarray, mass: ndarray) -> None:
         half, geom = self.task.length / 2, self._geom
         self._size[which, geom, 0] = radius
         self._bound[which, geom] = radius + half
@@ -199,7 +200,7 @@ class GripperBatch(Batch):
             self._mass[which, self._body] = mass
             self._inertia[which, self._body] = _inertia(mass, radius, 2 * half)
 
-    def _make_fingers(self, which: np.ndarray, modulus: np.ndarray, arm: np.ndarray) -> None:
+    def _make_fingers(self, which: ndarray, modulus: ndarray, arm: ndarray) -> None:
         model, tendon = self.scene.model, 0
         for k, part in enumerate(self.scene.parts.values()):
             joints = model.dof_jntid[part.v]
@@ -211,7 +212,7 @@ class GripperBatch(Batch):
             self._arms[np.ix_(which, wraps)] = model.wrap_prm[wraps] * arm[:, k, None]
             tendon += count
 
-    def push(self, forces: np.ndarray, accelerations: np.ndarray) -> None:
+    def push(self, forces: ndarray, accelerations: ndarray) -> None:
         """Pull at the bars by forces (n, 3) [N], and accelerate the palms by (n, 3) [m/s2].
 
         In the axes of a palm that accelerates, everything feels the opposite: from the second
@@ -225,12 +226,12 @@ def _geoms(model: mujoco.MjModel, pair: int) -> tuple[int, int]:
     return model.pair_geom1[pair], model.pair_geom2[pair]
 
 
-def _wraps(model: mujoco.MjModel, tendon: int) -> np.ndarray:
+def _wraps(model: mujoco.MjModel, tendon: int) -> ndarray:
     first = model.tendon_adr[tendon]
     return np.arange(first, first + model.tendon_num[tendon])
 
 
-def _inertia(mass: np.ndarray, radius: np.ndarray, length: float) -> np.ndarray:
+def _inertia(mass: ndarray, radius: ndarray, length: float) -> ndarray:
     """(k, 3) [kg m2] of uniform capsules: a cylinder, and half a ball on each end."""
     ball = mass * (4 / 3 * radius) / (length + 4 / 3 * radius)
     rod = mass - ball
@@ -258,16 +259,16 @@ class _Finger:
 
     batch: GripperBatch
     part: Part
-    bends: np.ndarray
-    sensors: Callable[[], np.ndarray] | None
+    bends: ndarray
+    sensors: Callable[[], ndarray] | None
 
-    def curvature(self) -> np.ndarray:
+    def curvature(self) -> ndarray:
         return self.batch.qpos[:, self.part.q] @ self.bends
 
-    def curvature_rate(self) -> np.ndarray:
+    def curvature_rate(self) -> ndarray:
         return self.batch.qvel[:, self.part.v] @ self.bends
 
-    def tendon_tension(self) -> np.ndarray:
+    def tendon_tension(self) -> ndarray:
         return self.batch.actuator_force[:, self.part.u].copy()
 
 
@@ -283,7 +284,7 @@ class GripperView:
         self,
         batch: GripperBatch,
         config: EnvConfig,
-        action: Callable[[], np.ndarray],
+        action: Callable[[], ndarray],
         sensors: "FingerSensors | None" = None,
     ) -> None:
         """A view.
@@ -316,7 +317,7 @@ class GripperView:
         far = np.float32(np.inf)
         return spaces.Box(np.nextafter(low, -far), np.nextafter(high, far))
 
-    def _vector(self, parts: list[np.ndarray]) -> np.ndarray:
+    def _vector(self, parts: list[ndarray]) -> ndarray:
         """As `table.VectorView` has it: asinh(x / scale), of order 1 and never cut off."""
         return np.arcsinh(np.concatenate(parts, axis=-1) / self._scale).astype(np.float32)
 
@@ -345,9 +346,9 @@ def _checked(observe: Any) -> tuple[str, ...]:
 def _observable(
     name: str,
     batch: GripperBatch,
-    action: Callable[[], np.ndarray],
+    action: Callable[[], ndarray],
     sensors: "FingerSensors | None",
-) -> tuple[Callable[[], np.ndarray], spaces.Box, np.ndarray]:
+) -> tuple[Callable[[], ndarray], spaces.Box, ndarray]:
     """How an observable is read, its box and its usual sizes."""
     count = len(batch.scene.parts)
     if name == CONTACT:
@@ -368,11 +369,11 @@ def _observable(
     return read, spaces.Box(low, high, dtype=np.float64), np.concatenate(scale)
 
 
-def _together(reads: list[Callable[[], np.ndarray]]) -> np.ndarray:
+def _together(reads: list[Callable[[], ndarray]]) -> ndarray:
     return np.concatenate([read() for read in reads], axis=1)
 
 
-def _no_reference(column: str) -> Callable[[], np.ndarray]:
+def _no_reference(column: str) -> Callable[[], ndarray]:
     raise ValueError(f"a gripper follows no reference, and has no {column}")
 
 
@@ -443,14 +444,12 @@ class FingerSensors:
             array = SensorArray(sensors, edges, control_period, batch.count * len(fingers))
             self._kinds.append(_Kind(array, tuple(fingers)))
 
-    def reading(self, finger: int) -> np.ndarray:
+    def reading(self, finger: int) -> ndarray:
         """(n, size), see `robots.sensors.Sensor`."""
         kind = next(kind for kind in self._kinds if finger in kind.fingers)
         return kind.array.reading[kind.fingers.index(finger) :: len(kind.fingers)].copy()
 
-    def start(
-        self, which: np.ndarray, scale: np.ndarray, specimen: np.ndarray, seeds: np.ndarray
-    ) -> None:
+    def start(self, which: ndarray, scale: ndarray, specimen: ndarray, seeds: ndarray) -> None:
         """Start grippers `which` (k,).
 
         Args:
@@ -470,13 +469,13 @@ class FingerSensors:
                     noise.append(int(seed) + _APART * k)
             kind.array.start(rows, built, noise, shape[rows])
 
-    def look(self, which: np.ndarray | None = None) -> None:
+    def look(self, which: ndarray | None = None) -> None:
         """Come to the next control instant, all grippers or `which` (k,)."""
         for kind in self._kinds:
             shape, touch = self._shape(kind)
             kind.array.look(shape, None if which is None else _rows(which, kind), touch)
 
-    def _shape(self, kind: _Kind) -> tuple[np.ndarray, np.ndarray]:
+    def _shape(self, kind: _Kind) -> tuple[ndarray, ndarray]:
         """Of its fingers shapes (n, cells, 3) [1/m] and contact (n, sensors) [N] on each sensor."""
         shapes, touches = [], []
         for k in kind.fingers:
@@ -489,7 +488,7 @@ class FingerSensors:
         )
 
 
-def shares(links: np.ndarray, sensors: Sequence[Sensor]) -> np.ndarray:
+def shares(links: ndarray, sensors: Sequence[Sensor]) -> ndarray:
     """Shares (links, sensors) of links, between arc lengths (links, 2) [m], on sensors."""
     low, high = links.T[..., None]
     ends = np.array([(sensor.begin, sensor.end) for sensor in sensors]).T
@@ -497,6 +496,6 @@ def shares(links: np.ndarray, sensors: Sequence[Sensor]) -> np.ndarray:
     return np.clip(both, 0.0, None) / (high - low)
 
 
-def _rows(which: np.ndarray, kind: _Kind) -> np.ndarray:
+def _rows(which: ndarray, kind: _Kind) -> ndarray:
     count = len(kind.fingers)
     return (which[:, None] * count + np.arange(count)).ravel()

@@ -7,6 +7,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.interfaces import Measurement, PlantFactory, PlantModel
 from softrobot_env.envs.observations.readouts import BatchReadout, BeamReadout, ChainReadout
@@ -105,7 +106,7 @@ class MujocoPlant(_Plant):
         return self.nominal.layout
 
     @property
-    def cells(self) -> np.ndarray:
+    def cells(self) -> ndarray:
         """Edges (cells + 1,) [m] of the parts whose rotation a readout's `shape` has."""
         return np.append(0.0, np.cumsum(self.layout.weights))
 
@@ -116,11 +117,11 @@ class MujocoPlant(_Plant):
         kind = ChainReadout if isinstance(simulation, Simulation) else BatchReadout
         return kind(simulation, self.robot, self.pieces, self.speed, self.axes, servos)
 
-    def equilibrium(self, command: np.ndarray) -> np.ndarray:
+    def equilibrium(self, command: ndarray) -> ndarray:
         """Posture (nq,) at rest under what the drives apply, (n_tendons,) [N] or [m]."""
         return equilibrium(self.nominal.model, command)
 
-    def bent(self, curvature: np.ndarray) -> np.ndarray:
+    def bent(self, curvature: ndarray) -> ndarray:
         """Posture (nq,) for curvatures (pieces * directions,) [1/m] of the measured pieces."""
         layout = self.layout
         piece = layout.piece // (layout.pieces // self.pieces)
@@ -205,7 +206,7 @@ class BeamPlant(_Plant):
         return min(2, super().directions)
 
     @property
-    def cells(self) -> np.ndarray:
+    def cells(self) -> ndarray:
         """Edges (cells + 1,) [m] of the parts whose rotation a readout's `shape` has."""
         return self._nominal.cells
 
@@ -214,11 +215,11 @@ class BeamPlant(_Plant):
         """Largest axial strain [1] of the model."""
         return self._nominal.strain
 
-    def equilibrium(self, control: np.ndarray) -> np.ndarray:
+    def equilibrium(self, control: ndarray) -> ndarray:
         """Coordinates (n,) at rest under controls (n_tendons,) [N or m]."""
         return self._nominal.equilibrium(control)
 
-    def bent(self, curvature: np.ndarray) -> np.ndarray:
+    def bent(self, curvature: ndarray) -> ndarray:
         """Coordinates (n,) for a curvature [1/m] as it is measured.
 
         Raises:
@@ -259,7 +260,7 @@ class BeamPlant(_Plant):
         """The chain that is rendered in place of the model."""
         return build_scene(self.config).model
 
-    def posture(self, strains: np.ndarray) -> np.ndarray:
+    def posture(self, strains: ndarray) -> ndarray:
         """Hinge angles (nq,) [rad] of the scene to render for strains (pieces, 3) [1/m]."""
         angles = strains[self.layout.piece, : super().directions] * self.layout.weights[:, None]
         return posture(self._shown, angles)
@@ -287,7 +288,7 @@ class BeamSimulation:
         self.ctrl = np.zeros(len(plant.robot.tendons))
         self.reset(plant.rest(), self.ctrl)
 
-    def reset(self, posture: np.ndarray, ctrl: np.ndarray) -> None:
+    def reset(self, posture: ndarray, ctrl: ndarray) -> None:
         """Set coordinates (n,) at rest, with controls (n_tendons,) [N or m] in force."""
         self.q, self.v = posture.copy(), np.zeros_like(posture)
         self.ctrl[:] = ctrl
@@ -315,7 +316,7 @@ class BeamSimulation:
         servos.check_drives("length", self.ctrl.shape)
         self._servos = servos
 
-    def _wound(self, servos: Servos) -> np.ndarray:
+    def _wound(self, servos: Servos) -> ndarray:
         """Horns (1 + k, n_tendons) [m] of servos in this period, which they turn in."""
         from softrobot_env.scene.integration.period import turn  # compiled code takes time to load
 
@@ -335,6 +336,6 @@ class BeamSimulation:
         return self._periods * self._period
 
     @property
-    def posture(self) -> np.ndarray:
+    def posture(self) -> ndarray:
         """Hinge angles (nq,) [rad] of the scene to render."""
         return self._owner.posture(self.plant.strains(self.q))

@@ -3,6 +3,7 @@
 from math import ceil
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.envs.observations.readouts import Camera
 from softrobot_env.envs.reference import TOP
@@ -39,7 +40,7 @@ class VirtualRig:
             seed: Of the noise of camera and sensors.
         """
         self.twin, self.tick = twin, tick
-        self.picture: tuple[float, np.ndarray] | None = None
+        self.picture: tuple[float, ndarray] | None = None
         self.stuck: set[int] = set()
         plant = MujocoPlant(twin.robot, tick, axes=TOP, pieces=RIG_PIECES)
         self._simulation = simulation = plant.simulation({})
@@ -53,7 +54,7 @@ class VirtualRig:
         late, self._rng = ceil(twin.camera_delay / tick - 1e-9), np.random.default_rng([seed, 1])
         self._camera = Camera(twin.camera_noise, late, tick, seed=seed)
 
-    def advance(self, command: np.ndarray | None) -> str | None:
+    def advance(self, command: ndarray | None) -> str | None:
         """Go on for a tick.
 
         Args:
@@ -74,17 +75,17 @@ class VirtualRig:
         return self._simulation.failure() if not healthy else outside
 
     @property
-    def tip(self) -> np.ndarray:
+    def tip(self) -> ndarray:
         """Where the tip is, (2,) [m]."""
         return np.array(self._readout.tip)
 
     @property
-    def length(self) -> np.ndarray:
+    def length(self) -> ndarray:
         """Positions (n,) [m] of the servos, as their potentiometers read."""
         return self._servos.reading
 
     @property
-    def tension(self) -> np.ndarray:
+    def tension(self) -> ndarray:
         """(n,) [N]."""
         return self._readout.tendon_tension()
 

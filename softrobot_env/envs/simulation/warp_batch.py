@@ -13,19 +13,12 @@ import mujoco_warp
 import numpy as np
 import torch
 import warp
+from numpy import ndarray
 
 from softrobot_env.core.arrays import TorchArrays
 from softrobot_env.envs.simulation.batch import VARIED, VariedFields, check_timesteps, nominal
 from softrobot_env.scene.build import Scene
-from softrobot_env.scene.integration.layout import (
-    COMMAND,
-    HALF,
-    HORN,
-    HUGE,
-    MOTOR,
-    OFFSET,
-    SPEED,
-)
+from softrobot_env.scene.integration.layout import COMMAND, HALF, HORN, HUGE, MOTOR, OFFSET, SPEED
 from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.tendons import full_length
 from softrobot_env.scene.timestep import EXTRAPOLATION
@@ -142,7 +135,7 @@ class WarpBatch:
 
     # ------------------------------------------------------------------ variations
 
-    def vary(self, which: np.ndarray, values: dict[str, np.ndarray]) -> None:
+    def vary(self, which: ndarray, values: dict[str, ndarray]) -> None:
         """Let simulations be of varied robots, in posture and motion as they are.
 
         Args:
@@ -168,18 +161,18 @@ class WarpBatch:
                 self._stretch(robots, rows, values["tendon_radius"])
         self._rubs = self._rubs or bool(values["tendon_friction"].any())
 
-    def _set(self, field: str, robots: torch.Tensor, rows: np.ndarray) -> None:
+    def _set(self, field: str, robots: torch.Tensor, rows: ndarray) -> None:
         own = self._fields[field]
         own[robots] = torch.as_tensor(rows, dtype=own.dtype, device=own.device)
 
-    def _carried(self, mass: np.ndarray) -> np.ndarray:
+    def _carried(self, mass: ndarray) -> ndarray:
         """Masses (k, nbody) [kg] of bodies (k, nbody) with all that hangs on them."""
         total = mass.copy()
         for body in range(self._host.nbody - 1, 0, -1):
             total[:, self._host.body_parentid[body]] += total[:, body]
         return total
 
-    def _stretch(self, robots: torch.Tensor, arms: np.ndarray, radius: np.ndarray) -> None:
+    def _stretch(self, robots: torch.Tensor, arms: ndarray, radius: ndarray) -> None:
         """Multiply lever arms (k, ...) of channels by factors (k,)."""
         changed = (arms != self._host.wrap_prm).astype(int)
         moved = np.add.reduceat(changed, self._host.tendon_adr, axis=1) > 0
@@ -200,7 +193,7 @@ class WarpBatch:
         servos.live_as(self.arrays)
         self._servos = servos
 
-    def reset(self, which: np.ndarray, qpos: np.ndarray, ctrl: np.ndarray) -> None:
+    def reset(self, which: ndarray, qpos: ndarray, ctrl: ndarray) -> None:
         """Set postures at rest, with controls in force.
 
         Args:
@@ -212,7 +205,7 @@ class WarpBatch:
         self.qpos[robots], self.ctrl[robots], self.qvel[robots] = real(qpos), real(ctrl), 0.0
         self._finish()
 
-    def advance(self, which: np.ndarray | None = None) -> np.ndarray:
+    def advance(self, which: ndarray | None = None) -> ndarray:
         """Integrate over one control period with the controls in `ctrl`, or by the servos.
 
         Args:
@@ -385,7 +378,7 @@ def _wind(servos: torch.Tensor, time: float) -> None:
     servos[:, HORN] = torch.minimum(torch.maximum(servos[:, HORN], motor - half), motor + half)
 
 
-def _places(nonzero: np.ndarray, start: np.ndarray, column: np.ndarray) -> tuple[np.ndarray, ...]:
+def _places(nonzero: ndarray, start: ndarray, column: ndarray) -> tuple[ndarray, ...]:
     """Rows and columns (k,) of the elements of a sparse matrix, in their order."""
     rows = np.repeat(np.arange(len(nonzero)), nonzero)
     at = np.concatenate([np.arange(a, a + k) for a, k in zip(start, nonzero, strict=True)])

@@ -12,6 +12,7 @@ from time import process_time
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.motion import IntegrationError, State
@@ -119,7 +120,7 @@ def measure(
     for done, (physics, sizes) in enumerate(known.items()):
         progress(f"limit of {physics}", done, total)
         fine = {n: _sharp(config, physics, n) for n in (k * robot.pieces for k in sizes)}
-        tasks: dict[str, Callable[[Simulated], np.ndarray]] = {
+        tasks: dict[str, Callable[[Simulated], ndarray]] = {
             "rest": lambda model: model.poses(poses),
             "motion": lambda model: model.motion(moved),
         }
@@ -167,7 +168,7 @@ def _sharp(config: SceneConfig, physics: str, pieces: int) -> Simulated:
     return chain(config, pieces, accuracy=_SHARP * config.robot.length)
 
 
-def _held(model: Simulated, poses: np.ndarray) -> np.ndarray:
+def _held(model: Simulated, poses: ndarray) -> ndarray:
     """Those of the inputs (k, n_inputs) under which a robot comes to rest."""
     found = []
     for u in poses:
@@ -207,7 +208,7 @@ def _contestants(config: SceneConfig, quick: bool) -> tuple[list[Contestant], li
 
 
 def _measured(
-    kind: str, each: Contestant, limit: Limit, poses: np.ndarray, moved: Excitation, repeats: int
+    kind: str, each: Contestant, limit: Limit, poses: ndarray, moved: Excitation, repeats: int
 ) -> Iterator[AccuracyRow]:
     """A row for each setting in motion, and one at rest, where they do not matter."""
     at_rest = kind == "rest"
@@ -233,8 +234,8 @@ def _measured(
 
 
 def _run(
-    model: Simulated, at_rest: bool, poses: np.ndarray, moved: Excitation, start: State
-) -> np.ndarray:
+    model: Simulated, at_rest: bool, poses: ndarray, moved: Excitation, start: State
+) -> ndarray:
     return model.poses(poses) if at_rest else model.motion(moved, start)
 
 

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams import signals
 from softrobot_env.beams.model import BeamModel
@@ -57,24 +58,24 @@ class Limit:
         text: How it was made.
     """
 
-    tips: np.ndarray
+    tips: ndarray
     uncertainty: float
     text: str
 
 
-def distance(a: np.ndarray, b: np.ndarray) -> float:
+def distance(a: ndarray, b: ndarray) -> float:
     """Largest distance [m] of points (..., d)."""
     return float(np.max(np.linalg.norm(a - b, axis=-1)))
 
 
-def converged(found: Mapping[int, np.ndarray], order: int) -> np.ndarray:
+def converged(found: Mapping[int, ndarray], order: int) -> ndarray:
     """Limit of results by number of pieces, for an error series in powers of 1 / n^order."""
     x = [n**-order for n in found]
     weights = [np.prod([b / (b - a) for b in x if b != a]) for a in x]  # Lagrange's, at zero
     return np.tensordot(weights, list(found.values()), 1)
 
 
-def extrapolate(solve: Callable[[int], np.ndarray], sizes: Sequence[int], text: str) -> Limit:
+def extrapolate(solve: Callable[[int], ndarray], sizes: Sequence[int], text: str) -> Limit:
     """Limit of infinitely many pieces, for an error series in 1 / n^2.
 
     Its distance to the last estimate without the coarsest one is
@@ -88,7 +89,7 @@ def extrapolate(solve: Callable[[int], np.ndarray], sizes: Sequence[int], text: 
     return Limit(best, uncertainty, text)
 
 
-def zero_timestep(tips: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def zero_timestep(tips: Sequence[ndarray]) -> tuple[ndarray, ndarray]:
     """Limits of motions with timesteps h, h/2 and h/4, for an error series in h.
 
     Returns:
@@ -150,12 +151,7 @@ class Verdict(StrEnum):
 
 
 def verdict_of(
-    error: float | None,
-    asked: float,
-    length: float,
-    *,
-    failure: str | None,
-    warning: str | None,
+    error: float | None, asked: float, length: float, *, failure: str | None, warning: str | None
 ) -> Verdict:
     """What becomes of a run.
 
@@ -219,8 +215,8 @@ class Excitation:
         period: [s].
     """
 
-    rest: np.ndarray
-    controls: np.ndarray
+    rest: ndarray
+    controls: ndarray
     period: float
 
     @property
@@ -229,7 +225,7 @@ class Excitation:
         return len(self.controls) * self.period
 
     @property
-    def poses(self) -> np.ndarray:
+    def poses(self) -> ndarray:
         """The different rows (k, n_inputs) of the controls, in their order."""
         changes = np.any(np.diff(self.controls, axis=0), axis=1)
         return self.controls[np.concatenate(([True], changes))]
@@ -266,7 +262,7 @@ class Simulated:
     robot: RobotParams
     options: dict[str, Any] = field(default_factory=dict)
 
-    def tips(self, q: np.ndarray) -> np.ndarray:
+    def tips(self, q: ndarray) -> ndarray:
         """Tip or output point (3,) or (T, 3) [m] at coordinates (n,) or (T, n)."""
         head = self.robot.head
         if isinstance(self.model, Scene) or head is None:
@@ -274,7 +270,7 @@ class Simulated:
         end = np.array([self.robot.length + head.output])
         return self.model.positions(q, end)[..., 0, :]
 
-    def poses(self, inputs: np.ndarray) -> np.ndarray:
+    def poses(self, inputs: ndarray) -> ndarray:
         """Tips (k, 3) [m] at rest under inputs (k, n_inputs).
 
         Raises:
@@ -282,7 +278,7 @@ class Simulated:
         """
         return self.tips(np.array([self.model.equilibrium(u) for u in inputs]))
 
-    def start(self, u: np.ndarray) -> State:
+    def start(self, u: ndarray) -> State:
         """At rest under inputs (n_inputs,); straight where there is no stable equilibrium."""
         start = self.model.start()
         try:
@@ -290,7 +286,7 @@ class Simulated:
         except EquilibriumError:
             return start
 
-    def motion(self, moved: Excitation, start: State | None = None) -> np.ndarray:
+    def motion(self, moved: Excitation, start: State | None = None) -> ndarray:
         """Tips (1 + periods, 3) [m] from rest on, or from a start.
 
         Raises:

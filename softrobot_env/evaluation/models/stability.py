@@ -11,7 +11,7 @@ from itertools import product
 from time import process_time
 from typing import Any
 
-import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.motion import IntegrationError
 from softrobot_env.evaluation.models.runs import (
@@ -185,7 +185,7 @@ def _row(
     varied: Variation,
     config: SceneConfig,
     *,
-    tips: np.ndarray | None = None,
+    tips: ndarray | None = None,
     truth: Limit | None = None,
     failure: str | None = None,
     warning: str | None = None,

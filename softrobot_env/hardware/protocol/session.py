@@ -9,7 +9,7 @@ from enum import IntEnum
 from typing import Any
 from zlib import crc32
 
-import numpy as np
+from numpy import ndarray
 
 from softrobot_env.hardware.errors import (
     LinkError,
@@ -138,7 +138,7 @@ class Session:
         self.phase = Phase.ARMING
         return self._frame(m.Arm(number, self._config_crc))
 
-    def setpoint(self, length: np.ndarray, now: float) -> tuple[int, bytes]:
+    def setpoint(self, length: ndarray, now: float) -> tuple[int, bytes]:
         """Sequence number and frame of a set-point (n,) [m], at `now` [s].
 
         Raises:
@@ -194,7 +194,7 @@ class Session:
         """The newest one."""
         return self.readings[-1] if self.readings else None
 
-    def present_target(self) -> np.ndarray:
+    def present_target(self) -> ndarray:
         """Lengths (n,) [m] inside the range, nearest to where the robot is.
 
         Raises:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.hardware.protocol.messages import (
     CLOCK_UNIT,
@@ -47,10 +48,10 @@ class Reading:
     device_time: float
     seq: int | None
     round_trip: float | None
-    applied: np.ndarray
-    length: np.ndarray
-    force: np.ndarray
-    adc: np.ndarray
+    applied: ndarray
+    length: ndarray
+    force: ndarray
+    adc: ndarray
     supply: float
     state: DeviceState
     warnings: Warning
@@ -60,7 +61,7 @@ class Reading:
         """How old it is [s] at `now` [s] on the host's clock."""
         return now - self.taken
 
-    def is_at(self, length: np.ndarray) -> bool:
+    def is_at(self, length: ndarray) -> bool:
         """Whether the outputs have come to lengths (n,) [m], to the last count."""
         return bool(np.abs(self.applied - length).max() < _THERE)
 
@@ -128,7 +129,7 @@ class UnitConversion:
         self._channels = np.array([servo.channel for servo in robot.tendons])
         self._tendons = np.argsort(self._channels)
 
-    def target(self, length: np.ndarray) -> tuple[int, ...]:
+    def target(self, length: ndarray) -> tuple[int, ...]:
         """Set-point of pulled-in lengths (n,) [m].
 
         Raises:
@@ -145,7 +146,7 @@ class UnitConversion:
             raise ValueError(self._outside(wrong[0], counts))
         return tuple(counts.tolist())
 
-    def nearest_target(self, length: np.ndarray) -> np.ndarray:
+    def nearest_target(self, length: ndarray) -> ndarray:
         """Lengths (n,) [m] inside the range that are nearest to (n,) [m]."""
         least, most = self._least[self._channels], self._most[self._channels]
         return np.clip(length, least * LENGTH_UNIT, most * LENGTH_UNIT)
@@ -179,10 +180,10 @@ class UnitConversion:
         said = text.format(value=value, channel=channel, who=who, millimetres=1e3 * (value or 0.0))
         return FaultInfo(code, channel, value, said)
 
-    def _by_tendon(self, values: tuple[int, ...], unit: float) -> np.ndarray:
+    def _by_tendon(self, values: tuple[int, ...], unit: float) -> ndarray:
         return np.array(values)[self._channels] * unit
 
-    def _outside(self, channel: int, counts: np.ndarray) -> str:
+    def _outside(self, channel: int, counts: ndarray) -> str:
         value, least, most = (x[channel] / 100 for x in (counts, self._least, self._most))
         return (
             f"tendon {self._tendons[channel] + 1}: {value:.2f} mm is outside its range of "

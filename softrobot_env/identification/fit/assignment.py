@@ -13,6 +13,7 @@ from functools import partial
 from itertools import chain, combinations, permutations
 
 import numpy as np
+from numpy import ndarray
 from scipy.optimize import linear_sum_assignment
 
 from softrobot_env.core.processes import chosen_processes
@@ -236,7 +237,7 @@ class _Search:
                 found.add(tuple(linear_sum_assignment(cost)[1].tolist()))
         return found
 
-    def _directions(self) -> np.ndarray:
+    def _directions(self) -> ndarray:
         """(n, 2) how far the last marker moves to the side per column, by changes between rows."""
         tip, commands = self.recording.markers[:, -1], self.recording.commands
         same = np.diff(self.recording.runs) == 0
@@ -310,11 +311,7 @@ def _flips(signs: tuple[float, ...]) -> list[tuple[float, ...]]:
 
 
 def _simulated(
-    robot: RobotParams,
-    recording: Recording,
-    names: list[str],
-    any_way: bool,
-    cases: list[_Case],
+    robot: RobotParams, recording: Recording, names: list[str], any_way: bool, cases: list[_Case]
 ) -> list[tuple[float, float]]:
     """RMS [m] and turn about z [rad] of assignments, for the robot as its file says."""
     found = []
@@ -329,9 +326,7 @@ def _simulated(
     return found
 
 
-def aligned(
-    simulated: np.ndarray, recorded: np.ndarray, any_way: bool
-) -> tuple[float, np.ndarray, np.ndarray]:
+def aligned(simulated: ndarray, recorded: ndarray, any_way: bool) -> tuple[float, ndarray, ndarray]:
     """How well recorded markers (t, k, 3) [m] fit simulated ones in the frame that fits best.
 
     A tenth of them that is farthest off does not count for the frame.
@@ -358,7 +353,7 @@ def aligned(
     return float(np.sqrt(np.mean(left**2))), turn_vector(turn), here - turn @ there
 
 
-def _best_turn(a: np.ndarray, b: np.ndarray, any_way: bool) -> np.ndarray:
+def _best_turn(a: ndarray, b: ndarray, any_way: bool) -> ndarray:
     """(3, 3) rotation of b (n, 3) that comes nearest to a (Kabsch), or the best one about z."""
     if not any_way:
         dot = np.sum(a[:, :2] * b[:, :2])

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.continuation import Damping, descend
 from softrobot_env.identification.fit.least_squares import clustered, correlation_time
@@ -51,10 +52,10 @@ class Dynamics:
 
     robot: RobotParams
     delay: float
-    values: np.ndarray
-    deviation: np.ndarray
-    prior: np.ndarray
-    by_friction: np.ndarray
+    values: ndarray
+    deviation: ndarray
+    prior: ndarray
+    by_friction: ndarray
     modulus: tuple[float, float]
     friction: tuple[float, float]
     before: float
@@ -67,7 +68,7 @@ def dynamics_of(
     recording: Recording,
     modulus: float = 0.0,
     friction: float | None = 0.0,
-    begin: np.ndarray | None = None,
+    begin: ndarray | None = None,
     show: Callable[[int, float], None] | None = None,
 ) -> Dynamics:
     """Find damping, delay and friction.
@@ -130,8 +131,8 @@ def dynamics_of(
 class _Point(NamedTuple):
     """Values (4,), errors (t, k, 3) [m] that they leave, and what both cost."""
 
-    values: np.ndarray
-    error: np.ndarray
+    values: ndarray
+    error: ndarray
     cost: float = np.inf
 
 
@@ -143,17 +144,17 @@ class _Problem:
         normal: (4, 4) matrix of the normal equations, of the last linearization.
     """
 
-    def __init__(self, robot: RobotParams, windows: Recording, prior: np.ndarray) -> None:
+    def __init__(self, robot: RobotParams, windows: Recording, prior: ndarray) -> None:
         self._robot, self._windows, self.prior = robot, windows, prior
 
-    def built(self, values: np.ndarray) -> RobotParams:
+    def built(self, values: ndarray) -> RobotParams:
         """The robot with values (4,)."""
         damping, _, modulus, friction = (float(np.exp(x)) for x in values)
         rubbing = tuple(replace(t, friction=t.friction * friction) for t in self._robot.tendons)
         moved = replace(self._robot, tendons=rubbing)
         return moved.vary(damping_time=damping, youngs_modulus=modulus)
 
-    def at(self, values: np.ndarray) -> _Point:
+    def at(self, values: ndarray) -> _Point:
         """Simulate the windows, the mean error of each left out."""
         windows, delay = self._windows, max(float(values[1]), 0.0)
         markers = tuple(replace(m, delay_s=m.delay_s + delay) for m in windows.header.marker)
@@ -193,7 +194,7 @@ class _Problem:
         there[1] = max(there[1], 0.0)
         return self.weighed(self.at(there))
 
-    def deviation(self, here: _Point) -> np.ndarray:
+    def deviation(self, here: _Point) -> ndarray:
         """(4,) standard deviations."""
         times, runs = self._windows.times, self._windows.runs
         covariance = clustered(self._slopes, here.error, self.normal, self._variance, runs)
@@ -217,7 +218,7 @@ def windows_of(recording: Recording) -> Recording:
     if recording.times[-1] <= _LONGEST and recording.runs[-1] == 0:
         return recording
     times = recording.times
-    chosen: list[np.ndarray] = []
+    chosen: list[ndarray] = []
     lead = np.zeros(len(times), dtype=bool)
     judged = sorted(_judged(recording), key=lambda one: -one[0])
     for fastest, moment, rows in judged:
@@ -245,7 +246,7 @@ def windows_of(recording: Recording) -> Recording:
     )
 
 
-def _judged(recording: Recording) -> list[tuple[float, float, np.ndarray]]:
+def _judged(recording: Recording) -> list[tuple[float, float, ndarray]]:
     """Largest speed [m/s], begin [s] and rows (t,) bool of each motion out of rest."""
     times, runs, tip = recording.times, recording.runs, recording.markers[:, -1]
     change = np.append(0.0, np.abs(np.diff(recording.commands, axis=0)).max(axis=1))
@@ -271,5 +272,5 @@ def _judged(recording: Recording) -> list[tuple[float, float, np.ndarray]]:
     return judged
 
 
-def _rms(error: np.ndarray) -> float:
+def _rms(error: ndarray) -> float:
     return float(np.sqrt(np.nanmean(np.nansum(error**2, axis=-1))))

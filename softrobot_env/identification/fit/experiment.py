@@ -8,6 +8,7 @@ the least known parameters follows before anything is measured.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.identification.fit.least_squares import Fit
 from softrobot_env.identification.fit.model import StaticModel
@@ -34,7 +35,7 @@ class Experiment:
     parameter: str
     before: float
     after: float
-    commands: np.ndarray
+    commands: ndarray
 
 
 def best_experiments(model: StaticModel, fit: Fit) -> list[Experiment]:
@@ -62,7 +63,7 @@ def best_experiments(model: StaticModel, fit: Fit) -> list[Experiment]:
     return sorted(found, key=lambda one: -one.gain)[:_REPORTED]
 
 
-def _candidates(model: StaticModel) -> list[tuple[str, np.ndarray, np.ndarray | None]]:
+def _candidates(model: StaticModel) -> list[tuple[str, ndarray, ndarray | None]]:
     """Name, commands (t, n) and another gravity (3,) along the robot's axes, or None."""
     recording = model.recording
     names = recording.tendons or recording.header.commands.columns
@@ -70,7 +71,7 @@ def _candidates(model: StaticModel) -> list[tuple[str, np.ndarray, np.ndarray | 
     rise = np.concatenate([np.linspace(0, 1, _LEVELS), np.linspace(1, 0, _LEVELS)[1:]])
     middle = np.median(recording.commands, axis=0)
     lets_out = recording.kind == "length" and bool(np.any(low < 0))
-    found: list[tuple[str, np.ndarray, np.ndarray | None]] = []
+    found: list[tuple[str, ndarray, ndarray | None]] = []
     for k, name in enumerate(names):
         held = np.tile(middle, (len(rise), 1))
         held[:, k] = middle[k] + rise * (high[k] - middle[k]) / 2
@@ -91,8 +92,8 @@ def _candidates(model: StaticModel) -> list[tuple[str, np.ndarray, np.ndarray | 
 
 
 def _slopes(
-    model: StaticModel, fit: Fit, commands: np.ndarray, gravity: np.ndarray | None
-) -> np.ndarray | None:
+    model: StaticModel, fit: Fit, commands: ndarray, gravity: ndarray | None
+) -> ndarray | None:
     """(t, k, 3, f) slopes of an experiment; None where it cannot be simulated."""
     rows = len(commands)
     recording = model.recording

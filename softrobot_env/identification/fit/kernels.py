@@ -15,6 +15,7 @@ backbone rub last is carried along from row to row.
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.beams.numerics.quaternions import (
@@ -53,13 +54,13 @@ class Layout(NamedTuple):
         apart: Whether friction of the backbone is kept apart from that of the tendons.
     """
 
-    sizes: np.ndarray
-    spans: np.ndarray
-    last: np.ndarray
+    sizes: ndarray
+    spans: ndarray
+    last: ndarray
     by_length: bool
-    nodes: np.ndarray
+    nodes: ndarray
     loose: float
-    give: np.ndarray
+    give: ndarray
     apart: bool
 
 
@@ -80,29 +81,29 @@ class Body(NamedTuple):
         holding: (n,) [N m], friction of the backbone against bending in any direction.
     """
 
-    stiffness: np.ndarray
-    rest: np.ndarray
-    place: np.ndarray
-    spring: np.ndarray
-    pretension: np.ndarray
-    friction: np.ndarray
-    straight: np.ndarray
-    mass: np.ndarray
-    head: np.ndarray
-    gravity: np.ndarray
-    backlash: np.ndarray
-    marker: np.ndarray
-    holding: np.ndarray
+    stiffness: ndarray
+    rest: ndarray
+    place: ndarray
+    spring: ndarray
+    pretension: ndarray
+    friction: ndarray
+    straight: ndarray
+    mass: ndarray
+    head: ndarray
+    gravity: ndarray
+    backlash: ndarray
+    marker: ndarray
+    holding: ndarray
 
 
 class Work(NamedTuple):
     """Scratch of one kind of numbers: lengths, their derivatives, places, axes, forces."""
 
-    length: np.ndarray
-    arm: np.ndarray
-    place: np.ndarray
-    axes: np.ndarray
-    force: np.ndarray
+    length: ndarray
+    arm: ndarray
+    place: ndarray
+    axes: ndarray
+    force: ndarray
 
 
 class Scratch(NamedTuple):
@@ -110,7 +111,7 @@ class Scratch(NamedTuple):
 
     real: Work
     complex: Work
-    tangent: np.ndarray
+    tangent: ndarray
 
 
 def scratch(pieces: int, tendons: int) -> Scratch:
@@ -129,9 +130,9 @@ class State(NamedTuple):
         anchor: (n_tendons + 2 n,) where friction would vanish: lengths [m], then bends [rad].
     """
 
-    q: np.ndarray
-    control: np.ndarray
-    anchor: np.ndarray
+    q: ndarray
+    control: ndarray
+    anchor: ndarray
 
 
 class Slopes(NamedTuple):
@@ -143,17 +144,17 @@ class Slopes(NamedTuple):
         right: (3 n, p) of the balance at rest turns, with the opposite sign.
     """
 
-    control: np.ndarray
-    anchor: np.ndarray
-    length: np.ndarray
-    right: np.ndarray
+    control: ndarray
+    anchor: ndarray
+    length: ndarray
+    right: ndarray
 
 
 class Friction(NamedTuple):
     """Friction by motion: of tendons (n_tendons,) [N/m], of pieces' shares (n, 2, 2) [1/rad]."""
 
-    hold: np.ndarray
-    held: np.ndarray
+    hold: ndarray
+    held: ndarray
 
 
 class Rows(NamedTuple):
@@ -170,13 +171,13 @@ class Rows(NamedTuple):
         found: (t,) bool, whether an equilibrium was found, set.
     """
 
-    controls: np.ndarray
-    begins: np.ndarray
-    turns: np.ndarray
-    markers: np.ndarray
-    slopes: np.ndarray
-    rub: np.ndarray
-    found: np.ndarray
+    controls: ndarray
+    begins: ndarray
+    turns: ndarray
+    markers: ndarray
+    slopes: ndarray
+    rub: ndarray
+    found: ndarray
 
 
 @kernel
@@ -476,7 +477,7 @@ def _seen(layout, marker, work, out):
         store(out[k], add(vector(work.place[i]), offset))
 
 
-def touched(many: Body) -> tuple[np.ndarray, np.ndarray]:
+def touched(many: Body) -> tuple[ndarray, ndarray]:
     """What each of p parameters changes: tendons (p, n_tendons), backbone, weight, markers (p, 3).
 
     Most change one tendon, or the frame of the recording alone.

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 from scipy.stats import t as student_t
 
 from softrobot_env.core.continuation import Damping, descend
@@ -61,28 +62,28 @@ class Fit:
         steps: It took.
     """
 
-    x: np.ndarray
-    free: np.ndarray
+    x: ndarray
+    free: ndarray
     simulated: Simulated
     weights: Weights
-    root: np.ndarray
-    information: np.ndarray
-    covariance: np.ndarray
+    root: ndarray
+    information: ndarray
+    covariance: ndarray
     steps: int
 
     @property
-    def deviation(self) -> np.ndarray:
+    def deviation(self) -> ndarray:
         """(p,) standard deviations."""
         return np.sqrt(np.diag(self.covariance))
 
 
-def size(error: np.ndarray) -> float:
+def size(error: ndarray) -> float:
     """RMS [m] of the distances of errors (t, k, 3), of what is known."""
     known = ~np.isnan(error).all(axis=-1)
     return float(np.sqrt(np.nansum(error**2) / max(known.sum(), 1)))
 
 
-def correlation_time(error: np.ndarray, runs: np.ndarray) -> float:
+def correlation_time(error: ndarray, runs: ndarray) -> float:
     """Rows that errors (t, k, 3) last: 1 + 2 the sum of their correlations, up to the first zero.
 
     Rows of different runs count as unrelated.
@@ -102,8 +103,8 @@ def correlation_time(error: np.ndarray, runs: np.ndarray) -> float:
 
 
 def clustered(
-    slopes: np.ndarray, left: np.ndarray, normal: np.ndarray, variance: float, runs: np.ndarray
-) -> np.ndarray:
+    slopes: ndarray, left: ndarray, normal: ndarray, variance: float, runs: ndarray
+) -> ndarray:
     """Covariance of least squares whose model lacks something: of noise, and of what it lacks.
 
     What the model lacks pulls each run another way. Their scatter shows how much that matters:
@@ -134,7 +135,7 @@ def clustered(
 class _Point(NamedTuple):
     """Parameters (p,), what they make of some rows, and what that costs."""
 
-    x: np.ndarray
+    x: ndarray
     simulated: Simulated
     cost: float
 
@@ -149,9 +150,9 @@ class _Problem:
     def __init__(
         self,
         model: StaticModel,
-        free: np.ndarray,
+        free: ndarray,
         weights: Weights,
-        used: np.ndarray | None,
+        used: ndarray | None,
         has_friction: bool,
     ) -> None:
         self._model, self._free, self._friction = model, free, has_friction
@@ -159,14 +160,14 @@ class _Problem:
         self.root = np.linalg.cholesky(model.unknowns.prior[np.ix_(free, free)])
         self._mean = model.unknowns.mean[free]
 
-    def at(self, x: np.ndarray, slopes: bool = False) -> _Point:
+    def at(self, x: ndarray, slopes: bool = False) -> _Point:
         """The rows at parameters (p,), with slopes by the free ones or without."""
         found = self._model.simulate(x, self._free if slopes else None, has_friction=self._friction)
         away = np.linalg.solve(self.root, x[self._free] - self._mean)
         cost = _data_cost(found, self._weights, self._used) + 0.5 * float(np.sum(away**2))
         return _Point(x, found, cost)
 
-    def information(self, found: Simulated) -> tuple[np.ndarray, np.ndarray]:
+    def information(self, found: Simulated) -> tuple[ndarray, ndarray]:
         """Of the data on white, and the gradient of their cost by free parameters."""
         information, gradient = _normal(found, self._weights, self._used)
         return self.root.T @ information @ self.root, gradient
@@ -186,7 +187,7 @@ class _Problem:
 
         return step
 
-    def covariance(self, white: np.ndarray) -> np.ndarray:
+    def covariance(self, white: ndarray) -> ndarray:
         """(p, p) of the parameters, by the data's information on white."""
         out, root, free = self._model.unknowns.prior.copy(), self.root, self._free
         out[free] = out[:, free] = 0.0
@@ -196,11 +197,11 @@ class _Problem:
 
 def search(
     model: StaticModel,
-    x: np.ndarray,
-    free: np.ndarray,
+    x: ndarray,
+    free: ndarray,
     weights: Weights,
     *,
-    used: np.ndarray | None = None,
+    used: ndarray | None = None,
     has_friction: bool = True,
     steps: int = _STEPS,
     least: float = _LEAST,
@@ -238,8 +239,8 @@ def search(
 
 def fitted(
     model: StaticModel,
-    x: np.ndarray,
-    free: np.ndarray,
+    x: ndarray,
+    free: ndarray,
     start: Weights,
     show: ProgressCallback | None = None,
 ) -> Fit:
@@ -265,7 +266,7 @@ def pays(simple: Fit, other: Fit) -> bool:
     return bool(gain > price)
 
 
-def _data_cost(found: Simulated, weights: Weights, used: np.ndarray | None = None) -> float:
+def _data_cost(found: Simulated, weights: Weights, used: ndarray | None = None) -> float:
     """What the residuals cost: half of their squares over their variance where they are small."""
     square = np.nansum(found.error**2, axis=-1) / weights.scale**2
     if used is not None:
@@ -329,9 +330,7 @@ def combinations(fit: Fit, labels: list[str], most: int = 12) -> list[Combinatio
     return found
 
 
-def _normal(
-    found: Simulated, weights: Weights, used: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray]:
+def _normal(found: Simulated, weights: Weights, used: ndarray | None) -> tuple[ndarray, ndarray]:
     """Information (f, f) of the data and gradient (f,) of their cost."""
     square = np.nansum(found.error**2, axis=-1) / weights.scale**2
     weight = 1 / np.sqrt(1 + square)

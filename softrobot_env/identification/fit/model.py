@@ -13,6 +13,7 @@ from math import atan2, ceil, degrees
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.model import masses_at
 from softrobot_env.core.processes import one_blas_thread
@@ -45,12 +46,12 @@ class Simulated:
         markers: (t, k, 3) [m] simulated, along the robot's axes.
     """
 
-    error: np.ndarray
-    slopes: np.ndarray
-    turns: np.ndarray
-    rub: np.ndarray
-    found: np.ndarray
-    markers: np.ndarray
+    error: ndarray
+    slopes: ndarray
+    turns: ndarray
+    rub: ndarray
+    found: ndarray
+    markers: ndarray
 
 
 class StaticModel:
@@ -119,7 +120,7 @@ class StaticModel:
         other._lay(2 * len(self.layout.sizes))
         return other
 
-    def on(self, recording: Recording, gravity: np.ndarray | None = None) -> "StaticModel":
+    def on(self, recording: Recording, gravity: ndarray | None = None) -> "StaticModel":
         """The same model of another recording, with gravity (3,) [m/s2] along the robot's axes."""
         other = copy(self)
         other.recording, other._controls = recording, recording.controls(self.robot)
@@ -129,7 +130,7 @@ class StaticModel:
             other._gravity = gravity
         return other
 
-    def _own(self, markers: np.ndarray) -> np.ndarray:
+    def _own(self, markers: ndarray) -> ndarray:
         """Markers (t, k, 3) [m] along the robot's axes; NaN where that was not measured."""
         lost = np.isnan(markers)
         points = (np.where(lost, 0.0, markers) - self._base) @ self._axes
@@ -168,7 +169,7 @@ class StaticModel:
 
     # ------------------------------------------------------------------ parameters to arrays
 
-    def body(self, x: np.ndarray) -> Body:
+    def body(self, x: ndarray) -> Body:
         """The model's arrays for parameters (p,), real or complex."""
         robot, take = self.robot, lambda name, count: self.unknowns.take(x, name, count)
         tendons, n = robot.tendons, len(robot.tendons)
@@ -214,13 +215,13 @@ class StaticModel:
             (self._holding * np.exp(take("bending_friction", len(self._holding))))[self._section],
         )
 
-    def _unlike(self, x: np.ndarray) -> np.ndarray:
+    def _unlike(self, x: ndarray) -> ndarray:
         """(2,) half of the anisotropy along x less along y, and along the diagonals."""
         robot = self.robot
         filed = robot.anisotropy / 2 * np.exp(2j * robot.stiff_azimuth)
         return np.array([filed.real, filed.imag]) + self.unknowns.take(x, "anisotropy", 2) / 2
 
-    def _offsets(self, x: np.ndarray) -> np.ndarray:
+    def _offsets(self, x: ndarray) -> ndarray:
         """(k, 3) [m] of the markers along the axes at their nodes, a head's height included."""
         markers = self.recording.header.marker
         known = np.array([m.offset_m for m in markers], dtype=float)
@@ -228,14 +229,14 @@ class StaticModel:
             known[[m.station_m is None for m in markers], 2] += self.robot.head.output
         return known + self._three(self.unknowns.take(x, "marker_offset", 3 * len(markers)))
 
-    def _three(self, values: np.ndarray) -> np.ndarray:
+    def _three(self, values: ndarray) -> ndarray:
         """(k, 3) coordinates from those that are unknown, x and z of a planar robot."""
         if self.spatial:
             return values.reshape(-1, 3)
         pairs = values.reshape(-1, 2)
         return np.stack([pairs[:, 0], pairs[:, 0] * 0, pairs[:, 1]], axis=1)
 
-    def _turn(self, x: np.ndarray, name: str) -> np.ndarray:
+    def _turn(self, x: ndarray, name: str) -> ndarray:
         """(3, 3) rotation by the parameters of a kind: about x, y and z, x and y, or y."""
         found = self.unknowns.take(x, name, 0)
         vector = np.zeros(3, dtype=x.dtype)
@@ -245,7 +246,7 @@ class StaticModel:
             vector[: len(found)] = found
         return rotation(vector)
 
-    def _shift(self, x: np.ndarray) -> np.ndarray:
+    def _shift(self, x: ndarray) -> ndarray:
         found = self.unknowns.take(x, "frame_shift", 0)
         return self._three(found)[0] if len(found) else np.zeros(3, dtype=x.dtype)
 
@@ -253,7 +254,7 @@ class StaticModel:
 
     @one_blas_thread()
     def simulate(
-        self, x: np.ndarray, free: np.ndarray | None = None, has_friction: bool = True
+        self, x: ndarray, free: ndarray | None = None, has_friction: bool = True
     ) -> Simulated:
         """Markers and errors for parameters x (p,).
 
@@ -288,13 +289,13 @@ class StaticModel:
         error = found.markers - self._placed(x)
         return Simulated(error, found.slopes, found.turns, found.rub, found.found, found.markers)
 
-    def place_frame(self, x: np.ndarray, vector: np.ndarray, shift: np.ndarray) -> None:
+    def place_frame(self, x: ndarray, vector: ndarray, shift: ndarray) -> None:
         """Set parameters x (p,) of the frame: rotation vector (3,) [rad] and shift (3,) [m]."""
         axes = [0, 1, 2] if self.spatial else [0, 2]
         x[self.unknowns.place("frame_turn")] = vector if self.spatial else vector[1:2]
         x[self.unknowns.place("frame_shift")] = shift[axes]
 
-    def _placed(self, x: np.ndarray) -> np.ndarray:
+    def _placed(self, x: ndarray) -> ndarray:
         """Recorded points (t, k, 3) along the robot's axes."""
         points = self.points
         if not np.isnan(points).all(axis=(0, 1)).any():  # turns need all coordinates
@@ -303,7 +304,7 @@ class StaticModel:
 
     # ------------------------------------------------------------------ what was found
 
-    def robot_of(self, x: np.ndarray) -> RobotParams:
+    def robot_of(self, x: ndarray) -> RobotParams:
         """The robot with parameters x (p,)."""
         robot, body = self.robot, _contiguous(self.body(x), float)
         heavy = float(np.exp(self.unknowns.take(x, "mass", 1)[0]))
@@ -326,7 +327,7 @@ class StaticModel:
         )
         return with_balance(found)
 
-    def _tendons_of(self, x: np.ndarray, body: Body) -> tuple[Tendon, ...]:
+    def _tendons_of(self, x: ndarray, body: Body) -> tuple[Tendon, ...]:
         count, found = len(self.robot.tendons), []
         angle = self.unknowns.take(x, "tendon_angle", count)
         radius = np.exp(self.unknowns.take(x, "tendon_radius", count))
@@ -340,7 +341,7 @@ class StaticModel:
             found.append(replace(moved, **changes))
         return tuple(found)
 
-    def _sections_of(self, x: np.ndarray, heavy: float) -> list[Section]:
+    def _sections_of(self, x: ndarray, heavy: float) -> list[Section]:
         """Sections, whose chain bends as finely as this model usually does."""
         sections = self.robot.backbone.sections
         soft = np.exp(self.unknowns.take(x, "youngs_modulus", len(sections)))
@@ -355,10 +356,10 @@ class StaticModel:
             for section, e, most in zip(sections, soft, held, strict=True)
         ]
 
-    def _base_axes(self, x: np.ndarray) -> np.ndarray:
+    def _base_axes(self, x: ndarray) -> ndarray:
         return self._axes @ self._turn(x, "gravity_tilt")
 
-    def _base_of(self, x: np.ndarray) -> Base | None:
+    def _base_of(self, x: ndarray) -> Base | None:
         if not self.unknowns.take(x, "gravity_tilt", 2).any():
             return self.robot.base
         axes = self._base_axes(x)
@@ -366,7 +367,7 @@ class StaticModel:
         roll = atan2(plain[1, 0], plain[0, 0])
         return Base(tuple(self._base.tolist()), tuple(axes[:, 2].tolist()), roll)
 
-    def header_of(self, x: np.ndarray, header: Header) -> Header:
+    def header_of(self, x: ndarray, header: Header) -> Header:
         """The recording's header with frame, markers, factors and zeros of parameters x (p,)."""
         axes = self._base_axes(x)
         turn = axes @ self._turn(x, "frame_turn") @ self._axes.T
@@ -383,7 +384,7 @@ class StaticModel:
         )
         return replace(header, frame=frame, marker=markers, commands=self._commands(x, header))
 
-    def _commands(self, x: np.ndarray, header: Header) -> Commands:
+    def _commands(self, x: ndarray, header: Header) -> Commands:
         commands = header.commands
         if not self._by_length or commands.kind != "length":
             return commands
@@ -396,7 +397,7 @@ class StaticModel:
         return replace(commands, zeros=tuple(zeros.tolist()) if zeros.any() else None)
 
 
-def rotation(vector: np.ndarray) -> np.ndarray:
+def rotation(vector: ndarray) -> ndarray:
     """(3, 3) rotation by a vector (3,) [rad], real or complex."""
     x = (vector * vector).sum()
     if abs(x) < 1e-8:
@@ -415,7 +416,7 @@ def rotation(vector: np.ndarray) -> np.ndarray:
     return np.eye(3) + a * cross + b * cross @ cross
 
 
-def turn_vector(matrix: np.ndarray) -> np.ndarray:
+def turn_vector(matrix: ndarray) -> ndarray:
     """(3,) [rad] of a rotation (3, 3), the opposite of `rotation`."""
     from scipy.spatial.transform import Rotation
 
@@ -439,7 +440,7 @@ def _heavier(part: Any, factor: float) -> Any:
     return replace(part, mass=part.mass * factor, inertia=tuple(factor * i for i in part.inertia))
 
 
-def _spans(stations: np.ndarray, edges: np.ndarray) -> np.ndarray:
+def _spans(stations: ndarray, edges: ndarray) -> ndarray:
     """(n,) spans between guides in each piece: size over the mean square length of what is there.
 
     A span turns by its share, and what its chord lacks grows with the square.

@@ -6,6 +6,7 @@ from functools import partial
 from time import perf_counter
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.processes import chosen_processes
 from softrobot_env.identification.fit import assignment, least_squares, unknowns, validation
@@ -74,7 +75,7 @@ class Identification:
     assignment: Assignment | None
     validations: tuple[Validation, ...]
     residual: Residual | None
-    correction: np.ndarray | None
+    correction: ndarray | None
     dynamics: Dynamics | None
     experiments: tuple[Experiment, ...]
     networks: Networks | None = None
@@ -160,7 +161,7 @@ class _Run:
     dynamics: Dynamics | None = None
     validations: tuple[Validation, ...] = ()
     residual: Residual | None = None
-    correction: np.ndarray | None = None
+    correction: ndarray | None = None
     times: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -473,7 +474,7 @@ def _check_place(recording: Recording, robot: RobotParams) -> None:
             )
 
 
-def _free(model: StaticModel, stages: Sequence[str], known: Sequence[str]) -> np.ndarray:
+def _free(model: StaticModel, stages: Sequence[str], known: Sequence[str]) -> ndarray:
     """(p,) bool: parameters of the stages, but turns of points that were not wholly measured.
 
     Raises:
@@ -502,7 +503,7 @@ def _kept(robot: RobotParams) -> float:
 
 
 def _fitted(
-    model: StaticModel, x: np.ndarray, free: np.ndarray, show: Callable[[int, float], None]
+    model: StaticModel, x: ndarray, free: ndarray, show: Callable[[int, float], None]
 ) -> Fit:
     """The frame at first, then everything; from half and twice the stiffness as well if needed.
 

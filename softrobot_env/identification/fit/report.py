@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 from rich.console import Group
 from rich.text import Text
 
@@ -122,7 +123,7 @@ def error_rows(found: Identification) -> list[ErrorRow]:
 
 
 def _error(
-    rows: str, model: str, pattern: str, error: np.ndarray, mean: np.ndarray | None = None
+    rows: str, model: str, pattern: str, error: ndarray, mean: ndarray | None = None
 ) -> ErrorRow:
     known = error[~np.isnan(error).all(axis=-1)]
     distance = np.sqrt(np.nansum(known**2, axis=-1))
@@ -132,7 +133,7 @@ def _error(
     return ErrorRow(rows, model, pattern, len(error), *sizes)
 
 
-def chain_row(error: np.ndarray) -> ErrorRow:
+def chain_row(error: ndarray) -> ErrorRow:
     """Of the MuJoCo chain, errors (t, k, 3) [m]; rows that failed do not count."""
     known = error[~np.isnan(error).all(axis=(1, 2))]
     return _error("fitted", "chain", "all", known)

@@ -12,6 +12,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.artifacts import read_arrays, write_arrays
 from softrobot_env.identification.fit.model import StaticModel
@@ -44,15 +45,15 @@ class Residual:
         weights: (n, 3 k) [m].
     """
 
-    middle: np.ndarray
-    spread: np.ndarray
-    band: np.ndarray
+    middle: ndarray
+    spread: ndarray
+    band: ndarray
     memory: float
     width: float
-    rows: np.ndarray
-    weights: np.ndarray
+    rows: ndarray
+    weights: ndarray
 
-    def correction(self, bends: np.ndarray, commands: np.ndarray, begins: np.ndarray) -> np.ndarray:
+    def correction(self, bends: ndarray, commands: ndarray, begins: ndarray) -> ndarray:
         """What is to be added to simulated markers, (t, k, 3) [m], along the robot's axes.
 
         Args:
@@ -70,7 +71,7 @@ class Residual:
             out[part] = near[:, None] * (np.exp(-square / 2) @ self.weights)
         return out.reshape(len(out), -1, 3)
 
-    def _scaled(self, raw: np.ndarray) -> np.ndarray:
+    def _scaled(self, raw: ndarray) -> ndarray:
         scaled = (raw - self.middle) / self.spread
         held = len(self.band)
         scaled[:, held : 2 * held] *= self.memory
@@ -108,7 +109,7 @@ def read_residual(path: Path) -> Residual:
     return Residual(**{n: arrays[n] if shape else float(arrays[n]) for n, shape in shapes.items()})
 
 
-def bends_of(model: StaticModel, turns: np.ndarray) -> np.ndarray:
+def bends_of(model: StaticModel, turns: ndarray) -> ndarray:
     """(t, 2 m) [rad] turns about x and y of the stretches between ends of sections and tendons."""
     starts = 3 * np.asarray(model.stretches)
     return np.concatenate(
@@ -116,7 +117,7 @@ def bends_of(model: StaticModel, turns: np.ndarray) -> np.ndarray:
     )
 
 
-def corrected(residual: Residual, robot: RobotParams, recording: Recording) -> np.ndarray:
+def corrected(residual: Residual, robot: RobotParams, recording: Recording) -> ndarray:
     """(t, k, 3) [m] in the world, to be added to a simulation of an identified robot's markers."""
     model = StaticModel(robot, recording, known=FRICTIONS)
     found = model.simulate(np.zeros(len(model.unknowns.spread)))
@@ -125,12 +126,12 @@ def corrected(residual: Residual, robot: RobotParams, recording: Recording) -> n
 
 
 def trained(
-    bends: np.ndarray,
-    commands: np.ndarray,
-    begins: np.ndarray,
-    error: np.ndarray,
-    patterns: np.ndarray,
-    used: np.ndarray | None = None,
+    bends: ndarray,
+    commands: ndarray,
+    begins: ndarray,
+    error: ndarray,
+    patterns: ndarray,
+    used: ndarray | None = None,
 ) -> Residual | None:
     """Learn the correction; None where cross-validation finds that none helps.
 
@@ -167,7 +168,7 @@ def trained(
     return Residual(middle, spread, band, memory, width, features, weights)
 
 
-def _left(matrix: np.ndarray, target: np.ndarray, fold: np.ndarray, noise: float) -> float:
+def _left(matrix: ndarray, target: ndarray, fold: ndarray, noise: float) -> float:
     """Sum of squares that corrections learned of other patterns leave."""
     left = 0.0
     for k in range(_FOLDS):
@@ -180,9 +181,7 @@ def _left(matrix: np.ndarray, target: np.ndarray, fold: np.ndarray, noise: float
     return left
 
 
-def _features(
-    bends: np.ndarray, commands: np.ndarray, begins: np.ndarray, band: np.ndarray
-) -> np.ndarray:
+def _features(bends: ndarray, commands: ndarray, begins: ndarray, band: ndarray) -> ndarray:
     """(t, 2 b + n): bends, what dead bands hold back of them, and commands."""
     held, middle = np.zeros_like(bends), bends[0].copy()
     for t, bend in enumerate(bends):
@@ -191,7 +190,7 @@ def _features(
     return np.concatenate([bends, held, commands], axis=1)
 
 
-def _squares(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _squares(a: ndarray, b: ndarray) -> ndarray:
     """(n, m) mean squared differences of features (n, f) and (m, f)."""
     square = np.sum(a**2, axis=1)[:, None] + np.sum(b**2, axis=1)[None, :] - 2 * a @ b.T
     return np.maximum(square, 0.0) / a.shape[1] * 4

@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.recordings import Recording
 
@@ -18,7 +19,7 @@ _SAME = 1e-3  # change of a command, over its range
 FEWEST = 8
 
 
-def at_rest(recording: Recording, dithered: np.ndarray | None = None) -> Recording:
+def at_rest(recording: Recording, dithered: ndarray | None = None) -> Recording:
     """One row for each rest: the command, and markers averaged over its end.
 
     A run that begins with a motion has its first row as well, without markers.
@@ -82,7 +83,7 @@ def at_rest(recording: Recording, dithered: np.ndarray | None = None) -> Recordi
     )
 
 
-def _new_commands(recording: Recording, span: np.ndarray) -> list[int]:
+def _new_commands(recording: Recording, span: ndarray) -> list[int]:
     """Rows whose command is another than the last new one, however slowly it came to that."""
     last, found = recording.commands[0], []
     for row, command in enumerate(recording.commands):
@@ -93,7 +94,7 @@ def _new_commands(recording: Recording, span: np.ndarray) -> list[int]:
     return found
 
 
-def _jumps(recording: Recording, rows: np.ndarray, span: np.ndarray) -> np.ndarray:
+def _jumps(recording: Recording, rows: ndarray, span: ndarray) -> ndarray:
     """(t - 1,) bool, where friction ends anywhere between two rests.
 
     There the robot was let go, or did not go straight: its commands went beyond both.
@@ -109,16 +110,16 @@ def _jumps(recording: Recording, rows: np.ndarray, span: np.ndarray) -> np.ndarr
     return np.array(found, dtype=bool)
 
 
-def _since(times: np.ndarray, runs: np.ndarray) -> np.ndarray:
+def _since(times: ndarray, runs: ndarray) -> ndarray:
     """(t,) [s] since the first row of each run."""
     first = np.append(True, np.diff(runs) != 0)
     return times - times[first][runs]
 
 
-def _known(markers: np.ndarray) -> np.ndarray:
+def _known(markers: ndarray) -> ndarray:
     return np.where(np.isnan(markers), 0.0, markers)
 
 
-def _noise(seen: np.ndarray) -> float:
+def _noise(seen: ndarray) -> float:
     """[m], standard deviation by differences of neighbours."""
     return float(np.abs(np.diff(seen, axis=0)).std()) if len(seen) > 2 else 0.0

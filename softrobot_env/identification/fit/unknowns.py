@@ -12,6 +12,7 @@ from math import radians
 from typing import Literal
 
 import numpy as np
+from numpy import ndarray
 from scipy.linalg import block_diag
 
 from softrobot_env.recordings import Recording
@@ -69,7 +70,7 @@ class Group:
     common: float = 0.0
 
     @property
-    def prior(self) -> np.ndarray:
+    def prior(self) -> ndarray:
         """(k, k) covariance."""
         own = np.broadcast_to(np.array(self.spread, dtype=float), (len(self.labels),))
         return np.diag(own**2) + self.common**2
@@ -140,13 +141,13 @@ def _typical_force(robot: RobotParams, travel: float, by_length: bool) -> float:
     return float(travel / 2 * min(stiff, bend / arm**2))
 
 
-def start_friction(robot: RobotParams, travel: float, by_length: bool) -> np.ndarray:
+def start_friction(robot: RobotParams, travel: float, by_length: bool) -> ndarray:
     """(n_tendons,) [N] that a search begins with: the file's, or a twentieth of usual forces."""
     least = 0.05 * _typical_force(robot, travel, by_length)
     return np.array([max(t.friction, least) for t in robot.tendons])
 
 
-def start_bending_friction(robot: RobotParams) -> np.ndarray:
+def start_bending_friction(robot: RobotParams) -> ndarray:
     """(n_sections,) [N m] that a search begins with: the file's, or what keeps a slight bend."""
     middle = np.array([robot.length / 2])
     usual = _HOLD * float(robot.backbone.bending(middle)[0]) / robot.length
@@ -168,7 +169,7 @@ class Fact:
         deviation: Its standard deviation.
     """
 
-    weights: np.ndarray
+    weights: ndarray
     value: float
     deviation: float
 
@@ -186,7 +187,7 @@ class Unknowns:
     facts: tuple[Fact, ...] = ()
 
     @cached_property
-    def _believed(self) -> tuple[np.ndarray, np.ndarray]:
+    def _believed(self) -> tuple[ndarray, ndarray]:
         """Mean (p,) and covariance (p, p) of the prior: the file's, and facts one by one."""
         covariance = block_diag(*(group.prior for group in self.groups))
         mean = np.zeros(len(covariance))
@@ -198,16 +199,16 @@ class Unknowns:
         return mean, covariance
 
     @property
-    def mean(self) -> np.ndarray:
+    def mean(self) -> ndarray:
         """(p,) mean of the prior; zero is what the file says."""
         return self._believed[0]
 
     @property
-    def prior(self) -> np.ndarray:
+    def prior(self) -> ndarray:
         """(p, p) covariance of the prior."""
         return self._believed[1]
 
-    def common(self, name: str) -> np.ndarray:
+    def common(self, name: str) -> ndarray:
         """(p,) weights of the mean of a kind's parameters; zeros if there is none."""
         weights, place = np.zeros(sum(len(g.labels) for g in self.groups)), self.place(name)
         if place is not None:
@@ -215,7 +216,7 @@ class Unknowns:
         return weights
 
     @property
-    def spread(self) -> np.ndarray:
+    def spread(self) -> ndarray:
         """(p,) standard deviations of the prior."""
         return np.sqrt(np.diag(self.prior))
 
@@ -225,7 +226,7 @@ class Unknowns:
         return [f"{g.name}: {label}" for g in self.groups for label in g.labels]
 
     @property
-    def moves_frame(self) -> np.ndarray:
+    def moves_frame(self) -> ndarray:
         """(p,) bool, those that turn or shift the recording's frame."""
         names = ("frame_turn", "frame_shift")
         return np.concatenate([[g.name in names] * len(g.labels) for g in self.groups])
@@ -240,12 +241,12 @@ class Unknowns:
             begin = end
         return None
 
-    def take(self, x: np.ndarray, name: str, usual: Sequence[float] | int) -> np.ndarray:
+    def take(self, x: ndarray, name: str, usual: Sequence[float] | int) -> ndarray:
         """The parameters of a kind, zeros if there is none; `usual` is their number."""
         place = self.place(name)
         count = usual if isinstance(usual, int) else len(usual)
         return np.zeros(count, dtype=x.dtype) if place is None else x[place]
 
-    def of(self, stages: Sequence[str]) -> np.ndarray:
+    def of(self, stages: Sequence[str]) -> ndarray:
         """(p,) bool, those that some stages find."""
         return np.concatenate([[g.stage in stages] * len(g.labels) for g in self.groups])

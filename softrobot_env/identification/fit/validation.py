@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.processes import worker_processes
 from softrobot_env.identification.fit.least_squares import Weights, search, size
@@ -42,12 +43,12 @@ class Validation:
     """
 
     scheme: Scheme
-    blocks: np.ndarray
-    error: np.ndarray
-    corrected: np.ndarray | None
+    blocks: ndarray
+    error: ndarray
+    corrected: ndarray | None
 
 
-def pattern_numbers(recording: Recording) -> np.ndarray:
+def pattern_numbers(recording: Recording) -> ndarray:
     """(t,) number of each row's pattern; a recording without gets pieces of equal size."""
     names = list(dict.fromkeys(recording.patterns.tolist()))
     if len(names) >= BLOCKS:
@@ -56,7 +57,7 @@ def pattern_numbers(recording: Recording) -> np.ndarray:
     return np.arange(len(recording.times)) * _CHUNKS // len(recording.times)
 
 
-def blocks_of(patterns: np.ndarray, scheme: Scheme) -> np.ndarray:
+def blocks_of(patterns: ndarray, scheme: Scheme) -> ndarray:
     """(t,) block of each row, from its pattern's number."""
     if scheme == "interleaved":
         return patterns % BLOCKS
@@ -79,8 +80,8 @@ class Setup(NamedTuple):
     recording: Recording
     turned: Turned
     known: Sequence[str]
-    x: np.ndarray
-    free: np.ndarray
+    x: ndarray
+    free: ndarray
     weights: Weights
 
 
@@ -116,7 +117,7 @@ def cross_validated(
     return list(found.values())
 
 
-def _without(setup: Setup, used: np.ndarray, residual: bool) -> tuple[np.ndarray, np.ndarray]:
+def _without(setup: Setup, used: ndarray, residual: bool) -> tuple[ndarray, ndarray]:
     """Errors (t, k, 3) of all rows by a fit of those that are used, without and with residual."""
     robot, recording, turned, known, *start = setup
     model = StaticModel(robot, recording, turned, known=known)
@@ -129,6 +130,6 @@ def _without(setup: Setup, used: np.ndarray, residual: bool) -> tuple[np.ndarray
     return error, error if learned is None else error + learned.correction(*given)
 
 
-def centred(error: np.ndarray) -> float:
+def centred(error: ndarray) -> float:
     """RMS [m] of errors (t, k, 3) less the mean of each marker."""
     return size(error - mean_known(error))

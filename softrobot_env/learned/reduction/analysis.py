@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.learned.reduction.model import ReducedModel
 from softrobot_env.learned.reduction.records import Record, check_alike, delay_vectors
@@ -24,10 +25,10 @@ class Spectrum:
         variance: (p,) share of the delay vectors' variance along each principal direction.
     """
 
-    eigenvalues: np.ndarray
+    eigenvalues: ndarray
     kept: int
     separation: float
-    variance: np.ndarray
+    variance: ndarray
 
     @property
     def separated(self) -> bool:
@@ -87,21 +88,21 @@ class NormalForm:
         outputs: (o, d + 1, d + 1) complex, of w^j conj(w)^k in the outputs less their origin.
     """
 
-    coefficients: np.ndarray
-    outputs: np.ndarray
+    coefficients: ndarray
+    outputs: ndarray
 
-    def decay(self, radius: np.ndarray) -> np.ndarray:
+    def decay(self, radius: ndarray) -> ndarray:
         """Rate [1/s] of |w|, at radii |w|."""
         return self._sum(radius).real
 
-    def frequency(self, radius: np.ndarray) -> np.ndarray:
+    def frequency(self, radius: ndarray) -> ndarray:
         """[rad/s] at radii |w|: the backbone curve."""
         return self._sum(radius).imag
 
-    def _sum(self, radius: np.ndarray) -> np.ndarray:
+    def _sum(self, radius: ndarray) -> ndarray:
         return np.polynomial.polynomial.polyval(np.square(radius), self.coefficients)
 
-    def amplitude(self, radius: np.ndarray, points: int = 128) -> np.ndarray:
+    def amplitude(self, radius: ndarray, points: int = 128) -> ndarray:
         """Half of the way that each output goes in a round at radii (r,): (r, o)."""
         radius = np.atleast_1d(radius)
         w = radius[:, None] * np.exp(2j * np.pi * np.arange(points) / points)
@@ -172,17 +173,17 @@ class _Series:
         self._size = degree + 1
         self._within = np.add.outer(np.arange(self._size), np.arange(self._size)) <= degree
 
-    def variable(self) -> np.ndarray:
+    def variable(self) -> ndarray:
         """w."""
         out = np.zeros((self._size, self._size), dtype=complex)
         out[1, 0] = 1
         return out
 
-    def real(self, a: np.ndarray) -> np.ndarray:
+    def real(self, a: ndarray) -> ndarray:
         """Real part."""
         return (a + np.conj(a).T) / 2
 
-    def product(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def product(self, a: ndarray, b: ndarray) -> ndarray:
         """What is beyond the degree is left out."""
         out = np.zeros_like(a)
         for j, k in np.argwhere(a):
@@ -190,8 +191,8 @@ class _Series:
         return np.where(self._within, out, 0)
 
     def polynomial(
-        self, coefficients: dict[tuple[int, ...], complex], values: list[np.ndarray]
-    ) -> np.ndarray:
+        self, coefficients: dict[tuple[int, ...], complex], values: list[ndarray]
+    ) -> ndarray:
         """A polynomial of series, by its coefficients of powers."""
         total = np.zeros_like(values[0])
         for powers, coefficient in coefficients.items():
@@ -203,7 +204,7 @@ class _Series:
             total = total + term
         return total
 
-    def carried(self, z: np.ndarray, kept: list[complex]) -> np.ndarray:
+    def carried(self, z: ndarray, kept: list[complex]) -> ndarray:
         """dz/dt as w moves by the coefficients c that are kept."""
         j, k = np.indices(z.shape)
         out = np.zeros_like(z)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 from scipy.linalg import lstsq
 from scipy.signal import savgol_filter
 
@@ -100,7 +101,7 @@ def fit(
     decays: Sequence[Record],
     forced: Sequence[Record],
     settings: Settings | None = None,
-    origin: np.ndarray | None = None,
+    origin: ndarray | None = None,
     stable: bool = True,
 ) -> ReducedModel:
     """Learn a model.
@@ -148,10 +149,10 @@ def fit(
 def _without_motion(
     period: float,
     settings: Settings,
-    origin: np.ndarray,
-    rest: np.ndarray,
-    basis: np.ndarray,
-    tangent: np.ndarray,
+    origin: ndarray,
+    rest: ndarray,
+    basis: ndarray,
+    tangent: ndarray,
 ) -> ReducedModel:
     """A model that knows its coordinates and inputs alone."""
     states, both = tangent.shape[1], tangent.shape[1] + basis.shape[1]
@@ -161,7 +162,7 @@ def _without_motion(
     return ReducedModel(*known, *shape, *motion, settings.substeps)
 
 
-def _rest(decays: Sequence[Record], forced: Sequence[Record]) -> tuple[np.ndarray, np.ndarray]:
+def _rest(decays: Sequence[Record], forced: Sequence[Record]) -> tuple[ndarray, ndarray]:
     """Outputs and inputs at rest: where decays end, or where forced motion is on average."""
     if decays:
         place = np.mean([record.end for record in decays], axis=0)
@@ -173,7 +174,7 @@ def _rest(decays: Sequence[Record], forced: Sequence[Record]) -> tuple[np.ndarra
     return outputs.mean(axis=0), inputs.mean(axis=0)
 
 
-def _input_basis(forced: Sequence[Record], rest: np.ndarray, settings: Settings) -> np.ndarray:
+def _input_basis(forced: Sequence[Record], rest: ndarray, settings: Settings) -> ndarray:
     """Directions (k, m) in which inputs change."""
     if not forced:
         return np.zeros((len(rest), 0))
@@ -189,8 +190,8 @@ def _input_basis(forced: Sequence[Record], rest: np.ndarray, settings: Settings)
 
 
 def _tangent(
-    records: Sequence[Record], origin: np.ndarray, settings: Settings, inputs: int
-) -> np.ndarray:
+    records: Sequence[Record], origin: ndarray, settings: Settings, inputs: int
+) -> ndarray:
     """V (p, n): the principal directions of delay vectors (thesis sec. 3.3.2)."""
     vectors = [delay_vectors(record.outputs - origin, settings.delays) for record in records]
     values, directions = _principal(np.concatenate(vectors))
@@ -208,7 +209,7 @@ def _tangent(
     return directions[:n].T
 
 
-def _principal(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _principal(rows: ndarray) -> tuple[ndarray, ndarray]:
     """Deviations along the principal directions, which are rows, of rows about zero."""
     rows = rows[:: max(1, len(rows) // (4 * _ROWS))]
     _, values, directions = np.linalg.svd(rows, full_matrices=False)
@@ -221,10 +222,10 @@ class _Samples(NamedTuple):
     A group of records may be empty: then there are no rows.
     """
 
-    x: np.ndarray
-    v: np.ndarray
-    target: np.ndarray
-    vectors: np.ndarray
+    x: ndarray
+    v: ndarray
+    target: ndarray
+    vectors: ndarray
 
     @staticmethod
     def joined(parts: Sequence["_Samples"]) -> "_Samples":
@@ -270,9 +271,9 @@ def _motion(
     monomials: Monomials,
     quiet: list[_Samples],
     driven: list[_Samples],
-    scale: np.ndarray,
+    scale: ndarray,
     settings: Settings,
-) -> tuple[np.ndarray, float]:
+) -> tuple[ndarray, float]:
     """Coefficients (n, terms) of the motion, and the mean square that they do not explain."""
     n = (quiet or driven)[0].x.shape[1]
     by_inputs = monomials.powers[:, n:].any(axis=1)
@@ -301,9 +302,7 @@ def _samples(base: ReducedModel, settings: Settings, record: Record) -> _Samples
     return _Samples(x[inside], middle[inside], rate[inside], vectors[inside])
 
 
-def _solve(
-    terms: np.ndarray, target: np.ndarray, ridge: float, what: str
-) -> tuple[np.ndarray, float]:
+def _solve(terms: ndarray, target: ndarray, ridge: float, what: str) -> tuple[ndarray, float]:
     """Coefficients (n, terms), and the mean square that is left."""
     step = max(1, -(-len(terms) // _ROWS))
     terms, target = terms[::step], target[::step]

@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.artifacts import Arrays
 from softrobot_env.learned.reduction.polynomials import Monomials, Motion, roll
@@ -34,16 +35,16 @@ class ReducedModel:
 
     period: float
     delays: int
-    origin: np.ndarray
-    rest: np.ndarray
-    basis: np.ndarray
+    origin: ndarray
+    rest: ndarray
+    basis: ndarray
     lag: int
-    tangent: np.ndarray
-    shape_powers: np.ndarray
-    shape: np.ndarray
-    powers: np.ndarray
-    coefficients: np.ndarray
-    scale: np.ndarray
+    tangent: ndarray
+    shape_powers: ndarray
+    shape: ndarray
+    powers: ndarray
+    coefficients: ndarray
+    scale: ndarray
     substeps: int
 
     @property
@@ -62,30 +63,30 @@ class ReducedModel:
     def _shapes(self) -> Monomials:
         return Monomials(self.shape_powers)
 
-    def encode(self, vectors: np.ndarray) -> np.ndarray:
+    def encode(self, vectors: ndarray) -> ndarray:
         """Coordinates (..., n) of delay vectors (..., p)."""
         return (vectors - np.tile(self.origin, self.delays)) @ self.tangent
 
-    def decode(self, x: np.ndarray) -> np.ndarray:
+    def decode(self, x: ndarray) -> ndarray:
         """Outputs (..., o) of coordinates (..., n)."""
         return self.vectors(x)[..., : len(self.origin)]
 
-    def vectors(self, x: np.ndarray) -> np.ndarray:
+    def vectors(self, x: ndarray) -> ndarray:
         """Delay vectors w(x) (..., p) of coordinates (..., n)."""
         terms = self._shapes(x / self.scale[: self.dimension])
         with np.errstate(over="ignore", invalid="ignore"):  # a motion may have diverged
             return terms @ self.shape.T + np.tile(self.origin, self.delays)
 
-    def reduced_inputs(self, inputs: np.ndarray) -> np.ndarray:
+    def reduced_inputs(self, inputs: ndarray) -> ndarray:
         """v (..., m) of inputs (..., k)."""
         return (inputs - self.rest) @ self.basis
 
-    def acting(self, inputs: np.ndarray) -> np.ndarray:
+    def acting(self, inputs: ndarray) -> ndarray:
         """Reduced inputs (t, m) that act at the samples of inputs (t, k), later by the lag."""
         rows = np.maximum(np.arange(len(inputs)) - self.lag, 0)
         return self.reduced_inputs(inputs)[rows]
 
-    def predict(self, past: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+    def predict(self, past: ndarray, inputs: ndarray) -> ndarray:
         """Outputs over time, from their past and the inputs alone; not finite where they diverge.
 
         Args:
@@ -104,7 +105,7 @@ class ReducedModel:
         outputs = self.decode(states)
         return outputs[0] if single else outputs
 
-    def predict_record(self, record: Record) -> np.ndarray:
+    def predict_record(self, record: Record) -> ndarray:
         """Outputs (t - delays + 1, o) of a record, from its first `delays` samples on."""
         first = self.delays - 1
         start = self.encode(delay_vectors(record.outputs[: self.delays], self.delays))
@@ -113,7 +114,7 @@ class ReducedModel:
         roll(self.motion, start, np.ascontiguousarray(inputs), states)
         return self.decode(states[0])
 
-    def linear_part(self) -> np.ndarray:
+    def linear_part(self) -> ndarray:
         """(n, n + m) of the motion at the origin, by (x, v): of dx/dt [1/s], or of the next x."""
         linear = np.zeros((self.dimension, len(self.scale)))
         for row, powers in enumerate(self.powers):
@@ -122,7 +123,7 @@ class ReducedModel:
                 linear[:, k] = self.coefficients[:, row] / self.scale[k]
         return linear
 
-    def eigenvalues(self) -> np.ndarray:
+    def eigenvalues(self) -> ndarray:
         """(n,) complex [1/s] at the origin, the slowest first."""
         values = np.linalg.eigvals(self.linear_part()[:, : self.dimension]).astype(complex)
         if self.substeps == 0:
@@ -135,7 +136,7 @@ class ReducedModel:
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @staticmethod
-    def read(data: Arrays | Mapping[str, np.ndarray]) -> "ReducedModel":
+    def read(data: Arrays | Mapping[str, ndarray]) -> "ReducedModel":
         """The model of arrays.
 
         Raises:
@@ -148,7 +149,7 @@ class ReducedModel:
         return ReducedModel._of(data)
 
     @staticmethod
-    def _of(data: Mapping[str, np.ndarray]) -> "ReducedModel":
+    def _of(data: Mapping[str, ndarray]) -> "ReducedModel":
         number = {"period": float, "delays": int, "lag": int, "substeps": int}
         names = [field.name for field in fields(ReducedModel)]
         model = ReducedModel(**{n: number.get(n, np.asarray)(data[n]) for n in names})

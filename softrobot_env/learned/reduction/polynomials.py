@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
+from numpy import ndarray
 
 _kernel = numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
 
@@ -27,10 +28,10 @@ class Motion(NamedTuple):
         substeps: Runge-Kutta steps in a sample; 0: the polynomials give the next x.
     """
 
-    parents: np.ndarray
-    factors: np.ndarray
-    coefficients: np.ndarray
-    scale: np.ndarray
+    parents: ndarray
+    factors: ndarray
+    coefficients: ndarray
+    scale: ndarray
     period: float
     substeps: int
 
@@ -43,7 +44,7 @@ class Monomials:
         powers: (terms, variables).
     """
 
-    powers: np.ndarray
+    powers: ndarray
 
     @staticmethod
     def of(
@@ -73,7 +74,7 @@ class Monomials:
         return Monomials(np.array(rows, dtype=np.int64).reshape(len(rows), states + inputs))
 
     @cached_property
-    def chain(self) -> tuple[np.ndarray, np.ndarray]:
+    def chain(self) -> tuple[ndarray, ndarray]:
         """Parents and factors, see `Motion`."""
         place = {tuple(powers): row for row, powers in enumerate(self.powers.tolist())}
         parents, factors = [], []
@@ -89,14 +90,14 @@ class Monomials:
             factors.append(factor)
         return np.array(parents, dtype=np.int64), np.array(factors, dtype=np.int64)
 
-    def __call__(self, values: np.ndarray) -> np.ndarray:
+    def __call__(self, values: ndarray) -> ndarray:
         """Monomials (..., terms) of values (..., variables)."""
         flat = np.ascontiguousarray(values.reshape(-1, values.shape[-1]), dtype=float)
         out = np.empty((len(flat), len(self.powers)))
         _evaluate_all(*self.chain, flat, out)
         return out.reshape(*values.shape[:-1], len(self.powers))
 
-    def gradient(self, values: np.ndarray) -> np.ndarray:
+    def gradient(self, values: ndarray) -> ndarray:
         """Of the monomials at values (rows, variables): (rows, terms, variables)."""
         parents, factors = self.chain
         terms, (rows, variables) = self(values), values.shape

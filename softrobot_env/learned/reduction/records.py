@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray
 
 
 @dataclass(frozen=True)
@@ -16,8 +17,8 @@ class Record:
         period: [s] between samples.
     """
 
-    outputs: np.ndarray
-    inputs: np.ndarray
+    outputs: ndarray
+    inputs: ndarray
     period: float
 
     def __post_init__(self) -> None:
@@ -46,7 +47,7 @@ class Record:
         return len(self.outputs)
 
     @property
-    def end(self) -> np.ndarray:
+    def end(self) -> ndarray:
         """(o,) where a decay ends: the mean over its last tenth."""
         return self.outputs[-max(1, self.samples // 10) :].mean(axis=0)
 
@@ -70,7 +71,7 @@ def check_alike(records: Sequence[Record]) -> None:
             )
 
 
-def delay_vectors(outputs: np.ndarray, delays: int) -> np.ndarray:
+def delay_vectors(outputs: ndarray, delays: int) -> ndarray:
     """Outputs (..., t, o) with their past: (..., t - delays + 1, delays * o), the newest first.
 
     Takens' embedding (thesis sec. 3.3.2), looking back so that a controller has it in time.

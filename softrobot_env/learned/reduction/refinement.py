@@ -6,6 +6,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.continuation import Damping, descend
 from softrobot_env.core.records import Count, Positive, Whole, check_fields
@@ -87,7 +88,7 @@ class _Tried(NamedTuple):
     """A model, where its stretches start (b, n), and the mean square of its errors."""
 
     model: ReducedModel
-    starts: np.ndarray
+    starts: ndarray
     cost: float
 
 
@@ -124,11 +125,7 @@ class _Stretches:
     """
 
     def __init__(
-        self,
-        model: ReducedModel,
-        records: Sequence[Record],
-        settings: Refinement,
-        length: float,
+        self, model: ReducedModel, records: Sequence[Record], settings: Refinement, length: float
     ) -> None:
         count = max(2, round(length / model.period))
         need = count + model.delays - 1
@@ -163,19 +160,19 @@ class _Stretches:
         self.starts, self.inputs = self.starts[whole], self.inputs[whole]
         self.outputs = self.outputs[whole]
 
-    def cost(self, model: ReducedModel, starts: np.ndarray) -> float:
+    def cost(self, model: ReducedModel, starts: ndarray) -> float:
         """Mean square of the errors, inf where a stretch diverges."""
         with np.errstate(over="ignore", invalid="ignore"):
             value = float(np.mean(self._errors(model, starts) ** 2))
         return value if np.isfinite(value) else np.inf
 
-    def _errors(self, model: ReducedModel, starts: np.ndarray) -> np.ndarray:
+    def _errors(self, model: ReducedModel, starts: ndarray) -> ndarray:
         states = np.empty((*self.inputs.shape[:2], model.dimension))
         roll(model.motion, starts, self.inputs, states)
         with np.errstate(over="ignore", invalid="ignore"):
             return model.vectors(states)[..., self._seen] - self.outputs
 
-    def normal_equations(self, model: ReducedModel, starts: np.ndarray) -> "_NormalEquations":
+    def normal_equations(self, model: ReducedModel, starts: ndarray) -> "_NormalEquations":
         """Of the linearised errors, the starts eliminated."""
         n, terms, length = model.dimension, len(model.powers), self.inputs.shape[1]
         size = n * terms
@@ -184,7 +181,7 @@ class _Stretches:
         by_start, by_coefficients = np.empty((length, n, n)), np.empty((length, n, n, terms))
         shapes, scale = Monomials(model.shape_powers), model.scale[:n]
         back, looked = [], slice(None, None, max(1, length // _LOOKS))
-        parts: list[tuple[np.ndarray, np.ndarray]] = []
+        parts: list[tuple[ndarray, ndarray]] = []
         for start, inputs, measured in zip(starts, self.inputs, self.outputs, strict=True):
             sensitivities(model.motion, start, inputs, states, by_start, by_coefficients)
             at = states[looked]
@@ -209,7 +206,7 @@ class _Stretches:
         return _NormalEquations(matrix, right, back, (n, terms))
 
 
-def _newest_and_oldest(model: ReducedModel) -> np.ndarray:
+def _newest_and_oldest(model: ReducedModel) -> ndarray:
     """Places of the newest and the oldest outputs in a delay vector."""
     places = np.arange(model.delays * len(model.origin)).reshape(model.delays, -1)
     return places[[0, -1]].ravel()
@@ -217,12 +214,12 @@ def _newest_and_oldest(model: ReducedModel) -> np.ndarray:
 
 @dataclass
 class _NormalEquations:
-    matrix: np.ndarray
-    right: np.ndarray
-    back: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
+    matrix: ndarray
+    right: ndarray
+    back: list[tuple[ndarray, ndarray, ndarray]]
     shape: tuple[int, int]
 
-    def solve(self, damping: float) -> tuple[np.ndarray, np.ndarray]:
+    def solve(self, damping: float) -> tuple[ndarray, ndarray]:
         """Steps of the coefficients (n, terms) and of the starts (b, n)."""
         size = len(self.matrix)
         mean = np.trace(self.matrix) / size

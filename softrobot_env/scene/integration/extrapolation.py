@@ -25,6 +25,7 @@ vectors are handled by `mj_integratePos`.
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.scene.integration import layout
 from softrobot_env.scene.integration import mujoco_functions as mj
@@ -51,8 +52,8 @@ _ROUNDING = 1e-9
 class Ramp(NamedTuple):
     """Controls that go from `begin` to `end` (nu,) steadily, within a time [s]."""
 
-    begin: np.ndarray
-    end: np.ndarray
+    begin: ndarray
+    end: ndarray
     duration: float
 
 
@@ -66,11 +67,11 @@ class Table(NamedTuple):
         gap: (nv,), of the turns, from the entry before.
     """
 
-    turns: np.ndarray
-    velocities: np.ndarray
-    turn: np.ndarray
-    velocity: np.ndarray
-    gap: np.ndarray
+    turns: ndarray
+    velocities: ndarray
+    turn: ndarray
+    velocity: ndarray
+    gap: ndarray
 
 
 class Work(NamedTuple):
@@ -87,14 +88,14 @@ class Work(NamedTuple):
     """
 
     chain: Chain
-    memory: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
+    memory: ndarray
+    q: ndarray
+    v: ndarray
     first: Forces
     forces: Forces
-    drives: np.ndarray
-    matrix: np.ndarray
-    change: np.ndarray
+    drives: ndarray
+    matrix: ndarray
+    change: ndarray
     table: Table
 
 

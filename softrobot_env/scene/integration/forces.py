@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-import numpy as np
+from numpy import ndarray
 
 from softrobot_env.scene.integration import mujoco_functions as mj
 from softrobot_env.scene.integration.layout import AT, LENGTHS, NBODY, NQ, NTENDON, NU, NV
@@ -25,12 +25,12 @@ class Chain(NamedTuple):
 
     model: int
     data: int
-    header: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    ctrl: np.ndarray
-    mass: np.ndarray
-    lengths: np.ndarray
+    header: ndarray
+    q: ndarray
+    v: ndarray
+    ctrl: ndarray
+    mass: ndarray
+    lengths: ndarray
 
 
 class Forces(NamedTuple):
@@ -46,13 +46,13 @@ class Forces(NamedTuple):
         counts: Numbers (2,) of taut drives and of tendons that rub, which come first.
     """
 
-    mass: np.ndarray
-    force: np.ndarray
-    stiffness: np.ndarray
-    pulls: np.ndarray
-    friction: np.ndarray
-    arms: np.ndarray
-    counts: np.ndarray
+    mass: ndarray
+    force: ndarray
+    stiffness: ndarray
+    pulls: ndarray
+    friction: ndarray
+    arms: ndarray
+    counts: ndarray
 
 
 @making

@@ -8,6 +8,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.scene.chain import SEPARATOR, TIP_SITE
 from softrobot_env.scene.integration import layout
@@ -45,11 +46,11 @@ class Integration:
         self._states = np.zeros((count, 2, model.nq + model.nv))
         self._sizes = (model.nq, model.nv, model.nu, model.nbody, model.ntendon)
         self._path = np.zeros((1, model.nu))
-        self._servos: np.ndarray | None = None
+        self._servos: ndarray | None = None
         self.set(slice(None), choice)
         self._connect()
 
-    def set(self, which: Any, choice: TimestepChoice, rates: np.ndarray | None = None) -> None:
+    def set(self, which: Any, choice: TimestepChoice, rates: ndarray | None = None) -> None:
         """Let the simulations `which` (k,) be integrated as chosen, as if new.
 
         With `rates` (k,) of their own if given.
@@ -67,7 +68,7 @@ class Integration:
         chosen[..., 1, layout.FEWEST] = FEWEST_ROWS - 1
         self.memory[which] = chosen
 
-    def tell(self, **arrays: np.ndarray) -> None:
+    def tell(self, **arrays: ndarray) -> None:
         """Keep arrays (n, ...) of fields of the data current, by name out of `TOLD_FIELDS`."""
         places = dict(zip(TOLD_FIELDS, layout.data_offsets(*TOLD_FIELDS), strict=True))
         self._told = np.array(
@@ -96,16 +97,16 @@ class Integration:
         return refresh.ctypes
 
     @property
-    def estimates(self) -> np.ndarray:
+    def estimates(self) -> ndarray:
         """View (n,): estimated errors [m] in time since the last restart; 0 of MuJoCo's."""
         return self.memory[:, 0, layout.ESTIMATE]
 
     @property
-    def evaluations(self) -> np.ndarray:
+    def evaluations(self) -> ndarray:
         """Evaluations (n,) of all forces since the last restart, the shadows' too."""
         return self.memory[:, :, layout.EVALUATIONS].sum(axis=1)
 
-    def follow(self, path: np.ndarray | None) -> None:
+    def follow(self, path: ndarray | None) -> None:
         """Take controls from a path (k, nu), a row a timestep; None: as the data has them."""
         if path is None:
             self._header[layout.ROWS] = 0
@@ -113,7 +114,7 @@ class Integration:
             self._path = np.ascontiguousarray(path)
             self._header[layout.PATH], self._header[layout.ROWS] = self._path.ctypes.data, len(path)
 
-    def drive_by(self, servos: np.ndarray) -> None:
+    def drive_by(self, servos: ndarray) -> None:
         """Take controls from servos (n, SERVO_ROWS, nu), see `layout`, where no path is given."""
         self._servos = servos
         self._header[layout.SERVOS] = servos.ctypes.data
@@ -145,7 +146,7 @@ class Integration:
         self._connect()
 
 
-def backbone_lengths(model: mujoco.MjModel) -> np.ndarray:
+def backbone_lengths(model: mujoco.MjModel) -> ndarray:
     """Length (nv,) [m] of the link that the last DOF of each body moves; the others have none."""
     lengths = np.zeros(model.nv)
     for number in range(model.nsite):
@@ -155,7 +156,7 @@ def backbone_lengths(model: mujoco.MjModel) -> np.ndarray:
     return lengths
 
 
-def _measure_to(model: mujoco.MjModel, tip: Any, lengths: np.ndarray) -> None:
+def _measure_to(model: mujoco.MjModel, tip: Any, lengths: ndarray) -> None:
     """Fill in the lengths (nv,) [m] of the chain that ends in a tip."""
     beyond, body = float(np.linalg.norm(tip.pos)), int(tip.bodyid[0])
     while body:

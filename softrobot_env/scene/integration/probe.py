@@ -11,6 +11,7 @@ from time import process_time
 
 import mujoco
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.scene.build import Scene
@@ -66,7 +67,7 @@ def _finer(choice: TimestepChoice) -> TimestepChoice:
     return replace(choice, timestep=choice.timestep / _SHORTER, substeps=choice.substeps * _SHORTER)
 
 
-def controls_of(scene: Scene, seed: int) -> np.ndarray:
+def controls_of(scene: Scene, seed: int) -> ndarray:
     """Controls (periods, nu) of all control periods."""
     low, high = scene.model.actuator_ctrlrange.T
     middle = np.clip(0.0, low, high)
@@ -77,7 +78,7 @@ def controls_of(scene: Scene, seed: int) -> np.ndarray:
     return np.repeat(steps, held, axis=0)
 
 
-def motion(scene: Scene, controls: np.ndarray) -> tuple[np.ndarray, float, float]:
+def motion(scene: Scene, controls: ndarray) -> tuple[ndarray, float, float]:
     """Run a scene under controls (periods, nu), from its rest.
 
     Returns:
@@ -99,7 +100,7 @@ def motion(scene: Scene, controls: np.ndarray) -> tuple[np.ndarray, float, float
     return positions, integration.evaluations[0] / len(controls), spent / len(controls)
 
 
-def _rest(model: mujoco.MjModel) -> np.ndarray:
+def _rest(model: mujoco.MjModel) -> ndarray:
     """Equilibrium (nq,) without drives; straight where there is none that is stable."""
     try:
         return equilibrium(model, np.clip(np.zeros(model.nu), *model.actuator_ctrlrange.T))

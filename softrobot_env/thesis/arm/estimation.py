@@ -1,6 +1,7 @@
 """What a model of the arm leaves unexplained: its stiffness, and forces on its curvatures."""
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.beams.planar_arm import PlanarArm, inertia_forces
@@ -26,15 +27,15 @@ _RANGE = (0.3, 3.0)
 def update_estimate(
     arm: PlanarArm,
     period: float,
-    before: np.ndarray,
-    rate_before: np.ndarray,
-    curvature: np.ndarray,
-    rate: np.ndarray,
-    inputs: np.ndarray,
-    full: np.ndarray,
+    before: ndarray,
+    rate_before: ndarray,
+    curvature: ndarray,
+    rate: ndarray,
+    inputs: ndarray,
+    full: ndarray,
     adapt: bool,
-    information: np.ndarray,
-    force: np.ndarray,
+    information: ndarray,
+    force: ndarray,
 ) -> float:
     """Update a stiffness factor s and a force d from M a + k + s K (q + mu v) = B u + d.
 
@@ -94,7 +95,7 @@ def update_estimate(
 
 
 @kernel
-def stiffness_factor(adapt: bool, information: np.ndarray) -> float:
+def stiffness_factor(adapt: bool, information: ndarray) -> float:
     """Stiffness factor from its information (2,) [s]."""
     if not adapt:
         return 1.0
@@ -102,7 +103,7 @@ def stiffness_factor(adapt: bool, information: np.ndarray) -> float:
 
 
 @kernel
-def _actuation(arm: PlanarArm, full: np.ndarray) -> float:
+def _actuation(arm: PlanarArm, full: ndarray) -> float:
     """Largest force on a curvature [N m2] under full inputs (n_inputs,) [N]."""
     largest = 0.0
     for i in range(arm.n):
@@ -117,11 +118,11 @@ def _actuation(arm: PlanarArm, full: np.ndarray) -> float:
 def _contradict(
     arm: PlanarArm,
     period: float,
-    before: np.ndarray,
-    rate_before: np.ndarray,
-    curvature: np.ndarray,
-    rate: np.ndarray,
-    full: np.ndarray,
+    before: ndarray,
+    rate_before: ndarray,
+    curvature: ndarray,
+    rate: ndarray,
+    full: ndarray,
 ) -> bool:
     """Whether curvatures moved otherwise than their rates say, at the start or at the end."""
     allowed = _CONTRADICTION * _actuation(arm, full) / (arm.damping_time * arm.stiffness)

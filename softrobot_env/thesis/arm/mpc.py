@@ -5,6 +5,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams import planar_arm
 from softrobot_env.beams.numerics.compilation import reference
@@ -40,10 +41,10 @@ class Problem(NamedTuple):
     """What is given at a decision; shapes and units as in `prediction.evaluate`."""
 
     arm: Any
-    start: np.ndarray
-    force: np.ndarray
-    before: np.ndarray
-    reference: np.ndarray
+    start: ndarray
+    force: ndarray
+    before: ndarray
+    reference: ndarray
 
 
 @dataclass(frozen=True)
@@ -59,12 +60,12 @@ class Iterate:
         hessian: (c n_inputs, c n_inputs) [1/N2], of the Gauss-Newton model; empty likewise.
     """
 
-    inputs: np.ndarray
-    guess: np.ndarray
-    path: np.ndarray
+    inputs: ndarray
+    guess: ndarray
+    path: ndarray
     cost: float
-    gradient: np.ndarray
-    hessian: np.ndarray
+    gradient: ndarray
+    hessian: ndarray
 
 
 class Optimum(NamedTuple):
@@ -84,7 +85,7 @@ class Optimum(NamedTuple):
 class Optimiser:
     """Minimises the cost over inputs within +-limit (n_inputs,) [N]."""
 
-    def __init__(self, settings: MPCSettings, limit: np.ndarray) -> None:
+    def __init__(self, settings: MPCSettings, limit: ndarray) -> None:
         """Raise ImportError without the solver's package."""
         self._settings, steps = settings, np.array(settings.steps)
         share = steps / steps[0]
@@ -95,7 +96,7 @@ class Optimiser:
         self._solve = BoundedSolver()
 
     def evaluate(
-        self, problem: Problem, inputs: np.ndarray, guess: np.ndarray, differentiate: bool = True
+        self, problem: Problem, inputs: ndarray, guess: ndarray, differentiate: bool = True
     ) -> Iterate:
         """Predict and, if wanted, differentiate; the arguments stay as they are."""
         path = np.empty((len(guess), 2, problem.arm.n))
@@ -105,7 +106,7 @@ class Optimiser:
         cost = evaluate(self._horizon, *problem, inputs, guess, path, gradient, hessian)
         return Iterate(inputs, guess, path, cost, gradient, hessian)
 
-    def minimise(self, problem: Problem, inputs: np.ndarray, guess: np.ndarray) -> Optimum:
+    def minimise(self, problem: Problem, inputs: ndarray, guess: ndarray) -> Optimum:
         """Improve on inputs (c, n_inputs) [N] until they change no more.
 
         Args:
@@ -131,7 +132,7 @@ class Optimiser:
         failure = None if tolerance is None else f"not converged in {len(costs) - 1} iterations"
         return Optimum(now, tuple(costs), failure)
 
-    def _step(self, now: Iterate) -> np.ndarray | None:
+    def _step(self, now: Iterate) -> ndarray | None:
         """Minimum (c, n_inputs) of the Gauss-Newton model, or None."""
         inputs = now.inputs.ravel()
         bounds = -self._limit - inputs, self._limit - inputs
@@ -139,7 +140,7 @@ class Optimiser:
         return None if step is None else step.reshape(now.inputs.shape)
 
     def _search(
-        self, problem: Problem, now: Iterate, step: np.ndarray, differentiate: bool
+        self, problem: Problem, now: Iterate, step: ndarray, differentiate: bool
     ) -> Iterate | None:
         """First of ever shorter steps that lowers the cost; None if there is none."""
         slope = float(now.gradient @ step.ravel())
@@ -169,8 +170,8 @@ class Estimate:
     """
 
     stiffness: float
-    force: np.ndarray
-    information: np.ndarray
+    force: ndarray
+    information: ndarray
 
 
 @dataclass(frozen=True)
@@ -185,9 +186,9 @@ class MPCState:
         status: Why the action is not the one wanted, or None.
     """
 
-    action: np.ndarray
+    action: ndarray
     plan: Iterate | None
-    seen: np.ndarray | None
+    seen: ndarray | None
     estimate: Estimate
     status: str | None
 
@@ -235,7 +236,7 @@ class MPC(Controller):
         estimate = Estimate(1.0, np.zeros(self._arm.n), np.zeros(2))
         return MPCState(action, None, None, estimate, None)
 
-    def act(self, observation: Observation, state: MPCState) -> tuple[np.ndarray, MPCState]:
+    def act(self, observation: Observation, state: MPCState) -> tuple[ndarray, MPCState]:
         """First input of the optimum, or the last action that was determined."""
         for name in self.requires:
             if not np.all(np.isfinite(observation[name])):
@@ -255,18 +256,18 @@ class MPC(Controller):
             return now.action, replace(now, status="; ".join(reasons))
         return self._apply(optimum.last, now)
 
-    def _apply(self, optimum: Iterate, state: MPCState) -> tuple[np.ndarray, MPCState]:
+    def _apply(self, optimum: Iterate, state: MPCState) -> tuple[ndarray, MPCState]:
         action = np.clip(optimum.inputs[0] / self._limit, -1.0, 1.0)
         status = REASONS[SATURATED] if np.any(np.abs(action) >= _FULL) else state.status
         return action, replace(state, action=action, plan=optimum, status=status)
 
-    def _beginning(self, before: np.ndarray, state: MPCState) -> tuple[np.ndarray, np.ndarray]:
+    def _beginning(self, before: ndarray, state: MPCState) -> tuple[ndarray, ndarray]:
         """Inputs and accelerations to begin from: the last plan, one period on."""
         if state.plan is None:
             return np.tile(before, (len(self._shift), 1)), self._no_guess
         return state.plan.inputs[self._shift], state.plan.guess
 
-    def _reference(self, observation: Observation) -> np.ndarray:
+    def _reference(self, observation: Observation) -> ndarray:
         """(p + 1, 2) [m], now and at the ends of the steps, less the tip's offset."""
         now = observation["reference"]
         points = np.tile(now, (len(self._settings.steps) + 1, 1))
@@ -274,13 +275,13 @@ class MPC(Controller):
             points[1:] = observation["reference_preview"].reshape(-1, 2)
         return points - self._offset(observation) if self._settings.estimate else points
 
-    def _offset(self, observation: Observation) -> np.ndarray:
+    def _offset(self, observation: Observation) -> ndarray:
         """Tip (2,) [m] as measured, less that of the measured curvatures."""
         tip, jacobian = np.empty(2), np.empty((2, self._arm.n))
         planar_arm.tip(self._arm, observation["curvature"], tip, jacobian)
         return observation["tip_position"] - tip
 
-    def _estimate(self, seen: np.ndarray, before: np.ndarray, state: MPCState) -> Estimate:
+    def _estimate(self, seen: ndarray, before: ndarray, state: MPCState) -> Estimate:
         """Estimate after another period with inputs `before` (n_inputs,) [N].
 
         Observations that are absurd, though finite, leave it as it was.

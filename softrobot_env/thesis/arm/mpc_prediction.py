@@ -13,6 +13,7 @@ residual and is exact; the stages' derivatives by the inputs follow from the con
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams import planar_arm
 from softrobot_env.beams.numerics.compilation import kernel, structure
@@ -39,17 +40,17 @@ class Horizon(NamedTuple):
         change: (p,) [1/N2] on their change from the step before.
     """
 
-    steps: np.ndarray
-    block: np.ndarray
+    steps: ndarray
+    block: ndarray
     gamma: float
-    error: np.ndarray
-    rate: np.ndarray
-    effort: np.ndarray
-    change: np.ndarray
+    error: ndarray
+    rate: ndarray
+    effort: ndarray
+    change: ndarray
 
 
 @kernel
-def _eliminate(matrix: np.ndarray, right: np.ndarray, columns: int) -> bool:
+def _eliminate(matrix: ndarray, right: ndarray, columns: int) -> bool:
     """Solve in place for the first columns of right (n, k); whether the matrix is regular."""
     n = len(matrix)
     for i in range(n):
@@ -81,8 +82,8 @@ def _eliminate(matrix: np.ndarray, right: np.ndarray, columns: int) -> bool:
 
 @kernel
 def _newton_system(
-    arm: Any, s: float, q: np.ndarray, v: np.ndarray, a: np.ndarray, u: np.ndarray, matrix: Any
-) -> np.ndarray:
+    arm: Any, s: float, q: ndarray, v: ndarray, a: ndarray, u: ndarray, matrix: Any
+) -> ndarray:
     """Residual (n, 1) of a stage, and set its derivative (n, n) by the acceleration."""
     n = arm.n
     q1, v1 = q.astype(np.complex128), v.astype(np.complex128)
@@ -103,11 +104,11 @@ def _newton_system(
 def _solve_stage(
     arm: Any,
     s: float,
-    u: np.ndarray,
-    force: np.ndarray,
-    base: np.ndarray,
-    state: np.ndarray,
-    a: np.ndarray,
+    u: ndarray,
+    force: ndarray,
+    base: ndarray,
+    state: ndarray,
+    a: ndarray,
 ) -> bool:
     """Set state (2, n) and acceleration a (n,), its guess before, of a stage with a base (2, n).
 
@@ -142,13 +143,13 @@ def _solve_stage(
 def _differentiate_stage(
     arm: Any,
     s: float,
-    u: np.ndarray,
+    u: ndarray,
     columns: tuple[int, int],
-    state: np.ndarray,
-    a: np.ndarray,
-    base: np.ndarray,
-    slope: np.ndarray,
-    slope_a: np.ndarray,
+    state: ndarray,
+    a: ndarray,
+    base: ndarray,
+    slope: ndarray,
+    slope_a: ndarray,
 ) -> bool:
     """Set the derivatives slope (2, n, k) and slope_a (n, k) of a stage by all inputs.
 
@@ -184,10 +185,10 @@ def _differentiate_stage(
 @kernel
 def _second_base(
     share: float,
-    state: np.ndarray,
-    a: np.ndarray,
-    slope: np.ndarray,
-    slope_a: np.ndarray,
+    state: ndarray,
+    a: ndarray,
+    slope: ndarray,
+    slope_a: ndarray,
     base: Any,
 ) -> None:
     """Move base (2, n) and its derivatives, a pair, from the step's start on to stage two.
@@ -208,12 +209,12 @@ def _second_base(
 def _advance(
     arm: Any,
     step: tuple[float, float],
-    u: np.ndarray,
-    force: np.ndarray,
+    u: ndarray,
+    force: ndarray,
     columns: tuple[int, int],
-    guess: np.ndarray,
-    state: np.ndarray,
-    slope: np.ndarray,
+    guess: ndarray,
+    state: ndarray,
+    slope: ndarray,
 ) -> bool:
     """Move a state (2, n) and its derivatives slope (2, n, k) on by one step in place.
 
@@ -244,7 +245,7 @@ def _advance(
 
 @kernel
 def _add_square(
-    weight: float, error: float, row: np.ndarray, count: int, gradient: Any, hessian: Any
+    weight: float, error: float, row: ndarray, count: int, gradient: Any, hessian: Any
 ) -> None:
     """Add weight times the square of a term with a derivative row to gradient and Hessian."""
     for i in range(count):
@@ -257,10 +258,10 @@ def _add_square(
 def _add_inputs(
     k: int,
     horizon: Any,
-    inputs: np.ndarray,
-    before: np.ndarray,
-    gradient: np.ndarray,
-    hessian: np.ndarray,
+    inputs: ndarray,
+    before: ndarray,
+    gradient: ndarray,
+    hessian: ndarray,
 ) -> float:
     """Cost of the inputs in step k and of their change at its start.
 
@@ -292,15 +293,13 @@ def _add_inputs(
 class _Tip(NamedTuple):
     """Error (2,) [m] of the tip, its Jacobian (2, n) and its derivatives (2, k) by the inputs."""
 
-    error: np.ndarray
-    jacobian: np.ndarray
-    rows: np.ndarray
+    error: ndarray
+    jacobian: ndarray
+    rows: ndarray
 
 
 @kernel
-def _locate(
-    arm: Any, state: np.ndarray, slope: np.ndarray, end: int, target: np.ndarray, tip: _Tip
-) -> None:
+def _locate(arm: Any, state: ndarray, slope: ndarray, end: int, target: ndarray, tip: _Tip) -> None:
     """Set the tip's error and its derivatives by the first `end` inputs."""
     planar_arm.tip(arm, state[0], tip.error, tip.jacobian)
     for x in range(2):
@@ -315,15 +314,15 @@ def _locate(
 def evaluate(
     horizon: Any,
     arm: Any,
-    start: np.ndarray,
-    force: np.ndarray,
-    before: np.ndarray,
-    reference: np.ndarray,
-    inputs: np.ndarray,
-    guess: np.ndarray,
-    path: np.ndarray,
-    gradient: np.ndarray,
-    hessian: np.ndarray,
+    start: ndarray,
+    force: ndarray,
+    before: ndarray,
+    reference: ndarray,
+    inputs: ndarray,
+    guess: ndarray,
+    path: ndarray,
+    gradient: ndarray,
+    hessian: ndarray,
 ) -> float:
     """Cost [1] of inputs over the horizon, and its Gauss-Newton model.
 

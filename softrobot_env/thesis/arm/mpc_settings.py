@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.records import NotNegative, Whole, check_fields
 from softrobot_env.core.registry import Registry
@@ -70,19 +71,19 @@ class MPCSettings:
         return tuple(np.round(np.cumsum(self.steps), 9).tolist())
 
     @property
-    def block(self) -> np.ndarray:
+    def block(self) -> ndarray:
         """(p,) int, input block in force in each step."""
         return np.repeat(np.arange(len(self.moves)), self.moves)
 
     @property
-    def shift(self) -> np.ndarray:
+    def shift(self) -> ndarray:
         """(c,) int, block of this plan that each block of the next one starts in."""
         starts = np.concatenate(([0.0], self.times))[:-1]
         first = np.searchsorted(self.block, np.arange(len(self.moves)))
         later = np.searchsorted(self.times, starts[first] + self.period + 1e-9)
         return np.append(self.block, self.block[-1])[later]
 
-    def no_guess(self, n: int) -> np.ndarray:
+    def no_guess(self, n: int) -> ndarray:
         """Accelerations (p, stages, n) of an arm of n pieces at rest."""
         stages = 1 if GAMMA[self.integrator] == 1 else 2
         return np.zeros((len(self.steps), stages, n))

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams import planar_arm
 from softrobot_env.beams.numerics.compilation import implementation, kernel, reference, structure
@@ -65,11 +66,11 @@ class Grid(NamedTuple):
 
     n: int
     m: int
-    directions: np.ndarray
-    lever: np.ndarray
+    directions: ndarray
+    lever: ndarray
     arm: PlanarArm
-    gains: np.ndarray
-    limit: np.ndarray
+    gains: ndarray
+    limit: ndarray
 
 
 def read_grid(robot: RobotParams, policy: str, columns: tuple[int, ...], path: Path | None) -> Any:
@@ -94,12 +95,12 @@ def read_grid(robot: RobotParams, policy: str, columns: tuple[int, ...], path: P
     return reference(Grid(n, m, np.eye(3)[[0, 2]], np.zeros((m, n)), arm, gains, limit))
 
 
-def axes() -> list[np.ndarray]:
+def axes() -> list[ndarray]:
     """Values [1/m] along the three axes of the grid."""
     return [np.linspace(-limit, limit, count) for count, limit in GRID]
 
 
-def operating_points(pieces: int) -> Iterator[np.ndarray]:
+def operating_points(pieces: int) -> Iterator[ndarray]:
     """Curvatures (pieces,) [1/m] of all points, for thirds of pieces / 3 pieces each."""
     for sigma in product(*axes()):
         yield np.repeat(sigma, pieces // 3)
@@ -107,9 +108,9 @@ def operating_points(pieces: int) -> Iterator[np.ndarray]:
 
 def build_gains(
     robot: RobotParams,
-    design: Callable[[np.ndarray], np.ndarray],
+    design: Callable[[ndarray], ndarray],
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> np.ndarray:
+) -> ndarray:
     """Gains (n1, n2, n3, k) on the grid.
 
     Args:
@@ -124,12 +125,12 @@ def build_gains(
     return np.reshape(gains, (*shape, -1))
 
 
-def save_gains(path: Path, robot: RobotParams, gains: np.ndarray) -> None:
+def save_gains(path: Path, robot: RobotParams, gains: ndarray) -> None:
     """Write gains (n1, n2, n3, k), in single precision, which is far finer than they need be."""
     write_arrays(path, {"gains": gains.astype(np.float32), "robot": identity(robot)})
 
 
-def load_gains(path: Path, robot: RobotParams, policy: str, count: int) -> np.ndarray:
+def load_gains(path: Path, robot: RobotParams, policy: str, count: int) -> ndarray:
     """Gains (n1, n2, n3, count) that `save_gains` wrote.
 
     Args:
@@ -163,7 +164,7 @@ def load_gains(path: Path, robot: RobotParams, policy: str, count: int) -> np.nd
 
 
 @kernel
-def interpolate(table: np.ndarray, curvature: np.ndarray, out: np.ndarray) -> bool:
+def interpolate(table: ndarray, curvature: ndarray, out: ndarray) -> bool:
     """Set out (k,) to the gains at a curvature (pieces,) [1/m] by trilinear interpolation.
 
     The table (n1, n2, n3, k) has them on the grid.
@@ -198,9 +199,7 @@ def interpolate(table: np.ndarray, curvature: np.ndarray, out: np.ndarray) -> bo
 
 @implementation(resting, Grid)
 @kernel
-def _at_rest(
-    grid: Grid, law: Law, target: np.ndarray, held: np.ndarray, curvature: np.ndarray
-) -> Resting:
+def _at_rest(grid: Grid, law: Law, target: ndarray, held: ndarray, curvature: ndarray) -> Resting:
     n, m, limit, table = grid.n, grid.m, grid.limit, grid.gains
     inputs, place = held * limit, target[::2].copy()
     rest, inverse, gains = np.empty(n), np.empty((m, 2)), np.empty(table.shape[3])
@@ -220,7 +219,7 @@ def _status_code(gap: float, inside: bool) -> int:
 
 
 @kernel
-def _estimate(grid: Grid, adaptive: bool, memory: np.ndarray, seen: Seen) -> float:
+def _estimate(grid: Grid, adaptive: bool, memory: ndarray, seen: Seen) -> float:
     """Update what the nominal model leaves unexplained; the stiffness factor [1]."""
     arm, limit = grid.arm, grid.limit
     own = remembered(memory, grid.n, grid.m)
@@ -252,7 +251,7 @@ def _estimate(grid: Grid, adaptive: bool, memory: np.ndarray, seen: Seen) -> flo
 
 @implementation(aimed, Grid)
 @kernel
-def _aimed(grid: Grid, law: Law, adaptive: bool, memory: np.ndarray, seen: Seen) -> TrackingTarget:
+def _aimed(grid: Grid, law: Law, adaptive: bool, memory: ndarray, seen: Seen) -> TrackingTarget:
     arm, limit, n, m = grid.arm, grid.limit, grid.n, grid.m
     own = remembered(memory, n, m)
     held, offset = own.held, own.offset
@@ -295,7 +294,7 @@ VELOCITY_WEIGHT = 1e-3  # s2
 INPUT_WEIGHT = 3e-7  # m2/N2
 
 
-def lqi_design(arm: PlanarArm, curvature: np.ndarray) -> np.ndarray:
+def lqi_design(arm: PlanarArm, curvature: ndarray) -> ndarray:
     """Gains [K, K_i] (n_inputs, 2 n + 2) [N] of LQI, flattened.
 
     Args:
@@ -306,7 +305,7 @@ def lqi_design(arm: PlanarArm, curvature: np.ndarray) -> np.ndarray:
     return integral_gains((a, b), c, LQI_INPUT_WEIGHT, ERROR_WEIGHT).ravel()
 
 
-def preview_design(arm: PlanarArm, curvature: np.ndarray, period: float = PERIOD) -> np.ndarray:
+def preview_design(arm: PlanarArm, curvature: ndarray, period: float = PERIOD) -> ndarray:
     """Gains [N] of u = -K x + sum_i G_i r_i, flattened to (n_inputs * (2 n + 2 * knots),).
 
     x = (curvatures, rates) and r_i, the reference at the i-th knot, are deviations from an

@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.control.base import REASONS, SATURATED, Said, hold_for
 from softrobot_env.control.feedforward.law import Feedforward
@@ -62,11 +63,7 @@ class QuasiStaticNetwork(Memoryless):
         self.hold = hold_for(PERIOD, control_period, "qs_nn")
         path = find_artifact(robot, "qs_nn") if weights is None else Path(weights)
         self.n_inputs = len(robot.tendons) // 2
-        self.sizes = {
-            "tip_position": 2,
-            "reference_preview": 2,
-            "previous_action": self.n_inputs,
-        }
+        self.sizes = {"tip_position": 2, "reference_preview": 2, "previous_action": self.n_inputs}
         ends = (4 + self.n_inputs, self.n_inputs)
         network, about = load_for(path, robot, "qs_nn", ends=ends)
         about.check_shape("workspace", (None, 2))
@@ -75,7 +72,7 @@ class QuasiStaticNetwork(Memoryless):
         self._infer = PlainInference(self._network)
         self.prepare()
 
-    def plain(self, observed: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    def plain(self, observed: dict[str, ndarray]) -> tuple[ndarray, ndarray]:
         """What the network gives, within the tension limit."""
         wanted = self._infer.batch(np.hstack([observed[name] for name in self.requires]))
         limited = (np.abs(wanted) > 1.0).any(axis=1)
@@ -96,7 +93,7 @@ class QuasiStaticNetwork(Memoryless):
         return partial(decide, *parameters_of(absorbed(self._network)), self._workspace)
 
 
-def _of_actions(network: Network, input_scale: np.ndarray) -> Network:
+def _of_actions(network: Network, input_scale: ndarray) -> Network:
     """The network from tip, reference and actions to actions, in place of inputs in N."""
     ends = np.concatenate([np.ones(4), input_scale]), input_scale
     inputs, outputs = (

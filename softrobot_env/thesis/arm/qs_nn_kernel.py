@@ -1,6 +1,7 @@
 """The decision of the quasi-static network as machine code."""
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.control.base import NOT_COMPUTED, NOT_FINITE
@@ -9,7 +10,7 @@ from softrobot_env.learned.inference import forward
 
 
 @kernel
-def _outside(workspace: np.ndarray, target: np.ndarray) -> bool:
+def _outside(workspace: ndarray, target: ndarray) -> bool:
     """Whether a place (2,) [m] is none of a workspace (n_sectors, 2) [m]."""
     sectors = len(workspace)
     share = (np.arctan2(target[0], target[1]) + np.pi) / (2 * np.pi)
@@ -19,7 +20,7 @@ def _outside(workspace: np.ndarray, target: np.ndarray) -> bool:
 
 
 @kernel
-def _limit(wanted: np.ndarray, action: np.ndarray, far: bool) -> int:
+def _limit(wanted: ndarray, action: ndarray, far: bool) -> int:
     """Write an action (m,) in [-1, 1] and say what `QuasiStaticNetwork.says` has about it."""
     limited, total = False, 0.0
     for j in range(len(wanted)):
@@ -31,12 +32,12 @@ def _limit(wanted: np.ndarray, action: np.ndarray, far: bool) -> int:
 
 @kernel
 def decide(
-    parameters: np.ndarray,
-    sizes: np.ndarray,
-    workspace: np.ndarray,
-    observed: np.ndarray,
-    actions: np.ndarray,
-    codes: np.ndarray,
+    parameters: ndarray,
+    sizes: ndarray,
+    workspace: ndarray,
+    observed: ndarray,
+    actions: ndarray,
+    codes: ndarray,
 ) -> None:
     """Write actions and codes, for observables in the order of the network's inputs.
 

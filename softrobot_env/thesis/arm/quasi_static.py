@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from math import pi
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.records import Count, NotNegative, Positive, check_fields
 from softrobot_env.learned.network import Dataset, Network
@@ -19,7 +20,7 @@ HIDDEN = (30,)
 _SECTORS = 72
 
 #: Static tip (2,) [m] under reduced inputs (n_inputs,) [N].
-Statics = Callable[[np.ndarray], np.ndarray]
+Statics = Callable[[ndarray], ndarray]
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ def sample(tip: Statics, n_inputs: int, how: Sampling, rng: np.random.Generator)
     return Dataset(np.hstack([here, there, before]), after)
 
 
-def _in_ball(count: int, dimension: int, radius: float, rng: np.random.Generator) -> np.ndarray:
+def _in_ball(count: int, dimension: int, radius: float, rng: np.random.Generator) -> ndarray:
     """Points (count, dimension) uniform in the ball."""
     points = rng.standard_normal((count, dimension))
     share = rng.uniform(0, 1, (count, 1)) ** (1 / dimension)
@@ -72,7 +73,7 @@ def rms(network: Network, samples: Dataset) -> float:
     return float(np.sqrt(np.mean((network(samples.inputs) - samples.outputs) ** 2)))
 
 
-def workspace(points: np.ndarray) -> np.ndarray:
+def workspace(points: ndarray) -> ndarray:
     """Smallest and largest distance [m] from the clamp of points (k, 2) [m], by sector.
 
     Returns:

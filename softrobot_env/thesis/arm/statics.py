@@ -8,6 +8,7 @@ end, whatever the limits of the inputs; that takes 40 times as long as a call of
 """
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.beams.planar_arm import PlanarArm, tip
@@ -29,7 +30,7 @@ _TOLERANCE = 1e-7  # m
 
 @kernel
 def inverse_jacobian(
-    by_inputs: np.ndarray, free: np.ndarray, damping: float, out: np.ndarray, null: np.ndarray
+    by_inputs: ndarray, free: ndarray, damping: float, out: ndarray, null: ndarray
 ) -> None:
     """Set the damped pseudo-inverse of J and the projector on its null space.
 
@@ -60,13 +61,13 @@ def inverse_jacobian(
 @kernel
 def _gap(
     arm: PlanarArm,
-    inputs: np.ndarray,
-    target: np.ndarray,
-    force: np.ndarray,
+    inputs: ndarray,
+    target: ndarray,
+    force: ndarray,
     scale: float,
-    curvature: np.ndarray,
-    jacobian: np.ndarray,
-    way: np.ndarray,
+    curvature: ndarray,
+    jacobian: ndarray,
+    way: ndarray,
 ) -> float:
     """Distance [m] from the equilibrium's tip to a target; sets the last three arguments."""
     for i in range(arm.n):
@@ -83,13 +84,13 @@ def _gap(
 @kernel
 def follow(
     arm: PlanarArm,
-    target: np.ndarray,
-    force: np.ndarray,
+    target: ndarray,
+    force: ndarray,
     scale: float,
-    limit: np.ndarray,
-    inputs: np.ndarray,
-    curvature: np.ndarray,
-    inverse: np.ndarray,
+    limit: ndarray,
+    inputs: ndarray,
+    curvature: ndarray,
+    inverse: ndarray,
 ) -> float:
     """Move inputs on to those that hold the tip at a target, or nearest to it within the limits.
 

@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.control.learned import neural
@@ -35,10 +36,7 @@ _STEP_WIDTHS, _STEP_DURATION, _SAMPLED_DURATION = (0.03, 0.05, 0.1, 0.2), 1.5, 6
 
 #: The controller to imitate: `mpc_preview`, deciding as often as the network.
 TEACHER: MPCSettings = replace(
-    PREVIEW,
-    period=neural.PERIOD,
-    steps=(0.01, 0.01, 0.02, 0.02, 0.04, 0.04, 0.08),
-    moves=(1,) * 7,
+    PREVIEW, period=neural.PERIOD, steps=(0.01, 0.01, 0.02, 0.02, 0.04, 0.04, 0.08), moves=(1,) * 7
 )
 
 
@@ -101,12 +99,12 @@ class ArmTraining(RobotTraining):
         return MPC(self.robot, neural.PERIOD, TEACHER)
 
 
-def random_input(rng: np.random.Generator) -> np.ndarray:
+def random_input(rng: np.random.Generator) -> ndarray:
     """Reduced inputs (3,) [N] of a posture within the workspace."""
     return rng.uniform(-_COMMON, _COMMON) + rng.normal(0, rng.uniform(*_EACH), 3)
 
 
-def tips(inputs: np.ndarray) -> np.ndarray:
+def tips(inputs: ndarray) -> ndarray:
     """Tips (k, 3) [m] at rest under inputs (k, 3) [N], of the nominal arm."""
     out = np.zeros((len(inputs), 3))
     out[:, 0::2] = [_STATICS.tip(one) for one in inputs]
@@ -145,7 +143,7 @@ def random_waves(rng: np.random.Generator, duration: float) -> Task:
     phase = rng.uniform(0, 2 * np.pi, _HARMONICS)
     order = np.arange(1, _HARMONICS + 1)
 
-    def inputs(turn: np.ndarray) -> np.ndarray:
+    def inputs(turn: ndarray) -> ndarray:
         angle = np.multiply.outer(order, turn) + phase[:, None]
         return middle + np.sum(size * np.sin(angle)[:, :, None] / order[:, None, None], axis=0)
 

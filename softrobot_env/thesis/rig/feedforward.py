@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.control.base import NOT_FINITE, REASONS, UNREACHABLE, Controller
 from softrobot_env.control.feedforward.feedback import Feedback, FeedbackState
@@ -22,13 +23,7 @@ from softrobot_env.control.feedforward.nearby import Neighbourhood
 from softrobot_env.control.feedforward.statics import ChainStatics, Rest
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, check_argument
-from softrobot_env.robots import (
-    CAMERA_PERIOD,
-    LENGTH_SCALE,
-    SERVO_SPEED,
-    WORKSPACE,
-    RobotParams,
-)
+from softrobot_env.robots import CAMERA_PERIOD, LENGTH_SCALE, SERVO_SPEED, WORKSPACE, RobotParams
 from softrobot_env.scene.registry import RIG_PIECES
 from softrobot_env.thesis.rig.inverse import OnePiece, SeveralPieces
 from softrobot_env.thesis.rig.parameters import IdentifiedParameters
@@ -67,9 +62,9 @@ class RigState(NamedTuple):
 
     memory: Any = None
     now: Motion | None = None
-    wanted: np.ndarray | None = None
+    wanted: ndarray | None = None
     blind: float = 0.0
-    action: np.ndarray | None = None
+    action: ndarray | None = None
     status: str | None = None
     correction: Correction | None = None
 
@@ -151,7 +146,7 @@ class RigFeedforward(Controller):
         """Begin at rest."""
         return RigState()
 
-    def act(self, observation: Observation, state: RigState) -> tuple[np.ndarray, RigState]:
+    def act(self, observation: Observation, state: RigState) -> tuple[ndarray, RigState]:
         """Lengths for the motion wanted."""
         now = Motion(*(np.array(observation[name]) for name in _MOTION))
         blind = 0.0 if np.isfinite(now).all() else state.blind + self._period
@@ -181,7 +176,7 @@ class RigFeedforward(Controller):
 
     def _correction(
         self, observation: Observation, now: Motion, state: RigState
-    ) -> tuple[np.ndarray | float, Correction | None]:
+    ) -> tuple[ndarray | float, Correction | None]:
         """Lengths (3,) [m] that feedback adds, and its memory."""
         if self._feedback is None:
             return 0.0, None
@@ -196,7 +191,7 @@ class RigFeedforward(Controller):
 
     def _decide_stacked(
         self, observation: Observation, states: list[Any]
-    ) -> tuple[np.ndarray, list[Any]]:
+    ) -> tuple[ndarray, list[Any]]:
         """As of any controller; the statics of all that is finite in one call."""
         sound = np.all([np.isfinite(observation[n]).all(axis=1) for n in self.requires], axis=0)
         alone = (self._model, self._backlash, self._feedback) == (None, None, None)
@@ -214,7 +209,7 @@ class RigFeedforward(Controller):
         fine, bad = iter(then), iter(others)
         return out, [next(fine) if one else next(bad) for one in sound]
 
-    def _statics_stacked(self, observation: Observation) -> tuple[np.ndarray, list[RigState]]:
+    def _statics_stacked(self, observation: Observation) -> tuple[ndarray, list[RigState]]:
         """Actions float32 (k, 3) of the network alone, and states, for finite observations."""
         motion = [np.array(observation[name], dtype=float) for name in _MOTION]
         distance = np.hypot(*motion[0].T)
@@ -232,7 +227,7 @@ class RigFeedforward(Controller):
         states = [RigState(None, Motion(*m), w, 0.0, a, said or None) for *m, w, a, said in rows]
         return limited.astype(np.float32), states
 
-    def _lengths(self, now: Motion, state: RigState) -> tuple[np.ndarray, np.ndarray | None, Any]:
+    def _lengths(self, now: Motion, state: RigState) -> tuple[ndarray, ndarray | None, Any]:
         """Lengths (3,) [m] wanted of the servos' horns, tensions (3,) [N], the model's memory."""
         then = self._then(now, state)
         if self._model is None:
@@ -249,19 +244,19 @@ class RigFeedforward(Controller):
         before = None if state.now is None else state.now.acceleration
         return now.ahead(self._lead, before, self._period)
 
-    def _statics(self, place: np.ndarray) -> np.ndarray:
+    def _statics(self, place: ndarray) -> ndarray:
         """Lengths (3,) [m] that hold the output at (2,) [m], or as far that way as was trained."""
         distance = np.hypot(*place)
         return self._network(place * min(1.0, (self._farthest) / max(distance, WORKSPACE)))
 
-    def _driven(self, wanted: np.ndarray, before: np.ndarray | None) -> np.ndarray:
+    def _driven(self, wanted: ndarray, before: ndarray | None) -> ndarray:
         """Commands (3,) [m] with which the horns are on average where they should be."""
         if self._backlash is None or before is None:
             return wanted
         rate = (wanted - before) / self._period
         return wanted + ahead_of(rate, self._period, SERVO_SPEED, self._backlash)
 
-    def _doubt(self, now: Motion, tension: np.ndarray | None, change: np.ndarray) -> str | None:
+    def _doubt(self, now: Motion, tension: ndarray | None, change: ndarray) -> str | None:
         """Why the rig will not do as wanted although the action (3,) is within its limits, or None.
 
         Args:
@@ -277,14 +272,14 @@ class RigFeedforward(Controller):
         return _SLOW if max(map(abs, change.tolist())) > self._reach else None
 
 
-def _finite(lengths: np.ndarray) -> np.ndarray:
+def _finite(lengths: ndarray) -> ndarray:
     """The lengths (3,) [m]; InversionError if the model's equations had no solution."""
     if not np.isfinite(lengths).all():
         raise InversionError("the model has no finite lengths for the reference", 0.0)
     return lengths
 
 
-def _keep(observation: Observation, state: RigState, status: str) -> tuple[np.ndarray, RigState]:
+def _keep(observation: Observation, state: RigState, status: str) -> tuple[ndarray, RigState]:
     """The action in force, and a state that begins anew but for the feedback."""
     before = observation["previous_action"]
     if not np.isfinite(before).all():

@@ -8,6 +8,7 @@ the loosest.
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.control.feedforward.motion import Motion
 from softrobot_env.identification.visits import TOTAL
@@ -39,9 +40,9 @@ class Pull(NamedTuple):
             would slacken, and the motion wanted cannot be had with this sum of tensions.
     """
 
-    total: np.ndarray
-    dynamic: np.ndarray
-    tension: np.ndarray
+    total: ndarray
+    dynamic: ndarray
+    tension: ndarray
 
 
 class OnePiece:
@@ -83,7 +84,7 @@ class _Past(NamedTuple):
     """
 
     progress: Progress
-    rest: np.ndarray
+    rest: ndarray
     now: Motion
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.core.records import NotNegative, Positive, check_fields
@@ -103,7 +104,7 @@ def read_identified(robot: RobotParams, path: str | Path | None = None) -> Ident
     return IdentifiedParameters.load(robot, path)
 
 
-def describe_rig(robot: RobotParams) -> dict[str, np.ndarray]:
+def describe_rig(robot: RobotParams) -> dict[str, ndarray]:
     """What the statics of a rig depend on, by name; without friction, a matter of the rig as built.
 
     Of a robot without a head, which has no such statics, the head is empty.
@@ -213,9 +214,7 @@ def parameters_of(found: Identification, twin: int | None = None) -> IdentifiedP
     )
 
 
-def nominal_lengths(
-    robot: RobotParams, points: np.ndarray, total: float | None = None
-) -> np.ndarray:
+def nominal_lengths(robot: RobotParams, points: ndarray, total: float | None = None) -> ndarray:
     """Lengths (n, 3) [m] that hold the output of a rig at points (n, 2) [m].
 
     Args:

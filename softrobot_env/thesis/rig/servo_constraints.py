@@ -11,6 +11,7 @@ held inputs: give it those for the middle of the period.
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
 from softrobot_env.robots import RobotParams
@@ -67,14 +68,14 @@ class Inverse(NamedTuple):
             quasi-static controller lacks.
     """
 
-    y: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    reduced: np.ndarray
-    static: np.ndarray
-    tension: np.ndarray
-    pulled: np.ndarray
-    dynamic: np.ndarray
+    y: ndarray
+    v: ndarray
+    a: ndarray
+    reduced: ndarray
+    static: ndarray
+    tension: ndarray
+    pulled: ndarray
+    dynamic: ndarray
 
 
 class ServoConstraints:
@@ -94,7 +95,7 @@ class ServoConstraints:
         limit, self.reach = reach(piece)
         self.data = reference(Servo(piece, limit, self.reach, self.tendons.lever))
 
-    def plan(self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Inverse:
+    def plan(self, position: ndarray, velocity: ndarray, acceleration: ndarray) -> Inverse:
         """The inverse along a trajectory.
 
         Args:
@@ -119,13 +120,13 @@ class ServoConstraints:
         dynamic = (tension - self.tendons.tension(static)) / self.tendons.stiffness
         return Inverse(*motion, tension, pulled, dynamic)
 
-    def curvature(self, y: np.ndarray) -> np.ndarray:
+    def curvature(self, y: ndarray) -> ndarray:
         """Curvatures (..., 2) [1/m] towards x and y of coordinates (..., 2) [rad]."""
         return np.stack([y[..., 1], -y[..., 0]], axis=-1) / self.robot.length
 
     def motion(
-        self, z: np.ndarray, dz: np.ndarray, ddz: np.ndarray, guess: np.ndarray | None = None
-    ) -> np.ndarray:
+        self, z: ndarray, dz: ndarray, ddz: ndarray, guess: ndarray | None = None
+    ) -> ndarray:
         """Of `Inverse` the first five fields alone (5, n, 2); arguments and errors as `plan`.
 
         Not checked are the arguments' shapes. Newton's iteration starts from a guess (2,) [rad] of
@@ -148,7 +149,7 @@ class ServoConstraints:
 
 
 @kernel
-def _solve(servo: Servo, z: np.ndarray, dz: np.ndarray, ddz: np.ndarray, motion: np.ndarray) -> int:
+def _solve(servo: Servo, z: ndarray, dz: ndarray, ddz: ndarray, motion: ndarray) -> int:
     """Set motion (5, n, 2), the first five fields of `Inverse`; number of references done.
 
     motion[0, 0] is the guess of the first coordinates, each reference that of the next.
@@ -171,6 +172,6 @@ def _solve(servo: Servo, z: np.ndarray, dz: np.ndarray, ddz: np.ndarray, motion:
 
 
 @kernel
-def _reduce(servo: Servo, force: np.ndarray, out: np.ndarray) -> None:
+def _reduce(servo: Servo, force: ndarray, out: ndarray) -> None:
     """Set out (2,) [N] to the reduced input that exerts a force (2,) [N m] on (mu, nu)."""
     out[0], out[1] = force[1] / servo.lever, -force[0] / servo.lever

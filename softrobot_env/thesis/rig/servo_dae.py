@@ -11,6 +11,7 @@ The last term, Baumgarte's, keeps the output from drifting away from z_des.
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams import mechanics
 from softrobot_env.beams.numerics.compilation import kernel, structure
@@ -38,11 +39,11 @@ class FlexibleRig(NamedTuple):
     model: PccData
     probe: PccData
     height: float
-    inputs: np.ndarray
+    inputs: ndarray
 
 
 @kernel
-def place_output(rig: FlexibleRig, q: np.ndarray, out: np.ndarray) -> None:
+def place_output(rig: FlexibleRig, q: ndarray, out: ndarray) -> None:
     """Set out (2,) [m] to the place of the output beside the axis; real or complex."""
     p = np.empty((3, 3), q.dtype)
     mechanics.locate(rig.probe, q, p)
@@ -53,7 +54,7 @@ def place_output(rig: FlexibleRig, q: np.ndarray, out: np.ndarray) -> None:
 
 
 @kernel
-def output_matrix(rig: FlexibleRig, q: np.ndarray, out: np.ndarray) -> None:
+def output_matrix(rig: FlexibleRig, q: ndarray, out: ndarray) -> None:
     """Set out (2, n) to the derivative of the output."""
     moved, z = q.astype(np.complex128), np.empty(2, np.complex128)
     for j in range(len(q)):
@@ -66,11 +67,11 @@ def output_matrix(rig: FlexibleRig, q: np.ndarray, out: np.ndarray) -> None:
 @kernel
 def _residual(
     rig: FlexibleRig,
-    q: np.ndarray,
-    v: np.ndarray,
-    a: np.ndarray,
-    reduced: np.ndarray,
-    out: np.ndarray,
+    q: ndarray,
+    v: ndarray,
+    a: ndarray,
+    reduced: ndarray,
+    out: ndarray,
 ) -> None:
     """Set out (n,) to the force missing from balance."""
     mechanics.internal_residual(rig.model, q, v, a, out)
@@ -81,14 +82,14 @@ def _residual(
 @kernel
 def _newton_matrix(
     rig: FlexibleRig,
-    q: np.ndarray,
-    v: np.ndarray,
-    a: np.ndarray,
+    q: ndarray,
+    v: ndarray,
+    a: ndarray,
     by_q: float,
     by_v: float,
     by_a: float,
     constraint: float,
-    out: np.ndarray,
+    out: ndarray,
 ) -> None:
     """Set out (n + 2, n + 2): derivatives of balance and constraint by a coordinate and F_red.
 
@@ -115,7 +116,7 @@ def _newton_matrix(
 
 
 @kernel
-def _inverse(matrix: np.ndarray) -> np.ndarray:
+def _inverse(matrix: ndarray) -> ndarray:
     """Inverse of a matrix; NaN, which no test of a size lets pass, if there is none."""
     if np.all(np.isfinite(matrix)):
         try:
@@ -126,7 +127,7 @@ def _inverse(matrix: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def hold(rig: FlexibleRig, z: np.ndarray, q: np.ndarray, reduced: np.ndarray) -> bool:
+def hold(rig: FlexibleRig, z: ndarray, q: ndarray, reduced: ndarray) -> bool:
     """Replace q (n,) and reduced (2,) by those that hold the output at z (2,); whether found."""
     n, length = len(q), rig.model.length.sum()
     zero, missing = np.zeros(n), np.empty(n + 2)
@@ -152,13 +153,13 @@ def _solve_step(
     rig: FlexibleRig,
     share: float,
     gain: float,
-    base_q: np.ndarray,
-    base_v: np.ndarray,
-    z: np.ndarray,
-    dz: np.ndarray,
-    q: np.ndarray,
-    v: np.ndarray,
-    reduced: np.ndarray,
+    base_q: ndarray,
+    base_v: ndarray,
+    z: ndarray,
+    dz: ndarray,
+    q: ndarray,
+    v: ndarray,
+    reduced: ndarray,
 ) -> bool:
     """Solve the DAE with q = base_q + share q' and v = base_v + share v'; whether that worked.
 
@@ -204,11 +205,11 @@ def advance(
     h: float,
     gain: float,
     first: bool,
-    z: np.ndarray,
-    dz: np.ndarray,
-    q: np.ndarray,
-    v: np.ndarray,
-    reduced: np.ndarray,
+    z: ndarray,
+    dz: ndarray,
+    q: ndarray,
+    v: ndarray,
+    reduced: ndarray,
 ) -> bool:
     """One step of the two-step BDF method, the first by the implicit Euler method.
 

@@ -10,6 +10,7 @@ internal motions, growing ones as well, and so treat them as quasi-static.
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.model import IntegrationError
 from softrobot_env.beams.numerics.compilation import reference
@@ -37,9 +38,9 @@ class Progress(NamedTuple):
         steps: Steps taken.
     """
 
-    q: np.ndarray
-    v: np.ndarray
-    reduced: np.ndarray
+    q: ndarray
+    v: ndarray
+    reduced: ndarray
     steps: int
 
 
@@ -87,7 +88,7 @@ class FlexibleServoConstraints:
             )
         )
 
-    def statics(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def statics(self, position: ndarray) -> tuple[ndarray, ndarray]:
         """Curvatures (n,) [1/m] and reduced input (2,) [N] that hold the output at (2,) [m].
 
         Raises:
@@ -103,7 +104,7 @@ class FlexibleServoConstraints:
                 )
         return q, reduced
 
-    def start(self, position: np.ndarray) -> Progress:
+    def start(self, position: ndarray) -> Progress:
         """Begin step by step, at rest with the output at (2,) or (3,) [m].
 
         Raises:
@@ -117,8 +118,8 @@ class FlexibleServoConstraints:
         self,
         progress: Progress,
         period: float,
-        position: np.ndarray,
-        velocity: np.ndarray,
+        position: ndarray,
+        velocity: ndarray,
         stabilisation: float = STABILISATION,
     ) -> Progress:
         """Go on by a period [s], the same in all steps, for real time.

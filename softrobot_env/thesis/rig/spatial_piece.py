@@ -26,6 +26,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
 from softrobot_env.beams.pcc.constant_strain import stumpff
@@ -64,9 +65,9 @@ class RigPiece(NamedTuple):
     height: float
     stiffness: float
     damping: float
-    gravity: np.ndarray
-    bodies: np.ndarray
-    inputs: np.ndarray
+    gravity: ndarray
+    bodies: ndarray
+    inputs: ndarray
 
 
 def make_rig_piece(robot: RobotParams, inertia: str | Sequence[Station] = SUBPIECES) -> RigPiece:
@@ -103,7 +104,7 @@ def make_rig_piece(robot: RobotParams, inertia: str | Sequence[Station] = SUBPIE
     )
 
 
-def _bodies(robot: RobotParams, inertia: str | Sequence[Station]) -> np.ndarray:
+def _bodies(robot: RobotParams, inertia: str | Sequence[Station]) -> ndarray:
     """Field `bodies` of `RigPiece`."""
     if not isinstance(inertia, str):
         check_stations(robot, inertia)

@@ -4,6 +4,7 @@ Thesis sec. 3.1.2 with the audit's corrections of (3.3) to (3.5) and (5.19) to (
 """
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.robots.parameters import RobotParams, Tendon
 
@@ -37,11 +38,11 @@ class ThreeTendons:
         self.pretension = np.array([t.pretension for t in tendons])
         self.stiffness = np.array([t.stiffness for t in tendons])
 
-    def reduced(self, tension: np.ndarray) -> np.ndarray:
+    def reduced(self, tension: ndarray) -> ndarray:
         """Reduced inputs (..., 2) [N] of tensions (..., 3) [N]."""
         return np.asarray(tension) @ self.phi.T
 
-    def tension(self, reduced: np.ndarray, total: float | None = None) -> np.ndarray:
+    def tension(self, reduced: ndarray, total: float | None = None) -> ndarray:
         """Tensions (..., 3) [N] that give reduced inputs (..., 2) [N].
 
         The tensions of least norm, shifted along `null`: F = F~ - min F~ + F_pre for tendons at
@@ -69,7 +70,7 @@ class ThreeTendons:
             )
         return tension
 
-    def with_total(self, reduced: np.ndarray, total: float) -> np.ndarray:
+    def with_total(self, reduced: ndarray, total: float) -> ndarray:
         """Tensions (..., 3) [N] of a given sum [N], also where it leaves one little or none.
 
         Linear in the reduced input (..., 2) [N], hence without the kinks of the least tensions.
@@ -78,7 +79,7 @@ class ThreeTendons:
         shift = (total - least.sum(axis=-1)) / self.null.sum()
         return least + shift[..., None] * self.null
 
-    def pulled(self, tension: np.ndarray, curvature: np.ndarray) -> np.ndarray:
+    def pulled(self, tension: ndarray, curvature: ndarray) -> ndarray:
         """Lengths pulled in (..., 3) [m]: s = s_geo + (F - F_pre) / c, audit of (5.35).
 
         Args:
@@ -88,7 +89,7 @@ class ThreeTendons:
         stretch = (np.asarray(tension) - self.pretension) / self.stiffness
         return self.geometric(curvature) + stretch
 
-    def geometric(self, curvature: np.ndarray) -> np.ndarray:
+    def geometric(self, curvature: ndarray) -> ndarray:
         """s_geo (..., 3) [m]: how much shorter the channels are than in the straight robot."""
         return np.asarray(curvature) @ self.arc.T
 
@@ -110,7 +111,7 @@ def is_rig(robot: RobotParams) -> bool:
     return robot.head is not None and robot.is_symmetric
 
 
-def mean_curvature(q: np.ndarray) -> np.ndarray:
+def mean_curvature(q: ndarray) -> ndarray:
     """Mean (..., 2) [1/m] towards x and y over equal pieces, of their curvatures (..., n)."""
     return q.reshape(*q.shape[:-1], -1, 2).mean(axis=-2)
 
@@ -124,7 +125,7 @@ def _check(robot: RobotParams, tendons: tuple[Tendon, ...]) -> None:
         )
 
 
-def _cancelling(robot: RobotParams, phi: np.ndarray) -> np.ndarray:
+def _cancelling(robot: RobotParams, phi: ndarray) -> ndarray:
     """Tensions (3,), 1 on average, that phi (2, 3) maps to zero."""
     null = np.cross(phi[0], phi[1])
     size = np.max(np.abs(null))

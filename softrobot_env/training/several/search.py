@@ -156,9 +156,7 @@ def tune_on(workers: Workers | None) -> Iterator[Any]:
     """
     workers = workers or Workers()
     with connected(
-        workers.ray or "local",
-        dict.fromkeys(THREADS, "1"),
-        None if workers.ray else workers.count,
+        workers.ray or "local", dict.fromkeys(THREADS, "1"), None if workers.ray else workers.count
     ):
         try:
             from ray import tune
