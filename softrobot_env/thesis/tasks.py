@@ -5,23 +5,9 @@ from math import pi
 import numpy as np
 
 from softrobot_env.robots import RobotParams
+from softrobot_env.tasks import smooth_paths, trajectories
 from softrobot_env.tasks.registry import with_option
-from softrobot_env.tasks.smooth_paths import (
-    FourierPath,
-    SmoothRun,
-    circle,
-    figure_eight,
-    random_path,
-)
 from softrobot_env.tasks.spec import Maker, Task, whole
-from softrobot_env.tasks.trajectories import (
-    CurveSweep,
-    EqualForceCurve,
-    Polyline,
-    SetPoints,
-    Step,
-    Trajectory,
-)
 from softrobot_env.thesis.robots import ARM, RIG, WORKSPACE
 from softrobot_env.thesis.trajectories import LapCircle, RoundedTriangle
 
@@ -41,22 +27,26 @@ def equal_input(robot: RobotParams, a: float) -> tuple[float, ...]:
 
 def _step(step_width: float = 0.05) -> Task:
     step_width = float(step_width)
-    curve = EqualForceCurve(ARM.length)
+    curve = trajectories.EqualForceCurve(ARM.length)
     target = curve.parameter_at_distance(_STEP_START, step_width)
-    trajectory = Step(
+    trajectory = trajectories.Step(
         start=tuple(curve.derivative(_STEP_START, 0)), target=tuple(curve.derivative(target, 0))
     )
     return Task("step", ARM, trajectory, 5.0, equal_input(ARM, _STEP_START))
 
 
 def _swing() -> Task:
-    sweep = CurveSweep(EqualForceCurve(ARM.length), half_length=0.5, speed=0.1)
+    sweep = trajectories.CurveSweep(
+        trajectories.EqualForceCurve(ARM.length), half_length=0.5, speed=0.1
+    )
     return Task("swing", ARM, sweep, 15.0, equal_input(ARM, sweep.start_parameter))
 
 
 def _lshape() -> Task:
     corners = ((0.24, 0.0, 0.42), (0.24, 0.0, 0.30), (0.35, 0.0, 0.30))
-    return Task("lshape", ARM, Polyline(corners, (0.0, 5.0, 10.0)), 15.0, _LSHAPE_START)
+    return Task(
+        "lshape", ARM, trajectories.Polyline(corners, (0.0, 5.0, 10.0)), 15.0, _LSHAPE_START
+    )
 
 
 #: Start of the unseen tasks, in the middle of the arm's workspace on one side, unit vectors along
@@ -73,8 +63,8 @@ def _scaled(direction: tuple[float, float, float], size: float) -> tuple[float, 
     return tuple(size * part for part in direction)
 
 
-def _unseen(name: str, curve: FourierPath, speed: float) -> Task:
-    run = SmoothRun(curve, float(speed), _LAPS)
+def _unseen(name: str, curve: smooth_paths.FourierPath, speed: float) -> Task:
+    run = smooth_paths.SmoothRun(curve, float(speed), _LAPS)
     side = 1.0 if curve.start[0] > 0 else -1.0
     held = tuple(side * force for force in _UNSEEN_START)
     return Task(name, ARM, run, run.end_time + _REST, held)
@@ -83,19 +73,19 @@ def _unseen(name: str, curve: FourierPath, speed: float) -> Task:
 def _circle(speed: float = 0.1) -> Task:
     """A circle of radius 40 mm."""
     centre = tuple(a + b for a, b in zip(_START, _scaled(_ALONG, 0.04), strict=True))
-    return _unseen("circle", circle(_START, centre), speed)
+    return _unseen("circle", smooth_paths.circle(_START, centre), speed)
 
 
 def _figure_eight(speed: float = 0.1) -> Task:
     """A figure eight of 200 by 60 mm."""
-    curve = figure_eight(_START, _scaled(_ALONG, 0.1), _scaled(_ACROSS, 0.03))
+    curve = smooth_paths.figure_eight(_START, _scaled(_ALONG, 0.1), _scaled(_ACROSS, 0.03))
     return _unseen("figure_eight", curve, speed)
 
 
 def _random(speed: float = 0.1, seed: int = 0) -> Task:
     """A smooth random path in an ellipse of 240 by 60 mm, at -x for odd seeds."""
     seed = whole(seed)
-    curve = random_path(seed, _START, _scaled(_ALONG, 0.12), _scaled(_ACROSS, 0.03))
+    curve = smooth_paths.random_path(seed, _START, _scaled(_ALONG, 0.12), _scaled(_ACROSS, 0.03))
     return _unseen("random", curve.mirrored() if seed % 2 else curve, speed)
 
 
@@ -119,7 +109,7 @@ STEP_WIDTHS = (0.05, 0.1, 0.2)
 _POINTS = 10
 
 
-def _rig_task(name: str, trajectory: Trajectory, duration: float) -> Task:
+def _rig_task(name: str, trajectory: trajectories.Trajectory, duration: float) -> Task:
     return Task(name, RIG, trajectory, duration, (0.0, 0.0, 0.0), axes="xy")
 
 
@@ -142,7 +132,7 @@ def _reach(seed: int = 0, radius: float = WORKSPACE, hold: float = 3.0) -> Task:
     distance, turn = np.random.default_rng(whole(seed)).uniform(size=(2, _POINTS))
     z = radius * np.sqrt(distance) * np.exp(2j * pi * turn)
     points = tuple((float(x.real), float(x.imag), 0.0) for x in z)
-    return _rig_task("reach", SetPoints(points, float(hold)), _POINTS * float(hold))
+    return _rig_task("reach", trajectories.SetPoints(points, float(hold)), _POINTS * float(hold))
 
 
 def _check_radius(radius: float) -> None:

@@ -14,12 +14,7 @@ from softrobot_env.control.learned.neural import View, view_in
 from softrobot_env.core.vector_reading import reading_in
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.evaluation.metrics import (
-    StepMetrics,
-    TrackingMetrics,
-    step_metrics,
-    tracking_metrics,
-)
+from softrobot_env.evaluation import metrics
 from softrobot_env.evaluation.runner import Case, Outcome, run
 from softrobot_env.learned.network import Network, Scaling, check_ends, load_for
 from softrobot_env.robots import RobotParams, default_robot
@@ -30,7 +25,7 @@ from softrobot_env.training.request import Metrics, Quantity
 
 
 @dataclass(frozen=True)
-class CheckRow(TrackingMetrics):
+class CheckRow(metrics.TrackingMetrics):
     """An episode of a check, with errors up to a failure.
 
     Attributes:
@@ -41,7 +36,7 @@ class CheckRow(TrackingMetrics):
 
     reward: float
     failure: str | None
-    step: StepMetrics | None
+    step: metrics.StepMetrics | None
 
 
 #: By the label of the episode, for instance "step 50 mm, youngs_modulus 0.5".
@@ -80,8 +75,8 @@ def check(
 def _row(outcome: Outcome) -> CheckRow:
     rollout, step = outcome.rollout, None
     if outcome.case.task.step_width is not None:
-        step = step_metrics(rollout.time, rollout.tip, rollout.reference[-1])
-    errors, reward = tracking_metrics(rollout), float(np.mean(rollout.reward[1:]))
+        step = metrics.step_metrics(rollout.time, rollout.tip, rollout.reference[-1])
+    errors, reward = metrics.tracking_metrics(rollout), float(np.mean(rollout.reward[1:]))
     return CheckRow(**vars(errors), reward=reward, failure=rollout.failure, step=step)
 
 

@@ -6,14 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.control.base import (
-    NOT_COMPUTED,
-    NOT_FINITE,
-    SATURATED,
-    UNREACHABLE,
-    Controller,
-    Memory,
-)
+from softrobot_env.control import base
 from softrobot_env.control.limits import kept
 from softrobot_env.control.linear_quadratic import BoundedSolver, lines
 from softrobot_env.control.reduced.environment import ARTIFACT, SAMPLES, preview_times
@@ -103,10 +96,10 @@ class _Past(NamedTuple):
     nodes: ndarray
     code: int
 
-    status = Memory.status
+    status = base.Memory.status
 
 
-class ReducedPlanner(Controller):
+class ReducedPlanner(base.Controller):
     """Plans actions on the learned model so that the tip follows its reference."""
 
     requires = ("tip_position", "reference", "reference_preview", "previous_action")
@@ -194,7 +187,7 @@ class ReducedPlanner(Controller):
             [tip, before, observation["reference"], observation["reference_preview"]]
         )
         if not (np.abs(seen) < _ABSURD).all():
-            code = NOT_COMPUTED if np.isfinite(seen).all() else NOT_FINITE
+            code = base.NOT_COMPUTED if np.isfinite(seen).all() else base.NOT_FINITE
             return kept(before), state._replace(code=code)
         told = np.vstack([state.told[1:], model.reduced_inputs(before)])
         tips = np.vstack([tip, state.tips[:-1]])
@@ -223,15 +216,15 @@ class ReducedPlanner(Controller):
         if step is None:
             return kept(before), state._replace(
                 tips=tips, told=told, x=model.encode(tips.ravel()),
-                disturbance=np.zeros_like(disturbance), code=NOT_COMPUTED,
+                disturbance=np.zeros_like(disturbance), code=base.NOT_COMPUTED,
             )  # fmt: skip
         nodes = nodes + step
         wanted_action = model.rest + aside + model.basis @ nodes[0]
         action = self._within(wanted_action, before)
         if np.linalg.norm(reference - model.origin, axis=1).max() > learned.farthest:
-            code = UNREACHABLE
+            code = base.UNREACHABLE
         elif np.abs(action - wanted_action).max() > 1e-6 or self._at_limit(action, before):
-            code = SATURATED
+            code = base.SATURATED
         return action, _Past(tips, told, x, disturbance, covariance, nodes, code)
 
     def _step(

@@ -9,12 +9,7 @@ from scipy.optimize import nnls
 
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
 from softrobot_env.control.base import Controller, hold_for, usable
-from softrobot_env.control.scheduled.operating_points import (
-    Equilibrium,
-    OperatingPoints,
-    find_points,
-    row_of,
-)
+from softrobot_env.control.scheduled import operating_points
 from softrobot_env.control.scheduled.table import Table, row_size
 from softrobot_env.control.scheduled.timing import Timing, timing_of
 from softrobot_env.core.artifacts import Arrays
@@ -32,7 +27,7 @@ _AT_ONCE = 0.3
 _OPPOSED = 1e-6
 
 #: Gains of a law at an operating point: function of the point, the directions and the times.
-Design = Callable[[Equilibrium, ndarray, Timing], ndarray]
+Design = Callable[[operating_points.Equilibrium, ndarray, Timing], ndarray]
 
 
 @structure
@@ -245,7 +240,7 @@ def is_planar(table: Table) -> bool:
 def build_table(
     robot: RobotParams,
     design: Design,
-    points: OperatingPoints | None = None,
+    points: operating_points.OperatingPoints | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Any:
     """Reference to the table of a robot with the gains of a law.
@@ -260,10 +255,10 @@ def build_table(
         ValueError, EquilibriumError: As `find_points`.
     """
     timing = timing_of(robot)
-    points = find_points(robot, progress=progress) if points is None else points
+    points = operating_points.find_points(robot, progress=progress) if points is None else points
     rows = []
     for done, point in enumerate(points.points):
-        rows.append(row_of(point, design(point, points.directions, timing)))
+        rows.append(operating_points.row_of(point, design(point, points.directions, timing)))
         progress(done + 1, len(points.points))
     first = points.points[0]
     lever = np.zeros((len(first.action), len(first.curvature)))

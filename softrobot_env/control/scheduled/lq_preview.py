@@ -16,15 +16,7 @@ from numpy import ndarray
 from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.control.base import NOT_FINITE, Memory
 from softrobot_env.control.limits import kept
-from softrobot_env.control.scheduled.aiming import (
-    AimingLaw,
-    Seen,
-    aimed,
-    conclude,
-    forget_balance,
-    planned,
-    seen_well,
-)
+from softrobot_env.control.scheduled import aiming
 from softrobot_env.control.scheduled.law import Law, tighten
 from softrobot_env.control.scheduled.operating_points import Equilibrium
 from softrobot_env.control.scheduled.plan_gains import Regulator, plan_gains, regulator_of
@@ -33,7 +25,7 @@ from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import RobotParams
 
 
-class LQPreview(AimingLaw):
+class LQPreview(aiming.AimingLaw):
     """a = a_OP + da_OP - K (x - x_OP, a- - a_OP) + sum_i G_i (r_i - r_0 - t_i r.).
 
     x_OP and a_OP hold the tip at the present reference r_0 and move with it at its velocity r.;
@@ -86,15 +78,15 @@ def _act(
     previous: ndarray,
 ) -> tuple[ndarray, ndarray, int]:
     """Action (m,), next memory and code; arrays one by one are quicker to call with."""
-    seen = Seen(curvature, rate, tip, target, preview, previous)
+    seen = aiming.Seen(curvature, rate, tip, target, preview, previous)
     memory = memory.copy()
-    if not seen_well(seen):
-        forget_balance(law, memory)
+    if not aiming.seen_well(seen):
+        aiming.forget_balance(law, memory)
         return kept(seen.previous), memory, NOT_FINITE
-    aim = aimed(law.table, law, adaptive, memory, seen)
-    wanted = planned(law, aim)[0]
+    aim = aiming.aimed(law.table, law, adaptive, memory, seen)
+    wanted = aiming.planned(law, aim)[0]
     tighten(law, seen.curvature, wanted)
-    return conclude(law, wanted, seen.previous, aim.status_code, memory)
+    return aiming.conclude(law, wanted, seen.previous, aim.status_code, memory)
 
 
 class Preview:

@@ -16,16 +16,7 @@ from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.control.base import NOT_COMPUTED, NOT_FINITE, SATURATED, Memory
 from softrobot_env.control.limits import kept
 from softrobot_env.control.linear_quadratic import BoundedSolver
-from softrobot_env.control.scheduled.aiming import (
-    AimingLaw,
-    Seen,
-    TrackingTarget,
-    aimed,
-    conclude,
-    forget_balance,
-    planned,
-    seen_well,
-)
+from softrobot_env.control.scheduled import aiming
 from softrobot_env.control.scheduled.law import Law, tighten
 from softrobot_env.control.scheduled.lq_preview import Preview
 from softrobot_env.control.scheduled.plan_gains import Regulator, deviation_cost
@@ -119,7 +110,7 @@ class Program(NamedTuple):
     status_code: int
 
 
-class ScheduledMPC(AimingLaw):
+class ScheduledMPC(aiming.AimingLaw):
     """Plans actions over a horizon, within the limits of the drives, and applies the first."""
 
     def __init__(
@@ -167,17 +158,19 @@ class ScheduledMPC(AimingLaw):
         """The first of the best actions; the last one is kept where they could not be found."""
         *shown, previous = self._seen(observation)
         none = [shown[0][:0]] if len(self._law.times) == 1 else []  # no preview
-        seen = Seen(*shown, *none, previous)
+        seen = aiming.Seen(*shown, *none, previous)
         memory = state.values.copy()
-        if not seen_well(seen):
-            forget_balance(self._law, memory)
+        if not aiming.seen_well(seen):
+            aiming.forget_balance(self._law, memory)
             return kept(previous), Memory(memory, NOT_FINITE)
         program = _program(self._law, self._adaptive, memory, seen)
         best = program.wanted if program.fine else self._optimum(program)
         if best is None:
             return kept(previous), Memory(state.values, NOT_COMPUTED)
         m = self._law.table.m
-        action, memory, code = conclude(self._law, best[:m], previous, program.status_code, memory)
+        action, memory, code = aiming.conclude(
+            self._law, best[:m], previous, program.status_code, memory
+        )
         missed = np.abs(best[:m] - program.wanted[:m]).max() > _AT_BOUND
         return action, Memory(memory, SATURATED if missed else code)
 
@@ -202,10 +195,10 @@ def _speed_rows(law: Law) -> tuple[ndarray, ndarray]:
 
 
 @kernel
-def _program(law: Law, adaptive: bool, memory: ndarray, seen: Seen) -> Program:
+def _program(law: Law, adaptive: bool, memory: ndarray, seen: aiming.Seen) -> Program:
     """What is to be optimised; the memory is updated."""
-    aim = aimed(law.table, law, adaptive, memory, seen)
-    plan = planned(law, aim)
+    aim = aiming.aimed(law.table, law, adaptive, memory, seen)
+    plan = aiming.planned(law, aim)
     count, m = plan.shape
     for c in range(count):
         tighten(law, seen.curvature + _bent_by(law, aim, law.nodes[c] - law.period), plan[c])
@@ -243,7 +236,7 @@ def _bound_first(
 
 
 @kernel
-def _bent_by(law: Law, aim: TrackingTarget, time: float) -> ndarray:
+def _bent_by(law: Law, aim: aiming.TrackingTarget, time: float) -> ndarray:
     """(n,) [1/m], how much the curvatures change with the reference until a time [s]."""
     way = time * aim.velocity
     for k in range(1, len(law.times)):

@@ -27,14 +27,7 @@ from softrobot_env.envs.observations.table import (
 from softrobot_env.envs.simulation.batch import Batch
 from softrobot_env.robots.parameters import Gripper
 from softrobot_env.robots.sensors import Sensor
-from softrobot_env.scene.assembly import (
-    FELT,
-    Part,
-    Resolution,
-    build_assembly,
-    felt_by,
-    gripper_scene,
-)
+from softrobot_env.scene import assembly
 from softrobot_env.scene.chain import mean_curvature, station_strain
 from softrobot_env.scene.contacts import links_of
 from softrobot_env.scene.objects import Capsule
@@ -82,7 +75,7 @@ class GripperBatch(Batch):
         gripper: Gripper,
         task: GripTask,
         config: EnvConfig,
-        fineness: Resolution,
+        fineness: assembly.Resolution,
         felt_along: bool = False,
     ) -> None:
         """Build the simulations.
@@ -95,7 +88,7 @@ class GripperBatch(Batch):
         """
         self.gripper, self.task = gripper, task
         nominal = bar(gripper, task, float(np.mean(task.diameter)))
-        scene = gripper_scene(
+        scene = assembly.gripper_scene(
             gripper,
             (nominal,),
             contacts=fineness.contacts,
@@ -104,12 +97,12 @@ class GripperBatch(Batch):
             timestep=config.timestep,
             felt_along=felt_along,
         )
-        built = build_assembly(scene)
+        built = assembly.build_assembly(scene)
         if config.timestep is None and fineness.longer > 1:
             longer = fineness.longer * built.timestep.timestep
             with warnings.catch_warnings():  # of what was asked for
                 warnings.simplefilter("ignore", TimestepWarning)
-                built = build_assembly(scene.with_timestep(longer))
+                built = assembly.build_assembly(scene.with_timestep(longer))
         super().__init__(built, config.num_envs, config.threads)
         model, expand = built.model, self._batch.expand
         self._body, self._geom = model.body(BAR).id, model.geom(f"{BAR}_shape").id
@@ -133,7 +126,7 @@ class GripperBatch(Batch):
             row[:, part.q] = own
             rows.append(row)
         self.bends = np.concatenate(rows).T
-        places = [scene.model.sensor(f"{name}/{FELT}").adr[0] for name in scene.parts]
+        places = [scene.model.sensor(f"{name}/{assembly.FELT}").adr[0] for name in scene.parts]
         self._felt = np.array(places)[:, None] + np.arange(3)
         self._links = [links_of(scene.model, part.member.prefix) for part in parts]
         self._pressed: dict[int, ndarray] = {}
@@ -155,7 +148,10 @@ class GripperBatch(Batch):
             KeyError: The scene was not built with `felt_along`.
         """
         if finger not in self._pressed:
-            first = [self.scene.model.sensor(felt_by(geom)).adr[0] for geom in self._links[finger]]
+            first = [
+                self.scene.model.sensor(assembly.felt_by(geom)).adr[0]
+                for geom in self._links[finger]
+            ]
             self._pressed[finger] = np.array(first)[:, None] + np.arange(3)
         return self.sensordata[:, self._pressed[finger]]
 
@@ -258,7 +254,7 @@ class _Finger:
     """Measurements (n, size) of one finger of n grippers, as `table.Measured` has them."""
 
     batch: GripperBatch
-    part: Part
+    part: assembly.Part
     bends: ndarray
     sensors: Callable[[], ndarray] | None
 
@@ -387,7 +383,7 @@ def _fingers(batch: GripperBatch, sensors: "FingerSensors | None") -> list[_Fing
     return out
 
 
-def _sizes(part: Part) -> Sizes:
+def _sizes(part: assembly.Part) -> Sizes:
     robot = part.scene.config.robot
     return Sizes(robot, part.scene.layout, robot.pieces, speed_limit(robot), 1, slice(0, 3, 2))
 

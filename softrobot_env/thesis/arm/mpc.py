@@ -10,16 +10,7 @@ from numpy import ndarray
 from softrobot_env.beams import planar_arm
 from softrobot_env.beams.numerics.compilation import reference
 from softrobot_env.beams.planar_arm import make_planar_arm
-from softrobot_env.control.base import (
-    NOT_FINITE,
-    REASONS,
-    SATURATED,
-    UNREACHABLE,
-    Controller,
-    hold_for,
-    state_sizes,
-    usable,
-)
+from softrobot_env.control import base
 from softrobot_env.control.linear_quadratic import BoundedSolver
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import RobotParams
@@ -193,7 +184,7 @@ class MPCState:
     status: str | None
 
 
-class MPC(Controller):
+class MPC(base.Controller):
     """Optimises the inputs over a horizon and applies the first of them.
 
     Predicts with the planar constant-curvature arm from the full state and resolves the
@@ -216,9 +207,9 @@ class MPC(Controller):
                 the settings' period.
             ImportError: The solver of the quadratic programs is not installed.
         """
-        self.hold = hold_for(settings.period, control_period, "model predictive control")
+        self.hold = base.hold_for(settings.period, control_period, "model predictive control")
         self.requires = _required(settings)
-        sizes = state_sizes(robot)
+        sizes = base.state_sizes(robot)
         self.sizes = {name: size for name, size in sizes.items() if name in self.requires}
         if settings.preview:
             self.preview = settings.times
@@ -232,7 +223,7 @@ class MPC(Controller):
 
     def start(self, observation: Observation) -> MPCState:
         """Begin from the action in force."""
-        action = usable(observation["previous_action"])
+        action = base.usable(observation["previous_action"])
         estimate = Estimate(1.0, np.zeros(self._arm.n), np.zeros(2))
         return MPCState(action, None, None, estimate, None)
 
@@ -240,7 +231,7 @@ class MPC(Controller):
         """First input of the optimum, or the last action that was determined."""
         for name in self.requires:
             if not np.all(np.isfinite(observation[name])):
-                status = f"{REASONS[NOT_FINITE]}: {name}"
+                status = f"{base.REASONS[base.NOT_FINITE]}: {name}"
                 return state.action, replace(state, plan=None, seen=None, status=status)
         seen = np.stack([observation["curvature"], observation["curvature_rate"]])
         before = self._limit * observation["previous_action"]
@@ -250,7 +241,7 @@ class MPC(Controller):
         optimum = self._optimiser.minimise(problem, *self._beginning(before, state))
         now = MPCState(state.action, None, seen, estimate, None)
         if np.hypot(*observation["reference"]) > self._reach:
-            now = replace(now, status=REASONS[UNREACHABLE])
+            now = replace(now, status=base.REASONS[base.UNREACHABLE])
         if optimum.failure is not None:
             reasons = filter(None, (now.status, f"last action kept: {optimum.failure}"))
             return now.action, replace(now, status="; ".join(reasons))
@@ -258,7 +249,7 @@ class MPC(Controller):
 
     def _apply(self, optimum: Iterate, state: MPCState) -> tuple[ndarray, MPCState]:
         action = np.clip(optimum.inputs[0] / self._limit, -1.0, 1.0)
-        status = REASONS[SATURATED] if np.any(np.abs(action) >= _FULL) else state.status
+        status = base.REASONS[base.SATURATED] if np.any(np.abs(action) >= _FULL) else state.status
         return action, replace(state, action=action, plan=optimum, status=status)
 
     def _beginning(self, before: ndarray, state: MPCState) -> tuple[ndarray, ndarray]:

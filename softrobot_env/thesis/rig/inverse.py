@@ -13,13 +13,9 @@ from numpy import ndarray
 from softrobot_env.control.feedforward.motion import Motion
 from softrobot_env.identification.visits import TOTAL
 from softrobot_env.robots import RobotParams
+from softrobot_env.thesis.rig import servo_flexible
 from softrobot_env.thesis.rig.servo_constraints import ServoConstraints
 from softrobot_env.thesis.rig.servo_dae import hold
-from softrobot_env.thesis.rig.servo_flexible import (
-    FlexibleServoConstraints,
-    InversionError,
-    Progress,
-)
 from softrobot_env.thesis.rig.three_tendons import mean_curvature
 
 #: Pieces of the model in several pieces, and the modulus over that of the chain with which they
@@ -83,7 +79,7 @@ class _Past(NamedTuple):
         now: Reference of the last step.
     """
 
-    progress: Progress
+    progress: servo_flexible.Progress
     rest: ndarray
     now: Motion
 
@@ -95,7 +91,7 @@ class SeveralPieces:
     """
 
     def __init__(self, robot: RobotParams, pieces: int = PIECES) -> None:
-        self._model = FlexibleServoConstraints(robot, pieces)
+        self._model = servo_flexible.FlexibleServoConstraints(robot, pieces)
 
     def step(
         self, memory: _Past | None, now: Motion, then: Motion, period: float
@@ -129,8 +125,8 @@ class SeveralPieces:
         return _Past(progress, np.concatenate([q, reduced]), now)
 
 
-def _unheld(there: Motion) -> InversionError:
-    return InversionError(f"the output cannot be held at {there.position} m", 0.0)
+def _unheld(there: Motion) -> servo_flexible.InversionError:
+    return servo_flexible.InversionError(f"the output cannot be held at {there.position} m", 0.0)
 
 
 def _jumped(before: Motion, now: Motion, period: float) -> bool:
