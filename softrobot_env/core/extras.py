@@ -1,12 +1,31 @@
 """What to install for the parts of this package that need more than it brings itself."""
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, requires
 
 _EXTRA = re.compile(r'(?P<requirement>[^;]+?)\s*;\s*extra\s*==\s*["\'](?P<extra>\w+)["\']')
 
 #: Where PyTorch is without the libraries of graphics cards, which take some gigabytes.
 _CPU_TORCH = "--extra-index-url https://download.pytorch.org/whl/cpu"
+
+
+@contextmanager
+def needed(what: str, *extras: str) -> Iterator[None]:
+    """Import within it what is not always there.
+
+    Args:
+        what: For people, what needs which package.
+        extras: See `install_command`.
+
+    Raises:
+        ImportError: It is missing; the message tells what to install.
+    """
+    try:
+        yield
+    except ImportError:
+        raise ImportError(f"{what}: {install_command(*extras)}") from None
 
 
 def install_command(*extras: str) -> str:

@@ -145,6 +145,15 @@ def check_fields(record: Any, what: str, but: Sequence[str] = ()) -> None:
             object.__setattr__(record, name, frozen)
 
 
+class Record:
+    """A data class that is checked as it is made; messages call it by its class and its name."""
+
+    def __post_init__(self) -> None:
+        name = vars(self).get("name")
+        what = type(self).__name__.lower()
+        check_fields(self, what if name is None else f"{what} {name!r}")
+
+
 def check_argument(name: str, value: Any, hint: Any) -> None:
     """Raise ValueError unless an argument is what a type hint says, as `check_fields` does."""
     _check(name, _frozen(value), _rule(hint))

@@ -20,15 +20,6 @@ from numpy import ndarray
 
 from softrobot_env.hardware.errors import LinkError, RefusedError, RobotError, UnansweredError
 from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.messages import (
-    PROTOCOL,
-    Decoder,
-    Hello,
-    HelloAck,
-    Message,
-    Reason,
-    encode,
-)
 from softrobot_env.hardware.protocol.session import DeviceInfo, Phase, Session, introduced
 from softrobot_env.hardware.protocol.unit_conversion import FaultInfo, Reading
 from softrobot_env.hardware.robot_file import LONGEST_RAMP, RobotFile
@@ -307,7 +298,7 @@ class ExitGuard:
         """Begin; twice is harmless."""
         self.remove()
         atexit.register(self._close_own)
-        if _in_main_thread():
+        if current_thread() is main_thread():
             self._previous = signal.getsignal(signal.SIGTERM)
             if self._previous is not None:
                 signal.signal(signal.SIGTERM, self._handle)
@@ -315,7 +306,7 @@ class ExitGuard:
     def remove(self) -> None:
         """End; the previous handler gets its signal back."""
         atexit.unregister(self._close_own)
-        if _in_main_thread() and signal.getsignal(signal.SIGTERM) == self._handle:
+        if current_thread() is main_thread() and signal.getsignal(signal.SIGTERM) == self._handle:
             signal.signal(signal.SIGTERM, self._previous)
 
     def _close_own(self) -> None:
@@ -328,16 +319,12 @@ class ExitGuard:
         signal.raise_signal(number)
 
 
-def _in_main_thread() -> bool:
-    return current_thread() is main_thread()
-
-
 _RETRY = 0.2  # s, after which a question is asked again
 _POLL = 0.05  # s, in which the listening thread notices the end
 _JOIN = 1.0  # s
 
 #: Refusals that may be over when the question is asked again: the robot still ramps.
-_PASSING = (Reason.STATE, Reason.SESSION)
+_PASSING = (m.Reason.STATE, m.Reason.SESSION)
 
 
 class Exchange:
@@ -395,7 +382,7 @@ class Exchange:
             return done()
 
     def ask(
-        self, kind: type[Message], make: Callable[[], bytes], done: Callable[[], bool], end: float
+        self, kind: type[m.Message], make: Callable[[], bytes], done: Callable[[], bool], end: float
     ) -> None:
         """Send a message, again and again, until what it asks for has happened.
 
@@ -472,13 +459,13 @@ def identify(transport: Transport, timeout: float = 2.0) -> DeviceInfo:
         LinkError: Nobody answers within `timeout` [s].
         ProtocolMismatchError: See `introduced`.
     """
-    hello, decoder = Hello(randbits(32), PROTOCOL, PROTOCOL), Decoder()
+    hello, decoder = m.Hello(randbits(32), m.PROTOCOL, m.PROTOCOL), m.Decoder()
     end = monotonic() + timeout
     while monotonic() < end:
-        transport.write(encode(hello, 0))
+        transport.write(m.encode(hello, 0))
         retry = min(end, monotonic() + _RETRY)
         while monotonic() < retry:
             for message, _ in decoder.feed(transport.read(_POLL)):
-                if isinstance(message, HelloAck) and message.nonce == hello.nonce:
+                if isinstance(message, m.HelloAck) and message.nonce == hello.nonce:
                     return introduced(message)
     raise LinkError(f"no robot has answered within {timeout:g} s")

@@ -13,7 +13,16 @@ from typing import Annotated, Any, Self, get_type_hints
 import numpy as np
 
 from softrobot_env.core.files import read_table, text, write_text
-from softrobot_env.core.records import Range, Unit, check_fields, placed, read, whole_numbers, write
+from softrobot_env.core.records import (
+    Range,
+    Record,
+    Unit,
+    check_fields,
+    placed,
+    read,
+    whole_numbers,
+    write,
+)
 from softrobot_env.hardware.protocol.messages import ADC_CHANNELS, MOST_TENDONS, Capability, Config
 from softrobot_env.robots import LENGTH_SCALE, SERVO_SPEED
 
@@ -138,14 +147,11 @@ class Supervision:
 
 
 @dataclass(frozen=True)
-class Tip:
+class Tip(Record):
     """What measures the tip: the name of a kind of source, and its options."""
 
     kind: str
     options: Mapping[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        check_fields(self, "tip")
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from time import monotonic
 from types import ModuleType
 from typing import Protocol
 
-from softrobot_env.core.extras import install_command
+from softrobot_env.core.extras import needed
 from softrobot_env.hardware.errors import LinkError
 from softrobot_env.hardware.protocol.messages import SCHEMA, Decoder, Message
 
@@ -125,10 +125,8 @@ def load_serial() -> ModuleType:
     Raises:
         ImportError: It is not installed; says how to.
     """
-    try:
+    with needed("serial ports need pyserial", "robot"):
         import serial
-    except ImportError as error:
-        raise ImportError(f"serial ports need pyserial: {install_command('robot')}") from error
     return serial
 
 

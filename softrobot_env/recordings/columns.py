@@ -4,14 +4,13 @@ import csv
 import json
 import re
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core.extras import install_command
+from softrobot_env.core.extras import needed
 from softrobot_env.core.files import atomic_write
 from softrobot_env.recordings.header import Header
 
@@ -32,7 +31,7 @@ def check_writable(path: Path | str) -> None:
     if suffix not in (".csv", ".parquet"):
         raise ValueError(f"{path}: recordings are written as .csv or .parquet")
     if suffix == ".parquet":
-        with needed("pyarrow", "Parquet files"):
+        with needed("Parquet files need pyarrow", "recordings"):
             import pyarrow  # noqa: F401
 
 
@@ -94,7 +93,7 @@ def read_parquet(path: Path) -> Columns:
         ValueError: It is none.
         ImportError: The package pyarrow is missing.
     """
-    with needed("pyarrow", "Parquet files"):
+    with needed("Parquet files need pyarrow", "recordings"):
         from pyarrow import parquet
     try:
         table = parquet.read_table(path)
@@ -109,22 +108,9 @@ def read_parquet(path: Path) -> Columns:
 
 
 def _write_parquet(columns: Columns, path: Path) -> None:
-    with needed("pyarrow", "Parquet files"):
+    with needed("Parquet files need pyarrow", "recordings"):
         from pyarrow import parquet, table
     parquet.write_table(table({name: list(column) for name, column in columns.items()}), path)
-
-
-@contextmanager
-def needed(package: str, what: str) -> Iterator[None]:
-    """Import within it what is not always there.
-
-    Raises:
-        ImportError: It is missing; the message tells what to install.
-    """
-    try:
-        yield
-    except ImportError:
-        raise ImportError(f"{what} need {package}: {install_command('recordings')}") from None
 
 
 def read_mcap(path: Path, header: Header) -> Columns:
@@ -138,7 +124,7 @@ def read_mcap(path: Path, header: Header) -> Columns:
         ValueError: No MCAP file, messages that nothing here decodes, or a topic that is missing.
         ImportError: The package mcap, or mcap_ros2 for messages of ROS 2, is missing.
     """
-    with needed("mcap", "MCAP files"):
+    with needed("MCAP files need mcap", "recordings"):
         from mcap.exceptions import McapError
         from mcap.reader import make_reader
     columns = [name for name in header.columns if "." in name]
@@ -182,7 +168,7 @@ def _decoder(schema: Any, channel: Any) -> Any:
             f"messages of {channel.topic} are {encoding!r}; what can be read is json, and cdr of "
             "ROS 2"
         )
-    with needed("mcap-ros2-support", "messages of ROS 2"):
+    with needed("messages of ROS 2 need mcap-ros2-support", "recordings"):
         from mcap_ros2.decoder import DecoderFactory
     return DecoderFactory().decoder_for(encoding, schema)
 
@@ -217,7 +203,7 @@ def read_minari(path: Path) -> Columns:
         ValueError: The folder holds no data set.
         ImportError: The package minari, or what it needs to read the set, is missing.
     """
-    with needed("minari", "Minari data sets"):
+    with needed("Minari data sets need minari", "recordings"):
         from minari import MinariDataset
     folder = path / "data" if (path / "data").is_dir() else path
     try:

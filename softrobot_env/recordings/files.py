@@ -108,9 +108,9 @@ def recording_of(columns: Columns, header: Header) -> Recording:
 
 def _runs(columns: Columns, header: Header, rows: int) -> ndarray:
     if header.runs is None:
-        return np.zeros(rows, dtype=int)
+        return np.zeros(rows, int)
     values = columns[header.runs]
-    return np.append(0, np.cumsum(values[1:] != values[:-1])) if rows else np.zeros(0, dtype=int)
+    return np.append(0, np.cumsum(values[1:] != values[:-1])) if rows else np.zeros(0, int)
 
 
 def _times(columns: Columns, header: Header, runs: ndarray) -> ndarray:

@@ -14,6 +14,7 @@ from softrobot_env.core.files import read_table, text, write_text
 from softrobot_env.core.records import (
     NotNegative,
     Positive,
+    Record,
     check_fields,
     check_unique,
     placed,
@@ -38,7 +39,7 @@ _AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
-class Time:
+class Time(Record):
     """The column of times.
 
     Attributes:
@@ -48,9 +49,6 @@ class Time:
 
     column: str
     unit: TimeUnit = "s"
-
-    def __post_init__(self) -> None:
-        check_fields(self, "time")
 
 
 @dataclass(frozen=True)
@@ -116,12 +114,12 @@ class Commands:
         """(n,) what columns are multiplied by to have SI units."""
         factors = self.factors or (1.0,) * len(self.columns)
         unit = UNITS["angle" if self._by_angle else self.kind][self.unit]
-        return unit * (self.spool_radius_m or 1.0) * np.array(factors, dtype=float)
+        return unit * (self.spool_radius_m or 1.0) * np.array(factors, float)
 
     @property
     def offset(self) -> ndarray:
         """(n,) what is added to columns after that, in SI units."""
-        return np.array(self.zeros or (0.0,) * len(self.columns), dtype=float)
+        return np.array(self.zeros or (0.0,) * len(self.columns), float)
 
 
 @dataclass(frozen=True)

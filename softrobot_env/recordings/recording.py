@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.recordings.header import Commands, Frame, Header, Marker, Time
+from softrobot_env.recordings.header import Commands, Header, Marker, Time
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import robot_inputs
 
@@ -57,7 +57,7 @@ class Recording:
     def _check_numbers(self) -> None:
         head = self.header
         order = ["xyz".index(axis[-1]) for axis in head.frame.axes]
-        needed = np.ones(self.markers.shape[1:], dtype=bool)
+        needed = np.ones(self.markers.shape[1:], bool)
         for k, marker in enumerate(head.marker):
             needed[k] = [marker.columns[i] is not None and not marker.may_be_lost for i in order]
         for name, bad in {
@@ -130,7 +130,7 @@ class Recording:
                 f"it has {', '.join(names) or 'none'}"
             )
         idle = [t.pretension if self.kind == "tension" else 0.0 for t in robot.tendons]
-        out = np.tile(np.array(idle, dtype=float), (len(self.times), 1))
+        out = np.tile(np.array(idle, float), (len(self.times), 1))
         out[:, [names.index(name) for name in known]] = self.commands
         return out
 
@@ -151,34 +151,6 @@ class Recording:
 _UNIT = {"length": "m", "tension": "N"}
 
 
-def episode_header(robot: RobotParams, axes: slice, source: str | None = None) -> Header:
-    """Header of a robot's episodes: its tendons' lengths or tensions, and its tip.
-
-    Args:
-        robot: The robot.
-        axes: Coordinates out of x, y and z that are measured.
-        source: Where the recording comes from, for people.
-    """
-    kind, names = robot.drive.kind, tuple(tendon.name for tendon in robot.tendons)
-    measured = {axis: f"tip_{axis}" for axis in "xyz"[axes]}
-    return Header(
-        commands=Commands(
-            kind,
-            tuple(f"{name}_{_UNIT[kind]}" for name in names),
-            _UNIT[kind],
-            tendons=names,
-            in_force="until",
-        ),
-        marker=(Marker(**measured),),
-        time=Time("time"),
-        runs="run",
-        label="label",
-        frame=Frame(),
-        robot=robot.name,
-        source=source,
-    )
-
-
 def episode_recording(
     robot: RobotParams,
     axes: slice,
@@ -190,7 +162,7 @@ def episode_recording(
     runs: ndarray | None = None,
     source: str | None = None,
 ) -> Recording:
-    """The recording of a robot's episodes.
+    """The recording of a robot's episodes: its tendons' lengths or tensions, and its tip.
 
     Args:
         robot: What was commanded; commands are what its drives apply for the actions.
@@ -200,21 +172,32 @@ def episode_recording(
         tips: (t, d) [m], the coordinates that were measured.
         labels: (t,) of the rows; none unless given.
         runs: (t,) number of the episode; one unless given.
-        source: See `episode_header`.
+        source: Where it comes from, for people.
 
     Raises:
         ValueError: A number is not finite, or times do not rise within an episode.
     """
-    rows = len(times)
+    rows, unit = len(times), _UNIT[robot.drive.kind]
     markers = np.full((rows, 1, 3), np.nan)
     markers[:, 0, axes] = tips
+    names = tuple(tendon.name for tendon in robot.tendons)
+    columns = tuple(f"{name}_{unit}" for name in names)
+    header = Header(
+        Commands(robot.drive.kind, columns, unit, tendons=names, in_force="until"),
+        marker=(Marker(**{axis: f"tip_{axis}" for axis in "xyz"[axes]}),),
+        time=Time("time"),
+        runs="run",
+        label="label",
+        robot=robot.name,
+        source=source,
+    )
     return Recording(
-        header=episode_header(robot, axes, source),
-        times=np.asarray(times, dtype=float),
-        commands=robot_inputs(robot).per_action().command(np.asarray(actions, dtype=float)),
+        header=header,
+        times=np.asarray(times, float),
+        commands=robot_inputs(robot).per_action().command(np.asarray(actions, float)),
         markers=markers,
-        labels=np.full(rows, "") if labels is None else np.array(labels, dtype=str),
-        runs=np.zeros(rows, dtype=int) if runs is None else runs,
+        labels=np.full(rows, "") if labels is None else np.array(labels, str),
+        runs=np.zeros(rows, int) if runs is None else runs,
     )
 
 
@@ -266,7 +249,7 @@ def summarize(recording: Recording, robot: RobotParams | None = None) -> Summary
     within = np.diff(recording.runs) == 0
     steps = np.diff(recording.times)[within]
     usual = float(np.median(steps)) if len(steps) else None
-    late = np.flatnonzero(steps > _GAP * usual) if usual else np.zeros(0, dtype=int)
+    late = np.flatnonzero(steps > _GAP * usual) if usual else np.zeros(0, int)
     return Summary(
         rows=len(recording.times),
         runs=int(recording.runs[-1]) + 1,

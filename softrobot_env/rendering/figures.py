@@ -11,7 +11,7 @@ from zlib import crc32
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core.extras import install_command
+from softrobot_env.core.extras import needed
 from softrobot_env.core.files import atomic_write
 
 if TYPE_CHECKING:
@@ -159,10 +159,8 @@ def new_figure(
     Raises:
         ImportError: matplotlib is not installed.
     """
-    try:
+    with needed("plots need matplotlib", "viz"):
         from matplotlib.figure import Figure  # not pyplot: no display, no global state
-    except ImportError as error:
-        raise ImportError(f"plots need matplotlib: {install_command('viz')}") from error
 
     figure = Figure(figsize=size, layout="constrained")
     return figure, add_panels(figure, rows, columns, share)
@@ -171,7 +169,7 @@ def new_figure(
 def add_panels(figure: Figure | SubFigure, rows: int, columns: int, share: bool = False) -> ndarray:
     """Axes (rows, columns) of a figure or a part of it, with a light grid and no box."""
     if not rows * columns:
-        return np.empty((0, 0), dtype=object)
+        return np.empty((0, 0), object)
     axes = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=share)
     for axis in axes.flat:
         style_axes(axis)

@@ -4,20 +4,17 @@ from collections.abc import Callable, Iterable, Iterator
 from itertools import chain
 from math import floor
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core.extras import install_command
+from softrobot_env.core.extras import needed
 from softrobot_env.core.files import atomic_write
 from softrobot_env.core.interfaces import Policy
 from softrobot_env.evaluation.run import play
 from softrobot_env.scene.appearance import tension_colours
-
-if TYPE_CHECKING:
-    from types import ModuleType
 
 #: File name suffixes a video can have.
 SUFFIXES = (".mp4", ".gif")
@@ -46,7 +43,9 @@ def write_video(path: str | Path, frames: Iterable[ndarray], fps: float) -> int:
     suffix = check_suffix(path)
     if not fps > 0:
         raise ValueError(f"fps must be positive, got {fps!r}")
-    imageio = _import_imageio()
+    with needed("videos need imageio[ffmpeg]", "viz"):
+        import imageio.v2 as imageio
+        import imageio_ffmpeg  # noqa: F401
     iterator = iter(frames)
     first = next(iterator, None)
     if first is None:
@@ -82,19 +81,6 @@ def _writer_options(suffix: str, fps: float) -> dict[str, Any]:
     }
 
 
-def _import_imageio() -> "ModuleType":
-    try:
-        import imageio.v2 as imageio
-        import imageio_ffmpeg  # noqa: F401
-    except ImportError as error:
-        raise ImportError(_missing("imageio[ffmpeg]")) from error
-    return imageio
-
-
-def _missing(package: str) -> str:
-    return f"videos need {package}: {install_command('viz')}"
-
-
 def _even(frame: ndarray) -> ndarray:
     """The frame without an odd last row or column: chroma has half the resolution."""
     height, width = frame.shape[:2]
@@ -113,10 +99,8 @@ def caption(frame: ndarray, lines: Iterable[str]) -> ndarray:
 
 def _write(frame: ndarray, at: tuple[float, float], text: str, **options: Any) -> ndarray:
     """Copy of a frame with text at a place (x, y) in pixels."""
-    try:
+    with needed("videos need pillow", "viz"):
         from PIL import Image, ImageDraw, ImageFont
-    except ImportError as error:
-        raise ImportError(_missing("pillow")) from error
     image = Image.fromarray(frame)
     font = ImageFont.load_default(max(10, frame.shape[0] // 28))
     ImageDraw.Draw(image).text(at, text, _INK, font, stroke_width=2, stroke_fill=_PAPER, **options)

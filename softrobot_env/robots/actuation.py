@@ -2,7 +2,7 @@
 
 from copy import copy
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import pairwise
 from math import pi
 from typing import Protocol
@@ -14,6 +14,7 @@ from softrobot_env.core.arrays import HOST, HostArrays, namespace
 from softrobot_env.robots.parameters import RobotParams, Tendon
 
 _ROUNDING = 1e-9
+_STEP = 1e-7  # of an action
 
 
 class Inputs(Protocol):
@@ -45,6 +46,21 @@ def robot_inputs(robot: RobotParams) -> Inputs:
     return PulledLengths(robot) if robot.drive.kind == "length" else TendonMap(robot)
 
 
+@cache
+def _shifts(count: int) -> ndarray:
+    """(2 count, count), a step to either side of each action."""
+    return _STEP * np.concatenate([np.eye(count), -np.eye(count)])
+
+
+def by_action(inputs: Inputs, action: ndarray) -> ndarray:
+    """Derivative (n_tendons, m) of what drives apply by actions (m,), for a map `per_action`.
+
+    It is the mean of both sides at a kink, where another tendon begins to pull.
+    """
+    above, below = np.split(inputs.command(action + _shifts(len(action))), 2)
+    return (above - below).T / (2 * _STEP)
+
+
 def check_inputs(inputs: Inputs, values: ndarray, what: str) -> None:
     """Raise ValueError, beginning with `what`, unless actions can ask for values (n_inputs,)."""
     centre, scale = inputs.input_centre, inputs.input_scale
@@ -61,7 +77,7 @@ def with_balance(robot: RobotParams) -> RobotParams:
     Where the nearest would push, all tendons of the group have about the same; where these would
     push as well, none.
     """
-    pretension = np.array([t.pretension for t in robot.tendons], dtype=float)
+    pretension = np.array([t.pretension for t in robot.tendons], float)
     for g in sorted({t.group for t in robot.tendons}):
         group = _Group(robot, g, balanced=False)
         if not group.opposed.any():
@@ -87,12 +103,9 @@ class PulledLengths:
     unit = "m"
 
     def __init__(self, robot: RobotParams) -> None:
-        travel = robot.drive.travel
-        self.n_inputs = len(robot.tendons)
         own = (min(pi * t.farthest, robot.most_pulled(t)) for t in robot.tendons)
-        self.input_scale = np.array(
-            [scale if travel is None else travel for scale in own], dtype=float
-        )
+        self.input_scale = np.array([robot.drive.travel or scale for scale in own], float)
+        self.n_inputs = len(robot.tendons)
         self.input_centre = np.zeros(self.n_inputs)
         self._factor: ndarray | float = 1.0
 
@@ -143,7 +156,7 @@ class TendonMap:
         self.n_inputs = sum(len(group.phi) for group in groups)
         self.phi = np.zeros((self.n_inputs, len(tendons)))
         one, other = (np.zeros((self.n_inputs, len(tendons))) for _ in range(2))
-        self._widest = np.zeros(len(tendons), dtype=bool)
+        self._widest = np.zeros(len(tendons), bool)
         self.input_scale, self.input_centre, self.opposed = (
             np.concatenate([getattr(group, name) for group in groups] or [np.zeros(0)])
             for name in ("scale", "centre", "opposed")
@@ -225,13 +238,13 @@ class _Group:
     def __init__(self, robot: RobotParams, group: int, balanced: bool = True) -> None:
         self.members = [k for k, t in enumerate(robot.tendons) if t.group == group]
         tendons = [robot.tendons[k] for k in self.members]
-        self.widest = np.zeros(len(tendons), dtype=bool)
+        self.widest = np.zeros(len(tendons), bool)
         room = np.array([t.tension_limit - t.pretension for t in tendons])
         places = _directions(tendons)
         if not (self._on_a_line(places) or self._around(places)):
             self.phi = self.one = self.other = np.eye(len(tendons))
             self.scale = self.centre = room / 2
-            self.opposed = np.zeros(len(tendons), dtype=bool)
+            self.opposed = np.zeros(len(tendons), bool)
             return
         idle = self.phi @ [t.pretension for t in tendons]
         if balanced and np.abs(idle).max() > _ROUNDING * sum(t.pretension for t in tendons):
@@ -240,7 +253,7 @@ class _Group:
                 f"{', '.join(t.name for t in tendons)} must cancel each other"
             )
         self.scale = np.full(len(self.phi), self._scale(room))
-        self.centre, self.opposed = np.zeros(len(self.phi)), np.ones(len(self.phi), dtype=bool)
+        self.centre, self.opposed = np.zeros(len(self.phi)), np.ones(len(self.phi), bool)
 
     def _on_a_line(self, places: ndarray | None) -> bool:
         """Whether the tendons (k, 2) lie on one line through the fibre, on both sides of it."""

@@ -63,7 +63,7 @@ def looked_up(robot: RobotParams, policy: str) -> Path | None:
 
 def train_command(robot: RobotParams, policy: str) -> str:
     """The command that trains a policy for a robot, where it will be looked for."""
-    return f"softrobot train {policy} --robot {_called(robot) or _new_file(robot)}"
+    return f"softrobot train {policy} --robot {_called(robot) or robot.name + '_changed.toml'}"
 
 
 def _called(robot: RobotParams) -> str | None:
@@ -73,10 +73,6 @@ def _called(robot: RobotParams) -> str | None:
         return robot.name
     read = robot.file is not None and robot.file.is_file() and read_robot(robot.file)
     return str(robot.file) if read == robot else None
-
-
-def _new_file(robot: RobotParams) -> str:
-    return f"{robot.name}_changed.toml"
 
 
 def refuse_artifact(path: str | Path, of: str, robot: RobotParams, policy: str) -> NoReturn:

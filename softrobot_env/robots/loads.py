@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from softrobot_env.core.records import NotNegative, check_fields
+from softrobot_env.core.records import NotNegative, Record
 from softrobot_env.robots.parameters import RobotParams
 from softrobot_env.robots.tendons import Tendon
 
 
 @dataclass(frozen=True)
-class Load:
+class Load(Record):
     """Force and moment at arc length `station` [m].
 
     Becomes an input of the same name whose value scales the load (1: as given).
@@ -31,9 +31,6 @@ class Load:
     force: tuple[float, float, float] = (0.0, 0.0, 0.0)
     moment: tuple[float, float, float] = (0.0, 0.0, 0.0)
     follows: bool = False
-
-    def __post_init__(self) -> None:
-        check_fields(self, f"load {self.name!r}")
 
 
 def seen_from_base(robot: RobotParams, loads: Sequence[Load]) -> tuple[Load, ...]:

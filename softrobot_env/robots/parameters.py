@@ -20,6 +20,7 @@ from softrobot_env.core.records import (
     NotNegative,
     Positive,
     Range,
+    Record,
     Unit,
     check_argument,
     check_fields,
@@ -349,7 +350,7 @@ class RobotParams:
         Raises:
             ValueError: A point is off the robot, or the shapes do not fit.
         """
-        stations = np.atleast_1d(np.asarray(stations, dtype=float))
+        stations = np.atleast_1d(np.asarray(stations, float))
         on = (stations >= 0) & (stations <= self.length * (1 + 1e-12))
         if not np.all(on):
             raise ValueError(
@@ -375,7 +376,7 @@ class RobotParams:
         """A vector (3,) of the world along the robot's own axes at its base."""
         if self.base is None:
             return vector
-        return tuple((np.asarray(vector, dtype=float) @ self.base.axes).tolist())
+        return tuple((np.asarray(vector, float) @ self.base.axes).tolist())
 
     @property
     def area(self) -> float:
@@ -492,48 +493,28 @@ class RobotParams:
 
 def _check_floats(robot: RobotParams) -> None:
     """Refuse a backbone of no mass or stiffness in floating point."""
-    for name in ("mass", "bending_stiffness"):
-        if not (robot.sections or 0 < _or_infinite(robot, name) < inf):
-            raise ValueError(
-                f"robot {robot.name!r}: its {name} would be {_or_infinite(robot, name):g} in "
-                "floating point: give sizes and material of a real robot"
-            )
-    for section in robot.sections:
-        one = Backbone([section])
-        ends = np.array([0.0, section.length])
-        for name, values in (("mass", one.mass(ends)), ("bending_stiffness", one.bending(ends))):
-            if not (np.all(values > 0) and np.all(values < inf)):
+    for section in robot.backbone.sections:
+        one, ends = Backbone([section]), np.array([0.0, section.length])
+        with np.errstate(all="ignore"):
+            found = {"mass": one.mass(ends), "bending_stiffness": one.bending(ends)}
+        for name, value in ((name, x) for name, values in found.items() for x in values.tolist()):
+            if not 0 < value < inf:
                 raise ValueError(
-                    f"robot {robot.name!r}: the {name} of a section would be {values.tolist()} in "
-                    "floating point: give sizes and material of a real robot"
+                    f"robot {robot.name!r}: its {name} would be {value:g} in floating point: give "
+                    "sizes and material of a real robot"
                 )
 
 
 def _check_places(robot: RobotParams) -> None:
     """Refuse tendons, sensors and discs that are off the robot."""
-    most = robot.length * (1 + 1e-12)
-    if any(tendon.end > most for tendon in robot.tendons):
-        raise ValueError(f"robot {robot.name!r}: a tendon ends beyond the robot's length")
-    for sensor in robot.sensors:
-        if sensor.end > most:
+    places = [(f"tendon {tendon.name!r} ends", tendon.end) for tendon in robot.tendons]
+    places += [(f"sensor {sensor.name!r} ends", sensor.end) for sensor in robot.sensors]
+    places += [("a disc is", disc.station) for disc in robot.discs]
+    for what, station in places:
+        if station > robot.length * (1 + 1e-12):
             raise ValueError(
-                f"robot {robot.name!r}: sensor {sensor.name!r} ends at {sensor.end} m, off the "
-                f"robot, 0 to {robot.length} m"
+                f"robot {robot.name!r}: {what} at {station} m, off the robot, 0 to {robot.length} m"
             )
-    for disc in robot.discs:
-        if disc.station > most:
-            raise ValueError(
-                f"robot {robot.name!r}: a disc at {disc.station} m is off the robot, 0 to "
-                f"{robot.length} m"
-            )
-
-
-def _or_infinite(robot: RobotParams, name: str) -> float:
-    """A property of the robot, inf where it is too large for a float."""
-    try:
-        return getattr(robot, name)
-    except OverflowError:
-        return inf
 
 
 def centerline(robot: RobotParams, curvature: ndarray, points: int = 10) -> ndarray:
@@ -547,7 +528,7 @@ def centerline(robot: RobotParams, curvature: ndarray, points: int = 10) -> ndar
     Returns:
         (1 + points * n_pieces, 3) [m], starting at the base.
     """
-    curvature = np.asarray(curvature, dtype=float)
+    curvature = np.asarray(curvature, float)
     piece = robot.length / len(curvature)
     # Half-angle form of an arc's chord: exact, and smooth where the curvature vanishes.
     half = np.repeat(curvature, points) * piece / points / 2
@@ -559,7 +540,7 @@ def centerline(robot: RobotParams, curvature: ndarray, points: int = 10) -> ndar
 
 # ---------------------------------------------------------------- grippers
 @dataclass(frozen=True)
-class Finger:
+class Finger(Record):
     """A robot that is a finger.
 
     Attributes:
@@ -571,9 +552,6 @@ class Finger:
     name: str
     robot: RobotParams
     base: Base
-
-    def __post_init__(self) -> None:
-        check_fields(self, f"finger {self.name!r}")
 
 
 @dataclass(frozen=True)

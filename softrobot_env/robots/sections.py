@@ -110,7 +110,7 @@ class Backbone:
         """(n,) by name, radii (n, 2)."""
         names = ("youngs_modulus", "density", "damping_time", "poisson_ratio")
         names += ("outer_radii", "inner_radii")
-        return {n: np.array([getattr(x, n) for x in self.sections], dtype=float) for n in names}
+        return {n: np.array([getattr(x, n) for x in self.sections], float) for n in names}
 
     @cached_property
     def _tapers(self) -> bool:

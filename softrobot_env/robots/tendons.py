@@ -86,7 +86,7 @@ class Tendon:
     def knots(self) -> ndarray:
         """(k, 3) [m]: arc length and position before turning, which is linear in between."""
         first = (0.0, *self.offset)
-        return np.array([first, *(self.route or ((self.end, *self.offset),))], dtype=float)
+        return np.array([first, *(self.route or ((self.end, *self.offset),))], float)
 
     @cached_property
     def is_straight(self) -> bool:
@@ -127,7 +127,7 @@ class Tendon:
 
     def course(self, s: ndarray) -> tuple[ndarray, ndarray]:
         """Both of these."""
-        s, knots = np.asarray(s, dtype=float), self.knots
+        s, knots = np.asarray(s, float), self.knots
         if self.is_straight:
             place = np.empty((*s.shape, 2))
             place[...] = self.offset

@@ -10,11 +10,23 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
-import mujoco
 import numpy as np
+from mujoco import (
+    MjsBody,
+    MjSpec,
+    mjtBuiltin,
+    mjtGeom,
+    mjtLightType,
+    mjtObj,
+    mjtProjection,
+    mjtSensor,
+    mjtTexture,
+    mjtTextureRole,
+    mjtTrn,
+)
 from numpy import ndarray
 
-from softrobot_env.robots import Disc, Head, RobotParams, Tendon
+from softrobot_env.robots import Head, RobotParams, Tendon
 from softrobot_env.scene.chain import HEAD_BODY, TIP_SITE, Chain
 from softrobot_env.scene.config import Appearance, Camera, Load, Marker, PathMarker, Rgba
 from softrobot_env.scene.tendons import route_through_guides
@@ -61,26 +73,21 @@ def add_appearance(chain: Chain, robot: RobotParams, look: Appearance) -> None:
     if robot.head is not None:
         _add_head(chain.spec.body(HEAD_BODY), robot.head)
     for index, disc in enumerate(robot.discs):
-        _add_disc(
-            chain.spec.body(f"disc{index}"),
-            disc,
-            _radius(robot, disc.station) + tendon_width(robot),
-        )
+        radius, half = disc.cylinder
+        least = _radius(robot, disc.station) + tendon_width(robot)
+        size = [max(radius, least), half, 0]
+        add_visual(chain.spec.body(f"disc{index}"), "CYLINDER", size, _DARK)
     _add_base(chain.bodies[0], robot)
     if look.surroundings:
         # A planar robot needs no room behind it; a spatial one can reach as far as it is long, and
         # is seen from above, where a floor shows.
         room = 0.0 if chain.kinds == ("hinge",) else robot.reach
-        base, wall = robot.base, 2 * robot.backbone.widest + room
-        if base is None:
-            add_surroundings(chain.spec, robot.length, wall)
-        else:
-            middle = base.position + robot.length / 2 * base.axes[:, 2]
-            wall += base.position[1]
-            add_surroundings(chain.spec, robot.length, wall, tuple(middle))
-        if room and (base is None or base.axes[2, 2] > _UPRIGHT):
-            bottom = -_BASE_DEPTH * _radius(robot, 0.0)
-            _add_floor(chain.spec, bottom + (0.0 if base is None else base.position[2]), wall)
+        (_, y, z), axes = robot.clamp.position, robot.clamp.axes
+        wall = 2 * robot.backbone.widest + room + y
+        middle = robot.clamp.position + robot.length / 2 * axes[:, 2]
+        add_surroundings(chain.spec, robot.length, wall, tuple(middle) if robot.base else None)
+        if room and axes[2, 2] > _UPRIGHT:
+            _add_floor(chain.spec, z - _BASE_DEPTH * _radius(robot, 0.0), wall)
 
 
 def _draw_tendon(chain: Chain, tendon: Tendon, robot: RobotParams, look: Appearance) -> None:
@@ -88,13 +95,10 @@ def _draw_tendon(chain: Chain, tendon: Tendon, robot: RobotParams, look: Appeara
     line = chain.spec.tendon(tendon.name)
     if not tendon.guides:
         count = round(tendon.end / _LINE_STEP)
-        guides = tuple(np.linspace(0, tendon.end, count + 1)[1:-1])
-        shown = replace(tendon, guides=guides)
+        shown = replace(tendon, guides=tuple(np.linspace(0, tendon.end, count + 1)[1:-1]))
         if tendon.is_straight:
-            shown = replace(shown, route=_shown_route(tendon, shown.stations, robot))
-            shown = replace(
-                shown, offset=_shown_offset(tendon, _radius(robot, 0.0), tendon_width(robot))
-            )
+            places = [(s, *_shown_offset(tendon, robot, s)) for s in shown.stations]
+            shown = replace(shown, offset=places[0][1:], route=tuple(places[1:]))
         line = route_through_guides(chain, shown, TENDON_LINE.format(tendon.name))
     line.rgba = look.tendon_rgba
     line.width = tendon_width(robot)
@@ -102,40 +106,30 @@ def _draw_tendon(chain: Chain, tendon: Tendon, robot: RobotParams, look: Appeara
 
 def _radius(robot: RobotParams, station: float) -> float:
     """Outer radius [m] at a station [m]."""
-    return float(robot.backbone.outer_radius(np.array([station]))[0])
+    return float(robot.backbone.outer_radius(station))
 
 
-def _shown_route(
-    tendon: Tendon, stations: tuple[float, ...], robot: RobotParams
-) -> tuple[tuple[float, float, float], ...]:
-    """Via-points of a straight tendon's line along a surface that is not."""
-    if robot.is_uniform:
-        return ()
-    width = tendon_width(robot)
-    return tuple((s, *_shown_offset(tendon, _radius(robot, s), width)) for s in stations[1:])
-
-
-def _shown_offset(tendon: Tendon, surface: float, width: float) -> tuple[float, float]:
-    """Position (x, y) [m] of a tendon's line of a radius `width` [m] outside the `surface` [m].
+def _shown_offset(tendon: Tendon, robot: RobotParams, station: float) -> tuple[float, float]:
+    """Position (x, y) [m] of a straight tendon's line outside the surface at a station [m].
 
     Tendons of several groups share one channel; their lines are spread side by side towards
     the viewer, so that each can be seen.
     """
-    radius = max(surface, float(np.hypot(*tendon.offset))) + width / 2
-    angle = np.arctan2(tendon.offset[1], tendon.offset[0])
-    turn = -_LINE_SPREAD * tendon.group * (1 if tendon.offset[0] >= 0 else -1)
-    return radius * float(np.cos(angle + turn)), radius * float(np.sin(angle + turn))
+    x, y = tendon.offset
+    radius = max(_radius(robot, station), float(np.hypot(x, y))) + tendon_width(robot) / 2
+    angle = np.arctan2(y, x) - _LINE_SPREAD * tendon.group * (1 if x >= 0 else -1)
+    return radius * float(np.cos(angle)), radius * float(np.sin(angle))
 
 
 def _add_anchor_ring(chain: Chain, robot: RobotParams, station: float) -> None:
     """Thin ring where tendons end."""
     half = 0.0025
     body, height = chain.locate(min(station, robot.length - 2 * half))
-    size = [_radius(robot, station) + tendon_width(robot), half, 0]
-    add_visual(body, "CYLINDER", size, _DARK, pos=[0, 0, height - half])
+    radius = _radius(robot, station) + tendon_width(robot)
+    add_visual(body, "CYLINDER", [radius, half, 0], _DARK, pos=[0, 0, height - half])
 
 
-def _add_head(body: mujoco.MjsBody, head: Head) -> None:
+def _add_head(body: MjsBody, head: Head) -> None:
     """Block on a stem: the uniform one of the head's inertia, with a dark tag on each side."""
     half = np.array(head.half_sizes)
     centre, stem = np.array([0.0, 0.0, head.centre]), head.centre / 2
@@ -147,24 +141,17 @@ def _add_head(body: mujoco.MjsBody, head: Head) -> None:
         add_visual(body, "BOX", size, _DARK, pos=centre + out * half)
 
 
-def _add_disc(body: mujoco.MjsBody, disc: Disc, least: float) -> None:
-    """The uniform disc of its inertia, of a radius `least` [m] or more."""
-    radius, half = disc.cylinder
-    add_visual(body, "CYLINDER", [max(radius, least), half, 0], _DARK)
-
-
-def _add_base(body: mujoco.MjsBody, robot: RobotParams) -> None:
+def _add_base(body: MjsBody, robot: RobotParams) -> None:
     """Clamp block below the robot; of a short and thick one not much wider than itself."""
     radius = _radius(robot, 0.0)
     widest = max(1.3 * radius, _WIDEST_BASE * robot.reach)
     for width, top, height in ((1.5, 0.25, 0.25), (2.6, -0.25, (_BASE_DEPTH - 0.25) / 2)):
-        size = min(width * radius, widest)
-        place = [0, 0, (top - height) * radius]
-        add_visual(body, "BOX", [size, size, height * radius], _DARK, pos=place)
+        size, z = min(width * radius, widest), (top - height) * radius
+        add_visual(body, "BOX", [size, size, height * radius], _DARK, pos=[0, 0, z])
 
 
 def add_surroundings(
-    spec: mujoco.MjSpec,
+    spec: MjSpec,
     height: float,
     wall: float,
     middle: tuple[float, float, float] | None = None,
@@ -184,7 +171,7 @@ def add_surroundings(
     spec.visual.headlight.specular = [0.0, 0.0, 0.0]
     direction = (0.4, 1.0, -0.5)
     spec.worldbody.add_light(  # its shadow map is centred on the robot
-        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        type=mjtLightType.mjLIGHT_DIRECTIONAL,
         pos=[m - 2 * d for m, d in zip(middle, direction, strict=True)],
         dir=direction,
         diffuse=[0.33, 0.33, 0.33],
@@ -201,24 +188,23 @@ def add_surroundings(
     _add_wall(spec, wall)
 
 
-def _add_wall(spec: mujoco.MjSpec, behind: float) -> None:
+def _add_wall(spec: MjSpec, behind: float) -> None:
     spec.add_texture(
         name="grid",
-        type=mujoco.mjtTexture.mjTEXTURE_2D,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        type=mjtTexture.mjTEXTURE_2D,
+        builtin=mjtBuiltin.mjBUILTIN_CHECKER,
         rgb1=[0.94, 0.945, 0.955],
         rgb2=[0.905, 0.912, 0.925],
         width=256,
         height=256,
     )
     grid = spec.add_material(name="grid", texrepeat=[10, 10], texuniform=True, specular=0.0)
-    grid.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "grid"
-    turn = [0.7071067811865476, 0.7071067811865476, 0, 0]
-    place = {"pos": [0, behind, 0], "quat": turn, "material": "grid"}
-    add_visual(spec.worldbody, "PLANE", [1.5, 1.5, 0.1], **place)
+    grid.textures[mjtTextureRole.mjTEXROLE_RGB] = "grid"
+    turn, size = [0.7071067811865476, 0.7071067811865476, 0, 0], [1.5, 1.5, 0.1]
+    add_visual(spec.worldbody, "PLANE", size, pos=[0, behind, 0], quat=turn, material="grid")
 
 
-def _add_floor(spec: mujoco.MjSpec, height: float, behind: float) -> None:
+def _add_floor(spec: MjSpec, height: float, behind: float) -> None:
     """Floor at z = `height` [m] up to the wall at y = `behind` [m]."""
     half, thin = 1.5, 0.005
     place = [0, behind - half, height - thin]
@@ -295,20 +281,19 @@ def _faces(rings: int) -> ndarray:
 
 # ---------------------------------------------------------------- sensors, loads, markers, cameras
 
-TIP_POSITION_SENSOR = "tip_position"
-TIP_VELOCITY_SENSOR = "tip_velocity"
+_TIP_SENSORS = {
+    "tip_position": mjtSensor.mjSENS_FRAMEPOS,
+    "tip_velocity": mjtSensor.mjSENS_FRAMELINVEL,
+}
 
 _CAMERA_DISTANCE = 1.5  # m
 _WORLD_SITE = "world_axes"
 
 
-def add_tip_sensors(spec: mujoco.MjSpec) -> None:
+def add_tip_sensors(spec: MjSpec) -> None:
     """Position and velocity of the tip, both in world axes."""
-    for name, kind in (
-        (TIP_POSITION_SENSOR, mujoco.mjtSensor.mjSENS_FRAMEPOS),
-        (TIP_VELOCITY_SENSOR, mujoco.mjtSensor.mjSENS_FRAMELINVEL),
-    ):
-        spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=TIP_SITE)
+    for name, kind in _TIP_SENSORS.items():
+        spec.add_sensor(name=name, type=kind, objtype=mjtObj.mjOBJ_SITE, objname=TIP_SITE)
 
 
 def add_load(chain: Chain, load: Load) -> None:
@@ -318,7 +303,7 @@ def add_load(chain: Chain, load: Load) -> None:
     actuator = chain.spec.add_actuator(
         name=load.name,
         target=site.name,
-        trntype=mujoco.mjtTrn.mjTRN_SITE,
+        trntype=mjtTrn.mjTRN_SITE,
         gear=[*load.force, *load.moment],
     )
     if not load.follows:  # the load keeps the world's directions
@@ -328,36 +313,36 @@ def add_load(chain: Chain, load: Load) -> None:
     actuator.set_to_motor()
 
 
-def add_marker(spec: mujoco.MjSpec, marker: Marker) -> None:
+def add_marker(spec: MjSpec, marker: Marker) -> None:
     """Ball on a mocap body of the marker's name."""
     body = spec.worldbody.add_body(name=marker.name, mocap=True, pos=marker.position)
     add_visual(body, "SPHERE", [marker.radius, 0, 0], marker.rgba)
 
 
-def add_path(spec: mujoco.MjSpec, path: PathMarker) -> None:
+def add_path(spec: MjSpec, path: PathMarker) -> None:
     """Capsules between consecutive points."""
     for start, end in pairwise(path.points):
         size = [path.radius, 0, 0]
         add_visual(spec.worldbody, "CAPSULE", size, path.rgba, fromto=[*start, *end])
 
 
-def add_camera(spec: mujoco.MjSpec, camera: Camera) -> None:
+def add_camera(spec: MjSpec, camera: Camera) -> None:
     """Orthographic camera in front of the x-z plane: x to the right."""
     _, y, z = (_CAMERA_DISTANCE * x for x in camera.towards)
     spec.worldbody.add_camera(
         name=camera.name,
         pos=[camera.center[0], y, camera.center[1] + z],
         xyaxes=[1, 0, 0, *camera.up],
-        proj=mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC,
+        proj=mjtProjection.mjPROJ_ORTHOGRAPHIC,
         fovy=camera.height,
     )
 
 
 def add_visual(
-    body: mujoco.MjsBody, shape: str, size: Sequence[float], rgba: Rgba | None = None, **geom: Any
+    body: MjsBody, shape: str, size: Sequence[float], rgba: Rgba | None = None, **geom: Any
 ) -> None:
     """Geom of a shape such as "BOX" that is only seen: no mass, no contacts."""
     if rgba is not None:
         geom["rgba"] = rgba
-    kind = getattr(mujoco.mjtGeom, f"mjGEOM_{shape}")
+    kind = getattr(mjtGeom, f"mjGEOM_{shape}")
     body.add_geom(type=kind, size=size, mass=0, contype=0, conaffinity=0, **geom)

@@ -11,8 +11,8 @@ from functools import cached_property, partial
 from math import lcm
 from typing import TYPE_CHECKING, Any
 
-import mujoco
 import numpy as np
+from mujoco import MjModel, MjSpec, mjtConDataField, mjtObj, mjtSensor
 from numpy import ndarray
 
 from softrobot_env.core.motion import State
@@ -162,9 +162,6 @@ class Assembly:
             raise ValueError("objects are there to be touched: give contacts=Contacts(), too")
         if self.felt not in (None, *(thing.name for thing in self.objects)):
             raise ValueError(f"assembly {self.name!r}: there is no object {self.felt!r} to feel")
-        self._check_mounts()
-
-    def _check_mounts(self) -> None:
         moving = [member.name for member in self.members if member.mount is not None]
         if moving and not self.is_extrapolated:
             why = "contacts need one of MuJoCo's" if self.contacts else f"not {self.integrator!r}"
@@ -217,7 +214,7 @@ class Part(Kinematics):
 
     member: Member
     scene: Scene
-    model: mujoco.MjModel
+    model: MjModel
     q: slice
     v: slice
     u: slice
@@ -246,7 +243,7 @@ class AssembledScene(CompiledModel):
 
     config: Assembly
     timestep: TimestepChoice
-    model: mujoco.MjModel
+    model: MjModel
     parts: dict[str, Part]
     pairs: tuple[contacts.Pair, ...] = ()
 
@@ -330,9 +327,8 @@ class AssembledScene(CompiledModel):
             ValueError: As there, or a motion does not fit its mount.
             IntegrationError: As there.
         """
-        if gravity is not None:
-            for part in self.parts.values():
-                part.scene.checked_gravity(gravity)
+        for part in self.parts.values():
+            part.scene.checked_gravity(gravity)
         splines = self._splines(duration, mounts or {})
         u, start = self._mounted(u, self.start() if start is None else start, splines)
         return simulate(self, duration, u, start, samples=samples, gravity=gravity)
@@ -428,7 +424,7 @@ def _box(assembly: Assembly) -> tuple[ndarray, ndarray]:
     return np.min(ends, axis=0), np.max(ends, axis=0)
 
 
-def _attached(assembly: Assembly) -> tuple[mujoco.MjSpec, list[contacts.Pair]]:
+def _attached(assembly: Assembly) -> tuple[MjSpec, list[contacts.Pair]]:
     """One spec of all members, and what can touch."""
     friction = any(config.robot.has_friction for config in assembly.placed)
     spec = empty_spec(assembly.name, assembly.placed[0].robot.gravity, friction=friction)
@@ -447,14 +443,18 @@ def _attached(assembly: Assembly) -> tuple[mujoco.MjSpec, list[contacts.Pair]]:
     for member in assembly.members:
         if member.mount is not None:
             add_drives(spec, member.prefix, member.mount)
-    _add_surroundings(spec, assembly)
+    for camera in assembly.cameras:
+        add_camera(spec, camera)
+    if assembly.surroundings:
+        low, high = _box(assembly)
+        size = float(np.max(high - low))
+        add_surroundings(spec, size, float(high[1]) + size)
     if assembly.contacts is None:
         return spec, []
-    contacts.prepare(spec.option, assembly.contacts)
-    surfaces += contacts.add_objects(spec, assembly.objects)
+    pairs = contacts.connect(spec, surfaces, assembly.objects, assembly.contacts)
     if assembly.felt is not None:
         _feel_all(spec, assembly, surfaces)
-    return spec, contacts.pair_surfaces(spec, surfaces, assembly.contacts)
+    return spec, pairs
 
 
 def felt_by(geom: str) -> str:
@@ -462,45 +462,31 @@ def felt_by(geom: str) -> str:
     return f"{geom}{SEPARATOR}{FELT}"
 
 
-def _feel_all(
-    spec: mujoco.MjSpec, assembly: Assembly, surfaces: Sequence[contacts.Surface]
-) -> None:
+def _feel_all(spec: MjSpec, assembly: Assembly, surfaces: Sequence[contacts.Surface]) -> None:
     """Sensors of what members, and their shapes if wanted, do to an object."""
+    force, net = 1 << int(mjtConDataField.mjCONDATA_FORCE), 3
+
+    def feel(name: str, kind: mjtObj, part: str) -> None:
+        """Sensor of the sum (3,) [N], in world axes, of the forces of a part on the object."""
+        spec.add_sensor(
+            name=name,
+            type=mjtSensor.mjSENS_CONTACT,
+            objtype=kind,
+            objname=part,
+            reftype=mjtObj.mjOBJ_BODY,
+            refname=assembly.felt,
+            intprm=[force, net, 1],
+        )
+
     for member in assembly.members:
         prefix = member.prefix
         first = spec.body(f"{prefix}{BASE_BODY}") or spec.body(f"{prefix}link0")
-        _feel(spec, prefix + FELT, (mujoco.mjtObj.mjOBJ_XBODY, first.name), assembly.felt)
+        feel(prefix + FELT, mjtObj.mjOBJ_XBODY, first.name)
     for surface in surfaces if assembly.felt_along else ():
-        if surface.robot is not None:
-            shape = mujoco.mjtObj.mjOBJ_GEOM, surface.geom
-            _feel(spec, felt_by(surface.geom), shape, assembly.felt)
+        feel(felt_by(surface.geom), mjtObj.mjOBJ_GEOM, surface.geom)
 
 
-def _feel(spec: mujoco.MjSpec, name: str, part: tuple[mujoco.mjtObj, str], thing: str) -> None:
-    """Sensor of the sum (3,) [N], in world axes, of the forces of a part on an object."""
-    force, net = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3
-    kind, own = part
-    spec.add_sensor(
-        name=name,
-        type=mujoco.mjtSensor.mjSENS_CONTACT,
-        objtype=kind,
-        objname=own,
-        reftype=mujoco.mjtObj.mjOBJ_BODY,
-        refname=thing,
-        intprm=[force, net, 1],
-    )
-
-
-def _add_surroundings(spec: mujoco.MjSpec, assembly: Assembly) -> None:
-    for camera in assembly.cameras:
-        add_camera(spec, camera)
-    if assembly.surroundings:
-        low, high = _box(assembly)
-        size = float(np.max(high - low))
-        add_surroundings(spec, size, float(high[1]) + size)
-
-
-def _parts(assembly: Assembly, alone: list[Scene], model: mujoco.MjModel) -> dict[str, Part]:
+def _parts(assembly: Assembly, alone: list[Scene], model: MjModel) -> dict[str, Part]:
     parts, first = {}, 0
     for member, scene in zip(assembly.members, alone, strict=True):
         own = scene.model
@@ -515,7 +501,7 @@ def _parts(assembly: Assembly, alone: list[Scene], model: mujoco.MjModel) -> dic
 
 
 def _mujocos(
-    assembly: Assembly, alone: list[Scene], pairs: list[contacts.Pair], model: mujoco.MjModel
+    assembly: Assembly, alone: list[Scene], pairs: list[contacts.Pair], model: MjModel
 ) -> TimestepChoice:
     """What MuJoCo's own steps of the model take, as `build_scene` has it."""
     chain, parts = linearize(model), _parts(assembly, alone, model).values()

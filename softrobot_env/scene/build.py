@@ -8,6 +8,7 @@ from functools import partial
 
 import mujoco
 import numpy as np
+from mujoco import MjData, MjModel, MjOption, MjSpec, mjtDisableBit, mjtIntegrator
 from numpy import ndarray
 
 from softrobot_env.core.motion import State
@@ -43,7 +44,7 @@ class CompiledModel:
         model: The compiled model.
     """
 
-    model: mujoco.MjModel
+    model: MjModel
 
     @property
     def n_inputs(self) -> int:
@@ -73,7 +74,7 @@ class CompiledModel:
             u: Zero unless given.
         """
         q, v = self.start() if state is None else state
-        data = mujoco.MjData(self.model)
+        data = MjData(self.model)
         data.qpos[:] = finite("state.q", q, (self.model.nq,))
         data.qvel[:] = finite("state.v", v, (self.model.nv,))
         data.ctrl[:] = 0 if u is None else checked_controls(self.model, u)
@@ -96,7 +97,7 @@ class Scene(CompiledModel, Kinematics):
     config: SceneConfig
     layout: HingeLayout
     timestep: TimestepChoice
-    model: mujoco.MjModel
+    model: MjModel
     pairs: tuple[contacts.Pair, ...] = ()
 
     @property
@@ -125,17 +126,10 @@ class Scene(CompiledModel, Kinematics):
         there, and as friction holds a robot in many places there must be none.
         """
         u = np.zeros(self.n_inputs) if u is None else u
-        gravity = None if gravity is None else self.checked_gravity(gravity)
+        gravity = self.checked_gravity(gravity)
         if self.config.contacts is not None:
             return self._settled(u, guess, gravity)
-        return equilibrium(
-            self.model,
-            u,
-            guess,
-            load_steps=load_steps,
-            check_stability=check_stability,
-            gravity=gravity,
-        )
+        return equilibrium(self.model, u, guess, load_steps, check_stability, gravity)
 
     def _settled(self, u: ndarray, guess: ndarray | None, gravity: ndarray | None) -> ndarray:
         """Posture (nq,) in which a scene with contacts comes to rest."""
@@ -165,17 +159,18 @@ class Scene(CompiledModel, Kinematics):
 
         As `scene.simulation.simulate`, which tells of the arguments and errors.
         """
-        gravity = None if gravity is None else self.checked_gravity(gravity)
+        gravity = self.checked_gravity(gravity)
         return simulate(self, duration, u, start, samples=samples, gravity=gravity)
 
-    def checked_gravity(self, gravity: ndarray) -> ndarray:
-        """A gravity (3,) [m/s2] that the chain feels.
+    def checked_gravity(self, gravity: ndarray | None) -> ndarray | None:
+        """A gravity (3,) [m/s2] that the chain feels, or None.
 
         Raises:
             ValueError: It does not, or it is not finite.
         """
-        gravity = finite("gravity", gravity, (3,))
-        _refuse_what_is_not_felt(self.config, gravity)
+        if gravity is not None:
+            gravity = finite("gravity", gravity, (3,))
+            _refuse_what_is_not_felt(self.config, gravity)
         return gravity
 
 
@@ -237,17 +232,15 @@ def vary_scene(scene: Scene, variation: dict[str, float]) -> Scene:
     Where MuJoCo's timestep would be near its own stability limit it is chosen anew.
     """
     varied = build_scene(replace(scene.config, robot=scene.config.robot.vary(**variation)))
-    choice = choice_of(scene, variation)
-    if choice.integrator == EXTRAPOLATION or _near_its_limit(varied, choice):
+    choice, own = choice_of(scene, variation), varied.timestep
+    same = own.integrator == choice.integrator
+    if choice.integrator == EXTRAPOLATION or (
+        same and choice.timestep > SAFETY * own.stability_limit
+    ):
         return varied
     apply_choice(choice, varied.model.opt)
     contacts.tune(varied.model, varied.pairs, choice.timestep)
     return replace(varied, timestep=choice)
-
-
-def _near_its_limit(scene: Scene, choice: TimestepChoice) -> bool:
-    own = scene.timestep
-    return own.integrator == choice.integrator and choice.timestep > SAFETY * own.stability_limit
 
 
 def scene_xml(config: SceneConfig) -> str:
@@ -257,10 +250,10 @@ def scene_xml(config: SceneConfig) -> str:
 
 
 def compile_spec(
-    spec: mujoco.MjSpec,
+    spec: MjSpec,
     pairs: Sequence[contacts.Pair],
-    choose: Callable[[mujoco.MjModel], TimestepChoice],
-) -> tuple[mujoco.MjModel, TimestepChoice]:
+    choose: Callable[[MjModel], TimestepChoice],
+) -> tuple[MjModel, TimestepChoice]:
     """The model of a spec, with the integrator and timestep that a function chooses for it.
 
     What can touch is as stiff as the timestep allows.
@@ -276,9 +269,9 @@ def compile_spec(
 
 
 def spec_xml(
-    spec: mujoco.MjSpec,
+    spec: MjSpec,
     pairs: Sequence[contacts.Pair],
-    choose: Callable[[mujoco.MjModel], TimestepChoice],
+    choose: Callable[[MjModel], TimestepChoice],
 ) -> str:
     """The model of `compile_spec` as MJCF."""
     model, choice = compile_spec(spec, pairs, choose)
@@ -287,9 +280,13 @@ def spec_xml(
     return spec.to_xml()
 
 
-def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, HingeLayout, list[contacts.Pair]]:
-    chain = build_chain(config)
-    return chain.spec, chain.layout, _add_contacts(chain, config)
+def _assemble(config: SceneConfig) -> tuple[MjSpec, HingeLayout, list[contacts.Pair]]:
+    """Skin and objects come last, so that the robot's bodies and DOFs keep their numbers."""
+    chain, pairs = build_chain(config), []
+    if config.contacts is not None:
+        surfaces = contacts.add_skin(chain, config.robot, config.contacts)
+        pairs = contacts.connect(chain.spec, surfaces, config.objects, config.contacts)
+    return chain.spec, chain.layout, pairs
 
 
 def build_chain(config: SceneConfig) -> Chain:
@@ -312,19 +309,7 @@ def build_chain(config: SceneConfig) -> Chain:
     return chain
 
 
-def _add_contacts(chain: Chain, config: SceneConfig) -> list[contacts.Pair]:
-    """Skin and objects, last, so that the robot's bodies and DOFs keep their numbers."""
-    if config.contacts is None:
-        return []
-    contacts.prepare(chain.spec.option, config.contacts)
-    surfaces = contacts.add_skin(chain, config.robot, config.contacts)
-    surfaces += contacts.add_objects(chain.spec, config.objects)
-    return contacts.pair_surfaces(chain.spec, surfaces, config.contacts)
-
-
-def _mujocos(
-    config: SceneConfig, pairs: Sequence[contacts.Pair], model: mujoco.MjModel
-) -> TimestepChoice:
+def _mujocos(config: SceneConfig, pairs: Sequence[contacts.Pair], model: MjModel) -> TimestepChoice:
     """What MuJoCo's own steps of the model take: those of viewers, and of whoever steps it."""
     longest = None if config.contacts is None else contacts.longest_step(model, pairs)
     return choose_for([config], linearize(model), longest, is_extrapolated(config))
@@ -368,25 +353,24 @@ def _refuse_what_is_not_felt(config: SceneConfig, gravity: Sequence[float]) -> N
         refuse_torsion("a chain with torsion=False", "torsion=True", loads, robot.tendons)
 
 
-def apply_choice(choice: TimestepChoice, option: mujoco.MjOption) -> None:
+def apply_choice(choice: TimestepChoice, option: MjOption) -> None:
     """Let an option have MuJoCo's integrator and timestep of a choice."""
     option.timestep = choice.timestep
-    option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{choice.integrator.upper()}")
+    option.integrator = getattr(mjtIntegrator, f"mjINT_{choice.integrator.upper()}")
 
 
-def empty_spec(name: str, gravity: Sequence[float], *, friction: bool) -> mujoco.MjSpec:
+def empty_spec(name: str, gravity: Sequence[float], *, friction: bool) -> MjSpec:
     """Spec without contacts and MuJoCo's silent reset of a diverged state.
 
     Without constraints too, unless something rubs: MuJoCo's dry friction is one.
     """
-    spec = mujoco.MjSpec()
+    spec = MjSpec()
     spec.modelname = name
     spec.compiler.degree = False
     spec.option.gravity = gravity
-    disable = mujoco.mjtDisableBit
-    flags = disable.mjDSBL_CONTACT | disable.mjDSBL_AUTORESET
+    flags = mjtDisableBit.mjDSBL_CONTACT | mjtDisableBit.mjDSBL_AUTORESET
     if not friction:
-        flags |= disable.mjDSBL_CONSTRAINT
+        flags |= mjtDisableBit.mjDSBL_CONSTRAINT
     spec.option.disableflags = int(flags)
     return spec
 

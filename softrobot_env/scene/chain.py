@@ -28,6 +28,7 @@ from math import cos, sin
 
 import mujoco
 import numpy as np
+from mujoco import MjModel, MjsBody, MjsJoint, MjSpec, MjsTendon, mjMINVAL, mjtJoint
 from numpy import ndarray
 
 from softrobot_env.robots import Disc, Head, RobotParams
@@ -46,8 +47,8 @@ BASE_BODY = "base"
 
 #: MuJoCo's friction is a soft constraint: with its default impedance a tendon or joint creeps while
 #: it should stick.
-FRICTION_IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)
-FRICTION_REFERENCE = (0.004, 1.0)  # time constant [s], damping ratio [1]
+_FRICTION_IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+_FRICTION_REFERENCE = (0.004, 1.0)  # time constant [s], damping ratio [1]
 
 #: Between the name of one of several robots and the names of its parts.
 SEPARATOR = "/"
@@ -66,14 +67,14 @@ class Chain:
         azimuth: [rad] by which the hinges' axes are turned about +z.
     """
 
-    spec: mujoco.MjSpec
+    spec: MjSpec
     layout: HingeLayout
     length: float
-    bodies: tuple[mujoco.MjsBody, ...]
+    bodies: tuple[MjsBody, ...]
     kinds: tuple[str, ...] = ("hinge",)
     azimuth: float = 0.0
 
-    def locate(self, station: float) -> tuple[mujoco.MjsBody, float]:
+    def locate(self, station: float) -> tuple[MjsBody, float]:
         """Body that carries arc length `station` [m], and the height [m] above its origin.
 
         A station on a hinge belongs to the link above it.
@@ -133,11 +134,11 @@ def seen_from_hinges(vector: tuple[float, float], azimuth: float) -> tuple[float
     return x * c + y * s, y * c - x * s
 
 
-def joint_angles(model: mujoco.MjModel, qpos: ndarray) -> ndarray:
-    """Angles of a chain's joints in a posture (nq,).
+def joint_angles(model: MjModel, qpos: ndarray) -> ndarray:
+    """Angles of a chain's joints in postures (..., nq).
 
     Returns:
-        (stations, k) [rad]: beta (towards +x), gamma (towards +y) and torsion, as many as the
+        (..., stations, k) [rad]: beta (towards +x), gamma (towards +y) and torsion, as many as the
         chain has. Of a ball joint they are the components of its rotation vector, of hinges their
         angles; divided by a station's weight they are the curvatures. Hinges that bend to two
         sides at once also twist, by half the product of their angles, and the torsion of three
@@ -145,15 +146,16 @@ def joint_angles(model: mujoco.MjModel, qpos: ndarray) -> ndarray:
     """
     joints = _joints(model)
     if BALL in joints:
-        turns = np.empty((len(joints[BALL]), 3))
-        for turn, address in zip(turns, joints[BALL], strict=True):
-            mujoco.mju_quat2Vel(turn, qpos[address : address + 4], 1.0)
-        return turns[:, [1, 0, 2]] * [1, -1, 1]
-    angles = np.stack([qpos[addresses] for addresses in joints.values()], axis=1)
-    return angles @ _turn(model, angles.shape[1]).T
+        quaternions = qpos[..., joints[BALL][:, None] + np.arange(4)]
+        turns = np.empty((*quaternions.shape[:-1], 3))
+        for place in np.ndindex(turns.shape[:-1]):
+            mujoco.mju_quat2Vel(turns[place], quaternions[place], 1.0)
+        return turns[..., [1, 0, 2]] * [1, -1, 1]
+    angles = np.stack([qpos[..., addresses] for addresses in joints.values()], axis=-1)
+    return angles @ _turn(model, len(joints)).T
 
 
-def posture(model: mujoco.MjModel, angles: ndarray) -> ndarray:
+def posture(model: MjModel, angles: ndarray) -> ndarray:
     """The posture (nq,) with `angles` (stations, k) [rad]: inverse of `joint_angles`."""
     joints, qpos = _joints(model), model.qpos0.copy()
     if BALL in joints:
@@ -168,7 +170,7 @@ def posture(model: mujoco.MjModel, angles: ndarray) -> ndarray:
     return qpos
 
 
-def mean_curvature(model: mujoco.MjModel, layout: HingeLayout, pieces: int) -> ndarray:
+def mean_curvature(model: MjModel, layout: HingeLayout, pieces: int) -> ndarray:
     """Matrix (n, nv) [1/m] from the hinge angles of a chain to mean curvatures of pieces.
 
     Each of them is made of equally many of the chain's own. Rows are the pieces of a planar chain;
@@ -194,7 +196,7 @@ def mean_curvature(model: mujoco.MjModel, layout: HingeLayout, pieces: int) -> n
     return matrix.reshape(-1, model.nv)
 
 
-def station_strain(model: mujoco.MjModel, layout: HingeLayout, qpos: ndarray) -> ndarray:
+def station_strain(model: MjModel, layout: HingeLayout, qpos: ndarray) -> ndarray:
     """Beta, gamma and torsion (n, stations, 3) [1/m] of the parts that stations stand for.
 
     Args:
@@ -202,16 +204,12 @@ def station_strain(model: mujoco.MjModel, layout: HingeLayout, qpos: ndarray) ->
         layout: Where its stations are; the parts lie one behind the other, as long as its weights.
         qpos: (n, nq) postures.
     """
-    strain, joints = np.zeros((len(qpos), len(layout.weights), 3)), _joints(model)
-    if BALL in joints:
-        strain[:] = [joint_angles(model, row) for row in qpos]
-    else:
-        angles = np.stack([qpos[:, addresses] for addresses in joints.values()], axis=2)
-        strain[:, :, : len(joints)] = angles @ _turn(model, len(joints)).T
+    strain, angles = np.zeros((len(qpos), len(layout.weights), 3)), joint_angles(model, qpos)
+    strain[..., : angles.shape[-1]] = angles
     return strain / layout.weights[:, None]
 
 
-def _turn(model: mujoco.MjModel, size: int) -> ndarray:
+def _turn(model: MjModel, size: int) -> ndarray:
     """(size, size) from angles about a chain's own hinge axes to beta, gamma (and torsion)."""
     matrix = np.eye(size)
     if size > 1:
@@ -220,17 +218,17 @@ def _turn(model: mujoco.MjModel, size: int) -> ndarray:
     return matrix
 
 
-def _joints(model: mujoco.MjModel) -> dict[str, ndarray]:
+def _joints(model: MjModel) -> dict[str, ndarray]:
     """Addresses (stations,) in `qpos` of the joints by kind, in the order of the kinds."""
     addresses = {model.joint(i).name: model.jnt_qposadr[i] for i in range(model.njnt)}
     kinds = [kind for kind in (*HINGE_AXES, BALL) if f"{kind}0" in addresses]
-    free = np.count_nonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)  # objects
+    free = np.count_nonzero(model.jnt_type == mjtJoint.mjJNT_FREE)  # objects
     stations = range((len(addresses) - free) // len(kinds))
     return {kind: np.array([addresses[f"{kind}{i}"] for i in stations]) for kind in kinds}
 
 
 def add_chain(
-    spec: mujoco.MjSpec,
+    spec: MjSpec,
     robot: RobotParams,
     layout: HingeLayout,
     kinds: tuple[str, ...] = ("hinge",),
@@ -251,9 +249,7 @@ def add_chain(
             joint.stiffness[0] = stiffness = joints[kind][index]
             joint.damping[0] = joints["damping_time"][index] * stiffness
             if holding[index] and kind != "twist":
-                joint.frictionloss = holding[index]
-                joint.solimp_friction = FRICTION_IMPEDANCE
-                joint.solref_friction = FRICTION_REFERENCE
+                rub(joint, holding[index])
         bodies.append(body)
     chain = Chain(spec, layout, robot.length, tuple(bodies), kinds, azimuth)
     _add_tip(chain, robot.head)
@@ -261,7 +257,17 @@ def add_chain(
     return chain
 
 
-def _add_base(spec: mujoco.MjSpec, robot: RobotParams) -> mujoco.MjsBody:
+def rub(part: MjsJoint | MjsTendon, friction: float) -> None:
+    """Dry friction [N or N m] of a tendon or joint.
+
+    That of a tendon acts whatever the tension, on slack ones too, which it can push;
+    `tangent.RubbingForces` tells where that is not so.
+    """
+    part.frictionloss = friction
+    part.solimp_friction, part.solref_friction = _FRICTION_IMPEDANCE, _FRICTION_REFERENCE
+
+
+def _add_base(spec: MjSpec, robot: RobotParams) -> MjsBody:
     """The body on which the chain stands."""
     if robot.base is None:
         return spec.worldbody
@@ -321,16 +327,14 @@ def _inertias(robot: RobotParams, edges: ndarray) -> ndarray:
     return np.column_stack([mass, centre, second - first * centre + rotary, 2 * rotary])
 
 
-def set_inertia(body: mujoco.MjsBody, mass: float, centre: float, inertia: Sequence[float]) -> None:
+def set_inertia(body: MjsBody, mass: float, centre: float, inertia: Sequence[float]) -> None:
     """Mass [kg], height [m] of its centre above the body, and inertia (3,) [kg m2] about that."""
     # Not given, MuJoCo would take the body's own place once more for the centre.
     body.mass, body.ipos, body.inertia = mass, [0, 0, centre], inertia
     body.explicitinertial = True
 
 
-def _set_link_inertia(
-    body: mujoco.MjsBody, robot: RobotParams, length: float, inertia: ndarray
-) -> None:
+def _set_link_inertia(body: MjsBody, robot: RobotParams, length: float, inertia: ndarray) -> None:
     """Mass and inertia of a part of `length` [m] of the backbone, a row of `_inertias`.
 
     Raises:
@@ -339,22 +343,22 @@ def _set_link_inertia(
     mass, centre, lateral, axial = inertia.tolist()
     set_inertia(body, mass, centre, [lateral, lateral, axial])
     least = min(mass, lateral, axial)
-    if least < mujoco.mjMINVAL:
+    if least < mjMINVAL:
         raise ValueError(
             f"robot {robot.name!r}: a link of {length:.3g} m has a mass of {mass:.3g} kg and "
-            f"inertias down to {min(lateral, axial):.3g} kg m2, MuJoCo takes {mujoco.mjMINVAL:g} "
+            f"inertias down to {min(lateral, axial):.3g} kg m2, MuJoCo takes {mjMINVAL:g} "
             "or more: take fewer pieces, a denser or thicker robot, or a beam model"
         )
 
 
 def _add_joint(
-    body: mujoco.MjsBody, name: str, kind: str, robot: RobotParams, weight: float, azimuth: float
-) -> mujoco.MjsJoint:
+    body: MjsBody, name: str, kind: str, robot: RobotParams, weight: float, azimuth: float
+) -> MjsJoint:
     """Joint of `weight` [m] of beam, its axis turned by azimuth."""
     if kind == BALL:
-        return body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_BALL)
+        return body.add_joint(name=name, type=mjtJoint.mjJNT_BALL)
     axis = _turned(HINGE_AXES[kind], azimuth)
-    joint = body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
+    joint = body.add_joint(name=name, type=mjtJoint.mjJNT_HINGE, axis=axis)
     along, across = seen_from_hinges(robot.precurvature, azimuth)
     joint.springref = weight * {"hinge": along, "side": across, "twist": 0.0}[kind]
     return joint

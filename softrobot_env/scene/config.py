@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from softrobot_env.core.records import Positive, check_fields, check_unique
+from softrobot_env.core.records import Positive, Record, check_fields, check_unique
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.robots.parameters import Pieces
@@ -56,7 +56,7 @@ _HANGING = 0.5  # of its direction that is down
 
 
 @dataclass(frozen=True)
-class Camera:
+class Camera(Record):
     """Fixed camera looking along +y at the x-z plane, or from above or below it.
 
     Attributes:
@@ -71,9 +71,6 @@ class Camera:
     height: Positive
     elevation: float = 0.0
 
-    def __post_init__(self) -> None:
-        check_fields(self, f"camera {self.name!r}")
-
     @property
     def towards(self) -> tuple[float, float, float]:
         """Unit vector from what is seen to the camera."""
@@ -86,7 +83,7 @@ class Camera:
 
 
 @dataclass(frozen=True)
-class Marker:
+class Marker(Record):
     """Coloured ball without mass, at `position` (3,) [m], movable as a mocap body."""
 
     name: str
@@ -94,21 +91,15 @@ class Marker:
     radius: Positive = 0.008
     rgba: Rgba = (0.85, 0.2, 0.15, 1.0)
 
-    def __post_init__(self) -> None:
-        check_fields(self, f"marker {self.name!r}")
-
 
 @dataclass(frozen=True)
-class PathMarker:
+class PathMarker(Record):
     """Line through `points` (k, 3) [m]."""
 
     name: str
     points: tuple[tuple[float, float, float], ...]
     radius: Positive = 0.0015
     rgba: Rgba = (0.25, 0.25, 0.3, 1.0)
-
-    def __post_init__(self) -> None:
-        check_fields(self, f"path {self.name!r}")
 
 
 @dataclass(frozen=True)
@@ -117,7 +108,7 @@ class TipSensors:
 
 
 @dataclass(frozen=True)
-class Appearance:
+class Appearance(Record):
     """Visible body: links, visible tendons, wall and lights. Adds no mass and no contacts.
 
     `surroundings` tells whether wall and lights are there, too.
@@ -126,9 +117,6 @@ class Appearance:
     link_rgba: Rgba = (0.93, 0.75, 0.45, 1.0)
     tendon_rgba: Rgba = (0.15, 0.3, 0.65, 1.0)
     surroundings: bool = True
-
-    def __post_init__(self) -> None:
-        check_fields(self, "appearance")
 
 
 @dataclass(frozen=True)

@@ -14,16 +14,28 @@ down to that. This mass is an error that shrinks with h; forces at rest have non
 for contacts.
 
 Surfaces are known by the names of their geoms, so that chains which were put into one spec with a
-prefix can be paired as well as one alone: `add_skin`, `add_objects`, then `pair_surfaces`.
+prefix can be paired as well as one alone: `add_skin`, then `connect`.
 """
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, pairwise
 from math import hypot, inf, pi, sqrt
 
 import mujoco
 import numpy as np
+from mujoco import (
+    MjData,
+    MjModel,
+    MjOption,
+    MjsBody,
+    MjSpec,
+    mjtCone,
+    mjtDisableBit,
+    mjtGeom,
+    mjtJacobian,
+    mjtSolver,
+)
 from numpy import ndarray
 
 from softrobot_env.robots import RobotParams
@@ -160,72 +172,58 @@ def add_skin(chain: Chain, robot: RobotParams, contacts: Contacts) -> list[Surfa
     Raises:
         ValueError: The robot is shorter than its radius at the tip.
     """
-    shape, tip_radius, out = mujoco.mjtGeom, _radius(robot, robot.length), []
+    tip_radius, out = robot.backbone.outer_radius(robot.length), []
     if robot.length <= tip_radius:
         raise ValueError(
             f"robot {robot.name!r}: contacts need a robot longer than its radius of {tip_radius} m"
         )
 
-    def part(name: str, station: float, half: float, radius: float) -> Surface:
-        stiffness = 2 * radius * _skin_stiffness(robot, station, contacts)
+    def part(name: str, kind: str, size: Sequence[float], station: float, height: float) -> None:
+        radius, half = size[0] if kind == "CYLINDER" else hypot(*size[:2]), size[-1]
         span = station - half, station + half
+        stiffness = 2 * radius * _skin_stiffness(robot, station, contacts)
         out.append(Surface(f"{name}_skin", name, None, stiffness, 0, span, radius))
-        return out[-1]
+        user = [_PART, sum(span) / 2, 0, 0]
+        _add_shape(chain.spec.body(name), out[-1].geom, kind, size, height, user)
 
-    ends = np.array([0.0, *chain.layout.stations, robot.length])
-    for index, body in enumerate(chain.bodies):
-        start, end = ends[index], min(ends[index + 1], robot.length - tip_radius)
+    bounds = pairwise([0.0, *chain.layout.stations, robot.length])
+    for index, (body, (start, end)) in enumerate(zip(chain.bodies, bounds, strict=True)):
+        end = min(end, robot.length - tip_radius)
         if end - start > _SHORTEST * tip_radius:
             middle, half = (start + end) / 2, (end - start) / 2
-            radius, name = _radius(robot, middle), _SKIN.format(index)
+            radius, name = robot.backbone.outer_radius(middle), _SKIN.format(index)
             stiffness = _skin_stiffness(robot, middle, contacts) * (end - start)
             link = Surface(name, BACKBONE, None, stiffness, 0, (start, end), radius)
             out.append(replace(link, fixed=index == 0))
-            kind = shape.mjGEOM_CAPSULE, [radius, half, 0], half
-            _add_shape(body, name, *kind, [_LINK, start, start, end])
+            _add_shape(body, name, "CAPSULE", [radius, half], half, [_LINK, start, start, end])
     for index, disc in enumerate(robot.discs):
-        radius, half = disc.cylinder
-        disc_part = part(f"disc{index}", disc.station, half, radius)
-        kind = shape.mjGEOM_CYLINDER, [radius, half, 0], 0
-        _add_shape(chain.spec.body(disc_part.owner), disc_part.geom, *kind, _middle(disc_part))
+        part(f"disc{index}", "CYLINDER", disc.cylinder, disc.station, 0)
     if robot.head is not None:
-        size = robot.head.half_sizes
-        head = part(HEAD_BODY, robot.length, size[2], hypot(size[0], size[1]))
-        kind = shape.mjGEOM_BOX, list(size), robot.head.centre
-        _add_shape(chain.spec.body(HEAD_BODY), head.geom, *kind, _middle(head))
+        part(HEAD_BODY, "BOX", robot.head.half_sizes, robot.length, robot.head.centre)
     return out
 
 
-def _middle(surface: Surface) -> list[float]:
-    """What the user numbers of a disc or head say."""
-    return [_PART, sum(surface.span) / 2, 0, 0]
-
-
 def _add_shape(
-    body: mujoco.MjsBody,
+    body: MjsBody,
     name: str,
-    kind: mujoco.mjtGeom,
+    kind: str,
     size: Sequence[float],
     height: float,
     stations: Sequence[float],
 ) -> None:
     """Geom that touches by pairs alone. Its user numbers tell the stations on it."""
-    geom = body.add_geom(name=name, type=kind, size=size, pos=[0, 0, height], userdata=stations)
+    shape, place = getattr(mjtGeom, f"mjGEOM_{kind}"), [0, 0, height]
+    size = [*size, 0][:3]
+    geom = body.add_geom(name=name, type=shape, size=size, pos=place, userdata=stations)
     geom.mass, geom.contype, geom.conaffinity = 0, 0, 0
     geom.group = 3  # which viewers do not show
-
-
-def _radius(robot: RobotParams, station: float) -> float:
-    return float(robot.backbone.outer_radius(np.array([station]))[0])
 
 
 def _skin_stiffness(robot: RobotParams, station: float, contacts: Contacts) -> float:
     """[N/m2]"""
     if contacts.stiffness is not None:
         return contacts.stiffness
-    backbone = robot.backbone
-    section = backbone.sections[int(backbone.index(np.array([station]))[0])]
-    return material_stiffness(section)
+    return material_stiffness(robot.backbone.sections[robot.backbone.index(station)])
 
 
 def material_stiffness(section: Section) -> float:
@@ -233,53 +231,44 @@ def material_stiffness(section: Section) -> float:
     return pi / 4 * section.youngs_modulus / (1 - section.poisson_ratio**2)
 
 
-def add_objects(spec: mujoco.MjSpec, objects: Iterable[Object]) -> list[Surface]:
-    """Add objects to a spec, after all chains: the DOFs of free ones come last."""
-    quality = spec.visual.quality
-    quality.numslices, quality.numstacks = max(quality.numslices, 28), max(quality.numstacks, 16)
-    return [_add_object(spec, thing) for thing in objects]
-
-
-def _add_object(spec: mujoco.MjSpec, thing: Object) -> Surface:
+def _add_object(spec: MjSpec, thing: Object) -> Surface:
     body = spec.worldbody.add_body(name=thing.name, pos=thing.position, quat=thing.quaternion)
-    name = _OBJECT_GEOM.format(thing.name)
-    geom = body.add_geom(
-        name=name,
-        type=getattr(mujoco.mjtGeom, thing.geom_type),
-        size=thing.geom_size,
-        contype=0,
-        conaffinity=0,
-        rgba=thing.rgba,
-    )
-    weight = 0.0
-    if thing.is_free:
-        body.add_freejoint(name=f"{thing.name}_free")
-        geom.mass = mass = thing.total_mass
-        weight = mass * G / (_OBJECT_DEPTH * thing.extent)
-    return Surface(
-        name,
+    surface = Surface(
+        _OBJECT_GEOM.format(thing.name),
         thing.name,
         thing.friction,
         halves=thing.has_faces,
-        weight=weight,
         fixed=not thing.is_free,
     )
+    kind, size = getattr(mjtGeom, thing.geom_type), thing.geom_size
+    geom = body.add_geom(name=surface.geom, type=kind, size=size, rgba=thing.rgba)
+    geom.contype = geom.conaffinity = 0
+    if surface.fixed:
+        return surface
+    body.add_freejoint(name=f"{thing.name}_free")
+    geom.mass = mass = thing.total_mass
+    return replace(surface, weight=mass * G / (_OBJECT_DEPTH * thing.extent))
 
 
 # ---------------------------------------------------------------- pairs
 
 
-def pair_surfaces(
-    spec: mujoco.MjSpec, surfaces: Sequence[Surface], contacts: Contacts
+def connect(
+    spec: MjSpec, surfaces: Sequence[Surface], objects: Iterable[Object], contacts: Contacts
 ) -> list[Pair]:
-    """Let surfaces touch each other: robots and objects, two robots, and a robot itself if asked.
+    """Add objects to a spec, after all chains, and let surfaces touch each other and them.
 
-    Of one robot those are left out whose distance along the backbone is less than half a turn of
-    the tightest bend, as nearer ones overlap in a straight robot, too.
+    Robots touch objects and other robots, and themselves if asked. Of one robot those are left out
+    whose distance along the backbone is less than half a turn of the tightest bend, as nearer ones
+    overlap in a straight robot, too.
     """
+    _prepare(spec.option, contacts)
+    quality = spec.visual.quality
+    quality.numslices, quality.numstacks = max(quality.numslices, 28), max(quality.numstacks, 16)
+    things = [_add_object(spec, thing) for thing in objects]  # the DOFs of free ones come last
     return [
         _add_pair(spec, one, other, contacts)
-        for one, other in combinations(surfaces, 2)
+        for one, other in combinations([*surfaces, *things], 2)
         if _may_touch(one, other, contacts)
     ]
 
@@ -295,7 +284,7 @@ def _may_touch(one: Surface, other: Surface, contacts: Contacts) -> bool:
     return contacts.self_contact and gap >= pi / 2 * (one.radius + other.radius)
 
 
-def _add_pair(spec: mujoco.MjSpec, one: Surface, other: Surface, contacts: Contacts) -> Pair:
+def _add_pair(spec: MjSpec, one: Surface, other: Surface, contacts: Contacts) -> Pair:
     given = [x.friction for x in (one, other) if x.friction is not None]
     friction = max(given, default=contacts.friction)
     name = f"{one.geom}~{other.geom}"
@@ -310,33 +299,33 @@ def _add_pair(spec: mujoco.MjSpec, one: Surface, other: Surface, contacts: Conta
     return Pair(name, stiffness, contacts.damping_ratio, friction, asked, contacts.stopping)
 
 
-def prepare(option: mujoco.MjOption, contacts: Contacts) -> None:
+def _prepare(option: MjOption, contacts: Contacts) -> None:
     """Settings of MuJoCo's solver for contacts.
 
     The dense path: the sparse Cholesky factor of MuJoCo 4.0.0's Newton solver has a bug.
     """
     option.disableflags = int(option.disableflags) & ~int(
-        mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+        mjtDisableBit.mjDSBL_CONTACT | mjtDisableBit.mjDSBL_CONSTRAINT
     )
-    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
-    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.solver = mjtSolver.mjSOL_NEWTON
+    option.jacobian = mjtJacobian.mjJAC_DENSE
+    option.cone = mjtCone.mjCONE_ELLIPTIC
     option.impratio = contacts.sideways
     option.tolerance = 1e-10
 
 
-def longest_step(model: mujoco.MjModel, pairs: Sequence[Pair]) -> float:
+def longest_step(model: MjModel, pairs: Sequence[Pair]) -> float:
     """Timestep [s] that resolves contacts whose stiffness was asked for; inf without any."""
-    return min((_longest(model, pair) for pair in pairs if pair.asked), default=inf)
-
-
-def _longest(model: mujoco.MjModel, pair: Pair) -> float:
-    smooth = RESOLVED / sqrt(_square(model, pair) * (1 - ACCURATE_IMPEDANCE))
-    return smooth / (1 + _ROUGH * pair.friction)
+    smooth = (
+        RESOLVED / sqrt(_square(model, x) * (1 - ACCURATE_IMPEDANCE)) / (1 + _ROUGH * x.friction)
+        for x in pairs
+        if x.asked
+    )
+    return min(smooth, default=inf)
 
 
 def tune(
-    model: mujoco.MjModel, pairs: Sequence[Pair], timestep: float, least: float = LEAST_IMPEDANCE
+    model: MjModel, pairs: Sequence[Pair], timestep: float, least: float = LEAST_IMPEDANCE
 ) -> float:
     """Give pairs their stiffness and damping at a timestep [s], as the module tells.
 
@@ -358,22 +347,21 @@ def tune(
         square = _square(model, pair)
         most = fastest / (1 - (MOST_IMPEDANCE if pair.asked else DEFAULT_IMPEDANCE))
         if pair.asked and square > most:
-            raise ValueError(_too_stiff(pair, square / most, timestep))
+            excess = square / most
+            raise ValueError(
+                f"contacts {pair.name!r} of {pair.stiffness:.3g} N/m are too stiff for a timestep "
+                f"of {timestep:.3g} s: give Contacts(stiffness=...) {excess:.3g} times smaller, or "
+                f"a timestep of {timestep / sqrt(excess):.2g} s"
+            )
         softest = min(softest, most / square)
         square = min(square, most)
-        steady = _steady(2 * pair.damping_ratio * timestep * sqrt(square) / _DAMPED)
+        x = 2 * pair.damping_ratio * timestep * sqrt(square) / _DAMPED
+        steady = x * (sqrt(x**2 + 4) - x) / 2  # d = x sqrt(1 - d)
         _set(model, pair, square, max(least, steady, 1 - fastest / square), timestep)
     return softest
 
 
-def _steady(x: float) -> float:
-    """Impedance d at which d = x sqrt(1 - d)."""
-    return x * (sqrt(x**2 + 4) - x) / 2
-
-
-def _set(
-    model: mujoco.MjModel, pair: Pair, square: float, impedance: float, timestep: float
-) -> None:
+def _set(model: MjModel, pair: Pair, square: float, impedance: float, timestep: float) -> None:
     """Parameters of a pair with a spring of frequency sqrt(square) [rad/s] without the mass."""
     number, frequency = model.pair(pair.name).id, sqrt(square * (1 - impedance))
     model.pair_solref[number] = -(frequency**2), -2 * pair.damping_ratio * frequency
@@ -383,7 +371,7 @@ def _set(
     model.pair_solreffriction[number] = -1.0, -rate
 
 
-def write(spec: mujoco.MjSpec, model: mujoco.MjModel, pairs: Sequence[Pair]) -> None:
+def write(spec: MjSpec, model: MjModel, pairs: Sequence[Pair]) -> None:
     """Give the pairs of a spec what `tune` gave those of its model."""
     by_name = {pair.name: pair for pair in spec.pairs}
     for pair in pairs:
@@ -392,7 +380,7 @@ def write(spec: mujoco.MjSpec, model: mujoco.MjModel, pairs: Sequence[Pair]) -> 
             setattr(by_name[pair.name], field, getattr(model, f"pair_{field}")[number])
 
 
-def _square(model: mujoco.MjModel, pair: Pair) -> float:
+def _square(model: MjModel, pair: Pair) -> float:
     """K A [1/s2] of a pair, A being what MuJoCo takes for the inverse mass [1/kg] of two bodies."""
     number = model.pair(pair.name).id
     geoms = model.pair_geom1[number], model.pair_geom2[number]
@@ -400,18 +388,10 @@ def _square(model: mujoco.MjModel, pair: Pair) -> float:
     return pair.stiffness * float(inverse)
 
 
-def _too_stiff(pair: Pair, excess: float, timestep: float) -> str:
-    return (
-        f"contacts {pair.name!r} of {pair.stiffness:.3g} N/m are too stiff for a timestep of "
-        f"{timestep:.3g} s: give Contacts(stiffness=...) {excess:.3g} times smaller, or a timestep "
-        f"of {timestep / sqrt(excess):.2g} s"
-    )
-
-
 # ---------------------------------------------------------------- read-outs
 
 
-def touches(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Touch, ...]:
+def touches(model: MjModel, data: MjData) -> tuple[Touch, ...]:
     """All contacts of a state of which the accelerations are known (`mj_forward`)."""
     return tuple(
         _touch(model, data, number)
@@ -420,7 +400,7 @@ def touches(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Touch, ...]:
     )
 
 
-def _touch(model: mujoco.MjModel, data: mujoco.MjData, number: int) -> Touch:
+def _touch(model: MjModel, data: MjData, number: int) -> Touch:
     contact, wrench = data.contact[number], np.empty(6)
     mujoco.mj_contactForce(model, data, number, wrench)
     # MuJoCo's is the force on its second geom, along the rows of the frame.
@@ -433,14 +413,14 @@ def _touch(model: mujoco.MjModel, data: mujoco.MjData, number: int) -> Touch:
     return Touch(*names, tuple(stations), point, -force, -float(contact.dist))
 
 
-def _owner(model: mujoco.MjModel, geom: int) -> str:
+def _owner(model: MjModel, geom: int) -> str:
     """Name of what a geom belongs to, with the prefix of its robot."""
     if _kind(model, geom) == _LINK:
         return model.geom(geom).name.rstrip("0123456789").removesuffix("skin") + BACKBONE
     return model.body(model.geom_bodyid[geom]).name
 
 
-def links_of(model: mujoco.MjModel, prefix: str = "") -> dict[str, tuple[float, float]]:
+def links_of(model: MjModel, prefix: str = "") -> dict[str, tuple[float, float]]:
     """Names of the links' geoms of a robot in a spec of several, with their arc lengths [m]."""
     out = {}
     for geom in range(model.ngeom):
@@ -451,11 +431,11 @@ def links_of(model: mujoco.MjModel, prefix: str = "") -> dict[str, tuple[float, 
     return out
 
 
-def _kind(model: mujoco.MjModel, geom: int) -> int:
+def _kind(model: MjModel, geom: int) -> int:
     return int(model.geom_user[geom, 0]) if model.nuser_geom else 0
 
 
-def _station(model: mujoco.MjModel, data: mujoco.MjData, geom: int, point: ndarray) -> float | None:
+def _station(model: MjModel, data: MjData, geom: int, point: ndarray) -> float | None:
     """Arc length [m] of the backbone next to a point, None if the geom is no robot's."""
     kind = _kind(model, geom)
     if not kind:

@@ -27,7 +27,7 @@ from numpy import ndarray
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.processes import one_blas_thread
 from softrobot_env.robots import Drive, RobotParams
-from softrobot_env.robots.actuation import TendonMap, robot_inputs
+from softrobot_env.robots.actuation import TendonMap, by_action, robot_inputs
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.registry import model_scene
 from softrobot_env.scene.statics import finite
@@ -139,6 +139,7 @@ class InverseStatics:
     Attributes:
         scene: The scene.
         inputs: Of its robot, what `robot_inputs` returns.
+        forces: Of the robot last linearised, whatever drives it.
         directions: (k, 3), unit vectors of the world along which the tip's place is asked for.
         tolerance: [m], error of a point that counts as reached.
     """
@@ -160,20 +161,19 @@ class InverseStatics:
         if self.inputs.n_inputs == 0:
             raise ValueError(f"robot {robot.name!r} has no tendons, hence no inverse statics")
         given = own_directions(scene) if directions is None else directions
-        self.directions = np.atleast_2d(np.asarray(given, dtype=float))
+        self.directions = np.atleast_2d(np.asarray(given, float))
         square = self.directions @ self.directions.T
         if self.directions.shape[1] != 3 or np.abs(square - np.eye(len(square))).max() > 1e-9:
             raise ValueError(f"directions must be unit vectors (k, 3) at right angles, got {given}")
         self.tolerance = REACHED * robot.reach
         self._pulled = scene.config.actuation == "length"
         self._by_tension = _driven_by_tension(scene) if self._pulled else scene
-        self._forces = StaticForces(self._by_tension.model)
+        self.forces = StaticForces(self._by_tension.model)
         self._tensions = TendonMap(robot)
         self._elastic, self._full = _elastic(robot), full_length(robot, scene.model)
-        self._command = self._tensions.per_action().command
+        self._actions = self._tensions.per_action()
+        self._command = self._actions.command
         self._turn = _LARGEST_TURN / len(np.unique(scene.model.dof_bodyid))
-        shift = 1e-7 * np.eye(self._tensions.n_inputs)
-        self._shifts = np.concatenate([shift, -shift])
 
     def along(self, directions: ndarray) -> "InverseStatics":
         """The same of the tip's place along other directions (k, 3), unit vectors."""
@@ -211,7 +211,7 @@ class InverseStatics:
             ValueError: An argument of another shape, or not finite.
             EquilibriumError: There is no equilibrium at the start.
         """
-        points = np.asarray(points, dtype=float)
+        points = np.asarray(points, float)
         points = finite("points", points, (len(np.atleast_1d(points)), 3))
         here = self._start(start)
         rows = []
@@ -221,11 +221,7 @@ class InverseStatics:
                 found = self._elsewhere(point, found)
             rows.append(found)
             here = found if found.error <= self.tolerance else here
-        return Held(
-            np.array([row.inputs for row in rows]).reshape(len(rows), -1),
-            np.array([row.posture for row in rows]).reshape(len(rows), -1),
-            np.array([row.error for row in rows]),
-        )
+        return Held(*(np.array(values) for values in list(zip(*rows, strict=True))[1:]))
 
     def place(self, inputs: ndarray, posture: ndarray | None = None) -> Place:
         """Where inputs (n_inputs,) lead, or their equilibrium where it is known.
@@ -233,7 +229,10 @@ class InverseStatics:
         Raises:
             EquilibriumError: There is no stable equilibrium.
         """
-        return self._held(inputs) if posture is None else self._at(inputs, posture)
+        posture = self.posture(inputs) if posture is None else posture
+        reduced = self._tensions.reduced(self._tension(inputs, posture))
+        action = (reduced - self._tensions.input_centre) / self._tensions.input_scale
+        return Place(np.clip(action, -1.0, 1.0), inputs, posture, 0.0)
 
     def by_inputs(self, linear: Linear) -> ndarray:
         """Generalised force (nv, n_inputs) [N m] by a full scale of each input.
@@ -242,17 +241,8 @@ class InverseStatics:
         """
         if not self._pulled:
             return linear.stiffness @ linear.by_actions
-        arms = self._forces.by_controls()[:, : self.inputs.n_inputs]
+        arms = self.forces.by_controls()[:, : self.inputs.n_inputs]
         return arms * (self._elastic[1] * self.inputs.input_scale)
-
-    @property
-    def springs(self) -> ndarray:
-        """Generalised force (nv,) [N m] of the springs of the robot last linearised."""
-        return self._forces.springs
-
-    def mass(self) -> ndarray:
-        """Mass matrix (nv, nv) [kg m2] of the robot last linearised."""
-        return self._forces.mass()
 
     def inputs_by(self, action: ndarray, step: ndarray) -> ndarray:
         """Change (n_inputs,) of the inputs that is a change (m,) of actions in a held posture."""
@@ -262,7 +252,7 @@ class InverseStatics:
 
     def tip(self, posture: ndarray) -> ndarray:
         """Tip (3,) [m] in a posture (nq,), in a fiftieth of the time of `Scene.tip`."""
-        return self._forces.tip(posture)
+        return self.forces.tip(posture)
 
     def turns(self, posture: ndarray, other: ndarray) -> ndarray:
         """Turns (nv,) [rad] of the joints from a posture (nq,) to another."""
@@ -270,15 +260,9 @@ class InverseStatics:
         mujoco.mj_differentiatePos(self.scene.model, out, 1.0, posture, other)
         return out
 
-    def of_motion(
-        self, posture: ndarray, rate: ndarray, change: ndarray, carried: float = 0.0
-    ) -> ndarray:
-        """See `StaticForces.of_motion`."""
-        return self._forces.of_motion(posture, rate, change, carried)
-
     def controls(self, inputs: ndarray) -> ndarray:
         """Controls (nu,) of the scene that give inputs (n_inputs,)."""
-        return _controls(self.scene, self.inputs.command(np.asarray(inputs, dtype=float)))
+        return _controls(self.scene, self.inputs.command(np.asarray(inputs, float)))
 
     def follow(
         self,
@@ -365,9 +349,8 @@ class InverseStatics:
         radius = self.scene.config.robot.reach
         axes = self._axes(middle)
         for k in (2, 6, 0, 4, 1, 5, 3, 7):
-            radius = self._along(
-                middle, np.array([np.cos(np.pi * k / 4), np.sin(np.pi * k / 4)]) @ axes, radius
-            )
+            turn = np.pi * k / 4
+            radius = self._along(middle, np.array([np.cos(turn), np.sin(turn)]) @ axes, radius)
             if radius <= least:
                 return 0.0
         return radius
@@ -387,11 +370,10 @@ class InverseStatics:
     def line(self, actions: ndarray) -> tuple[ndarray, ndarray]:
         """Tips (n, 3) [m] and inputs (n, n_inputs) under actions (n,), the same for all inputs."""
         inputs = self.inputs.input_centre + np.outer(actions, self.inputs.input_scale)
-        tips = []
-        guess = self._rest.posture
+        tips, posture = [], self._rest.posture
         for one in inputs:
-            guess = self.posture(one, guess)
-            tips.append(self.tip(guess))
+            posture = self.posture(one, posture)
+            tips.append(self.tip(posture))
         return np.array(tips), inputs
 
     def _room(self, found: Place) -> float:
@@ -411,23 +393,12 @@ class InverseStatics:
         if start is None:
             return self._rest
         if isinstance(start, Held):
-            return self._at(start.inputs[-1], start.postures[-1])
-        return self._held(finite("start", start, (self.inputs.n_inputs,)))
+            return self.place(start.inputs[-1], start.postures[-1])
+        return self.place(finite("start", start, (self.inputs.n_inputs,)))
 
     @cached_property
     def _rest(self) -> Place:
-        return self._held(self.inputs.input_centre)
-
-    def _held(self, inputs: ndarray) -> Place:
-        """Where inputs lead, and the actions of the tensions that they come to."""
-        return self._at(inputs, self.posture(inputs))
-
-    def _at(self, inputs: ndarray, posture: ndarray) -> Place:
-        """Inputs in their equilibrium."""
-        tension = self._tension(inputs, posture)
-        reduced = self._tensions.reduced(tension)
-        action = (reduced - self._tensions.input_centre) / self._tensions.input_scale
-        return Place(np.clip(action, -1.0, 1.0), inputs, posture, 0.0)
+        return self.place(self.inputs.input_centre)
 
     def _tension(self, inputs: ndarray, posture: ndarray) -> ndarray:
         """(n_tendons,) [N] at rest."""
@@ -441,7 +412,7 @@ class InverseStatics:
 
     def _shortened(self, posture: ndarray) -> ndarray:
         """How much shorter the tendons (n_tendons,) [m] are than in the straight robot."""
-        length = self._forces.tendon_length(posture)[: len(self._full)]
+        length = self.forces.tendon_length(posture)[: len(self._full)]
         return self._elastic[2] - (length + self._full)
 
     def inputs_for(self, action: ndarray, posture: ndarray) -> ndarray:
@@ -460,7 +431,7 @@ class InverseStatics:
         the nearest action found before.
         """
         found = self._spread(count, self._box)
-        inputs, postures = (np.array([getattr(f, n) for f in found]) for n in ("inputs", "posture"))
+        _, inputs, postures, _ = map(np.array, zip(*found, strict=True))
         return Sample(inputs, postures, self.scene.tip(postures), count + 1 - len(found))
 
     def _spread(self, count: int, box: float) -> list[Place]:
@@ -503,8 +474,8 @@ class InverseStatics:
         linear = self.linearised(self._rest.action, self._rest.posture)
         if linear is None:
             raise EquilibriumError("the stiffness under the action 0 is singular")
-        tensions = self._by_action(self._rest.action)
-        shorter = self._forces.by_controls()[:, : len(tensions)].T @ linear.by_actions
+        tensions = by_action(self._actions, self._rest.action)
+        shorter = self.forces.by_controls()[:, : len(tensions)].T @ linear.by_actions
         pulled = shorter + tensions / self._elastic[1][:, None]
         box = min(1.0, float((self.inputs.input_scale / np.linalg.norm(pulled, axis=1)).min()))
         while box < 1.0:
@@ -538,15 +509,15 @@ class InverseStatics:
         between = (point + self.directions @ self.tip(start.posture)) / 2
         half = self._towards(between, start, halvings - 1)
         if half.error > self.tolerance:
-            half = half._replace(error=self._distance(half, point))
-            return min(found, half, key=lambda f: f.error)
+            return min(found, self._from(half, point), key=lambda f: f.error)
         return min(found, self._towards(point, half, halvings - 1), key=lambda f: f.error)
 
-    def _distance(self, found: Place, point: ndarray) -> float:
-        """[m] to a point, perhaps another than was looked for."""
+    def _from(self, found: Place, point: ndarray) -> Place:
+        """The same with its distance to a point, unless it is no equilibrium."""
         if not np.isfinite(found.error):
-            return np.inf
-        return float(np.linalg.norm(self.directions @ self.tip(found.posture) - point))
+            return found
+        error = np.linalg.norm(self.directions @ self.tip(found.posture) - point)
+        return found._replace(error=float(error))
 
     def _near(self, point: ndarray, start: Place) -> Place:
         """Iterate from a start."""
@@ -576,8 +547,7 @@ class InverseStatics:
             posture = self.posture(inputs, posture)
         except EquilibriumError:
             return Place(action, inputs, posture, np.inf)
-        error = np.linalg.norm(self.directions @ self.tip(posture) - point)
-        return Place(action, inputs, posture, float(error))
+        return self._from(Place(action, inputs, posture, 0.0), point)
 
     def linearised(
         self,
@@ -598,12 +568,12 @@ class InverseStatics:
                 posture, and a change of an action is the one that `inputs_by` makes of it.
             weight: (3,) [N], more of it at the tip.
         """
-        forces, factor = self._forces, 1 + stiffer
+        forces, factor = self.forces, 1 + stiffer
         controls = _controls(self._by_tension, self._command(action))
         force = factor * forces.force(posture, controls, 1 / factor, weight)
-        by_action, arms = self._by_action(action), forces.by_controls()
-        arms = arms[:, : len(by_action)]
-        right, stiffness = arms @ by_action, -factor * forces.tangent()
+        pulled = by_action(self._actions, action)
+        arms, stiffness = forces.by_controls()[:, : len(pulled)], -factor * forces.tangent()
+        right = arms @ pulled
         if driven and self._pulled:
             stiffness = stiffness + (arms * self._elastic[1]) @ arms.T
         try:
@@ -617,11 +587,6 @@ class InverseStatics:
         by_turns = self.directions @ by_turns
         tip = self.directions @ tip + by_turns @ balance
         return Linear(balance, by_actions, by_turns @ by_actions, tip, by_turns, stiffness)
-
-    def _by_action(self, action: ndarray) -> ndarray:
-        """Derivative (n_tendons, m) [N] of the tensions by actions, the mean of both at a kink."""
-        above, below = np.split(self._command(action + self._shifts), 2)
-        return (above - below).T / (2 * self._shifts[0, 0])
 
     def moved(self, posture: ndarray, turn: ndarray) -> ndarray:
         """The posture (nq,) after small turns (nv,) [rad] of the joints."""

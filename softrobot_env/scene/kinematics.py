@@ -73,9 +73,7 @@ class Kinematics:
         Of the rotation vectors by which its stations turn, whatever hinges they have.
         """
         model, layout = self.scene.model, self.scene.layout
-        data, out = mujoco.MjData(model), np.zeros((layout.pieces, 3))
-        data.qpos[:] = finite("q", self.posture(q), (model.nq,))
-        mujoco.mj_kinematics(model, data)
+        data, out = self._alone(q), np.zeros((layout.pieces, 3))
         first = model.body("link0").id
         for link, piece in enumerate(layout.piece, first):
             turn = np.empty(3)
@@ -85,12 +83,17 @@ class Kinematics:
 
     def tendon_length(self, q: ndarray) -> ndarray:
         """(n_tendons,) [m] inside the robot at q (nq,)."""
-        model, robot = self.scene.model, self.scene.config.robot
+        robot = self.scene.config.robot
+        length = self._alone(q).ten_length[: len(robot.tendons)]
+        return length + full_length(robot, self.scene.model)
+
+    def _alone(self, q: ndarray) -> mujoco.MjData:
+        """The robot alone in a posture of the model."""
+        model = self.scene.model
         data = mujoco.MjData(model)
         data.qpos[:] = finite("q", self.posture(q), (model.nq,))
-        for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon):
-            compute(model, data)
-        return data.ten_length[: len(robot.tendons)] + full_length(robot, model)
+        mujoco.mj_fwdPosition(model, data)
+        return data
 
     def _places(self, stations: ndarray, offsets: ndarray | None) -> tuple[ndarray, ndarray]:
         """Bodies (k,) that carry points of the robot, and the points (k, 3) [m] in their axes."""
@@ -105,7 +108,7 @@ class Kinematics:
 
     def _at(self, q: ndarray, bodies: ndarray, points: ndarray) -> ndarray:
         """Positions (k, 3) or (T, k, 3) [m] of points (k, 3) of bodies (k,)."""
-        model, series = self.model, np.atleast_2d(np.asarray(q, dtype=float))
+        model, series = self.model, np.atleast_2d(np.asarray(q, float))
         if series.shape[1:] != (model.nq,):
             raise ValueError(f"need postures of {model.nq} numbers each, got {np.shape(q)}")
         data, out = mujoco.MjData(model), np.empty((len(series), len(bodies), 3))

@@ -17,16 +17,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.robots.actuation import by_action, robot_inputs
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.chain import mean_curvature
 from softrobot_env.scene.inverse import InverseStatics
 from softrobot_env.scene.tangent import StaticForces
 from softrobot_env.scene.timestep import linearize
-
-#: [1], step of an action to both sides that the derivative of commands is taken over: the mean of
-#: both sides at a kink, where another tendon begins to pull.
-_SHIFT = 1e-7
 
 
 class LinearModel(NamedTuple):
@@ -93,11 +89,8 @@ class Linearizer:
     def __init__(self, scene: Scene) -> None:
         """Look at a scene; ValueError if it is no chain."""
         self.scene, self.inputs = scene, robot_inputs(scene.config.robot)
-        self._command = self.inputs.per_action().command
-        self._forces = StaticForces(scene.model)
+        self._actions, self._forces = self.inputs.per_action(), StaticForces(scene.model)
         self._damping = linearize(scene.model).damping  # the same anywhere
-        shift = _SHIFT * np.eye(self.inputs.n_inputs)
-        self._shifts = np.concatenate([shift, -shift])
 
     @cached_property
     def mean(self) -> ndarray:
@@ -120,13 +113,12 @@ class Linearizer:
         command = self.inputs.command(inputs)
         controls[: len(command)] = command
         forces.force(angles, controls)
-        above, below = np.split(self._command(self.action(inputs) + self._shifts), 2)
-        by_action = (above - below).T / (2 * _SHIFT)
+        pulled = by_action(self._actions, self.action(inputs))
         return LinearModel(
             forces.mass(),
             self._damping,
             -forces.tangent(),
-            forces.by_controls()[:, : len(by_action)] @ by_action,
+            forces.by_controls()[:, : len(pulled)] @ pulled,
             forces.tip_by_turns()[1],
             -forces.springs,
         )
@@ -138,7 +130,7 @@ def linearised(inverse: InverseStatics, inputs: ndarray) -> LinearModel:
     Raises:
         EquilibriumError: There is none, or it is unstable.
     """
-    inputs = np.asarray(inputs, dtype=float)
+    inputs = np.asarray(inputs, float)
     made = Linearizer(inverse.scene)
     found = made.chain_about(inverse.posture(inputs), inputs)
     return found._replace(inputs=found.inputs / made.inputs.input_scale)

@@ -82,7 +82,7 @@ def add_mount(
     At rest the frame's axes are the world's.
     """
     clamp = robot.clamp.position
-    pivot = np.array(clamp if mount.pivot is None else mount.pivot, dtype=float)
+    pivot = np.array(clamp if mount.pivot is None else mount.pivot, float)
     body = spec.worldbody.add_body(name=prefix + MOUNT_BODY, pos=pivot)
     set_inertia(body, _SMALL, 0, [_SMALL] * 3)
     mass = robot.mass + sum(d.mass for d in robot.discs) + (robot.head.mass if robot.head else 0.0)
@@ -127,7 +127,7 @@ def followed(
     knots = timestep * np.arange(max(round(duration / timestep), 3) + 1)
 
     def at(times: ndarray) -> ndarray:
-        values = [np.atleast_1d(np.asarray(motion(t), dtype=float)) for t in times.tolist()]
+        values = [np.atleast_1d(np.asarray(motion(t), float)) for t in times.tolist()]
         if any(x.shape != (count,) or not np.all(np.isfinite(x)) for x in values):
             raise ValueError(
                 f"the motion of a mount must be finite numbers along {', '.join(mount.directions)}"

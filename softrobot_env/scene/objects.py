@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from softrobot_env.core.records import NotNegative, Positive, Share, check_fields
+from softrobot_env.core.records import NotNegative, Positive, Record, Share, check_fields
 
 #: [m/s2], by which the weight of an object is judged.
 G = 9.81
@@ -15,7 +15,7 @@ Rgba = tuple[Share, Share, Share, Share]
 
 
 @dataclass(frozen=True)
-class Contacts:
+class Contacts(Record):
     """That a robot can touch: itself if wanted, objects, and other robots.
 
     Attributes:
@@ -45,9 +45,6 @@ class Contacts:
     sideways: Positive = 1e4
 
     name: ClassVar[str] = "contacts"
-
-    def __post_init__(self) -> None:
-        check_fields(self, "contacts")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -44,7 +44,7 @@ class Servos:
         self._one, self.arrays = count is None, HOST
         self.block = np.zeros((count or 1, layout.SERVO_ROWS, np.shape(offset)[-1]))
         self.block[:, layout.SPEED], self.block[:, layout.OFFSET] = speed, offset
-        self.block[:, layout.HALF] = np.asarray(backlash, dtype=float) / 2
+        self.block[:, layout.HALF] = np.asarray(backlash, float) / 2
         self._connect()
         self.start(0.0)
 

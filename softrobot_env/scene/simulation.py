@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
+from mujoco import MjData, MjModel, mjtWarning
 from numpy import ndarray
 
 from softrobot_env.core.motion import IntegrationError, Motion, State, sample_times
@@ -25,11 +26,11 @@ if TYPE_CHECKING:
 Inputs = ndarray | Callable[[float], ndarray] | None
 
 _DIVERGED = {
-    int(mujoco.mjtWarning.mjWARN_BADQPOS): "position",
-    int(mujoco.mjtWarning.mjWARN_BADQVEL): "velocity",
-    int(mujoco.mjtWarning.mjWARN_BADQACC): "acceleration",
+    int(mjtWarning.mjWARN_BADQPOS): "position",
+    int(mjtWarning.mjWARN_BADQVEL): "velocity",
+    int(mjtWarning.mjWARN_BADQACC): "acceleration",
 }
-_HEALTHY = bytes(4 * int(mujoco.mjtWarning.mjNWARNING))
+_HEALTHY = bytes(4 * int(mjtWarning.mjNWARNING))
 
 
 #: Times the accuracy that is wanted, an estimate is worth a warning: motions that part from each
@@ -69,7 +70,7 @@ class Simulation:
     def __init__(self, scene: "Scene") -> None:
         self.scene = scene
         self.model = scene.model
-        self.data = mujoco.MjData(scene.model)
+        self.data = MjData(scene.model)
         # Compiled code takes time to load.
         from softrobot_env.scene.integration.integrator import Integration
 
@@ -182,7 +183,7 @@ class Simulation:
 
     def contacts(self) -> tuple[Touch, ...]:
         """What touches now, and the forces under the controls in force."""
-        data = mujoco.MjData(self.model)  # reading must not move the simulation
+        data = MjData(self.model)  # reading must not move the simulation
         mujoco.mj_copyData(data, self.model, self.data)
         mujoco.mj_forward(self.model, data)
         return touches(self.model, data)
@@ -291,9 +292,7 @@ def _periods(times: ndarray, period: float) -> ndarray:
     return ends.astype(int)
 
 
-def _controls(
-    model: mujoco.MjModel, u: Inputs, periods: int, period: float
-) -> Callable[..., ndarray]:
+def _controls(model: MjModel, u: Inputs, periods: int, period: float) -> Callable[..., ndarray]:
     """Function of the number of a period, and of instants (k,) [s] since its start.
 
     Returns rows of controls (k, nu) at those instants, or one if they hold for the period.
@@ -302,7 +301,7 @@ def _controls(
         return lambda number, instants: np.stack(
             [checked_controls(model, u(number * period + t)) for t in instants]
         )
-    values = np.zeros(model.nu) if u is None else np.asarray(u, dtype=float)
+    values = np.zeros(model.nu) if u is None else np.asarray(u, float)
     if values.ndim < 2:
         held = checked_controls(model, values)[None]
         return lambda number, instants: held

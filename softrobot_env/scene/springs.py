@@ -79,11 +79,11 @@ uncoupled 0.37 and 0.023 mm (`softrobot benchmark accuracy`).
 """
 
 from collections.abc import Iterable, Iterator
-from itertools import pairwise
-from math import sqrt
+from itertools import pairwise, product
+from math import prod, sqrt
 
-import mujoco
 import numpy as np
+from mujoco import MjsJoint, MjsTendon
 from numpy import ndarray
 
 from softrobot_env.robots import RobotParams
@@ -91,10 +91,6 @@ from softrobot_env.scene.chain import Chain, order_of
 
 #: Of the term in b^2 g^2, for robots with linear channels.
 _WITH_CHANNELS = 0.5
-
-#: Signs (k, 2) of g and t in the tendons of a station without and with torsion.
-_BENDING = ((1, 0), (-1, 0))
-_TWISTING = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 
 
 def add_springs(chain: Chain, robot: RobotParams, exact: bool = False) -> None:
@@ -113,17 +109,8 @@ def add_springs(chain: Chain, robot: RobotParams, exact: bool = False) -> None:
         if "twist" in chain.kinds:
             _couple_three(chain, index, bend, twist, robot.anisotropy * bend, share)
         else:
-            _couple_two(chain, bend, index, share)
-
-
-def _couple_two(chain: Chain, bend: float, index: int, share: float) -> None:
-    """(b + g)^4 + (b - g)^4 = 2 b^4 + 12 b^2 g^2 + 2 g^4."""
-    fourth = -share * bend / 6 / 12
-    for number, (side, _) in enumerate(_BENDING):
-        joints = {"hinge": 1.0, "side": side}
-        _add_spring(chain, index, number, joints, 0.0, 4 * fourth)
-    for kind in ("hinge", "side"):
-        chain.spec.joint(f"{kind}{index}").stiffness[2] -= 8 * fourth
+            # (b + g)^4 + (b - g)^4 = 2 b^4 + 12 b^2 g^2 + 2 g^4.
+            _tie(chain, index, {"hinge": 1.0, "side": 1.0}, 0.0, -share * bend / 6 / 12)
 
 
 def _couple_three(
@@ -139,22 +126,22 @@ def _couple_three(
     # Where no l makes both terms, it makes the first.
     ratio = sqrt(each / both) if 0 < each * both <= both**2 else 1.0
     third = (more + sign * twist) / 2 / (24 * ratio)
-    fourth = both / 24
-    for number, (side, turn) in enumerate(_TWISTING):
-        joints = {"hinge": 1.0, "side": side, "twist": turn * ratio}
-        _add_spring(chain, index, number, joints, 3 * side * turn * third, 4 * fourth)
-    for kind, arm in (("hinge", 1.0), ("side", 1.0), ("twist", ratio)):
-        chain.spec.joint(f"{kind}{index}").stiffness[2] -= 16 * fourth * arm**4
+    _tie(chain, index, {"hinge": 1.0, "side": 1.0, "twist": ratio}, third, both / 24)
 
 
-def _add_spring(
-    chain: Chain, index: int, number: int, joints: dict[str, float], square: float, cube: float
-) -> None:
-    """Tendon along the hinges of a station, with the force of a power law of its length."""
-    tendon = chain.spec.add_tendon(name=f"spring{index}_{number}")
-    for kind, arm in joints.items():
-        tendon.wrap_joint(f"{kind}{index}", arm)
-    tendon.stiffness[1:3] = square, cube
+def _tie(chain: Chain, index: int, arms: dict[str, float], third: float, fourth: float) -> None:
+    """Tendons along b +- g, or b +- g +- l t, that store `third` x^3 uv + `fourth` x^4.
+
+    The hinges' own powers of that are taken from their springs.
+    """
+    signs = list(product((1,), *[(1, -1)] * (len(arms) - 1)))
+    for number, sign in enumerate(signs):
+        tendon = chain.spec.add_tendon(name=f"spring{index}_{number}")
+        for way, (kind, arm) in zip(sign, arms.items(), strict=True):
+            tendon.wrap_joint(f"{kind}{index}", way * arm)
+        tendon.stiffness[1:3] = 3 * prod(sign) * third, 4 * fourth
+    for kind, arm in arms.items():
+        chain.spec.joint(f"{kind}{index}").stiffness[2] -= 4 * len(signs) * fourth * arm**4
 
 
 # ---------------------------------------------------------------- between the pieces
@@ -241,7 +228,7 @@ def _couple(chain: Chain, kind: str, beam: tuple[float, float], first: int, end:
             _stiffen(joint, 2 * added[i].sum(), time)
 
 
-def _difference(chain: Chain, kind: str, below: int, above: int) -> mujoco.MjsTendon:
+def _difference(chain: Chain, kind: str, below: int, above: int) -> MjsTendon:
     """Tendon as long as the difference of the angles of two pieces, at rest as they are."""
     tendon = chain.spec.add_tendon(name=f"couple_{kind}{below}_{above}")
     rest = 0.0
@@ -253,12 +240,12 @@ def _difference(chain: Chain, kind: str, below: int, above: int) -> mujoco.MjsTe
     return tendon
 
 
-def _hinges(chain: Chain, kind: str, piece: int) -> list[mujoco.MjsJoint]:
+def _hinges(chain: Chain, kind: str, piece: int) -> list[MjsJoint]:
     """The hinges of a kind in a piece."""
     return [chain.spec.joint(f"{kind}{k}") for k in np.flatnonzero(chain.layout.piece == piece)]
 
 
-def _stiffen(part: mujoco.MjsJoint | mujoco.MjsTendon, stiffness: float, time: float) -> None:
+def _stiffen(part: MjsJoint | MjsTendon, stiffness: float, time: float) -> None:
     """Add a stiffness [N m], damped over a time [s]."""
     part.stiffness[0] += stiffness
     part.damping[0] += time * stiffness

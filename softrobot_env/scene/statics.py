@@ -28,7 +28,6 @@ def equilibrium(
     model: mujoco.MjModel,
     ctrl: ndarray,
     guess: ndarray | None = None,
-    *,
     load_steps: int = 1,
     check_stability: bool | str = True,
     gravity: ndarray | None = None,
@@ -81,7 +80,7 @@ def finite(what: str, values: ndarray, shape: tuple[int, ...]) -> ndarray:
     Raises:
         ValueError: They are not of that shape, or not all finite; the message says what they are.
     """
-    values = np.array(values, dtype=float)
+    values = np.array(values, float)
     if values.shape != shape:
         raise ValueError(f"need {what} of shape {shape}, got {values.shape}")
     if not np.all(np.isfinite(values)):

@@ -31,6 +31,7 @@ from weakref import WeakKeyDictionary
 
 import mujoco
 import numpy as np
+from mujoco import MjData, MjModel, mjtJoint, mjtTrn, mjtWrap
 from numpy import ndarray
 
 from softrobot_env.scene.chain import TIP_SITE
@@ -52,13 +53,13 @@ class StaticForces:
         applied: (nv,) [N m], the other part of it, at a share of 1.
     """
 
-    def __init__(self, model: mujoco.MjModel) -> None:
+    def __init__(self, model: MjModel) -> None:
         """Look up what moves what.
 
         Raises:
             ValueError: The model is no chain, or has parts whose static forces are not known here.
         """
-        self.model, self._data, self._share = model, mujoco.MjData(model), 1.0
+        self.model, self._data, self._share = model, MjData(model), 1.0
         if model not in _STRUCTURES:
             _STRUCTURES[model] = _structure(model)
         self._of = _STRUCTURES[model]
@@ -298,7 +299,7 @@ class RubbingForces(StaticForces):
         posture: (nq,) at which friction of the joints would vanish.
     """
 
-    def __init__(self, model: mujoco.MjModel, posture: ndarray) -> None:
+    def __init__(self, model: MjModel, posture: ndarray) -> None:
         """Tendons and joints that came to rest in a posture (nq,) without friction."""
         super().__init__(model)
         self.anchors, self.posture = self.tendon_length(posture), posture.copy()
@@ -358,13 +359,13 @@ class RubbingForces(StaticForces):
         return tension + bound * self._slid, rate * (1 + grows) + sticks * bound / _LOOSE
 
 
-def _bends(model: mujoco.MjModel) -> ndarray:
+def _bends(model: MjModel) -> ndarray:
     """(stations, 1 or 2) degrees of freedom that bend a station whose backbone rubs."""
     dofs = np.flatnonzero(model.dof_frictionloss > 0)
     within = dofs - model.jnt_dofadr[model.dof_jntid[dofs]]
     dofs = dofs[within < 2]  # the third of a ball joint twists
     stations = len(np.unique(model.dof_bodyid[dofs]))
-    return dofs.reshape(stations, -1) if stations else np.zeros((0, 1), dtype=int)
+    return dofs.reshape(stations, -1) if stations else np.zeros((0, 1), int)
 
 
 @dataclass(frozen=True)
@@ -401,19 +402,19 @@ class _Structure:
 
 
 #: Looking it up takes as long as some iterations for a small robot.
-_STRUCTURES: WeakKeyDictionary[mujoco.MjModel, _Structure] = WeakKeyDictionary()
+_STRUCTURES: WeakKeyDictionary[MjModel, _Structure] = WeakKeyDictionary()
 
 
-def _structure(model: mujoco.MjModel) -> _Structure:
+def _structure(model: MjModel) -> _Structure:
     """Raises ValueError for what a scene never builds and this module does not know."""
     moving = _dofs_below(model)
     _check(model, moving)
     joint, index = model.dof_jntid, np.arange(model.nv)
-    balls = model.jnt_type == mujoco.mjtJoint.mjJNT_BALL
+    balls = model.jnt_type == mjtJoint.mjJNT_BALL
     # All turns of one ball joint move each other's axes.
     ends = np.maximum(index, model.jnt_dofadr[joint] + 3 * balls[joint])
     kind, (site, reference) = model.actuator_trntype, model.actuator_trnid.T
-    on_sites = np.flatnonzero(kind == mujoco.mjtTrn.mjTRN_SITE)
+    on_sites = np.flatnonzero(kind == mjtTrn.mjTRN_SITE)
     moves, sites = index[None, :] < ends[:, None], site[on_sites]
     points = model.site_bodyid[[model.site(TIP_SITE).id, *sites]]
     count = moving[np.concatenate([np.arange(model.nbody), points])]
@@ -424,7 +425,7 @@ def _structure(model: mujoco.MjModel) -> _Structure:
         hinges=np.flatnonzero(~balls),
         balls=np.flatnonzero(balls),
         on_sites=on_sites,
-        on_tendons=np.flatnonzero(kind == mujoco.mjtTrn.mjTRN_TENDON),
+        on_tendons=np.flatnonzero(kind == mjtTrn.mjTRN_TENDON),
         frames=np.where(reference >= 0, reference, site)[on_sites],
         followers=np.flatnonzero(reference[on_sites] < 0),
         spans=_spans(model, moving, moves),
@@ -452,8 +453,8 @@ class _Spans:
     moves: ndarray
 
 
-def _spans(model: mujoco.MjModel, moving: ndarray, moves: ndarray) -> tuple[_Spans, ...]:
-    sites = model.wrap_type == mujoco.mjtWrap.mjWRAP_SITE
+def _spans(model: MjModel, moving: ndarray, moves: ndarray) -> tuple[_Spans, ...]:
+    sites = model.wrap_type == mjtWrap.mjWRAP_SITE
     tendon = np.repeat(np.arange(model.ntendon), model.tendon_num)
     first = np.flatnonzero((tendon[:-1] == tendon[1:]) & sites[:-1] & sites[1:])
     pairs = model.wrap_objid[np.stack([first, first + 1])]
@@ -469,7 +470,7 @@ def _spans(model: mujoco.MjModel, moving: ndarray, moves: ndarray) -> tuple[_Spa
     return tuple(groups)
 
 
-def _dofs_below(model: mujoco.MjModel) -> ndarray:
+def _dofs_below(model: MjModel) -> ndarray:
     """(nbody,) how many turns move each body."""
     first, own, parent = (
         x.tolist() for x in (model.body_dofadr, model.body_dofnum, model.body_parentid)
@@ -514,8 +515,8 @@ def _cross(a: ndarray, b: ndarray) -> ndarray:
     return a[..., ahead] * b[..., back] - a[..., back] * b[..., ahead]
 
 
-def _check(model: mujoco.MjModel, moving: ndarray) -> None:
-    joint, wrap, trn = mujoco.mjtJoint, mujoco.mjtWrap, mujoco.mjtTrn
+def _check(model: MjModel, moving: ndarray) -> None:
+    joint, wrap, trn = mjtJoint, mjtWrap, mjtTrn
     balls = model.jnt_type == joint.mjJNT_BALL
     known = {
         "one chain of joints": np.all(model.dof_parentid == np.arange(-1, model.nv - 1)),
@@ -535,14 +536,14 @@ def _check(model: mujoco.MjModel, moving: ndarray) -> None:
             raise ValueError(f"the static forces of a chain are known for {what} only")
 
 
-def _springs_along_joints(model: mujoco.MjModel) -> bool:
+def _springs_along_joints(model: MjModel) -> bool:
     elastic = model.tendon_stiffness[:, None] != 0
     elastic = np.hstack([elastic, model.tendon_stiffnesspoly != 0]).any(axis=1)
-    fixed = model.wrap_type[model.tendon_adr] == mujoco.mjtWrap.mjWRAP_JOINT
+    fixed = model.wrap_type[model.tendon_adr] == mjtWrap.mjWRAP_JOINT
     low, high = model.tendon_lengthspring.T
     return not np.any(elastic & ~(fixed & (low == high)))
 
 
-def _frames_stand(model: mujoco.MjModel, moving: ndarray) -> bool:
-    reference = model.actuator_trnid[model.actuator_trntype == mujoco.mjtTrn.mjTRN_SITE, 1]
+def _frames_stand(model: MjModel, moving: ndarray) -> bool:
+    reference = model.actuator_trnid[model.actuator_trntype == mjtTrn.mjTRN_SITE, 1]
     return not np.any(moving[model.site_bodyid[reference[reference >= 0]]])

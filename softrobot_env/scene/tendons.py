@@ -8,16 +8,11 @@ from dataclasses import replace
 
 import mujoco
 import numpy as np
+from mujoco import MjData, MjModel, MjsActuator, MjsBody, MjsTendon, mjtBias, mjtGain, mjtTrn
 from numpy import ndarray
 
 from softrobot_env.robots import RobotParams, Tendon
-from softrobot_env.scene.chain import (
-    FRICTION_IMPEDANCE,
-    FRICTION_REFERENCE,
-    Chain,
-    is_swapped,
-    seen_from_hinges,
-)
+from softrobot_env.scene.chain import Chain, is_swapped, rub, seen_from_hinges
 from softrobot_env.scene.quadrature import HingeLayout
 
 _PULL = [-1.0, 0, 0, 0, 0, 0]
@@ -43,34 +38,29 @@ def add_tendons(chain: Chain, robot: RobotParams, actuation: str, exact: bool = 
     """
     for tendon in robot.tendons:
         if tendon.guides:
-            routed, length = (
-                route_through_guides(chain, tendon, tendon.name),
-                tendon.straight_length,
-            )
+            routed = route_through_guides(chain, tendon, tendon.name)
+            length = tendon.straight_length
         elif exact:
             routed, length = _route_across_hinges(chain, tendon)
         else:
             routed, length = _route_along_joints(chain, tendon), 0.0
         if tendon.friction:
-            _rub(routed, tendon.friction)
-        if actuation == "tension":
-            _pull_by_tension(chain.spec, tendon)
+            rub(routed, tendon.friction)
+        actuator = chain.spec.add_actuator(
+            name=tendon.name,
+            target=tendon.name,
+            trntype=mjtTrn.mjTRN_TENDON,
+            gear=_PULL,
+            ctrllimited=True,
+        )
+        if actuation == "tension":  # that is the control [N]
+            actuator.set_to_motor()
+            actuator.ctrlrange = [0.0, tendon.tension_limit]
         else:
-            _pull_by_length(chain.spec, tendon, robot.most_pulled(tendon), length)
+            _pull_by_length(actuator, tendon, robot.most_pulled(tendon), length)
 
 
-def _rub(routed: mujoco.MjsTendon, friction: float) -> None:
-    """Dry friction [N] against changes of the tendon's length.
-
-    It acts whatever the tension, on slack tendons too, which it can push; `tangent.RubbingForces`
-    tells where that is not so.
-    """
-    routed.frictionloss = friction
-    routed.solimp_friction = FRICTION_IMPEDANCE
-    routed.solref_friction = FRICTION_REFERENCE
-
-
-def _route_along_joints(chain: Chain, tendon: Tendon) -> mujoco.MjsTendon:
+def _route_along_joints(chain: Chain, tendon: Tendon) -> MjsTendon:
     """Tendon in a continuous channel, whose length changes by joint angles times moment arms.
 
     A channel at r(s) = (x, y) has the tangent e_z + r' + kappa x r. To first order in the strains
@@ -92,7 +82,7 @@ def _route_along_joints(chain: Chain, tendon: Tendon) -> mujoco.MjsTendon:
     return fixed
 
 
-def _route_across_hinges(chain: Chain, tendon: Tendon) -> tuple[mujoco.MjsTendon, float]:
+def _route_across_hinges(chain: Chain, tendon: Tendon) -> tuple[MjsTendon, float]:
     """Tendon in a continuous channel, right to second order in the strains, and its length [m].
 
     The channel beside a station, which stands for w of beam and turns by theta, is d = w (e_z + r')
@@ -130,9 +120,7 @@ def _route_across_hinges(chain: Chain, tendon: Tendon) -> tuple[mujoco.MjsTendon
     return spatial, length
 
 
-def _thread(
-    spatial: mujoco.MjsTendon, body: mujoco.MjsBody, name: str, place: ndarray, group: int = 4
-) -> None:
+def _thread(spatial: MjsTendon, body: MjsBody, name: str, place: ndarray, group: int = 4) -> None:
     """Let a tendon run on through a site of a body."""
     spatial.wrap_site(body.add_site(name=name, pos=place, size=[1e-3, 0, 0], group=group).name)
 
@@ -180,7 +168,7 @@ def _check_end(chain: Chain, tendon: Tendon) -> None:
         )
 
 
-def route_through_guides(chain: Chain, tendon: Tendon, name: str) -> mujoco.MjsTendon:
+def route_through_guides(chain: Chain, tendon: Tendon, name: str) -> MjsTendon:
     """Add a straight-line tendon from the base through its guides to its end."""
     spatial = chain.spec.add_tendon(name=name)
     places = tendon.at(np.array(tendon.stations)).tolist()
@@ -190,30 +178,13 @@ def route_through_guides(chain: Chain, tendon: Tendon, name: str) -> mujoco.MjsT
     return spatial
 
 
-def full_length(robot: RobotParams, model: mujoco.MjModel) -> ndarray:
+def full_length(robot: RobotParams, model: MjModel) -> ndarray:
     """(n_tendons,) [m] inside the straight robot, less those that MuJoCo tells."""
     inside = np.array([tendon.straight_length for tendon in robot.tendons])
     return inside - model.tendon_length0[: len(inside)]
 
 
-def _add_actuator(spec: mujoco.MjSpec, tendon: Tendon) -> mujoco.MjsActuator:
-    return spec.add_actuator(
-        name=tendon.name,
-        target=tendon.name,
-        trntype=mujoco.mjtTrn.mjTRN_TENDON,
-        gear=_PULL,
-        ctrllimited=True,
-    )
-
-
-def _pull_by_tension(spec: mujoco.MjSpec, tendon: Tendon) -> None:
-    """Control = tension [N]."""
-    actuator = _add_actuator(spec, tendon)
-    actuator.set_to_motor()
-    actuator.ctrlrange = [0.0, tendon.tension_limit]
-
-
-def _pull_by_length(spec: mujoco.MjSpec, tendon: Tendon, most: float, straight: float) -> None:
+def _pull_by_length(actuator: MjsActuator, tendon: Tendon, most: float, straight: float) -> None:
     """Control = pulled-in length s [m]: F = F_pre + c (s - s_geo) between 0 and
     the tension limit, (2.91) to (2.99).
 
@@ -223,19 +194,16 @@ def _pull_by_length(spec: mujoco.MjSpec, tendon: Tendon, most: float, straight: 
     """
     if math.isinf(tendon.stiffness):
         raise ValueError(f"tendon {tendon.name!r} needs a finite stiffness to be driven by length")
-    actuator = _add_actuator(spec, tendon)
     stiffness = tendon.stiffness
-    actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+    actuator.gaintype, actuator.biastype = mjtGain.mjGAIN_FIXED, mjtBias.mjBIAS_AFFINE
     actuator.gainprm[0] = stiffness
-    actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-    actuator.biasprm[0] = tendon.pretension - stiffness * straight
-    actuator.biasprm[1] = -stiffness
+    actuator.biasprm[:2] = tendon.pretension - stiffness * straight, -stiffness
     actuator.forcelimited = True
     actuator.forcerange = [0.0, tendon.tension_limit]
     actuator.ctrlrange = [-most, most]
 
 
-def actuator_arms(model: mujoco.MjModel, data: mujoco.MjData) -> ndarray:
+def actuator_arms(model: MjModel, data: MjData) -> ndarray:
     """Moment arms (nu, nv) of actuators, of a state whose transmission is known."""
     out = np.zeros((model.nu, model.nv))
     rows = data.moment_rownnz, data.moment_rowadr, data.moment_colind
@@ -244,7 +212,7 @@ def actuator_arms(model: mujoco.MjModel, data: mujoco.MjData) -> ndarray:
     return out
 
 
-def tendon_arms(model: mujoco.MjModel, data: mujoco.MjData) -> ndarray:
+def tendon_arms(model: MjModel, data: MjData) -> ndarray:
     """Moment arms (ntendon, nv) of tendons, of a state whose tendons are known."""
     out = np.zeros((model.ntendon, model.nv))
     rows = model.ten_J_rownnz, model.ten_J_rowadr, model.ten_J_colind

@@ -238,17 +238,16 @@ def choose_timestep(
         TimestepWarning: The choice is outside the stability bound, or stiffness forced discrete.
     """
     period, touching = 2 * pi / chain.extremes[0], contacts is not None
-    accurate = min(ACCURACY * period, control_period)
+    share = CONTACT_ACCURACY if touching else ACCURACY
+    accurate = min(share * period, control_period)
     if touching:
-        accurate = min(CONTACT_ACCURACY * period, CONTACT_STEP, control_period)
+        accurate = min(accurate, CONTACT_STEP)
         accurate /= max(1.0, links / STEP_LINKS) ** 2  # shorter ones are lighter
         accurate = max(min(accurate, contacts), accurate / MAX_SUBSTEPS_RATIO)
     if integrator is not None:
         reason = f"{integrator} was asked for"
-    elif touching:
-        integrator, reason = "implicitfast", "implicitfast takes contacts as they are given"
     else:
-        integrator, reason = _choose_integrator(chain, accurate, friction)
+        integrator, reason = _choose_integrator(chain, accurate, friction, touching)
         accurate = min(accurate, FRICTION_STEP if integrator == "discrete" and friction else inf)
     limit = stability_limit(integrator, chain)
     if timestep is None:
@@ -259,7 +258,8 @@ def choose_timestep(
         elif step == control_period:
             bound = "the control period"
         else:
-            bound = _accuracy_bound(step, period, touching)
+            accuracy = f"1/{1 / share:g} of the first period, for accuracy"
+            bound = "the most with contacts" if touching and step != share * period else accuracy
         reason += f"; timestep at most {1e3 * step:.3g} ms: {bound}"
     else:
         step = timestep
@@ -279,21 +279,17 @@ def choose_timestep(
     return TimestepChoice(integrator, chosen, substeps, period, limit, reason)
 
 
-def _accuracy_bound(step: float, period: float, touching: bool) -> str:
-    """What bounds a step [s] for accuracy, for people."""
-    share = CONTACT_ACCURACY if touching else ACCURACY
-    if touching and step != share * period:
-        return "the most with contacts"
-    return f"1/{1 / share:g} of the first period, for accuracy"
-
-
 def _warn(text: str, above: int = 0) -> None:
     """Warn whoever has built a scene, from `choose_timestep` or so many calls deeper."""
     warnings.warn(text, TimestepWarning, stacklevel=5 + above)
 
 
-def _choose_integrator(chain: LinearChain, accurate: float, friction: bool) -> tuple[str, str]:
-    """Of a robot that touches nothing, and why."""
+def _choose_integrator(
+    chain: LinearChain, accurate: float, friction: bool, touching: bool
+) -> tuple[str, str]:
+    """The integrator, and why."""
+    if touching:
+        return "implicitfast", "implicitfast takes contacts as they are given"
     if chain.is_undamped_spring:
         return "RK4", "RK4 neither damps nor drives undamped motion"
     if friction:

@@ -127,12 +127,12 @@ class InverseDynamics(Feedforward):
         """Inputs, the next shifts, and what is to be said."""
         place, solver = rest.place, self._statics.solver(rest.spatial)
         rate, change = self._through_rests(rest, linear, velocity, acceleration)
-        force = solver.of_motion(place.posture, rate, change)
+        force = solver.forces.of_motion(place.posture, rate, change)
         step, shift = self._balanced(place.action, linear, force)
         shifts, reason = (shift, *memory.shifts)[:4], None
         if len(shifts) == 4:
             stack = np.array(shifts)
-            more = solver.of_motion(
+            more = solver.forces.of_motion(
                 place.posture, _FIRST @ stack / self._period, _SECOND @ stack / self._period**2
             )
             full, moved = self._balanced(place.action, linear, force + more)

@@ -171,7 +171,7 @@ class Neighbourhood:
         differs: Differences,
     ) -> tuple[ndarray, ndarray]:
         """Forces (nv, n) [N m] by each difference, and those (nv,) that a rest accounts for."""
-        springs, braked = self.statics.world.springs, self._damping @ path.rate
+        springs, braked = self.statics.world.forces.springs, self._damping @ path.rate
         pulled, inert = (self._weight, self.mass * change.speed) @ linear.tip_by_turns
         always = springs - braked, -(1 + differs.stiffer) * braked, pulled - inert
         forces = np.column_stack([*always, by_inputs, *self._otherwise(rest, springs)])
@@ -189,7 +189,7 @@ class Neighbourhood:
         """How the modes go on in a period, and the tip by them and by forces: see `Nearby`."""
         by_turns, p = linear.tip_by_turns, self.modes
         carried = differs.weight * self.mass * by_turns.T @ by_turns
-        mass, stiffness = self.statics.world.mass() + carried, p.T @ linear.stiffness @ p
+        mass, stiffness = self.statics.world.forces.mass() + carried, p.T @ linear.stiffness @ p
         by_rate, by_turn = self._inertial(posture, path.rate, change.rate, differs)
         tip = by_turns[axes]
         at_once = np.linalg.solve(linear.stiffness.T, tip.T).T
@@ -228,7 +228,7 @@ class Neighbourhood:
 
         def force(shift: ndarray, faster: ndarray) -> ndarray:
             moved = world.moved(posture, shift)
-            found = world.of_motion(moved, rate + faster, turning, carried)
+            found = world.forces.of_motion(moved, rate + faster, turning, carried)
             return modes.T @ (found - self._damping @ (rate + faster))
 
         none = np.zeros_like(rate)

@@ -6,8 +6,8 @@ Loading compiled code takes time: the first simulation imports this module.
 import ctypes
 from typing import Any
 
-import mujoco
 import numpy as np
+from mujoco import MjModel
 from numpy import ndarray
 
 from softrobot_env.scene.chain import SEPARATOR, TIP_SITE
@@ -40,7 +40,7 @@ class Integration:
         header: Address of what is passed to `advance`.
     """
 
-    def __init__(self, model: mujoco.MjModel, choice: TimestepChoice, count: int = 1) -> None:
+    def __init__(self, model: MjModel, choice: TimestepChoice, count: int = 1) -> None:
         self._lengths = backbone_lengths(model)
         self.memory = np.zeros((count, 2, layout.MEMORY_SIZE))
         self._states = np.zeros((count, 2, model.nq + model.nv))
@@ -55,17 +55,27 @@ class Integration:
 
         With `rates` (k,) of their own if given.
         """
-        chosen = self.memory[which]
-        chosen[..., layout.METHOD] = _METHODS.get(choice.integrator, layout.SPLIT)
-        chosen[..., layout.SUBSTEPS] = choice.substeps
-        chosen[..., layout.PERIOD] = choice.timestep * choice.substeps
-        chosen[..., layout.LONGEST] = chosen[..., layout.NEXT] = choice.timestep
-        chosen[..., layout.SHORTEST] = choice.timestep * choice.substeps / MOST_INTERVALS
-        chosen[..., layout.ACCURACY] = choice.accuracy or np.inf
-        chosen[..., layout.RATE] = choice.rate if rates is None else rates[:, None]
+        chosen, step, period = (
+            self.memory[which],
+            choice.timestep,
+            choice.timestep * choice.substeps,
+        )
+        chosen[..., : layout.NEXT + 1] = (  # in the order of `layout`
+            _METHODS.get(choice.integrator, layout.SPLIT),
+            choice.substeps,
+            period,
+            step,
+            period / MOST_INTERVALS,
+            choice.accuracy or np.inf,
+            choice.rate,
+            FEWEST_ROWS,
+            MOST_ROWS,
+            step,
+        )
+        if rates is not None:
+            chosen[..., layout.RATE] = rates[:, None]
         chosen[..., 1, layout.ACCURACY] *= SHADOW
-        chosen[..., layout.FEWEST], chosen[..., layout.MOST] = FEWEST_ROWS, MOST_ROWS
-        chosen[..., 1, layout.FEWEST] = FEWEST_ROWS - 1
+        chosen[..., 1, layout.FEWEST] -= 1
         self.memory[which] = chosen
 
     def tell(self, **arrays: ndarray) -> None:
@@ -127,13 +137,14 @@ class Integration:
             *layout.data_offsets(*layout.DATA_FIELDS),
             layout.time_offset(),
         )
-        self._header[layout.MEMORY], self._header[layout.STRIDE] = (
-            self.memory.ctypes.data,
-            16 * layout.MEMORY_SIZE,
-        )
-        self._header[layout.SHADOW_STATES] = self._states.ctypes.data
-        self._header[layout.LENGTHS] = self._lengths.ctypes.data
-        self._header[layout.PATH] = self._path.ctypes.data
+        self._header[layout.STRIDE] = 16 * layout.MEMORY_SIZE
+        for place, array in (
+            (layout.MEMORY, self.memory),
+            (layout.SHADOW_STATES, self._states),
+            (layout.LENGTHS, self._lengths),
+            (layout.PATH, self._path),
+        ):
+            self._header[place] = array.ctypes.data
         if self._servos is not None:
             self.drive_by(self._servos)
         self.header = self._header.ctypes.data
@@ -146,7 +157,7 @@ class Integration:
         self._connect()
 
 
-def backbone_lengths(model: mujoco.MjModel) -> ndarray:
+def backbone_lengths(model: MjModel) -> ndarray:
     """Length (nv,) [m] of the link that the last DOF of each body moves; the others have none."""
     lengths = np.zeros(model.nv)
     for number in range(model.nsite):
@@ -156,7 +167,7 @@ def backbone_lengths(model: mujoco.MjModel) -> ndarray:
     return lengths
 
 
-def _measure_to(model: mujoco.MjModel, tip: Any, lengths: ndarray) -> None:
+def _measure_to(model: MjModel, tip: Any, lengths: ndarray) -> None:
     """Fill in the lengths (nv,) [m] of the chain that ends in a tip."""
     beyond, body = float(np.linalg.norm(tip.pos)), int(tip.bodyid[0])
     while body:
