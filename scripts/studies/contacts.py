@@ -15,15 +15,7 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.motion import State
-from softrobot_env.evaluation.models.runs import (
-    WRONG_SHARE,
-    Verdict,
-    best_of,
-    distance,
-    unwarned,
-    verdict_of,
-    with_warning,
-)
+from softrobot_env.evaluation.models import runs
 from softrobot_env.rendering import figures
 from softrobot_env.robots import ARM, Base, RobotParams
 from softrobot_env.robots.loads import Load
@@ -71,7 +63,7 @@ class Cell(Record):
     friction: float = quantity("", "g")
     steps_ratio: int = quantity("", "d", "steps")
     timestep: float = quantity("ms", ".3g", "dt")
-    verdict: Verdict
+    verdict: runs.Verdict
     why: str | None
     warning: str | None
     error: float | None
@@ -257,7 +249,7 @@ def judged(name: str, ratio: float, friction: float, steps: Sequence[int]) -> li
     case = CASES[name]()
     stiffness = ratio * _softest(case.robot)
     build = partial(case.build, stiffness, friction)
-    with unwarned():
+    with runs.unwarned():
         rule = build().timestep.timestep
         coarse, truth = (_refined(case, build(rule / parts)) for parts in _REFINED)
     about = {"scene": name, "stiffness_ratio": ratio, "stiffness": stiffness, "friction": friction}
@@ -288,7 +280,7 @@ def _own_run(case: Case, build: Callable[..., Touching], timestep: float | None)
         except ValueError as error:
             return Run(why=str(error))
 
-    ran, warning = with_warning(build_and_run)
+    ran, warning = runs.with_warning(build_and_run)
     return replace(ran, warning=warning)
 
 
@@ -320,14 +312,14 @@ def _run(case: Case, scene: Touching) -> Run:
 
 def _distance(one: ndarray | None, other: ndarray | None) -> float | None:
     """Largest distance [m] between two runs at any instant; None if one of them failed."""
-    return None if one is None or other is None else distance(one, other)
+    return None if one is None or other is None else runs.distance(one, other)
 
 
-def _verdict(own: Run, error: float | None, known: float | None, length: float) -> Verdict:
+def _verdict(own: Run, error: float | None, known: float | None, length: float) -> runs.Verdict:
     asked = ACCURATE_SHARE * length
     if error is not None and (known is None or known > _CLEAR * max(asked, error)):
         error = None
-    return verdict_of(error, asked, length, failure=own.why, warning=own.warning)
+    return runs.verdict_of(error, asked, length, failure=own.why, warning=own.warning)
 
 
 def check(name: str, pieces: int, repeats: int = 3) -> list[Check]:
@@ -335,7 +327,7 @@ def check(name: str, pieces: int, repeats: int = 3) -> list[Check]:
     truth = CHECKS[name]()
     scene = build_scene(replace(truth.config, pieces=pieces))
     u = np.ones(scene.n_inputs)
-    wall_time, q = best_of(lambda: scene.equilibrium(u), repeats)
+    wall_time, q = runs.best_of(lambda: scene.equilibrium(u), repeats)
     touches = scene.contacts(State(q, np.zeros(scene.model.nv)), u)
     force = np.sum([touch.force for touch in touches], axis=0)
     pressed = sum(np.linalg.norm(touch.force) for touch in touches)
@@ -391,7 +383,7 @@ def _grid(axis: figures.Axes, cells: Sequence[Cell]) -> list:
     place = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
     for share, colour, text in (
         (ACCURATE_SHARE, figures.BLACK, "accurate below"),
-        (WRONG_SHARE, figures.VERMILLION, "wrong above"),
+        (runs.WRONG_SHARE, figures.VERMILLION, "wrong above"),
     ):
         axis.axhline(share, color=colour, linewidth=0.9, linestyle="--")
         style = {"fontsize": 8, "color": colour, "va": "center"}
@@ -469,9 +461,9 @@ STUDY = Study(
     tables=[
         pivot(
             f"Verdicts of cells by timestep: accurate within {100 * ACCURATE_SHARE:g} %, wrong "
-            f"beyond {100 * WRONG_SHARE:g} % of the length",
+            f"beyond {100 * runs.WRONG_SHARE:g} % of the length",
             ("steps_ratio",),
-            {v: lambda cells, v=v: len(select(cells, verdict=v)) for v in Verdict},
+            {v: lambda cells, v=v: len(select(cells, verdict=v)) for v in runs.Verdict},
             of=Cell,
             headings=("timestep",),
             show=_times,
@@ -489,7 +481,7 @@ STUDY = Study(
             *("scene", "stiffness_ratio", "friction", "steps_ratio", "timestep", "verdict"),
             *("error_share", "wall_time"),
             of=Cell,
-            where=lambda cell: cell.verdict != Verdict.ACCURATE,
+            where=lambda cell: cell.verdict != runs.Verdict.ACCURATE,
         ),
         table(
             "Rods at rest on something, against closed form and elastica",

@@ -27,13 +27,8 @@ from studies.accuracy.spiral import PERIOD, ROBOT, force, loads
 from studies.beams import make_beam, mode_frequency, tip_twist, weightless
 from studies.lab import Column, Lab, Record, Study, number, pivot, select, table
 from studies.thesis_pictures import pictures
+from studies.truths import analytic
 from studies.truths import thesis_values as values
-from studies.truths.analytic import (
-    bent_rod,
-    euler_bernoulli_deflection,
-    euler_bernoulli_frequency,
-    timoshenko_deflection,
-)
 from studies.truths.shearable_rod import (
     bending_frequency,
     section,
@@ -203,14 +198,14 @@ def _deflections_by_theory(name: str, robot: RobotParams) -> dict[str, float]:
     load = 9.81 * robot.mass_per_length
     rods = {"elastica": None, "exact_rod": SHEAR_COEFFICIENT, "exact_rod_k1": 1.0}
     found = {
-        model: -bent_rod(robot.length, section(robot, k), (-load, 0.0)).tip[0]
+        model: -analytic.bent_rod(robot.length, section(robot, k), (-load, 0.0)).tip[0]
         for model, k in rods.items()
     }
     if name == "stiff":
         beam = robot.length, robot.bending_stiffness
         shear = SHEAR_COEFFICIENT * robot.youngs_modulus / 2 * robot.area
-        found["euler_bernoulli"] = euler_bernoulli_deflection(*beam, distributed=load)
-        found["timoshenko"] = timoshenko_deflection(*beam, shear, distributed=load)
+        found["euler_bernoulli"] = analytic.euler_bernoulli_deflection(*beam, distributed=load)
+        found["timoshenko"] = analytic.timoshenko_deflection(*beam, shear, distributed=load)
     return found
 
 
@@ -288,7 +283,7 @@ def bending_rows(pieces: tuple[int, ...]) -> list[Row]:
         robot, where = weightless(heavy), ("2.13", name)
         beam = robot.length, robot.bending_stiffness, robot.mass_per_length
         theory = {
-            "euler_bernoulli": euler_bernoulli_frequency(*beam),
+            "euler_bernoulli": analytic.euler_bernoulli_frequency(*beam),
             "timoshenko": bending_frequency(robot, SHEAR_COEFFICIENT),
         }
         rows += _theory_rows(*where, _FREQUENCY, theory, values.FREQUENCY_THEORY)

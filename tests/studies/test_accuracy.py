@@ -18,7 +18,7 @@ from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, RIG
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.timestep import TimestepWarning
 from softrobot_env.thesis.rig.spatial_piece import make_rig_piece
-from studies.accuracy import pyelastica_rod, space, spiral, study, tension_step
+from studies.accuracy import planar, pyelastica_rod, rig, space, spiral, study, tension_step
 from studies.accuracy.cases import (
     BENDING,
     BOUND,
@@ -29,27 +29,6 @@ from studies.accuracy.cases import (
     SHEAR,
     Row,
     timed_row,
-)
-from studies.accuracy.planar import (
-    beam_row,
-    chain_row,
-    guided_arm,
-    scalar_cases,
-    static_cases,
-    tendon,
-    tip_force,
-)
-from studies.accuracy.rig import (
-    MOTIONS,
-    STATIC,
-    STEP,
-    PieceMotion,
-    beam_statics,
-    chain_motion,
-    chain_statics,
-    piece_statics,
-    sample_times,
-    static_truth,
 )
 from studies.accuracy.space import HEADINGS, STEEL, TPU, beam_tip, cases_of, chain_tip
 from studies.lab import groups, select
@@ -144,7 +123,7 @@ def _with_guides(per_metre):
 
 
 def test_unequal_guides_are_refused():
-    first, *others = guided_arm().tendons
+    first, *others = planar.guided_arm().tendons
     shifted = replace(first, guides=(0.05,))
     robot = replace(ARM, tendons=(shifted, *others))
     with pytest.raises(ValueError, match="same guides"):
@@ -167,7 +146,7 @@ def few(request):
 
 @pytest.fixture(scope="module")
 def static(few):
-    return [row for case in static_cases() for row in study._static_rows(case, True, 1)]
+    return [row for case in planar.static_cases() for row in study._static_rows(case, True, 1)]
 
 
 @pytest.fixture(scope="module")
@@ -203,11 +182,11 @@ def test_smaller_tolerance_and_more_pieces_reduce_the_error_of_a_motion(motions)
 
 
 def test_models_agree_with_the_statics_of_their_physics():
-    for case, n in ((tip_force(3.0), 24), (tendon(20.0), 24)):
+    for case, n in ((planar.tip_force(3.0), 24), (planar.tendon(20.0), 24)):
         for contestant in (DISTRIBUTED, COSSERAT):
             model = contestant.build(case.robot, n, case.loads)
             q = model.equilibrium(case.ctrl, load_steps=5, check_stability=False)
-            gap = np.linalg.norm(model.tip(q)[[0, 2]] - case.truth(contestant.physics)[0])
+            gap = np.linalg.norm(model.tip(q)[[0, 2]] - case.truth(contestant.physics).tips)
             assert gap < BOUND * case.robot.length, (case.name, contestant.name)
 
 
@@ -225,11 +204,11 @@ def test_slender_robots_keep_stiffness_and_mass():
     assert axial == pytest.approx(900)
 
 
-@pytest.mark.parametrize("case", scalar_cases(), ids=lambda case: case.name)
+@pytest.mark.parametrize("case", planar.scalar_cases(), ids=lambda case: case.name)
 def test_frequencies_and_twist_agree_with_closed_forms(case):
     for contestant in (DISTRIBUTED, COSSERAT):
-        assert beam_row(case, contestant, 12).e_relative < 0.006
-    assert chain_row(case, "gauss2", 12).e_relative < 0.001
+        assert planar.beam_row(case, contestant, 12).e_relative < 0.006
+    assert planar.chain_row(case, "gauss2", 12).e_relative < 0.001
 
 
 def test_chain_spiral_is_that_of_many_pieces():
@@ -348,7 +327,7 @@ def test_what_is_not_solved_is_said_and_not_averaged(monkeypatch):
 L, HEAD, G = RIG.length, RIG.head, 9.81
 RADIUS, C = 5.5e-3, RIG.tendons[0].stiffness
 WEIGHTLESS = replace(RIG, gravity=(0.0, 0.0, 0.0))
-SLACK = np.array(STATIC["rig_slack"])
+SLACK = np.array(rig.STATIC["rig_slack"])
 
 
 def rod_tip(pulled, robot=RIG, terms=7):
@@ -399,15 +378,15 @@ def test_without_weight_the_rig_is_an_arc():
     for tip in (
         rod_tip(lengths, WEIGHTLESS, terms=1),
         column_tip(WEIGHTLESS, lengths, None),
-        piece_statics(WEIGHTLESS)(lengths),
+        rig.piece_statics(WEIGHTLESS)(lengths),
     ):
         np.testing.assert_allclose(tip, [x, 0, z], atol=1e-10)
 
 
-@pytest.mark.parametrize("case", STATIC)
+@pytest.mark.parametrize("case", rig.STATIC)
 def test_two_independent_truths_agree(case):
     """Initial values in the plane of bending, and polynomials in space."""
-    assert distance(rod_tip(STATIC[case]), static_truth(case, BENDING).tips) < 1e-8
+    assert distance(rod_tip(rig.STATIC[case]), rig.static_truth(case, BENDING).tips) < 1e-8
 
 
 def test_polynomials_converge_exponentially():
@@ -458,7 +437,7 @@ def test_rod_of_one_term_moves_as_the_closed_form(size):
 
 def test_slack_tendon_carries_nothing_however_far_it_is_let_out():
     further = SLACK - np.array([0, 0, 0.02])
-    for solve in (rod_tip, piece_statics(), chain_statics("balanced2", 4)):
+    for solve in (rod_tip, rig.piece_statics(), rig.chain_statics("balanced2", 4)):
         np.testing.assert_allclose(solve(SLACK), solve(further), atol=1e-10)
     rod = RigRod(RIG, 3)
     tension = rod.tension(rod.equilibrium(SLACK), SLACK)
@@ -469,25 +448,25 @@ def test_slack_tendon_carries_nothing_however_far_it_is_let_out():
 def test_turning_the_lengths_turns_the_tip():
     pulled, third = np.array([12e-3, 6e-3, -3e-3]), 2 * np.pi / 3
     turn = np.array([[np.cos(third), -np.sin(third)], [np.sin(third), np.cos(third)]])
-    for solve in (rod_tip, beam_statics(DISTRIBUTED, 2)):
+    for solve in (rod_tip, rig.beam_statics(DISTRIBUTED, 2)):
         tip, turned = solve(pulled), solve(np.roll(pulled, 1))
         np.testing.assert_allclose(turned[:2], turn @ tip[:2], atol=1e-9)
         assert turned[2] == pytest.approx(tip[2], abs=1e-9)
 
 
 def test_head_as_a_load_is_the_head_of_the_closed_form():
-    pulled = np.array(STATIC["rig_general"])
-    loaded = beam_statics(DISTRIBUTED, 1)(pulled)
-    np.testing.assert_allclose(loaded, piece_statics()(pulled), atol=1e-8)
+    pulled = np.array(rig.STATIC["rig_general"])
+    loaded = rig.beam_statics(DISTRIBUTED, 1)(pulled)
+    np.testing.assert_allclose(loaded, rig.piece_statics()(pulled), atol=1e-8)
 
 
 @pytest.mark.parametrize("case", ["rig_pull_20mm", "rig_slack"])
 def test_pcc_and_chain_converge_with_second_order(case):
-    exact, pulled = static_truth(case, BENDING).tips, np.array(STATIC[case])
+    exact, pulled = rig.static_truth(case, BENDING).tips, np.array(rig.STATIC[case])
     for family, sizes in (
-        (lambda n: beam_statics(DISTRIBUTED, n), (2, 4, 8)),
+        (lambda n: rig.beam_statics(DISTRIBUTED, n), (2, 4, 8)),
         # Of 4 joints, the springs of scene.springs are of fourth order beside it.
-        (lambda n: chain_statics("midpoint", n), (8, 16, 32)),
+        (lambda n: rig.chain_statics("midpoint", n), (8, 16, 32)),
     ):
         errors = [distance(family(n)(pulled), exact) for n in sizes]
         orders = np.log2(np.divide(errors[:-1], errors[1:]))
@@ -495,8 +474,8 @@ def test_pcc_and_chain_converge_with_second_order(case):
 
 
 def test_cosserat_rod_converges_to_the_column_with_shear_and_extension():
-    pulled = np.array(STATIC["rig_pull_10mm"])
-    tips = {n: beam_statics(COSSERAT, n)(pulled) for n in (3, 6, 12)}
+    pulled = np.array(rig.STATIC["rig_pull_10mm"])
+    tips = {n: rig.beam_statics(COSSERAT, n)(pulled) for n in (3, 6, 12)}
     limit = converged(tips, 1)
     with_shear, without = (column_tip(RIG, pulled, k) for k in (0.75, None))
     assert distance(tips[12], with_shear) < distance(tips[6], with_shear) / 2
@@ -509,31 +488,33 @@ def test_cosserat_rod_converges_to_the_column_with_shear_and_extension():
 
 @pytest.fixture(scope="module")
 def step_truth():
-    return Limit(RigRod(RIG, 3).motion(MOTIONS[STEP], sample_times(), 1e-4), 0.0, "three terms")
+    return Limit(
+        RigRod(RIG, 3).motion(rig.MOTIONS[rig.STEP], rig.sample_times(), 1e-4), 0.0, "three terms"
+    )
 
 
 def test_step_starts_straight_and_ends_in_the_equilibrium(step_truth):
     np.testing.assert_allclose(step_truth.tips[0], [0, 0, RIG.reach], atol=1e-12)
-    rest = rod_tip(STATIC["rig_pull_10mm"], terms=3)
+    rest = rod_tip(rig.STATIC["rig_pull_10mm"], terms=3)
     np.testing.assert_allclose(step_truth.tips[-1], rest, atol=1e-4)
 
 
 def test_chain_moves_as_the_rod(step_truth):
-    chains = [chain_motion(STEP, "midpoint", n, 10, "implicitfast") for n in (4, 8)]
-    rows = [timed_row(STEP, BENDING, step_truth, chain) for chain in chains]
+    chains = [rig.chain_motion(rig.STEP, "midpoint", n, 10, "implicitfast") for n in (4, 8)]
+    rows = [timed_row(rig.STEP, BENDING, step_truth, chain) for chain in chains]
     assert rows[0].e_max < 3e-3
     assert rows[1].e_mean < rows[0].e_mean / 3
 
 
 def test_diverged_chain_is_no_result():
     with pytest.warns(TimestepWarning, match="expect divergence"):
-        motion = chain_motion(STEP, "midpoint", 4, 1, "RK4")
+        motion = rig.chain_motion(rig.STEP, "midpoint", 4, 1, "RK4")
     with pytest.raises(RuntimeError, match="midpoint with 4 joints diverged at t = "):
         motion()
 
 
 def test_closed_form_moves_as_the_rod_of_one_term():
-    motion = PieceMotion(STEP, 1e-6)
-    rod = RigRod(RIG, 1).motion(MOTIONS[STEP], sample_times(), 1e-6)
+    motion = rig.PieceMotion(rig.STEP, 1e-6)
+    rod = RigRod(RIG, 1).motion(rig.MOTIONS[rig.STEP], rig.sample_times(), 1e-6)
     assert distance(motion(), rod) < 1e-5
     assert motion.settings.timestep < DURATION / 20

@@ -12,13 +12,7 @@ from numpy import ndarray
 
 from softrobot_env.beams.model import BeamModel, State
 from softrobot_env.beams.signals import Signal
-from softrobot_env.evaluation.models.runs import (
-    Limit,
-    best_of,
-    distance,
-    extrapolate,
-    silent_warnings,
-)
+from softrobot_env.evaluation.models import runs
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import Scene
 from studies.beams import make_beam
@@ -111,10 +105,10 @@ CONTINUUM = Physics("continuum", 1.0)
 
 
 def static_row(
-    case: str, model: str, n: int, physics: Physics, truth: Limit, tip: ndarray, **others: Any
+    case: str, model: str, n: int, physics: Physics, truth: runs.Limit, tip: ndarray, **others: Any
 ) -> Row:
     """Error of a tip (d,) [m] at rest; `others` are further fields."""
-    error = distance(tip, truth.tips)
+    error = runs.distance(tip, truth.tips)
     values = {"e_mean": error, "e_max": error, "physics": physics.name, "reference": truth.text}
     return Row("static", case, model, n, **values, **others)
 
@@ -133,7 +127,7 @@ class Settings:
 def motion_row(
     case: str,
     physics: Physics,
-    truth: Limit,
+    truth: runs.Limit,
     settings: Settings,
     tips: ndarray,
     wall_time: float,
@@ -154,6 +148,21 @@ def agreement_row(
     share = {"value": gap / length, "limit": BOUND, "met": gap / length < BOUND}
     about = {"physics": physics, "reference": text}
     return Row("agreement", case, model, n, e_mean=gap, e_max=gap, **about, **share)
+
+
+def limit_row(
+    case: str,
+    model: str,
+    tips: dict[int, ndarray],
+    physics: Physics,
+    truth: runs.Limit,
+    length: float,
+    order: int = 2,
+) -> Row:
+    """How far the limit of tips (d,) [m] by numbers of pieces is from a truth."""
+    sizes, gap = sorted(tips), runs.distance(runs.converged(tips, order), truth.tips)
+    text = f"limit of n = {', '.join(map(str, sizes))}; {truth.text}"
+    return agreement_row(case, model, sizes[-1], gap, length, physics.name, text)
 
 
 # ---------------------------------------------------------------- models
@@ -262,13 +271,13 @@ MakeMotion = Callable[[Contestant, int, RobotParams], BeamMotion]
 
 def beam_limit(
     make: MakeMotion, contestant: Contestant, sizes: tuple[int, int, int], robot: RobotParams
-) -> Limit:
+) -> runs.Limit:
     """A motion of a beam model with infinitely many pieces."""
 
     def solve(n: int) -> ndarray:
         return replace(make(contestant, n, robot), tolerance=_REFERENCE)()
 
-    return extrapolate(solve, sizes, f"limit of {contestant.name} (sdirk4, 1e-7)")
+    return runs.extrapolate(solve, sizes, f"limit of {contestant.name} (sdirk4, 1e-7)")
 
 
 class ChainMotion:
@@ -315,7 +324,7 @@ class ChainMotion:
         Raises:
             RuntimeError: The simulation diverged.
         """
-        with silent_warnings():
+        with runs.silent_warnings():
             self._run()
         tips = self._sensors[0, :: self._substeps, :3].copy()
         failure = chain_failure(self._data, tips[-1])
@@ -328,7 +337,7 @@ class ChainMotion:
 def timed_row(
     case: str,
     physics: Physics,
-    truth: Limit,
+    truth: runs.Limit,
     motion: TimedMotion,
     repeats: int = 1,
     exact: ndarray | None = None,
@@ -342,8 +351,8 @@ def timed_row(
         repeats: Number of simulations.
         exact: Tips (k, d) [m] of the same model with an exact integrator, if they are known.
     """
-    wall_time, tips = best_of(motion, repeats)
-    error = None if exact is None else distance(tips, exact)
+    wall_time, tips = runs.best_of(motion, repeats)
+    error = None if exact is None else runs.distance(tips, exact)
     return motion_row(case, physics, truth, motion.settings, tips, wall_time, e_time=error)
 
 

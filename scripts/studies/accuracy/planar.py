@@ -8,7 +8,7 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.evaluation.models.runs import best_of
+from softrobot_env.evaluation.models.runs import Limit, best_of
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.loads import Load
@@ -41,7 +41,7 @@ class StaticCase:
     Attributes:
         name: Name in the report.
         robot: The robot, with the gravity of the case.
-        truth: The true tip for some physics.
+        exact: The true tip for some physics, and where it comes from.
         loads: Dead loads, applied in full.
         reduced: (n_inputs,) [N], tendon inputs; empty for robots without tendons.
         uniform: Whether the truth for the continuum has its large strains, which are known where
@@ -50,10 +50,15 @@ class StaticCase:
 
     name: str
     robot: RobotParams
-    truth: Truth
+    exact: Truth
     loads: tuple[Load, ...] = ()
     reduced: tuple[float, ...] = ()
     uniform: bool = False
+
+    def truth(self, physics: Physics) -> Limit:
+        """The true tip (2,) [m] in (x, z)."""
+        tip, text = self.exact(physics)
+        return Limit(tip, 0.0, text)
 
     @property
     def ctrl(self) -> ndarray:

@@ -20,19 +20,7 @@ from numpy import ndarray
 
 from softrobot_env.evaluation.models.runs import best_of, distance
 from softrobot_env.robots import RobotParams
-from studies.accuracy import spiral
-from studies.accuracy.cases import (
-    BENDING,
-    COSSERAT,
-    DISTRIBUTED,
-    DURATION,
-    SHEAR,
-    Row,
-    Settings,
-    beam_limit,
-    motion_row,
-    timed_row,
-)
+from studies.accuracy import cases, spiral
 
 CASE = "spiral_undamped"
 NAME = "pyelastica"
@@ -61,7 +49,7 @@ def build(robot: RobotParams, n: int) -> tuple[Any, Any]:
 
         def apply_forces(self, system: Any, time: float = 0.0) -> None:
             """Add the force at a time [s]; scalars, which cost less than arrays here."""
-            size, angle = spiral.FORCE * time / DURATION, spiral.RATE * time
+            size, angle = spiral.FORCE * time / cases.DURATION, spiral.RATE * time
             system.external_forces[0, -1] += size * sin(angle)
             system.external_forces[1, -1] += size * cos(angle)
 
@@ -77,7 +65,7 @@ def build(robot: RobotParams, n: int) -> tuple[Any, Any]:
         youngs_modulus=robot.youngs_modulus,
         shear_modulus=shear_modulus,
     )
-    rod.shear_matrix[[0, 1], [0, 1]] = SHEAR.shear_coefficient * shear_modulus * robot.area
+    rod.shear_matrix[[0, 1], [0, 1]] = cases.SHEAR.shear_coefficient * shear_modulus * robot.area
     simulator = Simulator()
     simulator.append(rod)
     simulator.constrain(rod).using(
@@ -88,7 +76,7 @@ def build(robot: RobotParams, n: int) -> tuple[Any, Any]:
     return simulator, rod
 
 
-def motion(n: int, timestep: float, duration: float = DURATION) -> Callable[[], ndarray]:
+def motion(n: int, timestep: float, duration: float = cases.DURATION) -> Callable[[], ndarray]:
     """A function that simulates the spiral in PyElastica, once, and returns the tips (k, 3) [m]."""
     import elastica
 
@@ -106,46 +94,46 @@ def motion(n: int, timestep: float, duration: float = DURATION) -> Callable[[], 
     return simulate
 
 
-def rows(quick: bool = False, repeats: int = 2) -> list[Row]:
+def rows(quick: bool = False, repeats: int = 2) -> list[cases.Row]:
     """PyElastica's runs and ours of the undamped spiral, one after the other."""
     if find_spec("elastica") is None:
         text = "PyElastica is not installed: its rows are left out (pip install pyelastica)"
-        return [Row("note", CASE, NAME, reference=text)]
+        return [cases.Row("note", CASE, NAME, reference=text)]
     motion(7, 5e-4, 0.02)()  # compiles
-    truth = beam_limit(spiral.beam_motion, COSSERAT, (8, 16, 32), ROBOT)
+    truth = cases.beam_limit(spiral.beam_motion, cases.COSSERAT, (8, 16, 32), ROBOT)
     found = []
     for n, timestep in _RUNS[:2] if quick else _RUNS:
         runs = [best_of(motion(n, timestep), 1) for _ in range(repeats)]
         wall_time, tips = min(run[0] for run in runs), runs[0][1]
         if not np.all(np.isfinite(tips)):
             text = f"left out: diverged at a timestep of {timestep:g} s"
-            found.append(Row("note", CASE, NAME, n, reference=text))
+            found.append(cases.Row("note", CASE, NAME, n, reference=text))
             continue
-        settings = Settings(NAME, n, timestep, "PositionVerlet")
-        found.append(motion_row(CASE, SHEAR, truth, settings, tips, wall_time))
+        settings = cases.Settings(NAME, n, timestep, "PositionVerlet")
+        found.append(cases.motion_row(CASE, cases.SHEAR, truth, settings, tips, wall_time))
         finest = distance(tips, truth.tips), n
     for n in (3, 7, 14) if quick else (3, 5, 7, 14, 28):
-        rod = spiral.beam_motion(COSSERAT, n, ROBOT)
+        rod = spiral.beam_motion(cases.COSSERAT, n, ROBOT)
         for tolerance in (1e-2, 1e-3, 1e-4, 1e-5):
             rod.tolerance = tolerance
-            found.append(timed_row(CASE, SHEAR, truth, rod, repeats))
+            found.append(cases.timed_row(CASE, cases.SHEAR, truth, rod, repeats))
     found += _chain_rows(quick, repeats)
     gap, n = finest
     share = gap / ROBOT.length
     pair = f"{NAME} {n} / cosserat (its error)"
-    found.append(Row("physics", CASE, pair, n, e_max=gap, value=share, reference=truth.text))
+    found.append(cases.Row("physics", CASE, pair, n, e_max=gap, value=share, reference=truth.text))
     return found
 
 
-def _chain_rows(quick: bool, repeats: int) -> list[Row]:
+def _chain_rows(quick: bool, repeats: int) -> list[cases.Row]:
     """The MuJoCo chain at timesteps within its stability limit."""
     sizes = (3, 6, 12) if quick else (5, 10, 20)
-    truth = beam_limit(spiral.beam_motion, DISTRIBUTED, sizes, ROBOT)
+    truth = cases.beam_limit(spiral.beam_motion, cases.DISTRIBUTED, sizes, ROBOT)
     out = []
     for n in (2, 4) if quick else (2, 4, 6, 12, 24):
         for substeps in (2, 3, 4, 5, 8, 10, 20):
             motion = spiral.chain_motion("gauss2", n, substeps, robot=ROBOT)
             choice = motion.scene.timestep
             if choice.timestep <= _STABLE * choice.stability_limit:
-                out.append(timed_row(CASE, BENDING, truth, motion, repeats))
+                out.append(cases.timed_row(CASE, cases.BENDING, truth, motion, repeats))
     return out

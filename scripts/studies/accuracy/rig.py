@@ -14,36 +14,13 @@ from scipy.optimize import root
 from softrobot_env.beams import signals
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.beams.pcc import PCC
-from softrobot_env.evaluation.models.runs import (
-    Limit,
-    best_of,
-    converged,
-    distance,
-    extrapolate,
-    zero_timestep,
-)
+from softrobot_env.evaluation.models import runs
 from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.config import TipSensors
 from softrobot_env.scene.quadrature import RULES
 from softrobot_env.thesis.rig.spatial_piece import SUBPIECES, RigPiece, add_static, make_rig_piece
-from studies.accuracy.cases import (
-    BENDING,
-    COSSERAT,
-    DISTRIBUTED,
-    DURATION,
-    SHEAR,
-    BeamMotion,
-    ChainMotion,
-    Contestant,
-    Job,
-    Physics,
-    Row,
-    Settings,
-    agreement_row,
-    static_row,
-    timed_row,
-)
+from studies.accuracy import cases
 from studies.beams import chain_scene
 from studies.truths.rig_column import column_tip, tensions
 from studies.truths.rig_piece import acceleration, output
@@ -86,7 +63,7 @@ CASES = (*STATIC, *MOTIONS)
 
 def sample_times() -> ndarray:
     """Instants [s] at which tips are compared."""
-    return np.linspace(0, DURATION, round(DURATION / PERIOD) + 1)
+    return np.linspace(0, cases.DURATION, round(cases.DURATION / PERIOD) + 1)
 
 
 #: The robot of all cases, and its MuJoCo chain.
@@ -107,7 +84,7 @@ PIECE = "rig_piece"
 JOINTS, JOINTS_OF_THREES = (2, 4, 8, 16, 32), (3, 6, 12, 24)
 
 #: Pieces of the beam models at rest.
-PIECES = {DISTRIBUTED.name: (1, 2, 4, 8, 16), COSSERAT.name: (6, 12, 24, 48)}
+PIECES = {cases.DISTRIBUTED.name: (1, 2, 4, 8, 16), cases.COSSERAT.name: (6, 12, 24, 48)}
 
 _LOAD_STEPS = 4
 _SHARES = np.arange(1, _LOAD_STEPS + 1) / _LOAD_STEPS
@@ -117,26 +94,23 @@ _TOLERANCE = 1e-12
 RITZ = "ritz_rod"
 _TERMS = 8
 
-#: The Cosserat rod applies moments half a segment before its end, an error of first order.
-_FIRST_ORDER = "cosserat"
-
 #: Output point (3,) [m] for lengths (3,) [m].
 Solve = Callable[[ndarray], ndarray]
 
 
 #: Name, pieces or joints, physics and statics of a model.
-Entry = tuple[str, int, Physics, Solve]
+Entry = tuple[str, int, cases.Physics, Solve]
 
 
 def entries(quick: bool = False) -> list[Entry]:
     """All models at rest; a quick run has the coarsest ones."""
-    found = [(PIECE, 1, BENDING, piece_statics())]
-    for one in (DISTRIBUTED, COSSERAT):
+    found = [(PIECE, 1, cases.BENDING, piece_statics())]
+    for one in (cases.DISTRIBUTED, cases.COSSERAT):
         for n in PIECES[one.name][: 2 if quick else None]:
             found.append((one.name, n, one.physics, beam_statics(one, n)))
     for rule in RULES:
         for n in joint_numbers(rule)[: 3 if quick else None]:
-            found.append((f"mujoco_chain/{rule}", n, BENDING, chain_statics(rule, n)))
+            found.append((f"mujoco_chain/{rule}", n, cases.BENDING, chain_statics(rule, n)))
     return found
 
 
@@ -172,7 +146,7 @@ def piece_output(piece: RigPiece, y: ndarray) -> ndarray:
     return point
 
 
-def beam_statics(contestant: Contestant, n: int) -> Solve:
+def beam_statics(contestant: cases.Contestant, n: int) -> Solve:
     """A beam model that carries the head as a dead load."""
     weight, end = ROBOT.head.mass * np.array(ROBOT.gravity), ROBOT.length
     loads = (
@@ -217,53 +191,55 @@ def chain_statics(rule: str, n: int) -> Solve:
     return lambda pulled: scene.tip(scene.equilibrium(pulled, load_steps=_LOAD_STEPS))
 
 
-def static_jobs(quick: bool = False) -> Iterator[Job]:
+def static_jobs(quick: bool = False) -> Iterator[cases.Job]:
     """One job for each case; a quick run has the first and the last one."""
     for case in list(STATIC)[:: len(STATIC) - 1 if quick else 1]:
         yield f"{case}, all models", partial(case_rows, case, quick)
 
 
-def static_truth(case: str, physics: Physics) -> Limit:
+def static_truth(case: str, physics: cases.Physics) -> runs.Limit:
     """The exact tip (3,) [m] of a case."""
     tip = column_tip(ROBOT, np.array(STATIC[case]), physics.shear_coefficient)
-    kind = "that only bends" if physics == BENDING else "with shear and extension"
-    return Limit(tip, 0.0, f"column {kind} (initial values from the end)")
+    kind = "that only bends" if physics == cases.BENDING else "with shear and extension"
+    return runs.Limit(tip, 0.0, f"column {kind} (initial values from the end)")
 
 
-def case_rows(case: str, quick: bool = False) -> list[Row]:
-    """Errors of all models, and what they converge to."""
-    truths = {physics.name: static_truth(case, physics) for physics in (BENDING, SHEAR)}
+def case_rows(case: str, quick: bool = False) -> list[cases.Row]:
+    """Errors of all models, and what they converge to.
+
+    The Cosserat rod applies moments half a segment before its end, an error of first order.
+    """
+    truths = {physics.name: static_truth(case, physics) for physics in (cases.BENDING, cases.SHEAR)}
     found, tips = [], {}
     for name, n, physics, statics in entries(quick):
         solve = partial(statics, np.array(STATIC[case]))
         if name not in {known for known, _ in tips}:
             solve()  # compiles
-        wall_time, tip = best_of(solve, 1 if quick else 5)
+        wall_time, tip = runs.best_of(solve, 1 if quick else 5)
         exact = truths[physics.name]
-        found.append(static_row(case, name, n, physics, exact, tip, wall_time=wall_time))
-        tips.setdefault((name, physics.name), {})[n] = tip
-    found.append(_ritz_row(case, truths[BENDING.name]))
+        found.append(cases.static_row(case, name, n, physics, exact, tip, wall_time=wall_time))
+        tips.setdefault((name, physics), {})[n] = tip
+    found.append(_ritz_row(case, truths[cases.BENDING.name]))
     if not quick:
         for (model, physics), by_size in tips.items():
             if model != PIECE:
-                found.append(_limit_row(case, model, by_size, physics, truths[physics]))
+                finest, order = (
+                    dict(sorted(by_size.items())[-3:]),
+                    2 - (model == cases.COSSERAT.name),
+                )
+                about = physics, truths[physics.name], ROBOT.length, order
+                found.append(cases.limit_row(case, model, finest, *about))
     return found
 
 
-def _ritz_row(case: str, exact: Limit) -> Row:
+def _ritz_row(case: str, exact: runs.Limit) -> cases.Row:
     """Whether two independent truths agree, one by polynomials, one by initial values."""
     rod = RigRod(ROBOT, _TERMS)
     tip = rod.tip(rod.equilibrium(np.array(STATIC[case])))
-    gap = distance(tip, exact.tips)
-    return agreement_row(case, RITZ, _TERMS, gap, ROBOT.length, BENDING.name, exact.text)
-
-
-def _limit_row(case: str, model: str, tips: dict[int, ndarray], physics: str, exact: Limit) -> Row:
-    sizes = sorted(tips)[-3:]
-    limit = converged({n: tips[n] for n in sizes}, 1 if model == _FIRST_ORDER else 2)
-    text = f"limit of n = {', '.join(map(str, sizes))}; {exact.text}"
-    gap = distance(limit, exact.tips)
-    return agreement_row(case, model, sizes[-1], gap, ROBOT.length, physics, text)
+    gap = runs.distance(tip, exact.tips)
+    return cases.agreement_row(
+        case, RITZ, _TERMS, gap, ROBOT.length, cases.BENDING.name, exact.text
+    )
 
 
 # ---------------------------------------------------------------- in motion
@@ -294,42 +270,42 @@ _FINE = (40, 80, 160)
 _SIZES = (8, 16, 32)
 
 
-def motion_truth(case: str, quick: bool = False) -> Limit:
+def motion_truth(case: str, quick: bool = False) -> runs.Limit:
     """Tips (k, 3) [m] of the rod by Ritz' method; the coarser one gives the uncertainty."""
     settings = _QUICK_TRUTHS if quick else _TRUTHS
     coarse, fine = (
         RigRod(ROBOT, terms).motion(MOTIONS[case], sample_times(), rtol) for terms, rtol in settings
     )
-    uncertainty, (terms, rtol) = distance(coarse, fine), settings[1]
+    uncertainty, (terms, rtol) = runs.distance(coarse, fine), settings[1]
     text = f"rod by Ritz' method, {terms} terms, Radau {rtol:.0e}"
-    return Limit(fine, uncertainty, f"{text}; uncertainty {1e3 * uncertainty:.1g} mm")
+    return runs.Limit(fine, uncertainty, f"{text}; uncertainty {1e3 * uncertainty:.1g} mm")
 
 
-def chain_motion(case: str, rule: str, n: int, substeps: int, integrator: str) -> ChainMotion:
+def chain_motion(case: str, rule: str, n: int, substeps: int, integrator: str) -> cases.ChainMotion:
     """A motion of the MuJoCo chain with n joints and some timesteps per control period."""
     options = CHAIN | {"timestep": PERIOD / substeps, "integrator": integrator}
-    return ChainMotion(chain_scene(ROBOT, rule, n, **options), MOTIONS[case])
+    return cases.ChainMotion(chain_scene(ROBOT, rule, n, **options), MOTIONS[case])
 
 
-def chain_limit(case: str) -> Limit:
+def chain_limit(case: str) -> runs.Limit:
     """The chain's motion with infinitely many joints and at zero timestep."""
 
     def solve(n: int) -> ndarray:
         motions = [chain_motion(case, "gauss2", n, k, "implicitfast")() for k in _FINE]
-        return zero_timestep(motions)[0]
+        return runs.zero_timestep(motions)[0]
 
-    return extrapolate(solve, _SIZES, "limit of mujoco_chain/gauss2 at zero timestep")
+    return runs.extrapolate(solve, _SIZES, "limit of mujoco_chain/gauss2 at zero timestep")
 
 
-def subpieces_motion(case: str, n: int, tolerance: float) -> BeamMotion:
+def subpieces_motion(case: str, n: int, tolerance: float) -> cases.BeamMotion:
     """PCC of n pieces with the thesis' three rigid bodies, which hold the head."""
     beam = PCC(ROBOT, n, axes="spatial", inertia=SUBPIECES, drive="length")
 
     def tips(q: ndarray) -> ndarray:
         return beam.tip(q) + ROBOT.head.output * end_axis(beam, q)
 
-    signal = signals.smooth(MOTIONS[case], DURATION)
-    return BeamMotion("pcc/subpieces", n, beam, signal, tips, PERIOD, tolerance=tolerance)
+    signal = signals.smooth(MOTIONS[case], cases.DURATION)
+    return cases.BeamMotion("pcc/subpieces", n, beam, signal, tips, PERIOD, tolerance=tolerance)
 
 
 class PieceMotion:
@@ -345,9 +321,9 @@ class PieceMotion:
         self._tolerance, self._steps = tolerance, 1
 
     @property
-    def settings(self) -> Settings:
+    def settings(self) -> cases.Settings:
         """What it was simulated with; the steps are those of the last call."""
-        return Settings(PIECE, 1, DURATION / self._steps, "RK45", self._tolerance)
+        return cases.Settings(PIECE, 1, cases.DURATION / self._steps, "RK45", self._tolerance)
 
     def _slope(self, t: float, x: ndarray) -> ndarray:
         out = np.empty(4)
@@ -359,17 +335,17 @@ class PieceMotion:
     def __call__(self) -> ndarray:
         """Tips (k, 3) [m]."""
         exact = dict.fromkeys(("rtol", "atol"), self._tolerance)
-        about = self._slope, (0, DURATION), np.zeros(4)
+        about = self._slope, (0, cases.DURATION), np.zeros(4)
         found = solve_ivp(*about, t_eval=sample_times(), dense_output=True, **exact)
         self._steps = len(found.sol.ts) - 1
         return np.array([piece_output(self._piece, y) for y in found.y[:2].T])
 
 
-def motion_jobs(quick: bool = False) -> Iterator[Job]:
+def motion_jobs(quick: bool = False) -> Iterator[cases.Job]:
     """Jobs of all motions; a quick run has one of them, on few models."""
-    limits: dict[str, Limit] = {}
+    limits: dict[str, runs.Limit] = {}
 
-    def find(case: str) -> list[Row]:
+    def find(case: str) -> list[cases.Row]:
         limits[case] = motion_truth(case, quick)
         return []
 
@@ -379,20 +355,22 @@ def motion_jobs(quick: bool = False) -> Iterator[Job]:
         yield f"{case}, one piece and PCC", partial(piece_rows, case, limits, quick)
         if not quick:
             yield f"{case}, agreement", lambda c=case: [agreement(c, limits[c])]
-    left_out = [Row("note", "rig", m, reference=f"left out: {why}") for m, why in LEFT_OUT.items()]
+    left_out = [
+        cases.Row("note", "rig", m, reference=f"left out: {why}") for m, why in LEFT_OUT.items()
+    ]
     yield "rig, models left out", lambda: left_out
 
 
-def agreement(case: str, exact: Limit) -> Row:
+def agreement(case: str, exact: runs.Limit) -> cases.Row:
     """Distance of the chain's limit from the rod by Ritz' method."""
     limit = chain_limit(case)
-    gap = distance(limit.tips, exact.tips)
+    gap = runs.distance(limit.tips, exact.tips)
     text = f"{limit.text}; {exact.text}"
     pair = "mujoco_chain/gauss2 / ritz_rod"
-    return agreement_row(case, pair, 32, gap, ROBOT.length, BENDING.name, text)
+    return cases.agreement_row(case, pair, 32, gap, ROBOT.length, cases.BENDING.name, text)
 
 
-def chain_rows(case: str, limits: dict[str, Limit], quick: bool = False) -> list[Row]:
+def chain_rows(case: str, limits: dict[str, runs.Limit], quick: bool = False) -> list[cases.Row]:
     """Runs of the chain over rules, joints, integrators and timesteps."""
     motions = (
         chain_motion(case, rule, n, substeps, integrator)
@@ -401,10 +379,12 @@ def chain_rows(case: str, limits: dict[str, Limit], quick: bool = False) -> list
         for integrator, substeps in product(INTEGRATORS, SUBSTEPS)
     )
     repeats = 2 if quick else 5
-    return [timed_row(case, BENDING, limits[case], motion, repeats) for motion in motions]
+    return [
+        cases.timed_row(case, cases.BENDING, limits[case], motion, repeats) for motion in motions
+    ]
 
 
-def piece_rows(case: str, limits: dict[str, Limit], quick: bool = False) -> list[Row]:
+def piece_rows(case: str, limits: dict[str, runs.Limit], quick: bool = False) -> list[cases.Row]:
     """Runs of the closed form and of PCC with given rigid bodies, with adapted steps."""
     made = [partial(PieceMotion, case)]
     made += [partial(subpieces_motion, case, n) for n in MOVING_PIECES]
@@ -412,6 +392,6 @@ def piece_rows(case: str, limits: dict[str, Limit], quick: bool = False) -> list
     for make in made:
         still = make(_CONVERGED)()
         for tolerance in TOLERANCES[1:3] if quick else TOLERANCES:
-            about = case, BENDING, limits[case], make(tolerance)
-            found.append(timed_row(*about, repeats, still))
+            about = case, cases.BENDING, limits[case], make(tolerance)
+            found.append(cases.timed_row(*about, repeats, still))
     return found

@@ -1,6 +1,5 @@
 """Equilibria of slender rods in space whose tips are known exactly, without any mesh.
 
-from studies.accuracy.cases import Job
 Loads are sampled as they are seen from the section that carries them, and gravity as seen from
 the tip: then the shape is an initial-value problem (`studies.truths.spatial_rod`), and loads and
 gravity follow in the world's directions, in which the models get them.
@@ -23,17 +22,7 @@ from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.config import TWISTING_RULE
-from studies.accuracy.cases import (
-    BENDING,
-    CONTESTANTS,
-    CONTINUUM,
-    SHEAR,
-    Contestant,
-    Job,
-    Physics,
-    Row,
-    goal,
-)
+from studies.accuracy import cases
 from studies.beams import chain_scene
 from studies.lab import select
 from studies.truths.analytic import Section, bent_rod
@@ -86,7 +75,7 @@ HEADINGS = {
 }
 
 
-def cases_of(name: str, robot: RobotParams, physics: Physics, quick: bool = False) -> tuple:
+def cases_of(name: str, robot: RobotParams, physics: cases.Physics, quick: bool = False) -> tuple:
     """The cases that go by a name, each a `SpatialCase`; many for wrenches, else one.
 
     Args:
@@ -101,7 +90,7 @@ def cases_of(name: str, robot: RobotParams, physics: Physics, quick: bool = Fals
     return (_SINGLE[name](robot, section),)
 
 
-def section_of(robot: RobotParams, physics: Physics) -> SpatialSection:
+def section_of(robot: RobotParams, physics: cases.Physics) -> SpatialSection:
     """The rod's section for some physics."""
     section = SpatialSection(robot.bending_stiffness, robot.torsional_stiffness)
     k = physics.shear_coefficient
@@ -232,42 +221,44 @@ def name_of(case: str, robot: RobotParams) -> str:
     return f"{case}_{robot.name}"
 
 
-def jobs(quick: bool = False) -> Iterator[Job]:
+def jobs(quick: bool = False) -> Iterator[cases.Job]:
     """A job for each robot and case."""
     for robot in ROBOTS:
         for case in HEADINGS:
             yield f"{robot.name}, {case}", partial(case_rows, case, robot, quick)
 
 
-def case_rows(case: str, robot: RobotParams, quick: bool = False) -> list[Row]:
+def case_rows(case: str, robot: RobotParams, quick: bool = False) -> list[cases.Row]:
     """Errors of all models in the cases of a name."""
     found, shown = [], slice(2 if quick else None)
-    truths = cases_of(case, robot, BENDING, quick)
+    truths = cases_of(case, robot, cases.BENDING, quick)
     for rule, n in product(RULES, STATIONS[shown]):
         name = f"mujoco_chain/{rule}"
         found.append(
-            _row(case, robot, name, n, BENDING, truths, partial(chain_tip, rule=rule, n=n))
+            _row(case, robot, name, n, cases.BENDING, truths, partial(chain_tip, rule=rule, n=n))
         )
-    for one in CONTESTANTS[1:]:  # at rest, masses do not matter
+    for one in cases.CONTESTANTS[1:]:  # at rest, masses do not matter
         physics = one.physics
-        truths = cases_of(case, robot, physics, quick or physics == CONTINUUM)
+        truths = cases_of(case, robot, physics, quick or physics == cases.CONTINUUM)
         for n in one.sizes[: 1 if quick else None]:
             solve = partial(beam_tip, contestant=one, n=n)
             found.append(_row(case, robot, one.name, n, physics, truths, solve))
     return [*found, stretch_row(robot, quick)] if case == "wrenches" else found
 
 
-def stretch_row(robot: RobotParams, quick: bool = False) -> Row:
+def stretch_row(robot: RobotParams, quick: bool = False) -> cases.Row:
     """Distance [m] of the tips of exact rods with and without shear and extension.
 
     Both bear the same random forces and moments, as their sections see them.
     """
-    rigid, elastic = (cases_of("wrenches", robot, physics, quick) for physics in (BENDING, SHEAR))
+    rigid, elastic = (
+        cases_of("wrenches", robot, physics, quick) for physics in (cases.BENDING, cases.SHEAR)
+    )
     gaps = [np.linalg.norm(a.tip - b.tip) for a, b in zip(rigid, elastic, strict=True)]
     values = {"e_mean": float(np.mean(gaps)), "e_max": float(np.max(gaps))}
-    values |= {"value": values["e_mean"] / robot.length, "physics": SHEAR.name}
+    values |= {"value": values["e_mean"] / robot.length, "physics": cases.SHEAR.name}
     about = "physics", f"random wrenches, {robot.name}", "exact rods: shear and stretch"
-    return Row(*about, reference=_TRUTH.format(BENDING.name), **values)
+    return cases.Row(*about, reference=_TRUTH.format(cases.BENDING.name), **values)
 
 
 def chain_tip(case: SpatialCase, rule: str, n: int) -> tuple[ndarray, float]:
@@ -276,7 +267,7 @@ def chain_tip(case: SpatialCase, rule: str, n: int) -> tuple[ndarray, float]:
     return _solved(chain_scene(case.robot, rule, n, **options), case)
 
 
-def beam_tip(case: SpatialCase, contestant: Contestant, n: int) -> tuple[ndarray, float]:
+def beam_tip(case: SpatialCase, contestant: cases.Contestant, n: int) -> tuple[ndarray, float]:
     """Tip (3,) [m] of a beam model with n pieces, and the time [s] of its equilibrium."""
     return _solved(contestant.build(case.robot, n, case.loads, "torsion"), case)
 
@@ -292,10 +283,10 @@ def _row(
     robot: RobotParams,
     model: str,
     n: int,
-    physics: Physics,
+    physics: cases.Physics,
     truths: Sequence[SpatialCase],
     solve: Callable[[SpatialCase], tuple[ndarray, float]],
-) -> Row:
+) -> cases.Row:
     errors, times, lost = [], [], []
     for truth in truths:
         try:
@@ -308,13 +299,13 @@ def _row(
     name, text = name_of(case, robot), _TRUTH.format(physics.name)
     if lost:
         text = f"{len(lost)} of {len(truths)} not solved: {lost[0]}"
-        return Row("note", name, model, n, physics=physics.name, reference=text)
+        return cases.Row("note", name, model, n, physics=physics.name, reference=text)
     values = {"e_mean": float(np.mean(errors)), "e_max": float(np.max(errors))}
     values |= {"wall_time": float(np.min(times)), "physics": physics.name}
-    return Row("static", name, model, n, reference=text, **values)
+    return cases.Row("static", name, model, n, reference=text, **values)
 
 
-def goal_rows(rows: Sequence[Row]) -> Iterator[Row]:
+def goal_rows(rows: Sequence[cases.Row]) -> Iterator[cases.Row]:
     """What the default chain has to reach, and did it."""
     model, n = _OF_GOALS
     mine = {row.case: row for row in select(rows, kind="static", model=model, n=n)}
@@ -325,7 +316,7 @@ def goal_rows(rows: Sequence[Row]) -> Iterator[Row]:
         wrench, along, across = (mine[name] for name in names)
         bound = _GOALS[robot.name]
         case = f"random wrenches, {robot.name}, 12 stations: mean error [m]"
-        yield goal(case, wrench, wrench.e_mean, most=bound)
+        yield cases.goal(case, wrench, wrench.e_mean, most=bound)
         case = f"sag at 45 degrees, {robot.name}, 12 stations: times that along an axis"
         ratio = across.e_mean / along.e_mean
-        yield goal(case, across, max(ratio, 1 / ratio), most=_DIRECTION)
+        yield cases.goal(case, across, max(ratio, 1 / ratio), most=_DIRECTION)

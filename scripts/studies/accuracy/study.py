@@ -1,6 +1,5 @@
 """Error against run time of the MuJoCo chain and the beam models, each against a converged truth.
 
-from studies.accuracy.cases import Job
 Statics and frequencies are compared with closed forms and boundary-value solutions, motions with
 limits of infinitely many pieces. Models that shear and stretch converge to something else than
 those that only bend and twist, so each is compared with the truth of its own physics, and where
@@ -16,7 +15,7 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.beams.model import IntegrationError, State
-from softrobot_env.evaluation.models.runs import Limit, best_of, converged, distance
+from softrobot_env.evaluation.models.runs import Limit, best_of, distance
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.quadrature import RULES
 from studies.accuracy import pyelastica_rod, rig, shown, space, spiral, tension_step
@@ -36,6 +35,7 @@ from studies.accuracy.cases import (
     agreement_row,
     beam_limit,
     goal,
+    limit_row,
     static_row,
     timed_row,
 )
@@ -133,7 +133,7 @@ def _static_rows(case: StaticCase, quick: bool, repeats: int) -> list[Row]:
             tips.setdefault((row.model, BENDING), {})[n] = tip
     for contestant in CONTESTANTS:
         name, physics = contestant.name, contestant.physics
-        truth = _truth(case, physics)
+        truth = case.truth(physics)
         for n in contestant.sizes[: 2 if quick else None]:
             model = contestant.build(case.robot, n, case.loads)
             solve = partial(
@@ -148,11 +148,6 @@ def _static_rows(case: StaticCase, quick: bool, repeats: int) -> list[Row]:
     return found if quick else found + slender_static_rows(case)
 
 
-def _truth(case: StaticCase, physics: Physics) -> Limit:
-    tip, text = case.truth(physics)
-    return Limit(tip, 0.0, text)
-
-
 def chain_static_row(case: StaticCase, rule: str, n: int, repeats: int = 1) -> tuple[Row, ndarray]:
     """Solve one static case on a chain of n hinges; times are the best of `repeats`.
 
@@ -162,7 +157,7 @@ def chain_static_row(case: StaticCase, rule: str, n: int, repeats: int = 1) -> t
     scene = chain_scene(case.robot, rule, n, loads=case.loads)
     wall_time, posture = best_of(lambda: scene.equilibrium(case.ctrl), repeats)
     tip, choice = scene.tip(posture)[[0, 2]], scene.timestep
-    about = case.name, f"mujoco_chain/{rule}", scene.model.nv, BENDING, _truth(case, BENDING), tip
+    about = case.name, f"mujoco_chain/{rule}", scene.model.nv, BENDING, case.truth(BENDING), tip
     steps = {"timestep": choice.timestep, "integrator": choice.integrator}
     step_time = step_cost(scene.model, posture, case.ctrl, repeats)
     return static_row(*about, wall_time=wall_time, step_time=step_time, **steps), tip
@@ -275,12 +270,9 @@ def static_rows(case: StaticCase, tips: dict[tuple[str, Physics], dict[int, ndar
     """
     found = []
     for (model, physics), by_size in tips.items():
-        coarse, fine = sorted(by_size)[-2:]
-        limit = converged({n: by_size[n] for n in (coarse, fine)}, 2)
-        truth, text = case.truth(physics)
-        text = f"limit of n = {coarse}, {fine}; {text}"
-        gap, length = distance(limit, truth), case.robot.length
-        row = agreement_row(case.name, model, fine, gap, length, physics.name, text)
+        finest = dict(sorted(by_size.items())[-2:])
+        truth, length = case.truth(physics), case.robot.length
+        row = limit_row(case.name, model, finest, physics, truth, length)
         # Where bending is not uniform, no rod is the limit of a continuum: reported, not checked.
         unknown = physics == CONTINUUM and not case.uniform
         found.append(_unchecked(row) if unknown else row)
@@ -294,10 +286,10 @@ def slender_static_rows(case: StaticCase) -> list[Row]:
         if contestant.physics == CONTINUUM:
             model = contestant.build(robot, _FINE, case.loads)
             q = model.equilibrium(case.ctrl, load_steps=5, check_stability=False)
-            truth, text = case.truth(BENDING)
-            gap = distance(model.tip(q)[[0, 2]], truth)
-            name, length = f"{contestant.name}, slender", robot.length
-            found.append(agreement_row(case.name, name, _FINE, gap, length, BENDING.name, text))
+            truth, name = case.truth(BENDING), f"{contestant.name}, slender"
+            gap, length = distance(model.tip(q)[[0, 2]], truth.tips), robot.length
+            about = gap, length, BENDING.name, truth.text
+            found.append(agreement_row(case.name, name, _FINE, *about))
     return found
 
 

@@ -44,30 +44,6 @@ def _short(name: Any) -> str:
     return _SHORT.get(name, f"{name:.2g}" if isinstance(name, float) else name)
 
 
-def _count(outcome: str) -> Callable[[list[Row]], int]:
-    return lambda rows: len(select(rows, outcome=outcome))
-
-
-def _share(outcome: str) -> Callable[[list[Row]], str]:
-    return lambda rows: f"{100 * len(select(rows, outcome=outcome)) / len(rows):.0f}"
-
-
-def _stable(rows: list[Row]) -> str:
-    return f"{sum(row.stable for row in rows)}/{len(rows)}"
-
-
-def _picks(rows: list[Row]) -> str:
-    return ", ".join(sorted({row.integrator for row in rows}))
-
-
-def _largest(name: str, unit: str) -> Callable[[list[Row]], str]:
-    def cell(rows: list[Row]) -> str:
-        known = (v for v in (getattr(row, name) for row in rows) if v is not None)
-        return number(max(known, default=None), ".2g", unit)
-
-    return cell
-
-
 def _shares(rows: list[Row]) -> Iterable[Table]:
     """One line per model and integrator."""
     dampings = sorted({row.damping_ratio for row in select(rows, case="map")})
