@@ -57,8 +57,8 @@ class Row(Record):
         figure: Of the thesis, such as "2.11" or "tab2.2".
         case, model: Curve or line that it belongs to.
         n: Pieces, if it has any.
-        x_name, x: Abscissa, None where it is n or there is none.
         y_name, y: The quantity; None where it could not be computed, and the note then says why.
+        x_name, x: Abscissa, None where it is n or there is none.
         thesis: The printed number.
         audit: The number recomputed independently.
         note: What has to be known.
@@ -68,29 +68,13 @@ class Row(Record):
     case: str
     model: str
     n: int | None
-    x_name: str | None
-    x: float | None
     y_name: str
     y: float | None
+    x_name: str | None = None
+    x: float | None = None
     thesis: float | None = None
     audit: float | None = None
     note: str | None = None
-
-
-def make_row(
-    figure: str,
-    case: str,
-    model: str,
-    n: int | None,
-    y_name: str,
-    y: float | None,
-    x: tuple[str, float] | None = None,
-    **others: Any,
-) -> Row:
-    """A row; x is its name and value, `others` are thesis, audit and note."""
-    x_name, x_value = (None, None) if x is None else (x[0], float(x[1]))
-    y_value = None if y is None else float(y)
-    return Row(figure, case, model, n, x_name, x_value, y_name, y_value, **others)
 
 
 def curve(
@@ -107,7 +91,7 @@ def curve(
     """A number of a model with some numbers of pieces; `where` is figure and case."""
     known = audit or {}
     return [
-        make_row(*where, model, n, y_name, y, audit=known.get(n), note=note)
+        Row(*where, model, n, y_name, y, audit=known.get(n), note=note)
         for n, y in ((n, measure(build(model, robot, n, **options))) for n in pieces)
     ]
 
@@ -158,7 +142,7 @@ def deflection(model: BeamModel) -> float:
 def _theory_rows(figure: str, name: str, y_name: str, found: dict, audit: dict) -> list[Row]:
     """Lines of beam theories: model -> y."""
     return [
-        make_row(figure, name, model, None, y_name, y, audit=audit[name, model])
+        Row(figure, name, model, None, y_name, y, audit=audit[name, model])
         for model, y in found.items()
     ]
 
@@ -220,10 +204,10 @@ def _threshold_rows(rows: list[Row]) -> list[Row]:
         enough = [n for n in errors if all(errors[k] < 0.05 for k in errors if k >= n)]
         printed = dict.fromkeys(("thesis", "audit"), values.PIECES_FOR_5_PERCENT[model])
         name = "pieces_for_5_percent"
-        out.append(make_row("2.11", "weak", model, None, name, min(enough), **printed))
+        out.append(Row("2.11", "weak", model, None, name, min(enough), **printed))
     error = found["stiff", "pcc", 1] / found["stiff", "euler_bernoulli", None] - 1
     printed = {"thesis": -0.005, "audit": values.ONE_PIECE_ERROR}
-    return [*out, make_row("2.11", "stiff", "pcc", 1, _TO_THEORY, error, **printed)]
+    return [*out, Row("2.11", "stiff", "pcc", 1, _TO_THEORY, error, **printed)]
 
 
 def centreline_rows() -> list[Row]:
@@ -234,7 +218,7 @@ def centreline_rows() -> list[Row]:
         stations = np.linspace(0, beam.robot.length, _CURVE_POINTS)
         curve = "2.12", "weak", model, _CURVE_PIECES, "deflection_m"
         for y, _, along in beam.positions(beam.equilibrium(), stations):
-            rows.append(make_row(*curve, -y, ("along_m", along)))
+            rows.append(Row(*curve, -y, "along_m", along))
     return rows
 
 
@@ -244,7 +228,7 @@ def torsion_rows(pieces: tuple[int, ...]) -> list[Row]:
     load = Load("twist", robot.length, moment=(0.0, 0.0, MOMENT))
 
     def row(case: str, model: str, n: int | None, angle: float, **others: Any) -> Row:
-        return make_row("2.14", case, model, n, "twist_rad", angle, **others)
+        return Row("2.14", case, model, n, "twist_rad", angle, **others)
 
     exact, thesis = torsion_angle(robot, MOMENT), {"thesis": values.TWIST}
     tenfold = thesis | {"audit": values.TWIST_AS_PRINTED, "note": _MOMENT}
@@ -301,12 +285,12 @@ def _spread_rows(name: str, rows: list[Row]) -> list[Row]:
     spread = (max(finest.values()) - min(finest.values())) / min(finest.values())
     known = {"thesis": values.MODEL_SPREAD, "audit": 0.008 if name == "weak" else None}
     curve = "2.13", name, "all", _FINEST, "spread_of_models"
-    out = [make_row(*curve, spread, **known, note=_BOUND)]
+    out = [Row(*curve, spread, **known, note=_BOUND)]
     for model, found in finest.items():
         audit = values.THEORY_DISTANCE_AUDIT.get((name, model))
         known = {"thesis": values.THEORY_DISTANCE, "audit": audit, "note": f"{_BOUND}; {_REAL}"}
         curve = "2.13", name, model, _FINEST, _TO_THEORY
-        out.append(make_row(*curve, found / theory - 1, **known))
+        out.append(Row(*curve, found / theory - 1, **known))
     return out
 
 
@@ -316,7 +300,7 @@ def torsional_rows(pieces: tuple[int, ...]) -> list[Row]:
     for ratio, audit in values.TORSION_FREQUENCY.items():
         robot = replace(weightless(CANTILEVER_WEAK), poisson_ratio=ratio)
         case, exact = f"nu = {ratio:g}", torsion_frequency(robot)
-        rows.append(make_row("2.15", case, "analytic", None, _FREQUENCY, exact, audit=audit))
+        rows.append(Row("2.15", case, "analytic", None, _FREQUENCY, exact, audit=audit))
         twisting = partial(mode_frequency, torsion=True)
         for model in MODELS:
             lumped = values.TORSION_FREQUENCY_LUMPED if ratio == 0 and model != "ancf" else {}
@@ -325,7 +309,7 @@ def torsional_rows(pieces: tuple[int, ...]) -> list[Row]:
     rod = {r.n: r.y for r in rows if (r.case, r.model) == ("nu = 0", "cosserat")}
     known = {"audit": values.TORSION_FREQUENCY_PRINTED, "note": _PRINTED_FACTOR}
     line = "2.15", "nu = 0, printed (2.44)", "cosserat", max(rod), _FREQUENCY
-    return [*rows, make_row(*line, 4 * rod[max(rod)], **known)]
+    return [*rows, Row(*line, 4 * rod[max(rod)], **known)]
 
 
 # -------------------- the Cosserat rod: Fig. 2.4 (drift), 2.5 and 2.6 (weighting functions)
@@ -347,7 +331,7 @@ def weighting_rows() -> list[Row]:
         theta = degrees * pi / 180
         value, _ = quaternions.weighting(kind, (cos(theta), sin(theta), 0.0, 0.0))
         line = "2.5", f"xi_{kind}", "cosserat", None, "weighting"
-        rows.append(make_row(*line, value, ("theta_rad", theta)))
+        rows.append(Row(*line, value, "theta_rad", theta))
     return rows
 
 
@@ -359,7 +343,7 @@ def influence_rows() -> list[Row]:
         found[moments, n, kind] = y = deflection(rod)
         audit = values.WEIGHTINGS[n][kind - 1] if moments == "printed" else None
         line, x = ("2.6", moments, "cosserat", n, _TIP), ("weighting", kind)
-        rows.append(make_row(*line, y, x, audit=audit))
+        rows.append(Row(*line, y, *x, audit=audit))
     for moments, audit, thesis in (
         ("printed", values.SPREAD_PRINTED, values.SPREAD_THESIS),
         ("conservative", values.SPREAD_CONSERVATIVE, {}),
@@ -368,12 +352,12 @@ def influence_rows() -> list[Row]:
             all_ = [found[moments, n, kind] for kind in WEIGHTINGS]
             known = {"thesis": thesis.get(n), "audit": expected}
             curve = "2.6", moments, "cosserat", n, "spread_m"
-            rows.append(make_row(*curve, max(all_) - min(all_), **known))
+            rows.append(Row(*curve, max(all_) - min(all_), **known))
     for kind, expected in values.REFINEMENT.items():
         change = found["printed", 3, kind] - found["printed", 5, kind]
         curve = "2.6", f"printed, xi_{kind}", "cosserat", None, "change_from_3_to_5_pieces_m"
         known = {"thesis": values.REFINEMENT_THESIS, "audit": expected}
-        rows.append(make_row(*curve, change, **known))
+        rows.append(Row(*curve, change, **known))
     return rows
 
 
@@ -394,9 +378,9 @@ def drift_rows(duration: float) -> list[Row]:
                 inside = (times > start) & (times <= start + _BIN)
                 if inside.any():
                     worst, x = drifts[inside].max(), ("time_s", start + _BIN)
-                    rows.append(make_row(*curve, "norm_violation", worst, x))
+                    rows.append(Row(*curve, "norm_violation", worst, *x))
             known = {"thesis": thesis, "note": "before projecting"} if projected else {}
-            rows.append(make_row(*curve, "largest_norm_violation", drifts.max(), **known))
+            rows.append(Row(*curve, "largest_norm_violation", drifts.max(), **known))
     return rows
 
 
@@ -460,17 +444,17 @@ def quadrature_rows(orders: tuple[int, ...]) -> list[Row]:
     rows = []
     for name, model in rules.items():
         ours = isinstance(name, str)
-        x = None if ours else ("order", name)
+        x = () if ours else ("order", name)
         case = name if ours else "legendre"
         time = force_time(model, motion.q[1:], motion.v[1:])
         thesis = values.ORDER_TIME if name == values.ORDER else None
-        rows.append(make_row("2.9", case, "ancf", 1, _TIME, time, x, thesis=thesis))
+        rows.append(Row("2.9", case, "ancf", 1, _TIME, time, *x, thesis=thesis))
         for reference in (HIGHEST, "exact"):
             if name == reference:
                 continue
             error = np.sqrt(np.mean((sizes[name] / sizes[reference] - 1) ** 2))
             label = f"{case}, against {'exact' if reference == 'exact' else f'order {HIGHEST}'}"
-            rows.append(make_row("2.8", label, "ancf", 1, _ERROR, error, x))
+            rows.append(Row("2.8", label, "ancf", 1, _ERROR, error, *x))
     return rows + _first_order_rows(rows)
 
 
@@ -491,7 +475,7 @@ def _first_order_rows(rows: list[Row]) -> list[Row]:
         first = min((int(r.x) for r in rows if r.case == case and r.y < _LIMIT), default=None)
         note = "no order computed has an error below 1e-3" if first is None else None
         curve = "2.8", case, "ancf", 1, "first_order_below_1e-3"
-        out.append(make_row(*curve, first, thesis=values.ORDER, note=note))
+        out.append(Row(*curve, first, thesis=values.ORDER, note=note))
     return out
 
 
@@ -594,8 +578,8 @@ def self_weight_rows(pieces: tuple[int, ...]) -> list[Row]:
         number = evaluations(beam, simulate())
         time, _ = best_of(simulate, 3)
         measured = f"{method}, measured", model, n, "computation_time_s", time
-        rows.append(make_row("2.17", method, model, n, "evaluations", number))
-        rows.append(make_row("2.18", *measured))
+        rows.append(Row("2.17", method, model, n, "evaluations", number))
+        rows.append(Row("2.18", *measured))
     return rows
 
 
@@ -604,7 +588,7 @@ def total_rows(rows: list[Row]) -> list[Row]:
     single = {(r.model, r.n): r.y for r in select(rows, figure="2.16", case="compiled")}
     number = {(r.model, r.n): r.y for r in select(rows, figure="2.17")}
     out = [
-        make_row("2.18", "product", *key, "computation_time_s", count * single[key])
+        Row("2.18", "product", *key, "computation_time_s", count * single[key])
         for key, count in number.items()
     ]
     return out + _statement_rows(number, out)
@@ -620,8 +604,8 @@ def _statement_rows(number: dict[tuple[str, int], float], totals: list[Row]) -> 
     fewest = "fewest_pieces_with_more_than_ancf", min(more, default=None)
     crossing = {"thesis": values.PCC_NEEDS_MORE + 1, "note": note}
     return [
-        make_row("2.18", "product", "ancf", None, *most, **known),
-        make_row("2.17", "evaluations", "pcc", None, *fewest, **crossing),
+        Row("2.18", "product", "ancf", None, *most, **known),
+        Row("2.17", "evaluations", "pcc", None, *fewest, **crossing),
     ]
 
 
@@ -679,8 +663,8 @@ def curve_rows(sizes: dict[str, tuple[int, ...]]) -> list[Row]:
     for key, tip in (shown | {("mean of models", None): mean}).items():
         for k in range(0, len(tip), _SHOWN):
             x, y, _ = tip[k]
-            rows.append(make_row("2.21", "spiral", *key, "tip_x_m", x, ("time_s", k * PERIOD)))
-            rows.append(make_row("2.22", "spiral", *key, "tip_y_m", y, ("tip_x_m", x)))
+            rows.append(Row("2.21", "spiral", *key, "tip_x_m", x, "time_s", k * PERIOD))
+            rows.append(Row("2.22", "spiral", *key, "tip_y_m", y, "tip_x_m", x))
     return rows
 
 
@@ -696,7 +680,7 @@ def _distance_rows(key: tuple[str, int], found: tuple[float, float], finest: boo
         notes.append("the audit's mean includes ANCF with 8 pieces")
     note, names = "; ".join(notes) or None, ("mean_distance_m", "largest_distance_m")
     return [
-        make_row("2.20", "spiral", *key, *pair, thesis=limit, audit=known, note=note)
+        Row("2.20", "spiral", *key, *pair, thesis=limit, audit=known, note=note)
         for *pair, limit, known in zip(names, found, thesis, audit, strict=True)
     ]
 
@@ -710,7 +694,7 @@ def _size_rows(key: tuple[str, int], tip: ndarray) -> list[Row]:
     found = [("largest_radius_m", radius, known)]
     places = zip("xyz", tip[-1], values.SPIRAL_TIP.get(key, ()), strict=False)
     found += [(f"last_tip_{name}_m", y, expected) for name, y, expected in places]
-    return [make_row("2.22", "spiral", *key, *pair, audit=audit) for *pair, audit in found]
+    return [Row("2.22", "spiral", *key, *pair, audit=audit) for *pair, audit in found]
 
 
 # ---------------------------------------------------------------- Fig. 2.19
@@ -722,13 +706,13 @@ def time_rows(model: str, pieces: tuple[int, ...]) -> list[Row]:
     for n in pieces:
         beam = spiral_model(model, n)
         time, _ = _timed(beam, method=method, tolerance=TOLERANCE)
-        rows.append(make_row("2.19", method, model, n, "computation_time_s", time))
+        rows.append(Row("2.19", method, model, n, "computation_time_s", time))
     if model == "ancf":
         fast = [r.n for r in rows if r.y < DURATION]
         most = "most_pieces_in_real_time", max(fast, default=0)
         known = {"thesis": values.REALTIME_ANCF_SPIRAL}
         known |= {"note": f"out of up to {pieces[-1]} pieces"}
-        rows.append(make_row("2.19", method, model, None, *most, **known))
+        rows.append(Row("2.19", method, model, None, *most, **known))
     return rows
 
 
@@ -753,8 +737,8 @@ class _Contest:
         self._reference = CubicSpline(self._dense, self.beam.tip(motion.q))
 
     def row(self, case: str, figure: str, y_name: str, y: float | None, **others: Any) -> Row:
-        """A row of one line of the tables; `others` as those of `make_row`."""
-        return make_row(figure, case, self.model, self.n, y_name, y, **others)
+        """A row of one line of the tables; `others` as those of `Row`."""
+        return Row(figure, case, self.model, self.n, y_name, y, **others)
 
     def errors(self, step: float | None = None, **options: Any) -> tuple[float, float]:
         """Mean and largest distance [m] at the samples or steps; infinite if it fails."""

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from softrobot_env.robots import ARM, RIG, SERVO_SPEED
-from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.timestep import stability_limit
 from studies.beams import make_beam
 from studies.stability import extremes, rig, runs, shown
@@ -177,12 +176,6 @@ def test_chain_survives_extreme_cases(case, n, bound):
     assert row.stable and row.e_max < bound, row.failure
 
 
-def test_follower_force_agrees_with_small_deflections():
-    x, z = extremes.follower_tip(2.0, 5.0, 1e-3)
-    assert x == pytest.approx(1e-3 * 2.0**3 / (3 * 5.0), rel=1e-6)
-    assert z == pytest.approx(2.0, rel=1e-6)
-
-
 @pytest.mark.parametrize("damping", [0.0, 1e-3])
 def test_free_oscillation_follows_the_linear_solution(damping):
     row = extremes.oscillation_row(CHAIN, 6, damping, 20.0)
@@ -195,16 +188,6 @@ def test_growing_oscillation_fails():
     time = np.linspace(0, 20, 400)
     tip = np.stack([np.exp(0.01 * time) * np.cos(5 * time), 0 * time], axis=1)
     assert extremes._amplitude_growth(Trace(time, tip, None, 0.0, 400)) > 1.1
-
-
-def test_linear_solution_solves_the_oscillators_equation():
-    time, w, damping = np.linspace(0, 3, 20001), 5.0, 0.1
-    x = extremes._linear(time, w, damping, 2 * damping / w)
-    v, a = np.gradient(x, time), np.gradient(np.gradient(x, time), time)
-    residual = a + 2 * damping * w * v + w**2 * x
-    assert np.max(np.abs(residual[5:-5])) < 1e-4 * w**2
-    assert x[0] == 1
-    assert v[0] == pytest.approx(0, abs=1e-2)
 
 
 def test_adaptive_run_is_compared_with_an_independent_one():
@@ -236,38 +219,6 @@ def test_servos_wind_at_their_speed_and_return(name):
     assert np.max(speed) == pytest.approx(SERVO_SPEED)
     np.testing.assert_allclose(path[-1], 0, atol=1e-15)
     np.testing.assert_allclose(path[19].sum(), 0, atol=1e-15)  # a bend pulls in what it lets out
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("tendons", [1.0, 1e4])
-def test_slack_tendons_carry_exactly_nothing(tendons):
-    trace = (
-        Variation(tendons, motion="slack")
-        .system(JOINTS)
-        .run(Plan("implicitfast", 2e-4, 8000, PERIOD))
-    )
-    let_out = (trace.time > 0.7) & (trace.time < 0.79)
-    assert trace.failure is None and trace.tip.shape == (81, 3)
-    np.testing.assert_allclose(trace.tip[0], [0, 0, RIG.reach], atol=1e-15)
-    assert np.all(trace.tension[let_out] == 0)
-    assert np.max(trace.tension[trace.time < 0.4]) > 1
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("tendons", [1.0, 1e2, 1e4])
-def test_undamped_rig_grows_from_two_over_the_highest_frequency_on(tendons):
-    """The textbook limit of semi-implicit Euler, for tendons that stay taut, of a nudged rig."""
-    robot = replace(Variation(tendons, 1.0, 0.0, 10.0).robot(), gravity=(0.0, 0.0, 0.0))
-    driven = {"actuation": "length", "bending": "spatial", "control_period": PERIOD}
-    nudge = 1e-7 * np.random.default_rng(0).normal(size=2 * JOINTS)
-    system = runs.ChainSystem(SceneConfig(robot, pieces=2, **driven), nudge, np.zeros(3))
-    limit = stability_limit("implicitfast", system.linear)
-    assert limit == pytest.approx(2 / system.linear.frequencies()[-1], rel=1e-6)
-    swings = []
-    for step in (0.97 * limit, 1.03 * limit):
-        trace = system.run(Plan("implicitfast", step, 800, step))
-        swings.append(np.max(np.abs(trace.tip[:, :2])))
-    assert swings[0] < 1e-5 and swings[1] > 1e-4
 
 
 @pytest.fixture(scope="module")

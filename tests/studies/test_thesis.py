@@ -1,6 +1,6 @@
 """The thesis benchmark: its rows against closed forms, the audit and known orders; its outputs."""
 
-from math import cos, pi, sin
+from math import cos, sin
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ import pytest
 from softrobot_env.robots import CANTILEVER_WEAK
 from studies import thesis
 from studies.lab import select
-from studies.thesis import MODELS, QUICK_PIECES, build, make_row
+from studies.thesis import MODELS, QUICK_PIECES, Row, build
 from studies.truths import thesis_values as values
 
 pytestmark = pytest.mark.slow
@@ -95,17 +95,6 @@ def test_projection_stops_the_drift(rows):
     assert free[-1].y > 10 * free[0].y
 
 
-def test_projection_gives_unit_quaternions_with_normal_rates():
-    rod = build("cosserat", CANTILEVER_WEAK, 3)
-    rng = np.random.default_rng(1)
-    y = np.concatenate(rod.start()) + 0.1 * rng.standard_normal(2 * rod.n)
-    out = thesis.project(y)
-    p, rate = out[: rod.n].reshape(-1, 7), out[rod.n :].reshape(-1, 7)
-    np.testing.assert_allclose(np.linalg.norm(p[:, 3:], axis=1), 1, rtol=1e-14)
-    np.testing.assert_allclose(np.sum(p[:, 3:] * rate[:, 3:], axis=1), 0, atol=1e-15)
-    np.testing.assert_array_equal(p[:, :3], y[: rod.n].reshape(-1, 7)[:, :3])
-
-
 def test_quadrature_needs_order_eight_and_ours_is_exact(rows):
     for case in ("legendre, against exact", "legendre, against order 20"):
         assert value(rows, "first_order_below_1e-3", case=case) == values.ORDER
@@ -164,7 +153,7 @@ def test_total_time_is_number_times_time():
     counts = {"pcc": (10, 10**4), "cosserat": (10**3, 10**3), "ancf": (10**3, 10**7)}
     single, numbers = ("2.16", "compiled"), ("2.17", "some")
     rows = [
-        make_row(*where, model, n, name, value)
+        Row(*where, model, n, name, value)
         for model, both in counts.items()
         for n, count in enumerate(both, 1)
         for where, name, value in (
@@ -191,18 +180,6 @@ def test_spiral_is_that_of_the_audit(rows, figure, names, least):
         compared = audited(rows, figure, name)
         assert len(compared) >= least
         assert [r.y for r in compared] == pytest.approx([r.audit for r in compared], abs=1e-4)
-
-
-def test_spiral_turns_and_grows():
-    quarter, end = pi / 20, thesis.DURATION
-    assert np.linalg.norm(thesis.force(end)) == pytest.approx(20)
-    np.testing.assert_allclose(thesis.force(quarter), [20 * quarter / end, 0], atol=1e-12)
-
-
-def test_distances_of_curves():
-    tip = np.zeros((301, 3))
-    tip[0] = [3.0, 4.0, 0.0]
-    assert thesis.distances(tip, np.zeros((301, 3))) == (pytest.approx(5 / 301), 5.0)
 
 
 def test_implicit_euler_steps_are_the_printed_ones_in_metres(rows):
