@@ -11,12 +11,12 @@ import json
 import re
 import tempfile
 import tomllib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from importlib import import_module
 from inspect import Parameter, signature
 from pathlib import Path
-from typing import Any
+from pkgutil import resolve_name
 
 import gymnasium
 
@@ -55,16 +55,16 @@ PUBLIC = (
 KINDS = {"robot", "gripper", "task", "grip task", "policy", "training", "benchmark"}
 KINDS |= {"scene", "hinge rule", "tip source", "beam model", "method", "axes"}
 
-#: Names in tables that are no `Registry`, by where they are today and where they were.
+#: Names in tables that are no `Registry`, by where they are.
 TABLES = {
-    "observable": ("softrobot_env.envs.observations.table:OBSERVABLES",),
-    "reward": ("softrobot_env.envs.rewards:REWARDS",),
-    "reward term": ("softrobot_env.envs.rewards:TERMS",),
-    "variation": ("softrobot_env.robots.variations:VARIATIONS",),
-    "plant": ("softrobot_env.beams.registry:PLANTS",),
-    "reset option": ("softrobot_env.envs.options:RESET_OPTIONS",),
-    "training setting": ("softrobot_env.training.rl_config:NUMBERS",),
-    "excitation": ("softrobot_env.identification.excitation:KINDS",),
+    "observable": "softrobot_env.envs.observations.table:OBSERVABLES",
+    "reward": "softrobot_env.envs.rewards:REWARDS",
+    "reward term": "softrobot_env.envs.rewards:TERMS",
+    "variation": "softrobot_env.robots.variations:VARIATIONS",
+    "plant": "softrobot_env.beams.registry:PLANTS",
+    "reset option": "softrobot_env.envs.options:RESET_OPTIONS",
+    "training setting": "softrobot_env.training.rl_config:NUMBERS",
+    "excitation": "softrobot_env.identification.excitation:KINDS",
 }
 
 _SECTION = """name = "a"
@@ -83,7 +83,7 @@ _HARDWARE = 'name = "a"\nport = "b"\n'
 #: Kind of file -> its reader, and a file with a key that none has, by the table it is in.
 FILES = {
     "robot file": (
-        ("softrobot_env.robots:read_robot",),
+        "softrobot_env.robots:read_robot",
         {
             "": "zzz = 1",
             "section": 'name = "a"\n[[section]]\nzzz = 1',
@@ -92,14 +92,11 @@ FILES = {
         },
     ),
     "gripper file": (
-        ("softrobot_env.robots:read_gripper",),
+        "softrobot_env.robots:read_gripper",
         {"": "zzz = 1", "finger": 'name = "a"\n[[finger]]\nzzz = 1'},
     ),
     "hardware robot file": (
-        (
-            "softrobot_env.hardware.robot_file:read_robot_file",
-            "softrobot_env.hardware.robot_file:read_robot_file",
-        ),
+        "softrobot_env.hardware.robot_file:read_robot_file",
         {
             "": f"{_HARDWARE}zzz = 1",
             "tendons": f"{_HARDWARE}[[tendons]]\nzzz = 1",
@@ -107,7 +104,7 @@ FILES = {
         },
     ),
     "recording header": (
-        ("softrobot_env.recordings:read_header",),
+        "softrobot_env.recordings:read_header",
         {
             "": f"zzz = 1\n{_COMMANDS}",
             "commands": f"{_COMMANDS}zzz = 1",
@@ -156,7 +153,7 @@ def environments() -> Iterator[str]:
 
 def _arguments(entry_point: str) -> Iterator[str]:
     """Keyword arguments of a class: those of `__init__`, what `takes` names, and of its bases."""
-    for kind in _first([entry_point]).__mro__:
+    for kind in resolve_name(entry_point).__mro__:
         parameters = list(signature(kind.__init__).parameters.values())[1:]
         named = (Parameter.KEYWORD_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
         yield from (p.name for p in parameters if p.kind in named)
@@ -188,28 +185,19 @@ def registries() -> Iterator[str]:
 
 def tables() -> Iterator[str]:
     """Names in tables that are no registries."""
-    for kind, places in TABLES.items():
-        yield from (f"{kind} {name}" for name in _first(places))
-
-
-def _first(places: Iterable[str]) -> Any:
-    """What is at the first of some places `module:name` that there is."""
-    for place in places:
-        module, _, name = place.partition(":")
-        with suppress(ImportError, AttributeError):
-            return getattr(import_module(module), name)
-    raise ImportError(f"none of {', '.join(places)}: say in {Path(__file__).name} where it went")
+    for kind, place in TABLES.items():
+        yield from (f"{kind} {name}" for name in resolve_name(place))
 
 
 def keys() -> Iterator[str]:
     """Keys of files, as the message about a key that there is not names them."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "file.toml")
-        for kind, (readers, texts) in FILES.items():
+        for kind, (reader, texts) in FILES.items():
             for table, text in texts.items():
                 file.write_text(text)
                 try:
-                    _first(readers)(file)
+                    resolve_name(reader)(file)
                 except ValueError as error:
                     allowed = str(error).partition("allowed are ")[2]
                     assert allowed, f"{kind} [{table}]: {error}"

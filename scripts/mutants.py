@@ -28,34 +28,21 @@ from pathlib import Path
 
 PACKAGE = "softrobot_env"
 
-#: Parts that leave the package.
-GONE = ("benchmarks", "beams/exact")
-
 #: Files of tests of a mutant, and the longest that they may take [s]; who takes longer is found.
 _FILES, _LONGEST = 3, 150.0
 
-_SWAPS = {
-    ast.Add: ast.Sub,
-    ast.Sub: ast.Add,
-    ast.Mult: ast.Div,
-    ast.Div: ast.Mult,
-    ast.Pow: ast.Mult,
-    ast.FloorDiv: ast.Div,
-    ast.Mod: ast.FloorDiv,
-    ast.MatMult: ast.Mult,
-    ast.Lt: ast.LtE,
-    ast.LtE: ast.Lt,
-    ast.Gt: ast.GtE,
-    ast.GtE: ast.Gt,
-    ast.Eq: ast.NotEq,
-    ast.NotEq: ast.Eq,
-    ast.Is: ast.IsNot,
-    ast.IsNot: ast.Is,
-    ast.In: ast.NotIn,
-    ast.NotIn: ast.In,
-    ast.And: ast.Or,
-    ast.Or: ast.And,
-}
+_PAIRS = (
+    (ast.Add, ast.Sub),
+    (ast.Mult, ast.Div),
+    (ast.Lt, ast.LtE),
+    (ast.Gt, ast.GtE),
+    (ast.Eq, ast.NotEq),
+    (ast.Is, ast.IsNot),
+    (ast.In, ast.NotIn),
+    (ast.And, ast.Or),
+)
+_SWAPS = {a: b for one, other in _PAIRS for a, b in ((one, other), (other, one))}
+_SWAPS |= {ast.Pow: ast.Mult, ast.FloorDiv: ast.Div, ast.Mod: ast.FloorDiv, ast.MatMult: ast.Mult}
 
 #: Put before every import of a run. Compiled functions of the changed folder are compiled anew and
 #: not kept; other ones come from their cache.
@@ -82,7 +69,7 @@ def _code(self, name):
     path = os.path.abspath(self.path)
     if path == _changed:
         return compile(_source, path, "exec")
-    if _kernel and path.endswith(("machine_code/cache.py", "compile/cache.py")):
+    if _kernel and path.endswith("machine_code/cache.py"):
         return compile(self.get_data(path).decode() + "\\nimport os" + _CACHE, path, "exec")
     return _usual(self, name)
 importlib.machinery.SourceFileLoader.get_code = _code
@@ -161,11 +148,8 @@ def statements(function: ast.AST) -> Iterator[tuple[list[ast.stmt], int]]:
 
 def text_of(statement: ast.stmt) -> str:
     """Its text; of one with others in it, its first line."""
-    return (
-        ast.unparse(statement).split("\n")[0]
-        if hasattr(statement, "body")
-        else (ast.unparse(statement))
-    )
+    text = ast.unparse(statement)
+    return text.split("\n")[0] if hasattr(statement, "body") else text
 
 
 def nodes(statement: ast.AST) -> list[ast.AST]:
@@ -208,8 +192,6 @@ def draw(tree: Path, count: int, seed: int) -> list[Mutant]:
     by_kind: dict[str, list[Mutant]] = {}
     for path in sorted((tree / PACKAGE).rglob("*.py")):
         file = path.relative_to(tree / PACKAGE).as_posix()
-        if file.startswith(GONE):
-            continue
         for name, function in functions(ast.parse(path.read_text())):
             for block, place in statements(function):
                 text = text_of(block[place])
