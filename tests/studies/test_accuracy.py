@@ -248,7 +248,7 @@ def test_models_of_two_families_converge_to_the_same_exact_tips(name):
 @pytest.fixture(scope="module")
 def in_space():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(space, "CONTESTANTS", (None, COSSERAT))
+        patch.setattr(space.cases, "CONTESTANTS", (None, COSSERAT))
         names = ("wrenches", "sag_0deg", "sag_45deg")
         return [row for name in names for row in space.case_rows(name, TPU, quick=True)]
 

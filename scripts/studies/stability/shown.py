@@ -214,6 +214,7 @@ _OUTCOMES = {
     NO_TRUTH: ("#CCCCCC", "?", "?  ended, but refined runs differ"),
 }
 _EMPTY = {"markerfacecolor": "white", "markeredgecolor": "0.6"}
+_PICK = {"markeredgecolor": "black", "markeredgewidth": 0.7}
 _GREENS = ("#004D38", "#009E73", "#C9EBDD")
 
 #: Errors [mm] at the ends of the shades of green.
@@ -228,17 +229,20 @@ _OWN = ("rule", RULE)
 
 def maps(rows: list[Row]) -> dict[str, Figure]:
     """A map for each model and resolution, and that of the rig."""
-    rows, found = of_kind(rows, Row), {}
+    found = {}
     fields = ("damping_ratio", "damping ratio {:.2g}"), ("stiffness_scale", "stiffness / arm's")
-    known = groups(select(rows, case="map"), "model", "n").items()
-    for index, ((model, n), cells) in enumerate(known):
-        mine = select(rows, model=model, n=n)
-        picks = select(mine, case="rule") + select(mine, case="rule_asked")
-        name = "{}" if index == 0 else f"{{}}_{model.split('/')[0]}_{n}"
-        found[name] = _draw(cells, picks, _title(cells[0]), *fields)
-    mine = [row for row in of_kind(rows, RigRow) if _is_rig_itself(row)]
+    arms = [row for row in of_kind(rows, Row) if row.case in ("map", "rule", "rule_asked")]
+    for (model, n), mine in groups(arms, "model", "n").items():
+        name = f"{{}}_{model.split('/')[0]}_{n}" if found else "{}"
+        found[name] = _draw(mine, _title(mine[0]), *fields)
+    usual = {"stiffness_scale": 1.0, "pretension": rig.Variation.pretension, "friction": 0.0}
+    mine = select(of_kind(rows, RigRow), motion="bend", **usual)  # nothing else differs
     if cells := select(mine, case=MAP):
-        found["{}_rig"] = _draw_rig(cells, mine)
+        dampings = {row.damping_scale for row in cells}
+        tendons = "tendon_stiffness_scale", "tendon stiffness / nylon's"
+        fields = ("damping_scale", "damping x {:g}"), tendons
+        mine = [row for row in mine if row.damping_scale in dampings]
+        found["{}_rig"] = _draw(mine, _RIG_TITLE, *fields)
     return found
 
 
@@ -259,14 +263,11 @@ PLOTS = {
 
 
 def _title(row: Row) -> str:
-    if row.model == CHAIN:
-        what = f"MuJoCo chain with {row.n} hinges"
-    else:
-        what = f"beam model {row.model} with {row.n} pieces"
+    what = f"Beam model {row.model} with {row.n} pieces"
     return (
-        f"{what[0].upper()}{what[1:]}, a step of the tensions, three first periods or "
-        f"{arm_map.MOST_STEPS} steps; green: within {1e3 * row.e_bound:g} mm (5 % of the length) "
-        "of a refined run"
+        f"{f'MuJoCo chain with {row.n} hinges' if row.model == CHAIN else what}, a step of the "
+        f"tensions, three first periods or {arm_map.MOST_STEPS} steps; green: within "
+        f"{1e3 * row.e_bound:g} mm (5 % of the length) of a refined run"
     )
 
 
@@ -279,36 +280,20 @@ def _message(cells: list[Row], picks: list[Row]) -> str:
     return f"{good} of {len(rows)} {what} are stable and right"
 
 
-def _is_rig_itself(row: RigRow) -> bool:
-    """Whether nothing but damping and tendon stiffness differs from the rig."""
-    usual = 1.0, rig.Variation.pretension, 0.0, "bend"
-    return (row.stiffness_scale, row.pretension, row.friction, row.motion) == usual
-
-
-def _draw_rig(cells: list[RigRow], rows: list[RigRow]) -> Figure:
-    dampings = {row.damping_scale for row in cells}
-    picks = [row for row in rows if row.case != MAP and row.damping_scale in dampings]
-    title = (
-        f"Spatial rig with {rig.JOINTS} joints, which servos bend to and fro for {rig.DURATION:g} "
-        f"s; green: within {1e3 * rig.BOUND:g} mm (5 % of the length) and {rig.TENSION_BOUND:g} N "
-        "of tension in the mean of a refined run"
-    )
-    tendons = "tendon_stiffness_scale", "tendon stiffness / nylon's"
-    return _draw(cells, picks, title, ("damping_scale", "damping x {:g}"), tendons)
+_RIG_TITLE = (
+    f"Spatial rig with {rig.JOINTS} joints, which servos bend to and fro for {rig.DURATION:g} "
+    f"s; green: within {1e3 * rig.BOUND:g} mm (5 % of the length) and {rig.TENSION_BOUND:g} N "
+    "of tension in the mean of a refined run"
+)
 
 
 def _draw(
-    cells: list[Row],
-    picks: list[Row],
-    title: str,
-    lines: tuple[str, str],
-    stiffness: tuple[str, str],
+    rows: list[Row], title: str, lines: tuple[str, str], stiffness: tuple[str, str]
 ) -> Figure:
     """A picture of a map and what the rule picks.
 
     Args:
-        cells: Runs of the map.
-        picks: What the rule picks, by itself and with an integrator asked for.
+        rows: Runs of the map, and with what the rule picks, by itself or an integrator asked for.
         title: Of the picture.
         lines: Field that the lines of panels differ in, and their label with it.
         stiffness: Field along the horizontal axis, and its label.
@@ -317,18 +302,17 @@ def _draw(
     from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
     (field, line_label), (x, x_label) = lines, stiffness
-    greens = LinearSegmentedColormap.from_list("error", _GREENS)
-    shades = ScalarMappable(LogNorm(*_ERRORS), greens)
-    integrators = list(dict.fromkeys(row.integrator for row in cells))
+    cells = [row for row in rows if row.case in ("map", MAP)]
+    picks = [row for row in rows if row.case not in ("map", MAP)]
+    shades = ScalarMappable(LogNorm(*_ERRORS), LinearSegmentedColormap.from_list("error", _GREENS))
+    integrators = [name for (name,) in groups(cells, "integrator")]
     dampings = sorted({getattr(row, field) for row in cells})
     size = 1.6 + 1.75 * len(integrators), 2.2 + 1.6 * len(dampings)
     figure, panels = figures.new_figure(len(dampings), len(integrators), size, share=True)
     for line, damping in zip(panels, dampings, strict=True):
         for axes, integrator in zip(line, integrators, strict=True):
             own = {"integrator": integrator, field: damping}
-            mine = select(cells, **own)
-            _draw_cells(axes, mine, x, shades)
-            _draw_limit(axes, mine, x)
+            _draw_cells(axes, select(cells, **own), x, shades)
             _draw_picks(axes, select(picks, **own), x)
         line[0].set_ylabel(f"{line_label.format(damping)}\ntimestep [ms]", fontsize=8.5)
     for axes, integrator in zip(panels[0], integrators, strict=True):
@@ -340,13 +324,15 @@ def _draw(
     bar = figure.colorbar(shades, ax=panels, **place)
     bar.set_label("stable: largest error of the tip [mm]", fontsize=8.5)
     bar.ax.tick_params(labelsize=7.5)
-    ruled = cells[0].model == CHAIN
-    figures.add_legend(figure, _entries({row.outcome for row in cells}, bool(picks), ruled))
+    figures.add_legend(figure, _entries(cells, picks))
     return figure
 
 
 def _draw_cells(axes: Axes, rows: list[Row], stiffness: str, shades: Any) -> None:
-    """One rectangle per run, between the geometric means of neighbours; shades are errors."""
+    """One rectangle per run, between the geometric means of neighbours; shades are errors.
+
+    The dashed line is the stability limit of the linearised chain.
+    """
     from matplotlib.colors import to_rgb
 
     x = sorted({getattr(row, stiffness) for row in rows})
@@ -370,13 +356,8 @@ def _draw_cells(axes: Axes, rows: list[Row], stiffness: str, shades: Any) -> Non
     axes.minorticks_off()
     axes.set_xlim(*cell_edges(x)[[0, -1]])
     axes.tick_params(labelsize=7.5)
-
-
-def _draw_limit(axes: Axes, rows: list[Row], stiffness: str) -> None:
-    """Stability limit of the linearised chain."""
     limits = {getattr(r, stiffness): 1e3 * r.stability_limit for r in rows if r.stability_limit}
-    x = sorted(limits)
-    axes.plot(x, [limits[s] for s in x], color="black", linestyle="--", linewidth=1.1)
+    axes.plot(sorted(limits), [limits[at] for at in sorted(limits)], "k--", linewidth=1.1)
 
 
 def _draw_picks(axes: Axes, rows: list[Row], stiffness: str) -> None:
@@ -384,36 +365,25 @@ def _draw_picks(axes: Axes, rows: list[Row], stiffness: str) -> None:
     own = {getattr(row, stiffness) for row in rows if row.case in _OWN}
     for row in rows:
         x, height, own_pick = getattr(row, stiffness), 1e3 * row.timestep, row.case in _OWN
-        if not own_pick and x in own:
-            continue
-        below = height < 1.2 * _LOWEST
-        axes.plot(
-            x,
-            1.3 * _LOWEST if below else height,
-            marker="v" if below else "*" if own_pick else "o",
-            markersize=9 if own_pick else 4.5,
-            markerfacecolor=_fill(row.outcome),
-            markeredgecolor="black",
-            markeredgewidth=0.7,
-        )
+        if own_pick or x not in own:
+            below = height < 1.2 * _LOWEST
+            marker = "v" if below else "*" if own_pick else "o"
+            fill = {STABLE: "white", NO_TRUTH: _OUTCOMES[NO_TRUTH][0]}.get(row.outcome, "black")
+            look = _PICK | {"markersize": 9 if own_pick else 4.5, "markerfacecolor": fill}
+            axes.plot(x, 1.3 * _LOWEST if below else height, marker=marker, **look)
 
 
-def _fill(outcome: str) -> str:
-    """Colour of a pick of the rule."""
-    return {STABLE: "white", NO_TRUTH: _OUTCOMES[NO_TRUTH][0]}.get(outcome, "black")
-
-
-def _entries(outcomes: set[str], ruled: bool, below: bool) -> list:
-    """Entries of the legend; `below` says that axes go below the map."""
-    square = {"linestyle": "", "marker": "s", "markersize": 9}
+def _entries(cells: list[Row], picks: list[Row]) -> list:
+    """Entries of the legend; axes go below the map where there are picks."""
+    square, seen = {"linestyle": "", "marker": "s", "markersize": 9}, groups(cells, "outcome")
     handles = [
         entry(text, color=colour, **square)
         for outcome, (colour, _, text) in _OUTCOMES.items()
-        if outcome in outcomes
+        if (outcome,) in seen
     ]
-    if below:
+    if picks:
         handles.append(entry("white: not run", **square | _EMPTY))
-    if not ruled:
+    if cells[0].model != CHAIN:
         return handles
     point = {"linestyle": "", "markeredgecolor": "black", "markerfacecolor": "white"}
     return [

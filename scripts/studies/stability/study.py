@@ -4,27 +4,23 @@ A run is stable only if it stays finite and its tip stays within a stated bound 
 of the same model (or of an independent truth). Everything else is a failure with its reason.
 """
 
-from collections.abc import Iterator
-from itertools import product
-
 from studies.lab import Lab, Record, Study
 from studies.stability import extremes, integrators, rig, shown
 from studies.stability.map import ALL_DAMPINGS, NOMINAL, SOME_DAMPINGS, Family
 from studies.stability.map import jobs as map_jobs
-from studies.stability.runs import CHAIN, Job, Row
+from studies.stability.runs import CHAIN, Row
 
 #: Beam models, see `studies.beams.make_beam`.
 BEAMS = ("pcc", "cosserat", "ancf2d")
 
-#: Hinges of the chain and pieces of the beams, with the damping ratios of their maps.
-CHAINS = ((12, ALL_DAMPINGS), (6, SOME_DAMPINGS), (48, SOME_DAMPINGS))
-PIECES = ((6, ALL_DAMPINGS), (24, SOME_DAMPINGS))
+#: Models with pieces and damping ratios of their maps, of the chain and of the beams.
+_SIZES = [(CHAIN, ((12, ALL_DAMPINGS), (6, SOME_DAMPINGS), (48, SOME_DAMPINGS)))]
+_SIZES += [(name, ((6, ALL_DAMPINGS), (24, SOME_DAMPINGS))) for name in BEAMS]
+MAPS = [(Family(name, n), dampings) for name, sizes in _SIZES for n, dampings in sizes]
 
-#: A quick run: coarser in timestep, stiffness and damping.
-QUICK_TIMESTEPS = (1e-4, 1e-3, 5e-3, 2e-2)
-QUICK_STIFFNESSES = (1e-2, 1.0, 1e2, 1e4)
-QUICK_DAMPINGS = (0.0, NOMINAL, 5.0)
-QUICK_RATIOS = (0.5, 0.95, 1.2, 2.0)
+#: Of a quick run: damping ratios, timesteps, stiffnesses and shares of the limit of all maps.
+_QUICK = (0.0, NOMINAL, 5.0), (1e-4, 1e-3, 5e-3, 2e-2), (1e-2, 1.0, 1e2, 1e4), (0.5, 0.95, 1.2, 2.0)
+QUICK_MAPS = [(Family(CHAIN, 6), *_QUICK), *((Family(name, 3), *_QUICK) for name in BEAMS)]
 
 
 def run(lab: Lab) -> list[Record]:
@@ -34,27 +30,10 @@ def run(lab: Lab) -> list[Record]:
     a fixed integrator), "limit" (around the stability limit of the linearised chain), the name of
     an extreme case, or one of the rig's `CASES`, of rows with further fields.
     """
-    jobs = list(_quick_jobs() if lab.quick else _full_jobs())
+    quick = lab.quick
+    jobs = [job for one in (QUICK_MAPS if quick else MAPS) for job in map_jobs(*one)]
+    jobs += [*extremes.jobs(BEAMS, quick), *rig.jobs(quick), *integrators.jobs(quick)]
     return [row for found in lab.tasks(jobs) for row in found]
-
-
-def _full_jobs() -> Iterator[Job]:
-    for n, dampings in CHAINS:
-        yield from map_jobs(Family(CHAIN, n), dampings)
-    for name, (n, dampings) in product(BEAMS, PIECES):
-        yield from map_jobs(Family(name, n), dampings)
-    yield from extremes.jobs(BEAMS)
-    yield from rig.jobs()
-    yield from integrators.jobs()
-
-
-def _quick_jobs() -> Iterator[Job]:
-    grid = QUICK_DAMPINGS, QUICK_TIMESTEPS, QUICK_STIFFNESSES, QUICK_RATIOS
-    for family in (Family(CHAIN, 6), *(Family(name, 3) for name in BEAMS)):
-        yield from map_jobs(family, *grid)
-    yield from extremes.jobs(BEAMS, quick=True)
-    yield from rig.jobs(quick=True)
-    yield from integrators.jobs(quick=True)
 
 
 STUDY = Study(
