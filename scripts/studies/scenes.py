@@ -15,15 +15,7 @@ from numpy import ndarray
 from rich.table import Table
 from scipy.linalg import eigh
 
-from softrobot_env.evaluation.models.runs import (
-    WRONG_SHARE,
-    Verdict,
-    distance,
-    silent_warnings,
-    verdict_of,
-    with_warning,
-    zero_timestep,
-)
+from softrobot_env.evaluation.models import runs
 from softrobot_env.rendering import figures
 from softrobot_env.rendering.tables import Column, new_table, pivot_table
 from softrobot_env.scene.build import Scene, build_scene
@@ -98,7 +90,7 @@ class Row(Record):
     excitation: str
     control_period: float
     duration: float
-    verdict: Verdict
+    verdict: runs.Verdict
     why: str | None
     refined_fine: bool | None
     error: float | None
@@ -201,13 +193,13 @@ def refine(scene: Scene, drawn: RandomScene, enough: Callable[[ndarray, float], 
     method, substeps = _first(scene)
     name = method if method == "RK4" else f"{method} extrapolated"
     cost = step_cost(scene.model.nv, method)
-    found, runs, spent = None, [], 0.0
+    found, series, spent = None, [], 0.0
     while spent + cost * substeps * len(drawn.controls) <= BUDGET:
         run = refined_run(scene, drawn, method, substeps)
         spent += cost * substeps * len(run)
         ended = len(run) > len(drawn.controls)
-        runs = [*runs, run] if ended else []  # a failed step size ends a series
-        found = _estimate(method, runs) or found
+        series = [*series, run] if ended else []  # a failed step size ends a series
+        found = _estimate(method, series) or found
         if found is not None and enough(*found):
             break
         substeps *= 2
@@ -229,18 +221,18 @@ def _first(scene: Scene) -> tuple[str, int]:
     return method, max(_LEAST, ceil(period / step))
 
 
-def _estimate(method: str, runs: list[ndarray]) -> tuple[ndarray, float] | None:
+def _estimate(method: str, series: list[ndarray]) -> tuple[ndarray, float] | None:
     """Best tips of successive refinements and how far they are from the next best."""
     if method == "RK4":
-        return (runs[-1], distance(runs[-1], runs[-2])) if len(runs) > 1 else None
-    if len(runs) < 3:
+        return (series[-1], runs.distance(series[-1], series[-2])) if len(series) > 1 else None
+    if len(series) < 3:
         return None
-    best, second = zero_timestep(runs[-3:])
+    best, second = runs.zero_timestep(series[-3:])
     if method != "discrete":
-        return best, distance(best, second)
-    if len(runs) < 4:  # friction makes the error no series in the step
+        return best, runs.distance(best, second)
+    if len(series) < 4:  # friction makes the error no series in the step
         return None
-    return best, distance(best, zero_timestep(runs[-4:-1])[0])
+    return best, runs.distance(best, runs.zero_timestep(series[-4:-1])[0])
 
 
 def refined_run(scene: Scene, drawn: RandomScene, integrator: str, substeps: int) -> ndarray:
@@ -299,12 +291,12 @@ def judge(drawn: RandomScene, **forced: Any) -> Row:
         **forced: Fields of its `SceneConfig` to set, such as a timestep.
     """
     drawn = replace(drawn, config=replace(drawn.config, **forced))
-    with silent_warnings():
-        own, warning = with_warning(lambda: _own_run(drawn))
+    with runs.silent_warnings():
+        own, warning = runs.with_warning(lambda: _own_run(drawn))
         truth = _truth(drawn, own)
-    error = None if own.tips is None or truth.tips is None else distance(own.tips, truth.tips)
+    error = None if own.tips is None or truth.tips is None else runs.distance(own.tips, truth.tips)
     asked, length = drawn.config.wanted_accuracy, drawn.config.robot.length
-    verdict = verdict_of(error, asked, length, failure=own.failure, warning=warning)
+    verdict = runs.verdict_of(error, asked, length, failure=own.failure, warning=warning)
     why = own.failure or (_why_unjudged(truth, length) if error is None else None)
     lengths = {"error": error, "asked": asked, "estimate": _bounded(own.estimate)}
     shares = {f"{name}_share": x if x is None else x / length for name, x in lengths.items()}
@@ -352,7 +344,7 @@ def _truth(drawn: RandomScene, own: OwnRun) -> Refined:
         return Refined(None, None, 0, "none")
 
     def enough(tips: ndarray, uncertainty: float) -> bool:
-        error = 0.0 if own.tips is None else distance(own.tips, tips)
+        error = 0.0 if own.tips is None else runs.distance(own.tips, tips)
         return uncertainty <= max(_CLEAR * drawn.config.wanted_accuracy, _CLEARLY_WRONG * error)
 
     truth = refine(neutral_scene(drawn.config), drawn, enough)
@@ -435,7 +427,7 @@ def _summary(rows: Sequence[Row]) -> Table:
     title = f"{len(rows)} random scenes of seed {rows[0].seed}; accuracy asked for "
     title += f"{100 * rows[0].asked_share:g} % of the length"
     out = new_table(title, ("verdict", "of these"), ("scenes", "%"))
-    for verdict in Verdict:
+    for verdict in runs.Verdict:
         mine = select(rows, verdict=verdict)
         share = f"{100 * len(mine) / len(rows):.1f}"
         out.add_row(verdict, _remark(verdict, mine), len(mine), share)
@@ -448,18 +440,18 @@ def _remark(verdict: str, rows: list[Row]) -> str:
         for name in ("refined_fine", "estimate_is_good", "warning")
     )
     return {
-        Verdict.ACCURATE: f"warned all the same: {warned}",
-        Verdict.REPORTED: f"a refined run is fine: {fine}" * bool(rows),
-        Verdict.WARNED: f"estimate within a factor of {GOOD_FACTOR:g}: {good}" * bool(rows),
-        Verdict.INACCURATE: f"no warning, up to {100 * WRONG_SHARE:g} % of the length",
-        Verdict.WRONG: f"no warning, beyond {100 * WRONG_SHARE:g} % of the length",
-        Verdict.UNJUDGED: "refined runs disagree or cost too much",
+        runs.Verdict.ACCURATE: f"warned all the same: {warned}",
+        runs.Verdict.REPORTED: f"a refined run is fine: {fine}" * bool(rows),
+        runs.Verdict.WARNED: f"estimate within a factor of {GOOD_FACTOR:g}: {good}" * bool(rows),
+        runs.Verdict.INACCURATE: f"no warning, up to {100 * runs.WRONG_SHARE:g} % of the length",
+        runs.Verdict.WRONG: f"no warning, beyond {100 * runs.WRONG_SHARE:g} % of the length",
+        runs.Verdict.UNJUDGED: "refined runs disagree or cost too much",
     }[verdict]
 
 
 def _compared(rows: Sequence[Row]) -> Table:
     title = "Verdicts by what the scenes have"
-    by = {verdict: select(rows, verdict=verdict) for verdict in Verdict}
+    by = {verdict: select(rows, verdict=verdict) for verdict in runs.Verdict}
     return pivot_table(title, "scenes", _GROUPS, by, lambda test, mine: sum(map(test, mine)))
 
 
@@ -489,11 +481,11 @@ _ERROR, _REASON = ("error_share", "estimate_share"), Column("why", _why)
 
 #: Verdict -> title of a list, and what is shown beside the scene.
 _LISTS = {
-    Verdict.WRONG: ("Wrong without a word", *_ERROR),
-    Verdict.INACCURATE: ("Less accurate than asked for, without a word", *_ERROR),
-    Verdict.WARNED: ("Less accurate than asked for, with a warning", *_ERROR),
-    Verdict.REPORTED: ("Refused or failed", Column("refined run", _refined), _REASON),
-    Verdict.UNJUDGED: ("Unjudged", _REASON),
+    runs.Verdict.WRONG: ("Wrong without a word", *_ERROR),
+    runs.Verdict.INACCURATE: ("Less accurate than asked for, without a word", *_ERROR),
+    runs.Verdict.WARNED: ("Less accurate than asked for, with a warning", *_ERROR),
+    runs.Verdict.REPORTED: ("Refused or failed", Column("refined run", _refined), _REASON),
+    runs.Verdict.UNJUDGED: ("Unjudged", _REASON),
 }
 
 
@@ -511,12 +503,12 @@ def _listed(rows: Sequence[Row]) -> list[Table]:
 
 #: Verdict -> colour and marker, the worst last, on top.
 _STYLES = {
-    Verdict.UNJUDGED: (figures.GREY, "x"),
-    Verdict.ACCURATE: (figures.GREEN, "o"),
-    Verdict.REPORTED: (figures.PURPLE, "s"),
-    Verdict.WARNED: (figures.BLUE, "v"),
-    Verdict.INACCURATE: (figures.ORANGE, "^"),
-    Verdict.WRONG: (figures.VERMILLION, "D"),
+    runs.Verdict.UNJUDGED: (figures.GREY, "x"),
+    runs.Verdict.ACCURATE: (figures.GREEN, "o"),
+    runs.Verdict.REPORTED: (figures.PURPLE, "s"),
+    runs.Verdict.WARNED: (figures.BLUE, "v"),
+    runs.Verdict.INACCURATE: (figures.ORANGE, "^"),
+    runs.Verdict.WRONG: (figures.VERMILLION, "D"),
 }
 
 #: Errors [share of the length] at the ends of the axes; others stand there; as do scenes without
@@ -530,11 +522,11 @@ def picture(rows: Sequence[Row]) -> figures.Figure:
     """Error against what was estimated, over what it hangs on, and cost."""
     figure, axes = figures.new_figure(2, 2, (10, 8.6))
     counts = {verdict: len(select(rows, verdict=verdict)) for verdict in _STYLES}
+    unjudged, accurate, reported, warned, inaccurate, wrong = counts.values()
     figures.add_title(
         figure,
-        f"Of {len(rows) - counts[Verdict.UNJUDGED]} judged scenes {counts[Verdict.ACCURATE]} are "
-        f"as accurate as asked for, {counts[Verdict.REPORTED] + counts[Verdict.WARNED]} say that "
-        f"they are not, {counts[Verdict.INACCURATE] + counts[Verdict.WRONG]} err unannounced",
+        f"Of {len(rows) - unjudged} judged scenes {accurate} are as accurate as asked for, "
+        f"{reported + warned} say that they are not, {inaccurate + wrong} err unannounced",
         f"{len(rows)} random scenes of seed {rows[0].seed}, tip errors against refined runs",
     )
     weight = r"weight over stiffness, $\rho A g L^3 / EI$"
@@ -547,7 +539,7 @@ def picture(rows: Sequence[Row]) -> figures.Figure:
     for axis in (axes[0, 0], *axes[1]):  # what was asked for, and what is wrong
         line = {"linewidth": 0.9, "linestyle": "--"}
         axis.axhline(rows[0].asked_share, color=figures.BLACK, **line)
-        axis.axhline(WRONG_SHARE, color=figures.VERMILLION, **line)
+        axis.axhline(runs.WRONG_SHARE, color=figures.VERMILLION, **line)
         axis.set_ylabel("tip error / length (dashed: asked for; wrong)")
     line = np.array([_LEAST_ERROR, _MOST_ERROR])
     axes[0, 0].plot(line, line, color=figures.GREY, linewidth=0.9)

@@ -17,7 +17,7 @@ from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, RobotPa
 from softrobot_env.robots.loads import Load
 from studies.truths.analytic import Section, bent_rod
 from studies.truths.shearable_rod import bending_frequency
-from studies.truths.spatial_rod import SpatialSection, followed_rod, helix
+from studies.truths.spatial_rod import followed_rod, helix
 
 WEIGHTLESS = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0))
 TWISTY = replace(WEIGHTLESS, poisson_ratio=0.49, gravity=(1.0, -2.0, 3.0))
@@ -392,10 +392,10 @@ def slender(ratio: float) -> RobotParams:
     )
 
 
-def stiffness(robot: RobotParams) -> SpatialSection:
+def stiffness(robot: RobotParams) -> Section:
     shear = 0.75 * robot.youngs_modulus / 2 / (1 + robot.poisson_ratio) * robot.area
     axial = robot.youngs_modulus * robot.area
-    return SpatialSection(robot.bending_stiffness, robot.torsional_stiffness, shear, axial)
+    return Section(robot.bending_stiffness, shear, axial, robot.torsional_stiffness)
 
 
 def wrench(rng, name, station, robot, follows):

@@ -10,7 +10,7 @@ from softrobot_env.robots import CANTILEVER_STIFF, CANTILEVER_WEAK
 from softrobot_env.robots.loads import Load
 from studies.truths import analytic
 from studies.truths.analytic import Section, arc_tip, bent_rod
-from studies.truths.spatial_rod import SpatialSection, dead_loads, followed_rod, helix
+from studies.truths.spatial_rod import dead_loads, followed_rod, helix
 
 G = 9.81
 
@@ -148,7 +148,7 @@ def test_elastica_says_when_it_fails(monkeypatch):
 # ---------------------------------------------------------------- rods in space
 
 LENGTH = 0.4
-SECTION = SpatialSection(0.02, 0.013)
+SECTION = Section(0.02, torsion=0.013)
 STATIONS = np.linspace(0, LENGTH, 9)
 
 
@@ -170,7 +170,7 @@ def test_a_moment_across_bends_to_a_circle():
         np.testing.assert_allclose(tip, [x, 0, z], atol=1e-15)
 
 
-@pytest.mark.parametrize("section", [SECTION, SpatialSection(0.02, 0.013, 30.0, 80.0)])
+@pytest.mark.parametrize("section", [SECTION, Section(0.02, 30.0, 80.0, 0.013)])
 def test_dead_loads_hold_the_planar_rod_of_the_boundary_value_problem(section):
     unit = section.bending / LENGTH**2
     load = Load("f", LENGTH, force=(2.5 * unit, 0.0, -1.0 * unit), moment=(0, 0.3 * unit, 0))
@@ -199,7 +199,7 @@ def test_forces_and_moments_balance_in_space():
     np.testing.assert_allclose(carried, total, atol=1e-4 * np.linalg.norm(total))
 
 
-@pytest.mark.parametrize("section", [SECTION, SpatialSection(0.02, 0.013, 30.0, 80.0)])
+@pytest.mark.parametrize("section", [SECTION, Section(0.02, 30.0, 80.0, 0.013)])
 def test_a_weight_seen_from_the_tip_is_that_of_the_boundary_value_problem(section):
     unit = section.bending / LENGTH**3
     weight = np.array([4.0 * unit, 0.0, 2.0 * unit])

@@ -17,7 +17,7 @@ from softrobot_env.scene.quadrature import RULES, place_hinges
 from softrobot_env.scene.springs import excess_stiffness
 from softrobot_env.scene.tangent import StaticForces
 from studies.truths.analytic import Section, bent_rod, euler_bernoulli_frequency
-from studies.truths.spatial_rod import SpatialSection, dead_loads, followed_rod
+from studies.truths.spatial_rod import dead_loads, followed_rod
 
 ROD = RobotParams("rod", 0.4, 0.005, 0.0, 70e6, 1200.0, 0.01, 6, gravity=(0.0, 0.0, 0.0))
 LENGTH, EI = ROD.length, ROD.bending_stiffness
@@ -83,7 +83,7 @@ def test_wrenches_in_the_middle_and_at_the_tip_in_space(poisson_ratio):
     """Loads of all directions, also along the rod; seeds that nothing was chosen with."""
     rod = replace(ROD, poisson_ratio=poisson_ratio)
     section, stations = (
-        SpatialSection(EI, rod.torsional_stiffness),
+        Section(EI, torsion=rod.torsional_stiffness),
         np.array([0.0, LENGTH / 2, LENGTH]),
     )
     rng = np.random.default_rng(2024)

@@ -18,17 +18,7 @@ from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, RIG
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.timestep import TimestepWarning
 from softrobot_env.thesis.rig.spatial_piece import make_rig_piece
-from studies.accuracy import planar, pyelastica_rod, rig, space, spiral, study, tension_step
-from studies.accuracy.cases import (
-    BENDING,
-    BOUND,
-    COSSERAT,
-    DISTRIBUTED,
-    DURATION,
-    LUMPED,
-    Row,
-    timed_row,
-)
+from studies.accuracy import cases, planar, pyelastica_rod, rig, space, spiral, study, tension_step
 from studies.accuracy.space import HEADINGS, STEEL, TPU, beam_tip, cases_of, chain_tip
 from studies.lab import select
 from studies.truths import shearable_rod
@@ -39,7 +29,7 @@ from studies.truths.rig_ritz_rod import RigRod
 
 pytestmark = pytest.mark.slow  # a study; the quick suite has what it stands on
 
-THREE = (LUMPED, DISTRIBUTED, COSSERAT)
+THREE = (cases.LUMPED, cases.DISTRIBUTED, cases.COSSERAT)
 
 
 def weight(robot):
@@ -126,7 +116,7 @@ def few(request):
 @pytest.fixture(scope="module")
 def motions(few):
     step = tension_step.CASE
-    pair = DISTRIBUTED, COSSERAT
+    pair = cases.DISTRIBUTED, cases.COSSERAT
     limits = {(step, c.physics.name): study.case_limit(step, c, True) for c in pair}
     found = [row for one in THREE for row in study._beam_rows(step, one, limits, True)]
     found += study._chain_rows(step, "balanced2", limits, True)
@@ -146,11 +136,11 @@ def test_smaller_tolerance_and_more_pieces_reduce_the_error_of_a_motion(motions)
 
 def test_models_agree_with_the_statics_of_their_physics():
     for case, n in ((planar.tip_force(3.0), 24), (planar.tendon(20.0), 24)):
-        for contestant in (DISTRIBUTED, COSSERAT):
+        for contestant in (cases.DISTRIBUTED, cases.COSSERAT):
             model = contestant.build(case.robot, n, case.loads)
             q = model.equilibrium(case.ctrl, load_steps=5, check_stability=False)
             gap = np.linalg.norm(model.tip(q)[[0, 2]] - case.truth(contestant.physics).tips)
-            assert gap < BOUND * case.robot.length, (case.name, contestant.name)
+            assert gap < cases.BOUND * case.robot.length, (case.name, contestant.name)
 
 
 def test_chain_and_pcc_have_the_same_limit_and_cosserat_rods_have_not(motions):
@@ -169,15 +159,15 @@ def test_slender_robots_keep_stiffness_and_mass():
 
 @pytest.mark.parametrize("case", planar.scalar_cases(), ids=lambda case: case.name)
 def test_frequencies_and_twist_agree_with_closed_forms(case):
-    for contestant in (DISTRIBUTED, COSSERAT):
+    for contestant in (cases.DISTRIBUTED, cases.COSSERAT):
         assert planar.beam_row(case, contestant, 12).e_relative < 0.006
     assert planar.chain_row(case, "gauss2", 12).e_relative < 0.001
 
 
 def test_chain_spiral_is_that_of_many_pieces():
-    tips = replace(spiral.beam_motion(DISTRIBUTED, 6), tolerance=1e-4)()
+    tips = replace(spiral.beam_motion(cases.DISTRIBUTED, 6), tolerance=1e-4)()
     chain = spiral.chain_motion("gauss2", 6, 5)()
-    assert distance(tips, chain) < BOUND * spiral.ROBOT.length * 2.5
+    assert distance(tips, chain) < cases.BOUND * spiral.ROBOT.length * 2.5
     assert chain[0] == pytest.approx([0, 0, spiral.ROBOT.length])
 
 
@@ -186,7 +176,7 @@ def test_chain_spiral_is_that_of_many_pieces():
 
 def spiral_row(model, n, time, case=spiral.CASE, **values):
     defaults = {"e_mean": 5e-5, "e_max": 1e-4, "wall_time": time, "physics": "bending"}
-    return Row("dynamic", case, model, n, **(defaults | values))
+    return cases.Row("dynamic", case, model, n, **(defaults | values))
 
 
 def test_goals_take_the_fastest_run_that_is_accurate_enough(monkeypatch):
@@ -230,7 +220,7 @@ def off(found, case):
 @pytest.mark.parametrize("robot", [TPU, STEEL], ids=lambda r: r.name)
 @pytest.mark.parametrize("name", HEADINGS)
 def test_the_chain_converges_to_every_exact_tip_by_second_order(name, robot):
-    case = cases_of(name, robot, BENDING, quick=True)[0]
+    case = cases_of(name, robot, cases.BENDING, quick=True)[0]
     coarse, fine = (off(chain_tip(case, "gauss2", n), case) for n in (12, 24))
     assert np.linalg.norm(case.tip - [0, 0, robot.length]) > 0.05 * robot.length
     assert fine < 1.5e-3 * robot.length
@@ -239,7 +229,7 @@ def test_the_chain_converges_to_every_exact_tip_by_second_order(name, robot):
 
 @pytest.mark.parametrize("name", ["wrenches", "helix_dead", "force_dead"])
 def test_models_of_two_families_converge_to_the_same_exact_tips(name):
-    for contestant in (DISTRIBUTED, COSSERAT):
+    for contestant in (cases.DISTRIBUTED, cases.COSSERAT):
         case = cases_of(name, STEEL, contestant.physics, quick=True)[-1]
         coarse, fine = (off(beam_tip(case, contestant, n), case) for n in (12, 24))
         assert fine < 2e-3 * STEEL.length and coarse / fine > 3.0
@@ -248,7 +238,7 @@ def test_models_of_two_families_converge_to_the_same_exact_tips(name):
 @pytest.fixture(scope="module")
 def in_space():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(space.cases, "CONTESTANTS", (None, COSSERAT))
+        patch.setattr(space.cases, "CONTESTANTS", (None, cases.COSSERAT))
         names = ("wrenches", "sag_0deg", "sag_45deg")
         return [row for name in names for row in space.case_rows(name, TPU, quick=True)]
 
@@ -335,7 +325,7 @@ def test_without_weight_the_rig_is_an_arc():
 @pytest.mark.parametrize("case", rig.STATIC)
 def test_two_independent_truths_agree(case):
     """Initial values in the plane of bending, and polynomials in space."""
-    assert distance(rod_tip(rig.STATIC[case]), rig.static_truth(case, BENDING).tips) < 1e-8
+    assert distance(rod_tip(rig.STATIC[case]), rig.static_truth(case, cases.BENDING).tips) < 1e-8
 
 
 def test_polynomials_converge_exponentially():
@@ -381,15 +371,15 @@ def test_rod_of_one_term_moves_as_the_closed_form(size):
 
 def test_head_as_a_load_is_the_head_of_the_closed_form():
     pulled = np.array(rig.STATIC["rig_general"])
-    loaded = rig.beam_statics(DISTRIBUTED, 1)(pulled)
+    loaded = rig.beam_statics(cases.DISTRIBUTED, 1)(pulled)
     np.testing.assert_allclose(loaded, rig.piece_statics()(pulled), atol=1e-8)
 
 
 @pytest.mark.parametrize("case", ["rig_pull_20mm", "rig_slack"])
 def test_pcc_and_chain_converge_with_second_order(case):
-    exact, pulled = rig.static_truth(case, BENDING).tips, np.array(rig.STATIC[case])
+    exact, pulled = rig.static_truth(case, cases.BENDING).tips, np.array(rig.STATIC[case])
     for family, sizes in (
-        (lambda n: rig.beam_statics(DISTRIBUTED, n), (2, 4, 8)),
+        (lambda n: rig.beam_statics(cases.DISTRIBUTED, n), (2, 4, 8)),
         # Of 4 joints, the springs of scene.springs are of fourth order beside it.
         (lambda n: rig.chain_statics("midpoint", n), (8, 16, 32)),
     ):
@@ -400,7 +390,7 @@ def test_pcc_and_chain_converge_with_second_order(case):
 
 def test_cosserat_rod_converges_to_the_column_with_shear_and_extension():
     pulled = np.array(rig.STATIC["rig_pull_10mm"])
-    tips = {n: rig.beam_statics(COSSERAT, n)(pulled) for n in (3, 6, 12)}
+    tips = {n: rig.beam_statics(cases.COSSERAT, n)(pulled) for n in (3, 6, 12)}
     limit = converged(tips, 1)
     with_shear, without = (column_tip(RIG, pulled, k) for k in (0.75, None))
     assert distance(tips[12], with_shear) < distance(tips[6], with_shear) / 2
@@ -426,7 +416,7 @@ def test_step_starts_straight_and_ends_in_the_equilibrium(step_truth):
 
 def test_chain_moves_as_the_rod(step_truth):
     chains = [rig.chain_motion(rig.STEP, "midpoint", n, 10, "implicitfast") for n in (4, 8)]
-    rows = [timed_row(rig.STEP, BENDING, step_truth, chain) for chain in chains]
+    rows = [cases.timed_row(rig.STEP, cases.BENDING, step_truth, chain) for chain in chains]
     assert rows[0].e_max < 3e-3
     assert rows[1].e_mean < rows[0].e_mean / 3
 
@@ -442,4 +432,4 @@ def test_closed_form_moves_as_the_rod_of_one_term():
     motion = rig.PieceMotion(rig.STEP, 1e-6)
     rod = RigRod(RIG, 1).motion(rig.MOTIONS[rig.STEP], rig.sample_times(), 1e-6)
     assert distance(motion(), rod) < 1e-5
-    assert motion.settings.timestep < DURATION / 20
+    assert motion.settings.timestep < cases.DURATION / 20

@@ -13,22 +13,10 @@ from studies.beams import make_beam
 from studies.stability import extremes, rig, runs, shown
 from studies.stability.map import BOUND, Family, limit_rows, map_rows, rule_rows, run_cell
 from studies.stability.rig import MAP, MOTIONS, PERIOD, RULE, TRUSTED, Variation
-from studies.stability.runs import (
-    CHAIN,
-    DIVERGED,
-    NO_TRUTH,
-    NOT_CONVERGED,
-    STABLE,
-    WRONG,
-    Plan,
-    Reference,
-    Trace,
-    judge,
-)
 
 STIFFNESSES = (1e-2, 1.0, 1e4)
 TIMESTEPS = (1e-4, 2e-3, 2e-2)
-CHAIN_OF_SIX, PCC = Family(CHAIN, 6), Family("pcc", 3)
+CHAIN_OF_SIX, PCC = Family(runs.CHAIN, 6), Family("pcc", 3)
 
 
 @pytest.fixture(scope="module")
@@ -56,16 +44,18 @@ def judged(time, off, bound, after=inf, failure=None):
     """A run on a circle, off by (2,) [m] after some time, against the circle for 6 s."""
     known = np.linspace(0, 6, 400)
     tip = circle(time) + np.where(time > after if after < inf else time >= 0, 1, 0)[:, None] * off
-    return judge(Trace(time, tip, failure, 0.0, 9), Reference(known, circle(known), 0.0), bound)
+    return runs.judge(
+        runs.Trace(time, tip, failure, 0.0, 9), runs.Reference(known, circle(known), 0.0), bound
+    )
 
 
 @pytest.mark.parametrize(
     ("time", "off", "bound", "outcome"),
     [
-        (np.linspace(0, 6, 50), (0.003, 0.004), 0.0051, STABLE),
-        (np.linspace(0, 6, 50), (0.003, 0.004), 0.0049, WRONG),
-        (np.array([0.0, 2 * pi]), (0.0, 0.0), 0.01, WRONG),  # right by chance, once a turn
-        (np.array([0.0, 0.01, 0.02]), (0.0, 0.0), 1e-3, STABLE),  # cut short
+        (np.linspace(0, 6, 50), (0.003, 0.004), 0.0051, runs.STABLE),
+        (np.linspace(0, 6, 50), (0.003, 0.004), 0.0049, runs.WRONG),
+        (np.array([0.0, 2 * pi]), (0.0, 0.0), 0.01, runs.WRONG),  # right by chance, once a turn
+        (np.array([0.0, 0.01, 0.02]), (0.0, 0.0), 1e-3, runs.STABLE),  # cut short
     ],
 )
 def test_a_run_is_judged_by_its_distance_to_the_truth(time, off, bound, outcome):
@@ -80,19 +70,19 @@ def test_a_verdict_says_how_wrong_and_when():
 
 def test_instants_after_the_truth_count_for_failures_only():
     time = np.linspace(0, 12, 100)
-    assert judged(time, (1.0, 1.0), 0.01, after=6.1).outcome == STABLE
+    assert judged(time, (1.0, 1.0), 0.01, after=6.1).outcome == runs.STABLE
     failed = judged(time, (1.0, 1.0), 0.01, 6.1, "diverged at t = 9 s")
-    assert (failed.outcome, failed.e_max) == (DIVERGED, None)
+    assert (failed.outcome, failed.e_max) == (runs.DIVERGED, None)
 
 
 @pytest.mark.parametrize(
     ("family", "stiffness", "damping", "integrator", "timestep", "outcome"),
     [
-        (CHAIN_OF_SIX, 1e4, 0.0, "implicitfast", 0.02, DIVERGED),
+        (CHAIN_OF_SIX, 1e4, 0.0, "implicitfast", 0.02, runs.DIVERGED),
         # Stable for any step, but damps all motion: after a period it hardly swings.
-        (CHAIN_OF_SIX, 1.0, 0.0, "discrete", 0.05, WRONG),
-        (PCC, 1.0, 0.0, "implicit_euler", 0.05, WRONG),
-        (PCC, 1.0, 5.0, "rk4", 0.02, DIVERGED),
+        (CHAIN_OF_SIX, 1.0, 0.0, "discrete", 0.05, runs.WRONG),
+        (PCC, 1.0, 0.0, "implicit_euler", 0.05, runs.WRONG),
+        (PCC, 1.0, 5.0, "rk4", 0.02, runs.DIVERGED),
     ],
 )
 def test_provoked_failures_are_named(
@@ -100,7 +90,7 @@ def test_provoked_failures_are_named(
 ):
     row = run_cell(family, stiffness, damping, integrator, timestep)
     assert (row.stable, row.outcome) == (False, outcome)
-    if outcome == DIVERGED:
+    if outcome == runs.DIVERGED:
         assert row.e_max is None and row.failure.startswith("diverged at t = ")
     else:
         assert row.e_max > BOUND and row.failure.startswith("finite but wrong: tip ")
@@ -112,8 +102,8 @@ def test_failed_newton_iteration_is_named():
     beam = make_beam("pcc", ARM, 3)
     system = runs.BeamSystem(beam, beam.rest() + 3 / ARM.length, np.zeros(6))
     system.start = system.start._replace(v=np.full(3, 1e6))
-    trace = system.run(Plan("implicit_euler", 0.1, 10, 0.1))
-    assert trace.outcome == NOT_CONVERGED
+    trace = system.run(runs.Plan("implicit_euler", 0.1, 10, 0.1))
+    assert trace.outcome == runs.NOT_CONVERGED
     assert trace.failure.startswith("Newton's iteration did not converge at t = ")
 
 
@@ -172,13 +162,13 @@ def test_safe_step_ends_before_the_first_failure():
     ids=lambda x: getattr(x, "name", ""),
 )
 def test_chain_survives_extreme_cases(case, n, bound):
-    row = extremes.run_case(case, CHAIN, n)
+    row = extremes.run_case(case, runs.CHAIN, n)
     assert row.stable and row.e_max < bound, row.failure
 
 
 @pytest.mark.parametrize("damping", [0.0, 1e-3])
 def test_free_oscillation_follows_the_linear_solution(damping):
-    row = extremes.oscillation_row(CHAIN, 6, damping, 20.0)
+    row = extremes.oscillation_row(runs.CHAIN, 6, damping, 20.0)
     assert row.stable, row.failure
     # implicitfast lets the force act half a step early: the phase is off by pi / 500 at most.
     assert row.e_max < 2e-3 * ARM.length * 0.02
@@ -187,7 +177,7 @@ def test_free_oscillation_follows_the_linear_solution(damping):
 def test_growing_oscillation_fails():
     time = np.linspace(0, 20, 400)
     tip = np.stack([np.exp(0.01 * time) * np.cos(5 * time), 0 * time], axis=1)
-    assert extremes._amplitude_growth(Trace(time, tip, None, 0.0, 400)) > 1.1
+    assert extremes._amplitude_growth(runs.Trace(time, tip, None, 0.0, 400)) > 1.1
 
 
 def test_adaptive_run_is_compared_with_an_independent_one():
@@ -232,20 +222,20 @@ def steel():
 def test_chattering_tensions_are_wrong_though_the_tip_is_right(steel):
     limit = stability_limit("implicitfast", steel[1].linear)
     row = rig.run(*steel, "implicitfast", PERIOD / np.floor(PERIOD / (1.5 * limit)), MAP)
-    assert row.outcome == WRONG and row.e_max < row.e_bound
+    assert row.outcome == runs.WRONG and row.e_max < row.e_bound
     assert row.e_tension > 5 and "tensions" in row.failure
 
 
 def test_nothing_is_judged_by_refined_runs_that_differ():
     time = np.linspace(0, 1, 20)
-    still = Trace(time, np.zeros((20, 3)), None, 0.0, 20, np.zeros((20, 3)))
-    truth = Reference(still.time, still.tip, 0.5 * TRUSTED, still.tension)
-    assert rig.judged(still, truth)[0].outcome == STABLE
+    still = runs.Trace(time, np.zeros((20, 3)), None, 0.0, 20, np.zeros((20, 3)))
+    truth = runs.Reference(still.time, still.tip, 0.5 * TRUSTED, still.tension)
+    assert rig.judged(still, truth)[0].outcome == runs.STABLE
     for uncertainty in (2 * TRUSTED, inf):
         verdict, error = rig.judged(still, replace(truth, uncertainty=uncertainty))
-        assert (verdict.outcome, verdict.e_max, error) == (NO_TRUTH, None, None)
+        assert (verdict.outcome, verdict.e_max, error) == (runs.NO_TRUTH, None, None)
     gone = replace(still, failure="diverged at t = 1 s")
-    assert rig.judged(gone, replace(truth, uncertainty=inf))[0].outcome == DIVERGED
+    assert rig.judged(gone, replace(truth, uncertainty=inf))[0].outcome == runs.DIVERGED
 
 
 @pytest.mark.slow

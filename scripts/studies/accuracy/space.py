@@ -26,7 +26,8 @@ from studies.accuracy import cases
 from studies.beams import chain_scene
 from studies.lab import select
 from studies.truths.analytic import Section, bent_rod
-from studies.truths.spatial_rod import SpatialSection, SpatialShape, dead_loads, followed_rod, helix
+from studies.truths.shearable_rod import section
+from studies.truths.spatial_rod import SpatialShape, dead_loads, followed_rod, helix
 
 #: A rod of thermoplastic polyurethane and a steel wire; length over radius is 80 and 750.
 TPU = RobotParams("tpu", 0.4, 0.005, 0.0, 70e6, 1200.0, 0.01, 12, poisson_ratio=0.4)
@@ -84,24 +85,13 @@ def cases_of(name: str, robot: RobotParams, physics: cases.Physics, quick: bool 
         physics: What the truth deforms by.
         quick: Fewer wrenches.
     """
-    section = section_of(robot, physics)
+    rod = section(robot, physics.shear_coefficient)
     if name == "wrenches":
-        return tuple(wrenches(robot, section, QUICK_WRENCHES if quick else WRENCHES))
-    return (_SINGLE[name](robot, section),)
+        return tuple(wrenches(robot, rod, QUICK_WRENCHES if quick else WRENCHES))
+    return (_SINGLE[name](robot, rod),)
 
 
-def section_of(robot: RobotParams, physics: cases.Physics) -> SpatialSection:
-    """The rod's section for some physics."""
-    section = SpatialSection(robot.bending_stiffness, robot.torsional_stiffness)
-    k = physics.shear_coefficient
-    if k is None:
-        return section
-    shear_modulus = robot.youngs_modulus / (2 * (1 + robot.poisson_ratio))
-    shear = k * shear_modulus * robot.area
-    return replace(section, shear=shear, axial=robot.youngs_modulus * robot.area)
-
-
-def wrenches(robot: RobotParams, section: SpatialSection, count: int) -> Iterator[SpatialCase]:
+def wrenches(robot: RobotParams, section: Section, count: int) -> Iterator[SpatialCase]:
     """Random forces and moments in the middle and at the tip, and gravity from any side.
 
     Universal joints at 12 stations err by about 0.7 and 1 mm on TPU and steel (see `scene.chain`).
@@ -124,7 +114,7 @@ def _vector(rng: np.random.Generator, size: float, axial: float = 1.0) -> tuple[
     return tuple((size * rng.standard_normal(3) * (1.0, 1.0, axial)).tolist())
 
 
-def _shape(robot: RobotParams, section: SpatialSection, loads: tuple, *weight: Any) -> SpatialShape:
+def _shape(robot: RobotParams, section: Section, loads: tuple, *weight: Any) -> SpatialShape:
     stations = np.array([0.0, robot.length / 2, robot.length])
     return followed_rod(robot.length, section, loads, stations, *weight)
 
@@ -135,10 +125,10 @@ def _heavy(robot: RobotParams, weight: ndarray, shape: SpatialShape) -> RobotPar
     return replace(robot, gravity=tuple(world.tolist()))
 
 
-def _sag(azimuth: float) -> Callable[[RobotParams, SpatialSection], SpatialCase]:
+def _sag(azimuth: float) -> Callable[[RobotParams, Section], SpatialCase]:
     """A weight that bends the rod visibly."""
 
-    def case(robot: RobotParams, section: SpatialSection) -> SpatialCase:
+    def case(robot: RobotParams, section: Section) -> SpatialCase:
         # A tip turned by about w L^3 / (6 EI) sees a weight across the straight rod from behind.
         size = 6 * section.bending / robot.length**3
         across = np.array([cos(azimuth), sin(azimuth), 0.0])
@@ -149,10 +139,10 @@ def _sag(azimuth: float) -> Callable[[RobotParams, SpatialSection], SpatialCase]
     return case
 
 
-def _helix(follows: bool) -> Callable[[RobotParams, SpatialSection], SpatialCase]:
+def _helix(follows: bool) -> Callable[[RobotParams, Section], SpatialCase]:
     """A tip moment across and about the rod."""
 
-    def case(robot: RobotParams, section: SpatialSection) -> SpatialCase:
+    def case(robot: RobotParams, section: Section) -> SpatialCase:
         unit = section.bending / robot.length
         moment = unit * np.array([0.8, 2.0, 1.5])
         load = Load("load", robot.length, moment=tuple(moment.tolist()), follows=follows)
@@ -162,7 +152,7 @@ def _helix(follows: bool) -> Callable[[RobotParams, SpatialSection], SpatialCase
     return case
 
 
-def _circle(robot: RobotParams, section: SpatialSection) -> SpatialCase:
+def _circle(robot: RobotParams, section: Section) -> SpatialCase:
     """A tip moment that closes the rod to a circle: its tip comes back to the clamp."""
     size = 2 * pi * section.bending / robot.length
     moment = (-size * sin(_OBLIQUE), size * cos(_OBLIQUE), 0.0)
@@ -170,7 +160,7 @@ def _circle(robot: RobotParams, section: SpatialSection) -> SpatialCase:
     return SpatialCase(robot, (load,), np.zeros(3))
 
 
-def _force_follower(robot: RobotParams, section: SpatialSection) -> SpatialCase:
+def _force_follower(robot: RobotParams, section: Section) -> SpatialCase:
     """A force on the tip, across the tip's section."""
     size = _FORCE * section.bending / robot.length**2
     across = (size * cos(_OBLIQUE), size * sin(_OBLIQUE), 0.0)
@@ -178,11 +168,10 @@ def _force_follower(robot: RobotParams, section: SpatialSection) -> SpatialCase:
     return SpatialCase(robot, (load,), _shape(robot, section, (load,)).tip)
 
 
-def _force_dead(robot: RobotParams, section: SpatialSection) -> SpatialCase:
+def _force_dead(robot: RobotParams, section: Section) -> SpatialCase:
     """A force on the tip that stays across the straight rod: the planar elastica, turned."""
     size = _FORCE * section.bending / robot.length**2
-    flat = Section(section.bending, section.shear, section.axial)
-    aside, along = bent_rod(robot.length, flat, force=(size, 0.0)).tip
+    aside, along = bent_rod(robot.length, section, force=(size, 0.0)).tip
     turn = np.array([cos(_OBLIQUE), sin(_OBLIQUE)])
     load = Load("load", robot.length, force=(*(size * turn).tolist(), 0.0))
     return SpatialCase(robot, (load,), np.array([*(aside * turn), along]))

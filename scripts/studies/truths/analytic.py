@@ -151,11 +151,13 @@ class Section:
         bending: EI [N m2].
         shear: k G A [N], infinite without shear.
         axial: EA [N], infinite without extension.
+        torsion: GJ [N m2], zero where it does not count.
     """
 
     bending: float
     shear: float = np.inf
     axial: float = np.inf
+    torsion: float = 0.0
 
 
 def section_slope(angle: ndarray, force: ndarray, rod: Section) -> ndarray:

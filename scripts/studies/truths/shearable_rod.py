@@ -20,11 +20,12 @@ from studies.truths.analytic import Section, euler_bernoulli_frequency, section_
 
 def section(robot: RobotParams, shear_coefficient: float | None) -> Section:
     """Section of a robot; None for the shear coefficient k leaves out shear and extension."""
+    torsion = robot.torsional_stiffness
     if shear_coefficient is None:
-        return Section(robot.bending_stiffness)
+        return Section(robot.bending_stiffness, torsion=torsion)
     shear_modulus = robot.youngs_modulus / (2 * (1 + robot.poisson_ratio))
     shear = shear_coefficient * shear_modulus * robot.area
-    return Section(robot.bending_stiffness, shear, robot.youngs_modulus * robot.area)
+    return Section(robot.bending_stiffness, shear, robot.youngs_modulus * robot.area, torsion)
 
 
 def tendon_tip(robot: RobotParams, rod: Section, tension: ndarray) -> ndarray:

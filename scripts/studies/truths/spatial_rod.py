@@ -13,24 +13,10 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from softrobot_env.robots.loads import Load
+from studies.truths.analytic import Section
 
 _RTOL, _ATOL = 1e-11, 1e-13
 _AXIS = np.array([0.0, 0.0, 1.0])
-
-
-@dataclass(frozen=True)
-class SpatialSection:
-    """Stiffness of a cross-section that is alike in all directions.
-
-    Attributes:
-        bending, torsion: EI and GJ [N m2].
-        shear, axial: k G A and EA [N], infinite without shear and extension.
-    """
-
-    bending: float
-    torsion: float
-    shear: float = np.inf
-    axial: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -55,7 +41,7 @@ class SpatialShape:
 
 def helix(
     length: float,
-    section: SpatialSection,
+    section: Section,
     moment: ndarray,
     stations: ndarray,
     follows: bool = False,
@@ -103,7 +89,7 @@ def turned_along(rate: ndarray, vector: ndarray, s: ndarray) -> ndarray:
 
 def followed_rod(
     length: float,
-    section: SpatialSection,
+    section: Section,
     loads: Sequence[Load],
     stations: ndarray,
     weight: ndarray | None = None,
@@ -187,7 +173,7 @@ def motion_of(y: ndarray, along: ndarray, kappa: ndarray) -> ndarray:
     return np.concatenate([frame_of(y) @ along, turn])
 
 
-def _slope(_: float, y: ndarray, section: SpatialSection, weight: ndarray) -> ndarray:
+def _slope(_: float, y: ndarray, section: Section, weight: ndarray) -> ndarray:
     frame = frame_of(y)
     force, moment = frame.T @ y[7:10], frame.T @ y[10:]
     along = _AXIS + force / [section.shear, section.shear, section.axial]
