@@ -287,8 +287,7 @@ class Runner:
             tests = [x for x in tests if x != str(self._tree / failed)]
             tests += ["--deselect", failed] if "::" in failed else []
             failed = self._failed(tests, path, source, mutant.compiled)
-        verdicts = {None: "survived", "time": "undecided"}
-        mutant.verdict = verdicts.get(failed, "killed")
+        mutant.verdict = {None: "survived", "time": "undecided"}.get(failed, "killed")
         mutant.by, mutant.seconds = failed or "", round(time.monotonic() - begin, 1)
 
     def _passes(self, test: str) -> bool:

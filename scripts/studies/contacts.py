@@ -306,8 +306,7 @@ def _run(case: Case, scene: Touching) -> Run:
             return Run(why=simulation.failure())
         places.append(np.array(seen))
         touches = max(touches, int(simulation.data.ncon))
-    took = perf_counter() - begin
-    return Run(np.array(places), wall_time=took, most_touches=touches)
+    return Run(np.array(places), wall_time=perf_counter() - begin, most_touches=touches)
 
 
 def _distance(one: ndarray | None, other: ndarray | None) -> float | None:

@@ -39,7 +39,6 @@ from softrobot_env.thesis.trajectories import LapCircle
 from softrobot_env.training.sensors import calibrated
 from studies import lab
 from studies.thesis import Row as ForceRow
-from studies.thesis import make_row
 
 # ---------------------------------------------------------------- triangles
 
@@ -220,13 +219,13 @@ def force_rows(count: int) -> list[ForceRow]:
     for omega in np.geomspace(SLOWEST, FASTEST, count):
         force, phase = effective_force(servo, RADIUS, omega)
         x = ("omega_rad_s", omega)
-        rows.append(make_row("5.14a", *what, "effective_force_N", force, x))
-        rows.append(make_row("5.14b", *what, "phase_rad", phase, x))
+        rows.append(ForceRow("5.14a", *what, "effective_force_N", force, *x))
+        rows.append(ForceRow("5.14b", *what, "phase_rad", phase, *x))
     note = "damping puts it below the balance; 2.8 does not follow from the printed parameters"
     least, name = least_force(servo), "omega_of_least_force_rad_s"
-    rows.append(make_row("5.14a", *what, name, least, thesis=_THESIS, note=note))
+    rows.append(ForceRow("5.14a", *what, name, least, thesis=_THESIS, note=note))
     even, name = balance(servo), "omega_of_balance_rad_s"
-    rows.append(make_row("5.14b", *what, name, even, audit=_AUDIT))
+    rows.append(ForceRow("5.14b", *what, name, even, audit=_AUDIT))
     return rows
 
 

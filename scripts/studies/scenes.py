@@ -496,8 +496,7 @@ def _listed(rows: Sequence[Row]) -> list[Table]:
         scene = ("index", "joints", Column("chain", _chain), "slenderness", "youngs_modulus")
         scene += ("damping_ratio", "weight_load", Column("steps", _steps, ">"))
         caption = "sag: rho A g L^3 / EI; steps per control period and integrator"
-        make = table(title, *scene, *shown, where={"verdict": verdict}, caption=caption)
-        out += make(worst)
+        out += table(title, *scene, *shown, where={"verdict": verdict}, caption=caption)(worst)
     return out
 
 

@@ -690,8 +690,7 @@ def _size_rows(key: tuple[str, int], tip: ndarray) -> list[Row]:
     known = values.SPIRAL_RADIUS[key[0]].get(key[1])
     if known is None:
         return []
-    radius = np.max(np.linalg.norm(tip[:, :2], axis=1))
-    found = [("largest_radius_m", radius, known)]
+    found = [("largest_radius_m", np.max(np.linalg.norm(tip[:, :2], axis=1)), known)]
     places = zip("xyz", tip[-1], values.SPIRAL_TIP.get(key, ()), strict=False)
     found += [(f"last_tip_{name}_m", y, expected) for name, y, expected in places]
     return [Row("2.22", "spiral", *key, *pair, audit=audit) for *pair, audit in found]
@@ -704,8 +703,7 @@ def time_rows(model: str, pieces: tuple[int, ...]) -> list[Row]:
     """Fig. 2.19: computation times at the thesis' relative tolerance, solver included."""
     method, rows = METHODS[model], []
     for n in pieces:
-        beam = spiral_model(model, n)
-        time, _ = _timed(beam, method=method, tolerance=TOLERANCE)
+        time, _ = _timed(spiral_model(model, n), method=method, tolerance=TOLERANCE)
         rows.append(Row("2.19", method, model, n, "computation_time_s", time))
     if model == "ancf":
         fast = [r.n for r in rows if r.y < DURATION]
@@ -796,8 +794,7 @@ def table_rows(model: str, quick: bool = False) -> list[Row]:
     rows = [row for k, method in enumerate(methods) for row in _adaptive_rows(contest, method, k)]
     for index, accuracy in enumerate(values.EULER_ACCURACIES[: 2 if quick else 3]):
         steps = contest.fewest_steps("implicit_euler", accuracy)
-        case = f"implicit_euler, {1e3 * accuracy:g} mm"
-        rows += _euler_rows(contest, case, steps, index)
+        rows += _euler_rows(contest, f"implicit_euler, {1e3 * accuracy:g} mm", steps, index)
     return rows + _printed_step_rows(contest) if model == "pcc" else rows
 
 

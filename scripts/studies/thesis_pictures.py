@@ -197,8 +197,7 @@ def _draw_drift(axes: Axes, rows: list[Row]) -> None:
     def dashes(case: str) -> str:
         return ":" if case.endswith("1e-05") else "-"  # by the tolerance
 
-    curves = lab.groups(select(rows, figure="2.4", x_name="time_s"), "case")
-    for (case,), mine in curves.items():
+    for (case,), mine in lab.groups(select(rows, figure="2.4", x_name="time_s"), "case").items():
         name, color = next(_SOLVERS[key] for key in _SOLVERS if case.startswith(key))
         line = {"color": color, "linestyle": dashes(case), "linewidth": 1.3, "label": name}
         axes.plot([row.x for row in mine], [row.y for row in mine], **line)
@@ -261,8 +260,7 @@ def _draw_errors(axes: Axes, rows: list[Row]) -> None:
 
 
 def _draw_times(axes: Axes, rows: list[Row]) -> None:
-    legendre = select(rows, figure="2.9", case="legendre")
-    _draw(axes, legendre, 1e6, x="x", label="Gauss-Legendre")
+    _draw(axes, select(rows, figure="2.9", case="legendre"), 1e6, x="x", label="Gauss-Legendre")
     for case, color, dashes, label in (
         ("exact", figures.VERMILLION, "-", "moments, exact"),
         ("chebyshev", BLUE, "--", "Gauss-Chebyshev,\nexact"),

@@ -153,8 +153,7 @@ def test_slender_robots_keep_stiffness_and_mass():
     thin = study.slender(ARM)
     for name in ("bending_stiffness", "torsional_stiffness", "mass_per_length"):
         assert getattr(thin, name) == pytest.approx(getattr(ARM, name))
-    axial = thin.youngs_modulus * thin.area / (ARM.youngs_modulus * ARM.area)
-    assert axial == pytest.approx(900)
+    assert thin.youngs_modulus * thin.area / (ARM.youngs_modulus * ARM.area) == pytest.approx(900)
 
 
 @pytest.mark.parametrize("case", planar.scalar_cases(), ids=lambda case: case.name)
@@ -384,8 +383,7 @@ def test_pcc_and_chain_converge_with_second_order(case):
         (lambda n: rig.chain_statics("midpoint", n), (8, 16, 32)),
     ):
         errors = [distance(family(n)(pulled), exact) for n in sizes]
-        orders = np.log2(np.divide(errors[:-1], errors[1:]))
-        np.testing.assert_allclose(orders, 2, atol=0.12)
+        np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2, atol=0.12)
 
 
 def test_cosserat_rod_converges_to_the_column_with_shear_and_extension():

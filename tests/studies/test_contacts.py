@@ -33,8 +33,7 @@ def test_a_rule_that_is_not_kept_is_found_out(monkeypatch):
     monkeypatch.setattr(contacts, "_REFINED", (2, 4))
     (cell,) = judged("arm sweeps into post", 1.0, 0.0, (64,))
     assert cell.verdict == Verdict.WARNED and cell.error_share > 0.05
-    silent = Run(HERE.places)
-    assert contacts._verdict(silent, cell.error, cell.uncertainty, 0.5) == Verdict.WRONG
+    assert contacts._verdict(Run(HERE.places), cell.error, cell.uncertainty, 0.5) == Verdict.WRONG
 
 
 @pytest.mark.slow

@@ -49,8 +49,7 @@ def test_scenes_cover_what_robots_can_be(many):
         (5, 29, [config.n_pieces for config in configs]),
     ):
         assert min(found) < low and max(found) > high
-    weights = {round(float(np.linalg.norm(r.gravity)) / G, 6) for r in robots}
-    assert weights == {0.0, 1.0, 100.0}
+    assert {round(float(np.linalg.norm(r.gravity)) / G, 6) for r in robots} == {0.0, 1.0, 100.0}
     assert {scene.excitation for scene in many} == set(EXCITATIONS)
     assert {len(r.tendons) for r in robots} == {1, 2, 3, 4}
     assert all(0.002 <= config.control_period <= 0.05 for config in configs)
@@ -76,8 +75,7 @@ def refined_arm(**options):
 
 def test_refined_runs_of_two_methods_agree():
     drawn, scene, tips = refined_arm(pieces=3)
-    explicit = refined_run(scene, drawn, "RK4", 400)
-    assert np.max(np.abs(explicit - tips)) < 5e-6
+    assert np.max(np.abs(refined_run(scene, drawn, "RK4", 400) - tips)) < 5e-6
 
 
 def test_a_refined_run_is_that_of_another_model():

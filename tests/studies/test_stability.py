@@ -141,8 +141,7 @@ def test_safe_step_ends_before_the_first_failure():
         return SimpleNamespace(timestep=timestep, stiffness_scale=1.0, stable=stable)
 
     cells = [cell(0.1, True), cell(0.4, True), cell(0.2, True), cell(0.3, False)]
-    in_periods = shown.safe_step(cells, shown.first_period)
-    assert in_periods == pytest.approx(0.2 * ARM.first_frequency)
+    assert shown.safe_step(cells, shown.first_period) == pytest.approx(0.2 * ARM.first_frequency)
     assert shown.safe_step([cell(0.1, False)]) is None
 
 

@@ -53,8 +53,7 @@ KINDS = (Run, Other)
 
 
 def test_a_record_writes_all_but_what_is_for_pictures():
-    row = {"case": "a", "error": None, "sizes": ()}
-    assert Run("a", None, trace=rollout()).row() == row
+    assert Run("a", None, trace=rollout()).row() == {"case": "a", "error": None, "sizes": ()}
 
 
 def test_records_are_selected_and_grouped_by_their_fields():
@@ -180,8 +179,7 @@ def damage(folder: Path, how: str) -> None:
 def test_damaged_and_foreign_files_are_refused_in_a_line(how, told, study, tmp_path, capsys):
     stored.write(tmp_path / "laws", run(True), "softrobot benchmark laws")
     damage(tmp_path / "laws", how)
-    words = ["benchmark", "laws", "--out", tmp_path, "--redraw"]
-    assert told in refused(words, capsys)
+    assert told in refused(["benchmark", "laws", "--out", tmp_path, "--redraw"], capsys)
 
 
 @pytest.mark.parametrize(
@@ -193,5 +191,4 @@ def test_damaged_and_foreign_files_are_refused_in_a_line(how, told, study, tmp_p
     ],
 )
 def test_what_measures_does_not_redraw(words, told, tmp_path, capsys):
-    given = ["benchmark", *words, "--redraw", "--out", tmp_path]
-    assert told in refused(given, capsys)
+    assert told in refused(["benchmark", *words, "--redraw", "--out", tmp_path], capsys)

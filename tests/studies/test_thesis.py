@@ -80,8 +80,7 @@ def test_weighting_matters_as_much_as_printed(rows):
     assert len(check_audit(rows, "2.6", "spread_m", 5e-3)) == 4
     check_audit(rows, "2.6", "change_from_3_to_5_pieces_m", 5e-3)
     for n, spread in values.SPREAD_THESIS.items():
-        found = value(rows, "spread_m", case="printed", n=n)
-        assert found == pytest.approx(spread, rel=5e-3)
+        assert value(rows, "spread_m", case="printed", n=n) == pytest.approx(spread, rel=5e-3)
 
 
 def test_projection_stops_the_drift(rows):
@@ -98,8 +97,7 @@ def test_projection_stops_the_drift(rows):
 def test_quadrature_needs_order_eight_and_ours_is_exact(rows):
     for case in ("legendre, against exact", "legendre, against order 20"):
         assert value(rows, "first_order_below_1e-3", case=case) == values.ORDER
-    exact = value(rows, "relative_rms_error", case="chebyshev, against exact")
-    assert exact < 1e-9
+    assert value(rows, "relative_rms_error", case="chebyshev, against exact") < 1e-9
     # Gauss-Legendre integrates the square root at the rim to order 3 only.
     errors = [
         value(rows, "relative_rms_error", case="legendre, against exact", x=x) for x in (4.0, 8.0)
@@ -110,12 +108,10 @@ def test_quadrature_needs_order_eight_and_ours_is_exact(rows):
 
 
 def test_bending_frequencies_are_those_of_the_audit(rows):
-    compared = check_audit(rows, "2.13", "frequency_Hz", 5e-4)
-    assert len(compared) == 2 * (3 * 4 + 2)
+    assert len(check_audit(rows, "2.13", "frequency_Hz", 5e-4)) == 2 * (3 * 4 + 2)
     far = {r.model: r.y for r in audited(rows, "2.13", "relative_to_euler_bernoulli")}
     for model, found in far.items():
-        expected = values.THEORY_DISTANCE_AUDIT["stiff", model]
-        assert found == pytest.approx(expected, abs=6e-4)
+        assert found == pytest.approx(values.THEORY_DISTANCE_AUDIT["stiff", model], abs=6e-4)
 
 
 def test_torsion_is_that_of_the_closed_form(rows):
@@ -189,8 +185,7 @@ def test_implicit_euler_steps_are_the_printed_ones_in_metres(rows):
         if k:  # the first one does not divide the motion
             assert value(rows, "mean_error_m", case=case) == pytest.approx(mean, abs=5e-6)
             assert value(rows, "largest_error_m", case=case) == pytest.approx(largest, abs=5e-6)
-        between = value(rows, "mean_error_between_m", case=case)
-        assert between == pytest.approx(accuracy, rel=0.15)
+        assert value(rows, "mean_error_between_m", case=case) == pytest.approx(accuracy, rel=0.15)
     for accuracy, step in ((10, 0.16), (1, 0.024)):
         case = f"implicit_euler, {accuracy} mm"
         assert value(rows, "step_s", model="pcc", case=case) == pytest.approx(step, rel=0.1)

@@ -249,8 +249,7 @@ class BeamMotion:
     @property
     def settings(self) -> Settings:
         """What it was simulated with; the steps are those of the last call."""
-        timestep = DURATION / self._steps
-        return Settings(self.name, self.n, timestep, self.method, self.tolerance)
+        return Settings(self.name, self.n, DURATION / self._steps, self.method, self.tolerance)
 
     def __call__(self) -> ndarray:
         """Tips (k, d) [m].

@@ -179,8 +179,7 @@ def end_axis(model: BeamModel, q: ndarray) -> ndarray:
     """Unit vectors (..., 3) along a head that is fixed to the end, at q (n,) or (T, n)."""
     radius = model.robot.outer_radius
     places = np.array([[0.0, 0.0], [radius, 0.0], [0.0, radius]])
-    points = model.positions(q, np.full(3, model.robot.length), places)
-    centre, x, y = np.moveaxis(points, -2, 0)
+    centre, x, y = np.moveaxis(model.positions(q, np.full(3, model.robot.length), places), -2, 0)
     axis = np.cross(x - centre, y - centre)
     return axis / np.linalg.norm(axis, axis=-1, keepdims=True)
 

@@ -120,8 +120,7 @@ def _orders(rows: list[Row]) -> Table:
     """A line per model and resolution: cost, and order of the error from the one before."""
     title = "Rig: time of an equilibrium, and order of its error, 1 / n^order (10 mm pulled in)"
     out = new_table(title, ("model", "physics"), ("n", "time [ms]", "order"))
-    mine = select(rows, case="rig_pull_10mm", kind="static")
-    for before, row in pairwise([None, *mine]):
+    for before, row in pairwise([None, *select(rows, case="rig_pull_10mm", kind="static")]):
         order = None
         if before is not None and before.model == row.model:
             order = f"{log2(before.e_max / row.e_max) / log2(row.n / before.n):.2f}"
@@ -410,8 +409,7 @@ def _draw_moving_rules(figure: SubFigure, rows: list[Row]) -> None:
         for integrator in _LINES:
             _draw_rules(axes, select(mine, integrator=integrator), "wall_time", integrator)
         others = sorted({row.n for row in mine if row.n != n})
-        title = f"{n} hinges" + "".join(f" (gauss3: {k})" for k in others)
-        _label(axes, title, "run time [ms]")
+        _label(axes, f"{n} hinges" + "".join(f" (gauss3: {k})" for k in others), "run time [ms]")
         plain_ticks(axes, "x")
         axes.set_ylim(0.02, 5)
     figure.axes[0].set_ylabel("mean tip error [mm]")

@@ -143,8 +143,7 @@ def _helix(follows: bool) -> Callable[[RobotParams, Section], SpatialCase]:
     """A tip moment across and about the rod."""
 
     def case(robot: RobotParams, section: Section) -> SpatialCase:
-        unit = section.bending / robot.length
-        moment = unit * np.array([0.8, 2.0, 1.5])
+        moment = section.bending / robot.length * np.array([0.8, 2.0, 1.5])
         load = Load("load", robot.length, moment=tuple(moment.tolist()), follows=follows)
         tip = helix(robot.length, section, moment, np.array([0.0, robot.length]), follows).tip
         return SpatialCase(robot, (load,), tip)

@@ -40,8 +40,7 @@ def loads(robot: RobotParams = ROBOT) -> tuple[Load, Load]:
 def beam_motion(contestant: Contestant, n: int, robot: RobotParams = ROBOT) -> BeamMotion:
     """The spiral of a beam model, with tips (301, 3)."""
     beam = contestant.build(robot, n, loads(robot), "spatial")
-    signal = signals.smooth(force, DURATION)
-    return BeamMotion(contestant.name, n, beam, signal, beam.tip, PERIOD)
+    return BeamMotion(contestant.name, n, beam, signals.smooth(force, DURATION), beam.tip, PERIOD)
 
 
 def chain_motion(

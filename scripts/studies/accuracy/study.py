@@ -105,8 +105,7 @@ def _share_step_times(rows: list[Row]) -> None:
 
 def hinge_numbers(robot: RobotParams, rule: str, quick: bool = False) -> tuple[int, ...]:
     """Numbers of hinges of a rule on a robot: tendons must end between pieces."""
-    thirds = len(RULES[rule]) == 3 and bool(robot.tendons)
-    numbers = HINGES_OF_THIRDS if thirds else HINGES
+    numbers = HINGES_OF_THIRDS if len(RULES[rule]) == 3 and bool(robot.tendons) else HINGES
     return numbers[:2] if quick else numbers
 
 
@@ -274,8 +273,7 @@ def static_rows(case: StaticCase, tips: dict[tuple[str, Physics], dict[int, ndar
         truth, length = case.truth(physics), case.robot.length
         row = limit_row(case.name, model, finest, physics, truth, length)
         # Where bending is not uniform, no rod is the limit of a continuum: reported, not checked.
-        unknown = physics == CONTINUUM and not case.uniform
-        found.append(_unchecked(row) if unknown else row)
+        found.append(_unchecked(row) if physics == CONTINUUM and not case.uniform else row)
     return found
 
 
@@ -413,8 +411,7 @@ def _speed_up(found: list[Row]) -> Iterator[Row]:
                 ratio = theirs.wall_time / best.wall_time
                 case = f"undamped spiral, error of PyElastica {theirs.n} or less: times faster"
                 row = goal(case, best, ratio, least=30.0)
-                checked = model == pyelastica_rod.CHAIN
-                yield row if checked else replace(row, limit=None, met=None)
+                yield row if model == pyelastica_rod.CHAIN else replace(row, limit=None, met=None)
 
 
 def _fastest(found: Iterable[Row]) -> Row | None:

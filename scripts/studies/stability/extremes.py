@@ -159,8 +159,7 @@ def tension_limit() -> Case:
     side folds. A St. Venant-Kirchhoff continuum (ANCF) has no equilibrium at this tension: its
     fibres soften under compression (`studies.truths.continuum_arc` finds none from about 75 N on).
     """
-    limit = ARM.tendons[-2].tension_limit
-    tension = np.array([0.0] * (len(ARM.tendons) - 2) + [limit, 0.0])
+    tension = np.array([0.0] * (len(ARM.tendons) - 2) + [ARM.tendons[-2].tension_limit, 0.0])
     tip = ConstantCurvatureStatics(ARM).tip(TendonMap(ARM).reduced(tension))
     pressed = tendon_tip(ARM, section(ARM, SHEAR.shear_coefficient), tension)
     case = Case("tension_limit", ARM, tension[None], 1.0, 8.0)
@@ -194,8 +193,7 @@ def straight(angle: float) -> Case:
 
 def longest_pair(name: str) -> Case:
     """A tension step with the longest pair alone, which leaves the number of pieces free."""
-    robot = replace(ARM, tendons=ARM.tendons[-2:])
-    return Case(name, robot, np.array([[20.0, 0.0]]), 1.0, 3.0)
+    return Case(name, replace(ARM, tendons=ARM.tendons[-2:]), np.array([[20.0, 0.0]]), 1.0, 3.0)
 
 
 def jobs(beams: tuple[str, ...], quick: bool = False) -> Iterator[runs.Job]:

@@ -87,8 +87,7 @@ def _case(case: str) -> list[FrontRow]:
         scene = build_scene(replace(config, **given))
         found, evaluations, cost = motion(scene, controls)
         error = float(np.linalg.norm(found - truth, axis=-1).max())
-        integrator = scene.timestep.integrator
-        rows.append(FrontRow(case, integrator, setting, error, evaluations, cost))
+        rows.append(FrontRow(case, scene.timestep.integrator, setting, error, evaluations, cost))
     return rows
 
 

@@ -414,5 +414,4 @@ class Row(Record):
         """The row of a run that was planned and ended so; `others` are further fields."""
         steps = {"timestep": plan.timestep, "integrator": plan.integrator}
         spent = {"wall_time": trace.wall_time, "duration": plan.timestep * plan.steps}
-        stable = verdict.outcome == STABLE
-        return cls(stable=stable, **vars(verdict), **steps, **spent, **others)
+        return cls(stable=verdict.outcome == STABLE, **vars(verdict), **steps, **spent, **others)

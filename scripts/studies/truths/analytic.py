@@ -139,8 +139,7 @@ def arc_tip(length: float, curvature: float) -> ndarray:
         curvature: k [1/m].
     """
     half = curvature * length / 2
-    chord = length * np.sinc(half / pi)
-    return chord * np.array([np.sin(half), np.cos(half)])
+    return length * np.sinc(half / pi) * np.array([np.sin(half), np.cos(half)])
 
 
 @dataclass(frozen=True)

@@ -110,5 +110,4 @@ def _toward_base(
         return np.array([y[1] / rod.bending, -weight * along[0], *along, axis @ along - 1])
 
     top = [angle, moment + head * robot.head.centre * np.sin(angle), 0.0, 0.0, 0.0]
-    span = (robot.length, 0.0)
-    return solve_ivp(slope, span, top, "DOP853", rtol=_RTOL, atol=_ATOL).y[:, -1]
+    return solve_ivp(slope, (robot.length, 0.0), top, "DOP853", rtol=_RTOL, atol=_ATOL).y[:, -1]

@@ -161,7 +161,6 @@ def _elastica(start: ndarray, length: float, force: ndarray, bending_stiffness: 
 
     def slope(_: float, y: ndarray) -> list[float]:
         sine, cosine = np.sin(y[2]), np.cos(y[2])
-        moment = force[1] * sine - force[0] * cosine
-        return [sine, cosine, y[3] / bending_stiffness, moment]
+        return [sine, cosine, y[3] / bending_stiffness, force[1] * sine - force[0] * cosine]
 
     return solve_ivp(slope, (0, length), start, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
