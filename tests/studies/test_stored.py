@@ -136,49 +136,47 @@ def test_a_tree_comes_back_with_equal_arrays_once(tmp_path):
         write_tree(tmp_path / "a.npz", [object()])
 
 
-def damage(folder: Path, how: str) -> None:
-    path = folder / "report.json"
-    report = json.loads(path.read_text())
-    if how == "cut":
-        path.write_text(path.read_text()[:-40])
-    elif how == "rows":
-        path.write_text(json.dumps({"meta": report["meta"], "rows": []}))
-    elif how == "foreign":
-        shutil.copy(RESULTS / "sections" / "report.json", path)
-    elif how == "type":
-        report["rows"][1]["value"] = "much"
-        path.write_text(json.dumps(report))
-    elif how == "other":
-        report["rows"][1]["value"] = 3.0
-        path.write_text(json.dumps(report))
-    elif how == "packed":
-        path.with_name("report.json.gz").write_bytes(gzip.compress(path.read_bytes())[:50])
-        path.unlink()
-    elif how == "drawn":
-        (folder / "drawn.npz").write_bytes(b"PK")
-    elif how == "arrays":
-        write_tree(folder / "drawn.npz", [1, 2])
-    elif how == "none":
-        path.unlink()
+def changed(path, **others):
+    path.write_text(json.dumps(json.loads(path.read_text()) | others))
 
 
-@pytest.mark.parametrize(
-    ("how", "told"),
-    {
-        "cut": "report.json is no report, or damaged",
-        "rows": "report.json is no report, or damaged",
-        "foreign": "row 1 is none of this benchmark",
-        "type": "row 2 is damaged: 'much' is no float",
-        "other": "drawn.npz belongs to another report",
-        "packed": "report.json.gz is no report, or damaged",
-        "drawn": "drawn.npz is no npz file of arrays, or damaged",
-        "arrays": "drawn.npz is not what pictures need",
-        "none": "report.json: there is no such report",
-    }.items(),
-)
-def test_damaged_and_foreign_files_are_refused_in_a_line(how, told, study, tmp_path, capsys):
+def with_value(path, value):
+    first, second, *rest = json.loads(path.read_text())["rows"]
+    changed(path, rows=[first, second | {"value": value}, *rest])
+
+
+def packed(path):
+    path.with_name("report.json.gz").write_bytes(gzip.compress(path.read_bytes())[:50])
+    path.unlink()
+
+
+#: What a damaged or foreign report is called, and what is done to its file.
+DAMAGED = {
+    "cut": ("report.json is no report, or damaged", lambda p: p.write_text(p.read_text()[:-40])),
+    "rows": ("report.json is no report, or damaged", lambda p: changed(p, rows=[])),
+    "foreign": (
+        "row 1 is none of this benchmark",
+        lambda p: shutil.copy(RESULTS / "sections" / "report.json", p),
+    ),
+    "type": ("row 2 is damaged: 'much' is no float", lambda p: with_value(p, "much")),
+    "other": ("drawn.npz belongs to another report", lambda p: with_value(p, 3.0)),
+    "packed": ("report.json.gz is no report, or damaged", packed),
+    "drawn": (
+        "drawn.npz is no npz file of arrays, or damaged",
+        lambda p: p.with_name("drawn.npz").write_bytes(b"PK"),
+    ),
+    "arrays": (
+        "drawn.npz is not what pictures need",
+        lambda p: write_tree(p.with_name("drawn.npz"), [1, 2]),
+    ),
+    "none": ("report.json: there is no such report", lambda p: p.unlink()),
+}
+
+
+@pytest.mark.parametrize(("told", "damage"), DAMAGED.values(), ids=DAMAGED)
+def test_damaged_and_foreign_files_are_refused_in_a_line(told, damage, study, tmp_path, capsys):
     stored.write(tmp_path / "laws", run(True), "softrobot benchmark laws")
-    damage(tmp_path / "laws", how)
+    damage(tmp_path / "laws" / "report.json")
     assert told in refused(["benchmark", "laws", "--out", tmp_path, "--redraw"], capsys)
 
 
