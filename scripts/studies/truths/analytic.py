@@ -44,21 +44,16 @@ def euler_bernoulli_deflection(
 
 
 def timoshenko_deflection(
-    length: float,
-    bending_stiffness: float,
-    shear_stiffness: float,
-    distributed: float = 0.0,
-    force: float = 0.0,
-    moment: float = 0.0,
+    length: float, bending_stiffness: float, shear_stiffness: float, distributed: float
 ) -> float:
-    """As `euler_bernoulli_deflection`, of a beam that also shears: (q L^2 / 2 + F L) / kGA more.
+    """As `euler_bernoulli_deflection`, of a beam that also shears: q L^2 / (2 kGA) more.
 
     Args:
-        length, bending_stiffness, distributed, force, moment: As there.
+        length, bending_stiffness, distributed: As there.
         shear_stiffness: kGA [N], k being the shear coefficient.
     """
-    bending = euler_bernoulli_deflection(length, bending_stiffness, distributed, force, moment)
-    return bending + (distributed * length**2 / 2 + force * length) / shear_stiffness
+    bending = euler_bernoulli_deflection(length, bending_stiffness, distributed)
+    return bending + distributed * length**2 / 2 / shear_stiffness
 
 
 def clamped_free_root(n: int) -> float:

@@ -18,12 +18,7 @@ from softrobot_env.thesis.rig.spatial_piece import (
 
 @kernel
 def residual(
-    piece: RigPiece,
-    y: ndarray,
-    v: ndarray,
-    a: ndarray,
-    tension: ndarray,
-    out: ndarray,
+    piece: RigPiece, y: ndarray, v: ndarray, a: ndarray, tension: ndarray, out: ndarray
 ) -> None:
     """Set out (2,) [N m] to M a + k - q - B F, zero on every motion, (5.18).
 

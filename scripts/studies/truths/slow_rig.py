@@ -74,12 +74,7 @@ class RigStatics:
 
 @kernel
 def _visit(
-    rig: _Rig,
-    lengths: ndarray,
-    now: ndarray,
-    y: ndarray,
-    tension: ndarray,
-    outputs: ndarray,
+    rig: _Rig, lengths: ndarray, now: ndarray, y: ndarray, tension: ndarray, outputs: ndarray
 ) -> int:
     """Set outputs (n, 2) and the state now (3,), y (2,), tension (3,); number of points reached."""
     point, jacobian = np.empty(3), np.empty((3, 2))
@@ -134,12 +129,7 @@ def _imbalance(rig: _Rig, y: ndarray, tension: ndarray, out: ndarray) -> None:
 
 @kernel
 def _drag(
-    rig: _Rig,
-    lengths: ndarray,
-    y: ndarray,
-    before: ndarray,
-    tension: ndarray,
-    give: ndarray,
+    rig: _Rig, lengths: ndarray, y: ndarray, before: ndarray, tension: ndarray, give: ndarray
 ) -> None:
     """Set the tensions (3,) [N] on the rig and by what stiffness (3,) [N/m] they follow it."""
     piece, arc, pretension, stiffness, friction = rig

@@ -40,11 +40,7 @@ class SpatialShape:
 
 
 def helix(
-    length: float,
-    section: Section,
-    moment: ndarray,
-    stations: ndarray,
-    follows: bool = False,
+    length: float, section: Section, moment: ndarray, stations: ndarray, follows: bool = False
 ) -> SpatialShape:
     """The helix that a moment at the tip makes of a rod without forces (Kirchhoff 1859).
 

@@ -68,11 +68,7 @@ def tendon_rod(
 
 
 def _integrated(
-    slope: Slope,
-    y: ndarray,
-    breaks: Sequence[ndarray],
-    stations: ndarray,
-    rtol: float = _RTOL,
+    slope: Slope, y: ndarray, breaks: Sequence[ndarray], stations: ndarray, rtol: float = _RTOL
 ) -> ndarray:
     """States (k + 1, n) at stations (k,) [m] and at the last break, from the first on.
 
