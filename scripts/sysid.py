@@ -26,15 +26,15 @@ from numpy import ndarray
 
 from softrobot_env.commands.output import new_results
 from softrobot_env.core.files import write_text
-from softrobot_env.core.runs import Record
 from softrobot_env.envs.simulation.plants import MujocoPlant
 from softrobot_env.evaluation.report import write_json
 from softrobot_env.identification.fit import path
 from softrobot_env.identification.fit.dynamics import Dynamics, dynamics_of, windows_of
 from softrobot_env.recordings import Recording
-from softrobot_env.rendering.tables import Column, make_table, text_page
+from softrobot_env.rendering.tables import text_page
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import Scene, scene_xml
+from studies.lab import Record, quantity, table
 from studies.truths.rubbing_rod import BELIEVED, Truth, drawn, recorded
 
 SEEDS = (1000, 1001, 1002)
@@ -42,7 +42,7 @@ _STAGES = ("frame", "statics", "dynamics")
 _MM = 1e-3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SysidRow(Record):
     """What was found of a rod.
 
@@ -58,33 +58,26 @@ class SysidRow(Record):
         time: [s].
     """
 
-    rod: int
+    rod: int = quantity("", "d")
     by: str
-    damping: float
-    friction: float
+    damping: float = quantity("%", "+.1f")
+    friction: float = quantity("%", "+.1f")
     damping_size: float
     friction_size: float
     inside: bool
-    interval: float
-    delay: float
-    rms: float
-    time: float
+    interval: float = quantity("%", ".1f", "95 %: +-")
+    delay: float = quantity("ms", "+.1f")
+    rms: float = quantity("mm", ".2f", "RMS")
+    time: float = quantity("s", ".1f")
 
 
-def _row(
-    by: str, seed: int, damping: float, friction: float, interval: float, **own: float
-) -> SysidRow:
-    return SysidRow(
-        rod=seed,
-        by=by,
-        damping=damping,
-        friction=friction,
-        damping_size=abs(damping),
-        friction_size=abs(friction),
-        inside=bool(abs(np.log1p(damping)) <= interval),
-        interval=interval,
-        **own,
-    )
+def _row(by: str, seed: int, *errors: float, interval: float, **own: float) -> SysidRow:
+    """A row, from relative errors of damping and friction."""
+    damping, friction = map(float, errors)
+    inside = bool(abs(np.log1p(damping)) <= interval)
+    sizes = {"damping_size": abs(damping), "friction_size": abs(friction)}
+    found = {"damping": damping, "friction": friction, "inside": inside, "interval": interval}
+    return SysidRow(rod=seed, by=by, **found, **sizes, **own)
 
 
 def rows_of(seed: int) -> list[SysidRow]:
@@ -107,8 +100,8 @@ def rows_of(seed: int) -> list[SysidRow]:
     ours = _row(
         "softrobot",
         seed,
-        damping=float(np.exp(own.values[0]) / truth.damping - 1),
-        friction=float(first * np.exp(own.friction[0]) / truth.friction - 1),
+        np.exp(own.values[0]) / truth.damping - 1,
+        first * np.exp(own.friction[0]) / truth.friction - 1,
         interval=float(1.96 * own.deviation[0]),
         delay=own.delay - truth.delay,
         rms=own.after,
@@ -153,8 +146,8 @@ def _by_sysid(seed: int, truth: Truth, robot: RobotParams, windows: Recording) -
     return _row(
         "mujoco.sysid",
         seed,
-        damping=float(np.exp(damping) / truth.damping - 1),
-        friction=float(first * np.exp(rubs) / truth.friction - 1),
+        np.exp(damping) / truth.damping - 1,
+        first * np.exp(rubs) / truth.friction - 1,
         interval=float(half[0]),
         delay=delay - truth.delay,
         rms=_MM * float(np.sqrt(3 * np.mean(np.concatenate(left) ** 2))),
@@ -215,22 +208,13 @@ def main() -> None:
     parser.add_argument("--overwrite", action="store_true")
     args = parser.parse_args()
     rows = [row for seed in SEEDS for row in rows_of(seed)]
-    columns = (
-        Column("rod", "rod", "d"),
-        Column("by"),
-        Column("damping %", "damping", "+.1f", "%"),
-        Column("95 %: +-", "interval", ".1f", "%"),
-        Column("friction %", "friction", "+.1f", "%"),
-        Column("delay ms", "delay", "+.1f", "ms"),
-        Column("RMS mm", "rms", ".2f", "mm"),
-        Column("time s", "time", ".1f"),
-    )
+    shown = "rod", "by", "damping", "interval", "friction", "delay", "rms", "time"
+    (found,) = table("Rods in motion: errors of what was found", *shown)(rows)
     command = "python scripts/sysid.py " + " ".join(sys.argv[1:])
-    table = make_table("Rods in motion: errors of what was found", columns, rows)
     out = args.out / "sysid"
     with new_results(out, args.overwrite):
         write_json(out / "report.json", [row.row() for row in rows], command)
-        write_text(out / "report.md", text_page("Damping by mujoco.sysid", table, command))
+        write_text(out / "report.md", text_page("Damping by mujoco.sysid", found, command))
     print((out / "report.md").read_text())
 
 
