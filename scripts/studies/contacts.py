@@ -247,7 +247,7 @@ class Run:
 def judged(name: str, ratio: float, friction: float, steps: Sequence[int]) -> list[Cell]:
     """Cells of a scene with a stiffness and friction, one for each timestep over the rule's."""
     case = CASES[name]()
-    stiffness = ratio * _softest(case.robot)
+    stiffness = ratio * min(map(material_stiffness, case.robot.backbone.sections))  # the softest
     build = partial(case.build, stiffness, friction)
     with runs.unwarned():
         rule = build().timestep.timestep
@@ -264,11 +264,6 @@ def judged(name: str, ratio: float, friction: float, steps: Sequence[int]) -> li
         found["verdict"] = _verdict(own, error, about["uncertainty"], length)
         cells.append(Cell(**about, **found))
     return cells
-
-
-def _softest(robot: RobotParams) -> float:
-    """Stiffness [N/m2] of the skin of a robot's softest material."""
-    return min(material_stiffness(section) for section in robot.backbone.sections)
 
 
 def _own_run(case: Case, build: Callable[..., Touching], timestep: float | None) -> Run:

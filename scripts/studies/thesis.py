@@ -937,10 +937,6 @@ def _is_printed_step(row: Row) -> bool:
     return row.figure == "tab2.2" and row.case.endswith(" s")
 
 
-def _is_printed(row: Row) -> bool:
-    return _is_printed_step(row) or (row.thesis is not None and row.figure not in _SOLVERS)
-
-
 def _printed(rows: list[Row]) -> list[Table]:
     """All numbers that the thesis prints, except the tables of solvers."""
     make = table(
@@ -950,7 +946,9 @@ def _printed(rows: list[Row]) -> list[Table]:
         Column("thesis", _bound, ">"),
         Column("audit", lambda row: _shown(row, row.audit), ">"),
         Column("ours", lambda row: _shown(row, row.y), ">"),
-        where=_is_printed,
+        where=lambda row: (
+            _is_printed_step(row) or (row.thesis is not None and row.figure not in _SOLVERS)
+        ),
     )
     return make(sorted(rows, key=_place))
 

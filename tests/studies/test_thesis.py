@@ -8,7 +8,7 @@ import pytest
 from softrobot_env.robots import CANTILEVER_WEAK
 from studies import thesis
 from studies.lab import select
-from studies.thesis import MODELS, QUICK_PIECES, Row, build
+from studies.thesis import MODELS, QUICK_PIECES, build
 from studies.truths import thesis_values as values
 
 pytestmark = pytest.mark.slow
@@ -145,22 +145,15 @@ def test_random_states_are_admissible_and_evaluations_counted():
     assert thesis.evaluations(planar, implicit) == implicit.residuals + 4 * implicit.matrices
 
 
-def test_total_time_is_number_times_time():
-    counts = {"pcc": (10, 10**4), "cosserat": (10**3, 10**3), "ancf": (10**3, 10**7)}
-    single, numbers = ("2.16", "compiled"), ("2.17", "some")
-    rows = [
-        Row(*where, model, n, name, value)
-        for model, both in counts.items()
-        for n, count in enumerate(both, 1)
-        for where, name, value in (
-            (single, "evaluation_time_s", 1e-6 * n),
-            (numbers, "evaluations", count),
-        )
-    ]
-    out = thesis.total_rows(rows)
-    assert value(out, "computation_time_s", model="ancf", n=2) == pytest.approx(20)
-    assert value(out, "most_pieces_in_real_time", model="ancf") == 1
-    assert value(out, "fewest_pieces_with_more_than_ancf", model="pcc") is None
+def test_total_time_is_number_times_time(rows):
+    products = select(rows, figure="2.18", case="product", y_name="computation_time_s")
+    assert len(products) == len(MODELS) * len(QUICK_PIECES)
+    for row in products:
+        about = {"model": row.model, "n": row.n}
+        one = value(rows, "evaluation_time_s", figure="2.16", case="compiled", **about)
+        assert row.y == pytest.approx(value(rows, "evaluations", figure="2.17", **about) * one)
+    fast = [row.n for row in select(products, model="ancf") if row.y < 5]
+    assert value(rows, "most_pieces_in_real_time", figure="2.18") == max(fast, default=0)
 
 
 @pytest.mark.parametrize(

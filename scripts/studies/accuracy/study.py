@@ -311,22 +311,18 @@ def dynamic_rows(case: str, limits: Limits, quick: bool) -> list[Row]:
     robot, truth, name = MOTIONS[case].ROBOT, limits[case, BENDING.name], DISTRIBUTED.name
     chain = MOTIONS[case].chain_limit(quick)
     found = [_pair(case, f"mujoco_chain/gauss2 / {name}", chain, truth, robot)]
-    for contestant in CONTESTANTS:
-        if contestant.physics != BENDING:
-            other = limits[case, contestant.physics.name]
-            pair = f"{contestant.name} / {name} (other physics)"
-            # Not a check: what shear and extension do to the motion.
-            found.append(_unchecked(_pair(case, pair, other, truth, robot)))
-    return found if quick else found + list(_slender_rows(case, slender(robot)))
-
-
-def _slender_rows(case: str, robot: RobotParams) -> Iterator[Row]:
-    truth = case_limit(case, DISTRIBUTED, True, robot)
-    for contestant in CONTESTANTS:
-        if contestant.physics != BENDING:
-            limit = case_limit(case, contestant, True, robot)
-            pair = f"{contestant.name} / {DISTRIBUTED.name}, slender"
-            yield _pair(case, pair, limit, truth, robot)
+    others = [one for one in CONTESTANTS if one.physics != BENDING]
+    for one in others:
+        other, pair = limits[case, one.physics.name], f"{one.name} / {name} (other physics)"
+        # Not a check: what shear and extension do to the motion.
+        found.append(_unchecked(_pair(case, pair, other, truth, robot)))
+    if not quick:
+        thin = slender(robot)
+        truth = case_limit(case, DISTRIBUTED, True, thin)
+        for one in others:
+            limit, pair = case_limit(case, one, True, thin), f"{one.name} / {name}, slender"
+            found.append(_pair(case, pair, limit, truth, thin))
+    return found
 
 
 def _pair(case: str, pair: str, a: Limit, b: Limit, robot: RobotParams) -> Row:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from math import pi
 
 import numpy as np
@@ -74,19 +75,9 @@ def _loaded(force: float, post: tuple[float, float], radius: float, exact: Calla
     return Exact(config, lambda _: contact, lambda _: truth.pressed, tip)
 
 
-def _on_post() -> Exact:
-    """A rod bent over a thin post."""
-    return _loaded(0.06, (0.025, 0.2), 0.025, rod_on_post)
-
-
-def _round_cylinder() -> Exact:
-    """A rod bent round a thick one, on which it lies over an arc."""
-    return _loaded(0.3, (0.1, 0.15), 0.1, rod_round_cylinder)
-
-
-#: Name -> what makes the check.
+#: Name -> what makes the check; the rod bends over a thin post, and lies on an arc of a thick one.
 CHECKS: dict[str, Callable[[], Exact]] = {
     "propped cantilever": _propped,
-    "rod on post": _on_post,
-    "rod round cylinder": _round_cylinder,
+    "rod on post": partial(_loaded, 0.06, (0.025, 0.2), 0.025, rod_on_post),
+    "rod round cylinder": partial(_loaded, 0.3, (0.1, 0.15), 0.1, rod_round_cylinder),
 }
