@@ -22,9 +22,10 @@ from numpy import ndarray
 
 from softrobot_env.core.files import models_dir, write_text
 from softrobot_env.learned.network import Network
-from softrobot_env.robots import ARM, RIG, RobotParams
+from softrobot_env.robots import ARM, RIG
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.build import scene_xml
+from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.registry import SCENES
 from softrobot_env.tasks import Task, make_task
 from softrobot_env.thesis.rig.parameters import IdentifiedParameters
@@ -53,9 +54,17 @@ def sampled(task: Task, begin: float, end: float, axes: str, haste: float = 1.0)
     return points[:, ["xyz".index(axis) for axis in axes]].round(6)
 
 
-def tendons(robot: RobotParams) -> list[dict[str, Any]]:
-    """Where tendons run: offset from the axis [m], and the station [m] of their end."""
-    return [{"offset": list(t.offset), "end": t.end} for t in robot.tendons]
+def body(name: str, config: SceneConfig, axes: list[int]) -> dict[str, Any]:
+    """A robot without what moves it; tendons by offset from the axis and station of the end [m]."""
+    robot = config.robot
+    return {
+        "name": name,
+        "xml": scene_xml(config),
+        "axes": axes,
+        "length": robot.length,
+        "radius": robot.backbone.widest,
+        "tendons": [{"offset": list(t.offset), "end": t.end} for t in robot.tendons],
+    }
 
 
 def arm() -> dict[str, Any]:
@@ -65,13 +74,7 @@ def arm() -> dict[str, Any]:
     inputs = TendonMap(ARM)
     pulls = inputs.tension(np.eye(inputs.n_inputs)) - inputs.tension(-np.eye(inputs.n_inputs))
     network = Network.load(models_dir() / "qs_nn.npz")[0]
-    return {
-        "name": "arm",
-        "xml": scene_xml(SCENES["arm"]),
-        "axes": [0, 2],
-        "length": ARM.length,
-        "radius": ARM.backbone.widest,
-        "tendons": tendons(ARM),
+    return body("arm", SCENES["arm"], [0, 2]) | {
         "reference": {"approach": [], "lap": np.vstack([there, there[::-1]]).tolist()},
         "start": inputs.tension(np.array(task.start_input)).tolist(),
         "unit": "N",
@@ -86,14 +89,8 @@ def rig() -> dict[str, Any]:
     task, learnt = make_task("triangle"), IdentifiedParameters.load(RIG)
     lead, period = task.trajectory.approach, task.trajectory.period
     laps = lead + 2 * period  # at full speed; the tip sets out at rest after the approach
-    robot = learnt.believed(SCENES["rig"].robot)
-    return {
-        "name": "rig",
-        "xml": scene_xml(replace(SCENES["rig"], robot=robot)),
-        "axes": [0, 1],
-        "length": robot.length,
-        "radius": robot.backbone.widest,
-        "tendons": tendons(robot),
+    scene = replace(SCENES["rig"], robot=learnt.believed(SCENES["rig"].robot))
+    return body("rig", scene, [0, 1]) | {
         "reference": {
             "approach": np.vstack(
                 [sampled(task, 0.0, lead, "xy", haste=4.0), sampled(task, lead, laps, "xy")]
