@@ -76,8 +76,8 @@ def make_actuation(
 
 def points_only(stations: ndarray, offsets: ndarray | None = None) -> Actuation:
     """Material points (k,) [m] and (k, 2) [m] to be observed, without loads and tendons."""
-    stations = np.atleast_1d(np.asarray(stations, dtype=float))
-    offsets = np.zeros((len(stations), 2)) if offsets is None else np.asarray(offsets, dtype=float)
+    stations = np.atleast_1d(np.asarray(stations, float))
+    offsets = np.zeros((len(stations), 2)) if offsets is None else np.asarray(offsets, float)
     return _arrays((), (), "tension")._replace(point_station=stations, point_offset=offsets)
 
 
@@ -92,18 +92,18 @@ def _arrays(tendons: Sequence[Tendon], loads: Sequence[Load], drive: str) -> Act
         first.append(len(points))
     force, moment = _vectors([x.force for x in loads]), _vectors([x.moment for x in loads])
     return Actuation(
-        point_station=np.array([s for s, _ in points], dtype=float),
-        point_offset=np.array([o for _, o in points], dtype=float).reshape(-1, 2),
+        point_station=np.array([s for s, _ in points], float),
+        point_offset=np.array([o for _, o in points], float).reshape(-1, 2),
         load_force=force,
         load_moment=moment,
-        load_follows=np.array([x.follows for x in loads], dtype=bool),
+        load_follows=np.array([x.follows for x in loads], bool),
         moments=bool(moment.any()),
         followers=any(x.follows for x in loads),
-        guided=np.array([bool(t.guides) for t in tendons], dtype=bool),
+        guided=np.array([bool(t.guides) for t in tendons], bool),
         first=np.array(first),
-        channel=np.array([-1 if t.guides else channels.index(t) for t in tendons], dtype=int),
-        channel_offset=np.array([t.offset for t in channels], dtype=float).reshape(-1, 2),
-        channel_end=np.array([t.end for t in channels], dtype=float),
+        channel=np.array([-1 if t.guides else channels.index(t) for t in tendons], int),
+        channel_offset=np.array([t.offset for t in channels], float).reshape(-1, 2),
+        channel_end=np.array([t.end for t in channels], float),
         by_length=drive == "length",
         stiffness=_values(tendons, "stiffness"),
         pretension=_values(tendons, "pretension"),
@@ -168,11 +168,11 @@ def _check(robot: RobotParams, loads: Sequence[Load], drive: str) -> None:
 
 
 def _vectors(values: list[tuple[float, float, float]]) -> ndarray:
-    return np.array(values, dtype=float).reshape(-1, 3)
+    return np.array(values, float).reshape(-1, 3)
 
 
 def _values(tendons: Sequence[Tendon], name: str) -> ndarray:
-    return np.array([getattr(t, name) for t in tendons], dtype=float)
+    return np.array([getattr(t, name) for t in tendons], float)
 
 
 @kernel

@@ -17,7 +17,7 @@ from softrobot_env.core import equilibrium as equilibria
 from softrobot_env.core.continuation import Newton, find_equilibrium
 from softrobot_env.core.motion import IntegrationError, Motion, State, sample_times
 from softrobot_env.core.processes import one_blas_thread
-from softrobot_env.robots import RobotParams
+from softrobot_env.robots import Base, RobotParams
 from softrobot_env.robots.loads import Load
 
 #: Step of the difference by the loads' share, which most forces are linear in.
@@ -97,7 +97,7 @@ class BeamModel:
         if not (isinstance(pieces, Integral) and pieces >= 1):
             raise ValueError(f"pieces must be a whole number, at least one, got {pieces!r}")
         self.robot, self.loads, self.drive = robot, tuple(loads), drive
-        self.pieces = int(pieces)
+        self.pieces, self._base = int(pieces), robot.base or Base()
         self.edges = self._cut()
         self.data: Any = reference(self._data(make_actuation(robot, loads, drive)))
         self.input_names = tuple(x.name for x in (*robot.tendons, *loads))
@@ -291,7 +291,7 @@ class BeamModel:
         start = self.start() if start is None else start
         times = sample_times(duration, samples)
         q, v = (self._finite(x).copy() for x in start)
-        found, took = integration.samples(times, self.n), integration.effort()
+        found = integration.samples(times, self.n)
         # An adaptive method finds its step within a few steps of any small one.
         if tolerance is None:
             tolerance = 1e-6 if step is None else 1e-10
@@ -299,7 +299,7 @@ class BeamModel:
         width = mechanics.bandwidth(self.data)
         work = integration.workspace(self.n, width, len(scheme.b), self.n_inputs)
         given = (reference(x) for x in (scheme, control, self._signal(u), work))
-        code, reached = integration.integrate(self.data, *given, (q, v), found, took)
+        code, reached = integration.integrate(self.data, *given, (q, v), found)
         if code != integration.DONE:
             raise IntegrationError(
                 f"{integration.FAILURES[code]} at t = {reached:.4g} s ({method}, "
@@ -308,7 +308,7 @@ class BeamModel:
             )
         if self.warns:
             self.warn_of(found.q[-1])
-        return BeamMotion(*found, *took.counters.tolist(), *took.steps.tolist())
+        return BeamMotion(*found, *work.counters.tolist(), *work.steps.tolist())
 
     @one_blas_thread()
     def linearize(self, state: State, u: ndarray | None = None) -> linearization.StateSpace:
@@ -357,14 +357,12 @@ class BeamModel:
             (k, 3) or (T, k, 3) [m].
         """
         probe = self.probe(stations, offsets)
-        series = np.atleast_2d(np.ascontiguousarray(q, dtype=float))
+        series = np.atleast_2d(np.ascontiguousarray(q, float))
         if series.shape[1] != self.n:
             raise ValueError(f"need coordinates of {self.n} numbers each, got {np.shape(q)}")
         out = np.empty((len(series), len(probe.actuation.point_station), 3))
         _locate_series(probe, series, out)
-        base = self.robot.base
-        if base is not None:
-            out = out @ base.axes.T + np.array(base.position)
+        out = out @ self._base.axes.T + np.array(self._base.position)
         return out if np.ndim(q) == 2 else out[0]
 
     def probe(self, stations: ndarray, offsets: ndarray | None = None) -> Any:
@@ -393,10 +391,7 @@ class BeamModel:
         probe = self.probe(stations)
         out = np.empty((3 * len(stations), self.n))
         linearization.point_derivatives(probe, self._vector(q), out)
-        base = self.robot.base
-        if base is not None:
-            out = (base.axes @ out.reshape(-1, 3, self.n)).reshape(out.shape)
-        return out
+        return (self._base.axes @ out.reshape(-1, 3, self.n)).reshape(out.shape)
 
     def tendon_length(self, q: ndarray) -> ndarray:
         """(n_tendons,) [m] inside the robot at q (n,)."""
@@ -425,17 +420,15 @@ class BeamModel:
         q, v = self._vector(q), self._vector(v)
         out = np.empty(6)
         _momentum(self.data, q, v, out)
-        base = self.robot.base
-        if base is not None:
-            out = (out.reshape(2, 3) @ base.axes.T).ravel()
-            out[3:] += np.cross(base.position, out[:3])
+        out = (out.reshape(2, 3) @ self._base.axes.T).ravel()
+        out[3:] += np.cross(self._base.position, out[:3])
         return out
 
     # ------------------------------------------------------------------ arguments
 
     def _vector(self, x: ndarray) -> ndarray:
         """Coordinates, velocities or accelerations, whose shape the kernels rely on."""
-        x = np.ascontiguousarray(x, dtype=float)
+        x = np.ascontiguousarray(x, float)
         if x.shape != (self.n,):
             raise ValueError(f"states of this model have shape ({self.n},), got {x.shape}")
         return x
@@ -451,15 +444,15 @@ class BeamModel:
     def _inputs(self, u: ndarray | None) -> ndarray:
         if u is None:
             return np.zeros(self.n_inputs)
-        u = np.ascontiguousarray(u, dtype=float)
+        u = np.ascontiguousarray(u, float)
         if u.shape != (self.n_inputs,):
             raise ValueError(
                 f"inputs must have shape ({self.n_inputs},) for {', '.join(self.input_names)}; "
                 f"got {u.shape}"
             )
         if not np.all(np.isfinite(u)):
-            wrong = [f"{name!r} = {x}" for name, x in zip(self.input_names, u, strict=True)]
-            wrong = [text for text, x in zip(wrong, u, strict=True) if not np.isfinite(x)]
+            named = zip(self.input_names, u, strict=True)
+            wrong = [f"{name!r} = {x}" for name, x in named if not np.isfinite(x)]
             raise ValueError(f"inputs must be finite, got {', '.join(wrong)}")
         return u
 
@@ -489,7 +482,7 @@ class LoadedModel:
         self._zero, self.scale, self.moved = np.zeros(model.n), data.scale, model.moved
         width = mechanics.bandwidth(self._data)
         self._width, self._matrix = width, np.empty((model.n, 3 * width + 1))
-        self._pivot = np.empty(model.n, dtype=np.int64)
+        self._pivot = np.empty(model.n, np.int64)
 
     def _residual(self, q: ndarray, share: float) -> ndarray:
         for part, whole in zip(self._part, self._whole, strict=True):

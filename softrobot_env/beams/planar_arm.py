@@ -118,27 +118,21 @@ def _ends(arm, q, x, z, own_x, own_z):
 
 
 @kernel
-def _place(arm, q, jx, jz):
-    """Set the derivatives jx, jz (n, n) by q of the ends of the pieces."""
+def _swing(arm, q, v):
+    """Of the ends of the pieces, derivatives jx, jz (n, n) by q and accelerations ax, az (n,).
+
+    The latter at constant rates v (n,).
+    """
     length = arm.length
     x, z, own_x, own_z = np.empty((4, arm.n), q.dtype)
+    turn_x, turn_z, speed_x, speed_z, ax, az = np.zeros((6, arm.n), q.dtype)
+    jx, jz = np.zeros((2, arm.n, arm.n), q.dtype)
     _ends(arm, q, x, z, own_x, own_z)
-    for i in range(arm.n):
-        jx[i, i], jz[i, i] = own_x[i], own_z[i]
-        for k in range(i):
-            jx[i, k] = own_x[k] + length * (z[i] - z[k])
-            jz[i, k] = own_z[k] - length * (x[i] - x[k])
-            jx[k, i], jz[k, i] = 0, 0
-
-
-@kernel
-def _swing(arm, q, v, jx, jz, ax, az):
-    """Set the accelerations ax, az (n,) of the ends of the pieces at constant rates v (n,)."""
-    length = arm.length
-    turn_x, turn_z, speed_x, speed_z = np.zeros((4, arm.n), q.dtype)
     angle, rate = 0 * q[0], 0 * q[0]
     for i in range(arm.n):
         for k in range(i + 1):
+            jx[i, k] = own_x[k] + length * (z[i] - z[k])
+            jz[i, k] = own_z[k] - length * (x[i] - x[k])
             speed_x[i] += jx[i, k] * v[k]
             speed_z[i] += jz[i, k] * v[k]
         _, _, _, _, ddx, ddz = _turned(length * q[i])
@@ -148,20 +142,17 @@ def _swing(arm, q, v, jx, jz, ax, az):
         turn_z[i] = -rate * jx[i, i] + length * length * (c * ddz - s * ddx) * turning
         angle, rate = angle + length * q[i], rate + turning
     for i in range(arm.n):
-        ax[i], az[i] = 0, 0
         for k in range(i + 1):
             ax[i] += (turn_x[k] + length * (speed_z[i] - speed_z[k])) * v[k]
             az[i] += (turn_z[k] - length * (speed_x[i] - speed_x[k])) * v[k]
+    return jx, jz, ax, az
 
 
 @kernel
 def residual(arm, q, v, a, u, out):
     """Set out (n,) to M a + k + K (q + mu v) - B u, at rates and accelerations v, a (n,)."""
     n, length = arm.n, arm.length
-    ax, az = np.empty((2, n), q.dtype)
-    jx, jz = np.empty((2, n, n), q.dtype)
-    _place(arm, q, jx, jz)
-    _swing(arm, q, v, jx, jz, ax, az)
+    jx, jz, ax, az = _swing(arm, q, v)
     for i in range(n):
         out[i] = arm.stiffness * (q[i] + arm.damping_time * v[i])
         for j in range(len(u)):
@@ -181,10 +172,7 @@ def residual(arm, q, v, a, u, out):
 def inertia_forces(arm, q, v, mass, gyroscopic):
     """Set the mass matrix M (n, n) and the forces k (n,) quadratic in the rates v (n,)."""
     n, length = arm.n, arm.length
-    ax, az = np.empty((2, n), q.dtype)
-    jx, jz = np.empty((2, n, n), q.dtype)
-    _place(arm, q, jx, jz)
-    _swing(arm, q, v, jx, jz, ax, az)
+    jx, jz, ax, az = _swing(arm, q, v)
     mass[:], gyroscopic[:] = 0, 0
     for i in range(n):
         for k in range(i + 1):

@@ -35,11 +35,12 @@ from softrobot_env.robots.loads import Load
 #: Builds the model of a robot under some loads.
 Build = Callable[[RobotParams, Sequence[Load]], BeamModel]
 
+_METHOD = "sdirk4"
 _MAX_STEPS = 20_000  # in one control period
 _SECTIONS = 4  # per piece, or more: the angle between two sections is measured modulo 2 pi
 _CELLS = 24  # at least, of a shape for sensors
 _LARGEST_TURN = 2.0  # rad, from one section to the next
-_ITERATIONS = 8
+_ITERATIONS = 9
 _CURVATURE_ERROR = 1e-9  # of the curvature limit
 _DIFFERENCE = 1e-3  # of the curvature limit
 _RIGID, _WEIGHTLESS = 1e3, 1e-3  # modulus and density of a head's section, of the tip's
@@ -68,7 +69,6 @@ class SteppedModel:
         strain: float = 0.0,
         axes: slice = _PLANE,
         bending: str = "planar",
-        method: str = "sdirk4",
         step: float | None = None,
         tolerance: float = 1e-5,
     ) -> None:
@@ -80,22 +80,20 @@ class SteppedModel:
             strain: See `interfaces.PlantModel`.
             axes: Coordinates of the tip that are measured.
             bending: "planar" for a model in the x-z plane, or "spatial".
-            method: A key of `integration.METHODS`.
-            step: [s], fixed step; without it a method that estimates its error adapts it.
+            step: [s], fixed step; without it the error's estimate adapts it.
             tolerance: Error of a step, relative to the size of a large motion.
 
         Raises:
-            ValueError: Unknown method, or a method that needs a step.
+            ValueError: The step is not positive.
         """
         self.robot, self.strain, self._build = robot, strain, build
         self._axes, self._directions = axes, 1 if bending == "planar" else 2
-        self._method, self._step, self._tolerance = method, step, tolerance
+        self._step, self._tolerance = step, tolerance
         self._prepare()
 
     def __getstate__(self) -> dict:
         # References to compiled data cannot be copied; the same model is built again instead.
-        names = ("robot", "strain", "_build", "_axes", "_directions")
-        names += ("_method", "_step", "_tolerance")
+        names = ("robot", "strain", "_build", "_axes", "_directions", "_step", "_tolerance")
         return {name: self.__dict__[name] for name in names}
 
     def __setstate__(self, state: dict) -> None:
@@ -106,13 +104,12 @@ class SteppedModel:
         """Build the model, and what a step would otherwise build anew."""
         self._whole = headless(self.robot)
         self.model = model = self._build(self._whole, ())
-        scheme = integration.find_method(self._method, self._step)
+        scheme = integration.find_method(_METHOD, self._step)
         self._scheme = reference(scheme)
         self._signals: dict[tuple[int, float], tuple[ndarray, Any]] = {}
         width = mechanics.bandwidth(model.data)
         self._work = reference(integration.workspace(model.n, width, len(scheme.b), model.n_inputs))
         self._samples = integration.samples(np.zeros(2), model.n)
-        self._effort = integration.effort()
         self._prepare_readout()
 
     def _prepare_readout(self) -> None:
@@ -189,35 +186,30 @@ class SteppedModel:
         def read(q: ndarray) -> ndarray:
             return self.measure(q, np.zeros_like(q)).curvature
 
-        wanted = np.asarray(curvature, dtype=float)
+        wanted = np.asarray(curvature, float)
         limit, change = robot.curvature_limit, _DIFFERENCE * robot.curvature_limit
         applied = wanted.copy()
         try:
             q = posture(applied)
-            for iteration in range(_ITERATIONS + 1):
+            for _ in range(_ITERATIONS):
                 error = read(q) - wanted
                 if np.max(np.abs(error)) <= _CURVATURE_ERROR * limit:
                     return q
-                if iteration == _ITERATIONS:
-                    break
                 moved = [read(posture(applied + e, q)) for e in change * np.eye(wanted.size)]
                 jacobian = (np.stack(moved, axis=1) - (error + wanted)[:, None]) / change
                 applied = applied - np.linalg.solve(jacobian, error)
                 q = posture(applied, q)
+            raise EquilibriumError(f"moments do not converge in {_ITERATIONS} steps")
         except (EquilibriumError, np.linalg.LinAlgError) as reason:
-            raise ValueError(self._cannot_bend(wanted)) from reason
-        raise ValueError(self._cannot_bend(wanted))
+            raise ValueError(
+                f"{type(self.model).__name__} with {self.model.n} coordinates cannot take the "
+                f"start curvature {wanted.tolist()} 1/m; use more pieces or start from an "
+                "equilibrium (start_input)"
+            ) from reason
 
     def bare(self, loads: Sequence[Load] = ()) -> BeamModel:
         """The model of the robot without tendons and weight: its springs, and loads."""
         return self._build(replace(self._whole, tendons=(), gravity=(0.0, 0.0, 0.0)), loads)
-
-    def _cannot_bend(self, curvature: ndarray) -> str:
-        return (
-            f"{type(self.model).__name__} with {self.model.n} coordinates cannot take the start "
-            f"curvature {curvature.tolist()} 1/m; use more pieces or start from an equilibrium "
-            "(start_input)"
-        )
 
     # ------------------------------------------------------------------ motion
 
@@ -228,14 +220,14 @@ class SteppedModel:
         first = duration if self._step is None else self._step
         control = integration.Control(self._step is None, first, self._tolerance, _MAX_STEPS)
         given = (self.model.data, self._scheme, reference(control), signal, self._work)
-        self._effort.counters[:] = 0
+        self._work.counters[:] = 0
         self._samples.times[1] = duration
         self._work.formed[0] = 0.0  # a copy of the environment goes on without the old matrix
-        code, reached = integration.integrate(*given, (q, v), self._samples, self._effort)
+        code, reached = integration.integrate(*given, (q, v), self._samples)
         if code == integration.DONE:
             return None
         how = f"tolerance {self._tolerance:g}" if self._step is None else f"step {self._step:g} s"
-        return f"{integration.FAILURES[code]} after {reached:.4g} s of it ({self._method}, {how})"
+        return f"{integration.FAILURES[code]} after {reached:.4g} s of it ({_METHOD}, {how})"
 
     def _follow(self, control: ndarray, duration: float) -> Any:
         """The compiled signal of controls (n,), or of a path of them."""

@@ -34,26 +34,18 @@ class _Beam:
     Attributes:
         model: Path of its class.
         finer: Its pieces for each of the robot's, unless a number is given.
-        planar, spatial, twisting: Options of the class for motion in the plane, in space without
-            torsion where it can do without, and with it.
+        options: Of the class for motion in the plane, in space without torsion where it can do
+            without, and with it.
         strain, tolerance: See `plant.SteppedModel`.
         heads: Whether it takes the sections and discs that heads become.
     """
 
     model: str
     finer: int
-    planar: dict[str, Any]
-    spatial: dict[str, Any]
-    twisting: dict[str, Any]
-    strain: float
-    tolerance: float
+    options: tuple[dict[str, Any], ...]
+    strain: float = _STRAIN
+    tolerance: float = 1e-5
     heads: bool = True
-
-    def options(self, bending: str, torsion: bool) -> dict[str, Any]:
-        """Options of the class for a way to bend."""
-        if bending == "planar":
-            return self.planar
-        return self.twisting if torsion else self.spatial
 
 
 _BEAMS = Registry(
@@ -62,25 +54,15 @@ _BEAMS = Registry(
         "pcc": _Beam(
             "softrobot_env.beams.pcc:PCC",
             1,
-            *({"axes": axes} for axes in ("planar", "spatial", "torsion")),
+            tuple({"axes": axes} for axes in ("planar", "spatial", "torsion")),
             strain=0.0,
             tolerance=1e-3,
         ),
-        "cosserat": _Beam(
-            "softrobot_env.beams.cosserat:CosseratRod",
-            2,
-            {},
-            {},
-            {},
-            strain=_STRAIN,
-            tolerance=1e-5,
-        ),
+        "cosserat": _Beam("softrobot_env.beams.cosserat:CosseratRod", 2, ({}, {}, {})),
         "ancf": _Beam(
             "softrobot_env.beams.ancf:ANCF",
             4,
-            *({"dimension": dimension} for dimension in (2, 3, 3)),
-            strain=_STRAIN,
-            tolerance=1e-5,
+            tuple({"dimension": dimension} for dimension in (2, 3, 3)),
             heads=False,
         ),
     },
@@ -133,7 +115,8 @@ class BeamPlant:
                 f"robot {robot.name!r} has a head, which plant {self.name!r} has no sections for; "
                 f"take {', '.join(takers)} or the MuJoCo chain"
             )
-        options = beam.options(bending, torsion) | {"drive": actuation}
+        way = 0 if bending == "planar" else 1 + torsion
+        options = beam.options[way] | {"drive": actuation}
         return SteppedModel(
             robot,
             partial(_build, self, robot.head is not None, options),

@@ -27,12 +27,12 @@ class Signal(NamedTuple):
 
 def constant(values: ndarray) -> Signal:
     """Inputs (n_inputs,) that never change."""
-    return Signal(0.0, 1.0, np.array(values, dtype=float).reshape(1, 1, -1))
+    return Signal(0.0, 1.0, np.array(values, float).reshape(1, 1, -1))
 
 
 def held(values: ndarray, period: float) -> Signal:
     """Row i of values (k, n_inputs) from i * period on (zero-order hold)."""
-    return Signal(0.0, float(period), np.array(values, dtype=float)[:, None, :])
+    return Signal(0.0, float(period), np.array(values, float)[:, None, :])
 
 
 def smooth(function: Callable[[float], ndarray], duration: float, step: float = 2e-3) -> Signal:
@@ -45,7 +45,7 @@ def smooth(function: Callable[[float], ndarray], duration: float, step: float = 
 
     count = max(3, ceil(duration / step - 1e-9))
     times = np.linspace(0, duration, count + 1)
-    values = np.array([np.atleast_1d(function(t)) for t in times], dtype=float)
+    values = np.array([np.atleast_1d(function(t)) for t in times], float)
     spline = CubicSpline(times, values)
     coefficients = np.ascontiguousarray(spline.c[::-1].transpose(1, 0, 2))
     return Signal(0.0, duration / count, coefficients)

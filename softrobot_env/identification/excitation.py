@@ -23,7 +23,7 @@ from softrobot_env.identification.visits import RADIUS, TOTAL, VISIT, disk_point
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import robot_inputs
-from softrobot_env.scene.build import Scene, build_scene
+from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.registry import model_scene
 from softrobot_env.tasks import LONGEST, Task
 from softrobot_env.tasks.trajectories import SetPoints
@@ -185,8 +185,8 @@ def safe_scales(robot: RobotParams, ways: list[ndarray], limits: Excitation) -> 
     Raises:
         ValueError: One of them is not safe at all.
     """
-    judge = _Judge(robot, limits)
-    scales = [_largest(partial(judge.safe, way), limits.amplitude) for way in ways]
+    safe = _judge(robot, limits)
+    scales = [_largest(partial(safe, way), limits.amplitude) for way in ways]
     if min(scales) == 0:
         raise ValueError(
             f"robot {robot.name!r} breaks a limit however little it moves: allow more tension than "
@@ -195,41 +195,37 @@ def safe_scales(robot: RobotParams, ways: list[ndarray], limits: Excitation) -> 
     return np.array(scales)
 
 
-class _Judge:
-    """Whether the nominal robot at rest keeps within limits."""
+def _judge(robot: RobotParams, limits: Excitation) -> Callable[[ndarray, float], bool]:
+    """Whether the nominal robot at rest keeps within limits under a share of inputs (n_inputs,)."""
+    config = replace(model_scene(robot), sensors=())
+    scene, inputs, tendons = build_scene(config), robot_inputs(robot), config.robot.tendons
+    stiffness, pretension = (
+        np.array([getattr(t, name) for t in tendons]) for name in ("stiffness", "pretension")
+    )
+    straight = scene.tendon_length(scene.model.qpos_spring)
 
-    def __init__(self, robot: RobotParams, limits: Excitation) -> None:
-        config = replace(model_scene(robot), sensors=())
-        self._scene: Scene = build_scene(config)
-        self._limits, self._inputs = limits, robot_inputs(robot)
-        self._tendons = config.robot.tendons
-        self._most = limits.tension * np.array([t.tension_limit for t in robot.tendons])
-        self._idle = self._inputs.command(np.zeros(self._inputs.n_inputs))
-        self._posture = self._scene.equilibrium(self._idle)
-        self._rest = self._scene.tip(self._posture)
-        straight = self._scene.model.qpos_spring
-        self._straight = self._scene.tendon_length(straight)
+    def tension_of(command: ndarray, q: ndarray) -> ndarray:
+        if inputs.unit == "N":
+            return command
+        stretch = command - straight + scene.tendon_length(q)
+        return np.maximum(pretension + stiffness * stretch, 0.0)
 
-    def safe(self, way: ndarray, share: float) -> bool:
-        """Whether it does under a share of inputs (n_inputs,)."""
-        command = self._inputs.command(share * way)
+    idle = inputs.command(np.zeros(inputs.n_inputs))
+    posture = scene.equilibrium(idle)
+    rest = scene.tip(posture)
+    allowed = limits.tension * np.array([t.tension_limit for t in robot.tendons])
+    most = np.maximum(allowed, tension_of(idle, posture))
+
+    def safe(way: ndarray, share: float) -> bool:
+        command = inputs.command(share * way)
         try:
-            q = self._scene.equilibrium(command, self._posture)
+            q = scene.equilibrium(command, posture)
         except (EquilibriumError, ValueError):
             return False
-        far = float(np.linalg.norm(self._scene.tip(q) - self._rest))
-        most = np.maximum(self._most, self._tension(self._idle, self._posture))
-        return far <= self._limits.radius and bool(np.all(self._tension(command, q) <= most))
+        near = np.linalg.norm(scene.tip(q) - rest) <= limits.radius
+        return bool(near and np.all(tension_of(command, q) <= most))
 
-    def _tension(self, command: ndarray, q: ndarray) -> ndarray:
-        if self._inputs.unit == "N":
-            return command
-        stretch = command - self._straight + self._scene.tendon_length(q)
-        stiffness, pretension = (
-            np.array([getattr(t, name) for t in self._tendons])
-            for name in ("stiffness", "pretension")
-        )
-        return np.maximum(pretension + stiffness * stretch, 0.0)
+    return safe
 
 
 def _largest(holds: Callable[[float], bool], most: float) -> float:
@@ -285,18 +281,16 @@ class _Moves:
         """Stay for some time [s]."""
         steps = round(time / self.period)
         last = min(steps, max(1, round(_MEASURED / self.period))) if measured else 0
-        if steps > last:
-            self._parts.append((np.tile(self.here, (steps - last, 1)), label, -1))
-        if last:
-            self._parts.append((np.tile(self.here, (last, 1)), label, self._rests))
-            self._rests += 1
+        for count, rest in ((steps - last, -1), (last, self._rests)):
+            if count:
+                self._parts.append((np.tile(self.here, (count, 1)), label, rest))
+        self._rests += last > 0
 
     def result(self) -> tuple[ndarray, ndarray, ndarray]:
         """Inputs (t, n_inputs), labels (t,) and rests (t,)."""
-        rows = np.concatenate([rows for rows, _, _ in self._parts])
-        labels = np.concatenate([np.full(len(rows), label) for rows, label, _ in self._parts])
-        rests = np.concatenate([np.full(len(rows), rest) for rows, _, rest in self._parts])
-        return rows, labels, rests
+        rows, labels, rests = zip(*self._parts, strict=True)
+        counts = [len(part) for part in rows]
+        return np.concatenate(rows), np.repeat(labels, counts), np.repeat(rests, counts)
 
 
 def _pulls(moves: _Moves, peaks: dict[str, ndarray], excitation: Excitation) -> None:
@@ -372,9 +366,9 @@ def resting_task(robot: RobotParams, duration: float, axes: str | None = None) -
             given.
     """
     chosen = axes or ("xz" if robot.moves_in_xz else "xyz")
-    clamp = (0.0, 0.0, 0.0) if robot.base is None else robot.base.position
     zero = (0.0,) * robot_inputs(robot).n_inputs
-    return Task("record", robot, SetPoints((clamp,), 1.0), duration, zero, axes=chosen)
+    still = SetPoints((robot.clamp.position,), 1.0)
+    return Task("record", robot, still, duration, zero, axes=chosen)
 
 
 def excite(

@@ -59,30 +59,27 @@ class Body:
             period: [s].
             torsion: Whether a spatial chain of MuJoCo twists, also where no tendon winds.
         """
-        options: dict[str, Any] = {"actuation": drive}
-        if torsion and plant == MUJOCO and not robot.is_planar:
-            options["torsion"] = True
-        if plant == MUJOCO and (pieces := entry_of(robot).pieces) is not None:
-            options["pieces"] = pieces
-        robot, self.period = twin.robot, period
-        self._robot, axes = robot, own_axes(robot)
+        own = self._robot = twin.robot
+        self.period = period
+        options: dict[str, Any] = {"actuation": drive, "axes": own_axes(own)}
         if plant == MUJOCO:
-            made = MujocoPlant(robot, period, axes=axes, **options)
-            self._model = made.nominal
+            if torsion and not robot.is_planar:
+                options["torsion"] = True
+            if (pieces := entry_of(robot).pieces) is not None:
+                options["pieces"] = pieces
+            made = MujocoPlant(own, period, **options)
+            self._simulation, self._model = made.simulation({}), made.nominal
         else:
-            made = BeamSimulations(robot, period, BeamPlant(plant), axes=axes, **options)
-        self._simulation = made.simulation({})
-        if plant != MUJOCO:
+            made = BeamSimulations(own, period, BeamPlant(plant), **options)
+            self._simulation = made.simulation({})
             self._model = self._simulation.plant.model
-        self._servos, self._offset = None, np.zeros(len(robot.tendons))
-        self._rubbing: RubbingForces | None = None
-        idle = [0.0 if drive == "length" else t.pretension for t in robot.tendons]
-        self._idle, self._slack = np.array(idle, dtype=float), np.zeros(len(idle))
+        self._servos, self._rubbing = None, None
+        pretension = np.array([t.pretension for t in own.tendons], float)
+        self._idle, zero = pretension, np.zeros_like(pretension)
+        self._offset = self._slack = self._play = self._horn = zero
         if drive == "length":
-            held = [t.pretension / t.stiffness for t in robot.tendons]
-            self._slack = np.array(held) + _LET_OUT * robot.length
-        self._play = self._horn = np.zeros_like(self._offset)
-        if drive == "length":
+            held = pretension / [t.stiffness for t in own.tendons]
+            self._idle, self._slack = zero, held + _LET_OUT * own.length
             self._play = np.array(twin.backlash) / 2
             self._offset = np.array(twin.servo_offset)
             self._servos = Servos(twin.servo_speed, twin.servo_offset, twin.backlash)
@@ -117,10 +114,8 @@ class Body:
         """
         if before is None:
             self._horn = control.copy()
-        last, self._horn = (
-            self._horn,
-            np.clip(self._horn, control - self._play, control + self._play),
-        )
+        last = self._horn
+        self._horn = np.clip(last, control - self._play, control + self._play)
         if before is None or self._simulation.data is None or not self._robot.has_friction:
             return self.at_rest(self._horn, before)
         model = self._model.model
@@ -339,18 +334,17 @@ def _equilibria(
             failures.append(f"row {row + 1}: {error}")
         if row % _SHOWN == 0:
             progress(row)
-    markers = recording.header.marker
-    simulated = np.full((len(controls), len(markers), 3), np.nan)
+    simulated = np.full_like(recording.markers, np.nan)
     if found:
-        simulated[list(found)] = body.markers(np.array(list(found.values())), markers)
+        states = np.array(list(found.values()))
+        simulated[list(found)] = body.markers(states, recording.header.marker)
     return simulated, failures
 
 
 def _motions(
     body: Body, recording: Recording, controls: ndarray, progress: Progress
 ) -> tuple[ndarray, list[str]]:
-    failures = []
-    simulated = np.full((len(controls), len(recording.header.marker), 3), np.nan)
+    simulated, failures = np.full_like(recording.markers, np.nan), []
     for run in range(int(recording.runs[-1]) + 1):
         rows = np.flatnonzero(recording.runs == run)
         part = recording.part(rows)
@@ -391,7 +385,7 @@ def _motion(
         states.append(body.q)
     places = body.markers(np.array(states), run.header.marker)
     reached = body.period * np.arange(len(places))
-    simulated = np.full((len(run.times), len(run.header.marker), 3), np.nan)
+    simulated = np.full_like(run.markers, np.nan)
     known = run.times <= reached[-1] + _EQUAL * body.period
     for k, marker in enumerate(run.header.marker):
         seen = run.times[known] - marker.delay_s
@@ -441,7 +435,7 @@ class ErrorRow:
 def error_rows(replay: Replay) -> list[ErrorRow]:
     """Errors of all rows, then of each pattern in the order of its first row."""
     patterns = replay.recording.patterns
-    whole = np.ones(len(patterns), dtype=bool)
+    whole = np.ones(len(patterns), bool)
     parts = {ALL: whole}
     if len(set(patterns)) > 1:
         parts |= {name: patterns == name for name in dict.fromkeys(patterns)}

@@ -149,7 +149,7 @@ def collect(
     """
     wanted = rng.permutation(disk_points() if points is None else points)
     lengths = nominal_lengths(robot, wanted, total)
-    measured = np.asarray(measure(lengths), dtype=float)
+    measured = np.asarray(measure(lengths), float)
     if measured.shape != wanted.shape or not np.all(np.isfinite(measured)):
         raise ValueError(
             f"measure must return finite outputs of shape {wanted.shape}, got shape "

@@ -65,7 +65,7 @@ class SensorArray:
         self._lag = np.zeros((count, joints))
         self._backlash = np.zeros((count, joints, len(optics.PLAY), 2))
         self._drift = np.zeros((count, size))
-        self._instant = np.zeros(count, dtype=int)
+        self._instant = np.zeros(count, int)
         self._due = np.zeros((count, size))
         self._held = np.zeros((count, size))
         self._ring = np.zeros((count, 1 + int(self._late.max()), size))

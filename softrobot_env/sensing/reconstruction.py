@@ -16,7 +16,7 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from softrobot_env.core.artifacts import Arrays
-from softrobot_env.robots import Base, RobotParams, Sensor
+from softrobot_env.robots import RobotParams, Sensor
 from softrobot_env.sensing.estimation import BendFilter, LightModel, calibrate
 
 #: The observable that every calibration reports.
@@ -81,7 +81,7 @@ def _terms(scaled: ndarray, powers: ndarray) -> ndarray:
 def _powers(features: int, order: int) -> ndarray:
     """Powers (terms, features) of all terms up to an order."""
     every = [
-        np.bincount(np.array(which, dtype=int), minlength=features)
+        np.bincount(np.array(which, int), minlength=features)
         for degree in range(order + 1)
         for which in combinations_with_replacement(range(features), degree)
     ]
@@ -167,7 +167,7 @@ class Arcs:
         bends = np.zeros((len(parts), 2, count))
         for k, (begin, end, bend) in enumerate(parts):
             bends[k] = bend * lengths[k] / (end - begin)
-        base, head = robot.base or Base(), robot.reach - robot.length
+        base, head = robot.clamp, robot.reach - robot.length
         return cls(lengths, bends, head, np.array(base.position), base.axes)
 
     def tip(self, features: ndarray) -> ndarray:
@@ -354,7 +354,7 @@ def reconstruct(
     Raises:
         ValueError: Too few postures.
     """
-    sensors, every = robot.sensors, np.ones(len(readings), dtype=bool)
+    sensors, every = robot.sensors, np.ones(len(readings), bool)
     lights = [
         calibrate(own, place, every, sensor) if sensor.kind == "spatial" else None
         for sensor, place, own in zip(sensors, places, _each(sensors, readings), strict=True)

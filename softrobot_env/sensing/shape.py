@@ -37,7 +37,7 @@ class Places:
         self.spans = self._nodes(spans, 2)
 
     def _nodes(self, places: list[tuple[float, ...]], size: int) -> ndarray:
-        flat = np.array(places, dtype=float).reshape(-1, size)
+        flat = np.array(places, float).reshape(-1, size)
         return np.abs(self.nodes - flat[..., None]).argmin(axis=-1)
 
     def turns(self, strain: ndarray) -> tuple[ndarray, ndarray]:

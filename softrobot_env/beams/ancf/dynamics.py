@@ -62,10 +62,9 @@ class AncfData(NamedTuple):
         straight: (n,) coordinates of the straight rod.
         point_element, point_position: (n_points,) element and X1 / piece of `actuation.point_*`.
         point_shape: (n_points, 2, d + 1) shape functions of both nodes there.
-        channel_pieces: (n_channels,) number of elements that a channel enters.
-        channel_weight, channel_slope: (n_channels, 2, k) and (n_channels, 2, k, 4), as in
-            `ElementPoints`; the second row is for the last of these elements, where the
-            channel may end inside.
+        sampled, entered: (m,) channel, and one of the elements that it enters.
+        channel_weight, channel_slope: (m, k) and (m, k, 4) in these, as in `ElementPoints`; a
+            channel may end inside its last one.
     """
 
     n: int
@@ -89,7 +88,8 @@ class AncfData(NamedTuple):
     point_element: ndarray
     point_position: ndarray
     point_shape: ndarray
-    channel_pieces: ndarray
+    sampled: ndarray
+    entered: ndarray
     channel_weight: ndarray
     channel_slope: ndarray
 
@@ -104,13 +104,6 @@ def nodal_vectors(model, q, clamp_factor):
     for i in range(len(q)):
         flat[fixed + i] = q[i]
     return flat.reshape((model.pieces + 1, d + 1, d))
-
-
-@kernel
-def _nodal_forces(model, out):
-    """Forces of zero (pieces + 1, d + 1, d), of the type of out."""
-    d = len(model.axes)
-    return np.zeros((model.pieces + 1, d + 1, d), out.dtype)
 
 
 @kernel
@@ -508,7 +501,8 @@ def add_wrenches(model, q, forces, moments, out):
     power M . w is then that of the forces (A^-1 M) x r_,k on the gradients.
     """
     d = len(model.axes)
-    x, f = nodal_vectors(model, q, 1.0), _nodal_forces(model, out)
+    x = nodal_vectors(model, q, 1.0)
+    f = np.zeros_like(x)
     directors = np.empty((2, 3), q.dtype)
     for k in range(len(model.point_element)):
         e, position = model.point_element[k], model.point_position[k]
@@ -544,14 +538,14 @@ def _spin(directors, moment):
 
 
 @kernel
-def _set_slope(model, x, c, e, p, out):
-    """Set out (d,) to dr / dX1 of channel c at its integration point p in element e."""
-    d, offset = len(model.axes), model.actuation.channel_offset[c]
-    last = 1 if e == model.channel_pieces[c] - 1 else 0
+def _set_slope(model, x, m, p, out):
+    """Set out (d,) to dr / dX1 of the channel and at integration point p of row m."""
+    d, e = len(model.axes), model.entered[m]
+    offset = model.actuation.channel_offset[model.sampled[m]]
     for b in range(d):
         slope = out.dtype.type(0)
         for i in range(4):
-            slope += model.channel_slope[c, last, p, i] * x[e + i // 2, i % 2, b]
+            slope += model.channel_slope[m, p, i] * x[e + i // 2, i % 2, b]
         for k in range(d - 1):
             slope += offset[k] / model.piece * (x[e + 1, k + 2, b] - x[e, k + 2, b])
         out[b] = slope
@@ -571,34 +565,29 @@ def channel_lengths(model, q, out):
     """Set out (n_channels,) [m] to the integrals of |dr / dX1| along the channels."""
     x = nodal_vectors(model, q, 1.0)
     slope = np.zeros(len(model.axes), q.dtype)
-    for c in range(len(out)):
-        out[c] = 0.0
-        for e in range(model.channel_pieces[c]):
-            last = 1 if e == model.channel_pieces[c] - 1 else 0
-            for p in range(model.channel_weight.shape[2]):
-                _set_slope(model, x, c, e, p, slope)
-                out[c] += model.channel_weight[c, last, p] * _length(slope)
+    out[:] = 0.0
+    for m in range(len(model.sampled)):
+        for p in range(model.channel_weight.shape[1]):
+            _set_slope(model, x, m, p, slope)
+            out[model.sampled[m]] += model.channel_weight[m, p] * _length(slope)
 
 
 @kernel
 def add_channel_forces(model, q, tension, out):
     """Add to out (n,) minus the gradient of tension (n_channels,) [N] times channel length."""
     d = len(model.axes)
-    x, f = nodal_vectors(model, q, 1.0), _nodal_forces(model, out)
-    slope = np.zeros(d, q.dtype)
-    for c in range(len(tension)):
-        offset = model.actuation.channel_offset[c]
-        for e in range(model.channel_pieces[c]):
-            last = 1 if e == model.channel_pieces[c] - 1 else 0
-            for p in range(model.channel_weight.shape[2]):
-                _set_slope(model, x, c, e, p, slope)
-                pull = tension[c] * model.channel_weight[c, last, p] / _length(slope)
-                for b in range(d):
-                    force = pull * slope[b]
-                    for i in range(4):
-                        shape = model.channel_slope[c, last, p, i]
-                        f[e + i // 2, i % 2, b] -= shape * force
-                    for k in range(d - 1):
-                        f[e, k + 2, b] += offset[k] / model.piece * force
-                        f[e + 1, k + 2, b] -= offset[k] / model.piece * force
+    x = nodal_vectors(model, q, 1.0)
+    f, slope = np.zeros_like(x), np.zeros(d, q.dtype)
+    for m in range(len(model.sampled)):
+        e, offset = model.entered[m], model.actuation.channel_offset[model.sampled[m]]
+        for p in range(model.channel_weight.shape[1]):
+            _set_slope(model, x, m, p, slope)
+            pull = tension[model.sampled[m]] * model.channel_weight[m, p] / _length(slope)
+            for b in range(d):
+                force = pull * slope[b]
+                for i in range(4):
+                    f[e + i // 2, i % 2, b] -= model.channel_slope[m, p, i] * force
+                for k in range(d - 1):
+                    f[e, k + 2, b] += offset[k] / model.piece * force
+                    f[e + 1, k + 2, b] -= offset[k] / model.piece * force
     add_nodal_forces(model, f, out)

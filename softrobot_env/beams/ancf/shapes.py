@@ -98,13 +98,14 @@ def point_shapes(position: ndarray, piece: float, offset: ndarray, d: int) -> nd
 
 
 def channel_rules(actuation: Actuation, piece: float, pieces: int) -> dict[str, ndarray]:
-    """Fields of `AncfData` about the channels: their whole elements and last ones."""
+    """Fields of `AncfData` about the channels."""
     at = actuation.channel_end / piece
-    entered = np.clip(np.ceil(at - 1e-9).astype(int), 1, pieces)
-    share = np.stack([np.ones(len(at)), at - (entered - 1)], axis=1)  # of an element
+    sampled, entered = np.nonzero(np.arange(pieces) < np.maximum(at[:, None] - 1e-9, 1e-9))
+    share = np.minimum(at[sampled] - entered, 1)[:, None]  # of an element
     xi, weight = legendre(_CHANNEL_POINTS)
     return {
-        "channel_pieces": entered,
-        "channel_weight": piece * share[:, :, None] * weight,
-        "channel_slope": hermite_slopes(share[:, :, None] * xi, piece),
+        "sampled": sampled,
+        "entered": entered,
+        "channel_weight": piece * share * weight,
+        "channel_slope": hermite_slopes(share * xi, piece),
     }

@@ -190,8 +190,7 @@ def curvatures(u, base, cells, kind):
     for n in range(first_vertex(base), len(u) - 1):
         w = relative(row4(u, n), row4(u, n + 1))
         factor = 2 / cells[n] * weighting(kind, w)[0]
-        for i in range(3):
-            kappa[n, i] = factor * w[i + 1]
+        store(kappa[n], scaled(factor, w[1:]))
     return kappa
 
 
@@ -293,7 +292,6 @@ def _set_rotation_rows(model, q, v, a, w, torque, out):
 
     The latter on acceleration level, p . a = -|v|^2 as in (2.43), with Baumgarte's terms.
     """
-    normal_inertia, norm_stiffness = model.normal_inertia, model.norm_stiffness
     z, inertia = model.baumgarte, model.inertia
     for k in range(len(w) - 1):
         j = 7 * k + 3
@@ -301,14 +299,13 @@ def _set_rotation_rows(model, q, v, a, w, torque, out):
         w_k, turned = row3(w, k + 1), quotient(p, ddp)
         square, radial = dot4(p, p), dot4(p, dp)
         factor = 2 / square
-        body = inertia[k]
-        spinning = stretched(body, w_k)
+        spinning = stretched(inertia[k], w_k)
         gyroscopic = cross(w_k, spinning)
         drag = factor * radial
-        rising = mix(factor, stretched(body, turned[1:]), -drag, spinning)
+        rising = mix(factor, stretched(inertia[k], turned[1:]), -drag, spinning)
         missing = add(rising, difference(gyroscopic, row3(torque, k + 1)))
         excess = 0.5 * (square - 1)
-        normal = norm_stiffness * excess + normal_inertia * (
+        normal = model.norm_stiffness * excess + model.normal_inertia * (
             dot4(p, ddp) + dot4(dp, dp) + 2 * z * radial + z * z * excess
         )
         row = times_vector(p, missing)
@@ -323,12 +320,10 @@ def solve_mass(model, q, force, out):
         j = vertex_index(model.base, n)
         for i in range(3):
             out[j + i] = force[j + i] / model.vertex_mass[n]
-    inertia = model.inertia
     for k in range(model.pieces):
-        j = 7 * k + 3
+        j, body = 7 * k + 3, model.inertia[k]
         p, f = quaternion_at(q, j), quaternion_at(force, j)
         square, x = dot4(p, p), quotient(p, f)
-        body = inertia[k]
         turn = (0.25 * x[1] / body[0], 0.25 * x[2] / body[1], 0.25 * x[3] / body[2])
         row = times_vector(p, turn)
         radial = x[0] / (model.normal_inertia * square * square)
@@ -542,16 +537,13 @@ def channel_lengths(model, q, out):
     base, first, samples = model.base, model.first_sample, model.samples
     u = sections(q, model.pieces)
     kappa = curvatures(u, base, model.cells, model.weighting)
-    zero = q[0] * 0
-    for c in range(len(out)):
-        out[c] = zero
-    for m in range(first[1]):
-        x = _channel_tangent((zero, zero, zero + 1), kappa, 0, samples[m])
-        out[model.sampled[m]] += samples[m, 0] * np.sqrt(dot3(x, x))
-    for k in range(model.pieces):
-        t = segment_vector(q, base, k, model.segments, row4(u, k + 1))
+    out[:] = 0
+    for k in range(-1, model.pieces):
+        t = (q[0] * 0, q[0] * 0, q[0] * 0 + 1)  # in the stub
+        if k >= 0:
+            t = segment_vector(q, base, k, model.segments, row4(u, k + 1))
         for m in range(first[k + 1], first[k + 2]):
-            x = _channel_tangent(t, kappa, k, samples[m])
+            x = _channel_tangent(t, kappa, max(k, 0), samples[m])
             out[model.sampled[m]] += (samples[m, 0] + samples[m, 1]) * np.sqrt(dot3(x, x))
 
 

@@ -150,7 +150,7 @@ class CosseratRod(BeamModel):
             bending=np.column_stack([bending, bending, torsion]),
             stretch_damping=backbone.damping(backbone.axial, stretched),
             bend_damping=backbone.damping(backbone.bending, self.edges),
-            gravity=np.array(robot.own_gravity, dtype=float),
+            gravity=np.array(robot.own_gravity, float),
             weighting=self.weighting,
             conservative=self.moments == "conservative",
             baumgarte=self.baumgarte,
@@ -167,7 +167,7 @@ class CosseratRod(BeamModel):
 
     def _cut(self) -> ndarray:
         """See `BeamModel`."""
-        self._paired = np.zeros(self.pieces, dtype=bool)
+        self._paired = np.zeros(self.pieces, bool)
         least = self.fewest(self.robot)
         if self.grid == "thesis" or least == 1 or self.pieces < least:
             return super()._cut()
@@ -346,7 +346,7 @@ class CosseratRod(BeamModel):
         return float(np.max(np.abs(np.linalg.norm(blocks[:, 3:], axis=1) - 1)))
 
     def _curvatures(self, q: ndarray, weighting: int) -> ndarray:
-        u = dynamics.sections(np.ascontiguousarray(q, dtype=float), self.pieces)
+        u = dynamics.sections(np.ascontiguousarray(q, float), self.pieces)
         return dynamics.curvatures(u, self.data.base, self.data.cells, weighting)[:-1]
 
 
@@ -354,7 +354,7 @@ def _joined(
     segment: ndarray, sampled: ndarray, samples: ndarray, channels: list[Tendon]
 ) -> tuple[ndarray, ndarray, ndarray]:
     """Samples with those of straight channels in the two halves of a segment made one."""
-    keep = np.ones(len(segment), dtype=bool)
+    keep = np.ones(len(segment), bool)
     for number, tendon in enumerate(channels):
         if tendon.is_straight:
             own = np.flatnonzero(sampled == number)

@@ -178,9 +178,11 @@ class Control(NamedTuple):
 
 @structure
 class Work(NamedTuple):
-    """Arrays of one integration: stages, and Newton's matrix with what it was formed for.
+    """Arrays of one integration: stages, Newton's matrix with what it was formed for, and efforts.
 
-    Stages are (s, n), states and u vectors, the rest belongs to Newton's iteration.
+    Stages are (s, n), states and u vectors; matrix to formed belong to Newton's iteration. counters
+    are (4,) int, rows STEPS to MATRICES, increased; steps (2,) [s] are set to the smallest and
+    largest step taken.
     """
 
     stage_v: ndarray
@@ -195,6 +197,8 @@ class Work(NamedTuple):
     matrix: ndarray
     pivot: ndarray
     formed: ndarray
+    counters: ndarray
+    steps: ndarray
 
 
 def workspace(n: int, width: int, stages: int, n_inputs: int) -> Work:
@@ -210,8 +214,10 @@ def workspace(n: int, width: int, stages: int, n_inputs: int) -> Work:
         change=np.zeros(n),
         u=np.zeros(n_inputs),
         matrix=np.zeros((n, 3 * width + 1)),
-        pivot=np.zeros(n, dtype=np.int64),
+        pivot=np.zeros(n, np.int64),
         formed=np.zeros(1),
+        counters=np.zeros(4, np.int64),
+        steps=np.zeros(2),
     )
 
 
@@ -238,26 +244,9 @@ class Samples(NamedTuple):
     v: ndarray
 
 
-class Effort(NamedTuple):
-    """What an integration took.
-
-    Attributes:
-        counters: (4,) int, rows STEPS to MATRICES, increased.
-        steps: (2,) [s], set to the smallest and largest step taken.
-    """
-
-    counters: ndarray
-    steps: ndarray
-
-
 def samples(times: ndarray, n: int) -> Samples:
     """Samples of n coordinates at times (k,) [s], to be filled."""
     return Samples(times, *np.empty((2, len(times), n)))
-
-
-def effort() -> Effort:
-    """That of an integration before it begins."""
-    return Effort(np.zeros(4, dtype=np.int64), np.zeros(2))
 
 
 @kernel
@@ -277,12 +266,12 @@ def _size(model, x):
 
 
 @kernel
-def _newton_matrix(model, q, v, a, h, work, counters):
+def _newton_matrix(model, q, v, a, h, work):
     """Form and factor K + D / h + M / h^2, the derivative by a stage's position; h = diagonal
     element times step."""
     iteration_matrix(model, q, v, a, work.u, 1 / h, 1 / h**2, work.matrix)
     work.formed[0] = h
-    counters[MATRICES] += 1
+    work.counters[MATRICES] += 1
     return band.factor(work.matrix, bandwidth(model), work.pivot)
 
 
@@ -301,13 +290,13 @@ def _place(h, work):
 
 
 @kernel
-def _correct(model, h, largest, work, counters):
+def _correct(model, h, largest, work):
     """One iteration of Newton's method; the size of the change it made.
 
     A change beyond `largest` times a coordinate's scale is shortened to it.
     """
     residual(model, work.q, work.v, work.a, work.u, work.change)
-    counters[RESIDUALS] += 1
+    work.counters[RESIDUALS] += 1
     band.solve(work.matrix, bandwidth(model), work.pivot, work.change)
     peak = 0.0
     for i in range(model.n):
@@ -320,12 +309,12 @@ def _correct(model, h, largest, work, counters):
 
 
 @kernel
-def _solve_stage(model, h, limit, work, counters):
+def _solve_stage(model, h, limit, work):
     """Simplified Newton iteration for a stage; its contraction, -1 if it fails."""
     _place(h, work)
     before, contraction = np.inf, 0.0
     for iteration in range(_NEWTON_ITERATIONS):
-        size = _correct(model, h, np.inf, work, counters)
+        size = _correct(model, h, np.inf, work)
         if not size < _HUGE:
             return -1.0
         if iteration > 0:
@@ -341,7 +330,7 @@ def _solve_stage(model, h, limit, work, counters):
 
 
 @kernel
-def _solve_stage_carefully(model, h, limit, hold, work, counters):
+def _solve_stage_carefully(model, h, limit, hold, work):
     """Newton iteration with a new matrix and a bounded change each time, for very large steps.
 
     It starts from constant position (hold) or velocity. Returns a slow contraction, so that the
@@ -352,9 +341,9 @@ def _solve_stage_carefully(model, h, limit, hold, work, counters):
     _place(h, work)
     before = np.inf
     for _ in range(_CAREFUL_ITERATIONS):
-        if not _newton_matrix(model, work.q, work.v, work.a, h, work, counters):
+        if not _newton_matrix(model, work.q, work.v, work.a, h, work):
             return -1.0
-        size = _correct(model, h, _CAREFUL_CHANGE, work, counters)
+        size = _correct(model, h, _CAREFUL_CHANGE, work)
         if not size < _HUGE:
             return -1.0
         if size < limit or (size < _ROUNDING and size > 0.5 * before):
@@ -377,7 +366,7 @@ def _start_stage(method, s, step, work, start_q, start_v):
 
 
 @kernel
-def _implicit_stages(model, method, signal, step, limit, careful, work, counters):
+def _implicit_stages(model, method, signal, step, limit, careful, work):
     """All stages of a diagonally implicit step; the worst contraction, -1 if one failed."""
     gamma, worst = method.diagonal * step.h, 0.0
     copy(step.a, work.a)
@@ -385,11 +374,11 @@ def _implicit_stages(model, method, signal, step, limit, careful, work, counters
         signals.evaluate(signal, step.t + _inside(method.c[s]) * step.h, work.u)
         _start_stage(method, s, step, work, work.start_q, work.start_v)
         if careful:
-            contraction = _solve_stage_carefully(model, gamma, limit, False, work, counters)
+            contraction = _solve_stage_carefully(model, gamma, limit, False, work)
             if contraction < 0:
-                contraction = _solve_stage_carefully(model, gamma, limit, True, work, counters)
+                contraction = _solve_stage_carefully(model, gamma, limit, True, work)
         else:
-            contraction = _solve_stage(model, gamma, limit, work, counters)
+            contraction = _solve_stage(model, gamma, limit, work)
         if contraction < 0:
             return -1.0
         worst = max(worst, contraction)
@@ -399,21 +388,21 @@ def _implicit_stages(model, method, signal, step, limit, careful, work, counters
 
 
 @kernel
-def _solve_stages(model, method, signal, step, limit, careful, work, counters):
+def _solve_stages(model, method, signal, step, limit, careful, work):
     """All stages with the old Newton matrix, else with a new one, else carefully; whether found."""
-    gamma = method.diagonal * step.h
-    fresh = False
+    gamma, fresh = method.diagonal * step.h, False
+    if gamma == 0:
+        _explicit_stages(model, method, signal, step, work)
+        return True
     for attempt in range(3 if careful else 2):
         if attempt == 1 and fresh:
             continue  # a new matrix was tried already
         fresh = work.formed[0] != gamma or attempt == 1
         if fresh and attempt < 2:
             signals.evaluate(signal, step.t, work.u)
-            if not _newton_matrix(model, step.q, step.v, step.a, gamma, work, counters):
+            if not _newton_matrix(model, step.q, step.v, step.a, gamma, work):
                 continue
-        contraction = _implicit_stages(
-            model, method, signal, step, limit, attempt == 2, work, counters
-        )
+        contraction = _implicit_stages(model, method, signal, step, limit, attempt == 2, work)
         if contraction > _SLOW:
             work.formed[0] = 0.0  # a new one for the next step
         if contraction >= 0:
@@ -425,7 +414,7 @@ def _solve_stages(model, method, signal, step, limit, careful, work, counters):
 
 
 @kernel
-def _explicit_stages(model, method, signal, step, work, counters):
+def _explicit_stages(model, method, signal, step, work):
     """All stages of an explicit step; the first is the state it starts from."""
     copy(step.v, work.stage_v[0])
     copy(step.a, work.stage_a[0])
@@ -434,7 +423,7 @@ def _explicit_stages(model, method, signal, step, work, counters):
         _start_stage(method, s, step, work, work.q, work.v)
         copy(work.v, work.stage_v[s])
         acceleration(model, work.q, work.v, work.u, work.stage_a[s])
-        counters[RESIDUALS] += 1
+        work.counters[RESIDUALS] += 1
 
 
 @kernel
@@ -492,17 +481,7 @@ def _is_healthy(model, q, v):
 
 
 @kernel
-def _attempt(model, method, signal, step, limit, careful, work, counters):
-    """Try a step: put the new state into work; the relative error estimate, -1 if Newton failed."""
-    if method.diagonal == 0:
-        _explicit_stages(model, method, signal, step, work, counters)
-    elif not _solve_stages(model, method, signal, step, limit, careful, work, counters):
-        return -1.0
-    return _advance(model, method, step, work)
-
-
-@kernel
-def _complete(model, method, signal, t, h, work, counters):
+def _complete(model, method, signal, t, h, work):
     """Project the new state in work, reached at t, and set its acceleration."""
     project(model, work.q, work.v)
     if method.last and method.diagonal > 0:
@@ -510,11 +489,11 @@ def _complete(model, method, signal, t, h, work, counters):
     else:
         signals.evaluate(signal, t - _NUDGE * h, work.u)
         acceleration(model, work.q, work.v, work.u, work.a)
-        counters[RESIDUALS] += 1
+        work.counters[RESIDUALS] += 1
 
 
 @kernel
-def _restart(model, signal, step, before, work, counters):
+def _restart(model, signal, step, before, work):
     """Set the acceleration anew if held inputs jump where a step begins."""
     if signal.coefficients.shape[0] == 1 or signal.coefficients.shape[1] > 1:
         return
@@ -523,7 +502,7 @@ def _restart(model, signal, step, before, work, counters):
     for j in range(len(before)):
         if before[j] != work.u[j]:
             acceleration(model, step.q, step.v, work.u, step.a)
-            counters[RESIDUALS] += 1
+            work.counters[RESIDUALS] += 1
             return
 
 
@@ -577,19 +556,19 @@ def _first_step(control, duration):
 
 
 @kernel
-def integrate(model, method, control, signal, work, state, samples, effort):
+def integrate(model, method, control, signal, work, state, samples):
     """Integrate from the first time of the samples to the last.
 
     Args:
         model: Data of a model.
         method, control, signal, work: `Method`, `Control`, `signals.Signal`, `Work`.
         state: Initial q and v (n,); the last state on return.
-        samples, effort: `Samples` and `Effort`, filled.
+        samples: `Samples`, filled.
 
     Returns:
         A code out of DONE, ..., and the time [s] reached.
     """
-    (q, v), times, (counters, steps) = state, samples.times, effort
+    (q, v), times, counters, steps = state, samples.times, work.counters, work.steps
     t, end, a = times[0], times[-1], np.empty(model.n)
     wish, smallest = _first_step(control, end - t), _SMALLEST_STEP * (end - t)
     limit = _NEWTON_SHARE * control.tolerance
@@ -606,7 +585,9 @@ def integrate(model, method, control, signal, work, state, samples, effort):
         h = min(wish, _longest_step(signal, t), end - t) if control.adaptive else wish
         careful = not control.adaptive  # an adaptive step is shortened instead
         step = Step(t, h, q, v, a)
-        error = _attempt(model, method, signal, step, limit, careful, work, counters)
+        error = -1.0  # where Newton's iteration failed
+        if _solve_stages(model, method, signal, step, limit, careful, work):
+            error = _advance(model, method, step, work)
         factor = _step_factor(method, error, control.tolerance) if control.adaptive else 1.0
         if error < 0 or (control.adaptive and not error <= control.tolerance):
             counters[REJECTED] += 1
@@ -617,7 +598,7 @@ def integrate(model, method, control, signal, work, state, samples, effort):
             continue
         if not _is_healthy(model, work.q, work.v):
             return DIVERGED, t
-        _complete(model, method, signal, t + h, h, work, counters)
+        _complete(model, method, signal, t + h, h, work)
         done = _sample(samples, done, step, work)
         copy(work.q, q)
         copy(work.v, v)
@@ -631,7 +612,7 @@ def integrate(model, method, control, signal, work, state, samples, effort):
             repeated = False
         else:
             t = times[0] + taken * h  # without the rounding of a sum
-        _restart(model, signal, Step(t, h, q, v, a), before, work, counters)
+        _restart(model, signal, Step(t, h, q, v, a), before, work)
     return DONE, t
 
 

@@ -12,6 +12,7 @@ from softrobot_env.beams.numerics.quaternions import (
     accumulate,
     add,
     cross,
+    difference,
     dot3,
     scaled,
     store,
@@ -41,11 +42,12 @@ COLUMNS = 10
 
 
 @kernel
-def _set_rotations(block, length, q, out):
+def _set_rotations(model, q, out):
     """Set out (pieces, 3) to the pieces' rotation vectors l (-gamma, beta, tau) [rad].
 
-    The lengths l are (pieces,). Linear in q, so also for rates and accelerations.
+    Linear in q, so also for rates and accelerations.
     """
+    block, length = model.block, model.length
     for i in range(len(out)):
         j = i * block
         out[i, 0] = -length[i] * q[j + 1] if block > 1 else 0 * q[j]
@@ -57,19 +59,20 @@ def _set_rotations(block, length, q, out):
 def _turns(model, q):
     """The same of a model, (pieces, 3)."""
     turns = np.empty((model.pieces, 3), q.dtype)
-    _set_rotations(model.block, model.length, q, turns)
+    _set_rotations(model, q, turns)
     return turns
 
 
 @kernel
-def _add_generalised(block, length, i, load, out):
+def _add_generalised(model, i, load, out):
     """Add a generalised force on the rotation vector of piece i to that on the coordinates."""
+    block, length = model.block, model.length[i]
     k = i * block
-    out[k] += length[i] * load[1]
+    out[k] += length * load[1]
     if block > 1:
-        out[k + 1] -= length[i] * load[0]
+        out[k + 1] -= length * load[0]
     if block > 2:
-        out[k + 2] += length[i] * load[2]
+        out[k + 2] += length * load[2]
 
 
 # ---------------------------------------------------------------- equations of motion
@@ -78,30 +81,34 @@ def _add_generalised(block, length, i, load, out):
 @kernel
 def internal_residual(model, q, v, a, out):
     """M a + k + elastic and damping forces less gravity (n,), by the Newton-Euler recursion."""
-    block, length = model.block, model.length
-    work = np.empty((model.pieces, COLUMNS, 3), out.dtype)
-    _set_rotations(block, length, q, work[:, ROTATION])
-    _set_rotations(block, length, v, work[:, RATE])
-    _set_rotations(block, length, a, work[:, SECOND])
-    _inertial_wrenches(length, model.gravity, model.first[0], model.bodies, work)
+    work = np.zeros((model.pieces, COLUMNS, 3), out.dtype)
+    _set_rotations(model, q, work[:, ROTATION])
+    _set_rotations(model, v, work[:, RATE])
+    _set_rotations(model, a, work[:, SECOND])
+    _add_inertial_wrenches(model, work)
     for k in range(len(out)):
-        i = k // block
-        stiffness = model.twisting[i] if k % block == 2 else model.bending[i]
-        out[k] = stiffness * (q[k] + model.damping_time[i] * v[k])
-    _gather(block, length, work, out)
+        i = k // model.block
+        out[k] = _stiffness(model, k) * (q[k] + model.damping_time[i] * v[k])
+    _gather(model, work, out)
 
 
 @kernel
-def _inertial_wrenches(length, gravity, first, bodies, work):
+def _stiffness(model, k):
+    """Stiffness against coordinate k."""
+    i = k // model.block
+    return model.twisting[i] if k % model.block == 2 else model.bending[i]
+
+
+@kernel
+def _add_inertial_wrenches(model, work):
     """Complete the work array with what moves the bodies, given the rotations."""
+    length, first, bodies = model.length, model.first[0], model.bodies
     zero = 0 * work[0, 0, 0]
-    omega, alpha = (zero, zero, zero), (zero, zero, zero)
+    omega = alpha = zero, zero, zero
     # Gravity acts like an upward acceleration of the clamp.
-    rise = (zero - gravity[0], zero - gravity[1], zero - gravity[2])
+    rise = difference(omega, model.gravity)
     for i in range(len(work)):
         row, last = work[i], first[i + 1] - 1
-        for d in range(FORCE, COLUMNS):
-            store(row[d], (zero, zero, zero))
         whole, rate, second = vector(row[ROTATION]), vector(row[RATE]), vector(row[SECOND])
         for k in range(first[i], last + 1):
             u = bodies[k, 0]
@@ -132,19 +139,19 @@ def _add_wrench(u, length, c, phi, force, moment, row):
 
 
 @kernel
-def _gather(block, length, work, out):
+def _gather(model, work, out):
     """Add to out (n,) the generalised force of the forces and moments in the work array."""
     zero = 0 * work[0, 0, 0]
-    force, moment = (zero, zero, zero), (zero, zero, zero)
+    force = moment = zero, zero, zero
     for i in range(len(work) - 1, -1, -1):
         row = work[i]
         c0, c1, c2 = vector(row[STUMPFF])
         c3, c4, c5 = vector(row[STUMPFF + 1])
         c = (c0, c1, c2, c3, c4, c5, zero, zero)
         force, moment = add(force, vector(row[END_FORCE])), add(moment, vector(row[END_MOMENT]))
-        load, force, moment = transmit(length[i], c, vector(row[ROTATION]), force, moment)
+        load, force, moment = transmit(model.length[i], c, vector(row[ROTATION]), force, moment)
         force, moment = add(force, vector(row[FORCE])), add(moment, vector(row[MOMENT]))
-        _add_generalised(block, length, i, add(load, vector(row[LOAD])), out)
+        _add_generalised(model, i, add(load, vector(row[LOAD])), out)
 
 
 @kernel
@@ -212,10 +219,10 @@ def _solve_definite(m, x, out):
         out[i] = total * m[i, i]
 
 
-#: Rows of an inertia (4, 3) about the origin: moments xx, yy, zz, products xy, xz, yz, first
-#: moment of the mass, and the mass; of a piece's array, the body at its end comes before the
-#: others, then the rotation vector.
-DIAGONAL, PRODUCTS, CENTRE, MASS, OTHERS, TURN = 0, 1, 2, 3, 4, 8
+#: Rows of an inertia (5, 3) about the origin: three of the moments of inertia, the first moment of
+#: the mass, and the mass; of a piece's array, the body at its end comes before the others, then the
+#: rotation vector.
+CENTRE, MASS, OTHERS, TURN = 3, 4, 5, 10
 #: Rows of a coordinate's motion per unit rate (rotation, velocity at the origin), the angular and
 #: linear momentum of what it moves, and those of the bodies inside its own piece.
 SPIN, VELOCITY, ANGULAR, LINEAR, OWN_ANGULAR, OWN_LINEAR = 0, 1, 2, 3, 4, 5
@@ -230,16 +237,10 @@ def mass_and_momenta(model, q, out):
     momenta and inertias refer to the origin of the world.
     """
     block = model.block
-    moves, inertia = np.empty((model.n, 6, 3), q.dtype), np.empty((model.pieces, 9, 3), q.dtype)
-    _set_rotations(block, model.length, q, inertia[:, TURN])
-    _set_moves(block, model.length, model.first[0], model.bodies, moves, inertia, out)
-    _fill_mass(block, moves, inertia, out)
-    return moves
-
-
-@kernel
-def _fill_mass(block, moves, inertia, out):
-    """Backward pass of the mass matrix."""
+    moves, inertia = np.zeros((model.n, 6, 3), q.dtype), np.zeros((model.pieces, 11, 3), q.dtype)
+    _set_rotations(model, q, inertia[:, TURN])
+    out[:] = 0.0
+    _set_moves(model, moves, inertia, out)
     for i in range(len(inertia) - 1, -1, -1):
         start = i * block
         for j in range(start, start + block):
@@ -257,23 +258,17 @@ def _fill_mass(block, moves, inertia, out):
             for d in range(OTHERS):
                 accumulate(inertia[i - 1, d], vector(inertia[i, d]))
                 accumulate(inertia[i - 1, d], vector(inertia[i, OTHERS + d]))
+    return moves
 
 
 @kernel
-def _set_moves(block, length, first, bodies, moves, inertia, out):
+def _set_moves(model, moves, inertia, out):
     """Forward pass: motions, inertias, and the share in out of bodies inside their own piece."""
-    zero = 0 * inertia[0, TURN, 0]
-    axes, x = clamp(zero)
-    move, mass = np.empty((block, 6, 3), moves.dtype), np.empty((OTHERS, 3), moves.dtype)
+    block, length, first, bodies = model.block, model.length, model.first[0], model.bodies
+    axes, x = clamp(0 * inertia[0, TURN, 0])
     for i in range(len(inertia)):
         row, last, start = inertia[i], first[i + 1] - 1, i * block
-        for d in range(OTHERS):
-            store(row[OTHERS + d], (zero, zero, zero))
-        for d in range(start, start + block):
-            store(moves[d, OWN_ANGULAR], (zero, zero, zero))
-            store(moves[d, OWN_LINEAR], (zero, zero, zero))
-            for k in range(start, start + block):
-                out[d, k] = 0.0
+        own = moves[start : start + block]
         whole = vector(row[TURN])
         for k in range(first[i], last + 1):
             u = bodies[k, 0]
@@ -281,43 +276,33 @@ def _set_moves(block, length, first, bodies, moves, inertia, out):
             c = stumpff(dot3(phi, phi))
             here = add(x, to_world(axes, position(u * length[i], c, phi)))
             there = compose(axes, c, phi)
-            _set_inertia(bodies[k], there, here, mass)
+            _set_inertia(bodies[k], there, here, row)
             for d in range(block):
-                _set_move(u * length[i], c, phi, d, axes, here, move[d])
+                _set_move(u * length[i], c, phi, d, axes, here, own[d])
             if k < last:
                 for d in range(OTHERS):
-                    accumulate(row[OTHERS + d], vector(mass[d]))
-                _add_inside(mass, move, start, moves, out)
+                    accumulate(row[OTHERS + d], vector(row[d]))
+                _add_inside(row, own, start, out)
             else:
-                for d in range(OTHERS):
-                    store(row[d], vector(mass[d]))
-                for d in range(block):
-                    store(moves[start + d, SPIN], vector(move[d, SPIN]))
-                    store(moves[start + d, VELOCITY], vector(move[d, VELOCITY]))
                 axes, x = there, here
 
 
 @kernel
-def _add_inside(mass, move, start, moves, out):
-    """Add the share of a body inside a piece."""
-    for d in range(len(move)):
-        _set_momentum(mass, move[d])
-        accumulate(moves[start + d, OWN_ANGULAR], vector(move[d, ANGULAR]))
-        accumulate(moves[start + d, OWN_LINEAR], vector(move[d, LINEAR]))
+def _add_inside(inertia, own, start, out):
+    """Add the share of a body inside a piece, given the motions of the piece's coordinates."""
+    for d in range(len(own)):
+        _set_momentum(inertia, own[d])
+        accumulate(own[d, OWN_ANGULAR], vector(own[d, ANGULAR]))
+        accumulate(own[d, OWN_LINEAR], vector(own[d, LINEAR]))
         for k in range(d + 1):
-            out[start + k, start + d] += _pairing(move[k], move[d])
+            out[start + k, start + d] += _pairing(own[k], own[d])
 
 
 @kernel
 def _set_move(length, c, phi, d, axes, x, row):
     """Set the motion of a section at x that coordinate d of its piece causes at unit rate."""
     zero = 0 * phi[0]
-    if d == 0:
-        rate = (zero, zero + length, zero)
-    elif d == 1:
-        rate = (zero - length, zero, zero)
-    else:
-        rate = (zero, zero, zero + length)
+    rate = (zero - length * (d == 1), zero + length * (d == 0), zero + length * (d == 2))
     shift, spin = motion(length, c, phi, rate)
     shift, spin = to_world(axes, shift), to_world(axes, spin)
     store(row[SPIN], spin)
@@ -326,30 +311,25 @@ def _set_move(length, c, phi, d, axes, x, row):
 
 @kernel
 def _set_inertia(body, axes, x, out):
-    """Set out (4, 3) to the inertia of a body at x about the origin."""
-    (ex, fx, gx), (ey, fy, gy), (ez, fz, gz) = axes
-    mass, a, b, c = body[1], body[2], body[3], body[4]
-    centre = scaled(mass, x)
-    square = dot3(centre, x)
-    out[DIAGONAL, 0] = a * ex * ex + b * ey * ey + c * ez * ez + square - centre[0] * x[0]
-    out[DIAGONAL, 1] = a * fx * fx + b * fy * fy + c * fz * fz + square - centre[1] * x[1]
-    out[DIAGONAL, 2] = a * gx * gx + b * gy * gy + c * gz * gz + square - centre[2] * x[2]
-    out[PRODUCTS, 0] = a * ex * fx + b * ey * fy + c * ez * fz - centre[0] * x[1]
-    out[PRODUCTS, 1] = a * ex * gx + b * ey * gy + c * ez * gz - centre[0] * x[2]
-    out[PRODUCTS, 2] = a * fx * gx + b * fy * gy + c * fz * gz - centre[1] * x[2]
+    """Set the first rows of out to the inertia of a body at x about the origin."""
+    ex, ey, ez = axes
+    centre, size = scaled(body[1], x), body[1] * dot3(x, x)
+    for i in range(3):
+        for j in range(3):
+            turning = body[2] * ex[i] * ex[j] + body[3] * ey[i] * ey[j] + body[4] * ez[i] * ez[j]
+            out[i, j] = turning - centre[i] * x[j]
+        out[i, i] += size
     store(out[CENTRE], centre)
-    out[MASS, 0], out[MASS, 1], out[MASS, 2] = mass, 0.0, 0.0
+    out[MASS, 0] = body[1]
 
 
 @kernel
 def _set_momentum(inertia, row):
     """Set the momentum of an inertia (4, 3) in a coordinate's motion."""
     spin, v, centre = vector(row[SPIN]), vector(row[VELOCITY]), vector(inertia[CENTRE])
-    products, turning = inertia[PRODUCTS], cross(centre, v)
-    x, y, z = spin
-    row[ANGULAR, 0] = turning[0] + inertia[DIAGONAL, 0] * x + products[0] * y + products[1] * z
-    row[ANGULAR, 1] = turning[1] + products[0] * x + inertia[DIAGONAL, 1] * y + products[2] * z
-    row[ANGULAR, 2] = turning[2] + products[1] * x + products[2] * y + inertia[DIAGONAL, 2] * z
+    turning = cross(centre, v)
+    for i in range(3):
+        row[ANGULAR, i] = turning[i] + dot3(vector(inertia[i]), spin)
     store(row[LINEAR], add(scaled(inertia[MASS, 0], v), cross(spin, centre)))
 
 
@@ -366,20 +346,12 @@ def _pairing(move, column):
 @kernel
 def potential(model, q):
     """Elastic and gravitational energy [J]; gravity's is zero in the straight pose."""
-    energy, block = 0 * q[0], model.block
-    for k in range(len(q)):
-        i = k // block
-        stiffness = model.twisting[i] if k % block == 2 else model.bending[i]
-        energy += 0.5 * stiffness * q[k] * q[k]
-    return energy + _weight(model, _turns(model, q))
-
-
-@kernel
-def _weight(model, turns):
-    """Potential energy [J] of the bodies' weights, given the rotation vectors (pieces, 3)."""
     length, gravity, first, bodies = model.length, model.gravity, model.first[0], model.bodies
-    axes, x = clamp(0 * turns[0, 0])
-    energy, here, there, start = 0 * turns[0, 0], x, axes, 0.0
+    turns, energy = _turns(model, q), 0 * q[0]
+    for k in range(len(q)):
+        energy += 0.5 * _stiffness(model, k) * q[k] * q[k]
+    axes, x = clamp(0 * q[0])
+    here, there, start = x, axes, 0.0
     for i in range(len(turns)):
         for k in range(first[i], first[i + 1]):
             u = bodies[k, 0]
@@ -398,11 +370,10 @@ def _weight(model, turns):
 def momentum(model, q, v, out):
     """Set out (6,) to linear [N s] and angular momentum about the origin [N m s]."""
     moves = mass_and_momenta(model, q, np.empty((model.n, model.n), q.dtype))
-    for d in range(3):
-        out[d], out[3 + d] = 0.0, 0.0
-        for j in range(model.n):
-            out[d] += moves[j, LINEAR, d] * v[j]
-            out[3 + d] += moves[j, ANGULAR, d] * v[j]
+    out[:] = 0
+    for j in range(model.n):
+        accumulate(out[:3], scaled(v[j], vector(moves[j, LINEAR])))
+        accumulate(out[3:], scaled(v[j], vector(moves[j, ANGULAR])))
 
 
 # ---------------------------------------------------------------- points and loads
@@ -448,15 +419,9 @@ def load_axes(model, q, out):
 @kernel
 def add_wrenches(model, q, forces, moments, out):
     """Add to out (n,) the generalised force of forces (n_points, 3) and moments on the points."""
-    work = np.empty((model.pieces, COLUMNS, 3), out.dtype)
-    _set_rotations(model.block, model.length, q, work[:, ROTATION])
-    _collect(model.length, model.first[1], model.points, forces, moments, work)
-    _gather(model.block, model.length, work, out)
-
-
-@kernel
-def _collect(length, first, points, forces, moments, work):
-    """Fill work for `_gather`, given the rotation vectors in its first columns."""
+    length, first, points = model.length, model.first[1], model.points
+    work = np.zeros((model.pieces, COLUMNS, 3), out.dtype)
+    _set_rotations(model, q, work[:, ROTATION])
     zero = 0 * work[0, 0, 0]
     axes, _ = clamp(zero)
     for i in range(len(work)):
@@ -465,8 +430,6 @@ def _collect(length, first, points, forces, moments, work):
         c = stumpff(dot3(whole, whole))
         store(row[STUMPFF], c[:3])
         store(row[STUMPFF + 1], c[3:6])
-        for d in range(END_FORCE, COLUMNS):
-            store(row[d], (zero, zero, zero))
         for m in range(first[i], first[i + 1]):
             k = int(points[m, 3])
             u = points[m, 0]
@@ -479,6 +442,7 @@ def _collect(length, first, points, forces, moments, work):
                 moment = add(moment, to_axes(there, vector(moments[k])))
             _add_wrench(u, length[i], part, phi, force, moment, row)
         axes = compose(axes, c, whole)
+    _gather(model, work, out)
 
 
 # ---------------------------------------------------------------- continuous channels
@@ -487,12 +451,9 @@ def _collect(length, first, points, forces, moments, work):
 @kernel
 def channel_lengths(model, q, out):
     """Set out (n_channels,) [m] to the lengths of the continuous channels."""
-    turns = _turns(model, q)
-    zero = 0 * q[0]
-    along = (zero, zero, zero + 1)
-    for k in range(len(out)):
-        out[k] = zero
-    first, samples = model.first_sample, model.samples
+    first, samples, turns = model.first_sample, model.samples, _turns(model, q)
+    (_, _, along), _ = clamp(0 * q[0])
+    out[:] = 0
     for i in range(len(turns)):
         strain = scaled(1 / model.length[i], vector(turns[i]))
         for m in range(first[i], first[i + 1]):
@@ -506,15 +467,13 @@ def add_channel_forces(model, q, tension, out):
 
     The negative gradient of tension times channel length.
     """
-    turns = _turns(model, q)
-    zero = 0 * q[0]
-    along = (zero, zero, zero + 1)
-    first, samples = model.first_sample, model.samples
+    first, samples, turns = model.first_sample, model.samples, _turns(model, q)
+    (_, _, along), none = clamp(0 * q[0])
     for i in range(len(turns)):
-        strain, load = scaled(1 / model.length[i], vector(turns[i])), (zero, zero, zero)
+        strain, load = scaled(1 / model.length[i], vector(turns[i])), none
         for m in range(first[i], first[i + 1]):
             x = channel_tangent(along, strain, samples[m, 1:])
             pull = tension[model.sampled[m]] * samples[m, 0] / np.sqrt(dot3(x, x))
             load = add(load, scaled(-pull, channel_arm(samples[m, 1:], x)))
         load = scaled(1 / model.length[i], load)
-        _add_generalised(model.block, model.length, i, load, out)
+        _add_generalised(model, i, load, out)

@@ -136,7 +136,7 @@ class PCC(BeamModel):
             bending=length * backbone.in_series(backbone.bending, edges),
             twisting=length * backbone.in_series(backbone.torsion, edges),
             damping_time=backbone.damping(backbone.bending, edges),
-            gravity=np.array(robot.own_gravity, dtype=float),
+            gravity=np.array(robot.own_gravity, float),
             first=np.stack([first, np.searchsorted(piece[order], np.arange(pieces + 1))]),
             bodies=bodies,
             points=points[order],
@@ -181,16 +181,16 @@ def _bodies(
     if not isinstance(inertia, str):
         check_stations(robot, inertia)
         rows = [(s, mass, *moments) for s, mass, moments in inertia]
-        inner = np.array(rows, dtype=float).reshape(-1, 5)
+        inner = np.array(rows, float).reshape(-1, 5)
     elif inertia == "distributed":
         x, w = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
         places = (edges[:-1, None] + length[:, None] * (x + 1) / 2).ravel()
         shares = (length[:, None] * w / 2).ravel()
-        inner = np.column_stack([places, shares[:, None] * _per_length(robot, places)])
+        each = _inertias(robot.backbone.mass(places), robot.backbone.rotary(places))
+        inner = np.column_stack([places, shares[:, None] * each])
     elif inertia == "lumped":
         backbone = robot.backbone
-        mass, rotary = (backbone.integrals(x, edges) for x in (backbone.mass, backbone.rotary))
-        whole = np.column_stack([mass, rotary, rotary, 2 * rotary])
+        whole = _inertias(*(backbone.integrals(x, edges) for x in (backbone.mass, backbone.rotary)))
         ends[:, 1:] = (whole + np.append(whole[1:], np.zeros((1, 4)), axis=0)) / 2
     else:
         raise ValueError(
@@ -198,16 +198,15 @@ def _bodies(
         )
     if isinstance(inertia, str):
         discs = [(disc.station, disc.mass, *disc.inertia) for disc in robot.discs]
-        inner = np.concatenate([inner, np.array(discs, dtype=float).reshape(-1, 5)])
+        inner = np.concatenate([inner, np.array(discs, float).reshape(-1, 5)])
     bodies = np.concatenate([inner, ends])
     index, bodies[:, 0] = _place(bodies[:, 0], edges)
     order = np.argsort(index, kind="stable")  # ends stay last in their pieces
     return np.searchsorted(index[order], np.arange(pieces + 1)), bodies[order]
 
 
-def _per_length(robot: RobotParams, places: ndarray) -> ndarray:
-    """Mass and moments of inertia (k, 4) per length at places (k,) [m]."""
-    mass, rotary = robot.backbone.mass(places), robot.backbone.rotary(places)
+def _inertias(mass: ndarray, rotary: ndarray) -> ndarray:
+    """Mass and moments of inertia (k, 4) of thin discs, given those about a diameter (k,)."""
     return np.column_stack([mass, rotary, rotary, 2 * rotary])
 
 

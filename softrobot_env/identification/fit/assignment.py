@@ -134,9 +134,8 @@ def doubted(recording: Recording, robot: RobotParams) -> str | None:
 def with_tendons(recording: Recording, found: Assignment) -> Recording:
     """The recording with what was found in its header; its numbers are those of the columns."""
     commands = replace(recording.header.commands, tendons=found.tendons)
-    return with_signs(
-        replace(recording, header=replace(recording.header, commands=commands)), found.signs
-    )
+    header = replace(recording.header, commands=commands)
+    return with_signs(replace(recording, header=header), found.signs)
 
 
 def with_signs(recording: Recording, signs: Sequence[float]) -> Recording:
@@ -167,13 +166,13 @@ class _Search:
         starts = {(order, (sign,) * count) for sign in signs for order in self._first(sign)}
         for start in self._ranked(starts)[:_KEPT]:
             self._improve(*start)
-        best = self._best()
+        best = self._least(self._seen)
         for _ in range(count if len(signs) > 1 else 0):
             other = self._least(self._flipped(*best))
             if self._rms(other) > _CLEARLY * self._rms(best):
                 break
             self._improve(*other)
-            best = self._best()
+            best = self._least(self._seen)
         rms, turn = self._seen[best]
         # Tendons of all sections turned on by their distance are the same in another frame.
         others = [found[0] for found in self._seen.values() if found[0] > rms * (1 + 1e-6)]
@@ -203,16 +202,11 @@ class _Search:
         best = self._least(around)
         return best, self._rms(best) / max(self._rms((order, here)), 1e-12)
 
-    def _best(self) -> _Case:
-        return min(self._seen, key=lambda case: self._seen[case][0])
-
     def _flipped(self, order: tuple[int, ...], signs: tuple[float, ...]) -> list[_Case]:
         """One column of another sign, also with its tendon changed for any other."""
-        flips = _flips(signs)
+        flips, swaps = _flips(signs), permutations(range(len(order)), 2)
         found = [(order, flip) for flip in flips]
-        for i, j in permutations(range(len(order)), 2):
-            found.append((_swapped(order, i, j), flips[i]))
-        return found
+        return found + [(_swapped(order, i, j), flips[i]) for i, j in swaps]
 
     def _signs(self) -> tuple[float, ...]:
         given = self.recording.header.commands.factors is not None

@@ -219,7 +219,7 @@ def windows_of(recording: Recording) -> Recording:
         return recording
     times = recording.times
     chosen: list[ndarray] = []
-    lead = np.zeros(len(times), dtype=bool)
+    lead = np.zeros(len(times), bool)
     judged = sorted(_judged(recording), key=lambda one: -one[0])
     for fastest, moment, rows in judged:
         full = sum(np.ptp(times[other]) for other in chosen) >= _LONGEST

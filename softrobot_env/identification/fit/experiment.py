@@ -103,7 +103,7 @@ def _slopes(
         commands=commands,
         markers=np.zeros((rows, *recording.markers.shape[1:])),
         labels=np.full(rows, ""),
-        runs=np.zeros(rows, dtype=int),
+        runs=np.zeros(rows, int),
     )
     other = model.on(planned, gravity)
     found = other.simulate(fit.x, fit.free)

@@ -117,7 +117,7 @@ class Scratch(NamedTuple):
 def scratch(pieces: int, tendons: int) -> Scratch:
     """Scratch arrays for a robot."""
     shapes = ((tendons,), (tendons, 3 * pieces), (pieces + 1, 3), (pieces + 1, 3, 3), (3 * pieces,))
-    kinds = (Work(*(np.zeros(shape, dtype=kind) for shape in shapes)) for kind in (float, complex))
+    kinds = (Work(*(np.zeros(shape, kind) for shape in shapes)) for kind in (float, complex))
     return Scratch(*kinds, np.zeros((3 * pieces, 3 * pieces)))
 
 
@@ -486,7 +486,7 @@ def touched(many: Body) -> tuple[ndarray, ndarray]:
     pulls = moved.place.any(axis=2) | moved.spring | moved.pretension | moved.friction
     pulls = pulls | moved.straight | moved.backlash
     kinds = (("stiffness", "rest", "holding"), ("mass", "head", "gravity"), ("marker",))
-    others = np.zeros((len(pulls), 3), dtype=bool)
+    others = np.zeros((len(pulls), 3), bool)
     for k, names in enumerate(kinds):
         for part in (getattr(moved, name) for name in names):
             others[:, k] |= part.any(axis=tuple(range(1, part.ndim)))

@@ -95,14 +95,13 @@ class StaticModel:
         self._gravity = np.array(robot.own_gravity)
         self._by_length = recording.drive(robot) == "length"
         self.begins = np.append(True, np.diff(recording.runs) != 0)
-        base = robot.base or Base()
-        self._axes, self._base = base.axes, np.array(base.position)
+        self._axes, self._base = robot.clamp.axes, np.array(robot.clamp.position)
         self.points = self._own(recording.markers)
         self.spatial = not robot.is_planar
         how = {"turned": turned, "spatial": self.spatial, "by_length": self._by_length}
         self.unknowns = Unknowns(tuple(unknowns.groups(robot, recording, **how)))
         travel = float(np.ptp(recording.commands, axis=0).max())
-        self._friction = np.array([t.friction for t in robot.tendons], dtype=float)
+        self._friction = np.array([t.friction for t in robot.tendons], float)
         if "tendon_friction" not in known:
             self._friction = unknowns.start_friction(robot, travel, self._by_length)
         self._backlash = robot.drive.backlash / 2 if self._by_length else 0.0
@@ -150,7 +149,7 @@ class StaticModel:
         self._edges, sizes = edges, np.diff(edges)
         self.stretches = pieces * np.arange(len(ends) - 1)
         tendons = robot.tendons
-        last = np.array([int(np.argmin(np.abs(edges - t.end))) for t in tendons], dtype=int)
+        last = np.array([int(np.argmin(np.abs(edges - t.end))) for t in tendons], int)
         spans = np.full((len(tendons), len(sizes)), float(_CHANNEL))
         for k, tendon in enumerate(tendons):
             if tendon.guides:
@@ -184,12 +183,12 @@ class StaticModel:
         toward_y = robot.precurvature[1] + (more[1] if len(more) > 1 else 0.0)
         sizes = self.layout.sizes
         rest = np.stack([-toward_y * sizes, toward_x * sizes], axis=1)
-        place = np.array([t.offset for t in tendons], dtype=x.dtype).reshape(-1, 2)
+        place = np.array([t.offset for t in tendons], x.dtype).reshape(-1, 2)
         angle, radius = take("tendon_angle", n), np.exp(take("tendon_radius", n))
         c, s = np.cos(angle) * radius, np.sin(angle) * radius
         a, b = place.T
         place = np.stack([c * a - s * b, s * a + c * b], axis=1)
-        spring = np.ones(n, dtype=x.dtype)
+        spring = np.ones(n, x.dtype)
         if self._by_length:
             spring = np.array([t.stiffness for t in tendons]) * np.exp(take("tendon_stiffness", n))
         pre = np.array([t.pretension for t in tendons]) + take("pretension", n)
@@ -224,7 +223,7 @@ class StaticModel:
     def _offsets(self, x: ndarray) -> ndarray:
         """(k, 3) [m] of the markers along the axes at their nodes, a head's height included."""
         markers = self.recording.header.marker
-        known = np.array([m.offset_m for m in markers], dtype=float)
+        known = np.array([m.offset_m for m in markers], float)
         if self.robot.head is not None:
             known[[m.station_m is None for m in markers], 2] += self.robot.head.output
         return known + self._three(self.unknowns.take(x, "marker_offset", 3 * len(markers)))
@@ -239,7 +238,7 @@ class StaticModel:
     def _turn(self, x: ndarray, name: str) -> ndarray:
         """(3, 3) rotation by the parameters of a kind: about x, y and z, x and y, or y."""
         found = self.unknowns.take(x, name, 0)
-        vector = np.zeros(3, dtype=x.dtype)
+        vector = np.zeros(3, x.dtype)
         if len(found) == 1:
             vector[1] = found[0]
         else:
@@ -248,7 +247,7 @@ class StaticModel:
 
     def _shift(self, x: ndarray) -> ndarray:
         found = self.unknowns.take(x, "frame_shift", 0)
-        return self._three(found)[0] if len(found) else np.zeros(3, dtype=x.dtype)
+        return self._three(found)[0] if len(found) else np.zeros(3, x.dtype)
 
     # ------------------------------------------------------------------ simulation
 
@@ -263,8 +262,8 @@ class StaticModel:
             free: (p,) bool, those to derive by; none unless given.
             has_friction: Whether tendons have friction, and servos backlash.
         """
-        by = np.zeros(0, dtype=int) if free is None else np.flatnonzero(free)
-        body = _contiguous(self.body(x), float)
+        by = np.zeros(0, int) if free is None else np.flatnonzero(free)
+        body = _real(self.body(x))
         if not has_friction:
             none = {name: 0 * getattr(body, name) for name in ("friction", "holding", "backlash")}
             body = body._replace(**none)
@@ -278,7 +277,7 @@ class StaticModel:
             markers=np.zeros((rows, k, 3)),
             slopes=np.zeros((rows, k, 3, len(by))),
             rub=np.zeros((rows, len(body.spring) + 2 * n)),
-            found=np.ones(rows, dtype=bool),
+            found=np.ones(rows, bool),
         )
         room = kernels.scratch(n, len(body.spring))
         tolerance, touched = _TOLERANCE * self._scale, kernels.touched(many)
@@ -306,7 +305,7 @@ class StaticModel:
 
     def robot_of(self, x: ndarray) -> RobotParams:
         """The robot with parameters x (p,)."""
-        robot, body = self.robot, _contiguous(self.body(x), float)
+        robot, body = self.robot, _real(self.body(x))
         heavy = float(np.exp(self.unknowns.take(x, "mass", 1)[0]))
         more = self.unknowns.take(x, "precurvature", 2 if self.spatial else 1)
         bend = np.array(robot.precurvature) + np.append(more, 0.0)[:2]
@@ -390,7 +389,7 @@ class StaticModel:
             return commands
         names = [t.name for t in self.robot.tendons]
         whose = [names.index(name) for name in (self.recording.tendons or commands.columns)]
-        body = _contiguous(self.body(x), float)
+        body = _real(self.body(x))
         written = np.array([t.pretension for t in self.robot_of(x).tendons])
         pulled = (body.pretension - written) / body.spring
         zeros = np.array(commands.zeros or (0.0,) * len(whose)) + pulled[whose]
@@ -423,9 +422,8 @@ def turn_vector(matrix: ndarray) -> ndarray:
     return Rotation.from_matrix(matrix).as_rotvec()
 
 
-def _contiguous(body: Body, kind: type) -> Body:
-    parts = (np.real(part) if kind is float else part for part in body)
-    return Body(*(np.ascontiguousarray(part, dtype=kind) for part in parts))
+def _real(body: Body) -> Body:
+    return Body(*(np.ascontiguousarray(np.real(part), float) for part in body))
 
 
 def _many(bodies: list[Body], like: Body) -> Body:

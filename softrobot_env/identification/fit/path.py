@@ -1,7 +1,7 @@
 """The path from a recording to a robot: stages, one after the other, and what they leave open."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from time import perf_counter
 
@@ -23,7 +23,7 @@ from softrobot_env.identification.networks import Networks, networks_of
 from softrobot_env.identification.replay import mean_known
 from softrobot_env.identification.visits import VISIT, visiting, visits_of
 from softrobot_env.recordings import Header, Recording
-from softrobot_env.robots import Base, RobotParams
+from softrobot_env.robots import RobotParams
 
 #: Called with what is done, how much of it, and of how much.
 ProgressCallback = Callable[[str, int, int], None]
@@ -181,17 +181,18 @@ class _Run:
             return False
         names = {t.name for t in robot.tendons}
         if static.tendons is None and not set(static.header.commands.columns) <= names:
-
-            def show(done: int) -> None:
-                self.show("which column pulls what", done, 200)
-
-            found = self.assignment = assignment.assigned(static, robot, show, any_way=any_way)
-            self._change(lambda recording: assignment.with_tendons(recording, found))
+            found = self.assignment = assignment.assigned(
+                static,
+                robot,
+                lambda n: self.show("which column pulls what", n, 200),
+                any_way=any_way,
+            )
+            self._change(partial(assignment.with_tendons, found=found))
             return True
         if static.kind == "length":
             signs = assignment.sided(static, robot, any_way=any_way)
             if min(signs) < 0:
-                self._change(lambda recording: assignment.with_signs(recording, signs))
+                self._change(partial(assignment.with_signs, signs=signs))
         return False
 
     def _change(self, change: Callable[[Recording], Recording]) -> None:
@@ -250,11 +251,10 @@ class _Run:
         if self.moving is None or "dynamics" not in self.stages:
             return False
 
-        def show(done: int, _: float) -> None:
-            self.show("dynamics", done, 6)
-
         header = partial(_header, self.model, recording=self.recording)
-        self.dynamics, self.fit = _in_motion(self.model, self.fit, self.moving, header, show)
+        self.dynamics, self.fit = _in_motion(
+            self.model, self.fit, self.moving, header, lambda n, _: self.show("dynamics", n, 6)
+        )
         return True
 
     def cross_validate(self) -> bool:
@@ -299,13 +299,10 @@ class _Run:
             robot, delay = self.dynamics.robot, self.dynamics.delay
             late = tuple(replace(m, delay_s=m.delay_s + delay) for m in header.marker)
             header = replace(header, marker=late)
-        found = {name: getattr(self, name) for name in _FOUND}
-        return Identification(robot, header, self.robot, self.static, self.stages, **found)
+        own = robot, header, self.robot, self.static
+        rest = [getattr(self, one.name) for one in fields(Identification)[len(own) :]]
+        return Identification(*own, *rest)
 
-
-#: Fields of an `Identification` that are those of its run.
-_FOUND = ("unknowns", "fit", "assignment", "validations", "residual", "correction", "dynamics")
-_FOUND += ("experiments", "networks", "doubts", "times")
 
 #: What an identification does, in this order.
 _STEPS: dict[str, Callable[[_Run], bool]] = {
@@ -376,9 +373,14 @@ def _named(model: StaticModel, fit: Fit) -> RobotParams:
 def _header(model: StaticModel, fit: Fit, recording: Recording) -> Header:
     """The header that a fit found, of the recording as it was read."""
     header = model.header_of(fit.x, model.recording.header)
-    lost = [marker.may_be_lost for marker in recording.header.marker]
-    markers = tuple(replace(m, may_be_lost=x) for m, x in zip(header.marker, lost, strict=True))
-    return replace(header, static=recording.static, marker=markers)
+    return replace(_losing(header, recording.header), static=recording.static)
+
+
+def _losing(header: Header, *others: Header) -> Header:
+    """The header, with markers that may be lost where those of one of others may."""
+    pairs = zip(header.marker, *(other.marker for other in others), strict=True)
+    markers = (replace(m, may_be_lost=any(x.may_be_lost for x in rest)) for m, *rest in pairs)
+    return replace(header, marker=tuple(markers))
 
 
 def _in_motion(
@@ -434,11 +436,7 @@ def _in_motion(
 def placed(recording: Recording, header: Header) -> Recording:
     """The recording as it is read with another header of the same columns."""
     old = recording.header
-    lost = [
-        m.may_be_lost or was.may_be_lost for m, was in zip(header.marker, old.marker, strict=True)
-    ]
-    kept = tuple(replace(m, may_be_lost=x) for m, x in zip(header.marker, lost, strict=True))
-    new = replace(header, marker=kept)  # what was lost stays so
+    new = _losing(header, header, old)  # what was lost stays so
     gone = np.isnan(recording.markers)
     points = old.frame.to_recorded(np.where(gone, 0.0, recording.markers))
     if gone.any():
@@ -462,9 +460,8 @@ def _common(known: Unknowns, fit: Fit, name: str) -> float:
 
 def _check_place(recording: Recording, robot: RobotParams) -> None:
     """Raise ValueError if a marker is mostly where the robot cannot have it."""
-    clamp = np.array((robot.base or Base()).position)
     for k, places in enumerate(recording.markers.swapaxes(0, 1), 1):
-        away = np.sqrt(np.nansum((places - clamp) ** 2, axis=1))
+        away = np.sqrt(np.nansum((places - robot.clamp.position) ** 2, axis=1))
         far = float(np.median(away[~np.isnan(places).all(axis=1)])) if places.size else 0.0
         if far > _FAR * robot.reach:
             raise ValueError(
@@ -517,16 +514,11 @@ def _fitted(
     stiff = model.unknowns.place("youngs_modulus")
     if size(best.simulated.error) < 2.5 * start.deviation or stiff is None or not free[stiff].any():
         return best
-    others = [x.copy() for _ in _STARTS]
-    for other, change in zip(others, _STARTS, strict=True):
-        other[stiff] += change
+    others = np.tile(x, (len(_STARTS), 1))
+    others[:, stiff] += np.array(_STARTS)[:, None]
     with chosen_processes() as pool:
         if pool is None:
             trials = [fitted(model, other, free, start, show) for other in others]
         else:
-            begun = [pool.submit(fitted, model, other, free, start) for other in others]
-            trials = [one.result() for one in begun]
-    for trial in trials:
-        if size(trial.simulated.error) < size(best.simulated.error):
-            best = trial
-    return best
+            trials = pool.map(partial(fitted, model, free=free, start=start), others)
+        return min((best, *trials), key=lambda fit: size(fit.simulated.error))

@@ -18,7 +18,7 @@ from softrobot_env.core.artifacts import read_arrays, write_arrays
 from softrobot_env.identification.fit.model import StaticModel
 from softrobot_env.identification.fit.unknowns import FRICTIONS
 from softrobot_env.recordings import Recording
-from softrobot_env.robots import Base, RobotParams
+from softrobot_env.robots import RobotParams
 
 _WIDTHS = (0.7, 1.0, 1.5, 2.2, 3.2, 5.0)
 _NOISES = (0.03, 0.1, 0.3, 1.0)
@@ -122,7 +122,7 @@ def corrected(residual: Residual, robot: RobotParams, recording: Recording) -> n
     model = StaticModel(robot, recording, known=FRICTIONS)
     found = model.simulate(np.zeros(len(model.unknowns.spread)))
     change = residual.correction(bends_of(model, found.turns), recording.commands, model.begins)
-    return change @ (robot.base or Base()).axes.T
+    return change @ robot.clamp.axes.T
 
 
 def trained(

@@ -36,7 +36,7 @@ def at_rest(recording: Recording, dithered: ndarray | None = None) -> Recording:
     Raises:
         ValueError: There are fewer than `FEWEST` of them.
     """
-    loose = np.zeros(len(recording.times), dtype=bool) if dithered is None else dithered
+    loose = np.zeros(len(recording.times), bool) if dithered is None else dithered
     if recording.static:
         number = np.cumsum(np.append(False, (np.diff(recording.runs) != 0) | loose[1:]))
         return replace(recording, runs=number, times=_since(recording.times, number))
@@ -107,7 +107,7 @@ def _jumps(recording: Recording, rows: ndarray, span: ndarray) -> ndarray:
         ends = np.sort(way[[0, -1]], axis=0)
         beyond = np.maximum(ends[0] - way.min(axis=0), way.max(axis=0) - ends[1])
         found.append(bool(jumped or beyond.max() > _LITTLE))
-    return np.array(found, dtype=bool)
+    return np.array(found, bool)
 
 
 def _since(times: ndarray, runs: ndarray) -> ndarray:

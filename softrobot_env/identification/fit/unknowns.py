@@ -72,7 +72,7 @@ class Group:
     @property
     def prior(self) -> ndarray:
         """(k, k) covariance."""
-        own = np.broadcast_to(np.array(self.spread, dtype=float), (len(self.labels),))
+        own = np.broadcast_to(np.array(self.spread, float), (len(self.labels),))
         return np.diag(own**2) + self.common**2
 
 
@@ -241,11 +241,10 @@ class Unknowns:
             begin = end
         return None
 
-    def take(self, x: ndarray, name: str, usual: Sequence[float] | int) -> ndarray:
-        """The parameters of a kind, zeros if there is none; `usual` is their number."""
+    def take(self, x: ndarray, name: str, count: int) -> ndarray:
+        """The parameters of a kind, zeros if there is none."""
         place = self.place(name)
-        count = usual if isinstance(usual, int) else len(usual)
-        return np.zeros(count, dtype=x.dtype) if place is None else x[place]
+        return np.zeros(count, x.dtype) if place is None else x[place]
 
     def of(self, stages: Sequence[str]) -> ndarray:
         """(p,) bool, those that some stages find."""
