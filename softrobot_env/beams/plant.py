@@ -89,20 +89,7 @@ class SteppedModel:
         self.robot, self.strain, self._build = robot, strain, build
         self._axes, self._directions = axes, 1 if bending == "planar" else 2
         self._step, self._tolerance = step, tolerance
-        self._prepare()
-
-    def __getstate__(self) -> dict:
-        # References to compiled data cannot be copied; the same model is built again instead.
-        names = ("robot", "strain", "_build", "_axes", "_directions", "_step", "_tolerance")
-        return {name: self.__dict__[name] for name in names}
-
-    def __setstate__(self, state: dict) -> None:
-        self.__dict__.update(state)
-        self._prepare()
-
-    def _prepare(self) -> None:
-        """Build the model, and what a step would otherwise build anew."""
-        self._whole = headless(self.robot)
+        self._whole = headless(robot)
         self.model = model = self._build(self._whole, ())
         scheme = integration.find_method(_METHOD, self._step)
         self._scheme = reference(scheme)

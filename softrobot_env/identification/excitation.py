@@ -175,8 +175,7 @@ def _bend_towards(robot: RobotParams, tendon: int) -> ndarray:
     s = (np.arange(_SPANS) + 0.5) * pulled.end / _SPANS
     towards = pulled.at(s)
     towards = towards / np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-300)
-    changes = [np.sum(t.at(s) * towards, axis=-1)[s < t.end].sum() for t in robot.tendons]
-    return np.array(changes)
+    return np.array([np.sum(t.at(s) * towards, axis=-1)[s < t.end].sum() for t in robot.tendons])
 
 
 def safe_scales(robot: RobotParams, ways: list[ndarray], limits: Excitation) -> ndarray:

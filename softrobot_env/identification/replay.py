@@ -240,8 +240,7 @@ class Replay:
     @property
     def times(self) -> ndarray:
         """(t,) [s] of all runs, one after the other."""
-        steps = np.diff(self.recording.times, prepend=0.0)
-        return np.cumsum(np.maximum(steps, 0.0))
+        return np.cumsum(np.maximum(np.diff(self.recording.times, prepend=0.0), 0.0))
 
     @property
     def static(self) -> bool:
@@ -435,8 +434,7 @@ class ErrorRow:
 def error_rows(replay: Replay) -> list[ErrorRow]:
     """Errors of all rows, then of each pattern in the order of its first row."""
     patterns = replay.recording.patterns
-    whole = np.ones(len(patterns), bool)
-    parts = {ALL: whole}
+    parts = {ALL: np.ones(len(patterns), bool)}
     if len(set(patterns)) > 1:
         parts |= {name: patterns == name for name in dict.fromkeys(patterns)}
     return [_row(name, replay, rows) for name, rows in parts.items()]

@@ -124,8 +124,7 @@ class SensorArray:
         which = self._everyone if which is None else which
         self._instant[which] += 1
         self._sample(which, shape[which], None if touch is None else touch[which])
-        place = self._instant[which] % self._ring.shape[1]
-        self._ring[which, place] = self._held[which]
+        self._ring[which, self._instant[which] % self._ring.shape[1]] = self._held[which]
         late = (self._instant[which][:, None] - self._late) % self._ring.shape[1]
         self.reading[which] = self._ring[which[:, None], late, np.arange(self.size)]
 

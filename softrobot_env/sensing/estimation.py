@@ -77,8 +77,7 @@ class LightModel:
 
     def tip(self, bend: ndarray) -> ndarray:
         """Tips (..., 2) [m] of bends (..., 2) [rad], inverse of `bend`."""
-        inverse = np.linalg.inv(self.turn).T
-        straight = (bend - self.straight) @ inverse
+        straight = (bend - self.straight) @ np.linalg.inv(self.turn).T
         tip = straight.copy()
         for _ in range(60):
             tip = 0.5 * (tip + straight / self._growth(tip))

@@ -75,8 +75,7 @@ def split_light(bend: ndarray, azimuth: ndarray, tilt: ndarray, acceptance: ndar
     sine = np.sinc(size / np.pi)  # sin(size) / size
     towards = bend[..., :1] * np.cos(azimuth) + bend[..., 1:] * np.sin(azimuth)
     cosine = np.cos(size) * np.cos(tilt) - sine * towards * np.sin(tilt)
-    psi = np.arccos(np.clip(cosine, -1.0, 1.0))
-    return np.exp(-((psi / acceptance) ** 2))
+    return np.exp(-((np.arccos(np.clip(cosine, -1.0, 1.0)) / acceptance) ** 2))
 
 
 #: Largest turn [rad] between two tags.

@@ -121,8 +121,7 @@ def fit_map(features: ndarray, outputs: ndarray) -> Map:
 
 def _solved(terms: ndarray, outputs: ndarray) -> ndarray:
     square = terms.T @ terms
-    ridge = _RIDGE * len(terms) * np.eye(len(square))
-    return np.linalg.solve(square + ridge, terms.T @ outputs)
+    return np.linalg.solve(square + _RIDGE * len(terms) * np.eye(len(square)), terms.T @ outputs)
 
 
 def _left_out(terms: ndarray, outputs: ndarray) -> float:

@@ -8,6 +8,8 @@ import numba
 import numpy as np
 from numpy import ndarray
 
+_kernel = numba.njit(cache=True, error_model="numpy")
+
 
 class Places:
     """Where on the robot joints of fibres and spans between sections are.
@@ -56,7 +58,7 @@ class Places:
         return bent
 
 
-@numba.njit(cache=True, error_model="numpy")
+@_kernel
 def _turns(strain, nodes, cell, joints, spans, at_joints, over_spans):
     """Set angles (n, j, 2) and (n, k, 2), see `Places.turns`."""
     count = len(nodes)
@@ -78,7 +80,7 @@ def _turns(strain, nodes, cell, joints, spans, at_joints, over_spans):
                 over_spans[robot, j, k] = total[spans[j, 1], k] - total[spans[j, 0], k]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@_kernel
 def _step(x, y, z, length, place, frame, i):
     """Go along an arc with the rotation (x, y, z) [1/m] to the next node."""
     turn = length * np.sqrt(x * x + y * y + z * z)
@@ -104,12 +106,11 @@ def _step(x, y, z, length, place, frame, i):
             square = 0.0
             for u in range(3):
                 square += w[t, u] * w[u, 2]
-            along = 1.0 if t == 2 else 0.0
-            way += frame[i, r, t] * (along + b * w[t, 2] + c * square)
+            way += frame[i, r, t] * ((1.0 if t == 2 else 0.0) + b * w[t, 2] + c * square)
         place[i + 1, r] = place[i, r] + length * way
 
 
-@numba.njit(cache=True, error_model="numpy")
+@_kernel
 def _angle(place, frame, nodes, out):
     """Set the angle (2,) from a chord to the next, along the axes of the section between them."""
     before, after = np.zeros(3), np.zeros(3)

@@ -10,7 +10,6 @@ from softrobot_env.beams.numerics.compilation import reference
 from softrobot_env.beams.numerics.integration import (
     METHODS,
     Control,
-    effort,
     integrate,
     samples,
     workspace,
@@ -22,13 +21,13 @@ STIFF = chain([40.0, 90.0, 60.0, 2.0e6], damping=0.01)
 def run(model, method, times, q, v, step=None, tolerance=1e-7, signal=None, max_steps=10**6):
     times = np.atleast_1d(np.asarray(times, dtype=float))
     q, v = np.array(q, dtype=float), np.array(v, dtype=float)
-    found, took = samples(times, len(q)), effort()
+    found = samples(times, len(q))
     signal = signals.constant(np.empty(0)) if signal is None else signal
     control = Control(step is None, step or 1e-3, tolerance, max_steps)
     work = workspace(len(q), 1, len(METHODS[method].b), signal.coefficients.shape[2])
     given = (reference(x) for x in (METHODS[method], control, signal, work))
-    code, reached = integrate(model, *given, (q, v), found, took)
-    return code, reached, found.q, found.v, *took
+    code, reached = integrate(model, *given, (q, v), found)
+    return code, reached, found.q, found.v, work.counters, work.steps
 
 
 def exact(model, times, q, v):

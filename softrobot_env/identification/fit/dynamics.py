@@ -199,8 +199,7 @@ class _Problem:
         times, runs = self._windows.times, self._windows.runs
         covariance = clustered(self._slopes, here.error, self.normal, self._variance, runs)
         # When within a sample a command begins is not known.
-        same = np.diff(runs) == 0
-        covariance[1, 1] += float(np.median(np.diff(times)[same])) ** 2 / 12
+        covariance[1, 1] += float(np.median(np.diff(times)[np.diff(runs) == 0])) ** 2 / 12
         return np.sqrt(np.diag(covariance))
 
     @property

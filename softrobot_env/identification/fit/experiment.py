@@ -42,8 +42,7 @@ def best_experiments(model: StaticModel, fit: Fit) -> list[Experiment]:
     """The best of some experiments, the most telling first; none where nothing is free."""
     spread = model.unknowns.spread
     free = np.flatnonzero(fit.free)
-    share = fit.deviation[free] / spread[free]
-    asked = free[np.argsort(-share)[:_ASKED]]
+    asked = free[np.argsort(-(fit.deviation[free] / spread[free]))[:_ASKED]]
     found = []
     for name, commands, gravity in _candidates(model):
         slopes = _slopes(model, fit, commands, gravity)

@@ -31,6 +31,7 @@ from softrobot_env.beams.pcc.constant_strain import (
     clamp,
     compose,
     position,
+    stumpff,
     to_axes,
     to_world,
     transmit,
@@ -181,15 +182,6 @@ class Rows(NamedTuple):
 
 
 @kernel
-def _stumpff(x):
-    """Stumpff functions c_0 to c_5 (`constant_strain`) at x; no division: complex steps pass."""
-    c5 = 1 / 120 * (1 - x / 42 * (1 - x / 72 * (1 - x / 110 * (1 - x / 156 * (1 - x / 210)))))
-    c4 = 1 / 24 * (1 - x / 30 * (1 - x / 56 * (1 - x / 90 * (1 - x / 132 * (1 - x / 182)))))
-    c2, c3 = 0.5 - x * c4, 1 / 6 - x * c5
-    return 1 - x * c2, 1 - x * c3, c2, c3, c4, c5
-
-
-@kernel
 def _tendon_length(layout, place, q, k, arm):
     """Length [m] of tendon k; sets its derivatives (3 n,) by q (3 n,)."""
     total = q[0] * 0 + place[k, 0] * 0
@@ -201,7 +193,7 @@ def _tendon_length(layout, place, q, k, arm):
         span = layout.sizes[i] / m
         p0, p1, p2 = q[3 * i] / m, q[3 * i + 1] / m, q[3 * i + 2] / m
         x = p0 * p0 + p1 * p1 + p2 * p2
-        _, _, b, c, e, _ = _stumpff(x)
+        _, _, b, c, e, _, _, _ = stumpff(x)
         s, ds = 2 * b, 2 * e - c  # sinc(t / 2)^2 and its derivative by x
         # (1 - s) / x = 2 e, and its derivative: that of the series of e
         de = -(1 - x / 28 * (1 - x / 60 * (1 - x / 99))) / 360
@@ -225,7 +217,7 @@ def _set_posture(layout, q, place, axes):
     store(place[0], here)
     for i in range(len(layout.sizes)):
         phi = vector_at(q, 3 * i)
-        c = _stumpff(dot3(phi, phi))
+        c = stumpff(dot3(phi, phi))
         here = add(here, to_world(frame, position(layout.sizes[i], c, phi)))
         frame = compose(frame, c, phi)
         _store_frame(axes[i + 1], frame)
@@ -257,7 +249,7 @@ def _add_weight(layout, body, q, work, out):
         phi = vector_at(q, 3 * i)
         weight = to_axes(_frame(work.axes[i + 1]), scaled(body.mass[i + 1], gravity))
         load, force, moment = transmit(
-            layout.sizes[i], _stumpff(dot3(phi, phi)), phi, add(force, weight), moment
+            layout.sizes[i], stumpff(dot3(phi, phi)), phi, add(force, weight), moment
         )
         for j in range(3):
             out[3 * i + j] -= load[j]
@@ -267,11 +259,7 @@ def _add_weight(layout, body, q, work, out):
 def _slid(way, loose):
     """Share of friction in [-1, 1] after a way from where it would vanish."""
     share = way / loose
-    if share.real > 1:
-        return share * 0 + 1
-    if share.real < -1:
-        return share * 0 - 1
-    return share
+    return share * 0 + np.sign(share.real) if abs(share.real) > 1 else share
 
 
 @kernel
@@ -538,8 +526,7 @@ def _add_anchors(layout, body, arm, rub, friction, has_friction, by):
                 by.right[i] += friction.hold[k] * arm[k, i] * by.anchor[k]
     for i in range(len(layout.sizes)):
         m = tendons + 2 * i
-        moved = body.holding[i] * friction.held[i] @ by.anchor[m : m + 2]
-        by.right[3 * i : 3 * i + 2] += moved
+        by.right[3 * i : 3 * i + 2] += body.holding[i] * friction.held[i] @ by.anchor[m : m + 2]
 
 
 @kernel
@@ -671,5 +658,4 @@ def follow(layout, body, many, touched, rows, tolerance, scratch):
             state.anchor[k] = real.length[k] - layout.loose * rub[k]
         for m in range(2 * len(layout.sizes)):
             i = m // 2
-            rest = state.q[3 * i + m % 2] - layout.give[i] * rub[tendons + m]
-            state.anchor[tendons + m] = rest
+            state.anchor[tendons + m] = state.q[3 * i + m % 2] - layout.give[i] * rub[tendons + m]

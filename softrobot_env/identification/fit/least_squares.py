@@ -140,61 +140,6 @@ class _Point(NamedTuple):
     cost: float
 
 
-class _Problem:
-    """The robust cost and the prior of free parameters, in coordinates of prior one.
-
-    Attributes:
-        root: Free parameters are those of the prior's mean and root @ white.
-    """
-
-    def __init__(
-        self,
-        model: StaticModel,
-        free: ndarray,
-        weights: Weights,
-        used: ndarray | None,
-        has_friction: bool,
-    ) -> None:
-        self._model, self._free, self._friction = model, free, has_friction
-        self._weights, self._used = weights, used
-        self.root = np.linalg.cholesky(model.unknowns.prior[np.ix_(free, free)])
-        self._mean = model.unknowns.mean[free]
-
-    def at(self, x: ndarray, slopes: bool = False) -> _Point:
-        """The rows at parameters (p,), with slopes by the free ones or without."""
-        found = self._model.simulate(x, self._free if slopes else None, has_friction=self._friction)
-        away = np.linalg.solve(self.root, x[self._free] - self._mean)
-        cost = _data_cost(found, self._weights, self._used) + 0.5 * float(np.sum(away**2))
-        return _Point(x, found, cost)
-
-    def information(self, found: Simulated) -> tuple[ndarray, ndarray]:
-        """Of the data on white, and the gradient of their cost by free parameters."""
-        information, gradient = _normal(found, self._weights, self._used)
-        return self.root.T @ information @ self.root, gradient
-
-    def steps(self, here: _Point) -> Callable[[float], _Point]:
-        """Where steps from a point with slopes lead, by their damping."""
-        white, gradient = self.information(here.simulated)
-        matrix = white + np.eye(len(self.root))
-        right = self.root.T @ gradient
-        right = right + np.linalg.solve(self.root, here.x[self._free] - self._mean)
-
-        def step(damping: float) -> _Point:
-            change = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), right)
-            there = here.x.copy()
-            there[self._free] -= self.root @ change
-            return self.at(there)
-
-        return step
-
-    def covariance(self, white: ndarray) -> ndarray:
-        """(p, p) of the parameters, by the data's information on white."""
-        out, root, free = self._model.unknowns.prior.copy(), self.root, self._free
-        out[free] = out[:, free] = 0.0
-        out[np.ix_(free, free)] = root @ np.linalg.inv(white + np.eye(len(root))) @ root.T
-        return out
-
-
 def search(
     model: StaticModel,
     x: ndarray,
@@ -220,21 +165,48 @@ def search(
         least: Relative decrease of the cost at which it ends.
         show: Called after each.
     """
-    problem = _Problem(model, free, weights, used, has_friction)
-    damping, taken, here = _DAMPING, 0, problem.at(x.copy(), slopes=True)
+    prior, by = model.unknowns.prior, np.ix_(free, free)
+    root, mean = np.linalg.cholesky(prior[by]), model.unknowns.mean[free]
+
+    def at(x: ndarray, slopes: bool = False) -> _Point:
+        found = model.simulate(x, free if slopes else None, has_friction=has_friction)
+        away = np.linalg.solve(root, x[free] - mean)
+        cost = _data_cost(found, weights, used) + 0.5 * float(np.sum(away**2))
+        return _Point(x, found, cost)
+
+    def normal(here: _Point) -> tuple[ndarray, ndarray]:  # in coordinates whose prior is white
+        information, gradient = _normal(here.simulated, weights, used)
+        return root.T @ information @ root, root.T @ gradient
+
+    def steps_from(here: _Point) -> Callable[[float], _Point]:
+        white, right = normal(here)
+        matrix = white + np.eye(len(root))
+        right = right + np.linalg.solve(root, here.x[free] - mean)
+
+        def step(damping: float) -> _Point:
+            change = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), right)
+            there = here.x.copy()
+            there[free] -= root @ change
+            return at(there)
+
+        return step
+
+    damping, taken, here = _DAMPING, 0, at(x.copy(), slopes=True)
     for step in range(steps):
-        better, damping = descend(here, problem.steps(here), damping, _RULE)
+        better, damping = descend(here, steps_from(here), damping, _RULE)
         if better is None:
             break
         gain, taken = here.cost - better.cost, step + 1
-        here = problem.at(better.x, slopes=True)._replace(cost=better.cost)
+        here = at(better.x, slopes=True)._replace(cost=better.cost)
         if show is not None:
             show(taken, size(here.simulated.error))
         if gain < least * here.cost:
             break
-    white, _ = problem.information(here.simulated)
-    covariance = problem.covariance(white)
-    return Fit(here.x, free, here.simulated, weights, problem.root, white, covariance, taken)
+    white, _ = normal(here)
+    covariance = prior.copy()
+    covariance[free] = covariance[:, free] = 0.0
+    covariance[by] = root @ np.linalg.inv(white + np.eye(len(root))) @ root.T
+    return Fit(here.x, free, here.simulated, weights, root, white, covariance, taken)
 
 
 def fitted(

@@ -8,6 +8,7 @@ header, and confirmed there by the chain.
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from math import atan2, ceil, degrees
 from typing import Any
@@ -60,7 +61,6 @@ class StaticModel:
     Attributes:
         robot, recording: As given; the recording's columns are the robot's tendons by then.
         unknowns: The parameters.
-        begins: (t,) bool, rows where another run begins.
         points: (t, k, 3) [m], recorded markers along the robot's axes at its base.
         spatial: Whether the robot leaves its plane.
         layout: Its pieces.
@@ -94,7 +94,6 @@ class StaticModel:
         self._controls = np.ascontiguousarray(recording.controls(robot))
         self._gravity = np.array(robot.own_gravity)
         self._by_length = recording.drive(robot) == "length"
-        self.begins = np.append(True, np.diff(recording.runs) != 0)
         self._axes, self._base = robot.clamp.axes, np.array(robot.clamp.position)
         self.points = self._own(recording.markers)
         self.spatial = not robot.is_planar
@@ -123,11 +122,15 @@ class StaticModel:
         """The same model of another recording, with gravity (3,) [m/s2] along the robot's axes."""
         other = copy(self)
         other.recording, other._controls = recording, recording.controls(self.robot)
-        other.begins = np.append(True, np.diff(recording.runs) != 0)
         other.points = self._own(recording.markers)
         if gravity is not None:
             other._gravity = gravity
         return other
+
+    @property
+    def begins(self) -> ndarray:
+        """(t,) bool, rows where a run begins."""
+        return np.append(True, np.diff(self.recording.runs) != 0)
 
     def _own(self, markers: ndarray) -> ndarray:
         """Markers (t, k, 3) [m] along the robot's axes; NaN where that was not measured."""
@@ -170,30 +173,29 @@ class StaticModel:
 
     def body(self, x: ndarray) -> Body:
         """The model's arrays for parameters (p,), real or complex."""
-        robot, take = self.robot, lambda name, count: self.unknowns.take(x, name, count)
+        robot, take = self.robot, partial(self.unknowns.take, x)
         tendons, n = robot.tendons, len(robot.tendons)
-        soft = np.exp(take("youngs_modulus", len(robot.backbone.sections)))[self._section]
+        soft = np.exp(take("youngs_modulus"))[self._section]
         unlike, across = self._unlike(x)
         # Bends towards x and y are turns about y and -x.
         xx, xy, yy = 1 + unlike, across, 1 - unlike
         bend = self._bending * soft
         stiffness = np.stack([bend * yy, -bend * xy, bend * xx, self._torsion * soft], axis=1)
-        more = take("precurvature", 2 if self.spatial else 1)
-        toward_x = robot.precurvature[0] + (more[0] if len(more) else 0.0)
-        toward_y = robot.precurvature[1] + (more[1] if len(more) > 1 else 0.0)
+        more = take("precurvature")
+        toward_x, toward_y = robot.precurvature[0] + more[0], robot.precurvature[1] + more[-1]
         sizes = self.layout.sizes
         rest = np.stack([-toward_y * sizes, toward_x * sizes], axis=1)
         place = np.array([t.offset for t in tendons], x.dtype).reshape(-1, 2)
-        angle, radius = take("tendon_angle", n), np.exp(take("tendon_radius", n))
+        angle, radius = take("tendon_angle"), np.exp(take("tendon_radius"))
         c, s = np.cos(angle) * radius, np.sin(angle) * radius
         a, b = place.T
         place = np.stack([c * a - s * b, s * a + c * b], axis=1)
         spring = np.ones(n, x.dtype)
         if self._by_length:
-            spring = np.array([t.stiffness for t in tendons]) * np.exp(take("tendon_stiffness", n))
-        pre = np.array([t.pretension for t in tendons]) + take("pretension", n)
-        friction = self._friction * np.exp(take("tendon_friction", n))
-        heavy = np.exp(take("mass", 1)[0])
+            spring = np.array([t.stiffness for t in tendons]) * np.exp(take("tendon_stiffness"))
+        pre = np.array([t.pretension for t in tendons]) + take("pretension")
+        friction = self._friction * np.exp(take("tendon_friction"))
+        heavy = np.exp(take("mass")[0])
         head = robot.head
         over = np.array([0.0, 0.0]) if head is None else np.array([head.mass, head.centre])
         gravity = self._turn(x, "gravity_tilt").T @ self._gravity
@@ -209,16 +211,16 @@ class StaticModel:
             self._mass * heavy,
             over * np.array([heavy, 1.0]),
             gravity,
-            self._backlash * np.exp(take("backlash", 1)[0]) * np.ones(n),
+            self._backlash * np.exp(take("backlash")[0]) * np.ones(n),
             self._offsets(x),
-            (self._holding * np.exp(take("bending_friction", len(self._holding))))[self._section],
+            (self._holding * np.exp(take("bending_friction")))[self._section],
         )
 
     def _unlike(self, x: ndarray) -> ndarray:
         """(2,) half of the anisotropy along x less along y, and along the diagonals."""
         robot = self.robot
         filed = robot.anisotropy / 2 * np.exp(2j * robot.stiff_azimuth)
-        return np.array([filed.real, filed.imag]) + self.unknowns.take(x, "anisotropy", 2) / 2
+        return np.array([filed.real, filed.imag]) + self.unknowns.take(x, "anisotropy") / 2
 
     def _offsets(self, x: ndarray) -> ndarray:
         """(k, 3) [m] of the markers along the axes at their nodes, a head's height included."""
@@ -226,7 +228,7 @@ class StaticModel:
         known = np.array([m.offset_m for m in markers], float)
         if self.robot.head is not None:
             known[[m.station_m is None for m in markers], 2] += self.robot.head.output
-        return known + self._three(self.unknowns.take(x, "marker_offset", 3 * len(markers)))
+        return known + self._three(self.unknowns.take(x, "marker_offset"))
 
     def _three(self, values: ndarray) -> ndarray:
         """(k, 3) coordinates from those that are unknown, x and z of a planar robot."""
@@ -237,7 +239,7 @@ class StaticModel:
 
     def _turn(self, x: ndarray, name: str) -> ndarray:
         """(3, 3) rotation by the parameters of a kind: about x, y and z, x and y, or y."""
-        found = self.unknowns.take(x, name, 0)
+        found = self.unknowns.take(x, name)
         vector = np.zeros(3, x.dtype)
         if len(found) == 1:
             vector[1] = found[0]
@@ -246,8 +248,7 @@ class StaticModel:
         return rotation(vector)
 
     def _shift(self, x: ndarray) -> ndarray:
-        found = self.unknowns.take(x, "frame_shift", 0)
-        return self._three(found)[0] if len(found) else np.zeros(3, x.dtype)
+        return self._three(self.unknowns.take(x, "frame_shift"))[0]
 
     # ------------------------------------------------------------------ simulation
 
@@ -283,8 +284,7 @@ class StaticModel:
         tolerance, touched = _TOLERANCE * self._scale, kernels.touched(many)
         kernels.follow(self.layout, body, many, touched, found, tolerance, room)
         for index in np.flatnonzero(self.unknowns.moves_frame[by]):
-            change = np.nan_to_num(self._placed(steps[index]).imag) / TINY
-            found.slopes[..., index] -= change
+            found.slopes[..., index] -= np.nan_to_num(self._placed(steps[index]).imag) / TINY
         error = found.markers - self._placed(x)
         return Simulated(error, found.slopes, found.turns, found.rub, found.found, found.markers)
 
@@ -306,9 +306,8 @@ class StaticModel:
     def robot_of(self, x: ndarray) -> RobotParams:
         """The robot with parameters x (p,)."""
         robot, body = self.robot, _real(self.body(x))
-        heavy = float(np.exp(self.unknowns.take(x, "mass", 1)[0]))
-        more = self.unknowns.take(x, "precurvature", 2 if self.spatial else 1)
-        bend = np.array(robot.precurvature) + np.append(more, 0.0)[:2]
+        heavy = float(np.exp(self.unknowns.take(x, "mass")[0]))
+        bend = np.array(robot.precurvature) + self.unknowns.take(x, "precurvature")
         unlike, drive = complex(*self._unlike(x)), robot.drive
         if self._by_length and drive.kind == "length":
             drive = replace(drive, backlash=2 * float(body.backlash[0]))
@@ -327,9 +326,9 @@ class StaticModel:
         return with_balance(found)
 
     def _tendons_of(self, x: ndarray, body: Body) -> tuple[Tendon, ...]:
-        count, found = len(self.robot.tendons), []
-        angle = self.unknowns.take(x, "tendon_angle", count)
-        radius = np.exp(self.unknowns.take(x, "tendon_radius", count))
+        found = []
+        angle = np.broadcast_to(self.unknowns.take(x, "tendon_angle"), len(body.spring))
+        radius = np.exp(self.unknowns.take(x, "tendon_radius"))
         for k, tendon in enumerate(self.robot.tendons):
             moved = tendon.turned(float(angle[k]), float(radius[k]))
             changes = {"friction": float(body.friction[k])}
@@ -343,8 +342,8 @@ class StaticModel:
     def _sections_of(self, x: ndarray, heavy: float) -> list[Section]:
         """Sections, whose chain bends as finely as this model usually does."""
         sections = self.robot.backbone.sections
-        soft = np.exp(self.unknowns.take(x, "youngs_modulus", len(sections)))
-        held = self._holding * np.exp(self.unknowns.take(x, HOLDS, len(sections)))
+        soft = np.exp(self.unknowns.take(x, "youngs_modulus"))
+        held = self._holding * np.exp(self.unknowns.take(x, HOLDS))
         finer = max(1, ceil(self._usual / self.robot.pieces))
         return [
             replace(
@@ -359,7 +358,7 @@ class StaticModel:
         return self._axes @ self._turn(x, "gravity_tilt")
 
     def _base_of(self, x: ndarray) -> Base | None:
-        if not self.unknowns.take(x, "gravity_tilt", 2).any():
+        if not self.unknowns.take(x, "gravity_tilt").any():
             return self.robot.base
         axes = self._base_axes(x)
         plain = Base(direction=tuple(axes[:, 2].tolist())).axes.T @ axes
@@ -376,7 +375,7 @@ class StaticModel:
         vector = turn_vector(turn @ rotation(np.radians(frame.turn_deg)))
         turned = [degrees(v) if abs(v) > 1e-12 else 0.0 for v in vector]
         frame = replace(frame, turn_deg=tuple(turned), shift_m=tuple(shift.tolist()))
-        extra = self._three(self.unknowns.take(x, "marker_offset", 3 * len(header.marker)))
+        extra = self._three(self.unknowns.take(x, "marker_offset"))
         markers = tuple(
             replace(m, offset_m=tuple((np.array(m.offset_m) + e).tolist()))
             for m, e in zip(header.marker, extra, strict=True)
@@ -448,8 +447,7 @@ def _spans(stations: ndarray, edges: ndarray) -> ndarray:
     for i, (a, b) in enumerate(pairwise(edges)):
         inside = np.clip(np.minimum(stations[1:], b) - np.maximum(stations[:-1], a), 0, None)
         if inside.sum() > 0:
-            mean = np.sqrt((inside * lengths**2).sum() / inside.sum())
-            found[i] = (b - a) / mean
+            found[i] = (b - a) / np.sqrt((inside * lengths**2).sum() / inside.sum())
     return found
 
 

@@ -287,8 +287,7 @@ class _Run:
 
     def doubt(self) -> bool:
         """Why the result may be wrong."""
-        doubts = _doubts(self.model, self.fit, self.recording)
-        self.doubts = (*_unsure(self.assignment), *doubts)
+        self.doubts = (*_unsure(self.assignment), *_doubts(self.model, self.fit, self.recording))
         return True
 
     def result(self) -> Identification:
@@ -454,8 +453,7 @@ def placed(recording: Recording, header: Header) -> Recording:
 def _common(known: Unknowns, fit: Fit, name: str) -> float:
     """Standard deviation of what the parameters of a kind have in common."""
     place = known.place(name)
-    part = fit.covariance[place, place]
-    return float(np.sqrt(part.mean()))
+    return float(np.sqrt(fit.covariance[place, place].mean()))
 
 
 def _check_place(recording: Recording, robot: RobotParams) -> None:

@@ -135,8 +135,7 @@ def _error(
 
 def chain_row(error: ndarray) -> ErrorRow:
     """Of the MuJoCo chain, errors (t, k, 3) [m]; rows that failed do not count."""
-    known = error[~np.isnan(error).all(axis=(1, 2))]
-    return _error("fitted", "chain", "all", known)
+    return _error("fitted", "chain", "all", error[~np.isnan(error).all(axis=(1, 2))])
 
 
 def report_rows(found: Identification, chain: ErrorRow | None) -> list[dict[str, Any]]:

@@ -61,8 +61,7 @@ class Residual:
             commands: (t, n) in SI units.
             begins: (t,) bool, where another run begins.
         """
-        raw = _features(bends, commands, begins, self.band)
-        features = self._scaled(raw)
+        features = self._scaled(_features(bends, commands, begins, self.band))
         out = np.zeros((len(features), self.weights.shape[1]))
         for begin in range(0, len(features), 500):
             part = slice(begin, begin + 500)

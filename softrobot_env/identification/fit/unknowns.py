@@ -241,10 +241,10 @@ class Unknowns:
             begin = end
         return None
 
-    def take(self, x: ndarray, name: str, count: int) -> ndarray:
-        """The parameters of a kind, zeros if there is none."""
+    def take(self, x: ndarray, name: str) -> ndarray:
+        """The parameters of a kind, (1,) a zero if there is none."""
         place = self.place(name)
-        return np.zeros(count, x.dtype) if place is None else x[place]
+        return np.zeros(1, x.dtype) if place is None else x[place]
 
     def of(self, stages: Sequence[str]) -> ndarray:
         """(p,) bool, those that some stages find."""
