@@ -35,7 +35,8 @@ from rich.table import Table
 from rich.text import Text
 
 from softrobot_env.core import runs
-from softrobot_env.core.runs import Kept, Progress, Record, quiet
+from softrobot_env.core.interfaces import ProgressCallback, quiet
+from softrobot_env.core.runs import Kept, Record
 from softrobot_env.core.runs import for_pictures as for_pictures
 from softrobot_env.rendering import figures
 from softrobot_env.rendering.figures import Axes, Figure, Style, style_of
@@ -214,7 +215,7 @@ class Lab:
     """
 
     quick: bool = False
-    progress: Progress = quiet
+    progress: ProgressCallback = quiet
     processes: int | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     kinds: tuple[type[Record], ...] = ()
@@ -237,7 +238,8 @@ class Lab:
 
     def tasks(self, tasks: Sequence[tuple[str, Callable[[], Any]]]) -> list[Any]:
         """What named functions return, which may be anything."""
-        return runs.run_in_processes(tasks, self.progress, self.processes)
+        work = {"progress": self.progress, "processes": self.processes}
+        return runs.run_cases(tasks, lambda task: task[1](), label=lambda task: task[0], **work)
 
 
 def case_label(case: Any) -> str:
@@ -290,13 +292,13 @@ class Study:
     def run(
         self,
         quick: bool = False,
-        progress: Progress | None = None,
+        progress: ProgressCallback = quiet,
         kept: Kept | None = None,
         **options: Any,
     ) -> list:
         """Measure; `options` are those of the command line."""
         workers = 0 if self.alone else self.processes
-        lab = Lab(quick, progress or quiet, workers, options, self.kinds, kept)
+        lab = Lab(quick, progress, workers, options, self.kinds, kept)
         rows = (
             self.stages(lab)
             if self.stages

@@ -250,13 +250,26 @@ def add_line(parser: Parsers, robot_file: str) -> None:
     add(parser, "--port PORT", "serial port; default: the robot file's", str)
 
 
-def files_among(given: Iterable[Any]) -> set[Path]:
-    """Files that jobs may depend on: those given, by name or as what is in them, what was
-    learned beside them, and what was learned where trainings write."""
+#: Arguments that no job depends on.
+_ELSEWHERE = {"workers", "out", "overwrite", "record", "no_plots", "redraw", "save_rollouts"}
+_ELSEWHERE |= {"log", "command_line", "run"}
+
+
+def study_of(args: Namespace) -> tuple[str, set[Path]]:
+    """What the jobs of a command depend on: arguments in words, and files.
+
+    Files are those given, by name or as what is in them, what was learned beside them, and what
+    was learned where trainings write.
+    """
+    given = {name: value for name, value in vars(args).items() if name not in _ELSEWHERE}
+    return str(sorted(given.items(), key=str)), _files_among(given.values())
+
+
+def _files_among(given: Iterable[Any]) -> set[Path]:
     found = set(OUT.glob("*.npz"))
     for one in given:
         if isinstance(one, list | tuple):
-            found |= files_among(one)
+            found |= _files_among(one)
         elif isinstance(one, str | Path):
             name = str(one).rpartition(":")[0] or str(one)
             module = sys.modules.get(name)

@@ -1,10 +1,8 @@
 """`softrobot benchmark`: runs a study, writes its report and draws its pictures."""
 
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, NamedTuple
 
 from softrobot_env.commands.arguments import add, add_robot, add_workers, flags, seed
 from softrobot_env.commands.output import (
@@ -18,41 +16,32 @@ from softrobot_env.commands.output import (
 )
 from softrobot_env.core.files import write_text
 from softrobot_env.core.processes import using
+from softrobot_env.core.registry import load
 from softrobot_env.core.runs import KEPT, kept_rows
 from softrobot_env.core.studies import BENCHMARKS, Benchmark, measured
 from softrobot_env.evaluation import stored
 from softrobot_env.rendering.tables import text_page
-from softrobot_env.robots import GRIPPERS, RobotParams, find_robot
+from softrobot_env.robots import GRIPPERS, find_robot
 
 EXAMPLE = """softrobot benchmark speed --quick
   softrobot benchmark accuracy --robot my.toml
   softrobot benchmark laws --redraw"""
 
 
-class Check(NamedTuple):
-    """How to measure a robot, from (robot, quick, progress), and to show its rows."""
-
-    measure: Callable[..., list[Any]]
-    tables: Callable[..., Any]
-    plot: Callable[..., None]
-
-
-def _accuracy() -> Check:
-    from softrobot_env.evaluation.models.accuracy import measure
-    from softrobot_env.rendering.models import accuracy_tables, plot_accuracy
-
-    return Check(measure, accuracy_tables, plot_accuracy)
-
-
-def _stability() -> Check:
-    from softrobot_env.evaluation.models.stability import measure
-    from softrobot_env.rendering.models import plot_stability, stability_tables
-
-    return Check(measure, stability_tables, plot_stability)
-
-
-#: What can be measured of any robot; each loads what it needs.
-CHECKS: dict[str, Callable[[], Check]] = {"accuracy": _accuracy, "stability": _stability}
+#: What can be measured of any robot -> what measures it, from (robot, quick, progress), makes
+#: tables of its rows, and plots them.
+CHECKS = {
+    "accuracy": (
+        "softrobot_env.evaluation.models.accuracy:measure",
+        "softrobot_env.rendering.models:accuracy_tables",
+        "softrobot_env.rendering.models:plot_accuracy",
+    ),
+    "stability": (
+        "softrobot_env.evaluation.models.stability:measure",
+        "softrobot_env.rendering.models:stability_tables",
+        "softrobot_env.rendering.models:plot_stability",
+    ),
+}
 
 #: Options of some benchmarks -> help.
 _OPTIONS = {
@@ -168,24 +157,21 @@ def _run_own(args: Namespace) -> int:
         )
     if args.redraw:
         raise ValueError("--redraw draws the study's own report anew: leave out --robot")
-    robot, check = _found(args.robot), CHECKS[args.what]()
+    if args.robot in GRIPPERS:
+        raise ValueError(
+            f"gripper {args.robot!r} is several robots: give one of its fingers, such as "
+            "gripper_finger"
+        )
+    robot, (measure, tables_of, plot) = find_robot(args.robot), map(load, CHECKS[args.what])
     out = args.out / args.what
     with new_results(out, args.overwrite):
         with progress_on(args.what) as show:
-            rows = check.measure(robot, args.quick, show)
-        tables, title = check.tables(rows), f"Benchmark: {args.what} of {robot.name}"
+            rows = measure(robot, args.quick, show)
+        tables, title = tables_of(rows), f"Benchmark: {args.what} of {robot.name}"
         say(tables)
         write_report(out, [asdict(row) for row in rows], title, tables, args.command_line)
         picture = out / f"{args.what}.png"
-        plotted = drawn(lambda: check.plot(rows, picture, robot.name))
+        plotted = drawn(lambda: plot(rows, picture, robot.name))
         told = " and a picture" if plotted else ""
         say(f"Wrote report.json, report.md{told} to {out}")
     return 0
-
-
-def _found(which: str) -> RobotParams:
-    if which in GRIPPERS:
-        raise ValueError(
-            f"gripper {which!r} is several robots: give one of its fingers, such as gripper_finger"
-        )
-    return find_robot(which)

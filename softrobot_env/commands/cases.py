@@ -7,18 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from softrobot_env.commands import setups
 from softrobot_env.commands.arguments import expand_all, flags
-from softrobot_env.commands.setups import (
-    SIMULATED,
-    Given,
-    Setup,
-    check_used,
-    combinations,
-    families,
-    merge,
-    one_task,
-    period_of,
-)
+from softrobot_env.commands.setups import Setup
 from softrobot_env.control.registry import EVERY_POLICY, POLICIES, installed_policies, policy_name
 from softrobot_env.envs.disturbances import rounded
 from softrobot_env.envs.randomization import Randomization
@@ -40,8 +31,8 @@ def make_setup(args: Namespace) -> Setup:
         ValueError: Arguments of a robot over a serial line for a simulated one, or --robot for one.
         ImportError: Packages of the extra `robot` are missing.
     """
-    env = getattr(args, "env", SIMULATED)
-    if env != SIMULATED:
+    env = getattr(args, "env", setups.SIMULATED)
+    if env != setups.SIMULATED:
         from softrobot_env.commands.robot.setup import RealSetup
 
         if args.robot is not None:
@@ -62,10 +53,10 @@ def make_cases(args: Namespace, setup: Setup) -> list[Case]:
     every = _every_task(setup) if "all" in args.tasks else []
     makers = {name: find_maker(name, setup.robot) for name in expand_all(args.tasks, every)}
     given = _given_options(args)
-    check_used(given, makers, setup.robot)
+    setups.check_used(given, makers, setup.robot)
     wanted = {"step_width": list(STEP_WIDTHS)} | given
     tasks = {
-        name: [make_task(name, robot=setup.robot, **o) for o in combinations(make, wanted)]
+        name: [make_task(name, robot=setup.robot, **o) for o in setups.combinations(make, wanted)]
         for name, make in makers.items()
     }
     _check_names(args.policies)
@@ -93,7 +84,7 @@ def _of_task(
             for twin, variation in conditions:
                 case = setup.complete(Case(task, policy, variation, twin))
                 if variation in drawn:
-                    case = replace(case, variation=rounded(variation, period_of(case)))
+                    case = replace(case, variation=rounded(variation, setups.period_of(case)))
                 yield case
 
 
@@ -108,7 +99,7 @@ def one_case(args: Namespace, setup: Setup, twin: bool) -> Case:
     Raises:
         ValueError: A policy of another robot; nothing would be shown.
     """
-    task = one_task(args, setup.robot)
+    task = setups.one_task(args, setup.robot)
     name = args.policy or setup.default_policy(task)
     reason = setup.incompatibility(name, task)
     if reason is not None:
@@ -170,7 +161,7 @@ def _check_policies(names: list[str], tasks: list[Task], setup: Setup) -> None:
         )
         if None in [reason for _, reason in reasons]:
             continue
-        owners = [robot for robot, made in families().items() if name in made]
+        owners = [robot for robot, made in setups.families().items() if name in made]
         if setup.robot is None and owners:
             fits = ", ".join(tasks_of(owners[0]).own())
             raise ValueError(f"policy {name!r} is for the tasks {fits}")
@@ -180,11 +171,10 @@ def _check_policies(names: list[str], tasks: list[Task], setup: Setup) -> None:
 
 def _variations(given: list[tuple[str, list[float]]]) -> list[dict[str, float]]:
     """Every combination of what varies, without the values that change nothing."""
-    varied = merge(given)
-    combinations = itertools.product(*varied.values())
+    varied = setups.merge(given)
     return [
-        {n: v for n, v in zip(varied, c, strict=True) if v != VARIATIONS[n].neutral}
-        for c in combinations
+        {n: v for n, v in zip(varied, values, strict=True) if v != VARIATIONS[n].neutral}
+        for values in itertools.product(*varied.values())
     ]
 
 
@@ -204,7 +194,9 @@ def _draws(args: Namespace) -> list[dict[str, float]]:
     return [ranges.draw(rng) for _ in range(count)]
 
 
-def _given_options(args: Namespace) -> Given:
+def _given_options(args: Namespace) -> setups.Given:
     """Values given for options of tasks, in whatever form."""
     short = {"step_width": args.step_widths, "speed": args.speeds, "seed": args.path_seeds}
-    return merge([*args.option, *((name, values) for name, values in short.items() if values)])
+    return setups.merge(
+        [*args.option, *((name, values) for name, values in short.items() if values)]
+    )

@@ -23,19 +23,6 @@ from softrobot_env.hardware.errors import RobotError
 from softrobot_env.recordings import write_recording
 from softrobot_env.robots import VARIATIONS
 
-#: Arguments that no episode depends on.
-_ELSEWHERE = (
-    "workers",
-    "out",
-    "overwrite",
-    "record",
-    "no_plots",
-    "redraw",
-    "save_rollouts",
-    "command_line",
-    "run",
-)
-
 EXAMPLE = """softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1.25,1.5
   softrobot evaluate --tasks triangle --option period=5,1 --twin 0
   softrobot evaluate --tasks triangle --twin 3 --learnt out/rig_nn_3.npz
@@ -212,9 +199,7 @@ def _evaluate(args: Namespace) -> int:
         results = _run_cases(cases, setup)
         _write(results, args)
     else:
-        given = {k: v for k, v in vars(args).items() if k not in _ELSEWHERE}
-        study = f"evaluate {sorted(given.items())}"
-        with kept_rows(args.out / KEPT, study, arguments.files_among(given.values())) as kept:
+        with kept_rows(args.out / KEPT, *arguments.study_of(args)) as kept:
             results = _run_side_by_side(cases, args, kept)
             if kept.taken:
                 say(f"Took up {kept.taken} episodes of an earlier run that was stopped")

@@ -16,7 +16,7 @@ from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.runner import Case, simulated
 from softrobot_env.rendering.tables import Column, make_table, named_values
 from softrobot_env.rendering.workspace import draw_workspace, picture_of
-from softrobot_env.robots import RobotParams, Tendon, entry_of, find_robot
+from softrobot_env.robots import RobotParams, entry_of, find_robot
 from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.inverse import sample_of, workspace_of
@@ -171,15 +171,11 @@ def _tendons(robot: RobotParams) -> Table:
         Column("end mm", "end", ".1f", "mm"),
         Column("routing", lambda t: f"{len(t.guides)} guides" if t.guides else "channel"),
         Column("pretension\nto limit N", lambda t: f"{t.pretension:g} to {t.tension_limit:g}"),
-        Column("stiffness", _axial_stiffness),
+        Column("stiffness", lambda t: "inextensible" if isinf(s := t.stiffness) else f"{s:g} N/m"),
     ]
     if any(tendon.friction for tendon in robot.tendons):
         columns.append(Column("friction\nN", "friction", ".3g"))
     return make_table("Tendons", columns, robot.tendons)
-
-
-def _axial_stiffness(tendon: Tendon) -> str:
-    return "inextensible" if isinf(tendon.stiffness) else f"{tendon.stiffness:g} N/m"
 
 
 def _errors_left_out(twin: Twin) -> list[str]:

@@ -8,20 +8,9 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from softrobot_env.commands import arguments
+from softrobot_env.commands import arguments, output
 from softrobot_env.commands.arguments import SEVERAL, Parsers, add
-from softrobot_env.commands.output import (
-    add_out,
-    check_folder,
-    claimed,
-    drawn,
-    inside,
-    new_file,
-    new_results,
-    progress_on,
-    say,
-    write_report,
-)
+from softrobot_env.commands.output import say
 from softrobot_env.core.processes import using
 from softrobot_env.core.runs import KEPT, kept_rows
 from softrobot_env.rendering.tables import named_values
@@ -62,17 +51,17 @@ def add_arguments(parser: ArgumentParser) -> None:
     known = f"policy to train, out of {', '.join(registry.TRAININGS)}; or give --algo"
     add(parser, "what NAME", known, nargs="?", choices=list(registry.TRAININGS))
     arguments.add_robot(parser, "a name or a file; default: the thesis' of the artifact")
-    drawn = parser.add_mutually_exclusive_group()
-    add(drawn, "--seed SEED", "of the randomness; default: 0")
+    chance = parser.add_mutually_exclusive_group()
+    add(chance, "--seed SEED", "of the randomness; default: 0")
     add(
-        drawn,
+        chance,
         "--seeds A..B|A,B",
         "a run for each; with this, several values of --set or --workers, runs have folders in "
         "that of --out, and the same command goes on with those that are not done",
         arguments.seeds,
     )
     arguments.add_workers(parser, "; several runs at a time; default: as many processes as cores")
-    add_out(
+    output.add_out(
         parser,
         None,
         "default: beside the file of a robot of one's own, else out; of several runs "
@@ -190,13 +179,15 @@ def run(args: Namespace) -> int:
     order = TrainingRequest(robot, _path(args, name, robot), args.seed, settings)
     began = perf_counter()
     with ExitStack() as held:
-        held.enter_context(new_file(order.path, args.overwrite or bool(settings.get("resume"))))
+        held.enter_context(
+            output.new_file(order.path, args.overwrite or bool(settings.get("resume")))
+        )
         if "checkpoint" in training.options:
             folder = checkpoint_of(settings, order.path)
-            held.enter_context(claimed(folder))
-            check_folder(folder)
+            held.enter_context(output.claimed(folder))
+            output.check_folder(folder)
         order.path.parent.mkdir(parents=True, exist_ok=True)
-        show = held.enter_context(progress_on(name, prefix=f"{name}: "))
+        show = held.enter_context(output.progress_on(name, prefix=f"{name}: "))
         figures = training.run(order, show)
     figures = dict(figures) | {"time": f"{perf_counter() - began:.1f} s"}
     say(named_values(f"{name} of {robot.name}, seed {args.seed}", figures))
@@ -224,7 +215,7 @@ def _path(args: Namespace, name: str, robot: RobotParams) -> Path:
     if args.ship and args.out is not None:
         raise ValueError("--ship has its folder: give it or --out")
     folder = artifact_folder(robot) if args.ship else args.out or training_folder(robot)
-    path = file_of(robot, inside(folder, name if args.name is None else args.name), folder)
+    path = file_of(robot, output.inside(folder, name if args.name is None else args.name), folder)
     return path.with_stem(f"{path.stem}_{args.twin}") if args.twin else path
 
 
@@ -233,9 +224,6 @@ def _path(args: Namespace, name: str, robot: RobotParams) -> Path:
 
 #: What only a single run takes.
 _SINGLE = ("ship", "checkpoint", "resume")
-
-#: Arguments that no run depends on.
-ELSEWHERE = ("workers", "out", "overwrite", "log", "command", "command_line", "run")
 
 
 def train_several(
@@ -265,10 +253,9 @@ def train_several(
     if name in registry.LEARNERS:
         for one in orders.values():
             registry.check_reinforcement(name, one)
-    study = study_in_words("train", args)
-    files = files_in(args, out)
-    with new_results(out, args.overwrite), kept_rows(out / KEPT, study, files) as kept:
-        bar = progress_on(name, len(orders), prefix=f"{name}: ")
+    study, files = study_in(args, out)
+    with output.new_results(out, args.overwrite), kept_rows(out / KEPT, study, files) as kept:
+        bar = output.progress_on(name, len(orders), prefix=f"{name}: ")
         with bar as show, using(args.workers):
             found = runs.run_all(name, orders, kept, show, args.overwrite)
         if kept.taken:
@@ -285,7 +272,7 @@ def order_in(
     out: Path, name: str, robot: RobotParams, settings: Mapping[str, Any], file: str | None
 ) -> TrainingRequest:
     """What runs have in common, whose folders are in `out`, as is what they build on."""
-    path = file_of(robot, inside(out, file or name), out.resolve())
+    path = file_of(robot, output.inside(out, file or name), out.resolve())
     settings = dict(settings)
     if "recording" in settings:
         settings["recording"] = settings["recording"].resolve()
@@ -297,25 +284,19 @@ def order_in(
     return replace(TrainingRequest(robot, path, 0, settings), near=path.parent)
 
 
-def study_in_words(command: str, args: Namespace) -> str:
-    """What a study is, by the arguments that its runs depend on."""
-    given = {key: value for key, value in vars(args).items() if key not in ELSEWHERE}
-    return f"{command} {sorted(given.items(), key=str)}"
-
-
-def files_in(args: Namespace, out: Path) -> set[Path]:
-    """Files that the runs depend on: those that are given, and what they build on in `out`."""
-    given = [value for key, value in vars(args).items() if key not in ELSEWHERE]
-    return arguments.files_among(given) | set(out.resolve().glob("*.npz"))
+def study_in(args: Namespace, out: Path) -> tuple[str, set[Path]]:
+    """As `arguments.study_of`, with what runs build on in `out`."""
+    study, files = arguments.study_of(args)
+    return study, files | set(out.resolve().glob("*.npz"))
 
 
 def write(args: Namespace, out: Path, title: str, found: "list[Run]", tables: Any) -> None:
     """Report, page and curves."""
     from softrobot_env.training.several.report import plot
 
-    write_report(out, [run.row() for run in found], title, tables, args.command_line)
+    output.write_report(out, [run.row() for run in found], title, tables, args.command_line)
     say(tables)
     curves = any(run.curve for run in found)
-    plotted = curves and drawn(lambda: plot(found, out / "curves.png"))
+    plotted = curves and output.drawn(lambda: plot(found, out / "curves.png"))
     wrote = "report.json, report.md" + (", curves.png" if plotted else "")
     say(f"Wrote {wrote} to {out}", soft_wrap=True)

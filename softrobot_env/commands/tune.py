@@ -106,8 +106,8 @@ def _search(args: Namespace, name: str, order: TrainingRequest, space: Space, ou
     order, steps = _sized(name, order)
     ranges = any(isinstance(own, Range) for own in space.values())
     search = Search(name, order, space, steps, args.trials or (_TRIALS if ranges else None))
-    words = train.study_in_words("tune", args)
-    files = train.files_in(args, out) - {order.path}
+    words, files = train.study_in(args, out)
+    files -= {order.path}
     with new_results(out, args.overwrite), kept_rows(out / KEPT, words, files) as kept:
         study = kept.name
         if not args.overwrite:

@@ -17,6 +17,10 @@ Seen = Observation | ndarray
 ProgressCallback = Callable[[str, int, int], None]
 
 
+def quiet(what: str, done: int, total: int) -> None:
+    """Progress that nobody wants to see."""
+
+
 class Measurement(NamedTuple):
     """What can be measured of a robot.
 

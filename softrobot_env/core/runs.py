@@ -24,6 +24,7 @@ from numpy import ndarray
 
 from softrobot_env.core import __version__
 from softrobot_env.core.files import assets_dir, models_dir
+from softrobot_env.core.interfaces import ProgressCallback, quiet
 from softrobot_env.core.processes import worker_processes
 
 # ---------------------------------------------------------------- rows
@@ -289,19 +290,8 @@ def _content(files: Iterable[Path]) -> str:
 
 # ---------------------------------------------------------------- cases and jobs
 
-#: Description for the progress bar, and how it is done. In processes it may give anything, and hold
-#: anything that cloudpickle takes, such as what a user's file defines.
-Job = tuple[str, Callable[[], Any]]
-
-#: Called with description, jobs done and number of jobs.
-Progress = Callable[[str, int, int], None]
-
 #: How often jobs whose process has ended are begun.
 _TRIES = 3
-
-
-def quiet(description: str, done: int, total: int) -> None:
-    """Progress that nobody wants to see."""
 
 
 def run_cases(
@@ -313,38 +303,60 @@ def run_cases(
     key: Callable[[Any], str] = case_key,
     label: Callable[[Any], str] = str,
     arrived: Callable[[Any, Any], Any] | None = None,
-    progress: Progress | None = None,
+    progress: ProgressCallback = quiet,
     processes: int | None = None,
 ) -> list[Any]:
-    """What is measured of cases, in their order.
+    """What is measured of cases, in their order; the first error of one is raised.
+
+    Cases whose process is killed are begun anew. Processes may be given, and return, anything that
+    cloudpickle takes, such as what a user's file defines.
 
     Args:
-        cases: The cases.
-        measure: From a case to a row, or a list of rows: dataclasses of numbers, texts and arrays.
+        cases: The cases, begun in this order, each in a process with one thread.
+        measure: From a case to what is measured; of what is kept to a row, or a list of rows:
+            dataclasses of numbers, texts and arrays.
         kinds: Classes of the rows, for those that are kept.
         kept: Where rows are kept as they arrive; what is there is not measured.
         key: What tells a case from others.
         label: Of a case, for the progress bar.
         arrived: Makes rows, in this process, of a case and what was measured of it; for results
             that are more than rows.
-        progress, processes: See `run_in_processes`.
+        progress: Told the cases that are done, at first and after each.
+        processes: Cases at a time, unless the user chose (`processes.using`); one per core unless
+            given. 0 does one after the other here, and tells the progress before each.
 
     Raises:
         RuntimeError: Processes end again and again.
     """
-    cases, kinds = list(cases), tuple(kinds)
+    cases, kinds, found = list(cases), tuple(kinds), {}
     named = [f"{_name(measure)} {key(case)}" for case in cases]
-    found = {} if kept is None else {k: kept.rows(x, kinds) for k, x in enumerate(named)}
-    found = {number: rows for number, rows in found.items() if rows is not None}
+    for number, name in enumerate(named if kept is not None else ()):
+        if (rows := kept.rows(name, kinds)) is not None:
+            found[number] = rows
 
-    def rows_of(number: int, result: Any) -> Any:
-        rows = result if arrived is None else arrived(cases[number], result)
+    def take(number: int, result: Any) -> None:
+        found[number] = result if arrived is None else arrived(cases[number], result)
         if kept is not None:
-            kept.add(named[number], rows)
-        return rows
+            kept.add(named[number], found[number])
 
-    tasks = [(label(case), partial(measure, case)) for case in cases]
-    return _run(tasks, found, rows_of, progress or quiet, processes)
+    for number, case in enumerate(cases if processes == 0 else ()):
+        if number not in found:
+            progress(label(case), number, len(cases))
+            take(number, measure(case))
+    progress("done" if processes == 0 else "running", len(found), len(cases))
+    for _ in range(_TRIES):
+        try:
+            for number, result in _arriving(cases, measure, found, processes):
+                take(number, result)
+                progress(label(cases[number]), len(found), len(cases))
+        except BrokenExecutor:
+            continue
+        return [found[number] for number in range(len(cases))]
+    waiting = [label(case) for number, case in enumerate(cases) if number not in found]
+    raise RuntimeError(
+        f"worker processes ended {_TRIES} times, as they do without memory; left of {len(cases)} "
+        f"jobs: {', '.join(waiting[:3])}{' ...' if len(waiting) > 3 else ''}"
+    )
 
 
 def _name(function: Any) -> str:
@@ -352,65 +364,18 @@ def _name(function: Any) -> str:
     return _name(function.func) if isinstance(function, partial) else function.__qualname__
 
 
-def run_in_processes(
-    tasks: Sequence[Job], progress: Progress | None = None, processes: int | None = None
-) -> list[Any]:
-    """What tasks return, in their order; the first error of one is raised.
-
-    Tasks whose process is killed are begun anew.
-
-    Args:
-        tasks: Begun in this order, each in a process with one thread.
-        progress: Called with (description, done, total) at first and after each, or None.
-        processes: Tasks at a time, unless the user chose (`processes.using`); one per core unless
-            given. 0 does one after the other here, and tells the progress before each.
-
-    Raises:
-        RuntimeError: Processes end again and again.
-    """
-    return _run(tasks, {}, lambda number, result: result, progress or quiet, processes)
-
-
-def _run(
-    tasks: Sequence[Job],
-    found: dict[int, Any],
-    arrived: Callable[[int, Any], Any],
-    show: Progress,
-    processes: int | None,
-) -> list[Any]:
-    """What `arrived` makes of results of the tasks that are not found yet, and what is found."""
-    if processes == 0:
-        for number, (label, work) in enumerate(tasks):
-            if number not in found:
-                show(label, number, len(tasks))
-                found[number] = arrived(number, work())
-        show("done", len(tasks), len(tasks))
-        return [found[number] for number in range(len(tasks))]
-    show("running", len(found), len(tasks))
-    for _ in range(_TRIES):
-        try:
-            for number, result in _arriving(tasks, found, processes):
-                found[number] = arrived(number, result)
-                show(tasks[number][0], len(found), len(tasks))
-        except BrokenExecutor:
-            continue
-        return [found[number] for number in range(len(tasks))]
-    waiting = [label for number, (label, _) in enumerate(tasks) if number not in found]
-    raise RuntimeError(
-        f"worker processes ended {_TRIES} times, as they do without memory; left of {len(tasks)} "
-        f"jobs: {', '.join(waiting[:3])}{' ...' if len(waiting) > 3 else ''}"
-    )
-
-
 def _arriving(
-    tasks: Sequence[Job], found: dict[int, Any], processes: int | None
+    cases: Sequence[Any],
+    measure: Callable[[Any], Any],
+    found: Mapping[int, Any],
+    processes: int | None,
 ) -> Iterator[tuple[int, Any]]:
-    """Numbers and results of those tasks that are not found yet, as they arrive."""
-    left = [number for number in range(len(tasks)) if number not in found]
+    """Numbers and results of those cases that are not found yet, as they arrive."""
+    left = [number for number in range(len(cases)) if number not in found]
     if not left:
         return
     with worker_processes(processes) as pool:
-        running = {pool.submit(_done, cloudpickle.dumps(tasks[n][1])): n for n in left}
+        running = {pool.submit(_done, cloudpickle.dumps((measure, cases[n]))): n for n in left}
         failed: BaseException | None = None
         for future in as_completed(running):
             if future.cancelled():
@@ -427,5 +392,6 @@ def _arriving(
 
 
 def _done(work: bytes) -> bytes:
-    """The packed result of a packed task."""
-    return cloudpickle.dumps(cloudpickle.loads(work)())
+    """The packed result of a packed function and its case."""
+    measure, case = cloudpickle.loads(work)
+    return cloudpickle.dumps(measure(case))

@@ -11,7 +11,7 @@ import torch
 
 from softrobot_env.control.learned import neural
 from softrobot_env.control.learned.neural import View, view_in
-from softrobot_env.core.vector_reading import reading_in
+from softrobot_env.core.vector_reading import Reading, reading_in
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation import metrics
@@ -120,12 +120,12 @@ def _unscaled(count: int) -> Scaling:
 
 def save(
     network: Network,
-    path: Path,
+    path: Path | str,
     seed: int,
     robot: RobotParams | None = None,
-    view: View | None = None,
+    view: View | Reading | None = None,
 ) -> None:
-    """Write a network in single precision, with its robot, its view and the seed."""
+    """Write a network in single precision, with its robot, what it sees and the seed."""
     robot, view = seen_in(robot, view)
     single = network.with_parameters(network.parameters.astype(np.float32))
     single.save(path, {**fingerprint(robot), **view.about(), "seed": seed})
@@ -150,8 +150,7 @@ def save_vector_policy(path: Path | str, model: Any, env: Any, seed: int = 0) ->
         raise ValueError('the environment shows no vectors: make it with observe_as="vector"')
     network, robot = as_network(*_acting(model)), owner.task.robot
     check_ends(network, (len(reading.take), robot_inputs(robot).n_inputs), "the model")
-    single = network.with_parameters(network.parameters.astype(np.float32))
-    single.save(path, {**fingerprint(robot), **reading.about(), "seed": seed})
+    save(network, path, seed, robot, reading)
 
 
 def _acting(model: Any) -> tuple[torch.nn.Module, ...]:

@@ -11,7 +11,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import ReplayBuffer
 
 from softrobot_env.core.files import atomic_write
-from softrobot_env.core.interfaces import ProgressCallback
+from softrobot_env.core.interfaces import ProgressCallback, quiet
 from softrobot_env.learned.network import Network, Scaling
 
 #: The newest state of a training, and the one before.
@@ -60,7 +60,7 @@ def forget(folder: Path) -> None:
         (folder / name).unlink(missing_ok=True)
 
 
-def read(folder: Path | None, show: ProgressCallback | None = None) -> Checkpoint | None:
+def read(folder: Path | None, show: ProgressCallback = quiet) -> Checkpoint | None:
     """The newest state in a folder that is whole, None if there is none at all.
 
     Args:
@@ -85,7 +85,7 @@ def read(folder: Path | None, show: ProgressCallback | None = None) -> Checkpoin
         except ValueError as error:
             refused = error
             continue
-        if refused is not None and show is not None:
+        if refused is not None:
             steps = int(checkpoint.curve[-1]["steps"])
             show(f"{refused}: going on from step {steps}", steps, steps)
         return checkpoint

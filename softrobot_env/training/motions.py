@@ -5,7 +5,6 @@ most: of three tendons around a fibre the two that keep the sum of their lengths
 them (sec. 3.3.3).
 """
 
-from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -16,6 +15,7 @@ import numpy as np
 from numpy import ndarray
 from scipy.signal import butter, sosfiltfilt
 
+from softrobot_env.core.interfaces import ProgressCallback, quiet
 from softrobot_env.core.records import NotNegative, Positive, Range, Whole, check_fields
 from softrobot_env.evaluation.runner import simulated
 from softrobot_env.identification.excitation import resting_task
@@ -150,7 +150,7 @@ def collect(
     robot: RobotParams,
     plan: Plan,
     twin: Twin | int | None = None,
-    show: Callable[[str, int, int], None] | None = None,
+    show: ProgressCallback = quiet,
     axes: str | None = None,
     whole: bool = False,
 ) -> tuple[list[Record], list[Record]]:
@@ -190,8 +190,7 @@ def collect(
             record = drive(env, drives.rest + actions @ drives.basis.T, int(rng.integers(2**31)))
             begin = 0 if whole else begin
             records.append(Record(record.outputs[begin:], record.inputs[begin:], record.period))
-            if show is not None:
-                show("motions", len(records), len(motions))
+            show("motions", len(records), len(motions))
     count = plan.decays + plan.excited
     return records[:count], records[count:]
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core.interfaces import ProgressCallback
+from softrobot_env.core.interfaces import ProgressCallback, quiet
 from softrobot_env.core.records import Count, check_fields
 from softrobot_env.learned.network import Dataset, Network
 from softrobot_env.learned.training import train_regularised
@@ -65,7 +65,7 @@ class Trained:
 def train(
     robot: RobotParams,
     seed: int = 0,
-    show: ProgressCallback | None = None,
+    show: ProgressCallback = quiet,
     how: Learning | None = None,
 ) -> Trained:
     """Train the network of a robot.
@@ -83,12 +83,12 @@ def train(
     order = rng.permutation(len(tips))
     kept = max(1, int(_KEPT * len(tips)))
     seen, unseen = data.take(order[kept:]), order[:kept]
-
-    def report(done: int, total: int, error: float) -> None:
-        if show is not None:
-            show(f"squared error {error:.4g}", done, total)
-
-    fit = train_regularised(seen.new_network(how.hidden, rng), seen, how.iterations, report)
+    fit = train_regularised(
+        seen.new_network(how.hidden, rng),
+        seen,
+        how.iterations,
+        lambda done, total, error: show(f"squared error {error:.4g}", done, total),
+    )
     errors = _errors(inverse, fit.network, tips[unseen], held.postures[unseen])
     about = fingerprint(robot) | {
         "tips": seen.inputs,
@@ -113,7 +113,7 @@ def inverse_of(robot: RobotParams) -> InverseStatics:
 
 
 def hold_sample(
-    inverse: InverseStatics, count: int, show: ProgressCallback | None = None
+    inverse: InverseStatics, count: int, show: ProgressCallback = quiet
 ) -> tuple[ndarray, Held]:
     """Places (n, k) [m] all over the workspace, and the inputs of least norm that hold them.
 
@@ -125,7 +125,7 @@ def hold_sample(
     known = inverse.solve(points[:1])
     rows, found = [known], [0]
     for k in range(1, len(tips)):
-        if show is not None and k % 20 == 0:
+        if k % 20 == 0:
             show("inverse statics", k, len(tips))
         near = np.argsort(np.linalg.norm(tips[found] - tips[k], axis=1))[:_NEIGHBOURS]
         tried = [inverse.solve(points[k : k + 1], rows[i], anywhere=False) for i in near]

@@ -82,11 +82,6 @@ def _points(robot: RobotParams, plant: str, quick: bool, show: ProgressCallback)
     return _FOUND[asked]
 
 
-def _backends_package(robot: RobotParams, settings: Mapping[str, Any]) -> tuple[str, ...]:
-    """What the backend of a training needs."""
-    return (WARP,) if settings.get("backend") == "warp" else ()
-
-
 def _teachers_package(robot: RobotParams, settings: Mapping[str, Any]) -> tuple[str, ...]:
     """What the teacher of an imitation needs."""
     from softrobot_env.control.registry import find_policy
@@ -181,7 +176,7 @@ TRAININGS: Registry[Training] = Registry(
                 partial(_reinforcement, *how),
                 ("quick", *REINFORCEMENT),
                 ("torch", "stable_baselines3"),
-                also=_backends_package,
+                also=lambda robot, given: (WARP,) if given.get("backend") == "warp" else (),
             )
             for name, how in LEARNERS.items()
         },

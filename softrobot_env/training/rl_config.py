@@ -1,11 +1,11 @@
 """Settings of reinforcement learning, and the ones that the shipped policies were trained with."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, get_type_hints
 
-from softrobot_env.core.records import Count, Positive, check_fields
+from softrobot_env.core.records import Count, Positive, Range, Whole, check_fields
 from softrobot_env.envs.randomization import Randomization, incompatibility
 from softrobot_env.robots import RobotParams
 
@@ -45,16 +45,7 @@ DISTURBED = (
 )
 
 
-_LARGE, _SMALL = 1e12, 1e-12
-
-#: Least and largest value of the numbers.
-_RANGES = {
-    **dict.fromkeys(("steps", "envs_per_task", "batch", "rollout", "epochs"), (1, _LARGE)),
-    **dict.fromkeys(("buffer", "updates", "trial_every", "threads"), (1, _LARGE)),
-    **dict.fromkeys(("drawn_tasks", "critic_steps", "warm_up"), (0, _LARGE)),
-    **dict.fromkeys(("fine_scale", "rate", "deviation", "target_kl"), (_SMALL, 100.0)),
-    "discount": (0.0, 1 - 1e-6),
-}
+_Usual = Annotated[float, Range("from 1e-12 to 100", lambda x: 1e-12 <= x <= 100)]
 
 
 @dataclass(frozen=True)
@@ -92,27 +83,27 @@ class RLConfig:
 
     algorithm: str = "ppo"
     tasks: tuple[str, ...] = TRAINING_TASKS
-    drawn_tasks: int = 24
-    envs_per_task: int = 8
+    drawn_tasks: Whole = 24
+    envs_per_task: Count = 8
     randomization: Randomization = NARROW
-    fine_scale: float = 0.005
-    steps: int = 3_000_000
-    critic_steps: int = 0
+    fine_scale: _Usual = 0.005
+    steps: Count = 3_000_000
+    critic_steps: Whole = 0
     hidden: tuple[Count, ...] = (128, 128)
-    rate: float = 5e-4
-    discount: float = 0.98
-    deviation: float = 0.3
-    batch: int = 512
-    rollout: int = 32
-    epochs: int = 10
-    target_kl: float = 0.03
-    buffer: int = 500_000
-    updates: int = 4
-    warm_up: int = 10_000
-    trial_every: int = 250_000
+    rate: _Usual = 5e-4
+    discount: Annotated[float, Range("from 0 to below 1", lambda x: 0 <= x < 1)] = 0.98
+    deviation: _Usual = 0.3
+    batch: Count = 512
+    rollout: Count = 32
+    epochs: Count = 10
+    target_kl: _Usual = 0.03
+    buffer: Count = 500_000
+    updates: Count = 4
+    warm_up: Whole = 10_000
+    trial_every: Count = 250_000
     trials: tuple[dict[str, float], ...] = MODULI
     trial_duration: Positive | None = None
-    threads: int = 1
+    threads: Count = 1
     backend: str = "mujoco"
     device: str | None = None
 
@@ -127,15 +118,10 @@ class RLConfig:
             raise ValueError(f"tasks must be one or more of {told}, got {self.tasks!r}")
         if self.tasks == ("drawn",) and self.drawn_tasks < 1:
             raise ValueError("drawn_tasks must be 1 or more if there are no other tasks")
-        for name, (least, most) in _RANGES.items():
-            if not least <= getattr(self, name) <= most:
-                raise ValueError(
-                    f"{name} must lie between {least:g} and {most:g}, got {getattr(self, name)!r}"
-                )
 
 
 #: Settings that are numbers, which can be set by name -> int or float.
-NUMBERS = {f.name: f.type for f in fields(RLConfig) if f.type in (int, float)}
+NUMBERS = {n: kind for n, kind in get_type_hints(RLConfig).items() if kind in (int, float)}
 
 _OFF_POLICY = {"envs_per_task": 2, "batch": 256, "rate": 1e-3, "deviation": 0.1, "steps": 700_000}
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.artifacts import write_arrays
-from softrobot_env.core.interfaces import ProgressCallback
+from softrobot_env.core.interfaces import ProgressCallback, quiet
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.runner import simulated
 from softrobot_env.robots import RobotParams, entry_of
@@ -50,7 +50,7 @@ def calibrated(
     seed: int,
     twin: Twin | int | None = None,
     postures: int | None = None,
-    show: ProgressCallback | None = None,
+    show: ProgressCallback = quiet,
 ) -> Reconstruction:
     """Calibrate the sensors of a robot as built, whose tip, and curvatures if any, are measured.
 
@@ -73,8 +73,7 @@ def calibrated(
         which = _chosen(robot, seed, postures)
         for row in _visits(env, robot, seed, which):
             rows.append(row)
-            if show is not None:
-                show("postures", len(rows), postures + 1)
+            show("postures", len(rows), postures + 1)
         readings, tips, curvatures = (np.array(values) for values in zip(*rows, strict=True))
         axes = env.unwrapped.axes
     seen = {TIP: tips} | ({"curvature": curvatures} if curvatures.size else {})

@@ -11,7 +11,7 @@ from scipy.signal import savgol_filter
 
 from softrobot_env.control.reduced.policy import Learned
 from softrobot_env.core.artifacts import write_arrays
-from softrobot_env.core.interfaces import ProgressCallback
+from softrobot_env.core.interfaces import ProgressCallback, quiet
 from softrobot_env.learned.reduction import (
     FitError,
     Record,
@@ -61,7 +61,7 @@ def learn(
     forced: Sequence[Record],
     settings: Settings | None = None,
     refinement: Refinement | None = None,
-    show: ProgressCallback | None = None,
+    show: ProgressCallback = quiet,
     lower: bool = True,
 ) -> ReducedModel:
     """A model of measured motion: a regression on smoothed outputs, refined on stretches.
@@ -78,8 +78,7 @@ def learn(
     """
 
     def progress(done: int, total: int, error: float) -> None:
-        if show is not None:
-            show(f"error {error:.3g} m over a stretch", done, total)
+        show(f"error {error:.3g} m over a stretch", done, total)
 
     settings = settings or Settings()
     clean = [smoothed(r) for r in decays], [smoothed(r) for r in forced]

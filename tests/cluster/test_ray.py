@@ -16,7 +16,7 @@ from ray.cluster_utils import Cluster  # noqa: E402
 
 from softrobot_env.cli import main  # noqa: E402
 from softrobot_env.core.processes import Workers, using  # noqa: E402
-from softrobot_env.core.runs import run_in_processes  # noqa: E402
+from softrobot_env.core.runs import run_cases  # noqa: E402
 
 pytestmark = [pytest.mark.cluster, pytest.mark.filterwarnings("default")]
 
@@ -48,10 +48,6 @@ def exits(number):
     os._exit(1)
 
 
-def jobs(work, count=COUNT):
-    return [(f"job {number}", partial(work, number)) for number in range(count)]
-
-
 def test_a_node_that_is_killed_costs_no_row(two_nodes, tmp_path):
     cluster, node = two_nodes
     killed = []
@@ -65,7 +61,7 @@ def test_a_node_that_is_killed_costs_no_row(two_nodes, tmp_path):
     thread = Thread(target=kill)
     thread.start()
     with using(Workers(ray=cluster.address)):
-        found = run_in_processes(jobs(partial(square_at, tmp_path, 0.3)))
+        found = run_cases(range(COUNT), partial(square_at, tmp_path, 0.3))
     thread.join()
     assert found == [number**2 for number in range(COUNT)]
     assert killed[0] < COUNT  # it was in the middle
@@ -74,13 +70,13 @@ def test_a_node_that_is_killed_costs_no_row(two_nodes, tmp_path):
 
 def test_an_error_of_a_job_is_that_of_the_job(two_nodes):
     with using(Workers(ray=two_nodes[0].address)), pytest.raises(ValueError) as told:
-        run_in_processes(jobs(fails, 3))
+        run_cases(range(3), fails)
     assert str(told.value).startswith("job ") and "\n" not in str(told.value)
 
 
 def test_a_job_that_ends_its_worker_each_time_is_given_up(two_nodes):
     with using(Workers(ray=two_nodes[0].address)), pytest.raises(RuntimeError, match="gave a job"):
-        run_in_processes(jobs(exits, 1))
+        run_cases([0], exits)
 
 
 def test_an_address_without_a_cluster_is_refused(tmp_path, capsys):

@@ -24,7 +24,6 @@ from softrobot_env.core.runs import (
     for_pictures,
     kept_rows,
     run_cases,
-    run_in_processes,
 )
 
 
@@ -45,16 +44,11 @@ def always_dies(number):
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def jobs(work, count=4):
-    return [(f"job {number}", partial(work, number)) for number in range(count)]
-
-
 def test_results_are_in_the_order_of_the_jobs_and_so_is_progress(tmp_path):
     seen = []
     with using(Workers(2)):
-        found = run_in_processes(
-            jobs(partial(mark_and_square, tmp_path)), lambda *told: seen.append(told)
-        )
+        work = partial(mark_and_square, tmp_path)
+        found = run_cases(range(4), work, progress=lambda *told: seen.append(told))
     assert found == [0, 1, 4, 9]
     assert [done for _, done, _ in seen] == [0, 1, 2, 3, 4]
     assert len({path.name.split("-")[1] for path in tmp_path.iterdir()}) <= 2
@@ -62,16 +56,16 @@ def test_results_are_in_the_order_of_the_jobs_and_so_is_progress(tmp_path):
 
 def test_what_a_users_file_defines_can_be_a_job():
     offset = 3
-    assert run_in_processes([("one", lambda: offset + 1)], processes=1) == [4]
+    assert run_cases([1], lambda number: offset + number, processes=1) == [4]
 
 
 def test_jobs_of_a_killed_process_are_begun_anew(tmp_path):
-    assert run_in_processes(jobs(partial(dies_once, tmp_path)), processes=2) == [0, 1, 2, 3]
+    assert run_cases(range(4), partial(dies_once, tmp_path), processes=2) == [0, 1, 2, 3]
 
 
 def test_processes_that_always_end_are_told_of():
-    with pytest.raises(RuntimeError, match=r"ended 3 times.*job 0"):
-        run_in_processes(jobs(always_dies, 1), processes=1)
+    with pytest.raises(RuntimeError, match=r"ended 3 times.*jobs: 0"):
+        run_cases([0], always_dies, processes=1)
 
 
 ORPHANS = """

@@ -15,18 +15,17 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.equilibrium import EquilibriumError
+from softrobot_env.core.interfaces import ProgressCallback, quiet
 from softrobot_env.core.motion import IntegrationError, State
 from softrobot_env.evaluation.models.runs import (
     Excitation,
     Limit,
-    Progress,
     Simulated,
     beam_of,
     best_of,
     distance,
     excitation,
     extrapolate,
-    quiet,
     unwarned,
 )
 from softrobot_env.robots import RobotParams
@@ -101,7 +100,7 @@ class Contestant:
 
 @unwarned()
 def measure(
-    robot: RobotParams, quick: bool = False, progress: Progress = quiet
+    robot: RobotParams, quick: bool = False, progress: ProgressCallback = quiet
 ) -> list[AccuracyRow]:
     """Errors and times of the models of a robot.
 

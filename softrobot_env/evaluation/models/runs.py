@@ -37,14 +37,6 @@ _BUDGET = 2.0
 
 Result = TypeVar("Result")
 
-#: Called with a description, what is done and how much there is in all.
-Progress = Callable[[str, int, int], None]
-
-
-def quiet(description: str, done: int, total: int) -> None:
-    """Progress that nobody wants to see."""
-
-
 # ---------------------------------------------------------------- limits
 
 

@@ -13,16 +13,15 @@ from typing import Any
 
 from numpy import ndarray
 
+from softrobot_env.core.interfaces import ProgressCallback, quiet
 from softrobot_env.core.motion import IntegrationError
 from softrobot_env.evaluation.models.runs import (
     Excitation,
     Limit,
-    Progress,
     Simulated,
     Verdict,
     distance,
     excitation,
-    quiet,
     silent_warnings,
     verdict_of,
     with_warning,
@@ -105,7 +104,7 @@ class Variation:
 
 
 def measure(
-    robot: RobotParams, quick: bool = False, progress: Progress = quiet
+    robot: RobotParams, quick: bool = False, progress: ProgressCallback = quiet
 ) -> list[StabilityRow]:
     """What becomes of the runs of a robot; arguments as those of `accuracy.measure`."""
     grid = (QUICK_STIFFNESSES, QUICK_DAMPINGS) if quick else (STIFFNESSES, DAMPINGS)

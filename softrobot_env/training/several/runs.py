@@ -1,6 +1,6 @@
 """Runs of a training over seeds and settings, each a job with a folder of its own."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -11,8 +11,9 @@ from time import perf_counter
 
 from softrobot_env.core.artifacts import read_facts
 from softrobot_env.core.files import atomic_write, write_text
+from softrobot_env.core.interfaces import ProgressCallback, quiet
 from softrobot_env.core.processes import Workers, using
-from softrobot_env.core.runs import Kept, Progress, Row, for_pictures, quiet, run_cases
+from softrobot_env.core.runs import Kept, Row, for_pictures, run_cases
 from softrobot_env.training.registry import TRAININGS
 from softrobot_env.training.request import Metrics, Quantity, TrainingRequest, curve_file
 
@@ -92,7 +93,7 @@ def run_all(
     name: str,
     orders: Mapping[str, TrainingRequest],
     kept: Kept,
-    progress: Progress = quiet,
+    progress: ProgressCallback = quiet,
     overwrite: bool = False,
 ) -> list[Run]:
     """Train as ordered, in processes; what an earlier run of the same study did is taken up.
@@ -179,7 +180,7 @@ def _trained(name: str, order: TrainingRequest, study: str) -> tuple[Run, dict[s
     return replace(run, figures=numbers, told=told, minutes=minutes), files
 
 
-def _noting(folder: Path) -> Callable[[str, int, int], None]:
+def _noting(folder: Path) -> ProgressCallback:
     """What writes the share that is done of a run to its folder, now and then."""
     last = -inf
 
@@ -194,8 +195,8 @@ def _noting(folder: Path) -> Callable[[str, int, int], None]:
 
 @contextmanager
 def _watched(
-    orders: Mapping[str, TrainingRequest], study: str, progress: Progress
-) -> Iterator[Progress]:
+    orders: Mapping[str, TrainingRequest], study: str, progress: ProgressCallback
+) -> Iterator[ProgressCallback]:
     """What jobs tell their progress to; runs under way count by what is in their folders."""
     done: set[str] = set()
     over = Event()

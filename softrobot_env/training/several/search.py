@@ -18,8 +18,8 @@ from typing import Any
 
 from softrobot_env.core.cluster import connected
 from softrobot_env.core.extras import install_command
+from softrobot_env.core.interfaces import ProgressCallback, quiet
 from softrobot_env.core.processes import THREADS, Workers
-from softrobot_env.core.runs import Progress, quiet
 from softrobot_env.training.registry import TRAININGS
 from softrobot_env.training.request import TrainingRequest
 from softrobot_env.training.several.runs import Run, described, goes_on, with_curve
@@ -165,7 +165,7 @@ def tune_on(workers: Workers | None) -> Iterator[Any]:
         yield tune
 
 
-def searched(tune: Any, search: Search, study: str, show: Progress) -> list[Run]:
+def searched(tune: Any, search: Search, study: str, show: ProgressCallback) -> list[Run]:
     """Trials of a search, in the order in which they were drawn.
 
     Args:
@@ -296,7 +296,7 @@ _TOLD: list[Callable[[list[Any]], None]] = []
 
 
 @contextmanager
-def _telling(search: Search, show: Progress) -> Iterator[None]:
+def _telling(search: Search, show: ProgressCallback) -> Iterator[None]:
     """Tell the progress, in steps of all trials; ended ones count as whole."""
     os.environ.setdefault("TUNE_DISABLE_SIGINT_HANDLER", "1")  # Ctrl-C ends the command
     os.environ.setdefault("RAY_AIR_NEW_OUTPUT", "0")  # the other one prints tables of its own
