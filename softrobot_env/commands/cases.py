@@ -50,9 +50,12 @@ def make_cases(args: Namespace, setup: Setup) -> list[Case]:
         ValueError: A policy without a task or a task without a policy, an option that no case
             uses, or a value that a case cannot have; before anything is run.
     """
-    every = _every_task(setup) if "all" in args.tasks else []
+    robot = default_robot() if setup.robot is None else setup.robot
+    every = list(entry_of(robot).tasks or tasks_of(robot)) if "all" in args.tasks else []
     makers = {name: find_maker(name, setup.robot) for name in expand_all(args.tasks, every)}
-    given = _given_options(args)
+    short = {"step_width": args.step_widths, "speed": args.speeds, "seed": args.path_seeds}
+    short = ((name, values) for name, values in short.items() if values)
+    given = setups.merge([*args.option, *short])
     setups.check_used(given, makers, setup.robot)
     wanted = {"step_width": list(STEP_WIDTHS)} | given
     tasks = {
@@ -66,12 +69,6 @@ def make_cases(args: Namespace, setup: Setup) -> list[Case]:
         cases += _of_task(made, _for_task(args.policies, name, made[0], setup), setup, args)
     setup.check(cases)
     return cases
-
-
-def _every_task(setup: Setup) -> list[str]:
-    """What "all" stands for."""
-    robot = default_robot() if setup.robot is None else setup.robot
-    return list(entry_of(robot).tasks or tasks_of(robot))
 
 
 def _of_task(
@@ -192,11 +189,3 @@ def _draws(args: Namespace) -> list[dict[str, float]]:
     if count > _MOST_DRAWS:
         raise ValueError(f"--draws: at most {_MOST_DRAWS} robots, got {count}")
     return [ranges.draw(rng) for _ in range(count)]
-
-
-def _given_options(args: Namespace) -> setups.Given:
-    """Values given for options of tasks, in whatever form."""
-    short = {"step_width": args.step_widths, "speed": args.speeds, "seed": args.path_seeds}
-    return setups.merge(
-        [*args.option, *((name, values) for name, values in short.items() if values)]
-    )

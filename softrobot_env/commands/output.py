@@ -130,7 +130,7 @@ def _noted(folder: Path, anew: bool) -> Iterator[None]:
 def _listed(folder: Path) -> set[str]:
     """Names of what an earlier run wrote to a folder."""
     with suppress(OSError, UnicodeDecodeError):
-        names = (folder / _LIST).read_text(encoding="utf-8").splitlines()
+        names = (folder / _LIST).read_text("utf-8").splitlines()
         return {name for name in names if Path(name).name == name and (folder / name).is_file()}
     return set()
 

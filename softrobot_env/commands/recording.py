@@ -103,17 +103,12 @@ def _ranges(recording: Recording, summary: Summary) -> PlainTable:
 #: The header that an identification writes beside its robot file.
 _BESIDE_ROBOT = "recording.toml"
 
-_MM = {"form": ".2f", "unit": "mm"}
-
+_ERRORS = {"rms": "RMS mm", "mean": "mean", "max": "max", "rms_centred": "centred: RMS"}
+_ERRORS |= {"mean_centred": "mean", "max_centred": "max"}
 _COLUMNS = (
-    Column("pattern", "pattern"),
-    Column("rows", "rows", "d"),
-    Column("RMS mm", "rms", **_MM),
-    Column("mean", "mean", **_MM),
-    Column("max", "max", **_MM),
-    Column("centred: RMS", "rms_centred", **_MM),
-    Column("mean", "mean_centred", **_MM),
-    Column("max", "max_centred", **_MM),
+    Column("pattern"),
+    Column("rows", form="d"),
+    *(Column(heading, value, ".2f", "mm") for value, heading in _ERRORS.items()),
 )
 _CAPTION = "centred: with the mean offset over all rows removed"
 

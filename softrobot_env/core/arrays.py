@@ -40,7 +40,7 @@ class HostArrays:
 
     def real(self, values: Any) -> ndarray:
         """Numbers as float64, not copied if they are."""
-        return np.asarray(values, dtype=float)
+        return np.asarray(values, float)
 
     def copy(self, values: ndarray) -> ndarray:
         """A new array of float64."""

@@ -171,7 +171,7 @@ def read_facts(path: str | Path) -> Any:
         ValueError: It is no json file, or holds a number that is not finite.
     """
     try:
-        return json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_refuse)
+        return json.loads(Path(path).read_text("utf-8"), parse_constant=_refuse)
     except ValueError as error:  # decoding errors are of this kind
         raise ValueError(f"{path}: {error}") from None
 

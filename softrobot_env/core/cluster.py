@@ -74,7 +74,9 @@ class RayExecutor(Executor):
             if error is None:
                 told.set_result(inner.result())
             else:  # what the job raised, without the traceback that Ray puts into its text
-                told.set_exception(getattr(error, "cause", None) or _in_a_line(error))
+                said = str(error).strip().splitlines() or [type(error).__name__]
+                given_up = RuntimeError(f"Ray gave a job up after {_RETRIES} tries anew: {said[0]}")
+                told.set_exception(getattr(error, "cause", None) or given_up)
 
         reference.future().add_done_callback(tell)
         return told
@@ -86,23 +88,6 @@ class RayExecutor(Executor):
                 future.cancel()
             elif wait:
                 self._ray.wait([reference])
-
-
-def _in_a_line(error: BaseException) -> RuntimeError:
-    """What Ray says of a job that could not be done."""
-    told = str(error).strip().splitlines() or [type(error).__name__]
-    return RuntimeError(f"Ray gave a job up after {_RETRIES} tries anew: {told[0]}")
-
-
-def _knock(address: str) -> None:
-    """Refuse a place where nobody listens, for which Ray itself would wait for minutes.
-
-    Raises:
-        OSError, ValueError: Nobody does, or it is no place.
-    """
-    host, _, port = address.rpartition(":")
-    if host:
-        create_connection((host, int(port)), _PATIENCE).close()
 
 
 @contextmanager
@@ -126,7 +111,9 @@ def connected(address: str, environment: dict[str, str], cores: int | None = Non
     own = not ray.is_initialized()
     if own:
         try:
-            _knock(address)
+            host, _, port = address.rpartition(":")
+            if host:  # where nobody listens Ray itself would wait for minutes
+                create_connection((host, int(port)), _PATIENCE).close()
             ray.init(
                 address=address,
                 runtime_env={"env_vars": environment},

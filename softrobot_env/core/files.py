@@ -46,7 +46,7 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
 def write_text(path: Path | str, text: str) -> None:
     """Write a text file; OSError as `atomic_write`."""
     with atomic_write(path) as aside:
-        aside.write_text(text, encoding="utf-8")
+        aside.write_text(text, "utf-8")
 
 
 def _flush(path: Path) -> None:

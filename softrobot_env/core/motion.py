@@ -64,7 +64,7 @@ def sample_times(duration: float, samples: ndarray | float | None) -> ndarray:
         if count < 1 or abs(count * samples - duration) > 1e-9 * duration:
             raise ValueError(f"the distance of samples must divide {duration} s, got {samples!r}")
         return np.linspace(0.0, duration, count + 1)
-    times = np.array(samples, dtype=float)
+    times = np.array(samples, float)
     if times[0] != 0 or not np.all(np.diff(times) > 0) or times[-1] != duration:
         raise ValueError("samples must start at 0, increase and end at the duration")
     return times

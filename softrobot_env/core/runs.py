@@ -104,21 +104,19 @@ def as_typed(value: Any, hint: Any) -> Any:
     Raises:
         TypeError, ValueError: It is none.
     """
+    if hint is Any:
+        hint = {list: list[Any], dict: dict[str, Any]}.get(type(value), Any)
     origin, inner = get_origin(hint), get_args(hint)
     if origin in (Union, UnionType):
         for one in inner:
             with suppress(TypeError, ValueError):
                 return as_typed(value, one)
     elif isinstance(value, dict) and "shape" in value and _KIND in value:
-        if hint in (Any, ndarray):
+        if hint in (dict[str, Any], ndarray):
             return np.array(value["values"], value[_KIND]).reshape(value["shape"])
-    elif hint is Any and isinstance(value, list):
-        return [as_typed(one, Any) for one in value]
-    elif hint is Any and isinstance(value, dict) and _KIND not in value:
-        return {k: as_typed(v, Any) for k, v in value.items()}
-    elif (hint is Any and not isinstance(value, dict)) or (origin is Literal and value in inner):
+    elif hint is Any or (origin is Literal and value in inner):
         return value
-    elif origin is dict and isinstance(value, dict):
+    elif origin is dict and isinstance(value, dict) and _KIND not in value:
         return {k: as_typed(v, inner[1]) for k, v in value.items()}
     elif origin is list and isinstance(value, list):
         return [as_typed(one, inner[0]) for one in value]
@@ -199,7 +197,7 @@ class Kept:
     def _read(self) -> dict[str, Any]:
         """Cases and their rows; none where there are only those of something else."""
         with suppress(OSError, ValueError, TypeError):
-            first, *lines = self._path.read_text(encoding="utf-8").split("\n")
+            first, *lines = self._path.read_text("utf-8").split("\n")
             name = json.loads(first).pop("name")
             if json.loads(first) == self._head | {"name": name}:
                 self._head["name"] = name

@@ -120,10 +120,6 @@ class ImitationSetup:
         """Whether the settings are the robot's own."""
         return self.training.is_tuned_for(self.teacher)
 
-    def environment(self) -> dict[str, object]:
-        """What the teacher needs of an environment."""
-        return self.training.teacher_environment(self.teacher)
-
     def view(self) -> neural.View:
         """Of the network, which decides as often as the teacher."""
         return self.training.lesson_view(self.teacher)
@@ -252,9 +248,13 @@ def _episode(
     hold = round(view.period / env.control_period)
     actor = None if network is None else neural.NeuralPolicy(robot, view.period, network, view=view)
     observation, _ = env.reset(options=_start(config, task, rng))
-    state, over, step = None, False, 0
+    count, state, over, step = len(view.preview) * view.dimensions, None, False, 0
     while not over:
-        mine, its = _views(observation, view)
+        # The preview of the network stands before that of the teacher.
+        mine, its = (
+            {**observation, "reference_preview": preview}
+            for preview in np.split(observation["reference_preview"], [count])
+        )
         chosen, state = teacher.predict(its, state)
         if step % hold == 0:
             yield mine, chosen
@@ -268,7 +268,7 @@ def _episode(
 
 def _environment(config: ImitationConfig, lesson: ImitationSetup, task: Task) -> TrackingEnv:
     """With all that network and teacher see, the network's preview first."""
-    needs = lesson.environment()
+    needs = lesson.training.teacher_environment(lesson.teacher)
     plant = None if config.plant == MUJOCO else BeamPlant(config.plant)
     return TrackingEnv(
         task,
@@ -290,12 +290,3 @@ def _start(config: ImitationConfig, task: Task, rng: np.random.Generator) -> dic
         action = np.clip(action + rng.normal(0, 0.1, len(action)), -1, 1)
         options["start_input"] = inputs.input_centre + action * inputs.input_scale
     return options
-
-
-def _views(observation: Observation, view: neural.View) -> tuple[Observation, Observation]:
-    """The same observation with the preview of the network, and with that of the teacher."""
-    preview, mine = observation["reference_preview"], len(view.preview) * view.dimensions
-    return (
-        {**observation, "reference_preview": preview[:mine]},
-        {**observation, "reference_preview": preview[mine:]},
-    )

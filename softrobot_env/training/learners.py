@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import torch
 from stable_baselines3 import PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.noise import NormalActionNoise
@@ -120,15 +119,10 @@ def make_model(
         **learner.settings(config, env.action_space.shape[0], env.num_envs),
     )
     if config.algorithm == "sac":
-        _explore_alike(model.actor.log_std, config.deviation)
+        explore = model.actor.log_std  # at first with one deviation in every state
+        nn.init.zeros_(explore.weight)
+        nn.init.constant_(explore.bias, float(np.log(config.deviation)))
     return model
-
-
-def _explore_alike(layer: nn.Linear, deviation: float) -> None:
-    """Start with one deviation in every state."""
-    with torch.no_grad():
-        layer.weight.zero_()
-        layer.bias.fill_(float(np.log(deviation)))
 
 
 def actor_of(model: BaseAlgorithm, config: RLConfig) -> Network:
@@ -139,9 +133,8 @@ def actor_of(model: BaseAlgorithm, config: RLConfig) -> Network:
         return as_network(*modules)
     outputs = model.action_space.shape[0]
     last = nn.Linear(outputs, outputs)
-    with torch.no_grad():
-        last.weight.copy_(torch.eye(outputs))
-        last.bias.zero_()
+    nn.init.eye_(last.weight)
+    nn.init.zeros_(last.bias)
     return as_network(*modules, last)
 
 

@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 import gymnasium
 import numpy as np
 from numpy import ndarray
+from numpy.random import Generator
 from scipy.signal import butter, sosfiltfilt
 
 from softrobot_env.core.interfaces import ProgressCallback, quiet
@@ -213,7 +214,7 @@ def drive(env: gymnasium.Env, actions: ndarray, seed: int) -> Record:
     return Record(np.array(tips), told.astype(float), env.unwrapped.control_period)
 
 
-def _release(drives: Drives, plan: Plan, rng: np.random.Generator) -> tuple[ndarray, int]:
+def _release(drives: Drives, plan: Plan, rng: Generator) -> tuple[ndarray, int]:
     """Bent somewhere, rest, let go: actions (t, m) and the first sample without any."""
     there = plan.amplitude * _target(drives, rng)
     moving, resting = (round(n * drives.first / drives.period) for n in (3, 2))
@@ -222,7 +223,7 @@ def _release(drives: Drives, plan: Plan, rng: np.random.Generator) -> tuple[ndar
     return _let_go(drives, plan, actions)
 
 
-def _swing(drives: Drives, plan: Plan, rng: np.random.Generator) -> tuple[ndarray, int]:
+def _swing(drives: Drives, plan: Plan, rng: Generator) -> tuple[ndarray, int]:
     """Excited near the first mode's frequency, then let go."""
     there = 0.5 * plan.amplitude * _target(drives, rng)
     time = np.arange(0, (2 + 2 * rng.uniform()) * drives.first, drives.period)
@@ -237,7 +238,7 @@ def _let_go(drives: Drives, plan: Plan, actions: ndarray) -> tuple[ndarray, int]
     return actions, int(moving[-1]) + 1 + round(0.1 / drives.period)
 
 
-def _random(drives: Drives, plan: Plan, rng: np.random.Generator) -> tuple[ndarray, int]:
+def _random(drives: Drives, plan: Plan, rng: Generator) -> tuple[ndarray, int]:
     """Places held for some time, low-pass filtered (thesis sec. 3.3.3)."""
     hold = drives.first * rng.uniform(*HOLDS)
     cutoff = rng.uniform(*CUTOFFS) / drives.first
@@ -256,7 +257,7 @@ def filtered(steps: ndarray, cutoff: float, period: float) -> ndarray:
     return sosfiltfilt(sos, steps, axis=0) if len(steps) > 60 else steps
 
 
-def _laps(drives: Drives, plan: Plan, rng: np.random.Generator) -> tuple[ndarray, int]:
+def _laps(drives: Drives, plan: Plan, rng: Generator) -> tuple[ndarray, int]:
     """Ellipses, rounder or flatter, whose size and speed change slowly."""
     count = round(plan.run / drives.period)
     time = np.arange(count) * drives.period
@@ -266,29 +267,19 @@ def _laps(drives: Drives, plan: Plan, rng: np.random.Generator) -> tuple[ndarray
     speed = np.exp(np.interp(time, at, rng.uniform(np.log(low), np.log(high), knots)))
     turn = 2 * np.pi * np.cumsum(speed) * drives.period
     share = np.interp(time, at, np.sqrt(rng.uniform(0.05, 1, knots)))[:, None]
-    share = share / _resonance(speed * drives.first)[:, None]
+    # An oscillation at ratios of the frequency may be larger than at rest.
+    ratio = speed * drives.first
+    share = share / np.maximum(1 / np.hypot(1 - ratio**2, 0.4 * ratio), 1.0)[:, None]
     one, other = (
-        plan.laps_amplitude
-        * np.stack([np.interp(time, at, x) for x in _ways(drives, rng, knots)], -1)
-        for _ in range(2)
+        plan.laps_amplitude * np.stack([np.interp(time, at, x) for x in places.T], -1)
+        for places in (np.array([_target(drives, rng) for _ in at]) for _ in range(2))
     )
     phase = turn[:, None]
     actions = share * (np.cos(phase) * one + np.sin(phase) * other)
     return _possible(drives, _from_rest(drives, actions)), 0
 
 
-def _ways(drives: Drives, rng: np.random.Generator, knots: int) -> ndarray:
-    """(m, knots) places of the workspace."""
-    return np.array([_target(drives, rng) for _ in range(knots)]).T
-
-
-def _resonance(ratio: ndarray) -> ndarray:
-    """How much larger than at rest an oscillation at ratios of the frequency is, or one."""
-    gain = 1 / np.hypot(1 - ratio**2, 0.4 * ratio)
-    return np.maximum(gain, 1.0)
-
-
-def _target(drives: Drives, rng: np.random.Generator) -> ndarray:
+def _target(drives: Drives, rng: Generator) -> ndarray:
     """Coordinates (m,) of an action of the workspace."""
     return drives.targets[rng.integers(1, len(drives.targets))]
 

@@ -5,7 +5,7 @@ and how its networks see it.
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
+from numpy.random import Generator
 
 from softrobot_env.control.learned.neural import View, view_of
 from softrobot_env.control.registry import find_policy, make_policy, policy_environment
@@ -54,7 +54,7 @@ class RobotTraining:
         """Of any robot."""
         self.robot = robot
 
-    def sampled_task(self, rng: np.random.Generator, duration: float) -> Task:
+    def sampled_task(self, rng: Generator, duration: float) -> Task:
         """A random task: a random path or a circle at a random size and pace, or set points."""
         return any_task(rng, self.robot)
 
@@ -67,7 +67,7 @@ class RobotTraining:
         return [*paced, figure, generic_task("random", self.robot, seed=0)]
 
     def learned_tasks(
-        self, name: str, count: int, rng: np.random.Generator
+        self, name: str, count: int, rng: Generator
     ) -> list[tuple[Task | str, dict[str, float]]]:
         """Tasks of a name to learn on by reinforcement, with options.
 
@@ -151,7 +151,7 @@ def _at_rest(robot: RobotParams) -> Task:
     return Task("rest", robot, SetPoints((place,), 1.0), 1.0, tuple(start), axes=axes)
 
 
-def any_task(rng: np.random.Generator, robot: RobotParams) -> Task:
+def any_task(rng: Generator, robot: RobotParams) -> Task:
     """A random path or a circle at a random size and pace, or set points, of any robot."""
     site, seed = site_of(robot), int(rng.integers(2**31))
     if site.ground.radius == 0 or rng.uniform() < _REACHES:

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -83,7 +82,6 @@ def train(
     checkpoint, resume = checkpoint_of(settings, order.path), settings.get("resume", False)
     logs = str(settings["log"]) if "log" in settings else None
     about = _about(config, seed, robot)
-    anew = None if checkpoint is None else partial(_begin_anew, seed)
 
     def keep(model: BaseAlgorithm, best: Network, curve: list[Point]) -> None:
         if checkpoint is not None:
@@ -91,7 +89,7 @@ def train(
         if order.told is not None:
             order.told(curve)
 
-    watch = Watch(config, show, keep, robot, view, anew)
+    watch = Watch(config, show, keep, robot, view, None if checkpoint is None else seed)
     before = _to_go_on_with(checkpoint, about, show) if resume else None
     if before is None:
         _check_free(checkpoint)
@@ -233,13 +231,6 @@ def begin(model: BaseAlgorithm, config: RLConfig, start: Network | None) -> None
         freeze_actor(model, config, True)
         model.learn(config.critic_steps, tb_log_name="critic")
         freeze_actor(model, config, False)
-
-
-def _begin_anew(seed: int, model: BaseAlgorithm, steps: int) -> None:
-    """New episodes and draws by seed and steps alone, as a checkpoint holds neither."""
-    model.set_random_seed(int(np.random.SeedSequence([seed, steps]).generate_state(1)[0] >> 1))
-    model._last_obs = model.get_env().reset()
-    model._last_episode_starts = np.ones(model.n_envs, dtype=bool)
 
 
 def _about(config: RLConfig, seed: int, robot: RobotParams) -> dict[str, Any]:

@@ -143,7 +143,7 @@ class TrackingVecEnv(VecEnv):
 
     def step_async(self, actions: ndarray) -> None:
         """Remember what agents chose, (n, n_inputs)."""
-        self._chosen = np.asarray(actions, dtype=np.float64)
+        self._chosen = np.asarray(actions, np.float64)
 
     def step_wait(self) -> VecEnvStepReturn:
         """Step all parts by what is remembered."""
@@ -159,7 +159,9 @@ class TrackingVecEnv(VecEnv):
         self._return += rewards
         self._length += 1
         for i in np.flatnonzero(dones):
-            infos[i]["episode"] = self._episode(i)
+            found = {"r": float(self._return[i]), "l": int(self._length[i])}
+            infos[i]["episode"] = found | {"t": perf_counter() - self._began}
+        self._return[dones], self._length[dones] = 0, 0
         return self._joined(self._seen), self._scale * rewards, dones, infos
 
     def _end(self, info: dict[str, Any], i: int, truncated: bool) -> dict[str, Any]:
@@ -169,11 +171,6 @@ class TrackingVecEnv(VecEnv):
         if not truncated:
             out["failure"] = info["final_info"].get("failure", [None] * (i + 1))[i]
         return out
-
-    def _episode(self, i: int) -> dict[str, float]:
-        found = {"r": float(self._return[i]), "l": int(self._length[i])}
-        self._return[i], self._length[i] = 0, 0
-        return found | {"t": perf_counter() - self._began}
 
     def close(self) -> None:
         """Close all parts."""

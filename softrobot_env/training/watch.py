@@ -54,7 +54,7 @@ class Watch(BaseCallback):
         save: Callable[[BaseAlgorithm, Network, list[Point]], None],
         robot: RobotParams,
         view: View,
-        anew: Callable[[BaseAlgorithm, int], None] | None = None,
+        seed: int | None = None,
     ) -> None:
         """Watch a training.
 
@@ -64,11 +64,11 @@ class Watch(BaseCallback):
             save: Called after every check, with the learner, the best network and the curve.
             robot: To train for.
             view: Of its networks.
-            anew: Called with learner and steps where a training goes on after a check, if given.
+            seed: With which all episodes and draws begin anew after every check, as a checkpoint
+                holds neither; None where they go on.
         """
         super().__init__()
-        self._anew = anew
-        self._robot, self._view = robot, view
+        self._robot, self._view, self._seed = robot, view, seed
         self._config, self._show, self._save = config, show, save
         self.best: Network | None = None
         self.curve: list[Point] = []
@@ -105,8 +105,12 @@ class Watch(BaseCallback):
         self._show(f"mean reward {self._reward:.4f}", self.num_timesteps, self._config.steps)
 
     def _begin_anew(self) -> None:
-        if self._anew is not None:
-            self._anew(self.model, self.steps)
+        """New episodes and draws by seed and steps alone."""
+        if self._seed is not None:
+            sequence = np.random.SeedSequence([self._seed, self.steps])
+            self.model.set_random_seed(int(sequence.generate_state(1)[0] >> 1))
+            self.model._last_obs = self.training_env.reset()
+            self.model._last_episode_starts = np.ones(self.model.n_envs, bool)
 
     def judge(self) -> None:
         """Try the present network."""

@@ -26,11 +26,6 @@ def best_of(runs: Sequence[Run]) -> Run | None:
     return max(checked, key=lambda run: (run.reward, run.curve[-1]["reward"]), default=None)
 
 
-def _kind_of(run: Run, varied: Sequence[str]) -> str:
-    """The settings of a run that tell it apart, for people."""
-    return ", ".join(f"{name} {_setting(run, name)}" for name in varied)
-
-
 def _setting(run: Run, name: str) -> str:
     return f"{run.settings[name]:.6g}" if name in run.settings else "-"
 
@@ -69,23 +64,20 @@ def runs_table(runs: Sequence[Run], heading: str = "seed") -> PlainTable:
             Column("failed", "failures", "d"),
             Column("at step", "best_steps", ","),
         ]
-    columns.append(Column("minutes", form=".1f"))
-    columns.append(Column("", _ended, ">"))
+    ended = Column("", lambda r: "FAILED" if r.failure else "pruned" if r.pruned else "", ">")
+    columns += [Column("minutes", form=".1f"), ended]
     told = [f"{run.folder} failed: {run.failure}" for run in runs if run.failure]
     title = "every run: its best check, and the steps at it" if learned else "every run"
     return make_table(title, columns, runs, caption="\n".join(told))
 
 
-def _ended(run: Run) -> str:
-    return "FAILED" if run.failure else "pruned" if run.pruned else ""
-
-
 def _kinds(runs: Sequence[Run]) -> dict[str, list[Run]]:
-    """Runs by their settings."""
+    """Runs by the settings that tell them apart, for people."""
     varied = varied_in(runs)
     found: dict[str, list[Run]] = {}
     for run in runs:
-        found.setdefault(_kind_of(run, varied), []).append(run)
+        kind = ", ".join(f"{name} {_setting(run, name)}" for name in varied)
+        found.setdefault(kind, []).append(run)
     return found
 
 

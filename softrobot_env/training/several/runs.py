@@ -220,7 +220,7 @@ def _share(folder: Path, study: str) -> float:
     """Share of a run that is done, as far as its folder says."""
     with suppress(OSError, ValueError):
         if _of(folder) == study:
-            return float((folder / _SHARE).read_text(encoding="utf-8"))
+            return float((folder / _SHARE).read_text("utf-8"))
     return 0.0
 
 
@@ -239,7 +239,7 @@ def goes_on(folder: Path, study: str) -> bool:
 def _of(folder: Path) -> str | None:
     """The study that a folder is of."""
     named = folder / _STUDY
-    return named.read_text(encoding="utf-8") if named.is_file() else None
+    return named.read_text("utf-8") if named.is_file() else None
 
 
 def check_unclaimed(paths: Sequence[Path], study: str) -> None:

@@ -94,7 +94,7 @@ def read_space(path: Path) -> Space:
         ValueError: It is no such file; says why.
     """
     try:
-        held = tomllib.loads(path.read_text(encoding="utf-8"))
+        held = tomllib.loads(path.read_text("utf-8"))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     table = held.get(_TABLE)
