@@ -5,7 +5,6 @@ has a function `register`, as a package names it in the entry-point group, and a
 `CHECKS` says what must hold of it.
 """
 
-import json
 import subprocess
 import sys
 from collections.abc import Callable
@@ -16,6 +15,7 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
+from support.commands import rows_in
 
 import softrobot_env
 from softrobot_env.cli import main
@@ -165,12 +165,12 @@ def check_study(path, folder):
     pytest.importorskip("matplotlib")
     words, out = ["benchmark", "lengths", "--out", str(folder)], folder / "lengths"
     assert main(words) == 0
-    rows = json.loads((out / "report.json").read_text())["rows"]
+    rows = rows_in(out)
     assert [row["share"] for row in rows] == [0.5, 1.0] * 2
     before = (out / "lengths.png").read_bytes()
     assert main([*words, "--redraw"]) == 0 and (out / "lengths.png").read_bytes() == before
     assert main([*words, "--quick", "--overwrite"]) == 0
-    assert len(json.loads((out / "report.json").read_text())["rows"]) == 2
+    assert len(rows_in(out)) == 2
 
 
 def check_law(options, policy, *_):

@@ -7,7 +7,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from support.commands import called, evaluated, rows_in
+from support.commands import MINE, called, evaluated, rows_in
 from support.example_robots import SOME
 
 from softrobot_env.cli import main
@@ -17,23 +17,6 @@ from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.robots import find_robot
 
 ROOT = Path(__file__).resolve().parents[2]
-
-MINE = """
-import numpy as np
-from softrobot_env.tasks import SetPoints, Task
-
-def stay(robot, seconds=0.2):
-    points = SetPoints(((0.0, 0.0, robot.reach),), float(seconds))
-    return Task("stay", robot, points, float(seconds), (0.0, 0.0))
-
-class P:
-    def __init__(self, robot, control_period): pass
-    def act(self, observation): return np.full_like(observation["previous_action"], 0.2)
-
-class Q(P):
-    environment = {"control_period": 0.05}
-
-"""
 
 
 @pytest.fixture

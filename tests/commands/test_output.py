@@ -1,12 +1,12 @@
 """What commands write: nothing of an earlier run is lost, mixed up or written by two at once."""
 
-import json
 import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from support.commands import rows_in
 
 from softrobot_env.cli import main
 from softrobot_env.commands.output import claimed, new_results, progress_on, say
@@ -95,7 +95,7 @@ def test_overwriting_leaves_nothing_old_and_nothing_of_others(tmp_path):
     assert main([*given, "--overwrite", "--vary", "density=2"]) == 0
     assert not (tmp_path / "lshape_hold.npz").exists()
     assert mine.read_text() == "mine"
-    (row,) = json.loads((tmp_path / "report.json").read_text())["rows"]
+    (row,) = rows_in(tmp_path)
     assert row["variation"] == {"density": 2.0}
 
 

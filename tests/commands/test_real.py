@@ -1,11 +1,11 @@
 """`softrobot evaluate --env virtual|real` and `softrobot robot soak`."""
 
-import json
 from argparse import Namespace
 from contextlib import contextmanager
 from dataclasses import replace
 
 import pytest
+from support.commands import rows_in
 from support.patience import patient_commands
 from support.rig_learnt_file import learnt_file
 
@@ -38,7 +38,7 @@ def test_a_policy_runs_on_a_virtual_robot(tmp_path, capsys):
     command = "evaluate --tasks reach --option hold=0.2 --option radius=0.03 --policies hybrid"
     files = ["--out", f"{out}", "--record", f"{record}", "--learnt", f"{learnt}"]
     status = main([*command.split(), "--env", "virtual", *files])
-    (row,) = json.loads((out / "report.json").read_text())["rows"]
+    (row,) = rows_in(out)
     assert (row["source"], row["plant"], row["twin"]) == ("real", "virtual", 0)
     assert status == 0 and row["failure"] is None and row["learnt"] == "twin 0"
     said = capsys.readouterr().out
@@ -98,7 +98,7 @@ def test_no_robot_at_the_port(tmp_path, capsys):
 @pytest.mark.usefixtures("patient")
 def test_a_short_soak_says_what_it_measured(tmp_path):
     main(["robot", "soak", "--seconds", "3", "--out", str(tmp_path)])
-    row, *promises = json.loads((tmp_path / "report.json").read_text())["rows"]
+    row, *promises = rows_in(tmp_path)
     assert row["failure"] is None and row["steps"] == 150
     assert row["ticks"] > 1000 and row["unsafe_outputs"] == 0
     # The others need a machine with nothing else to do.

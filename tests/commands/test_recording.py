@@ -4,6 +4,7 @@ import json
 from importlib.util import find_spec
 
 import pytest
+from support.commands import rows_in
 
 from softrobot_env.cli import main
 from softrobot_env.core.files import assets_dir
@@ -32,7 +33,7 @@ def test_a_robot_is_recorded_checked_and_replayed(pulls, tmp_path, capsys):
     command = ["recording", "replay", str(pulls), "--robot", "planar_finger", "--out", str(out)]
     plots = [] if find_spec("matplotlib") else ["--no-plots"]
     assert main([*command, *plots]) == 0
-    whole, *patterns = json.loads((out / "report.json").read_text())["rows"]
+    whole, *patterns = rows_in(out)
     assert (whole["pattern"], whole["rows"], whole["failed"]) == ("all", 8, 0)
     assert [row["pattern"] for row in patterns] == [f"pull_input{k}{s}" for k in "12" for s in "+-"]
     # It was at rest when it was recorded, and the same chain is at rest in the replay.
@@ -92,7 +93,7 @@ def test_a_virtual_robot_is_recorded_over_its_serial_line(tmp_path):
         assert main([*command.split(), str(path)]) == 0
     replay = ["recording", "replay", "--robot", "rig", "--twin", "3", "--no-plots"]
     assert main([*replay[:2], str(path), *replay[2:], "--out", str(tmp_path)]) == 0
-    whole, *_ = json.loads((tmp_path / "report.json").read_text())["rows"]
+    whole, *_ = rows_in(tmp_path)
     # 0.3 mm in each of x and y, of which the tip filter takes some; the rest is the clock's.
     assert whole["rms"] < 1.5 * 2**0.5 * 0.3e-3
 
@@ -108,6 +109,6 @@ def test_a_long_static_recording_is_replayed_in_seconds(tmp_path):
     header.write_text(text.replace("[commands]\n", f"[commands]\ntendons = {names}\n"))
     out = ["--header", str(header), "--out", str(tmp_path), "--no-plots"]
     assert main(["recording", "replay", str(path), "--robot", "ftdcr_v4", *out]) == 0
-    whole, *_ = json.loads((tmp_path / "report.json").read_text())["rows"]
+    whole, *_ = rows_in(tmp_path)
     assert (whole["rows"], whole["failed"]) == (1620, 0)
     assert whole["cpu_time"] < 30  # some 5 s on an idle core; busy ones share their caches

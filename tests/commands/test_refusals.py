@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.commands import MINE
 from support.rig_learnt_file import constant_learnt, learnt_file
 
 from softrobot_env.cli import build_parser, main
@@ -68,23 +69,6 @@ def test_each_is_refused_in_one_line(capsys):
 
 
 # ---------------------------------------------------------------- by what they ask for
-
-MINE = """
-from softrobot_env.tasks import SetPoints, Task
-
-def stay(robot, seconds=0.2):
-    points = SetPoints(((0.0, 0.0, robot.reach),), float(seconds))
-    return Task("stay", robot, points, float(seconds), (0.0, 0.0))
-
-class P:
-    def __init__(self, robot, control_period): pass
-
-def hold(robot, control_period): pass
-
-def needs_head(robot, control_period):
-    if robot.head is None:
-        raise ValueError("needs_head needs a robot with a head")
-"""
 
 FINGER, REACH = "--robot planar_finger", "evaluate --tasks reach"
 

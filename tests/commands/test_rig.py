@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from support.commands import evaluated
+from support.commands import called, evaluated
 from support.rig_learnt_file import ALWAYS, constant_learnt, learnt_file
 
 from softrobot_env.cli import main
@@ -135,17 +135,6 @@ def test_a_rig_varies_and_can_be_a_beam_model(tmp_path, capsys):
     assert row["e_final"] == pytest.approx(rows[2]["e_final"], abs=2e-3)  # ideal, as a chain
 
 
-def test_render_draws_the_rig(tmp_path, monkeypatch):
-    frame = np.zeros((60, 80, 3), np.uint8)
-    drawn = []
-    monkeypatch.setattr(RigEnv, "render", lambda env: drawn.append(env.twin.seed) or frame)
-    size = ["--size", "80", "60", "--fps", "10", "--duration", "0.5"]
-    arguments = ["--task", "triangle", "--twin", "2", "--option", "period=1", *size]
-    assert main(["render", *arguments, "--out", str(tmp_path / "a.gif")]) == 0
-    assert (tmp_path / "a.gif").exists()
-    assert drawn == [2] * 6
-
-
 def test_options_are_declared_once():
     """Labels, columns and files know every option that a task has, and its default."""
     for name, make in EVERY_TASK.items():
@@ -165,46 +154,35 @@ def learnt(tmp_path):
     return str(learnt_file(tmp_path / "learnt.npz", twin=3))
 
 
-def reached(out, *arguments):
-    """Rows and text of a report."""
-    rows = evaluated(out, *REACH, *arguments)
-    return rows, (out / "report.md").read_text()
-
-
-def test_policies_act_as_the_file_says(learnt, tmp_path):
-    policies = ["--policies", "rig_nn", "inverse_dynamics"]
-    more = ["--twin", "3", "--learnt", learnt, "--save-rollouts"]
-    rows, text = reached(tmp_path / "out", *policies, *more)
-    assert [(row["twin"], row["learnt"]) for row in rows] == [(3, "twin 3"), (3, None)]
-    record, other = (
-        Rollout.load(next((tmp_path / "out").glob(f"*{row['policy']}.npz"))) for row in rows
-    )
-    np.testing.assert_allclose(record.action[1:], np.tile(ALWAYS, (len(record.action) - 1, 1)))
-    assert not np.allclose(other.action[1:], ALWAYS, atol=0.01)
-    assert "other rigs differ" not in text
-
-
-def test_other_rigs_than_the_one_of_the_file_are_noted(learnt, tmp_path, capsys):
-    more = ["--policies", "rig_nn", "--twin", "3", "0", "--learnt", learnt]
-    rows, text = reached(tmp_path / "out", *more)
-    assert [(row["twin"], row["learnt"]) for row in rows] == [(3, "twin 3"), (0, "twin 3")]
+@pytest.mark.parametrize(("twins", "notes"), [("3", 0), ("3 0", 1)])
+def test_policies_act_as_the_file_says_and_other_rigs_are_noted(
+    twins, notes, learnt, tmp_path, capsys
+):
+    out, policies = tmp_path / "out", "--policies rig_nn inverse_dynamics --twin"
+    rows = evaluated(out, *REACH, policies, twins, "--learnt", learnt, "--save-rollouts")
+    for row in rows:
+        is_learnt = row["policy"] == "rig_nn"
+        assert row["learnt"] == ("twin 3" if is_learnt else None)
+        (path,) = out.glob(f"*twin_{row['twin']}_{row['policy']}.npz")
+        action = Rollout.load(path).action[1:]
+        assert np.allclose(action, ALWAYS, atol=1e-6 if is_learnt else 0.01) == is_learnt
     note = "The identified parameters of the rig are of twin 3; other rigs differ from it."
-    assert text.count(note) == 1
-    assert " ".join(capsys.readouterr().out.split()).count(note) == 1
+    assert (out / "report.md").read_text().count(note) == notes
+    assert " ".join(capsys.readouterr().out.split()).count(note) == notes
 
 
 def test_a_video_shows_what_the_file_says(learnt, tmp_path, monkeypatch):
-    taken, step = [], RigEnv.step
+    frame, drawn, taken, step = np.zeros((60, 80, 3), np.uint8), [], [], RigEnv.step
 
     def told(env, action):
         taken.append(action)
         return step(env, action)
 
     monkeypatch.setattr(RigEnv, "step", told)
-    monkeypatch.setattr(RigEnv, "render", lambda env: np.zeros((60, 80, 3), np.uint8))
-    arguments = ["--task", "reach", "--policy", "rig_nn", "--duration", "0.2", "--fps", "10"]
-    arguments += ["--size", "80", "60", "--learnt", learnt]
-    assert main(["render", *arguments, "--out", str(tmp_path / "a.gif")]) == 0
+    monkeypatch.setattr(RigEnv, "render", lambda env: drawn.append(env.twin.seed) or frame)
+    words = "render --task reach --policy rig_nn --twin 3 --duration 0.2 --fps 10 --size 80 60"
+    assert called(words, "--learnt", learnt, "--out", tmp_path / "a.gif") == 0
+    assert (tmp_path / "a.gif").exists() and drawn == [3] * 3
     np.testing.assert_allclose(taken, np.tile(ALWAYS, (len(taken), 1)))
     assert len(taken) == 10
 
@@ -220,7 +198,7 @@ def test_the_trained_file_is_of_its_twin(tmp_path, monkeypatch, capsys):
     said = capsys.readouterr().out
     assert "bending damping over nominal" in said and "1.000" in said
     more = ["--policies", "rig_nn", "--twin", "3", "--learnt", str(tmp_path / "rig_nn_3.npz")]
-    (row,), _ = reached(tmp_path / "out", *more)
+    (row,) = evaluated(tmp_path / "out", *REACH, *more)
     assert row["learnt"] == "twin 3"
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from support.commands import called
 from support.hardware_boards import PASS, Board, FullDisk
 
 from softrobot_env.cli import main
@@ -82,35 +83,45 @@ def test_list_fails_if_nobody_answers(capsys):
 
 
 def test_info_prints_what_the_robot_says(robot, capsys):
-    assert main(["robot", "info", "--robot-file", robot.file]) == 0
+    assert called("robot info --robot-file", robot.file) == 0
     out = capsys.readouterr().out
     assert "disarmed" in out and "6.00 V" in out and "00000001" in out
 
 
 def test_hold_moves_to_rest_and_stops(robot, capsys):
     robot.board.position = (300, 0, 0)
-    assert main(["robot", "hold", "--robot-file", robot.file, "--seconds", "0.2"]) == 0
+    assert called("robot hold --robot-file", robot.file, "--seconds 0.2") == 0
     assert "running" in capsys.readouterr().out
     assert robot.board.core.outputs.state == DeviceState.DISARMED
     assert robot.board.position == (0, 0, 0)
 
 
 def test_estop_latches_until_it_is_cleared(robot, capsys):
-    assert main(["robot", "estop", "--robot-file", robot.file]) == 0
+    assert called("robot estop --robot-file", robot.file) == 0
     assert "latched" in capsys.readouterr().out
-    assert main(["robot", "hold", "--robot-file", robot.file]) == 2
+    assert called("robot hold --robot-file", robot.file) == 2
     assert "emergency stop; clear it" in capsys.readouterr().err
-    assert main(["robot", "stop", "--robot-file", robot.file]) == 1
-    assert main(["robot", "stop", "--robot-file", robot.file, "--clear"]) == 0
+    assert called("robot stop --robot-file", robot.file) == 1
+    assert called("robot stop --robot-file", robot.file, "--clear") == 0
     assert robot.board.core.outputs.state == DeviceState.DISARMED
 
 
-def test_calibrate_writes_what_was_found(robot, tmp_path, monkeypatch, capsys):
+@pytest.fixture
+def calibrated(robot, tmp_path, monkeypatch):
+    """Exit status of a calibration by lines, and the file that it writes."""
+
+    def call(lines):
+        monkeypatch.setattr("sys.stdin", io.StringIO(lines))
+        out = tmp_path / "found.toml"
+        return called("robot calibrate --robot-file", robot.file, "--out", out), out
+
+    return call
+
+
+def test_calibrate_writes_what_was_found(robot, calibrated, capsys):
     robot.board.core = Board(capabilities=Capability.SUPPLY).core
-    lines = "t 2\n-1\nzero\nnonsense\n+2\nrest\nwrite\n"
-    monkeypatch.setattr("sys.stdin", io.StringIO(lines))
-    out = tmp_path / "found.toml"
-    assert main(["robot", "calibrate", "--robot-file", robot.file, "--out", str(out)]) == 0
+    status, out = calibrated("t 2\n-1\nzero\nnonsense\n+2\nrest\nwrite\n")
+    assert status == 0
     found, before = read_robot_file(out), read_robot_file(Path(robot.file))
     assert found.tendons[1].center == pytest.approx(1468e-6)  # 1500 µs less 31.83 µs
     assert found.tendons[1].rest == pytest.approx(2e-3, abs=1.1e-5)
@@ -119,10 +130,9 @@ def test_calibrate_writes_what_was_found(robot, tmp_path, monkeypatch, capsys):
     assert not robot.board.core.outputs.powered
 
 
-def test_calibrate_goes_on_after_marks_that_contradict(robot, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("sys.stdin", io.StringIO("+2\nmin\nwrite\nrest\nwrite\n"))
-    out = tmp_path / "found.toml"
-    assert main(["robot", "calibrate", "--robot-file", robot.file, "--out", str(out)]) == 0
+def test_calibrate_goes_on_after_marks_that_contradict(calibrated, capsys):
+    status, out = calibrated("+2\nmin\nwrite\nrest\nwrite\n")
+    assert status == 0
     assert "not written: minimum_mm <= rest_mm" in capsys.readouterr().out
     assert read_robot_file(out).tendons[0].minimum == pytest.approx(2e-3, abs=1.1e-5)
 
@@ -133,12 +143,10 @@ def test_calibrate_replaces_no_file_and_tells_so_before_it_opens_the_port(robot,
     assert "is there already" in capsys.readouterr().err
 
 
-def test_calibrate_leaves_a_board_that_measures_lengths_its_zero(
-    robot, tmp_path, monkeypatch, capsys
-):
-    monkeypatch.setattr("sys.stdin", io.StringIO("+1\nzero\n"))
-    main(["robot", "calibrate", "--robot-file", robot.file, "--out", str(tmp_path / "x.toml")])
+def test_calibrate_leaves_a_board_that_measures_lengths_its_zero(calibrated, capsys):
+    status, out = calibrated("+1\nzero\n")
     assert "lengths from its own zero" in capsys.readouterr().out
+    assert status == 1 and not out.exists()  # without write
 
 
 def test_a_recording_that_breaks_off_is_told_at_the_end(robot, capsys):
@@ -148,13 +156,6 @@ def test_a_recording_that_breaks_off_is_told_at_the_end(robot, capsys):
         assert "breaks off" not in capsys.readouterr().out
     assert not robot.board.core.outputs.powered
     assert "breaks off: [Errno 28] No space left on device" in capsys.readouterr().out
-
-
-def test_calibrate_without_write_leaves_no_file(robot, tmp_path, monkeypatch):
-    monkeypatch.setattr("sys.stdin", io.StringIO("+1\n"))
-    out = tmp_path / "found.toml"
-    assert main(["robot", "calibrate", "--robot-file", robot.file, "--out", str(out)]) == 1
-    assert not out.exists()
 
 
 def test_replay_prints_a_recording(robot, tmp_path, capsys):

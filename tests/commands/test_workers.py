@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import pytest
+from support.commands import rows_in
 
 from softrobot_env.cli import main
 from softrobot_env.core import runs
@@ -21,7 +22,7 @@ CALL = (
 
 
 def rows(folder):
-    found = json.loads((folder / "report.json").read_text())["rows"]
+    found = rows_in(folder)
     return [{name: row[name] for name in row.keys() - TIMES} for row in found]
 
 

@@ -4,6 +4,29 @@ import json
 
 from softrobot_env.cli import main
 
+#: A file with a task and policies of one's own.
+MINE = """
+import numpy as np
+from softrobot_env.tasks import SetPoints, Task
+
+def stay(robot, seconds=0.2):
+    points = SetPoints(((0.0, 0.0, robot.reach),), float(seconds))
+    return Task("stay", robot, points, float(seconds), (0.0, 0.0))
+
+class P:
+    def __init__(self, robot, control_period): pass
+    def act(self, observation): return np.full_like(observation["previous_action"], 0.2)
+
+class Q(P):
+    environment = {"control_period": 0.05}
+
+def hold(robot, control_period): pass
+
+def needs_head(robot, control_period):
+    if robot.head is None:
+        raise ValueError("needs_head needs a robot with a head")
+"""
+
 
 def called(*words):
     """Exit status of `softrobot` with words, which may be several in a text."""

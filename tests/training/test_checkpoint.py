@@ -30,10 +30,6 @@ def folder(tmp_path):
     return tmp_path
 
 
-def quiet(*_):
-    pass
-
-
 def test_what_was_written_is_read(folder):
     found = read(folder)
     assert (found.settings, found.curve) == (SECOND.settings, SECOND.curve)
@@ -66,7 +62,7 @@ def test_a_full_disk_or_a_kill_loses_nothing(folder, monkeypatch, when):
     with pytest.raises(OSError, match=r"No space left.*checkpoint\.pt"):
         write(folder, replace(FIRST, curve=[{"steps": 9}]))
     monkeypatch.undo()
-    assert read(folder, quiet).curve == SECOND.curve
+    assert read(folder).curve == SECOND.curve
     assert not [path for path in folder.iterdir() if path.name.startswith(".")]
 
 

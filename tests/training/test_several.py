@@ -6,6 +6,7 @@ from functools import partial
 from time import monotonic, sleep
 
 import pytest
+from support.commands import rows_in
 
 from softrobot_env.cli import main
 from softrobot_env.core.runs import KEPT, Kept, run_cases
@@ -123,7 +124,7 @@ def test_tables_and_curves(orders, tmp_path):
 
 
 def rows(folder):
-    found = json.loads((folder / "report.json").read_text())["rows"]
+    found = rows_in(folder)
     return [{name: value for name, value in row.items() if name != "minutes"} for row in found]
 
 

@@ -15,6 +15,7 @@ from softrobot_env.cli import main  # noqa: E402
 from softrobot_env.control.learned import neural  # noqa: E402
 from softrobot_env.control.registry import POLICIES, make_policy  # noqa: E402
 from softrobot_env.core.files import models_dir  # noqa: E402
+from softrobot_env.core.interfaces import quiet  # noqa: E402
 from softrobot_env.envs.randomization import Randomization  # noqa: E402
 from softrobot_env.envs.tracking import TrackingEnv  # noqa: E402
 from softrobot_env.envs.vector import VectorTrackingEnv  # noqa: E402
@@ -23,12 +24,7 @@ from softrobot_env.robots import ARM  # noqa: E402
 from softrobot_env.tasks import make_task  # noqa: E402
 from softrobot_env.thesis.arm import training as references  # noqa: E402
 from softrobot_env.training import artifacts, checkpoint, request, rl  # noqa: E402
-from softrobot_env.training.artifacts import (  # noqa: E402
-    as_network,
-    check,
-    new_layers,
-    put_network,
-)
+from softrobot_env.training.artifacts import as_network, check, new_layers  # noqa: E402
 from softrobot_env.training.imitation import ImitationConfig, imitate  # noqa: E402
 from softrobot_env.training.learners import LEARNERS, actor_of, make_model, put_actor  # noqa: E402
 from softrobot_env.training.rl import begin, make_training_env  # noqa: E402
@@ -61,10 +57,6 @@ ONE_ALGORITHM = [a if a == "td3" else pytest.param(a, marks=pytest.mark.slow) fo
 TINY_IMITATION = ImitationConfig(
     hidden=(8,), rounds=2, samples=64, shares=1, duration=0.2, epochs=1, last_epochs=2, processes=0
 )
-
-
-def quiet(*_):
-    pass
 
 
 def train(config, seed, show, start=None, **settings):
@@ -174,17 +166,6 @@ def test_seeds_are_handed_on():
     drawn = [d for p in parts for d in p._info_of({})["variation_density"]]
     expected = [ranges.draw(np.random.default_rng(seed))["density"] for seed in seeds]
     assert drawn == expected and len(set(drawn)) == 3
-
-
-# ---------------------------------------------------------------------- networks
-
-
-def test_layers_take_what_they_give():
-    layers = new_layers(5, (4, 3), 2)
-    other = new_layers(5, (4, 3), 2)
-    put_network(as_network(layers), other)
-    x = torch.randn(7, 5)
-    assert torch.equal(layers(x), other(x))
 
 
 # ---------------------------------------------------------------------- trainings
