@@ -12,7 +12,7 @@ from socket import create_connection
 from typing import Any
 
 from softrobot_env.core import __version__
-from softrobot_env.core.extras import install_command
+from softrobot_env.core.extras import needed
 
 #: How often Ray begins a job anew whose worker or node has ended.
 _RETRIES = 5
@@ -104,10 +104,8 @@ def connected(address: str, environment: dict[str, str], cores: int | None = Non
         ImportError: Ray is not installed.
         ConnectionError: There is no cluster at this address.
     """
-    try:
+    with needed("Ray is missing", "cluster"):
         import ray
-    except ImportError:
-        raise ImportError(f"Ray is missing: {install_command('cluster')}") from None
     own = not ray.is_initialized()
     if own:
         try:

@@ -146,12 +146,18 @@ def check_fields(record: Any, what: str, but: Sequence[str] = ()) -> None:
 
 
 class Record:
-    """A data class that is checked as it is made; messages call it by its class and its name."""
+    """A data class that is checked as it is made; messages call it `what`, and by its name.
+
+    `what` is an argument of the class, as in `class Step(Record, what="step")`; its name in small
+    letters unless given.
+    """
+
+    def __init_subclass__(cls, what: str | None = None) -> None:
+        cls._what = what or cls.__name__.lower()
 
     def __post_init__(self) -> None:
         name = vars(self).get("name")
-        what = type(self).__name__.lower()
-        check_fields(self, what if name is None else f"{what} {name!r}")
+        check_fields(self, self._what if name is None else f"{self._what} {name!r}")
 
 
 def check_argument(name: str, value: Any, hint: Any) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy import float64, ndarray
 
 from softrobot_env.core.arrays import namespace
-from softrobot_env.core.records import Positive, check_argument, check_fields
+from softrobot_env.core.records import Positive, Record, check_argument
 from softrobot_env.core.registry import Registry
 from softrobot_env.envs.observations.table import NEAR
 from softrobot_env.robots import RobotParams
@@ -40,7 +40,7 @@ class Outcome(NamedTuple):
 
 
 @dataclass(frozen=True)
-class RewardTerm:
+class RewardTerm(Record, what="reward term"):
     """A term of one's own in a reward.
 
     Attributes:
@@ -51,12 +51,9 @@ class RewardTerm:
     name: str
     value: Callable[[Outcome], Any]
 
-    def __post_init__(self) -> None:
-        check_fields(self, "reward term")
-
 
 @dataclass(frozen=True)
-class TrackingReward:
+class TrackingReward(Record, what="reward"):
     """Weights and scales of the reward terms; every term is dimensionless.
 
     Terms come by their names in `info`, `TERMS`.
@@ -76,9 +73,6 @@ class TrackingReward:
     smoothness: float = 0.05
     failure: float = -10.0
     more: tuple[RewardTerm, ...] = ()
-
-    def __post_init__(self) -> None:
-        check_fields(self, "reward")
 
     @property
     def none(self) -> dict[str, float64]:
@@ -211,7 +205,7 @@ def reward_of(
 
 
 @dataclass(frozen=True)
-class GripReward:
+class GripReward(Record, what="reward"):
     """Weights of the reward's terms [1] of a gripper, which come by their names in `info`.
 
     With the error e of the task over what counts as success, the term grip is
@@ -223,9 +217,6 @@ class GripReward:
     effort: float = 0.05
     smoothness: float = 0.05
     failure: float = -10.0
-
-    def __post_init__(self) -> None:
-        check_fields(self, "reward")
 
     @property
     def none(self) -> dict[str, float64]:

@@ -14,7 +14,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core.records import Positive, check_fields
+from softrobot_env.core.records import Positive, Record, check_fields
 
 
 @runtime_checkable
@@ -45,14 +45,11 @@ class Jumping:
 
 
 @dataclass(frozen=True)
-class Step(Jumping):
+class Step(Record, Jumping):
     """Jump from `start` to `target`, both (3,) [m], at time 0."""
 
     start: tuple[float, float, float]
     target: tuple[float, float, float]
-
-    def __post_init__(self) -> None:
-        check_fields(self, "step")
 
     def position(self, t: ndarray) -> ndarray:
         """Start before time 0, target from time 0 on."""
@@ -109,7 +106,7 @@ _LARGEST = 1.7
 
 
 @dataclass(frozen=True)
-class EqualForceCurve:
+class EqualForceCurve(Record, what="equal-force curve"):
     """Tip curve c(a) of the planar arm when its three tendon pairs pull alike (audit sec. 4).
 
     The curvature is a * (3, 2, 1) [1/m] on the three thirds, a = F r_t / EI.
@@ -119,9 +116,6 @@ class EqualForceCurve:
     """
 
     length: Positive
-
-    def __post_init__(self) -> None:
-        check_fields(self, "equal-force curve")
 
     @cached_property
     def _quadrature(self) -> tuple[ndarray, ndarray]:

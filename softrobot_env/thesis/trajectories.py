@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core.records import Count, NotNegative, Positive, Whole, check_fields
+from softrobot_env.core.records import Count, NotNegative, Positive, Record, Whole, check_fields
 from softrobot_env.tasks.trajectories import Derivatives, cubic_step, quintic_step, ramped
 
 
@@ -33,7 +33,7 @@ class _Run:
 
 
 @dataclass(frozen=True)
-class RoundedTriangle(_Run):
+class RoundedTriangle(Record, _Run, what="triangle"):
     """Laps of a triangle with rounded corners, clockwise, (5.40) with the audit's corrections.
 
     z = (b1 cos 2 pi w + b1/4 cos 4 pi w, -b1 sin 2 pi w + b1/4 sin 4 pi w), w counting laps. From
@@ -52,9 +52,6 @@ class RoundedTriangle(_Run):
     period: Positive = 5.0
     laps: Whole = 3
     approach: NotNegative = 10.0
-
-    def __post_init__(self) -> None:
-        check_fields(self, "triangle")
 
     @property
     def end_time(self) -> float:

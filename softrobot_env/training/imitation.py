@@ -19,7 +19,7 @@ from softrobot_env.control.learned import neural
 from softrobot_env.control.scheduled.timing import timing_of
 from softrobot_env.core.interfaces import Observation, Policy, ProgressCallback
 from softrobot_env.core.processes import worker_processes
-from softrobot_env.core.records import Count, NotNegative, Positive, Share, Whole, check_fields
+from softrobot_env.core.records import Count, NotNegative, Positive, Record, Share, Whole
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.learned.network import Dataset, Network
@@ -42,7 +42,7 @@ _APART = 30
 
 
 @dataclass(frozen=True)
-class ImitationConfig:
+class ImitationConfig(Record, what="imitation"):
     """Size and settings of an imitation.
 
     Attributes:
@@ -82,9 +82,6 @@ class ImitationConfig:
     processes: Whole = 2
     threads: Count = 1
     plant: str = MUJOCO
-
-    def __post_init__(self) -> None:
-        check_fields(self, "imitation")
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.interfaces import ProgressCallback, quiet
-from softrobot_env.core.records import Count, check_fields
+from softrobot_env.core.records import Count, Record
 from softrobot_env.learned.network import Dataset, Network
 from softrobot_env.learned.training import train_regularised
 from softrobot_env.robots import RobotParams
@@ -27,7 +27,7 @@ _KEPT = 0.15
 
 
 @dataclass(frozen=True)
-class Learning:
+class Learning(Record):
     """How a network is trained.
 
     Attributes:
@@ -39,9 +39,6 @@ class Learning:
     samples: Count = 1200
     hidden: tuple[Count, ...] = (20, 20)
     iterations: Count = 150
-
-    def __post_init__(self) -> None:
-        check_fields(self, "learning")
 
 
 @dataclass(frozen=True)

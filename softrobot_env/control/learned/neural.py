@@ -26,7 +26,7 @@ from softrobot_env.control.base import (
 from softrobot_env.control.memoryless import Decide, Memoryless
 from softrobot_env.core.artifacts import Arrays
 from softrobot_env.core.files import models_dir
-from softrobot_env.core.records import Positive, check_fields
+from softrobot_env.core.records import Positive, Record
 from softrobot_env.core.vector_reading import Reading, reading_in
 from softrobot_env.learned.network import Network, absorbed, check_ends, load_for
 from softrobot_env.learned.plain_inference import PlainInference
@@ -110,7 +110,7 @@ def _places(observed: Mapping[str, int]) -> dict[str, ndarray]:
 
 
 @dataclass(frozen=True)
-class View:
+class View(Record):
     """What the network of a robot sees, at which scales, and when it decides.
 
     Attributes:
@@ -143,9 +143,6 @@ class View:
     action: Positive
     change: Positive = _FINE
     most: Positive = 1.0
-
-    def __post_init__(self) -> None:
-        check_fields(self, "view")
 
     @property
     def environment(self) -> dict[str, Any]:

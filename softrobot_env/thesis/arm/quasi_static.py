@@ -10,7 +10,7 @@ from math import pi
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core.records import Count, NotNegative, Positive, check_fields
+from softrobot_env.core.records import Count, NotNegative, Positive, Record
 from softrobot_env.learned.network import Dataset, Network
 
 #: Neurons of the hidden layer.
@@ -24,7 +24,7 @@ Statics = Callable[[ndarray], ndarray]
 
 
 @dataclass(frozen=True)
-class Sampling:
+class Sampling(Record):
     """How training data are drawn.
 
     Attributes:
@@ -40,9 +40,6 @@ class Sampling:
     force: Positive = 20.0
     change: Positive = 0.05 * 20.0
     noise: NotNegative = 1.5e-3
-
-    def __post_init__(self) -> None:
-        check_fields(self, "sampling")
 
 
 def sample(tip: Statics, n_inputs: int, how: Sampling, rng: np.random.Generator) -> Dataset:

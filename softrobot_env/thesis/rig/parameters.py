@@ -10,7 +10,7 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.interfaces import ProgressCallback
-from softrobot_env.core.records import NotNegative, Positive, check_fields
+from softrobot_env.core.records import NotNegative, Positive, Record
 from softrobot_env.envs.recording import RecordEpisodes
 from softrobot_env.identification.excitation import Excitation, excite, plan, resting_task
 from softrobot_env.identification.fit.path import Identification, identify
@@ -36,7 +36,7 @@ _NUMBERS = {"stiffness": "stiffness", "turn": "turn", "damping": "damping", "bac
 
 
 @dataclass(frozen=True)
-class IdentifiedParameters:
+class IdentifiedParameters(Record, what="identified parameters"):
     """What is known of one rig.
 
     Attributes:
@@ -55,9 +55,6 @@ class IdentifiedParameters:
     damping: NotNegative
     backlash: float
     twin: int | None = None
-
-    def __post_init__(self) -> None:
-        check_fields(self, "identified parameters")
 
     @cached_property
     def statics(self) -> Inference:

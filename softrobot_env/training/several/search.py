@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from softrobot_env.core.cluster import connected
-from softrobot_env.core.extras import install_command
+from softrobot_env.core.extras import needed
 from softrobot_env.core.interfaces import ProgressCallback, quiet
 from softrobot_env.core.processes import THREADS, Workers
 from softrobot_env.training.registry import TRAININGS
@@ -158,10 +158,8 @@ def tune_on(workers: Workers | None) -> Iterator[Any]:
     with connected(
         workers.ray or "local", dict.fromkeys(THREADS, "1"), None if workers.ray else workers.count
     ):
-        try:
+        with needed("Ray Tune is missing", "cluster"):
             from ray import tune
-        except ImportError:
-            raise ImportError(f"Ray Tune is missing: {install_command('cluster')}") from None
         yield tune
 
 
