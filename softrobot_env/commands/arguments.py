@@ -272,8 +272,7 @@ def _files_among(given: Iterable[Any]) -> set[Path]:
             found |= _files_among(one)
         elif isinstance(one, str | Path):
             name = str(one).rpartition(":")[0] or str(one)
-            module = sys.modules.get(name)
-            file = Path(getattr(module, "__file__", None) or name)
+            file = Path(getattr(sys.modules.get(name), "__file__", None) or name)
             if file.is_file():
                 found |= {file, *file.parent.glob(f"{glob.escape(file.stem)}.*")}
     return found

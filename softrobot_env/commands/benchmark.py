@@ -62,8 +62,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     known = tuple(dict.fromkeys((*BENCHMARKS, *CHECKS))) if BENCHMARKS else None
     add(parser, "what WHAT", "one of the above", choices=known)
     add(parser, "--quick", "fewer cases, under 45 s")
-    anew = "measure nothing: draw the pictures of the report that is there anew"
-    add(parser, "--redraw", anew)
+    add(parser, "--redraw", "measure nothing: draw the pictures of the report that is there anew")
     for name, what in _OPTIONS.items():
         add(parser, f"--{name} N", what, seed)
     add_robot(
@@ -171,7 +170,6 @@ def _run_own(args: Namespace) -> int:
         say(tables)
         write_report(out, [asdict(row) for row in rows], title, tables, args.command_line)
         picture = out / f"{args.what}.png"
-        plotted = drawn(lambda: plot(rows, picture, robot.name))
-        told = " and a picture" if plotted else ""
+        told = " and a picture" if drawn(lambda: plot(rows, picture, robot.name)) else ""
         say(f"Wrote report.json, report.md{told} to {out}")
     return 0

@@ -259,8 +259,7 @@ def _write(results: list[Result], args: Namespace) -> None:
     """Reports, records and plots; the table first, so that it is there without matplotlib."""
     rows = [result.row.columns() for result in results]
     report.write_json(args.out / "report.json", rows, args.command_line)
-    text = report.markdown(rows, args.command_line)
-    write_text(args.out / "report.md", text)
+    write_text(args.out / "report.md", report.markdown(rows, args.command_line))
     if args.save_rollouts:
         for result in results:
             result.outcome.rollout.save(args.out / f"{_file_stem(result)}.npz")

@@ -102,8 +102,7 @@ def _inspect_task(args: Namespace) -> int:
     setup, scene = Setup(args), arguments.scene_options(args)
     task = one_task(args, setup.robot)
     twin = setup.twins(task.robot)[0]
-    case = Case(task, "hold", twin=twin, scene=scene)
-    setup.check([case])
+    setup.check([Case(task, "hold", twin=twin, scene=scene)])
     env = simulated(task, twin, **scene)
     left_out = [] if env.twin is None else _errors_left_out(env.twin)
     own = _as_built(env) | _action(env)

@@ -55,8 +55,7 @@ def _add_check(parser: ArgumentParser) -> None:
 def _check(args: Namespace) -> int:
     """What is wrong with a file is refused, what is odd is told."""
     recording = read_recording(args.recording, args.header)
-    robot = None if args.robot is None else find_robot(args.robot)
-    summary = summarize(recording, robot)
+    summary = summarize(recording, None if args.robot is None else find_robot(args.robot))
     say(named_values(str(args.recording), _values(recording, summary)))
     say(_ranges(recording, summary))
     for warning in summary.warnings:

@@ -14,6 +14,7 @@ from softrobot_env.commands import arguments
 from softrobot_env.commands.arguments import SEVERAL, Parsers, add
 from softrobot_env.control.registry import FEEDBACKS, SENSORS, incompatibility, policy_environment
 from softrobot_env.control.sensed import load_reconstruction
+from softrobot_env.core.records import placed
 from softrobot_env.core.registry import is_path, load
 from softrobot_env.envs.disturbances import periods
 from softrobot_env.envs.tracking import DEFAULT_PERIOD
@@ -154,10 +155,8 @@ class Setup:
         for case in cases:
             if case.plant != MUJOCO and "tendon_friction" in case.variation:
                 raise ValueError(f"tendon_friction: only with --plant {MUJOCO}")
-            try:
+            with placed(case.policy):
                 periods(case.variation.get("delay", 0.0), period_of(case))
-            except ValueError as error:
-                raise ValueError(f"{case.policy}: {error}") from None
         self._try_out(cases)
 
     def _check_feedback(self, cases: list[Case]) -> None:
@@ -197,8 +196,7 @@ class Setup:
         """Environments refuse references that are too fast or too far, and variations."""
         tried = {}
         for case in cases:
-            varied = tuple(case.variation.items())
-            tried[case.task, case.twin, case.plant, varied] = case
+            tried[case.task, case.twin, case.plant, tuple(case.variation.items())] = case
         for case in tried.values():
             env = self.environment(case)
             if case.variation:

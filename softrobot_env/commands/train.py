@@ -87,8 +87,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     add(group, "--algo", "algorithm of stable-baselines3, as NAME", choices=ALGORITHMS)
     add_learning(group)
     add(group, "--name NAME", "of the file written; default: the algorithm's")
-    folder = "folder of what --resume needs; default: out/train/NAME"
-    add(group, "--checkpoint DIR", folder)
+    add(group, "--checkpoint DIR", "folder of what --resume needs; default: out/train/NAME")
     add(group, "--resume", "go on with the checkpoint")
     add(group, "--log DIR", "folder of TensorBoard's logs")
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.files import atomic_write
+from softrobot_env.core.records import placed
 
 
 class Arrays(dict[str, ndarray]):
@@ -115,8 +116,7 @@ def write_tree(path: str | Path, tree: Any) -> None:
         TypeError: Something else is in it.
     """
     arrays: dict[str, ndarray] = {}
-    structure = json.dumps(_taken_apart(tree, arrays))
-    write_arrays(path, {_STRUCTURE: structure, **arrays})
+    write_arrays(path, {_STRUCTURE: json.dumps(_taken_apart(tree, arrays)), **arrays})
 
 
 def read_tree(path: str | Path) -> Any:
@@ -170,10 +170,8 @@ def read_facts(path: str | Path) -> Any:
         FileNotFoundError: No such file.
         ValueError: It is no json file, or holds a number that is not finite.
     """
-    try:
+    with placed(path):  # decoding errors are of this kind
         return json.loads(Path(path).read_text("utf-8"), parse_constant=_refuse)
-    except ValueError as error:  # decoding errors are of this kind
-        raise ValueError(f"{path}: {error}") from None
 
 
 def _refuse(number: str) -> NoReturn:

@@ -172,10 +172,8 @@ def _point(
     """A point whose direction has size one and goes on from an old one."""
     size = max(_size(loaded, per_share), 1.0)
     turn, growth = per_share / size, 1 / size
-    if old is not None:
-        weights = loaded.scale**-2
-        if turn @ (weights * old.turn) + growth * old.growth < 0:
-            turn, growth = -turn, -growth
+    if old is not None and turn @ (loaded.scale**-2 * old.turn) + growth * old.growth < 0:
+        turn, growth = -turn, -growth
     return _Point(q, share, turn, growth)
 
 
@@ -196,8 +194,7 @@ def _step(loaded: Loaded, start: _Point, length: float) -> tuple[_Point | None, 
             return None, correction
         rise = 0.0
         if not final:
-            ahead = weights @ change.per_share + start.growth
-            rise = -(weights @ change.balance) / ahead
+            rise = -(weights @ change.balance) / (weights @ change.per_share + start.growth)
         moved = change.balance + rise * change.per_share
         size = max(_size(loaded, moved), abs(rise))
         contracts = size < _CONTRACTION * before or size < _STALLED

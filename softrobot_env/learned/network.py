@@ -10,6 +10,7 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.artifacts import Arrays, read_arrays, write_arrays
+from softrobot_env.core.records import placed
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.artifacts import fingerprint, refuse_artifact, train_command
 
@@ -167,13 +168,11 @@ class Network:
         for name, shape in shapes.items():
             values.check_shape(name, shape)
         weights, biases = (tuple(values[f"{n}_{k}"] for k in layers) for n in ("weight", "bias"))
-        try:
+        with placed(path):
             inputs, outputs = (
                 Scaling(values[f"{end}_low"], values[f"{end}_high"]) for end in ("input", "output")
             )
             network = cls(weights, biases, inputs, outputs)
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
         about = {n.removeprefix(_ABOUT): v for n, v in values.items() if n.startswith(_ABOUT)}
         return network, Arrays(path, about)
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray
 
+from softrobot_env.core.records import placed
 from softrobot_env.recordings.columns import (
     Columns,
     read_csv,
@@ -49,10 +50,8 @@ def read_recording(path: Path | str, header: Header | Path | str | None = None) 
         raise FileNotFoundError(f"{path}: no such file")
     known = header if isinstance(header, Header) else _header_of(Path(path), header)
     columns = _columns(Path(path), known)
-    try:
+    with placed(path):
         return recording_of(columns, known)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def _columns(path: Path, header: Header) -> Columns:

@@ -180,8 +180,7 @@ def imitate(
             for i, part in enumerate(each(_collect, jobs)):
                 parts.append(part)
                 show(f"round {k + 1} of {config.rounds}: data", i + 1, config.shares)
-            last = k == config.rounds - 1
-            epochs = config.last_epochs if last else config.epochs
+            epochs = config.last_epochs if k == config.rounds - 1 else config.epochs
             for epoch, loss in fit(layers, Dataset.join(parts), epochs, config):
                 show(f"round {k + 1} of {config.rounds}: loss {loss:.2e}", epoch, epochs)
             network = as_network(layers)
@@ -194,8 +193,7 @@ def fit(
     """Least squares by Adam under a falling rate; yields epoch and mean squared error."""
     seen, wanted = torch.from_numpy(data.inputs), torch.from_numpy(data.outputs)
     optimiser = torch.optim.Adam(layers.parameters(), config.rate)
-    batches = -(-len(seen) // config.batch)
-    steps = epochs * batches
+    steps = epochs * -(-len(seen) // config.batch)
     schedule = torch.optim.lr_scheduler.OneCycleLR(
         optimiser, config.rate, total_steps=steps, pct_start=min(max(0.1, 2 / steps), 0.75)
     )

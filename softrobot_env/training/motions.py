@@ -118,8 +118,7 @@ def drives_of(robot: RobotParams, outputs: int, period: float | None = None) -> 
     actions = actions - rest
     gain = np.linalg.lstsq(actions, sample.tips - sample.tips[0], rcond=None)[0]
     _, values, directions = np.linalg.svd(gain.T, full_matrices=False)
-    count = min(int(np.sum(values > _MOVING * values[0])), outputs)
-    basis = directions[:count].T
+    basis = directions[: min(int(np.sum(values > _MOVING * values[0])), outputs)].T
     first = 1 / float(linearised(space.inverse, space.ground.inputs).frequencies[0])
     if period is None:
         period = max(round(first / 80 / 0.005), 1) * 0.005
@@ -219,16 +218,14 @@ def _release(drives: Drives, plan: Plan, rng: Generator) -> tuple[ndarray, int]:
     there = plan.amplitude * _target(drives, rng)
     moving, resting = (round(n * drives.first / drives.period) for n in (3, 2))
     share = quintic_step(np.linspace(0, 1, moving)[:, None])[1]
-    actions = np.vstack([share * there, np.tile(there, (resting, 1))])
-    return _let_go(drives, plan, actions)
+    return _let_go(drives, plan, np.vstack([share * there, np.tile(there, (resting, 1))]))
 
 
 def _swing(drives: Drives, plan: Plan, rng: Generator) -> tuple[ndarray, int]:
     """Excited near the first mode's frequency, then let go."""
     there = 0.5 * plan.amplitude * _target(drives, rng)
     time = np.arange(0, (2 + 2 * rng.uniform()) * drives.first, drives.period)
-    actions = np.sin(2 * np.pi * time / drives.first)[:, None] * there
-    return _let_go(drives, plan, actions)
+    return _let_go(drives, plan, np.sin(2 * np.pi * time / drives.first)[:, None] * there)
 
 
 def _let_go(drives: Drives, plan: Plan, actions: ndarray) -> tuple[ndarray, int]:
@@ -259,8 +256,7 @@ def filtered(steps: ndarray, cutoff: float, period: float) -> ndarray:
 
 def _laps(drives: Drives, plan: Plan, rng: Generator) -> tuple[ndarray, int]:
     """Ellipses, rounder or flatter, whose size and speed change slowly."""
-    count = round(plan.run / drives.period)
-    time = np.arange(count) * drives.period
+    time = np.arange(round(plan.run / drives.period)) * drives.period
     low, high = LAPS[0] / drives.first, LAPS[1] / drives.first
     knots = max(4, round(plan.run / (10 * drives.first)))
     at = np.linspace(0, plan.run, knots)

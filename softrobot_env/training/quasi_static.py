@@ -119,8 +119,7 @@ def hold_sample(
     sample = inverse.sample(count)
     points = np.array([inverse.tip(posture) for posture in sample.postures])
     tips = points @ inverse.directions.T
-    known = inverse.solve(points[:1])
-    rows, found = [known], [0]
+    rows, found = [inverse.solve(points[:1])], [0]
     for k in range(1, len(tips)):
         if k % 20 == 0:
             show("inverse statics", k, len(tips))

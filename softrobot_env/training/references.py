@@ -155,8 +155,7 @@ def any_task(rng: Generator, robot: RobotParams) -> Task:
     """A random path or a circle at a random size and pace, or set points, of any robot."""
     site, seed = site_of(robot), int(rng.integers(2**31))
     if site.ground.radius == 0 or rng.uniform() < _REACHES:
-        hold = rng.uniform(*_HOLDS) / site.frequency
-        return generic_task("reach", robot, seed=seed, hold=hold)
+        return generic_task("reach", robot, seed=seed, hold=rng.uniform(*_HOLDS) / site.frequency)
     name = "circle" if rng.uniform() < _CIRCLES else "random"
     own = {"seed": seed} if name == "random" else {}
     size = float(rng.choice(_RADII))

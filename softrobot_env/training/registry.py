@@ -58,8 +58,7 @@ def _table(design: str, order: TrainingRequest, show: ProgressCallback) -> Metri
 
     robot, plant = order.robot, order.settings.get("plant", MUJOCO)
     points = _points(robot, plant, "quick" in order.settings, show)
-    made = load(design)(robot)
-    table = build_table(robot, made, points, partial(show, "gains"))
+    table = build_table(robot, load(design)(robot), points, partial(show, "gains"))
     save_table(order.path, table, robot, points.errors)
     off = points.errors[-1] / robot.reach
     return [

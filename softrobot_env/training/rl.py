@@ -120,8 +120,7 @@ def run(algorithm: str, order: TrainingRequest, show: ProgressCallback) -> Metri
     save(network, order.path, order.seed, order.robot, view)
     written = curve_file(order.path)
     write_text(written, json.dumps(curve, indent=1) + "\n")
-    told = figures(network, config.trials, order.robot, view)
-    return [*told, ("learning curve", str(written))]
+    return [*figures(network, config.trials, order.robot, view), ("learning curve", str(written))]
 
 
 def config_of(algorithm: str, settings: Mapping[str, Any], robot: RobotParams) -> RLConfig:
@@ -193,8 +192,7 @@ def make_training_env(
         for name in config.tasks
         for task, options in learned(name, config.drawn_tasks, rng)
     ]
-    scale = 1 - config.discount
-    env = NetworkVecEnv(parts, view, stagger=True, reward_scale=scale)
+    env = NetworkVecEnv(parts, view, stagger=True, reward_scale=1 - config.discount)
     env.seed(seed)
     return env
 

@@ -115,8 +115,7 @@ def _visits(
     for which in chosen:
         looks: list[dict[str, ndarray]] = []
         for k in range(1, moving + resting + 1):
-            share = quintic_step(min(1.0, k / moving))[1]
-            action = before + share * (actions[which] - before)
+            action = before + quintic_step(min(1.0, k / moving))[1] * (actions[which] - before)
             observation, *_, info = env.step(np.float32(action))
             if "failure" in info:
                 raise ValueError(f"the robot cannot be calibrated: {info['failure']}")

@@ -160,8 +160,7 @@ def records_of(recording: Recording, robot: RobotParams, axes: str) -> list[Reco
     if recording.static:
         raise FitError("the recording has rows at rest only; a reduced model learns from motion")
     actions = _actions(recording, robot)
-    columns = ["xyz".index(axis) for axis in axes]
-    tips = recording.markers[:, -1][:, columns]
+    tips = recording.markers[:, -1][:, ["xyz".index(axis) for axis in axes]]
     found = []
     for run in np.unique(recording.runs):
         rows = recording.runs == run
@@ -215,8 +214,7 @@ def split_decays(records: Sequence[Record]) -> tuple[list[Record], list[Record]]
 
 def judged(model: ReducedModel, records: Sequence[Record]) -> float:
     """Mean distance [m] between predicted and measured outputs, over predictions of 2 s."""
-    count = round(_JUDGED / model.period)
-    need = count + model.delays + model.lag
+    need = round(_JUDGED / model.period) + model.delays + model.lag
     errors = []
     for record in records:
         for first in range(0, record.samples - need, need):

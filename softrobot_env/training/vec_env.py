@@ -39,8 +39,7 @@ def make_vec_env(
         "autoreset_mode": AutoresetMode.SAME_STEP,
         "vectorization_mode": "vector_entry_point",
     }
-    made = gymnasium.make_vec(env_id, n_envs, **options)
-    env = TrackingVecEnv([made.unwrapped])
+    env = TrackingVecEnv([gymnasium.make_vec(env_id, n_envs, **options).unwrapped])
     env.seed(seed)
     return env
 
@@ -151,8 +150,7 @@ class TrackingVecEnv(VecEnv):
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for k, (part, where) in enumerate(zip(self.parts, self._slices, strict=True)):
             action = self._action(self._chosen[where], self._seen[k])
-            told = on_host(part.step(action))
-            self._seen[k], reward, terminated, truncated, info = told
+            self._seen[k], reward, terminated, truncated, info = on_host(part.step(action))
             rewards[where], dones[where] = reward, terminated | truncated
             for i in np.flatnonzero(terminated | truncated):
                 infos[where.start + i] = self._end(info, i, bool(truncated[i]))

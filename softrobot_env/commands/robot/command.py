@@ -63,8 +63,7 @@ def _list(args: Namespace) -> int:
     answers = {port: _answer(port, args) for port in args.ports or _ports()}
     told = {port: text for port, (_, text) in answers.items()}
     columns = Column("port", lambda port: port), Column("who answers", told.get)
-    table = make_table("", columns, told)
-    say(table if answers else "This computer has no serial port.")
+    say(make_table("", columns, told) if answers else "This computer has no serial port.")
     return int(not any(found for found, _ in answers.values()))
 
 
@@ -134,8 +133,7 @@ def _stop(driver: Driver, args: Namespace) -> int:
     driver.connect(args.timeout)
     if args.clear:
         driver.clear()
-    title = f"Robot {driver.robot.name} has stopped"
-    say(named_values(title, reading_rows(driver.reading)))
+    say(named_values(f"Robot {driver.robot.name} has stopped", reading_rows(driver.reading)))
     return int(bool(driver.reading.faults))
 
 

@@ -65,8 +65,7 @@ class RealSetup(Setup):
         if case.task.robot != self._own:
             return super().environment(case, **drawing)
         if self.plant == VIRTUAL:
-            line = partial(self._line, case)
-            return VirtualRigEnv(case.task, case.twin, line, observe="all")
+            return VirtualRigEnv(case.task, case.twin, partial(self._line, case), observe="all")
         file = robot_of(self._args)
         return RealRigEnv(case.task, robot_file=file, observe="all", line=self._line(case, file))
 

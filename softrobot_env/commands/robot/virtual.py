@@ -109,8 +109,7 @@ def virtual_robot(
     from softrobot_env.robots.twin import sampled_twin
 
     servos = sorted(virtual_file().tendons, key=lambda servo: servo.channel)
-    boot = int(np.random.default_rng().integers(1, 2**32))
-    core = Core(n=len(servos), boot_id=boot)
+    core = Core(n=len(servos), boot_id=int(np.random.default_rng().integers(1, 2**32)))
     return VirtualRobot(
         core,
         VirtualRig(sampled_twin(default_robot(on_a_line=True), twin), seed=seed),
@@ -139,8 +138,7 @@ class UdpCamera:
     def show(self, age: float, tip: ndarray) -> None:
         """Send a picture's age [s] and tip (2,) [m]."""
         x, y = tip.tolist()
-        message = json.dumps({"x": x, "y": y, "age": age})
-        self._socket.sendto(message.encode(), self._address)
+        self._socket.sendto(json.dumps({"x": x, "y": y, "age": age}).encode(), self._address)
 
     def close(self) -> None:
         """Close the socket."""

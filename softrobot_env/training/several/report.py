@@ -38,8 +38,7 @@ def varied_in(runs: Sequence[Run]) -> list[str]:
 
 def tables(runs: Sequence[Run]) -> Group:
     """Best, median and spread of the seeds by settings, what else they tell, and every run."""
-    learned = any(run.reward is not None for run in runs)
-    parts = [_compared(runs)] if learned else []
+    parts = [_compared(runs)] if any(run.reward is not None for run in runs) else []
     if any(run.told for run in runs):
         parts.append(_told(runs))
     return Group(*parts, runs_table(runs))
@@ -109,8 +108,7 @@ def _told(runs: Sequence[Run]) -> PlainTable:
         ("",),
         ("unit", *(kind or "all seeds" for kind in kinds)),
     )
-    first = {key: value for run in runs for key, value in run.told}
-    for key, like in first.items():
+    for key, like in {key: value for run in runs for key, value in run.told}.items():
         cells = [
             spread([run.figures.get(key) for run in mine], like.form, like.unit)
             for mine in kinds.values()

@@ -7,7 +7,6 @@ has, and goes on: Tune's own state, which is pickled and may be cut short, is no
 
 import os
 import shutil
-import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -18,8 +17,10 @@ from typing import Any
 
 from softrobot_env.core.cluster import connected
 from softrobot_env.core.extras import needed
+from softrobot_env.core.files import read_table
 from softrobot_env.core.interfaces import ProgressCallback, quiet
 from softrobot_env.core.processes import THREADS, Workers
+from softrobot_env.core.records import placed
 from softrobot_env.training.registry import TRAININGS
 from softrobot_env.training.request import TrainingRequest
 from softrobot_env.training.several.runs import Run, described, goes_on, with_curve
@@ -93,22 +94,16 @@ def read_space(path: Path) -> Space:
         FileNotFoundError: No such file.
         ValueError: It is no such file; says why.
     """
-    try:
-        held = tomllib.loads(path.read_text("utf-8"))
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
-    table = held.get(_TABLE)
-    if not isinstance(table, Mapping) or not table or len(held) > 1:
-        raise ValueError(f"{path} must have one table [{_TABLE}] with settings, and nothing else")
-    return dict(_entry(path, name, value) for name, value in table.items())
-
-
-def _entry(path: Path, name: str, value: Any) -> tuple[str, tuple[float, ...] | Range]:
-    text = ",".join(map(str, value)) if isinstance(value, list) else str(value)
-    try:
-        return parsed(f"{name}={text}")
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+    found = {}
+    with placed(path):
+        held = read_table(path)
+        table = held.get(_TABLE)
+        if not isinstance(table, Mapping) or not table or len(held) > 1:
+            raise ValueError(f"must have one table [{_TABLE}] with settings, and nothing else")
+        for name, value in table.items():
+            text = ",".join(map(str, value)) if isinstance(value, list) else value
+            found |= [parsed(f"{name}={text}")]
+    return found
 
 
 def corners(space: Space) -> list[dict[str, float]]:
@@ -266,8 +261,7 @@ def _trial(search: Search, study: str, drawn: dict[str, float]) -> None:
             report([point])
         TRAININGS[search.name].run(replace(order, settings=settings, told=report), quiet)
     except (ArithmeticError, ValueError) as error:  # of the training: anew it would fail again
-        told = str(error).partition("\n")[0] or type(error).__name__
-        tune.report({**last, "failure": told})
+        tune.report({**last, "failure": str(error).partition("\n")[0] or type(error).__name__})
 
 
 def _run(search: Search, number: int, result: Any) -> Run:
