@@ -224,16 +224,14 @@ def test_circles_are_found():
     assert not in_circles(chain)
     assert in_circles(chain | {"c": {"b"}}) == ["b", "c"]
     only_types = "if TYPE_CHECKING:\n import a\ndef f():\n import b"
-    path = ROOT / PACKAGE / "x.py"
-    assert imported(path, but_for_types(ast.parse(only_types))) == ["b"]
+    assert imported(ROOT / PACKAGE / "x.py", but_for_types(ast.parse(only_types))) == ["b"]
 
 
 def test_nothing_imports_the_thesis(sources):
     """It is a plug-in as an outsider's: known by its entry points alone."""
     offenders = {}
     for path, tree in sources.items():
-        part = part_of(path)
-        if part in ("thesis", "scripts"):
+        if part_of(path) in ("thesis", "scripts"):
             continue
         names = imported(path, ast.walk(tree))
         names += [text.replace(":", ".") for text in paths_in(tree)]

@@ -130,8 +130,7 @@ def test_a_full_disk_loses_nothing(name, tmp_path):
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         room = int(rng.uniform(0, size))
         resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
-        null = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(null, 2)  # the traceback of the child
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # the traceback of the child
         write(path)
 
     for _ in range(_TIMES):

@@ -38,8 +38,7 @@ def imports(entry: str) -> bool:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)
-            found = import_module(module)
-            if name and not hasattr(found, name):
+            if name and not hasattr(import_module(module), name):
                 import_module(f"{module}.{name}")
     except ImportError:
         return False

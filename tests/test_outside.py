@@ -120,8 +120,7 @@ def check_variation(_path, tmp_path):
             np.testing.assert_allclose(env.unwrapped.model.opt.gravity, (0, 0, -9.81 * factor))
         assert (not np.array_equal(single[0]["tip_position"], usual)) == differs
         np.testing.assert_allclose(many[0]["tip_position"][0], usual, atol=1e-12)
-    ranges = Randomization(gravity=(2.0, 2.0))
-    for _, single, many in both(randomization=ranges, **HANGING):
+    for _, single, many in both(randomization=Randomization(gravity=(2.0, 2.0)), **HANGING):
         assert single[-1]["variation_gravity"] == 2.0
         np.testing.assert_array_equal(many[-1]["variation_gravity"], [2.0, 2.0])
         np.testing.assert_array_equal(many[0]["tip_position"][1], single[0]["tip_position"])
@@ -341,8 +340,7 @@ def test_a_task_of_a_file(tmp_path):
     assert make_task(f"{path}:stay", robot=FINGER, seconds=0.2).duration == 0.2
     fixed = make_task(f"{path}:FIXED")
     assert fixed == make_task(f"{path}:FIXED", robot=FINGER) and fixed.robot == FINGER
-    env = TrackingEnv(f"{path}:stay", robot=FINGER, seconds=0.2)
-    assert env.task.option("seconds") == 0.2
+    assert TrackingEnv(f"{path}:stay", robot=FINGER, seconds=0.2).task.option("seconds") == 0.2
 
 
 @pytest.mark.parametrize(

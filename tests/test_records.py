@@ -166,8 +166,7 @@ def test_lists_and_arrays_are_kept_as_tuples():
     for gravity in ([0, 0, -9.81], np.array([0, 0, -9.81])):
         assert replace(RIG, gravity=gravity) == RIG
     assert replace(ARM.tendons[0], guides=[0.05, 0.1]).guides == (0.05, 0.1)
-    numbers = replace(ARM, length=np.float64(ARM.length), pieces=np.int64(6))
-    assert numbers == ARM
+    assert replace(ARM, length=np.float64(ARM.length), pieces=np.int64(6)) == ARM
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ def record(env_id: str) -> None:
         env.reset(seed=seed)
         over = False
         while not over:
-            action = env.action_space.sample() * np.float32(0.1)
-            *_, terminated, truncated, _ = env.step(action)
+            *_, terminated, truncated, _ = env.step(env.action_space.sample() * np.float32(0.1))
             over = terminated or truncated
     name = f"softrobot/{env_id.split('/')[1].lower()}-v0"
     data = env.create_dataset(dataset_id=name, algorithm_name="random", author="tests")
@@ -26,8 +25,7 @@ def record(env_id: str) -> None:
     for episode in again.iterate_episodes():
         assert len(episode.infos["reward_tracking"]) == len(episode.rewards) + 1
         assert np.isfinite(episode.rewards).all()
-    made = again.recover_environment()
-    assert made.spec.max_episode_steps == env.spec.max_episode_steps
+    assert again.recover_environment().spec.max_episode_steps == env.spec.max_episode_steps
     env.close()
 
 

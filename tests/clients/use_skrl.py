@@ -12,8 +12,7 @@ def play(env) -> None:
     assert type(env).__name__ == "GymnasiumWrapper"
     env.reset()
     for _ in range(STEPS):
-        action = torch.zeros(env.num_envs, *env.action_space.shape)
-        observation, reward, *_ = env.step(action)
+        observation, reward, *_ = env.step(torch.zeros(env.num_envs, *env.action_space.shape))
         assert observation.shape[0] == reward.shape[0] == env.num_envs
         assert torch.isfinite(observation).all() and torch.isfinite(reward).all()
     env.close()

@@ -15,8 +15,7 @@ def collect(env_id: str, kind: type) -> None:
     envs = kind([partial(gymnasium.make, env_id, control_period=0.2)] * 2)
     policy = RandomActionPolicy(envs.action_space[0])
     collector = Collector(policy, envs, VectorReplayBuffer(STEPS, 2))
-    found = collector.collect(n_step=STEPS, reset_before_collect=True)
-    assert found.n_collected_steps == STEPS
+    assert collector.collect(n_step=STEPS, reset_before_collect=True).n_collected_steps == STEPS
     envs.close()
 
 

@@ -15,8 +15,7 @@ MODES = (AutoresetMode.DISABLED, AutoresetMode.SAME_STEP)
 
 def roll(env) -> None:
     check_env_specs(env, break_when_any_done=False) if env.batch_size else check_env_specs(env)
-    data = env.rollout(STEPS, break_when_any_done=False)
-    assert data.shape[-1] == STEPS
+    assert env.rollout(STEPS, break_when_any_done=False).shape[-1] == STEPS
     env.close()
 
 
@@ -27,8 +26,7 @@ def alone(env_id: str) -> None:
 def with_info(env_id: str) -> None:
     env = GymEnv(env_id)
     env.auto_register_info_dict()
-    data = env.rollout(STEPS)
-    assert data["next", "reward_tracking"].shape[0] == STEPS
+    assert env.rollout(STEPS)["next", "reward_tracking"].shape[0] == STEPS
 
 
 def several(env_id: str, mode: AutoresetMode) -> None:

@@ -127,8 +127,7 @@ def test_scripts_are_the_same_commands(script, request):
 def test_quick_speed_benchmark(tmp_path):
     assert called("benchmark speed --quick --out", tmp_path) == 0
     rows = rows_in(tmp_path / "speed")
-    names = {row["variant"] for row in rows}
-    assert {"HalfCheetah-v5", "SoftRobot/ArmSwing-v0"} <= names
+    assert {"HalfCheetah-v5", "SoftRobot/ArmSwing-v0"} <= {row["variant"] for row in rows}
     assert {row["what"] for row in rows} == {
         *("env.step", "moving", "robots", "vector env.step", "warp env.step"),
         *("start", "render", "decision", "scaling"),
@@ -142,8 +141,7 @@ WITHOUT_LIMITS = pytest.mark.filterwarnings("ignore::softrobot_env.scene.timeste
 
 @WITHOUT_LIMITS
 def test_a_grip_is_told(capsys):
-    words = ["grip", "--task", "enclose", "--diameter", "0.06", "--tension", "18"]
-    assert main(words) == 0
+    assert main(["grip", "--task", "enclose", "--diameter", "0.06", "--tension", "18"]) == 0
     assert "bar of 60.0 mm: success" in capsys.readouterr().out
     assert main(["grip", "--tension", "0.1", "--mass", "0.03", "--seed", "1"]) == 1
     assert "the bar was lost" in capsys.readouterr().out

@@ -159,8 +159,7 @@ def test_policies_act_as_the_file_says_and_other_rigs_are_noted(
     twins, notes, learnt, tmp_path, capsys
 ):
     out, policies = tmp_path / "out", "--policies rig_nn inverse_dynamics --twin"
-    rows = evaluated(out, *REACH, policies, twins, "--learnt", learnt, "--save-rollouts")
-    for row in rows:
+    for row in evaluated(out, *REACH, policies, twins, "--learnt", learnt, "--save-rollouts"):
         is_learnt = row["policy"] == "rig_nn"
         assert row["learnt"] == ("twin 3" if is_learnt else None)
         (path,) = out.glob(f"*twin_{row['twin']}_{row['policy']}.npz")

@@ -37,8 +37,7 @@ def test_what_ends_a_command_is_told_in_one_line(error, status, said, capsys, mo
 
 def test_warnings_are_told_in_one_line(capsys, monkeypatch):
     def warns(_):
-        told = warnings.formatwarning("so and\nso", UserWarning, "build.py", 307)
-        print(told, end="")
+        print(warnings.formatwarning("so and\nso", UserWarning, "build.py", 307), end="")
         return 0
 
     monkeypatch.setattr("softrobot_env.commands.listing.run", warns)

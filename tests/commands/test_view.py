@@ -140,5 +140,4 @@ def test_the_window_shows_the_robot_move(words, display, tmp_path):
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    moved = float(re.search(r"moved (\S+)", done.stdout)[1])
-    assert moved > 1e-3, done.stdout
+    assert float(re.search(r"moved (\S+)", done.stdout)[1]) > 1e-3, done.stdout

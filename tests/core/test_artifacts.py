@@ -28,8 +28,7 @@ def load(name, path):
     """What reads a shipped file."""
     if name == "rig_nn":
         return IdentifiedParameters.load(RIG, path)
-    option = dict.fromkeys(FILES[name], path)
-    return make_policy(name, ARM, PERIOD.get(name, 0.01), **option)
+    return make_policy(name, ARM, PERIOD.get(name, 0.01), **dict.fromkeys(FILES[name], path))
 
 
 def shipped(name):

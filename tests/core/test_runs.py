@@ -169,8 +169,7 @@ def test_rows_are_read_as_they_were_written(tmp_path):
         Result(3, 1 / 3, Colour.RED, "b", (2, "y"), {"a": [0.1]}, Inner("z", values), texts),
         Result(np.int64(4), np.float64(2.5), picture=[{"x": empty}]),
     ]
-    kept = Kept(tmp_path / KEPT, "a study")
-    kept.add("one", rows)
+    Kept(tmp_path / KEPT, "a study").add("one", rows)
     found = Kept(tmp_path / KEPT, "a study").rows("one", [Inner, Result])
     assert [row.row() | {"inner": None} for row in found] == [
         r.row() | {"inner": None} for r in rows

@@ -78,8 +78,7 @@ def alike(warp, env_id, **options):
 
 
 def actions(env, steps, seed=0):
-    rng = np.random.default_rng(seed)
-    return rng.uniform(-1, 1, (steps, *env.action_space.shape))
+    return np.random.default_rng(seed).uniform(-1, 1, (steps, *env.action_space.shape))
 
 
 def flat(told, path="") -> dict[str, np.ndarray]:

@@ -38,11 +38,9 @@ def fake(order, show):
 @pytest.fixture
 def orders(tmp_path, monkeypatch):
     """Orders of the fake training over seeds, whose jobs run here."""
-    known = {"fake": Training(fake, ("checkpoint", "set"))}
-    monkeypatch.setattr(runs, "TRAININGS", known)
+    monkeypatch.setattr(runs, "TRAININGS", {"fake": Training(fake, ("checkpoint", "set"))})
     monkeypatch.setattr(runs, "run_cases", partial(run_cases, processes=0))
-    order = TrainingRequest(ARM, tmp_path / "fake.npz", near=tmp_path)
-    return partial(orders_of, order)
+    return partial(orders_of, TrainingRequest(ARM, tmp_path / "fake.npz", near=tmp_path))
 
 
 def test_runs_have_folders_by_what_tells_them_apart(orders, tmp_path):
@@ -54,8 +52,7 @@ def test_runs_have_folders_by_what_tells_them_apart(orders, tmp_path):
 
 
 def test_rows_tell_the_best_check_and_one_failure_costs_no_other_run(orders, tmp_path):
-    kept = Kept(tmp_path / KEPT, "a study")
-    found = run_all("fake", orders((0, 13, 2), {}), kept)
+    found = run_all("fake", orders((0, 13, 2), {}), Kept(tmp_path / KEPT, "a study"))
     assert run_all("fake", orders((0, 13, 2), {}), Kept(tmp_path / KEPT, "a study")) == found
     assert [run.reward for run in found] == [0.4, None, 2.4]
     assert [run.failure for run in found] == [None, "no luck", None]

@@ -37,8 +37,7 @@ def test_motion_is_what_was_planned(kind):
         assert speed[-50:].mean() < 0.5 * speed[:50].mean()
     rate = np.abs(np.diff(forced[0].inputs, axis=0)).max() / forced[0].period
     assert rate < drives_of(RIG, 2).rate.max()
-    again = collect(RIG, plan, 0)[1]
-    np.testing.assert_array_equal(again[0].outputs, forced[0].outputs)
+    np.testing.assert_array_equal(collect(RIG, plan, 0)[1][0].outputs, forced[0].outputs)
 
 
 def recording(times, actions, tips, runs=None):
@@ -50,8 +49,7 @@ def test_a_recording_gives_records():
     times = np.tile(0.01 * np.arange(50), 2)
     actions, tips = np.random.default_rng(0).uniform(-1, 1, (2, 100, 2))
     actions[:50] = 0.3
-    runs = np.repeat([0, 1], 50)
-    found = records_of(recording(times, actions, 0.1 * tips, runs), FINGER, "xz")
+    found = records_of(recording(times, actions, 0.1 * tips, np.repeat([0, 1], 50)), FINGER, "xz")
     decays, forced = split_decays(found)
     assert len(decays) == len(forced) == 1
     np.testing.assert_allclose(forced[0].outputs, 0.1 * tips[50:], atol=1e-9)

@@ -71,8 +71,7 @@ def part(count=2, task=SHORT, mode="SameStep"):
 
 @pytest.fixture
 def observation():
-    env = TrackingEnv(SHORT, preview=neural.PREVIEW)
-    return env.reset()[0]
+    return TrackingEnv(SHORT, preview=neural.PREVIEW).reset()[0]
 
 
 # ---------------------------------------------------------------------- features
@@ -175,8 +174,7 @@ def test_seeds_are_handed_on():
 def test_random_tasks_are_valid_and_start_at_their_reference(draw):
     for seed in range(3):
         task = getattr(references, draw)(np.random.default_rng(seed), 1.0)
-        env = TrackingEnv(task)
-        observation, info = env.reset()
+        observation, info = TrackingEnv(task).reset()
         if "step" not in task.name:
             assert info["error"] < 2e-3
         assert np.all(np.isfinite(observation["reference_preview"]))
@@ -186,14 +184,12 @@ def test_random_tasks_are_valid_and_start_at_their_reference(draw):
 def test_imitation_is_reproducible():
     one, other = (imitate(TINY_IMITATION, 3, quiet) for _ in range(2))
     np.testing.assert_array_equal(one.parameters, other.parameters)
-    changed = imitate(TINY_IMITATION, 4, quiet)
-    assert not np.array_equal(one.parameters, changed.parameters)
+    assert not np.array_equal(one.parameters, imitate(TINY_IMITATION, 4, quiet).parameters)
 
 
 @pytest.mark.slow
 def test_reinforcement_learning_goes_on_for_longer(tmp_path):
-    half = replace(TINY, steps=72)
-    _, first = train(half, 3, quiet, checkpoint=tmp_path)
+    _, first = train(replace(TINY, steps=72), 3, quiet, checkpoint=tmp_path)
     network, curve = train(TINY, 3, quiet, checkpoint=tmp_path, resume=True)
     assert curve[: len(first)] == first and curve[-1]["steps"] >= 128 > first[-1]["steps"]
     again, same = train(TINY, 3, quiet, checkpoint=tmp_path, resume=True)
@@ -431,8 +427,7 @@ def test_shipped_networks_cope_with_another_modulus(name, factor):
 def test_randomized_network_copes_with_delay_and_noise():
     """Where `ppo`, without disturbances in its training, is off by 98 and 19 mm on the swing."""
     network, _ = Network.load(models_dir() / "ppo_randomized.npz")
-    rows = check(network, ({"delay": 0.01}, {"sensor_noise": 1.0}))
-    for name, row in rows.items():
+    for name, row in check(network, ({"delay": 0.01}, {"sensor_noise": 1.0})).items():
         if not name.startswith("step"):
             assert row.e_max < 5e-3
 

@@ -166,8 +166,7 @@ def test_numpy_and_machine_code_decide_alike(tmp_path):
     seen["tip_position"][7] = np.nan
     actions, states = policy.predict(seen)
     assert "not finite" in states[7].status and states[8].status is None
-    kept = np.clip(seen["previous_action"][7], -1, 1)
-    np.testing.assert_allclose(actions[7], kept, atol=1e-6)
+    np.testing.assert_allclose(actions[7], np.clip(seen["previous_action"][7], -1, 1), atol=1e-6)
 
 
 def test_a_model_is_found_beside_its_robot_and_evaluated(tmp_path):
