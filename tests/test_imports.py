@@ -7,12 +7,11 @@ them is in `ALLOWED`. Each test goes through all sources and reports all that br
 
 import ast
 import re
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from support.processes import finished
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "softrobot_env"
@@ -323,13 +322,7 @@ def test_no_catch_all_modules():
 )
 def test_importing_stays_light(module, banned):
     code = f"import sys, {module}; print(*{{m.split('.')[0] for m in sys.modules}})"
-    result = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    result = finished("-W", "error", "-c", code, cwd=ROOT, check=True)
     loaded = set(result.stdout.split())
     assert "softrobot_env" in loaded
     assert not loaded & banned

@@ -5,14 +5,13 @@ tests/ledger.txt has the names (`scripts/ledger.py`); what is gone stands in CHA
 """
 
 import re
-import subprocess
-import sys
 import warnings
 from fnmatch import fnmatchcase
 from importlib import import_module
 from pathlib import Path
 
 import pytest
+from support.processes import finished
 
 ROOT = Path(__file__).resolve().parents[1]
 REASONS = "What went, and why"
@@ -46,9 +45,8 @@ def imports(entry: str) -> bool:
 
 
 def test_nothing_is_lost_without_a_reason():
-    result = subprocess.run(  # on its own: other tests register entries
-        [sys.executable, "scripts/ledger.py"], cwd=ROOT, capture_output=True, text=True, check=True
-    )
+    # On its own: other tests register entries.
+    result = finished("scripts/ledger.py", cwd=ROOT, check=True)
     there, reasons = set(result.stdout.splitlines()), explained()
     assert len(there) > 500
     lost = [

@@ -5,8 +5,6 @@ has a function `register`, as a package names it in the entry-point group, and a
 `CHECKS` says what must hold of it.
 """
 
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -16,6 +14,7 @@ import gymnasium
 import numpy as np
 import pytest
 from support.commands import rows_in
+from support.processes import finished
 
 import softrobot_env
 from softrobot_env.cli import main
@@ -418,7 +417,7 @@ def test_entry_points_are_called_once_when_a_name_is_missing(tmp_path):
     )
     (tmp_path / "throwaway.py").write_text(PLUGIN)
     code = f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n{ASK}"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    done = finished("-c", code)
     assert done.returncode == 0, done.stderr
     called, answer = done.stdout.splitlines()
     assert called == f"called with {len(EXAMPLES) + 1} robots"

@@ -4,6 +4,7 @@ import sys
 import zipfile
 
 import pytest
+from support.processes import finished
 
 
 @pytest.fixture(scope="module")
@@ -39,13 +40,8 @@ def test_wheel_works_outside_the_checkout(wheel, tmp_path):
         "env.step(env.action_space.sample());"
         "print(softrobot_env.__file__, assets_dir(), (assets_dir() / 'arm.xml').exists())"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(site)},
-        check=True,
-        capture_output=True,
-        text=True,
+    done = finished(
+        "-c", code, cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(site)}, check=True
     )
     package, assets, found = done.stdout.split()
     assert package.startswith(str(site)) and assets.startswith(str(site)) and found == "True"

@@ -2,13 +2,12 @@
 
 import os
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import gymnasium
 import pytest
 from gymnasium.envs.registration import registry as ids
+from support.processes import finished
 
 from softrobot_env import registration
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
@@ -96,13 +95,8 @@ EVERY_ID = registration.ENVIRONMENTS | registration.RIG_ENVIRONMENTS
 
 def run(code: str) -> str:
     """Output of a fresh interpreter that finds the package and nothing imported yet."""
-    result = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code],
-        cwd=ROOT.anchor,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=False,
+    result = finished(
+        "-W", "error", "-c", code, cwd=ROOT.anchor, env=os.environ | {"PYTHONPATH": str(ROOT)}
     )
     assert result.returncode == 0, result.stderr
     return result.stdout

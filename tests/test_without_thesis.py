@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from support.processes import finished
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -61,9 +62,7 @@ def copy(tmp_path_factory):
 
 def ran(copy, *arguments):
     folder, variables = copy
-    done = subprocess.run(
-        [sys.executable, *arguments], cwd=folder, env=variables, capture_output=True, text=True
-    )
+    done = finished(*arguments, cwd=folder, env=variables)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
     return done.stdout
 

@@ -7,6 +7,7 @@ import time
 
 import pytest
 from support.commands import called, evaluated, rows_in
+from support.processes import finished
 
 from softrobot_env.cli import main
 from softrobot_env.commands import cases as evaluate_cases
@@ -117,9 +118,7 @@ def test_help_has_an_example(command, capsys):
 @pytest.mark.parametrize("script", ["evaluate", "render", "benchmark"])
 def test_scripts_are_the_same_commands(script, request):
     path = request.config.rootpath / "scripts" / f"{script}.py"
-    done = subprocess.run(
-        [sys.executable, str(path), "--help"], capture_output=True, text=True, check=True
-    )
+    done = finished(str(path), "--help", check=True)
     assert f"usage: softrobot {script}" in done.stdout
 
 
@@ -196,7 +195,5 @@ def test_what_was_warmed_up_is_not_compiled_again(tmp_path):
     environment = {**os.environ, **places}
     command = [sys.executable, "-m", "softrobot_env", "warm-up", "mujoco", "hold"]
     subprocess.run(command, env=environment, check=True, timeout=300)
-    done = subprocess.run(
-        [sys.executable, "-c", _COUNT], env=environment, capture_output=True, text=True, check=True
-    )
+    done = finished("-c", _COUNT, env=environment, check=True)
     assert int(done.stdout) == 0

@@ -8,6 +8,7 @@ import warnings
 from signal import SIG_DFL, SIGINT, signal
 
 import pytest
+from support.processes import finished
 
 from softrobot_env.cli import main
 
@@ -49,9 +50,7 @@ def test_ctrl_c_while_the_package_is_loaded_ends_in_one_line():
     program = (
         "import os, sys; sys.argv = ['softrobot']; import softrobot_env; os.kill(os.getpid(), 2)"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, preexec_fn=_heeding
-    )
+    done = finished("-c", program, preexec_fn=_heeding)
     assert done.returncode == 130
     assert done.stderr == "softrobot: stopped by Ctrl-C\n"
 
@@ -89,9 +88,7 @@ assert sys.unraisablehook is sys.__unraisablehook__
 
 
 def test_ctrl_c_and_sigterm_end_in_one_line_whatever_they_interrupt():
-    done = subprocess.run(
-        [sys.executable, "-c", _STOPS], capture_output=True, text=True, preexec_fn=_heeding
-    )
+    done = finished("-c", _STOPS, preexec_fn=_heeding)
     assert done.stdout.split() == ["130", "130", "cleaned", "up", "143"], done.stderr
     by = ("Ctrl-C", "Ctrl-C", "SIGTERM")
     assert done.stderr.splitlines() == [f"softrobot list: stopped by {name}" for name in by]

@@ -9,6 +9,7 @@ import sys
 import urllib.request
 
 import pytest
+from support.processes import finished
 
 from softrobot_env.cli import main
 
@@ -132,12 +133,6 @@ sys.exit(status)
     ids=" ".join,
 )
 def test_the_window_shows_the_robot_move(words, display, tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-c", _BY_HAND, *words],
-        capture_output=True,
-        text=True,
-        timeout=180,
-        check=False,
-    )
+    done = finished("-c", _BY_HAND, *words, timeout=180)
     assert done.returncode == 0, done.stderr
     assert float(re.search(r"moved (\S+)", done.stdout)[1]) > 1e-3, done.stdout

@@ -7,11 +7,11 @@ import pickle
 import re
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.processes import finished
 
 from softrobot_env.control.registry import make_policy
 from softrobot_env.envs import rendering as opengl
@@ -36,7 +36,7 @@ print(type(env._renderer._context._gl).__module__.removeprefix("mujoco."))
 def probe(**environment):
     """Backend a fresh process draws with, and what it wrote to stderr."""
     keep = {"PATH": "/usr/bin:/bin", "PYTHONPATH": str(ROOT), **environment}
-    done = subprocess.run([sys.executable, "-c", _PROBE], env=keep, capture_output=True, text=True)
+    done = finished("-c", _PROBE, env=keep)
     return done.stdout.strip(), done.stderr
 
 
@@ -339,12 +339,7 @@ def test_a_window_shows_the_target_where_it_is_from_every_side(robot, aside):
     ) as display:
         number = display.stdout.readline().strip()
         keep = {"PATH": "/usr/bin:/bin", "PYTHONPATH": str(ROOT), "DISPLAY": f":{number}"}
-        done = subprocess.run(
-            [sys.executable, "-c", _WINDOW, robot, str(aside)],
-            env=keep,
-            capture_output=True,
-            text=True,
-        )
+        done = finished("-c", _WINDOW, robot, str(aside), env=keep)
         display.terminate()
     assert done.returncode == 0, done.stderr
     for line in done.stdout.splitlines():

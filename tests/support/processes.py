@@ -14,3 +14,9 @@ def python(program, *arguments, **options):
             yield process
         finally:
             process.kill()
+
+
+def finished(*arguments, **options):
+    """A Python process with arguments that has ended, and what it printed."""
+    command = [sys.executable, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, **options)
