@@ -80,12 +80,12 @@ def test_policies_load_with_what_they_need_of_an_environment(name):
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_commands_parse_their_own_examples(prefix, name, command):
-    examples = [shlex.split(line, comments=True) for line in command.module.EXAMPLE.splitlines()]
+    examples = [shlex.split(line, comments=True) for line in command[0].EXAMPLE.splitlines()]
     assert examples and all(examples)
     for program, *words in examples:
         assert program == "softrobot" and " ".join(words).startswith(prefix + name)
         run = build_parser().parse_args(words).run
-        assert callable(run) and getattr(command.module, "run", run) == run
+        assert callable(run) and getattr(command[0], "run", run) == run
 
 
 # ---------------------------------------------------------------- environments

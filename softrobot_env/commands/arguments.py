@@ -13,7 +13,7 @@ from argparse import (
 from collections.abc import Callable, Iterable, Mapping
 from math import inf, isfinite, nan
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NoReturn
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.control.registry import EVERY_POLICY, FEEDBACKS, NETWORK, policy_environment
@@ -25,18 +25,9 @@ from softrobot_env.robots.artifacts import OUT
 from softrobot_env.scene.config import DEFAULT_RULE, DEFAULT_SHARE, INTEGRATORS
 from softrobot_env.scene.quadrature import RULES
 
-
-class Command(NamedTuple):
-    """A command.
-
-    Attributes:
-        module: Or an object: has `EXAMPLE` for people, `add_arguments(parser)` and `run(args)`,
-            which returns the exit status.
-        text: What it does.
-    """
-
-    module: Any
-    text: str
+#: A command: a module or an object, which has `EXAMPLE` for people, `add_arguments(parser)` and
+#: `run(args)`, which returns the exit status; and what it does.
+Command = tuple[Any, str]
 
 
 class Parser(ArgumentParser):

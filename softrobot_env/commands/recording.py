@@ -227,11 +227,10 @@ _REPLAY = SimpleNamespace(
 RECORDING_COMMANDS: Registry[arguments.Command] = Registry(
     "command of recording",
     {
-        "check": arguments.Command(
-            _CHECK, "say whether a recording is good, what it holds and what is odd"
-        ),
-        "replay": arguments.Command(
-            _REPLAY, "simulate a recording's commands with a robot; report the error of its markers"
+        "check": (_CHECK, "say whether a recording is good, what it holds and what is odd"),
+        "replay": (
+            _REPLAY,
+            "simulate a recording's commands with a robot; report the error of its markers",
         ),
     },
 )

@@ -3,7 +3,7 @@
 from argparse import ArgumentParser, Namespace
 from types import SimpleNamespace
 
-from softrobot_env.commands.arguments import Command, add, add_commands, add_robot
+from softrobot_env.commands.arguments import add, add_commands, add_robot
 from softrobot_env.commands.output import add_out, check_free, say
 from softrobot_env.core.files import write_text
 from softrobot_env.robots import find_robot, read_robot
@@ -41,7 +41,7 @@ def _check(args: Namespace) -> int:
 _CHECK = SimpleNamespace(EXAMPLE=EXAMPLE, add_arguments=_add_file, run=_check)
 
 #: The commands of `softrobot robot-file`.
-FILE_COMMANDS = {"check": Command(_CHECK, "say whether a robot file is good, or what is wrong")}
+FILE_COMMANDS = {"check": (_CHECK, "say whether a robot file is good, or what is wrong")}
 
 
 def _add_export(parser: ArgumentParser) -> None:

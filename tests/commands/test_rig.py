@@ -57,12 +57,6 @@ def test_the_report_has_the_thesis_figures_below_ours(triangle):
     assert "after the approach" in text
 
 
-def test_every_task_has_three_plots(triangle):
-    written = {path.name for path in triangle[0].glob("*.png")}
-    stems = ("triangle_1_s_twin_0", "triangle_0.5_s_twin_0")
-    assert written == {f"{s}_{name}.png" for s in stems for name in ("tip", "lengths", "path")}
-
-
 def test_rows_of_arm_and_rig_have_the_same_columns(tmp_path):
     arguments = ["--tasks", "lshape", "reach", "--policies", "hold", "rig_nn", "--no-plots"]
     arm, rig = evaluated(tmp_path, *arguments, "--control-period", "0.1")
@@ -86,7 +80,7 @@ def test_twins_are_compared_with_the_ideal_rig(tmp_path, capsys):
 
 
 def test_all_policies_are_those_that_fit(tmp_path):
-    rows = evaluated(tmp_path, "--tasks", "triangle", "--no-plots", FAST)
+    rows = evaluated(tmp_path, "--tasks triangle --no-plots --duration 0.2", FAST)
     assert {"rig_nn", "hybrid_calibrated"} <= {row["policy"] for row in rows}
     assert not {"hold", "lqi"} & {row["policy"] for row in rows}
 

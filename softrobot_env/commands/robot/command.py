@@ -94,7 +94,7 @@ _LONGEST_MOVE = 30.0  # s
 
 @dataclass(frozen=True)
 class RobotCommand:
-    """A command to the robot that the arguments of `add_robot` mean, see `Command.module`.
+    """A command to the robot that the arguments of `add_robot` mean, see `arguments.Command`.
 
     Attributes:
         EXAMPLE: For people.
@@ -294,20 +294,25 @@ _REPLAY = SimpleNamespace(
     EXAMPLE="softrobot robot replay out/session.link --all", add_arguments=_add_replay, run=_replay
 )
 
-_COMMANDS = {
-    "list": (_LIST, "list serial ports and who answers there"),
-    "info": (_INFO, "configure a robot and print what it says of itself"),
-    "calibrate": (calibrate, "jog the servos, mark zero, range and rest, and write a robot file"),
-    "hold": (_HOLD, "arm a robot and hold it at rest"),
-    "stop": (_STOP, "ramp a robot to rest and switch its outputs off"),
-    "estop": (_ESTOP, "cut a robot's outputs at once"),
-    "replay": (_REPLAY, "print what a recorded link carried"),
-    "record": (record, "excite a robot, simulated, virtual or real, within limits, and record it"),
-    "virtual": (virtual, "run the rig without hardware, behind a serial port"),
-    "soak": (soak, "run at full rate for long, and print whether every promise was kept"),
-}
-
 #: The commands of `softrobot robot`.
 ROBOT_COMMANDS: Registry[Command] = Registry(
-    "command of robot", {name: Command(*said) for name, said in _COMMANDS.items()}
+    "command of robot",
+    {
+        "list": (_LIST, "list serial ports and who answers there"),
+        "info": (_INFO, "configure a robot and print what it says of itself"),
+        "calibrate": (
+            calibrate,
+            "jog the servos, mark zero, range and rest, and write a robot file",
+        ),
+        "hold": (_HOLD, "arm a robot and hold it at rest"),
+        "stop": (_STOP, "ramp a robot to rest and switch its outputs off"),
+        "estop": (_ESTOP, "cut a robot's outputs at once"),
+        "replay": (_REPLAY, "print what a recorded link carried"),
+        "record": (
+            record,
+            "excite a robot, simulated, virtual or real, within limits, and record it",
+        ),
+        "virtual": (virtual, "run the rig without hardware, behind a serial port"),
+        "soak": (soak, "run at full rate for long, and print whether every promise was kept"),
+    },
 )
