@@ -37,7 +37,8 @@ def imports(entry: str) -> bool:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)
-            if name and not hasattr(import_module(module), name):
+            found = import_module(module)
+            if name and not hasattr(found, name):
                 import_module(f"{module}.{name}")
     except ImportError:
         return False
