@@ -376,7 +376,7 @@ def test_the_command_writes_what_a_replay_reads(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (["--stages", "statics,magic"], "'magic' is not one of frame, tendons"),
+        (["--stages", "statics,magic"], "stages must be out of frame, tendons"),
         (["--stages", "residual"], "one of the first four at least, got residual"),
         (["--known", "weight"], "known must be out of frame_turn"),
     ],
