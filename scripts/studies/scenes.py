@@ -17,7 +17,7 @@ from scipy.linalg import eigh
 
 from softrobot_env.evaluation.models import runs
 from softrobot_env.rendering import figures
-from softrobot_env.rendering.tables import Column, new_table, pivot_table
+from softrobot_env.rendering.tables import Column, new_table
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.chain import posture
 from softrobot_env.scene.simulation import Simulation
@@ -450,9 +450,11 @@ def _remark(verdict: str, rows: list[Row]) -> str:
 
 
 def _compared(rows: Sequence[Row]) -> Table:
-    title = "Verdicts by what the scenes have"
-    by = {verdict: select(rows, verdict=verdict) for verdict in runs.Verdict}
-    return pivot_table(title, "scenes", _GROUPS, by, lambda test, mine: sum(map(test, mine)))
+    out = new_table("Verdicts by what the scenes have", ("scenes",), tuple(runs.Verdict))
+    by = [select(rows, verdict=verdict) for verdict in runs.Verdict]
+    for name, test in _GROUPS.items():
+        out.add_row(name, *(sum(map(test, mine)) for mine in by))
+    return out
 
 
 def _chain(row: Row) -> str:

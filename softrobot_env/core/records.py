@@ -102,6 +102,9 @@ Count = Annotated[int, Range("a whole number, 1 or more", lambda x: x >= 1)]
 Whole = Annotated[int, Range("a whole number, 0 or more", lambda x: x >= 0)]
 
 
+Vector2 = tuple[float, float]
+Vector3 = tuple[float, float, float]
+
 AnyRecord = TypeVar("AnyRecord")
 
 

@@ -193,30 +193,24 @@ class RobotFile:
 
     def __post_init__(self) -> None:
         check_fields(self, "robot file")
-        self._check_timing()
-        self._check_ramp()
-        channels = [servo.channel for servo in self.tendons]
-        if not 1 <= len(channels) <= MOST_TENDONS:
-            raise ValueError(f"a robot has 1 to {MOST_TENDONS} tendons, got {len(channels)}")
-        if sorted(channels) != list(range(len(channels))):
-            raise ValueError(
-                f"the tendons need channels 0 to {len(channels) - 1}, each once, got {channels}"
-            )
-
-    def _check_timing(self) -> None:
         if not self.state_delay < self.control_period:
             raise ValueError("state_delay_ms must be smaller than control_period_ms")
         if self.watchdog < 2 * self.control_period:
             raise ValueError("watchdog_ms must be at least twice control_period_ms")
         if self.ttl > self.watchdog:
             raise ValueError("ttl_ms must not be larger than watchdog_ms")
-
-    def _check_ramp(self) -> None:
         longest = max((s.maximum - s.minimum for s in self.tendons), default=0.0)
         if longest > LONGEST_RAMP * min(self.ramp, self.slew) + _EXACT:
             raise ValueError(
                 f"ramp_mm_per_s and slew_mm_per_s must cross every range within {LONGEST_RAMP:g} "
                 f"s: at least {1e3 * longest / LONGEST_RAMP:g} mm/s"
+            )
+        channels = [servo.channel for servo in self.tendons]
+        if not 1 <= len(channels) <= MOST_TENDONS:
+            raise ValueError(f"a robot has 1 to {MOST_TENDONS} tendons, got {len(channels)}")
+        if sorted(channels) != list(range(len(channels))):
+            raise ValueError(
+                f"the tendons need channels 0 to {len(channels) - 1}, each once, got {channels}"
             )
 
     def needs(self) -> dict[Capability, str]:

@@ -228,15 +228,12 @@ class LoggingTransport:
     def _note(self, direction: Direction, time: float, data: bytes) -> None:
         for start in range(0, len(data), _LARGEST):
             part = data[start : start + _LARGEST]
-            if self.failure is None:
-                self._append(_RECORD.pack(time, direction, len(part)) + part)
-
-    def _append(self, record: bytes) -> None:
-        try:
-            if self._file.write(record) < len(record):
-                raise OSError(ENOSPC, strerror(ENOSPC))
-        except OSError as error:
-            self.failure = error
+            record = _RECORD.pack(time, direction, len(part)) + part
+            try:
+                if self.failure is None and self._file.write(record) < len(record):
+                    raise OSError(ENOSPC, strerror(ENOSPC))
+            except OSError as error:
+                self.failure = error
 
 
 def read_link_log(path: Path) -> LinkLog:

@@ -199,17 +199,22 @@ def compiled() -> Path:
     Raises:
         CompilerMissingError: There is no C++ compiler, or it fails.
     """
-    sources, compiler = _sources(), _compiler()
-    path = _folder(sources, compiler) / "core.so"
+    compiler, folders = _compiler(), (firmware_dir() / "core", firmware_dir() / "host")
+    sources = sorted(p for folder in folders for p in folder.iterdir() if p.suffix in _SUFFIXES)
+    digest = hashlib.sha256(repr((compiler, shutil.which(compiler[0]), _FLAGS)).encode())
+    for source in sources:
+        digest.update(source.name.encode() + b"\0" + source.read_bytes())
+    path = cache_dir() / f"core-{digest.hexdigest()[:16]}" / "core.so"
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
-        _compile([*compiler, *_FLAGS], sources, path)
+        command = [*compiler, *_FLAGS]
+        units = [str(source) for source in sources if source.suffix == ".cpp"]
+        with atomic_write(path) as aside:  # two processes may do this at once
+            whole = [*command, *units, "-o", str(aside)]
+            done = subprocess.run(whole, capture_output=True, text=True)
+            if done.returncode:
+                raise CompilerMissingError(f"{shlex.join(command)} failed:\n{done.stderr}")
     return path
-
-
-def _sources() -> list[Path]:
-    folders = (firmware_dir() / "core", firmware_dir() / "host")
-    return sorted(p for folder in folders for p in folder.iterdir() if p.suffix in _SUFFIXES)
 
 
 def _compiler() -> list[str]:
@@ -224,23 +229,6 @@ def _compiler() -> list[str]:
         "the device's program needs a C++ compiler: install one (Debian, Ubuntu: apt install g++; "
         f"Fedora: dnf install gcc-c++; macOS: xcode-select --install) or name it in $CXX{named}"
     )
-
-
-def _folder(sources: list[Path], compiler: list[str]) -> Path:
-    """Folder in the user's cache for what this compiler makes of these sources."""
-    digest = hashlib.sha256(repr((compiler, shutil.which(compiler[0]), _FLAGS)).encode())
-    for path in sources:
-        digest.update(path.name.encode() + b"\0" + path.read_bytes())
-    return cache_dir() / f"core-{digest.hexdigest()[:16]}"
-
-
-def _compile(command: list[str], sources: list[Path], path: Path) -> None:
-    """Compile the units; two processes may do this at once."""
-    units = [str(source) for source in sources if source.suffix == ".cpp"]
-    with atomic_write(path) as aside:
-        done = subprocess.run([*command, *units, "-o", str(aside)], capture_output=True, text=True)
-        if done.returncode:
-            raise CompilerMissingError(f"{shlex.join(command)} failed:\n{done.stderr}")
 
 
 # ---------------------------------------------------------------------- the robot
@@ -404,21 +392,16 @@ def linked(port: str, link: Path | None) -> Iterator[str]:
         yield port
         return
     link.parent.mkdir(parents=True, exist_ok=True)
-    _remove_dead(link)
+    if link.is_symlink():
+        if link.exists():
+            raise FileExistsError(
+                f"{link} leads to {link.readlink()}: another virtual robot is there; end it, "
+                "choose another name, or remove the link if that is something else"
+            )
+        link.unlink()
     link.symlink_to(port)
     try:
         yield str(link)
     finally:
         if link.is_symlink() and str(link.readlink()) == port:
             link.unlink()
-
-
-def _remove_dead(link: Path) -> None:
-    if not link.is_symlink():
-        return
-    if link.exists():
-        raise FileExistsError(
-            f"{link} leads to {link.readlink()}: another virtual robot is there; end it, choose "
-            f"another name, or remove the link if that is something else"
-        )
-    link.unlink()

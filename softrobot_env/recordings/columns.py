@@ -39,7 +39,20 @@ def write_columns(columns: Columns, path: Path | str) -> None:
     """Write a CSV or Parquet file, by its ending; errors as `check_writable`."""
     check_writable(path)
     with atomic_write(path) as aside:
-        (_write_csv if aside.suffix.lower() == ".csv" else _write_parquet)(columns, aside)
+        if aside.suffix.lower() == ".parquet":
+            from pyarrow import parquet, table
+
+            lists = {name: list(column) for name, column in columns.items()}
+            parquet.write_table(table(lists), aside)
+            return
+        texts = (
+            [f"{value:.9g}" if column.dtype.kind == "f" else str(value) for value in column]
+            for column in columns.values()
+        )
+        with aside.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(columns)
+            writer.writerows(zip(*texts, strict=True))
 
 
 def read_csv(path: Path) -> Columns:
@@ -73,19 +86,6 @@ def read_csv(path: Path) -> Columns:
     return {name: texts[:, k] for k, name in enumerate(names)}
 
 
-def _write_csv(columns: Columns, path: Path) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(zip(*(_texts(column) for column in columns.values()), strict=True))
-
-
-def _texts(column: ndarray) -> list[str]:
-    if column.dtype.kind == "f":
-        return [f"{value:.9g}" for value in column]
-    return [str(value) for value in column]
-
-
 def read_parquet(path: Path) -> Columns:
     """The columns of a Parquet file.
 
@@ -105,12 +105,6 @@ def read_parquet(path: Path) -> Columns:
         values = table.column(name).to_numpy()
         columns[name] = values.astype(str) if values.dtype.kind == "O" else values
     return columns
-
-
-def _write_parquet(columns: Columns, path: Path) -> None:
-    with needed("Parquet files need pyarrow", "recordings"):
-        from pyarrow import parquet, table
-    parquet.write_table(table({name: list(column) for name, column in columns.items()}), path)
 
 
 def read_mcap(path: Path, header: Header) -> Columns:

@@ -1,6 +1,5 @@
 """Recordings read from files and written to them."""
 
-from os import environ
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +16,6 @@ from softrobot_env.recordings.columns import (
 )
 from softrobot_env.recordings.header import UNITS, Header, read_header, write_header
 from softrobot_env.recordings.recording import Recording
-
-
-def recordings_dir() -> Path:
-    """Folder of recordings of real robots, which this repository does not contain.
-
-    $SOFTROBOT_RECORDINGS, else ../shared/real beside the checkout; it may not be there.
-    """
-    beside = Path(__file__).resolve().parents[3] / "shared" / "real"
-    return Path(environ.get("SOFTROBOT_RECORDINGS", beside))
 
 
 def header_path(path: Path | str) -> Path:
@@ -179,7 +169,7 @@ def write_recording(recording: Recording, path: Path | str) -> None:
     raw = (recording.commands - head.commands.offset) / head.commands.scale
     columns |= dict(zip(head.commands.columns, raw.T, strict=True))
     for k, marker in enumerate(head.marker):
-        points = _recorded(recording.markers[:, k], head) / UNITS["length"][marker.unit]
+        points = head.frame.to_recorded(recording.markers[:, k]) / UNITS["length"][marker.unit]
         for axis, name in enumerate(marker.columns):
             if name is not None:
                 columns[name] = points[:, axis]
@@ -187,13 +177,3 @@ def write_recording(recording: Recording, path: Path | str) -> None:
         raise ValueError(f"{path}: the header names a column twice: {', '.join(head.columns)}")
     write_columns(columns, path)
     write_header(head, header_path(path))
-
-
-def _recorded(points: ndarray, header: Header) -> ndarray:
-    """World points (t, 3) in the recording's frame, NaN where not measured."""
-    gone = np.isnan(points)
-    found = header.frame.to_recorded(np.where(gone, 0.0, points))
-    if gone.any():
-        order = [abs(row).argmax() for row in header.frame.rotation]
-        found[:, order] = np.where(gone, np.nan, found[:, order])
-    return found

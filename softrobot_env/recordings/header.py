@@ -15,6 +15,7 @@ from softrobot_env.core.records import (
     NotNegative,
     Positive,
     Record,
+    Vector3,
     check_fields,
     check_unique,
     placed,
@@ -84,7 +85,12 @@ class Commands:
 
     def __post_init__(self) -> None:
         check_fields(self, "commands")
-        check_unit("commands", self.kind, self.unit)
+        known = [*UNITS[self.kind], *(UNITS["angle"] if self.kind == "length" else ())]
+        if self.unit not in known:
+            raise ValueError(
+                f"commands: unit of a {self.kind} must be one of {', '.join(known)}, got "
+                f"{self.unit!r}"
+            )
         if self._by_angle != (self.spool_radius_m is not None):
             angles = ", ".join(UNITS["angle"])
             raise ValueError(
@@ -141,7 +147,7 @@ class Marker:
     z: str | None = None
     unit: LengthUnit = "m"
     station_m: NotNegative | None = None
-    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    offset_m: Vector3 = (0.0, 0.0, 0.0)
     delay_s: NotNegative = 0.0
     may_be_lost: bool = False
 
@@ -170,8 +176,8 @@ class Frame:
     """
 
     axes: tuple[str, str, str] = _AXES
-    turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    turn_deg: Vector3 = (0.0, 0.0, 0.0)
+    shift_m: Vector3 = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         check_fields(self, "frame")
@@ -214,8 +220,13 @@ class Frame:
         return points @ matrix.T + self.shift_m
 
     def to_recorded(self, points: ndarray) -> ndarray:
-        """The opposite of `to_world`, for points with all coordinates."""
-        return (points - self.shift_m) @ self.rotation
+        """The opposite of `to_world`."""
+        gone = np.isnan(points)
+        found = (np.where(gone, 0.0, points) - self.shift_m) @ self.rotation
+        if gone.any():
+            order = [abs(row).argmax() for row in self.rotation]
+            found[..., order] = np.where(gone, np.nan, found[..., order])
+        return found
 
 
 @dataclass(frozen=True)
@@ -261,14 +272,6 @@ class Header:
         time = () if self.time is None else (self.time.column,)
         markers = [name for marker in self.marker for name in marker.columns]
         return tuple(filter(None, (*time, self.runs, self.label, *self.commands.columns, *markers)))
-
-
-def check_unit(what: str, kind: str, unit: str) -> None:
-    """Raise ValueError unless a quantity may have a unit."""
-    known = [*UNITS[kind], *(UNITS["angle"] if kind == "length" else ())]
-    if unit not in known:
-        known = ", ".join(known)
-        raise ValueError(f"{what}: unit of a {kind} must be one of {known}, got {unit!r}")
 
 
 def read_header(*paths: Path | str) -> Header:

@@ -46,10 +46,9 @@ class Recording:
             "runs": (rows,),
         }
         for name, shape in shapes.items():
-            if getattr(self, name).shape != shape:
-                raise ValueError(
-                    f"recording: {name} must have shape {shape}, got {getattr(self, name).shape}"
-                )
+            got = getattr(self, name).shape
+            if got != shape:
+                raise ValueError(f"recording: {name} must have shape {shape}, got {got}")
         if not rows:
             raise ValueError("recording: it has no rows")
         self._check_numbers()
@@ -114,7 +113,13 @@ class Recording:
                 actions are of another number than it has inputs.
         """
         if self.kind == "action":
-            return self._by_actions(robot)
+            inputs = robot_inputs(robot)
+            if self.commands.shape[1] != inputs.n_inputs:
+                raise ValueError(
+                    f"robot {robot.name!r} takes actions of {inputs.n_inputs} numbers, the "
+                    f"recording has {self.commands.shape[1]}"
+                )
+            return inputs.per_action().command(self.commands)
         names = [tendon.name for tendon in robot.tendons]
         known = self.tendons if self.tendons is not None else self.header.commands.columns
         unknown = [name for name in known if name not in names]
@@ -133,15 +138,6 @@ class Recording:
         out = np.tile(np.array(idle, float), (len(self.times), 1))
         out[:, [names.index(name) for name in known]] = self.commands
         return out
-
-    def _by_actions(self, robot: RobotParams) -> ndarray:
-        inputs = robot_inputs(robot)
-        if self.commands.shape[1] != inputs.n_inputs:
-            raise ValueError(
-                f"robot {robot.name!r} takes actions of {inputs.n_inputs} numbers, the recording "
-                f"has {self.commands.shape[1]}"
-            )
-        return inputs.per_action().command(self.commands)
 
     def drive(self, robot: RobotParams) -> str:
         """How the recorded robot was driven, "length" or "tension"; actions as the robot is."""
@@ -281,9 +277,18 @@ def _warnings(recording: Recording, robot: RobotParams | None) -> Iterator[str]:
     for k, places in enumerate(recording.markers.swapaxes(0, 1), 1):
         yield from _of_marker(f"marker {k}", places)
         if robot is not None:
-            yield from _far(k, places, robot)
+            away = places - robot.clamp.position
+            far = float(np.sqrt(np.nansum(away**2, axis=1)).max())
+            if far > _FAR * robot.reach:
+                yield (
+                    f"marker {k} is up to {1e3 * far:.4g} mm from the clamp, the robot reaches "
+                    f"{1e3 * robot.reach:.4g} mm: look at units and frame"
+                )
     if robot is not None:
-        yield from _unfit(recording, robot)
+        try:
+            recording.controls(robot)
+        except ValueError as error:
+            yield str(error)
 
 
 def _of_marker(name: str, places: ndarray) -> Iterator[str]:
@@ -295,19 +300,3 @@ def _of_marker(name: str, places: ndarray) -> Iterator[str]:
         yield f"{name} is never seen"
     elif np.ptp(seen, axis=0).max() <= _STILL:
         yield f"{name} never moves"
-
-
-def _far(number: int, places: ndarray, robot: RobotParams) -> Iterator[str]:
-    far = float(np.sqrt(np.nansum((places - robot.clamp.position) ** 2, axis=1)).max())
-    if far > _FAR * robot.reach:
-        yield (
-            f"marker {number} is up to {1e3 * far:.4g} mm from the clamp, the robot reaches "
-            f"{1e3 * robot.reach:.4g} mm: look at units and frame"
-        )
-
-
-def _unfit(recording: Recording, robot: RobotParams) -> Iterator[str]:
-    try:
-        recording.controls(robot)
-    except ValueError as error:
-        yield str(error)

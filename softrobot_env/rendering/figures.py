@@ -51,14 +51,14 @@ class Style:
 
     Attributes:
         colour: Matplotlib's.
-        line: Matplotlib's line style.
         marker: Matplotlib's.
+        line: Matplotlib's line style.
         label: Name for people; "" is the name itself.
     """
 
     colour: str
-    line: str | tuple[int, tuple[float, ...]] = "-"
     marker: str = "o"
+    line: str | tuple[int, tuple[float, ...]] = "-"
     label: str = ""
 
     @property
@@ -75,50 +75,50 @@ class Style:
 #: Name of a policy, model or hinge rule -> its style. Learned policies are dash-dotted, and dotted
 #: after a training on varied robots.
 STYLES = {
-    "hold": Style(GREY, _DOTTED, "_"),
-    "static": Style("#004D40", marker="*"),
-    "feedforward": Style(SKY, marker="o"),
-    "feedforward_pi": Style("#6A3D9A", marker="s"),
-    "chain_dynamics": Style("#44AA99", marker="H"),
-    "chain_dynamics_pi": Style("#999933", marker="x"),
-    "qs_nn": Style(VERMILLION, marker="D"),
-    "lqi": Style(BLUE, marker="^"),
-    "lq_preview": Style(ORANGE, marker="v"),
-    "lq_adaptive": Style(PURPLE, marker="<"),
-    "mpc": Style(GREEN, marker=">"),
-    "mpc_preview": Style(WINE, marker="P"),
-    "imitation": Style(BROWN, _MIXED, "X"),
-    "ppo": Style("#E41A1C", _MIXED, "8"),
-    "sac": Style("#1B3A6B", _MIXED, "h"),
-    "ppo_randomized": Style("#FB8072", _DOTTED, "p"),
-    "sac_randomized": Style("#8DA0CB", _DOTTED, "d"),
-    "rig_nn": Style("#CC6677", marker="D"),
-    "rig_nn_p": Style("#17A2B8", marker="v"),
-    "rig_nn_pi": Style("#4B0082", marker="p"),
-    "inverse_dynamics": Style("#332288", marker="^"),
-    "inverse_dynamics_ahead": Style("#88CCEE", marker="<"),
-    "hybrid": Style("#117733", marker="o"),
-    "hybrid_ahead": Style("#C8A415", marker=">"),
-    "hybrid_flexible": Style("#AA4499", marker="s"),
-    "hybrid_calibrated": Style("#666600", marker="P"),
-    "hybrid_feedback": Style("#D95F02", marker="X"),
-    "ssm_mpc": Style("#E7298A", marker="h"),
-    "ssm_lq": Style("#1F78B4", marker="8"),
-    "mujoco_chain": Style(BLUE, "-", "o", "MuJoCo chain"),
-    "pcc": Style(ORANGE, _DASHED, "s", "PCC"),
-    "pcc/lumped": Style(ORANGE, "-", "s", "PCC, lumped mass"),
-    "pcc/distributed": Style(VERMILLION, "-", "D", "PCC, distributed mass"),
-    "pcc/subpieces": Style(WINE, "-", "p", "PCC, three bodies"),
-    "rig_piece": Style(BROWN, "-", "X", "one piece, closed form"),
-    "cosserat": Style(GREEN, _DOTTED, "^", "Cosserat rod"),
-    "ancf": Style(PURPLE, _MIXED, "v", "ANCF"),
-    "pyelastica": Style(BLACK, "-", "P", "PyElastica"),
-    "midpoint": Style(BLACK, "-", "o"),
-    "gauss2": Style(BLUE, "-", "s"),
-    "balanced2": Style(VERMILLION, "-", "D"),
-    "chord2": Style(GREEN, "-", "^"),
-    "gauss3": Style(PURPLE, "-", "v"),
-    "coupled2": Style(WINE, "-", "p"),
+    "hold": Style(GREY, "_", _DOTTED),
+    "static": Style("#004D40", "*"),
+    "feedforward": Style(SKY),
+    "feedforward_pi": Style("#6A3D9A", "s"),
+    "chain_dynamics": Style("#44AA99", "H"),
+    "chain_dynamics_pi": Style("#999933", "x"),
+    "qs_nn": Style(VERMILLION, "D"),
+    "lqi": Style(BLUE, "^"),
+    "lq_preview": Style(ORANGE, "v"),
+    "lq_adaptive": Style(PURPLE, "<"),
+    "mpc": Style(GREEN, ">"),
+    "mpc_preview": Style(WINE, "P"),
+    "imitation": Style(BROWN, "X", _MIXED),
+    "ppo": Style("#E41A1C", "8", _MIXED),
+    "sac": Style("#1B3A6B", "h", _MIXED),
+    "ppo_randomized": Style("#FB8072", "p", _DOTTED),
+    "sac_randomized": Style("#8DA0CB", "d", _DOTTED),
+    "rig_nn": Style("#CC6677", "D"),
+    "rig_nn_p": Style("#17A2B8", "v"),
+    "rig_nn_pi": Style("#4B0082", "p"),
+    "inverse_dynamics": Style("#332288", "^"),
+    "inverse_dynamics_ahead": Style("#88CCEE", "<"),
+    "hybrid": Style("#117733"),
+    "hybrid_ahead": Style("#C8A415", ">"),
+    "hybrid_flexible": Style("#AA4499", "s"),
+    "hybrid_calibrated": Style("#666600", "P"),
+    "hybrid_feedback": Style("#D95F02", "X"),
+    "ssm_mpc": Style("#E7298A", "h"),
+    "ssm_lq": Style("#1F78B4", "8"),
+    "mujoco_chain": Style(BLUE, "o", "-", "MuJoCo chain"),
+    "pcc": Style(ORANGE, "s", _DASHED, "PCC"),
+    "pcc/lumped": Style(ORANGE, "s", "-", "PCC, lumped mass"),
+    "pcc/distributed": Style(VERMILLION, "D", "-", "PCC, distributed mass"),
+    "pcc/subpieces": Style(WINE, "p", "-", "PCC, three bodies"),
+    "rig_piece": Style(BROWN, "X", "-", "one piece, closed form"),
+    "cosserat": Style(GREEN, "^", _DOTTED, "Cosserat rod"),
+    "ancf": Style(PURPLE, "v", _MIXED, "ANCF"),
+    "pyelastica": Style(BLACK, "P", "-", "PyElastica"),
+    "midpoint": Style(BLACK),
+    "gauss2": Style(BLUE, "s"),
+    "balanced2": Style(VERMILLION, "D"),
+    "chord2": Style(GREEN, "^"),
+    "gauss3": Style(PURPLE, "v"),
+    "coupled2": Style(WINE, "p"),
 }
 
 _MOST_DOTS = 1800
@@ -141,7 +141,7 @@ def style_of(name: str) -> Style:
 
     code = crc32(name.encode())
     colour = to_hex(hsv_to_rgb((code % 360 / 360, 0.85, 0.5 + 0.1 * (code // 360 % 4))))
-    return Style(colour, _LINES[code // 1440 % 3], _MARKERS[code // 4320 % len(_MARKERS)])
+    return Style(colour, _MARKERS[code // 4320 % len(_MARKERS)], _LINES[code // 1440 % 3])
 
 
 def label_of(name: str) -> str:

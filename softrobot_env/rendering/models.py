@@ -165,25 +165,19 @@ def plot_accuracy(rows: Sequence[AccuracyRow], path: Path, robot: str) -> None:
         axis.set_title("at rest" if kind == "rest" else "random steps of all drives", fontsize=10)
         plain_ticks(axis, "x")
     panels[0, 0].set_ylabel("largest tip error [% of the length]")
+    good = [row for row in _measured(rows, "motion") if row.share <= 0.01]
+    message = "error against run time"
+    if good:
+        best = min(good, key=lambda row: row.cost)
+        faster = f"{1 / best.cost:.0f} times faster than real time"
+        message = f"the {label_of(best.model)} is the first within 1 %, {faster}"
     add_title(
         figure,
-        _first_within(_measured(rows, "motion"), robot),
+        f"{robot}: {message}",
         "Each model to the limit of its own physics; all runs, and the best of each model joined",
     )
     add_legend(figure, model_entries(row.model for row in rows))
     save(figure, path)
-
-
-def _first_within(rows: Sequence[AccuracyRow], robot: str) -> str:
-    """Which model is the first within 1 % of the length, as a message."""
-    good = [row for row in rows if row.share <= 0.01]
-    if not good:
-        return f"{robot}: error against run time"
-    best = min(good, key=lambda row: row.cost)
-    return (
-        f"{robot}: the {label_of(best.model)} is the first within 1 %, {1 / best.cost:.0f} times "
-        "faster than real time"
-    )
 
 
 # ---------------------------------------------------------------- stability

@@ -149,29 +149,6 @@ def make_table(
     return out
 
 
-def pivot_table(
-    title: str,
-    heading: str,
-    lines: Mapping[str, Any] | Iterable[str],
-    columns: Mapping[str, Any] | Iterable[str],
-    cell: Callable[[Any, Any], Any],
-) -> PlainTable:
-    """A line for each thing and a column for each other, with what a function of both gives.
-
-    Args:
-        title: Above the table.
-        heading: Of the first column, which names the lines.
-        lines: Text of each line -> what `cell` is given for it (the text unless a mapping).
-        columns: The same for columns.
-        cell: Text, number or None for a pair.
-    """
-    lines, columns = (x if isinstance(x, Mapping) else {k: k for k in x} for x in (lines, columns))
-    out = new_table(title, (heading,), tuple(columns))
-    for label, line in lines.items():
-        out.add_row(label, *(cell(line, column) for column in columns.values()))
-    return out
-
-
 def named_values(title: str, values: Mapping[str, Any]) -> PlainTable:
     """Names on the left, and what each of them is."""
     out = new_table(title, ("", ""))

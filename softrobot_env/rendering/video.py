@@ -55,7 +55,10 @@ def write_video(path: str | Path, frames: Iterable[ndarray], fps: float) -> int:
         aside.touch()  # a folder that takes no file is refused before the writer, which tells twice
         with imageio.get_writer(aside, **_writer_options(suffix, fps)) as writer:
             for frame in chain([first], iterator):
-                writer.append_data(_even(frame) if suffix == ".mp4" else frame)
+                if suffix == ".mp4":  # without an odd row or column: chroma has half of them
+                    height, width = frame.shape[:2]
+                    frame = frame[: height - height % 2, : width - width % 2]
+                writer.append_data(frame)
                 count += 1
     return count
 
@@ -79,12 +82,6 @@ def _writer_options(suffix: str, fps: float) -> dict[str, Any]:
         "macro_block_size": 1,
         "ffmpeg_log_level": "error",
     }
-
-
-def _even(frame: ndarray) -> ndarray:
-    """The frame without an odd last row or column: chroma has half the resolution."""
-    height, width = frame.shape[:2]
-    return frame[: height - height % 2, : width - width % 2]
 
 
 def caption(frame: ndarray, lines: Iterable[str]) -> ndarray:
@@ -183,15 +180,12 @@ def record(
             if due > written or moment.failed:
                 picture, scale = env.render(), env.unwrapped.metres_per_pixel
                 picture = picture if scale is None else explain(picture, scale, limit)
-                picture = caption(picture, _caption_lines(title or task.label, info))
+                error = f"t = {info['time']:.2f} s   error = {1e3 * info['error']:.1f} mm"
+                failure = [info["failure"]] if "failure" in info else []
+                picture = caption(picture, [title or task.label, error, *failure])
                 yield from [picture] * max(1, due - written)
                 written = max(due, written)
             if progress is not None:
                 progress(min(1.0, info["time"] / duration))
 
     return frames()
-
-
-def _caption_lines(title: str, info: dict[str, Any]) -> list[str]:
-    lines = [title, f"t = {info['time']:.2f} s   error = {1e3 * info['error']:.1f} mm"]
-    return lines + ([info["failure"]] if "failure" in info else [])

@@ -109,19 +109,16 @@ def write_gripper(gripper: Gripper, path: Path | str) -> None:
 def _table(robot: RobotParams) -> dict[str, Any]:
     table, drive = write(robot), write(robot.drive)
     table["section"] = [write(section) for section in robot.backbone.sections]
-    table["tendon"] = [_tendon_table(tendon) | drive for tendon in robot.tendons]
+    table["tendon"] = []
+    for tendon in robot.tendons:
+        one = write(tendon)
+        if tendon.route:  # begins with the tendon's place at the base
+            del one["offset_m"]
+            one["route_m"] = ((0.0, *tendon.offset), *tendon.route)
+        table["tendon"].append(one | drive)
     lists = ("section", "tendon", "disc", "sensor")
     alone = {key: value for key, value in table.items() if key not in lists}
     return alone | {key: table[key] for key in lists if key in table}
-
-
-def _tendon_table(tendon: Tendon) -> dict[str, Any]:
-    """A tendon; its route begins with its place at the base."""
-    table = write(tendon)
-    if tendon.route:
-        del table["offset_m"]
-        table["route_m"] = ((0.0, *tendon.offset), *tendon.route)
-    return table
 
 
 def _robot(table: Mapping[str, Any]) -> RobotParams:

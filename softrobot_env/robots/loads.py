@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from softrobot_env.core.records import NotNegative, Record
+from softrobot_env.core.records import NotNegative, Record, Vector3
 from softrobot_env.robots.parameters import RobotParams
 from softrobot_env.robots.tendons import Tendon
 
@@ -28,8 +28,8 @@ class Load(Record):
 
     name: str
     station: NotNegative
-    force: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    moment: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    force: Vector3 = (0.0, 0.0, 0.0)
+    moment: Vector3 = (0.0, 0.0, 0.0)
     follows: bool = False
 
 

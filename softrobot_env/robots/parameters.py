@@ -22,6 +22,8 @@ from softrobot_env.core.records import (
     Range,
     Record,
     Unit,
+    Vector2,
+    Vector3,
     check_argument,
     check_fields,
     check_unique,
@@ -90,7 +92,7 @@ class Head:
         _check_inertia("head", self.inertia)
 
     @property
-    def half_sizes(self) -> tuple[float, float, float]:
+    def half_sizes(self) -> Vector3:
         """Half the sizes [m] of the uniform block of its inertia, of 1 mm or more."""
         whole = sum(self.inertia)
         return tuple(sqrt(max(1.5 / self.mass * (whole - 2 * x), 1e-6)) for x in self.inertia)
@@ -115,7 +117,7 @@ class Disc:
         _check_inertia("disc", self.inertia)
 
     @property
-    def cylinder(self) -> tuple[float, float]:
+    def cylinder(self) -> Vector2:
         """Radius and half the thickness [m] of the uniform disc of its inertia, 1 mm or more."""
         lateral, _, axial = self.inertia
         half = sqrt(max(3 * (lateral - axial / 2) / self.mass, 1e-6))
@@ -140,8 +142,8 @@ class Base:
         roll: [rad] about the robot's axis after that, from its x towards its y.
     """
 
-    position: Annotated[tuple[float, float, float], Unit("m")] = (0.0, 0.0, 0.0)
-    direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    position: Annotated[Vector3, Unit("m")] = (0.0, 0.0, 0.0)
+    direction: Vector3 = (0.0, 0.0, 1.0)
     roll: Annotated[float, Unit("rad")] = 0.0
 
     def __post_init__(self) -> None:
@@ -170,7 +172,7 @@ class Base:
         return turn @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _check_inertia(what: str, inertia: tuple[float, float, float]) -> None:
+def _check_inertia(what: str, inertia: Vector3) -> None:
     if 2 * max(inertia) > sum(inertia) * (1 + 1e-9):
         raise ValueError(
             f"{what}: no body has a moment of inertia above the sum of the other two, got "
@@ -239,11 +241,11 @@ class RobotParams:
     poisson_ratio: PoissonRatio = unwritten(None)
     bending_friction: NotNegative | None = unwritten(None)
     tendons: Annotated[tuple[Tendon, ...], Key("tendon")] = ()
-    gravity: Annotated[tuple[float, float, float], Unit("m/s2")] = (0.0, 0.0, 0.0)
+    gravity: Annotated[Vector3, Unit("m/s2")] = (0.0, 0.0, 0.0)
     head: Head | None = None
     anisotropy: Annotated[float, Range("in [0, 2)", lambda x: 0 <= x < 2)] = 0.0
     stiff_azimuth: Annotated[float, Unit("rad")] = 0.0
-    precurvature: Annotated[tuple[float, float], Unit("1/m")] = (0.0, 0.0)
+    precurvature: Annotated[Vector2, Unit("1/m")] = (0.0, 0.0)
     sections: Annotated[tuple[Section, ...], Key("section")] = ()
     discs: Annotated[tuple[Disc, ...], Key("disc")] = ()
     base: Base | None = None
@@ -368,11 +370,11 @@ class RobotParams:
         return self.base or Base()
 
     @property
-    def own_gravity(self) -> tuple[float, float, float]:
+    def own_gravity(self) -> Vector3:
         """Gravity (3,) [m/s2] along the robot's own axes at its base."""
         return self.seen(self.gravity)
 
-    def seen(self, vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    def seen(self, vector: Vector3) -> Vector3:
         """A vector (3,) of the world along the robot's own axes at its base."""
         if self.base is None:
             return vector
@@ -568,7 +570,7 @@ class Gripper:
 
     name: str
     fingers: Annotated[tuple[Finger, ...], Key("finger")]
-    gravity: Annotated[tuple[float, float, float], Unit("m/s2")] = (0.0, 0.0, 0.0)
+    gravity: Annotated[Vector3, Unit("m/s2")] = (0.0, 0.0, 0.0)
     palm: Annotated[tuple[Positive, Positive, Positive] | None, Unit("m")] = None
     file: Path | None = unwritten(None, compare=False, repr=False)
 

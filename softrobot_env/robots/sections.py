@@ -14,6 +14,7 @@ from softrobot_env.core.records import (
     Positive,
     Range,
     Unit,
+    Vector2,
     check_fields,
     whole_numbers,
 )
@@ -68,12 +69,12 @@ class Section:
             raise ValueError("section: need 0 <= inner_radius < outer_radius at base and tip")
 
     @property
-    def outer_radii(self) -> tuple[float, float]:
+    def outer_radii(self) -> Vector2:
         """[m] at base and tip."""
         return _pair(self.outer_radius)
 
     @property
-    def inner_radii(self) -> tuple[float, float]:
+    def inner_radii(self) -> Vector2:
         """[m] at base and tip."""
         return _pair(self.inner_radius)
 
@@ -87,7 +88,7 @@ class Section:
         return replace(self, **{name: getattr(self, name) * x for name, x in factors.items()})
 
 
-def _pair(radius: float | tuple[float, float]) -> tuple[float, float]:
+def _pair(radius: float | Vector2) -> Vector2:
     return radius if isinstance(radius, tuple) else (radius, radius)
 
 

@@ -14,6 +14,7 @@ from softrobot_env.core.records import (
     Positive,
     Range,
     Unit,
+    Vector2,
     Whole,
     check_fields,
 )
@@ -74,7 +75,7 @@ class Sensor:
     begin: Annotated[NotNegative, Unit("m")]
     end: Annotated[Positive, Unit("m")]
     segments: Count = 3
-    offset: Annotated[tuple[float, float], Unit("m")] = (0.0, 0.0)
+    offset: Annotated[Vector2, Unit("m")] = (0.0, 0.0)
     azimuth: Annotated[float, Unit("rad")] = 0.0
     acceptance: Annotated[_Angle, Unit("rad")] = ACCEPTANCE
     noise: NotNegative | None = None

@@ -9,7 +9,16 @@ from typing import Annotated
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core.records import Key, NotNegative, Positive, Range, Unit, check_fields
+from softrobot_env.core.records import (
+    Key,
+    NotNegative,
+    Positive,
+    Range,
+    Unit,
+    Vector2,
+    Vector3,
+    check_fields,
+)
 
 #: Gauss points and weights [1] of a span between two via-points.
 _NODES, _SHARES = (x / 2 for x in np.polynomial.legendre.leggauss(8))
@@ -46,7 +55,7 @@ class Tendon:
     """
 
     name: str
-    offset: Annotated[tuple[float, float], Unit("m")]
+    offset: Annotated[Vector2, Unit("m")]
     end: Annotated[Positive, Unit("m")]
     group: int
     tension_limit: Annotated[Positive, Unit("N")]
@@ -54,7 +63,7 @@ class Tendon:
     stiffness: Annotated[float, Range("positive, or inf", lambda x: x > 0), Unit("N/m")] = inf
     pretension: Annotated[float, Unit("N")] = 0.0
     friction: Annotated[NotNegative, Unit("N")] = 0.0
-    route: Annotated[tuple[tuple[float, float, float], ...], Unit("m")] = ()
+    route: Annotated[tuple[Vector3, ...], Unit("m")] = ()
     turns: Annotated[float, Key("helix_turns")] = 0.0
 
     def __post_init__(self) -> None:
@@ -182,7 +191,7 @@ class Tendon:
     def _mapped(self, c: float, s: float) -> "Tendon":
         """The tendon with all its places (x, y) at (c x - s y, s x + c y)."""
 
-        def moved(x: float, y: float) -> tuple[float, float]:
+        def moved(x: float, y: float) -> Vector2:
             return (x * c - y * s, x * s + y * c) if s else (x * c, y * c)
 
         route = tuple((station, *moved(x, y)) for station, x, y in self.route)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any
 
-from softrobot_env.core.records import check_fields
+from softrobot_env.core.records import Vector2, check_fields
 from softrobot_env.core.registry import Registry
 
 #: Smallest and largest factors [1], and amounts that may be zero.
@@ -41,7 +41,7 @@ class Variation:
     name: str
     apply: Callable[[Any, float], Any] | None = None
     neutral: float = 1.0
-    range: tuple[float, float] = FACTORS
+    range: Vector2 = FACTORS
     unit: str = "1"
     label: Callable[[float], str] | None = None
     scales: tuple[str, ...] = ()

@@ -87,7 +87,8 @@ def add_appearance(chain: Chain, robot: RobotParams, look: Appearance) -> None:
         middle = robot.clamp.position + robot.length / 2 * axes[:, 2]
         add_surroundings(chain.spec, robot.length, wall, tuple(middle) if robot.base else None)
         if room and axes[2, 2] > _UPRIGHT:
-            _add_floor(chain.spec, z - _BASE_DEPTH * _radius(robot, 0.0), wall)
+            place = [0, wall - 1.5, z - _BASE_DEPTH * _radius(robot, 0.0) - 0.005]
+            add_visual(chain.spec.worldbody, "BOX", [1.5, 1.5, 0.005], _FLOOR, pos=place)
 
 
 def _draw_tendon(chain: Chain, tendon: Tendon, robot: RobotParams, look: Appearance) -> None:
@@ -204,16 +205,11 @@ def _add_wall(spec: MjSpec, behind: float) -> None:
     add_visual(spec.worldbody, "PLANE", size, pos=[0, behind, 0], quat=turn, material="grid")
 
 
-def _add_floor(spec: MjSpec, height: float, behind: float) -> None:
-    """Floor at z = `height` [m] up to the wall at y = `behind` [m]."""
-    half, thin = 1.5, 0.005
-    place = [0, behind - half, height - thin]
-    add_visual(spec.worldbody, "BOX", [half, half, thin], _FLOOR, pos=place)
-
-
 def _add_skin(chain: Chain, robot: RobotParams, rgba: Rgba) -> None:
     """Add the surface of a straight cylinder and tie it to the links of the chain."""
-    stations, radii = _profile(robot, _ring_distance(chain))
+    gaps = np.diff(chain.layout.stations)  # every link has a ring at least
+    distance = min(_RING_DISTANCE, 0.5 * gaps[gaps > 0].min(initial=np.inf))
+    stations, radii = _profile(robot, distance)
     weights = _bone_weights(stations, chain.layout.stations, robot.length)
     ring_of_vertex = np.repeat(np.arange(len(stations)), _SIDES)
     bones = [np.flatnonzero(w > 1e-6) for w in weights[ring_of_vertex].T]
@@ -229,12 +225,6 @@ def _add_skin(chain: Chain, robot: RobotParams, rgba: Rgba) -> None:
         vertid=[ids.tolist() for ids in bones],
         vertweight=[weights[ring_of_vertex[ids], i].tolist() for i, ids in enumerate(bones)],
     )
-
-
-def _ring_distance(chain: Chain) -> float:
-    """Distance [m] of rings, of which every link has one at least."""
-    gaps = np.diff(chain.layout.stations)
-    return min(_RING_DISTANCE, 0.5 * gaps[gaps > 0].min(initial=np.inf))
 
 
 def _profile(robot: RobotParams, distance: float) -> tuple[ndarray, ndarray]:

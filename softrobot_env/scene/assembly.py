@@ -16,7 +16,7 @@ from mujoco import MjModel, MjSpec, mjtConDataField, mjtObj, mjtSensor
 from numpy import ndarray
 
 from softrobot_env.core.motion import State
-from softrobot_env.core.records import check_fields, check_unique
+from softrobot_env.core.records import Vector3, check_fields, check_unique
 from softrobot_env.core.registry import Registry
 from softrobot_env.robots import Base, Gripper
 from softrobot_env.scene import contacts
@@ -98,9 +98,7 @@ class Member:
         """Of the names of its parts."""
         return self.name + SEPARATOR
 
-    def placed(
-        self, gravity: tuple[float, float, float] | None, touches: bool = False
-    ) -> SceneConfig:
+    def placed(self, gravity: Vector3 | None, touches: bool = False) -> SceneConfig:
         """Its scene, clamped where it shall be, under a gravity (3,) [m/s2] unless None.
 
         Where it touches things it has as many pieces as a robot with contacts.
@@ -136,7 +134,7 @@ class Assembly:
 
     name: str
     members: tuple[Member, ...]
-    gravity: tuple[float, float, float] | None = None
+    gravity: Vector3 | None = None
     contacts: Contacts | None = None
     objects: tuple[Object, ...] = ()
     cameras: tuple[Camera, ...] = ()
@@ -593,6 +591,10 @@ def gripper_scene(
         **finger: Of the scene of each finger, see `SceneConfig`: pieces, timestep, appearance.
     """
     finger = {"rule": RULE, "control_period": 0.02} | finger
+    palm = []
+    if gripper.palm is not None:
+        place = (0.0, 0.0, -gripper.palm[2] / 2)
+        palm = [Box(name=PALM, size=gripper.palm, position=place, rgba=_PALM_RGBA)]
     members = (
         Member(one.name, SceneConfig(one.robot, **finger), one.base) for one in gripper.fingers
     )
@@ -601,16 +603,9 @@ def gripper_scene(
         tuple(members),
         gravity=gripper.gravity,
         contacts=contacts,
-        objects=(*_palm(gripper), *objects),
+        objects=(*palm, *objects),
         cameras=cameras,
         surroundings=bool(cameras),
         felt=objects[-1].name if objects else None,
         felt_along=felt_along,
     )
-
-
-def _palm(gripper: Gripper) -> tuple[Object, ...]:
-    if gripper.palm is None:
-        return ()
-    place = (0.0, 0.0, -gripper.palm[2] / 2)
-    return (Box(name=PALM, size=gripper.palm, position=place, rgba=_PALM_RGBA),)

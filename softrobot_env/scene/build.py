@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -21,7 +20,7 @@ from softrobot_env.scene.kinematics import Kinematics
 from softrobot_env.scene.quadrature import HingeLayout, place_between
 from softrobot_env.scene.simulation import Inputs, SceneMotion, simulate
 from softrobot_env.scene.springs import add_springs, couple_pieces
-from softrobot_env.scene.statics import checked_controls, equilibrium, finite, settle
+from softrobot_env.scene.statics import checked_controls, equilibrium, finite, settle, with_gravity
 from softrobot_env.scene.tendons import add_tendons
 from softrobot_env.scene.timestep import (
     EXTRAPOLATION,
@@ -139,9 +138,7 @@ class Scene(CompiledModel, Kinematics):
                 "friction holds a robot in many places: an equilibrium with contacts needs "
                 f"friction 0 (of {', '.join(rubbing) or 'tendons and backbone'}), or use `simulate`"
             )
-        model = copy(self.model)
-        if gravity is not None:
-            model.opt.gravity[:] = gravity
+        model = with_gravity(self.model, gravity)
         start = model.qpos0 if guess is None else finite("the guess", guess, (model.nq,))
         controls, period = checked_controls(model, u), self.timestep.first_period
         return settle(model, self.config.robot, period, controls, start)
@@ -305,7 +302,18 @@ def build_chain(config: SceneConfig) -> Chain:
     add_springs(chain, robot, config.exact_channels)
     if layout.coupled:
         couple_pieces(chain, robot, [load.station for load in config.loads])
-    _add_parts(chain, config)
+    for _ in config.sensors:
+        appearance.add_tip_sensors(spec)
+    for load in config.loads:
+        appearance.add_load(chain, load)
+    for camera in config.cameras:
+        appearance.add_camera(spec, camera)
+    for path in config.paths:
+        appearance.add_path(spec, path)
+    for marker in config.markers:
+        appearance.add_marker(spec, marker)
+    if config.appearance is not None:
+        appearance.add_appearance(chain, robot, config.appearance)
     return chain
 
 
@@ -373,18 +381,3 @@ def empty_spec(name: str, gravity: Sequence[float], *, friction: bool) -> MjSpec
         flags |= mjtDisableBit.mjDSBL_CONSTRAINT
     spec.option.disableflags = int(flags)
     return spec
-
-
-def _add_parts(chain: Chain, config: SceneConfig) -> None:
-    for _ in config.sensors:
-        appearance.add_tip_sensors(chain.spec)
-    for load in config.loads:
-        appearance.add_load(chain, load)
-    for camera in config.cameras:
-        appearance.add_camera(chain.spec, camera)
-    for path in config.paths:
-        appearance.add_path(chain.spec, path)
-    for marker in config.markers:
-        appearance.add_marker(chain.spec, marker)
-    if config.appearance is not None:
-        appearance.add_appearance(chain, config.robot, config.appearance)

@@ -31,7 +31,7 @@ import numpy as np
 from mujoco import MjModel, MjsBody, MjsJoint, MjSpec, MjsTendon, mjMINVAL, mjtJoint
 from numpy import ndarray
 
-from softrobot_env.robots import Disc, Head, RobotParams
+from softrobot_env.robots import Head, RobotParams
 from softrobot_env.scene.quadrature import HingeLayout
 
 #: Prefix of the hinges' names -> axis. A positive angle of a "hinge" bends +z towards +x, one of
@@ -253,7 +253,10 @@ def add_chain(
         bodies.append(body)
     chain = Chain(spec, layout, robot.length, tuple(bodies), kinds, azimuth)
     _add_tip(chain, robot.head)
-    _add_discs(chain, robot.discs)
+    for index, disc in enumerate(robot.discs):  # after all links, whose numbers they must not shift
+        link, height = chain.locate(disc.station)
+        body = link.add_body(name=f"disc{index}", pos=[0, 0, height])
+        set_inertia(body, disc.mass, 0, disc.inertia)
     return chain
 
 
@@ -300,14 +303,6 @@ def _add_tip(chain: Chain, head: Head | None) -> None:
         set_inertia(body, head.mass, head.centre, head.inertia)
         height = head.output
     body.add_site(name=TIP_SITE, pos=[0, 0, height], size=[1e-3, 0, 0])
-
-
-def _add_discs(chain: Chain, discs: Sequence[Disc]) -> None:
-    # After all links, whose numbers they must not shift.
-    for index, disc in enumerate(discs):
-        link, height = chain.locate(disc.station)
-        body = link.add_body(name=f"disc{index}", pos=[0, 0, height])
-        set_inertia(body, disc.mass, 0, disc.inertia)
 
 
 def _inertias(robot: RobotParams, edges: ndarray) -> ndarray:
@@ -357,16 +352,10 @@ def _add_joint(
     """Joint of `weight` [m] of beam, its axis turned by azimuth."""
     if kind == BALL:
         return body.add_joint(name=name, type=mjtJoint.mjJNT_BALL)
-    axis = _turned(HINGE_AXES[kind], azimuth)
-    joint = body.add_joint(name=name, type=mjtJoint.mjJNT_HINGE, axis=axis)
+    x, y, z = HINGE_AXES[kind]
+    if azimuth:  # else rounding would bring -0.0 into the exported scenes
+        x, y = x * cos(azimuth) - y * sin(azimuth), x * sin(azimuth) + y * cos(azimuth)
+    joint = body.add_joint(name=name, type=mjtJoint.mjJNT_HINGE, axis=(x, y, z))
     along, across = seen_from_hinges(robot.precurvature, azimuth)
     joint.springref = weight * {"hinge": along, "side": across, "twist": 0.0}[kind]
     return joint
-
-
-def _turned(axis: tuple[float, float, float], azimuth: float) -> tuple[float, float, float]:
-    """(3,) turned about +z."""
-    if azimuth == 0:  # without rounding -0.0 into the exported scenes
-        return axis
-    x, y, z = axis
-    return x * cos(azimuth) - y * sin(azimuth), x * sin(azimuth) + y * cos(azimuth), z

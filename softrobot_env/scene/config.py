@@ -7,7 +7,14 @@ from typing import Literal
 
 import numpy as np
 
-from softrobot_env.core.records import Positive, Record, check_fields, check_unique
+from softrobot_env.core.records import (
+    Positive,
+    Record,
+    Vector2,
+    Vector3,
+    check_fields,
+    check_unique,
+)
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.robots.parameters import Pieces
@@ -67,17 +74,17 @@ class Camera(Record):
     """
 
     name: str
-    center: tuple[float, float]
+    center: Vector2
     height: Positive
     elevation: float = 0.0
 
     @property
-    def towards(self) -> tuple[float, float, float]:
+    def towards(self) -> Vector3:
         """Unit vector from what is seen to the camera."""
         return 0.0, -cos(self.elevation), sin(self.elevation)
 
     @property
-    def up(self) -> tuple[float, float, float]:
+    def up(self) -> Vector3:
         """Unit vector that points up in the picture; right is +x."""
         return 0.0, sin(self.elevation), cos(self.elevation)
 
@@ -87,7 +94,7 @@ class Marker(Record):
     """Coloured ball without mass, at `position` (3,) [m], movable as a mocap body."""
 
     name: str
-    position: tuple[float, float, float]
+    position: Vector3
     radius: Positive = 0.008
     rgba: Rgba = (0.85, 0.2, 0.15, 1.0)
 
@@ -97,7 +104,7 @@ class PathMarker(Record):
     """Line through `points` (k, 3) [m]."""
 
     name: str
-    points: tuple[tuple[float, float, float], ...]
+    points: tuple[Vector3, ...]
     radius: Positive = 0.0015
     rgba: Rgba = (0.25, 0.25, 0.3, 1.0)
 
@@ -190,9 +197,6 @@ class SceneConfig:
                 f"robot {self.robot.name!r}: integrator {EXTRAPOLATION!r} knows no friction of the "
                 "backbone; leave it out, or choose one of MuJoCo's"
             )
-        self._check_contacts()
-
-    def _check_contacts(self) -> None:
         if self.objects and self.contacts is None:
             raise ValueError("objects are there to be touched: give contacts=Contacts(), too")
         if self.contacts is not None and self.integrator not in (None, *CONTACT_INTEGRATORS):
@@ -284,7 +288,7 @@ def parse_accuracy(accuracy: float | str, length: float) -> float:
     return value
 
 
-def _middle(robot: RobotParams) -> tuple[float, float]:
+def _middle(robot: RobotParams) -> Vector2:
     """(x, z) [m] of about the middle of the straight robot."""
     x, _, z = robot.clamp.position + 0.48 * robot.reach * robot.clamp.axes[:, 2]
     return float(x), float(z)

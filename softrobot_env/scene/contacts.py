@@ -357,18 +357,14 @@ def tune(
         square = min(square, most)
         x = 2 * pair.damping_ratio * timestep * sqrt(square) / _DAMPED
         steady = x * (sqrt(x**2 + 4) - x) / 2  # d = x sqrt(1 - d)
-        _set(model, pair, square, max(least, steady, 1 - fastest / square), timestep)
+        impedance = max(least, steady, 1 - fastest / square)
+        number, frequency = model.pair(pair.name).id, sqrt(square * (1 - impedance))
+        model.pair_solref[number] = -(frequency**2), -2 * pair.damping_ratio * frequency
+        model.pair_solimp[number] = impedance, impedance, 1e-3, 0.5, 2
+        # Friction has no spring: the first of these has no effect.
+        rate = min(pair.stopping * impedance * frequency, _STOPPED / timestep)
+        model.pair_solreffriction[number] = -1.0, -rate
     return softest
-
-
-def _set(model: MjModel, pair: Pair, square: float, impedance: float, timestep: float) -> None:
-    """Parameters of a pair with a spring of frequency sqrt(square) [rad/s] without the mass."""
-    number, frequency = model.pair(pair.name).id, sqrt(square * (1 - impedance))
-    model.pair_solref[number] = -(frequency**2), -2 * pair.damping_ratio * frequency
-    model.pair_solimp[number] = impedance, impedance, 1e-3, 0.5, 2
-    # Friction has no spring: the first of these has no effect.
-    rate = min(pair.stopping * impedance * frequency, _STOPPED / timestep)
-    model.pair_solreffriction[number] = -1.0, -rate
 
 
 def write(spec: MjSpec, model: MjModel, pairs: Sequence[Pair]) -> None:
@@ -446,12 +442,3 @@ def _station(model: MjModel, data: MjData, geom: int, point: ndarray) -> float |
     body = model.geom_bodyid[geom]
     height = data.xmat[body].reshape(3, 3)[:, 2] @ (point - data.xpos[body])
     return float(np.clip(start + height, low, high))
-
-
-def net_force(contacts: Iterable[Touch], name: str) -> ndarray:
-    """Force (3,) [N] of contacts on what is called `name`, an object or a part of a robot."""
-    out = np.zeros(3)
-    for touch in contacts:
-        if touch.first != touch.second:
-            out += touch.force * ((touch.first == name) - (touch.second == name))
-    return out

@@ -166,11 +166,16 @@ class InverseStatics:
         if self.directions.shape[1] != 3 or np.abs(square - np.eye(len(square))).max() > 1e-9:
             raise ValueError(f"directions must be unit vectors (k, 3) at right angles, got {given}")
         self.tolerance = REACHED * robot.reach
-        self._pulled = scene.config.actuation == "length"
-        self._by_tension = _driven_by_tension(scene) if self._pulled else scene
+        self._pulled, self._by_tension = scene.config.actuation == "length", scene
+        if self._pulled:
+            plain = replace(robot, drive=Drive())
+            config = replace(scene.config, robot=plain, actuation="tension")
+            self._by_tension = build_scene(config)
         self.forces = StaticForces(self._by_tension.model)
         self._tensions = TendonMap(robot)
-        self._elastic, self._full = _elastic(robot), full_length(robot, scene.model)
+        # Pretension [N], stiffness [N/m] and straight length [m] of the tendons, (3, n_tendons).
+        elastic = [(t.pretension, t.stiffness, t.straight_length) for t in robot.tendons]
+        self._elastic, self._full = np.array(elastic).T, full_length(robot, scene.model)
         self._actions = self._tensions.per_action()
         self._command = self._actions.command
         self._turn = _LARGEST_TURN / len(np.unique(scene.model.dof_bodyid))
@@ -609,12 +614,6 @@ def spread(count: int, dimension: int) -> ndarray:
     return points[np.argsort(np.abs(points).max(axis=1))]
 
 
-def _driven_by_tension(scene: Scene) -> Scene:
-    """The same robot as if its tendons were pulled by tensions."""
-    robot = replace(scene.config.robot, drive=Drive())
-    return build_scene(replace(scene.config, robot=robot, actuation="tension"))
-
-
 def _controls(scene: Scene, commanded: ndarray) -> ndarray:
     """Controls (nu,) of a scene: tensions or lengths (n_tendons,), and no loads."""
     controls = np.zeros(scene.model.nu)
@@ -623,11 +622,6 @@ def _controls(scene: Scene, commanded: ndarray) -> ndarray:
     rounding = np.abs(within - commanded) <= 1e-9 * high
     controls[: len(commanded)] = np.where(rounding, within, commanded)
     return controls
-
-
-def _elastic(robot: RobotParams) -> ndarray:
-    """Pretension [N], stiffness [N/m] and straight length [m] of the tendons, (3, n_tendons)."""
-    return np.array([(t.pretension, t.stiffness, t.straight_length) for t in robot.tendons]).T
 
 
 def own_directions(scene: Scene) -> ndarray:

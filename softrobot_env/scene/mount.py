@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core.records import check_fields
+from softrobot_env.core.records import Vector3, check_fields
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.chain import set_inertia
 
@@ -52,7 +52,7 @@ class Mount:
     """
 
     directions: tuple[str, ...]
-    pivot: tuple[float, float, float] | None = None
+    pivot: Vector3 | None = None
 
     def __post_init__(self) -> None:
         check_fields(self, "mount")

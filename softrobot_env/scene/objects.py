@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from softrobot_env.core.records import NotNegative, Positive, Record, Share, check_fields
+from softrobot_env.core.records import NotNegative, Positive, Record, Share, Vector3, check_fields
 
 #: [m/s2], by which the weight of an object is judged.
 G = 9.81
@@ -62,14 +62,13 @@ class Object:
     """
 
     name: str
-    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    position: Vector3 = (0.0, 0.0, 0.0)
+    turn: Vector3 = (0.0, 0.0, 0.0)
     friction: NotNegative | None = None
     mass: Positive | None = None
     density: Positive | None = None
     rgba: Rgba = (0.45, 0.55, 0.6, 1.0)
 
-    geom_type: ClassVar[str]
     has_faces: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
@@ -81,6 +80,11 @@ class Object:
     def is_free(self) -> bool:
         """Whether it moves."""
         return self.mass is not None or self.density is not None
+
+    @property
+    def geom_type(self) -> str:
+        """MuJoCo's name of its shape."""
+        return f"mjGEOM_{type(self).__name__.upper()}"
 
     @property
     def quaternion(self) -> list[float]:
@@ -116,7 +120,6 @@ class Sphere(Object):
     """Ball of a radius [m]."""
 
     radius: Positive
-    geom_type: ClassVar[str] = "mjGEOM_SPHERE"
 
     def _sizes(self) -> tuple[float, ...]:
         return (self.radius,)
@@ -131,7 +134,6 @@ class Cylinder(Object):
 
     radius: Positive
     length: Positive
-    geom_type: ClassVar[str] = "mjGEOM_CYLINDER"
 
     def _sizes(self) -> tuple[float, ...]:
         return self.radius, self.length / 2
@@ -143,8 +145,6 @@ class Cylinder(Object):
 @dataclass(frozen=True, kw_only=True)
 class Capsule(Cylinder):
     """Cylinder with half a ball on each end. MuJoCo finds its contacts in closed form."""
-
-    geom_type: ClassVar[str] = "mjGEOM_CAPSULE"
 
     @property
     def extent(self) -> float:
@@ -160,7 +160,6 @@ class Ellipsoid(Object):
     """Ellipsoid of semi-axes (3,) [m] along its own axes; one of them large: an oval cylinder."""
 
     semi_axes: tuple[Positive, Positive, Positive]
-    geom_type: ClassVar[str] = "mjGEOM_ELLIPSOID"
 
     def _sizes(self) -> tuple[float, ...]:
         return self.semi_axes
@@ -174,7 +173,6 @@ class Box(Object):
     """Box of a size (3,) [m] along its own axes."""
 
     size: tuple[Positive, Positive, Positive]
-    geom_type: ClassVar[str] = "mjGEOM_BOX"
     has_faces: ClassVar[bool] = True
 
     def _sizes(self) -> tuple[float, ...]:

@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Callable
-from copy import copy
 from dataclasses import dataclass, replace
 from math import inf
 from typing import TYPE_CHECKING
@@ -15,7 +14,7 @@ from numpy import ndarray
 from softrobot_env.core.motion import IntegrationError, Motion, State, sample_times
 from softrobot_env.scene.contacts import Touch, touches
 from softrobot_env.scene.servos import Servos
-from softrobot_env.scene.statics import checked_controls, finite
+from softrobot_env.scene.statics import checked_controls, finite, with_gravity
 from softrobot_env.scene.tendons import full_length
 from softrobot_env.scene.timestep import TimestepWarning
 
@@ -245,11 +244,8 @@ def simulate(
     controls = _controls(model, u, int(ends[-1]), period)
     q, v = scene.start() if start is None else start
     q, v = finite("start.q", q, (model.nq,)), finite("start.v", v, (model.nv,))
-    if gravity is not None:
-        model = copy(model)  # the caller's may be simulating in another thread
-        model.opt.gravity[:] = finite("gravity", gravity, (3,))
-        scene = replace(scene, model=model)
-    simulation = Simulation(scene)
+    model = with_gravity(model, gravity)
+    simulation = Simulation(replace(scene, model=model))
     simulation.reset(q, controls(0, np.zeros(1))[0])
     simulation.data.qvel[:] = v
     mujoco.mj_forward(model, simulation.data)

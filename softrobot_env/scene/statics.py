@@ -59,9 +59,7 @@ def equilibrium(
     kind, load_steps = stability_asked(check_stability), checked_load_steps(load_steps)
     guess = None if guess is None else finite("the guess", guess, (model.nq,))
     ctrl = checked_controls(model, ctrl)
-    if gravity is not None:
-        model = copy(model)  # the caller's may be simulating in another thread
-        model.opt.gravity[:] = finite("gravity", gravity, (3,))
+    model = with_gravity(model, gravity)
     forces = StaticForces(model) if rubbing is None else rubbing
     loaded, careful = _LoadedChain(forces, ctrl), rubbing is not None
     q = find_equilibrium(loaded, model.qpos_spring, guess, load_steps, careful)
@@ -72,6 +70,14 @@ def equilibrium(
         rubbing.force(q, ctrl)
         rubbing.stay()
     return q
+
+
+def with_gravity(model: mujoco.MjModel, gravity: ndarray | None) -> mujoco.MjModel:
+    """A copy of a model with another gravity (3,) [m/s2]; itself if that is None."""
+    if gravity is not None:
+        model = copy(model)  # the caller's may be simulating in another thread
+        model.opt.gravity[:] = finite("gravity", gravity, (3,))
+    return model
 
 
 def finite(what: str, values: ndarray, shape: tuple[int, ...]) -> ndarray:

@@ -158,16 +158,11 @@ class StaticForces:
             mujoco.mj_fwdVelocity(model, data)
             out += sign * (data.qfrc_bias - data.qfrc_passive)
             if carried and sign > 0:
-                out += carried * self._tip_force(qvel, qacc)
+                tip, by_turns = self.tip_by_turns()
+                change = np.empty_like(by_turns)
+                mujoco.mj_jacDot(model, data, change, None, tip, model.site_bodyid[self._tip])
+                out += carried * (by_turns.T @ (by_turns @ qacc + change @ qvel))
         return out
-
-    def _tip_force(self, qvel: ndarray, qacc: ndarray) -> ndarray:
-        """Generalised force (nv,) [N m] that accelerates 1 kg at the tip."""
-        tip, by_turns = self.tip_by_turns()
-        change = np.empty_like(by_turns)
-        body = self.model.site_bodyid[self._tip]
-        mujoco.mj_jacDot(self.model, self._data, change, None, tip, body)
-        return by_turns.T @ (by_turns @ qacc + change @ qvel)
 
     def _dead(self, axes: ndarray, anchors: ndarray) -> ndarray:
         """(nv, nv) of weights and loads as if they kept their directions."""
@@ -274,11 +269,9 @@ class StaticForces:
             stretch = data.ten_length - model.tendon_lengthspring[:, 0]
             law = model.tendon_stiffness, model.tendon_stiffnesspoly
             self._add_rates(_spring_rate(stretch, *law), out)
-        if len(self._of.balls):
-            self._add_ball_springs(out)
-
-    def _add_ball_springs(self, out: ndarray) -> None:
-        model, balls = self.model, self._of.balls
+        balls = self._of.balls
+        if not len(balls):
+            return
         address = model.jnt_qposadr[balls, None] + np.arange(4)
         dof = model.jnt_dofadr[balls, None] + np.arange(3)
         turn = _rotation_vectors(self._data.qpos[address], model.qpos_spring[address])
@@ -516,34 +509,22 @@ def _cross(a: ndarray, b: ndarray) -> ndarray:
 
 
 def _check(model: MjModel, moving: ndarray) -> None:
-    joint, wrap, trn = mjtJoint, mjtWrap, mjtTrn
-    balls = model.jnt_type == joint.mjJNT_BALL
-    known = {
-        "one chain of joints": np.all(model.dof_parentid == np.arange(-1, model.nv - 1)),
-        "hinges and ball joints": np.all(balls | (model.jnt_type == joint.mjJNT_HINGE)),
-        "ball joints with linear springs": not np.any(model.jnt_stiffnesspoly[balls]),
-        "tendons along joints and sites": np.all(
-            np.isin(model.wrap_type, [wrap.mjWRAP_JOINT, wrap.mjWRAP_SITE, wrap.mjWRAP_PULLEY])
-        ),
-        "straight tendons without springs": _springs_along_joints(model),
-        "actuators of tendons and sites": np.all(
-            np.isin(model.actuator_trntype, [trn.mjTRN_TENDON, trn.mjTRN_SITE])
-        ),
-        "frames of loads in the world": _frames_stand(model, moving),
-    }
-    for what, holds in known.items():
-        if not holds:
-            raise ValueError(f"the static forces of a chain are known for {what} only")
-
-
-def _springs_along_joints(model: MjModel) -> bool:
-    elastic = model.tendon_stiffness[:, None] != 0
-    elastic = np.hstack([elastic, model.tendon_stiffnesspoly != 0]).any(axis=1)
+    balls = model.jnt_type == mjtJoint.mjJNT_BALL
+    elastic = np.hstack([model.tendon_stiffness[:, None], model.tendon_stiffnesspoly]).any(axis=1)
     fixed = model.wrap_type[model.tendon_adr] == mjtWrap.mjWRAP_JOINT
     low, high = model.tendon_lengthspring.T
-    return not np.any(elastic & ~(fixed & (low == high)))
-
-
-def _frames_stand(model: MjModel, moving: ndarray) -> bool:
-    reference = model.actuator_trnid[model.actuator_trntype == mjtTrn.mjTRN_SITE, 1]
-    return not np.any(moving[model.site_bodyid[reference[reference >= 0]]])
+    kind, (_, frames) = model.actuator_trntype, model.actuator_trnid.T
+    frames = frames[(kind == mjtTrn.mjTRN_SITE) & (frames >= 0)]
+    wraps = [mjtWrap.mjWRAP_JOINT, mjtWrap.mjWRAP_SITE, mjtWrap.mjWRAP_PULLEY]
+    known = {
+        "one chain of joints": model.dof_parentid == np.arange(-1, model.nv - 1),
+        "hinges and ball joints": balls | (model.jnt_type == mjtJoint.mjJNT_HINGE),
+        "ball joints with linear springs": model.jnt_stiffnesspoly[balls] == 0,
+        "tendons along joints and sites": np.isin(model.wrap_type, wraps),
+        "straight tendons without springs": ~elastic | (fixed & (low == high)),
+        "actuators of tendons and sites": np.isin(kind, [mjtTrn.mjTRN_TENDON, mjtTrn.mjTRN_SITE]),
+        "frames of loads in the world": moving[model.site_bodyid[frames]] == 0,
+    }
+    for what, holds in known.items():
+        if not np.all(holds):
+            raise ValueError(f"the static forces of a chain are known for {what} only")

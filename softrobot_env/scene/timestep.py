@@ -43,6 +43,7 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.processes import one_blas_thread
+from softrobot_env.core.records import Vector2
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.tendons import actuator_arms, tendon_arms
 
@@ -132,7 +133,7 @@ class LinearChain:
         return self.driven and not np.any(self.damping)
 
     @cached_property
-    def extremes(self) -> tuple[float, float]:
+    def extremes(self) -> Vector2:
         """Smallest and largest undamped angular frequency [rad/s]."""
         found = self.frequencies()
         return float(found[0]), float(found[-1])
@@ -356,9 +357,9 @@ class BentBeam:
         upward: [m/s2], gravity towards the tip, or 0.
     """
 
-    mass: tuple[float, float]
-    pull: tuple[float, float]
-    stiffness: tuple[float, float]
+    mass: Vector2
+    pull: Vector2
+    stiffness: Vector2
     upward: float
 
     def frequency(self, variation: Mapping[str, float | ndarray]) -> ndarray:

@@ -5,11 +5,11 @@ from importlib.util import find_spec
 
 import pytest
 from support.commands import rows_in
+from support.recorded_rods import real_recording
 
 from softrobot_env.cli import main
 from softrobot_env.core.files import assets_dir
 from softrobot_env.recordings import read_header, read_recording, write_header
-from softrobot_env.recordings.files import recordings_dir
 from softrobot_env.robots import ROBOTS, write_robot
 
 FINGER = "robot record --robot planar_finger --kinds pulls --levels 1 --rest 0.3"
@@ -69,9 +69,7 @@ def test_what_is_evaluated_is_recorded(tmp_path):
 
 
 def test_a_real_robot_is_refused_until_its_tendons_are_known(tmp_path, capsys):
-    path = recordings_dir() / "ftdcr_v4" / "train.csv"
-    if not path.is_file():
-        pytest.skip(f"no {path}: set SOFTROBOT_RECORDINGS to the folder of real recordings")
+    path = real_recording("ftdcr_v4/train.csv")
     header = str(assets_dir() / "recordings" / "ftdcr_v4.toml")
     known = ["--header", header, "--robot", "ftdcr_v4"]
     assert main(["recording", "check", str(path), *known]) == 0
@@ -100,9 +98,7 @@ def test_a_virtual_robot_is_recorded_over_its_serial_line(tmp_path):
 
 @pytest.mark.slow
 def test_a_long_static_recording_is_replayed_in_seconds(tmp_path):
-    path = recordings_dir() / "ftdcr_v4" / "train.csv"
-    if not path.is_file():
-        pytest.skip(f"no {path}: set SOFTROBOT_RECORDINGS to the folder of real recordings")
+    path = real_recording("ftdcr_v4/train.csv")
     header = tmp_path / "h.toml"
     names = json.dumps([tendon.name for tendon in ROBOTS["ftdcr_v4"].tendons])
     text = (assets_dir() / "recordings" / "ftdcr_v4.toml").read_text()

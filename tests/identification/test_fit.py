@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from support.recorded_rods import LENGTH, recorded, rod
+from support.recorded_rods import LENGTH, real_recording, recorded, rod
 
 from softrobot_env.cli import main
 from softrobot_env.control.registry import make_policy
@@ -26,7 +26,6 @@ from softrobot_env.identification.fit.unknowns import FRICTIONS, HOLDS, Fact, Gr
 from softrobot_env.identification.fit.validation import blocks_of
 from softrobot_env.identification.replay import replay
 from softrobot_env.recordings import Frame, Recording, read_header, write_recording
-from softrobot_env.recordings.files import recordings_dir
 from softrobot_env.robots import ROBOTS, RobotParams, read_robot, write_robot
 from softrobot_env.robots.twin import rig3d_twin
 from softrobot_env.tasks import make_task
@@ -394,9 +393,7 @@ def test_what_is_not_there_is_refused_in_one_line(given, said, tmp_path, capsys)
 @pytest.mark.slow
 def test_the_real_robot_is_identified(tmp_path):
     """Of its first 400 rows: pulls and the base section; the whole recording takes minutes."""
-    path = recordings_dir() / "ftdcr_v4" / "train.csv"
-    if not path.is_file():
-        pytest.skip(f"no {path}: set SOFTROBOT_RECORDINGS to the folder of real recordings")
+    path = real_recording("ftdcr_v4/train.csv")
     from softrobot_env.core.files import assets_dir
     from softrobot_env.recordings import read_recording
 

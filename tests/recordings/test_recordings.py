@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from support.recorded_rods import real_recording
 
 from softrobot_env.core.files import assets_dir
 from softrobot_env.recordings import (
@@ -16,7 +17,7 @@ from softrobot_env.recordings import (
     read_recording,
     write_recording,
 )
-from softrobot_env.recordings.files import header_path, recordings_dir
+from softrobot_env.recordings.files import header_path
 from softrobot_env.recordings.recording import summarize
 from softrobot_env.robots import ROBOTS
 
@@ -238,9 +239,7 @@ def test_what_is_odd_is_told(tmp_path):
 
 
 def test_the_motion_capture_of_a_real_robot():
-    path = recordings_dir() / "ftdcr_v4" / "train.csv"
-    if not path.is_file():
-        pytest.skip(f"no {path}: set SOFTROBOT_RECORDINGS to the folder of real recordings")
+    path = real_recording("ftdcr_v4/train.csv")
     recording = read_recording(path, assets_dir() / "recordings" / "ftdcr_v4.toml")
     summary = summarize(recording, ROBOTS["ftdcr_v4"])
     assert (summary.rows, len(summary.patterns), recording.commands.shape[1]) == (1620, 66, 9)

@@ -12,7 +12,6 @@ from softrobot_env.rendering.tables import (
     named_values,
     new_table,
     number,
-    pivot_table,
     verdict,
 )
 
@@ -71,11 +70,6 @@ def test_numbers_are_never_cut_short_on_a_narrow_terminal():
     page = Console(record=True, width=30, file=StringIO())
     page.print(table)
     assert "123456789" in page.export_text()
-
-
-def test_pivot_has_a_cell_for_every_pair():
-    table = pivot_table("", "x", {"one": 1, "two": 2}, ["3", "4"], lambda x, y: x * int(y))
-    assert [line.split() for line in shown(table)[-2:]] == [["one", "3", "4"], ["two", "6", "8"]]
 
 
 def test_named_values_have_no_headings():

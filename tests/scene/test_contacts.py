@@ -8,6 +8,7 @@ from math import atan, cos, degrees, pi, radians, sin
 import mujoco
 import numpy as np
 import pytest
+from support.postures import net_force
 
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.motion import State
@@ -17,7 +18,7 @@ from softrobot_env.scene import statics
 from softrobot_env.scene.build import build_scene, scene_xml, vary_scene
 from softrobot_env.scene.chain import joint_angles
 from softrobot_env.scene.config import SceneConfig, TipSensors, visible
-from softrobot_env.scene.contacts import BACKBONE, net_force
+from softrobot_env.scene.contacts import BACKBONE
 from softrobot_env.scene.objects import Box, Capsule, Contacts, Cylinder, Ellipsoid, Ground, Sphere
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.timestep import TimestepWarning

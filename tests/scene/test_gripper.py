@@ -5,13 +5,13 @@ from math import hypot, pi
 
 import numpy as np
 import pytest
+from support.postures import net_force
 
 from softrobot_env.core.motion import State
 from softrobot_env.robots import GRIPPERS, find_robot
 from softrobot_env.scene.assembly import CONTACTS, build_assembly, gripper_scene
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
-from softrobot_env.scene.contacts import net_force
 from softrobot_env.scene.objects import Capsule, Contacts
 from softrobot_env.scene.simulation import Simulation
 from studies.truths.wrapped_finger import wrapped_finger

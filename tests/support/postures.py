@@ -23,3 +23,9 @@ def station_turns(model: mujoco.MjModel, q: ndarray) -> ndarray:
             turn *= Rotation.from_rotvec(model.jnt_axis[joint] * q[model.jnt_qposadr[joint]])
         turns.append(turn.as_rotvec())
     return np.array(turns)
+
+
+def net_force(touches, name: str) -> ndarray:
+    """Force (3,) [N] on what is called `name`, an object or a part of a robot."""
+    parts = [x for x in touches if x.first != x.second]
+    return sum(((x.first == name) - (x.second == name)) * x.force for x in parts) + np.zeros(3)

@@ -1,8 +1,11 @@
 """A rod with three tendons, and recordings of robots as tests make them up."""
 
 from collections.abc import Sequence
+from os import environ
+from pathlib import Path
 
 import numpy as np
+import pytest
 from numpy import ndarray
 
 from softrobot_env.recordings import Commands, Header, Marker, Recording
@@ -49,3 +52,15 @@ def recorded(
         np.full(rows, "") if labels is None else np.array(labels),
         np.zeros(rows, dtype=int),
     )
+
+
+def real_recording(name: str) -> Path:
+    """A file of recordings of real robots, which this repository does not contain.
+
+    In the folder $SOFTROBOT_RECORDINGS, else ../shared/real beside the checkout; skips without.
+    """
+    beside = Path(__file__).resolve().parents[3] / "shared" / "real"
+    path = Path(environ.get("SOFTROBOT_RECORDINGS", beside)) / name
+    if not path.is_file():
+        pytest.skip(f"no {path}: set SOFTROBOT_RECORDINGS to the folder of real recordings")
+    return path

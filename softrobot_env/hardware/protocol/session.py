@@ -60,24 +60,6 @@ class Phase(IntEnum):
 _FOLLOWING = {m.DeviceState.ARMED: Phase.ARMED, m.DeviceState.RUNNING: Phase.RUNNING}
 
 
-def _next_phase(phase: Phase, state: m.DeviceState, ours: bool) -> Phase:
-    """Phase after a state message without faults.
-
-    Args:
-        phase: The phase before.
-        state: What the robot does.
-        ours: Whether it names the host's session.
-    """
-    if phase == Phase.STOPPING:
-        over = state in (m.DeviceState.DISARMED, m.DeviceState.LATCHED)
-        return Phase.CONFIGURED if over else phase
-    if phase == Phase.ARMED and state == m.DeviceState.DISARMED:
-        return Phase.CONFIGURED  # no first set-point came in time, or none was accepted
-    if phase >= Phase.ARMING and ours:
-        return _FOLLOWING.get(state, phase)
-    return Phase.LOST if phase >= Phase.ARMED else phase
-
-
 class Session:
     """What a host knows of a robot, and what it may say next.
 
@@ -284,8 +266,22 @@ class Session:
         return self._follow(m.DeviceState(state.state), ours)
 
     def _follow(self, state: m.DeviceState, ours: bool) -> bytes:
-        """Go on to the phase that the robot is in; ask who it is if it has forgotten us."""
-        before, self.phase = self.phase, _next_phase(self.phase, state, ours)
+        """Go on to the phase that the robot is in; ask who it is if it has forgotten us.
+
+        Args:
+            state: What the robot does.
+            ours: Whether it names our session.
+        """
+        before = self.phase
+        if before == Phase.STOPPING:
+            if state in (m.DeviceState.DISARMED, m.DeviceState.LATCHED):
+                self.phase = Phase.CONFIGURED
+        elif before == Phase.ARMED and state == m.DeviceState.DISARMED:
+            self.phase = Phase.CONFIGURED  # no first set-point came in time, or none was accepted
+        elif before >= Phase.ARMING and ours:
+            self.phase = _FOLLOWING.get(state, before)
+        elif before >= Phase.ARMED:
+            self.phase = Phase.LOST
         if before >= Phase.ARMING > self.phase:
             self._forget_session()
         return self.hello() if self.phase == Phase.LOST != before else b""
@@ -296,7 +292,9 @@ class Session:
         self._forget_session()
 
     def _refused(self, nack: m.Nack) -> None:
-        self.link.note_refusal(nack.reason)
+        known = nack.reason in list(Reason)
+        name = Reason(nack.reason).name.lower() if known else str(nack.reason)
+        self.link.nacks[name] += 1
         self._refusals[nack.about] = nack.reason
         if nack.about == m.Setpoint.number:
             self._in_flight.refuse(nack.about_seq)
@@ -536,11 +534,6 @@ class LinkCounters:
         self.lost += max(0, ahead - 1)
         self._last = seq
         return True
-
-    def note_refusal(self, reason: int) -> None:
-        """Count a refusal."""
-        known = reason in list(Reason)
-        self.nacks[Reason(reason).name.lower() if known else str(reason)] += 1
 
     def note(self, what: str, duration: float) -> None:
         """Note a duration [s], "round_trip" or "delay"."""

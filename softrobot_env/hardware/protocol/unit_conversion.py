@@ -143,7 +143,12 @@ class UnitConversion:
         counts = np.rint(length / LENGTH_UNIT).astype(int)[self._tendons]
         wrong = np.flatnonzero((counts < self._least) | (counts > self._most))
         if wrong.size:
-            raise ValueError(self._outside(wrong[0], counts))
+            k = wrong[0]
+            value, least, most = (x[k] / 100 for x in (counts, self._least, self._most))
+            raise ValueError(
+                f"tendon {self._tendons[k] + 1}: {value:.2f} mm is outside its range of "
+                f"{least:.2f} to {most:.2f} mm"
+            )
         return tuple(counts.tolist())
 
     def nearest_target(self, length: ndarray) -> ndarray:
@@ -182,13 +187,6 @@ class UnitConversion:
 
     def _by_tendon(self, values: tuple[int, ...], unit: float) -> ndarray:
         return np.array(values)[self._channels] * unit
-
-    def _outside(self, channel: int, counts: ndarray) -> str:
-        value, least, most = (x[channel] / 100 for x in (counts, self._least, self._most))
-        return (
-            f"tendon {self._tendons[channel] + 1}: {value:.2f} mm is outside its range of "
-            f"{least:.2f} to {most:.2f} mm"
-        )
 
 
 def faults(state: State) -> tuple[Fault, ...]:

@@ -436,16 +436,11 @@ def placed(recording: Recording, header: Header) -> Recording:
     """The recording as it is read with another header of the same columns."""
     old = recording.header
     new = _losing(header, header, old)  # what was lost stays so
-    gone = np.isnan(recording.markers)
-    points = old.frame.to_recorded(np.where(gone, 0.0, recording.markers))
-    if gone.any():
-        order = [int(np.abs(row).argmax()) for row in old.frame.rotation]
-        points[..., order] = np.where(gone, np.nan, points[..., order])
     raw = (recording.commands - old.commands.offset) / old.commands.scale
     return replace(
         recording,
         header=new,
-        markers=new.frame.to_world(points),
+        markers=new.frame.to_world(old.frame.to_recorded(recording.markers)),
         commands=raw * new.commands.scale + new.commands.offset,
     )
 

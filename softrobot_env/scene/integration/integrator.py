@@ -160,20 +160,14 @@ class Integration:
 def backbone_lengths(model: MjModel) -> ndarray:
     """Length (nv,) [m] of the link that the last DOF of each body moves; the others have none."""
     lengths = np.zeros(model.nv)
-    for number in range(model.nsite):
-        site = model.site(number)
-        if site.name.rpartition(SEPARATOR)[2] == TIP_SITE:
-            _measure_to(model, site, lengths)
+    for site in map(model.site, range(model.nsite)):
+        if site.name.rpartition(SEPARATOR)[2] != TIP_SITE:
+            continue
+        beyond, body = float(np.linalg.norm(site.pos)), int(site.bodyid[0])
+        while body:
+            if model.body_dofnum[body]:
+                lengths[model.body_dofadr[body] + model.body_dofnum[body] - 1] = beyond
+                beyond = 0.0
+            beyond += float(np.linalg.norm(model.body_pos[body]))
+            body = int(model.body_parentid[body])
     return lengths
-
-
-def _measure_to(model: MjModel, tip: Any, lengths: ndarray) -> None:
-    """Fill in the lengths (nv,) [m] of the chain that ends in a tip."""
-    beyond, body = float(np.linalg.norm(tip.pos)), int(tip.bodyid[0])
-    while body:
-        dofs, first = int(model.body_dofnum[body]), int(model.body_dofadr[body])
-        if dofs:
-            lengths[first + dofs - 1] = beyond
-            beyond = 0.0
-        beyond += float(np.linalg.norm(model.body_pos[body]))
-        body = int(model.body_parentid[body])

@@ -126,7 +126,7 @@ def plot(runs: Sequence[Run], path: Path | str) -> None:
     kinds = _kinds([run for run in runs if run.curve])
     order = sorted(kinds, key=lambda kind: -max(run.reward for run in kinds[kind]))[:_MOST]
     shown = {kind: mine for kind, mine in kinds.items() if kind in order}
-    styles = cycle(Style(colour, line) for line in _LINES for colour in COLOURS)
+    styles = cycle(Style(colour, line=line) for line in _LINES for colour in COLOURS)
     trainings = {
         kind or runs[0].training: (next(styles), [run.curve for run in mine])
         for kind, mine in shown.items()
