@@ -412,16 +412,6 @@ def assembly_xml(assembly: Assembly) -> str:
     return spec_xml(spec, pairs, partial(_mujocos, assembly, alone, pairs))
 
 
-def _box(assembly: Assembly) -> tuple[ndarray, ndarray]:
-    """Lower and upper corner (3,) [m] of what the straight robots take, with some room."""
-    ends = []
-    for config in assembly.placed:
-        base, width = config.robot.clamp, 2 * config.robot.backbone.widest
-        tip = np.array(base.position) + config.robot.reach * base.axes[:, 2]
-        ends += [end + side * width for end in (np.array(base.position), tip) for side in (-1, 1)]
-    return np.min(ends, axis=0), np.max(ends, axis=0)
-
-
 def _attached(assembly: Assembly) -> tuple[MjSpec, list[contacts.Pair]]:
     """One spec of all members, and what can touch."""
     friction = any(config.robot.has_friction for config in assembly.placed)
@@ -444,7 +434,12 @@ def _attached(assembly: Assembly) -> tuple[MjSpec, list[contacts.Pair]]:
     for camera in assembly.cameras:
         add_camera(spec, camera)
     if assembly.surroundings:
-        low, high = _box(assembly)
+        ends = []  # of what the straight robots take, with some room
+        for config in assembly.placed:
+            base, width = config.robot.clamp, 2 * config.robot.backbone.widest
+            tip = np.array(base.position) + config.robot.reach * base.axes[:, 2]
+            ends += [x + side * width for x in (np.array(base.position), tip) for side in (-1, 1)]
+        low, high = np.min(ends, axis=0), np.max(ends, axis=0)
         size = float(np.max(high - low))
         add_surroundings(spec, size, float(high[1]) + size)
     if assembly.contacts is None:

@@ -212,7 +212,18 @@ class SceneConfig:
         Raises:
             ValueError: It is neither a positive length nor a share.
         """
-        return parse_accuracy(self.accuracy, self.robot.length)
+        text = str(self.accuracy).strip()
+        try:
+            share = text.endswith("%")
+            value = self.robot.length * float(text[:-1]) / 100 if share else float(text)
+        except ValueError:
+            value = nan
+        if not 0 < value < inf or isinstance(self.accuracy, bool):
+            raise ValueError(
+                "accuracy must be a positive length [m] or a share of the robot's length such as "
+                f"'0.1%', got {self.accuracy!r}"
+            )
+        return value
 
     @property
     def n_pieces(self) -> int:
@@ -269,31 +280,6 @@ def contact_pieces(robot: RobotParams) -> int:
     return robot.pieces * ceil(CONTACT_PIECES / robot.pieces)
 
 
-def parse_accuracy(accuracy: float | str, length: float) -> float:
-    """An accuracy [m], given in m or as a share of a length [m] such as "0.1%".
-
-    Raises:
-        ValueError: It is neither.
-    """
-    text = str(accuracy).strip()
-    try:
-        value = length * float(text[:-1]) / 100 if text.endswith("%") else float(text)
-    except ValueError:
-        value = nan
-    if not 0 < value < inf or isinstance(accuracy, bool):
-        raise ValueError(
-            "accuracy must be a positive length [m] or a share of the robot's length such as "
-            f"'0.1%', got {accuracy!r}"
-        )
-    return value
-
-
-def _middle(robot: RobotParams) -> Vector2:
-    """(x, z) [m] of about the middle of the straight robot."""
-    x, _, z = robot.clamp.position + 0.48 * robot.reach * robot.clamp.axes[:, 2]
-    return float(x), float(z)
-
-
 def visible(config: SceneConfig, aspect: float = 4 / 3) -> SceneConfig:
     """The same scene with a body to look at and a camera that frames the robot's reach.
 
@@ -301,11 +287,11 @@ def visible(config: SceneConfig, aspect: float = 4 / 3) -> SceneConfig:
         config: The scene.
         aspect: Width over height of the pictures to take.
     """
-    reach = config.robot.reach
+    reach, base = config.robot.reach, config.robot.clamp
     height = reach * max(_HEIGHT_SHOWN, _WIDTH_SHOWN / aspect)
+    x, _, z = (base.position + 0.48 * reach * base.axes[:, 2]).tolist()  # about its middle
     elevation = 0.0
     if config.bending == "spatial":  # of one that hangs from below, where its mount hides nothing
-        hangs = config.robot.clamp.axes[2, 2] < -_HANGING
-        elevation = -_ELEVATION if hangs else _ELEVATION
-    camera = Camera(FRONT_CAMERA, _middle(config.robot), height, elevation)
+        elevation = -_ELEVATION if base.axes[2, 2] < -_HANGING else _ELEVATION
+    camera = Camera(FRONT_CAMERA, (x, z), height, elevation)
     return replace(config, appearance=Appearance(), cameras=(camera,))

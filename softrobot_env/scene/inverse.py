@@ -149,8 +149,9 @@ class InverseStatics:
 
         Args:
             scene: Of any robot with tendons.
-            directions: As of the class. Unless given the x-z plane of a planar robot, and across
-                the axis of a spatial one, whose tip's height follows from the statics.
+            directions: As of the class. Unless given, in the robot's own axes at its base, across
+                and along a planar robot, and the two across a spatial one, whose tip's height
+                follows from the statics.
 
         Raises:
             ValueError: The robot has no inputs, or the directions are no unit vectors (k, 3) at
@@ -160,7 +161,9 @@ class InverseStatics:
         self.scene, self.inputs = scene, robot_inputs(robot)
         if self.inputs.n_inputs == 0:
             raise ValueError(f"robot {robot.name!r} has no tendons, hence no inverse statics")
-        given = own_directions(scene) if directions is None else directions
+        planar = scene.config.bending == "planar"
+        own = robot.clamp.axes.T[[0, 2] if planar else [0, 1]]
+        given = own if directions is None else directions
         self.directions = np.atleast_2d(np.asarray(given, float))
         square = self.directions @ self.directions.T
         if self.directions.shape[1] != 3 or np.abs(square - np.eye(len(square))).max() > 1e-9:
@@ -622,15 +625,6 @@ def _controls(scene: Scene, commanded: ndarray) -> ndarray:
     rounding = np.abs(within - commanded) <= 1e-9 * high
     controls[: len(commanded)] = np.where(rounding, within, commanded)
     return controls
-
-
-def own_directions(scene: Scene) -> ndarray:
-    """Directions (2, 3) that every robot's tip can be asked for along, in its own axes at its base.
-
-    Across and along a planar robot, else the two across a spatial one.
-    """
-    axes = scene.config.robot.clamp.axes.T
-    return axes[[0, 2]] if scene.config.bending == "planar" else axes[[0, 1]]
 
 
 def least_step(

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from softrobot_env.core.registry import Registry
-from softrobot_env.robots import ENTRIES, RobotEntry, RobotParams, entry_of
+from softrobot_env.robots import ENTRIES, RobotParams, entry_of
 from softrobot_env.robots.registry import RIG_PIECES
 from softrobot_env.scene.config import SceneConfig, TipSensors, visible
 
@@ -18,16 +18,12 @@ class _Scenes(Registry[SceneConfig]):
         known = {}
         for name, entry in ENTRIES.registered().items():
             if entry.scene:
-                known[name] = _named(entry)
+                given = {"pieces": entry.pieces, "control_period": entry.control_period}
+                own = {option: value for option, value in given.items() if value is not None}
+                known[name] = replace(model_scene(entry.robot), **own)
                 if entry.robot.tendons:
                     known[f"{name}_view"] = visible(known[name])
         return known
-
-
-def _named(entry: RobotEntry) -> SceneConfig:
-    given = {"pieces": entry.pieces, "control_period": entry.control_period}
-    own = {name: value for name, value in given.items() if value is not None}
-    return replace(model_scene(entry.robot), **own)
 
 
 def scene_of(robot: RobotParams) -> SceneConfig:

@@ -240,7 +240,14 @@ def simulate(
     """
     model, period = scene.model, scene.config.control_period
     times = sample_times(duration, samples)
-    ends = _periods(times, period)
+    ends = np.round(times / period)
+    off = np.abs(ends * period - times) > 1e-9 * period + 1e-12 * times
+    if off.any():
+        raise ValueError(
+            f"duration and samples must be multiples of the control period of {period:g} s, got "
+            f"{times[off][0]:g} s"
+        )
+    ends = ends.astype(int)
     controls = _controls(model, u, int(ends[-1]), period)
     q, v = scene.start() if start is None else start
     q, v = finite("start.q", q, (model.nq,)), finite("start.v", v, (model.nv,))
@@ -274,18 +281,6 @@ def _followed(
 def _sample(simulation: Simulation) -> tuple[ndarray, ndarray, float | None]:
     data = simulation.data
     return data.qpos.copy(), data.qvel.copy(), simulation.integration_error
-
-
-def _periods(times: ndarray, period: float) -> ndarray:
-    """Numbers (k,) of control periods until times (k,) [s]."""
-    ends = np.round(times / period)
-    off = np.abs(ends * period - times) > 1e-9 * period + 1e-12 * times
-    if off.any():
-        raise ValueError(
-            f"duration and samples must be multiples of the control period of {period:g} s, got "
-            f"{times[off][0]:g} s"
-        )
-    return ends.astype(int)
 
 
 def _controls(model: MjModel, u: Inputs, periods: int, period: float) -> Callable[..., ndarray]:

@@ -222,22 +222,17 @@ def _couple(chain: Chain, kind: str, beam: tuple[float, float], first: int, end:
     added = bending / chain.layout.sizes[first] * excess_stiffness(end - first)
     for i in range(end - first):
         for j in range(i + 1, min(i + 1 + _REACH, end - first)):
-            tendon = _difference(chain, kind, first + i, first + j)
+            # As long as the difference of the angles of the two, at rest as they are.
+            tendon = chain.spec.add_tendon(name=f"couple_{kind}{first + i}_{first + j}")
+            rest = 0.0
+            for piece, arm in ((first + i, 1.0), (first + j, -1.0)):
+                for joint in _hinges(chain, kind, piece):
+                    tendon.wrap_joint(joint.name, arm)
+                    rest += arm * joint.springref
+            tendon.springlength = [rest, rest]
             _stiffen(tendon, -added[i, j], time)
         for joint in _hinges(chain, kind, first + i):
             _stiffen(joint, 2 * added[i].sum(), time)
-
-
-def _difference(chain: Chain, kind: str, below: int, above: int) -> MjsTendon:
-    """Tendon as long as the difference of the angles of two pieces, at rest as they are."""
-    tendon = chain.spec.add_tendon(name=f"couple_{kind}{below}_{above}")
-    rest = 0.0
-    for piece, arm in ((below, 1.0), (above, -1.0)):
-        for joint in _hinges(chain, kind, piece):
-            tendon.wrap_joint(joint.name, arm)
-            rest += arm * joint.springref
-    tendon.springlength = [rest, rest]
-    return tendon
 
 
 def _hinges(chain: Chain, kind: str, piece: int) -> list[MjsJoint]:
