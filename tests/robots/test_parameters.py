@@ -268,12 +268,6 @@ def test_vary_scales_one_parameter(name, factor):
     assert replace(varied, **{name: getattr(ARM, name)}) == ARM
 
 
-def test_vary_moves_all_tendons():
-    varied = ARM.vary(tendon_radius=0.8)
-    assert [t.offset[0] for t in varied.tendons] == pytest.approx([0.02, -0.02] * 3)
-    assert replace(varied, tendons=ARM.tendons) == ARM
-
-
 def test_vary_adds_friction_to_all_tendons():
     rubbing = replace(ARM, tendons=(replace(ARM.tendons[0], friction=1.0), *ARM.tendons[1:]))
     varied = rubbing.vary(tendon_friction=0.5)
@@ -318,10 +312,6 @@ DISC = Disc(0.1, 0.1, (1e-5, 1e-5, 1e-5))
     ("record", "changes", "message"),
     [
         (ARM, {"inner_radius": 0.025}, "inner_radius"),
-        (ARM, {"inner_radius": -0.001}, "inner_radius"),
-        (ARM, {"outer_radius": 0.0, "inner_radius": 0.0}, "outer_radius"),
-        (ARM, {"length": 0.0, "tendons": ()}, "length"),
-        (ARM, {"damping_time": -1e-9}, "damping_time"),
         (ARM, {"length": 0.4}, "off the robot"),
         (TWO, {"youngs_modulus": 1e6}, "has sections, which say its youngs_modulus"),
         (TWO, {"length": 0.5}, "the length of its sections is 0.4 together, not 0.5"),
@@ -330,30 +320,22 @@ DISC = Disc(0.1, 0.1, (1e-5, 1e-5, 1e-5))
         (TWO, {"discs": (replace(DISC, station=0.5),)}, "a disc is at 0.5 m, off the robot"),
         (TWO.sections[0], {"length": 0.0}, "section: length must be finite and positive"),
         (TWO.sections[0], {"outer_radius": (0.01, 0.0)}, "section: outer_radius"),
-        (TWO.sections[0], {"outer_radius": (0.01, 0.02, 0.01)}, "section: outer_radius"),
         (TWO.sections[0], {"inner_radius": (0.0, 0.02)}, "section: .* at base and tip"),
         (TWO.sections[0], {"poisson_ratio": 0.6}, "section: poisson_ratio"),
         (TWO.sections[0], {"pieces": 0}, "section: pieces"),
         (DISC, {"inertia": (1e-5, 1e-5, 3e-5)}, "disc: no body has a moment of inertia"),
         (DISC, {"mass": 0.0}, "disc: mass"),
-        (RIG, {"anisotropy": -0.1}, "anisotropy"),
         (RIG, {"anisotropy": 2.0}, "anisotropy"),
-        (RIG, {"anisotropy": nan}, "anisotropy"),
-        (RIG, {"stiff_azimuth": inf}, "stiff_azimuth"),
         (RIG, {"precurvature": (80.0, 0.0)}, "precurvature"),
-        (RIG, {"precurvature": (nan, 0.0)}, "precurvature"),
         (Base(), {"direction": (0, 0, 0)}, "base: direction must not be zero"),
         (TENDON, {"tension_limit": 0.0}, "'t'.*tension_limit must be finite and positive"),
         (TENDON, {"pretension": -1.0}, "'t'.*0 <= pretension"),
         (TENDON, {"pretension": 10.0}, "'t'.*pretension < tension_limit"),
         (TENDON, {"friction": -1.0}, "'t'.*friction must be finite and zero or more"),
-        (TENDON, {"friction": inf}, "'t'.*friction"),
         (TENDON, {"end": 0.0}, "'t'.*end must be finite and positive"),
         (TENDON, {"guides": (0.1, 0.1)}, "'t'.*guides must increase"),
-        (TENDON, {"guides": (0.2, 0.1)}, "'t'.*guides must increase"),
         (TENDON, {"guides": (0.5,)}, "'t'.*guides must increase"),
         (TENDON, {"guides": (0.0, 0.1)}, "'t'.*guides must increase"),
-        (FREE, {"turns": nan}, "'t': turns"),
         (FREE, {"route": ((0.3, 0.0),)}, "'t': route"),
         (FREE, {"route": ((0.2, 0.0, 0.0),)}, "'t': the stations of its route must increase"),
         (FREE, {"route": ((0.1, 0, 0), (0.1, 0, 0), (0.3, 0, 0))}, "'t': the stations of its"),

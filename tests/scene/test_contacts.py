@@ -58,16 +58,6 @@ def moved(config, periods, u=None):
 # --- scenes without contacts ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("look", [lambda c: c, visible])
-def test_a_scene_without_contacts_has_nothing_of_them(look):
-    built = build_scene(look(SceneConfig(ARM)))
-    disabled = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    assert built.model.opt.disableflags & disabled == disabled
-    assert built.model.npair == 0 and not built.pairs
-    assert built.timestep.integrator == "extrapolation"
-    assert "<pair" not in scene_xml(look(SceneConfig(ARM)))
-
-
 def test_only_pairs_collide():
     """Nothing that is drawn, nor the skin by itself."""
     config = replace(visible(SceneConfig(ARM)), contacts=Contacts(), objects=(POST, GROUND))
@@ -394,12 +384,8 @@ def test_too_long_a_timestep_is_told():
         (touching_arm, {"integrator": "extrapolation"}, "does not know contacts"),
         (touching_arm, {"integrator": "discrete"}, "implicitfast, implicit, Euler"),
         (touching_arm, {"objects": (POST, POST)}, "different names"),
-        (Contacts, {"stiffness": 0.0}, "stiffness"),
-        (Contacts, {"friction": -0.1}, "friction"),
-        (Sphere, {"name": "a", "radius": 0.0}, "radius"),
         (Sphere, {"name": "a", "radius": 0.1, "mass": 1.0, "density": 1.0}, "not both"),
         (Ground, {"name": "a", "mass": 1.0}, "stands still"),
-        (Box, {"name": "a", "size": (1.0, 2.0)}, "size"),
     ],
 )
 def test_what_makes_no_sense_is_refused(make, options, message):

@@ -8,7 +8,7 @@ import pytest
 from support.postures import posed, station_turns
 
 from softrobot_env.core.motion import IntegrationError, State
-from softrobot_env.robots import ARM, CANTILEVER_WEAK, Head, Tendon
+from softrobot_env.robots import ARM, CANTILEVER_WEAK, Tendon
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import joint_angles
@@ -57,13 +57,6 @@ def test_positions_are_those_of_sites_at_the_stations(kind):
     straight = np.outer(stations, [0, 0, 1])
     np.testing.assert_allclose(built.positions(series, stations)[1], straight, atol=1e-14)
     assert built.tip(series).shape == (2, 3)
-
-
-def test_tip_of_a_head_is_its_output_point():
-    head = Head(mass=0.1, centre=0.02, inertia=(1e-4, 1e-4, 1e-4), output=0.05)
-    built = scene(robot=replace(WEIGHTLESS, head=head))
-    np.testing.assert_allclose(built.tip(built.start().q), [0, 0, LENGTH + 0.05])
-    np.testing.assert_allclose(built.positions(built.start().q, LENGTH), [[0, 0, LENGTH]])
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -193,6 +186,7 @@ def test_divergence_is_an_error():
         (lambda s: s.simulate(0.1, lambda t: np.full(1, np.inf)), "controls must be finite"),
         (lambda s: s.simulate(0.1, np.zeros((3, 1))), "a row of inputs for each of 10 periods"),
         (lambda s: s.simulate(0.1, gravity=[0, 0]), "need gravity of shape"),
+        (lambda s: s.equilibrium(gravity=(0.0, 1.0, 9.81)), r"remove gravity \(y\)"),
         (lambda s: s.simulate(0.1, start=State(np.zeros(3), np.zeros(12))), "need start.q"),
         (lambda s: s.positions(np.zeros(12), 2.0), "stations must lie between 0 and"),
         (lambda s: s.positions(np.zeros(3), 0.1), "need postures of 12 numbers each"),

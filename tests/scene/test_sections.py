@@ -8,12 +8,12 @@ import mujoco
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from support.routed_robots import HELICAL, PULLED, ROD, TAPERED, TWO, VIA, WINDING, tendon
+from support.routed_robots import HELICAL, PULLED, ROD, TAPERED, TWO, WINDING, tendon
 
 from softrobot_env.robots import Base, Disc, RobotParams, Section
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene
-from softrobot_env.scene.config import Appearance, SceneConfig, TipSensors
+from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.timestep import linearize, slowest
 from studies.truths.tendon_rod import guided_rod, strains, tendon_rod
 from studies.truths.varying_beam import bending_frequencies
@@ -100,13 +100,6 @@ def test_a_winding_tendon_driven_by_length_pulls_as_its_stiffness_says():
     assert shorter > 1e-4
 
 
-@pytest.mark.parametrize("robot", [HELICAL, VIA, ALL], ids=lambda robot: robot.name)
-def test_tendon_lengths_are_told_in_the_straight_pose(robot):
-    built = spatial(robot)
-    expected = [tendon.straight_length for tendon in robot.tendons]
-    assert_allclose(built.tendon_length(built.start().q), expected, rtol=1e-12)
-
-
 @pytest.mark.parametrize("turns", [0.0, 0.4])
 def test_a_chain_whose_pieces_end_at_guides_bends_as_the_exact_rod(turns):
     guides = (0.06, 0.13, 0.21, 0.27, 0.34)
@@ -185,21 +178,6 @@ def test_a_hanging_planar_robot_is_stretched_by_its_weight():
 
 
 # ---------------------------------------------------------------- what is built, what is refused
-
-
-def test_robots_without_them_get_no_bodies_for_base_and_discs():
-    names = {build_scene(SceneConfig(ROD)).model.body(i).name for i in range(3)}
-    assert names == {"world", "link0", "link1"}
-
-
-def test_appearance_moves_nothing():
-    robot, u = replace(ALL, base=SLANTED), np.array([2.0, 1.0, 0.5, 0.5])
-    bare, seen = spatial(robot), spatial(robot, appearance=Appearance(), sensors=(TipSensors(),))
-    assert_allclose(seen.equilibrium(u), bare.equilibrium(u), atol=1e-12)
-    data = mujoco.MjData(seen.model)
-    mujoco.mj_forward(seen.model, data)
-    expected = SLANTED.axes @ [0, 0, 0.4] + SLANTED.position
-    assert_allclose(data.sensordata[:3], expected, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from support.postures import posed
 
 from softrobot_env.robots import CANTILEVER_WEAK, Head, Tendon
 from softrobot_env.robots.loads import Load
@@ -171,16 +170,6 @@ def test_what_no_scene_has_is_refused():
     branched = f"<mujoco><worldbody><body><joint/><geom size='1'/>{2 * legs}</body></worldbody>"
     with pytest.raises(ValueError, match="known for one chain of joints only"):
         StaticForces(mujoco.MjModel.from_xml_string(branched + "</mujoco>"))
-
-
-def test_mass_is_that_of_a_motion_from_the_posture():
-    forces = StaticForces(build_scene(SceneConfig(robot(()), pieces=4, bending="spatial")).model)
-    model = forces.model
-    q = moved(model, model.qpos0, np.linspace(-0.2, 0.3, model.nv))
-    forces.force(q, np.zeros(3))
-    data, truth = posed(model, q), np.empty((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, truth)
-    np.testing.assert_allclose(forces.mass(), truth, rtol=1e-12)
 
 
 def test_friction_has_its_derivative_while_tendons_stick_and_slide():

@@ -8,9 +8,9 @@
 | duplicated | ignored; feed no watchdog | copies_keep_nothing_alive, any_harm_*, L |
 | reordered | refused by number | what_was_overtaken_is_refused, any_harm_*, L |
 | delayed | refused by age | what_came_too_late_moves_nothing |
-| of another session | refused | what_is_of_another_session_moves_nothing |
+| of another session | refused | F: a_wrong_setpoint_neither_moves_nor_feeds |
 | truncated | the next frame is intact | a_cut_frame_takes_nothing_with_it, any_harm_*, L |
-| split | put together | single_bytes_are_put_together, L |
+| split | put together | L: pieces_and_garbage_are_survived |
 | garbage flood | bounded memory, no motion, recovery | a_flood_*, L |
 | disconnect in an episode | truncated in time; ramp; reset refuses | L: a_lost_line_* |
 | slow host | missed steps are counted, no burst; then a fault | L: a_slow_host_* |
@@ -29,7 +29,7 @@
 
 Tests of this file have a virtual clock. Those of L, in `test_live.py`, use pseudo-terminals or the
 environment with a board in memory, and R is `envs/real/test_env.py`, both in
-real time; S is `hardware/test_session.py`.
+real time; S is `hardware/test_session.py`, F `hardware/firmware/test_session.py`.
 
 In every test a `Witness` of `output_witness.py` asserts at each pass of the robot's
 program that outputs are inside limits and slew rates, and that nothing but a fresh set-point of
@@ -167,17 +167,6 @@ def test_what_came_too_late_moves_nothing(rough):
     assert_stays_off(rough)
 
 
-def test_what_is_of_another_session_moves_nothing(rough):
-    rough.drive(HERE, 0.1)
-    setpoint = m.Setpoint(6, 0, 50, m.MODE_LENGTH, 3, counts(THERE))
-    for number in range(20):
-        now = round(rough.now / m.CLOCK_UNIT)
-        rough.say(encode(replace(setpoint, t_host=now), 1000 + number), PERIOD)
-    assert rough.nacks()["session"] == 4
-    assert rough.out.applied == counts(HERE)
-    assert_stays_off(rough)
-
-
 def test_a_cut_frame_takes_nothing_with_it(rough):
     frame = rough.session.setpoint(np.array(THERE), rough.now)[1]
     for size in range(1, len(frame)):
@@ -185,14 +174,6 @@ def test_a_cut_frame_takes_nothing_with_it(rough):
         seq = rough.command(HERE)
         assert rough.session.echo(seq).seq == seq
     assert rough.out.applied == counts(HERE)
-
-
-def test_single_bytes_are_put_together(rough):
-    rough.up.harm = Harm(piece=1)
-    for _ in range(10):
-        seq = rough.command(THERE, 0.05)
-    assert rough.session.echo(seq).seq == seq
-    assert rough.out.powered and rough.out.applied == counts(THERE)
 
 
 # ---------------------------------------------------------------- what is at either end
@@ -245,16 +226,6 @@ def test_a_device_that_slept_follows_no_old_set_points(rough):
     assert rough.out.powered and rough.out.applied == counts(HERE)
     rough.drive(THERE, 0.4)
     assert rough.out.applied == counts(THERE)
-
-
-def test_a_device_that_slept_long_stops(rough):
-    rough.drive(THERE, 0.4)
-    rough.asleep = True
-    rough.drive(THERE, 0.4)
-    rough.asleep = False
-    rough.run(STOPPED)
-    assert rough.out.applied == counts(HERE)
-    assert_stays_off(rough)
 
 
 def test_a_low_supply_cuts(rough):
