@@ -263,12 +263,7 @@ class OutputFeedback(Controller):
 
 @kernel
 def _arm_later(
-    arm: PlanarArm,
-    limit: ndarray,
-    period: float,
-    steps: int,
-    estimate: ndarray,
-    action: ndarray,
+    arm: PlanarArm, limit: ndarray, period: float, steps: int, estimate: ndarray, action: ndarray
 ) -> ndarray:
     n = arm.n
     out = estimate.copy()

@@ -66,11 +66,7 @@ class _Point(NamedTuple):
 
 
 def find_equilibrium(
-    loaded: Loaded,
-    rest: ndarray,
-    guess: ndarray | None,
-    load_steps: int,
-    careful: bool = False,
+    loaded: Loaded, rest: ndarray, guess: ndarray | None, load_steps: int, careful: bool = False
 ) -> ndarray:
     """Equilibrium under full loads, near a guess or else where slow loading leads.
 

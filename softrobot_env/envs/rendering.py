@@ -326,10 +326,7 @@ class _Pen:
     """Adds lines and dots to a scene, as long as it has room."""
 
     def __init__(
-        self,
-        scene: mujoco.MjvScene,
-        up: ndarray | None = None,
-        towards: ndarray | None = None,
+        self, scene: mujoco.MjvScene, up: ndarray | None = None, towards: ndarray | None = None
     ) -> None:
         """Dots are balls, or thin discs that face a camera in a direction `towards` (3,)."""
         self._scene = scene

@@ -152,10 +152,7 @@ def _add_base(body: MjsBody, robot: RobotParams) -> None:
 
 
 def add_surroundings(
-    spec: MjSpec,
-    height: float,
-    wall: float,
-    middle: tuple[float, float, float] | None = None,
+    spec: MjSpec, height: float, wall: float, middle: tuple[float, float, float] | None = None
 ) -> None:
     """Light, and a wall with a grid of 100 mm squares at y = `wall` [m].
 

@@ -247,9 +247,7 @@ def scene_xml(config: SceneConfig) -> str:
 
 
 def compile_spec(
-    spec: MjSpec,
-    pairs: Sequence[contacts.Pair],
-    choose: Callable[[MjModel], TimestepChoice],
+    spec: MjSpec, pairs: Sequence[contacts.Pair], choose: Callable[[MjModel], TimestepChoice]
 ) -> tuple[MjModel, TimestepChoice]:
     """The model of a spec, with the integrator and timestep that a function chooses for it.
 
@@ -266,9 +264,7 @@ def compile_spec(
 
 
 def spec_xml(
-    spec: MjSpec,
-    pairs: Sequence[contacts.Pair],
-    choose: Callable[[MjModel], TimestepChoice],
+    spec: MjSpec, pairs: Sequence[contacts.Pair], choose: Callable[[MjModel], TimestepChoice]
 ) -> str:
     """The model of `compile_spec` as MJCF."""
     model, choice = compile_spec(spec, pairs, choose)

@@ -228,10 +228,7 @@ def _joints(model: MjModel) -> dict[str, ndarray]:
 
 
 def add_chain(
-    spec: MjSpec,
-    robot: RobotParams,
-    layout: HingeLayout,
-    kinds: tuple[str, ...] = ("hinge",),
+    spec: MjSpec, robot: RobotParams, layout: HingeLayout, kinds: tuple[str, ...] = ("hinge",)
 ) -> Chain:
     """Add the links, their joints made of `kinds`, the head and the tip site to an empty spec."""
     azimuth = robot.stiff_azimuth if robot.anisotropy else 0.0

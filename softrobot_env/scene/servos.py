@@ -27,11 +27,7 @@ class Servos:
     """
 
     def __init__(
-        self,
-        speed: float | ndarray,
-        offset: ndarray,
-        backlash: ndarray,
-        count: int | None = None,
+        self, speed: float | ndarray, offset: ndarray, backlash: ndarray, count: int | None = None
     ) -> None:
         """Servos at command zero.
 

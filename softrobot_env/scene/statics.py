@@ -151,11 +151,7 @@ _PATIENCE = 200
 
 
 def settle(
-    model: mujoco.MjModel,
-    robot: RobotParams,
-    first_period: float,
-    ctrl: ndarray,
-    start: ndarray,
+    model: mujoco.MjModel, robot: RobotParams, first_period: float, ctrl: ndarray, start: ndarray
 ) -> ndarray:
     """Posture (nq,) in which a scene without friction comes to rest under controls (nu,).
 

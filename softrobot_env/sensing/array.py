@@ -75,11 +75,7 @@ class SensorArray:
         self.reading = np.zeros((count, size))
 
     def start(
-        self,
-        which: ndarray,
-        built: Sequence[Sequence[Sensor]],
-        seeds: list[int],
-        shape: ndarray,
+        self, which: ndarray, built: Sequence[Sequence[Sensor]], seeds: list[int], shape: ndarray
     ) -> None:
         """Start robots `which` (k,) at rest.
 

@@ -312,10 +312,7 @@ def _part(
 
 
 def _features(
-    sensors: Sequence[Sensor],
-    filters: Sequence[BendFilter | None],
-    reading: ndarray,
-    passed: float,
+    sensors: Sequence[Sensor], filters: Sequence[BendFilter | None], reading: ndarray, passed: float
 ) -> ndarray:
     """What maps are fed with: bends of spatial sensors, readings of others."""
     out = []

@@ -60,10 +60,7 @@ class Trained:
 
 
 def train(
-    robot: RobotParams,
-    seed: int = 0,
-    show: ProgressCallback = quiet,
-    how: Learning | None = None,
+    robot: RobotParams, seed: int = 0, show: ProgressCallback = quiet, how: Learning | None = None
 ) -> Trained:
     """Train the network of a robot.
 

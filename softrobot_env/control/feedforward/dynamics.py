@@ -117,12 +117,7 @@ class InverseDynamics(Feedforward):
         return driven, Moving(now, inputs, shifts), reason or late
 
     def _moving(
-        self,
-        rest: Rest,
-        linear: Linear,
-        velocity: ndarray,
-        acceleration: ndarray,
-        memory: Moving,
+        self, rest: Rest, linear: Linear, velocity: ndarray, acceleration: ndarray, memory: Moving
     ) -> tuple[ndarray, tuple[ndarray, ...], str | None]:
         """Inputs, the next shifts, and what is to be said."""
         place, solver = rest.place, self._statics.solver(rest.spatial)

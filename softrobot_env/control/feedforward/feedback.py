@@ -127,12 +127,7 @@ class Feedback:
         return FeedbackState(np.zeros(k), differs, mode, moved, None, before)
 
     def added(
-        self,
-        rest: Rest,
-        motion: Motion,
-        reference: ndarray,
-        tip: ndarray,
-        felt: FeedbackState,
+        self, rest: Rest, motion: Motion, reference: ndarray, tip: ndarray, felt: FeedbackState
     ) -> tuple[ndarray, FeedbackState, bool]:
         """Inputs (n_inputs,) to add where the statics are at rest, and whether one is limited.
 

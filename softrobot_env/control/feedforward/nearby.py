@@ -198,12 +198,7 @@ class Neighbourhood:
         return free, forced @ p.T, tip @ p, at_once
 
     def _own_rest(
-        self,
-        rest: Rest,
-        target: ndarray,
-        before: Nearby | None,
-        stiffer: float,
-        weight: ndarray,
+        self, rest: Rest, target: ndarray, before: Nearby | None, stiffer: float, weight: ndarray
     ) -> Rest | None:
         """Where a robot that differs holds a target (k,) [m]; None if that is too far away."""
         near = rest.place if before is None else before.rest.place

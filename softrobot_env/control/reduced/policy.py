@@ -228,12 +228,7 @@ class ReducedPlanner(base.Controller):
         return action, _Past(tips, told, x, disturbance, covariance, nodes, code)
 
     def _step(
-        self,
-        hessian: ndarray,
-        gradient: ndarray,
-        nodes: ndarray,
-        before: ndarray,
-        aside: ndarray,
+        self, hessian: ndarray, gradient: ndarray, nodes: ndarray, before: ndarray, aside: ndarray
     ) -> ndarray | None:
         """What to add to the plan; None if there is nothing finite."""
         if not (np.isfinite(hessian).all() and np.isfinite(gradient).all()):

@@ -250,11 +250,7 @@ def _disc(ground: ReachableEllipse, count: int) -> ndarray:
 
 
 def _choose(
-    found: list[Equilibrium],
-    directions: ndarray,
-    importance: ndarray,
-    most: int,
-    tolerance: float,
+    found: list[Equilibrium], directions: ndarray, importance: ndarray, most: int, tolerance: float
 ) -> tuple[list[int], ndarray]:
     """Indices of the points, and the largest error [m] with each number of them.
 

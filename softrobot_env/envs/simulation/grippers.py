@@ -340,10 +340,7 @@ def _checked(observe: Any) -> tuple[str, ...]:
 
 
 def _observable(
-    name: str,
-    batch: GripperBatch,
-    action: Callable[[], ndarray],
-    sensors: "FingerSensors | None",
+    name: str, batch: GripperBatch, action: Callable[[], ndarray], sensors: "FingerSensors | None"
 ) -> tuple[Callable[[], ndarray], spaces.Box, ndarray]:
     """How an observable is read, its box and its usual sizes."""
     count = len(batch.scene.parts)

@@ -102,13 +102,7 @@ def _newton_system(
 
 @kernel
 def _solve_stage(
-    arm: Any,
-    s: float,
-    u: ndarray,
-    force: ndarray,
-    base: ndarray,
-    state: ndarray,
-    a: ndarray,
+    arm: Any, s: float, u: ndarray, force: ndarray, base: ndarray, state: ndarray, a: ndarray
 ) -> bool:
     """Set state (2, n) and acceleration a (n,), its guess before, of a stage with a base (2, n).
 
@@ -184,12 +178,7 @@ def _differentiate_stage(
 
 @kernel
 def _second_base(
-    share: float,
-    state: ndarray,
-    a: ndarray,
-    slope: ndarray,
-    slope_a: ndarray,
-    base: Any,
+    share: float, state: ndarray, a: ndarray, slope: ndarray, slope_a: ndarray, base: Any
 ) -> None:
     """Move base (2, n) and its derivatives, a pair, from the step's start on to stage two.
 
@@ -256,12 +245,7 @@ def _add_square(
 
 @kernel
 def _add_inputs(
-    k: int,
-    horizon: Any,
-    inputs: ndarray,
-    before: ndarray,
-    gradient: ndarray,
-    hessian: ndarray,
+    k: int, horizon: Any, inputs: ndarray, before: ndarray, gradient: ndarray, hessian: ndarray
 ) -> float:
     """Cost of the inputs in step k and of their change at its start.
 

@@ -66,12 +66,7 @@ def output_matrix(rig: FlexibleRig, q: ndarray, out: ndarray) -> None:
 
 @kernel
 def _residual(
-    rig: FlexibleRig,
-    q: ndarray,
-    v: ndarray,
-    a: ndarray,
-    reduced: ndarray,
-    out: ndarray,
+    rig: FlexibleRig, q: ndarray, v: ndarray, a: ndarray, reduced: ndarray, out: ndarray
 ) -> None:
     """Set out (n,) to the force missing from balance."""
     mechanics.internal_residual(rig.model, q, v, a, out)
