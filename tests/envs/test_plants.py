@@ -211,7 +211,7 @@ def test_a_fixed_step_is_used():
         env.reset()
         tips.append(episode(env, 0, 10)[-1][0]["tip_position"])
         if step is not None:
-            assert env._simulation.plant._effort.counters[0] == round(0.01 / step)
+            assert env._simulation.plant._work.counters[0] == round(0.01 / step)
     errors = [np.linalg.norm(tip - tips[-1]) for tip in tips[:-1]]
     assert 1e-3 > errors[0] > 3 * errors[1] > 9 * errors[2]
 
