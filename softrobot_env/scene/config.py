@@ -100,7 +100,7 @@ class Marker(Record):
 
 
 @dataclass(frozen=True)
-class PathMarker(Record):
+class PathMarker(Record, what="path"):
     """Line through `points` (k, 3) [m]."""
 
     name: str

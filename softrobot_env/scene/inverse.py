@@ -229,7 +229,8 @@ class InverseStatics:
                 found = self._elsewhere(point, found)
             rows.append(found)
             here = found if found.error <= self.tolerance else here
-        return Held(*(np.array(values) for values in list(zip(*rows, strict=True))[1:]))
+        _, inputs, postures, errors = map(np.array, zip(*rows, strict=True))
+        return Held(inputs, postures, errors)
 
     def place(self, inputs: ndarray, posture: ndarray | None = None) -> Place:
         """Where inputs (n_inputs,) lead, or their equilibrium where it is known.

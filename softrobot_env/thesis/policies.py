@@ -17,13 +17,11 @@ _LQ, _MPC = f"{_ARM}.timing:LQ_ENVIRONMENT", f"{_ARM}.mpc_settings:PREVIEW_ENVIR
 
 def _no_rig(robot: RobotParams) -> str | None:
     """What a robot lacks that laws of the rig cannot drive."""
+    if is_rig(robot):
+        return None
     return (
-        None
-        if is_rig(robot)
-        else (
-            "it needs a head and three elastic tendons round it, as the rig has; take "
-            "'inverse_dynamics', 'hybrid' or 'feedforward_pi'"
-        )
+        "it needs a head and three elastic tendons round it, as the rig has; take "
+        "'inverse_dynamics', 'hybrid' or 'feedforward_pi'"
     )
 
 

@@ -222,10 +222,8 @@ def case_rows(case: str, quick: bool = False) -> list[cases.Row]:
     if not quick:
         for (model, physics), by_size in tips.items():
             if model != PIECE:
-                finest, order = (
-                    dict(sorted(by_size.items())[-3:]),
-                    2 - (model == cases.COSSERAT.name),
-                )
+                finest = dict(sorted(by_size.items())[-3:])
+                order = 1 if model == cases.COSSERAT.name else 2
                 about = physics, truths[physics.name], ROBOT.length, order
                 found.append(cases.limit_row(case, model, finest, *about))
     return found

@@ -325,7 +325,7 @@ def _set_inertia(body, axes, x, out):
 
 @kernel
 def _set_momentum(inertia, row):
-    """Set the momentum of an inertia (4, 3) in a coordinate's motion."""
+    """Set the momentum of an inertia (5, 3) in a coordinate's motion."""
     spin, v, centre = vector(row[SPIN]), vector(row[VELOCITY]), vector(inertia[CENTRE])
     turning = cross(centre, v)
     for i in range(3):

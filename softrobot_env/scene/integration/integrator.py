@@ -55,27 +55,17 @@ class Integration:
 
         With `rates` (k,) of their own if given.
         """
-        chosen, step, period = (
-            self.memory[which],
-            choice.timestep,
-            choice.timestep * choice.substeps,
-        )
-        chosen[..., : layout.NEXT + 1] = (  # in the order of `layout`
-            _METHODS.get(choice.integrator, layout.SPLIT),
-            choice.substeps,
-            period,
-            step,
-            period / MOST_INTERVALS,
-            choice.accuracy or np.inf,
-            choice.rate,
-            FEWEST_ROWS,
-            MOST_ROWS,
-            step,
-        )
-        if rates is not None:
-            chosen[..., layout.RATE] = rates[:, None]
+        chosen = self.memory[which]
+        chosen[..., layout.METHOD] = _METHODS.get(choice.integrator, layout.SPLIT)
+        chosen[..., layout.SUBSTEPS] = choice.substeps
+        chosen[..., layout.PERIOD] = choice.timestep * choice.substeps
+        chosen[..., layout.LONGEST] = chosen[..., layout.NEXT] = choice.timestep
+        chosen[..., layout.SHORTEST] = choice.timestep * choice.substeps / MOST_INTERVALS
+        chosen[..., layout.ACCURACY] = choice.accuracy or np.inf
+        chosen[..., layout.RATE] = choice.rate if rates is None else rates[:, None]
         chosen[..., 1, layout.ACCURACY] *= SHADOW
-        chosen[..., 1, layout.FEWEST] -= 1
+        chosen[..., layout.FEWEST], chosen[..., layout.MOST] = FEWEST_ROWS, MOST_ROWS
+        chosen[..., 1, layout.FEWEST] = FEWEST_ROWS - 1
         self.memory[which] = chosen
 
     def tell(self, **arrays: ndarray) -> None:

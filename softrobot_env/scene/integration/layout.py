@@ -16,18 +16,17 @@ NQ, NV, NU, NBODY, NTENDON, MEMORY, STRIDE, LENGTHS = range(8)
 PATH, ROWS, SERVOS, TOLD, TELL, SHADOW_STATES, OFFSETS = range(8, 15)
 
 #: Arrays whose offsets in MuJoCo's structures follow in the header, from `OFFSETS` on.
-MODEL_FIELDS = namedtuple(
-    "Model",
-    "M_rownnz M_rowadr M_colind jnt_stiffness dof_jntid dof_damping actuator_biasprm "
-    "actuator_forcerange ten_J_rownnz ten_J_rowadr ten_J_colind tendon_frictionloss "
-    "actuator_gainprm dof_parentid",
-)._fields
-DATA_FIELDS = namedtuple(
-    "Data",
-    "qpos qvel ctrl qfrc_applied xfrc_applied qacc M qfrc_passive qfrc_bias qfrc_actuator "
-    "actuator_moment moment_rownnz moment_rowadr moment_colind actuator_force cdof "
-    "qfrc_smooth ten_J actuator_length",
-)._fields
+MODEL_FIELDS = (
+    "M_rownnz", "M_rowadr", "M_colind", "jnt_stiffness", "dof_jntid", "dof_damping",
+    "actuator_biasprm", "actuator_forcerange", "ten_J_rownnz", "ten_J_rowadr", "ten_J_colind",
+    "tendon_frictionloss", "actuator_gainprm", "dof_parentid",
+)  # fmt: skip
+DATA_FIELDS = (
+    "qpos", "qvel", "ctrl", "qfrc_applied", "xfrc_applied", "qacc", "M", "qfrc_passive",
+    "qfrc_bias", "qfrc_actuator", "actuator_moment", "moment_rownnz", "moment_rowadr",
+    "moment_colind", "actuator_force", "cdof", "qfrc_smooth", "ten_J",
+    "actuator_length",
+)  # fmt: skip
 HEADER = OFFSETS + len(MODEL_FIELDS) + len(DATA_FIELDS) + 1  # and the time
 
 #: Places in the header of the offsets, by the names of the fields.

@@ -1,7 +1,8 @@
 """The closed forms that take the place of laws on tables for the arm, and for planar arms.
 
 They stay because they are better on their robot, as measured on its MuJoCo plant beside the laws of
-any robot on a table of 219 operating points. Mean errors [mm] on swing and L-shape:
+any robot (`control.scheduled.policies`) on a table of 219 operating points. Mean errors [mm] of the
+episodes that `softrobot evaluate --tasks swing lshape` runs, with each of the two in turn:
 
     law           closed form       table
     lqi           0.33    0.13      0.50   0.29
