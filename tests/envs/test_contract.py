@@ -84,7 +84,19 @@ def make_one(request, make_env):
 # ---------------------------------------------------------------- spaces
 
 
-@pytest.mark.parametrize("policy", POLICIES)
+def driven(*policies):
+    """Families with each of some policies; of rods that stretch without those in which tensions jump
+    from none to full, which cost minutes a period."""
+    cases = [
+        pytest.param(family, policy, marks=marks)
+        for family, (_, _, marks) in FAMILIES.items()
+        for policy in policies
+        if marks != SLOW or policy in ("hold", "uniform")
+    ]
+    return pytest.mark.parametrize(("make_one", "policy"), cases, indirect=["make_one"])
+
+
+@driven(*POLICIES)
 def test_observations_stay_inside_the_space(policy, make_one):
     env = make_one()
     observation, _ = env.reset(seed=1)
@@ -96,6 +108,15 @@ def test_observations_stay_inside_the_space(policy, make_one):
         assert ("failure" in info) == terminated and not (terminated and truncated)
         assert np.all(info["tendon_tension"] >= 0)
     assert not (terminated and policy == "hold")
+
+
+def test_episodes_end_by_time_or_where_a_pump_drives_the_arm_out(env_id, make_env):
+    env = make_env(env_id, observe="all")
+    for policy in ("hold", "pumping"):
+        env.reset(seed=1)
+        *_, (_, _, terminated, truncated, info) = steps(env, POLICIES[policy])
+        assert (terminated, truncated) == (policy == "pumping", policy == "hold")
+        assert ("failure" in info) == terminated
 
 
 def test_spaces_are_finite_and_alike(make_env):
@@ -116,7 +137,7 @@ def test_spaces_are_finite_and_alike(make_env):
 # ---------------------------------------------------------------- determinism, copies
 
 
-@pytest.mark.parametrize("policy", ["uniform", "pumping"])
+@driven("uniform", "pumping")
 def test_episodes_repeat_bitwise(policy, make_one):
     env, other = make_one(), make_one()
     runs = []
