@@ -85,8 +85,10 @@ def make_one(request, make_env):
 
 
 def driven(*policies):
-    """Families with each of some policies; of rods that stretch without those in which tensions jump
-    from none to full, which cost minutes a period."""
+    """Families with each of some policies.
+
+    Rods that stretch go without those in which tensions jump from none to full: minutes a period.
+    """
     cases = [
         pytest.param(family, policy, marks=marks)
         for family, (_, _, marks) in FAMILIES.items()
