@@ -7,13 +7,7 @@ from support.oscillators import chain
 from softrobot_env.beams import mechanics, signals
 from softrobot_env.beams.numerics import integration
 from softrobot_env.beams.numerics.compilation import reference
-from softrobot_env.beams.numerics.integration import (
-    METHODS,
-    Control,
-    integrate,
-    samples,
-    workspace,
-)
+from softrobot_env.beams.numerics.integration import METHODS, Control, integrate, samples, workspace
 
 STIFF = chain([40.0, 90.0, 60.0, 2.0e6], damping=0.01)
 

@@ -16,15 +16,7 @@ import pytest
 
 from softrobot_env.core import runs
 from softrobot_env.core.processes import Workers, parsed_workers, using
-from softrobot_env.core.runs import (
-    KEPT,
-    Kept,
-    Row,
-    case_key,
-    for_pictures,
-    kept_rows,
-    run_cases,
-)
+from softrobot_env.core.runs import KEPT, Kept, Row, case_key, for_pictures, kept_rows, run_cases
 
 
 def mark_and_square(folder, number):
