@@ -7,10 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams.numerics.compilation import kernel, structure
-from softrobot_env.beams.numerics.quaternions import add_scaled, difference, dot3, row3
 from softrobot_env.robots import RobotParams, Tendon
 from softrobot_env.robots.loads import Load, seen_from_base
+
+from .numerics.compilation import kernel, structure
+from .numerics.quaternions import add_scaled, difference, dot3, row3
 
 #: How tendons can be driven.
 DRIVES = ("tension", "length")

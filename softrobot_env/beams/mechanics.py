@@ -20,9 +20,10 @@ from types import FunctionType, ModuleType
 import numpy as np
 from numba.extending import overload
 
-from softrobot_env.beams.actuation import add_path_forces, path_lengths, tendon_tensions
-from softrobot_env.beams.numerics.compilation import implementation, kernel
 from softrobot_env.machine_code import LINKED
+
+from .actuation import add_path_forces, path_lengths, tendon_tensions
+from .numerics.compilation import implementation, kernel
 
 # ---------------------------------------------------------------- provided by a model
 

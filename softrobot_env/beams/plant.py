@@ -12,11 +12,16 @@ from typing import Any
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams import mechanics
-from softrobot_env.beams.model import BeamModel
-from softrobot_env.beams.numerics import integration
-from softrobot_env.beams.numerics.compilation import kernel, reference
-from softrobot_env.beams.numerics.quaternions import (
+from softrobot_env.core.equilibrium import EquilibriumError
+from softrobot_env.core.interfaces import Measurement
+from softrobot_env.robots import Base, Disc, RobotParams, Section
+from softrobot_env.robots.loads import Load
+
+from . import mechanics
+from .model import BeamModel
+from .numerics import integration
+from .numerics.compilation import kernel, reference
+from .numerics.quaternions import (
     add,
     cross,
     difference,
@@ -26,11 +31,7 @@ from softrobot_env.beams.numerics.quaternions import (
     scaled,
     weighting,
 )
-from softrobot_env.beams.signals import Signal
-from softrobot_env.core.equilibrium import EquilibriumError
-from softrobot_env.core.interfaces import Measurement
-from softrobot_env.robots import Base, Disc, RobotParams, Section
-from softrobot_env.robots.loads import Load
+from .signals import Signal
 
 #: Builds the model of a robot under some loads.
 Build = Callable[[RobotParams, Sequence[Load]], BeamModel]

@@ -11,7 +11,7 @@ from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 
 if TYPE_CHECKING:
-    from softrobot_env.beams.model import BeamModel
+    from .model import BeamModel
 
 #: Coordinates of the tip that are measured of a planar robot.
 PLANE = slice(0, 3, 2)
@@ -106,7 +106,7 @@ class BeamPlant:
         Raises:
             ValueError: A number of pieces that the model cannot have, or what the model lacks.
         """
-        from softrobot_env.beams.plant import SteppedModel
+        from .plant import SteppedModel
 
         beam = _BEAMS[self.name]
         if robot.head is not None and not beam.heads:

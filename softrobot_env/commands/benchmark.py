@@ -4,16 +4,6 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 from pathlib import Path
 
-from softrobot_env.commands.arguments import add, add_robot, add_workers, flags, seed
-from softrobot_env.commands.output import (
-    add_out,
-    changed_results,
-    drawn,
-    new_results,
-    progress_on,
-    say,
-    write_report,
-)
 from softrobot_env.core.files import write_text
 from softrobot_env.core.processes import using
 from softrobot_env.core.registry import load
@@ -22,6 +12,17 @@ from softrobot_env.core.studies import BENCHMARKS, Benchmark, measured
 from softrobot_env.evaluation import stored
 from softrobot_env.rendering.tables import text_page
 from softrobot_env.robots import GRIPPERS, find_robot
+
+from .arguments import add, add_robot, add_workers, flags, seed
+from .output import (
+    add_out,
+    changed_results,
+    drawn,
+    new_results,
+    progress_on,
+    say,
+    write_report,
+)
 
 EXAMPLE = """softrobot benchmark speed --quick
   softrobot benchmark accuracy --robot my.toml

@@ -7,15 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from softrobot_env.commands import setups
-from softrobot_env.commands.arguments import expand_all, flags
-from softrobot_env.commands.setups import Setup
 from softrobot_env.control.registry import EVERY_POLICY, POLICIES, installed_policies, policy_name
 from softrobot_env.envs.disturbances import rounded
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.robots import VARIATIONS, default_robot, entry_of
 from softrobot_env.tasks import Task, find_maker, make_task, tasks_of
+
+from . import setups
+from .arguments import expand_all, flags
+from .setups import Setup
 
 #: Step widths [m] of tasks that have one, unless given (thesis Tabs. 6.2 to 6.4).
 STEP_WIDTHS = (0.05, 0.1, 0.2)
@@ -33,7 +34,7 @@ def make_setup(args: Namespace) -> Setup:
     """
     env = getattr(args, "env", setups.SIMULATED)
     if env != setups.SIMULATED:
-        from softrobot_env.commands.robot.setup import RealSetup
+        from .robot.setup import RealSetup
 
         if args.robot is not None:
             raise ValueError(f"--robot: only with simulated robots, --env {env} has its rig")

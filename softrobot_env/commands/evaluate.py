@@ -6,10 +6,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from softrobot_env.commands import arguments, output, setups
-from softrobot_env.commands.arguments import SEVERAL, Parsers, add
-from softrobot_env.commands.cases import left_out, make_cases, make_setup
-from softrobot_env.commands.output import say
 from softrobot_env.core.extras import install_command
 from softrobot_env.core.files import write_text
 from softrobot_env.core.processes import using
@@ -22,6 +18,11 @@ from softrobot_env.evaluation.runner import EvaluatedRow
 from softrobot_env.hardware.errors import RobotError
 from softrobot_env.recordings import write_recording
 from softrobot_env.robots import VARIATIONS
+
+from . import arguments, output, setups
+from .arguments import SEVERAL, Parsers, add
+from .cases import left_out, make_cases, make_setup
+from .output import say
 
 EXAMPLE = """softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1.25,1.5
   softrobot evaluate --tasks triangle --option period=5,1 --twin 0

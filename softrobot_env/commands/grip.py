@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 from numpy import ndarray
 
-from softrobot_env.commands.arguments import add, positive, size
-from softrobot_env.commands.output import add_out, new_file, progress_on, say
 from softrobot_env.robots import GRIPPERS, find_gripper
 from softrobot_env.scene.assembly import FINENESS
 from softrobot_env.tasks.gripper import GRIP_TASKS
+
+from .arguments import add, positive, size
+from .output import add_out, new_file, progress_on, say
 
 if TYPE_CHECKING:
     from softrobot_env.evaluation.run import Moment

@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softrobot_env.commands import output
-from softrobot_env.commands.arguments import add, add_robot, add_workers
-from softrobot_env.commands.output import say
-from softrobot_env.commands.recording import add_file
 from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.core.processes import chosen_processes, using
 from softrobot_env.recordings import read_recording
 from softrobot_env.robots import find_robot
+
+from . import output
+from .arguments import add, add_robot, add_workers
+from .output import say
+from .recording import add_file
 
 if TYPE_CHECKING:
     from softrobot_env.identification.fit.path import Identification

@@ -8,10 +8,6 @@ from pathlib import Path
 import mujoco
 from rich.table import Table
 
-from softrobot_env.commands import arguments
-from softrobot_env.commands.arguments import add
-from softrobot_env.commands.output import add_out, check_free, say
-from softrobot_env.commands.setups import Setup, add_task, one_task
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.runner import Case, simulated
 from softrobot_env.rendering.tables import Column, make_table, named_values
@@ -21,6 +17,11 @@ from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.inverse import sample_of, workspace_of
 from softrobot_env.scene.registry import scene_of
+
+from . import arguments
+from .arguments import add
+from .output import add_out, check_free, say
+from .setups import Setup, add_task, one_task
 
 EXAMPLE = """softrobot inspect --task swing
   softrobot inspect --task triangle --twin 0

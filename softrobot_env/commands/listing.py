@@ -5,14 +5,15 @@ from collections.abc import Callable
 
 from gymnasium.envs.registration import registry
 
-from softrobot_env.commands.arguments import add, add_robot
-from softrobot_env.commands.output import say
 from softrobot_env.control.registry import EVERY_POLICY, fitting_policies
 from softrobot_env.core.studies import BENCHMARKS
 from softrobot_env.rendering.tables import named_values
 from softrobot_env.robots import ROBOTS, RobotParams, find_robot
 from softrobot_env.tasks import Maker, defaults, tasks_of
 from softrobot_env.tasks.generic import GENERIC_TASKS
+
+from .arguments import add, add_robot
+from .output import say
 
 EXAMPLE = """softrobot list
   softrobot list policies --robot my.toml"""

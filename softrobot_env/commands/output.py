@@ -13,11 +13,12 @@ from typing import Any
 from rich.console import Console
 from rich.progress import Progress, TextColumn, TimeElapsedColumn
 
-from softrobot_env.commands.arguments import Parsers, add
 from softrobot_env.core.files import private_dir, write_text
 from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.evaluation.report import write_json
 from softrobot_env.rendering.tables import text_page
+
+from .arguments import Parsers, add
 
 #: What makes a folder one of results, and the list of what was written to it.
 _REPORT, _LIST = "report.json", ".written"

@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import Group
 
-from softrobot_env.commands import arguments, output
-from softrobot_env.commands.arguments import Parsers, add
-from softrobot_env.commands.output import say
 from softrobot_env.core.registry import Registry
 from softrobot_env.recordings import Recording, read_recording
 from softrobot_env.recordings.header import UNITS
 from softrobot_env.recordings.recording import Summary, summarize
 from softrobot_env.rendering.tables import Column, PlainTable, make_table, named_values, new_table
 from softrobot_env.robots import RobotParams, find_robot
+
+from . import arguments, output
+from .arguments import Parsers, add
+from .output import say
 
 if TYPE_CHECKING:
     from softrobot_env.identification.replay import ErrorRow, Replay

@@ -1,6 +1,8 @@
 """The commands of `softrobot`."""
 
-from softrobot_env.commands import (
+from softrobot_env.core.registry import Registry
+
+from . import (
     benchmark,
     evaluate,
     grip,
@@ -15,9 +17,8 @@ from softrobot_env.commands import (
     view,
     warm_up,
 )
-from softrobot_env.commands.arguments import Command
-from softrobot_env.commands.robot import command as robot
-from softrobot_env.core.registry import Registry
+from .arguments import Command
+from .robot import command as robot
 
 #: Name -> command.
 COMMANDS: Registry[Command] = Registry(

@@ -2,14 +2,15 @@
 
 from argparse import ArgumentParser, Namespace
 
-from softrobot_env.commands import arguments
-from softrobot_env.commands.arguments import add
-from softrobot_env.commands.cases import make_setup, one_case
-from softrobot_env.commands.output import add_out, check_free, new_file, progress_on, say
-from softrobot_env.commands.setups import add_task
 from softrobot_env.envs.recording import RecordEpisodes
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.robots import ENTRIES
+
+from . import arguments
+from .arguments import add
+from .cases import make_setup, one_case
+from .output import add_out, check_free, new_file, progress_on, say
+from .setups import add_task
 
 #: Frames per second of a GIF, and frames in all, unless told.
 _GIF_FPS, _GIF_FRAMES = 12, 180

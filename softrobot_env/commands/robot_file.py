@@ -3,13 +3,14 @@
 from argparse import ArgumentParser, Namespace
 from types import SimpleNamespace
 
-from softrobot_env.commands.arguments import add, add_commands, add_robot
-from softrobot_env.commands.output import add_out, check_free, say
 from softrobot_env.core.files import write_text
 from softrobot_env.robots import find_robot, read_robot
 from softrobot_env.scene.build import build_scene, scene_xml
 from softrobot_env.scene.config import visible
 from softrobot_env.scene.registry import SCENES, scene_of
+
+from .arguments import add, add_commands, add_robot
+from .output import add_out, check_free, say
 
 EXAMPLE = "softrobot robot-file check my.toml"
 

@@ -10,8 +10,6 @@ from typing import Any
 import gymnasium
 
 from softrobot_env.beams.registry import MUJOCO
-from softrobot_env.commands import arguments
-from softrobot_env.commands.arguments import SEVERAL, Parsers, add
 from softrobot_env.control.registry import FEEDBACKS, SENSORS, incompatibility, policy_environment
 from softrobot_env.control.sensed import load_reconstruction
 from softrobot_env.core.records import placed
@@ -41,6 +39,9 @@ from softrobot_env.tasks import (
     with_option,
 )
 from softrobot_env.tasks.generic import GENERIC_TASKS
+
+from . import arguments
+from .arguments import SEVERAL, Parsers, add
 
 #: What --env can be: simulated, or over a serial line.
 SIMULATED = "sim"

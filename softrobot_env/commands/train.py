@@ -8,9 +8,6 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from softrobot_env.commands import arguments, output
-from softrobot_env.commands.arguments import SEVERAL, Parsers, add
-from softrobot_env.commands.output import say
 from softrobot_env.core.processes import using
 from softrobot_env.core.runs import KEPT, kept_rows
 from softrobot_env.rendering.tables import named_values
@@ -30,6 +27,10 @@ from softrobot_env.training.rl_config import (
     TRAINING_TASKS,
     checkpoint_of,
 )
+
+from . import arguments, output
+from .arguments import SEVERAL, Parsers, add
+from .output import say
 
 if TYPE_CHECKING:
     from softrobot_env.training.several.runs import Run

@@ -6,9 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from softrobot_env.commands import train
-from softrobot_env.commands.arguments import SEVERAL, add, add_robot, add_workers, of_text, whole
-from softrobot_env.commands.output import add_out, check_free, new_results, progress_on, say
 from softrobot_env.core.runs import KEPT, kept_rows
 from softrobot_env.robots import default_robot, find_robot
 from softrobot_env.training.registry import LEARNERS, TRAININGS, check_reinforcement
@@ -24,6 +21,10 @@ from softrobot_env.training.several.search import (
     trial_folder,
     tune_on,
 )
+
+from . import train
+from .arguments import SEVERAL, add, add_robot, add_workers, of_text, whole
+from .output import add_out, check_free, new_results, progress_on, say
 
 if TYPE_CHECKING:
     from softrobot_env.training.several.runs import Run

@@ -5,15 +5,16 @@ from contextlib import closing
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from softrobot_env.commands.arguments import add, add_robot, port
-from softrobot_env.commands.cases import make_setup, one_case
-from softrobot_env.commands.output import say
-from softrobot_env.commands.setups import add_task, one_task
 from softrobot_env.envs.rendering import RenderError, check_display
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import visible
 from softrobot_env.scene.registry import scene_of
+
+from .arguments import add, add_robot, port
+from .cases import make_setup, one_case
+from .output import say
+from .setups import add_task, one_task
 
 if TYPE_CHECKING:
     from softrobot_env.envs.tracking import TrackingEnv

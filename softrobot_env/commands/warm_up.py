@@ -7,11 +7,12 @@ from itertools import islice
 from time import perf_counter
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
-from softrobot_env.commands.arguments import add
-from softrobot_env.commands.output import progress_on, say
 from softrobot_env.control.registry import POLICIES, installed_policies
 from softrobot_env.core.processes import usable_cores, worker_processes
 from softrobot_env.robots import ENTRIES, entry_of
+
+from .arguments import add
+from .output import progress_on, say
 
 EXAMPLE = """softrobot warm-up
   softrobot warm-up lq_adaptive pcc"""

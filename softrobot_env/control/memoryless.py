@@ -7,9 +7,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.control.base import NOT_COMPUTED, NOT_FINITE, Controller, Held, Said
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.learned.plain_inference import numba_is_loaded
+
+from .base import NOT_COMPUTED, NOT_FINITE, Controller, Held, Said
 
 #: Writes actions and codes for observations, all of them arrays in one row: (k * size,), float32
 #: (k * n_inputs,) and (k,).

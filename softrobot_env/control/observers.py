@@ -14,15 +14,16 @@ from scipy.linalg import solve_discrete_are
 
 from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.beams.planar_arm import PlanarArm, inertia_forces, make_planar_arm, tip
-from softrobot_env.control.base import Controller, Held, usable
-from softrobot_env.control.limits import finite
-from softrobot_env.control.linear_quadratic import discretized
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.inverse import workspace_of
 from softrobot_env.scene.linearised import Linearizer, LinearModel
+
+from .base import Controller, Held, usable
+from .limits import finite
+from .linear_quadratic import discretized
 
 #: [s], longest step of the prediction by the closed form of the arm.
 _STEP = 1e-3

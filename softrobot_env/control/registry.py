@@ -13,12 +13,13 @@ import gymnasium
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.control.base import MEASURED
-from softrobot_env.control.reduced.environment import is_reduced_model, ssm_environment
 from softrobot_env.core.interfaces import Observation, Policy
 from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.core.registry import VARIANTS, Registry, is_path, load, load_given, served
 from softrobot_env.robots import ENTRIES, RobotParams, default_robot, find_robot
+
+from .base import MEASURED
+from .reduced.environment import is_reduced_model, ssm_environment
 
 
 class Acting:
@@ -373,12 +374,12 @@ def make_policy(
     check_argument("control_period", control_period, Positive)
     policy = _made(name, find_policy(name, robot), robot, control_period, options)
     if feedback != FEEDBACKS[0] and "curvature_rate" in getattr(policy, "requires", ()):
-        from softrobot_env.control.observers import OutputFeedback
+        from .observers import OutputFeedback
 
         _warm_up(policy, robot)
         policy = OutputFeedback(policy, robot, control_period)
     if feedback == SENSORS and MEASURED.intersection(getattr(policy, "requires", ())):
-        from softrobot_env.control.sensed import Sensed, load_reconstruction
+        from .sensed import Sensed, load_reconstruction
 
         _warm_up(policy, robot)
         policy = Sensed(policy, load_reconstruction(robot, sensors), control_period)

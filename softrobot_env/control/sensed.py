@@ -6,13 +6,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.control.base import MEASURED, Controller, Held
 from softrobot_env.core.artifacts import read_arrays
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.artifacts import check_robot, find_artifact
 from softrobot_env.sensing.reconstruction import TIP, Reconstruction, SensedShape
+
+from .base import MEASURED, Controller, Held
 
 _SENSORS = "sensors"
 

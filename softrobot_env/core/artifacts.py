@@ -13,8 +13,8 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core.files import atomic_write
-from softrobot_env.core.records import placed
+from .files import atomic_write
+from .records import placed
 
 
 class Arrays(dict[str, ndarray]):

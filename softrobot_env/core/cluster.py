@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from socket import create_connection
 from typing import Any
 
-from softrobot_env.core import __version__
-from softrobot_env.core.extras import needed
+from . import __version__
+from .extras import needed
 
 #: How often Ray begins a job anew whose worker or node has ended.
 _RETRIES = 5

@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core.equilibrium import EquilibriumError
+from .equilibrium import EquilibriumError
 
 _ITERATIONS = 40  # from a guess
 _HALVINGS = 6  # of a careful iteration

@@ -203,7 +203,7 @@ def worker_processes(count: int | None = None) -> "Iterator[Executor]":
     """
     chosen = _CHOSEN.get()
     if chosen.ray is not None:
-        from softrobot_env.core.cluster import ray_executor
+        from .cluster import ray_executor
 
         with ray_executor(chosen.ray, dict.fromkeys(THREADS, "1")) as cluster:
             yield cluster

@@ -22,10 +22,10 @@ import cloudpickle
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core import __version__
-from softrobot_env.core.files import assets_dir, models_dir
-from softrobot_env.core.interfaces import ProgressCallback, quiet
-from softrobot_env.core.processes import worker_processes
+from . import __version__
+from .files import assets_dir, models_dir
+from .interfaces import ProgressCallback, quiet
+from .processes import worker_processes
 
 # ---------------------------------------------------------------- rows
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from softrobot_env.core.registry import Registry, load
-from softrobot_env.core.runs import Kept
+from .registry import Registry, load
+from .runs import Kept
 
 
 class Benchmark(Protocol):

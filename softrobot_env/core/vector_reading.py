@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core.arrays import HostArrays, namespace
-from softrobot_env.core.artifacts import Arrays
+from .arrays import HostArrays, namespace
+from .artifacts import Arrays
 
 _READING, _RAW = "vector_", "sensors"
 

@@ -15,8 +15,6 @@ from softrobot_env.core.records import (
     check_argument,
     check_fields,
 )
-from softrobot_env.envs.randomization import Randomization
-from softrobot_env.envs.rewards import GripReward, TrackingReward
 from softrobot_env.robots import Gripper, RobotParams
 from softrobot_env.robots.parameters import Pieces
 from softrobot_env.robots.twin import Twin
@@ -24,6 +22,9 @@ from softrobot_env.scene.assembly import Resolution
 from softrobot_env.scene.config import DEFAULT_SHARE
 from softrobot_env.tasks import OPTIONS, Task, options_of
 from softrobot_env.tasks.gripper import GripTask
+
+from .randomization import Randomization
+from .rewards import GripReward, TrackingReward
 
 #: [s].
 ControlPeriod = Annotated[float, Range("between 0.001 and 0.2 s", lambda x: 1e-3 <= x <= 0.2)]

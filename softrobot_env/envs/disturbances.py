@@ -6,12 +6,13 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.arrays import HOST, HostArrays, namespace
-from softrobot_env.envs.observations.readouts import SensorNoise, filmed, fitted, noisy
-from softrobot_env.envs.observations.table import SENSOR_NOISE, Measured
 from softrobot_env.robots.variations import VARIATIONS
 
+from .observations.readouts import SensorNoise, filmed, fitted, noisy
+from .observations.table import SENSOR_NOISE, Measured
+
 if TYPE_CHECKING:
-    from softrobot_env.envs.parts import SimulatedParts
+    from .parts import SimulatedParts
 
 __all__ = ["SENSOR_NOISE", "Drives", "Periphery", "SensorNoise", "noise_seed"]
 

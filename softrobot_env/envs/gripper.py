@@ -10,21 +10,22 @@ from numpy import float64, ndarray
 
 from softrobot_env.core.interfaces import Seen
 from softrobot_env.core.records import check_argument
-from softrobot_env.envs.config import GRIPPER, MANY, PICTURES, ControlPeriod, EnvConfig
-from softrobot_env.envs.options import MASK, checked_actions
-from softrobot_env.envs.parts import EpisodeSpec
-from softrobot_env.envs.rendering import GripperRenderer
-from softrobot_env.envs.rewards import GripReward
-from softrobot_env.envs.simulation.grippers import (
+from softrobot_env.robots import Gripper, RobotParams, as_number, find_gripper
+from softrobot_env.scene.assembly import FINENESS, Resolution
+from softrobot_env.tasks.gripper import DRAWN, GRIP_TASKS, POSITIVE, GripTask
+
+from .config import GRIPPER, MANY, PICTURES, ControlPeriod, EnvConfig
+from .options import MASK, checked_actions
+from .parts import EpisodeSpec
+from .rendering import GripperRenderer
+from .rewards import GripReward
+from .simulation.grippers import (
     FingerSensors,
     GripperBatch,
     GripperView,
     observes,
 )
-from softrobot_env.envs.vector import BatchEnv
-from softrobot_env.robots import Gripper, RobotParams, as_number, find_gripper
-from softrobot_env.scene.assembly import FINENESS, Resolution
-from softrobot_env.tasks.gripper import DRAWN, GRIP_TASKS, POSITIVE, GripTask
+from .vector import BatchEnv
 
 #: Of the fingers' own quantities each has one; pulls and shaking are vectors.
 _OF_FINGERS, _VECTORS = ("modulus", "arm"), ("pull", "shake")

@@ -10,9 +10,10 @@ from numpy import float64, ndarray
 
 from softrobot_env.core.arrays import HOST, HostArrays, namespace
 from softrobot_env.core.records import shown
-from softrobot_env.envs.disturbances import periods
 from softrobot_env.robots.variations import VARIATIONS, as_number, check_variation, neutral
 from softrobot_env.tasks import LONGEST, Task, remake_task
+
+from .disturbances import periods
 
 #: Option of many environments that says which are reset.
 MASK = "reset_mask"

@@ -17,10 +17,18 @@ from softrobot_env.core.arrays import HOST, HostArrays
 from softrobot_env.core.interfaces import Seen
 from softrobot_env.core.records import check_argument
 from softrobot_env.core.vector_reading import Reading
-from softrobot_env.envs.config import CHAIN, ControlPeriod, EnvConfig
-from softrobot_env.envs.disturbances import periods
-from softrobot_env.envs.observations.readouts import FARTHEST, NOISE_ROOM, Camera, Cameras
-from softrobot_env.envs.observations.table import (
+from softrobot_env.robots import CAMERA_PERIOD, VARIATIONS, RobotParams, Sensor
+from softrobot_env.robots.actuation import Inputs, check_inputs, robot_inputs
+from softrobot_env.robots.twin import LARGEST_ERROR, LARGEST_NOISE, Twin, twin_of
+from softrobot_env.scene.config import DEFAULT_SHARE
+from softrobot_env.scene.quadrature import HingeLayout
+from softrobot_env.scene.servos import Servos
+from softrobot_env.tasks import Task, make_task
+
+from .config import CHAIN, ControlPeriod, EnvConfig
+from .disturbances import periods
+from .observations.readouts import FARTHEST, NOISE_ROOM, Camera, Cameras
+from .observations.table import (
     OBSERVABLES,
     SENSOR_NOISE,
     Sizes,
@@ -32,19 +40,12 @@ from softrobot_env.envs.observations.table import (
     speed_limit,
     usual_of,
 )
-from softrobot_env.envs.options import SIMULATED_OPTIONS, ResetOptions
-from softrobot_env.envs.options import parse_options as parse
-from softrobot_env.envs.randomization import incompatibility
-from softrobot_env.envs.reference import AXES, ReferenceTable, sample_reference
-from softrobot_env.envs.rewards import reward_of
-from softrobot_env.envs.simulation.plants import BeamPlant, MujocoPlant
-from softrobot_env.robots import CAMERA_PERIOD, VARIATIONS, RobotParams, Sensor
-from softrobot_env.robots.actuation import Inputs, check_inputs, robot_inputs
-from softrobot_env.robots.twin import LARGEST_ERROR, LARGEST_NOISE, Twin, twin_of
-from softrobot_env.scene.config import DEFAULT_SHARE
-from softrobot_env.scene.quadrature import HingeLayout
-from softrobot_env.scene.servos import Servos
-from softrobot_env.tasks import Task, make_task
+from .options import SIMULATED_OPTIONS, ResetOptions
+from .options import parse_options as parse
+from .randomization import incompatibility
+from .reference import AXES, ReferenceTable, sample_reference
+from .rewards import reward_of
+from .simulation.plants import BeamPlant, MujocoPlant
 
 if TYPE_CHECKING:
     from softrobot_env.sensing.array import SensorArray

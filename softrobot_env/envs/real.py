@@ -23,11 +23,6 @@ from numpy import ndarray
 
 from softrobot_env.core.interfaces import Seen
 from softrobot_env.core.records import check_argument, shown
-from softrobot_env.envs.config import REAL, EnvConfig
-from softrobot_env.envs.observations.table import EVERY, OBSERVABLES, Sources, copied, speed_limit
-from softrobot_env.envs.options import REAL_OPTIONS, ResetOptions, one_action, parse_options
-from softrobot_env.envs.parts import EnvParts, EpisodeSpec, make_env_task, sizes_of
-from softrobot_env.envs.reference import ReferenceTable
 from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.errors import (
     LinkError,
@@ -46,6 +41,12 @@ from softrobot_env.scene.config import DEFAULT_RULE
 from softrobot_env.scene.quadrature import place_hinges
 from softrobot_env.scene.registry import RIG_PIECES
 from softrobot_env.tasks import RIG_TASKS, Task
+
+from .config import REAL, EnvConfig
+from .observations.table import EVERY, OBSERVABLES, Sources, copied, speed_limit
+from .options import REAL_OPTIONS, ResetOptions, one_action, parse_options
+from .parts import EnvParts, EpisodeSpec, make_env_task, sizes_of
+from .reference import ReferenceTable
 
 #: Needs a board that measures forces.
 TENSION = "tendon_tension"

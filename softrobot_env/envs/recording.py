@@ -9,10 +9,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from numpy import ndarray
 
 from softrobot_env.core.interfaces import Seen
-from softrobot_env.envs.reference import AXES
 from softrobot_env.recordings import Recording, write_recording
 from softrobot_env.recordings.columns import check_writable
 from softrobot_env.recordings.recording import at_their_time, episode_recording
+
+from .reference import AXES
 
 _NEEDED = ("tip_position", "previous_action")
 

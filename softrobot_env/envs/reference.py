@@ -6,9 +6,10 @@ from math import ceil
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.envs.observations.table import REFERENCE_ACCELERATION, REFERENCE_SPEED
 from softrobot_env.robots import RobotParams
 from softrobot_env.tasks import Task
+
+from .observations.table import REFERENCE_ACCELERATION, REFERENCE_SPEED
 
 #: Index of x and z, the coordinates of a planar robot; of x and y, where the height of a spatial
 #: one follows; and of all three.

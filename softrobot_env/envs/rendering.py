@@ -23,13 +23,14 @@ import mujoco
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.envs.simulation.grippers import GripperBatch, bar
 from softrobot_env.robots import Gripper, RobotParams, centerline
 from softrobot_env.scene.appearance import TENDON_LINE, tendon_width, tension_colours
 from softrobot_env.scene.assembly import build_assembly, gripper_scene
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import TIP_SITE
 from softrobot_env.scene.config import FRONT_CAMERA, Appearance, Camera, SceneConfig, visible
+
+from .simulation.grippers import GripperBatch, bar
 
 __all__ = ["Frame", "GripperRenderer", "RenderError", "finger_shapes", "lifted", "make_renderer"]
 

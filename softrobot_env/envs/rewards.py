@@ -12,8 +12,9 @@ from numpy import float64, ndarray
 from softrobot_env.core.arrays import namespace
 from softrobot_env.core.records import Positive, Record, check_argument
 from softrobot_env.core.registry import Registry
-from softrobot_env.envs.observations.table import NEAR
 from softrobot_env.robots import RobotParams
+
+from .observations.table import NEAR
 
 #: Names of the terms, as `info` has them.
 TERMS = tuple(

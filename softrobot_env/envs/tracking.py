@@ -9,18 +9,19 @@ import numpy as np
 from numpy import float64, ndarray
 
 from softrobot_env.core.interfaces import Seen
-from softrobot_env.envs.config import DEFAULT_PERIOD, PICTURES, SIMULATED, EnvConfig
-from softrobot_env.envs.disturbances import Drives, Periphery, reported_variation, rounded
-from softrobot_env.envs.observations.table import Measured, Sources, copied
-from softrobot_env.envs.options import ResetOptions, one_action
-from softrobot_env.envs.parts import EpisodeSpec, SimulatedParts, Start
-from softrobot_env.envs.reference import ReferenceTable
-from softrobot_env.envs.rendering import Frame, WindowRenderer, lifted, make_renderer
-from softrobot_env.envs.simulation.plants import BeamSimulation
 from softrobot_env.robots.variations import VARIATIONS, neutral
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.tasks import Task
+
+from .config import DEFAULT_PERIOD, PICTURES, SIMULATED, EnvConfig
+from .disturbances import Drives, Periphery, reported_variation, rounded
+from .observations.table import Measured, Sources, copied
+from .options import ResetOptions, one_action
+from .parts import EpisodeSpec, SimulatedParts, Start
+from .reference import ReferenceTable
+from .rendering import Frame, WindowRenderer, lifted, make_renderer
+from .simulation.plants import BeamSimulation
 
 __all__ = ["DEFAULT_PERIOD", "TrackingEnv"]
 

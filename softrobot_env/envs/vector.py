@@ -15,10 +15,13 @@ from numpy import ndarray
 from softrobot_env.core.arrays import HOST, HostArrays, namespace
 from softrobot_env.core.interfaces import Seen
 from softrobot_env.core.records import check_argument
-from softrobot_env.envs.config import VECTOR, EnvConfig
-from softrobot_env.envs.disturbances import Periphery, reported_variation, rounded
-from softrobot_env.envs.observations.table import Sources, arrays
-from softrobot_env.envs.options import (
+from softrobot_env.robots.variations import VARIATIONS, neutral
+from softrobot_env.tasks import Task, remake_task
+
+from .config import VECTOR, EnvConfig
+from .disturbances import Periphery, reported_variation, rounded
+from .observations.table import Sources, arrays
+from .options import (
     ResetOptions,
     checked_actions,
     parse_seeds,
@@ -26,12 +29,10 @@ from softrobot_env.envs.options import (
     seed_generators,
     take_mask,
 )
-from softrobot_env.envs.parts import EpisodeSpec, SimulatedParts, Start
-from softrobot_env.envs.reference import ReferenceTable
-from softrobot_env.envs.simulation import warp_limits
-from softrobot_env.envs.simulation.batch import BatchSimulation
-from softrobot_env.robots.variations import VARIATIONS, neutral
-from softrobot_env.tasks import Task, remake_task
+from .parts import EpisodeSpec, SimulatedParts, Start
+from .reference import ReferenceTable
+from .simulation import warp_limits
+from .simulation.batch import BatchSimulation
 
 
 class _Beginning(NamedTuple):

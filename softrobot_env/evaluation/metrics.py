@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.tasks.trajectories import Trajectory
+
+from .rollout import Rollout
 
 #: Part of a step response, at its end, whose mean is the steady-state value.
 _STEADY_WINDOW = 0.1

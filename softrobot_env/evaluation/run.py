@@ -10,8 +10,9 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.interfaces import Observation, Policy
-from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.recordings.recording import at_their_time
+
+from .rollout import Rollout
 
 #: Coordinates x and z, those of positions where an environment does not name its `axes`.
 _PLANE = slice(0, 3, 2)

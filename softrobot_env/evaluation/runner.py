@@ -21,18 +21,19 @@ from softrobot_env.control.registry import (
 )
 from softrobot_env.core.interfaces import Policy
 from softrobot_env.core.registry import load
-from softrobot_env.evaluation.metrics import (
+from softrobot_env.robots import RobotParams, entry_of
+from softrobot_env.robots.twin import Twin, twin_of
+from softrobot_env.tasks import Task
+
+from .metrics import (
     StepMetrics,
     TrackingMetrics,
     step_metrics,
     tracking_metrics,
 )
-from softrobot_env.evaluation.report import own_robot, rig_label, variation_label
-from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.evaluation.run import run_episode, warm_up
-from softrobot_env.robots import RobotParams, entry_of
-from softrobot_env.robots.twin import Twin, twin_of
-from softrobot_env.tasks import Task
+from .report import own_robot, rig_label, variation_label
+from .rollout import Rollout
+from .run import run_episode, warm_up
 
 
 @dataclass(frozen=True, kw_only=True)

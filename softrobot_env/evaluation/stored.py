@@ -13,8 +13,9 @@ from typing import Any, get_type_hints
 
 from softrobot_env.core.artifacts import read_tree, write_tree
 from softrobot_env.core.runs import Record, as_typed
-from softrobot_env.evaluation.report import write_json
-from softrobot_env.evaluation.rollout import Rollout
+
+from .report import write_json
+from .rollout import Rollout
 
 REPORT, DRAWN = "report.json", "drawn.npz"
 

@@ -18,12 +18,12 @@ from typing import Any, Self
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.hardware.errors import LinkError, RefusedError, RobotError, UnansweredError
-from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.session import DeviceInfo, Phase, Session, introduced
-from softrobot_env.hardware.protocol.unit_conversion import FaultInfo, Reading
-from softrobot_env.hardware.robot_file import LONGEST_RAMP, RobotFile
-from softrobot_env.hardware.transport import Transport
+from .errors import LinkError, RefusedError, RobotError, UnansweredError
+from .protocol import messages as m
+from .protocol.session import DeviceInfo, Phase, Session, introduced
+from .protocol.unit_conversion import FaultInfo, Reading
+from .robot_file import LONGEST_RAMP, RobotFile
+from .transport import Transport
 
 _FRESH = 0.5  # s; a robot that has said nothing for longer is taken for dead
 

@@ -1,7 +1,7 @@
 """What can go wrong with a real robot; all texts are for people."""
 
-from softrobot_env.hardware.protocol.messages import Reason
-from softrobot_env.hardware.protocol.unit_conversion import FaultInfo
+from .protocol.messages import Reason
+from .protocol.unit_conversion import FaultInfo
 
 
 class RobotError(RuntimeError):

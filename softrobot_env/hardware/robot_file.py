@@ -23,8 +23,9 @@ from softrobot_env.core.records import (
     whole_numbers,
     write,
 )
-from softrobot_env.hardware.protocol.messages import ADC_CHANNELS, MOST_TENDONS, Capability, Config
 from softrobot_env.robots import LENGTH_SCALE, SERVO_SPEED
+
+from .protocol.messages import ADC_CHANNELS, MOST_TENDONS, Capability, Config
 
 #: Baud rates that a 16 MHz microcontroller meets.
 BAUDS = (57600, 115200, 250000, 500000, 1000000)

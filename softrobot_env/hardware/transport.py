@@ -22,8 +22,9 @@ from types import ModuleType
 from typing import Protocol
 
 from softrobot_env.core.extras import needed
-from softrobot_env.hardware.errors import LinkError
-from softrobot_env.hardware.protocol.messages import SCHEMA, Decoder, Message
+
+from .errors import LinkError
+from .protocol.messages import SCHEMA, Decoder, Message
 
 #: [s] after which a write that nobody reads is given up.
 WRITE_TIMEOUT = 0.2

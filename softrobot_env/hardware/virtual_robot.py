@@ -26,7 +26,8 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.files import atomic_write, cache_dir, firmware_dir
-from softrobot_env.hardware.protocol.messages import (
+
+from .protocol.messages import (
     ADC_CHANNELS,
     FORCE_UNIT,
     LENGTH_UNIT,
@@ -35,7 +36,7 @@ from softrobot_env.hardware.protocol.messages import (
     DeviceState,
     Reset,
 )
-from softrobot_env.hardware.robot_file import Servo
+from .robot_file import Servo
 
 _READ = 4096  # bytes at once
 _MOST_PENDING = 4096  # bytes that a host has not read; what comes later is lost, as on a wire

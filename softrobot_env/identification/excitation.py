@@ -19,7 +19,6 @@ from numpy import ndarray
 
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.records import Count, NotNegative, Positive, Range, Whole, check_fields
-from softrobot_env.identification.visits import RADIUS, TOTAL, VISIT, disk_points, nominal_lengths
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import robot_inputs
@@ -27,6 +26,8 @@ from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.registry import model_scene
 from softrobot_env.tasks import LONGEST, Task
 from softrobot_env.tasks.trajectories import SetPoints
+
+from .visits import RADIUS, TOTAL, VISIT, disk_points, nominal_lengths
 
 Kind = Literal["pulls", "steps", "random", "visits"]
 KINDS = ("pulls", "steps", "random", "visits")

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from softrobot_env.core.registry import Registry
-from softrobot_env.identification.visits import RigData, split
 from softrobot_env.learned.network import Dataset, Network
 from softrobot_env.learned.training import train_validated
+
+from .visits import RigData, split
 
 #: Neurons of the hidden layers.
 HIDDEN = (10, 10)

@@ -17,9 +17,10 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.registry import VARIANTS, load
-from softrobot_env.identification.fit.static_windows import at_rest
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
+
+from .fit.static_windows import at_rest
 
 #: Number of points, and radius [m] of the disk they fill (audit: usable workspace).
 POINTS = 926

@@ -7,7 +7,7 @@ import numba
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.learned.network import Network, absorbed, refuse_inputs
+from .network import Network, absorbed, refuse_inputs
 
 _kernel = numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
 

@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.learned.network import Network, absorbed, refuse_inputs
+from .network import Network, absorbed, refuse_inputs
 
 
 def numba_is_loaded() -> bool:
@@ -22,7 +22,7 @@ def inference(network: Network) -> "Inference":
     """A network for real time: compiled where Numba is loaded, else in plain NumPy."""
     if not numba_is_loaded():
         return PlainInference(network)
-    from softrobot_env.learned.inference import CompiledInference
+    from .inference import CompiledInference
 
     return CompiledInference(network)
 

@@ -23,7 +23,8 @@ from numpy import ndarray
 from scipy.linalg import cho_factor, cho_solve
 
 from softrobot_env.core.continuation import Damping, descend
-from softrobot_env.learned.network import Dataset, Network
+
+from .network import Dataset, Network
 
 #: How the damping mu of a training changes.
 _RULE = Damping(most=1e10)

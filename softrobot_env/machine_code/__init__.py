@@ -4,7 +4,7 @@ from typing import Any
 
 import numba
 
-from softrobot_env.machine_code import notice as notice
+from . import notice as notice
 
 #: Options of a function that compiled code calls, for `njit` and `overload`, and of one that Python
 #: or C code calls. Without them Numba does as it always does.
@@ -14,6 +14,6 @@ CALLED: dict[str, Any] = {}
 # Linking builds on the inside of Numba, known of these versions. Others compile as they always do:
 # the same machine code, in about twice the time.
 if numba.version_info[:2] == (0, 68):
-    from softrobot_env.machine_code import linking
+    from . import linking
 
     LINKED, CALLED = linking.LINKED, linking.CALLED

@@ -5,8 +5,8 @@ file). The header is a short TOML file that says which column is what, in which 
 `NAME.toml` beside `NAME.csv`, or any other that is named. What is read has SI units.
 """
 
-from softrobot_env.recordings.files import read_recording, write_recording
-from softrobot_env.recordings.header import (
+from .files import read_recording, write_recording
+from .header import (
     Commands,
     Frame,
     Header,
@@ -15,7 +15,7 @@ from softrobot_env.recordings.header import (
     read_header,
     write_header,
 )
-from softrobot_env.recordings.recording import Recording
+from .recording import Recording
 
 __all__ = [
     "Commands",

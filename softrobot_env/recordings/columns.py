@@ -12,7 +12,8 @@ from numpy import ndarray
 
 from softrobot_env.core.extras import needed
 from softrobot_env.core.files import atomic_write
-from softrobot_env.recordings.header import Header
+
+from .header import Header
 
 #: Columns (t,) by name.
 Columns = dict[str, ndarray]

@@ -6,7 +6,8 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.records import placed
-from softrobot_env.recordings.columns import (
+
+from .columns import (
     Columns,
     read_csv,
     read_mcap,
@@ -14,8 +15,8 @@ from softrobot_env.recordings.columns import (
     read_parquet,
     write_columns,
 )
-from softrobot_env.recordings.header import UNITS, Header, read_header, write_header
-from softrobot_env.recordings.recording import Recording
+from .header import UNITS, Header, read_header, write_header
+from .recording import Recording
 
 
 def header_path(path: Path | str) -> Path:

@@ -8,9 +8,10 @@ from functools import cached_property
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.recordings.header import Commands, Header, Marker, Time
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import robot_inputs
+
+from .header import Commands, Header, Marker, Time
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,9 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.rendering.figures import (
+from softrobot_env.robots import RobotParams
+
+from .figures import (
     COLOURS,
     REFERENCE,
     Axes,
@@ -18,7 +20,6 @@ from softrobot_env.rendering.figures import (
     add_title,
     style_of,
 )
-from softrobot_env.robots import RobotParams
 
 #: Samples of an episode to show.
 Shown = Callable[[Rollout], slice]

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.rendering.figures import Axes, Figure, Style, add_title, label_lines, new_figure
+from .figures import Axes, Figure, Style, add_title, label_lines, new_figure
 
 #: Checks of a training: environment steps, reward, and largest error [mm].
 Checks = list[dict[str, float]]

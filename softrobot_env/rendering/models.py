@@ -11,7 +11,8 @@ from rich.table import Table
 from softrobot_env.evaluation.models.accuracy import AccuracyRow
 from softrobot_env.evaluation.models.runs import Verdict, front
 from softrobot_env.evaluation.models.stability import StabilityRow
-from softrobot_env.rendering.figures import (
+
+from .figures import (
     GREEN,
     GREY,
     ORANGE,
@@ -29,7 +30,7 @@ from softrobot_env.rendering.figures import (
     save,
     style_of,
 )
-from softrobot_env.rendering.tables import Column, make_table, new_table, number
+from .tables import Column, make_table, new_table, number
 
 #: Verdict -> colour and what a legend says.
 VERDICTS = {

@@ -11,7 +11,11 @@ from numpy import ndarray
 
 from softrobot_env.core.artifacts import read_tree, write_tree
 from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.rendering.curves import (
+from softrobot_env.robots import centerline
+from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.tasks import Task
+
+from .curves import (
     Curve,
     draw_path,
     draw_shapes,
@@ -25,10 +29,7 @@ from softrobot_env.rendering.curves import (
     typical_error,
     varied_curves,
 )
-from softrobot_env.rendering.figures import Figure, add_legend, add_title, new_figure, save
-from softrobot_env.robots import centerline
-from softrobot_env.robots.actuation import TendonMap
-from softrobot_env.tasks import Task
+from .figures import Figure, add_legend, add_title, new_figure, save
 
 #: End of the names of files that have what pictures show.
 DRAWN = "_drawn.npz"

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.rendering.figures import (
+from .figures import (
     BLACK,
     BLUE,
     GREEN,

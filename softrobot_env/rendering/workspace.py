@@ -4,7 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from softrobot_env.rendering.figures import (
+from softrobot_env.robots import RobotParams
+from softrobot_env.scene.inverse import Sample, Workspace, sample_of, workspace_of
+
+from .figures import (
     BLACK,
     BLUE,
     GREY,
@@ -15,8 +18,6 @@ from softrobot_env.rendering.figures import (
     new_figure,
     save,
 )
-from softrobot_env.robots import RobotParams
-from softrobot_env.scene.inverse import Sample, Workspace, sample_of, workspace_of
 
 _SHAPES, _POINTS = 9, 60
 _NAMES = "xyz"

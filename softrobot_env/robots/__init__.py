@@ -9,9 +9,10 @@ from typing import Any
 from warnings import warn
 
 from softrobot_env.core.registry import served
-from softrobot_env.robots.file import read_gripper, read_robot, write_gripper, write_robot
-from softrobot_env.robots.loads import Load
-from softrobot_env.robots.parameters import (
+
+from .file import read_gripper, read_robot, write_gripper, write_robot
+from .loads import Load
+from .parameters import (
     Base,
     Disc,
     Drive,
@@ -21,7 +22,7 @@ from softrobot_env.robots.parameters import (
     RobotParams,
     centerline,
 )
-from softrobot_env.robots.registry import (
+from .registry import (
     CAMERA_PERIOD,
     ENTRIES,
     EXAMPLES,
@@ -38,10 +39,10 @@ from softrobot_env.robots.registry import (
     register_robot,
     usual_task,
 )
-from softrobot_env.robots.sections import Backbone, Section
-from softrobot_env.robots.sensors import Sensor
-from softrobot_env.robots.tendons import Tendon
-from softrobot_env.robots.variations import (
+from .sections import Backbone, Section
+from .sensors import Sensor
+from .tendons import Tendon
+from .variations import (
     VARIATIONS,
     Variation,
     as_number,

@@ -11,7 +11,8 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.arrays import HOST, HostArrays, namespace
-from softrobot_env.robots.parameters import RobotParams, Tendon
+
+from .parameters import RobotParams, Tendon
 
 _ROUNDING = 1e-9
 _STEP = 1e-7  # of an action

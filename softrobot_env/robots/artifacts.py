@@ -12,9 +12,10 @@ from numpy import ndarray
 
 from softrobot_env.core.artifacts import Arrays
 from softrobot_env.core.files import assets_dir, models_dir
-from softrobot_env.robots.file import read_robot
-from softrobot_env.robots.parameters import RobotParams
-from softrobot_env.robots.registry import ROBOTS, default_robot, entry_of
+
+from .file import read_robot
+from .parameters import RobotParams
+from .registry import ROBOTS, default_robot, entry_of
 
 #: Where trainings write what is not beside a robot's file.
 OUT = Path("out")

@@ -21,9 +21,10 @@ from softrobot_env.core.records import (
     read_values,
     write,
 )
-from softrobot_env.robots.parameters import Base, Disc, Drive, Finger, Gripper, RobotParams
-from softrobot_env.robots.sections import Section
-from softrobot_env.robots.tendons import Tendon
+
+from .parameters import Base, Disc, Drive, Finger, Gripper, RobotParams
+from .sections import Section
+from .tendons import Tendon
 
 #: Fewest pieces of a section whose table does not say it, and of one through which a tendon runs
 #: that is not straight: shapes at rest are then within 0.5 % of the length of the exact ones

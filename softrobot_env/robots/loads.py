@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from softrobot_env.core.records import NotNegative, Record, Vector3
-from softrobot_env.robots.parameters import RobotParams
-from softrobot_env.robots.tendons import Tendon
+
+from .parameters import RobotParams
+from .tendons import Tendon
 
 
 @dataclass(frozen=True)

@@ -29,10 +29,11 @@ from softrobot_env.core.records import (
     check_unique,
     unwritten,
 )
-from softrobot_env.robots.sections import Backbone, Pieces, PoissonRatio, Section
-from softrobot_env.robots.sensors import Sensor
-from softrobot_env.robots.tendons import Tendon
-from softrobot_env.robots.variations import varied
+
+from .sections import Backbone, Pieces, PoissonRatio, Section
+from .sensors import Sensor
+from .tendons import Tendon
+from .variations import varied
 
 __all__ = ["Pieces", "Tendon"]
 

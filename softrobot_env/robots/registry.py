@@ -11,8 +11,9 @@ from typing import Any
 
 from softrobot_env.core.files import assets_dir
 from softrobot_env.core.registry import Registry, load_plugins
-from softrobot_env.robots.file import read_gripper, read_robot
-from softrobot_env.robots.parameters import Gripper, RobotParams
+
+from .file import read_gripper, read_robot
+from .parameters import Gripper, RobotParams
 
 #: [m], pulled in by a full-scale action.
 LENGTH_SCALE = 0.03

@@ -25,8 +25,9 @@ import numpy as np
 
 from softrobot_env.core.records import NotNegative, Range, check_fields
 from softrobot_env.core.registry import served
-from softrobot_env.robots.parameters import RobotParams, Tendon
-from softrobot_env.robots.registry import CAMERA_PERIOD, entry_of
+
+from .parameters import RobotParams, Tendon
+from .registry import CAMERA_PERIOD, entry_of
 
 #: Largest standard deviation [m] of a camera's noise, and largest error [m] of a servo: offset plus
 #: half of the backlash. Observation spaces leave room for them.

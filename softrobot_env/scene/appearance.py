@@ -27,9 +27,10 @@ from mujoco import (
 from numpy import ndarray
 
 from softrobot_env.robots import Head, RobotParams, Tendon
-from softrobot_env.scene.chain import HEAD_BODY, TIP_SITE, Chain
-from softrobot_env.scene.config import Appearance, Camera, Load, Marker, PathMarker, Rgba
-from softrobot_env.scene.tendons import route_through_guides
+
+from .chain import HEAD_BODY, TIP_SITE, Chain
+from .config import Appearance, Camera, Load, Marker, PathMarker, Rgba
+from .tendons import route_through_guides
 
 BODY_SKIN = "soft_body"
 TENDON_LINE = "{}_line"

@@ -19,9 +19,10 @@ from softrobot_env.core.motion import State
 from softrobot_env.core.records import Vector3, check_fields, check_unique
 from softrobot_env.core.registry import Registry
 from softrobot_env.robots import Base, Gripper
-from softrobot_env.scene import contacts
-from softrobot_env.scene.appearance import add_camera, add_surroundings
-from softrobot_env.scene.build import (
+
+from . import contacts
+from .appearance import add_camera, add_surroundings
+from .build import (
     CompiledModel,
     Scene,
     build_chain,
@@ -32,14 +33,14 @@ from softrobot_env.scene.build import (
     is_extrapolated,
     spec_xml,
 )
-from softrobot_env.scene.chain import BASE_BODY, SEPARATOR
-from softrobot_env.scene.config import Camera, SceneConfig, contact_pieces
-from softrobot_env.scene.kinematics import Kinematics
-from softrobot_env.scene.mount import TURNS, Mount, Prescribed, add_drives, add_mount, followed
-from softrobot_env.scene.objects import Box, Contacts, Object
-from softrobot_env.scene.simulation import Inputs, SceneMotion, simulate
-from softrobot_env.scene.statics import finite
-from softrobot_env.scene.timestep import LinearChain, TimestepChoice, linearize
+from .chain import BASE_BODY, SEPARATOR
+from .config import Camera, SceneConfig, contact_pieces
+from .kinematics import Kinematics
+from .mount import TURNS, Mount, Prescribed, add_drives, add_mount, followed
+from .objects import Box, Contacts, Object
+from .simulation import Inputs, SceneMotion, simulate
+from .statics import finite
+from .timestep import LinearChain, TimestepChoice, linearize
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline

@@ -13,16 +13,17 @@ from numpy import ndarray
 from softrobot_env.core.motion import State
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import refuse_out_of_plane, refuse_torsion, seen_from_base
-from softrobot_env.scene import appearance, contacts
-from softrobot_env.scene.chain import Chain, add_chain, joint_kinds
-from softrobot_env.scene.config import SceneConfig
-from softrobot_env.scene.kinematics import Kinematics
-from softrobot_env.scene.quadrature import HingeLayout, place_between
-from softrobot_env.scene.simulation import Inputs, SceneMotion, simulate
-from softrobot_env.scene.springs import add_springs, couple_pieces
-from softrobot_env.scene.statics import checked_controls, equilibrium, finite, settle, with_gravity
-from softrobot_env.scene.tendons import add_tendons
-from softrobot_env.scene.timestep import (
+
+from . import appearance, contacts
+from .chain import Chain, add_chain, joint_kinds
+from .config import SceneConfig
+from .kinematics import Kinematics
+from .quadrature import HingeLayout, place_between
+from .simulation import Inputs, SceneMotion, simulate
+from .springs import add_springs, couple_pieces
+from .statics import checked_controls, equilibrium, finite, settle, with_gravity
+from .tendons import add_tendons
+from .timestep import (
     EXTRAPOLATION,
     RATE,
     SAFETY,

@@ -32,7 +32,8 @@ from mujoco import MjModel, MjsBody, MjsJoint, MjSpec, MjsTendon, mjMINVAL, mjtJ
 from numpy import ndarray
 
 from softrobot_env.robots import Head, RobotParams
-from softrobot_env.scene.quadrature import HingeLayout
+
+from .quadrature import HingeLayout
 
 #: Prefix of the hinges' names -> axis. A positive angle of a "hinge" bends +z towards +x, one of
 #: a "side" bends +z towards +y, and a "twist" turns about +z.

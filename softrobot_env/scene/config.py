@@ -18,9 +18,10 @@ from softrobot_env.core.records import (
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.robots.parameters import Pieces
-from softrobot_env.scene.objects import Contacts, Object, Rgba
-from softrobot_env.scene.quadrature import RULES
-from softrobot_env.scene.timestep import CONTACT_INTEGRATORS, EXTRAPOLATION
+
+from .objects import Contacts, Object, Rgba
+from .quadrature import RULES
+from .timestep import CONTACT_INTEGRATORS, EXTRAPOLATION
 
 #: How tendons can be driven.
 ACTUATIONS = ("tension", "length")

@@ -40,8 +40,9 @@ from numpy import ndarray
 
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.sections import Section
-from softrobot_env.scene.chain import HEAD_BODY, Chain
-from softrobot_env.scene.objects import Contacts, G, Object
+
+from .chain import HEAD_BODY, Chain
+from .objects import Contacts, G, Object
 
 #: Name of the backbone among those that touch.
 BACKBONE = "backbone"

@@ -28,11 +28,12 @@ from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.processes import one_blas_thread
 from softrobot_env.robots import Drive, RobotParams
 from softrobot_env.robots.actuation import TendonMap, by_action, robot_inputs
-from softrobot_env.scene.build import Scene, build_scene
-from softrobot_env.scene.registry import model_scene
-from softrobot_env.scene.statics import finite
-from softrobot_env.scene.tangent import StaticForces
-from softrobot_env.scene.tendons import full_length
+
+from .build import Scene, build_scene
+from .registry import model_scene
+from .statics import finite
+from .tangent import StaticForces
+from .tendons import full_length
 
 #: Largest distance of a tip from its point, as a share of the robot's reach, that counts as on it.
 REACHED = 1e-7

@@ -6,12 +6,12 @@ import mujoco
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.scene.chain import TIP_SITE
-from softrobot_env.scene.statics import finite
-from softrobot_env.scene.tendons import full_length
+from .chain import TIP_SITE
+from .statics import finite
+from .tendons import full_length
 
 if TYPE_CHECKING:
-    from softrobot_env.scene.build import Scene
+    from .build import Scene
 
 
 class Kinematics:

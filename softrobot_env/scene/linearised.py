@@ -18,11 +18,12 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.robots.actuation import by_action, robot_inputs
-from softrobot_env.scene.build import Scene
-from softrobot_env.scene.chain import mean_curvature
-from softrobot_env.scene.inverse import InverseStatics
-from softrobot_env.scene.tangent import StaticForces
-from softrobot_env.scene.timestep import linearize
+
+from .build import Scene
+from .chain import mean_curvature
+from .inverse import InverseStatics
+from .tangent import StaticForces
+from .timestep import linearize
 
 
 class LinearModel(NamedTuple):

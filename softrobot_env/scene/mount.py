@@ -22,7 +22,8 @@ from numpy import ndarray
 
 from softrobot_env.core.records import Vector3, check_fields
 from softrobot_env.robots import RobotParams
-from softrobot_env.scene.chain import set_inertia
+
+from .chain import set_inertia
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline

@@ -5,7 +5,8 @@ from dataclasses import replace
 from softrobot_env.core.registry import Registry
 from softrobot_env.robots import ENTRIES, RobotParams, entry_of
 from softrobot_env.robots.registry import RIG_PIECES
-from softrobot_env.scene.config import SceneConfig, TipSensors, visible
+
+from .config import SceneConfig, TipSensors, visible
 
 __all__ = ["RIG_PIECES", "SCENES", "model_scene", "scene_of"]
 

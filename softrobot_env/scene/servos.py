@@ -6,7 +6,8 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.arrays import HOST, HostArrays
-from softrobot_env.scene.integration import layout
+
+from .integration import layout
 
 
 class Servos:

@@ -12,14 +12,15 @@ from mujoco import MjData, MjModel, mjtWarning
 from numpy import ndarray
 
 from softrobot_env.core.motion import IntegrationError, Motion, State, sample_times
-from softrobot_env.scene.contacts import Touch, touches
-from softrobot_env.scene.servos import Servos
-from softrobot_env.scene.statics import checked_controls, finite, with_gravity
-from softrobot_env.scene.tendons import full_length
-from softrobot_env.scene.timestep import TimestepWarning
+
+from .contacts import Touch, touches
+from .servos import Servos
+from .statics import checked_controls, finite, with_gravity
+from .tendons import full_length
+from .timestep import TimestepWarning
 
 if TYPE_CHECKING:
-    from softrobot_env.scene.build import Scene
+    from .build import Scene
 
 #: Inputs of a motion: constant (n_inputs,), one row (k, n_inputs) a control period, or of time [s].
 Inputs = ndarray | Callable[[float], ndarray] | None
@@ -71,7 +72,7 @@ class Simulation:
         self.model = scene.model
         self.data = MjData(scene.model)
         # Compiled code takes time to load.
-        from softrobot_env.scene.integration.integrator import Integration
+        from .integration.integrator import Integration
 
         self._integration = Integration(scene.model, scene.timestep)
         self._warned = False

@@ -87,7 +87,8 @@ from mujoco import MjsJoint, MjsTendon
 from numpy import ndarray
 
 from softrobot_env.robots import RobotParams
-from softrobot_env.scene.chain import Chain, order_of
+
+from .chain import Chain, order_of
 
 #: Of the term in b^2 g^2, for robots with linear channels.
 _WITH_CHANNELS = 0.5

@@ -16,7 +16,8 @@ from softrobot_env.core.equilibrium import (
 )
 from softrobot_env.core.processes import one_blas_thread
 from softrobot_env.robots import RobotParams
-from softrobot_env.scene.tangent import RubbingForces, StaticForces
+
+from .tangent import RubbingForces, StaticForces
 
 __all__ = ["EquilibriumError", "checked_controls", "equilibrium", "finite"]
 

@@ -34,8 +34,8 @@ import numpy as np
 from mujoco import MjData, MjModel, mjtJoint, mjtTrn, mjtWrap
 from numpy import ndarray
 
-from softrobot_env.scene.chain import TIP_SITE
-from softrobot_env.scene.tendons import actuator_arms, tendon_arms
+from .chain import TIP_SITE
+from .tendons import actuator_arms, tendon_arms
 
 #: [rad] of a bend of the whole robot at which friction of its backbone is whole.
 _GIVE = 0.01

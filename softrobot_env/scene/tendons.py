@@ -12,8 +12,9 @@ from mujoco import MjData, MjModel, MjsActuator, MjsBody, MjsTendon, mjtBias, mj
 from numpy import ndarray
 
 from softrobot_env.robots import RobotParams, Tendon
-from softrobot_env.scene.chain import Chain, is_swapped, rub, seen_from_hinges
-from softrobot_env.scene.quadrature import HingeLayout
+
+from .chain import Chain, is_swapped, rub, seen_from_hinges
+from .quadrature import HingeLayout
 
 _PULL = [-1.0, 0, 0, 0, 0, 0]
 

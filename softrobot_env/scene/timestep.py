@@ -45,7 +45,8 @@ from numpy import ndarray
 from softrobot_env.core.processes import one_blas_thread
 from softrobot_env.core.records import Vector2
 from softrobot_env.robots import RobotParams
-from softrobot_env.scene.tendons import actuator_arms, tendon_arms
+
+from .tendons import actuator_arms, tendon_arms
 
 ACCURACY = 1 / 500
 SAFETY = 0.5

@@ -7,9 +7,10 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.robots.sensors import Sensor
-from softrobot_env.sensing import optics
-from softrobot_env.sensing.optics import CONVERTER, SATURATED, STRAIGHT
-from softrobot_env.sensing.shape import Places
+
+from . import optics
+from .optics import CONVERTER, SATURATED, STRAIGHT
+from .shape import Places
 
 #: Standard deviations at which noise ends.
 FARTHEST = 6.0

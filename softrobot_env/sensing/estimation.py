@@ -16,7 +16,8 @@ from scipy.optimize import least_squares
 
 from softrobot_env.core.continuation import Damping, descend
 from softrobot_env.robots.sensors import ACCEPTANCE, OUTPUTS, Sensor
-from softrobot_env.sensing.optics import DRIFT_TIME, STRAIGHT, TILT, follow, lagged, split_light
+
+from .optics import DRIFT_TIME, STRAIGHT, TILT, follow, lagged, split_light
 
 #: How far numbers of specimens are expected to lie from the design [1, rad].
 _SPREAD = 0.1

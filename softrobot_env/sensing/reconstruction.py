@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from softrobot_env.core.artifacts import Arrays
 from softrobot_env.robots import RobotParams, Sensor
-from softrobot_env.sensing.estimation import BendFilter, LightModel, calibrate
+
+from .estimation import BendFilter, LightModel, calibrate
 
 #: The observable that every calibration reports.
 TIP = "tip_position"

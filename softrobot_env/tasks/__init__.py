@@ -1,7 +1,8 @@
 """Tasks: a robot, a reference, a duration and a start."""
 
 from softrobot_env.core.registry import served
-from softrobot_env.tasks.registry import (
+
+from .registry import (
     EVERY_TASK,
     find_maker,
     known_tasks,
@@ -13,8 +14,8 @@ from softrobot_env.tasks.registry import (
     tasks_of,
     with_option,
 )
-from softrobot_env.tasks.spec import LONGEST, OPTIONS, Maker, Option, Task, defaults
-from softrobot_env.tasks.trajectories import SetPoints
+from .spec import LONGEST, OPTIONS, Maker, Option, Task, defaults
+from .trajectories import SetPoints
 
 __getattr__ = served(__name__)
 

@@ -16,9 +16,10 @@ from numpy import ndarray
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.registry import Registry
 from softrobot_env.robots import RobotParams
-from softrobot_env.tasks.smooth_paths import FourierPath, SmoothRun, figure_eight, random_path
-from softrobot_env.tasks.spec import Maker, Task, whole
-from softrobot_env.tasks.trajectories import SetPoints
+
+from .smooth_paths import FourierPath, SmoothRun, figure_eight, random_path
+from .spec import Maker, Task, whole
+from .trajectories import SetPoints
 
 if TYPE_CHECKING:
     from softrobot_env.scene.inverse import InverseStatics, ReachableEllipse

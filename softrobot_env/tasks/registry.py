@@ -7,8 +7,9 @@ from inspect import signature
 
 from softrobot_env.core.registry import Registry, check_name, is_path, load_given, load_plugins
 from softrobot_env.robots import RobotParams, as_number, find_robot
-from softrobot_env.tasks.generic import GENERIC_TASKS, generic_tasks
-from softrobot_env.tasks.spec import OPTIONS, Maker, Task, defaults
+
+from .generic import GENERIC_TASKS, generic_tasks
+from .spec import OPTIONS, Maker, Task, defaults
 
 #: Tasks that were registered for one robot.
 EVERY_TASK: Registry[Maker] = Registry("task", {})

@@ -10,7 +10,8 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.records import Count, Positive, check_fields
-from softrobot_env.tasks.trajectories import Derivatives, quintic_step, ramped
+
+from .trajectories import Derivatives, quintic_step, ramped
 
 Point = tuple[float, float, float]
 

@@ -10,7 +10,8 @@ import numpy as np
 from softrobot_env.core.records import Positive, check_fields
 from softrobot_env.robots import RobotParams, as_number
 from softrobot_env.robots.actuation import check_inputs, robot_inputs
-from softrobot_env.tasks.trajectories import Trajectory
+
+from .trajectories import Trajectory
 
 #: Longest episode [s]; its reference is sampled beforehand.
 LONGEST = 3600.0

@@ -12,7 +12,8 @@ def register() -> None:
     serve()
     from softrobot_env.robots import register_entry
     from softrobot_env.tasks import register_task
-    from softrobot_env.thesis import policies, robots, tasks
+
+    from . import policies, robots, tasks
 
     for entry in robots.ENTRIES:
         register_entry(entry)

@@ -10,7 +10,8 @@ from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.robots import LENGTH_SCALE
 from softrobot_env.tasks import Task
-from softrobot_env.thesis.robots import RIG, RIG_PIECES
+
+from .robots import RIG, RIG_PIECES
 
 
 # Learning libraries know environments by their direct bases: `gymnasium.Env` is one of them.

@@ -3,9 +3,10 @@
 from softrobot_env.control.registry import EVERY_POLICY, PolicySpec
 from softrobot_env.core.registry import VARIANTS
 from softrobot_env.robots import RobotParams
-from softrobot_env.thesis.rig.three_tendons import is_rig
-from softrobot_env.thesis.robots import RIG
 from softrobot_env.training.registry import register_training
+
+from .rig.three_tendons import is_rig
+from .robots import RIG
 
 _ARM, _RIG = "softrobot_env.thesis.arm", "softrobot_env.thesis.rig"
 _IS_ARM, _IS_PLANAR_ARM = f"{_ARM}.timing:is_arm", f"{_ARM}.timing:is_planar_arm"

@@ -8,8 +8,9 @@ from softrobot_env.robots import RobotParams
 from softrobot_env.tasks import smooth_paths, trajectories
 from softrobot_env.tasks.registry import with_option
 from softrobot_env.tasks.spec import Maker, Task, whole
-from softrobot_env.thesis.robots import ARM, RIG, WORKSPACE
-from softrobot_env.thesis.trajectories import LapCircle, RoundedTriangle
+
+from .robots import ARM, RIG, WORKSPACE
+from .trajectories import LapCircle, RoundedTriangle
 
 #: Start of the step task on the equal-force curve.
 _STEP_START = 0.6

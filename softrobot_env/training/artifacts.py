@@ -20,8 +20,9 @@ from softrobot_env.learned.network import Network, Scaling, check_ends, load_for
 from softrobot_env.robots import RobotParams, default_robot
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import artifact_name, find_artifact, fingerprint
-from softrobot_env.training.references import seen_in, training_of
-from softrobot_env.training.request import Metrics, Quantity
+
+from .references import seen_in, training_of
+from .request import Metrics, Quantity
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,9 @@ from softrobot_env.robots import RobotParams, default_robot, entry_of
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import artifact_name
 from softrobot_env.tasks import Task
-from softrobot_env.training.artifacts import as_network, new_layers
-from softrobot_env.training.references import RobotTraining, training_of
+
+from .artifacts import as_network, new_layers
+from .references import RobotTraining, training_of
 
 #: Robots that the teacher is watched with.
 ROBOTS = Randomization(youngs_modulus=(0.45, 1.7), density=(0.55, 1.6), damping_time=(0.45, 2.2))

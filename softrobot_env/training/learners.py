@@ -11,9 +11,10 @@ from stable_baselines3.common.noise import NormalActionNoise
 from torch import nn
 
 from softrobot_env.learned.network import Network
-from softrobot_env.training.artifacts import as_network, put_network
-from softrobot_env.training.rl_config import RLConfig
-from softrobot_env.training.vec_env import TrackingVecEnv
+
+from .artifacts import as_network, put_network
+from .rl_config import RLConfig
+from .vec_env import TrackingVecEnv
 
 
 @dataclass(frozen=True)

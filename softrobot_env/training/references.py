@@ -18,7 +18,8 @@ from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.tasks import Task, make_task
 from softrobot_env.tasks.generic import generic_tasks, site_of
 from softrobot_env.tasks.trajectories import SetPoints
-from softrobot_env.training.rl_config import ROBOT_TASKS, RLConfig, of_any_robot
+
+from .rl_config import ROBOT_TASKS, RLConfig, of_any_robot
 
 #: Share of set points among the tasks, and how long they are held, in periods of the first mode;
 #: sizes of random paths over the default, and laps in a period of the first mode. A random path

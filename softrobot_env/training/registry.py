@@ -14,7 +14,8 @@ from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.core.registry import VARIANTS, Registry, load
 from softrobot_env.robots import RobotParams, entry_of
-from softrobot_env.training.request import WARP, Metrics, Quantity, Training, TrainingRequest
+
+from .request import WARP, Metrics, Quantity, Training, TrainingRequest
 
 #: The last operating points, by robot, plant and whether they are few.
 _FOUND: dict[tuple[RobotParams, str, bool], Any] = {}
@@ -27,7 +28,7 @@ def quantity_mm(length: float) -> Quantity:
 
 def _network(order: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Network of the statics, one of places."""
-    from softrobot_env.training.quasi_static import Learning, train
+    from .quasi_static import Learning, train
 
     how = Learning(samples=400, iterations=20) if "quick" in order.settings else None
     trained = train(order.robot, order.seed, show, how)
@@ -91,8 +92,8 @@ def _teachers_package(robot: RobotParams, settings: Mapping[str, Any]) -> tuple[
 
 def _imitation(order: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Network that imitates a policy; of the arm the model predictive one with preview."""
-    from softrobot_env.training.artifacts import figures, save
-    from softrobot_env.training.imitation import ImitationSetup, imitate, settings_of
+    from .artifacts import figures, save
+    from .imitation import ImitationSetup, imitate, settings_of
 
     lesson = ImitationSetup.of(order.robot, order.settings.get("teacher"), order.folder)
     config = settings_of(lesson, "quick" in order.settings)
@@ -105,7 +106,7 @@ def _reinforcement(
     algorithm: str, randomize: bool, order: TrainingRequest, show: ProgressCallback
 ) -> Metrics:
     """Network that learns by reward; its learning curve is written beside it."""
-    from softrobot_env.training.rl import run
+    from .rl import run
 
     return run(algorithm, _randomized(order, randomize), show)
 
@@ -116,7 +117,7 @@ def check_reinforcement(name: str, order: TrainingRequest) -> None:
     Raises:
         ValueError: A setting that does not exist or is out of range, or no network to start from.
     """
-    from softrobot_env.training.rl import check_order
+    from .rl import check_order
 
     algorithm, randomize = LEARNERS[name]
     check_order(algorithm, _randomized(order, randomize))

@@ -21,18 +21,19 @@ from softrobot_env.learned.network import Network
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.artifacts import fingerprint
 from softrobot_env.tasks import Task
-from softrobot_env.training.artifacts import figures, load_start, save
-from softrobot_env.training.checkpoint import (
+
+from .artifacts import figures, load_start, save
+from .checkpoint import (
     Checkpoint,
     learner_state,
     put_learner_state,
     read,
     write,
 )
-from softrobot_env.training.learners import freeze_actor, make_model, put_actor
-from softrobot_env.training.references import seen_in, training_of, view_for
-from softrobot_env.training.request import Metrics, TrainingRequest, curve_file
-from softrobot_env.training.rl_config import (
+from .learners import freeze_actor, make_model, put_actor
+from .references import seen_in, training_of, view_for
+from .request import Metrics, TrainingRequest, curve_file
+from .rl_config import (
     IMITATION,
     NO_START,
     NUMBERS,
@@ -41,8 +42,8 @@ from softrobot_env.training.rl_config import (
     checkpoint_of,
     preset,
 )
-from softrobot_env.training.vec_env import NetworkVecEnv
-from softrobot_env.training.watch import REACH, Point, Watch
+from .vec_env import NetworkVecEnv
+from .watch import REACH, Point, Watch
 
 
 def train(

@@ -24,8 +24,9 @@ from softrobot_env.sensing.array import felt_bends
 from softrobot_env.sensing.estimation import BEND_PER_PLACE
 from softrobot_env.sensing.reconstruction import TIP, Reconstruction, reconstruct, reported
 from softrobot_env.tasks.trajectories import quintic_step
-from softrobot_env.training.references import generic_task
-from softrobot_env.training.request import Metrics, Quantity, TrainingRequest
+
+from .references import generic_task
+from .request import Metrics, Quantity, TrainingRequest
 
 #: Postures for each quantity that sensors tell, and of a quick run.
 _POSTURES, _FEW = 60, 20

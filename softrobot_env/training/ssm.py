@@ -28,8 +28,9 @@ from softrobot_env.recordings import Recording, read_recording
 from softrobot_env.robots import RobotParams, entry_of
 from softrobot_env.robots.actuation import TendonMap, robot_inputs
 from softrobot_env.robots.artifacts import fingerprint
-from softrobot_env.training.motions import Plan, collect
-from softrobot_env.training.request import Metrics, Quantity, TrainingRequest
+
+from .motions import Plan, collect
+from .request import Metrics, Quantity, TrainingRequest
 
 #: What a robot does: half an hour, decays aside.
 PLAN = Plan(minutes=30, amplitude=0.6, laps_amplitude=1.0)

@@ -12,9 +12,10 @@ from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.learned.network import Network
 from softrobot_env.robots import RobotParams
-from softrobot_env.training.artifacts import check
-from softrobot_env.training.learners import actor_of
-from softrobot_env.training.rl_config import RLConfig
+
+from .artifacts import check
+from .learners import actor_of
+from .rl_config import RLConfig
 
 #: Environment steps, mean `SCORE` of the checks, largest error [mm] on swing and L-shape among
 #: them, and number of failures.

@@ -15,11 +15,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams.actuation import Actuation
-from softrobot_env.beams.ancf.section import SectionLaw, apply_law, set_strain
-from softrobot_env.beams.ancf.shapes import AXES
-from softrobot_env.beams.numerics.compilation import kernel, structure
-from softrobot_env.beams.numerics.quaternions import cross, dot3, row3, scaled
+from ..actuation import Actuation
+from ..numerics.compilation import kernel, structure
+from ..numerics.quaternions import cross, dot3, row3, scaled
+from .section import SectionLaw, apply_law, set_strain
+from .shapes import AXES
 
 #: Tuples, whose length is known where kernels are compiled. All of a robot's data have one type,
 #: whatever its dimension, so that most is compiled once; the longest loops are given the dimension.

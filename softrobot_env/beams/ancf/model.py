@@ -9,12 +9,13 @@ import numpy as np
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
-from softrobot_env.beams import mechanics
-from softrobot_env.beams.actuation import Actuation
-from softrobot_env.beams.ancf import dynamics, section, shapes
-from softrobot_env.beams.model import BeamModel
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load, refuse_out_of_plane, seen_from_base
+
+from .. import mechanics
+from ..actuation import Actuation
+from ..model import BeamModel
+from . import dynamics, section, shapes
 
 #: Laws of a planar model.
 PLANES = ("stress", "strain")

@@ -20,8 +20,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams.numerics.compilation import kernel, structure
 from softrobot_env.robots import RobotParams
+
+from ..numerics.compilation import kernel, structure
 
 
 @structure

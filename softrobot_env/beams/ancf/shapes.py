@@ -4,9 +4,10 @@ import numpy as np
 from numpy import ndarray
 from scipy.linalg import cholesky_banded
 
-from softrobot_env.beams.actuation import Actuation
-from softrobot_env.beams.ancf.section import legendre
 from softrobot_env.robots import RobotParams
+
+from ..actuation import Actuation
+from .section import legendre
 
 #: Integration points of a channel in each element; its length is no polynomial.
 _CHANNEL_POINTS = 4

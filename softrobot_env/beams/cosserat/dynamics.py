@@ -24,9 +24,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams.actuation import Actuation, channel_arm, channel_tangent
-from softrobot_env.beams.numerics.compilation import kernel, structure
-from softrobot_env.beams.numerics.quaternions import (
+from ..actuation import Actuation, channel_arm, channel_tangent
+from ..numerics.compilation import kernel, structure
+from ..numerics.quaternions import (
     add,
     add_scaled,
     cross,

@@ -6,13 +6,14 @@ from itertools import pairwise
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams import mechanics
-from softrobot_env.beams.actuation import Actuation, channel_samples, channels_of
-from softrobot_env.beams.cosserat import dynamics
-from softrobot_env.beams.cosserat.dynamics import CosseratData
-from softrobot_env.beams.model import BeamModel, masses_at
 from softrobot_env.robots import RobotParams, Tendon
 from softrobot_env.robots.loads import Load
+
+from .. import mechanics
+from ..actuation import Actuation, channel_samples, channels_of
+from ..model import BeamModel, masses_at
+from . import dynamics
+from .dynamics import CosseratData
 
 #: Where the rod bends; see `cosserat.dynamics`.
 GRIDS = ("middles", "thesis")

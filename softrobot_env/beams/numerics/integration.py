@@ -6,17 +6,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams import signals
-from softrobot_env.beams.mechanics import (
+from softrobot_env.core.registry import Registry
+
+from .. import signals
+from ..mechanics import (
     acceleration,
     bandwidth,
     iteration_matrix,
     project,
     residual,
 )
-from softrobot_env.beams.numerics import band
-from softrobot_env.beams.numerics.compilation import kernel, structure
-from softrobot_env.core.registry import Registry
+from . import band
+from .compilation import kernel, structure
 
 #: What `integrate` returns.
 DONE, STEP_TOO_SMALL, NOT_CONVERGED, DIVERGED, TOO_MANY_STEPS = range(5)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams.mechanics import (
+from ..mechanics import (
     add_applied,
     add_internal_tangent,
     applied_forces_turn,
@@ -13,7 +13,7 @@ from softrobot_env.beams.mechanics import (
     differentiated,
     locate,
 )
-from softrobot_env.beams.numerics.compilation import kernel
+from .compilation import kernel
 
 #: Imaginary step: its square vanishes beside one, so the derivatives are exact to rounding.
 _STEP = 1e-30

@@ -7,7 +7,7 @@ so products never conjugate them.
 
 import numpy as np
 
-from softrobot_env.beams.numerics.compilation import kernel
+from .compilation import kernel
 
 
 @kernel

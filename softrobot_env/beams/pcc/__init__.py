@@ -1,5 +1,5 @@
 """Piecewise constant curvature."""
 
-from softrobot_env.beams.pcc.model import AXES, INERTIAS, PCC, Station
+from .model import AXES, INERTIAS, PCC, Station
 
 __all__ = ["AXES", "INERTIAS", "PCC", "Station"]

@@ -18,8 +18,8 @@ Vectors are tuples of three numbers, real or complex.
 
 import numpy as np
 
-from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.beams.numerics.quaternions import add, cross, dot3, mix, scaled
+from ..numerics.compilation import kernel
+from ..numerics.quaternions import add, cross, dot3, mix, scaled
 
 #: Rotation angle squared up to which the power series are summed.
 _SERIES_LIMIT = 4.0

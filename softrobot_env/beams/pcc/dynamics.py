@@ -6,9 +6,9 @@ clamp to the tip (motion) and back (forces).
 
 import numpy as np
 
-from softrobot_env.beams.actuation import channel_arm, channel_tangent
-from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.beams.numerics.quaternions import (
+from ..actuation import channel_arm, channel_tangent
+from ..numerics.compilation import kernel
+from ..numerics.quaternions import (
     accumulate,
     add,
     cross,
@@ -18,7 +18,7 @@ from softrobot_env.beams.numerics.quaternions import (
     store,
     vector,
 )
-from softrobot_env.beams.pcc.constant_strain import (
+from .constant_strain import (
     clamp,
     compose,
     motion,

@@ -7,14 +7,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams import mechanics
-from softrobot_env.beams.actuation import Actuation, channel_samples, channels_of
-from softrobot_env.beams.model import BeamModel
-from softrobot_env.beams.numerics.compilation import reference, structure
-from softrobot_env.beams.pcc import dynamics
 from softrobot_env.core.registry import Registry
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load, refuse_out_of_plane, refuse_torsion, seen_from_base
+
+from .. import mechanics
+from ..actuation import Actuation, channel_samples, channels_of
+from ..model import BeamModel
+from ..numerics.compilation import reference, structure
+from . import dynamics
 
 #: Number of coordinates per piece by the choice of `axes`.
 AXES = Registry("axes", {"planar": 1, "spatial": 2, "torsion": 3})

@@ -10,8 +10,6 @@ from time import monotonic
 
 import numpy as np
 
-from softrobot_env.commands.output import add_out, new_file, say
-from softrobot_env.commands.robot.link import add_robot, numbers, open_driver, robot_of
 from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.protocol.messages import Capability
 from softrobot_env.hardware.robot_file import (
@@ -21,6 +19,9 @@ from softrobot_env.hardware.robot_file import (
     jog_file,
     write_robot_file,
 )
+
+from ..output import add_out, new_file, say
+from .link import add_robot, numbers, open_driver, robot_of
 
 EXAMPLE = "softrobot robot calibrate --port /dev/ttyUSB0 --out rig.toml"
 

@@ -13,16 +13,6 @@ import numpy as np
 from rich.live import Live
 from rich.table import Table
 
-from softrobot_env.commands.arguments import Command, add, add_commands
-from softrobot_env.commands.output import say
-from softrobot_env.commands.robot import calibrate, record, soak, virtual
-from softrobot_env.commands.robot.link import (
-    add_robot,
-    info_rows,
-    open_driver,
-    reading_rows,
-    robot_of,
-)
 from softrobot_env.core.registry import Registry
 from softrobot_env.hardware.driver import Driver, identify
 from softrobot_env.hardware.errors import RobotError
@@ -37,6 +27,17 @@ from softrobot_env.hardware.transport import (
     read_link_log,
 )
 from softrobot_env.rendering.tables import Column, make_table, named_values
+
+from ..arguments import Command, add, add_commands
+from ..output import say
+from . import calibrate, record, soak, virtual
+from .link import (
+    add_robot,
+    info_rows,
+    open_driver,
+    reading_rows,
+    robot_of,
+)
 
 EXAMPLE = "softrobot robot hold --port /dev/ttyUSB0 --seconds 10"
 

@@ -6,13 +6,14 @@ from pathlib import Path
 
 from numpy import ndarray
 
-from softrobot_env.commands.arguments import Parsers, add, add_line
-from softrobot_env.commands.output import say
 from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.protocol.session import DeviceInfo
 from softrobot_env.hardware.protocol.unit_conversion import Reading
 from softrobot_env.hardware.robot_file import RobotFile, read_robot_file, rig_file
 from softrobot_env.hardware.transport import LoggingTransport, SerialTransport, Transport
+
+from ..arguments import Parsers, add, add_line
+from ..output import say
 
 
 def add_robot(parser: Parsers) -> None:

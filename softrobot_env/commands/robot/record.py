@@ -8,11 +8,6 @@ from functools import partial
 import gymnasium
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
-from softrobot_env.commands import arguments
-from softrobot_env.commands.arguments import SEVERAL, add
-from softrobot_env.commands.output import add_out, check_free, new_file, progress_on, say
-from softrobot_env.commands.robot.link import robot_of
-from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED
 from softrobot_env.envs.recording import RecordEpisodes
 from softrobot_env.evaluation.report import VIRTUAL
 from softrobot_env.identification import excitation
@@ -20,6 +15,12 @@ from softrobot_env.recordings import Recording, write_recording
 from softrobot_env.recordings.columns import check_writable
 from softrobot_env.recordings.files import header_path
 from softrobot_env.robots import VARIATIONS, RobotParams, default_robot, entry_of, find_robot
+
+from .. import arguments
+from ..arguments import SEVERAL, add
+from ..output import add_out, check_free, new_file, progress_on, say
+from ..setups import ENVIRONMENTS, SIMULATED
+from .link import robot_of
 
 EXAMPLE = """softrobot robot record --twin 3 --out out/rig.csv
   softrobot robot record --robot my.toml --kinds pulls --static --out out/pulls.csv
@@ -127,8 +128,9 @@ def _environment(args: Namespace, robot: RobotParams, planned: excitation.Plan) 
     """The robot in an environment; a real one is at rest when that is closed."""
     if args.env == SIMULATED:
         return _simulated(args, robot, planned)
-    from softrobot_env.commands.robot.setup import VirtualRigEnv
     from softrobot_env.envs.real import RealRigEnv
+
+    from .setup import VirtualRigEnv
 
     if not entry_of(robot).on_a_line or args.plant != MUJOCO:
         raise ValueError(f"--robot, --plant: only with --env {SIMULATED}")

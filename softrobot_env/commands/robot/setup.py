@@ -11,9 +11,6 @@ from typing import Any
 import gymnasium
 
 from softrobot_env.beams.registry import MUJOCO
-from softrobot_env.commands.robot.link import opened, robot_of
-from softrobot_env.commands.robot.virtual import virtual_process
-from softrobot_env.commands.setups import Setup
 from softrobot_env.control.registry import FEEDBACKS
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.evaluation.report import REAL, VIRTUAL
@@ -22,6 +19,10 @@ from softrobot_env.hardware.robot_file import RobotFile
 from softrobot_env.hardware.transport import Transport
 from softrobot_env.robots import RobotParams, default_robot
 from softrobot_env.tasks import Task
+
+from ..setups import Setup
+from .link import opened, robot_of
+from .virtual import virtual_process
 
 #: Arguments of simulated robots alone -> their value unless given.
 _SIMULATED = {"vary": [], "randomize": [], "feedback": FEEDBACKS[0], "plant": MUJOCO}

@@ -14,13 +14,14 @@ import numpy as np
 from numpy import ndarray
 from rich.table import Table
 
-from softrobot_env.commands.arguments import add
-from softrobot_env.commands.output import add_out, new_results, progress_on, say
-from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.core.artifacts import read_arrays
 from softrobot_env.hardware.robot_file import RobotFile, read_robot_file
 from softrobot_env.hardware.tip import TipSource
 from softrobot_env.rendering.tables import named_values
+
+from ..arguments import add
+from ..output import add_out, new_results, progress_on, say
+from .virtual import virtual_process
 
 EXAMPLE = "softrobot robot soak --seconds 60"
 

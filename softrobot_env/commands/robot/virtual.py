@@ -19,13 +19,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.commands.arguments import add, port
-from softrobot_env.commands.output import check_free, say
 from softrobot_env.core.artifacts import write_arrays
 from softrobot_env.hardware.protocol.messages import LENGTH_UNIT
 from softrobot_env.hardware.robot_file import TRACKER_PORT, RobotFile, virtual_file
 from softrobot_env.hardware.tip import UdpTip
 from softrobot_env.hardware.virtual_robot import VirtualRobot, linked
+
+from ..arguments import add, port
+from ..output import check_free, say
 
 EXAMPLE = "softrobot robot virtual --twin 0 --link out/robot"
 

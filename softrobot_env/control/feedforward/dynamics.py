@@ -19,16 +19,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.control.base import REASONS, SATURATED
-from softrobot_env.control.feedforward.law import Feedforward, FeedforwardPI, FeedforwardState
-from softrobot_env.control.feedforward.motion import Motion, ahead_of
-from softrobot_env.control.feedforward.nearby import Neighbourhood
-from softrobot_env.control.feedforward.statics import ChainStatics, NetworkStatics, Rest
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.artifacts import find_artifact
 from softrobot_env.scene.inverse import Linear, least_step
+
+from ..base import REASONS, SATURATED
+from .law import Feedforward, FeedforwardPI, FeedforwardState
+from .motion import Motion, ahead_of
+from .nearby import Neighbourhood
+from .statics import ChainStatics, NetworkStatics, Rest
 
 #: Share of the reach within which the path of equilibria is taken as a parabola.
 _NEAR = 5e-3

@@ -5,12 +5,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.control.base import NOT_FINITE, REASONS, Controller, usable
-from softrobot_env.control.feedforward.motion import DifferenceFilter, Differences, Motion
-from softrobot_env.control.feedforward.nearby import Nearby, Neighbourhood
-from softrobot_env.control.feedforward.statics import Rest, Statics
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import NotNegative, Positive, check_argument
+
+from ..base import NOT_FINITE, REASONS, Controller, usable
+from .motion import DifferenceFilter, Differences, Motion
+from .nearby import Nearby, Neighbourhood
+from .statics import Rest, Statics
 
 #: Shares of the limits of K_P and K_I; the largest K_P, and the largest K_P e as a share of the
 #: reach: what holds near a rest says little of what is far away. Ways over it that no robot moves

@@ -7,15 +7,16 @@ from typing import Any
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.control.base import NOT_FINITE, REASONS, SATURATED, Controller, usable
-from softrobot_env.control.feedforward.feedback import Feedback, FeedbackState
-from softrobot_env.control.feedforward.motion import Motion
-from softrobot_env.control.feedforward.nearby import Neighbourhood
-from softrobot_env.control.feedforward.statics import Rest, statics_of
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.artifacts import find_artifact
+
+from ..base import NOT_FINITE, REASONS, SATURATED, Controller, usable
+from .feedback import Feedback, FeedbackState
+from .motion import Motion
+from .nearby import Neighbourhood
+from .statics import Rest, statics_of
 
 
 @dataclass(frozen=True)

@@ -19,12 +19,13 @@ import numpy as np
 from numpy import ndarray
 from scipy.linalg import eigh, expm
 
-from softrobot_env.control.feedforward.motion import Differences, Motion
-from softrobot_env.control.feedforward.statics import ChainStatics, Rest
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.inverse import Linear
 from softrobot_env.scene.linearised import linearised
 from softrobot_env.scene.tangent import StaticForces
+
+from .motion import Differences, Motion
+from .statics import ChainStatics, Rest
 
 #: [rad], by which tendons are turned to see what that changes.
 _TURN = 0.01

@@ -7,8 +7,6 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.control.base import REASONS, UNREACHABLE
-from softrobot_env.control.feedforward.motion import least_norm
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.learned.network import check_ends, load_for
 from softrobot_env.learned.plain_inference import inference
@@ -19,6 +17,9 @@ from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.inverse import Held, InverseStatics, Linear, Place, least_step
 from softrobot_env.scene.linearised import linearised
 from softrobot_env.scene.registry import model_scene
+
+from ..base import REASONS, UNREACHABLE
+from .motion import least_norm
 
 #: [m/N], singular values of J well below it are not inverted by the closed form's feedback.
 _DAMPING = 1e-3

@@ -14,16 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.control.base import (
-    FINE,
-    REASONS,
-    SATURATED,
-    UNREACHABLE,
-    Said,
-    hold_for,
-    state_sizes,
-)
-from softrobot_env.control.memoryless import Decide, Memoryless
 from softrobot_env.core.artifacts import Arrays
 from softrobot_env.core.files import models_dir
 from softrobot_env.core.records import Positive, Record
@@ -33,6 +23,17 @@ from softrobot_env.learned.plain_inference import PlainInference
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import find_artifact
+
+from ..base import (
+    FINE,
+    REASONS,
+    SATURATED,
+    UNREACHABLE,
+    Said,
+    hold_for,
+    state_sizes,
+)
+from ..memoryless import Decide, Memoryless
 
 #: Time [s] between two decisions on the arm.
 PERIOD = 0.01
@@ -244,7 +245,7 @@ def view_of(robot: RobotParams, sizes: Mapping[str, int], period: float | None =
     Raises:
         ValueError, EquilibriumError: It has no first mode at rest.
     """
-    from softrobot_env.control.scheduled.timing import timing_of
+    from ..scheduled.timing import timing_of
 
     first = timing_of(robot).first
     if period is None:
@@ -385,8 +386,9 @@ class NeuralPolicy(Memoryless):
     def compiled(self) -> Decide:
         """`vector_kernel.decide` with this network and what it sees."""
         from softrobot_env.beams.numerics.compilation import reference
-        from softrobot_env.control.learned.vector_kernel import NetworkLaw, decide
         from softrobot_env.learned.inference import parameters_of
+
+        from .vector_kernel import NetworkLaw, decide
 
         places = _places(self.sizes)
         law = NetworkLaw(

@@ -6,9 +6,10 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel, structure
-from softrobot_env.control.base import FINE, NOT_COMPUTED, NOT_FINITE, SATURATED, UNREACHABLE
-from softrobot_env.control.limits import finite
 from softrobot_env.learned.inference import forward
+
+from ..base import FINE, NOT_COMPUTED, NOT_FINITE, SATURATED, UNREACHABLE
+from ..limits import finite
 
 
 @structure

@@ -6,17 +6,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.control import base
-from softrobot_env.control.limits import kept
-from softrobot_env.control.linear_quadratic import BoundedSolver, lines
-from softrobot_env.control.reduced.environment import ARTIFACT, SAMPLES, preview_times
-from softrobot_env.control.reduced.planning import ahead, estimate, program
 from softrobot_env.core.artifacts import Arrays, read_arrays
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.learned.reduction.model import ReducedModel
 from softrobot_env.learned.reduction.polynomials import Monomials, Motion
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.artifacts import check_robot, find_artifact
+
+from .. import base
+from ..limits import kept
+from ..linear_quadratic import BoundedSolver, lines
+from .environment import ARTIFACT, SAMPLES, preview_times
+from .planning import ahead, estimate, program
 
 #: Shares of a plan's duration at which its inputs are chosen; they are on lines in between.
 _NODES = (0.0, 0.04, 0.09, 0.15, 0.22, 0.3, 0.4, 0.5, 0.62, 0.75, 1.0)

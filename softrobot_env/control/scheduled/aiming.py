@@ -10,12 +10,13 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import implementation, kernel
-from softrobot_env.control.base import FINE, SATURATED, UNREACHABLE, Memory, usable
-from softrobot_env.control.limits import finite
-from softrobot_env.control.reference_smoothing import begin_smoothing, memory_size, smoothed
-from softrobot_env.control.scheduled.law import Law, ScheduledLaw, in_space, is_planar
-from softrobot_env.control.scheduled.table import Row, Table, inverse_of, look_up, look_up_action
 from softrobot_env.core.interfaces import Observation
+
+from ..base import FINE, SATURATED, UNREACHABLE, Memory, usable
+from ..limits import finite
+from ..reference_smoothing import begin_smoothing, memory_size, smoothed
+from .law import Law, ScheduledLaw, in_space, is_planar
+from .table import Row, Table, inverse_of, look_up, look_up_action
 
 #: Damping of the inverse of the tip's derivative by actions.
 _DAMPING = 1e-2

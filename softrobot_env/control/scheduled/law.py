@@ -8,14 +8,15 @@ from numpy import ndarray
 from scipy.optimize import nnls
 
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
-from softrobot_env.control.base import Controller, hold_for, usable
-from softrobot_env.control.scheduled import operating_points
-from softrobot_env.control.scheduled.table import Table, row_size
-from softrobot_env.control.scheduled.timing import Timing, timing_of
 from softrobot_env.core.artifacts import Arrays
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap, robot_inputs
+
+from ..base import Controller, hold_for, usable
+from . import operating_points
+from .table import Table, row_size
+from .timing import Timing, timing_of
 
 #: Rates [1] of the estimates, times the period [s] of the first mode.
 _FORCE_RATE, _OFFSET_RATE = 60.0, 120.0

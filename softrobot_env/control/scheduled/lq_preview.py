@@ -14,15 +14,16 @@ from typing import Any
 from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.control.base import NOT_FINITE, Memory
-from softrobot_env.control.limits import kept
-from softrobot_env.control.scheduled import aiming
-from softrobot_env.control.scheduled.law import Law, tighten
-from softrobot_env.control.scheduled.operating_points import Equilibrium
-from softrobot_env.control.scheduled.plan_gains import Regulator, plan_gains, regulator_of
-from softrobot_env.control.scheduled.timing import Timing, timing_of
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import RobotParams
+
+from ..base import NOT_FINITE, Memory
+from ..limits import kept
+from . import aiming
+from .law import Law, tighten
+from .operating_points import Equilibrium
+from .plan_gains import Regulator, plan_gains, regulator_of
+from .timing import Timing, timing_of
 
 
 class LQPreview(aiming.AimingLaw):

@@ -6,16 +6,17 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import implementation, kernel
-from softrobot_env.control.base import FINE, NOT_FINITE, Memory
-from softrobot_env.control.limits import finite, kept
-from softrobot_env.control.linear_quadratic import integral_gains
-from softrobot_env.control.scheduled.aiming import conclude, status_code_of
-from softrobot_env.control.scheduled.law import Law, ScheduledLaw, in_space, is_planar, tighten
-from softrobot_env.control.scheduled.operating_points import Equilibrium
-from softrobot_env.control.scheduled.table import Table, inverse_of, look_up
-from softrobot_env.control.scheduled.timing import Timing
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import RobotParams
+
+from ..base import FINE, NOT_FINITE, Memory
+from ..limits import finite, kept
+from ..linear_quadratic import integral_gains
+from .aiming import conclude, status_code_of
+from .law import Law, ScheduledLaw, in_space, is_planar, tighten
+from .operating_points import Equilibrium
+from .table import Table, inverse_of, look_up
+from .timing import Timing
 
 #: Weights of the cost int (|e|^2 + i (T g)^2 |a|^2) dt, with e the integral of the tip's error
 #: [m s], T the period of the first mode, a the actions' distance from those at rest, and g [m] how

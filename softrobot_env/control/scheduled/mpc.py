@@ -13,16 +13,17 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.control.base import NOT_COMPUTED, NOT_FINITE, SATURATED, Memory
-from softrobot_env.control.limits import kept
-from softrobot_env.control.linear_quadratic import BoundedSolver
-from softrobot_env.control.scheduled import aiming
-from softrobot_env.control.scheduled.law import Law, tighten
-from softrobot_env.control.scheduled.lq_preview import Preview
-from softrobot_env.control.scheduled.plan_gains import Regulator, deviation_cost
-from softrobot_env.control.scheduled.timing import Timing, knots_until, timing_of
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import RobotParams
+
+from ..base import NOT_COMPUTED, NOT_FINITE, SATURATED, Memory
+from ..limits import kept
+from ..linear_quadratic import BoundedSolver
+from . import aiming
+from .law import Law, tighten
+from .lq_preview import Preview
+from .plan_gains import Regulator, deviation_cost
+from .timing import Timing, knots_until, timing_of
 
 #: Share of the first mode's period, ahead of which actions at rest are looked up.
 _CURVED = 0.05

@@ -13,7 +13,6 @@ from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel, reference
 from softrobot_env.beams.registry import MUJOCO, BeamPlant
-from softrobot_env.control.scheduled.table import Table, look_up
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.motion import State
 from softrobot_env.core.processes import one_blas_thread
@@ -23,6 +22,8 @@ from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.inverse import Held, InverseStatics, ReachableEllipse, workspace_of
 from softrobot_env.scene.linearised import Linearizer, LinearModel
 from softrobot_env.scene.registry import model_scene
+
+from .table import Table, look_up
 
 #: Equilibria that are looked for, and the most of them that become points.
 CANDIDATES, MOST = 600, 250

@@ -4,11 +4,12 @@ import numpy as np
 from numpy import ndarray
 from scipy.linalg import solve_discrete_are
 
-from softrobot_env.control.linear_quadratic import discretized, hats
-from softrobot_env.control.scheduled.operating_points import Equilibrium
-from softrobot_env.control.scheduled.timing import Timing
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import robot_inputs
+
+from ..linear_quadratic import discretized, hats
+from .operating_points import Equilibrium
+from .timing import Timing
 
 #: Weights of the cost sum_k (|e|^2 + (s T)^2 |e.|^2 + i g^2 |a|^2 + r g^2 T^2 |a.|^2), with e the
 #: tip's distance [m] from the reference, T the period of the first mode, a the actions' distance

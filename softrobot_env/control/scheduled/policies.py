@@ -3,14 +3,15 @@
 from pathlib import Path
 from typing import Any
 
-from softrobot_env.control.scheduled.law import read_table, table_arrays
-from softrobot_env.control.scheduled.lq_preview import LQPreview, Preview
-from softrobot_env.control.scheduled.lqi import LQI, Integral
-from softrobot_env.control.scheduled.mpc import PREVIEW, THESIS, Constrained, ScheduledMPC
 from softrobot_env.core.artifacts import read_arrays, write_arrays
 from softrobot_env.core.interfaces import Policy
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.artifacts import check_robot, find_artifact, fingerprint
+
+from .law import read_table, table_arrays
+from .lq_preview import LQPreview, Preview
+from .lqi import LQI, Integral
+from .mpc import PREVIEW, THESIS, Constrained, ScheduledMPC
 
 
 def make_lq_preview(

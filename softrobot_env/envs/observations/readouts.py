@@ -21,13 +21,14 @@ from numpy import ndarray
 
 from softrobot_env.core.arrays import HOST, HostArrays, like, namespace, on_host
 from softrobot_env.core.interfaces import Measurement
-from softrobot_env.envs.observations.table import SENSOR_NOISE, Measured, Read, curvature_rate_limit
-from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.robots import CAMERA_PERIOD, VARIATIONS, RobotParams
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.chain import mean_curvature, station_strain
 from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.simulation import Simulation
+
+from ..simulation.batch import BatchSimulation
+from .table import SENSOR_NOISE, Measured, Read, curvature_rate_limit
 
 if TYPE_CHECKING:  # compiled code takes time to load
     from softrobot_env.sensing.array import SensorArray

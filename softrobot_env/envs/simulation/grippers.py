@@ -16,15 +16,6 @@ from gymnasium import spaces
 from numpy import ndarray
 
 from softrobot_env.core.interfaces import Seen
-from softrobot_env.envs.config import EnvConfig
-from softrobot_env.envs.observations.table import (
-    OBSERVABLES,
-    Sizes,
-    Sources,
-    speed_limit,
-    symmetric,
-)
-from softrobot_env.envs.simulation.batch import Batch
 from softrobot_env.robots.parameters import Gripper
 from softrobot_env.robots.sensors import Sensor
 from softrobot_env.scene import assembly
@@ -33,6 +24,16 @@ from softrobot_env.scene.contacts import links_of
 from softrobot_env.scene.objects import Capsule
 from softrobot_env.scene.timestep import TimestepWarning
 from softrobot_env.tasks.gripper import GripTask
+
+from ..config import EnvConfig
+from ..observations.table import (
+    OBSERVABLES,
+    Sizes,
+    Sources,
+    speed_limit,
+    symmetric,
+)
+from .batch import Batch
 
 if TYPE_CHECKING:  # compiled code takes time to load
     from softrobot_env.sensing.array import SensorArray

@@ -10,10 +10,6 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.interfaces import Measurement, PlantFactory, PlantModel
-from softrobot_env.envs.observations.readouts import BatchReadout, BeamReadout, ChainReadout
-from softrobot_env.envs.observations.table import Sizes, observation_space, speed_limit
-from softrobot_env.envs.reference import PLANE, own_axes
-from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import build_scene, vary_scene
 from softrobot_env.scene.chain import posture
@@ -24,6 +20,11 @@ from softrobot_env.scene.registry import scene_of
 from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.statics import equilibrium
+
+from ..observations.readouts import BatchReadout, BeamReadout, ChainReadout
+from ..observations.table import Sizes, observation_space, speed_limit
+from ..reference import PLANE, own_axes
+from .batch import BatchSimulation
 
 #: Longest time [s] between the instants that a path of controls is given at.
 _PATH_STEP = 2e-3

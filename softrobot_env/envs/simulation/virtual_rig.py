@@ -5,12 +5,13 @@ from math import ceil
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.envs.observations.readouts import Camera
-from softrobot_env.envs.reference import TOP
-from softrobot_env.envs.simulation.plants import MujocoPlant
 from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.registry import RIG_PIECES
 from softrobot_env.scene.servos import Servos
+
+from ..observations.readouts import Camera
+from ..reference import TOP
+from .plants import MujocoPlant
 
 #: Optical curvature sensors, one in each bending direction and sense: counts at rest, and counts
 #: per curvature [m] over a span of 1930 of 4096 counts for the rig's usable range (S).

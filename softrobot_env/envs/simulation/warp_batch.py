@@ -16,12 +16,13 @@ import warp
 from numpy import ndarray
 
 from softrobot_env.core.arrays import TorchArrays
-from softrobot_env.envs.simulation.batch import VARIED, VariedFields, check_timesteps, nominal
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.integration.layout import COMMAND, HALF, HORN, HUGE, MOTOR, OFFSET, SPEED
 from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.tendons import full_length
 from softrobot_env.scene.timestep import EXTRAPOLATION
+
+from .batch import VARIED, VariedFields, check_timesteps, nominal
 
 #: Rows of the extrapolation: 4 evaluations of all forces, and order 3.
 ROWS = 3

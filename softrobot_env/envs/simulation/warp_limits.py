@@ -11,15 +11,16 @@ import mujoco
 import numpy as np
 
 from softrobot_env.core.extras import install_command
-from softrobot_env.envs.randomization import Randomization
-from softrobot_env.envs.simulation.batch import VARIED
 from softrobot_env.robots.variations import VARIATIONS
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.config import DEFAULT_SHARE
 from softrobot_env.scene.timestep import EXTRAPOLATION
 
+from ..randomization import Randomization
+from .batch import VARIED
+
 if TYPE_CHECKING:  # what takes seconds to load
-    from softrobot_env.envs.simulation.warp_batch import WarpBatch
+    from .warp_batch import WarpBatch
 
 #: Those of its integrators.
 INTEGRATORS = (EXTRAPOLATION, "implicitfast", "discrete")
@@ -117,7 +118,7 @@ def make_batch(scene: Scene, count: int, device: str) -> "WarpBatch":
         count: Number of simulations.
         device: As `checked_device` has it.
     """
-    from softrobot_env.envs.simulation.warp_batch import WarpBatch
+    from .warp_batch import WarpBatch
 
     choice, period = scene.timestep, scene.config.control_period
     if choice.integrator == EXTRAPOLATION and scene.config.timestep is None:

@@ -17,7 +17,12 @@ from numpy import ndarray
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.interfaces import ProgressCallback, quiet
 from softrobot_env.core.motion import IntegrationError, State
-from softrobot_env.evaluation.models.runs import (
+from softrobot_env.robots import RobotParams
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.registry import scene_of
+
+from .runs import (
     Excitation,
     Limit,
     Simulated,
@@ -28,10 +33,6 @@ from softrobot_env.evaluation.models.runs import (
     extrapolate,
     unwarned,
 )
-from softrobot_env.robots import RobotParams
-from softrobot_env.scene.build import build_scene
-from softrobot_env.scene.config import SceneConfig
-from softrobot_env.scene.registry import scene_of
 
 #: Length [s] of the motion, full and quick, and number of poses that are compared at rest.
 DURATIONS, POSES = (2.0, 0.4), (8, 3)

@@ -15,7 +15,12 @@ from numpy import ndarray
 
 from softrobot_env.core.interfaces import ProgressCallback, quiet
 from softrobot_env.core.motion import IntegrationError
-from softrobot_env.evaluation.models.runs import (
+from softrobot_env.robots import RobotParams
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.config import INTEGRATORS, SceneConfig
+from softrobot_env.scene.registry import scene_of
+
+from .runs import (
     Excitation,
     Limit,
     Simulated,
@@ -26,10 +31,6 @@ from softrobot_env.evaluation.models.runs import (
     verdict_of,
     with_warning,
 )
-from softrobot_env.robots import RobotParams
-from softrobot_env.scene.build import build_scene
-from softrobot_env.scene.config import INTEGRATORS, SceneConfig
-from softrobot_env.scene.registry import scene_of
 
 #: Length [s] of a motion, full and quick.
 DURATIONS = (1.0, 0.3)

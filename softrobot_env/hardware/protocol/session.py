@@ -11,7 +11,7 @@ from zlib import crc32
 
 from numpy import ndarray
 
-from softrobot_env.hardware.errors import (
+from ..errors import (
     LinkError,
     ProtocolMismatchError,
     RobotError,
@@ -19,8 +19,9 @@ from softrobot_env.hardware.errors import (
     SessionLostError,
     UnansweredError,
 )
-from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.messages import (
+from ..robot_file import RobotFile
+from . import messages as m
+from .messages import (
     CLOCK_UNIT,
     PROTOCOL,
     SCHEMA,
@@ -31,14 +32,13 @@ from softrobot_env.hardware.protocol.messages import (
     Reset,
     encode,
 )
-from softrobot_env.hardware.protocol.unit_conversion import (
+from .unit_conversion import (
     FaultInfo,
     Reading,
     UnitConversion,
     faults,
     kind_of_fault,
 )
-from softrobot_env.hardware.robot_file import RobotFile
 
 _KEPT = 16  # readings
 _CLOCK, _SEQ = 1 << 32, 1 << 16

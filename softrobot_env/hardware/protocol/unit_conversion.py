@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.hardware.protocol.messages import (
+from ..robot_file import RobotFile
+from .messages import (
     CLOCK_UNIT,
     FORCE_UNIT,
     LENGTH_UNIT,
@@ -16,7 +17,6 @@ from softrobot_env.hardware.protocol.messages import (
     State,
     Warning,
 )
-from softrobot_env.hardware.robot_file import RobotFile
 
 _MILLI = 1e-3
 _THERE = 1.5 * LENGTH_UNIT

@@ -17,9 +17,10 @@ from numpy import ndarray
 from scipy.optimize import linear_sum_assignment
 
 from softrobot_env.core.processes import chosen_processes
-from softrobot_env.identification.fit.model import StaticModel, rotation, turn_vector
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
+
+from .model import StaticModel, rotation, turn_vector
 
 _TURNS = 12  # about the axis, tried at first
 _KEPT = 3  # assignments that are improved

@@ -15,10 +15,11 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.continuation import Damping, descend
-from softrobot_env.identification.fit.least_squares import clustered, correlation_time
-from softrobot_env.identification.replay import mean_known, replay
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
+
+from ..replay import mean_known, replay
+from .least_squares import clustered, correlation_time
 
 _LONGEST = 12.0  # s that are simulated
 _SLOW = 0.2  # of the largest speed; slower motion shows friction at rest, not damping

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.identification.fit.least_squares import Fit
-from softrobot_env.identification.fit.model import StaticModel
+from .least_squares import Fit
+from .model import StaticModel
 
 _LEVELS = 8
 _ASKED = 5  # parameters that are known least

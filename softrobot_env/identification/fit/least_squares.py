@@ -14,8 +14,9 @@ from numpy import ndarray
 from scipy.stats import t as student_t
 
 from softrobot_env.core.continuation import Damping, descend
-from softrobot_env.identification.fit.model import Simulated, StaticModel
-from softrobot_env.identification.replay import mean_known
+
+from ..replay import mean_known
+from .model import Simulated, StaticModel
 
 _STEPS = 25
 _LEAST = 1e-4  # relative decrease of the cost at which a search ends

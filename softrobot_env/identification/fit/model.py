@@ -18,13 +18,14 @@ from numpy import ndarray
 
 from softrobot_env.beams.model import masses_at
 from softrobot_env.core.processes import one_blas_thread
-from softrobot_env.identification.fit import kernels, unknowns
-from softrobot_env.identification.fit.kernels import TINY, Body, Layout
-from softrobot_env.identification.fit.unknowns import HOLDS, Turned, Unknowns
 from softrobot_env.recordings import Header, Recording
 from softrobot_env.recordings.header import Commands
 from softrobot_env.robots import Base, RobotParams, Section, Tendon
 from softrobot_env.robots.actuation import with_balance
+
+from . import kernels, unknowns
+from .kernels import TINY, Body, Layout
+from .unknowns import HOLDS, Turned, Unknowns
 
 _PIECES = 6  # at least, over all of the robot
 _CHANNEL = 1000  # spans of a continuous channel in a piece

@@ -9,21 +9,22 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.processes import chosen_processes
-from softrobot_env.identification.fit import assignment, least_squares, unknowns, validation
-from softrobot_env.identification.fit.assignment import Assignment
-from softrobot_env.identification.fit.dynamics import Dynamics, dynamics_of
-from softrobot_env.identification.fit.experiment import Experiment, best_experiments
-from softrobot_env.identification.fit.least_squares import Fit, fitted, search, size
-from softrobot_env.identification.fit.model import StaticModel
-from softrobot_env.identification.fit.residual import Residual, bends_of, trained
-from softrobot_env.identification.fit.static_windows import at_rest
-from softrobot_env.identification.fit.unknowns import HOLDS, STAGES, Fact, Turned, Unknowns
-from softrobot_env.identification.fit.validation import Setup, Validation, cross_validated
-from softrobot_env.identification.networks import Networks, networks_of
-from softrobot_env.identification.replay import mean_known
-from softrobot_env.identification.visits import VISIT, visiting, visits_of
 from softrobot_env.recordings import Header, Recording
 from softrobot_env.robots import RobotParams
+
+from ..networks import Networks, networks_of
+from ..replay import mean_known
+from ..visits import VISIT, visiting, visits_of
+from . import assignment, least_squares, unknowns, validation
+from .assignment import Assignment
+from .dynamics import Dynamics, dynamics_of
+from .experiment import Experiment, best_experiments
+from .least_squares import Fit, fitted, search, size
+from .model import StaticModel
+from .residual import Residual, bends_of, trained
+from .static_windows import at_rest
+from .unknowns import HOLDS, STAGES, Fact, Turned, Unknowns
+from .validation import Setup, Validation, cross_validated
 
 #: Called with what is done, how much of it, and of how much.
 ProgressCallback = Callable[[str, int, int], None]

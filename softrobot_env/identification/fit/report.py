@@ -11,15 +11,16 @@ from rich.console import Group
 from rich.text import Text
 
 from softrobot_env.core.files import write_text
-from softrobot_env.identification.fit.least_squares import NORMAL_95, size
-from softrobot_env.identification.fit.path import Identification
-from softrobot_env.identification.fit.residual import RESIDUAL_FILE
-from softrobot_env.identification.fit.validation import centred
-from softrobot_env.identification.replay import mean_known
-from softrobot_env.identification.visits import visiting
 from softrobot_env.recordings.header import write_header
 from softrobot_env.rendering.tables import Column, make_table, named_values
 from softrobot_env.robots import write_robot
+
+from ..replay import mean_known
+from ..visits import visiting
+from .least_squares import NORMAL_95, size
+from .path import Identification
+from .residual import RESIDUAL_FILE
+from .validation import centred
 
 #: Names of the files, as a replay looks for them.
 ROBOT_FILE, HEADER_FILE, COMMANDS_FILE = "robot.toml", "recording.toml", "next_experiment.csv"

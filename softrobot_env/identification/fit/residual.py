@@ -15,10 +15,11 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.artifacts import read_arrays, write_arrays
-from softrobot_env.identification.fit.model import StaticModel
-from softrobot_env.identification.fit.unknowns import FRICTIONS
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
+
+from .model import StaticModel
+from .unknowns import FRICTIONS
 
 _WIDTHS = (0.7, 1.0, 1.5, 2.2, 3.2, 5.0)
 _NOISES = (0.03, 0.1, 0.3, 1.0)

@@ -12,13 +12,14 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.processes import worker_processes
-from softrobot_env.identification.fit.least_squares import Weights, search, size
-from softrobot_env.identification.fit.model import StaticModel
-from softrobot_env.identification.fit.residual import bends_of, trained
-from softrobot_env.identification.fit.unknowns import Turned
-from softrobot_env.identification.replay import mean_known
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
+
+from ..replay import mean_known
+from .least_squares import Weights, search, size
+from .model import StaticModel
+from .residual import bends_of, trained
+from .unknowns import Turned
 
 #: How patterns are put into blocks: every fifth one, or a fifth of the recording in one piece.
 Scheme = Literal["interleaved", "contiguous"]

@@ -7,11 +7,11 @@ are not small, r has products of x and u too, so that every equilibrium has dyna
 (Haller and Kaundinya, Chaos 34 (2024) 043152).
 """
 
-from softrobot_env.learned.reduction.analysis import NormalForm, Spectrum, normal_form, spectrum
-from softrobot_env.learned.reduction.fitting import THESIS, FitError, Settings, check_stable, fit
-from softrobot_env.learned.reduction.model import ReducedModel
-from softrobot_env.learned.reduction.records import Record
-from softrobot_env.learned.reduction.refinement import Refinement, refine
+from .analysis import NormalForm, Spectrum, normal_form, spectrum
+from .fitting import THESIS, FitError, Settings, check_stable, fit
+from .model import ReducedModel
+from .records import Record
+from .refinement import Refinement, refine
 
 __all__ = [
     "THESIS",

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.learned.reduction.model import ReducedModel
-from softrobot_env.learned.reduction.records import Record, check_alike, delay_vectors
+from .model import ReducedModel
+from .records import Record, check_alike, delay_vectors
 
 #: Rate of the slowest mode left out over that of the fastest one kept, from which on what is left
 #: out is gone before it matters.

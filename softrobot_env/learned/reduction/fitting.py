@@ -10,9 +10,10 @@ from scipy.linalg import lstsq
 from scipy.signal import savgol_filter
 
 from softrobot_env.core.records import Count, Positive, Range, Whole, check_fields
-from softrobot_env.learned.reduction.model import ReducedModel
-from softrobot_env.learned.reduction.polynomials import Monomials
-from softrobot_env.learned.reduction.records import Record, check_alike, delay_vectors
+
+from .model import ReducedModel
+from .polynomials import Monomials
+from .records import Record, check_alike, delay_vectors
 
 #: Most rows of a regression; of more, evenly spread ones are taken.
 _ROWS = 30_000

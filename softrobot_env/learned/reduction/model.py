@@ -9,8 +9,9 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.artifacts import Arrays
-from softrobot_env.learned.reduction.polynomials import Monomials, Motion, roll
-from softrobot_env.learned.reduction.records import Record, delay_vectors
+
+from .polynomials import Monomials, Motion, roll
+from .records import Record, delay_vectors
 
 
 @dataclass(frozen=True)

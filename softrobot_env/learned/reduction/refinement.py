@@ -10,9 +10,10 @@ from numpy import ndarray
 
 from softrobot_env.core.continuation import Damping, descend
 from softrobot_env.core.records import Count, Positive, Whole, check_fields
-from softrobot_env.learned.reduction.model import ReducedModel
-from softrobot_env.learned.reduction.polynomials import Monomials, roll, sensitivities
-from softrobot_env.learned.reduction.records import Record, check_alike, delay_vectors
+
+from .model import ReducedModel
+from .polynomials import Monomials, roll, sensitivities
+from .records import Record, check_alike, delay_vectors
 
 #: Samples of a stretch that tell a step; its cost has all.
 _LOOKS = 40

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from softrobot_env.scene.integration.layout import AT
-from softrobot_env.scene.integration.mujoco_functions import inlined, ints, jit, making, reals
+from .layout import AT
+from .mujoco_functions import inlined, ints, jit, making, reals
 
 #: Friction's impulses are found by as many sweeps, or until they move by no more than a share [1].
 _SWEEPS, _STILL = 200, 1e-12

@@ -27,10 +27,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.scene.integration import layout
-from softrobot_env.scene.integration import mujoco_functions as mj
-from softrobot_env.scene.integration.euler import euler_step
-from softrobot_env.scene.integration.forces import (
+from . import layout
+from . import mujoco_functions as mj
+from .euler import euler_step
+from .forces import (
     Chain,
     Forces,
     drive_forces,
@@ -40,7 +40,7 @@ from softrobot_env.scene.integration.forces import (
     measure,
     no_forces,
 )
-from softrobot_env.scene.integration.mujoco_functions import ints, jit, making, reals
+from .mujoco_functions import ints, jit, making, reals
 
 #: Largest and smallest share [1] of the accuracy by which one interval may err.
 LARGEST_SHARE, SMALLEST_SHARE = 0.1, 0.003

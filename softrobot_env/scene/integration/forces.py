@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 from numpy import ndarray
 
-from softrobot_env.scene.integration import mujoco_functions as mj
-from softrobot_env.scene.integration.layout import AT, LENGTHS, NBODY, NQ, NTENDON, NU, NV
-from softrobot_env.scene.integration.mujoco_functions import ints, jit, making, reals
+from . import mujoco_functions as mj
+from .layout import AT, LENGTHS, NBODY, NQ, NTENDON, NU, NV
+from .mujoco_functions import ints, jit, making, reals
 
 #: Parameters of a drive's law in MuJoCo, mjNBIAS.
 BIASES = 10

@@ -10,10 +10,10 @@ import numpy as np
 from mujoco import MjModel
 from numpy import ndarray
 
-from softrobot_env.scene.chain import SEPARATOR, TIP_SITE
-from softrobot_env.scene.integration import layout
-from softrobot_env.scene.integration.period import advance, refresh
-from softrobot_env.scene.timestep import EXTRAPOLATION, TimestepChoice
+from ..chain import SEPARATOR, TIP_SITE
+from ..timestep import EXTRAPOLATION, TimestepChoice
+from . import layout
+from .period import advance, refresh
 
 _LOCKED = ctypes.PYFUNCTYPE(None, ctypes.c_size_t, ctypes.c_size_t, ctypes.c_int32, ctypes.c_size_t)
 

@@ -10,7 +10,8 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from softrobot_env.machine_code import LINKED
-from softrobot_env.scene.integration.layout import library_path
+
+from .layout import library_path
 
 llvmlite.binding.load_library_permanently(library_path())
 

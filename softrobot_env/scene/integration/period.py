@@ -17,9 +17,10 @@ from numba.core.ccallback import CFunc
 
 from softrobot_env.machine_code import CALLED
 from softrobot_env.machine_code.cache import SourceCache
-from softrobot_env.scene.integration import layout
-from softrobot_env.scene.integration import mujoco_functions as mj
-from softrobot_env.scene.integration.extrapolation import (
+
+from . import layout
+from . import mujoco_functions as mj
+from .extrapolation import (
     Ramp,
     bounded,
     displacement,
@@ -27,8 +28,8 @@ from softrobot_env.scene.integration.extrapolation import (
     work_on,
     work_size,
 )
-from softrobot_env.scene.integration.forces import chain_of, evaluate
-from softrobot_env.scene.integration.mujoco_functions import ADDRESS, jit, making, reals
+from .forces import chain_of, evaluate
+from .mujoco_functions import ADDRESS, jit, making, reals
 
 
 @jit

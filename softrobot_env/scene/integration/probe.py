@@ -14,10 +14,11 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.equilibrium import EquilibriumError
-from softrobot_env.scene.build import Scene
-from softrobot_env.scene.integration.integrator import Integration
-from softrobot_env.scene.statics import equilibrium
-from softrobot_env.scene.timestep import TimestepChoice
+
+from ..build import Scene
+from ..statics import equilibrium
+from ..timestep import TimestepChoice
+from .integrator import Integration
 
 #: [s], length of the motion and of one step of the drives, in control periods at least one.
 DURATION, HELD = 2.0, 0.1

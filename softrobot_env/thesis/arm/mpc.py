@@ -15,10 +15,11 @@ from softrobot_env.control.linear_quadratic import BoundedSolver
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
-from softrobot_env.thesis.arm.estimation import update_estimate
-from softrobot_env.thesis.arm.mpc_prediction import Horizon, evaluate
-from softrobot_env.thesis.arm.mpc_settings import GAMMA, PREVIEW, THESIS, MPCSettings
-from softrobot_env.thesis.robots import ARM
+
+from ..robots import ARM
+from .estimation import update_estimate
+from .mpc_prediction import Horizon, evaluate
+from .mpc_settings import GAMMA, PREVIEW, THESIS, MPCSettings
 
 #: Share of the decrease that the model promises which a step must bring, and halvings for it.
 _ARMIJO = 1e-4

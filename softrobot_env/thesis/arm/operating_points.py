@@ -36,10 +36,11 @@ from softrobot_env.core.artifacts import read_arrays, write_arrays
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.artifacts import find_artifact, refuse_artifact, train_command
-from softrobot_env.thesis.arm.estimation import stiffness_factor, update_estimate
-from softrobot_env.thesis.arm.statics import REACH, follow
-from softrobot_env.thesis.arm.timing import KNOTS, PERIOD, TIMING, identity
-from softrobot_env.thesis.robots import ARM
+
+from ..robots import ARM
+from .estimation import stiffness_factor, update_estimate
+from .statics import REACH, follow
+from .timing import KNOTS, PERIOD, TIMING, identity
 
 #: Points and largest curvature [1/m] along each scheduling variable: 16 x 13 x 11 = 2288 points
 #: (audit of sec. 6.4). With 16, none is the straight pose, where the tip's height cannot be

@@ -23,9 +23,10 @@ from softrobot_env.control.scheduled.lq_preview import LQPreview
 from softrobot_env.control.scheduled.lqi import LQI
 from softrobot_env.core.interfaces import Policy
 from softrobot_env.robots import RobotParams
-from softrobot_env.thesis.arm.mpc import MPC, make_preview
-from softrobot_env.thesis.arm.operating_points import read_grid
-from softrobot_env.thesis.arm.timing import TIMING
+
+from .mpc import MPC, make_preview
+from .operating_points import read_grid
+from .timing import TIMING
 
 #: A file, or None where it is looked for.
 _Path = str | Path | None

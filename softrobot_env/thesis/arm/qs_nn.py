@@ -88,7 +88,8 @@ class QuasiStaticNetwork(Memoryless):
     def compiled(self) -> Decide:
         """`qs_nn_kernel.decide` with this network and workspace."""
         from softrobot_env.learned.inference import parameters_of
-        from softrobot_env.thesis.arm.qs_nn_kernel import decide
+
+        from .qs_nn_kernel import decide
 
         return partial(decide, *parameters_of(absorbed(self._network)), self._workspace)
 

@@ -4,7 +4,8 @@ import numpy as np
 
 from softrobot_env.control.scheduled.timing import Timing
 from softrobot_env.robots import RobotParams
-from softrobot_env.thesis.robots import ARM
+
+from ..robots import ARM
 
 #: [s] between decisions of a law, and period of the first mode.
 PERIOD, _FIRST = 1e-3, 1.2042

@@ -14,11 +14,12 @@ from softrobot_env.core.interfaces import Policy, ProgressCallback
 from softrobot_env.robots import RobotParams
 from softrobot_env.tasks import Task, make_task
 from softrobot_env.tasks.trajectories import Polyline, Step
-from softrobot_env.thesis.arm.mpc_settings import PREVIEW, MPCSettings
-from softrobot_env.thesis.robots import ARM
 from softrobot_env.training.references import RobotTraining
 from softrobot_env.training.request import Metrics, Quantity, TrainingRequest
 from softrobot_env.training.rl_config import TRAINING_TASKS, RLConfig
+
+from ..robots import ARM
+from .mpc_settings import PREVIEW, MPCSettings
 
 #: Inputs [N] of random postures: a common part within +-, and the deviation of each from it,
 #: sampled between two values, as simple bends and S-shapes both occur.
@@ -94,7 +95,7 @@ class ArmTraining(RobotTraining):
         """The usual teacher with settings of its own."""
         if not self.is_tuned_for(teacher):
             return super().make_teacher(teacher, file)
-        from softrobot_env.thesis.arm.mpc import MPC
+        from .mpc import MPC
 
         return MPC(self.robot, neural.PERIOD, TEACHER)
 
@@ -178,7 +179,8 @@ def train_network(order: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Network of the quasi-static controller for the arm (thesis sec. 6.3)."""
     from softrobot_env.learned.network import describe
     from softrobot_env.learned.training import train_regularised
-    from softrobot_env.thesis.arm import quasi_static
+
+    from . import quasi_static
 
     statics = _STATICS
     # Independent streams, so that the validation data are not those of another seed.
@@ -208,14 +210,14 @@ def train_network(order: TrainingRequest, show: ProgressCallback) -> Metrics:
 
 def train_lqi(order: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Gains of `lqi` in closed form (thesis sec. 6.4)."""
-    from softrobot_env.thesis.arm.operating_points import lqi_design
+    from .operating_points import lqi_design
 
     return _train_gains(lqi_design, order, show)
 
 
 def train_lq_preview(order: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Gains of `lq_preview` in closed form."""
-    from softrobot_env.thesis.arm.operating_points import preview_design
+    from .operating_points import preview_design
 
     return _train_gains(preview_design, order, show)
 
@@ -233,7 +235,8 @@ def _train_gains(
 ) -> Metrics:
     """Gain table of a law for the arm, by its design."""
     from softrobot_env.beams.planar_arm import make_planar_arm
-    from softrobot_env.thesis.arm.operating_points import build_gains, save_gains
+
+    from .operating_points import build_gains, save_gains
 
     robot = order.robot
     designed = partial(design, make_planar_arm(robot))

@@ -25,10 +25,11 @@ from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import CAMERA_PERIOD, LENGTH_SCALE, SERVO_SPEED, WORKSPACE, RobotParams
 from softrobot_env.scene.registry import RIG_PIECES
-from softrobot_env.thesis.rig.inverse import OnePiece, SeveralPieces
-from softrobot_env.thesis.rig.parameters import IdentifiedParameters
-from softrobot_env.thesis.rig.servo_constraints import OutOfReachError
-from softrobot_env.thesis.rig.servo_flexible import InversionError
+
+from .inverse import OnePiece, SeveralPieces
+from .parameters import IdentifiedParameters
+from .servo_constraints import OutOfReachError
+from .servo_flexible import InversionError
 
 _MARGIN = 3e-3  # m, by which a reference may lie beyond the points of the network
 _BLIND = 0.1  # s without a finite reference, after which it is given up

@@ -13,10 +13,11 @@ from numpy import ndarray
 from softrobot_env.control.feedforward.motion import Motion
 from softrobot_env.identification.visits import TOTAL
 from softrobot_env.robots import RobotParams
-from softrobot_env.thesis.rig import servo_flexible
-from softrobot_env.thesis.rig.servo_constraints import ServoConstraints
-from softrobot_env.thesis.rig.servo_dae import hold
-from softrobot_env.thesis.rig.three_tendons import mean_curvature
+
+from . import servo_flexible
+from .servo_constraints import ServoConstraints
+from .servo_dae import hold
+from .three_tendons import mean_curvature
 
 #: Pieces of the model in several pieces, and the modulus over that of the chain with which they
 #: stand as that does (a test holds it).

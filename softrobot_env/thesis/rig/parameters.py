@@ -21,12 +21,13 @@ from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.artifacts import find_artifact, train_command
 from softrobot_env.robots.twin import Twin
-from softrobot_env.thesis.envs import RigEnv
-from softrobot_env.thesis.rig.inverse import PIECES_SOFTER
-from softrobot_env.thesis.rig.servo_constraints import ServoConstraints
-from softrobot_env.thesis.robots import RIG
 from softrobot_env.training.registry import quantity_mm
 from softrobot_env.training.request import Metrics, Quantity, TrainingRequest
+
+from ..envs import RigEnv
+from ..robots import RIG
+from .inverse import PIECES_SOFTER
+from .servo_constraints import ServoConstraints
 
 #: Whose file it is; the one shipped is of twin 0.
 _POLICY = "rig_nn"

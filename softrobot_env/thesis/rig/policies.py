@@ -6,9 +6,10 @@ from softrobot_env.control.feedforward.feedback import ReferenceFeedback
 from softrobot_env.core.interfaces import Policy
 from softrobot_env.core.registry import Registry
 from softrobot_env.robots import CAMERA_PERIOD, EQUIVALENT, RobotParams
-from softrobot_env.thesis.rig.feedforward import RigFeedforward
-from softrobot_env.thesis.rig.inverse import OnePiece, SeveralPieces
-from softrobot_env.thesis.rig.parameters import IdentifiedParameters, turned
+
+from .feedforward import RigFeedforward
+from .inverse import OnePiece, SeveralPieces
+from .parameters import IdentifiedParameters, turned
 
 #: [m], how far beyond its points feedback may ask a network: the tip stays nearer.
 _SHIFTED = 0.04

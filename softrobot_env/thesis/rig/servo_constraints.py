@@ -15,7 +15,8 @@ from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
 from softrobot_env.robots import RobotParams
-from softrobot_env.thesis.rig.spatial_piece import (
+
+from .spatial_piece import (
     RigPiece,
     add_dynamic,
     add_static,
@@ -23,7 +24,7 @@ from softrobot_env.thesis.rig.spatial_piece import (
     make_rig_piece,
     reach,
 )
-from softrobot_env.thesis.rig.three_tendons import elastic_tendons
+from .three_tendons import elastic_tendons
 
 
 class OutOfReachError(ValueError):

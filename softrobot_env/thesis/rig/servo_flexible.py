@@ -16,9 +16,10 @@ from softrobot_env.beams.model import IntegrationError
 from softrobot_env.beams.numerics.compilation import reference
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.robots import RobotParams
-from softrobot_env.thesis.rig.servo_dae import FlexibleRig, advance, hold
-from softrobot_env.thesis.rig.spatial_piece import SUBPIECES
-from softrobot_env.thesis.rig.three_tendons import ThreeTendons
+
+from .servo_dae import FlexibleRig, advance, hold
+from .spatial_piece import SUBPIECES
+from .three_tendons import ThreeTendons
 
 _STATIC_STEP = 0.01  # m, of the output when its statics are followed
 #: Rate [1/s] at which an error of the output decays (Baumgarte): without it z drifts.

@@ -32,7 +32,8 @@ from softrobot_env.beams.numerics.compilation import kernel, reference, structur
 from softrobot_env.beams.pcc.constant_strain import stumpff
 from softrobot_env.beams.pcc.model import Station, check_stations
 from softrobot_env.robots import RobotParams
-from softrobot_env.thesis.rig.three_tendons import ThreeTendons
+
+from .three_tendons import ThreeTendons
 
 #: The three subpieces of Tab. 5.1, the last with the cube (audit: moments in 1e-6 kg m2).
 SUBPIECES: tuple[Station, ...] = (

@@ -9,7 +9,8 @@ from rich.console import Group
 from softrobot_env.rendering.figures import COLOURS, Style, save
 from softrobot_env.rendering.learning import checks_figure
 from softrobot_env.rendering.tables import Column, PlainTable, make_table, new_table, spread
-from softrobot_env.training.several.runs import Run
+
+from .runs import Run
 
 _LINES = ("-", "-.", ":")
 

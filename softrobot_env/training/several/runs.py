@@ -14,8 +14,9 @@ from softrobot_env.core.files import atomic_write, write_text
 from softrobot_env.core.interfaces import ProgressCallback, quiet
 from softrobot_env.core.processes import Workers, using
 from softrobot_env.core.runs import Kept, Row, for_pictures, run_cases
-from softrobot_env.training.registry import TRAININGS
-from softrobot_env.training.request import Metrics, Quantity, TrainingRequest, curve_file
+
+from ..registry import TRAININGS
+from ..request import Metrics, Quantity, TrainingRequest, curve_file
 
 #: In a run's folder: the study that it is of, and the share of it that is done.
 _STUDY, _SHARE = "study.txt", "share.txt"
@@ -226,7 +227,7 @@ def _share(folder: Path, study: str) -> float:
 
 def goes_on(folder: Path, study: str) -> bool:
     """Whether a folder has a checkpoint of a study; those of another one are deleted."""
-    from softrobot_env.training.checkpoint import forget, read
+    from ..checkpoint import forget, read
 
     if _of(folder) == study:
         with suppress(ValueError):
@@ -257,7 +258,7 @@ def _curve(order: TrainingRequest, failure: str | None) -> list[dict[str, float]
     """Checks of a run that is done, or until it failed."""
     if failure is None:
         return read_facts(curve_file(order.path))
-    from softrobot_env.training.checkpoint import read
+    from ..checkpoint import read
 
     with suppress(ValueError):
         found = read(order.path.parent)

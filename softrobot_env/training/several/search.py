@@ -21,9 +21,10 @@ from softrobot_env.core.files import read_table
 from softrobot_env.core.interfaces import ProgressCallback, quiet
 from softrobot_env.core.processes import THREADS, Workers
 from softrobot_env.core.records import placed
-from softrobot_env.training.registry import TRAININGS
-from softrobot_env.training.request import TrainingRequest
-from softrobot_env.training.several.runs import Run, described, goes_on, with_curve
+
+from ..registry import TRAININGS
+from ..request import TrainingRequest
+from .runs import Run, described, goes_on, with_curve
 
 #: Of ASHA: the best third of the trials goes on from each of the rungs, at these shares of the
 #: steps. At every check a trial may end.
@@ -218,7 +219,7 @@ def _new_tuner(tune: Any, trial: Callable[..., None], search: Search, where: Pat
 
 def _drawn_from(tune: Any, search: Search) -> dict[str, Any]:
     """The space in Tune's words; whole numbers are drawn for settings that are whole."""
-    from softrobot_env.training.rl_config import NUMBERS
+    from ..rl_config import NUMBERS
 
     found = {}
     for name, own in search.space.items():
@@ -245,7 +246,7 @@ def _trial(search: Search, study: str, drawn: dict[str, float]) -> None:
     """Train with drawn settings, and report every check."""
     from ray import tune
 
-    from softrobot_env.training.checkpoint import read
+    from ..checkpoint import read
 
     folder = trial_folder(search, _trial_number(tune.get_context().get_trial_id()))
     order, last = order_of(search, drawn, folder), {"steps": 0, "reward": -1.0}
