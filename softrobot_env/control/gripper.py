@@ -244,7 +244,7 @@ class ScriptedGrip:
     ) -> tuple[ndarray, Any]:
         """As of `interfaces.Policy`; the state is the steps (n,) of each episode so far."""
         count = next(iter(observation.values())).shape[:-1]
-        steps = np.zeros(count, dtype=int) if state is None else state["steps"]
+        steps = np.zeros(count, int) if state is None else state["steps"]
         if episode_start is not None:
             steps = np.where(np.reshape(episode_start, steps.shape), 0, steps)
         known = {} if state is None else state

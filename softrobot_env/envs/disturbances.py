@@ -45,7 +45,7 @@ def rounded(variation: dict[str, float], control_period: float) -> dict[str, flo
 
 def reported_variation(values: dict[str, Any]) -> dict[str, Any]:
     """Values of a variation, numbers or arrays (n,), by their names in `info`."""
-    return {f"variation_{name}": np.array(value, dtype=float)[()] for name, value in values.items()}
+    return {f"variation_{name}": np.array(value, float)[()] for name, value in values.items()}
 
 
 def noise_seed(rng: np.random.Generator) -> int:
@@ -64,7 +64,7 @@ class Drives:
         self._arrays, self._limit = arrays, arrays.real(limit)
         self._everyone = arrays.index(np.arange(count))
         self._gain = arrays.real(np.ones((count, 1)))
-        self._delay = np.zeros(count, dtype=int)
+        self._delay = np.zeros(count, int)
         self._sent = arrays.real(np.zeros((count, 1, len(limit))))  # a ring of commands
         self._now = 0
 

@@ -115,7 +115,7 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndarr
             raise ValueError(f"unknown option {name!r}; allowed are {', '.join(DRAWN)}, {MASK}")
         shape = self._sampled[name].shape
         try:
-            values = np.asarray(value, dtype=float)
+            values = np.asarray(value, float)
             is_vector = name in _VECTORS and values.shape == (3,)
             if name in _VECTORS and not is_vector:  # a size
                 shape = (self.num_envs,)

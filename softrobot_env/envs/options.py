@@ -66,7 +66,7 @@ def positive(name: str, value: Any, _size: int = 0) -> float:
 
 def _vector(name: str, value: Any, size: int) -> ndarray:
     try:
-        array = np.asarray(value, dtype=float)
+        array = np.asarray(value, float)
     except (TypeError, ValueError):
         array = np.empty(0)
     if array.shape != (size,) or not np.all(np.isfinite(array)):
@@ -163,7 +163,7 @@ def parse_seeds(seed: Seeds, count: int) -> list[int | None]:
         return [None] * count
     if isinstance(seed, int | np.integer):
         return [int(seed) + i for i in range(count)]
-    seeds = np.asarray(seed, dtype=object).tolist()
+    seeds = np.asarray(seed, object).tolist()
     if not isinstance(seeds, list) or len(seeds) != count:
         raise ValueError(f"seed must be a number or {count} of them, got {seed!r}")
     return seeds
@@ -205,7 +205,7 @@ def take_mask(options: dict[str, Any], count: int, started: bool) -> ndarray:
         ValueError: Another shape or type, none true, or not all in the first reset.
     """
     mask = options.pop(MASK, None)
-    mask = np.ones(count, dtype=bool) if mask is None else np.asarray(mask)
+    mask = np.ones(count, bool) if mask is None else np.asarray(mask)
     if mask.shape != (count,) or mask.dtype != bool or not mask.any():
         raise ValueError(
             f"reset_mask must be {count} truth values, some of them true, got {mask!r}"
@@ -257,7 +257,7 @@ def checked_actions(actions: Any, shape: tuple[int, ...], arrays: HostArrays = H
     try:
         given = np.asarray(actions)
     except (TypeError, ValueError, RuntimeError):  # uneven lists, tensors that cannot be read
-        given = np.empty(0, dtype=object)
+        given = np.empty(0, object)
     if given.shape == shape and given.dtype.kind in "fiub":
         values = given.astype(float64)
         # The largest of numbers with a NaN is NaN, and that is not <= anything.

@@ -118,7 +118,7 @@ class EnvParts:
         self.reward = reward_of(config.reward, task.robot, config.is_for_learning)
         self.axes = AXES[task.axes]
         self.inputs: Inputs = robot_inputs(task.robot)
-        self._preview = np.array(config.preview, dtype=float)
+        self._preview = np.array(config.preview, float)
 
     def _make_spaces(
         self, observe: tuple[str, ...] | str | None, known: tuple[str, ...], sizes: Sizes
@@ -175,7 +175,7 @@ class EnvParts:
 
     def action_of(self, inputs: ndarray) -> ndarray:
         """Inputs (n_inputs,) over full scale."""
-        return (inputs - self.inputs.input_centre) / self.inputs.input_scale
+        return self.inputs.to_actions(inputs)
 
     def parse_options(self, options: dict[str, Any] | None) -> ResetOptions:
         """The checked options of a `reset`; raises ValueError."""
@@ -298,7 +298,7 @@ class SimulatedParts(EnvParts):
             EquilibriumError: There is no equilibrium there.
         """
         given = options.start_length if options.start_input is None else options.start_input
-        chosen = np.array(task.start_input if given is None else given, dtype=float)
+        chosen = np.array(task.start_input if given is None else given, float)
         name = "start_input" if options.start_length is None else "start_length"
         check_inputs(self.inputs, chosen, f"option {name!r}")
         command = self.inputs.command(chosen)

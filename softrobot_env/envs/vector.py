@@ -51,7 +51,7 @@ class _References:
     """
 
     def __init__(self, count: int, shared: ReferenceTable, arrays: HostArrays) -> None:
-        self._count, self._offset = count, np.zeros(count, dtype=np.int64)
+        self._count, self._offset = count, np.zeros(count, np.int64)
         self._shared: ReferenceTable | None = shared
         self._instants, self._arrays = shared.last_index + 1, arrays
         self.columns = {name: arrays.real(column) for name, column in shared.rows().items()}
@@ -127,9 +127,9 @@ class BatchEnv(gymnasium.vector.VectorEnv[Seen, ndarray, ndarray]):
         self.single_observation_space, self.single_action_space = observation, action
         self.observation_space = batch_space(observation, self.num_envs)
         self.action_space = batch_space(action, self.num_envs)
-        self._everyone = np.ones(self.num_envs, dtype=bool)
-        self._index, self._last = np.zeros((2, self.num_envs), dtype=np.int64)
-        self._done = np.ones(self.num_envs, dtype=bool)
+        self._everyone = np.ones(self.num_envs, bool)
+        self._index, self._last = np.zeros((2, self.num_envs), np.int64)
+        self._done = np.ones(self.num_envs, bool)
         self._generators: list[np.random.Generator] = []
         self._started = False
         self._observation: Seen | None = None
@@ -216,7 +216,7 @@ class BatchEnv(gymnasium.vector.VectorEnv[Seen, ndarray, ndarray]):
         self, failed: ndarray, diverged: ndarray, terms: dict[str, ndarray], before: Seen
     ) -> dict[str, ndarray]:
         """Penalise failed episodes, show what was seen before, and say what happened."""
-        texts, where = np.full(self.num_envs, None, dtype=object), self._where(failed)
+        texts, where = np.full(self.num_envs, None, object), self._where(failed)
         for i in np.flatnonzero(failed):
             texts[i] = self._what_failed(i, diverged[i], self._index[i] * self.control_period)
         for name, value in self._reward.failed_terms()[1].items():

@@ -140,7 +140,7 @@ def plan(robot: RobotParams, excitation: Excitation, period: float) -> Plan:
     for kind in excitation.kinds:
         _KINDS[kind](moves, peaks, excitation)
     rows, labels, measured = moves.result()
-    actions = (rows - inputs.input_centre) / inputs.input_scale
+    actions = inputs.to_actions(rows)
     found = Plan(np.clip(actions, -1, 1), labels, measured, scales, period)
     if found.duration > LONGEST:
         raise ValueError(

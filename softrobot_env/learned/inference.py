@@ -20,7 +20,7 @@ def parameters_of(layers: list[tuple[ndarray, ndarray]]) -> tuple[ndarray, ndarr
     """
     parts = [part.T.ravel() for layer in layers for part in layer]
     sizes = [layers[0][0].shape[1], *(len(bias) for _, bias in layers)]
-    return np.concatenate(parts), np.array(sizes, dtype=np.int64)
+    return np.concatenate(parts), np.array(sizes, np.int64)
 
 
 class CompiledInference:

@@ -307,8 +307,8 @@ def _same(one: ndarray, other: ndarray) -> bool:
 
 def absorbed(network: Network) -> list[tuple[ndarray, ndarray]]:
     """Weights and biases of the layers between inputs and outputs that are not scaled."""
-    weights = [np.array(w, dtype=float) for w in network.weights]
-    biases = [np.array(b, dtype=float) for b in network.biases]
+    weights = [np.array(w, float) for w in network.weights]
+    biases = [np.array(b, float) for b in network.biases]
     weights[0] /= network.inputs.half
     biases[0] -= weights[0] @ network.inputs.centre
     weights[-1] *= network.outputs.half[:, None]

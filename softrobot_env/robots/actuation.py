@@ -40,6 +40,14 @@ class Inputs(Protocol):
     def per_action(self, arrays: HostArrays = HOST) -> "Inputs":
         """The same map from actions: its `command` takes actions, `arrays`, in place of inputs."""
 
+    def to_actions(self, inputs: ndarray) -> ndarray:
+        """Actions (..., n_inputs) [1] that stand for inputs."""
+        return (inputs - self.input_centre) / self.input_scale
+
+    def from_actions(self, actions: ndarray) -> ndarray:
+        """Inputs (..., n_inputs) that actions [1] stand for."""
+        return self.input_centre + actions * self.input_scale
+
 
 @lru_cache(maxsize=256)
 def robot_inputs(robot: RobotParams) -> Inputs:
@@ -94,7 +102,7 @@ def with_balance(robot: RobotParams) -> RobotParams:
     return replace(robot, tendons=tuple(replace(t, pretension=p) for t, p in tendons))
 
 
-class PulledLengths:
+class PulledLengths(Inputs):
     """Lengths pulled in by each tendon of a robot driven by length, from the straight pose on.
 
     Full scale is the drive's travel; where it says none, half a turn about the fibre, pi times the
@@ -123,7 +131,7 @@ class PulledLengths:
         return scaled
 
 
-class TendonMap:
+class TendonMap(Inputs):
     """Resolves the actuation redundancy of tendons that oppose each other (secs. 3.1.2, 6.2.2).
 
     The tendons of one group end at the same station, and their routes differ by a turn about the

@@ -241,7 +241,7 @@ class InverseStatics:
         """
         posture = self.posture(inputs) if posture is None else posture
         reduced = self._tensions.reduced(self._tension(inputs, posture))
-        action = (reduced - self._tensions.input_centre) / self._tensions.input_scale
+        action = self._tensions.to_actions(reduced)
         return Place(np.clip(action, -1.0, 1.0), inputs, posture, 0.0)
 
     def by_inputs(self, linear: Linear) -> ndarray:
@@ -379,7 +379,7 @@ class InverseStatics:
 
     def line(self, actions: ndarray) -> tuple[ndarray, ndarray]:
         """Tips (n, 3) [m] and inputs (n, n_inputs) under actions (n,), the same for all inputs."""
-        inputs = self.inputs.input_centre + np.outer(actions, self.inputs.input_scale)
+        inputs = self.inputs.from_actions(actions[:, None])
         tips, posture = [], self._rest.posture
         for one in inputs:
             posture = self.posture(one, posture)
@@ -428,7 +428,7 @@ class InverseStatics:
     def inputs_for(self, action: ndarray, posture: ndarray) -> ndarray:
         """Inputs (n_inputs,) for actions of tensions, within their box."""
         if not self._pulled:
-            return self._tensions.input_centre + action * self._tensions.input_scale
+            return self._tensions.from_actions(action)
         pretension, stiffness, _ = self._elastic
         pulled = self._shortened(posture) + (self._command(action) - pretension) / stiffness
         return np.clip(pulled, -self.inputs.input_scale, self.inputs.input_scale)

@@ -101,7 +101,7 @@ class Linearizer:
 
     def action(self, inputs: ndarray) -> ndarray:
         """Actions (..., m) of inputs (..., m) [N or m]."""
-        return (inputs - self.inputs.input_centre) / self.inputs.input_scale
+        return self.inputs.to_actions(inputs)
 
     def about(self, angles: ndarray, inputs: ndarray) -> LinearModel:
         """By curvatures and actions, about an equilibrium with postures (nq,) and inputs (m,)."""

@@ -384,7 +384,7 @@ def _task(
 
 
 def _point(values: ndarray) -> tuple[float, ...]:
-    return tuple(np.asarray(values, dtype=float).tolist())
+    return tuple(np.asarray(values, float).tolist())
 
 
 def _rounded(value: float) -> float:

@@ -156,7 +156,7 @@ class SmoothRun:
 
     def _phase(self, t: ndarray) -> Derivatives:
         """Phase [1], its rate [1/s] and acceleration [1/s2] at times t, each (n, 1)."""
-        times = np.asarray(t, dtype=float)[..., None]
+        times = np.asarray(t, float)[..., None]
         return tuple(self.rate * x for x in ramped(times, self.end_time, self.ramp, quintic_step))
 
     def position(self, t: ndarray) -> ndarray:

@@ -64,7 +64,7 @@ class RoundedTriangle(Record, _Run, what="triangle"):
         return lap if self.approach == 0 else np.concatenate((np.zeros((1, 3)), lap))
 
     def _motion(self, t: ndarray) -> Derivatives:
-        t = np.asarray(t, dtype=float)
+        t = np.asarray(t, float)
         w, rate, rise = (x[..., None] for x in self._laps(t - self.approach))
         first, second = self._curve(w[..., 0], 1), self._curve(w[..., 0], 2)
         on_lap = self._curve(w[..., 0], 0), rate * first, rate**2 * second + rise * first
@@ -139,7 +139,7 @@ class LapCircle(_Run):
 
     def _motion(self, t: ndarray) -> Derivatives:
         """With r(t) exp(i phi(t)), where either r or phi moves."""
-        t = np.asarray(t, dtype=float)
+        t = np.asarray(t, float)
         out, back = _rise(t, self.approach), _rise(self.end_time - t, self.approach)
         share, speed, push = np.minimum(out[0], back[0]), out[1] - back[1], out[2] + back[2]
         phase, rate, rise = self._phase(t)

@@ -282,7 +282,7 @@ def _start(config: ImitationConfig, task: Task, rng: np.random.Generator) -> dic
         options["vary"] = config.randomization.draw(rng)
     if rng.uniform() < 0.3:
         inputs = robot_inputs(task.robot)
-        action = (np.array(task.start_input) - inputs.input_centre) / inputs.input_scale
+        action = inputs.to_actions(np.array(task.start_input))
         action = np.clip(action + rng.normal(0, 0.1, len(action)), -1, 1)
-        options["start_input"] = inputs.input_centre + action * inputs.input_scale
+        options["start_input"] = inputs.from_actions(action)
     return options

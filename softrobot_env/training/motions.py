@@ -111,7 +111,7 @@ def drives_of(robot: RobotParams, outputs: int, period: float | None = None) -> 
         ValueError: The robot has no tendons.
     """
     space, sample, inputs = workspace_of(robot), sample_of(robot), robot_inputs(robot)
-    actions = (sample.inputs - inputs.input_centre) / inputs.input_scale
+    actions = inputs.to_actions(sample.inputs)
     if robot.drive.kind == "length":
         actions = _taut(robot, actions)
     rest = actions[0]
@@ -172,7 +172,7 @@ def collect(
     rng = np.random.default_rng(plan.seed)
     runs = max(1, round(60 * plan.minutes / plan.run)) if plan.minutes else 0
     inputs = robot_inputs(robot)
-    start = tuple((inputs.input_centre + inputs.input_scale * drives.rest).tolist())
+    start = tuple(inputs.from_actions(drives.rest).tolist())
     longest = max(plan.run, 12 * drives.first + plan.decay) + 1
     kinds = [_KINDS[plan.kinds[k % len(plan.kinds)]] for k in range(runs)]
     motions = [_release] * plan.decays + [_swing] * plan.excited + kinds

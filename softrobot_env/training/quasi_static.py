@@ -132,7 +132,7 @@ def hold_sample(
 def _errors(inverse: InverseStatics, network: Network, tips: ndarray, postures: ndarray) -> ndarray:
     """Distances (n,) [m] of tips (n, k) from where the network's inputs let them rest."""
     actions = np.clip(network(tips), -1.0, 1.0)
-    wanted = inverse.inputs.input_centre + actions * inverse.inputs.input_scale
+    wanted = inverse.inputs.from_actions(actions)
     rests = [inverse.posture(u, q) for u, q in zip(wanted, postures, strict=True)]
     reached = np.array([inverse.directions @ inverse.tip(rest) for rest in rests])
     return np.linalg.norm(reached - tips, axis=1)

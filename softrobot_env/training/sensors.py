@@ -107,7 +107,7 @@ def _visits(
 ) -> Iterator[tuple[ndarray, ndarray, ndarray]]:
     """Readings, tips and curvatures at rest, the straight pose first."""
     sample, inputs = sample_of(robot), robot_inputs(robot)
-    actions = (sample.inputs - inputs.input_centre) / inputs.input_scale
+    actions = inputs.to_actions(sample.inputs)
     period = env.unwrapped.control_period
     moving, resting = (max(_LOOKS, round(time / period)) for time in _pace(robot))
     observation, _ = env.reset(seed=seed)

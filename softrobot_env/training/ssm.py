@@ -203,7 +203,7 @@ def _actions(recording: Recording, robot: RobotParams) -> ndarray:
                 f"the recorded tensions are up to {off:.3g} N from those that actions of "
                 f"{robot.name!r} make: they resolve its redundancy in another way"
             )
-    return (told - inputs.input_centre) / inputs.input_scale
+    return inputs.to_actions(told)
 
 
 def split_decays(records: Sequence[Record]) -> tuple[list[Record], list[Record]]:

@@ -240,7 +240,7 @@ class ReferenceFeedback(Controller):
 
     def start(self, observation: Observation) -> ReferenceState:
         """Begin with no error behind."""
-        reference = usable(np.array(observation["reference"], dtype=float))
+        reference = usable(np.array(observation["reference"], float))
         sent = np.tile(reference, (self._late, 1))
         return ReferenceState(self._policy.start(observation), np.zeros_like(reference), sent)
 

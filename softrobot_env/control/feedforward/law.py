@@ -92,7 +92,7 @@ class Feedforward(Controller):
                 f"got {', '.join(str(len(observation[name])) for name in self._points())}"
             )
         action = np.clip(usable(observation["previous_action"]), -1.0, 1.0)
-        inputs = self._inputs.input_centre + action * self._inputs.input_scale
+        inputs = self._inputs.from_actions(action)
         size = sizes.pop()
         rest, memory = self._statics.begin(inputs), self._remembered()
         felt = None if self._feedback is None else self._feedback.start(observation["reference"])
@@ -114,7 +114,7 @@ class Feedforward(Controller):
             rest = self._statics.hold(target, rest, bool(np.isnan(state.target).any()))
         inputs, memory, reason = self._added(observation, motion, rest, state)
         inputs, felt, limited = self._corrected(observation, motion, rest, inputs, state.felt)
-        wanted = (inputs - self._inputs.input_centre) / self._inputs.input_scale
+        wanted = self._inputs.to_actions(inputs)
         action = np.clip(wanted, -1.0, 1.0)
         if reason is not None:  # what is missed for that reason is not for feedback to make up
             felt = None if felt is None else felt.unlearnt(state.felt)

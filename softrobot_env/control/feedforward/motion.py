@@ -184,7 +184,7 @@ def least_norm(
         The inputs. `converged` is False where the target cannot be reached from the guess; the
         inputs are then those of the smallest residual met.
     """
-    u = np.array(guess, dtype=float)
+    u = np.array(guess, float)
     best, best_residual = u, np.inf
     for _ in range(_NEWTON_ITERATIONS):
         tip, first, second = statics.expand(u)

@@ -165,7 +165,7 @@ class NetworkStatics:
         target = target[: self._size].copy()
         action = self._network(target)
         away = float(np.sqrt(((self._tips - target) ** 2).sum(axis=1).min()))
-        inputs = self.inputs.input_centre + action * self.inputs.input_scale
+        inputs = self.inputs.from_actions(action)
         return Rest(inputs, away, away <= self._spacing, target=target)
 
     def shifted(self, rest: Rest, change: ndarray) -> tuple[ndarray, bool]:

@@ -287,8 +287,8 @@ def _of_vector(reading: Reading, inputs: int) -> Encoding:
     k = len(reading.take)
     less = np.full(k, -1)
     less[reading.relative] = reading.less
-    origin, scale = (np.array(x, dtype=float) for x in (reading.origin, reading.scale))
-    take, change = np.array(reading.take, dtype=np.int64), float(reading.change)
+    origin, scale = (np.array(x, float) for x in (reading.origin, reading.scale))
+    take, change = np.array(reading.take, np.int64), float(reading.change)
     more = np.ones(k), np.inf, change, 0.0
     return Encoding(sizes | {_BEFORE: inputs}, take, less, origin, scale, *more)
 
@@ -359,7 +359,7 @@ class NeuralPolicy(Memoryless):
         self._base, self._reach = np.empty(0), np.inf
         if reading is None:
             self._encoding, self.n_inputs = view.encoding, view.inputs
-            base = np.zeros(3) if robot.base is None else np.array(robot.base.position, dtype=float)
+            base = np.zeros(3) if robot.base is None else np.array(robot.base.position, float)
             self._base = base[[0, 2] if robot.moves_in_xz else slice(view.dimensions)]
             self._reach = float(robot.reach)
         else:

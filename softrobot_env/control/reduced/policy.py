@@ -160,9 +160,9 @@ class ReducedPlanner(base.Controller):
     def start(self, observation: Observation) -> _Past:
         """At rest where the tip is seen, or where the model rests if that makes no sense."""
         model = self._model
-        tip = np.array(observation["tip_position"], dtype=float)
+        tip = np.array(observation["tip_position"], float)
         tip = tip if (np.abs(tip) < _ABSURD).all() else model.origin
-        action = kept(np.array(observation["previous_action"], dtype=float))
+        action = kept(np.array(observation["previous_action"], float))
         told = model.reduced_inputs(action)
         tips = np.tile(tip, (model.delays, 1))
         m, n = len(told), model.dimension
@@ -182,8 +182,8 @@ class ReducedPlanner(base.Controller):
     def act(self, observation: Observation, state: _Past) -> tuple[ndarray, _Past]:
         """The first action of the plan."""
         model, learned = self._model, self._learned
-        before = np.asarray(observation["previous_action"], dtype=float)
-        tip = np.asarray(observation["tip_position"], dtype=float)
+        before = np.asarray(observation["previous_action"], float)
+        tip = np.asarray(observation["tip_position"], float)
         seen = np.concatenate(
             [tip, before, observation["reference"], observation["reference_preview"]]
         )

@@ -342,7 +342,7 @@ class BeamLinearizer:
         tip = np.array([rate.tip_velocity for rate in rates]).T
         w = np.linalg.solve(space.stiffness, mean.T)
         w = np.linalg.solve((mean @ w).T, w.T).T
-        action = (inputs - self.inputs.input_centre) / self.inputs.input_scale
+        action = self.inputs.to_actions(inputs)
         shift = _SHIFT * np.eye(len(action))
         by_action = (self._command(action + shift) - self._command(action - shift)).T / (2 * _SHIFT)
         forces = space.mass @ space.b[len(space.mass) :, : len(by_action)]

@@ -218,7 +218,7 @@ class BatchReadout(_Chains):
             self._fine = arrays.real(measures.fine.T)
         self._gentle = measures.curvature / sqrt(measures.directions)
         self._slow = measures.slow / sqrt(simulation.qvel.shape[1])
-        self._nobody = np.zeros(simulation.count, dtype=bool)
+        self._nobody = np.zeros(simulation.count, bool)
         self._nobody.flags.writeable = False
         self.tip_position = lambda: self.tip
         self.tip_velocity = lambda: arrays.copy(self._velocity)
@@ -383,7 +383,7 @@ class SensorNoise:
         self._scale = np.zeros(count)
         self._generators: list[np.random.Generator | None] = [None] * count
         self._rows = np.zeros((count, _BLOCK, len(self._deviation)))
-        self._at = np.zeros(count, dtype=int)
+        self._at = np.zeros(count, int)
         self._now = self._rows[:, 0]
 
     def start(self, robot: int, scale: float, seed: int | None) -> None:
@@ -510,10 +510,10 @@ class Cameras:
         self._normal = np.zeros((count, _BLOCK, coordinates))
         # Rings of undeveloped pictures: there is one at an instant at most.
         self._seen = np.zeros((count, delay + 1, coordinates))
-        self._when = np.zeros((count, delay + 1), dtype=int)
-        self._instant, self._due = np.zeros(count, dtype=int), np.zeros(count)
-        self._pictures, self._developed = np.zeros((2, count), dtype=int)
-        self._taken = np.zeros(count, dtype=int)
+        self._when = np.zeros((count, delay + 1), int)
+        self._instant, self._due = np.zeros(count, int), np.zeros(count)
+        self._pictures, self._developed = np.zeros((2, count), int)
+        self._taken = np.zeros(count, int)
         self.position, self.velocity = np.zeros((2, count, coordinates))
 
     def start(self, which: ndarray, seeds: list[int], tip: ndarray) -> None:

@@ -176,7 +176,7 @@ def usual_of(robot: RobotParams) -> tuple[str, ...]:
 
 def symmetric(size: int, bound: float | ndarray) -> spaces.Box:
     """Box (size,) of float64 between -bound and bound."""
-    high = np.broadcast_to(np.asarray(bound, dtype=np.float64), (size,))
+    high = np.broadcast_to(np.asarray(bound, np.float64), (size,))
     return spaces.Box(-high, high, dtype=np.float64)
 
 
@@ -445,7 +445,7 @@ class VectorView:
         places = {name: np.arange(own.start, own.stop) for name, own in where.items()}
         take = np.concatenate([places[part.name] for part in parts])
         origin, scale = np.zeros((2, len(take)))
-        relative, less = np.zeros((2, 0), dtype=int)
+        relative, less = np.zeros((2, 0), int)
         for part in parts:
             own = self.layout[part.label]
             scale[own] = part.scale

@@ -245,7 +245,7 @@ class Batch:
         self.check_process = self._batch.check_process
         self._warnings = self._batch.warnings
         self._no_warnings = bytes(self._warnings.nbytes)
-        self._nobody = np.zeros(count, dtype=bool)
+        self._nobody = np.zeros(count, bool)
         self._nobody.flags.writeable = False
         self._warned = False
         self._estimates = self._integration.estimates
@@ -396,7 +396,7 @@ class VariedFields:
 
     def unknown(self, values: dict[str, ndarray]) -> ndarray:
         """(k,) bool, which robots differ in what needs a scene of their own."""
-        odd = np.zeros(len(next(iter(values.values()))), dtype=bool)
+        odd = np.zeros(len(next(iter(values.values()))), bool)
         for name, value in values.items():
             if not VARIATIONS[name].is_of_fields(self._scene.config.robot):
                 odd |= value != VARIATIONS[name].neutral

@@ -175,7 +175,7 @@ class _Series:
 
     def variable(self) -> ndarray:
         """w."""
-        out = np.zeros((self._size, self._size), dtype=complex)
+        out = np.zeros((self._size, self._size), complex)
         out[1, 0] = 1
         return out
 

@@ -131,7 +131,7 @@ def fit(
                 f"{settings.delays} delays"
             )
     found_origin, rest = _rest(decays, forced)
-    origin = found_origin if origin is None else np.asarray(origin, dtype=float)
+    origin = found_origin if origin is None else np.asarray(origin, float)
     if origin.shape != found_origin.shape:
         raise ValueError(f"origin must have shape {found_origin.shape}, got {origin.shape}")
     basis = _input_basis(forced, rest, settings)
@@ -157,8 +157,8 @@ def _without_motion(
 ) -> ReducedModel:
     """A model that knows its coordinates and inputs alone."""
     states, both = tangent.shape[1], tangent.shape[1] + basis.shape[1]
-    shape = np.zeros((0, states), dtype=int), np.zeros((len(tangent), 0))
-    motion = np.zeros((0, both), dtype=int), np.zeros((states, 0)), np.ones(both)
+    shape = np.zeros((0, states), int), np.zeros((len(tangent), 0))
+    motion = np.zeros((0, both), int), np.zeros((states, 0)), np.ones(both)
     known = period, settings.delays, origin, rest, basis, 0, tangent
     return ReducedModel(*known, *shape, *motion, settings.substeps)
 

@@ -66,12 +66,12 @@ class Monomials:
         rows = []
         for degree in range(0 if constant else 1, max(order, input_order) + 1):
             for chosen in combinations_with_replacement(range(states + inputs), degree):
-                powers = np.bincount(np.array(chosen, dtype=int), minlength=states + inputs)
+                powers = np.bincount(np.array(chosen, int), minlength=states + inputs)
                 by_states, by_inputs = powers[:states].sum(), powers[states:].sum()
                 pure = not (by_states and by_inputs)
                 if by_states <= order and by_inputs <= input_order and (mixed or pure):
                     rows.append(powers)
-        return Monomials(np.array(rows, dtype=np.int64).reshape(len(rows), states + inputs))
+        return Monomials(np.array(rows, np.int64).reshape(len(rows), states + inputs))
 
     @cached_property
     def chain(self) -> tuple[ndarray, ndarray]:
@@ -88,7 +88,7 @@ class Monomials:
             lower[factor] -= 1
             parents.append(place[tuple(lower.tolist())] if lower.any() else -1)
             factors.append(factor)
-        return np.array(parents, dtype=np.int64), np.array(factors, dtype=np.int64)
+        return np.array(parents, np.int64), np.array(factors, np.int64)
 
     def __call__(self, values: ndarray) -> ndarray:
         """Monomials (..., terms) of values (..., variables)."""

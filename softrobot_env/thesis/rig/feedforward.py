@@ -212,7 +212,7 @@ class RigFeedforward(Controller):
 
     def _statics_stacked(self, observation: Observation) -> tuple[ndarray, list[RigState]]:
         """Actions float32 (k, 3) of the network alone, and states, for finite observations."""
-        motion = [np.array(observation[name], dtype=float) for name in _MOTION]
+        motion = [np.array(observation[name], float) for name in _MOTION]
         distance = np.hypot(*motion[0].T)
         share = np.minimum(1.0, (self._farthest) / np.maximum(distance, WORKSPACE))
         wanted = self._network.batch(motion[0] * share[:, None])

@@ -96,7 +96,7 @@ class FlexibleServoConstraints:
             InversionError: It is out of reach.
         """
         q, reduced = self.model.rest(), np.zeros(2)
-        position = np.asarray(position, dtype=float)
+        position = np.asarray(position, float)
         count = 1 + int(np.hypot(*position) / _STATIC_STEP)
         for share in np.linspace(0, 1, count + 1)[1:]:
             if not hold(self.data, share * position, q, reduced):
@@ -112,7 +112,7 @@ class FlexibleServoConstraints:
             InversionError: The output cannot be held there.
         """
         past = np.zeros((2, 3, self.model.n))
-        past[0, 2], reduced = self.statics(np.asarray(position, dtype=float)[:2])
+        past[0, 2], reduced = self.statics(np.asarray(position, float)[:2])
         return Progress(*past, reduced, 0)
 
     def step(
@@ -134,7 +134,7 @@ class FlexibleServoConstraints:
         Raises:
             InversionError: The iteration failed; the message says when.
         """
-        z, dz = (np.asarray(x, dtype=float)[:2].copy() for x in (position, velocity))
+        z, dz = (np.asarray(x, float)[:2].copy() for x in (position, velocity))
         q, v, reduced = progress.q.copy(), progress.v.copy(), progress.reduced.copy()
         first, steps = progress.steps == 0, progress.steps + 1
         if not advance(self.data, period, stabilisation, first, z, dz, q, v, reduced):

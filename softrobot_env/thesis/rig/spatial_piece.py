@@ -98,7 +98,7 @@ def make_rig_piece(robot: RobotParams, inertia: str | Sequence[Station] = SUBPIE
             height=robot.head.output,
             stiffness=robot.bending_stiffness / robot.length,
             damping=robot.damping_time * robot.bending_stiffness / robot.length,
-            gravity=np.array(robot.gravity, dtype=float),
+            gravity=np.array(robot.gravity, float),
             bodies=_bodies(robot, inertia),
             inputs=np.stack([-towards_y, towards_x]),
         )

@@ -29,7 +29,7 @@ class ThreeTendons:
         """Raise ValueError unless three straight channels of one length surround the fibre."""
         tendons = robot.tendons
         _check(robot, tendons)
-        offsets = np.array([t.offset for t in tendons], dtype=float)
+        offsets = np.array([t.offset for t in tendons], float)
         self.lever = float(np.mean(np.hypot(*offsets.T)))
         self.phi = offsets.T / self.lever
         self.spread = np.linalg.pinv(self.phi)
