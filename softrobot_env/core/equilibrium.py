@@ -7,6 +7,7 @@ from numbers import Integral
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import cholesky, eigvals, solve
 
 #: Kinds of stability that can be asked for.
 STABILITY = ("static", "dynamic")
@@ -91,7 +92,7 @@ def static_growth(stiffness: ndarray, mass: ndarray) -> float | None:
         return None
     try:
         # The eigenvalues 1 / w^2 of K^-1 M, not those of M^-1 K: soft modes are then exact.
-        squares = -np.linalg.eigvals(np.linalg.solve(stiffness, mass))
+        squares = -eigvals(solve(stiffness, mass))
     except np.linalg.LinAlgError:
         return 0.0  # a deviation that nothing opposes
     growing = (squares.real > 0) & (np.abs(squares.imag) <= _REAL * np.abs(squares))
@@ -101,7 +102,7 @@ def static_growth(stiffness: ndarray, mass: ndarray) -> float | None:
 def positive_definite(stiffness: ndarray) -> bool:
     """Whether every deviation (n,) is opposed: then no eigenvalue is real and negative."""
     try:
-        np.linalg.cholesky((stiffness + stiffness.T) / 2)
+        cholesky((stiffness + stiffness.T) / 2)
     except np.linalg.LinAlgError:
         return False
     return True
@@ -114,9 +115,9 @@ def flutter_growth(stiffness: ndarray, mass: ndarray, damping: ndarray) -> float
         stiffness, mass, damping: As in `require_stable`.
     """
     n = len(mass)
-    solved = np.linalg.solve(mass, np.hstack([stiffness, damping]))
+    solved = solve(mass, np.hstack([stiffness, damping]))
     first_order = np.block([[np.zeros((n, n)), np.eye(n)], [-solved[:, :n], -solved[:, n:]]])
-    growth = float(np.max(np.linalg.eigvals(first_order).real))
+    growth = float(np.max(eigvals(first_order).real))
     # Rounding scatters the poles.
-    fastest = float(np.sqrt(np.max(np.abs(np.linalg.eigvals(solved[:, :n])))))
+    fastest = float(np.sqrt(np.max(np.abs(eigvals(solved[:, :n])))))
     return growth if growth > _GROWTH * fastest else None

@@ -7,6 +7,7 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy import float64, ndarray
+from numpy.linalg import norm
 
 from softrobot_env.core.interfaces import Seen
 from softrobot_env.core.records import check_argument
@@ -139,7 +140,7 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndarr
         for name, value in (fixed or {}).items():
             own = self._sampled[name]
             if name in _VECTORS and value.ndim == 1:
-                sizes = np.linalg.norm(own[which], axis=1, keepdims=True)
+                sizes = norm(own[which], axis=1, keepdims=True)
                 sizes[sizes == 0] = 1.0
                 own[which] *= value[which, None] / sizes
             else:
@@ -163,7 +164,7 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndarr
             if name in _VECTORS:
                 direction = rng.standard_normal(3)
                 # The size is at least tiny, so that the direction is known where it is given.
-                out[name] = max(out[name], 1e-12) * direction / np.linalg.norm(direction)
+                out[name] = max(out[name], 1e-12) * direction / norm(direction)
         return out
 
     def _set_threshold(self) -> None:
@@ -209,7 +210,7 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndarr
     def _off(self) -> ndarray:
         """(n,) [1], over what counts as success."""
         if self.task.free:
-            away = np.linalg.norm(self.simulation.place - self._home, axis=1)
+            away = norm(self.simulation.place - self._home, axis=1)
             return away / self.task.within
         radius = self._sampled["diameter"] / 2
         width = [f.robot.backbone.widest for f in self.gripper.fingers]

@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal
 import gymnasium
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import norm
 
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.records import Count, NotNegative, Positive, Range, Whole, check_fields
@@ -175,7 +176,7 @@ def _bend_towards(robot: RobotParams, tendon: int) -> ndarray:
     pulled = robot.tendons[tendon]
     s = (np.arange(_SPANS) + 0.5) * pulled.end / _SPANS
     towards = pulled.at(s)
-    towards = towards / np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-300)
+    towards = towards / np.maximum(norm(towards, axis=-1, keepdims=True), 1e-300)
     return np.array([np.sum(t.at(s) * towards, axis=-1)[s < t.end].sum() for t in robot.tendons])
 
 
@@ -222,7 +223,7 @@ def _judge(robot: RobotParams, limits: Excitation) -> Callable[[ndarray, float],
             q = scene.equilibrium(command, posture)
         except (EquilibriumError, ValueError):
             return False
-        near = np.linalg.norm(scene.tip(q) - rest) <= limits.radius
+        near = norm(scene.tip(q) - rest) <= limits.radius
         return bool(near and np.all(tension_of(command, q) <= most))
 
     return safe
@@ -398,7 +399,7 @@ def excite(
     for k, (action, label) in enumerate(zip(plan.actions, plan.labels, strict=True)):
         env.label = str(label)
         observation, _, terminated, truncated, info = env.step(action.astype(np.float32))
-        far = float(np.linalg.norm(observation["tip_position"] - begin))
+        far = float(norm(observation["tip_position"] - begin))
         reason = info.get("failure") or _beyond(far, info["tendon_tension"], most, limits)
         if reason:
             return f"after {(k + 1) * plan.period:.2f} s: {reason}"

@@ -9,6 +9,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import inv, pinv
 
 from softrobot_env.core.arrays import HOST, HostArrays, namespace
 
@@ -92,7 +93,7 @@ def with_balance(robot: RobotParams) -> RobotParams:
         if not group.opposed.any():
             continue
         own = pretension[group.members]
-        kept = np.eye(len(own)) - np.linalg.pinv(group.phi) @ group.phi
+        kept = np.eye(len(own)) - pinv(group.phi) @ group.phi
         for near in (own, np.full(len(own), own.mean()), np.zeros(len(own))):
             found = kept @ near
             if found.min() >= 0:
@@ -291,8 +292,8 @@ class _Group:
         self.phi = places.T
         self.one, self.other = np.zeros((2, 2, len(places)))
         for before, k, after in zip(hull[-1:] + hull, hull, hull[1:] + hull[:1], strict=False):
-            self.one[:, k] = np.linalg.inv(places[[before, k]].T)[1]
-            self.other[:, k] = np.linalg.inv(places[[k, after]].T)[0]
+            self.one[:, k] = inv(places[[before, k]].T)[1]
+            self.other[:, k] = inv(places[[k, after]].T)[0]
             self.widest[k] = self.other[:, k] @ places[before] < 0
         return True
 

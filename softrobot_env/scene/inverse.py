@@ -23,6 +23,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import cholesky, norm, svd
 
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.processes import one_blas_thread
@@ -311,7 +312,7 @@ class InverseStatics:
                 break
         else:
             return None
-        left = float(np.linalg.norm(gap - linear.tip_by_actions @ step))
+        left = float(norm(gap - linear.tip_by_actions @ step))
         if left > _MISSED * self.scene.config.robot.reach or not _definite(linear.stiffness):
             return None
         return Place(action, self.inputs_for(action, posture), posture, left)
@@ -349,7 +350,7 @@ class InverseStatics:
 
     def _axes(self, found: Place) -> ndarray:
         """Unit vectors (2, 2) along which the tip moves most and least."""
-        return np.linalg.svd(self._tip_by_actions(found))[0].T
+        return svd(self._tip_by_actions(found))[0].T
 
     def _radius(self, middle: Place, least: float) -> float:
         """How far [m] the tip gets on the shortest of some rays; 0 where that is `least` or less.
@@ -388,7 +389,7 @@ class InverseStatics:
 
     def _room(self, found: Place) -> float:
         """How far [m] the tip moves to its worst side before an action reaches its bound."""
-        singular = np.linalg.svd(self._tip_by_actions(found), compute_uv=False)
+        singular = svd(self._tip_by_actions(found), compute_uv=False)
         side = singular[-1] if len(singular) == len(self.directions) else 0.0
         return float(side * (1 - np.abs(found.action).max()))
 
@@ -447,7 +448,7 @@ class InverseStatics:
     def _spread(self, count: int, box: float) -> list[Place]:
         found, actions = [self._rest], [self._rest.action]
         for action in box * spread(count, self._tensions.n_inputs):
-            near = found[int(np.argmin(np.linalg.norm(np.array(actions) - action, axis=1)))]
+            near = found[int(np.argmin(norm(np.array(actions) - action, axis=1)))]
             commanded = _controls(self._by_tension, self._command(action))
             try:
                 guess = self._ahead(near, action)
@@ -487,7 +488,7 @@ class InverseStatics:
         tensions = by_action(self._actions, self._rest.action)
         shorter = self.forces.by_controls()[:, : len(tensions)].T @ linear.by_actions
         pulled = shorter + tensions / self._elastic[1][:, None]
-        box = min(1.0, float((self.inputs.input_scale / np.linalg.norm(pulled, axis=1)).min()))
+        box = min(1.0, float((self.inputs.input_scale / norm(pulled, axis=1)).min()))
         while box < 1.0:
             larger = min(1.0, _GROWTH * box)
             if len(self._spread(_PROBES, larger)) <= _WITHIN * _PROBES:
@@ -505,7 +506,7 @@ class InverseStatics:
     def _elsewhere(self, point: ndarray, found: Place) -> Place:
         """The point from the nearest places of a sample, if that is better."""
         places, tips = self._sample
-        for k in np.argsort(np.linalg.norm(tips - point, axis=1))[:_TRIALS]:
+        for k in np.argsort(norm(tips - point, axis=1))[:_TRIALS]:
             found = min(found, self._towards(point, places[k], 1), key=lambda f: f.error)
             if found.error <= self.tolerance:
                 break
@@ -526,7 +527,7 @@ class InverseStatics:
         """The same with its distance to a point, unless it is no equilibrium."""
         if not np.isfinite(found.error):
             return found
-        error = np.linalg.norm(self.directions @ self.tip(found.posture) - point)
+        error = norm(self.directions @ self.tip(found.posture) - point)
         return found._replace(error=float(error))
 
     def _near(self, point: ndarray, start: Place) -> Place:
@@ -545,7 +546,7 @@ class InverseStatics:
             posture = self.moved(posture, turn / size)
             if np.abs(turn).max() < _BALANCED and np.abs(step).max() < _RELAXED:
                 break
-            if np.linalg.norm(gap) < 1e-2 * self.scene.config.robot.reach and idle > 0.7 * before:
+            if norm(gap) < 1e-2 * self.scene.config.robot.reach and idle > 0.7 * before:
                 share = max(share / 2, _LEAST_SHARE)
             before = idle
         return self._settled(point, action, posture)
@@ -661,12 +662,12 @@ def _free_step(
     jacobian: ndarray, gap: ndarray, action: ndarray, share: float, least: float
 ) -> tuple[ndarray, float]:
     """As `least_step`, without the box."""
-    left, singular, right = np.linalg.svd(jacobian, full_matrices=False)
+    left, singular, right = svd(jacobian, full_matrices=False)
     kept = singular > _RANK * max(singular[0], 1e-300)
     left, singular, right = left[:, kept], singular[kept], right[kept]
     if not len(singular):
         return np.zeros(len(action)), 0.0
-    damping = _DAMPING * np.linalg.norm(gap) * singular[0] + least**2
+    damping = _DAMPING * norm(gap) * singular[0] + least**2
     to_point = right.T @ (singular / (singular**2 + damping) * (left.T @ gap))
     idle = action - right.T @ (right @ action)
     return to_point - share * idle, float(np.abs(idle).max())
@@ -675,7 +676,7 @@ def _free_step(
 def _definite(stiffness: ndarray) -> bool:
     """Whether the symmetric part of a stiffness (nv, nv) is positive definite."""
     try:
-        np.linalg.cholesky(stiffness + stiffness.T)
+        cholesky(stiffness + stiffness.T)
     except np.linalg.LinAlgError:
         return False
     return True

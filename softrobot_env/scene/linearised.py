@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import eigvals, solve
 
 from softrobot_env.robots.actuation import by_action, robot_inputs
 
@@ -46,7 +47,7 @@ class LinearModel(NamedTuple):
     @property
     def frequencies(self) -> ndarray:
         """Natural frequencies (n,) [Hz] without damping, the lowest first."""
-        squared = np.linalg.eigvals(np.linalg.solve(self.mass, self.stiffness)).real
+        squared = eigvals(solve(self.mass, self.stiffness)).real
         return np.sqrt(np.sort(squared)) / (2 * np.pi)
 
     def first_mode(self) -> tuple[float, float]:
@@ -60,21 +61,21 @@ class LinearModel(NamedTuple):
     def response(self, rate: float) -> ndarray:
         """Complex amplitudes (3, m) [m] of the tip by those of inputs at a rate [rad/s]."""
         dynamic = self.stiffness - rate**2 * self.mass + 1j * rate * self.damping
-        return self.tip @ np.linalg.solve(dynamic, self.inputs)
+        return self.tip @ solve(dynamic, self.inputs)
 
     def state_space(self) -> tuple[ndarray, ndarray, ndarray]:
         """A (2 n, 2 n), B (2 n, m) and C (3, 2 n) of x = (dq, q')."""
         n = len(self.mass)
         right = np.hstack([-self.stiffness, -self.damping, self.inputs])
-        solved = np.linalg.solve(self.mass, right)
+        solved = solve(self.mass, right)
         a = np.vstack([np.eye(n, 2 * n, n), solved[:, : 2 * n]])
         b = np.vstack([np.zeros_like(self.inputs), solved[:, 2 * n :]])
         return a, b, np.hstack([self.tip, np.zeros_like(self.tip)])
 
     def seen_as(self, mean: ndarray) -> "LinearModel":
         """The same in coordinates P q, for P (k, n): W as above."""
-        w = np.linalg.solve(self.stiffness, mean.T)
-        w = np.linalg.solve((mean @ w).T, w.T).T
+        w = solve(self.stiffness, mean.T)
+        w = solve((mean @ w).T, w.T).T
         square = (w.T @ x @ w for x in (self.mass, self.damping, self.stiffness))
         return LinearModel(*square, w.T @ self.inputs, self.tip @ w, w.T @ self.elastic)
 

@@ -33,6 +33,7 @@ import mujoco
 import numpy as np
 from mujoco import MjData, MjModel, mjtJoint, mjtTrn, mjtWrap
 from numpy import ndarray
+from numpy.linalg import norm
 
 from .chain import TIP_SITE
 from .tendons import actuator_arms, tendon_arms
@@ -236,7 +237,7 @@ class StaticForces:
         for spans in self._of.spans:
             turns, end = spans.turns, places[spans.end]
             span = end - places[spans.start]
-            length = np.linalg.norm(span, axis=1)[:, None]
+            length = norm(span, axis=1)[:, None]
             axis, arm = axes[turns], end[:, None] - anchors[turns]
             across = _cross(_cross(axis, arm), (span / length)[:, None])
             later = axis @ across.transpose(0, 2, 1)
@@ -321,7 +322,7 @@ class RubbingForces(StaticForces):
         out = super().tangent()
         if len(self._bends):
             way = self._held()
-            far = np.maximum(np.linalg.norm(self._away, axis=1), 1.0)[:, None, None]
+            far = np.maximum(norm(self._away, axis=1), 1.0)[:, None, None]
             across = np.where(far > 1, way[:, :, None] * way[:, None, :], 0.0)
             rate = self._holding[:, :, None] / self._give * (np.eye(way.shape[1]) - across) / far
             out[self._bends[:, :, None], self._bends[:, None, :]] -= self._share * rate
@@ -329,7 +330,7 @@ class RubbingForces(StaticForces):
 
     def _held(self) -> ndarray:
         """(stations, k) share of friction of each station's bends, of length one at most."""
-        return self._away / np.maximum(np.linalg.norm(self._away, axis=1, keepdims=True), 1.0)
+        return self._away / np.maximum(norm(self._away, axis=1, keepdims=True), 1.0)
 
     def stay(self) -> None:
         """Take the posture of the last `force` for where tendons and joints come from next."""
@@ -485,7 +486,7 @@ def _rotation_vectors(q: ndarray, reference: ndarray) -> ndarray:
     w, v = reference[:, :1], -reference[:, 1:]
     real = w[:, 0] * q[:, 0] - (v * q[:, 1:]).sum(axis=1)
     imaginary = w * q[:, 1:] + q[:, :1] * v + _cross(v, q[:, 1:])
-    sine = np.linalg.norm(imaginary, axis=1)
+    sine = norm(imaginary, axis=1)
     angle = 2 * np.arctan2(sine, np.abs(real)) * np.where(real < 0, -1, 1)
     return imaginary * np.where(sine > 0, angle / np.where(sine > 0, sine, 1), 2)[:, None]
 
@@ -494,7 +495,7 @@ def _rotation_rates(turns: ndarray) -> ndarray:
     """(k, 3, 3) change of rotation vectors (k, 3) by small rotations in the turned frames."""
     skew = np.zeros((len(turns), 3, 3))
     skew[:, [2, 0, 1], [1, 2, 0]], skew[:, [1, 2, 0], [2, 0, 1]] = turns, -turns
-    angle = np.linalg.norm(turns, axis=1)
+    angle = norm(turns, axis=1)
     large = np.maximum(angle, 1e-2)
     # 1 / t^2 - cot(t / 2) / (2 t), whose difference cancels for small angles.
     exact = (1 - large / 2 / np.tan(large / 2)) / large**2

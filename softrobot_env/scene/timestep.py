@@ -41,6 +41,7 @@ from math import ceil, inf, pi, sqrt
 import mujoco
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import cholesky, eigvals, eigvalsh, inv, solve
 
 from softrobot_env.core.processes import one_blas_thread
 from softrobot_env.core.records import Vector2
@@ -151,8 +152,8 @@ class LinearChain:
     def frequencies(self) -> ndarray:
         """Undamped angular frequencies (nv,) [rad/s], increasing."""
         # As 1 / w^2, so that the slow modes are the accurate ones.
-        half = np.linalg.inv(np.linalg.cholesky(self.stiffness))
-        return 1 / np.sqrt(np.linalg.eigvalsh(half @ self.mass @ half.T)[::-1])
+        half = inv(cholesky(self.stiffness))
+        return 1 / np.sqrt(eigvalsh(half @ self.mass @ half.T)[::-1])
 
 
 def linearize(model: mujoco.MjModel) -> LinearChain:
@@ -201,8 +202,8 @@ def stability_limit(integrator: str, chain: LinearChain) -> float:
 def _quadratic_roots(a: ndarray, b: ndarray, c: ndarray) -> ndarray:
     """Roots (2 n,) x of det(a x^2 + b x + c) = 0 for matrices (n, n)."""
     n = len(a)
-    lower = -np.linalg.solve(a, np.hstack([c, b]))
-    return np.linalg.eigvals(np.vstack([np.eye(n, 2 * n, n), lower]))
+    lower = -solve(a, np.hstack([c, b]))
+    return eigvals(np.vstack([np.eye(n, 2 * n, n), lower]))
 
 
 def _rk4_limit(root: complex) -> float:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import inv, solve
 from scipy.optimize import least_squares
 
 from softrobot_env.core.continuation import Damping, descend
@@ -78,7 +79,7 @@ class LightModel:
 
     def tip(self, bend: ndarray) -> ndarray:
         """Tips (..., 2) [m] of bends (..., 2) [rad], inverse of `bend`."""
-        straight = (bend - self.straight) @ np.linalg.inv(self.turn).T
+        straight = (bend - self.straight) @ inv(self.turn).T
         tip = straight.copy()
         for _ in range(60):
             tip = 0.5 * (tip + straight / self._growth(tip))
@@ -182,7 +183,7 @@ class BendFilter:
         place, sure = (self.model.bend(np.zeros(2)), 1e8) if straight else (np.zeros(2), 1e-2)
         # Of bend and drift, what is expected and how much that counts.
         mean, prior = np.concatenate([place, self.drift]), np.diag([sure] * 2 + [0.0] * OUTPUTS)
-        prior[2:, 2:] = np.linalg.inv(self._variance)
+        prior[2:, 2:] = inv(self._variance)
 
         def guess(x: ndarray) -> _Guess:
             light, gain = self._light(x[:2] + _TURNS), 1 + x[2:]
@@ -197,7 +198,7 @@ class BendFilter:
         found = [_least(guess, np.concatenate([bend, self.drift])) for bend in starts]
         best = min(found, key=lambda one: one.cost)
         self.bend, self.drift = best.x[:2], best.x[2:]
-        self._variance = np.linalg.inv(best.hessian)[2:, 2:]
+        self._variance = inv(best.hessian)[2:, 2:]
         follow(self._play, self.bend[None, None])
         self.tip = self.model.tip(self.bend)
         return self.tip
@@ -232,7 +233,7 @@ def _least(guess: Callable[[ndarray], _Guess], x: ndarray) -> _Guess:
             break
 
         def step(damping: float, here: _Guess = here, diagonal: ndarray = diagonal) -> _Guess:
-            way = np.linalg.solve(here.hessian + damping * np.diag(diagonal), here.gradient)
+            way = solve(here.hessian + damping * np.diag(diagonal), here.gradient)
             way[:2] = np.clip(way[:2], -0.2, 0.2)
             return guess(here.x + way)
 

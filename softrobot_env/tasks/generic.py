@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import lstsq, norm
 
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.registry import Registry
@@ -192,12 +193,12 @@ def _on_line(
 ) -> tuple[ndarray, float]:
     """Tips (n, 3) [m] under random equal actions, up to `radius` [m] from that of the action 0."""
     middle = site.ground.middle
-    most = np.linalg.norm(site.inverse.line(np.array([-1.0, 1.0]))[0] - middle, axis=1).min()
+    most = norm(site.inverse.line(np.array([-1.0, 1.0]))[0] - middle, axis=1).min()
     radius = _rounded(REACH_SHARE * most) if radius is None else _checked(radius)
     if radius > most:
         raise ValueError(f"radius must be at most {most:.3g} m here, got {radius!r}")
     actions = np.linspace(-1, 1, 81) * min(1.0, 2 * radius / most)
-    near = actions[np.linalg.norm(site.inverse.line(actions)[0] - middle, axis=1) <= radius]
+    near = actions[norm(site.inverse.line(actions)[0] - middle, axis=1) <= radius]
     return site.inverse.line(rng.uniform(near[0], near[-1], _POINTS))[0], radius
 
 
@@ -366,7 +367,7 @@ def _sheet(robot: RobotParams, length: float, width: float, what: str) -> _Sheet
     tips, _ = site.held_along(flat, what)
     height = (tips - site.ground.middle) @ np.cross(*site.ground.axes)
     terms = _powers(points)
-    fitted = np.linalg.lstsq(terms, height, rcond=None)[0]
+    fitted = lstsq(terms, height, rcond=None)[0]
     off = np.abs(terms @ fitted - height).max()
     return _Sheet(site, size, fitted) if off <= _SMOOTH * robot.reach else None
 

@@ -13,6 +13,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import norm
 
 from softrobot_env.core.records import Positive, Record, check_fields
 
@@ -140,7 +141,7 @@ class EqualForceCurve(Record, what="equal-force curve"):
             ValueError: The curve up to the parameter `_LARGEST` does not reach that far.
         """
         grid = np.linspace(start, _LARGEST, 2001)
-        reach = np.linalg.norm(self.derivative(grid, 0) - self.derivative(start, 0), axis=1)
+        reach = norm(self.derivative(grid, 0) - self.derivative(start, 0), axis=1)
         if not 0 < distance <= reach[-1]:
             raise ValueError(
                 f"step width must lie in (0, {1e3 * reach[-1]:.0f}] mm, got {1e3 * distance:g} mm"
@@ -148,7 +149,7 @@ class EqualForceCurve(Record, what="equal-force curve"):
         a = np.interp(distance, reach, grid)
         for _ in range(3):  # Newton; the table is already good to 1e-7
             gap = self.derivative(a, 0) - self.derivative(start, 0)
-            size = np.linalg.norm(gap)
+            size = norm(gap)
             a -= (size - distance) * size / (gap @ self.derivative(a, 1))
         return float(a)
 
@@ -197,7 +198,7 @@ class CurveSweep:
         return arc - arc[len(a) // 2], a, 1 / self._rate(a)
 
     def _rate(self, a: ndarray) -> ndarray:
-        return np.linalg.norm(self.curve.derivative(a, 1), axis=-1)
+        return norm(self.curve.derivative(a, 1), axis=-1)
 
     def _parameter(self, t: ndarray) -> ndarray:
         """Curve parameter at times t: the table, inverted by cubic Hermite interpolation."""
@@ -221,7 +222,7 @@ class CurveSweep:
     def velocity(self, t: ndarray) -> ndarray:
         """Speed times the unit tangent while moving."""
         tangent = self.curve.derivative(self._parameter(t), 1)
-        unit = tangent / np.linalg.norm(tangent, axis=-1, keepdims=True)
+        unit = tangent / norm(tangent, axis=-1, keepdims=True)
         return np.where(self._moving(t), self.speed * unit, 0.0)
 
     def acceleration(self, t: ndarray) -> ndarray:

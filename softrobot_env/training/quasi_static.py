@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import norm
 
 from softrobot_env.core.interfaces import ProgressCallback, quiet
 from softrobot_env.core.records import Count, Record
@@ -120,11 +121,11 @@ def hold_sample(
     for k in range(1, len(tips)):
         if k % 20 == 0:
             show("inverse statics", k, len(tips))
-        near = np.argsort(np.linalg.norm(tips[found] - tips[k], axis=1))[:_NEIGHBOURS]
+        near = np.argsort(norm(tips[found] - tips[k], axis=1))[:_NEIGHBOURS]
         tried = [inverse.solve(points[k : k + 1], rows[i], anywhere=False) for i in near]
         reached = [held for held in tried if held.errors[0] <= inverse.tolerance]
         if reached:
-            rows.append(min(reached, key=lambda held: np.linalg.norm(held.inputs[0])))
+            rows.append(min(reached, key=lambda held: norm(held.inputs[0])))
             found.append(k)
     return tips[found], Held(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
 
@@ -135,11 +136,11 @@ def _errors(inverse: InverseStatics, network: Network, tips: ndarray, postures: 
     wanted = inverse.inputs.from_actions(actions)
     rests = [inverse.posture(u, q) for u, q in zip(wanted, postures, strict=True)]
     reached = np.array([inverse.directions @ inverse.tip(rest) for rest in rests])
-    return np.linalg.norm(reached - tips, axis=1)
+    return norm(reached - tips, axis=1)
 
 
 def _spacing(tips: ndarray) -> float:
     """[m], within which nearly every place has another."""
-    apart = np.linalg.norm(tips[:, None] - tips[None], axis=2)
+    apart = norm(tips[:, None] - tips[None], axis=2)
     np.fill_diagonal(apart, np.inf)
     return float(np.quantile(apart.min(axis=1), 0.98))

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import norm
 from scipy.signal import savgol_filter
 
 from softrobot_env.control.reduced.policy import Learned
@@ -129,7 +130,7 @@ def trusted(model: ReducedModel, records: Sequence[Record]) -> Learned:
     whole[n:, n:] = _WANDER**2 * model.period * np.eye(m)
     moved = np.concatenate(inputs)
     floor = 1e-12 * np.eye(n) * np.square(model.scale[:n])
-    far = max(np.linalg.norm(r.outputs - model.origin, axis=1).max() for r in records)
+    far = max(norm(r.outputs - model.origin, axis=1).max() for r in records)
     reached = moved.min(axis=0), moved.max(axis=0), np.array(far)
     return Learned(model, whole, _covariance(noise) + floor, *reached)
 
@@ -146,7 +147,7 @@ def _next(model: ReducedModel, x: ndarray, v: ndarray) -> ndarray:
 def _covariance(parts: Sequence[ndarray]) -> ndarray:
     """Of rows about zero; those far out, at the ends of records for instance, do not count."""
     rows = np.concatenate(parts)
-    size = np.linalg.norm(rows / np.maximum(rows.std(axis=0), 1e-300), axis=1)
+    size = norm(rows / np.maximum(rows.std(axis=0), 1e-300), axis=1)
     rows = rows[size <= np.quantile(size, 0.99)]
     return rows.T @ rows / len(rows)
 
@@ -223,7 +224,7 @@ def judged(model: ReducedModel, records: Sequence[Record]) -> float:
             cut = Record(record.outputs[part], record.inputs[part], record.period)
             gap = model.predict_record(cut) - cut.outputs[model.delays - 1 :]
             with np.errstate(over="ignore", invalid="ignore"):
-                errors.append(np.linalg.norm(gap, axis=1))
+                errors.append(norm(gap, axis=1))
     return float(np.mean(np.concatenate(errors))) if errors else float("nan")
 
 
@@ -306,9 +307,7 @@ def _judged(
     known, unseen = forced[:-kept], forced[-kept:]
     model = learn(decays, known, settings, refinement, show)
     error = judged(model, unseen)
-    moved = float(
-        np.mean(np.concatenate([np.linalg.norm(r.outputs - model.origin, axis=1) for r in unseen]))
-    )
+    moved = float(np.mean(np.concatenate([norm(r.outputs - model.origin, axis=1) for r in unseen])))
     if not error <= _WRONG * moved:
         raise FitError(
             f"predictions of {_JUDGED:g} s of motion that was left out err by {1e3 * error:.3g} mm "

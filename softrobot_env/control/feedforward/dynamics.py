@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import norm, solve
 
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, check_argument
@@ -132,10 +133,10 @@ class InverseDynamics(Feedforward):
                 place.posture, _FIRST @ stack / self._period, _SECOND @ stack / self._period**2
             )
             full, moved = self._balanced(place.action, linear, force + more)
-            share = min(1.0, np.linalg.norm(shift) / max(np.linalg.norm(moved - shift), 1e-12))
+            share = min(1.0, norm(shift) / max(norm(moved - shift), 1e-12))
             step, shift = step + share * (full - step), shift + share * (moved - shift)
             felt = linear.tip_by_actions @ (full - step)
-            if share < 1 and np.linalg.norm(felt) > _FELT * self._near:
+            if share < 1 and norm(felt) > _FELT * self._near:
                 reason = _FAST
         posture = solver.moved(place.posture, shift)
         inputs = solver.inputs_for(place.action + step, posture)
@@ -146,7 +147,7 @@ class InverseDynamics(Feedforward):
         self, rest: Rest, linear: Linear, velocity: ndarray, acceleration: ndarray
     ) -> tuple[ndarray, ndarray]:
         """Rate and second derivative (nv,) of the posture along the equilibria of the reference."""
-        speed, pull = np.linalg.norm(velocity), np.linalg.norm(acceleration)
+        speed, pull = norm(velocity), norm(acceleration)
         if speed == pull == 0:
             return np.zeros((2, len(linear.stiffness)))
         h = min(self._near / max(speed, 1e-12), np.sqrt(self._near / max(pull, 1e-12)))
@@ -174,7 +175,7 @@ class InverseDynamics(Feedforward):
 
     def _balanced(self, action: ndarray, linear: Linear, force: ndarray) -> tuple[ndarray, ndarray]:
         """Change (m,) of the actions, and shift (nv,), under more force without the tip moving."""
-        bent = np.linalg.solve(linear.stiffness, force)
+        bent = solve(linear.stiffness, force)
         step, _ = least_step(linear.tip_by_actions, linear.tip_by_turns @ bent, action, 0.0)
         return step, linear.by_actions @ step - bent
 

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import solve
 from scipy.linalg import eigh, expm
 
 from softrobot_env.scene.build import build_scene
@@ -154,7 +155,7 @@ class Neighbourhood:
         forces, held = self._forces(linear, rest, by_inputs, path, change, differs)
         offsets = by_inputs @ differs.mean[3 : 3 + by_inputs.shape[1]]
         left = np.column_stack([forces, forces @ differs.mean - held - offsets])
-        *ways, moving = (linear.tip_by_turns[axes] @ np.linalg.solve(linear.stiffness, left)).T
+        *ways, moving = (linear.tip_by_turns[axes] @ solve(linear.stiffness, left)).T
         modes = self._modes(linear, axes, place.posture, path, change, differs)
         if not all(np.isfinite(x).all() for x in (*modes, *ways)):  # absurdly fast
             return None
@@ -193,8 +194,8 @@ class Neighbourhood:
         mass, stiffness = self.statics.world.forces.mass() + carried, p.T @ linear.stiffness @ p
         by_rate, by_turn = self._inertial(posture, path.rate, change.rate, differs)
         tip = by_turns[axes]
-        at_once = np.linalg.solve(linear.stiffness.T, tip.T).T
-        at_once = at_once - tip @ p @ np.linalg.solve(stiffness, p.T)
+        at_once = solve(linear.stiffness.T, tip.T).T
+        at_once = at_once - tip @ p @ solve(stiffness, p.T)
         free, forced = _held(p.T @ mass @ p, by_rate, stiffness + by_turn, self._period)
         return free, forced @ p.T, tip @ p, at_once
 
@@ -240,7 +241,7 @@ class Neighbourhood:
         """Rate (nv,) [rad/s] of the turns by that of the tip (k,) [m/s] along the rests."""
         tip = linear.tip_by_actions[axes]
         square = tip @ tip.T + self.statics.damping**2 * np.eye(len(axes))
-        return linear.by_actions @ (tip.T @ np.linalg.solve(square, velocity))
+        return linear.by_actions @ (tip.T @ solve(square, velocity))
 
     def _otherwise(self, rest: Rest, springs: ndarray) -> list[ndarray]:
         """Forces (nv,) [N m] by how the robot may be built, in space.
@@ -261,6 +262,6 @@ def _held(
     r = len(inertia)
     rates = np.zeros((3 * r, 3 * r))
     rates[:r, r : 2 * r] = np.eye(r)
-    rates[r : 2 * r] = np.linalg.solve(inertia, np.hstack([-stiffness, -damping, np.eye(r)]))
+    rates[r : 2 * r] = solve(inertia, np.hstack([-stiffness, -damping, np.eye(r)]))
     found = expm(period * rates)[: 2 * r]
     return found[:, : 2 * r], found[:, 2 * r :]

@@ -2,6 +2,7 @@
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import norm, solve
 from scipy.linalg import solve_discrete_are
 
 from softrobot_env.robots import RobotParams
@@ -49,7 +50,7 @@ class Regulator:
         self.position, self.speed = outputs
         self.weight, self.change = weights
         self.riccati = solve_discrete_are(self.a, self.b, self.weight, self.change)
-        self.gain = np.linalg.solve(self.change + self.b.T @ self.riccati @ self.b, self.b.T)
+        self.gain = solve(self.change + self.b.T @ self.riccati @ self.b, self.b.T)
         self.feedback = self.gain @ self.riccati @ self.a
 
 
@@ -74,7 +75,7 @@ def regulator_of(
     place = directions @ tip
     position = np.hstack([place * size, np.zeros((len(place), m))])
     speed = np.hstack([np.zeros((len(place), n)), place[:, :n] / first, np.zeros((len(place), m))])
-    gain = np.linalg.norm(place[:, :n] @ point.by_action) / np.sqrt(len(place))  # m
+    gain = norm(place[:, :n] @ point.by_action) / np.sqrt(len(place))  # m
     weight = position.T @ position + _VELOCITY_WEIGHT * first**2 * speed.T @ speed
     weight[2 * n :, 2 * n :] += _INPUT_WEIGHT * gain**2 * np.eye(m)
     # Riccati's equation needs every state in the cost; this is far below the rest.
@@ -159,7 +160,7 @@ def costates(regulator: Regulator, timing: Timing) -> ndarray:
     steps = _periods(timing, timing.knots)[-1]
     by_knot = np.kron(hats(steps, timing.knots, timing.period), np.eye(outputs))
     places = by_knot.reshape(steps + 1, outputs, -1)
-    costate = np.linalg.solve(np.eye(count) - closed.T, regulator.position.T @ places[-1])
+    costate = solve(np.eye(count) - closed.T, regulator.position.T @ places[-1])
     found = [costate]
     for k in range(steps, 0, -1):
         costate = closed.T @ costate + regulator.position.T @ places[k]

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import norm
 
 from softrobot_env.core.arrays import HOST, HostArrays, like, namespace, on_host
 from softrobot_env.core.interfaces import Measurement
@@ -82,7 +83,7 @@ class _ChainMeasures:
             self.fine = mean_curvature(model, layout, layout.pieces)
         self.directions = len(self.mean) // pieces
         self.curvature, self.speed = robot.curvature_limit, speed
-        most = float(np.linalg.norm(self.mean, axis=1).max())
+        most = float(norm(self.mean, axis=1).max())
         self.turning = curvature_rate_limit(robot, speed) / most
         # No hinge has a longer moment arm than the reach: of slow hinges the tip is slow.
         self.slow = min(self.turning, self.speed / (robot.reach * sqrt(self.mean.shape[1])))
@@ -111,8 +112,8 @@ class _ChainMeasures:
         if sharp is not None:
             return sharp
         for what, value, limit, unit in (
-            ("tip speed", float(np.linalg.norm(velocity)), self.speed, "m/s"),
-            ("norm of the hinge rates", float(np.linalg.norm(rates)), self.turning, "rad/s"),
+            ("tip speed", float(norm(velocity)), self.speed, "m/s"),
+            ("norm of the hinge rates", float(norm(rates)), self.turning, "rad/s"),
         ):
             if value > limit:
                 return left_workspace(f"{what} {value:.4g} {unit} is beyond {limit:.4g}", time)

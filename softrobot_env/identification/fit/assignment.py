@@ -14,6 +14,7 @@ from itertools import chain, combinations, permutations
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import det, norm, solve, svd
 from scipy.optimize import linear_sum_assignment
 
 from softrobot_env.core.processes import chosen_processes
@@ -216,11 +217,11 @@ class _Search:
     def _first(self, sign: float) -> set[tuple[int, ...]]:
         """Assignments by how markers move when columns change, for many turns of the frame."""
         moved = self._directions() * sign
-        size = np.linalg.norm(moved, axis=1)
+        size = norm(moved, axis=1)
         way = moved / np.maximum(size, 1e-12)[:, None]
         ends = np.array([t.end for t in self.robot.tendons])
         place = np.array([t.offset for t in self.robot.tendons])
-        expected = place / np.linalg.norm(place, axis=1)[:, None]
+        expected = place / norm(place, axis=1)[:, None]
         rank = np.argsort(np.argsort(-size)) / max(len(size) - 1, 1)
         farther = np.argsort(np.argsort(ends, kind="stable")) / max(len(ends) - 1, 1)
         found = set()
@@ -242,7 +243,7 @@ class _Search:
         known = small & np.isfinite(moved).all(axis=1)
         change, moved = change[known], moved[known]
         square = change.T @ change
-        return np.linalg.solve(
+        return solve(
             square + 1e-2 * np.trace(square) / len(square) * np.eye(len(square)), change.T @ moved
         )
 
@@ -343,7 +344,7 @@ def aligned(simulated: ndarray, recorded: ndarray, any_way: bool) -> tuple[float
         turn = np.eye(3)
         if measured.all():
             turn = _best_turn(a[used] - here, b[used] - there, any_way)
-        left = np.linalg.norm(a - here - (b - there) @ turn.T, axis=1)
+        left = norm(a - here - (b - there) @ turn.T, axis=1)
         used = left <= np.quantile(left, 1 - _OUTLIERS)
     return float(np.sqrt(np.mean(left**2))), turn_vector(turn), here - turn @ there
 
@@ -354,6 +355,6 @@ def _best_turn(a: ndarray, b: ndarray, any_way: bool) -> ndarray:
         dot = np.sum(a[:, :2] * b[:, :2])
         cross = np.sum(b[:, 0] * a[:, 1] - b[:, 1] * a[:, 0])
         return rotation(np.array([0.0, 0.0, np.arctan2(cross, dot)]))
-    left, _, right = np.linalg.svd(a.T @ b)
-    side = np.sign(np.linalg.det(left @ right))
+    left, _, right = svd(a.T @ b)
+    side = np.sign(det(left @ right))
     return left @ np.diag([1.0, 1.0, side]) @ right

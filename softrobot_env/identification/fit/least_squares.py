@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import cholesky, eigh, inv, solve
 from scipy.stats import t as student_t
 
 from softrobot_env.core.continuation import Damping, descend
@@ -120,7 +121,7 @@ def clustered(
         variance: Of the residuals, by which N is weighted.
         runs: (t,) number of each row's run.
     """
-    noise = np.linalg.inv(normal)
+    noise = inv(normal)
     pulls = []
     for run in np.unique(runs):
         rows = runs == run
@@ -167,11 +168,11 @@ def search(
         show: Called after each.
     """
     prior, by = model.unknowns.prior, np.ix_(free, free)
-    root, mean = np.linalg.cholesky(prior[by]), model.unknowns.mean[free]
+    root, mean = cholesky(prior[by]), model.unknowns.mean[free]
 
     def at(x: ndarray, slopes: bool = False) -> _Point:
         found = model.simulate(x, free if slopes else None, has_friction=has_friction)
-        away = np.linalg.solve(root, x[free] - mean)
+        away = solve(root, x[free] - mean)
         cost = _data_cost(found, weights, used) + 0.5 * float(np.sum(away**2))
         return _Point(x, found, cost)
 
@@ -182,10 +183,10 @@ def search(
     def steps_from(here: _Point) -> Callable[[float], _Point]:
         white, right = normal(here)
         matrix = white + np.eye(len(root))
-        right = right + np.linalg.solve(root, here.x[free] - mean)
+        right = right + solve(root, here.x[free] - mean)
 
         def step(damping: float) -> _Point:
-            change = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), right)
+            change = solve(matrix + damping * np.diag(np.diag(matrix)), right)
             there = here.x.copy()
             there[free] -= root @ change
             return at(there)
@@ -206,7 +207,7 @@ def search(
     white, _ = normal(here)
     covariance = prior.copy()
     covariance[free] = covariance[:, free] = 0.0
-    covariance[by] = root @ np.linalg.inv(white + np.eye(len(root))) @ root.T
+    covariance[by] = root @ inv(white + np.eye(len(root))) @ root.T
     return Fit(here.x, free, here.simulated, weights, root, white, covariance, taken)
 
 
@@ -289,7 +290,7 @@ def combinations(fit: Fit, labels: list[str], most: int = 12) -> list[Combinatio
 
     By singular values of the slopes, parameters in units of the prior.
     """
-    values, vectors = np.linalg.eigh(fit.information)
+    values, vectors = eigh(fit.information)
     names = [label for label, free in zip(labels, fit.free, strict=True) if free]
     found = []
     for value, vector in zip(values, vectors.T, strict=True):

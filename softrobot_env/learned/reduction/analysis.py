@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import eig, eigvals, inv, lstsq, svd
 
 from .model import ReducedModel
 from .records import Record, check_alike, delay_vectors
@@ -67,12 +68,12 @@ def spectrum(
             f"{modes} modes need delay vectors of {modes} numbers or more, got "
             f"{vectors[0].shape[1]}: raise delays"
         )
-    _, values, directions = np.linalg.svd(np.concatenate(vectors), full_matrices=False)
+    _, values, directions = svd(np.concatenate(vectors), full_matrices=False)
     seen = [one @ directions[:modes].T for one in vectors]
     now, then = (np.concatenate([one[part] for one in seen]) for part in (np.s_[:-1], np.s_[1:]))
-    step = np.linalg.lstsq(now, then, rcond=None)[0].T
+    step = lstsq(now, then, rcond=None)[0].T
     with np.errstate(divide="ignore"):
-        found = np.log(np.linalg.eigvals(step).astype(complex)) / decays[0].period
+        found = np.log(eigvals(step).astype(complex)) / decays[0].period
     found = found[np.argsort(-found.real)]
     fastest, slowest = -found[kept - 1].real, -found[kept].real if modes > kept else np.inf
     separation = float(slowest / fastest) if fastest > 0 else 0.0
@@ -132,7 +133,7 @@ def normal_form(model: ReducedModel, order: int | None = None) -> NormalForm:
             f"{model.dimension} coordinates and substeps {model.substeps}"
         )
     linear = model.linear_part()[:, :2]
-    values, vectors = np.linalg.eig(linear)
+    values, vectors = eig(linear)
     if not values[0].imag:
         raise ValueError(f"the model does not oscillate: its eigenvalues are {values.tolist()} 1/s")
     if values[0].imag < 0:
@@ -142,7 +143,7 @@ def normal_form(model: ReducedModel, order: int | None = None) -> NormalForm:
     degree = order or max(3, int(powers.sum(axis=1).max()) | 1)
     physical = model.coefficients[:, own] / np.prod(model.scale[:2] ** powers, axis=1)
     series = _Series(degree)
-    left = np.linalg.inv(vectors)[0]
+    left = inv(vectors)[0]
     rate = {tuple(p): left @ c for p, c in zip(powers.tolist(), physical.T, strict=True)}
     z = series.variable()
     kept = [values[0]]
