@@ -11,7 +11,7 @@ from numpy.linalg import norm
 
 from softrobot_env.core.interfaces import Seen
 from softrobot_env.core.records import check_argument
-from softrobot_env.robots import Gripper, RobotParams, as_number, find_gripper
+from softrobot_env.robots import Gripper, as_number, find_gripper
 from softrobot_env.scene.assembly import FINENESS, Resolution
 from softrobot_env.tasks.gripper import DRAWN, GRIP_TASKS, POSITIVE, GripTask
 
@@ -100,9 +100,8 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndarr
         self._sampled = {name: np.zeros(shapes.get(name, n)) for name in DRAWN}
         self._worst, self._home = np.zeros(n), np.zeros((n, 3))
         self._last[:] = self.max_episode_steps
-        self._enclosable = np.array(
-            [(k, s) for k, f in enumerate(fingers) for s in _starts(f.robot)]
-        )
+        starts = [finger.robot.backbone.cut(finger.robot.pieces)[:-1] for finger in fingers]
+        self._enclosable = np.array([(k, s) for k, own in enumerate(starts) for s in own])
 
     # ------------------------------------------------------------------ episodes
 
@@ -248,11 +247,6 @@ def _found(given: Any, find: Callable[[str], Any], name: str, kind: type) -> Any
     found = find(given) if isinstance(given, str) else given
     check_argument(name, found, kind)
     return found
-
-
-def _starts(robot: RobotParams) -> ndarray:
-    """Where a finger's pieces begin, (pieces,) [m]."""
-    return robot.backbone.cut(robot.pieces)[:-1]
 
 
 class GripperEnv(gymnasium.Env[Seen, ndarray]):

@@ -23,9 +23,9 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 from numpy import ndarray
-from numpy.linalg import cholesky, norm, svd
+from numpy.linalg import norm, svd
 
-from softrobot_env.core.equilibrium import EquilibriumError
+from softrobot_env.core.equilibrium import EquilibriumError, positive_definite
 from softrobot_env.core.processes import one_blas_thread
 from softrobot_env.robots import Drive, RobotParams
 from softrobot_env.robots.actuation import TendonMap, by_action, robot_inputs
@@ -313,7 +313,8 @@ class InverseStatics:
         else:
             return None
         left = float(norm(gap - linear.tip_by_actions @ step))
-        if left > _MISSED * self.scene.config.robot.reach or not _definite(linear.stiffness):
+        missed = left > _MISSED * self.scene.config.robot.reach
+        if missed or not positive_definite(linear.stiffness):
             return None
         return Place(action, self.inputs_for(action, posture), posture, left)
 
@@ -671,15 +672,6 @@ def _free_step(
     to_point = right.T @ (singular / (singular**2 + damping) * (left.T @ gap))
     idle = action - right.T @ (right @ action)
     return to_point - share * idle, float(np.abs(idle).max())
-
-
-def _definite(stiffness: ndarray) -> bool:
-    """Whether the symmetric part of a stiffness (nv, nv) is positive definite."""
-    try:
-        cholesky(stiffness + stiffness.T)
-    except np.linalg.LinAlgError:
-        return False
-    return True
 
 
 #: Actions of a sample unless said otherwise.

@@ -20,7 +20,7 @@ import numpy as np
 from numpy import ndarray
 from numpy.linalg import norm
 
-from softrobot_env.core.arrays import HOST, HostArrays, like, namespace, on_host
+from softrobot_env.core.arrays import HOST, like, namespace, on_host
 from softrobot_env.core.interfaces import Measurement
 from softrobot_env.robots import CAMERA_PERIOD, VARIATIONS, RobotParams
 from softrobot_env.scene.build import Scene
@@ -155,9 +155,12 @@ class _Chains:
             scene.model, scene.layout, np.atleast_2d(arrays.host(angles))
         )
         self.tendon_tension = lambda: arrays.copy(source.actuator_force)
-        self.tendon_length, self.true_length = _tendon_lengths(
-            source.ten_length[..., : len(robot.tendons)], simulation.full_length, servos, arrays
-        )
+        if servos is None:
+            inside, full = source.ten_length[..., : len(robot.tendons)], simulation.full_length
+            self.tendon_length = self.true_length = lambda: inside + full
+        else:
+            self.tendon_length = lambda: servos.reading
+            self.true_length = lambda: arrays.copy(servos.horn)
         self._bind()
         self.update()
 
@@ -187,22 +190,6 @@ class ChainReadout(_Chains):
                 fine, self._velocity, self._rates, self._simulation.data.time
             )
         return None
-
-
-def _tendon_lengths(
-    inside: ndarray, full: ndarray, servos: Servos | None, arrays: HostArrays = HOST
-) -> tuple[Read, Read]:
-    """Functions of tendons' lengths [m] as measured, and as they are.
-
-    Args:
-        inside: (..., n_tendons) [m], view of what MuJoCo tells.
-        full: (..., n_tendons) [m], view of what is added to that.
-        servos: What drives the tendons in length; theirs are the lengths pulled in.
-        arrays: All of these are.
-    """
-    if servos is not None:
-        return lambda: servos.reading, lambda: arrays.copy(servos.horn)
-    return (both := lambda: inside + full), both
 
 
 class BatchReadout(_Chains):

@@ -107,7 +107,8 @@ class GripperBatch(Batch):
         super().__init__(built, config.num_envs, config.threads)
         model, expand = built.model, self._batch.expand
         self._body, self._geom = model.body(BAR).id, model.geom(f"{BAR}_shape").id
-        self._pairs = [k for k in range(model.npair) if self._geom in _geoms(model, k)]
+        pairs = enumerate(zip(model.pair_geom1, model.pair_geom2, strict=True))
+        self._pairs = [k for k, geoms in pairs if self._geom in geoms]
         self._size, self._bound, self._box = map(expand, ("geom_size", "geom_rbound", "geom_aabb"))
         self._mass, self._inertia = expand("body_mass"), expand("body_inertia")
         self._place, self._friction = expand("body_pos"), expand("pair_friction")
@@ -217,10 +218,6 @@ class GripperBatch(Batch):
         """
         self._forces[:, 6 * self._body : 6 * self._body + 3] = forces
         self.gravity[:] = np.array(self.gripper.gravity) - accelerations
-
-
-def _geoms(model: mujoco.MjModel, pair: int) -> tuple[int, int]:
-    return model.pair_geom1[pair], model.pair_geom2[pair]
 
 
 def _wraps(model: mujoco.MjModel, tendon: int) -> ndarray:
