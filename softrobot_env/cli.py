@@ -133,10 +133,10 @@ class _Stop:
             self._timer.daemon = True
             self._timer.start()
 
-    def _printed(self, kind: type[BaseException], *told: Any) -> None:
+    def _printed(self, kind: type[BaseException], *about: Any) -> None:
         """So does C code that prints what is raised."""
         if not issubclass(kind, KeyboardInterrupt):
-            self._hooks[1](kind, *told)
+            self._hooks[1](kind, *about)
 
     def end(self) -> None:
         """Let both do what they did."""

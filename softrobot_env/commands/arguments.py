@@ -187,8 +187,8 @@ def plant_options(args: Namespace, policy: str, robot: RobotParams) -> dict[str,
     own, given = policy_environment(policy, robot), scene_options(args)
     if args.plant == MUJOCO:
         return own | given
-    if told := flags(args, ("rule", "timestep", "integrator", "accuracy")):
-        raise ValueError(f"{told}: only with --plant {MUJOCO}")
+    if foreign := flags(args, ("rule", "timestep", "integrator", "accuracy")):
+        raise ValueError(f"{foreign}: only with --plant {MUJOCO}")
     given["plant"] = BeamPlant(args.plant, given.pop("pieces", None))
     return own | given
 
@@ -218,7 +218,7 @@ def add_twin(parser: Parsers, nargs: int | str = 1) -> None:
         parser,
         "--twin SEED",
         "the rig that is simulated: seed of a digital twin, a rig with errors of manufacturing, "
-        f"servos and camera that no policy is told, or {_NO_TWIN} for an ideal one without them, "
+        f"servos and camera that no policy knows, or {_NO_TWIN} for an ideal one without them, "
         "which stands where the one-piece model of the policies says; default: 0",
         twin,
         nargs=nargs,
@@ -320,7 +320,7 @@ def seeds(text: str) -> tuple[int, ...]:
 
 
 def number(text: str, allowed: Callable[[float], bool], what: str) -> float:
-    """A number that is allowed; what else there is is told to be not `what`."""
+    """A number that is allowed; any other is refused as not `what`."""
     try:
         value = float(text)
     except ValueError:
@@ -340,8 +340,8 @@ def named_values(text: str, known: Iterable[str] | None = None) -> tuple[str, li
     """`name=1,2,3` as a name, one of those known if they are given, and its values."""
     name, _, values = text.partition("=")
     if not values or (known is not None and name not in known):
-        told = "" if known is None else f" with NAME out of {', '.join(known)}"
-        raise ArgumentTypeError(f"{text!r} is not NAME=V1,V2,...{told}")
+        names = "" if known is None else f" with NAME out of {', '.join(known)}"
+        raise ArgumentTypeError(f"{text!r} is not NAME=V1,V2,...{names}")
     return name, values.split(",")
 
 

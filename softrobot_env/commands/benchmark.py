@@ -17,8 +17,8 @@ from .arguments import add, add_robot, add_workers, flags, seed
 from .output import (
     add_out,
     changed_results,
-    drawn,
     new_results,
+    plotted,
     progress_on,
     say,
     write_report,
@@ -47,7 +47,7 @@ CHECKS = {
 #: Options of some benchmarks -> help.
 _OPTIONS = {
     "count": "scenes only: number of random scenes; default: 200, 20 of a quick run",
-    "seed": "scenes only: what they are drawn from; default: 0",
+    "seed": "scenes only: what they are sampled from; default: 0",
 }
 
 _NOT_HERE = (
@@ -58,8 +58,8 @@ _NOT_HERE = (
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
-    told = "".join(f"\n  {name:<16}{measured(name)}" for name in BENCHMARKS)
-    parser.description = f"{parser.description}:{told}"
+    names = "".join(f"\n  {name:<16}{measured(name)}" for name in BENCHMARKS)
+    parser.description = f"{parser.description}:{names}"
     known = tuple(dict.fromkeys((*BENCHMARKS, *CHECKS))) if BENCHMARKS else None
     add(parser, "what WHAT", "one of the above", choices=known)
     add(parser, "--quick", "fewer cases, under 45 s")
@@ -93,9 +93,9 @@ def run(args: Namespace) -> int:
 
 
 def _redraw(args: Namespace, benchmark: Benchmark, out: Path) -> int:
-    """Draw the pictures of a report anew; 1 where they could not be drawn."""
-    if told := flags(args, ("quick", *_OPTIONS, "workers")):
-        raise ValueError(f"{told} measures anew, --redraw measures nothing: give one of them")
+    """Plot a report anew; 1 where that was not possible."""
+    if given := flags(args, ("quick", *_OPTIONS, "workers")):
+        raise ValueError(f"{given} measures anew, --redraw measures nothing: give one of them")
     if benchmark.draw is None:
         raise ValueError(f"the benchmark {args.what} has no pictures")
     with changed_results(out):
@@ -106,11 +106,11 @@ def _redraw(args: Namespace, benchmark: Benchmark, out: Path) -> int:
 
 
 def _draw(what: str, benchmark: Benchmark, out: Path) -> bool:
-    """Pictures of a folder's report, and of nothing else, so that they can be drawn again."""
+    """Pictures of a folder's report, and of nothing else, so that they can be made again."""
     if benchmark.draw is None:
         return False
     records = stored.read(out, benchmark.kinds)
-    return drawn(lambda: benchmark.draw(records, out / f"{what}.png"))
+    return plotted(lambda: benchmark.draw(records, out / f"{what}.png"))
 
 
 def _measure(args: Namespace, benchmark: Benchmark, out: Path, options: dict[str, int]) -> None:
@@ -171,6 +171,6 @@ def _run_own(args: Namespace) -> int:
         say(tables)
         write_report(out, [asdict(row) for row in rows], title, tables, args.command_line)
         picture = out / f"{args.what}.png"
-        told = " and a picture" if drawn(lambda: plot(rows, picture, robot.name)) else ""
-        say(f"Wrote report.json, report.md{told} to {out}")
+        pictures = " and a picture" if plotted(lambda: plot(rows, picture, robot.name)) else ""
+        say(f"Wrote report.json, report.md{pictures} to {out}")
     return 0

@@ -21,7 +21,7 @@ from .setups import Setup
 #: Step widths [m] of tasks that have one, unless given (thesis Tabs. 6.2 to 6.4).
 STEP_WIDTHS = (0.05, 0.1, 0.2)
 
-#: Robots drawn from --randomize unless told otherwise, and at most.
+#: Robots sampled from --randomize unless given, and at most.
 _DRAWS, _MOST_DRAWS = 5, 100_000
 
 
@@ -39,8 +39,8 @@ def make_setup(args: Namespace) -> Setup:
         if args.robot is not None:
             raise ValueError(f"--robot: only with simulated robots, --env {env} has its rig")
         return RealSetup(args)
-    if told := flags(args, ("robot_file", "port")):
-        raise ValueError(f"{told}: only with --env real or virtual")
+    if given := flags(args, ("robot_file", "port")):
+        raise ValueError(f"{given}: only with --env real or virtual")
     return Setup(args)
 
 
@@ -75,13 +75,13 @@ def make_cases(args: Namespace, setup: Setup) -> list[Case]:
 def _of_task(
     tasks: list[Task], policies: list[str], setup: Setup, args: Namespace
 ) -> Iterator[Case]:
-    given, drawn = _variations(args.vary), _draws(args)
-    conditions = list(itertools.product(setup.twins(tasks[0].robot), [*given, *drawn]))
+    given, sampled = _variations(args.vary), _draws(args)
+    conditions = list(itertools.product(setup.twins(tasks[0].robot), [*given, *sampled]))
     for task in tasks:
         for policy in policies:
             for twin, variation in conditions:
                 case = setup.complete(Case(task, policy, variation, twin))
-                if variation in drawn:
+                if variation in sampled:
                     case = replace(case, variation=rounded(variation, setups.period_of(case)))
                 yield case
 
@@ -163,8 +163,8 @@ def _check_policies(names: list[str], tasks: list[Task], setup: Setup) -> None:
         if setup.robot is None and owners:
             fits = ", ".join(tasks_of(owners[0]).own())
             raise ValueError(f"policy {name!r} is for the tasks {fits}")
-        told = "; ".join(f"{robot!r}: {reason}" for robot, reason in reasons)
-        raise ValueError(f"policy {name!r} cannot drive robot {told}")
+        refused = "; ".join(f"{robot!r}: {reason}" for robot, reason in reasons)
+        raise ValueError(f"policy {name!r} cannot drive robot {refused}")
 
 
 def _variations(given: list[tuple[str, list[float]]]) -> list[dict[str, float]]:
@@ -177,7 +177,7 @@ def _variations(given: list[tuple[str, list[float]]]) -> list[dict[str, float]]:
 
 
 def _draws(args: Namespace) -> list[dict[str, float]]:
-    """Variations drawn from --randomize, the same for every policy and task.
+    """Variations sampled from --randomize, the same for every policy and task.
 
     Raises:
         ValueError: A range that is none, or --draws without one.

@@ -89,7 +89,7 @@ def _add_errors(group: Parsers) -> None:
     add(
         group,
         "--randomize NAME=LOW,HIGH",
-        "ranges of the same quantities, of which --draws robots are drawn besides those of --vary; "
+        "ranges of the same quantities, of which --draws robots are sampled besides --vary; "
         "every policy gets the same ones",
         arguments.variation,
         **SEVERAL,
@@ -171,7 +171,7 @@ def run(args: Namespace) -> int:
 
 
 def _redraw(out: Path) -> int:
-    """Draw the pictures of an earlier run anew, of its files alone."""
+    """Plot an earlier run anew, of its files alone."""
     from softrobot_env.rendering.plots import DRAWN, redraw
 
     with output.changed_results(out):
@@ -274,11 +274,11 @@ def _write(results: list[Result], args: Namespace) -> None:
     say(f"Wrote {args.out}/report.json, report.md")
     if not args.no_plots:
         try:
-            drawn = _plot(results, args.out)
+            plotted = _plot(results, args.out)
         except ImportError as error:  # the reports are complete without pictures
             say(f"No plots: {error}", markup=False)
         else:
-            say(f"Wrote plots to {args.out}" if drawn else "No plots: nothing was run")
+            say(f"Wrote plots to {args.out}" if plotted else "No plots: nothing was run")
 
 
 def _record(results: list[Result], folder: Path) -> None:
@@ -297,26 +297,26 @@ def _plot(results: list[Result], out: Path) -> int:
     """Compare policies on each task, and variations of each policy where there are several.
 
     Returns:
-        How many comparisons were drawn.
+        How many comparisons were plotted.
     """
     from softrobot_env.rendering.plots import plot_task
 
-    drawn = 0
+    plotted = 0
     for group in dict.fromkeys(result.group for result in results):
         same = [result for result in results if result.group == group]
         task, stem = same[0].outcome.case.task, _in_file_name(group)
         nominal = {r.row.policy: r.outcome.rollout for r in same if not r.row.variation}
         if nominal:
             plot_task(nominal, task, group, out, stem)
-            drawn += 1
+            plotted += 1
         for name in dict.fromkeys(r.row.policy for r in same):
             mine = [r for r in same if r.row.policy == name]
             varied = {robot_label(r.row.columns()) or "nominal": r.outcome.rollout for r in mine}
             if len(varied) > 1:
                 title, file = f"{group}, {name}", f"{stem}_{name}_varied"
                 plot_task(varied, task, title, out, file, varied=True)
-                drawn += 1
-    return drawn
+                plotted += 1
+    return plotted
 
 
 def _file_stem(result: Result) -> str:

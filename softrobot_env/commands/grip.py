@@ -21,7 +21,7 @@ EXAMPLE = """softrobot grip --task enclose --diameter 0.06 --tension 20 --out gr
 
 _FIXED = ("diameter", "mass", "friction")
 
-#: What a gripper is that was drawn, so that another bar can be gripped with it.
+#: What a sampled gripper is, so that another bar can be gripped with it.
 _OWN = ("modulus", "arm", "sensor_errors", "specimen")
 
 
@@ -32,8 +32,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     add(parser, "--gripper GRIPPER", known, default="gripper")
     add(parser, "--tension N", "of all tendons; default: 30", positive, default=30.0)
     for name, unit in zip(_FIXED, ("M", "KG", "1"), strict=True):
-        add(parser, f"--{name} {unit}", "default: drawn", positive)
-    add(parser, "--seed SEED", "of what is drawn; default: 0", default=0)
+        add(parser, f"--{name} {unit}", "default: sampled", positive)
+    add(parser, "--seed SEED", "of what is sampled; default: 0", default=0)
     add(parser, "--fineness", "default: quick", choices=tuple(FINENESS), default="quick")
     add(parser, "--pieces PIECES", "of each finger; default: by fineness", int)
     add(parser, "--timestep S", "default: by fineness")
@@ -110,9 +110,9 @@ def _picture(env: Any, args: Namespace, info: dict[str, Any]) -> Any:
 
     picture = explain(env.render(), env.metres_per_pixel, float(env.gripper.tension_limits.max()))
     now = float(env.simulation.ctrl[0, 0])
-    told = f"{1e3 * info['diameter']:.0f} mm, t = {info['time']:.2f} s, {now:.0f} N"
-    drawn = "its mean curvatures" if env.shown is None else "the calibrated sensors"
-    return caption(picture, [args.task, told, f"blue: shape that {drawn} tell"])
+    text = f"{1e3 * info['diameter']:.0f} mm, t = {info['time']:.2f} s, {now:.0f} N"
+    known = "its mean curvatures" if env.shown is None else "the calibrated sensors"
+    return caption(picture, [args.task, text, f"blue: shape by {known}"])
 
 
 def _outcome(info: dict[str, Any]) -> str:

@@ -100,7 +100,7 @@ def _identified(args: Namespace) -> int:
     output.write_report(args.out, rows, "Identification of a robot", tables, args.command_line)
     wrote = ", ".join([*files, "report.json", "report.md"])
     say(f"{perf_counter() - began:.0f} s. Wrote {wrote} to {args.out}", soft_wrap=True)
-    if not args.no_plots and output.drawn(lambda: _plot(found, args)):
+    if not args.no_plots and output.plotted(lambda: _plot(found, args)):
         say(f"Wrote plots to {args.out}")
     return 0
 

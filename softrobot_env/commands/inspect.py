@@ -218,13 +218,13 @@ def _action(env: TrackingEnv) -> dict[str, str]:
     scale = env.input_scale
     if env.twin is None:
         return {"action": f"{len(scale)} inputs, full scale {scale.tolist()} N"}
-    told = ", ".join(f"{1e3 * s:g}" for s in dict.fromkeys(scale.tolist()))
-    return {"action": f"{len(scale)} lengths to pull in, full scale {told} mm"}
+    scales = ", ".join(f"{1e3 * s:g}" for s in dict.fromkeys(scale.tolist()))
+    return {"action": f"{len(scale)} lengths to pull in, full scale {scales} mm"}
 
 
 def _stiffness(robot: RobotParams, nominal: RobotParams) -> str:
     share = robot.bending_stiffness / nominal.bending_stiffness
-    return f"{1e3 * robot.bending_stiffness:.3g} mN m2, {share:.3f} of what policies are told"
+    return f"{1e3 * robot.bending_stiffness:.3g} mN m2, {share:.3f} of what policies know"
 
 
 def _millimetres(lengths: tuple[float, ...]) -> str:

@@ -29,13 +29,13 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Run the command."""
-    told = _EVERYTHING if args.robot is None else _OF_ROBOT
-    if args.what is not None and args.what not in told:
-        raise ValueError(f"--robot lists {', '.join(told)}, not {args.what}")
+    lists = _EVERYTHING if args.robot is None else _OF_ROBOT
+    if args.what is not None and args.what not in lists:
+        raise ValueError(f"--robot lists {', '.join(lists)}, not {args.what}")
     of = () if args.robot is None else (find_robot(args.robot),)
-    for what in told if args.what is None else (args.what,):
+    for what in lists if args.what is None else (args.what,):
         title = what.capitalize() if args.robot is None else f"{what.capitalize()} of {of[0].name}"
-        say(named_values(title, told[what](*of)))
+        say(named_values(title, lists[what](*of)))
     return 0
 
 

@@ -178,7 +178,7 @@ def say(*shown: Any, **how: Any) -> None:
     console.print(*shown, **how)
 
 
-def drawn(draw: Callable[[], object]) -> bool:
+def plotted(draw: Callable[[], object]) -> bool:
     """Draw plots; False, with a note, without matplotlib: reports are complete without pictures."""
     try:
         draw()
@@ -211,7 +211,7 @@ def progress_on(
         prefix: Of what it says later.
 
     Yields:
-        What is told (description, done, total).
+        What is shown (description, done, total).
     """
     columns = (*Progress.get_default_columns(), TextColumn("after"), TimeElapsedColumn())
     _BARS.append(console := Console())

@@ -54,7 +54,7 @@ def _add_check(parser: ArgumentParser) -> None:
 
 
 def _check(args: Namespace) -> int:
-    """What is wrong with a file is refused, what is odd is told."""
+    """What is wrong with a file is refused, what is odd is reported."""
     recording = read_recording(args.recording, args.header)
     summary = summarize(recording, None if args.robot is None else find_robot(args.robot))
     say(named_values(str(args.recording), _values(recording, summary)))
@@ -122,7 +122,7 @@ def _add_replay(parser: ArgumentParser) -> None:
     arguments.add_robot(
         parser,
         f"{_BESIDE_ROBOT} beside the file counts as --header unless that is given, and "
-        "residual.npz as a correction that is told apart",
+        "residual.npz as a correction that is reported apart",
         required=True,
     )
     arguments.add_plant(parser)
@@ -156,12 +156,12 @@ def _replay(args: Namespace) -> int:
     count = len(rows) - 1
     few = f" (the worst {_WORST} of {count} patterns)" if count > _WORST else ""
     say(make_table(f"{title}{few}", _COLUMNS, _worst(rows), caption=_CAPTION))
-    told = [*result.notes, *(f"Failed: {failure}" for failure in result.failures)]
-    for line in told:
+    notes = [*result.notes, *(f"Failed: {failure}" for failure in result.failures)]
+    for line in notes:
         say(line, soft_wrap=True, markup=False)
     common = {"robot": robot.name, "plant": args.plant, "cpu_time": result.cpu_time}
     columns = [common | row.columns() for row in rows]
-    parts = [make_table(title, _COLUMNS, rows, caption=_CAPTION), *told]
+    parts = [make_table(title, _COLUMNS, rows, caption=_CAPTION), *notes]
     learned = _with_residual(result)
     if learned is not None:
         better, title = error_rows(learned), f"{title}, {_LEARNED}"
@@ -174,7 +174,7 @@ def _replay(args: Namespace) -> int:
     if not args.no_plots:
         from softrobot_env.rendering.recordings import plot_replay
 
-        if output.drawn(lambda: plot_replay(result, rows, args.out)):
+        if output.plotted(lambda: plot_replay(result, rows, args.out)):
             say(f"Wrote plots to {args.out}")
     return int(bool(result.failures))
 

@@ -12,7 +12,7 @@ from .cases import make_setup, one_case
 from .output import add_out, check_free, new_file, progress_on, say
 from .setups import add_task
 
-#: Frames per second of a GIF, and frames in all, unless told.
+#: Frames per second of a GIF, and frames in all, unless given.
 _GIF_FPS, _GIF_FRAMES = 12, 180
 
 EXAMPLE = """softrobot render --task swing --policy feedforward_pi --out swing.mp4
@@ -95,7 +95,7 @@ def run(args: Namespace) -> int:
 
 
 def _format(args: Namespace, case: Case) -> tuple[float, tuple[int, int]]:
-    """Frames per second, width and height: a GIF stays below some 2 MB unless told otherwise."""
+    """Frames per second, width and height: a GIF stays below some 2 MB unless sizes are given."""
     if args.out.suffix.lower() != ".gif":
         return args.fps or 30, args.size or (640, 480)
     duration = args.duration or case.task.duration

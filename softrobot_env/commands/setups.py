@@ -183,10 +183,10 @@ class Setup:
 
     def _check_twins(self, cases: list[Case]) -> None:
         """Refuse arguments of robots with twins that no case uses."""
-        told = arguments.flags(self._args, ("twin", "learnt"))
-        if not cases and told:
+        given = arguments.flags(self._args, ("twin", "learnt"))
+        if not cases and given:
             tasks = "; ".join(f"{r.name}, {', '.join(tasks_of(r).own())}" for r in with_twins())
-            raise ValueError(f"{told}: only with tasks of the {tasks}")
+            raise ValueError(f"{given}: only with tasks of the {tasks}")
         unused = self._args.learnt is not None and not any(case.identified for case in cases)
         if cases and unused:
             robot = cases[0].task.robot
@@ -303,8 +303,8 @@ def add_task(parser: Parsers) -> None:
     """--task, --option and --step-width, of commands that are about one task."""
     usual = "default: swing of the arm, circle of --robot"
     add(parser, "--task TASK", f"{task_help()}; {usual}", task_name)
-    told = f"an option of the task, in SI units, out of {', '.join(task_options())}"
-    add(parser, "--option NAME=VALUE", told, option, **SEVERAL)
+    text = f"an option of the task, in SI units, out of {', '.join(task_options())}"
+    add(parser, "--option NAME=VALUE", text, option, **SEVERAL)
     add(parser, "--step-width M", "as --option step_width=...", arguments.positive)
 
 

@@ -99,7 +99,7 @@ def add_learning(group: Parsers) -> None:
     add(
         group,
         "--task TASK",
-        f"out of {', '.join(TRAINING_TASKS)} (references drawn at random), of other robots than "
+        f"out of {', '.join(TRAINING_TASKS)} (random references), of other robots than "
         f"the arm out of {', '.join(ROBOT_TASKS)}; default: all",
         nargs="+",
         choices=[*every, "all"],
@@ -206,8 +206,8 @@ def check_settings(training: Training, settings: dict[str, Any]) -> None:
             able = [other for other, known in registry.TRAININGS.items() if name in known.options]
             foreign.setdefault(", ".join(able), []).append(f"--{name}")
     if foreign:
-        told = (f"{', '.join(options)}: only with {able}" for able, options in foreign.items())
-        raise ValueError("; ".join(told))
+        refused = (f"{', '.join(options)}: only with {able}" for able, options in foreign.items())
+        raise ValueError("; ".join(refused))
 
 
 def _path(args: Namespace, name: str, robot: RobotParams) -> Path:
@@ -242,11 +242,11 @@ def train_several(
     """
     from softrobot_env.training.several import report, runs
 
-    if told := arguments.flags(args, _SINGLE):
-        raise ValueError(f"{told}: of a single run, not of --seeds and --workers")
+    if given := arguments.flags(args, _SINGLE):
+        raise ValueError(f"{given}: of a single run, not of --seeds and --workers")
     if args.seeds is not None and not registry.TRAININGS[name].drawn:
         able = ", ".join(other for other, known in registry.TRAININGS.items() if known.drawn)
-        raise ValueError(f"--seeds: nothing in {name} is drawn at random; only with {able}")
+        raise ValueError(f"--seeds: nothing in {name} is random; only with {able}")
     out = args.out or SEVERAL_RUNS / name
     order = order_in(out, name, robot, settings, args.name)
     orders = runs.orders_of(order, args.seeds or (args.seed,), values)
@@ -297,6 +297,6 @@ def write(args: Namespace, out: Path, title: str, found: "list[Run]", tables: An
     output.write_report(out, [run.row() for run in found], title, tables, args.command_line)
     say(tables)
     curves = any(run.curve for run in found)
-    plotted = curves and output.drawn(lambda: plot(found, out / "curves.png"))
+    plotted = curves and output.plotted(lambda: plot(found, out / "curves.png"))
     wrote = "report.json, report.md" + (", curves.png" if plotted else "")
     say(f"Wrote {wrote} to {out}", soft_wrap=True)

@@ -142,12 +142,12 @@ def _keep(search: Search, best: "Run", args: Namespace) -> None:
     from softrobot_env.training.rl import save_kept
 
     where = trial_folder(search, best.trial - 1)
-    told = f"written to {search.order.path}"
+    network = f"written to {search.order.path}"
     if where.is_dir():
         save_kept(search.order, where)
     else:
-        told = "whose network is on the node that trained it"
-    say(f"Best: trial {best.trial}, {told}", soft_wrap=True, highlight=False)
+        network = "whose network is on the node that trained it"
+    say(f"Best: trial {best.trial}, {network}", soft_wrap=True, highlight=False)
     words = ["softrobot", "train", search.name]
     words += [] if args.robot is None else ["--robot", str(args.robot)]
     words += [] if args.task == ["all"] else ["--task", *args.task]

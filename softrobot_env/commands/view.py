@@ -38,8 +38,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         "in a browser of this machine, without display: MuJoCo's studio, which has no "
         "authentication (whoever runs programs here can reach it)",
     )
-    told = "of --web; default: a free one from 8080 on"
-    add(parser, "--port PORT", told, port, default=0, dest="web_port")
+    text = "of --web; default: a free one from 8080 on"
+    add(parser, "--port PORT", text, port, default=0, dest="web_port")
 
 
 def run(args: Namespace) -> int:

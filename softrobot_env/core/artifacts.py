@@ -76,10 +76,10 @@ class Arrays(dict[str, ndarray]):
         try:
             yield
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-            told = str(error).partition("\n")[0]
-            if isinstance(error, ValueError) and str(self.path) in told:
+            reason = str(error).partition("\n")[0]
+            if isinstance(error, ValueError) and str(self.path) in reason:
                 raise
-            raise ValueError(f"{self.path}: its arrays do not fit together: {told}") from error
+            raise ValueError(f"{self.path}: its arrays do not fit together: {reason}") from error
 
 
 def read_arrays(path: str | Path) -> Arrays:

@@ -63,23 +63,23 @@ class RayExecutor(Executor):
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future:
         """Begin a job as soon as a core is free; what can be pickled can be sent."""
         reference = self._remote.remote(__version__, pickle.dumps((fn, args, kwargs)))
-        told = _RayFuture(lambda: self._ray.cancel(reference))
-        self._begun[told] = reference
+        future = _RayFuture(lambda: self._ray.cancel(reference))
+        self._begun[future] = reference
 
         def tell(inner: Future) -> None:
-            self._begun.pop(told, None)
-            if not told.set_running_or_notify_cancel():
+            self._begun.pop(future, None)
+            if not future.set_running_or_notify_cancel():
                 return
             error = inner.exception()
             if error is None:
-                told.set_result(inner.result())
+                future.set_result(inner.result())
             else:  # what the job raised, without the traceback that Ray puts into its text
                 said = str(error).strip().splitlines() or [type(error).__name__]
                 given_up = RuntimeError(f"Ray gave a job up after {_RETRIES} tries anew: {said[0]}")
-                told.set_exception(getattr(error, "cause", None) or given_up)
+                future.set_exception(getattr(error, "cause", None) or given_up)
 
         reference.future().add_done_callback(tell)
-        return told
+        return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End it: jobs that are under way are waited for, or stopped."""
@@ -121,8 +121,8 @@ def connected(address: str, environment: dict[str, str], cores: int | None = Non
                 logging_level="ERROR",
             )
         except (OSError, ValueError, RuntimeError) as error:
-            told = str(error).splitlines()[0]
-            raise ConnectionError(f"no Ray cluster at {address!r}: {told}") from None
+            reason = str(error).splitlines()[0]
+            raise ConnectionError(f"no Ray cluster at {address!r}: {reason}") from None
     try:
         yield ray
     finally:

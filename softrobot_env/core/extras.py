@@ -35,10 +35,10 @@ def install_command(*extras: str) -> str:
         extras: Out of those of pyproject.toml.
     """
     try:
-        told = requires("softrobot_env") or []
+        stated = requires("softrobot_env") or []
     except PackageNotFoundError:  # run from its sources
         return f'pip install -e ".[{",".join(extras)}]"'
-    found = [match for text in told if (match := _EXTRA.fullmatch(text))]
+    found = [match for text in stated if (match := _EXTRA.fullmatch(text))]
     chosen = (match["requirement"] for match in found if match["extra"] in extras)
     needed = list(dict.fromkeys(chosen))  # several may need the same
     plain = "gpu" not in extras and any(name.startswith("torch>") for name in needed)

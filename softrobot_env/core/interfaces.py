@@ -13,7 +13,7 @@ Observation = dict[str, ndarray]
 #: An observation as an agent sees it: its observables, or one vector of them.
 Seen = Observation | ndarray
 
-#: Told how far a long piece of work is: a description, how much is done and how much there is.
+#: Shows how far a long piece of work is: a description, how much is done and how much there is.
 ProgressCallback = Callable[[str, int, int], None]
 
 

@@ -45,16 +45,16 @@ class Row:
     @classmethod
     def written(cls) -> list[str]:
         """Columns of a row."""
-        return [f.name for f in fields(cls) if f.metadata != _DRAWN]
+        return [f.name for f in fields(cls) if f.metadata != _PLOTTED]
 
     def shown(self) -> dict[str, Any]:
         """What only the pictures need, where there is any."""
-        mine = [f for f in fields(self) if f.metadata == _DRAWN]
+        mine = [f for f in fields(self) if f.metadata == _PLOTTED]
         values = {f.name: (getattr(self, f.name), f.default) for f in mine}
         return {name: value for name, (value, none) in values.items() if value is not none}
 
 
-_DRAWN = {"drawn": True}
+_PLOTTED = {"plotted": True}
 
 #: The name of rows in studies.
 Record = Row
@@ -62,7 +62,7 @@ Record = Row
 
 def for_pictures(default: Any = None) -> Any:
     """A field of a record for pictures alone, such as arrays over time."""
-    return field(default=default, metadata=_DRAWN, repr=False)
+    return field(default=default, metadata=_PLOTTED, repr=False)
 
 
 # ---------------------------------------------------------------- rows as JSON
@@ -319,7 +319,7 @@ def run_cases(
         label: Of a case, for the progress bar.
         arrived: Makes rows, in this process, of a case and what was measured of it; for results
             that are more than rows.
-        progress: Told the cases that are done, at first and after each.
+        progress: Shows the cases that are done, at first and after each.
         processes: Cases at a time, unless the user chose (`processes.using`); one per core unless
             given. 0 does one after the other here, and tells the progress before each.
 

@@ -72,19 +72,19 @@ def reading_in(about: Arrays) -> Reading | None:
     """
     if f"{_READING}names" not in about:
         return None
-    told = Reading(**{f.name: about[f"{_READING}{f.name}"] for f in fields(Reading)})
+    reading = Reading(**{f.name: about[f"{_READING}{f.name}"] for f in fields(Reading)})
     for name in ("take", "origin", "scale", "relative", "less", "sizes", "preview"):
         about.check_shape(f"{_READING}{name}", (None,))
     for name in ("period", "change"):
         about.check_shape(f"{_READING}{name}", ())
     equal = (
-        len(told.take) == len(told.origin) == len(told.scale),
-        len(told.names) == len(told.sizes),
+        len(reading.take) == len(reading.origin) == len(reading.scale),
+        len(reading.names) == len(reading.sizes),
     )
-    places = np.concatenate([told.take, told.less])
-    inside = len(told.relative) == len(told.less) and np.all(
-        (places >= 0) & (places < told.sizes.sum())
+    places = np.concatenate([reading.take, reading.less])
+    inside = len(reading.relative) == len(reading.less) and np.all(
+        (places >= 0) & (places < reading.sizes.sum())
     )
-    if not (all(equal) and inside and np.all(told.scale > 0) and told.period > 0):
+    if not (all(equal) and inside and np.all(reading.scale > 0) and reading.period > 0):
         raise ValueError(f"{about.path} tells no vector of its observables")
-    return told
+    return reading

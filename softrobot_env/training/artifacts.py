@@ -1,4 +1,4 @@
-"""Trained networks: torch's layers, files, and the figures that are told of them."""
+"""Trained networks: torch's layers, files, and their figures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -58,7 +58,7 @@ def check(
         network: To run.
         variations: Robots and disturbances, as in the option `vary` of `reset`.
         duration: [s] of the episodes, the tasks' own unless given.
-        reward: Whose mean is told; the environments' default unless given.
+        reward: Whose mean is reported; the environments' default unless given.
         robot: The robot; the default one unless given.
         view: Of the network; the robot's unless given.
     """

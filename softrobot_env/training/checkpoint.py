@@ -32,7 +32,7 @@ class Checkpoint:
     """A state of a training.
 
     Attributes:
-        settings: What it was told, as text and numbers.
+        settings: What it was given, as text and numbers.
         curve: Its learning curve.
         best: Its best network.
         learner: Of `learner_state`.
@@ -65,7 +65,7 @@ def read(folder: Path | None, show: ProgressCallback = quiet) -> Checkpoint | No
 
     Args:
         folder: Of the checkpoint.
-        show: Told if it is the one before the newest.
+        show: Says if it is the one before the newest.
 
     Raises:
         ValueError: There are files, but no whole one.

@@ -54,7 +54,7 @@ class ImitationConfig(Record, what="imitation"):
         shares: Of a round, each of whole episodes; the data do not depend on `processes`.
         duration: [s] of the longest episode on a random reference.
         randomization: Ranges of the robot's parameters.
-        varied: Share of the episodes with a robot drawn from them.
+        varied: Share of the episodes with a robot sampled from them.
         pushed: Share of the steps at which a random change of the action is added.
         push: Standard deviation of that change, over the network's own scale of changes [1].
         epochs: Passes over all data so far after each round but the last.
@@ -157,7 +157,7 @@ def imitate(
     Args:
         config: Size and settings.
         seed: Of everything random.
-        show: Told the progress.
+        show: Shows the progress.
         lesson: Robot and teacher.
 
     Raises:

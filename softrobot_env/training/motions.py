@@ -1,6 +1,6 @@
 """Motion of a robot to learn a reduced model from: decays, and motion under random inputs.
 
-Inputs are drawn from those of the robot's workspace, within the few directions that move its tip
+Inputs are sampled from those of the robot's workspace, within the few directions that move its tip
 most: of three tendons around a fibre the two that keep the sum of their lengths, as the thesis has
 them (sec. 3.3.3).
 """
@@ -160,7 +160,7 @@ def collect(
         robot: As designed.
         plan: What it does.
         twin: The one as built, of a robot driven by length; or the seed of the rig's.
-        show: Told the progress.
+        show: Shows the progress.
         axes: Coordinates of the tip, those of the robot's camera or task unless given.
         whole: Whether decays come with what was done before the release.
 
@@ -196,21 +196,21 @@ def collect(
 
 
 def drive(env: gymnasium.Env, actions: ndarray, seed: int) -> Record:
-    """The record of an environment that is told actions (t, n_inputs), from its reset on.
+    """The record of an environment that is given actions (t, n_inputs), from its reset on.
 
     Raises:
         ValueError: It fails.
     """
     observation = env.reset(seed=seed)[0]
     tips = [observation["tip_position"]]
-    told = actions.astype(np.float32)
-    for number, action in enumerate(told):
+    inputs = actions.astype(np.float32)
+    for number, action in enumerate(inputs):
         observation, *_, info = env.step(action)
         if "failure" in info:
             raise ValueError(f"the robot failed in step {number}: {info['failure']}")
         tips.append(observation["tip_position"])
-    told = np.vstack([told, told[-1:]])
-    return Record(np.array(tips), told.astype(float), env.unwrapped.control_period)
+    inputs = np.vstack([inputs, inputs[-1:]])
+    return Record(np.array(tips), inputs.astype(float), env.unwrapped.control_period)
 
 
 def _release(drives: Drives, plan: Plan, rng: Generator) -> tuple[ndarray, int]:

@@ -145,7 +145,7 @@ REINFORCEMENT = (
     *("backend", "device"),
 )
 
-#: Trainings by reinforcement: algorithm, and whether robots and disturbances are drawn.
+#: Trainings by reinforcement: algorithm, and whether robots and disturbances are sampled.
 LEARNERS = {name: (name, False) for name in ("ppo", "sac", "td3")} | {
     f"{name}_randomized": (name, True) for name in ("ppo", "sac")
 }

@@ -76,7 +76,7 @@ class Training:
         packages: That it needs beyond the package's own, of the extras `rl`, `mpc` and `gpu`.
         robot: The only robot it is of, None of any.
         also: Further packages that it needs for some robots and settings.
-        drawn: Whether anything in it is drawn at random, so that seeds differ.
+        drawn: Whether anything in it is random, so that seeds differ.
     """
 
     run: Callable[[TrainingRequest, ProgressCallback], Metrics]

@@ -57,14 +57,14 @@ def train(
 
     Args:
         config: Size and settings; `tasks` are the robot's own.
-        order: Robot, seed and who is told of the learning curve after each check, when the
+        order: Robot, seed and who receives the learning curve after each check, when the
             checkpoint is written; and among its settings `checkpoint`, the folder that is written
             to at every closed-loop check unless it is None, see `training.checkpoint`; `resume`,
             whether to go on with the training that the folder holds; `log`, the folder of
             TensorBoard's logs (needs the package tensorboard). A training that goes on with as
             many steps ends as if it had not been stopped, since all episodes and draws begin anew
             after every check; with more, the learning rate is that of so many left of all.
-        show: Told the progress.
+        show: Shows the progress.
         start: Network to start from.
         view: Of the networks; that of the robot unless given.
 
@@ -184,7 +184,7 @@ def _start(order: TrainingRequest) -> tuple[Network | None, View]:
 def make_training_env(
     config: RLConfig, seed: int, robot: RobotParams | None = None, view: View | None = None
 ) -> NetworkVecEnv:
-    """All tasks of a training at once, robots drawn anew for every episode, seen in a view."""
+    """All tasks of a training at once, robots sampled anew for every episode, seen in a view."""
     robot, view = seen_in(robot, view)
     rng = np.random.default_rng([seed, 1])  # the environments have streams of `seed` itself
     learned = training_of(robot).learned_tasks
@@ -234,11 +234,11 @@ def begin(model: BaseAlgorithm, config: RLConfig, start: Network | None) -> None
 
 def _about(config: RLConfig, seed: int, robot: RobotParams) -> dict[str, Any]:
     """Settings, seed and robot, in what a checkpoint can hold."""
-    told = {**asdict(config), "seed": seed, "robot": str(fingerprint(robot)["fingerprint"])}
-    told["randomization"] = config.randomization.ranges
+    about = {**asdict(config), "seed": seed, "robot": str(fingerprint(robot)["fingerprint"])}
+    about["randomization"] = config.randomization.ranges
     if config.backend == "mujoco":  # which checkpoints do not tell
-        del told["backend"], told["device"]
-    return json.loads(json.dumps(told))
+        del about["backend"], about["device"]
+    return json.loads(json.dumps(about))
 
 
 def _check_free(folder: Path | None) -> None:

@@ -9,7 +9,7 @@ from softrobot_env.core.records import Count, Positive, Range, Whole, check_fiel
 from softrobot_env.envs.randomization import Randomization, incompatibility
 from softrobot_env.robots import RobotParams
 
-#: What an agent can be trained on: the thesis' tasks, and references drawn by
+#: What an agent can be trained on: the thesis' tasks, and random references by
 #: `references.draw_reference`; and of another robot: what any robot can be given.
 TRAINING_TASKS = ("step", "swing", "lshape", "drawn")
 ROBOT_TASKS = ("random", "circle", "figure_eight", "reach")
@@ -55,10 +55,10 @@ class RLConfig:
     Attributes:
         algorithm: "ppo", "sac" or "td3".
         tasks: Out of `TRAINING_TASKS`, of another robot than the arm out of `ROBOT_TASKS`.
-        drawn_tasks: Number of drawn references among the arm's tasks.
+        drawn_tasks: Number of random references among the arm's tasks.
         envs_per_task: Environments of each task (steps of four widths, and two times each the
             swing and the L-shape; random paths at four paces).
-        randomization: Robots and disturbances, drawn for every episode.
+        randomization: Robots and disturbances, sampled for every episode.
         fine_scale: [m] of the reward's precision term, see `TrackingReward`.
         steps: Environment steps in all.
         critic_steps: Before them, with a network to start from: it acts and its critic learns.
@@ -114,8 +114,8 @@ class RLConfig:
                 f"unknown algorithm {self.algorithm!r}; choose from {', '.join(SCRATCH_SETTINGS)}"
             )
         if not any(self.tasks and set(self.tasks) <= {*known} for known in TASKS_OF):
-            told = "; of other robots than the arm ".join(", ".join(known) for known in TASKS_OF)
-            raise ValueError(f"tasks must be one or more of {told}, got {self.tasks!r}")
+            allowed = "; of other robots than the arm ".join(", ".join(known) for known in TASKS_OF)
+            raise ValueError(f"tasks must be one or more of {allowed}, got {self.tasks!r}")
         if self.tasks == ("drawn",) and self.drawn_tasks < 1:
             raise ValueError("drawn_tasks must be 1 or more if there are no other tasks")
 
@@ -149,7 +149,7 @@ def preset(algorithm: str, warm: bool, disturbed: bool) -> RLConfig:
     Args:
         algorithm: "ppo", "sac" or "td3".
         warm: Whether there is a network to start from.
-        disturbed: Whether robots and disturbances are drawn from `BROAD`.
+        disturbed: Whether robots and disturbances are sampled from `BROAD`.
 
     Raises:
         ValueError: Unknown algorithm; the message lists the known ones.

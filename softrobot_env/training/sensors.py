@@ -60,7 +60,7 @@ def calibrated(
         seed: Of the postures and of noise.
         twin: Of a robot driven by length, the one as built; or the seed of the rig's.
         postures: Number of postures; enough for these sensors unless given.
-        show: Told the progress.
+        show: Shows the progress.
 
     Raises:
         ValueError: The robot carries no sensors, or they do not tell where its tip is.

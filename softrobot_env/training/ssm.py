@@ -72,7 +72,7 @@ def learn(
     Args:
         decays, forced: See `learned.reduction.fit`.
         settings, refinement: How.
-        show: Told the progress.
+        show: Shows the progress.
         lower: Whether lower orders are tried where a model is unstable.
 
     Raises:
@@ -195,16 +195,16 @@ def _actions(recording: Recording, robot: RobotParams) -> ndarray:
             f"{recording.kind}"
         )
     inputs, controls = robot_inputs(robot), recording.controls(robot)
-    told = controls
+    reduced = controls
     if isinstance(inputs, TendonMap):
-        told = (controls - inputs.command(np.zeros(inputs.n_inputs))) @ inputs.phi.T
-        off = np.abs(inputs.command(told) - controls).max()
+        reduced = (controls - inputs.command(np.zeros(inputs.n_inputs))) @ inputs.phi.T
+        off = np.abs(inputs.command(reduced) - controls).max()
         if off > _SAME * max(float(np.abs(controls).max()), 1.0):
             raise FitError(
                 f"the recorded tensions are up to {off:.3g} N from those that actions of "
                 f"{robot.name!r} make: they resolve its redundancy in another way"
             )
-    return inputs.to_actions(told)
+    return inputs.to_actions(reduced)
 
 
 def split_decays(records: Sequence[Record]) -> tuple[list[Record], list[Record]]:

@@ -93,7 +93,7 @@ class TrackingVecEnv(VecEnv):
         self._began = perf_counter()
 
     def seed(self, seed: int | None = None) -> list[int | None]:
-        """Seeds of the next reset, unlike those of any other seed; drawn anew for None."""
+        """Seeds of the next reset, unlike those of any other seed; new ones for None."""
         spawned = np.random.SeedSequence(seed).spawn(self.num_envs)
         self._seeds = [int(one.generate_state(1)[0]) for one in spawned]
         return self._seeds

@@ -61,7 +61,7 @@ class Watch(BaseCallback):
 
         Args:
             config: Of the training.
-            show: Told the progress.
+            show: Shows the progress.
             save: Called after every check, with the learner, the best network and the curve.
             robot: To train for.
             view: Of its networks.

@@ -198,7 +198,7 @@ CALLS = [
     ("train ppo --robot rig", "`softrobot train imitation --robot rig`"),
     ("train ppo --robot rig --task swing", "is trained on random, circle"),
     # Several, and searches.
-    ("train lqi --seeds 0..2", "nothing in lqi is drawn at random; only with qs_nn"),
+    ("train lqi --seeds 0..2", "nothing in lqi is random; only with qs_nn"),
     ("train ppo --seeds 0..2 --ship", "--ship: of a single run"),
     ("train ppo --workers 2 --checkpoint x --resume", "--checkpoint, --resume: of a single run"),
     ("train ppo --start none --set rate=1,2 --set speed=1", "cannot set 'speed'"),

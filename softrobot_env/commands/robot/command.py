@@ -62,9 +62,9 @@ def _list(args: Namespace) -> int:
     Every port gets a few bytes; a robot that moves ramps to rest.
     """
     answers = {port: _answer(port, args) for port in args.ports or _ports()}
-    told = {port: text for port, (_, text) in answers.items()}
-    columns = Column("port", lambda port: port), Column("who answers", told.get)
-    say(make_table("", columns, told) if answers else "This computer has no serial port.")
+    texts = {port: text for port, (_, text) in answers.items()}
+    columns = Column("port", lambda port: port), Column("who answers", texts.get)
+    say(make_table("", columns, texts) if answers else "This computer has no serial port.")
     return int(not any(found for found, _ in answers.values()))
 
 
@@ -234,15 +234,15 @@ def _replay(args: Namespace) -> int:
 
 def _news(lines: list[Line]) -> Iterator[Line]:
     """Lines that tell of something new."""
-    told = None
+    before = None
     for line in lines:
         *_, message = line
         if isinstance(message, _ROUTINE):
             continue
         tells = _tells(message)
-        if tells is None or tells != told:
+        if tells is None or tells != before:
             yield line
-        told = tells or told
+        before = tells or before
 
 
 def _tells(message: messages.Message) -> tuple | None:

@@ -47,13 +47,13 @@ def add_arguments(parser: ArgumentParser) -> None:
         parser,
         "--twin SEED",
         "errors of manufacturing and servos that a simulated or virtual robot driven by length has "
-        "and nobody is told, or none; default: of the rig 0, of others none",
+        "and nobody knows, or none; default: of the rig 0, of others none",
         arguments.twin,
         nargs=1,
     )
     known = ", ".join(VARIATIONS)
-    told = f"what is otherwise with a simulated robot than believed: {known}"
-    add(parser, "--vary NAME=V", told, arguments.variation, **SEVERAL)
+    text = f"what is otherwise with a simulated robot than believed: {known}"
+    add(parser, "--vary NAME=V", text, arguments.variation, **SEVERAL)
     add(parser, "--plant", "of a simulated robot; default: mujoco", choices=PLANTS, default=MUJOCO)
     arguments.add_line(parser, "of a real rig")
     add(parser, "--control-period S", default=0.02)
@@ -138,10 +138,10 @@ def _environment(args: Namespace, robot: RobotParams, planned: excitation.Plan) 
     options = {"control_period": args.control_period, "observe": "all"}
     if args.env != VIRTUAL:
         return RealRigEnv(task, robot_file=robot_of(args), **options)
-    (drawn,) = args.twin or (0,)
-    if drawn is None:
+    (seed,) = args.twin or (0,)
+    if seed is None:
         raise ValueError(f"--twin none: only with --env {SIMULATED}")
-    return VirtualRigEnv(task, drawn, **options)
+    return VirtualRigEnv(task, seed, **options)
 
 
 def _simulated(args: Namespace, robot: RobotParams, planned: excitation.Plan) -> gymnasium.Env:

@@ -70,8 +70,8 @@ def _run(args: Namespace) -> int:
     if log is not None:
         row |= unsafe_outputs(log, file)
     promises = list(_promises(row))
-    told = [asdict(promise) | {"met": promise.met} for promise in promises]
-    write_json(args.out / "report.json", [row, *told], args.command_line)
+    kept = [asdict(promise) | {"met": promise.met} for promise in promises]
+    write_json(args.out / "report.json", [row, *kept], args.command_line)
     say(_table(row, promises))
     say(f"Wrote {args.out}/report.json")
     return int(not all(promise.met for promise in promises))

@@ -41,7 +41,7 @@ def tables(runs: Sequence[Run]) -> Group:
     """Best, median and spread of the seeds by settings, what else they tell, and every run."""
     parts = [_compared(runs)] if any(run.reward is not None for run in runs) else []
     if any(run.told for run in runs):
-        parts.append(_told(runs))
+        parts.append(_results(runs))
     return Group(*parts, runs_table(runs))
 
 
@@ -66,9 +66,9 @@ def runs_table(runs: Sequence[Run], heading: str = "seed") -> PlainTable:
         ]
     ended = Column("", lambda r: "FAILED" if r.failure else "pruned" if r.pruned else "", ">")
     columns += [Column("minutes", form=".1f"), ended]
-    told = [f"{run.folder} failed: {run.failure}" for run in runs if run.failure]
+    failed = [f"{run.folder} failed: {run.failure}" for run in runs if run.failure]
     title = "every run: its best check, and the steps at it" if learned else "every run"
-    return make_table(title, columns, runs, caption="\n".join(told))
+    return make_table(title, columns, runs, caption="\n".join(failed))
 
 
 def _kinds(runs: Sequence[Run]) -> dict[str, list[Run]]:
@@ -101,8 +101,8 @@ def _compared(runs: Sequence[Run]) -> PlainTable:
     return out
 
 
-def _told(runs: Sequence[Run]) -> PlainTable:
-    """What the trainings told at their ends."""
+def _results(runs: Sequence[Run]) -> PlainTable:
+    """What the trainings reported at their ends."""
     kinds = _kinds([run for run in runs if run.told])
     out = new_table(
         "figures of the results: median (least to largest)",

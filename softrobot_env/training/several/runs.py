@@ -27,7 +27,7 @@ _EVERY = 2.0
 
 @dataclass(frozen=True)
 class Run(Row):
-    """A training with one seed and some settings; what is not told of it is None.
+    """A training with one seed and some settings; what is not known of it is None.
 
     Attributes:
         training, robot: What was trained.
@@ -37,7 +37,7 @@ class Run(Row):
         steps: Environment steps of its last check.
         reward, max_error, failures, best_steps: Of its best check, by which its network was
             chosen: mean reward, largest error [m], failed episodes, and environment steps.
-        figures: What the training told at its end, in SI units.
+        figures: What the training reported at its end, in SI units.
         curve: Its checks, see `watch.Point`.
         minutes: That it took since it was last begun.
         trial: Its number in a search, None outside of one.
@@ -103,7 +103,7 @@ def run_all(
         name: Of the training.
         orders: By label.
         kept: Of the study, which is open.
-        progress: Told what is done.
+        progress: Shows what is done.
         overwrite: Whether what is there of other studies may be replaced.
 
     Raises:
@@ -174,11 +174,11 @@ def _trained(name: str, order: TrainingRequest, study: str) -> tuple[Run, dict[s
         run = replace(run, failure=str(error).partition("\n")[0] or type(error).__name__)
     if learns:
         run = with_curve(run, _curve(order, run.failure))
-    told = [(key, value) for key, value in figures if isinstance(value, Quantity)]
-    numbers, minutes = {key: value.value for key, value in told}, (perf_counter() - began) / 60
+    results = [(key, value) for key, value in figures if isinstance(value, Quantity)]
+    numbers, minutes = {key: value.value for key, value in results}, (perf_counter() - began) / 60
     left = [path for path in (order.path, curve_file(order.path)) if path.is_file()]
     files = {path.name: path.read_bytes() for path in left if run.failure is None}
-    return replace(run, figures=numbers, told=told, minutes=minutes), files
+    return replace(run, figures=numbers, told=results, minutes=minutes), files
 
 
 def _noting(folder: Path) -> ProgressCallback:
@@ -205,8 +205,8 @@ def _watched(
     def watch() -> None:
         while not over.wait(_EVERY):
             shares = [name in done or _share(o.path.parent, study) for name, o in orders.items()]
-            told = f"{len(done)} of {len(orders)} runs"
-            progress(told, round(1000 * sum(shares)), 1000 * len(orders))
+            text = f"{len(done)} of {len(orders)} runs"
+            progress(text, round(1000 * sum(shares)), 1000 * len(orders))
 
     thread = Thread(target=watch, daemon=True)
     thread.start()

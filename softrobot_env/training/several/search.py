@@ -47,7 +47,7 @@ class Range:
 
     Attributes:
         low, high: The two.
-        log: Whether the logarithm is drawn uniformly, not the number itself.
+        log: Whether the logarithm is sampled uniformly, not the number itself.
     """
 
     low: float
@@ -160,13 +160,13 @@ def tune_on(workers: Workers | None) -> Iterator[Any]:
 
 
 def searched(tune: Any, search: Search, study: str, show: ProgressCallback) -> list[Run]:
-    """Trials of a search, in the order in which they were drawn.
+    """Trials of a search, in the order in which they were sampled.
 
     Args:
         tune: The module.
         search: What is searched; trials have folders beside the file of its order, `trial_folder`.
         study: Name of the search; what is there of the same one is gone on with.
-        show: Told what is done.
+        show: Shows what is done.
     """
     where = trial_folder(search, 0).with_name("ray")
     shutil.rmtree(where, ignore_errors=True)
@@ -194,7 +194,7 @@ def _new_tuner(tune: Any, trial: Callable[..., None], search: Search, where: Pat
 
     return tune.Tuner(
         trial,
-        param_space=_drawn_from(tune, search),
+        param_space=_sampled_from(tune, search),
         tune_config=tune.TuneConfig(
             metric="reward",
             mode="max",
@@ -217,8 +217,8 @@ def _new_tuner(tune: Any, trial: Callable[..., None], search: Search, where: Pat
     )
 
 
-def _drawn_from(tune: Any, search: Search) -> dict[str, Any]:
-    """The space in Tune's words; whole numbers are drawn for settings that are whole."""
+def _sampled_from(tune: Any, search: Search) -> dict[str, Any]:
+    """The space in Tune's words; whole numbers are sampled for settings that are whole."""
     from ..rl_config import NUMBERS
 
     found = {}
@@ -234,22 +234,22 @@ def _drawn_from(tune: Any, search: Search) -> dict[str, Any]:
     return found
 
 
-def order_of(search: Search, drawn: Mapping[str, float], folder: Path) -> TrainingRequest:
+def order_of(search: Search, sampled: Mapping[str, float], folder: Path) -> TrainingRequest:
     """The training of a trial."""
     fixed = dict(search.order.settings.get("set", ()))
-    values = fixed | {name: float(value) for name, value in drawn.items()}
+    values = fixed | {name: float(value) for name, value in sampled.items()}
     settings = {**search.order.settings, "set": list(values.items()), "steps": search.steps}
     return replace(search.order, path=folder / search.order.path.name, settings=settings)
 
 
-def _trial(search: Search, study: str, drawn: dict[str, float]) -> None:
-    """Train with drawn settings, and report every check."""
+def _trial(search: Search, study: str, sampled: dict[str, float]) -> None:
+    """Train with sampled settings, and report every check."""
     from ray import tune
 
     from ..checkpoint import read
 
     folder = trial_folder(search, _trial_number(tune.get_context().get_trial_id()))
-    order, last = order_of(search, drawn, folder), {"steps": 0, "reward": -1.0}
+    order, last = order_of(search, sampled, folder), {"steps": 0, "reward": -1.0}
     resume = goes_on(folder, study)
     settings = {**order.settings, "checkpoint": folder, "resume": resume}
 
@@ -273,8 +273,8 @@ def _run(search: Search, number: int, result: Any) -> Run:
     if result.error is not None:
         failure = str(result.error).strip().splitlines()[-1]
     if result.metrics_dataframe is not None and "max_mm" in result.metrics_dataframe:
-        told = result.metrics_dataframe[list(_POINT)].dropna().to_dict("records")
-        points = {int(point["steps"]): point for point in told}  # some are told twice
+        table = result.metrics_dataframe[list(_POINT)].dropna().to_dict("records")
+        points = {int(point["steps"]): point for point in table}  # some come twice
         run = with_curve(run, [{**points[k], "steps": k} for k in sorted(points)])
     return replace(
         run,
@@ -284,8 +284,8 @@ def _run(search: Search, number: int, result: Any) -> Run:
     )
 
 
-#: Who is told of results; what Tune calls is pickled with the search, and can hold nothing.
-_TOLD: list[Callable[[list[Any]], None]] = []
+#: Who receives results; what Tune calls is pickled with the search, and can hold nothing.
+_LISTENERS: list[Callable[[list[Any]], None]] = []
 
 
 @contextmanager
@@ -300,11 +300,11 @@ def _telling(search: Search, show: ProgressCallback) -> Iterator[None]:
         done = over * search.steps + sum(begun)
         show(f"{over} of {search.count} trials over", int(done), search.count * search.steps)
 
-    _TOLD.append(tell)
+    _LISTENERS.append(tell)
     try:
         yield
     finally:
-        _TOLD.remove(tell)
+        _LISTENERS.remove(tell)
 
 
 def _callback() -> Any:
@@ -317,7 +317,7 @@ def _callback() -> Any:
             return _callback, ()
 
         def on_trial_result(self, iteration: int, trials: list, *_: Any, **__: Any) -> None:
-            for tell in _TOLD:
+            for tell in _LISTENERS:
                 tell(trials)
 
     return Telling()
