@@ -116,11 +116,11 @@ def run_laps(case: Case, kind: type[Kind] = LapsRow, **own: Any) -> Kind | Refus
 
     Policies and plants that cannot serve the robot are rows too.
     """
-    robot, told = case.task.robot, difference(case)
+    robot, what = case.task.robot, difference(case)
     try:
         outcome = runner.run(case)
     except ValueError as error:
-        return refusal(robot.name, case.policy, told, str(error))
+        return refusal(robot.name, case.policy, what, str(error))
     mean, most = _lap_errors(outcome.rollout, case)
     return record_of(
         outcome,
@@ -128,7 +128,7 @@ def run_laps(case: Case, kind: type[Kind] = LapsRow, **own: Any) -> Kind | Refus
         frequency=case.task.option("frequency"),
         radius=case.task.option("radius"),
         feedback=case.feedback or "state",
-        what=told,
+        what=what,
         lap_mean=mean,
         lap_max=most,
         share_mean=None if mean is None else mean / robot.length,
@@ -602,7 +602,7 @@ PLANT, VARIED, TWIN = "plant", "varied", "twin"
 #: Of the nominal robot, one at a time.
 VARIATIONS = ({"youngs_modulus": 0.75}, {"youngs_modulus": 1.25})
 
-#: All of them at once; seeds of what is drawn.
+#: All of them at once; seeds of what is sampled.
 DRAWN = Randomization(youngs_modulus=(0.7, 1.4), density=(0.7, 1.4), damping_time=(0.5, 2.0))
 SEEDS = (1,)
 

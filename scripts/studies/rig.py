@@ -755,15 +755,15 @@ def _circle_picture(rows: list[Any]) -> Figure:
     figures.add_title(
         figure,
         f"{best} errs least when disturbed, {1e3 * worst[best]:.2g} mm rms at most",
-        "A circle with a disturbance of the rig, as Figs. 6.3 and 6.4; tips seen by the camera "
-        "unless told",
+        "A circle with a disturbance of the rig, as Figs. 6.3 and 6.4; tips are seen by the camera "
+        "unless a sensor is named",
     )
     figures.add_legend(figure, axes[0][0])
     return figure
 
 
 def _circle_curves(rows: list[CircleRow]) -> list[Curve]:
-    """A policy with a sensor is drawn as with the camera, dotted."""
+    """A policy with a sensor is plotted as with the camera, dotted."""
     seen = curves.policy_curves({row.policy: row.trace for row in lab.select(rows, seen_by=CAMERA)})
     known = {curve.name: curve.line for curve in seen}
     return seen + [
@@ -793,7 +793,7 @@ FEEDBACK = lab.Study(
     note=f"The tip is seen {1e3 * LATE:g} ms late, by a camera or a curvature sensor with the "
     "errors of the twin; the sensor is calibrated by 120 postures at rest. Policies know the "
     "parameters of twin 0 and no disturbance. An offset of 7 mm is what makes the thesis' "
-    "feedforward err as printed; its weight is not told: 26 g make its PI loop err as printed. "
+    "feedforward err as printed; its weight is not given: 26 g make its PI loop err as printed. "
     "Shares are those of twin 0. Most of an offset's error stays where it is; a weight's turns "
     "with the reference, and an integral lags behind: of that the thesis prints less left than a "
     "loop of its gains around the first mode leaves at its speed.",

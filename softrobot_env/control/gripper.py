@@ -276,7 +276,7 @@ class SizedGrip(ScriptedGrip):
     def _tension(
         self, steps: ndarray, observation: Observation, known: dict[str, ndarray]
     ) -> tuple[ndarray, dict[str, ndarray]]:
-        """First as the estimator wants it; from `CALM` on by the size, told once."""
+        """First as the estimator wants it; from `CALM` on by the size, given once."""
         if self.size is None:
             raise ValueError("a SizedGrip needs the size estimator of its gripper")
         curvature, kept = self._bends(steps, observation, known)

@@ -215,7 +215,7 @@ class OutputFeedback(Controller):
 
     The observer goes on in every control period, also while the policy holds its action.
     Policies that estimate unexplained forces themselves then do so in series with the observer:
-    `mpc_preview` oscillates if the robot is a third as heavy as it was told.
+    `mpc_preview` oscillates if the robot is a third as heavy as its model.
     """
 
     def __init__(self, policy: Controller, robot: RobotParams, control_period: float) -> None:

@@ -344,7 +344,7 @@ def make_policy(
         name: One of `EVERY_POLICY`, or one's own as `package.module:name`, `file.py:name` or
             `file.npz` of a trained network.
         robot: The nominal robot, which the policy may know; or an environment that has one, and
-            perhaps a camera, of which a factory that has an argument `tip_delay` is told.
+            perhaps a camera, which a factory gets as `tip_delay` if it takes that.
         control_period: [s] between calls of `predict`; the environment's unless given.
         feedback: One of `FEEDBACKS`. Policies that use curvature rates get them from an observer
             under "output" and "sensors"; the others are the same under "output". Under "sensors"

@@ -1,4 +1,4 @@
-"""Wrappers that record what environments' drives were told and where their tips were seen."""
+"""Wrappers that record which inputs environments had and where their tips were seen."""
 
 from pathlib import Path
 from typing import Any

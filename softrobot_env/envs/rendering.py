@@ -463,7 +463,7 @@ _HELP = (
 
 
 class RenderError(RuntimeError):
-    """No picture can be drawn on this machine; the message says what to install."""
+    """No picture can be made on this machine; the message says what to install."""
 
 
 def has_display() -> bool:

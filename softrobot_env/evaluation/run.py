@@ -88,7 +88,7 @@ def run_episode(
         env: Environment that observes at least `RECORDED` and what the policy needs.
         policy: A policy; it sees only the observables it `requires`, if it says so.
         seed, options: Passed to `reset`.
-        progress: Told the time [s] in the episode now and again.
+        progress: Shows the time [s] in the episode now and again.
 
     Returns:
         The record. After a failure it ends at the last instant before it. Where `info` has a

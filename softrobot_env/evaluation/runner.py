@@ -268,7 +268,7 @@ def run(
         case: The episode.
         env: Environment to run it in, which stays open; the simulation of the case unless given.
         policy: The policy; that of the case unless given.
-        progress: Told the time [s] in the episode now and again.
+        progress: Shows the time [s] in the episode now and again.
     """
     if env is None:
         with closing(case.environment()) as made:

@@ -285,7 +285,7 @@ def _quietly(stage: Callable[[], None]) -> None:
 class ExitGuard:
     """Calls a function when the interpreter ends, or when it gets SIGTERM.
 
-    The signal then goes on to whoever had it before. Only Python's main thread can be told of
+    The signal then goes on to whoever had it before. Only Python's main thread gets
     signals; elsewhere the guard does without. What a process has opened is its own: in a forked
     child the guard does nothing.
     """

@@ -60,7 +60,7 @@ class Notice(event.Listener):
 
 
 def _watched() -> bool:
-    """Whether somebody sees what is told: at a terminal or in a notebook, not in workers."""
+    """Whether somebody sees what is shown: at a terminal or in a notebook, not in workers."""
     if parent_process() is not None or sys.stderr is None:
         return False
     return sys.stderr.isatty() or "ipykernel" in sys.modules

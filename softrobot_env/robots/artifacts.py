@@ -34,7 +34,7 @@ def artifact_folder(robot: RobotParams) -> Path:
 
 
 def training_folder(robot: RobotParams) -> Path:
-    """Where a training writes unless told otherwise: beside the file of a robot of one's own, else
+    """Where a training writes unless a file is given: beside the file of a robot of one's own, else
     in `out`, so that it replaces nothing that comes with the package."""
     own = robot.file is not None and assets_dir().resolve() not in robot.file.resolve().parents
     return artifact_folder(robot) if own else OUT

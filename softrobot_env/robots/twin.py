@@ -11,7 +11,7 @@ A twin stands for one built robot. What it is sampled from:
   without dither err by what the thesis reports, 0.72 mm at the tip and 0.12 mm in the lengths
   (thesis: 0.77 and 0.11); 0.1 N gives 1.2 and 0.18 mm, 0.3 N 3.1 and 0.48 mm (`softrobot
   benchmark rig_networks`). Twins are visited with dither, which more than halves these errors;
-* damping within 20 % of that, whose unit the audit had to infer, whatever the modulus drawn;
+* damping within 20 % of that, whose unit the audit had to infer, whatever the modulus;
 * curvature sensors with imperfections of usual size (`robots.sensors.USUAL`);
 * everything else: assumptions of this package about a silicone body cast by hand, tendons laid by
   hand, hobby servos and a webcam of 90 frames a second.
@@ -59,7 +59,7 @@ class Twin:
         backlash: (n_tendons,) [m], width of the servos' dead band.
         camera_noise: [m], standard deviation of each coordinate.
         camera_delay: [s]; environments round it to whole control periods.
-        seed: What it was drawn from, None if nothing was drawn.
+        seed: What it was sampled from, None if nothing was.
     """
 
     robot: RobotParams

@@ -347,7 +347,7 @@ def _powers(points: ndarray) -> ndarray:
 
 @lru_cache(maxsize=32)
 def _sheet(robot: RobotParams, length: float, width: float, what: str) -> _Sheet | None:
-    """The sheet over an ellipse, found once, so that tasks drawn in it cost little.
+    """The sheet over an ellipse, found once, so that tasks in it cost little.
 
     Returns:
         The sheet; None where the surface is not smooth: then every tip has to be looked for.

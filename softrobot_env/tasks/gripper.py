@@ -29,7 +29,7 @@ class GripTask:
         arm: Factor [1] on the distance of each finger's tendon from its fibre.
         sensor_errors: Scale [1] of the usual imperfections of the fingers' sensors
             (`robots.sensors.USUAL`).
-        specimen: What the differences of the sensors of a gripper are drawn from, rounded down.
+        specimen: What the differences of the sensors of a gripper are sampled from, rounded down.
         within: What counts as success, at the end: of an enclosing grip the largest mean share by
             which the curvatures differ from that of the wrapped bar; of a hold the farthest way [m]
             of the bar from where it lay.

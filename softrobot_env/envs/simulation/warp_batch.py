@@ -51,7 +51,7 @@ class _Acting(NamedTuple):
 
 
 class WarpBatch:
-    """As `BatchSimulation`, on a device; arrays are float64 tensors there unless told otherwise.
+    """As `BatchSimulation`, on a device; arrays are float64 tensors there by default.
 
     The integrator is that of `scene.integration` with steps of one length and `ROWS` rows, without
     a look at its error, or "implicitfast" or "discrete" of MuJoCo, without friction of tendons.

@@ -30,7 +30,7 @@ class Refinement:
 
     Attributes:
         lengths: [s] of a stretch, stage by stage: short ones guide to where long ones are stable.
-        stretches: Their number, drawn from the records.
+        stretches: Their number, sampled from the records.
         iterations: At most, of a stage.
         seed: Of the draw.
         tolerance: Share of the cost whose decrease is too little to go on [1].

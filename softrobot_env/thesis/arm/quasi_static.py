@@ -25,7 +25,7 @@ Statics = Callable[[ndarray], ndarray]
 
 @dataclass(frozen=True)
 class Sampling(Record):
-    """How training data are drawn.
+    """How training data are sampled.
 
     Attributes:
         pairs: Number of samples.

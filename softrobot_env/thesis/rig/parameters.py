@@ -160,7 +160,7 @@ def record(
         twin: See `RigEnv`.
         seed: Of the camera's noise.
         excitation: What to do.
-        show: Told how far it is, or None.
+        show: Shows how far it is, or None.
 
     Raises:
         RuntimeError: It could not be recorded to the end.
