@@ -31,6 +31,9 @@ PACKAGE = "softrobot_env"
 #: Files of tests of a mutant, and the longest that they may take [s]; who takes longer is found.
 _FILES, _LONGEST = 3, 150.0
 
+#: What is said of a fault with which not even the tests' imports work.
+_NOT_BEGUN = "the tests do not begin"
+
 _PAIRS = (
     (ast.Add, ast.Sub),
     (ast.Mult, ast.Div),
@@ -282,7 +285,7 @@ class Runner:
             mutant.verdict, mutant.by = "survived", "no test names it"
             return
         failed = self._failed(tests, path, source, mutant.compiled)
-        while failed not in (None, "time") and not self._passes(failed):
+        while failed not in (None, "time", _NOT_BEGUN) and not self._passes(failed):
             # It fails without the mutant, too.
             tests = [x for x in tests if x != str(self._tree / failed)]
             tests += ["--deselect", failed] if "::" in failed else []
@@ -329,7 +332,7 @@ class Runner:
         first = re.search(r"^(?:FAILED|ERROR) (\S+::\S+|\S+)", said, re.M)
         if process.returncode in (0, 5):
             return None
-        return first[1] if first else "the tests do not begin"
+        return first[1] if first else _NOT_BEGUN
 
 
 def main() -> None:
