@@ -96,8 +96,7 @@ class Drives:
 
     def apply(self, commanded: ndarray) -> ndarray:
         """Tensions (n, n_tendons) [N] in force in a control period, by those commanded in it."""
-        size = self._sent.shape[1]
-        self._now = (self._now + 1) % size
+        self._now = (self._now + 1) % self._sent.shape[1]
         self._sent[:, self._now] = commanded
         return self.tension
 

@@ -16,16 +16,12 @@ from softrobot_env.scene.assembly import FINENESS, Resolution
 from softrobot_env.tasks.gripper import DRAWN, GRIP_TASKS, POSITIVE, GripTask
 
 from .config import GRIPPER, MANY, PICTURES, ControlPeriod, EnvConfig
+from .observations.table import each_of
 from .options import MASK, checked_actions
 from .parts import EpisodeSpec
-from .rendering import GripperRenderer
+from .rendering import GripperRenderer, Pictured
 from .rewards import GripReward
-from .simulation.grippers import (
-    FingerSensors,
-    GripperBatch,
-    GripperView,
-    observes,
-)
+from .simulation.grippers import SENSORS, FingerSensors, GripperBatch, GripperView, seen_by
 from .vector import BatchEnv
 
 #: Of the fingers' own quantities each has one; pulls and shaking are vectors.
@@ -89,9 +85,10 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndarr
         self._limits = self.gripper.tension_limits
         n, fingers = int(config.num_envs), self.gripper.fingers
         self._action = np.full((n, len(self._limits)), -1.0)
-        sensed = observes(config.observe, "sensors")
-        self.simulation = GripperBatch(self.gripper, self.task, config, fineness, sensed)
-        self.sensors = FingerSensors(self.simulation, self.control_period) if sensed else None
+        self.simulation = GripperBatch(self.gripper, self.task, config, fineness)
+        self.sensors = None
+        if SENSORS in seen_by(config):
+            self.sensors = FingerSensors(self.simulation, self.control_period)
         self._view = GripperView(self.simulation, config, lambda: self._action.copy(), self.sensors)
         self.observe_as, self.vector_layout = config.observe_as, self._view.layout
         action_space = gymnasium.spaces.Box(-1.0, 1.0, self._limits.shape, np.float32)
@@ -209,8 +206,7 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndarr
     def _off(self) -> ndarray:
         """(n,) [1], over what counts as success."""
         if self.task.free:
-            away = norm(self.simulation.place - self._home, axis=1)
-            return away / self.task.within
+            return norm(self.simulation.place - self._home, axis=1) / self.task.within
         radius = self._sampled["diameter"] / 2
         width = [f.robot.backbone.widest for f in self.gripper.fingers]
         rho = radius[:, None] + np.array(width)[self._enclosable[:, 0].astype(int)]
@@ -249,7 +245,12 @@ def _found(given: Any, find: Callable[[str], Any], name: str, kind: type) -> Any
     return found
 
 
-class GripperEnv(gymnasium.Env[Seen, ndarray]):
+#: What a gripper has in common with many of them.
+_SHARED = ("gripper", "task", "simulation", "control_period", "max_episode_steps")
+_SHARED += ("observe_as", "vector_layout")
+
+
+class GripperEnv(Pictured, gymnasium.Env[Seen, ndarray]):
     """One gripper; see `VectorGripperEnv`, whose arguments it has.
 
     Attributes:
@@ -273,15 +274,11 @@ class GripperEnv(gymnasium.Env[Seen, ndarray]):
             autoreset_mode=AutoresetMode.DISABLED,
             **{name: getattr(config, name) for name in GRIPPER},
         )
-        for name in ("gripper", "task", "simulation", "control_period", "max_episode_steps"):
+        for name in _SHARED:
             setattr(self, name, getattr(self._all, name))
-        self.observe_as, self.vector_layout = self._all.observe_as, self._all.vector_layout
         self.observation_space = self._all.single_observation_space
         self.action_space = self._all.single_action_space
-        self.metadata = {**self.metadata, "render_fps": max(1, round(1 / self.control_period))}
-        self.render_mode, self._frame = config.render_mode, (config.width, config.height)
-        self._renderer: GripperRenderer | None = None
-        self._diameter = 0.0
+        self._take_pictures(config)
         self.shown: ndarray | None = None
 
     def reset(
@@ -291,19 +288,19 @@ class GripperEnv(gymnasium.Env[Seen, ndarray]):
         super().reset(seed=seed)
         self._all._generators[:] = [self.np_random]
         observation, info = self._all.reset(options=options)
-        self._diameter = float(info["diameter"][0])
-        return _only(observation), _alone(info)
+        return each_of(observation, _first), _alone(info)
 
     def step(self, action: ndarray) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
         """As of `VectorGripperEnv`, for one."""
         given = checked_actions(action, self.action_space.shape)
         observation, reward, failed, over, info = self._all.step(given[None])
-        return _only(observation), float(reward[0]), bool(failed[0]), bool(over[0]), _alone(info)
-
-    @property
-    def metres_per_pixel(self) -> float | None:
-        """[m] in the plane of pictures that `render` makes; None before the first."""
-        return None if self._renderer is None else self._renderer.metres / self._frame[1]
+        return (
+            each_of(observation, _first),
+            float(reward[0]),
+            bool(failed[0]),
+            bool(over[0]),
+            _alone(info),
+        )
 
     def render(self) -> ndarray | None:
         """Picture (height, width, 3) uint8 in mode "rgb_array"; None otherwise.
@@ -314,27 +311,20 @@ class GripperEnv(gymnasium.Env[Seen, ndarray]):
             RenderError: No OpenGL; says what to install.
             gymnasium.error.ResetNeeded: Nothing was started yet.
         """
-        if self._diameter == 0:
+        diameter = float(self._all._sampled["diameter"][0])
+        if diameter == 0:
             raise gymnasium.error.ResetNeeded("call reset() before render()")
         if self.render_mode is None:
             return None
-        if self._renderer is None or self._renderer.diameter != self._diameter:
+        if self._renderer is None or self._renderer.diameter != diameter:
             self.close()
-            self._renderer = GripperRenderer(self.simulation, self._diameter, *self._frame)
+            self._renderer = GripperRenderer(self.simulation, diameter, *self._frame_size)
         shown = self.simulation.curvature[0] if self.shown is None else self.shown
         return self._renderer.draw(self.simulation.qpos[0], self.simulation.ctrl[0], shown)
 
-    def close(self) -> None:
-        """Free the renderer; closing twice is harmless."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
 
-
-def _only(observation: Seen) -> Seen:
-    if isinstance(observation, ndarray):
-        return observation[0]
-    return {name: value[0] for name, value in observation.items()}
+def _first(values: ndarray) -> ndarray:
+    return values[0]
 
 
 def _alone(info: dict[str, Any]) -> dict[str, Any]:

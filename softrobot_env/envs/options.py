@@ -39,8 +39,7 @@ class ResetOptions:
             ValueError: It has no such option, or a value is out of range.
         """
         if self.step_width is not None:
-            wider = remake_task(task, step_width=self.step_width)
-            task = replace(wider, duration=task.duration)
+            task = replace(remake_task(task, step_width=self.step_width), duration=task.duration)
         if self.task:
             task = remake_task(task, **self.task)
         return task if self.duration is None else replace(task, duration=self.duration)

@@ -34,6 +34,7 @@ from .observations.table import (
     Sizes,
     Sources,
     VectorView,
+    entries,
     known_of,
     observation_space,
     observer,
@@ -127,12 +128,12 @@ class EnvParts:
             observe = usual_of(self.task.robot)
         self.observed = self.observation_space = observation_space(observe, known, sizes)
         if self.observe_as == "vector":
-            self.view = VectorView(self.observed, sizes)
+            self.view = VectorView(self.observed, entries(self.observed, sizes))
             self.observation_space = self.view.space
         if self.act_as == "change":
             self.change = min(1.0, CHANGE * sizes.frequency * self.control_period)
         self.action_space = spaces.Box(-1.0, 1.0, (sizes.n_inputs,), dtype=np.float32)
-        self.reference = self.reference_of(self.task)
+        self.reference = sample_reference(self.task, self.control_period, self._preview)
 
     def reference_of(self, task: Task) -> ReferenceTable:
         """The sampled reference of a task.
@@ -140,6 +141,8 @@ class EnvParts:
         Raises:
             ValueError: It is not finite, too far or too fast.
         """
+        if task == self.task:
+            return self.reference
         return sample_reference(task, self.control_period, self._preview)
 
     @property
@@ -173,10 +176,6 @@ class EnvParts:
             return action
         return (previous + self.change * action).clip(-1.0, 1.0)
 
-    def action_of(self, inputs: ndarray) -> ndarray:
-        """Inputs (n_inputs,) over full scale."""
-        return self.inputs.to_actions(inputs)
-
     def parse_options(self, options: dict[str, Any] | None) -> ResetOptions:
         """The checked options of a `reset`; raises ValueError."""
         raise NotImplementedError
@@ -187,7 +186,8 @@ class EnvParts:
         env.task, env.axes, env.control_period = self.task, self.axes, self.control_period
         env.vector_layout, env.reading = self.vector_layout, self.reading
         env.observe_as, env.act_as = self.observe_as, self.act_as
-        env.input_scale = self.inputs.input_scale
+        env.input_scale, env.max_episode_steps = self.inputs.input_scale, self.reference.last_index
+        env.observation_space, env.action_space = self.observation_space, self.action_space
 
 
 class SimulatedParts(EnvParts):
@@ -353,22 +353,22 @@ def sizes_of(
     They leave room for noise, and for the errors of servos and cameras of any twin.
     """
     robot = task.robot
-    common = {
-        "robot": robot,
-        "layout": layout,
-        "pieces": pieces,
-        "speed": speed_limit(robot),
-        "directions": directions,
-        "axes": AXES[task.axes],
-        "n_preview": n_preview,
-        "n_inputs": robot_inputs(robot).n_inputs,
-        "strain": strain,
-        "noise": NOISE_ROOM,
-    }
+    sizes = Sizes(
+        robot,
+        layout,
+        pieces,
+        speed_limit(robot),
+        directions,
+        AXES[task.axes],
+        n_preview,
+        robot_inputs(robot).n_inputs,
+        strain=strain,
+        noise=NOISE_ROOM,
+    )
     if robot.drive.kind == "tension":
-        return Sizes(**common)
-    return Sizes(
-        **common,
+        return sizes
+    return replace(
+        sizes,
         pulled=float(robot_inputs(robot).input_scale.max()) + LARGEST_ERROR,
         tip_room=FARTHEST * LARGEST_NOISE,
         # Pictures are half a period of the camera apart, or more.

@@ -43,7 +43,7 @@ from softrobot_env.scene.registry import RIG_PIECES
 from softrobot_env.tasks import RIG_TASKS, Task
 
 from .config import REAL, EnvConfig
-from .observations.table import EVERY, OBSERVABLES, Sources, copied, speed_limit
+from .observations.table import EVERY, OBSERVABLES, Sources, each_of, speed_limit
 from .options import REAL_OPTIONS, ResetOptions, one_action, parse_options
 from .parts import EnvParts, EpisodeSpec, make_env_task, sizes_of
 from .reference import ReferenceTable
@@ -235,8 +235,6 @@ class RealRigEnv(gymnasium.Env[Seen, ndarray]):
             raise ValueError(f"tip must be None or a TipSource (with latest), got {shown(tip)}")
         self._parts = parts = RealParts(config)
         parts.show_in(self)
-        self.observation_space, self.action_space = parts.observation_space, parts.action_space
-        self.max_episode_steps = parts.reference.last_index
         file = parts.file
         line = config.line or (lambda: SerialTransport(file.port, file.baud))
         self._session = RealSession(file, line, tip)
@@ -268,7 +266,10 @@ class RealRigEnv(gymnasium.Env[Seen, ndarray]):
         if self._fault is not None and not parsed.clear_fault:
             raise RobotFaultError(self._fault)
         self._session.prepare(parsed.clear_fault)
-        self._check_forces()
+        if TENSION in self._parts.observed.spaces and not self._measures_forces():
+            raise RobotError(
+                "the board measures no forces: leave out the observable tendon_tension"
+            )
         self._begin(reference)
         return self._observe(), self._info(self._reward.none, monotonic())
 
@@ -358,12 +359,6 @@ class RealRigEnv(gymnasium.Env[Seen, ndarray]):
     def _measures_forces(self) -> bool:
         return Capability.FORCE in self._session.driver.info.capabilities
 
-    def _check_forces(self) -> None:
-        if TENSION in self._parts.observed.spaces and not self._measures_forces():
-            raise RobotError(
-                "the board measures no forces: leave out the observable tendon_tension"
-            )
-
     def _observe(self) -> Seen:
         # Made anew: kept, they would keep an environment alive that nobody else refers to.
         sources = Sources(
@@ -412,7 +407,7 @@ class RealRigEnv(gymnasium.Env[Seen, ndarray]):
         self._fault = fault or FaultInfo(Fault.NONE, None, None, str(error))
         reward, terms = self._reward.failed_terms()
         info = self._info(terms, monotonic()) | {"failure": self._fault.text}
-        last = copied(self._last)
+        last = each_of(self._last, ndarray.copy)
         terminated = self._fault.code == Fault.FORCE
         return last, reward, terminated, not terminated, info
 
@@ -694,8 +689,7 @@ class RealSession:
             answer = self.driver.wait_for(self.driver.command(allowed), deadline)
         if self.driver.fault is not None:
             raise RobotFaultError(self.driver.fault)
-        limited = bool(np.any(allowed != length))
-        return limited, None if answer is None else answer.round_trip
+        return bool(np.any(allowed != length)), None if answer is None else answer.round_trip
 
     def sight(self) -> TipMeasurement | None:
         """The newest measurement of the tip."""

@@ -66,9 +66,21 @@ class _Episodes:
 
 
 class _Recorder:
-    """A wrapper that records."""
+    """A wrapper that records what its method `_add` notes."""
 
     _episodes: _Episodes
+
+    def reset(self, **arguments: Any) -> tuple[Seen, dict[str, Any]]:
+        """Begin another run, of those environments that are reset."""
+        outcome = super().reset(**arguments)
+        self._add(*outcome)
+        return outcome
+
+    def step(self, action: ndarray) -> tuple[Seen, Any, Any, Any, dict[str, Any]]:
+        """Go on, and note a row of each environment."""
+        outcome = super().step(action)
+        self._add(outcome[0], outcome[-1])
+        return outcome
 
     @property
     def recording(self) -> Recording:
@@ -115,22 +127,12 @@ class RecordEpisodes(_Recorder, gymnasium.Wrapper):
         self.label, self._episodes = "", _Episodes(env, path)
         self._run: list[tuple] = []
 
-    def reset(self, **arguments: Any) -> tuple[Seen, dict[str, Any]]:
-        """Begin another run."""
-        observation, info = self.env.reset(**arguments)
-        self._run = self._episodes.begin()
-        self._add(observation, info)
-        return observation, info
-
-    def step(self, action: ndarray) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
-        """Go on, and note a row."""
-        outcome = self.env.step(action)
-        observation, *_, info = outcome
-        if "failure" not in info:
-            self._add(observation, info)
-        return outcome
-
     def _add(self, observation: dict[str, ndarray], info: dict[str, Any]) -> None:
+        """Note a row; at time zero a run begins, and a failed step is left out."""
+        if "failure" in info:
+            return
+        if info["time"] == 0:
+            self._run = self._episodes.begin()
         action = info.get("applied_action", observation["previous_action"])
         tip, age = observation["tip_position"].copy(), float(info.get("tip_age", 0.0))
         self._run.append((float(info["time"]), age, np.array(action), tip, self.label))
@@ -155,18 +157,6 @@ class RecordVectorEpisodes(_Recorder, VectorWrapper):
             raise ValueError("recording needs the autoreset mode NEXT_STEP or DISABLED")
         self.label, self._episodes = "", _Episodes(env, path)
         self._runs: list[list[tuple]] = [[] for _ in range(env.num_envs)]
-
-    def reset(self, **arguments: Any) -> tuple[Seen, dict[str, Any]]:
-        """Begin other runs, of those environments that are reset."""
-        observation, info = self.env.reset(**arguments)
-        self._add(observation, info)
-        return observation, info
-
-    def step(self, actions: ndarray) -> tuple[Seen, ndarray, ndarray, ndarray, dict[str, Any]]:
-        """Go on, and note a row of each environment."""
-        outcome = self.env.step(actions)
-        self._add(outcome[0], outcome[-1])
-        return outcome
 
     def _add(self, observation: dict[str, ndarray], info: dict[str, Any]) -> None:
         """Note rows; at time zero a run begins, and failed steps are left out."""

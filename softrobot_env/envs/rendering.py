@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import degrees
-from typing import Any
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -95,6 +95,34 @@ def make_renderer(
     return OffscreenRenderer(config, *frame_size)
 
 
+class Pictured:
+    """An environment that shows itself.
+
+    Attributes:
+        render_mode: None, "rgb_array" or "human".
+    """
+
+    metadata: ClassVar[dict[str, Any]]
+    control_period: float
+    _renderer: Any = None
+
+    def _take_pictures(self, config: Any) -> None:
+        """Take the options, an `EnvConfig`; nothing is opened before the first picture."""
+        self.render_mode, self._frame_size = config.render_mode, (config.width, config.height)
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1 / self.control_period))}
+
+    @property
+    def metres_per_pixel(self) -> float | None:
+        """[m] in the plane of pictures that `render` makes as arrays; None before the first."""
+        return None if self._renderer is None else self._renderer.metres / self._frame_size[1]
+
+    def close(self) -> None:
+        """Free the renderer; closing twice is harmless."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+
 class _Pictures:
     """Renders a scene into arrays.
 
@@ -114,8 +142,7 @@ class _Pictures:
 
     def _see(self) -> mujoco.MjvScene:
         """What there is to see, to which more may be added."""
-        everything = mujoco.mjtCatBit.mjCAT_ALL.value
-        seen = self._option, None, self._camera, everything, self._scene
+        seen = self._option, None, self._camera, mujoco.mjtCatBit.mjCAT_ALL.value, self._scene
         mujoco.mjv_updateScene(self._model, self._data, *seen)
         return self._scene
 
@@ -186,7 +213,10 @@ class WindowRenderer:
             time.sleep(_PAUSE)
         if not self.is_open:
             return
-        self._wait(frame.time)
+        simulated, wall = self._last
+        if frame.time > simulated:
+            time.sleep(max(0.0, frame.time - simulated - (time.perf_counter() - wall)))
+        self._last = (frame.time, time.perf_counter())
         with self._window.lock():
             self._view.update(frame)
             self._window.user_scn.ngeom = 0
@@ -213,12 +243,6 @@ class WindowRenderer:
     def _on_key(self, key: int) -> None:
         if key == _SPACE:
             self.paused = not self.paused
-
-    def _wait(self, now: float) -> None:
-        simulated, wall = self._last
-        if now > simulated:
-            time.sleep(max(0.0, now - simulated - (time.perf_counter() - wall)))
-        self._last = (now, time.perf_counter())
 
     def close(self) -> None:
         """Close the window."""
@@ -256,12 +280,9 @@ class _View:
             self.data.qpos[:] = frame.qpos
         mujoco.mj_fwdPosition(self.model, self.data)
         self._tendons.show(frame.tension)
-        self._extend_trail(frame.episode)
-
-    def _extend_trail(self, episode: int) -> None:
-        if episode != self._episode:
+        if frame.episode != self._episode:
             self._trail.clear()
-        self._episode = episode
+        self._episode = frame.episode
         tip = self._tip.copy()
         if not self._trail or np.linalg.norm(tip - self._trail[-1]) > _TRAIL_STEP * self._disc_size:
             self._trail.append(tip)

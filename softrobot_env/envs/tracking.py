@@ -16,11 +16,11 @@ from softrobot_env.tasks import Task
 
 from .config import DEFAULT_PERIOD, PICTURES, SIMULATED, EnvConfig
 from .disturbances import Drives, Periphery, reported_variation, rounded
-from .observations.table import Measured, Sources, copied
+from .observations.table import Measured, Sources, each_of
 from .options import ResetOptions, one_action
 from .parts import EpisodeSpec, SimulatedParts, Start
 from .reference import ReferenceTable
-from .rendering import Frame, WindowRenderer, lifted, make_renderer
+from .rendering import Frame, Pictured, WindowRenderer, lifted, make_renderer
 from .simulation.plants import BeamSimulation
 
 __all__ = ["DEFAULT_PERIOD", "TrackingEnv"]
@@ -36,12 +36,12 @@ _REBUILT = {
     "_see",
     "_renderer",
     "_advance",
-    "_target",
+    "command",
     "_estimates",
 }
 
 
-class TrackingEnv(gymnasium.Env[Seen, ndarray]):
+class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
     """Move the tip of a tendon-driven robot along a reference.
 
     The action is a vector in [-1, 1], held for one `control_period`, and stands for the inputs of
@@ -132,6 +132,11 @@ class TrackingEnv(gymnasium.Env[Seen, ndarray]):
         vector_layout: Slices of an observation by name, where it is one vector; else None.
         reading: What a file says of that vector, see `vector_reading`.
         model, data: The MuJoCo objects of the running scene; None with another plant.
+        current_task: The task of the running episode: `task`, with what was sampled and given to
+            `reset`.
+        simulation: What is advanced; another one after a reset that varies the robot.
+        command: (nu,) what the drives are to do [N or m], to be written to by who acts without
+            `step`.
     """
 
     spec = EpisodeSpec()
@@ -155,11 +160,7 @@ class TrackingEnv(gymnasium.Env[Seen, ndarray]):
         self.config = config = EnvConfig.of(type(self), {"task": task, **options})
         self._parts = parts = SimulatedParts(config)
         parts.show_in(self)
-        self.observation_space, self.action_space = parts.observation_space, parts.action_space
-        self.max_episode_steps = parts.reference.last_index
-        self.render_mode = config.render_mode
-        self.metadata = {**self.metadata, "render_fps": max(1, round(1 / self.control_period))}
-        self._frame_size, self._renderer = (config.width, config.height), None
+        self._take_pictures(config)
         self.twin, self._servos, self._periphery = parts.twin, parts.servos(), Periphery(parts)
         self._command = parts.inputs.per_action().command
         self._drives: Drives | None = None
@@ -178,56 +179,36 @@ class TrackingEnv(gymnasium.Env[Seen, ndarray]):
     # ------------------------------------------------------------------ simulation
 
     @property
-    def current_task(self) -> Task:
-        """The task of the running episode: `task`, with what was sampled and given to `reset`."""
-        return self._current
-
-    @property
     def scene(self) -> Scene | None:
         """The scene of the running episode; None with another plant than the MuJoCo chain."""
-        return self._simulation.scene
-
-    @property
-    def simulation(self) -> Simulation | BeamSimulation:
-        """What is advanced; another one after a reset that varies the robot."""
-        return self._simulation
-
-    @property
-    def command(self) -> ndarray:
-        """(nu,) what the drives are to do [N or m], to be written to by who acts without `step`."""
-        return self._target
+        return self.simulation.scene
 
     def _install(self, simulation: Simulation | BeamSimulation) -> None:
         """Connect to a simulation, so that a step looks nothing up."""
-        self._simulation = simulation
+        self.simulation = simulation
         self.model, self.data = simulation.model, simulation.data
         self._advance = simulation.advance
         self._estimates = simulation.estimates
-        self._target = simulation.ctrl
+        self.command = simulation.ctrl
         if self._servos is not None:
             simulation.drive_by(self._servos)
-            self._target = self._servos.command
+            self.command = self._servos.command
         self._exact = self._parts.plant.readout(simulation, self._servos)
         self._readout: Measured = self._periphery.readout(self._exact)
 
     def _follow(self, task: Task, reference: ReferenceTable) -> None:
         """Make a task the current one."""
-        self._current, self._reference = task, reference
+        self.current_task, self._reference = task, reference
         self._points, self._last_index = reference.points, reference.last_index
-
-    def _reference_of(self, task: Task) -> ReferenceTable:
-        """Reference of a task, which may be the current one."""
-        return self._reference if task == self._current else self._parts.reference_of(task)
 
     def __getstate__(self) -> dict:
         return {k: v for k, v in self.__dict__.items() if k not in _REBUILT}
 
     def __setstate__(self, state: dict) -> None:
         self.__dict__.update(state)
-        self._renderer = None
-        self._install(self._simulation)
+        self._install(self.simulation)
         if not self._robot_vary:  # one model, as before
-            self._parts.plant.adopt(self._simulation)
+            self._parts.plant.adopt(self.simulation)
         if self._last_observation is not None:
             self._bind_observation(self._index + 1)
 
@@ -252,10 +233,10 @@ class TrackingEnv(gymnasium.Env[Seen, ndarray]):
         parsed = self._parse(options)
         # Everything that can be refused comes before anything is changed.
         task = parsed.changed(self.task)
-        start, reference = self._parts.start(parsed, task), self._reference_of(task)
+        start, reference = self._parts.start(parsed, task), self._parts.reference_of(task)
         self._start(parsed, start)
         self._follow(task, reference)
-        self._action_array = self._parts.action_of(start.input)
+        self._action_array = self._parts.inputs.to_actions(start.input)
         self._action = self._action_array.tolist()
         self._rows = self._reference.rows()
         self._index = 0
@@ -299,7 +280,7 @@ class TrackingEnv(gymnasium.Env[Seen, ndarray]):
         robot_vary = {n: v for n, v in vary.items() if VARIATIONS[n].apply is not None}
         values = {name: np.array([value]) for name, value in (neutral() | vary).items()}
         # The running simulation goes on if it is of the wanted robot.
-        simulation = self._simulation
+        simulation = self.simulation
         if robot_vary != self._robot_vary:
             simulation = parts.plant.simulation(robot_vary)
         self._robot_vary = robot_vary
@@ -311,7 +292,7 @@ class TrackingEnv(gymnasium.Env[Seen, ndarray]):
             self._servos.start(command)
             command = self._servos.horn
         simulation.reset(start.posture, command)
-        if simulation is not self._simulation:
+        if simulation is not self.simulation:
             self._install(simulation)
         if self._periphery.start_sensors(_FIRST, values, [self.np_random], self._exact):
             self._readout = self._periphery.readout(self._exact)
@@ -334,18 +315,17 @@ class TrackingEnv(gymnasium.Env[Seen, ndarray]):
             self._action = given.tolist()
         self._action_array = given
         if self._drives is None:
-            self._command(given, self._target)
+            self._command(given, self.command)
         else:
-            self._target[:] = self._drives.apply(self._command(given))[0]
+            self.command[:] = self._drives.apply(self._command(given))[0]
         healthy = self._advance()
         self._index += 1
         failure = self._measure()
         if not healthy:
-            failure = self._simulation.failure() or failure
+            failure = self.simulation.failure() or failure
         if failure is not None:
             return self._fail(failure)
-        earned = self._reward.terms(self._error, self._action, previous, self._exact)
-        return self._go_on(*earned)
+        return self._go_on(*self._reward.terms(self._error, self._action, previous, self._exact))
 
     def _measure(self) -> str | None:
         """Update measurements and error; return what left the workspace, or None."""
@@ -370,7 +350,7 @@ class TrackingEnv(gymnasium.Env[Seen, ndarray]):
     def _fail(self, failure: str) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
         self._running = False
         reward, terms = self._reward.failed_terms()
-        last = copied(self._last_observation)
+        last = each_of(self._last_observation, ndarray.copy)
         return last, reward, True, False, self._info(terms) | {"failure": failure}
 
     def _info(self, terms: dict[str, float64]) -> dict[str, Any]:
@@ -389,11 +369,6 @@ class TrackingEnv(gymnasium.Env[Seen, ndarray]):
         return info if readout.truth is None else info | readout.truth()
 
     # ------------------------------------------------------------------ pictures
-
-    @property
-    def metres_per_pixel(self) -> float | None:
-        """[m] in the plane of pictures that `render` makes as arrays; None before the first."""
-        return None if self._renderer is None else self._renderer.metres / self._frame_size[1]
 
     def render(self) -> ndarray | None:
         """Frame (height, width, 3) uint8 in mode "rgb_array"; None otherwise.
@@ -427,12 +402,12 @@ class TrackingEnv(gymnasium.Env[Seen, ndarray]):
     def _frame(self) -> Frame:
         return Frame(
             episode=self._episode,
-            time=self._simulation.time,
-            qpos=self._simulation.posture,
+            time=self.simulation.time,
+            qpos=self.simulation.posture,
             tension=self._readout.tendon_tension(),
             target=self._in_space(np.array(self._points[self._index])[None])[0],
-            path=self._in_space(self._current.trajectory.path()[:, self.axes]),
-            jumps=getattr(self._current.trajectory, "jumps", False),
+            path=self._in_space(self.current_task.trajectory.path()[:, self.axes]),
+            jumps=getattr(self.current_task.trajectory, "jumps", False),
         )
 
     def _in_space(self, points: ndarray) -> ndarray:
@@ -443,9 +418,3 @@ class TrackingEnv(gymnasium.Env[Seen, ndarray]):
         placed = np.tile((0.0, 0.0, 0.0) if base is None else base.position, (len(points), 1))
         placed[:, self.axes] = points
         return placed
-
-    def close(self) -> None:
-        """Free the renderer; closing twice is harmless."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None

@@ -345,11 +345,8 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndar
         if self._servos is not None:
             self.simulation.drive_by(self._servos)
             self._target = self._servos.command
-        self._connect()
-
-    def _connect(self) -> None:
-        """State of the episodes, and what a step would otherwise look up."""
-        n, parts = self.num_envs, self._parts
+        # State of the episodes, and what a step would otherwise look up.
+        n = self.num_envs
         self._references = _References(n, parts.reference, self.arrays)
         self._command = parts.inputs.per_action(self.arrays).command
         self._action = self.arrays.real(np.zeros(self.action_space.shape))
@@ -393,8 +390,7 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndar
         Raises:
             ValueError: A bad option; the message names what is allowed.
         """
-        reference = self._parts.reference_of(task) if task != self.task else None
-        reference = self._parts.reference if reference is None else reference
+        reference = self._parts.reference_of(task)
         last = min(reference.last_index, self._most_steps)
         return _Beginning(self._parts.start(options, task), reference, last)
 
@@ -450,8 +446,9 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndar
         if self._periphery.start_sensors(*how):
             self._measure()
         self._index[which] = 0
-        wanted = self._parts.action_of(action)
-        self._action[self.arrays.index(which)] = self.arrays.real(wanted)
+        self._action[self.arrays.index(which)] = self.arrays.real(
+            self._parts.inputs.to_actions(action)
+        )
         self._done[which] = False
 
     # ------------------------------------------------------------------ steps

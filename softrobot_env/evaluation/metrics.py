@@ -90,17 +90,13 @@ def step_metrics(time: ndarray, tip: ndarray, target: ndarray) -> StepMetrics:
     if steady <= _BAND:  # it never left the start: rise and overshoot have no meaning
         return StepMetrics(None, None, None, error)
     relative = response / steady
+    begin, end = (_first_crossing(time, relative, level) for level in (0.1, 0.9))
     return StepMetrics(
-        rise_time=_rise_time(time, relative),
+        rise_time=None if begin is None or end is None else end - begin,
         settling_time=_settling_time(time, relative, window),
         overshoot=max(0.0, float(relative.max()) - 1),
         steady_state_error=error,
     )
-
-
-def _rise_time(time: ndarray, relative: ndarray) -> float | None:
-    crossings = [_first_crossing(time, relative, level) for level in (0.1, 0.9)]
-    return None if None in crossings else crossings[1] - crossings[0]
 
 
 def _first_crossing(time: ndarray, response: ndarray, level: float) -> float | None:

@@ -69,13 +69,13 @@ def rig_label(row: Mapping[str, Any]) -> str:
         return ""
     if row["plant"] == REAL:
         return "real"
-    name = "ideal" if row["twin"] is None else _twin_label(row["twin"])
+    name = "ideal" if row["twin"] is None else f"twin {row['twin']}"
     return f"virtual {name}" if row["plant"] == VIRTUAL else name
 
 
 def learnt_label(twin: int | None) -> str:
     """The rig whose identified parameters a policy has, for people, by its seed if it has one."""
-    return "a rig without a seed" if twin is None else _twin_label(twin)
+    return "a rig without a seed" if twin is None else f"twin {twin}"
 
 
 def learnt_elsewhere(row: Mapping[str, Any]) -> bool:
@@ -83,11 +83,7 @@ def learnt_elsewhere(row: Mapping[str, Any]) -> bool:
     if row.get("learnt") is None:
         return False
     seedless = row["plant"] == REAL or row["twin"] is None
-    return seedless or row["learnt"] != _twin_label(row["twin"])
-
-
-def _twin_label(seed: int) -> str:
-    return f"twin {seed}"
+    return seedless or row["learnt"] != f"twin {row['twin']}"
 
 
 def robot_label(row: Mapping[str, Any]) -> str:

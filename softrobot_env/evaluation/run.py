@@ -142,17 +142,14 @@ class _Table:
     def add(self, row: dict[str, Any]) -> None:
         """Add a row of arrays or numbers, with the same names every time."""
         for name, value in row.items():
-            column = self._columns.get(name)
-            if column is None or self._count == len(column):
-                column = self._grown(name, np.asarray(value))
+            column = self._columns.get(name, ())
+            if self._count == len(column):
+                first = np.asarray(value)
+                wider = np.empty((max(256, 2 * self._count), *first.shape), first.dtype)
+                wider[: self._count] = column
+                self._columns[name] = column = wider
             column[self._count] = value
         self._count += 1
-
-    def _grown(self, name: str, value: ndarray) -> ndarray:
-        column = np.empty((max(256, 2 * self._count), *value.shape), value.dtype)
-        column[: self._count] = self._columns.get(name, column)[: self._count]
-        self._columns[name] = column
-        return column
 
     def columns(self) -> dict[str, ndarray]:
         """The columns (rows, ...) by name."""

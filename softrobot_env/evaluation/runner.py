@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from contextlib import closing
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -25,12 +25,7 @@ from softrobot_env.robots import RobotParams, entry_of
 from softrobot_env.robots.twin import Twin, twin_of
 from softrobot_env.tasks import Task
 
-from .metrics import (
-    StepMetrics,
-    TrackingMetrics,
-    step_metrics,
-    tracking_metrics,
-)
+from .metrics import StepMetrics, TrackingMetrics, step_metrics, tracking_metrics
 from .report import own_robot, rig_label, variation_label
 from .rollout import Rollout
 from .run import run_episode, warm_up
@@ -165,8 +160,7 @@ class Case:
         if self.plant != MUJOCO:
             options = {"plant": BeamPlant(self.plant), "pieces": None} | options
         options = {"observe": "all" if self.feedback != SENSORS else ("all", SENSORS)} | options
-        given = {} if self._built is None else {"twin": self._built}
-        return load(entry_of(self.task.robot).environment)(self.task, **given | options)
+        return simulated(self.task, self._built, **options)
 
     @property
     def _built(self) -> Twin | None:
@@ -182,9 +176,8 @@ class Case:
             delay = sensors_delay(self.task.robot if built is None else built.robot)
         options = find_policy(self.policy, self.task.robot).told(delay) | dict(self.given)
         options |= {} if known is None else {"learnt": known}
-        feedback = self.feedback or FEEDBACKS[0]
-        robot = self.task.robot
-        return make_policy(self.policy, robot, control_period, feedback, self.sensors, **options)
+        how = control_period, self.feedback or FEEDBACKS[0], self.sensors
+        return make_policy(self.policy, self.task.robot, *how, **options)
 
 
 def as_built(robot: RobotParams, twin: Twin | int | None) -> Twin | None:
@@ -201,8 +194,7 @@ def simulated(task: Task, twin: Twin | int | None = None, **options: Any) -> gym
 
 def acts_on_identified(policy: str, robot: RobotParams) -> bool:
     """Whether a policy of a robot acts on its identified parameters."""
-    known = entry_of(robot).identified is not None
-    return known and find_policy(policy, robot).takes("learnt")
+    return entry_of(robot).identified is not None and find_policy(policy, robot).takes("learnt")
 
 
 @dataclass(frozen=True)
@@ -225,8 +217,8 @@ class Outcome:
         width = case.task.step_width
         if rollout.failure is None:
             tracking = tracking_metrics(rollout)
-        if rollout.failure is None and width is not None:
-            step = step_metrics(rollout.time, rollout.tip, rollout.reference[-1])
+            if width is not None:
+                step = step_metrics(rollout.time, rollout.tip, rollout.reference[-1])
         return kind(
             task=case.task.name,
             step_width=width,
@@ -247,7 +239,7 @@ class Outcome:
 
 
 def _metrics(kind: type, values: TrackingMetrics | StepMetrics | None) -> dict[str, Any]:
-    return {f.name: None for f in fields(kind)} if values is None else asdict(values)
+    return {field.name: getattr(values, field.name, None) for field in fields(kind)}
 
 
 def _shares(status: np.ndarray) -> dict[str, float]:

@@ -85,7 +85,7 @@ def _shown(path: Path, rows: list[Any]) -> dict[int, dict[str, Any]]:
     try:
         report, fields = tree["report"], tree["fields"]
         made = {
-            number: {k: Rollout(**v[_ROLLOUT]) if _is_rollout(v) else v for k, v in values.items()}
+            number: {k: _shown_value(v) for k, v in values.items()}
             for number, values in fields.items()
         }
     except (AttributeError, LookupError, TypeError) as error:
@@ -103,8 +103,9 @@ def _plain(values: dict[str, Any]) -> dict[str, Any]:
     return {k: {_ROLLOUT: vars(v)} if isinstance(v, Rollout) else v for k, v in values.items()}
 
 
-def _is_rollout(value: Any) -> bool:
-    return isinstance(value, dict) and value.keys() == {_ROLLOUT}
+def _shown_value(value: Any) -> Any:
+    is_rollout = isinstance(value, dict) and value.keys() == {_ROLLOUT}
+    return Rollout(**value[_ROLLOUT]) if is_rollout else value
 
 
 def _digest(rows: list[Any]) -> str:

@@ -179,12 +179,11 @@ def _set_points(
         raise ValueError(f"task 'reach' needs room; {_no_room(site)}")
     if site.ground.radius == 0:
         return _on_line(site, rng, radius)
-    radius = _rounded(REACH_SHARE * site.ground.radius) if radius is None else _checked(radius)
+    radius = _radius(radius, REACH_SHARE * site.ground.radius)
     distance, turn = rng.uniform(size=(2, _POINTS))
     z = radius * np.sqrt(distance) * np.exp(2j * np.pi * turn)
     flat = site.ground.middle + np.stack([z.real, z.imag], axis=1) @ site.ground.axes
-    robot = site.inverse.scene.config.robot
-    sheet = _sheet(robot, radius, radius, "task 'reach'")
+    sheet = _sheet(site.inverse.scene.config.robot, radius, radius, "task 'reach'")
     return site.held_along(flat, "task 'reach'")[0] if sheet is None else sheet.over(flat), radius
 
 
@@ -194,7 +193,7 @@ def _on_line(
     """Tips (n, 3) [m] under random equal actions, up to `radius` [m] from that of the action 0."""
     middle = site.ground.middle
     most = norm(site.inverse.line(np.array([-1.0, 1.0]))[0] - middle, axis=1).min()
-    radius = _rounded(REACH_SHARE * most) if radius is None else _checked(radius)
+    radius = _radius(radius, REACH_SHARE * most)
     if radius > most:
         raise ValueError(f"radius must be at most {most:.3g} m here, got {radius!r}")
     actions = np.linspace(-1, 1, 81) * min(1.0, 2 * radius / most)
@@ -226,7 +225,7 @@ def _wide_ground(
     if ground.radius == 0:
         raise ValueError(f"task {task!r} needs a tip that moves to all sides; {_no_room(site)}")
     length = ground.length if long else ground.radius
-    radius = _rounded(PATH_SHARE * length) if radius is None else _checked(radius)
+    radius = _radius(radius, PATH_SHARE * length)
     return ground, (radius, radius * ground.radius / length)
 
 
@@ -394,10 +393,13 @@ def _rounded(value: float) -> float:
     return float(f"{digit * np.floor(value / digit * (1 + 1e-12)):.6g}")
 
 
-def _checked(radius: float) -> float:
-    if not radius > 0:
-        raise ValueError(f"radius must be positive, got {radius!r}")
-    return float(radius)
+def _radius(given: float | None, usual: float) -> float:
+    """A radius [m]: about the usual one unless it is given; ValueError unless it is positive."""
+    if given is None:
+        return _rounded(usual)
+    if not given > 0:
+        raise ValueError(f"radius must be positive, got {given!r}")
+    return float(given)
 
 
 #: Name -> function (robot, **options) that makes the task.

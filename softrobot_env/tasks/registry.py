@@ -128,8 +128,7 @@ def make_task(
             cannot do the task, or does not reach as far.
         OSError: The robot's file cannot be read.
     """
-    make = find_maker(name, robot, among)
-    return _made(name, make, {"step_width": step_width} | options)
+    return _made(name, find_maker(name, robot, among), {"step_width": step_width} | options)
 
 
 def find_maker(

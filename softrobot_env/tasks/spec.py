@@ -117,8 +117,7 @@ class Task:
         """Name for people, with the options."""
         order = [*OPTIONS, *(name for name, _ in self.options if name not in OPTIONS)]
         given = sorted(self.options, key=lambda option: order.index(option[0]))
-        told = (option_text(name, value) for name, value in given)
-        return " ".join([self.name, *told])
+        return " ".join([self.name, *(option_text(name, value) for name, value in given)])
 
 
 #: Makes a task from values of its options; its parameters have their names and defaults.

@@ -54,8 +54,7 @@ class Step(Record, Jumping):
 
     def position(self, t: ndarray) -> ndarray:
         """Start before time 0, target from time 0 on."""
-        before = np.asarray(t)[..., None] < 0
-        return np.where(before, self.start, self.target)
+        return np.where(np.asarray(t)[..., None] < 0, self.start, self.target)
 
     def path(self) -> ndarray:
         """The two end points."""

@@ -24,7 +24,7 @@ from softrobot_env.robots import ARM
 
 
 def hold(env, _observation, _rng):
-    return env._parts.action_of(np.array(env.task.start_input)).astype(np.float32)
+    return env._parts.inputs.to_actions(np.array(env.task.start_input)).astype(np.float32)
 
 
 def uniform(env, _observation, rng):

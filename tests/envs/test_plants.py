@@ -162,7 +162,7 @@ def test_rates_are_the_derivatives_of_what_is_measured(name):
     env = environment(name)
     env.reset()
     episode(env, 5, 8)
-    simulation = env._simulation
+    simulation = env.simulation
     now = simulation.plant.measure(simulation.q, simulation.v)
     step = 1e-5
     ahead, behind = (
@@ -211,7 +211,7 @@ def test_a_fixed_step_is_used():
         env.reset()
         tips.append(episode(env, 0, 10)[-1][0]["tip_position"])
         if step is not None:
-            assert env._simulation.plant._work.counters[0] == round(0.01 / step)
+            assert env.simulation.plant._work.counters[0] == round(0.01 / step)
     errors = [np.linalg.norm(tip - tips[-1]) for tip in tips[:-1]]
     assert 1e-3 > errors[0] > 3 * errors[1] > 9 * errors[2]
 
@@ -236,12 +236,12 @@ def test_a_varied_plant_is_that_of_the_varied_robot(name):
     scales = {"youngs_modulus": 0.75, "density": 2.0, "damping_time": 0.5}
     env = environment(name)
     env.reset(options={"vary": scales})
-    start = env._simulation.q.copy()
+    start = env.simulation.q.copy()
     varied = episode(env, 4, 5)
     task = replace(make_task("swing"), robot=ARM.vary(**scales))
     other = TrackingEnv(task, observe="all", plant=BeamPlant(name))
     other.reset()
-    other._simulation.reset(start, env.reset(options={"vary": scales})[1]["tendon_tension"])
+    other.simulation.reset(start, env.reset(options={"vary": scales})[1]["tendon_tension"])
     expected = episode(other, 4, 5)
     for (one, *_), (two, *_) in zip(varied, expected, strict=True):
         np.testing.assert_array_equal(one["tip_position"], two["tip_position"])
@@ -259,7 +259,7 @@ def test_a_divergence_is_reported_at_once(name, value):
     env = environment(name)
     env.reset()
     last = env.step(start_action(env))[0]
-    env._simulation.v[:] = value
+    env.simulation.v[:] = value
     observation, reward, terminated, truncated, info = env.step(start_action(env))
     assert (terminated, truncated, reward) == (True, False, -10)
     assert "simulation diverged" in info["failure"]
@@ -277,7 +277,7 @@ def test_leaving_the_workspace_ends_the_episode(name):
     """Thrown into a sharper bend from just inside the limit, which a continuum cannot reach."""
     env = environment(name)
     env.reset(options={"start_curvature": np.full(6, 39.5)})
-    simulation = env._simulation
+    simulation = env.simulation
     further = simulation.plant.bent(np.full(6, 39.6))
     simulation.v[:] = (further - simulation.q) * 5000
     assert env._readout.update() is None

@@ -405,7 +405,7 @@ def test_robots_far_from_the_nominal_one_are_equal(vary):
     np.testing.assert_allclose(many.simulation.qpos[1], single.data.qpos, rtol=0, atol=1e-9)
     np.testing.assert_allclose(many.simulation.qvel[1], single.data.qvel, rtol=0, atol=1e-7)
     estimate = many.simulation.integration_error[1]
-    assert estimate == pytest.approx(single._simulation.integration_error, rel=1e-6)
+    assert estimate == pytest.approx(single.simulation.integration_error, rel=1e-6)
 
 
 def test_a_divergence_of_one_is_called_so():

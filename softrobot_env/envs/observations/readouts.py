@@ -83,8 +83,7 @@ class _ChainMeasures:
             self.fine = mean_curvature(model, layout, layout.pieces)
         self.directions = len(self.mean) // pieces
         self.curvature, self.speed = robot.curvature_limit, speed
-        most = float(norm(self.mean, axis=1).max())
-        self.turning = curvature_rate_limit(robot, speed) / most
+        self.turning = curvature_rate_limit(robot, speed) / float(norm(self.mean, axis=1).max())
         # No hinge has a longer moment arm than the reach: of slow hinges the tip is slow.
         self.slow = min(self.turning, self.speed / (robot.reach * sqrt(self.mean.shape[1])))
 

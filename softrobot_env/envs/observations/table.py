@@ -4,7 +4,7 @@ An agent sees a dict of them in SI units, or one vector of order 1 (`VectorView`
 libraries expect it.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import sqrt
@@ -344,31 +344,39 @@ def register_observable(name: str, observable: Observable, replace: bool = False
 SENSOR_NOISE = {name: o.noise for name, o in OBSERVABLES.registered().items() if o.noise}
 
 
-def observation_space(
-    observe: tuple[str, ...] | str, known: tuple[str, ...], sizes: Sizes
-) -> spaces.Dict:
-    """Dict space of some of the observables that an environment has.
+def chosen(
+    observe: tuple[str, ...] | str, known: tuple[str, ...], every: Iterable[str] = EVERY
+) -> tuple[str, ...]:
+    """Names of the observables that an environment is asked for.
 
     Args:
-        observe: Their names, or one name. Among them "all" stands for `EVERY`: ("all", "sensors").
+        observe: Their names, or one name. Among them "all" stands for `every`: ("all", "sensors").
         known: Names that the environment has.
-        sizes: Of its robot.
+        every: Those that "all" stands for, if they are known.
 
     Raises:
         ValueError: No name, an unknown name or a repeated one.
     """
-    every = [name for name in EVERY if name in known]
+    every = [name for name in every if name in known]
     asked = (observe,) if isinstance(observe, str) else observe
     listed = tuple(asked) if np.iterable(asked) else ()
     names = tuple(n for name in listed for n in (every if name == "all" else [name]))
     if not names or not all(name in known for name in names) or len(set(names)) < len(names):
         raise ValueError(f"observe needs distinct names out of {', '.join(known)}; got {observe!r}")
-    return spaces.Dict({name: _with_noise(OBSERVABLES[name], sizes) for name in names})
+    return names
 
 
-def _with_noise(observable: Observable, sizes: Sizes) -> spaces.Box:
-    box, room = observable.space(sizes), sizes.noise * observable.noise
-    return spaces.Box(box.low - room, box.high + room, dtype=box.dtype) if room else box
+def observation_space(
+    observe: tuple[str, ...] | str, known: tuple[str, ...], sizes: Sizes
+) -> spaces.Dict:
+    """Dict space of some of a robot's observables; arguments and errors as of `chosen`."""
+    boxes = {}
+    for name in chosen(observe, known):
+        box, room = OBSERVABLES[name].space(sizes), sizes.noise * OBSERVABLES[name].noise
+        if room:
+            box = spaces.Box(box.low - room, box.high + room, dtype=box.dtype)
+        boxes[name] = box
+    return spaces.Dict(boxes)
 
 
 def observer(
@@ -392,11 +400,11 @@ def arrays(observation: Seen) -> list[ndarray]:
     return list(observation.values()) if isinstance(observation, dict) else [observation]
 
 
-def copied(observation: Seen) -> Seen:
-    """A copy."""
+def each_of(observation: Seen, change: Callable[[ndarray], ndarray]) -> Seen:
+    """An observation of changed arrays, such as copies of them."""
     if isinstance(observation, ndarray):
-        return observation.copy()
-    return {name: value.copy() for name, value in observation.items()}
+        return change(observation)
+    return {name: change(value) for name, value in observation.items()}
 
 
 #: Scales of the tracking error in a vector, over the robot's reach: of far away, and of near by.
@@ -406,7 +414,7 @@ FAR, NEAR = 0.1, 0.002
 _AHEAD = 0.05
 
 
-class _Entries(NamedTuple):
+class Entries(NamedTuple):
     """Neighbours in a vector: asinh((`name` less `origin`) / scale).
 
     Attributes:
@@ -436,11 +444,10 @@ class VectorView:
         reading: What makes the vector of an observation.
     """
 
-    def __init__(self, observed: spaces.Dict, sizes: Sizes) -> None:
-        """A view of observations in a space, of a robot of these sizes."""
+    def __init__(self, observed: Mapping[str, spaces.Box], parts: list[Entries]) -> None:
+        """A view of observations in a space, one part of the vector behind the other."""
         self._names = tuple(observed)
         where = _slices({name: box.shape[0] for name, box in observed.items()})
-        parts = _entries(observed, sizes)
         self.layout = _slices({part.label: observed[part.name].shape[0] for part in parts})
         places = {name: np.arange(own.start, own.stop) for name, own in where.items()}
         take = np.concatenate([places[part.name] for part in parts])
@@ -460,7 +467,7 @@ class VectorView:
         self.reading = Reading(names, entries, take, origin, scale, relative, less)
         self.space = self._bounds(observed)
 
-    def _bounds(self, observed: spaces.Dict) -> spaces.Box:
+    def _bounds(self, observed: Mapping[str, spaces.Box]) -> spaces.Box:
         low, high = (
             np.concatenate([getattr(box, end) for box in observed.values()])
             for end in ("low", "high")
@@ -496,14 +503,14 @@ def _slices(sizes: Mapping[str, int]) -> dict[str, slice]:
     }
 
 
-def _entries(observed: spaces.Dict, sizes: Sizes) -> list[_Entries]:
-    """What a vector holds of the observables of a space."""
+def entries(observed: spaces.Dict, sizes: Sizes) -> list[Entries]:
+    """What a vector holds of the observables of a robot's space."""
     reach, parts = sizes.robot.reach, []
     for name, box in observed.items():
         middle, scale = (box.low + box.high) / 2, OBSERVABLES[name].scale(sizes)
-        own = _Entries(name, name, middle, scale)
+        own = Entries(name, name, middle, scale)
         if name == "reference" and "tip_position" in observed.spaces:
-            far = _Entries("tracking_error", name, "tip_position", FAR * reach)
+            far = Entries("tracking_error", name, "tip_position", FAR * reach)
             parts += [far, far._replace(label="tracking_error_near", scale=NEAR * reach)]
         elif name == "reference_preview" and "reference" in observed.spaces:
             parts.append(own._replace(origin="reference", scale=_AHEAD * reach))

@@ -56,12 +56,8 @@ class _Settings(ctypes.Structure):
 
 def _library() -> ctypes.CDLL:
     """MuJoCo's library with the types of the functions used here."""
-    library, pointer, whole, text = (
-        ctypes.CDLL(library_path()),
-        ctypes.c_void_p,
-        ctypes.c_int,
-        ctypes.c_char_p,
-    )
+    library = ctypes.CDLL(library_path())
+    pointer, whole, text = ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p
     sizes = ctypes.POINTER(whole)
     for name, result, arguments in (
         ("makeBatch", pointer, (pointer, whole, pointer, text, whole)),
@@ -135,12 +131,11 @@ class Pool:
         start = self._c.mjb_expand(
             self._batch, name.encode(), ctypes.byref(size), ctypes.byref(bytes_)
         )
-        return self._array(start, name, like, bytes_.value)
-
-    def _array(self, start: int | None, name: str, like: ndarray, size: int = 0) -> ndarray:
         if not start:
             raise ValueError(f"no field {name!r} of many simulations")
-        kind = like.dtype if not size or like.dtype.itemsize == size else np.dtype(f"i{size}")
+        kind, itemsize = like.dtype, bytes_.value
+        if itemsize not in (0, kind.itemsize):
+            kind = np.dtype(f"i{itemsize}")
         return _view(start, (self.count, *like.shape), kind)
 
     def set_const(self, which: ndarray) -> None:
@@ -254,8 +249,7 @@ class Batch:
 
     def _warn(self) -> None:
         """Tell once that a robot does not keep the accuracy."""
-        healthy = ~self._warnings[:, :, 1].any(axis=1)
-        found = np.where(healthy, self._estimates, 0.0).max()
+        found = np.where(~self._warnings[:, :, 1].any(axis=1), self._estimates, 0.0).max()
         if found > self._worrying:
             self._warned = True
             time = self._periods * self.scene.config.control_period

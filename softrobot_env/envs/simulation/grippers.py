@@ -8,9 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import pi
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import mujoco
 import numpy as np
 from gymnasium import spaces
 from numpy import ndarray
@@ -28,11 +27,15 @@ from softrobot_env.tasks.gripper import GripTask
 from ..config import EnvConfig
 from ..observations.table import (
     OBSERVABLES,
+    Entries,
     Sizes,
     Sources,
+    VectorView,
+    chosen,
     speed_limit,
     symmetric,
 )
+from ..reference import PLANE
 from .batch import Batch
 
 if TYPE_CHECKING:  # compiled code takes time to load
@@ -77,15 +80,14 @@ class GripperBatch(Batch):
         task: GripTask,
         config: EnvConfig,
         fineness: assembly.Resolution,
-        felt_along: bool = False,
     ) -> None:
         """Build the simulations.
 
         Args:
             gripper, task: What they are of.
-            config: Number, threads, and pieces and timestep unless the fineness says them.
+            config: Number, threads, what is observed, and pieces and timestep unless the fineness
+                says them.
             fineness: How fine they are.
-            felt_along: As of `gripper_scene`.
         """
         self.gripper, self.task = gripper, task
         nominal = bar(gripper, task, float(np.mean(task.diameter)))
@@ -96,7 +98,7 @@ class GripperBatch(Batch):
             control_period=config.control_period,
             pieces=config.pieces or fineness.pieces_of(gripper),
             timestep=config.timestep,
-            felt_along=felt_along,
+            felt_along=SENSORS in seen_by(config),
         )
         built = assembly.build_assembly(scene)
         if config.timestep is None and fineness.longer > 1:
@@ -206,8 +208,11 @@ class GripperBatch(Batch):
             self._springs[np.ix_(which, joints)] = model.jnt_stiffness[joints] * stiff
             self._dampers[which, part.v] = model.dof_damping[part.v] * stiff
             count = len(part.scene.config.robot.tendons)
-            wraps = np.concatenate([_wraps(model, tendon + t) for t in range(count)])
-            self._arms[np.ix_(which, wraps)] = model.wrap_prm[wraps] * arm[:, k, None]
+            ends = model.tendon_adr[tendon] + np.append(
+                0, model.tendon_num[tendon:][:count].cumsum()
+            )
+            wraps = slice(ends[0], ends[-1])
+            self._arms[which, wraps] = model.wrap_prm[wraps] * arm[:, k, None]
             tendon += count
 
     def push(self, forces: ndarray, accelerations: ndarray) -> None:
@@ -218,11 +223,6 @@ class GripperBatch(Batch):
         """
         self._forces[:, 6 * self._body : 6 * self._body + 3] = forces
         self.gravity[:] = np.array(self.gripper.gravity) - accelerations
-
-
-def _wraps(model: mujoco.MjModel, tendon: int) -> ndarray:
-    first = model.tendon_adr[tendon]
-    return np.arange(first, first + model.tendon_num[tendon])
 
 
 def _inertia(mass: ndarray, radius: ndarray, length: float) -> ndarray:
@@ -239,9 +239,8 @@ def _inertia(mass: ndarray, radius: ndarray, length: float) -> ndarray:
 
 #: Observables of `table.OBSERVABLES` that fingers have, and those of the gripper alone.
 SENSORS = "sensors"
-OF_FINGERS = ("curvature", "curvature_rate", "tendon_tension", SENSORS)
 CONTACT, ACTION = "contact", "previous_action"
-KNOWN = (*OF_FINGERS, CONTACT, ACTION)
+KNOWN = ("curvature", "curvature_rate", "tendon_tension", SENSORS, CONTACT, ACTION)
 
 #: [N], bound of the force of a finger on the bar, and its usual size.
 _MOST, _USUAL = 1e3, 2.0
@@ -293,94 +292,57 @@ class GripperView:
         Raises:
             ValueError: No name, an unknown or a repeated one.
         """
-        self._reads, boxes, scales = {}, {}, []
-        for name in _checked(config.observe):
+        self._reads, boxes, entries = {}, {}, []
+        for name in seen_by(config):
             self._reads[name], boxes[name], scale = _observable(name, batch, action, sensors)
-            scales.append(scale)
-        ends = np.cumsum([0, *(box.shape[0] for box in boxes.values())]).tolist()
-        self.layout = None
+            entries.append(Entries(name, name, 0.0, scale))
+        self.space, self.layout, self._view = spaces.Dict(boxes), None, None
         if config.is_for_learning:
-            self.layout = {n: slice(*ends[k : k + 2]) for k, n in enumerate(boxes)}
-        self._scale = np.concatenate(scales)
-        self.space = self._vector_space(boxes) if config.is_for_learning else spaces.Dict(boxes)
-
-    def _vector_space(self, boxes: dict[str, spaces.Box]) -> spaces.Box:
-        low, high = (
-            self._vector([getattr(box, end) for box in boxes.values()]) for end in ("low", "high")
-        )
-        far = np.float32(np.inf)
-        return spaces.Box(np.nextafter(low, -far), np.nextafter(high, far))
-
-    def _vector(self, parts: list[ndarray]) -> ndarray:
-        """As `table.VectorView` has it: asinh(x / scale), of order 1 and never cut off."""
-        return np.arcsinh(np.concatenate(parts, axis=-1) / self._scale).astype(np.float32)
+            self._view = view = VectorView(boxes, entries)
+            self.space, self.layout = view.space, view.layout
 
     def __call__(self) -> Seen:
         """New observations, stacked."""
-        if self.layout is not None:
-            return self._vector([read() for read in self._reads.values()])
-        return {name: read() for name, read in self._reads.items()}
+        seen = {name: read() for name, read in self._reads.items()}
+        return seen if self._view is None else self._view(seen)
 
 
-def observes(observe: Any, name: str) -> bool:
-    """Whether an observable is among those that are asked for."""
-    return name in _checked(observe)
-
-
-def _checked(observe: Any) -> tuple[str, ...]:
-    if isinstance(observe, str):
-        every = tuple(name for name in KNOWN if name != SENSORS)
-        observe = every if observe == "all" else (observe,)
-    names = tuple(observe) if np.iterable(observe) else ()
-    if not names or not set(names) <= set(KNOWN) or len(set(names)) < len(names):
-        raise ValueError(f"observe needs distinct names out of {', '.join(KNOWN)}; got {observe!r}")
-    return names
+def seen_by(config: EnvConfig) -> tuple[str, ...]:
+    """Names of the observables that an environment is asked for; ValueError for bad ones."""
+    return chosen(config.observe, KNOWN, [name for name in KNOWN if name != SENSORS])
 
 
 def _observable(
     name: str, batch: GripperBatch, action: Callable[[], ndarray], sensors: "FingerSensors | None"
 ) -> tuple[Callable[[], ndarray], spaces.Box, ndarray]:
     """How an observable is read, its box and its usual sizes."""
-    count = len(batch.scene.parts)
+    parts = batch.scene.parts.values()
     if name == CONTACT:
-        box = spaces.Box(np.zeros(count), np.full(count, _MOST), dtype=np.float64)
-        return lambda: np.linalg.norm(batch.felt, axis=-1), box, np.full(count, _USUAL)
+        most = np.full(len(parts), _MOST)
+        box = spaces.Box(np.zeros_like(most), most, dtype=np.float64)
+        return lambda: np.linalg.norm(batch.felt, axis=-1), box, np.full(len(parts), _USUAL)
     if name == ACTION:
-        box = symmetric(batch.scene.n_inputs, 1.0)
-        return action, box, np.full(batch.scene.n_inputs, 0.5)
-    observable, sizes = OBSERVABLES[name], [_sizes(part) for part in batch.scene.parts.values()]
-    boxes = [observable.space(s) for s in sizes]
-    fingers = _fingers(batch, sensors)
-    reads = [observable.read(Sources(f, _no_reference, action)) for f in fingers]
-    low, high = (np.concatenate([getattr(box, end) for box in boxes]) for end in ("low", "high"))
-    scale = [
-        np.broadcast_to(observable.scale(s), b.shape) for s, b in zip(sizes, boxes, strict=True)
-    ]
-    read = partial(_together, reads)
-    return read, spaces.Box(low, high, dtype=np.float64), np.concatenate(scale)
-
-
-def _together(reads: list[Callable[[], ndarray]]) -> ndarray:
-    return np.concatenate([read() for read in reads], axis=1)
-
-
-def _no_reference(column: str) -> Callable[[], ndarray]:
-    raise ValueError(f"a gripper follows no reference, and has no {column}")
-
-
-def _fingers(batch: GripperBatch, sensors: "FingerSensors | None") -> list[_Finger]:
-    first, out = 0, []
-    for k, part in enumerate(batch.scene.parts.values()):
-        pieces = part.scene.config.robot.pieces
+        return action, symmetric(batch.scene.n_inputs, 1.0), np.full(batch.scene.n_inputs, 0.5)
+    observable, first = OBSERVABLES[name], 0
+    reads, low, high, scale = [], [], [], []
+    for k, part in enumerate(parts):
+        robot = part.scene.config.robot
+        bends = batch.bends[part.q, first : first + robot.pieces]
+        first += robot.pieces
         read = None if sensors is None else partial(sensors.reading, k)
-        out.append(_Finger(batch, part, batch.bends[part.q, first : first + pieces], read))
-        first += pieces
-    return out
-
-
-def _sizes(part: assembly.Part) -> Sizes:
-    robot = part.scene.config.robot
-    return Sizes(robot, part.scene.layout, robot.pieces, speed_limit(robot), 1, slice(0, 3, 2))
+        finger = _Finger(batch, part, bends, read)
+        reads.append(observable.read(Sources(finger, None, action)))  # it follows no reference
+        sizes = Sizes(robot, part.scene.layout, robot.pieces, speed_limit(robot), 1, PLANE)
+        box = observable.space(sizes)
+        low.append(box.low)
+        high.append(box.high)
+        scale.append(np.broadcast_to(observable.scale(sizes), box.shape))
+    ends = map(np.concatenate, (low, high))
+    return (
+        lambda: np.concatenate([read() for read in reads], axis=1),
+        spaces.Box(*ends, dtype=np.float64),
+        np.concatenate(scale),
+    )
 
 
 #: Noise and specimens of a gripper's fingers have seeds this far apart.

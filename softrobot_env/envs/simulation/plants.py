@@ -95,8 +95,7 @@ class MujocoPlant(_Plant):
         super().__init__(robot, control_period, speed, axes, scene_options)
         self.nominal = build_scene(self.config)
         self.config = self.nominal.config
-        spatial = self.config.bending == "spatial"
-        self.pieces = robot.pieces if spatial else self.layout.pieces
+        self.pieces = robot.pieces if self.config.bending == "spatial" else self.layout.pieces
         _check_pieces(robot, self.layout, self.pieces)
         if self.axes == PLANE:
             robot.require_plane("a planar chain")

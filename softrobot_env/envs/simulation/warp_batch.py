@@ -89,18 +89,14 @@ class WarpBatch:
             self._data = mujoco_warp.make_data(model, nworld=count, nconmax=0, njmax=0)
         self._take_model({})
         real, data = self.arrays.real, self._data
-        self.qpos, self.qvel = (
-            real(np.tile(model.qpos0, (count, 1))),
-            real(np.zeros((count, model.nv))),
-        )
+        self.qpos = real(np.tile(model.qpos0, (count, 1)))
+        self.qvel = real(np.zeros((count, model.nv)))
         self.ctrl = real(np.zeros((count, model.nu)))
         shared = ("qpos", "qvel", "ctrl", "sensordata", "ten_length", "actuator_force", "ten_J")
         shared += ("M", "qfrc_passive", "qfrc_bias", "qfrc_actuator")
         self._seen = {name: warp.to_torch(getattr(data, name)) for name in shared}
-        self.sensordata, self.actuator_force = (
-            self._seen["sensordata"],
-            self._seen["actuator_force"],
-        )
+        self.sensordata = self._seen["sensordata"]
+        self.actuator_force = self._seen["actuator_force"]
         self._radius = real(np.ones((count, model.ntendon)))
         self.ten_length = torch.zeros_like(self._radius)
         self.full_length = real(np.tile(full_length(scene.config.robot, model), (count, 1)))

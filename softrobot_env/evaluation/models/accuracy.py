@@ -47,7 +47,7 @@ _LIMIT_SIZES = {"bending": ((2, 4, 8), (1, 2, 4)), "shear": ((4, 8, 16), (2, 4, 
 SHARES, TIMESTEPS, TOLERANCES = (1e-2, 1e-3, 1e-4), (5e-3, 2e-3, 1e-3, 5e-4), (1e-2, 1e-3, 1e-4)
 _SHARP, _SHARP_TIMESTEP, _SHARP_TOLERANCE = 1e-5, 1e-4, 1e-6
 
-_METHOD = "sdirk4"  # of the beam models
+_METHOD, _THEIRS = "sdirk4", "implicitfast"  # of the beam models, and MuJoCo's
 
 #: An integrator's name, its setting, and the options of a model that has it.
 Setting = tuple[str, float, dict[str, Any]]
@@ -184,11 +184,7 @@ def _contestants(config: SceneConfig, quick: bool) -> tuple[list[Contestant], li
     """All models and resolutions that this robot can have, and notes on the others."""
     length = config.robot.length
     ours = [("extrapolation", a * length, {"accuracy": a * length}) for a in SHARES]
-    theirs = [
-        (name, h, {"timestep": h, "integrator": name})
-        for name in ("implicitfast",)
-        for h in TIMESTEPS
-    ]
+    theirs = [(_THEIRS, h, {"timestep": h, "integrator": _THEIRS}) for h in TIMESTEPS]
     settings = {"mujoco_chain": theirs if config.robot.holds else ours + theirs}
     found, notes = [], []
     for name, factors in SIZES.items():

@@ -75,8 +75,7 @@ def extrapolate(solve: Callable[[int], ndarray], sizes: Sequence[int], text: str
     """
     found = {n: solve(n) for n in sizes}
     best = converged(found, 2)
-    second = converged({n: found[n] for n in sizes[1:]}, 2)
-    uncertainty = distance(best, second)
+    uncertainty = distance(best, converged({n: found[n] for n in sizes[1:]}, 2))
     text = f"{text}, n = {', '.join(map(str, sizes))}; uncertainty {1e3 * uncertainty:.1g} mm"
     return Limit(best, uncertainty, text)
 

@@ -141,8 +141,7 @@ def _runs(
     truth, _ = with_warning(lambda: _truth(config, moved))
     for integrator, timestep in asked:
         if timestep is None or timestep <= config.control_period:
-            chosen = replace(config, timestep=timestep)
-            yield _run(varied, chosen, integrator, moved, truth)
+            yield _run(varied, replace(config, timestep=timestep), integrator, moved, truth)
 
 
 def _truth(config: SceneConfig, moved: Excitation) -> Limit | None:

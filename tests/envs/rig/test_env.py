@@ -116,7 +116,7 @@ def test_other_options_keep_the_tasks_own_robot_and_start():
     observation, _ = env.reset(options={"task": {"period": 3.0}})
     assert observation["curvature"].shape == (4,)
     np.testing.assert_allclose(observation["previous_action"], np.array(start) / 0.03)
-    assert env._current.robot == OTHER
+    assert env.current_task.robot == OTHER
 
 
 def test_other_options_keep_the_real_rigs_robot():
