@@ -142,12 +142,12 @@ class _Table:
     def add(self, row: dict[str, Any]) -> None:
         """Add a row of arrays or numbers, with the same names every time."""
         for name, value in row.items():
-            column = self._columns.get(name, ())
-            if self._count == len(column):
+            column = self._columns.get(name)
+            if column is None:
                 first = np.asarray(value)
-                wider = np.empty((max(256, 2 * self._count), *first.shape), first.dtype)
-                wider[: self._count] = column
-                self._columns[name] = column = wider
+                column = self._columns[name] = np.empty((256, *first.shape), first.dtype)
+            elif self._count == len(column):
+                column = self._columns[name] = np.concatenate((column, column))  # room for more
             column[self._count] = value
         self._count += 1
 

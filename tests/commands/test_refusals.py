@@ -119,6 +119,10 @@ CALLS = [
     ("evaluate --tasks triangle --option period=fast", "not a number"),
     ("evaluate --tasks triangle --vary tension_gain=2", "driven by length"),
     ("evaluate --tasks triangle --plant pcc", "no tendon friction"),
+    (
+        "evaluate --plant pcc --rule midpoint --timestep 1e-3",
+        "--rule, --timestep: only with --plant",
+    ),
     ("evaluate --tasks triangle --feedback output", "--feedback output: only with"),
     ("evaluate --tasks triangle --twin some", "none"),
     ("render --task triangle --option period=5,1", "one value"),

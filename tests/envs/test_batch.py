@@ -6,12 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from support.routed_robots import HELICAL
+from support.routed_robots import HELICAL, TWO
 
 from softrobot_env.envs.simulation import batch as module
 from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.envs.simulation.plants import MujocoPlant
-from softrobot_env.robots import EXAMPLES, find_robot
+from softrobot_env.robots import EXAMPLES, Base, Disc, find_robot
 from softrobot_env.robots.variations import neutral
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig, TipSensors
@@ -21,11 +21,20 @@ from softrobot_env.scene.servos import Servos
 COUNT, VARIED = 3, 1
 ALL = slice(0, 3)
 
+#: Two sections, a disc, and a base that points aside.
+_UP_AND_DOWN = replace(
+    TWO.vary(tendon_radius=0.5),
+    discs=(Disc.uniform(0.25, 0.03, 0.02, 0.004),),
+    gravity=(0.0, 0.0, -9.81),
+    base=Base(direction=(0.3, 0.2, -1.0)),
+)
+
 #: The helical robot bends, twists and shortens its tendon on the way; half of a robot's pieces.
 CONFIGS = {
     **{name: scene_of(find_robot(name)) for name in EXAMPLES},
     "rig": SCENES["rig"],
     "helical": SceneConfig(HELICAL, sensors=(TipSensors(),), bending="spatial", torsion=True),
+    "two": SceneConfig(_UP_AND_DOWN, sensors=(TipSensors(),), bending="spatial", torsion=True),
     "coarse": replace(SCENES["rig"], robot=replace(SCENES["rig"].robot, pieces=2)),
 }
 VARIATION = {
@@ -184,6 +193,11 @@ def test_many_variations_at_once_and_back_again():
             same = (plain.qpos == varied.qpos).all(axis=1)
             assert_allclose(plain.qpos[same], varied.qpos[same], rtol=0, atol=0)
             assert same.tolist() == [r == 1 for r in radius]
+
+
+def test_measured_pieces_have_to_be_pieces_of_the_chain():
+    with pytest.raises(ValueError, match="do not divide the robot's own 12"):
+        MujocoPlant(TWO, 0.01, bending="spatial", torsion=True, pieces=(8, 4))
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ import mujoco
 import numpy as np
 import pytest
 from gymnasium.vector import AsyncVectorEnv
-from gymnasium.wrappers import FlattenObservation, RecordEpisodeStatistics
 from support.rig_episodes import flatten
 
 from softrobot_env.beams.registry import BeamPlant
@@ -121,15 +120,15 @@ def test_episodes_end_by_time_or_where_a_pump_drives_the_arm_out(env_id, make_en
         assert ("failure" in info) == terminated
 
 
-def test_spaces_are_finite_and_alike(make_env):
-    environments = [make_env(i, observe="all") for i in ENVIRONMENTS]
+@pytest.mark.parametrize("ids", [ENVIRONMENTS, RIG_ENVIRONMENTS], ids=["arm", "rig"])
+def test_spaces_are_finite_and_alike(ids, make_env):
+    environments = [make_env(i, observe="all") for i in ids]
     first = environments[0]
     for env in environments:
         assert env.observation_space == first.observation_space
         assert env.action_space == first.action_space
     for name, box in first.observation_space.items():
-        assert np.all(np.isfinite(box.low)), name
-        assert np.all(np.isfinite(box.high)), name
+        assert np.all(np.isfinite([box.low, box.high])), name
         assert np.all(box.low < box.high), name
         assert box.dtype == np.float64, name
         assert box.shape == (box.shape[0],), name
@@ -174,28 +173,26 @@ SITUATIONS = {
 }
 
 
-@pytest.mark.parametrize("way", COPIES)
 @pytest.mark.parametrize("situation", SITUATIONS)
-def test_copies_continue_bitwise(way, situation, make_one):
+def test_copies_continue_bitwise(situation, make_one):
     env, vary = make_one(), dict(SITUATIONS[situation])
     if env.model is None:
         vary.pop("tendon_friction", None)  # which beam models lack
     env.reset(seed=0, options={"vary": vary})
     list(steps(env, uniform, 20))
-    twin = COPIES[way](env)
+    twin = COPIES["pickle"](env)
     expected = flatten(tuple(steps(env, switching, 40)))
     assert flatten(tuple(steps(twin, switching, 40))) == expected
     # Both go on to the same next episode, of the nominal robot.
     assert flatten(twin.reset()) == flatten(env.reset())
 
 
-@pytest.mark.parametrize("way", COPIES)
-def test_copies_are_independent(way, make_one):
+def test_copies_are_independent(make_one):
     env, untouched = make_one(), make_one()
     for each in (env, untouched):
         each.reset(seed=0)
         list(steps(each, uniform, 5))
-    twin = COPIES[way](env)
+    twin = copy.deepcopy(env)
     list(steps(twin, switching, 20))
     twin.reset(options={"vary": {"density": 2.0}})
     continued = flatten(tuple(steps(env, uniform, 10, seed=1)))
@@ -215,16 +212,8 @@ def test_copies_before_the_first_episode(way, make_env):
 
 
 @pytest.mark.parametrize(
-    "fraction",
-    [
-        "1/1000",
-        "1/49",
-        "13/100",
-        *(
-            pytest.param(x, marks=pytest.mark.slow)
-            for x in ("1/500", "7/1000", "1/60", "1/10", "1/5")
-        ),
-    ],
+    ("env_id", "fraction"),
+    [(SWING, "1/1000"), *((env_id, x) for env_id in ENVIRONMENTS for x in ("1/49", "13/100"))],
 )
 def test_episode_lasts_as_long_as_the_task(env_id, fraction, make_env):
     period = float(Fraction(fraction))
@@ -238,20 +227,13 @@ def test_episode_lasts_as_long_as_the_task(env_id, fraction, make_env):
         assert info["time"] == pytest.approx(number * period, abs=1e-9)
     count = len(results)
     assert gymnasium.make(env.spec).spec.max_episode_steps == env.spec.max_episode_steps == count
+    for _ in range(2):
+        with pytest.raises(gymnasium.error.ResetNeeded, match="reset"):
+            env.step(hold(env, None, None))
     # Exact: 15 / (1 / 49) is a little over 735 in floating point.
     assert count == ceil(Fraction(env.task.duration) / Fraction(fraction))
     assert env.data.time == pytest.approx(count * period, rel=1e-9)
     assert env.model.opt.timestep <= period
-
-
-def test_no_step_after_the_end(env_id, make_env):
-    env = make_env(env_id, control_period=0.2)
-    env.reset()
-    results = list(steps(env, hold))
-    assert [truncated for *_, truncated, _ in results] == [False] * (len(results) - 1) + [True]
-    for _ in range(2):
-        with pytest.raises(gymnasium.error.ResetNeeded, match="reset"):
-            env.step(hold(env, None, None))
     env.reset()
     env.step(hold(env, None, None))
 
@@ -284,20 +266,18 @@ BAD_ACTIONS = {
 ACTIONS = (0.5, -0.25, 1.0)
 
 
-@pytest.mark.parametrize("kind", [list, tuple, partial(array, "f"), partial(array, "d")], ids=str)
-def test_lists_and_arrays_of_other_libraries_are_converted(kind, make_env):
-    env, other = make_env(), make_env()
-    env.reset(), other.reset()
-    result = env.step(kind(ACTIONS))
-    assert flatten(result) == flatten(other.step(np.array(ACTIONS)))
+#: Sequences of other kinds, and actions a rounding beyond the bounds: what they stand for.
+SAME_ACTIONS = [
+    *((kind(ACTIONS), ACTIONS) for kind in (list, tuple, partial(array, "f"), partial(array, "d"))),
+    *((np.array([1 + x, -1 - x, 0.3]), (1, -1, 0.3)) for x in (1e-7, 9e-7)),
+]
 
 
-@pytest.mark.parametrize("beyond", [1e-7, 9e-7])
-def test_actions_a_rounding_beyond_the_bounds_are_at_the_bounds(beyond, make_env):
+@pytest.mark.parametrize(("given", "meant"), SAME_ACTIONS, ids=str)
+def test_actions_are_taken_as_what_they_mean(given, meant, make_env):
     env, other = make_env(), make_env()
     env.reset(), other.reset()
-    result = env.step(np.array([1 + beyond, -1 - beyond, 0.3]))
-    assert flatten(result) == flatten(other.step(np.array([1, -1, 0.3])))
+    assert flatten(env.step(given)) == flatten(other.step(np.array(meant)))
 
 
 @pytest.mark.parametrize("name", BAD_ACTIONS)
@@ -493,24 +473,7 @@ def test_written_results_do_not_reach_the_environment(make_one):
 # ---------------------------------------------------------------- Gymnasium's wrappers, vectors
 
 
-def test_flatten_and_statistics_wrappers(env_id):
-    env = RecordEpisodeStatistics(FlattenObservation(gymnasium.make(env_id, control_period=0.1)))
-    plain = gymnasium.make(env_id, control_period=0.1).unwrapped
-    observation, _ = env.reset(seed=0)
-    plain.reset(seed=0)
-    assert env.observation_space.contains(observation)
-    rewards = []
-    truncated = False
-    while not truncated:
-        action = hold(plain, None, None)
-        observation, reward, _, truncated, info = env.step(action)
-        expected, *_ = plain.step(action)
-        np.testing.assert_array_equal(observation, np.concatenate(list(expected.values())))
-        rewards.append(reward)
-    assert info["episode"]["l"] == len(rewards) == ceil(plain.task.duration / 0.1 - 1e-9)
-    assert info["episode"]["r"] == pytest.approx(sum(rewards), rel=1e-6)
-
-
+@pytest.mark.slow  # copies by pickle, which the processes get, are tested above
 def test_asynchronous_environments(make_env):
     """Two copies side by side, through the automatic reset, equal to one alone."""
     name = "SoftRobot/ArmStep-v0"

@@ -46,7 +46,7 @@ def tip(model, posture):
     return posed(model, posture).site("tip").xpos[[0, 2]].copy()
 
 
-@pytest.mark.parametrize("friction", [0.5, 1.0, 3.0])
+@pytest.mark.parametrize("friction", [0.5, 3.0])
 def test_slow_pull_and_release_is_the_hysteresis_of_dry_friction(friction):
     """Pulling T bends the arm as T - 2 F would without friction, releasing as T + 2 F.
 

@@ -58,7 +58,7 @@ def check_failed(env, results, start, text):
     """The contract of a failed step."""
     observation, reward, terminated, truncated, info = results[-1]
     assert (terminated, truncated) == (True, False)
-    assert text in info["failure"]
+    assert text in info["failure"] and np.isfinite(info["time"])
     assert f"t = {env.data.time:.3f} s" in info["failure"]
     assert reward == -10
     assert [info[name] for name in TERMS] == [0, 0, 0, 0, -10]
@@ -92,18 +92,6 @@ def test_an_unstable_integration_never_passes_for_a_success(unstable):
     assert len(results) < 750
 
 
-def test_a_new_episode_after_a_failure(unstable):
-    first, _ = unstable.reset()
-    lengths = []
-    for _ in range(2):
-        lengths.append(len(run_until_over(unstable, lambda _: FULL)))
-        start, info = unstable.reset()
-        assert "failure" not in info
-        for name, value in first.items():
-            np.testing.assert_array_equal(start[name], value)
-    assert lengths[0] == lengths[1]
-
-
 @pytest.mark.parametrize("field", ["qpos", "qvel"])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1e300])
 @pytest.mark.parametrize("integrator", ["implicitfast", "discrete", "RK4"])
@@ -115,6 +103,10 @@ def test_a_broken_state_is_reported_at_once(field, value, integrator, make_env):
     getattr(env.data, field)[2] = value
     results = [*last, env.step(ZERO)]
     check_failed(env, results, None, "simulation diverged")
+    # A reset behind our back, which MuJoCo would do, would have set time and state to zero.
+    assert env.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    assert env.data.time == pytest.approx(0.04, abs=1e-9) and env.data.qpos.any()
+    assert np.all(np.isfinite(results[-1][4]["tendon_tension"]))
 
 
 def test_a_broken_force_is_reported(env):
@@ -122,17 +114,6 @@ def test_a_broken_force_is_reported(env):
     start, _ = env.reset()
     env.data.qfrc_applied[:] = 1e300
     check_failed(env, [env.step(ZERO)], start, "simulation diverged")
-
-
-def test_mujoco_does_not_reset_behind_our_back(env):
-    assert env.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_AUTORESET
-    for _ in range(10):
-        env.step(ZERO)
-    env.data.qpos[0] = np.nan
-    env.step(ZERO)
-    # A silent reset would have set time and state back to zero.
-    assert env.data.time == pytest.approx(11 * 0.01, abs=1e-9)
-    assert np.isnan(env.data.qpos).any()
 
 
 def test_leaving_the_workspace_ends_the_episode(env):
@@ -180,15 +161,6 @@ def test_failure_in_the_last_step_is_a_failure(make_env):
     *_, terminated, truncated, info = env.step(ZERO)
     assert (terminated, truncated) == (True, False)
     assert "failure" in info
-
-
-def test_info_of_a_divergence_is_honest(env):
-    """Time and applied tensions are known; where the tip went is not, and no number says so."""
-    env.step(ZERO)
-    env.data.qpos[0] = np.nan
-    *_, info = env.step(ZERO)
-    assert np.isfinite(info["time"]) and np.all(np.isfinite(info["tendon_tension"]))
-    assert np.isnan(info["error"])
 
 
 #: [rad/s2], beyond MuJoCo's bound of 1e10; after a step of 10 ms the velocity is within it.

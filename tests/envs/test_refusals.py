@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support.rig_episodes import flatten
 
+from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.envs.gripper import GripperEnv, VectorGripperEnv
 from softrobot_env.envs.observations.table import known_of
 from softrobot_env.envs.options import REAL_OPTIONS, SIMULATED_OPTIONS, parse_options
@@ -76,6 +77,10 @@ ARGUMENTS = [
     (TrackingEnv, {"width": 0}, "width must be a whole number, 1 or more"),
     (TrackingEnv, {"height": 320.5}, "height must be a whole number, 1 or more"),
     (TrackingEnv, {"pieces": 4}, "inside a piece"),
+    *(
+        (TrackingEnv, {"plant": BeamPlant("pcc"), name: value}, f"{name} belong")
+        for name, value in (("pieces", 3), ("rule", "midpoint"), ("integrator", "RK4"))
+    ),
     (TrackingEnv, {"robot": "hanging_trunk", "task": "circle", "twin": 1}, "driven by tension"),
     (TrackingEnv, {"robot": "snake"}, "unknown robot 'snake'; choose from .*arm"),
     (TrackingEnv, {"robot": "silicone_rod"}, "unknown task 'swing'; choose from reach"),
@@ -270,15 +275,10 @@ def test_clear_fault_is_true_or_false(given):
         parse_options({"clear_fault": given}, REAL_OPTIONS)
 
 
-def test_seeds_are_one_or_as_many_as_environments():
-    with pytest.raises(ValueError, match="a number or 4 of them"):
-        made(MANY).reset(seed=[1, 2, 3])
-
-
 # ---------------------------------------------------------------- actions
 
 
-@pytest.mark.parametrize("kind", [ONE, MANY, ROUND, GripperEnv])
+@pytest.mark.parametrize("kind", [MANY, ROUND, GripperEnv])
 def test_bad_actions_are_refused(kind):
     env = made(kind)
     shape = env.action_space.shape

@@ -47,7 +47,7 @@ def backend():
     last = "".join(error.strip().splitlines()[-1:])
     if "RenderError" in last:
         pytest.skip(f"no OpenGL on this machine: {last}")
-    assert name, error
+    assert name and not error  # at exit too, where a renderer was forgotten
     return name
 
 
@@ -113,9 +113,9 @@ def test_rendering_does_not_touch_the_simulation(make_drawn):
 def test_target_is_drawn_where_the_reference_is(make_drawn):
     """The camera is orthographic: the green ring's centre maps linearly to x and z."""
     centers, references = [], []
+    env = make_drawn(SWING, width=640, height=480)
     for time in (0.0, 2.0, 4.0):
-        env = make_drawn(SWING, width=640, height=480)
-        advance(env, time)
+        advance(env, 2.0 * (time > 0))
         green = np.abs(env.render().astype(int) - GREEN).max(axis=2) < 60
         rows, columns = np.nonzero(green)
         assert len(rows) > 50
@@ -213,10 +213,6 @@ def test_copies_draw_for_themselves(make_drawn):
         np.testing.assert_array_equal(twin.render(), frame)
         twin.close()
     np.testing.assert_array_equal(env.render(), frame)
-
-
-def test_forgotten_renderers_leave_no_complaint_at_exit(backend):
-    assert probe() == (backend, "")
 
 
 # ---------------------------------------------------------------------------- backends
@@ -435,19 +431,20 @@ def hold(env):
 
 
 @pytest.mark.parametrize(("period", "fps"), [(0.01, 30), (0.02, 50), (0.1, 25)])
-def test_record_yields_frames_at_the_asked_rate(make_drawn, period, fps):
-    env = make_drawn(STEP, control_period=period, observe="all")
-    shares = []
-    frames = list(record(env, hold(env), fps, options={"duration": 1.0}, progress=shares.append))
-    assert len(frames) == fps + 1
-    assert all(f.shape == (240, 320, 3) for f in frames)
+def test_record_yields_frames_at_the_asked_rate(make_drawn, monkeypatch, period, fps):
+    env = make_drawn(STEP, control_period=period, observe="all", width=64, height=48)
+    shares, drawn, render = [], [], env.render
+    monkeypatch.setattr(env, "render", lambda: drawn.append(1) or render())
+    frames = list(record(env, hold(env), fps, options={"duration": 0.4}, progress=shares.append))
+    assert len(drawn) == len(frames) == 0.4 * fps + 1  # none is drawn in vain
+    assert all(f.shape == (48, 64, 3) for f in frames)
     assert np.all(np.diff(shares) >= 0)
     assert shares[-1] == 1.0
 
 
 @pytest.mark.parametrize("begin", [0.2, 0.55])
 def test_record_begins_where_it_is_told(make_drawn, monkeypatch, begin):
-    env = make_drawn(STEP, control_period=0.01, observe="all")
+    env = make_drawn(STEP, control_period=0.01, observe="all", width=64, height=48)
     times = []
     monkeypatch.setattr(
         "softrobot_env.rendering.video.caption", lambda f, lines: times.append(lines)
@@ -455,15 +452,6 @@ def test_record_begins_where_it_is_told(make_drawn, monkeypatch, begin):
     count = len(list(record(env, hold(env), 20, begin=begin, options={"duration": 1.0})))
     assert count == round((1.0 - begin) * 20) + 1
     assert times[0][1].startswith(f"t = {begin:.2f} s")
-
-
-def test_record_draws_only_what_it_yields(make_drawn, monkeypatch):
-    env = make_drawn(STEP, observe="all")
-    drawn = []
-    render = env.render
-    monkeypatch.setattr(env, "render", lambda: drawn.append(1) or render())
-    frames = list(record(env, hold(env), 5, options={"duration": 1.0}))
-    assert len(drawn) == len(frames) == 6
 
 
 def test_record_refuses_an_environment_that_does_not_draw(make_env):

@@ -102,21 +102,6 @@ def test_the_number_of_threads_does_not_matter():
     np.testing.assert_array_equal(*ends)
 
 
-def test_gymnasium_s_own_vector_wrappers_work():
-    env = gymnasium.make_vec("SoftRobot/ArmSwing-v0", num_envs=COUNT)
-    env = gymnasium.wrappers.vector.FlattenObservation(env)
-    env = gymnasium.wrappers.vector.RecordEpisodeStatistics(env)
-    observation, _ = env.reset(seed=0)
-    assert (
-        observation.shape
-        == env.observation_space.shape
-        == (COUNT, *env.observation_space.shape[1:])
-    )
-    for action in actions(5):
-        observation, *_ = env.step(action)
-    assert np.all(np.isfinite(observation))
-
-
 # ---------------------------------------------------------------- autoreset
 
 
@@ -160,21 +145,6 @@ def test_without_autoreset_ended_episodes_are_reset_by_mask():
         env.step(action)
     env.reset(options={"reset_mask": ~first})
     env.step(action)
-
-
-def test_environments_can_be_out_of_step():
-    env = VectorTrackingEnv(COUNT, SHORT, autoreset_mode=AutoresetMode.DISABLED)
-    single = TrackingEnv(SHORT)
-    env.reset()
-    steps = actions(25)
-    for action in steps[:10]:
-        env.step(action)
-    env.reset(options={"reset_mask": np.array([False, True, False, False])})
-    single.reset()
-    for action in steps[10:]:
-        observations, *_ = env.step(action)
-        observation, *_ = single.step(action[1])
-    same(observation, observations, 1, ROUNDING)
 
 
 # ---------------------------------------------------------------- variation

@@ -59,11 +59,6 @@ def test_a_stuck_servo_stays_and_the_others_move(rig):
     assert rig.length == pytest.approx([0.004, 0.0, 0.004])
 
 
-def test_servos_have_their_speed(rig):
-    hold(rig, np.array([0.03, 0.0, 0.0]), 0.05)
-    assert rig.length[0] == pytest.approx(0.05 * TWIN.servo_speed, rel=1e-6)
-
-
 def test_pictures_come_at_their_rate_and_late(rig):
     ages = []
     for _ in range(1000):

@@ -137,7 +137,7 @@ def test_what_a_user_asks_for_is_judged_and_announced():
         assert row.error < row.asked * (3 if row.verdict == Verdict.WARNED else 1.2)
 
 
-@pytest.mark.parametrize("friction", [0, 0.1])
+@pytest.mark.parametrize("friction", [pytest.param(0, marks=pytest.mark.slow), 0.1])
 def test_a_robot_of_ones_own_is_measured(tmp_path, friction):
     file = tmp_path / "mine.toml"
     file.write_text(MINE.format(friction=friction))

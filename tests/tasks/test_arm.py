@@ -157,7 +157,7 @@ def test_lshape_starts_with_the_least_norm():
 
 #: Every unseen task, and random paths on both sides.
 UNSEEN = [(name, {}) for name in UNSEEN_TASKS] + [
-    ("random", {"seed": seed}) for seed in range(1, 9)
+    ("random", {"seed": seed}) for seed in range(1, 5)
 ]
 
 #: Largest input [N] that holds the tip on an unseen path; the limit is 80 N.
@@ -235,13 +235,12 @@ def test_options_of_unseen_tasks_that_cannot_be(name, options, message):
 
 
 def test_the_commands_know_unseen_tasks(tmp_path):
-    arguments = ["--tasks", "circle", "random", "--speeds", "0.2,0.4", "--path-seeds", "1"]
+    arguments = ["--tasks", "circle", "random", "--speeds", "0.4", "--path-seeds", "1"]
     arguments += ["--policies", "hold", "--control-period", "0.1", "--save-rollouts"]
     assert main(["evaluate", *arguments, "--out", str(tmp_path)]) == 0
     rows = json.loads((tmp_path / "report.json").read_text())["rows"]
     told = [(row["task"], row["path_seed"], row["speed"]) for row in rows]
-    expected = [("circle", None), ("random", 1)]
-    assert told == [(*task, speed) for task in expected for speed in (0.2, 0.4)]
+    assert told == [("circle", None, 0.4), ("random", 1, 0.4)]
     assert "## random 1 0.4 m/s" in (tmp_path / "report.md").read_text()
     # The policy does nothing, so the errors are the distances from the starts of the references.
     for row in rows:
@@ -250,7 +249,7 @@ def test_the_commands_know_unseen_tasks(tmp_path):
         distance = np.linalg.norm(reference - reference[0], axis=1).max()
         assert row["e_max"] == pytest.approx(distance, abs=1e-3)  # the chain's start
     written = {path.name for path in tmp_path.iterdir()}
-    assert {"circle_0.2_m_s_tip.png", "random_1_0.4_m_s_hold.npz"} <= written
+    assert {"circle_0.4_m_s_tip.png", "random_1_0.4_m_s_hold.npz"} <= written
 
 
 # ---------------------------------------------------------------- look-up

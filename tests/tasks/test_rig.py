@@ -1,12 +1,10 @@
 """Tasks of the test rig."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from softrobot_env.robots import RIG, WORKSPACE
-from softrobot_env.tasks import RIG_TASKS, SetPoints, Task, make_task, remake_task
+from softrobot_env.tasks import RIG_TASKS, SetPoints, Task, make_task
 from softrobot_env.thesis.trajectories import LapCircle, RoundedTriangle
 
 
@@ -93,11 +91,3 @@ def test_what_cannot_be_is_refused(make, values, allowed):
     for value in values:
         with pytest.raises(ValueError, match=allowed):
             make(value)
-
-
-def test_a_remade_task_keeps_robot_and_start():
-    kept = {"robot": replace(RIG, pieces=2), "start_input": (0.01, 0.0, 0.0)}
-    task = replace(make_task("rig_circle", radius=0.1), **kept)
-    made = make_task("rig_circle", radius=0.1, speed=0.2)
-    assert remake_task(task, speed=0.2) == replace(made, **kept)
-    assert remake_task(task, radius=0.08).trajectory.radius == 0.08

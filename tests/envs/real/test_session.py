@@ -10,12 +10,13 @@ from time import monotonic, sleep
 import numpy as np
 import pytest
 from support.hardware_boards import Board, LiveBoard
+from support.real_episodes import Still
 
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.hardware.errors import LinkError, RefusedError, RobotFaultError
 from softrobot_env.hardware.protocol.messages import Reset
 from softrobot_env.hardware.robot_file import Tip, rig_file
-from softrobot_env.hardware.tip import TipMeasurement, UdpTip
+from softrobot_env.hardware.tip import UdpTip
 from softrobot_env.hardware.virtual_robot import Core
 
 pytest.importorskip("cobs", reason="needs the robot extra")
@@ -25,13 +26,6 @@ pytestmark = [pytest.mark.realtime(late=0.4), pytest.mark.usefixtures("patience"
 #: Other programs may load the machine: only what a test breaks may make a robot stop.
 FILE = replace(rig_file(), watchdog=0.9, ttl=0.4)
 PATIENT = {"max_missed": 10_000, "oldest": 2.0}
-
-
-class Still:
-    """A tip that stands still; see `tip.TipSource`."""
-
-    def latest(self, adc, time):
-        return TipMeasurement(monotonic(), np.zeros(2))
 
 
 class Line:
@@ -235,4 +229,5 @@ def test_an_emergency_stop_that_is_interrupted_ends_the_episode_too(line, monkey
 def test_a_failed_step_tells_how_late_it_was(line):
     with running(line, max_missed=1) as env:
         sleep(0.2)
-        assert rest(env)[4]["lateness_s"] > 0.1
+        *_, truncated, info = rest(env)
+        assert truncated and "missed" in info["failure"] and info["lateness_s"] > 0.1
