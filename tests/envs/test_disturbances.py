@@ -10,6 +10,7 @@ from support.postures import posed
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.control.registry import make_policy
 from softrobot_env.envs.disturbances import SENSOR_NOISE, Drives, SensorNoise, rounded
+from softrobot_env.envs.observations.readouts import Camera, Cameras
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.rewards import TERMS
 from softrobot_env.envs.tracking import TrackingEnv
@@ -334,6 +335,41 @@ def test_records_hold_the_truth():
     noisy = run_episode(env, policy, seed=0, options={"vary": {"sensor_noise": 5.0}})
     for name in ("tip", "curvature", "tendon_tension", "reward"):
         np.testing.assert_array_equal(getattr(noisy, name), getattr(exact, name))
+
+
+# ---------------------------------------------------------------- cameras
+
+
+@pytest.mark.parametrize("delay", [0, 1, 3])
+@pytest.mark.parametrize("period", [0.004, 0.02, 0.05])
+@pytest.mark.parametrize("coordinates", [2, 3])
+def test_many_cameras_are_single_ones(delay, period, coordinates):
+    """Started at different times, two of them again, over more than a block of noise."""
+    rng = np.random.default_rng(0)
+    many = Cameras(4, 1e-3, delay, period, coordinates)
+    single = {}
+
+    def start(which, seeds, tip):
+        many.start(np.array(which), seeds, tip[which])
+        for i, seed in zip(which, seeds, strict=True):
+            single[i] = Camera(1e-3, delay, period, coordinates)
+            single[i].start(None, [seed], tip[[i]])
+
+    tip = rng.uniform(-1, 1, (4, coordinates))
+    start(list(range(4)), [3, 4, 5, 6], tip)
+    for k in range(300):
+        tip = rng.uniform(-1, 1, (4, coordinates))
+        which = None
+        if k == 7:
+            start([0, 2], [9, 9], tip)
+        elif k % 10 == 0:  # some only
+            which = np.array([1, 3])
+        many.see(tip, which)
+        for i in range(4) if which is None else which.tolist():
+            single[i].see(tip[i])
+        for i, camera in single.items():
+            np.testing.assert_array_equal(many.position[i], camera.position)
+            np.testing.assert_array_equal(many.velocity[i], camera.velocity)
 
 
 # ---------------------------------------------------------------- all of them

@@ -3,7 +3,6 @@
 import json
 from dataclasses import replace
 
-import gymnasium
 import numpy as np
 import pytest
 
@@ -89,7 +88,7 @@ def test_one_is_the_first_of_many():
         assert single[1] == pytest.approx(all_of_them[1][2], rel=1e-12)
 
 
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_autoreset_is_as_gymnasium_has_it(mode):
     task = replace(GRIP_TASKS["enclose"], duration=0.06, closing=0.02)
     env = VectorGripperEnv(2, task, autoreset_mode=mode)
@@ -98,11 +97,6 @@ def test_autoreset_is_as_gymnasium_has_it(mode):
     results = [env.step(still) for _ in range(3)]
     assert [bool(r[3].all()) for r in results] == [False, False, True]
     info = results[-1][4]
-    if mode == "Disabled":
-        with pytest.raises(gymnasium.error.ResetNeeded):
-            env.step(still)
-        env.reset(options={"reset_mask": np.array([True, False])})
-        return
     if mode == "SameStep":
         assert info["_final_obs"].all() and (info["time"] == 0).all()
         assert (info["final_info"]["time"] > 0.05).all()

@@ -248,10 +248,12 @@ def test_without_opengl_the_message_says_what_to_install(monkeypatch, make_env):
 
     monkeypatch.setattr(opengl, "_open", refuse)
     monkeypatch.delenv("MUJOCO_GL", raising=False)
+    before = dict(os.environ)
     env = make_env(render_mode="rgb_array")
     env.reset(seed=0)
     with pytest.raises(RenderError, match="egl: no library for egl") as raised:
         env.render()
+    assert dict(os.environ) == before
     for hint in ("apt-get install libegl1 libgl1-mesa-dri", "libosmesa6", "MUJOCO_GL"):
         assert hint in str(raised.value)
     assert isinstance(raised.value, RuntimeError)
@@ -263,17 +265,6 @@ def test_a_broken_egl_does_not_spoil_the_next_attempt():
     if probe(MUJOCO_GL="osmesa")[0] != "osmesa":
         pytest.skip("OSMesa is not installed")
     assert probe(**hidden) == ("osmesa", "")
-
-
-def test_a_failed_attempt_leaves_the_environment_alone(monkeypatch, make_env):
-    monkeypatch.setattr(opengl, "BACKENDS", ("nonsense", "nonsense"))
-    monkeypatch.delenv("MUJOCO_GL", raising=False)
-    before = dict(os.environ)
-    env = make_env(render_mode="rgb_array")
-    env.reset(seed=0)
-    with pytest.raises(RenderError):
-        env.render()
-    assert dict(os.environ) == before
 
 
 def test_human_mode_needs_a_display(monkeypatch, make_env):
@@ -436,7 +427,8 @@ def test_record_yields_frames_at_the_asked_rate(make_drawn, monkeypatch, period,
     shares, drawn, render = [], [], env.render
     monkeypatch.setattr(env, "render", lambda: drawn.append(1) or render())
     frames = list(record(env, hold(env), fps, options={"duration": 0.4}, progress=shares.append))
-    assert len(drawn) == len(frames) == 0.4 * fps + 1  # none is drawn in vain
+    assert len(frames) == 0.4 * fps + 1
+    assert len(drawn) == min(len(frames), 0.4 / period + 1)  # none is drawn in vain
     assert all(f.shape == (48, 64, 3) for f in frames)
     assert np.all(np.diff(shares) >= 0)
     assert shares[-1] == 1.0

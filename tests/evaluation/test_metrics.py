@@ -91,3 +91,19 @@ def test_tracking_metrics():
     assert metrics.e_max == pytest.approx(4e-3)
     assert metrics.e_rms == pytest.approx(np.sqrt(26 / 4) * 1e-3)
     assert metrics.e_final == pytest.approx(1e-3)
+
+
+def test_the_window_of_the_steady_value_begins_to_the_sample():
+    """It is the last tenth; the response is 10 % off at one sample."""
+
+    def with_excursion(at):
+        response = np.ones(100)
+        response[0], response[at] = 0.0, 1.1
+        return step_metrics(0.05 * np.arange(100), along(response), TARGET)
+
+    # From 10 % to 0 within a period, so 2 % are reached after 0.8 of it.
+    before, inside = with_excursion(89), with_excursion(90)
+    assert before.settling_time == pytest.approx(0.05 * 89.8)
+    assert before.steady_state_error == pytest.approx(0, abs=1e-12)
+    assert inside.settling_time is None
+    assert inside.steady_state_error == pytest.approx(0.01)

@@ -1,6 +1,7 @@
 """How accurate and how stable the models of any robot are (`softrobot benchmark --robot`)."""
 
 import json
+from dataclasses import replace
 from math import log2
 
 import numpy as np
@@ -16,34 +17,9 @@ from softrobot_env.evaluation.models.runs import (
     front,
     verdict_of,
 )
-from softrobot_env.robots import ARM, RIG, find_robot
+from softrobot_env.robots import ARM, RIG, find_robot, write_robot
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.registry import scene_of
-
-#: A robot in space that servos pull, with a head and a tendon that rubs where it stands.
-MINE = """
-name = "mine"
-gravity_m_s2 = [0, 0, -9.81]
-head = {{ mass_kg = 0.01, inertia_kg_m2 = [1e-6, 1e-6, 1e-6], centre_m = 0.01, output_m = 0.02 }}
-
-[[section]]
-length_m = 0.2
-outer_radius_m = 0.01
-youngs_modulus_Pa = 2e6
-density_kg_m3 = 1000
-damping_time_s = 0.02
-pieces = 2
-
-[[tendon]]
-name = ["a", "b", "c"]
-ends_at_section = 1
-radius_m = 0.008
-drive = "length"
-stiffness_N_m = 1000
-pretension_N = 0.2
-tension_limit_N = 4
-friction_N = {friction}
-"""
 
 
 def test_limits_are_exact_for_their_series():
@@ -139,8 +115,9 @@ def test_what_a_user_asks_for_is_judged_and_announced():
 
 @pytest.mark.parametrize("friction", [pytest.param(0, marks=pytest.mark.slow), 0.1])
 def test_a_robot_of_ones_own_is_measured(tmp_path, friction):
-    file = tmp_path / "mine.toml"
-    file.write_text(MINE.format(friction=friction))
+    file, rubs = tmp_path / "mine.toml", {"friction": friction}
+    tendons = tuple(replace(tendon, **rubs) for tendon in RIG.tendons)
+    write_robot(replace(RIG, name="mine", pieces=2, tendons=tendons, sensors=()), file)
     for what in ("accuracy", "stability"):
         given = ["benchmark", what, "--robot", str(file), "--quick", "--out", str(tmp_path)]
         assert main(given) == 0

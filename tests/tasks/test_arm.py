@@ -226,10 +226,15 @@ def test_unseen_tasks_are_named_by_seed_and_speed():
         ("circle", {"speed": 0.0}, r"must lie in \(0, 1.01\] m/s"),
         ("circle", {"speed": 9.0}, "must lie in"),
         ("circle", {"speed": 1e-9}, "duration"),
+        *((n, {"step_width": 0.1}, "has no option 'step_width'") for n in ("swing", "lshape")),
+        *(
+            ("step", {"step_width": width}, r"\(0, \d+\] mm")
+            for width in (0.0, -0.1, 0.5, np.nan, np.inf)
+        ),
     ],
     ids=str,
 )
-def test_options_of_unseen_tasks_that_cannot_be(name, options, message):
+def test_options_that_cannot_be(name, options, message):
     with pytest.raises(ValueError, match=message):
         make_task(name, **options)
 
@@ -260,18 +265,6 @@ def test_unknown_task_lists_the_known(name):
     with pytest.raises(ValueError, match="unknown task") as caught:
         make_task(name)
     assert all(known in str(caught.value) for known in ALL_TASKS)
-
-
-@pytest.mark.parametrize("name", ["swing", "lshape"])
-def test_only_the_step_has_a_width(name):
-    with pytest.raises(ValueError, match="has no option 'step_width'"):
-        make_task(name, 0.1)
-
-
-@pytest.mark.parametrize("width", [0.0, -0.1, 0.5, np.nan, np.inf])
-def test_step_width_out_of_reach(width):
-    with pytest.raises(ValueError, match=r"\(0, \d+\] mm"):
-        make_task("step", width)
 
 
 @pytest.mark.parametrize(

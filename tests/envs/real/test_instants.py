@@ -18,49 +18,6 @@ from softrobot_env.envs.real import (
 from softrobot_env.hardware.tip import TipMeasurement
 
 
-class Clock:
-    """Time passes while somebody sleeps."""
-
-    def __init__(self, monkeypatch):
-        self.now = 100.0
-        monkeypatch.setattr(session, "monotonic", lambda: self.now)
-        monkeypatch.setattr(session, "sleep", self.sleep)
-
-    def sleep(self, duration):
-        self.now += duration
-
-
-def rest(monkeypatch, position):
-    """How long [s] the wait takes for a tip at x = position(time since the start)."""
-    clock = Clock(monkeypatch)
-    start = clock.now
-    wait_for_rest(
-        lambda: TipMeasurement(clock.now, np.array([position(clock.now - start), 0.0])), "test"
-    )
-    return clock.now - start
-
-
-def test_a_tip_at_rest_is_watched_for_the_whole_time(monkeypatch):
-    assert rest(monkeypatch, lambda t: 0.1) == pytest.approx(STILL_TIME, abs=0.0051)
-
-
-@pytest.mark.parametrize("moved", [0.3, 0.39])
-def test_a_late_motion_starts_the_wait_anew(monkeypatch, moved):
-    waited = rest(monkeypatch, lambda t: 0.1 if t < moved else 0.1 + 1.1 * STILL)
-    assert waited == pytest.approx(moved + STILL_TIME, abs=0.011)
-
-
-def test_motions_below_the_bound_do_not_count(monkeypatch):
-    waited = rest(monkeypatch, lambda t: 0.1 if t < 0.3 else 0.1 + 0.9 * STILL)
-    assert waited == pytest.approx(STILL_TIME, abs=0.0051)
-
-
-def test_creeping_is_no_rest(monkeypatch):
-    """Steps below the bound add up: what counts is the way since the rest seemed to begin."""
-    with pytest.raises(NotStillError):
-        rest(monkeypatch, lambda t: 2 * STILL / STILL_TIME * t)
-
-
 class Time:
     """A clock that only moves when told to, or when somebody sleeps."""
 
@@ -74,6 +31,38 @@ class Time:
     def sleep(self, duration):
         self.slept.append(duration)
         self.now += duration
+
+
+def rest(monkeypatch, position):
+    """How long [s] the wait takes for a tip at x = position(time since the start)."""
+    time = Time()
+    start = time.now
+    monkeypatch.setattr(session, "monotonic", time)
+    monkeypatch.setattr(session, "sleep", time.sleep)
+    wait_for_rest(
+        lambda: TipMeasurement(time.now, np.array([position(time.now - start), 0.0])), "test"
+    )
+    return time.now - start
+
+
+@pytest.mark.parametrize(
+    ("moved", "way", "waited"),
+    [
+        (0.3, 0.0, STILL_TIME),
+        (0.3, 0.9 * STILL, STILL_TIME),
+        (0.3, 1.1 * STILL, 0.3 + STILL_TIME),
+        (0.39, 1.1 * STILL, 0.39 + STILL_TIME),
+    ],
+)
+def test_only_a_motion_beyond_the_bound_starts_the_wait_anew(monkeypatch, moved, way, waited):
+    found = rest(monkeypatch, lambda t: 0.1 + way * (t >= moved))
+    assert found == pytest.approx(waited, abs=0.0051 if waited == STILL_TIME else 0.011)
+
+
+def test_creeping_is_no_rest(monkeypatch):
+    """Steps below the bound add up: what counts is the way since the rest seemed to begin."""
+    with pytest.raises(NotStillError):
+        rest(monkeypatch, lambda t: 2 * STILL / STILL_TIME * t)
 
 
 @pytest.fixture

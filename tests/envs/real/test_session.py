@@ -29,27 +29,24 @@ PATIENT = {"max_missed": 10_000, "oldest": 2.0}
 
 
 class Line:
-    """A transport that can be unplugged and delayed.
+    """A transport that can be delayed.
 
     Attributes:
         opened, closed: How often.
         written: Number of bytes to the robot.
-        plugged: Whether bytes get through.
         delay: [s] that bytes of the robot take.
     """
 
     def __init__(self, transport):
         self._transport = transport
         self.opened = self.closed = self.written = 0
-        self.plugged, self.delay, self._held = True, 0.0, []
+        self.delay, self._held = 0.0, []
 
     def __call__(self):
-        self._check()
         self.opened += 1
         return self
 
     def read(self, timeout):
-        self._check()
         data, now = self._transport.read(min(timeout, 0.005)), monotonic()
         self._held += [(now, data)] if data else []
         due = [data for came, data in self._held if now - came >= self.delay]
@@ -57,16 +54,11 @@ class Line:
         return b"".join(due)
 
     def write(self, data):
-        self._check()
         self._transport.write(data)
         self.written += len(data)
 
     def close(self):
         self.closed += 1
-
-    def _check(self):
-        if not self.plugged:
-            raise LinkError("unplugged")
 
 
 @pytest.fixture
@@ -104,18 +96,6 @@ def clear(env):
 
 def assert_runs(env):
     assert rest(env)[4]["device_state"] == "running"
-
-
-def test_an_unplugged_cable_can_be_plugged_again(line):
-    with running(line) as env:
-        line.plugged = False
-        assert "unplugged" in fail(env)
-        with pytest.raises(LinkError, match="unplugged"):
-            clear(env)
-        line.plugged = True
-        clear(env)
-        assert_runs(env)
-    assert line.opened == line.closed == 2
 
 
 def test_a_board_that_started_again_can_run_again(line, live):

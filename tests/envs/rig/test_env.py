@@ -2,13 +2,13 @@
 
 from dataclasses import replace
 
+import gymnasium
 import numpy as np
 import pytest
 from support.rig_episodes import TWINS, flatten, rig
 
 from softrobot_env.envs.observations.table import OBSERVABLES
 from softrobot_env.envs.rendering import lifted
-from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import Twin
@@ -132,10 +132,9 @@ def test_curvature_of_the_robots_pieces():
 @pytest.mark.parametrize("seed", [3, 8])
 def test_many_rigs_are_the_single_environment(seed):
     """Servos and cameras of a twin too, each with its own noise."""
-    many, env = (
-        VectorTrackingEnv(3, "reach", twin=seed, observe="all", seed=0),
-        rig("reach", twin=seed, seed=0),
-    )
+    how = {"twin": seed, "observe": "all", "seed": 0}
+    many = gymnasium.make_vec("SoftRobot/RigReach-v0", 3, **how)
+    env = gymnasium.make("SoftRobot/RigReach-v0", **how)
     (seen, infos), (observation, info) = many.reset(seed=4), env.reset(seed=5)
     for actions in np.random.default_rng(0).uniform(-0.5, 0.5, (60, 3, 3)):
         for name, value in observation.items():
