@@ -154,11 +154,9 @@ class EnvConfig:
         rest = {**kind.usual, **options}
         config = cls(**{n: rest.pop(n) for n in kind.takes if n in rest}, task_options=rest)
         has_options = "gripper" not in kind.takes
-        own, known = (), ()
+        own, known = (), OPTIONS if has_options else ()
         if has_options and isinstance(config.task, str):
-            own, known = options_of(config.task, config.robot), OPTIONS
-        elif has_options:
-            known = OPTIONS
+            own = options_of(config.task, config.robot)
         for name in rest:
             if name not in own and name not in known:
                 raise TypeError(

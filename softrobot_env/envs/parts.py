@@ -21,7 +21,6 @@ from softrobot_env.robots import CAMERA_PERIOD, VARIATIONS, RobotParams, Sensor
 from softrobot_env.robots.actuation import Inputs, check_inputs, robot_inputs
 from softrobot_env.robots.twin import LARGEST_ERROR, LARGEST_NOISE, Twin, twin_of
 from softrobot_env.scene.config import DEFAULT_SHARE
-from softrobot_env.scene.quadrature import HingeLayout
 from softrobot_env.scene.servos import Servos
 from softrobot_env.tasks import Task, make_task
 
@@ -209,14 +208,7 @@ class SimulatedParts(EnvParts):
         self._offset = 0.0 if self.twin is None else np.array(self.twin.servo_offset)
         # Policies do not know the twin.
         self.plant = plant = _plant(config, built, speed_limit(self.task.robot), self.axes)
-        sizes = sizes_of(
-            self.task,
-            plant.layout,
-            plant.pieces,
-            len(self._preview),
-            plant.directions,
-            plant.strain,
-        )
+        sizes = with_room(plant.sizes, self.task.robot, len(self._preview))
         self.noise_sizes = {name: OBSERVABLES[name].space(sizes).shape[0] for name in SENSOR_NOISE}
         self.dimensions = sizes.dimensions
         limits = [tendon.tension_limit for tendon in self.task.robot.tendons]
@@ -340,36 +332,19 @@ def make_env_task(config: EnvConfig) -> Task:
     return task
 
 
-def sizes_of(
-    task: Task,
-    layout: HingeLayout,
-    pieces: int,
-    n_preview: int,
-    directions: int,
-    strain: float = 0.0,
-) -> Sizes:
-    """What sizes and bounds of a robot's observables depend on.
+def with_room(sizes: Sizes, robot: RobotParams, n_preview: int) -> Sizes:
+    """What sizes and bounds of a robot's observables depend on, with its actions and previews.
 
     They leave room for noise, and for the errors of servos and cameras of any twin.
     """
-    robot = task.robot
-    sizes = Sizes(
-        robot,
-        layout,
-        pieces,
-        speed_limit(robot),
-        directions,
-        AXES[task.axes],
-        n_preview,
-        robot_inputs(robot).n_inputs,
-        strain=strain,
-        noise=NOISE_ROOM,
-    )
+    inputs = robot_inputs(robot)
+    own = {"robot": robot, "n_preview": n_preview, "n_inputs": inputs.n_inputs, "noise": NOISE_ROOM}
     if robot.drive.kind == "tension":
-        return sizes
+        return replace(sizes, **own)
     return replace(
         sizes,
-        pulled=float(robot_inputs(robot).input_scale.max()) + LARGEST_ERROR,
+        **own,
+        pulled=float(inputs.input_scale.max()) + LARGEST_ERROR,
         tip_room=FARTHEST * LARGEST_NOISE,
         # Pictures are half a period of the camera apart, or more.
         speed_room=4 * FARTHEST * LARGEST_NOISE / CAMERA_PERIOD,

@@ -43,9 +43,9 @@ from softrobot_env.scene.registry import RIG_PIECES
 from softrobot_env.tasks import RIG_TASKS, Task
 
 from .config import REAL, EnvConfig
-from .observations.table import EVERY, OBSERVABLES, Sources, each_of, speed_limit
+from .observations.table import EVERY, OBSERVABLES, Sizes, Sources, each_of, speed_limit
 from .options import REAL_OPTIONS, ResetOptions, one_action, parse_options
-from .parts import EnvParts, EpisodeSpec, make_env_task, sizes_of
+from .parts import EnvParts, EpisodeSpec, make_env_task, with_room
 from .reference import ReferenceTable
 
 #: Needs a board that measures forces.
@@ -123,7 +123,8 @@ class RealParts(EnvParts):
         robot = task.robot
         self.speed = speed_limit(robot)
         layout = place_hinges(robot.length, RIG_PIECES, DEFAULT_RULE)
-        sizes = sizes_of(task, layout, robot.pieces, len(config.preview), directions=2)
+        sizes = Sizes(robot, layout, robot.pieces, self.speed, 2, self.axes)
+        sizes = with_room(sizes, robot, len(config.preview))
         self.reach = OBSERVABLES["tip_position"].space(sizes)
         if observe == "all":
             observe = tuple(name for name in _SEEN if name != TENSION)

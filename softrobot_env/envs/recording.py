@@ -18,19 +18,24 @@ from .reference import AXES
 _NEEDED = ("tip_position", "previous_action")
 
 
+def check_observed(env: gymnasium.Env | VectorEnv, names: tuple[str, ...]) -> None:
+    """Raise ValueError unless an environment observes what a record needs, in a dict."""
+    observed = getattr(env.observation_space, "spaces", ())  # a vector has none
+    missing = [name for name in names if name not in observed]
+    if missing:
+        raise ValueError(
+            f"recording needs a dict with the observables {', '.join(missing)}: pass "
+            'observe="all", and observe_as="dict" (grippers observe no tips)'
+        )
+
+
 class _Episodes:
     """The rows of episodes, each a run of one recording."""
 
     def __init__(self, env: gymnasium.Env | VectorEnv, path: Path | str | None) -> None:
         if path is not None:
             check_writable(path)
-        spaces = getattr(env.observation_space, "spaces", {})
-        missing = [name for name in _NEEDED if name not in spaces]
-        if missing:
-            raise ValueError(
-                f"recording needs a dict with the observables {', '.join(missing)}: pass "
-                'observe="all", and observe_as="dict" (grippers observe no tips)'
-            )
+        check_observed(env, _NEEDED)
         self._env, self._path = env.unwrapped, path
         self._runs: list[list[tuple]] = []
 

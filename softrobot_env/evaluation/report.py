@@ -15,7 +15,7 @@ from softrobot_env.core.files import write_text
 from softrobot_env.core.registry import load
 from softrobot_env.robots import ENTRIES, VARIATIONS, RobotEntry
 from softrobot_env.tasks import OPTIONS, owner_of
-from softrobot_env.tasks.spec import option_text
+from softrobot_env.tasks.spec import labelled
 
 #: Plants of rows that are no simulation: the rig, and a virtual one, over a serial line.
 REAL, VIRTUAL = "real", "virtual"
@@ -35,8 +35,7 @@ def task_label(row: Mapping[str, Any]) -> str:
     """Task with its options, and the robot unless it is one of the thesis, for people."""
     values = {name: row.get(option.column) for name, option in OPTIONS.items()}
     values |= row.get("more_options") or {}
-    told = [option_text(name, value) for name, value in values.items() if value is not None]
-    return ", ".join(filter(None, (" ".join([row["task"], *told]), own_robot(row))))
+    return ", ".join(filter(None, (labelled(row["task"], values), own_robot(row))))
 
 
 def own_robot(row: Mapping[str, Any]) -> str:
@@ -259,9 +258,8 @@ def _markdown_table(rows: list[Row]) -> str:
 def _terminal_columns(rows: list[Row]) -> list[str]:
     """Columns of a table on the terminal, which is narrow."""
     shown = _shown_columns(rows)
-    hidden = {*_TERMINAL_HIDES}
-    hidden |= {*_STEP_HIDES} if rows[0]["step_width"] is not None else set()
-    hidden |= {*_TRACKING_HIDES} if "e_mean_tracking" in shown else set()
+    hidden = _TERMINAL_HIDES + _STEP_HIDES * (rows[0]["step_width"] is not None)
+    hidden += _TRACKING_HIDES * ("e_mean_tracking" in shown)
     return [name for name in shown if name not in hidden]
 
 

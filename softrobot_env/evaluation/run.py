@@ -10,6 +10,7 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.interfaces import Observation, Policy
+from softrobot_env.envs.recording import check_observed
 from softrobot_env.recordings.recording import at_their_time
 
 from .rollout import Rollout
@@ -98,12 +99,7 @@ def run_episode(
     Raises:
         ValueError: The environment does not provide what is recorded.
     """
-    observed = getattr(env.observation_space, "spaces", ())  # a vector has none
-    missing = [name for name in RECORDED if name not in observed]
-    if missing:
-        raise ValueError(
-            f'recording needs a dict with the observables {missing}: pass observe="all"'
-        )
+    check_observed(env, RECORDED)
     axes = getattr(env.unwrapped, "axes", _PLANE)
     begin = due = perf_counter()
     samples, policy_time, status = _Table(), _Table(), []

@@ -1,6 +1,6 @@
 """What a task is: a robot, a reference of its tip, a duration, a start, and its options."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from inspect import signature
 from typing import Literal
@@ -49,9 +49,17 @@ OPTIONS: dict[str, Option] = {
 }
 
 
-def option_text(name: str, value: float) -> str:
-    """The value of an option for people, with its name where only a user's task has it."""
-    return OPTIONS[name].text(value) if name in OPTIONS else f"{name} {value:g}"
+def labelled(name: str, options: Mapping[str, float | None]) -> str:
+    """The name of a task for people, with values of its options; None is as not given.
+
+    Options that only a user's task has come last, by their names.
+    """
+    out = [name]
+    for option, value in (dict.fromkeys(OPTIONS) | {**options}).items():
+        if value is not None:
+            known = option in OPTIONS
+            out.append(OPTIONS[option].text(value) if known else f"{option} {value:g}")
+    return " ".join(out)
 
 
 @dataclass(frozen=True)
@@ -115,9 +123,7 @@ class Task:
     @property
     def label(self) -> str:
         """Name for people, with the options."""
-        order = [*OPTIONS, *(name for name, _ in self.options if name not in OPTIONS)]
-        given = sorted(self.options, key=lambda option: order.index(option[0]))
-        return " ".join([self.name, *(option_text(name, value) for name, value in given)])
+        return labelled(self.name, dict(self.options))
 
 
 #: Makes a task from values of its options; its parameters have their names and defaults.

@@ -353,6 +353,11 @@ def fitted(readout: Any, sensors: "SensorArray", robots: int | slice) -> SensedR
     )
 
 
+def _normal(generator: np.random.Generator, shape: tuple[int, ...]) -> ndarray:
+    """Normal variates of deviation 1, which end at `FARTHEST`."""
+    return np.clip(generator.standard_normal(shape), -FARTHEST, FARTHEST)
+
+
 class SensorNoise:
     """White Gaussian noise of n robots' sensors, none until started.
 
@@ -392,8 +397,7 @@ class SensorNoise:
     def _draw(self, robot: int) -> None:
         generator = self._generators[robot]
         if generator is not None:
-            normal = generator.standard_normal(self._rows.shape[1:])
-            normal = np.clip(normal, -FARTHEST, FARTHEST, out=normal)
+            normal = _normal(generator, self._rows.shape[1:])
             self._rows[robot] = normal * (self._scale[robot] * self._deviation)
 
     def on(self, name: str) -> ndarray:
@@ -462,9 +466,7 @@ class Camera:
         self._instant += 1
         if self._instant >= self._due:
             self._due += self._frame
-            normal = np.clip(
-                self._generator.standard_normal(self.position.size), -FARTHEST, FARTHEST
-            )
+            normal = _normal(self._generator, self.position.shape)
             self._undeveloped.append((self._instant, tip + self._noise * normal))
         if not self._undeveloped or self._undeveloped[0][0] > self._instant - self._delay:
             return False
@@ -532,8 +534,7 @@ class Cameras:
         place = number % (self._delay + 1)
         at = number % _BLOCK
         for i in which[at == 0].tolist():
-            normal = self._generators[i].standard_normal(self._normal.shape[1:])
-            self._normal[i] = np.clip(normal, -FARTHEST, FARTHEST)
+            self._normal[i] = _normal(self._generators[i], self._normal.shape[1:])
         self._seen[which, place] = tip[which] + self._noise * self._normal[which, at]
         self._when[which, place] = self._instant[which]
         self._pictures[which] += 1

@@ -58,6 +58,12 @@ class _Plant:
         """Numbers of curvatures of a piece: 1 in a plane, 2 in space, 3 of one that twists."""
         return 1 if self.config.bending == "planar" else 2 + self.config.torsion
 
+    @property
+    def sizes(self) -> Sizes:
+        """What sizes and bounds of what is measured depend on."""
+        how = self.speed, self.directions, self.axes
+        return Sizes(self.robot, self.layout, self.pieces, *how, strain=self.strain)
+
 
 class MujocoPlant(_Plant):
     """Builds simulations of a robot and of its variations.
@@ -238,16 +244,7 @@ class BeamPlant(_Plant):
 
     def readout(self, simulation: "BeamSimulation", servos: Servos | None = None) -> BeamReadout:
         """What is measured of a simulation, and of the servos that drive it."""
-        sizes = Sizes(
-            self.robot,
-            self.layout,
-            self.pieces,
-            self.speed,
-            self.directions,
-            self.axes,
-            strain=self.strain,
-        )
-        space = observation_space(Measurement._fields, Measurement._fields, sizes)
+        space = observation_space(Measurement._fields, Measurement._fields, self.sizes)
         most = {name: box.high for name, box in space.items()}
         least = {name: box.low for name, box in space.items()}
         return BeamReadout(simulation, Measurement(**least), Measurement(**most), servos)

@@ -16,7 +16,7 @@ from numpy import ndarray
 
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.interfaces import ProgressCallback, quiet
-from softrobot_env.core.motion import IntegrationError, State
+from softrobot_env.core.motion import IntegrationError
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
@@ -214,11 +214,12 @@ def _measured(
             row = replace(row, integrator=integrator, setting=setting)
         try:
             model = each.build(**options)
-            start = model.start(moved.rest)
-            first = replace(moved, controls=moved.controls[:1])
-            _run(model, at_rest, poses[:1], first, start)  # compiles
-            act = partial(_run, model, at_rest, poses, moved, start)
-            time, tips = best_of(act, repeats, process_time)
+            act, first, whole = model.poses, poses[:1], poses
+            if not at_rest:
+                act = partial(model.motion, start=model.start(moved.rest))
+                first, whole = replace(moved, controls=moved.controls[:1]), moved
+            act(first)  # compiles
+            time, tips = best_of(partial(act, whole), repeats, process_time)
         except _FAILURES as error:
             yield replace(row, note=f"failed: {error}")
             continue
@@ -227,12 +228,6 @@ def _measured(
         values["share"] = values["e_max"] / model.robot.length
         cost = time / (len(poses) if at_rest else moved.duration)
         yield replace(row, cost=cost, note=limit.text, **values)
-
-
-def _run(
-    model: Simulated, at_rest: bool, poses: ndarray, moved: Excitation, start: State
-) -> ndarray:
-    return model.poses(poses) if at_rest else model.motion(moved, start)
 
 
 def _gap(what: str, gap: float, robot: RobotParams, limit: Limit) -> AccuracyRow:
