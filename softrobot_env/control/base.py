@@ -199,19 +199,17 @@ class Controller(ABC):
         before = state.before if type(state) is Uncomputed else state
         action, state = self.act(observation, before)
         if not isfinite(sum(action.tolist())):  # far quicker than NumPy's
-            action, state = self._kept(observation, action), self._uncomputed(observation, before)
+            action, state = self._failed(observation, action, before)
         return action.astype(np.float32, copy=False), state
 
-    def _kept(self, observation: Observation, action: ndarray) -> ndarray:
-        """The action in force where it is known, in place of one that is not finite."""
-        previous = observation.get("previous_action", np.zeros_like(action))
-        return np.clip(usable(previous), -1.0, 1.0)
-
-    def _uncomputed(self, observation: Observation, before: Any) -> Uncomputed:
+    def _failed(
+        self, observation: Observation, action: ndarray, before: Any
+    ) -> tuple[ndarray, Uncomputed]:
+        """The action in force where it is known, in place of one that is not finite, and why."""
+        kept = in_force({"previous_action": np.zeros_like(action), **observation})
         bad = [name for name in self.requires if not np.isfinite(observation[name]).all()]
-        if bad:
-            return Uncomputed(before, f"{REASONS[NOT_FINITE]}: {', '.join(bad)}")
-        return Uncomputed(before, REASONS[NOT_COMPUTED])
+        why = f"{REASONS[NOT_FINITE]}: {', '.join(bad)}" if bad else REASONS[NOT_COMPUTED]
+        return kept, Uncomputed(before, why)
 
     def _predict_stacked(
         self, observation: Observation, state: Any, episode_start: ndarray | None
@@ -296,6 +294,11 @@ def state_sizes(robot: RobotParams) -> dict[str, int]:
 def usable(values: ndarray) -> ndarray:
     """Values (k,) with zeros in place of those that are no finite number."""
     return np.where(np.isfinite(values), values, 0.0)
+
+
+def in_force(observation: Observation) -> ndarray:
+    """The previous action (n_inputs,), as far as it is one."""
+    return np.clip(usable(observation["previous_action"]), -1.0, 1.0)
 
 
 def hold_for(period: float, control_period: float, policy: str) -> int:

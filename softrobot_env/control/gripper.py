@@ -28,13 +28,13 @@ def mean_bends(gripper: Gripper, curvature: ndarray) -> ndarray:
     return np.reshape(curvature, shape).mean(axis=-2)
 
 
-def size_by_sensor(gripper: Gripper, curvature: ndarray, piece: int = 1) -> ndarray:
-    """Diameters (...) [m] of bars on which a piece of each finger lies altogether.
+def size_by_sensor(gripper: Gripper, curvature: ndarray) -> ndarray:
+    """Diameters (...) [m] of bars on which the second piece of each finger lies altogether.
 
     Its curvature is then 1 / (d / 2 + the distance of the fibre from the surface).
     """
     width = gripper.fingers[0].robot.backbone.widest
-    return 2 / mean_bends(gripper, curvature)[..., piece] - 2 * float(width)
+    return 2 / mean_bends(gripper, curvature)[..., 1] - 2 * float(width)
 
 
 @dataclass(frozen=True)

@@ -65,7 +65,7 @@ class Memoryless(Controller):
         code = codes.item()
         if code < NOT_FINITE:
             return actions, self.says[code]
-        return self._failed(observation, actions)
+        return self._kept(observation, actions)
 
     _choose = act
 
@@ -92,13 +92,13 @@ class Memoryless(Controller):
         states = [self.says[code] if code < NOT_FINITE else self.says[0] for code in codes.tolist()]
         for i in np.flatnonzero(codes >= NOT_FINITE):
             one = {name: observation[name][i] for name in self.requires}
-            actions[i], states[i] = self._failed(one, actions[i])
+            actions[i], states[i] = self._kept(one, actions[i])
         return actions, states
 
-    def _failed(self, observation: Observation, action: ndarray) -> tuple[ndarray, Said]:
+    def _kept(self, observation: Observation, action: ndarray) -> tuple[ndarray, Said]:
         """The action in force, and why."""
-        kept = self._kept(observation, action).astype(np.float32)
-        return kept, Said(self._uncomputed(observation, None).status)
+        kept, why = self._failed(observation, action, None)
+        return kept.astype(np.float32), Said(why.status)
 
     def _answers(self, observed: ndarray, count: int) -> tuple[ndarray, ndarray]:
         """Actions float32 (count * n_inputs,) and codes (count,)."""

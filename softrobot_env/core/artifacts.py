@@ -55,16 +55,22 @@ class Arrays(dict[str, ndarray]):
                     "not finite"
                 )
 
-    def check_shape(self, name: str, shape: tuple[int | None, ...]) -> None:
-        """Raise ValueError unless an array of numbers has a shape, None standing for any size."""
-        array = self[name]
-        fits = array.ndim == len(shape) and array.dtype.kind in "fiu"
-        if not fits or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
-            wanted = str(shape).replace("None", "n")
-            raise ValueError(
-                f"{self.path}: the array {name!r} must hold numbers and have shape {wanted}, got "
-                f"{array.dtype} and {array.shape}"
-            )
+    def check_shapes(self, shapes: Mapping[str, tuple[int | None, ...]], prefix: str = "") -> None:
+        """Raise ValueError unless arrays are numbers of these shapes, None standing for any size.
+
+        Args:
+            shapes: By the arrays' names.
+            prefix: Before each name.
+        """
+        for name, shape in shapes.items():
+            array = self[prefix + name]
+            fits = array.ndim == len(shape) and array.dtype.kind in "fiu"
+            if not fits or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
+                wanted = str(shape).replace("None", "n")
+                raise ValueError(
+                    f"{self.path}: the array {prefix + name!r} must hold numbers and have shape "
+                    f"{wanted}, got {array.dtype} and {array.shape}"
+                )
 
     @contextmanager
     def fitting(self) -> Iterator[None]:

@@ -73,10 +73,8 @@ def reading_in(about: Arrays) -> Reading | None:
     if f"{_READING}names" not in about:
         return None
     reading = Reading(**{f.name: about[f"{_READING}{f.name}"] for f in fields(Reading)})
-    for name in ("take", "origin", "scale", "relative", "less", "sizes", "preview"):
-        about.check_shape(f"{_READING}{name}", (None,))
-    for name in ("period", "change"):
-        about.check_shape(f"{_READING}{name}", ())
+    rows = "take", "origin", "scale", "relative", "less", "sizes", "preview"
+    about.check_shapes(dict.fromkeys(rows, (None,)) | {"period": (), "change": ()}, _READING)
     equal = (
         len(reading.take) == len(reading.origin) == len(reading.scale),
         len(reading.names) == len(reading.sizes),

@@ -108,17 +108,17 @@ class Rollout:
         wanted = {field.name for field in fields(cls)}
         if not wanted - {"source", "failure"} <= data.keys() <= wanted:
             raise ValueError(f"{path} is no record of an episode: it holds {', '.join(data)}")
-        data.check_shape("time", (None,))
+        data.check_shapes({"time": (None,)})
         instants = len(data["time"])
-        shapes = {
-            **dict.fromkeys(("reference", "tip"), (instants, 3)),
-            **dict.fromkeys(("action", *_UNMEASURED, "tendon_length"), (instants, None)),
-            "reward": (instants,),
-            "policy_time": (None,),
-            "wall_time": (),
-        }
-        for name, shape in shapes.items():
-            data.check_shape(name, shape)
+        data.check_shapes(
+            {
+                **dict.fromkeys(("reference", "tip"), (instants, 3)),
+                **dict.fromkeys(("action", *_UNMEASURED, "tendon_length"), (instants, None)),
+                "reward": (instants,),
+                "policy_time": (None,),
+                "wall_time": (),
+            }
+        )
         for name, dimensions in {"policy_status": 1, "source": 0, "failure": 0}.items():
             text = data.get(name)
             if text is None:

@@ -113,7 +113,8 @@ def _layer(values, parameters, out):
         out: (n_here,).
     """
     below, here = len(values), len(out)
-    out[:] = parameters[below * here :]
+    for i in range(here):  # assigned as a whole, it would take seconds to compile
+        out[i] = parameters[below * here + i]
     whole = below - below % 4
     for j in range(0, whole, 4):  # four at once read and write `out` once
         a, b, c, d = values[j], values[j + 1], values[j + 2], values[j + 3]

@@ -165,8 +165,7 @@ class Network:
         ends = [f"{end}_{side}" for end in ("input", "output") for side in ("low", "high")]
         shapes = {f"weight_{k}": (None, None) for k in layers}
         shapes |= dict.fromkeys([*(f"bias_{k}" for k in layers), *ends], (None,))
-        for name, shape in shapes.items():
-            values.check_shape(name, shape)
+        values.check_shapes(shapes)
         weights, biases = (tuple(values[f"{n}_{k}"] for k in layers) for n in ("weight", "bias"))
         with placed(path):
             inputs, outputs = (

@@ -306,8 +306,7 @@ _LIGHT = {
 def _part(
     data: Arrays, kind: type, prefix: str, shapes: Mapping[str, tuple[int | None, ...]]
 ) -> Any:
-    for name, shape in shapes.items():
-        data.check_shape(f"{prefix}{name}", shape)
+    data.check_shapes(shapes, prefix)
     values = {field.name: data[f"{prefix}{field.name}"] for field in fields(kind)}
     return kind(**{n: v.item() if v.ndim == 0 else v for n, v in values.items()})
 

@@ -8,7 +8,7 @@ from numpy import ndarray
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import NotNegative, Positive, check_argument
 
-from ..base import NOT_FINITE, REASONS, Controller, usable
+from ..base import NOT_FINITE, REASONS, Controller, in_force, usable
 from .motion import DifferenceFilter, Differences, Motion
 from .nearby import Nearby, Neighbourhood
 from .statics import Rest, Statics
@@ -251,8 +251,7 @@ class ReferenceFeedback(Controller):
         reference, tip = observation["reference"], observation[_TIP]
         is_seen = bool(np.isfinite(tip).all())
         if not (is_seen or state.begun):
-            kept = np.clip(usable(observation["previous_action"]), -1.0, 1.0)
-            return kept, state._replace(status=_NOT_FINITE)
+            return in_force(observation), state._replace(status=_NOT_FINITE)
         sent = np.vstack([state.sent, np.where(np.isfinite(reference), reference, usable(tip))])
         error = sent[0] - tip if is_seen else np.zeros(len(tip))
         integral = state.integral + self._period * self.hold * error

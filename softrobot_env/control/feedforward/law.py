@@ -12,7 +12,7 @@ from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.artifacts import find_artifact
 
-from ..base import NOT_FINITE, REASONS, SATURATED, Controller, usable
+from ..base import NOT_FINITE, REASONS, SATURATED, Controller, in_force
 from .feedback import Feedback, FeedbackState
 from .motion import Motion
 from .nearby import Neighbourhood
@@ -91,9 +91,7 @@ class Feedforward(Controller):
                 f"{type(self).__name__} needs 2 or 3 entries of {', '.join(self._points())} each, "
                 f"got {', '.join(str(len(observation[name])) for name in self._points())}"
             )
-        action = np.clip(usable(observation["previous_action"]), -1.0, 1.0)
-        inputs = self._inputs.from_actions(action)
-        size = sizes.pop()
+        inputs, size = self._inputs.from_actions(in_force(observation)), sizes.pop()
         rest, memory = self._statics.begin(inputs), self._remembered()
         felt = None if self._feedback is None else self._feedback.start(observation["reference"])
         return FeedforwardState(np.full(size, np.nan), rest, memory, felt, None)
@@ -106,8 +104,7 @@ class Feedforward(Controller):
     ) -> tuple[ndarray, FeedforwardState]:
         """Statics of the target, and what is added to them."""
         if not all(np.isfinite(observation[name]).all() for name in self.requires):
-            kept = np.clip(usable(observation["previous_action"]), -1.0, 1.0)
-            return kept, replace(state, status=REASONS[NOT_FINITE])
+            return in_force(observation), replace(state, status=REASONS[NOT_FINITE])
         motion, rest = self._motion(observation, state), state.rest
         target = motion.position
         if not np.array_equal(target, state.target):  # it rests most of the time

@@ -151,8 +151,7 @@ class NetworkStatics:
         check_ends(network, (self._size, self.inputs.n_inputs), str(path))
         # The height of a tip that moves freely in two coordinates alone follows from them.
         self.dimension = None if self._size == 2 and not robot.moves_in_xz else self._size
-        about.check_shape("tips", (None, self._size))
-        about.check_shape("spacing", ())
+        about.check_shapes({"tips": (None, self._size), "spacing": ()})
         self._network = inference(network)
         self._tips, self._spacing = about["tips"], float(about["spacing"])
 

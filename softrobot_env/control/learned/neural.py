@@ -24,15 +24,7 @@ from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import find_artifact
 
-from ..base import (
-    FINE,
-    REASONS,
-    SATURATED,
-    UNREACHABLE,
-    Said,
-    hold_for,
-    state_sizes,
-)
+from ..base import FINE, REASONS, SATURATED, UNREACHABLE, Said, hold_for, state_sizes
 from ..memoryless import Decide, Memoryless
 
 #: Time [s] between two decisions on the arm.
@@ -70,7 +62,6 @@ class Encoding(NamedTuple):
     or changes the action in force by change o, or by change sinh(steepness o).
 
     Attributes:
-        observed: Observables, one behind the other, with their sizes.
         take: (k,), entries.
         less: (k,), entries that are taken off, -1 where there is none.
         origin, scale: (k,), in the unit of each.
@@ -79,7 +70,6 @@ class Encoding(NamedTuple):
         change, steepness: [1], 0 where there is none.
     """
 
-    observed: dict[str, int]
     take: ndarray
     less: ndarray
     origin: ndarray
@@ -89,9 +79,8 @@ class Encoding(NamedTuple):
     change: float
     steepness: float
 
-    def features(self, observation: Mapping[str, ndarray]) -> ndarray:
-        """Float32 (..., k) of observations (..., size) in SI units."""
-        flat = np.concatenate([observation[name] for name in self.observed], axis=-1)
+    def features(self, flat: ndarray) -> ndarray:
+        """Float32 (..., k) of all that is observed (..., size), in SI units."""
         less = np.where(self.less < 0, 0.0, flat[..., self.less])
         values = (flat[..., self.take] - less - self.origin) / self.scale
         curved = self.gain > 0
@@ -199,7 +188,7 @@ class View(Record):
             for k in range(4)
         )
         more = _LARGEST, self.change, self.steepness
-        return Encoding(self.observed, take, less, np.zeros(len(take)), scale, gain, *more)
+        return Encoding(take, less, np.zeros(len(take)), scale, gain, *more)
 
     def about(self) -> dict[str, Any]:
         """What the file of a network tells of its view."""
@@ -278,19 +267,18 @@ def view_of(robot: RobotParams, sizes: Mapping[str, int], period: float | None =
 
 def features(observation: Mapping[str, ndarray], view: View) -> ndarray:
     """What the network sees, float32 (..., count) of observations (..., size) in SI units."""
-    return view.encoding.features(observation)
+    flat = np.concatenate([observation[name] for name in view.observed], axis=-1)
+    return view.encoding.features(flat)
 
 
-def _of_vector(reading: Reading, inputs: int) -> Encoding:
-    """How a network is read that learned on vectors and gives so many inputs."""
-    sizes = dict(zip(map(str, reading.names), map(int, reading.sizes), strict=True))
+def _of_vector(reading: Reading) -> Encoding:
+    """How a network is read that learned on vectors."""
     k = len(reading.take)
     less = np.full(k, -1)
     less[reading.relative] = reading.less
     origin, scale = (np.array(x, float) for x in (reading.origin, reading.scale))
     take, change = np.array(reading.take, np.int64), float(reading.change)
-    more = np.ones(k), np.inf, change, 0.0
-    return Encoding(sizes | {_BEFORE: inputs}, take, less, origin, scale, *more)
+    return Encoding(take, less, origin, scale, np.ones(k), np.inf, change, 0.0)
 
 
 def learned_environment(
@@ -358,21 +346,23 @@ class NeuralPolicy(Memoryless):
         self.view, self.preview = view, tuple(needed["preview"])
         self._base, self._reach = np.empty(0), np.inf
         if reading is None:
-            self._encoding, self.n_inputs = view.encoding, view.inputs
+            self._encoding, self.n_inputs, self.sizes = view.encoding, view.inputs, view.observed
             base = np.zeros(3) if robot.base is None else np.array(robot.base.position, float)
             self._base = base[[0, 2] if robot.moves_in_xz else slice(view.dimensions)]
             self._reach = float(robot.reach)
         else:
-            self._encoding = _of_vector(reading, self.n_inputs)
+            self._encoding = _of_vector(reading)
+            sizes = zip(map(str, reading.names), map(int, reading.sizes), strict=True)
+            self.sizes = {**dict(sizes), _BEFORE: self.n_inputs}
         check_ends(network, (len(self._encoding.take), self.n_inputs))
-        self.sizes = self._encoding.observed
         self.requires = tuple(self.sizes)
         self._network, self._infer = network, PlainInference(network)
         self.prepare()
 
     def plain(self, observed: Mapping[str, ndarray]) -> tuple[ndarray, ndarray]:
         """What the network gives, within the limits."""
-        given = self._infer.batch(self._encoding.features(observed).astype(float))
+        flat = np.hstack([observed[name] for name in self.requires])
+        given = self._infer.batch(self._encoding.features(flat).astype(float))
         wanted = np.clip(given, -1.0, 1.0)
         if self._encoding.change:
             wanted = np.clip(observed[_BEFORE], -1.0, 1.0) + self._encoding.increment(given)
@@ -397,7 +387,7 @@ class NeuralPolicy(Memoryless):
             places["reference"][0] if len(self._base) else 0,
             self._base,
             self._reach,
-            *self._encoding[1:],
+            self._encoding,
             *parameters_of(absorbed(self._network)),
         )
         return partial(decide, reference(law))

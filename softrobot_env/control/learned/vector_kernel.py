@@ -1,6 +1,6 @@
 """The decision of a network as machine code: features, layers, limits and status in one."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray
@@ -14,7 +14,7 @@ from ..limits import finite
 
 @structure
 class NetworkLaw(NamedTuple):
-    """A network, and what lies between it and observations and actions; see `neural.Encoding`.
+    """A network, and what lies between it and observations and actions.
 
     Attributes:
         width: Number of all entries that are observed.
@@ -22,7 +22,7 @@ class NetworkLaw(NamedTuple):
         base: (d,) [m], where the robot is clamped, in the reference's coordinates; empty where it
             does not matter how far that is.
         reach: [m], largest distance of a reference from there.
-        take, less, origin, scale, gain, largest, change, steepness: See `neural.Encoding`.
+        encoding: Its `neural.Encoding`.
         parameters, sizes: Of the network, see `learned.inference.parameters_of`.
     """
 
@@ -31,29 +31,22 @@ class NetworkLaw(NamedTuple):
     target: int
     base: ndarray
     reach: float
-    take: ndarray
-    less: ndarray
-    origin: ndarray
-    scale: ndarray
-    gain: ndarray
-    largest: float
-    change: float
-    steepness: float
+    encoding: Any
     parameters: ndarray
     sizes: ndarray
 
 
 @kernel
-def _features(law: NetworkLaw, observed: ndarray, out: ndarray) -> None:
-    """Write what the network sees (k,) of observables (size,) in SI units."""
+def _features(of: Any, observed: ndarray, out: ndarray) -> None:
+    """Write what the network sees (k,) of observables (size,) in SI units, by its `Encoding`."""
     for i in range(len(out)):
-        value = observed[law.take[i]]
-        if law.less[i] >= 0:
-            value -= observed[law.less[i]]
-        value = (value - law.origin[i]) / law.scale[i]
-        if law.gain[i] > 0:
-            value = law.gain[i] * np.arcsinh(value)
-        out[i] = np.float32(min(max(value, -law.largest), law.largest))
+        value = observed[of.take[i]]
+        if of.less[i] >= 0:
+            value -= observed[of.less[i]]
+        value = (value - of.origin[i]) / of.scale[i]
+        if of.gain[i] > 0:
+            value = of.gain[i] * np.arcsinh(value)
+        out[i] = np.float32(min(max(value, -of.largest), of.largest))
 
 
 @kernel
@@ -61,15 +54,16 @@ def _decide(
     law: NetworkLaw, observed: ndarray, seen: ndarray, given: ndarray, action: ndarray
 ) -> int:
     """Write the action (m,) for finite observables; `seen` and `given` are the network's ends."""
-    _features(law, observed, seen)
+    encoding = law.encoding
+    _features(encoding, observed, seen)
     forward(seen, law.parameters, law.sizes, given)
     code, total = FINE, 0.0
     for i in range(len(action)):
         wanted = min(max(given[i], -1.0), 1.0)
-        if law.steepness > 0:
-            wanted = np.sinh(law.steepness * wanted)
-        if law.change > 0:
-            wanted = min(max(observed[law.before + i], -1.0), 1.0) + law.change * wanted
+        if encoding.steepness > 0:
+            wanted = np.sinh(encoding.steepness * wanted)
+        if encoding.change > 0:
+            wanted = min(max(observed[law.before + i], -1.0), 1.0) + encoding.change * wanted
         action[i] = min(max(wanted, -1.0), 1.0)
         if abs(wanted) > 1.0:
             code = SATURATED

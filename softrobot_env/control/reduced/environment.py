@@ -33,14 +33,13 @@ def ssm_environment(robot: RobotParams, weights: Path | None = None) -> dict[str
         return {}  # `make_policy` says what is missing
 
 
-def preview_times(period: float, lag: int, samples: int = SAMPLES) -> tuple[float, ...]:
+def preview_times(period: float, lag: int) -> tuple[float, ...]:
     """Times [s] ahead at which a plan needs the reference.
 
     Args:
         period: [s] of a sample of the model.
         lag: Samples by which inputs act later.
-        samples: Of the plan.
     """
-    last = lag + samples
-    steps = np.unique(np.round(np.linspace(0, 1, _KNOTS + 1)[1:] ** 1.5 * last).astype(int))
+    shares = np.linspace(0, 1, _KNOTS + 1)[1:] ** 1.5
+    steps = np.unique(np.round(shares * (lag + SAMPLES)).astype(int))
     return tuple(round(float(step * period), 9) for step in steps if step > 0)

@@ -11,6 +11,7 @@ from softrobot_env.core.interfaces import Observation
 from softrobot_env.learned.reduction.model import ReducedModel
 from softrobot_env.learned.reduction.polynomials import Monomials, Motion
 from softrobot_env.robots import RobotParams
+from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import check_robot, find_artifact
 
 from .. import base
@@ -60,22 +61,9 @@ def read_learned(data: Arrays) -> Learned:
     """Raises ValueError where arrays are missing, not finite, or of a wrong shape."""
     model = ReducedModel.read(data)
     n, m = model.dimension, model.basis.shape[1]
-    for name, shape in {
-        "process": (n + m, n + m),
-        "noise": (n, n),
-        "lower": (m,),
-        "upper": (m,),
-        "farthest": (),
-    }.items():
-        data.check_shape(name, shape)
+    shapes = {"process": (n + m, n + m), "noise": (n, n), "lower": (m,), "upper": (m,)}
+    data.check_shapes(shapes | {"farthest": ()})
     return Learned(model, *(np.array(data[name], float) for name in Learned._fields[1:]))
-
-
-def _find(robot: RobotParams, weights: str | Path | None) -> Learned:
-    path = find_artifact(robot, ARTIFACT) if weights is None else Path(weights)
-    data = read_arrays(path)
-    check_robot(data, robot, ARTIFACT)
-    return read_learned(data)
 
 
 class _Past(NamedTuple):
@@ -128,15 +116,12 @@ class ReducedPlanner(base.Controller):
             FileNotFoundError: No such file.
             ImportError: The solver of constrained plans is not installed.
         """
-        self._learned = learned = _find(robot, weights)
-        model = learned.model
-        self.hold = max(round(model.period / control_period), 1)
-        if abs(self.hold * control_period - model.period) > 1e-9:
-            raise ValueError(
-                f"the reduced model of {robot.name!r} needs a control_period that divides its "
-                f"period of {model.period:g} s, got {control_period:g} s"
-            )
-        self._model = model
+        data = read_arrays(find_artifact(robot, ARTIFACT) if weights is None else weights)
+        check_robot(data, robot, ARTIFACT)
+        self._learned = read_learned(data)
+        self._model = model = self._learned.model
+        what = f"the reduced model of {robot.name!r}"
+        self.hold = base.hold_for(model.period, control_period, what)
         self._late = round(tip_delay / model.period)
         self.preview = preview_times(model.period, model.lag)
         o = len(model.origin)
@@ -146,15 +131,12 @@ class ReducedPlanner(base.Controller):
             "reference_preview": o * len(self.preview),
             "previous_action": len(model.rest),
         }
-        monomials = Monomials(model.shape_powers)
-        n = model.dimension
-        coefficients, scale = np.ascontiguousarray(model.shape[:o]), model.scale[:n]
-        self._shape = Motion(*monomials.chain, coefficients, scale, model.period, 0)
+        shape = np.ascontiguousarray(model.shape[:o]), model.scale[: model.dimension]
+        self._shape = Motion(*Monomials(model.shape_powers).chain, *shape, model.period, 0)
         self._places = places = np.unique(np.round(np.array(_NODES) * (SAMPLES - 1))).astype(int)
         self._weights = lines(np.arange(SAMPLES), places)
         self._shifted = lines(np.minimum(places + 1, SAMPLES - 1), places)
-        rate = robot.drive.speed / _scale(robot) if np.isfinite(robot.drive.speed) else np.inf
-        self._rate = np.broadcast_to(rate * model.period, (len(model.rest),)).astype(float)
+        self._rate = robot.drive.speed / robot_inputs(robot).input_scale * model.period
         self._solve = BoundedSolver() if constrained else None
 
     def start(self, observation: Observation) -> _Past:
@@ -279,9 +261,3 @@ class ReducedPlanner(base.Controller):
     def _at_limit(self, action: ndarray, before: ndarray) -> bool:
         fast = np.abs(action - before) > self._rate * (1 - 1e-6)
         return bool(np.any((np.abs(action) > 1 - 1e-6) | fast))
-
-
-def _scale(robot: RobotParams) -> ndarray:
-    from softrobot_env.robots.actuation import robot_inputs
-
-    return robot_inputs(robot).input_scale

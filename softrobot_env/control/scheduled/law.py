@@ -151,9 +151,8 @@ class ScheduledLaw(Controller):
     def _check_reference(self, observation: Observation, knots: int) -> None:
         """Raise ValueError unless the reference and its preview can be used."""
         table, size = self._law.table, observation["reference"].size
-        planar = np.allclose(table.directions[:, 1], 0) and len(table.directions) == 2
-        flat = np.allclose(table.directions[:, 2], 0)
-        if size not in (2, 3) or (size == 2 and not (planar or flat)):
+        plane = is_planar.py_func(table) or np.allclose(table.directions[:, 2], 0)
+        if size not in (2, 3) or (size == 2 and not plane):
             raise ValueError(
                 f"{type(self).__name__} needs references of three coordinates of this robot, not "
                 f"{size}: give the task axes='xyz'"
@@ -168,9 +167,8 @@ class ScheduledLaw(Controller):
 
     def _seen(self, observation: Observation) -> list[ndarray]:
         """What the kernel reads, contiguous, and the actions in force."""
-        seen = [np.ascontiguousarray(observation[name]) for name in self._observables]
-        seen.append(self._applied(observation))
-        return seen
+        seen = (*(observation[name] for name in self._observables), self._applied(observation))
+        return [np.ascontiguousarray(value) for value in seen]
 
     def _begun(self, observation: Observation) -> ndarray:
         """Actions (m,) that an episode begins with."""
@@ -307,8 +305,7 @@ def read_table(data: Arrays, count: Callable[[int, int, int], int]) -> Any:
         ValueError: The file is damaged, or of another law or version.
     """
     data.check_finite()
-    for name, shape in (*_ARRAYS.items(), ("sizes", (2,))):
-        data.check_shape(name, shape)
+    data.check_shapes(_ARRAYS | {"sizes": (2,)})
     arrays = {name: np.ascontiguousarray(data[name], dtype=float) for name in _ARRAYS}
     n, m = (int(size) for size in data["sizes"])
     k = len(arrays["directions"])

@@ -340,20 +340,13 @@ class BeamLinearizer:
         rates = [self.stepped.measure(q, np.ascontiguousarray(way)) for way in ways.T]
         mean = np.array([rate.curvature_rate for rate in rates]).T
         tip = np.array([rate.tip_velocity for rate in rates]).T
-        w = np.linalg.solve(space.stiffness, mean.T)
-        w = np.linalg.solve((mean @ w).T, w.T).T
         action = self.inputs.to_actions(inputs)
         shift = _SHIFT * np.eye(len(action))
         by_action = (self._command(action + shift) - self._command(action - shift)).T / (2 * _SHIFT)
         forces = space.mass @ space.b[len(space.mass) :, : len(by_action)]
         still = np.zeros_like(q)
-        found = LinearModel(
-            w.T @ space.mass @ w,
-            w.T @ space.damping @ w,
-            w.T @ space.stiffness @ w,
-            w.T @ forces @ by_action,
-            tip @ w,
-            w.T @ ways.T @ self._bare.residual(q, still, still),
-        )
+        elastic = ways.T @ self._bare.residual(q, still, still)
+        about = space.mass, space.damping, space.stiffness, forces @ by_action, tip, elastic
+        found = LinearModel(*about).seen_as(mean)
         seen = self.stepped.measure(q, still)
         return action, seen.curvature, seen.tip_position, found

@@ -91,7 +91,7 @@ def read_residual(path: Path) -> Residual:
     """
     arrays = read_arrays(path)
     arrays.check_finite()
-    arrays.check_shape("rows", (None, None))
+    arrays.check_shapes({"rows": (None, None)})
     rows, features = arrays["rows"].shape
     shapes = {
         "memory": (),
@@ -102,8 +102,7 @@ def read_residual(path: Path) -> Residual:
         "rows": (rows, features),
         "weights": (rows, None),
     }
-    for name, shape in shapes.items():
-        arrays.check_shape(name, shape)
+    arrays.check_shapes(shapes)
     if not (arrays["width"] > 0 and (arrays["spread"] > 0).all()):
         raise ValueError(f"{path}: width and spread must be positive")
     return Residual(**{n: arrays[n] if shape else float(arrays[n]) for n, shape in shapes.items()})

@@ -1,6 +1,5 @@
 """A learned model: where outputs are on the manifold, and how its coordinates move."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
@@ -137,46 +136,31 @@ class ReducedModel:
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @staticmethod
-    def read(data: Arrays | Mapping[str, ndarray]) -> "ReducedModel":
+    def read(data: Arrays) -> "ReducedModel":
         """The model of arrays.
 
         Raises:
             ValueError: One is missing, of another shape, or not finite.
         """
-        if isinstance(data, Arrays):
-            data.check_finite()
-            with data.fitting():
-                return ReducedModel._of(data)
-        return ReducedModel._of(data)
-
-    @staticmethod
-    def _of(data: Mapping[str, ndarray]) -> "ReducedModel":
+        data.check_finite()
         number = {"period": float, "delays": int, "lag": int, "substeps": int}
         names = [field.name for field in fields(ReducedModel)]
-        model = ReducedModel(**{n: number.get(n, np.asarray)(data[n]) for n in names})
-        model._check()
-        return model
-
-    def _check(self) -> None:
-        n, m = self.dimension, self.basis.shape[-1]
-        p = self.delays * len(self.origin)
-        shapes = {
-            "rest": (self.basis.shape[0],),
-            "tangent": (p, n),
-            "shape_powers": (self.shape.shape[-1], n),
-            "shape": (p, len(self.shape_powers)),
-            "powers": (self.coefficients.shape[-1], n + m),
-            "coefficients": (n, len(self.powers)),
-            "scale": (n + m,),
-        }
-        for name, shape in shapes.items():
-            found = getattr(self, name)
-            if found.shape != shape or found.dtype.kind not in "fiu":
-                raise ValueError(
-                    f"reduced model: {name} must hold numbers and have shape {shape}, got "
-                    f"{found.dtype} and {found.shape}"
-                )
-        if self.period <= 0 or self.delays < 1 or self.lag < 0 or self.substeps < 0:
-            raise ValueError(
-                "reduced model: period and delays must be positive, lag and substeps >= 0"
+        with data.fitting():
+            model = ReducedModel(**{n: number.get(n, np.asarray)(data[n]) for n in names})
+            (inputs, m), n, p = model.basis.shape, model.dimension, model.delays * len(model.origin)
+            data.check_shapes(
+                {
+                    "rest": (inputs,),
+                    "tangent": (p, n),
+                    "shape_powers": (model.shape.shape[-1], n),
+                    "shape": (p, len(model.shape_powers)),
+                    "powers": (model.coefficients.shape[-1], n + m),
+                    "coefficients": (n, len(model.powers)),
+                    "scale": (n + m,),
+                }
             )
+        if model.period <= 0 or model.delays < 1 or model.lag < 0 or model.substeps < 0:
+            raise ValueError(
+                f"{data.path}: period and delays must be positive, lag and substeps >= 0"
+            )
+        return model

@@ -92,31 +92,24 @@ class Monomials:
 
     def __call__(self, values: ndarray) -> ndarray:
         """Monomials (..., terms) of values (..., variables)."""
-        flat = np.ascontiguousarray(values.reshape(-1, values.shape[-1]), dtype=float)
-        out = np.empty((len(flat), len(self.powers)))
-        _evaluate_all(*self.chain, flat, out)
-        return out.reshape(*values.shape[:-1], len(self.powers))
+        out = np.ones((*values.shape[:-1], len(self.powers)))
+        for j, (parent, factor) in enumerate(zip(*self.chain, strict=True)):
+            if factor >= 0:
+                lower = out[..., parent] if parent >= 0 else 1.0
+                out[..., j] = lower * values[..., factor]
+        return out
 
     def gradient(self, values: ndarray) -> ndarray:
         """Of the monomials at values (rows, variables): (rows, terms, variables)."""
-        parents, factors = self.chain
         terms, (rows, variables) = self(values), values.shape
-        out = np.zeros((rows, len(parents), variables))
-        for j, (parent, factor) in enumerate(zip(parents, factors, strict=True)):
+        out = np.zeros((rows, len(self.powers), variables))
+        for j, (parent, factor) in enumerate(zip(*self.chain, strict=True)):
             if factor < 0:
                 continue
             if parent >= 0:
                 out[:, j] = out[:, parent] * values[:, factor, None]
             out[:, j, factor] += terms[:, parent] if parent >= 0 else 1.0
         return out
-
-
-@_kernel
-def _evaluate_all(parents, factors, values, out):
-    for row in range(len(values)):
-        for j in range(len(parents)):
-            lower = 1.0 if parents[j] < 0 else out[row, parents[j]]
-            out[row, j] = lower if factors[j] < 0 else lower * values[row, factors[j]]
 
 
 @_kernel

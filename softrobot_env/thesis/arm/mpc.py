@@ -1,7 +1,6 @@
 """Model predictive control of the tip, thesis sec. 6.5: sequential quadratic programming."""
 
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +18,7 @@ from softrobot_env.robots.actuation import TendonMap
 from ..robots import ARM
 from .estimation import update_estimate
 from .mpc_prediction import Horizon, evaluate
-from .mpc_settings import GAMMA, PREVIEW, THESIS, MPCSettings
+from .mpc_settings import GAMMA, THESIS, MPCSettings
 
 #: Share of the decrease that the model promises which a step must bring, and halvings for it.
 _ARMIJO = 1e-4
@@ -313,7 +312,3 @@ def _required(settings: MPCSettings) -> tuple[str, ...]:
     names += ["reference_preview"] if settings.preview else []
     names += ["tip_position"] if settings.estimate else []
     return tuple(names)
-
-
-#: Makes the controller with preview and estimates.
-make_preview = partial(MPC, settings=PREVIEW)

@@ -155,7 +155,7 @@ def load_gains(path: Path, robot: RobotParams, policy: str, count: int) -> ndarr
         same = wanted.shape == found.shape and np.allclose(wanted, found, rtol=1e-9)
     if not same:
         refuse_artifact(path, ARM.name, robot, policy)
-    data.check_shape("gains", (None,) * 4)
+    data.check_shapes({"gains": (None,) * 4})
     gains = np.ascontiguousarray(data["gains"], dtype=np.float64)
     if gains.shape != (*(size for size, _ in GRID), count):
         raise ValueError(
@@ -306,7 +306,7 @@ def lqi_design(arm: PlanarArm, curvature: ndarray) -> ndarray:
     return integral_gains((a, b), c, LQI_INPUT_WEIGHT, ERROR_WEIGHT).ravel()
 
 
-def preview_design(arm: PlanarArm, curvature: ndarray, period: float = PERIOD) -> ndarray:
+def preview_design(arm: PlanarArm, curvature: ndarray) -> ndarray:
     """Gains [N] of u = -K x + sum_i G_i r_i, flattened to (n_inputs * (2 n + 2 * knots),).
 
     x = (curvatures, rates) and r_i, the reference at the i-th knot, are deviations from an
@@ -315,7 +315,6 @@ def preview_design(arm: PlanarArm, curvature: ndarray, period: float = PERIOD) -
     Args:
         arm: The arm.
         curvature: (n,) [1/m] of the operating point.
-        period: [s] between decisions.
     """
     continuous_a, continuous_b, position = linear_model(arm, curvature).state_space()
     speed = np.roll(position, arm.n, axis=1)
@@ -323,9 +322,9 @@ def preview_design(arm: PlanarArm, curvature: ndarray, period: float = PERIOD) -
     # Riccati's equation needs every state in the cost; this is far below the rest.
     weight += 1e-12 * np.eye(len(weight))
     change = INPUT_WEIGHT * np.eye(continuous_b.shape[1])
-    system = discretized(continuous_a, continuous_b, period)
+    system = discretized(continuous_a, continuous_b, PERIOD)
     size = np.ones(len(weight))
     law = Regulator(size, system, (position, speed), VELOCITY_WEIGHT, (weight, change))
-    ahead = law.gain @ costates(law, TIMING._replace(period=period))[0]
+    ahead = law.gain @ costates(law, TIMING)[0]
     by_knot = ahead.reshape(len(change), len(KNOTS), 2)
     return np.hstack([law.feedback, by_knot.reshape(len(change), -1)]).ravel()

@@ -24,7 +24,8 @@ from softrobot_env.control.scheduled.lqi import LQI
 from softrobot_env.core.interfaces import Policy
 from softrobot_env.robots import RobotParams
 
-from .mpc import MPC, make_preview
+from .mpc import MPC
+from .mpc_settings import PREVIEW, THESIS
 from .operating_points import read_grid
 from .timing import TIMING
 
@@ -54,7 +55,7 @@ def make_mpc(
 
     There is no table: `gains` is not read.
     """
-    return (make_preview if preview else MPC)(robot, control_period)
+    return MPC(robot, control_period, PREVIEW if preview else THESIS)
 
 
 def _grid(robot: RobotParams, name: str, columns: tuple[int, ...], gains: _Path) -> Any:

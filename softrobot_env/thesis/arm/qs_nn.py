@@ -66,7 +66,7 @@ class QuasiStaticNetwork(Memoryless):
         self.sizes = {"tip_position": 2, "reference_preview": 2, "previous_action": self.n_inputs}
         ends = (4 + self.n_inputs, self.n_inputs)
         network, about = load_for(path, robot, "qs_nn", ends=ends)
-        about.check_shape("workspace", (None, 2))
+        about.check_shapes({"workspace": (None, 2)})
         self._network = _of_actions(network, TendonMap(robot).input_scale)
         self._workspace = about["workspace"] + _MARGIN * np.array([-1.0, 1.0])
         self._infer = PlainInference(self._network)

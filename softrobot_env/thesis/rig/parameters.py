@@ -87,8 +87,7 @@ class IdentifiedParameters(Record, what="identified parameters"):
         """
         path = find_artifact(robot, _POLICY) if path is None else Path(path)
         network, about = load_for(path, robot, _POLICY, describe_rig, (2, len(robot.tendons)))
-        for name in (*_NUMBERS.values(), *({"twin"} & about.keys())):
-            about.check_shape(name, ())
+        about.check_shapes(dict.fromkeys((*_NUMBERS.values(), *({"twin"} & about.keys())), ()))
         twin = int(about["twin"]) if "twin" in about else None
         try:
             return cls(network, *(float(about[name]) for name in _NUMBERS.values()), twin)
