@@ -39,6 +39,7 @@ from softrobot_env.thesis.trajectories import LapCircle
 from softrobot_env.training.sensors import calibrated
 from studies import lab
 from studies.thesis import Row as ForceRow
+from studies.truths.rig_piece import plan
 
 # ---------------------------------------------------------------- triangles
 
@@ -187,7 +188,7 @@ def effective_force(servo: ServoConstraints, radius: float, omega: float) -> tup
     angle = 2 * np.pi * np.arange(_INSTANTS) / _INSTANTS
     z = radius * np.exp(1j * angle)
     motion = (np.column_stack([x.real, x.imag]) for x in (z, 1j * omega * z, -(omega**2) * z))
-    tension = servo.plan(*motion).tension
+    tension = plan(servo, *motion).tension
     force = tension @ np.exp(2j * np.pi * np.arange(3) / 3)
     return float(np.mean(np.abs(force))), float(np.angle(np.sum(force * np.conj(z))))
 

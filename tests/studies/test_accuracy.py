@@ -17,14 +17,13 @@ from softrobot_env.evaluation.models.runs import Limit, converged, distance
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, RIG
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.timestep import TimestepWarning
-from softrobot_env.thesis.rig.spatial_piece import make_rig_piece
 from studies.accuracy import cases, planar, pyelastica_rod, rig, space, spiral, study, tension_step
 from studies.accuracy.space import HEADINGS, STEEL, TPU, beam_tip, cases_of, chain_tip
 from studies.lab import select
 from studies.truths import shearable_rod
 from studies.truths.analytic import Section, arc_tip, bent_rod, elastica, rayleigh_frequency
 from studies.truths.rig_column import column_tip, tensions
-from studies.truths.rig_piece import acceleration
+from studies.truths.rig_piece import acceleration, distributed
 from studies.truths.rig_ritz_rod import RigRod
 
 pytestmark = pytest.mark.slow  # a study; the quick suite has what it stands on
@@ -360,7 +359,7 @@ def test_rod_of_one_term_moves_as_the_closed_form(size):
     pulled = np.array([8e-3, -20e-3, 3e-3])
     out = np.empty(2)
     force = tensions(RIG, pulled, np.array([y[1], -y[0]]))
-    acceleration(make_rig_piece(RIG, "distributed"), y, v, force, out)
+    acceleration(distributed(RIG), y, v, force, out)
     found = RigRod(RIG, 1).acceleration(*(np.array([x[1], -x[0]]) for x in (y, v)), pulled)
     np.testing.assert_allclose(found, [out[1], -out[0]], rtol=1e-4)
 

@@ -7,7 +7,6 @@ from numpy import ndarray
 
 from softrobot_env.beams.model import State
 from softrobot_env.thesis.rig.servo_dae import output_matrix, place_output
-from softrobot_env.thesis.rig.servo_flexible import STABILISATION
 from softrobot_env.thesis.rig.three_tendons import mean_curvature
 
 _LEAD = 4  # steps in which errors of the first one, by the implicit Euler method, fade
@@ -32,7 +31,7 @@ class Plan(NamedTuple):
     pulled: ndarray
 
 
-def plan(servo, trajectory, times, substeps=1, stabilisation=STABILISATION):
+def plan(servo, trajectory, times, substeps=1):
     """The inverse step by step along a trajectory, at equally spaced times (k,) [s].
 
     It begins four steps before the first instant, at rest or with the motion of least curvature
@@ -45,7 +44,7 @@ def plan(servo, trajectory, times, substeps=1, stabilisation=STABILISATION):
     past = [servo.start(z[0])]
     past[0].v[2] = np.linalg.pinv(_output_matrix(servo, past[0].q[2])) @ dz[0]
     for place, velocity in zip(z[1:], dz[1:], strict=True):
-        past.append(servo.step(past[-1], h, place, velocity, stabilisation))
+        past.append(servo.step(past[-1], h, place, velocity))
     wanted = past[_LEAD::substeps]
     q, v = (np.array([getattr(one, name)[2] for one in wanted]) for name in ("q", "v"))
     reduced = np.array([one.reduced for one in wanted])

@@ -19,11 +19,11 @@ from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.config import TipSensors
 from softrobot_env.scene.quadrature import RULES
-from softrobot_env.thesis.rig.spatial_piece import SUBPIECES, RigPiece, add_static, make_rig_piece
+from softrobot_env.thesis.rig.spatial_piece import SUBPIECES, RigPiece, add_static
 from studies.accuracy import cases
 from studies.beams import chain_scene
 from studies.truths.rig_column import column_tip, tensions
-from studies.truths.rig_piece import acceleration, output
+from studies.truths.rig_piece import acceleration, distributed, output
 from studies.truths.rig_ritz_rod import RigRod
 
 #: Lengths (3,) [m] of the static cases. In the last one a tendon hangs slack.
@@ -121,7 +121,7 @@ def joint_numbers(rule: str) -> tuple[int, ...]:
 
 def piece_statics(robot: RobotParams = ROBOT) -> Solve:
     """The closed form of one piece, with uniform backbone and head."""
-    piece = make_rig_piece(robot, "distributed")
+    piece = distributed(robot)
     offsets = np.array([t.offset for t in robot.tendons])
 
     def missing(y: ndarray, pulled: ndarray) -> ndarray:
@@ -314,7 +314,7 @@ class PieceMotion:
     """
 
     def __init__(self, case: str, tolerance: float) -> None:
-        self._piece, self._pulled = make_rig_piece(ROBOT, "distributed"), MOTIONS[case]
+        self._piece, self._pulled = distributed(ROBOT), MOTIONS[case]
         self._tolerance, self._steps = tolerance, 1
 
     @property

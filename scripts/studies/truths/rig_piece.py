@@ -3,17 +3,74 @@
 Notation and equations as in `thesis.rig.spatial_piece`.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.robots import RobotParams
+from softrobot_env.thesis.rig.servo_constraints import ServoConstraints
 from softrobot_env.thesis.rig.spatial_piece import (
     RigPiece,
     add_dynamic,
     add_static,
     inertia_functions,
+    make_rig_piece,
     place,
 )
+
+_GAUSS_POINTS = 4
+
+
+def distributed(robot: RobotParams) -> RigPiece:
+    """Data of a robot whose mass is in the uniform backbone, by Gauss quadrature, and the head."""
+    place, weight = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
+    bodies = np.zeros((_GAUSS_POINTS + 1, 5))
+    bodies[:-1, 0] = (place + 1) / 2
+    turning = robot.density * robot.second_moment
+    per_length = np.array([robot.mass_per_length, turning, 2 * turning])
+    bodies[:-1, 2:] = np.outer(weight / 2 * robot.length, per_length)
+    head = robot.head
+    bodies[-1] = (1.0, head.centre, head.mass, *head.inertia[1:])
+    return make_rig_piece(robot)._replace(bodies=bodies)
+
+
+class Inverse(NamedTuple):
+    """Motion and inputs that put the output on references.
+
+    Attributes:
+        y, v, a: (n, 2) [rad, rad/s, rad/s2], coordinates of `RigPiece` and their derivatives.
+        reduced: (n, 2) [N], F_red of `ThreeTendons`; the effective tendon force (5.42).
+        static: (n, 2) [N], its part that holds y at rest: elastic and gravity.
+        tension: (n, 3) [N], least tensions that respect the pretension; the drive's limit does
+            not enter.
+        pulled: (n, 3) [m], lengths pulled in, s.
+        dynamic: (n, 3) [m], its part s_dyn = C^-1 (F(reduced) - F(static)) of (5.36), which a
+            quasi-static controller lacks.
+    """
+
+    y: ndarray
+    v: ndarray
+    a: ndarray
+    reduced: ndarray
+    static: ndarray
+    tension: ndarray
+    pulled: ndarray
+    dynamic: ndarray
+
+
+def plan(servo: ServoConstraints, *references: ndarray) -> Inverse:
+    """The inverse along positions, velocities and accelerations (n, 2) or (n, 3) of the output.
+
+    Errors are those of `ServoConstraints.motion`.
+    """
+    motion = servo.motion(*(np.ascontiguousarray(x, float) for x in references))
+    y, _, _, reduced, static = motion
+    tension = servo.tendons.tension(reduced)
+    pulled = servo.tendons.pulled(tension, servo.curvature(y))
+    dynamic = (tension - servo.tendons.tension(static)) / servo.tendons.stiffness
+    return Inverse(*motion, tension, pulled, dynamic)
 
 
 @kernel

@@ -214,7 +214,7 @@ class RigFeedforward(Controller):
         """Actions float32 (k, 3) of the network alone, and states, for finite observations."""
         motion = [np.array(observation[name], float) for name in _MOTION]
         distance = np.hypot(*motion[0].T)
-        share = np.minimum(1.0, (self._farthest) / np.maximum(distance, WORKSPACE))
+        share = np.minimum(1.0, self._farthest / np.maximum(distance, WORKSPACE))
         wanted = self._network.batch(motion[0] * share[:, None])
         action = wanted / LENGTH_SCALE
         limited = np.clip(action, -1.0, 1.0)
@@ -248,7 +248,7 @@ class RigFeedforward(Controller):
     def _statics(self, place: ndarray) -> ndarray:
         """Lengths (3,) [m] that hold the output at (2,) [m], or as far that way as was trained."""
         distance = np.hypot(*place)
-        return self._network(place * min(1.0, (self._farthest) / max(distance, WORKSPACE)))
+        return self._network(place * min(1.0, self._farthest / max(distance, WORKSPACE)))
 
     def _driven(self, wanted: ndarray, before: ndarray | None) -> ndarray:
         """Commands (3,) [m] with which the horns are on average where they should be."""

@@ -225,13 +225,11 @@ def nominal_lengths(robot: RobotParams, points: ndarray, total: float | None = N
         OutOfReachError: A point is out of reach.
         ValueError: The robot is no rig with three elastic tendons, or the sum is too small.
     """
-    still = np.zeros_like(points)
-    servo = ServoConstraints(robot)
-    inverse = servo.plan(points, still, still)
-    if total is None:
-        return inverse.pulled
-    tension = servo.tendons.tension(inverse.reduced, total)
-    return servo.tendons.pulled(tension, servo.curvature(inverse.y))
+    points = np.ascontiguousarray(points, float)
+    servo, still = ServoConstraints(robot), np.zeros_like(points)
+    y, _, _, reduced, _ = servo.motion(points, still, still)
+    tension = servo.tendons.tension(reduced, total)
+    return servo.tendons.pulled(tension, servo.curvature(y))
 
 
 def train(order: TrainingRequest, show: ProgressCallback) -> Metrics:

@@ -55,30 +55,6 @@ class Servo(NamedTuple):
     lever: float
 
 
-class Inverse(NamedTuple):
-    """Motion and inputs that put the output on references.
-
-    Attributes:
-        y, v, a: (n, 2) [rad, rad/s, rad/s2], coordinates of `RigPiece` and their derivatives.
-        reduced: (n, 2) [N], F_red of `ThreeTendons`; the effective tendon force (5.42).
-        static: (n, 2) [N], its part that holds y at rest: elastic and gravity.
-        tension: (n, 3) [N], least tensions that respect the pretension; the drive's limit does
-            not enter.
-        pulled: (n, 3) [m], lengths pulled in, s.
-        dynamic: (n, 3) [m], its part s_dyn = C^-1 (F(reduced) - F(static)) of (5.36), which a
-            quasi-static controller lacks.
-    """
-
-    y: ndarray
-    v: ndarray
-    a: ndarray
-    reduced: ndarray
-    static: ndarray
-    tension: ndarray
-    pulled: ndarray
-    dynamic: ndarray
-
-
 class ServoConstraints:
     """The inverse model of a rig.
 
@@ -96,31 +72,6 @@ class ServoConstraints:
         limit, self.reach = reach(piece)
         self.data = reference(Servo(piece, limit, self.reach, self.tendons.lever))
 
-    def plan(self, position: ndarray, velocity: ndarray, acceleration: ndarray) -> Inverse:
-        """The inverse along a trajectory.
-
-        Args:
-            position, velocity, acceleration: (n, 2) or (n, 3) [m, m/s, m/s2] of the output; a
-                height is ignored, the rig has two degrees of freedom.
-
-        Raises:
-            OutOfReachError: A position is out of reach; the message says which.
-            ValueError: Other shapes, or values that are not finite.
-        """
-        wanted = [np.ascontiguousarray(x, float) for x in (position, velocity, acceleration)]
-        shape = wanted[0].shape
-        if len(shape) != 2 or shape[1] not in (2, 3) or any(x.shape != shape for x in wanted):
-            raise ValueError(
-                "position, velocity and acceleration need one shape, (n, 2) or (n, 3), got "
-                f"{', '.join(str(x.shape) for x in wanted)}"
-            )
-        motion = self.motion(*wanted)
-        y, _, _, reduced, static = motion
-        tension = self.tendons.tension(reduced)
-        pulled = self.tendons.pulled(tension, self.curvature(y))
-        dynamic = (tension - self.tendons.tension(static)) / self.tendons.stiffness
-        return Inverse(*motion, tension, pulled, dynamic)
-
     def curvature(self, y: ndarray) -> ndarray:
         """Curvatures (..., 2) [1/m] towards x and y of coordinates (..., 2) [rad]."""
         return np.stack([y[..., 1], -y[..., 0]], axis=-1) / self.robot.length
@@ -128,10 +79,21 @@ class ServoConstraints:
     def motion(
         self, z: ndarray, dz: ndarray, ddz: ndarray, guess: ndarray | None = None
     ) -> ndarray:
-        """Of `Inverse` the first five fields alone (5, n, 2); arguments and errors as `plan`.
+        """Motion and inputs (5, n, 2) that put the output on references.
 
-        Not checked are the arguments' shapes. Newton's iteration starts from a guess (2,) [rad] of
-        the first coordinates, as of the step before; each solution is the guess of the next ones.
+        They are the coordinates of `RigPiece` [rad] with their first and second derivatives, the
+        effective tendon force (5.42), F_red of `ThreeTendons` [N], and its part that holds the
+        coordinates at rest: elastic and gravity.
+
+        Args:
+            z, dz, ddz: (n, 2) or (n, 3) [m, m/s, m/s2] of the output, contiguous; a height is
+                ignored, the rig has two degrees of freedom.
+            guess: (2,) [rad], where Newton's iteration starts for the first reference, as of the
+                step before; each solution is the guess of the next one.
+
+        Raises:
+            OutOfReachError: A position is out of reach; the message says which.
+            ValueError: One is not finite.
         """
         motion = np.zeros((5, len(z), 2))
         if guess is not None:
@@ -151,7 +113,7 @@ class ServoConstraints:
 
 @kernel
 def _solve(servo: Servo, z: ndarray, dz: ndarray, ddz: ndarray, motion: ndarray) -> int:
-    """Set motion (5, n, 2), the first five fields of `Inverse`; number of references done.
+    """Set motion (5, n, 2), see `ServoConstraints.motion`; number of references done.
 
     motion[0, 0] is the guess of the first coordinates, each reference that of the next.
     """

@@ -19,7 +19,7 @@ from softrobot_env.robots import RobotParams
 
 from .servo_dae import FlexibleRig, advance, hold
 from .spatial_piece import SUBPIECES
-from .three_tendons import ThreeTendons
+from .three_tendons import ThreeTendons, head_of
 
 _STATIC_STEP = 0.01  # m, of the output when its statics are followed
 #: Rate [1/s] at which an error of the output decays (Baumgarte): without it z drifts.
@@ -65,8 +65,7 @@ class FlexibleServoConstraints:
         Raises:
             ValueError: Other tendons, no head, or what `PCC` refuses.
         """
-        if robot.head is None:
-            raise ValueError(f"robot {robot.name!r}: a rig needs a head, whose output it moves")
+        head = head_of(robot)
         robot.require_uniform("a model of the rig by equal pieces")
         ends = [tendon.end for tendon in robot.tendons]
         # So each piece bends under the moment of all tendons.
@@ -84,7 +83,7 @@ class FlexibleServoConstraints:
             FlexibleRig(
                 model=self.model.data,
                 probe=self.model.probe(np.full(3, robot.length), corners),
-                height=robot.head.output,
+                height=head.output,
                 inputs=np.tile(moment, (self.model.pieces, 1)),
             )
         )
@@ -121,7 +120,6 @@ class FlexibleServoConstraints:
         period: float,
         position: ndarray,
         velocity: ndarray,
-        stabilisation: float = STABILISATION,
     ) -> Progress:
         """Go on by a period [s], the same in all steps, for real time.
 
@@ -129,7 +127,6 @@ class FlexibleServoConstraints:
             progress: Where the inversion stands; not changed.
             period: Step.
             position, velocity: (2,) or (3,) [m, m/s], where the output should be after it.
-            stabilisation: [1/s], how fast an error of the output decays.
 
         Raises:
             InversionError: The iteration failed; the message says when.
@@ -137,7 +134,7 @@ class FlexibleServoConstraints:
         z, dz = (np.asarray(x, float)[:2].copy() for x in (position, velocity))
         q, v, reduced = progress.q.copy(), progress.v.copy(), progress.reduced.copy()
         first, steps = progress.steps == 0, progress.steps + 1
-        if not advance(self.data, period, stabilisation, first, z, dz, q, v, reduced):
+        if not advance(self.data, period, STABILISATION, first, z, dz, q, v, reduced):
             time = steps * period
             raise InversionError(
                 f"Newton's iteration failed at t = {time:.4g} s, with the output at "

@@ -22,7 +22,6 @@ the bending angle up to `reach`; within, the place z beside the axis and y deter
 (N = 1 is flat, thesis sec. 5.2.3).
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +32,7 @@ from softrobot_env.beams.pcc.constant_strain import stumpff
 from softrobot_env.beams.pcc.model import Station, check_stations
 from softrobot_env.robots import RobotParams
 
-from .three_tendons import ThreeTendons
+from .three_tendons import ThreeTendons, head_of
 
 #: The three subpieces of Tab. 5.1, the last with the cube (audit: moments in 1e-6 kg m2).
 SUBPIECES: tuple[Station, ...] = (
@@ -42,7 +41,6 @@ SUBPIECES: tuple[Station, ...] = (
     (0.1786, 0.095, (70.04e-6, 70.04e-6, 9.88e-6)),
 )
 
-_GAUSS_POINTS = 4
 _ITERATIONS = 60  # Newton takes up to seven between 1 and 140 mm; bisection is the safeguard
 _CONVERGED = 1e-15
 
@@ -71,20 +69,20 @@ class RigPiece(NamedTuple):
     inputs: ndarray
 
 
-def make_rig_piece(robot: RobotParams, inertia: str | Sequence[Station] = SUBPIECES) -> RigPiece:
+def make_rig_piece(robot: RobotParams) -> RigPiece:
     """Data of a robot, as a reference for kernels; friction of its tendons is ignored.
+
+    `SUBPIECES` hold all its mass.
 
     Args:
         robot: A robot with three tendons in channels and a head; its number of pieces is ignored.
-        inertia: Rigid bodies at given arc lengths that hold all the mass, or "distributed": the
-            uniform backbone, integrated by Gauss quadrature, and the head.
 
     Raises:
-        ValueError: Other tendons, no head, anisotropy or precurvature, an unknown inertia, or
-            bodies off the backbone, of negative inertia or unlike about x and y.
+        ValueError: Other tendons, no head, anisotropy or precurvature, or a backbone that is too
+            short.
     """
-    if robot.head is None:
-        raise ValueError(f"robot {robot.name!r}: a rig needs a head, whose output it moves")
+    head = head_of(robot)
+    check_stations(robot, SUBPIECES)
     if not robot.is_symmetric:
         raise ValueError(
             f"robot {robot.name!r}: the closed form needs a robot without anisotropy and "
@@ -92,45 +90,18 @@ def make_rig_piece(robot: RobotParams, inertia: str | Sequence[Station] = SUBPIE
         )
     tendons = ThreeTendons(robot)
     towards_x, towards_y = tendons.arc.T / robot.length
+    bodies = [(s / robot.length, 0.0, m, *moments[1:]) for s, m, moments in SUBPIECES]
     return reference(
         RigPiece(
             length=robot.length,
-            height=robot.head.output,
+            height=head.output,
             stiffness=robot.bending_stiffness / robot.length,
             damping=robot.damping_time * robot.bending_stiffness / robot.length,
             gravity=np.array(robot.gravity, float),
-            bodies=_bodies(robot, inertia),
+            bodies=np.array(bodies),
             inputs=np.stack([-towards_y, towards_x]),
         )
     )
-
-
-def _bodies(robot: RobotParams, inertia: str | Sequence[Station]) -> ndarray:
-    """Field `bodies` of `RigPiece`."""
-    if not isinstance(inertia, str):
-        check_stations(robot, inertia)
-        given = [(s / robot.length, 0.0, m, *_symmetric(moments)) for s, m, moments in inertia]
-        return np.array(given).reshape(-1, 5)
-    if inertia != "distributed":
-        raise ValueError(f"unknown inertia {inertia!r}; choose 'distributed' or give rigid bodies")
-    place, weight = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
-    rows = np.zeros((_GAUSS_POINTS + 1, 5))
-    rows[:-1, 0] = (place + 1) / 2
-    turning = robot.density * robot.second_moment
-    per_length = np.array([robot.mass_per_length, turning, 2 * turning])
-    rows[:-1, 2:] = np.outer(weight / 2 * robot.length, per_length)
-    head = robot.head
-    rows[-1] = (1.0, head.centre, head.mass, *_symmetric(head.inertia))
-    return rows
-
-
-def _symmetric(moments: tuple[float, float, float]) -> tuple[float, float]:
-    """Moments of inertia across and along a body that is alike about x and y."""
-    if moments[0] != moments[1]:
-        raise ValueError(
-            f"the closed form needs moments of inertia about x and y equal, got {moments}"
-        )
-    return moments[1], moments[2]
 
 
 @kernel

@@ -6,7 +6,7 @@ Thesis sec. 3.1.2 with the audit's corrections of (3.3) to (3.5) and (5.19) to (
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.robots.parameters import RobotParams, Tendon
+from softrobot_env.robots.parameters import Head, RobotParams, Tendon
 
 
 class ThreeTendons:
@@ -37,10 +37,6 @@ class ThreeTendons:
         self.arc = offsets * tendons[0].end
         self.pretension = np.array([t.pretension for t in tendons])
         self.stiffness = np.array([t.stiffness for t in tendons])
-
-    def reduced(self, tension: ndarray) -> ndarray:
-        """Reduced inputs (..., 2) [N] of tensions (..., 3) [N]."""
-        return np.asarray(tension) @ self.phi.T
 
     def tension(self, reduced: ndarray, total: float | None = None) -> ndarray:
         """Tensions (..., 3) [N] that give reduced inputs (..., 2) [N].
@@ -100,6 +96,13 @@ def elastic_tendons(robot: RobotParams) -> ThreeTendons:
     if not np.all(np.isfinite(tendons.stiffness)):
         raise ValueError(f"robot {robot.name!r}: tendons need a finite stiffness")
     return tendons
+
+
+def head_of(robot: RobotParams) -> Head:
+    """The head, whose output a rig moves; ValueError if there is none."""
+    if robot.head is None:
+        raise ValueError(f"robot {robot.name!r}: a rig needs a head, whose output it moves")
+    return robot.head
 
 
 def is_rig(robot: RobotParams) -> bool:

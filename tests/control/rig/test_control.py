@@ -21,6 +21,7 @@ from softrobot_env.thesis.rig.policies import make_hybrid
 from softrobot_env.thesis.rig.servo_constraints import ServoConstraints
 from softrobot_env.thesis.rig.servo_flexible import FlexibleServoConstraints
 from softrobot_env.thesis.trajectories import RoundedTriangle
+from studies.truths import rig_piece
 
 PERIOD = 0.02
 FAST = RoundedTriangle(period=1.0, approach=0.0)
@@ -264,7 +265,7 @@ def tensions(reduced):
 
 def test_slack_is_said_exactly_where_a_tension_of_the_plan_is_negative():
     _, wanted = laps(0.6)
-    inverse = SERVO.plan(*(np.array(part) for part in zip(*wanted, strict=True)))
+    inverse = rig_piece.plan(SERVO, *(np.array(part) for part in zip(*wanted, strict=True)))
     truth = tensions(inverse.reduced).min(axis=1) < 0
     assert 0.1 < truth.mean() < 0.3
     for learnt in (None, KNOWN):
