@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from softrobot_env.control.registry import (
-    FEEDBACKS,
     POLICIES,
     REDUCED_POLICIES,
     RIG_POLICIES,
@@ -22,45 +21,62 @@ from softrobot_env.robots import ARM, RIG
 from softrobot_env.tasks import make_task
 from softrobot_env.thesis.envs import RigEnv
 
-#: Long enough for several decisions of the slowest policy.
-SHORT = replace(make_task("swing"), duration=0.6)
-RIG_SHORT = replace(make_task("triangle"), duration=0.6)
-
 ROBOTS = {name: home_robot(name) for name in POLICIES | RIG_POLICIES | REDUCED_POLICIES}
-
 
 #: The laws of others with other weights or gains.
 ALIKE = ("ppo_randomized", "sac", "sac_randomized", "hybrid_ahead", "rig_nn_p")
 
+#: Those that read rates of curvatures, for which an observer may stand in.
+BY_RATES = (
+    *("lqi", "lq_preview", "lq_adaptive", "mpc", "mpc_preview"),
+    *("imitation", "ppo", "sac", "ppo_randomized", "sac_randomized"),
+)
 
-def make_env(name, **options):
+#: Long enough for several decisions of the slowest policy [s].
+DURATION = 0.6
+
+TIMED = [name for name in ROBOTS if "control_period" in policy_environment(name, ROBOTS[name])]
+
+
+def make_env(name, duration=DURATION):
     """The environment of a policy's robot."""
-    options |= policy_environment(name, ROBOTS[name])
-    return TrackingEnv(SHORT, **options) if ROBOTS[name] is ARM else RigEnv(RIG_SHORT, **options)
+    kind, task = (TrackingEnv, "swing") if ROBOTS[name] is ARM else (RigEnv, "triangle")
+    task, options = (
+        replace(make_task(task), duration=duration),
+        policy_environment(name, ROBOTS[name]),
+    )
+    return kind(task, observe="all", **options)
+
+
+def case(name, feedback="state"):
+    marks = [pytest.mark.slow] if name in ALIKE else []
+    return pytest.param((name, feedback), id=f"{name}-{feedback}", marks=marks)
 
 
 @pytest.fixture(
-    scope="module",
-    params=[pytest.param(n, marks=pytest.mark.slow) if n in ALIKE else n for n in ROBOTS],
+    scope="module", params=[*map(case, ROBOTS), *(case(name, "output") for name in BY_RATES)]
 )
-def name(request):
+def which(request):
+    """Name and feedback."""
     return request.param
 
 
 @pytest.fixture(scope="module")
+def name(which):
+    return which[0]
+
+
+@pytest.fixture(scope="module")
 def env(name):
-    return make_env(name, observe="all")
+    return make_env(name)
 
 
-@pytest.fixture(scope="module", params=FEEDBACKS[:2])
-def policy(request, name, env):
-    robot = ROBOTS[name]
-    policy = make_policy(name, robot, env.control_period, request.param)
-    if (
-        request.param == "output"
-        and policy.requires == make_policy(name, robot, env.control_period).requires
-    ):
-        pytest.skip("measures no rates")
+@pytest.fixture(scope="module")
+def policy(which, env):
+    name, feedback = which
+    policy = make_policy(name, ROBOTS[name], env.control_period, feedback)
+    if feedback == "state":
+        assert ("curvature_rate" in policy.requires) == (name in BY_RATES)
     return policy
 
 
@@ -72,15 +88,15 @@ STARTS = {
 
 
 @pytest.fixture(scope="module")
-def seen(name, env):
-    """Two episodes under the hold policy from different starts, as lists of observations."""
+def seen(name, env, policy):
+    """Two episodes of some decisions from different starts, as lists of observations."""
     episodes = []
     option, scale, starts = STARTS[ROBOTS[name].name]
     for start in starts:
         observation, _ = env.reset(options={option: np.array(start)})
         action = (np.array(start) / scale).astype(np.float32)
         episode = [observation]
-        while len(episode) < 30:
+        while len(episode) < policy.hold + 8:
             observation, *_ = env.step(action)
             action = -action  # something has to move
             episode.append(observation)
@@ -97,27 +113,31 @@ def follow(policy, episode):
     return actions
 
 
-def test_stacked_observations_give_the_same_actions(policy, seen):
-    single = [follow(policy, episode) for episode in seen]
-    state = None
-    for k in range(len(seen[0])):
-        pair = [episode[k] for episode in seen]
-        stacked = {key: np.stack([o[key] for o in pair]) for key in pair[0]}
-        actions, state = policy.predict(stacked, state, np.array([k == 0, k == 0]))
-        assert actions.shape == (2, 3) and actions.dtype == np.float32
-        np.testing.assert_array_equal(actions, [single[0][k], single[1][k]])
+@pytest.fixture(scope="module")
+def actions(policy, seen):
+    """Over the first episode."""
+    return follow(policy, seen[0])
+
+
+def stacked(*observations):
+    return {key: np.stack([o[key] for o in observations]) for key in observations[0]}
+
+
+def test_stacked_observations_give_the_same_actions(policy, seen, actions):
+    single, state = [actions, follow(policy, seen[1])], None
+    for k, pair in enumerate(zip(*seen, strict=True)):
+        found, state = policy.predict(stacked(*pair), state, np.array([k == 0, k == 0]))
+        assert found.shape == (2, 3) and found.dtype == np.float32
+        np.testing.assert_array_equal(found, [single[0][k], single[1][k]])
 
 
 def test_one_of_several_environments_can_restart(policy, seen):
     fresh, _ = policy.predict(seen[1][0], None)
     state = None
-    for k in range(3):
-        pair = [seen[0][k], seen[0][k]]
-        stacked = {key: np.stack([o[key] for o in pair]) for key in pair[0]}
-        _, state = policy.predict(stacked, state)
-    stacked = {key: np.stack([seen[0][3][key], seen[1][0][key]]) for key in seen[0][3]}
-    actions, _ = policy.predict(stacked, state, np.array([False, True]))
-    np.testing.assert_array_equal(actions[1], fresh)
+    for observation in seen[0][:3]:
+        _, state = policy.predict(stacked(observation, observation), state)
+    found, _ = policy.predict(stacked(seen[0][3], seen[1][0]), state, np.array([False, True]))
+    np.testing.assert_array_equal(found[1], fresh)
 
 
 def test_state_is_not_changed_in_place(policy, seen):
@@ -131,11 +151,10 @@ def test_state_is_not_changed_in_place(policy, seen):
     np.testing.assert_array_equal(policy.predict(episode[5], state)[0], once)
 
 
-def test_episode_start_forgets_the_state(policy, seen):
-    fresh, _ = policy.predict(seen[0][0], None)
+def test_episode_start_forgets_the_state(policy, seen, actions):
     _, state = policy.predict(seen[1][0], None)
     restarted, _ = policy.predict(seen[0][0], state, episode_start=np.array([True]))
-    np.testing.assert_array_equal(restarted, fresh)
+    np.testing.assert_array_equal(restarted, actions[0])
 
 
 def test_missing_observables_are_named(policy):
@@ -143,53 +162,39 @@ def test_missing_observables_are_named(policy):
         policy.predict({"tendon_length": np.zeros(6)}, None)
 
 
-def test_observations_are_not_changed(policy, seen):
-    observation = {key: value.copy() for key, value in seen[0][0].items()}
-    state = None
-    for _ in range(3):
-        _, state = policy.predict(observation, state)
-    for key, value in observation.items():
-        np.testing.assert_array_equal(value, seen[0][0][key])
-
-
-def test_policies_can_be_copied_and_pickled(policy, seen):
-    expected = follow(policy, seen[0])
+def test_policies_can_be_copied_and_pickled(policy, seen, actions):
     for other in (copy.deepcopy(policy), pickle.loads(pickle.dumps(policy))):
-        np.testing.assert_array_equal(follow(other, seen[0]), expected)
+        np.testing.assert_array_equal(follow(other, seen[0]), actions)
 
 
-def test_what_is_returned_or_shown_may_be_changed_afterwards(policy, seen):
-    expected, state = follow(policy, seen[0]), None
-    for observation, wanted in zip(seen[0], expected, strict=True):
+def test_observations_stay_and_may_be_changed_afterwards_as_actions_may(policy, seen, actions):
+    state = None
+    for observation, wanted in zip(seen[0], actions, strict=True):
         shown = {key: value.copy() for key, value in observation.items()}
         action, state = policy.predict(shown, state)
         np.testing.assert_array_equal(action, wanted)
-        action += 0.3
-        for value in shown.values():
+        for key, value in shown.items():
+            np.testing.assert_array_equal(value, observation[key])
             value += 1.0
+        action += 0.3
 
 
-def test_strided_observations_are_as_good(policy, seen):
+def test_strided_observations_are_as_good(policy, seen, actions):
     for value in seen[0][0].values():
         assert value.flags.c_contiguous
     strided = [{k: np.stack([v, v], axis=1)[:, 0] for k, v in o.items()} for o in seen[0]]
-    np.testing.assert_array_equal(follow(policy, strided), follow(policy, seen[0]))
+    np.testing.assert_array_equal(follow(policy, strided), actions)
 
 
 def test_observations_of_another_size_are_refused(name, policy, seen):
-    if name == "hold":
-        pytest.skip("takes any robot")
-    for key in policy.requires:
-        if key == "curvature_rate":
-            continue
+    for key in {*policy.requires} - {"curvature_rate"} if name != "hold" else ():
         short = {**seen[0][0], key: seen[0][0][key][:1]}
         with pytest.raises(ValueError, match=r"entries|preview="):
             policy.predict(short, None)
 
 
 def test_states_and_starts_of_other_numbers_of_environments_are_refused(policy, seen):
-    one = seen[0][0]
-    two = {key: np.stack([value, value]) for key, value in one.items()}
+    one, two = seen[0][0], stacked(seen[0][0], seen[0][0])
     _, single = policy.predict(one, None)
     _, double = policy.predict(two, None)
     for observation, state, start in (
@@ -234,53 +239,46 @@ def test_observations_that_are_not_finite_keep_the_action(policy, seen, value):
 
 def state_is_finite(state):
     """Whether all numbers in a state are finite."""
-    if isinstance(state, np.ndarray):
+    if isinstance(state, np.ndarray | float):
         return bool(np.all(np.isfinite(state)))
-    if isinstance(state, float):
-        return bool(np.isfinite(state))
-    if isinstance(state, tuple):
-        return all(state_is_finite(part) for part in state)
-    if hasattr(state, "__dict__"):
-        return all(state_is_finite(part) for part in vars(state).values())
-    return True
+    parts = (
+        state
+        if isinstance(state, tuple)
+        else vars(state).values()
+        if hasattr(state, "__dict__")
+        else ()
+    )
+    return all(map(state_is_finite, parts))
 
 
 def test_references_out_of_reach_are_reported(name, policy, env):
     """The reference is 1.27 times as far away as the arm is long, 1.23 times as the rig."""
-    if name == "hold":
-        pytest.skip("follows no reference")
+    reasons = ["reference out of reach", "outside the trained workspace"]
+    if name == "mpc_preview":  # pulls with all it has
+        reasons.append("tension limit reached")
     observation, _ = env.reset()
     far = np.array([0.45, 0.45] if ROBOTS[name] is ARM else [0.175, 0.175])
-    state, statuses = None, set()
-    for _ in range(min(500, len(env._rows["position"]) - 1)):
+    state, status = None, ""
+    while name != "hold" and not any(reason in status for reason in reasons):
         observation["reference"] = far
         observation["reference_preview"] = np.tile(far, observation["reference_preview"].size // 2)
         action, state = policy.predict(observation, state)
         assert np.all(np.abs(action) <= 1)
-        statuses.add(state.status)
-        observation, _, terminated, _, info = env.step(action)
-        assert not terminated, info
-    reasons = ("reference out of reach", "outside the trained workspace")
-    if name == "mpc_preview":  # pulls with all it has
-        reasons += ("tension limit reached",)
-    assert any(reason in status for status in statuses - {None} for reason in reasons)
+        status = state.status or ""
+        observation, _, terminated, truncated, info = env.step(action)
+        assert not (terminated or truncated), info
 
 
 def test_policies_run_in_stable_baselines3(name, policy):
     evaluation = pytest.importorskip("stable_baselines3.common.evaluation")
     vec_env = pytest.importorskip("stable_baselines3.common.vec_env")
     monitor = pytest.importorskip("stable_baselines3.common.monitor")
-
-    def make():
-        # The default observation of a robot driven by tension has no reference acceleration.
-        return monitor.Monitor(make_env(name, observe="all"))
-
-    envs = vec_env.DummyVecEnv([make, make])
+    envs = vec_env.DummyVecEnv(2 * [lambda: monitor.Monitor(make_env(name, DURATION / 3))])
     rewards, lengths = evaluation.evaluate_policy(
         policy, envs, n_eval_episodes=2, return_episode_rewards=True
     )
     period = envs.envs[0].unwrapped.control_period
-    assert lengths == [round(SHORT.duration / period)] * 2
+    assert lengths == [round(DURATION / 3 / period)] * 2
     assert rewards[0] == pytest.approx(rewards[1])  # no randomness, no state shared
 
 
@@ -291,8 +289,7 @@ def test_records_have_one_time_and_status_per_decision(policy, env):
     assert rollout.failure is None
 
 
+@pytest.mark.parametrize("name", TIMED)
 def test_control_periods_that_do_not_fit_are_refused(name):
-    if "control_period" not in policy_environment(name, ROBOTS[name]):
-        pytest.skip("works at any control period")
     with pytest.raises(ValueError, match="control_period that divides"):
         make_policy(name, ROBOTS[name], 0.0017)
