@@ -269,7 +269,8 @@ class MPC(base.Controller):
     def _offset(self, observation: Observation) -> ndarray:
         """Tip (2,) [m] as measured, less that of the measured curvatures."""
         tip, jacobian = np.empty(2), np.empty((2, self._arm.n))
-        planar_arm.tip(self._arm, observation["curvature"], tip, jacobian)
+        curvature = np.ascontiguousarray(observation["curvature"])
+        planar_arm.tip(self._arm, curvature, tip, jacobian)
         return observation["tip_position"] - tip
 
     def _estimate(self, seen: ndarray, before: ndarray, state: MPCState) -> Estimate:
