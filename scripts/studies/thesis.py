@@ -1,6 +1,6 @@
 """Figures and tables of chapter 2 of the thesis as data, with the audit's corrections."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -84,16 +84,20 @@ def curve(
     pieces: Sequence[int],
     y_name: str,
     measure: Callable[[BeamModel], float],
-    audit: Mapping[int, float] | None = None,
-    note: str | None = None,
     **options: Any,
 ) -> list[Row]:
     """A number of a model with some numbers of pieces; `where` is figure and case."""
-    known = audit or {}
     return [
-        Row(*where, model, n, y_name, y, audit=known.get(n), note=note)
-        for n, y in ((n, measure(build(model, robot, n, **options))) for n in pieces)
+        Row(*where, model, n, y_name, measure(build(model, robot, n, **options))) for n in pieces
     ]
+
+
+def printed(row: Row) -> Row:
+    """The row with what the thesis prints, the audit recomputed, and is to be known of it."""
+    found = values.known(row.figure, row.y_name, row.case, row.model, row.n, row.x)
+    note = "; ".join(filter(None, (row.note, found.note))) or None
+    audit = row.audit if found.audit is None else found.audit
+    return replace(row, thesis=found.thesis, audit=audit, note=note)
 
 
 def build(
@@ -118,9 +122,6 @@ def build(
 
 # -------------------- self-weight and static torsion: Fig. 2.11, 2.12 and 2.14
 
-#: Cases of ANCF with the Poisson ratio of silicone, by law of the plane.
-LOCKED = {plane: f"nu = {SILICONE}, plane {plane}" for plane in ("stress", "strain")}
-
 #: Theory that each model converges to; a continuum bends and shears as a rod with k = 1.
 CONVERGES_TO = {"pcc": "elastica", "cosserat": "exact_rod", "ancf": "exact_rod_k1"}
 
@@ -129,9 +130,6 @@ MOMENT = 0.01
 
 _TIP, _FREQUENCY, _TO_THEORY = "tip_deflection_m", "frequency_Hz", "relative_to_euler_bernoulli"
 _CURVE_POINTS, _CURVE_PIECES = 41, 5
-_MOMENT = "the printed moment of 0.1 N m does not give the printed angle"
-_LAST = "as in the thesis: the angle of the last section, half a piece before the tip"
-_LOCKING = "Poisson locking: the sections can only deform uniformly"
 
 
 def deflection(model: BeamModel) -> float:
@@ -139,41 +137,35 @@ def deflection(model: BeamModel) -> float:
     return float(-model.tip(model.equilibrium(check_stability=False))[0])
 
 
-def _theory_rows(figure: str, name: str, y_name: str, found: dict, audit: dict) -> list[Row]:
-    """Lines of beam theories: model -> y."""
-    return [
-        Row(figure, name, model, None, y_name, y, audit=audit[name, model])
-        for model, y in found.items()
-    ]
-
-
-def _locked_rows(
-    where: tuple[str, str], robot: RobotParams, pieces: tuple[int, ...], *measured: Any, **note: str
+def _rows_by_pieces(
+    figure: str,
+    pieces: tuple[int, ...],
+    y_name: str,
+    measure: Callable[[BeamModel], float],
+    theories: Callable[[str, RobotParams], dict[str, float]],
+    note: str | None = None,
+    **robots: RobotParams,
 ) -> list[Row]:
-    """ANCF with the Poisson ratio of silicone, by law of the plane."""
-    silicone, (figure, name) = replace(robot, poisson_ratio=SILICONE), where
-    return [
-        row
-        for plane, case in LOCKED.items()
-        for row in curve(
-            (figure, f"{name}, {case}"), "ancf", silicone, pieces, *measured, plane=plane, **note
-        )
-    ]
+    """A number of all models, of ANCF with silicone's Poisson ratio, and of theories."""
+    rows = []
+    for name, robot in robots.items():
+        for model in MODELS:
+            rows += curve((figure, name), model, robot, pieces, y_name, measure)
+        silicone = replace(robot, poisson_ratio=SILICONE)
+        for plane in ("stress", "strain"):
+            where = figure, f"{name}, nu = {SILICONE}, plane {plane}"
+            found = curve(where, "ancf", silicone, pieces, y_name, measure, plane=plane)
+            rows += [replace(row, note=note) for row in found]
+        for theory, y in theories(name, robot).items():
+            rows.append(Row(figure, name, theory, None, y_name, y))
+    return rows
 
 
 def deflection_rows(pieces: tuple[int, ...]) -> list[Row]:
     """Fig. 2.11 for some numbers of pieces, with the converged solutions."""
-    rows, measured = [], (_TIP, deflection)
-    for name, robot in SETS.items():
-        where = "2.11", name
-        for model in MODELS:
-            rows += curve(where, model, robot, pieces, *measured, values.DEFLECTION[name, model])
-        for row in _locked_rows(where, robot, pieces, *measured, note=_LOCKING):
-            plane = row.case.rpartition(" ")[2]
-            known = values.LOCKED_DEFLECTION[plane] if (name, row.n) == ("stiff", 20) else None
-            rows.append(replace(row, audit=known))
-        theory = _deflections_by_theory(name, robot)
-        rows += _theory_rows("2.11", name, _TIP, theory, values.DEFLECTION_THEORY)
+    note = "Poisson locking: the sections can only deform uniformly"
+    what = _TIP, deflection, _deflections_by_theory, note
+    rows = _rows_by_pieces("2.11", pieces, *what, **SETS)
     return rows + _threshold_rows(rows)
 
 
@@ -202,12 +194,9 @@ def _threshold_rows(rows: list[Row]) -> list[Row]:
         mine = {r.n: r.y for r in select(rows, case="weak", model=model)}
         errors = {n: abs(y / found["weak", limit, None] - 1) for n, y in mine.items()}
         enough = [n for n in errors if all(errors[k] < 0.05 for k in errors if k >= n)]
-        printed = dict.fromkeys(("thesis", "audit"), values.PIECES_FOR_5_PERCENT[model])
-        name = "pieces_for_5_percent"
-        out.append(Row("2.11", "weak", model, None, name, min(enough), **printed))
+        out.append(Row("2.11", "weak", model, None, "pieces_for_5_percent", min(enough)))
     error = found["stiff", "pcc", 1] / found["stiff", "euler_bernoulli", None] - 1
-    printed = {"thesis": -0.005, "audit": values.ONE_PIECE_ERROR}
-    return [*out, Row("2.11", "stiff", "pcc", 1, _TO_THEORY, error, **printed)]
+    return [*out, Row("2.11", "stiff", "pcc", 1, _TO_THEORY, error)]
 
 
 def centreline_rows() -> list[Row]:
@@ -226,90 +215,70 @@ def torsion_rows(pieces: tuple[int, ...]) -> list[Row]:
     """Fig. 2.14 with the moment that its printed angle belongs to, 0.01 N m (audit)."""
     robot = weightless(CANTILEVER_WEAK)
     load = Load("twist", robot.length, moment=(0.0, 0.0, MOMENT))
-
-    def row(case: str, model: str, n: int | None, angle: float, **others: Any) -> Row:
-        return Row("2.14", case, model, n, "twist_rad", angle, **others)
-
-    exact, thesis = torsion_angle(robot, MOMENT), {"thesis": values.TWIST}
-    tenfold = thesis | {"audit": values.TWIST_AS_PRINTED, "note": _MOMENT}
+    exact, curve = torsion_angle(robot, MOMENT), partial(Row, "2.14", y_name="twist_rad")
     rows = [
-        row("0.01 N m", "analytic", None, exact, **thesis, audit=values.TWIST),
-        row("0.1 N m", "analytic", None, torsion_angle(robot, 10 * MOMENT), **tenfold),
+        curve("0.01 N m", "analytic", None, y=exact),
+        curve("0.1 N m", "analytic", None, y=torsion_angle(robot, 10 * MOMENT)),
     ]
-    for model in MODELS:
-        for n in pieces:
-            beam = build(model, robot, n, load, planar=False)
-            q = beam.equilibrium(np.ones(1), check_stability=False)
-            rows.append(row("tip", model, n, tip_twist(beam, q), audit=exact))
-            if isinstance(beam, CosseratRod):
-                angle, audit = 2 * np.arctan2(q[-1], q[-4]), exact * (1 - 1 / (2 * n))
-                rows.append(row("last section", model, n, angle, audit=audit, note=_LAST))
+    for model, n in product(MODELS, pieces):
+        beam = build(model, robot, n, load, planar=False)
+        q = beam.equilibrium(np.ones(1), check_stability=False)
+        rows.append(curve("tip", model, n, y=tip_twist(beam, q), audit=exact))
+        if isinstance(beam, CosseratRod):
+            audit = exact * (1 - 1 / (2 * n))
+            last = {"y": 2 * np.arctan2(q[-1], q[-4]), "audit": audit, "note": _LAST}
+            rows.append(curve("last section", model, n, **last))
     return rows
 
 
 # -------------------- first bending and torsional frequencies: Fig. 2.13 and 2.15
 
+_LAST = "as in the thesis: the angle of the last section, half a piece before the tip"
+
 #: Number of pieces of the thesis' statements on Fig. 2.13.
 _FINEST = 14
-
-_BOUND = "the thesis gives an upper bound"
-_REAL = "shear and rotary inertia, which Euler-Bernoulli leaves out, are real (audit)"
-_PRINTED_FACTOR = (
-    "the factor 4 of (2.44) instead of 1/4 makes rotary accelerations 16 times too large and "
-    "torsional frequencies 4 times too high; it may be why the thesis' rod does not converge"
-)
 
 
 def bending_rows(pieces: tuple[int, ...]) -> list[Row]:
     """Fig. 2.13 for some numbers of pieces, 14 among them."""
-    rows, measured = [], (_FREQUENCY, mode_frequency)
-    for name, heavy in SETS.items():
-        robot, where = weightless(heavy), ("2.13", name)
-        beam = robot.length, robot.bending_stiffness, robot.mass_per_length
-        theory = {
-            "euler_bernoulli": analytic.euler_bernoulli_frequency(*beam),
-            "timoshenko": bending_frequency(robot, SHEAR_COEFFICIENT),
-        }
-        rows += _theory_rows(*where, _FREQUENCY, theory, values.FREQUENCY_THEORY)
-        for model in MODELS:
-            rows += curve(where, model, robot, pieces, *measured, values.FREQUENCY[name, model])
-        rows += _locked_rows(where, robot, pieces, *measured)
+    robots = {name: weightless(heavy) for name, heavy in SETS.items()}
+    what = _FREQUENCY, mode_frequency, _frequencies_by_theory
+    rows = _rows_by_pieces("2.13", pieces, *what, **robots)
     return rows + [row for name in SETS for row in _spread_rows(name, rows)]
+
+
+def _frequencies_by_theory(_: str, robot: RobotParams) -> dict[str, float]:
+    beam = robot.length, robot.bending_stiffness, robot.mass_per_length
+    return {
+        "euler_bernoulli": analytic.euler_bernoulli_frequency(*beam),
+        "timoshenko": bending_frequency(robot, SHEAR_COEFFICIENT),
+    }
 
 
 def _spread_rows(name: str, rows: list[Row]) -> list[Row]:
     """Distances of the models with 14 pieces from each other and from Euler-Bernoulli."""
     mine = {(r.model, r.n): r.y for r in rows if r.case == name}
-    theory = mine["euler_bernoulli", None]
     finest = {model: mine[model, _FINEST] for model in MODELS}
     spread = (max(finest.values()) - min(finest.values())) / min(finest.values())
-    known = {"thesis": values.MODEL_SPREAD, "audit": 0.008 if name == "weak" else None}
-    curve = "2.13", name, "all", _FINEST, "spread_of_models"
-    out = [Row(*curve, spread, **known, note=_BOUND)]
-    for model, found in finest.items():
-        audit = values.THEORY_DISTANCE_AUDIT.get((name, model))
-        known = {"thesis": values.THEORY_DISTANCE, "audit": audit, "note": f"{_BOUND}; {_REAL}"}
-        curve = "2.13", name, model, _FINEST, _TO_THEORY
-        out.append(Row(*curve, found / theory - 1, **known))
-    return out
+    theory = mine["euler_bernoulli", None]
+    found = {model: y / theory - 1 for model, y in finest.items()}
+    distances = [Row("2.13", name, m, _FINEST, _TO_THEORY, y) for m, y in found.items()]
+    return [Row("2.13", name, "all", _FINEST, "spread_of_models", spread), *distances]
 
 
 def torsional_rows(pieces: tuple[int, ...]) -> list[Row]:
     """Fig. 2.15 of the weak set for both Poisson ratios."""
     rows = []
-    for ratio, audit in values.TORSION_FREQUENCY.items():
+    for ratio in (0.0, SILICONE):
         robot = replace(weightless(CANTILEVER_WEAK), poisson_ratio=ratio)
-        case, exact = f"nu = {ratio:g}", torsion_frequency(robot)
-        rows.append(Row("2.15", case, "analytic", None, _FREQUENCY, exact, audit=audit))
-        twisting = partial(mode_frequency, torsion=True)
+        case, twisting = f"nu = {ratio:g}", partial(mode_frequency, torsion=True)
+        rows.append(Row("2.15", case, "analytic", None, _FREQUENCY, torsion_frequency(robot)))
         for model in MODELS:
-            lumped = values.TORSION_FREQUENCY_LUMPED if ratio == 0 and model != "ancf" else {}
-            about = ("2.15", case), model, robot, pieces, _FREQUENCY, twisting, lumped
+            about = ("2.15", case), model, robot, pieces, _FREQUENCY, twisting
             rows += curve(*about, planar=False)
     rod = {r.n: r.y for r in rows if (r.case, r.model) == ("nu = 0", "cosserat")}
-    known = {"audit": values.TORSION_FREQUENCY_PRINTED, "note": _PRINTED_FACTOR}
     line = "2.15", "nu = 0, printed (2.44)", "cosserat", max(rod), _FREQUENCY
-    return [*rows, Row(*line, 4 * rod[max(rod)], **known)]
+    return [*rows, Row(*line, 4 * rod[max(rod)])]
 
 
 # -------------------- the Cosserat rod: Fig. 2.4 (drift), 2.5 and 2.6 (weighting functions)
@@ -338,26 +307,17 @@ def weighting_rows() -> list[Row]:
 def influence_rows() -> list[Row]:
     """Fig. 2.6: deflection by weighting, with printed and with conservative moments."""
     rows, found = [], {}
-    for moments, n, kind in product(MOMENTS, values.WEIGHTINGS, WEIGHTINGS):
+    for moments, n, kind in product(MOMENTS, (3, 5), WEIGHTINGS):
         rod = build("cosserat", CANTILEVER_WEAK, n, weighting=kind, moments=moments)
         found[moments, n, kind] = y = deflection(rod)
-        audit = values.WEIGHTINGS[n][kind - 1] if moments == "printed" else None
-        line, x = ("2.6", moments, "cosserat", n, _TIP), ("weighting", kind)
-        rows.append(Row(*line, y, *x, audit=audit))
-    for moments, audit, thesis in (
-        ("printed", values.SPREAD_PRINTED, values.SPREAD_THESIS),
-        ("conservative", values.SPREAD_CONSERVATIVE, {}),
-    ):
-        for n, expected in audit.items():
-            all_ = [found[moments, n, kind] for kind in WEIGHTINGS]
-            known = {"thesis": thesis.get(n), "audit": expected}
-            curve = "2.6", moments, "cosserat", n, "spread_m"
-            rows.append(Row(*curve, max(all_) - min(all_), **known))
-    for kind, expected in values.REFINEMENT.items():
+        rows.append(Row("2.6", moments, "cosserat", n, _TIP, y, "weighting", kind))
+    for moments, n in product(("printed", "conservative"), (3, 5)):
+        all_ = [found[moments, n, kind] for kind in WEIGHTINGS]
+        rows.append(Row("2.6", moments, "cosserat", n, "spread_m", max(all_) - min(all_)))
+    for kind in (1, 2):
         change = found["printed", 3, kind] - found["printed", 5, kind]
         curve = "2.6", f"printed, xi_{kind}", "cosserat", None, "change_from_3_to_5_pieces_m"
-        known = {"thesis": values.REFINEMENT_THESIS, "audit": expected}
-        rows.append(Row(*curve, change, **known))
+        rows.append(Row(*curve, change))
     return rows
 
 
@@ -369,7 +329,7 @@ def drift_rows(duration: float) -> list[Row]:
     BDF is the relative of ode15s.
     """
     rows = []
-    for tolerances, thesis in zip(TOLERANCES, values.DRIFT, strict=True):
+    for tolerances in TOLERANCES:
         for solver, projected in ((BDF, False), (Radau, False), (Radau, True)):
             case = f"{solver.__name__}, {'' if projected else 'not '}projected, {tolerances[0]:g}"
             times, drifts = _drift(solver, tolerances, projected, duration)
@@ -379,8 +339,8 @@ def drift_rows(duration: float) -> list[Row]:
                 if inside.any():
                     worst, x = drifts[inside].max(), ("time_s", start + _BIN)
                     rows.append(Row(*curve, "norm_violation", worst, *x))
-            known = {"thesis": thesis, "note": "before projecting"} if projected else {}
-            rows.append(Row(*curve, "largest_norm_violation", drifts.max(), **known))
+            note = "before projecting" if projected else None
+            rows.append(Row(*curve, "largest_norm_violation", drifts.max(), note=note))
     return rows
 
 
@@ -447,8 +407,7 @@ def quadrature_rows(orders: tuple[int, ...]) -> list[Row]:
         x = () if ours else ("order", name)
         case = name if ours else "legendre"
         time = force_time(model, motion.q[1:], motion.v[1:])
-        thesis = values.ORDER_TIME if name == values.ORDER else None
-        rows.append(Row("2.9", case, "ancf", 1, _TIME, time, *x, thesis=thesis))
+        rows.append(Row("2.9", case, "ancf", 1, _TIME, time, *x))
         for reference in (HIGHEST, "exact"):
             if name == reference:
                 continue
@@ -474,8 +433,7 @@ def _first_order_rows(rows: list[Row]) -> list[Row]:
     for case in (f"legendre, against order {HIGHEST}", "legendre, against exact"):
         first = min((int(r.x) for r in rows if r.case == case and r.y < _LIMIT), default=None)
         note = "no order computed has an error below 1e-3" if first is None else None
-        curve = "2.8", case, "ancf", 1, "first_order_below_1e-3"
-        out.append(Row(*curve, first, thesis=values.ORDER, note=note))
+        out.append(Row("2.8", case, "ancf", 1, "first_order_below_1e-3", first, note=note))
     return out
 
 
@@ -485,7 +443,7 @@ def _first_order_rows(rows: list[Row]) -> list[Row]:
 METHODS = {"pcc": "dormand_prince", "cosserat": "sdirk4", "ancf": "sdirk4"}
 TOLERANCE = 1e-3
 
-_DURATION = 5.0  # s
+_DURATION, _COMPUTED = 5.0, "computation_time_s"  # s
 _STATES = 200
 _SHORTEST = 0.02  # s, of a timed loop
 _LOOPS = 5
@@ -555,58 +513,36 @@ def evaluations(model: BeamModel, motion: Motion) -> int:
 
 
 def evaluation_rows(pieces: tuple[int, ...]) -> list[Row]:
-    """Fig. 2.16 to 2.18."""
-    rows = single_rows(pieces) + self_weight_rows(pieces)
-    return rows + total_rows(rows)
-
-
-def single_rows(pieces: tuple[int, ...]) -> list[Row]:
-    """Fig. 2.16: time per evaluation over the number of pieces, planar PCC and ANCF."""
-    rows, measured = [], (pieces, "evaluation_time_s", evaluation_time)
-    for model in MODELS:
-        rows += curve(("2.16", "compiled"), model, CANTILEVER_WEAK, *measured)
+    """Fig. 2.16, time per evaluation over the number of pieces, planar PCC and ANCF; 2.17, how many
+    the weak set's oscillation of 5 s takes; 2.18, their product and the measured time."""
+    measured = CANTILEVER_WEAK, pieces, "evaluation_time_s", evaluation_time
+    rows = [row for m in MODELS for row in curve(("2.16", "compiled"), m, *measured)]
+    single = {(r.model, r.n): r.y for r in rows}
     where = "2.16", f"compiled, order {values.ORDER}"
-    return rows + curve(where, "ancf", CANTILEVER_WEAK, *measured, quadrature=values.ORDER)
-
-
-def self_weight_rows(pieces: tuple[int, ...]) -> list[Row]:
-    """Fig. 2.17 and the measured time of the same 5 s of the weak set's oscillation."""
-    rows = []
+    rows += curve(where, "ancf", *measured, quadrature=values.ORDER)
+    number, products = {}, []
     for (model, method), n in product(METHODS.items(), pieces):
         beam = build(model, CANTILEVER_WEAK, n)
         simulate = partial(beam.simulate, _DURATION, method=method, tolerance=TOLERANCE)
-        number = evaluations(beam, simulate())
+        number[model, n] = evaluations(beam, simulate())
         time, _ = best_of(simulate, 3)
-        measured = f"{method}, measured", model, n, "computation_time_s", time
-        rows.append(Row("2.17", method, model, n, "evaluations", number))
-        rows.append(Row("2.18", *measured))
-    return rows
-
-
-def total_rows(rows: list[Row]) -> list[Row]:
-    """Fig. 2.18 from the rows of Fig. 2.16 and 2.17, and statements that the thesis draws."""
-    single = {(r.model, r.n): r.y for r in select(rows, figure="2.16", case="compiled")}
-    number = {(r.model, r.n): r.y for r in select(rows, figure="2.17")}
-    out = [
-        Row("2.18", "product", *key, "computation_time_s", count * single[key])
-        for key, count in number.items()
-    ]
-    return out + _statement_rows(number, out)
-
-
-def _statement_rows(number: dict[tuple[str, int], float], totals: list[Row]) -> list[Row]:
-    fast = [r.n for r in totals if r.model == "ancf" and r.y < _DURATION]
-    sizes = sorted({n for _, n in number})
-    more = [n for n in sizes if number["pcc", n] > number["ancf", n]]
-    note = None if more else f"never up to {sizes[-1]} pieces"
-    known = {"thesis": values.REALTIME_ANCF, "note": f"out of up to {sizes[-1]} pieces"}
-    most = "most_pieces_in_real_time", max(fast, default=0)
+        total = number[model, n] * single[model, n]
+        rows.append(Row("2.17", method, model, n, "evaluations", number[model, n]))
+        rows.append(Row("2.18", f"{method}, measured", model, n, _COMPUTED, time))
+        products.append(Row("2.18", "product", model, n, _COMPUTED, total))
+    more = [n for n in pieces if number["pcc", n] > number["ancf", n]]
+    note = None if more else f"never up to {pieces[-1]} pieces"
     fewest = "fewest_pieces_with_more_than_ancf", min(more, default=None)
-    crossing = {"thesis": values.PCC_NEEDS_MORE + 1, "note": note}
-    return [
-        Row("2.18", "product", "ancf", None, *most, **known),
-        Row("2.17", "evaluations", "pcc", None, *fewest, **crossing),
-    ]
+    crossing = Row("2.17", "evaluations", "pcc", None, *fewest, note=note)
+    return [*rows, *products, _real_time(products, _DURATION), crossing]
+
+
+def _real_time(rows: list[Row], duration: float) -> Row:
+    """Most pieces with which ANCF takes less than the time [s] that it simulates."""
+    mine = select(rows, model="ancf")
+    fast, note = [r.n for r in mine if r.y < duration], f"out of up to {mine[-1].n} pieces"
+    line = mine[0].figure, mine[0].case, "ancf", None, "most_pieces_in_real_time"
+    return Row(*line, max(fast, default=0), note=note)
 
 
 # -------------------- the spiral under a turning force (2.79): Fig. 2.19 to 2.22, Tab. 2.2, 2.3
@@ -623,10 +559,7 @@ _MOST_STEPS = 400_000  # of an explicit solver
 
 _OWN = "distance to the model's own converged motion"
 _BETWEEN = f"{_OWN}, the tip moving straight from step to step"
-_APART = "PCC has no shear, which separates the models by more than the thesis states (audit)"
-_UNEVEN = "19 equal steps; the audit's numbers probably include the tip after 3 s"
 _FIRST = "ours starts with a thousandth of the motion"
-_EXCHANGED = "the thesis' columns of ode15s and ode45 are exchanged for this model (audit)"
 
 
 def spiral_model(model: str, n: int) -> BeamModel:
@@ -655,10 +588,14 @@ def curve_rows(sizes: dict[str, tuple[int, ...]]) -> list[Row]:
         for n in sizes[model]:
             beam = spiral_model(model, n)
             tips[model, n] = beam.tip(_simulate(beam, tolerance=_ACCURATE).q)
-    finest = [(model, max(sizes[model])) for model in MODELS]
-    mean, rows = np.mean([tips[key] for key in finest], axis=0), []
+    mean, rows = np.mean([tips[model, max(sizes[model])] for model in MODELS], axis=0), []
     for key, tip in tips.items():
-        rows += _distance_rows(key, distances(tip, mean), key in finest) + _size_rows(key, tip)
+        far = zip(("mean_distance_m", "largest_distance_m"), distances(tip, mean), strict=True)
+        rows += [Row("2.20", "spiral", *key, *found) for found in far]
+        sizes_ = [("largest_radius_m", np.max(np.linalg.norm(tip[:, :2], axis=1)))]
+        sizes_ += [(f"last_tip_{axis}_m", y) for axis, y in zip("xyz", tip[-1], strict=True)]
+        own = [printed(Row("2.22", "spiral", *key, *found)) for found in sizes_]
+        rows += [row for row in own if row.audit is not None]
     shown = {key: tip for key, tip in tips.items() if key[1] == values.CHOSEN[key[0]]}
     for key, tip in (shown | {("mean of models", None): mean}).items():
         for k in range(0, len(tip), _SHOWN):
@@ -666,34 +603,6 @@ def curve_rows(sizes: dict[str, tuple[int, ...]]) -> list[Row]:
             rows.append(Row("2.21", "spiral", *key, "tip_x_m", x, "time_s", k * PERIOD))
             rows.append(Row("2.22", "spiral", *key, "tip_y_m", y, "tip_x_m", x))
     return rows
-
-
-def _distance_rows(key: tuple[str, int], found: tuple[float, float], finest: bool) -> list[Row]:
-    """Distances to the mean of the models; bounds of the thesis for some."""
-    audit = values.SPIRAL_DISTANCE.get(key, (None, None))
-    thesis, notes = (None, None), []
-    if finest:
-        thesis, notes = values.FINEST_BOUND, [_APART]
-    elif values.CHOSEN[key[0]] == key[1]:
-        thesis = values.CHOSEN_BOUND
-    if audit[0] is not None:
-        notes.append("the audit's mean includes ANCF with 8 pieces")
-    note, names = "; ".join(notes) or None, ("mean_distance_m", "largest_distance_m")
-    return [
-        Row("2.20", "spiral", *key, *pair, thesis=limit, audit=known, note=note)
-        for *pair, limit, known in zip(names, found, thesis, audit, strict=True)
-    ]
-
-
-def _size_rows(key: tuple[str, int], tip: ndarray) -> list[Row]:
-    """Largest radius, and the tip at the end where the audit gives it."""
-    known = values.SPIRAL_RADIUS[key[0]].get(key[1])
-    if known is None:
-        return []
-    found = [("largest_radius_m", np.max(np.linalg.norm(tip[:, :2], axis=1)), known)]
-    places = zip("xyz", tip[-1], values.SPIRAL_TIP.get(key, ()), strict=False)
-    found += [(f"last_tip_{name}_m", y, expected) for name, y, expected in places]
-    return [Row("2.22", "spiral", *key, *pair, audit=audit) for *pair, audit in found]
 
 
 # ---------------------------------------------------------------- Fig. 2.19
@@ -704,14 +613,8 @@ def time_rows(model: str, pieces: tuple[int, ...]) -> list[Row]:
     method, rows = METHODS[model], []
     for n in pieces:
         time, _ = _timed(spiral_model(model, n), method=method, tolerance=TOLERANCE)
-        rows.append(Row("2.19", method, model, n, "computation_time_s", time))
-    if model == "ancf":
-        fast = [r.n for r in rows if r.y < DURATION]
-        most = "most_pieces_in_real_time", max(fast, default=0)
-        known = {"thesis": values.REALTIME_ANCF_SPIRAL}
-        known |= {"note": f"out of up to {pieces[-1]} pieces"}
-        rows.append(Row("2.19", method, model, None, *most, **known))
-    return rows
+        rows.append(Row("2.19", method, model, n, _COMPUTED, time))
+    return [*rows, _real_time(rows, DURATION)] if model == "ancf" else rows
 
 
 def _timed(beam: BeamModel, repeats: int = _REPEATS, **options: Any) -> tuple[float, Motion]:
@@ -734,9 +637,9 @@ class _Contest:
         motion = _simulate(self.beam, self._dense, tolerance=_REFERENCE)
         self._reference = CubicSpline(self._dense, self.beam.tip(motion.q))
 
-    def row(self, case: str, figure: str, y_name: str, y: float | None, **others: Any) -> Row:
-        """A row of one line of the tables; `others` as those of `Row`."""
-        return Row(figure, case, self.model, self.n, y_name, y, **others)
+    def rows(self, figure: str, case: str, note: str | None = None, **found: Any) -> list[Row]:
+        """Rows of one line of the tables."""
+        return [Row(figure, case, self.model, self.n, *y, note=note) for y in found.items()]
 
     def errors(self, step: float | None = None, **options: Any) -> tuple[float, float]:
         """Mean and largest distance [m] at the samples or steps; infinite if it fails."""
@@ -791,63 +694,47 @@ def table_rows(model: str, quick: bool = False) -> list[Row]:
     """
     contest = _Contest(model)
     methods = ("sdirk4", "dormand_prince")[: 1 + (model == "pcc" or not quick)]
-    rows = [row for k, method in enumerate(methods) for row in _adaptive_rows(contest, method, k)]
-    for index, accuracy in enumerate(values.EULER_ACCURACIES[: 2 if quick else 3]):
+    rows = [row for method in methods for row in _adaptive_rows(contest, method)]
+    for accuracy in values.EULER_ACCURACIES[: 2 if quick else 3]:
         steps = contest.fewest_steps("implicit_euler", accuracy)
-        rows += _euler_rows(contest, f"implicit_euler, {1e3 * accuracy:g} mm", steps, index)
+        case, step = f"implicit_euler, {1e3 * accuracy:g} mm", DURATION / steps
+        time, _ = _timed(contest.beam, method="implicit_euler", step=step)
+        mean, worst = contest.errors_between(method="implicit_euler", step=step)
+        rows += contest.rows("tab2.2", case, computation_time_s=time)
+        rows += contest.rows("tab2.2", case, _BETWEEN, mean_error_m=mean, largest_error_m=worst)
+        rows += contest.rows("tab2.3", case, step_s=step)
     return rows + _printed_step_rows(contest) if model == "pcc" else rows
 
 
-def _adaptive_rows(contest: _Contest, method: str, column: int) -> list[Row]:
+def _adaptive_rows(contest: _Contest, method: str) -> list[Row]:
     accuracy = values.ADAPTIVE_ACCURACY
-    put = partial(contest.row, f"{method}, {1e3 * accuracy:g} mm")
-    time_thesis = values.TIMES[contest.model][column]
-    smallest, largest = values.STEPS[contest.model][column]
+    case = f"{method}, {1e3 * accuracy:g} mm"
     tolerance = contest.loosest_tolerance(method, accuracy)
     if tolerance is None:
         note = f"no tolerance reached the accuracy within {_MOST_STEPS} steps"
-        return [put("tab2.2", "computation_time_s", None, thesis=time_thesis, note=note)]
+        return contest.rows("tab2.2", case, note, computation_time_s=None)
     options = {"method": method, "tolerance": tolerance, "max_steps": _MOST_STEPS}
     time, motion = _timed(contest.beam, **options)
     mean, worst = contest.errors(**options)
     note = f"tolerance {tolerance:.1g}, {motion.steps} steps"
-    exchanged = _FIRST if contest.model == "pcc" else f"{_FIRST}; {_EXCHANGED}"
+    steps = {"smallest_step_s": motion.smallest_step, "largest_step_s": motion.largest_step}
     return [
-        put("tab2.2", "computation_time_s", time, thesis=time_thesis, note=note),
-        put("tab2.2", "mean_error_m", mean, thesis=accuracy, note=_OWN),
-        put("tab2.2", "largest_error_m", worst, note=_OWN),
-        put("tab2.3", "smallest_step_s", motion.smallest_step, thesis=smallest, note=exchanged),
-        put("tab2.3", "largest_step_s", motion.largest_step, thesis=largest, note=exchanged),
-    ]
-
-
-def _euler_rows(contest: _Contest, case: str, steps: int, column: int) -> list[Row]:
-    put, step = partial(contest.row, case), DURATION / steps
-    time, _ = _timed(contest.beam, method="implicit_euler", step=step)
-    mean, worst = contest.errors_between(method="implicit_euler", step=step)
-    return [
-        put("tab2.2", "computation_time_s", time, thesis=values.TIMES[contest.model][2][column]),
-        put("tab2.2", "mean_error_m", mean, thesis=values.EULER_ACCURACIES[column], note=_BETWEEN),
-        put("tab2.2", "largest_error_m", worst, note=_BETWEEN),
-        put("tab2.3", "step_s", step, thesis=values.STEPS[contest.model][2][column]),
+        *contest.rows("tab2.2", case, note, computation_time_s=time),
+        *contest.rows("tab2.2", case, _OWN, mean_error_m=mean, largest_error_m=worst),
+        *contest.rows("tab2.3", case, _FIRST, **steps),
     ]
 
 
 def _printed_step_rows(contest: _Contest) -> list[Row]:
     """Errors of implicit Euler at the printed steps, which show that Tab. 2.2 is in metres."""
-    printed, rows = values.STEPS["pcc"][2], []
-    known = zip(printed, values.EULER_ERRORS, values.EULER_ACCURACIES, strict=True)
-    for step, audit, accuracy in known:
-        put = partial(contest.row, f"implicit_euler, {step:g} s", "tab2.2")
-        options = {"method": "implicit_euler", "step": step}
+    rows = []
+    for step in values.EULER_STEPS:
+        case, options = f"implicit_euler, {step:g} s", {"method": "implicit_euler", "step": step}
         mean, worst = contest.errors(**options)
+        found = {"mean_error_m": mean, "largest_error_m": worst}
+        rows += contest.rows("tab2.2", case, f"{_OWN} at the steps", **found)
         between, _ = contest.errors_between(**options)
-        note = f"{_OWN} at the steps" + (f"; {_UNEVEN}" * (step == max(printed)))
-        rows += [
-            put("mean_error_m", mean, audit=audit[0], note=note),
-            put("largest_error_m", worst, audit=audit[1], note=note),
-            put("mean_error_between_m", between, thesis=accuracy, note=_BETWEEN),
-        ]
+        rows += contest.rows("tab2.2", case, _BETWEEN, mean_error_between_m=between)
     return rows
 
 
@@ -890,7 +777,7 @@ def stages(lab: Lab) -> list[Row]:
     for model in MODELS:
         tasks.append((f"Fig. 2.19 spiral times, {model}", partial(time_rows, model, sizes[model])))
         tasks.append((f"Tab. 2.2, 2.3 {model}", partial(table_rows, model, quick)))
-    return [row for rows in lab.tasks(tasks) for row in rows]
+    return [printed(row) for rows in lab.tasks(tasks) for row in rows]
 
 
 #: y_name -> (what it is, unit, format).

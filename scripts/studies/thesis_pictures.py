@@ -98,20 +98,24 @@ _THEORY = {
 }
 
 
-def _draw_pieces(axes: Axes, rows: list[Row], name: str, factor: float, **chosen: Any) -> None:
+def _draw_pieces(
+    axes: Axes, rows: list[Row], figure: str, y_name: str, factor: float, *panel: Any
+) -> None:
     """Models over their pieces, ANCF with the Poisson ratio of silicone, and beam theories."""
-    for model, (label, dashes) in _THEORY.items():
-        for row in select(rows, figure=chosen["figure"], case=name, model=model):
-            _draw_level(axes, factor * row.y, linestyle=dashes, label=label, zorder=1)
-    _draw_models(axes, rows, factor, case=name, **chosen)
+    label, name, limits = panel
+    for model, (text, dashes) in _THEORY.items():
+        for row in select(rows, figure=figure, case=name, model=model):
+            _draw_level(axes, factor * row.y, linestyle=dashes, label=text, zorder=1)
+    _draw_models(axes, rows, factor, figure=figure, case=name, y_name=y_name)
     for case, (color, marker) in _LOCKED.items():
-        mine = select(rows, figure=chosen["figure"], case=f"{name}, {case}")
+        mine = select(rows, figure=figure, case=f"{name}, {case}")
         _draw(axes, mine, factor, color=color, marker=marker, label=f"ANCF, {case}")
-
-
-def _draw_deflections(axes: Axes, rows: list[Row], name: str, top: float) -> None:
-    _draw_pieces(axes, rows, name, 1e3, figure="2.11", y_name="tip_deflection_m")
-    _finish(axes, named=False, ylabel="tip deflection [mm]", ylim=(0, top))
+    _finish(axes, named=False, ylabel=label, ylim=limits)
+    # Say where the finest discretisation of the last law lies that is above the panel's top.
+    finest = max(mine, key=lambda row: row.n, default=None)
+    if finest is not None and factor * finest.y > limits[1]:
+        text = f"plane strain is off the scale: {finest.y:.3g} Hz"
+        axes.text(0.97, 0.95, text, transform=axes.transAxes, ha="right", va="top", fontsize=8)
 
 
 def _draw_centrelines(axes: Axes, rows: list[Row]) -> None:
@@ -122,16 +126,6 @@ def _draw_centrelines(axes: Axes, rows: list[Row]) -> None:
     axes.invert_yaxis()
     labels = {"xlabel": "along the straight beam [mm]", "ylabel": "deflection [mm]"}
     _finish(axes, pieces=False, aspect="equal", **labels)
-
-
-def _draw_bending(axes: Axes, rows: list[Row], name: str, limits: tuple[float, float]) -> None:
-    _draw_pieces(axes, rows, name, 1.0, figure="2.13", y_name="frequency_Hz")
-    _finish(axes, named=False, ylabel="first bending frequency [Hz]", ylim=limits)
-    # Say where the finest discretisation lies that is above the panel's top.
-    finest = _finest(rows, figure="2.13", case=f"{name}, {list(_LOCKED)[1]}").get("ancf")
-    if finest is not None and finest.y > limits[1]:
-        text = f"plane strain is off the scale: {finest.y:.3g} Hz"
-        axes.text(0.97, 0.95, text, transform=axes.transAxes, ha="right", va="top", fontsize=8)
 
 
 def _draw_twist(axes: Axes, rows: list[Row]) -> None:
@@ -181,29 +175,23 @@ def _accuracy_message(rows: list[Row]) -> str:
 
 # -------------------- Cosserat rod: Fig. 2.4 to 2.6
 
-#: Solver and projection -> name and colour.
-_SOLVERS = {
-    "BDF": ("BDF", BLUE),
-    "Radau, not": ("Radau", figures.VERMILLION),
-    "Radau, projected": ("Radau, projected", GREEN),
-}
-
+#: Solver and projection -> colour.
+_SOLVERS = {"BDF": BLUE, "Radau": figures.VERMILLION, "Radau, projected": GREEN}
 
 #: Text -> line by the tolerance of Fig. 2.4.
 _TOLERANCES = {"Fig. 2.4: relative tolerance 1e-3": "-", "1e-5 (thesis: stricter)": ":"}
 
 
 def _draw_drift(axes: Axes, rows: list[Row]) -> None:
-    def dashes(case: str) -> str:
-        return ":" if case.endswith("1e-05") else "-"  # by the tolerance
-
-    for (case,), mine in lab.groups(select(rows, figure="2.4", x_name="time_s"), "case").items():
-        name, color = next(_SOLVERS[key] for key in _SOLVERS if case.startswith(key))
-        line = {"color": color, "linestyle": dashes(case), "linewidth": 1.3, "label": name}
-        axes.plot([row.x for row in mine], [row.y for row in mine], **line)
-    for row in select(rows, figure="2.4", y_name="largest_norm_violation"):
+    mine = select(rows, figure="2.4")
+    dashes = {row.case: ":" if row.case.endswith("1e-05") else "-" for row in mine}
+    for (case,), path in lab.groups(select(mine, x_name="time_s"), "case").items():
+        name = case.replace(", not projected", "").rpartition(",")[0]
+        line = {"color": _SOLVERS[name], "linestyle": dashes[case], "linewidth": 1.3}
+        axes.plot([row.x for row in path], [row.y for row in path], label=name, **line)
+    for row in mine:
         if row.thesis is not None:
-            line = {"color": BLACK, "linestyle": dashes(row.case), "linewidth": 0.9}
+            line = {"color": BLACK, "linestyle": dashes[row.case], "linewidth": 0.9}
             axes.axhline(row.thesis, label="thesis, projected", **line)
     labels = {"xlabel": "time [s]", "ylabel": "largest violation of the norm"}
     _finish(axes, pieces=False, yscale="log", **labels)
@@ -353,7 +341,7 @@ _MEAN = "mean of models"
 
 def _draw_distances(axes: Axes, rows: list[Row]) -> None:
     _draw_models(axes, rows, 1e3, figure="2.20", case="spiral", y_name="mean_distance_m")
-    for (bound, _), dashes, text in (
+    for bound, dashes, text in (
         (values.CHOSEN_BOUND, "--", "thesis' limit for Tab. 2.2"),
         (values.FINEST_BOUND, ":", "thesis' bound for the finest"),
     ):
@@ -403,6 +391,8 @@ class Picture(NamedTuple):
     legend: Callable[[], Sequence[figures.Line2D]] = tuple
 
 
+_SAG = "2.11", "tip_deflection_m", 1e3, "tip deflection [mm]"
+_BEND = "2.13", "frequency_Hz", 1.0, "first bending frequency [Hz]"
 _COMPUTED = ("computation_time_s",), "computation time [s]"
 _STEPS = ("step_s", "smallest_step_s", "largest_step_s"), "step [s]"
 _TIME = ("time", "x"), {"xlabel": "time [s]", "ylabel": "tip, x [mm]"}
@@ -414,12 +404,12 @@ _PICTURES = {
         "deflections, shapes and frequencies of the beam models",
         *(_accuracy_message, 2, (9.0, 13.0)),
         {
-            "Fig. 2.11a  self-weight, stiff set": (_draw_deflections, "stiff", 29),
-            "Fig. 2.11b  self-weight, weak set": (_draw_deflections, "weak", 520),
+            "Fig. 2.11a  self-weight, stiff set": (_draw_pieces, *_SAG, "stiff", (0, 29)),
+            "Fig. 2.11b  self-weight, weak set": (_draw_pieces, *_SAG, "weak", (0, 520)),
             "Fig. 2.12  weak set, 5 pieces": (_draw_centrelines,),
             "Fig. 2.14  static torsion, weak set": (_draw_twist,),
-            "Fig. 2.13a  bending, stiff set": (_draw_bending, "stiff", (2.8, 8)),
-            "Fig. 2.13b  bending, weak set": (_draw_bending, "weak", (0.35, 1.05)),
+            "Fig. 2.13a  bending, stiff set": (_draw_pieces, *_BEND, "stiff", (2.8, 8)),
+            "Fig. 2.13b  bending, weak set": (_draw_pieces, *_BEND, "weak", (0.35, 1.05)),
             "Fig. 2.15  torsional oscillation, weak set": (_draw_torsional,),
         },
         _accuracy_legend,

@@ -271,7 +271,7 @@ def _draw_in_time(axes: Axes, rows: list[Row]) -> None:
     errors = [1e3 * error for error in values.EULER_ACCURACIES]
     for model in ("pcc/lumped", "cosserat", "ancf"):
         name, style = model.split("/")[0], style_of(model)
-        pieces, (time, _, euler) = values.CHOSEN[name], values.TIMES[name]
+        pieces, (time, _, *euler) = values.CHOSEN[name], values.TIMES[name]
         _draw_front(axes, model, select(rows, model=model, n=pieces), "e_time")
         grey = {"color": "0.5", "marker": style.marker, "markeredgecolor": style.colour}
         axes.plot([1e3 * t for t in euler], errors, **grey, linestyle=":", markersize=6)
