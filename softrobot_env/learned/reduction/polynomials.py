@@ -90,6 +90,7 @@ class Monomials:
             factors.append(factor)
         return np.array(parents, np.int64), np.array(factors, np.int64)
 
+    @np.errstate(over="ignore", invalid="ignore")  # of models that diverge while they are fitted
     def __call__(self, values: ndarray) -> ndarray:
         """Monomials (..., terms) of values (..., variables)."""
         out = np.ones((*values.shape[:-1], len(self.powers)))
