@@ -160,7 +160,7 @@ class Case:
         if self.plant != MUJOCO:
             options = {"plant": BeamPlant(self.plant), "pieces": None} | options
         options = {"observe": "all" if self.feedback != SENSORS else ("all", SENSORS)} | options
-        return simulated(self.task, self._built, **options)
+        return simulated(self.task, **{"twin": self._built} | options)
 
     @property
     def _built(self) -> Twin | None:
