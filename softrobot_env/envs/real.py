@@ -378,6 +378,8 @@ class RealRigEnv(gymnasium.Env[Seen, ndarray]):
     def _info(self, terms: dict[str, float], now: float) -> dict[str, Any]:
         reading = self._session.driver.reading
         force = reading.force if self._measures_forces() else np.full_like(reading.force, nan)
+        link = self._session.driver.link
+        link = link | {"nacks": sum(link["nacks"].values())}
         numbers = {
             "time": self._index * self.control_period,
             "error": self._error(now),
@@ -387,7 +389,7 @@ class RealRigEnv(gymnasium.Env[Seen, ndarray]):
             "rtt_s": nan if self._round_trip is None else self._round_trip,
             "obs_age_s": reading.age(now),
             "missed_steps": self._missed,
-            **_link_numbers(self._session.driver.link),
+            **{f"link_{n}": nan if value is None else value for n, value in link.items()},
             **terms,
         }
         return {name: np.float64(number) for name, number in numbers.items()} | {
@@ -416,12 +418,6 @@ class RealRigEnv(gymnasium.Env[Seen, ndarray]):
         """Ramp the rig down and close the port; closing twice is harmless."""
         self._running = False
         self._session.close()
-
-
-def _link_numbers(link: dict[str, Any]) -> dict[str, float]:
-    """Counters of the link by their names in `info`; of refusals their number."""
-    found = link | {"nacks": sum(link["nacks"].values())}
-    return {f"link_{name}": nan if value is None else value for name, value in found.items()}
 
 
 class _Measured:

@@ -325,7 +325,12 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
             failure = self.simulation.failure() or failure
         if failure is not None:
             return self._fail(failure)
-        return self._go_on(*self._reward.terms(self._error, self._action, previous, self._exact))
+        reward, terms = self._reward.terms(self._error, self._action, previous, self._exact)
+        self._running = self._index < self._last_index
+        observation = self._observe()
+        if self.render_mode == "human":
+            self.render()
+        return observation, reward, False, not self._running, self._info(terms)
 
     def _measure(self) -> str | None:
         """Update measurements and error; return what left the workspace, or None."""
@@ -337,15 +342,6 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
     def _observe(self) -> Seen:
         self._last_observation = observation = self._see()
         return observation
-
-    def _go_on(
-        self, reward: float, terms: dict[str, float64]
-    ) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
-        self._running = self._index < self._last_index
-        observation = self._observe()
-        if self.render_mode == "human":
-            self.render()
-        return observation, reward, False, not self._running, self._info(terms)
 
     def _fail(self, failure: str) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
         self._running = False

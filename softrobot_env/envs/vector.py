@@ -498,6 +498,5 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndar
         if self._readout.truth is not None:
             truth, periphery = self._readout.truth(), self._periphery
             sensed = self._everyone if periphery.cameras is not None else periphery.noise.noisy
-            masks = {f"_{name}": self.arrays.flags(sensed.copy()) for name in truth}
-            info |= truth | masks
+            info |= truth | {f"_{name}": self.arrays.flags(sensed.copy()) for name in truth}
         return info

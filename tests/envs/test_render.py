@@ -376,17 +376,17 @@ def test_odd_sizes_are_made_even(tmp_path):
     assert frames.shape == (3, 64, 80, 3)
 
 
-@pytest.mark.parametrize("name", ["video.avi", "video"])
-def test_other_suffixes_are_refused(tmp_path, name):
-    with pytest.raises(ValueError, match=r"\.mp4 or \.gif"):
-        write_video(tmp_path / name, moving_square(1), fps=30)
-
-
-def test_a_video_needs_frames_and_a_rate(tmp_path):
-    with pytest.raises(ValueError, match="no frames"):
-        write_video(tmp_path / "a.mp4", [], fps=30)
-    with pytest.raises(ValueError, match="fps"):
-        write_video(tmp_path / "a.mp4", moving_square(1), fps=0)
+@pytest.mark.parametrize(
+    ("name", "count", "fps", "allowed"),
+    [
+        *((name, 1, 30, r"\.mp4 or \.gif") for name in ("video.avi", "video")),
+        ("a.mp4", 0, 30, "no frames"),
+        ("a.mp4", 1, 0, "fps"),
+    ],
+)
+def test_videos_that_cannot_be_are_refused(tmp_path, name, count, fps, allowed):
+    with pytest.raises(ValueError, match=allowed):
+        write_video(tmp_path / name, moving_square(count), fps=fps)
     assert not list(tmp_path.iterdir())
 
 

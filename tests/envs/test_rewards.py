@@ -73,14 +73,6 @@ def test_environments_return_the_sum_of_the_documented_terms(env_id, make_env):
         previous = action.astype(float)
 
 
-def test_holding_the_start_costs_no_smoothness(env_id, make_env, hold_action):
-    """The action before the first is the one that holds the start."""
-    env = make_env(env_id)
-    env.reset()
-    *_, info = env.step(hold_action(env))
-    assert info["reward_smoothness"] == pytest.approx(0, abs=1e-14)  # float32 rounding
-
-
 def test_a_reward_of_ones_own(make_env):
     env = make_env(reward=TrackingReward(tracking=0, precision=0, effort=1.0, smoothness=0))
     env.reset()

@@ -115,14 +115,6 @@ def test_swing_start_and_rest_of_the_audit():
     assert task.duration == 15.0
 
 
-def test_swing_moves_at_constant_speed():
-    task = make_task("swing")
-    t = np.linspace(0, 10, 2001)
-    travelled = np.linalg.norm(np.diff(at(task, *t), axis=0), axis=1)
-    # A chord over 0.5 mm of a path of radius 0.4 m is shorter by 1e-7 of its length.
-    np.testing.assert_allclose(travelled / np.diff(t), 0.1, rtol=2e-7)
-
-
 # ---------------------------------------------------------------- L-shape
 
 

@@ -278,13 +278,6 @@ def test_random_paths_just_fill_their_ellipse(seed):
     np.testing.assert_allclose(gap[[0, -1]], 0.0, atol=1e-14)
 
 
-def test_random_paths_belong_to_their_seeds():
-    paths = [random_path(seed, START, ALONG, ACROSS) for seed in (0, 0, 1, np.int64(1))]
-    assert paths[0] == paths[1]
-    assert paths[2] == paths[3]
-    assert paths[0] != paths[2]
-
-
 def test_mirrored_paths():
     phase = np.linspace(0, 6, 31)
     path = RANDOM.curve

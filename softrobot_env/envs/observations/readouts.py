@@ -220,8 +220,7 @@ class BatchReadout(_Chains):
         if self._fine is not self._mean:
             self._bends = angles @ self._fine
         # Any NaN fails the first tests, and then every robot is looked at by itself.
-        gentle = _largest(self._bends) <= self._gentle
-        if gentle and _largest(rates) <= self._slow:
+        if _largest(self._bends) <= self._gentle and _largest(rates) <= self._slow:
             self.outside = self._nobody
             return
         outside = (measures.sharpness(self._bends) > measures.curvature).any(axis=1)

@@ -190,14 +190,6 @@ def _vector(s: Sizes, bound: float) -> spaces.Box:
     return symmetric(s.dimensions, bound)
 
 
-def _tip_position(s: Sizes) -> spaces.Box:
-    return _positions(s, room=s.tip_room + s.strain * s.robot.length)
-
-
-def _curvature_rate(s: Sizes) -> spaces.Box:
-    return symmetric(s.directions * s.pieces, curvature_rate_limit(s.robot, s.speed))
-
-
 def _tendon_tension(s: Sizes) -> spaces.Box:
     limit = np.array([t.tension_limit for t in s.robot.tendons])
     return spaces.Box(np.zeros_like(limit), limit * (1 + 1e-9), dtype=np.float64)
@@ -241,7 +233,12 @@ OBSERVABLES: Registry[Observable] = Registry(
     "observable",
     {
         "tip_position": Observable(
-            "m", _tip_position, lambda o: o.measured.tip_position, _position_scale, 1e-4, _ALWAYS
+            "m",
+            lambda s: _positions(s, room=s.tip_room + s.strain * s.robot.length),
+            lambda o: o.measured.tip_position,
+            _position_scale,
+            1e-4,
+            _ALWAYS,
         ),
         "tip_velocity": Observable(
             "m/s",
@@ -261,7 +258,7 @@ OBSERVABLES: Registry[Observable] = Registry(
         ),
         "curvature_rate": Observable(
             "1/(m s)",
-            _curvature_rate,
+            lambda s: symmetric(s.directions * s.pieces, curvature_rate_limit(s.robot, s.speed)),
             lambda o: o.measured.curvature_rate,
             lambda s: _bend_scale(s) * s.frequency,
             0.5,

@@ -434,8 +434,7 @@ class FingerSensors:
         for k in kind.fingers:
             posture = self._parts[k].posture(self._batch.qpos)
             shapes.append(np.tensordot(posture, self._strains[k], 1))
-            force = self._batch.pressed(k)
-            touches.append(np.sqrt((force**2).sum(axis=2)) @ self._shares[k])
+            touches.append(np.sqrt((self._batch.pressed(k) ** 2).sum(axis=2)) @ self._shares[k])
         return tuple(
             np.stack(each, axis=1).reshape(-1, *each[0].shape[1:]) for each in (shapes, touches)
         )

@@ -122,8 +122,7 @@ def make_batch(scene: Scene, count: int, device: str) -> "WarpBatch":
 
     choice, period = scene.timestep, scene.config.control_period
     if choice.integrator == EXTRAPOLATION and scene.config.timestep is None:
-        longest = min(choice.timestep, STEP_SHARE * choice.first_period)
-        substeps = ceil(period / longest - 1e-9)
+        substeps = ceil(period / min(choice.timestep, STEP_SHARE * choice.first_period) - 1e-9)
         scene = replace(
             scene, timestep=replace(choice, timestep=period / substeps, substeps=substeps)
         )

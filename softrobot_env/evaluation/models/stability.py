@@ -176,8 +176,7 @@ def _run(
     except (IntegrationError, ValueError) as error:
         return _row(varied, config, failure=str(error), truth=truth, **given)
     given["cost"] = (process_time() - begin) / moved.duration
-    warning = unstable or inaccurate
-    return _row(varied, config, tips=tips, truth=truth, warning=warning, **given)
+    return _row(varied, config, tips=tips, truth=truth, warning=unstable or inaccurate, **given)
 
 
 def _row(

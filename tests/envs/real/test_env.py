@@ -82,11 +82,6 @@ def test_observations_stay_inside_the_space(make):
         assert isinstance(reward, float)
 
 
-def test_spaces_are_those_of_the_simulated_rig(make):
-    assert make().observation_space == RigEnv().observation_space
-    assert make().action_space == RigEnv().action_space
-
-
 def test_an_episode_takes_its_time_by_the_clock(make):
     env = make()
     begin(env, duration=1.0)
