@@ -99,16 +99,14 @@ class TrackingReward(Record, what="reward"):
         tracking, precision = self._earned(error, math)
         effort = -self.effort * hypot(*action) ** 2 / size
         smoothness = -self.smoothness * dist(action, previous) ** 2 / size
-        total, terms = (
-            tracking + precision + effort + smoothness,
-            {
-                "reward_tracking": float64(tracking),
-                "reward_precision": float64(precision),
-                "reward_effort": float64(effort),
-                "reward_smoothness": float64(smoothness),
-                "reward_failure": _ZERO,
-            },
-        )
+        total = tracking + precision + effort + smoothness
+        terms = {
+            "reward_tracking": float64(tracking),
+            "reward_precision": float64(precision),
+            "reward_effort": float64(effort),
+            "reward_smoothness": float64(smoothness),
+            "reward_failure": _ZERO,
+        }
         if self.more:
             own = self._own(Outcome(error, np.array(action), np.array(previous), measured))
             terms |= {name: float64(value) for name, value in own.items()}

@@ -16,7 +16,7 @@ from gymnasium.vector import AutoresetMode
 from support.example_robots import EVERY_ROBOT
 from support.hardware_boards import LiveBoard
 from support.patience import patient_drivers
-from support.real_episodes import FILE, Still
+from support.real_episodes import FILE, PATIENT, Still
 
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.envs.randomization import Randomization
@@ -31,9 +31,6 @@ from softrobot_env.registration import (
 
 SIMULATED = [*ENVIRONMENTS, *RIG_ENVIRONMENTS, *ANY_ROBOT]
 REAL = [pytest.param(i, marks=pytest.mark.realtime(late=0.4)) for i in REAL_ENVIRONMENTS]
-
-#: Of the real rig: other tests may load the machine.
-PATIENT = {"max_missed": 10_000, "oldest": 2.0}
 
 
 @contextmanager

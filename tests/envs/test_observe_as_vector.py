@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode
 from support.example_robots import EVERY_ROBOT
 from support.hardware_boards import LiveBoard
 from support.patience import patient_drivers
-from support.real_episodes import FILE, Still
+from support.real_episodes import FILE, PATIENT, Still
 
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.control.registry import make_policy
@@ -72,7 +72,7 @@ def test_the_real_rig_shows_what_the_simulated_one_does():
     pytest.importorskip("cobs", reason="needs the robot extra")
     with LiveBoard() as live, patient_drivers():
         own = {"robot_file": FILE, "line": lambda: copy.copy(live.transport), "tip": Still()}
-        real = RealRigEnv("triangle", observe_as="vector", max_missed=1000, oldest=2.0, **own)
+        real = RealRigEnv("triangle", observe_as="vector", **own, **PATIENT)
         simulated = make("SoftRobot/RigTriangle-v0")
         assert real.observation_space == simulated.observation_space
         assert real.vector_layout == simulated.unwrapped.vector_layout

@@ -125,10 +125,6 @@ ARGUMENTS = [
     (GripperEnv, {"observe_as": "image"}, "'dict', 'vector'"),
     (GripperEnv, {"pieces": 7}, "multiple of 3 pieces"),
     (GripperEnv, {"control_period": 0.0}, PERIOD),
-]
-
-
-ARGUMENTS += [
     *(
         (Randomization, {name: ends}, "low <= high")
         for name in ("density", "tension_gain")

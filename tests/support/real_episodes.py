@@ -18,6 +18,10 @@ PERIOD = 0.01  # s
 FILE = replace(rig_file(), control_period=PERIOD, state_delay=2e-3, watchdog=0.9, ttl=0.4, ramp=0.1)
 
 
+#: As they may load it.
+PATIENT = {"max_missed": 10_000, "oldest": 2.0}
+
+
 class Still:
     """A tip that stands still; see `tip.TipSource`."""
 
@@ -31,8 +35,7 @@ class Still:
 @contextmanager
 def running(line, core, **options):
     """An environment away from rest."""
-    patient = {"max_missed": 10_000, "oldest": 2.0}
-    with closing(RealRigEnv(robot_file=FILE, line=line, tip=Still(), **patient | options)) as env:
+    with closing(RealRigEnv(robot_file=FILE, line=line, tip=Still(), **PATIENT | options)) as env:
         env.reset()
         while core.outputs.applied[0] < 50:
             assert pull(env)[4]["device_state"] == "running"

@@ -11,6 +11,7 @@ import gymnasium
 import numpy as np
 import pytest
 from support.processes import python
+from support.real_episodes import PATIENT
 
 from softrobot_env.commands.robot.soak import unsafe_outputs
 from softrobot_env.commands.robot.virtual import virtual_process
@@ -30,8 +31,6 @@ pytestmark = [pytest.mark.realtime(late=0.8), pytest.mark.usefixtures("patience"
 
 TWIN = 1
 
-#: Other tests may load the machine: no test of what a step does may fail for being late.
-PATIENT = {"max_missed": 10_000, "oldest": 2.0}
 PATIENT_FILE = {"watchdog": 0.9, "ttl": 0.8}
 
 #: Lateness [s] with which a step still follows the one before as on a quiet machine.

@@ -10,7 +10,7 @@ from time import monotonic, sleep
 import numpy as np
 import pytest
 from support.hardware_boards import Board, LiveBoard
-from support.real_episodes import Still
+from support.real_episodes import PATIENT, Still
 
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.hardware.errors import LinkError, RefusedError, RobotFaultError
@@ -25,7 +25,6 @@ pytestmark = [pytest.mark.realtime(late=0.4), pytest.mark.usefixtures("patience"
 
 #: Other programs may load the machine: only what a test breaks may make a robot stop.
 FILE = replace(rig_file(), watchdog=0.9, ttl=0.4)
-PATIENT = {"max_missed": 10_000, "oldest": 2.0}
 
 
 class Line:
