@@ -34,17 +34,10 @@ _FILES, _LONGEST = 3, 150.0
 #: What is said of a fault with which not even the tests' imports work.
 _NOT_BEGUN = "the tests do not begin"
 
-_PAIRS = (
-    (ast.Add, ast.Sub),
-    (ast.Mult, ast.Div),
-    (ast.Lt, ast.LtE),
-    (ast.Gt, ast.GtE),
-    (ast.Eq, ast.NotEq),
-    (ast.Is, ast.IsNot),
-    (ast.In, ast.NotIn),
-    (ast.And, ast.Or),
-)
-_SWAPS = {a: b for one, other in _PAIRS for a, b in ((one, other), (other, one))}
+_PAIRS = "Add Sub, Mult Div, Lt LtE, Gt GtE, Eq NotEq, Is IsNot, In NotIn, And Or"
+_SWAPS = {}
+for _one, _other in (map(ast.__dict__.get, pair.split()) for pair in _PAIRS.split(", ")):
+    _SWAPS |= {_one: _other, _other: _one}
 _SWAPS |= {ast.Pow: ast.Mult, ast.FloorDiv: ast.Div, ast.Mod: ast.FloorDiv, ast.MatMult: ast.Mult}
 
 #: Put before every import of a run. Compiled functions of the changed folder are compiled anew and

@@ -10,16 +10,7 @@ from typing import Any
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.control.gripper import (
-    CALM,
-    RISE,
-    FingerCalibration,
-    ScriptedGrip,
-    SizedGrip,
-    SizeEstimator,
-    calibrated,
-    size_by_sensor,
-)
+from softrobot_env.control import gripper
 from softrobot_env.envs.gripper import VectorGripperEnv
 from softrobot_env.envs.rendering import finger_shapes
 from softrobot_env.rendering import figures
@@ -319,8 +310,8 @@ def read_bends(
         own = {} if errors is None else {"sensor_errors": errors}
         known = None if errors is None else calibrated_to(env, fineness, start, own)
         begin, info = env.reset(seed=start, options=own)
-        policy, state, seen = ScriptedGrip(GRIPPER, PERIOD, READING), None, begin
-        for _ in range(round(CALM / PERIOD)):
+        policy, state, seen = gripper.ScriptedGrip(GRIPPER, PERIOD, READING), None, begin
+        for _ in range(round(gripper.CALM / PERIOD)):
             action, state = policy.predict(seen, state)
             seen, *_ = env.step(action)
         exact = bends = env.simulation.curvature
@@ -334,18 +325,20 @@ def read_bends(
 
 def calibrated_to(
     env: VectorGripperEnv, fineness: str, first: int, own: dict[str, Any]
-) -> FingerCalibration:
+) -> gripper.FingerCalibration:
     """Calibrate the grippers of environments, of seeds from `first` on, with other noise."""
     _, sampled = env.reset(seed=first, options=own)
     specimens = {name: sampled[name] for name in ("modulus", "arm", "sensor_errors", "specimen")}
     clamped = make(fineness, "enclose", env.num_envs, observe=("sensors",))
-    return calibrated(clamped, specimens, _CALIBRATED + first)
+    return gripper.calibrated(clamped, specimens, _CALIBRATED + first)
 
 
-def fitted_size(fineness: str, task: str, count: int, errors: float | None = None) -> SizeEstimator:
+def fitted_size(
+    fineness: str, task: str, count: int, errors: float | None = None
+) -> gripper.SizeEstimator:
     """An estimator that is fitted to as many bars."""
     read = read_bends(fineness, task, _FITTED, count, errors)
-    return SizeEstimator.fitted(GRIPPER, READING, read["bends"], read["diameters"])
+    return gripper.SizeEstimator.fitted(GRIPPER, READING, read["bends"], read["diameters"])
 
 
 def sizes(
@@ -363,7 +356,7 @@ def sizes(
     for errors in scales:
         read = read_bends(test, task, _TESTED, count, errors)
         if errors is None:
-            plain = size_by_sensor(GRIPPER, read["exact"])
+            plain = gripper.size_by_sensor(GRIPPER, read["exact"])
             rows.append(_size("second sensor", task, pieces, None, None, plain, read["diameters"]))
         found = fitted_size(fit, task, examples, errors)(read["bends"])
         about = "polynomial", task, pieces, fitted, errors
@@ -422,27 +415,14 @@ def outcomes(fineness: str, task: str, policy: str, count: int, examples: int = 
             return model
         if policy == "sized":
             known = calibrated_to(env, fineness, first, {})
-            return SizedGrip(GRIPPER, PERIOD, size=size, sensors=known)
-        return ScriptedGrip(GRIPPER, PERIOD, float(policy.split()[1]))
+            return gripper.SizedGrip(GRIPPER, PERIOD, size=size, sensors=known)
+        return gripper.ScriptedGrip(GRIPPER, PERIOD, float(policy.split()[1]))
 
-    runs, (pieces, timestep) = (
-        played(fineness, task, made, _HELD, count, **how),
-        _built(fineness, task),
-    )
-    return [
-        Outcome(
-            task=task,
-            policy=f"ppo, {examples} steps" if policy == "ppo" else policy,
-            pieces=pieces,
-            timestep=timestep,
-            count=count,
-            success=float(runs["success"].mean()),
-            lost=float(runs["lost"].mean()),
-            error=float(np.median(runs["worst"])),
-            tension=float(runs["tension"].mean()),
-            ms_per_step=1e3 * float(runs["time"].mean()),
-        )
-    ]
+    runs = played(fineness, task, made, _HELD, count, **how)
+    about = task, f"ppo, {examples} steps" if policy == "ppo" else policy
+    mean = {name: float(values.mean()) for name, values in runs.items()}
+    found = mean["success"], mean["lost"], float(np.median(runs["worst"])), mean["tension"]
+    return [Outcome(*about, *_built(fineness, task), count, *found, 1e3 * mean["time"])]
 
 
 def trained(task: str, steps: int) -> Any:
@@ -490,7 +470,7 @@ def _bends(fineness: str, task: str) -> ndarray:
 
 def _closing(count: int, k: int) -> ndarray:
     """Action k (n, inputs) of grippers that close and then hold."""
-    tension = _SQUEEZE * min(1.0, (k + 1) * PERIOD / RISE)
+    tension = _SQUEEZE * min(1.0, (k + 1) * PERIOD / gripper.RISE)
     return np.tile((2 * tension / GRIPPER.tension_limits - 1).astype(np.float32), (count, 1))
 
 

@@ -530,20 +530,12 @@ def _path(
     known = predicted is not None and bool(np.abs(predicted).max() < _LOST)
     mean = float(np.linalg.norm(predicted - path.laps, axis=1).mean()) if known else None
     largest = float(np.linalg.norm(path.laps - path.record.outputs[0], axis=1).max())
-    return PathRow(
-        model=name,
-        twin=twin,
-        path=path.path,
-        period=path.period,
-        mean=mean,
-        nmte=None if mean is None else mean / largest,
-        goal=GOALS.get(name, {}).get(path.period),
-        thesis=PRINTED.get(path.period) if name == THESIS_MODEL else None,
-        fit_time=fit_time,
-        predict_time=predict_time,
-        measured=path.laps if twin == SHOWN else None,
-        predicted=predicted if twin == SHOWN and known else None,
-    )
+    thesis = PRINTED.get(path.period) if name == THESIS_MODEL else None
+    errors = mean, None if mean is None else mean / largest
+    bounds = GOALS.get(name, {}).get(path.period), thesis
+    shown = (path.laps, predicted if known else None) if twin == SHOWN else ()
+    about = name, twin, path.path, path.period
+    return PathRow(*about, *errors, *bounds, fit_time, predict_time, *shown)
 
 
 def _loops(
@@ -571,17 +563,10 @@ def _loops(
 def _loop(case: Case, goal: float | None) -> LoopRow:
     rollout = run_episode(case).rollout
     errors = approached_metrics(rollout, case.task.trajectory)
-    return LoopRow(
-        policy=case.policy,
-        twin=case.twin,
-        period=case.task.option("period"),
-        mean=errors.e_mean_tracking,
-        largest=errors.e_max_tracking,
-        goal=goal,
-        decision=float(np.median(rollout.policy_time)),
-        longest=float(np.percentile(rollout.policy_time, 99)),
-        failure=rollout.failure,
-    )
+    found = errors.e_mean_tracking, errors.e_max_tracking, goal
+    times = np.percentile(rollout.policy_time, (50, 99)).tolist()
+    period = case.task.option("period")
+    return LoopRow(case.policy, case.twin, period, *found, *times, rollout.failure)
 
 
 def _rms(model: Model | None, records: Records) -> float | None:

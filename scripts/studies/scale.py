@@ -79,12 +79,8 @@ class Row(Record):
 def cost_of(robot_seconds: float) -> dict[str, float]:
     """Fields of a row for robot-seconds [1] per core-second."""
     hours = 1e6 / robot_seconds / 3600
-    return {
-        "robot_seconds": robot_seconds,
-        "core_hours": hours,
-        "cost": hours * PRICE,
-        "price": PRICE,
-    }
+    cost = {"cost": hours * PRICE, "price": PRICE}
+    return {"robot_seconds": robot_seconds, "core_hours": hours, **cost}
 
 
 # -------------------- jobs
@@ -104,16 +100,8 @@ def job_rows(ways: dict[str, Workers], quick: bool) -> list[Row]:
             held = _memory(many) - _memory(_FEW)
         seconds, memory = (all_ - few) / (many - _FEW), held / (many - _FEW)
         rows.append(Row("jobs", name, seconds=seconds, memory=memory, kept=kept))
-        rows.append(
-            Row(
-                "sweep",
-                name,
-                cores=CORES,
-                cost=CORES * PRICE,
-                price=PRICE,
-                shortest_job=CORES * seconds,
-            )
-        )
+        sweep = {"cost": CORES * PRICE, "price": PRICE, "shortest_job": CORES * seconds}
+        rows.append(Row("sweep", name, cores=CORES, **sweep))
     return rows
 
 
@@ -193,15 +181,9 @@ def _training_row(algorithm: str, steps: int) -> Row:
     taken = process_time() - begin
     done, period = model.num_timesteps, env.parts[0].control_period
     env.close()
-    return Row(
-        WHAT,
-        algorithm,
-        cores=1,
-        physics=physics.seconds / taken,
-        python=(stepped.seconds - physics.seconds) / taken,
-        learner=1 - stepped.seconds / taken,
-        **cost_of(done * period / taken),
-    )
+    inside, around = physics.seconds / taken, stepped.seconds / taken
+    shares = {"physics": inside, "python": around - inside, "learner": 1 - around}
+    return Row(WHAT, algorithm, cores=1, **shares, **cost_of(done * period / taken))
 
 
 # -------------------- robots and workers

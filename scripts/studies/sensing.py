@@ -117,9 +117,8 @@ def read(sensor: Sensor, angles: ndarray, rate: float, seed: int = 0) -> ndarray
     third = sensor.end / 3
     strain = np.zeros((len(angles), 3, 3))
     strain[:, 0, 0], strain[:, 2, 0] = (2 * angles / third).T
-    return readings([replace(sensor, rate=rate)], np.arange(4) * third, 1 / rate, seed, strain)[
-        :, 0
-    ]
+    sensors = [replace(sensor, rate=rate)]
+    return readings(sensors, np.arange(4) * third, 1 / rate, seed, strain)[:, 0]
 
 
 def readings(
@@ -586,28 +585,15 @@ def pictures(rows: Sequence[Row]) -> dict[str, figures.Figure]:
     drawn = {row.figure: row.curves for row in rows if row.curves is not None}
     share = next(row for row in rows if row.quantity.startswith("share below 2 degrees"))
     shape = next(row for row in rows if row.figure == "Fig. 4.18")
-    messages = (
-        f"{share.value:.0f} % of the errors are below 2 degrees where both halves bend alike "
-        "(to 10 degrees)",
-        f"On a bar of 48 mm the shape by {drawn['Fig. 4.16']['fits'].shape[1]} sensors has the tip "
-        f"{shape.value:.2g} {shape.unit} off at most",
-        _spatial_message(drawn["Fig. 4.22"]),
-    )
+    alike = f"{share.value:.0f} % of the errors are below 2 degrees where both halves bend alike "
+    finger = f"On a bar of 48 mm the shape by {drawn['Fig. 4.16']['fits'].shape[1]} sensors has "
+    finger += f"the tip {shape.value:.2g} {shape.unit} off at most"
     planar = drawn["Figs. 4.6, 4.7"], drawn["Figs. 4.8 to 4.11"]
     return {
-        "{}": _planar_picture(*planar, messages[0]),
-        "{}_finger": _finger_picture(drawn["Fig. 4.16"], drawn["Fig. 4.18"], messages[1]),
-        "{}_spatial": _spatial_picture(drawn["Fig. 4.22"], messages[2]),
+        "{}": _planar_picture(*planar, f"{alike}(to 10 degrees)"),
+        "{}_finger": _finger_picture(drawn["Fig. 4.16"], drawn["Fig. 4.18"], finger),
+        "{}_spatial": _spatial_picture(drawn["Fig. 4.22"]),
     }
-
-
-def _spatial_message(found: dict) -> str:
-    """RMS errors of the tip on the circles."""
-    sizes = []
-    for name in ("network", "model"):
-        off = found[name][_CIRCLE] - found["tips"][_CIRCLE]
-        sizes.append(f"{1e3 * np.sqrt(np.mean(np.sum(off**2, axis=1))):.2g} mm by the {name}")
-    return f"On four laps the sensor tells the tip with an rms error of {' and '.join(sizes)}"
 
 
 def _planar_picture(constant: dict, other: dict, message: str) -> figures.Figure:
@@ -667,9 +653,8 @@ def _finger_picture(grips: dict, shape: dict, message: str) -> figures.Figure:
             points = grips["relative"][which, k][::4], grips["turns"][which, k][::4]
             axis.plot(*points, marker, color=figures.COLOURS[k], markersize=3)
         axis.plot(at, grips["fits"][:, k], color=figures.COLOURS[k])
-    axis.set(
-        xlabel="relative current [%]", ylabel="turn [deg]", title="as Fig. 4.15 (x: fingertip)"
-    )
+    axis.set(xlabel="relative current [%]", ylabel="turn [deg]")
+    axis.set_title("as Fig. 4.15 (x: fingertip)")
     for axis, name in zip(axes.flat[1:7], shown, strict=False):
         seen, turns = series[name]
         time = np.arange(len(seen)) / 50
@@ -683,21 +668,20 @@ def _finger_picture(grips: dict, shape: dict, message: str) -> figures.Figure:
         axis.plot(*estimate.T, color=figures.COLOURS[3])
         axis.plot(*true.T, **figures.REFERENCE)
     axis.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]", title="as Fig. 4.18: 48 mm")
-    parts = [figures.entry(f"sensor {k + 1}", color=figures.COLOURS[k]) for k in range(3)]
-    true = figures.REFERENCE | {"label": "tags; true shape"}
-    figures.add_legend(
-        figure,
-        [
-            *parts,
-            figures.entry("shape by sensors", color=figures.COLOURS[3]),
-            figures.entry(**true),
-        ],
-    )
+    names = *(f"sensor {k + 1}" for k in range(3)), "shape by sensors"
+    entries = [figures.entry(n, color=c) for n, c in zip(names, figures.COLOURS, strict=False)]
+    true = figures.entry(**figures.REFERENCE | {"label": "tags; true shape"})
+    figures.add_legend(figure, [*entries, true])
     return figure
 
 
-def _spatial_picture(found: dict, message: str) -> figures.Figure:
+def _spatial_picture(found: dict) -> figures.Figure:
     figure, axes = figures.new_figure(1, 3, (10.5, 4.4))
+    sizes = []
+    for name in ("network", "model"):
+        off = found[name][_CIRCLE] - found["tips"][_CIRCLE]
+        sizes.append(f"{1e3 * np.sqrt(np.mean(np.sum(off**2, axis=1))):.2g} mm by the {name}")
+    message = f"On four laps the sensor tells the tip with an rms error of {' and '.join(sizes)}"
     figures.add_title(figure, message, "Spatial curvature sensor in the rig, one specimen")
     for k in range(4):
         axes[0, 0].plot(found["readings"][:60, k], ".", color=figures.COLOURS[k])
@@ -706,17 +690,13 @@ def _spatial_picture(found: dict, message: str) -> figures.Figure:
         axis.plot(*(1e3 * found[name][_CIRCLE]).T, color=figures.SKY, linewidth=2)
         axis.plot(*(1e3 * found["tips"][_CIRCLE]).T, **figures.REFERENCE)
         axis.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]", title=f"tip by the {name}")
-    figures.add_legend(
-        figure,
-        [
-            figures.entry(f"fibre {k + 1}", color=figures.COLOURS[k], marker=".", linestyle="")
-            for k in range(4)
-        ]
-        + [
-            figures.entry("sensor, four laps", color=figures.SKY),
-            figures.entry(**figures.REFERENCE | {"label": "true tip"}),
-        ],
-    )
+    entries = [
+        figures.entry(f"fibre {k + 1}", color=figures.COLOURS[k], marker=".", linestyle="")
+        for k in range(4)
+    ]
+    entries.append(figures.entry("sensor, four laps", color=figures.SKY))
+    entries.append(figures.entry(**figures.REFERENCE | {"label": "true tip"}))
+    figures.add_legend(figure, entries)
     return figure
 
 

@@ -60,12 +60,8 @@ class Truth:
 def drawn(seed: int) -> Truth:
     """A truth by chance: modulus within a quarter, damping within a half, friction, delay."""
     rng = np.random.default_rng([seed, 1])
-    return Truth(
-        modulus=float(rng.uniform(0.8, 1.25)),
-        damping=float(rng.uniform(0.67, 1.5)),
-        friction=float(rng.uniform(0.02, 0.06)),
-        delay=float(rng.uniform(0.01, 0.04)),
-    )
+    ends = (0.8, 1.25), (0.67, 1.5), (0.02, 0.06), (0.01, 0.04)
+    return Truth(*(float(rng.uniform(*pair)) for pair in ends))
 
 
 def recorded(truth: Truth, seed: int) -> Recording:
@@ -90,21 +86,12 @@ def recorded(truth: Truth, seed: int) -> Recording:
     late = np.stack([np.interp(seen - truth.delay, times, path[:, k]) for k in range(3)], axis=1)
     late += NOISE * np.random.default_rng([seed, 2]).standard_normal(late.shape)
     names = tuple(t.name for t in _TENDONS)
-    header = Header(
-        commands=Commands("tension", names, "N", names),
-        marker=(Marker("x", "y", "z"),),
-        time=Time("t"),
-        label="pattern",
-        robot="rod",
-    )
-    return Recording(
-        header=header,
-        times=seen,
-        commands=commands[::_EVERY],
-        markers=late[:, None],
-        labels=labels[::_EVERY],
-        runs=np.zeros(len(seen), dtype=int),
-    )
+    commanded, marker = Commands("tension", names, "N", names), (Marker("x", "y", "z"),)
+    own = {"commands": commanded, "marker": marker, "time": Time("t")}
+    header = Header(**own, label="pattern", robot="rod")
+    series = {"commands": commands[::_EVERY], "labels": labels[::_EVERY]}
+    runs = np.zeros(len(seen), int)
+    return Recording(header=header, times=seen, markers=late[:, None], runs=runs, **series)
 
 
 def _commands() -> tuple[ndarray, ndarray]:
