@@ -57,14 +57,9 @@ def sampled(task: Task, begin: float, end: float, axes: str, haste: float = 1.0)
 def body(name: str, config: SceneConfig, axes: list[int]) -> dict[str, Any]:
     """A robot without what moves it; tendons by offset from the axis and station of the end [m]."""
     robot = config.robot
-    return {
-        "name": name,
-        "xml": scene_xml(config),
-        "axes": axes,
-        "length": robot.length,
-        "radius": robot.backbone.widest,
-        "tendons": [{"offset": list(t.offset), "end": t.end} for t in robot.tendons],
-    }
+    tendons = [{"offset": list(t.offset), "end": t.end} for t in robot.tendons]
+    sizes = {"length": robot.length, "radius": robot.backbone.widest, "tendons": tendons}
+    return {"name": name, "xml": scene_xml(config), "axes": axes, **sizes}
 
 
 def arm() -> dict[str, Any]:

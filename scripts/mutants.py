@@ -308,15 +308,10 @@ class Runner:
             environment["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(dir=self._folder)
         words = ["-x", "-q", "--no-header", "-p", "no:cacheprovider", "--tb=no", "-rfE"]
         words += ["-m", "not slow and not cluster and not gpu and not realtime"]
-        with subprocess.Popen(
-            [sys.executable, "-m", "pytest", *words, *tests],
-            cwd=self._tree,
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            start_new_session=True,
-        ) as process:
+        command = [sys.executable, "-m", "pytest", *words, *tests]
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+        own = {"cwd": self._tree, "env": environment, "start_new_session": True}
+        with subprocess.Popen(command, **own, **pipes) as process:
             try:
                 said, _ = process.communicate(timeout=_LONGEST)
             except subprocess.TimeoutExpired:

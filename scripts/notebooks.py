@@ -33,9 +33,7 @@ def notebook(text: str) -> dict:
     cells, marks = [cell("markdown", ast.get_docstring(tree))], sorted(starts)
     begin = tree.body[0].end_lineno
     for first, last in zip(marks, [*marks[1:], len(lines) + 1], strict=True):
-        step = (
-            lines[max(first - 1, begin) : last - 1] if first == 1 else lines[first - 1 : last - 1]
-        )
+        step = lines[begin if first == 1 else first - 1 : last - 1]
         if first > 1:
             cells.append(cell("markdown", step.pop(0).removeprefix("# ")))
         cells.append(cell("code", "\n".join(step).strip()))

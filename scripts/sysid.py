@@ -113,12 +113,9 @@ def rows_of(seed: int) -> list[SysidRow]:
 def _by_sysid(seed: int, truth: Truth, robot: RobotParams, windows: Recording) -> SysidRow:
     begin = perf_counter()
     found = ParameterDict()
-    for name, start, low, high in (
-        ("damping", 0.0, -2.0, 2.0),
-        ("friction", 0.0, -1.5, 1.5),
-        ("delay", 0.02, 0.0, 0.1),
-    ):
-        found.add(Parameter(name, start, low, high))
+    bounds = {"damping": (0.0, -2.0, 2.0), "friction": (0.0, -1.5, 1.5), "delay": (0.02, 0.0, 0.1)}
+    for name, ends in bounds.items():
+        found.add(Parameter(name, *ends))
 
     def scene_of(values: ParameterDict) -> Scene:
         damping, rubs = (float(np.exp(values[n].value[0])) for n in ("damping", "friction"))
@@ -139,9 +136,7 @@ def _by_sysid(seed: int, truth: Truth, robot: RobotParams, windows: Recording) -
     taken = perf_counter() - begin
     left = [np.ravel(part) for part in residual(result.x, found)[0]]
     _, half = calculate_intervals(left, result.jac)
-    damping, rubs, delay = (
-        float(found[name].value[0]) for name in ("damping", "friction", "delay")
-    )
+    damping, rubs, delay = (float(found[name].value[0]) for name in bounds)
     first = np.mean([t.friction for t in robot.tendons])
     return _row(
         "mujoco.sysid",
@@ -167,15 +162,13 @@ def _sequences(
         count = round(times[-1] / step)
         held = np.searchsorted(times, (np.arange(count) + 0.5) * step, side="right") - 1
         q = scene.equilibrium(controls[rows[0]])
-        table = np.column_stack(
-            [np.nan_to_num(places), np.full(len(rows), float(run)), np.isfinite(places[:, 0])]
-        )
+        about = np.full(len(rows), float(run)), np.isfinite(places[:, 0])
+        table = np.column_stack([np.nan_to_num(places), *about])
         names.append(f"window {run}")
         postures.append(q)
         begins.append(create_initial_state(model, q))
-        told.append(
-            TimeSeries.from_control_names(step * np.arange(count), controls[rows[held]], model)
-        )
+        command = step * np.arange(count), controls[rows[held]]
+        told.append(TimeSeries.from_control_names(*command, model))
         seen.append(TimeSeries.from_custom_map(times, table, [("tip", 5, SignalType.CustomObs)]))
     spec = mujoco.MjSpec.from_string(scene_xml(scene.config))
     return ModelSequences("rod", spec, names, begins, told, seen, True), postures

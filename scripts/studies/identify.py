@@ -8,6 +8,7 @@ each of them knows.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from math import exp, log
 from time import perf_counter
 from typing import Any
@@ -74,22 +75,16 @@ def driven(seed: int) -> list[TwinRow]:
     taken = perf_counter() - began
     zeros = found.header.commands.zeros or (0.0,) * len(RIG.tendons)
     known = _known(twin)
-    pulled = [
-        (t.pretension - k.pretension) / t.stiffness
-        for t, k in zip(twin.robot.tendons, known.tendons, strict=True)
-    ]
+    tendons = zip(twin.robot.tendons, known.tendons, strict=True)
+    pulled = np.array([(t.pretension - k.pretension) / t.stiffness for t, k in tendons])
     offsets = np.array(twin.servo_offset)
-    rigs = (
-        (replace(found.robot, file=None), offsets - zeros),
-        (known, np.array(pulled)),
-        (RIG, offsets),
-    )
+    own = replace(found.robot, file=None), offsets - zeros
+    rigs = own, (known, pulled), (RIG, offsets)
     rows = []
-    for policy in POLICIES:
-        for period in PERIODS:
-            errors = [_error(policy, period, robot, twin, left) for robot, left in rigs]
-            ratio = None if None in errors[:2] else errors[0] / errors[1]
-            rows.append(TwinRow("twin", seed, policy, period, *errors, ratio, taken))
+    for law in product(POLICIES, PERIODS):
+        errors = [_error(*law, robot, twin, left) for robot, left in rigs]
+        ratio = None if None in errors[:2] else errors[0] / errors[1]
+        rows.append(TwinRow("twin", seed, *law, *errors, ratio, taken))
     return rows
 
 
@@ -165,15 +160,11 @@ def repetition(seed: int) -> list[FoundRow]:
         """Values and interval are logarithms over the start, as friction's has no factor."""
         mine = rows[name]
         value, low, high = (start * exp(x) for x in (mine.value, mine.low, mine.high))
-        inside = mine.low <= log(true / start) <= mine.high
-        return FoundRow(
-            seed, kind, name, true, value, low, high, inside, value / true - 1, rms, taken
-        )
+        found = value, low, high, mine.low <= log(true / start) <= mine.high, value / true - 1
+        return FoundRow(seed, kind, name, true, *found, rms, taken)
 
-    out = [
-        row("modulus", "youngs_modulus: section 1", truth.modulus, 1.0),
-        row("damping", "damping_time: all", truth.damping, 1.0),
-    ]
+    out = [row("modulus", "youngs_modulus: section 1", truth.modulus, 1.0)]
+    out.append(row("damping", "damping_time: all", truth.damping, 1.0))
     for tendon in found.robot.tendons:
         name = f"tendon_friction: {tendon.name}"
         start = tendon.friction / exp(rows[name].value)

@@ -302,9 +302,11 @@ def judge(drawn: RandomScene, **forced: Any) -> Row:
     shares = {f"{name}_share": x if x is None else x / length for name, x in lengths.items()}
     judged = {"verdict": verdict, "why": why, "warning": warning, "wall_time": own.wall_time}
     failed = own.failure is not None and own.scene is not None
+    choice = own.scene and own.scene.timestep
     return Row(
         **_description(drawn),
-        **_choice(own),
+        **{name: getattr(choice, name, None) for name in ("integrator", "timestep", "substeps")},
+        joints=own.scene and own.scene.model.nv,
         **shares,
         error=error,
         **judged,
@@ -377,14 +379,6 @@ def _description(drawn: RandomScene) -> dict[str, Any]:
         "head": 0.0 if robot.head is None else robot.head.mass / robot.mass,
         "loaded": bool(config.loads),
     }
-
-
-def _choice(own: OwnRun) -> dict[str, Any]:
-    names = "integrator", "timestep", "substeps"
-    if own.scene is None:
-        return dict.fromkeys(("joints", *names))
-    found = {name: getattr(own.scene.timestep, name) for name in names}
-    return found | {"joints": own.scene.model.nv}
 
 
 def _why_unjudged(truth: Refined, length: float) -> str:

@@ -103,13 +103,13 @@ def step_row(
         yardstick: Overhead [s] to compare with.
     """
     count, threads = sizes or (1, 1)
-    bare = {}
+    found = {"steps_per_second": count / seconds, "seconds": seconds / count}
     if raw is not None:
-        overhead = (seconds - raw) / count
-        bare = {"raw_steps_per_second": count / raw, "ratio": raw / seconds, "overhead": overhead}
-        bare |= {} if yardstick is None else {"overhead_ratio": overhead / yardstick}
-    speed = {"steps_per_second": count / seconds, "seconds": seconds / count}
-    return Row(what, variant, count, threads, **speed, **bare)
+        found |= {"raw_steps_per_second": count / raw, "ratio": raw / seconds}
+        found["overhead"] = (seconds - raw) / count
+    if yardstick is not None:
+        found["overhead_ratio"] = found["overhead"] / yardstick
+    return Row(what, variant, count, threads, **found)
 
 
 def mean_time(do: Callable[[], object], count: int) -> float:
@@ -231,8 +231,7 @@ def moving_rows(quick: bool) -> list[Row]:
 def _part_times(env: TrackingEnv, actions: ndarray) -> list[float]:
     """[s] of a step in each part of the motion, in which the action is held."""
     env.reset(seed=0)
-    parts = actions.reshape(-1, _HELD, actions.shape[1])
-    return [mean_time(partial(env.step, part[0]), _HELD) for part in parts]
+    return [mean_time(partial(env.step, held), _HELD) for held in actions[::_HELD]]
 
 
 def _motion(env: TrackingEnv, actions: ndarray) -> tuple[ndarray, float]:
