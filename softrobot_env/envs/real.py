@@ -5,7 +5,6 @@ say, and whether it has settled.
 """
 
 import os
-import time
 import weakref
 from collections.abc import Callable
 from contextlib import suppress
@@ -58,19 +57,13 @@ _SEEN = tuple(name for name in EVERY if not name.startswith("curvature"))
 class StepClock:
     """When steps are due. Lateness never builds up, and missed steps are never made up for."""
 
-    def __init__(
-        self,
-        period: float,
-        now: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], None] = time.sleep,
-    ) -> None:
+    def __init__(self, period: float) -> None:
         """A clock with a period [s]."""
-        self._period, self._now, self._sleep = period, now, sleep
-        self._due = 0.0
+        self._period, self._due = period, 0.0
 
     def start(self) -> None:
         """The first step is due now."""
-        self._due = self._now()
+        self._due = monotonic()
 
     def begin(self) -> tuple[float, int]:
         """A step begins.
@@ -79,7 +72,7 @@ class StepClock:
             Lateness [s], and how many whole periods are skipped: none when late by less than half
             a period, as the next deadline is still met.
         """
-        late = self._now() - self._due
+        late = monotonic() - self._due
         missed = floor(late / self._period + 0.5) if late > 0 else 0
         self._due += missed * self._period
         return late, missed
@@ -92,9 +85,9 @@ class StepClock:
     def finish(self) -> None:
         """Wait for the end of the step."""
         self._due += self._period
-        left = self._due - self._now()
+        left = self._due - monotonic()
         if left > 0:
-            self._sleep(left)
+            sleep(left)
 
 
 class RealParts(EnvParts):

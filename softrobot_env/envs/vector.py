@@ -60,11 +60,9 @@ class _References:
         """Let environments `which` (k,) have a reference."""
         if table is self._shared:
             return
-        if self._shared is not None:
-            self._part()
         instants = table.last_index + 1
-        if instants > self._instants:
-            self._lengthen(instants)
+        if self._shared is not None or instants > self._instants:
+            self._spread(max(instants, self._instants))
         robots = self._arrays.index(which)
         for name, values in table.rows().items():
             column = self._arrays.real(values)
@@ -72,22 +70,15 @@ class _References:
             rows[robots, :instants] = column
             rows[robots, instants:] = column[-1]
 
-    def _part(self) -> None:
-        """Give every environment a row of its own."""
-        self._shared = None
-        self._offset = np.arange(self._count) * self._instants
-        self.columns = {
-            name: namespace(c).tile(c, (self._count, 1)) for name, c in self.columns.items()
-        }
-
-    def _lengthen(self, instants: int) -> None:
-        more = instants - self._instants
+    def _spread(self, instants: int) -> None:
+        """Give every environment a row of its own, of so many instants, the last one held."""
+        before = self._count if self._shared is None else 1
         for name, column in self.columns.items():
-            rows = column.reshape(self._count, self._instants, -1)
-            kind = namespace(rows)
-            longer = kind.concatenate((rows, kind.tile(rows[:, -1:], (1, more, 1))), axis=1)
-            self.columns[name] = longer.reshape(self._count * instants, -1)
-        self._instants = instants
+            kind, rows = namespace(column), column.reshape(before, self._instants, -1)
+            held = kind.tile(rows[:, -1:], (1, instants - self._instants, 1))
+            rows = kind.tile(kind.concatenate((rows, held), axis=1), (self._count // before, 1, 1))
+            self.columns[name] = rows.reshape(self._count * instants, -1)
+        self._shared, self._instants = None, instants
         self._offset = np.arange(self._count) * instants
 
     def at(self, index: ndarray) -> ndarray:

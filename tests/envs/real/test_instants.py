@@ -33,12 +33,17 @@ class Time:
         self.now += duration
 
 
-def rest(monkeypatch, position):
-    """How long [s] the wait takes for a tip at x = position(time since the start)."""
+@pytest.fixture
+def time(monkeypatch):
     time = Time()
-    start = time.now
     monkeypatch.setattr(session, "monotonic", time)
     monkeypatch.setattr(session, "sleep", time.sleep)
+    return time
+
+
+def rest(time, position):
+    """How long [s] the wait takes for a tip at x = position(time since the start)."""
+    start = time.now
     wait_for_rest(
         lambda: TipMeasurement(time.now, np.array([position(time.now - start), 0.0])), "test"
     )
@@ -54,25 +59,20 @@ def rest(monkeypatch, position):
         (0.39, 1.1 * STILL, 0.39 + STILL_TIME),
     ],
 )
-def test_only_a_motion_beyond_the_bound_starts_the_wait_anew(monkeypatch, moved, way, waited):
-    found = rest(monkeypatch, lambda t: 0.1 + way * (t >= moved))
+def test_only_a_motion_beyond_the_bound_starts_the_wait_anew(time, moved, way, waited):
+    found = rest(time, lambda t: 0.1 + way * (t >= moved))
     assert found == pytest.approx(waited, abs=0.0051 if waited == STILL_TIME else 0.011)
 
 
-def test_creeping_is_no_rest(monkeypatch):
+def test_creeping_is_no_rest(time):
     """Steps below the bound add up: what counts is the way since the rest seemed to begin."""
     with pytest.raises(NotStillError):
-        rest(monkeypatch, lambda t: 2 * STILL / STILL_TIME * t)
-
-
-@pytest.fixture
-def time():
-    return Time()
+        rest(time, lambda t: 2 * STILL / STILL_TIME * t)
 
 
 @pytest.fixture
 def clock(time):
-    clock = StepClock(0.02, time, time.sleep)
+    clock = StepClock(0.02)
     clock.start()
     return clock
 
