@@ -6,7 +6,6 @@ from math import asinh
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 from support.example_robots import EVERY_ROBOT
 from support.hardware_boards import LiveBoard
 from support.patience import patient_drivers
@@ -18,7 +17,6 @@ from softrobot_env.envs.observations.table import FAR, NEAR
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.envs.rewards import LogReward, TrackingReward
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import ARM
 from softrobot_env.scene.timestep import slowest
@@ -141,18 +139,6 @@ def test_a_failed_step_shows_the_vector_before_it():
     observation, _, failed, _, _ = env.step(np.zeros(3))
     assert failed and observation is not last
     np.testing.assert_array_equal(observation, last)
-
-
-def test_final_vectors_of_many():
-    many = VectorTrackingEnv(
-        2, "swing", observe_as="vector", max_episode_steps=2, autoreset_mode=AutoresetMode.SAME_STEP
-    )
-    first, _ = many.reset()
-    many.step(np.ones((2, 3)))
-    seen, _, _, ended, info = many.step(np.ones((2, 3)))
-    assert ended.all()
-    np.testing.assert_array_equal(seen, first)
-    assert info["final_obs"].shape == first.shape and not np.array_equal(info["final_obs"], first)
 
 
 # ---------------------------------------------------------------- what comes with it
