@@ -558,8 +558,6 @@ def picture(rows: Sequence[Record]) -> figures.Figure:
     figure, axes = figures.new_figure(2, columns, (3.2 * columns, 6.6))
     for axis, (thing, found) in zip(axes.flat, things.items(), strict=False):
         _bends_panel(axis, thing, found)
-    for axis in axes.flat[panels:]:
-        axis.set_visible(False)
     for axis in axes[:, 1:].flat:
         axis.set_ylabel("")
     last = axes.flat[len(things)]

@@ -535,8 +535,6 @@ def lines(
         panels = [(name, value, own) for name in ys for (value,), own in found.items()]
         for axis, (name, value, own) in zip(axes.flat, panels, strict=False):
             _panel(axis, name, value, own)
-        for axis in axes.flat[len(panels) :]:
-            axis.set_visible(False)
         figures.add_title(figure, title(mine) if callable(title) else title, subject)
         if legend:
             figures.add_legend(figure, axes[0, 0])

@@ -632,11 +632,8 @@ def picture(rows: Sequence[lab.Record]) -> figures.Figure:
     decays = [row for row in lab.of_kind(rows, SpectrumRow) if row.decay_path is not None]
     _decays(others[0], others[3], decays)
     _speeds(others[1], shown, decays)
-    orders = lab.of_kind(rows, OrderRow)
-    _orders_panel(others[2], orders)
+    _orders_panel(others[2], lab.of_kind(rows, OrderRow))
     _inputs(others[4])
-    for axis in (others[5], *(() if orders else (others[2],))):
-        axis.set_visible(False)
     fastest = lab.select(lab.of_kind(rows, PathRow), model=OURS, period=min(periods, default=0))
     known = [row.mean for row in fastest if row.mean is not None]
     message = "No path is predicted"

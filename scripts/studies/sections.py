@@ -329,8 +329,6 @@ def picture(rows: Sequence[Row]) -> figures.Figure:
         axis.set_ylabel("tip error / length [%]")
     for axis in axes.flat[max(0, len(cases) - _COLUMNS) : len(cases)]:
         axis.set_xlabel("run time [ms]")
-    for axis in axes.flat[len(cases) :]:
-        axis.set_visible(False)
     styles = [figures.style_of(name) for name in _STYLES.values()]
     looks = {style.label: style.points | {"marker": "o"} for style in styles}
     looks[f"goal: {100 * GOAL:g} % at the full dots"] = {"color": figures.BLACK, "linestyle": "--"}

@@ -662,7 +662,6 @@ def _finger_picture(grips: dict, shape: dict, message: str) -> figures.Figure:
             axis.plot(time, np.degrees(seen[:, k]), color=figures.COLOURS[k])
             axis.plot(time, np.degrees(turns[:, k]), **figures.REFERENCE)
         axis.set(xlabel="time [s]", ylabel="turn [deg]", title=name)
-    axes[2, 2].set_visible(False)
     axis = axes[2, 1]
     for estimate, true in shape["shapes"]:
         axis.plot(*estimate.T, color=figures.COLOURS[3])

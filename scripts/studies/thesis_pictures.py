@@ -464,8 +464,6 @@ def pictures(rows: list[Row]) -> dict[str, figures.Figure]:
     for name, picture in _PICTURES.items():
         lines = -(-len(picture.panels) // picture.columns)
         figure, axes = figures.new_figure(lines, picture.columns, picture.size)
-        for axis in axes.flat[len(picture.panels) :]:
-            axis.set_visible(False)
         for axis, (title, (draw, *given)) in zip(axes.flat, picture.panels.items(), strict=False):
             axis.set_title(title, fontsize=10)
             axis.tick_params(labelsize=8.5)

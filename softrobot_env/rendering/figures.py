@@ -275,10 +275,13 @@ def label_lines(axis: Axes, entries: Sequence[tuple[str, float, str]], size: flo
 def save(figure: Figure, path: Path | str) -> Path:
     """Write a PNG of 150 dots per inch, or fewer where it would be wider than a screen.
 
+    Panels in which nothing is drawn are left out.
+
     Returns:
         Its path.
     """
     for axis in figure.axes:
+        axis.set_visible(axis.has_data())
         for title in (axis.title, axis._left_title):
             title.set_fontsize(min(10, title.get_fontsize()))
     with atomic_write(path) as aside:

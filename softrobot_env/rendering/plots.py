@@ -240,8 +240,6 @@ def _paths(found: _Comparison) -> Figure:
         axis.set(xlabel="", ylabel="")
         axis.set_title(curve.label, fontsize="medium")
         axis.tick_params(labelbottom=True)  # also above an empty place
-    for axis in axes.flat[len(curves) :]:
-        axis.set_visible(False)
     figure.supxlabel("x [mm]", fontsize="medium")
     figure.supylabel("y [mm]", fontsize="medium")
     add_title(figure, found.titled(f"{least_error(found.curves)}; from above, reference in black"))

@@ -204,8 +204,6 @@ def _work_precision(rows: list[Row]) -> Figure:
         draw(axes)
         plain_ticks(axes)
         _draw_real_time(axes)
-    for axes in grid.flat[len(panels) :]:
-        axes.set_visible(False)
     message = _fastest([*filter(None, moving.values())])
     subject = "All runs, and the best of each model joined"
     _finish(figure, select(rows, kind="dynamic"), message, subject)

@@ -167,50 +167,57 @@ def guided_rod(
         for row, k in enumerate(active):
             ends[:, row, :2] = robot.tendons[k].at(np.array([start, end]))
         pull = np.asarray(tension, dtype=float)[active][:, None]
-        span = _Span(robot, shear, y, (start, end), ends, pull)
-        found = root(span.missed, np.tile(frame_of(y)[:, 2], len(active)), tol=1e-10)
-        if not found.success:
-            raise ValueError(f"no equilibrium of robot {robot.name!r}: {found.message}")
         asked = (s > start) & (s <= end)
-        states = span.states(found.x, s[asked])
+        states = _to_next_guide(robot, shear, y, (start, end), ends, pull, s[asked])
         rows[asked], y = states[:-1], states[-1]
     return _shape(s, rows)
 
 
-class _Span:
-    """A rod between two guides, from a state at the first on."""
+def _to_next_guide(
+    robot: RobotParams,
+    shear: float | None,
+    y: ndarray,
+    span: tuple[float, float],
+    ends: ndarray,
+    pull: ndarray,
+    stations: ndarray,
+) -> ndarray:
+    """States at stations and at the second of two guides, of a rod from a state at the first on.
 
-    def __init__(
-        self,
-        robot: RobotParams,
-        shear: float | None,
-        y: ndarray,
-        span: tuple[float, float],
-        ends: ndarray,
-        pull: ndarray,
-    ) -> None:
-        """Places (2, tendons, 3) [m] of the tendons in both guides, and tensions [N]."""
-        self._robot, self._shear, self._y, self._pull = robot, shear, y, pull
-        self._start, self._end = y[:3] + ends[0] @ frame_of(y).T, ends[1]
-        within = [x for x in robot.backbone.ends if span[0] < x < span[1]]
-        self._breaks = [np.array([*span, *within])]
+    Args:
+        robot, shear, y: The robot, its shear coefficient, and the state.
+        span: Stations [m] of both guides.
+        ends: Places (2, tendons, 3) [m] of the tendons in both.
+        pull: (tendons, 1) [N].
+        stations: (k,) [m].
 
-    def states(self, ways: ndarray, stations: ndarray) -> ndarray:
-        """States at stations and at the second guide, if tendons have directions (3 k,)."""
-        force = -self._pull * ways.reshape(-1, 3)
+    Raises:
+        ValueError: No equilibrium was found.
+    """
+    first = y[:3] + ends[0] @ frame_of(y).T
+    breaks = [np.array([*span, *(x for x in robot.backbone.ends if span[0] < x < span[1])])]
+
+    def states(ways: ndarray, asked: ndarray) -> ndarray:
+        """If tendons have directions (3 k,)."""
+        force = -pull * ways.reshape(-1, 3)
 
         def slope(at: float, y: ndarray) -> ndarray:
-            turn, moment = frame_of(y), np.cross(self._start - y[:3], force).sum(axis=0)
+            turn, moment = frame_of(y), np.cross(first - y[:3], force).sum(axis=0)
             loads = turn.T @ force.sum(axis=0), turn.T @ moment
-            return motion_of(y, *_answer(self._robot, at, self._shear, *loads))
+            return motion_of(y, *_answer(robot, at, shear, *loads))
 
-        return _integrated(slope, self._y, self._breaks, stations)
+        return _integrated(slope, y, breaks, asked)
 
-    def missed(self, ways: ndarray) -> ndarray:
+    def missed(ways: ndarray) -> ndarray:
         """By how much (3 k,) [1] such tendons miss the second guide."""
-        y = self.states(ways, np.empty(0))[-1]
-        line = y[:3] + self._end @ frame_of(y).T - self._start
+        reached = states(ways, np.empty(0))[-1]
+        line = reached[:3] + ends[1] @ frame_of(reached).T - first
         return ways - (line / np.linalg.norm(line, axis=1)[:, None]).ravel()
+
+    found = root(missed, np.tile(frame_of(y)[:, 2], len(pull)), tol=1e-10)
+    if not found.success:
+        raise ValueError(f"no equilibrium of robot {robot.name!r}: {found.message}")
+    return states(found.x, stations)
 
 
 def tendon_helix(
