@@ -51,7 +51,7 @@ def _envs() -> dict[str, str]:
 
 #: What can be listed.
 _EVERYTHING: dict[str, Callable[[], dict[str, str]]] = {
-    "robots": lambda: {name: _told(robot) for name, robot in ROBOTS.items()},
+    "robots": lambda: {name: _described(robot) for name, robot in ROBOTS.items()},
     "tasks": _tasks,
     "policies": lambda: {"": ", ".join(EVERY_POLICY)},
     "envs": _envs,
@@ -75,7 +75,7 @@ def _options(make: Maker) -> str:
     return f"options {', '.join(defaults(make))}" if defaults(make) else "no options"
 
 
-def _told(robot: RobotParams) -> str:
+def _described(robot: RobotParams) -> str:
     if not robot.tendons:
         return "no tendons"
     moves = "planar" if robot.is_planar else "spatial"

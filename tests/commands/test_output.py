@@ -21,7 +21,7 @@ _TAKEN = [
     (f"{_SHORT} --out .", "report.json"),
     ("benchmark speed --quick --out .", "speed/report.json"),
     ("export --out .", "arm.xml"),
-    ("train lqi --quick --out .", "lqi.npz"),
+    ("train lqi --quick --out .", "qs_nn.npz"),
     ("inspect --robot planar_finger --workspace --out .", "workspace_planar_finger.png"),
     ("recording replay rec.csv --robot rig --out .", "report.json"),
     ("robot soak --out .", "report.json"),
@@ -142,13 +142,13 @@ def test_two_runs_do_not_write_to_one_folder(tmp_path, capsys):
 
 def test_trainings_do_not_touch_what_is_shipped(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    shipped = (models_dir() / "lqi.npz").read_bytes()
-    assert main(["train", "lqi", "--quick"]) == 0
+    shipped = (models_dir() / "qs_nn.npz").read_bytes()
+    assert main(["train", "qs_nn", "--quick"]) == 0
     assert "--ship" in capsys.readouterr().out.replace("\n", " ")
-    assert (tmp_path / "out" / "lqi.npz").is_file()
-    assert (models_dir() / "lqi.npz").read_bytes() == shipped
-    assert find_artifact(ARM, "lqi") == models_dir() / "lqi.npz"
-    assert "--overwrite" in refused("train lqi --quick --ship", capsys)
+    assert (tmp_path / "out" / "qs_nn.npz").is_file()
+    assert (models_dir() / "qs_nn.npz").read_bytes() == shipped
+    assert find_artifact(ARM, "qs_nn") == models_dir() / "qs_nn.npz"
+    assert "--overwrite" in refused("train qs_nn --quick --ship", capsys)
 
 
 def test_trainings_of_ones_own_robot_go_beside_its_file(tmp_path):

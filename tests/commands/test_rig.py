@@ -8,7 +8,8 @@ import pytest
 from support.commands import called, evaluated
 from support.rig_learnt_file import ALWAYS, constant_learnt, learnt_file
 
-from softrobot_env.cli import main
+from softrobot_env.cli import build_parser, main
+from softrobot_env.commands.cases import make_cases, make_setup
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.robots import ROBOTS, Sensor, write_robot
 from softrobot_env.robots.twin import rig3d_twin
@@ -79,10 +80,10 @@ def test_twins_are_compared_with_the_ideal_rig(tmp_path, capsys):
     assert "other rigs differ" not in out  # the policy has learnt of none
 
 
-def test_all_policies_are_those_that_fit(tmp_path):
-    rows = evaluated(tmp_path, "--tasks triangle --no-plots --duration 0.2", FAST)
-    assert {"rig_nn", "hybrid_calibrated"} <= {row["policy"] for row in rows}
-    assert not {"hold", "lqi"} & {row["policy"] for row in rows}
+def test_all_policies_are_those_that_fit():
+    args = build_parser().parse_args(["evaluate", "--tasks", "triangle"])
+    policies = {case.policy for case in make_cases(args, make_setup(args))}
+    assert {"rig_nn", "hybrid_calibrated"} <= policies and not {"hold", "lqi"} & policies
 
 
 def test_options_apply_to_every_task_that_has_them(tmp_path):
