@@ -37,6 +37,9 @@ from softrobot_env.scene.build import Scene, scene_xml
 from studies.lab import Record, quantity, table
 from studies.truths.rubbing_rod import BELIEVED, Truth, drawn, recorded
 
+#: Seed, truth, and the robot that the dynamics are found from.
+Rod = tuple[int, Truth, RobotParams]
+
 SEEDS = (1000, 1001, 1002)
 _STAGES = ("frame", "statics", "dynamics")
 _MM = 1e-3
@@ -71,13 +74,16 @@ class SysidRow(Record):
     time: float = quantity("s", ".1f")
 
 
-def _row(by: str, seed: int, *errors: float, interval: float, **own: float) -> SysidRow:
-    """A row, from relative errors of damping and friction."""
-    damping, friction = map(float, errors)
-    inside = bool(abs(np.log1p(damping)) <= interval)
+def _row(by: str, rod: Rod, *found: float, interval: float, **own: float) -> SysidRow:
+    """A row, from the logarithms of factors on damping and friction, and the delay [s]."""
+    seed, truth, robot = rod
+    first = np.mean([t.friction for t in robot.tendons])
+    damping = float(np.exp(found[0]) / truth.damping - 1)
+    friction = float(first * np.exp(found[1]) / truth.friction - 1)
     sizes = {"damping_size": abs(damping), "friction_size": abs(friction)}
-    found = {"damping": damping, "friction": friction, "inside": inside, "interval": interval}
-    return SysidRow(rod=seed, by=by, **found, **sizes, **own)
+    own |= {"inside": bool(abs(np.log1p(damping)) <= interval), "interval": interval}
+    errors = {"damping": damping, "friction": friction, "delay": found[2] - truth.delay}
+    return SysidRow(rod=seed, by=by, **errors, **sizes, **own)
 
 
 def rows_of(seed: int) -> list[SysidRow]:
@@ -96,21 +102,14 @@ def rows_of(seed: int) -> list[SysidRow]:
     recording = recorded(truth, seed)
     own = path.identify(recording, BELIEVED, _STAGES, known=known, validate=False).dynamics
     robot, moving = given[0]
-    first = np.mean([t.friction for t in robot.tendons])
-    ours = _row(
-        "softrobot",
-        seed,
-        np.exp(own.values[0]) / truth.damping - 1,
-        first * np.exp(own.friction[0]) / truth.friction - 1,
-        interval=float(1.96 * own.deviation[0]),
-        delay=own.delay - truth.delay,
-        rms=own.after,
-        time=times[0],
-    )
-    return [ours, _by_sysid(seed, truth, robot, windows_of(moving))]
+    rod, half = (seed, truth, robot), float(1.96 * own.deviation[0])
+    found = own.values[0], own.friction[0], own.delay
+    ours = _row("softrobot", rod, *found, interval=half, rms=own.after, time=times[0])
+    return [ours, _by_sysid(rod, windows_of(moving))]
 
 
-def _by_sysid(seed: int, truth: Truth, robot: RobotParams, windows: Recording) -> SysidRow:
+def _by_sysid(rod: Rod, windows: Recording) -> SysidRow:
+    robot = rod[2]
     begin = perf_counter()
     found = ParameterDict()
     bounds = {"damping": (0.0, -2.0, 2.0), "friction": (0.0, -1.5, 1.5), "delay": (0.02, 0.0, 0.1)}
@@ -136,18 +135,9 @@ def _by_sysid(seed: int, truth: Truth, robot: RobotParams, windows: Recording) -
     taken = perf_counter() - begin
     left = [np.ravel(part) for part in residual(result.x, found)[0]]
     _, half = calculate_intervals(left, result.jac)
-    damping, rubs, delay = (float(found[name].value[0]) for name in bounds)
-    first = np.mean([t.friction for t in robot.tendons])
-    return _row(
-        "mujoco.sysid",
-        seed,
-        np.exp(damping) / truth.damping - 1,
-        first * np.exp(rubs) / truth.friction - 1,
-        interval=float(half[0]),
-        delay=delay - truth.delay,
-        rms=_MM * float(np.sqrt(3 * np.mean(np.concatenate(left) ** 2))),
-        time=taken,
-    )
+    values = (float(found[name].value[0]) for name in bounds)
+    rms = _MM * float(np.sqrt(3 * np.mean(np.concatenate(left) ** 2)))
+    return _row("mujoco.sysid", rod, *values, interval=float(half[0]), rms=rms, time=taken)
 
 
 def _sequences(

@@ -74,7 +74,7 @@ class Case:
     loads: tuple[Load, ...] = ()
     drive: str = "tension"
     tip: ndarray | None = None
-    truth: str = "refined run of the same model"
+    truth: str = runs.REFINED
     angle: float = 0.0
     tips: dict[str, tuple[ndarray, str]] = field(default_factory=dict)
 
@@ -142,7 +142,7 @@ def tip_force(name: str, robot: RobotParams, strength: float, independent: bool 
     force = strength * robot.bending_stiffness / robot.length**2
     load = Load("load", robot.length, force=(force, 0.0, 0.0))
     if not independent:
-        return settling(name, robot, load, None, "refined run of the same model")
+        return settling(name, robot, load, None, runs.REFINED)
     rod = elastica(robot.length, robot.bending_stiffness, force=(force, 0.0))
     return settling(name, robot, load, rod.tip, "elastica (boundary-value solution)")
 

@@ -138,18 +138,12 @@ def run_cell(
     steps = runs.steps_for(PERIODS * period, timestep, LEAST_STEPS, most)
     plan = Plan(integrator, timestep, steps, min(period, steps * timestep) / 40)
     trace = system.run(plan)
-    return Row.of(
-        *(plan, trace, runs.judge(trace, reference, BOUND)),
-        **vars(family),
-        case=case,
-        e_bound=BOUND,
-        stiffness_scale=stiffness,
-        damping_scale=robot.damping_time / ARM.damping_time,
-        damping_ratio=damping,
-        stability_limit=system.limit(integrator),
-        reference="refined run of the same model",
-        uncertainty=reference.uncertainty,
-    )
+    about = {"case": case, "e_bound": BOUND, "stability_limit": system.limit(integrator)}
+    about |= {"damping_scale": robot.damping_time / ARM.damping_time, "damping_ratio": damping}
+    about |= {"stiffness_scale": stiffness, "reference": runs.REFINED}
+    about["uncertainty"] = reference.uncertainty
+    verdict = runs.judge(trace, reference, BOUND)
+    return Row.of(plan, trace, verdict, **vars(family), **about)
 
 
 def map_rows(

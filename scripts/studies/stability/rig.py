@@ -168,21 +168,13 @@ def run(
     plan = Plan(integrator, timestep, runs.steps_for(DURATION, timestep, 1, MOST_STEPS), PERIOD)
     trace = system.run(plan)
     verdict, error = judged(trace, truth)
-    about = {"case": case, "model": CHAIN, "n": JOINTS, "e_bound": BOUND}
-    return RigRow.of(
-        *(plan, trace, verdict),
-        **about,
-        stiffness_scale=rig.modulus,
-        damping_scale=rig.damping,
-        stability_limit=system.limit(integrator),
-        reference="refined run of the same model",
-        uncertainty=None if truth.uncertainty == inf else truth.uncertainty,
-        tendon_stiffness_scale=rig.tendon_stiffness,
-        pretension=rig.pretension,
-        friction=rig.friction,
-        motion=rig.motion,
-        e_tension=error,
-    )
+    about = {"case": case, "model": CHAIN, "n": JOINTS, "e_bound": BOUND, "e_tension": error}
+    about |= {name: getattr(rig, name) for name in ("pretension", "friction", "motion")}
+    about |= {"stiffness_scale": rig.modulus, "damping_scale": rig.damping}
+    about |= {"tendon_stiffness_scale": rig.tendon_stiffness, "reference": runs.REFINED}
+    about["stability_limit"] = system.limit(integrator)
+    about["uncertainty"] = None if truth.uncertainty == inf else truth.uncertainty
+    return RigRow.of(plan, trace, verdict, **about)
 
 
 def judged(trace: Trace, truth: Reference) -> tuple[Verdict, float | None]:

@@ -215,16 +215,11 @@ class BeamSystem:
         samples = h * np.unique([*range(0, plan.steps, chunk), plan.steps])
         begin = perf_counter()
         try:
-            motion = self.model.simulate(
-                samples[-1],
-                self.inputs,
-                self.start,
-                method=plan.integrator.removesuffix(ADAPTIVE),
-                step=None if adaptive else h,
-                samples=samples,
-                tolerance=plan.tolerance,
-                max_steps=_MOST_ADAPTED if adaptive else plan.steps + 1,
-            )
+            method = plan.integrator.removesuffix(ADAPTIVE)
+            own = {"method": method, "tolerance": plan.tolerance, "samples": samples}
+            own |= {"step": h, "max_steps": plan.steps + 1}
+            own |= {"step": None, "max_steps": _MOST_ADAPTED} if adaptive else {}
+            motion = self.model.simulate(samples[-1], self.inputs, self.start, **own)
         except IntegrationError as error:
             # The message starts with what happened and goes on with " at t = ".
             what = str(error).split(" at t = ")[0].removeprefix("the motion ")
@@ -321,6 +316,9 @@ def refined_runs(system: System, plans: Iterable[Plan]) -> list[Trace]:
 #: leaves the error bound. One without truth ended, but refined runs differ too much to judge it by
 #: them.
 STABLE, WRONG, NO_TRUTH = "stable", "wrong", "no_truth"
+
+#: What runs are judged by.
+REFINED = "refined run of the same model"
 OUTCOMES = (STABLE, WRONG, DIVERGED, NOT_CONVERGED, NO_TRUTH)
 
 #: Instants in three periods, with the first, below which the motion between them is compared too.
