@@ -14,15 +14,7 @@ from softrobot_env.rendering.tables import text_page
 from softrobot_env.robots import GRIPPERS, find_robot
 
 from .arguments import add, add_robot, add_workers, flags, seed
-from .output import (
-    add_out,
-    changed_results,
-    new_results,
-    plotted,
-    progress_on,
-    say,
-    write_report,
-)
+from .output import add_out, changed_results, new_results, plotted, progress_on, say, write_report
 
 EXAMPLE = """softrobot benchmark speed --quick
   softrobot benchmark accuracy --robot my.toml

@@ -144,10 +144,8 @@ def _check_names(names: list[str]) -> None:
     """Raise ValueError where two policies would have one name in reports."""
     paths = {}
     for which in dict.fromkeys(names):
-        other = paths.setdefault(policy_name(which), which)
-        known = which != policy_name(which) and policy_name(which) in EVERY_POLICY
-        if other != which or known:
-            name = policy_name(which)
+        name = policy_name(which)
+        if paths.setdefault(name, which) != which or (which != name and name in EVERY_POLICY):
             raise ValueError(f"there are two policies called {name!r}: rename that of {which!r}")
 
 

@@ -1,6 +1,7 @@
 """`softrobot evaluate`: policies on tasks, with table, report and plots."""
 
 from argparse import ArgumentParser, Namespace
+from collections import Counter
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -283,12 +284,11 @@ def _write(results: list[Result], args: Namespace) -> None:
 
 def _record(results: list[Result], folder: Path) -> None:
     """A table and its header for every episode; names of several episodes are counted."""
-    names: list[str] = []
+    count = Counter[str]()
     for result in results:
         stem = _file_stem(result)
-        names.append(stem)
-        number = names.count(stem)
-        name = stem if number == 1 else f"{stem}_{number}"
+        count[stem] += 1
+        name = stem if count[stem] == 1 else f"{stem}_{count[stem]}"
         outcome = result.outcome
         write_recording(outcome.rollout.recording(outcome.case.task), folder / f"{name}.csv")
 

@@ -44,13 +44,13 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Run the command."""
-    if args.out is not None:
-        from softrobot_env.rendering.video import check_suffix
+    if args.out is None:
+        return _run(args)
+    from softrobot_env.rendering.video import check_suffix
 
-        check_suffix(args.out)
-        with new_file(args.out, args.overwrite):
-            return _run(args)
-    return _run(args)
+    check_suffix(args.out)
+    with new_file(args.out, args.overwrite):
+        return _run(args)
 
 
 def _run(args: Namespace) -> int:

@@ -23,25 +23,11 @@ from softrobot_env.robots.artifacts import fingerprint
 from softrobot_env.tasks import Task
 
 from .artifacts import figures, load_start, save
-from .checkpoint import (
-    Checkpoint,
-    learner_state,
-    put_learner_state,
-    read,
-    write,
-)
+from .checkpoint import Checkpoint, learner_state, put_learner_state, read, write
 from .learners import freeze_actor, make_model, put_actor
 from .references import seen_in, training_of, view_for
 from .request import Metrics, TrainingRequest, curve_file
-from .rl_config import (
-    IMITATION,
-    NO_START,
-    NUMBERS,
-    QUICK,
-    RLConfig,
-    checkpoint_of,
-    preset,
-)
+from .rl_config import IMITATION, NO_START, NUMBERS, QUICK, RLConfig, checkpoint_of, preset
 from .vec_env import NetworkVecEnv
 from .watch import REACH, Point, Watch
 

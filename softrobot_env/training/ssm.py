@@ -209,9 +209,10 @@ def _actions(recording: Recording, robot: RobotParams) -> ndarray:
 
 def split_decays(records: Sequence[Record]) -> tuple[list[Record], list[Record]]:
     """Decays, under inputs that do not change, and other motion."""
-    quiet = [bool(np.ptp(record.inputs, axis=0).max() < 1e-9) for record in records]
-    decays = [r for r, still in zip(records, quiet, strict=True) if still]
-    return decays, [r for r, still in zip(records, quiet, strict=True) if not still]
+    decays, others = [], []
+    for record in records:
+        (decays if np.ptp(record.inputs, axis=0).max() < 1e-9 else others).append(record)
+    return decays, others
 
 
 def judged(model: ReducedModel, records: Sequence[Record]) -> float:

@@ -31,13 +31,7 @@ from softrobot_env.rendering.tables import Column, make_table, named_values
 from ..arguments import Command, add, add_commands
 from ..output import say
 from . import calibrate, record, soak, virtual
-from .link import (
-    add_robot,
-    info_rows,
-    open_driver,
-    reading_rows,
-    robot_of,
-)
+from .link import add_robot, info_rows, open_driver, reading_rows, robot_of
 
 EXAMPLE = "softrobot robot hold --port /dev/ttyUSB0 --seconds 10"
 
