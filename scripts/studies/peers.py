@@ -285,8 +285,8 @@ def stages(lab: Lab) -> list[Row]:
     if known[PEER_OF_STEPS]:
         tasks.append((PEER_OF_STEPS, lambda: [peer_row(quick)]))
     rows = [row for found in lab.tasks(tasks) for row in found]
-    texts = {p: f"{p} is not installed: its rows are left out (pip install {p})" for p in PEERS}
-    notes = [Row("note", peer, text=texts[peer]) for peer in PEERS if not known[peer]]
+    text = "{0} is not installed: its rows are left out (pip install {0})"
+    notes = [Row("note", peer, text=text.format(peer)) for peer in PEERS if not known[peer]]
     return with_ratios(rows) + notes
 
 

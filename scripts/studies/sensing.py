@@ -3,7 +3,6 @@
 The planar sensor, three of them in a finger, and the spatial one in the rig.
 """
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -15,6 +14,7 @@ from scipy.interpolate import LinearNDInterpolator
 
 from softrobot_env.control.gripper import LIFTED
 from softrobot_env.envs.simulation.grippers import shares
+from softrobot_env.evaluation.models.runs import unwarned
 from softrobot_env.learned.network import Dataset, Network
 from softrobot_env.learned.training import train_regularised
 from softrobot_env.rendering import figures
@@ -28,7 +28,6 @@ from softrobot_env.scene.contacts import links_of
 from softrobot_env.scene.registry import RIG_PIECES, scene_of
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.statics import equilibrium
-from softrobot_env.scene.timestep import TimestepWarning
 from softrobot_env.sensing.array import SensorArray
 from softrobot_env.sensing.calibration import AngleErrors, Calibration, Range, fit
 from softrobot_env.sensing.estimation import BendFilter, calibrate
@@ -153,8 +152,7 @@ def _deg_row(figure: str, quantity: str, radians: float, kind: Kind, **others: A
 
 
 def _constant(quick: bool) -> list[Row]:
-    periods = 5 if quick else _PERIODS
-    time = np.arange(int(periods * _PERIOD * _RATE)) / _RATE
+    time = np.arange(int((5 if quick else _PERIODS) * _PERIOD * _RATE)) / _RATE
     each = np.radians(15) * (1 - np.cos(2 * np.pi * time / _PERIOD))
     light = read(_SENSOR, np.stack([each, each], axis=1), _RATE)
     relative, total, at = Range.of(light).relative(light), 2 * each, np.linspace(0, 100, 101)
@@ -292,19 +290,11 @@ class _Grip:
 
 def _gripped(name: str, tension: float) -> _Grip:
     """The middle finger grips a thing alone, which is clamped."""
-    fine = FINENESS["quick"]
-    scene = gripper_scene(
-        replace(GRIPPER, fingers=GRIPPER.fingers[1:2]),
-        (things()[name][0],),
-        contacts=fine.contacts,
-        pieces=_PIECES,
-        timestep=_TIMESTEP,
-        control_period=1 / _RATE,
-        felt_along=True,
-    )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", TimestepWarning)
-        built = build_assembly(scene)
+    alone, thing = replace(GRIPPER, fingers=GRIPPER.fingers[1:2]), things()[name][0]
+    fine = {"contacts": FINENESS["quick"].contacts, "pieces": _PIECES, "timestep": _TIMESTEP}
+    own = {"control_period": 1 / _RATE, "felt_along": True}
+    with unwarned():
+        built = build_assembly(gripper_scene(alone, (thing,), **fine, **own))
     (part,) = built.parts.values()
     links = links_of(built.model)
     first = np.array([built.model.sensor(felt_by(geom)).adr[0] for geom in links])
@@ -387,12 +377,11 @@ def _judge_finger(specimen: int, grips: dict[str, _Grip]) -> tuple[dict[str, nda
         "at_tip": whole.tension > _ENCLOSE[_SMALL],
         "fits": np.degrees(known(at)),
     }
-    errors, series = {}, {}
+    series = {}
     for name, grip in grips.items():
         light, turns = _finger_read(grip, specimen)
-        seen = known(light)
-        errors[name] = seen - turns
-        series[name] = seen, turns, grip
+        series[name] = known(light), turns, grip
+    errors = {name: seen - turns for name, (seen, turns, _) in series.items()}
     return errors, curves | {"series": series}
 
 

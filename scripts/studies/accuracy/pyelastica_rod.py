@@ -54,17 +54,10 @@ def build(robot: RobotParams, n: int) -> tuple[Any, Any]:
             system.external_forces[1, -1] += size * cos(angle)
 
     shear_modulus = robot.youngs_modulus / (2 * (1 + robot.poisson_ratio))
-    rod = elastica.CosseratRod.straight_rod(
-        n,
-        np.zeros(3),
-        np.array([0.0, 0.0, 1.0]),
-        np.array([1.0, 0.0, 0.0]),
-        robot.length,
-        robot.outer_radius,
-        robot.density,
-        youngs_modulus=robot.youngs_modulus,
-        shear_modulus=shear_modulus,
-    )
+    place = np.zeros(3), np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+    sizes = robot.length, robot.outer_radius, robot.density
+    moduli = {"youngs_modulus": robot.youngs_modulus, "shear_modulus": shear_modulus}
+    rod = elastica.CosseratRod.straight_rod(n, *place, *sizes, **moduli)
     rod.shear_matrix[[0, 1], [0, 1]] = cases.SHEAR.shear_coefficient * shear_modulus * robot.area
     simulator = Simulator()
     simulator.append(rod)

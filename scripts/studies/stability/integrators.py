@@ -18,18 +18,9 @@ from studies.lab import Record, groups, quantity
 from studies.stability.runs import Job
 
 #: A soft trunk that hangs.
-TRUNK = RobotParams(
-    "trunk",
-    length=0.6,
-    outer_radius=8e-3,
-    inner_radius=0.0,
-    youngs_modulus=3e5,
-    density=1070.0,
-    damping_time=0.02,
-    pieces=6,
-    gravity=(0.0, 0.0, 9.81),
-    tendons=tuple(Tendon(f"side{k}", (x, 0.0), 0.6, 0, 1.0) for k, x in enumerate((8e-3, -8e-3))),
-)
+_SIDES = tuple(Tendon(f"side{k}", (x, 0.0), 0.6, 0, 1.0) for k, x in enumerate((8e-3, -8e-3)))
+_HANGING = {"gravity": (0.0, 0.0, 9.81), "tendons": _SIDES}
+TRUNK = RobotParams("trunk", 0.6, 8e-3, 0.0, 3e5, 1070.0, 0.02, 6, **_HANGING)
 
 #: Scenes: name -> robot and options.
 CASES: dict[str, tuple[RobotParams, dict[str, Any]]] = {
