@@ -69,14 +69,8 @@ NAMES = re.compile(
 NUMBER = re.compile(r"(?<![\w.])(?<!\w-)\d(?:[\d,.]*\d)?(?: \d{3})*(?:e[-+]?\d+)?")
 #: Unit shown -> factor from SI.
 UNITS = {**FACTORS, "degrees": 180 / math.pi}
-FUNCTIONS: dict[str, Callable[[list[Any]], Any]] = {
-    "mean": mean,
-    "median": median,
-    "least": min,
-    "largest": max,
-    "total": sum,
-    "count": len,
-}
+FUNCTIONS: dict[str, Callable[[list[Any]], Any]] = {"mean": mean, "median": median}
+FUNCTIONS |= {"least": min, "largest": max, "total": sum, "count": len}
 
 
 def pages() -> list[Path]:
