@@ -24,7 +24,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import partial
 from itertools import product
-from math import ceil
+from math import ceil, inf
 from pathlib import Path
 from statistics import median
 from typing import Any, TypeVar
@@ -73,6 +73,23 @@ def of_kind(records: Iterable[Any], kind: type[AnyRecord]) -> list[AnyRecord]:
 def names(records: Iterable[Any]) -> list[str]:
     """Policies in the order of their first records."""
     return [policy for (policy,) in groups(records, "policy")]
+
+
+def ranked(
+    records: Iterable[AnyRecord],
+    name: str,
+    value: Callable[[AnyRecord], float | None],
+    join: Callable[[list[float]], float] = max,
+) -> dict[Any, float]:
+    """Values of a field, best first, with what is joined of their records; infinite if nothing.
+
+    Those come later that lack a record which others have, or a value of one.
+    """
+    found = groups(records, name)
+    most = max(map(len, found.values()), default=0)
+    known = {k: [v for v in map(value, mine) if v is not None] for (k,), mine in found.items()}
+    joined = {k: join(values or [inf]) for k, values in known.items()}
+    return {k: joined[k] for k in sorted(known, key=lambda k: (most - len(known[k]), joined[k]))}
 
 
 Rows = Sequence[Any]

@@ -370,23 +370,14 @@ def ranked_laws(rows: Iterable[LapsRow]) -> dict[str, list[str]]:
     Laws that failed somewhere, or were not run in all that others were, come later.
     """
     known = [row for row in rows if row.what in ROOM and row.policy != HOLD]
-    found: dict[str, list[str]] = {}
-    for (robot,), mine in lab.groups(known, "robot").items():
-        laws = lab.groups(mine, "policy")
-        most = max(map(len, laws.values()))
-        order = sorted(laws, key=lambda law: (most - len(laws[law]), _over_limit(laws[law])))
-        found[robot] = [law for (law,) in order]
-    return found
+    robots = lab.groups(known, "robot").items()
+    return {robot: list(lab.ranked(mine, "policy", _over_limit)) for (robot,), mine in robots}
 
 
-def _over_limit(rows: list[LapsRow]) -> tuple[int, float]:
-    """Number of failures, and largest error over its limit."""
-    shares = [
-        row.share_mean / (ROOM[row.what] * LIMITS[row.frequency])
-        for row in rows
-        if row.failure is None
-    ]
-    return len(rows) - len(shares), max(shares, default=inf)
+def _over_limit(row: LapsRow) -> float | None:
+    """Error over its limit; None after a failure."""
+    limit = ROOM[row.what] * LIMITS[row.frequency]
+    return row.share_mean / limit if row.failure is None else None
 
 
 def goal_rows(rows: list[LapsRow]) -> Iterator[GoalRow]:
@@ -925,19 +916,13 @@ _MOST = 6
 
 def transfer_picture(rows: Sequence[Any]) -> Figure:
     """Draw the mean errors in % of the length of those that err least in their worst world."""
-    found = lab.of_kind(rows, TransferRow)
-    ranked = {
-        robot: _ranked_policies(mine) for (robot,), mine in lab.groups(found, "robot").items()
-    }
-    shown = [
-        row
-        for robot, labels in ranked.items()
-        for label in labels[:_MOST]
-        for row in lab.select(found, robot=robot, label=label)
-    ]
-    worst = [
-        (_worst(lab.select(shown, robot=r, label=p)), f"{r}, {p}") for r, (p, *_) in ranked.items()
-    ]
+    found, shown, worst = lab.of_kind(rows, TransferRow), [], []
+    for (robot,), mine in lab.groups(found, "robot").items():
+        ranked = lab.ranked(mine, "label", lambda row: row.share_mean)
+        best, *_ = labels = list(ranked)[:_MOST]
+        shown += [row for label in labels for row in lab.select(mine, label=label)]
+        failed = any(row.share_mean is None for row in lab.select(mine, label=best))
+        worst.append((inf if failed else 100 * ranked[best], f"{robot}, {best}"))
     ends = [f"{share:.2g} % ({name})" for share, name in sorted(worst) if np.isfinite(share)]
     message = "No policy stands all worlds of a robot"
     if ends:
@@ -954,25 +939,6 @@ def transfer_picture(rows: Sequence[Any]) -> Figure:
         headings=lambda rows: rows[0].robot,
         colours=lambda rows: (0.1, 100.0),
     )(shown)
-
-
-def _worst(rows: list[TransferRow]) -> float:
-    """Largest mean error [%] of the length, infinite where it failed."""
-    return max(np.inf if row.share_mean is None else 100 * row.share_mean for row in rows)
-
-
-def _ranked_policies(rows: list[TransferRow]) -> list[str]:
-    """Policies of a robot: those that were run everywhere and never failed, by their largest error,
-    then the others."""
-    policies = lab.groups(rows, "label")
-    most = max(map(len, policies.values()))
-
-    def order(label: tuple) -> tuple[int, float]:
-        shares = [row.share_mean for row in policies[label]]
-        known = [share for share in shares if share is not None]
-        return most - len(known), max(known, default=np.inf)
-
-    return [label for (label,) in sorted(policies, key=order)]
 
 
 TRANSFER = lab.Study(

@@ -20,7 +20,7 @@ from softrobot_env.rendering.curves import Curve
 from softrobot_env.rendering.figures import Axes, Figure, new_figure
 from softrobot_env.robots import ARM, centerline
 from softrobot_env.robots.actuation import TendonMap
-from softrobot_env.tasks import make_task
+from softrobot_env.tasks import Task, make_task
 from softrobot_env.thesis.figures import FIGURES, POLICY_TIME
 from studies import lab
 from studies.truths.thesis_values import AUDIT, CONTROLLERS, ROBUSTNESS
@@ -165,7 +165,8 @@ class GoalRow(lab.Record):
 def controller_cases(quick: bool) -> list[tuple]:
     """Setting, plant, policy, task, width [m] and variation of every episode."""
     every, tasks = policies(), (TASKS[0], _SWING) if quick else TASKS
-    rates, nominal = [name for name in every if measures_rates(name)], {}
+    swing, nominal = make_task("swing"), {}
+    rates = [name for name in every if measures_rates(name, swing)]
 
     def episodes(setting: str, plant: str, tasks: Any, names: Any, variation: Variation) -> list:
         pairs = product(tasks, names)
@@ -185,9 +186,9 @@ def controller_cases(quick: bool) -> list[tuple]:
     return found
 
 
-def measures_rates(policy: str) -> bool:
-    """Whether a policy measures curvature rates, so that output feedback changes it."""
-    case = runner.Case(make_task("swing"), policy, plant=MUJOCO, feedback="state")
+def measures_rates(policy: str, task: Task) -> bool:
+    """Whether a policy of a task measures curvature rates, so that output feedback changes it."""
+    case = runner.Case(task, policy, plant=MUJOCO, feedback="state")
     return "curvature_rate" in case.make_policy(case.environment().control_period).requires
 
 
@@ -770,13 +771,14 @@ _MOST = 6
 
 def _speeds(rows: Sequence[Any]) -> Figure | None:
     mine = lab.select(rows, part="unseen")
-    best = _ranked(mine)[:_MOST]
+    every = list(lab.ranked(mine, "policy", lambda row: row.e_max, median))
+    best = every[:_MOST]
     errors = [row.e_max for row in lab.select(mine, policy=best[0]) if row.failure is None]
     message = "On paths that no policy has met all failed"
     if errors:
         message = f"On paths that no policy has met {best[0]} errs least, by "
         message += f"{1e3 * max(errors):.2g} mm at most"
-    some = f"The {len(best)} of {len(lab.names(mine))} policies that err least, median of the seeds"
+    some = f"The {len(best)} of {len(every)} policies that err least, median of the seeds"
     return lab.lines(
         "speed",
         tuple(_ERRORS),
@@ -788,15 +790,6 @@ def _speeds(rows: Sequence[Any]) -> Figure | None:
         log="xy",
         decorate=lambda axis, rows, metric: axis.set_xticks(SPEEDS[rows[0].task], minor=False),
     )([row for row in mine if row.policy in best])
-
-
-def _ranked(rows: list[GeneralRow]) -> list[str]:
-    """Policies, first without failures, then by the median of their errors."""
-    order = {}
-    for (policy,), mine in lab.groups(rows, "policy").items():
-        errors = [row.e_max for row in mine if row.failure is None]
-        order[policy] = len(mine) - len(errors), median(errors or [np.inf])
-    return sorted(order, key=order.__getitem__)
 
 
 def _mapped(row: GeneralRow) -> float | None:
@@ -811,13 +804,9 @@ def _map_title(rows: list[GeneralRow]) -> str:
 
 def _least_disturbed(rows: list[GeneralRow]) -> str:
     """Who errs least on swing and L-shape; who failed anywhere errs infinitely."""
-    worst = {}
-    for (policy,), mine in lab.groups(rows, "policy").items():
-        errors = [
-            row.e_max if row.failure is None else np.inf for row in mine if row.task != "step"
-        ]
-        worst[policy] = max(errors, default=np.inf)
-    least = min(worst, key=worst.__getitem__)
+    tracked = [row for row in rows if row.task != "step"]
+    worst = lab.ranked(tracked, "policy", lambda row: np.inf if row.failure else row.e_max)
+    least = next(iter(worst))
     return (
         f"On disturbed robots {least} errs least in its worst case, {1e3 * worst[least]:.2g} mm on "
         "swing and L-shape"

@@ -1,6 +1,7 @@
 """The studies of the arm's policies: what is run, motion errors, ratios and goals."""
 
 from dataclasses import fields
+from functools import cache
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from softrobot_env.evaluation.rollout import Rollout
 from studies import policies as study
 from studies.policies import DISTURBANCES, MODULI, PARAMETERS, TASKS, ControllerRow, E
 from studies.truths.thesis_values import CONTROLLERS
+
+controller_cases = cache(study.controller_cases)
 
 #: Figures of a made-up episode, all goals met.
 GOOD = {
@@ -81,7 +84,7 @@ def test_ratios_are_to_the_same_case_with_the_nominal_robot():
 
 
 def test_a_full_run_covers_every_setting_and_a_quick_one_is_a_part_of_it():
-    every, quick = (study.controller_cases(flag) for flag in (False, True))
+    every, quick = map(controller_cases, (False, True))
     assert study.policies()[:3] == list(CONTROLLERS)
     assert set(study.policies()) == set(POLICIES) - {"hold"}
     for setting in ("thesis", "mujoco"):
@@ -108,7 +111,7 @@ def test_environments_accept_every_variation(policy):
 def judged(change=None, **changes):
     """Goals of a full run of made-up episodes, some of which are changed."""
     rows = []
-    for case in study.controller_cases(False):
+    for case in controller_cases(False):
         own = {"e_rms": GOOD["e_rms"] / 2} if case[2] == "lq_adaptive" else {}  # the best
         rows.append(make_row(case, **own | (changes if change and change(*case) else {})))
     return {(g.goal, g.setting): g for g in study.goal_rows(study.with_ratios(rows))}
