@@ -70,11 +70,6 @@ def of_kind(records: Iterable[Any], kind: type[AnyRecord]) -> list[AnyRecord]:
     return [record for record in records if isinstance(record, kind)]
 
 
-def names(records: Iterable[Any]) -> list[str]:
-    """Policies in the order of their first records."""
-    return [policy for (policy,) in groups(records, "policy")]
-
-
 def ranked(
     records: Iterable[AnyRecord],
     name: str,
