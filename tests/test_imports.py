@@ -153,16 +153,21 @@ def test_the_reader_sees_every_form_of_import():
     assert "j" not in imported(path, run_at_import(tree))
 
 
+def offenders(sources, wrong) -> dict[str, list[str]]:
+    """Sources and the names in them that are wrong there, by `wrong(path, tree)`."""
+    found = {p.relative_to(ROOT).as_posix(): sorted(wrong(p, t)) for p, t in sources.items()}
+    return {path: names for path, names in found.items() if names}
+
+
 def test_imports_go_down_only(sources):
-    offenders = {}
-    for path, tree in sources.items():
+    def up(path, tree):
         part = part_of(path)
         assert part in ALLOWED, f"{part!r} has no place in the import table"
-        allowed = ALLOWED[part]
-        if allowed is not EVERYTHING:
-            up = parts_in(imported(path, ast.walk(tree))) - allowed - {part}
-            offenders |= {str(path.relative_to(ROOT)): sorted(up)} if up else {}
-    assert not offenders
+        if ALLOWED[part] is EVERYTHING:
+            return ()
+        return parts_in(imported(path, ast.walk(tree))) - ALLOWED[part] - {part}
+
+    assert not offenders(sources, up)
 
 
 def imports_of_modules(sources) -> dict[str, set[str]]:
@@ -228,15 +233,13 @@ def test_circles_are_found():
 
 def test_nothing_imports_the_thesis(sources):
     """It is a plug-in as an outsider's: known by its entry points alone."""
-    offenders = {}
-    for path, tree in sources.items():
+
+    def own(path, tree):
         if part_of(path) in ("thesis", "scripts"):
-            continue
-        names = imported(path, ast.walk(tree))
-        names += [text.replace(":", ".") for text in paths_in(tree)]
-        own = sorted({n for n in names if n.startswith(f"{PACKAGE}.thesis")})
-        offenders |= {str(path.relative_to(ROOT)): own} if own else {}
-    assert not offenders
+            return ()
+        return {n for n in named_in(path, tree) if n.startswith(f"{PACKAGE}.thesis")}
+
+    assert not offenders(sources, own)
 
 
 def test_controllers_never_see_a_twin(sources):
@@ -251,14 +254,20 @@ def test_controllers_never_see_a_twin(sources):
         node.name for node in tree.body if isinstance(node, ast.ClassDef | ast.FunctionDef)
     }
     assert {"Twin", "sampled_twin"} < banned
-    offenders = {}
-    for path, tree in sources.items():
-        if part_of(path) in ("control", "learned", "beams"):
-            names = imported(path, ast.walk(tree))
-            names += [text.replace(":", ".") for text in paths_in(tree)]
-            seen = {n for n in names if n.startswith(PACKAGE) and banned & set(n.split("."))}
-            offenders |= {str(path.relative_to(ROOT)): sorted(seen)} if seen else {}
-    assert not offenders
+
+    def seen(path, tree):
+        if part_of(path) not in ("control", "learned", "beams"):
+            return ()
+        ours = (name for name in named_in(path, tree) if name.startswith(PACKAGE))
+        return {name for name in ours if banned & set(name.split("."))}
+
+    assert not offenders(sources, seen)
+
+
+def named_in(path: Path, tree: ast.Module) -> list[str]:
+    """What a source imports, and what it names for registries to load."""
+    loaded = [text.replace(":", ".") for text in paths_in(tree)]
+    return imported(path, ast.walk(tree)) + loaded
 
 
 def paths_in(tree: ast.Module) -> list[str]:
@@ -269,26 +278,26 @@ def paths_in(tree: ast.Module) -> list[str]:
 
 
 def test_heavy_packages_load_where_they_are_used(sources):
-    offenders = {}
-    for path, tree in sources.items():
+    def top(path, tree):
         part = part_of(path)
         banned = HEAVY - HEAVY_AT_HOME.get(part, set())
         banned |= {"scipy"} if part in WITHOUT_SCIPY else set()
         banned -= HEAVY_MODULES.get(str(path.relative_to(ROOT)), set())
-        top = {name.split(".")[0] for name in imported(path, run_at_import(tree))} & banned
-        offenders |= {str(path.relative_to(ROOT)): sorted(top)} if top else {}
-    assert not offenders
+        return {name.split(".")[0] for name in imported(path, run_at_import(tree))} & banned
+
+    assert not offenders(sources, top)
 
 
 def test_only_registries_load_by_names_made_at_run_time(sources):
     """Paths written as one text are found by search and by tests; composed ones are not."""
     banned = {"import_module", "__import__", "run_module", "run_path", "exec_module"}
-    offenders = set()
-    for path, tree in sources.items():
+
+    def made(_, tree):
         names = {getattr(node, "id", getattr(node, "attr", None)) for node in ast.walk(tree)}
         names |= {node.name for node in ast.walk(tree) if isinstance(node, ast.alias)}
-        offenders |= {path.relative_to(ROOT).as_posix()} if names & banned else set()
-    assert offenders == set(LOADERS)
+        return names & banned
+
+    assert set(offenders(sources, made)) == set(LOADERS)
 
 
 def test_what_registries_name_is_written_whole(sources):
