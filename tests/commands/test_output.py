@@ -21,7 +21,7 @@ _TAKEN = [
     (f"{_SHORT} --out .", "report.json"),
     ("benchmark speed --quick --out .", "speed/report.json"),
     ("export --out .", "arm.xml"),
-    ("train lqi --quick --out .", "qs_nn.npz"),
+    ("train qs_nn --quick --out .", "qs_nn.npz"),
     ("inspect --robot planar_finger --workspace --out .", "workspace_planar_finger.png"),
     ("recording replay rec.csv --robot rig --out .", "report.json"),
     ("robot soak --out .", "report.json"),
