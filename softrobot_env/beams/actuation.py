@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
+from softrobot_env.core.records import check_unique
 from softrobot_env.robots import RobotParams, Tendon
 from softrobot_env.robots.loads import Load, seen_from_base
 
@@ -153,9 +154,7 @@ def channel_samples(channels: Sequence[Tendon], edges: ndarray) -> tuple[ndarray
 def _check(robot: RobotParams, loads: Sequence[Load], drive: str) -> None:
     if drive not in DRIVES:
         raise ValueError(f"unknown drive {drive!r}; choose from {', '.join(DRIVES)}")
-    names = [x.name for x in (*robot.tendons, *loads)]
-    if len(set(names)) < len(names):
-        raise ValueError(f"tendons and loads need distinct names, got {names}")
+    check_unique((*robot.tendons, *loads), "tendons and loads")
     for load in loads:
         if not 0 <= load.station <= robot.length * (1 + 1e-12):
             raise ValueError(

@@ -21,16 +21,7 @@ from . import mechanics
 from .model import BeamModel
 from .numerics import integration
 from .numerics.compilation import kernel, reference
-from .numerics.quaternions import (
-    add,
-    cross,
-    difference,
-    dot3,
-    mix,
-    row3,
-    scaled,
-    weighting,
-)
+from .numerics.quaternions import add, cross, difference, dot3, mix, row3, scaled, weighting
 from .signals import Signal
 
 #: Builds the model of a robot under some loads.

@@ -174,8 +174,9 @@ def _check(what: str, value: Any, rule: "_Rule") -> None:
         raise ValueError(f"{what}{fault.where} must be {fault.allowed}, got {shown(fault.found)}")
 
 
-def check_unique(names: list[str], what: str) -> None:
-    """Raise ValueError unless all names are different."""
+def check_unique(named: Iterable[Any], what: str) -> None:
+    """Raise ValueError unless all names, or those of all things, are different."""
+    names = [getattr(one, "name", one) for one in named]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise ValueError(f"{what} need different names, {twice[0]!r} is there more than once")

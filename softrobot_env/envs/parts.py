@@ -211,8 +211,8 @@ class SimulatedParts(EnvParts):
         sizes = with_room(plant.sizes, self.task.robot, len(self._preview))
         self.noise_sizes = {name: OBSERVABLES[name].space(sizes).shape[0] for name in SENSOR_NOISE}
         self.dimensions = sizes.dimensions
-        limits = [tendon.tension_limit for tendon in self.task.robot.tendons]
-        self.most = np.array(limits) if self.twin is None else np.full(len(limits), np.inf)
+        limits = self.task.robot.of_tendons("tension_limit")
+        self.most = limits if self.twin is None else np.full(len(limits), np.inf)
         self.bends = self.noise_sizes["curvature"]
         self._make_spaces(config.observe, known_of(self.task.robot), sizes)
         self._sensors = built.sensors

@@ -322,7 +322,7 @@ class Lines:
     ) -> None:
         """Find them, of a robot whose parts have names with a prefix, and make them wider [1]."""
         self._model, self._width = model, wider * tendon_width(robot)
-        self._limit = np.array([t.tension_limit for t in robot.tendons])
+        self._limit = robot.of_tendons("tension_limit")
         self._lines = [_line_id(model, prefix + t.name) for t in robot.tendons]
 
     def show(self, tension: ndarray) -> None:

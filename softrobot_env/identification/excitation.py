@@ -214,7 +214,7 @@ def _judge(robot: RobotParams, limits: Excitation) -> Callable[[ndarray, float],
     idle = inputs.command(np.zeros(inputs.n_inputs))
     posture = scene.equilibrium(idle)
     rest = scene.tip(posture)
-    allowed = limits.tension * np.array([t.tension_limit for t in robot.tendons])
+    allowed = limits.tension * robot.of_tendons("tension_limit")
     most = np.maximum(allowed, tension_of(idle, posture))
 
     def safe(way: ndarray, share: float) -> bool:
@@ -395,7 +395,7 @@ def excite(
     env.label = str(plan.labels[0])
     observation, _ = env.reset(seed=seed, options=options)
     begin = observation["tip_position"].copy()
-    most = np.array([t.tension_limit for t in env.unwrapped.task.robot.tendons])
+    most = env.unwrapped.task.robot.of_tendons("tension_limit")
     for k, (action, label) in enumerate(zip(plan.actions, plan.labels, strict=True)):
         env.label = str(label)
         observation, _, terminated, truncated, info = env.step(action.astype(np.float32))

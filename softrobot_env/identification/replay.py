@@ -74,11 +74,11 @@ class Body:
             self._simulation = made.simulation({})
             self._model = self._simulation.plant.model
         self._servos, self._rubbing = None, None
-        pretension = np.array([t.pretension for t in own.tendons], float)
+        pretension = own.of_tendons("pretension")
         self._idle, zero = pretension, np.zeros_like(pretension)
         self._offset = self._slack = self._play = self._horn = zero
         if drive == "length":
-            held = pretension / [t.stiffness for t in own.tendons]
+            held = pretension / own.of_tendons("stiffness")
             self._idle, self._slack = zero, held + _LET_OUT * own.length
             self._play = np.array(twin.backlash) / 2
             self._offset = np.array(twin.servo_offset)

@@ -236,8 +236,8 @@ def describe(robot: RobotParams) -> dict[str, ndarray]:
         "robot": np.array(robot.name),
         "length": np.array(robot.length),
         "bending_stiffness": np.array(robot.bending_stiffness),
-        "tendon_offset": np.array([t.offset for t in robot.tendons]),
-        "tendon_end": np.array([t.end for t in robot.tendons]),
+        "tendon_offset": robot.of_tendons("offset"),
+        "tendon_end": robot.of_tendons("end"),
     }
 
 

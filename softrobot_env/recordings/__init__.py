@@ -6,15 +6,7 @@ file). The header is a short TOML file that says which column is what, in which 
 """
 
 from .files import read_recording, write_recording
-from .header import (
-    Commands,
-    Frame,
-    Header,
-    Marker,
-    Time,
-    read_header,
-    write_header,
-)
+from .header import Commands, Frame, Header, Marker, Time, read_header, write_header
 from .recording import Recording
 
 __all__ = [

@@ -7,14 +7,7 @@ from numpy import ndarray
 
 from softrobot_env.core.records import placed
 
-from .columns import (
-    Columns,
-    read_csv,
-    read_mcap,
-    read_minari,
-    read_parquet,
-    write_columns,
-)
+from .columns import Columns, read_csv, read_mcap, read_minari, read_parquet, write_columns
 from .header import UNITS, Header, read_header, write_header
 from .recording import Recording
 

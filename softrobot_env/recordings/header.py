@@ -97,12 +97,12 @@ class Commands:
                 f"commands: angles ({angles}) and spool_radius_m go together, got unit "
                 f"{self.unit!r} and {'none' if self._by_angle else 'one'}"
             )
-        check_unique(list(self.columns), "commands: columns")
+        check_unique(self.columns, "commands: columns")
         if not self.columns:
             raise ValueError("commands: columns must name one column or more")
         if self.tendons is not None and self.kind == "action":
             raise ValueError("commands: actions have the environment's order and no tendons")
-        check_unique(list(self.tendons or ()), "commands: tendons")
+        check_unique(self.tendons or (), "commands: tendons")
         for name in ("tendons", "factors", "zeros"):
             given = getattr(self, name)
             if given is not None and len(given) != len(self.columns):

@@ -121,7 +121,7 @@ class Recording:
                     f"recording has {self.commands.shape[1]}"
                 )
             return inputs.per_action().command(self.commands)
-        names = [tendon.name for tendon in robot.tendons]
+        names = robot.tendon_names
         known = self.tendons if self.tendons is not None else self.header.commands.columns
         unknown = [name for name in known if name not in names]
         if unknown and self.tendons is None:
@@ -177,7 +177,7 @@ def episode_recording(
     rows, unit = len(times), _UNIT[robot.drive.kind]
     markers = np.full((rows, 1, 3), np.nan)
     markers[:, 0, axes] = tips
-    names = tuple(tendon.name for tendon in robot.tendons)
+    names = robot.tendon_names
     columns = tuple(f"{name}_{unit}" for name in names)
     header = Header(
         Commands(robot.drive.kind, columns, unit, tendons=names, in_force="until"),

@@ -11,15 +11,7 @@ from numpy import ndarray
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.robots import RobotParams
 
-from .figures import (
-    COLOURS,
-    REFERENCE,
-    Axes,
-    Figure,
-    add_legend,
-    add_title,
-    style_of,
-)
+from .figures import COLOURS, REFERENCE, Axes, Figure, add_legend, add_title, style_of
 
 #: Samples of an episode to show.
 Shown = Callable[[Rollout], slice]

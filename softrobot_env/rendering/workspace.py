@@ -7,17 +7,7 @@ import numpy as np
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.inverse import Sample, Workspace, sample_of, workspace_of
 
-from .figures import (
-    BLACK,
-    BLUE,
-    GREY,
-    VERMILLION,
-    Axes,
-    add_legend,
-    add_title,
-    new_figure,
-    save,
-)
+from .figures import BLACK, BLUE, GREY, VERMILLION, Axes, add_legend, add_title, new_figure, save
 
 _SHAPES, _POINTS = 9, 60
 _NAMES = "xyz"

@@ -12,16 +12,7 @@ from softrobot_env.core.registry import served
 
 from .file import read_gripper, read_robot, write_gripper, write_robot
 from .loads import Load
-from .parameters import (
-    Base,
-    Disc,
-    Drive,
-    Finger,
-    Gripper,
-    Head,
-    RobotParams,
-    centerline,
-)
+from .parameters import Base, Disc, Drive, Finger, Gripper, Head, RobotParams, centerline
 from .registry import (
     CAMERA_PERIOD,
     ENTRIES,
@@ -42,13 +33,7 @@ from .registry import (
 from .sections import Backbone, Section
 from .sensors import Sensor
 from .tendons import Tendon
-from .variations import (
-    VARIATIONS,
-    Variation,
-    as_number,
-    neutral,
-    register_variation,
-)
+from .variations import VARIATIONS, Variation, as_number, neutral, register_variation
 
 _served = served(__name__)
 

@@ -87,7 +87,7 @@ def with_balance(robot: RobotParams) -> RobotParams:
     Where the nearest would push, all tendons of the group have about the same; where these would
     push as well, none.
     """
-    pretension = np.array([t.pretension for t in robot.tendons], float)
+    pretension = robot.of_tendons("pretension")
     for g in sorted({t.group for t in robot.tendons}):
         group = _Group(robot, g, balanced=False)
         if not group.opposed.any():
@@ -178,7 +178,7 @@ class TendonMap(Inputs):
             self._widest[group.members] = group.widest
             row += len(group.phi)
         self._one, self._other = one, (None if np.array_equal(one, other) else other)
-        self._base = np.array([t.pretension for t in tendons])
+        self._base = robot.of_tendons("pretension")
         self._pretensioned = bool(self._base.any())
         self._shift: ndarray | None = None
 

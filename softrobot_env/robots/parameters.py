@@ -261,8 +261,8 @@ class RobotParams:
         if not self.sections and self.poisson_ratio is None:
             self._set("poisson_ratio", 0.0)
         check_fields(self, f"robot {self.name!r}", but=_OF_SECTION if self.sections else ())
-        check_unique([t.name for t in self.tendons], f"robot {self.name!r}: tendons")
-        check_unique([s.name for s in self.sensors], f"robot {self.name!r}: sensors")
+        check_unique(self.tendons, f"robot {self.name!r}: tendons")
+        check_unique(self.sensors, f"robot {self.name!r}: sensors")
         if not (self.sections or self.inner_radius < self.outer_radius):
             raise ValueError(f"robot {self.name!r}: need 0 <= inner_radius < outer_radius")
         _check_floats(self)
@@ -436,6 +436,15 @@ class RobotParams:
         return self.anisotropy == 0 and not any(self.precurvature)
 
     @property
+    def tendon_names(self) -> tuple[str, ...]:
+        """Names of the tendons."""
+        return tuple(t.name for t in self.tendons)
+
+    def of_tendons(self, name: str) -> ndarray:
+        """What each tendon has by a name, such as "stiffness", (n_tendons, ...)."""
+        return np.array([getattr(t, name) for t in self.tendons], float)
+
+    @property
     def is_planar(self) -> bool:
         """Whether nothing of it, nor its weight, leaves the x-z plane at its base."""
         crossing = any(t.leaves_plane for t in self.tendons) or self.own_gravity[1]
@@ -579,7 +588,7 @@ class Gripper:
         check_fields(self, f"gripper {self.name!r}")
         if not self.fingers:
             raise ValueError(f"gripper {self.name!r} needs a finger")
-        check_unique([finger.name for finger in self.fingers], f"gripper {self.name!r}: fingers")
+        check_unique(self.fingers, f"gripper {self.name!r}: fingers")
         for finger in self.fingers:
             if not finger.robot.tendons or finger.robot.drive.kind != "tension":
                 raise ValueError(

@@ -147,8 +147,8 @@ class Assembly:
         check_fields(self, f"assembly {self.name!r}")
         if not self.members:
             raise ValueError(f"assembly {self.name!r} needs a member")
-        check_unique([member.name for member in self.members], "the assembly's members")
-        check_unique([thing.name for thing in self.objects], "the assembly's objects")
+        check_unique(self.members, "the assembly's members")
+        check_unique(self.objects, "the assembly's objects")
         for name in _SHARED:
             values = {getattr(member.config, name) for member in self.members}
             if len(values) > 1:

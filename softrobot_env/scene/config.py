@@ -180,7 +180,7 @@ class SceneConfig:
     def __post_init__(self) -> None:
         check_fields(self, "scene")
         for name in ("cameras", "markers", "paths", "loads", "objects"):
-            check_unique([part.name for part in getattr(self, name)], f"the scene's {name}")
+            check_unique(getattr(self, name), f"the scene's {name}")
         if self.timestep is not None and self.timestep > self.control_period:
             raise ValueError(
                 f"timestep must be at most the control period, {self.control_period:g} s, got "

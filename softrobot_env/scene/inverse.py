@@ -418,7 +418,7 @@ class InverseStatics:
         if not self._pulled:
             return tension
         pretension, stiffness, _ = self._elastic
-        limit = [t.tension_limit for t in self.scene.config.robot.tendons]
+        limit = self.scene.config.robot.of_tendons("tension_limit")
         stretch = tension - self._shortened(posture)
         return np.clip(pretension + stiffness * stretch, 0.0, limit)
 

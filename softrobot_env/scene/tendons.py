@@ -181,7 +181,7 @@ def route_through_guides(chain: Chain, tendon: Tendon, name: str) -> MjsTendon:
 
 def full_length(robot: RobotParams, model: MjModel) -> ndarray:
     """(n_tendons,) [m] inside the straight robot, less those that MuJoCo tells."""
-    inside = np.array([tendon.straight_length for tendon in robot.tendons])
+    inside = robot.of_tendons("straight_length")
     return inside - model.tendon_length0[: len(inside)]
 
 

@@ -136,7 +136,7 @@ def _taut(robot: RobotParams, actions: ndarray) -> ndarray:
     that ends alone stays as it is.
     """
     out = actions.copy()
-    ends = np.round([tendon.end for tendon in robot.tendons], 9)
+    ends = np.round(robot.of_tendons("end"), 9)
     for end in np.unique(ends):
         own = ends == end
         if own.sum() == 1:

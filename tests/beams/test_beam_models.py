@@ -240,7 +240,7 @@ def test_a_signal_moves_the_rod_as_its_pieces_do():
         (lambda m: m.equilibrium(load_steps=0), "whole number"),
         (lambda m: m.equilibrium(check_stability="both"), "True, False, 'static', 'dynamic'"),
         (lambda m: PCC(WEIGHTLESS, 2, loads=(replace(PUSH, station=0.6),)), "off the robot"),
-        (lambda m: PCC(WEIGHTLESS, 2, loads=(PUSH, PUSH)), "distinct names"),
+        (lambda m: PCC(WEIGHTLESS, 2, loads=(PUSH, PUSH)), "need different names"),
         (lambda m: PCC(ARM, drive="length"), "finite stiffness"),
         (lambda m: PCC(ARM, drive="current"), "tension, length"),
         *(

@@ -26,10 +26,10 @@ SHORT = Excitation(kinds=("pulls", "steps", "random"), levels=2, rest=0.4, decay
 def test_a_pull_lets_the_other_tendons_out_by_what_the_bend_takes():
     """A uniform bend changes lengths by lever arm towards it times angle, up to a tendon's end."""
     robot = ROBOTS["ftdcr_v4"]
-    ends = np.array([tendon.end for tendon in robot.tendons])
+    ends = robot.of_tendons("end")
     for pulled, way in zip(robot.tendons, directions(robot).values(), strict=True):
         towards = np.array(pulled.offset) / np.hypot(*pulled.offset)
-        levers = np.array([tendon.offset for tendon in robot.tendons]) @ towards
+        levers = robot.of_tendons("offset") @ towards
         wanted = levers * np.minimum(ends, pulled.end)
         scale = robot_inputs(robot).input_scale
         # Integrals over 200 parts of a length.
@@ -77,7 +77,7 @@ def test_a_robot_stays_within_its_limits_and_is_at_rest_where_that_is_said():
     slow = replace(SHORT, kinds=("pulls",), levels=1, radius=0.03, tension=0.4)
     stopped, recording, planned = run(finger, slow)
     assert stopped is None and len(recording.times) == len(planned.actions) + 1
-    limits = np.array([tendon.tension_limit for tendon in finger.tendons])
+    limits = finger.of_tendons("tension_limit")
     assert np.all(recording.commands <= 0.4 * limits)
     far = np.linalg.norm(recording.markers[:, 0, ::2] - recording.markers[0, 0, ::2], axis=1)
     assert 0.5 * 0.03 < far.max() < 1.25 * 0.03

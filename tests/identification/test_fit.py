@@ -39,7 +39,7 @@ HEAVY = replace(ROD, gravity=(0.0, 0.0, -9.81))
 
 def in_turn(robot: RobotParams, levels, kind: str = "tension", begin: float = 0.0) -> Recording:
     """Commands [N] or [m] to one tendon after the other at rest, and no markers yet."""
-    names = [t.name for t in robot.tendons]
+    names = robot.tendon_names
     rows = np.concatenate([np.outer(levels, one) for one in np.eye(3)]) + begin
     labels = np.repeat([f"pull {name}" for name in names], len(levels))
     return recorded(rows, kind, names, labels=labels)

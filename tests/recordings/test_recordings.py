@@ -102,7 +102,7 @@ def test_rows_at_rest_need_no_times(tmp_path):
 
 def test_commands_are_put_in_the_order_of_the_robots_tendons(tmp_path):
     rod = ROBOTS["silicone_rod"]
-    names = [tendon.name for tendon in rod.tendons]
+    names = rod.tendon_names
     recording = read_recording(write_pair(tmp_path))
     head = recording.header
 

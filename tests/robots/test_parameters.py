@@ -118,7 +118,7 @@ def test_tensions_produce_the_reduced_input(robot, reduced):
 @given(reduced=reduced_inputs)
 def test_tensions_are_the_smallest_that_keep_the_pretension(robot, reduced):
     tension = TendonMap(robot).tension(reduced)
-    pretension = np.array([t.pretension for t in robot.tendons])
+    pretension = robot.of_tendons("pretension")
     assert np.all(tension >= pretension)
     # Less tension in both tendons of a pair would let one of them fall below its pretension.
     excess = (tension - pretension).reshape(3, 2)
@@ -134,7 +134,7 @@ def test_actions_are_scaled_reduced_inputs(robot, action):
     assert returned is written
     expected = tendon_map.tension(action * tendon_map.input_scale)
     np.testing.assert_allclose(written, expected, rtol=1e-13, atol=1e-13)
-    limits = np.array([t.tension_limit for t in robot.tendons])
+    limits = robot.of_tendons("tension_limit")
     assert np.all(written <= limits * (1 + 1e-12))
 
 

@@ -122,7 +122,7 @@ def joint_numbers(rule: str) -> tuple[int, ...]:
 def piece_statics(robot: RobotParams = ROBOT) -> Solve:
     """The closed form of one piece, with uniform backbone and head."""
     piece = distributed(robot)
-    offsets = np.array([t.offset for t in robot.tendons])
+    offsets = robot.of_tendons("offset")
 
     def missing(y: ndarray, pulled: ndarray) -> ndarray:
         moment = tensions(robot, pulled, np.array([y[1], -y[0]])) @ offsets

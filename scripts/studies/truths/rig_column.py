@@ -59,7 +59,7 @@ def column_tip(robot: RobotParams, pulled: ndarray, shear_coefficient: float | N
         ValueError: The lengths pull to no side.
     """
     rod = section(robot, shear_coefficient)
-    toward = np.asarray(pulled) @ np.array([t.offset for t in robot.tendons])
+    toward = np.asarray(pulled) @ robot.of_tendons("offset")
     if not np.any(toward):
         raise ValueError(f"lengths {pulled} m pull to no side: the rig stays straight")
     unknown = np.array([*(_GUESS * toward / np.hypot(*toward)), 0.0])
@@ -91,7 +91,7 @@ def _base(
     """What `_toward_base` finds, and the moment [N m] of the tendons across the bend."""
     bend, angle = unknown[:2], float(np.hypot(*unknown[:2]))
     force = tensions(robot, pulled, bend, unknown[2])
-    x, y = force @ np.array([t.offset for t in robot.tendons])
+    x, y = force @ robot.of_tendons("offset")
     along, across = (x * bend[0] + y * bend[1]) / angle, (x * bend[1] - y * bend[0]) / angle
     return _toward_base(robot, rod, angle, float(along), float(force.sum())), float(across)
 

@@ -9,13 +9,7 @@ from numpy import ndarray
 from softrobot_env.core.registry import Registry
 
 from .. import signals
-from ..mechanics import (
-    acceleration,
-    bandwidth,
-    iteration_matrix,
-    project,
-    residual,
-)
+from ..mechanics import acceleration, bandwidth, iteration_matrix, project, residual
 from . import band
 from .compilation import kernel, structure
 

@@ -8,16 +8,7 @@ import numpy as np
 
 from ..actuation import channel_arm, channel_tangent
 from ..numerics.compilation import kernel
-from ..numerics.quaternions import (
-    accumulate,
-    add,
-    cross,
-    difference,
-    dot3,
-    scaled,
-    store,
-    vector,
-)
+from ..numerics.quaternions import accumulate, add, cross, difference, dot3, scaled, store, vector
 from .constant_strain import (
     clamp,
     compose,

@@ -179,7 +179,7 @@ def _taut(robot: RobotParams) -> TensionKeeping:
     m = robot_inputs(robot).n_inputs
     if robot.drive.kind == "tension":
         return TensionKeeping(np.zeros(m), *np.zeros((2, 0, m)))
-    stiffness = np.array([t.stiffness for t in robot.tendons]) * robot_inputs(robot).input_scale
+    stiffness = robot.of_tendons("stiffness") * robot_inputs(robot).input_scale
     moments, shares = TendonMap(robot).phi, []
     for group in sorted({t.group for t in robot.tendons}):
         own = np.array([float(t.group == group) for t in robot.tendons])

@@ -191,7 +191,7 @@ def _vector(s: Sizes, bound: float) -> spaces.Box:
 
 
 def _tendon_tension(s: Sizes) -> spaces.Box:
-    limit = np.array([t.tension_limit for t in s.robot.tendons])
+    limit = s.robot.of_tendons("tension_limit")
     return spaces.Box(np.zeros_like(limit), limit * (1 + 1e-9), dtype=np.float64)
 
 
@@ -199,8 +199,8 @@ def _tendon_length(s: Sizes) -> spaces.Box:
     """Lengths inside the robot, or pulled in where servos drive the tendons."""
     if s.pulled is not None:
         return symmetric(len(s.robot.tendons), s.pulled)
-    ends = np.array([t.straight_length for t in s.robot.tendons])
-    lever = np.array([t.farthest for t in s.robot.tendons])
+    ends = s.robot.of_tendons("straight_length")
+    lever = s.robot.of_tendons("farthest")
     change = ends * lever * s.robot.curvature_limit + s.strain * ends
     return spaces.Box(ends - change, ends + change, dtype=np.float64)
 

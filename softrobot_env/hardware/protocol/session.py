@@ -32,13 +32,7 @@ from .messages import (
     Reset,
     encode,
 )
-from .unit_conversion import (
-    FaultInfo,
-    Reading,
-    UnitConversion,
-    faults,
-    kind_of_fault,
-)
+from .unit_conversion import FaultInfo, Reading, UnitConversion, faults, kind_of_fault
 
 _KEPT = 16  # readings
 _CLOCK, _SEQ = 1 << 32, 1 << 16

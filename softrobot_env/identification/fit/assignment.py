@@ -80,7 +80,7 @@ def assigned(
         ValueError: Columns and tendons are not equally many, or a marker's x, y or z was not
             measured.
     """
-    names = [t.name for t in robot.tendons]
+    names = robot.tendon_names
     columns = len(recording.header.commands.columns)
     if columns != len(names):
         raise ValueError(
@@ -102,7 +102,7 @@ def sided(recording: Recording, robot: RobotParams, *, any_way: bool = False) ->
     A column has another sign than the rest where that leaves far less, for the robot as its file
     says. Arguments as of `assigned`.
     """
-    names = [t.name for t in robot.tendons]
+    names = robot.tendon_names
     known = recording.tendons or recording.header.commands.columns
     order = tuple(names.index(name) for name in known)
     return _Search(recording, robot, any_way).sides(order)
@@ -117,7 +117,7 @@ def doubted(recording: Recording, robot: RobotParams) -> str | None:
         recording: Of known tendons, in the frame that was found.
         robot: That was found.
     """
-    names, columns = [t.name for t in robot.tendons], recording.header.commands.columns
+    names, columns = robot.tendon_names, recording.header.commands.columns
     order = tuple(names.index(name) for name in recording.tendons or columns)
     (other, signs), share = _Search(recording, robot).other(order)
     if share > _CLEARLY:
@@ -160,7 +160,7 @@ class _Search:
     def __post_init__(self) -> None:
         rows = np.unique(np.linspace(0, len(self.recording.times) - 1, _ROWS).astype(int))
         self._part = self.recording.part(rows)
-        self._names = [t.name for t in self.robot.tendons]
+        self._names = self.robot.tendon_names
         self._seen: dict[_Case, tuple[float, float]] = {}
 
     def best(self) -> Assignment:
@@ -219,8 +219,8 @@ class _Search:
         moved = self._directions() * sign
         size = norm(moved, axis=1)
         way = moved / np.maximum(size, 1e-12)[:, None]
-        ends = np.array([t.end for t in self.robot.tendons])
-        place = np.array([t.offset for t in self.robot.tendons])
+        ends = self.robot.of_tendons("end")
+        place = self.robot.of_tendons("offset")
         expected = place / norm(place, axis=1)[:, None]
         rank = np.argsort(np.argsort(-size)) / max(len(size) - 1, 1)
         farther = np.argsort(np.argsort(ends, kind="stable")) / max(len(ends) - 1, 1)
@@ -257,7 +257,7 @@ class _Search:
     def _neighbours(self, order: tuple[int, ...]) -> list[tuple[int, ...]]:
         """Two columns changed, tendons of one end turned on, or two ends' tendons changed."""
         found = [_swapped(order, i, j) for i, j in combinations(range(len(order)), 2)]
-        ends = np.array([t.end for t in self.robot.tendons])
+        ends = self.robot.of_tendons("end")
         groups = [np.flatnonzero(ends == end).tolist() for end in np.unique(ends)]
         for group in groups:
             for shift in range(1, len(group)):
@@ -307,7 +307,11 @@ def _flips(signs: tuple[float, ...]) -> list[tuple[float, ...]]:
 
 
 def _simulated(
-    robot: RobotParams, recording: Recording, names: list[str], any_way: bool, cases: list[_Case]
+    robot: RobotParams,
+    recording: Recording,
+    names: tuple[str, ...],
+    any_way: bool,
+    cases: list[_Case],
 ) -> list[tuple[float, float]]:
     """RMS [m] and turn about z [rad] of assignments, for the robot as its file says."""
     found = []

@@ -101,7 +101,7 @@ class StaticModel:
         how = {"turned": turned, "spatial": self.spatial, "by_length": self._by_length}
         self.unknowns = Unknowns(tuple(unknowns.groups(robot, recording, **how)))
         travel = float(np.ptp(recording.commands, axis=0).max())
-        self._friction = np.array([t.friction for t in robot.tendons], float)
+        self._friction = robot.of_tendons("friction")
         if "tendon_friction" not in known:
             self._friction = unknowns.start_friction(robot, travel, self._by_length)
         self._backlash = robot.drive.backlash / 2 if self._by_length else 0.0
@@ -143,7 +143,7 @@ class StaticModel:
     def _lay(self, pieces: int | None) -> None:
         robot, markers = self.robot, self.recording.header.marker
         stations = [m.station_m for m in markers if m.station_m is not None]
-        ends = [*robot.backbone.ends, *(t.end for t in robot.tendons), *stations]
+        ends = [*robot.backbone.ends, *robot.of_tendons("end"), *stations]
         ends = np.unique(np.round(ends, 12))
         ends = ends[(ends >= 0) & (ends <= robot.length * (1 + 1e-12))]
         least, total = (2, _PIECES) if pieces is None else (1, pieces)
@@ -175,7 +175,6 @@ class StaticModel:
     def body(self, x: ndarray) -> Body:
         """The model's arrays for parameters (p,), real or complex."""
         robot, take = self.robot, partial(self.unknowns.take, x)
-        tendons, n = robot.tendons, len(robot.tendons)
         soft = np.exp(take("youngs_modulus"))[self._section]
         unlike, across = self._unlike(x)
         # Bends towards x and y are turns about y and -x.
@@ -186,15 +185,14 @@ class StaticModel:
         toward_x, toward_y = robot.precurvature[0] + more[0], robot.precurvature[1] + more[-1]
         sizes = self.layout.sizes
         rest = np.stack([-toward_y * sizes, toward_x * sizes], axis=1)
-        place = np.array([t.offset for t in tendons], x.dtype).reshape(-1, 2)
         angle, radius = take("tendon_angle"), np.exp(take("tendon_radius"))
         c, s = np.cos(angle) * radius, np.sin(angle) * radius
-        a, b = place.T
+        a, b = robot.of_tendons("offset").T
         place = np.stack([c * a - s * b, s * a + c * b], axis=1)
-        spring = np.ones(n, x.dtype)
+        spring = np.ones(len(a), x.dtype)
         if self._by_length:
-            spring = np.array([t.stiffness for t in tendons]) * np.exp(take("tendon_stiffness"))
-        pre = np.array([t.pretension for t in tendons]) + take("pretension")
+            spring = robot.of_tendons("stiffness") * np.exp(take("tendon_stiffness"))
+        pre = robot.of_tendons("pretension") + take("pretension")
         friction = self._friction * np.exp(take("tendon_friction"))
         heavy = np.exp(take("mass")[0])
         head = robot.head
@@ -212,7 +210,7 @@ class StaticModel:
             self._mass * heavy,
             over * np.array([heavy, 1.0]),
             gravity,
-            self._backlash * np.exp(take("backlash")[0]) * np.ones(n),
+            self._backlash * np.exp(take("backlash")[0]) * np.ones(len(a)),
             self._offsets(x),
             (self._holding * np.exp(take("bending_friction")))[self._section],
         )
@@ -387,7 +385,7 @@ class StaticModel:
         commands = header.commands
         if not self._by_length or commands.kind != "length":
             return commands
-        names = [t.name for t in self.robot.tendons]
+        names = self.robot.tendon_names
         whose = [names.index(name) for name in (self.recording.tendons or commands.columns)]
         body = _real(self.body(x))
         written = np.array([t.pretension for t in self.robot_of(x).tendons])

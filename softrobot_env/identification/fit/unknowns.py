@@ -88,7 +88,7 @@ def groups(
         spatial: Whether the robot leaves its plane.
         by_length: Whether the recording's commands are lengths.
     """
-    names = tuple(t.name for t in robot.tendons)
+    names = robot.tendon_names
     sections = tuple(f"section {k + 1}" for k in range(len(robot.backbone.sections)))
     markers = [f"marker {k + 1}" for k in range(len(recording.header.marker))]
     axes, turns = ("x", "y", "z") if spatial else ("x", "z"), ("x", "y", "z") if spatial else ("y",)
@@ -123,7 +123,7 @@ def groups(
     if by_length:
         found.append(Group("tendon_stiffness", "statics", names, 0.3, "log", 1.0))
         zero = _BEND * np.median([t.farthest * t.stiffness for t in robot.tendons])
-        usual = float(np.median([t.pretension for t in robot.tendons]))
+        usual = float(np.median(robot.of_tendons("pretension")))
         found.append(Group("pretension", "statics", names, zero, "N", usual + zero))
         found.append(Group("backlash", "statics", ("all",), 1.5, "log"))
     found.append(Group(HOLDS, "statics", sections, 0.4, "log", 2.0))
@@ -135,7 +135,7 @@ def _typical_force(robot: RobotParams, travel: float, by_length: bool) -> float:
     """[N] that tendons bear, roughly: what half of the recorded range of commands takes."""
     if not by_length:
         return max(travel, 1e-6)
-    stiff = np.median([t.stiffness for t in robot.tendons])
+    stiff = np.median(robot.of_tendons("stiffness"))
     bend = 2 * float(robot.backbone.bending(np.array([robot.length / 2]))[0]) / robot.length
     arm = np.median([max(t.farthest, 1e-4) for t in robot.tendons])
     return float(travel / 2 * min(stiff, bend / arm**2))

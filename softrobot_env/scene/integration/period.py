@@ -20,14 +20,7 @@ from softrobot_env.machine_code.cache import SourceCache
 
 from . import layout
 from . import mujoco_functions as mj
-from .extrapolation import (
-    Ramp,
-    bounded,
-    displacement,
-    integrate,
-    work_on,
-    work_size,
-)
+from .extrapolation import Ramp, bounded, displacement, integrate, work_on, work_size
 from .forces import chain_of, evaluate
 from .mujoco_functions import ADDRESS, jit, making, reals
 

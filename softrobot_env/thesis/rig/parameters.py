@@ -109,8 +109,8 @@ def describe_rig(robot: RobotParams) -> dict[str, ndarray]:
     head, azimuth = robot.head, 2 * robot.stiff_azimuth
     return describe(robot) | {
         "gravity": np.array(robot.gravity),
-        "tendon_stiffness": np.array([t.stiffness for t in robot.tendons]),
-        "tendon_pretension": np.array([t.pretension for t in robot.tendons]),
+        "tendon_stiffness": robot.of_tendons("stiffness"),
+        "tendon_pretension": robot.of_tendons("pretension"),
         "head": np.array([] if head is None else [head.mass, head.centre, head.output]),
         "anisotropy": robot.anisotropy * np.array([cos(azimuth), sin(azimuth)]),
         "precurvature": np.array(robot.precurvature),

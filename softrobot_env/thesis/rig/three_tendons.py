@@ -29,14 +29,14 @@ class ThreeTendons:
         """Raise ValueError unless three straight channels of one length surround the fibre."""
         tendons = robot.tendons
         _check(robot, tendons)
-        offsets = np.array([t.offset for t in tendons], float)
+        offsets = robot.of_tendons("offset")
         self.lever = float(np.mean(np.hypot(*offsets.T)))
         self.phi = offsets.T / self.lever
         self.spread = np.linalg.pinv(self.phi)
         self.null = _cancelling(robot, self.phi)
         self.arc = offsets * tendons[0].end
-        self.pretension = np.array([t.pretension for t in tendons])
-        self.stiffness = np.array([t.stiffness for t in tendons])
+        self.pretension = robot.of_tendons("pretension")
+        self.stiffness = robot.of_tendons("stiffness")
 
     def tension(self, reduced: ndarray, total: float | None = None) -> ndarray:
         """Tensions (..., 3) [N] that give reduced inputs (..., 2) [N].

@@ -256,7 +256,7 @@ def statuses(policy, wanted):
 
 def tensions(reduced):
     """Tensions (n, 3) [N] of reduced inputs (n, 2) [N] with the sum wanted, by three equations."""
-    offsets = np.array([tendon.offset for tendon in RIG.tendons])
+    offsets = RIG.of_tendons("offset")
     lever = np.hypot(*offsets.T).mean()
     equations = np.vstack([offsets.T / lever, np.ones(3)])
     right = np.column_stack([reduced, np.full(len(reduced), TOTAL)])
