@@ -28,7 +28,7 @@ from softrobot_env.scene.contacts import material_stiffness, tune
 from softrobot_env.scene.objects import Box, Capsule, Contacts, Cylinder, Ground, Object, Sphere
 from softrobot_env.scene.registry import scene_of
 from softrobot_env.scene.simulation import Simulation
-from studies.lab import Record, Study, groups, of_kind, pivot, quantity, select, table
+from studies.lab import Record, Study, lines, pivot, quantity, select, table
 from studies.truths.resting_rods import CHECKS, STIFFNESS
 
 #: Share of the length within which all that moves is accurate.
@@ -339,70 +339,25 @@ def check(name: str, pieces: int, repeats: int = 3) -> list[Check]:
 
 # -------------------- picture
 
-_COLOURS = (figures.BLUE, figures.GREEN, figures.ORANGE, figures.PURPLE, figures.BLACK, figures.SKY)
-_MARKERS = {1: "o", 2: "s", 4: "^", 8: "v", 16: "D"}
 
-
-def picture(rows: Sequence[Record]) -> figures.Figure:
-    """What timesteps cost and how far they are off."""
-    figure, axes = figures.new_figure(1, 2, (10, 5.6))
-    cells, checks = of_kind(rows, Cell), of_kind(rows, Check)
-    entries = _grid(axes[0, 0], cells)
-    _rods(axes[0, 1], checks)
-    for (n,) in groups(cells, "steps_ratio"):
-        look = {"color": figures.BLACK, "marker": _MARKERS[n], "linestyle": ""}
-        entries.append(figures.entry(f"{n} x the rule's timestep", **look))
-    figures.add_legend(figure, entries)
+def _message(cells: Sequence[Cell]) -> str:
     judged = [c for c in select(cells, steps_ratio=1) if c.error_share is not None]
     good = sum(c.error_share <= ACCURATE_SHARE for c in judged)
-    figures.add_title(
-        figure,
+    return (
         f"With the rule's timestep {good} of {len(judged)} moving contacts err by less than "
-        f"{100 * ACCURATE_SHARE:g} % of the length",
-        "Left: against refined runs. Right: rods at rest with 6 to 48 pieces, against exact "
-        "solutions",
+        f"{100 * ACCURATE_SHARE:g} % of the length"
     )
-    return figure
 
 
-def _grid(axis: figures.Axes, cells: Sequence[Cell]) -> list:
-    """Every cell that ended; colours tell the scene, markers the timestep."""
-    entries = []
-    for ((scene,), mine), colour in zip(groups(cells, "scene").items(), _COLOURS, strict=False):
-        for multiple, marker in _MARKERS.items():
-            known = [c for c in select(mine, steps_ratio=multiple) if c.error_share is not None]
-            places = [c.wall_time / c.duration for c in known], [c.error_share for c in known]
-            axis.scatter(*places, s=20, c=colour, marker=marker, alpha=0.7)
-        entries.append(figures.entry(scene, color=colour, marker="o", linestyle=""))
-    place = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
-    for share, colour, text in (
-        (ACCURATE_SHARE, figures.BLACK, "accurate below"),
-        (runs.WRONG_SHARE, figures.VERMILLION, "wrong above"),
-    ):
-        axis.axhline(share, color=colour, linewidth=0.9, linestyle="--")
-        style = {"fontsize": 8, "color": colour, "va": "center"}
-        axis.annotate(text, (1.0, share), (4, 0), **place, **style)
-    axis.set(xscale="log", yscale="log", title="Moving scenes")
-    axis.set(xlabel="run time / simulated time", ylabel="error / length")
-    return entries
+def _style(scene: str) -> figures.Style:
+    return figures.Style(figures.COLOURS[list(CASES).index(scene)])
 
 
-def _rods(axis: figures.Axes, checks: Sequence[Check]) -> None:
-    """Errors of forces and tips over the time to come to rest, a line each."""
-    ends = []
-    for ((case,), mine), colour in zip(groups(checks, "case").items(), _COLOURS, strict=False):
-        for what, style in (("force", "-"), ("tip", ":")):
-            points = [(1e3 * c.wall_time, getattr(c, f"{what}_error")) for c in mine]
-            points = [point for point in points if point[1] is not None]
-            if points:
-                line = {"color": colour, "linestyle": style, "marker": "o", "markersize": 4}
-                axis.plot(*zip(*points, strict=True), **line)
-                ends.append((f"{case},\n{what}", points[-1][1], colour))
-    axis.set(xscale="log", yscale="log", title="Rods at rest")
-    axis.set(
-        xlabel="time to come to rest [ms]", ylabel="relative error of force; of tip over length"
-    )
-    figures.label_lines(axis, ends)
+def _limits(axis: figures.Axes, cells: Sequence[Cell], _: str) -> None:
+    for share, colour in ((ACCURATE_SHARE, figures.BLACK), (runs.WRONG_SHARE, figures.GREY)):
+        axis.axhline(100 * share, color=colour, linewidth=0.9, linestyle="--")
+    axis.set_title(f"skin {cells[0].stiffness_ratio:g} times as stiff as the material")
+    axis.set_xlabel("timestep / the rule's")
 
 
 # -------------------- the study
@@ -485,5 +440,21 @@ STUDY = Study(
             caption="pressed: sum of the sizes of the forces; force: their vector sum",
         ),
     ],
-    plots={"{}": picture},
+    plots={
+        "{}": lines(
+            "steps_ratio",
+            "error_share",
+            "scene",
+            title=_message,
+            subject="Largest error over the length; dashed: accurate below, wrong above",
+            panel="stiffness_ratio",
+            of=Cell,
+            where=lambda cell: cell.error_share is not None,
+            join=max,
+            log="xy",
+            style=_style,
+            legend=True,
+            decorate=_limits,
+        )
+    },
 )

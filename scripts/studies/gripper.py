@@ -18,7 +18,7 @@ from softrobot_env.robots import GRIPPERS
 from softrobot_env.scene.assembly import AssembledScene, build_assembly, gripper_scene
 from softrobot_env.scene.objects import Capsule, Ellipsoid, Object
 from softrobot_env.scene.simulation import Simulation
-from studies.lab import Column, Lab, Record, Study, for_pictures, groups, of_kind, quantity, table
+from studies.lab import Column, Lab, Record, Study, groups, lines, quantity, select, table
 
 GRIPPER = GRIPPERS["gripper"]
 
@@ -45,6 +45,10 @@ class Grip(Record):
     tip_share: float = quantity("%", ".0f", "tip")
     turn: float | None = quantity("deg", ".1f")
 
+    sensor_1 = property(lambda self: self.angles[0])
+    sensor_2 = property(lambda self: self.angles[1])
+    sensor_3 = property(lambda self: self.angles[2])
+
 
 @dataclass(frozen=True)
 class Size(Record):
@@ -58,7 +62,6 @@ class Size(Record):
         errors: Imperfections of the fingers' sensors, over the usual ones; None of exact bends.
         count: Number of bars.
         mean, high, most: [m], mean, 95th percentile and largest size of the errors.
-        diameters, off: (count,) [m], and their errors.
     """
 
     method: str
@@ -70,8 +73,6 @@ class Size(Record):
     mean: float = quantity("mm", ".2f")
     high: float = quantity("mm", ".2f", "95 %")
     most: float = quantity("mm", ".2f")
-    diameters: tuple[float, ...] = for_pictures()
-    off: tuple[float, ...] = for_pictures()
 
 
 @dataclass(frozen=True)
@@ -368,9 +369,7 @@ def sizes(
 def _size(*about: Any) -> Size:
     """A row of its first fields, the diameters found and the true ones."""
     *what, found, truth = about
-    off = found - truth
-    pictured = tuple(truth.tolist()), tuple(off.tolist())
-    return Size(*what, len(truth), *_spread(np.abs(off)), *pictured)
+    return Size(*what, len(truth), *_spread(np.abs(found - truth)))
 
 
 def _shape(fineness: str, task: str, pieces: int, errors: float | None, read: dict) -> Shape:
@@ -542,58 +541,22 @@ def stages(lab: Lab) -> list[Record]:
     return rows + [row for task in LEARNED for row in speeds(task, MANY, THREADS)]
 
 
-def _angle(k: int, heading: str) -> Column:
-    return Column(heading, lambda grip: grip.angles[k] if k < len(grip.angles) else None, ".1f")
+#: Colours of what is gripped, in the order of `things`.
+_COLOURS = figures.COLOURS[:4]
 
 
-#: Colours of a finger's sensors; the others are those of sizes.
-_SENSORS = figures.COLOURS[:3]
+def _style(thing: str) -> figures.Style:
+    return figures.Style(_COLOURS[list(things()).index(thing)])
 
 
-def picture(rows: Sequence[Record]) -> figures.Figure:
-    """Bends of the sensors over tension, and errors of sizes."""
-    things = {thing: found for (thing,), found in groups(of_kind(rows, Grip), "thing").items()}
-    panels = len(things) + 1
-    columns = -(-panels // 2)
-    figure, axes = figures.new_figure(2, columns, (3.2 * columns, 6.6))
-    for axis, (thing, found) in zip(axes.flat, things.items(), strict=False):
-        _bends_panel(axis, thing, found)
-    for axis in axes[:, 1:].flat:
-        axis.set_ylabel("")
-    last = axes.flat[len(things)]
-    # Of clamped bars, with as many pieces as the polynomials were fitted with; the coarse ones.
-    mine = [s for s in of_kind(rows, Size) if s.pieces == s.fitted and s.task == "enclose"]
-    shown = [size for size in mine if size.pieces == min(m.pieces for m in mine)]
-    for size, colour in zip(shown, figures.COLOURS[len(_SENSORS) :], strict=False):
-        label = "exact bends" if size.errors is None else f"usual errors x {size.errors:g}"
-        diameters, errors = ([1e3 * x for x in xs] for xs in (size.diameters, size.off))
-        last.plot(diameters, errors, ".", color=colour, markersize=4, label=label)
-    last.set(xlabel="diameter [mm]", ylabel="error [mm]", title="size from one grip")
-    message = "Bends of the middle finger's sensors over the tension"
-    for usual in (size for size in shown if size.errors == 1.0):
-        message = (
-            f"Sensors tell diameters of {usual.count} bars {1e3 * usual.mean:.2g} mm off in "
-            f"the mean, {1e3 * usual.most:.2g} mm at most"
-        )
-    subject = "Bends of the middle finger's sensors while it closes, and errors of the size"
-    figures.add_title(figure, message, subject)
-    both = [axis.get_legend_handles_labels()[0] for axis in (axes[0, 0], last)]
-    figures.add_legend(figure, [*both[0], *both[1]])
-    return figure
-
-
-def _bends_panel(axis: figures.Axes, thing: str, grips: Sequence[Grip]) -> None:
-    tension = [grip.tension for grip in grips]
-    for k, colour in zip(range(len(grips[0].angles)), _SENSORS, strict=False):
-        angles = [grip.angles[k] for grip in grips]
-        axis.plot(tension, angles, color=colour, label=f"sensor {k + 1}")
-    if grips[0].turn is not None:
-        axis.axhline(grips[0].turn, **figures.REFERENCE | {"label": "lies on the cylinder"})
-    tips = [grip.tension for grip in grips if grip.kind == "fingertip"]
-    if tips:
-        span = {"color": figures.GREY, "alpha": 0.15, "label": "fingertip grip"}
-        axis.axvspan(min(tips), max(tension), **span)
-    axis.set(xlabel="tension [N]", ylabel="bend [deg]", title=thing)
+def _marks(axis: figures.Axes, grips: Sequence[Grip], sensor: str) -> None:
+    """Bends of a sensor that lies on a cylinder altogether, and dots where the tip presses."""
+    for (thing, turn), mine in groups(grips, "thing", "turn").items():
+        colour = _style(thing).colour
+        if turn is not None:
+            axis.axhline(turn, color=colour, linewidth=0.9, linestyle="--")
+        tips = select(mine, kind="fingertip")
+        axis.plot([g.tension for g in tips], [getattr(g, sensor) for g in tips], "o", color=colour)
 
 
 STUDY = Study(
@@ -602,7 +565,8 @@ STUDY = Study(
     tables=[
         table(
             "Grips of clamped cylinders, and of the oval: bends of the middle finger's sensors",
-            *("thing", "tension", "kind", _angle(0, "bends deg"), _angle(1, ""), _angle(2, "")),
+            *("thing", "tension", "kind", Column("bends deg", "sensor_1", ".1f")),
+            *(Column("", "sensor_2", ".1f"), Column("", "sensor_3", ".1f")),
             *("turn", "touching", "tip_share"),
             of=Grip,
             caption="turn: of a sensor that lies on the cylinder altogether",
@@ -634,5 +598,19 @@ STUDY = Study(
             caption="bend: difference of a sensor from the rule's, mean and largest in a closing",
         ),
     ],
-    plots={"{}": picture},
+    plots={
+        "{}": lines(
+            "tension",
+            ("sensor_1", "sensor_2", "sensor_3"),
+            "thing",
+            title="Bends [deg] of the middle finger's sensors while it closes",
+            subject="Dashed: of a sensor that lies on the cylinder altogether. Dots: the grip is "
+            "a fingertip grip",
+            of=Grip,
+            style=_style,
+            line={"marker": ""},
+            legend=True,
+            decorate=_marks,
+        )
+    },
 )

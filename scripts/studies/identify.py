@@ -176,37 +176,29 @@ def repetition(seed: int) -> list[FoundRow]:
 
 # -------------------- tables and picture
 
-_TITLES = {
-    "modulus": ("Young's modulus, factor", 1.0),
-    "damping": ("damping, factor", 1.0),
-    "friction": ("friction [N]", 1.0),
-    "delay": ("delay [ms]", 1e3),
-}
+_TITLES = {"friction": "friction [N]", "delay": "delay [s]"}
 
 
 def picture(rows: Sequence[lab.Record]) -> figures.Figure:
     """A panel for each kind; intervals that miss the truth in another colour."""
-    kinds = lab.groups(lab.of_kind(rows, FoundRow), "kind")
+    found = lab.of_kind(rows, FoundRow)
+    kinds = lab.groups(found, "kind")
     figure, axes = figures.new_figure(1, len(kinds), (2.6 * len(kinds), 3.6))
     for axis, ((kind,), mine) in zip(axes[0], kinds.items(), strict=True):
-        title, scale = _TITLES[kind]
         for row in mine:
             colour = figures.BLUE if row.inside else figures.VERMILLION
-            ends = [scale * row.low, scale * row.high]
-            axis.plot([scale * row.true] * 2, ends, color=colour, linewidth=0.8)
-            axis.plot(scale * row.true, scale * row.found, ".", color=colour, markersize=4)
-        ends = [scale * min(r.true for r in mine), scale * max(r.true for r in mine)]
-        axis.plot(ends, ends, color=figures.BLACK, linewidth=0.8)
-        axis.set(xlabel="true", ylabel="found", title=title)
-    found = lab.of_kind(rows, FoundRow)
+            ends = [[row.found - row.low], [row.high - row.found]]
+            axis.errorbar(row.true, row.found, ends, fmt=".", color=colour, linewidth=0.8)
+        true = [row.true for row in mine]
+        axis.plot(true, true, color=figures.BLACK, linewidth=0.8)
+        axis.set(xlabel="true", ylabel="found", title=_TITLES.get(kind, f"{kind}, factor"))
     inside = sum(row.inside for row in found)
     figures.add_title(
         figure,
         f"{100 * inside / len(found):.3g} % of the 95 % intervals hold the truth",
-        f"{len(found)} parameters of simulated Cosserat rods, identified from recordings",
+        f"{len(found)} parameters of simulated Cosserat rods, identified from recordings; red: "
+        "the truth is outside",
     )
-    ways = {"the truth is inside": figures.BLUE, "outside": figures.VERMILLION}
-    figures.add_legend(figure, [figures.entry(k, color=c, marker=".") for k, c in ways.items()])
     return figure
 
 

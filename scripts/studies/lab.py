@@ -520,7 +520,7 @@ def lines(
     """Lines of y over x; a cross at the top where a value is missing.
 
     Args:
-        x, y: Fields; several of y have rows of panels of their own.
+        x, y: Fields; several of y have rows of panels of their own, or stand side by side.
         by: Field whose values are lines of their own.
         title, subject: What is to be seen, and what is shown; see `add_title`.
         panel: Field whose values have panels of their own.
@@ -541,7 +541,7 @@ def lines(
             return None
         ys, found = ([y] if isinstance(y, str) else y), {(None,): mine}
         found = found if panel is None else groups(mine, panel)
-        across = min(columns, len(found))
+        across = min(columns, len(ys if panel is None else found))
         down = ceil(len(ys) * len(found) / across)
         figure, axes = figures.new_figure(down, across, (size[0] * across, 1.3 + size[1] * down))
         panels = [(name, value, own) for name in ys for (value,), own in found.items()]

@@ -28,14 +28,13 @@ from softrobot_env.learned.reduction.polynomials import Monomials
 from softrobot_env.learned.reduction.records import delay_vectors
 from softrobot_env.learned.training import train_regularised
 from softrobot_env.rendering import figures
-from softrobot_env.rendering.figures import Axes
 from softrobot_env.robots import RIG
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import fingerprint
 from softrobot_env.tasks import make_task
 from softrobot_env.thesis.envs import RigEnv
 from softrobot_env.thesis.rig.inverse import TOTAL
-from softrobot_env.training.motions import Plan, collect, drive, drives_of, filtered
+from softrobot_env.training.motions import Plan, collect, drive, drives_of
 from softrobot_env.training.ssm import PLAN, learn, smoothed, trusted
 from studies import lab
 from studies.rig import rig_name
@@ -151,17 +150,12 @@ class SpectrumRow(lab.Record):
         twin: As of `PathRow`.
         decay, frequency: [1/s], [rad/s] of the slowest mode.
         separation: How many times as fast the modes left out decay.
-        decay_path: One, (t, 2) [m].
-        excited: (t, 3), a decay and the oscillation before it: x, y [m], and the change of the
-            first tendon's length [m].
     """
 
     twin: int | None
     decay: float = lab.quantity("1/s", ".3g")
     frequency: float = lab.quantity("rad/s", ".3g")
     separation: float = lab.quantity("", ".3g", "others decay times as fast")
-    decay_path: ndarray | None = lab.for_pictures()
-    excited: ndarray | None = lab.for_pictures()
 
 
 # -------------------- motion to learn from, and paths to be predicted
@@ -182,23 +176,6 @@ PATHS = ("rectangle", "circle")
 
 #: [s] to the first point and of rest there, and laps.
 _LEAD, _REST, _LAPS = 4.0, 3.0, 2
-
-
-#: Fig. 3.13: [s] that random inputs are held, cutoffs [Hz] of filters, and [s] of all.
-HELD, CUTOFFS, SHOWN_FOR = 0.5, (1.0, 2.0, 4.0), 8.0
-
-
-def random_inputs() -> ndarray:
-    """Random changes of a tendon's length, held and filtered by each of `CUTOFFS`.
-
-    Returns:
-        (1 + cutoffs, t) [m], samples `PERIOD` apart.
-    """
-    drives, rng = drives_of(RIG, 2, PERIOD), np.random.default_rng(0)
-    held = drives.targets[rng.integers(1, len(drives.targets), round(SHOWN_FOR / HELD))]
-    steps = np.repeat(THESIS_PLAN.amplitude * held, round(HELD / PERIOD), axis=0)
-    all_ = [steps, *(filtered(steps, cutoff, PERIOD) for cutoff in CUTOFFS)]
-    return np.stack([one @ drives.basis[0] for one in all_]) * robot_inputs(RIG).input_scale[0]
 
 
 @dataclass(frozen=True)
@@ -250,12 +227,6 @@ class RigData:
         count = 2 if self.quick else UNSEEN_COUNT
         plan = replace(UNSEEN, minutes=count * UNSEEN.run / 60, seed=1000)
         return collect(RIG, plan, self.twin)[1]
-
-    @cached_property
-    def excited(self) -> Recorded:
-        """A decay with the oscillation before it that the drives excite (Fig. 3.12)."""
-        plan = replace(THESIS_PLAN, decays=0, excited=1, minutes=0.0)
-        return collect(RIG, plan, self.twin, whole=True)[0][0]
 
     def _collect(self, plan: Plan) -> tuple[list[Recorded], list[Recorded]]:
         if self.quick:
@@ -489,15 +460,9 @@ def _rig(twin: int | None, quick: bool) -> list[lab.Record]:
 
 
 def _spectrum(data: RigData) -> SpectrumRow:
-    decays, shown = data.thesis[0], ()
-    found = spectrum(decays, THESIS.delays, 4)
+    found = spectrum(data.thesis[0], THESIS.delays, 4)
     slow = found.eigenvalues[0]
-    if data.twin == SHOWN:
-        excited = data.excited
-        change = (excited.inputs[:, :1] - excited.inputs[0, 0]) * robot_inputs(RIG).input_scale[0]
-        shown = decays[0].outputs, np.hstack([excited.outputs, change])
-    values = float(-slow.real), float(abs(slow.imag)), found.separation
-    return SpectrumRow(data.twin, *values, *shown)
+    return SpectrumRow(data.twin, float(-slow.real), float(abs(slow.imag)), found.separation)
 
 
 def _predicted(model: Model, path: Followed) -> ndarray:
@@ -605,36 +570,32 @@ def _amounts(twin: int) -> list[lab.Record]:
     return rows
 
 
-# -------------------- picture: Figs. 3.11 to 3.18 of the thesis anew
+# -------------------- picture: Figs. 3.15 to 3.17 of the thesis anew
 
 _COLOURS = {"measured": "0.6", THESIS_MODEL: "#D55E00", OURS: "#0072B2"}
 
 
 def picture(rows: Sequence[lab.Record]) -> figures.Figure:
-    """Measured and predicted paths by speed, a decay, speeds, and Fig. 3.14."""
+    """Measured and predicted paths by speed."""
     shown = [row for row in lab.of_kind(rows, PathRow) if row.measured is not None]
-    shown = [row for row in shown if row.model in _COLOURS]
     periods = [p for (p,) in lab.groups(shown, "period")]
-    figure, _ = figures.new_figure(0, 0, (10.0, 10.5))
-    figure.get_layout_engine().set(h_pad=0.09)  # inches
-    upper, lower = figure.subfigures(2, 1, height_ratios=[1, 1.2])
-    axes = figures.add_panels(upper, 2, max(len(periods), 1), share=True)
-    for line, name in zip(axes, ("rectangle", "circle"), strict=True):
-        for axis, period in zip(line, periods, strict=False):
-            _paths_panel(axis, lab.select(shown, path=name, period=period))
-            axis.set(title=f"{name}, T = {period:g} s", aspect="equal")
-        line[0].set_ylabel("y [mm]")
+    figure, axes = figures.new_figure(2, len(periods), (10.0, 5.6), share=True)
+    for axis, ((path, period), mine) in zip(
+        axes.flat, lab.groups(shown, "path", "period").items(), strict=True
+    ):
+        curves = {"measured": mine[0].measured} | {row.model: row.predicted for row in mine}
+        for name, curve in curves.items():
+            if name in _COLOURS and curve is not None:
+                line = {"color": _COLOURS[name], "linewidth": 2.5 if name == "measured" else 1.5}
+                axis.plot(*(1e3 * curve).T, label=name, **line)
+        axis.set(title=f"{path}, T = {period:g} s", aspect="equal")
+    for axis in axes[:, 0]:
+        axis.set_ylabel("y [mm]")
     for axis in axes[1]:
         axis.set_xlabel("x [mm]")
-    reach = 1.3e3 * max((np.abs(row.measured).max() for row in shown), default=1e-3)
-    axes[0][0].set(xlim=(-reach, reach), ylim=(-reach, reach))
-    others = figures.add_panels(lower, 2, 3).flat
-    decays = [row for row in lab.of_kind(rows, SpectrumRow) if row.decay_path is not None]
-    _decays(others[0], others[3], decays)
-    _speeds(others[1], shown, decays)
-    _orders_panel(others[2], lab.of_kind(rows, OrderRow))
-    _inputs(others[4])
-    fastest = lab.select(lab.of_kind(rows, PathRow), model=OURS, period=min(periods, default=0))
+    reach = 1.3e3 * max(np.abs(row.measured).max() for row in shown)
+    axes[0, 0].set(xlim=(-reach, reach), ylim=(-reach, reach))
+    fastest = lab.select(lab.of_kind(rows, PathRow), model=OURS, period=min(periods))
     known = [row.mean for row in fastest if row.mean is not None]
     message = "No path is predicted"
     if known:
@@ -642,78 +603,10 @@ def picture(rows: Sequence[lab.Record]) -> figures.Figure:
             f"Models learned from motion, {OURS}, predict laps of {fastest[0].period:g} s with a "
             f"mean error of {1e3 * max(known):.2g} mm at most"
         )
-    subject = "As Figs. 3.11 to 3.18: paths of the rig, predicted from the inputs"
+    subject = "As Figs. 3.15 to 3.17: paths of the rig, predicted from the inputs"
     figures.add_title(figure, message, subject)
-    figures.add_legend(figure, axes[0][0])
+    figures.add_legend(figure, axes[0, 0])
     return figure
-
-
-def _paths_panel(axis: Axes, rows: list[PathRow]) -> None:
-    measured = 1e3 * rows[0].measured
-    axis.plot(*measured.T, color=_COLOURS["measured"], linewidth=2.5, label="measured")
-    for row in rows:
-        if row.predicted is not None:
-            axis.plot(*(1e3 * row.predicted).T, color=_COLOURS[row.model], label=row.model)
-
-
-_LEGEND = {"loc": "upper left", "frameon": False, "fontsize": 8}
-
-
-def _decays(left: Axes, right: Axes, rows: list[SpectrumRow]) -> None:
-    """Figs. 3.11 and 3.12: in the grey part the drives excite."""
-    for row in rows:
-        time = PERIOD * np.arange(max(len(row.decay_path), len(row.excited)))
-        for k, name, colour in ((0, "x", figures.GREEN), (1, "y", figures.PURPLE)):
-            path = row.decay_path[:, k]
-            left.plot(time[: len(path)], 1e3 * path, color=colour, label=name)
-        for k, name, colour in ((0, "x", figures.GREEN), (2, "first input", figures.ORANGE)):
-            path = row.excited[:, k]
-            right.plot(time[: len(path)], 1e3 * path, color=colour, label=name)
-        active = time[np.flatnonzero(np.abs(row.excited[:, 2]) > 1e-9)]
-        right.axvspan(active[0], active[-1], color="0.9", linewidth=0)
-    left.set(title="a decay", xlabel="time [s]", ylabel="tip [mm]")
-    right.set(title="excited, then left alone", xlabel="time [s]", ylabel="tip, input [mm]")
-    for axis in (left, right):
-        axis.legend(**_LEGEND | {"loc": "upper right"})
-
-
-def _inputs(axis: Axes) -> None:
-    """Fig. 3.13."""
-    names = ["sampled", *(f"below {cutoff:g} Hz" for cutoff in CUTOFFS)]
-    colours = (figures.GREY, figures.GREEN, figures.PURPLE, figures.ORANGE)
-    for values, name, colour in zip(1e3 * random_inputs(), names, colours, strict=True):
-        axis.plot(PERIOD * np.arange(len(values)), values, color=colour, label=name)
-    low, high = axis.get_ylim()
-    axis.set_ylim(low, high + 0.35 * (high - low))  # room for the legend
-    axis.legend(**_LEGEND, ncols=2)
-    axis.set(title="random inputs, filtered", xlabel="time [s]", ylabel="first input [mm]")
-
-
-def _speeds(axis: Axes, paths: list[PathRow], rows: list[SpectrumRow]) -> None:
-    """Fig. 3.18: decays are slow where the fastest path is fast."""
-    fastest = min(paths, key=lambda row: row.period)
-    name = f"{fastest.path}, T = {fastest.period:g} s"
-    found = [(name, fastest.measured, figures.PURPLE)]
-    found += [("a decay", row.decay_path, figures.GREEN) for row in rows]
-    for name, record, colour in found:
-        speed = np.linalg.norm(np.diff(record, axis=0), axis=1) / PERIOD
-        distance = 1e3 * np.linalg.norm(record[1:], axis=1)
-        axis.plot(distance, speed, ".", markersize=2, color=colour, label=name)
-    axis.legend(**_LEGEND, markerscale=4)
-    axis.set(title="speed by place", xlabel="distance from the axis [mm]", ylabel="speed [m/s]")
-
-
-def _orders_panel(axis: Axes, rows: list[OrderRow]) -> None:
-    """Fig. 3.14."""
-    ends = []
-    for (order,), mine in lab.groups(rows, "shape_order").items():
-        known = [(row.p, 1e3 * row.rms) for row in mine if row.rms is not None]
-        (line,) = axis.plot(*zip(*known, strict=True), "o-", markersize=4)
-        ends.append((f"$n_w$ = {order}", known[-1][1], line.get_color()))
-    axis.set(title="thesis' settings", xlabel="numbers in a delay vector, $p$", yscale="log")
-    axis.set_ylabel("rms error [mm]")
-    figures.plain_ticks(axis, "y")
-    figures.label_lines(axis, ends)
 
 
 # -------------------- the study

@@ -510,12 +510,10 @@ _STYLES = {
 #: gravity.
 _LEAST_ERROR, _MOST_ERROR, _WEIGHTLESS = 1e-7, 10.0, 1e-6
 
-Value = Callable[[Row], float | None]
-
 
 def picture(rows: Sequence[Row]) -> figures.Figure:
-    """Error against what was estimated, over what it hangs on, and cost."""
-    figure, axes = figures.new_figure(2, 2, (10, 8.6))
+    """Error against what was estimated, and what becomes of scenes by what they are."""
+    figure, axes = figures.new_figure(1, 2, (11, 5.6))
     counts = {verdict: len(select(rows, verdict=verdict)) for verdict in _STYLES}
     unjudged, accurate, reported, warned, inaccurate, wrong = counts.values()
     figures.add_title(
@@ -524,57 +522,38 @@ def picture(rows: Sequence[Row]) -> figures.Figure:
         f"{reported + warned} say that they are not, {inaccurate + wrong} err unannounced",
         f"{len(rows)} random scenes of seed {rows[0].seed}, tip errors against refined runs",
     )
-    weight = r"weight over stiffness, $\rho A g L^3 / EI$"
-    estimate = "the package's estimate / length (asked for, where it gives none)"
-    _scatter(axes[0, 0], rows, _shown_estimate, _shown_error, xlabel=estimate)
-    _scatter(axes[0, 1], rows, _weight, lambda row: row.damping_ratio, xlabel=weight)
-    _scatter(axes[1, 0], rows, _weight, _shown_error, xlabel=weight)
-    _scatter(axes[1, 1], rows, _cost, _shown_error, xlabel="run time / simulated time")
-    axes[0, 1].set_ylabel("damping ratio of the first elastic mode")
-    for axis in (axes[0, 0], *axes[1]):  # what was asked for, and what is wrong
-        line = {"linewidth": 0.9, "linestyle": "--"}
-        axis.axhline(rows[0].asked_share, color=figures.BLACK, **line)
-        axis.axhline(runs.WRONG_SHARE, color=figures.VERMILLION, **line)
-        axis.set_ylabel("tip error / length (dashed: asked for; wrong)")
-    line = np.array([_LEAST_ERROR, _MOST_ERROR])
-    axes[0, 0].plot(line, line, color=figures.GREY, linewidth=0.9)
-    good = line / GOOD_FACTOR, line * GOOD_FACTOR
-    axes[0, 0].fill_between(line, *good, color="0.93", zorder=0)
-    entries = [
-        figures.entry(f"{verdict} ({counts[verdict]})", color=colour, marker=marker, linestyle="")
-        for verdict, (colour, marker) in _STYLES.items()
-    ]
-    figures.add_legend(figure, entries)
-    return figure
-
-
-def _scatter(axis: figures.Axes, rows: Sequence[Row], x: Value, y: Value, **labels: str) -> None:
-    """Points by verdict on logarithmic axes; rows without a value are left out."""
+    left, right = axes[0]
     for verdict, (colour, marker) in _STYLES.items():
-        points = [(x(row), y(row)) for row in select(rows, verdict=verdict)]
-        known = np.array([p for p in points if None not in p], dtype=float).reshape(-1, 2)
-        axis.scatter(*known.T, s=26, c=colour, marker=marker, linewidths=1.0, alpha=0.8)
-    axis.set(xscale="log", yscale="log", **labels)
-
-
-def _weight(row: Row) -> float:
-    return max(row.weight_load, _WEIGHTLESS)
-
-
-def _cost(row: Row) -> float | None:
-    return None if row.wall_time is None else row.wall_time / row.duration
-
-
-def _shown(share: float | None) -> float | None:
-    return None if share is None else min(max(share, _LEAST_ERROR), _MOST_ERROR)
-
-
-def _shown_error(row: Row) -> float | None:
-    return _shown(row.error_share)
-
-
-def _shown_estimate(row: Row) -> float:
-    return row.asked_share if row.estimate_share is None else _shown(row.estimate_share)
+        mine = select(rows, verdict=verdict)
+        look = {"s": 26, "c": colour, "marker": marker, "linewidths": 1.0, "alpha": 0.8}
+        known = [row for row in mine if row.error_share is not None]
+        estimates = [row.estimate_share or row.asked_share for row in known]
+        errors = [row.error_share for row in known]
+        left.scatter(*np.clip((estimates, errors), _LEAST_ERROR, _MOST_ERROR), **look)
+        weights = [max(row.weight_load, _WEIGHTLESS) for row in mine]
+        ratios = [row.damping_ratio for row in mine]
+        label = f"{verdict} ({counts[verdict]})"
+        right.scatter(weights, ratios, label=label, **look)
+    for share, colour in (
+        (rows[0].asked_share, figures.BLACK),
+        (runs.WRONG_SHARE, figures.VERMILLION),
+    ):
+        left.axhline(share, color=colour, linewidth=0.9, linestyle="--")
+    line = np.array([_LEAST_ERROR, _MOST_ERROR])
+    left.plot(line, line, color=figures.GREY, linewidth=0.9)
+    left.fill_between(line, line / GOOD_FACTOR, line * GOOD_FACTOR, color="0.93", zorder=0)
+    left.set(
+        xlabel="the package's estimate / length (asked for, where it gives none)",
+        ylabel="tip error / length (dashed: asked for; wrong)",
+    )
+    right.set(
+        xlabel=r"weight over stiffness, $\rho A g L^3 / EI$",
+        ylabel="damping ratio of the first elastic mode",
+    )
+    for axis in (left, right):
+        axis.set(xscale="log", yscale="log")
+    figures.add_legend(figure, right)
+    return figure
 
 
 # -------------------- the study

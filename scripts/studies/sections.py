@@ -5,7 +5,6 @@ The chain and PCC are judged by rods without shear and extension, the Cosserat r
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import ceil
 from time import perf_counter
 from typing import Any
 
@@ -24,7 +23,7 @@ from softrobot_env.robots.file import default_pieces
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.simulation import Simulation
-from studies.lab import Column, Record, Study, groups, quantity, select, table, verdict
+from studies.lab import Column, Record, Study, lines, quantity, select, table, verdict
 from studies.truths.spatial_rod import SpatialShape
 from studies.truths.tendon_rod import guided_rod, hanging_rod, tendon_rod
 
@@ -298,42 +297,27 @@ def _mean(strains: ndarray, edges: ndarray, parts: ndarray) -> ndarray:
 
 
 _STYLES = {"chain": "mujoco_chain", "pcc": "pcc", "cosserat": "cosserat"}
-_COLUMNS = 3
 
 
-def picture(rows: Sequence[Row]) -> figures.Figure:
-    """Error against run time of all robots; full dots are default resolutions."""
-    cases = groups(rows, "case")
-    count = ceil(len(cases) / _COLUMNS)
-    size = 3.3 * _COLUMNS, 2.3 * count + 1.1
-    figure, axes = figures.new_figure(count, _COLUMNS, size, share=True)
-    own = select(rows, default=True, failure=None)
+def _style(model: str) -> figures.Style:
+    return figures.style_of(_STYLES[model])
+
+
+def _message(rows: Sequence[Row]) -> str:
+    own = select(rows, default=True)
     good = sum(row.error_share <= GOAL for row in own)
-    figures.add_title(
-        figure,
+    return (
         f"With the models' own resolutions {good} of {len(own)} tips are within {100 * GOAL:g} % "
-        "of the length",
-        "Sections and routes: error of the tip against the time to find an equilibrium",
+        "of the length"
     )
-    for axis, ((case,), mine) in zip(axes.flat, cases.items(), strict=False):
-        for model, name in _STYLES.items():
-            colour, done = figures.style_of(name).colour, select(mine, model=model, failure=None)
-            for shown, line in ((done, "-"), (select(done, default=True), "")):
-                points = [(1e3 * r.equilibrium_time, 100 * r.error_share) for r in shown]
-                face = "white" if line else colour
-                axis.plot(*zip(*points, strict=True), f"o{line}", color=colour, mfc=face)
-        axis.axhline(100 * GOAL, color=figures.BLACK, linewidth=0.9, linestyle="--")
-        axis.set(xscale="log", yscale="log", title=case)
-        axis.tick_params(labelbottom=True)  # also above an empty place
-    for axis in axes[:, 0]:
-        axis.set_ylabel("tip error / length [%]")
-    for axis in axes.flat[max(0, len(cases) - _COLUMNS) : len(cases)]:
-        axis.set_xlabel("run time [ms]")
-    styles = [figures.style_of(name) for name in _STYLES.values()]
-    looks = {style.label: style.points | {"marker": "o"} for style in styles}
-    looks[f"goal: {100 * GOAL:g} % at the full dots"] = {"color": figures.BLACK, "linestyle": "--"}
-    figures.add_legend(figure, [figures.entry(text, **look) for text, look in looks.items()])
-    return figure
+
+
+def _defaults(axis: figures.Axes, rows: Sequence[Row], _: str) -> None:
+    """What is asked, and full dots where it is."""
+    axis.axhline(100 * GOAL, **figures.REFERENCE | {"label": "goal at the full dots"})
+    for row in select(rows, default=True):
+        place = 1e3 * row.equilibrium_time, 100 * row.error_share
+        axis.plot(*place, **_style(row.model).points)
 
 
 _ERRORS = ("pieces", "error_share", "curvature_error", "twist_error", "equilibrium_time")
@@ -364,6 +348,22 @@ STUDY = Study(
             per=("case",),
         ),
     ],
-    plots={"{}": picture},
+    plots={
+        "{}": lines(
+            "equilibrium_time",
+            "error_share",
+            "model",
+            title=_message,
+            subject="Sections and routes: error of the tip against the time to find an equilibrium",
+            panel="case",
+            where={"failure": None},
+            log="xy",
+            style=_style,
+            line={"linestyle": "none", "markerfacecolor": "white"},
+            size=(3.3, 2.3),
+            legend=True,
+            decorate=_defaults,
+        )
+    },
     alone=True,
 )
