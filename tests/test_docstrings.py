@@ -2,6 +2,7 @@
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import softrobot_env
@@ -14,10 +15,15 @@ def is_public(path: Path) -> bool:
     return all(not name.startswith("_") or name.startswith("__") for name in names)
 
 
-TREES = {
-    path: ast.parse(path.read_text()) for path in sorted(ROOT.rglob("*.py")) if is_public(path)
-}
-CLASSES = [x for tree in TREES.values() for x in ast.walk(tree) if isinstance(x, ast.ClassDef)]
+@cache
+def trees() -> dict[Path, ast.Module]:
+    files = filter(is_public, sorted(ROOT.rglob("*.py")))
+    return {path: ast.parse(path.read_text()) for path in files}
+
+
+@cache
+def classes() -> list[ast.ClassDef]:
+    return [x for tree in trees().values() for x in ast.walk(tree) if isinstance(x, ast.ClassDef)]
 
 
 def functions(node: ast.Module | ast.ClassDef) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
@@ -35,7 +41,7 @@ def functions(node: ast.Module | ast.ClassDef) -> Iterator[ast.FunctionDef | ast
 def is_inherited(owner: ast.ClassDef, name: str) -> bool:
     """Whether a method of that name is documented in a base class of ours."""
     bases = {ast.unparse(base).split("[")[0].split(".")[-1] for base in owner.bases}
-    ours = [x for x in CLASSES if x.name in bases and x is not owner]
+    ours = [x for x in classes() if x.name in bases and x is not owner]
     return any(
         any(f.name == name and ast.get_docstring(f) for f in functions(base))
         or is_inherited(base, name)
@@ -60,7 +66,7 @@ def undocumented(tree: ast.Module) -> Iterator[str]:
 
 def test_all_that_is_public_has_a_docstring():
     missing = [
-        f"{p.relative_to(ROOT)}: {x}" for p, tree in TREES.items() for x in undocumented(tree)
+        f"{p.relative_to(ROOT)}: {x}" for p, tree in trees().items() for x in undocumented(tree)
     ]
     assert not missing, "\n".join(missing)
 

@@ -1,6 +1,7 @@
 """Twins: ranges of what is drawn, reproducibility, and the modulus that stands for one piece."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -13,12 +14,15 @@ from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.statics import equilibrium
 from softrobot_env.thesis.rig.parameters import nominal_lengths
 
-TWINS = [rig3d_twin(seed) for seed in range(300)]
+
+@cache
+def twins():
+    return [rig3d_twin(seed) for seed in range(300)]
 
 
 def drawn(read):
     """What `read` says of all twins, (300, ...)."""
-    return np.array([read(twin) for twin in TWINS])
+    return np.array([read(twin) for twin in twins()])
 
 
 def azimuths(twin):
@@ -43,9 +47,9 @@ def test_the_nominal_twin_is_the_robot():
 
 
 def test_a_seed_is_a_rig():
-    assert rig3d_twin(7) == TWINS[7] == rig3d_twin(np.int64(7))
-    assert TWINS[7].seed == 7
-    assert len({twin.robot.youngs_modulus for twin in TWINS}) == len(TWINS)
+    assert rig3d_twin(7) == twins()[7] == rig3d_twin(np.int64(7))
+    assert twins()[7].seed == 7
+    assert len({twin.robot.youngs_modulus for twin in twins()}) == len(twins())
 
 
 @pytest.mark.parametrize(
@@ -105,7 +109,7 @@ def test_tendons_share_most_of_their_turn():
 def test_nothing_else_differs():
     varied = ("name", "youngs_modulus", "damping_time", "anisotropy", "stiff_azimuth")
     known = {name: getattr(RIG, name) for name in (*varied, "precurvature", "sensors")}
-    for twin in TWINS[:20]:
+    for twin in twins()[:20]:
         tendons = tuple(
             replace(t, offset=ideal.offset, friction=0.0)
             for t, ideal in zip(twin.robot.tendons, RIG.tendons, strict=True)
