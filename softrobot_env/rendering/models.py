@@ -1,6 +1,7 @@
 """Tables and pictures of how accurate and how stable the models of one robot are."""
 
 from collections.abc import Callable, Iterable, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from .figures import (
     STYLES,
     VERMILLION,
     Axes,
+    Figure,
     add_legend,
     add_title,
     entry,
@@ -211,20 +213,22 @@ def stability_tables(rows: Sequence[StabilityRow]) -> Group:
 
 def plot_stability(rows: Sequence[StabilityRow], path: Path, robot: str) -> None:
     """A map: a line of panels a damping, a column an integrator, a cell a run."""
+
+    def look(row: StabilityRow) -> tuple[Any, str]:
+        percent = 100 * (row.share or 0)
+        text = f"{percent:.0f}" if percent >= 10 else f"{percent:.1g}"
+        return VERDICTS[row.verdict][0], "" if row.share is None else text
+
     asked = [row for row in rows if row.case == "map"]
-    integrators = list(dict.fromkeys(row.integrator for row in asked))
-    dampings = sorted({row.damping_scale for row in asked})
-    size = (2.0 + 1.9 * len(integrators), 2.0 + 1.7 * len(dampings))
-    figure, panels = new_figure(len(dampings), len(integrators), size, share=True)
-    for line, damping in zip(panels, dampings, strict=True):
-        for axes, integrator in zip(line, integrators, strict=True):
-            of = {"integrator": integrator, "damping_scale": damping}
-            _draw_map(axes, [row for row in asked if all(getattr(row, k) == of[k] for k in of)])
-        line[0].set_ylabel(f"damping x {damping:g}\ntimestep [ms]", fontsize=8.5)
-    for axes, integrator in zip(panels[0], integrators, strict=True):
-        axes.set_title(integrator, fontsize=10)
-    for axes in panels[-1]:
-        axes.set_xlabel("stiffness / robot's", fontsize=8.5)
+    stiffness = "stiffness_scale", "stiffness / robot's"
+    figure, panels = new_maps(asked, ("damping_scale", "damping x {:g}"), stiffness, look)
+    for axes in panels.values():
+        for values, show in (
+            ({row.stiffness_scale for row in asked}, axes.set_xticks),
+            ({1e3 * row.timestep for row in asked}, axes.set_yticks),
+        ):
+            show(sorted(values), [f"{value:g}" for value in sorted(values)])
+        axes.minorticks_off()
     own = [row for row in rows if row.case == "own"]
     good = sum(row.verdict == Verdict.ACCURATE for row in own)
     add_title(
@@ -239,22 +243,54 @@ def plot_stability(rows: Sequence[StabilityRow], path: Path, robot: str) -> None
     save(figure, path)
 
 
-def _draw_map(axes: Axes, rows: Sequence[StabilityRow]) -> None:
+def new_maps(
+    rows: Sequence[Any],
+    line: tuple[str, str],
+    across: tuple[str, str],
+    look: Callable[[Any], tuple[Any, str]],
+) -> tuple[Figure, dict[tuple[float, str], Axes]]:
+    """Maps of runs over a field and the timestep, one for each integrator and value of a field.
+
+    Args:
+        rows: Runs.
+        line: Field whose values have lines of maps of their own, and a format of their label.
+        across: Field along the horizontal axes, and its label.
+        look: From a run to the colour of its cell and what is written there.
+
+    Returns:
+        The figure, and its axes by the value of the first field and the integrator.
+    """
+    integrators = list(dict.fromkeys(row.integrator for row in rows))
+    (field, label), (x, x_label) = line, across
+    values = sorted({getattr(row, field) for row in rows})
+    size = (2.0 + 1.9 * len(integrators), 2.0 + 1.7 * len(values))
+    figure, panels = new_figure(len(values), len(integrators), size, share=True)
+    found = dict(zip(product(values, integrators), panels.flat, strict=True))
+    for (value, integrator), axes in found.items():
+        mine = [row for row in rows if row.integrator == integrator]
+        _draw_map(axes, [row for row in mine if getattr(row, field) == value], x, look)
+    for first, value in zip(panels[:, 0], values, strict=True):
+        first.set_ylabel(f"{label.format(value)}\ntimestep [ms]", fontsize=8.5)
+    for top, bottom, integrator in zip(panels[0], panels[-1], integrators, strict=True):
+        top.set_title(integrator, fontsize=10)
+        bottom.set_xlabel(x_label, fontsize=8.5)
+    return figure, found
+
+
+def _draw_map(
+    axes: Axes, rows: Sequence[Any], field: str, look: Callable[[Any], tuple[Any, str]]
+) -> None:
     from matplotlib.colors import to_rgb
 
-    x = sorted({row.stiffness_scale for row in rows})
+    x = sorted({getattr(row, field) for row in rows})
     y = sorted({1e3 * row.timestep for row in rows})
     picture = np.ones((len(y), len(x), 3))
     for row in rows:
-        i, j = y.index(1e3 * row.timestep), x.index(row.stiffness_scale)
-        picture[i, j] = to_rgb(VERDICTS[row.verdict][0])
-        percent = 100 * (row.share or 0)
-        text = "" if row.share is None else f"{percent:.0f}" if percent >= 10 else f"{percent:.1g}"
+        i, j = y.index(1e3 * row.timestep), x.index(getattr(row, field))
+        colour, text = look(row)
+        picture[i, j] = to_rgb(colour)
         axes.text(x[j], y[i], text, fontsize=6, ha="center", va="center")
     axes.grid(False)
     axes.pcolormesh(cell_edges(x), cell_edges(y), picture, edgecolors="white", linewidth=0.4)
     axes.set(xscale="log", yscale="log")
-    axes.set_xticks(x, [f"{value:g}" for value in x])
-    axes.set_yticks(y, [f"{value:g}" for value in y])
-    axes.minorticks_off()
     axes.tick_params(labelsize=7.5)

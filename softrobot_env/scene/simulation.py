@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 #: Inputs of a motion: constant (n_inputs,), one row (k, n_inputs) a control period, or of time [s].
 Inputs = ndarray | Callable[[float], ndarray] | None
 
-_DIVERGED = {
+#: MuJoCo's warnings of a simulation that diverges -> what is not finite or huge.
+DIVERGING = {
     int(mjtWarning.mjWARN_BADQPOS): "position",
     int(mjtWarning.mjWARN_BADQVEL): "velocity",
     int(mjtWarning.mjWARN_BADQACC): "acceleration",
@@ -198,7 +199,7 @@ class Simulation:
         """What diverged and when, or None. MuJoCo's own reset is switched off in our scenes."""
         if self._warnings.tobytes() == _HEALTHY:
             return None
-        raised = {name: self.data.warning[i] for i, name in _DIVERGED.items()}
+        raised = {name: self.data.warning[i] for i, name in DIVERGING.items()}
         raised = {name: warning for name, warning in raised.items() if warning.number}
         if not raised:
             return None

@@ -25,7 +25,7 @@ from studies.accuracy.cases import SHEAR
 from studies.beams import make_beam, weightless
 from studies.stability import runs
 from studies.stability.map import damped
-from studies.stability.runs import ADAPTIVE, CHAIN, Plan, Row, Trace, Verdict, judge_errors
+from studies.stability.runs import ADAPTIVE, CHAIN, Plan, Row, Trace
 from studies.truths.analytic import arc_tip, elastica
 from studies.truths.continuum_arc import TEXT as CONTINUUM_ARC
 from studies.truths.continuum_arc import continuum_arc_tip
@@ -241,17 +241,13 @@ def run_case(case: Case, model: str, n: int, method: str = BEAM_METHOD) -> Row:
     plan = _plan(case.robot, system, case.duration)
     if model != CHAIN:
         plan = replace(plan, integrator=method)
-    finer = None
+    trace, finer = system.run(plan), None
     if case.tip is None:
         finer = refined(_system(replace(case, angle=0.0), model, n), plan)
-    trace = system.run(plan)
-    if finer is not None:
         verdict = runs.judge(trace, finer, case.bound)
-    elif trace.failure:
-        verdict = Verdict(trace.outcome, trace.failure, None)
     else:
-        error = np.linalg.norm(trace.tip[-1:] - case.tip, axis=1)
-        verdict = judge_errors(trace.time[-1:], error, case.bound, case.truth)
+        gap = np.linalg.norm(trace.tip[-1:] - case.tip, axis=1)
+        verdict = runs.judge_errors(trace, gap, case.bound, case.truth)
     if trace.steps:
         time = plan.timestep * plan.steps
         plan = replace(plan, timestep=time / trace.steps, steps=trace.steps)
@@ -311,15 +307,12 @@ def oscillation_row(model: str, n: int, damping: float, duration: float) -> Row:
     plan = replace(_plan(robot, system, duration), sample=0.05 / robot.first_frequency)
     trace = system.run(plan)
     bound = OSCILLATION_SHARE * amplitude
-    verdict = Verdict(trace.outcome or "", trace.failure, None)
-    if trace.failure is None:
-        expected = _linear(trace.time, frequency, damping, robot.damping_time) * amplitude
-        error = np.abs(trace.tip[:, 0] - expected)
-        verdict = judge_errors(trace.time, error, bound, "the linear solution")
-        growth = _amplitude_growth(trace)
-        if growth > _GROWTH:
-            text = f"finite but wrong: the free amplitude grew by a factor {growth:.3g}"
-            verdict = Verdict(runs.WRONG, text, verdict.e_max)
+    expected = _linear(trace.time, frequency, damping, robot.damping_time) * amplitude
+    gap = np.abs(trace.tip[:, 0] - expected)
+    verdict = runs.judge_errors(trace, gap, bound, "the linear solution")
+    if trace.failure is None and (growth := _amplitude_growth(trace)) > _GROWTH:
+        text = f"finite but wrong: the free amplitude grew by a factor {growth:.3g}"
+        verdict = replace(verdict, outcome=runs.WRONG, failure=text)
     name = "oscillation" if damping == 0 else "oscillation_damped"
     about = {"case": f"{name}_{duration / 60:g}min", "model": model, "n": n, "e_bound": bound}
     return Row.of(

@@ -19,6 +19,7 @@ from softrobot_env.beams.signals import Signal
 from softrobot_env.evaluation.models.runs import distance, silent_warnings, unwarned, zero_timestep
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.simulation import DIVERGING
 from softrobot_env.scene.timestep import TimestepChoice, choose_timestep, linearize, stability_limit
 from studies.lab import Record
 
@@ -40,13 +41,6 @@ _REFERENCE_TOLERANCES = (1e-6, 1e-7)
 
 #: Steps after which an adaptive run gives up.
 _MOST_ADAPTED = 20_000
-
-_BAD = {
-    int(mujoco.mjtWarning.mjWARN_BADQPOS): "position",
-    int(mujoco.mjtWarning.mjWARN_BADQVEL): "velocity",
-    int(mujoco.mjtWarning.mjWARN_BADQACC): "acceleration",
-}
-
 
 #: Description for the progress bar, and what makes rows.
 Job = tuple[str, Callable[[], list]]
@@ -185,7 +179,7 @@ def mujoco_integrator(name: str) -> int:
 
 def chain_failure(data: mujoco.MjData, tip: ndarray) -> str | None:
     """What diverged and when, or None; `tip` (3,) [m] must be up to date."""
-    bad = [name for index, name in _BAD.items() if data.warning[index].number]
+    bad = [name for index, name in DIVERGING.items() if data.warning[index].number]
     if not bad and np.all(np.isfinite(tip)):
         return None
     what = " and ".join(bad) or "tip position"
@@ -345,24 +339,27 @@ def judge(trace: Trace, truth: Reference, bound: float) -> Verdict:
 
     A run with very few instants, which could be right by chance, is compared between them too.
     """
-    if trace.outcome is not None:
-        return Verdict(trace.outcome, trace.failure, None)
     covered = trace.time <= truth.time[-1] * (1 + 1e-9)
-    time, tip = np.minimum(trace.time[covered], truth.time[-1]), trace.tip[covered]
-    if len(time) < _LEAST_INSTANTS:
+    known = replace(
+        trace, time=trace.time[covered].clip(max=truth.time[-1]), tip=trace.tip[covered]
+    )
+    if len(known.time) < _LEAST_INSTANTS and not trace.failure:
         time = truth.time[truth.time <= trace.time[-1]]
         tip = np.stack([np.interp(time, trace.time, x) for x in trace.tip.T], axis=1)
-    error = np.linalg.norm(tip - truth.at(time), axis=1)
-    return judge_errors(time, error, bound, "the refined run")
+        known = replace(trace, time=time, tip=tip)
+    gap = np.linalg.norm(known.tip - truth.at(known.time), axis=1)
+    return judge_errors(known, gap, bound, "the refined run")
 
 
-def judge_errors(time: ndarray, error: ndarray, bound: float, name: str) -> Verdict:
-    """Classify a finite run by its errors (k,) [m] at instants (k,) [s]."""
-    worst = int(np.argmax(error))
-    e_max = float(error[worst])
+def judge_errors(trace: Trace, errors: ndarray, bound: float, name: str) -> Verdict:
+    """Classify a run by its errors (k,) [m] at its last k instants, against what has a name."""
+    if trace.failure:
+        return Verdict(trace.outcome, trace.failure, None)
+    worst = int(np.argmax(errors))
+    e_max, time = float(errors[worst]), trace.time[worst - len(errors)]
     if e_max <= bound:
         return Verdict(STABLE, None, e_max)
-    text = f"finite but wrong: tip {1e3 * e_max:.3g} mm from {name} at t = {time[worst]:.4g} s"
+    text = f"finite but wrong: tip {1e3 * e_max:.3g} mm from {name} at t = {time:.4g} s"
     return Verdict(WRONG, text, e_max)
 
 

@@ -4,13 +4,12 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
-import numpy as np
 from rich.table import Table
 from rich.text import Text
 
 from softrobot_env.rendering import figures
 from softrobot_env.rendering.figures import Axes, Figure, entry
-from softrobot_env.rendering.models import cell_edges
+from softrobot_env.rendering.models import cell_edges, new_maps
 from softrobot_env.robots import ARM
 from studies.lab import Column, groups, lines, number, of_kind, pivot, select, table
 from studies.stability import map as arm_map
@@ -301,63 +300,39 @@ def _draw(
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
-    (field, line_label), (x, x_label) = lines, stiffness
+    def look(row: Row) -> tuple[Any, str]:
+        if row.outcome != STABLE:
+            return _OUTCOMES[row.outcome][:2]
+        return shades.to_rgba(max(1e3 * row.e_max, _ERRORS[0])), ""
+
+    (field, _), (x, _) = lines, stiffness
     cells = [row for row in rows if row.case in ("map", MAP)]
     picks = [row for row in rows if row.case not in ("map", MAP)]
     shades = ScalarMappable(LogNorm(*_ERRORS), LinearSegmentedColormap.from_list("error", _GREENS))
-    integrators = [name for (name,) in groups(cells, "integrator")]
-    dampings = sorted({getattr(row, field) for row in cells})
-    size = 1.6 + 1.75 * len(integrators), 2.2 + 1.6 * len(dampings)
-    figure, panels = figures.new_figure(len(dampings), len(integrators), size, share=True)
-    for line, damping in zip(panels, dampings, strict=True):
-        for axes, integrator in zip(line, integrators, strict=True):
-            own = {"integrator": integrator, field: damping}
-            _draw_cells(axes, select(cells, **own), x, shades)
-            _draw_picks(axes, select(picks, **own), x)
-        line[0].set_ylabel(f"{line_label.format(damping)}\ntimestep [ms]", fontsize=8.5)
-    for axes, integrator in zip(panels[0], integrators, strict=True):
-        axes.set_title(integrator, fontsize=10, fontweight="bold")
-    for axes in panels[-1]:
-        axes.set_xlabel(x_label, fontsize=8.5)
+    figure, panels = new_maps(cells, lines, stiffness, look)
+    for (value, integrator), axes in panels.items():
+        own = {"integrator": integrator, field: value}
+        _draw_limit(axes, select(cells, **own), x)
+        _draw_picks(axes, select(picks, **own), x)
     figures.add_title(figure, _message(cells, picks), title)
     place = {"location": "right", "shrink": 0.6, "aspect": 30, "pad": 0.01}
-    bar = figure.colorbar(shades, ax=panels, **place)
+    bar = figure.colorbar(shades, ax=[*panels.values()], **place)
     bar.set_label("stable: largest error of the tip [mm]", fontsize=8.5)
     bar.ax.tick_params(labelsize=7.5)
     figures.add_legend(figure, _entries(cells, picks))
     return figure
 
 
-def _draw_cells(axes: Axes, rows: list[Row], stiffness: str, shades: Any) -> None:
-    """One rectangle per run, between the geometric means of neighbours; shades are errors.
-
-    The dashed line is the stability limit of the linearised chain.
-    """
-    from matplotlib.colors import to_rgb
-
-    x = sorted({getattr(row, stiffness) for row in rows})
-    y = sorted({1e3 * row.timestep for row in rows})
-    picture = np.ones((len(y), len(x), 3))
-    for row in rows:
-        i, j = y.index(1e3 * row.timestep), x.index(getattr(row, stiffness))
-        if row.outcome == STABLE:
-            picture[i, j] = shades.to_rgba(max(1e3 * row.e_max, _ERRORS[0]))[:3]
-        else:
-            colour, sign, _ = _OUTCOMES[row.outcome]
-            picture[i, j] = to_rgb(colour)
-            axes.text(x[j], y[i], sign, fontsize=6, ha="center", va="center", alpha=0.6)
-    axes.grid(False)
-    axes.pcolormesh(cell_edges(x), cell_edges(y), picture, edgecolors="white", linewidth=0.4)
-    axes.set(xscale="log", yscale="log")
-    ruled = rows[0].model == CHAIN  # its picks may lie below the map
-    axes.set_ylim(_LOWEST if ruled else cell_edges(y)[0], _HIGHEST)
+def _draw_limit(axes: Axes, rows: list[Row], stiffness: str) -> None:
+    """The stability limit of the linearised chain, dashed, on axes of one range in all maps."""
+    limits = {getattr(r, stiffness): 1e3 * r.stability_limit for r in rows if r.stability_limit}
+    axes.plot(sorted(limits), [limits[at] for at in sorted(limits)], "k--", linewidth=1.1)
+    low = axes.get_ylim()[0]
+    axes.set_ylim(_LOWEST if rows[0].model == CHAIN else low, _HIGHEST)  # picks may lie below
     axes.set_yticks([0.1, 1, 10], ["0.1", "1", "10"])
     axes.set_xticks([1e-2, 1, 1e2, 1e4])
     axes.minorticks_off()
-    axes.set_xlim(*cell_edges(x)[[0, -1]])
-    axes.tick_params(labelsize=7.5)
-    limits = {getattr(r, stiffness): 1e3 * r.stability_limit for r in rows if r.stability_limit}
-    axes.plot(sorted(limits), [limits[at] for at in sorted(limits)], "k--", linewidth=1.1)
+    axes.set_xlim(*cell_edges(sorted({getattr(row, stiffness) for row in rows}))[[0, -1]])
 
 
 def _draw_picks(axes: Axes, rows: list[Row], stiffness: str) -> None:
