@@ -10,9 +10,13 @@ export OPENBLAS_NUM_THREADS ?= 1
 export OMP_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 
+# Tests start many interpreters, which need not compile the package one after the other.
+unexport PYTHONDONTWRITEBYTECODE
+
 # Three workers for two cores, as tests in real time mostly wait. Each file stays in one worker,
 # in the order of tests/conftest.py: what compiles longest first.
 PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
+QUICK := -m "not slow and not cluster and not gpu"
 
 .PHONY: setup evaluate check test slow test-clients test-cluster test-gpu lint docs demo test-demo clean
 .DELETE_ON_ERROR:
@@ -26,10 +30,12 @@ evaluate: .venv/.setup
 
 # The daily loop: lint, and the tests that were quick when they were last run.
 check: lint
-	$(PYTEST) --quick -m "not slow and not cluster and not gpu"
+	$(PYTEST) --quick $(QUICK)
 
+# What failed is run again with the values in its assertions: to prepare all of them for that takes
+# each worker ten seconds.
 test: .venv/.setup-test
-	$(PYTEST) -m "not slow and not cluster and not gpu"
+	$(PYTEST) --assert=plain $(QUICK) || { $(PYTEST) --last-failed --lfnf=none $(QUICK); exit 1; }
 
 # What takes minutes: trainings, ANCF, Cosserat as a plant, whole studies, the wheel, and every
 # benchmark's quick run.
