@@ -1,5 +1,6 @@
 """One BLAS thread, the order of the suite, tests that depend on the clock, and shared fixtures."""
 
+import gc
 import os
 
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"):
@@ -60,6 +61,12 @@ def pytest_collection_modifyitems(config, items):
         return clock, FIRST.index(name) if name in FIRST else len(FIRST)
 
     items.sort(key=rank)  # stable: otherwise as they were collected
+
+
+def pytest_collection_finish():
+    """What is loaded by now stays: the collector need not look at it again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 class _Durations:

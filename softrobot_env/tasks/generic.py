@@ -255,15 +255,21 @@ def laps(
         ValueError: The robot cannot hold its tip somewhere on the path.
     """
     site, what = site_of(robot), f"task {name!r}"
-    phase = _phases(flat)
     if sheet is None:
-        tips, inputs = site.held_along(flat.derivative(phase, 0), what)
+        curve, start = _held_path(robot, flat, what)
     else:
-        tips = sheet.over(flat.derivative(phase, 0))
-        inputs = site.held_along(tips[:1], what)[1]
-    curve, start = _raised(site, flat, tips), inputs[0]
+        tips = sheet.over(flat.derivative(_phases(flat), 0))
+        curve, start = _raised(site, flat, tips), site.held_along(tips[:1], what)[1][0]
     run, pace = _paced(site, curve, speed, frequency, what)
     return _task(name, robot, run, run.end_time + _REST, start, (*options.items(), pace))
+
+
+@lru_cache(maxsize=32)
+def _held_path(robot: RobotParams, flat: FourierPath, what: str) -> tuple[FourierPath, ndarray]:
+    """The path of the tip over a flat one, and the inputs (n_inputs,) that hold its start."""
+    site = site_of(robot)
+    tips, inputs = site.held_along(flat.derivative(_phases(flat), 0), what)
+    return _raised(site, flat, tips), inputs[0]
 
 
 def _paced(
