@@ -13,7 +13,7 @@ from softrobot_env.control.reference_smoothing import (
 )
 from softrobot_env.control.registry import make_policy, policy_environment
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.evaluation.metrics import step_metrics, tracking_metrics
+from softrobot_env.evaluation.metrics import tracking_metrics
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import ARM
 from softrobot_env.tasks import make_task
@@ -151,68 +151,6 @@ def test_what_is_ahead_is_what_comes():
 
 
 # ---------------------------------------------------------------- closed loop
-
-
-@pytest.fixture(scope="module")
-def episode():
-    """Runs an episode of a policy on MuJoCo's arm; environments are built once."""
-    made = {}
-
-    def run(name, task, feedback="state", **options):
-        if task not in made:
-            made[task] = TrackingEnv(task, observe="all", **policy_environment(name))
-        policy = make_policy(name, ARM, PERIOD, feedback)
-        rollout = run_episode(made[task], policy, options=options)
-        assert rollout.failure is None
-        return rollout
-
-    return run
-
-
-@pytest.mark.parametrize("name", ["lq_preview", "lq_adaptive"])
-def test_tracking(episode, name):
-    """The goals are 2 and 0.8 mm; the thesis' best are 6.13 and 1.71 mm."""
-    swing = episode(name, "swing", duration=3.0)
-    assert tracking_metrics(swing).e_max < 1.3e-3
-    assert swing.error[swing.time > 0.5].max() < 0.15e-3
-    assert tracking_metrics(episode(name, "lshape")).e_max < 0.5e-3
-
-
-@pytest.mark.parametrize("name", ["lq_preview", "lq_adaptive"])
-@pytest.mark.parametrize(
-    ("width", "overshoot", "settling"), [(0.05, 0.05, 0.4), (0.1, 0.05, 0.5), (0.2, 0.1, 0.5)]
-)
-def test_steps(episode, name, width, overshoot, settling):
-    rollout = episode(name, "step", step_width=width, duration=5.0)
-    metrics = step_metrics(rollout.time, rollout.tip, rollout.reference[-1])
-    assert metrics.overshoot < overshoot and metrics.settling_time < settling
-    assert metrics.steady_state_error < 1e-4
-
-
-@pytest.mark.parametrize("feedback", ["state", pytest.param("output", marks=pytest.mark.slow)])
-@pytest.mark.parametrize(
-    "factor", [0.5, *(pytest.param(f, marks=pytest.mark.slow) for f in (0.75, 1.25, 1.5))]
-)
-def test_the_adaptive_policy_stays_within_twice_its_error(episode, factor, feedback):
-    for task, options in (
-        ("swing", {"duration": 3.0}),
-        ("lshape", {"duration": 7.0}),
-        ("step", {"duration": 3.0}),
-        ("step", {"duration": 3.0, "step_width": 0.2}),
-    ):
-        nominal = tracking_metrics(episode("lq_adaptive", task, feedback, **options))
-        vary = {"youngs_modulus": factor}
-        varied = tracking_metrics(episode("lq_adaptive", task, feedback, vary=vary, **options))
-        assert varied.e_max < 2 * nominal.e_max, task
-        if task == "step" or factor > 0.5:
-            assert varied.e_rms < 2 * nominal.e_rms, task
-
-
-def test_saturation_ends_without_after_effects(episode):
-    """A stiffer arm cannot quite reach the L-shape's corner; soon after, the error is as before."""
-    rollout = episode("lq_adaptive", "lshape", vary={"youngs_modulus": 1.6})
-    assert "tension limit reached" in rollout.policy_status
-    assert rollout.error[(rollout.time > 6.5) & (rollout.time < 9.9)].max() < 0.1e-3
 
 
 def driven(name, task, steps, spoil, **options):

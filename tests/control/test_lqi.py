@@ -8,13 +8,10 @@ from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.beams.model import State
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.beams.planar_arm import make_planar_arm
-from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.control.feedforward.motion import least_norm
 from softrobot_env.control.observers import linear_model
 from softrobot_env.core.files import models_dir
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.evaluation.metrics import step_metrics, tracking_metrics
-from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import ARM
 from softrobot_env.tasks import make_task
 from softrobot_env.thesis.arm import operating_points as gains
@@ -35,25 +32,6 @@ ARM_DATA = make_planar_arm(ARM)
 STATICS = ConstantCurvatureStatics(ARM)
 LIMIT = np.full(3, 80.0)
 BENT = np.repeat([3.0, -1.0, 4.0], 2)
-
-
-@pytest.fixture(scope="module")
-def policy():
-    return make_lqi(ARM, PERIOD)
-
-
-@pytest.fixture(scope="module")
-def environment():
-    """Environments by task and plant, built once."""
-    made = {}
-
-    def make(task, plant):
-        if (task, plant) not in made:
-            given = {} if plant == "mujoco" else {"plant": BeamPlant(plant)}
-            made[task, plant] = TrackingEnv(task, control_period=PERIOD, observe="all", **given)
-        return made[task, plant]
-
-    return make
 
 
 # ---------------------------------------------------------------- linear model and gains
@@ -200,37 +178,6 @@ def test_followed_equilibrium_of_a_softer_arm_under_a_force():
 
 
 # ---------------------------------------------------------------- closed loop
-
-
-@pytest.mark.parametrize("plant", ["pcc", "mujoco"])
-def test_step_response_is_that_of_the_thesis(policy, environment, plant):
-    """Rise time of Tab. 6.2 (0.090 s) and the audit's bands for what its weights leave open."""
-    rollout = run_episode(environment("step", plant), policy, options={"duration": 3.0})
-    metrics = step_metrics(rollout.time, rollout.tip, rollout.reference[-1])
-    assert metrics.rise_time == pytest.approx(0.088, abs=0.01)
-    assert 0.6 < metrics.settling_time < 0.95
-    assert 0.25 < metrics.overshoot < 0.36
-    assert metrics.steady_state_error < 1e-4
-    assert set(rollout.policy_status) == {""}
-
-
-@pytest.mark.parametrize("plant", ["pcc", "mujoco"])
-def test_tracking_errors_are_those_of_the_thesis(policy, environment, plant):
-    """Swing 6.13 mm, less than 1 mm in motion; L-shape 1.71 mm (thesis; audit 5.9-6.7, 1.9-2.1)."""
-    swing = run_episode(environment("swing", plant), policy, options={"duration": 3.0})
-    assert 5.5e-3 < tracking_metrics(swing).e_max < 6.7e-3
-    assert swing.error[swing.time > 1.0].max() < 1e-3
-    shape = run_episode(environment("lshape", plant), policy, options={"duration": 7.0})
-    assert 1.6e-3 < tracking_metrics(shape).e_max < 2.1e-3
-
-
-@pytest.mark.parametrize("factor", [0.5, 1.5])
-def test_young_s_modulus_hardly_matters(policy, environment, factor):
-    """Fig. 6.21: a transient at the start, then as before."""
-    options = {"vary": {"youngs_modulus": factor}, "duration": 4.0}
-    rollout = run_episode(environment("swing", "pcc"), policy, options=options)
-    assert rollout.failure is None
-    assert rollout.error[rollout.time > 2.5].max() < 2e-3
 
 
 def waited(limit, far, near, wait, **vary):

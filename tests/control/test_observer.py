@@ -4,7 +4,6 @@ import pytest
 from softrobot_env.control.observers import arm_observer
 from softrobot_env.control.registry import make_policy
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import ARM
 
 PERIOD = 0.001
@@ -92,17 +91,6 @@ def test_observer_is_stable_at_every_control_period(period):
         estimate = observer.update(estimate, action, curvature)
     np.testing.assert_allclose(estimate[0], curvature, atol=0.01)
     np.testing.assert_allclose(estimate[1], 0, atol=0.05)
-
-
-def test_output_feedback_tracks_nearly_as_well():
-    env = TrackingEnv("swing", control_period=PERIOD, observe="all")
-    errors = {
-        feedback: run_episode(
-            env, make_policy("lqi", ARM, PERIOD, feedback), options={"duration": 3.0}
-        ).error.max()
-        for feedback in ("state", "output")
-    }
-    assert errors["output"] < 1.1 * errors["state"]
 
 
 def test_output_feedback_asks_for_no_rates():

@@ -6,13 +6,8 @@ import numpy as np
 import pytest
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.cli import main
-from softrobot_env.control.registry import make_policy, policy_environment
 from softrobot_env.core.files import models_dir
-from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.evaluation.metrics import step_metrics
-from softrobot_env.evaluation.run import run_episode
 from softrobot_env.learned.network import Network, suits
 from softrobot_env.robots import ARM
 from softrobot_env.robots.actuation import TendonMap
@@ -22,11 +17,6 @@ from softrobot_env.thesis.arm.qs_nn import QuasiStaticNetwork
 STATICS = ConstantCurvatureStatics(ARM)
 SCALE = TendonMap(ARM).input_scale
 WEIGHTS = models_dir() / "qs_nn.npz"
-
-
-@pytest.fixture(scope="module")
-def slow_policy():
-    return make_policy("qs_nn", ARM, 0.01)
 
 
 def observe(tip, target, inputs):
@@ -88,34 +78,3 @@ def test_shipped_file_says_what_it_is():
 
 
 # ---------------------------------------------------------------- closed loop
-
-
-def environment(task):
-    return TrackingEnv(task, observe="all", plant=BeamPlant("pcc"), **policy_environment("qs_nn"))
-
-
-def test_step_of_50_mm(slow_policy):
-    """Thesis: rise 0.237 s, settling 7.65 s, overshoot 47.5 %; audit: 6.7 to 12 s, 61 to 69 %."""
-    rollout = run_episode(environment("step"), slow_policy, options={"duration": 25.0})
-    metrics = step_metrics(rollout.time, rollout.tip, rollout.reference[-1])
-    assert rollout.failure is None
-    assert 0.22 < metrics.rise_time < 0.26
-    assert 5.0 < metrics.settling_time < 12.0
-    assert 0.55 < metrics.overshoot < 0.72
-    assert metrics.steady_state_error < 0.02
-
-
-def test_swing(slow_policy):
-    """Thesis: 27.3 mm at most; audit: 14 to 18 mm, in the first second."""
-    rollout = run_episode(environment("swing"), slow_policy)
-    assert rollout.failure is None
-    assert 14e-3 < rollout.error.max() < 18e-3
-    assert rollout.time[rollout.error.argmax()] < 2.0
-    assert rollout.error[-1] < 5e-3
-
-
-def test_swing_is_lost_with_a_softer_arm(slow_policy):
-    """Thesis sec. 6.6.3: the quasi-static controller fails when E falls by a quarter."""
-    options = {"vary": {"youngs_modulus": 0.75}}
-    rollout = run_episode(environment("swing"), slow_policy, options=options)
-    assert rollout.error.max() > 0.1

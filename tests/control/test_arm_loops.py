@@ -1,0 +1,157 @@
+"""Closed loops of the arm's laws: steps and paths as thesis or audit have them, or better."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from softrobot_env.beams.registry import BeamPlant
+from softrobot_env.control.registry import make_policy, policy_environment
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.evaluation.metrics import step_metrics, tracking_metrics
+from softrobot_env.evaluation.run import run_episode
+from softrobot_env.robots import ARM
+
+LQ = ("lq_preview", "lq_adaptive")
+SLOW = pytest.mark.slow
+ANY = (0.0, np.inf)
+
+
+@pytest.fixture(scope="module")
+def episode():
+    """Runs an episode of a policy on the arm; environments are built once."""
+    made = {}
+
+    def run(name, task, plant="mujoco", feedback="state", **options):
+        key = name, task, plant
+        if key not in made:
+            needs = policy_environment(name)
+            given = {} if plant == "mujoco" else {"plant": BeamPlant(plant)}
+            made[key] = TrackingEnv(task, observe="all", **needs, **given)
+        env = made[key]
+        policy = make_policy(name, ARM, env.control_period, feedback)
+        rollout = run_episode(env, policy, options=options)
+        assert rollout.failure is None
+        return rollout
+
+    return run
+
+
+#: What the audit's section 3 leaves open of steps: rise and settling time [s], overshoot.
+LQI, MPC = ((0.078, 0.098), (0.6, 0.95), (0.25, 0.36)), ((0.08, 0.1), (0.81, 1.05), (0.265, 0.295))
+
+
+@pytest.mark.parametrize(
+    ("name", "plant", "width", "rise", "settling", "overshoot"),
+    [
+        *(("lqi", plant, 0.05, *LQI) for plant in ("pcc", "mujoco")),
+        *(("mpc", "pcc", width, *MPC) for width in (0.05, 0.2)),
+        *(("mpc_preview", "mujoco", w, (0, 0.25), (0, 0.25), (0, 0.04)) for w in (0.05, 0.2)),
+        *((name, "mujoco", 0.05, (0, 0.4), (0, 0.4), (0, 0.05)) for name in LQ),
+        *((name, "mujoco", 0.1, (0, 0.5), (0, 0.5), (0, 0.05)) for name in LQ),
+        *((name, "mujoco", 0.2, (0, 0.5), (0, 0.5), (0, 0.1)) for name in LQ),
+    ],
+)
+def test_steps(episode, name, plant, width, rise, settling, overshoot):
+    rollout = episode(name, "step", plant, step_width=width, duration=3.0)
+    metrics = step_metrics(rollout.time, rollout.tip, rollout.reference[-1])
+    assert rise[0] < metrics.rise_time < rise[1]
+    assert settling[0] < metrics.settling_time < settling[1]
+    assert overshoot[0] < metrics.overshoot < overshoot[1]
+    assert metrics.steady_state_error < 1e-4
+
+
+def test_the_quasi_static_network_swings_into_a_step(episode):
+    """Thesis: rise 0.237 s, settling 7.65 s, overshoot 47.5 %; audit: 6.7 to 12 s, 61 to 69 %."""
+    rollout = episode("qs_nn", "step", "pcc", duration=25.0)
+    metrics = step_metrics(rollout.time, rollout.tip, rollout.reference[-1])
+    assert 0.22 < metrics.rise_time < 0.26
+    assert 5.0 < metrics.settling_time < 12.0
+    assert 0.55 < metrics.overshoot < 0.72
+    assert metrics.steady_state_error < 0.02
+
+
+class Case(NamedTuple):
+    """A path, and bands in mm of its largest error, and of the largest and mean ones later on."""
+
+    name: str
+    plant: str
+    task: str
+    duration: float
+    largest: tuple[float, float]
+    after: float = 1.0
+    late: tuple[float, float] = (0.0, np.inf)
+    mean: tuple[float, float] = (0.0, np.inf)
+    modulus: float = 1.0
+
+
+# The thesis has 6.13 (less than 1 in motion) and 1.71 mm for lqi, 27.3 for qs_nn; the audit 5.9 to
+# 6.7 and 1.9 to 2.1; 12.8, a period's way of 8.9 in the mean, and 2.6 for mpc, which loses the tip
+# on another stiffness; 14 to 18 in the first second for qs_nn, which fails where E falls by a
+# quarter (sec. 6.6.3). The stiffness hardly matters for lqi after a transient (Fig. 6.21).
+CASES = [
+    *(Case("lqi", p, "swing", 3.0, (5.5, 6.7), late=(0, 1)) for p in ("pcc", "mujoco")),
+    *(Case("lqi", plant, "lshape", 7.0, (1.6, 2.1)) for plant in ("pcc", "mujoco")),
+    *(Case("lqi", "pcc", "swing", 4.0, ANY, 2.5, (0, 2), modulus=E) for E in (0.5, 1.5)),
+    Case("mpc", "pcc", "swing", 6.0, (12.5, 13.1), mean=(8.4, 9.4)),
+    Case("mpc", "pcc", "lshape", 7.0, (2.5, 2.7)),
+    *(Case("mpc", "pcc", "swing", 12.0, ANY, 9.0, (40, np.inf), modulus=E) for E in (0.5, 1.5)),
+    # Largest at the start, in the L's corner (5 s) and at the swing's end (10 s).
+    Case("mpc_preview", "mujoco", "swing", 12.0, (0, 0.8), mean=(0, 0.1)),
+    Case("mpc_preview", "mujoco", "lshape", 6.0, (0, 0.4), mean=(0, 0.1)),
+    # It starts out of balance, of which the law knows nothing before it moves.
+    Case("mpc_preview", "mujoco", "swing", 3.0, (0, 1.2), 0.5, (0, 0.3), modulus=0.5),
+    *(Case(name, "mujoco", "swing", 3.0, (0, 1.3), 0.5, (0, 0.15)) for name in LQ),
+    *(Case(name, "mujoco", "lshape", 7.0, (0, 0.5)) for name in LQ),
+    Case("qs_nn", "pcc", "swing", 15.0, (14, 18), 14.9, (0, 5)),
+    Case("qs_nn", "pcc", "swing", 15.0, (100, np.inf), modulus=0.75),
+]
+LONG = ("mpc_preview", "swing", 12.0)
+
+
+@pytest.mark.parametrize(
+    "case", [pytest.param(c, marks=SLOW if (c.name, *c[2:4]) == LONG else ()) for c in CASES]
+)
+def test_paths(episode, case):
+    vary = {"youngs_modulus": case.modulus}
+    rollout = episode(case.name, case.task, case.plant, duration=case.duration, vary=vary)
+    error, late = 1e3 * rollout.error, 1e3 * rollout.error[rollout.time > case.after]
+    for found, (low, high) in (
+        (error.max(), case.largest),
+        (late.max(), case.late),
+        (late.mean(), case.mean),
+    ):
+        assert low <= found < high
+
+
+@pytest.mark.parametrize("feedback", ["state", pytest.param("output", marks=SLOW)])
+@pytest.mark.parametrize("factor", [0.5, *(pytest.param(f, marks=SLOW) for f in (0.75, 1.25, 1.5))])
+def test_the_adaptive_policy_stays_within_twice_its_error(episode, factor, feedback):
+    for task, options in (
+        ("swing", {"duration": 3.0}),
+        ("lshape", {"duration": 7.0}),
+        ("step", {"duration": 3.0, "step_width": 0.2}),
+    ):
+        nominal, varied = (
+            tracking_metrics(episode("lq_adaptive", task, feedback=feedback, vary=vary, **options))
+            for vary in ({}, {"youngs_modulus": factor})
+        )
+        assert varied.e_max < 2 * nominal.e_max, task
+        if task == "step" or factor > 0.5:
+            assert varied.e_rms < 2 * nominal.e_rms, task
+
+
+def test_saturation_ends_without_after_effects(episode):
+    """A stiffer arm cannot quite reach the L-shape's corner; soon after, the error is as before."""
+    vary = {"youngs_modulus": 1.6}
+    rollout = episode("lq_adaptive", "lshape", duration=8.0, vary=vary)
+    assert "tension limit reached" in rollout.policy_status
+    assert rollout.error[rollout.time > 6.5].max() < 0.1e-3
+
+
+def test_output_feedback_tracks_nearly_as_well(episode):
+    errors = {
+        feedback: episode("lqi", "swing", feedback=feedback, duration=3.0).error.max()
+        for feedback in ("state", "output")
+    }
+    assert errors["output"] < 1.1 * errors["state"]
