@@ -204,7 +204,7 @@ def waited(limit, far, near, wait, **vary):
 def test_integral_does_not_wind_up(limit, far, reason):
     """A reference that cannot be reached; the way back is as if nobody had waited there."""
     back = []
-    for wait in (1500, 6000):
+    for wait in (1500, 4000):
         errors, statuses = waited(limit, np.array(far), np.array([0.2, 0.44]), wait)
         assert reason in statuses
         back.append(errors[wait:])

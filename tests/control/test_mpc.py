@@ -111,11 +111,7 @@ def test_tension_limit_is_kept_and_told():
     assert np.abs(action).max() == 1.0
 
 
-# ---------------------------------------------------------------- thesis, on its own plant
-
-
-# ---------------------------------------------------------------- with preview, on MuJoCo's arm
-
+# ---------------------------------------------------------------- the optimisation
 
 DATA = make_planar_arm(ARM)
 MAP = TendonMap(ARM)

@@ -14,31 +14,7 @@ from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.thesis.arm import quasi_static
 from softrobot_env.thesis.arm.qs_nn import QuasiStaticNetwork
 
-STATICS = ConstantCurvatureStatics(ARM)
-SCALE = TendonMap(ARM).input_scale
 WEIGHTS = models_dir() / "qs_nn.npz"
-
-
-def observe(tip, target, inputs):
-    return {
-        "tip_position": np.array(tip, dtype=float),
-        "reference_preview": np.array(target, dtype=float),
-        "previous_action": np.asarray(inputs, dtype=float) / SCALE,
-    }
-
-
-def at_rest(inputs):
-    tip = STATICS.tip(np.asarray(inputs, dtype=float))
-    return observe(tip, tip, inputs)
-
-
-# ---------------------------------------------------------------- the network
-
-
-# ---------------------------------------------------------------- the policy
-
-
-# ---------------------------------------------------------------- what is refused
 
 
 def test_another_robot_is_refused():
@@ -48,12 +24,11 @@ def test_another_robot_is_refused():
         QuasiStaticNetwork(replace(ARM, name="other"), 0.2)
 
 
-def test_missing_files_are_refused(tmp_path):
+def test_other_periods_and_missing_files_are_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"divides it, not 0\.03"):
+        QuasiStaticNetwork(ARM, 0.03)
     with pytest.raises(FileNotFoundError, match="softrobot train qs_nn"):
         QuasiStaticNetwork(ARM, 0.2, tmp_path / "none.npz")
-
-
-# ---------------------------------------------------------------- training command
 
 
 def test_training_command_writes_what_the_policy_loads(tmp_path, capsys, monkeypatch):
@@ -63,7 +38,11 @@ def test_training_command_writes_what_the_policy_loads(tmp_path, capsys, monkeyp
     assert main(["train", "qs_nn", "--seed", "7", "--out", str(tmp_path)]) == 0
     out = capsys.readouterr().out
     assert "effective parameters" in out and "rms error, fresh data" in out
-    action, _ = QuasiStaticNetwork(ARM, 0.2, tmp_path / "qs_nn.npz").predict(at_rest((5, 5, 5)))
+    inputs = np.full(3, 5.0)
+    tip = ConstantCurvatureStatics(ARM).tip(inputs)
+    seen = {"tip_position": tip, "reference_preview": tip}
+    seen["previous_action"] = inputs / TendonMap(ARM).input_scale
+    action, _ = QuasiStaticNetwork(ARM, 0.2, tmp_path / "qs_nn.npz").predict(seen)
     assert np.all(np.isfinite(action))
     _, about = Network.load(tmp_path / "qs_nn.npz")
     assert about["seed"] == 7
@@ -75,6 +54,3 @@ def test_shipped_file_says_what_it_is():
     assert suits(about, ARM)
     assert about["seed"] == 0
     assert WEIGHTS.with_suffix(".md").read_text("utf-8").count("softrobot train qs_nn") > 0
-
-
-# ---------------------------------------------------------------- closed loop
