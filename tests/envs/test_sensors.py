@@ -11,6 +11,7 @@ from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.robots import ARM, RIG, Sensor, read_robot, write_robot
 from softrobot_env.robots.twin import rig3d_twin
+from softrobot_env.tasks import make_task
 
 OBSERVE = ("tip_position", "reference", "sensors")
 HOW = {"observe": OBSERVE, "control_period": 0.02}
@@ -25,7 +26,8 @@ SENSED_ARM = replace(
 
 
 def arm(**more):
-    return TrackingEnv("circle", robot=SENSED_ARM, observe=OBSERVE, **more)
+    task = replace(make_task("swing"), robot=SENSED_ARM)
+    return TrackingEnv(task, observe=OBSERVE, **more)
 
 
 def test_readings_lie_in_the_space_and_a_vector_view_has_them():
