@@ -197,6 +197,6 @@ def test_of_processes_that_need_the_same_kernel_one_compiles_it(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(_COMPILES_LONG)
     command = [sys.executable, str(script), str(time.time() + 3)]
-    runs = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(3)]
-    assert sorted(int(run.communicate()[0]) for run in runs) == [0, 1, 1]
+    runs = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    assert sorted(int(run.communicate()[0]) for run in runs) == [0, 1]
     assert not list(tmp_path.rglob("*.lock"))

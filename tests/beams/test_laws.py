@@ -173,12 +173,7 @@ REACHING = {
     ),
     "follower": (CosseratRod, 8, WEIGHTLESS, {"loads": [FOLLOWER]}),
     "channels": (CosseratRod, 8, channelled(0.5, 0.3, 0.21, 0.03), {}),
-    "discs": (
-        CosseratRod,
-        8,
-        replace(ARM, tendons=tuple(guided(t, 0.13) for t in ARM.tendons)),
-        {},
-    ),
+    "discs": (CosseratRod, 8, DISCS, {}),
     "length": (CosseratRod, 8, channelled(0.5, 0.3, stiffness=1e3), {"drive": "length"}),
 } | {
     f"ancf {name} {d}": (ANCF, pieces, robot, options | {"dimension": d})

@@ -109,13 +109,6 @@ def test_a_plant_goes_where_it_can(tmp_path):
     assert rows[0]["e_final"] == pytest.approx(rows[1]["e_final"], abs=1e-3)
 
 
-def test_a_named_robot_of_the_thesis_can_have_generic_tasks(tmp_path):
-    words = "--tasks figure_eight --policies static hold --duration 0.1 --no-plots"
-    rows = evaluated(tmp_path, "--robot rig", words)
-    told = [(row["robot"], row["twin"], row["policy"]) for row in rows]
-    assert told == [("rig", 0, "static"), ("rig", 0, "hold")]
-
-
 def test_list_tells_what_there_is_and_why_not(capsys):
     assert main(["list"]) == 0
     out = capsys.readouterr().out
@@ -156,4 +149,4 @@ def test_the_rigs_own_policies_are_not_asked_for_references_in_space(tmp_path):
     short = "--robot rig --duration 0.1"
     assert called("render", short, "--size 64 48 --out", tmp_path / "a.gif") == 0
     rows = evaluated(tmp_path / "e", short, "--tasks circle --no-plots")
-    assert {"static", "hold"} <= {row["policy"] for row in rows}
+    assert {("static", 0), ("hold", 0)} <= {(row["policy"], row["twin"]) for row in rows}

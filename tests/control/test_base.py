@@ -9,7 +9,7 @@ from softrobot_env.control.feedforward.law import Feedforward, FeedforwardPI
 from softrobot_env.control.registry import POLICIES, RIG_POLICIES, make_policy, policy_environment
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
-from softrobot_env.robots import ARM, CANTILEVER_WEAK, RIG
+from softrobot_env.robots import ARM, RIG
 
 PERIOD = 0.01
 STATICS = ConstantCurvatureStatics(ARM)
@@ -22,18 +22,6 @@ def observe(reference, tip=None, action=(0.06, 0.06, 0.06)):
         "tip_position": reference if tip is None else np.asarray(tip, dtype=float),
         "previous_action": np.asarray(action, dtype=float),
     }
-
-
-def test_unknown_policy_lists_the_known_ones():
-    with pytest.raises(
-        ValueError, match="hold, feedforward, feedforward_pi, static, chain_dynamics"
-    ):
-        make_policy("pid", ARM, PERIOD)
-
-
-def test_feedforward_needs_a_robot_with_closed_statics():
-    with pytest.raises(ValueError, match="cantilever_weak"):
-        Feedforward(CANTILEVER_WEAK, PERIOD)
 
 
 @pytest.mark.parametrize("target", [(0.2, 0.44), (-0.3, 0.36), (0.0, 0.5), (0.24, 0.3)])

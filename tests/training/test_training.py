@@ -69,27 +69,7 @@ def part(count=2, task=SHORT, mode="SameStep"):
     return VectorTrackingEnv(count, task, threads=1, preview=neural.PREVIEW, autoreset_mode=mode)
 
 
-@pytest.fixture
-def observation():
-    return TrackingEnv(SHORT, preview=neural.PREVIEW).reset()[0]
-
-
 # ---------------------------------------------------------------------- features
-
-
-def test_features_are_a_scaled_vector(observation):
-    seen = neural.features(observation, VIEW)
-    assert seen.shape == (VIEW.count,) and seen.dtype == np.float32
-    error = observation["reference"] - observation["tip_position"]
-    np.testing.assert_allclose(seen[:2], error / 0.05, atol=1e-6)
-    np.testing.assert_allclose(seen[-3:], observation["previous_action"] / 0.15, rtol=1e-6)
-
-
-def test_features_of_a_batch_are_those_of_its_members(observation):
-    other = {name: value + 0.01 for name, value in observation.items()}
-    stacked = {name: np.stack([observation[name], other[name]]) for name in observation}
-    both = np.stack([neural.features(observation, VIEW), neural.features(other, VIEW)])
-    np.testing.assert_array_equal(neural.features(stacked, VIEW), both)
 
 
 def test_outputs_and_increments_are_inverse():

@@ -237,9 +237,9 @@ def test_the_calibrated_hybrid_takes_the_play_that_was_learnt():
 SLACK, SLOW = "tendon would slacken", "servo too slow"
 
 
-def laps(period):
-    """Times (n,) [s] and motions of triangle laps."""
-    run = RoundedTriangle(period=period, approach=0.0)
+def laps(period, laps=3):
+    """Times (n,) [s] and motions of triangle laps, and of what leads to them and away."""
+    run = RoundedTriangle(period=period, approach=0.0, laps=laps)
     times = np.arange(0, run.end_time, PERIOD)
     return times, motions(run, times)
 
@@ -310,7 +310,7 @@ def test_a_servo_is_too_slow_where_it_does_not_arrive_in_time(period):
 @pytest.mark.parametrize("model", [None, OnePiece, SeveralPieces])
 def test_nothing_is_said_of_laps_that_can_be_done(period, model):
     policy = RigFeedforward(RIG, PERIOD, KNOWN, model and model(RIG), ahead=True, backlash=1e-4)
-    assert set(statuses(policy, laps(period)[1])) == {None}
+    assert set(statuses(policy, laps(period, 0)[1])) == {None}
 
 
 SIDEWAYS = np.array([0.0, 20.0])  # m/s2

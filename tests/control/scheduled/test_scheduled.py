@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import gymnasium
 import numpy as np
 import pytest
 import scipy.linalg
@@ -78,11 +77,11 @@ def driven(policy, robot, task="circle", steps=None, vary=None, **options):
             yield before, action, state, observation
 
 
-def mean_error(policy, robot, vary=None):
+def mean_error(policy, robot, vary=None, **options):
     """[m] on a circle, after the first fifth."""
     errors = [
         float(np.linalg.norm(after["tip_position"] - after["reference"]))
-        for *_, after in driven(policy, robot, vary=vary)
+        for *_, after in driven(policy, robot, vary=vary, **options)
     ]
     return np.mean(errors[len(errors) // 5 :])
 
@@ -342,8 +341,10 @@ def test_programs_ask_servos_for_no_more_than_their_speed(law):
 
 @pytest.mark.slow
 def test_circle_beyond_the_speed_of_servos_is_followed_better_than_by_lq(rod_table, law):
+    rate = generic_tasks(ROD)["circle"]().trajectory.curve.top_rate
+    fast = {"speed": rate * 2 * np.pi * 0.5 / TIMING.first}  # half the rate of the first mode
     lq = LQPreview(ROD, TIMING.period, rod_table)
-    assert followed(ROD, law, 0.5) < 0.5 * followed(ROD, lq, 0.5)
+    assert mean_error(law, ROD, **fast) < 0.5 * mean_error(lq, ROD, **fast)
 
 
 def test_tensions_of_a_planar_arm_end_at_their_limits():
@@ -368,28 +369,6 @@ def test_tensions_of_a_planar_arm_end_at_their_limits():
 def _two_pairs():
     pairs = [t for t in ARM.tendons if t.group < 2]
     return tuple(replace(t, end=0.15 * (t.group + 1), tension_limit=15.0) for t in pairs)
-
-
-def followed(robot, policy, share):
-    """Mean error [m] on a circle at a share of the first mode's rate."""
-    task = gymnasium.make("SoftRobot/Track-v0", robot=robot, task="circle").unwrapped.task
-    speed = task.trajectory.curve.top_rate * 2 * np.pi * share / timing_of(robot).first
-    env = gymnasium.make(
-        "SoftRobot/Track-v0",
-        robot=robot,
-        task="circle",
-        speed=speed,
-        observe=policy.requires,
-        control_period=timing_of(robot).period,
-        preview=policy._law.times[1:].tolist(),
-    )
-    seen, state, errors, over = env.reset(seed=0)[0], None, [], False
-    while not over:
-        action, state = policy.predict(seen, state)
-        seen, _, failed, late, _ = env.step(action)
-        errors.append(np.linalg.norm(seen["tip_position"] - seen["reference"]))
-        over = failed or late
-    return np.mean(errors)
 
 
 # ---------------------------------------------------------------- refusals
