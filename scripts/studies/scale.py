@@ -6,7 +6,6 @@ Several cores can only be compared with one while nothing else runs on them.
 
 import os
 import tracemalloc
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -21,8 +20,8 @@ from softrobot_env.core.processes import Workers, chosen_processes, usable_cores
 from softrobot_env.core.runs import KEPT, kept_rows, run_cases
 from softrobot_env.robots import find_robot
 from softrobot_env.training.rl_config import preset
-from studies.lab import Column, Lab, Record, Study, number, quantity, table
-from studies.speed import block_time, scaling_rows
+from studies.lab import Column, Lab, Record, Study, quantity
+from studies.speed import block_time, scaling_rows, tabled, ways_of_working
 
 #: [USD] of a core for an hour: an assumption, of the order of what clouds ask for.
 PRICE = 0.04
@@ -69,9 +68,9 @@ class Row(Record):
     physics: float | None = quantity("%", ".0f", default=None)
     python: float | None = quantity("%", ".0f", "Python", default=None)
     learner: float | None = quantity("%", ".0f", default=None)
-    seconds: float | None = quantity("ms", ".2f", default=None)
-    memory: float | None = None
-    kept: float | None = None
+    seconds: float | None = quantity("ms", ".2f", "the driver computes", default=None)
+    memory: float | None = quantity("kB", ".1f", "in the driver", default=None)
+    kept: float | None = quantity("kB", ".2f", default=None)
     shortest_job: float | None = quantity("s", ".2g", "shortest job", default=None)
     failure: str | None = None
 
@@ -137,23 +136,18 @@ WHAT, ALGORITHMS = "training", ("ppo", "sac")
 _STEPS, _QUICK_STEPS, _FIRST = {"ppo": 16_384, "sac": 4_096}, {"ppo": 2_048, "sac": 512}, 64
 
 
-class _Timer:
-    """Computing time spent in a function."""
+def _clocked(owner: Any, name: str) -> list[float]:
+    """Computing times [s] of the calls of a method from now on."""
+    function, times = getattr(owner, name), []
 
-    def __init__(self) -> None:
-        self.seconds = 0.0
+    def timed(*args: Any, **kwargs: Any) -> Any:
+        begin = process_time()
+        found = function(*args, **kwargs)
+        times.append(process_time() - begin)
+        return found
 
-    def around(self, function: Callable[..., Any]) -> Callable[..., Any]:
-        """The function, timed."""
-
-        def timed(*args: Any, **kwargs: Any) -> Any:
-            begin = process_time()
-            try:
-                return function(*args, **kwargs)
-            finally:
-                self.seconds += process_time() - begin
-
-        return timed
+    setattr(owner, name, timed)
+    return times
 
 
 def training_rows(quick: bool) -> list[Row]:
@@ -172,16 +166,14 @@ def _training_row(algorithm: str, steps: int) -> Row:
     env = make_training_env(config, 0)
     model = make_model(config, env, 0)
     model.learn(_FIRST)  # what is compiled at its first use
-    physics, stepped = _Timer(), _Timer()
-    env.step_wait = stepped.around(env.step_wait)
-    for part in env.parts:
-        part.simulation.advance = physics.around(part.simulation.advance)
+    stepped = _clocked(env, "step_wait")
+    physics = [_clocked(part.simulation, "advance") for part in env.parts]
     begin = process_time()
     model.learn(steps)
     taken = process_time() - begin
     done, period = model.num_timesteps, env.parts[0].control_period
     env.close()
-    inside, around = physics.seconds / taken, stepped.seconds / taken
+    inside, around = sum(map(sum, physics)) / taken, sum(stepped) / taken
     shares = {"physics": inside, "python": around - inside, "learner": 1 - around}
     return Row(WHAT, algorithm, cores=1, **shares, **cost_of(done * period / taken))
 
@@ -205,15 +197,13 @@ _BUSY = 0.75
 
 def stages(lab: Lab) -> list[Row]:
     """Robots, workers, trainings and jobs, one after the other; quickly fewer of them."""
-    quick, busy, ways = lab.quick, _others() > _BUSY, {"processes": Workers(usable_cores())}
-    if find_spec("ray") is not None:
-        ways["Ray"] = Workers(ray="local")
+    quick, busy = lab.quick, _others() > _BUSY
     learn = find_spec("stable_baselines3") is not None
     tasks = [
         ("robots", lambda: _robot_rows(quick)),
         ("workers", lambda: _busy_workers() if busy else _workers(quick)),
         ("trainings", lambda: training_rows(quick) if learn else []),
-        ("jobs", lambda: job_rows(ways, quick)),
+        ("jobs", lambda: job_rows(ways_of_working(), quick)),
     ]
     return [row for rows in lab.tasks(tasks) for row in rows]
 
@@ -259,28 +249,18 @@ def _robots(name: str, count: int, quick: bool) -> Row:
     return Row("robots", name, way, cores=1, **cost_of(count * period / seconds))
 
 
-def _tabled(what: str, *columns: str | Column) -> Callable:
-    return table("", Column(what, "variant"), *columns, where={"what": what})
-
-
 STUDY = Study(
     kinds=(Row,),
     stages=stages,
     tables=[
-        _tabled("robots", "way", "robot_seconds", "core_hours", "cost", Column("", "failure")),
-        _tabled("workers", "cores", "efficiency", "started", Column("", "failure")),
-        _tabled(
-            "training",
-            *("physics", "python", "learner", "robot_seconds"),
+        tabled("robots", "way", "robot_seconds", "core_hours", "cost", Column("", "failure")),
+        tabled("workers", "cores", "efficiency", "started", Column("", "failure")),
+        tabled(
+            *("training", "physics", "python", "learner", "robot_seconds"),
             Column("USD per million", "cost", ".2g"),
         ),
-        _tabled(
-            "jobs",
-            Column("ms the driver computes", "seconds", ".2f", "ms"),
-            Column("kB in the driver", lambda row: number(row.memory / 1e3, ".1f"), ">"),
-            Column("kB kept", lambda row: number(row.kept / 1e3, ".2f"), ">"),
-        ),
-        _tabled("sweep", "cores", Column("USD an hour", "cost", ".0f"), "shortest_job"),
+        tabled("jobs", "seconds", "memory", "kept"),
+        tabled("sweep", "cores", Column("USD an hour", "cost", ".0f"), "shortest_job"),
     ],
     note=f"A core-hour at {PRICE} USD is an assumption. The shortest job keeps {CORES} cores busy "
     "with one driver.",

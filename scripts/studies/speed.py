@@ -33,10 +33,14 @@ from softrobot_env.core.processes import Workers, usable_cores, using, worker_pr
 from softrobot_env.envs.rendering import RenderError
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.vector import VectorTrackingEnv
+from softrobot_env.evaluation.models.runs import best_of
 from softrobot_env.registration import ENVIRONMENTS
 from softrobot_env.robots import ARM, EXAMPLES, find_robot
 from softrobot_env.scene.simulation import Simulation
 from studies.lab import Column, Lab, Record, Study, TableMaker, quantity, table
+
+#: Observations stacked in a decision for many.
+STACKED = 256
 
 
 @dataclass(frozen=True)
@@ -74,13 +78,13 @@ class Row(Record):
     overhead: float | None = quantity("µs", ".1f", "over-\nhead", default=None)
     overhead_ratio: float | None = quantity("", ".2f", "over-\nhead\nratio", default=None)
     seconds: float | None = None
-    accuracy: float | None = None
+    accuracy: float | None = quantity("%", ".3g", default=None)
     error: float | None = quantity("mm", ".3f", default=None)
     estimate: float | None = quantity("mm", ".3f", default=None)
     dof: int | None = quantity("", "d", "DOF", default=None)
-    period: float | None = None
-    longest: float | None = None
-    stacked: float | None = None
+    period: float | None = quantity("ms", "g", default=None)
+    longest: float | None = quantity("ms", ".3f", "longest,\ncomputing", default=None)
+    stacked: float | None = quantity("ms", ".2f", f"{STACKED} stacked", default=None)
     efficiency: float | None = quantity("", ".2f", default=None)
     started: float | None = quantity("s", ".1f", "ready\nafter", default=None)
 
@@ -133,6 +137,19 @@ def block_time(do: Callable[[], object], clock: Callable[[], float] = perf_count
 _BLOCK = 0.3
 
 
+def _afresh(code: str, *words: str) -> dict[str, float]:
+    """Times that code prints in a fresh interpreter.
+
+    Raises:
+        RuntimeError: It failed there.
+    """
+    command = [sys.executable, "-c", code, *words]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(f"{words}: {done.stderr.strip().splitlines()[-1]}")
+    return json.loads(done.stdout)
+
+
 # -------------------- decisions, from the first in a fresh process on, and for many
 
 DECISION = "decision"
@@ -140,8 +157,8 @@ DECISION = "decision"
 #: Policies of a quick run.
 QUICK = ("imitation", "ppo")
 
-#: Decisions one by one, stacked observations, and calls with these.
-COUNT, STACKED, _CALLS = 5000, 256, 20
+#: Decisions one by one, and calls with stacked observations.
+COUNT, _CALLS = 5000, 20
 
 _DECIDE = """
 import json, sys
@@ -152,16 +169,8 @@ print(json.dumps(decision_times(sys.argv[1])))
 
 
 def measure_afresh(name: str) -> dict[str, float]:
-    """`decision_times` in a fresh interpreter.
-
-    Raises:
-        RuntimeError: It failed there.
-    """
-    command = [sys.executable, "-c", _DECIDE, name, *sys.path]
-    done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode:
-        raise RuntimeError(f"decisions of {name}: {done.stderr.strip().splitlines()[-1]}")
-    return json.loads(done.stdout)
+    """`decision_times` in a fresh interpreter."""
+    return _afresh(_DECIDE, name, *sys.path)
 
 
 def decision_times(name: str) -> dict[str, float]:
@@ -179,26 +188,22 @@ def decision_times(name: str) -> dict[str, float]:
     env_id = "SoftRobot/ArmSwing-v0" if robot == ARM else "SoftRobot/RigTriangle-v0"
     env = gymnasium.make(env_id, observe="all", **policy_environment(name, robot)).unwrapped
     policy = make_policy(name, env)
-    (observation, _), state, called = env.reset(seed=0), None, 0
-    times, longest = [], 0.0
+    times, longest, ended = [], 0.0, True
     for _ in range(COUNT):
+        if ended:
+            (observation, _), state, called = env.reset(seed=0), None, 0
         computed, begin = thread_time(), perf_counter()
         action, state = policy.predict(observation, state)
         if called % policy.hold == 0:
             times.append(perf_counter() - begin)
         longest = max(longest, thread_time() - computed)
         observation, _, terminated, truncated, _ = env.step(action)
-        called += 1
-        if terminated or truncated:
-            (observation, _), state, called = env.reset(seed=0), None, 0
+        called, ended = called + 1, terminated or truncated
     many = {key: np.stack([value] * STACKED) for key, value in observation.items()}
-    states = [policy.predict(many, None)[1]]
-    calls = [
-        mean_time(lambda: states.append(policy.predict(many, states[-1])[1]), 1)
-        for _ in range(_CALLS)
-    ]
+    state = policy.predict(many, None)[1]
+    stacked, _ = best_of(lambda: policy.predict(many, state), _CALLS)
     found = {"period": env.control_period, "seconds": float(np.median(times))}
-    return found | {"longest": longest, "stacked": min(calls)}
+    return found | {"longest": longest, "stacked": stacked}
 
 
 # -------------------- a moving arm, by the accuracy asked for, beside its true error
@@ -324,19 +329,19 @@ def scaling_rows(quick: bool) -> list[Row]:
 
     Efficiency is how much faster all cores are than one, over their number.
     """
-    cores = usable_cores()
-    ways = {"processes": Workers(cores)}
-    if find_spec("ray") is not None:
-        ways["Ray"] = Workers(ray="local")
+    cores, rows = usable_cores(), []
     steps = max(1, round((_QUICK_JOB if quick else _JOB) / step_arm(2000) * 2000))
-    rows = []
-    for name, workers in ways.items():
+    for name, workers in ways_of_working().items():
         # What other programs take counts least in the best round.
-        found = [_jobs(workers, cores, steps) for _ in range(1 if quick else 2)]
-        started, efficiency, seconds = max(found, key=lambda each: each[1])
-        times = {"seconds": seconds, "started": started}
-        rows.append(Row(SCALING, name, threads=cores, efficiency=efficiency, **times))
+        found = [_jobs(name, workers, cores, steps) for _ in range(1 if quick else 2)]
+        rows.append(max(found, key=lambda row: row.efficiency))
     return [*rows, _threads(cores)]
+
+
+def ways_of_working() -> dict[str, Workers]:
+    """Processes, and Ray if it is installed."""
+    ray = {} if find_spec("ray") is None else {"Ray": Workers(ray="local")}
+    return {"processes": Workers(usable_cores()), **ray}
 
 
 def step_arm(count: int) -> float:
@@ -353,8 +358,8 @@ def step_arm(count: int) -> float:
     return perf_counter() - begin
 
 
-def _jobs(workers: Workers, cores: int, steps: int) -> tuple[float, float, float]:
-    """Time [s] to start, efficiency of several jobs at once, and time [s] of a job alone."""
+def _jobs(name: str, workers: Workers, cores: int, steps: int) -> Row:
+    """Several jobs at once, and one alone."""
     begin = perf_counter()
     with using(workers), worker_processes(cores) as pool:
         list(pool.map(step_arm, [1] * 4 * cores))  # each process loads what it needs
@@ -362,8 +367,9 @@ def _jobs(workers: Workers, cores: int, steps: int) -> tuple[float, float, float
         alone = pool.submit(step_arm, steps).result()
         begin = perf_counter()
         list(pool.map(step_arm, [steps] * _EACH * cores))
-        taken = perf_counter() - begin
-    return started, _EACH * alone / taken, alone
+        efficiency = _EACH * alone / (perf_counter() - begin)
+    times = {"seconds": alone, "started": started}
+    return Row(SCALING, name, threads=cores, efficiency=efficiency, **times)
 
 
 def _threads(cores: int) -> Row:
@@ -405,11 +411,7 @@ print(json.dumps({
 
 def wait_rows(quick: bool) -> list[Row]:
     """What a user waits for: the least of several fresh interpreters, and a frame."""
-    command = [sys.executable, "-c", _START]
-    done = [
-        json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
-        for _ in range(2 if quick else 5)
-    ]
+    done = [_afresh(_START) for _ in range(2 if quick else 5)]
     rows = [Row("start", name, seconds=min(one[name] for one in done)) for name in done[0]]
     return [*rows, Row("render", "frame 640 x 480", seconds=frame_time())]
 
@@ -573,9 +575,9 @@ def _bare(env: gymnasium.Env) -> Callable[[], object]:
     return simulation.advance
 
 
-def _tabled(what: str, name: str, *columns: str | Column) -> TableMaker:
-    """A table of the rows of a kind, headed by what their variants are."""
-    return table("", Column(name, "variant"), *columns, where={"what": what})
+def tabled(what: str, *columns: str | Column, name: str = "") -> TableMaker:
+    """A table of the rows of a kind, headed by it or by a name for what their variants are."""
+    return table("", Column(name or what, "variant"), *columns, where={"what": what})
 
 
 def _sizes(head: str) -> Column:
@@ -591,34 +593,26 @@ STUDY = Study(
         table(
             "",
             *(Column("", "variant"), _sizes("envs x\nthreads"), "steps_per_second"),
-            *("raw_steps_per_second", "ratio", Column("over-\nhead µs", "overhead", ".1f", "µs")),
-            "overhead_ratio",
+            *("raw_steps_per_second", "ratio", "overhead", "overhead_ratio"),
             where=lambda row: row.what in ("env.step", _VECTOR),
         ),
-        _tabled(
-            *(WARP, "many arms on MuJoCo Warp", Column("robots", "n_envs", "d")),
-            Column("steps/s", "steps_per_second", ".0f"),
+        tabled(
+            *(WARP, Column("robots", "n_envs", "d"), "steps_per_second"),
+            name="many arms on MuJoCo Warp",
         ),
-        _tabled(
-            *("moving", _MOVING, Column("accuracy %", "accuracy", ".3g", "%")),
-            *("steps_per_second", "error", Column("estimate\nmm", "estimate", ".3f", "ms")),
-        ),
-        _tabled(
-            *(ROBOT, "env.step, moving", "dof", _sizes("robots x\nthreads")),
+        tabled("moving", "accuracy", "steps_per_second", "error", "estimate", name=_MOVING),
+        tabled(
+            *(ROBOT, "dof", _sizes("robots x\nthreads")),
             Column("µs a robot\nand period", "seconds", ".1f", "µs"),
-            Column("periods/s", "steps_per_second", ".0f"),
-            Column("bare/s", "raw_steps_per_second", ".0f"),
-            Column("bare/\nenv", "ratio", ".2f"),
+            *("steps_per_second", "raw_steps_per_second", "ratio"),
+            name="env.step, moving",
         ),
-        _tabled(
-            *(DECISION, "policy", Column("period\nms", "period", "g", "ms")),
-            Column("decision µs,\nmedian", "seconds", ".1f", "µs"),
-            Column("longest ms\nof computing", "longest", ".3f", "ms"),
-            Column("256 stacked\nms", "stacked", ".2f", "ms"),
+        tabled(
+            *(DECISION, "period", Column("decision µs,\nmedian", "seconds", ".1f", "µs")),
+            *("longest", "stacked"),
         ),
-        _tabled(
-            *(SCALING, "several cores", "threads", "efficiency"),
-            Column("ready\nafter s", "started", ".1f"),
+        tabled(
+            *(SCALING, "threads", "efficiency", "started"),
             Column("job or\nstep s", "seconds", ".2g"),
         ),
         table(

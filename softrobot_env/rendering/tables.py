@@ -16,7 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 #: Unit shown -> factor from SI.
-FACTORS = {"mm": 1e3, "mrad": 1e3, "ms": 1e3, "µs": 1e6, "%": 100.0, "1e-6": 1e6}
+FACTORS = {"mm": 1e3, "mrad": 1e3, "ms": 1e3, "µs": 1e6, "%": 100.0, "1e-6": 1e6, "kB": 1e-3}
 
 #: What stands where there is no number.
 NONE = "-"
