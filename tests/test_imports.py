@@ -138,14 +138,8 @@ def test_the_reader_sees_every_form_of_import():
     text = "import a.b, c\nfrom d import e\nfrom . import f\nfrom ..g import h\ndef i():\n import j"
     path = ROOT / PACKAGE / "envs" / "x.py"
     tree = ast.parse(text)
-    assert imported(path, ast.walk(tree)) == [
-        "a.b",
-        "c",
-        "d.e",
-        "softrobot_env.envs.f",
-        "softrobot_env.g.h",
-        "j",
-    ]
+    found = " ".join(imported(path, ast.walk(tree)))
+    assert found == "a.b c d.e softrobot_env.envs.f softrobot_env.g.h j"
     assert "j" not in imported(path, run_at_import(tree))
 
 

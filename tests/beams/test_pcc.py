@@ -15,6 +15,8 @@ from softrobot_env.beams.pcc.constant_strain import stumpff
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK
 from softrobot_env.robots.loads import Load
 from studies.truths import analytic
+from studies.truths.analytic import Section
+from studies.truths.spatial_rod import helix
 
 TILTED = replace(
     CANTILEVER_WEAK, poisson_ratio=0.3, gravity=(-9.0, 2.0, 3.0), damping_time=0.01, pieces=3
@@ -245,11 +247,8 @@ def test_tip_moment_bends_and_twists_to_the_exact_helix(pieces):
     q = model.equilibrium(np.ones(1), load_steps=10, check_stability=False)
     strain = moment / robot.bending_stiffness
     np.testing.assert_allclose(model.curvature(q), np.tile(strain, (pieces, 1)), rtol=1e-7)
-    # Helix about the moment: the tangent turns about it, t = n (n t0) + ...
-    k, n, s = np.linalg.norm(strain), moment / np.linalg.norm(moment), robot.length
-    start = np.array([0.0, 0.0, 1.0])
-    along, across = n * n[2], start - n * n[2]
-    tip = s * along + np.sin(k * s) / k * across + (1 - np.cos(k * s)) / k * np.cross(n, start)
+    section = Section(robot.bending_stiffness, torsion=robot.torsional_stiffness)
+    tip = helix(robot.length, section, moment, [robot.length]).tip
     np.testing.assert_allclose(model.tip(q), tip, atol=1e-8)
 
 

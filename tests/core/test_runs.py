@@ -142,16 +142,11 @@ def stopped(tmp_path):
     return tmp_path
 
 
-def test_a_stopped_run_goes_on_where_it_was(tmp_path):
-    (tmp_path / "stop").touch()
-    with pytest.raises(ValueError, match="third"):
-        run(tmp_path, processes=1)
-    (tmp_path / "stop").unlink()
-    first = len(list(tmp_path.glob("*-*")))
-    rows, taken = run(tmp_path, processes=1)
+def test_a_stopped_run_goes_on_where_it_was(stopped):
+    rows, taken = run(stopped, processes=1)
     assert [row.square for row in rows] == [0, 1, 4, 9]
-    assert taken == first >= 2 and len(list(tmp_path.glob("*-*"))) == 4
-    assert not (tmp_path / KEPT).exists()
+    assert taken == 2 and len(list(stopped.glob("*-*"))) == 4
+    assert not (stopped / KEPT).exists()
 
 
 def test_rows_are_read_as_they_were_written(tmp_path):

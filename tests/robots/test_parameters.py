@@ -1,7 +1,7 @@
 """Robots: derived values, tendon redundancy, variation, shape."""
 
 from dataclasses import replace
-from math import cos, cosh, inf, nan, pi, sqrt
+from math import inf, nan, pi
 
 import numpy as np
 import pytest
@@ -15,7 +15,6 @@ from softrobot_env.robots import (
     CANTILEVER_STIFF,
     CANTILEVER_WEAK,
     RIG,
-    ROBOTS,
     Base,
     Disc,
     Tendon,
@@ -56,18 +55,6 @@ def test_numbers_of_the_audit(robot, quantity, printed):
     assert abs(getattr(robot, quantity) - float(printed)) <= 0.5 * last_place
 
 
-UNIFORM = [robot for robot in ROBOTS.values() if not robot.sections]
-
-
-@pytest.mark.parametrize("robot", UNIFORM, ids=lambda r: r.name)
-def test_first_frequency_solves_the_clamped_free_beam(robot):
-    """The characteristic equation cos x cosh x = -1, with x from w = (x/L)^2 sqrt(EI / rho A)."""
-    speed = sqrt(robot.bending_stiffness / robot.mass_per_length)
-    x = robot.length * sqrt(2 * pi * robot.first_frequency / speed)
-    assert cos(x) * cosh(x) == pytest.approx(-1, abs=1e-9)
-    assert 0 < x < pi  # the first root
-
-
 @pytest.mark.parametrize("ratio", [0.0, 0.3, 0.49])
 def test_torsional_stiffness_is_shear_modulus_times_polar_moment(ratio):
     robot = replace(ARM, poisson_ratio=ratio)
@@ -106,18 +93,12 @@ actions = st.lists(st.floats(-1, 1), min_size=3, max_size=3).map(np.array)
 
 @pytest.mark.parametrize("robot", TENDON_ROBOTS)
 @given(reduced=reduced_inputs)
-def test_tensions_produce_the_reduced_input(robot, reduced):
+def test_tensions_are_the_smallest_that_give_the_input_and_keep_the_pretension(robot, reduced):
     tendon_map = TendonMap(robot)
     tension = tendon_map.tension(reduced)
     # Rounding only: sums of at most 1e3 N.
     np.testing.assert_allclose(tendon_map.phi @ tension, reduced, atol=1e-10)
     np.testing.assert_allclose(tendon_map.reduced(tension), reduced, atol=1e-10)
-
-
-@pytest.mark.parametrize("robot", TENDON_ROBOTS)
-@given(reduced=reduced_inputs)
-def test_tensions_are_the_smallest_that_keep_the_pretension(robot, reduced):
-    tension = TendonMap(robot).tension(reduced)
     pretension = robot.of_tendons("pretension")
     assert np.all(tension >= pretension)
     # Less tension in both tendons of a pair would let one of them fall below its pretension.

@@ -97,17 +97,13 @@ def test_vary_scales_routes():
     assert varied.sections == TWO.sections
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "area",
-        "second_moment",
-        "bending_stiffness",
-        "torsional_stiffness",
-        "mass_per_length",
-        "first_frequency",
-    ],
+UNIFORM = (
+    *("area", "second_moment", "bending_stiffness", "torsional_stiffness"),
+    *("mass_per_length", "first_frequency"),
 )
+
+
+@pytest.mark.parametrize("name", UNIFORM)
 def test_what_only_uniform_robots_have_is_refused_by_name(name):
     assert getattr(ARM, name)
     for robot in (TWO, TAPERED):

@@ -14,6 +14,9 @@ from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.statics import equilibrium
 from softrobot_env.thesis.rig.parameters import nominal_lengths
 
+#: Way [m] of the output by a curvature [1/m].
+BENT = RIG.length * (RIG.length / 2 + 0.022)
+
 
 @cache
 def twins():
@@ -52,40 +55,23 @@ def test_a_seed_is_a_rig():
     assert len({twin.robot.youngs_modulus for twin in twins()}) == len(twins())
 
 
-@pytest.mark.parametrize(
-    ("read", "low", "high"),
-    [
-        (azimuths, 4.0, 10.0),
-        (
-            lambda t: np.hypot(*np.transpose([x.offset for x in t.robot.tendons])) / 5.5e-3,
-            0.97,
-            1.03,
-        ),
-        (lambda t: [x.friction for x in t.robot.tendons], 0.035, 0.065),
-        (damping, 0.8, 1.2),
-        (lambda t: t.robot.anisotropy, 0.0, 0.05),
-        (lambda t: t.robot.stiff_azimuth, 0.0, np.pi),
-        (lambda t: t.servo_offset, -0.3e-3, 0.3e-3),
-        (lambda t: t.backlash, 0.1e-3, 0.3e-3),
-        (
-            lambda t: RIG.length * (RIG.length / 2 + 0.022) * np.array(t.robot.precurvature),
-            -2.1e-3,
-            2.1e-3,
-        ),
-    ],
-    ids=[
-        "azimuth",
-        "radius",
-        "friction",
-        "damping",
-        "anisotropy",
-        "stiff",
-        "offset",
-        "backlash",
-        "bend",
-    ],
-)
-def test_errors_fill_their_ranges(read, low, high):
+#: What is read of a twin, and the range that it fills.
+RANGES = {
+    "azimuth": (azimuths, 4.0, 10.0),
+    "radius": (lambda t: [np.hypot(*x.offset) / 5.5e-3 for x in t.robot.tendons], 0.97, 1.03),
+    "friction": (lambda t: [x.friction for x in t.robot.tendons], 0.035, 0.065),
+    "damping": (damping, 0.8, 1.2),
+    "anisotropy": (lambda t: t.robot.anisotropy, 0.0, 0.05),
+    "stiff": (lambda t: t.robot.stiff_azimuth, 0.0, np.pi),
+    "offset": (lambda t: t.servo_offset, -0.3e-3, 0.3e-3),
+    "backlash": (lambda t: t.backlash, 0.1e-3, 0.3e-3),
+    "bend": (lambda t: BENT * np.array(t.robot.precurvature), -2.1e-3, 2.1e-3),
+}
+
+
+@pytest.mark.parametrize("name", RANGES)
+def test_errors_fill_their_ranges(name):
+    read, low, high = RANGES[name]
     values = drawn(read)
     assert np.all((low <= values) & (values <= high))
     width = high - low
