@@ -1,9 +1,14 @@
-"""Files that are cut, overwritten or edited badly: refused in a line, or read with finite content.
+"""Files of every kind: damaged ones, and what a kill or a full disk leaves of those that we write.
 
-Each kind is damaged 500 times, by a fixed seed.
+What is cut, overwritten or edited badly is refused in a line, or read with finite content: 500
+times of each kind, by a fixed seed. A write that is broken off leaves the file before it whole.
 """
 
+import os
+import resource
 import shutil
+import signal
+import time
 from dataclasses import fields, is_dataclass, replace
 from io import BytesIO
 from pathlib import Path
@@ -17,22 +22,23 @@ from softrobot_env.control.sensed import load_reconstruction
 from softrobot_env.core.artifacts import read_arrays, read_facts
 from softrobot_env.core.files import assets_dir, models_dir
 from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.evaluation.report import write_json
 from softrobot_env.evaluation.rollout import _UNMEASURED, Rollout
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.hardware.errors import RobotError
 from softrobot_env.hardware.robot_file import read_robot_file, virtual_file, write_robot_file
 from softrobot_env.hardware.transport import LoggingTransport, read_link_log
 from softrobot_env.identification.fit.residual import Residual, read_residual
-from softrobot_env.learned.network import Network
+from softrobot_env.learned.network import Network, Scaling, initial_network
 from softrobot_env.learned.reduction import ReducedModel
 from softrobot_env.recordings.files import header_path
 from softrobot_env.recordings.header import Time
-from softrobot_env.robots import ARM, RIG, read_gripper, read_robot
+from softrobot_env.robots import ARM, RIG, ROBOTS, read_gripper, read_robot, write_robot
 from softrobot_env.tasks import make_task
 from softrobot_env.thesis.arm.operating_points import load_gains
 from softrobot_env.thesis.rig.parameters import IdentifiedParameters
 
-_TIMES = 500
+_TIMES, _BROKEN_OFF = 500, 100
 _MOVED = np.linspace(0.0, 1.0, 12)
 SHORT_RECORDING = recordings.Recording(
     header=recordings.Header(
@@ -147,8 +153,46 @@ def hardware(folder):
 
 
 def facts(folder):
-    (folder / "a.json").write_text('{"meta": {"a": 1.5}, "rows": [{"x": 2.5, "y": [1, 2e-3]}]}')
+    write_json(folder / "a.json", [{"x": 1.5, "y": [k, 2e-3]} for k in range(300)], "softrobot x")
     return folder / "a.json"
+
+
+def network(folder):
+    ends = Scaling(-np.ones(20), np.ones(20))
+    made = initial_network((200, 200), ends, ends, np.random.default_rng(0))
+    made.save(folder / "network.npz", {"seed": 1})
+    return folder / "network.npz"
+
+
+def robot(folder):
+    write_robot(ROBOTS["hanging_trunk"], folder / "robot.toml")
+    return folder / "robot.toml"
+
+
+def plot(folder):
+    pytest.importorskip("matplotlib")
+    from softrobot_env.rendering.figures import new_figure, save
+
+    figure, axes = new_figure(1, 1, (3.0, 2.0))
+    axes[0, 0].plot(np.arange(9))
+    save(figure, folder / "plot.png")
+    return folder / "plot.png"
+
+
+def video(folder):
+    pytest.importorskip("imageio")
+    from softrobot_env.rendering.video import write_video
+
+    frames = np.random.default_rng(0).integers(0, 255, (9, 60, 80, 3), np.uint8)
+    write_video(folder / "video.gif", frames, 10)
+    return folder / "video.gif"
+
+
+def read_picture(path):
+    from PIL import Image
+
+    with Image.open(path) as picture:
+        picture.load()
 
 
 def checkpoint(folder):
@@ -205,7 +249,7 @@ class Quiet:
 
 
 KINDS = {
-    "network": (copied(models_dir() / "imitation.npz"), Network.load),
+    "network": (network, Network.load),
     "gains": (copied(models_dir() / "lqi.npz"), lambda path: load_gains(path, ARM, "lqi", _LQI)),
     "identified": (
         copied(models_dir() / "rig_nn.npz"),
@@ -213,7 +257,7 @@ KINDS = {
     ),
     "rollout": (rollout, measured),
     "link": (link, read_link_log),
-    "robot": (copied(assets_dir() / "robots" / "hanging_trunk.toml"), read_robot),
+    "robot": (robot, read_robot),
     "gripper": (gripper, read_gripper),
     "hardware": (hardware, read_robot_file),
     "facts": (facts, read_facts),
@@ -239,8 +283,7 @@ ARRAYS = ("network", "gains", "identified", "rollout", "reduced", "sensors", "re
 )
 def test_damage_is_refused_in_a_line_or_leaves_finite_content(kind, how, tmp_path):
     make, read = KINDS[kind]
-    path, rng = make(tmp_path), np.random.default_rng(1)
-    path = Path(path)
+    path, rng = Path(make(tmp_path)), np.random.default_rng(1)
     data = path.read_bytes()
     assert finite(read(path))
     refused = 0
@@ -254,3 +297,69 @@ def test_damage_is_refused_in_a_line_or_leaves_finite_content(kind, how, tmp_pat
         else:
             assert finite(found), path.read_bytes()[:400]
     assert refused > _TIMES / 4
+
+
+# ---------------------------------------------------------------- broken off
+
+#: What makes a file by our writers alone, and reads it.
+WRITERS = {
+    **{name: KINDS[name] for name in ("network", "robot", "hardware", "facts", "checkpoint")},
+    **{name: KINDS[name] for name in ("recording.csv", "recording.toml")},
+    "plot": (plot, read_picture),
+    "video": (video, read_picture),
+}
+
+
+def in_a_child(work) -> int:
+    """Process id of a child that works until it is killed."""
+    child = os.fork()
+    if child == 0:
+        try:
+            work()
+        finally:
+            os._exit(0)
+    return child
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_kill_loses_nothing(name, tmp_path):
+    write, read = WRITERS[name]
+    path = write(tmp_path)
+    began = time.perf_counter()
+    write(tmp_path)
+    took = time.perf_counter() - began
+    rng = np.random.default_rng(0)
+
+    def again():
+        while True:
+            write(tmp_path)
+
+    for _ in range(_BROKEN_OFF):
+        child = in_a_child(again)
+        time.sleep(rng.uniform(0.0, 3 * took))
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        read(path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_full_disk_loses_nothing(name, tmp_path):
+    write, read = WRITERS[name]
+    path = write(tmp_path)
+    size, rng = path.stat().st_size, np.random.default_rng(0)
+
+    def once():
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        room = int(rng.uniform(0, size))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # the traceback of the child
+        write(tmp_path)
+
+    for _ in range(_BROKEN_OFF):
+        rng.uniform()
+        os.waitpid(in_a_child(once), 0)
+        read(path)
+        assert path.stat().st_size == size
+        assert len([each for each in tmp_path.iterdir() if each.name.startswith(".")]) == 0
