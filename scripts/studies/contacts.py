@@ -57,13 +57,13 @@ class Cell(Record):
         most_touches: Most contacts at the end of a control period.
     """
 
-    scene: str
+    scene: str = quantity(form="")
     stiffness_ratio: float = quantity("", "g", "stiffness")
     stiffness: float
     friction: float = quantity("", "g")
     steps_ratio: int = quantity("", "d", "steps")
     timestep: float = quantity("ms", ".3g", "dt")
-    verdict: runs.Verdict
+    verdict: runs.Verdict = quantity(form="")
     why: str | None
     warning: str | None
     error: float | None
@@ -90,7 +90,7 @@ class Check(Record):
         wall_time: [s] until it came to rest.
     """
 
-    case: str
+    case: str = quantity(form="")
     pieces: int = quantity("", "d")
     stiffness: float
     timestep: float = quantity("ms", ".3g", "dt")
@@ -116,20 +116,16 @@ class Case:
     """A moving scene.
 
     Attributes:
-        config: Of one robot without contacts, or of several.
+        config: Of one robot or several, with what it touches.
         full: (n_inputs,) that the inputs reach.
         rise: [s] until then, from zero.
         duration: [s].
-        objects: What the robot touches.
-        self_contact: Whether the robot touches itself.
     """
 
     config: SceneConfig | Assembly
     full: tuple[float, ...]
     rise: float
     duration: float
-    objects: tuple[Object, ...] = ()
-    self_contact: bool = False
 
     @property
     def robot(self) -> RobotParams:
@@ -145,34 +141,42 @@ class Case:
         Raises:
             ValueError: The contacts are too stiff for the timestep.
         """
-        skin = {"stiffness": stiffness, "friction": friction, "self_contact": self.self_contact}
-        contacts = Contacts(between_robots=False, **skin)
-        touching = replace(self.config, contacts=contacts, objects=self.objects)
-        if isinstance(touching, SceneConfig):
-            return build_scene(replace(touching, timestep=timestep))
-        return build_assembly(touching.with_timestep(timestep))
+        contacts = replace(self.config.contacts, stiffness=stiffness, friction=friction)
+        config = replace(self.config, contacts=contacts)
+        if isinstance(config, SceneConfig):
+            return build_scene(replace(config, timestep=timestep))
+        return build_assembly(config.with_timestep(timestep))
 
     def inputs(self, time: float) -> ndarray:
         """(n_inputs,) at a time [s]."""
         return np.array(self.full) * min(1.0, time / self.rise)
 
 
+#: Stiffness and friction differ from run to run.
+_SKIN = Contacts(between_robots=False)
+
+
+def _touching(robot: RobotParams, *objects: Object) -> SceneConfig:
+    return SceneConfig(robot, contacts=_SKIN, objects=objects)
+
+
 def _falling() -> Case:
     """A cantilever falls on the ground."""
-    return Case(SceneConfig(_ROD), (), 1.0, 1.0, objects=(Ground(name="ground"),))
+    return Case(_touching(_ROD, Ground(name="ground")), (), 1.0, 1.0)
 
 
 def _sweeping() -> Case:
     """The thesis' arm bends into a post."""
     post = Cylinder(name="post", radius=0.03, length=0.2, turn=_ACROSS, position=(0.15, 0.0, 0.35))
-    return Case(SceneConfig(ARM), (8, 0, 8, 0, 8, 0), 0.2, 1.5, objects=(post,))
+    return Case(_touching(ARM, post), (8, 0, 8, 0, 8, 0), 0.2, 1.5)
 
 
 def _curling() -> Case:
     """A moment at the tip curls a rod one and a half times, so that it meets itself."""
     turns = 1.5 * 2 * pi * _CURL.bending_stiffness / _CURL.length
     load = Load("curl", _CURL.length, moment=(0.0, turns, 0.0), follows=True)
-    return Case(SceneConfig(_CURL, loads=(load,)), (1,), 1.0, 2.0, self_contact=True)
+    contacts = replace(_SKIN, self_contact=True)
+    return Case(SceneConfig(_CURL, loads=(load,), contacts=contacts), (1,), 1.0, 2.0)
 
 
 def _pushing() -> Case:
@@ -180,7 +184,7 @@ def _pushing() -> Case:
     hanging = replace(ARM, gravity=_DOWN, base=Base((0.0, 0.0, 0.5), (0.0, 0.0, -1.0)))
     ball = Sphere(name="ball", radius=0.05, density=400.0, position=(-0.085, 0.0, 0.03))
     ground = Ground(name="ground", position=(0.0, 0.0, -0.02))
-    return Case(SceneConfig(hanging), (8, 0, 8, 0, 8, 0), 0.2, 1.0, objects=(ground, ball))
+    return Case(_touching(hanging, ground, ball), (8, 0, 8, 0, 8, 0), 0.2, 1.0)
 
 
 def _trunk() -> Case:
@@ -192,7 +196,8 @@ def _trunk() -> Case:
     crate = Box(name="crate", size=(0.05, 0.05, 0.05), mass=0.05, position=(x + 0.06, y, z))
     table = Ground(name="table", position=(x, y, z - 0.025))
     full = tuple(8.0 if k in (1, 4) else 0.0 for k in range(len(config.robot.tendons)))
-    return Case(config, full, 0.1, 1.0, objects=(wall, crate, table))
+    config = replace(config, contacts=_SKIN, objects=(wall, crate, table))
+    return Case(config, full, 0.1, 1.0)
 
 
 def _gripping() -> Case:
@@ -204,8 +209,8 @@ def _gripping() -> Case:
     pair = replace(gripper, fingers=(left, middle))
     place = {"turn": _ACROSS, "position": (0.0, 0.0, gripper.seat(0.03) + 1e-4)}
     bar = Capsule(name="bar", radius=0.03, length=0.06, mass=0.08, **place)
-    scene = gripper_scene(pair, (bar,), control_period=0.01)
-    return Case(scene, (20.0, 20.0), 0.3, 0.5, objects=scene.objects)
+    scene = gripper_scene(pair, (bar,), contacts=_SKIN, control_period=0.01)
+    return Case(scene, (20.0, 20.0), 0.3, 0.5)
 
 
 #: Name -> what makes the case.
@@ -289,7 +294,7 @@ def _run(case: Case, scene: Touching) -> Run:
     simulation = Simulation(scene)
     simulation.reset(scene.model.qpos0, case.inputs(0.0))
     model, data = scene.model, simulation.data
-    names = [thing.name for thing in case.objects if thing.is_free]
+    names = [thing.name for thing in case.config.objects if thing.is_free]
     sites = [model.site(k).name for k in range(model.nsite)]
     tips = [name for name in sites if name.rpartition(SEPARATOR)[2] == TIP_SITE]
     seen = [*(data.site(n).xpos for n in tips), *(data.body(n).xpos for n in names)]
@@ -383,15 +388,6 @@ def cases(quick: bool = False) -> list[tuple]:
     return [*product(scenes, stiffnesses, frictions, [steps]), *product(CHECKS, pieces)]
 
 
-def measure(case: tuple) -> list[Record]:
-    """Cells of a scene, or the check of a rod."""
-    return judged(*case) if len(case) == 4 else check(*case)
-
-
-def _times(multiple: int) -> str:
-    return "the rule's" if multiple == 1 else f"{multiple} times"
-
-
 def _errors(cells: list[Cell]) -> str | None:
     """Largest error in % and mean run time over simulated time."""
     known = [c for c in cells if c.error_share is not None]
@@ -405,7 +401,7 @@ def _errors(cells: list[Cell]) -> str | None:
 STUDY = Study(
     kinds=(Cell, Check),
     cases=cases,
-    measure=measure,
+    measure=lambda case: judged(*case) if len(case) == 4 else check(*case),
     label=lambda case: ", ".join(map(str, case[:3])),
     tables=[
         pivot(
@@ -414,28 +410,24 @@ STUDY = Study(
             ("steps_ratio",),
             {v: lambda cells, v=v: len(select(cells, verdict=v)) for v in runs.Verdict},
             of=Cell,
-            headings=("timestep",),
-            show=_times,
+            headings=("timestep / the rule's",),
         ),
         pivot(
-            "Largest error over the length, and mean run time over simulated time",
+            "Largest error over the length, and mean run time over simulated time, by timestep "
+            "over the rule's",
             ("scene",),
             "steps_ratio",
             _errors,
             of=Cell,
-            heading=_times,
+            heading="{} x".format,
         ),
         table(
             "Cells that are not accurate",
-            *("scene", "stiffness_ratio", "friction", "steps_ratio", "timestep", "verdict"),
-            *("error_share", "wall_time"),
             of=Cell,
             where=lambda cell: cell.verdict != runs.Verdict.ACCURATE,
         ),
         table(
             "Rods at rest on something, against closed form and elastica",
-            *("case", "pieces", "force", "force_error", "pressed_error", "tip_error"),
-            *("timestep", "wall_time"),
             of=Check,
             caption="pressed: sum of the sizes of the forces; force: their vector sum",
         ),

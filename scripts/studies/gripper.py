@@ -1,8 +1,9 @@
 """The gripper: its grips, the size of what it encloses, holds under pulls, and what they cost."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
+from itertools import islice
 from math import degrees, pi
 from time import perf_counter, process_time
 from typing import Any
@@ -64,8 +65,8 @@ class Size(Record):
         mean, high, most: [m], mean, 95th percentile and largest size of the errors.
     """
 
-    method: str
-    task: str
+    method: str = quantity(form="")
+    task: str = quantity(form="")
     pieces: int = quantity("", "d")
     fitted: int | None = quantity("", "d", "fitted with")
     errors: float | None = quantity("", "g", "sensors")
@@ -86,7 +87,7 @@ class Shape(Record):
         tip, high_tip, most_tip: [m], the same of the tip.
     """
 
-    task: str
+    task: str = quantity(form="")
     pieces: int = quantity("", "d")
     errors: float | None = quantity("", "g", "sensors")
     count: int = quantity("", "d", "fingers")
@@ -115,8 +116,8 @@ class Outcome(Record):
         ms_per_step: Of one gripper.
     """
 
-    task: str
-    policy: str
+    task: str = quantity(form="")
+    policy: str = quantity(form="")
     pieces: int = quantity("", "d")
     timestep: float = quantity("ms", ".3g", "dt")
     count: int = quantity("", "d", "bars")
@@ -143,10 +144,10 @@ class Speed(Record):
             by the rule, during closings on some bars; None of many at once.
     """
 
-    task: str
+    task: str = quantity(form="")
     pieces: int = quantity("", "d")
     timestep: float = quantity("ms", ".3g", "dt")
-    fineness: str
+    fineness: str = quantity(form="")
     count: int = quantity("", "d", "grippers")
     threads: int = quantity("", "d")
     steps_per_s: float = quantity("", ".0f", "steps/s")
@@ -233,9 +234,6 @@ _TOGETHER, _LEARNERS, PERIOD = 50, 16, 0.02
 #: Bars on which finenesses are compared, and tension [N] and time [s] of that.
 _COMPARED, _SQUEEZE, _CLOSED = 8, 25.0, 1.0
 
-#: Makes a policy for environments of seeds from some number on.
-Policies = Callable[[VectorGripperEnv, int], Any]
-
 #: How what learns sees grippers.
 VIEW: dict[str, Any] = {
     "observe": ("curvature", "tendon_tension", "contact", "previous_action"),
@@ -254,34 +252,43 @@ def _in_batches(first: int, count: int, run: Callable[[int, int], dict]) -> dict
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def played(
-    fineness: str, task: str, policy: Policies, first: int, count: int, **options: Any
-) -> dict[str, ndarray]:
-    """Episodes of seeds from `first` on, by policies for them.
+#: What grippers see, what is known of them, and which have failed or whose episodes are over.
+Moment = tuple[Any, dict[str, Any], ndarray, ndarray]
+
+
+def play(
+    env: VectorGripperEnv, policy: Any, seed: int, options: dict[str, Any] | None = None
+) -> Iterator[Moment]:
+    """Moments of grippers under a policy, from a reset on and without end."""
+    seen, info = env.reset(seed=seed, options=options)
+    failed = over = np.zeros(env.num_envs, bool)
+    state = None
+    while True:
+        yield seen, info, failed, over
+        action, state = policy.predict(seen, state, deterministic=True)
+        seen, _, failed, over, info = env.step(action)
+
+
+def closing(tension: float) -> gripper.ScriptedGrip:
+    """Closes grippers to a tension [N]."""
+    return gripper.ScriptedGrip(GRIPPER, PERIOD, tension)
+
+
+def _played(env: VectorGripperEnv, policy: Any, first: int) -> dict[str, ndarray]:
+    """Episodes of seeds from `first` on.
 
     Returns:
         success, lost: (n,) bool; worst: (n,), error over what counts as success, of holds the
         largest, else the last; tension: (n,) [N], mean of the fingers at the end; and time [s] of
-        the processor for a step of one gripper, one for each batch.
+        the processor for a step of one gripper, (1,).
     """
-
-    def run(start: int, size: int) -> dict[str, ndarray]:
-        env = make(fineness, task, size, **options)
-        return _played(env, policy(env, start), start)
-
-    return _in_batches(first, count, run)
-
-
-def _played(env: VectorGripperEnv, policy: Any, first: int) -> dict[str, ndarray]:
     count, steps = env.num_envs, env.max_episode_steps
-    observation, _ = env.reset(seed=first)
     lost, success = np.zeros(count, bool), np.zeros(count, bool)
     worst, tension = np.zeros(count), np.zeros(count)
-    state, first_ones = None, np.ones(count, bool)
+    first_ones, moments = np.ones(count, bool), play(env, policy, first)
+    next(moments)
     begin = process_time()
-    for _ in range(steps):
-        action, state = policy.predict(observation, state, deterministic=True)
-        observation, _, failed, over, info = env.step(action)
+    for _, info, failed, over in islice(moments, steps):
         error = np.maximum(worst, info["error"]) if env.task.free else info["error"]
         worst = np.where(first_ones, error, worst)
         lost |= failed & first_ones
@@ -310,14 +317,11 @@ def read_bends(
         env = make(fineness, task, size, observe=observe)
         own = {} if errors is None else {"sensor_errors": errors}
         known = None if errors is None else calibrated_to(env, fineness, start, own)
-        begin, info = env.reset(seed=start, options=own)
-        policy, state, seen = gripper.ScriptedGrip(GRIPPER, PERIOD, READING), None, begin
-        for _ in range(round(gripper.CALM / PERIOD)):
-            action, state = policy.predict(seen, state)
-            seen, *_ = env.step(action)
+        moments = play(env, closing(READING), start, own)
+        first, *_, (seen, info, *_) = islice(moments, 1 + round(gripper.CALM / PERIOD))
         exact = bends = env.simulation.curvature
         if known is not None:
-            bends = known.curvature(seen["sensors"], begin["sensors"])
+            bends = known.curvature(seen["sensors"], first[0]["sensors"])
         qpos = env.simulation.qpos.copy()
         return {"bends": bends, "exact": exact, "qpos": qpos, "diameters": info["diameter"]}
 
@@ -356,20 +360,15 @@ def sizes(
     (pieces, _), (fitted, _), rows = _built(test, task), _built(fit, task), []
     for errors in scales:
         read = read_bends(test, task, _TESTED, count, errors)
-        if errors is None:
-            plain = gripper.size_by_sensor(GRIPPER, read["exact"])
-            rows.append(_size("second sensor", task, pieces, None, None, plain, read["diameters"]))
         found = fitted_size(fit, task, examples, errors)(read["bends"])
-        about = "polynomial", task, pieces, fitted, errors
-        rows.append(_size(*about, found, read["diameters"]))
+        ways = [("polynomial", fitted, found)]
+        if errors is None:
+            ways.insert(0, ("second sensor", None, gripper.size_by_sensor(GRIPPER, read["exact"])))
+        for method, pieces_fitted, diameters in ways:
+            off = np.abs(diameters - read["diameters"])
+            rows.append(Size(method, task, pieces, pieces_fitted, errors, len(off), *_spread(off)))
         rows.append(_shape(test, task, pieces, errors, read))
     return rows
-
-
-def _size(*about: Any) -> Size:
-    """A row of its first fields, the diameters found and the true ones."""
-    *what, found, truth = about
-    return Size(*what, len(truth), *_spread(np.abs(found - truth)))
 
 
 def _shape(fineness: str, task: str, pieces: int, errors: float | None, read: dict) -> Shape:
@@ -409,15 +408,17 @@ def outcomes(fineness: str, task: str, policy: str, count: int, examples: int = 
     elif policy == "sized":
         size, how = fitted_size("quick", task, examples, 1.0), {"observe": ("sensors",)}
 
-    def made(env: VectorGripperEnv, first: int) -> Any:
+    def run(first: int, together: int) -> dict[str, ndarray]:
+        env = make(fineness, task, together, **how)
         if policy == "ppo":
-            return model
+            return _played(env, model, first)
         if policy == "sized":
             known = calibrated_to(env, fineness, first, {})
-            return gripper.SizedGrip(GRIPPER, PERIOD, size=size, sensors=known)
-        return gripper.ScriptedGrip(GRIPPER, PERIOD, float(policy.split()[1]))
+            sized = gripper.SizedGrip(GRIPPER, PERIOD, size=size, sensors=known)
+            return _played(env, sized, first)
+        return _played(env, closing(float(policy.split()[1])), first)
 
-    runs = played(fineness, task, made, _HELD, count, **how)
+    runs = _in_batches(_HELD, count, run)
     about = task, f"ppo, {examples} steps" if policy == "ppo" else policy
     mean = {name: float(values.mean()) for name, values in runs.items()}
     found = mean["success"], mean["lost"], float(np.median(runs["worst"])), mean["tension"]
@@ -459,18 +460,9 @@ def _speed(fineness: str, task: str, count: int, threads: int, *errors: float | 
 def _bends(fineness: str, task: str) -> ndarray:
     """Curvatures (steps, n, pieces) [1/m] of grippers that close, with neither pull nor shake."""
     env = make(fineness, task, _COMPARED)
-    env.reset(seed=_TESTED, options={"pull": 0.0, "shake": 0.0})
-    bends = []
-    for k in range(round(_CLOSED / PERIOD)):
-        env.step(_closing(_COMPARED, k))
-        bends.append(env.simulation.curvature)
-    return np.stack(bends)
-
-
-def _closing(count: int, k: int) -> ndarray:
-    """Action k (n, inputs) of grippers that close and then hold."""
-    tension = _SQUEEZE * min(1.0, (k + 1) * PERIOD / gripper.RISE)
-    return np.tile((2 * tension / GRIPPER.tension_limits - 1).astype(np.float32), (count, 1))
+    moments = play(env, closing(_SQUEEZE), _TESTED, {"pull": 0.0, "shake": 0.0})
+    steps = round(_CLOSED / PERIOD)
+    return np.stack([env.simulation.curvature for _ in islice(moments, 1, 1 + steps)])
 
 
 def _rate(fineness: str, task: str, count: int, threads: int) -> float:
@@ -480,12 +472,12 @@ def _rate(fineness: str, task: str, count: int, threads: int) -> float:
     """
     env = make(fineness, task, count, threads)
     clock = process_time if threads == 1 else perf_counter
-    env.reset(seed=_TESTED)
-    took, steps = 0.0, env.max_episode_steps
-    for k in range(steps):
-        action = _closing(count, k)
+    seen, _ = env.reset(seed=_TESTED)
+    policy, state, took, steps = closing(_SQUEEZE), None, 0.0, env.max_episode_steps
+    for _ in range(steps):
+        action, state = policy.predict(seen, state)
         begin = clock()
-        env.step(action)
+        seen, *_ = env.step(action)
         took += clock() - begin
     return steps * count / took
 
@@ -573,27 +565,20 @@ STUDY = Study(
         ),
         table(
             "Diameters from one enclosing grip, of bars and fingers that were not fitted to",
-            *("method", "task", "pieces", "fitted", "errors", "count", "mean", "high", "most"),
             of=Size,
             caption="sensors: their imperfections over the usual ones; none: exact mean bends",
         ),
         table(
             "Bends and tips by calibrated sensors",
-            *("task", "pieces", "errors", "count", "bend", "high_bend", "most_bend", "tip"),
-            *("high_tip", "most_tip"),
             of=Shape,
         ),
         table(
             "Random bars and fingers, held under random pulls and shaking, or enclosed",
-            *("task", "policy", "pieces", "timestep", "count", "success", "lost", "error"),
-            *("tension", "ms_per_step"),
             of=Outcome,
             caption="error: over what counts as success, median",
         ),
         table(
             "Speed, with closings to 25 N",
-            *("task", "pieces", "timestep", "fineness", "count", "threads", "steps_per_s"),
-            *("mean_error", "bend_error"),
             of=Speed,
             caption="bend: difference of a sensor from the rule's, mean and largest in a closing",
         ),

@@ -366,7 +366,8 @@ def table(
 
     Args:
         title: With `{field}` for what is the same in all rows of a table.
-        *columns: Fields, headed as their quantities say, or columns.
+        *columns: Fields, headed as their quantities say, or columns; all that are declared as
+            quantities unless given.
         of: Kind of the rows; all unless given.
         where: Which rows.
         per: Fields: a table for each of their values.
@@ -379,7 +380,7 @@ def table(
         return [
             make_table(
                 title.format(**dict(zip(per, key, strict=True))),
-                [_column(group, c) for c in columns],
+                [_column(group, c) for c in columns or _quantities(group[0])],
                 group,
                 caption=caption,
             )
@@ -394,6 +395,10 @@ def _column(rows: Rows, column: str | Column) -> Column:
         return column
     _, unit, form = shown(rows, column)
     return Column(_heading(rows, column), column, form, unit)
+
+
+def _quantities(row: Any) -> list[str]:
+    return [field.name for field in fields(row) if "unit" in field.metadata]
 
 
 def _heading(rows: Rows, name: str) -> str:

@@ -668,11 +668,7 @@ STUDY = lab.Study(
             heading=lambda p: f"p = {p}",
             headings=("n_w",),
         ),
-        lab.table(
-            "Improved model, unseen random motion",
-            *("minutes", "order", "rms", "fit_time", "predict_time"),
-            of=DataRow,
-        ),
+        lab.table("Improved model, unseen random motion", of=DataRow),
         lab.table(
             "Triangle, closed loop",
             *(_RIG, "policy", "period", "mean", "largest", "goal", "decision", "longest"),

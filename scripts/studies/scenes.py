@@ -15,12 +15,12 @@ from numpy import ndarray
 from rich.table import Table
 from scipy.linalg import eigh
 
+from softrobot_env.core.motion import IntegrationError, State
 from softrobot_env.evaluation.models import runs
 from softrobot_env.rendering import figures
 from softrobot_env.rendering.tables import Column, new_table
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.chain import posture
-from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.timestep import linearize
 from studies.lab import Record, Study, quantity, select, table
 from studies.scenes_drawn import G, RandomScene, draw_scene, swing, weight_load
@@ -59,7 +59,7 @@ class Row(Record):
         error_share: Over the length [1].
         asked_share: What was asked for, over the length [1].
         estimate_share: The package's own estimate of the error, over the length [1]; None if it
-            gives none or knows no bound.
+            gives none, knows no bound or failed.
         warning: What a `TimestepWarning` said.
         integrator, timestep, substeps: Of the package's choice; timestep in s.
         wall_time: [s] of the package's run.
@@ -325,19 +325,17 @@ def _own_run(drawn: RandomScene) -> OwnRun:
     cost = step_cost(scene.model.nv, choice.integrator) * choice.substeps * len(drawn.controls)
     if cost > _DEAREST:
         return OwnRun(scene)
-    simulation = Simulation(scene)
-    simulation.reset(start_posture(scene, drawn), drawn.controls[0])
-    tip = simulation.data.site("tip").xpos
-    tips, failure, begin = [tip.copy()], None, perf_counter()
-    for row in drawn.controls:
-        simulation.ctrl[:] = row
-        if not simulation.advance():
-            failure = simulation.failure()
-            break
-        tips.append(tip.copy())
+    start = State(start_posture(scene, drawn), np.zeros(scene.model.nv))
+    begin = perf_counter()
+    try:
+        period = drawn.config.control_period
+        motion = scene.simulate(drawn.duration, drawn.controls, start, samples=period)
+    except IntegrationError as error:
+        return OwnRun(scene, failure=str(error), wall_time=perf_counter() - begin)
     wall_time = perf_counter() - begin
-    found = None if failure else np.array(tips)
-    return OwnRun(scene, found, failure, wall_time, simulation.integration_error)
+    estimates = motion.integration_error
+    estimate = None if estimates is None else float(estimates[-1])
+    return OwnRun(scene, scene.tip(motion.q), None, wall_time, estimate)
 
 
 def _truth(drawn: RandomScene, own: OwnRun) -> Refined:
@@ -469,31 +467,17 @@ def _why(row: Row) -> str | None:
     return (before + after.split(": not finite")[0]).removeprefix("simulation ")
 
 
-def _refined(row: Row) -> str | None:
-    return None if row.refined_fine is None else "is fine" if row.refined_fine else "is not"
-
-
-_ERROR, _REASON = ("error_share", "estimate_share"), Column("why", _why)
-
-#: Verdict -> title of a list, and what is shown beside the scene.
-_LISTS = {
-    runs.Verdict.WRONG: ("Wrong without a word", *_ERROR),
-    runs.Verdict.INACCURATE: ("Less accurate than asked for, without a word", *_ERROR),
-    runs.Verdict.WARNED: ("Less accurate than asked for, with a warning", *_ERROR),
-    runs.Verdict.REPORTED: ("Refused or failed", Column("refined run", _refined), _REASON),
-    runs.Verdict.UNJUDGED: ("Unjudged", _REASON),
-}
-
-
 def _listed(rows: Sequence[Row]) -> list[Table]:
     """All scenes that are not accurate, the worst first."""
-    worst, out = sorted(rows, key=lambda row: -(row.error_share or 0.0)), []
-    for verdict, (title, *shown) in _LISTS.items():
-        scene = ("index", "joints", Column("chain", _chain), "slenderness", "youngs_modulus")
-        scene += ("damping_ratio", "weight_load", Column("steps", _steps, ">"))
-        caption = "sag: rho A g L^3 / EI; steps per control period and integrator"
-        out += table(title, *scene, *shown, where={"verdict": verdict}, caption=caption)(worst)
-    return out
+    return table(
+        "Scenes that are {verdict}",
+        *("index", "joints", Column("chain", _chain), "slenderness", "youngs_modulus"),
+        *("damping_ratio", "weight_load", Column("steps", _steps, ">"), "error_share"),
+        *("estimate_share", "refined_fine", Column("why", _why)),
+        where=lambda row: row.verdict != runs.Verdict.ACCURATE,
+        per=("verdict",),
+        caption="sag: rho A g L^3 / EI; steps per control period and integrator",
+    )(sorted(rows, key=lambda row: -(row.error_share or 0.0)))
 
 
 #: Verdict -> colour and marker, the worst last, on top.

@@ -5,6 +5,7 @@ The chain and PCC are judged by rods without shear and extension, the Cosserat r
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -13,6 +14,7 @@ from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
 from softrobot_env.beams.cosserat import CosseratRod
+from softrobot_env.beams.model import BeamModel
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.evaluation.models.runs import best_of
@@ -20,7 +22,7 @@ from softrobot_env.rendering import figures
 from softrobot_env.robots import Base, Disc, RobotParams, Section, Tendon
 from softrobot_env.robots.file import PIECES as DEFAULT_PIECES
 from softrobot_env.robots.file import default_pieces
-from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.simulation import Simulation
 from studies.lab import Column, Record, Study, lines, quantity, select, table, verdict
@@ -183,14 +185,15 @@ _PERIOD, _PERIODS = 0.02, 5
 _PARTS, _FINE = 3, 24  # of a section whose strain is compared, and of such a part
 _SHEAR = 0.75  # as `CosseratRod` has
 
-#: Finds tip (3,), strains (pieces, 3), their edges, number of coordinates, and moves a period.
-Found = tuple[ndarray, ndarray, ndarray, int, Callable[[], object]]
+#: A scene or beam model, ends [m] of its pieces, number of its coordinates, and what gives a
+#: function that moves it a period under the tensions, from rest on.
+Built = tuple[Scene | BeamModel, ndarray, int, Callable[[], Callable[[], bool]]]
 
 
 def measure(case: tuple[str, tuple[int, ...]]) -> list[Row]:
     """All models of a robot, with some numbers of pieces of a section."""
     name, resolutions = case
-    (case,) = (one for one in CASES if one.name == name)
+    (case,) = select(CASES, name=name)
     robot, rows = case.robot, []
     stations = _stations(robot)
     for models, shear in ((("chain", "pcc"), None), (("cosserat",), _SHEAR)):
@@ -211,57 +214,47 @@ def _default(model: str, robot: RobotParams) -> int:
 
 
 def _row(case: Case, model: str, pieces: int, default: bool, truth: SpatialShape) -> Row:
-    find = _chain if model == "chain" else _beam
     robot, tension = case.robot, np.array(case.tension)
     try:
-        solve = find(robot, pieces, model)
-        solve(tension)  # compiles
-        time, (tip, strains, edges, n, move) = best_of(lambda: solve(tension), 3)
+        build = _chain if model == "chain" else partial(_beam, model)
+        built, edges, n, start = build(robot, pieces, tension)
+        built.equilibrium(tension)  # compiles
+        time, q = best_of(lambda: built.equilibrium(tension), 3)
     except (EquilibriumError, ValueError) as error:
         return Row(case.name, model, pieces, default, failure=str(error))
     base, exact = robot.base or Base(), _true_strains(truth, robot)
-    error = float(np.linalg.norm(tip - base.axes @ truth.tip - base.position))
-    off = np.abs(_mean(strains, edges, _parts(robot)) - exact) / np.abs(exact).max()
-    moved = _moved(move) if pieces <= _MOVED else None
+    error = float(np.linalg.norm(built.tip(q) - base.axes @ truth.tip - base.position))
+    off = np.abs(_mean(built.curvature(q), edges, _parts(robot)) - exact) / np.abs(exact).max()
+    moved = _moved(start) if pieces <= _MOVED else None
     errors = error, error / robot.length, float(off[:, :2].max()), float(off[:, 2].max())
     return Row(case.name, model, pieces, default, n, *errors, time, moved)
 
 
-def _chain(robot: RobotParams, pieces: int, _: str) -> Callable[[ndarray], Found]:
+def _chain(robot: RobotParams, pieces: int, tension: ndarray) -> Built:
     way = {"bending": "spatial", "torsion": True, "control_period": _PERIOD}
     scene = build_scene(SceneConfig(robot, pieces=pieces, **way))
 
-    def solve(tension: ndarray) -> Found:
-        q = scene.equilibrium(tension)
+    def start() -> Callable[[], bool]:
+        simulation = Simulation(scene)
+        simulation.reset(scene.start().q, tension)
+        return simulation.advance
 
-        def start() -> Callable[[], object]:
-            simulation = Simulation(scene)
-            simulation.reset(scene.start().q, tension)
-            return simulation.advance
-
-        return scene.tip(q), scene.curvature(q), scene.config.edges, scene.model.nv, start
-
-    return solve
+    return scene, scene.config.edges, scene.model.nv, start
 
 
-def _beam(robot: RobotParams, pieces: int, name: str) -> Callable[[ndarray], Found]:
+def _beam(name: str, robot: RobotParams, pieces: int, tension: ndarray) -> Built:
     way = {"axes": slice(0, 3), "bending": "spatial", "torsion": True, "actuation": "tension"}
     stepped = BeamPlant(name, pieces=pieces)(robot, **way)
     model = stepped.model
 
-    def solve(tension: ndarray) -> Found:
-        q = model.equilibrium(tension)
+    def start() -> Callable[[], bool]:
+        state = stepped.rest(), np.zeros(model.n)
+        return lambda: stepped.advance(*state, tension, _PERIOD) is None
 
-        def start() -> Callable[[], object]:
-            state = stepped.rest(), np.zeros(model.n)
-            return lambda: stepped.advance(*state, tension, _PERIOD) is None
-
-        return model.tip(q), model.curvature(q), model.edges, model.n, start
-
-    return solve
+    return model, model.edges, model.n, start
 
 
-def _moved(start: Callable[[], Callable[[], object]]) -> float | None:
+def _moved(start: Callable[[], Callable[[], bool]]) -> float | None:
     """Run time over simulated time while the tensions act all at once; None if it fails."""
     start()()  # what is compiled or allocated first
     advance = start()
