@@ -1,6 +1,6 @@
 """The gripper: its grips, the size of what it encloses, holds under pulls, and what they cost."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from itertools import islice
@@ -228,8 +228,8 @@ READING = 16.0
 #: what is added to them for the noise while sensors are calibrated.
 _FITTED, _TESTED, _HELD, _CALIBRATED = 10_000, 20_000, 30_000, 5_000_000
 
-#: Grippers at once, and those of which a policy learns; [s], control period.
-_TOGETHER, _LEARNERS, PERIOD = 50, 16, 0.02
+#: Grippers of which a policy learns, and control period [s].
+_LEARNERS, PERIOD = 16, 0.02
 
 #: Bars on which finenesses are compared, and tension [N] and time [s] of that.
 _COMPARED, _SQUEEZE, _CLOSED = 8, 25.0, 1.0
@@ -244,12 +244,6 @@ VIEW: dict[str, Any] = {
 def make(fineness: str, task: str, count: int, threads: int = 1, **options: Any) -> Any:
     """So many grippers, with other options of the environment."""
     return VectorGripperEnv(count, task, fineness=fineness, threads=threads, **options)
-
-
-def _in_batches(first: int, count: int, run: Callable[[int, int], dict]) -> dict[str, ndarray]:
-    """Arrays that a function of first seed and number returns, of all seeds."""
-    parts = [run(first + k, min(_TOGETHER, count - k)) for k in range(0, count, _TOGETHER)]
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 #: What grippers see, what is known of them, and which have failed or whose episodes are over.
@@ -274,14 +268,8 @@ def closing(tension: float) -> gripper.ScriptedGrip:
     return gripper.ScriptedGrip(GRIPPER, PERIOD, tension)
 
 
-def _played(env: VectorGripperEnv, policy: Any, first: int) -> dict[str, ndarray]:
-    """Episodes of seeds from `first` on.
-
-    Returns:
-        success, lost: (n,) bool; worst: (n,), error over what counts as success, of holds the
-        largest, else the last; tension: (n,) [N], mean of the fingers at the end; and time [s] of
-        the processor for a step of one gripper, (1,).
-    """
+def _played(env: VectorGripperEnv, policy: Any, first: int) -> tuple[float, ...]:
+    """Fields of an `Outcome` from its success on, of episodes of seeds from `first` on."""
     count, steps = env.num_envs, env.max_episode_steps
     lost, success = np.zeros(count, bool), np.zeros(count, bool)
     worst, tension = np.zeros(count), np.zeros(count)
@@ -295,9 +283,8 @@ def _played(env: VectorGripperEnv, policy: Any, first: int) -> dict[str, ndarray
         success |= info["success"] & first_ones
         tension = np.where(first_ones, env.simulation.ctrl.mean(axis=1), tension)
         first_ones &= ~(failed | over)  # what follows are other episodes
-    time = np.array([(process_time() - begin) / steps / count])
-    found = {"success": success, "lost": lost, "worst": worst, "tension": tension}
-    return found | {"time": time}
+    took = 1e3 * (process_time() - begin) / steps / count
+    return *map(float, (success.mean(), lost.mean(), np.median(worst), tension.mean())), took
 
 
 def read_bends(
@@ -311,21 +298,17 @@ def read_bends(
         bends: (n, pieces) [1/m] by the sensors, or exact; exact: true means over the pieces; qpos:
         (n, nq), postures; diameters: (n,) [m].
     """
-
-    def run(start: int, size: int) -> dict[str, ndarray]:
-        observe = ("tendon_tension",) if errors is None else ("sensors",)
-        env = make(fineness, task, size, observe=observe)
-        own = {} if errors is None else {"sensor_errors": errors}
-        known = None if errors is None else calibrated_to(env, fineness, start, own)
-        moments = play(env, closing(READING), start, own)
-        first, *_, (seen, info, *_) = islice(moments, 1 + round(gripper.CALM / PERIOD))
-        exact = bends = env.simulation.curvature
-        if known is not None:
-            bends = known.curvature(seen["sensors"], first[0]["sensors"])
-        qpos = env.simulation.qpos.copy()
-        return {"bends": bends, "exact": exact, "qpos": qpos, "diameters": info["diameter"]}
-
-    return _in_batches(first, count, run)
+    observe = ("tendon_tension",) if errors is None else ("sensors",)
+    env = make(fineness, task, count, observe=observe)
+    own = {} if errors is None else {"sensor_errors": errors}
+    known = None if errors is None else calibrated_to(env, fineness, first, own)
+    moments = play(env, closing(READING), first, own)
+    (begin, *_), *_, (seen, info, *_) = islice(moments, 1 + round(gripper.CALM / PERIOD))
+    exact = bends = env.simulation.curvature
+    if known is not None:
+        bends = known.curvature(seen["sensors"], begin["sensors"])
+    qpos = env.simulation.qpos.copy()
+    return {"bends": bends, "exact": exact, "qpos": qpos, "diameters": info["diameter"]}
 
 
 def calibrated_to(
@@ -404,25 +387,17 @@ def outcomes(fineness: str, task: str, policy: str, count: int, examples: int = 
     """
     how: dict[str, Any] = {}
     if policy == "ppo":
-        model, how = trained(task, examples), VIEW
+        by, how = trained(task, examples), VIEW
     elif policy == "sized":
         size, how = fitted_size("quick", task, examples, 1.0), {"observe": ("sensors",)}
-
-    def run(first: int, together: int) -> dict[str, ndarray]:
-        env = make(fineness, task, together, **how)
-        if policy == "ppo":
-            return _played(env, model, first)
-        if policy == "sized":
-            known = calibrated_to(env, fineness, first, {})
-            sized = gripper.SizedGrip(GRIPPER, PERIOD, size=size, sensors=known)
-            return _played(env, sized, first)
-        return _played(env, closing(float(policy.split()[1])), first)
-
-    runs = _in_batches(_HELD, count, run)
+    else:
+        by = closing(float(policy.split()[1]))
+    env = make(fineness, task, count, **how)
+    if policy == "sized":
+        known = calibrated_to(env, fineness, _HELD, {})
+        by = gripper.SizedGrip(GRIPPER, PERIOD, size=size, sensors=known)
     about = task, f"ppo, {examples} steps" if policy == "ppo" else policy
-    mean = {name: float(values.mean()) for name, values in runs.items()}
-    found = mean["success"], mean["lost"], float(np.median(runs["worst"])), mean["tension"]
-    return [Outcome(*about, *_built(fineness, task), count, *found, 1e3 * mean["time"])]
+    return [Outcome(*about, *_built(fineness, task), count, *_played(env, by, _HELD))]
 
 
 def trained(task: str, steps: int) -> Any:
