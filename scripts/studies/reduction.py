@@ -22,7 +22,7 @@ from softrobot_env.evaluation.runner import run as run_episode
 from softrobot_env.identification.excitation import resting_task
 from softrobot_env.identification.visits import nominal_lengths
 from softrobot_env.learned.network import Dataset, Network
-from softrobot_env.learned.reduction import THESIS, FitError, ReducedModel, Settings, fit, spectrum
+from softrobot_env.learned.reduction import THESIS, ReducedModel, Settings, fit, spectrum
 from softrobot_env.learned.reduction import Record as Recorded
 from softrobot_env.learned.reduction.polynomials import Monomials
 from softrobot_env.learned.reduction.records import delay_vectors
@@ -167,8 +167,7 @@ PERIOD = 0.01
 THESIS_PLAN = Plan(kinds=("random",), amplitude=0.55, period=PERIOD)
 
 #: Random motion that is predicted: 20 records of 25 s.
-UNSEEN = Plan(decays=0, excited=0, kinds=("random",), amplitude=0.55, period=PERIOD, run=25.0)
-UNSEEN_COUNT = 20
+UNSEEN = replace(THESIS_PLAN, decays=0, excited=0, minutes=20 * 25.0 / 60, run=25.0, seed=1000)
 
 #: Rectangle, half its sides [m]; radius of the circle [m]; periods [s].
 HALVES, RADIUS, PERIODS = (0.07, 0.08), 0.11, (10.0, 4.0, 2.0, 1.0, 0.5)
@@ -205,7 +204,7 @@ class RigData:
 
     Attributes:
         twin: Seed of its twin; None for the one without friction and errors.
-        quick: Whether there is little of it.
+        quick: Whether there is little to learn from, and few paths.
     """
 
     twin: int | None
@@ -224,9 +223,7 @@ class RigData:
     @cached_property
     def unseen(self) -> list[Recorded]:
         """Random motion that no model has seen."""
-        count = 2 if self.quick else UNSEEN_COUNT
-        plan = replace(UNSEEN, minutes=count * UNSEEN.run / 60, seed=1000)
-        return collect(RIG, plan, self.twin)[1]
+        return collect(RIG, UNSEEN, self.twin)[1]
 
     def _collect(self, plan: Plan) -> tuple[list[Recorded], list[Recorded]]:
         if self.quick:
@@ -245,15 +242,11 @@ class RigData:
     def _followed(self, path: str, period: float, plant: str | None) -> Followed:
         points, begin = _points(path, period)
         straight = nominal_lengths(RIG, np.zeros((1, 2)), TOTAL)
-        inputs, drives = robot_inputs(RIG), drives_of(RIG, 2, PERIOD)
-        actions = (
-            drives.rest + (nominal_lengths(RIG, points, TOTAL) - straight) / inputs.input_scale
-        )
-        task = replace(resting_task(RIG, len(points) * PERIOD + 1.0, "xy"))
-        task = replace(task, start_input=tuple(drives.rest * inputs.input_scale))
-        options = {"twin": self.twin} if isinstance(self.twin, int) else {}
-        if plant is not None:
-            options = {"plant": BeamPlant(plant), "pieces": None}
+        scale, rest = robot_inputs(RIG).input_scale, drives_of(RIG, 2, PERIOD).rest
+        actions = rest + (nominal_lengths(RIG, points, TOTAL) - straight) / scale
+        task = resting_task(RIG, len(points) * PERIOD + 1.0, "xy")
+        task = replace(task, start_input=tuple(rest * scale))
+        options = {"plant": BeamPlant(plant), "pieces": None} if plant else {"twin": self.twin}
         seen = ("tip_position", "previous_action")
         with closing(RigEnv(task, observe=seen, control_period=PERIOD, **options)) as env:
             return Followed(path, period, drive(env, actions, 7), begin)
@@ -308,8 +301,7 @@ class Lifted:
     def predict_record(self, record: Recorded) -> ndarray:
         """Outputs (t - delays + 1, o) from the last of the first samples on."""
         base, late = self.base, self.base.delays - 1
-        rows = np.maximum(np.arange(record.samples) - base.lag, 0)
-        inputs = base.reduced_inputs(record.inputs[rows])[late:]
+        inputs = base.acting(record.inputs)[late:]
         state = self.lift(base.encode(delay_vectors(record.outputs[: base.delays], base.delays))[0])
         states = np.empty((len(inputs), len(state)))
         with np.errstate(over="ignore", invalid="ignore"):
@@ -342,9 +334,7 @@ def koopman(decays: Records, forced: Records) -> Lifted:
     def lift(at: ndarray) -> ndarray:
         return dictionary((at / scale)[None])[0, order]
 
-    scaled = replace(
-        base, shape=base.shape, scale=np.append(np.ones(base.dimension), base.scale[4:])
-    )
+    scaled = replace(base, scale=np.append(np.ones(base.dimension), base.scale[4:]))
     return Lifted(scaled, lambda state, u: matrix @ state + effect @ u, lift)
 
 
@@ -396,11 +386,8 @@ TWINS: tuple[int | None, ...] = (None, 0, 1, 2, 3)
 SHOWN = 0
 
 #: Goals and the thesis' errors [m] of the mean over both paths, by period [s].
-GOALS = {
-    THESIS_MODEL: {10.0: 8e-3, 4.0: 24e-3, 2.0: 24e-3},
-    OURS: {10.0: 2e-3, 4.0: 2e-3, 2.0: 2e-3, 1.0: 8e-3},
-}
 PRINTED = {10.0: 8e-3, 4.0: 24e-3, 2.0: 24e-3}
+GOALS = {THESIS_MODEL: PRINTED, OURS: {10.0: 2e-3, 4.0: 2e-3, 2.0: 2e-3, 1.0: 8e-3}}
 LOOP_GOALS = {1.0: 3e-3}
 
 #: What Fig. 3.14 varies, delays of two outputs.
@@ -427,14 +414,12 @@ def measure(case: tuple) -> list[lab.Record]:
     return {"rig": _rig, "orders": _order_rows, "amounts": _amounts}[what](*given)
 
 
-def _learned(
-    learner: Callable[[], Model], refusal: type[Exception] = FitError
-) -> tuple[Model | None, float]:
+def _learned(learner: Callable[[], Model]) -> tuple[Model | None, float]:
     """A model, None where it could not be learned, and the time [s] that it took."""
     begin = perf_counter()
     try:
         model = learner()
-    except refusal:
+    except ValueError:
         model = None
     return model, perf_counter() - begin
 
@@ -444,7 +429,7 @@ def _rig(twin: int | None, quick: bool) -> list[lab.Record]:
     data = RigData(twin, quick)
     followed, loops = data.paths(), []
     rows: list[lab.Record] = [_spectrum(data)]
-    for name in list(MODELS)[:2] if quick else MODELS:
+    for name in MODELS:
         records = data.thesis if name == THESIS_MODEL else data.ours
         model, learned_in = _learned(partial(MODELS[name], *records))
         predict_in = None if model is None else _time(model, data)
@@ -452,10 +437,9 @@ def _rig(twin: int | None, quick: bool) -> list[lab.Record]:
             laps = None if model is None else _predicted(model, path)
             rows.append(_path(name, twin, path, laps, learned_in, predict_in))
         if name == OURS and isinstance(model, ReducedModel):
-            loops = _loops(twin, model, [*records[0], *records[1]], quick)
-    if not quick:
-        beams = data.paths("pcc")
-        rows += [_path(PHYSICAL, twin, *pair) for pair in zip(followed, beams, strict=True)]
+            loops = _loops(twin, model, [*records[0], *records[1]])
+    for path, beam in zip(followed, data.paths("pcc"), strict=True):
+        rows.append(_path(PHYSICAL, twin, path, beam.laps))
     return rows + loops
 
 
@@ -487,11 +471,10 @@ def _path(
     name: str,
     twin: int | None,
     path: Followed,
-    laps: ndarray | Followed | None,
+    predicted: ndarray | None,
     fit_time: float | None = None,
     predict_time: float | None = None,
 ) -> PathRow:
-    predicted = laps.laps if isinstance(laps, Followed) else laps
     known = predicted is not None and bool(np.abs(predicted).max() < _LOST)
     mean = float(np.linalg.norm(predicted - path.laps, axis=1).mean()) if known else None
     largest = float(np.linalg.norm(path.laps - path.record.outputs[0], axis=1).max())
@@ -503,21 +486,18 @@ def _path(
     return PathRow(*about, *errors, *bounds, fit_time, predict_time, *shown)
 
 
-def _loops(
-    twin: int | None, model: ReducedModel, records: Sequence[Recorded], quick: bool
-) -> list[lab.Record]:
+def _loops(twin: int | None, model: ReducedModel, records: Sequence[Recorded]) -> list[LoopRow]:
     """Triangles by what was learned of this rig; and by the best of the other laws, on twin 0.
 
     That one acts on identified parameters, which are shipped of this twin alone.
     """
-    rows: list[lab.Record] = []
+    rows = []
     with TemporaryDirectory() as folder:
         path = Path(folder) / "ssm.npz"
         write_arrays(path, {**trusted(model, records).arrays(), **fingerprint(RIG)})
         scene = {"control_period": model.period, "preview": preview_times(model.period, model.lag)}
         own = {"given": {"weights": path}, "scene": scene}
-        loops = product(_LOOPS[:1] if quick else _LOOPS, _PERIODS[1:] if quick else _PERIODS)
-        for policy, period in loops:
+        for policy, period in product(_LOOPS, _PERIODS):
             task, reduced = make_task("triangle", period=period), policy.startswith("ssm")
             if reduced or twin == SHOWN:
                 case = Case(task, policy, twin=twin, **(own if reduced else {}))
@@ -564,7 +544,7 @@ def _amounts(twin: int) -> list[lab.Record]:
         some = forced[: max(1, round(share * len(forced)))]
         few = decays[:: max(1, round(1 / share))]
         how = Settings(order=order, input_order=order)
-        model, time = _learned(partial(learn, few, some, how, lower=False), ValueError)
+        model, time = _learned(partial(learn, few, some, how, lower=False))
         times = time, None if model is None else _time(model, data)
         rows.append(DataRow(twin, minutes, order, _rms(model, data.unseen), *times))
     return rows
