@@ -135,21 +135,6 @@ def test_energy_and_damping_are_the_volume_integrals(dimension, plane, quadratur
     assert v @ drag == pytest.approx(model.robot.damping_time * power, rel=1e-10)
 
 
-@pytest.mark.parametrize("dimension", DIMENSIONS)
-def test_rigid_motion_causes_no_force(dimension):
-    robot = replace(RING, gravity=(0.0, 0.0, 0.0))
-    model = ANCF(robot, 3, dimension=dimension, clamped=False)
-    world, axis = in_plane(dimension, np.array([1.0, 2.0, -0.5]))
-    turn = Rotation.from_rotvec(axis).as_matrix()[np.ix_(world, world)]
-    x = nodal_vectors(model, model.rest(), 1) @ turn.T
-    x[:, 0] += 0.3
-    q, zero = x.ravel(), np.zeros(model.n)
-    # Rounding of a strain of 1e-16.
-    tolerance = 1e-14 * robot.youngs_modulus * robot.area
-    np.testing.assert_allclose(model.residual(q, zero, zero), 0, atol=tolerance)
-    assert model.potential_energy(q) < tolerance
-
-
 # ------------------------------------------------------------- inertia
 
 
@@ -172,25 +157,6 @@ def test_mass_is_the_volume_integral(dimension):
     mass = np.stack([model.residual(q, zero, a) - still for a in np.eye(model.n)], axis=1)
     atol = 1e-12 * np.abs(still).max()
     np.testing.assert_allclose(mass, expected, rtol=1e-11, atol=atol)
-
-
-@pytest.mark.parametrize("dimension", DIMENSIONS)
-def test_momentum_is_that_of_a_rigid_motion(dimension):
-    """Rotation about the origin with angular velocity w: m w x c and inertia times w."""
-    model = ANCF(RING, 3, dimension=dimension, clamped=False)
-    world, spin = in_plane(dimension, np.array([0.3, 0.7, -1.1]))
-    q = model.rest()
-    x = np.zeros((4, dimension + 1, 3))
-    x[..., world] = nodal_vectors(model, q, 1)
-    v = np.cross(spin, x)[..., world].ravel()
-    mass, length = RING.mass, RING.length
-    rotary = RING.density * RING.second_moment * length
-    inertia = np.diag([mass * length**2 / 3 + rotary] * 2 + [2 * rotary])
-    linear = mass * np.cross(spin, [0, 0, length / 2])
-    angular = inertia @ spin
-    np.testing.assert_allclose(model.momentum(q, v), [*linear, *angular], atol=1e-14)
-    energy = spin @ angular / 2
-    assert model.kinetic_energy(q, v) == pytest.approx(energy, rel=1e-10)
 
 
 # ------------------------------------------------------------- points, loads and tendons

@@ -288,11 +288,3 @@ def test_distributed_inertia_converges_to_rayleighs_beam_from_above():
 
 
 # ---------------------------------------------------------------- options
-
-
-def test_mean_curvatures_and_rest():
-    model = PCC(CANTILEVER_WEAK, 2, axes="torsion")
-    q = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
-    np.testing.assert_array_equal(model.curvature(q), [[-2, 1, 3], [-5, 4, 6]])
-    np.testing.assert_allclose(model.tip(model.rest()), [0, 0, 0.5], atol=1e-15)
-    np.testing.assert_array_equal(model.tangent(q), np.eye(6))

@@ -9,7 +9,7 @@ from scipy.special import ellipk, ellipkinc
 from softrobot_env.robots import CANTILEVER_STIFF, CANTILEVER_WEAK
 from softrobot_env.robots.loads import Load
 from studies.truths import analytic
-from studies.truths.analytic import Section, arc_tip, bent_rod
+from studies.truths.analytic import Section, bent_rod
 from studies.truths.spatial_rod import dead_loads, followed_rod, helix
 
 G = 9.81
@@ -160,14 +160,6 @@ def test_a_helix_is_a_rod_under_a_moment(moment, follows):
     truth = followed_rod(LENGTH, SECTION, [Load("m", LENGTH, moment=tuple(seen))], STATIONS)
     np.testing.assert_allclose(shape.position, truth.position, atol=1e-11)
     np.testing.assert_allclose(shape.frame, truth.frame, atol=1e-9)
-
-
-def test_a_moment_across_bends_to_a_circle():
-    moment = 2 * np.pi * SECTION.bending / LENGTH
-    for share in (0.5, 1.0):
-        x, z = arc_tip(LENGTH, share * moment / SECTION.bending)
-        tip = helix(LENGTH, SECTION, (0, share * moment, 0), STATIONS).tip
-        np.testing.assert_allclose(tip, [x, 0, z], atol=1e-15)
 
 
 @pytest.mark.parametrize("section", [SECTION, Section(0.02, 30.0, 80.0, 0.013)])

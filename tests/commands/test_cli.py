@@ -7,7 +7,7 @@ import time
 from runpy import run_path
 
 import pytest
-from support.commands import called, evaluated, rows_in
+from support.commands import called, evaluated
 from support.processes import finished
 
 from softrobot_env.cli import main
@@ -114,17 +114,6 @@ def test_scripts_are_the_same_commands(script, request, monkeypatch, capsys):
     with pytest.raises(SystemExit):
         run_path(str(request.config.rootpath / "scripts" / f"{script}.py"))
     assert f"usage: softrobot {script}" in capsys.readouterr().out
-
-
-@pytest.mark.slow
-def test_quick_speed_benchmark(tmp_path):
-    assert called("benchmark speed --quick --out", tmp_path) == 0
-    rows = rows_in(tmp_path / "speed")
-    assert {"HalfCheetah-v5", "SoftRobot/ArmSwing-v0"} <= {row["variant"] for row in rows}
-    assert {row["what"] for row in rows} == {
-        *("env.step", "moving", "robots", "vector env.step", "warp env.step"),
-        *("start", "render", "decision", "scaling"),
-    }
 
 
 # ---------------------------------------------------------------- grip
