@@ -20,7 +20,7 @@ from softrobot_env.identification.visits import (
     split,
 )
 from softrobot_env.learned.training import train_validated
-from softrobot_env.robots import ARM, RIG, Drive
+from softrobot_env.robots import RIG
 from softrobot_env.thesis.rig.servo_constraints import OutOfReachError
 from softrobot_env.thesis.rig.spatial_piece import SUBPIECES, make_rig_piece
 from softrobot_env.thesis.rig.three_tendons import ThreeTendons
@@ -197,20 +197,6 @@ def test_noise_has_its_deviation_and_seed():
     np.testing.assert_allclose(noisy.std(axis=0), 1e-3, rtol=0.05)
 
 
-def test_bad_rigs_and_lengths_are_refused():
-    with pytest.raises(ValueError, match="zero or more"):
-        RigStatics(friction=-0.1)
-    with pytest.raises(ValueError, match="three tendons"):
-        RigStatics(ARM)
-    endless = tuple(replace(t, stiffness=np.inf) for t in RIG.tendons)
-    stiff = replace(RIG, drive=Drive(), tendons=endless)
-    with pytest.raises(ValueError, match="finite stiffness"):
-        RigStatics(stiff)
-    for bad in (np.zeros(3), np.zeros((2, 2)), np.full((1, 3), np.nan)):
-        with pytest.raises(ValueError, match=r"shape \(n, 3\)"):
-            RigStatics()(bad)
-
-
 # ---------------------------------------------------------------- networks
 
 
@@ -257,8 +243,3 @@ def test_a_constant_sum_of_tensions_has_no_kinks_to_round_off():
     assert constant < 0.2 * least
     with pytest.raises(ValueError, match="give at least"):
         nominal_lengths(RIG, disk_points(), total=20.0)
-
-
-def test_unknown_directions_are_refused():
-    with pytest.raises(ValueError, match="choose from forward, inverse"):
-        rig_networks.direction_of(ideal()[0], "backward")

@@ -10,7 +10,6 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.robots import RobotParams
 from softrobot_env.thesis.rig.spatial_piece import RigPiece, add_static, make_rig_piece
 from softrobot_env.thesis.rig.three_tendons import elastic_tendons
 from softrobot_env.thesis.robots import RIG
@@ -29,29 +28,18 @@ _Rig = tuple[RigPiece, ndarray, ndarray, ndarray, float]
 class RigStatics:
     """The rig, with what has happened to it; call it to measure, as `visits.Measure`."""
 
-    def __init__(
-        self, robot: RobotParams = RIG, friction: float = 0.3, noise: float = 0.3e-3, seed: int = 0
-    ) -> None:
+    def __init__(self, friction: float = 0.3, noise: float = 0.3e-3, seed: int = 0) -> None:
         """Put the rig straight, with the tendons' pretension.
 
         Args:
-            robot: The rig.
             friction: R [N] of each tendon.
             noise: Standard deviation [m] of the camera on each coordinate.
             seed: Of the noise.
-
-        Raises:
-            ValueError: The robot is no rig with three elastic tendons, or negative friction or
-                noise.
         """
-        tendons = elastic_tendons(robot)
-        if not (0 <= friction < np.inf and 0 <= noise < np.inf):
-            raise ValueError(
-                f"friction and noise must be zero or more, got {friction} N and {noise} m"
-            )
+        tendons = elastic_tendons(RIG)
         self._noise, self._rng = noise, np.random.default_rng(seed)
         own = tendons.arc, tendons.pretension, tendons.stiffness
-        self._data: _Rig = (make_rig_piece(robot), *own, float(friction))
+        self._data: _Rig = (make_rig_piece(RIG), *own, float(friction))
         self._lengths, self._y = np.zeros(3), np.zeros(2)
         self._tension = tendons.pretension.copy()
 
@@ -59,12 +47,9 @@ class RigStatics:
         """Outputs (n, 2) [m] after lengths (n, 3) [m], each on a straight line from the last one.
 
         Raises:
-            ValueError: Lengths of another shape, or not finite.
             RuntimeError: No equilibrium was found.
         """
         lengths = np.ascontiguousarray(lengths, dtype=float)
-        if lengths.ndim != 2 or lengths.shape[1] != 3 or not np.all(np.isfinite(lengths)):
-            raise ValueError(f"need finite lengths of shape (n, 3), got shape {lengths.shape}")
         outputs = np.empty((len(lengths), 2))
         done = _visit(self._data, lengths, self._lengths, self._y, self._tension, outputs)
         if done < len(lengths):
