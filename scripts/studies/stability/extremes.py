@@ -345,32 +345,25 @@ def _released(
 ) -> tuple[runs.System, float]:
     """System in its first mode with a tip deflection [m], and the mode's frequency [rad/s]."""
     if model == CHAIN:
-        config = SceneConfig(robot, pieces=n // 2)
-        chain = runs.ChainSystem(config, np.zeros(n), np.empty(0))
-        shape, frequency = _first_mode(chain.linear.mass, chain.linear.stiffness)
+        chain = runs.ChainSystem(SceneConfig(robot, pieces=n // 2), np.zeros(n), np.empty(0))
         lever = robot.length - chain.scene.layout.stations
-        shape = shape * amplitude / float(shape @ lever)
-        return runs.ChainSystem(config, shape, np.empty(0)), frequency
+        shape, frequency = _first_mode(chain.linear.mass, chain.linear.stiffness, lever)
+        chain.posture = shape * amplitude
+        return chain, frequency
     beam = make_beam(model, robot, n)
     rest = beam.rest()
     space = beam.linearize(State(rest, np.zeros(beam.n)))
-    lever = space.c[0, : len(space.mass)]
-    shape, frequency = _first_mode(space.mass, space.stiffness, lever)
+    shape, frequency = _first_mode(space.mass, space.stiffness, space.c[0, : len(space.mass)])
     q = rest + beam.tangent(rest) @ (shape * amplitude)
     return runs.BeamSystem(beam, q, np.empty(0)), frequency
 
 
-def _first_mode(
-    mass: ndarray, stiffness: ndarray, lever: ndarray | None = None
-) -> tuple[ndarray, float]:
-    """Shape of the slowest mode, of unit tip deflection if a lever (m,) is given, and [rad/s].
+def _first_mode(mass: ndarray, stiffness: ndarray, lever: ndarray) -> tuple[ndarray, float]:
+    """Shape of the slowest mode, of unit tip deflection by a lever (m,), and [rad/s].
 
-    Bending in two planes is equally slow; the lever then picks the plane of the deflection.
+    Bending in two planes is equally slow; the lever picks the plane of the deflection.
     """
     squares, shapes = eigh(stiffness, mass)
-    shape = shapes[:, 0]
-    if lever is not None:
-        slow = shapes[:, squares < squares[0] * (1 + 1e-6)]
-        weights = lever @ slow
-        shape = slow @ weights / float(weights @ weights)
-    return shape, float(np.sqrt(squares[0]))
+    slow = shapes[:, squares < squares[0] * (1 + 1e-6)]
+    weights = lever @ slow
+    return slow @ weights / float(weights @ weights), float(np.sqrt(squares[0]))

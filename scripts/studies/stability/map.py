@@ -7,9 +7,9 @@ user sets; similarity then shows as diagonals of equal colour, and where absolut
 control period in the timestep rule) break it, that shows too.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache, partial
+from functools import cache, lru_cache
+from itertools import product
 from math import pi
 
 from numpy import ndarray
@@ -123,18 +123,16 @@ def run_cell(
     damping: float,
     integrator: str,
     timestep: float,
-    *,
     case: str = "map",
-    most: int = MOST_STEPS,
 ) -> Row:
     """Run one cell of a map.
 
-    It lasts `PERIODS` first periods, but at least `LEAST_STEPS` and at most `most` steps. The tip
-    is compared while the refined run lasts.
+    It lasts `PERIODS` first periods, but at least `LEAST_STEPS`, and at most `MOST_STEPS` or, in
+    the case "rule", `MOST_RULE_STEPS`. The tip is compared while the refined run lasts.
     """
     system, robot = family.system(stiffness, damping), scaled_arm(stiffness, damping)
     reference = family.reference(stiffness, damping)
-    period = 1 / robot.first_frequency
+    period, most = 1 / robot.first_frequency, MOST_RULE_STEPS if case == "rule" else MOST_STEPS
     steps = runs.steps_for(PERIODS * period, timestep, LEAST_STEPS, most)
     plan = Plan(integrator, timestep, steps, min(period, steps * timestep) / 40)
     trace = system.run(plan)
@@ -151,58 +149,28 @@ def map_rows(
     damping: float,
     timesteps: tuple[float, ...] = TIMESTEPS,
     stiffnesses: tuple[float, ...] = STIFFNESSES,
-) -> list[Row]:
-    """All cells of one damping ratio."""
-    return [
-        run_cell(family, stiffness, damping, integrator, timestep)
-        for stiffness in stiffnesses
-        for integrator in family.integrators
-        for timestep in timesteps
-    ]
-
-
-def rule_rows(
-    family: Family, damping: float, stiffnesses: tuple[float, ...] = STIFFNESSES
-) -> list[Row]:
-    """Runs with what the rule picks, by itself and for every integrator that a user may fix."""
-    rows = []
-    for stiffness in stiffnesses:
-        for asked in (None, *family.integrators):
-            choice = runs.rule_choice(family.system(stiffness, damping), asked)
-            picked = family, stiffness, damping, choice.integrator, choice.timestep
-            own = {"case": "rule", "most": MOST_RULE_STEPS}
-            rows.append(run_cell(*picked, **{"case": "rule_asked"} if asked else own))
-    return rows
-
-
-def limit_rows(
-    family: Family, damping: float, ratios: tuple[float, ...] = LIMIT_RATIOS
-) -> list[Row]:
-    """Runs around the stability limit of the linearised chain, in the arm's own stiffness.
-
-    Limits beyond `_LARGEST_LIMIT` first periods are left out: accuracy asks for less.
-    """
-    linear = family.system(1.0, damping).linear
-    limits = {name: float(stability_limit(name, linear)) for name in family.integrators}
-    return [
-        run_cell(family, 1.0, damping, integrator, ratio * limit, case="limit")
-        for integrator, limit in limits.items()
-        if limit <= _LARGEST_LIMIT / ARM.first_frequency
-        for ratio in ratios
-    ]
-
-
-def jobs(
-    family: Family,
-    dampings: tuple[float, ...],
-    timesteps: tuple[float, ...] = TIMESTEPS,
-    stiffnesses: tuple[float, ...] = STIFFNESSES,
     ratios: tuple[float, ...] = LIMIT_RATIOS,
-) -> Iterator[runs.Job]:
-    """Map of a model; of a chain also the rule and the limit."""
-    for damping in dampings:
-        name = f"{family.model} {family.n}, damping {damping:.2g}"
-        yield name, partial(map_rows, family, damping, timesteps, stiffnesses)
-        if family.model == CHAIN:
-            yield f"{name}, rule", partial(rule_rows, family, damping, stiffnesses)
-            yield f"{name}, limit", partial(limit_rows, family, damping, ratios)
+) -> list[Row]:
+    """All cells of one damping ratio; of a chain also the rule, and runs around its limit.
+
+    The rule picks by itself, and for every integrator that a user may fix. The stability limit is
+    that of the linearised chain in the arm's own stiffness; limits beyond `_LARGEST_LIMIT` first
+    periods are left out: accuracy asks for less.
+    """
+    found = [
+        run_cell(family, stiffness, damping, integrator, timestep)
+        for stiffness, integrator, timestep in product(stiffnesses, family.integrators, timesteps)
+    ]
+    if family.model != CHAIN:
+        return found
+    for stiffness, asked in product(stiffnesses, (None, *family.integrators)):
+        choice = runs.rule_choice(family.system(stiffness, damping), asked)
+        picked = stiffness, damping, choice.integrator, choice.timestep
+        found.append(run_cell(family, *picked, "rule_asked" if asked else "rule"))
+    linear = family.system(1.0, damping).linear
+    for integrator in family.integrators:
+        limit = float(stability_limit(integrator, linear))
+        if limit <= _LARGEST_LIMIT / ARM.first_frequency:
+            steps = (ratio * limit for ratio in ratios)
+            found += [run_cell(family, 1.0, damping, integrator, h, "limit") for h in steps]
+    return found

@@ -36,25 +36,25 @@ class Variation:
     """What differs from the rig.
 
     Attributes:
-        tendon_stiffness, modulus, damping: Factors [1]; that of Young's modulus keeps the damping
-            time.
+        tendon_stiffness_scale, stiffness_scale, damping_scale: Factors [1]; that of Young's modulus
+            keeps the damping time.
         pretension, friction: [N] of every tendon.
         motion: Key of `MOTIONS`.
     """
 
-    tendon_stiffness: float = 1.0
-    modulus: float = 1.0
-    damping: float = 1.0
+    tendon_stiffness_scale: float = 1.0
+    stiffness_scale: float = 1.0
+    damping_scale: float = 1.0
     pretension: float = RIG.tendons[0].pretension
     friction: float = 0.0
     motion: str = "bend"
 
     def robot(self) -> RobotParams:
         """The rig so varied."""
-        varied = RIG.vary(youngs_modulus=self.modulus, damping_time=self.damping)
+        varied = RIG.vary(youngs_modulus=self.stiffness_scale, damping_time=self.damping_scale)
         own = {"pretension": self.pretension, "friction": self.friction}
         tendons = (
-            replace(tendon, stiffness=self.tendon_stiffness * tendon.stiffness, **own)
+            replace(tendon, stiffness=self.tendon_stiffness_scale * tendon.stiffness, **own)
             for tendon in varied.tendons
         )
         return replace(varied, tendons=tuple(tendons))
@@ -98,8 +98,8 @@ TIMESTEPS = (1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2)
 TENDONS = (1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)
 DAMPINGS = (0.0, 0.1, 1.0)
 
-#: A quick run.
-QUICK_TIMESTEPS, QUICK_TENDONS, QUICK_DAMPINGS = (1e-3, 5e-3, 2e-2), (1.0, 1e4), (0.0, 1.0)
+#: A quick run: dampings, tendons and timesteps.
+QUICK = (0.0, 1.0), (1.0, 1e4), (1e-3, 5e-3, 2e-2)
 
 #: Joints of the rig's environments.
 JOINTS = 8
@@ -149,9 +149,9 @@ def _refinement(rig: Variation, system: runs.ChainSystem) -> tuple[str, float]:
 
     With damping, discrete is the only integrator that finds friction.
     """
-    if rig.damping and rig.friction:
+    if rig.damping_scale and rig.friction:
         return "discrete", _FRICTION_STEP
-    integrator = "implicitfast" if rig.damping else "RK4"
+    integrator = "implicitfast" if rig.damping_scale else "RK4"
     limit = stability_limit(integrator, system.linear)
     return integrator, min(_REFERENCE_STEP, _LIMIT_SHARE * limit)
 
@@ -169,12 +169,9 @@ def run(
     trace = system.run(plan)
     verdict, error = judged(trace, truth)
     about = {"case": case, "model": CHAIN, "n": JOINTS, "e_bound": BOUND, "e_tension": error}
-    about |= {name: getattr(rig, name) for name in ("pretension", "friction", "motion")}
-    about |= {"stiffness_scale": rig.modulus, "damping_scale": rig.damping}
-    about |= {"tendon_stiffness_scale": rig.tendon_stiffness, "reference": runs.REFINED}
-    about["stability_limit"] = system.limit(integrator)
+    about |= {"reference": runs.REFINED, "stability_limit": system.limit(integrator)}
     about["uncertainty"] = None if truth.uncertainty == inf else truth.uncertainty
-    return RigRow.of(plan, trace, verdict, **about)
+    return RigRow.of(plan, trace, verdict, **about, **vars(rig))
 
 
 def judged(trace: Trace, truth: Reference) -> tuple[Verdict, float | None]:
@@ -201,13 +198,11 @@ def tension_error(trace: Trace, truth: Reference) -> float:
 
 def jobs(quick: bool = False) -> Iterator[runs.Job]:
     """The map with what the timestep rule picks on it, and the rule for all kinds of rigs."""
-    tendons, dampings = (QUICK_TENDONS, QUICK_DAMPINGS) if quick else (TENDONS, DAMPINGS)
-    steps = QUICK_TIMESTEPS if quick else TIMESTEPS
-    for damping in dampings:
-        for tendon in tendons:
-            rig = Variation(tendon_stiffness=tendon, damping=damping)
-            name = f"rig, tendons x {tendon:g}, damping x {damping:g}"
-            yield name, partial(variation_rows, rig, steps)
+    dampings, tendons, steps = QUICK if quick else (DAMPINGS, TENDONS, TIMESTEPS)
+    for damping, tendon in product(dampings, tendons):
+        rig = Variation(tendon, damping_scale=damping)
+        name = f"rig, tendons x {tendon:g}, damping x {damping:g}"
+        yield name, partial(variation_rows, rig, steps)
     for rig in () if quick else variations():
         yield "rig, timestep rule", partial(variation_rows, rig, ())
 
@@ -219,7 +214,7 @@ def variations() -> Iterator[Variation]:
     for tendon, damping in product((1.0, 1e2, 1e4), (0.0, 1.0)):
         for drive in product((0.0, 0.5, 10.0), (0.0, 0.3), ("bend", "slack")):
             rig = Variation(tendon, 1.0, damping, *drive)
-            if rig != Variation(tendon, damping=damping):  # on the map
+            if rig != Variation(tendon, damping_scale=damping):  # on the map
                 yield rig
 
 

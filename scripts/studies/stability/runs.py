@@ -21,7 +21,7 @@ from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.simulation import DIVERGING
 from softrobot_env.scene.timestep import TimestepChoice, choose_timestep, linearize, stability_limit
-from studies.lab import Record
+from studies.lab import Record, quantity
 
 #: How a run can fail: its motion grows beyond all bounds, or it gives up because Newton's
 #: iteration failed or adapted steps became too many.
@@ -388,7 +388,7 @@ class Row(Record):
     case: str
     model: str
     n: int
-    timestep: float
+    timestep: float = quantity("ms", ".3g", "h")
     integrator: str
     stiffness_scale: float = 1.0
     damping_scale: float = 1.0
@@ -396,9 +396,9 @@ class Row(Record):
     stable: bool
     outcome: str
     failure: str | None
-    e_max: float | None
-    e_bound: float
-    wall_time: float
+    e_max: float | None = quantity("mm", ".2g", "error")
+    e_bound: float = quantity("mm", ".2g", "bound")
+    wall_time: float = quantity("s", ".2g", "time")
     duration: float
     stability_limit: float | None = None
     reference: str | None = None

@@ -4,9 +4,6 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
-from rich.table import Table
-from rich.text import Text
-
 from softrobot_env.rendering import figures
 from softrobot_env.rendering.figures import Axes, Figure, entry
 from softrobot_env.rendering.models import cell_edges, new_maps
@@ -41,17 +38,6 @@ def safe_step(rows: Iterable[Row], unit: Callable[[Row], float] = lambda _: 1.0)
 
 def _short(name: Any) -> str:
     return _SHORT.get(name, f"{name:.2g}" if isinstance(name, float) else name)
-
-
-def _shares(rows: list[Row]) -> Iterable[Table]:
-    """One line per model and integrator."""
-    dampings = sorted({row.damping_ratio for row in select(rows, case="map")})
-    outcomes = {"stable": STABLE, "wrong": WRONG, "div.": DIVERGED, "no c.": NOT_CONVERGED}
-    columns = {name: partial(_share, outcome) for name, outcome in outcomes.items()}
-    columns |= {f"h, z={z:g}": partial(_safe_share, z) for z in (*dampings[:1], *dampings[-1:])}
-    title = "Maps: share of cells in %; largest step up to which all are stable (T1: first period)"
-    lines = "model", "n", "integrator"
-    return pivot(title, lines, columns, where={"case": "map"}, show=_short)(rows)
 
 
 def _share(outcome: str, rows: list[Row]) -> str:
@@ -93,27 +79,6 @@ def _first(outcomes: tuple[str, ...], rows: list[Row]) -> str | None:
     return f"{min(ratios):.2f}" if ratios else None
 
 
-def _extremes(rows: list[Row]) -> Iterable[Table]:
-    """One line per case and model."""
-    mine = [row for row in of_kind(rows, Row) if row.case not in MAP_CASES]
-    failed = (row for row in mine if row.failure)
-    return table(
-        "Extreme cases",
-        *("case", Column("model", lambda row: _short(row.model)), "n"),
-        Column("integrator", lambda row: _short(row.integrator)),
-        Column("h [ms]", "timestep", ".3g", "ms"),
-        Column("error [mm]", _error, ">"),
-        Column("bound", "e_bound", ".2g", "mm"),
-        Column("time [s]", "wall_time", ".2g"),
-        caption="\n".join(f"{row.case}, {_short(row.model)}: {row.failure}" for row in failed),
-    )(mine)
-
-
-def _error(row: Row) -> Text:
-    error = number(row.e_max, ".2g", "mm")
-    return Text(error) if row.stable else Text(f"{error} FAILS", style="red")
-
-
 def _safe(rows: list[RigRow]) -> str:
     if select(rows, outcome=NO_TRUTH):
         return "?"
@@ -125,12 +90,29 @@ def _scales(row: RigRow) -> str:
     return " ".join(f"x {scale:g}" for scale in scales)
 
 
+def _is_extreme(row: Row) -> bool:
+    return row.case not in MAP_CASES
+
+
+_MODEL = Column("model", lambda row: _short(row.model))
+_MAP_OUTCOMES = {"stable": STABLE, "wrong": WRONG, "div.": DIVERGED, "no c.": NOT_CONVERGED}
+
 #: What the rule picks for the rig, by itself and with an integrator asked for.
 _RIG_RULE = {RULE: "rule", ASKED: "asked"}
 _RIG_OUTCOMES = {"stable": STABLE, "wrong": WRONG, "div.": DIVERGED, "no truth": NO_TRUTH}
 
 TABLES = (
-    lambda rows: _shares(of_kind(rows, Row)),
+    pivot(
+        "Maps: share of cells in %; largest step up to which all are stable (T1: first period)",
+        ("model", "n", "integrator"),
+        {
+            **{name: partial(_share, outcome) for name, outcome in _MAP_OUTCOMES.items()},
+            **{f"h, z={z:g}": partial(_safe_share, z) for z in (0.0, 5.0)},
+        },
+        of=Row,
+        where={"case": "map"},
+        show=_short,
+    ),
     pivot(
         "Timestep rule on the map",
         ("n", "damping_ratio"),
@@ -160,7 +142,19 @@ TABLES = (
         headings=("integrator", "n", "zeta"),
         show=_short,
     ),
-    _extremes,
+    table(
+        "Extreme cases",
+        *("case", _MODEL, "n", Column("integrator", lambda row: _short(row.integrator))),
+        *("timestep", "e_max", "e_bound", "wall_time"),
+        of=Row,
+        where=_is_extreme,
+    ),
+    table(
+        "Extreme cases that fail",
+        *("case", _MODEL, "failure"),
+        of=Row,
+        where=lambda row: _is_extreme(row) and not row.stable,
+    ),
     pivot(
         "Rig: largest timestep [ms] up to which all runs are stable (?: no truth)",
         ("damping_scale", "tendon_stiffness_scale"),
@@ -209,7 +203,6 @@ TABLES = (
 _OUTCOMES = {
     WRONG: (figures.ORANGE, "~", "~  finite but wrong"),
     DIVERGED: (figures.VERMILLION, "x", "x  diverged"),
-    NOT_CONVERGED: (figures.PURPLE, "N", "N  Newton's iteration failed"),
     NO_TRUTH: ("#CCCCCC", "?", "?  ended, but refined runs differ"),
 }
 _EMPTY = {"markerfacecolor": "white", "markeredgecolor": "0.6"}
@@ -226,27 +219,27 @@ _LOWEST, _HIGHEST = 0.015, 28.0
 _OWN = ("rule", RULE)
 
 
-def maps(rows: list[Row]) -> dict[str, Figure]:
-    """A map for each model and resolution, and that of the rig."""
-    found = {}
+def arm_maps(rows: list[Row]) -> Figure:
+    """The map of the first chain."""
+    mine = [row for row in of_kind(rows, Row) if row.case in ("map", "rule", "rule_asked")]
+    first = select(mine, model=CHAIN, n=mine[0].n)
     fields = ("damping_ratio", "damping ratio {:.2g}"), ("stiffness_scale", "stiffness / arm's")
-    arms = [row for row in of_kind(rows, Row) if row.case in ("map", "rule", "rule_asked")]
-    for (model, n), mine in groups(arms, "model", "n").items():
-        name = f"{{}}_{model.split('/')[0]}_{n}" if found else "{}"
-        found[name] = _draw(mine, _title(mine[0]), *fields)
+    return _draw(first, _title(mine[0]), *fields)
+
+
+def rig_maps(rows: list[Row]) -> Figure:
+    """The map of the rig, where nothing else differs."""
     usual = {"stiffness_scale": 1.0, "pretension": rig.Variation.pretension, "friction": 0.0}
-    mine = select(of_kind(rows, RigRow), motion="bend", **usual)  # nothing else differs
-    if cells := select(mine, case=MAP):
-        dampings = {row.damping_scale for row in cells}
-        tendons = "tendon_stiffness_scale", "tendon stiffness / nylon's"
-        fields = ("damping_scale", "damping x {:g}"), tendons
-        mine = [row for row in mine if row.damping_scale in dampings]
-        found["{}_rig"] = _draw(mine, _RIG_TITLE, *fields)
-    return found
+    mine = select(of_kind(rows, RigRow), motion="bend", **usual)
+    dampings = {row.damping_scale for row in select(mine, case=MAP)}
+    mine = [row for row in mine if row.damping_scale in dampings]
+    tendons = "tendon_stiffness_scale", "tendon stiffness / nylon's"
+    return _draw(mine, _RIG_TITLE, ("damping_scale", "damping x {:g}"), tendons)
 
 
 PLOTS = {
-    "{}": maps,
+    "{}": arm_maps,
+    "{}_rig": rig_maps,
     "{}_integrators": lines(
         *("evaluations", "error", "integrator"),
         title=gain,
@@ -262,21 +255,18 @@ PLOTS = {
 
 
 def _title(row: Row) -> str:
-    what = f"Beam model {row.model} with {row.n} pieces"
     return (
-        f"{f'MuJoCo chain with {row.n} hinges' if row.model == CHAIN else what}, a step of the "
-        f"tensions, three first periods or {arm_map.MOST_STEPS} steps; green: within "
-        f"{1e3 * row.e_bound:g} mm (5 % of the length) of a refined run"
+        f"MuJoCo chain with {row.n} hinges, a step of the tensions, three first periods or "
+        f"{arm_map.MOST_STEPS} steps; green: within {1e3 * row.e_bound:g} mm (5 % of the length) "
+        "of a refined run"
     )
 
 
-def _message(cells: list[Row], picks: list[Row]) -> str:
-    """How many of the rule's picks are good, or else how many runs of the map."""
-    own = [row for row in picks if row.case in _OWN and row.outcome != NO_TRUTH]
-    rows = own or [row for row in cells if row.outcome != NO_TRUTH]
+def _message(picks: list[Row]) -> str:
+    """How many of the rule's picks are good."""
+    rows = [row for row in picks if row.case in _OWN and row.outcome != NO_TRUTH]
     good = len(select(rows, outcome=STABLE))
-    what = "timesteps that the rule picks by itself" if own else "runs"
-    return f"{good} of {len(rows)} {what} are stable and right"
+    return f"{good} of {len(rows)} timesteps that the rule picks by itself are stable and right"
 
 
 _RIG_TITLE = (
@@ -314,12 +304,12 @@ def _draw(
         own = {"integrator": integrator, field: value}
         _draw_limit(axes, select(cells, **own), x)
         _draw_picks(axes, select(picks, **own), x)
-    figures.add_title(figure, _message(cells, picks), title)
+    figures.add_title(figure, _message(picks), title)
     place = {"location": "right", "shrink": 0.6, "aspect": 30, "pad": 0.01}
     bar = figure.colorbar(shades, ax=[*panels.values()], **place)
     bar.set_label("stable: largest error of the tip [mm]", fontsize=8.5)
     bar.ax.tick_params(labelsize=7.5)
-    figures.add_legend(figure, _entries(cells, picks))
+    figures.add_legend(figure, _entries(cells))
     return figure
 
 
@@ -327,8 +317,7 @@ def _draw_limit(axes: Axes, rows: list[Row], stiffness: str) -> None:
     """The stability limit of the linearised chain, dashed, on axes of one range in all maps."""
     limits = {getattr(r, stiffness): 1e3 * r.stability_limit for r in rows if r.stability_limit}
     axes.plot(sorted(limits), [limits[at] for at in sorted(limits)], "k--", linewidth=1.1)
-    low = axes.get_ylim()[0]
-    axes.set_ylim(_LOWEST if rows[0].model == CHAIN else low, _HIGHEST)  # picks may lie below
+    axes.set_ylim(_LOWEST, _HIGHEST)  # picks may lie below
     axes.set_yticks([0.1, 1, 10], ["0.1", "1", "10"])
     axes.set_xticks([1e-2, 1, 1e2, 1e4])
     axes.minorticks_off()
@@ -348,21 +337,17 @@ def _draw_picks(axes: Axes, rows: list[Row], stiffness: str) -> None:
             axes.plot(x, 1.3 * _LOWEST if below else height, marker=marker, **look)
 
 
-def _entries(cells: list[Row], picks: list[Row]) -> list:
-    """Entries of the legend; axes go below the map where there are picks."""
+def _entries(cells: list[Row]) -> list:
+    """Entries of the legend."""
     square, seen = {"linestyle": "", "marker": "s", "markersize": 9}, groups(cells, "outcome")
-    handles = [
-        entry(text, color=colour, **square)
-        for outcome, (colour, _, text) in _OUTCOMES.items()
-        if (outcome,) in seen
-    ]
-    if picks:
-        handles.append(entry("white: not run", **square | _EMPTY))
-    if cells[0].model != CHAIN:
-        return handles
     point = {"linestyle": "", "markeredgecolor": "black", "markerfacecolor": "white"}
     return [
-        *handles,
+        *(
+            entry(text, color=colour, **square)
+            for outcome, (colour, _, text) in _OUTCOMES.items()
+            if (outcome,) in seen
+        ),
+        entry("white: not run", **square | _EMPTY),
         entry("the rule's own pick", marker="*", markersize=9, **point),
         entry("rule, integrator asked for", marker="o", markersize=5, **point),
         entry("rule's pick below the axis", marker="v", markersize=5, **point),
