@@ -67,7 +67,6 @@ def pytest_collection_finish():
     """What is loaded by now stays: the collector need not look at it again and again."""
     gc.collect()
     gc.freeze()
-    gc.set_threshold(20_000)
 
 
 class _Durations:
