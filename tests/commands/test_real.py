@@ -35,7 +35,7 @@ def patient():
 def test_a_policy_runs_on_a_virtual_robot(tmp_path, capsys):
     out, record = tmp_path / "out", tmp_path / "links"
     learnt = learnt_file(tmp_path / "learnt.npz", twin=0)
-    command = "evaluate --tasks reach --option hold=0.2 --option radius=0.03 --policies hybrid"
+    command = "evaluate --tasks reach --option hold=0.1 --option radius=0.03 --policies hybrid"
     files = ["--out", f"{out}", "--record", f"{record}", "--learnt", f"{learnt}"]
     status = main([*command.split(), "--env", "virtual", *files])
     (row,) = rows_in(out)
