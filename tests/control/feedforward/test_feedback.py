@@ -3,7 +3,6 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
-import mujoco
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -171,13 +170,13 @@ def test_a_weight_and_a_stiffness_change_the_first_modes(stiffer):
 
 
 def test_foretold_motions_are_those_of_a_moving_chain():
-    """A push in fast laps, near the first frequency: what it changes, by MuJoCo's steps."""
+    """A push in fast laps, near the first frequency: what it changes, by the scene's steps."""
     statics, period, turn = ChainStatics(RIG), 0.02, 5.0
     near, mode = Neighbourhood(statics, period), np.zeros((8, 1))
     unknown = DifferenceFilter(3, near.n_built, 1.0, 1.0, period).begin()
     rest, before = statics.begin(np.zeros(3)), None
-    model, push = statics.scene.model, np.array([0.02, 0.0, 0.0])
-    plants, foretold, seen = [Simulated(model), Simulated(model)], [], []
+    scene, push = build_scene(model_scene(RIG)), np.array([0.02, 0.0, 0.0])
+    foretold, actions = [], []
     policy, state, action = InverseDynamics(RIG, period), None, np.zeros(3)
     for k in range(150):
         names = "reference", "reference_velocity", "reference_acceleration"
@@ -187,10 +186,15 @@ def test_foretold_motions_are_those_of_a_moving_chain():
         rest = statics.hold(motion.position, rest, k == 0)
         before = near.about(rest, motion, unknown, before)
         mode, moved = before.later(mode, before.by_inputs @ push[:, None])
-        for plant, share in zip(plants, (0.0, 1.0), strict=True):
-            plant.go((action + share * push) * statics.inputs.input_scale, period)
         foretold.append(moved[0])
-        seen.append((plants[1].tip - plants[0].tip)[:2])
+        actions.append(action)
+    held = round(period / scene.config.control_period)
+    commands = np.repeat(actions, held, axis=0) * statics.inputs.input_scale
+    tips = [
+        scene.tip(scene.simulate(150 * period, commands + more, samples=period).q)[1:, :2]
+        for more in (0.0, push * statics.inputs.input_scale)
+    ]
+    seen = tips[1] - tips[0]
     wrong = np.linalg.norm(np.array(foretold) - seen, axis=1)
     assert wrong.max() < 0.1 * np.linalg.norm(seen, axis=1).max()
 
@@ -209,33 +213,6 @@ def _turned(robot, angle):
 def _uneven(robot, share, azimuth):
     """Stiffer towards an azimuth by half of a share, softer across."""
     return replace(robot, anisotropy=share, stiff_azimuth=azimuth)
-
-
-_STEP = 5e-4  # s
-
-
-class Simulated:
-    """A chain in motion by MuJoCo's steps.
-
-    Attributes:
-        tip: (3,) [m].
-    """
-
-    def __init__(self, model):
-        self._model = model.__copy__()
-        self._model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-        self._model.opt.timestep = _STEP
-        self._data = mujoco.MjData(self._model)
-
-    @property
-    def tip(self):
-        mujoco.mj_kinematics(self._model, self._data)
-        return self._data.site("tip").xpos.copy()
-
-    def go(self, lengths, period):
-        """Hold the tendons' lengths (3,) [m] for a period [s]."""
-        self._data.ctrl[:] = lengths
-        mujoco.mj_step(self._model, self._data, round(period / _STEP))
 
 
 def _lap(turn, time):
