@@ -1,10 +1,9 @@
-"""The planar arm in closed form: against the general model, direct integration and an optimiser."""
+"""The planar arm in closed form: against the general model, the exact rod and an optimiser."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.optimize import minimize
 
 from softrobot_env.beams import planar_arm
@@ -14,6 +13,7 @@ from softrobot_env.beams.planar_arm import make_planar_arm
 from softrobot_env.control.feedforward.motion import least_norm
 from softrobot_env.robots import ARM, CANTILEVER_WEAK
 from softrobot_env.robots.actuation import TendonMap
+from studies.truths.tendon_rod import tendon_rod
 
 # ---------------------------------------------------------------- statics
 
@@ -25,27 +25,15 @@ def statics():
     return ConstantCurvatureStatics(ARM)
 
 
-def integrate(robot, reduced):
-    """Tip by integrating x' = sin t, z' = cos t, t' = sum of F r / EI of the pairs beyond s."""
-    radius, ends = robot.tendons[0].offset[0], [t.end for t in robot.tendons[::2]]
-    state, start = np.zeros(3), 0.0
-    for end in ends:
-        bend = sum(f * radius for f, e in zip(reduced, ends, strict=True) if e >= end)
-        k = bend / robot.bending_stiffness
-        span = solve_ivp(
-            lambda s, y, k=k: [k, np.sin(y[0]), np.cos(y[0])],
-            (start, end),
-            state,
-            rtol=1e-11,
-            atol=1e-12,
-        )
-        state, start = span.y[:, -1], end
-    return state[1:]
+def exact_tip(reduced):
+    """Of the rod in space that the tendons pull."""
+    tension = TendonMap(ARM).tension(np.array(reduced))
+    return tendon_rod(ARM, tension, [ARM.length]).tip[[0, 2]]
 
 
 @pytest.mark.parametrize("reduced", INPUTS)
-def test_tip_is_the_integral_of_the_tangent(statics, reduced):
-    np.testing.assert_allclose(statics.tip(np.array(reduced)), integrate(ARM, reduced), atol=1e-9)
+def test_tip_is_that_of_the_exact_rod(statics, reduced):
+    np.testing.assert_allclose(statics.tip(np.array(reduced)), exact_tip(reduced), atol=1e-9)
 
 
 # Audit, "arm2d equilibria", printed to 0.1 mm.
@@ -80,7 +68,7 @@ def test_jacobian_is_the_derivative_of_the_tip(statics, reduced):
 def test_inverse_holds_the_target_with_least_tension(statics, target):
     found = least_norm(statics, np.array(target), np.full(3, 5.0 * np.sign(target[0])))
     assert found.converged
-    np.testing.assert_allclose(integrate(ARM, found.reduced), target, atol=1e-8)
+    np.testing.assert_allclose(exact_tip(found.reduced), target, atol=1e-8)
     general = minimize(
         lambda u: u @ u,
         found.reduced * 1.1,

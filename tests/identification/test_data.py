@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
+from scipy.optimize import brentq, minimize
 from scipy.spatial import cKDTree
 
 from softrobot_env.beams.pcc import PCC
@@ -92,12 +92,11 @@ def test_lengths_hold_the_points_with_least_tensions():
 def bend_to(point):
     """Curvatures (beta, gamma) of the circular arc with a straight head that ends at a point."""
     distance = np.hypot(*point)
-    low, high = 0.0, 1.7
-    for _ in range(100):
-        angle = (low + high) / 2
-        arc = RIG.length * (1 - np.cos(angle)) / max(angle, 1e-300)
-        low, high = (angle, high) if arc + 0.022 * np.sin(angle) < distance else (low, angle)
-    return angle / RIG.length * point / distance
+
+    def beyond(angle):
+        return RIG.length * (1 - np.cos(angle)) / angle + 0.022 * np.sin(angle) - distance
+
+    return brentq(beyond, 1e-9, 1.7, xtol=1e-15) / RIG.length * point / distance
 
 
 def test_points_out_of_reach_and_bad_disks_are_refused():
