@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.optimize import minimize
+from support.derivatives import differences
 
 from softrobot_env.beams import planar_arm
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
@@ -59,9 +60,8 @@ def test_curvature_adds_the_pairs_that_reach_a_station(statics):
 
 @pytest.mark.parametrize("reduced", INPUTS)
 def test_jacobian_is_the_derivative_of_the_tip(statics, reduced):
-    u, step = np.array(reduced), 1e-4
-    columns = [(statics.tip(u + e) - statics.tip(u - e)) / (2 * step) for e in step * np.eye(3)]
-    np.testing.assert_allclose(statics.jacobian(u), np.transpose(columns), atol=1e-10)
+    u = np.array(reduced)
+    np.testing.assert_allclose(statics.jacobian(u), differences(statics.tip, u, 1e-4), atol=1e-10)
 
 
 @pytest.mark.parametrize("target", [(0.2, 0.43), (-0.31, 0.3), (0.05, 0.48), (0.35, 0.25)])
@@ -134,10 +134,7 @@ def test_tip_and_its_derivative(state):
     point, jacobian = np.empty(2), np.empty((2, 6))
     planar_arm.tip(DATA, q, point, jacobian)
     np.testing.assert_allclose(point, MODEL.tip(q)[[0, 2]], atol=1e-14)
-    step = 1e-6
-    for k, direction in enumerate(step * np.eye(6)):
-        slope = (MODEL.tip(q + direction) - MODEL.tip(q - direction))[[0, 2]] / (2 * step)
-        np.testing.assert_allclose(jacobian[:, k], slope, atol=1e-9)
+    np.testing.assert_allclose(jacobian, differences(MODEL.tip, q, 1e-6)[[0, 2]], atol=1e-9)
 
 
 def test_derivatives_are_those_of_the_residual(state):
@@ -150,11 +147,11 @@ def test_derivatives_are_those_of_the_residual(state):
         planar_arm.residual(DATA, q, v, a, u, out)
         return out
 
-    for k, e in enumerate(1e-5 * np.eye(6)):
-        slope_q = (residual(q + e, v) - residual(q - e, v)) / 2e-5
-        slope_v = (residual(q, v + e) - residual(q, v - e)) / 2e-5
-        np.testing.assert_allclose(by_q[:, k], slope_q, rtol=1e-5, atol=1e-9)
-        np.testing.assert_allclose(by_v[:, k], slope_v, rtol=1e-5, atol=1e-9)
+    for found, slope in (
+        (by_q, differences(lambda x: residual(x, v), q, 1e-5)),
+        (by_v, differences(lambda x: residual(q, x), v, 1e-5)),
+    ):
+        np.testing.assert_allclose(found, slope, rtol=1e-5, atol=1e-9)
 
 
 def test_series_and_closed_form_meet():

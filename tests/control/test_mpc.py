@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy import ndarray
 from scipy.optimize import least_squares
+from support.derivatives import differences
 
 from softrobot_env.beams import planar_arm
 from softrobot_env.beams.model import State
@@ -197,18 +198,17 @@ def test_cost_and_its_model_follow_from_the_path(name):
     """Cost, gradient and Gauss-Newton Hessian against finite differences of the terms."""
     settings = SETTINGS[name]
     solver, problem = optimiser(settings), make_problem(settings, force=1e-3)
-    inputs, step = some_inputs(settings), 1e-3
+    inputs = some_inputs(settings)
     now = solver.evaluate(problem, inputs, settings.no_guess(6))
     terms = residuals(solver, settings, problem, inputs)
     assert now.cost == pytest.approx(terms @ terms, rel=1e-12)
     alone = solver.evaluate(problem, inputs, settings.no_guess(6), differentiate=False)
     assert alone.cost == now.cost and alone.gradient.size == 0
-    slopes = []
-    for direction in step * np.eye(inputs.size):
-        d = direction.reshape(inputs.shape)
-        ahead, behind = (residuals(solver, settings, problem, inputs + s * d) for s in (1, -1))
-        slopes.append((ahead - behind) / (2 * step))
-    slopes = np.array(slopes).T
+    slopes = differences(
+        lambda x: residuals(solver, settings, problem, x.reshape(inputs.shape)),
+        inputs.ravel(),
+        1e-3,
+    )
     scale = np.abs(now.hessian).max()
     np.testing.assert_allclose(now.gradient, 2 * terms @ slopes, atol=1e-5 * scale)
     np.testing.assert_allclose(now.hessian, 2 * slopes.T @ slopes, atol=1e-5 * scale)

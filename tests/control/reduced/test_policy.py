@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.derivatives import differences
 
 from softrobot_env.control.reduced.environment import ssm_environment
 from softrobot_env.control.reduced.planning import outputs, program
@@ -51,18 +52,12 @@ def test_derivatives_of_the_model_are_right(policy):
         advance(model.motion, now, both[n:], np.empty(len(model.motion.parents)))
         return now
 
-    both, step = np.concatenate([x, u]), 1e-6
-    numeric = [
-        (moved(both + step * e) - moved(both - step * e)) / (2 * step) for e in np.eye(n + m)
-    ]
-    np.testing.assert_allclose(np.hstack([transition, effect]), np.array(numeric).T, atol=1e-7)
+    numeric = differences(moved, np.concatenate([x, u]), 1e-6)
+    np.testing.assert_allclose(np.hstack([transition, effect]), numeric, atol=1e-7)
     z, slope = np.empty(2), np.empty((2, n))
     outputs(policy._shape, model.origin, x, z, slope)
     np.testing.assert_allclose(z, model.decode(x), atol=1e-12)
-    numeric = [
-        (model.decode(x + step * e) - model.decode(x - step * e)) / (2 * step) for e in np.eye(n)
-    ]
-    np.testing.assert_allclose(slope, np.array(numeric).T, atol=1e-7)
+    np.testing.assert_allclose(slope, differences(model.decode, x, 1e-6), atol=1e-7)
 
 
 def test_the_gradient_of_a_plan_is_right(policy):

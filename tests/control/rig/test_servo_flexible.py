@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.derivatives import differences
 from support.flexible_plan import inputs, internal_poles, output, plan
 
 from softrobot_env.beams.pcc import PCC
@@ -130,12 +131,7 @@ def test_internal_poles_are_zeros_of_the_transfer_matrix(three):
     found = internal_poles(three, q, reduced)
     assert len(found) == 8
     space = three.model.linearize(three.model.start()._replace(q=q), three.tendons.tension(reduced))
-    step = 1e-6
-    outputs = [
-        (output(three, (q + e)[None]) - output(three, (q - e)[None]))[0] / (2 * step)
-        for e in step * np.eye(6)
-    ]
-    c = np.hstack([np.array(outputs).T, np.zeros((2, 6))])
+    c = np.hstack([differences(lambda x: output(three, x[None])[0], q, 1e-6), np.zeros((2, 6))])
     b = space.b @ three.tendons.spread
 
     def smallest_gain(s):
