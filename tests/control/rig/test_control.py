@@ -86,22 +86,6 @@ def test_the_dynamic_part_vanishes_at_rest():
     np.testing.assert_allclose(alone, nominal_lengths(RIG, still.position[None], TOTAL)[0])
 
 
-def test_the_dae_of_one_piece_gives_the_closed_form():
-    """Two ways to the same inputs: integration in time, and algebra."""
-    times = np.arange(0, 3, PERIOD)
-    now, then = motions(FAST, times), motions(FAST, times + PERIOD / 2)
-    exact, integrated = OnePiece(RIG), SeveralPieces(RIG, pieces=1)
-    one = two = None
-    off, size = [], []
-    for a, b in zip(now, then, strict=True):
-        truth, one = exact.step(one, a, b, PERIOD)
-        found, two = integrated.step(two, a, b, PERIOD)
-        off.append(found.dynamic - truth.dynamic)
-        size.append(truth.dynamic)
-    assert np.max(np.abs(size)) > 4e-3
-    assert np.max(np.abs(off)) < 0.03 * np.max(np.abs(size))
-
-
 @pytest.mark.parametrize("far", [0.08, 0.0049])
 def test_after_a_jump_the_model_begins_anew_at_rest(far):
     model = SeveralPieces(RIG)

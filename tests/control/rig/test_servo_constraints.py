@@ -85,14 +85,6 @@ def test_the_height_of_a_reference_is_ignored():
     assert all(np.array_equal(a, b) for a, b in zip(flat, raised, strict=True))
 
 
-def test_static_tensions_hold_the_general_model():
-    model = PCC(RIG, 1, axes="spatial", inertia=SUBPIECES)
-    for z in ([0.0, 0.0], [0.09, 0.0], [-0.07, 0.1]):
-        (tension,) = rig_piece.plan(SERVO, np.array([z]), *np.zeros((2, 1, 2))).tension
-        q = model.equilibrium(tension, load_steps=10)
-        np.testing.assert_allclose(outputs(q[None])[0], z, atol=1e-9)
-
-
 # ---------------------------------------------------------------- forward simulation
 
 

@@ -3,16 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.derivatives import differences
-from support.flexible_plan import inputs, internal_poles, output, plan
+from support.flexible_plan import internal_poles, output, plan
 
-from softrobot_env.beams.pcc import PCC
-from softrobot_env.beams.signals import held
 from softrobot_env.robots import RIG
 from softrobot_env.thesis.rig import servo_flexible
 from softrobot_env.thesis.rig.servo_constraints import ServoConstraints
 from softrobot_env.thesis.rig.servo_dae import hold
 from softrobot_env.thesis.rig.servo_flexible import FlexibleServoConstraints, InversionError
-from softrobot_env.thesis.rig.spatial_piece import SUBPIECES
 from softrobot_env.thesis.trajectories import LapCircle, RoundedTriangle
 from studies.truths import rig_piece
 
@@ -91,18 +88,6 @@ def test_statics_hold_the_model(three):
         np.testing.assert_allclose(held_by, q, atol=1e-7)
 
 
-def test_steps_are_those_of_the_plan(three):
-    found = plan(three, FAST, TIMES[:160])
-    progress = three.start(FAST.position(TIMES[:1])[0])
-    for k in range(1, 160):
-        position, velocity = (f(TIMES[k : k + 1])[0] for f in (FAST.position, FAST.velocity))
-        progress = three.step(progress, 1 / RATE, position, velocity)
-    tension, pulled = inputs(three, progress.q[2], progress.reduced)
-    np.testing.assert_allclose(progress.reduced, found.reduced[-1], atol=1e-9)
-    np.testing.assert_allclose(tension, found.tension[-1], atol=1e-9)
-    np.testing.assert_allclose(pulled, found.pulled[-1], atol=1e-9)
-
-
 def test_forward_integration_grows_where_a_pole_says_so():
     """Undamped, on a slow circle: at 120 mm a pole grows by 8 1/s, at 90 mm none does."""
     servo = FlexibleServoConstraints(replace(RIG, damping_time=0.0), 3)
@@ -152,27 +137,6 @@ def test_without_damping_far_bends_are_not_minimum_phase():
     """Up to there two undamped oscillations; then they meet and one of them grows."""
     near, far, beyond = (poles(3, radius, 0.0).real.max() for radius in (0.0, 0.09, 0.12))
     assert max(near, far) < 1e-6 and beyond > 5
-
-
-def test_more_pieces_pay_on_a_finer_rig(three):
-    """Forward simulation of another number of pieces than the inverse has."""
-    plant = FlexibleServoConstraints(RIG, 2)
-    model = PCC(RIG, 2, axes="spatial", inertia=SUBPIECES, drive="length")
-    t = (np.arange(len(TIMES)) + 0.5) / RATE
-    motion = (FAST.position(t), FAST.velocity(t), FAST.acceleration(t))
-    largest = []
-    for pulled in (
-        rig_piece.plan(ServoConstraints(RIG), *motion).pulled,
-        plan(three, FAST, t, 4).pulled,
-        plan(plant, FAST, t, 4).pulled,
-    ):
-        found = model.simulate(
-            FAST.end_time, held(pulled[:-1], 1 / RATE), samples=TIMES, tolerance=1e-5
-        )
-        gap = output(plant, found.q) - FAST.position(TIMES)[:, :2]
-        largest.append(np.linalg.norm(gap, axis=1).max())
-    assert largest[0] > 3 * largest[1]
-    assert largest[2] < 2e-4
 
 
 def test_out_of_reach_is_refused_with_the_time(three):

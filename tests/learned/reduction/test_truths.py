@@ -130,16 +130,6 @@ def test_the_normal_form_of_a_duffing_oscillator():
     assert found.imag == pytest.approx(3 * KAPPA / (8 * W), rel=0.01)
 
 
-def test_decays_that_were_not_seen_are_predicted():
-    def rate(_, y):
-        return [y[1], -2 * ZETA * W * y[1] - W * W * y[0] - KAPPA * y[0] ** 3]
-
-    unseen = record(solved(rate, [0.37, 0.4], 10.0)[:, :1])
-    model = duffing()[1]
-    gap = model.predict_record(unseen) - unseen.outputs[model.delays - 1 :]
-    assert np.abs(gap).max() < 0.01 * 0.37
-
-
 def test_a_manifold_of_two_time_scales():
     """q'' + 2 c q' + w^2 q = 0 drives y' = -mu y + q^2: y = a q^2 + b q q' + d q'^2, solved."""
     w, c, mu = 3.0, 0.15, 25.0
