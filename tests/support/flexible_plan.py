@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
+from scipy.linalg import null_space
 
 from softrobot_env.beams.model import State
 from softrobot_env.thesis.rig.servo_dae import output_matrix, place_output
@@ -78,7 +79,7 @@ def internal_poles(servo, q, reduced):
         reduced: (2,) [N] that hold it.
     """
     space = servo.model.linearize(State(q, np.zeros_like(q)), servo.tendons.tension(reduced))
-    hidden, free = _null_space(_output_matrix(servo, q)), _null_space(servo.data.inputs.T)
+    hidden, free = null_space(_output_matrix(servo, q)), null_space(servo.data.inputs.T)
     m, d, k = (free.T @ x @ hidden for x in (space.mass, space.damping, space.stiffness))
     lower = -np.linalg.solve(m, np.hstack([k, d]))
     poles = np.linalg.eigvals(np.vstack([np.eye(*lower.shape, len(m)), lower]))
@@ -89,8 +90,3 @@ def _output_matrix(servo, q):
     outputs = np.empty((2, len(q)))
     output_matrix(servo.data, q, outputs)
     return outputs
-
-
-def _null_space(matrix):
-    """Orthonormal basis (n, n - m) of the null space of a matrix (m, n) of full rank."""
-    return np.linalg.svd(matrix)[2][len(matrix) :].T
