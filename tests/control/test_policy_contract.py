@@ -208,12 +208,12 @@ def test_states_and_starts_of_other_numbers_of_environments_are_refused(policy, 
             policy.predict(observation, state, start)
 
 
-@pytest.mark.parametrize("value", [1e6, 1e200])
-def test_absurd_observations_do_not_stay(policy, seen, value):
+def test_absurd_observations_do_not_stay(policy, seen):
     for key in policy.requires:
         state = None
         for k, observation in enumerate(seen[0]):
-            if k == 2:
+            if k in (2, 5):
+                value = 1e6 if k == 2 else 1e200
                 observation = {**observation, key: np.full_like(observation[key], value)}
             with np.errstate(all="ignore"):
                 action, state = policy.predict(observation, state)
@@ -221,17 +221,18 @@ def test_absurd_observations_do_not_stay(policy, seen, value):
         assert state_is_finite(state), key
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_observations_that_are_not_finite_keep_the_action(policy, seen, value):
+def test_observations_that_are_not_finite_keep_the_action(policy, seen):
     """And nothing of it stays in the state."""
     for key in policy.requires:
-        bad = {**seen[0][0], key: np.full_like(seen[0][0][key], value)}
-        action, state = policy.predict(bad, None)
-        assert np.all(np.isfinite(action)) and np.all(np.abs(action) <= 1)
-        if policy.requires != ("previous_action",):  # `hold` looks at nothing else
-            assert "not finite" in state.status
-            if key != "previous_action":
-                np.testing.assert_allclose(action, bad["previous_action"], atol=1e-6)
+        state = None
+        for value in (np.nan, np.inf):
+            bad = {**seen[0][0], key: np.full_like(seen[0][0][key], value)}
+            action, state = policy.predict(bad, state)
+            assert np.all(np.isfinite(action)) and np.all(np.abs(action) <= 1)
+            if policy.requires != ("previous_action",):  # `hold` looks at nothing else
+                assert "not finite" in state.status
+                if key != "previous_action":
+                    np.testing.assert_allclose(action, bad["previous_action"], atol=1e-6)
         for observation in seen[0]:
             action, state = policy.predict(observation, state)
         assert np.all(np.isfinite(action)) and state_is_finite(state)
