@@ -160,7 +160,8 @@ def test_imports_go_down_only(sources):
     assert not offenders(sources, up)
 
 
-def imports_of_modules(sources) -> dict[str, set[str]]:
+@pytest.fixture(scope="module")
+def imports(sources) -> dict[str, set[str]]:
     """Module -> modules of ours that it imports, also within functions, but for types alone."""
     named = {
         ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
@@ -198,15 +199,14 @@ def in_circles(imports: dict[str, set[str]]) -> list[str]:
             del left[name]
 
 
-def test_no_modules_import_each_other(sources):
-    imports = imports_of_modules(sources)
+def test_no_modules_import_each_other(imports):
     assert len(imports) > 100
     assert not in_circles(imports)
 
 
-def test_no_parts_import_each_other(sources):
+def test_no_parts_import_each_other(imports):
     parts: dict[str, set[str]] = {}
-    for module, names in imports_of_modules(sources).items():
+    for module, names in imports.items():
         part = ([*module.split("."), "__init__"])[1]
         others = {([*name.split("."), "__init__"])[1] for name in names}
         parts.setdefault(part, set()).update(others - {part})
