@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.derivatives import differences
 
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.robots import ARM, RIG, Head
@@ -53,32 +54,15 @@ def test_energies_are_those_of_the_general_model(state):
 
 def forces_of_lagrange(piece, y, v, a):
     """M a + k by differences of the energies: d/dt dT/dv - dT/dy."""
-    step = 1e-4
 
-    def momentum(y, v):
-        energy = [
-            rig_piece.energies(piece, y, v + s)[0]
-            for s in (*(1e-3 * np.eye(2)), *(-1e-3 * np.eye(2)))
-        ]
-        return (np.array(energy[:2]) - energy[2:]) / 2e-3  # exact: quadratic in v
-
-    def energy(y):
+    def kinetic(y, v):
         return rig_piece.energies(piece, y, v)[0]
 
-    weights = ((1, 8 / 12), (2, -1 / 12))
-    along = sum(
-        w
-        * (
-            momentum(y + k * step * v, v + k * step * a)
-            - momentum(y - k * step * v, v - k * step * a)
-        )
-        for k, w in weights
-    )
-    across = [
-        sum(w * (energy(y + k * e) - energy(y - k * e)) for k, w in weights)
-        for e in step * np.eye(2)
-    ]
-    return (along - np.array(across)) / step
+    def momentum(y, v):
+        return differences(lambda x: kinetic(y, x), v, 1e-3)  # exact: quadratic in v
+
+    along = differences(lambda t: momentum(y + t * v, v + t * a), np.zeros(1), 1e-4, 4)[:, 0]
+    return along - differences(lambda x: kinetic(x, v), y, 1e-4, 4)
 
 
 @pytest.mark.parametrize("make", [make_rig_piece, rig_piece.distributed])
@@ -127,13 +111,11 @@ def test_output_is_on_the_tangent_of_the_end(state):
 
 def test_derivatives_of_the_output(state):
     y, v, _, _ = state
-    bias, h = np.empty(3), 1e-3
+    bias = np.empty(3)
     rig_piece.output_bias(PIECE, y, v, bias)
-    for i, e in enumerate(h * np.eye(2)):
-        near, far = output(y + e)[0] - output(y - e)[0], output(y + 2 * e)[0] - output(y - 2 * e)[0]
-        np.testing.assert_allclose(output(y)[1][:, i], (8 * near - far) / (12 * h), atol=1e-10)
-    h = 1e-4
-    rate = (output(y + h * v)[1] - output(y - h * v)[1]) / (2 * h)
+    slope = differences(lambda x: output(x)[0], y, 1e-3, 4)
+    np.testing.assert_allclose(output(y)[1], slope, atol=1e-10)
+    rate = differences(lambda t: output(y + t * v)[1], np.zeros(1), 1e-4)[..., 0]
     np.testing.assert_allclose(bias, rate @ v, atol=1e-5)
 
 
