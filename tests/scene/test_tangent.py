@@ -5,6 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from support.derivatives import differences
 
 from softrobot_env.robots import CANTILEVER_WEAK, Head, Tendon
 from softrobot_env.robots.loads import Load
@@ -61,14 +62,11 @@ def moved(model, q, turns):
     return q
 
 
-def differences(forces, q, ctrl, step=1e-5):
-    """Central differences of the force (nv, nv)."""
+def slopes(forces, q, ctrl, step=1e-5):
+    """Of the force (nv, nv)."""
     model = forces.model
-    columns = [
-        forces.force(moved(model, q, move), ctrl) - forces.force(moved(model, q, -move), ctrl)
-        for move in step * np.eye(model.nv)
-    ]
-    return np.stack(columns, axis=1) / (2 * step)
+    still = np.zeros(model.nv)
+    return differences(lambda x: forces.force(moved(model, q, x), ctrl).copy(), still, step)
 
 
 def worst(config, ctrl, seed=0):
@@ -77,7 +75,7 @@ def worst(config, ctrl, seed=0):
     errors = []
     for size in (0.3, 1.0):
         q = moved(forces.model, forces.model.qpos0, rng.normal(0, size, forces.model.nv))
-        truth = differences(forces, q, ctrl)
+        truth = slopes(forces, q, ctrl)
         forces.force(q, ctrl)
         errors.append(np.max(np.abs(forces.tangent() - truth)) / np.max(np.abs(truth)))
     return max(errors)
@@ -181,7 +179,7 @@ def test_friction_has_its_derivative_while_tendons_stick_and_slide():
     forces, ctrl = RubbingForces(model, q), np.full(model.nu, 5e-3)  # all are taut
     # One tendon slides in, one out, and one sticks: differences must not break it loose.
     forces.anchors[np.flatnonzero(model.tendon_frictionloss)] += (1e-3, -1e-3, 1e-5)
-    found = differences(forces, q, ctrl, step=1e-9)
+    found = slopes(forces, q, ctrl, step=1e-9)
     rub = forces.force(q, ctrl) - StaticForces(model).force(q, ctrl)
     assert np.abs(forces.tangent() - found).max() < 1e-3 * np.abs(found).max()
     # It pulls a tendon back by 0.4 N where that slides, and by half of it where that sticks.
@@ -211,7 +209,7 @@ def test_friction_of_the_backbone_has_its_derivative_while_joints_stick_and_slid
     places = np.flatnonzero(bends).reshape(-1, 2)  # of each station
     away[places[::2]] = (0.03, -0.04)  # those slide, the others stick
     forces = RubbingForces(model, moved(model, q, away))
-    found = differences(forces, q, ctrl, step=1e-8)
+    found = slopes(forces, q, ctrl, step=1e-8)
     assert np.abs(forces.tangent() - found).max() < 1e-4 * np.abs(found).max()
     slack = 0 * ctrl  # whose tendons do not rub
     rub = forces.force(q, slack) - StaticForces(model).force(q, slack)
