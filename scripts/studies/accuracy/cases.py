@@ -83,6 +83,11 @@ class Row(Record):
         """Whether the model is the MuJoCo chain."""
         return self.model.startswith("mujoco_chain/")
 
+    @property
+    def rule(self) -> str:
+        """Hinge rule of the chain; empty of other models."""
+        return self.model.partition("/")[2] if self.is_chain else ""
+
 
 @dataclass(frozen=True)
 class Physics:

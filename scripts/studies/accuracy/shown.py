@@ -1,8 +1,8 @@
 """The accuracy rows as tables that fit a terminal of 100 columns, and as pictures."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import pairwise
+from itertools import chain, pairwise
 from math import ceil, log2
 from typing import Any
 
@@ -11,13 +11,12 @@ from rich.text import Text
 
 from softrobot_env.evaluation.models.runs import front
 from softrobot_env.rendering import figures
-from softrobot_env.rendering.figures import STYLES, Axes, Figure, SubFigure, plain_ticks, style_of
+from softrobot_env.rendering.figures import STYLES, Axes, Figure, plain_ticks, style_of
 from softrobot_env.rendering.models import draw_front, model_entries
-from softrobot_env.scene.quadrature import RULES
 from studies.accuracy import pyelastica_rod, rig, spiral, tension_step
 from studies.accuracy.cases import DURATION, Row
 from studies.accuracy.space import HEADINGS, ROBOTS, name_of
-from studies.lab import Column, groups, new_table, number, pivot, select, table, verdict
+from studies.lab import Column, groups, lines, new_table, number, pivot, select, table, verdict
 from studies.truths import thesis_values as values
 
 #: Resolutions shown; gauss3 and the Cosserat rod have their nearest numbers.
@@ -190,30 +189,27 @@ _RUN_TIME = "run time of 3 s of motion [ms]"
 _ALLOWED = 1e-3
 
 
-def _work_precision(rows: list[Row]) -> Figure:
-    moving = {case: select(rows, kind="dynamic", case=case) for case in MOTIONS}
+def _work_precision(titles: dict[str, str], rows: list[Row]) -> Figure | None:
+    """A panel for each of some motions."""
+    moving = {case: select(rows, kind="dynamic", case=case) for case in titles}
+    moving = {case: mine for case, mine in moving.items() if mine}
+    if not moving:
+        return None
     panels: list[Callable[[Axes], None]] = []
     for case, mine in moving.items():
-        if mine:
-            panels.append(partial(_draw_motions, rows=mine, title=MOTIONS[case]))
-        if mine and case == spiral.CASE:
+        panels.append(partial(_draw_motions, rows=mine, title=titles[case]))
+        if case == spiral.CASE:
             panels.append(partial(_draw_in_time, rows=mine))
-    lines = ceil(len(panels) / 2)
-    figure, grid = figures.new_figure(lines, 2, (10, 4.2 * lines))
+    down = ceil(len(panels) / 2)
+    figure, grid = figures.new_figure(down, 2, (10, 4.2 * down))
     for axes, draw in zip(grid.flat, panels, strict=False):
         draw(axes)
         plain_ticks(axes)
         _draw_real_time(axes)
-    message = _fastest([*filter(None, moving.values())])
-    subject = "All runs, and the best of each model joined"
-    _finish(figure, select(rows, kind="dynamic"), message, subject)
+    message, runs = _fastest([*moving.values()]), chain.from_iterable(moving.values())
+    figures.add_legend(figure, model_entries(row.family for row in runs))
+    figures.add_title(figure, message, "All runs, and the best of each model joined")
     return figure
-
-
-def _finish(figure: Figure, rows: Iterable[Row], message: str, subject: str = "") -> None:
-    """Title, and a legend of the models of some rows."""
-    figures.add_legend(figure, model_entries(row.family for row in rows))
-    figures.add_title(figure, message, subject)
 
 
 def _fastest(motions: list[list[Row]]) -> str:
@@ -235,7 +231,7 @@ def _fastest(motions: list[list[Row]]) -> str:
 def _draw_motions(axes: Axes, rows: list[Row], title: str) -> None:
     for model in STYLES:
         _draw_front(axes, model, select(rows, family=model), "e_mean")
-    _label(axes, title, _RUN_TIME)
+    _label(axes, title)
     axes.set_ylabel("mean tip error [mm]")
 
 
@@ -243,15 +239,6 @@ def _draw_front(axes: Axes, model: str, rows: list[Row], error: str) -> None:
     """All runs of a model as faint points, those that none beats joined."""
     drawn = (lambda row: 1e3 * getattr(row, error)), (lambda row: 1e3 * row.wall_time)
     draw_front(axes, rows, style_of(model).points, error, "wall_time", *drawn)
-
-
-def _draw(
-    axes: Axes, rows: Iterable[Row], x: str, y: str = "e_mean", floor: float = 0.0, **line: Any
-) -> None:
-    """Errors [mm], or [%] if relative, over n or run times [ms]."""
-    factor = 100 if y == "e_relative" else 1e3
-    places = [(getattr(r, x) * (1 if x == "n" else 1e3), getattr(r, y)) for r in rows]
-    axes.plot([at for at, _ in places], [max(floor, factor * e) for _, e in places], **line)
 
 
 def _draw_real_time(axes: Axes) -> None:
@@ -277,202 +264,38 @@ def _draw_in_time(axes: Axes, rows: list[Row]) -> None:
         text = f"{ {'cosserat': 'CR'}.get(name, name.upper()) } {pieces}"
         offset = {"xytext": (0, 6), "textcoords": "offset points", "ha": "center", "va": "bottom"}
         axes.annotate(text, (1e3 * euler[0], errors[0]), **offset, **small)
-    _label(axes, "The same, error in time alone, pieces of the thesis", _RUN_TIME)
+    _label(axes, "The same, error in time alone, pieces of the thesis")
     axes.set_ylabel("largest tip error [mm]")
     axes.set_ylim(top=5 * max(errors))  # room for the names
     text = "grey: thesis,\nlarge ode15s,\nsmall implicit Euler"
     axes.text(0.98, 0.03, text, ha="right", va="bottom", transform=axes.transAxes, **small)
 
 
-# ---------------------------------------------------------------- error against resolution
-
-#: The chain's rule in figures of all models.
-_RULE = "mujoco_chain/balanced2"
-
-#: Errors [mm, %] below are drawn at this value.
-_FLOORS = (1e-5, 1e-6)
-
-#: Joints of the chain in titles.
-_TOLD = 24
-
-
-def _resolution(rows: list[Row]) -> Figure:
-    figure, _ = figures.new_figure(0, 0, (12, 6.4))
-    upper, lower = figure.subfigures(2, 1)
-    _draw_resolutions(upper, rows, STATIC, "e_mean", _FLOORS[0])
-    _draw_resolutions(lower, rows, NUMBERS, "e_relative", _FLOORS[1])
-    chains = select(rows, kind="static", model=_RULE, n=_TOLD)
-    known = [row.e_mean for row in chains if row.e_mean is not None and row.case in STATIC]
-    message = "Errors fall with the resolution"
-    if known:
-        message = f"At rest the chain with {_TOLD} joints errs by {1e3 * max(known):.2g} mm at most"
-    subject = (
-        "Each model to the exact solution of its own physics (less than "
-        f"{_FLOORS[0]:g} mm or {_FLOORS[1]:g} %: at the bottom)"
-    )
-    _finish(figure, [r for r in rows if r.kind in ("static", "number")], message, subject)
-    return figure
-
-
-def _draw_resolutions(
-    part: SubFigure, rows: list[Row], titles: dict[str, str], error: str, floor: float
-) -> None:
-    """A panel for each case, with a line for each model."""
-    panels = figures.add_panels(part, 1, len(titles), share=True)[0]
-    for axes, (case, title) in zip(panels, titles.items(), strict=True):
-        for model in STYLES:
-            mine = select(rows, case=case, model=_RULE if model == "mujoco_chain" else model)
-            mine = [row for row in mine if row.kind in ("static", "number")]
-            line = {"markersize": 4.5, "linewidth": 1.3}
-            _draw(axes, mine, "n", error, floor, **style_of(model).points, **line)
-        _label(axes, title, "pieces (chain: joints)")
-        _set_ticks(axes, (3, 6, 12, 24, 48))
-    panels[0].set_ylabel("tip error [mm]" if error == "e_mean" else "error [%]")
-    if floor:
-        panels[0].set_ylim(bottom=floor / 2)
-
-
-# ---------------------------------------------------------------- hinge rules
-
-#: Cases whose truth is the same for all hinge rules.
-_RULE_CASES = (*STATIC,)[:5]
-
-#: Chains shown by hinge rule; gauss3 has other numbers and goes to the nearest.
-_NEAREST = {9: 6, 18: 12, 36: 24}
-
-#: Line styles and faces of markers, by integrator.
-_LINES = {"implicitfast": ("-", {}), "discrete": (":", {"markerfacecolor": "white"})}
-_POINT = {"markersize": 4, "linewidth": 1.2}
-
-
-def _rules(rows: list[Row]) -> Figure:
-    """Tip error of the chain against hinges at rest, above error against run time in motion."""
-    chains = [row for row in rows if row.is_chain]
-    figure, _ = figures.new_figure(0, 0, (10, 7.6))
-    upper, lower = figure.subfigures(2, 1, height_ratios=[1, 1.15])
-    figures.add_title(figure, _best_rule(select(chains, kind="static")))
-    _draw_static_rules(upper, select(chains, kind="static"))
-    _draw_moving_rules(lower, select(chains, kind="dynamic", case=tension_step.CASE))
-    shown = {row.model.partition("/")[2] for row in chains}
-    entries = [
-        figures.entry(rule, **style_of(rule).points | _POINT) for rule in RULES if rule in shown
-    ]
-    for name, (line, face) in _LINES.items():
-        look = {"color": "0.3", "marker": "o", "linestyle": line} | face | _POINT
-        entries.append(figures.entry(f"lower panels: {name}", **look))
-    figures.add_legend(figure, entries)
-    return figure
-
-
-def _best_rule(rows: list[Row]) -> str:
-    """Which rule with two points a piece errs least at rest, as a message."""
-    mine = [row for row in select(rows, n=_TOLD) if row.case in _RULE_CASES]
-    worst = {
-        model: max(row.e_mean for row in own) for (model,), own in groups(mine, "model").items()
-    }
-    if not worst:
-        return "Error against hinges and run time"
-    best = min(worst, key=worst.__getitem__)
-    usual = ""
-    if _RULE in worst and best != _RULE:
-        usual = f", {_RULE.partition('/')[2]}, the usual rule, by {1e3 * worst[_RULE]:.2g} mm"
-    return (
-        f"At rest, with {_TOLD} hinges, {best.partition('/')[2]} errs least, by "
-        f"{1e3 * worst[best]:.2g} mm at most{usual}"
-    )
-
-
-def _draw_static_rules(figure: SubFigure, rows: list[Row]) -> None:
-    figure.suptitle("Static tip error of the chain, by hinge rule", fontsize=11)
-    panels = figures.add_panels(figure, 1, len(_RULE_CASES), share=True)[0]
-    for axes, case in zip(panels, _RULE_CASES, strict=True):
-        _draw_rules(axes, select(rows, case=case), "n")
-        axes.plot([6, 48], [20, 20 / 64], color="0.55", linestyle="--", linewidth=1, zorder=0)
-        axes.text(20, 3.2, "order 2", color="0.4", fontsize=7.5)
-        _label(axes, STATIC[case], "number of hinges")
-        _set_ticks(axes, (6, 12, 24, 48))
-    panels[0].set_ylabel("tip error [mm]")
-    panels[0].set_ylim(5e-7, 20)
-
-
-def _draw_moving_rules(figure: SubFigure, rows: list[Row]) -> None:
-    figure.suptitle(
-        "Tension step of the arm, 3 s: mean tip error against run time, "
-        "timesteps 10, 5, 2 and 1 ms from left to right",
-        fontsize=11,
-    )
-    sizes = sorted({_NEAREST.get(row.n, row.n) for row in rows})
-    for axes, n in zip(figures.add_panels(figure, 1, max(1, len(sizes)))[0], sizes, strict=False):
-        mine = [row for row in rows if _NEAREST.get(row.n, row.n) == n]
-        for integrator in _LINES:
-            _draw_rules(axes, select(mine, integrator=integrator), "wall_time", integrator)
-        others = sorted({row.n for row in mine if row.n != n})
-        _label(axes, f"{n} hinges" + "".join(f" (gauss3: {k})" for k in others), "run time [ms]")
-        plain_ticks(axes, "x")
-        axes.set_ylim(0.02, 5)
-    figure.axes[0].set_ylabel("mean tip error [mm]")
-
-
-def _draw_rules(axes: Axes, rows: list[Row], x: str, integrator: str = "implicitfast") -> None:
-    """Errors of all rules."""
-    dashes, face = _LINES[integrator]
-    for rule in RULES:
-        mine = select(rows, model=f"mujoco_chain/{rule}")
-        line = style_of(rule).points | {"linestyle": dashes} | _POINT | face
-        _draw(axes, sorted(mine, key=lambda r: (r.n, -r.timestep)), x, label=rule, **line)
-
-
-# ---------------------------------------------------------------- the rig
-
-
-def _rig_figure(rows: list[Row]) -> Figure | None:
-    rows = [row for row in rows if row.case in rig.CASES and row.kind in ("static", "dynamic")]
-    if not rows:
-        return None
-    figure, _ = figures.new_figure(0, 0, (10, 8.0))
-    upper, lower = figure.subfigures(2, 1, height_ratios=[1, 1.25])
-    what = "Spatial rig at rest: tip error to the exact solution of each physics"
-    upper.suptitle(what, fontsize=10)
-    titles = {case: title for case, title in RIG_STATIC.items() if select(rows, case=case)}
-    _draw_resolutions(upper, rows, titles, "e_mean", 0)
-    for axes in upper.axes:
-        _set_ticks(axes, (1, 2, 4, 8, 16, 32))
-    plain_ticks(upper.axes[0])
-    lower.suptitle("In motion: all runs, and the best of each model joined", fontsize=10)
-    moving = groups(select(rows, kind="dynamic"), "case")
-    for axes, ((case,), mine) in zip(
-        figures.add_panels(lower, 1, max(1, len(moving)))[0], moving.items(), strict=False
-    ):
-        _draw_motions(axes, mine, RIG_MOTIONS[case])
-        plain_ticks(axes)
-    _finish(figure, rows, _fastest([*moving.values()]))
-    return figure
-
-
-# ---------------------------------------------------------------- axes
-
-
-def _label(axes: Axes, title: str, x: str) -> None:
-    """Logarithmic axes with a title and a name of x."""
-    axes.set(xscale="log", yscale="log", xlabel=x)
+def _label(axes: Axes, title: str) -> None:
+    """Logarithmic axes with a title, over run times."""
+    axes.set(xscale="log", yscale="log", xlabel=_RUN_TIME)
     axes.set_title(title, fontsize=9.5)
     axes.tick_params(labelsize=8)
 
 
-def _set_ticks(axes: Axes, numbers: tuple[int, ...]) -> None:
-    axes.set_xticks(numbers, labels=[str(n) for n in numbers])
-    axes.set_xticks([], minor=True)
-
-
-def _of_arm(draw: Callable[[list[Row]], Figure]) -> Callable[[list[Row]], Figure]:
-    """A picture of all rows but the rig's."""
-    return lambda rows: draw([row for row in rows if row.case not in rig.CASES])
+def _ticks_at_hinges(axes: Axes, *_: Any) -> None:
+    axes.set_xticks((6, 12, 24, 48), labels=("6", "12", "24", "48"))
 
 
 #: Stem of a file -> what draws its figure of rows.
 PLOTS = {
-    "{}": _of_arm(_work_precision),
-    "{}_static": _of_arm(_resolution),
-    "{}_rules": _of_arm(_rules),
-    "{}_rig": _rig_figure,
+    "{}": partial(_work_precision, MOTIONS),
+    "{}_rig": partial(_work_precision, RIG_MOTIONS),
+    "{}_rules": lines(
+        *("n", "e_mean", "rule"),
+        panel="case",
+        where=lambda row: row.kind == "static" and row.rule and row.case in (*STATIC,)[:5],
+        title="The chain at rest is of second order with every hinge rule, or better",
+        subject="Tip error over the number n of hinges",
+        log="xy",
+        columns=5,
+        size=(2.6, 2.7),
+        legend=True,
+        decorate=_ticks_at_hinges,
+    ),
 }
