@@ -29,12 +29,8 @@ from studies.lab import Column, Lab, Record, Study, number, pivot, select, table
 from studies.thesis_pictures import pictures
 from studies.truths import analytic
 from studies.truths import thesis_values as values
-from studies.truths.shearable_rod import (
-    bending_frequency,
-    section,
-    torsion_angle,
-    torsion_frequency,
-)
+from studies.truths.analytic import section, torsion_angle, torsion_frequency
+from studies.truths.varying_beam import bending_frequencies
 
 #: Models by name in the rows.
 MODELS = ("pcc", "cosserat", "ancf")
@@ -251,7 +247,7 @@ def _frequencies_by_theory(_: str, robot: RobotParams) -> dict[str, float]:
     beam = robot.length, robot.bending_stiffness, robot.mass_per_length
     return {
         "euler_bernoulli": analytic.euler_bernoulli_frequency(*beam),
-        "timoshenko": bending_frequency(robot, SHEAR_COEFFICIENT),
+        "timoshenko": bending_frequencies(robot, 1, SHEAR_COEFFICIENT)[0],
     }
 
 

@@ -20,11 +20,12 @@ from softrobot_env.scene.timestep import TimestepWarning
 from studies.accuracy import cases, planar, pyelastica_rod, rig, space, spiral, study, tension_step
 from studies.accuracy.space import HEADINGS, STEEL, TPU, beam_tip, cases_of, chain_tip
 from studies.lab import select
-from studies.truths import shearable_rod
-from studies.truths.analytic import Section, arc_tip, bent_rod, elastica, rayleigh_frequency
+from studies.truths.analytic import arc_tip, bent_rod, rayleigh_frequency, section
 from studies.truths.rig_column import column_tip, tensions
 from studies.truths.rig_piece import acceleration, distributed
 from studies.truths.rig_ritz_rod import RigRod
+from studies.truths.tendon_rod import guided_rod, tendon_rod
+from studies.truths.varying_beam import bending_frequencies
 
 pytestmark = pytest.mark.slow  # a study; the quick suite has what it stands on
 
@@ -48,47 +49,40 @@ def weight(robot):
     ],
 )
 def test_rod_with_shear_bends_and_swings_as_in_the_audit(robot, k, deflection, frequency):
-    rod = bent_rod(robot.length, shearable_rod.section(robot, k), weight=weight(robot))
+    rod = bent_rod(robot.length, section(robot, k), weight=weight(robot))
     assert -1e3 * rod.tip[0] == pytest.approx(deflection, abs=0.006)
-    assert shearable_rod.bending_frequency(robot, k) == pytest.approx(frequency, rel=2e-4)
-
-
-@pytest.mark.parametrize("load", [{"force": (3.0, -1.0)}, {"moment": 1.0}])
-def test_rod_of_large_shear_stiffness_is_the_elastica(load):
-    robot = CANTILEVER_WEAK
-    thin = Section(robot.bending_stiffness, 1e9, 1e9)
-    rod = bent_rod(robot.length, thin, weight=weight(robot), **load)
-    slender = elastica(robot.length, robot.bending_stiffness, weight=weight(robot), **load)
-    assert np.allclose(rod.tip, slender.tip, atol=1e-7)
+    assert bending_frequencies(robot, 1, k)[0] == pytest.approx(frequency, rel=2e-4)
 
 
 def test_frequency_without_shear_is_rayleighs():
     robot = CANTILEVER_STIFF
     beam = robot.length, robot.bending_stiffness, robot.mass_per_length
     rayleigh = rayleigh_frequency(*beam, robot.density * robot.second_moment)
-    assert shearable_rod.bending_frequency(robot, None) == pytest.approx(rayleigh, rel=1e-9)
+    assert bending_frequencies(robot)[0] == pytest.approx(rayleigh, rel=1e-9)
+
+
+def pulled_tip(rod, robot, tension, k):
+    return rod(robot, tension, [robot.length], k).tip[[0, 2]]
 
 
 def test_tendons_in_channels_bend_to_constant_curvature_and_compress():
     tension = TendonMap(ARM).tension(np.array([5.0, -8.0, 11.0]))
-    tip = shearable_rod.tendon_tip(ARM, shearable_rod.section(ARM, None), tension)
+    tip = pulled_tip(tendon_rod, ARM, tension, None)
     assert np.allclose(tip, ConstantCurvatureStatics(ARM).tip(np.array([5.0, -8.0, 11.0])))
     # Equal tensions on both sides of the longest pair compress the arm by 2 T / EA.
-    both = np.array([0, 0, 0, 0, 3.0, 3.0])
-    short = shearable_rod.tendon_tip(ARM, shearable_rod.section(ARM, 0.75), both)
+    short = pulled_tip(tendon_rod, ARM, np.array([0, 0, 0, 0, 3.0, 3.0]), 0.75)
     strain = 2 * 3.0 / (ARM.youngs_modulus * ARM.area)
     assert np.allclose(short, [0, ARM.length * (1 - strain)])
 
 
-def test_dense_guides_act_as_a_channel():
+@pytest.mark.parametrize("k", [None, 0.75])
+def test_dense_guides_act_as_a_channel(k):
     tension = TendonMap(ARM).tension(np.array([0.0, 0.0, 20.0]))
-    for k in (None, 0.75):
-        rod = shearable_rod.section(ARM, k)
-        channel = shearable_rod.tendon_tip(ARM, rod, tension)
-        tips = (shearable_rod.tendon_tip(_with_guides(m), rod, tension) for m in (24, 48))
-        gaps = [distance(tip, channel) for tip in tips]
-        assert gaps[1] < 1e-3
-        assert gaps[0] / gaps[1] == pytest.approx(4, rel=0.05)
+    channel = pulled_tip(tendon_rod, ARM, tension, k)
+    tips = (pulled_tip(guided_rod, _with_guides(m), tension, k) for m in (24, 48))
+    gaps = [distance(tip, channel) for tip in tips]
+    assert gaps[1] < 1e-3
+    assert gaps[0] / gaps[1] == pytest.approx(4, rel=0.05)
 
 
 def _with_guides(per_metre):

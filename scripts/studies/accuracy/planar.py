@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 
 import mujoco
 import numpy as np
@@ -16,16 +17,19 @@ from softrobot_env.scene.chain import joint_angles
 from softrobot_env.scene.timestep import linearize
 from studies.accuracy.cases import BENDING, CONTINUUM, Contestant, Physics, Row
 from studies.beams import chain_scene, mode_frequency, tip_twist, weightless
-from studies.truths.analytic import arc_tip, bent_rod, elastica, rayleigh_frequency
-from studies.truths.continuum_arc import TEXT as CONTINUUM_ARC
-from studies.truths.continuum_arc import continuum_arc_tip
-from studies.truths.shearable_rod import (
-    bending_frequency,
+from studies.truths.analytic import (
+    arc_tip,
+    bent_rod,
+    elastica,
+    rayleigh_frequency,
     section,
-    tendon_tip,
     torsion_angle,
     torsion_frequency,
 )
+from studies.truths.continuum_arc import TEXT as CONTINUUM_ARC
+from studies.truths.continuum_arc import continuum_arc_tip
+from studies.truths.tendon_rod import guided_rod, tendon_rod
+from studies.truths.varying_beam import bending_frequencies
 
 _GUIDE_DISTANCE = 1 / 12  # m
 _SHEAR = "geometrically exact rod, k = {:g} (boundary-value solution)"
@@ -128,7 +132,7 @@ def tendon(force: float) -> StaticCase:
             return tip, "constant curvature (exact)"
         if physics == CONTINUUM:
             return continuum_arc_tip(ARM, tension=force, offset=ARM.outer_radius), CONTINUUM_ARC
-        tip = _tendon_tip(ARM, reduced, physics)
+        tip = _pulled_tip(tendon_rod, ARM, reduced, physics)
         return tip, "constant curvature and compression (exact)"
 
     return StaticCase("tendon_static", ARM, truth, reduced=reduced, uniform=True)
@@ -138,9 +142,10 @@ def guided_tendon(force: float) -> StaticCase:
     """The same with guides every 1/12 m, between which the tendons are straight."""
     robot, reduced = guided_arm(), (0.0, 0.0, force)
 
+    @cache
     def truth(physics: Physics) -> tuple[ndarray, str]:
         text = "elastica" if physics.shear_coefficient is None else _SHEAR.split(",")[0]
-        return _tendon_tip(robot, reduced, physics), f"{text} between the guides"
+        return _pulled_tip(guided_rod, robot, reduced, physics), f"{text} between the guides"
 
     return StaticCase("tendon_guided", robot, truth, reduced=reduced)
 
@@ -154,9 +159,11 @@ def guided_arm() -> RobotParams:
     return replace(ARM, tendons=tuple(replace(t, guides=guides(t.end)) for t in ARM.tendons))
 
 
-def _tendon_tip(robot: RobotParams, reduced: tuple[float, ...], physics: Physics) -> ndarray:
+def _pulled_tip(
+    rod: Callable, robot: RobotParams, reduced: tuple[float, ...], physics: Physics
+) -> ndarray:
     tension = TendonMap(robot).tension(np.array(reduced))
-    return tendon_tip(robot, section(robot, physics.shear_coefficient), tension)
+    return rod(robot, tension, [robot.length], physics.shear_coefficient).tip[[0, 2]]
 
 
 # ---------------------------------------------------------------- frequencies and torsion
@@ -202,7 +209,7 @@ def _bending(robot: RobotParams) -> Callable[[Physics], tuple[float, str]]:
     def truth(physics: Physics) -> tuple[float, str]:
         k = physics.shear_coefficient
         if k is not None:
-            return bending_frequency(robot, k), f"Timoshenko beam, k = {k:g} (analytic)"
+            return bending_frequencies(robot, 1, k)[0], f"Timoshenko beam, k = {k:g} (analytic)"
         beam = robot.length, robot.bending_stiffness, robot.mass_per_length
         rotary = robot.density * robot.second_moment
         return rayleigh_frequency(*beam, rotary), "Rayleigh beam (analytic)"

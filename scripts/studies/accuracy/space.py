@@ -25,8 +25,7 @@ from softrobot_env.scene.config import TWISTING_RULE
 from studies.accuracy import cases
 from studies.beams import chain_scene
 from studies.lab import select
-from studies.truths.analytic import Section, bent_rod
-from studies.truths.shearable_rod import section
+from studies.truths.analytic import Section, bent_rod, section
 from studies.truths.spatial_rod import SpatialShape, dead_loads, followed_rod, helix
 
 #: A rod of thermoplastic polyurethane and a steel wire; length over radius is 80 and 750.

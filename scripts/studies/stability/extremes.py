@@ -29,7 +29,7 @@ from studies.stability.runs import ADAPTIVE, CHAIN, Plan, Row, Trace
 from studies.truths.analytic import arc_tip, elastica
 from studies.truths.continuum_arc import TEXT as CONTINUUM_ARC
 from studies.truths.continuum_arc import continuum_arc_tip
-from studies.truths.shearable_rod import section, tendon_tip
+from studies.truths.tendon_rod import tendon_rod
 
 #: Method of the beam models, and its steps per first period.
 BEAM_METHOD = "sdirk4"
@@ -161,7 +161,7 @@ def tension_limit() -> Case:
     """
     tension = np.array([0.0] * (len(ARM.tendons) - 2) + [ARM.tendons[-2].tension_limit, 0.0])
     tip = ConstantCurvatureStatics(ARM).tip(TendonMap(ARM).reduced(tension))
-    pressed = tendon_tip(ARM, section(ARM, SHEAR.shear_coefficient), tension)
+    pressed = tendon_rod(ARM, tension, [ARM.length], SHEAR.shear_coefficient).tip[[0, 2]]
     case = Case("tension_limit", ARM, tension[None], 1.0, 8.0)
     tips = {
         "cosserat": (pressed, "constant curvature and compression (exact)"),

@@ -15,6 +15,7 @@ from scipy.integrate import solve_bvp
 from scipy.optimize import brentq
 
 from softrobot_env.core.equilibrium import EquilibriumError
+from softrobot_env.robots import RobotParams
 
 _NODES = 101
 _TOLERANCE = 1e-9
@@ -124,6 +125,17 @@ def _rayleigh_determinant(lam: float, slenderness: float) -> float:
     return float((moment[0] * shear[1] - moment[1] * shear[0]) / cosh(b))
 
 
+def torsion_angle(robot: RobotParams, moment: float) -> float:
+    """Twist [rad] of the tip under a moment [N m], thesis (2.77)."""
+    return moment * robot.length / robot.torsional_stiffness
+
+
+def torsion_frequency(robot: RobotParams) -> float:
+    """First torsional frequency [Hz] of a clamped-free shaft: sqrt(GJ / 2 rho I) / (4 L)."""
+    polar = 2 * robot.density * robot.second_moment
+    return float(np.sqrt(robot.torsional_stiffness / polar) / (4 * robot.length))
+
+
 def arc_tip(length: float, curvature: float) -> ndarray:
     """Tip (2,) [m] in (x, z) of a circular arc: (1 - cos kL, sin kL) / k, smooth at k = 0.
 
@@ -152,6 +164,16 @@ class Section:
     shear: float = np.inf
     axial: float = np.inf
     torsion: float = 0.0
+
+
+def section(robot: RobotParams, shear_coefficient: float | None) -> Section:
+    """Section of a robot; None for the shear coefficient k leaves out shear and extension."""
+    torsion = robot.torsional_stiffness
+    if shear_coefficient is None:
+        return Section(robot.bending_stiffness, torsion=torsion)
+    shear_modulus = robot.youngs_modulus / (2 * (1 + robot.poisson_ratio))
+    shear = shear_coefficient * shear_modulus * robot.area
+    return Section(robot.bending_stiffness, shear, robot.youngs_modulus * robot.area, torsion)
 
 
 def section_slope(angle: ndarray, force: ndarray, rod: Section) -> ndarray:

@@ -19,8 +19,7 @@ from scipy.optimize import root
 
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.robots import RobotParams
-from studies.truths.analytic import Section, section_slope
-from studies.truths.shearable_rod import section
+from studies.truths.analytic import Section, section, section_slope
 
 _RTOL, _ATOL = 1e-11, 1e-13
 _SMALL = 1e-9
