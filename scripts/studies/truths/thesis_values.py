@@ -2,7 +2,7 @@
 
 Those of chapter 2 stand in thesis_chapter_2.csv: by figure, quantity, case, model, number of pieces
 (any where there is none) and abscissa what the thesis prints, what the audit recomputed, and what
-has to be known of it.
+has to be known of it. What the audit found of chapter 6 stands in audit_chapter_6.csv.
 """
 
 import csv
@@ -22,11 +22,16 @@ def _number(text: str) -> float | None:
     return float(text) if text else None
 
 
-with Path(__file__).with_name("thesis_chapter_2.csv").open(encoding="utf-8") as _file:
-    _KNOWN = {
-        (*name, _number(n), _number(x)): Known(_number(thesis), _number(audit), note)
-        for *name, n, x, thesis, audit, note in list(csv.reader(_file))[1:]
-    }
+def _lines(name: str) -> list[list[str]]:
+    """Lines of a table beside this file, without their headings."""
+    with Path(__file__).with_name(name).open(encoding="utf-8") as file:
+        return list(csv.reader(file))[1:]
+
+
+_KNOWN = {
+    (*name, _number(n), _number(x)): Known(_number(thesis), _number(audit), note)
+    for *name, n, x, thesis, audit, note in _lines("thesis_chapter_2.csv")
+}
 
 
 def known(
@@ -69,33 +74,10 @@ ROBUSTNESS = {
     "MPC": {0.5: "fails", 0.75: "z too small", 1.25: "z too large", 1.5: "z too large"},
 }
 
-#: Step width [m] and controller -> ranges of rise and settling time [s] and of the overshoot, and
-#: of the steady-state error where it was told, by an independent recomputation with corrected
-#: equations (audit).
-_AUDIT_STEPS = {
-    (0.05, "quasi-static"): ((0.24, 0.24), (5.6, 12.0), (0.61, 0.69), (0.001, 0.016)),
-    (0.05, "LQI"): ((0.080, 0.096), (0.69, 0.76), (0.31, 0.35), (1e-4, 1e-4)),
-    (0.05, "MPC"): ((0.09, 0.09), (0.85, 0.85), (0.28, 0.28), (1e-4, 1e-4)),
-    (0.1, "quasi-static"): ((0.24, 0.24), (5.2, 14.0), (0.59, 0.67)),
-    (0.1, "LQI"): ((0.081, 0.081), (0.68, 0.68), (0.30, 0.30)),
-    (0.1, "MPC"): ((0.09, 0.09), (1.02, 1.02), (0.29, 0.29)),
-    (0.2, "quasi-static"): ((0.24, 0.24), (5.0, 20.0), (0.52, 0.63)),
-    (0.2, "LQI"): ((0.082, 0.082), (0.65, 0.65), (0.27, 0.27)),
-    (0.2, "MPC"): ((0.09, 0.09), (1.01, 1.01), (0.29, 0.29)),
-}
-_STEP_METRICS = ("rise_time", "settling_time", "overshoot", "steady_state_error")
-
-#: Smallest and largest figure of the audit, by task, step width [m] and controller; names and units
-#: are those of `ThesisFigure`. A steady-state error of 1e-4 is an upper bound.
-AUDIT: dict[tuple[str, float | None, str], dict[str, tuple[float, float]]] = {
-    **{
-        ("step", *case): dict(zip(_STEP_METRICS, ranges, strict=False))
-        for case, ranges in _AUDIT_STEPS.items()
-    },
-    ("swing", None, "quasi-static"): {"e_max": (14e-3, 18e-3), "e_motion": (5e-3, 5e-3)},
-    ("swing", None, "LQI"): {"e_max": (5.9e-3, 6.7e-3), "e_motion": (0.3e-3, 0.4e-3)},
-    ("swing", None, "MPC"): {"e_max": (12.8e-3, 12.8e-3), "e_motion": (8.9e-3, 8.9e-3)},
-    ("lshape", None, "quasi-static"): {"e_max": (22e-3, 28e-3)},
-    ("lshape", None, "LQI"): {"e_max": (1.9e-3, 2.1e-3)},
-    ("lshape", None, "MPC"): {"e_max": (2.6e-3, 2.6e-3)},
-}
+#: Smallest and largest figure of an independent recomputation with corrected equations (audit), by
+#: task, step width [m] and controller; names and units are those of `ThesisFigure`. A steady-state
+#: error of 1e-4 is an upper bound.
+AUDIT: dict[tuple[str, float | None, str], dict[str, tuple[float, float]]] = {}
+for _task, _width, _controller, _figure, _least, _most in _lines("audit_chapter_6.csv"):
+    _found = AUDIT.setdefault((_task, _number(_width), _controller), {})
+    _found[_figure] = float(_least), float(_most)
