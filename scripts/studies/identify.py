@@ -254,17 +254,11 @@ def _laps(rows: Sequence[lab.Record]) -> list[Table]:
     )(rows)
 
 
-def measure(case: tuple[str, int]) -> list[lab.Record]:
-    """A repetition, or laps of a twin, by its seed."""
-    what, seed = case
-    return {"robot": repetition, "twin": driven}[what](seed)
-
-
 STUDY = lab.Study(
     kinds=(FoundRow, TwinRow),
     cases=[*(("twin", k) for k in TWINS), *(("robot", k) for k in range(REPETITIONS))],
     quick=[("robot", k) for k in range(QUICK)],
-    measure=measure,
+    measure=lambda case: {"robot": repetition, "twin": driven}[case[0]](case[1]),
     tables=[
         lab.pivot(
             "Cosserat rods, identified",
