@@ -261,7 +261,9 @@ def judged(name: str, ratio: float, friction: float, steps: Sequence[int]) -> li
     about |= {"uncertainty": _distance(coarse, truth), "duration": case.duration}
     cells, length = [], case.robot.length
     for multiple in steps:
-        own = _own_run(case, build, None if multiple == 1 else multiple * rule)
+        timestep = None if multiple == 1 else multiple * rule
+        ran, warning = runs.with_warning(partial(_own_run, case, build, timestep))
+        own = replace(ran, warning=warning)
         error = _distance(own.places, truth)
         found = {name: value for name, value in vars(own).items() if name != "places"}
         found |= {"steps_ratio": multiple, "timestep": multiple * rule, "error": error}
@@ -273,15 +275,10 @@ def judged(name: str, ratio: float, friction: float, steps: Sequence[int]) -> li
 
 def _own_run(case: Case, build: Callable[..., Touching], timestep: float | None) -> Run:
     """As a user would run it."""
-
-    def build_and_run() -> Run:
-        try:
-            return _run(case, build(timestep))
-        except ValueError as error:
-            return Run(why=str(error))
-
-    ran, warning = runs.with_warning(build_and_run)
-    return replace(ran, warning=warning)
+    try:
+        return _run(case, build(timestep))
+    except ValueError as error:
+        return Run(why=str(error))
 
 
 def _refined(case: Case, scene: Touching) -> ndarray | None:

@@ -22,7 +22,7 @@ from softrobot_env.rendering.tables import Column, new_table
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.chain import posture
 from softrobot_env.scene.timestep import linearize
-from studies.lab import Record, Study, quantity, select, table
+from studies.lab import Record, Study, lines, quantity, select, table
 from studies.scenes_drawn import G, RandomScene, draw_scene, swing, weight_load
 from studies.stability.runs import mujoco_integrator, neutral_scene
 
@@ -283,14 +283,8 @@ class OwnRun:
     estimate: float | None = None
 
 
-def judge(drawn: RandomScene, **forced: Any) -> Row:
-    """Run a scene and judge it.
-
-    Args:
-        drawn: The scene.
-        **forced: Fields of its `SceneConfig` to set, such as a timestep.
-    """
-    drawn = replace(drawn, config=replace(drawn.config, **forced))
+def judge(drawn: RandomScene) -> Row:
+    """Run a scene and judge it."""
     with runs.silent_warnings():
         own, warning = runs.with_warning(lambda: _own_run(drawn))
         truth = _truth(drawn, own)
@@ -480,64 +474,27 @@ def _listed(rows: Sequence[Row]) -> list[Table]:
     )(sorted(rows, key=lambda row: -(row.error_share or 0.0)))
 
 
-#: Verdict -> colour and marker, the worst last, on top.
+#: Verdict -> how it looks.
 _STYLES = {
-    runs.Verdict.UNJUDGED: (figures.GREY, "x"),
-    runs.Verdict.ACCURATE: (figures.GREEN, "o"),
-    runs.Verdict.REPORTED: (figures.PURPLE, "s"),
-    runs.Verdict.WARNED: (figures.BLUE, "v"),
-    runs.Verdict.INACCURATE: (figures.ORANGE, "^"),
-    runs.Verdict.WRONG: (figures.VERMILLION, "D"),
+    runs.Verdict.ACCURATE: figures.Style(figures.GREEN, "o"),
+    runs.Verdict.WARNED: figures.Style(figures.BLUE, "v"),
+    runs.Verdict.INACCURATE: figures.Style(figures.ORANGE, "^"),
+    runs.Verdict.WRONG: figures.Style(figures.VERMILLION, "D"),
 }
 
-#: Errors [share of the length] at the ends of the axes; others stand there; as do scenes without
-#: gravity.
-_LEAST_ERROR, _MOST_ERROR, _WEIGHTLESS = 1e-7, 10.0, 1e-6
+
+def _message(rows: Sequence[Row]) -> str:
+    good = sum(map(bool, (row.estimate_is_good for row in rows)))
+    return f"Of {len(rows)} estimates {good} are within a factor of {GOOD_FACTOR:g} of the error"
 
 
-def picture(rows: Sequence[Row]) -> figures.Figure:
-    """Error against what was estimated, and what becomes of scenes by what they are."""
-    figure, axes = figures.new_figure(1, 2, (11, 5.6))
-    counts = {verdict: len(select(rows, verdict=verdict)) for verdict in _STYLES}
-    unjudged, accurate, reported, warned, inaccurate, wrong = counts.values()
-    figures.add_title(
-        figure,
-        f"Of {len(rows) - unjudged} judged scenes {accurate} are as accurate as asked for, "
-        f"{reported + warned} say that they are not, {inaccurate + wrong} err unannounced",
-        f"{len(rows)} random scenes of seed {rows[0].seed}, tip errors against refined runs",
-    )
-    left, right = axes[0]
-    for verdict, (colour, marker) in _STYLES.items():
-        mine = select(rows, verdict=verdict)
-        look = {"s": 26, "c": colour, "marker": marker, "linewidths": 1.0, "alpha": 0.8}
-        known = [row for row in mine if row.error_share is not None]
-        estimates = [row.estimate_share or row.asked_share for row in known]
-        errors = [row.error_share for row in known]
-        left.scatter(*np.clip((estimates, errors), _LEAST_ERROR, _MOST_ERROR), **look)
-        weights = [max(row.weight_load, _WEIGHTLESS) for row in mine]
-        ratios = [row.damping_ratio for row in mine]
-        label = f"{verdict} ({counts[verdict]})"
-        right.scatter(weights, ratios, label=label, **look)
-    for share, colour in (
-        (rows[0].asked_share, figures.BLACK),
-        (runs.WRONG_SHARE, figures.VERMILLION),
-    ):
-        left.axhline(share, color=colour, linewidth=0.9, linestyle="--")
-    line = np.array([_LEAST_ERROR, _MOST_ERROR])
-    left.plot(line, line, color=figures.GREY, linewidth=0.9)
-    left.fill_between(line, line / GOOD_FACTOR, line * GOOD_FACTOR, color="0.93", zorder=0)
-    left.set(
-        xlabel="the package's estimate / length (asked for, where it gives none)",
-        ylabel="tip error / length (dashed: asked for; wrong)",
-    )
-    right.set(
-        xlabel=r"weight over stiffness, $\rho A g L^3 / EI$",
-        ylabel="damping ratio of the first elastic mode",
-    )
-    for axis in (left, right):
-        axis.set(xscale="log", yscale="log")
-    figures.add_legend(figure, right)
-    return figure
+def _bounds(axis: figures.Axes, rows: Sequence[Row], _: str) -> None:
+    """Where estimates are good, what was asked for, and from where on a run is wrong."""
+    line = np.array([1e-5, 1e2])
+    axis.plot(line, line, color=figures.GREY, linewidth=0.9)
+    axis.fill_between(line, line / GOOD_FACTOR, line * GOOD_FACTOR, color="0.93", zorder=0)
+    axis.axhline(100 * rows[0].asked_share, **figures.REFERENCE | {"label": "asked for"})
+    axis.set(xlim=line, ylim=line)
 
 
 # -------------------- the study
@@ -563,6 +520,21 @@ STUDY = Study(
     measure=measure,
     label=lambda case: f"scene {case[1]}",
     tables=[_summary, _compared, _listed],
-    plots={"{}": picture},
+    plots={
+        "{}": lines(
+            "estimate_share",
+            "error_share",
+            "verdict",
+            title=_message,
+            subject="Random scenes: tip errors over the length, against refined runs",
+            where=lambda row: row.error_share is not None and row.estimate_share is not None,
+            log="xy",
+            style=_STYLES.__getitem__,
+            line={"linestyle": "none", "markersize": 5},
+            size=(7.5, 5.0),
+            legend=True,
+            decorate=_bounds,
+        )
+    },
     options=("count", "seed"),
 )

@@ -110,7 +110,7 @@ THIN = RandomScene(
     ids=["coarse", "failed", "refused"],
 )
 def test_what_goes_wrong_is_said(drawn, forced, verdict, why, refined_fine):
-    row = judge(drawn, **forced)
+    row = judge(replace(drawn, config=replace(drawn.config, **forced)))
     assert row.verdict == Verdict[verdict] and why in (row.why or "")
     assert row.refined_fine is refined_fine
     assert row.error_share > 0.05 if verdict == "WRONG" else row.error is None
