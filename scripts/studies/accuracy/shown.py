@@ -278,8 +278,19 @@ def _label(axes: Axes, title: str) -> None:
     axes.tick_params(labelsize=8)
 
 
-def _ticks_at_hinges(axes: Axes, *_: Any) -> None:
+def _finish_rules(axes: Axes, rows: list[Row], _: str) -> None:
+    axes.set_title(STATIC[rows[0].case])
+    axes.set(xlabel="hinges", ylabel="tip error [mm]")
     axes.set_xticks((6, 12, 24, 48), labels=("6", "12", "24", "48"))
+
+
+def _least_order(rows: list[Row]) -> str:
+    """The least order of a rule at rest, by its coarsest and finest chain of a case."""
+    orders = []
+    for mine in groups(rows, "case", "rule").values():
+        coarse, *_, fine = sorted(mine, key=lambda row: row.n)
+        orders.append(log2(coarse.e_mean / fine.e_mean) / log2(fine.n / coarse.n))
+    return f"Tip errors at rest fall at least as n^-{min(orders):.1f} with every hinge rule"
 
 
 #: Stem of a file -> what draws its figure of rows.
@@ -290,12 +301,12 @@ PLOTS = {
         *("n", "e_mean", "rule"),
         panel="case",
         where=lambda row: row.kind == "static" and row.rule and row.case in (*STATIC,)[:5],
-        title="The chain at rest is of second order with every hinge rule, or better",
-        subject="Tip error over the number n of hinges",
+        title=_least_order,
+        subject="Tip error of the chain over its number n of hinges",
         log="xy",
         columns=5,
         size=(2.6, 2.7),
         legend=True,
-        decorate=_ticks_at_hinges,
+        decorate=_finish_rules,
     ),
 }
