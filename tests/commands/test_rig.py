@@ -25,7 +25,7 @@ def triangle(tmp_path_factory):
     """Folder and rows of two policies on two triangles of twin 0."""
     out = tmp_path_factory.mktemp("triangle")
     arguments = ["--tasks", "triangle", "--policies", "hybrid", "inverse_dynamics"]
-    arguments += ["--option", "period=1,0.5", "--save-rollouts"]
+    arguments += ["--option", "period=1,0.5", "--save-rollouts", "--no-plots"]
     return out, evaluated(out, *arguments)
 
 
