@@ -23,9 +23,6 @@ from softrobot_env.thesis.arm.timing import KNOTS, PERIOD
 
 ARM_DATA = make_planar_arm(ARM)
 LIMIT = np.full(3, 80.0)
-BENT = np.repeat([3.0, -1.0, 4.0], 2)
-
-
 # ---------------------------------------------------------------- estimation
 
 

@@ -1,7 +1,7 @@
 """Robots of several sections, their properties along the arc, discs and bases."""
 
 import pickle
-from dataclasses import replace
+from dataclasses import fields, replace
 from math import pi
 
 import numpy as np
@@ -14,18 +14,10 @@ from softrobot_env.robots import ARM, RIG, Base, Disc, RobotParams, Section
 from softrobot_env.robots.loads import refuse_torsion
 
 
-def _own_section(robot):
-    names = ("length", "outer_radius", "youngs_modulus", "density", "damping_time", "pieces")
-    return Section(
-        **{name: getattr(robot, name) for name in names},
-        inner_radius=robot.inner_radius,
-        poisson_ratio=robot.poisson_ratio,
-    )
-
-
 @pytest.mark.parametrize("robot", [ARM, RIG, ROD], ids=lambda robot: robot.name)
 def test_one_section_that_does_not_taper_is_the_uniform_robot(robot):
-    section = _own_section(robot)
+    names = {field.name for field in fields(Section)} - {"bending_friction"}  # it has none
+    section = Section(**{name: getattr(robot, name) for name in names})
     for one in (section, replace(section, outer_radius=(robot.outer_radius,) * 2)):
         assert robot.with_sections(one) == robot
     assert robot.backbone.sections == (section,)
