@@ -508,12 +508,8 @@ def stages(lab: Lab) -> list[Record]:
     return rows + [row for task in LEARNED for row in speeds(task, MANY, THREADS)]
 
 
-#: Colours of what is gripped, in the order of `things`.
-_COLOURS = figures.COLOURS[:4]
-
-
 def _style(thing: str) -> figures.Style:
-    return figures.Style(_COLOURS[list(things()).index(thing)])
+    return figures.Style(figures.COLOURS[list(things()).index(thing)])
 
 
 def _marks(axis: figures.Axes, grips: Sequence[Grip], sensor: str) -> None:

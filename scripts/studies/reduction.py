@@ -32,6 +32,7 @@ from softrobot_env.robots import RIG
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import fingerprint
 from softrobot_env.tasks import make_task
+from softrobot_env.tasks.trajectories import quintic_step
 from softrobot_env.thesis.envs import RigEnv
 from softrobot_env.thesis.rig.inverse import TOTAL
 from softrobot_env.training.motions import Plan, collect, drive, drives_of
@@ -262,8 +263,7 @@ def _points(path: str, period: float) -> tuple[ndarray, int]:
         corners = np.array([[a, 0], [a, b], [-a, b], [-a, -b], [a, -b], [a, 0]])
         way = np.cumsum([0.0, *np.linalg.norm(np.diff(corners, axis=0), axis=1)])
         laps = np.stack([np.interp(turns, way / way[-1], side) for side in corners.T], axis=1)
-    share = np.linspace(0, 1, round(_LEAD / PERIOD))[:, None]
-    lead = share**3 * (10 - 15 * share + 6 * share**2) * laps[0]
+    lead = quintic_step(np.linspace(0, 1, round(_LEAD / PERIOD))[:, None])[1] * laps[0]
     rest = np.tile(laps[0], (round(_REST / PERIOD), 1))
     return np.vstack([lead, rest, laps]), len(lead) + len(rest)
 

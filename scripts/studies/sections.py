@@ -97,10 +97,6 @@ class Case:
     solve: Callable[..., SpatialShape] = tendon_rod
     quick: bool = False
 
-    def shape(self, stations: ndarray, shear_coefficient: float | None) -> SpatialShape:
-        """The exact shape at arc lengths (k,) [m], along the axes of the robot's base."""
-        return self.solve(self.robot, self.tension, stations, shear_coefficient)
-
 
 def _section(length: float, radius: float | tuple[float, float], modulus: float) -> Section:
     return Section(length, radius, modulus, 1050.0, 0.02, DEFAULT_PIECES, poisson_ratio=0.4)
@@ -195,12 +191,13 @@ def measure(case: tuple[str, tuple[int, ...]]) -> list[Row]:
     name, resolutions = case
     (case,) = select(CASES, name=name)
     robot, rows = case.robot, []
-    stations = _stations(robot)
+    sections = len(robot.backbone.sections)
+    stations = robot.backbone.cut([_PARTS * _FINE] * sections)
     for models, shear in ((("chain", "pcc"), None), (("cosserat",), _SHEAR)):
-        truth = case.shape(stations, shear)
+        truth = case.solve(robot, case.tension, stations, shear)
         for model in models:
             own = _default(model, robot)
-            counts = {own, *(len(robot.backbone.sections) * n for n in resolutions)}
+            counts = {own, *(sections * n for n in resolutions)}
             for pieces in sorted(n for n in counts if n <= _LARGEST):
                 rows.append(_row(case, model, pieces, pieces == own, truth))
     return rows
@@ -269,10 +266,6 @@ def _moved(start: Callable[[], Callable[[], bool]]) -> float | None:
 def _parts(robot: RobotParams) -> ndarray:
     """Ends (k + 1,) [m] of the parts of sections whose strains are compared."""
     return robot.backbone.cut([_PARTS] * len(robot.backbone.sections))
-
-
-def _stations(robot: RobotParams) -> ndarray:
-    return robot.backbone.cut([_PARTS * _FINE] * len(robot.backbone.sections))
 
 
 def _true_strains(truth: SpatialShape, robot: RobotParams) -> ndarray:

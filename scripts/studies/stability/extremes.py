@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from math import ceil, pi
+from typing import Any
 
 import numpy as np
 from numpy import ndarray
@@ -17,6 +18,7 @@ from scipy.linalg import eigh
 from softrobot_env.beams import signals
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.beams.model import State
+from softrobot_env.evaluation.models.runs import WRONG_SHARE
 from softrobot_env.robots import ARM, CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.loads import Load
@@ -35,8 +37,7 @@ from studies.truths.tendon_rod import tendon_rod
 BEAM_METHOD = "sdirk4"
 BEAM_STEPS = 250
 
-#: Share of the length that the tip may be off; of the amplitude in a free oscillation.
-SHARE = 0.05
+#: Share of the amplitude that the tip may be off in a free oscillation.
 OSCILLATION_SHARE = 0.2
 
 #: Growth of the amplitude that rounding and the sampling of the peaks explain.
@@ -78,18 +79,20 @@ class Case:
     angle: float = 0.0
     tips: dict[str, tuple[ndarray, str]] = field(default_factory=dict)
 
-    @property
-    def bound(self) -> float:
-        """[m]."""
-        return SHARE * self.robot.length
 
-
-def settling(name: str, robot: RobotParams, load: Load, tip: ndarray | None, truth: str) -> Case:
-    """A load that grows over one first period of a well damped robot, which then settles."""
+def settling(
+    name: str,
+    robot: RobotParams,
+    tip: ndarray | None = None,
+    truth: str = runs.REFINED,
+    **load: Any,
+) -> Case:
+    """A load at the tip that grows over one first period of a well damped robot, which settles."""
     robot = damped(robot, 0.5)
     period = 1 / robot.first_frequency
     ramp = np.linspace(0, 1, max(2, ceil(period / _CONTROL_PERIOD)))[:, None]
-    return Case(name, robot, ramp, _CONTROL_PERIOD, 5 * period, loads=(load,), tip=tip, truth=truth)
+    loads = (Load("load", robot.length, **load),)
+    return Case(name, robot, ramp, _CONTROL_PERIOD, 5 * period, loads=loads, tip=tip, truth=truth)
 
 
 def bare(robot: RobotParams) -> RobotParams:
@@ -105,9 +108,8 @@ def curl(turns: float = 1.25) -> Case:
     """
     robot, curvature = rod_of(40), 2 * pi * turns / ARM.length
     moment = curvature * robot.bending_stiffness
-    load = Load("load", robot.length, moment=(0.0, moment, 0.0), follows=True)
-    tip = arc_tip(robot.length, curvature)
-    case = settling("curl_moment", robot, load, tip, "circular arc (exact)")
+    tip, load = arc_tip(robot.length, curvature), {"moment": (0.0, moment, 0.0), "follows": True}
+    case = settling("curl_moment", robot, tip, "circular arc (exact)", **load)
     return replace(case, tips={"ancf2d": (continuum_arc_tip(robot, moment), CONTINUUM_ARC)})
 
 
@@ -131,20 +133,20 @@ def follower(strength: float = 3.0) -> Case:
     """A lateral tip force that turns with the tip, in units of EI / L^2."""
     robot = bare(ARM)
     force = strength * robot.bending_stiffness / robot.length**2
-    load = Load("load", robot.length, force=(force, 0.0, 0.0), follows=True)
     tip = follower_tip(robot.length, robot.bending_stiffness, force)
-    return settling("follower_force", robot, load, tip, "elastica from the tip (exact)")
+    load = {"force": (force, 0.0, 0.0), "follows": True}
+    return settling("follower_force", robot, tip, "elastica from the tip (exact)", **load)
 
 
 def tip_force(name: str, robot: RobotParams, strength: float, independent: bool = True) -> Case:
     """A dead lateral tip force, in units of EI / L^2, on a robot without tendons and weight."""
     robot = bare(robot)
     force = strength * robot.bending_stiffness / robot.length**2
-    load = Load("load", robot.length, force=(force, 0.0, 0.0))
     if not independent:
-        return settling(name, robot, load, None, runs.REFINED)
-    rod = elastica(robot.length, robot.bending_stiffness, force=(force, 0.0))
-    return settling(name, robot, load, rod.tip, "elastica (boundary-value solution)")
+        return settling(name, robot, force=(force, 0.0, 0.0))
+    tip = elastica(robot.length, robot.bending_stiffness, force=(force, 0.0)).tip
+    truth = "elastica (boundary-value solution)"
+    return settling(name, robot, tip, truth, force=(force, 0.0, 0.0))
 
 
 def rod_of(slenderness: float) -> RobotParams:
@@ -236,23 +238,23 @@ def rows_of(case: Case, model: str, n: int) -> list[Row]:
 def run_case(case: Case, model: str, n: int, method: str = BEAM_METHOD) -> Row:
     """Run one case on one model; `method` is for beams. Of adapted steps the mean is reported."""
     tip, truth = case.tips.get(model, (case.tip, case.truth))
-    case = replace(case, tip=tip, truth=truth)
-    system = _system(case, model, n)
+    system, bound = _system(case, model, n), WRONG_SHARE * case.robot.length
     plan = _plan(case.robot, system, case.duration)
     if model != CHAIN:
         plan = replace(plan, integrator=method)
     trace, finer = system.run(plan), None
-    if case.tip is None:
-        finer = refined(_system(replace(case, angle=0.0), model, n), plan)
-        verdict = runs.judge(trace, finer, case.bound)
+    if tip is None:  # smaller fixed steps, also for a run with adapted ones
+        fixed = replace(plan, integrator=plan.integrator.removesuffix(ADAPTIVE))
+        finer = runs.refined(_system(replace(case, angle=0.0), model, n), fixed, _REFINE)
+        verdict = runs.judge(trace, finer, bound)
     else:
-        gap = np.linalg.norm(trace.tip[-1:] - case.tip, axis=1)
-        verdict = runs.judge_errors(trace, gap, case.bound, case.truth)
+        gap = np.linalg.norm(trace.tip[-1:] - tip, axis=1)
+        verdict = runs.judge_errors(trace, gap, bound, truth)
     if trace.steps:
         time = plan.timestep * plan.steps
         plan = replace(plan, timestep=time / trace.steps, steps=trace.steps)
-    known = {"reference": case.truth, "uncertainty": finer and finer.uncertainty}
-    about = {"case": case.name, "model": model, "n": n, "e_bound": case.bound}
+    known = {"reference": truth, "uncertainty": finer and finer.uncertainty}
+    about = {"case": case.name, "model": model, "n": n, "e_bound": bound}
     return Row.of(plan, trace, verdict, **about, **known)
 
 
@@ -280,19 +282,6 @@ def _plan(robot: RobotParams, system: runs.System, duration: float) -> Plan:
         timestep = _CONTROL_PERIOD / ceil(_CONTROL_PERIOD * BEAM_STEPS / period)
     steps = runs.steps_for(duration, timestep, 1, _MOST_STEPS)
     return Plan(integrator, timestep, steps, max(timestep, _CONTROL_PERIOD))
-
-
-def refined(system: runs.System, plan: Plan) -> runs.Reference:
-    """The same with smaller fixed steps, also for a run with adapted ones; verified by halving.
-
-    Raises:
-        RuntimeError: A refined run failed, or both are equal: the steps had no effect.
-    """
-    plan = replace(plan, integrator=plan.integrator.removesuffix(ADAPTIVE))
-    found = runs.Reference.of(*runs.refined_runs(system, [plan.finer(k) for k in _REFINE]))
-    if found.uncertainty == 0:
-        raise RuntimeError("the refined runs are equal: they cannot verify each other")
-    return found
 
 
 def oscillation_row(model: str, n: int, damping: float, duration: float) -> Row:

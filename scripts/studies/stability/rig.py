@@ -12,6 +12,7 @@ from numpy import ndarray
 from softrobot_env.robots import RIG, SERVO_SPEED, RobotParams
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.timestep import stability_limit
+from studies.lab import quantity
 from studies.stability import runs
 from studies.stability.runs import CHAIN, CHAIN_INTEGRATORS, Plan, Reference, Trace, Verdict
 
@@ -127,9 +128,9 @@ class RigRow(runs.Row):
         e_tension: [N], mean error of the tensions, None where nothing can judge them.
     """
 
-    tendon_stiffness_scale: float
-    pretension: float
-    friction: float
+    tendon_stiffness_scale: float = quantity("", "g", "tendons x")
+    pretension: float = quantity("N", "g")
+    friction: float = quantity("N", "g")
     motion: str
     e_tension: float | None
 
@@ -138,10 +139,10 @@ def reference(rig: Variation, system: runs.ChainSystem) -> Reference:
     """A refined run, compared with steps twice as long; the uncertainty is infinite if it fails."""
     integrator, step = _refinement(rig, system)
     plan = Plan(integrator, PERIOD, round(DURATION / PERIOD), PERIOD).finer(ceil(PERIOD / step))
-    coarse, fine = system.run(plan), system.run(plan.finer(2))
-    if coarse.failure or fine.failure:
-        return Reference(fine.time, fine.tip, inf, fine.tension)
-    return Reference.of(coarse, fine)
+    try:
+        return runs.refined(system, plan, (1, 2))
+    except RuntimeError:
+        return Reference(np.empty(0), np.empty((0, 3)), inf)
 
 
 def _refinement(rig: Variation, system: runs.ChainSystem) -> tuple[str, float]:
@@ -183,17 +184,11 @@ def judged(trace: Trace, truth: Reference) -> tuple[Verdict, float | None]:
     verdict = runs.judge(trace, truth, BOUND)
     if verdict.e_max is None:
         return verdict, None
-    error = tension_error(trace, truth)
+    error = float(np.mean(np.abs(trace.tension - truth.tension[: len(trace.tension)])))
     if verdict.failure is None and error > TENSION_BOUND:
         text = f"finite but wrong: tensions {error:.3g} N from the refined run in the mean"
         return replace(verdict, outcome=runs.WRONG, failure=text), error
     return verdict, error
-
-
-def tension_error(trace: Trace, truth: Reference) -> float:
-    """Mean distance [N] of the tensions of two runs, as long as both last."""
-    count = min(len(trace.tension), len(truth.tension))
-    return float(np.mean(np.abs(trace.tension[:count] - truth.tension[:count])))
 
 
 def jobs(quick: bool = False) -> Iterator[runs.Job]:

@@ -283,12 +283,24 @@ def beam_reference(system: BeamSystem, duration: float, sample: float) -> Refere
     compared with those of one ten times as large.
     """
     plan = Plan("sdirk4", sample, round(duration / sample), sample)
-    traces = [system.run(plan.finer(k)) for k in (2, 4)]
-    if any(trace.failure for trace in traces):
+    try:
+        return refined(system, plan, (2, 4))
+    except RuntimeError:
         adapted = replace(plan, integrator=plan.integrator + ADAPTIVE)
         plans = [replace(adapted, tolerance=tolerance) for tolerance in _REFERENCE_TOLERANCES]
-        traces = refined_runs(system, plans)
-    return Reference.of(*traces)
+        return Reference.of(*refined_runs(system, plans))
+
+
+def refined(system: System, plan: Plan, factors: tuple[int, int]) -> Reference:
+    """A run with so many times as many steps, compared with one with fewer.
+
+    Raises:
+        RuntimeError: One of them failed, or both are equal: the steps had no effect.
+    """
+    found = Reference.of(*refined_runs(system, [plan.finer(factor) for factor in factors]))
+    if found.uncertainty == 0:
+        raise RuntimeError("the refined runs are equal: they cannot verify each other")
+    return found
 
 
 def refined_runs(system: System, plans: Iterable[Plan]) -> list[Trace]:
@@ -339,11 +351,13 @@ def judge(trace: Trace, truth: Reference, bound: float) -> Verdict:
 
     A run with very few instants, which could be right by chance, is compared between them too.
     """
+    if trace.failure:
+        return judge_errors(trace, np.empty(0), bound, "")
     covered = trace.time <= truth.time[-1] * (1 + 1e-9)
     known = replace(
         trace, time=trace.time[covered].clip(max=truth.time[-1]), tip=trace.tip[covered]
     )
-    if len(known.time) < _LEAST_INSTANTS and not trace.failure:
+    if len(known.time) < _LEAST_INSTANTS:
         time = truth.time[truth.time <= trace.time[-1]]
         tip = np.stack([np.interp(time, trace.time, x) for x in trace.tip.T], axis=1)
         known = replace(trace, time=time, tip=tip)

@@ -85,11 +85,6 @@ def _safe(rows: list[RigRow]) -> str:
     return number(safe_step(rows), "g", "ms", missing="none")
 
 
-def _scales(row: RigRow) -> str:
-    scales = row.tendon_stiffness_scale, row.stiffness_scale, row.damping_scale
-    return " ".join(f"x {scale:g}" for scale in scales)
-
-
 def _is_extreme(row: Row) -> bool:
     return row.case not in MAP_CASES
 
@@ -144,8 +139,7 @@ TABLES = (
     ),
     table(
         "Extreme cases",
-        *("case", _MODEL, "n", Column("integrator", lambda row: _short(row.integrator))),
-        *("timestep", "e_max", "e_bound", "wall_time"),
+        *("case", _MODEL, "n", "integrator", "timestep", "e_max", "e_bound", "wall_time"),
         of=Row,
         where=_is_extreme,
     ),
@@ -181,13 +175,10 @@ TABLES = (
     ),
     table(
         "Rig: picks of the rule that fail",
-        Column("tendons, E, damping", _scales),
-        Column("drive", lambda row: f"{row.pretension:g} N, {row.friction:g} N, {row.motion}"),
-        Column("picks", lambda row: f"{row.integrator} {1e3 * row.timestep:.3g} ms"),
-        "failure",
+        *("tendon_stiffness_scale", "stiffness_scale", "damping_scale", "pretension", "friction"),
+        *("motion", "integrator", "timestep", "failure"),
         of=RigRow,
         where=lambda row: row.case == RULE and row.outcome in (WRONG, DIVERGED),
-        caption="drive: pretension, friction, motion",
     ),
     table(
         "Integrators: error against cost",
