@@ -21,8 +21,9 @@ from softrobot_env.rendering import figures
 from softrobot_env.rendering.tables import Column, new_table
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.chain import posture
+from softrobot_env.scene.config import DEFAULT_SHARE
 from softrobot_env.scene.timestep import linearize
-from studies.lab import Record, Study, lines, quantity, select, table
+from studies.lab import Record, Study, lines, pivot, quantity, select, table
 from studies.scenes_drawn import G, RandomScene, draw_scene, swing, weight_load
 from studies.stability.runs import mujoco_integrator, neutral_scene
 
@@ -408,31 +409,9 @@ _GROUPS: dict[str, Callable[[Row], bool]] = {
 }
 
 
-def _summary(rows: Sequence[Row]) -> Table:
-    """How many scenes have which verdict."""
-    title = f"{len(rows)} random scenes of seed {rows[0].seed}; accuracy asked for "
-    title += f"{100 * rows[0].asked_share:g} % of the length"
-    out = new_table(title, ("verdict", "of these"), ("scenes", "%"))
-    for verdict in runs.Verdict:
-        mine = select(rows, verdict=verdict)
-        share = f"{100 * len(mine) / len(rows):.1f}"
-        out.add_row(verdict, _remark(verdict, mine), len(mine), share)
-    return out
-
-
-def _remark(verdict: str, rows: list[Row]) -> str:
-    fine, good, warned = (
-        sum(map(bool, (getattr(row, name) for row in rows)))
-        for name in ("refined_fine", "estimate_is_good", "warning")
-    )
-    return {
-        runs.Verdict.ACCURATE: f"warned all the same: {warned}",
-        runs.Verdict.REPORTED: f"a refined run is fine: {fine}" * bool(rows),
-        runs.Verdict.WARNED: f"estimate within a factor of {GOOD_FACTOR:g}: {good}" * bool(rows),
-        runs.Verdict.INACCURATE: f"no warning, up to {100 * runs.WRONG_SHARE:g} % of the length",
-        runs.Verdict.WRONG: f"no warning, beyond {100 * runs.WRONG_SHARE:g} % of the length",
-        runs.Verdict.UNJUDGED: "refined runs disagree or cost too much",
-    }[verdict]
+def _count(name: str) -> Callable[[list[Row]], int]:
+    """How many rows have, or are, something."""
+    return lambda rows: sum(bool(getattr(row, name)) for row in rows)
 
 
 def _compared(rows: Sequence[Row]) -> Table:
@@ -519,7 +498,22 @@ STUDY = Study(
     cases=cases,
     measure=measure,
     label=lambda case: f"scene {case[1]}",
-    tables=[_summary, _compared, _listed],
+    tables=[
+        pivot(
+            f"Verdicts; accuracy asked for {DEFAULT_SHARE} of the length",
+            ("verdict",),
+            {
+                "scenes": len,
+                "warned": _count("warning"),
+                "a refined run is fine": _count("refined_fine"),
+                f"estimate within a factor of {GOOD_FACTOR:g}": _count("estimate_is_good"),
+            },
+        ),
+        _compared,
+        _listed,
+    ],
+    note=f"inaccurate, wrong: without a warning, up to and beyond {100 * runs.WRONG_SHARE:g} % of "
+    "the length; unjudged: refined runs disagree or cost too much",
     plots={
         "{}": lines(
             "estimate_share",
