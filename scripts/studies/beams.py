@@ -13,7 +13,7 @@ from softrobot_env.beams.ancf import ANCF
 from softrobot_env.beams.cosserat import CosseratRod
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.beams.pcc import PCC
-from softrobot_env.evaluation.models.runs import best_of
+from softrobot_env.evaluation.models.runs import best_of, converged
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import Scene, build_scene
@@ -113,3 +113,13 @@ def step_cost(
         data.ctrl[:] = ctrl
     mujoco.mj_step(model, data)
     return best_of(lambda: mujoco.mj_step(model, data, _STEPS), repeats)[0] / _STEPS
+
+
+def zero_timestep(tips: Sequence[ndarray]) -> tuple[ndarray, ndarray]:
+    """Limits of motions with timesteps h, h/2 and h/4, for an error series in h.
+
+    Returns:
+        The best estimate, and the one of the two finer motions alone.
+    """
+    found = dict(zip((1, 2, 4), tips, strict=True))
+    return converged(found, 1), converged({n: found[n] for n in (2, 4)}, 1)

@@ -23,6 +23,7 @@ from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.chain import posture
 from softrobot_env.scene.config import DEFAULT_SHARE
 from softrobot_env.scene.timestep import linearize
+from studies.beams import zero_timestep
 from studies.lab import Record, Study, lines, pivot, quantity, select, table
 from studies.scenes_drawn import G, RandomScene, draw_scene, swing, weight_load
 from studies.stability.runs import mujoco_integrator, neutral_scene
@@ -228,12 +229,12 @@ def _estimate(method: str, series: list[ndarray]) -> tuple[ndarray, float] | Non
         return (series[-1], runs.distance(series[-1], series[-2])) if len(series) > 1 else None
     if len(series) < 3:
         return None
-    best, second = runs.zero_timestep(series[-3:])
+    best, second = zero_timestep(series[-3:])
     if method != "discrete":
         return best, runs.distance(best, second)
     if len(series) < 4:  # friction makes the error no series in the step
         return None
-    return best, runs.distance(best, runs.zero_timestep(series[-4:-1])[0])
+    return best, runs.distance(best, zero_timestep(series[-4:-1])[0])
 
 
 def refined_run(scene: Scene, drawn: RandomScene, integrator: str, substeps: int) -> ndarray:

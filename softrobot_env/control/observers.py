@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import inv, solve
 from scipy.linalg import solve_discrete_are
 
 from softrobot_env.beams.numerics.compilation import kernel
@@ -77,14 +78,14 @@ def stationary_filter(
     """
     a, b, _ = model.state_space()
     n, m = len(model.mass), b.shape[1]
-    force = np.vstack([np.zeros((n, n)), np.linalg.solve(model.mass, shift)])
+    force = np.vstack([np.zeros((n, n)), solve(model.mass, shift)])
     a, both = discretized(a, np.hstack([b, force]), period)
     ahead = np.block([[a, both[:, m:]], [np.zeros((n, 2 * n)), np.eye(n)]])
     own = np.diag(np.repeat([(process * noise) ** 2, 0.0, walk**2 * period], n))
     seen, measured = np.eye(n, 3 * n), noise**2 * np.eye(n)
     covariance = solve_discrete_are(ahead.T, seen.T, own, measured)
     expected = seen @ covariance @ seen.T + measured
-    gain = covariance @ seen.T @ np.linalg.inv(expected)
+    gain = covariance @ seen.T @ inv(expected)
     by_input = np.vstack([both[:, :m], np.zeros((n, m))])
     return Filter(ahead, by_input, gain, float(np.sqrt(np.diag(expected).max())))
 
@@ -178,7 +179,7 @@ def chain_observer(robot: RobotParams, control_period: float) -> RateObserver:
     linearizer, inputs = Linearizer(space.scene), space.ground.inputs
     angles = space.inverse.posture(inputs)
     model, length = linearizer.about(angles, inputs), robot.drive.kind == "length"
-    full = np.abs(np.linalg.solve(model.stiffness, model.inputs)).sum(axis=1).max()
+    full = np.abs(solve(model.stiffness, model.inputs)).sum(axis=1).max()
     noise = _NOISE / robot.length, _WALK * full, _PROCESS
     known = stationary_filter(model, model.stiffness, control_period, *noise)
     scale = linearizer.inputs.input_scale if length else np.ones(len(inputs))
@@ -281,7 +282,7 @@ def _arm_later(
                 right[i] += mass[i, k] * v[k]
         for i in range(n):
             mass[i, i] += h * (arm.damping_time + h) * arm.stiffness
-        v[:] = np.linalg.solve(mass, right)
+        v[:] = solve(mass, right)
         q += h * v
     return out
 

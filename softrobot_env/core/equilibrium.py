@@ -7,7 +7,7 @@ from numbers import Integral
 
 import numpy as np
 from numpy import ndarray
-from numpy.linalg import cholesky, eigvals, solve
+from numpy.linalg import LinAlgError, cholesky, eigvals, solve
 
 #: Kinds of stability that can be asked for.
 STABILITY = ("static", "dynamic")
@@ -93,7 +93,7 @@ def static_growth(stiffness: ndarray, mass: ndarray) -> float | None:
     try:
         # The eigenvalues 1 / w^2 of K^-1 M, not those of M^-1 K: soft modes are then exact.
         squares = -eigvals(solve(stiffness, mass))
-    except np.linalg.LinAlgError:
+    except LinAlgError:
         return 0.0  # a deviation that nothing opposes
     growing = (squares.real > 0) & (np.abs(squares.imag) <= _REAL * np.abs(squares))
     return float(1 / np.sqrt(squares.real[growing].min())) if growing.any() else None
@@ -103,7 +103,7 @@ def positive_definite(stiffness: ndarray) -> bool:
     """Whether every deviation (n,) is opposed: then no eigenvalue is real and negative."""
     try:
         cholesky((stiffness + stiffness.T) / 2)
-    except np.linalg.LinAlgError:
+    except LinAlgError:
         return False
     return True
 

@@ -199,10 +199,8 @@ def safe_scales(robot: RobotParams, ways: list[ndarray], limits: Excitation) -> 
 def _judge(robot: RobotParams, limits: Excitation) -> Callable[[ndarray, float], bool]:
     """Whether the nominal robot at rest keeps within limits under a share of inputs (n_inputs,)."""
     config = replace(model_scene(robot), sensors=())
-    scene, inputs, tendons = build_scene(config), robot_inputs(robot), config.robot.tendons
-    stiffness, pretension = (
-        np.array([getattr(t, name) for t in tendons]) for name in ("stiffness", "pretension")
-    )
+    scene, inputs = build_scene(config), robot_inputs(robot)
+    stiffness, pretension = map(config.robot.of_tendons, ("stiffness", "pretension"))
     straight = scene.tendon_length(scene.model.qpos_spring)
 
     def tension_of(command: ndarray, q: ndarray) -> ndarray:

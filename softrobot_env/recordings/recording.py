@@ -135,8 +135,8 @@ class Recording:
                 f"robot {robot.name!r} has no tendon {unknown[0]!r}; "
                 f"it has {', '.join(names) or 'none'}"
             )
-        idle = [t.pretension if self.kind == "tension" else 0.0 for t in robot.tendons]
-        out = np.tile(np.array(idle, float), (len(self.times), 1))
+        idle = robot.of_tendons("pretension") * (self.kind == "tension")
+        out = np.tile(idle, (len(self.times), 1))
         out[:, [names.index(name) for name in known]] = self.commands
         return out
 

@@ -221,14 +221,7 @@ def plot_stability(rows: Sequence[StabilityRow], path: Path, robot: str) -> None
 
     asked = [row for row in rows if row.case == "map"]
     stiffness = "stiffness_scale", "stiffness / robot's"
-    figure, panels = new_maps(asked, ("damping_scale", "damping x {:g}"), stiffness, look)
-    for axes in panels.values():
-        for values, show in (
-            ({row.stiffness_scale for row in asked}, axes.set_xticks),
-            ({1e3 * row.timestep for row in asked}, axes.set_yticks),
-        ):
-            show(sorted(values), [f"{value:g}" for value in sorted(values)])
-        axes.minorticks_off()
+    figure, _ = new_maps(asked, ("damping_scale", "damping x {:g}"), stiffness, look)
     own = [row for row in rows if row.case == "own"]
     good = sum(row.verdict == Verdict.ACCURATE for row in own)
     add_title(
@@ -266,9 +259,9 @@ def new_maps(
     size = (2.0 + 1.9 * len(integrators), 2.0 + 1.7 * len(values))
     figure, panels = new_figure(len(values), len(integrators), size, share=True)
     found = dict(zip(product(values, integrators), panels.flat, strict=True))
-    for (value, integrator), axes in found.items():
-        mine = [row for row in rows if row.integrator == integrator]
-        _draw_map(axes, [row for row in mine if getattr(row, field) == value], x, look)
+    for place, axes in found.items():
+        mine = [row for row in rows if (getattr(row, field), row.integrator) == place]
+        _draw_map(axes, mine, x, look)
     for first, value in zip(panels[:, 0], values, strict=True):
         first.set_ylabel(f"{label.format(value)}\ntimestep [ms]", fontsize=8.5)
     for top, bottom, integrator in zip(panels[0], panels[-1], integrators, strict=True):
@@ -293,4 +286,7 @@ def _draw_map(
     axes.grid(False)
     axes.pcolormesh(cell_edges(x), cell_edges(y), picture, edgecolors="white", linewidth=0.4)
     axes.set(xscale="log", yscale="log")
+    axes.set_xticks(x, [f"{value:g}" for value in x])
+    axes.set_yticks(y, [f"{value:g}" for value in y])
+    axes.minorticks_off()
     axes.tick_params(labelsize=7.5)

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 from numpy import ndarray
-from numpy.linalg import norm, svd
+from numpy.linalg import LinAlgError, norm, solve, svd
 
 from softrobot_env.core.equilibrium import EquilibriumError, positive_definite
 from softrobot_env.core.processes import one_blas_thread
@@ -179,8 +179,8 @@ class InverseStatics:
         self.forces = StaticForces(self._by_tension.model)
         self._tensions = TendonMap(robot)
         # Pretension [N], stiffness [N/m] and straight length [m] of the tendons, (3, n_tendons).
-        elastic = [(t.pretension, t.stiffness, t.straight_length) for t in robot.tendons]
-        self._elastic, self._full = np.array(elastic).T, full_length(robot, scene.model)
+        elastic = map(robot.of_tendons, ("pretension", "stiffness", "straight_length"))
+        self._elastic, self._full = np.array([*elastic]), full_length(robot, scene.model)
         self._actions = self._tensions.per_action()
         self._command = self._actions.command
         self._turn = _LARGEST_TURN / len(np.unique(scene.model.dof_bodyid))
@@ -589,8 +589,8 @@ class InverseStatics:
         if driven and self._pulled:
             stiffness = stiffness + (arms * self._elastic[1]) @ arms.T
         try:
-            found = np.linalg.solve(stiffness, np.column_stack([force, right]))
-        except np.linalg.LinAlgError:
+            found = solve(stiffness, np.column_stack([force, right]))
+        except LinAlgError:
             return None
         if not np.isfinite(found).all():
             return None

@@ -6,6 +6,7 @@ from math import pi
 import mujoco
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import LinAlgError, solve
 
 from softrobot_env.core.continuation import Newton, find_equilibrium
 from softrobot_env.core.equilibrium import (
@@ -127,14 +128,14 @@ class _LoadedChain:
         right = np.stack([force, self._forces.applied], axis=1)
         self._stiffness = -self._forces.tangent()
         try:
-            found = np.linalg.solve(self._stiffness, right)
-        except np.linalg.LinAlgError:
+            found = solve(self._stiffness, right)
+        except LinAlgError:
             return None
         return Newton(*found.T) if np.all(np.isfinite(found)) else None
 
     def again(self, q: ndarray, share: float) -> ndarray:
         """The change (nv,) to balance the forces at q (nq,), by the last stiffness."""
-        return np.linalg.solve(self._stiffness, self._forces.force(q, self._ctrl, share))
+        return solve(self._stiffness, self._forces.force(q, self._ctrl, share))
 
     def moved(self, q: ndarray, change: ndarray) -> ndarray:
         """Posture (nq,) after small turns (nv,) [rad] of the joints."""

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import norm
 
 from softrobot_env.core.records import Count, Positive, check_fields
 
@@ -62,7 +63,7 @@ class FourierPath:
         centre, width = np.pi, np.pi
         for points in (801, 101, 101):  # finer and finer grids
             grid = centre + width * np.linspace(-1, 1, points)
-            rate = np.linalg.norm(self.derivative(grid, 1), axis=1)
+            rate = norm(self.derivative(grid, 1), axis=1)
             centre, width = grid[np.argmax(rate)], 4 * width / points
         return float(rate.max())
 
@@ -104,7 +105,7 @@ def random_path(
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     terms = rng.normal(size=(2, harmonics, 2)) / np.arange(1, harmonics + 1)[:, None]
     unit = FourierPath((0.0, 0.0, 0.0), *_points(np.insert(terms, 2, 0.0, axis=-1)))
-    farthest = np.linalg.norm(unit.derivative(np.linspace(0, 2 * np.pi, 2001), 0), axis=1).max()
+    farthest = norm(unit.derivative(np.linspace(0, 2 * np.pi, 2001), 0), axis=1).max()
     return FourierPath(start, *_points(terms / farthest @ np.array([along, across])))
 
 

@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 import gymnasium
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import lstsq, svd
 from numpy.random import Generator
 from scipy.signal import butter, sosfiltfilt
 
@@ -116,8 +117,8 @@ def drives_of(robot: RobotParams, outputs: int, period: float | None = None) -> 
         actions = _taut(robot, actions)
     rest = actions[0]
     actions = actions - rest
-    gain = np.linalg.lstsq(actions, sample.tips - sample.tips[0], rcond=None)[0]
-    _, values, directions = np.linalg.svd(gain.T, full_matrices=False)
+    gain = lstsq(actions, sample.tips - sample.tips[0], rcond=None)[0]
+    _, values, directions = svd(gain.T, full_matrices=False)
     basis = directions[: min(int(np.sum(values > _MOVING * values[0])), outputs)].T
     first = 1 / float(linearised(space.inverse, space.ground.inputs).frequencies[0])
     if period is None:

@@ -21,7 +21,7 @@ from softrobot_env.scene.config import TipSensors
 from softrobot_env.scene.quadrature import RULES
 from softrobot_env.thesis.rig.spatial_piece import SUBPIECES, RigPiece, add_static
 from studies.accuracy import cases
-from studies.beams import chain_scene
+from studies.beams import chain_scene, zero_timestep
 from studies.truths.rig_column import column_tip, tensions
 from studies.truths.rig_piece import acceleration, distributed, output
 from studies.truths.rig_ritz_rod import RigRod
@@ -289,7 +289,7 @@ def chain_limit(case: str) -> runs.Limit:
 
     def solve(n: int) -> ndarray:
         motions = [chain_motion(case, "gauss2", n, k, "implicitfast")() for k in _FINE]
-        return runs.zero_timestep(motions)[0]
+        return zero_timestep(motions)[0]
 
     return runs.extrapolate(solve, _SIZES, "limit of mujoco_chain/gauss2 at zero timestep")
 

@@ -4,14 +4,14 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.beams.model import State
-from softrobot_env.evaluation.models.runs import Limit, converged, distance, zero_timestep
+from softrobot_env.evaluation.models.runs import Limit, converged, distance
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.config import TipSensors
 from softrobot_env.scene.statics import equilibrium
 from softrobot_env.tasks import equal_input
 from studies.accuracy.cases import BeamMotion, ChainMotion, Contestant
-from studies.beams import chain_scene
+from studies.beams import chain_scene, zero_timestep
 
 CASE, ROBOT = "tension_step", ARM
 

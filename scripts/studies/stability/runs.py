@@ -16,11 +16,12 @@ from numpy import ndarray
 
 from softrobot_env.beams.model import BeamModel, IntegrationError, State
 from softrobot_env.beams.signals import Signal
-from softrobot_env.evaluation.models.runs import distance, silent_warnings, unwarned, zero_timestep
+from softrobot_env.evaluation.models.runs import distance, silent_warnings, unwarned
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.simulation import DIVERGING
 from softrobot_env.scene.timestep import TimestepChoice, choose_timestep, linearize, stability_limit
+from studies.beams import zero_timestep
 from studies.lab import Record, quantity
 
 #: How a run can fail: its motion grows beyond all bounds, or it gives up because Newton's

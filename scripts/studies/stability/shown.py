@@ -310,8 +310,7 @@ def _draw_limit(axes: Axes, rows: list[Row], stiffness: str) -> None:
     axes.plot(sorted(limits), [limits[at] for at in sorted(limits)], "k--", linewidth=1.1)
     axes.set_ylim(_LOWEST, _HIGHEST)  # picks may lie below
     axes.set_yticks([0.1, 1, 10], ["0.1", "1", "10"])
-    axes.set_xticks([1e-2, 1, 1e2, 1e4])
-    axes.minorticks_off()
+    axes.set_xticks([1e-2, 1, 1e2, 1e4], ["0.01", "1", "100", "1e4"])
     axes.set_xlim(*cell_edges(sorted({getattr(row, stiffness) for row in rows}))[[0, -1]])
 
 

@@ -193,7 +193,7 @@ def _lag(robot: RobotParams) -> ndarray:
     if robot.drive.kind != "length":
         return np.zeros(1)
     play = robot.drive.backlash / 2
-    return np.array([play + (t.friction and t.friction / t.stiffness) for t in robot.tendons])
+    return play + robot.of_tendons("friction") / robot.of_tendons("stiffness")
 
 
 class InverseDynamicsPI(FeedforwardPI, InverseDynamics):

@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import norm
 
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import NotNegative, Positive, check_argument
@@ -142,7 +143,7 @@ class Feedback:
         sent = (*felt.sent, Sent(reference.copy(), felt.moved))
         error = np.where(np.isfinite(tip), sent[0].reference - tip, 0.0)
         integral = felt.integral + self._period * error
-        near = min(1.0, self._far / max(self._proportional * np.linalg.norm(error), 1e-300))
+        near = min(1.0, self._far / max(self._proportional * norm(error), 1e-300))
         change = near * self._proportional * error + self._integral * integral
         now = felt._replace(integral=integral, sent=sent[1:])
         if self._filter is None:
@@ -150,7 +151,7 @@ class Feedback:
         else:
             if np.isfinite(tip).all():
                 corrected, ways = sent[0].moved[0], sent[0].moved[1:]
-                left, far = error + corrected, float(np.linalg.norm(error))
+                left, far = error + corrected, float(norm(error))
                 differs = self._filter.updated(felt.differs, left, ways, far)
                 now = now._replace(differs=differs)
             shifted, now, limited = self._made_up(rest, motion, change, now)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import eigh, solve, svd
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 
@@ -141,7 +142,7 @@ class DifferenceFilter:
         covariance = before.covariance + self._walk
         seen = covariance @ ways
         expected = ways.T @ seen + noise * np.eye(len(left))
-        gain = np.linalg.solve(expected, seen.T).T
+        gain = solve(expected, seen.T).T
         mean = before.mean - gain @ (left + ways.T @ before.mean)
         covariance = covariance - gain @ seen.T
         return Differences(np.clip(mean, self._least, self._most), (covariance + covariance.T) / 2)
@@ -203,7 +204,7 @@ def _newton_steps(
     u: ndarray, gap: ndarray, first: ndarray, second: ndarray
 ) -> tuple[ndarray, ndarray]:
     """Step towards the target in the row space of J, and down |u|^2 in its null space."""
-    left, singular, right = np.linalg.svd(first)
+    left, singular, right = svd(first)
     # Near the straight pose J loses rank; the damping bounds the step there and vanishes with
     # the gap, so it does not disturb convergence.
     damping = 1e-3 * np.hypot(*gap) * singular[0]
@@ -214,7 +215,7 @@ def _newton_steps(
     multiplier = -left @ (gain * (range_.T @ u))
     bend = np.eye(len(u)) + multiplier[0] * second[0] + multiplier[1] * second[1]
     hessian = null.T @ bend @ null
-    values, vectors = np.linalg.eigh(hessian)
+    values, vectors = eigh(hessian)
     slope = vectors.T @ (null.T @ u)
     return to_range, -null @ (vectors @ (slope / np.maximum(np.abs(values), 0.1)))
 

@@ -5,6 +5,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import norm, solve
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.core.equilibrium import EquilibriumError
@@ -127,7 +128,7 @@ class ClosedStatics:
         """See `Statics`."""
         jacobian = self._statics.jacobian(rest.inputs)
         square = jacobian @ jacobian.T + _DAMPING**2 * np.eye(2)
-        inputs = rest.inputs + jacobian.T @ np.linalg.solve(square, change)
+        inputs = rest.inputs + jacobian.T @ solve(square, change)
         return inputs, bool(np.any(np.abs(inputs) > self._statics.limit))
 
     def first_mode(self) -> tuple[float, float]:
@@ -261,7 +262,7 @@ class ChainStatics:
 
     def error(self, posture: ndarray, target: ndarray) -> float:
         """Distance [m] of the tip in a posture (nq,) from all coordinates of a target (k,)."""
-        return float(np.linalg.norm(self.inverse.tip(posture)[self.axes(len(target))] - target))
+        return float(norm(self.inverse.tip(posture)[self.axes(len(target))] - target))
 
     def solver(self, spatial: bool) -> InverseStatics:
         """Along all three directions, or its own."""

@@ -181,8 +181,8 @@ def _taut(robot: RobotParams) -> TensionKeeping:
         return TensionKeeping(np.zeros(m), *np.zeros((2, 0, m)))
     stiffness = robot.of_tendons("stiffness") * robot_inputs(robot).input_scale
     moments, shares = TendonMap(robot).phi, []
-    for group in sorted({t.group for t in robot.tendons}):
-        own = np.array([float(t.group == group) for t in robot.tendons])
+    for group in np.unique(robot.of_tendons("group")):
+        own = (robot.of_tendons("group") == group).astype(float)
         share, left = nnls(np.vstack([moments * own, own]), np.append(np.zeros(len(moments)), 1.0))
         if left < _OPPOSED and np.all(share[own > 0] > 0):
             shares.append(share)

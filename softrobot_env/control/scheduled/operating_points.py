@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import lstsq, norm, solve, svd
 
 from softrobot_env.beams.numerics.compilation import kernel, reference
 from softrobot_env.beams.registry import MUJOCO, BeamPlant
@@ -132,7 +133,7 @@ def find_points(
         raise EquilibriumError(f"robot {robot.name!r} rests nowhere as plant {plant!r} has it")
     found = _bent(found, directions)
     ground = workspace_of(robot).ground
-    away = np.linalg.norm([directions @ (e.tip - ground.middle) for e in found], axis=1)
+    away = norm([directions @ (e.tip - ground.middle) for e in found], axis=1)
     importance = np.where(away <= ground.length, 1.0, _OUTSIDE)
     chosen, errors = _choose(found, directions, importance, most, tolerance * robot.reach)
     return OperatingPoints([found[k] for k in chosen], directions, errors, len(found))
@@ -142,7 +143,7 @@ def row_of(point: Equilibrium, gains: ndarray) -> ndarray:
     """(size,) of a point with the gains (k,) of a law, laid out as `table.split` tells."""
     stiffness, model = point.model.stiffness, point.model
     forces = np.column_stack([model.mass, model.damping, model.elastic])
-    relative = np.linalg.solve(stiffness, forces)
+    relative = solve(stiffness, forces)
     n = len(stiffness)
     parts = (
         point.action,
@@ -177,9 +178,9 @@ def _looking(robot: RobotParams, inverse: InverseStatics, plant: str) -> Callabl
 
 def _equilibrium(directions: ndarray, rest: AtRest) -> Equilibrium:
     action, curvature, _, model = rest
-    by_action = np.linalg.solve(model.stiffness, model.inputs)
+    by_action = solve(model.stiffness, model.inputs)
     moved = directions @ model.tip @ by_action
-    left, singular, right = np.linalg.svd(moved, full_matrices=False)
+    left, singular, right = svd(moved, full_matrices=False)
     gain = singular / (singular**2 + (_DAMPING * singular[0]) ** 2)
     to_action = (right.T * gain) @ left.T @ directions
     nothing = np.zeros((len(action) + len(curvature) + 3, len(_products(directions))))
@@ -205,7 +206,7 @@ def _bent(found: list[Equilibrium], directions: ndarray) -> list[Equilibrium]:
         products = _products(directions @ (tips[near] - point.tip).T).T
         weight = 1 / np.maximum(away[near], _ALIKE**2)[:, None] ** 0.5
         left = (states[near] - point.state() - linear) * weight
-        second = np.linalg.lstsq(products * weight, left, rcond=1e-6)[0].T
+        second = lstsq(products * weight, left, rcond=1e-6)[0].T
         bent.append(point._replace(second=second))
     return bent
 
@@ -224,7 +225,7 @@ def _candidates(
     done, held = 0, [first]
     yield first
     for place in _disc(ground, within):
-        near = min(held, key=lambda h: np.linalg.norm(inverse.scene.tip(h.postures[-1]) - place))
+        near = min(held, key=lambda h: norm(inverse.scene.tip(h.postures[-1]) - place))
         found = inverse.solve(place[None], near, anywhere=False)
         done += 1
         progress(done, count)

@@ -268,7 +268,7 @@ OBSERVABLES: Registry[Observable] = Registry(
             "N",
             _tendon_tension,
             lambda o: o.measured.tendon_tension,
-            lambda s: np.array([t.tension_limit / 2 for t in s.robot.tendons]),
+            lambda s: s.robot.of_tendons("tension_limit") / 2,
         ),
         "tendon_length": Observable(
             "m",

@@ -80,16 +80,6 @@ def extrapolate(solve: Callable[[int], ndarray], sizes: Sequence[int], text: str
     return Limit(best, uncertainty, text)
 
 
-def zero_timestep(tips: Sequence[ndarray]) -> tuple[ndarray, ndarray]:
-    """Limits of motions with timesteps h, h/2 and h/4, for an error series in h.
-
-    Returns:
-        The best estimate, and the one of the two finer motions alone.
-    """
-    found = dict(zip((1, 2, 4), tips, strict=True))
-    return converged(found, 1), converged({n: found[n] for n in (2, 4)}, 1)
-
-
 # ---------------------------------------------------------------- time and cost
 
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import inv, norm, solve
 
 from softrobot_env.core.continuation import Damping, descend
 from softrobot_env.recordings import Recording
@@ -110,7 +111,7 @@ def dynamics_of(
             show(step + 1, _rms(here.error))
         if way.max() < 2e-3:
             break
-    noise, deviation = np.linalg.inv(problem.normal), problem.deviation(here)
+    noise, deviation = inv(problem.normal), problem.deviation(here)
     own = [(float(v), float(s)) for v, s in zip(here.values, deviation, strict=True)]
     if friction is None or not any(t.friction > 0 for t in robot.tendons):
         own[_FRICTION] = (0.0, 0.0)
@@ -191,7 +192,7 @@ class _Problem:
     def step(self, damping: float) -> _Point:
         """Where a damped step leads."""
         matrix = self.normal + damping * np.diag(np.diag(self.normal))
-        there = self._here.values - np.clip(np.linalg.solve(matrix, self._right), -_MOST, _MOST)
+        there = self._here.values - np.clip(solve(matrix, self._right), -_MOST, _MOST)
         there[1] = max(there[1], 0.0)
         return self.weighed(self.at(there))
 
@@ -250,7 +251,7 @@ def _judged(recording: Recording) -> list[tuple[float, float, ndarray]]:
     """Largest speed [m/s], begin [s] and rows (t,) bool of each motion out of rest."""
     times, runs, tip = recording.times, recording.runs, recording.markers[:, -1]
     change = np.append(0.0, np.abs(np.diff(recording.commands, axis=0)).max(axis=1))
-    speed = np.linalg.norm(np.nan_to_num(np.diff(tip, axis=0, prepend=tip[:1])), axis=1)
+    speed = norm(np.nan_to_num(np.diff(tip, axis=0, prepend=tip[:1])), axis=1)
     quiet = change <= 1e-3 * np.ptp(recording.commands, axis=0).max()
     same = np.append(False, np.diff(runs) == 0)
     begins = np.flatnonzero(~quiet & np.append(True, quiet[:-1]) & same) - 1

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import norm, solve
 
 from .least_squares import Fit
 from .model import StaticModel
@@ -50,7 +51,7 @@ def best_experiments(model: StaticModel, fit: Fit) -> list[Experiment]:
             continue
         a = slopes.reshape(-1, len(free)) / fit.weights.deviation
         old = fit.covariance[np.ix_(free, free)]
-        gained = np.linalg.solve(np.eye(len(a)) + a @ old @ a.T, a @ old)
+        gained = solve(np.eye(len(a)) + a @ old @ a.T, a @ old)
         new = np.diag(old - old @ a.T @ gained)
         places = np.searchsorted(free, asked)
         before, after = np.diag(old)[places], new[places]
@@ -82,7 +83,7 @@ def _candidates(model: StaticModel) -> list[tuple[str, ndarray, ndarray | None]]
     gravity = np.array(model.robot.own_gravity)
     if gravity.any():
         still = np.tile(middle, (3, 1))
-        size = float(np.linalg.norm(gravity))
+        size = float(norm(gravity))
         found.append(("lay the robot level, its x axis up", still, np.array([-size, 0.0, 0.0])))
         if model.spatial:
             found.append(("lay the robot level, its y axis up", still, np.array([0.0, -size, 0.0])))

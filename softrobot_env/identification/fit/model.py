@@ -153,7 +153,7 @@ class StaticModel:
         self._edges, sizes = edges, np.diff(edges)
         self.stretches = pieces * np.arange(len(ends) - 1)
         tendons = robot.tendons
-        last = np.array([int(np.argmin(np.abs(edges - t.end))) for t in tendons], int)
+        last = np.abs(edges - robot.of_tendons("end")[:, None]).argmin(axis=1)
         spans = np.full((len(tendons), len(sizes)), float(_CHANNEL))
         for k, tendon in enumerate(tendons):
             if tendon.guides:

@@ -180,7 +180,7 @@ class _Run:
         robot, static, any_way = self.robot, self.static, self.any_turn
         if static.kind == "action" or "tendons" not in self.stages:
             return False
-        names = {t.name for t in robot.tendons}
+        names = set(robot.tendon_names)
         if static.tendons is None and not set(static.header.commands.columns) <= names:
             found = self.assignment = assignment.assigned(
                 static,

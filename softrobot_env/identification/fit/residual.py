@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import solve
 
 from softrobot_env.core.artifacts import read_arrays, write_arrays
 from softrobot_env.recordings import Recording
@@ -163,7 +164,7 @@ def trained(
     if best is None:
         return None
     memory, width, features, matrix = best
-    weights = np.linalg.solve(matrix, target)
+    weights = solve(matrix, target)
     return Residual(middle, spread, band, memory, width, features, weights)
 
 
@@ -175,7 +176,7 @@ def _left(matrix: ndarray, target: ndarray, fold: ndarray, noise: float) -> floa
         if not held.any() or not learned.any():
             continue
         inner = matrix[np.ix_(learned, learned)] + noise * np.eye(int(learned.sum()))
-        weights = np.linalg.solve(inner, target[learned])
+        weights = solve(inner, target[learned])
         left += float(np.sum((target[held] - matrix[np.ix_(held, learned)] @ weights) ** 2))
     return left
 

@@ -122,7 +122,7 @@ def groups(
     found.append(Group("youngs_modulus", "statics", sections, 0.1, "log", 0.3))
     if by_length:
         found.append(Group("tendon_stiffness", "statics", names, 0.3, "log", 1.0))
-        zero = _BEND * np.median([t.farthest * t.stiffness for t in robot.tendons])
+        zero = _BEND * np.median(robot.of_tendons("farthest") * robot.of_tendons("stiffness"))
         usual = float(np.median(robot.of_tendons("pretension")))
         found.append(Group("pretension", "statics", names, zero, "N", usual + zero))
         found.append(Group("backlash", "statics", ("all",), 1.5, "log"))
@@ -137,14 +137,14 @@ def _typical_force(robot: RobotParams, travel: float, by_length: bool) -> float:
         return max(travel, 1e-6)
     stiff = np.median(robot.of_tendons("stiffness"))
     bend = 2 * float(robot.backbone.bending(np.array([robot.length / 2]))[0]) / robot.length
-    arm = np.median([max(t.farthest, 1e-4) for t in robot.tendons])
+    arm = np.median(np.maximum(robot.of_tendons("farthest"), 1e-4))
     return float(travel / 2 * min(stiff, bend / arm**2))
 
 
 def start_friction(robot: RobotParams, travel: float, by_length: bool) -> ndarray:
     """(n_tendons,) [N] that a search begins with: the file's, or a twentieth of usual forces."""
     least = 0.05 * _typical_force(robot, travel, by_length)
-    return np.array([max(t.friction, least) for t in robot.tendons])
+    return np.maximum(robot.of_tendons("friction"), least)
 
 
 def start_bending_friction(robot: RobotParams) -> ndarray:

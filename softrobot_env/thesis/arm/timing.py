@@ -43,7 +43,6 @@ def is_planar_arm(robot: RobotParams) -> bool:
 
 def identity(robot: RobotParams) -> np.ndarray:
     """What a gain table depends on: numbers that tell robots apart."""
-    ends = [t.end for t in robot.tendons]
-    radii = [t.offset[0] for t in robot.tendons]
+    ends, radii = robot.of_tendons("end"), robot.of_tendons("offset")[:, 0]
     own = (robot.length, robot.bending_stiffness, robot.mass_per_length, robot.damping_time)
     return np.array([*own, float(robot.pieces), *ends, *radii])

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy import ndarray
+from numpy.linalg import norm
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.control.learned import neural
@@ -130,7 +131,7 @@ def random_legs(rng: np.random.Generator, duration: float) -> Task:
         towards = random_input(rng)
         share = 0.0 if rests else rng.uniform(0.2, 0.7)
         inputs.append(inputs[-1] + share * (towards - inputs[-1]))
-        way = np.linalg.norm(np.diff(tips(np.array(inputs[-2:])), axis=0))
+        way = norm(np.diff(tips(np.array(inputs[-2:])), axis=0))
         times.append(times[-1] + max(0.3, way / rng.uniform(0.02, 0.3)))
     points = tips(np.array(inputs))
     path = Polyline(tuple(map(tuple, points)), tuple(times))
@@ -149,7 +150,7 @@ def random_waves(rng: np.random.Generator, duration: float) -> Task:
         return middle + np.sum(size * np.sin(angle)[:, :, None] / order[:, None, None], axis=0)
 
     turn = np.linspace(0, 2 * np.pi, 200)
-    fastest = np.linalg.norm(np.gradient(tips(inputs(turn)), turn, axis=0), axis=1).max()
+    fastest = norm(np.gradient(tips(inputs(turn)), turn, axis=0), axis=1).max()
     rate = np.exp(rng.uniform(*np.log(_SPEEDS))) / fastest
     times = np.arange(0, duration + 2 * _KNOT, _KNOT)
     path = Polyline(tuple(map(tuple, tips(inputs(rate * times)))), tuple(times))

@@ -67,7 +67,7 @@ class FlexibleServoConstraints:
         """
         head = head_of(robot)
         robot.require_uniform("a model of the rig by equal pieces")
-        ends = [tendon.end for tendon in robot.tendons]
+        ends = robot.of_tendons("end")
         # So each piece bends under the moment of all tendons.
         if not np.allclose(ends, robot.length, rtol=1e-12, atol=0):
             raise ValueError(
