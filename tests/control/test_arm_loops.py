@@ -82,6 +82,7 @@ class Case(NamedTuple):
     after: float = 1.0
     late: tuple[float, float] = (0.0, np.inf)
     mean: tuple[float, float] = (0.0, np.inf)
+    rms: tuple[float, float] = (0.0, np.inf)
     modulus: float = 1.0
 
 
@@ -95,15 +96,14 @@ CASES = [
     *(Case("lqi", "pcc", "swing", 4.0, ANY, 2.5, (0, 2), modulus=E) for E in (0.5, 1.5)),
     Case("mpc", "pcc", "swing", 6.0, (12.5, 13.1), mean=(8.4, 9.4)),
     Case("mpc", "pcc", "lshape", 7.0, (2.5, 2.7)),
-    *(Case("mpc", "pcc", "swing", 12.0, ANY, 9.0, (40, np.inf), modulus=E) for E in (0.5, 1.5)),
+    Case("mpc", "pcc", "swing", 12.0, ANY, 9.0, (40, np.inf), modulus=0.5),
     # Largest at the start, in the L's corner (5 s) and at the swing's end (10 s).
-    Case("mpc_preview", "mujoco", "swing", 12.0, (0, 0.8), mean=(0, 0.1)),
-    Case("mpc_preview", "mujoco", "lshape", 6.0, (0, 0.4), mean=(0, 0.1)),
+    Case("mpc_preview", "mujoco", "swing", 12.0, (0, 0.8), rms=(0, 0.1)),
+    Case("mpc_preview", "mujoco", "lshape", 6.0, (0, 0.4), rms=(0, 0.1)),
     # It starts out of balance, of which the law knows nothing before it moves.
     Case("mpc_preview", "mujoco", "swing", 3.0, (0, 1.2), 0.5, (0, 0.3), modulus=0.5),
     *(Case(name, "mujoco", "swing", 3.0, (0, 1.3), 0.5, (0, 0.15)) for name in LQ),
     *(Case(name, "mujoco", "lshape", 7.0, (0, 0.5)) for name in LQ),
-    Case("qs_nn", "pcc", "swing", 15.0, (14, 18), 14.9, (0, 5)),
     Case("qs_nn", "pcc", "swing", 15.0, (100, np.inf), modulus=0.75),
 ]
 LONG = ("mpc_preview", "swing", 12.0)
@@ -120,6 +120,7 @@ def test_paths(episode, case):
         (error.max(), case.largest),
         (late.max(), case.late),
         (late.mean(), case.mean),
+        (np.sqrt((error**2).mean()), case.rms),
     ):
         assert low <= found < high
 
@@ -155,3 +156,22 @@ def test_output_feedback_tracks_nearly_as_well(episode):
         for feedback in ("state", "output")
     }
     assert errors["output"] < 1.1 * errors["state"]
+
+
+def test_the_quasi_static_network_errs_most_at_the_start_of_a_swing(episode):
+    rollout = episode("qs_nn", "swing", "pcc")
+    assert 14e-3 < rollout.error.max() < 18e-3 and rollout.error[-1] < 5e-3
+    assert rollout.time[rollout.error.argmax()] < 2.0
+
+
+def test_a_stiffer_arm_stays_too_high_for_the_thesis_mpc(episode):
+    """Audit sec. 3."""
+    rollout = episode("mpc", "swing", "pcc", duration=12.0, vary={"youngs_modulus": 1.5})
+    assert rollout.error[rollout.time > 9.0].max() > 40e-3
+    assert rollout.tip[-1, 2] > rollout.reference[-1, 2] + 0.02
+
+
+def test_preview_steps_without_much_overshoot_on_a_softer_arm(episode):
+    options = {"step_width": 0.05, "duration": 3.0, "vary": {"youngs_modulus": 0.5}}
+    rollout = episode("mpc_preview", "step", **options)
+    assert step_metrics(rollout.time, rollout.tip, rollout.reference[-1]).overshoot < 0.05
