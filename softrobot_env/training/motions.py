@@ -153,6 +153,7 @@ def collect(
     twin: Twin | int | None = None,
     show: ProgressCallback = quiet,
     axes: str | None = None,
+    whole: bool = False,
 ) -> tuple[list[Record], list[Record]]:
     """Record a robot's decays and its motion under changing inputs, in simulation.
 
@@ -162,6 +163,7 @@ def collect(
         twin: The one as built, of a robot driven by length; or the seed of the rig's.
         show: Shows the progress.
         axes: Coordinates of the tip, those of the robot's camera or task unless given.
+        whole: Whether decays come with what was done before the release.
 
     Raises:
         ValueError: The robot has no tendons, or fails.
@@ -187,6 +189,7 @@ def collect(
         for motion in motions:
             actions, begin = motion(drives, plan, rng)
             record = drive(env, drives.rest + actions @ drives.basis.T, int(rng.integers(2**31)))
+            begin = 0 if whole else begin
             records.append(Record(record.outputs[begin:], record.inputs[begin:], record.period))
             show("motions", len(records), len(motions))
     count = plan.decays + plan.excited

@@ -102,7 +102,7 @@ TABLES = (
         ("model", "n", "integrator"),
         {
             **{name: partial(_share, outcome) for name, outcome in _MAP_OUTCOMES.items()},
-            **{f"h, z={z:g}": partial(_safe_share, z) for z in (0.0, 5.0)},
+            **{f"h, z={z:g}": partial(_safe_share, z) for z in arm_map.SOME_DAMPINGS[::2]},
         },
         of=Row,
         where={"case": "map"},
