@@ -5,10 +5,11 @@
 
 A mutant is one changed operator, comparison or number, or one removed statement, in a function. It
 is known by the function's name and the text of its statement, so that it can be made anew where
-that stands now. The sources stay as they are: the changed module is put in place of its own when
-it is imported. `run` takes the mutants in their order, those of compiled functions last, up to the
-time that is given, and goes on where it was stopped. The tests of a mutant are those of the file of
-tests that has its module's name, and of others that import the module or name the function.
+that stands now. The sources stay as they are: faults are made in a copy of the tree, whose tests
+run in the tree's own environment (`make .venv/.setup-test`). `run` takes the mutants in their
+order, those of compiled functions last, up to the time that is given, and goes on where it was
+stopped. The tests of a mutant are those of the file of tests that has its module's name, and of
+others that import the module or name the function.
 """
 
 import argparse
@@ -17,8 +18,8 @@ import json
 import os
 import random
 import re
+import shutil
 import subprocess
-import sys
 import tempfile
 import time
 from collections import Counter
@@ -39,51 +40,6 @@ _SWAPS = {}
 for _one, _other in (map(ast.__dict__.get, pair.split()) for pair in _PAIRS.split(", ")):
     _SWAPS |= {_one: _other, _other: _one}
 _SWAPS |= {ast.Pow: ast.Mult, ast.FloorDiv: ast.Div, ast.Mod: ast.FloorDiv, ast.MatMult: ast.Mult}
-
-#: Put before every import of a run. Compiled functions of the changed folder are compiled anew and
-#: not kept; other ones come from their cache.
-_HOOK = """
-import importlib.machinery, importlib.metadata, os, sys
-for place in sys.path[:]:  # the environment's own, which this one hides
-    own = os.path.join(place, "sitecustomize.py")
-    if os.path.isfile(own) and os.path.abspath(own) != os.path.abspath(__file__):
-        with open(own) as file:
-            exec(compile(file.read(), own, "exec"))
-        break
-_changed, _kernel = os.environ["MUTANT_OF"], os.environ["MUTANT_COMPILED"] == "1"
-with open(os.environ["MUTANT"]) as file:
-    _source = file.read()
-_usual = importlib.machinery.SourceFileLoader.get_code
-_CACHE = '''
-_digest = digest_of
-def digest_of(places):
-    inside = any(os.environ["MUTANT_OF"].startswith(f"{place}{os.sep}") for place in places)
-    return _digest(places) + ("changed" if inside else "")
-CacheFiles._save_data = lambda *_: None
-'''
-def _code(self, name):
-    path = os.path.abspath(self.path)
-    if path == _changed:
-        return compile(_source, path, "exec")
-    if _kernel and path.endswith("machine_code/cache.py"):
-        return compile(self.get_data(path).decode() + "\\nimport os" + _CACHE, path, "exec")
-    return _usual(self, name)
-importlib.machinery.SourceFileLoader.get_code = _code
-_points = importlib.metadata.entry_points
-def _there(**chosen):
-    found = _points(**chosen)
-    if not chosen.get("group", "").startswith("softrobot_env"):
-        return found
-    # Those of the installed version may name what this tree does not have
-    own = os.environ["PYTHONPATH"].split(os.pathsep)[1]
-    def lacks(point):
-        module = os.path.join(own, *point.value.split(":")[0].split("."))
-        return point.value.startswith("softrobot_env") and not (
-            os.path.exists(module + ".py") or os.path.exists(module)
-        )
-    return [point for point in found if not lacks(point)]
-importlib.metadata.entry_points = _there
-"""
 
 
 @dataclass
@@ -209,28 +165,20 @@ def draw(tree: Path, count: int, seed: int) -> list[Mutant]:
 def made(mutant: Mutant, tree: Path) -> tuple[Path, str] | None:
     """The file in which a mutant's statement stands now, and its changed source; None where it
     stands nowhere. Of several places the one with most of the name, then of the file's name."""
-    last, best = mutant.function.split(".")[-1], None
+    last, places = mutant.function.split(".")[-1], []
     for path in sorted((tree / PACKAGE).rglob("*.py")):
-        source = path.read_text()
-        if f"def {last}(" not in source:
-            continue
-        module = ast.parse(source)
+        module = ast.parse(path.read_text())
         for name, function in functions(module):
-            if name.split(".")[-1] != last:
-                continue
-            for block, place in statements(function):
-                if text_of(block[place]) == mutant.statement:
-                    rank = name == mutant.function, path.stem == Path(mutant.file).stem
-                    if best is None or rank > best[0]:
-                        before = ast.dump(block[place])
-                        kept = block[place]
-                        saved = ast.parse(ast.unparse(kept)).body[0]
-                        change(block, place, mutant.node, mutant.kind)
-                        best = rank, path, ast.unparse(module)
-                        block[place] = saved
-                        assert ast.dump(saved) == before
-                    break
-    return None if best is None else best[1:]
+            found = statements(function) if name.split(".")[-1] == last else ()
+            there = [one for one in found if text_of(one[0][one[1]]) == mutant.statement]
+            if there:
+                rank = name == mutant.function, path.stem == Path(mutant.file).stem
+                places.append((rank, path, module, there[0]))
+    if not places:
+        return None
+    _, path, module, (block, place) = max(places, key=lambda one: one[0])
+    change(block, place, mutant.node, mutant.kind)
+    return path, ast.unparse(module)
 
 
 def tests_of(mutant: Mutant, path: Path, tree: Path) -> list[str]:
@@ -254,16 +202,17 @@ def tests_of(mutant: Mutant, path: Path, tree: Path) -> list[str]:
 
 
 class Runner:
-    """Runs tests of one tree on mutants.
+    """Runs tests on mutants of a copy of a tree.
 
     Args:
         tree: The tree.
-        folder: For temporary files.
+        folder: For the copy.
     """
 
     def __init__(self, tree: Path, folder: Path) -> None:
-        self._tree, self._folder = tree, folder
-        (folder / "sitecustomize.py").write_text(_HOOK)
+        self._python = tree / ".venv" / "bin" / "python"
+        aside = shutil.ignore_patterns(".git", ".venv", "out")
+        self._tree = Path(shutil.copytree(tree, folder / "tree", ignore=aside))
         self._sound: dict[str, bool] = {}
 
     def run(self, mutant: Mutant) -> None:
@@ -277,38 +226,36 @@ class Runner:
         if not tests:
             mutant.verdict, mutant.by = "survived", "no test names it"
             return
-        failed = self._failed(tests, path, source, mutant.compiled)
+        failed = self._failed_of(path, source, tests)
         while failed not in (None, "time", _NOT_BEGUN) and not self._passes(failed):
             # It fails without the mutant, too.
             tests = [x for x in tests if x != str(self._tree / failed)]
             tests += ["--deselect", failed] if "::" in failed else []
-            failed = self._failed(tests, path, source, mutant.compiled)
+            failed = self._failed_of(path, source, tests)
         mutant.verdict = {None: "survived", "time": "undecided"}.get(failed, "killed")
         mutant.by, mutant.seconds = failed or "", round(time.monotonic() - begin, 1)
 
     def _passes(self, test: str) -> bool:
         if test not in self._sound:
-            self._sound[test] = self._failed([test], None, "", False) is None
+            self._sound[test] = self._failed([test]) is None
         return self._sound[test]
 
-    def _failed(
-        self, tests: list[str], path: Path | None, source: str, compiled: bool
-    ) -> str | None:
+    def _failed_of(self, path: Path, source: str, tests: list[str]) -> str | None:
+        """As `_failed`, with another source of a module."""
+        own = path.read_text()
+        path.write_text(source)
+        try:
+            return self._failed(tests)
+        finally:
+            path.write_text(own)
+
+    def _failed(self, tests: list[str]) -> str | None:
         """The first test that fails, "time" where they take too long; None if all pass."""
-        changed = self._folder / "changed.py"
-        changed.write_text(source)
-        environment = os.environ | {
-            "PYTHONPATH": os.pathsep.join(map(str, (self._folder, self._tree))),
-            "MUTANT": str(changed),
-            "MUTANT_OF": "" if path is None else str(path),
-            "MUTANT_COMPILED": str(int(compiled)),
-            **dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1"),
-        }
-        if compiled and "cache=True" in source:  # Numba's own cache, which watches the file
-            environment["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(dir=self._folder)
+        environment = os.environ | {"PYTHONPATH": str(self._tree)}
+        environment |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
         words = ["-x", "-q", "--no-header", "-p", "no:cacheprovider", "--tb=no", "-rfE"]
         words += ["-m", "not slow and not cluster and not gpu and not realtime"]
-        command = [sys.executable, "-m", "pytest", *words, *tests]
+        command = [str(self._python), "-m", "pytest", *words, *tests]
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
         own = {"cwd": self._tree, "env": environment, "start_new_session": True}
         with subprocess.Popen(command, **own, **pipes) as process:
@@ -337,10 +284,9 @@ def main() -> None:
     tree = args.tree.resolve()
     if args.what == "draw":
         save(args.file, draw(tree, args.count, args.seed))
-    mutants = [Mutant(**one) for one in json.loads((args.drawn or args.file).read_text())]
-    if args.drawn is not None and args.file.is_file():
-        mutants = [Mutant(**one) for one in json.loads(args.file.read_text())]
-    elif args.drawn is not None:
+    new = args.drawn is not None and not args.file.is_file()
+    mutants = [Mutant(**m) for m in json.loads((args.drawn if new else args.file).read_text())]
+    if new:
         mutants = [replace(m, verdict=None, by="", seconds=0.0) for m in mutants]
     if args.what == "run":
         until = time.monotonic() + 60 * args.minutes
