@@ -15,11 +15,8 @@ from softrobot_env.evaluation import runner
 from softrobot_env.evaluation.report import task_label, variation_label
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import EpisodeRow, Outcome
-from softrobot_env.rendering import curves, figures
-from softrobot_env.rendering.curves import Curve
-from softrobot_env.rendering.figures import Axes, Figure, new_figure
-from softrobot_env.robots import ARM, centerline
-from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.rendering import figures, plots
+from softrobot_env.rendering.figures import Axes, Figure
 from softrobot_env.tasks import Task, make_task
 from softrobot_env.thesis.figures import FIGURES, POLICY_TIME
 from studies import lab
@@ -68,9 +65,8 @@ def policies() -> list[str]:
 # ---------------------------------------------------------------- the thesis' tasks
 
 #: Task and step width [m] of everything that is run.
-TASKS = (("step", 0.05), ("step", 0.1), ("step", 0.2), ("swing", None), ("lshape", None))
-_SWING = ("swing", None)
-_WIDTHS = (0.05, 0.1, 0.2)
+_SWING, _LSHAPE, _WIDTHS = ("swing", None), ("lshape", None), (0.05, 0.1, 0.2)
+TASKS = (*(("step", width) for width in _WIDTHS), _SWING, _LSHAPE)
 
 #: Episodes of these policies on a step last [s] longer than the 5 s of the others: they damp
 #: nothing and settle late.
@@ -90,7 +86,7 @@ _SAMPLE = 0.01  # s, of a trace
 
 #: Policies in Figs. 6.14 to 6.19: the thesis' controllers, and ours to compare; their tasks.
 COMPARED = (*CONTROLLERS, "lq_adaptive")
-_DRAWN = (("step", 0.05), _SWING, ("lshape", None))
+_DRAWN = (("step", 0.05), _SWING, _LSHAPE)
 
 #: Policies whose behaviour with another Young's modulus is shown, and names of their figures.
 VARIED = {
@@ -438,116 +434,36 @@ def _goal_value(name: str) -> lab.Column:
 
 # ---------------------------------------------------------------- pictures
 
-#: Colours of factors on Young's modulus: warm where the robot is softer than known.
-_MODULI = {
-    0.5: figures.VERMILLION,
-    0.75: figures.ORANGE,
-    1.0: figures.GREEN,
-    1.25: figures.SKY,
-    1.5: figures.BLUE,
+#: Figure of the thesis -> task and step width [m], and which picture of `rendering.plots` it is.
+_PICTURES = {
+    "6.14": ("step", 0.05, "tip"),
+    "6.15": (*_SWING, "tip"),
+    "6.16": (*_SWING, "inputs"),
+    "6.17": (*_SWING, "shapes"),
+    "6.18": (*_LSHAPE, "tip"),
+    "6.19": (*_LSHAPE, "inputs"),
 }
-
-#: [s] of a step response that is shown from near, and as a whole.
-_STEP_WINDOWS = (1.0, 5.0)
 
 
 def _pictures(rows: Sequence[Any]) -> dict[str, Figure]:
     """Figs. 6.14 to 6.22 of the thesis anew, those that there are episodes for."""
-    found = [row for row in lab.of_kind(rows, ControllerRow) if row.trace is not None]
-    swing, lshape = (_compared(found, task) for task in ("swing", "lshape"))
-    step = _compared(found, "step", 0.05)
-    wanted = [
-        ("fig_6_14", _step_picture, step, "step of 50 mm, PCC plant"),
-        ("fig_6_15", _tracked, swing, "swing, PCC plant"),
-        ("fig_6_16", _inputs, swing, "swing, PCC plant"),
-        ("fig_6_17", _arms, swing, "the arm at the end of the swing, PCC plant"),
-        ("fig_6_18", _plane, lshape, "L-shape, PCC plant"),
-        ("fig_6_19", _inputs, lshape, "L-shape, PCC plant"),
-    ]
-    out = {
-        name: draw(drawn, f"As Fig. {name[4:].replace('_', '.')}: {text}")
-        for name, draw, drawn, text in wanted
-        if drawn
-    }
+    found, out = [row for row in lab.of_kind(rows, ControllerRow) if row.trace is not None], {}
+    for number, (task, width, kind) in _PICTURES.items():
+        mine = lab.select(found, setting="thesis", task=task, step_width=width)
+        traces = {row.policy: row.trace for row in mine if row.policy in COMPARED}
+        if traces:
+            title = f"As Fig. {number}, {mine[0].place}, PCC plant"
+            drawn = plots.pictures(traces, make_task(task, width), title)
+            out[f"fig_{number.replace('.', '_')}"] = drawn[kind]
     for policy, name in VARIED.items():
-        drawn = _varied(found, policy)
-        title = "As Figs. 6.20 to 6.22"
-        if policy in CONTROLLERS:
-            title = f"As Fig. {name[4:].replace('_', '.')}"
-        if len(drawn) > 1:
-            text = f"{title}: swing of {policy} with another Young's modulus, PCC plant"
-            out[name] = _tracked(drawn, text, _sensitive(drawn))
+        mine = lab.select(found, plant=PCC, task="swing", policy=policy)
+        mine.sort(key=lambda row: row.modulus)
+        traces = {variation_name(row.variation): row.trace for row in mine}
+        if len(traces) > 1:
+            number = name[4:].replace("_", ".") if policy in CONTROLLERS else "6.20 to 6.22"
+            title = f"As Fig. {number}, swing of {policy}, PCC plant"
+            out[name] = plots.pictures(traces, make_task("swing"), title, varied=True)["tip"]
     return out
-
-
-def _compared(rows: list[ControllerRow], task: str, width: float | None = None) -> list[Curve]:
-    mine = lab.select(rows, setting="thesis", task=task, step_width=width)
-    return curves.policy_curves({row.policy: row.trace for row in mine if row.policy in COMPARED})
-
-
-def _varied(rows: list[ControllerRow], policy: str) -> list[Curve]:
-    mine = lab.select(rows, plant=PCC, task="swing", policy=policy)
-    return [
-        Curve(variation_label(row.row()) or "nominal E", row.trace, {"color": _MODULI[row.modulus]})
-        for row in sorted(mine, key=lambda row: row.modulus)
-    ]
-
-
-def _sensitive(drawn: list[Curve]) -> str:
-    """A message of the most sensitive case."""
-    errors = {curve.name: 1e3 * curves.typical_error(curve.rollout) for curve in drawn}
-    least, most = (f(errors, key=errors.__getitem__) for f in (min, max))
-    text = "failed" if np.isinf(errors[most]) else f"{errors[most]:.3g} mm"
-    return f"The rms error goes from {errors[least]:.3g} mm ({least}) to {text} ({most})"
-
-
-def _step_picture(drawn: list[Curve], title: str) -> Figure:
-    figure, axes = new_figure(2, 2, (9.5, 6))
-    for column, end in enumerate(_STEP_WINDOWS):
-        curves.draw_tip(axes[:, column], drawn, shown=curves.until(end))
-    return curves.finish(figure, axes[0, 0], curves.least_error(drawn), title)
-
-
-def _tracked(drawn: list[Curve], title: str, message: str = "") -> Figure:
-    figure, axes = new_figure(3, 1, (8, 8))
-    curves.draw_tip(axes[:, 0], drawn)
-    return curves.finish(figure, axes[0, 0], message or curves.least_error(drawn), title)
-
-
-def _inputs(drawn: list[Curve], title: str) -> Figure:
-    pairs = TendonMap(ARM)
-
-    def pulled(rollout: Rollout) -> np.ndarray:
-        return pairs.reduced(rollout.tendon_tension)
-
-    figure, axes = new_figure(pairs.n_inputs, 1, (8, 7.5))
-    labels = [f"$u_{pair + 1}$ [N]" for pair in range(pairs.n_inputs)]
-    curves.draw_stacked(axes[:, 0], drawn, pulled, labels)
-    name, most = curves.most_input(drawn, pulled)
-    message = f"{name} pulls most, up to {most:.3g} N"
-    return curves.finish(figure, axes[0, 0], message, f"{title}; negative: lower tendon")
-
-
-def _arms(drawn: list[Curve], title: str) -> Figure:
-    figure, ((left, right),) = new_figure(1, 2, (9.5, 4.6))
-    curves.draw_shapes(left, drawn, [centerline(ARM, c.rollout.curvature[-1]) for c in drawn])
-    curves.draw_path(left, [], curves.longest(drawn).reference)
-    curves.draw_curvatures(right, drawn, ARM)
-    message = curves.end_errors(drawn)
-    return curves.finish(figure, left, message[0].upper() + message[1:], title)
-
-
-def _plane(drawn: list[Curve], title: str) -> Figure:
-    """Tip and error over time on the left, the path in the plane on the right."""
-    figure, axes = new_figure(3, 2, (10, 7.6))
-    curves.draw_tip(axes[:, 0], drawn)
-    grid = axes[0, 1].get_gridspec()
-    for axis in axes[:, 1]:
-        axis.remove()
-    path = figure.add_subplot(grid[:, 1])
-    figures.style_axes(path)
-    curves.draw_path(path, drawn, curves.longest(drawn).reference)
-    return curves.finish(figure, axes[0, 0], curves.least_error(drawn), title)
 
 
 def _thesis_points(axis: Axes, rows: list[ControllerRow], metric: str) -> None:
@@ -645,7 +561,7 @@ SPEEDS = {
 SEEDS = (0, 1, 2, 3, 4)
 
 #: Task and step width [m] of the disturbed robots.
-DISTURBED_TASKS = (_SWING, ("lshape", None), ("step", 0.05))
+DISTURBED_TASKS = (_SWING, _LSHAPE, ("step", 0.05))
 
 #: Duration [s] of a step, in which the slow policies settle too.
 STEP_DURATION = 10.0

@@ -9,7 +9,6 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.robots import RobotParams
 
 from .figures import COLOURS, REFERENCE, Axes, Figure, add_legend, add_title, style_of
 
@@ -67,11 +66,6 @@ def varied_curves(rollouts: Mapping[str, Rollout]) -> list[Curve]:
 def everything(rollout: Rollout) -> slice:
     """All samples."""
     return slice(len(rollout.time))
-
-
-def until(end: float) -> Shown:
-    """Samples up to a time [s]."""
-    return lambda rollout: slice(int(np.searchsorted(rollout.time, end, "right")))
 
 
 def longest(curves: Sequence[Curve]) -> Rollout:
@@ -152,17 +146,6 @@ def draw_shapes(axis: Axes, curves: Sequence[Curve], shapes: Sequence[ndarray]) 
         axis.plot([], [], **(line | {"linestyle": "-"}), label=curve.label)  # dashes may miss it
 
 
-def draw_curvatures(axis: Axes, curves: Sequence[Curve], robot: RobotParams) -> None:
-    """Curvature along a planar robot at the end of each episode."""
-    for order, curve in enumerate(curves):
-        values = curve.rollout.curvature[-1]
-        edges = np.linspace(0, 1e3 * robot.length, len(values) + 1)
-        line = dict(curve.line) | _dashes(order, len(curves))
-        axis.stairs(values, edges, baseline=None, **dict(curve.line) | _WHOLE)
-        axis.stairs(values, edges, baseline=None, **line)
-    axis.set(xlabel="arc length from the base [mm]", ylabel="curvature [1/m]")
-
-
 def typical_error(rollout: Rollout) -> float:
     """Root mean square error [m] of an episode; of one that failed it counts more than any."""
     return np.inf if rollout.failure else float(np.sqrt(np.mean(rollout.error**2)))
@@ -175,6 +158,18 @@ def least_error(curves: Sequence[Curve]) -> str:
     if np.isinf(error):
         return "all failed"
     return f"{best.name} errs {'least, ' if len(curves) > 1 else ''}by {error:.3g} mm rms"
+
+
+def spread_of_errors(curves: Sequence[Curve]) -> str:
+    """Between which errors episodes are, as a message."""
+    if len(curves) == 1:
+        return least_error(curves)
+    errors = {curve.name: 1e3 * typical_error(curve.rollout) for curve in curves}
+    least, most = (find(errors, key=errors.__getitem__) for find in (min, max))
+    if np.isinf(errors[least]):
+        return "all failed"
+    text = "failed" if np.isinf(errors[most]) else f"{errors[most]:.3g} mm"
+    return f"the rms error goes from {errors[least]:.3g} mm ({least}) to {text} ({most})"
 
 
 def end_errors(curves: Sequence[Curve]) -> str:

@@ -26,6 +26,7 @@ from .curves import (
     least_error,
     most_input,
     policy_curves,
+    spread_of_errors,
     typical_error,
     varied_curves,
 )
@@ -122,35 +123,47 @@ def plot_task(
         shapes), of a spatial one `<stem>_path.png` (path of the tip from above). Where the
         trajectory has an approach, they begin after it.
     """
+    found = _compared(rollouts, task, title, varied)
+    path = Path(out) / f"{stem}{DRAWN}"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    records = {name: vars(rollout.slim()) for name, rollout in found.rollouts.items()}
+    write_tree(path, vars(found) | {"rollouts": records})
+    return redraw(path)
+
+
+def pictures(
+    rollouts: Mapping[str, Rollout], task: Task, title: str, varied: bool = False
+) -> dict[str, Figure]:
+    """The pictures of `plot_task` by the ends of their names, such as "tip"."""
+    return _drawn(_compared(rollouts, task, title, varied))
+
+
+def _compared(rollouts: Mapping[str, Rollout], task: Task, title: str, varied: bool) -> _Comparison:
     robot = task.robot
     least = sorted(rollouts, key=lambda name: typical_error(rollouts[name]))[:_MOST]
     chosen = {name: rollouts[name] for name in rollouts if name in least}
     thin = {k: r.thinned(r.time[-1] / _SAMPLES) for k, r in chosen.items()}
     by_length = robot.drive.kind == "length"
     inputs = None if by_length else TendonMap(robot)
-    shown = {
-        "title": title,
-        "varied": varied,
-        "count": len(rollouts),
-        "rollouts": {k: vars(r.slim()) for k, r in thin.items()},
-        "driven": {
+    return _Comparison(
+        title=title,
+        varied=varied,
+        count=len(rollouts),
+        rollouts=thin,
+        driven={
             k: r.tendon_length if by_length else inputs.reduced(r.tendon_tension)
             for k, r in thin.items()
         },
-        "shapes": {k: centerline(robot, r.curvature[-1]) for k, r in chosen.items()}
+        shapes={k: centerline(robot, r.curvature[-1]) for k, r in chosen.items()}
         if robot.is_planar
         else None,
-        "path": task.trajectory.path(),
-        "axes": task.axes,
-        "drive": robot.drive.kind,
-        "begin": float(getattr(task.trajectory, "approach", 0.0)),
-        "jumps": bool(getattr(task.trajectory, "jumps", False)),
-        "step": task.step_width is not None,
-    }
-    path = Path(out) / f"{stem}{DRAWN}"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_tree(path, shown)
-    return redraw(path)
+        path=task.trajectory.path(),
+        axes=task.axes,
+        drive=robot.drive.kind,
+        begin=float(getattr(task.trajectory, "approach", 0.0)),
+        jumps=bool(getattr(task.trajectory, "jumps", False)),
+        step=task.step_width is not None,
+    )
 
 
 def redraw(path: Path) -> list[Path]:
@@ -162,15 +175,16 @@ def redraw(path: Path) -> list[Path]:
     Raises:
         ValueError: The file is damaged, or another one.
     """
-    found = _read(path)
-    figures = {"tip": _tip(found)}
-    figures["lengths" if found.drive == "length" else "inputs"] = _driven(found)
-    if found.shapes is None:
-        figures["path"] = _paths(found)
-    else:
-        figures["shapes"] = _shapes(found, found.shapes)
-    stem = path.name.removesuffix(DRAWN)
+    stem, figures = path.name.removesuffix(DRAWN), _drawn(_read(path))
     return [save(figure, path.with_name(f"{stem}_{k}.png")) for k, figure in figures.items()]
+
+
+def _drawn(found: _Comparison) -> dict[str, Figure]:
+    driven = "lengths" if found.drive == "length" else "inputs"
+    out = {"tip": _tip(found), driven: _driven(found)}
+    if found.shapes is None:
+        return out | {"path": _paths(found)}
+    return out | {"shapes": _shapes(found, found.shapes)}
 
 
 def _read(path: Path) -> _Comparison:
@@ -190,7 +204,8 @@ def _tip(found: _Comparison) -> Figure:
     count = len(found.axes) + 1
     figure, axes = new_figure(count, 1, (7.0, 1.0 + 2.0 * count))
     draw_tip(axes[:, 0], found.curves, found.axes, found.shown)
-    return finish(figure, axes[0, 0], found.titled(least_error(found.curves)))
+    message = (spread_of_errors if found.varied else least_error)(found.curves)
+    return finish(figure, axes[0, 0], found.titled(message))
 
 
 def _driven(found: _Comparison) -> Figure:
