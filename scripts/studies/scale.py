@@ -7,21 +7,28 @@ Several cores can only be compared with one while nothing else runs on them.
 import os
 import tracemalloc
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from time import process_time
+from time import perf_counter, process_time
 from typing import Any
 
 import gymnasium
 import numpy as np
 
-from softrobot_env.core.processes import Workers, chosen_processes, usable_cores, using
+from softrobot_env.core.processes import (
+    Workers,
+    chosen_processes,
+    usable_cores,
+    using,
+    worker_processes,
+)
 from softrobot_env.core.runs import KEPT, kept_rows, run_cases
 from softrobot_env.robots import find_robot
 from softrobot_env.training.rl_config import preset
 from studies.lab import Column, Lab, Record, Study, quantity
-from studies.speed import block_time, scaling_rows, tabled, ways_of_working
+from studies.speed import block_time, tabled
 
 #: [USD] of a core for an hour: an assumption, of the order of what clouds ask for.
 PRICE = 0.04
@@ -178,18 +185,87 @@ def _training_row(algorithm: str, steps: int) -> Row:
     return Row(WHAT, algorithm, cores=1, **shares, **cost_of(done * period / taken))
 
 
-# -------------------- robots and workers
+# -------------------- several cores: processes, Ray, threads of a batch; each job steps an arm
+
+#: [s] of a job, jobs per core, robots of a batch; rounds of which the best counts.
+_JOB, _QUICK_JOB, _EACH, _ROBOTS, _ROUNDS = 5.0, 0.5, 2, 256, 5
+
+_SWING = "SoftRobot/ArmSwing-v0"
+
+
+def worker_rows(quick: bool) -> list[Row]:
+    """A row for processes, for Ray if it is installed, and for the threads of a batch.
+
+    Efficiency is how much faster all cores are than one, over their number.
+    """
+    cores, rows = usable_cores(), []
+    steps = max(1, round((_QUICK_JOB if quick else _JOB) / step_arm(2000) * 2000))
+    for name, workers in ways_of_working().items():
+        # What other programs take counts least in the best round.
+        found = [_jobs(name, workers, cores, steps) for _ in range(1 if quick else 2)]
+        rows.append(max(found, key=lambda row: row.efficiency))
+    return [*rows, _threads(cores)]
+
+
+def ways_of_working() -> dict[str, Workers]:
+    """Processes, and Ray if it is installed."""
+    ray = {} if find_spec("ray") is None else {"Ray": Workers(ray="local")}
+    return {"processes": Workers(usable_cores()), **ray}
+
+
+def step_arm(count: int) -> float:
+    """Time [s] of some steps of an arm that swings."""
+    env = gymnasium.make(_SWING).unwrapped
+    env.reset(seed=0)
+    action = np.zeros(env.action_space.shape, dtype=np.float32)
+    env.step(action)
+    begin = perf_counter()
+    for done in range(count):
+        if done % 1000 == 999:
+            env.reset(seed=0)
+        env.step(action)
+    return perf_counter() - begin
+
+
+def _jobs(name: str, workers: Workers, cores: int, steps: int) -> Row:
+    """Several jobs at once, and one alone."""
+    begin = perf_counter()
+    with using(workers), worker_processes(cores) as pool:
+        list(pool.map(step_arm, [1] * 4 * cores))  # each process loads what it needs
+        started = perf_counter() - begin
+        alone = pool.submit(step_arm, steps).result()
+        begin = perf_counter()
+        list(pool.map(step_arm, [steps] * _EACH * cores))
+        efficiency = _EACH * alone / (perf_counter() - begin)
+    return Row("workers", name, cores=cores, efficiency=efficiency, started=started)
+
+
+def _threads(cores: int) -> Row:
+    """A batch on one thread and on all."""
+    times = {}
+    for threads in (1, cores):
+        env = gymnasium.make_vec(_SWING, num_envs=_ROBOTS, threads=threads)
+        env.reset(seed=0)
+        step = partial(env.step, np.zeros(env.action_space.shape, dtype=np.float32))
+        step()
+        times[threads] = min(block_time(step) for _ in range(_ROUNDS))
+        env.close()
+    efficiency = times[1] / times[cores] / cores
+    return Row("workers", "threads of a batch", cores=cores, efficiency=efficiency)
+
+
+# -------------------- robots
 
 #: Robots that are timed: what `gymnasium.make_vec` takes.
 ROBOTS = {
-    "arm": ("SoftRobot/ArmSwing-v0", None),
+    "arm": (_SWING, None),
     "rig": ("SoftRobot/RigTriangle-v0", None),
     "hanging_trunk": ("SoftRobot/Track-v0", "hanging_trunk"),
     "ftdcr_v4": ("SoftRobot/Track-v0", "ftdcr_v4"),
 }
 
-#: Robots of a batch, share of full actions, and rounds of which the best counts.
-_BATCH, _SHARE, _ROUNDS = 256, 0.2, 6
+#: Share of full actions, and times that are taken, of which the least counts.
+_SHARE, _TIMES = 0.2, 6
 
 #: Programs that run, per core, from which on the machine is busy.
 _BUSY = 0.75
@@ -201,7 +277,7 @@ def stages(lab: Lab) -> list[Row]:
     learn = find_spec("stable_baselines3") is not None
     tasks = [
         ("robots", lambda: _robot_rows(quick)),
-        ("workers", lambda: _busy_workers() if busy else _workers(quick)),
+        ("workers", lambda: _busy_workers() if busy else worker_rows(quick)),
         ("trainings", lambda: training_rows(quick) if learn else []),
         ("jobs", lambda: job_rows(ways_of_working(), quick)),
     ]
@@ -210,21 +286,13 @@ def stages(lab: Lab) -> list[Row]:
 
 def _robot_rows(quick: bool) -> list[Row]:
     names = list(ROBOTS)[: 2 if quick else None]
-    rows = [_robots(name, count, quick) for name in names for count in (1, _BATCH)]
+    rows = [_robots(name, count, quick) for name in names for count in (1, _ROBOTS)]
     return [*rows, Row("robots", "arm", "GPU", failure="not measured")]
 
 
 def _others() -> float:
     """Programs that run on this machine, or wait for it, per core; mean of the last minute."""
     return os.getloadavg()[0] / usable_cores()
-
-
-def _workers(quick: bool) -> list[Row]:
-    """A row for each way to use several cores."""
-    return [
-        Row("workers", r.variant, cores=r.threads, efficiency=r.efficiency, started=r.started)
-        for r in scaling_rows(quick)
-    ]
 
 
 def _busy_workers() -> list[Row]:
@@ -241,7 +309,7 @@ def _robots(name: str, count: int, quick: bool) -> Row:
     env.reset(seed=0)
     actions = _SHARE * np.random.default_rng(0).uniform(-1, 1, env.action_space.shape)
     seconds = min(
-        block_time(lambda: env.step(actions), process_time) for _ in range(2 if quick else _ROUNDS)
+        block_time(lambda: env.step(actions), process_time) for _ in range(2 if quick else _TIMES)
     )
     period = env.control_period
     env.close()

@@ -29,7 +29,6 @@ from softrobot_env.control.registry import (
     make_policy,
     policy_environment,
 )
-from softrobot_env.core.processes import Workers, usable_cores, using, worker_processes
 from softrobot_env.envs.rendering import RenderError
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.vector import VectorTrackingEnv
@@ -49,7 +48,7 @@ class Row(Record):
 
     Attributes:
         what: "env.step", "moving", "vector env.step", "warp env.step", "robots", "decision",
-            "scaling", "start" or "render".
+            "start" or "render".
         variant: Environment, policy, or what is waited for.
         n_envs, threads: Environments stepped at once, and by how many threads or processes.
         steps_per_second: Of all environments together.
@@ -64,14 +63,12 @@ class Row(Record):
         dof: Degrees of freedom of the robot.
         period, longest, stacked: [s], of decisions: the control period, the computing time of the
             longest one, and the time of a call for 256 environments.
-        efficiency, started: Of several cores: the speed-up over their number, and the time [s]
-            until processes had loaded what they need; `seconds` is then that of a job.
     """
 
     what: str
     variant: str
     n_envs: int | None = None
-    threads: int | None = quantity("", "d", "cores", default=None)
+    threads: int | None = None
     steps_per_second: float | None = quantity("", ".0f", "steps/s", default=None)
     raw_steps_per_second: float | None = quantity("", ".0f", "raw/s", default=None)
     ratio: float | None = quantity("", ".2f", "raw/\nenv", default=None)
@@ -85,8 +82,6 @@ class Row(Record):
     period: float | None = quantity("ms", "g", default=None)
     longest: float | None = quantity("ms", ".3f", "longest,\ncomputing", default=None)
     stacked: float | None = quantity("ms", ".2f", f"{STACKED} stacked", default=None)
-    efficiency: float | None = quantity("", ".2f", default=None)
-    started: float | None = quantity("s", ".1f", "ready\nafter", default=None)
 
 
 def step_row(
@@ -251,7 +246,7 @@ def _motion(env: TrackingEnv, actions: ndarray) -> tuple[ndarray, float]:
 
 # -------------------- robots singly and in batches; bare: as many simulations in the same motion
 
-ROBOT = "robots"
+ROBOT, _SWING = "robots", "SoftRobot/ArmSwing-v0"
 
 #: Numbers of robots in a batch; the first ones are quick.
 COUNTS = (1, 16, 256)
@@ -312,78 +307,6 @@ def _period_time(env: VectorTrackingEnv, actions: ndarray, step: Callable[[], nd
     if failed[-1].any():
         raise RuntimeError(f"{env.spec.id} failed while it was timed")
     return spent
-
-
-# -------------------- several cores: processes, Ray, threads of a batch; each job steps an arm
-
-SCALING = "scaling"
-
-#: [s] of a job, jobs per core, robots of a batch; rounds of which the best counts.
-_JOB, _QUICK_JOB, _EACH, _ROBOTS, _ROUNDS = 5.0, 0.5, 2, 256, 5
-
-_SWING = "SoftRobot/ArmSwing-v0"
-
-
-def scaling_rows(quick: bool) -> list[Row]:
-    """A row for processes, for Ray if it is installed, and for the threads of a batch.
-
-    Efficiency is how much faster all cores are than one, over their number.
-    """
-    cores, rows = usable_cores(), []
-    steps = max(1, round((_QUICK_JOB if quick else _JOB) / step_arm(2000) * 2000))
-    for name, workers in ways_of_working().items():
-        # What other programs take counts least in the best round.
-        found = [_jobs(name, workers, cores, steps) for _ in range(1 if quick else 2)]
-        rows.append(max(found, key=lambda row: row.efficiency))
-    return [*rows, _threads(cores)]
-
-
-def ways_of_working() -> dict[str, Workers]:
-    """Processes, and Ray if it is installed."""
-    ray = {} if find_spec("ray") is None else {"Ray": Workers(ray="local")}
-    return {"processes": Workers(usable_cores()), **ray}
-
-
-def step_arm(count: int) -> float:
-    """Time [s] of some steps of an arm that swings."""
-    env = gymnasium.make(_SWING).unwrapped
-    env.reset(seed=0)
-    action = np.zeros(env.action_space.shape, dtype=np.float32)
-    env.step(action)
-    begin = perf_counter()
-    for done in range(count):
-        if done % 1000 == 999:
-            env.reset(seed=0)
-        env.step(action)
-    return perf_counter() - begin
-
-
-def _jobs(name: str, workers: Workers, cores: int, steps: int) -> Row:
-    """Several jobs at once, and one alone."""
-    begin = perf_counter()
-    with using(workers), worker_processes(cores) as pool:
-        list(pool.map(step_arm, [1] * 4 * cores))  # each process loads what it needs
-        started = perf_counter() - begin
-        alone = pool.submit(step_arm, steps).result()
-        begin = perf_counter()
-        list(pool.map(step_arm, [steps] * _EACH * cores))
-        efficiency = _EACH * alone / (perf_counter() - begin)
-    times = {"seconds": alone, "started": started}
-    return Row(SCALING, name, threads=cores, efficiency=efficiency, **times)
-
-
-def _threads(cores: int) -> Row:
-    """A batch on one thread and on all."""
-    times = {}
-    for threads in (1, cores):
-        env = gymnasium.make_vec(_SWING, num_envs=_ROBOTS, threads=threads)
-        env.reset(seed=0)
-        step = partial(env.step, np.zeros(env.action_space.shape, dtype=np.float32))
-        step()
-        times[threads] = min(block_time(step) for _ in range(_ROUNDS))
-        env.close()
-    own = {"seconds": times[cores], "efficiency": times[1] / times[cores] / cores}
-    return Row(SCALING, "threads of a batch", _ROBOTS, cores, **own)
 
 
 # -------------------- what a user waits for: imports, the first environment, a rendered frame
@@ -521,7 +444,7 @@ _STEPS = 100
 
 def stages(lab: Lab) -> list[Row]:
     """Single environments, moving arms by accuracy, vector environments, also on MuJoCo Warp,
-    batches of robots, decisions, several cores and waits; quickly fewer repeats."""
+    batches of robots, decisions and waits; quickly fewer repeats."""
     quick = lab.quick
     tasks = [
         ("env.step", partial(_environment_rows, lab)),
@@ -534,7 +457,6 @@ def stages(lab: Lab) -> list[Row]:
     for name in [*installed_policies(), *RIG_POLICIES, *REDUCED_POLICIES]:
         if name in QUICK or not quick:
             tasks.append((f"decisions of {name}", partial(_decision_rows, name)))
-    tasks.append(("several cores", partial(scaling_rows, quick)))
     steps, waited, *others = lab.tasks(tasks)
     return [row for rows in (steps, *others, waited) for row in rows]
 
@@ -610,10 +532,6 @@ STUDY = Study(
         tabled(
             *(DECISION, "period", Column("decision µs,\nmedian", "seconds", ".1f", "µs")),
             *("longest", "stacked"),
-        ),
-        tabled(
-            *(SCALING, "threads", "efficiency", "started"),
-            Column("job or\nstep s", "seconds", ".2g"),
         ),
         table(
             *("", Column("", "variant"), Column("ms (-: no OpenGL)", "seconds", ".1f", "ms")),
