@@ -114,3 +114,13 @@ def test_every_command_and_benchmark_is_on_the_page_of_commands():
     missing = [name for name in choices if f"softrobot {name}" not in page]
     missing += [name for name in BENCHMARKS if f"softrobot benchmark {name}" not in page]
     assert missing == []
+
+
+def test_every_place_on_the_map_exists():
+    found = re.findall(r"`([\w/]+\.py)(?:: ([\w.]+))?`", (ROOT / "docs" / "layout.md").read_text())
+    assert len(found) > 30
+    for file, place in found:
+        path = ROOT / file if (ROOT / file).exists() else ROOT / "softrobot_env" / file
+        text = path.read_text()
+        for one in place.split(".") if place else ():
+            assert re.search(rf"^ *(?:(?:def|class) {one}\b|{one}(?:: .+)? = )", text, re.M), place
