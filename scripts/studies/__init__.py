@@ -10,9 +10,8 @@ from softrobot_env.core.studies import register_study
 STUDIES = {
     "accuracy": "Error against run time of all models, their agreement and goals",
     "contacts": "The timestep of contacts, and checks against exact solutions",
-    "controllers": "What sec. 6.6 of the thesis reports, run anew for all policies",
+    "controllers": "All policies of the arm: as sec. 6.6 of the thesis, disturbed, on unseen paths",
     "feedback": "Feedback of a late tip on the disturbed rig (thesis sec. 6.1)",
-    "generalization": "All policies on references and robots that they do not know",
     "gripper": "The gripper: its grips, what it encloses, holds under pulls, and what they cost",
     "identify": "Identification of robots of another model class, with hidden truths",
     "laws": "Every law on every robot, on generic paths at shares of the robot's first frequency",
@@ -35,9 +34,8 @@ STUDIES = {
 #: Name -> module and name in it, where it is not `STUDY` of the module of that name.
 PLACES = {
     "accuracy": "accuracy.study:STUDY",
-    "controllers": "policies:CONTROLLER_STUDY",
+    "controllers": "policies:STUDY",
     "feedback": "rig:FEEDBACK",
-    "generalization": "policies:GENERALIZATION",
     "laws": "laws:LAWS",
     "learning": "trainings:LEARNING",
     "ppo_defaults": "trainings:PPO_DEFAULTS",

@@ -1,6 +1,6 @@
-"""All policies of the arm: on the thesis' tasks (sec. 6.6), on unseen paths, on unknown robots."""
+"""All policies of the arm: on the thesis' tasks (sec. 6.6), on unknown robots, on unseen paths."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import product
 from statistics import median
@@ -58,35 +58,60 @@ def record_of(outcome: Outcome, kind: type[Kind], **own: Any) -> Kind:
 
 def policies() -> list[str]:
     """The thesis' controllers, then all others of the arm but the one that does nothing."""
-    known = [*(name for name in CONTROLLERS if name in POLICIES), *POLICIES]
+    known = [name for name in (*CONTROLLERS, *POLICIES) if name in installed_policies()]
     return [name for name in dict.fromkeys(known) if name != "hold"]
 
 
-# ---------------------------------------------------------------- the thesis' tasks
+# ---------------------------------------------------------------- cases
 
-#: Task and step width [m] of everything that is run.
-_SWING, _LSHAPE, _WIDTHS = ("swing", None), ("lshape", None), (0.05, 0.1, 0.2)
-TASKS = (*(("step", width) for width in _WIDTHS), _SWING, _LSHAPE)
+#: Tasks of the thesis with their options, and widths [m] of its steps.
+_SWING, _LSHAPE, _WIDTHS = ("swing", {}), ("lshape", {}), (0.05, 0.1, 0.2)
+_STEPS = tuple(("step", {"step_width": width}) for width in _WIDTHS)
+TASKS = (*_STEPS, _SWING, _LSHAPE)
 
 #: Episodes of these policies on a step last [s] longer than the 5 s of the others: they damp
-#: nothing and settle late.
-_SLOW, _LONG = ("qs_nn", "feedforward", "feedforward_pi"), 25.0
+#: nothing and settle late. On disturbed robots steps last as long for all.
+_SLOW, _LONG, _DISTURBED = ("qs_nn", "feedforward", "feedforward_pi"), 25.0, 10.0
 
 #: Times [s] between which the error during a motion is taken: without the decay after a kink.
 MOTION = {"swing": ((0.5, 10.0),), "lshape": ((1.0, 5.0), (6.0, 10.0))}
 
 #: Factors on Young's modulus (sec. 6.6.3), apart from 1.
-MODULI, QUICK_MODULI = (0.5, 0.75, 1.25, 1.5), (0.5,)
+MODULI: tuple[Variation, ...] = tuple({E: factor} for factor in (0.5, 0.75, 1.25, 1.5))
 
 #: Further variations, and the policies that meet them on the swing.
 _VARIATIONS = ({"density": 0.6}, {"density": 1.5}, {"damping_time": 0.5}, {"damping_time": 2.0})
 _MEET = ("lqi", "lq_adaptive")
 
+#: Tasks of the disturbed robots, and what these differ in. A tendon radius is left out: it acts as
+#: a tension gain does on the lever arms of channels.
+DISTURBED_TASKS = (_SWING, _LSHAPE, _STEPS[0])
+NOMINAL: Variation = {}
+PARAMETERS: tuple[Variation, ...] = (*MODULI, *_VARIATIONS)
+DISTURBANCES: tuple[Variation, ...] = (
+    {"tension_gain": 0.9},
+    {"tension_gain": 1.1},
+    {"tendon_friction": 0.5},
+    {"tendon_friction": 1.0},
+    {"delay": 0.01},
+    {"delay": 0.02},
+    {"sensor_noise": 1.0},
+    {"sensor_noise": 3.0},
+)
+
+#: Paths that no policy has met: their largest speeds [m/s], and seeds of the random ones.
+SPEEDS = {
+    "circle": ((0.05, 0.1, 0.2, 0.4), (None,)),
+    "figure_eight": ((0.05, 0.1, 0.2, 0.4), (None,)),
+    "random": ((0.1, 0.2, 0.4), (0, 1, 2, 3, 4)),
+}
+_QUICK_SPEED, _QUICK_SEEDS = 0.2, (0, 1)
+
 _SAMPLE = 0.01  # s, of a trace
 
 #: Policies in Figs. 6.14 to 6.19: the thesis' controllers, and ours to compare; their tasks.
 COMPARED = (*CONTROLLERS, "lq_adaptive")
-_DRAWN = (("step", 0.05), _SWING, _LSHAPE)
+_DRAWN = (_STEPS[0], _SWING, _LSHAPE)
 
 #: Policies whose behaviour with another Young's modulus is shown, and names of their figures.
 VARIED = {
@@ -104,15 +129,21 @@ class ControllerRow(PolicyRow):
 
     Attributes:
         setting: "thesis", on its plant; "mujoco", on the chain; "output", the same without
-            measured rates; "robustness", with other parameters.
+            measured rates; "robustness", with other parameters; "disturbed", on the chain with
+            parameters, drives or sensors that no policy knows; "unseen", on paths that no policy
+            has met.
         feedback: What the policy measured.
+        speed: [m/s], the largest of an unseen path.
+        path_seed: Of a random path.
         e_motion, e_motion_least: [m], largest and smallest error between the kinks of the
-            reference; None for steps, and after a failure.
+            reference; None for other tasks, and after a failure.
         trace: Every few milliseconds of an episode that a figure shows, and its last curvature.
     """
 
     setting: str
     feedback: str
+    speed: float | None = lab.quantity("m/s", "g", "largest speed")
+    path_seed: int | None
     e_motion: float | None
     e_motion_least: float | None
     trace: Rollout | None = lab.for_pictures()
@@ -121,6 +152,22 @@ class ControllerRow(PolicyRow):
     def modulus(self) -> float | None:
         """Factor on Young's modulus; None where something else varies."""
         return 1.0 if not self.variation else self.variation.get(E)
+
+    @property
+    def varied(self) -> str:
+        """What differs from the nominal robot, for people."""
+        return variation_label({"variation": self.variation}) or "nominal"
+
+    @property
+    def heading(self) -> str:
+        """The same in two lines."""
+        return self.varied.replace(" ", "\n", 1)
+
+    @property
+    def group(self) -> str:
+        """What is disturbed."""
+        known = (NOMINAL, *PARAMETERS)
+        return "a robot of other parameters" if self.variation in known else "other drives, sensors"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,27 +205,33 @@ class GoalRow(lab.Record):
     met: bool
 
 
-def controller_cases(quick: bool) -> list[tuple]:
-    """Setting, plant, policy, task, width [m] and variation of every episode."""
+def cases(quick: bool) -> list[tuple]:
+    """Setting, plant, policy, task, options of the task and variation of every episode."""
     every, tasks = policies(), (TASKS[0], _SWING) if quick else TASKS
-    swing, nominal = make_task("swing"), {}
-    rates = [name for name in every if measures_rates(name, swing)]
+    rates = [name for name in every if measures_rates(name, make_task("swing"))]
+    moduli, found = MODULI[: 1 if quick else None], []
 
-    def episodes(setting: str, plant: str, tasks: Any, names: Any, variation: Variation) -> list:
-        pairs = product(tasks, names)
-        return [(setting, plant, name, task, w, variation) for (task, w), name in pairs]
+    def add(setting: str, plant: str, tasks: Any, names: Any, *variations: Variation) -> None:
+        for variation, (task, own), name in product(variations, tasks, names):
+            found.append((setting, plant, name, task, own, variation))
 
-    found = episodes("thesis", PCC, tasks, every, nominal)
-    found += episodes("mujoco", MUJOCO, tasks, every, nominal)
-    found += episodes("output", MUJOCO, tasks[:1] if quick else tasks, rates, nominal)
-    for factor in QUICK_MODULI if quick else MODULI:
-        if not quick:
-            found += episodes("robustness", PCC, [_SWING], every, {E: factor})
-        varied = [_SWING] if quick else tasks
-        found += episodes("robustness", MUJOCO, varied, every, {E: factor})
-    for variation in () if quick else _VARIATIONS:
-        chosen = [name for name in _MEET if name in every]
-        found += episodes("robustness", MUJOCO, [_SWING], chosen, variation)
+    add("thesis", PCC, tasks, every, NOMINAL)
+    add("mujoco", MUJOCO, tasks, every, NOMINAL)
+    add("output", MUJOCO, tasks[:1] if quick else tasks, rates, NOMINAL)
+    if quick:
+        add("robustness", MUJOCO, [_SWING], every, *moduli)
+        add("disturbed", MUJOCO, [_SWING], every, *moduli)
+        add("disturbed", MUJOCO, _STEPS[:1], every, {"delay": 0.02})
+        paths = [("random", (_QUICK_SPEED,), _QUICK_SEEDS)]
+    else:
+        add("robustness", PCC, [_SWING], every, *moduli)
+        add("robustness", MUJOCO, tasks, every, *moduli)
+        add("robustness", MUJOCO, [_SWING], [n for n in _MEET if n in every], *_VARIATIONS)
+        add("disturbed", MUJOCO, DISTURBED_TASKS, every, NOMINAL, *PARAMETERS, *DISTURBANCES)
+        paths = [(task, *SPEEDS[task]) for task in SPEEDS]
+    for task, speeds, seeds in paths:
+        unseen = [(task, {"speed": speed, "seed": seed}) for speed, seed in product(speeds, seeds)]
+        add("unseen", MUJOCO, unseen, every, NOMINAL)
     return found
 
 
@@ -188,28 +241,33 @@ def measures_rates(policy: str, task: Task) -> bool:
     return "curvature_rate" in case.make_policy(case.environment().control_period).requires
 
 
-def measure_controller(case: tuple) -> ControllerRow:
+def measure(case: tuple) -> ControllerRow:
     """Run an episode of a setting."""
-    setting, plant, policy, task, width, variation = case
-    feedback = "output" if setting == "output" else "state"
+    setting, plant, policy, task, options, variation = case
+    feedback, duration = "output" if setting == "output" else "state", None
+    if task == "step":
+        slow = _LONG if policy in _SLOW else None
+        duration = _DISTURBED if setting == "disturbed" else slow
     outcome = runner.run(
         runner.Case(
-            make_task(task, width),
+            make_task(task, **options),
             policy,
             variation=variation,
             plant=plant,
             feedback=feedback,
-            duration=_LONG if width is not None and policy in _SLOW else None,
+            duration=duration,
         )
     )
     least, most = motion_errors(outcome.rollout, task)
-    compared = policy in COMPARED and (task, width) in _DRAWN and not variation
+    compared = policy in COMPARED and (task, options) in _DRAWN and not variation
     varied = policy in VARIED and task == "swing" and set(variation) <= {E}
     return record_of(
         outcome,
         ControllerRow,
         setting=setting,
         feedback=feedback,
+        speed=options.get("speed"),
+        path_seed=options.get("seed"),
         e_motion=most,
         e_motion_least=least,
         trace=_trace(outcome.rollout) if plant == PCC and (compared or varied) else None,
@@ -225,7 +283,7 @@ def _trace(rollout: Rollout) -> Rollout:
 def motion_errors(rollout: Rollout, task: str) -> tuple[float | None, float | None]:
     """Smallest and largest error [m] of the tip between the kinks of the reference.
 
-    None for steps, and after a failure.
+    None for other tasks, and after a failure.
     """
     if rollout.failure is not None or task not in MOTION:
         return None, None
@@ -235,8 +293,8 @@ def motion_errors(rollout: Rollout, task: str) -> tuple[float | None, float | No
 
 
 def with_ratios(rows: list[ControllerRow]) -> list[ControllerRow]:
-    """The rows, those of varied robots with ratios to the nominal one."""
-    return [_with_ratio(rows, row) if row.variation else row for row in rows]
+    """The rows, those of robustness with ratios to the nominal robot."""
+    return [_with_ratio(rows, row) if row.setting == "robustness" else row for row in rows]
 
 
 def _with_ratio(rows: list[ControllerRow], row: ControllerRow) -> VariedRow:
@@ -281,7 +339,7 @@ _GROWTH = (
 _POLICY_TIMES = {"qs_nn": 5.4e-6, "lqi": 11.2e-6, "mpc": 5e-3}
 
 
-def controllers_derived(rows: list[ControllerRow]) -> list[Any]:
+def derived(rows: list[ControllerRow]) -> list[Any]:
     """Ratios, and goals behind the rows."""
     found = with_ratios(rows)
     return [*found, *goal_rows(found)]
@@ -376,7 +434,7 @@ def _printed(row: ControllerRow, metrics: Iterable[str]) -> dict[str, list[str]]
 
 def _nominal(rows: Sequence[Any]) -> Iterator[Table]:
     """All policies on each task, beside what the thesis says of its own (Tabs. 6.2 to 6.5)."""
-    mine = [row for row in lab.of_kind(rows, ControllerRow) if row.setting != "robustness"]
+    mine = [row for row in lab.of_kind(rows, ControllerRow) if row.setting in JUDGED]
     for (place,), found in lab.groups(mine, "place").items():
         metrics = _STEP if found[0].step_width is not None else _TRACKING
         out = lab.new_table(f"{place}, nominal robot", ("policy", "by"), _headings(metrics))
@@ -396,9 +454,10 @@ def _varied_errors(metrics: Sequence[str], steps: bool) -> lab.TableMaker:
     """Errors over Young's modulus, on each plant."""
 
     def meant(row: Any) -> bool:
-        if not isinstance(row, ControllerRow) or row.feedback != "state" or row.modulus is None:
+        if not isinstance(row, ControllerRow) or row.modulus is None:
             return False
-        return (row.step_width is not None) == steps and (row.plant, row.task) not in _UNVARIED
+        known = row.setting in _VARIED_IN and (row.plant, row.task) not in _UNVARIED
+        return known and (row.step_width is not None) == steps
 
     def cells(rows: list[ControllerRow]) -> str:
         failed = rows[0].failure is not None
@@ -412,8 +471,8 @@ def _varied_errors(metrics: Sequence[str], steps: bool) -> lab.TableMaker:
     )  # fmt: skip
 
 
-#: Other moduli are not met there.
-_UNVARIED = ((PCC, "step"), (PCC, "lshape"))
+#: Settings with other moduli and their nominal ones, and where other moduli are not met.
+_VARIED_IN, _UNVARIED = ("thesis", "mujoco", "robustness"), ((PCC, "step"), (PCC, "lshape"))
 
 
 def _largest(rows: list[VariedRow]) -> str:
@@ -432,11 +491,27 @@ def _goal_value(name: str) -> lab.Column:
     )
 
 
+def _general(title: str, metric: str, columns: str, *per: str, **where: Any) -> lab.TableMaker:
+    """A value of disturbed or unseen episodes, or median and worst of those of several seeds."""
+
+    def cells(rows: list[ControllerRow]) -> str:
+        if len(rows) == 1:
+            return lab.cell(rows[0], metric)
+        if failed := sum(row.failure is not None for row in rows):
+            return f"{failed} of {len(rows)} failed"
+        values = [getattr(row, metric) for row in rows]
+        return f"{_text(median(values), metric)} / {_text(max(values), metric)}"
+
+    label, unit, _ = lab.shown([], metric)
+    title = f"{title}: {_ERRORS.get(metric, label)} in {unit}"
+    return lab.pivot(title, ("policy",), columns, cells, where=where, per=per)
+
+
 # ---------------------------------------------------------------- pictures
 
-#: Figure of the thesis -> task and step width [m], and which picture of `rendering.plots` it is.
+#: Figure of the thesis -> task with its options, and which picture of `rendering.plots` it is.
 _PICTURES = {
-    "6.14": ("step", 0.05, "tip"),
+    "6.14": (*_STEPS[0], "tip"),
     "6.15": (*_SWING, "tip"),
     "6.16": (*_SWING, "inputs"),
     "6.17": (*_SWING, "shapes"),
@@ -448,17 +523,17 @@ _PICTURES = {
 def _pictures(rows: Sequence[Any]) -> dict[str, Figure]:
     """Figs. 6.14 to 6.22 of the thesis anew, those that there are episodes for."""
     found, out = [row for row in lab.of_kind(rows, ControllerRow) if row.trace is not None], {}
-    for number, (task, width, kind) in _PICTURES.items():
-        mine = lab.select(found, setting="thesis", task=task, step_width=width)
+    for number, (task, options, kind) in _PICTURES.items():
+        mine = lab.select(found, setting="thesis", task=task, **options)
         traces = {row.policy: row.trace for row in mine if row.policy in COMPARED}
         if traces:
             title = f"As Fig. {number}, {mine[0].place}, PCC plant"
-            drawn = plots.pictures(traces, make_task(task, width), title)
+            drawn = plots.pictures(traces, make_task(task, **options), title)
             out[f"fig_{number.replace('.', '_')}"] = drawn[kind]
     for policy, name in VARIED.items():
         mine = lab.select(found, plant=PCC, task="swing", policy=policy)
         mine.sort(key=lambda row: row.modulus)
-        traces = {variation_name(row.variation): row.trace for row in mine}
+        traces = {row.varied: row.trace for row in mine}
         if len(traces) > 1:
             number = name[4:].replace("_", ".") if policy in CONTROLLERS else "6.20 to 6.22"
             title = f"As Fig. {number}, swing of {policy}, PCC plant"
@@ -491,13 +566,61 @@ _SAID = "; ".join(
     f"{name}, {', '.join(f'E x {factor:g} {what}' for factor, what in said.items())}"
     for name, said in ROBUSTNESS.items()
 )
-_VARIED_WITH = lab.Column("variation", lambda row: variation_label(row.row()))
+#: Policies in the figure, those that err least; the tables have all.
+_MOST = 6
 
-CONTROLLER_STUDY = lab.Study(
+
+def _speeds(rows: Sequence[Any]) -> Figure | None:
+    mine = lab.select(rows, setting="unseen")
+    every = list(lab.ranked(mine, "policy", lambda row: row.e_max))
+    best = every[:_MOST]
+    errors = [row.e_max for row in lab.select(mine, policy=best[0]) if row.failure is None]
+    message = "On paths that no policy has met all failed"
+    if errors:
+        message = f"On paths that no policy has met {best[0]} errs least, by "
+        message += f"{1e3 * max(errors):.2g} mm at most"
+    some = f"The {len(best)} of {len(every)} policies that err least at worst, median of the seeds"
+    return lab.lines(
+        "speed",
+        tuple(_ERRORS),
+        "policy",
+        title=message,
+        subject=f"{some}, shaded: all of them; crosses at the top: failed",
+        panel="task",
+        band=True,
+        log="xy",
+        decorate=lambda axis, rows, metric: axis.set_xticks(SPEEDS[rows[0].task][0], minor=False),
+    )([row for row in mine if row.policy in best])
+
+
+def _mapped(row: ControllerRow) -> float | None:
+    """Overshoot [%] of a step, else largest error [mm]."""
+    value, factor = (row.overshoot, 100) if row.task == "step" else (row.e_max, 1e3)
+    return None if row.failure is not None or value is None else factor * value
+
+
+def _map_title(rows: list[ControllerRow]) -> str:
+    return f"{rows[0].place}, {'overshoot [%]' if rows[0].task == 'step' else 'largest error [mm]'}"
+
+
+def _least_disturbed(rows: list[ControllerRow]) -> str:
+    """Who errs least on swing and L-shape; who failed anywhere errs infinitely."""
+    tracked = [row for row in rows if row.task != "step"]
+    worst = lab.ranked(tracked, "policy", lambda row: np.inf if row.failure else row.e_max)
+    least = next(iter(worst))
+    return (
+        f"On disturbed robots {least} errs least in its worst case, {1e3 * worst[least]:.2g} mm on "
+        "swing and L-shape"
+    )
+
+
+_VARIED_WITH = lab.Column("variation", "varied")
+
+STUDY = lab.Study(
     kinds=(ControllerRow, GoalRow),
-    cases=controller_cases,
-    measure=measure_controller,
-    derive=controllers_derived,
+    cases=cases,
+    measure=measure,
+    derive=derived,
     alone=True,
     tables=[
         _nominal,
@@ -513,8 +636,7 @@ CONTROLLER_STUDY = lab.Study(
         ),
         lab.table(
             "Swing on MuJoCo with another density or damping time (beyond the thesis)",
-            *("policy", lab.Column("variation", lambda row: variation_label(row.row())), "e_max"),
-            *("e_rms", "e_max_ratio", "e_rms_ratio"),
+            *("policy", _VARIED_WITH, "e_max", "e_rms", "e_max_ratio", "e_rms_ratio"),
             of=VariedRow,
             where={"setting": "robustness", "modulus": None},
         ),
@@ -525,11 +647,37 @@ CONTROLLER_STUDY = lab.Study(
             lab.Column("met", lambda row: lab.verdict(row.met), ">"),
             of=GoalRow,
         ),
-        lab.failures("policy", "place", _VARIED_WITH, of=ControllerRow),
+        *(
+            _general(
+                "{place} on {group}",
+                metric,
+                "heading",
+                "place",
+                "group",
+                setting="disturbed",
+                task=task,
+            )
+            for task, options in DISTURBED_TASKS
+            for metric in (("overshoot", "settling_time") if options else _ERRORS)
+        ),
+        *(
+            _general(
+                "{task}, unseen, by speed in m/s, median / worst of seeds",
+                metric,
+                "speed",
+                "task",
+                setting="unseen",
+            )
+            for metric in _ERRORS
+        ),
+        lab.failures("policy", "setting", "place", _VARIED_WITH, of=ControllerRow),
     ],
     note="observed: on MuJoCo, by tip and curvatures, without rates; motion: largest error away "
     f"from the reference's kinks, and the least; {_SPANS}. The thesis says of the swing with "
-    f"another modulus: {_SAID}.",
+    f"another modulus: {_SAID}. Disturbed and unseen episodes start under the inputs that hold the "
+    "arm's closed statics on the reference: the chain's tip is some tenths of a millimetre off, "
+    "0.32 mm in the unseen tasks, which bounds the largest error from below. An overshoot has no "
+    "value where the tip did not come nearer to the target in the end.",
     plots={
         "{}": _pictures,
         "error_against_time": lab.lines(
@@ -547,225 +695,17 @@ CONTROLLER_STUDY = lab.Study(
             legend=True,
             decorate=_thesis_points,
         ),
-    },
-)
-
-# ---------------------------------------------------------------- unseen paths, unknown robots
-
-#: Largest speeds [m/s] of the references that no policy has met.
-SPEEDS = {
-    "circle": (0.05, 0.1, 0.2, 0.4),
-    "figure_eight": (0.05, 0.1, 0.2, 0.4),
-    "random": (0.1, 0.2, 0.4),
-}
-SEEDS = (0, 1, 2, 3, 4)
-
-#: Task and step width [m] of the disturbed robots.
-DISTURBED_TASKS = (_SWING, _LSHAPE, ("step", 0.05))
-
-#: Duration [s] of a step, in which the slow policies settle too.
-STEP_DURATION = 10.0
-
-#: What the reset option `vary` gets, in the groups of the tables. A tendon radius acts as a tension
-#: gain does on the lever arms of channels, and is left out.
-PARAMETERS: tuple[Variation, ...] = (*({E: factor} for factor in MODULI), *_VARIATIONS)
-DISTURBANCES: tuple[Variation, ...] = (
-    {"tension_gain": 0.9},
-    {"tension_gain": 1.1},
-    {"tendon_friction": 0.5},
-    {"tendon_friction": 1.0},
-    {"delay": 0.01},
-    {"delay": 0.02},
-    {"sensor_noise": 1.0},
-    {"sensor_noise": 3.0},
-)
-NOMINAL: Variation = {}
-
-_QUICK_SPEED, _QUICK_SEEDS = 0.2, (0, 1)
-_QUICK_VARIATIONS: dict[str, tuple[Variation, ...]] = {
-    "swing": (NOMINAL, {E: 0.5}),
-    "step": (NOMINAL, {"delay": 0.02}),
-}
-
-
-@dataclass(frozen=True, kw_only=True)
-class GeneralRow(PolicyRow):
-    """An episode.
-
-    Attributes:
-        part: "unseen", paths that no policy has met, or "disturbed", the thesis' tasks on robots
-            that no policy knows.
-        speed: [m/s], the largest of an unseen reference.
-        path_seed: Of a random path.
-        seed: Of the episode.
-    """
-
-    part: str
-    speed: float | None = lab.quantity("m/s", "g", "largest speed")
-    path_seed: int | None
-    seed: int = 0
-
-    @property
-    def heading(self) -> str:
-        """What differs from the nominal robot."""
-        return variation_name(self.variation).replace(" ", "\n", 1)
-
-    @property
-    def group(self) -> str:
-        """What is disturbed."""
-        known = (NOMINAL, *PARAMETERS)
-        return "a robot of other parameters" if self.variation in known else "other drives, sensors"
-
-
-def variation_name(variation: Variation) -> str:
-    """A variation for people."""
-    return variation_label({"variation": variation}) or "nominal"
-
-
-def general_cases(quick: bool) -> list[tuple]:
-    """Policy, task, and speed and seed of a path, or step width and variation."""
-    every = [name for name in policies() if name in installed_policies()]
-    found: list[tuple] = []
-    for task, speeds in SPEEDS.items():
-        seeds = (None,) if task != "random" else _QUICK_SEEDS if quick else SEEDS
-        paths = product((_QUICK_SPEED,) if quick else speeds, seeds)
-        found += [(name, task, *path) for path in paths for name in every]
-    for task, width in DISTURBED_TASKS:
-        variations = (NOMINAL, *PARAMETERS, *DISTURBANCES)
-        for variation in _QUICK_VARIATIONS.get(task, ()) if quick else variations:
-            found += [(name, task, width, variation) for name in every]
-    return found
-
-
-def measure_general(case: tuple) -> GeneralRow:
-    """Run an episode."""
-    policy, task, first, second = case
-    if task in SPEEDS:
-        options = {"speed": first} | ({} if second is None else {"seed": second})
-        wanted = runner.Case(make_task(task, **options), policy)
-        own = {"part": "unseen", "speed": first, "path_seed": second}
-    else:
-        duration = None if first is None else STEP_DURATION
-        wanted = runner.Case(make_task(task, first), policy, second, duration=duration)
-        own = {"part": "disturbed", "speed": None, "path_seed": None}
-    return record_of(runner.run(wanted), GeneralRow, **own)
-
-
-def _several(metric: str) -> Callable[[list[GeneralRow]], str]:
-    """A value, or median and worst of several seeds; how many failed if any did."""
-
-    def shown_of(rows: list[GeneralRow]) -> str:
-        failed = sum(row.failure is not None for row in rows)
-        if len(rows) == 1 or failed:
-            return (
-                lab.cell(rows[0], metric) if len(rows) == 1 else f"{failed} of {len(rows)} failed"
-            )
-        values = [getattr(row, metric) for row in rows]
-        return f"{_text(median(values), metric)} / {_text(max(values), metric)}"
-
-    return shown_of
-
-
-def _general_table(metric: str, title: str, columns: str, per: str, **where: Any) -> lab.TableMaker:
-    label, unit, _ = lab.shown([], metric)
-    return lab.pivot(
-        f"{title}: {_ERRORS.get(metric, label)} in {unit}",
-        ("policy",),
-        columns,
-        _several(metric),
-        where=where,
-        per=(per,) if columns == "speed" else ("task", per),
-        heading=lambda value: f"{value:g} m/s" if columns == "speed" else value,
-    )
-
-
-# ---------------------------------------------------------------- pictures of unseen and disturbed
-
-#: Policies in the figure, those that err least; the tables have all.
-_MOST = 6
-
-
-def _speeds(rows: Sequence[Any]) -> Figure | None:
-    mine = lab.select(rows, part="unseen")
-    every = list(lab.ranked(mine, "policy", lambda row: row.e_max, median))
-    best = every[:_MOST]
-    errors = [row.e_max for row in lab.select(mine, policy=best[0]) if row.failure is None]
-    message = "On paths that no policy has met all failed"
-    if errors:
-        message = f"On paths that no policy has met {best[0]} errs least, by "
-        message += f"{1e3 * max(errors):.2g} mm at most"
-    some = f"The {len(best)} of {len(every)} policies that err least, median of the seeds"
-    return lab.lines(
-        "speed",
-        tuple(_ERRORS),
-        "policy",
-        title=message,
-        subject=f"{some}, shaded: all of them; crosses at the top: failed",
-        panel="task",
-        band=True,
-        log="xy",
-        decorate=lambda axis, rows, metric: axis.set_xticks(SPEEDS[rows[0].task], minor=False),
-    )([row for row in mine if row.policy in best])
-
-
-def _mapped(row: GeneralRow) -> float | None:
-    """Overshoot [%] of a step, else largest error [mm]."""
-    value, factor = (row.overshoot, 100) if row.task == "step" else (row.e_max, 1e3)
-    return None if row.failure is not None or value is None else factor * value
-
-
-def _map_title(rows: list[GeneralRow]) -> str:
-    return f"{rows[0].place}, {'overshoot [%]' if rows[0].task == 'step' else 'largest error [mm]'}"
-
-
-def _least_disturbed(rows: list[GeneralRow]) -> str:
-    """Who errs least on swing and L-shape; who failed anywhere errs infinitely."""
-    tracked = [row for row in rows if row.task != "step"]
-    worst = lab.ranked(tracked, "policy", lambda row: np.inf if row.failure else row.e_max)
-    least = next(iter(worst))
-    return (
-        f"On disturbed robots {least} errs least in its worst case, {1e3 * worst[least]:.2g} mm on "
-        "swing and L-shape"
-    )
-
-
-GENERALIZATION = lab.Study(
-    kinds=(GeneralRow,),
-    cases=general_cases,
-    measure=measure_general,
-    tables=[
-        *(
-            _general_table(
-                metric, "{task}, unseen: median / worst of seeds", "speed", "task", part="unseen"
-            )
-            for metric in _ERRORS
-        ),
-        *(
-            _general_table(
-                metric, "{task} on {group}", "heading", "group", part="disturbed", task=task
-            )
-            for task, width in DISTURBED_TASKS
-            for metric in (_ERRORS if width is None else ("overshoot", "settling_time"))
-        ),
-        lab.failures("policy", "place", _VARIED_WITH),
-    ],
-    note="Episodes start at rest under the inputs that hold the arm's closed statics on the "
-    "reference. The chain's tip is then some tenths of a millimetre off, 0.32 mm in the unseen "
-    "tasks, which bounds the largest error from below. An overshoot has no value, and a dash, "
-    "where the tip did not come nearer to the target in the end. Policy times in the report are "
-    "those of cores that are all busy.",
-    plots={
-        "{}": _speeds,
-        "{}_disturbed": lab.maps(
+        "disturbed": lab.maps(
             "task",
             "policy",
             "heading",
             _mapped,
             title=_least_disturbed,
             subject="Robots, drives and sensors that no policy knows: light errs little, dark much",
-            where={"part": "disturbed"},
+            where={"setting": "disturbed"},
             headings=_map_title,
             colours=lambda rows: (1.0, 100.0) if rows[0].task == "step" else (0.3, 300.0),
         ),
+        "unseen": _speeds,
     },
 )

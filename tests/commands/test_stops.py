@@ -101,7 +101,7 @@ def _heeding():
 
 @pytest.mark.slow
 def test_ctrl_c_ends_workers_too(tmp_path):
-    command = [sys.executable, "-m", "softrobot_env", "benchmark", "generalization"]
+    command = [sys.executable, "-m", "softrobot_env", "benchmark", "transfer"]
     with subprocess.Popen(
         [*command, "--out", str(tmp_path)],
         stdout=subprocess.PIPE,

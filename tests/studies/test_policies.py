@@ -1,4 +1,4 @@
-"""The studies of the arm's policies: what is run, motion errors, ratios and goals."""
+"""The study of the arm's policies: what is run, motion errors, ratios and goals."""
 
 from dataclasses import fields
 from functools import cache
@@ -13,7 +13,7 @@ from studies import policies as study
 from studies.policies import DISTURBANCES, MODULI, PARAMETERS, TASKS, ControllerRow, E
 from studies.truths.thesis_values import CONTROLLERS
 
-controller_cases = cache(study.controller_cases)
+cases = cache(study.cases)
 
 #: Figures of a made-up episode, all goals met.
 GOOD = {
@@ -32,10 +32,10 @@ GOOD = {
 
 
 def make_row(case, **changes):
-    setting, plant, policy, task, width, variation = case
+    setting, plant, policy, task, options, variation = case
     names = {"setting": setting, "plant": plant, "policy": policy, "task": task}
     values = dict.fromkeys(f.name for f in fields(ControllerRow)) | {
-        "step_width": width,
+        "step_width": options.get("step_width"),
         "variation": variation,
         "feedback": "output" if setting == "output" else "state",
         "policy_time_median": 1e-6,
@@ -69,13 +69,13 @@ def test_error_during_the_motion_leaves_the_kinks_out():
 
 
 def test_ratios_are_to_the_same_case_with_the_nominal_robot():
-    swing = ("mujoco", "mujoco", "lqi", "swing", None)
+    swing = ("mujoco", "mujoco", "lqi", "swing", {})
     varied = ("robustness", *swing[1:])
     rows = [
         make_row((*swing, {}), e_max=2e-3, e_rms=1e-3),
         make_row((*varied, {E: 0.5}), e_max=3e-3, e_rms=4e-3),
         make_row((*varied, {E: 0.75}), failure="diverged"),
-        make_row(("robustness", "mujoco", "qs_nn", "swing", None, {E: 0.5})),
+        make_row(("robustness", "mujoco", "qs_nn", "swing", {}, {E: 0.5})),
     ]
     nominal, other, failed, alone = study.with_ratios(rows)
     assert "e_max_ratio" not in nominal.row()
@@ -84,7 +84,7 @@ def test_ratios_are_to_the_same_case_with_the_nominal_robot():
 
 
 def test_a_full_run_covers_every_setting_and_a_quick_one_is_a_part_of_it():
-    every, quick = map(controller_cases, (False, True))
+    every, quick = map(cases, (False, True))
     assert study.policies()[:3] == list(CONTROLLERS)
     assert set(study.policies()) == set(POLICIES) - {"hold"}
     for setting in ("thesis", "mujoco"):
@@ -93,10 +93,9 @@ def test_a_full_run_covers_every_setting_and_a_quick_one_is_a_part_of_it():
     assert {"lqi", "lq_adaptive"} <= output and not output & {"qs_nn", "feedforward"}
     varied = [case for case in every if case[:3] == ("robustness", "mujoco", "lqi")]
     for task in TASKS:
-        factors = {case[5].get(E) for case in varied if case[3:5] == task}
-        assert factors - {None} == set(MODULI)
-    assert all(case in every for case in quick) and len(quick) < len(every) / 4
-    every, quick = (study.general_cases(flag) for flag in (False, True))
+        met = [case[5] for case in varied if case[3:5] == task]
+        assert all(modulus in met for modulus in MODULI)
+    assert {case[0] for case in every} == {case[0] for case in quick}
     assert all(case in every for case in quick) and len(quick) < len(every) / 5
 
 
@@ -105,13 +104,16 @@ def test_environments_accept_every_variation(policy):
     env = TrackingEnv("step", **policy_environment(policy))
     for variation in (*PARAMETERS, *DISTURBANCES):
         env.reset(seed=0, options={"vary": variation})
-        assert study.variation_name(variation) != "nominal"
+        row = make_row(("disturbed", "mujoco", policy, "step", {}, variation))
+        assert row.varied != "nominal" and (row.group == "other drives, sensors") == (
+            variation in DISTURBANCES
+        )
 
 
 def judged(change=None, **changes):
     """Goals of a full run of made-up episodes, some of which are changed."""
     rows = []
-    for case in controller_cases(False):
+    for case in cases(False):
         own = {"e_rms": GOOD["e_rms"] / 2} if case[2] == "lq_adaptive" else {}  # the best
         rows.append(make_row(case, **own | (changes if change and change(*case) else {})))
     return {(g.goal, g.setting): g for g in study.goal_rows(study.with_ratios(rows))}
@@ -128,27 +130,27 @@ def test_good_rows_meet_all_goals_of_the_best_policy():
     [
         (lambda s, *c: s == "mujoco", {"e_max": 3e-3}, ("swing, largest error", "mujoco")),
         (
-            lambda s, pl, p, t, w, v: s == "output" and w == 0.1,
+            lambda s, pl, p, t, o, v: s == "output" and o == {"step_width": 0.1},
             {"steady_state_error": 1e-4},
             ("all steps, steady-state error", "output"),
         ),
         (
-            lambda s, pl, p, t, w, v: w == 0.05,
+            lambda s, pl, p, t, o, v: o == {"step_width": 0.05},
             {"settling_time": None},
             ("step of 50 mm, settling time", "mujoco"),
         ),
         (
-            lambda s, pl, p, t, w, v: v == {E: 1.5} and t == "lshape",
+            lambda s, pl, p, t, o, v: v == {E: 1.5} and t == "lshape",
             {"e_max": 3e-4},
             ("lshape, largest error over nominal, worst E", "robustness"),
         ),
         (
-            lambda s, pl, p, t, w, v: v == {E: 0.5},
+            lambda s, pl, p, t, o, v: v == {E: 0.5},
             {"failure": "diverged"},
             ("failed episodes with another E", "robustness"),
         ),
         (
-            lambda s, pl, p, t, w, v: p == "qs_nn",
+            lambda s, pl, p, t, o, v: p == "qs_nn",
             {"policy_time_median": 1e-5},
             ("policy time of qs_nn", "thesis"),
         ),
