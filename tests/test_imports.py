@@ -18,7 +18,7 @@ PACKAGE = "softrobot_env"
 
 #: Robots, tasks and what everybody needs. `loads` and `twin` are public names of modules of
 #: `robots`.
-FOUNDATION = {"core", "robots", "tasks", "machine_code", "registration", "loads", "twin"}
+FOUNDATION = {"core", "robots", "tasks", "compile", "registration", "loads", "twin"}
 MIDDLE = ("beams", "scene", "sensing", "learned", "hardware", "recordings")
 EVERYTHING = None  # imports what it likes
 

@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
+from softrobot_env.compile.kernels import kernel, structure
 from softrobot_env.core.records import check_unique
 from softrobot_env.robots import RobotParams, Tendon
 from softrobot_env.robots.loads import Load, seen_from_base
 
-from .numerics.compilation import kernel, structure
 from .numerics.quaternions import add_scaled, difference, dot3, row3
 
 #: How tendons can be driven.

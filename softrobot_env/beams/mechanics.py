@@ -15,39 +15,43 @@ that it registers with `implement`. Arrays may be real or complex: derivatives a
 imaginary steps. The second part is the same for all models.
 """
 
-from types import FunctionType, ModuleType
+from functools import singledispatch
+from types import ModuleType
 
 import numpy as np
-from numba.extending import overload
 
-from softrobot_env.machine_code import LINKED
+from softrobot_env.compile.kernels import implementation, kernel
 
 from .actuation import add_path_forces, path_lengths, tendon_tensions
-from .numerics.compilation import implementation, kernel
 
 # ---------------------------------------------------------------- provided by a model
 
 
+@singledispatch
 def internal_residual(model, q, v, a, out):
     """Set out (n,) to M(q) a + k(q, v) plus elastic and damping forces, less gravity."""
     raise NotImplementedError
 
 
+@singledispatch
 def solve_mass(model, q, force, out):
     """Set out (n,) to M(q)^-1 force; may overwrite the force."""
     raise NotImplementedError
 
 
+@singledispatch
 def project(model, q, v):
     """Remove the drift of redundant coordinates from q and v (n,), in place."""
     raise NotImplementedError
 
 
+@singledispatch
 def locate(model, q, out):
     """Set out (n_points, 3) [m] to the material points `actuation.point_*`."""
     raise NotImplementedError
 
 
+@singledispatch
 def add_wrenches(model, q, forces, moments, out):
     """Add to out (n,) the generalised force of forces and moments on those points.
 
@@ -64,16 +68,19 @@ def add_wrenches(model, q, forces, moments, out):
     raise NotImplementedError
 
 
+@singledispatch
 def load_axes(model, q, out):
     """Set out (n_loads, 3, 3) to the orientation of the cross-sections of the loads."""
     raise NotImplementedError
 
 
+@singledispatch
 def channel_lengths(model, q, out):
     """Set out (n_channels,) [m] to the lengths of the continuous channels."""
     raise NotImplementedError
 
 
+@singledispatch
 def add_channel_forces(model, q, tension, out):
     """Add to out (n,) the generalised force of tensions (n_channels,) [N] in the channels.
 
@@ -82,6 +89,7 @@ def add_channel_forces(model, q, tension, out):
     raise NotImplementedError
 
 
+@singledispatch
 def add_internal_tangent(model, q, v, damping, mass, out):
     """Add K + damping D + mass M of `internal_residual` to out (n, 3 k + 1); whether that is known.
 
@@ -90,22 +98,13 @@ def add_internal_tangent(model, q, v, damping, mass, out):
     raise NotImplementedError
 
 
-@overload(add_internal_tangent, jit_options=LINKED)
-def _unknown_tangent(model, q, v, damping, mass, out):
-    if getattr(model, "instance_class", None) in _WITH_TANGENT:
-        return None
-    return lambda model, q, v, damping, mass, out: False
-
-
-#: Classes of data with a tangent of their own.
-_WITH_TANGENT: set[type] = set()
-
-
+@singledispatch
 def potential(model, q):
     """Elastic and gravitational energy [J]; gravity's is zero in the straight pose."""
     raise NotImplementedError
 
 
+@singledispatch
 def momentum(model, q, v, out):
     """Set out (6,) to linear [N s] and angular momentum about the origin [N m s]."""
     raise NotImplementedError
@@ -118,13 +117,18 @@ def implement(data_class: type, *modules: ModuleType) -> None:
         data_class: A structure.
         *modules: Where its kernels are; those of other names are left out.
     """
+    found = {"add_internal_tangent": _no_tangent}
     for module in modules:
-        for name, each in vars(module).items():
-            function = globals().get(name)
-            if isinstance(function, FunctionType) and hasattr(each, "py_func"):
-                implementation(function, data_class)(each)
-                if function is add_internal_tangent:
-                    _WITH_TANGENT.add(data_class)
+        found |= {name: each for name, each in vars(module).items() if hasattr(each, "py_func")}
+    for name, each in found.items():
+        if hasattr(globals().get(name), "registry"):
+            implementation(globals()[name], data_class)(each)
+
+
+@kernel
+def _no_tangent(model, q, v, damping, mass, out):
+    """That of a model which leaves it out."""
+    return False
 
 
 # ---------------------------------------------------------------- the same for all models

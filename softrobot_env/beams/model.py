@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import ndarray
 
+from softrobot_env.compile.kernels import kernel, reference
 from softrobot_env.core import equilibrium as equilibria
 from softrobot_env.core.continuation import Newton, find_equilibrium
 from softrobot_env.core.motion import IntegrationError, Motion, State, sample_times
@@ -18,7 +19,6 @@ from softrobot_env.robots.loads import Load
 from . import mechanics, signals
 from .actuation import Actuation, make_actuation, points_only, tendon_tensions
 from .numerics import band, integration, linearization
-from .numerics.compilation import kernel, reference
 from .signals import Signal
 
 #: Step of the difference by the loads' share, which most forces are linear in.

@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
+from softrobot_env.compile.kernels import kernel, reference, structure
 from softrobot_env.robots import RobotParams
 
 from .constant_curvature import channel_pairs
-from .numerics.compilation import kernel, reference, structure
 
 #: Angle [rad] below which E is summed as a series, to full precision.
 _SMALL = 0.3

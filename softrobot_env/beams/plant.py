@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy import ndarray
 
+from softrobot_env.compile.kernels import kernel, reference
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.interfaces import Measurement
 from softrobot_env.robots import Base, Disc, RobotParams, Section
@@ -20,7 +21,6 @@ from softrobot_env.robots.loads import Load
 from . import mechanics
 from .model import BeamModel
 from .numerics import integration
-from .numerics.compilation import kernel, reference
 from .numerics.quaternions import add, cross, difference, dot3, mix, row3, scaled, weighting
 from .signals import Signal
 

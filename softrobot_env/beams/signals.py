@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from .numerics.compilation import kernel, structure
+from softrobot_env.compile.kernels import kernel, structure
 
 
 @structure

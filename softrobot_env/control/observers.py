@@ -13,8 +13,8 @@ from numpy import ndarray
 from numpy.linalg import inv, solve
 from scipy.linalg import solve_discrete_are
 
-from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.beams.planar_arm import PlanarArm, inertia_forces, make_planar_arm, tip
+from softrobot_env.compile.kernels import kernel
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams

@@ -6,7 +6,7 @@ A jump that the preview shows is left as it is: a law with preview acts ahead of
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.compile.kernels import kernel
 
 #: Of the arm: distance [m] of the reference from what the preview said that counts as a jump, and
 #: largest acceleration [m/s2] of the motion that replaces a jump from rest.

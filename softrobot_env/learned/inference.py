@@ -7,6 +7,8 @@ import numba
 import numpy as np
 from numpy import ndarray
 
+from softrobot_env.compile import OFF
+
 from .network import Network, absorbed, refuse_inputs
 
 _kernel = numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
@@ -162,6 +164,6 @@ def _many(inputs, parameters, sizes, out):
 @cache
 def _compile() -> None:
     """Compile for contiguous doubles and nothing else, so that no call waits for the compiler."""
-    for kernel, values in ((_one, "f8[::1]"), (_many, "f8[:, ::1]")):
+    for kernel, values in () if OFF else ((_one, "f8[::1]"), (_many, "f8[:, ::1]")):
         kernel.compile(f"({values}, f8[::1], i8[::1], {values})")
         kernel.disable_compile()

@@ -85,7 +85,7 @@ class Simulation:
         integration = self._integration
         self._estimate = integration.estimates
         self._worrying = WORRYING * (self.scene.timestep.accuracy or inf)
-        self._compiled = integration.advance
+        self._compiled = integration.advance.locked
         self._arguments = self.model._address, self.data._address, 0, integration.header
 
     def __getstate__(self) -> dict:

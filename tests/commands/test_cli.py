@@ -13,7 +13,7 @@ from support.processes import finished
 from softrobot_env.cli import main
 from softrobot_env.commands import cases as evaluate_cases
 from softrobot_env.commands.registry import COMMANDS
-from softrobot_env.machine_code.notice import Notice
+from softrobot_env.compile.notice import Notice
 
 HOLD = "--tasks lshape --policies hold --control-period 0.2"
 
@@ -146,7 +146,7 @@ def test_a_grip_is_filmed(tmp_path, capsys):
 
 
 def test_long_compilations_are_reported_once_they_are_long(capsys, monkeypatch):
-    from softrobot_env.machine_code import notice
+    from softrobot_env.compile import notice
 
     monkeypatch.setattr(notice, "_PATIENCE", 0.05)
     monkeypatch.setattr(notice, "_watched", lambda: True)
@@ -166,7 +166,7 @@ def test_long_compilations_are_reported_once_they_are_long(capsys, monkeypatch):
 
 _COUNT = """
 from softrobot_env.commands.warm_up import warm
-from softrobot_env.machine_code.notice import NOTICE
+from softrobot_env.compile.notice import NOTICE
 warm("hold")
 print(NOTICE.count)
 """

@@ -65,7 +65,7 @@ def test_nothing_else_writes_files():
         "core/artifacts.py",
         "core/files.py",
         "hardware/transport.py",
-        "machine_code/cache.py",
+        "compile/cache.py",
         "recordings/columns.py",
         "training/several/runs.py",
     }

@@ -229,7 +229,7 @@ def test_a_motion_that_is_not_finite_is_told():
 
 def test_compiled_code_knows_all_its_sources(tmp_path):
     """What was cached of one version of a folder's sources is not found for another."""
-    from softrobot_env.machine_code.cache import CacheFiles, digest_of
+    from softrobot_env.compile.cache import CacheFiles, digest_of
 
     folders = [tmp_path / name for name in ("a", "b")]
     for folder, text in zip(folders, ("y = 1", "y = 2"), strict=True):

@@ -9,7 +9,7 @@ dragged along at that distance otherwise.
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.compile.kernels import kernel
 from softrobot_env.thesis.rig.spatial_piece import RigPiece, add_static, make_rig_piece
 from softrobot_env.thesis.rig.three_tendons import elastic_tendons
 from softrobot_env.thesis.robots import RIG

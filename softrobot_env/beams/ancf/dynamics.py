@@ -15,8 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
+from softrobot_env.compile.kernels import kernel, structure
+
 from ..actuation import Actuation
-from ..numerics.compilation import kernel, structure
 from ..numerics.quaternions import cross, dot3, row3, scaled
 from .section import SectionLaw, apply_law, set_strain
 from .shapes import AXES

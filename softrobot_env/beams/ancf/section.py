@@ -20,9 +20,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
+from softrobot_env.compile.kernels import kernel, structure
 from softrobot_env.robots import RobotParams
-
-from ..numerics.compilation import kernel, structure
 
 
 @structure

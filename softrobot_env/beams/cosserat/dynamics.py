@@ -24,8 +24,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
+from softrobot_env.compile.kernels import kernel, structure
+
 from ..actuation import Actuation, channel_arm, channel_tangent
-from ..numerics.compilation import kernel, structure
 from ..numerics.quaternions import (
     add,
     add_scaled,

@@ -1,1 +1,1 @@
-"""What all beam models compute with: compilation, time integration, bands, quaternions."""
+"""What all beam models compute with: time integration, bands, quaternions."""

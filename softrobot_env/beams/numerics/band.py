@@ -5,7 +5,7 @@ side of the main one is stored by rows, element (i, j) at [i, j - i + k] of an a
 (n, 3 k + 1); the last k columns take the fill-in of the exchanged rows.
 """
 
-from .compilation import kernel
+from softrobot_env.compile.kernels import kernel
 
 
 @kernel

@@ -6,12 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
+from softrobot_env.compile.kernels import kernel, structure
 from softrobot_env.core.registry import Registry
 
 from .. import signals
 from ..mechanics import acceleration, bandwidth, iteration_matrix, project, residual
 from . import band
-from .compilation import kernel, structure
 
 #: What `integrate` returns.
 DONE, STEP_TOO_SMALL, NOT_CONVERGED, DIVERGED, TOO_MANY_STEPS = range(5)

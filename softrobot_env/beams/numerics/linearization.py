@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray
 
+from softrobot_env.compile.kernels import kernel
+
 from ..mechanics import (
     add_applied,
     add_internal_tangent,
@@ -13,7 +15,6 @@ from ..mechanics import (
     differentiated,
     locate,
 )
-from .compilation import kernel
 
 #: Imaginary step: its square vanishes beside one, so the derivatives are exact to rounding.
 _STEP = 1e-30

@@ -7,7 +7,7 @@ so products never conjugate them.
 
 import numpy as np
 
-from .compilation import kernel
+from softrobot_env.compile.kernels import kernel
 
 
 @kernel

@@ -18,7 +18,8 @@ Vectors are tuples of three numbers, real or complex.
 
 import numpy as np
 
-from ..numerics.compilation import kernel
+from softrobot_env.compile.kernels import kernel
+
 from ..numerics.quaternions import add, cross, dot3, mix, scaled
 
 #: Rotation angle squared up to which the power series are summed.

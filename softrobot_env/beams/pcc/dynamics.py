@@ -6,8 +6,9 @@ clamp to the tip (motion) and back (forces).
 
 import numpy as np
 
+from softrobot_env.compile.kernels import kernel
+
 from ..actuation import channel_arm, channel_tangent
-from ..numerics.compilation import kernel
 from ..numerics.quaternions import accumulate, add, cross, difference, dot3, scaled, store, vector
 from .constant_strain import (
     clamp,

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
+from softrobot_env.compile.kernels import reference, structure
 from softrobot_env.core.registry import Registry
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load, refuse_out_of_plane, refuse_torsion, seen_from_base
@@ -14,7 +15,6 @@ from softrobot_env.robots.loads import Load, refuse_out_of_plane, refuse_torsion
 from .. import mechanics
 from ..actuation import Actuation, channel_samples, channels_of
 from ..model import BeamModel
-from ..numerics.compilation import reference, structure
 from . import dynamics
 
 #: Number of coordinates per piece by the choice of `axes`.

@@ -375,7 +375,7 @@ class NeuralPolicy(Memoryless):
 
     def compiled(self) -> Decide:
         """`vector_kernel.decide` with this network and what it sees."""
-        from softrobot_env.beams.numerics.compilation import reference
+        from softrobot_env.compile.kernels import reference
         from softrobot_env.learned.inference import parameters_of
 
         from .vector_kernel import NetworkLaw, decide

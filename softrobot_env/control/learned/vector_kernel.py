@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams.numerics.compilation import kernel, structure
+from softrobot_env.compile.kernels import kernel, structure
 from softrobot_env.learned.inference import forward
 
 from ..base import FINE, NOT_COMPUTED, NOT_FINITE, SATURATED, UNREACHABLE

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.compile.kernels import kernel
 from softrobot_env.learned.reduction.polynomials import Motion, add_gradient, advance, linearise
 
 

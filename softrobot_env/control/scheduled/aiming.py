@@ -4,12 +4,13 @@ What the model leaves unexplained is estimated from the actions really in force,
 shift of the curvatures, an offset of the tip, and, if wanted, the stiffness.
 """
 
+from functools import singledispatch
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams.numerics.compilation import implementation, kernel
+from softrobot_env.compile.kernels import implementation, kernel
 from softrobot_env.core.interfaces import Observation
 
 from ..base import FINE, SATURATED, UNREACHABLE, Memory, usable
@@ -216,6 +217,7 @@ def references_of(
     return points, velocity
 
 
+@singledispatch
 def aimed(table: Any, law: Any, adaptive: Any, memory: Any, seen: Any) -> Any:
     """Find and correct the equilibrium at the reference, as `TrackingTarget`; memory is updated.
 

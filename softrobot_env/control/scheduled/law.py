@@ -7,7 +7,7 @@ import numpy as np
 from numpy import ndarray
 from scipy.optimize import nnls
 
-from softrobot_env.beams.numerics.compilation import kernel, reference, structure
+from softrobot_env.compile.kernels import kernel, reference, structure
 from softrobot_env.core.artifacts import Arrays
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import RobotParams

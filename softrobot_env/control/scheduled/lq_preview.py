@@ -13,7 +13,7 @@ from typing import Any
 
 from numpy import ndarray
 
-from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.compile.kernels import kernel
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import RobotParams
 

@@ -1,11 +1,12 @@
 """LQI control with gain scheduling (thesis sec. 6.4, as the audit corrects it), for any robot."""
 
+from functools import singledispatch
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams.numerics.compilation import implementation, kernel
+from softrobot_env.compile.kernels import implementation, kernel
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import RobotParams
 
@@ -133,6 +134,7 @@ class Resting(NamedTuple):
     integrates: bool
 
 
+@singledispatch
 def resting(table: Any, law: Any, target: Any, held: Any, curvature: Any) -> Any:
     """`Resting` with the tip at a target (3,) [m].
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.compile.kernels import kernel
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import RobotParams
 

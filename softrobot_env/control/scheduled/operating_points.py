@@ -12,8 +12,8 @@ import numpy as np
 from numpy import ndarray
 from numpy.linalg import lstsq, norm, solve, svd
 
-from softrobot_env.beams.numerics.compilation import kernel, reference
 from softrobot_env.beams.registry import MUJOCO, BeamPlant
+from softrobot_env.compile.kernels import kernel, reference
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.motion import State
 from softrobot_env.core.processes import one_blas_thread

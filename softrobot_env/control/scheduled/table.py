@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams.numerics.compilation import kernel, structure
+from softrobot_env.compile.kernels import kernel, structure
 
 #: Points that are blended at most.
 NEIGHBOURS = 6

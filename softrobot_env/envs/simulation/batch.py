@@ -277,7 +277,7 @@ class Batch:
         """
         self._batch.reset(which)
         self.qpos[which], self.ctrl[which] = qpos, ctrl
-        self._batch.apply(which, self._integration.refresh, self._integration.header)
+        self._batch.apply(which, self._integration.refresh.ctypes, self._integration.header)
         self._integration.restart(which)
 
     def advance(self, which: ndarray | None = None) -> ndarray:
@@ -289,7 +289,7 @@ class Batch:
         Returns:
             (n,) bool, whether each has diverged; read-only.
         """
-        self._batch.apply(which, self._integration.advance, self._integration.header)
+        self._batch.apply(which, self._integration.advance.ctypes, self._integration.header)
         self._periods += 1
         if not self._warned and self._estimates.max() > self._worrying:
             self._warn()

@@ -17,7 +17,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.beams.numerics.quaternions import (
     add,
     cross,
@@ -36,6 +35,7 @@ from softrobot_env.beams.pcc.constant_strain import (
     to_world,
     transmit,
 )
+from softrobot_env.compile.kernels import kernel
 
 #: Imaginary step.
 TINY = 1e-30

@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from softrobot_env.compile.native import inlined, jit, making
+
 from .layout import AT
-from .mujoco_functions import inlined, ints, jit, making, reals
+from .mujoco_functions import ints, reals
 
 #: Friction's impulses are found by as many sweeps, or until they move by no more than a share [1].
 _SWEEPS, _STILL = 200, 1e-12

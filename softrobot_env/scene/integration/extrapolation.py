@@ -27,6 +27,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
+from softrobot_env.compile.native import inlined, jit, making
+
 from . import layout
 from . import mujoco_functions as mj
 from .euler import euler_step
@@ -40,7 +42,7 @@ from .forces import (
     measure,
     no_forces,
 )
-from .mujoco_functions import ints, jit, making, reals
+from .mujoco_functions import ints, reals
 
 #: Largest and smallest share [1] of the accuracy by which one interval may err.
 LARGEST_SHARE, SMALLEST_SHARE = 0.1, 0.003
@@ -154,7 +156,7 @@ def integrate(work, ramp):
 # ---------------------------------------------------------------- an interval
 
 
-@mj.inlined
+@inlined
 def _start(work, ramp, time):
     """Remember the state and what acts in it: it serves the first step of all rows."""
     mj.assign(work.q, work.chain.q)
@@ -162,7 +164,7 @@ def _start(work, ramp, time):
     _measure(work, work.first, ramp, time)
 
 
-@mj.inlined
+@inlined
 def _measure(work, forces, ramp, time):
     """What acts with the controls of a time [s] on the ramp."""
     _control(work.chain.ctrl, ramp, time)
@@ -170,7 +172,7 @@ def _measure(work, forces, ramp, time):
     work.memory[layout.EVALUATIONS] += 1
 
 
-@mj.inlined
+@inlined
 def _control(ctrl, ramp, time):
     """Let controls (nu,) be those of a time [s] on the ramp."""
     share = time / ramp.duration
@@ -210,7 +212,7 @@ def _extrapolate(work, ramp, time, h):
     return rows, error
 
 
-@mj.inlined
+@inlined
 def _take_steps(work, ramp, time, h, count):
     """Cross an interval [s] in equal Euler steps, from its start."""
     chain, part = work.chain, h / count
@@ -223,7 +225,7 @@ def _take_steps(work, ramp, time, h, count):
         _take_step(work, work.forces, part)
 
 
-@mj.inlined
+@inlined
 def _take_step(work, forces, h):
     chain = work.chain
     euler_step(chain, forces, h, work.matrix, work.change)
@@ -232,7 +234,7 @@ def _take_step(work, forces, h):
     mj.move(chain.model, chain.q, chain.v, h)
 
 
-@mj.inlined
+@inlined
 def _add_row(work, row):
     """Neville: entry j of this row is from entry j - 1 of this row and of the one before."""
     table = work.table
@@ -248,7 +250,7 @@ def _add_row(work, row):
     mj.assign(table.velocities[row], table.velocity)
 
 
-@mj.inlined
+@inlined
 def _extrapolate_entry(entry, before, weight):
     """Replace an entry of the row before by that of this row, and that by the next of this row."""
     for i in range(entry.size):

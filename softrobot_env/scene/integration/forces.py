@@ -4,9 +4,11 @@ from typing import NamedTuple
 
 from numpy import ndarray
 
+from softrobot_env.compile.native import inlined, jit, making
+
 from . import mujoco_functions as mj
 from .layout import AT, LENGTHS, NBODY, NQ, NTENDON, NU, NV
-from .mujoco_functions import ints, jit, making, reals
+from .mujoco_functions import ints, reals
 
 #: Parameters of a drive's law in MuJoCo, mjNBIAS.
 BIASES = 10
@@ -87,7 +89,7 @@ def no_forces(chain, room):
     )
 
 
-@mj.inlined
+@inlined
 def evaluate(chain):
     """Kinematics, mass and all forces but the drives' at MuJoCo's state."""
     model, data = chain.model, chain.data
@@ -101,7 +103,7 @@ def evaluate(chain):
     mj.mj_rne(model, data, 0, mj.word(data, chain.header[AT.qfrc_bias]))
 
 
-@mj.inlined
+@inlined
 def measure(chain, forces):
     """All that acts where `evaluate` was called last, with the controls in force."""
     _sum_forces(chain, forces.force)

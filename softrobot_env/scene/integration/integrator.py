@@ -3,7 +3,6 @@
 Loading compiled code takes time: the first simulation imports this module.
 """
 
-import ctypes
 from typing import Any
 
 import numpy as np
@@ -14,8 +13,6 @@ from ..chain import SEPARATOR, TIP_SITE
 from ..timestep import EXTRAPOLATION, TimestepChoice
 from . import layout
 from .period import advance, refresh
-
-_LOCKED = ctypes.PYFUNCTYPE(None, ctypes.c_size_t, ctypes.c_size_t, ctypes.c_int32, ctypes.c_size_t)
 
 _METHODS = {EXTRAPOLATION: layout.EXTRAPOLATED, "RK4": layout.WHOLE}
 
@@ -33,12 +30,15 @@ TOLD_FIELDS = ("sensordata", "ten_length", "actuator_force")
 
 
 class Integration:
-    """Settings and memory of n simulations, and the C function that advances one of them.
+    """Settings and memory of n simulations, and the C functions of one of them.
 
     Attributes:
+        advance, refresh: Of a simulation, see `period`.
         memory: (n, 2, MEMORY_SIZE), of simulations and shadows, see `layout`.
-        header: Address of what is passed to `advance`.
+        header: Address of what is passed to them.
     """
+
+    advance, refresh = advance, refresh
 
     def __init__(self, model: MjModel, choice: TimestepChoice, count: int = 1) -> None:
         self._lengths = backbone_lengths(model)
@@ -81,20 +81,6 @@ class Integration:
         self.memory[which, :, layout.NEXT] = self.memory[which, :, layout.LONGEST]
         self.memory[which, :, layout.WORST :] = 0.0
         self._states[which] = np.nan
-
-    @property
-    def advance(self) -> Any:
-        """C function (model, data, number, header) that advances a simulation.
-
-        It keeps Python's lock: a thread that simulates while Python exits must not run compiled
-        code that is being unloaded.
-        """
-        return _LOCKED(advance.address)
-
-    @property
-    def refresh(self) -> Any:
-        """C function that computes a simulation's read-outs; arguments as `advance`."""
-        return refresh.ctypes
 
     @property
     def estimates(self) -> ndarray:

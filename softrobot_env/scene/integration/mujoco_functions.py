@@ -1,48 +1,22 @@
 """MuJoCo's C functions and arrays for compiled code, which has addresses of its structures."""
 
-from typing import Any
-
-import llvmlite.binding
-import numba
 import numpy as np
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
 
-from softrobot_env.machine_code import LINKED
+from softrobot_env.compile.native import (
+    ADDRESS,
+    FLOAT,
+    INT,
+    array_at,
+    functions_of,
+    inlined,
+    making,
+)
 
 from .layout import library_path
 
-llvmlite.binding.load_library_permanently(library_path())
-
-ADDRESS = types.uintp
-
-_OPTIONS = {
-    "nogil": True,
-    "error_model": "numpy",
-    "fastmath": {"contract", "nsz", "reassoc"},
-    **LINKED,
-}
-
-#: Compiles a function that returns no array. It counts no references to arrays: where functions
-#: pass structures of arrays to each other, that would take almost half of the time.
-jit = numba.njit(_nrt=False, **_OPTIONS)
-
-#: As `jit`, for functions of structures that are called once or twice in others: passing them has
-#: a price too.
-inlined = numba.njit(_nrt=False, forceinline=True, **_OPTIONS)
-
-#: Compiles a function that makes arrays or views.
-making = numba.njit(_nrt=True, **_OPTIONS)
-
-
 # ---------------------------------------------------------------- functions
 
-
-def _function(name: str, *arguments: types.Type) -> Any:
-    """A function of the addresses of model and data, and of more."""
-    return types.ExternalFunction(name, types.void(ADDRESS, ADDRESS, *arguments))
-
+_function = functions_of(library_path(), ADDRESS, ADDRESS)
 
 mj_kinematics = _function("mj_kinematics")
 mj_com_pos = _function("mj_comPos")
@@ -52,7 +26,7 @@ mj_factor_mass = _function("mj_factorM")
 mj_transmission = _function("mj_transmission")
 mj_com_vel = _function("mj_comVel")
 mj_passive = _function("mj_passive")
-mj_rne = _function("mj_rne", types.int32, ADDRESS)
+mj_rne = _function("mj_rne", INT, ADDRESS)
 mj_actuation = _function("mj_fwdActuation")
 mj_acceleration = _function("mj_fwdAcceleration")
 mj_fwd_position = _function("mj_fwdPosition")
@@ -65,8 +39,8 @@ mj_forward = _function("mj_forward")
 mj_step = _function("mj_step")
 mj_step1 = _function("mj_step1")
 mj_step2 = _function("mj_step2")
-_mj_integrate_pos = _function("mj_integratePos", ADDRESS, types.float64)
-_mj_differentiate_pos = _function("mj_differentiatePos", types.float64, ADDRESS, ADDRESS)
+_mj_integrate_pos = _function("mj_integratePos", ADDRESS, FLOAT)
+_mj_differentiate_pos = _function("mj_differentiatePos", FLOAT, ADDRESS, ADDRESS)
 
 
 @inlined
@@ -84,17 +58,10 @@ def subtract(model, turn, q, start):
 # ---------------------------------------------------------------- arrays
 
 
-@intrinsic
-def pointer(typing, address):
-    """An address as a pointer that `numba.carray` takes."""
-    signature = types.voidptr(types.uintp)
-    return signature, lambda context, builder, _, args: builder.inttoptr(args[0], cgutils.voidptr_t)
-
-
 @making
 def reals_at(address, size):
     """The array (size,) of doubles at an address."""
-    return numba.carray(pointer(np.uint64(address)), (size,), np.float64)
+    return array_at(address, (size,), np.float64)
 
 
 @inlined
@@ -109,22 +76,22 @@ def cut(room, rows, columns):
     """An array (rows, columns) of doubles from the start of what is left at address room[0]."""
     start = room[0]
     room[0] += 8 * rows * columns
-    return numba.carray(pointer(np.uint64(start)), (rows, columns), np.float64)
+    return array_at(start, (rows, columns), np.float64)
 
 
 @making
 def word(structure, place):
     """A word of a structure: an address."""
-    return numba.carray(pointer(structure), (place + 1,), np.uint64)[place]
+    return array_at(structure, (place + 1,), np.uint64)[place]
 
 
 @making
 def reals(structure, place, size):
     """The array (size,) of doubles to which a structure's word points."""
-    return numba.carray(pointer(word(structure, place)), (size,), np.float64)
+    return array_at(word(structure, place), (size,), np.float64)
 
 
 @making
 def ints(structure, place, size):
     """As `reals`, of 32-bit integers."""
-    return numba.carray(pointer(word(structure, place)), (size,), np.int32)
+    return array_at(word(structure, place), (size,), np.int32)

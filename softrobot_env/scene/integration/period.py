@@ -8,21 +8,15 @@ the simulation has the larger sum, its error is all that they are apart.
 The functions serve any robot, single simulations and the threads of many.
 """
 
-from typing import Any
-
-import numba
 import numpy as np
-from numba import types
-from numba.core.ccallback import CFunc
 
-from softrobot_env.machine_code import CALLED
-from softrobot_env.machine_code.cache import SourceCache
+from softrobot_env.compile.native import array_at, called, entry, jit, making
 
 from . import layout
 from . import mujoco_functions as mj
 from .extrapolation import Ramp, bounded, displacement, integrate, work_on, work_size
 from .forces import chain_of, evaluate
-from .mujoco_functions import ADDRESS, jit, making, reals
+from .mujoco_functions import reals
 
 
 @jit
@@ -53,7 +47,7 @@ def wind(servos, memory, path):
     return rows
 
 
-@numba.njit(**CALLED)
+@called
 def turn(servos, memory, path):
     """As `wind`, for Python."""
     return wind(servos, memory, path)
@@ -82,23 +76,6 @@ def _moving(servos, memory):
     while steps < memory[layout.SUBSTEPS] and steps * memory[layout.LONGEST] < arrival:
         steps += 1
     return steps
-
-
-_SIGNATURE = (ADDRESS, ADDRESS, types.int32, ADDRESS), types.void
-
-
-class _Entry(CFunc):
-    """A C function, cached until one of the sources of this folder is edited."""
-
-    def enable_caching(self) -> None:
-        self._cache = SourceCache(self._pyfunc)
-
-
-def _entry(function: Any) -> CFunc:
-    made = _Entry(function, _SIGNATURE, locals={}, options={"nopython": True}, **CALLED)
-    made.enable_caching()
-    made.compile()
-    return made
 
 
 # ---------------------------------------------------------------- our own integrator
@@ -269,9 +246,7 @@ def _advance(model, data, number, header):
 @making
 def _tell(data, number, header):
     """Copy what is to be reported of a simulation to its row of the arrays of all."""
-    reported = numba.carray(
-        mj.pointer(np.uint64(header[layout.TELL])), (header[layout.TOLD], 3), np.int64
-    )
+    reported = array_at(header[layout.TELL], (header[layout.TOLD], 3), np.int64)
     for k in range(header[layout.TOLD]):
         place, size, address = reported[k, 0], reported[k, 1], reported[k, 2]
         mj.reals_at(address + 8 * size * number, size)[:] = reals(data, place, size)
@@ -279,17 +254,17 @@ def _tell(data, number, header):
 
 @making
 def _header_at(address):
-    return numba.carray(mj.pointer(address), (layout.HEADER,), np.int64)
+    return array_at(address, (layout.HEADER,), np.int64)
 
 
-@_entry
+@entry
 def refresh(model, data, number, header):
     """Compute all read-outs of a simulation, without moving it; arguments as `advance`."""
     mj.mj_forward(model, data)
     _tell(data, number, _header_at(header))
 
 
-@_entry
+@entry
 def advance(model, data, number, header):
     """Advance a simulation by one control period.
 

@@ -95,7 +95,7 @@ def motion(scene: Scene, controls: ndarray) -> tuple[ndarray, float, float]:
     begin = process_time()
     for k, control in enumerate(controls):
         data.ctrl[:] = control
-        integration.advance(model._address, data._address, 0, integration.header)
+        integration.advance.locked(model._address, data._address, 0, integration.header)
         positions[k] = data.xpos
     spent = process_time() - begin
     return positions, integration.evaluations[0] / len(controls), spent / len(controls)

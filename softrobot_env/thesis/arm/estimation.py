@@ -3,8 +3,8 @@
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.beams.planar_arm import PlanarArm, inertia_forces
+from softrobot_env.compile.kernels import kernel
 
 #: Part of the full actuation that balances of forces are good for, and of the inertia forces,
 #: where the lumped model is coarse.

@@ -7,8 +7,8 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.beams import planar_arm
-from softrobot_env.beams.numerics.compilation import reference
 from softrobot_env.beams.planar_arm import make_planar_arm
+from softrobot_env.compile.kernels import reference
 from softrobot_env.control import base
 from softrobot_env.control.linear_quadratic import BoundedSolver
 from softrobot_env.core.interfaces import Observation

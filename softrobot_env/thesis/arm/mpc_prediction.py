@@ -16,7 +16,7 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.beams import planar_arm
-from softrobot_env.beams.numerics.compilation import kernel, structure
+from softrobot_env.compile.kernels import kernel, structure
 
 _STEP = 1e-30  # imaginary: its square vanishes beside one
 

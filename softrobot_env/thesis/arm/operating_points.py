@@ -17,8 +17,8 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.beams import planar_arm
-from softrobot_env.beams.numerics.compilation import implementation, kernel, reference, structure
 from softrobot_env.beams.planar_arm import PlanarArm, make_planar_arm
+from softrobot_env.compile.kernels import implementation, kernel, reference, structure
 from softrobot_env.control.base import FINE, OUTSIDE, UNREACHABLE
 from softrobot_env.control.linear_quadratic import discretized, integral_gains
 from softrobot_env.control.observers import linear_model

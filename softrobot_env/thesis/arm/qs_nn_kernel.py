@@ -3,7 +3,7 @@
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.compile.kernels import kernel
 from softrobot_env.control.base import NOT_COMPUTED, NOT_FINITE
 from softrobot_env.control.limits import finite
 from softrobot_env.learned.inference import forward

@@ -10,8 +10,8 @@ end, whatever the limits of the inputs; that takes 40 times as long as a call of
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.beams.planar_arm import PlanarArm, tip
+from softrobot_env.compile.kernels import kernel
 
 #: Of `follow`: squared damping [m2/N2] of the inverse: J loses rank in the straight pose.
 _DAMPING = 1e-8

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams.numerics.compilation import kernel, reference, structure
+from softrobot_env.compile.kernels import kernel, reference, structure
 from softrobot_env.robots import RobotParams
 
 from .spatial_piece import (

@@ -14,8 +14,8 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.beams import mechanics
-from softrobot_env.beams.numerics.compilation import kernel, structure
 from softrobot_env.beams.pcc.model import PccData
+from softrobot_env.compile.kernels import kernel, structure
 
 _STEP = 1e-30  # imaginary: its square vanishes beside one
 _ITERATIONS = 20

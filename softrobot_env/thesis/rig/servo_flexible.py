@@ -13,8 +13,8 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.beams.model import IntegrationError
-from softrobot_env.beams.numerics.compilation import reference
 from softrobot_env.beams.pcc import PCC
+from softrobot_env.compile.kernels import reference
 from softrobot_env.robots import RobotParams
 
 from .servo_dae import FlexibleRig, advance, hold

@@ -27,9 +27,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams.numerics.compilation import kernel, reference, structure
 from softrobot_env.beams.pcc.constant_strain import stumpff
 from softrobot_env.beams.pcc.model import Station, check_stations
+from softrobot_env.compile.kernels import kernel, reference, structure
 from softrobot_env.robots import RobotParams
 
 from .three_tendons import ThreeTendons, head_of

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import softrobot_env
-from softrobot_env.beams.numerics.compilation import kernel, reference, structure
+from softrobot_env.compile.kernels import kernel, reference, structure
 
 
 @structure
@@ -89,11 +89,11 @@ def test_an_edit_of_any_source_recompiles_what_uses_it(tmp_path, before, files):
     shutil.copytree(Path(softrobot_env.__file__).parent, package, ignore=ignored)
     beams = package / "beams"
     (beams / "first.py").write_text(
-        "from softrobot_env.beams.numerics.compilation import kernel\n\n\n"
+        "from softrobot_env.compile.kernels import kernel\n\n\n"
         "@kernel\ndef value(x):\n    return x + 1\n"
     )
     (beams / "second.py").write_text(
-        "from softrobot_env.beams.numerics.compilation import kernel\n"
+        "from softrobot_env.compile.kernels import kernel\n"
         "from softrobot_env.beams.first import value\n\n\n"
         "@kernel\ndef twice(x):\n    return 2 * value(x)\n"
     )
@@ -176,7 +176,7 @@ def test_garbage_is_collected_after_a_compilation_if_it_was_before(collects):
 
 _COMPILES_LONG = """
 import sys, time
-from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.compile.kernels import kernel
 
 @kernel
 def calls(x):

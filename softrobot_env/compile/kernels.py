@@ -13,15 +13,15 @@ from numba.core import types
 from numba.experimental import structref
 from numba.extending import overload
 
-from softrobot_env.machine_code import CALLED, LINKED
-from softrobot_env.machine_code.cache import SourceCache
+from . import CALLED, LINKED, OFF
+from .cache import SourceCache
 
 _PACKAGE = __name__.split(".")[0]
 
 if LINKED:
-    from softrobot_env.machine_code.linking import LinkedFiles
+    from .linking import LinkedFiles
 
-_ROOT = Path(__file__).parents[2]
+_ROOT = Path(__file__).parents[1]
 
 
 def _part(function: Callable) -> Path:
@@ -66,6 +66,9 @@ def kernel(function: Callable, everywhere: bool = False) -> Any:
         everywhere: Whether structures from anywhere in the package may be passed to it, so that
             an edit of any of its sources recompiles it.
     """
+    if OFF:
+        function.py_func = function
+        return function
     if LINKED:
         compiled = _dispatcher(function, **CALLED)
         called = _dispatcher(function, **LINKED)
@@ -89,8 +92,8 @@ def _dispatcher(function: Callable, **options: Any) -> Any:
     return numba.njit(error_model="numpy", fastmath={"contract", "nsz"}, **options)(function)
 
 
-def implementation(function: Callable, data_class: type) -> Callable[[Any], Any]:
-    """Decorator: a kernel is what a function does for first arguments of a structure's class."""
+def implementation(function: Any, data_class: type) -> Callable[[Any], Any]:
+    """Decorator: a kernel is what a function of `singledispatch` does for a structure's class."""
 
     def register(made: Any) -> Any:
         def choose(*arguments: Any) -> Any:
@@ -99,6 +102,7 @@ def implementation(function: Callable, data_class: type) -> Callable[[Any], Any]
 
         choose.__signature__ = signature(made.py_func)  # type: ignore[attr-defined]
         overload(function, jit_options=LINKED)(choose)
+        function.register(data_class, made)
         return made
 
     return register
@@ -152,6 +156,8 @@ class Reference(structref.StructRefProxy):
 
 def structure(data_class: type) -> type:
     """Class decorator: let instances of a NamedTuple class be passed to kernels by reference."""
+    if OFF:
+        return data_class
     module, name = data_class.__module__, data_class.__name__
     namespace = {"__module__": module, "data_class": data_class}
     struct_type = structref.register(type(f"{name}Type", (_StructType,), namespace))
@@ -165,13 +171,15 @@ def structure(data_class: type) -> type:
 
 def reference(data: Any) -> Any:
     """Reference to a structure, for kernels; structures inside it become references too."""
+    if OFF:
+        return data
     made = refer(data)
     made._source = data
     return made
 
 
 def _referred(value):
-    raise NotImplementedError
+    return value
 
 
 @overload(_referred, jit_options=LINKED)
