@@ -14,7 +14,10 @@ import numpy as np
 import pytest
 
 import softrobot_env
+from softrobot_env.compile import OFF
 from softrobot_env.compile.kernels import kernel, reference, structure
+
+pytestmark = pytest.mark.skipif(OFF, reason="nothing is compiled")
 
 
 @structure
