@@ -13,7 +13,12 @@ from softrobot_env.core.processes import using
 from softrobot_env.core.runs import KEPT, Kept, kept_rows, run_cases
 from softrobot_env.evaluation import report, runner
 from softrobot_env.evaluation.metrics import approached_metrics
-from softrobot_env.evaluation.report import learnt_label, option_columns, robot_label
+from softrobot_env.evaluation.report import (
+    learnt_label,
+    option_columns,
+    robot_label,
+    variation_label,
+)
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import EvaluatedRow
 from softrobot_env.hardware.errors import RobotError
@@ -279,7 +284,7 @@ def _write(results: list[Result], args: Namespace) -> None:
         except ImportError as error:  # the reports are complete without pictures
             say(f"No plots: {error}", markup=False)
         else:
-            say(f"Wrote plots to {args.out}" if plotted else "No plots: nothing was run")
+            say(f"Wrote plots to {args.out}" if plotted else "No plots: nothing to compare")
 
 
 def _record(results: list[Result], folder: Path) -> None:
@@ -296,6 +301,8 @@ def _record(results: list[Result], folder: Path) -> None:
 def _plot(results: list[Result], out: Path) -> int:
     """Compare policies on each task, and variations of each policy where there are several.
 
+    Policies are compared on the nominal robot, or on another one if no other was run.
+
     Returns:
         How many comparisons were plotted.
     """
@@ -305,9 +312,13 @@ def _plot(results: list[Result], out: Path) -> int:
     for group in dict.fromkeys(result.group for result in results):
         same = [result for result in results if result.group == group]
         task, stem = same[0].outcome.case.task, _in_file_name(group)
-        nominal = {r.row.policy: r.outcome.rollout for r in same if not r.row.variation}
-        if nominal:
-            plot_task(nominal, task, group, out, stem)
+        robots = {variation_label(r.row.columns()): r.row.variation for r in same}
+        label = "" if "" in robots else next(iter(robots))
+        if label == "" or len(robots) == 1:
+            one = {
+                r.row.policy: r.outcome.rollout for r in same if r.row.variation == robots[label]
+            }
+            plot_task(one, task, ", ".join(filter(None, (group, label))), out, stem)
             plotted += 1
         for name in dict.fromkeys(r.row.policy for r in same):
             mine = [r for r in same if r.row.policy == name]

@@ -31,6 +31,11 @@ def test_evaluate_writes_report_and_plots(tmp_path, capsys):
     assert "feedforward" in capsys.readouterr().out
 
 
+def test_policies_are_compared_on_the_only_robot(tmp_path, capsys):
+    evaluated(tmp_path, HOLD, "--vary density=2")
+    assert (tmp_path / "lshape_tip.png").exists() and "Wrote plots" in capsys.readouterr().out
+
+
 def test_repeated_variations_add_up(tmp_path):
     vary = "--vary youngs_modulus=0.5 --vary youngs_modulus=2 --vary density=1,2"
     rows = evaluated(tmp_path, HOLD, "--no-plots", vary)
