@@ -81,10 +81,10 @@ def arm() -> dict[str, Any]:
 
 def rig() -> dict[str, Any]:
     """The rig as it was identified, on the triangle."""
-    task, learnt = make_task("triangle"), IdentifiedParameters.load(RIG)
+    task, identified = make_task("triangle"), IdentifiedParameters.load(RIG)
     lead, period = task.trajectory.approach, task.trajectory.period
     laps = lead + 2 * period  # at full speed; the tip sets out at rest after the approach
-    scene = replace(SCENES["rig"], robot=learnt.believed(SCENES["rig"].robot))
+    scene = replace(SCENES["rig"], robot=identified.believed(SCENES["rig"].robot))
     return body("rig", scene, [0, 1]) | {
         "reference": {
             "approach": np.vstack(
@@ -92,9 +92,9 @@ def rig() -> dict[str, Any]:
             ).tolist(),
             "lap": sampled(task, laps, laps + period, "xy").tolist(),
         },
-        "start": learnt.network(np.zeros((1, 2)))[0].tolist(),
+        "start": identified.network(np.zeros((1, 2)))[0].tolist(),
         "unit": "m",
-        "network": {"kind": "places", "every": 0.02, **layers(learnt.network), **FEEDBACK},
+        "network": {"kind": "places", "every": 0.02, **layers(identified.network), **FEEDBACK},
     }
 
 

@@ -4,6 +4,7 @@ import glob
 import sys
 from argparse import (
     SUPPRESS,
+    Action,
     ArgumentParser,
     ArgumentTypeError,
     Namespace,
@@ -225,14 +226,25 @@ def add_twin(parser: Parsers, nargs: int | str = 1) -> None:
     )
 
 
-def add_learnt(parser: Parsers) -> None:
-    """--learnt FILE, None unless given."""
+def add_identified(parser: Parsers) -> None:
+    """--identified FILE, None unless given."""
     add(
         parser,
-        "--learnt FILE",
+        "--identified FILE",
         "identified parameters that policies of the rig act on, a file of `softrobot train rig_nn "
         "--twin SEED`; default: the one shipped, of twin 0, whichever rig is driven",
     )
+    parser.add_argument(
+        "--learnt", dest="identified", help=SUPPRESS, default=SUPPRESS, action=_Renamed
+    )
+
+
+class _Renamed(Action):
+    """Takes an option by its earlier name, and says how it is called now."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option: Any = None) -> None:
+        print(f"softrobot: warning: {option} is --{self.dest} now", file=sys.stderr)
+        setattr(namespace, self.dest, values)
 
 
 def add_line(parser: Parsers, robot_file: str) -> None:

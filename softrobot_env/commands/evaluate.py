@@ -14,7 +14,7 @@ from softrobot_env.core.runs import KEPT, Kept, kept_rows, run_cases
 from softrobot_env.evaluation import report, runner
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.report import (
-    learnt_label,
+    identified_label,
     option_columns,
     robot_label,
     variation_label,
@@ -32,7 +32,7 @@ from .output import say
 
 EXAMPLE = """softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1.25,1.5
   softrobot evaluate --tasks triangle --option period=5,1 --twin 0
-  softrobot evaluate --tasks triangle --twin 3 --learnt out/rig_nn_3.npz
+  softrobot evaluate --tasks triangle --twin 3 --identified out/rig_nn_3.npz
   softrobot evaluate --tasks triangle --policies hybrid --env virtual
   softrobot evaluate --robot my.toml --tasks circle my_tasks.py:lemniscate --policies all"""
 
@@ -65,7 +65,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     _add_errors(parser.add_argument_group("other robots than the policies know"))
     rig = parser.add_argument_group("the test rig")
     arguments.add_twin(rig, "+")
-    arguments.add_learnt(rig)
+    arguments.add_identified(rig)
     _add_real(parser.add_argument_group("rigs over a serial line"))
     arguments.add_feedback(parser.add_argument_group("feedback"))
     arguments.add_scene(parser)
@@ -162,7 +162,7 @@ def _result(outcome: runner.Outcome) -> Result:
         options=option_columns(dict(case.task.options)),
         twin=case.twin,
         feedback=case.feedback,
-        learnt=None if known is None else learnt_label(known.twin),
+        identified=None if known is None else identified_label(known.twin),
         **asdict(approached_metrics(outcome.rollout, case.task.trajectory)),
     )
     return Result(outcome, row)

@@ -52,7 +52,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
     add(parser, "--record FILE", "also write a recording, .csv or .parquet")
     arguments.add_twin(parser)
-    arguments.add_learnt(parser)
+    arguments.add_identified(parser)
     arguments.add_feedback(parser)
     arguments.add_scene(parser)
     arguments.add_plant(parser)

@@ -51,7 +51,8 @@ ENVIRONMENTS = (SIMULATED, VIRTUAL, REAL)
 STEP_DURATION = 25.0
 
 #: What arguments are that a command does not have.
-_UNLESS_GIVEN = dict.fromkeys((*arguments.SCENE, "robot", "twin", "learnt", "sensors", "duration"))
+_GIVEN = ("robot", "twin", "identified", "sensors", "duration")
+_UNLESS_GIVEN = dict.fromkeys((*arguments.SCENE, *_GIVEN))
 _UNLESS_GIVEN |= {"plant": MUJOCO, "feedback": FEEDBACKS[0]}
 
 
@@ -183,15 +184,15 @@ class Setup:
 
     def _check_twins(self, cases: list[Case]) -> None:
         """Refuse arguments of robots with twins that no case uses."""
-        given = arguments.flags(self._args, ("twin", "learnt"))
+        given = arguments.flags(self._args, ("twin", "identified"))
         if not cases and given:
             tasks = "; ".join(f"{r.name}, {', '.join(tasks_of(r).own())}" for r in with_twins())
             raise ValueError(f"{given}: only with tasks of the {tasks}")
-        unused = self._args.learnt is not None and not any(case.identified for case in cases)
+        unused = self._args.identified is not None and not any(case.identified for case in cases)
         if cases and unused:
             robot = cases[0].task.robot
             able = [name for name in entry_of(robot).policies if acts_on_identified(name, robot)]
-            raise ValueError(f"--learnt: only with the policies {', '.join(able)}")
+            raise ValueError(f"--identified: only with the policies {', '.join(able)}")
 
     def _try_out(self, cases: list[Case]) -> None:
         """Environments refuse references that are too fast or too far, and variations."""
@@ -208,14 +209,14 @@ class Setup:
         return case.environment(**drawing)
 
     def _identified(self, robot: RobotParams) -> Any:
-        """Identified parameters of a robot, of --learnt or those that come with the package.
+        """Identified parameters of a robot, of --identified or those that come with the package.
 
         Raises:
             FileNotFoundError: No such file.
             ValueError: It cannot be used, see `RobotEntry.identified`.
         """
         if robot not in self._read:
-            self._read[robot] = load(entry_of(robot).identified)(robot, self._args.learnt)
+            self._read[robot] = load(entry_of(robot).identified)(robot, self._args.identified)
         return self._read[robot]
 
 

@@ -75,7 +75,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         parser,
         "--twin SEED",
         "of the twin that rig_nn is of; default: 0. Others than 0 go to a file with the seed in "
-        "its name, for `softrobot evaluate --learnt`",
+        "its name, for `softrobot evaluate --identified`",
     )
     add(
         parser,

@@ -361,6 +361,9 @@ def make_policy(
     if feedback not in FEEDBACKS:
         raise ValueError(f"unknown feedback {feedback!r}; choose from {', '.join(FEEDBACKS)}")
     check_argument("robot", robot, RobotParams | gymnasium.Env)
+    if "learnt" in options:
+        warn("option 'learnt' of policies is 'identified' now", DeprecationWarning, stacklevel=2)
+        options["identified"] = options.pop("learnt")
     if isinstance(robot, gymnasium.Env):
         own = robot.unwrapped
         _check_interface(name, own)

@@ -72,17 +72,17 @@ def rig_label(row: Mapping[str, Any]) -> str:
     return f"virtual {name}" if row["plant"] == VIRTUAL else name
 
 
-def learnt_label(twin: int | None) -> str:
+def identified_label(twin: int | None) -> str:
     """The rig whose identified parameters a policy has, for people, by its seed if it has one."""
     return "a rig without a seed" if twin is None else f"twin {twin}"
 
 
-def learnt_elsewhere(row: Mapping[str, Any]) -> bool:
+def identified_elsewhere(row: Mapping[str, Any]) -> bool:
     """Whether a policy drove another rig than its parameters are of, or perhaps another."""
-    if row.get("learnt") is None:
+    if row.get("identified") is None:
         return False
     seedless = row["plant"] == REAL or row["twin"] is None
-    return seedless or row["learnt"] != f"twin {row['twin']}"
+    return seedless or row["identified"] != f"twin {row['twin']}"
 
 
 def robot_label(row: Mapping[str, Any]) -> str:
@@ -229,7 +229,7 @@ def failures(rows: list[Row]) -> list[str]:
 def notes(rows: list[Row]) -> list[str]:
     """What has to be known to read the rows of the rig."""
     approached = any(row.get("e_mean_tracking") is not None for row in rows)
-    foreign = dict.fromkeys(row["learnt"] for row in rows if learnt_elsewhere(row))
+    foreign = dict.fromkeys(row["identified"] for row in rows if identified_elsewhere(row))
     return [_TRACKING] * approached + [_IDENTIFIED.format(rig) for rig in foreign]
 
 

@@ -79,7 +79,7 @@ class EvaluatedRow(EpisodeRow):
         twin: Seed of the rig's twin; None for other rigs and robots.
         e_mean_tracking, e_max_tracking: [m], see `ApproachedMetrics`.
         feedback: What the policy measured; None where it measures nothing.
-        learnt: The rig of which the policy's identified parameters are, for people, or None.
+        identified: The rig of which the policy's identified parameters are, for people, or None.
     """
 
     options: dict[str, float | None]
@@ -87,7 +87,7 @@ class EvaluatedRow(EpisodeRow):
     e_mean_tracking: float | None
     e_max_tracking: float | None
     feedback: str | None
-    learnt: str | None
+    identified: str | None
 
     def columns(self) -> dict[str, Any]:
         """What report.json has: a column for each option as well."""
@@ -175,7 +175,7 @@ class Case:
         if self.feedback == SENSORS:
             delay = sensors_delay(self.task.robot if built is None else built.robot)
         options = find_policy(self.policy, self.task.robot).told(delay) | dict(self.given)
-        options |= {} if known is None else {"learnt": known}
+        options |= {} if known is None else {"identified": known}
         how = control_period, self.feedback or FEEDBACKS[0], self.sensors
         return make_policy(self.policy, self.task.robot, *how, **options)
 
@@ -194,7 +194,7 @@ def simulated(task: Task, twin: Twin | int | None = None, **options: Any) -> gym
 
 def acts_on_identified(policy: str, robot: RobotParams) -> bool:
     """Whether a policy of a robot acts on its identified parameters."""
-    return entry_of(robot).identified is not None and find_policy(policy, robot).takes("learnt")
+    return entry_of(robot).identified is not None and find_policy(policy, robot).takes("identified")
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ class RobotEntry:
             one, made in a minute, track about as well as model predictive ones and need no further
             package.
         training: What trainings need of it, see `training.references.RobotTraining`.
-        identified: Reads identified parameters, for policies that act on them (`learnt`).
+        identified: Reads identified parameters, for policies that act on them (`identified`).
         reported: Row of an evaluation -> rows that the literature reports of its task.
     """
 

@@ -28,8 +28,8 @@ def _no_rig(robot: RobotParams) -> str | None:
 
 _CALIBRATED = {"model": "calibrated", "ahead": True, "backlash": True}
 
-#: Policies of the spatial test rig. They take as option `learnt` the identified parameters of one
-#: rig; without it, they take those that are shipped, of twin 0.
+#: Policies of the spatial test rig. They take as option `identified` the parameters of one rig;
+#: without it, they take those that are shipped, of twin 0.
 RIG_POLICIES: dict[str, PolicySpec] = {
     name: PolicySpec(f"{_RIG}.policies:{make}", options, robots=_no_rig)
     for name, make, options in (

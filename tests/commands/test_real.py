@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from support.commands import rows_in
 from support.patience import patient_commands
-from support.rig_learnt_file import learnt_file
+from support.rig_identified_file import identified_file
 
 from softrobot_env.cli import main
 from softrobot_env.commands.robot import setup as real_setup
@@ -34,13 +34,13 @@ def patient():
 @pytest.mark.usefixtures("patient")
 def test_a_policy_runs_on_a_virtual_robot(tmp_path, capsys):
     out, record = tmp_path / "out", tmp_path / "links"
-    learnt = learnt_file(tmp_path / "learnt.npz", twin=0)
+    identified = identified_file(tmp_path / "identified.npz", twin=0)
     command = "evaluate --tasks reach --option hold=0.1 --option radius=0.03 --policies hybrid"
-    files = ["--out", f"{out}", "--record", f"{record}", "--learnt", f"{learnt}"]
+    files = ["--out", f"{out}", "--record", f"{record}", "--identified", f"{identified}"]
     status = main([*command.split(), "--env", "virtual", *files])
     (row,) = rows_in(out)
     assert (row["source"], row["plant"], row["twin"]) == ("real", "virtual", 0)
-    assert status == 0 and row["failure"] is None and row["learnt"] == "twin 0"
+    assert status == 0 and row["failure"] is None and row["identified"] == "twin 0"
     said = capsys.readouterr().out
     assert "virtual twin 0" in said and "other rigs differ" not in said
     # The episode, and the short one before it that warms up.

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.commands import MINE
-from support.rig_learnt_file import constant_learnt, learnt_file
+from support.rig_identified_file import constant_identified, identified_file
 
 from softrobot_env.cli import build_parser, main
 from softrobot_env.core.files import models_dir
@@ -127,18 +127,19 @@ CALLS = [
     ("render --task triangle --option period=5,1", "one value"),
     ("render --task triangle --policy lqi", "hybrid"),
     # Files of identified parameters.
-    ("evaluate --tasks swing --learnt a.npz", "--learnt: only with tasks of the rig, triang"),
+    ("evaluate --tasks swing --identified a.npz", "--identified: only with tasks of the rig, tri"),
     (
-        "evaluate --tasks reach --policies inverse_dynamics inverse_dynamics_ahead --learnt a.npz",
-        "--learnt: only with the policies rig_nn, rig_nn_p, rig_nn_pi, hybrid, hybrid_ahead",
+        "evaluate --tasks reach --identified a.npz --policies inverse_dynamics "
+        "inverse_dynamics_ahead",
+        "--identified: only with the policies rig_nn, rig_nn_p, rig_nn_pi, hybrid, hybrid_ahead",
     ),
-    ("render --task reach --policy inverse_dynamics --learnt a.npz", "--learnt: only with the pol"),
-    ("evaluate --tasks reach --learnt no.npz", "no.npz"),
-    ("evaluate --tasks reach --learnt no.npz", "make it with `softrobot train rig_nn --robot rig`"),
-    ("evaluate --tasks reach --learnt mine.py", "mine.py is no npz file of arrays, or damaged"),
-    (f"{REACH} --learnt gains.npz", "gains.npz lacks the array 'weight_0'; it has gains; make"),
-    ("evaluate --tasks reach --learnt undamped.npz", "undamped.npz lacks the array 'damping'"),
-    ("evaluate --tasks reach --learnt arm.npz", "is of 'arm' as it was then"),
+    ("render --task reach --policy inverse_dynamics --identified a.npz", "--identified: only with"),
+    ("evaluate --tasks reach --identified no.npz", "no.npz"),
+    ("evaluate --tasks reach --identified no.npz", "make it with `softrobot train rig_nn --robot"),
+    ("evaluate --tasks reach --identified mine.py", "mine.py is no npz file of arrays, or damaged"),
+    (f"{REACH} --identified gains.npz", "gains.npz lacks the array 'weight_0'; it has gains; make"),
+    ("evaluate --tasks reach --identified undamped.npz", "undamped.npz lacks the array 'damping'"),
+    ("evaluate --tasks reach --identified arm.npz", "is of 'arm' as it was then"),
     # Robots, tasks and policies of one's own.
     (f"evaluate {FINGER} --tasks swing", "unknown task 'swing'; choose from reach"),
     (f"evaluate {FINGER} --tasks reach --policies lqi", "lqi has not been trained"),
@@ -181,7 +182,7 @@ CALLS = [
     ("evaluate --tasks swing --env virtual", "only with tasks of the rig"),
     ("evaluate --tasks reach --env real --twin 1", "--twin"),
     ("evaluate --tasks reach --env virtual --twin none", "--twin none"),
-    ("evaluate --tasks reach --env real --learnt none.npz", "no network at none.npz"),
+    ("evaluate --tasks reach --env real --identified none.npz", "no network at none.npz"),
     ("evaluate --tasks reach --env virtual --port /dev/ttyUSB0", "--port"),
     ("evaluate --tasks reach --port /dev/ttyUSB0", "--port"),
     ("robot info --port /dev/no-robot", "cannot open /dev/no-robot"),
@@ -230,10 +231,10 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("files")
     (folder / "mine.py").write_text(MINE)
     (folder / "mine.csv").touch()
-    learnt_file(folder / "a.npz", twin=3)
+    identified_file(folder / "a.npz", twin=3)
     np.savez(folder / "gains.npz", gains=1.0)
     lacking = describe_rig(RIG) | {"stiffness": 1, "turn": 0, "play": 0}
-    constant_learnt().network.save(folder / "undamped.npz", lacking)
+    constant_identified().network.save(folder / "undamped.npz", lacking)
     (folder / "arm.npz").write_bytes((models_dir() / "qs_nn.npz").read_bytes())
     return folder
 

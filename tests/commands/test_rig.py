@@ -1,4 +1,4 @@
-"""The rig on the command line: what is identified of it with `--learnt`, and its sensors."""
+"""The rig on the command line: what is identified of it with `--identified`, and its sensors."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from support.commands import called, evaluated
-from support.rig_learnt_file import ALWAYS, constant_learnt, learnt_file
+from support.rig_identified_file import ALWAYS, constant_identified, identified_file
 
 from softrobot_env.cli import build_parser, main
 from softrobot_env.commands.cases import make_cases, make_setup
@@ -77,7 +77,7 @@ def test_twins_are_compared_with_the_ideal_rig(tmp_path, capsys):
     assert rows[0]["e_mean_tracking"] > 4 * rows[1]["e_mean_tracking"]
     out = capsys.readouterr().out
     assert "twin 0" in out and "ideal" in out
-    assert "other rigs differ" not in out  # the policy has learnt of none
+    assert "other rigs differ" not in out  # the policy has parameters of none
 
 
 def test_all_policies_are_those_that_fit():
@@ -144,28 +144,30 @@ REACH = ["--tasks", "reach", "--option", "hold=0.2", "--option", "radius=0.03", 
 
 
 @pytest.fixture
-def learnt(tmp_path):
+def identified(tmp_path):
     """A file of twin 3."""
-    return str(learnt_file(tmp_path / "learnt.npz", twin=3))
+    return str(identified_file(tmp_path / "identified.npz", twin=3))
 
 
 @pytest.mark.parametrize(("twins", "notes"), [("3", 0), ("3 0", 1)])
 def test_policies_act_as_the_file_says_and_other_rigs_are_noted(
-    twins, notes, learnt, tmp_path, capsys
+    twins, notes, identified, tmp_path, capsys
 ):
     out, policies = tmp_path / "out", "--policies rig_nn inverse_dynamics --twin"
-    for row in evaluated(out, *REACH, policies, twins, "--learnt", learnt, "--save-rollouts"):
-        is_learnt = row["policy"] == "rig_nn"
-        assert row["learnt"] == ("twin 3" if is_learnt else None)
+    for row in evaluated(
+        out, *REACH, policies, twins, "--identified", identified, "--save-rollouts"
+    ):
+        is_identified = row["policy"] == "rig_nn"
+        assert row["identified"] == ("twin 3" if is_identified else None)
         (path,) = out.glob(f"*twin_{row['twin']}_{row['policy']}.npz")
         action = Rollout.load(path).action[1:]
-        assert np.allclose(action, ALWAYS, atol=1e-6 if is_learnt else 0.01) == is_learnt
+        assert np.allclose(action, ALWAYS, atol=1e-6 if is_identified else 0.01) == is_identified
     note = "The identified parameters of the rig are of twin 3; other rigs differ from it."
     assert (out / "report.md").read_text().count(note) == notes
     assert " ".join(capsys.readouterr().out.split()).count(note) == notes
 
 
-def test_a_video_shows_what_the_file_says(learnt, tmp_path, monkeypatch):
+def test_a_video_shows_what_the_file_says(identified, tmp_path, monkeypatch):
     frame, drawn, taken, step = np.zeros((60, 80, 3), np.uint8), [], [], RigEnv.step
 
     def told(env, action):
@@ -175,7 +177,7 @@ def test_a_video_shows_what_the_file_says(learnt, tmp_path, monkeypatch):
     monkeypatch.setattr(RigEnv, "step", told)
     monkeypatch.setattr(RigEnv, "render", lambda env: drawn.append(env.twin.seed) or frame)
     words = "render --task reach --policy rig_nn --twin 3 --duration 0.2 --fps 10 --size 80 60"
-    assert called(words, "--learnt", learnt, "--out", tmp_path / "a.gif") == 0
+    assert called(words, "--identified", identified, "--out", tmp_path / "a.gif") == 0
     assert (tmp_path / "a.gif").exists() and drawn == [3] * 3
     np.testing.assert_allclose(taken, np.tile(ALWAYS, (len(taken), 1)))
     assert len(taken) == 10
@@ -187,13 +189,14 @@ def test_the_trained_file_is_of_its_twin(tmp_path, monkeypatch, capsys):
     lesson = SimpleNamespace(networks=SimpleNamespace(errors=errors))
     monkeypatch.setattr(parameters, "record", lambda twin, seed, **_: None)
     monkeypatch.setattr(parameters, "identified", lambda recorded, seed, **_: lesson)
-    monkeypatch.setattr(parameters, "parameters_of", lambda found, twin: constant_learnt(twin))
+    monkeypatch.setattr(parameters, "parameters_of", lambda found, twin: constant_identified(twin))
     assert main(["train", "rig_nn", "--twin", "3", "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert "bending damping over nominal" in said and "1.000" in said
     more = ["--policies", "rig_nn", "--twin", "3", "--learnt", str(tmp_path / "rig_nn_3.npz")]
     (row,) = evaluated(tmp_path / "out", *REACH, *more)
-    assert row["learnt"] == "twin 3"
+    assert row["identified"] == "twin 3"
+    assert "--learnt is --identified now" in capsys.readouterr().err
 
 
 # ---------------------------------------------------------------- its sensors

@@ -7,7 +7,7 @@ import pytest
 
 from softrobot_env.evaluation import report
 from softrobot_env.evaluation.metrics import approached_metrics
-from softrobot_env.evaluation.report import learnt_label, option_columns, rig_label, task_label
+from softrobot_env.evaluation.report import identified_label, option_columns, rig_label, task_label
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import Case, Outcome
 from softrobot_env.rendering.plots import plot_task
@@ -87,22 +87,22 @@ def test_one_rig_stands_in_the_title_and_several_in_a_column():
 
 
 @pytest.mark.parametrize(
-    ("plant", "driven", "learnt", "other"),
+    ("plant", "driven", "identified", "other"),
     [
         ("mujoco", 3, "twin 3", False),
         ("mujoco", 0, "twin 3", True),
         ("mujoco", None, "twin 3", True),
-        ("mujoco", 3, None, False),  # nothing is learnt
+        ("mujoco", 3, None, False),  # nothing is identified
         ("virtual", 0, "twin 0", False),
         ("virtual", 3, "twin 0", True),
         ("real", None, "twin 0", True),
-        ("real", None, learnt_label(None), True),  # perhaps this one, but nobody can tell
-        ("mujoco", None, learnt_label(None), True),
+        ("real", None, identified_label(None), True),  # perhaps this one, but nobody can tell
+        ("mujoco", None, identified_label(None), True),
     ],
 )
-def test_reports_say_of_which_other_rig_policies_have_learnt(plant, driven, learnt, other):
-    values = row(record(TASK, 9.0), plant=plant, twin=driven, learnt=learnt)
-    said = [f"The identified parameters of the rig are of {learnt}; other rigs differ from it."]
+def test_reports_say_of_which_other_rig_policies_have_parameters(plant, driven, identified, other):
+    values = row(record(TASK, 9.0), plant=plant, twin=driven, identified=identified)
+    said = [f"The identified parameters of the rig are of {identified}; other rigs differ from it."]
     assert report.notes([values, values]) == said * other
 
 

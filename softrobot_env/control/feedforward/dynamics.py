@@ -206,19 +206,19 @@ class InverseDynamicsPI(FeedforwardPI, InverseDynamics):
 
 
 def make_hybrid(
-    robot: RobotParams, control_period: float, learnt: str | Path | None = None
+    robot: RobotParams, control_period: float, identified: str | Path | None = None
 ) -> InverseDynamics:
     """Statics of a network of places and the dynamics of the chain.
 
     Args:
         robot: Nominal robot.
         control_period: [s] between calls.
-        learnt: File of the network; found unless given, see `artifacts.find_artifact`.
+        identified: File of the network; found unless given, see `artifacts.find_artifact`.
 
     Raises:
         ValueError, FileNotFoundError: No network of this robot, or no such file.
     """
-    if not isinstance(learnt, str | Path | None):
+    if not isinstance(identified, str | Path | None):
         raise ValueError(f"robot {robot.name!r} takes a network of its statics, not of a rig")
-    weights = find_artifact(robot, "qs_nn") if learnt is None else learnt
+    weights = find_artifact(robot, "qs_nn") if identified is None else identified
     return InverseDynamics(robot, control_period, weights=weights)

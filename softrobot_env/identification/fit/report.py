@@ -25,7 +25,7 @@ from .validation import centred
 #: Names of the files, as a replay looks for them.
 ROBOT_FILE, HEADER_FILE, COMMANDS_FILE = "robot.toml", "recording.toml", "next_experiment.csv"
 
-#: What the option `--learnt` takes.
+#: What the option `--identified` takes.
 NETWORK_FILE = "rig_nn.npz"
 
 _UNITS = {"log": ("%", 100.0), "share": ("%", 100.0), "rad": ("deg", 180 / np.pi), "m": ("mm", 1e3)}

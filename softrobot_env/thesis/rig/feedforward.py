@@ -97,7 +97,7 @@ class RigFeedforward(Controller):
         self,
         robot: RobotParams,
         control_period: float,
-        learnt: IdentifiedParameters | None = None,
+        identified: IdentifiedParameters | None = None,
         model: OnePiece | SeveralPieces | None = None,
         ahead: bool = False,
         backlash: float | None = None,
@@ -110,7 +110,7 @@ class RigFeedforward(Controller):
         Args:
             robot: Nominal rig.
             control_period: [s] between calls.
-            learnt: Identified parameters, whose statics count; those of the model unless given.
+            identified: Identified parameters, whose statics count; those of the model unless given.
             model: Dynamics; the controller is quasi-static unless given.
             ahead: Take the reference half a control period ahead.
             backlash: [m], see `IdentifiedParameters`; unless given, the servos are taken as ideal.
@@ -126,9 +126,9 @@ class RigFeedforward(Controller):
         """
         check_argument("control_period", control_period, Positive)
         check_argument("backlash", backlash, float | None)
-        if learnt is None and model is None:
+        if identified is None and model is None:
             raise ValueError("a feedforward controller needs identified statics, a model or both")
-        self._network = None if learnt is None else learnt.statics
+        self._network = None if identified is None else identified.statics
         self._model, self._period, self._backlash = model, control_period, backlash
         self._farthest = WORKSPACE + margin
         self._lead = control_period / 2 if ahead else 0.0

@@ -40,7 +40,7 @@ def make_inverse(robot: RobotParams, control_period: float, ahead: bool = False)
 def make_hybrid(
     robot: RobotParams,
     control_period: float,
-    learnt: IdentifiedParameters | str | Path | None = None,
+    identified: IdentifiedParameters | str | Path | None = None,
     model: str = "one piece",
     ahead: bool = False,
     backlash: bool = False,
@@ -52,7 +52,7 @@ def make_hybrid(
     Args:
         robot: Nominal rig.
         control_period: [s] between calls.
-        learnt: Identified parameters, or their file; those shipped, of twin 0, unless given.
+        identified: Identified parameters, or their file; those shipped, of twin 0, unless given.
         model: "one piece" of the nominal rig; "several pieces" of a rig that stands as that one
             does; "calibrated", several pieces of the rig as identified; or "none".
         ahead: See `RigFeedforward`.
@@ -64,7 +64,7 @@ def make_hybrid(
         ValueError: Parameters of another robot, or another model.
         FileNotFoundError: No such file.
     """
-    known = _identified(robot, learnt)
+    known = _identified(robot, identified)
     return RigFeedforward(
         robot,
         control_period,
@@ -80,7 +80,7 @@ def make_hybrid(
 def make_network_feedback(
     robot: RobotParams,
     control_period: float,
-    learnt: IdentifiedParameters | str | Path | None = None,
+    identified: IdentifiedParameters | str | Path | None = None,
     proportional: float = 0.2,
     integral: float = 1.0,
     tip_delay: float = CAMERA_PERIOD,
@@ -88,21 +88,21 @@ def make_network_feedback(
     """Feedback of the tip around the statics of a network, by default with the thesis' gains.
 
     Args:
-        robot, control_period, learnt, tip_delay: As of `make_hybrid`.
+        robot, control_period, identified, tip_delay: As of `make_hybrid`.
         proportional: K_P [1].
         integral: K_I [1/s].
 
     Raises:
         ValueError, FileNotFoundError: As there.
     """
-    network = RigFeedforward(robot, control_period, _identified(robot, learnt), margin=_SHIFTED)
+    network = RigFeedforward(robot, control_period, _identified(robot, identified), margin=_SHIFTED)
     return ReferenceFeedback(network, control_period, proportional, integral, tip_delay)
 
 
 def _identified(
-    robot: RobotParams, learnt: IdentifiedParameters | str | Path | None
+    robot: RobotParams, identified: IdentifiedParameters | str | Path | None
 ) -> IdentifiedParameters:
     """Identified parameters of a rig, or those of a file, or those shipped."""
-    if isinstance(learnt, IdentifiedParameters):
-        return learnt
-    return IdentifiedParameters.load(robot, learnt)
+    if isinstance(identified, IdentifiedParameters):
+        return identified
+    return IdentifiedParameters.load(robot, identified)

@@ -109,7 +109,7 @@ def test_its_law_and_the_hybrid_begin_as_the_statics(trained):
         "previous_action": np.zeros(3),
     }
     static, _ = make_policy("static", robot, PERIOD).predict(seen)
-    for name, option in (("qs_nn", "weights"), ("hybrid", "learnt")):
+    for name, option in (("qs_nn", "weights"), ("hybrid", "identified")):
         policy = make_policy(name, robot, PERIOD, **{option: path})
         action, state = policy.predict(seen)
         assert np.abs(action - static).max() < 0.05 and state.status is None
@@ -121,7 +121,7 @@ def test_its_law_and_the_hybrid_begin_as_the_statics(trained):
 def test_other_robots_are_told_how_to_train(trained):
     _, _, path, _ = trained
     finger = find_robot("planar_finger")
-    for name, option in (("qs_nn", "weights"), ("hybrid", "learnt")):
+    for name, option in (("qs_nn", "weights"), ("hybrid", "identified")):
         command = "softrobot train qs_nn --robot .*planar_finger"
         with pytest.raises(ValueError, match=command):
             make_policy(name, finger, PERIOD)
@@ -185,12 +185,12 @@ def test_feedback_learns_another_stiffness(stiffness):
     """A hundredth of the error is left in the second lap."""
     task, options = lap("planar_finger", 0.1), {"vary": {"youngs_modulus": stiffness}}
     env = TrackingEnv(task, observe="all", control_period=PERIOD)
-    wrong, learnt = (
+    wrong, identified = (
         run_episode(env, make_policy(name, task.robot, PERIOD), seed=0, options=options)
         for name in ("chain_dynamics", "chain_dynamics_pi")
     )
     half = len(wrong.error) // 2
-    assert learnt.error[half:].mean() < 0.01 * wrong.error[half:].mean()
+    assert identified.error[half:].mean() < 0.01 * wrong.error[half:].mean()
 
 
 def observed(point, velocity, acceleration, robot):

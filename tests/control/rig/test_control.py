@@ -206,12 +206,13 @@ def test_parts_that_do_not_exist_are_refused():
         RigFeedforward(RIG, PERIOD)
 
 
-def test_the_calibrated_hybrid_takes_the_play_that_was_learnt():
+def test_the_calibrated_hybrid_takes_the_backlash_that_was_identified():
     known = IdentifiedParameters.load(RIG)
     wanted = motions(FAST, np.arange(2, 3, PERIOD))
     none, some = (
         follow(
-            make_policy("hybrid_calibrated", RIG, PERIOD, learnt=replace(known, backlash=x)), wanted
+            make_policy("hybrid_calibrated", RIG, PERIOD, identified=replace(known, backlash=x)),
+            wanted,
         )[0]
         for x in (0.0, 0.3e-3)
     )
@@ -252,8 +253,8 @@ def test_slack_is_said_exactly_where_a_tension_of_the_plan_is_negative():
     inverse = rig_piece.plan(SERVO, *(np.array(part) for part in zip(*wanted, strict=True)))
     truth = tensions(inverse.reduced).min(axis=1) < 0
     assert 0.1 < truth.mean() < 0.3
-    for learnt in (None, KNOWN):
-        found = statuses(RigFeedforward(RIG, PERIOD, learnt, OnePiece(RIG)), wanted) == SLACK
+    for identified in (None, KNOWN):
+        found = statuses(RigFeedforward(RIG, PERIOD, identified, OnePiece(RIG)), wanted) == SLACK
         np.testing.assert_array_equal(found, truth)
 
 
@@ -302,7 +303,7 @@ NOWHERE = Motion(*np.full((3, 2), np.nan))
 
 
 @pytest.mark.parametrize(
-    ("learnt", "x", "status"),
+    ("identified", "x", "status"),
     [
         (SimpleNamespace(statics=lambda z: np.full(3, 0.05)), 0.126, "length limit reached"),
         (KNOWN, 0.126, "outside the trained workspace"),
@@ -310,9 +311,9 @@ NOWHERE = Motion(*np.full((3, 2), np.nan))
         (None, 0.126, SLACK),
     ],
 )
-def test_what_changes_the_action_is_said_first(learnt, x, status):
+def test_what_changes_the_action_is_said_first(identified, x, status):
     """All of these are slack and too slow, too; a missing reference comes before them all."""
-    policy = RigFeedforward(RIG, PERIOD, learnt, OnePiece(RIG))
+    policy = RigFeedforward(RIG, PERIOD, identified, OnePiece(RIG))
     motion = Motion(np.array([x, 0.0]), np.zeros(2), SIDEWAYS)
     _, state = decide(policy, motion, None, np.full(3, -1.0))
     assert state.status == status
@@ -388,21 +389,21 @@ def test_the_rig_without_errors_is_the_one_that_the_model_describes():
 
 def test_fast_laps_need_the_dynamics_and_their_damping():
     """The thesis has 8.6 mm with both parts, 35.9 mm with the network alone."""
-    learnt = IdentifiedParameters.load(RIG)
+    identified = IdentifiedParameters.load(RIG)
     assert errors("rig_nn", 1.0).mean() > 20e-3
     assert errors("hybrid_calibrated", 1.0).mean() < 4e-3
-    light = replace(learnt, damping=0.8 * learnt.damping)
-    assert errors("hybrid_calibrated", 1.0, learnt=light).mean() > 5e-3
+    light = replace(identified, damping=0.8 * identified.damping)
+    assert errors("hybrid_calibrated", 1.0, identified=light).mean() > 5e-3
 
 
 @pytest.mark.slow
 def test_feedback_learns_another_stiffness():
     """A tenth of the error is left, although the camera sees the tip a period late."""
     env = RigEnv("triangle", period=5.0, twin=0, observe="all")
-    wrong, learnt = (
+    wrong, identified = (
         run_episode(env, make_policy(name, env), options={"vary": {"youngs_modulus": 0.75}})
         for name in ("hybrid_calibrated", "hybrid_feedback")
     )
     late = wrong.time > env.task.trajectory.approach
-    assert learnt.failure is None
-    assert learnt.error[late].mean() < 0.1 * wrong.error[late].mean()
+    assert identified.failure is None
+    assert identified.error[late].mean() < 0.1 * wrong.error[late].mean()

@@ -62,7 +62,7 @@ def test_too_few_visits_are_refused():
         identified(record(None, 0, pulls_too))
 
 
-def some_learnt():
+def some_identified():
     box = Scaling(-np.ones(2), np.ones(2)), Scaling(-np.ones(3), np.ones(3))
     return IdentifiedParameters(
         initial_network((4,), *box, np.random.default_rng(0)), 1.07, 0.12, 0.9, 1.3e-4, 3
@@ -70,11 +70,11 @@ def some_learnt():
 
 
 def test_identified_parameters_can_be_kept(tmp_path):
-    learnt = some_learnt()
-    learnt.save(tmp_path / "rig.npz", RIG, {})
+    identified = some_identified()
+    identified.save(tmp_path / "rig.npz", RIG, {})
     loaded = IdentifiedParameters.load(RIG, tmp_path / "rig.npz")
     point = np.array([0.3, -0.2])
-    np.testing.assert_array_equal(loaded.statics(point), learnt.statics(point))
+    np.testing.assert_array_equal(loaded.statics(point), identified.statics(point))
     assert (loaded.stiffness, loaded.turn) == (1.07, 0.12)
     assert (loaded.damping, loaded.backlash, loaded.twin) == (0.9, 1.3e-4, 3)
     with pytest.raises(ValueError, match="has not been trained for robot 'arm'"):
@@ -94,8 +94,8 @@ def test_identified_parameters_can_be_kept(tmp_path):
         {"precurvature": (0.1, 0.0)},
     ],
 )
-def test_what_is_learnt_of_a_rig_with_other_statics_is_refused(tmp_path, changed):
-    some_learnt().save(tmp_path / "rig.npz", RIG, {})
+def test_what_is_identified_of_a_rig_with_other_statics_is_refused(tmp_path, changed):
+    some_identified().save(tmp_path / "rig.npz", RIG, {})
     with pytest.raises(ValueError, match="as it was then"):
         IdentifiedParameters.load(replace(RIG, **changed), tmp_path / "rig.npz")
 

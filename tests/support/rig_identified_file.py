@@ -1,4 +1,4 @@
-"""A file of what was learnt of a rig in tests: a network that says the same of every place."""
+"""A file of what was identified of a rig in tests: a network that says the same of every place."""
 
 import numpy as np
 
@@ -10,8 +10,8 @@ from softrobot_env.thesis.rig.parameters import IdentifiedParameters
 ALWAYS = np.array([0.1, 0.05, -0.05])
 
 
-def constant_learnt(twin=None):
-    """What is learnt of a twin, a rig that needs the same lengths everywhere."""
+def constant_identified(twin=None):
+    """What is identified of a twin, a rig that needs the same lengths everywhere."""
     scale = LENGTH_SCALE * np.ones(3)
     network = Network(
         (np.zeros((1, 2)), np.zeros((3, 1))),
@@ -24,7 +24,7 @@ def constant_learnt(twin=None):
     )
 
 
-def learnt_file(path, twin=None):
+def identified_file(path, twin=None):
     """Write it; returns the path."""
-    constant_learnt(twin).save(path, RIG, {})
+    constant_identified(twin).save(path, RIG, {})
     return path
