@@ -101,20 +101,20 @@ def rig() -> dict[str, Any]:
 class Moving:
     """A robot of the page, simulated here; `docs/demo/robot.js` does the same in the browser."""
 
-    def __init__(self, told: dict[str, Any]) -> None:
-        self.told, self.network = told, told["network"]
-        self.model = mujoco.MjModel.from_xml_string(told["xml"])
+    def __init__(self, page: dict[str, Any]) -> None:
+        self.page, self.network = page, page["network"]
+        self.model = mujoco.MjModel.from_xml_string(page["xml"])
         self.data = mujoco.MjData(self.model)
         self.every = round(self.network["every"] / self.model.opt.timestep)
-        self.input, self.integral = np.array(told.get("input", [])), np.zeros(2)
-        self.data.ctrl[:] = told["start"]
+        self.input, self.integral = np.array(page.get("input", [])), np.zeros(2)
+        self.data.ctrl[:] = page["start"]
         while self.data.time < SETTLE:
             mujoco.mj_step(self.model, self.data)
         self.begun, self.steps = self.data.time, 0
 
     def reference(self, time: float) -> ndarray:
-        """Point (2,) [m] at a time [s], between those that are told."""
-        approach, lap = (np.array(self.told["reference"][x]) for x in ("approach", "lap"))
+        """Point (2,) [m] at a time [s], between those that are given."""
+        approach, lap = (np.array(self.page["reference"][x]) for x in ("approach", "lap"))
         at = time / PERIOD
         below = int(np.floor(at))
 
@@ -136,7 +136,7 @@ class Moving:
     def decide(self) -> None:
         """Set tensions or lengths."""
         time, every = self.data.time - self.begun, self.network["every"]
-        tip = self.data.sensordata[self.told["axes"]]
+        tip = self.data.sensordata[self.page["axes"]]
         if self.network["kind"] == "places":
             error, limit = self.reference(time) - tip, self.network["limit"]
             moved = self.integral + self.network["integral"] * every * error
@@ -145,7 +145,7 @@ class Moving:
             self.data.ctrl[:] = self.evaluated(self.reference(time) + shift)
             return
         given = np.concatenate([tip, self.reference(time + every), self.input])
-        pulls = np.array(self.told["pulls"])
+        pulls = np.array(self.page["pulls"])
         self.input = self.evaluated(given)
         self.data.ctrl[:] = np.maximum(self.input @ pulls, 0.0)
 
@@ -160,15 +160,15 @@ class Moving:
 def motions(robots: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Tips and errors [m] of the robots, every tenth of a second."""
     out = []
-    for told in robots:
-        moving, tips, off = Moving(told), [], []
+    for page in robots:
+        moving, tips, off = Moving(page), [], []
         for _ in range(round(COMPARED / moving.model.opt.timestep)):
             moving.step()
             tip = moving.data.sensordata[:3]
             place = moving.reference(moving.data.time - moving.begun)
-            off.append(float(np.linalg.norm(tip[told["axes"]] - place)))
+            off.append(float(np.linalg.norm(tip[page["axes"]] - place)))
             tips.append(tip.tolist())
-        out.append({"name": told["name"], "tips": tips[::50], "largest": max(off[len(off) // 2 :])})
+        out.append({"name": page["name"], "tips": tips[::50], "largest": max(off[len(off) // 2 :])})
     return out
 
 

@@ -145,7 +145,7 @@ def _sequences(
 ) -> tuple[ModelSequences, list[ndarray]]:
     """The windows, whose markers carry their window's number and whether they count; postures."""
     model, controls = scene.model, windows.controls(robot)
-    step, names, begins, told, seen, postures = model.opt.timestep, [], [], [], [], []
+    step, names, begins, commands, seen, postures = model.opt.timestep, [], [], [], [], []
     for run in range(int(windows.runs[-1]) + 1):
         rows = np.flatnonzero(windows.runs == run)
         times, places = windows.times[rows], windows.markers[rows, 0]
@@ -158,10 +158,10 @@ def _sequences(
         postures.append(q)
         begins.append(create_initial_state(model, q))
         command = step * np.arange(count), controls[rows[held]]
-        told.append(TimeSeries.from_control_names(*command, model))
+        commands.append(TimeSeries.from_control_names(*command, model))
         seen.append(TimeSeries.from_custom_map(times, table, [("tip", 5, SignalType.CustomObs)]))
     spec = mujoco.MjSpec.from_string(scene_xml(scene.config))
-    return ModelSequences("rod", spec, names, begins, told, seen, True), postures
+    return ModelSequences("rod", spec, names, begins, commands, seen, True), postures
 
 
 def _residual(scene: Scene, postures: list[ndarray]) -> Callable[..., Any]:

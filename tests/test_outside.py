@@ -305,7 +305,7 @@ def test_a_name_is_replaced_on_demand():
     assert make_policy("hold", FINGER, 0.01).predict({})[0].tolist() == [0, 0]
 
 
-def test_what_makes_no_policy_is_told():
+def test_what_makes_no_policy_is_reported():
     softrobot_env.register_policy("bare", object)
     with pytest.raises(ValueError, match=r"'bare'.*must take \(robot, control_period\)"):
         make_policy("bare", FINGER, 0.01)
@@ -352,14 +352,14 @@ def test_a_task_of_a_file(tmp_path):
         ("", FINGER, "file.py:name"),
     ],
 )
-def test_a_file_without_such_a_task_is_told(name, robot, message, tmp_path):
+def test_a_file_without_such_a_task_is_reported(name, robot, message, tmp_path):
     path = tmp_path / "mine.py"
     path.write_text(FILE)
     with pytest.raises(ValueError, match=message):
         make_task(f"{path}:{name}", robot=robot)
 
 
-def test_a_file_that_changed_is_read_again_and_one_that_fails_is_told(tmp_path):
+def test_a_file_that_changed_is_read_again_and_one_that_fails_is_reported(tmp_path):
     path = tmp_path / "mine.py"
     path.write_text("class P:\n    def act(self, observation): return observation\n\none = P()")
     assert make_policy(f"{path}:one", FINGER, 0.01).predict(1)[0] == 1
@@ -397,14 +397,14 @@ from softrobot_env.robots import find_robot
 from softrobot_env.control.registry import make_policy, policy_environment
 find_robot("planar_finger")
 assert "throwaway" not in sys.modules, "nor does a name that is there"
-with warnings.catch_warnings(record=True) as told:
+with warnings.catch_warnings(record=True) as reported:
     warnings.simplefilter("always")
     robot = find_robot("plugged")
     from softrobot_env.tasks import tasks_of
     assert "plugged_task" in list(tasks_of(robot))
     assert policy_environment("plugged_policy") == {"control_period": 0.02}
     assert make_policy("plugged_policy", robot, 0.01).predict({"reference": 5})[0] == 5
-print(robot.name, [str(warning.message) for warning in told])
+print(robot.name, [str(warning.message) for warning in reported])
 """
 
 

@@ -101,7 +101,7 @@ def _error(
     built = replace(twin, servo_offset=tuple(offsets.tolist()))
     case = Case(make_task("triangle", period=period), policy, scene={"twin": built})
     env = case.environment()
-    delay = find_policy(policy).told(twin.camera_delay)
+    delay = find_policy(policy).delay_options(twin.camera_delay)
     law = make_policy(policy, robot, env.control_period, **delay)
     rollout = run_case(case, env, law).rollout
     env.close()

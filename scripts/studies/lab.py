@@ -258,8 +258,8 @@ def case_label(case: Any) -> str:
     """A case for a progress bar."""
     if isinstance(case, Mapping | tuple):
         parts = case.values() if isinstance(case, Mapping) else case
-        told = [part for part in parts if not isinstance(part, bool)]
-        return ", ".join(str(part) for part in told if part or part == 0)
+        named = [part for part in parts if not isinstance(part, bool)]
+        return ", ".join(str(part) for part in named if part or part == 0)
     return getattr(case, "label", None) or str(case)
 
 

@@ -605,7 +605,7 @@ _PERIOD = 0.02
 
 #: Ratio of the gains K_I / K_P [1/s] of the thesis' (0.2, 1), and the gains for which it tells what
 #: happens.
-_RATIO, TOLD = 5.0, ((0.2, 1.0), (0.3, 2.0))
+_RATIO, THESIS_GAINS = 5.0, ((0.2, 1.0), (0.3, 2.0))
 
 
 @dataclass(frozen=True)
@@ -631,7 +631,7 @@ class GainRow(lab.Record):
 def gain_rows() -> list[GainRow]:
     """The thesis' gains, and the largest stable ones in the same ratio."""
     least = brentq(lambda k: _spectral_radius(k, _RATIO * k) - 1, 0.01, 10.0, xtol=1e-14)
-    pairs = [(*gains, False) for gains in TOLD] + [(least, _RATIO * least, True)]
+    pairs = [(*gains, False) for gains in THESIS_GAINS] + [(least, _RATIO * least, True)]
     return [_gain_row(*pair) for pair in pairs]
 
 
@@ -712,7 +712,7 @@ def _shares(rows: list[Any]) -> Table:
     heads = ("here", "thesis", "first mode: still", "turning once a lap")
     mine = lab.select(lab.of_kind(rows, CircleRow), path=LAP, seen_by=CAMERA)
     circle, (alone, *fed_back) = make_task("rig_circle").trajectory, THESIS
-    gains = dict(zip(fed_back, ((TOLD[0][0], 0.0), TOLD[0]), strict=True))
+    gains = dict(zip(fed_back, ((THESIS_GAINS[0][0], 0.0), THESIS_GAINS[0]), strict=True))
     title = f"Share of the error of {alone} that is left, %"
     out = lab.new_table(title, ("policy", "disturbance"), heads)
     for policy, what in (key for key in PRINTED if key[0] in gains):

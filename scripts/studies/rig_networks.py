@@ -345,7 +345,7 @@ _WHAT = {"forward": "in the tip", "inverse": "in tendon lengths"}
 
 #: Samples [1] and error [m] that the thesis tells besides, secs. 3.2.3 and 5.1.1: 1 mm, and 1 % of
 #: 30 mm.
-_TOLD = {"forward": (80, 1e-3), "inverse": (55, 0.3e-3)}
+_QUOTED = {"forward": (80, 1e-3), "inverse": (55, 0.3e-3)}
 
 
 def picture(rows: list[Any]) -> Figure:
@@ -364,8 +364,8 @@ def picture(rows: list[Any]) -> Figure:
     axes[-1, 0].set_xlabel("neurons per layer")
     axes[-1, 1].set_xlabel("samples in the training set")
     used = lab.select(found, study="samples", samples=TRAINING)
-    told = [f"{1e3 * row.e_rms:.2g} mm {_WHAT[row.direction]}" for row in used]
-    message = f"With {TRAINING} samples networks err by {' and '.join(told)}"
+    quoted = [f"{1e3 * row.e_rms:.2g} mm {_WHAT[row.direction]}" for row in used]
+    message = f"With {TRAINING} samples networks err by {' and '.join(quoted)}"
     figures.add_title(figure, message, "Quasi-static networks of the rig on the test set")
     shown = [h for axis in axes[0] for h in axis.get_legend_handles_labels()[0]]
     figures.add_legend(
@@ -392,7 +392,10 @@ def _samples(axis: Axes, rows: list[CellRow], direction: str) -> None:
     )
     axis.fill_between(x, least, largest, color=BLUE, alpha=0.2, lw=0)
     axis.plot(x, middle, "o-", color=BLUE, markersize=4, lw=1.2, label="median and range")
-    marks = ((TRAINING, 1e3 * THESIS[direction]), (_TOLD[direction][0], 1e3 * _TOLD[direction][1]))
+    marks = (
+        (TRAINING, 1e3 * THESIS[direction]),
+        (_QUOTED[direction][0], 1e3 * _QUOTED[direction][1]),
+    )
     mark = {"color": "black", "markersize": 8, "zorder": 5, "label": "thesis, by samples"}
     axis.plot(*zip(*marks, strict=True), "x", linestyle="none", **mark)
 

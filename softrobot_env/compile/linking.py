@@ -118,7 +118,7 @@ def _less_work() -> Iterator[None]:
       not: it costs seconds to compile how numbers are written.
     - No garbage is looked for, which took a tenth of the time and found little.
     """
-    told, arrayobj.raise_with_shape_context = arrayobj.raise_with_shape_context, _misfit
+    usual, arrayobj.raise_with_shape_context = arrayobj.raise_with_shape_context, _misfit
     decorator = _OverloadFunctionTemplate._get_jit_decorator
     _OverloadFunctionTemplate._get_jit_decorator = _linking_decorator_of
     collects = gc.isenabled()
@@ -126,7 +126,7 @@ def _less_work() -> Iterator[None]:
     try:
         yield
     finally:
-        arrayobj.raise_with_shape_context = told
+        arrayobj.raise_with_shape_context = usual
         _OverloadFunctionTemplate._get_jit_decorator = decorator
         if collects:
             gc.enable()

@@ -282,12 +282,14 @@ class SizedGrip(ScriptedGrip):
         curvature, kept = self._bends(steps, observation, known)
         time = steps * self.control_period
         first = self.size.tension * np.minimum(time / RISE, 1.0)
-        told = known.get("diameter", np.full(time.shape, np.nan))
-        told = np.where(time < CALM, np.nan, np.where(np.isnan(told), self.size(curvature), told))
-        wanted = np.interp(np.nan_to_num(told), _SIZES, _HOLDS)
+        sizes = known.get("diameter", np.full(time.shape, np.nan))
+        sizes = np.where(
+            time < CALM, np.nan, np.where(np.isnan(sizes), self.size(curvature), sizes)
+        )
+        wanted = np.interp(np.nan_to_num(sizes), _SIZES, _HOLDS)
         share = np.clip((time - CALM) / 0.2, 0.0, 1.0)
         after = self.size.tension + share * (wanted - self.size.tension)
-        return np.where(np.isnan(told), first, after), {"diameter": told, **kept}
+        return np.where(np.isnan(sizes), first, after), {"diameter": sizes, **kept}
 
     def _bends(
         self, steps: ndarray, observation: Observation, known: dict[str, ndarray]

@@ -136,7 +136,7 @@ class PolicySpec:
         made = self.loaded()
         return callable(made) and option in signature(made).parameters
 
-    def told(self, camera_delay: float | None) -> dict[str, Any]:
+    def delay_options(self, camera_delay: float | None) -> dict[str, Any]:
         """How late [s] a camera sees, as `tip_delay`, if there is one and the factory asks."""
         asked = camera_delay is not None and self.takes("tip_delay")
         return {"tip_delay": camera_delay} if asked else {}
@@ -371,7 +371,9 @@ def make_policy(
         robot = own.task.robot
         late = getattr(getattr(own, "twin", None), "camera_delay", None)
         options = (
-            find_policy(name, robot).told(sensors_delay(robot) if feedback == SENSORS else late)
+            find_policy(name, robot).delay_options(
+                sensors_delay(robot) if feedback == SENSORS else late
+            )
             | options
         )
     check_argument("control_period", control_period, Positive)

@@ -60,22 +60,22 @@ class Sensed(Controller):
                 not calibrated for; or the period is not positive.
         """
         check_argument("control_period", control_period, Positive)
-        told = {name: found.weights.shape[1] for name, found in known.maps.items()}
-        self._shown = tuple(name for name in policy.requires if name in told)
-        self._rates = {n: of for n, of in _RATES.items() if n in policy.requires and of in told}
+        sizes = {name: found.weights.shape[1] for name, found in known.maps.items()}
+        self._shown = tuple(name for name in policy.requires if name in sizes)
+        self._rates = {n: of for n, of in _RATES.items() if n in policy.requires and of in sizes}
         blind = MEASURED & set(policy.requires) - set(self._shown) - set(self._rates)
         if blind or not (self._shown or self._rates):
-            lacking = ", ".join(sorted(blind)) or f"none of {', '.join(told)}"
+            lacking = ", ".join(sorted(blind)) or f"none of {', '.join(sizes)}"
             raise ValueError(
                 f"feedback from sensors: {type(policy).__name__} reads {lacking}, the sensors were "
-                f"calibrated to tell {', '.join(told)}"
+                f"calibrated to tell {', '.join(sizes)}"
             )
-        self._sizes = {name: policy.sizes.get(name, told[name]) for name in self._shown}
+        self._sizes = {name: policy.sizes.get(name, sizes[name]) for name in self._shown}
         for name, size in self._sizes.items():
-            if size > told[name] or (size < told[name] and name != TIP):
+            if size > sizes[name] or (size < sizes[name] and name != TIP):
                 raise ValueError(
                     f"feedback from sensors: {type(policy).__name__} reads {size} entries of "
-                    f"{name}, the sensors were calibrated to tell {told[name]}"
+                    f"{name}, the sensors were calibrated to tell {sizes[name]}"
                 )
         self._policy, self._known, self._period = policy, known, control_period
         hidden = {*self._shown, *self._rates}

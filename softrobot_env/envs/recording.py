@@ -165,8 +165,8 @@ class RecordVectorEpisodes(_Recorder, VectorWrapper):
 
     def _add(self, observation: dict[str, ndarray], info: dict[str, Any]) -> None:
         """Note rows; at time zero a run begins, and failed steps are left out."""
-        told, failed = info["_time"], info.get("_failure", np.zeros(self.num_envs, bool))
-        for k in np.flatnonzero(told & ~failed):
+        present, failed = info["_time"], info.get("_failure", np.zeros(self.num_envs, bool))
+        for k in np.flatnonzero(present & ~failed):
             time = float(info["time"][k])
             if time == 0:
                 self._runs[k] = self._episodes.begin()

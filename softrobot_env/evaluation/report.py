@@ -178,16 +178,16 @@ def _by_task(rows: list[Row]) -> list[tuple[str, list[Row]]]:
 def _table(label: str, rows: list[Row]) -> Table:
     shown = _terminal_columns(rows)
     robots = list(dict.fromkeys(map(robot_label, rows)))
-    told = len(robots) > 1  # else it stands in the title
+    listed = len(robots) > 1  # else it stands in the title
     out = Table(
         header_style="bold",
-        title=label if told else ", ".join(filter(None, (label, *robots))),
+        title=label if listed else ", ".join(filter(None, (label, *robots))),
         title_justify="left",
         box=box.SIMPLE_HEAD,
         padding=(0, 1, 0, 0),
         pad_edge=False,
     )
-    for heading in ("policy", robot_heading(rows[0]))[: 1 + told]:
+    for heading in ("policy", robot_heading(rows[0]))[: 1 + listed]:
         out.add_column(heading, overflow="fold")
     for name in shown:
         # Numbers are never cut short; where space lacks, names and headings fold.
@@ -195,7 +195,7 @@ def _table(label: str, rows: list[Row]) -> Table:
         heading = _COLUMNS[name][0].replace(" ", "\n", 1)
         out.add_column(heading, justify="right", min_width=width, overflow="fold")
     for row in rows:
-        labels = (_policy_label(row), robot_label(row))[: 1 + told]
+        labels = (_policy_label(row), robot_label(row))[: 1 + listed]
         style = "red" if row["failure"] else None
         out.add_row(*labels, *(_cell(row, name) for name in shown), style=style)
     out.caption = "\n".join(failures(rows)) or None

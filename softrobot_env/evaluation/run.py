@@ -21,7 +21,7 @@ _PLANE = slice(0, 3, 2)
 _NOTHING = np.empty(0)
 
 #: Seconds between two words about the progress, which must not show in times.
-_TOLD_EVERY = 0.5
+_REPORT_EVERY = 0.5
 
 #: Observables a recorded environment has to provide.
 RECORDED = ("tip_position", "reference", "previous_action")
@@ -106,7 +106,7 @@ def run_episode(
     for moment in play(env, policy, seed, options):
         if progress is not None and perf_counter() > due:
             progress(float(moment.info["time"]))
-            due = perf_counter() + _TOLD_EVERY
+            due = perf_counter() + _REPORT_EVERY
         if moment.policy_time is not None:
             policy_time.add({"policy_time": moment.policy_time})
             status.append(moment.status or "")

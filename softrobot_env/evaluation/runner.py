@@ -174,7 +174,7 @@ class Case:
         delay = None if built is None else built.camera_delay
         if self.feedback == SENSORS:
             delay = sensors_delay(self.task.robot if built is None else built.robot)
-        options = find_policy(self.policy, self.task.robot).told(delay) | dict(self.given)
+        options = find_policy(self.policy, self.task.robot).delay_options(delay) | dict(self.given)
         options |= {} if known is None else {"identified": known}
         how = control_period, self.feedback or FEEDBACKS[0], self.sensors
         return make_policy(self.policy, self.task.robot, *how, **options)

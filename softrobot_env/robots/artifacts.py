@@ -82,10 +82,10 @@ def refuse_artifact(path: str | Path, of: str, robot: RobotParams, policy: str) 
 
 
 def _untrained(robot: RobotParams, policy: str) -> str:
-    told = f"{policy} has not been trained for robot {robot.name!r} as it is"
+    text = f"{policy} has not been trained for robot {robot.name!r} as it is"
     if _called(robot) is None:
-        told = f"{told}, which has no file: write it by `robots.write_robot` to read it from there"
-    return f"{told}: train by `{train_command(robot, policy)}`"
+        text = f"{text}, which has no file: write it by `robots.write_robot` to read it from there"
+    return f"{text}: train by `{train_command(robot, policy)}`"
 
 
 def check_robot(data: Arrays, robot: RobotParams, policy: str) -> None:
@@ -107,19 +107,19 @@ def fingerprint(robot: RobotParams) -> dict[str, ndarray]:
     Parameters that are as they are unless given do not count, so that a later version, whose
     robots have more of them, knows the robot again.
     """
-    text = json.dumps(_told(replace(robot, name="robot")), sort_keys=True)
+    text = json.dumps(_as_data(replace(robot, name="robot")), sort_keys=True)
     digest = sha256(text.encode()).hexdigest()
     return {"robot": np.array(robot.name), "fingerprint": np.array(digest)}
 
 
-def _told(value: Any) -> Any:
+def _as_data(value: Any) -> Any:
     """A parameter as json tells it; equal ones alike, whatever type their numbers have."""
     if is_dataclass(value):
         named = {f.name: (f, getattr(value, f.name)) for f in fields(value) if f.compare}
-        told = {n: _told(v) for n, (f, v) in named.items() if not _is_default(f, v)}
-        return {"": type(value).__name__, **told}
+        changed = {n: _as_data(v) for n, (f, v) in named.items() if not _is_default(f, v)}
+        return {"": type(value).__name__, **changed}
     if isinstance(value, tuple | list | ndarray):
-        return [_told(entry) for entry in value]
+        return [_as_data(entry) for entry in value]
     return float(value) + 0.0 if isinstance(value, Real) else value
 
 

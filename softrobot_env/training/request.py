@@ -50,7 +50,7 @@ class TrainingRequest:
         seed: Of everything random.
         settings: Values of the training's own options, those alone that are given.
         near: Folder where what it builds on is looked for first; that of the file unless given.
-        told: Called with the learning curve after each check of a reinforcement learning.
+        report: Called with the learning curve after each check of a reinforcement learning.
     """
 
     robot: RobotParams
@@ -58,7 +58,7 @@ class TrainingRequest:
     seed: int = 0
     settings: Mapping[str, Any] = field(default_factory=dict)
     near: Path | None = None
-    told: Callable[[list[dict[str, float]]], None] | None = None
+    report: Callable[[list[dict[str, float]]], None] | None = None
 
     @property
     def folder(self) -> Path:

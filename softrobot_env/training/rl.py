@@ -73,8 +73,8 @@ def train(
     def keep(model: BaseAlgorithm, best: Network, curve: list[Point]) -> None:
         if checkpoint is not None:
             write(checkpoint, Checkpoint(about, curve, best, learner_state(model)))
-        if order.told is not None:
-            order.told(curve)
+        if order.report is not None:
+            order.report(curve)
 
     watch = Watch(config, show, keep, robot, view, None if checkpoint is None else seed)
     before = _to_go_on_with(checkpoint, about, show) if resume else None

@@ -1,7 +1,7 @@
 """Use our environments from other libraries, each installed in a virtual environment of its own.
 
 `make test-clients` runs this. It prints a table, and fails if a use failed; a library that cannot
-be installed is told and fails nothing.
+be installed is reported and fails nothing.
 """
 
 import argparse

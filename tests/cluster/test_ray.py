@@ -69,9 +69,9 @@ def test_a_node_that_is_killed_costs_no_row(two_nodes, tmp_path):
 
 
 def test_an_error_of_a_job_is_that_of_the_job(two_nodes):
-    with using(Workers(ray=two_nodes[0].address)), pytest.raises(ValueError) as told:
+    with using(Workers(ray=two_nodes[0].address)), pytest.raises(ValueError) as reported:
         run_cases(range(3), fails)
-    assert str(told.value).startswith("job ") and "\n" not in str(told.value)
+    assert str(reported.value).startswith("job ") and "\n" not in str(reported.value)
 
 
 def test_a_job_that_ends_its_worker_each_time_is_given_up(two_nodes):
@@ -174,16 +174,16 @@ def test_a_search_tells_the_best_settings(two_nodes, tmp_path, capsys):
     pytest.importorskip("stable_baselines3")
     call = [*SEARCH, "--steps", "1500", "--out", str(tmp_path)]
     assert main([*call, "--workers", f"ray:{two_nodes[0].address}"]) == 0
-    rows, told = report(tmp_path), capsys.readouterr().out
+    rows, reported = report(tmp_path), capsys.readouterr().out
     assert [row["trial"] for row in rows] == [1, 2, 3, 4]
     assert len({row["settings"]["rate"] for row in rows}) == 4
     assert all(1e-5 <= row["settings"]["rate"] <= 1e-2 and not row["failure"] for row in rows)
     assert all((row["steps"] < 1500) == row["pruned"] for row in rows)
     best = max(rows, key=lambda row: (row["reward"], row["curve"][-1]["reward"]))
-    assert f"--set rate={best['settings']['rate']:.17g}" in told
+    assert f"--set rate={best['settings']['rate']:.17g}" in reported
     assert (tmp_path / "ppo.npz").is_file() and (tmp_path / "curves.png").is_file()
 
-    words = told.split("Train with its settings: softrobot ")[1].split()
+    words = reported.split("Train with its settings: softrobot ")[1].split()
     assert main([*words, "--workers", "1", "--out", str(tmp_path / "anew")]) == 0
     (anew,) = report(tmp_path / "anew")
     assert anew["curve"][: len(best["curve"])] == best["curve"]

@@ -49,10 +49,10 @@ def test_an_example_is_rendered_inspected_and_exported(name, tmp_path, capsys):
     assert out.stat().st_size > 1000
     capsys.readouterr()
     assert called("inspect --task reach --robot", name) == 0
-    told = " ".join(capsys.readouterr().out.split())
-    assert f"robot {name}" in told and robot.tendons[-1].name in told
+    reported = " ".join(capsys.readouterr().out.split())
+    assert f"robot {name}" in reported and robot.tendons[-1].name in reported
     unit = "lengths to pull in" if robot.drive.kind == "length" else "inputs, full scale"
-    assert unit in told and ("servos" in told) == (robot.drive.kind == "length")
+    assert unit in reported and ("servos" in reported) == (robot.drive.kind == "length")
     assert called("export --robot", name, "--out", tmp_path) == 0
     for stem in (name, f"{name}_view"):
         model = mujoco.MjModel.from_xml_path(str(tmp_path / f"{stem}.xml"))
@@ -63,11 +63,13 @@ def test_variations_and_several_tasks_are_told_apart(tmp_path, mine, capsys):
     words = f"--robot planar_finger --tasks {mine}:stay reach --policies hold {mine}:P {mine}:Q"
     more = "--duration 0.2 --no-plots --save-rollouts --vary youngs_modulus=1,0.5"
     rows = evaluated(tmp_path / "out", words, more)
-    told = [(row["task"], row["policy"], row["variation"].get("youngs_modulus")) for row in rows]
+    reported = [
+        (row["task"], row["policy"], row["variation"].get("youngs_modulus")) for row in rows
+    ]
     policies = ("hold", "P", "Q")
-    assert told == [(t, p, v) for t in ("stay", "reach") for p in policies for v in (None, 0.5)]
+    assert reported == [(t, p, v) for t in ("stay", "reach") for p in policies for v in (None, 0.5)]
     assert rows[0]["more_options"] == {"seconds": 0.2}
-    by_case = dict(zip(told, rows, strict=True))
+    by_case = dict(zip(reported, rows, strict=True))
     nominal, soft = (by_case["stay", "P", v]["e_final"] for v in (None, 0.5))
     assert soft > 1.3 * nominal
     out = capsys.readouterr().out

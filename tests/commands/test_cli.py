@@ -70,8 +70,10 @@ def test_without_matplotlib_the_results_still_come(tmp_path, capsys, monkeypatch
     evaluated(tmp_path, HOLD)
     written = {path.name for path in tmp_path.glob("[!.]*")}
     assert written == {"report.json", "report.md", "lshape_drawn.npz"}  # to draw elsewhere
-    told = " ".join(capsys.readouterr().out.split())
-    assert "No plots: plots need matplotlib: pip install" in told and "Wrote plots" not in told
+    reported = " ".join(capsys.readouterr().out.split())
+    assert (
+        "No plots: plots need matplotlib: pip install" in reported and "Wrote plots" not in reported
+    )
 
 
 def test_a_failed_episode_sets_the_exit_status(tmp_path):

@@ -163,5 +163,5 @@ def test_what_is_said_meanwhile_goes_above_the_bar(capsys, monkeypatch):
     monkeypatch.setenv("FORCE_COLOR", "1")
     with progress_on("work", 2) as show:
         show("half", 1, 2)
-        say("told")
-    assert re.search("\x1b\\[2K\n?(\x1b\\[0m)?told", capsys.readouterr().out)
+        say("reported")
+    assert re.search("\x1b\\[2K\n?(\x1b\\[0m)?reported", capsys.readouterr().out)

@@ -58,13 +58,13 @@ def test_each_is_refused_in_one_line(capsys):
     for words in calls:
         with pytest.raises(SystemExit) as stop:
             parser.parse_args(words)
-        told = capsys.readouterr()
-        lines = told.err.splitlines()
+        reported = capsys.readouterr()
+        lines = reported.err.splitlines()
         own = takewhile(lambda word: word[0] not in "-?", words)
         command = " ".join(["softrobot", *own])
-        fine = stop.value.code == 2 and not told.out and len(lines) == 1
+        fine = stop.value.code == 2 and not reported.out and len(lines) == 1
         if not (fine and lines[0].startswith(f"{command}:") and f"{command} --help" in lines[0]):
-            wrong[words] = told
+            wrong[words] = reported
     assert not wrong
 
 

@@ -91,8 +91,8 @@ def test_options_apply_to_every_task_that_has_them(tmp_path):
     rows = evaluated(
         tmp_path, *arguments, "--option", "radius=0.05", "--path-seeds", "2", "--speeds", "0.2"
     )
-    told = [(row["task"], row["radius"], row["path_seed"], row["speed"]) for row in rows]
-    assert told == [("reach", 0.05, 2, None), ("rig_circle", 0.05, None, 0.2)]
+    reported = [(row["task"], row["radius"], row["path_seed"], row["speed"]) for row in rows]
+    assert reported == [("reach", 0.05, 2, None), ("rig_circle", 0.05, None, 0.2)]
 
 
 def test_inspect_shows_the_rig_as_built(capsys, monkeypatch):
@@ -121,8 +121,8 @@ def test_a_rig_varies_and_can_be_a_beam_model(tmp_path, capsys):
     arguments += ["--duration", "0.3"]
     vary = ["--twin", "0", "none", "--vary", "youngs_modulus=1,0.5"]
     rows = evaluated(tmp_path, *arguments, *vary)
-    told = [(row["twin"], row["variation"].get("youngs_modulus")) for row in rows]
-    assert told == [(0, None), (0, 0.5), (None, None), (None, 0.5)]
+    reported = [(row["twin"], row["variation"].get("youngs_modulus")) for row in rows]
+    assert reported == [(0, None), (0, 0.5), (None, None), (None, 0.5)]
     assert "twin 0, E x 0.5" in capsys.readouterr().out
     assert len({row["e_final"] for row in rows}) == 4
     (row,) = evaluated(tmp_path, *arguments, "--plant", "pcc", "--twin", "none")
@@ -170,11 +170,11 @@ def test_policies_act_as_the_file_says_and_other_rigs_are_noted(
 def test_a_video_shows_what_the_file_says(identified, tmp_path, monkeypatch):
     frame, drawn, taken, step = np.zeros((60, 80, 3), np.uint8), [], [], RigEnv.step
 
-    def told(env, action):
+    def reported(env, action):
         taken.append(action)
         return step(env, action)
 
-    monkeypatch.setattr(RigEnv, "step", told)
+    monkeypatch.setattr(RigEnv, "step", reported)
     monkeypatch.setattr(RigEnv, "render", lambda env: drawn.append(env.twin.seed) or frame)
     words = "render --task reach --policy rig_nn --twin 3 --duration 0.2 --fps 10 --size 80 60"
     assert called(words, "--identified", identified, "--out", tmp_path / "a.gif") == 0

@@ -1,4 +1,4 @@
-"""What ends a command, errors, warnings or Ctrl-C, is told in one line."""
+"""What ends a command, errors, warnings or Ctrl-C, is reported in one line."""
 
 import re
 import subprocess
@@ -16,7 +16,7 @@ from softrobot_env.cli import main
 @pytest.mark.parametrize("words", [[], ["robot"], ["robot-file"]])
 def test_no_command_shows_those_there_are(words, capsys):
     assert main(words) == 0
-    assert re.search(r"usage: softrobot.*COMMAND", told := capsys.readouterr().out), told
+    assert re.search(r"usage: softrobot.*COMMAND", reported := capsys.readouterr().out), reported
 
 
 @pytest.mark.parametrize(
@@ -113,6 +113,6 @@ def test_ctrl_c_ends_workers_too(tmp_path):
         time.sleep(15)
         assert running.poll() is None, running.stderr.read()
         subprocess.run(["kill", f"-{SIGINT.value}", "--", f"-{running.pid}"], check=True)
-        _, told = running.communicate(timeout=30)
+        _, reported = running.communicate(timeout=30)
     assert running.returncode == 130
-    assert told.splitlines() == ["softrobot benchmark: stopped by Ctrl-C"], told
+    assert reported.splitlines() == ["softrobot benchmark: stopped by Ctrl-C"], reported

@@ -55,12 +55,12 @@ def test_the_browser_is_served_on_this_machine_alone(tmp_path):
         cwd=tmp_path,
     ) as running:
         try:
-            told = ""
-            while (found := re.search(r"http://127\.0\.0\.1:(\d+)/", told)) is None:
+            reported = ""
+            while (found := re.search(r"http://127\.0\.0\.1:(\d+)/", reported)) is None:
                 line = running.stdout.readline()
-                assert line, told
-                told += line
-            assert "no authentication" in told
+                assert line, reported
+                reported += line
+            assert "no authentication" in reported
             port = int(found[1])
             with urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=20) as page:
                 assert page.status == 200
@@ -83,8 +83,8 @@ def display(monkeypatch):
         stderr=subprocess.DEVNULL,
     )
     os.close(write)
-    with os.fdopen(read) as told:
-        number = told.readline().strip()
+    with os.fdopen(read) as reported:
+        number = reported.readline().strip()
     monkeypatch.setenv("DISPLAY", f":{number}")
     yield
     server.terminate()

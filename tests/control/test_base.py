@@ -169,11 +169,11 @@ def test_scheduled_laws_that_compute_no_number_are_blamed_themselves(name):
     policy = make_policy(name, weak, 1e-3)
     _, state = policy.predict(observation, None)
     absurd = observation | {"curvature_rate": np.full(6, 1e308)}
-    action, told = policy.predict(absurd, state)
+    action, reported = policy.predict(absurd, state)
     np.testing.assert_allclose(action, observation["previous_action"], rtol=1e-6)
-    assert told.status == "computation not finite"
-    _, state = policy.predict(observation, told)
-    assert state.status != told.status
+    assert reported.status == "computation not finite"
+    _, state = policy.predict(observation, reported)
+    assert state.status != reported.status
 
 
 @pytest.mark.parametrize("period", [np.nan, np.inf, 0.0, -0.01, "x", None, True], ids=str)

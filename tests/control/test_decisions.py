@@ -150,7 +150,7 @@ def test_policies_take_the_function_of_the_process_they_are_unpickled_in(monkeyp
     np.testing.assert_allclose(pickle.loads(kept).predict(seen)[0], wanted, atol=1e-7)
 
 
-def test_hidden_layers_that_compute_no_number_are_told(numba_loaded):
+def test_hidden_layers_that_compute_no_number_are_reported(numba_loaded):
     """A neuron that is no number must not pass for a saturated one."""
     ends = [Scaling(-np.ones(n), np.ones(n)) for n in (FEATURES, 3)]
     network = initial_network((4, 4), *ends, np.random.default_rng(2))

@@ -73,7 +73,7 @@ def test_stiffness_is_found_while_the_arm_moves(scale):
 
 
 def test_stiffness_is_found_within_a_few_milliseconds_of_the_start():
-    """The arm springs off: what a controller sees when the robot is softer than it was told."""
+    """The arm springs off: what a controller sees when the robot is softer than it was reported."""
     curvature = np.repeat([-5.0, -3.3, -1.7], 2)
     held = np.linalg.lstsq(ARM_DATA.inputs, ARM_DATA.stiffness * curvature, rcond=None)[0]
     states = simulate(0.5, np.zeros(6), lambda t: held, 0.02, curvature)
@@ -175,7 +175,7 @@ def test_one_bad_sample_does_no_lasting_harm(name, size):
 
 
 def test_the_stiffness_found_survives_a_bad_sample():
-    """Half as stiff as it was told: a missing observation must not bring the nominal one back."""
+    """Half as stiff as it knew: a missing observation must not bring the nominal one back."""
 
     def lose(observation):
         return observation | {"tip_position": np.full(2, np.nan)}

@@ -104,7 +104,7 @@ def test_after_a_failure_the_next_decision_begins_anew(settings):
     np.testing.assert_array_equal(after, action)  # the same problem, begun from the same inputs
 
 
-def test_tension_limit_is_kept_and_told():
+def test_tension_limit_is_kept_and_reported():
     tendons = tuple(replace(t, tension_limit=6.0) for t in ARM.tendons)
     policy = MPC(replace(ARM, tendons=tendons), THESIS.period)
     action, state = policy.predict(observe((0.3, 0.37)))

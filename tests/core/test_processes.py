@@ -39,12 +39,12 @@ needs_proc = pytest.mark.skipif(
 def threads(tmp_path, *command: str, **settings: str) -> int:
     """Threads of a process at its end: OpenBLAS starts its own when NumPy is loaded."""
     (tmp_path / "sitecustomize.py").write_text(WITNESS)
-    told = tmp_path / "threads"
+    reported = tmp_path / "threads"
     environment = {k: v for k, v in os.environ.items() if k not in THREADS} | settings
-    environment |= {"WITNESS": str(told), "WITNESS_OF": str(os.getpid())}
+    environment |= {"WITNESS": str(reported), "WITNESS_OF": str(os.getpid())}
     environment |= {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
     subprocess.run([sys.executable, *command], env=environment, capture_output=True, check=True)
-    return int(told.read_text())
+    return int(reported.read_text())
 
 
 @needs_proc
@@ -137,11 +137,11 @@ def test_threads_that_overlap_leave_all_as_it_was(two_threads):
 def test_scenes_and_beams_take_one_thread_for_their_matrices(monkeypatch):
     limited, libraries = [], processes._libraries
 
-    def told(with_scipy):
+    def reported(with_scipy):
         limited.append(True)
         return libraries(with_scipy)
 
-    monkeypatch.setattr(processes, "_libraries", told)
+    monkeypatch.setattr(processes, "_libraries", reported)
     beam = PCC(ARM, 6)
     still = np.zeros(beam.n)
     scene = build_scene(SceneConfig(ARM))

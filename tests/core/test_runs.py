@@ -40,7 +40,7 @@ def test_results_are_in_the_order_of_the_jobs_and_so_is_progress(tmp_path):
     seen = []
     with using(Workers(2)):
         work = partial(mark_and_square, tmp_path)
-        found = run_cases(range(4), work, progress=lambda *told: seen.append(told))
+        found = run_cases(range(4), work, progress=lambda *reported: seen.append(reported))
     assert found == [0, 1, 4, 9]
     assert [done for _, done, _ in seen] == [0, 1, 2, 3, 4]
     assert len({path.name.split("-")[1] for path in tmp_path.iterdir()}) <= 2
@@ -81,16 +81,16 @@ def lives(process):
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
 def test_workers_end_with_a_command_that_is_killed(tmp_path):
-    script, told = tmp_path / "script.py", tmp_path / "pid"
+    script, reported = tmp_path / "script.py", tmp_path / "pid"
     script.write_text(ORPHANS)
-    with subprocess.Popen([sys.executable, script, told]) as command:
-        while not told.is_file() or not told.read_text():
+    with subprocess.Popen([sys.executable, script, reported]) as command:
+        while not reported.is_file() or not reported.read_text():
             time.sleep(0.05)
         command.kill()
     until = time.monotonic() + 20
-    while lives(told.read_text()) and time.monotonic() < until:
+    while lives(reported.read_text()) and time.monotonic() < until:
         time.sleep(0.05)
-    assert not lives(told.read_text())
+    assert not lives(reported.read_text())
 
 
 # ---------------------------------------------------------------- rows that are kept
@@ -241,7 +241,7 @@ def test_cases_are_told_apart_by_their_fields():
 
 def test_progress_of_cases_here_is_told_before_each(stopped):
     seen = []
-    run(stopped, progress=lambda *told: seen.append(told))
+    run(stopped, progress=lambda *reported: seen.append(reported))
     assert seen == [("2", 2, 4), ("3", 3, 4), ("done", 4, 4)]
 
 

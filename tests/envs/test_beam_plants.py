@@ -175,7 +175,7 @@ def test_measured_are_the_axes_that_are_asked_for():
     assert 0.25 < tips[0][2] < 0.27  # it hangs from 0.6 m
 
 
-def test_a_sharp_bend_to_both_sides_at_once_is_told():
+def test_a_sharp_bend_to_both_sides_at_once_is_reported():
     robot = replace(ROBOTS["silicone_rod"], pieces=3)
     plant = BeamPlant(robot, PERIOD, Factory("pcc"), axes=SPACE, bending="spatial")
     simulation = plant.simulation({})

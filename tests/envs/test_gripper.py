@@ -72,12 +72,12 @@ def test_observables_are_those_of_each_finger():
 
 def test_one_is_the_first_of_many():
     many = VectorGripperEnv(3, "hold")
-    seen, told = many.reset(seed=5)
+    seen, reported = many.reset(seed=5)
     for k in range(3):
         one = GripperEnv("hold")
         observation, info = one.reset(seed=5 + k)
-        assert info["diameter"] == told["diameter"][k]
-        np.testing.assert_array_equal(info["pull"], told["pull"][k])
+        assert info["diameter"] == reported["diameter"][k]
+        np.testing.assert_array_equal(info["pull"], reported["pull"][k])
         np.testing.assert_array_equal(observation["curvature"], seen["curvature"][k])
     rng = np.random.default_rng(0)
     for action in rng.uniform(-1, 1, (6, 3)).astype(np.float32):
@@ -305,13 +305,13 @@ def test_sizes_of_other_bars_and_fingers_are_told_from_one_grip():
         for _ in range(35):
             action, state = policy.predict(observation, state)
             observation, *_ = env.step(action)
-        told = calibration.curvature(observation["sensors"], start["sensors"])
-        off = np.degrees(np.abs(told - observation["curvature"])) * 0.03
+        reported = calibration.curvature(observation["sensors"], start["sensors"])
+        off = np.degrees(np.abs(reported - observation["curvature"])) * 0.03
         assert off.mean() < 2.5  # thesis, of enclosing grips
-        return told, info["diameter"], calibration, specimens
+        return reported, info["diameter"], calibration, specimens
 
-    told, diameters, *_ = bends(60, 100)
-    estimator = SizeEstimator.fitted(GRIPPER, 16.0, told, diameters)
+    reported, diameters, *_ = bends(60, 100)
+    estimator = SizeEstimator.fitted(GRIPPER, 16.0, reported, diameters)
     seen, truth, calibration, specimens = bends(8, 900, pieces=12, timestep=1e-3)
     assert np.abs(estimator(seen) - truth).max() < 2e-3
     assert np.abs(size_by_sensor(GRIPPER, seen) - truth).max() > 2e-3

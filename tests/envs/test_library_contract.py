@@ -68,11 +68,11 @@ def assert_flat(info):
 @pytest.mark.parametrize("env_id", [*SIMULATED, *REAL])
 def test_info_is_flat_with_the_same_keys_at_every_step(env_id):
     with made(env_id) as env:
-        told = list(infos(env))
-    for info in told:
-        assert list(info) == list(told[0])
+        reported = list(infos(env))
+    for info in reported:
+        assert list(info) == list(reported[0])
         assert_flat(info)
-    assert set(TERMS) < set(told[0]) and all(told[0][name] == 0 for name in TERMS)
+    assert set(TERMS) < set(reported[0]) and all(reported[0][name] == 0 for name in TERMS)
 
 
 @pytest.mark.parametrize("env_id", SIMULATED)
@@ -230,8 +230,8 @@ def test_what_is_faster_than_the_bounds_is_a_failure(env_id, what):
         for factor in (0.9, 1.1):
             data.qvel[:] = rates * factor / unit
             mujoco.mj_forward(model, data)
-            told = readout.update()
-            assert told is None if factor < 1 else what in told
+            reported = readout.update()
+            assert reported is None if factor < 1 else what in reported
 
 
 def test_many_fail_by_the_same_bounds():
@@ -279,9 +279,9 @@ def test_many_refuse_a_forked_child_and_go_on_here():
     many = gymnasium.make_vec(SIMULATED[0], num_envs=2)
     many.reset()
     zero = np.zeros((2, 3))
-    told = "RuntimeError: these simulations belong to process"
-    assert in_a_fork(lambda: many.step(zero)).startswith(told)
-    assert in_a_fork(many.reset).startswith(told)
+    reported = "RuntimeError: these simulations belong to process"
+    assert in_a_fork(lambda: many.step(zero)).startswith(reported)
+    assert in_a_fork(many.reset).startswith(reported)
     assert in_a_fork(many.simulation._batch.__del__) == ""
     many.step(zero)
 

@@ -435,7 +435,7 @@ def test_record_yields_frames_at_the_asked_rate(make_drawn, monkeypatch, period,
 
 
 @pytest.mark.parametrize("begin", [0.2, 0.55])
-def test_record_begins_where_it_is_told(make_drawn, monkeypatch, begin):
+def test_record_begins_where_asked(make_drawn, monkeypatch, begin):
     env = make_drawn(STEP, control_period=0.01, observe="all", width=64, height=48)
     times = []
     monkeypatch.setattr(

@@ -108,11 +108,11 @@ def test_files_say_sensors_both_ways(tmp_path):
     write_robot(robot, tmp_path / "arm.toml")
     assert read_robot(tmp_path / "arm.toml") == robot
     text = (tmp_path / "arm.toml").read_text()
-    for wrong, told in (
+    for wrong, reported in (
         (("end_m = 0.25", "end_m = 0.75"), r"sensor\[1\].end_m must be at most the robot's length"),
         (('kind = "planar"', 'kind = "round"'), r"sensor\[1\].kind must be one of"),
         (("segments = 5", "sections = 5"), r"sensor\[1\].sections is no key; allowed are name"),
     ):
         (tmp_path / "bad.toml").write_text(text.replace(*wrong, 1))
-        with pytest.raises(ValueError, match=told):
+        with pytest.raises(ValueError, match=reported):
             read_robot(tmp_path / "bad.toml")

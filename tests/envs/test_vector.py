@@ -182,21 +182,21 @@ def test_variations_are_those_of_the_single_environment(vary):
     same(single.reset()[0], observations, 2, ROUNDING)
 
 
-def told(info):
+def reported(info):
     """What `info` tells of the variation."""
     return {name: value for name, value in info.items() if name.startswith("variation_")}
 
 
 def test_draws_are_those_of_the_single_environment_with_the_same_seed():
     many = VectorTrackingEnv(COUNT, SHORT, randomization=RANGES)
-    drawn = [told(many.reset(seed=7)[1])]
+    drawn = [reported(many.reset(seed=7)[1])]
     for _ in range(31):  # into the second episode
         _, _, _, _, info = many.step(np.zeros((COUNT, 3)))
-    drawn.append(told(info))
+    drawn.append(reported(info))
     single = TrackingEnv(SHORT, randomization=RANGES)
     for i in range(COUNT):
         for k, options in enumerate(({"seed": 7 + i}, {})):
-            variation = told(single.reset(**options)[1])
+            variation = reported(single.reset(**options)[1])
             assert variation == {name: values[i] for name, values in drawn[k].items()}
     assert len(set(drawn[0]["variation_youngs_modulus"])) == COUNT
     assert len(set(drawn[0]["variation_sensor_noise"])) == COUNT
@@ -268,7 +268,7 @@ def test_given_variations_win_over_draws():
     single = TrackingEnv(SHORT, randomization=RANGES)
     _, info = single.reset(seed=0, options={"vary": {"density": 1.1}})
     expected = {f"variation_{name}": value for name, value in neutral().items()}
-    assert told(info) == expected | {"variation_density": 1.1}
+    assert reported(info) == expected | {"variation_density": 1.1}
 
 
 def test_new_ranges_leave_the_draws_of_the_others_alone():

@@ -56,10 +56,10 @@ def test_an_environment_that_is_given_stays_open():
 
 
 def test_long_episodes_tell_how_far_they_are(monkeypatch):
-    monkeypatch.setattr("softrobot_env.evaluation.run._TOLD_EVERY", 0.0)
-    told, brief = [], replace(LSHAPE, duration=0.4, scene={"control_period": 0.1})
-    run(brief, progress=told.append)
-    assert told == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
+    monkeypatch.setattr("softrobot_env.evaluation.run._REPORT_EVERY", 0.0)
+    reported, brief = [], replace(LSHAPE, duration=0.4, scene={"control_period": 0.1})
+    run(brief, progress=reported.append)
+    assert reported == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
 
 
 def test_labels_tell_task_rig_policy_and_variation():

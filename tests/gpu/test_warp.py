@@ -81,13 +81,13 @@ def actions(env, steps, seed=0):
     return np.random.default_rng(seed).uniform(-1, 1, (steps, *env.action_space.shape))
 
 
-def flat(told, path="") -> dict[str, np.ndarray]:
+def flat(reported, path="") -> dict[str, np.ndarray]:
     """All numbers and flags in an answer of `step` or `reset`, but the estimate of C's errors."""
-    if isinstance(told, dict | tuple):
-        items = told.items() if isinstance(told, dict) else enumerate(told)
+    if isinstance(reported, dict | tuple):
+        items = reported.items() if isinstance(reported, dict) else enumerate(reported)
         kept = [(k, v) for k, v in items if "integration_error" not in str(k)]
         return {n: x for key, value in kept for n, x in flat(value, f"{path}/{key}").items()}
-    value = told.numpy() if isinstance(told, torch.Tensor) else told
+    value = reported.numpy() if isinstance(reported, torch.Tensor) else reported
     return {} if value.dtype == object else {path: value}
 
 
@@ -141,8 +141,10 @@ def test_500_steps_differ_by_roundings(env_id, options, most):
         off = largest(off, differences(warp.step(torch.tensor(action)), truth))
         noise = largest(noise, differences(rounded.step(action), truth))
     tip = "/0/tip_position"
-    told = ", ".join(f"{n[3:]} {off[n]:.1e} ({noise[n]:.1e})" for n in off if n.startswith("/0"))
-    print(f"{env_id} {options}: {told}; reward {off['/1']:.1e} ({noise['/1']:.1e})")
+    reported = ", ".join(
+        f"{n[3:]} {off[n]:.1e} ({noise[n]:.1e})" for n in off if n.startswith("/0")
+    )
+    print(f"{env_id} {options}: {reported}; reward {off['/1']:.1e} ({noise['/1']:.1e})")
     assert 0 < off[tip] < most
     for name in (tip, "/0/tip_velocity", "/0/curvature", "/1"):
         assert off[name] < ROUNDINGS * noise[name], name
@@ -260,19 +262,19 @@ def test_one_robot_that_fails_leaves_the_others_alone(name, value, what):
         if k == 5:
             for env in (warp, exact):
                 getattr(env.simulation, name)[2] = value
-        told, true, alone = (env.step(action) for env in (warp, exact, calm))
-        np.testing.assert_array_equal(told[2].numpy(), true[2])
-        assert bool(told[2][2]) == (k == 5)
-        assert told[1][2] == pytest.approx(true[1][2], abs=1e-4)
-        for key, seen in told[0].items():
+        reported, true, alone = (env.step(action) for env in (warp, exact, calm))
+        np.testing.assert_array_equal(reported[2].numpy(), true[2])
+        assert bool(reported[2][2]) == (k == 5)
+        assert reported[1][2] == pytest.approx(true[1][2], abs=1e-4)
+        for key, seen in reported[0].items():
             assert torch.equal(seen[others], alone[0][key][others])
             assert torch.isfinite(seen).all()
         if k == 5:
-            assert what in told[4]["failure"][2]
+            assert what in reported[4]["failure"][2]
             if what == "diverged":
-                assert told[4]["failure"][2] == true[4]["failure"][2]
-            assert set(told[4]["failure"][others]) == {None}
-    assert float(told[0]["tip_position"][2] @ torch.ones(2, dtype=torch.float64)) != 0
+                assert reported[4]["failure"][2] == true[4]["failure"][2]
+            assert set(reported[4]["failure"][others]) == {None}
+    assert float(reported[0]["tip_position"][2] @ torch.ones(2, dtype=torch.float64)) != 0
 
 
 # ---------------------------------------------------------------- arrays
@@ -286,12 +288,18 @@ def test_tensors_share_the_memory_of_warp():
     there = wp.to_torch(simulation._data.sensordata)
     assert there.data_ptr() == simulation.sensordata.data_ptr()
     seen, info = env.reset(seed=0)
-    told = env.step(torch.zeros((COUNT, 3)))
-    for value in (*seen.values(), *told[0].values(), *told[1:4], info["error"], info["_error"]):
+    reported = env.step(torch.zeros((COUNT, 3)))
+    for value in (
+        *seen.values(),
+        *reported[0].values(),
+        *reported[1:4],
+        info["error"],
+        info["_error"],
+    ):
         assert isinstance(value, torch.Tensor) and value.device == simulation.arrays.device
-    kept = {name: value.clone() for name, value in told[0].items()}
+    kept = {name: value.clone() for name, value in reported[0].items()}
     env.step(torch.ones((COUNT, 3)))
-    assert all(torch.equal(value, told[0][name]) for name, value in kept.items())
+    assert all(torch.equal(value, reported[0][name]) for name, value in kept.items())
     with pytest.raises(ValueError, match="actions must be an array of 4 x 3"):
         env.step(torch.full((COUNT, 3), 1.1))
     with pytest.raises(ValueError, match="actions must be an array of 4 x 3"):
@@ -324,7 +332,7 @@ def test_ppo_learns():
     returns = []
     for _ in range(4):
         model.learn(3200, reset_num_timesteps=False)
-        returns.append(np.mean([told["r"] for told in list(model.ep_info_buffer)[-32:]]))
+        returns.append(np.mean([reported["r"] for reported in list(model.ep_info_buffer)[-32:]]))
     assert returns[-1] > 1.3 * returns[0]  # measured: from 15.3 to 24.3
 
 
@@ -368,9 +376,9 @@ def test_speed_is_measured_by_the_number_of_robots():
     ],
 )
 def test_refusals(options, what):
-    with pytest.raises(ValueError, match=what) as told:
+    with pytest.raises(ValueError, match=what) as reported:
         make(ANY_ROBOT, **({"device": "cpu", "backend": "warp"} | options))
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(reported.value)
 
 
 def test_a_refused_variation_changes_nothing():

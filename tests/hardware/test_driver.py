@@ -98,7 +98,9 @@ def test_a_slow_move_takes_its_time(armed):
         ([0.02, 0.0, 0.0], 0.02, RobotError, r"not come to its target within 0\.1 s"),
     ],
 )
-def test_a_move_that_cannot_be_or_takes_too_long_is_told(armed, target, speed, error, complaint):
+def test_a_move_that_cannot_be_or_takes_too_long_is_reported(
+    armed, target, speed, error, complaint
+):
     with pytest.raises(error, match=complaint):
         armed.move_to(target, speed=speed, timeout=0.1)
     assert error is RobotError or armed.reading.applied.tolist() == HERE
@@ -144,7 +146,7 @@ def test_what_breaks_while_listening_is_raised_by_the_next_call(live):
             driver.command(HERE)
 
 
-def test_what_nobody_understands_is_told(live, driver):
+def test_what_nobody_understands_is_reported(live, driver):
     numbers = {"applied": (0,) * 3, "length": (0,) * 3, "force": (0,) * 3, "adc": (0,) * 4}
     counts = {"vbus": 6000, "crc_errors": 0, "frame_errors": 0, "faults": 0, "warnings": 0}
     state = m.State(0, 0, 0, state=9, n=3, session=0, **numbers, **counts)

@@ -177,6 +177,6 @@ def test_marks_that_contradict_are_refused():
         ("+40", r"the servo reaches -34\.55 to 34\.55 mm"),
     ],
 )
-def test_a_wrong_line_is_told(line, complaint):
+def test_a_wrong_line_is_reported(line, complaint):
     with pytest.raises(ValueError, match=complaint):
         obey([line])

@@ -196,7 +196,7 @@ def test_a_restart_in_a_session_is_told_and_never_armed_again(armed):
     assert not armed.board.core.outputs.powered
 
 
-def test_a_dropped_session_without_a_restart_is_told(armed):
+def test_a_dropped_session_without_a_restart_is_reported(armed):
     armed.say(encode(m.Hello(78, m.PROTOCOL, m.PROTOCOL), 0))  # of another host
     with pytest.raises(SessionLostError, match="without starting again"):
         armed.run(0.2)

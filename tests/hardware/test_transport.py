@@ -69,12 +69,12 @@ def test_a_write_that_nobody_reads_times_out(terminal):
     port.close()
 
 
-def test_a_port_that_is_not_there_is_told():
+def test_a_port_that_is_not_there_is_reported():
     with pytest.raises(LinkError, match="cannot open /dev/no-robot"):
         SerialTransport("/dev/no-robot", 500000)
 
 
-def test_a_hang_up_is_told():
+def test_a_hang_up_is_reported():
     master, slave = os.openpty()
     tty.setraw(slave)
     port = SerialTransport(os.ttyname(slave), 500000)

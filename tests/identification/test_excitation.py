@@ -62,12 +62,12 @@ def test_slow_drives_make_a_slow_plan():
     assert rates.max() * robot_inputs(RIG).input_scale[0] / PERIOD <= 0.8 * 0.001 * (1 + 1e-9)
 
 
-def run(robot, excitation, told=None):
+def run(robot, excitation, reported=None):
     """What happened, and the recording."""
     planned = plan(robot, excitation, PERIOD)
     task = resting_task(robot, planned.duration)
     env = RecordEpisodes(TrackingEnv(task, control_period=PERIOD, observe="all"))
-    stopped = excite(env, planned, told or excitation)
+    stopped = excite(env, planned, reported or excitation)
     env.close()
     return stopped, env.recording, planned
 

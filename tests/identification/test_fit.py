@@ -1,4 +1,4 @@
-"""Identifications against truths: arcs, recordings of other robots, and what cannot be told."""
+"""Identifications against truths: arcs, recordings of other robots, and what cannot be reported."""
 
 import json
 from dataclasses import replace
@@ -178,15 +178,15 @@ def test_a_column_that_counts_the_other_way_and_a_frame_anywhere_are_found():
     said = replace(blank, header=replace(blank.header, commands=commands), markers=seen)
     said = replace(said, commands=rows * signs)
     wrong = identify(said, robot, ("geometry",), validate=False)
-    told = f"column {name} seems to count the other way (commands.factors)"
-    assert any(told in doubt for doubt in wrong.doubts)
+    reported = f"column {name} seems to count the other way (commands.factors)"
+    assert any(reported in doubt for doubt in wrong.doubts)
 
 
 def test_an_assignment_that_another_one_equals_is_doubted():
     sure = path.Assignment(("a", "b"), (1.0, 1.0), 0.0, 7e-3, 9e-3, 40)
     assert path._unsure(sure) == () == path._unsure(None)
-    (told,) = path._unsure(replace(sure, second=7.5e-3))
-    assert "not sure" in told and "7.5 mm, this one 7.0 mm" in told
+    (reported,) = path._unsure(replace(sure, second=7.5e-3))
+    assert "not sure" in reported and "7.5 mm, this one 7.0 mm" in reported
 
 
 def test_outliers_do_not_hide_how_long_residuals_last():
@@ -208,12 +208,14 @@ def test_outliers_do_not_hide_how_long_residuals_last():
 def test_facts_are_weighed_against_the_file_as_bayes_says():
     unknowns = Unknowns((Group("a", "statics", ("1", "2"), 0.3, "log", 0.4),))
     weights = unknowns.common("a")
-    told = replace(unknowns, facts=(Fact(weights, 0.5, 0.2), Fact(np.array([1.0, -1]), 0.1, 0.1)))
+    reported = replace(
+        unknowns, facts=(Fact(weights, 0.5, 0.2), Fact(np.array([1.0, -1]), 0.1, 0.1))
+    )
     rows = np.array([weights, [1.0, -1.0]])
     precise = np.diag([0.2**-2, 0.1**-2])
     covariance = np.linalg.inv(np.linalg.inv(unknowns.prior) + rows.T @ precise @ rows)
-    assert told.prior == pytest.approx(covariance)
-    assert told.mean == pytest.approx(covariance @ rows.T @ precise @ [0.5, 0.1])
+    assert reported.prior == pytest.approx(covariance)
+    assert reported.mean == pytest.approx(covariance @ rows.T @ precise @ [0.5, 0.1])
     assert not unknowns.mean.any()
 
 

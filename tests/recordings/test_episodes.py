@@ -141,12 +141,14 @@ def test_actions_are_replayed_as_what_they_stand_for():
     task = replace(make_task("swing"), duration=0.2)
     env = RecordEpisodes(TrackingEnv(task, observe="all"))
     rollout = run_episode(env, Wander())
-    told = env.recording
+    reported = env.recording
     env.close()
     columns = tuple(f"action.{k}" for k in range(3))
     commands = Commands("action", columns, "1", in_force="until")
-    acted = replace(told, header=replace(told.header, commands=commands), commands=rollout.action)
-    assert acted.controls(ARM) == pytest.approx(told.controls(ARM), abs=1e-12)
+    acted = replace(
+        reported, header=replace(reported.header, commands=commands), commands=rollout.action
+    )
+    assert acted.controls(ARM) == pytest.approx(reported.controls(ARM), abs=1e-12)
     assert replay(acted, ARM).distance.max() < 1e-12
     with pytest.raises(ValueError, match="takes actions of 2 numbers, the recording has 3"):
         acted.controls(ROBOTS["planar_finger"])

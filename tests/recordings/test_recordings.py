@@ -218,7 +218,7 @@ def test_a_frame_turns_as_rotation_vectors_do():
     assert frame.to_recorded(wanted) == pytest.approx(points)
 
 
-def test_what_is_odd_is_told(tmp_path):
+def test_what_is_odd_is_reported(tmp_path):
     table = TABLE + "".join(f"{1700000001000 + 250 * k},line,30,3,120,22\n" for k in range(3))
     table += "1700000009000,line,30,3,90000,22\n"
     recording = read_recording(write_pair(tmp_path, table))

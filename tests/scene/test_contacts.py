@@ -367,7 +367,7 @@ def test_the_rules_timestep_follows_the_stiffness():
     assert "times the material's stiffness" in material.timestep.reason
 
 
-def test_too_long_a_timestep_is_told():
+def test_too_long_a_timestep_is_reported():
     config = replace(ON_POST, timestep=5e-3)
     with pytest.warns(TimestepWarning, match="contacts may be inaccurate"):
         build_scene(config)

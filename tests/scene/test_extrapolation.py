@@ -219,7 +219,7 @@ def test_huge_accelerations_of_a_small_stiff_robot_are_no_divergence():
     assert np.abs(gap).max() < 0.01 * np.abs(start).max()
 
 
-def test_a_motion_that_is_not_finite_is_told():
+def test_a_motion_that_is_not_finite_is_reported():
     simulation = Simulation(scene())
     simulation.reset(simulation.model.qpos0, np.zeros(6))
     simulation.data.qvel[2] = np.nan

@@ -159,7 +159,7 @@ def test_many_robots_are_as_one():
 
 
 @pytest.mark.parametrize(
-    ("said", "told"),
+    ("said", "reported"),
     [
         ({"begin": 0.1, "end": 0.1}, "begin must be below end"),
         ({"kind": "round"}, "kind must be one of 'planar', 'spatial', 'tags'"),
@@ -168,6 +168,6 @@ def test_many_robots_are_as_one():
         ({"acceptance": 2.0}, "acceptance must be an angle"),
     ],
 )
-def test_what_no_sensor_can_be(said, told):
-    with pytest.raises(ValueError, match=told):
+def test_what_no_sensor_can_be(said, reported):
+    with pytest.raises(ValueError, match=reported):
         Sensor(**{"name": "s", "kind": "planar", "begin": 0.0, "end": 0.1} | said)

@@ -101,7 +101,7 @@ def test_paths_that_servos_cannot_follow_become_smaller(monkeypatch):
         feasible_task(rod, "circle", 0.5)
 
 
-def test_what_differs_is_told():
+def test_what_differs_is_reported():
     task = generic_tasks(FINGER)["circle"](frequency=0.5)
     rig = replace(task, robot=RIG, start_input=(0.0,) * 3, axes="xyz")
     assert difference(laps_case(task, "static")) == difference(laps_case(rig, "rig_nn")) == ""
@@ -142,8 +142,8 @@ def test_what_cannot_serve_is_a_row_with_the_reason(untrained, tmp_path):
     task = generic_tasks(FINGER)["circle"](frequency=0.3)
     found = run_laps(laps_case(task, "static", plant="ancf"))
     assert isinstance(found, RefusedRow) and "ANCF needs a backbone of one" in found.reason
-    told = refusal("finger", "ppo", "", f"{models_dir()}/ppo.npz is of another")
-    assert told.reason == "models/ppo.npz is of another"
+    reported = refusal("finger", "ppo", "", f"{models_dir()}/ppo.npz is of another")
+    assert reported.reason == "models/ppo.npz is of another"
     known = prepare(FINGER.name, ("circle",), (0.3,), tmp_path)
     assert [task.name for task in known.tasks] == ["circle"] and "hold" in known.policies
     assert {r.policy for r in known.rows if isinstance(r, RefusedRow)}.isdisjoint(known.policies)
@@ -154,7 +154,7 @@ def test_what_cannot_serve_is_a_row_with_the_reason(untrained, tmp_path):
 
 @pytest.fixture(scope="module")
 def travelled():
-    """One made-up policy in all worlds of the finger, its error in % told by its place."""
+    """One made-up policy in all worlds of the finger, its error in % reported by its place."""
     task = generic_tasks(FINGER)["circle"](frequency=0.5)
     own = {"tuned_on": "mujoco", "trained_here": False}
     first = run_laps(laps_case(task, "hold"), TransferRow, world="mujoco", group=PLANT, **own)

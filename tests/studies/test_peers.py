@@ -8,8 +8,8 @@ from studies.peers import OURS, Row
 
 
 def motion(package, model, error, seconds):
-    told = {"e_mean": error, "e_max": error, "core_seconds": seconds, "text": "limit"}
-    return Row("motion", package, "1", model, 3, "any", None, 1e-2, **told)
+    reported = {"e_mean": error, "e_max": error, "core_seconds": seconds, "text": "limit"}
+    return Row("motion", package, "1", model, 3, "any", None, 1e-2, **reported)
 
 
 def test_a_ratio_is_to_the_fastest_of_ours_that_errs_no_more():

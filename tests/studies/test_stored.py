@@ -173,20 +173,20 @@ DAMAGED = {
 }
 
 
-@pytest.mark.parametrize(("told", "damage"), DAMAGED.values(), ids=DAMAGED)
-def test_damaged_and_foreign_files_are_refused_in_a_line(told, damage, study, tmp_path, capsys):
+@pytest.mark.parametrize(("reported", "damage"), DAMAGED.values(), ids=DAMAGED)
+def test_damaged_and_foreign_files_are_refused_in_a_line(reported, damage, study, tmp_path, capsys):
     stored.write(tmp_path / "laws", run(True), "softrobot benchmark laws")
     damage(tmp_path / "laws" / "report.json")
-    assert told in refused(["benchmark", "laws", "--out", tmp_path, "--redraw"], capsys)
+    assert reported in refused(["benchmark", "laws", "--out", tmp_path, "--redraw"], capsys)
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "reported"),
     [
         (["laws", "--quick"], "--quick measures anew, --redraw measures nothing"),
         (["scenes", "--count", "3"], "--count measures anew"),
         (["speed"], "the benchmark speed has no pictures"),
     ],
 )
-def test_what_measures_does_not_redraw(words, told, tmp_path, capsys):
-    assert told in refused(["benchmark", *words, "--redraw", "--out", tmp_path], capsys)
+def test_what_measures_does_not_redraw(words, reported, tmp_path, capsys):
+    assert reported in refused(["benchmark", *words, "--redraw", "--out", tmp_path], capsys)

@@ -236,8 +236,8 @@ def test_the_commands_know_unseen_tasks(tmp_path):
     arguments += ["--policies", "hold", "--control-period", "0.1", "--save-rollouts"]
     assert main(["evaluate", *arguments, "--out", str(tmp_path)]) == 0
     rows = json.loads((tmp_path / "report.json").read_text())["rows"]
-    told = [(row["task"], row["path_seed"], row["speed"]) for row in rows]
-    assert told == [("circle", None, 0.4), ("random", 1, 0.4)]
+    reported = [(row["task"], row["path_seed"], row["speed"]) for row in rows]
+    assert reported == [("circle", None, 0.4), ("random", 1, 0.4)]
     assert "## random 1 0.4 m/s" in (tmp_path / "report.md").read_text()
     # The policy does nothing, so the errors are the distances from the starts of the references.
     for row in rows:

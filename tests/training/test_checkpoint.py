@@ -43,9 +43,9 @@ def test_a_damaged_one_gives_way_to_the_one_before_which_is_said(folder, share):
     newest = folder / "checkpoint.pt"
     data = newest.read_bytes()
     newest.write_bytes(data[: int(share * len(data))])
-    told = []
-    assert read(folder, lambda text, *_: told.append(text)).curve == FIRST.curve
-    assert len(told) == 1 and "damaged: going on from step 5" in told[0]
+    reported = []
+    assert read(folder, lambda text, *_: reported.append(text)).curve == FIRST.curve
+    assert len(reported) == 1 and "damaged: going on from step 5" in reported[0]
     (folder / "checkpoint_before.pt").unlink()
     with pytest.raises(ValueError, match=r"checkpoint\.pt is no checkpoint of a training, or dam"):
         read(folder)

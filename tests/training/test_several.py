@@ -58,7 +58,7 @@ def test_rows_tell_the_best_check_and_one_failure_costs_no_other_run(orders, tmp
     assert [run.failure for run in found] == [None, "no luck", None]
     assert (found[0].steps, found[0].best_steps, found[0].failures) == (20, 10, 1)
     assert found[2].max_error == pytest.approx(0.03) and found[2].figures == {"error": 0.003}
-    assert best_of(found) is found[2] and "told" not in found[0].row()
+    assert best_of(found) is found[2] and "reported" not in found[0].row()
     assert (tmp_path / "seed_2" / "fake.npz").read_bytes() == b"network"
 
 
@@ -91,18 +91,18 @@ def test_another_study_is_not_replaced_unless_it_may(orders, tmp_path):
 
 def test_runs_under_way_are_told_by_what_is_in_their_folders(orders, tmp_path, monkeypatch):
     monkeypatch.setattr(runs, "_EVERY", 0.01)
-    begun, told, wanted = orders((0, 1, 2, 3), {}), [], ("1 of 4 runs", 1250, 4000)
+    begun, reported, wanted = orders((0, 1, 2, 3), {}), [], ("1 of 4 runs", 1250, 4000)
     for label, study, share in (("seed_1", "mine", "0.250"), ("seed_2", "other", "0.9")):
         folder = begun[label].path.parent
         folder.mkdir()
         (folder / "study.txt").write_text(study)
         (folder / "share.txt").write_text(share)
-    with runs._watched(begun, "mine", lambda *now: told.append(now)) as show:
+    with runs._watched(begun, "mine", lambda *now: reported.append(now)) as show:
         show("seed_0", 1, 4)
         until = monotonic() + 10
-        while wanted not in told and monotonic() < until:
+        while wanted not in reported and monotonic() < until:
             sleep(0.01)
-    assert wanted in told
+    assert wanted in reported
 
 
 def test_tables_and_curves(orders, tmp_path):

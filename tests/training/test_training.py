@@ -284,7 +284,7 @@ def test_a_stopped_training_goes_on_as_if_it_had_not_been(algorithm, tmp_path):
     np.testing.assert_array_equal(found.parameters, network.parameters)
 
 
-def test_trials_are_logged_for_tensorboard_where_it_is_told(tmp_path):
+def test_trials_are_logged_for_tensorboard_where_it_is_reported(tmp_path):
     accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
     kept, curve = tmp_path / "kept", []
     for folder, steps in (("one", 72), ("two", 128)):
@@ -338,7 +338,7 @@ def test_bad_settings_are_refused(change, reason):
 def test_missing_packages_are_told_with_their_cure(arguments, capsys, monkeypatch, tmp_path):
     monkeypatch.setattr(request, "find_spec", lambda name: None)
     assert main(["train", *arguments, "--out", str(tmp_path / "none")]) == 2
-    assert "needs torch" in (told := capsys.readouterr().err) and "pip install" in told
+    assert "needs torch" in (reported := capsys.readouterr().err) and "pip install" in reported
     assert not (tmp_path / "none").exists()
 
 

@@ -200,8 +200,8 @@ def view_in(about: Arrays, robot: RobotParams) -> View:
     names = [field.name for field in fields(View)]
     if f"{_VIEW}{names[0]}" not in about:
         return arm_view(robot)
-    told = [n for n in names if n not in _LATER or f"{_VIEW}{n}" in about]
-    return View(**{name: about[f"{_VIEW}{name}"].tolist() for name in told})
+    stored = [n for n in names if n not in _LATER or f"{_VIEW}{n}" in about]
+    return View(**{name: about[f"{_VIEW}{name}"].tolist() for name in stored})
 
 
 def arm_view(robot: RobotParams) -> View:

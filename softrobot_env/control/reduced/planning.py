@@ -31,7 +31,7 @@ def estimate(
 ) -> None:
     """One step of an extended Kalman filter, in place.
 
-    What the model does not explain is taken for inputs that are added to those told, and that
+    What the model does not explain is taken for inputs that are added to those commanded, and that
     change slowly: so plans leave no lasting error.
 
     Args:
@@ -61,11 +61,11 @@ def estimate(
 
 
 @kernel
-def ahead(motion: Motion, x: ndarray, disturbance: ndarray, told: ndarray) -> ndarray:
-    """State (n,) when the next input acts, after those told (lag, m)."""
+def ahead(motion: Motion, x: ndarray, disturbance: ndarray, inputs: ndarray) -> ndarray:
+    """State (n,) when the next input acts, after those commanded (lag, m)."""
     now, terms = x.copy(), np.empty(len(motion.parents))
-    for row in range(len(told)):
-        advance(motion, now, told[row] + disturbance, terms)
+    for row in range(len(inputs)):
+        advance(motion, now, inputs[row] + disturbance, terms)
     return now
 
 

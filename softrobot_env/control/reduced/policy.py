@@ -71,14 +71,14 @@ class _Past(NamedTuple):
 
     Attributes:
         tips: (delays, o) [m], seen last, the newest first.
-        told: (lag + 1, m) reduced inputs, the oldest first.
+        inputs: (lag + 1, m) reduced inputs, the oldest first.
         x, disturbance, covariance: See `planning.estimate`.
         nodes: (c, m), the plan.
         code: Key of `REASONS`.
     """
 
     tips: ndarray
-    told: ndarray
+    inputs: ndarray
     x: ndarray
     disturbance: ndarray
     covariance: ndarray
@@ -145,19 +145,19 @@ class ReducedPlanner(base.Controller):
         tip = np.array(observation["tip_position"], float)
         tip = tip if (np.abs(tip) < _ABSURD).all() else model.origin
         action = kept(np.array(observation["previous_action"], float))
-        told = model.reduced_inputs(action)
+        inputs = model.reduced_inputs(action)
         tips = np.tile(tip, (model.delays, 1))
-        m, n = len(told), model.dimension
+        m, n = len(inputs), model.dimension
         covariance = np.zeros((n + m, n + m))
         covariance[:n, :n] = self._learned.noise
         covariance[n:, n:] = 1e-2 * np.eye(m)
         return _Past(
             tips,
-            np.tile(told, (model.lag + 1, 1)),
+            np.tile(inputs, (model.lag + 1, 1)),
             model.encode(tips.ravel()),
             np.zeros(m),
             covariance,
-            np.tile(told, (len(self._places), 1)),
+            np.tile(inputs, (len(self._places), 1)),
             0,
         )
 
@@ -172,17 +172,17 @@ class ReducedPlanner(base.Controller):
         if not (np.abs(seen) < _ABSURD).all():
             code = base.NOT_COMPUTED if np.isfinite(seen).all() else base.NOT_FINITE
             return kept(before), state._replace(code=code)
-        told = np.vstack([state.told[1:], model.reduced_inputs(before)])
+        inputs = np.vstack([state.inputs[1:], model.reduced_inputs(before)])
         tips = np.vstack([tip, state.tips[:-1]])
         x, disturbance = state.x.copy(), state.disturbance.copy()
         covariance = state.covariance.copy()
         measured = model.encode(tips.ravel())
         motion, o = model.motion, len(tip)
         estimate(
-            motion, x, disturbance, covariance, state.told[0], measured, learned.process,
+            motion, x, disturbance, covariance, state.inputs[0], measured, learned.process,
             learned.noise,
         )  # fmt: skip
-        begin = ahead(motion, x, disturbance, told[1:]) if model.lag else x
+        begin = ahead(motion, x, disturbance, inputs[1:]) if model.lag else x
         times = np.array((0.0, *self.preview))
         shown = np.vstack(
             [observation["reference"], observation["reference_preview"].reshape(-1, o)]
@@ -190,15 +190,15 @@ class ReducedPlanner(base.Controller):
         wanted = (model.lag + 1 + np.arange(SAMPLES) - self._late) * model.period
         reference = np.stack([np.interp(wanted, times, column) for column in shown.T], axis=1)
         nodes, code = self._shifted @ state.nodes, 0
-        aside = self._aside(before, told[-1])
+        aside = self._aside(before, inputs[-1])
         hessian, gradient = program(
             motion, self._shape, model.origin, begin, disturbance, self._weights, nodes, reference,
-            told[-1], _SMOOTHNESS,
+            inputs[-1], _SMOOTHNESS,
         )  # fmt: skip
         step = self._step(hessian, gradient, nodes, before, aside)
         if step is None:
             return kept(before), state._replace(
-                tips=tips, told=told, x=model.encode(tips.ravel()),
+                tips=tips, inputs=inputs, x=model.encode(tips.ravel()),
                 disturbance=np.zeros_like(disturbance), code=base.NOT_COMPUTED,
             )  # fmt: skip
         nodes = nodes + step
@@ -208,7 +208,7 @@ class ReducedPlanner(base.Controller):
             code = base.UNREACHABLE
         elif np.abs(action - wanted_action).max() > 1e-6 or self._at_limit(action, before):
             code = base.SATURATED
-        return action, _Past(tips, told, x, disturbance, covariance, nodes, code)
+        return action, _Past(tips, inputs, x, disturbance, covariance, nodes, code)
 
     def _step(
         self, hessian: ndarray, gradient: ndarray, nodes: ndarray, before: ndarray, aside: ndarray
@@ -243,14 +243,14 @@ class ReducedPlanner(base.Controller):
         )
         return None if found is None else found.reshape(nodes.shape)
 
-    def _aside(self, before: ndarray, told: ndarray) -> ndarray:
+    def _aside(self, before: ndarray, inputs: ndarray) -> ndarray:
         """What is left of an action's part that the model does not know, on the way to none.
 
         Episodes may start elsewhere than where the model's motion did: tendons less taut, for
         instance.
         """
         model = self._model
-        aside = before - model.rest - model.basis @ told
+        aside = before - model.rest - model.basis @ inputs
         return aside - np.clip(aside, -_ASIDE * self._rate, _ASIDE * self._rate)
 
     def _within(self, wanted: ndarray, before: ndarray) -> ndarray:

@@ -227,16 +227,18 @@ class Batch:
         """
         self.scene, self.threads = scene, threads or threads_for(scene, count)
         self._batch = Pool(scene.model, count, self.threads)
-        from softrobot_env.scene.integration.integrator import TOLD_FIELDS, Integration
+        from softrobot_env.scene.integration.integrator import REPORTED_FIELDS, Integration
 
         self._integration = Integration(scene.model, scene.timestep, count)
         for name in ("qpos", "qvel", "ctrl"):
             setattr(self, name, self._batch.bind(name))
         example = mujoco.MjData(scene.model)
-        told = {name: np.zeros((count, *getattr(example, name).shape)) for name in TOLD_FIELDS}
-        for name, array in told.items():
+        reported = {
+            name: np.zeros((count, *getattr(example, name).shape)) for name in REPORTED_FIELDS
+        }
+        for name, array in reported.items():
             setattr(self, name, array)
-        self._integration.tell(**told)
+        self._integration.report(**reported)
         self.check_process = self._batch.check_process
         self._warnings = self._batch.warnings
         self._no_warnings = bytes(self._warnings.nbytes)

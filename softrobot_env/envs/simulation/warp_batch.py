@@ -325,9 +325,9 @@ class WarpBatch:
         rates = (acting.arms @ (v + change)[..., None])[..., 0]
         bounds = (h * self.arrays.real(self._fields["tendon_frictionloss"])).expand_as(rates)
         impulses = torch.zeros_like(rates)
-        told = (acting.arms @ answers, bounds.contiguous(), rates.contiguous(), impulses)
+        passed = (acting.arms @ answers, bounds.contiguous(), rates.contiguous(), impulses)
         with self._on_device():
-            arrays = [warp.from_torch(values) for values in told]
+            arrays = [warp.from_torch(values) for values in passed]
             warp.launch(_find_impulses, self.count, arrays[:2], arrays[2:])
         return change - (answers @ impulses[..., None])[..., 0]
 

@@ -145,7 +145,7 @@ def report_rows(found: Identification, chain: ErrorRow | None) -> list[dict[str,
     rows = [{"kind": "error"} | asdict(row) for row in errors]
     rows += [{"kind": "parameter"} | asdict(row) for row in parameter_rows(found)]
     rows += [
-        {"kind": "not told", "combination": str(one), "information": one.information}
+        {"kind": "undetermined", "combination": str(one), "information": one.information}
         for one in found.combinations
     ]
     columns = {"experiment": "name"} | {n: n for n in ("gain", "parameter", "before", "after")}

@@ -25,8 +25,8 @@ SHADOW = 20.0
 #: Intervals into which a control period is divided at most.
 MOST_INTERVALS = 256
 
-#: Fields of the data of which `Integration.tell` keeps arrays.
-TOLD_FIELDS = ("sensordata", "ten_length", "actuator_force")
+#: Fields of the data of which `Integration.report` keeps arrays.
+REPORTED_FIELDS = ("sensordata", "ten_length", "actuator_force")
 
 
 class Integration:
@@ -68,13 +68,16 @@ class Integration:
         chosen[..., 1, layout.FEWEST] = FEWEST_ROWS - 1
         self.memory[which] = chosen
 
-    def tell(self, **arrays: ndarray) -> None:
-        """Keep arrays (n, ...) of fields of the data current, by name out of `TOLD_FIELDS`."""
-        places = dict(zip(TOLD_FIELDS, layout.data_offsets(*TOLD_FIELDS), strict=True))
-        self._told = np.array(
+    def report(self, **arrays: ndarray) -> None:
+        """Keep arrays (n, ...) of fields of the data current, by name out of `REPORTED_FIELDS`."""
+        places = dict(zip(REPORTED_FIELDS, layout.data_offsets(*REPORTED_FIELDS), strict=True))
+        self._reported = np.array(
             [(places[n], a[0].size, a.ctypes.data) for n, a in arrays.items()], dtype=np.int64
         )
-        self._header[layout.TOLD], self._header[layout.TELL] = len(arrays), self._told.ctypes.data
+        self._header[layout.REPORTED], self._header[layout.REPORTS] = (
+            len(arrays),
+            self._reported.ctypes.data,
+        )
 
     def restart(self, which: Any = slice(None)) -> None:
         """Forget the motion so far."""
@@ -126,7 +129,9 @@ class Integration:
         self.header = self._header.ctypes.data
 
     def __getstate__(self) -> dict:
-        return {k: v for k, v in self.__dict__.items() if k not in ("header", "_header", "_told")}
+        return {
+            k: v for k, v in self.__dict__.items() if k not in ("header", "_header", "_reported")
+        }
 
     def __setstate__(self, state: dict) -> None:
         self.__dict__.update(state)

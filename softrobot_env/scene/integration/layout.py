@@ -13,7 +13,7 @@ import mujoco
 
 #: Places of a robot's sizes and shared arrays in `header` (int64).
 NQ, NV, NU, NBODY, NTENDON, MEMORY, STRIDE, LENGTHS = range(8)
-PATH, ROWS, SERVOS, TOLD, TELL, SHADOW_STATES, OFFSETS = range(8, 15)
+PATH, ROWS, SERVOS, REPORTED, REPORTS, SHADOW_STATES, OFFSETS = range(8, 15)
 
 #: Arrays whose offsets in MuJoCo's structures follow in the header, from `OFFSETS` on.
 MODEL_FIELDS = (

@@ -244,11 +244,11 @@ def _advance(model, data, number, header):
 
 
 @making
-def _tell(data, number, header):
+def _report(data, number, header):
     """Copy what is to be reported of a simulation to its row of the arrays of all."""
-    reported = array_at(header[layout.TELL], (header[layout.TOLD], 3), np.int64)
-    for k in range(header[layout.TOLD]):
-        place, size, address = reported[k, 0], reported[k, 1], reported[k, 2]
+    fields = array_at(header[layout.REPORTS], (header[layout.REPORTED], 3), np.int64)
+    for k in range(header[layout.REPORTED]):
+        place, size, address = fields[k, 0], fields[k, 1], fields[k, 2]
         mj.reals_at(address + 8 * size * number, size)[:] = reals(data, place, size)
 
 
@@ -261,7 +261,7 @@ def _header_at(address):
 def refresh(model, data, number, header):
     """Compute all read-outs of a simulation, without moving it; arguments as `advance`."""
     mj.mj_forward(model, data)
-    _tell(data, number, _header_at(header))
+    _report(data, number, _header_at(header))
 
 
 @entry
@@ -274,4 +274,4 @@ def advance(model, data, number, header):
         header: Address of the header.
     """
     _advance(model, data, number, _header_at(header))
-    _tell(data, number, _header_at(header))
+    _report(data, number, _header_at(header))

@@ -167,8 +167,8 @@ def record(
     planned = plan(RIG, excitation, PERIOD)
     task = resting_task(RIG, planned.duration, "xy")
     env = RecordEpisodes(RigEnv(task, twin=twin, control_period=PERIOD, observe="all"))
-    told = None if show is None else lambda step: show("recording", step, len(planned.actions))
-    stopped = excite(env, planned, excitation, seed, progress=told)
+    progress = None if show is None else lambda step: show("recording", step, len(planned.actions))
+    stopped = excite(env, planned, excitation, seed, progress=progress)
     if stopped is not None:
         raise RuntimeError(f"the recording of a twin ended {stopped}")
     return env.recording

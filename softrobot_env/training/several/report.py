@@ -40,7 +40,7 @@ def varied_in(runs: Sequence[Run]) -> list[str]:
 def tables(runs: Sequence[Run]) -> Group:
     """Best, median and spread of the seeds by settings, what else they tell, and every run."""
     parts = [_compared(runs)] if any(run.reward is not None for run in runs) else []
-    if any(run.told for run in runs):
+    if any(run.reported for run in runs):
         parts.append(_results(runs))
     return Group(*parts, runs_table(runs))
 
@@ -103,13 +103,13 @@ def _compared(runs: Sequence[Run]) -> PlainTable:
 
 def _results(runs: Sequence[Run]) -> PlainTable:
     """What the trainings reported at their ends."""
-    kinds = _kinds([run for run in runs if run.told])
+    kinds = _kinds([run for run in runs if run.reported])
     out = new_table(
         "figures of the results: median (least to largest)",
         ("",),
         ("unit", *(kind or "all seeds" for kind in kinds)),
     )
-    for key, like in {key: value for run in runs for key, value in run.told}.items():
+    for key, like in {key: value for run in runs for key, value in run.reported}.items():
         cells = [
             spread([run.figures.get(key) for run in mine], like.form, like.unit)
             for mine in kinds.values()

@@ -43,7 +43,7 @@ class Run(Row):
         trial: Its number in a search, None outside of one.
         pruned: Whether a search ended it early.
         failure: What it ended with, None if it went well.
-        told: As `figures`, with formats and units.
+        reported: As `figures`, with formats and units.
     """
 
     training: str
@@ -62,7 +62,7 @@ class Run(Row):
     trial: int | None = None
     pruned: bool = False
     failure: str | None = None
-    told: list[tuple[str, Quantity]] = for_pictures(())  # noqa: RUF009
+    reported: list[tuple[str, Quantity]] = for_pictures(())  # noqa: RUF009
 
 
 def orders_of(
@@ -178,7 +178,7 @@ def _trained(name: str, order: TrainingRequest, study: str) -> tuple[Run, dict[s
     numbers, minutes = {key: value.value for key, value in results}, (perf_counter() - began) / 60
     left = [path for path in (order.path, curve_file(order.path)) if path.is_file()]
     files = {path.name: path.read_bytes() for path in left if run.failure is None}
-    return replace(run, figures=numbers, told=results, minutes=minutes), files
+    return replace(run, figures=numbers, reported=results, minutes=minutes), files
 
 
 def _noting(folder: Path) -> ProgressCallback:

@@ -260,7 +260,7 @@ def _trial(search: Search, study: str, sampled: dict[str, float]) -> None:
     try:
         for point in read(folder).curve if resume else ():
             report([point])
-        TRAININGS[search.name].run(replace(order, settings=settings, told=report), quiet)
+        TRAININGS[search.name].run(replace(order, settings=settings, report=report), quiet)
     except (ArithmeticError, ValueError) as error:  # of the training: anew it would fail again
         tune.report({**last, "failure": str(error).partition("\n")[0] or type(error).__name__})
 

@@ -129,7 +129,7 @@ def test_bad_actions_are_refused_before_they_are_sent(make):
             env.step(action)
 
 
-def test_actions_beyond_the_calibrated_range_are_limited_and_told(make, robot):
+def test_actions_beyond_the_calibrated_range_are_limited_and_reported(make, robot):
     servos = tuple(replace(servo, maximum=0.002) for servo in robot.file.tendons)
     env = make(robot_file=replace(robot.file, tendons=servos))
     begin(env)

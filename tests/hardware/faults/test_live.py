@@ -224,7 +224,9 @@ def restarted(live):
     with running(line(live), live.board.core) as env:
         live.board.core = WatchedCore(boot_id=2, reset_cause=m.Reset.BROWN_OUT)
         failure = fail(env)
-        assert all(told in failure for told in ("brown-out", "boot 00000001", "now 00000002"))
+        assert all(
+            reported in failure for reported in ("brown-out", "boot 00000001", "now 00000002")
+        )
         yield env
 
 

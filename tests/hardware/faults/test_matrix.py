@@ -16,12 +16,12 @@
 | slow host | missed steps are counted, no burst; then a fault | L: a_slow_host_* |
 | slow device | three set-points under way; old ones die | a_device_that_slept_* |
 | stalled device | truncated in time; old set-points die | L: a_stalled_device_* |
-| brown-out reset | disarmed; truncated; cause and boot told | L: a_restart* |
+| brown-out reset | disarmed; truncated; cause and boot reported | L: a_restart* |
 | supply too low | off at once | a_low_supply_cuts |
 | firmware of another protocol or table | both named; never arms | S: another_board_is_refused |
 | host of another table | damage for the robot; never arms | a_host_of_another_table_* |
 | stuck servo | tendon named; it stays, the others ramp, off | a_stuck_servo_* |
-| converter saturated or open | told at once, raw value kept; ramp | a_rail_* |
+| converter saturated or open | reported at once, raw value kept; ramp | a_rail_* |
 | peer not reading | write gives up; truncated | L: a_peer_that_does_not_read_* |
 | host not reading | the robot goes on, whole frames | a_host_that_does_not_read_* |
 | SIGKILL, SIGTERM, Ctrl-C | at rest in the watchdog's time | R: killing_the_host_* |
