@@ -84,7 +84,7 @@ _VARIATIONS = ({"density": 0.6}, {"density": 1.5}, {"damping_time": 0.5}, {"damp
 _MEET = ("lqi", "lq_adaptive")
 
 #: Tasks of the disturbed robots, and what these differ in. A tendon radius is left out: it acts as
-#: a tension gain does on the lever arms of channels.
+#: a tension gain does on the moment arms of channels.
 DISTURBED_TASKS = (_SWING, _LSHAPE, _STEPS[0])
 NOMINAL: Variation = {}
 PARAMETERS: tuple[Variation, ...] = (*MODULI, *_VARIATIONS)

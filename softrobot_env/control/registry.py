@@ -362,6 +362,8 @@ def make_policy(
         raise ValueError(f"unknown feedback {feedback!r}; choose from {', '.join(FEEDBACKS)}")
     check_argument("robot", robot, RobotParams | gymnasium.Env)
     if "learnt" in options:
+        if "identified" in options:
+            raise ValueError("give 'identified' alone, 'learnt' is its earlier name")
         warn("option 'learnt' of policies is 'identified' now", DeprecationWarning, stacklevel=2)
         options["identified"] = options.pop("learnt")
     if isinstance(robot, gymnasium.Env):

@@ -161,7 +161,7 @@ def test_becks_column_flutters_and_never_buckles(name):
 
 
 def test_statics_say_where_they_failed():
-    """A follower force that has no equilibrium: the rod would spin (tip force along a lever)."""
+    """A follower force that has no equilibrium: the rod would spin (tip force on an arm)."""
     load = Load("push", LENGTH, force=(0.0, 0.0, -1.0), follows=True)
     model = PCC(WEIGHTLESS, 4, loads=(load, Load("kick", LENGTH, force=(1.0, 0.0, 0.0))))
     with pytest.raises(EquilibriumError, match=r"of the loads|unstable"):

@@ -73,7 +73,7 @@ def test_stiffness_is_found_while_the_arm_moves(scale):
 
 
 def test_stiffness_is_found_within_a_few_milliseconds_of_the_start():
-    """The arm springs off: what a controller sees when the robot is softer than it was reported."""
+    """The arm springs off: what a controller sees when the robot is softer than it knew."""
     curvature = np.repeat([-5.0, -3.3, -1.7], 2)
     held = np.linalg.lstsq(ARM_DATA.inputs, ARM_DATA.stiffness * curvature, rcond=None)[0]
     states = simulate(0.5, np.zeros(6), lambda t: held, 0.02, curvature)

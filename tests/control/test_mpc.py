@@ -55,7 +55,7 @@ def observe(reference=NEARBY, curvature=1.0, **changed):
 
 @pytest.mark.parametrize("settings", [THESIS, PREVIEW], ids=POLICIES)
 def test_weights_do_not_depend_on_how_forces_are_geared(settings):
-    """Half the lever arms and twice the tensions are the same robot to its actions."""
+    """Half the moment arms and twice the tensions are the same robot to its actions."""
 
     def geared(tendon):
         offset = tuple(x / 2 for x in tendon.offset)

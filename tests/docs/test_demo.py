@@ -23,8 +23,8 @@ def demo():
 
 
 def test_the_page_has_the_robots_and_networks_of_now(demo):
-    reported = json.loads((ROOT / "docs" / "demo" / "robots.json").read_text())
-    assert reported == json.loads(json.dumps([demo.arm(), demo.rig()]))
+    page = json.loads((ROOT / "docs" / "demo" / "robots.json").read_text())
+    assert page == json.loads(json.dumps([demo.arm(), demo.rig()]))
 
 
 def test_networks_and_references_are_those_of_the_package(demo):
@@ -46,7 +46,7 @@ def test_both_robots_follow(demo):
 
 
 def test_a_lap_goes_on_where_it_ended(demo):
-    for reported in (demo.arm(), demo.rig()):
-        approach, lap = reported["reference"].values()
+    for page in (demo.arm(), demo.rig()):
+        approach, lap = page["reference"].values()
         steps = np.linalg.norm(np.diff([*approach, *lap, lap[0]], axis=0), axis=1)
         assert steps.max() < 0.3 * demo.PERIOD  # m, slower than 0.3 m/s at any time

@@ -305,13 +305,13 @@ def test_sizes_of_other_bars_and_fingers_are_told_from_one_grip():
         for _ in range(35):
             action, state = policy.predict(observation, state)
             observation, *_ = env.step(action)
-        reported = calibration.curvature(observation["sensors"], start["sensors"])
-        off = np.degrees(np.abs(reported - observation["curvature"])) * 0.03
+        measured = calibration.curvature(observation["sensors"], start["sensors"])
+        off = np.degrees(np.abs(measured - observation["curvature"])) * 0.03
         assert off.mean() < 2.5  # thesis, of enclosing grips
-        return reported, info["diameter"], calibration, specimens
+        return measured, info["diameter"], calibration, specimens
 
-    reported, diameters, *_ = bends(60, 100)
-    estimator = SizeEstimator.fitted(GRIPPER, 16.0, reported, diameters)
+    measured, diameters, *_ = bends(60, 100)
+    estimator = SizeEstimator.fitted(GRIPPER, 16.0, measured, diameters)
     seen, truth, calibration, specimens = bends(8, 900, pieces=12, timestep=1e-3)
     assert np.abs(estimator(seen) - truth).max() < 2e-3
     assert np.abs(size_by_sensor(GRIPPER, seen) - truth).max() > 2e-3

@@ -120,7 +120,7 @@ def test_duration(env_id, make_env, hold_action):
 
 # ---------------------------------------------------------------- variation
 
-#: Parameter -> powers of its factor in (joint stiffness, joint damping, mass, lever arm).
+#: Parameter -> powers of its factor in (joint stiffness, joint damping, mass, moment arm).
 POWERS = {
     "youngs_modulus": (1, 1, 0, 0),
     "density": (0, 0, 1, 0),

@@ -87,12 +87,12 @@ THEORY = {"pcc": inextensible, "cosserat": compressed, "ancf": continuum}
 def closed_form(robot, tension, theory):
     """Curvature and stretch (6,) and tip (2,) under tensions in continuous channels.
 
-    A channel's tension bends by its lever arm and compresses the fibre, up to where it ends.
+    A channel's tension bends by its moment arm and compresses the fibre, up to where it ends.
     """
     middles = robot.length / 6 * (np.arange(6) + 0.5)
     inside = np.array([[s < t.end for s in middles] for t in robot.tendons])
-    lever = np.array([t.offset[0] for t in robot.tendons])
-    forces, moments = -tension @ inside, (lever * tension) @ inside
+    moment_arm = np.array([t.offset[0] for t in robot.tendons])
+    forces, moments = -tension @ inside, (moment_arm * tension) @ inside
     pieces = [theory(robot, f, m) for f, m in zip(forces, moments, strict=True)]
     stretch, curvature = (np.array(x) for x in zip(*pieces, strict=True))
     points = centerline(robot, curvature, points=400)[:, ::2]

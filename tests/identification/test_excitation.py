@@ -24,13 +24,13 @@ SHORT = Excitation(kinds=("pulls", "steps", "random"), levels=2, rest=0.4, decay
 
 
 def test_a_pull_lets_the_other_tendons_out_by_what_the_bend_takes():
-    """A uniform bend changes lengths by lever arm towards it times angle, up to a tendon's end."""
+    """A uniform bend changes lengths by moment arm towards it times angle, up to a tendon's end."""
     robot = ROBOTS["ftdcr_v4"]
     ends = robot.of_tendons("end")
     for pulled, way in zip(robot.tendons, directions(robot).values(), strict=True):
         towards = np.array(pulled.offset) / np.hypot(*pulled.offset)
-        levers = robot.of_tendons("offset") @ towards
-        wanted = levers * np.minimum(ends, pulled.end)
+        moment_arms = robot.of_tendons("offset") @ towards
+        wanted = moment_arms * np.minimum(ends, pulled.end)
         scale = robot_inputs(robot).input_scale
         # Integrals over 200 parts of a length.
         assert way == pytest.approx(wanted / np.abs(wanted / scale).max(), abs=0.01 * scale.min())
@@ -62,12 +62,12 @@ def test_slow_drives_make_a_slow_plan():
     assert rates.max() * robot_inputs(RIG).input_scale[0] / PERIOD <= 0.8 * 0.001 * (1 + 1e-9)
 
 
-def run(robot, excitation, reported=None):
+def run(robot, excitation, given=None):
     """What happened, and the recording."""
     planned = plan(robot, excitation, PERIOD)
     task = resting_task(robot, planned.duration)
     env = RecordEpisodes(TrackingEnv(task, control_period=PERIOD, observe="all"))
-    stopped = excite(env, planned, reported or excitation)
+    stopped = excite(env, planned, given or excitation)
     env.close()
     return stopped, env.recording, planned
 

@@ -1,4 +1,4 @@
-"""Identifications against truths: arcs, recordings of other robots, and what cannot be reported."""
+"""Identifications against truths: arcs, recordings of other robots, and what they leave open."""
 
 import json
 from dataclasses import replace
@@ -208,14 +208,14 @@ def test_outliers_do_not_hide_how_long_residuals_last():
 def test_facts_are_weighed_against_the_file_as_bayes_says():
     unknowns = Unknowns((Group("a", "statics", ("1", "2"), 0.3, "log", 0.4),))
     weights = unknowns.common("a")
-    reported = replace(
+    combined = replace(
         unknowns, facts=(Fact(weights, 0.5, 0.2), Fact(np.array([1.0, -1]), 0.1, 0.1))
     )
     rows = np.array([weights, [1.0, -1.0]])
     precise = np.diag([0.2**-2, 0.1**-2])
     covariance = np.linalg.inv(np.linalg.inv(unknowns.prior) + rows.T @ precise @ rows)
-    assert reported.prior == pytest.approx(covariance)
-    assert reported.mean == pytest.approx(covariance @ rows.T @ precise @ [0.5, 0.1])
+    assert combined.prior == pytest.approx(covariance)
+    assert combined.mean == pytest.approx(covariance @ rows.T @ precise @ [0.5, 0.1])
     assert not unknowns.mean.any()
 
 

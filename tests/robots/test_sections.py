@@ -210,7 +210,7 @@ def test_guides_make_straight_spans():
         ({"route": ((0.3, 0.0, 0.002),)}, True),
         ({"route": ((0.1, -0.01, 0.0), (0.3, 0.01, 0.0))}, False),
         ({"turns": 0.1}, True),
-        ({"guides": (0.15,), "turns": 1.0}, False),  # each guide half a turn on: no lever
+        ({"guides": (0.15,), "turns": 1.0}, False),  # each guide half a turn on: no moment arm
         ({"guides": (0.1,), "turns": 1.0}, True),
     ],
 )

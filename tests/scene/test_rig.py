@@ -108,10 +108,10 @@ def test_mass_and_inertia_are_those_of_cylinder_and_head():
     centre = (mass * (L + first) / 2 + HEAD.mass * (L + HEAD.centre)) / (mass + HEAD.mass)
     assert np.sum(built.model.body_mass) == pytest.approx(mass + HEAD.mass, rel=1e-12)
     np.testing.assert_allclose(data.subtree_com[1], [0, 0, centre], atol=1e-12)
-    lever = L + HEAD.centre - first
+    distance = L + HEAD.centre - first
     whole = (
         mass * (moving**2 / 3 + RIG.outer_radius**2 / 4)
-        + HEAD.mass * lever**2
+        + HEAD.mass * distance**2
         + np.array(HEAD.inertia[:2])
     )
     np.testing.assert_allclose(np.diag(linearize(built.model).mass)[:2], whole, rtol=1e-12)

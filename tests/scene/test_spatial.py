@@ -295,7 +295,7 @@ def test_one_tendon_bends_towards_its_azimuth(azimuth, torsion):
 
 
 def test_a_planar_chain_takes_the_lateral_offset_of_a_tendon_as_it_did():
-    """Only the offset in the bending plane has a lever arm there."""
+    """Only the offset in the bending plane has a moment arm there."""
     robot = replace(ROBOT, tendons=(Tendon("t", (0.02, 0.015), LENGTH, 0, 80.0),))
     model = build_scene(SceneConfig(robot)).model
     assert model.tendon_num[0] == model.nq

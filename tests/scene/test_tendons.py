@@ -122,7 +122,7 @@ def test_guided_length_is_the_path_through_the_guides(spans):
         assert data.ten_length[index] == pytest.approx(path, rel=1e-12)
 
 
-def lever_arms(spans, turn=1.5):
+def moment_arms(spans, turn=1.5):
     """-d(length) / d(turn) [m] of both tendons while the robot bends evenly by `turn` [rad]."""
     scene = build_scene(SceneConfig(pair(evenly(spans)), pieces=48))
     model, shape = scene.model, scene.layout.weights / LENGTH
@@ -131,7 +131,7 @@ def lever_arms(spans, turn=1.5):
 
 
 @pytest.mark.parametrize("spans", [4, 8, 16])
-def test_lever_arm_is_that_of_straight_spans_along_an_arc(spans):
+def test_moment_arm_is_that_of_straight_spans_along_an_arc(spans):
     """A span over an arc of length l and turn t is 2 (l/t - r) sin(t/2) long."""
     length, turn = LENGTH / spans, 1.5 / spans
     offset = np.array([RADIUS, -RADIUS])
@@ -139,7 +139,7 @@ def test_lever_arm_is_that_of_straight_spans_along_an_arc(spans):
     # The leading part beyond the offset is l t / 12 (and - r t^2 / 8). The chain has 96 hinges, at
     # least 6 a span: an error of order 1/36 in that part.
     excess = length * turn / 12
-    np.testing.assert_allclose(lever_arms(spans), truth, atol=excess / 36)
+    np.testing.assert_allclose(moment_arms(spans), truth, atol=excess / 36)
     np.testing.assert_allclose(truth.mean(), excess, rtol=turn**2)
 
 

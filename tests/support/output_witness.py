@@ -1,4 +1,4 @@
-"""What a robot may do, reported a second time: a witness that judges every pass of its program."""
+"""What a robot may do, stated a second time: a witness that judges every pass of its program."""
 
 from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.messages import Decoder
@@ -9,7 +9,7 @@ _MILLION = 10**6
 
 
 class Permission:
-    """Which set-points of a session count; the rules of the protocol, reported a second time.
+    """Which set-points of a session count; the rules of the protocol, stated a second time.
 
     Attributes:
         session: Its number.

@@ -284,7 +284,7 @@ def test_a_stopped_training_goes_on_as_if_it_had_not_been(algorithm, tmp_path):
     np.testing.assert_array_equal(found.parameters, network.parameters)
 
 
-def test_trials_are_logged_for_tensorboard_where_it_is_reported(tmp_path):
+def test_trials_are_logged_for_tensorboard_where_asked(tmp_path):
     accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
     kept, curve = tmp_path / "kept", []
     for folder, steps in (("one", 72), ("two", 128)):

@@ -165,8 +165,8 @@ def beam_statics(contestant: cases.Contestant, n: int) -> Solve:
                 return model.equilibrium(np.array([*u, 1.0, *moment]), q, check_stability=False)
 
             def missing(moment: ndarray, posture: Callable = posture) -> ndarray:
-                lever = ROBOT.head.centre * end_axis(model, posture(moment))
-                return np.cross(lever, weight)[:2] - moment
+                moment_arm = ROBOT.head.centre * end_axis(model, posture(moment))
+                return np.cross(moment_arm, weight)[:2] - moment
 
             moment = root(missing, moment, tol=_TOLERANCE).x
             q = posture(moment)

@@ -335,8 +335,8 @@ def _released(
     """System in its first mode with a tip deflection [m], and the mode's frequency [rad/s]."""
     if model == CHAIN:
         chain = runs.ChainSystem(SceneConfig(robot, pieces=n // 2), np.zeros(n), np.empty(0))
-        lever = robot.length - chain.scene.layout.stations
-        shape, frequency = _first_mode(chain.linear.mass, chain.linear.stiffness, lever)
+        arms = robot.length - chain.scene.layout.stations
+        shape, frequency = _first_mode(chain.linear.mass, chain.linear.stiffness, arms)
         chain.posture = shape * amplitude
         return chain, frequency
     beam = make_beam(model, robot, n)
@@ -347,12 +347,12 @@ def _released(
     return runs.BeamSystem(beam, q, np.empty(0)), frequency
 
 
-def _first_mode(mass: ndarray, stiffness: ndarray, lever: ndarray) -> tuple[ndarray, float]:
-    """Shape of the slowest mode, of unit tip deflection by a lever (m,), and [rad/s].
+def _first_mode(mass: ndarray, stiffness: ndarray, arms: ndarray) -> tuple[ndarray, float]:
+    """Shape of the slowest mode, of unit tip deflection, and its frequency [rad/s].
 
-    Bending in two planes is equally slow; the lever picks the plane of the deflection.
+    Bending in two planes is equally slow: `arms` (m,), from joints to the tip, pick the plane.
     """
     squares, shapes = eigh(stiffness, mass)
     slow = shapes[:, squares < squares[0] * (1 + 1e-6)]
-    weights = lever @ slow
+    weights = arms @ slow
     return slow @ weights / float(weights @ weights), float(np.sqrt(squares[0]))

@@ -36,7 +36,7 @@ def continuum_arc(
     """
     modulus, area, second = robot.youngs_modulus, robot.area, robot.second_moment
     fourth = pi / 8 * (robot.outer_radius**6 - robot.inner_radius**6)
-    force, lever = modulus * area, modulus * second / robot.length
+    force, torque = modulus * area, modulus * second / robot.length
 
     def balance(x: ndarray) -> list[float]:
         s, k, w = x[0], x[1] / robot.length, x[2]
@@ -47,7 +47,7 @@ def continuum_arc(
         across = modulus * area * w * (w**2 - 1) / 2
         return [
             (axial + tension) / force,
-            (pulled * w - moment) / lever,
+            (pulled * w - moment) / torque,
             (pulled * k + across) / force,
         ]
 

@@ -6,7 +6,7 @@ C(q_s, q_s'), move the posture by x and ask for more tension, by the actions a_d
 
     K x + M x'' + D x' = B a_d - w,    J x = 0,
 
-with the stiffness K, the tensions' lever arms B and the tip's Jacobian J in that equilibrium. What
+with the stiffness K, the tensions' moment arms B and the tip's Jacobian J in that equilibrium. What
 is left besides the tip, the internal dynamics, is not integrated: it need not be stable, as the
 tip of a bending robot is not minimum phase. Instead it is taken as quasi-static first, x_0, then M
 and D act on x_0(t), a series in the square of the reference's frequency over those of the chain

@@ -202,7 +202,7 @@ def tighten(law: Law, curvature: ndarray, action: ndarray) -> None:
     taut = law.taut
     if len(taut.shares) == 0:
         return
-    slack = law.table.lever @ curvature - taut.stiffness * action
+    slack = law.table.moment_arms @ curvature - taut.stiffness * action
     for group in range(len(taut.shares)):
         more = 0.0
         for j in range(len(action)):
@@ -260,10 +260,10 @@ def build_table(
         rows.append(operating_points.row_of(point, design(point, points.directions, timing)))
         progress(done + 1, len(points.points))
     first = points.points[0]
-    lever = np.zeros((len(first.action), len(first.curvature)))
+    moment_arms = np.zeros((len(first.action), len(first.curvature)))
     if robot.drive.kind == "length":
         # A copy lies in memory as one from a file does: kernels are compiled for one layout.
-        lever = (first.model.inputs / robot_inputs(robot).input_scale).T.copy()
+        moment_arms = (first.model.inputs / robot_inputs(robot).input_scale).T.copy()
     return reference(
         Table(
             n=len(first.curvature),
@@ -271,7 +271,7 @@ def build_table(
             tips=np.array([p.tip for p in points.points]),
             to_action=np.array([p.to_action for p in points.points]),
             directions=points.directions,
-            lever=lever,
+            moment_arms=moment_arms,
             rows=np.array(rows),
         )
     )
@@ -282,7 +282,7 @@ _ARRAYS = {
     "tips": (None, 3),
     "to_action": (None, None, 3),
     "directions": (None, 3),
-    "lever": (None, None),
+    "moment_arms": (None, None),
     "rows": (None, None),
 }
 

@@ -226,7 +226,7 @@ def _bound_first(
     law: Law, curvature: ndarray, previous: ndarray, lower: ndarray, upper: ndarray
 ) -> None:
     """Set the bounds of the first actions: what drives can reach in a period, and taut tendons."""
-    loose = law.table.lever @ curvature
+    loose = law.table.moment_arms @ curvature
     for j in range(len(previous)):
         here = min(max(previous[j], -1.0), 1.0)
         lower[j] = max(here - law.speed[j], -1.0)

@@ -23,8 +23,8 @@ class Table(NamedTuple):
         tips: (points, 3) [m].
         to_action: (points, m, 3) [1/m], see `operating_points.Equilibrium`.
         directions: (k, 3), unit vectors along which the tip can be asked for.
-        lever: (m, n) [N m], of a robot driven by length: how much the tension of a tendon falls as
-            the curvatures grow; zeros of others.
+        moment_arms: (m, n) [N m], of a robot driven by length: how much the tension of a tendon
+            falls as the curvatures grow; zeros of others.
         rows: (points, size), one row for each point: what `split` tells.
     """
 
@@ -33,7 +33,7 @@ class Table(NamedTuple):
     tips: ndarray
     to_action: ndarray
     directions: ndarray
-    lever: ndarray
+    moment_arms: ndarray
     rows: ndarray
 
 

@@ -200,8 +200,8 @@ def _tendon_length(s: Sizes) -> spaces.Box:
     if s.pulled is not None:
         return symmetric(len(s.robot.tendons), s.pulled)
     ends = s.robot.of_tendons("straight_length")
-    lever = s.robot.of_tendons("farthest")
-    change = ends * lever * s.robot.curvature_limit + s.strain * ends
+    moment_arm = s.robot.of_tendons("farthest")
+    change = ends * moment_arm * s.robot.curvature_limit + s.strain * ends
     return spaces.Box(ends - change, ends + change, dtype=np.float64)
 
 

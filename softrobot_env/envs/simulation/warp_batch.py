@@ -27,7 +27,7 @@ from .batch import VARIED, VariedFields, check_timesteps, nominal
 #: Rows of the extrapolation: 4 evaluations of all forces, and order 3.
 ROWS = 3
 
-#: Fields of the model that each robot has of its own once robots vary: all share the lever arms of
+#: Fields of the model that each robot has of its own once robots vary: all share the moment arms of
 #: channels, for which the gear of a drive takes the factor.
 _VARIED = (*(x for x in VARIED if x != "wrap_prm"), "body_subtreemass", "actuator_gear")
 
@@ -41,7 +41,7 @@ class _Acting(NamedTuple):
     Attributes:
         mass, stiffness: (n, nv, nv), of joints and of taut drives.
         force: (n, nv), all generalised forces but friction of tendons.
-        arms: (n, ntendon, nv), lever arms of tendons, where they are needed.
+        arms: (n, ntendon, nv), moment arms of tendons, where they are needed.
     """
 
     mass: torch.Tensor
@@ -170,7 +170,7 @@ class WarpBatch:
         return total
 
     def _stretch(self, robots: torch.Tensor, arms: ndarray, radius: ndarray) -> None:
-        """Multiply lever arms (k, ...) of channels by factors (k,)."""
+        """Multiply moment arms (k, ...) of channels by factors (k,)."""
         changed = (arms != self._host.wrap_prm).astype(int)
         moved = np.add.reduceat(changed, self._host.tendon_adr, axis=1) > 0
         factors = np.where(moved, radius[:, None], 1.0)

@@ -59,7 +59,7 @@ class Grid(NamedTuple):
     Attributes:
         n, m: Numbers of curvatures and inputs.
         directions: (2, 3), along which the tip moves.
-        lever: (m, n), zeros: tendons are driven by tension.
+        moment_arms: (m, n), zeros: tendons are driven by tension.
         arm: The nominal arm.
         gains: (n1, n2, n3, k), on the grid, of actions.
         limit: (m,) [N], full-scale inputs.
@@ -68,7 +68,7 @@ class Grid(NamedTuple):
     n: int
     m: int
     directions: ndarray
-    lever: ndarray
+    moment_arms: ndarray
     arm: PlanarArm
     gains: ndarray
     limit: ndarray
@@ -268,12 +268,12 @@ def _aimed(grid: Grid, law: Law, adaptive: bool, memory: ndarray, seen: Seen) ->
         action[j] = held[j] + arm.damping_time * rising[j]
     gains = np.empty(grid.gains.shape[3])
     status_code = _status_code(gap, interpolate(grid.gains, seen.curvature, gains))
-    times, lever, stiffness = law.times, arm.inputs, scale * arm.stiffness
+    times, moment_arms, stiffness = law.times, arm.inputs, scale * arm.stiffness
     away, ways = np.empty(2 * n), np.empty(2 * len(times) - 2)
     for i in range(n):
         moving = 0.0
         for j in range(m):
-            moving += lever[i, j] * rising[j] * limit[j] / stiffness
+            moving += moment_arms[i, j] * rising[j] * limit[j] / stiffness
         away[i], away[n + i] = seen.curvature[i] - rest[i], seen.rate[i] - moving
     for k in range(1, len(times)):
         for i in range(2):

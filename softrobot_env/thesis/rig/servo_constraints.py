@@ -46,13 +46,13 @@ class Servo(NamedTuple):
     Attributes:
         piece: `RigPiece`.
         limit, reach: Bending angle [rad] of the farthest output, and its distance [m].
-        lever: [m], of `ThreeTendons`.
+        moment_arm: [m], of `ThreeTendons`.
     """
 
     piece: RigPiece
     limit: float
     reach: float
-    lever: float
+    moment_arm: float
 
 
 class ServoConstraints:
@@ -70,7 +70,7 @@ class ServoConstraints:
         self.robot, self.tendons = robot, elastic_tendons(robot)
         piece = make_rig_piece(robot)
         limit, self.reach = reach(piece)
-        self.data = reference(Servo(piece, limit, self.reach, self.tendons.lever))
+        self.data = reference(Servo(piece, limit, self.reach, self.tendons.moment_arm))
 
     def curvature(self, y: ndarray) -> ndarray:
         """Curvatures (..., 2) [1/m] towards x and y of coordinates (..., 2) [rad]."""
@@ -137,4 +137,4 @@ def _solve(servo: Servo, z: ndarray, dz: ndarray, ddz: ndarray, motion: ndarray)
 @kernel
 def _reduce(servo: Servo, force: ndarray, out: ndarray) -> None:
     """Set out (2,) [N] to the reduced input that exerts a force (2,) [N m] on (mu, nu)."""
-    out[0], out[1] = force[1] / servo.lever, -force[0] / servo.lever
+    out[0], out[1] = force[1] / servo.moment_arm, -force[0] / servo.moment_arm

@@ -33,7 +33,7 @@ class FlexibleRig(NamedTuple):
             from it, along its x and y.
         height: [m] of the output above the end section.
         inputs: B (n, 2) [m2], force on the coordinates per reduced input; constant, as tendons in
-            channels have constant lever arms.
+            channels have constant moment arms.
     """
 
     model: PccData

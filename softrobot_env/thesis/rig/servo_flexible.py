@@ -76,8 +76,8 @@ class FlexibleServoConstraints:
             )
         self.robot, self.tendons = robot, ThreeTendons(robot)
         self.model = PCC(robot, pieces, axes="spatial", inertia=SUBPIECES)
-        # Each piece of length l bends under the whole moment, lever * F_red.
-        moment = robot.length / self.model.pieces * self.tendons.lever * np.eye(2)
+        # Each piece of length l bends under the whole moment, moment_arm * F_red.
+        moment = robot.length / self.model.pieces * self.tendons.moment_arm * np.eye(2)
         corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
         self.data = reference(
             FlexibleRig(

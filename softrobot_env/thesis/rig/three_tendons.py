@@ -13,12 +13,13 @@ class ThreeTendons:
     """Maps between reduced inputs, tensions and pulled-in lengths of three tendons.
 
     The reduced input F_red = Phi F [N] is the pull of the tendons projected on x and y, (3.1): the
-    columns of Phi are the tendons' offsets over their mean distance from the fibre, `lever`, so
-    that lever * F_red is the bending moment towards x and y [N m], wherever the tendons lie.
+    columns of Phi are the tendons' offsets over their mean distance from the fibre, `moment_arm`,
+    so that moment_arm * F_red is the bending moment towards x and y [N m], wherever the tendons
+    lie.
 
     Attributes:
         phi: (2, 3) [1].
-        lever: [m].
+        moment_arm: [m].
         spread: (3, 2), pseudo-inverse of phi.
         null: (3,), positive tensions [1] that cancel each other, 1 on average: phi @ null = 0.
         arc: (3, 2) [m2], lengths pulled in per curvature towards x and y.
@@ -30,8 +31,8 @@ class ThreeTendons:
         tendons = robot.tendons
         _check(robot, tendons)
         offsets = robot.of_tendons("offset")
-        self.lever = float(np.mean(np.hypot(*offsets.T)))
-        self.phi = offsets.T / self.lever
+        self.moment_arm = float(np.mean(np.hypot(*offsets.T)))
+        self.phi = offsets.T / self.moment_arm
         self.spread = np.linalg.pinv(self.phi)
         self.null = _cancelling(robot, self.phi)
         self.arc = offsets * tendons[0].end

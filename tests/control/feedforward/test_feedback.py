@@ -51,14 +51,14 @@ def neighbourhood(period):
     return SimpleNamespace(reach=REACH, modes=one, n_built=0, about=about)
 
 
-def errors(period, delay, offset=1.0, duration=30.0, reported=None, learning=False):
+def errors(period, delay, offset=1.0, duration=30.0, given=None, learning=False):
     """Tips (n,) that should be at 0 but are pulled `offset` away, and the last state."""
     square = FREQUENCY**2
     rates = np.array([[0, 1, 0], [-square, -DAMPING_TIME * square, square], [0, 0, 0]])
     move = expm(period * rates)
     near = neighbourhood(period) if learning else None
-    reported = delay * period if reported is None else reported
-    feedback = Feedback(statics(), period, tip_delay=reported, learning=near)
+    given = delay * period if given is None else given
+    feedback = Feedback(statics(), period, tip_delay=given, learning=near)
     still = Motion(*np.zeros((3, 1)))
     felt, state, seen = feedback.start(np.zeros(1)), np.zeros(3), [0.0] * (delay + 1)
     for _ in range(round(duration / period)):
@@ -78,12 +78,12 @@ def test_the_tip_comes_to_rest_however_late_it_is_seen(period, delay, learning):
 
 
 def test_gains_that_are_not_told_of_the_delay_are_unstable():
-    seen, _ = errors(0.02, 4, reported=0.0)
+    seen, _ = errors(0.02, 4, given=0.0)
     assert np.abs(seen[-20:]).max() > 1.0
 
 
 def test_what_is_learned_holds_the_tip_where_it_was_not_yet():
-    """An offset and a softer spring pull alike at one place, and are reported apart by two."""
+    """An offset and a softer spring pull alike at one place, and are told apart by two."""
     kept = DifferenceFilter(1, 0, reach=1.0, frequency=5.0, period=0.02)
     true, found = np.array([-0.2, 0.0, 0.0, 0.03]), kept.begin()
     for k in range(4000):

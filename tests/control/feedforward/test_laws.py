@@ -185,12 +185,12 @@ def test_feedback_learns_another_stiffness(stiffness):
     """A hundredth of the error is left in the second lap."""
     task, options = lap("planar_finger", 0.1), {"vary": {"youngs_modulus": stiffness}}
     env = TrackingEnv(task, observe="all", control_period=PERIOD)
-    wrong, identified = (
+    wrong, learned = (
         run_episode(env, make_policy(name, task.robot, PERIOD), seed=0, options=options)
         for name in ("chain_dynamics", "chain_dynamics_pi")
     )
     half = len(wrong.error) // 2
-    assert identified.error[half:].mean() < 0.01 * wrong.error[half:].mean()
+    assert learned.error[half:].mean() < 0.01 * wrong.error[half:].mean()
 
 
 def observed(point, velocity, acceleration, robot):

@@ -199,6 +199,16 @@ def test_beyond_the_network_s_points_is_said():
         assert decide(policy, still)[1].status == status
 
 
+def test_an_option_by_its_earlier_name_warns():
+    with (
+        pytest.warns(DeprecationWarning, match="'learnt' of policies is 'identified' now"),
+        pytest.raises(FileNotFoundError, match=r"no\.npz"),
+    ):
+        make_policy("rig_nn", RIG, PERIOD, learnt="no.npz")
+    with pytest.raises(ValueError, match="give 'identified' alone"):
+        make_policy("rig_nn", RIG, PERIOD, learnt="no.npz", identified="no.npz")
+
+
 def test_parts_that_do_not_exist_are_refused():
     with pytest.raises(ValueError, match="choose from one piece, several pieces, calibrated"):
         make_hybrid(RIG, PERIOD, model="two pieces")
@@ -242,8 +252,8 @@ def statuses(policy, wanted):
 def tensions(reduced):
     """Tensions (n, 3) [N] of reduced inputs (n, 2) [N] with the sum wanted, by three equations."""
     offsets = RIG.of_tendons("offset")
-    lever = np.hypot(*offsets.T).mean()
-    equations = np.vstack([offsets.T / lever, np.ones(3)])
+    moment_arm = np.hypot(*offsets.T).mean()
+    equations = np.vstack([offsets.T / moment_arm, np.ones(3)])
     right = np.column_stack([reduced, np.full(len(reduced), TOTAL)])
     return np.linalg.solve(equations, right.T).T
 
@@ -400,10 +410,10 @@ def test_fast_laps_need_the_dynamics_and_their_damping():
 def test_feedback_learns_another_stiffness():
     """A tenth of the error is left, although the camera sees the tip a period late."""
     env = RigEnv("triangle", period=5.0, twin=0, observe="all")
-    wrong, identified = (
+    wrong, learned = (
         run_episode(env, make_policy(name, env), options={"vary": {"youngs_modulus": 0.75}})
         for name in ("hybrid_calibrated", "hybrid_feedback")
     )
     late = wrong.time > env.task.trajectory.approach
-    assert identified.failure is None
-    assert identified.error[late].mean() < 0.1 * wrong.error[late].mean()
+    assert learned.failure is None
+    assert learned.error[late].mean() < 0.1 * wrong.error[late].mean()

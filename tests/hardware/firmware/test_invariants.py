@@ -60,7 +60,7 @@ class Link(RuleBasedStateMachine):
 
     @property
     def measured(self):
-        """Lengths, or None for those of servos that are where their pulses reported them."""
+        """Lengths, or None for those of servos that are where their pulses put them."""
         return self.bench.length if m.Capability.LENGTH in self.capabilities else None
 
     def check_start(self, before, after, fresh):

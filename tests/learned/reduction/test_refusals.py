@@ -14,12 +14,12 @@ HOW = Settings(dimension=2, delays=3, order=1, input_order=1, shape_order=1, mix
 
 def motion(samples=300, inputs=None):
     """A damped oscillator under inputs (samples, 2)."""
-    reported = RNG.normal(size=(samples, 2)) if inputs is None else inputs
+    drives = RNG.normal(size=(samples, 2)) if inputs is None else inputs
     x, rows = np.array([1.0, 0.0]), []
-    for u in reported:
+    for u in drives:
         rows.append(x[:1].copy())
         x = np.array([[0.999, 0.01], [-0.25, 0.99]]) @ x + np.array([0.0, 0.1 * (u[0] - u[1])])
-    return Record(np.array(rows), reported, 0.01)
+    return Record(np.array(rows), drives, 0.01)
 
 
 def test_a_good_record_is_learned_from():
@@ -74,9 +74,9 @@ def test_records_must_be_alike():
 
 def test_unstable_models_are_refused():
     growing = np.exp(0.5 * np.arange(300) * 0.01) * np.cos(0.3 * np.arange(300))
-    reported = RNG.normal(size=(300, 2))
+    drives = RNG.normal(size=(300, 2))
     with pytest.raises(FitError, match="unstable at rest: a mode grows"):
-        fit([Record(growing[:, None], 0 * reported, 0.01)], [], replace(HOW, constant=False))
+        fit([Record(growing[:, None], 0 * drives, 0.01)], [], replace(HOW, constant=False))
 
 
 def test_a_file_brings_the_model_back(tmp_path):

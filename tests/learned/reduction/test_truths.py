@@ -56,11 +56,11 @@ def test_a_forced_linear_system_is_found_exactly():
     rng = np.random.default_rng(0)
     records = []
     for _ in range(4):
-        x, rows, reported = rng.normal(size=4), [], rng.normal(size=(400, 1))
-        for u in reported:
+        x, rows, inputs = rng.normal(size=4), [], rng.normal(size=(400, 1))
+        for u in inputs:
             rows.append(x)
             x = whole[:4, :4] @ x + whole[:4, 4] * u[0]
-        records.append(record(np.array(rows), reported))
+        records.append(record(np.array(rows), inputs))
     how = CLEAN | {"constant": True}
     how = Settings(**how, dimension=4, delays=1, shape_order=1, order=1, input_order=1)
     model = fit([], records[:3], how)
@@ -69,8 +69,8 @@ def test_a_forced_linear_system_is_found_exactly():
     )
     predicted = model.predict_record(records[3])
     assert np.abs(predicted - records[3].outputs).max() < 1e-8
-    past, reported = records[3].outputs[:1], records[3].inputs
-    both = model.predict(np.stack([past, past]), np.stack([reported, reported]))
+    past, inputs = records[3].outputs[:1], records[3].inputs
+    both = model.predict(np.stack([past, past]), np.stack([inputs, inputs]))
     np.testing.assert_allclose(both, np.stack([predicted, predicted]), atol=1e-10)
 
 
