@@ -169,7 +169,9 @@ def test_dead_loads_hold_the_planar_rod_of_the_boundary_value_problem(section):
     shape = followed_rod(LENGTH, section, [load], STATIONS)
     (dead,) = dead_loads([load], shape)
     flat = Section(section.bending, section.shear, section.axial)
-    truth = bent_rod(LENGTH, flat, force=(dead.force[0], dead.force[2]), moment=dead.moment[1])
+    # Its compression is 0.99 of Euler's load: in coarser steps roundings decide what is found.
+    force = dead.force[0], dead.force[2]
+    truth = bent_rod(LENGTH, flat, force=force, moment=dead.moment[1], load_steps=20)
     np.testing.assert_allclose(shape.tip[[0, 2]], truth.tip, atol=1e-8)
 
 
