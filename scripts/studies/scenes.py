@@ -21,12 +21,11 @@ from softrobot_env.rendering import figures
 from softrobot_env.rendering.tables import Column, new_table
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.chain import posture
-from softrobot_env.scene.config import DEFAULT_SHARE
+from softrobot_env.scene.config import DEFAULT_SHARE, SceneConfig
 from softrobot_env.scene.timestep import linearize
 from studies.beams import zero_timestep
 from studies.lab import Record, Study, lines, pivot, quantity, select, table
 from studies.scenes_drawn import G, RandomScene, draw_scene, swing, weight_load
-from studies.stability.runs import mujoco_integrator, neutral_scene
 
 #: An estimate is good if the error is within this factor of it.
 GOOD_FACTOR = 3.0
@@ -177,6 +176,11 @@ def step_cost(nv: int, integrator: str) -> float:
     return one * {"RK4": 3.0, "implicitfast": 1.0, "discrete": 1.0}.get(integrator, 2.0)
 
 
+def neutral_scene(config: SceneConfig) -> Scene:
+    """The scene with an integrator that no timestep warns of; both are set before every run."""
+    return build_scene(replace(config, integrator="discrete", timestep=config.control_period))
+
+
 def start_posture(scene: Scene, drawn: RandomScene) -> ndarray:
     """Posture (nq,) in which a drawn scene starts."""
     kinds = 1 if scene.config.bending == "planar" else 3 if scene.config.torsion else 2
@@ -241,7 +245,7 @@ def refined_run(scene: Scene, drawn: RandomScene, integrator: str, substeps: int
     """Tips (1 + periods, 3) [m] of a run with fixed steps; fewer if it diverged."""
     model, period = scene.model, scene.config.control_period
     model.opt.timestep = period / substeps
-    model.opt.integrator = mujoco_integrator(integrator)
+    model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
     data = mujoco.MjData(model)
     data.qpos[:] = start_posture(scene, drawn)
     mujoco.mj_kinematics(model, data)

@@ -45,6 +45,7 @@ VERDICTS = {
 }
 
 _SQUARE = {"linestyle": "", "marker": "s", "markersize": 9}
+_STAR = {"marker": "*", "markersize": 8, "markerfacecolor": "none", "markeredgecolor": "black"}
 
 #: Errors [% of the length] below are plotted at this value.
 _FLOOR = 1e-6
@@ -188,17 +189,18 @@ def plot_accuracy(rows: Sequence[AccuracyRow], path: Path, robot: str) -> None:
 
 def stability_tables(rows: Sequence[StabilityRow]) -> Group:
     """What became of the runs by integrator and timestep, and the package's own choices."""
-    out = new_table(
-        "All runs, over stiffness and damping", ("integrator", "timestep [ms]"), tuple(VERDICTS)
-    )
-    asked = [row for row in rows if row.case == "map"]
-    for key in dict.fromkeys((row.integrator, row.timestep) for row in asked):
-        mine = [row.verdict for row in asked if (row.integrator, row.timestep) == key]
-        counts = (mine.count(verdict) or None for verdict in VERDICTS)
-        out.add_row(key[0], number(key[1], ".3g", "ms"), *counts)
+    found: dict[tuple[str, str], list[Verdict]] = {}
+    chosen = [row for row in rows if row.case == "rule"]
+    for row in (*chosen, *(row for row in rows if row.case == "map")):
+        step = "by rule" if row.case == "rule" else number(row.timestep, ".3g", "ms")
+        found.setdefault((row.integrator, step), []).append(row.verdict)
+    heads = ("integrator", "ms", *VERDICTS)
+    out = new_table("Runs with an integrator of MuJoCo's rule, and of one's choice", right=heads)
+    for key, verdicts in found.items():
+        out.add_row(*key, *(verdicts.count(verdict) or None for verdict in VERDICTS))
     columns = (
-        Column("stiffness", lambda row: f"x {row.stiffness_scale:g}"),
-        Column("damping", lambda row: f"x {row.damping_scale:g}"),
+        Column("stiffness", lambda row: f"x {row.stiffness_scale:g}", ">"),
+        Column("damping", lambda row: f"x {row.damping_scale:g}", ">"),
         Column("pieces", form="d"),
         Column("drives", "amplitude", ".0f", "%"),
         Column("error [%]", "share", ".2g", "%"),
@@ -212,16 +214,31 @@ def stability_tables(rows: Sequence[StabilityRow]) -> Group:
 
 
 def plot_stability(rows: Sequence[StabilityRow], path: Path, robot: str) -> None:
-    """A map: a line of panels a damping, a column an integrator, a cell a run."""
+    """Save a map of the runs of a robot."""
+    save(stability_map(rows, robot), path)
+
+
+def stability_map(rows: Sequence[StabilityRow], robot: str) -> Figure:
+    """A map: a line of panels a damping, a column an integrator, a cell a run.
+
+    Stars are timesteps that are chosen for `mj_step`, at the edge where they are shorter.
+    """
 
     def look(row: StabilityRow) -> tuple[Any, str]:
         percent = 100 * (row.share or 0)
-        text = f"{percent:.0f}" if percent >= 10 else f"{percent:.1g}"
+        text = f"{percent:.0f}" if percent >= 9.5 else f"{percent:.1g}"
         return VERDICTS[row.verdict][0], "" if row.share is None else text
 
     asked = [row for row in rows if row.case == "map"]
     stiffness = "stiffness_scale", "stiffness / robot's"
-    figure, _ = new_maps(asked, ("damping_scale", "damping x {:g}"), stiffness, look)
+    figure, panels = new_maps(asked, ("damping_scale", "damping x {:g}"), stiffness, look)
+    scales = {row.stiffness_scale for row in asked}
+    for row in rows:
+        place = row.damping_scale, row.integrator
+        if row.case == "rule" and place in panels and row.stiffness_scale in scales:
+            low, high = panels[place].get_ylim()
+            height = np.clip(1e3 * row.timestep, 1.1 * low, high / 1.1)
+            panels[place].plot(row.stiffness_scale, height, **_STAR)
     own = [row for row in rows if row.case == "own"]
     good = sum(row.verdict == Verdict.ACCURATE for row in own)
     add_title(
@@ -230,10 +247,9 @@ def plot_stability(rows: Sequence[StabilityRow], path: Path, robot: str) -> None
         "With an integrator and timestep asked for; numbers: error in % of the length",
     )
     shown = {row.verdict for row in asked}
-    add_legend(
-        figure, [entry(text, color=c, **_SQUARE) for v, (c, text) in VERDICTS.items() if v in shown]
-    )
-    save(figure, path)
+    entries = [entry(text, color=c, **_SQUARE) for v, (c, text) in VERDICTS.items() if v in shown]
+    add_legend(figure, [*entries, entry("chosen for mj_step", linestyle="", **_STAR)])
+    return figure
 
 
 def new_maps(

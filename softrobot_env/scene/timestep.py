@@ -23,7 +23,7 @@ The timestep is the largest divisor of the control period that is at most
 
 A chain without any damping whose tendons are driven by length takes RK4: stiff tendons excite its
 fast modes, and implicitfast, which feeds energy into them where a tendon goes slack or taut, is
-wrong or diverges in half of such cases (softrobot benchmark stability).
+wrong or diverges more often and without a word (softrobot benchmark stability).
 
 Otherwise implicitfast is taken unless stability would ask for more than `MAX_SUBSTEPS_RATIO` times
 the steps that accuracy asks for; then the rule takes discrete and says that fast modes are damped.
@@ -51,8 +51,8 @@ from .tendons import actuator_arms, tendon_arms
 
 ACCURACY = 1 / 500
 SAFETY = 0.5
-#: `implicit` also takes the Coriolis forces' derivatives, and in large undamped swings fails from
-#: 0.5 times the linear limit on (softrobot benchmark stability).
+#: `implicit` also takes the Coriolis forces' derivatives, and errs more in large undamped swings
+#: (softrobot benchmark stability).
 SAFETY_IMPLICIT = 0.4
 MAX_SUBSTEPS_RATIO = 32
 #: [s], largest timestep with dry friction. MuJoCo makes friction softer in longer ones.

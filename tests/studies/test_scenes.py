@@ -12,9 +12,8 @@ from softrobot_env.robots import ARM
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.simulation import Simulation
 from studies import scenes
-from studies.scenes import STUDY, Refined, judge, measure, refine, refined_run
+from studies.scenes import STUDY, Refined, judge, measure, neutral_scene, refine, refined_run
 from studies.scenes_drawn import EXCITATIONS, G, RandomScene, draw_scene
-from studies.stability.runs import neutral_scene
 
 #: Drawn and refined scenes take long.
 pytestmark = pytest.mark.slow

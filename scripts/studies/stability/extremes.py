@@ -1,51 +1,94 @@
 """Extreme cases: large bends, slack tendons, jumps, extreme sections and a long free oscillation.
 
-The chain runs with what the timestep rule picks, the beam models with sdirk4 at a fixed step and
-with steps adapted to its error estimate.
+Every model runs as the package runs it by default; the chain also as `mj_step` would advance it.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import product
 from math import ceil, pi
+from time import process_time
 from typing import Any
 
 import numpy as np
 from numpy import ndarray
-from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
-from softrobot_env.beams import signals
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.beams.model import State
-from softrobot_env.evaluation.models.runs import WRONG_SHARE
+from softrobot_env.beams.model import BeamModel
+from softrobot_env.core.motion import IntegrationError, State
+from softrobot_env.evaluation.models.runs import (
+    WRONG_SHARE,
+    Excitation,
+    Limit,
+    Simulated,
+    Verdict,
+    distance,
+    verdict_of,
+    with_warning,
+)
 from softrobot_env.robots import ARM, CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.loads import Load
+from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.timestep import linearize
 from studies.accuracy.cases import SHEAR
 from studies.beams import make_beam, weightless
-from studies.stability import runs
-from studies.stability.map import damped
-from studies.stability.runs import ADAPTIVE, CHAIN, Plan, Row, Trace
-from studies.truths.analytic import arc_tip, elastica
+from studies.lab import Record, quantity
+from studies.truths.analytic import arc_tip, elastica, section
 from studies.truths.continuum_arc import TEXT as CONTINUUM_ARC
 from studies.truths.continuum_arc import continuum_arc_tip
+from studies.truths.spatial_rod import followed_rod
 from studies.truths.tendon_rod import tendon_rod
 
-#: Method of the beam models, and its steps per first period.
-BEAM_METHOD = "sdirk4"
-BEAM_STEPS = 250
+CHAIN, BEAMS = "mujoco_chain", ("pcc", "cosserat", "ancf2d")
+
+#: The integrator of the rule for `mj_step` on these robots.
+RULE = "implicitfast"
+
+#: Accuracies [m] of refined chains, and steps per first period of refined beams.
+_ACCURACIES, _STEPS = (1e-5, 1e-6), (1000, 2000)
 
 #: Share of the amplitude that the tip may be off in a free oscillation.
 OSCILLATION_SHARE = 0.2
 
-#: Growth of the amplitude that rounding and the sampling of the peaks explain.
-_GROWTH = 1.01
 _AMPLITUDE = 2e-3  # of the length
-_CONTROL_PERIOD = 0.01
-_MOST_STEPS = 10_000_000
-_REFINE = (4, 8)
+_PERIOD = 0.01  # s
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExtremeRow(Record):
+    """A run.
+
+    Attributes:
+        case, model, n: What was run; model, and its number of hinges or pieces.
+        integrator: Its name.
+        error: [m], largest distance of the tip from the truth, or where it comes to rest.
+        bound: [m], what it may be.
+        verdict, why: What became of it; see `evaluation.models.runs.Verdict`.
+        cost: [s], processor time of the run.
+        reference, uncertainty: The truth, and how well it is known [m].
+    """
+
+    case: str
+    model: str
+    n: int
+    integrator: str
+    error: float | None = quantity("mm", ".2g")
+    bound: float = quantity("mm", ".2g")
+    verdict: Verdict
+    why: str | None
+    cost: float | None = quantity("s", ".2g", "time")
+    reference: str
+    uncertainty: float | None = None
+
+    @property
+    def run(self) -> str:
+        """The model for people, and the integrator where it is one of two."""
+        name = self.model.removeprefix("mujoco_")
+        return f"{name}, mj_step" if self.integrator == RULE else name
 
 
 @dataclass(frozen=True)
@@ -75,24 +118,51 @@ class Case:
     loads: tuple[Load, ...] = ()
     drive: str = "tension"
     tip: ndarray | None = None
-    truth: str = runs.REFINED
+    truth: str = ""
     angle: float = 0.0
     tips: dict[str, tuple[ndarray, str]] = field(default_factory=dict)
+
+    @property
+    def moved(self) -> Excitation:
+        """What the drives and loads do."""
+        index = np.arange(round(self.duration / _PERIOD)) // round(self.hold / _PERIOD)
+        controls = self.values[np.minimum(index, len(self.values) - 1)]
+        return Excitation(np.zeros(controls.shape[1]), controls, _PERIOD)
+
+    def build(self, model: str, n: int, **options: Any) -> Simulated:
+        """A model with n hinges or pieces; options of `SceneConfig` or `BeamModel.simulate`."""
+        if model == CHAIN:
+            own = {"actuation": self.drive, "loads": self.loads} | options
+            scene = build_scene(SceneConfig(self.robot, pieces=n // 2, **own))
+            return Simulated(scene, self.robot)
+        beam = make_beam(model, self.robot, n, loads=self.loads, drive=self.drive)
+        return Simulated(beam, self.robot, options)
+
+    def start(self, simulated: Simulated) -> State:
+        """Straight, but for the angle."""
+        q, v = simulated.model.start()
+        scale = getattr(getattr(simulated.model, "data", None), "scale", 1.0)
+        return State(q + self.angle * scale, v)
+
+
+def damped(robot: RobotParams, damping_ratio: float) -> RobotParams:
+    """The robot with a damping ratio of its first mode."""
+    return replace(robot, damping_time=damping_ratio / (pi * robot.first_frequency))
 
 
 def settling(
     name: str,
     robot: RobotParams,
     tip: ndarray | None = None,
-    truth: str = runs.REFINED,
+    truth: str = "",
     **load: Any,
 ) -> Case:
     """A load at the tip that grows over one first period of a well damped robot, which settles."""
     robot = damped(robot, 0.5)
     period = 1 / robot.first_frequency
-    ramp = np.linspace(0, 1, max(2, ceil(period / _CONTROL_PERIOD)))[:, None]
+    ramp = np.linspace(0, 1, max(2, ceil(period / _PERIOD)))[:, None]
     loads = (Load("load", robot.length, **load),)
-    return Case(name, robot, ramp, _CONTROL_PERIOD, 5 * period, loads=loads, tip=tip, truth=truth)
+    return Case(name, robot, ramp, _PERIOD, 5 * period, loads=loads, tip=tip, truth=truth)
 
 
 def bare(robot: RobotParams) -> RobotParams:
@@ -113,29 +183,14 @@ def curl(turns: float = 1.25) -> Case:
     return replace(case, tips={"ancf2d": (continuum_arc_tip(robot, moment), CONTINUUM_ARC)})
 
 
-def follower_tip(length: float, bending_stiffness: float, force: float) -> ndarray:
-    """Tip (2,) [m] of a rod under a lateral tip force [N] that turns with the tip.
-
-    In axes that turn with the tip the force is fixed, EI p'' = -F cos p with p = p' = 0 there: an
-    initial-value problem from the tip to the base.
-    """
-
-    def toward_base(s: float, y: ndarray) -> list[float]:
-        return [-y[1], force / bending_stiffness * np.cos(y[0]), -np.sin(y[0]), -np.cos(y[0])]
-
-    end = solve_ivp(toward_base, (0, length), np.zeros(4), rtol=1e-11, atol=1e-13)
-    angle, _, x, z = end.y[:, -1]
-    cos, sin = np.cos(angle), np.sin(angle)
-    return np.array([-cos * x + sin * z, -sin * x - cos * z])
-
-
 def follower(strength: float = 3.0) -> Case:
     """A lateral tip force that turns with the tip, in units of EI / L^2."""
     robot = bare(ARM)
     force = strength * robot.bending_stiffness / robot.length**2
-    tip = follower_tip(robot.length, robot.bending_stiffness, force)
     load = {"force": (force, 0.0, 0.0), "follows": True}
-    return settling("follower_force", robot, tip, "elastica from the tip (exact)", **load)
+    loads, ends = (Load("load", robot.length, **load),), np.array([0.0, robot.length])
+    tip = followed_rod(robot.length, section(robot, None), loads, ends).tip[[0, 2]]
+    return settling("follower_force", robot, tip, "rod from the tip (exact)", **load)
 
 
 def tip_force(name: str, robot: RobotParams, strength: float, independent: bool = True) -> Case:
@@ -198,8 +253,11 @@ def longest_pair(name: str) -> Case:
     return Case(name, replace(ARM, tendons=ARM.tendons[-2:]), np.array([[20.0, 0.0]]), 1.0, 3.0)
 
 
-def jobs(beams: tuple[str, ...], quick: bool = False) -> Iterator[runs.Job]:
-    """All cases on the chain and the given beam models; n is chosen per case."""
+# ---------------------------------------------------------------- running
+
+
+def jobs(quick: bool = False) -> Iterator[tuple[str, Callable[[], list[ExtremeRow]]]]:
+    """All cases on all models; n is chosen per case."""
     weak = replace(CANTILEVER_WEAK, poisson_ratio=0.49)
     cases = [  # with hinges of the chain, and pieces of the beams
         (curl(), 24, 24),
@@ -218,99 +276,92 @@ def jobs(beams: tuple[str, ...], quick: bool = False) -> Iterator[runs.Job]:
             (tip_force("thick_2", rod_of(2), 1.0, independent=False), 12, 6),
             (longest_pair("many_pieces"), 64, 64),
         ]
-    for case, hinges, pieces in cases:
-        yield f"{case.name}, chain", partial(rows_of, case, CHAIN, hinges)
-        for beam in beams:
-            yield f"{case.name}, {beam}", partial(rows_of, case, beam, pieces)
+    for (case, hinges, pieces), model in product(cases, (CHAIN, *BEAMS)):
+        n = hinges if model == CHAIN else pieces
+        yield f"{case.name}, {model}", partial(rows_of, case, model, n)
     duration = 60.0 if quick else 600.0
-    for damping in (0.0, 1e-4):
-        for model in (CHAIN, *beams):
-            run = partial(oscillation_row, model, 6, damping, duration)
-            yield f"free oscillation, {model}", lambda r=run: [r()]
+    for damping, model in product((0.0, 1e-4), (CHAIN, *BEAMS)):
+        yield f"free oscillation, {model}", partial(oscillation_rows, model, 6, damping, duration)
 
 
-def rows_of(case: Case, model: str, n: int) -> list[Row]:
-    """Runs of one case on one model; beams with fixed and with adapted steps."""
-    methods = (BEAM_METHOD,) if model == CHAIN else (BEAM_METHOD, BEAM_METHOD + ADAPTIVE)
-    return [run_case(case, model, n, method) for method in methods]
+def built(model: str, build: Callable[..., Simulated]) -> Iterator[Simulated]:
+    """A model as the package runs it; the chain also as `mj_step` does."""
+    for options in [{}, {"integrator": RULE}] if model == CHAIN else [{}]:
+        yield build(**options)
 
 
-def run_case(case: Case, model: str, n: int, method: str = BEAM_METHOD) -> Row:
-    """Run one case on one model; `method` is for beams. Of adapted steps the mean is reported."""
-    tip, truth = case.tips.get(model, (case.tip, case.truth))
-    system, bound = _system(case, model, n), WRONG_SHARE * case.robot.length
-    plan = _plan(case.robot, system, case.duration)
-    if model != CHAIN:
-        plan = replace(plan, integrator=method)
-    trace, finer = system.run(plan), None
-    if tip is None:  # smaller fixed steps, also for a run with adapted ones
-        fixed = replace(plan, integrator=plan.integrator.removesuffix(ADAPTIVE))
-        finer = runs.refined(_system(replace(case, angle=0.0), model, n), fixed, _REFINE)
-        verdict = runs.judge(trace, finer, bound)
-    else:
-        gap = np.linalg.norm(trace.tip[-1:] - tip, axis=1)
-        verdict = runs.judge_errors(trace, gap, bound, truth)
-    if trace.steps:
-        time = plan.timestep * plan.steps
-        plan = replace(plan, timestep=time / trace.steps, steps=trace.steps)
-    known = {"reference": truth, "uncertainty": finer and finer.uncertainty}
-    about = {"case": case.name, "model": model, "n": n, "e_bound": bound}
-    return Row.of(plan, trace, verdict, **about, **known)
+def rows_of(case: Case, model: str, n: int) -> list[ExtremeRow]:
+    """Runs of one case on one model, judged where the tip comes to rest or by refined runs."""
+    tip, text = case.tips.get(model, (case.tip, case.truth))
+    first, moved = 0 if tip is None else -1, case.moved
+    truth = refined(case, model, n) if tip is None else Limit(np.insert(tip, 1, 0.0)[None], 0, text)
+    about = {"case": case.name, "model": model, "n": n, "bound": WRONG_SHARE * case.robot.length}
+    about |= {"reference": truth.text, "uncertainty": truth.uncertainty}
+    return [
+        run(each, case.start(each), moved, lambda tips: distance(tips[first:], truth.tips), **about)
+        for each in built(model, partial(case.build, model, n))
+    ]
 
 
-def _system(case: Case, model: str, n: int) -> runs.System:
-    if model == CHAIN:
-        config = SceneConfig(case.robot, pieces=n // 2, actuation=case.drive, loads=case.loads)
+def refined(case: Case, model: str, n: int) -> Limit:
+    """A run without the angle in far smaller steps, and how far it is from a coarser one.
 
-        def controls(time: float) -> ndarray:
-            return case.values[min(int(time / case.hold + 1e-6), len(case.values) - 1)]
-
-        return runs.ChainSystem(config, np.full(n, case.angle), controls)
-    beam = make_beam(model, case.robot, n, loads=case.loads, drive=case.drive)
-    q = beam.rest() + case.angle * beam.data.scale
-    return runs.BeamSystem(beam, q, signals.held(case.values, case.hold))
-
-
-def _plan(robot: RobotParams, system: runs.System, duration: float) -> Plan:
-    """The rule's choice for the chain; sdirk4 for a beam. Steps divide the control period."""
-    period = 1 / robot.first_frequency
-    if isinstance(system, runs.ChainSystem):
-        choice = runs.rule_choice(system)
-        integrator, timestep = choice.integrator, choice.timestep
-    else:
-        integrator = BEAM_METHOD
-        timestep = _CONTROL_PERIOD / ceil(_CONTROL_PERIOD * BEAM_STEPS / period)
-    steps = runs.steps_for(duration, timestep, 1, _MOST_STEPS)
-    return Plan(integrator, timestep, steps, max(timestep, _CONTROL_PERIOD))
-
-
-def oscillation_row(model: str, n: int, damping: float, duration: float) -> Row:
-    """A small free oscillation in the first mode, against the linear solution.
-
-    It fails if the tip leaves the linear solution by more than `OSCILLATION_SHARE` of the
-    amplitude, or if the amplitude grows.
+    Those of beams are of one length, so that they are independent of steps that adapt.
     """
-    robot = damped(bare(ARM), damping)
-    amplitude = _AMPLITUDE * robot.length
-    system, frequency = _released(robot, model, n, amplitude)
-    plan = replace(_plan(robot, system, duration), sample=0.05 / robot.first_frequency)
-    trace = system.run(plan)
-    bound = OSCILLATION_SHARE * amplitude
-    expected = _linear(trace.time, frequency, damping, robot.damping_time) * amplitude
-    gap = np.abs(trace.tip[:, 0] - expected)
-    verdict = runs.judge_errors(trace, gap, bound, "the linear solution")
-    if trace.failure is None and (growth := _amplitude_growth(trace)) > _GROWTH:
-        text = f"finite but wrong: the free amplitude grew by a factor {growth:.3g}"
-        verdict = replace(verdict, outcome=runs.WRONG, failure=text)
-    name = "oscillation" if damping == 0 else "oscillation_damped"
-    about = {"case": f"{name}_{duration / 60:g}min", "model": model, "n": n, "e_bound": bound}
-    return Row.of(
-        *(plan, trace, verdict),
-        **about,
-        damping_scale=robot.damping_time / ARM.damping_time,
-        damping_ratio=damping,
-        reference="linear solution of the same model",
+    period, moved = 1 / case.robot.first_frequency, case.moved
+    finer = [{"step": _PERIOD / ceil(_PERIOD * steps / period)} for steps in _STEPS]
+    if model == CHAIN:
+        finer = [{"accuracy": accuracy} for accuracy in _ACCURACIES]
+    coarse, fine = (
+        each.motion(moved, each.model.start())
+        for each in (case.build(model, n, **options) for options in finer)
     )
+    return Limit(fine, distance(coarse, fine), "refined run of the same model")
+
+
+def run(
+    simulated: Simulated,
+    start: State,
+    moved: Excitation,
+    error_of: Callable[[ndarray], float],
+    **about: Any,
+) -> ExtremeRow:
+    """A run whose tips (1 + periods, 3) [m] have an error [m]."""
+    failure = warning = error = None
+    begin = process_time()
+    try:
+        tips, warning = with_warning(lambda: simulated.motion(moved, start))
+        error = error_of(tips)
+    except IntegrationError as failed:
+        failure = str(failed)
+    model, bound = simulated.model, about["bound"]
+    return ExtremeRow(
+        **about,
+        integrator=model.timestep.integrator if isinstance(model, Scene) else "sdirk4",
+        error=error,
+        verdict=verdict_of(error, bound, simulated.robot.length, failure=failure, warning=warning),
+        why=failure or warning,
+        cost=process_time() - begin,
+    )
+
+
+def oscillation_rows(model: str, n: int, damping: float, duration: float) -> list[ExtremeRow]:
+    """A small free oscillation in the first mode, against the linear solution of the model."""
+    robot = damped(bare(ARM), damping)
+    amplitude, time = _AMPLITUDE * robot.length, _PERIOD * np.arange(round(duration / _PERIOD) + 1)
+    case = Case("", robot, np.empty((1, 0)), duration, duration)
+    name = "oscillation_damped" if damping else "oscillation"
+    about = {"case": name, "model": model, "n": n}
+    about |= {"bound": OSCILLATION_SHARE * amplitude, "reference": "linear solution"}
+    rows = []
+    for each in built(model, partial(case.build, model, n)):
+        q, frequency = _released(each.model, amplitude)
+        expected = _linear(time, frequency, damping, robot.damping_time) * amplitude
+        start, moved = State(q, each.model.start().v), case.moved
+        rows.append(
+            run(each, start, moved, lambda tips, x=expected: np.abs(tips[:, 0] - x).max(), **about)
+        )
+    return rows
 
 
 def _linear(time: ndarray, frequency: float, damping: float, mu: float) -> ndarray:
@@ -323,28 +374,17 @@ def _linear(time: ndarray, frequency: float, damping: float, mu: float) -> ndarr
     return decay * (np.cos(swing * time) + rate / swing * np.sin(swing * time))
 
 
-def _amplitude_growth(trace: Trace) -> float:
-    """Largest deflection in the last tenth over that in the first."""
-    x, tenth = np.abs(trace.tip[:, 0]), len(trace.tip) // 10
-    return float(np.max(x[-tenth:]) / np.max(x[:tenth]))
-
-
-def _released(
-    robot: RobotParams, model: str, n: int, amplitude: float
-) -> tuple[runs.System, float]:
-    """System in its first mode with a tip deflection [m], and the mode's frequency [rad/s]."""
-    if model == CHAIN:
-        chain = runs.ChainSystem(SceneConfig(robot, pieces=n // 2), np.zeros(n), np.empty(0))
-        arms = robot.length - chain.scene.layout.stations
-        shape, frequency = _first_mode(chain.linear.mass, chain.linear.stiffness, arms)
-        chain.posture = shape * amplitude
-        return chain, frequency
-    beam = make_beam(model, robot, n)
-    rest = beam.rest()
-    space = beam.linearize(State(rest, np.zeros(beam.n)))
+def _released(model: Scene | BeamModel, amplitude: float) -> tuple[ndarray, float]:
+    """Coordinates in the first mode with a tip deflection [m], and its frequency [rad/s]."""
+    rest, v = model.start()
+    if isinstance(model, Scene):
+        linear = linearize(model.model)
+        arms = model.config.robot.length - model.layout.stations
+        shape, frequency = _first_mode(linear.mass, linear.stiffness, arms)
+        return shape * amplitude, frequency
+    space = model.linearize(State(rest, v))
     shape, frequency = _first_mode(space.mass, space.stiffness, space.c[0, : len(space.mass)])
-    q = rest + beam.tangent(rest) @ (shape * amplitude)
-    return runs.BeamSystem(beam, q, np.empty(0)), frequency
+    return rest + model.tangent(rest) @ (shape * amplitude), frequency
 
 
 def _first_mode(mass: ndarray, stiffness: ndarray, arms: ndarray) -> tuple[ndarray, float]:

@@ -1,53 +1,148 @@
-"""Which timesteps are safe: maps of stability, the timestep rule on them, and extreme cases.
+"""Which timesteps and integrators hold: maps of robots of all kinds, and extreme cases.
 
-A run is stable only if it stays finite and its tip stays within a stated bound of a refined run
-of the same model (or of an independent truth). Everything else is a failure with its reason.
+A run is good only if its tip stays within a stated bound of a refined run of the same model, or of
+an independent truth; see `evaluation.models.runs.Verdict`. The maps are those of any robot's own
+(`softrobot benchmark stability --robot my.toml`).
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
-from studies.lab import Lab, Record, Study
-from studies.stability import extremes, integrators, rig, shown
-from studies.stability.map import ALL_DAMPINGS, NOMINAL, SOME_DAMPINGS, Family, map_rows
-from studies.stability.runs import CHAIN, Job, Row
+from softrobot_env.evaluation.models import stability
+from softrobot_env.evaluation.models.runs import WRONG_SHARE, Verdict
+from softrobot_env.rendering.figures import Figure
+from softrobot_env.rendering.models import stability_map
+from softrobot_env.robots import ARM, RIG, find_robot
+from studies.lab import (
+    Column,
+    Lab,
+    Record,
+    Study,
+    groups,
+    lines,
+    number,
+    of_kind,
+    pivot,
+    select,
+    table,
+)
+from studies.stability import extremes, integrators
+from studies.stability.extremes import ExtremeRow
+from studies.stability.integrators import FrontRow, gain
 
-#: Beam models, see `studies.beams.make_beam`.
-BEAMS = ("pcc", "cosserat", "ancf2d")
+#: Robots of the maps, the thesis' first; a quick run has the first.
+ROBOTS = (ARM.name, RIG.name, "planar_finger", "silicone_rod", "hanging_trunk")
 
-#: Models with pieces and damping ratios of their maps, of the chain and of the beams.
-_SIZES = [(CHAIN, ((12, ALL_DAMPINGS), (6, SOME_DAMPINGS), (48, SOME_DAMPINGS)))]
-_SIZES += [(name, ((6, ALL_DAMPINGS), (24, SOME_DAMPINGS))) for name in BEAMS]
-MAPS = [(Family(name, n), dampings) for name, sizes in _SIZES for n, dampings in sizes]
 
-#: Of a quick run: damping ratios, and timesteps, stiffnesses and shares of the limit of all maps.
-_DAMPINGS = (0.0, NOMINAL, 5.0)
-_QUICK = (1e-4, 1e-3, 5e-3, 2e-2), (1e-2, 1.0, 1e2, 1e4), (0.5, 0.95, 1.2, 2.0)
-QUICK_MAPS = [(Family(CHAIN, 6), _DAMPINGS), *((Family(name, 3), _DAMPINGS) for name in BEAMS)]
+@dataclass(frozen=True, kw_only=True)
+class MapRow(stability.StabilityRow, Record):
+    """A run of a robot that is stiffened, damped, cut into pieces or driven harder."""
+
+    robot: str
+
+    @property
+    def step(self) -> str:
+        """The timestep for people [ms]."""
+        return "by rule" if self.case == "rule" else f"{1e3 * self.timestep:.3g}"
+
+
+def map_rows(name: str, quick: bool) -> list[MapRow]:
+    """The map of a robot."""
+    found = stability.measure(find_robot(name), quick)
+    return [MapRow(robot=name, **vars(row)) for row in found]
 
 
 def run(lab: Lab) -> list[Record]:
-    """Rows of the maps, the rule, the extreme cases, the rig, and the integrators.
-
-    The case of a row is "map", "rule" (what the timestep rule picks), "rule_asked" (the rule with
-    a fixed integrator), "limit" (around the stability limit of the linearised chain), the name of
-    an extreme case, or one of the rig's `CASES`, of rows with further fields.
-    """
+    """Rows of the maps, of the extreme cases, and of the integrators."""
     quick = lab.quick
-    maps, axes = (QUICK_MAPS, _QUICK) if quick else (MAPS, ())
-    jobs: list[Job] = [
-        (f"{each.model} {each.n}, damping {z:.2g}", partial(map_rows, each, z, *axes))
-        for each, dampings in maps
-        for z in dampings
-    ]
-    jobs += [*extremes.jobs(BEAMS, quick), *rig.jobs(quick), *integrators.jobs(quick)]
+    robots = ROBOTS[: 1 if quick else None]
+    jobs = [(f"map of {name}", partial(map_rows, name, quick)) for name in robots]
+    jobs += [*extremes.jobs(quick), *integrators.jobs(quick)]
     return [row for found in lab.tasks(jobs) for row in found]
 
 
+# ---------------------------------------------------------------- tables and pictures
+
+
+def _counts(verdict: Verdict) -> Callable[[list[MapRow]], int | None]:
+    return lambda rows: len(select(rows, verdict=verdict)) or None
+
+
+def _lost(rows: list[MapRow]) -> str:
+    """Share of the runs that failed or came out wrong, and of those that kept silent about it."""
+    lost = [r for r in rows if r.verdict == Verdict.REPORTED or (r.share or 0) > WRONG_SHARE]
+    silent = len(select(lost, verdict=Verdict.WRONG))
+    return f"{len(lost)} / {silent}" if silent else f"{len(lost) or '-'}"
+
+
+def _error(rows: list[ExtremeRow]) -> str:
+    return "failed" if rows[0].error is None else number(rows[0].error, ".2g", "mm")
+
+
+def maps(rows: list[Record]) -> dict[str, Figure]:
+    """Maps of the thesis' robots."""
+    found = groups(of_kind(rows, MapRow), "robot")
+    stems = {ARM.name: "{}", RIG.name: "{}_rig"}
+    return {stems[name]: stability_map(found[(name,)], name) for name in stems if (name,) in found}
+
+
 STUDY = Study(
-    kinds=(Row, rig.RigRow, integrators.FrontRow),
+    kinds=(MapRow, ExtremeRow, FrontRow),
     stages=run,
-    tables=shown.TABLES,
-    plots=shown.PLOTS,
-    note="What the rule does on robots of all kinds: softrobot benchmark scenes",
+    tables=(
+        pivot(
+            "Varied robots as the package runs them by itself: verdicts",
+            ("robot",),
+            {verdict: _counts(verdict) for verdict in Verdict},
+            of=MapRow,
+            where={"case": "own"},
+        ),
+        pivot(
+            "{robot} by timestep in ms: runs that diverged or are off by more than 5 % / of these "
+            "without a word",
+            ("integrator",),
+            "step",
+            _lost,
+            of=MapRow,
+            where=lambda row: row.case != "own",
+            per=("robot",),
+        ),
+        pivot("Extreme cases: error of the tip in mm", ("case",), "run", _error, of=ExtremeRow),
+        table(
+            "Extreme cases that fail",
+            *("case", "run", "bound", Column("why", lambda row: row.why or row.verdict)),
+            of=ExtremeRow,
+            where=lambda row: row.verdict != Verdict.ACCURATE,
+            caption="ANCF's own warnings are off: what it errs by is what is measured",
+        ),
+        table(
+            "Integrators: error against cost",
+            *(
+                Column("", "case"),
+                Column("integrator", form=">"),
+                "setting",
+                "error",
+                "evaluations",
+                "cost",
+            ),
+            of=FrontRow,
+        ),
+    ),
+    plots={
+        "{}": maps,
+        "{}_integrators": lines(
+            *("evaluations", "error", "integrator"),
+            title=gain,
+            subject="Errors of links against forces computed, at several settings",
+            panel="case",
+            of=FrontRow,
+            log="xy",
+            columns=4,
+            size=(2.6, 2.6),
+            legend=True,
+        ),
+    },
+    note="What the package does on random robots: softrobot benchmark scenes",
     alone=True,
 )

@@ -1,16 +1,18 @@
 """Which settings of one robot's chain run stably and accurately, and whether the others say so.
 
 The robot is stiffened and damped, cut into more and fewer pieces and driven harder; each of these
-runs with the integrator and timestep that the package chooses by itself, and the first ones with
-all that a user may ask for. Every run is compared with refined ones of the same chain.
+runs with the integrator and timestep that the package chooses by itself, and as `mj_step` would
+advance its compiled model, by the rule of `scene.timestep`. The first ones also run with all that a
+user may ask for. Every run is compared with refined ones of the same chain.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 from time import process_time
 from typing import Any
 
+from mujoco import mjtIntegrator
 from numpy import ndarray
 
 from softrobot_env.core.interfaces import ProgressCallback, quiet
@@ -55,7 +57,8 @@ class StabilityRow:
     """A run.
 
     Attributes:
-        case: "map", or "own" where the package chose integrator and timestep by itself.
+        case: "own" where the package chose integrator and timestep by itself, "rule" where it did
+            so for `mj_step`, "map" of all else.
         stiffness_scale, damping_scale: Factors of Young's modulus and of the damping time [1].
         pieces, amplitude: Of the chain, and the share of the drives' range [1].
         integrator, timestep: Its name, and its (longest) step [s].
@@ -112,14 +115,13 @@ def measure(
     mapped = [Variation(*scales) for scales in product(*grid)]
     pieces = dict.fromkeys(max(1, round(factor * robot.pieces)) for factor in PIECES)
     others = [Variation(pieces=n) for n in pieces] + [Variation(amplitude=a) for a in AMPLITUDES]
-    asked = [(None, None)]
     choices = INTEGRATORS[:3] if quick else INTEGRATORS
-    asked += product(choices, QUICK_TIMESTEPS if quick else TIMESTEPS)
+    asked = list(product(choices, QUICK_TIMESTEPS if quick else TIMESTEPS))
     rows: list[StabilityRow] = []
     for done, varied in enumerate((*mapped, *others)):
         progress(str(varied), done, len(mapped) + len(others))
         with silent_warnings():
-            mine = asked if varied in mapped else asked[:1]
+            mine = asked if varied in mapped else []
             rows += _runs(robot, varied, mine, DURATIONS[quick])
     return rows
 
@@ -127,7 +129,7 @@ def measure(
 def _runs(
     robot: RobotParams,
     varied: Variation,
-    asked: list[tuple[str | None, float | None]],
+    asked: Iterable[tuple[str, float]],
     duration: float,
 ) -> Iterator[StabilityRow]:
     """Runs of a varied robot, all judged by the same refined ones."""
@@ -139,9 +141,16 @@ def _runs(
         return
     moved = excitation(base, duration, varied.amplitude)
     truth, _ = with_warning(lambda: _truth(config, moved))
-    for integrator, timestep in asked:
+    rule, _ = with_warning(lambda: _rule(config))
+    for integrator, timestep in ((None, None), (rule, None), *asked):
         if timestep is None or timestep <= config.control_period:
             yield _run(varied, replace(config, timestep=timestep), integrator, moved, truth)
+
+
+def _rule(config: SceneConfig) -> str:
+    """MuJoCo's integrator that the scene's compiled model has."""
+    found = mjtIntegrator(build_scene(config).model.opt.integrator).name.removeprefix("mjINT_")
+    return next(name for name in INTEGRATORS if name.upper() == found)
 
 
 def _truth(config: SceneConfig, moved: Excitation) -> Limit | None:
@@ -199,8 +208,9 @@ def _row(
     why = failure or warning
     if verdict == Verdict.UNJUDGED:
         why = "refined runs failed, or differ too much"
+    case = "map" if config.timestep else "rule" if config.integrator else "own"
     return StabilityRow(
-        case="own" if config.timestep is None and config.integrator is None else "map",
+        case=case,
         stiffness_scale=varied.stiffness_scale,
         damping_scale=varied.damping_scale,
         pieces=config.n_pieces,
