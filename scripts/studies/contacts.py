@@ -405,7 +405,7 @@ STUDY = Study(
             f"Verdicts of cells by timestep: accurate within {100 * ACCURATE_SHARE:g} %, wrong "
             f"beyond {100 * runs.WRONG_SHARE:g} % of the length",
             ("steps_ratio",),
-            {v: lambda cells, v=v: len(select(cells, verdict=v)) for v in runs.Verdict},
+            *("verdict", len),
             of=Cell,
             headings=("timestep / the rule's",),
         ),

@@ -47,7 +47,7 @@ class Row(Record):
     """How long something takes; None where a field does not apply.
 
     Attributes:
-        what: "env.step", "moving", "vector env.step", "warp env.step", "robots", "decision",
+        what: "env.step", "vector env.step", "warp env.step", "robots", "decision",
             "start" or "render".
         variant: Environment, policy, or what is waited for.
         n_envs, threads: Environments stepped at once, and by how many threads or processes.
@@ -57,9 +57,6 @@ class Row(Record):
         overhead: [s] that a step of one environment takes beyond the simulation.
         overhead_ratio: The same over that of the yardstick.
         seconds: [s] of a step of one environment, of a decision (median), or of the wait.
-        accuracy: That was asked for, as a share of the length [1].
-        error, estimate: [m], largest distance of the tip from the truth in the motion, and what the
-            environment itself tells.
         dof: Degrees of freedom of the robot.
         period, longest, stacked: [s], of decisions: the control period, the computing time of the
             longest one, and the time of a call for 256 environments.
@@ -75,9 +72,6 @@ class Row(Record):
     overhead: float | None = quantity("µs", ".1f", "over-\nhead", default=None)
     overhead_ratio: float | None = quantity("", ".2f", "over-\nhead\nratio", default=None)
     seconds: float | None = None
-    accuracy: float | None = quantity("%", ".3g", default=None)
-    error: float | None = quantity("mm", ".3f", default=None)
-    estimate: float | None = quantity("mm", ".3f", default=None)
     dof: int | None = quantity("", "d", "DOF", default=None)
     period: float | None = quantity("ms", "g", default=None)
     longest: float | None = quantity("ms", ".3f", "longest,\ncomputing", default=None)
@@ -199,49 +193,6 @@ def decision_times(name: str) -> dict[str, float]:
     stacked, _ = best_of(lambda: policy.predict(many, state), _CALLS)
     found = {"period": env.control_period, "seconds": float(np.median(times))}
     return found | {"longest": longest, "stacked": stacked}
-
-
-# -------------------- a moving arm, by the accuracy asked for, beside its true error
-
-#: Shares of the length, and that of the truth.
-ACCURACIES, _TRUTH = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4), 3e-6
-
-#: Control periods of the motion, and for how many an action is held; its largest size.
-_PERIODS, _HELD, _SIZE = 200, 10, 0.5
-
-
-def moving_rows(quick: bool) -> list[Row]:
-    """A row an accuracy; the time is the sum of the best of each part of the motion."""
-    rng = np.random.default_rng(0)
-    actions = rng.uniform(-_SIZE, _SIZE, (_PERIODS // _HELD, 3)).astype(np.float32)
-    actions = np.repeat(actions, _HELD, axis=0)
-    chosen = ACCURACIES[2:3] if quick else ACCURACIES
-    envs = [TrackingEnv("step", accuracy=f"{100 * a:g}%") for a in (_TRUTH, *chosen)]
-    times = [[_part_times(e, actions) for e in envs[1:]] for _ in range(5 if quick else 40)]
-    best = np.min(times, axis=0).mean(axis=1).tolist()
-    (truth, _), *motions = (_motion(env, actions) for env in envs)
-    rows = []
-    for accuracy, seconds, (tips, estimate) in zip(chosen, best, motions, strict=True):
-        error = float(np.linalg.norm(tips - truth, axis=1).max())
-        known = {"accuracy": accuracy, "error": error, "estimate": float(estimate)}
-        rows.append(replace(step_row("moving", "arm", seconds), **known))
-    return rows
-
-
-def _part_times(env: TrackingEnv, actions: ndarray) -> list[float]:
-    """[s] of a step in each part of the motion, in which the action is held."""
-    env.reset(seed=0)
-    return [mean_time(partial(env.step, held), _HELD) for held in actions[::_HELD]]
-
-
-def _motion(env: TrackingEnv, actions: ndarray) -> tuple[ndarray, float]:
-    """Tips (periods, k) [m], and the estimate [m] of their error."""
-    env.reset(seed=0)
-    tips = []
-    for action in actions:
-        observation, *_, info = env.step(action)
-        tips.append(observation["tip_position"].copy())
-    return np.array(tips), info["integration_error"]
 
 
 # -------------------- robots singly and in batches; bare: as many simulations in the same motion
@@ -443,13 +394,12 @@ _STEPS = 100
 
 
 def stages(lab: Lab) -> list[Row]:
-    """Single environments, moving arms by accuracy, vector environments, also on MuJoCo Warp,
-    batches of robots, decisions and waits; quickly fewer repeats."""
+    """Single and vector environments, also on MuJoCo Warp, batches of robots, decisions and waits;
+    quickly fewer repeats."""
     quick = lab.quick
     tasks = [
         ("env.step", partial(_environment_rows, lab)),
         ("start", partial(wait_rows, quick)),
-        ("moving arm", partial(moving_rows, quick)),
         ("vector environments", partial(vector_rows, quick)),
         ("warp", partial(warp_rows, quick)),
         ("robots", partial(robot_rows, quick)),
@@ -506,8 +456,6 @@ def _sizes(head: str) -> Column:
     return Column(head, lambda row: f"{row.n_envs} x {row.threads}", ">")
 
 
-_MOVING = "random steps of the action\nby half of its range, 0.1 s"
-
 STUDY = Study(
     kinds=(Row,),
     stages=stages,
@@ -522,7 +470,6 @@ STUDY = Study(
             *(WARP, Column("robots", "n_envs", "d"), "steps_per_second"),
             name="many arms on MuJoCo Warp",
         ),
-        tabled("moving", "accuracy", "steps_per_second", "error", "estimate", name=_MOVING),
         tabled(
             *(ROBOT, "dof", _sizes("robots x\nthreads")),
             Column("µs a robot\nand period", "seconds", ".1f", "µs"),

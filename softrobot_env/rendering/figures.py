@@ -109,7 +109,6 @@ STYLES = {
     "pcc/lumped": Style(ORANGE, "s", "-", "PCC, lumped mass"),
     "pcc/distributed": Style(VERMILLION, "D", "-", "PCC, distributed mass"),
     "pcc/subpieces": Style(WINE, "p", "-", "PCC, three bodies"),
-    "rig_piece": Style(BROWN, "X", "-", "one piece, closed form"),
     "cosserat": Style(GREEN, "^", _DOTTED, "Cosserat rod"),
     "ancf": Style(PURPLE, "v", _MIXED, "ANCF"),
     "pyelastica": Style(BLACK, "P", "-", "PyElastica"),

@@ -8,22 +8,20 @@ from typing import Any
 
 import numpy as np
 from numpy import ndarray
-from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
 from softrobot_env.beams import signals
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.evaluation.models import runs
-from softrobot_env.robots import RIG, RobotParams
+from softrobot_env.robots import RIG
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.config import TipSensors
 from softrobot_env.scene.quadrature import RULES
-from softrobot_env.thesis.rig.spatial_piece import SUBPIECES, RigPiece, add_static
+from softrobot_env.thesis.rig.spatial_piece import SUBPIECES
 from studies.accuracy import cases
 from studies.beams import chain_scene, zero_timestep
-from studies.truths.rig_column import column_tip, tensions
-from studies.truths.rig_piece import acceleration, distributed, output
+from studies.truths.rig_column import column_tip
 from studies.truths.rig_ritz_rod import RigRod
 
 #: Lengths (3,) [m] of the static cases. In the last one a tendon hangs slack.
@@ -78,8 +76,6 @@ CHAIN = {
 
 # ---------------------------------------------------------------- at rest
 
-PIECE = "rig_piece"
-
 #: Joints of the chain, coarse to fine; those of rules with three joints per piece.
 JOINTS, JOINTS_OF_THREES = (2, 4, 8, 16, 32), (3, 6, 12, 24)
 
@@ -89,10 +85,6 @@ PIECES = {cases.DISTRIBUTED.name: (1, 2, 4, 8, 16), cases.COSSERAT.name: (6, 12,
 _LOAD_STEPS = 4
 _SHARES = np.arange(1, _LOAD_STEPS + 1) / _LOAD_STEPS
 _TOLERANCE = 1e-12
-
-#: Name of the rod by Ritz' method in the report.
-RITZ = "ritz_rod"
-_TERMS = 8
 
 #: Output point (3,) [m] for lengths (3,) [m].
 Solve = Callable[[ndarray], ndarray]
@@ -104,7 +96,7 @@ Entry = tuple[str, int, cases.Physics, Solve]
 
 def entries(quick: bool = False) -> list[Entry]:
     """All models at rest; a quick run has the coarsest ones."""
-    found = [(PIECE, 1, cases.BENDING, piece_statics())]
+    found = []
     for one in (cases.DISTRIBUTED, cases.COSSERAT):
         for n in PIECES[one.name][: 2 if quick else None]:
             found.append((one.name, n, one.physics, beam_statics(one, n)))
@@ -117,33 +109,6 @@ def entries(quick: bool = False) -> list[Entry]:
 def joint_numbers(rule: str) -> tuple[int, ...]:
     """Joints of the chain with a rule."""
     return JOINTS_OF_THREES if len(RULES[rule]) == 3 else JOINTS
-
-
-def piece_statics(robot: RobotParams = ROBOT) -> Solve:
-    """The closed form of one piece, with uniform backbone and head."""
-    piece = distributed(robot)
-    offsets = robot.of_tendons("offset")
-
-    def missing(y: ndarray, pulled: ndarray) -> ndarray:
-        moment = tensions(robot, pulled, np.array([y[1], -y[0]])) @ offsets
-        out = np.array([moment[1], -moment[0]])
-        add_static(piece, y, out)
-        return out
-
-    def solve(pulled: ndarray) -> ndarray:
-        y = np.zeros(2)
-        for share in _SHARES:
-            y = root(missing, y, (share * pulled,), tol=_TOLERANCE).x
-        return piece_output(piece, y)
-
-    return solve
-
-
-def piece_output(piece: RigPiece, y: ndarray) -> ndarray:
-    """Output point (3,) [m] of the closed form at y (2,) [rad]."""
-    point, jacobian = np.empty(3), np.empty((3, 2))
-    output(piece, np.ascontiguousarray(y), point, jacobian)
-    return point
 
 
 def beam_statics(contestant: cases.Contestant, n: int) -> Solve:
@@ -218,25 +183,13 @@ def case_rows(case: str, quick: bool = False) -> list[cases.Row]:
         exact = truths[physics.name]
         found.append(cases.static_row(case, name, n, physics, exact, tip, wall_time=wall_time))
         tips.setdefault((name, physics), {})[n] = tip
-    found.append(_ritz_row(case, truths[cases.BENDING.name]))
     if not quick:
         for (model, physics), by_size in tips.items():
-            if model != PIECE:
-                finest = dict(sorted(by_size.items())[-3:])
-                order = 1 if model == cases.COSSERAT.name else 2
-                about = physics, truths[physics.name], ROBOT.length, order
-                found.append(cases.limit_row(case, model, finest, *about))
+            finest = dict(sorted(by_size.items())[-3:])
+            order = 1 if model == cases.COSSERAT.name else 2
+            about = physics, truths[physics.name], ROBOT.length, order
+            found.append(cases.limit_row(case, model, finest, *about))
     return found
-
-
-def _ritz_row(case: str, exact: runs.Limit) -> cases.Row:
-    """Whether two independent truths agree, one by polynomials, one by initial values."""
-    rod = RigRod(ROBOT, _TERMS)
-    tip = rod.tip(rod.equilibrium(np.array(STATIC[case])))
-    gap = runs.distance(tip, exact.tips)
-    return cases.agreement_row(
-        case, RITZ, _TERMS, gap, ROBOT.length, cases.BENDING.name, exact.text
-    )
 
 
 # ---------------------------------------------------------------- in motion
@@ -305,39 +258,6 @@ def subpieces_motion(case: str, n: int, tolerance: float) -> cases.BeamMotion:
     return cases.BeamMotion("pcc/subpieces", n, beam, signal, tips, PERIOD, tolerance=tolerance)
 
 
-class PieceMotion:
-    """The closed form of one piece with uniform backbone and head, integrated by SciPy.
-
-    Args:
-        case: Key of `MOTIONS`.
-        tolerance: Relative, and absolute of angles and rates.
-    """
-
-    def __init__(self, case: str, tolerance: float) -> None:
-        self._piece, self._pulled = distributed(ROBOT), MOTIONS[case]
-        self._tolerance, self._steps = tolerance, 1
-
-    @property
-    def settings(self) -> cases.Settings:
-        """What it was simulated with; the steps are those of the last call."""
-        return cases.Settings(PIECE, 1, cases.DURATION / self._steps, "RK45", self._tolerance)
-
-    def _slope(self, t: float, x: ndarray) -> ndarray:
-        out = np.empty(4)
-        out[:2] = x[2:]
-        force = tensions(ROBOT, self._pulled(t), np.array([x[1], -x[0]]))
-        acceleration(self._piece, x[:2], x[2:], force, out[2:])
-        return out
-
-    def __call__(self) -> ndarray:
-        """Tips (k, 3) [m]."""
-        exact = dict.fromkeys(("rtol", "atol"), self._tolerance)
-        about = self._slope, (0, cases.DURATION), np.zeros(4)
-        found = solve_ivp(*about, t_eval=sample_times(), dense_output=True, **exact)
-        self._steps = len(found.sol.ts) - 1
-        return np.array([piece_output(self._piece, y) for y in found.y[:2].T])
-
-
 def motion_jobs(quick: bool = False) -> Iterator[cases.Job]:
     """Jobs of all motions; a quick run has one of them, on few models."""
     limits: dict[str, runs.Limit] = {}
@@ -349,7 +269,7 @@ def motion_jobs(quick: bool = False) -> Iterator[cases.Job]:
     for case in (STEP,) if quick else MOTIONS:
         yield f"{case}, truth", partial(find, case)
         yield f"{case}, chain", partial(chain_rows, case, limits, quick)
-        yield f"{case}, one piece and PCC", partial(piece_rows, case, limits, quick)
+        yield f"{case}, PCC", partial(pcc_rows, case, limits, quick)
         if not quick:
             yield f"{case}, agreement", lambda c=case: [agreement(c, limits[c])]
     left_out = [
@@ -381,14 +301,12 @@ def chain_rows(case: str, limits: dict[str, runs.Limit], quick: bool = False) ->
     ]
 
 
-def piece_rows(case: str, limits: dict[str, runs.Limit], quick: bool = False) -> list[cases.Row]:
-    """Runs of the closed form and of PCC with given rigid bodies, with adapted steps."""
-    made = [partial(PieceMotion, case)]
-    made += [partial(subpieces_motion, case, n) for n in MOVING_PIECES]
+def pcc_rows(case: str, limits: dict[str, runs.Limit], quick: bool = False) -> list[cases.Row]:
+    """Runs of PCC with given rigid bodies, with adapted steps."""
     found, repeats = [], 1 if quick else 5
-    for make in made:
-        still = make(_CONVERGED)()
+    for n in MOVING_PIECES:
+        still = subpieces_motion(case, n, _CONVERGED)()
         for tolerance in TOLERANCES[1:3] if quick else TOLERANCES:
-            about = case, cases.BENDING, limits[case], make(tolerance)
+            about = case, cases.BENDING, limits[case], subpieces_motion(case, n, tolerance)
             found.append(cases.timed_row(*about, repeats, still))
     return found

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import chain, pairwise
+from itertools import chain
 from math import ceil, log2
 from typing import Any
 
@@ -16,7 +16,7 @@ from softrobot_env.rendering.models import draw_front, model_entries
 from studies.accuracy import pyelastica_rod, rig, spiral, tension_step
 from studies.accuracy.cases import DURATION, Row
 from studies.accuracy.space import HEADINGS, ROBOTS, name_of
-from studies.lab import Column, groups, lines, new_table, number, pivot, select, table, verdict
+from studies.lab import Column, groups, lines, pivot, select, table, verdict
 from studies.truths import thesis_values as values
 
 #: Resolutions shown; gauss3 and the Cosserat rod have their nearest numbers.
@@ -115,18 +115,6 @@ def _of_limits(row: Row) -> bool:
     return row.kind in ("agreement", "physics")
 
 
-def _orders(rows: list[Row]) -> Table:
-    """A line per model and resolution: cost, and order of the error from the one before."""
-    title = "Rig: time of an equilibrium, and order of its error, 1 / n^order (10 mm pulled in)"
-    out = new_table(title, ("model", "physics"), ("n", "time [ms]", "order"))
-    for before, row in pairwise([None, *select(rows, case="rig_pull_10mm", kind="static")]):
-        order = None
-        if before is not None and before.model == row.model:
-            order = f"{log2(before.e_max / row.e_max) / log2(row.n / before.n):.2f}"
-        out.add_row(row.model, row.physics, row.n, number(row.wall_time, ".3g", "ms"), order)
-    return out
-
-
 def _notes(rows: list[Row]) -> list[Text]:
     return [Text(f"{r.case}, {r.model}: {r.reference}") for r in select(rows, kind="note")]
 
@@ -162,7 +150,6 @@ TABLES = (
         *("e_mean", 1e3),
         lambda row: row.kind == "static" and row.case in RIG_STATIC,
     ),
-    _orders,
     *(_motions(case, title, right=(_SPEED,)) for case, title in RIG_MOTIONS.items()),
     _by_case(
         "Rig: limit of each model less the truth of its physics, in % of length (goal: 0.1)",

@@ -14,7 +14,7 @@ import numpy as np
 from softrobot_env.robots import ARM, RIG, RobotParams, Tendon
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
-from studies.lab import Record, groups, quantity
+from studies.lab import Record, groups, quantity, select
 
 #: A soft trunk that hangs.
 _SIDES = tuple(Tendon(f"side{k}", (x, 0.0), 0.6, 0, 1.0) for k, x in enumerate((8e-3, -8e-3)))
@@ -83,19 +83,15 @@ def _case(case: str) -> list[FrontRow]:
 
 def gain(rows: list[FrontRow]) -> str:
     """How much less the first integrator errs for at most as many evaluations, as a message."""
-    ours, *others = (name for (name,) in groups(rows, "integrator"))
+    (ours,), *_ = groups(rows, "integrator")
     ratios = []
     for mine in groups(rows, "case").values():
-        by = {name: own for (name,), own in groups(mine, "integrator").items()}
-        most = min(max(row.evaluations for row in own) for own in by.values())
-        best = {
-            name: min((row.error for row in own if row.evaluations <= most), default=None)
-            for name, own in by.items()
-        }
-        rest = [best[name] for name in others if best[name] is not None]
-        if best[ours] and rest:
-            ratios.append(min(rest) / best[ours])
-    if not ratios:
-        return "Integrators: error against cost"
-    least = float(f"{min(ratios):.2g}")
-    return f"At best, for no more forces, {ours} errs at least {least:g} times less than the others"
+        runs = select(mine, integrator=ours)
+        most = max(row.evaluations for row in runs)
+        rivals = [r.error for r in mine if r.integrator != ours and r.evaluations <= most]
+        if rivals:
+            ratios.append(min(rivals) / min(row.error for row in runs))
+    return (
+        f"For as many forces, {ours} errs at least {float(f'{min(ratios):.2g}'):g} times less than "
+        "the others at best"
+    )

@@ -5,7 +5,6 @@ an independent truth; see `evaluation.models.runs.Verdict`. The maps are those o
 (`softrobot benchmark stability --robot my.toml`).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -14,19 +13,7 @@ from softrobot_env.evaluation.models.runs import WRONG_SHARE, Verdict
 from softrobot_env.rendering.figures import Figure
 from softrobot_env.rendering.models import stability_map
 from softrobot_env.robots import ARM, RIG, find_robot
-from studies.lab import (
-    Column,
-    Lab,
-    Record,
-    Study,
-    groups,
-    lines,
-    number,
-    of_kind,
-    pivot,
-    select,
-    table,
-)
+from studies.lab import Column, Lab, Record, Study, groups, lines, of_kind, pivot, select, table
 from studies.stability import extremes, integrators
 from studies.stability.extremes import ExtremeRow
 from studies.stability.integrators import FrontRow, gain
@@ -65,19 +52,11 @@ def run(lab: Lab) -> list[Record]:
 # ---------------------------------------------------------------- tables and pictures
 
 
-def _counts(verdict: Verdict) -> Callable[[list[MapRow]], int | None]:
-    return lambda rows: len(select(rows, verdict=verdict)) or None
-
-
 def _lost(rows: list[MapRow]) -> str:
     """Share of the runs that failed or came out wrong, and of those that kept silent about it."""
     lost = [r for r in rows if r.verdict == Verdict.REPORTED or (r.share or 0) > WRONG_SHARE]
     silent = len(select(lost, verdict=Verdict.WRONG))
     return f"{len(lost)} / {silent}" if silent else f"{len(lost) or '-'}"
-
-
-def _error(rows: list[ExtremeRow]) -> str:
-    return "failed" if rows[0].error is None else number(rows[0].error, ".2g", "mm")
 
 
 def maps(rows: list[Record]) -> dict[str, Figure]:
@@ -93,8 +72,7 @@ STUDY = Study(
     tables=(
         pivot(
             "Varied robots as the package runs them by itself: verdicts",
-            ("robot",),
-            {verdict: _counts(verdict) for verdict in Verdict},
+            *(("robot",), "verdict", len),
             of=MapRow,
             where={"case": "own"},
         ),
@@ -108,7 +86,7 @@ STUDY = Study(
             where=lambda row: row.case != "own",
             per=("robot",),
         ),
-        pivot("Extreme cases: error of the tip in mm", ("case",), "run", _error, of=ExtremeRow),
+        pivot("Extreme cases: error of the tip in mm", ("case",), "run", "error", of=ExtremeRow),
         table(
             "Extreme cases that fail",
             *("case", "run", "bound", Column("why", lambda row: row.why or row.verdict)),
