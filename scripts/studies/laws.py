@@ -34,7 +34,7 @@ from softrobot_env.robots import ARM, EQUIVALENT_RIG, RIG, RobotParams, find_rob
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.file import read_robot, write_robot
 from softrobot_env.robots.registry import EXAMPLES
-from softrobot_env.robots.twin import drawn_twin
+from softrobot_env.robots.twin import sampled_twin
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.linearised import linearised
 from softrobot_env.scene.registry import scene_of
@@ -594,7 +594,7 @@ PLANT, VARIED, TWIN = "plant", "varied", "twin"
 VARIATIONS = ({"youngs_modulus": 0.75}, {"youngs_modulus": 1.25})
 
 #: All of them at once; seeds of what is sampled.
-DRAWN = Randomization(youngs_modulus=(0.7, 1.4), density=(0.7, 1.4), damping_time=(0.5, 2.0))
+SAMPLED = Randomization(youngs_modulus=(0.7, 1.4), density=(0.7, 1.4), damping_time=(0.5, 2.0))
 SEEDS = (1,)
 
 
@@ -619,12 +619,12 @@ def worlds(robot: RobotParams) -> list[World]:
     found += [
         World(variation_label({"variation": v}), VARIED, {"variation": v}) for v in VARIATIONS
     ]
-    draws = (DRAWN.draw(np.random.default_rng(seed)) for seed in SEEDS)
+    draws = (SAMPLED.draw(np.random.default_rng(seed)) for seed in SEEDS)
     found += [World(f"drawn {k}", VARIED, {"variation": v}) for k, v in enumerate(draws)]
     if robot == RIG:
         found += [World(f"twin {seed}", TWIN, {"twin": seed}) for seed in SEEDS]
     elif robot.drive.kind == "length":
-        twins = {seed: {"twin": drawn_twin(robot, seed)} for seed in SEEDS}
+        twins = {seed: {"twin": sampled_twin(robot, seed)} for seed in SEEDS}
         found += [World(f"twin {seed}", TWIN, {"scene": twin}) for seed, twin in twins.items()]
     return found
 

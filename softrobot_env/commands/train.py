@@ -244,8 +244,8 @@ def train_several(
 
     if given := arguments.flags(args, _SINGLE):
         raise ValueError(f"{given}: of a single run, not of --seeds and --workers")
-    if args.seeds is not None and not registry.TRAININGS[name].drawn:
-        able = ", ".join(other for other, known in registry.TRAININGS.items() if known.drawn)
+    if args.seeds is not None and not registry.TRAININGS[name].is_random:
+        able = ", ".join(other for other, known in registry.TRAININGS.items() if known.is_random)
         raise ValueError(f"--seeds: nothing in {name} is random; only with {able}")
     out = args.out or SEVERAL_RUNS / name
     order = order_in(out, name, robot, settings, args.name)

@@ -13,7 +13,7 @@ from softrobot_env.core.interfaces import Seen
 from softrobot_env.core.records import check_argument
 from softrobot_env.robots import Gripper, as_number, find_gripper
 from softrobot_env.scene.assembly import FINENESS, Resolution
-from softrobot_env.tasks.gripper import DRAWN, GRIP_TASKS, POSITIVE, GripTask
+from softrobot_env.tasks.gripper import GRIP_TASKS, POSITIVE, SAMPLED, GripTask
 
 from .config import GRIPPER, MANY, PICTURES, ControlPeriod, EnvConfig
 from .observations.table import each_of
@@ -42,8 +42,8 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndarr
     success (only at the end), what was sampled, and the place of the bar.
 
     An episode starts with fingers straight, a new bar and new fingers. Options of `reset` are
-    values in place of samples, by names out of `tasks.gripper.DRAWN`, each a number or an array of
-    n; `modulus` and `arm` may be of the fingers, `pull` and `shake` are sizes, in a sampled
+    values in place of samples, by names out of `tasks.gripper.SAMPLED`, each a number or an array
+    of n; `modulus` and `arm` may be of the fingers, `pull` and `shake` are sizes, in a sampled
     direction, or vectors (3,).
 
     Attributes:
@@ -94,7 +94,7 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndarr
         action_space = gymnasium.spaces.Box(-1.0, 1.0, self._limits.shape, np.float32)
         self._prepare(config, self._view.space, action_space)
         shapes = dict.fromkeys(_OF_FINGERS, (n, len(fingers))) | dict.fromkeys(_VECTORS, (n, 3))
-        self._sampled = {name: np.zeros(shapes.get(name, n)) for name in DRAWN}
+        self._sampled = {name: np.zeros(shapes.get(name, n)) for name in SAMPLED}
         self._worst, self._home = np.zeros(n), np.zeros((n, 3))
         self._last[:] = self.max_episode_steps
         starts = [finger.robot.backbone.cut(finger.robot.pieces)[:-1] for finger in fingers]
@@ -108,8 +108,8 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndarr
 
     def _value(self, name: str, value: Any) -> ndarray:
         """An option as an array that broadcasts to that of what is sampled."""
-        if name not in DRAWN:
-            raise ValueError(f"unknown option {name!r}; allowed are {', '.join(DRAWN)}, {MASK}")
+        if name not in SAMPLED:
+            raise ValueError(f"unknown option {name!r}; allowed are {', '.join(SAMPLED)}, {MASK}")
         shape = self._sampled[name].shape
         try:
             values = np.asarray(value, float)
@@ -153,7 +153,7 @@ class VectorGripperEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndarr
 
     def _sample(self, rng: np.random.Generator) -> dict[str, Any]:
         out: dict[str, Any] = {}
-        for name in DRAWN:
+        for name in SAMPLED:
             ends = getattr(self.task, name)
             size = len(self.gripper.fingers) if name in _OF_FINGERS else None
             out[name] = rng.uniform(*ends, size)

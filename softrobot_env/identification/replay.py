@@ -1,7 +1,7 @@
 """A recording's commands, simulated with any robot.
 
 Of a static recording each row is an equilibrium, found from that of the row before: where tendons
-rub or servos have play, the end of a slow motion from there. A moving robot
+rub or servos have backlash, the end of a slow motion from there. A moving robot
 begins each run at rest under the run's first command and is stepped as environments step it:
 commands change at the ends of control periods. Rows at equal distances of at most 20 ms are control
 periods; of others commands are held on a grid of 5 ms or finer, and markers interpolated.
@@ -110,7 +110,8 @@ class Body:
     def follow(self, control: ndarray, before: ndarray | None) -> ndarray:
         """Coordinates at rest after slow motion from those before, with friction and backlash.
 
-        Without any before, in the middle of the play and as if nothing rubbed. Errors as `at_rest`.
+        Without any before, in the middle of the backlash and as if nothing rubbed. Errors as
+        `at_rest`.
         """
         if before is None:
             self._horn = control.copy()

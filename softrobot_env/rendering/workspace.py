@@ -45,9 +45,9 @@ def _draw(axis: Axes, space: Workspace, sample: Sample, view: str) -> None:
     stations = np.linspace(0, space.scene.config.robot.length, _POINTS)
     some = np.linspace(0, len(sample.tips) - 1, _SHAPES).astype(int)
     for k, shape in zip(some, space.scene.positions(sample.postures[some], stations), strict=True):
-        drawn = {"color": BLACK, "linewidth": 2.2, "label": "action 0", "zorder": 3}
+        bold = {"color": BLACK, "linewidth": 2.2, "label": "action 0", "zorder": 3}
         others = {"color": GREY, "linewidth": 0.7, "label": "some shapes" if k == some[1] else None}
-        axis.plot(*1e3 * shape[:, plane].T, **(others if k else drawn))
+        axis.plot(*1e3 * shape[:, plane].T, **(others if k else bold))
     axis.plot(*1e3 * sample.tips[:, plane].T, ".", color=BLUE, markersize=3.5, label="tips")
     _draw_ground(axis, space, plane)
     axis.set_aspect("equal", adjustable="datalim")

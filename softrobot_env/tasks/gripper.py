@@ -56,7 +56,7 @@ class GripTask:
 
     def __post_init__(self) -> None:
         check_fields(self, f"task {self.name!r}")
-        for name in DRAWN:
+        for name in SAMPLED:
             low, high = getattr(self, name)
             least = 1e-9 if name in POSITIVE else 0.0
             if not least <= low <= high:
@@ -68,11 +68,14 @@ class GripTask:
             raise ValueError(f"task {self.name!r}: closing must be less than its duration")
 
 
-#: What episodes draw; pulls and shaking have a random direction as well.
-DRAWN = (
+#: What episodes sample; pulls and shaking have a random direction as well.
+SAMPLED = (
     *("diameter", "mass", "friction", "pull", "shake", "rate", "modulus", "arm"),
     *("sensor_errors", "specimen"),
 )
+
+#: Its name up to version 0.2.
+DRAWN = SAMPLED
 
 #: Of these, what cannot be zero.
 POSITIVE = ("diameter", "mass", "rate", "modulus", "arm")

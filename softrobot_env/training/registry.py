@@ -160,7 +160,7 @@ TRAININGS: Registry[Training] = Registry(
                 partial(_fitting, name, partial(_table, design)),
                 ("quick",),
                 ("daqp",) if name.startswith("mpc") else (),
-                drawn=False,
+                is_random=False,
             )
             for name, design in _TABLES.items()
         },

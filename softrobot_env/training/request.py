@@ -76,7 +76,7 @@ class Training:
         packages: That it needs beyond the package's own, of the extras `rl`, `mpc` and `gpu`.
         robot: The only robot it is of, None of any.
         also: Further packages that it needs for some robots and settings.
-        drawn: Whether anything in it is random, so that seeds differ.
+        is_random: Whether anything in it is random, so that seeds differ.
     """
 
     run: Callable[[TrainingRequest, ProgressCallback], Metrics]
@@ -84,7 +84,7 @@ class Training:
     packages: tuple[str, ...] = ()
     robot: RobotParams | None = None
     also: Callable[[RobotParams, Mapping[str, Any]], tuple[str, ...]] = lambda robot, settings: ()
-    drawn: bool = True
+    is_random: bool = True
 
     def check(
         self, name: str, robot: RobotParams, settings: Mapping[str, Any] = MappingProxyType({})

@@ -20,7 +20,7 @@ from softrobot_env.robots import GRIPPERS
 from softrobot_env.robots.file import write_gripper
 from softrobot_env.scene.assembly import FINENESS, build_assembly, gripper_scene
 from softrobot_env.scene.simulation import Simulation
-from softrobot_env.tasks.gripper import DRAWN, GRIP_TASKS, GripTask
+from softrobot_env.tasks.gripper import GRIP_TASKS, SAMPLED, GripTask
 
 pytestmark = pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
 
@@ -49,7 +49,7 @@ def test_info_is_flat_and_names_the_reward():
     assert not failed and not over
     assert all(isinstance(v, np.generic | np.ndarray) for v in info.values())
     assert reward == pytest.approx(sum(v for n, v in info.items() if n.startswith("reward_")))
-    assert set(DRAWN) <= set(info) and info["success"] == np.False_
+    assert set(SAMPLED) <= set(info) and info["success"] == np.False_
     assert info["time"] == pytest.approx(5 * env.control_period)
 
 

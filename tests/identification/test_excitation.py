@@ -47,8 +47,8 @@ def test_a_plan_starts_and_ends_at_rest_and_keeps_to_amplitude_and_speed(robot):
     assert far[~jumps].max() <= SHORT.amplitude + 1e-9 and far.max() < SHORT.amplitude + 0.02
     rates = np.abs(np.diff(actions, axis=0, prepend=rest[None])) / PERIOD
     assert rates[~jumps].max() <= SHORT.speed * (1 + 1e-9) and rates[jumps].max() > SHORT.speed
-    rests = [name for name in dict.fromkeys(found.labels) if name != "random"]
-    assert len(rests) == 2 * len(directions(robot))
+    poses = [name for name in dict.fromkeys(found.labels) if name != "random"]
+    assert len(poses) == 2 * len(directions(robot))
     assert (found.measured.max() + 1) == len(directions(robot)) * (4 + 2) + 1
 
 

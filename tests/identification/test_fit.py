@@ -141,7 +141,7 @@ def test_what_is_written_is_what_was_found(tmp_path):
 
 @pytest.mark.slow
 def test_backlash_is_found_where_tendons_do_not_rub():
-    """Of a robot whose chain has servos with play; slopes by it are exact."""
+    """Of a robot whose chain has servos with backlash; slopes by it are exact."""
     believed = ROBOTS["silicone_rod"]
     blank = in_turn(believed, 8e-3 * UP_AND_DOWN, "length")
     true = replace(believed, drive=replace(believed.drive, backlash=4e-4))
@@ -221,7 +221,7 @@ def test_facts_are_weighed_against_the_file_as_bayes_says():
 
 @pytest.mark.slow
 def test_a_twin_that_nobody_told_is_identified_and_driven():
-    """The camera sees no height; servos have play and zeros, tendons rub, are turned and unlike."""
+    """The camera sees no height; servos have backlash and zeros, tendons rub, are turned, unlike."""
     twin = rig3d_twin(11)
     found = identified(record(twin, 3))
     tendons = zip(twin.robot.tendons, found.robot.tendons, strict=True)
@@ -313,13 +313,13 @@ def test_rests_are_the_ends_of_times_without_a_command():
     sway = np.exp(-8 * (times % 1.0)) * np.cos(30 * times)
     markers = np.stack([level + 0.2 * sway, 0 * level, 0 * level], axis=1)[:, None]
     moving = recorded(commands, names="ab", markers=markers, times=times, rate_Hz=100.0)
-    rests = at_rest(moving)
-    assert rests.static and rests.commands[:, 0].tolist() == list(range(12))
+    windows = at_rest(moving)
+    assert windows.static and windows.commands[:, 0].tolist() == list(range(12))
     # It jumped to all but the first: tendons come to rest anywhere, and the markers do not count.
-    assert rests.runs.tolist() == list(range(12)) and np.isnan(rests.markers[1:]).all()
+    assert windows.runs.tolist() == list(range(12)) and np.isnan(windows.markers[1:]).all()
     # What is read with another header keeps what was lost.
-    again = placed(rests, replace(moving.header, static=True))
-    assert np.array_equal(again.markers, rests.markers, equal_nan=True)
+    again = placed(windows, replace(moving.header, static=True))
+    assert np.array_equal(again.markers, windows.markers, equal_nan=True)
     with pytest.raises(ValueError, match="rests 7 times in the recording, fewer than 8: record"):
         at_rest(moving.part(slice(0, 700)))
 

@@ -1,4 +1,4 @@
-"""Servos against the definitions of rate limit and play, and against a small-step simulation."""
+"""Servos against the definitions of rate limit and backlash, and against small steps."""
 
 import copy
 from dataclasses import replace
@@ -17,7 +17,7 @@ TIMES = 1e-3 * np.arange(1, 21)
 
 
 def test_small_steps_give_the_same_motion_as_the_law():
-    """The play of motors simulated ten microseconds at a time."""
+    """The backlash of motors simulated ten microseconds at a time."""
     speed, half, rng = 0.13, 1e-4, np.random.default_rng(0)
     offset = np.array([1e-3, 0.0, -1e-3])
     drive = ServoLaw(speed, offset, np.full(3, 2 * half))

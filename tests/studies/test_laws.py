@@ -8,7 +8,7 @@ import pytest
 from softrobot_env.core.files import models_dir
 from softrobot_env.evaluation.runner import Case, run
 from softrobot_env.robots import ARM, RIG, find_robot
-from softrobot_env.robots.twin import drawn_twin, rig3d_twin
+from softrobot_env.robots.twin import rig3d_twin, sampled_twin
 from softrobot_env.tasks.generic import generic_tasks
 from studies import laws as study
 from studies.laws import (
@@ -177,19 +177,19 @@ def test_worlds_have_all_plants_and_twins_where_there_are_servos():
 
 
 def test_a_drawn_twin_of_the_rig_is_its_twin():
-    assert drawn_twin(RIG, 2) == rig3d_twin(2)
+    assert sampled_twin(RIG, 2) == rig3d_twin(2)
     rod = find_robot("silicone_rod")
-    twin = drawn_twin(rod, 0)
-    assert twin.robot.youngs_modulus != rod.youngs_modulus and twin != drawn_twin(rod, 1)
+    twin = sampled_twin(rod, 0)
+    assert twin.robot.youngs_modulus != rod.youngs_modulus and twin != sampled_twin(rod, 1)
     assert twin.servo_speed == rod.drive.speed
     with pytest.raises(ValueError, match="driven by tension"):
-        drawn_twin(FINGER, 0)
+        sampled_twin(FINGER, 0)
 
 
 def test_a_policy_runs_on_a_drawn_twin():
     rod = find_robot("silicone_rod")
     task = generic_tasks(rod)["circle"](radius=0.01, frequency=0.5)
-    row = run_laps(laps_case(task, "hold", scene={"twin": drawn_twin(rod, 0)}))
+    row = run_laps(laps_case(task, "hold", scene={"twin": sampled_twin(rod, 0)}))
     assert row.failure is None and row.what == "twin 0" and row.lap_mean > 0
 
 

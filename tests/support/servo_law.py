@@ -25,7 +25,7 @@ class ServoLaw:
         self.start(np.zeros(len(self._offset)))
 
     def start(self, command: ndarray) -> None:
-        """At rest at a command (n,) [m], in the middle of the play."""
+        """At rest at a command (n,) [m], in the middle of the backlash."""
         self.motor = self._offset + command
         self.horn = self.motor.copy()
 
@@ -44,7 +44,7 @@ class ServoLaw:
         arrival = np.abs(way).max() / self._speed
         moving = min(len(times), int(np.searchsorted(times, arrival)) + 1)
         most = self._speed * times[:moving, None]
-        # The motors turn one way, so each horn is pushed by one side of the play at most.
+        # The motors turn one way, so each horn is pushed by one side of the backlash at most.
         motors = self.motor + np.clip(way, -most, most)
         horns = np.clip(self.horn, motors - self._half, motors + self._half)
         path = np.concatenate((self.horn[None], horns))

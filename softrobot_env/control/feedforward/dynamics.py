@@ -192,8 +192,7 @@ def _lag(robot: RobotParams) -> ndarray:
     """(n_tendons,) [m] by which tendons wound up by servos lag behind, whichever way they move."""
     if robot.drive.kind != "length":
         return np.zeros(1)
-    play = robot.drive.backlash / 2
-    return play + robot.of_tendons("friction") / robot.of_tendons("stiffness")
+    return robot.drive.backlash / 2 + robot.of_tendons("friction") / robot.of_tendons("stiffness")
 
 
 class InverseDynamicsPI(FeedforwardPI, InverseDynamics):

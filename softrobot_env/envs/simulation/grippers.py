@@ -175,7 +175,7 @@ class GripperBatch(Batch):
 
         Args:
             which: (k,) int, increasing.
-            sampled: By names out of `tasks.gripper.DRAWN`, (k,) or of fingers (k, fingers).
+            sampled: By names out of `tasks.gripper.SAMPLED`, (k,) or of fingers (k, fingers).
         """
         radius = sampled["diameter"] / 2
         self._shape(which, radius, sampled["mass"])

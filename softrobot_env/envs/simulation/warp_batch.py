@@ -175,8 +175,8 @@ class WarpBatch:
         moved = np.add.reduceat(changed, self._host.tendon_adr, axis=1) > 0
         factors = np.where(moved, radius[:, None], 1.0)
         self._radius[robots] = self.arrays.real(factors)
-        drawn = factors[:, self._host.actuator_trnid[:, 0]]
-        self._set("actuator_gear", robots, self._host.actuator_gear * drawn[..., None])
+        scales = factors[:, self._host.actuator_trnid[:, 0]]
+        self._set("actuator_gear", robots, self._host.actuator_gear * scales[..., None])
 
     # ------------------------------------------------------------------ steps
 

@@ -11,11 +11,11 @@ from softrobot_env.recordings import Recording
 _SHORTEST = 0.3  # s without a new command
 _MEASURED = 0.25  # share of a rest, at its end, that is averaged
 _STILL = 0.01  # way of a marker over that end, over its whole range
-_JUMP = 0.5  # share of the way between two rests that is made in one row
+_JUMP = 0.5  # share of the way between two static windows that is made in one row
 _LITTLE = 0.02  # change of a command, over its range, that lets nothing go
 _SAME = 1e-3  # change of a command, over its range
 
-#: Fewest rests that a static identification takes.
+#: Fewest windows that a static identification takes.
 FEWEST = 8
 
 
@@ -30,8 +30,8 @@ def at_rest(recording: Recording, dithered: ndarray | None = None) -> Recording:
 
     Args:
         recording: Of a robot that moves, or in whose rows it rests.
-        dithered: (t,) bool, rows whose rests dither went before; none unless given. There the robot
-            is as if nothing rubbed, and each is a run of its own.
+        dithered: (t,) bool, rows of windows that dither went before; none unless given. There the
+            robot is as if nothing rubbed, and each is a run of its own.
 
     Raises:
         ValueError: There are fewer than `FEWEST` of them.
@@ -95,7 +95,7 @@ def _new_commands(recording: Recording, span: ndarray) -> list[int]:
 
 
 def _jumps(recording: Recording, rows: ndarray, span: ndarray) -> ndarray:
-    """(t - 1,) bool, where friction ends anywhere between two rests.
+    """(t - 1,) bool, where friction ends anywhere between two windows.
 
     There the robot was let go, or did not go straight: its commands went beyond both.
     """

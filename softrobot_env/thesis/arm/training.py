@@ -186,10 +186,10 @@ def train_network(order: TrainingRequest, show: ProgressCallback) -> Metrics:
     statics = _STATICS
     # Independent streams, so that the validation data are not those of another seed.
     streams = np.random.SeedSequence(order.seed).spawn(3)
-    drawn, start, fresh = (np.random.default_rng(stream) for stream in streams)
+    pairs, start, fresh = (np.random.default_rng(stream) for stream in streams)
     quick = "quick" in order.settings
     how = quasi_static.Sampling(pairs=500) if quick else quasi_static.Sampling()
-    samples = quasi_static.sample(statics.tip, statics.n_inputs, how, drawn)
+    samples = quasi_static.sample(statics.tip, statics.n_inputs, how, pairs)
 
     def report(done: int, total: int, error: float) -> None:
         show(f"squared error {error:.4g}", done, total)

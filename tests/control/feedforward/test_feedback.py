@@ -36,7 +36,7 @@ def statics():
 
 
 def neighbourhood(period):
-    """Of the same robot, whose rests account for no difference."""
+    """Of the same robot, whose poses at rest account for no difference."""
     forces = np.array([[-AWAY, 0.0, 0.0, SCALE]])
     one = np.ones((1, 1))
     held = _held(one / FREQUENCY**2, DAMPING_TIME * one, one, period)

@@ -131,12 +131,12 @@ def test_ahead_is_half_a_period_ahead():
 @pytest.mark.parametrize("rate", [0.01, 0.05, -0.09])
 def test_servos_are_on_average_where_they_should_be(rate):
     """At a steady rate, in the middle of each period, by the simulated servo."""
-    play, start = 0.2e-3, -0.01 * np.sign(rate)
+    backlash, start = 0.2e-3, -0.01 * np.sign(rate)
     known = SimpleNamespace(statics=lambda z: np.full(3, start + 10 * rate * z[0]))
     errors = {}
     for compensated in (True, False):
-        policy = RigFeedforward(RIG, PERIOD, known, backlash=play / 2 if compensated else None)
-        servos = ServoLaw(SERVO_SPEED, np.zeros(3), np.full(3, play))
+        policy = RigFeedforward(RIG, PERIOD, known, backlash=backlash / 2 if compensated else None)
+        servos = ServoLaw(SERVO_SPEED, np.zeros(3), np.full(3, backlash))
         servos.start(np.full(3, start))
         state, fine = None, np.arange(1, 101) * PERIOD / 100
         for t in np.arange(0, 0.2, PERIOD):

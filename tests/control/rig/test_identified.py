@@ -131,7 +131,7 @@ def test_the_rig_calms_down_as_one_piece_of_its_inertia_and_damping():
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "rubs"), [(3, 3.0), (17, 1.0)])
 def test_a_rig_is_identified_for_its_controllers(seed, rubs):
-    """Of a twin with play, noise and a delay, also with three times the friction of others."""
+    """Of a twin with backlash, noise and a delay, also with three times the friction of others."""
     twin = rig3d_twin(seed)
     tendons = tuple(replace(t, friction=rubs * t.friction) for t in twin.robot.tendons)
     twin = replace(twin, robot=replace(twin.robot, tendons=tendons))

@@ -7,7 +7,7 @@ import pytest
 import softrobot_env  # noqa: F401
 from softrobot_env.tasks import make_task
 
-DRAWN = ("SoftRobot/ArmRandom-v0", "SoftRobot/RigReach-v0")
+SAMPLED = ("SoftRobot/ArmRandom-v0", "SoftRobot/RigReach-v0")
 COUNT = 3
 
 
@@ -15,7 +15,7 @@ def path_seed(env):
     return env.unwrapped.current_task.option("seed")
 
 
-@pytest.mark.parametrize("env_id", DRAWN)
+@pytest.mark.parametrize("env_id", SAMPLED)
 def test_every_episode_has_its_own_by_the_seed(env_id):
     """And all are equally long, start on their reference and are what `make_task` makes."""
     env, other = gymnasium.make(env_id), gymnasium.make(env_id)
@@ -37,7 +37,7 @@ def test_every_episode_has_its_own_by_the_seed(env_id):
     assert path_seed(env) not in seeds
 
 
-@pytest.mark.parametrize("env_id", DRAWN)
+@pytest.mark.parametrize("env_id", SAMPLED)
 def test_one_can_be_kept(env_id):
     """By the environment's `seed`, a task of one's own, or for an episode by an option."""
     name = gymnasium.spec(env_id).kwargs["task"]
@@ -51,7 +51,7 @@ def test_one_can_be_kept(env_id):
     assert path_seed(env) == 4
 
 
-@pytest.mark.parametrize("env_id", [DRAWN[0], pytest.param(DRAWN[1], marks=pytest.mark.slow)])
+@pytest.mark.parametrize("env_id", [SAMPLED[0], pytest.param(SAMPLED[1], marks=pytest.mark.slow)])
 def test_many_draw_as_single_ones(env_id):
     """Each for itself, through the end of an episode, which comes after different steps."""
     options = {"preview": (0.05, 0.3), "control_period": 0.1}
