@@ -221,7 +221,7 @@ def test_facts_are_weighed_against_the_file_as_bayes_says():
 
 @pytest.mark.slow
 def test_a_twin_that_nobody_told_is_identified_and_driven():
-    """The camera sees no height; servos have backlash and zeros, tendons rub, are turned, unlike."""
+    """The camera sees no height; servos have backlash and zeros, tendons rub, turned and unlike."""
     twin = rig3d_twin(11)
     found = identified(record(twin, 3))
     tendons = zip(twin.robot.tendons, found.robot.tendons, strict=True)
