@@ -82,7 +82,7 @@ def driven(seed: int) -> list[TwinRow]:
     rigs = own, (known, pulled), (RIG, offsets)
     rows = []
     for law in product(POLICIES, PERIODS):
-        errors = [_error(*law, robot, twin, left) for robot, left in rigs]
+        errors = [_lap_error(*law, robot, twin, left) for robot, left in rigs]
         ratio = None if None in errors[:2] else errors[0] / errors[1]
         rows.append(TwinRow("twin", seed, *law, *errors, ratio, taken))
     return rows
@@ -94,7 +94,7 @@ def _known(twin: Twin) -> RobotParams:
     return with_balance(replace(twin.robot, pieces=6, drive=drive))
 
 
-def _error(
+def _lap_error(
     policy: str, period: float, robot: RobotParams, twin: Twin, offsets: np.ndarray
 ) -> float | None:
     """Mean error [m] of laps of a twin with servo offsets (3,) [m], by a law for a robot."""
