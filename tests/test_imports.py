@@ -149,6 +149,19 @@ def offenders(sources, wrong) -> dict[str, list[str]]:
     return {path: names for path, names in found.items() if names}
 
 
+def test_no_name_is_defined_twice(sources):
+    """Such as two helpers of a module, of which the second one takes the place of the first."""
+
+    def twice(path, tree):
+        for scope in (node for node in ast.walk(tree) if hasattr(node, "body")):
+            body = scope.body if isinstance(scope, ast.Module | ast.ClassDef) else ()
+            made = [n for n in body if isinstance(n, ast.FunctionDef | ast.ClassDef)]
+            plain = [node.name for node in made if not node.decorator_list]
+            yield from {name for name in plain if plain.count(name) > 1}
+
+    assert not offenders(sources, twice)
+
+
 def test_imports_go_down_only(sources):
     def up(path, tree):
         part = part_of(path)
