@@ -51,6 +51,9 @@ RULE = "implicitfast"
 #: Accuracies [m] of refined chains, and steps per first period of refined beams.
 _ACCURACIES, _STEPS = (1e-5, 1e-6), (1000, 2000)
 
+#: Share of what a run may be off that its truth may be uncertain by.
+_TRUSTED = 0.25
+
 #: Share of the amplitude that the tip may be off in a free oscillation.
 OSCILLATION_SHARE = 0.2
 
@@ -140,8 +143,9 @@ class Case:
 
     def start(self, simulated: Simulated) -> State:
         """Straight, but for the angle."""
-        q, v = simulated.model.start()
-        scale = getattr(getattr(simulated.model, "data", None), "scale", 1.0)
+        model = simulated.model
+        scale = 1.0 if isinstance(model, Scene) else model.data.scale
+        q, v = model.start()
         return State(q + self.angle * scale, v)
 
 
@@ -331,7 +335,8 @@ def run(
     begin = process_time()
     try:
         tips, warning = with_warning(lambda: simulated.motion(moved, start))
-        error = error_of(tips)
+        if (about.get("uncertainty") or 0.0) <= _TRUSTED * about["bound"]:
+            error = error_of(tips)
     except IntegrationError as failed:
         failure = str(failed)
     model, bound = simulated.model, about["bound"]
