@@ -76,16 +76,23 @@ def kernel(function: Callable, everywhere: bool = False) -> Any:
     else:
         compiled = called = _dispatcher(function)
     compiled._cache = _KernelCache(function, everywhere)
-    template = called.get_call_template
+    compiled.get_call_template = without_literals(called)
+    compiled.get_overload = called.get_overload
+    return compiled
 
-    def without_literals(args: tuple, kws: dict) -> tuple:
-        """One kernel for `f(True)` and `f(False)`: numba would compile each with all it calls."""
+
+def without_literals(compiled: Any) -> Callable[[tuple, dict], tuple]:
+    """Its `get_call_template`, by which `f(1)` and `f(2)` are one kernel.
+
+    Numba would compile each of them, with all it calls.
+    """
+    template = compiled.get_call_template
+
+    def found(args: tuple, kws: dict) -> tuple:
         kws = {name: types.unliteral(t) for name, t in kws.items()}
         return template(tuple(types.unliteral(t) for t in args), kws)
 
-    compiled.get_call_template = without_literals
-    compiled.get_overload = called.get_overload
-    return compiled
+    return found
 
 
 def _dispatcher(function: Callable, **options: Any) -> Any:

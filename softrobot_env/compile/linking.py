@@ -25,25 +25,22 @@ from numba.np import arrayobj
 #: Prefix of the global variables that hold the Python side of compiled functions.
 _ENVIRONMENT = "_ZN08NumbaEnv"
 
-_SCALAR = {"loop_vectorize": False, "slp_vectorize": False}
-
 
 class _Library(JITCodeLibrary):
     """Code that LLVM optimises with less effort than Numba asks for: it runs as fast.
 
-    It is simplified before anything is linked to it; then optimised once, at level 2, without
-    vectors, from which the short loops here gain nothing.
+    It is simplified before anything is linked to it; then it is optimised once, at level 2.
     """
 
     def _optimize_functions(self, module: Any) -> None:
         module.data_layout = self._codegen._data_layout
-        manager, builder = self._codegen._function_pass_manager(opt=1, **_SCALAR)
+        manager, builder = self._codegen._function_pass_manager(opt=1)
         for function in module.functions:
             if not function.is_declaration:
                 manager.run(function, builder)
 
     def _optimize_final_module(self) -> None:
-        manager, builder = self._codegen._module_pass_manager(opt=2, **_SCALAR)
+        manager, builder = self._codegen._module_pass_manager(opt=2)
         manager.run(self._final_module, builder)
 
 
@@ -156,7 +153,7 @@ def _less_work() -> Iterator[None]:
 class KernelCompiler(CompilerBase):
     """Compiles what Python calls."""
 
-    _library: type[JITCodeLibrary] = _CalledLibrary
+    _library = _CalledLibrary
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)

@@ -1,7 +1,9 @@
-"""Functions that C code calls and that call C code, and arrays at addresses that C code has."""
+"""Functions that C code calls and that call C code; arrays at addresses, and tuples by theirs."""
 
 import ctypes
 from collections.abc import Callable
+from functools import partial
+from hashlib import sha256
 from typing import Any, NamedTuple
 
 import llvmlite.binding
@@ -10,10 +12,19 @@ import numpy as np
 from numba import types
 from numba.core import cgutils
 from numba.core.ccallback import CFunc
-from numba.extending import intrinsic
+from numba.core.imputils import impl_ret_borrowed
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import (
+    infer_getattr,
+    intrinsic,
+    lower_getattr_generic,
+    models,
+    register_model,
+)
 
 from . import CALLED, LINKED, OFF
 from .cache import SourceCache
+from .kernels import without_literals
 
 #: Types of arguments of C functions.
 ADDRESS, INT, FLOAT = types.uintp, types.int32, types.float64
@@ -26,16 +37,20 @@ _OPTIONS = {
     **LINKED,
 }
 
+
+def _compiled(function: Callable, **options: Any) -> Any:
+    compiled = numba.njit(**options, **_OPTIONS)(function)
+    if not OFF:
+        compiled.get_call_template = without_literals(compiled)
+    return compiled
+
+
 #: Compiles a function that returns no array. It counts no references to arrays: where functions
 #: pass structures of arrays to each other, that would take almost half of the time.
-jit = numba.njit(_nrt=False, **_OPTIONS)
-
-#: As `jit`, for functions of structures that are called once or twice in others: passing them has
-#: a price too.
-inlined = numba.njit(_nrt=False, forceinline=True, **_OPTIONS)
+jit = partial(_compiled, _nrt=False)
 
 #: Compiles a function that makes arrays or views.
-making = numba.njit(_nrt=True, **_OPTIONS)
+making = partial(_compiled, _nrt=True)
 
 #: Compiles a function that Python calls.
 called = numba.njit(**CALLED)
@@ -54,6 +69,51 @@ def functions_of(library: str, *first: types.Type) -> Callable[..., Any]:
         return found
 
     return function
+
+
+# ---------------------------------------------------------------- tuples by their address
+
+
+class _Shared(types.Type):
+    """Type of the address of a named tuple of the type `dtype`."""
+
+    def __init__(self, dtype: Any) -> None:
+        self.dtype, self.fields = dtype, dict(zip(dtype.fields, dtype.types, strict=True))
+        super().__init__(f"shared_{sha256(dtype.name.encode()).hexdigest()}")
+
+
+register_model(_Shared)(models.PointerModel)
+
+
+@infer_getattr
+class _SharedFields(AttributeTemplate):
+    """Fields of a tuple by its address: of those that are tuples, their addresses."""
+
+    key = _Shared
+
+    def generic_resolve(self, shared: _Shared, name: str) -> types.Type | None:
+        field = shared.fields.get(name)
+        return _Shared(field) if isinstance(field, types.BaseNamedTuple) else field
+
+
+@lower_getattr_generic(_Shared)
+def _field(context: Any, builder: Any, shared: _Shared, address: Any, name: str) -> Any:
+    place = cgutils.gep_inbounds(builder, address, 0, [*shared.fields].index(name))
+    kind = shared.fields[name]
+    if isinstance(kind, types.BaseNamedTuple):
+        return place
+    return impl_ret_borrowed(context, builder, kind, builder.load(place))
+
+
+@intrinsic
+def _address(typing: Any, held: Any) -> tuple[Any, Callable]:
+    kind = _Shared(held)
+    return kind(held), lambda context, builder, _, args: cgutils.alloca_once_value(builder, args[0])
+
+
+#: A named tuple by its address, for functions that would be passed all that it holds otherwise. It
+#: lives as long as the function that asks for it, and its arrays are not counted.
+shared = (lambda held: held) if OFF else _address
 
 
 @intrinsic

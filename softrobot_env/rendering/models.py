@@ -190,10 +190,10 @@ def plot_accuracy(rows: Sequence[AccuracyRow], path: Path, robot: str) -> None:
 def stability_tables(rows: Sequence[StabilityRow]) -> Group:
     """What became of the runs by integrator and timestep, and the package's own choices."""
     found: dict[tuple[str, str], list[Verdict]] = {}
-    chosen = [row for row in rows if row.case == "rule"]
-    for row in (*chosen, *(row for row in rows if row.case == "map")):
-        step = "by rule" if row.case == "rule" else number(row.timestep, ".3g", "ms")
-        found.setdefault((row.integrator, step), []).append(row.verdict)
+    for row in sorted(rows, key=lambda row: row.case == "map"):
+        if row.case != "own":
+            step = "rule" if row.case == "rule" else number(row.timestep, ".3g", "ms")
+            found.setdefault((row.integrator, step), []).append(row.verdict)
     heads = ("integrator", "ms", *VERDICTS)
     out = new_table("Runs with an integrator of MuJoCo's rule, and of one's choice", right=heads)
     for key, verdicts in found.items():
@@ -232,13 +232,12 @@ def stability_map(rows: Sequence[StabilityRow], robot: str) -> Figure:
     asked = [row for row in rows if row.case == "map"]
     stiffness = "stiffness_scale", "stiffness / robot's"
     figure, panels = new_maps(asked, ("damping_scale", "damping x {:g}"), stiffness, look)
-    scales = {row.stiffness_scale for row in asked}
     for row in rows:
-        place = row.damping_scale, row.integrator
-        if row.case == "rule" and place in panels and row.stiffness_scale in scales:
-            low, high = panels[place].get_ylim()
+        axes = panels.get((row.damping_scale, row.integrator))
+        if row.case == "rule" and axes is not None:
+            low, high = axes.get_ylim()
             height = np.clip(1e3 * row.timestep, 1.1 * low, high / 1.1)
-            panels[place].plot(row.stiffness_scale, height, **_STAR)
+            axes.plot(row.stiffness_scale, height, **_STAR)
     own = [row for row in rows if row.case == "own"]
     good = sum(row.verdict == Verdict.ACCURATE for row in own)
     add_title(

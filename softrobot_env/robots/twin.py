@@ -93,8 +93,8 @@ class Twin:
 def nominal_twin(robot: RobotParams) -> Twin:
     """A robot as its parameters say, with the servos of its drive, which have no offset."""
     none = (0.0,) * len(robot.tendons)
-    backlash = (robot.drive.backlash,) * len(robot.tendons)
-    return Twin(robot, robot.drive.speed, servo_offset=none, backlash=backlash)
+    backlash = (robot.drive.backlash,) * len(none)
+    return Twin(robot, robot.drive.speed, none, backlash)
 
 
 def sampled_twin(robot: RobotParams, seed: int) -> Twin:

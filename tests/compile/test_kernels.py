@@ -16,6 +16,7 @@ import pytest
 import softrobot_env
 from softrobot_env.compile import OFF
 from softrobot_env.compile.kernels import kernel, reference, structure
+from softrobot_env.compile.native import called, jit, shared
 
 pytestmark = pytest.mark.skipif(OFF, reason="nothing is compiled")
 
@@ -43,6 +44,30 @@ def test_structures_are_passed_by_reference():
     assert _sum(data) == 12.0
     assert _sum(data._replace(factor=1.0)) == 6.0
     assert data.factor == 2.0
+
+
+class Pair(NamedTuple):
+    first: np.ndarray
+    inner: Inner
+
+
+@jit
+def _last(pair):
+    pair.first[0] += 1.0
+    return pair.inner.values[-1] + pair.first.size
+
+
+@called
+def _last_of(first, values):
+    pair = shared(Pair(first, Inner(values)))
+    return _last(pair) + _last(pair)
+
+
+def test_tuples_are_passed_by_their_address():
+    """Of any types: those of one class with other arrays are others."""
+    first, values = np.zeros(3), np.arange(4.0)
+    assert _last_of(first, values) == 12.0 and first[0] == 2.0
+    assert _last_of(first[::2], np.arange(8)[::2]) == 16.0 and first[0] == 4.0
 
 
 @kernel

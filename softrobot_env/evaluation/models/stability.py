@@ -37,10 +37,11 @@ from .runs import (
 #: Length [s] of a motion, full and quick.
 DURATIONS = (1.0, 0.3)
 
-#: Factors of Young's modulus and of the damping time, and timesteps [s]; then those of a quick run.
-STIFFNESSES, DAMPINGS = (0.01, 0.1, 1.0, 10.0, 100.0), (0.0, 0.1, 1.0, 10.0)
-TIMESTEPS = (2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2)
-QUICK_STIFFNESSES, QUICK_DAMPINGS, QUICK_TIMESTEPS = (0.1, 1.0, 10.0), (0.1, 1.0), (1e-3, 5e-3)
+#: Factors of Young's modulus and of the damping time; integrators and timesteps [s]. Then those of
+#: a quick run.
+MAP = (0.01, 0.1, 1.0, 10.0, 100.0), (0.0, 0.1, 1.0, 10.0)
+ASKED = INTEGRATORS, (2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2)
+QUICK_MAP, QUICK_ASKED = ((0.1, 1.0, 10.0), (0.1, 1.0)), (INTEGRATORS[:3], (1e-3, 5e-3))
 
 #: Factors of the robot's pieces, and shares of the drives' range.
 PIECES, AMPLITUDES, AMPLITUDE = (0.5, 2.0, 4.0), (0.25, 1.0), 0.5
@@ -111,12 +112,10 @@ def measure(
     robot: RobotParams, quick: bool = False, progress: ProgressCallback = quiet
 ) -> list[StabilityRow]:
     """What becomes of the runs of a robot; arguments as those of `accuracy.measure`."""
-    grid = (QUICK_STIFFNESSES, QUICK_DAMPINGS) if quick else (STIFFNESSES, DAMPINGS)
-    mapped = [Variation(*scales) for scales in product(*grid)]
+    mapped = [Variation(*scales) for scales in product(*(QUICK_MAP if quick else MAP))]
     pieces = dict.fromkeys(max(1, round(factor * robot.pieces)) for factor in PIECES)
     others = [Variation(pieces=n) for n in pieces] + [Variation(amplitude=a) for a in AMPLITUDES]
-    choices = INTEGRATORS[:3] if quick else INTEGRATORS
-    asked = list(product(choices, QUICK_TIMESTEPS if quick else TIMESTEPS))
+    asked = list(product(*(QUICK_ASKED if quick else ASKED)))
     rows: list[StabilityRow] = []
     for done, varied in enumerate((*mapped, *others)):
         progress(str(varied), done, len(mapped) + len(others))
@@ -149,8 +148,8 @@ def _runs(
 
 def _rule(config: SceneConfig) -> str:
     """MuJoCo's integrator that the scene's compiled model has."""
-    found = mjtIntegrator(build_scene(config).model.opt.integrator).name.removeprefix("mjINT_")
-    return next(name for name in INTEGRATORS if name.upper() == found)
+    found = mjtIntegrator(build_scene(config).model.opt.integrator).name
+    return next(name for name in INTEGRATORS if found.endswith(f"_{name.upper()}"))
 
 
 def _truth(config: SceneConfig, moved: Excitation) -> Limit | None:

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from softrobot_env.compile.native import inlined, jit, making
+from softrobot_env.compile.native import jit, making
 
 from .layout import AT
-from .mujoco_functions import ints, reals
+from .mujoco_functions import assign, ints, reals
 
 #: Friction's impulses are found by as many sweeps, or until they move by no more than a share [1].
 _SWEEPS, _STILL = 200, 1e-12
@@ -25,7 +25,7 @@ def euler_step(chain, forces, h, matrix, change):
         _rub(chain.v, forces, h, matrix, change)
 
 
-@inlined
+@jit
 def _fill_joints(chain, forces, h, matrix, change):
     """Matrix (lower half) and right-hand side with the springs and dampers of the joints."""
     model, header, nv, mass = chain.model, chain.header, chain.v.size, forces.mass
@@ -35,7 +35,8 @@ def _fill_joints(chain, forces, h, matrix, change):
     damping = reals(model, header[AT.dof_damping], nv)
     stiffness = reals(model, header[AT.jnt_stiffness], joints[nv - 1] + 1)
     for i in range(nv):
-        matrix[i, : i + 1] = 0.0
+        for j in range(i + 1):
+            matrix[i, j] = 0.0
         for at in range(start[i], start[i] + nonzero[i]):
             matrix[i, columns[at]] = mass[at]
         k = stiffness[joints[i]]
@@ -43,7 +44,7 @@ def _fill_joints(chain, forces, h, matrix, change):
         change[i] = h * (forces.force[i] - h * k * chain.v[i])
 
 
-@inlined
+@jit
 def _add_drives(chain, forces, h, matrix, change):
     """Add the springs of taut drives."""
     nv, v, pulls = chain.v.size, chain.v, forces.pulls
@@ -69,40 +70,42 @@ def _rub(v, forces, h, factor, change):
 
     Coulomb's law on the velocity at its end, by projected Gauss-Seidel sweeps over the impulses.
     """
-    count = int(forces.counts[1])
-    arms, bounds = forces.arms[:count], h * forces.friction[:count]
+    count, arms = int(forces.counts[1]), forces.arms
     answers = np.empty((count, v.size))
     for k in range(count):
-        answers[k] = arms[k]
+        assign(answers[k], arms[k])
         _solve(factor, answers[k], v.size)
     rates, couplings = np.empty(count), np.empty((count, count))
     for j in range(count):
         rates[j] = _dot(arms[j], v) + _dot(arms[j], change)
         for k in range(count):
             couplings[j, k] = _dot(arms[j], answers[k])
-    impulses = _impulses(couplings, rates, bounds)
+    impulses = _impulses(couplings, rates, forces.friction, h)
     for k in range(count):
         for i in range(v.size):
             change[i] -= impulses[k] * answers[k, i]
 
 
 @making
-def _impulses(couplings, rates, bounds):
-    """Impulses (k,), within their bounds, that stop or slow the rates (k,); those are changed.
+def _impulses(couplings, rates, friction, h):
+    """Impulses (k,), within those of a friction, that stop or slow the rates (k,).
 
-    An impulse at k slows the rate at j by couplings[j, k].
+    The rates are changed: an impulse at k slows that at j by couplings[j, k].
     """
-    impulses = np.zeros(rates.size)
+    impulses = np.empty(rates.size)
+    for k in range(rates.size):
+        impulses[k] = 0.0
     for _ in range(_SWEEPS):
         moved = 0.0
         for k in range(rates.size):
             if couplings[k, k] <= 0:
                 continue
             wanted = impulses[k] + rates[k] / couplings[k, k]
-            wanted = min(max(wanted, -bounds[k]), bounds[k])
+            most = h * friction[k]
+            wanted = min(max(wanted, -most), most)
             step = wanted - impulses[k]
             impulses[k] = wanted
-            moved = max(moved, abs(step) / bounds[k])
+            moved = max(moved, abs(step) / most)
             for j in range(rates.size):
                 rates[j] -= step * couplings[j, k]
         if moved < _STILL:

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.compile.native import inlined, jit, making
+from softrobot_env.compile.native import jit, making
 
 from . import layout
 from . import mujoco_functions as mj
@@ -156,7 +156,7 @@ def integrate(work, ramp):
 # ---------------------------------------------------------------- an interval
 
 
-@inlined
+@jit
 def _start(work, ramp, time):
     """Remember the state and what acts in it: it serves the first step of all rows."""
     mj.assign(work.q, work.chain.q)
@@ -164,7 +164,7 @@ def _start(work, ramp, time):
     _measure(work, work.first, ramp, time)
 
 
-@inlined
+@jit
 def _measure(work, forces, ramp, time):
     """What acts with the controls of a time [s] on the ramp."""
     _control(work.chain.ctrl, ramp, time)
@@ -172,7 +172,7 @@ def _measure(work, forces, ramp, time):
     work.memory[layout.EVALUATIONS] += 1
 
 
-@inlined
+@jit
 def _control(ctrl, ramp, time):
     """Let controls (nu,) be those of a time [s] on the ramp."""
     share = time / ramp.duration
@@ -212,7 +212,7 @@ def _extrapolate(work, ramp, time, h):
     return rows, error
 
 
-@inlined
+@jit
 def _take_steps(work, ramp, time, h, count):
     """Cross an interval [s] in equal Euler steps, from its start."""
     chain, part = work.chain, h / count
@@ -225,7 +225,7 @@ def _take_steps(work, ramp, time, h, count):
         _take_step(work, work.forces, part)
 
 
-@inlined
+@jit
 def _take_step(work, forces, h):
     chain = work.chain
     euler_step(chain, forces, h, work.matrix, work.change)
@@ -234,7 +234,7 @@ def _take_step(work, forces, h):
     mj.move(chain.model, chain.q, chain.v, h)
 
 
-@inlined
+@jit
 def _add_row(work, row):
     """Neville: entry j of this row is from entry j - 1 of this row and of the one before."""
     table = work.table
@@ -250,7 +250,7 @@ def _add_row(work, row):
     mj.assign(table.velocities[row], table.velocity)
 
 
-@inlined
+@jit
 def _extrapolate_entry(entry, before, weight):
     """Replace an entry of the row before by that of this row, and that by the next of this row."""
     for i in range(entry.size):
@@ -326,7 +326,8 @@ def _unseen(work, ramp, time, entry, part):
 @jit
 def _allowed(memory, h):
     """Error [m] that an interval [s] may have."""
-    share = min((memory[layout.RATE] * h) ** 2, LARGEST_SHARE) + SMALLEST_SHARE
+    turned = memory[layout.RATE] * h
+    share = min(turned * turned, LARGEST_SHARE) + SMALLEST_SHARE
     return share * memory[layout.ACCURACY]
 
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from numpy import ndarray
 
-from softrobot_env.compile.native import inlined, jit, making
+from softrobot_env.compile.native import jit, making
 
 from . import mujoco_functions as mj
 from .layout import AT, LENGTHS, NBODY, NQ, NTENDON, NU, NV
@@ -89,7 +89,7 @@ def no_forces(chain, room):
     )
 
 
-@inlined
+@jit
 def evaluate(chain):
     """Kinematics, mass and all forces but the drives' at MuJoCo's state."""
     model, data = chain.model, chain.data
@@ -103,7 +103,7 @@ def evaluate(chain):
     mj.mj_rne(model, data, 0, mj.word(data, chain.header[AT.qfrc_bias]))
 
 
-@inlined
+@jit
 def measure(chain, forces):
     """All that acts where `evaluate` was called last, with the controls in force."""
     _sum_forces(chain, forces.force)
@@ -181,7 +181,8 @@ def _find_rubbing(chain, friction, arms):
 @jit
 def _spread(values, columns, start, row):
     """Elements of a sparse row, from `start` on, as a row (nv,)."""
-    row[:] = 0.0
+    for i in range(row.size):
+        row[i] = 0.0
     for at in range(start, values.size):
         row[columns[at]] = values[at]
 

@@ -8,7 +8,7 @@ from softrobot_env.compile.native import (
     INT,
     array_at,
     functions_of,
-    inlined,
+    jit,
     making,
 )
 
@@ -43,13 +43,13 @@ _mj_integrate_pos = _function("mj_integratePos", ADDRESS, FLOAT)
 _mj_differentiate_pos = _function("mj_differentiatePos", FLOAT, ADDRESS, ADDRESS)
 
 
-@inlined
+@jit
 def move(model, q, v, time):
     """Let positions q (nq,) move with velocities v (nv,) for a time."""
     _mj_integrate_pos(model, q.ctypes.data, v.ctypes.data, time)
 
 
-@inlined
+@jit
 def subtract(model, turn, q, start):
     """The turns (nv,) of the joints by which positions q (nq,) are away from `start`."""
     _mj_differentiate_pos(model, turn.ctypes.data, 1.0, start.ctypes.data, q.ctypes.data)
@@ -61,10 +61,16 @@ def subtract(model, turn, q, start):
 @making
 def reals_at(address, size):
     """The array (size,) of doubles at an address."""
-    return array_at(address, (size,), np.float64)
+    return array_at(np.uint64(address), (size,), np.float64)
 
 
-@inlined
+@making
+def table_at(address, rows, columns):
+    """The array (rows, columns) of doubles at an address."""
+    return array_at(np.uint64(address), (rows, columns), np.float64)
+
+
+@jit
 def assign(array, values):
     """Let (n,) be other values (n,); `array[:] = values` might make a copy."""
     for i in range(array.size):
@@ -76,7 +82,7 @@ def cut(room, rows, columns):
     """An array (rows, columns) of doubles from the start of what is left at address room[0]."""
     start = room[0]
     room[0] += 8 * rows * columns
-    return array_at(start, (rows, columns), np.float64)
+    return table_at(start, rows, columns)
 
 
 @making

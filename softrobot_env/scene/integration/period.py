@@ -10,7 +10,7 @@ The functions serve any robot, single simulations and the threads of many.
 
 import numpy as np
 
-from softrobot_env.compile.native import array_at, called, entry, jit, making
+from softrobot_env.compile.native import array_at, called, entry, jit, making, shared
 
 from . import layout
 from . import mujoco_functions as mj
@@ -90,11 +90,12 @@ def _integrate_period(work, path, held):
     for k in range(ways):
         if k:
             evaluate(chain)
-        integrate(work, Ramp(path[k], path[k + 1], tick))
+        integrate(work, shared(Ramp(path[k], path[k + 1], tick)))
     if ways < memory[layout.SUBSTEPS]:
         if ways:
             evaluate(chain)
-        integrate(work, Ramp(held, held, memory[layout.PERIOD] - ways * tick))
+        rest = memory[layout.PERIOD] - ways * tick
+        integrate(work, shared(Ramp(held, held, rest)))
 
 
 @making
@@ -103,14 +104,15 @@ def _extrapolated_period(chain, memory, shadowed, states, path, free):
 
     The work is done in the array `free`, which the caller keeps alive: views do not.
     """
-    room = np.array([np.int64(free.ctypes.data)])
-    held = path[len(path) - 1].copy() if len(path) else chain.ctrl.copy()
+    room, held = np.empty(1, np.int64), np.empty(chain.ctrl.size)
+    room[0] = free.ctypes.data
+    mj.assign(held, path[len(path) - 1] if len(path) else chain.ctrl)
     _follow(chain, states)
-    _integrate_period(work_on(chain, memory, room), path, held)
+    _integrate_period(shared(work_on(chain, memory, room)), path, held)
     _save(chain, states[0])
     _load(chain, states[1])
     evaluate(chain)
-    _integrate_period(work_on(chain, shadowed, room), path, held)
+    _integrate_period(shared(work_on(chain, shadowed, room)), path, held)
     _save(chain, states[1])
     _load(chain, states[0])
     mj.reals_at(np.int64(chain.data) + 8 * chain.header[layout.AT.time], 1)[0] += memory[
@@ -214,19 +216,16 @@ def _path(number, header, memory):
     """Controls (rows, nu) during the period, that of its servos if a simulation has them."""
     nu = header[layout.NU]
     if header[layout.ROWS] or not header[layout.SERVOS]:
-        return mj.reals_at(header[layout.PATH], header[layout.ROWS] * nu).reshape(
-            header[layout.ROWS], nu
-        )
-    block = mj.reals_at(
-        header[layout.SERVOS] + 8 * number * layout.SERVO_ROWS * nu, layout.SERVO_ROWS * nu
-    )
+        return mj.table_at(header[layout.PATH], header[layout.ROWS], nu)
+    place = header[layout.SERVOS] + 8 * number * layout.SERVO_ROWS * nu
+    servos = mj.table_at(place, layout.SERVO_ROWS, nu)
     path = np.empty((1 + int(memory[layout.SUBSTEPS]), nu))
-    return path[: wind(block.reshape(layout.SERVO_ROWS, nu), memory, path)]
+    return path[: wind(servos, memory, path)]
 
 
 @making
 def _advance(model, data, number, header):
-    chain = chain_of(model, data, header)
+    chain = shared(chain_of(model, data, header))
     address = header[layout.MEMORY] + number * header[layout.STRIDE]
     memory = mj.reals_at(address, layout.MEMORY_SIZE)
     memory[layout.MISSED] = 0.0
@@ -234,9 +233,8 @@ def _advance(model, data, number, header):
     if memory[layout.METHOD] == layout.EXTRAPOLATED:
         shadowed = mj.reals_at(address + 8 * layout.MEMORY_SIZE, layout.MEMORY_SIZE)
         size = chain.q.size + chain.v.size
-        states = mj.reals_at(header[layout.SHADOW_STATES] + number * 16 * size, 2 * size).reshape(
-            2, size
-        )
+        place = header[layout.SHADOW_STATES] + number * 16 * size
+        states = mj.table_at(place, 2, size)
         free = np.empty(work_size(chain, memory) + work_size(chain, shadowed))
         _extrapolated_period(chain, memory, shadowed, states, path, free)
     else:
@@ -249,7 +247,7 @@ def _report(data, number, header):
     fields = array_at(header[layout.REPORTS], (header[layout.REPORTED], 3), np.int64)
     for k in range(header[layout.REPORTED]):
         place, size, address = fields[k, 0], fields[k, 1], fields[k, 2]
-        mj.reals_at(address + 8 * size * number, size)[:] = reals(data, place, size)
+        mj.assign(mj.reals_at(address + 8 * size * number, size), reals(data, place, size))
 
 
 @making
