@@ -103,9 +103,7 @@ def test_the_rig_is_no_faster_than_its_servos():
 
 
 def test_pulses_of_the_board_are_those_of_the_file():
-    bench = Bench()
-    bench.connect()
-    bench.arm()
+    bench = Bench().start()
     for _ in range(20):
         bench.command([0.01, 0.0, -0.02])
     wanted = [1e6 * s.pulse(x) for s, x in zip(bench.robot.tendons, (0.01, 0, -0.02), strict=True)]

@@ -9,7 +9,6 @@ import pytest
 from support.hardware_boards import PASS, Bench, Board
 
 from softrobot_env.hardware.errors import (
-    LinkError,
     ProtocolMismatchError,
     RobotError,
     RobotFaultError,
@@ -37,22 +36,23 @@ def armed(bench):
     return bench
 
 
-def test_outputs_go_on_where_the_robot_stands():
-    bench = Bench()
-    bench.board.position = (150, -20, 7)
-    bench.connect()
-    bench.arm()
-    assert bench.session.phase == Phase.RUNNING
-    np.testing.assert_allclose(bench.board.applied, [1.5e-3, -0.2e-3, 0.07e-3])
+def turned(robot):
+    """A bench of a robot whose tendons have other channels."""
+    channels = zip(robot.tendons, (2, 0, 1), strict=True)
+    return Bench(replace(robot, tendons=tuple(replace(s, channel=c) for s, c in channels)))
 
 
-def test_a_position_just_outside_the_range_is_armed_at_its_end():
+@pytest.mark.parametrize(
+    ("position", "present"),
+    [((150, -20, 7), [1.5e-3, -0.2e-3, 0.07e-3]), ((3100, 0, 0), [0.03, 0, 0])],
+    ids=["inside the range", "at the end of the range if just outside"],
+)
+def test_outputs_go_on_where_the_robot_stands(position, present):
     bench = Bench()
-    bench.board.position = (3100, 0, 0)
-    bench.connect()
-    np.testing.assert_allclose(bench.session.present_target(), [0.03, 0, 0])
-    bench.arm()
+    bench.board.position = position
+    bench.start()
     assert bench.session.phase == Phase.RUNNING
+    np.testing.assert_allclose(bench.board.applied, present)
 
 
 def test_a_set_point_is_followed_and_echoed(armed):
@@ -65,20 +65,8 @@ def test_a_set_point_is_followed_and_echoed(armed):
     assert 0.012 <= reading.round_trip <= 0.015
 
 
-def test_a_later_echo_answers_an_earlier_set_point(armed):
-    armed.cut = True
-    lost = armed.command(HERE)
-    armed.cut = False
-    kept = armed.command(HERE)
-    assert armed.session.echo(lost).seq == kept
-
-
-def test_tendons_keep_their_order_whatever_their_channels(armed):
-    servos = rig_file().tendons
-    turned = tuple(replace(s, channel=c) for s, c in zip(servos, (2, 0, 1), strict=True))
-    bench = Bench(replace(rig_file(), tendons=turned))
-    bench.connect()
-    bench.arm()
+def test_tendons_keep_their_order_whatever_their_channels():
+    bench = turned(rig_file()).start()
     for _ in range(10):
         bench.command([1e-3, 2e-3, 3e-3])
     assert bench.board.core.outputs.applied == (200, 300, 100)
@@ -100,29 +88,9 @@ def test_a_wrong_set_point_is_refused_before_it_is_sent(armed, length, complaint
     assert armed.session.link.sent == sent
 
 
-def test_at_most_three_set_points_are_under_way(armed):
-    armed.cut = True
-    for _ in range(3):
-        armed.command(HERE, wait=0.001)
-    with pytest.raises(LinkError, match="has not answered the last 3"):
-        armed.command(HERE)
-
-
-def test_a_refused_set_point_is_not_under_way(armed):
-    armed.session.robot = replace(armed.robot, ttl=1e-3)
-    late = [armed.session.setpoint(np.array(HERE), armed.now)[1] for _ in range(3)]
-    armed.run(0.01)
-    for frame in late:
-        armed.say(frame, 0.002)
-    assert armed.session.link.as_dict()["nacks"] == {"late": 3}
-    armed.command(HERE)
-
-
 @pytest.mark.parametrize("start", [2**32 * 1e-6 - 0.2, 2**33 * 1e-6 - 0.2])
 def test_clocks_may_wrap(start):
-    bench = Bench(start=start)
-    bench.connect()
-    bench.arm()
+    bench = Bench(start=start).start()
     for _ in range(20):
         bench.command([1e-3, 0, 0])
     assert bench.session.phase == Phase.RUNNING
@@ -163,11 +131,7 @@ def test_silence_latches_and_arming_waits_for_a_clear(armed):
     ],
 )
 def test_a_fault_tells_its_number_and_the_tendon_of_the_channel(bad, length, text):
-    servos = virtual_file().tendons
-    turned = tuple(replace(s, channel=c) for s, c in zip(servos, (2, 0, 1), strict=True))
-    bench = Bench(replace(virtual_file(), tendons=turned))
-    bench.connect()
-    bench.arm()
+    bench = turned(virtual_file()).start()
     vars(bench.board).update(bad)
     for _ in range(60):
         if bench.session.fault is None:
@@ -281,10 +245,21 @@ def test_a_board_that_cannot_watch_what_the_file_asks_for_is_refused(changes, ke
         hello_ack(bench, capabilities=15 & ~what)
 
 
-def test_an_answer_to_another_hello_is_ignored():
+#: Burnt into every board of protocol 1: it checks and sends frames with this number. Whoever
+#: changes a message or the name of a code changes the hash, and those boards fall silent. If that
+#: is meant, raise `PROTOCOL` and tell users to flash their boards; do not just edit this line.
+FLASHED = 0x7F7DC78A
+
+
+@pytest.mark.parametrize(
+    ("changes", "phase"),
+    [({"nonce": 78}, Phase.NEW), ({"firmware": 0x0100, "schema": FLASHED}, Phase.IDENTIFIED)],
+    ids=["to another hello", "of a board that was flashed before"],
+)
+def test_answers_are_ignored_or_pass_the_handshake(changes, phase):
     bench = Bench()
-    hello_ack(bench, nonce=78)
-    assert bench.session.phase == Phase.NEW
+    hello_ack(bench, **changes)
+    assert bench.session.phase == phase
 
 
 def test_another_configuration_is_not_taken_for_ours():
@@ -331,37 +306,25 @@ def test_the_drift_of_a_resonator_is_no_age(drift):
     assert max(ages(stamps, arrivals)) < 1e-3
 
 
-def test_lost_and_doubled_messages_are_counted():
+@pytest.mark.parametrize(
+    ("numbers", "old", "lost"),
+    [((65534, 65535, 65535, 3, 2, 4), (2, 4), 3), ((500, 0), (), 0)],
+    ids=["lost and doubled", "a count that begins anew"],
+)
+def test_lost_and_old_messages_are_counted(numbers, old, lost):
     link = LinkCounters()
-    arrived = [link.note_arrival(seq) for seq in (65534, 65535, 65535, 3, 2, 4)]
-    assert arrived == [True, True, False, True, False, True]
-    assert (link.lost, link.old, link.received) == (3, 2, 4)
-
-
-def test_a_count_that_begins_anew_is_no_old_message():
-    link = LinkCounters()
-    assert link.note_arrival(500) and link.note_arrival(0)
-    assert (link.lost, link.old) == (0, 0)
+    arrived = [link.note_arrival(number) for number in numbers]
+    assert [place for place, new in enumerate(arrived) if not new] == list(old)
+    assert (link.lost, link.old, link.received) == (lost, len(old), arrived.count(True))
 
 
 # ---------------------------------------------------------------- the table of messages
-#: Burnt into every board of protocol 1: it checks and sends frames with this number. Whoever
-#: changes a message or the name of a code changes the hash, and those boards fall silent. If that
-#: is meant, raise `PROTOCOL` and tell users to flash their boards; do not just edit this line.
-FLASHED = 0x7F7DC78A
 
 
 @pytest.mark.parametrize("kind", [*m.ENUMERATIONS, *m.FLAGS])
 def test_every_number_that_stands_for_something_is_in_the_schema(kind):
     (line,) = [x for x in m.schema_text().splitlines() if x.startswith(f"{kind.__name__} ")]
     assert line.split()[1:] == [f"{code.name}={code.value}" for code in kind]
-
-
-def test_a_board_that_was_flashed_before_passes_the_handshake():
-    bench = Bench()
-    ack = m.HelloAck(77, 1, 0x0100, 1, 1, FLASHED, 3, 15, 0)
-    bench.session.receive(encode(ack, 0), bench.now)
-    assert bench.session.phase == Phase.IDENTIFIED
 
 
 def test_what_a_board_that_was_flashed_before_says_is_understood():

@@ -6,11 +6,8 @@ import time
 from pathlib import Path
 
 import pytest
-from support.hardware_boards import Bench
 from support.processes import python
 
-from softrobot_env.hardware.protocol.messages import Fault
-from softrobot_env.hardware.robot_file import virtual_file
 from softrobot_env.hardware.virtual_robot import linked
 
 pytest.importorskip("serial", reason="needs the robot extra")
@@ -25,22 +22,15 @@ def ports(tmp_path):
     return made
 
 
-def test_a_link_lasts_as_long_as_its_context(tmp_path, ports):
-    link = tmp_path / "folder" / "robot"
-    with linked(str(ports[0]), link) as name:
-        assert name == str(link) and link.readlink() == ports[0]
-    assert not link.is_symlink()
-
-
-def test_the_link_of_another_robot_is_left_alone(tmp_path, ports):
-    link, (one, other) = tmp_path / "robot", ports
-    with linked(str(one), link):
-        with (
-            pytest.raises(FileExistsError, match="another virtual robot"),
-            linked(str(other), link),
-        ):
+def test_a_link_lasts_as_long_as_its_context_and_is_not_anothers(tmp_path, ports):
+    link, (one, other) = tmp_path / "folder" / "robot", ports
+    with linked(str(one), link) as name:
+        assert name == str(link)
+        refused = pytest.raises(FileExistsError, match="another virtual robot")
+        with refused, linked(str(other), link):
             pass
         assert link.readlink() == one
+    assert not link.is_symlink()
 
 
 def test_the_link_of_a_robot_that_was_killed_is_replaced(tmp_path, ports):
@@ -61,27 +51,6 @@ def test_a_link_that_now_leads_elsewhere_stays(tmp_path, ports):
 def test_a_file_is_not_replaced(ports):
     with pytest.raises(FileExistsError), linked("port", ports[0]):
         pass
-
-
-@pytest.fixture
-def bench():
-    bench = Bench(virtual_file())
-    bench.connect()
-    bench.arm()
-    return bench
-
-
-def pull(bench, length):
-    """Command a length until a fault stops the robot, at the longest for 2 s."""
-    for _ in range(100):
-        if bench.session.fault is None:
-            bench.command([length, 0.0, 0.0])
-    return bench.session.fault
-
-
-def test_its_file_has_a_servo_that_is_stuck_noticed(bench):
-    bench.board.stuck = (0, 0, 0)
-    assert pull(bench, 0.02).code == Fault.STALL
 
 
 PARENT = """

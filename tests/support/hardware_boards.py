@@ -80,6 +80,12 @@ class Bench:
         self.say(self.session.hello(), 0.01)
         self.say(self.session.configure(), 0.06)
 
+    def start(self):
+        """Connected, configured and armed."""
+        self.connect()
+        self.arm()
+        return self
+
     def arm(self, number=5):
         self.say(self.session.arm(number), 0.06)
         return self.command(self.session.present_target(), 0.02)

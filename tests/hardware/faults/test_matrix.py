@@ -216,7 +216,7 @@ def test_a_device_that_slept_follows_no_old_set_points(rough):
     rough.asleep = True
     for _ in range(3):
         rough.command(THERE, 5e-3)
-    with pytest.raises(UnansweredError):
+    with pytest.raises(UnansweredError, match="has not answered the last 3"):
         rough.command(THERE)
     rough.run(0.05)
     rough.asleep = False

@@ -31,9 +31,7 @@ def bench():
     """Running, on the way to `FAR`."""
     board = Board()
     board.core = Lying()
-    bench = Bench(ROBOT, board)
-    bench.connect()
-    bench.arm()
+    bench = Bench(ROBOT, board).start()
     bench.command(FAR, PERIOD)
     return bench
 
