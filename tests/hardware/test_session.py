@@ -88,6 +88,17 @@ def test_a_wrong_set_point_is_refused_before_it_is_sent(armed, length, complaint
     assert armed.session.link.sent == sent
 
 
+def test_a_refused_set_point_is_not_under_way(armed):
+    armed.session.robot = replace(armed.robot, ttl=1e-3)
+    late = [armed.session.setpoint(np.array(HERE), armed.now)[1] for _ in range(3)]
+    armed.session.robot = armed.robot  # for the host they are young enough to be answered
+    armed.run(0.01)
+    for frame in late:
+        armed.say(frame, 0.002)
+    assert armed.session.link.as_dict()["nacks"] == {"late": 3}
+    armed.command(HERE)
+
+
 @pytest.mark.parametrize("start", [2**32 * 1e-6 - 0.2, 2**33 * 1e-6 - 0.2])
 def test_clocks_may_wrap(start):
     bench = Bench(start=start).start()
