@@ -32,9 +32,41 @@ def live():
         yield board
 
 
+class Breakable:
+    """A transport that breaks when told to.
+
+    Attributes:
+        deaf, dumb: What reading or writing raises, None where it works.
+        closed: How often it was closed.
+    """
+
+    def __init__(self, transport):
+        self._transport = transport
+        self.deaf = self.dumb = None
+        self.closed = 0
+
+    def read(self, timeout):
+        if self.deaf:
+            raise self.deaf
+        return self._transport.read(timeout)
+
+    def write(self, data):
+        if self.dumb:
+            raise self.dumb
+        self._transport.write(data)
+
+    def close(self):
+        self.closed += 1
+
+
 @pytest.fixture
-def driver(live):
-    with Driver(PATIENT, live.transport) as found:
+def transport(live):
+    return Breakable(live.transport)
+
+
+@pytest.fixture
+def driver(transport):
+    with Driver(PATIENT, transport) as found:
         found.connect()
         yield found
 
@@ -43,33 +75,6 @@ def driver(live):
 def armed(driver):
     driver.arm()
     return driver
-
-
-class Breakable:
-    """A transport that breaks when told to.
-
-    Attributes:
-        deaf, dumb: Whether reading or writing is broken.
-        closed: How often it was closed.
-    """
-
-    def __init__(self, transport, error=None):
-        self._transport, self._error = transport, error
-        self.deaf = self.dumb = False
-        self.closed = 0
-
-    def read(self, timeout):
-        if self.deaf:
-            raise LinkError("/dev/robot has gone")
-        return self._transport.read(timeout)
-
-    def write(self, data):
-        if self.dumb:
-            raise self._error
-        self._transport.write(data)
-
-    def close(self):
-        self.closed += 1
 
 
 def elapsed(action):
@@ -134,16 +139,12 @@ def test_a_fault_whose_cause_is_there_cannot_be_cleared(live, driver):
         driver.clear()
 
 
-def test_what_breaks_while_listening_is_raised_by_the_next_call(live):
-    transport = Breakable(live.transport)
-    with Driver(PATIENT, transport) as driver:
-        driver.connect()
-        driver.arm()
-        transport.deaf = True
-        with pytest.raises(LinkError, match="/dev/robot has gone"):
-            driver.wait_for(driver.command(HERE) + 1, time.monotonic() + 1)
-        with pytest.raises(LinkError, match="/dev/robot has gone"):
-            driver.command(HERE)
+def test_what_breaks_while_listening_is_raised_by_the_next_call(transport, armed):
+    transport.deaf = LinkError("/dev/robot has gone")
+    with pytest.raises(LinkError, match="/dev/robot has gone"):
+        armed.wait_for(armed.command(HERE) + 1, time.monotonic() + 1)
+    with pytest.raises(LinkError, match="/dev/robot has gone"):
+        armed.command(HERE)
 
 
 def test_what_nobody_understands_is_reported(live, driver):
@@ -172,17 +173,13 @@ def test_a_pace_does_not_wait_for_a_silent_robot(live, armed):
             armed.pace(HERE, time.monotonic() + 0.02)
 
 
-def test_closing_stops_the_robot_and_happens_once(live):
-    transport = Breakable(live.transport)
-    driver = Driver(PATIENT, transport)
-    driver.connect()
-    driver.arm()
-    driver.close()
+def test_closing_stops_the_robot_and_happens_once(live, transport, armed):
+    armed.close()
     assert not live.board.core.outputs.powered
-    driver.close()
+    armed.close()
     assert transport.closed == 1
     with pytest.raises(LinkError, match="closed"):
-        driver.connect()
+        armed.connect()
 
 
 def test_closing_a_dead_robot_is_bounded(live, armed):
@@ -194,13 +191,9 @@ def test_closing_a_dead_robot_is_bounded(live, armed):
 @pytest.mark.parametrize(
     "error", [LinkError("cannot write to /dev/robot"), OSError("no such device")], ids=repr
 )
-def test_closing_goes_on_when_a_stage_fails(live, error):
-    transport = Breakable(live.transport, error)
-    driver = Driver(PATIENT, transport)
-    driver.connect()
-    driver.arm()
-    transport.dumb = True
-    driver.close()
+def test_closing_goes_on_when_a_stage_fails(transport, armed, error):
+    transport.dumb = error
+    armed.close()
     assert transport.closed
 
 

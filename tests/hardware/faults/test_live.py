@@ -133,25 +133,16 @@ def setpoints(core):
     return sum(isinstance(message, m.Setpoint) for message in core.heard)
 
 
-@pytest.fixture
-def lost(proxy, core):
-    """An environment whose port has gone in an episode."""
+def test_a_lost_line_ends_the_episode_and_can_be_plugged_again(proxy, core):
     with running(lambda: SerialTransport(proxy.port, FILE.baud), core) as env:
         proxy.unplug()
         assert proxy.port in fail(env)  # reading or writing notices first
         assert_comes_to_rest(core)
-        yield env
-
-
-def test_a_lost_line_ends_the_episode(lost, core):
-    with pytest.raises(LinkError):
-        lost.reset(options={"clear_fault": True})
-    assert not core.outputs.powered
-
-
-def test_a_lost_line_can_be_plugged_again(lost, proxy, core):
-    proxy.plug()
-    assert_runs_again(lost, core)
+        with pytest.raises(LinkError):
+            env.reset(options={"clear_fault": True})
+        assert not core.outputs.powered
+        proxy.plug()
+        assert_runs_again(env, core)
 
 
 def test_a_peer_that_does_not_read_ends_the_episode(proxy, core):
@@ -182,8 +173,7 @@ def test_a_stalled_device_ends_the_episode(proxy, core, servos):
         assert_runs_again(env, core)
 
 
-# ---------------------------------------------------------------- the environment
-pytest.importorskip("cobs", reason="needs the robot extra")
+# ---------------------------------------------------------------- with a board in memory
 
 
 @pytest.fixture
@@ -218,24 +208,13 @@ def test_a_slow_host_is_stopped(live):
         assert_comes_to_rest(live.board.core)
 
 
-@pytest.fixture
-def restarted(live):
-    """An environment whose board started again in an episode."""
+def test_a_restart_ends_the_episode_and_the_board_can_run_again(live):
     with running(line(live), live.board.core) as env:
-        live.board.core = WatchedCore(boot_id=2, reset_cause=m.Reset.BROWN_OUT)
+        core = live.board.core = WatchedCore(boot_id=2, reset_cause=m.Reset.BROWN_OUT)
         failure = fail(env)
-        assert all(
-            reported in failure for reported in ("brown-out", "boot 00000001", "now 00000002")
-        )
-        yield env
-
-
-def test_a_restart_ends_the_episode(restarted, live):
-    sleep(1.2 * FILE.watchdog)
-    core = live.board.core
-    assert not core.outputs.powered and not core.witness.followed
-    assert core.outputs.state == m.DeviceState.DISARMED
-
-
-def test_a_restarted_board_can_run_again(restarted, live):
-    assert_runs_again(restarted, live.board.core)
+        for reported in ("brown-out", "boot 00000001", "now 00000002"):
+            assert reported in failure
+        sleep(1.2 * FILE.watchdog)
+        assert not core.outputs.powered and not core.witness.followed
+        assert core.outputs.state == m.DeviceState.DISARMED
+        assert_runs_again(env, core)

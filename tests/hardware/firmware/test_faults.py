@@ -195,17 +195,21 @@ def test_clearing_needs_the_first_cause_by_name():
         (m.Fault.BROWN_OUT, {"vbus": 4999}, {"vbus": 5000}),
         (m.Fault.FORCE, {"force": (100, 100, 2001)}, {"force": (100, 100, 0)}),
         (m.Fault.ADC, {"adc": (4086, 99, 99, 99)}, {"adc": (99, 99, 99, 99)}),
+        (m.Fault.SLACK, {"force": (0,) * N}, None),
+        (m.Fault.STALL, {"length": (2000,) * N}, None),
     ],
 )
 def test_clearing_needs_the_cause_to_be_gone(fault, bad, good):
+    """But slack and stalled tendons may stay so with the outputs off, hence None."""
     bench = away()
     spoil(bench, **bad)
     bench.hold(40, *AWAY)
     bench.wait(200)
-    assert refusals(bench.run(m.Clear(fault))) == [m.Reason.FAULT]
-    assert is_off(bench, m.DeviceState.LATCHED)
-    spoil(bench, **good)
-    bench.run()
+    if good is not None:
+        assert refusals(bench.run(m.Clear(fault))) == [m.Reason.FAULT]
+        assert is_off(bench, m.DeviceState.LATCHED)
+        spoil(bench, **good)
+        bench.run()
     assert refusals(bench.run(m.Clear(fault))) == []
     assert is_off(bench, m.DeviceState.DISARMED)
 
@@ -219,18 +223,6 @@ def test_a_later_cause_must_be_gone_too():
     spoil(bench, estop=False)
     bench.run()
     assert refusals(bench.run(m.Clear(m.Fault.WATCHDOG))) == []
-
-
-def test_a_slack_or_stalled_robot_can_be_cleared_with_the_outputs_off():
-    for fault, bad in (
-        (m.Fault.SLACK, {"force": (0,) * N}),
-        (m.Fault.STALL, {"length": (2000,) * N}),
-    ):
-        bench = away()
-        spoil(bench, **bad)
-        bench.hold(40, *AWAY)
-        bench.wait(200)
-        assert refusals(bench.run(m.Clear(fault))) == []
 
 
 def test_running_goes_on_after_a_fault_only_with_a_new_session():
