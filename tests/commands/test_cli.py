@@ -13,6 +13,7 @@ from support.processes import finished
 from softrobot_env.cli import main
 from softrobot_env.commands import cases as evaluate_cases
 from softrobot_env.commands.registry import COMMANDS
+from softrobot_env.commands.robot.command import ROBOT_COMMANDS
 from softrobot_env.compile.notice import Notice
 
 HOLD = "--tasks lshape --policies hold --control-period 0.2"
@@ -108,10 +109,10 @@ def test_inspect_follows_the_scene_options(capsys):
     assert "3 hinges in 3 pieces, rule midpoint" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", [*COMMANDS, *(f"robot {name}" for name in ROBOT_COMMANDS)])
 def test_help_has_an_example(command, capsys):
-    with pytest.raises(SystemExit):
-        main([command, "--help"])
+    with pytest.raises(SystemExit, match="0"):
+        called(command, "--help")
     assert f"example: softrobot {command}" in " ".join(capsys.readouterr().out.split())
 
 

@@ -1,20 +1,16 @@
 """`softrobot robot`, with boards behind pseudo-terminals."""
 
-import contextlib
 import io
 import os
-import threading
-import time
+import select
 import tty
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from support.commands import called
-from support.hardware_boards import PASS, Board, FullDisk
+from support.hardware_boards import Board, FullDisk, LiveBoard
 
-from softrobot_env.cli import main
-from softrobot_env.commands.robot.command import ROBOT_COMMANDS
 from softrobot_env.commands.robot.link import open_driver
 from softrobot_env.hardware.protocol.messages import Capability, DeviceState
 from softrobot_env.hardware.robot_file import read_robot_file, rig_file, write_robot_file
@@ -22,64 +18,44 @@ from softrobot_env.hardware.robot_file import read_robot_file, rig_file, write_r
 pytestmark = [pytest.mark.realtime(late=0.9), pytest.mark.usefixtures("patience")]
 
 
-class Terminal:
-    """A board behind a pseudo-terminal, in real time.
-
-    Attributes:
-        port: Its path.
-        board: What answers there.
-    """
+class Terminal(LiveBoard):
+    """A board behind a pseudo-terminal, in real time; its path is `port`."""
 
     def __init__(self):
-        self.board = Board()
+        super().__init__(end=self)
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.port = os.ttyname(self._slave)
-        self._over = threading.Event()
-        self._thread = threading.Thread(target=self._serve, daemon=True)
-        self._thread.start()
 
-    def close(self):
-        self._over.set()
-        self._thread.join()
+    def __exit__(self, *_):
+        super().__exit__()
         os.close(self._master)
         os.close(self._slave)
 
-    def _serve(self):
-        while not self._over.wait(PASS):
-            with contextlib.suppress(BlockingIOError):
-                self.board.core.receive(os.read(self._master, 4096))
-            self.board.run(time.monotonic())
-            os.write(self._master, self.board.core.transmit())
+    def read(self, timeout):
+        readable, _, _ = select.select([self._master], [], [], timeout)
+        return os.read(self._master, 4096) if readable else b""
+
+    def write(self, data):
+        os.write(self._master, data)
 
 
 @pytest.fixture
 def robot(tmp_path):
     """A board, with a patient robot file at `robot.file`: this computer may be busy."""
-    terminal = Terminal()
-    terminal.file = str(tmp_path / "rig.toml")
-    patient = replace(rig_file(terminal.port), watchdog=1.0, ttl=0.9)
-    write_robot_file(patient, tmp_path / "rig.toml")
-    yield terminal
-    terminal.close()
-
-
-def test_every_command_has_help(capsys):
-    for name in ROBOT_COMMANDS:
-        with pytest.raises(SystemExit, match="0"):
-            main(["robot", name, "--help"])
-        assert f"softrobot robot {name}" in capsys.readouterr().out
+    with Terminal() as terminal:
+        terminal.file = str(tmp_path / "rig.toml")
+        patient = replace(rig_file(terminal.port), watchdog=1.0, ttl=0.9)
+        write_robot_file(patient, tmp_path / "rig.toml")
+        yield terminal
 
 
 def test_list_names_who_answers_and_who_does_not(robot, capsys):
-    assert main(["robot", "list", robot.port, "/dev/no-robot"]) == 0
+    assert called("robot list", robot.port, "/dev/no-robot") == 0
     out = capsys.readouterr().out
     assert "firmware 1.0, 3 tendons" in out and "/dev/no-robot" in out
-
-
-def test_list_fails_if_nobody_answers(capsys):
-    assert main(["robot", "list", "/dev/no-robot"]) == 1
+    assert called("robot list /dev/no-robot") == 1
 
 
 def test_info_prints_what_the_robot_says(robot, capsys):
@@ -138,8 +114,8 @@ def test_calibrate_goes_on_after_marks_that_contradict(calibrated, capsys):
 
 
 def test_calibrate_replaces_no_file_and_tells_so_before_it_opens_the_port(robot, capsys):
-    arguments = ["robot", "calibrate", "--robot-file", robot.file, "--out", robot.file]
-    assert main([*arguments, "--port", "/dev/no-robot"]) == 2
+    words = ("robot calibrate --port /dev/no-robot --robot-file", robot.file, "--out", robot.file)
+    assert called(*words) == 2
     assert "is there already" in capsys.readouterr().err
 
 
@@ -160,13 +136,13 @@ def test_a_recording_that_breaks_off_is_told_at_the_end(robot, capsys):
 
 def test_replay_prints_a_recording(robot, tmp_path, capsys):
     path = tmp_path / "run.link"
-    main(["robot", "hold", "--robot-file", robot.file, "--seconds", "0.1", "--record", str(path)])
+    called("robot hold --robot-file", robot.file, "--seconds 0.1 --record", path)
     capsys.readouterr()
-    assert main(["robot", "replay", str(path)]) == 0
+    assert called("robot replay", path) == 0
     brief = capsys.readouterr().out
     assert "HelloAck" in brief and "running" in brief and "Setpoint" not in brief
-    assert main(["robot", "replay", str(path), "--all"]) == 0
+    assert called("robot replay", path, "--all") == 0
     assert "Setpoint" in capsys.readouterr().out
     path.write_bytes(path.read_bytes()[:-1])
-    assert main(["robot", "replay", str(path)]) == 1
+    assert called("robot replay", path) == 1
     assert "breaks off" in capsys.readouterr().out

@@ -156,16 +156,17 @@ class MemoryTransport:
 
 
 class LiveBoard:
-    """A board behind a `MemoryTransport`, in real time; a context manager.
+    """A board behind a `MemoryTransport` or another end of a line, in real time; a context manager.
 
     Attributes:
-        transport: The host's end.
+        transport: The host's end, if it is in memory.
         alive: Cleared for a board that hangs.
     """
 
-    def __init__(self, board=None):
+    def __init__(self, board=None, end=None):
         self.board = board or Board()
-        self.transport, self._end = MemoryTransport.pair()
+        self.transport, memory = MemoryTransport.pair()
+        self._end = end or memory
         self.alive = threading.Event()
         self.alive.set()
         self._over = threading.Event()
