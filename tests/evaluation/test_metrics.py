@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from support.rollouts import made_rollout
 
 from softrobot_env.evaluation.metrics import step_metrics, tracking_metrics
-from softrobot_env.evaluation.rollout import Rollout
 
 START, TARGET = np.array([0.1, 0.0, 0.4]), np.array([0.16, 0.0, 0.32])
 
@@ -72,21 +72,7 @@ def test_a_tip_that_never_moves():
 def test_tracking_metrics():
     error = np.array([0.0, 3e-3, 4e-3, 1e-3])
     tip = np.stack([error, np.zeros(4), np.zeros(4)], axis=1)
-    zeros = np.zeros((4, 3))
-    rollout = Rollout(
-        time=np.arange(4.0),
-        reference=zeros,
-        tip=tip,
-        action=zeros,
-        tendon_tension=zeros,
-        tendon_length=zeros,
-        curvature=zeros,
-        reward=np.zeros(4),
-        policy_time=np.zeros(3),
-        policy_status=np.full(3, ""),
-        wall_time=1.0,
-    )
-    metrics = tracking_metrics(rollout)
+    metrics = tracking_metrics(made_rollout(np.arange(4.0), np.zeros((4, 3)), tip))
     assert metrics.e_mean == pytest.approx(2e-3)
     assert metrics.e_max == pytest.approx(4e-3)
     assert metrics.e_rms == pytest.approx(np.sqrt(26 / 4) * 1e-3)

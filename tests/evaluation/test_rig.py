@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.rollouts import made_rollout
 
 from softrobot_env.evaluation import report
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.report import identified_label, option_columns, rig_label, task_label
-from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import Case, Outcome
 from softrobot_env.rendering.plots import plot_task
 from softrobot_env.tasks import make_task
@@ -22,12 +22,7 @@ def record(task, duration, failure=None):
     off = np.where(time[:, None] <= 10.0, [3e-3, 0, 0], [4e-3, 0, 0])
     off[time > 12.0] = [4e-3, 3e-3, 0]
     reference = task.trajectory.position(time)
-    three, one = np.zeros((len(time), 3)), np.zeros(len(time))
-    return Rollout(
-        time, reference, reference + off, three, three, three, three[:, :2], one,
-        policy_time=one[1:] + 1e-5, policy_status=np.full(len(time) - 1, ""), wall_time=1.0,
-        failure=failure,
-    )  # fmt: skip
+    return made_rollout(time, reference, reference + off, failure=failure)
 
 
 def test_errors_of_the_approach_do_not_count():

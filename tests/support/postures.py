@@ -5,6 +5,10 @@ import numpy as np
 from numpy import ndarray
 from scipy.spatial.transform import Rotation
 
+from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.registry import model_scene
+
 
 def posed(model, q):
     """Data of a model at rest in a posture (nq,)."""
@@ -29,3 +33,11 @@ def net_force(touches, name: str) -> ndarray:
     """Force (3,) [N] on what is called `name`, an object or a part of a robot."""
     parts = [x for x in touches if x.first != x.second]
     return sum(((x.first == name) - (x.second == name)) * x.force for x in parts) + np.zeros(3)
+
+
+def rest_tip(robot, inputs: ndarray) -> ndarray:
+    """Tip (3,) [m] of a robot at rest under inputs (n_inputs,), in a scene of its own."""
+    scene = build_scene(model_scene(robot))
+    controls = np.zeros(scene.n_inputs)
+    controls[: len(robot.tendons)] = robot_inputs(robot).command(inputs)
+    return scene.tip(scene.equilibrium(controls))
