@@ -93,6 +93,8 @@ CALLS = [
     ("inspect --twin 1", "--twin: only with tasks of the rig"),
     ("inspect --workspace", "--workspace goes with --robot only"),
     (f"inspect {FINGER} --option radius=1", "with a --task only"),
+    (f"inspect {FINGER} --task step", "unknown task 'step'; choose from reach"),
+    ("export --robot nobody", "hanging_trunk"),
     ("render --policy pid", "feedforward"),
     ("render --size 0 10", "pixels"),
     ("render --task swing --begin 15", "the episode is over after 15 s"),
@@ -156,6 +158,7 @@ CALLS = [
     ("evaluate --robot rig --tasks circle --policies hybrid", "follows x and y alone, as triang"),
     ("evaluate --robot nobody", "unknown robot 'nobody'; choose from gripper_finger"),
     ("evaluate --tasks mine.py:stay", "is for any robot"),
+    ("evaluate --tasks step --policies other.npz", "no policy at other.npz"),
     ("evaluate --robot cantilever_weak", "no tendons"),
     # Sensors.
     (
@@ -172,6 +175,8 @@ CALLS = [
     ("recording check none.csv", "none.csv: no such file"),
     ("recording replay none.csv --robot nobody", "nobody"),
     (f"robot record {FINGER} --amplitude 2", "amplitude must be in (0, 1]"),
+    (f"identify mine.csv {FINGER} --stages statics,magic", "stages must be out of frame, tendons"),
+    (f"identify mine.csv {FINGER} --stages residual", "one of the first four at least, got resid"),
     ("robot record --robot arm --env virtual", "--robot, --plant: only with --env sim"),
     ("robot record --env virtual --vary density=1", "--vary: only with --env sim"),
     ("robot record --env virtual --twin none", "--twin none: only with --env sim"),
@@ -186,6 +191,7 @@ CALLS = [
     ("evaluate --tasks reach --env virtual --port /dev/ttyUSB0", "--port"),
     ("evaluate --tasks reach --port /dev/ttyUSB0", "--port"),
     ("robot info --port /dev/no-robot", "cannot open /dev/no-robot"),
+    ("robot calibrate --port /dev/no-robot --out mine.csv", "mine.csv is there already"),
     # Trainings.
     ("train", "give an artifact"),
     ("train --algo ppo --set speed=1", "cannot set 'speed'"),

@@ -113,12 +113,6 @@ def test_calibrate_goes_on_after_marks_that_contradict(calibrated, capsys):
     assert read_robot_file(out).tendons[0].minimum == pytest.approx(2e-3, abs=1.1e-5)
 
 
-def test_calibrate_replaces_no_file_and_tells_so_before_it_opens_the_port(robot, capsys):
-    words = ("robot calibrate --port /dev/no-robot --robot-file", robot.file, "--out", robot.file)
-    assert called(*words) == 2
-    assert "is there already" in capsys.readouterr().err
-
-
 def test_calibrate_leaves_a_board_that_measures_lengths_its_zero(calibrated, capsys):
     status, out = calibrated("+1\nzero\n")
     assert "lengths from its own zero" in capsys.readouterr().out

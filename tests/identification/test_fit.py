@@ -1,15 +1,14 @@
 """Identifications against truths: arcs, recordings of other robots, and what they leave open."""
 
-import json
 from dataclasses import replace
 from math import pi
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.commands import called, rows_in
 from support.recorded_rods import LENGTH, real_recording, recorded, rod
 
-from softrobot_env.cli import main
 from softrobot_env.control.registry import make_policy
 from softrobot_env.core.processes import Workers, using
 from softrobot_env.evaluation.runner import Case, run
@@ -45,9 +44,9 @@ def in_turn(robot: RobotParams, levels, kind: str = "tension", begin: float = 0.
     return recorded(rows, kind, names, labels=labels)
 
 
-def pulled(robot: RobotParams, levels: np.ndarray, noise: float = 0.0) -> Recording:
-    """What the MuJoCo chain shows at rest when each tendon is pulled in turn [N]."""
-    blank = in_turn(robot, levels)
+def pulled(robot: RobotParams, levels: np.ndarray, noise: float = 0.0, *kind) -> Recording:
+    """What the MuJoCo chain shows at rest after commands in turn, see `in_turn`."""
+    blank = in_turn(robot, levels, *kind)
     seen = replay(blank, robot).simulated
     seen = seen + noise * np.random.default_rng(1).standard_normal(seen.shape)
     return replace(blank, markers=seen)
@@ -121,11 +120,10 @@ def test_friction_of_the_backbone_is_found_where_there_is_some(held):
 def test_what_is_written_is_what_was_found(tmp_path):
     """Robot file and header make the model, and MuJoCo's chain, do what was fitted."""
     believed = ROBOTS["silicone_rod"]
-    blank = in_turn(believed, 8e-3 * UP_AND_DOWN, "length", -1e-3)
     frame = Frame(turn_deg=(1.0, -1.0, 0.0), shift_m=(2e-3, -1e-3, 1e-3))
     true = believed.vary(youngs_modulus=0.8, tendon_friction=0.1)
-    seen = frame.to_recorded(replay(blank, true).simulated)
-    recording = replace(blank, markers=seen)
+    seen = pulled(true, 8e-3 * UP_AND_DOWN, 0.0, "length", -1e-3)
+    recording = replace(seen, markers=frame.to_recorded(seen.markers))
     stages = ("frame", "tendons", "geometry", "statics")
     found = identify(recording, believed, stages, validate=False)
     write_files(found, tmp_path)
@@ -143,9 +141,8 @@ def test_what_is_written_is_what_was_found(tmp_path):
 def test_backlash_is_found_where_tendons_do_not_rub():
     """Of a robot whose chain has servos with backlash; slopes by it are exact."""
     believed = ROBOTS["silicone_rod"]
-    blank = in_turn(believed, 8e-3 * UP_AND_DOWN, "length")
     true = replace(believed, drive=replace(believed.drive, backlash=4e-4))
-    recording = replace(blank, markers=replay(blank, true).simulated)
+    recording = pulled(true, 8e-3 * UP_AND_DOWN, 0.0, "length")
     found = identify(recording, believed, ("statics",), known=["tendon_friction"], validate=False)
     assert found.robot.drive.backlash == pytest.approx(4e-4, rel=0.05)
     assert size(found.fit.simulated.error) < 4e-4
@@ -160,12 +157,11 @@ def test_backlash_is_found_where_tendons_do_not_rub():
 
 def test_a_column_that_counts_the_other_way_and_a_frame_anywhere_are_found():
     robot = ROBOTS["silicone_rod"]
-    blank = in_turn(robot, 8e-3 * np.array([0.3, 0.7, 1.0, 0.5]), "length")
-    header, rows, name = blank.header, blank.commands, robot.tendons[1].name
-    seen = replay(blank, robot).simulated
+    seen = pulled(robot, 8e-3 * np.array([0.3, 0.7, 1.0, 0.5]), 0.0, "length")
+    header, name = seen.header, robot.tendons[1].name
     frame = Frame(turn_deg=(40, -100, 70), shift_m=(1.2, -0.4, 0.7))
-    signs = np.array([1, -1, 1])
-    recording = replace(blank, markers=frame.to_recorded(seen), commands=rows * signs)
+    turned = replace(seen, commands=seen.commands * [1, -1, 1])
+    recording = replace(turned, markers=frame.to_recorded(seen.markers))
     found = identify(recording, robot, ("frame", "tendons"), any_turn=True, validate=False)
     assert found.header.commands.factors == (1, -1, 1)
     assert found.header.frame.rotation == pytest.approx(frame.rotation, abs=0.02)
@@ -173,10 +169,11 @@ def test_a_column_that_counts_the_other_way_and_a_frame_anywhere_are_found():
     assert f"column {name} counts what is let out" in found.doubts[0]
     with pytest.raises(ValueError, match=r"marker 1 is usually .* mm from the clamp.*--any-turn"):
         identify(recording, robot, validate=False)
+    with pytest.raises(ValueError, match="known must be out of frame_turn"):
+        identify(seen, robot, known=["weight"], validate=False)
     # A header that says factors is believed, and doubted.
     commands = replace(header.commands, factors=(1.0, 1.0, 1.0))
-    said = replace(blank, header=replace(blank.header, commands=commands), markers=seen)
-    said = replace(said, commands=rows * signs)
+    said = replace(turned, header=replace(header, commands=commands))
     wrong = identify(said, robot, ("geometry",), validate=False)
     reported = f"column {name} seems to count the other way (commands.factors)"
     assert any(reported in doubt for doubt in wrong.doubts)
@@ -279,8 +276,7 @@ def test_further_starts_find_in_processes_what_they_find_in_this_one(monkeypatch
 def test_what_the_data_cannot_tell_is_named():
     """A weightless robot driven by length bends alike whatever its modulus, beside the tendons'."""
     robot = replace(ROBOTS["silicone_rod"], gravity=(0.0, 0.0, 0.0))
-    blank = in_turn(robot, 6e-3 * UP_AND_DOWN, "length")
-    recording = replace(blank, markers=replay(blank, robot).simulated)
+    recording = pulled(robot, 6e-3 * UP_AND_DOWN, 0.0, "length")
     found = identify(recording, robot, ("statics",), validate=False)
     nothing = [one for one in found.combinations if one.information < 1e-6]
     named = {name.split(":")[0] for one in nothing for name, _ in one.parts}
@@ -349,47 +345,23 @@ def test_blocks_hold_whole_patterns():
     assert blocks_of(patterns, "contiguous")[:14].tolist() == [0] * 14
 
 
-def command_of(folder, robot: RobotParams, recording: Recording) -> list[str]:
-    write_recording(recording, folder / "pulls.csv")
-    write_robot(robot, folder / "rod.toml")
-    return ["identify", str(folder / "pulls.csv"), "--robot", str(folder / "rod.toml")]
-
-
 @pytest.mark.slow
 def test_the_command_writes_what_a_replay_reads(tmp_path, capsys):
     true, out = HEAVY.vary(youngs_modulus=1.2), tmp_path / "found"
-    command = command_of(tmp_path, HEAVY, pulled(true, UP_AND_DOWN, 1e-4))
-    quick = ["--no-validation", "--no-plots", "--out", str(out)]
-    assert main([*command, "--stages", "statics", "--known", "mass", *quick]) == 0
+    pulls = tmp_path / "pulls.csv"
+    write_recording(pulled(true, UP_AND_DOWN, 1e-4), pulls)
+    write_robot(HEAVY, tmp_path / "rod.toml")
+    words = "--stages statics --known mass --no-validation --no-plots --out"
+    assert called("identify", pulls, "--robot", tmp_path / "rod.toml", words, out) == 0
     said = capsys.readouterr().out
     assert "chain" in said and "What would tell more" in said
-    rows = json.loads((out / "report.json").read_text())["rows"]
-    found = {r["parameter"]: r for r in rows if r["kind"] == "parameter"}
+    found = {r["parameter"]: r for r in rows_in(out) if r["kind"] == "parameter"}
     modulus = found["youngs_modulus: section 1"]
     assert modulus["value"] == pytest.approx(np.log(1.2), abs=0.02)
     assert modulus["low"] < modulus["value"] < modulus["high"]
-    replayed = ["recording", "replay", str(tmp_path / "pulls.csv"), "--no-plots"]
-    given = ["--robot", str(out / "robot.toml"), "--out", str(tmp_path / "replay")]
-    assert main([*replayed, *given]) == 0
-    assert json.loads((tmp_path / "replay" / "report.json").read_text())["rows"][0]["rms"] < 1e-3
-
-
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        (["--stages", "statics,magic"], "stages must be out of frame, tendons"),
-        (["--stages", "residual"], "one of the first four at least, got residual"),
-        (["--known", "weight"], "known must be out of frame_turn"),
-    ],
-)
-def test_what_is_not_there_is_refused_in_one_line(given, said, tmp_path, capsys):
-    command = command_of(tmp_path, ROD, in_turn(ROD, np.linspace(0.2, 1, 3)))
-    try:
-        code = main([*command, *given, "--out", str(tmp_path / "out")])
-    except SystemExit as stop:
-        code = stop.code
-    assert code == 2
-    assert said in capsys.readouterr().err
+    given = ("--no-plots --robot", out / "robot.toml", "--out", tmp_path / "replay")
+    assert called("recording replay", pulls, *given) == 0
+    assert rows_in(tmp_path / "replay")[0]["rms"] < 1e-3
 
 
 @pytest.mark.slow
