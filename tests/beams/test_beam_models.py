@@ -12,7 +12,7 @@ from scipy.spatial.distance import pdist
 from softrobot_env.beams import signals
 from softrobot_env.beams.ancf import ANCF
 from softrobot_env.beams.cosserat import CosseratRod
-from softrobot_env.beams.model import IntegrationError, State
+from softrobot_env.beams.model import State
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, Tendon
@@ -58,13 +58,6 @@ def models(robot, n, **options):
     return {name: model_of(name, robot, n, **options) for name in ("pcc", "cosserat", "ancf")}
 
 
-def tips(robot, n, u=None, **options):
-    return {
-        name: model.tip(model.equilibrium(u, load_steps=4, check_stability=False))
-        for name, model in models(robot, n, **options).items()
-    }
-
-
 # ---------------------------------------------------------------- statics
 
 
@@ -72,7 +65,10 @@ def tips(robot, n, u=None, **options):
 def test_models_agree_in_space_under_a_force_and_a_moment():
     force = np.array([0.3, -0.2, -0.1])
     load = Load("load", LENGTH, force=tuple(force), moment=(0.05, 0.1, 0.08))
-    found = tips(WEIGHTLESS, 16, [1.0], loads=(load,))
+    found = {
+        name: model.tip(model.equilibrium([1.0], load_steps=4, check_stability=False))
+        for name, model in models(WEIGHTLESS, 16, loads=(load,)).items()
+    }
     shear_stiffness = 0.75 * WEIGHTLESS.youngs_modulus / 2 * WEIGHTLESS.area
     shear = np.linalg.norm(force) * LENGTH / shear_stiffness
     assert np.linalg.norm(found["cosserat"] - found["ancf"]) < 1e-3 * LENGTH
@@ -89,20 +85,13 @@ def bent_tip(pieces):
     return np.array([z.imag, 0.0, z.real])
 
 
-@pytest.mark.slow  # compiling all models takes a minute
-def test_tendons_in_channels_bend_every_model_as_its_physics_asks():
-    """Inextensible; linear in stretch and curvature; St. Venant-Kirchhoff. Tips within 0.1 %."""
-    found = tips(ARM, 24, np.array([4.0, 0, 3.0, 0, 5.0, 0]))
-    tensions, part = (12.0, 8.0, 5.0), ARM.length / 3
-    stiffness = ARM.youngs_modulus * ARM.area
-    bend = ARM.outer_radius / ARM.bending_stiffness
-    truths = {
-        "pcc": [(part, 1.0, f * bend) for f in tensions],
-        "cosserat": [(part, 1 - f / stiffness, f * bend) for f in tensions],
-        "ancf": [(part, *continuum_arc(ARM, 0.0, f, ARM.outer_radius)) for f in tensions],
-    }
-    for name, pieces in truths.items():
-        assert np.linalg.norm(found[name] - bent_tip(pieces)) < 1e-3 * ARM.length, name
+@pytest.mark.slow  # compiling it takes long
+def test_tendons_in_channels_bend_the_continuum_as_its_physics_asks():
+    """Of St. Venant and Kirchhoff's material, within 0.1 %."""
+    model, part = ANCF(ARM, 24), ARM.length / 3
+    tip = model.tip(model.equilibrium(np.array([4.0, 0, 3.0, 0, 5.0, 0]), load_steps=4))
+    pieces = [(part, *continuum_arc(ARM, 0.0, f, ARM.outer_radius)) for f in (12.0, 8.0, 5.0)]
+    assert np.linalg.norm(tip - bent_tip(pieces)) < 1e-3 * ARM.length
 
 
 @pytest.mark.slow  # compiling all models takes a minute
@@ -279,13 +268,6 @@ def test_arguments_name_what_is_allowed(act, allowed):
     model = PCC(WEIGHTLESS, 3, loads=(PUSH,))
     with pytest.raises(ValueError, match=allowed):
         act(model)
-
-
-def test_divergence_is_reported_with_its_time():
-    model = PCC(CANTILEVER_STIFF, 8)
-    with pytest.raises(IntegrationError, match="diverged at t") as caught:
-        model.simulate(1.0, method="rk4", step=0.02)
-    assert 0 <= caught.value.time < 1.0
 
 
 def test_short_pulses_are_not_jumped_over():

@@ -34,7 +34,8 @@ from softrobot_env.beams.numerics.linearization import residual_derivatives
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, Tendon
 from softrobot_env.robots.loads import Load
-from studies.truths.analytic import arc_tip
+from studies.truths.analytic import section
+from studies.truths.spatial_rod import helix
 
 pytestmark = pytest.mark.filterwarnings("ignore::softrobot_env.beams.ancf.LockingWarning")
 
@@ -113,6 +114,22 @@ def test_forces_on_points_are_the_transpose_of_their_motion(kind):
     kernels.add_wrenches(data, q, forces, np.empty((0, 3)), found)  # it adds
     moves = gradient(filled(kernels.locate, data, 7, 3), q)
     np.testing.assert_allclose(found - 1, np.einsum("nki,ki->n", moves, forces), atol=1e-13)
+
+
+@law
+def test_loads_that_follow_are_turned_as_their_sections(kind):
+    model = kind.made()
+    kernels, data, (q, _), zero = KERNELS[kind.model], model.data, state(model), np.zeros(model.n)
+    u = np.array([0.0] * len(ROBOT.tendons) + [1.0, -0.5, 2.0])
+    axes, moments, found = np.empty((3, 3, 3)), np.empty((3, 3)), zero.copy()
+    kernels.load_axes(data, q, axes)
+    forces = np.zeros((len(data.actuation.point_offset), 3))  # the loads' points come first
+    for k, load in enumerate(model.loads):
+        turn = u[-3 + k] * (axes[k] if load.follows else np.eye(3))
+        forces[k], moments[k] = turn @ load.force, turn @ load.moment
+    kernels.add_wrenches(data, q, forces, moments, found)
+    applied = model.residual(q, zero, zero) - model.residual(q, zero, zero, u)
+    np.testing.assert_allclose(applied, found, atol=1e-11)
 
 
 @law
@@ -245,21 +262,31 @@ def test_a_tendon_bends_towards_it_to_constant_curvature(make, within):
 @pytest.mark.parametrize(
     ("make", "pieces", "turns", "within"),
     [
-        (PCC, 1, 1.7, 1e-9),
-        (PCC, 4, 0.5, 1e-9),
-        (CosseratRod, 6, 0.5, 1e-9),
-        *(pytest.param(partial(ANCF, dimension=d), 4, 1e-3, 2e-3, marks=SLOW) for d in (2, 3)),
+        (PCC, 1, (0, 1.7, 0), 1e-9),
+        (PCC, 4, (0, 0.5, 0), 1e-9),
+        (partial(PCC, axes="torsion"), 1, (0.15, -0.3, 0.5), 1e-9),
+        (partial(PCC, axes="torsion"), 3, (0.15, -0.3, 0.5), 1e-9),
+        (CosseratRod, 6, (0, 0.5, 0), 1e-9),
+        (CosseratRod, 6, (0.15, -0.3, 0.5), 1e-9),
+        *(
+            pytest.param(partial(ANCF, dimension=d), 4, (0, 1e-3, 0), 2e-3, marks=SLOW)
+            for d in (2, 3)
+        ),
     ],
 )
-def test_a_tip_moment_bends_to_a_circle(make, pieces, turns, within, follows):
-    bend = 2 * np.pi * turns / 0.5
-    load = Load("m", 0.5, moment=(0.0, bend * WEIGHTLESS.bending_stiffness, 0.0), follows=follows)
+def test_a_tip_moment_bends_to_a_circle_and_bends_and_twists_to_a_helix(
+    make, pieces, turns, within, follows
+):
+    """With GJ = EI the strain is M / EI everywhere."""
+    strain = 2 * np.pi * np.array(turns) / 0.5
+    moment = strain * WEIGHTLESS.bending_stiffness
+    load = Load("m", 0.5, moment=tuple(moment), follows=follows)
     model = make(WEIGHTLESS, pieces, loads=[load])
     q = model.equilibrium([1.0], load_steps=10, check_stability=False)
-    np.testing.assert_allclose(model.curvature(q)[:, 1], bend, rtol=within)
-    np.testing.assert_allclose(model.curvature(q)[:, [0, 2]], 0, atol=1e-9)
-    if make is PCC:
-        np.testing.assert_allclose(model.tip(q)[[0, 2]], arc_tip(0.5, bend), atol=1e-9)
+    np.testing.assert_allclose(model.curvature(q), [strain] * pieces, rtol=within, atol=1e-9)
+    if isinstance(model, PCC):
+        tip = helix(0.5, section(WEIGHTLESS, None), moment, [0.5], follows).tip
+        np.testing.assert_allclose(model.tip(q), tip, atol=1e-9)
 
 
 # ---------------------------------------------------------------- the audit's numbers

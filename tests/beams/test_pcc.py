@@ -5,18 +5,15 @@ from dataclasses import replace
 import mpmath
 import numpy as np
 import pytest
-from scipy.linalg import eigh, expm
+from scipy.linalg import expm
 from support.beam_kinds import LOADS, PCCS, STEP, gradient, state
 
-from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.beams.pcc import dynamics as pcc_dynamics
 from softrobot_env.beams.pcc.constant_strain import stumpff
-from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK
-from softrobot_env.robots.loads import Load
+from softrobot_env.robots import CANTILEVER_STIFF, CANTILEVER_WEAK
 from studies.truths import analytic
-from studies.truths.analytic import Section
-from studies.truths.spatial_rod import helix
+from studies.truths.varying_beam import bending_frequencies
 
 TILTED = replace(
     CANTILEVER_WEAK, poisson_ratio=0.3, gravity=(-9.0, 2.0, 3.0), damping_time=0.01, pieces=3
@@ -222,34 +219,7 @@ def test_moments_and_axes_are_those_of_the_sections(kind):
         np.testing.assert_allclose(found - 1, expected, atol=1e-14)
 
 
-@pytest.mark.parametrize(
-    "reduced", [(0, 0, 20), (20, 0, 0), (5, -5, 5), (20, 20, 20), (-30, 12, 40)]
-)
-def test_arm_in_equilibrium_is_constant_curvature_statics(reduced):
-    model, statics = PCC(ARM, axes="planar"), ConstantCurvatureStatics(ARM)
-    tensions = np.ravel([(max(f, 0), max(-f, 0)) for f in reduced]).astype(float)
-    q = model.equilibrium(tensions)
-    middles = (np.arange(6) + 0.5) / 12
-    np.testing.assert_allclose(q, statics.curvature(np.array(reduced), middles), atol=1e-8)
-    np.testing.assert_allclose(model.tip(q)[[0, 2]], statics.tip(np.array(reduced)), atol=1e-9)
-
-
 # ---------------------------------------------------------------- statics
-
-
-@pytest.mark.parametrize("pieces", [1, 3])
-def test_tip_moment_bends_and_twists_to_the_exact_helix(pieces):
-    """With GJ = EI a moment fixed in space gives the strain M / EI everywhere."""
-    robot = replace(CANTILEVER_WEAK, gravity=(0, 0, 0))
-    moment = np.array([0.5, -1.0, 1.6])
-    load = Load("end", 0.5, moment=tuple(moment))
-    model = PCC(robot, pieces, axes="torsion", loads=[load])
-    q = model.equilibrium(np.ones(1), load_steps=10, check_stability=False)
-    strain = moment / robot.bending_stiffness
-    np.testing.assert_allclose(model.curvature(q), np.tile(strain, (pieces, 1)), rtol=1e-7)
-    section = Section(robot.bending_stiffness, torsion=robot.torsional_stiffness)
-    tip = helix(robot.length, section, moment, [robot.length]).tip
-    np.testing.assert_allclose(model.tip(q), tip, atol=1e-8)
 
 
 def test_self_weight_converges_to_the_elastica():
@@ -266,25 +236,12 @@ def test_self_weight_converges_to_the_elastica():
 # ---------------------------------------------------------------- vibration
 
 
-def frequencies(model):
-    """Undamped frequencies [Hz] about the straight pose without gravity, ascending."""
-    mass = mass_matrix(model, model.rest())
-    square = eigh(np.diag(elastic(model)), mass, eigvals_only=True)
-    return np.sqrt(square) / (2 * np.pi)
-
-
 def test_distributed_inertia_converges_to_rayleighs_beam_from_above():
     """The pieces are a Ritz approximation: frequencies fall to the limit with order two."""
-    robot = CANTILEVER_STIFF
-    beam = (robot.length, robot.bending_stiffness, robot.mass_per_length)
-    for mode in (1, 2):
-        exact = analytic.rayleigh_frequency(*beam, robot.density * robot.second_moment, mode)
-        errors = [
-            frequencies(PCC(robot, n, axes="planar", inertia="distributed"))[mode - 1] / exact - 1
-            for n in (8, 16)
-        ]
-        assert 0 < errors[1] < 0.02
-        assert errors[0] / errors[1] == pytest.approx(4, rel=0.1)
-
-
-# ---------------------------------------------------------------- options
+    robot, errors = replace(CANTILEVER_STIFF, gravity=(0, 0, 0)), []
+    exact = bending_frequencies(robot, 2)
+    for pieces in (8, 16):
+        model = PCC(robot, pieces, axes="planar", inertia="distributed")
+        errors.append(model.linearize(model.start()).frequencies()[:2] / exact - 1)
+    assert np.all(errors[1] > 0) and np.all(errors[1] < 0.02)
+    np.testing.assert_allclose(errors[0] / errors[1], 4, rtol=0.1)
