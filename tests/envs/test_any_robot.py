@@ -10,7 +10,6 @@ from support.example_robots import SOME
 
 import softrobot_env  # noqa: F401
 from softrobot_env.core.files import assets_dir
-from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.robots import ARM, Base, Disc, Section, find_robot
 from softrobot_env.robots.actuation import robot_inputs
@@ -18,15 +17,6 @@ from softrobot_env.robots.twin import Twin
 from softrobot_env.tasks import make_task
 
 ID = "SoftRobot/Track-v0"
-RANGES = Randomization(
-    youngs_modulus=(0.8, 1.25),
-    density=(0.9, 1.1),
-    damping_time=(0.5, 2.0),
-    tendon_radius=(0.95, 1.05),
-    tendon_friction=(0.0, 0.02),
-    delay=(0.0, 0.03),
-    sensor_noise=(0.5, 1.0),
-)
 
 
 def file_of(name):
@@ -59,26 +49,6 @@ def test_episodes_start_in_equilibrium_on_the_reference(name):
     for _ in range(20):
         observation, *_ = env.step(action / env.input_scale)
     assert_allclose(observation["tip_position"], start, atol=1e-6 * env.task.robot.reach)
-
-
-@pytest.mark.parametrize("name", SOME)
-def test_many_are_single_ones_with_what_varies(name):
-    options = {"robot": name, "task": "circle", "observe": "all", "randomization": RANGES}
-    many = gymnasium.make_vec(ID, num_envs=3, **options)
-    single = [gymnasium.make(ID, **options) for _ in range(3)]
-    observation, info = many.reset(seed=3)
-    expected = [env.reset(seed=3 + k) for k, env in enumerate(single)]
-    for k, (_, one) in enumerate(expected):
-        assert {name: info[name][k] for name in one if name.startswith("variation")} == {
-            name: value for name, value in one.items() if name.startswith("variation")
-        }
-    for row in actions_of(many, 8):
-        observation, reward, *_ = many.step(row)
-        for k, env in enumerate(single):
-            one, gained, *_ = env.step(row[k])
-            assert reward[k] == pytest.approx(gained, abs=1e-9)
-            for key, value in one.items():
-                assert_allclose(observation[key][k], value, rtol=1e-7, atol=1e-8, err_msg=key)
 
 
 # ---------------------------------------------------------------- other robots, and refusals

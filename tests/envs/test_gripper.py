@@ -20,7 +20,7 @@ from softrobot_env.robots import GRIPPERS
 from softrobot_env.robots.file import write_gripper
 from softrobot_env.scene.assembly import FINENESS, build_assembly, gripper_scene
 from softrobot_env.scene.simulation import Simulation
-from softrobot_env.tasks.gripper import GRIP_TASKS, SAMPLED, GripTask
+from softrobot_env.tasks.gripper import SAMPLED, GripTask
 
 pytestmark = pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
 
@@ -68,42 +68,6 @@ def test_observables_are_those_of_each_finger():
     for k, part in enumerate(env.simulation.scene.parts.values()):
         own = part.curvature(posture)[:, 1].reshape(3, -1).mean(axis=1)
         np.testing.assert_allclose(observation["curvature"][3 * k : 3 * k + 3], own, atol=1e-9)
-
-
-def test_one_is_the_first_of_many():
-    many = VectorGripperEnv(3, "hold")
-    seen, reported = many.reset(seed=5)
-    for k in range(3):
-        one = GripperEnv("hold")
-        observation, info = one.reset(seed=5 + k)
-        assert info["diameter"] == reported["diameter"][k]
-        np.testing.assert_array_equal(info["pull"], reported["pull"][k])
-        np.testing.assert_array_equal(observation["curvature"], seen["curvature"][k])
-    rng = np.random.default_rng(0)
-    for action in rng.uniform(-1, 1, (6, 3)).astype(np.float32):
-        single = one.step(action)
-        all_of_them = many.step(np.tile(action, (3, 1)))
-        seen = all_of_them[0]["curvature"][2]
-        np.testing.assert_allclose(single[0]["curvature"], seen, rtol=1e-12)
-        assert single[1] == pytest.approx(all_of_them[1][2], rel=1e-12)
-
-
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_autoreset_is_as_gymnasium_has_it(mode):
-    task = replace(GRIP_TASKS["enclose"], duration=0.06, closing=0.02)
-    env = VectorGripperEnv(2, task, autoreset_mode=mode)
-    env.reset(seed=0)
-    still = np.full((2, 3), -1.0, dtype=np.float32)
-    results = [env.step(still) for _ in range(3)]
-    assert [bool(r[3].all()) for r in results] == [False, False, True]
-    info = results[-1][4]
-    if mode == "SameStep":
-        assert info["_final_obs"].all() and (info["time"] == 0).all()
-        assert (info["final_info"]["time"] > 0.05).all()
-    else:
-        _, reward, failed, over, info = env.step(still)
-        assert not reward.any() and not failed.any() and not over.any()
-        assert (info["time"] == 0).all()
 
 
 def test_tasks_and_rewards_are_checked():

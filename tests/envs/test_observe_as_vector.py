@@ -48,24 +48,6 @@ def test_entries_are_of_order_1_and_inside_the_space(env_id, options):
     assert np.abs(np.array(seen)[:, near]).max() < asinh(2 / NEAR)
 
 
-@EVERY_ROBOT
-def test_many_are_as_one(env_id, options):
-    """`reset`, and steps with the same actions, seed for seed."""
-    single = make(env_id, **options)
-    many = gymnasium.make_vec(env_id, 2, observe_as="vector", **options).unwrapped
-    assert many.single_observation_space == single.observation_space
-    assert many.vector_layout == single.unwrapped.vector_layout
-    seen, (all_seen, _) = single.reset(seed=4)[0], many.reset(seed=3)
-    rng = np.random.default_rng(1)
-    for _ in range(5):
-        np.testing.assert_allclose(all_seen[1], seen, atol=2e-6)
-        assert all_seen.dtype == seen.dtype == np.float32
-        actions = rng.uniform(-1, 1, many.action_space.shape)
-        seen, reward, *_ = single.step(actions[1])
-        all_seen, rewards, *_ = many.step(actions)
-        assert rewards[1] == pytest.approx(reward, abs=1e-12)
-
-
 def test_the_real_rig_shows_what_the_simulated_one_does():
     pytest.importorskip("cobs", reason="needs the robot extra")
     with LiveBoard() as live, patient_drivers():

@@ -51,28 +51,6 @@ def test_one_can_be_kept(env_id):
     assert path_seed(env) == 4
 
 
-@pytest.mark.parametrize("env_id", [SAMPLED[0], pytest.param(SAMPLED[1], marks=pytest.mark.slow)])
-def test_many_draw_as_single_ones(env_id):
-    """Each for itself, through the end of an episode, which comes after different steps."""
-    options = {"preview": (0.05, 0.3), "control_period": 0.1}
-    many = gymnasium.make_vec(env_id, num_envs=COUNT, autoreset_mode="SameStep", **options)
-    single = [gymnasium.make(env_id, **options) for _ in range(COUNT)]
-    observation, _ = many.reset(seed=5)
-    expected = [env.reset(seed=5 + k)[0] for k, env in enumerate(single)]
-    rng, ended = np.random.default_rng(0), 0
-    for _ in range(2 * many.max_episode_steps):
-        for k in range(COUNT):
-            for name, value in expected[k].items():
-                np.testing.assert_allclose(observation[name][k], value, rtol=1e-9, atol=1e-9)
-        actions = rng.uniform(-0.1, 0.1, many.action_space.shape)
-        observation, *_ = many.step(actions)
-        for k, env in enumerate(single):
-            expected[k], _, terminated, truncated, _ = env.step(actions[k])
-            if terminated or truncated:
-                expected[k], ended = env.reset()[0], ended + 1
-    assert ended >= COUNT
-
-
 def test_the_same_options_serve_many():
     """Another width and a longer duration for some of the environments."""
     many = gymnasium.make_vec("SoftRobot/ArmStep-v0", num_envs=COUNT, autoreset_mode="Disabled")

@@ -1,18 +1,23 @@
 """Many robots at once are the single robot, step for step."""
 
 from dataclasses import replace
+from functools import partial
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
+from support.example_robots import EVERY_ROBOT
+from support.rig_episodes import flatten
 
+from softrobot_env.envs.gripper import VectorGripperEnv
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.simulation import warp_limits
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.robots.variations import neutral
 from softrobot_env.tasks import make_task
+from softrobot_env.tasks.gripper import GRIP_TASKS
 
 COUNT = 4
 SHORT = replace(make_task("lshape"), duration=0.3)  # 30 steps
@@ -27,46 +32,118 @@ RANGES = Randomization(
     sensor_noise=(0.5, 2.0),
 )
 
+#: What any robot may vary in.
+ANY_RANGES = replace(RANGES, tension_gain=(1.0, 1.0), tendon_friction=(0.0, 0.02))
+
 
 def actions(steps, seed=0):
     """Actions (steps, COUNT, 3) that move the arms in different ways."""
     return np.random.default_rng(seed).uniform(-0.3, 0.3, (steps, COUNT, 3)).astype(np.float32)
 
 
-def same(one, other, i, tolerance=0.0):
-    """Whether a single observation is the i-th of several."""
-    assert list(one) == list(other)
-    for name, value in one.items():
-        np.testing.assert_allclose(other[name][i], value, rtol=0, atol=tolerance, err_msg=name)
-
-
 # Sums of two hinge angles are rounded differently in one place; the physics is equal bit by bit.
-ROUNDING = 1e-11
+ROUNDING = {"rtol": 1e-12, "atol": 1e-12}
+#: Of vectors, which are single precision.
+SINGLE = {"rtol": 1e-7, "atol": 2e-6}
 
 
-def test_episodes_are_those_of_the_single_environment():
-    """Observations, rewards, ends and info over several episodes, resets included."""
-    many = VectorTrackingEnv(COUNT, SHORT, observe="all", autoreset_mode="NextStep")
-    single = TrackingEnv(SHORT, observe="all")
-    observations, infos = many.reset(seed=3)
-    observation, info = single.reset(seed=3)
-    same(observation, observations, 2, ROUNDING)
-    over = False
-    for action in actions(70):
-        observations, rewards, terminated, truncated, infos = many.step(action)
-        if over:
-            observation, info = single.reset()
-            reward, ended, cut = 0.0, False, False
-        else:
-            observation, reward, ended, cut, info = single.step(action[2])
-        over = ended or cut
-        same(observation, observations, 2, ROUNDING)
-        assert rewards[2] == pytest.approx(reward, abs=1e-12)
-        assert (terminated[2], truncated[2]) == (ended, cut)
-        assert list(info) == [name for name in infos if name[0] != "_"]
-        for name, value in info.items():
-            assert infos[f"_{name}"].all()
-            np.testing.assert_allclose(infos[name][2], value, atol=ROUNDING, err_msg=name)
+def same(one, several, i, **close):
+    """Whether a result of a single environment, or a part of one, is the i-th of several."""
+    if isinstance(one, dict):
+        told = [n for n in several if n[0] != "_" and several.get(f"_{n}", {i: True})[i]]
+        assert list(one) == told
+        for name, value in one.items():
+            same(value, several[name], i, err_msg=name, **close)
+    elif isinstance(one, tuple):
+        for mine, theirs in zip(one, several, strict=True):
+            same(mine, theirs, i, **close)
+    elif isinstance(one, str):
+        assert several[i] == one
+    else:
+        assert several[i].dtype == np.asarray(one).dtype
+        close |= SINGLE if several[i].dtype == np.float32 else {}
+        np.testing.assert_allclose(several[i], one, **close)
+
+
+def alike(many, singles, resets, rows, **close):
+    """Results of many robots, after it was seen that some are those of single environments.
+
+    Those whose episode is over begin the next one in the next step.
+
+    Args:
+        many: Their environment.
+        singles: Environments by number.
+        resets: What their resets returned: of many, and of the single ones by number.
+        rows: Actions of all.
+        close: Tolerance.
+    """
+    seen, alone = resets
+    for i, one in alone.items():
+        same(one, seen, i, **close)
+    for row in rows:
+        seen = many.step(row)
+        for i, env in singles.items():
+            if any(alone[i][2:4]):
+                observation, info = env.reset()
+                alone[i] = observation, 0.0, False, False, info
+            else:
+                alone[i] = env.step(row[i])
+            same(alone[i], seen, i, **close)
+        yield seen
+
+
+def assert_alike(env_id, options, steps, size, **close):
+    """Robots are single ones with consecutive seeds, under random actions of some size."""
+    many = gymnasium.make_vec(env_id, num_envs=3, **options).unwrapped
+    singles = {i: gymnasium.make(env_id, **options).unwrapped for i in range(3)}
+    assert many.single_observation_space == singles[0].observation_space
+    resets = many.reset(seed=5), {i: env.reset(seed=5 + i) for i, env in singles.items()}
+    rng, shape = np.random.default_rng(0), (steps, *many.action_space.shape)
+    list(alike(many, singles, resets, size * rng.uniform(-1, 1, shape), **close))
+    return many, singles
+
+
+LSHAPE, REACH = "SoftRobot/ArmLShape-v0", "SoftRobot/RigReach-v0"
+OWN = {"task": SHORT, "observe": "all"}
+SENSED = {
+    "observe": ("tip_position", "reference", "sensors"),
+    "control_period": 0.02,
+    "randomization": Randomization(sensor_errors=(0.5, 1.5), youngs_modulus=(0.8, 1.2)),
+}
+DRAWN = {"preview": (0.05, 0.3), "control_period": 0.1}
+GRIP = replace(GRIP_TASKS["enclose"], duration=0.06, closing=0.02)  # 3 steps
+
+#: Id, options, number of steps, mostly more than an episode has, and size of actions.
+ALIKE = {
+    "arm": (LSHAPE, OWN, 70, 0.3),
+    "varied arm": (LSHAPE, OWN | {"randomization": RANGES}, 70, 0.3),
+    **{f"twin {n}": (REACH, {"twin": n, "observe": "all", "seed": 0}, 60, 0.5) for n in (3, 8)},
+    "sensors": ("SoftRobot/RigCircle-v0", SENSED, 8, 0.5),
+    "bar": ("SoftRobot/GripperHold-v0", {}, 6, 1.0),
+    "short grip": ("SoftRobot/GripperEnclose-v0", {"task": GRIP}, 8, 1.0),
+    "drawn path": ("SoftRobot/ArmRandom-v0", DRAWN, 310, 0.1),
+    "drawn points": (REACH, DRAWN, 310, 0.1),
+}
+
+
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
+@pytest.mark.parametrize("name", ALIKE)
+def test_episodes_are_those_of_single_environments(name):
+    """Observations, rewards, ends and info, also of the episodes that follow."""
+    assert_alike(*ALIKE[name], **ROUNDING)
+
+
+@pytest.mark.parametrize(
+    ("observe_as", "size", "close"),
+    [("dict", 0.2, {"rtol": 1e-9, "atol": 1e-10}), ("vector", 1.0, ROUNDING)],
+    ids=["dict", "vector"],
+)
+@EVERY_ROBOT
+def test_every_robot_is_that_of_a_single_environment(env_id, options, observe_as, size, close):
+    options = options | {"observe_as": observe_as, "observe": "all", "randomization": ANY_RANGES}
+    many, singles = assert_alike(env_id, options, 8, size, **close)
+    if observe_as == "vector":
+        assert many.vector_layout == singles[0].vector_layout
 
 
 def test_physics_with_friction_is_equal_bit_by_bit():
@@ -105,28 +182,38 @@ def test_the_number_of_threads_does_not_matter():
 # ---------------------------------------------------------------- autoreset
 
 
-def test_same_step_autoreset_tells_the_last_observation_and_the_new_episode():
-    how = {"randomization": RANGES, "observe": "all"}
-    same_step = VectorTrackingEnv(COUNT, SHORT, autoreset_mode=AutoresetMode.SAME_STEP, **how)
-    next_step = VectorTrackingEnv(COUNT, SHORT, **how)
-    (_, start), _ = same_step.reset(seed=0), next_step.reset(seed=0)
-    for k, action in enumerate(actions(30)):
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
+@pytest.mark.parametrize(
+    ("make", "drawn"),
+    [
+        (
+            partial(VectorTrackingEnv, COUNT, SHORT, randomization=RANGES, observe="all"),
+            "variation_youngs_modulus",
+        ),
+        (partial(VectorGripperEnv, COUNT, GRIP), "diameter"),
+    ],
+    ids=["arm", "gripper"],
+)
+def test_same_step_autoreset_tells_the_last_observation_and_the_new_episode(make, drawn):
+    same_step, next_step = make(autoreset_mode="SameStep"), make()
+    same_step.reset(seed=0), next_step.reset(seed=0)
+    truncated = np.zeros(COUNT, bool)
+    rng = np.random.default_rng(0)
+    while not truncated.any():
+        action = rng.uniform(-0.3, 0.3, same_step.action_space.shape).astype(np.float32)
         observation, _, _, truncated, info = same_step.step(action)
-        last, *_ = next_step.step(action)
-        assert ("final_obs" in info) == (k == 29)
+        last, *_, told = next_step.step(action)
+        assert ("final_obs" in info) == truncated.any()
     assert truncated.all() and info["_final_obs"].all() and info["_final_info"].all()
-    for name, value in last.items():
-        np.testing.assert_array_equal(info["final_obs"][name], value)
-    new, *_ = next_step.step(action)
-    for name, value in new.items():
-        np.testing.assert_array_equal(observation[name], value)
-    final = info["final_info"]
-    np.testing.assert_array_equal(final["time"], np.full(COUNT, 0.3))
-    np.testing.assert_array_equal(info["time"], 0.0)
-    assert not info["reward_tracking"].any() and np.all(final["reward_tracking"] > 0)
-    modulus = "variation_youngs_modulus"
-    np.testing.assert_array_equal(final[modulus], start[modulus])
-    assert not np.any(info[modulus] == start[modulus])
+    new, *_, begun = next_step.step(action)
+    for ours, theirs in (
+        (info["final_obs"], last),
+        (info["final_info"], told),
+        (observation, new),
+        (info, info | begun),
+    ):
+        assert flatten(ours) == flatten(theirs)
+    assert not np.any(begun[drawn] == told[drawn])
 
 
 def test_without_autoreset_ended_episodes_are_reset_by_mask():
@@ -170,58 +257,30 @@ def test_variations_are_those_of_the_single_environment(vary):
     single = TrackingEnv(SHORT, observe="all")
     others = {name: (0.07, 0.0, 0.01) if name == "delay" else (1.0, 0.9, 1.1) for name in vary}
     values = {name: np.insert(others[name], 2, value) for name, value in vary.items()}
-    observations, _ = many.reset(options={"vary": values})
-    observation, _ = single.reset(options={"vary": vary})
-    for action in actions(29):
-        same(observation, observations, 2, 1e-7)
-        observations, *_ = many.step(action)
-        observation, *_ = single.step(action[2])
+    resets = many.reset(options={"vary": values}), {2: single.reset(options={"vary": vary})}
+    list(alike(many, {2: single}, resets, actions(30), rtol=0, atol=1e-7))
     # And the next episode is nominal again.
-    many.step(action)
-    observations, *_ = many.step(action)
-    same(single.reset()[0], observations, 2, ROUNDING)
-
-
-def reported(info):
-    """What `info` tells of the variation."""
-    return {name: value for name, value in info.items() if name.startswith("variation_")}
-
-
-def test_draws_are_those_of_the_single_environment_with_the_same_seed():
-    many = VectorTrackingEnv(COUNT, SHORT, randomization=RANGES)
-    drawn = [reported(many.reset(seed=7)[1])]
-    for _ in range(31):  # into the second episode
-        _, _, _, _, info = many.step(np.zeros((COUNT, 3)))
-    drawn.append(reported(info))
-    single = TrackingEnv(SHORT, randomization=RANGES)
-    for i in range(COUNT):
-        for k, options in enumerate(({"seed": 7 + i}, {})):
-            variation = reported(single.reset(**options)[1])
-            assert variation == {name: values[i] for name, values in drawn[k].items()}
-    assert len(set(drawn[0]["variation_youngs_modulus"])) == COUNT
-    assert len(set(drawn[0]["variation_sensor_noise"])) == COUNT
+    observations, *_ = many.step(actions(1)[0])
+    same(single.reset()[0], observations, 2, **ROUNDING)
 
 
 def test_noise_is_that_of_the_single_environment_with_the_same_seed():
     """Over blocks of draws and several episodes, with silent sensors beside noisy ones."""
     long = replace(make_task("lshape"), duration=1.0)
     many = VectorTrackingEnv(COUNT, long, observe="all")
-    single = TrackingEnv(long, observe="all")
     scale = np.array([0.0, 1.0, 2.0, 0.0])
+    singles = {i: TrackingEnv(long, observe="all") for i in range(3)}
     for seed in (5, None):
-        observations, infos = many.reset(seed=seed, options={"vary": {"sensor_noise": scale}})
-        seeds = None if seed is None else seed + 2
-        observation, info = single.reset(seed=seeds, options={"vary": {"sensor_noise": 2.0}})
-        same(observation, observations, 2, ROUNDING)
-        for action in actions(99):
-            observations, rewards, *_, infos = many.step(action)
-            observation, reward, *_, info = single.step(action[2])
-            same(observation, observations, 2, ROUNDING)
-            assert rewards[2] == pytest.approx(reward, abs=1e-12)
+        resets = (
+            many.reset(seed=seed, options={"vary": {"sensor_noise": scale}}),
+            {
+                i: env.reset(seed=seed and seed + i, options={"vary": {"sensor_noise": scale[i]}})
+                for i, env in singles.items()
+            },
+        )
+        for observations, *_, infos in alike(many, singles, resets, actions(99), **ROUNDING):
             assert many.observation_space.contains(observations)
             for name in ("tip_position", "curvature"):
-                assert infos[f"_{name}"].tolist() == [False, True, True, False]
-                np.testing.assert_allclose(infos[name][2], info[name], atol=ROUNDING)
                 np.testing.assert_array_equal(infos[name][0], observations[name][0])
                 assert np.all(infos[name][1] != observations[name][1])
     assert "tip_position" not in many.reset()[1]
@@ -241,10 +300,10 @@ def test_noise_and_delay_of_one_do_not_depend_on_resets_of_others(mode):
     seeds = [None, 9, None, None]
     observations, _ = env.reset(seed=seeds, options={"reset_mask": late, "vary": vary})
     observation, _ = single.reset(seed=9, options={"vary": vary})
-    same(observation, observations, 1, ROUNDING)
+    same(observation, observations, 1, **ROUNDING)
     for k, action in enumerate(actions(29)):
         observations, _, terminated, truncated, _ = env.step(action)
-        same(single.step(action[1])[0], observations, 1, ROUNDING)
+        same(single.step(action[1])[0], observations, 1, **ROUNDING)
         over = terminated | truncated
         assert over.tolist() == [k == 22, False, k == 22, k == 22]
         if mode == "Disabled" and over.any():
@@ -267,8 +326,9 @@ def test_draws_fill_their_ranges(name):
 def test_given_variations_win_over_draws():
     single = TrackingEnv(SHORT, randomization=RANGES)
     _, info = single.reset(seed=0, options={"vary": {"density": 1.1}})
+    reported = {name: value for name, value in info.items() if name.startswith("variation_")}
     expected = {f"variation_{name}": value for name, value in neutral().items()}
-    assert reported(info) == expected | {"variation_density": 1.1}
+    assert reported == expected | {"variation_density": 1.1}
 
 
 def test_new_ranges_leave_the_draws_of_the_others_alone():
@@ -283,41 +343,31 @@ def test_new_ranges_leave_the_draws_of_the_others_alone():
 # ---------------------------------------------------------------- failures and bad input
 
 
-def test_a_failed_episode_is_told_and_disturbs_no_other():
-    """Full pull folds a soft arm; a nominal one beside it only bends."""
-    many, single = VectorTrackingEnv(COUNT, "swing"), TrackingEnv("swing")
-    soft = np.array([1.0, 0.2, 1.0, 1.0])
-    many.reset(options={"vary": {"youngs_modulus": soft}})
-    single.reset()
-    gentle = np.zeros((COUNT, 3), np.float32)
-    gentle[1] = 1.0
-    before = None
-    for _ in range(300):
-        observations, rewards, terminated, _, infos = many.step(gentle)
-        observation, *_ = single.step(gentle[0])
-        if terminated[1]:
-            break
-        before = observations
-    assert terminated.tolist() == [False, True, False, False]
-    assert " at t = " in infos["failure"][1] and infos["failure"][0] is None
-    assert rewards[1] == -10.0 and rewards[0] > -1.0
-    for name, value in observations.items():
-        np.testing.assert_array_equal(value[1], before[name][1])
-    same(observation, observations, 0, ROUNDING)
-
-
-def test_failures_are_told_as_by_the_single_environment():
-    """Bent to just inside the limit, a soft arm folds in the next period."""
-    options = {"start_curvature": np.full(6, 39.9), "vary": {"youngs_modulus": 0.2}}
-    many, single = VectorTrackingEnv(COUNT, "swing"), TrackingEnv("swing")
-    many.reset(options=options)
-    single.reset(options=options)
-    over = False
-    while not over:
-        *_, infos = many.step(np.ones((COUNT, 3)))
-        _, _, over, _, info = single.step(np.ones(3))
-    assert info["failure"].startswith("left the workspace: curvature")
-    assert infos["failure"].tolist() == [info["failure"]] * COUNT
+@pytest.mark.parametrize(
+    ("start", "modulus", "pull"),
+    [
+        ({}, [1.0, 0.2, 1.0, 1.0], [0.0, 1.0, 0.0, 0.0]),
+        ({"start_curvature": np.full(6, 39.9)}, [0.2] * COUNT, [1.0] * COUNT),
+    ],
+    ids=["one", "all"],
+)
+def test_a_failed_episode_is_told_and_disturbs_no_other(start, modulus, pull):
+    """Full pull folds a soft arm, from just inside the limit at once; a nominal one only bends."""
+    many, singles = VectorTrackingEnv(COUNT, "swing"), {i: TrackingEnv("swing") for i in (0, 1)}
+    resets = (
+        many.reset(options=start | {"vary": {"youngs_modulus": np.array(modulus)}}),
+        {
+            i: env.reset(options=start | {"vary": {"youngs_modulus": modulus[i]}})
+            for i, env in singles.items()
+        },
+    )
+    rows = np.tile(pull, (300, 3, 1)).swapaxes(1, 2).astype(np.float32)
+    results = alike(many, singles, resets, rows, **ROUNDING)
+    _, rewards, terminated, _, infos = next(result for result in results if result[2].any())
+    assert terminated.tolist() == [soft < 1 for soft in modulus]
+    assert infos["failure"][1].startswith("left the workspace: curvature")
+    assert rewards[1] == -10.0
+    assert (infos["failure"][0] is None) == (rewards[0] > -1.0) == (not terminated[0])
 
 
 def test_warp_says_what_to_install(monkeypatch):

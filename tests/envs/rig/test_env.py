@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import gymnasium
 import numpy as np
 import pytest
 from support.rig_episodes import TWINS, flatten, rig
@@ -127,23 +126,6 @@ def test_curvature_of_the_robots_pieces():
         env.data.joint(f"side{station}").qpos = weight * (-1.0 if piece < 2 else 2.0)
     env._readout.update()
     np.testing.assert_allclose(env._readout.bend, [3.0, -1.0, 5.0, 2.0], rtol=1e-12)
-
-
-@pytest.mark.parametrize("seed", [3, 8])
-def test_many_rigs_are_the_single_environment(seed):
-    """Servos and cameras of a twin too, each with its own noise."""
-    how = {"twin": seed, "observe": "all", "seed": 0}
-    many = gymnasium.make_vec("SoftRobot/RigReach-v0", 3, **how)
-    env = gymnasium.make("SoftRobot/RigReach-v0", **how)
-    (seen, infos), (observation, info) = many.reset(seed=4), env.reset(seed=5)
-    for actions in np.random.default_rng(0).uniform(-0.5, 0.5, (60, 3, 3)):
-        for name, value in observation.items():
-            np.testing.assert_allclose(seen[name][1], value, atol=1e-9, err_msg=name)
-        np.testing.assert_allclose(infos["tip_position"][1], info["tip_position"])
-        np.testing.assert_allclose(infos["tendon_length"][1], info["tendon_length"], atol=1e-15)
-        seen, _, failed, _, infos = many.step(actions)
-        observation, *_, info = env.step(actions[1])
-        assert not failed.any()
 
 
 def test_references_are_drawn_on_the_dome():
