@@ -205,6 +205,7 @@ class SimulatedParts(EnvParts):
         super().__init__(config, make_env_task(config), config.control_period)
         self.twin = _twin_for(self.task.robot, config.twin)
         built = self.task.robot if self.twin is None else self.twin.robot
+        self._rest: Start | None = None
         self._offset = 0.0 if self.twin is None else np.array(self.twin.servo_offset)
         # Policies do not know the twin.
         self.plant = plant = _plant(config, built, speed_limit(self.task.robot), self.axes)
@@ -293,13 +294,26 @@ class SimulatedParts(EnvParts):
         chosen = np.array(task.start_input if given is None else given, float)
         name = "start_input" if options.start_length is None else "start_length"
         check_inputs(self.inputs, chosen, f"option {name!r}")
-        command = self.inputs.command(chosen)
         if options.start_curvature is None:
-            return Start(chosen, command, self.plant.equilibrium(command + self._offset))
+            return self._at_rest(chosen)
         limit = self.task.robot.curvature_limit
         if np.any(np.abs(options.start_curvature) > limit):
             raise ValueError(f"start_curvature must lie within +-{limit:g} 1/m")
-        return Start(chosen, command, self.plant.bent(options.start_curvature))
+        posture = self.plant.bent(options.start_curvature)
+        return Start(chosen, self.inputs.command(chosen), posture)
+
+    def _at_rest(self, inputs: ndarray) -> Start:
+        """The equilibrium under inputs (n_inputs,); most episodes begin in that of the one before.
+
+        The arrays are read-only.
+        """
+        if self._rest is None or not np.array_equal(inputs, self._rest.input):
+            command = self.inputs.command(inputs)
+            posture = self.plant.equilibrium(command + self._offset)
+            self._rest = Start(inputs, command, posture)
+            for array in self._rest:
+                array.flags.writeable = False
+        return self._rest
 
 
 def _plant(
