@@ -131,7 +131,11 @@ def test_integrator_and_timestep_asked_for_are_compiled(name):
             {"robot": replace(ARM, outer_radius=1e-6, inner_radius=0.0, tendons=())},
             r"robot 'arm': a link of .* take fewer pieces",
         ),
-        ({"actuation": "length"}, "finite stiffness"),
+        ({"actuation": "length"}, "'pair1_up' needs a finite stiffness"),
+        (
+            {"robot": replace(ARM, tendons=(replace(ARM.tendons[0], end=0.2),))},
+            "ends inside a piece",
+        ),
         ({"loads": (Load("push", 0.51),)}, r"\[0, 0.5\] m"),
         ({"loads": (Load("push", 0.1), Load("push", 0.2))}, "loads need different names"),
         ({"loads": (Load("push", 0.5, force=(1.0, 1.0, 0.0)),)}, r"'push' \(force y\) or choose"),

@@ -5,6 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from support.chains import SIMPLE_RULES
 
 from softrobot_env.robots import ARM, CANTILEVER_WEAK
 from softrobot_env.robots.actuation import TendonMap
@@ -17,9 +18,6 @@ from studies.truths.analytic import rayleigh_frequency
 
 FREE = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0), damping_time=0.0)
 PERIOD = 0.04
-
-#: Without springs between the pieces, which tests/scene/test_coupling.py is for.
-SIMPLE_RULES = [rule for rule in RULES if rule != "coupled2"]
 
 
 def chain(robot, pieces, rule="midpoint", **options):

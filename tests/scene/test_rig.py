@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 from scipy.linalg import eigvals
+from support.derivatives import differences
 from support.postures import posed
 
 from softrobot_env.beams.ancf import ANCF
@@ -20,8 +21,9 @@ from softrobot_env.scene.statics import equilibrium
 from softrobot_env.scene.timestep import linearize
 from softrobot_env.thesis.rig.spatial_piece import SUBPIECES
 from studies.truths.rig_column import column_tip
+from studies.truths.rig_ritz_rod import RigRod
 
-L, HEAD, G = RIG.length, RIG.head, 9.81
+L, HEAD = RIG.length, RIG.head
 LEVER = 5.5e-3
 
 
@@ -35,66 +37,6 @@ def scene(robot=RIG, *, pieces=4, actuation="length", **options):
 def tip_at(built, controls, **options):
     q = equilibrium(built.model, np.asarray(controls, float), **options)
     return posed(built.model, q).site("tip").xpos.copy()
-
-
-class Column:
-    """Small bending theta(s) = sum of q_i (s / L)^i of the upright rig, tendons held or free."""
-
-    def __init__(self, terms, held):
-        nodes, weights = np.polynomial.legendre.leggauss(30)
-        s, weights = L * (nodes + 1) / 2, weights * L / 2
-        i = np.arange(1, terms + 1)
-        turn, bend = (s[:, None] / L) ** i, i * (s[:, None] / L) ** (i - 1) / L
-        aside, self.end = s[:, None] ** (i + 1) / ((i + 1) * L**i), np.ones(terms)
-
-        def integral(shape, weight):
-            return np.einsum("k,ki,kj->ij", weights * weight, shape, shape)
-
-        centre = L / (i + 1) + HEAD.centre * self.end
-        at_end = np.outer(self.end, self.end)
-        rho = RIG.mass_per_length
-        self.mass = (
-            integral(aside, rho)
-            + integral(turn, RIG.density * RIG.second_moment)
-            + HEAD.mass * np.outer(centre, centre)
-            + HEAD.inertia[0] * at_end
-        )
-        self.elastic = integral(bend, RIG.bending_stiffness)
-        self.gravity = G * (
-            integral(turn, rho * (L - s) + HEAD.mass) + HEAD.mass * HEAD.centre * at_end
-        )
-        tendons = 1.5 * RIG.tendons[0].stiffness * LEVER**2 * at_end
-        self.stiffness = self.elastic - self.gravity + tendons * held
-        self.output = L / (i + 1) + HEAD.output * self.end
-
-    def frequencies(self):
-        """[rad/s] without damping."""
-        squares = np.linalg.eigvals(np.linalg.solve(self.mass, self.stiffness)).real
-        return np.sqrt(np.sort(squares))
-
-    def damping_ratio(self):
-        """Of the first mode."""
-        n = len(self.end)
-        damping = RIG.damping_time * self.elastic
-        lower = -np.linalg.solve(self.mass, np.hstack((self.stiffness, damping)))
-        roots = np.linalg.eigvals(np.vstack((np.eye(n, 2 * n, n), lower)))
-        first = roots[np.argmin(np.abs(roots))]
-        return -first.real / abs(first)
-
-    def tip_per_moment(self):
-        """[m/(N m)] of the output point, for a moment on the end."""
-        return self.output @ np.linalg.solve(self.stiffness, self.end)
-
-
-def test_the_column_with_one_shape_is_the_audits_rig():
-    """The thesis' one piece; 4 % off as its subpieces are not the uniform beam and the head."""
-    free, held = Column(1, False), Column(1, True)
-    assert free.elastic[0, 0] == pytest.approx(0.1017, rel=1e-3)
-    assert free.stiffness[0, 0] == pytest.approx(0.0438, rel=0.05)
-    assert free.mass[0, 0] == pytest.approx(8.41e-4, rel=0.01)
-    assert free.frequencies()[0] == pytest.approx(7.21, rel=0.03)
-    assert held.frequencies()[0] == pytest.approx(10.25, rel=0.02)
-    assert held.damping_ratio() == pytest.approx(0.22, rel=0.02)
 
 
 # --- the compiled chain --------------------------------------------------------------------------
@@ -120,21 +62,25 @@ def test_mass_and_inertia_are_those_of_cylinder_and_head():
 def about_straight(built):
     """Mass and stiffness matrices of the upright chain, gravity and tendons included."""
     model = built.model
-    data = mujoco.MjData(model)
 
     def force(q):
-        data.qpos[:] = q
-        mujoco.mj_forward(model, data)
+        data = posed(model, q)
         return data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
 
-    moves = 1e-6 * np.eye(model.nv)
-    columns = [force(-x) - force(x) for x in moves]
-    return linearize(model).mass, np.stack(columns, axis=1) / 2e-6
+    return linearize(model).mass, -differences(force, np.zeros(model.nv), 1e-6)
 
 
-@pytest.mark.parametrize(("actuation", "held"), [("tension", False), ("length", True)])
-def test_frequencies_converge_to_the_columns(actuation, held):
-    truth, errors = Column(8, held).frequencies()[:2], []
+#: With tendons that hold nothing.
+LOOSE = replace(RIG, tendons=tuple(replace(t, stiffness=1e-9) for t in RIG.tendons))
+#: Coordinates of the exact rod, upright.
+UPRIGHT = np.zeros(12)
+
+
+@pytest.mark.parametrize(("actuation", "robot"), [("tension", LOOSE), ("length", RIG)])
+def test_frequencies_converge_to_the_columns(actuation, robot):
+    rod, errors = RigRod(robot), []
+    slope = differences(lambda q: rod.acceleration(q, UPRIGHT, np.zeros(3)), UPRIGHT, 1e-4)
+    truth = np.sqrt(np.sort(-eigvals(slope).real)[:4:2])
     for pieces in (4, 8):
         mass, stiffness = about_straight(scene(pieces=pieces, actuation=actuation))
         found = np.sqrt(eigvals(stiffness, mass).real)
@@ -260,5 +206,10 @@ def test_friction_makes_the_columns_hysteresis():
 
     Offsets towards the pull are r, -r / 2, -r / 2, and all rub the other way on the way back.
     """
-    truth = 4 * LEVER * 0.3 * Column(8, True).tip_per_moment()
+    rod = RigRod(RIG)
+    stiffness = -differences(
+        lambda q: rod.static_force(q, np.zeros(3), rod.shape(q)), UPRIGHT, 1e-4
+    )
+    moment = 4 * LEVER * 0.3 * rod.shape(UPRIGHT).turns[-1, :, 1]
+    truth = differences(rod.tip, UPRIGHT, 1e-4)[0] @ np.linalg.solve(stiffness, moment)
     assert loop_width(0.3) == pytest.approx(truth, rel=0.05)

@@ -5,30 +5,16 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from support.chains import KINDS, LENGTH, ROBOT, chain
 from support.postures import posed, station_turns
 
 from softrobot_env.core.motion import IntegrationError, State
-from softrobot_env.robots import ARM, CANTILEVER_WEAK, Tendon
+from softrobot_env.robots import ARM, Tendon
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import joint_angles
 from softrobot_env.scene.config import SceneConfig
 from studies.truths.analytic import rayleigh_frequency
-
-WEIGHTLESS = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0))
-LENGTH = WEIGHTLESS.length
-TWISTING = {"bending": "spatial", "torsion": True}
-KINDS = {
-    "planar": (WEIGHTLESS, {}),
-    "universal": (WEIGHTLESS, {"bending": "spatial"}),
-    "ball": (WEIGHTLESS, TWISTING),
-    "three_hinges": (replace(WEIGHTLESS, poisson_ratio=0.4), TWISTING),
-}
-
-
-def scene(kind="planar", robot=None, **options):
-    default, bending = KINDS[kind]
-    return build_scene(SceneConfig(robot or default, **bending, **options))
 
 
 def bent(built, seed=0):
@@ -45,7 +31,7 @@ def bent(built, seed=0):
 @pytest.mark.parametrize("kind", KINDS)
 def test_positions_are_those_of_sites_at_the_stations(kind):
     loads = tuple(Load(f"l{k}", s) for k, s in enumerate((0.0, 0.21, 0.5, LENGTH)))
-    built = scene(kind, loads=loads)
+    built = chain(kind, rule=None, loads=loads)
     q = bent(built)
     data = posed(built.model, q)
     truth = [data.site(f"{load.name}_point").xpos for load in loads]
@@ -61,7 +47,7 @@ def test_positions_are_those_of_sites_at_the_stations(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_velocities_are_the_rate_of_the_positions(kind):
-    built, step = scene(kind), 1e-6
+    built, step = chain(kind, rule=None), 1e-6
     q, v = bent(built), np.random.default_rng(1).normal(size=built.model.nv)
     stations, ends = np.array([0.0, 0.2, LENGTH]), []
     for time in (-step, step):
@@ -74,7 +60,7 @@ def test_velocities_are_the_rate_of_the_positions(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_curvature_is_that_of_the_stations_rotations(kind):
-    built = scene(kind)
+    built = chain(kind, rule=None)
     q, pieces = bent(built), built.layout.pieces
     turns = station_turns(built.model, q).reshape(pieces, -1, 3).sum(axis=1)
     np.testing.assert_allclose(built.curvature(q), turns / built.layout.sizes[:, None], atol=1e-12)
@@ -83,7 +69,7 @@ def test_curvature_is_that_of_the_stations_rotations(kind):
 @pytest.mark.parametrize("guides", [(), (0.2, 0.4)], ids=["channel", "guides"])
 def test_tendon_length_is_what_is_inside(guides):
     tendon = Tendon("t", (0.02, 0.0), LENGTH, 0, 80.0, guides=guides)
-    built = scene("universal", replace(WEIGHTLESS, tendons=(tendon,)))
+    built = chain("universal", replace(ROBOT, tendons=(tendon,)))
     assert built.tendon_length(built.start().q) == pytest.approx([LENGTH])
     q = bent(built)
     if guides:
@@ -107,11 +93,11 @@ def test_inputs_are_tendons_then_loads():
 
 def test_a_small_swing_has_the_beams_frequency():
     """Half a period after it was let go at rest the first mode is on the other side."""
-    robot = replace(WEIGHTLESS, damping_time=0.0)
+    robot = replace(ROBOT, damping_time=0.0)
     rotary = robot.density * robot.second_moment
     stiffness = robot.bending_stiffness
     half = 0.5 / rayleigh_frequency(LENGTH, stiffness, robot.mass_per_length, rotary)
-    built = scene(robot=robot, control_period=half / 50, pieces=12)
+    built = chain(robot=robot, control_period=half / 50, pieces=12)
     first = SceneConfig(robot, pieces=12, loads=(Load("pull", LENGTH, (1e-3, 0, 0)),))
     # What a force on the tip bends is the first mode to 3 %, and starts slow.
     start = build_scene(first).equilibrium(np.ones(1))
@@ -126,7 +112,7 @@ def test_a_small_swing_has_the_beams_frequency():
 @pytest.mark.parametrize("kind", ["planar", "three_hinges"])
 def test_a_damped_motion_ends_in_the_equilibrium_of_its_gravity(kind):
     robot = replace(KINDS[kind][0], damping_time=0.3)
-    built, gravity = scene(kind, robot, pieces=2), np.array([4.0, 0.0, -2.0])
+    built, gravity = chain(kind, robot, rule=None, pieces=2), np.array([4.0, 0.0, -2.0])
     truth = built.equilibrium(gravity=gravity)
     end = built.simulate(12.0, gravity=gravity).end
     np.testing.assert_allclose(end.q, truth, atol=1e-5)
@@ -139,7 +125,7 @@ def test_inputs_may_be_held_or_steady():
     But for the half timestep by which integrators of first order let held forces act early.
     """
     load = Load("push", LENGTH, (1.0, 0.0, 0.0))
-    built = scene(pieces=3, loads=(load,), control_period=1e-3)
+    built = chain(pieces=3, loads=(load,), control_period=1e-3)
 
     def ramp(time):
         return np.array([np.sin(3 * time)])
@@ -156,7 +142,7 @@ def test_inputs_may_be_held_or_steady():
 
 
 def test_a_motion_tells_its_error():
-    built = scene(pieces=6, loads=(Load("push", LENGTH, (1.0, 0.0, 0.0)),), control_period=0.01)
+    built = chain(pieces=6, loads=(Load("push", LENGTH, (1.0, 0.0, 0.0)),), control_period=0.01)
     fine = replace(built.config, accuracy=1e-7)
     pushes = np.random.default_rng(1).random((60, 1))
     motion = built.simulate(0.6, pushes, samples=0.1)
@@ -170,7 +156,7 @@ def test_a_motion_tells_its_error():
 
 def test_divergence_is_an_error():
     with pytest.warns(UserWarning, match="stability limit"):
-        built = scene(integrator="Euler", timestep=0.05, control_period=0.05)
+        built = chain(integrator="Euler", timestep=0.05, control_period=0.05)
     v = np.full(built.model.nv, 50.0)
     with pytest.raises(IntegrationError, match="diverged") as error:
         built.simulate(5.0, start=State(built.start().q, v))
@@ -196,4 +182,4 @@ def test_divergence_is_an_error():
 )
 def test_bad_arguments_are_refused_by_name(call, message):
     with pytest.raises(ValueError, match=message):
-        call(scene(loads=(Load("push", LENGTH, (1.0, 0, 0)),)))
+        call(chain(loads=(Load("push", LENGTH, (1.0, 0, 0)),)))

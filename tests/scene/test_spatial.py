@@ -6,42 +6,20 @@ from functools import partial
 import mujoco
 import numpy as np
 import pytest
+from support.chains import EI, KINDS, LENGTH, ROBOT, SIMPLE_RULES, chain
 from support.postures import posed
 
-from softrobot_env.robots import CANTILEVER_WEAK, Tendon
+from softrobot_env.robots import ARM, Tendon
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import joint_angles, posture
 from softrobot_env.scene.config import SceneConfig, visible
-from softrobot_env.scene.quadrature import RULES
 from softrobot_env.scene.statics import EquilibriumError, equilibrium
 from softrobot_env.scene.timestep import linearize
-from studies.truths.analytic import arc_tip
-
-ROBOT = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0))
-INCOMPRESSIBLE = replace(ROBOT, poisson_ratio=0.5)
-LENGTH, EI = ROBOT.length, ROBOT.bending_stiffness
-
-#: A chain that twists, without springs between its pieces.
-TWISTING = {"bending": "spatial", "torsion": True, "rule": "balanced2"}
-
-#: Robot and options of every kind of spatial chain.
-KINDS = {
-    "planar": (ROBOT, {}),
-    "universal": (ROBOT, {"bending": "spatial"}),
-    "ball": (ROBOT, TWISTING),
-    "three_hinges": (INCOMPRESSIBLE, TWISTING),
-}
+from studies.truths.analytic import arc_tip, section, torsion_angle, torsion_frequency
+from studies.truths.spatial_rod import helix
 
 SPATIAL = [kind for kind in KINDS if kind != "planar"]
-
-#: Without springs between the pieces, which tests/scene/test_coupling.py is for.
-SIMPLE_RULES = [rule for rule in RULES if rule != "coupled2"]
-
-
-def scene(kind, robot=None, **options):
-    default, bending = KINDS[kind]
-    return build_scene(SceneConfig(robot or default, **bending | options))
 
 
 def turned(vector, azimuth):
@@ -56,7 +34,7 @@ def joint_angles_of(built):
 
 def loaded(kind, *, pieces=6, load_steps=1, **load):
     """Scene and its data in equilibrium under a load on the tip."""
-    built = scene(kind, pieces=pieces, loads=(Load("load", LENGTH, **load),))
+    built = chain(kind, pieces=pieces, loads=(Load("load", LENGTH, **load),))
     return built, posed(built.model, equilibrium(built.model, np.ones(1), load_steps=load_steps))
 
 
@@ -70,7 +48,7 @@ def tip(kind, **options):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("rule", SIMPLE_RULES)
 def test_joints_have_the_beams_compliance_about_every_axis(kind, rule):
-    built = scene(kind, rule=rule)
+    built = chain(kind, rule=rule)
     linear, robot = linearize(built.model), KINDS[kind][0]
     # About each axis the joints are springs in series: unit moments on all of them.
     k = joint_angles_of(built).shape[1]
@@ -90,7 +68,7 @@ def test_joints_have_the_beams_compliance_about_every_axis(kind, rule):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_links_have_the_inertia_of_a_cylinder_about_all_axes(kind):
-    built = scene(kind)
+    built = chain(kind)
     first = built.layout.stations[0]
     moving, mass = LENGTH - first, ROBOT.mass_per_length * (LENGTH - first)
     matrix = linearize(built.model).mass
@@ -111,7 +89,7 @@ def test_links_have_the_inertia_of_a_cylinder_about_all_axes(kind):
 
 @pytest.mark.parametrize("kind", SPATIAL)
 def test_angles_are_signed_as_documented(kind):
-    built = scene(kind)
+    built = chain(kind)
     n, k = joint_angles_of(built).shape
     bent = {}
     for column in range(k):
@@ -128,7 +106,7 @@ def test_angles_are_signed_as_documented(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_posture_and_joint_angles_are_inverse(kind):
-    built = scene(kind)
+    built = chain(kind)
     angles = np.random.default_rng(0).uniform(-0.5, 0.5, joint_angles_of(built).shape)
     np.testing.assert_allclose(
         joint_angles(built.model, posture(built.model, angles)), angles, atol=1e-14
@@ -172,34 +150,15 @@ def test_in_a_plane_it_is_the_planar_chain(kind, azimuth):
     np.testing.assert_allclose(found, turned(truth, angle), atol=1e-9)
 
 
-def helix_tip(moment, bending_stiffness):
-    """Tip (3,) of a rod with GJ = EI under a constant world moment (3,).
-
-    The curvature vector R^T m / EI turns the frame by R' = [m / EI] R: the tangent rotates about
-    the fixed moment by |m| s / EI, and its integral is a helix about it.
-    """
-    rate = np.linalg.norm(moment) / bending_stiffness
-    axis, start = moment / np.linalg.norm(moment), np.array([0.0, 0.0, 1.0])
-    along, across = axis * (axis @ start), start - axis * (axis @ start)
-    phase = rate * LENGTH
-    return (
-        along * LENGTH
-        + across * np.sin(phase) / rate
-        + np.cross(axis, start) * (1 - np.cos(phase)) / rate
-    )
-
-
-MOMENT = np.array([0.5, 0.9, 1.2])
-
-
 @pytest.mark.parametrize("kind", ["ball", "three_hinges"])
 def test_a_world_moment_converges_to_the_helix(kind):
     """With Poisson's ratio barely off zero the rod is the same, its joints are three hinges."""
     robot = replace(ROBOT, poisson_ratio=0.0 if kind == "ball" else 1e-9)
-    truth, errors = helix_tip(MOMENT, EI), []
-    load = Load("load", LENGTH, moment=tuple(MOMENT))
+    moment, errors = (0.5, 0.9, 1.2), []
+    truth = helix(LENGTH, section(robot, None), moment, [LENGTH]).tip
+    load = Load("load", LENGTH, moment=moment)
     for pieces in (6, 12):
-        model = scene(kind, robot, pieces=pieces, loads=(load,)).model
+        model = chain(kind, robot, pieces=pieces, loads=(load,)).model
         q = equilibrium(model, np.ones(1), load_steps=4)
         errors.append(np.linalg.norm(posed(model, q).site("tip").xpos - truth))
     assert errors[1] < 0.2e-3
@@ -209,7 +168,7 @@ def test_a_world_moment_converges_to_the_helix(kind):
 @pytest.mark.parametrize("kind", ["ball", "three_hinges"])
 def test_end_torque_twists_by_its_length_over_gj(kind):
     built, data = loaded(kind, moment=(0.0, 0.0, 0.05))
-    twist = 0.05 * LENGTH / KINDS[kind][0].torsional_stiffness
+    twist = torsion_angle(KINDS[kind][0], 0.05)
     angles = joint_angles(built.model, data.qpos)
     assert angles[:, 2].sum() == pytest.approx(twist, rel=1e-9)
     np.testing.assert_allclose(angles[:, :2], 0, atol=1e-12)
@@ -237,7 +196,7 @@ def test_equilibria_follow_the_branch_from_straight():
     # Newton's method at once ends on the other side, where the rod would not stay in space.
     model = loaded("ball", force=(-force[0], -force[1], -5.0))[0].model
     other = equilibrium(model, np.ones(1))
-    built = scene("ball", pieces=6, loads=(Load("load", LENGTH, force=force),))
+    built = chain("ball", pieces=6, loads=(Load("load", LENGTH, force=force),))
     with pytest.raises(EquilibriumError, match="check_stability=False"):
         equilibrium(built.model, np.ones(1), guess=other)
 
@@ -253,7 +212,7 @@ def test_a_follower_turns_with_the_cross_section(kind):
         model = build(loads=(Load("load", LENGTH, **load),)).model
         return posed(model, equilibrium(model, np.ones(1), guess))
 
-    build = partial(scene, kind)
+    build = partial(chain, kind)
     force, moment = (0.8, 0.0 if kind == "planar" else 0.6, -0.5), (0.05, 0.0, 0.02)
     if kind in ("planar", "universal"):  # without torsion none is taken about z, as it would turn
         moment = (0.0, 0.0, 0.0)
@@ -265,13 +224,6 @@ def test_a_follower_turns_with_the_cross_section(kind):
 
 
 # --- tendons ----------------------------------------------------------------------------------
-
-
-def trio(robot=ROBOT):
-    """Three tendons at 120 degrees along the whole robot."""
-    places = [(0.02 * np.cos(a), 0.02 * np.sin(a)) for a in np.radians([0, 120, 240])]
-    tendons = tuple(Tendon(f"t{i}", place, LENGTH, 0, 80.0) for i, place in enumerate(places))
-    return replace(robot, tendons=tendons)
 
 
 @pytest.mark.parametrize("torsion", [False, True])
@@ -308,12 +260,9 @@ def test_a_planar_chain_takes_the_lateral_offset_of_a_tendon_as_it_did():
 @pytest.mark.parametrize("kind", ["ball", "three_hinges"])
 def test_torsional_frequency_is_the_rods(kind):
     """sqrt(GJ / (rho 2 I)) / (4 L), the quarter wave of a rod clamped at one end."""
-    robot = KINDS[kind][0]
-    inertia = 2 * robot.density * robot.second_moment
-    truth = np.sqrt(robot.torsional_stiffness / inertia) / (4 * LENGTH)
-    errors = []
+    truth, errors = torsion_frequency(KINDS[kind][0]), []
     for pieces in (6, 12):
-        built = scene(kind, pieces=pieces)
+        built = chain(kind, pieces=pieces)
         linear, n = linearize(built.model), len(built.layout.stations)
         # In the straight pose torsion is uncoupled: take its block alone.
         twist = np.zeros((n, built.model.nv))
@@ -335,7 +284,7 @@ def test_torsional_frequency_is_the_rods(kind):
 @pytest.mark.parametrize("kind", SPATIAL)
 def test_visible_scene_has_the_same_dynamics_and_room_behind_it(kind):
     robot, options = KINDS[kind]
-    bare = SceneConfig(trio(robot), **options)
+    bare = SceneConfig(replace(robot, tendons=ARM.tendons), **options)
     plain, seen = build_scene(bare).model, build_scene(visible(bare)).model
     np.testing.assert_array_equal(linearize(seen).mass, linearize(plain).mass)
     assert seen.nskin == 1

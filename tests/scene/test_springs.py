@@ -8,16 +8,15 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from support.chains import LENGTH, ROBOT, TWISTING
+from support.derivatives import differences
 
-from softrobot_env.robots import CANTILEVER_WEAK, Tendon
+from softrobot_env.robots import Tendon
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.tangent import StaticForces
 
-ROBOT = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0))
-LENGTH = ROBOT.length
 CHANNEL = (Tendon("t", (0.02, 0.0), LENGTH, 0, 80.0),)
-TWISTING = {"bending": "spatial", "torsion": True, "rule": "balanced2"}
 
 
 def turn_of(model, q, station):
@@ -47,15 +46,19 @@ def missing_force(built, station, size, read, stiffness):
     model, forces = built.model, StaticForces(built.model)
     dofs = [k for k in range(model.nv) if model.dof_bodyid[k] == station + 1]
     directions, worst = np.random.default_rng(3).normal(size=(8, len(dofs))), 0.0
-    for direction in directions:
+
+    def posture(turns):
         q = np.zeros(model.nq)
-        q[dofs] = size * direction / np.linalg.norm(direction)
-        found = forces.force(q, np.zeros(model.nu))[dofs]
-        for dof, force in zip(dofs, found, strict=True):
-            low, high = q.copy(), q.copy()
-            low[dof], high[dof] = q[dof] - 1e-5, q[dof] + 1e-5
-            energies = [stiffness @ read(model, x, station) ** 2 / 2 for x in (low, high)]
-            worst = max(worst, abs(force + (energies[1] - energies[0]) / 2e-5))
+        q[dofs] = turns
+        return q
+
+    def energy(turns):
+        return stiffness @ read(model, posture(turns), station) ** 2 / 2
+
+    for direction in directions:
+        turns = size * direction / np.linalg.norm(direction)
+        found = forces.force(posture(turns), np.zeros(model.nu))[dofs]
+        worst = max(worst, np.abs(found + differences(energy, turns, 1e-5)).max())
     return worst
 
 

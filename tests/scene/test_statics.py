@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.chains import SIMPLE_RULES
 from support.postures import posed
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
@@ -21,9 +22,6 @@ from studies.truths.analytic import arc_tip, elastica
 WEIGHTLESS = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0))
 LENGTH, EI = WEIGHTLESS.length, WEIGHTLESS.bending_stiffness
 WEIGHT = CANTILEVER_WEAK.mass_per_length * 9.81
-
-#: Without springs between the pieces, which tests/scene/test_coupling.py is for.
-SIMPLE_RULES = [rule for rule in RULES if rule != "coupled2"]
 
 
 def solve(robot, n, rule, ctrl=(), **options):
