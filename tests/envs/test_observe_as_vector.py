@@ -114,15 +114,6 @@ def test_observe_chooses_the_entries():
     np.testing.assert_allclose(vector[:8], wanted, rtol=1e-6, atol=1e-6)
 
 
-def test_a_failed_step_shows_the_vector_before_it():
-    env = make("SoftRobot/ArmSwing-v0")
-    last, _ = env.reset()
-    env.unwrapped.data.qvel[0] = np.nan
-    observation, _, failed, _, _ = env.step(np.zeros(3))
-    assert failed and observation is not last
-    np.testing.assert_array_equal(observation, last)
-
-
 # ---------------------------------------------------------------- what comes with it
 
 

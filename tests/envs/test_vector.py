@@ -234,6 +234,18 @@ def test_without_autoreset_ended_episodes_are_reset_by_mask():
     env.step(action)
 
 
+@pytest.mark.parametrize("task", ["lshape", "random"])
+def test_options_of_a_reset_hold_for_its_episode_alone(task):
+    """Of many robots as of one, also where every episode samples its own path."""
+    many, single = VectorTrackingEnv(2, task), TrackingEnv(task)
+    for options in ({}, {"duration": 0.05, "start_input": [3.0, 1.0, 0.0]}, {}):
+        given = {"seed": 3, "options": options}
+        resets = many.reset(**given), {0: single.reset(**given)}
+        same(TrackingEnv(task).reset(**given), resets[0], 0, **ROUNDING)
+        *_, last = alike(many, {0: single}, resets, np.zeros((5, 2, 3)), **ROUNDING)
+        assert np.all(last[3] == bool(options))  # 5 steps are the whole of a shortened episode
+
+
 # ---------------------------------------------------------------- variation
 
 
