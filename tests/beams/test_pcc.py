@@ -5,7 +5,7 @@ from dataclasses import replace
 import mpmath
 import numpy as np
 import pytest
-from scipy.linalg import expm
+from support import exponentials
 from support.beam_kinds import LOADS, PCCS, STEP, gradient, state
 
 from softrobot_env.beams.pcc import PCC
@@ -32,10 +32,6 @@ def states(model):
 # ---------------------------------------------------------------- truth from exponentials
 
 
-def cross_matrix(w):
-    return np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
-
-
 def strains(model, q):
     """(pieces, 3) strain, from the coordinates' definition."""
     q = np.reshape(q, (model.pieces, -1))
@@ -48,14 +44,8 @@ def strains(model, q):
 
 
 def pose(model, q, s):
-    """Pose (4, 4) of the section at arc length s: product of exponentials of constant twists."""
-    length, out = model.robot.length / model.pieces, np.eye(4)
-    for i, k in enumerate(strains(model, q)):
-        part = min(max(s - i * length, 0.0), length)
-        twist = np.zeros((4, 4), dtype=k.dtype)
-        twist[:3, :3], twist[2, 3] = cross_matrix(k), 1.0
-        out = out @ expm(part * twist)
-    return out
+    """Pose (4, 4) of the section at arc length s."""
+    return exponentials.pose(strains(model, q), model.edges, s)
 
 
 def bodies(model):
