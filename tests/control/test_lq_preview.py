@@ -1,7 +1,9 @@
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from support.episodes import steps
 
 from softrobot_env.beams.planar_arm import inertia_forces, make_planar_arm
 from softrobot_env.control.reference_smoothing import (
@@ -45,18 +47,10 @@ def simulate(scale, force, inputs, duration, start):
 
 def estimate(states, inputs, adapt):
     force, information = np.zeros(6), np.zeros(2)
-    for k in range(1, len(states)):
-        factor = update_estimate(
-            ARM_DATA,
-            PERIOD,
-            *states[k - 1],
-            *states[k],
-            inputs((k - 1) * PERIOD),
-            LIMIT,
-            adapt,
-            information,
-            force,
-        )
+    for k, (before, after) in enumerate(pairwise(states)):
+        pull = inputs(k * PERIOD), LIMIT
+        known = adapt, information, force
+        factor = update_estimate(ARM_DATA, PERIOD, *before, *after, *pull, *known)
     return factor, force
 
 
@@ -150,38 +144,32 @@ def test_what_is_ahead_is_what_comes():
 # ---------------------------------------------------------------- closed loop
 
 
-def driven(name, task, steps, spoil, **options):
+def driven(name, task, spoil, **options):
     """Actions (k, 3) and errors (k,) [m] of an episode whose sample 1000 is spoilt."""
     env = TrackingEnv(task, observe="all", **policy_environment(name))
-    policy, state, actions, errors = make_policy(name, ARM, PERIOD), None, [], []
-    observation, _ = env.reset(options=options)
-    for k in range(steps):
-        action, state = policy.predict(spoil(observation) if k == 1000 else observation, state)
-        observation, _, terminated, _, info = env.step(action)
-        assert not terminated, info
-        actions.append(action)
-        errors.append(info["error"])
-    return np.array(actions), np.array(errors)
+    policy = make_policy(name, ARM, PERIOD)
+
+    def shown(k, seen):
+        return seen | spoil(seen) if k == 1000 else seen
+
+    _, actions, _, after = zip(*steps(env, policy, 1900, shown, **options), strict=True)
+    off = [seen["tip_position"] - seen["reference"] for seen in after]
+    return np.array(actions), np.linalg.norm(off, axis=1)
 
 
 @pytest.mark.parametrize("name", ["lq_preview", "lq_adaptive"])
 @pytest.mark.parametrize("size", [0.1, 2.0, np.nan, 1e200])
 def test_one_bad_sample_does_no_lasting_harm(name, size):
-    def spoil(observation):
-        return observation | {"curvature": observation["curvature"] + size}
-
-    _, errors = driven(name, "lshape", 1900, spoil, duration=3.0)
+    _, errors = driven(
+        name, "lshape", lambda seen: {"curvature": seen["curvature"] + size}, duration=3.0
+    )
     assert errors[1000:].max() < 5e-3 and errors[1500:].max() < 0.3e-3
 
 
 def test_the_stiffness_found_survives_a_bad_sample():
     """Half as stiff as it knew: a missing observation must not bring the nominal one back."""
-
-    def lose(observation):
-        return observation | {"tip_position": np.full(2, np.nan)}
-
-    vary = {"youngs_modulus": 0.5}
-    actions, errors = driven("lq_adaptive", "swing", 1900, lose, vary=vary, duration=2.0)
+    lost, vary = {"tip_position": np.full(2, np.nan)}, {"youngs_modulus": 0.5}
+    actions, errors = driven("lq_adaptive", "swing", lambda _: lost, vary=vary, duration=2.0)
     assert 80 * np.abs(np.diff(actions[990:], axis=0)).max() < 1.0
     assert errors[1000:].max() < 0.3e-3
 

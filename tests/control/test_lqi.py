@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
+from support.episodes import steps
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.beams.model import State
@@ -15,15 +16,6 @@ from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.robots import ARM
 from softrobot_env.tasks import make_task
 from softrobot_env.thesis.arm import operating_points as gains
-from softrobot_env.thesis.arm.operating_points import (
-    GRID,
-    axes,
-    build_gains,
-    interpolate,
-    load_gains,
-    operating_points,
-    save_gains,
-)
 from softrobot_env.thesis.arm.policies import make_lqi
 from softrobot_env.thesis.arm.statics import follow
 
@@ -69,11 +61,12 @@ def test_gains_minimise_the_cost():
 
 
 def test_shipped_table_holds_stabilising_gains_everywhere():
-    table = load_gains(models_dir() / "lqi.npz", ARM, "lqi", 42)
+    """At each of the thesis' 2288 points; the straight pose is none of them."""
+    table = gains.load_gains(models_dir() / "lqi.npz", ARM, "lqi", 42)
     assert table.shape == (16, 13, 11, 42)
-    rows = zip(operating_points(6), table.reshape(-1, 3, 14), strict=True)
+    rows = zip(gains.operating_points(6), table.reshape(-1, 3, 14), strict=True)
     for number, (bend, gain) in enumerate(rows):
-        assert growth(bend, gain) < 0
+        assert np.any(bend != 0) and growth(bend, gain) < 0
         if number % 97:
             continue
         np.testing.assert_allclose(
@@ -90,53 +83,47 @@ def growth(bend, gain):
 
 def test_interpolated_gains_stabilise_too():
     """Except within 0.3 1/m of the straight pose, where they may grow slowly (models/lqi.md)."""
-    table = load_gains(models_dir() / "lqi.npz", ARM, "lqi", 42)
+    table = gains.load_gains(models_dir() / "lqi.npz", ARM, "lqi", 42)
     found, rng = np.empty(42), np.random.default_rng(0)
     for _ in range(500):
-        bend = np.repeat(rng.uniform(-1, 1, 3) * [limit for _, limit in GRID], 2)
-        interpolate(table, bend, found)
+        bend = np.repeat(rng.uniform(-1, 1, 3) * [limit for _, limit in gains.GRID], 2)
+        gains.interpolate(table, bend, found)
         if np.max(np.abs(bend)) > 0.3:
             assert growth(bend, found.reshape(3, 14)) < 0
-        interpolate(table, 0.04 * bend, found)
+        gains.interpolate(table, 0.04 * bend, found)
         assert growth(0.04 * bend, found.reshape(3, 14)) < 0.04
 
 
 # ---------------------------------------------------------------- table
 
 
-def test_grid_has_the_thesis_number_of_points_and_leaves_out_the_straight_pose():
-    points = list(operating_points(6))
-    assert len(points) == 2288
-    assert all(np.any(bend != 0) for bend in points)
-
-
 def test_interpolation_is_exact_for_trilinear_functions():
-    x, y, z = np.meshgrid(*axes(), indexing="ij")
+    x, y, z = np.meshgrid(*gains.axes(), indexing="ij")
     values = np.stack([1 + x - 2 * y + x * z, x * y * z], axis=-1)
     out = np.empty(2)
     rng = np.random.default_rng(0)
     for _ in range(50):
-        a, b, c = rng.uniform(-1, 1, 3) * [limit for _, limit in GRID]
-        assert interpolate(values, np.repeat([a, b, c], 2), out)
+        a, b, c = rng.uniform(-1, 1, 3) * [limit for _, limit in gains.GRID]
+        assert gains.interpolate(values, np.repeat([a, b, c], 2), out)
         np.testing.assert_allclose(out, [1 + a - 2 * b + a * c, a * b * c], atol=1e-10)
     for corner in ([7.5, 7.2, 7.0], [-7.5, -7.2, -7.0]):
-        assert interpolate(values, np.repeat(corner, 2), out)
+        assert gains.interpolate(values, np.repeat(corner, 2), out)
     # Outside, the nearest point of the grid counts, and it is said.
-    assert not interpolate(values, np.repeat([20.0, 1.0, 1.0], 2), out)
+    assert not gains.interpolate(values, np.repeat([20.0, 1.0, 1.0], 2), out)
     np.testing.assert_allclose(out, [1 + 7.5 - 2 + 7.5, 7.5])
 
 
 def test_tables_of_other_robots_are_refused(tmp_path):
-    made = build_gains(ARM, lambda curvature: curvature[:1])
-    save_gains(tmp_path / "gains.npz", ARM, made)
-    table = load_gains(tmp_path / "gains.npz", ARM, "lqi", 1)
-    np.testing.assert_allclose(table[:, 0, 0, 0], axes()[0], rtol=1e-6)
+    made = gains.build_gains(ARM, lambda curvature: curvature[:1])
+    gains.save_gains(tmp_path / "gains.npz", ARM, made)
+    table = gains.load_gains(tmp_path / "gains.npz", ARM, "lqi", 1)
+    np.testing.assert_allclose(table[:, 0, 0, 0], gains.axes()[0], rtol=1e-6)
     with pytest.raises(ValueError, match=r"`softrobot train lqi --robot arm_changed\.toml`"):
-        load_gains(tmp_path / "gains.npz", ARM.vary(density=1.1), "lqi", 1)
+        gains.load_gains(tmp_path / "gains.npz", ARM.vary(density=1.1), "lqi", 1)
     with pytest.raises(ValueError, match="does not fit this version"):
-        load_gains(tmp_path / "gains.npz", ARM, "lqi", 2)
+        gains.load_gains(tmp_path / "gains.npz", ARM, "lqi", 2)
     with pytest.raises(FileNotFoundError, match="make them with `softrobot train lqi --robot arm`"):
-        load_gains(tmp_path / "none.npz", ARM, "lqi", 1)
+        gains.load_gains(tmp_path / "none.npz", ARM, "lqi", 1)
 
 
 # ---------------------------------------------------------------- followed equilibrium
@@ -184,17 +171,14 @@ def waited(limit, far, near, wait, **vary):
     """Errors [m] of the arm after it has waited for steps at a reference, and what was said."""
     robot = replace(ARM, tendons=tuple(replace(t, tension_limit=limit) for t in ARM.tendons))
     task = replace(make_task("step"), robot=robot, duration=20.0)
-    policy, state, statuses, errors = make_lqi(robot, PERIOD), None, set(), []
-    env = TrackingEnv(task, control_period=PERIOD, observe="all")
-    observation, _ = env.reset(options={"vary": vary})
-    for k in range(wait + 1500):
-        observation["reference"] = far if k < wait else near
-        action, state = policy.predict(observation, state)
-        statuses.add(state.status)
-        observation, _, terminated, _, info = env.step(action)
-        assert not terminated, info
-        errors.append(np.linalg.norm(observation["tip_position"] - (far if k < wait else near)))
-    return np.array(errors), statuses
+    env, policy = TrackingEnv(task, control_period=PERIOD, observe="all"), make_lqi(robot, PERIOD)
+
+    def shown(k, seen):
+        return seen | {"reference": far if k < wait else near}
+
+    run = list(steps(env, policy, wait + 1500, shown, vary=vary))
+    errors = [np.linalg.norm(after["tip_position"] - seen["reference"]) for seen, *_, after in run]
+    return np.array(errors), {state.status for _, _, state, _ in run}
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy import ndarray
 from scipy.optimize import least_squares
 from support.derivatives import differences
 
@@ -14,26 +13,17 @@ from softrobot_env.beams.model import State
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.beams.planar_arm import make_planar_arm
 from softrobot_env.control.linear_quadratic import BoundedSolver
-from softrobot_env.control.registry import make_policy, policy_environment
+from softrobot_env.control.registry import make_policy
 from softrobot_env.robots import ARM
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.thesis.arm.mpc import MPC, Optimiser, Problem
-from softrobot_env.thesis.arm.mpc_settings import PREVIEW, THESIS, MPCSettings
+from softrobot_env.thesis.arm.mpc_settings import PREVIEW, THESIS
 
-POLICIES = ("mpc", "mpc_preview")
+EACH = pytest.mark.parametrize("settings", [THESIS, PREVIEW], ids=["thesis", "preview"])
 
 #: Tip of an arm bent by 1/m everywhere, a circular arc of 0.5 rad.
 TIP = np.array([1 - np.cos(0.5), np.sin(0.5)])
 NEARBY = (TIP[0] + 2e-3, TIP[1] - 1e-3)
-
-
-def build(name, robot=ARM):
-    return make_policy(name, robot, policy_environment(name)["control_period"])
-
-
-@pytest.fixture(params=POLICIES)
-def policy(request):
-    return build(request.param)
 
 
 def observe(reference=NEARBY, curvature=1.0, **changed):
@@ -53,7 +43,7 @@ def observe(reference=NEARBY, curvature=1.0, **changed):
 # ---------------------------------------------------------------- as policies
 
 
-@pytest.mark.parametrize("settings", [THESIS, PREVIEW], ids=POLICIES)
+@EACH
 def test_weights_do_not_depend_on_how_forces_are_geared(settings):
     """Half the moment arms and twice the tensions are the same robot to its actions."""
 
@@ -71,7 +61,7 @@ def test_weights_do_not_depend_on_how_forces_are_geared(settings):
 def test_missing_package_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "daqp", None)
     with pytest.raises(ImportError, match=r'pip install "daqp>='):
-        build("mpc")
+        make_policy("mpc", ARM, THESIS.period)
 
 
 # ---------------------------------------------------------------- where no optimum is found
@@ -92,7 +82,7 @@ def test_action_is_kept_where_the_optimisation_fails(settings, observation, reas
     np.testing.assert_allclose(action, observation["previous_action"])
 
 
-@pytest.mark.parametrize("settings", [THESIS, PREVIEW], ids=POLICIES)
+@EACH
 def test_after_a_failure_the_next_decision_begins_anew(settings):
     policy = MPC(ARM, settings.period, settings)
     action, state = policy.predict(observe())
@@ -117,14 +107,13 @@ def test_tension_limit_is_kept_and_reported():
 DATA = make_planar_arm(ARM)
 MAP = TendonMap(ARM)
 MODEL = PCC(ARM, axes="planar")
-SETTINGS = {"thesis": THESIS, "preview": PREVIEW}
 
 
-def optimiser(settings: MPCSettings, limit: float = 80.0) -> Optimiser:
+def optimiser(settings, limit=80.0):
     return Optimiser(settings, np.full(3, limit))
 
 
-def make_problem(settings: MPCSettings, seed: int = 0, force: float = 0.0) -> Problem:
+def make_problem(settings, seed=0, force=0.0):
     """A moving arm, bent by some 1 rad, and a reference that leads away from its tip."""
     rng = np.random.default_rng(seed)
     curvature = 2.0 + rng.normal(size=6)
@@ -140,13 +129,11 @@ def make_problem(settings: MPCSettings, seed: int = 0, force: float = 0.0) -> Pr
     )
 
 
-def some_inputs(settings: MPCSettings, seed: int = 1) -> ndarray:
-    return 5.0 + 3.0 * np.random.default_rng(seed).normal(size=(len(settings.moves), 3))
+def some_inputs(settings):
+    return 5.0 + 3.0 * np.random.default_rng(1).normal(size=(len(settings.moves), 3))
 
 
-def residuals(
-    solver: Optimiser, settings: MPCSettings, problem: Problem, inputs: ndarray
-) -> ndarray:
+def residuals(solver, settings, problem, inputs):
     """Roots of the terms of the cost, written out from the predicted path."""
     path = solver.evaluate(problem, inputs, settings.no_guess(6)).path
     states = np.concatenate((problem.start[None], path))
@@ -167,10 +154,9 @@ def residuals(
     return np.concatenate([term.ravel() for term in terms])
 
 
-@pytest.mark.parametrize("name", list(SETTINGS))
-def test_prediction_is_that_of_the_general_model(name):
+@EACH
+def test_prediction_is_that_of_the_general_model(settings):
     """Step by step with the integrator of the same name of the package's simulation."""
-    settings = SETTINGS[name]
     solver, problem = optimiser(settings), make_problem(settings)
     inputs = some_inputs(settings)
     path = solver.evaluate(problem, inputs, settings.no_guess(6)).path
@@ -193,10 +179,9 @@ def test_force_acts_like_the_inputs_that_cause_it():
     np.testing.assert_allclose(by_force, by_inputs, rtol=1e-7, atol=1e-7)
 
 
-@pytest.mark.parametrize("name", list(SETTINGS))
-def test_cost_and_its_model_follow_from_the_path(name):
+@EACH
+def test_cost_and_its_model_follow_from_the_path(settings):
     """Cost, gradient and Gauss-Newton Hessian against finite differences of the terms."""
-    settings = SETTINGS[name]
     solver, problem = optimiser(settings), make_problem(settings, force=1e-3)
     inputs = some_inputs(settings)
     now = solver.evaluate(problem, inputs, settings.no_guess(6))
@@ -236,10 +221,10 @@ def test_optimum_is_that_of_a_general_solver(seed, limit):
     np.testing.assert_allclose(inputs.ravel(), general.x, atol=0.02)
 
 
-@pytest.mark.parametrize("name", list(SETTINGS))
+@EACH
 @pytest.mark.parametrize("seed", range(5))
-def test_cost_never_increases(name, seed):
-    settings = replace(SETTINGS[name], iterations=50, tolerance=1e-4)
+def test_cost_never_increases(settings, seed):
+    settings = replace(settings, iterations=50, tolerance=1e-4)
     solver, problem = optimiser(settings, 20.0), make_problem(settings, seed)
     far = problem._replace(reference=np.tile([-0.3, 0.3], (len(settings.steps) + 1, 1)))
     begin = np.tile(problem.before, (len(settings.moves), 1))
@@ -250,23 +235,23 @@ def test_cost_never_increases(name, seed):
 
 
 def test_bounded_program_against_its_conditions():
-    """At the optimum the gradient vanishes inside the bounds and points outwards on them."""
+    """At the optimum the gradient vanishes inside the bounds and points outwards on them.
+
+    Where none is found, there is none.
+    """
     rng = np.random.default_rng(0)
     root = rng.normal(size=(8, 8))
     hessian, gradient = root @ root.T + 0.1 * np.eye(8), 3 * rng.normal(size=8)
     lower, upper = -np.full(8, 0.5), np.full(8, 0.3)
-    x = BoundedSolver()(hessian, gradient, lower, upper)
+    solve = BoundedSolver()
+    x = solve(hessian, gradient, lower, upper)
     slope = hessian @ x + gradient
     low, high = x < lower + 1e-9, x > upper - 1e-9
     inside = ~(low | high)
     assert 0 < inside.sum() < 8
     np.testing.assert_allclose(slope[inside], 0.0, atol=1e-9)
     assert np.all(slope[low] > 0) and np.all(slope[high] < 0)
-
-
-def test_unsolved_program_gives_none():
-    solve = BoundedSolver()
-    assert solve(np.eye(2), np.full(2, np.nan), -np.ones(2), np.ones(2)) is None
+    assert solve(hessian, np.nan * gradient, lower, upper) is None
 
 
 @pytest.mark.parametrize(

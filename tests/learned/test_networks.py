@@ -148,19 +148,6 @@ def test_progress_reports_falling_errors_and_every_step():
     assert seen[-1][2] == fit.squared_error < 1e-3 * seen[0][2]
 
 
-@pytest.mark.parametrize(
-    ("x", "y", "message"),
-    [
-        (np.zeros((50, 2)), np.zeros((50, 1)), "shapes"),
-        (np.full((50, 1), np.nan), np.zeros((50, 1)), "finite"),
-        (np.zeros((3, 1)), np.zeros((3, 1)), "more samples"),
-    ],
-)
-def test_unusable_data_are_refused(x, y, message):
-    with pytest.raises(ValueError, match=message):
-        train_regularised(make_network((5,), 1, 1), Dataset(x, y))
-
-
 # ---------------------------------------------------------------- least squares
 
 
@@ -264,16 +251,25 @@ def test_more_parameters_than_errors_are_fitted_exactly():
     np.testing.assert_allclose(fit.network(data.inputs), data.outputs, atol=1e-4)
 
 
-def test_data_that_cannot_be_used_are_refused():
-    good, network = draw(9, np.random.default_rng(8)), skewed((3,), 2, 2)
-    none = good.take(slice(0))
-    for training, validation in ((good, none), (none, good)):
-        with pytest.raises(ValueError, match="at least one sample"):
-            train_validated(network, training, validation)
-    with pytest.raises(ValueError, match="shapes"):
-        train_validated(network, good, Dataset(good.inputs, good.outputs[:, :1]))
-    with pytest.raises(ValueError, match="finite"):
-        train_validated(network, Dataset(good.inputs, np.full((9, 2), np.nan)), good)
+def data(count, n_out=1, value=0.0):
+    return Dataset(np.full((count, 1), value), np.zeros((count, n_out)))
+
+
+@pytest.mark.parametrize(
+    ("train", "given", "message"),
+    [
+        (train_regularised, [data(50, 2)], "shapes"),
+        (train_regularised, [data(50, value=np.nan)], "finite"),
+        (train_regularised, [data(3)], "more samples"),
+        (train_validated, [data(9), data(0)], "at least one sample"),
+        (train_validated, [data(0), data(9)], "at least one sample"),
+        (train_validated, [data(9), data(9, 2)], "shapes"),
+        (train_validated, [data(9, value=np.nan), data(9)], "finite"),
+    ],
+)
+def test_data_that_cannot_be_used_are_refused(train, given, message):
+    with pytest.raises(ValueError, match=message):
+        train(make_network((5,), 1, 1), *given)
 
 
 # ---------------------------------------------------------------- inference
@@ -298,6 +294,8 @@ def test_batches_are_single_samples():
     np.testing.assert_array_equal(infer.batch(x), [infer(row) for row in x])
     np.testing.assert_array_equal(infer.batch(np.asfortranarray(x)), infer.batch(x))
     assert infer.batch(np.empty((0, 3))).shape == (0, 2)
+    with pytest.raises(ValueError, match=r"inputs of shape \(k, 3\), got \(3,\)"):
+        infer.batch(x[0])
 
 
 def test_what_is_returned_is_the_callers_own():
@@ -316,12 +314,6 @@ def test_inputs_of_other_shapes_are_refused(make, bad):
     infer = make(skewed((4,), 2, 3))
     with pytest.raises(ValueError, match=r"inputs of shape \(2,\), got"):
         infer(bad)
-
-
-def test_batches_of_other_shapes_are_refused():
-    infer = CompiledInference(skewed((4,), 2, 3))
-    with pytest.raises(ValueError, match=r"inputs of shape \(k, 2\), got \(2,\)"):
-        infer.batch(np.zeros(2))
 
 
 # ---------------------------------------------------------------- quasi-static data

@@ -7,6 +7,7 @@ import pytest
 import scipy.linalg
 from scipy.optimize import lsq_linear
 from support.derivatives import differences
+from support.episodes import steps
 
 import softrobot_env  # noqa: F401  (registers the environments)
 from softrobot_env.control.linear_quadratic import BoundedSolver
@@ -66,18 +67,10 @@ def environment(robot, task="circle", preview=None, **options):
     )
 
 
-def driven(policy, robot, task="circle", steps=None, vary=None, **options):
+def driven(policy, robot, task="circle", count=None, vary=None, **options):
     """Observation before, action, state and observation after each step of an episode."""
     with environment(robot, task, **options) as env:
-        observation, _ = env.reset(seed=0, options={"vary": vary or {}})
-        state, over, count = None, False, 0
-        while not over and count != steps:
-            before = observation
-            action, state = policy.predict(observation, state)
-            observation, _, failed, over, info = env.step(action)
-            assert not failed, info["failure"]
-            count += 1
-            yield before, action, state, observation
+        yield from steps(env, policy, count, vary=vary or {})
 
 
 def mean_error(policy, robot, vary=None, **options):
@@ -154,8 +147,8 @@ def test_the_tip_follows_a_circle(table, modulus):
 @pytest.mark.parametrize("modulus", [0.75, 1.25])
 def test_an_adaptive_law_finds_the_stiffness(table, modulus):
     policy = LQPreview(FINGER, timing_of(FINGER).period, table, adaptive=True)
-    steps = driven(policy, FINGER, "figure_eight", 1200, {"youngs_modulus": modulus})
-    *_, (_, _, state, _) = steps
+    run = driven(policy, FINGER, "figure_eight", 1200, {"youngs_modulus": modulus})
+    *_, (_, _, state, _) = run
     assert policy.stiffness(state) == pytest.approx(modulus, abs=0.15 * abs(modulus - 1))
 
 
@@ -184,7 +177,7 @@ def test_servos_are_not_asked_for_more_than_their_speed(rod_table):
 
 def test_tendons_stay_taut(rod_table):
     policy = LQPreview(ROD, timing_of(ROD).period, rod_table)
-    for *_, after in driven(policy, ROD, steps=600):
+    for *_, after in driven(policy, ROD, count=600):
         assert after["tendon_tension"].min() > 0
 
 

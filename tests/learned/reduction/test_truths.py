@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.special import ellipk
+from support.linear_systems import states
 
 from softrobot_env.learned.reduction import (
     Record,
@@ -56,11 +57,9 @@ def test_a_forced_linear_system_is_found_exactly():
     rng = np.random.default_rng(0)
     records = []
     for _ in range(4):
-        x, rows, inputs = rng.normal(size=4), [], rng.normal(size=(400, 1))
-        for u in inputs:
-            rows.append(x)
-            x = whole[:4, :4] @ x + whole[:4, 4] * u[0]
-        records.append(record(np.array(rows), inputs))
+        start, inputs = rng.normal(size=4), rng.normal(size=(400, 1))
+        rows = states(whole[:4, :4], start, inputs @ whole[:4, 4:].T)
+        records.append(record(rows, inputs))
     how = CLEAN | {"constant": True}
     how = Settings(**how, dimension=4, delays=1, shape_order=1, order=1, input_order=1)
     model = fit([], records[:3], how)
@@ -78,13 +77,7 @@ def test_decays_of_a_linear_system_by_rates_and_delays():
     """Its places alone are seen; rates of change by polynomials of degree 8."""
     a, _ = oscillators()
     step, rng = expm(PERIOD * a), np.random.default_rng(0)
-    decays = []
-    for _ in range(3):
-        x, rows = rng.normal(size=4), []
-        for _ in range(400):
-            rows.append(x[:2])
-            x = step @ x
-        decays.append(record(np.array(rows)))
+    decays = [record(states(step, rng.normal(size=4))[:, :2]) for _ in range(3)]
     how = Settings(**CLEAN, dimension=4, delays=3, shape_order=1, order=1, substeps=4)
     model = fit(decays[:2], [], how, np.zeros(2))
     np.testing.assert_allclose(
@@ -207,11 +200,8 @@ def test_refinement_finds_what_noise_hides():
     true = np.sort_complex(np.log(np.linalg.eigvals(a)) / PERIOD)
     records = []
     for _ in range(6):
-        x, rows = rng.normal(size=2), []
-        for _ in range(400):
-            rows.append(x[:1].copy())
-            x = a @ x
-        records.append(record(np.array(rows) + 0.01 * rng.normal(size=(400, 1))))
+        rows = states(a, rng.normal(size=2))[:, :1]
+        records.append(record(rows + 0.01 * rng.normal(size=(400, 1))))
     how = Settings(dimension=2, delays=8, shape_order=1, order=1, constant=False)
     first = fit(records, [], how, np.zeros(1))
     better = refine(first, records, Refinement(lengths=(0.5, 1.0), stretches=60))
