@@ -163,15 +163,20 @@ def test_a_helix_is_a_rod_under_a_moment(moment, follows):
 
 
 @pytest.mark.parametrize("section", [SECTION, Section(0.02, 30.0, 80.0, 0.013)])
-def test_dead_loads_hold_the_planar_rod_of_the_boundary_value_problem(section):
+@pytest.mark.parametrize("heavy", [False, True], ids=["loads", "weight"])
+def test_planar_rods_seen_from_the_tip_are_those_of_the_boundary_value_problem(section, heavy):
     unit = section.bending / LENGTH**2
     load = Load("f", LENGTH, force=(2.5 * unit, 0.0, -1.0 * unit), moment=(0, 0.3 * unit, 0))
-    shape = followed_rod(LENGTH, section, [load], STATIONS)
-    (dead,) = dead_loads([load], shape)
+    weight = np.array([4.0, 0.0, 2.0]) * heavy * unit / LENGTH
+    loads = [] if heavy else [load]
+    shape = followed_rod(LENGTH, section, loads, STATIONS, weight)
+    known = {"weight": tuple((shape.frame[-1] @ weight)[[0, 2]])}
+    for dead in dead_loads(loads, shape):
+        known |= {"force": (dead.force[0], dead.force[2]), "moment": dead.moment[1]}
     flat = Section(section.bending, section.shear, section.axial)
     # Its compression is 0.99 of Euler's load: in coarser steps roundings decide what is found.
-    force = dead.force[0], dead.force[2]
-    truth = bent_rod(LENGTH, flat, force=force, moment=dead.moment[1], load_steps=20)
+    truth = bent_rod(LENGTH, flat, load_steps=20, **known)
+    assert np.linalg.norm(shape.tip - [0, 0, LENGTH]) > 0.2 * LENGTH
     np.testing.assert_allclose(shape.tip[[0, 2]], truth.tip, atol=1e-8)
 
 
@@ -191,15 +196,3 @@ def test_forces_and_moments_balance_in_space():
     curvature = np.array([turn[2, 1], turn[0, 2], turn[1, 0]]) / 2 / step
     carried = np.array([SECTION.bending, SECTION.bending, SECTION.torsion]) * curvature
     np.testing.assert_allclose(carried, total, atol=1e-4 * np.linalg.norm(total))
-
-
-@pytest.mark.parametrize("section", [SECTION, Section(0.02, 30.0, 80.0, 0.013)])
-def test_a_weight_seen_from_the_tip_is_that_of_the_boundary_value_problem(section):
-    unit = section.bending / LENGTH**3
-    weight = np.array([4.0 * unit, 0.0, 2.0 * unit])
-    shape = followed_rod(LENGTH, section, [], STATIONS, weight)
-    world = shape.frame[-1] @ weight
-    flat = Section(section.bending, section.shear, section.axial)
-    truth = bent_rod(LENGTH, flat, weight=(world[0], world[2]))
-    assert np.linalg.norm(shape.tip - [0, 0, LENGTH]) > 0.2 * LENGTH
-    np.testing.assert_allclose(shape.tip[[0, 2]], truth.tip, atol=1e-8)

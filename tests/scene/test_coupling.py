@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.linalg import eigvalsh
 
 from softrobot_env.robots import RobotParams, Tendon
 from softrobot_env.robots.loads import Load
@@ -16,7 +15,7 @@ from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.quadrature import RULES, place_hinges
 from softrobot_env.scene.springs import excess_stiffness
 from softrobot_env.scene.tangent import StaticForces
-from studies.truths.analytic import Section, bent_rod, euler_bernoulli_frequency
+from studies.truths.analytic import Section, bent_rod
 from studies.truths.spatial_rod import dead_loads, followed_rod
 
 ROD = RobotParams("rod", 0.4, 0.005, 0.0, 70e6, 1200.0, 0.01, 6, gravity=(0.0, 0.0, 0.0))
@@ -137,27 +136,6 @@ def test_loads_guides_and_ends_of_tendons_are_between_the_pieces_that_are_couple
     assert coupled(replace(ROD, tendons=(tendon,))) == {(i, j) for i, j in whole if j < 6 or i >= 6}
     guides = tuple(np.linspace(0, LENGTH, 10)[1:-1].tolist())
     assert not coupled(replace(ROD, tendons=(replace(tendon, end=LENGTH, guides=guides),)))
-
-
-# --- dynamics -----------------------------------------------------------------------------------
-
-
-def frequency_errors(rule, pieces):
-    """Relative errors (3,) of the first frequencies of a wire, which has no rotary inertia."""
-    wire = replace(ROD, outer_radius=2e-4)
-    model = build_scene(SceneConfig(wire, pieces=pieces, rule=rule)).model
-    forces = StaticForces(model)
-    forces.force(model.qpos0, np.zeros(0))
-    found = np.sqrt(eigvalsh(-forces.tangent(), forces.mass())[:3]) / (2 * np.pi)
-    beam = LENGTH, wire.bending_stiffness, wire.mass_per_length
-    return abs(found / [euler_bernoulli_frequency(*beam, mode) for mode in (1, 2, 3)] - 1)
-
-
-def test_frequencies_are_of_third_order_and_more():
-    """Without the moved masses and the rotary inertia the first would err by 3e-4 at 12 hinges."""
-    coarse, fine = (frequency_errors("coupled2", n) for n in (6, 12))
-    assert np.all(np.log2(coarse / fine) > 3.3)
-    assert coarse[0] < frequency_errors("balanced2", 6)[0] / 4
 
 
 # ---------------------------------------------------------------- hinges as quadrature
