@@ -86,6 +86,14 @@ class Start(NamedTuple):
     posture: ndarray
 
 
+class Beginning(NamedTuple):
+    """A task whose episode begins, its reference, and how the robot begins it."""
+
+    task: Task
+    reference: ReferenceTable
+    start: Start
+
+
 class EnvParts:
     """A task and its spaces.
 
@@ -283,8 +291,30 @@ class SimulatedParts(EnvParts):
             if why is not None:
                 raise ValueError(why)
 
-    def start(self, options: ResetOptions, task: Task) -> Start:
-        """How the options, or else the task, let an episode begin.
+    def is_sampled(self, options: ResetOptions) -> bool:
+        """Whether every episode with such options samples its own task."""
+        return self.is_resampled and "seed" not in options.task
+
+    def sampled(self, options: ResetOptions, generator: np.random.Generator) -> ResetOptions:
+        """Options with the seed of a task that is sampled; its duration stays."""
+        if not self.is_sampled(options):
+            return options
+        seed = int(generator.integers(2**31))
+        duration = options.duration or self.task.duration
+        return replace(options, task=options.task | {"seed": seed}, duration=duration)
+
+    def beginning(self, options: ResetOptions) -> Beginning:
+        """How an episode with such options begins.
+
+        Raises:
+            ValueError: An option that the task has not, or a value out of range.
+            EquilibriumError: There is no equilibrium at the start.
+        """
+        task = options.changed(self.task)
+        return Beginning(task, self.reference_of(task), self._start(options, task))
+
+    def _start(self, options: ResetOptions, task: Task) -> Start:
+        """How the options, or else the task, let a robot begin.
 
         Raises:
             ValueError: A start out of range.

@@ -232,8 +232,7 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
         super().reset(seed=seed)
         parsed = self._parse(options)
         # Everything that can be refused comes before anything is changed.
-        task = parsed.changed(self.task)
-        start, reference = self._parts.start(parsed, task), self._parts.reference_of(task)
+        task, reference, start = self._parts.beginning(parsed)
         self._start(parsed, start)
         self._follow(task, reference)
         self._action_array = self._parts.inputs.to_actions(start.input)
@@ -264,11 +263,7 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
 
     def _parse(self, options: dict[str, Any] | None) -> ResetOptions:
         """The checked options of a reset, with what is sampled."""
-        parsed = self._parts.parse_options(options)
-        if self._parts.is_resampled and "seed" not in parsed.task:
-            seed = int(self.np_random.integers(2**31))
-            lasts = parsed.duration or self.task.duration  # whatever the seed
-            parsed = replace(parsed, task=parsed.task | {"seed": seed}, duration=lasts)
+        parsed = self._parts.sampled(self._parts.parse_options(options), self.np_random)
         if self.config.randomization is None or "vary" in (options or {}):
             return parsed
         sampled = self.config.randomization.draw(self.np_random)

@@ -1,10 +1,9 @@
 """Tip tracking with many robots at once."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable
 from functools import partial
 from sys import maxsize
-from typing import Any, ClassVar, NamedTuple, NoReturn
+from typing import Any, ClassVar, NoReturn
 
 import gymnasium
 import numpy as np
@@ -16,7 +15,7 @@ from softrobot_env.core.arrays import HOST, HostArrays, namespace
 from softrobot_env.core.interfaces import Seen
 from softrobot_env.core.records import check_argument
 from softrobot_env.robots.variations import VARIATIONS, neutral
-from softrobot_env.tasks import Task, remake_task
+from softrobot_env.tasks import Task
 
 from .config import VECTOR, EnvConfig
 from .disturbances import Periphery, reported_variation, rounded
@@ -29,18 +28,10 @@ from .options import (
     seed_generators,
     take_mask,
 )
-from .parts import EpisodeSpec, SimulatedParts, Start
+from .parts import EpisodeSpec, SimulatedParts
 from .reference import ReferenceTable
 from .simulation import warp_limits
 from .simulation.batch import BatchSimulation
-
-
-class _Beginning(NamedTuple):
-    """How episodes begin: start, reference, and index of the last instant."""
-
-    start: Start
-    reference: ReferenceTable
-    last: int
 
 
 class _References:
@@ -345,7 +336,7 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndar
         self._exact = parts.plant.readout(self.simulation, self._servos)
         self._periphery = Periphery(parts, n, self.arrays)
         self._measure()
-        self._usual = self._beginning(parts.parse_options({}), self.task)
+        self._usual = parts.parse_options({})
 
     def _measure(self) -> None:
         """Connect to what is measured, through the sensors that there are."""
@@ -371,51 +362,27 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndar
             if self._on_device:
                 odd = (n for n, v in variation.items() if np.any(v != VARIATIONS[n].neutral))
                 warp_limits.check_varied(self._parts.plant.nominal, odd)
-        beginning = self._beginning(parsed, parsed.changed(self.task))
-        resampled = self._parts.is_resampled and "seed" not in parsed.task
-        return partial(self._start, beginning, variation, resampled)
-
-    def _beginning(self, options: ResetOptions, task: Task) -> _Beginning:
-        """How episodes of a task begin.
-
-        Raises:
-            ValueError: A bad option; the message names what is allowed.
-        """
-        reference = self._parts.reference_of(task)
-        last = min(reference.last_index, self._most_steps)
-        return _Beginning(self._parts.start(options, task), reference, last)
-
-    def _sampled(self, which: ndarray) -> Iterator[tuple[ndarray, _Beginning]]:
-        """Beginnings of tasks that the environments `which` (k,) sample, each its own."""
-        usual = self._parts.parse_options({})
-        for i in which:
-            seed = int(self._generators[i].integers(2**31))
-            task = replace(remake_task(self.task, seed=seed), duration=self.task.duration)
-            yield np.array([i]), self._beginning(usual, task)
+        self._parts.beginning(parsed)
+        return partial(self._start, parsed, variation)
 
     def _begin(self, which: ndarray) -> None:
-        self._start(self._usual, None, self._parts.is_resampled, which)
+        self._start(self._usual, None, which)
 
     def _start(
-        self,
-        beginning: _Beginning,
-        variation: dict[str, ndarray] | None,
-        resampled: bool,
-        which: ndarray,
+        self, options: ResetOptions, variation: dict[str, ndarray] | None, which: ndarray
     ) -> None:
         """Start episodes of the environments `which` (k,).
 
         Args:
-            beginning: Of all of them, unless each samples its own.
+            options: Of all of them.
             variation: What robots they have; None for nominal or randomized ones.
-            resampled: Whether each samples a task.
             which: The environments.
         """
-        each = self._sampled(which) if resampled else [(which, beginning)]
         starts = []
-        for some, own in each:
+        for some in which[:, None] if self._parts.is_sampled(options) else [which]:
+            own = self._parts.beginning(self._parts.sampled(options, self._generators[some[0]]))
             self._references.set(some, own.reference)
-            self._last[some] = own.last
+            self._last[some] = min(own.reference.last_index, self._most_steps)
             starts += [own.start] * len(some)
         action, command, posture = (np.array(parts) for parts in zip(*starts, strict=True))
         for name, values in self._variation.items():
