@@ -1,13 +1,14 @@
 """The test rig as a chain, held to an exact column with a heavy head and to analytic formulas."""
 
 from dataclasses import replace
+from functools import partial
 
 import mujoco
 import numpy as np
 import pytest
 from scipy.linalg import eigvals
 from support.derivatives import differences
-from support.postures import posed
+from support.postures import driving_force, posed
 
 from softrobot_env.beams.ancf import ANCF
 from softrobot_env.beams.cosserat import CosseratRod
@@ -59,17 +60,6 @@ def test_mass_and_inertia_are_those_of_cylinder_and_head():
     np.testing.assert_allclose(np.diag(linearize(built.model).mass)[:2], whole, rtol=1e-12)
 
 
-def about_straight(built):
-    """Mass and stiffness matrices of the upright chain, gravity and tendons included."""
-    model = built.model
-
-    def force(q):
-        data = posed(model, q)
-        return data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
-
-    return linearize(model).mass, -differences(force, np.zeros(model.nv), 1e-6)
-
-
 #: With tendons that hold nothing.
 LOOSE = replace(RIG, tendons=tuple(replace(t, stiffness=1e-9) for t in RIG.tendons))
 #: Coordinates of the exact rod, upright.
@@ -82,7 +72,9 @@ def test_frequencies_converge_to_the_columns(actuation, robot):
     slope = differences(lambda q: rod.acceleration(q, UPRIGHT, np.zeros(3)), UPRIGHT, 1e-4)
     truth = np.sqrt(np.sort(-eigvals(slope).real)[:4:2])
     for pieces in (4, 8):
-        mass, stiffness = about_straight(scene(pieces=pieces, actuation=actuation))
+        model = scene(pieces=pieces, actuation=actuation).model
+        mass, rest = linearize(model).mass, np.zeros(model.nv)
+        stiffness = -differences(partial(driving_force, model), rest, 1e-6)
         found = np.sqrt(eigvals(stiffness, mass).real)
         found.sort()  # each mode in both planes
         np.testing.assert_allclose(found[:4:2], found[1:4:2], rtol=1e-6)

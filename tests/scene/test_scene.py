@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
 from support.chains import KINDS, LENGTH, ROBOT, chain
-from support.postures import posed, station_turns
+from support.derivatives import differences
+from support.postures import moved, posed, station_turns
 
 from softrobot_env.core.motion import IntegrationError, State
 from softrobot_env.robots import ARM, Tendon
@@ -19,10 +19,8 @@ from studies.truths.analytic import rayleigh_frequency
 
 def bent(built, seed=0):
     """A posture."""
-    q = built.model.qpos0.copy()
     turns = np.random.default_rng(seed).normal(0, 0.2, built.model.nv)
-    mujoco.mj_integratePos(built.model, q, turns, 1.0)
-    return q
+    return moved(built.model, built.model.qpos0, turns)
 
 
 # --- places -----------------------------------------------------------------------------------
@@ -47,14 +45,13 @@ def test_positions_are_those_of_sites_at_the_stations(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_velocities_are_the_rate_of_the_positions(kind):
-    built, step = chain(kind, rule=None), 1e-6
+    built, stations = chain(kind, rule=None), np.array([0.0, 0.2, LENGTH])
     q, v = bent(built), np.random.default_rng(1).normal(size=built.model.nv)
-    stations, ends = np.array([0.0, 0.2, LENGTH]), []
-    for time in (-step, step):
-        end = q.copy()
-        mujoco.mj_integratePos(built.model, end, v, time)
-        ends.append(built.positions(end, stations))
-    truth = (ends[1] - ends[0]) / (2 * step)
+
+    def places(time):
+        return built.positions(moved(built.model, q, time * v), stations)
+
+    truth = differences(places, np.zeros(1), 1e-6)[..., 0]
     np.testing.assert_allclose(built.velocities(q, v, stations), truth, atol=1e-8)
 
 

@@ -32,6 +32,13 @@ def joint_angles_of(built):
     return joint_angles(built.model, built.model.qpos0)
 
 
+def move_of(model, angles):
+    """Change (nv,) of the joints that turns the stations of the straight chain by angles."""
+    move = np.zeros(model.nv)
+    mujoco.mj_differentiatePos(model, move, 1.0, model.qpos0, posture(model, angles))
+    return move
+
+
 def loaded(kind, *, pieces=6, load_steps=1, **load):
     """Scene and its data in equilibrium under a load on the tip."""
     built = chain(kind, pieces=pieces, loads=(Load("load", LENGTH, **load),))
@@ -51,14 +58,10 @@ def test_joints_have_the_beams_compliance_about_every_axis(kind, rule):
     built = chain(kind, rule=rule)
     linear, robot = linearize(built.model), KINDS[kind][0]
     # About each axis the joints are springs in series: unit moments on all of them.
-    k = joint_angles_of(built).shape[1]
-    axes = np.eye(k)
+    axes = np.eye(joint_angles_of(built).shape[1])
     truth = [EI, EI, robot.torsional_stiffness]  # +x, +y and about the axis
     for axis, stiffness in zip(axes, truth, strict=False):
-        turn = 1e-9 * built.layout.weights[:, None] * axis
-        move = np.zeros(built.model.nv)
-        q = posture(built.model, turn)
-        mujoco.mj_differentiatePos(built.model, move, 1.0, built.model.qpos0, q)
+        move = move_of(built.model, 1e-9 * built.layout.weights[:, None] * axis)
         energy = move @ linear.stiffness @ move
         assert energy == pytest.approx(1e-18 * LENGTH * stiffness, rel=1e-6)
         np.testing.assert_allclose(
@@ -80,10 +83,7 @@ def test_links_have_the_inertia_of_a_cylinder_about_all_axes(kind):
     for axis in range(joint_angles_of(built).shape[1]):
         turn = np.zeros(joint_angles_of(built).shape)
         turn[0, axis] = 1e-6
-        move = np.zeros(built.model.nv)
-        mujoco.mj_differentiatePos(
-            built.model, move, 1e-6, built.model.qpos0, posture(built.model, turn)
-        )
+        move = move_of(built.model, turn) / 1e-6
         assert move @ matrix @ move == pytest.approx(truth[axis], rel=1e-6)
 
 
@@ -143,9 +143,7 @@ def test_hinges_bend_alike_in_all_azimuths_to_fourth_order(kind):
 @pytest.mark.parametrize("azimuth", [0.0, 90.0])
 def test_in_a_plane_it_is_the_planar_chain(kind, azimuth):
     load = {"force": (3.0, 0.0, -1.0), "moment": (0.0, 0.1, 0.0)}
-    planar = build_scene(SceneConfig(ROBOT, loads=(Load("load", LENGTH, **load),))).model
-    truth = posed(planar, equilibrium(planar, np.ones(1))).site("tip").xpos
-    angle = np.radians(azimuth)
+    truth, angle = tip("planar", **load), np.radians(azimuth)
     found = tip(kind, **{name: turned(vector, angle) for name, vector in load.items()})
     np.testing.assert_allclose(found, turned(truth, angle), atol=1e-9)
 
@@ -265,12 +263,8 @@ def test_torsional_frequency_is_the_rods(kind):
         built = chain(kind, pieces=pieces)
         linear, n = linearize(built.model), len(built.layout.stations)
         # In the straight pose torsion is uncoupled: take its block alone.
-        twist = np.zeros((n, built.model.nv))
-        for row, move in enumerate(twist):
-            angles = np.zeros((n, 3))
-            angles[row, 2] = 1e-3
-            q = posture(built.model, angles)
-            mujoco.mj_differentiatePos(built.model, move, 1e-3, built.model.qpos0, q)
+        turns = np.multiply.outer(1e-3 * np.eye(n), [0.0, 0.0, 1.0])
+        twist = np.array([move_of(built.model, turn) / 1e-3 for turn in turns])
         mass, stiffness = (twist @ m @ twist.T for m in (linear.mass, linear.stiffness))
         first = np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real.min())
         errors.append(abs(first / (2 * np.pi) / truth - 1))

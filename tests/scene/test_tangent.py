@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 from support.derivatives import differences
+from support.postures import moved
 
 from softrobot_env.robots import CANTILEVER_WEAK, Head, Tendon
 from softrobot_env.robots.loads import Load
@@ -54,12 +55,6 @@ def loads(bending):
         load("follower", LENGTH, (0.7, -1.0, 2.0), (0.2, 0.1, -0.3), follows=True),
         load("on_the_base", 0.0, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)),
     )
-
-
-def moved(model, q, turns):
-    q = q.copy()
-    mujoco.mj_integratePos(model, q, turns, 1.0)
-    return q
 
 
 def slopes(forces, q, ctrl, step=1e-5):

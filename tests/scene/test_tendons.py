@@ -5,6 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from support.derivatives import differences
 from support.postures import posed, station_turns
 from support.routed_robots import ROD
 
@@ -108,8 +109,8 @@ def moment_arms(spans, turn=1.5):
     """-d(length) / d(turn) [m] of both tendons while the robot bends evenly by `turn` [rad]."""
     scene = build_scene(SceneConfig(pair(evenly(spans)), pieces=48))
     model, shape = scene.model, scene.layout.weights / LENGTH
-    up, down = (posed(model, (turn + d) * shape).ten_length.copy() for d in (1e-4, -1e-4))
-    return -(up - down) / 2e-4
+    lengths = differences(lambda x: posed(model, x * shape).ten_length, np.array([turn]), 1e-4)
+    return -lengths[:, 0]
 
 
 @pytest.mark.parametrize("spans", [4, 8, 16])

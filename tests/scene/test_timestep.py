@@ -6,6 +6,7 @@ from math import pi
 import mujoco
 import numpy as np
 import pytest
+from support.postures import driving_force
 
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams
 from softrobot_env.scene.build import build_scene
@@ -94,16 +95,9 @@ def test_linear_stiffness_contains_the_length_drives():
     """The linearised force of a displaced chain, by differences of MuJoCo's own forces."""
     model = length_driven(0.05, 2e4).model
     displaced = 1e-7 * np.random.default_rng(0).standard_normal(model.nq)
-    data = mujoco.MjData(model)
-    forces = []
-    for q in (displaced, np.zeros(model.nq)):
-        data.qpos[:] = q
-        mujoco.mj_forward(model, data)
-        forces.append(data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias)
+    found = driving_force(model, displaced) - driving_force(model, 0 * displaced)
     expected = -linearize(model).stiffness @ displaced
-    np.testing.assert_allclose(
-        forces[0] - forces[1], expected, atol=1e-6 * np.max(np.abs(expected))
-    )
+    np.testing.assert_allclose(found, expected, atol=1e-6 * np.max(np.abs(expected)))
 
 
 @pytest.mark.parametrize("robot", [ARM, CANTILEVER_WEAK, CANTILEVER_STIFF], ids=lambda r: r.name)

@@ -18,6 +18,19 @@ def posed(model, q):
     return data
 
 
+def moved(model, q, turns):
+    """A posture (nq,) moved on by turns (nv,) of its joints."""
+    q = q.copy()
+    mujoco.mj_integratePos(model, q, turns, 1.0)
+    return q
+
+
+def driving_force(model, q):
+    """Forces (nv,) on the joints at rest in a posture (nq,): springs, drives, and weight."""
+    data = posed(model, q)
+    return data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
+
+
 def station_turns(model: mujoco.MjModel, q: ndarray) -> ndarray:
     """Rotation vectors (stations, 3) [rad] of a chain of hinges in a posture (nq,)."""
     turns = []
