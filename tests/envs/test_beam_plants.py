@@ -147,13 +147,22 @@ def test_a_posture_of_some_curvature(name):
     assert_allclose(drawn, readout.tip_position(), atol=0.01 * robot.length)
 
 
-def test_rates_are_derivatives():
-    plant = BeamPlant(
-        ROBOTS["hanging_trunk"], PERIOD, Factory("pcc"), axes=SPACE, bending="spatial"
-    )
+@pytest.mark.parametrize(
+    ("name", "model", "way"),
+    [
+        ("hanging_trunk", "pcc", {"axes": SPACE, "bending": "spatial"}),
+        ("arm", "pcc", {}),
+        pytest.param("arm", "cosserat", {}, marks=pytest.mark.slow),
+        pytest.param("arm", "ancf", {}, marks=pytest.mark.slow),
+    ],
+)
+def test_rates_are_derivatives(name, model, way):
+    plant = BeamPlant(ROBOTS[name], PERIOD, Factory(model), **way)
     simulation = plant.simulation({})
-    simulation.ctrl[:] = [3.0, 0, 1.0, 0, 2.0, 0]
-    assert simulation.advance()
+    rng = np.random.default_rng(5)
+    for _ in range(4):
+        simulation.ctrl[:] = [rng.uniform(0, 0.2 * t.tension_limit) for t in plant.robot.tendons]
+        assert simulation.advance()
     model, q, v = simulation.plant, simulation.q, simulation.v
     now, h = model.measure(q, v), 1e-5
     ahead, behind = (model.measure(q + step * v, v) for step in (h, -h))

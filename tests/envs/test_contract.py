@@ -225,25 +225,6 @@ def test_any_real_array_is_an_action(dtype, make_env):
     np.testing.assert_allclose(info["tendon_tension"], [80, 0, 0, 80, 0, 0], atol=1e-12)
 
 
-def test_tensions_are_the_pair_formula_of_the_action(env_id, make_env):
-    """(6.8) with 80 N full scale: the upper tendon takes positive entries, the lower negative."""
-    env = make_env(env_id, observe="all")
-    np.testing.assert_array_equal(env.input_scale, 80.0)
-    _, info = env.reset()
-    start = np.array(env.task.start_input)
-    pairs = np.stack([np.maximum(start, 0), np.maximum(-start, 0)], axis=1).ravel()
-    np.testing.assert_allclose(info["tendon_tension"], pairs, rtol=1e-12)
-    rng = np.random.default_rng(2)
-    for _ in range(30):
-        action = uniform(env, None, rng)
-        observation, *_, info = env.step(action)
-        wanted = 80.0 * action.astype(float)
-        pairs = np.stack([np.maximum(wanted, 0), np.maximum(-wanted, 0)], axis=1).ravel()
-        np.testing.assert_allclose(info["tendon_tension"], pairs, rtol=1e-12, atol=1e-12)
-        np.testing.assert_allclose(observation["tendon_tension"], pairs, rtol=1e-12, atol=1e-12)
-        np.testing.assert_array_equal(observation["previous_action"], action)
-
-
 # ---------------------------------------------------------------- observations
 
 

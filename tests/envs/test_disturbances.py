@@ -15,6 +15,7 @@ from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.rewards import TERMS
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
+from softrobot_env.registration import ENVIRONMENTS
 from softrobot_env.robots import ARM
 from softrobot_env.robots.variations import VARIATIONS, neutral
 from softrobot_env.scene.build import build_scene
@@ -23,6 +24,7 @@ from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.statics import equilibrium
 from softrobot_env.tasks import make_task
 
+SWING = "SoftRobot/ArmSwing-v0"
 PLANTS = {"mujoco": None, "pcc": BeamPlant("pcc")}
 LIMIT = 80.0
 
@@ -132,46 +134,43 @@ def test_stuck_tendons_carry_less_than_their_friction():
     assert np.max(np.abs(rest[2.0])) > 0.1
 
 
-def test_beam_models_refuse_friction():
-    env = TrackingEnv("swing", plant=BeamPlant("pcc"))
-    with pytest.raises(ValueError, match="beam models have no tendon friction"):
-        env.reset(options={"vary": {"tendon_friction": 0.1}})
-    env.reset(options={"vary": {"tendon_friction": 0.0}})
-    rubbing = replace(make_task("swing"), robot=ARM.vary(tendon_friction=0.1))
-    with pytest.raises(ValueError, match="beam models have no tendon friction"):
-        TrackingEnv(rubbing, plant=BeamPlant("pcc"))
-    TrackingEnv(rubbing).reset()
-
-
 # ---------------------------------------------------------------- gain and delay
 
 
-@pytest.mark.parametrize("plant", PLANTS)
-@pytest.mark.parametrize("gain", [0.7, 1.0, 1.3, 3.0])
-def test_gain_multiplies_tensions_up_to_their_limit(plant, gain):
-    env = TrackingEnv("swing", observe="all", plant=PLANTS[plant])
+@pytest.mark.parametrize(
+    ("env_id", "plant", "gain"),
+    [
+        *((SWING, plant, gain) for plant in PLANTS for gain in (0.7, 1.0, 1.3, 3.0)),
+        *((env_id, "mujoco", 1.0) for env_id in ENVIRONMENTS if env_id != SWING),
+    ],
+)
+def test_tensions_are_the_pair_formula_with_a_gain_up_to_their_limit(env_id, plant, gain, make_env):
+    """(6.8) with 80 N full scale: the upper tendon takes positive entries, the lower negative."""
+    env = make_env(env_id, observe="all", plant=PLANTS[plant])
+    np.testing.assert_array_equal(env.input_scale, LIMIT)
     nominal, _ = env.reset()
     observation, info = env.reset(options={"vary": {"tension_gain": gain}})
     np.testing.assert_allclose(info["tendon_tension"], gain * start(env), rtol=1e-12)
     for name in ("tip_position", "curvature", "previous_action"):  # the nominal start
         np.testing.assert_array_equal(observation[name], nominal[name])
     reached = False
-    for action in actions(10):
+    for action in actions(30, largest=0.7):
         observation, *_, info = env.step(action)
         applied = np.minimum(gain * tensions(action), LIMIT)
         reached |= bool(np.any(applied == LIMIT))
-        np.testing.assert_allclose(info["tendon_tension"], applied, rtol=1e-12)
+        for told in (info, observation):
+            np.testing.assert_allclose(told["tendon_tension"], applied, rtol=1e-12, atol=1e-12)
         np.testing.assert_array_equal(observation["previous_action"], action)
     assert reached == (gain == 3.0)
 
 
 @pytest.mark.parametrize("plant", PLANTS)
-@pytest.mark.parametrize("periods", [1, 2, 7])
-def test_delay_is_the_motion_under_actions_shifted_in_time(plant, periods):
+@pytest.mark.parametrize(("periods", "gain"), [(1, 1.0), (2, 0.5), (7, 1.0)])
+def test_delay_is_the_motion_under_actions_shifted_in_time(plant, periods, gain):
     """Until the first action arrives the start tension holds the arm."""
     env, prompt = (TrackingEnv("swing", observe="all", plant=PLANTS[plant]) for _ in range(2))
-    env.reset(options={"vary": {"delay": 0.01 * periods}})
-    prompt.reset()
+    env.reset(options={"vary": {"delay": 0.01 * periods, "tension_gain": gain}})
+    prompt.reset(options={"vary": {"tension_gain": gain}})
     given = actions(20)
     hold = np.array(env.task.start_input) / LIMIT
     shifted = [*[hold] * periods, *given][: len(given)]
@@ -188,15 +187,6 @@ def test_delay_is_the_motion_under_actions_shifted_in_time(plant, periods):
         assert info["reward_smoothness"] == pytest.approx(change, rel=1e-9)
         assert reward == pytest.approx(sum(info[name] for name in TERMS))
         previous = action
-
-
-def test_gain_and_delay_together():
-    env = TrackingEnv("swing")
-    env.reset(options={"vary": {"delay": 0.02, "tension_gain": 0.5}})
-    given = actions(6)
-    seen = [env.step(action)[4]["tendon_tension"] for action in given]
-    np.testing.assert_allclose(seen[0], 0.5 * start(env), rtol=1e-12)
-    np.testing.assert_allclose(seen[2:], [0.5 * tensions(a) for a in given[:4]], rtol=1e-12)
 
 
 @pytest.mark.parametrize("period", [0.01, 0.004, 0.05])

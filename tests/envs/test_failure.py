@@ -6,7 +6,9 @@ import gymnasium
 import mujoco
 import numpy as np
 import pytest
+from support.episodes import pumping, steps
 
+from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.envs.rewards import TERMS
 from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.envs.tracking import TrackingEnv
@@ -44,22 +46,12 @@ def env(make_env):
     return env
 
 
-def run_until_over(env, policy, limit=3000):
-    """All results of an episode, the last one being its end."""
-    results = []
-    while len(results) < limit:
-        results.append(env.step(policy(results)))
-        if results[-1][2] or results[-1][3]:
-            return results
-    raise AssertionError("the episode did not end")
-
-
 def check_failed(env, results, start, text):
     """The contract of a failed step."""
     observation, reward, terminated, truncated, info = results[-1]
     assert (terminated, truncated) == (True, False)
     assert text in info["failure"] and np.isfinite(info["time"])
-    assert f"t = {env.data.time:.3f} s" in info["failure"]
+    assert f"t = {info['time']:.3f} s" in info["failure"]
     assert reward == -10
     assert [info[name] for name in TERMS] == [0, 0, 0, 0, -10]
     assert env.observation_space.contains(observation)
@@ -76,7 +68,7 @@ def test_divergence_ends_the_episode(unstable):
     start, _ = unstable.reset()
     # A kick beyond what MuJoCo accepts (1e10), before the posture leaves the workspace.
     unstable.data.qvel[:] = 1e12
-    results = run_until_over(unstable, lambda _: ZERO)
+    results = list(steps(unstable, lambda *_: ZERO))
     check_failed(unstable, results, start, "simulation diverged")
     assert "RK4" in results[-1][4]["failure"]
     assert "0.02" in results[-1][4]["failure"]
@@ -85,28 +77,48 @@ def test_divergence_ends_the_episode(unstable):
 def test_an_unstable_integration_never_passes_for_a_success(unstable):
     """Left alone it leaves the workspace or diverges, whichever comes first."""
     start, _ = unstable.reset()
-    results = run_until_over(unstable, lambda _: FULL)
+    results = list(steps(unstable, lambda *_: FULL))
     failure = results[-1][4]["failure"]
     check_failed(unstable, results, start, failure[:10])
     assert failure.startswith(("simulation diverged", "left the workspace"))
     assert len(results) < 750
 
 
-@pytest.mark.parametrize("field", ["qpos", "qvel"])
+#: Ways to integrate; other beam models take long to compile.
+SOLVERS = {
+    "implicitfast": ({"integrator": "implicitfast"}, ()),
+    "discrete": ({"integrator": "discrete"}, ()),
+    "RK4": ({"integrator": "RK4", "timestep": 5e-5}, ()),
+    "pcc": ({"plant": BeamPlant("pcc")}, ()),
+    "cosserat": ({"plant": BeamPlant("cosserat")}, pytest.mark.slow),
+    "ancf": ({"plant": BeamPlant("ancf")}, pytest.mark.slow),
+}
+
+
+@pytest.mark.parametrize("which", [0, 1], ids=["posture", "velocity"])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1e300])
-@pytest.mark.parametrize("integrator", ["implicitfast", "discrete", "RK4"])
-def test_a_broken_state_is_reported_at_once(field, value, integrator, make_env):
-    timestep = 5e-5 if integrator == "RK4" else None
-    env = make_env(observe="all", integrator=integrator, timestep=timestep)
+@pytest.mark.parametrize(
+    "options", [pytest.param(way, marks=marks, id=name) for name, (way, marks) in SOLVERS.items()]
+)
+def test_a_broken_state_is_reported_at_once(which, value, options, make_env):
+    env = make_env(observe="all", **options)
     env.reset()
     last = [env.step(ZERO) for _ in range(3)]
-    getattr(env.data, field)[2] = value
+    is_beam = env.data is None
+    state = env.simulation if is_beam else env.data
+    getattr(state, (("q", "v") if is_beam else ("qpos", "qvel"))[which])[2] = value
     results = [*last, env.step(ZERO)]
     check_failed(env, results, None, "simulation diverged")
-    # A reset behind our back, which MuJoCo would do, would have set time and state to zero.
-    assert env.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_AUTORESET
-    assert env.data.time == pytest.approx(0.04, abs=1e-9) and env.data.qpos.any()
-    assert np.all(np.isfinite(results[-1][4]["tendon_tension"]))
+    info = results[-1][4]
+    assert np.isnan(info["error"]) and np.all(np.isfinite(info["tendon_tension"]))
+    assert info["time"] == pytest.approx(0.04, abs=1e-9)
+    if is_beam:
+        assert "sdirk4" in info["failure"]
+    else:
+        # A reset behind our back, which MuJoCo would do, would have set time and state to zero.
+        assert env.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        assert env.data.time == pytest.approx(0.04, abs=1e-9) and env.data.qpos.any()
+    assert "failure" not in env.reset()[1]
 
 
 def test_a_broken_force_is_reported(env):
@@ -119,12 +131,7 @@ def test_a_broken_force_is_reported(env):
 def test_leaving_the_workspace_ends_the_episode(env):
     """Pumping in step with the motion bends a piece beyond 1 / outer radius."""
     start, _ = env.reset()
-
-    def pump(results):
-        rate = results[-1][0]["curvature_rate"].sum() if results else 1.0
-        return FULL if rate >= 0 else -FULL
-
-    results = run_until_over(env, pump)
+    results = list(steps(env, pumping))
     check_failed(env, results, start, "left the workspace")
     failure = results[-1][4]["failure"]
     curvature = np.array([env.data.qpos[2 * k : 2 * k + 2].sum() * 12 for k in range(6)])

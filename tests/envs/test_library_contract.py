@@ -123,12 +123,6 @@ def test_an_unknown_argument_is_told_as_python_does_with_those_allowed(env_id):
         assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("env_id", SIMULATED)
-def test_many_are_not_drawn(env_id):
-    with pytest.raises(ValueError, match="render_mode must be None"):
-        gymnasium.make_vec(env_id, render_mode="rgb_array")
-
-
 @pytest.mark.parametrize("env_id", [*SIMULATED, *REAL])
 def test_direct_bases_and_spec(env_id):
     with made(env_id) as env:

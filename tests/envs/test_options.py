@@ -237,12 +237,3 @@ def test_a_task_of_ones_own_keeps_its_robot_and_duration(make_env, hold_action):
     target = make_task("step", 0.1).trajectory.position(np.zeros(1))[0, [0, 2]]
     np.testing.assert_allclose(observation["reference"], target)
     assert len(hold_episode(env, hold_action(env))) == 50
-
-
-def test_reference_out_of_reach_is_refused(make_env):
-    far = replace(make_task("lshape").trajectory, waypoints=((0.0, 0.0, 0.6),) * 3)
-    with pytest.raises(ValueError, match="reference of task 'lshape'"):
-        make_env(SWING, task=replace(make_task("lshape"), trajectory=far))
-    fast = replace(make_task("lshape").trajectory, times=(0.0, 0.01, 0.02))
-    with pytest.raises(ValueError, match=r"below 5\.0 m/s"):
-        make_env(SWING, task=replace(make_task("lshape"), trajectory=fast))

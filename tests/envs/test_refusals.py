@@ -1,7 +1,7 @@
 """What environments and their `reset` refuse: in one line that names what is allowed."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from math import inf, nan
 
 import gymnasium
@@ -10,7 +10,8 @@ import pytest
 from support.rig_episodes import flatten
 
 from softrobot_env.beams.registry import BeamPlant
-from softrobot_env.envs.gripper import GripperEnv, VectorGripperEnv
+from softrobot_env.control.gripper import columns
+from softrobot_env.envs.gripper import GripperEnv, GripReward, VectorGripperEnv
 from softrobot_env.envs.observations.table import known_of
 from softrobot_env.envs.options import REAL_OPTIONS, SIMULATED_OPTIONS, parse_options
 from softrobot_env.envs.randomization import Randomization
@@ -18,14 +19,24 @@ from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.hardware.robot_file import rig_file
-from softrobot_env.robots import ARM, RIG
-from softrobot_env.robots.twin import Twin
+from softrobot_env.robots import ARM, GRIPPERS, RIG
+from softrobot_env.robots.twin import Twin, rig3d_twin
 from softrobot_env.robots.variations import VARIATIONS
 from softrobot_env.tasks import make_task
+from softrobot_env.tasks.gripper import GripTask
 from softrobot_env.thesis.envs import RigEnv
 
 STRANGE = (nan, -inf, -1.0, "x", (nan, 1.0), {}, object(), np.array(nan), np.array([nan, 1.0]))
 TRIANGLE = make_task("triangle")
+L_SHAPE = make_task("lshape")
+SENSED = ("tip_position", "reference", "sensors")
+BLIND = rig3d_twin(0)
+BLIND = replace(BLIND, robot=replace(BLIND.robot, sensors=()))
+GRIPPER = GRIPPERS["gripper"]
+BARE = replace(
+    GRIPPER,
+    fingers=tuple(replace(f, robot=replace(f.robot, sensors=())) for f in GRIPPER.fingers),
+)
 
 # ---------------------------------------------------------------- arguments
 
@@ -95,6 +106,24 @@ ARGUMENTS = [
     ),
     (TrackingEnv, {"robot": "arm", "task": make_task("swing")}, "made already has its robot"),
     *(
+        (TrackingEnv, {"task": replace(L_SHAPE, trajectory=replace(L_SHAPE.trajectory, **bad))}, x)
+        for bad, x in (
+            ({"waypoints": ((0.0, 0.0, 0.6),) * 3}, "reference of task 'lshape'"),
+            ({"times": (0.0, 0.01, 0.02)}, r"below 5\.0 m/s"),
+        )
+    ),
+    (
+        TrackingEnv,
+        {
+            "task": replace(L_SHAPE, robot=ARM.vary(tendon_friction=0.1)),
+            "plant": BeamPlant("pcc"),
+        },
+        "beam models have no tendon friction",
+    ),
+    (TrackingEnv, {"task": "step", "observe": SENSED}, "distinct names out of tip_position"),
+    (TrackingEnv, {"randomization": Randomization(sensor_errors=(0.0, 1.0))}, "'arm' has none"),
+    (TrackingEnv, {"task": "rig_circle", "twin": BLIND}, "a twin needs sensors of the same kinds"),
+    *(
         (kind, {name: value}, f"{name} must be .*{allowed}")
         for kind in (TrackingEnv, VectorTrackingEnv)
         for name, value, allowed in (
@@ -105,6 +134,7 @@ ARGUMENTS = [
     ),
     (VectorTrackingEnv, {"num_envs": 0}, "num_envs must be a whole number, 1 or more"),
     (VectorTrackingEnv, {"backend": "jax"}, "backend must be one of 'mujoco', 'warp'"),
+    (VectorTrackingEnv, {"render_mode": "rgb_array"}, "render_mode must be None"),
     (VectorTrackingEnv, {"device": "cpu"}, "device 'cpu' is for backend='warp'"),
     (RigEnv, {"task": "swing"}, "choose from .*triangle, rig_circle"),
     (RigEnv, {"period": 0.0}, "period must be finite and positive"),
@@ -125,6 +155,15 @@ ARGUMENTS = [
     (GripperEnv, {"observe_as": "image"}, "'dict', 'vector'"),
     (GripperEnv, {"pieces": 7}, "multiple of 3 pieces"),
     (GripperEnv, {"control_period": 0.0}, PERIOD),
+    (
+        GripperEnv,
+        {"gripper": BARE, "observe": ("curvature", "sensors")},
+        "finger 'left' carries no sensors",
+    ),
+    (columns, {"gripper": BARE}, "carry no planar sensors"),
+    (GripTask, {"name": "x", "free": True, "diameter": (0.1, 0.05)}, "diameter must be a pair"),
+    (GripTask, {"name": "x", "free": True, "closing": 3.0}, "closing must be less"),
+    (GripReward, {"grip": nan}, "grip must be"),
     *(
         (Randomization, {name: ends}, "low <= high")
         for name in ("density", "tension_gain")
@@ -179,6 +218,9 @@ def made(kind):
 
 
 ONE, MANY, ROUND = TrackingEnv, VectorTrackingEnv, RigEnv
+BEAM = partial(TrackingEnv, plant=BeamPlant("pcc"))
+EVEN = partial(VectorTrackingEnv, 4, integrator="implicitfast")
+STIFF = {"youngs_modulus": 100.0, "damping_time": [1.0, 0.01, 1.0, 1.0]}
 
 #: (environment, options, what the message says)
 OPTIONS = [
@@ -227,6 +269,9 @@ OPTIONS = [
     (MANY, {"vary": {"mass": 2.0}}, "choose from"),
     (MANY, {"vary": {"delay": [0.0, 0.01, 0.005, 0.0]}}, "multiple of the control period"),
     (MANY, {"vary": {"tendon_friction": [0.0, 1.0, -1.0, 0.0]}}, "tendon_friction"),
+    (EVEN, {"vary": STIFF}, "robot 1 needs a timestep of .* with implicitfast"),
+    (BEAM, {"vary": {"tendon_friction": 0.1}}, "beam models have no tendon friction"),
+    (ONE, {"vary": {"sensor_errors": 1.0}}, "varies curvature sensors; robot 'arm'"),
     (MANY, {"step_width": 0.1}, "no option 'step_width'"),
     (MANY, {"speed": 1.0}, "unknown reset option"),
     (ROUND, {"clear_fault": True}, "unknown reset option 'clear_fault'; allowed are vary"),

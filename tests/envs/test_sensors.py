@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from softrobot_env.beams.registry import BeamPlant
-from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.robots import ARM, RIG, Sensor, read_robot, write_robot
 from softrobot_env.robots.twin import rig3d_twin
@@ -67,19 +66,6 @@ def test_episodes_are_the_same_where_sensors_are_not_observed():
     seen = TrackingEnv("rig_circle", twin=3, **HOW).reset(seed=1)[0]["tip_position"]
     unseen = TrackingEnv("rig_circle", twin=3, **HOW | {"observe": ("tip_position",)})
     np.testing.assert_array_equal(unseen.reset(seed=1)[0]["tip_position"], seen)
-
-
-def test_a_robot_without_sensors_refuses_them_by_name():
-    with pytest.raises(ValueError, match="observe needs distinct names out of tip_position"):
-        TrackingEnv("step", observe=OBSERVE)
-    with pytest.raises(ValueError, match="sensor_errors varies curvature sensors; robot 'arm'"):
-        TrackingEnv("step").reset(options={"vary": {"sensor_errors": 1.0}})
-    with pytest.raises(ValueError, match="robot 'arm' has none"):
-        TrackingEnv("step", randomization=Randomization(sensor_errors=(0.0, 1.0)))
-    twin = rig3d_twin(0)
-    blind = replace(twin, robot=replace(twin.robot, sensors=()))
-    with pytest.raises(ValueError, match="a twin needs sensors of the same kinds"):
-        TrackingEnv("rig_circle", twin=blind)
 
 
 def test_files_say_sensors_both_ways(tmp_path):

@@ -448,11 +448,3 @@ def test_a_divergence_of_one_is_called_so():
     *_, terminated, _, info = many.step(np.zeros((COUNT, 3), np.float32))
     assert terminated.tolist() == [False, True, False, False]
     assert info["failure"][1].startswith("simulation diverged")
-
-
-def test_a_robot_that_needs_a_shorter_timestep_of_mujocos_is_refused():
-    many = VectorTrackingEnv(COUNT, "swing", integrator="implicitfast")
-    many.reset()
-    stiff = {"youngs_modulus": 100.0, "damping_time": np.array([1.0, 0.01, 1.0, 1.0])}
-    with pytest.raises(ValueError, match=r"robot 1 needs a timestep of .* with implicitfast"):
-        many.reset(options={"vary": stiff})
