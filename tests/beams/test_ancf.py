@@ -29,11 +29,6 @@ def random_pose(model):
     return state(model)[0]
 
 
-def in_plane(dimension, vector):
-    """Axes of a dimension, and of a rotation vector what is in the plane."""
-    return ([0, 2], np.array([0.0, vector[1], 0.0])) if dimension == 2 else ([0, 1, 2], vector)
-
-
 # ------------------------------------------------------------- the element, point by point
 
 
@@ -176,36 +171,36 @@ def test_points_are_the_shape_functions(dimension):
         assert d == 3 or point[1] == offset[1]
 
 
-@pytest.mark.parametrize("dimension", DIMENSIONS)
-def test_moments_do_work_on_the_rotation_of_the_section(dimension):
-    model = ANCF(RING, 3, dimension=dimension, clamped=False, loads=[Load("m", 0.2)])
-    world, spin = in_plane(dimension, np.array([0.3, 0.7, -1.1]))
-    moment = np.array([0.2, -0.5, 0.9])
-    q = random_pose(model)
-    x = np.zeros((4, dimension + 1, 3))
+@pytest.fixture(params=DIMENSIONS)
+def free(request):
+    """A free beam with a load, its axes in the world, and a rotation vector in its plane."""
+    model = ANCF(RING, 3, dimension=request.param, clamped=False, loads=[Load("m", 0.2)])
+    axes, turn = [0, 1, 2], np.array([0.3, 0.7, -1.1])
+    return (model, axes, turn) if request.param == 3 else (model, [0, 2], turn * [0, 1, 0])
+
+
+def test_moments_do_work_on_the_rotation_of_the_section(free):
+    model, world, spin = free
+    moment, q = np.array([0.2, -0.5, 0.9]), random_pose(model)
+    x = np.zeros((4, model.dimension + 1, 3))
     x[..., world] = nodal_vectors(model, q, 1)
     v = np.cross(spin, x)[..., world].ravel()
     force = np.zeros(model.n)
     dynamics.add_wrenches(model.data, q, np.zeros((1, 3)), moment[None], force)
     assert force @ v == pytest.approx(moment @ spin, rel=1e-12)
     # A deformation of the section without rotation takes no work.
-    stretch = np.zeros((4, dimension + 1, dimension))
+    stretch = np.zeros((4, model.dimension + 1, model.dimension))
     stretch[:, 2:] = 0.3 * x[:, 2:, world]
     assert force @ stretch.ravel() == pytest.approx(0, abs=1e-12)
 
 
-@pytest.mark.parametrize("dimension", DIMENSIONS)
-def test_load_axes_turn_with_the_section(dimension):
-    model = ANCF(RING, 3, dimension=dimension, clamped=False, loads=[Load("m", 0.2)])
-    axes = np.empty((1, 3, 3))
-    dynamics.load_axes(model.data, model.rest(), axes)
-    np.testing.assert_allclose(axes[0], np.eye(3), atol=1e-15)
-    world, axis = in_plane(dimension, np.array([0.4, 1.3, -0.9]))
-    turn = Rotation.from_rotvec(axis)
-    matrix = turn.as_matrix()[np.ix_(world, world)]
-    q = (nodal_vectors(model, model.rest(), 1) @ matrix.T).ravel()
-    dynamics.load_axes(model.data, q, axes)
-    np.testing.assert_allclose(axes[0], turn.as_matrix(), atol=1e-14)
+def test_load_axes_turn_with_the_section(free):
+    model, world, turn = free
+    axes, turn = np.empty((1, 3, 3)), Rotation.from_rotvec(turn).as_matrix()
+    rest = nodal_vectors(model, model.rest(), 1)
+    for matrix, within in ((np.eye(3), 1e-15), (turn, 1e-14)):
+        dynamics.load_axes(model.data, (rest @ matrix[np.ix_(world, world)].T).ravel(), axes)
+        np.testing.assert_allclose(axes[0], matrix, atol=within)
     # The axes stay orthonormal on a deformed section.
     dynamics.load_axes(model.data, random_pose(model), axes)
     np.testing.assert_allclose(axes[0].T @ axes[0], np.eye(3), atol=1e-14)

@@ -12,7 +12,9 @@ from softrobot_env.beams.ancf.section import (
     section_moments,
 )
 
-RADII = [(0.04, 0.0), (0.025, 0.0125)]
+rings = pytest.mark.parametrize(
+    ("outer", "inner"), [(0.04, 0.0), (0.025, 0.0125)], ids=["disc", "ring"]
+)
 
 
 def odd_product(n):
@@ -32,14 +34,14 @@ def moment(a, b, outer, inner):
     return pi * unit * (outer ** (a + b + 2) - inner ** (a + b + 2))
 
 
-@pytest.mark.parametrize(("outer", "inner"), RADII, ids=["disc", "ring"])
+@rings
 def test_moments_are_the_closed_forms(outer, inner):
     found = section_moments(outer, inner)
     expected = [moment(a, b, outer, inner) for a, b in [(0, 0), (2, 0), (4, 0), (2, 2)]]
     np.testing.assert_allclose(found, expected, rtol=1e-14)
 
 
-@pytest.mark.parametrize(("outer", "inner"), RADII, ids=["disc", "ring"])
+@rings
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
 def test_chebyshev_rule_is_exact_up_to_its_degree_and_no_further(n, outer, inner):
     points, weights = chebyshev_rule(n, outer, inner)
@@ -55,7 +57,7 @@ def test_chebyshev_rule_is_exact_up_to_its_degree_and_no_further(n, outer, inner
             assert max(errors) > 1e-4
 
 
-@pytest.mark.parametrize(("outer", "inner"), RADII, ids=["disc", "ring"])
+@rings
 @pytest.mark.parametrize("rule", [chebyshev_rule, legendre_rule])
 def test_planar_rule_is_the_full_one_without_x3(rule, outer, inner):
     full, planar = rule(4, outer, inner), rule(4, outer, inner, planar=True)

@@ -60,6 +60,10 @@ def models(robot, n, **options):
     return {name: model_of(name, robot, n, **options) for name in ("pcc", "cosserat", "ancf")}
 
 
+def chain(robot, loads, **options):
+    return build_scene(SceneConfig(robot, pieces=8, loads=loads, **options))
+
+
 # ---------------------------------------------------------------- statics
 
 
@@ -116,6 +120,8 @@ def test_length_drive_is_the_tension_drive_at_the_tension_it_causes():
     ("make", "within"),
     [
         (partial(PCC, WEIGHTLESS, 8), 0.02),
+        (partial(chain, WEIGHTLESS), 0.02),
+        (partial(chain, WEIGHTLESS, bending="spatial"), 0.02),
         *(
             pytest.param(
                 partial(ANCF, WEIGHTLESS, pieces, dimension=2), 0.1, marks=pytest.mark.slow
@@ -128,14 +134,10 @@ def test_unstable_equilibrium_is_refused(make, within):
     """A column under more than Euler's load pi^2 EI / (2 L)^2 buckles."""
     critical = np.pi**2 * WEIGHTLESS.bending_stiffness / (2 * LENGTH) ** 2
     model = make(loads=(Load("press", LENGTH, force=(0.0, 0.0, -1.0)),))
-    q = model.equilibrium([(1 - within) * critical])
+    q = model.equilibrium(np.array([(1 - within) * critical]))
     assert np.abs(model.tip(q)[:2]).max() < 1e-12
     with pytest.raises(EquilibriumError, match="unstable"):
-        model.equilibrium([(1 + within) * critical])
-
-
-def chain(robot, loads, **options):
-    return build_scene(SceneConfig(robot, pieces=8, loads=loads, **options))
+        model.equilibrium(np.array([(1 + within) * critical]))
 
 
 @pytest.mark.parametrize(

@@ -115,7 +115,7 @@ def test_damping_takes_its_power_from_the_strain_rates():
     q, v = shaken(damped)
     zero = np.zeros(damped.n)
     power = v @ (damped.residual(q, v, zero) - undamped.residual(q, v, zero))
-    d, robot = damped.data.spacing, TWISTY
+    d, rod = damped.data.spacing, section(TWISTY, 0.75)
 
     def strains(x):
         kappa = dynamics.curvatures(dynamics.sections(x, 4), -1, damped.data.cells, 5)
@@ -129,12 +129,10 @@ def test_damping_takes_its_power_from_the_strain_rates():
         return np.concatenate((kappa[:4], gamma))
 
     rates = derivative(strains, q, v)
-    shear = robot.youngs_modulus / 2 / 1.49 * robot.area
-    bending = [robot.bending_stiffness] * 2 + [robot.torsional_stiffness]
-    stretching = [0.75 * shear] * 2 + [robot.youngs_modulus * robot.area]
+    bending, stretching = [rod.bending] * 2 + [rod.torsion], [rod.shear] * 2 + [rod.axial]
     lengths = d * np.array([0.5, 1, 1, 1])
     expected = lengths @ rates[:4] ** 2 @ bending + d * (rates[4:] ** 2).sum(axis=0) @ stretching
-    assert power == pytest.approx(robot.damping_time * expected, rel=1e-10)
+    assert power == pytest.approx(TWISTY.damping_time * expected, rel=1e-10)
 
 
 # ---------------------------------------------------------------- quaternion norm

@@ -36,10 +36,6 @@ def strains(model, q):
     """(pieces, 3) strain, from the coordinates' definition."""
     q = np.reshape(q, (model.pieces, -1))
     beta, gamma, tau = np.concatenate([q, np.zeros((len(q), 2))], axis=1)[:, :3].T
-    if q.shape[1] == 1:
-        gamma = tau = 0 * beta
-    if q.shape[1] == 2:
-        tau = 0 * beta
     return np.stack([-gamma, beta, tau], axis=1)
 
 

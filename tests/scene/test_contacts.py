@@ -348,11 +348,11 @@ def test_varied_scenes_have_contacts_for_their_own_masses():
     assert not np.allclose(heavy.model.pair_solref, scene.model.pair_solref)
 
 
-def touching_arm(**options):
-    return SceneConfig(ARM, **{"contacts": Contacts(), "objects": (POST,)} | options)
-
-
 ON_POST = SceneConfig(ARM, pieces=6, contacts=Contacts(stiffness=1e5), objects=(POST,))
+
+
+def touching_arm(**options):
+    return build_scene(replace(ON_POST, **options))
 
 
 def test_the_rules_timestep_follows_the_stiffness():
@@ -386,6 +386,7 @@ def test_too_long_a_timestep_is_reported():
         (touching_arm, {"objects": (POST, POST)}, "different names"),
         (Sphere, {"name": "a", "radius": 0.1, "mass": 1.0, "density": 1.0}, "not both"),
         (Ground, {"name": "a", "mass": 1.0}, "stands still"),
+        (touching_arm, {"robot": replace(LYING, outer_radius=0.4)}, "longer than its radius"),
     ],
 )
 def test_what_makes_no_sense_is_refused(make, options, message):
@@ -402,8 +403,3 @@ def test_an_equilibrium_needs_no_friction_and_rest(monkeypatch):
     scene = build_scene(SceneConfig(LYING, contacts=SMOOTH, objects=(ball,)))
     with pytest.raises(EquilibriumError, match="did not come to rest"):
         scene.equilibrium()
-
-
-def test_a_robot_shorter_than_thick_has_no_skin():
-    with pytest.raises(ValueError, match="longer than its radius"):
-        build_scene(SceneConfig(replace(LYING, outer_radius=0.4), contacts=Contacts()))

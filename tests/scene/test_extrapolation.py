@@ -1,12 +1,12 @@
 """Our own integrator against MuJoCo's Runge-Kutta steps, and against its own promises."""
 
+import pickle
 import warnings
 from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
-from numba.core.caching import IndexDataCacheFile
 
 from softrobot_env.robots import ARM, RIG, RobotParams
 from softrobot_env.robots.actuation import TendonMap
@@ -33,10 +33,12 @@ def scene(robot=ARM, **options):
     return build_scene(SceneConfig(robot, sensors=(TipSensors(),), **options))
 
 
-def tips(built, controls):
-    """Tip (periods, 3) [m] from the straight pose, and the simulation."""
+def tips(built, controls, kick=0.0):
+    """Tip (periods, 3) [m] from the straight pose with a velocity, and the simulation."""
     simulation = Simulation(built)
     simulation.reset(built.model.qpos0, controls[0])
+    simulation.data.qvel[:] = kick
+    mujoco.mj_forward(simulation.model, simulation.data)
     found = np.empty((len(controls), 3))
     for k, row in enumerate(controls):
         simulation.ctrl[:] = row
@@ -45,11 +47,12 @@ def tips(built, controls):
     return found, simulation
 
 
-def runge_kutta(built, controls, substeps):
+def runge_kutta(built, controls, substeps, kick=0.0):
     """The same by MuJoCo's steps of order four."""
     model = built.model.__copy__()
     model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_RK4, PERIOD / substeps
     data, found = mujoco.MjData(model), np.empty((len(controls), 3))
+    data.qvel[:] = kick
     for k, row in enumerate(controls):
         data.ctrl[:] = row
         mujoco.mj_step(model, data, substeps)
@@ -142,23 +145,12 @@ def test_ball_joints_and_gravity(bending):
     built = scene(rod, rule="balanced2", bending=bending, torsion=torsion)
     assert (built.model.nq > built.model.nv) == torsion
     kick = np.random.default_rng(0).standard_normal(built.model.nv)
-    model = built.model.__copy__()
-    model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_RK4, 5e-5
-    data, simulation = mujoco.MjData(model), Simulation(built)
-    simulation.reset(built.model.qpos0, np.zeros(0))
-    data.qvel[:] = simulation.data.qvel[:] = kick
-    mujoco.mj_forward(simulation.model, simulation.data)
-    for _ in range(30):
-        assert simulation.advance()
-    mujoco.mj_step(model, data, 30 * 200)
-    mujoco.mj_forward(model, data)
-    gap = np.linalg.norm(data.sensordata[:3] - simulation.data.sensordata[:3])
-    assert gap < 1e-3 * rod.length
+    found, _ = tips(built, np.zeros((30, 0)), kick)
+    truth = runge_kutta(built, np.zeros((30, 0)), 200, kick)
+    assert distance(found, truth) < 1e-3 * rod.length
 
 
-def test_a_loaded_copy_remembers_its_step(tmp_path):
-    import pickle
-
+def test_a_loaded_copy_remembers_its_step():
     _, simulation = tips(scene(ARM.vary(damping_time=0.1)), steps(20))
     copied = pickle.loads(pickle.dumps(simulation))
     for each in (simulation, copied):
@@ -225,18 +217,3 @@ def test_a_motion_that_is_not_finite_is_reported():
     simulation.data.qvel[2] = np.nan
     assert not simulation.advance()
     assert "velocity" in simulation.failure()
-
-
-def test_compiled_code_knows_all_its_sources(tmp_path):
-    """What was cached of one version of a folder's sources is not found for another."""
-    from softrobot_env.compile.cache import CacheFiles, digest_of
-
-    folders = [tmp_path / name for name in ("a", "b")]
-    for folder, text in zip(folders, ("y = 1", "y = 2"), strict=True):
-        folder.mkdir()
-        (folder / "called.py").write_text(text)
-    numba_files = IndexDataCacheFile(str(tmp_path), "advance", "stamp")
-    before, after = (CacheFiles(numba_files, digest_of((f,))) for f in folders)
-    before.save("key", "code")
-    assert before.load("key") == "code"
-    assert after.load("key") is None

@@ -35,11 +35,6 @@ def scene(robot=RIG, *, pieces=4, actuation="length", **options):
     return build_scene(config)
 
 
-def tip_at(built, controls, **options):
-    q = equilibrium(built.model, np.asarray(controls, float), **options)
-    return posed(built.model, q).site("tip").xpos.copy()
-
-
 # --- the compiled chain --------------------------------------------------------------------------
 
 
@@ -91,7 +86,8 @@ def test_lengths_bend_it_far_as_the_elastica():
     pulled = np.array([0.012, -0.004, 0.002])
     truth, errors = column_tip(RIG, pulled, None), []
     for pieces in (4, 8):
-        found = tip_at(scene(pieces=pieces), pulled, load_steps=4)
+        built = scene(pieces=pieces)
+        found = built.tip(built.equilibrium(pulled, load_steps=4))
         errors.append(np.linalg.norm(found - truth))
     assert np.hypot(*truth[:2]) > 0.1
     assert errors[0] < 1e-3

@@ -14,7 +14,7 @@ from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import joint_angles
 from softrobot_env.scene.config import SceneConfig
-from studies.truths.analytic import rayleigh_frequency
+from studies.truths.varying_beam import bending_frequencies
 
 
 def bent(built, seed=0):
@@ -91,9 +91,7 @@ def test_inputs_are_tendons_then_loads():
 def test_a_small_swing_has_the_beams_frequency():
     """Half a period after it was let go at rest the first mode is on the other side."""
     robot = replace(ROBOT, damping_time=0.0)
-    rotary = robot.density * robot.second_moment
-    stiffness = robot.bending_stiffness
-    half = 0.5 / rayleigh_frequency(LENGTH, stiffness, robot.mass_per_length, rotary)
+    half = 0.5 / bending_frequencies(robot)[0]
     built = chain(robot=robot, control_period=half / 50, pieces=12)
     first = SceneConfig(robot, pieces=12, loads=(Load("pull", LENGTH, (1e-3, 0, 0)),))
     # What a force on the tip bends is the first mode to 3 %, and starts slow.

@@ -131,15 +131,6 @@ def test_gravity_of_a_case_is_gravity_of_the_robot():
     np.testing.assert_array_equal(weightless.opt.gravity, 0.0)
 
 
-def test_unstable_equilibria_are_refused():
-    """Upright, the arm is longer than the column its weight lets stand: it would fall over."""
-    standing = build_scene(SceneConfig(replace(ARM, gravity=(0.0, 0.0, -9.81)))).model
-    with pytest.raises(EquilibriumError, match="unstable"):
-        equilibrium(standing, np.zeros(standing.nu))
-    hanging = build_scene(SceneConfig(replace(ARM, gravity=(0.0, 0.0, 9.81)))).model
-    np.testing.assert_array_equal(equilibrium(hanging, np.zeros(hanging.nu)), 0.0)
-
-
 @pytest.mark.parametrize("bending", ["planar", "spatial"])
 def test_a_backbone_that_rubs_keeps_a_bend_within_its_friction(bending):
     """A moment M bends it to (M - f) / EI; released, it opens where EI k - M would be beyond f."""

@@ -17,6 +17,7 @@ from softrobot_env.sensing.reconstruction import (
     fit_map,
     reconstruct,
 )
+from studies.truths.analytic import arc_tip
 
 
 def tags(robot, count):
@@ -29,11 +30,8 @@ def tags(robot, count):
 def test_arcs_of_tags_are_circles():
     arm = tags(ARM, 3)
     turn = np.array([0.8, 0.8, 0.8])
-    radius, angle = ARM.length / turn.sum(), turn.sum()
-    tip = Arcs.of(arm).tip(turn[None])[0]
-    np.testing.assert_allclose(
-        tip, radius * np.array([1 - np.cos(angle), 0, np.sin(angle)]), atol=1e-14
-    )
+    x, z = arc_tip(ARM.length, turn.sum() / ARM.length)
+    np.testing.assert_allclose(Arcs.of(arm).tip(turn[None])[0], [x, 0, z], atol=1e-14)
 
 
 def test_arcs_bend_one_after_the_other_in_space():
