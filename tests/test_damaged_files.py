@@ -10,8 +10,8 @@ import shutil
 import signal
 import time
 from dataclasses import fields, is_dataclass, replace
+from functools import partial
 from io import BytesIO
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,7 +31,6 @@ from softrobot_env.hardware.transport import LoggingTransport, read_link_log
 from softrobot_env.identification.fit.residual import Residual, read_residual
 from softrobot_env.learned.network import Network, Scaling, initial_network
 from softrobot_env.learned.reduction import ReducedModel
-from softrobot_env.recordings.files import header_path
 from softrobot_env.recordings.header import Time
 from softrobot_env.robots import ARM, RIG, ROBOTS, read_gripper, read_robot, write_robot
 from softrobot_env.tasks import make_task
@@ -115,17 +114,15 @@ def altered(data: bytes, rng: np.random.Generator) -> bytes:
     return out.getvalue()
 
 
-def residual(folder):
+def residual(path):
     features, rows = np.linspace(1, 2, 3), np.linspace(0, 1, 12).reshape(4, 3)
-    Residual(features, features, features[:1], 0.5, 1.0, rows, rows).save(folder / "residual.npz")
-    return folder / "residual.npz"
+    Residual(features, features, features[:1], 0.5, 1.0, rows, rows).save(path)
 
 
-def rollout(folder):
+def rollout(path):
     """The record of a short motion."""
     env = TrackingEnv(replace(make_task("swing"), duration=0.1))
-    run_episode(env, make_policy("hold", ARM, env.control_period)).save(folder / "a.npz")
-    return folder / "a.npz"
+    run_episode(env, make_policy("hold", ARM, env.control_period)).save(path)
 
 
 def measured(path):
@@ -134,58 +131,39 @@ def measured(path):
     return {name: value for name, value in found.items() if name not in _UNMEASURED}
 
 
-def copied(source):
-    def make(folder):
-        return shutil.copy(source, folder / source.name)
-
-    return make
+def shipped(path):
+    shutil.copy(models_dir() / path.name, path)
 
 
-def gripper(folder):
-    for name in ("robots", "grippers"):
-        shutil.copytree(assets_dir() / name, folder / name)
-    return folder / "grippers" / "gripper.toml"
+def gripper(path):
+    for folder in (assets_dir() / "robots", assets_dir() / "grippers"):
+        shutil.copytree(folder, path.parents[1] / folder.name)
 
 
-def hardware(folder):
-    write_robot_file(virtual_file(), folder / "rig.toml")
-    return folder / "rig.toml"
+def facts(path):
+    write_json(path, [{"x": 1.5, "y": [k, 2e-3]} for k in range(300)], "softrobot x")
 
 
-def facts(folder):
-    write_json(folder / "a.json", [{"x": 1.5, "y": [k, 2e-3]} for k in range(300)], "softrobot x")
-    return folder / "a.json"
-
-
-def network(folder):
+def network(path):
     ends = Scaling(-np.ones(20), np.ones(20))
     made = initial_network((200, 200), ends, ends, np.random.default_rng(0))
-    made.save(folder / "network.npz", {"seed": 1})
-    return folder / "network.npz"
+    made.save(path, {"seed": 1})
 
 
-def robot(folder):
-    write_robot(ROBOTS["hanging_trunk"], folder / "robot.toml")
-    return folder / "robot.toml"
-
-
-def plot(folder):
+def plot(path):
     pytest.importorskip("matplotlib")
     from softrobot_env.rendering.figures import new_figure, save
 
     figure, axes = new_figure(1, 1, (3.0, 2.0))
     axes[0, 0].plot(np.arange(9))
-    save(figure, folder / "plot.png")
-    return folder / "plot.png"
+    save(figure, path)
 
 
-def video(folder):
+def video(path):
     pytest.importorskip("imageio")
     from softrobot_env.rendering.video import write_video
 
-    frames = np.random.default_rng(0).integers(0, 255, (9, 60, 80, 3), np.uint8)
-    write_video(folder / "video.gif", frames, 10)
-    return folder / "video.gif"
+    write_video(path, np.random.default_rng(0).integers(0, 255, (9, 60, 80, 3), np.uint8), 10)
 
 
 def read_picture(path):
@@ -195,15 +173,14 @@ def read_picture(path):
         picture.load()
 
 
-def checkpoint(folder):
+def checkpoint(path):
     pytest.importorskip("torch")
     pytest.importorskip("stable_baselines3")
     from training.test_checkpoint import FIRST
 
     from softrobot_env.training.checkpoint import write
 
-    write(folder, FIRST)
-    return folder / "checkpoint.pt"
+    write(path.parent, FIRST)
 
 
 def read_checkpoint(path):
@@ -213,29 +190,20 @@ def read_checkpoint(path):
     return [tensor.numpy() for tensor in found.learner["weights"].values()], found.curve
 
 
-def link(folder):
+def link(path):
     """A recorded link: a header and a few records."""
-    transport = LoggingTransport(Quiet(), folder / "a.link", iter(range(99)).__next__)
+    transport = LoggingTransport(Quiet(), path, iter(range(99)).__next__)
     for k in range(8):
         transport.write(bytes(range(k + 3)))
     transport.close()
-    return folder / "a.link"
 
 
-def recording(name):
-    """Tensions and tips of a short motion."""
-
-    def make(folder):
-        if name.endswith("parquet"):
-            pytest.importorskip("pyarrow")
-        recordings.write_recording(SHORT_RECORDING, folder / name)
-        return folder / name
-
-    return make
-
-
-def recording_header(folder):
-    return header_path(recording("a.csv")(folder))
+def recording(path):
+    """Tensions and tips of a short motion, and their header."""
+    if path.suffix == ".parquet":
+        pytest.importorskip("pyarrow")
+    table = path.with_suffix(".csv") if path.suffix == ".toml" else path
+    recordings.write_recording(SHORT_RECORDING, table)
 
 
 class Quiet:
@@ -248,29 +216,24 @@ class Quiet:
         pass
 
 
+#: Name of a file, what writes it, and what reads it.
 KINDS = {
-    "network": (network, Network.load),
-    "gains": (copied(models_dir() / "lqi.npz"), lambda path: load_gains(path, ARM, "lqi", _LQI)),
-    "identified": (
-        copied(models_dir() / "rig_nn.npz"),
-        lambda path: IdentifiedParameters.load(RIG, path),
-    ),
-    "rollout": (rollout, measured),
-    "link": (link, read_link_log),
-    "robot": (robot, read_robot),
-    "gripper": (gripper, read_gripper),
-    "hardware": (hardware, read_robot_file),
-    "facts": (facts, read_facts),
-    "checkpoint": (checkpoint, read_checkpoint),
-    "reduced": (
-        copied(models_dir() / "ssm.npz"),
-        lambda path: ReducedModel.read(read_arrays(path)),
-    ),
-    "sensors": (copied(models_dir() / "sensors.npz"), lambda path: load_reconstruction(RIG, path)),
-    "residual": (residual, read_residual),
-    "recording.csv": (recording("a.csv"), recordings.read_recording),
-    "recording.parquet": (recording("a.parquet"), recordings.read_recording),
-    "recording.toml": (recording_header, recordings.read_header),
+    "network": ("network.npz", network, Network.load),
+    "gains": ("lqi.npz", shipped, lambda path: load_gains(path, ARM, "lqi", _LQI)),
+    "identified": ("rig_nn.npz", shipped, partial(IdentifiedParameters.load, RIG)),
+    "rollout": ("a.npz", rollout, measured),
+    "link": ("a.link", link, read_link_log),
+    "robot": ("robot.toml", partial(write_robot, ROBOTS["hanging_trunk"]), read_robot),
+    "gripper": ("grippers/gripper.toml", gripper, read_gripper),
+    "hardware": ("rig.toml", partial(write_robot_file, virtual_file()), read_robot_file),
+    "facts": ("a.json", facts, read_facts),
+    "checkpoint": ("checkpoint.pt", checkpoint, read_checkpoint),
+    "reduced": ("ssm.npz", shipped, lambda path: ReducedModel.read(read_arrays(path))),
+    "sensors": ("sensors.npz", shipped, partial(load_reconstruction, RIG)),
+    "residual": ("residual.npz", residual, read_residual),
+    "recording.csv": ("a.csv", recording, recordings.read_recording),
+    "recording.parquet": ("a.parquet", recording, recordings.read_recording),
+    "recording.toml": ("a.toml", recording, recordings.read_header),
 }
 
 
@@ -282,8 +245,9 @@ ARRAYS = ("network", "gains", "identified", "rollout", "reduced", "sensors", "re
     ("kind", "how"), [*((kind, damaged) for kind in KINDS), *((kind, altered) for kind in ARRAYS)]
 )
 def test_damage_is_refused_in_a_line_or_leaves_finite_content(kind, how, tmp_path):
-    make, read = KINDS[kind]
-    path, rng = Path(make(tmp_path)), np.random.default_rng(1)
+    name, write, read = KINDS[kind]
+    path, rng = tmp_path / name, np.random.default_rng(1)
+    write(path)
     data = path.read_bytes()
     assert finite(read(path))
     refused = 0
@@ -301,12 +265,12 @@ def test_damage_is_refused_in_a_line_or_leaves_finite_content(kind, how, tmp_pat
 
 # ---------------------------------------------------------------- broken off
 
-#: What makes a file by our writers alone, and reads it.
+#: Those that are written by our writers alone.
+OURS = ("network", "robot", "hardware", "facts", "checkpoint", "recording.csv", "recording.toml")
 WRITERS = {
-    **{name: KINDS[name] for name in ("network", "robot", "hardware", "facts", "checkpoint")},
-    **{name: KINDS[name] for name in ("recording.csv", "recording.toml")},
-    "plot": (plot, read_picture),
-    "video": (video, read_picture),
+    **{kind: KINDS[kind] for kind in OURS},
+    "plot": ("plot.png", plot, read_picture),
+    "video": ("video.gif", video, read_picture),
 }
 
 
@@ -322,18 +286,18 @@ def in_a_child(work) -> int:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", WRITERS)
-def test_a_kill_loses_nothing(name, tmp_path):
-    write, read = WRITERS[name]
-    path = write(tmp_path)
+@pytest.mark.parametrize(("name", "write", "read"), WRITERS.values(), ids=WRITERS)
+def test_a_kill_loses_nothing(name, write, read, tmp_path):
+    path = tmp_path / name
+    write(path)
     began = time.perf_counter()
-    write(tmp_path)
+    write(path)
     took = time.perf_counter() - began
     rng = np.random.default_rng(0)
 
     def again():
         while True:
-            write(tmp_path)
+            write(path)
 
     for _ in range(_BROKEN_OFF):
         child = in_a_child(again)
@@ -344,10 +308,10 @@ def test_a_kill_loses_nothing(name, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", WRITERS)
-def test_a_full_disk_loses_nothing(name, tmp_path):
-    write, read = WRITERS[name]
-    path = write(tmp_path)
+@pytest.mark.parametrize(("name", "write", "read"), WRITERS.values(), ids=WRITERS)
+def test_a_full_disk_loses_nothing(name, write, read, tmp_path):
+    path = tmp_path / name
+    write(path)
     size, rng = path.stat().st_size, np.random.default_rng(0)
 
     def once():
@@ -355,7 +319,7 @@ def test_a_full_disk_loses_nothing(name, tmp_path):
         room = int(rng.uniform(0, size))
         resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
         os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # the traceback of the child
-        write(tmp_path)
+        write(path)
 
     for _ in range(_BROKEN_OFF):
         rng.uniform()
