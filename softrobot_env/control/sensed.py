@@ -26,13 +26,13 @@ class SensedState(NamedTuple):
 
     Attributes:
         inner: State of the policy.
-        felt: What the sensors tell.
+        shape: What the sensors tell.
         rates: By name, as of the last new reading.
         passed: [s] since that.
     """
 
     inner: Any
-    felt: SensedShape
+    shape: SensedShape
     rates: dict[str, ndarray]
     passed: float = 0.0
 
@@ -86,9 +86,9 @@ class Sensed(Controller):
 
     def start(self, observation: Observation) -> SensedState:
         """Begin with a robot that was straight, and rests; the policy is yet to start."""
-        felt = self._known.begin(observation[_SENSORS])
-        rates = {name: np.zeros_like(felt.reported[of]) for name, of in self._rates.items()}
-        return SensedState(None, felt, rates, -self._period)  # the first call is now
+        shape = self._known.begin(observation[_SENSORS])
+        rates = {name: np.zeros_like(shape.reported[of]) for name, of in self._rates.items()}
+        return SensedState(None, shape, rates, -self._period)  # the first call is now
 
     def act(self, observation: Observation, state: SensedState) -> tuple[ndarray, SensedState]:
         """The action of the policy for what the sensors tell."""
@@ -98,17 +98,17 @@ class Sensed(Controller):
 
     def _seen(self, reading: ndarray, state: SensedState) -> SensedState:
         passed = state.passed + self._period
-        felt = self._known.update(state.felt, reading, passed)
-        if felt is state.felt:
+        shape = self._known.update(state.shape, reading, passed)
+        if shape is state.shape:
             return state._replace(passed=passed)
         rates = {
-            n: (felt.reported[of] - state.felt.reported[of]) / passed
+            n: (shape.reported[of] - state.shape.reported[of]) / passed
             for n, of in self._rates.items()
         }
-        return state._replace(felt=felt, rates=rates, passed=0.0)
+        return state._replace(shape=shape, rates=rates, passed=0.0)
 
     def _full(self, observation: Observation, state: SensedState) -> Observation:
-        shown = {name: state.felt.reported[name][:size] for name, size in self._sizes.items()}
+        shown = {name: state.shape.reported[name][:size] for name, size in self._sizes.items()}
         rates = {name: rate[: self._sizes.get(TIP)] for name, rate in state.rates.items()}
         return {**observation, **shown, **rates}
 

@@ -8,8 +8,9 @@ from softrobot_env.control.base import Controller
 from softrobot_env.control.feedforward.law import Feedforward, FeedforwardPI
 from softrobot_env.control.registry import POLICIES, RIG_POLICIES, make_policy, policy_environment
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.evaluation.run import run_episode
+from softrobot_env.evaluation.runner import Case, run
 from softrobot_env.robots import ARM, RIG
+from softrobot_env.tasks import make_task
 
 PERIOD = 0.01
 STATICS = ConstantCurvatureStatics(ARM)
@@ -67,7 +68,7 @@ def test_integral_rests_while_an_action_is_saturated():
         action, state = policy.predict(observation, state)
     assert np.max(np.abs(action)) == 1.0
     assert state.status == "tension limit reached"
-    np.testing.assert_array_equal(state.felt.integral, 0.0)
+    np.testing.assert_array_equal(state.feedback.integral, 0.0)
 
 
 def test_integral_accumulates_the_error_otherwise():
@@ -75,25 +76,21 @@ def test_integral_accumulates_the_error_otherwise():
     state = None
     for _ in range(10):
         _, state = policy.predict(observe((0.2, 0.44), tip=(0.199, 0.442)), state)
-    np.testing.assert_allclose(state.felt.integral, [10 * PERIOD * 1e-3, -10 * PERIOD * 2e-3])
+    np.testing.assert_allclose(state.feedback.integral, [10 * PERIOD * 1e-3, -10 * PERIOD * 2e-3])
 
 
 def test_hold_keeps_the_arm_where_it_is():
-    env = TrackingEnv("step", observe="all")
-    rollout = run_episode(env, make_policy("hold", ARM, PERIOD))
+    rollout = run(Case(make_task("step"), "hold")).rollout
     assert np.ptp(rollout.tip, axis=0).max() < 1e-6
 
 
 def test_feedback_removes_the_error_of_a_wrong_model():
     """A 25 % softer arm: feedforward misses the step for good, the integral brings it there."""
-    env = TrackingEnv("step", observe="all")
-    options = {"vary": {"youngs_modulus": 0.75}, "duration": 30.0}
-    final = {
-        name: run_episode(env, make_policy(name, ARM, PERIOD), options=options).error[-1]
+    wrong, learned = (
+        run(Case(make_task("step"), name, {"youngs_modulus": 0.75}, duration=30.0)).rollout
         for name in ("feedforward", "feedforward_pi")
-    }
-    assert final["feedforward"] > 20e-3
-    assert final["feedforward_pi"] < 0.2e-3
+    )
+    assert wrong.error[-1] > 20e-3 and learned.error[-1] < 0.2e-3
 
 
 @pytest.mark.parametrize(
@@ -110,10 +107,8 @@ def test_feedback_removes_the_error_of_a_wrong_model():
 )
 def test_feedback_is_stable_at_every_control_period(task, period):
     """Slow sampling costs accuracy, but the tip comes to rest near the reference."""
-    env = TrackingEnv(task, observe="all", control_period=period)
-    rollout = run_episode(
-        env, make_policy("feedforward_pi", ARM, period), options={"duration": 20.0}
-    )
+    scene = {"control_period": period}
+    rollout = run(Case(make_task(task), "feedforward_pi", duration=20.0, scene=scene)).rollout
     last = rollout.error[rollout.time > 18.0]
     # An unstable loop ends at 100 mm and more; the open loop's swing has decayed to 1 mm by then.
     assert rollout.failure is None and last.max() < 5e-3

@@ -100,7 +100,7 @@ def test_sensors_are_read_while_the_policy_holds_its_action():
     for x in (0.0, 0.01, 0.02, 0.03):
         action, state = policy.predict(seen([x, 0.0]), state)
         actions.append(action[0])
-        assert state.felt.reported[TIP][0] == pytest.approx(x, abs=5e-4)
+        assert state.shape.reported[TIP][0] == pytest.approx(x, abs=5e-4)
     assert actions[1] == actions[2] == actions[0] and actions[3] == pytest.approx(0.3, abs=5e-3)
 
 

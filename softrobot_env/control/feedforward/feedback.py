@@ -52,7 +52,7 @@ class FeedbackState(NamedTuple):
     near: Nearby | None
     sent: tuple[Sent, ...]
 
-    def unlearnt(self, before: "FeedbackState") -> "FeedbackState":
+    def unlearned(self, before: "FeedbackState") -> "FeedbackState":
         """The same without what was learned since `before`."""
         return self._replace(integral=before.integral, differs=before.differs)
 
@@ -129,7 +129,7 @@ class Feedback:
         return FeedbackState(np.zeros(k), differs, mode, moved, None, before)
 
     def added(
-        self, rest: Rest, motion: Motion, reference: ndarray, tip: ndarray, felt: FeedbackState
+        self, rest: Rest, motion: Motion, reference: ndarray, tip: ndarray, before: FeedbackState
     ) -> tuple[ndarray, FeedbackState, bool]:
         """Inputs (n_inputs,) to add where the statics are at rest, and whether one is limited.
 
@@ -138,43 +138,43 @@ class Feedback:
             motion: Of the reference, (k,) each, when the inputs act.
             reference, tip: (k,) [m], at the present and as seen; a tip that is not finite counts as
                 where it should be, and nothing is learned from it.
-            felt: What the last call returned.
+            before: What the last call returned.
         """
-        sent = (*felt.sent, Sent(reference.copy(), felt.moved))
+        sent = (*before.sent, Sent(reference.copy(), before.moved))
         error = np.where(np.isfinite(tip), sent[0].reference - tip, 0.0)
-        integral = felt.integral + self._period * error
+        integral = before.integral + self._period * error
         near = min(1.0, self._far / max(self._proportional * norm(error), 1e-300))
         change = near * self._proportional * error + self._integral * integral
-        now = felt._replace(integral=integral, sent=sent[1:])
+        now = before._replace(integral=integral, sent=sent[1:])
         if self._filter is None:
             shifted, limited = self._statics.shifted(rest, change)
         else:
             if np.isfinite(tip).all():
                 corrected, ways = sent[0].moved[0], sent[0].moved[1:]
                 left, far = error + corrected, float(norm(error))
-                differs = self._filter.updated(felt.differs, left, ways, far)
+                differs = self._filter.updated(before.differs, left, ways, far)
                 now = now._replace(differs=differs)
             shifted, now, limited = self._made_up(rest, motion, change, now)
-        return shifted - rest.inputs, now.unlearnt(felt) if limited else now, limited
+        return shifted - rest.inputs, now.unlearned(before) if limited else now, limited
 
     def _made_up(
-        self, rest: Rest, motion: Motion, change: ndarray, felt: FeedbackState
+        self, rest: Rest, motion: Motion, change: ndarray, before: FeedbackState
     ) -> tuple[ndarray, FeedbackState, bool]:
-        """Inputs (n_inputs,) of a robot that differs, what is felt, and whether one is limited."""
-        differs, inputs = felt.differs, self._statics.inputs
-        near = self._near.about(rest, motion, differs, felt.near)
+        """Inputs (n_inputs,) of a robot that differs, the next memory, and if one is limited."""
+        differs, inputs = before.differs, self._statics.inputs
+        near = self._near.about(rest, motion, differs, before.near)
         if near is None:
-            return rest.inputs, felt, True
+            return rest.inputs, before, True
         n, own = inputs.n_inputs, near.rest
         shifted, limited = self._statics.shifted(own, change - near.moving, near.linear)
         shifted = shifted - differs.mean[3 : 3 + n] * inputs.input_scale
         beyond = np.abs(shifted - inputs.input_centre) >= inputs.input_scale
         corrected = near.by_inputs @ ((shifted - own.inputs) / inputs.input_scale) - near.held
-        mode, moved = near.later(felt.mode, np.column_stack([corrected, near.forces]))
+        mode, moved = near.later(before.mode, np.column_stack([corrected, near.forces]))
         if not np.abs(moved).max() < _LOST * self._near.reach:
             mode, moved = np.zeros_like(mode), np.zeros_like(moved)
-        felt = felt._replace(mode=mode, moved=moved, near=near)
-        return shifted, felt, limited or bool(beyond.any())
+        before = before._replace(mode=mode, moved=moved, near=near)
+        return shifted, before, limited or bool(beyond.any())
 
 
 _TIP, _NOT_FINITE = "tip_position", REASONS[NOT_FINITE]

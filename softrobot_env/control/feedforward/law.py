@@ -27,14 +27,14 @@ class FeedforwardState:
         target: (k,) [m], point that `rest` belongs to.
         rest: Where the tip rests on it, or comes nearest.
         memory: Of what is added to the statics.
-        felt: Of the feedback; None without.
+        feedback: Its memory; None without.
         status: Why the action is not the one wanted, or None.
     """
 
     target: ndarray
     rest: Rest
     memory: Any
-    felt: FeedbackState | None
+    feedback: FeedbackState | None
     status: str | None
 
 
@@ -93,8 +93,9 @@ class Feedforward(Controller):
             )
         inputs, size = self._inputs.from_actions(in_force(observation)), sizes.pop()
         rest, memory = self._statics.begin(inputs), self._remembered()
-        felt = None if self._feedback is None else self._feedback.start(observation["reference"])
-        return FeedforwardState(np.full(size, np.nan), rest, memory, felt, None)
+        law, reference = self._feedback, observation["reference"]
+        feedback = None if law is None else law.start(reference)
+        return FeedforwardState(np.full(size, np.nan), rest, memory, feedback, None)
 
     def _remembered(self) -> Any:
         """The memory of a motion that begins."""
@@ -110,15 +111,16 @@ class Feedforward(Controller):
         if not np.array_equal(target, state.target):  # it rests most of the time
             rest = self._statics.hold(target, rest, bool(np.isnan(state.target).any()))
         inputs, memory, reason = self._added(observation, motion, rest, state)
-        inputs, felt, limited = self._corrected(observation, motion, rest, inputs, state.felt)
+        before = state.feedback
+        inputs, feedback, limited = self._corrected(observation, motion, rest, inputs, before)
         wanted = self._inputs.to_actions(inputs)
         action = np.clip(wanted, -1.0, 1.0)
         if reason is not None:  # what is missed for that reason is not for feedback to make up
-            felt = None if felt is None else felt.unlearnt(state.felt)
+            feedback = None if feedback is None else feedback.unlearned(before)
         limited = limited or np.any(np.abs(wanted) > 1 + 1e-9)
         reason = REASONS[SATURATED] if limited else reason
         status = reason if rest.reached else self._statics.missed
-        return action, FeedforwardState(target, rest, memory, felt, status)
+        return action, FeedforwardState(target, rest, memory, feedback, status)
 
     def _motion(self, observation: Observation, state: FeedforwardState) -> Motion:
         """Where the tip should be, (k,) [m], taken as at rest."""
@@ -137,14 +139,14 @@ class Feedforward(Controller):
         motion: Motion,
         rest: Rest,
         inputs: ndarray,
-        felt: FeedbackState | None,
+        feedback: FeedbackState | None,
     ) -> tuple[ndarray, FeedbackState | None, bool]:
         """Inputs (n_inputs,) after feedback, what it remembers, and if one is limited."""
         if self._feedback is None:
             return inputs, None, False
         seen = observation["reference"], observation["tip_position"]
-        more, felt, limited = self._feedback.added(rest, motion, *seen, felt)
-        return inputs + more, felt, limited
+        more, feedback, limited = self._feedback.added(rest, motion, *seen, feedback)
+        return inputs + more, feedback, limited
 
 
 class FeedforwardPI(Feedforward):

@@ -42,10 +42,10 @@ _SLACK, _SLOW = "tendon would slacken", "servo too slow"
 
 
 class Correction(NamedTuple):
-    """Memory of the feedback: where the statics it goes by are at rest, and what it felt."""
+    """Memory of the feedback: where the statics it goes by are at rest, and what it remembers."""
 
     rest: Rest
-    felt: FeedbackState
+    feedback: FeedbackState
 
 
 class RigState(NamedTuple):
@@ -169,10 +169,11 @@ class RigFeedforward(Controller):
         elif (limited != action).any():
             status = _LIMITED
         else:
-            status = self._doubt(now, tension, action - before)
-        if correction is not None and status is not None and state.correction is not None:
-            felt = correction.felt.unlearnt(state.correction.felt)  # not for it to make up
-            correction = correction._replace(felt=felt)
+            status = self._status(now, tension, action - before)
+        last = state.correction
+        if correction is not None and status is not None and last is not None:
+            feedback = correction.feedback.unlearned(last.feedback)  # not for it to make up
+            correction = correction._replace(feedback=feedback)
         return limited, RigState(memory, now, wanted, blind, limited.copy(), status, correction)
 
     def _correction(
@@ -187,8 +188,8 @@ class RigFeedforward(Controller):
             before = Correction(begun, self._feedback.start(now.position))
         first = state.correction is None
         rest = self._chain.hold(motion.position, before.rest, first)
-        more, felt, _ = self._feedback.added(rest, motion, now.position, tip, before.felt)
-        return more, Correction(rest, felt)
+        more, feedback, _ = self._feedback.added(rest, motion, now.position, tip, before.feedback)
+        return more, Correction(rest, feedback)
 
     def _decide_stacked(
         self, observation: Observation, states: list[Any]
@@ -257,7 +258,7 @@ class RigFeedforward(Controller):
         rate = (wanted - before) / self._period
         return wanted + ahead_of(rate, self._period, SERVO_SPEED, self._backlash)
 
-    def _doubt(self, now: Motion, tension: ndarray | None, change: ndarray) -> str | None:
+    def _status(self, now: Motion, tension: ndarray | None, change: ndarray) -> str | None:
         """Why the rig will not do as wanted although the action (3,) is within its limits, or None.
 
         Args:
