@@ -1,13 +1,12 @@
 """Linear algebra takes one thread on the command line and in worker processes."""
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 from threading import Event, Thread
 
 import numpy as np
 import pytest
+from support.processes import finished
 from threadpoolctl import ThreadpoolController
 
 from softrobot_env.beams.pcc import PCC
@@ -43,7 +42,7 @@ def threads(tmp_path, *command: str, **settings: str) -> int:
     environment = {k: v for k, v in os.environ.items() if k not in THREADS} | settings
     environment |= {"WITNESS": str(reported), "WITNESS_OF": str(os.getpid())}
     environment |= {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
-    subprocess.run([sys.executable, *command], env=environment, capture_output=True, check=True)
+    finished(*command, env=environment, check=True)
     return int(reported.read_text())
 
 

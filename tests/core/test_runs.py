@@ -124,9 +124,9 @@ def measured(folder, number):
     return Result(number, square=float(mark_and_square(folder, number)))
 
 
-def run(folder, study="a study", files=(), processes=0, **more):
-    """Rows of four cases, and how many of them were taken up."""
-    with kept_rows(folder / KEPT, study, files) as kept:
+def run(folder, study="a study", processes=0, **more):
+    """Rows of four cases that depend on a folder's robots, and how many of them were taken up."""
+    with kept_rows(folder / KEPT, study, sorted(folder.glob("*.toml"))) as kept:
         work = partial(measured, folder)
         rows = run_cases(range(4), work, kinds=(Result,), kept=kept, processes=processes, **more)
         return rows, kept.taken
@@ -134,7 +134,8 @@ def run(folder, study="a study", files=(), processes=0, **more):
 
 @pytest.fixture
 def stopped(tmp_path):
-    """A folder in which a study stopped at its third case."""
+    """A folder in which a study of a robot stopped at its third case."""
+    (tmp_path / "my.toml").write_text("length = 1")
     (tmp_path / "stop").touch()
     with pytest.raises(ValueError, match="third"):
         run(tmp_path)
@@ -168,32 +169,21 @@ def test_rows_are_read_as_they_were_written(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "change", ["study", "version", "file", "sources"], ids=lambda change: f"another {change}"
+    "change",
+    ["study", "version", "file", "content of a file", "sources"],
+    ids=lambda change: f"another {change}",
 )
 def test_rows_of_something_else_are_not_taken_up(change, stopped, monkeypatch):
-    robot = stopped / "my.toml"
-    robot.write_text("length = 1")
-    study, files = "a study", []
-    if change == "study":
-        study = "another"
-    elif change == "version":
-        monkeypatch.setattr(runs, "__version__", "0.0.1")
-    elif change == "sources":
-        monkeypatch.setattr(runs, "_own_files", lambda: (robot,))
-    else:
-        files = [robot]
-    assert run(stopped, study=study, files=files)[1] == 0
-
-
-def test_other_content_of_a_file_that_is_named_takes_up_nothing(tmp_path):
-    robot = tmp_path / "my.toml"
-    taken = []
-    for text in ("1", "1", "2"):
-        robot.write_text(text)
-        kept = Kept(tmp_path / KEPT, "a study", [robot])
-        kept.add(f"{len(taken)}", Result(1))
-        taken.append(kept.rows("0", [Result]))
-    assert [row is not None for row in taken] == [False, True, False]
+    match change:
+        case "version":
+            monkeypatch.setattr(runs, "__version__", "0.0.1")
+        case "sources":
+            monkeypatch.setattr(runs, "_own_files", lambda: (stopped / "my.toml",))
+        case "file":
+            (stopped / "other.toml").touch()
+        case "content of a file":
+            (stopped / "my.toml").write_text("length = 2")
+    assert run(stopped, study="another" if change == "study" else "a study")[1] == 0
 
 
 @pytest.mark.parametrize(

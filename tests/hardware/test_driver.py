@@ -1,8 +1,6 @@
 """The threaded driver, over memory, in real time."""
 
 import signal
-import subprocess
-import sys
 import textwrap
 import time
 from dataclasses import replace
@@ -10,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.hardware_boards import LiveBoard
+from support.hardware_boards import LiveBoard, state
+from support.processes import finished
 
 from softrobot_env.hardware.driver import Driver, ExitGuard
 from softrobot_env.hardware.errors import LinkError, RefusedError, RobotError, RobotFaultError
@@ -148,10 +147,7 @@ def test_what_breaks_while_listening_is_raised_by_the_next_call(transport, armed
 
 
 def test_what_nobody_understands_is_reported(live, driver):
-    numbers = {"applied": (0,) * 3, "length": (0,) * 3, "force": (0,) * 3, "adc": (0,) * 4}
-    counts = {"vbus": 6000, "crc_errors": 0, "frame_errors": 0, "faults": 0, "warnings": 0}
-    state = m.State(0, 0, 0, state=9, n=3, session=0, **numbers, **counts)
-    live.inject(encode(state, 1000))
+    live.inject(encode(state(state=9), 1000))
     with pytest.raises(RobotError, match="cannot understand the robot: 9 is not"):
         driver.wait_for(1, time.monotonic() + 5)
 
@@ -232,12 +228,7 @@ def test_the_guard_closes_once(program, said):
 
 
 def run_program(text):
-    return subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(text)],
-        cwd=Path(__file__).parents[1],  # for tests/support
-        capture_output=True,
-        text=True,
-    )
+    return finished("-c", textwrap.dedent(text), cwd=Path(__file__).parents[1])  # for support
 
 
 def test_the_guard_gives_its_signal_back():

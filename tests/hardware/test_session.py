@@ -6,7 +6,7 @@ from zlib import crc32
 
 import numpy as np
 import pytest
-from support.hardware_boards import PASS, Bench, Board
+from support.hardware_boards import PASS, Bench, Board, state
 
 from softrobot_env.hardware.errors import (
     ProtocolMismatchError,
@@ -210,12 +210,8 @@ def hello_ack(bench, **changes):
 def test_a_fault_is_known_by_its_kind_until_its_report_comes():
     bench = Bench()
     hello_ack(bench)
-    numbers = {"applied": (0,) * 3, "length": (0,) * 3, "force": (0,) * 3, "adc": (0,) * 4}
-    counts = {"vbus": 6000, "crc_errors": 0, "frame_errors": 0}
-    latched = {"state": m.DeviceState.LATCHED, "n": 3, "faults": 1 << m.Fault.STALL}
-    latched |= {"warnings": 0, "session": 0}
-    state = m.State(t_dev=0, last_seq=0, t_host_echo=0, **latched, **numbers, **counts)
-    bench.session.receive(encode(state, 1), bench.now)
+    latched = state(state=m.DeviceState.LATCHED, faults=1 << m.Fault.STALL)
+    bench.session.receive(encode(latched, 1), bench.now)
     assert bench.session.fault.text == "a servo stalled" and not bench.session.fault_reported
     bench.session.receive(encode(m.FaultReport(m.Fault.STALL, 1, -310, 0), 2), bench.now)
     assert bench.session.fault.text == "tendon 2 stalled 3.1 mm behind"

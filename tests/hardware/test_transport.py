@@ -32,41 +32,40 @@ def terminal():
         os.close(end)
 
 
-def test_bytes_go_both_ways_over_a_serial_port(terminal):
-    master, path = terminal
-    port = SerialTransport(path, 500000)
+@pytest.fixture
+def port(terminal):
+    found = SerialTransport(terminal[1], 500000)
+    yield found
+    found.close()
+
+
+def test_bytes_go_both_ways_over_a_serial_port(terminal, port):
+    master, _ = terminal
     assert port.read(0.01) == b""
     port.write(b"to robot")
     assert os.read(master, 100) == b"to robot"
     os.write(master, b"from robot")
     assert port.read(1.0) == b"from robot"
-    port.close()
-    port.close()
+    port.close()  # and once more at the end
 
 
-def test_a_port_is_for_one_program(terminal):
-    port = SerialTransport(terminal[1], 500000)
+def test_a_port_is_for_one_program(terminal, port):
     with pytest.raises(LinkError, match=f"cannot open {terminal[1]}: another program drives"):
         SerialTransport(terminal[1], 500000)
-    port.close()
 
 
-def test_a_process_that_slept_while_it_wrote_has_written(terminal, monkeypatch):
+def test_a_process_that_slept_while_it_wrote_has_written(terminal, port, monkeypatch):
     """Its time is over before it looks whether there is room."""
-    master, path = terminal
-    port, times = SerialTransport(path, 500000), count(0.0, 10.0)
+    times = count(0.0, 10.0)
     with monkeypatch.context() as busy:
         busy.setattr(transport, "monotonic", lambda: next(times))
         port.write(b"to robot")
-    assert os.read(master, 100) == b"to robot"
-    port.close()
+    assert os.read(terminal[0], 100) == b"to robot"
 
 
-def test_a_write_that_nobody_reads_times_out(terminal):
-    port = SerialTransport(terminal[1], 500000)
+def test_a_write_that_nobody_reads_times_out(port):
     with pytest.raises(LinkError, match="cannot write to"):
         port.write(bytes(1 << 20))
-    port.close()
 
 
 def test_a_hang_up_is_reported():
@@ -103,17 +102,11 @@ def recorded(tmp_path, ticks):
 
 
 def test_what_was_recorded_is_read(recorded):
-    assert read_link_log(recorded) == LinkLog(
-        (
-            Chunk(1.0, Direction.TO_ROBOT, encode(m.Ping(7), 1)),
-            Chunk(2.0, Direction.FROM_ROBOT, encode(m.Pong(7, 8), 2)),
-        ),
-        complete=True,
-    )
-
-
-def test_messages_of_a_recording(recorded):
-    found = [(c.direction, message, seq) for c, message, seq in read_link_log(recorded).messages()]
+    log = read_link_log(recorded)
+    asked = Chunk(1.0, Direction.TO_ROBOT, encode(m.Ping(7), 1))
+    answered = Chunk(2.0, Direction.FROM_ROBOT, encode(m.Pong(7, 8), 2))
+    assert log == LinkLog((asked, answered), complete=True)
+    found = [(c.direction, message, seq) for c, message, seq in log.messages()]
     assert found == [(Direction.TO_ROBOT, m.Ping(7), 1), (Direction.FROM_ROBOT, m.Pong(7, 8), 2)]
 
 

@@ -23,7 +23,7 @@ def mcap_header():
     )
 
 
-def mcap_file(path, encoding="json"):
+def json_file(path, encoding="json"):
     """Servos speak 5 ms before each picture of the tip but the first, which nobody can use."""
     writer = pytest.importorskip("mcap.writer").Writer(stream := BytesIO())
     writer.start()
@@ -45,8 +45,25 @@ def mcap_file(path, encoding="json"):
     return path
 
 
-def test_a_row_is_a_picture_with_the_last_command_before(tmp_path, mcap_header):
-    recording = read_recording(mcap_file(tmp_path / "a.mcap"), mcap_header)
+def ros_file(path):
+    """The same as messages of ROS 2."""
+    ros = pytest.importorskip("mcap_ros2.writer")
+    with path.open("wb") as file:
+        writer = ros.Writer(file)
+        servos = writer.register_msgdef("x/Servos", "float64[] pulled")
+        point = "x/Point point\n===\nMSG: x/Point\nfloat64 x\nfloat64 z"
+        tip = writer.register_msgdef("x/Tip", point)
+        for k, ((x, z), pulled) in enumerate(zip(TIPS, SERVOS, strict=True)):
+            at = 1_700_000_000_000_000_000 + 20_000_000 * k
+            writer.write_message("/servos", servos, {"pulled": pulled.tolist()}, at)
+            writer.write_message("/tip", tip, {"point": {"x": x, "z": z}}, at + 1)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("write", [json_file, ros_file])
+def test_a_row_is_a_picture_with_the_last_command_before(write, tmp_path, mcap_header):
+    recording = read_recording(write(tmp_path / "a.mcap"), mcap_header)
     assert recording.times == pytest.approx([0.0, 0.02, 0.04])
     assert recording.commands == pytest.approx(1e-3 * SERVOS)
     assert recording.markers[:, 0, ::2] == pytest.approx(1e-3 * TIPS)
@@ -56,32 +73,13 @@ def test_a_row_is_a_picture_with_the_last_command_before(tmp_path, mcap_header):
 def test_what_cannot_be_read_of_mcap_is_named(tmp_path, mcap_header):
     pytest.importorskip("mcap")
     with pytest.raises(ValueError, match="messages of /tip are 'xml'"):
-        read_recording(mcap_file(tmp_path / "x.mcap", "xml"), mcap_header)
+        read_recording(json_file(tmp_path / "x.mcap", "xml"), mcap_header)
     other = Header(commands=Commands("length", ("/wheels.0",), "mm"), time=Time("log_time", "ns"))
     with pytest.raises(ValueError, match="the topics /wheels; there are /servos, /tip"):
-        read_recording(mcap_file(tmp_path / "b.mcap"), other)
+        read_recording(json_file(tmp_path / "b.mcap"), other)
     (tmp_path / "c.mcap").write_bytes(b"no MCAP at all")
     with pytest.raises(ValueError, match=r"c\.mcap: no MCAP file"):
         read_recording(tmp_path / "c.mcap", mcap_header)
-
-
-def test_messages_of_ros_2(tmp_path, mcap_header):
-    ros = pytest.importorskip("mcap_ros2.writer")
-    path = tmp_path / "ros.mcap"
-    with path.open("wb") as file:
-        writer = ros.Writer(file)
-        servos = writer.register_msgdef("x/Servos", "float64[] pulled")
-        tip = writer.register_msgdef(
-            "x/Tip", "x/Point point\n===\nMSG: x/Point\nfloat64 x\nfloat64 z"
-        )
-        for k, ((x, z), pulled) in enumerate(zip(TIPS, SERVOS, strict=True)):
-            at = 1_700_000_000_000_000_000 + 20_000_000 * k
-            writer.write_message("/servos", servos, {"pulled": pulled.tolist()}, at)
-            writer.write_message("/tip", tip, {"point": {"x": x, "z": z}}, at + 1)
-        writer.finish()
-    recording = read_recording(path, mcap_header)
-    assert recording.commands == pytest.approx(1e-3 * SERVOS)
-    assert recording.markers[:, 0, ::2] == pytest.approx(1e-3 * TIPS)
 
 
 @pytest.mark.parametrize("data_format", ["arrow", "hdf5"])

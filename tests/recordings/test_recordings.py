@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from support.bad_files import assert_refused
 from support.recorded_rods import real_recording
 
 from softrobot_env.core.files import assets_dir
@@ -149,12 +150,9 @@ def test_commands_are_put_in_the_order_of_the_robots_tendons(tmp_path):
     ],
 )
 def test_what_is_wrong_is_said_in_a_line(tmp_path, where, old, new, said):
-    parts = {"table": TABLE, "header": HEADER}
-    assert old in parts[where]
-    path = write_pair(tmp_path, **parts | {where: parts[where].replace(old, new)})
-    with pytest.raises(ValueError, match=said) as error:
-        read_recording(path)
-    assert "\n" not in str(error.value) and str(path.with_suffix(""))[:-1] in str(error.value)
+    table = write_pair(tmp_path)
+    path = table if where == "table" else header_path(table)
+    assert_refused(lambda _: read_recording(table), path, old, new, said)
 
 
 def test_files_that_are_missing_or_of_another_kind(tmp_path):

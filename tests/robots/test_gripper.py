@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.bad_files import assert_refused
 
 from softrobot_env.robots import ARM, RIG, Base, Finger, Gripper, find_gripper, read_gripper
 from softrobot_env.robots.file import write_gripper
@@ -43,12 +44,8 @@ def test_a_file_and_an_object_are_the_same(tmp_path):
     ],
 )
 def test_what_is_wrong_in_a_file_is_named(tmp_path, old, new, message):
-    path = tmp_path / "mine.toml"
-    write_gripper(GRIPPER, path)
-    path.write_text(path.read_text().replace(old, new, 1))
-    with pytest.raises(ValueError, match=message) as error:
-        read_gripper(path)
-    assert "mine.toml" in str(error.value) and "\n" not in str(error.value)
+    write_gripper(GRIPPER, tmp_path / "mine.toml")
+    assert_refused(read_gripper, tmp_path / "mine.toml", old, new, message)
 
 
 def test_what_is_no_gripper_is_refused():

@@ -17,12 +17,14 @@ from softrobot_env.robots import (
     RIG,
     Base,
     Disc,
+    Drive,
     Tendon,
     centerline,
     find_robot,
 )
 from softrobot_env.robots.actuation import TendonMap, robot_inputs
 from softrobot_env.robots.artifacts import fingerprint
+from softrobot_env.robots.twin import nominal_twin
 from softrobot_env.robots.variations import neutral
 from softrobot_env.thesis.rig.three_tendons import ThreeTendons
 
@@ -126,24 +128,22 @@ def test_pair_formula_of_the_thesis():
 
 
 @pytest.mark.parametrize(
-    "tendons",
+    ("tendons", "reason"),
     [
-        ARM.tendons[:1],
-        (ARM.tendons[0], replace(ARM.tendons[1], offset=(-0.02, 0.0))),
-        tuple(replace(t, offset=(0.0, t.offset[0])) for t in ARM.tendons[:2]),
-        (ARM.tendons[0], replace(ARM.tendons[1], tension_limit=40.0)),
+        (ARM.tendons[:1], "planar tendon groups"),
+        ((ARM.tendons[0], replace(ARM.tendons[1], offset=(-0.02, 0.0))), "planar tendon groups"),
+        ([replace(t, offset=(0.0, t.offset[0])) for t in ARM.tendons[:2]], "planar tendon groups"),
+        ((ARM.tendons[0], replace(ARM.tendons[1], tension_limit=40.0)), "opposing tendons"),
+        (
+            (ARM.tendons[0], replace(ARM.tendons[1], pretension=5.0), *ARM.tendons[2:]),
+            "pair1_up, pair1_low must cancel",
+        ),
     ],
-    ids=["one", "uneven radii", "out of plane", "uneven limits"],
+    ids=["one", "uneven radii", "out of plane", "uneven limits", "uneven pretensions"],
 )
-def test_closed_forms_need_planar_pairs(tendons):
-    with pytest.raises(ValueError, match=r"(planar tendon groups|opposing tendons)"):
+def test_closed_forms_need_planar_pairs_that_cancel_each_other(tendons, reason):
+    with pytest.raises(ValueError, match=reason):
         TendonMap(replace(ARM, tendons=tendons)).require_pairs("a model")
-
-
-def test_pretensions_of_a_group_cancel_each_other():
-    uneven = (ARM.tendons[0], replace(ARM.tendons[1], pretension=5.0), *ARM.tendons[2:])
-    with pytest.raises(ValueError, match="pair1_up, pair1_low must cancel"):
-        TendonMap(replace(ARM, tendons=uneven))
 
 
 def _star(angles, radii, pretension=0.0, limit=30.0, **course):
@@ -274,6 +274,7 @@ def test_vary_refuses_bad_factors(name, factor):
 TENDON = Tendon("t", (0.01, 0.0), end=0.3, group=0, tension_limit=10.0, guides=(0.1, 0.2))
 FREE = replace(TENDON, guides=())
 DISC = Disc(0.1, 0.1, (1e-5, 1e-5, 1e-5))
+TWIN = nominal_twin(RIG)
 
 
 @pytest.mark.parametrize(
@@ -296,6 +297,17 @@ DISC = Disc(0.1, 0.1, (1e-5, 1e-5, 1e-5))
         (RIG, {"anisotropy": 2.0}, "anisotropy"),
         (RIG, {"precurvature": (80.0, 0.0)}, "precurvature"),
         (Base(), {"direction": (0, 0, 0)}, "base: direction must not be zero"),
+        (Drive("tension"), {"backlash": 1e-4}, "only tendons driven by length have"),
+        (TWIN, {"servo_offset": (0.0,)}, "each of 3 tendons"),
+        (TWIN, {"backlash": (0.0, 0.0)}, "each of 3 tendons"),
+        (TWIN, {"servo_speed": 0.0}, "servo_speed"),
+        (TWIN, {"servo_offset": (0.0, nan, 0.0)}, r"servo_offset\[1\] must be a finite number"),
+        (TWIN, {"servo_offset": (0.0, 0.0, 9e-3)}, "at most 0.008 m"),
+        (TWIN, {"backlash": (-1e-4, 0.0, 0.0)}, "zero or more"),
+        (TWIN, {"camera_delay": -0.01}, "zero or more"),
+        (TWIN, {"camera_delay": inf}, "zero or more"),
+        (TWIN, {"camera_noise": 0.01}, "camera_noise"),
+        (TWIN, {"camera_noise": nan}, "camera_noise"),
         (TENDON, {"tension_limit": 0.0}, "'t'.*tension_limit must be finite and positive"),
         (TENDON, {"pretension": -1.0}, "'t'.*0 <= pretension"),
         (TENDON, {"pretension": 10.0}, "'t'.*pretension < tension_limit"),

@@ -8,11 +8,20 @@ from queue import Empty, SimpleQueue
 import numpy as np
 
 from softrobot_env.hardware.errors import LinkError
+from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.session import Session
 from softrobot_env.hardware.robot_file import rig_file
 from softrobot_env.hardware.virtual_robot import Core, Measured
 
 PASS = 1e-3  # s, of a board's main loop
+
+
+def state(**fields):
+    """What a board of three tendons at rest says, but for some fields."""
+    usual = {"t_dev": 0, "last_seq": 0, "t_host_echo": 0, "n": 3, "session": 0}
+    usual |= {"applied": (0,) * 3, "length": (0,) * 3, "force": (0,) * 3, "adc": (0,) * 4}
+    usual |= {"vbus": 6000, "crc_errors": 0, "frame_errors": 0, "faults": 0, "warnings": 0}
+    return m.State(**usual | fields)
 
 
 class Board:

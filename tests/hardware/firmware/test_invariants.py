@@ -27,6 +27,15 @@ lengths = st.tuples(*[st.integers(-350, 350)] * N)
 configs = st.sampled_from((TIGHT, OTHER))
 little_ways = st.tuples(*[st.integers(-90, 90)] * N)
 
+#: Other messages than set-points, of a session.
+ORDERS = (
+    lambda session: m.Stop(session, 0),
+    m.Disarm,
+    lambda _: m.EStop(),
+    lambda _: m.Ping(1),
+    lambda _: m.Clear(1),
+)
+
 
 class Link(RuleBasedStateMachine):
     """A host that does anything in any order, over a line that loses, repeats and adds."""
@@ -168,21 +177,9 @@ class Link(RuleBasedStateMachine):
         self.bench.core.receive(garbage)
         self.step(ms)
 
-    @rule(
-        ms=steps,
-        end=st.sampled_from((m.Stop, m.Disarm, m.EStop, m.Ping, m.Clear)),
-        own=st.booleans(),
-    )
-    def other_orders(self, ms, end, own):
-        session = self.session if own else self.session + 1
-        fields = {
-            m.Stop: (session, 0),
-            m.Disarm: (session,),
-            m.EStop: (),
-            m.Ping: (1,),
-            m.Clear: (1,),
-        }
-        self.step(ms, end(*fields[end]))
+    @rule(ms=steps, order=st.sampled_from(ORDERS), own=st.booleans())
+    def other_orders(self, ms, order, own):
+        self.step(ms, order(self.session if own else self.session + 1))
 
     @rule(
         ms=steps,
@@ -200,10 +197,7 @@ class Link(RuleBasedStateMachine):
 
     @rule(ms=steps)
     def all_well(self, ms):
-        bench = self.bench
-        bench.length, bench.force, bench.adc = None, (100,) * N, (2000,) * 4
-        bench.vbus, bench.estop = 6000, False
-        self.step(ms)
+        self.measurements(ms, None, 100, 2000, 6000, False)
 
     @invariant()
     def powered_states_are_running_and_ramping(self):
