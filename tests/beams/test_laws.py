@@ -34,7 +34,7 @@ from softrobot_env.beams.numerics.linearization import residual_derivatives
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, Tendon
 from softrobot_env.robots.loads import Load
-from studies.truths.analytic import section
+from studies.truths.analytic import bent_rod, section
 from studies.truths.spatial_rod import helix
 
 pytestmark = pytest.mark.filterwarnings("ignore::softrobot_env.beams.ancf.LockingWarning")
@@ -289,10 +289,30 @@ def test_a_tip_moment_bends_to_a_circle_and_bends_and_twists_to_a_helix(
         np.testing.assert_allclose(model.tip(q), tip, atol=1e-9)
 
 
-# ---------------------------------------------------------------- the audit's numbers
-
 WEAK, STIFF = CANTILEVER_WEAK, CANTILEVER_STIFF
 PLANAR, TWISTING = partial(PCC, axes="planar"), partial(PCC, axes="torsion")
+
+
+@pytest.mark.parametrize(
+    ("make", "shear"),
+    [
+        (partial(PLANAR, inertia="distributed"), None),
+        (CosseratRod, 0.75),
+        (partial(CosseratRod, moments="printed"), 0.75),
+    ],
+    ids=["pcc", "conservative", "printed"],
+)
+def test_the_own_weight_bends_to_the_exact_rod_to_second_order(make, shear):
+    weight = (-9.81 * WEAK.mass_per_length, 0.0)
+    exact = bent_rod(0.5, section(WEAK, shear), weight=weight).tip
+    models = [make(WEAK, pieces) for pieces in (10, 20, 40)]
+    tips = [m.tip(m.equilibrium(load_steps=4, check_stability=False))[[0, 2]] for m in models]
+    errors = np.linalg.norm(tips - exact, axis=1)
+    np.testing.assert_allclose(errors[:-1] / errors[1:], 4, rtol=0.1)
+
+
+# ---------------------------------------------------------------- the audit's numbers
+
 THESIS_ROD = partial(CosseratRod, grid="thesis")
 PRINTED_ROD = partial(THESIS_ROD, weighting=2, moments="printed")
 FLAT = partial(ANCF, dimension=2)

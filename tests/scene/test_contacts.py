@@ -177,8 +177,7 @@ def test_a_lying_rod_and_its_clamp_carry_its_weight():
 
 
 def _moment_at_first_hinge(data, point, force):
-    joint = 0
-    return np.cross(point - data.xanchor[joint], force) @ data.xaxis[joint]
+    return np.cross(point - data.xanchor[0], force) @ data.xaxis[0]
 
 
 # --- friction ---------------------------------------------------------------------------------

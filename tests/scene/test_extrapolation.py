@@ -90,7 +90,6 @@ def test_accuracy_is_kept_against_runge_kutta(variation):
 def test_rows_of_the_extrapolation_are_its_order(rows):
     """With steps of equal length and no jump of a control within the motion."""
     soft = ARM.vary(damping_time=0.5)
-    controls = np.repeat(steps(10)[:1], 40, axis=0)
 
     def error(substeps):
         config = SceneConfig(
@@ -100,7 +99,7 @@ def test_rows_of_the_extrapolation_are_its_order(rows):
         simulation._integration.memory[0, :, FEWEST_PLACE] = rows
         simulation._integration.memory[0, :, MOST] = rows
         bent = 0.05 * np.ones(simulation.model.nq)
-        simulation.reset(bent, 0 * controls[0])
+        simulation.reset(bent, np.zeros(6))
         for _ in range(20 * substeps):
             simulation.advance()
         return np.append(simulation.data.qpos, simulation.data.qvel)

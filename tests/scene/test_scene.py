@@ -63,18 +63,12 @@ def test_curvature_is_that_of_the_stations_rotations(kind):
     np.testing.assert_allclose(built.curvature(q), turns / built.layout.sizes[:, None], atol=1e-12)
 
 
-@pytest.mark.parametrize("guides", [(), (0.2, 0.4)], ids=["channel", "guides"])
-def test_tendon_length_is_what_is_inside(guides):
-    tendon = Tendon("t", (0.02, 0.0), LENGTH, 0, 80.0, guides=guides)
+def test_tendon_length_is_what_is_inside():
+    tendon = Tendon("t", (0.02, 0.0), LENGTH, 0, 80.0)
     built = chain("universal", replace(ROBOT, tendons=(tendon,)))
     assert built.tendon_length(built.start().q) == pytest.approx([LENGTH])
     q = bent(built)
-    if guides:
-        stations, offset = np.array([0.0, *guides, LENGTH]), np.tile([0.02, 0.0], (4, 1))
-        spans = np.diff(built.positions(q, stations, offset), axis=0)
-        truth = np.linalg.norm(spans, axis=1).sum()
-    else:
-        truth = LENGTH - 0.02 * joint_angles(built.model, q)[:, 0].sum()
+    truth = LENGTH - 0.02 * joint_angles(built.model, q)[:, 0].sum()
     assert built.tendon_length(q) == pytest.approx([truth])
 
 
@@ -172,7 +166,6 @@ def test_divergence_is_an_error():
         (lambda s: s.positions(np.zeros(12), 2.0), "stations must lie between 0 and"),
         (lambda s: s.positions(np.zeros(3), 0.1), "need postures of 12 numbers each"),
         (lambda s: s.positions(np.zeros(12), [0.1], [[0, 0, 0]]), "offsets must have shape"),
-        (lambda s: s.equilibrium(np.zeros(3)), r"need controls of shape \(1,\)"),
     ],
 )
 def test_bad_arguments_are_refused_by_name(call, message):

@@ -39,19 +39,10 @@ def elastic(guides=()):
     return pair(guides, stiffness=STIFFNESS, pretension=PRETENSION)
 
 
-def guide_path(layout, q, offset, stations):
-    """Path length [m] through points at an offset from the chain, by plane geometry alone."""
-    knots = np.concatenate(([0.0], layout.stations))
-    turns = np.concatenate(([0.0], np.cumsum(q)))
-    steps = np.diff(knots)[:, None] * np.stack([np.sin(turns[:-1]), np.cos(turns[:-1])], axis=1)
-    origins = np.concatenate((np.zeros((1, 2)), np.cumsum(steps, axis=0)))
-    points = []
-    for station in stations:
-        link = np.flatnonzero(knots <= station + 1e-12)[-1]
-        along = np.array([np.sin(turns[link]), np.cos(turns[link])])
-        across = np.array([along[1], -along[0]])
-        points.append(origins[link] + (station - knots[link]) * along + offset * across)
-    return np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1))
+def guide_path(scene, q, offset, stations):
+    """Length [m] of the path through points at an offset (towards x) from the chain."""
+    points = scene.positions(q, stations, np.tile([offset, 0.0], (len(stations), 1)))
+    return np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
 
 
 @pytest.mark.parametrize("guides", [(), evenly(5)], ids=["channel", "guides"])
@@ -94,15 +85,14 @@ def test_lengths_of_exact_channels_are_those_of_the_bent_and_twisted_channel(tur
     assert near < far * 0.5**order * 1.3 + 1e-15
 
 
+@pytest.mark.parametrize("bending", ["planar", "spatial"])
 @pytest.mark.parametrize("spans", [2, 3, 8])
-def test_guided_length_is_the_path_through_the_guides(spans):
-    scene = build_scene(SceneConfig(pair(evenly(spans))))
-    q = np.random.default_rng(spans).uniform(-0.3, 0.3, 12)
-    data = posed(scene.model, q)
+def test_guided_length_is_the_path_through_the_guides(spans, bending):
+    scene = build_scene(SceneConfig(pair(evenly(spans)), bending=bending))
+    q = np.random.default_rng(spans).uniform(-0.3, 0.3, scene.model.nq)
     stations = (0.0, *evenly(spans), LENGTH)
-    for index, offset in enumerate((RADIUS, -RADIUS)):
-        path = guide_path(scene.layout, q, offset, stations)
-        assert data.ten_length[index] == pytest.approx(path, rel=1e-12)
+    paths = [guide_path(scene, q, offset, stations) for offset in (RADIUS, -RADIUS)]
+    np.testing.assert_allclose(scene.tendon_length(q), paths, rtol=1e-12)
 
 
 def moment_arms(spans, turn=1.5):
@@ -150,7 +140,7 @@ def test_length_drive_obeys_its_law(guides, pull):
     paths = LENGTH - offsets * q.sum()
     if guides:
         stations = (0.0, *guides, LENGTH)
-        paths = np.array([guide_path(scene.layout, q, x, stations) for x in offsets])
+        paths = np.array([guide_path(scene, q, x, stations) for x in offsets])
     else:
         assert q.sum() == pytest.approx(offsets @ force / ROBOT_STIFFNESS, rel=1e-9, abs=1e-12)
     expected = np.maximum(0, PRETENSION + STIFFNESS * (np.array(pull) - (LENGTH - paths)))
