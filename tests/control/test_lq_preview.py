@@ -3,7 +3,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from support.episodes import steps
+from support.driven import driven_steps
 
 from softrobot_env.beams.planar_arm import inertia_forces, make_planar_arm
 from softrobot_env.control.reference_smoothing import (
@@ -152,7 +152,7 @@ def driven(name, task, spoil, **options):
     def shown(k, seen):
         return seen | spoil(seen) if k == 1000 else seen
 
-    _, actions, _, after = zip(*steps(env, policy, 1900, shown, **options), strict=True)
+    _, actions, _, after = zip(*driven_steps(env, policy, 1900, shown, **options), strict=True)
     off = [seen["tip_position"] - seen["reference"] for seen in after]
     return np.array(actions), np.linalg.norm(off, axis=1)
 

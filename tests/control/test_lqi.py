@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
-from support.episodes import steps
+from support.driven import driven_steps
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.beams.model import State
@@ -176,7 +176,7 @@ def waited(limit, far, near, wait, **vary):
     def shown(k, seen):
         return seen | {"reference": far if k < wait else near}
 
-    run = list(steps(env, policy, wait + 1500, shown, vary=vary))
+    run = list(driven_steps(env, policy, wait + 1500, shown, vary=vary))
     errors = [np.linalg.norm(after["tip_position"] - seen["reference"]) for seen, *_, after in run]
     return np.array(errors), {state.status for _, _, state, _ in run}
 

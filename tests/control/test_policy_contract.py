@@ -41,11 +41,8 @@ TIMED = [name for name in ROBOTS if "control_period" in policy_environment(name,
 def make_env(name, duration=DURATION):
     """The environment of a policy's robot."""
     kind, task = (TrackingEnv, "swing") if ROBOTS[name] is ARM else (RigEnv, "triangle")
-    task, options = (
-        replace(make_task(task), duration=duration),
-        policy_environment(name, ROBOTS[name]),
-    )
-    return kind(task, observe="all", **options)
+    task = replace(make_task(task), duration=duration)
+    return kind(task, observe="all", **policy_environment(name, ROBOTS[name]))
 
 
 def case(name, feedback="state"):
@@ -242,13 +239,7 @@ def state_is_finite(state):
     """Whether all numbers in a state are finite."""
     if isinstance(state, np.ndarray | float):
         return bool(np.all(np.isfinite(state)))
-    parts = (
-        state
-        if isinstance(state, tuple)
-        else vars(state).values()
-        if hasattr(state, "__dict__")
-        else ()
-    )
+    parts = state if isinstance(state, tuple) else getattr(state, "__dict__", {}).values()
     return all(map(state_is_finite, parts))
 
 

@@ -100,12 +100,7 @@ def test_its_law_and_the_hybrid_begin_as_the_statics(trained):
     robot, _, path, _ = trained
     task = make_task("circle", robot=robot)
     point = task.trajectory.position(np.zeros(1))[0]
-    seen = {
-        "reference": point,
-        "reference_velocity": np.zeros(3),
-        "reference_acceleration": np.zeros(3),
-        "previous_action": np.zeros(3),
-    }
+    seen = observed(point, np.zeros(3), np.zeros(3), robot)
     static, _ = make_policy("static", robot, PERIOD).predict(seen)
     for name, option in (("qs_nn", "weights"), ("hybrid", "identified")):
         policy = make_policy(name, robot, PERIOD, **{option: path})
@@ -164,17 +159,16 @@ def test_the_force_of_a_motion_is_that_of_mujocos_inverse_dynamics(name):
     np.testing.assert_array_equal(at_rest, fresh)
 
 
-@pytest.mark.parametrize("name", ["planar_finger", pytest.param("arm", marks=pytest.mark.slow)])
+#: Planar robots are driven faster than spatial ones and those wound up by servos.
+SPEEDS = {"planar_finger": 0.3, "arm": 0.3, "rig": 0.1, "silicone_rod": 0.1, "hanging_trunk": 0.1}
+
+
+@pytest.mark.parametrize(
+    "name", ["planar_finger", *(pytest.param(n, marks=pytest.mark.slow) for n in [*SPEEDS][1:])]
+)
 def test_it_moves_the_tip_where_statics_lag_behind(name):
-    """At 0.3 of the first frequency: a tenth of the quasi-static error at most."""
-    static, dynamic = errors_of(lap(name, 0.3), "static", "chain_dynamics")
-    assert dynamic < 0.1 * static
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["rig", "silicone_rod", "hanging_trunk"])
-def test_it_moves_spatial_robots_and_those_wound_up_by_servos(name):
-    static, dynamic = errors_of(lap(name, 0.1), "static", "chain_dynamics")
+    """At a share of the first frequency: a tenth of the quasi-static error at most."""
+    static, dynamic = errors_of(lap(name, SPEEDS[name]), "static", "chain_dynamics")
     assert dynamic < 0.1 * static
 
 

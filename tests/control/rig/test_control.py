@@ -39,13 +39,18 @@ def observation(motion, previous=None):
 
 
 def follow(policy, wanted):
-    """Lengths (k, 3) [m] and states for motions."""
+    """Lengths (k, 3) [m] and states for motions, the first with the action wanted in force."""
     state, action, lengths, states = None, None, [], []
     for motion in wanted:
-        action, state = policy.predict(observation(motion, action), state)
+        action, state = decide(policy, motion, state, action)
         lengths.append(LENGTH_SCALE * action)
         states.append(state)
     return np.array(lengths), states
+
+
+def at(x, y=0.0):
+    """At rest at a place [m]."""
+    return Motion(np.array([x, y]), np.zeros(2), np.zeros(2))
 
 
 def decide(policy, motion, state=None, action=None):
@@ -76,7 +81,7 @@ def test_a_motion_of_constant_jerk_goes_on_exactly():
 
 
 def test_the_dynamic_part_vanishes_at_rest():
-    still = Motion(np.array([0.06, -0.05]), np.zeros(2), np.zeros(2))
+    still = at(0.06, -0.05)
     for model in (OnePiece(RIG), SeveralPieces(RIG)):
         memory = None
         for _ in range(3):
@@ -89,7 +94,7 @@ def test_the_dynamic_part_vanishes_at_rest():
 @pytest.mark.parametrize("far", [0.08, 0.0049])
 def test_after_a_jump_the_model_begins_anew_at_rest(far):
     model = SeveralPieces(RIG)
-    here, there = (Motion(np.array([x, 0.0]), np.zeros(2), np.zeros(2)) for x in (0.0, far))
+    here, there = at(0.0), at(far)
     _, memory = model.step(None, here, here, PERIOD)
     pull, _ = model.step(memory, there, there, PERIOD)
     fresh, _ = model.step(None, there, there, PERIOD)
@@ -141,8 +146,7 @@ def test_servos_are_on_average_where_they_should_be(rate):
         state, fine = None, np.arange(1, 101) * PERIOD / 100
         for t in np.arange(0, 0.2, PERIOD):
             # The reference's first coordinate tells the middle of the period that follows.
-            motion = Motion(np.array([0.1 * (t + PERIOD / 2), 0.0]), np.zeros(2), np.zeros(2))
-            action, state = policy.predict(observation(motion), state)
+            action, state = policy.predict(observation(at(0.1 * (t + PERIOD / 2))), state)
             path = servos.move(LENGTH_SCALE * action.astype(float), fine)[1:]
             path = np.concatenate([path, np.tile(path[-1], (100 - len(path), 1))])
             errors[compensated] = abs(path.mean() - (start + rate * (t + PERIOD / 2)))
@@ -153,8 +157,7 @@ def test_servos_are_on_average_where_they_should_be(rate):
 
 
 BOTH = pytest.mark.parametrize("name", ["inverse_dynamics", "hybrid_flexible"])
-FAR = Motion(np.array([0.19, 0.0]), np.zeros(2), np.zeros(2))
-BAD = Motion(np.array([np.nan, 0.0]), np.zeros(2), np.zeros(2))
+BAD = at(np.nan)
 PREVIOUS = np.array([0.1, -0.2, 0.3])
 
 
@@ -188,15 +191,14 @@ def test_the_action_in_force_matters_only_where_it_is_kept(name):
     found, said = policy.predict(observation(there, unknown), None)
     np.testing.assert_array_equal(found, truth)
     assert said.status == "observation not finite"
-    kept, _ = policy.predict(observation(FAR, unknown), state)
+    kept, _ = policy.predict(observation(at(0.19), unknown), state)
     np.testing.assert_array_equal(kept, truth)
 
 
 def test_beyond_the_network_s_points_is_said():
     policy = make_policy("rig_nn", RIG, PERIOD)
     for x, status in ((0.121, None), (0.126, "outside the trained workspace")):
-        still = Motion(np.array([x, 0.0]), np.zeros(2), np.zeros(2))
-        assert decide(policy, still)[1].status == status
+        assert decide(policy, at(x))[1].status == status
 
 
 def test_an_option_by_its_earlier_name_warns():
@@ -240,13 +242,8 @@ def laps(period, laps=3):
 
 
 def statuses(policy, wanted):
-    """Of the decisions for motions, the first of them with the action wanted in force."""
-    action = state = None
-    found = []
-    for motion in wanted:
-        action, state = decide(policy, motion, state, action)
-        found.append(state.status)
-    return np.array(found, dtype=object)
+    """Of the decisions for motions."""
+    return np.array([state.status for state in follow(policy, wanted)[1]], dtype=object)
 
 
 def tensions(reduced):
@@ -259,6 +256,7 @@ def tensions(reduced):
 
 
 def test_slack_is_said_exactly_where_a_tension_of_the_plan_is_negative():
+    """Statics without a model know no tensions."""
     _, wanted = laps(0.6)
     inverse = rig_piece.plan(SERVO, *(np.array(part) for part in zip(*wanted, strict=True)))
     truth = tensions(inverse.reduced).min(axis=1) < 0
@@ -266,6 +264,7 @@ def test_slack_is_said_exactly_where_a_tension_of_the_plan_is_negative():
     for identified in (None, KNOWN):
         found = statuses(RigFeedforward(RIG, PERIOD, identified, OnePiece(RIG)), wanted) == SLACK
         np.testing.assert_array_equal(found, truth)
+    assert SLACK not in statuses(RigFeedforward(RIG, PERIOD, KNOWN), wanted)
 
 
 def test_slack_is_said_of_several_pieces_as_well():
@@ -285,7 +284,7 @@ def test_a_servo_is_too_slow_where_it_does_not_arrive_in_time(period):
     """By the simulated servos."""
     rng = np.random.default_rng(0)
     policy = RigFeedforward(RIG, period, None, OnePiece(RIG))
-    still = Motion(np.array([0.05, -0.03]), np.zeros(2), np.zeros(2))
+    still = at(0.05, -0.03)
     wanted, _ = decide(policy, still)
     seen = set()
     for _ in range(100):
@@ -309,7 +308,6 @@ def test_nothing_is_said_of_laps_that_can_be_done(period, model):
 
 
 SIDEWAYS = np.array([0.0, 20.0])  # m/s2
-NOWHERE = Motion(*np.full((3, 2), np.nan))
 
 
 @pytest.mark.parametrize(
@@ -327,13 +325,8 @@ def test_what_changes_the_action_is_said_first(identified, x, status):
     motion = Motion(np.array([x, 0.0]), np.zeros(2), SIDEWAYS)
     _, state = decide(policy, motion, None, np.full(3, -1.0))
     assert state.status == status
-    _, state = decide(policy, NOWHERE, state, np.full(3, -1.0))
+    _, state = decide(policy, BAD, state, np.full(3, -1.0))
     assert state.status == "observation not finite"
-
-
-def test_statics_without_a_model_know_no_tensions():
-    found = statuses(RigFeedforward(RIG, PERIOD, KNOWN), laps(0.6)[1])
-    assert SLACK not in found
 
 
 def test_stacked_decisions_of_the_network_are_those_of_one_after_the_other(monkeypatch):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from softrobot_env.cli import main
 from softrobot_env.identification import excitation
 from softrobot_env.identification.excitation import Excitation, plan
 from softrobot_env.identification.visits import nominal_lengths, visits_of
@@ -178,8 +177,3 @@ def test_visits_keep_within_a_radius_and_are_of_rigs_alone():
     assert 0.04 < np.hypot(*near.measured.T).max() < 0.055
     with pytest.raises(ValueError, match="three"):
         plan(ROBOTS["ftdcr_v4"], FEW, 0.02)
-
-
-def test_twins_are_trained_for_one_artifact_only(tmp_path, capsys):
-    assert main(["train", "lqi", "--twin", "1", "--out", str(tmp_path)]) != 0
-    assert "--twin: only with ssm, sensors, rig_nn" in capsys.readouterr().err

@@ -56,17 +56,18 @@ def test_stabilisation_keeps_the_output_on_its_trajectory(one, monkeypatch):
 
 def test_motion_and_inputs_of_three_pieces_balance(three):
     found = plan(three, FAST, TIMES, 8)
-    h = TIMES[1] - TIMES[0]
-    rate = (found.v[2:] - found.v[:-2]) / (2 * h)
-    series = zip(found.q[1:-1], found.v[1:-1], rate, found.tension[1:-1], strict=True)
-    missing = np.array([three.model.residual(*x) for x in series])
+
+    def missing(k):
+        """With rates by differences over k steps to both sides."""
+        rate = (found.v[2 * k :] - found.v[: -2 * k]) / (2 * k * (TIMES[1] - TIMES[0]))
+        moved = (part[k:-k] for part in (found.q, found.v))
+        series = zip(*moved, rate, found.tension[k:-k], strict=True)
+        return np.abs([three.model.residual(*x) for x in series]).max()
+
     moments = np.abs([three.model.residual(q, 0 * q, 0 * q) for q in found.q]).max()
-    # What is left is the error of the difference above: of second order in h.
-    wide = (found.v[4:] - found.v[:-4]) / (4 * h)
-    series = zip(found.q[2:-2], found.v[2:-2], wide, found.tension[2:-2], strict=True)
-    wider = np.array([three.model.residual(*x) for x in series])
-    assert np.abs(missing).max() < 0.05 * moments
-    assert np.abs(wider).max() / np.abs(missing).max() == pytest.approx(4, rel=0.3)
+    # What is left is the error of the difference: of second order in the step.
+    assert missing(1) < 0.05 * moments
+    assert missing(2) / missing(1) == pytest.approx(4, rel=0.3)
     gap = output(three, found.q) - FAST.position(TIMES)[:, :2]
     assert np.abs(gap).max() < 1e-5
 

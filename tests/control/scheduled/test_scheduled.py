@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import scipy.linalg
 from scipy.optimize import lsq_linear
 from support.derivatives import differences
-from support.episodes import steps
+from support.driven import driven_steps
 
 import softrobot_env  # noqa: F401  (registers the environments)
 from softrobot_env.control.linear_quadratic import BoundedSolver
@@ -70,7 +69,7 @@ def environment(robot, task="circle", preview=None, **options):
 def driven(policy, robot, task="circle", count=None, vary=None, **options):
     """Observation before, action, state and observation after each step of an episode."""
     with environment(robot, task, **options) as env:
-        yield from steps(env, policy, count, vary=vary or {})
+        yield from driven_steps(env, policy, count, vary=vary or {})
 
 
 def mean_error(policy, robot, vary=None, **options):
@@ -80,6 +79,11 @@ def mean_error(policy, robot, vary=None, **options):
         for *_, after in driven(policy, robot, vary=vary, **options)
     ]
     return np.mean(errors[len(errors) // 5 :])
+
+
+def first_frequency(model):
+    """[rad/s]."""
+    return np.sqrt(np.linalg.eigvals(np.linalg.solve(model.mass, model.stiffness)).real.min())
 
 
 # --- the linear model -----------------------------------------------------------------------------
@@ -107,8 +111,7 @@ def test_its_first_mode_is_the_chains():
     linearizer = Linearizer(scene)
     rest = scene.equilibrium(np.zeros(scene.model.nu))
     model = linearizer.about(rest, np.zeros(robot_inputs(FINGER).n_inputs))
-    slowest = np.sqrt(scipy.linalg.eigh(model.stiffness, model.mass, eigvals_only=True)[0])
-    assert 2 * np.pi / slowest == pytest.approx(timing_of(FINGER).first, rel=0.01)
+    assert 2 * np.pi / first_frequency(model) == pytest.approx(timing_of(FINGER).first, rel=0.01)
 
 
 # --- the table ------------------------------------------------------------------------------------
@@ -274,11 +277,9 @@ def test_cost_of_deviations_is_what_they_cost_step_by_step(rod_points):
     regulator = regulator_of(ROD, rod_points.points[1], rod_points.directions, timing)
     m, rng = regulator.b.shape[1], np.random.default_rng(1)
     hessian = deviation_cost(regulator, timing)
-    costs = []
     off = rng.normal(size=(2, len(timing.nodes), m))
     start = 0.1 * rng.normal(size=len(regulator.a))
-    for more in (np.zeros_like(off[0]), *off):
-        costs.append(_cost(regulator, timing, start, more))
+    costs = [_cost(regulator, timing, start, more) for more in (0 * off[0], *off)]
     one, two = (more.ravel() @ hessian @ more.ravel() for more in off)
     assert (costs[1] - costs[0]) / (costs[2] - costs[0]) == pytest.approx(one / two, rel=1e-5)
 
@@ -345,7 +346,9 @@ def test_circle_beyond_the_speed_of_servos_is_followed_better_than_by_lq(rod_tab
 
 
 def test_tensions_of_a_planar_arm_end_at_their_limits():
-    arm = replace(ARM, name="short", length=0.3, pieces=4, tendons=_two_pairs())
+    pairs = [t for t in ARM.tendons if t.group < 2]
+    pairs = tuple(replace(t, end=0.15 * (t.group + 1), tension_limit=15.0) for t in pairs)
+    arm = replace(ARM, name="short", length=0.3, pieces=4, tendons=pairs)
     table = build_table(arm, Constrained(arm), find_points(arm, most=6, candidates=30))
     law = ScheduledMPC(arm, timing_of(arm).period, table)
     seen = still(law)
@@ -363,11 +366,6 @@ def test_tensions_of_a_planar_arm_end_at_their_limits():
     assert state.status == "tension limit reached"
 
 
-def _two_pairs():
-    pairs = [t for t in ARM.tendons if t.group < 2]
-    return tuple(replace(t, end=0.15 * (t.group + 1), tension_limit=15.0) for t in pairs)
-
-
 # ---------------------------------------------------------------- refusals
 
 
@@ -382,14 +380,12 @@ def test_thesis_settings_need_no_preview(rod_points):
     np.testing.assert_allclose(action, seen["previous_action"], atol=2e-3)
 
 
-def test_other_previews_and_references_are_refused(law):
+def test_other_previews_references_and_periods_are_refused(law):
     with pytest.raises(ValueError, match="needs an environment with preview="):
         law.predict(still(law, reference_preview=np.zeros(6)))
     with pytest.raises(ValueError, match="of three coordinates"):
         law.predict(still(law, reference=np.zeros(1), tip_position=np.zeros(1)))
 
-
-def test_periods_that_are_no_part_of_its_own_are_refused(law):
     with pytest.raises(ValueError, match=r"model predictive control decides every 0\.001 s"):
         ScheduledMPC(ROD, 0.003, law._law.table)
 
@@ -404,10 +400,6 @@ def test_bad_observations_keep_the_action(law):
 
 
 # --- points of beam models ------------------------------------------------------------------------
-
-
-def first_frequency(model):
-    return np.sqrt(np.linalg.eigvals(np.linalg.solve(model.mass, model.stiffness)).real.min())
 
 
 @pytest.mark.parametrize(
@@ -466,19 +458,16 @@ def test_a_model_that_lacks_what_the_robot_has_says_so():
 def test_a_law_tuned_on_another_plant_tracks_about_as_well_on_either():
     """A tenth of what holding still errs, and within a third of the law that is at home."""
     timing, errors = timing_of(FINGER), {}
+    times = {"control_period": timing.period, "preview": timing.knots}
     task = generic_tasks(FINGER)["circle"](frequency=0.3)
     for tuned in ("mujoco", "pcc"):
         points = find_points(FINGER, most=40, candidates=120, plant=tuned)
         law = LQPreview(FINGER, timing.period, build_table(FINGER, Preview(FINGER), points))
         for plant in ("mujoco", "pcc"):
             case = Case(task, "lq_preview", plant=plant)
-            env = Case(task, "hold", plant=plant, scene=_times(timing)).environment()
+            env = Case(task, "hold", plant=plant, scene=times).environment()
             errors[tuned, plant] = float(np.mean(run(case, env, law).rollout.error))
     hold = float(np.mean(run(Case(task, "hold")).rollout.error))
     assert max(errors.values()) < hold / 10, errors
     assert errors["pcc", "mujoco"] < 4 / 3 * errors["mujoco", "mujoco"], errors
     assert errors["mujoco", "pcc"] < 4 / 3 * errors["pcc", "pcc"], errors
-
-
-def _times(timing):
-    return {"control_period": timing.period, "preview": timing.knots}
