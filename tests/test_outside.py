@@ -13,7 +13,7 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
-from support.commands import rows_in
+from support.commands import MINE, rows_in
 from support.processes import finished
 
 import softrobot_env
@@ -320,13 +320,8 @@ def test_what_makes_no_policy_is_reported():
 # ---------------------------------------------------------------- modules and files
 
 
-FILE = """
+FILE = f"""{MINE}
 from softrobot_env.robots import find_robot
-from softrobot_env.tasks import SetPoints, Task
-
-def stay(robot, seconds=0.5):
-    points = SetPoints(((0.0, 0.0, robot.reach),), float(seconds))
-    return Task("stay", robot, points, float(seconds), (0.0, 0.0))
 
 FIXED = stay(find_robot("planar_finger"))
 number = 3

@@ -1,6 +1,4 @@
 import os
-import subprocess
-import sys
 import zipfile
 
 import pytest
@@ -11,10 +9,8 @@ from support.processes import finished
 def wheel(tmp_path_factory, request):
     """The wheel, built offline with the build backend that is installed."""
     out = tmp_path_factory.mktemp("dist")
-    command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(out)]
-    subprocess.run(
-        [*command, str(request.config.rootpath)], check=True, capture_output=True, text=True
-    )
+    command = ("-m", "build", "--wheel", "--no-isolation", "--outdir", out)
+    finished(*command, request.config.rootpath, check=True)
     (path,) = out.glob("*.whl")
     return path
 

@@ -1,9 +1,9 @@
 """Tests that depend on the clock: what becomes of them on busy and on quiet machines."""
 
-import subprocess
-import sys
 from pathlib import Path
 from xml.etree import ElementTree
+
+from support.processes import finished
 
 TESTS = Path(__file__).parent
 
@@ -48,8 +48,8 @@ def test_failures_are_skipped_only_where_the_machine_did_not_give_what_they_need
     (tmp_path / "test_inner.py").write_text(INNER)
     (tmp_path / "conftest.py").write_text(CONFTEST)
     found = tmp_path / "found.xml"
-    command = [sys.executable, "-m", "pytest", "--rootdir", str(tmp_path), f"--junitxml={found}"]
-    done = subprocess.run([*command, str(tmp_path)], cwd=tmp_path, capture_output=True, text=True)
+    command = ("-m", "pytest", "--rootdir", tmp_path, f"--junitxml={found}", tmp_path)
+    done = finished(*command, cwd=tmp_path)
     assert found.exists(), done.stdout + done.stderr
     outcomes = {
         case.get("name"): [child.tag for child in case]

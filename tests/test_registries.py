@@ -84,19 +84,7 @@ def test_commands_parse_their_own_examples(prefix, name, command):
 EVERY_ID = registration.ENVIRONMENTS | registration.RIG_ENVIRONMENTS
 
 
-def run(code: str) -> str:
-    """Output of a fresh interpreter that finds the package and nothing imported yet."""
-    result = finished(
-        "-W", "error", "-c", code, cwd=ROOT.anchor, env=os.environ | {"PYTHONPATH": str(ROOT)}
-    )
-    assert result.returncode == 0, result.stderr
-    return result.stdout
-
-
-def test_make_in_a_fresh_interpreter():
-    """By the name of the module, which loads it, and then without."""
-    tasks = run(
-        f"""
+FRESH = f"""
 import gymnasium
 module = "softrobot_env:"
 for env_id in {list(EVERY_ID)}:
@@ -105,8 +93,14 @@ for env_id in {list(EVERY_ID)}:
     env.reset(seed=0)
     print(env.spec.id, env.unwrapped.task.name)
 """
-    )
-    assert dict(line.split() for line in tasks.splitlines()) == EVERY_ID
+
+
+def test_make_in_a_fresh_interpreter():
+    """By the name of the module, which loads it, and then without."""
+    alone = {"cwd": ROOT.anchor, "env": os.environ | {"PYTHONPATH": str(ROOT)}}
+    done = finished("-W", "error", "-c", FRESH, **alone)
+    assert done.returncode == 0, done.stderr
+    assert dict(line.split() for line in done.stdout.splitlines()) == EVERY_ID
 
 
 def test_registering_again_changes_nothing():

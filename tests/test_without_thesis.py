@@ -2,8 +2,6 @@
 
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -80,6 +78,6 @@ def test_commands_work(copy, command):
 
 def test_commands_ask_for_a_robot(copy):
     folder, variables = copy
-    command = [sys.executable, "-m", "softrobot_env", "evaluate", "--out", "asked"]
-    done = subprocess.run(command, cwd=folder, env=variables, capture_output=True, text=True)
+    command = ("-m", "softrobot_env", "evaluate", "--out", "asked")
+    done = finished(*command, cwd=folder, env=variables)
     assert done.returncode == 2 and "give a robot: --robot FILE" in done.stderr

@@ -1,7 +1,6 @@
 import json
 import os
 import re
-import subprocess
 import sys
 import time
 from runpy import run_path
@@ -184,7 +183,7 @@ print(NOTICE.count)
 def test_what_was_warmed_up_is_not_compiled_again(tmp_path):
     places = dict.fromkeys(("NUMBA_CACHE_DIR", "XDG_CACHE_HOME"), str(tmp_path))
     environment = {**os.environ, **places}
-    command = [sys.executable, "-m", "softrobot_env", "warm-up", "mujoco", "hold"]
-    subprocess.run(command, env=environment, check=True, timeout=300)
+    warmed = ("-m", "softrobot_env", "warm-up", "mujoco", "hold")
+    finished(*warmed, env=environment, check=True, timeout=300)
     done = finished("-c", _COUNT, env=environment, check=True)
     assert int(done.stdout) == 0

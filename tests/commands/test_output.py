@@ -1,12 +1,12 @@
 """What commands write: nothing of an earlier run is lost, mixed up or written by two at once."""
 
 import re
-import subprocess
-import sys
 from pathlib import Path
+from subprocess import PIPE
 
 import pytest
 from support.commands import rows_in
+from support.processes import python
 
 from softrobot_env.cli import main
 from softrobot_env.commands.output import claimed, new_results, progress_on, say
@@ -124,18 +124,9 @@ with claimed(Path(sys.argv[1])):
 
 
 def test_two_runs_do_not_write_to_one_folder(tmp_path, capsys):
-    holder = subprocess.Popen(
-        [sys.executable, "-c", _HOLD, str(tmp_path)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert holder.stdout.readline() == "held\n"
-    try:
+    with python(_HOLD, str(tmp_path), stdin=PIPE, stdout=PIPE, text=True) as holder:
+        assert holder.stdout.readline() == "held\n"
         assert "another run writes to" in refused(f"{_SHORT} --out {tmp_path}", capsys)
-    finally:
-        holder.kill()
-        holder.communicate()
     with claimed(tmp_path):  # what was killed holds nothing
         pass
 

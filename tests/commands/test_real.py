@@ -5,11 +5,10 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 import pytest
-from support.commands import rows_in
+from support.commands import called, evaluated, rows_in
 from support.patience import patient_commands
 from support.rig_identified_file import identified_file
 
-from softrobot_env.cli import main
 from softrobot_env.commands.robot import setup as real_setup
 from softrobot_env.commands.robot.soak import answer_times
 from softrobot_env.envs.real import RealRigEnv
@@ -35,12 +34,10 @@ def patient():
 def test_a_policy_runs_on_a_virtual_robot(tmp_path, capsys):
     out, record = tmp_path / "out", tmp_path / "links"
     identified = identified_file(tmp_path / "identified.npz", twin=0)
-    command = "evaluate --tasks reach --option hold=0.1 --option radius=0.03 --policies hybrid"
-    files = ["--out", f"{out}", "--record", f"{record}", "--identified", f"{identified}"]
-    status = main([*command.split(), "--env", "virtual", *files])
-    (row,) = rows_in(out)
+    words = "--tasks reach --option hold=0.1 --option radius=0.03 --policies hybrid --env virtual"
+    (row,) = evaluated(out, words, "--record", record, "--identified", identified)
     assert (row["source"], row["plant"], row["twin"]) == ("real", "virtual", 0)
-    assert status == 0 and row["failure"] is None and row["identified"] == "twin 0"
+    assert row["failure"] is None and row["identified"] == "twin 0"
     said = capsys.readouterr().out
     assert "virtual twin 0" in said and "other rigs differ" not in said
     # The episode, and the short one before it that warms up.
@@ -88,8 +85,8 @@ def test_a_virtual_robot_ends_if_its_environment_is_refused(ended):
 
 
 def test_no_robot_at_the_port(tmp_path, capsys):
-    command = "evaluate --tasks reach --policies hybrid --env real --port /dev/no_robot"
-    assert main([*command.split(), "--no-plots", "--out", str(tmp_path)]) == 1
+    words = "--tasks reach --policies hybrid --env real --port /dev/no_robot --no-plots --out"
+    assert called("evaluate", words, tmp_path) == 1
     assert "/dev/no_robot" in capsys.readouterr().out.replace("\n", "")
 
 
@@ -97,7 +94,7 @@ def test_no_robot_at_the_port(tmp_path, capsys):
 @pytest.mark.realtime(late=0.9)
 @pytest.mark.usefixtures("patient")
 def test_a_short_soak_says_what_it_measured(tmp_path):
-    main(["robot", "soak", "--seconds", "3", "--out", str(tmp_path)])
+    called("robot soak --seconds 3 --out", tmp_path)
     row, *promises = rows_in(tmp_path)
     assert row["failure"] is None and row["steps"] == 150
     assert row["ticks"] > 1000 and row["unsafe_outputs"] == 0
@@ -107,10 +104,7 @@ def test_a_short_soak_says_what_it_measured(tmp_path):
 
 
 def test_a_step_without_an_answer_waits_for_the_next_one():
-    assert answer_times([0.01, None, None, 0.015], 0.02) == pytest.approx(
-        [0.01, 0.055, 0.035, 0.015]
-    )
-
-
-def test_a_robot_that_never_answers_is_slower_than_a_period():
+    """And a robot that never answers is slower than a period."""
+    found = answer_times([0.01, None, None, 0.015], 0.02)
+    assert found == pytest.approx([0.01, 0.055, 0.035, 0.015])
     assert min(answer_times([None, None], 0.02)) > 0.02

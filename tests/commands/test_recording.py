@@ -4,10 +4,9 @@ import json
 from importlib.util import find_spec
 
 import pytest
-from support.commands import rows_in
+from support.commands import called, evaluated, rows_in
 from support.recorded_rods import real_recording
 
-from softrobot_env.cli import main
 from softrobot_env.core.files import assets_dir
 from softrobot_env.recordings import read_header, read_recording, write_header
 from softrobot_env.robots import ROBOTS, write_robot
@@ -19,20 +18,19 @@ FINGER = "robot record --robot planar_finger --kinds pulls --levels 1 --rest 0.3
 def pulls(tmp_path, capsys):
     """A recording of a finger whose tendons are pulled in turn."""
     path = tmp_path / "pulls.csv"
-    assert main([*FINGER.split(), "--static", "--out", str(path)]) == 0
+    assert called(FINGER, "--static --out", path) == 0
     said = capsys.readouterr().out
     assert "to 0.5, 0.5, 0.5, 0.5 of full scale" in said and "Wrote 8 rows" in said
     return path
 
 
 def test_a_robot_is_recorded_checked_and_replayed(pulls, tmp_path, capsys):
-    assert main(["recording", "check", str(pulls), "--robot", "planar_finger"]) == 0
+    assert called("recording check", pulls, "--robot planar_finger") == 0
     said = capsys.readouterr().out
     assert "at rest in every row" in said and "pull_input1+ (2)" in said and "Look" not in said
     out = tmp_path / "out"
-    command = ["recording", "replay", str(pulls), "--robot", "planar_finger", "--out", str(out)]
-    plots = [] if find_spec("matplotlib") else ["--no-plots"]
-    assert main([*command, *plots]) == 0
+    plots = "" if find_spec("matplotlib") else "--no-plots"
+    assert called("recording replay", pulls, "--robot planar_finger", plots, "--out", out) == 0
     whole, *patterns = rows_in(out)
     assert (whole["pattern"], whole["rows"], whole["failed"]) == ("all", 8, 0)
     assert [row["pattern"] for row in patterns] == [f"pull_input{k}{s}" for k in "12" for s in "+-"]
@@ -51,17 +49,16 @@ def test_the_header_beside_an_identified_robot_counts(pulls, tmp_path, capsys):
     write_robot(ROBOTS["planar_finger"], found / "robot.toml")
     write_header(read_header(pulls.with_suffix(".toml")), found / "recording.toml")
     pulls.with_suffix(".toml").unlink()
-    replay = ["recording", "replay", str(pulls), "--out", str(tmp_path), "--no-plots", "--robot"]
-    assert main([*replay, "planar_finger"]) == 2
+    replay = ("recording replay", pulls, "--no-plots --out", tmp_path, "--robot")
+    assert called(*replay, "planar_finger") == 2
     assert "has no header" in capsys.readouterr().err
-    assert main([*replay, str(found / "robot.toml")]) == 0
+    assert called(*replay, found / "robot.toml") == 0
     assert "Header: " in (said := capsys.readouterr().out) and "recording.toml" in said
 
 
 def test_what_is_evaluated_is_recorded(tmp_path):
-    command = "evaluate --tasks swing --policies hold lqi --duration 0.1 --no-plots"
-    options = ["--record", str(tmp_path / "rec"), "--out", str(tmp_path)]
-    assert main([*command.split(), *options]) == 0
+    words = "--tasks swing --policies hold lqi --duration 0.1 --no-plots --record"
+    evaluated(tmp_path, words, tmp_path / "rec")
     names = {path.name for path in (tmp_path / "rec").iterdir()}
     assert names == {f"swing_{name}.{end}" for name in ("hold", "lqi") for end in ("csv", "toml")}
     recording = read_recording(tmp_path / "rec" / "swing_hold.csv")
@@ -70,11 +67,10 @@ def test_what_is_evaluated_is_recorded(tmp_path):
 
 def test_a_real_robot_is_refused_until_its_tendons_are_known(tmp_path, capsys):
     path = real_recording("ftdcr_v4/train.csv")
-    header = str(assets_dir() / "recordings" / "ftdcr_v4.toml")
-    known = ["--header", header, "--robot", "ftdcr_v4"]
-    assert main(["recording", "check", str(path), *known]) == 0
+    known = (path, "--robot ftdcr_v4 --header", assets_dir() / "recordings" / "ftdcr_v4.toml")
+    assert called("recording check", *known) == 0
     assert "1620, mostly 1.747 a second" in capsys.readouterr().out
-    assert main(["recording", "replay", str(path), *known, "--out", str(tmp_path)]) == 2
+    assert called("recording replay", *known, "--out", tmp_path) == 2
     assert "which tendons the commands drive is not known" in capsys.readouterr().err
 
 
@@ -86,11 +82,11 @@ def test_a_virtual_robot_is_recorded_over_its_serial_line(tmp_path):
     from support.patience import patient_commands
 
     path = tmp_path / "virtual.csv"
-    command = "robot record --env virtual --twin 3 --levels 1 --rest 0.3 --duration 3 --out"
+    words = "robot record --env virtual --twin 3 --levels 1 --rest 0.3 --duration 3 --out"
     with patient_commands():
-        assert main([*command.split(), str(path)]) == 0
-    replay = ["recording", "replay", "--robot", "rig", "--twin", "3", "--no-plots"]
-    assert main([*replay[:2], str(path), *replay[2:], "--out", str(tmp_path)]) == 0
+        assert called(words, path) == 0
+    words = "--robot rig --twin 3 --no-plots --out"
+    assert called("recording replay", path, words, tmp_path) == 0
     whole, *_ = rows_in(tmp_path)
     # 0.3 mm in each of x and y, of which the tip filter takes some; the rest is the clock's.
     assert whole["rms"] < 1.5 * 2**0.5 * 0.3e-3
@@ -103,8 +99,8 @@ def test_a_long_static_recording_is_replayed_in_seconds(tmp_path):
     names = json.dumps([tendon.name for tendon in ROBOTS["ftdcr_v4"].tendons])
     text = (assets_dir() / "recordings" / "ftdcr_v4.toml").read_text()
     header.write_text(text.replace("[commands]\n", f"[commands]\ntendons = {names}\n"))
-    out = ["--header", str(header), "--out", str(tmp_path), "--no-plots"]
-    assert main(["recording", "replay", str(path), "--robot", "ftdcr_v4", *out]) == 0
+    words = ("--robot ftdcr_v4 --no-plots --header", header, "--out", tmp_path)
+    assert called("recording replay", path, *words) == 0
     whole, *_ = rows_in(tmp_path)
     assert (whole["rows"], whole["failed"]) == (1620, 0)
     assert whole["cpu_time"] < 30  # some 5 s on an idle core; busy ones share their caches

@@ -24,9 +24,8 @@ FAST = "--option period=0.5 --control-period 0.05"
 def triangle(tmp_path_factory):
     """Folder and rows of two policies on two triangles of twin 0."""
     out = tmp_path_factory.mktemp("triangle")
-    arguments = ["--tasks", "triangle", "--policies", "hybrid", "inverse_dynamics"]
-    arguments += ["--option", "period=1,0.5", "--save-rollouts", "--no-plots"]
-    return out, evaluated(out, *arguments)
+    words = "--tasks triangle --policies hybrid inverse_dynamics --option period=1,0.5"
+    return out, evaluated(out, words, "--save-rollouts --no-plots")
 
 
 def test_every_value_of_an_option_is_run(triangle):
@@ -59,8 +58,8 @@ def test_the_report_has_the_thesis_figures_below_ours(triangle):
 
 
 def test_rows_of_arm_and_rig_have_the_same_columns(tmp_path):
-    arguments = ["--tasks", "lshape", "reach", "--policies", "hold", "rig_nn", "--no-plots"]
-    arm, rig = evaluated(tmp_path, *arguments, "--control-period", "0.1")
+    words = "--tasks lshape reach --policies hold rig_nn --no-plots --control-period 0.1"
+    arm, rig = evaluated(tmp_path, words)
     assert set(arm) == set(rig)
     assert arm["task"] == "lshape" and arm["policy"] == "hold"
     assert all(arm[name] is None for name in ("twin", "period", "radius", "e_mean_tracking"))
@@ -70,8 +69,8 @@ def test_rows_of_arm_and_rig_have_the_same_columns(tmp_path):
 
 
 def test_twins_are_compared_with_the_ideal_rig(tmp_path, capsys):
-    arguments = ["--tasks", "triangle", "--policies", "inverse_dynamics", "--no-plots"]
-    rows = evaluated(tmp_path, *arguments, "--option", "period=2", "--twin", "0", "none")
+    words = "--tasks triangle --policies inverse_dynamics --no-plots --option period=2"
+    rows = evaluated(tmp_path, words, "--twin 0 none")
     assert [row["twin"] for row in rows] == [0, None]
     # The policy's model is that of the ideal rig.
     assert rows[0]["e_mean_tracking"] > 4 * rows[1]["e_mean_tracking"]
@@ -87,10 +86,8 @@ def test_all_policies_are_those_that_fit():
 
 
 def test_options_apply_to_every_task_that_has_them(tmp_path):
-    arguments = ["--tasks", "reach", "rig_circle", "--policies", "rig_nn", "--no-plots"]
-    rows = evaluated(
-        tmp_path, *arguments, "--option", "radius=0.05", "--path-seeds", "2", "--speeds", "0.2"
-    )
+    words = "--tasks reach rig_circle --policies rig_nn --no-plots --option radius=0.05"
+    rows = evaluated(tmp_path, words, "--path-seeds 2 --speeds 0.2")
     reported = [(row["task"], row["radius"], row["path_seed"], row["speed"]) for row in rows]
     assert reported == [("reach", 0.05, 2, None), ("rig_circle", 0.05, None, 0.2)]
 
@@ -117,15 +114,13 @@ def test_inspect_tells_which_errors_a_rig_has_not(capsys):
 
 @pytest.mark.slow  # compiling the model takes long
 def test_a_rig_varies_and_can_be_a_beam_model(tmp_path, capsys):
-    arguments = ["--tasks", "triangle", "--policies", "inverse_dynamics", "--no-plots", FAST]
-    arguments += ["--duration", "0.3"]
-    vary = ["--twin", "0", "none", "--vary", "youngs_modulus=1,0.5"]
-    rows = evaluated(tmp_path, *arguments, *vary)
+    words = f"--tasks triangle --policies inverse_dynamics --no-plots {FAST} --duration 0.3"
+    rows = evaluated(tmp_path, words, "--twin 0 none --vary youngs_modulus=1,0.5")
     reported = [(row["twin"], row["variation"].get("youngs_modulus")) for row in rows]
     assert reported == [(0, None), (0, 0.5), (None, None), (None, 0.5)]
     assert "twin 0, E x 0.5" in capsys.readouterr().out
     assert len({row["e_final"] for row in rows}) == 4
-    (row,) = evaluated(tmp_path, *arguments, "--plant", "pcc", "--twin", "none")
+    (row,) = evaluated(tmp_path, words, "--plant pcc --twin none")
     assert row["plant"] == "pcc"
     assert row["e_final"] == pytest.approx(rows[2]["e_final"], abs=2e-3)  # ideal, as a chain
 
@@ -140,7 +135,7 @@ def test_options_are_declared_once():
 
 # ---------------------------------------------------------------- what is identified of a rig
 
-REACH = ["--tasks", "reach", "--option", "hold=0.2", "--option", "radius=0.03", "--no-plots"]
+REACH = "--tasks reach --option hold=0.2 --option radius=0.03 --no-plots"
 
 
 @pytest.fixture
@@ -154,9 +149,8 @@ def test_policies_act_as_the_file_says_and_other_rigs_are_noted(
     twins, notes, identified, tmp_path, capsys
 ):
     out, policies = tmp_path / "out", "--policies rig_nn inverse_dynamics --twin"
-    for row in evaluated(
-        out, *REACH, policies, twins, "--identified", identified, "--save-rollouts"
-    ):
+    given = ("--identified", identified, "--save-rollouts")
+    for row in evaluated(out, REACH, policies, twins, *given):
         is_identified = row["policy"] == "rig_nn"
         assert row["identified"] == ("twin 3" if is_identified else None)
         (path,) = out.glob(f"*twin_{row['twin']}_{row['policy']}.npz")
@@ -193,8 +187,8 @@ def test_the_trained_file_is_of_its_twin(tmp_path, monkeypatch, capsys):
     assert main(["train", "rig_nn", "--twin", "3", "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert "bending damping over nominal" in said and "1.000" in said
-    more = ["--policies", "rig_nn", "--twin", "3", "--learnt", str(tmp_path / "rig_nn_3.npz")]
-    (row,) = evaluated(tmp_path / "out", *REACH, *more)
+    more = ("--policies rig_nn --twin 3 --learnt", tmp_path / "rig_nn_3.npz")
+    (row,) = evaluated(tmp_path / "out", REACH, *more)
     assert row["identified"] == "twin 3"
     assert "--learnt is --identified now" in capsys.readouterr().err
 
@@ -202,38 +196,37 @@ def test_the_trained_file_is_of_its_twin(tmp_path, monkeypatch, capsys):
 # ---------------------------------------------------------------- its sensors
 
 
-@pytest.fixture
-def finger(tmp_path):
-    """The file of a finger with tags on both of its pieces."""
-    robot = ROBOTS["planar_finger"]
-    half = robot.length / 2
-    tags = (Sensor("a", "tags", 0.0, half, 1), Sensor("b", "tags", half, robot.length, 1))
-    write_robot(replace(robot, name="felt", sensors=tags), tmp_path / "felt.toml")
-    return tmp_path / "felt.toml"
+FINGER = ROBOTS["planar_finger"]
+
+
+def sensing(path, *sensors):
+    """Write the file of a finger with sensors; returns its path."""
+    write_robot(replace(FINGER, name="felt", sensors=sensors), path)
+    return path
 
 
 def test_the_rig_is_driven_by_its_sensor_alone(tmp_path):
-    words = ["--tasks", "triangle", "--policies", "rig_nn_pi", "--feedback", "sensors"]
-    (row,) = evaluated(tmp_path, *words, "--duration", "2", "--no-plots")
+    words = "--tasks triangle --policies rig_nn_pi --feedback sensors --duration 2 --no-plots"
+    (row,) = evaluated(tmp_path, words)
     assert row["feedback"] == "sensors" and row["failure"] is None
 
 
 @pytest.mark.slow
-def test_any_robot_is_calibrated_and_driven_by_its_sensors(finger, tmp_path, capsys):
-    words = ["--robot", str(finger), "--tasks", "circle", "--policies", "chain_dynamics_pi"]
-    words += ["--feedback", "sensors"]
-    assert main(["evaluate", *words, "--out", str(tmp_path / "out")]) == 2
+def test_any_robot_is_calibrated_and_driven_by_its_sensors(tmp_path, capsys):
+    half = FINGER.length / 2
+    tags = (Sensor("a", "tags", 0.0, half, 1), Sensor("b", "tags", half, FINGER.length, 1))
+    finger = sensing(tmp_path / "felt.toml", *tags)
+    words = f"--robot {finger} --tasks circle --policies chain_dynamics_pi --feedback sensors"
+    assert called("evaluate", words, "--out", tmp_path / "out") == 2
     assert f"softrobot train sensors --robot {finger}" in capsys.readouterr().err
-    assert main(["train", "sensors", "--robot", str(finger), "--quick"]) == 0
+    assert called("train sensors --quick --robot", finger) == 0
     assert (finger.parent / "felt.sensors.npz").is_file()
-    (row,) = evaluated(tmp_path / "out", *words, "--no-plots")
+    (row,) = evaluated(tmp_path / "out", words, "--no-plots")
     assert row["failure"] is None and row["e_mean"] < 1e-3
 
 
 @pytest.mark.slow
-def test_sensors_that_tell_no_side_are_refused(finger, capsys):
-    robot = ROBOTS["planar_finger"]
-    planar = (Sensor("a", "planar", 0.0, robot.length),)
-    write_robot(replace(robot, name="felt", sensors=planar), finger)
-    assert main(["train", "sensors", "--robot", str(finger), "--quick"]) == 2
+def test_sensors_that_tell_no_side_are_refused(tmp_path, capsys):
+    finger = sensing(tmp_path / "felt.toml", Sensor("a", "planar", 0.0, FINGER.length))
+    assert called("train sensors --quick --robot", finger) == 2
     assert "do not tell where its tip is" in capsys.readouterr().err

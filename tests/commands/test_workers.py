@@ -1,14 +1,11 @@
 """Evaluations with --workers and studies: their rows, also where they were stopped in between."""
 
-import json
 from dataclasses import dataclass
 from functools import partial
 
 import pytest
-from support.commands import rows_in
+from support.commands import called, rows_in, stopped_after
 
-from softrobot_env.cli import main
-from softrobot_env.core import runs
 from softrobot_env.core.runs import KEPT, Row
 from softrobot_env.core.studies import BENCHMARKS
 
@@ -27,25 +24,13 @@ def rows(folder):
 
 
 @pytest.mark.slow
-def test_rows_of_several_processes_are_those_of_one(tmp_path, monkeypatch, capsys):
+def test_rows_of_several_processes_are_those_of_one(tmp_path, capsys):
     alone, shared = tmp_path / "alone", tmp_path / "shared"
-    assert main([*CALL.split(), str(alone)]) == 0
-
-    packed, arriving = [], runs._arriving
-
-    def two_then_ctrl_c(*args):
-        for found in arriving(*args):
-            packed.append(found)
-            yield found
-            if len(packed) == 2:
-                raise KeyboardInterrupt
-
-    monkeypatch.setattr(runs, "_arriving", two_then_ctrl_c)
-    assert main([*CALL.split(), str(shared), "--workers", "1"]) == 130
+    assert called(CALL, alone) == 0
+    stopped_after(2, CALL, shared, "--workers 1")
     assert len((shared / KEPT).read_text().splitlines()) == 1 + 2
-    monkeypatch.setattr(runs, "_arriving", arriving)
     capsys.readouterr()
-    assert main([*CALL.split(), str(shared), "--workers", "1"]) == 0
+    assert called(CALL, shared, "--workers 1") == 0
     assert "Took up 2 episodes" in capsys.readouterr().out
     assert rows(shared) == rows(alone)
     assert not (shared / KEPT).exists()
@@ -75,12 +60,11 @@ def test_a_study_that_was_stopped_goes_on(tmp_path, monkeypatch, capsys):
     )
     monkeypatch.setattr(BENCHMARKS, "_own", {**BENCHMARKS._own, "squares": lambda: study})
     (tmp_path / "stop").touch()
-    call = ["benchmark", "squares", "--out", str(tmp_path)]
-    assert main(call) == 2
+    call = ("benchmark squares --out", tmp_path)
+    assert called(*call) == 2
     assert len((tmp_path / "squares" / KEPT).read_text().splitlines()) == 1 + 2
     (tmp_path / "stop").unlink()
-    assert main(call) == 0
+    assert called(*call) == 0
     assert "Took up 2 cases" in capsys.readouterr().out
-    report = json.loads((tmp_path / "squares" / "report.json").read_text())
-    assert [row["square"] for row in report["rows"]] == [0, 1, 4, 9]
+    assert [row["square"] for row in rows_in(tmp_path / "squares")] == [0, 1, 4, 9]
     assert not (tmp_path / "squares" / KEPT).exists()

@@ -20,6 +20,10 @@ BENDING = MODULUS * pi * RADIUS**4 / 4
 ROD = rod(RADIUS, TENDON, MODULUS, 1000.0, stiffness=1e5)
 
 
+def driven_by_length(robot, **drive):
+    return replace(robot, drive=replace(robot.drive, kind="length", travel=0.01, **drive))
+
+
 def on_the_arc(tension: float, azimuth: float, station: float, offset: ndarray) -> ndarray:
     """Where a tendon alone bends a point of the cross-section at a station to: an arc."""
     curvature = tension * TENDON / BENDING
@@ -114,8 +118,8 @@ def test_rows_without_an_equilibrium_are_reported_and_counted():
 
 def test_a_servo_winds_at_its_speed_and_a_marker_is_seen_late():
     """Slow servos: the bend follows the lengths, r times the angle, whenever it is looked at."""
-    robot = replace(ROD, density=1.0, damping_time=0.001)  # so light that it does not lag
-    robot = replace(robot, drive=replace(robot.drive, kind="length", speed=0.002, travel=0.01))
+    light = replace(ROD, density=1.0, damping_time=0.001)  # so light that it does not lag
+    robot = driven_by_length(light, speed=0.002)
     times = np.concatenate([[0.0], np.cumsum(np.tile([0.011, 0.02, 0.014], 40))])
     pull = np.array([0.001, -0.0005, -0.0005])
     commands = np.tile(pull, (len(times), 1))
@@ -161,8 +165,7 @@ def test_friction_leaves_static_rows_where_a_slow_motion_does():
     """The same commands as slow motion, by MuJoCo's dry friction, and as rows at rest."""
     rubbing = {"friction": 0.05, "pretension": 0.5, "stiffness": 500.0}
     tendons = tuple(replace(t, **rubbing) for t in ROD.tendons)
-    robot = replace(ROD, tendons=tendons, damping_time=0.02, density=100.0)
-    robot = replace(robot, drive=replace(robot.drive, kind="length", travel=0.01))
+    robot = driven_by_length(replace(ROD, tendons=tendons, damping_time=0.02, density=100.0))
     ways = np.linspace(0, 1, 40), np.ones(20), np.linspace(1, 0.3, 30), np.full(20, 0.3)
     shares, ends = np.concatenate(ways), [59, -1]
     commands = shares[:, None] * np.array([0.002, -0.001, -0.001])
@@ -181,7 +184,7 @@ def test_friction_leaves_static_rows_where_a_slow_motion_does():
 
 
 def test_servos_with_play_stop_short_by_half_of_it():
-    robot = replace(ROD, drive=replace(ROD.drive, kind="length", travel=0.01))
+    robot = driven_by_length(ROD)
     twin = replace(nominal_twin(robot), backlash=(2e-4, 0.0, 2e-4))
     pull = np.array([0.002, -0.001, -0.001])
     commands = np.array([0.0, 1.0, 0.5, 0.49])[:, None] * pull

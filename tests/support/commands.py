@@ -2,7 +2,10 @@
 
 import json
 
+import pytest
+
 from softrobot_env.cli import main
+from softrobot_env.core import runs
 
 #: A file with a task and policies of one's own.
 MINE = """
@@ -31,6 +34,22 @@ def needs_head(robot, control_period):
 def called(*words):
     """Exit status of `softrobot` with words, which may be several in a text."""
     return main(" ".join(map(str, words)).split())
+
+
+def stopped_after(count, *words):
+    """Stop a command by Ctrl-C after so many results, of which nothing is lost."""
+    found, arriving = [], runs._arriving
+
+    def stopping(*args):
+        for one in arriving(*args):
+            found.append(one)
+            yield one
+            if len(found) == count:
+                raise KeyboardInterrupt
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(runs, "_arriving", stopping)
+        assert called(*words) == 130
 
 
 def rows_in(folder):

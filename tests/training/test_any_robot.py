@@ -6,8 +6,8 @@ from dataclasses import replace
 import gymnasium
 import numpy as np
 import pytest
+from support.commands import called, evaluated
 
-from softrobot_env.cli import main
 from softrobot_env.control.learned import neural
 from softrobot_env.control.registry import incompatibility, make_policy, policy_environment
 from softrobot_env.core.registry import is_path, load
@@ -150,24 +150,23 @@ def test_the_view_of_a_file_is_the_view_it_was_trained_with(mine):
 
 
 @pytest.mark.parametrize(
-    "arguments",
+    ("policy", "words"),
     [
-        ["imitation", "--teacher", "static"],
-        ["ppo", "--start", "none", "--steps", "64", "--set", "envs_per_task=1"],
-        ["qs_nn"],
-        ["lq_preview"],
+        ("imitation", "--teacher static"),
+        ("ppo", "--start none --steps 64 --set envs_per_task=1 --checkpoint kept"),
+        ("qs_nn", ""),
+        ("lq_preview", ""),
     ],
-    ids=lambda arguments: arguments[0],
 )
 @pytest.mark.slow
-def test_the_command_trains_for_any_robot(arguments, mine, capsys, tmp_path):
+def test_the_command_trains_for_any_robot(policy, words, mine, tmp_path, monkeypatch):
     pytest.importorskip("stable_baselines3")
     pytest.importorskip("daqp")
-    kept = ["--checkpoint", str(tmp_path / "kept")] if arguments[0] == "ppo" else []
-    assert main(["train", *arguments, *kept, "--robot", str(mine.file), "--quick"]) == 0
-    assert (tmp_path / artifact_name(mine, arguments[0])).is_file()
-    given = ["--robot", str(mine.file), "--tasks", "circle", "--policies", arguments[0]]
-    assert main(["evaluate", *given, "--duration", "0.1", "--out", str(tmp_path / "out")]) == 0
+    monkeypatch.chdir(tmp_path)
+    assert called("train", policy, words, "--quick --robot", mine.file) == 0
+    assert (tmp_path / artifact_name(mine, policy)).is_file()
+    words = "--duration 0.1 --tasks circle --policies"
+    assert evaluated(tmp_path / "out", words, policy, "--robot", mine.file)
 
 
 @pytest.mark.slow
@@ -223,8 +222,8 @@ def test_packages_are_asked_for_by_the_teacher(monkeypatch, capsys, mine):
         with pytest.raises(ImportError, match="imitation needs daqp: pip install"):
             training.check("imitation", robot, settings)
     began = time.process_time()
-    given = ["--robot", str(mine.file), "--teacher", "mpc", "--out", str(mine.file.parent)]
-    assert main(["train", "imitation", *given]) == 2
+    given = ("--robot", mine.file, "--teacher mpc --out", mine.file.parent)
+    assert called("train imitation", *given) == 2
     assert "imitation needs daqp" in capsys.readouterr().err and time.process_time() - began < 1
 
 

@@ -6,9 +6,8 @@ from functools import partial
 from time import monotonic, sleep
 
 import pytest
-from support.commands import rows_in
+from support.commands import called, rows_in, stopped_after
 
-from softrobot_env.cli import main
 from softrobot_env.core.runs import KEPT, Kept, run_cases
 from softrobot_env.robots import ARM
 from softrobot_env.training.request import Quantity, Training, TrainingRequest, curve_file
@@ -126,28 +125,14 @@ def rows(folder):
 
 
 @pytest.mark.slow
-def test_a_sweep_that_was_stopped_goes_on_and_ends_as_one_that_was_not(
-    tmp_path, monkeypatch, capsys
-):
+def test_a_sweep_that_was_stopped_goes_on_and_ends_as_one_that_was_not(tmp_path, capsys):
     pytest.importorskip("stable_baselines3")
     call = "train ppo --start none --quick --seeds 0..1 --set steps=600 --set trial_every=200 "
     call += "--set envs_per_task=1 --set drawn_tasks=1 --workers 1 --out"
-    assert main([*call.split(), str(tmp_path / "whole")]) == 0
-
-    from softrobot_env.core import runs as core_runs
-
-    arriving = core_runs._arriving
-
-    def one_then_ctrl_c(*args):
-        for found in arriving(*args):
-            yield found
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(core_runs, "_arriving", one_then_ctrl_c)
-    assert main([*call.split(), str(tmp_path / "stopped")]) == 130
-    monkeypatch.setattr(core_runs, "_arriving", arriving)
+    assert called(call, tmp_path / "whole") == 0
+    stopped_after(1, call, tmp_path / "stopped")
     capsys.readouterr()
-    assert main([*call.split(), str(tmp_path / "stopped")]) == 0
+    assert called(call, tmp_path / "stopped") == 0
     assert "Took up 1 runs" in capsys.readouterr().out
     assert rows(tmp_path / "stopped") == rows(tmp_path / "whole")
     for name in ("seed_0/ppo.npz", "seed_1/ppo.npz", "report.md", "curves.png"):
@@ -156,8 +141,7 @@ def test_a_sweep_that_was_stopped_goes_on_and_ends_as_one_that_was_not(
 
 @pytest.mark.slow
 def test_seeds_of_other_trainings(tmp_path, capsys):
-    call = ["train", "qs_nn", "--quick", "--seeds", "0,4", "--workers", "2", "--out"]
-    assert main([*call, str(tmp_path)]) == 0
+    assert called("train qs_nn --quick --seeds 0,4 --workers 2 --out", tmp_path) == 0
     assert "rms error, fresh data" in capsys.readouterr().out
     first, second = rows(tmp_path)
     assert first["figures"] != second["figures"] and first["reward"] is None
@@ -178,23 +162,22 @@ def test_spaces_are_values_and_ranges(tmp_path):
     assert len(ends) == 5 and {end["rate"] for end in ends} == {1e-5, 1e-3}
 
 
-@pytest.mark.parametrize("text", ["rate", "rate=", "rate=1..", "rate=2..1", "rate=1..2:lin", "a=x"])
-def test_spaces_that_are_none_are_refused(text):
-    with pytest.raises(ValueError, match="is not NAME=LOW"):
-        parsed(text)
-
-
 @pytest.mark.parametrize(
-    "content, reason",
+    ("content", "reason"),
     [
         ("rate = 1", r"must have one table \[search\]"),
-        ("[search]\nrate = 'fast'", "space.toml: 'rate=fast' is not NAME"),
         ("[search\n", "space.toml: "),
         ("[search]\nrate = '-1..1:log'", "above zero"),
+        *(
+            (f"[search]\nrate = '{text}'", f"space.toml: 'rate={text}' is not NAME=LOW")
+            for text in ("", "fast", "1..", "2..1", "1..2:lin")
+        ),
     ],
 )
-def test_files_of_spaces_that_are_none_are_refused(content, reason, tmp_path):
+def test_spaces_that_are_none_are_refused(content, reason, tmp_path):
     file = tmp_path / "space.toml"
     file.write_text(content)
     with pytest.raises(ValueError, match=reason):
         read_space(file)
+    with pytest.raises(ValueError, match="'rate' is not NAME=LOW"):
+        parsed("rate")

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.commands import called
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 pytest.importorskip("daqp")
 
-from softrobot_env.cli import main  # noqa: E402
 from softrobot_env.control.learned import neural  # noqa: E402
 from softrobot_env.control.registry import POLICIES, make_policy  # noqa: E402
 from softrobot_env.core.files import models_dir  # noqa: E402
@@ -69,7 +69,10 @@ def part(count=2, task=SHORT, mode="SameStep"):
     return VectorTrackingEnv(count, task, threads=1, preview=neural.PREVIEW, autoreset_mode=mode)
 
 
-# ---------------------------------------------------------------------- features
+def silent(*hidden):
+    """A network whose outputs are zero."""
+    made = as_network(new_layers(VIEW.count, hidden, 3))
+    return made.with_parameters(0 * made.parameters)
 
 
 # ---------------------------------------------------------------------- adapter
@@ -183,8 +186,7 @@ def test_another_training_is_not_gone_on_with(tmp_path):
 @pytest.mark.parametrize("algorithm", ONE_ALGORITHM)
 def test_fine_tuning_starts_from_the_network_and_keeps_the_best(algorithm):
     """The best of the trials is what comes back, the start among them."""
-    start = as_network(new_layers(VIEW.count, (8,), 3))
-    start = start.with_parameters(0 * start.parameters)
+    start = silent(8)
     config = replace(TINY, algorithm=algorithm)
     network, curve = train(config, 0, quiet, start)
     rows = check(network, config.trials, config.trial_duration, SCORE).values()
@@ -215,9 +217,7 @@ def test_the_network_taken_out_of_a_learner_acts_as_the_learner(algorithm):
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_at_first_the_start_acts_and_its_critic_learns(algorithm):
     """Nothing of the actor changes, nor is its action replaced by a random one."""
-    start = as_network(new_layers(VIEW.count, (8,), 3))
-    start = start.with_parameters(0 * start.parameters)
-    config = replace(TINY, algorithm=algorithm, deviation=1e-3)
+    start, config = silent(8), replace(TINY, algorithm=algorithm, deviation=1e-3)
     env, outputs = make_training_env(config, 0), []
     step_async = env.step_async
     env.step_async = lambda actions: (outputs.append(np.abs(actions).max()), step_async(actions))
@@ -334,26 +334,24 @@ def test_bad_settings_are_refused(change, reason):
         replace(TINY, **change)
 
 
-@pytest.mark.parametrize("arguments", [["imitation"], ["--algo", "sac"]])
-def test_missing_packages_are_told_with_their_cure(arguments, capsys, monkeypatch, tmp_path):
+@pytest.mark.parametrize("words", ["imitation", "--algo sac"])
+def test_missing_packages_are_told_with_their_cure(words, capsys, monkeypatch, tmp_path):
     monkeypatch.setattr(request, "find_spec", lambda name: None)
-    assert main(["train", *arguments, "--out", str(tmp_path / "none")]) == 2
+    assert called("train", words, "--out", tmp_path / "none") == 2
     assert "needs torch" in (reported := capsys.readouterr().err) and "pip install" in reported
     assert not (tmp_path / "none").exists()
 
 
 @pytest.mark.slow
 def test_the_command_trains_and_goes_on(tmp_path, capsys):
-    start = as_network(new_layers(VIEW.count, (128, 128), 3))
-    artifacts.save(start.with_parameters(0 * start.parameters), tmp_path / "start.npz", 0)
-    common = ["train", "--algo", "ppo", "--out", str(tmp_path), "--task", "step"]
-    common += ["--start", str(tmp_path / "start.npz"), "--checkpoint", str(tmp_path / "kept")]
-    common += ["--set", "envs_per_task=1", "--set", "rollout=4"]
-    common += ["--set", "critic_steps=0", "--set", "batch=16"]
-    assert main([*common, "--steps", "16", "--name", "one"]) == 0
+    artifacts.save(silent(128, 128), tmp_path / "start.npz", 0)
+    words = "train --algo ppo --task step --name one --set envs_per_task=1 --set rollout=4"
+    words += f" --set critic_steps=0 --set batch=16 --start {tmp_path}/start.npz"
+    words += f" --checkpoint {tmp_path}/kept --out {tmp_path} --steps"
+    assert called(words, 16) == 0
     assert (tmp_path / "one.npz").is_file() and (tmp_path / "one_curve.json").is_file()
     assert "overshoot" in capsys.readouterr().out
-    assert main([*common, "--steps", "32", "--name", "one", "--resume"]) == 0
+    assert called(words, "32 --resume") == 0
     curve = json.loads((tmp_path / "one_curve.json").read_text())
     assert [point["steps"] for point in curve][-1] >= 32
 
