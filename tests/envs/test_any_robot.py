@@ -29,26 +29,19 @@ def actions_of(env, count, size=0.2, seed=0):
 
 
 @pytest.mark.parametrize("name", SOME)
-def test_from_file_to_first_step_in_three_lines(name):
-    env = gymnasium.make(ID, robot=file_of(name), task="figure_eight")
-    env.reset(seed=0)
-    observation, *_ = env.step(env.action_space.sample())
-    assert env.observation_space.contains(observation)
-    assert env.unwrapped.task.robot == find_robot(name)
-    assert len(observation["tip_position"]) == (2 if env.unwrapped.task.robot.is_planar else 3)
-
-
-@pytest.mark.parametrize("name", SOME)
-def test_episodes_start_in_equilibrium_on_the_reference(name):
+def test_episodes_of_a_file_start_in_equilibrium_on_the_reference(name):
     """Held there by the start's inputs, the robot stays."""
-    env = TrackingEnv("circle", robot=name, observe="all")
+    env = gymnasium.make(ID, robot=file_of(name), task="circle", observe="all").unwrapped
+    assert env.task.robot == find_robot(name)
     _, info = env.reset(seed=0)
     assert info["error"] < 1e-6 * env.task.robot.reach
     action = np.array(env.task.start_input) - robot_inputs(env.task.robot).input_centre
     start = env.reset()[0]["tip_position"]
     for _ in range(20):
         observation, *_ = env.step(action / env.input_scale)
+        assert env.observation_space.contains(observation)
     assert_allclose(observation["tip_position"], start, atol=1e-6 * env.task.robot.reach)
+    assert len(start) == (2 if env.task.robot.is_planar else 3)
 
 
 # ---------------------------------------------------------------- other robots, and refusals

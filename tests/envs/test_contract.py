@@ -367,6 +367,7 @@ def test_written_results_of_many_reach_nothing_else():
 # ---------------------------------------------------------------- Gymnasium's wrappers, vectors
 
 
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
 @pytest.mark.slow  # copies by pickle, which the processes get, are tested above
 def test_asynchronous_environments(make_env):
     """Two copies side by side, through the automatic reset, equal to one alone."""

@@ -1,10 +1,9 @@
 """What learning libraries rely on, of every registered environment: single, vectorised, real."""
 
 import copy
-import os
 import pickle
-import warnings
 from contextlib import closing, contextmanager
+from functools import partial
 from math import ceil
 
 import gymnasium
@@ -15,9 +14,8 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from support.episodes import pumping, steps, switching
 from support.example_robots import EVERY_ROBOT
-from support.hardware_boards import LiveBoard
-from support.patience import patient_drivers
-from support.real_episodes import FILE, PATIENT, Still
+from support.processes import in_a_fork
+from support.real_episodes import live_rig
 from support.rig_episodes import flatten
 
 from softrobot_env.beams.registry import BeamPlant
@@ -42,11 +40,8 @@ def made(env_id, **options):
         with closing(gymnasium.make(env_id, **options)) as env:
             yield env
         return
-    pytest.importorskip("cobs", reason="needs the robot extra")
-    with LiveBoard() as live, patient_drivers():
-        own = {"robot_file": FILE, "line": lambda: copy.copy(live.transport), "tip": Still()}
-        with closing(gymnasium.make(env_id, **own, **PATIENT, **options)) as env:
-            yield env
+    with live_rig(partial(gymnasium.make, env_id), **options) as env:
+        yield env
 
 
 def infos(env, steps=5):
@@ -229,27 +224,6 @@ def test_many_are_not_copied(way):
     many = gymnasium.make_vec(SIMULATED[0], num_envs=2)
     with pytest.raises(TypeError, match="cannot be copied or pickled"):
         way(many)
-
-
-def in_a_fork(act):
-    """What `act` raises in a forked child, as text; empty if nothing."""
-    reading, writing = os.pipe()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # of threads; the point of the test
-        child = os.fork()
-    if child == 0:
-        try:
-            act()
-            text = ""
-        except BaseException as error:
-            text = f"{type(error).__name__}: {error}"
-        os.write(writing, text.encode())
-        os._exit(0)
-    os.close(writing)
-    with os.fdopen(reading, "rb") as pipe:
-        text = pipe.read().decode()
-    os.waitpid(child, 0)
-    return text
 
 
 def test_many_refuse_a_forked_child_and_go_on_here():

@@ -1,15 +1,13 @@
 """One vector in place of a dict, changes in place of inputs: every id, every robot."""
 
-import copy
+from functools import partial
 from math import asinh
 
 import gymnasium
 import numpy as np
 import pytest
 from support.example_robots import EVERY_ROBOT
-from support.hardware_boards import LiveBoard
-from support.patience import patient_drivers
-from support.real_episodes import FILE, PATIENT, Still
+from support.real_episodes import live_rig
 
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.control.registry import make_policy
@@ -49,10 +47,7 @@ def test_entries_are_of_order_1_and_inside_the_space(env_id, options):
 
 
 def test_the_real_rig_shows_what_the_simulated_one_does():
-    pytest.importorskip("cobs", reason="needs the robot extra")
-    with LiveBoard() as live, patient_drivers():
-        own = {"robot_file": FILE, "line": lambda: copy.copy(live.transport), "tip": Still()}
-        real = RealRigEnv("triangle", observe_as="vector", **own, **PATIENT)
+    with live_rig(partial(RealRigEnv, "triangle"), observe_as="vector") as real:
         simulated = make("SoftRobot/RigTriangle-v0")
         assert real.observation_space == simulated.observation_space
         assert real.vector_layout == simulated.unwrapped.vector_layout
@@ -63,7 +58,6 @@ def test_the_real_rig_shows_what_the_simulated_one_does():
         change = slowest(real.task.robot, winding=True) * real.control_period
         action = np.sinh(seen[real.vector_layout["previous_action"]]) / 2
         np.testing.assert_allclose(action, 2 * change, rtol=1e-5)
-        real.close()
 
 
 # ---------------------------------------------------------------- what the entries say

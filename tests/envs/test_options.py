@@ -5,6 +5,7 @@ from math import ceil
 
 import numpy as np
 import pytest
+from support.episodes import steps
 
 from softrobot_env.robots import ARM, centerline
 from softrobot_env.robots.variations import neutral
@@ -22,13 +23,9 @@ CHAIN_ERROR = 1e-3
 
 def hold_episode(env, action):
     """Observations of an episode under a constant action."""
-    action = np.asarray(action, np.float32)
-    seen, over = [], False
-    while not over:
-        observation, _, terminated, over, _ = env.step(action)
-        assert not terminated
-        seen.append(observation)
-    return seen
+    results = list(steps(env, lambda *_: np.asarray(action, np.float32)))
+    assert not results[-1][2]
+    return [observation for observation, *_ in results]
 
 
 def same(first, second):

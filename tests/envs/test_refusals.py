@@ -28,7 +28,13 @@ from softrobot_env.thesis.envs import RigEnv
 
 STRANGE = (nan, -inf, -1.0, "x", (nan, 1.0), {}, object(), np.array(nan), np.array([nan, 1.0]))
 TRIANGLE = make_task("triangle")
+HASTY = replace(rig_file(), watchdog=0.1, ttl=0.1)
 L_SHAPE = make_task("lshape")
+RUBBING = replace(L_SHAPE, robot=ARM.vary(tendon_friction=0.1))
+FAR, FAST = (
+    replace(L_SHAPE, trajectory=replace(L_SHAPE.trajectory, **change))
+    for change in ({"waypoints": ((0.0, 0.0, 0.6),) * 3}, {"times": (0.0, 0.01, 0.02)})
+)
 SENSED = ("tip_position", "reference", "sensors")
 BLIND = rig3d_twin(0)
 BLIND = replace(BLIND, robot=replace(BLIND.robot, sensors=()))
@@ -95,31 +101,10 @@ ARGUMENTS = [
     (TrackingEnv, {"robot": "hanging_trunk", "task": "circle", "twin": 1}, "driven by tension"),
     (TrackingEnv, {"robot": "snake"}, "unknown robot 'snake'; choose from .*arm"),
     (TrackingEnv, {"robot": "silicone_rod"}, "unknown task 'swing'; choose from reach"),
-    (
-        TrackingEnv,
-        {
-            "robot": "silicone_rod",
-            "task": "circle",
-            "randomization": Randomization(tension_gain=(0.9, 1.1)),
-        },
-        "driven by length",
-    ),
     (TrackingEnv, {"robot": "arm", "task": make_task("swing")}, "made already has its robot"),
-    *(
-        (TrackingEnv, {"task": replace(L_SHAPE, trajectory=replace(L_SHAPE.trajectory, **bad))}, x)
-        for bad, x in (
-            ({"waypoints": ((0.0, 0.0, 0.6),) * 3}, "reference of task 'lshape'"),
-            ({"times": (0.0, 0.01, 0.02)}, r"below 5\.0 m/s"),
-        )
-    ),
-    (
-        TrackingEnv,
-        {
-            "task": replace(L_SHAPE, robot=ARM.vary(tendon_friction=0.1)),
-            "plant": BeamPlant("pcc"),
-        },
-        "beam models have no tendon friction",
-    ),
+    (TrackingEnv, {"task": FAR}, "reference of task 'lshape'"),
+    (TrackingEnv, {"task": FAST}, r"below 5\.0 m/s"),
+    (TrackingEnv, {"task": RUBBING, "plant": BeamPlant("pcc")}, "have no tendon friction"),
     (TrackingEnv, {"task": "step", "observe": SENSED}, "distinct names out of tip_position"),
     (TrackingEnv, {"randomization": Randomization(sensor_errors=(0.0, 1.0))}, "'arm' has none"),
     (TrackingEnv, {"task": "rig_circle", "twin": BLIND}, "a twin needs sensors of the same kinds"),
@@ -137,6 +122,7 @@ ARGUMENTS = [
     (VectorTrackingEnv, {"render_mode": "rgb_array"}, "render_mode must be None"),
     (VectorTrackingEnv, {"device": "cpu"}, "device 'cpu' is for backend='warp'"),
     (RigEnv, {"task": "swing"}, "choose from .*triangle, rig_circle"),
+    (RigEnv, {"randomization": Randomization(tension_gain=(0.9, 1.1))}, "driven by length"),
     (RigEnv, {"period": 0.0}, "period must be finite and positive"),
     (RigEnv, {"radius": 0.1}, "no option 'radius'; it has period"),
     (RigEnv, {"task": make_task("reach"), "seed": 2}, "made already has its .*, got seed"),
@@ -179,11 +165,7 @@ ARGUMENTS = [
     *((RealRigEnv, {"oldest": x}, "oldest") for x in (nan, -0.1, inf)),
     *((RealRigEnv, {"max_missed": x}, "max_missed") for x in (-1, 2.5, True)),
     (RealRigEnv, {"control_period": 0.012}, "control_period"),
-    (
-        RealRigEnv,
-        {"robot_file": replace(rig_file(), watchdog=0.1, ttl=0.1), "control_period": 0.06},
-        "half of the watchdog",
-    ),
+    (RealRigEnv, {"robot_file": HASTY, "control_period": 0.06}, "half of the watchdog"),
 ]
 
 

@@ -17,6 +17,7 @@ from softrobot_env.control.registry import make_policy
 from softrobot_env.envs import rendering as opengl
 from softrobot_env.envs.gripper import GripperEnv
 from softrobot_env.envs.rendering import RenderError, candidate_backends
+from softrobot_env.rendering import video
 from softrobot_env.rendering.video import caption, record, write_video
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -147,13 +148,27 @@ def test_tight_tendons_turn_red(make_drawn):
     assert count_like(env.render(), RED, 40) > slightly
 
 
+def body_of(frame):
+    """(height, width) bool, pixels of a robot's yellow or orange, which nothing else is of."""
+    picture = frame.astype(int)
+    return picture[..., 0] - picture[..., 2] > 60
+
+
+def test_a_pulled_rig_is_seen_to_lean_to_the_right(make_drawn):
+    env = make_drawn("SoftRobot/RigTriangle-v0")
+    reached = []
+    for seconds in (0.0, 0.8):
+        advance(env, seconds, np.array([0.5, 0.0, 0.0], np.float32))
+        columns = np.nonzero(body_of(env.render()))[1]
+        assert len(columns) > 100
+        reached.append(columns.max())
+    assert reached[1] > reached[0] + 10
+
+
 def test_the_mount_of_a_hanging_robot_hides_nothing_of_it(make_drawn):
     """The body shows as long as it is, but for what is lost by looking at it from below."""
     env = make_drawn("SoftRobot/Track-v0", robot="hanging_trunk", task="circle")
-    env.reset(seed=0)
-    picture = env.render().astype(int)
-    body = picture[..., 0] - picture[..., 2] > 60  # nothing else is of its yellow
-    rows = np.flatnonzero(body.sum(axis=1) > 3)
+    rows = np.flatnonzero(body_of(env.render()).sum(axis=1) > 3)
     length = (rows[-1] - rows[0]) * env.metres_per_pixel
     assert length > np.cos(0.6) * env.task.robot.length, rows
 
@@ -188,13 +203,14 @@ def test_a_diverged_posture_still_draws(make_drawn):
 # ---------------------------------------------------------------------------- life cycle
 
 
-def test_close_and_draw_again(make_drawn):
+def test_copies_draw_for_themselves_and_all_draw_again_after_closing(make_drawn):
     env = make_drawn()
     first = env.render()
-    for _ in range(3):
-        env.close()
-        env.close()
-        np.testing.assert_array_equal(env.render(), first)
+    for each in (copy.deepcopy(env), pickle.loads(pickle.dumps(env)), env):
+        for _ in range(3):
+            np.testing.assert_array_equal(each.render(), first)
+            each.close()
+            each.close()
 
 
 def test_closing_one_leaves_the_other(make_drawn):
@@ -204,15 +220,6 @@ def test_closing_one_leaves_the_other(make_drawn):
     np.testing.assert_array_equal(other.render(), frames[1])
     other.close()
     np.testing.assert_array_equal(one.render(), frames[0])
-
-
-def test_copies_draw_for_themselves(make_drawn):
-    env = make_drawn()
-    frame = env.render()
-    for twin in (copy.deepcopy(env), pickle.loads(pickle.dumps(env))):
-        np.testing.assert_array_equal(twin.render(), frame)
-        twin.close()
-    np.testing.assert_array_equal(env.render(), frame)
 
 
 # ---------------------------------------------------------------------------- backends
@@ -361,19 +368,17 @@ def read_video(path):
     return frames, fps
 
 
-@pytest.mark.parametrize("name", ["a.mp4", "folder/b.gif", "c.MP4"])
-def test_video_has_every_frame(tmp_path, name):
-    assert write_video(tmp_path / name, moving_square(12), fps=25) == 12
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [*((name, (64, 80)) for name in ("a.mp4", "folder/b.gif", "c.MP4")), ("odd.mp4", (65, 81))],
+)
+def test_video_has_every_frame_in_even_sizes(tmp_path, name, size):
+    drawn = moving_square(12, *size)
+    assert write_video(tmp_path / name, drawn, fps=25) == 12
     frames, fps = read_video(tmp_path / name)
     assert fps == 25
     assert frames.shape == (12, 64, 80, 3)
-    assert np.abs(frames[-1].astype(int) - moving_square(12)[-1]).mean() < 5
-
-
-def test_odd_sizes_are_made_even(tmp_path):
-    write_video(tmp_path / "odd.mp4", moving_square(3, 65, 81), fps=30)
-    frames, _ = read_video(tmp_path / "odd.mp4")
-    assert frames.shape == (3, 64, 80, 3)
+    assert np.abs(frames[-1].astype(int) - drawn[-1, :64, :80]).mean() < 5
 
 
 @pytest.mark.parametrize(
@@ -421,29 +426,26 @@ def hold(env):
     return make_policy("hold", env.task.robot, env.control_period)
 
 
-@pytest.mark.parametrize(("period", "fps"), [(0.01, 30), (0.02, 50), (0.1, 25)])
-def test_record_yields_frames_at_the_asked_rate(make_drawn, monkeypatch, period, fps):
+@pytest.mark.parametrize(
+    ("period", "fps", "begin", "end"),
+    [
+        *((period, fps, 0.0, 0.4) for period, fps in ((0.01, 30), (0.02, 50), (0.1, 25))),
+        *((0.01, 20, begin, 1.0) for begin in (0.2, 0.55)),
+    ],
+)
+def test_record_yields_frames_at_the_asked_rate(make_drawn, monkeypatch, period, fps, begin, end):
     env = make_drawn(STEP, control_period=period, observe="all", width=64, height=48)
-    shares, drawn, render = [], [], env.render
+    shares, drawn, texts, render = [], [], [], env.render
     monkeypatch.setattr(env, "render", lambda: drawn.append(1) or render())
-    frames = list(record(env, hold(env), fps, options={"duration": 0.4}, progress=shares.append))
-    assert len(frames) == 0.4 * fps + 1
-    assert len(drawn) == min(len(frames), 0.4 / period + 1)  # none is drawn in vain
+    monkeypatch.setattr(video, "caption", lambda frame, lines: texts.append(lines) or frame)
+    how = {"begin": begin, "options": {"duration": end}, "progress": shares.append}
+    frames = list(record(env, hold(env), fps, **how))
+    assert len(frames) == round((end - begin) * fps) + 1
+    assert len(drawn) == min(len(frames), end / period + 1)  # none is drawn in vain
     assert all(f.shape == (48, 64, 3) for f in frames)
+    assert texts[0][1].startswith(f"t = {begin:.2f} s")
     assert np.all(np.diff(shares) >= 0)
     assert shares[-1] == 1.0
-
-
-@pytest.mark.parametrize("begin", [0.2, 0.55])
-def test_record_begins_where_asked(make_drawn, monkeypatch, begin):
-    env = make_drawn(STEP, control_period=0.01, observe="all", width=64, height=48)
-    times = []
-    monkeypatch.setattr(
-        "softrobot_env.rendering.video.caption", lambda f, lines: times.append(lines)
-    )
-    count = len(list(record(env, hold(env), 20, begin=begin, options={"duration": 1.0})))
-    assert count == round((1.0 - begin) * 20) + 1
-    assert times[0][1].startswith(f"t = {begin:.2f} s")
 
 
 def test_record_refuses_an_environment_that_does_not_draw(make_env):

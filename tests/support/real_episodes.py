@@ -1,11 +1,14 @@
 """Episodes of the real rig's environment that tests break."""
 
+import copy
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from time import monotonic, sleep
 
 import numpy as np
 import pytest
+from support.hardware_boards import LiveBoard
+from support.patience import patient_drivers
 
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.hardware.errors import RobotFaultError
@@ -30,6 +33,16 @@ class Still:
 
     def close(self):
         pass
+
+
+@contextmanager
+def live_rig(make, **options):
+    """An environment that `make` makes with a board in memory, which needs no clock."""
+    pytest.importorskip("cobs", reason="needs the robot extra")
+    with LiveBoard() as live, patient_drivers():
+        own = {"robot_file": FILE, "line": lambda: copy.copy(live.transport), "tip": Still()}
+        with closing(make(**own, **PATIENT, **options)) as env:
+            yield env
 
 
 @contextmanager
