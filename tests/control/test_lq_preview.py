@@ -16,7 +16,7 @@ from softrobot_env.control.reference_smoothing import (
 from softrobot_env.control.registry import make_policy, policy_environment
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.metrics import tracking_metrics
-from softrobot_env.evaluation.run import run_episode
+from softrobot_env.evaluation.runner import Case, run
 from softrobot_env.robots import ARM
 from softrobot_env.tasks import make_task
 from softrobot_env.tasks.trajectories import Step
@@ -178,17 +178,10 @@ def test_a_jump_that_the_preview_shows_is_met_in_the_middle():
     """Half of it before, half after, as an optimum has it."""
     task = make_task("step")
     late = replace(task, trajectory=LateStep(A3, B3), duration=1.5)
-    rollouts = {
-        name: run_episode(
-            TrackingEnv(late, observe="all", **policy_environment(name)),
-            make_policy(name, ARM, policy_environment(name)["control_period"]),
-        )
-        for name in ("lq_adaptive", "mpc_preview")
-    }
-    rms = {name: tracking_metrics(r).e_rms for name, r in rollouts.items()}
-    assert rms["lq_adaptive"] < 2 * rms["mpc_preview"]
-    moved = np.linalg.norm(rollouts["lq_adaptive"].tip - np.array(A3), axis=1)
-    at_jump = moved[np.searchsorted(rollouts["lq_adaptive"].time, 0.5)]
+    adaptive, best = (run(Case(late, name)).rollout for name in ("lq_adaptive", "mpc_preview"))
+    assert tracking_metrics(adaptive).e_rms < 2 * tracking_metrics(best).e_rms
+    moved = np.linalg.norm(adaptive.tip - np.array(A3), axis=1)
+    at_jump = moved[np.searchsorted(adaptive.time, 0.5)]
     assert 0.3 < at_jump / np.linalg.norm(np.subtract(B3, A3)) < 0.7
 
 
@@ -198,8 +191,7 @@ def at_rest(request):
     env = TrackingEnv("step", observe="all", **policy_environment(request.param))
     observation, _ = env.reset()
     tip = observation["tip_position"]
-    ahead = np.tile(tip, len(KNOTS)).reshape(observation["reference_preview"].shape)
-    still = {"reference": tip.copy(), "reference_preview": ahead}
+    still = {"reference": tip.copy(), "reference_preview": np.tile(tip, len(KNOTS))}
     return make_policy(request.param, ARM, PERIOD), observation | still
 
 
@@ -209,9 +201,7 @@ def test_an_announced_jump_is_no_motion(at_rest):
     jump = np.array([1.0, 0.0])
     actions = []
     for size in (0.0, 6e-3, 8e-3):
-        ahead = observation["reference_preview"] + size * np.tile(jump, len(KNOTS)).reshape(
-            observation["reference_preview"].shape
-        )
+        ahead = observation["reference_preview"] + size * np.tile(jump, len(KNOTS))
         action, state = policy.predict(observation | {"reference_preview": ahead}, None)
         assert state.status in (None, "")
         actions.append(action)

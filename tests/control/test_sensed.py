@@ -62,13 +62,22 @@ def seen(tip):
     return {"sensors": LIGHT.light(3.0 * np.asarray(tip)), "previous_action": np.zeros(2)}
 
 
-def test_the_policy_is_shown_the_tip_behind_the_light():
-    policy, state = Sensed(Shown(), KNOWN, 0.02), None
-    for turn in np.linspace(0, 2 * np.pi, 60):
-        tip = 0.04 * turn / (2 * np.pi) * np.array([np.cos(turn), np.sin(turn)])
+def acted(kind, tips):
+    """Actions (k, 2) and states of a policy behind sensors, of readings at tips."""
+    policy, state, actions, states = Sensed(kind(), KNOWN, 0.02), None, [], []
+    for tip in tips:
         action, state = policy.predict(seen(tip), state)
-        np.testing.assert_allclose(action / 10, tip, atol=5e-4)
-    assert state.status == "fine"
+        actions.append(action)
+        states.append(state)
+    return np.array(actions), states
+
+
+def test_the_policy_is_shown_the_tip_behind_the_light():
+    turn = np.linspace(0, 2 * np.pi, 60)
+    tips = 0.04 * turn[:, None] / (2 * np.pi) * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    actions, states = acted(Shown, tips)
+    np.testing.assert_allclose(actions / 10, tips, atol=5e-4)
+    assert states[-1].status == "fine"
 
 
 def test_episodes_and_their_copies_do_not_share_what_was_felt():
@@ -79,29 +88,23 @@ def test_episodes_and_their_copies_do_not_share_what_was_felt():
 
 
 def test_a_reading_that_is_not_finite_is_passed_over():
-    policy, state = Sensed(Shown(), KNOWN, 0.02), None
-    _, state = policy.predict(seen([0.01, 0.0]), state)
-    action, state = policy.predict(seen([np.nan, 0.0]), state)
-    np.testing.assert_allclose(action / 10, [0.01, 0.0], atol=5e-4)
-    action, _ = policy.predict(seen([0.02, 0.0]), state)
-    np.testing.assert_allclose(action / 10, [0.02, 0.0], atol=5e-4)
+    actions, _ = acted(Shown, [(0.01, 0.0), (np.nan, 0.0), (0.02, 0.0)])
+    np.testing.assert_allclose(actions[1:] / 10, [[0.01, 0.0], [0.02, 0.0]], atol=5e-4)
 
 
 def test_rates_are_differences_of_readings():
-    policy, state = Sensed(Faster(), KNOWN, 0.02), None
-    for x in (0.0, 0.0, 0.0, 0.01):  # old readings come again until a new one is there
-        action, state = policy.predict(seen([x, 0.0]), state)
-    assert action[0] == pytest.approx(0.01 / 0.06, rel=0.05)
+    # Old readings come again until a new one is there.
+    actions, _ = acted(Faster, [(0.0, 0.0)] * 3 + [(0.01, 0.0)])
+    assert actions[-1, 0] == pytest.approx(0.01 / 0.06, rel=0.05)
 
 
 def test_sensors_are_read_while_the_policy_holds_its_action():
-    policy, state = Sensed(Rarely(), KNOWN, 0.02), None
-    actions = []
-    for x in (0.0, 0.01, 0.02, 0.03):
-        action, state = policy.predict(seen([x, 0.0]), state)
-        actions.append(action[0])
-        assert state.shape.reported[TIP][0] == pytest.approx(x, abs=5e-4)
-    assert actions[1] == actions[2] == actions[0] and actions[3] == pytest.approx(0.3, abs=5e-3)
+    tips = [(x, 0.0) for x in (0.0, 0.01, 0.02, 0.03)]
+    actions, states = acted(Rarely, tips)
+    told = [state.shape.reported[TIP][0] for state in states]
+    np.testing.assert_allclose(told, np.array(tips)[:, 0], atol=5e-4)
+    x = actions[:, 0]
+    assert x[1] == x[2] == x[0] and x[3] == pytest.approx(0.3, abs=5e-3)
 
 
 def test_what_sensors_do_not_tell_is_refused():

@@ -13,6 +13,7 @@ from softrobot_env.control.base import REASONS, UNREACHABLE
 from softrobot_env.control.registry import make_policy
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
+from softrobot_env.evaluation.runner import Case, run
 from softrobot_env.robots import CANTILEVER_WEAK, RIG, find_robot
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.scene.build import build_scene
@@ -175,10 +176,9 @@ def test_it_moves_the_tip_where_statics_lag_behind(name):
 @pytest.mark.parametrize("stiffness", [0.75, pytest.param(1.25, marks=pytest.mark.slow)])
 def test_feedback_learns_another_stiffness(stiffness):
     """A hundredth of the error is left in the second lap."""
-    task, options = lap("planar_finger", 0.1), {"vary": {"youngs_modulus": stiffness}}
-    env = TrackingEnv(task, observe="all", control_period=PERIOD)
+    task, scene = lap("planar_finger", 0.1), {"control_period": PERIOD}
     wrong, learned = (
-        run_episode(env, make_policy(name, task.robot, PERIOD), seed=0, options=options)
+        run(Case(task, name, {"youngs_modulus": stiffness}, scene=scene)).rollout
         for name in ("chain_dynamics", "chain_dynamics_pi")
     )
     half = len(wrong.error) // 2

@@ -10,10 +10,10 @@ from support.servo_law import ServoLaw
 
 from softrobot_env.control.feedforward.motion import Motion
 from softrobot_env.control.registry import make_policy
-from softrobot_env.evaluation.run import run_episode
+from softrobot_env.evaluation.runner import Case, run
 from softrobot_env.identification.visits import nominal_lengths
 from softrobot_env.robots import LENGTH_SCALE, RIG, SERVO_SPEED
-from softrobot_env.thesis.envs import RigEnv
+from softrobot_env.tasks import make_task
 from softrobot_env.thesis.rig.feedforward import RigFeedforward
 from softrobot_env.thesis.rig.inverse import TOTAL, OnePiece, SeveralPieces
 from softrobot_env.thesis.rig.parameters import IdentifiedParameters
@@ -359,12 +359,12 @@ def test_stacked_decisions_of_the_network_are_those_of_one_after_the_other(monke
 
 def errors(policy, period, twin=0, **known):
     """Error [m] after the approach."""
-    env = RigEnv("triangle", period=period, twin=twin, observe="all")
-    rollout = run_episode(env, make_policy(policy, RIG, env.control_period, **known), seed=0)
+    task = make_task("triangle", period=period)
+    rollout = run(Case(task, policy, twin=twin, given=known)).rollout
     # The first command is one to a sum of tensions that the rig does not begin with.
     assert rollout.failure is None and rollout.policy_status[0] == "servo too slow"
     assert set(rollout.policy_status[1:]) == {""}
-    return rollout.error[rollout.time > env.task.trajectory.approach]
+    return rollout.error[rollout.time > task.trajectory.approach]
 
 
 @pytest.fixture(scope="module")
@@ -402,11 +402,11 @@ def test_fast_laps_need_the_dynamics_and_their_damping():
 @pytest.mark.slow
 def test_feedback_learns_another_stiffness():
     """A tenth of the error is left, although the camera sees the tip a period late."""
-    env = RigEnv("triangle", period=5.0, twin=0, observe="all")
+    task = make_task("triangle", period=5.0)
     wrong, learned = (
-        run_episode(env, make_policy(name, env), options={"vary": {"youngs_modulus": 0.75}})
+        run(Case(task, name, {"youngs_modulus": 0.75}, twin=0)).rollout
         for name in ("hybrid_calibrated", "hybrid_feedback")
     )
-    late = wrong.time > env.task.trajectory.approach
+    late = wrong.time > task.trajectory.approach
     assert learned.failure is None
     assert learned.error[late].mean() < 0.1 * wrong.error[late].mean()
