@@ -11,7 +11,6 @@ from support.derivatives import differences
 from softrobot_env.beams import planar_arm
 from softrobot_env.beams.model import State
 from softrobot_env.beams.pcc import PCC
-from softrobot_env.beams.planar_arm import make_planar_arm
 from softrobot_env.control.linear_quadratic import BoundedSolver
 from softrobot_env.control.registry import make_policy
 from softrobot_env.robots import ARM
@@ -104,7 +103,7 @@ def test_tension_limit_is_kept_and_reported():
 
 # ---------------------------------------------------------------- the optimisation
 
-DATA = make_planar_arm(ARM)
+DATA = planar_arm.make_planar_arm(ARM)
 MAP = TendonMap(ARM)
 MODEL = PCC(ARM, axes="planar")
 

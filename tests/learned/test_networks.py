@@ -92,22 +92,22 @@ def test_layers_must_fit():
 
 @pytest.fixture(scope="module")
 def ridge():
-    """Data of an affine function, noise of standard deviation 0.3, and the fit to them."""
+    """Data of an affine function, its basis, noise of deviation 0.3, and the fit to them."""
     rng = np.random.default_rng(3)
     x = rng.uniform(-1, 1, (200, 6))
     y = x @ np.array([[1.0, -0.5, 0.02, 0.0, 0.7, 0.01]]).T + 0.2
     y += 0.3 * rng.standard_normal(y.shape)
-    return x, y, train_regularised(make_network((), 6, 1), Dataset(x, y))
+    basis = np.hstack([x, np.ones((len(x), 1))])
+    return basis, y, train_regularised(make_network((), 6, 1), Dataset(x, y))
 
 
 def test_affine_fit_maximises_the_evidence(ridge):
     """alpha and beta against a direct search on the marginal likelihood of the data."""
-    x, y, fit = ridge
-    basis = np.hstack([x, np.ones((len(x), 1))])
+    basis, y, fit = ridge
 
     def surprise(logs):
         alpha, beta = np.exp(logs)
-        covariance = basis @ basis.T / (2 * alpha) + np.eye(len(x)) / (2 * beta)
+        covariance = basis @ basis.T / (2 * alpha) + np.eye(len(y)) / (2 * beta)
         return -multivariate_normal.logpdf(y[:, 0], cov=covariance)
 
     best = minimize(surprise, np.zeros(2), method="Nelder-Mead", options={"xatol": 1e-6})
@@ -116,8 +116,7 @@ def test_affine_fit_maximises_the_evidence(ridge):
 
 
 def test_affine_fit_is_the_ridge_regression(ridge):
-    x, y, fit = ridge
-    basis = np.hstack([x, np.ones((len(x), 1))])
+    basis, y, fit = ridge
     ratio = fit.alpha / fit.beta
     expected = np.linalg.solve(basis.T @ basis + ratio * np.eye(7), basis.T @ y)[:, 0]
     np.testing.assert_allclose(fit.network.parameters, expected, atol=1e-6)

@@ -71,8 +71,8 @@ def swing_of(**changes):
     return replace(make_task("swing"), **changes)
 
 
-def task_of(start=(0.0,) * 3, duration=1.0):
-    return Task("short", RIG, RoundedTriangle(), duration, start, axes="xy")
+def task_of(start):
+    return Task("short", RIG, RoundedTriangle(), 1.0, start, axes="xy")
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,6 @@ def task_of(start=(0.0,) * 3, duration=1.0):
         (lambda start: swing_of(start_input=start), [(1.0,)], "3 tendon inputs"),
         (lambda robot: swing_of(robot=robot, start_input=()), [CANTILEVER_WEAK], "at least one"),
         (task_of, [(0.0, 0.0)], "3 tendon inputs, start_input 2"),
-        (lambda duration: task_of(duration=duration), [0.0], "duration"),
         (
             lambda length: task_of((0.0, length, 0.0)),
             [0.031, -0.031],
@@ -102,7 +101,6 @@ def task_of(start=(0.0,) * 3, duration=1.0):
         (lambda period: RoundedTriangle(period=period), [-1.0], "period must be"),
         (lambda n: RoundedTriangle(laps=n), [-1], "laps must be a whole number, 0 or more"),
         (lambda t: RoundedTriangle(approach=t), [np.inf], "approach must be finite and zero or"),
-        (lambda radius: LapCircle(radius=radius), [np.nan], "radius must be"),
         (lambda laps: LapCircle(laps=laps), [0], "laps must be a whole number, 1 or more"),
         (lambda ramp: LapCircle(ramp=ramp), [20.0], r"ramp must lie in \[0, 15.1\] s"),
         (
@@ -123,7 +121,6 @@ def task_of(start=(0.0,) * 3, duration=1.0):
             "whole number >= 0",
         ),
         (lambda v: run_of(speed=v), [0.0, -0.1, 1.3], r"must lie in \(0, 1.26\] m/s"),
-        (lambda v: run_of(speed=v), [np.nan], "speed must be a finite number"),
         (lambda laps: run_of(laps=laps), [0], "laps must be a whole number, 1 or more"),
         (lambda ramp: run_of(ramp=ramp), [0.0], "ramp must be finite and positive"),
         (lambda sine: FourierPath(START, ((1.0, 0, 0),), sine), [()], "as many cosines as sines"),
