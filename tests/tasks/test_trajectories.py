@@ -41,11 +41,6 @@ RUNS = {n: (r, (0.0, r.ramp, r.end_time - r.ramp, r.end_time)) for n, r in SMOOT
 ALL = KINKS | RUNS
 
 
-def smooth_times(joints, margin):
-    t = np.linspace(joints[0] - 1, joints[-1] + 4, 1777)
-    return t[np.min(np.abs(t[:, None] - np.array(joints)), axis=1) > margin]
-
-
 def tip_by_quadrature(a):
     """Tip of the beam with curvature a (3, 2, 1) on its thirds, by adaptive quadrature."""
     third = 0.5 / 3
@@ -57,22 +52,6 @@ def tip_by_quadrature(a):
     x = quad(lambda s: np.sin(angle(s)), 0, 0.5, **split)[0]
     z = quad(lambda s: np.cos(angle(s)), 0, 0.5, **split)[0]
     return np.array([x, 0.0, z])
-
-
-@pytest.mark.parametrize("name", KINKS)
-def test_velocity_and_acceleration_are_the_derivatives(name):
-    """h^2 / 6 times the third derivative (below 1e-2 m/s3) and the rounding 1e-16 / h are below
-    1e-10 m/s; the arc-length table's interpolation in steps of 0.04 errs by 0.04^4 / 384. The
-    largest acceleration is v^2 / radius = 0.01 / 0.4 m/s2.
-    """
-    trajectory, kinks = KINKS[name]
-    h = 1e-4
-    t = smooth_times(kinks, 2 * h)
-    for value, rate, bound in (
-        (trajectory.position, trajectory.velocity, 1e-8),
-        (trajectory.velocity, trajectory.acceleration, 1e-6 * 0.025),
-    ):
-        np.testing.assert_allclose(rate(t), (value(t + h) - value(t - h)) / (2 * h), atol=bound)
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -206,19 +185,24 @@ def difference(function, t, h):
     return sum(w * (function(t + k * h) - function(t - k * h)) for k, w in steps) / h
 
 
-@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.parametrize("name", ALL)
 @pytest.mark.parametrize("quantity", ["position", "velocity"])
 def test_derivatives_converge_to_sixth_order(name, quantity):
-    """Away from the joints, where higher derivatives jump."""
-    (run, joints), h = RUNS[name], 4e-3
+    """Away from the joints, where higher derivatives jump.
+
+    The sweep's arc-length table errs by some 1e-9; all others by rounding.
+    """
+    (run, joints), h = ALL[name], 4e-3
     exact = {"position": run.velocity, "velocity": run.acceleration}[quantity]
-    t = smooth_times(joints, 3 * h)
+    t = np.linspace(joints[0] - 1, joints[-1] + 4, 1777)
+    t = t[np.min(np.abs(t[:, None] - np.array(joints)), axis=1) > 3 * h]
     errors = [
         np.abs(difference(getattr(run, quantity), t, step) - exact(t)).max() for step in (h, h / 2)
     ]
     assert errors[1] < 1e-6
     # Terms of eighth order change the ratio 2^6 by a few percent, and so does rounding.
-    assert errors[1] < 1e-10 or errors[0] / errors[1] == pytest.approx(64, rel=0.1)
+    least = 2e-9 if name == "sweep" else 1e-10
+    assert errors[1] < least or errors[0] / errors[1] == pytest.approx(64, rel=0.1)
 
 
 @pytest.mark.parametrize("name", RUNS)
