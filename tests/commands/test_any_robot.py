@@ -19,14 +19,6 @@ from softrobot_env.robots import find_robot
 ROOT = Path(__file__).resolve().parents[2]
 
 
-@pytest.fixture
-def mine(tmp_path):
-    """A file with tasks and policies."""
-    path = tmp_path / "mine.py"
-    path.write_text(MINE)
-    return path
-
-
 @pytest.mark.parametrize("name", SOME)
 def test_an_example_is_evaluated_by_one_command(name, tmp_path):
     file = assets_dir() / "robots" / f"{name}.toml"
@@ -59,7 +51,9 @@ def test_an_example_is_rendered_inspected_and_exported(name, tmp_path, capsys):
         assert model.nu == len(robot.tendons)
 
 
-def test_variations_and_several_tasks_are_told_apart(tmp_path, mine, capsys):
+def test_variations_and_several_tasks_are_told_apart(tmp_path, capsys):
+    mine = tmp_path / "mine.py"
+    mine.write_text(MINE)
     words = f"--robot planar_finger --tasks {mine}:stay reach --policies hold {mine}:P {mine}:Q"
     more = "--duration 0.2 --no-plots --save-rollouts --vary youngs_modulus=1,0.5"
     rows = evaluated(tmp_path / "out", words, more)

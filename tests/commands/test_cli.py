@@ -96,15 +96,13 @@ def test_inspect_tells_what_a_scene_leaves_out(capsys):
 
 def test_inspect_draws_the_workspace_of_a_robot(tmp_path, capsys):
     pytest.importorskip("matplotlib")
-    options = ["--robot", "planar_finger", "--workspace", "--out", str(tmp_path / "new")]
-    assert main(["inspect", *options]) == 0
+    assert called("inspect --robot planar_finger --workspace --out", tmp_path / "new") == 0
     assert "ground of tasks" in capsys.readouterr().out
     assert (tmp_path / "new" / "workspace_planar_finger.png").stat().st_size > 10_000
 
 
 def test_inspect_follows_the_scene_options(capsys):
-    options = ["--rule", "midpoint", "--pieces", "3", "--control-period", "0.001"]
-    assert main(["inspect", *options]) == 0
+    assert called("inspect --rule midpoint --pieces 3 --control-period 0.001") == 0
     assert "3 hinges in 3 pieces, rule midpoint" in capsys.readouterr().out
 
 
@@ -140,9 +138,8 @@ def test_a_grip_is_reported(capsys):
 def test_a_grip_is_filmed(tmp_path, capsys):
     pytest.importorskip("imageio")
     out = tmp_path / "grip.gif"
-    words = ["grip", "--task", "enclose", "--fps", "2", "--size", "160", "120"]
     try:
-        assert main([*words, "--out", str(out)]) == 0
+        assert called("grip --task enclose --fps 2 --size 160 120 --out", out) == 0
     except RuntimeError as error:
         pytest.skip(str(error))
     assert out.stat().st_size > 1000

@@ -104,12 +104,8 @@ def test_what_fails_before_its_report_leaves_the_earlier_one_whole(tmp_path):
     (tmp_path / "a.png").write_text("old")
     (tmp_path / ".written").write_text("report.json\na.png\n")
 
-    def fail():
-        with new_results(tmp_path, overwrite=True):
-            raise RuntimeError
-
-    with pytest.raises(RuntimeError):
-        fail()
+    with pytest.raises(RuntimeError), new_results(tmp_path, overwrite=True):
+        raise RuntimeError
     assert (tmp_path / "report.json").read_text() == (tmp_path / "a.png").read_text() == "old"
 
 

@@ -36,6 +36,14 @@ def shipped(name):
     return dict(read_arrays(models_dir() / f"{name}.npz"))
 
 
+def assert_refused(name, path, said, **changes):
+    """A shipped file with other arrays, or without those that are None, is refused."""
+    arrays = shipped(name) | changes
+    np.savez(path, **{key: array for key, array in arrays.items() if array is not None})
+    with pytest.raises(ValueError, match=said):
+        load(name, path)
+
+
 def arrays_of(name, but=("workspace", "seed", "robot")):
     found = shipped(name)
     return [key for key in found if found[key].dtype.kind == "f" and not key.endswith(but)]
@@ -48,47 +56,33 @@ def test_networks_and_gains_that_are_not_finite_are_refused_by_file_and_array(
 ):
     path = tmp_path / "bad.npz"
     for key in ["gains"] if name in PERIOD else arrays_of(name, ("workspace", "tendon_stiffness")):
-        arrays = shipped(name)
-        arrays[key] = arrays[key].copy()
-        arrays[key].flat[-1] = value
-        np.savez(path, **arrays)
-        with pytest.raises(ValueError, match=f"bad.npz: 1 of .* array '{key}' are not finite"):
-            load(name, path)
+        array = shipped(name)[key].copy()
+        array.flat[-1] = value
+        said = f"bad.npz: 1 of .* array '{key}' are not finite"
+        assert_refused(name, path, said, **{key: array})
 
 
 @pytest.mark.parametrize("name", ["qs_nn", "ppo", "rig_nn"])
 def test_missing_and_misshapen_arrays_are_refused(name, tmp_path):
-    path = tmp_path / "bad.npz"
     for key in arrays_of(name):
         for strange in (None, shipped(name)[key][..., None], np.array("text")):
-            arrays = shipped(name)
-            if strange is None:
-                del arrays[key]
-            else:
-                arrays[key] = strange
-            np.savez(path, **arrays)
-            with pytest.raises(ValueError, match=r"bad\.npz"):
-                load(name, path)
+            assert_refused(name, tmp_path / "bad.npz", r"bad\.npz", **{key: strange})
 
 
 def test_networks_with_other_ends_are_refused(tmp_path):
     """Compiled code would read beyond the arrays."""
-    path = tmp_path / "bad.npz"
-    arrays = shipped("qs_nn") | {"bias_1": np.zeros(2), "weight_1": np.zeros((2, 30))}
-    arrays |= {"output_low": np.zeros(2), "output_high": np.ones(2)}
-    np.savez(path, **arrays)
-    with pytest.raises(ValueError, match=r"bad\.npz must have 7 inputs and 3 outputs"):
-        load("qs_nn", path)
+    two = {"bias_1": np.zeros(2), "weight_1": np.zeros((2, 30))}
+    two |= {"output_low": np.zeros(2), "output_high": np.ones(2)}
+    said = r"bad\.npz must have 7 inputs and 3 outputs"
+    assert_refused("qs_nn", tmp_path / "bad.npz", said, **two)
     network, _ = Network.load(models_dir() / "qs_nn.npz")
     with pytest.raises(ValueError, match="must have 29 inputs and 3 outputs, it has 7 and 3"):
         NeuralPolicy(ARM, 0.01, network)
 
 
 def test_a_stiffness_of_no_robot_is_refused(tmp_path):
-    path = tmp_path / "bad.npz"
-    np.savez(path, **shipped("rig_nn") | {"about_stiffness": np.array(-1.0)})
-    with pytest.raises(ValueError, match=r"bad\.npz: .* stiffness must be finite and positive"):
-        load("rig_nn", path)
+    said = r"bad\.npz: .* stiffness must be finite and positive"
+    assert_refused("rig_nn", tmp_path / "bad.npz", said, about_stiffness=np.array(-1.0))
 
 
 def single(path):

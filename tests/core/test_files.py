@@ -102,29 +102,22 @@ def test_the_users_cache_is_taken_where_it_can_be_written(monkeypatch, tmp_path)
     assert files.cache_dir() == tmp_path / "a" / "b" / "softrobot_env"
 
 
+@pytest.mark.parametrize("trap", [None, "open to all", "link"])
 @pytest.mark.usefixtures("fresh")
-def test_else_a_folder_that_nobody_else_can_write_to(monkeypatch, tmp_path):
-    (tmp_path / "file").touch()
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    own = files.cache_dir()
-    assert own.parent == tmp_path and own.stat().st_mode & 0o777 == 0o700
-    assert files.cache_dir() == own
-
-
-@pytest.mark.parametrize("trap", ["open to all", "link"])
-@pytest.mark.usefixtures("fresh")
-def test_a_folder_that_others_prepared_is_not_taken(monkeypatch, tmp_path, trap):
+def test_else_a_folder_that_nobody_else_can_write_to_or_has_prepared(monkeypatch, tmp_path, trap):
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     prepared = tmp_path / f"softrobot_env-{os.getuid()}"
     if trap == "link":
         (tmp_path / "theirs").mkdir(mode=0o700)
         prepared.symlink_to(tmp_path / "theirs")
-    else:
+    elif trap:
         prepared.mkdir()
         prepared.chmod(0o777)
     found = files.cache_dir()
-    assert found != prepared and found.stat().st_mode & 0o777 == 0o700
+    assert (found == prepared) == (trap is None)
+    assert found.parent == tmp_path and found.stat().st_mode & 0o777 == 0o700
+    assert files.cache_dir() == found
 
 
 @pytest.mark.slow
@@ -138,13 +131,8 @@ def test_a_package_and_a_home_that_cannot_be_written_to_are_enough(tmp_path):
     script = _READ_ONLY.format(**names)
     keep = {"PATH": os.environ["PATH"], "HOME": str(home), "PYTHONPATH": str(package)}
     keep["TMPDIR"] = str(tmp_path)
-    done = subprocess.run(
-        ["unshare", "-rm", "sh", "-c", script],
-        env=keep,
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-    )
+    command = ["unshare", "-rm", "sh", "-c", script]
+    done = subprocess.run(command, env=keep, capture_output=True, text=True, cwd=tmp_path)
     if "unshare" in done.stderr or "mount:" in done.stderr:
         pytest.skip(f"read-only folders cannot be made here: {done.stderr.splitlines()[-1]}")
     assert done.returncode == 0, done.stderr

@@ -145,21 +145,17 @@ def test_marks_keep_their_place_when_zero_moves(gain):
     assert abs(after.pulse(0.0) - before.pulse(2e-3)) <= 0.5e-6
 
 
-def test_marks_that_contradict_are_refused():
-    with pytest.raises(ValueError, match="minimum_mm <= rest_mm <= maximum_mm"):
-        obey(["+5", "min"]).result()
-
-
 @pytest.mark.parametrize(
-    ("line", "complaint"),
+    ("lines", "complaint"),
     [
-        ("t 4", "the tendons are 1 to 3, got '4'"),
-        ("up", "unknown command 'up'"),
-        ("+x", "'.x' is no way in mm"),
-        ("+nan", "is no way in mm"),
-        ("+40", r"the servo reaches -34\.55 to 34\.55 mm"),
+        (["t 4"], "the tendons are 1 to 3, got '4'"),
+        (["up"], "unknown command 'up'"),
+        (["+x"], "'.x' is no way in mm"),
+        (["+nan"], "is no way in mm"),
+        (["+40"], r"the servo reaches -34\.55 to 34\.55 mm"),
+        (["+5", "min"], "minimum_mm <= rest_mm <= maximum_mm"),
     ],
 )
-def test_a_wrong_line_is_reported(line, complaint):
+def test_wrong_lines_and_marks_that_contradict_are_refused(lines, complaint):
     with pytest.raises(ValueError, match=complaint):
-        obey([line])
+        obey(lines).result()

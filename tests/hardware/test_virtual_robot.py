@@ -63,19 +63,13 @@ with virtual_process(0) as robot:
 """
 
 
-@pytest.fixture
-def parent(tmp_path):
+def test_it_ends_with_a_parent_that_is_killed(tmp_path):
     where = os.environ | {"TMPDIR": str(tmp_path)}
     with python(PARENT, stdout=subprocess.PIPE, text=True, env=where) as parent:
-        yield parent
-
-
-def test_it_ends_with_a_parent_that_is_killed(parent):
-    link, process = parent.stdout.readline().split()
-    assert Path(link).exists()
-    # Ctrl-C in a terminal goes to all processes of a group.
-    assert os.getpgid(int(process)) != os.getpgid(parent.pid)
-    parent.kill()
+        link, process = parent.stdout.readline().split()
+        assert Path(link).exists()
+        # Ctrl-C in a terminal goes to all processes of a group.
+        assert os.getpgid(int(process)) != os.getpgid(parent.pid)
     end = time.monotonic() + 30
     while Path(link).is_symlink():
         assert time.monotonic() < end

@@ -30,19 +30,15 @@ class Wander:
 
 
 @pytest.mark.parametrize(
-    ("make", "robot", "twin"),
+    ("make", "twin"),
     [
-        (lambda: TrackingEnv("swing", observe="all"), ARM, None),
-        (
-            lambda: TrackingEnv("circle", robot="silicone_rod", observe="all"),
-            ROBOTS["silicone_rod"],
-            None,
-        ),
-        (lambda: RigEnv("triangle", observe="all"), None, twin_or_ideal(None)),
+        (lambda: TrackingEnv("swing", observe="all"), None),
+        (lambda: TrackingEnv("circle", robot="silicone_rod", observe="all"), None),
+        (lambda: RigEnv("triangle", observe="all"), twin_or_ideal(None)),
     ],
     ids=["arm", "rod", "rig"],
 )
-def test_two_episodes_are_replayed_as_they_were(make, robot, twin, tmp_path):
+def test_two_episodes_are_replayed_as_they_were(make, twin, tmp_path):
     path = tmp_path / "episodes.csv"
     env = RecordEpisodes(make(), path)
     rollouts = [run_episode(env, Wander(), seed, {"duration": 0.4}) for seed in range(2)]
@@ -50,7 +46,7 @@ def test_two_episodes_are_replayed_as_they_were(make, robot, twin, tmp_path):
     env.close()
     recording = read_recording(path)
     assert recording.runs.tolist() == [k for k, r in enumerate(rollouts) for _ in r.time]
-    found = replay(recording, robot or task.robot, twin=twin)
+    found = replay(recording, task.robot, twin=twin)
     # Nine digits are written.
     assert not found.failures and found.distance.max() < 1e-7
     for number, rollout in enumerate(rollouts):

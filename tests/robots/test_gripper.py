@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.bad_files import assert_refused
 
-from softrobot_env.robots import ARM, RIG, Base, Finger, Gripper, find_gripper, read_gripper
+from softrobot_env.robots import ARM, Base, Finger, find_gripper, read_gripper
 from softrobot_env.robots.file import write_gripper
 
 GRIPPER = find_gripper("gripper")
@@ -46,15 +46,6 @@ def test_a_file_and_an_object_are_the_same(tmp_path):
 def test_what_is_wrong_in_a_file_is_named(tmp_path, old, new, message):
     write_gripper(GRIPPER, tmp_path / "mine.toml")
     assert_refused(read_gripper, tmp_path / "mine.toml", old, new, message)
-
-
-def test_what_is_no_gripper_is_refused():
-    with pytest.raises(ValueError, match="needs a finger"):
-        Gripper("none", ())
-    with pytest.raises(ValueError, match="driven by tension"):
-        Gripper("rigs", (Finger("one", RIG, Base()),))
-    with pytest.raises(ValueError, match="choose from gripper"):
-        find_gripper("hand")
 
 
 def test_a_round_thing_is_seated_on_the_palm_or_between_the_fingers():

@@ -18,8 +18,10 @@ from softrobot_env.robots import (
     Base,
     Disc,
     Drive,
+    Finger,
     Tendon,
     centerline,
+    find_gripper,
     find_robot,
 )
 from softrobot_env.robots.actuation import TendonMap, robot_inputs
@@ -308,6 +310,8 @@ TWIN = nominal_twin(RIG)
         (TWIN, {"camera_delay": inf}, "zero or more"),
         (TWIN, {"camera_noise": 0.01}, "camera_noise"),
         (TWIN, {"camera_noise": nan}, "camera_noise"),
+        (find_gripper("gripper"), {"fingers": ()}, "needs a finger"),
+        (find_gripper("gripper"), {"fingers": (Finger("a", RIG, Base()),)}, "driven by tension"),
         (TENDON, {"tension_limit": 0.0}, "'t'.*tension_limit must be finite and positive"),
         (TENDON, {"pretension": -1.0}, "'t'.*0 <= pretension"),
         (TENDON, {"pretension": 10.0}, "'t'.*pretension < tension_limit"),

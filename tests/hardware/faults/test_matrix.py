@@ -9,9 +9,9 @@
 | reordered | refused by number | what_was_overtaken_is_refused, any_harm_*, L |
 | delayed | refused by age | what_came_too_late_moves_nothing |
 | of another session | refused | F: a_wrong_setpoint_neither_moves_nor_feeds |
-| truncated | the next frame is intact | a_cut_frame_takes_nothing_with_it, any_harm_*, L |
+| truncated | the next frame is intact | P: a_cut_frame_does_not_take_the_next_*, any_harm_*, L |
 | split | put together | L: pieces_and_garbage_are_survived |
-| garbage flood | bounded memory, no motion, recovery | a_flood_*, L |
+| garbage flood | bounded memory, no motion, recovery | a_flood_*, any_harm_*, L |
 | disconnect in an episode | truncated in time; ramp; reset refuses | L: a_lost_line_* |
 | slow host | missed steps are counted, no burst; then a fault | L: a_slow_host_* |
 | slow device | three set-points under way; old ones die | a_device_that_slept_* |
@@ -29,7 +29,8 @@
 
 Tests of this file have a virtual clock. Those of L, in `test_live.py`, use pseudo-terminals or the
 environment with a board in memory, and R is `envs/real/test_env.py`, both in
-real time; S is `hardware/test_session.py`, F `hardware/firmware/test_session.py`.
+real time; S is `hardware/test_session.py`, F `hardware/firmware/test_session.py`, P
+`hardware/firmware/test_framing.py`.
 
 In every test a `Witness` of `output_witness.py` asserts at each pass of the robot's
 program that outputs are inside limits and slew rates, and that nothing but a fresh set-point of
@@ -39,7 +40,6 @@ the session moves them, except the ramp to rest.
 import tracemalloc
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from support.hardware_boards import PASS
 from support.rough_bench import (
@@ -76,9 +76,10 @@ def rough():
         {"truncate": 0.2},
         {"delay": 0.2},
         {"duplicate": 0.5, "copies": 3},
+        {"garbage": 100},
         {"corrupt": 0.05, "drop": 0.05, "truncate": 0.05, "delay": 0.05, "duplicate": 0.2},
     ],
-    ids=["corrupt", "drop", "truncate", "delay", "duplicate", "all"],
+    ids=["corrupt", "drop", "truncate", "delay", "duplicate", "garbage", "all"],
 )
 def test_any_harm_is_survived(harm, seed):
     bench = Rough(replace(ROBOT, watchdog=0.3), seed)  # for more in a row than chance will harm
@@ -87,7 +88,7 @@ def test_any_harm_is_survived(harm, seed):
         bench.drive(length, 0.5)
         assert bench.out.powered and bench.out.applied == counts(length)
     for line in (bench.up, bench.down):
-        assert all(line.done[kind] for kind in harm.keys() - {"copies"})
+        assert all(line.done[kind] for kind in harm.keys() - {"copies", "garbage"})
     assert bench.session.phase == Phase.RUNNING
 
 
@@ -167,15 +168,6 @@ def test_what_came_too_late_moves_nothing(rough):
     assert_stays_off(rough)
 
 
-def test_a_cut_frame_takes_nothing_with_it(rough):
-    frame = rough.session.setpoint(np.array(THERE), rough.now)[1]
-    for size in range(1, len(frame)):
-        rough.say(frame[:size], PASS)
-        seq = rough.command(HERE)
-        assert rough.session.echo(seq).seq == seq
-    assert rough.out.applied == counts(HERE)
-
-
 # ---------------------------------------------------------------- what is at either end
 @pytest.mark.parametrize("seed", range(3))
 def test_a_flood_moves_nothing_and_passes(seed):
@@ -192,12 +184,6 @@ def test_a_flood_moves_nothing_and_passes(seed):
     bench.say(bench.session.clear(), 0.06)
     bench.arm(number=6)
     assert bench.session.phase == Phase.RUNNING and bench.out.powered
-
-
-def test_a_flood_between_set_points_disturbs_nothing(rough):
-    rough.harm(garbage=100)
-    rough.drive(THERE, 0.4)
-    assert rough.out.powered and rough.out.applied == counts(THERE)
 
 
 def test_a_flood_needs_no_memory(rough):

@@ -308,16 +308,6 @@ def test_slow_slews_do_not_stand_still_between_short_passes():
 
 
 # ---------------------------------------------------------------- another calibration
-def with_servos_that_nobody_measures():
-    """Switched off away from rest."""
-    bench = Bench(capabilities=m.Capability(0)).start()
-    bench.hold(50, *AWAY)
-    assert bench.out.pulse_us == (1525, 1385, 1603)
-    bench.run(m.EStop())
-    bench.run(m.Clear(m.Fault.ESTOP))
-    return bench
-
-
 @pytest.mark.parametrize(
     ("changes", "present"),
     [
@@ -328,7 +318,12 @@ def with_servos_that_nobody_measures():
     ],
 )
 def test_a_new_calibration_leaves_unmeasured_servos_where_they_are(changes, present):
-    bench = with_servos_that_nobody_measures()
+    """Of servos that are switched off away from rest."""
+    bench = Bench(capabilities=m.Capability(0)).start()
+    bench.hold(50, *AWAY)
+    assert bench.out.pulse_us == (1525, 1385, 1603)
+    bench.run(m.EStop())
+    bench.run(m.Clear(m.Fault.ESTOP))
     before = np.array((1525, 1385, 1602.5))
     bench.arm(replace(CONFIG, **changes))
     assert bench.out.applied == present
