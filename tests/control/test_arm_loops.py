@@ -78,7 +78,7 @@ CASES = [
     Case("mpc", "pcc", "lshape", 7.0, (2.5, 2.7)),
     Case("mpc", "pcc", "swing", 12.0, ANY, 9.0, (40, np.inf), modulus=0.5),
     # Largest at the start, in the L's corner (5 s) and at the swing's end (10 s).
-    Case("mpc_preview", "mujoco", "swing", 12.0, (0, 0.8), rms=(0, 0.1)),
+    pytest.param(Case("mpc_preview", "mujoco", "swing", 12.0, (0, 0.8), rms=(0, 0.1)), marks=SLOW),
     Case("mpc_preview", "mujoco", "lshape", 6.0, (0, 0.4), rms=(0, 0.1)),
     # It starts out of balance, of which the law knows nothing before it moves.
     Case("mpc_preview", "mujoco", "swing", 3.0, (0, 1.2), 0.5, (0, 0.3), modulus=0.5),
@@ -88,12 +88,9 @@ CASES = [
     Case("qs_nn", "pcc", "swing", 15.0, (15, 18), 2.0, late=(0, 15)),  # largest at the start
     Case("qs_nn", "pcc", "swing", 15.0, ANY, 14.9, late=(0, 5)),
 ]
-LONG = ("mpc_preview", "swing", 12.0)
 
 
-@pytest.mark.parametrize(
-    "case", [pytest.param(c, marks=SLOW if (c.name, *c[2:4]) == LONG else ()) for c in CASES]
-)
+@pytest.mark.parametrize("case", CASES)
 def test_paths(case):
     vary = {"youngs_modulus": case.modulus}
     rollout = episode(case.name, case.task, case.plant, duration=case.duration, vary=vary)

@@ -350,11 +350,8 @@ def test_stacked_decisions_of_the_network_are_those_of_one_after_the_other(monke
             np.testing.assert_array_equal(actions[i], action)
             assert states[i].status == alone[i].status
     assert calls == [58, 58]
-    assert {s.status for s in states} >= {
-        SLOW,
-        "outside the trained workspace",
-        "observation not finite",
-    }
+    said = {state.status for state in states}
+    assert said >= {SLOW, "outside the trained workspace", "observation not finite"}
 
 
 def errors(policy, period, twin=0, **known):
