@@ -299,9 +299,8 @@ class SimulatedParts(EnvParts):
         """Options with the seed of a task that is sampled; its duration stays."""
         if not self.is_sampled(options):
             return options
-        seed = int(generator.integers(2**31))
-        duration = options.duration or self.task.duration
-        return replace(options, task=options.task | {"seed": seed}, duration=duration)
+        task = options.task | {"seed": int(generator.integers(2**31))}
+        return replace(options, task=task, duration=options.duration or self.task.duration)
 
     def beginning(self, options: ResetOptions) -> Beginning:
         """How an episode with such options begins.

@@ -93,8 +93,8 @@ class Feedforward(Controller):
             )
         inputs, size = self._inputs.from_actions(in_force(observation)), sizes.pop()
         rest, memory = self._statics.begin(inputs), self._remembered()
-        law, reference = self._feedback, observation["reference"]
-        feedback = None if law is None else law.start(reference)
+        law = self._feedback
+        feedback = None if law is None else law.start(observation["reference"])
         return FeedforwardState(np.full(size, np.nan), rest, memory, feedback, None)
 
     def _remembered(self) -> Any:

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from math import inf
 from time import perf_counter
 from typing import Any
+from weakref import finalize
 
 import mujoco
 import numpy as np
@@ -103,15 +104,11 @@ class Pool:
         )
         if not self._batch:
             raise RuntimeError(f"cannot make a batch of {count}: {error.value.decode()}")
+        finalize(self, _delete, self._c, self._batch, self._process)
         self.warnings = _view(
             self._c.mjb_warning(self._batch), (count, int(mujoco.mjtWarning.mjNWARNING), 2), "i4"
         )
         self._everyone = np.arange(count, dtype=np.int32)
-
-    def __del__(self) -> None:
-        # The threads that deleting waits for are not there in a forked child.
-        if getattr(self, "_batch", None) and os.getpid() == self._process:
-            self._c.mjb_deleteBatch(self._batch)
 
     def bind(self, name: str) -> ndarray:
         """Array (n, k) of a part of the state, a key of `_STATE`, to be written to."""
@@ -170,6 +167,12 @@ class Pool:
         if len(ids) and function(self._batch, ids.ctypes.data, len(ids), *arguments):
             texts = {self._c.mjb_error(self._batch, int(i)).decode() for i in ids}
             raise RuntimeError("; ".join(sorted(texts - {""})))
+
+
+def _delete(library: ctypes.CDLL, batch: int, process: int) -> None:
+    # The threads that this waits for are not there in a forked child.
+    if os.getpid() == process:
+        library.mjb_deleteBatch(batch)
 
 
 def _view(start: int, shape: tuple[int, ...], kind: Any) -> ndarray:
