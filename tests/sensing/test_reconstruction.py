@@ -108,6 +108,16 @@ def test_a_reading_that_is_not_finite_or_not_new_changes_nothing(known):
     assert found.update(felt, np.zeros(3), 0.02) is felt
 
 
+def test_nothing_is_known_before_the_first_finite_reading(known):
+    _, found = known
+    lost, turns = found.begin(np.array([np.nan, 0, 0])), np.array([0.3, -0.9, 1.2])
+    seen = found.update(lost, turns, 0.02).reported
+    assert lost.reported.keys() == seen.keys() == found.maps.keys()
+    for name, values in found.update(found.begin(np.zeros(3)), turns, 0.02).reported.items():
+        assert lost.reported[name].shape == values.shape and np.isnan(lost.reported[name]).all()
+        np.testing.assert_array_equal(seen[name], values)
+
+
 def test_files_keep_everything(known, tmp_path):
     arm, found = known
     write_arrays(tmp_path / "a.npz", found.arrays())
