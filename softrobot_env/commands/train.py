@@ -176,24 +176,24 @@ def run(args: Namespace) -> int:
     values = dict(args.set)  # of one that is given twice, the last
     if args.seeds or args.workers or any(len(own) > 1 for own in values.values()):
         return train_several(args, name, robot, settings, values)
-    order = TrainingRequest(robot, _path(args, name, robot), args.seed, settings)
+    request = TrainingRequest(robot, _path(args, name, robot), args.seed, settings)
     began = perf_counter()
     with ExitStack() as held:
         held.enter_context(
-            output.new_file(order.path, args.overwrite or bool(settings.get("resume")))
+            output.new_file(request.path, args.overwrite or bool(settings.get("resume")))
         )
         if "checkpoint" in training.options:
-            folder = checkpoint_of(settings, order.path)
+            folder = checkpoint_of(settings, request.path)
             held.enter_context(output.claimed(folder))
             output.check_folder(folder)
-        order.path.parent.mkdir(parents=True, exist_ok=True)
+        request.path.parent.mkdir(parents=True, exist_ok=True)
         show = held.enter_context(output.progress_on(name, prefix=f"{name}: "))
-        figures = training.run(order, show)
+        figures = training.run(request, show)
     figures = dict(figures) | {"time": f"{perf_counter() - began:.1f} s"}
     say(named_values(f"{name} of {robot.name}, seed {args.seed}", figures))
-    say(f"Wrote {order.path}", soft_wrap=True)
+    say(f"Wrote {request.path}", soft_wrap=True)
     used = looked_up(robot, name)
-    if used is not None and used.resolve() != order.path.resolve():
+    if used is not None and used.resolve() != request.path.resolve():
         say(f"The policy {name} still acts on {used}: --ship replaces it", soft_wrap=True)
     return 0
 
@@ -248,27 +248,27 @@ def train_several(
         able = ", ".join(other for other, known in registry.TRAININGS.items() if known.is_random)
         raise ValueError(f"--seeds: nothing in {name} is random; only with {able}")
     out = args.out or SEVERAL_RUNS / name
-    order = order_in(out, name, robot, settings, args.name)
-    orders = runs.orders_of(order, args.seeds or (args.seed,), values)
+    request = request_in(out, name, robot, settings, args.name)
+    requests = runs.requests_of(request, args.seeds or (args.seed,), values)
     if name in registry.LEARNERS:
-        for one in orders.values():
+        for one in requests.values():
             registry.check_reinforcement(name, one)
     study, files = study_in(args, out)
     with output.new_results(out, args.overwrite), kept_rows(out / KEPT, study, files) as kept:
-        bar = output.progress_on(name, len(orders), prefix=f"{name}: ")
+        bar = output.progress_on(name, len(requests), prefix=f"{name}: ")
         with bar as show, using(args.workers):
-            found = runs.run_all(name, orders, kept, show, args.overwrite)
+            found = runs.run_all(name, requests, kept, show, args.overwrite)
         if kept.taken:
             say(f"Took up {kept.taken} runs that were done when the command stopped")
         write(args, out, f"Several runs of {name}", found, report.tables(found))
     best = report.best_of(found)
     if best is not None:
-        path = out / best.folder / order.path.name
+        path = out / best.folder / request.path.name
         say(f"Best: seed {best.seed}, {path}", soft_wrap=True, highlight=False)
     return int(any(run.failure for run in found))
 
 
-def order_in(
+def request_in(
     out: Path, name: str, robot: RobotParams, settings: Mapping[str, Any], file: str | None
 ) -> TrainingRequest:
     """What runs have in common, whose folders are in `out`, as is what they build on."""

@@ -75,11 +75,11 @@ def run(args: Namespace) -> int:
     _check_space(args, space)
     TRAININGS[name].check(name, robot, settings)
     out = args.out or Path("out") / "tune" / name
-    order = train.order_in(out, name, robot, settings, None)
+    request = train.request_in(out, name, robot, settings, None)
     for values in corners(space):
         fixed = list((dict(settings.get("set", ())) | values).items())
-        check_reinforcement(name, _with(order, {"set": fixed}))
-    return _search(args, name, order, space, out)
+        check_reinforcement(name, _with(request, {"set": fixed}))
+    return _search(args, name, request, space, out)
 
 
 def _check_space(args: Namespace, space: Space) -> None:
@@ -95,26 +95,26 @@ def _check_space(args: Namespace, space: Space) -> None:
         raise ValueError(f"--search {both[0]}: it is the budget of a trial, or set by --set")
 
 
-def _with(order: TrainingRequest, changes: dict[str, Any]) -> TrainingRequest:
-    return replace(order, settings={**order.settings, **changes})
+def _with(request: TrainingRequest, changes: dict[str, Any]) -> TrainingRequest:
+    return replace(request, settings={**request.settings, **changes})
 
 
-def _search(args: Namespace, name: str, order: TrainingRequest, space: Space, out: Path) -> int:
+def _search(args: Namespace, name: str, request: TrainingRequest, space: Space, out: Path) -> int:
     """Search, print and write."""
     from softrobot_env.training.several import report
     from softrobot_env.training.several.runs import check_unclaimed
 
-    order, steps = _sized(name, order)
+    request, steps = _sized(name, request)
     ranges = any(isinstance(own, Range) for own in space.values())
-    search = Search(name, order, space, steps, args.trials or (_TRIALS if ranges else None))
+    search = Search(name, request, space, steps, args.trials or (_TRIALS if ranges else None))
     words, files = train.study_in(args, out)
-    files -= {order.path}
+    files -= {request.path}
     with new_results(out, args.overwrite), kept_rows(out / KEPT, words, files) as kept:
         study = kept.name
         if not args.overwrite:
-            check_free(order.path, overwrite=False)
+            check_free(request.path, overwrite=False)
             places = [trial_folder(search, number) for number in range(search.count)]
-            check_unclaimed([place / order.path.name for place in places], study)
+            check_unclaimed([place / request.path.name for place in places], study)
         bar = progress_on(name, prefix=f"{name}: ")
         with tune_on(args.workers) as tune, bar as show:
             found = searched(tune, search, study, show)
@@ -126,15 +126,15 @@ def _search(args: Namespace, name: str, order: TrainingRequest, space: Space, ou
     return int(best is None)
 
 
-def _sized(name: str, order: TrainingRequest) -> tuple[TrainingRequest, int]:
-    """The order with checks as often as trials may end, and the steps of a trial."""
+def _sized(name: str, request: TrainingRequest) -> tuple[TrainingRequest, int]:
+    """The request with checks as often as trials may end, and the steps of a trial."""
     from softrobot_env.training.rl import config_of
 
     algorithm, randomize = LEARNERS[name]
-    config = config_of(algorithm, {"randomize": randomize, **order.settings}, order.robot)
+    config = config_of(algorithm, {"randomize": randomize, **request.settings}, request.robot)
     fixed = {"trial_every": float(max(1, config.steps // _CHECKS))}
-    fixed |= dict(order.settings.get("set", ()))
-    return _with(order, {"set": list(fixed.items())}), config.steps
+    fixed |= dict(request.settings.get("set", ()))
+    return _with(request, {"set": list(fixed.items())}), config.steps
 
 
 def _keep(search: Search, best: "Run", args: Namespace) -> None:
@@ -142,9 +142,9 @@ def _keep(search: Search, best: "Run", args: Namespace) -> None:
     from softrobot_env.training.rl import save_kept
 
     where = trial_folder(search, best.trial - 1)
-    network = f"written to {search.order.path}"
+    network = f"written to {search.request.path}"
     if where.is_dir():
-        save_kept(search.order, where)
+        save_kept(search.request, where)
     else:
         network = "whose network is on the node that trained it"
     say(f"Best: trial {best.trial}, {network}", soft_wrap=True, highlight=False)

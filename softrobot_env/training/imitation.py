@@ -120,25 +120,25 @@ class ImitationSetup:
 
     def view(self) -> neural.View:
         """Of the network, which decides as often as the teacher."""
-        return self.training.lesson_view(self.teacher)
+        return self.training.imitation_view(self.teacher)
 
 
 @lru_cache(maxsize=2)
-def _teacher(lesson: ImitationSetup) -> Policy:
+def _teacher(setup: ImitationSetup) -> Policy:
     """The teacher, made once in a process."""
-    return lesson.training.make_teacher(lesson.teacher, lesson.file)
+    return setup.training.make_teacher(setup.teacher, setup.file)
 
 
-def settings_of(lesson: ImitationSetup, quick: bool = False) -> ImitationConfig:
+def settings_of(setup: ImitationSetup, quick: bool = False) -> ImitationConfig:
     """Size of an imitation: that of what is shipped for the arm, else minutes; or a tiny one."""
     config = ImitationConfig()
-    if not lesson.is_tuned:
-        first = timing_of(lesson.robot).first
+    if not setup.is_tuned:
+        first = timing_of(setup.robot).first
         config = replace(
             config,
             rounds=6,
             samples=16_000,
-            every=max(1, round(first / _APART / lesson.view().period)),
+            every=max(1, round(first / _APART / setup.view().period)),
             shares=8,
             last_epochs=30,
             randomization=_NEAR,
@@ -150,7 +150,7 @@ def settings_of(lesson: ImitationSetup, quick: bool = False) -> ImitationConfig:
 
 
 def imitate(
-    config: ImitationConfig, seed: int, show: ProgressCallback, lesson: ImitationSetup | None = None
+    config: ImitationConfig, seed: int, show: ProgressCallback, setup: ImitationSetup | None = None
 ) -> Network:
     """Train a network to act as the teacher does, in the states it gets into itself.
 
@@ -158,14 +158,14 @@ def imitate(
         config: Size and settings.
         seed: Of everything random.
         show: Shows the progress.
-        lesson: Robot and teacher.
+        setup: Robot and teacher.
 
     Raises:
         ValueError: The teacher cannot drive the robot; says which training it needs first.
     """
-    lesson = lesson or ImitationSetup.of(default_robot())
-    _teacher(lesson)  # before anything is done
-    view = lesson.view()
+    setup = setup or ImitationSetup.of(default_robot())
+    _teacher(setup)  # before anything is done
+    view = setup.view()
     torch.manual_seed(seed)
     torch.set_num_threads(config.threads)
     layers = new_layers(view.count, config.hidden, view.inputs)
@@ -177,7 +177,7 @@ def imitate(
             each = stack.enter_context(worker_processes(config.processes)).map
         for k in range(config.rounds):
             seeds = np.random.SeedSequence([seed, k]).spawn(config.shares)
-            jobs = [(config, lesson, network, one) for one in seeds]
+            jobs = [(config, setup, network, one) for one in seeds]
             for i, part in enumerate(each(_collect, jobs)):
                 parts.append(part)
                 show(f"round {k + 1} of {config.rounds}: data", i + 1, config.shares)
@@ -218,12 +218,12 @@ def _collect(
     Inputs are features (k, n_features), outputs those of a network that give the teacher's action
     (k, n_inputs), both float32.
     """
-    config, lesson, network, seed = job
-    rng, view = np.random.default_rng(seed), lesson.view()
+    config, setup, network, seed = job
+    rng, view = np.random.default_rng(seed), setup.view()
     seen: list[ndarray] = []
     wanted: list[ndarray] = []
     while len(seen) < config.samples / config.shares:
-        decisions = _episode(config, lesson, network, rng)
+        decisions = _episode(config, setup, network, rng)
         first = int(rng.integers(config.every)) if config.every > 1 else 0
         for one, action in islice(decisions, first, None, config.every):
             seen.append(neural.features(one, view))
@@ -233,14 +233,14 @@ def _collect(
 
 def _episode(
     config: ImitationConfig,
-    lesson: ImitationSetup,
+    setup: ImitationSetup,
     network: Network | None,
     rng: np.random.Generator,
 ) -> Iterator[tuple[Observation, ndarray]]:
     """Observations of the network where it decides, and the teacher's actions."""
-    robot, view, teacher = lesson.robot, lesson.view(), _teacher(lesson)
-    task = lesson.training.sampled_task(rng, config.duration * rng.uniform(0.3, 1.0))
-    env = _environment(config, lesson, task)
+    robot, view, teacher = setup.robot, setup.view(), _teacher(setup)
+    task = setup.training.sampled_task(rng, config.duration * rng.uniform(0.3, 1.0))
+    env = _environment(config, setup, task)
     hold = round(view.period / env.control_period)
     actor = None if network is None else neural.NeuralPolicy(robot, view.period, network, view=view)
     observation, _ = env.reset(options=_start(config, task, rng))
@@ -262,15 +262,15 @@ def _episode(
         over, step = terminated or truncated, step + 1
 
 
-def _environment(config: ImitationConfig, lesson: ImitationSetup, task: Task) -> TrackingEnv:
+def _environment(config: ImitationConfig, setup: ImitationSetup, task: Task) -> TrackingEnv:
     """With all that network and teacher see, the network's preview first."""
-    needs = lesson.training.teacher_environment(lesson.teacher)
+    needs = setup.training.teacher_environment(setup.teacher)
     plant = None if config.plant == MUJOCO else BeamPlant(config.plant)
     return TrackingEnv(
         task,
         control_period=needs["control_period"],
-        preview=(*lesson.view().preview, *needs["preview"]),
-        observe=None if lesson.is_tuned else "all",
+        preview=(*setup.view().preview, *needs["preview"]),
+        observe=None if setup.is_tuned else "all",
         plant=plant,
     )
 

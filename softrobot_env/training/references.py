@@ -108,10 +108,10 @@ class RobotTraining:
     def teacher_environment(self, teacher: str) -> dict[str, Any]:
         """What a teacher needs of an environment: `control_period`, `preview`."""
         own = policy_environment(teacher, self.robot)
-        period = own.get("control_period", self.lesson_view(teacher).period)
+        period = own.get("control_period", self.imitation_view(teacher).period)
         return {"control_period": period, "preview": tuple(own.get("preview", ()))}
 
-    def lesson_view(self, teacher: str) -> View:
+    def imitation_view(self, teacher: str) -> View:
         """View of a network that imitates a teacher, as often as that decides.
 
         Laws with gains change the inputs by what suits their own period: held for longer, the same

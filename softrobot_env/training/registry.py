@@ -26,13 +26,13 @@ def quantity_mm(length: float) -> Quantity:
     return Quantity(float(length), ".3f", "mm")
 
 
-def _network(order: TrainingRequest, show: ProgressCallback) -> Metrics:
+def _network(request: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Network of the statics, one of places."""
     from .quasi_static import Learning, train
 
-    how = Learning(samples=400, iterations=20) if "quick" in order.settings else None
-    trained = train(order.robot, order.seed, show, how)
-    trained.network.save(order.path, trained.about)
+    how = Learning(samples=400, iterations=20) if "quick" in request.settings else None
+    trained = train(request.robot, request.seed, show, how)
+    trained.network.save(request.path, trained.about)
     off = trained.errors
     return [
         ("median error of the tip at rest, unseen places", quantity_mm(float(median(off)))),
@@ -44,23 +44,23 @@ def _network(order: TrainingRequest, show: ProgressCallback) -> Metrics:
 def _fitting(
     name: str,
     general: Callable[[TrainingRequest, ProgressCallback], Metrics],
-    order: TrainingRequest,
+    request: TrainingRequest,
     show: ProgressCallback,
 ) -> Metrics:
     """What trains a policy of any robot, or what stands in for it for this one."""
-    own = VARIANTS.find(f"training {name}", order.robot)
-    return (general if own is None else load(own))(order, show)
+    own = VARIANTS.find(f"training {name}", request.robot)
+    return (general if own is None else load(own))(request, show)
 
 
-def _table(design: str, order: TrainingRequest, show: ProgressCallback) -> Metrics:
+def _table(design: str, request: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Gains at operating points all over the workspace of a robot, by their design."""
     from softrobot_env.control.scheduled.law import build_table
     from softrobot_env.control.scheduled.policies import save_table
 
-    robot, plant = order.robot, order.settings.get("plant", MUJOCO)
-    points = _points(robot, plant, "quick" in order.settings, show)
+    robot, plant = request.robot, request.settings.get("plant", MUJOCO)
+    points = _points(robot, plant, "quick" in request.settings, show)
     table = build_table(robot, load(design)(robot), points, partial(show, "gains"))
-    save_table(order.path, table, robot, points.errors)
+    save_table(request.path, table, robot, points.errors)
     off = points.errors[-1] / robot.reach
     return [
         ("operating points", f"{len(points.points)} of {points.candidates} equilibria"),
@@ -90,45 +90,47 @@ def _teachers_package(robot: RobotParams, settings: Mapping[str, Any]) -> tuple[
     return () if package is None else (package,)
 
 
-def _imitation(order: TrainingRequest, show: ProgressCallback) -> Metrics:
+def _imitation(request: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Network that imitates a policy; of the arm the model predictive one with preview."""
     from .artifacts import figures, save
     from .imitation import ImitationSetup, imitate, settings_of
 
-    lesson = ImitationSetup.of(order.robot, order.settings.get("teacher"), order.folder)
-    config = settings_of(lesson, "quick" in order.settings)
-    network, view = imitate(config, order.seed, show, lesson), lesson.view()
-    save(network, order.path, order.seed, order.robot, view)
-    return [("teacher", lesson.teacher), *figures(network, robot=order.robot, view=view)]
+    setup = ImitationSetup.of(request.robot, request.settings.get("teacher"), request.folder)
+    config = settings_of(setup, "quick" in request.settings)
+    network, view = imitate(config, request.seed, show, setup), setup.view()
+    save(network, request.path, request.seed, request.robot, view)
+    return [("teacher", setup.teacher), *figures(network, robot=request.robot, view=view)]
 
 
 def _reinforcement(
-    algorithm: str, randomize: bool, order: TrainingRequest, show: ProgressCallback
+    algorithm: str, randomize: bool, request: TrainingRequest, show: ProgressCallback
 ) -> Metrics:
     """Network that learns by reward; its learning curve is written beside it."""
     from .rl import run
 
-    return run(algorithm, _randomized(order, randomize), show)
+    return run(algorithm, _randomized(request, randomize), show)
 
 
-def check_reinforcement(name: str, order: TrainingRequest) -> None:
+def check_reinforcement(name: str, request: TrainingRequest) -> None:
     """Refuse what a training of `LEARNERS` would refuse, before any work is done.
 
     Raises:
         ValueError: A setting that does not exist or is out of range, or no network to start from.
     """
-    from .rl import check_order
+    from .rl import check_request
 
     algorithm, randomize = LEARNERS[name]
-    check_order(algorithm, _randomized(order, randomize))
+    check_request(algorithm, _randomized(request, randomize))
 
 
-def _randomized(order: TrainingRequest, randomize: bool) -> TrainingRequest:
-    return replace(order, settings={"randomize": True, **order.settings}) if randomize else order
+def _randomized(request: TrainingRequest, randomize: bool) -> TrainingRequest:
+    if not randomize:
+        return request
+    return replace(request, settings={"randomize": True, **request.settings})
 
 
-def _run_by_path(path: str, order: TrainingRequest, show: ProgressCallback) -> Metrics:
-    return load(path)(order, show)
+def _run_by_path(path: str, request: TrainingRequest, show: ProgressCallback) -> Metrics:
+    return load(path)(request, show)
 
 
 #: Policies that act on a table of gains -> the design of the gains.

@@ -34,7 +34,7 @@ from .watch import REACH, Point, Watch
 
 def train(
     config: RLConfig,
-    order: TrainingRequest,
+    request: TrainingRequest,
     show: ProgressCallback,
     start: Network | None = None,
     view: View | None = None,
@@ -43,7 +43,7 @@ def train(
 
     Args:
         config: Size and settings; `tasks` are the robot's own.
-        order: Robot, seed and who receives the learning curve after each check, when the
+        request: Robot, seed and who receives the learning curve after each check, when the
             checkpoint is written; and among its settings `checkpoint`, the folder that is written
             to at every closed-loop check unless it is None, see `training.checkpoint`; `resume`,
             whether to go on with the training that the folder holds; `log`, the folder of
@@ -64,17 +64,17 @@ def train(
             folder holds one that is not finished, or the network to start from does not fit.
     """
     torch.set_num_threads(config.threads)
-    robot, view = seen_in(order.robot, view)
-    settings, seed = order.settings, order.seed
-    checkpoint, resume = checkpoint_of(settings, order.path), settings.get("resume", False)
+    robot, view = seen_in(request.robot, view)
+    settings, seed = request.settings, request.seed
+    checkpoint, resume = checkpoint_of(settings, request.path), settings.get("resume", False)
     logs = str(settings["log"]) if "log" in settings else None
     about = _about(config, seed, robot)
 
     def keep(model: BaseAlgorithm, best: Network, curve: list[Point]) -> None:
         if checkpoint is not None:
             write(checkpoint, Checkpoint(about, curve, best, learner_state(model)))
-        if order.report is not None:
-            order.report(curve)
+        if request.report is not None:
+            request.report(curve)
 
     watch = Watch(config, show, keep, robot, view, None if checkpoint is None else seed)
     before = _to_go_on_with(checkpoint, about, show) if resume else None
@@ -95,19 +95,19 @@ def train(
     return watch.best, watch.curve
 
 
-def run(algorithm: str, order: TrainingRequest, show: ProgressCallback) -> Metrics:
-    """Train as ordered, and write the network and beside it its learning curve.
+def run(algorithm: str, request: TrainingRequest, show: ProgressCallback) -> Metrics:
+    """Train as requested, and write the network and beside it its learning curve.
 
     Raises:
         FileNotFoundError, ValueError: As `train`; or a setting that does not exist or is no number.
     """
-    config = config_of(algorithm, order.settings, order.robot)
-    start, view = _start(order)
-    network, curve = train(config, order, show, start, view)
-    save(network, order.path, order.seed, order.robot, view)
-    written = curve_file(order.path)
+    config = config_of(algorithm, request.settings, request.robot)
+    start, view = _start(request)
+    network, curve = train(config, request, show, start, view)
+    save(network, request.path, request.seed, request.robot, view)
+    written = curve_file(request.path)
     write_text(written, json.dumps(curve, indent=1) + "\n")
-    return [*figures(network, config.trials, order.robot, view), ("learning curve", str(written))]
+    return [*figures(network, config.trials, request.robot, view), ("learning curve", str(written))]
 
 
 def config_of(algorithm: str, settings: Mapping[str, Any], robot: RobotParams) -> RLConfig:
@@ -135,7 +135,7 @@ def config_of(algorithm: str, settings: Mapping[str, Any], robot: RobotParams) -
     return replace(config, **wanted)
 
 
-def save_kept(order: TrainingRequest, folder: Path) -> None:
+def save_kept(request: TrainingRequest, folder: Path) -> None:
     """Write the best network of a checkpoint as `run` writes it, and its learning curve.
 
     Raises:
@@ -144,23 +144,23 @@ def save_kept(order: TrainingRequest, folder: Path) -> None:
     found = read(folder)
     if found is None:
         raise FileNotFoundError(f"no checkpoint in {folder}")
-    save(found.best, order.path, order.seed, order.robot, _start(order)[1])
-    write_text(curve_file(order.path), json.dumps(found.curve, indent=1) + "\n")
+    save(found.best, request.path, request.seed, request.robot, _start(request)[1])
+    write_text(curve_file(request.path), json.dumps(found.curve, indent=1) + "\n")
 
 
-def check_order(algorithm: str, order: TrainingRequest) -> None:
+def check_request(algorithm: str, request: TrainingRequest) -> None:
     """Refuse what `run` would refuse of settings and network; ValueError as there."""
-    config_of(algorithm, order.settings, order.robot)
-    _start(order)
+    config_of(algorithm, request.settings, request.robot)
+    _start(request)
 
 
-def _start(order: TrainingRequest) -> tuple[Network | None, View]:
+def _start(request: TrainingRequest) -> tuple[Network | None, View]:
     """The network to start from, if any, and the view of all networks: its own, else the robot's.
 
     A training that goes on has its network, but still the view of the one that it started from.
     """
-    settings, robot = order.settings, order.robot
-    start, path = settings.get("start", IMITATION), order.folder / order.path.name
+    settings, robot = request.settings, request.robot
+    start, path = settings.get("start", IMITATION), request.folder / request.path.name
     if start == NO_START:
         return None, view_for(robot)
     network, view = load_start(path if start == IMITATION else Path(start), robot, start)

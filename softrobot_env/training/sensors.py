@@ -168,16 +168,15 @@ def _places(robot: RobotParams, tips: ndarray, axes: slice, chosen: ndarray) -> 
     return [own.mean(axis=1) / BEND_PER_PLACE if own.size else own for own in bends]
 
 
-def run(order: TrainingRequest, show: ProgressCallback) -> Metrics:
-    """Calibrate as ordered and write the file."""
-    settings: dict[str, Any] = dict(order.settings)
-    postures = (_FEW if "quick" in settings else _POSTURES) * reported(order.robot.sensors)
-    twin = settings.get("twin", entry_of(order.robot).twin)
-    known = calibrated(order.robot, order.seed, twin, postures, show)
+def run(request: TrainingRequest, show: ProgressCallback) -> Metrics:
+    """Calibrate as requested and write the file."""
+    settings: dict[str, Any] = dict(request.settings)
+    postures = (_FEW if "quick" in settings else _POSTURES) * reported(request.robot.sensors)
+    twin = settings.get("twin", entry_of(request.robot).twin)
+    known = calibrated(request.robot, request.seed, twin, postures, show)
     about = {} if twin is None else {"twin": twin}
-    write_arrays(
-        order.path, {**known.arrays(), **fingerprint(order.robot), **about, "seed": order.seed}
-    )
+    about |= fingerprint(request.robot) | {"seed": request.seed}
+    write_arrays(request.path, known.arrays() | about)
     units = {"tip_position": "mm", "curvature": "1/m"}
     found: Metrics = [("postures", str(postures))]
     for name, own in known.maps.items():

@@ -229,10 +229,10 @@ def judged(model: ReducedModel, records: Sequence[Record]) -> float:
     return float(np.mean(np.concatenate(errors))) if errors else float("nan")
 
 
-def run(order: TrainingRequest, show: ProgressCallback) -> Metrics:
-    """Learn as ordered and write the file."""
-    given: dict[str, Any] = dict(order.settings)
-    quick, robot = "quick" in given, order.robot
+def run(request: TrainingRequest, show: ProgressCallback) -> Metrics:
+    """Learn as requested and write the file."""
+    given: dict[str, Any] = dict(request.settings)
+    quick, robot = "quick" in given, request.robot
     settings = Settings(order=2, input_order=2) if quick else Settings()
     short = Refinement(lengths=(0.5,), iterations=2, stretches=50) if quick else None
     figures: Metrics = []
@@ -241,7 +241,7 @@ def run(order: TrainingRequest, show: ProgressCallback) -> Metrics:
         axes = entry_of(robot).axes or ("xz" if robot.moves_in_xz else "xyz")
         found = _judged(*split_decays(records_of(recording, robot, axes)), settings, short, show)
     else:
-        plan = replace(PLAN, seed=order.seed)
+        plan = replace(PLAN, seed=request.seed)
         if quick:
             plan = replace(plan, decays=6, excited=2, minutes=3.0)
         twin = given.get("twin", entry_of(robot).twin)
@@ -249,8 +249,8 @@ def run(order: TrainingRequest, show: ProgressCallback) -> Metrics:
         figures.append(("largest inputs, of the workspace's", f"{plan.laps_amplitude:.2g}"))
     model, decays, forced, error = found
     learned = trusted(model, [*forced, *decays])
-    about = {"seed": order.seed} | ({"twin": given["twin"]} if "twin" in given else {})
-    write_arrays(order.path, {**learned.arrays(), **fingerprint(robot), **about})
+    about = {"seed": request.seed} | ({"twin": given["twin"]} if "twin" in given else {})
+    write_arrays(request.path, {**learned.arrays(), **fingerprint(robot), **about})
     if decays:
         figures.append(("spectrum", str(spectrum(decays, model.delays, model.dimension))))
     minutes = sum(r.samples for r in (*decays, *forced)) * model.period / 60

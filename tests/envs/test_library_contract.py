@@ -233,7 +233,7 @@ def test_many_refuse_a_forked_child_and_go_on_here():
     reported = "RuntimeError: these simulations belong to process"
     assert in_a_fork(lambda: many.step(zero)).startswith(reported)
     assert in_a_fork(many.reset).startswith(reported)
-    assert in_a_fork(many.simulation._batch.__del__) == ""
+    assert in_a_fork(many.simulation._batch._delete) == ""
     many.step(zero)
 
 

@@ -13,7 +13,7 @@ from softrobot_env.robots import ARM
 from softrobot_env.training.request import Quantity, Training, TrainingRequest, curve_file
 from softrobot_env.training.several import runs
 from softrobot_env.training.several.report import best_of, plot, tables
-from softrobot_env.training.several.runs import orders_of, run_all
+from softrobot_env.training.several.runs import requests_of, run_all
 from softrobot_env.training.several.search import Range, corners, parsed, read_space
 
 CURVE = [
@@ -39,7 +39,7 @@ def orders(tmp_path, monkeypatch):
     """Orders of the fake training over seeds, whose jobs run here."""
     monkeypatch.setattr(runs, "TRAININGS", {"fake": Training(fake, ("checkpoint", "set"))})
     monkeypatch.setattr(runs, "run_cases", partial(run_cases, processes=0))
-    return partial(orders_of, TrainingRequest(ARM, tmp_path / "fake.npz", near=tmp_path))
+    return partial(requests_of, TrainingRequest(ARM, tmp_path / "fake.npz", near=tmp_path))
 
 
 def test_runs_have_folders_by_what_tells_them_apart(orders, tmp_path):

@@ -111,12 +111,13 @@ class Feedforward(Controller):
         if not np.array_equal(target, state.target):  # it rests most of the time
             rest = self._statics.hold(target, rest, bool(np.isnan(state.target).any()))
         inputs, memory, reason = self._added(observation, motion, rest, state)
-        before = state.feedback
-        inputs, feedback, limited = self._corrected(observation, motion, rest, inputs, before)
+        inputs, feedback, limited = self._corrected(
+            observation, motion, rest, inputs, state.feedback
+        )
         wanted = self._inputs.to_actions(inputs)
         action = np.clip(wanted, -1.0, 1.0)
         if reason is not None:  # what is missed for that reason is not for feedback to make up
-            feedback = None if feedback is None else feedback.unlearned(before)
+            feedback = None if feedback is None else feedback.unlearned(state.feedback)
         limited = limited or np.any(np.abs(wanted) > 1 + 1e-9)
         reason = REASONS[SATURATED] if limited else reason
         status = reason if rest.reached else self._statics.missed

@@ -104,7 +104,7 @@ class Pool:
         )
         if not self._batch:
             raise RuntimeError(f"cannot make a batch of {count}: {error.value.decode()}")
-        finalize(self, _delete, self._c, self._batch, self._process)
+        self._delete = finalize(self, _delete, self._c, self._batch, self._process)
         self.warnings = _view(
             self._c.mjb_warning(self._batch), (count, int(mujoco.mjtWarning.mjNWARNING), 2), "i4"
         )

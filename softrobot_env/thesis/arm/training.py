@@ -88,9 +88,9 @@ class ArmTraining(RobotTraining):
             return super().teacher_environment(teacher)
         return {"control_period": neural.PERIOD, "preview": TEACHER.times}
 
-    def lesson_view(self, teacher: str) -> neural.View:
+    def imitation_view(self, teacher: str) -> neural.View:
         """Of the usual teacher that of the shipped networks."""
-        return self.view() if self.is_tuned_for(teacher) else super().lesson_view(teacher)
+        return self.view() if self.is_tuned_for(teacher) else super().imitation_view(teacher)
 
     def make_teacher(self, teacher: str, file: Any) -> Policy:
         """The usual teacher with settings of its own."""
@@ -176,7 +176,7 @@ def is_the_arm(robot: RobotParams) -> bool:
     return robot == ARM
 
 
-def train_network(order: TrainingRequest, show: ProgressCallback) -> Metrics:
+def train_network(request: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Network of the quasi-static controller for the arm (thesis sec. 6.3)."""
     from softrobot_env.learned.network import describe
     from softrobot_env.learned.training import train_regularised
@@ -185,9 +185,9 @@ def train_network(order: TrainingRequest, show: ProgressCallback) -> Metrics:
 
     statics = _STATICS
     # Independent streams, so that the validation data are not those of another seed.
-    streams = np.random.SeedSequence(order.seed).spawn(3)
+    streams = np.random.SeedSequence(request.seed).spawn(3)
     pairs, start, fresh = (np.random.default_rng(stream) for stream in streams)
-    quick = "quick" in order.settings
+    quick = "quick" in request.settings
     how = quasi_static.Sampling(pairs=500) if quick else quasi_static.Sampling()
     samples = quasi_static.sample(statics.tip, statics.n_inputs, how, pairs)
 
@@ -198,7 +198,7 @@ def train_network(order: TrainingRequest, show: ProgressCallback) -> Metrics:
     fit = train_regularised(network, samples, *((20,) if quick else ()), progress=report)
     validation = quasi_static.sample(statics.tip, statics.n_inputs, how, fresh)
     reached = quasi_static.workspace(samples.inputs[:, 2:4])
-    fit.network.save(order.path, {**describe(ARM), "workspace": reached, "seed": order.seed})
+    fit.network.save(request.path, {**describe(ARM), "workspace": reached, "seed": request.seed})
     return [
         ("rms error, training data", Quantity(quasi_static.rms(fit.network, samples), ".4f", "N")),
         ("rms error, fresh data", Quantity(quasi_static.rms(fit.network, validation), ".4f", "N")),
@@ -209,40 +209,40 @@ def train_network(order: TrainingRequest, show: ProgressCallback) -> Metrics:
     ]
 
 
-def train_lqi(order: TrainingRequest, show: ProgressCallback) -> Metrics:
+def train_lqi(request: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Gains of `lqi` in closed form (thesis sec. 6.4)."""
     from .operating_points import lqi_design
 
-    return _train_gains(lqi_design, order, show)
+    return _train_gains(lqi_design, request, show)
 
 
-def train_lq_preview(order: TrainingRequest, show: ProgressCallback) -> Metrics:
+def train_lq_preview(request: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Gains of `lq_preview` in closed form."""
     from .operating_points import preview_design
 
-    return _train_gains(preview_design, order, show)
+    return _train_gains(preview_design, request, show)
 
 
-def train_nothing(order: TrainingRequest, show: ProgressCallback) -> Metrics:
+def train_nothing(request: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Refuse to train what planar arms have in closed form; ValueError."""
     raise ValueError(
-        f"robot {order.robot.name!r} is a planar arm, whose model predictive control is in closed "
-        "form: there is nothing to train"
+        f"robot {request.robot.name!r} is a planar arm, whose model predictive control is in "
+        "closed form: there is nothing to train"
     )
 
 
 def _train_gains(
-    design: Callable[..., Any], order: TrainingRequest, show: ProgressCallback
+    design: Callable[..., Any], request: TrainingRequest, show: ProgressCallback
 ) -> Metrics:
     """Gain table of a law for the arm, by its design."""
     from softrobot_env.beams.planar_arm import make_planar_arm
 
     from .operating_points import build_gains, save_gains
 
-    robot = order.robot
+    robot = request.robot
     designed = partial(design, make_planar_arm(robot))
     gains = build_gains(robot, designed, partial(show, "operating points"))
-    save_gains(order.path, robot, gains)
+    save_gains(request.path, robot, gains)
     return [
         ("operating points", " x ".join(str(count) for count in gains.shape[:3])),
         ("gains per point", str(gains.shape[3])),

@@ -170,9 +170,9 @@ class RigFeedforward(Controller):
             status = _LIMITED
         else:
             status = self._status(now, tension, action - before)
-        last = state.correction
-        if correction is not None and status is not None and last is not None:
-            feedback = correction.feedback.unlearned(last.feedback)  # not for it to make up
+        if correction is not None and status is not None and state.correction is not None:
+            # What is missed for that reason is not for feedback to make up.
+            feedback = correction.feedback.unlearned(state.correction.feedback)
             correction = correction._replace(feedback=feedback)
         return limited, RigState(memory, now, wanted, blind, limited.copy(), status, correction)
 

@@ -232,13 +232,13 @@ def nominal_lengths(robot: RobotParams, points: ndarray, total: float | None = N
     return servo.tendons.pulled(tension, servo.curvature(y))
 
 
-def train(order: TrainingRequest, show: ProgressCallback) -> Metrics:
+def train(request: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Identified parameters of a twin, for the rig's controllers (thesis sec. 5.1)."""
 
-    twin = order.settings.get("twin", 0)
-    found = identified(record(twin, order.seed, show=show), order.seed, show=show)
+    twin = request.settings.get("twin", 0)
+    found = identified(record(twin, request.seed, show=show), request.seed, show=show)
     rig, errors = parameters_of(found, twin), found.networks.errors
-    rig.save(order.path, RIG, {"seed": order.seed})
+    rig.save(request.path, RIG, {"seed": request.seed})
     return [
         ("twin", str(twin)),
         ("rms error, lengths of outputs", quantity_mm(errors["inverse"])),

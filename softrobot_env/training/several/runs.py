@@ -65,13 +65,13 @@ class Run(Row):
     reported: list[tuple[str, Quantity]] = for_pictures(())  # noqa: RUF009
 
 
-def orders_of(
-    order: TrainingRequest, seeds: Sequence[int], values: Mapping[str, Sequence[float]]
+def requests_of(
+    request: TrainingRequest, seeds: Sequence[int], values: Mapping[str, Sequence[float]]
 ) -> dict[str, TrainingRequest]:
-    """Orders of all pairs of settings and seeds, by the names of their folders.
+    """Requests of all pairs of settings and seeds, by the names of their folders.
 
     Args:
-        order: What they have in common; its file is within `near` and there in theirs.
+        request: What they have in common; its file is within `near` and there in theirs.
         seeds: Of the runs.
         values: Values of settings of `--set`; those with several tell the runs apart.
     """
@@ -82,26 +82,26 @@ def orders_of(
         parts = [f"{name}_{settings[name]:.12g}" for name in several]
         for seed in seeds:
             label = "_".join([*parts, f"seed_{seed}"])
-            own = {**order.settings} | ({"set": list(settings.items())} if settings else {})
+            own = {**request.settings} | ({"set": list(settings.items())} if settings else {})
             if "log" in own:
                 own["log"] = Path(own["log"]).resolve() / label
-            path = order.path.parent / label / order.path.name
-            found[label] = replace(order, path=path, seed=seed, settings=own)
+            path = request.path.parent / label / request.path.name
+            found[label] = replace(request, path=path, seed=seed, settings=own)
     return found
 
 
 def run_all(
     name: str,
-    orders: Mapping[str, TrainingRequest],
+    requests: Mapping[str, TrainingRequest],
     kept: Kept,
     progress: ProgressCallback = quiet,
     overwrite: bool = False,
 ) -> list[Run]:
-    """Train as ordered, in processes; what an earlier run of the same study did is taken up.
+    """Train as requested, in processes; what an earlier run of the same study did is taken up.
 
     Args:
         name: Of the training.
-        orders: By label.
+        requests: By label.
         kept: Of the study, which is open.
         progress: Shows what is done.
         overwrite: Whether what is there of other studies may be replaced.
@@ -111,10 +111,10 @@ def run_all(
     """
     study = kept.name
     if not overwrite:
-        check_unclaimed([order.path for order in orders.values()], study)
-    with _watched(orders, study, progress) as show:
+        check_unclaimed([request.path for request in requests.values()], study)
+    with _watched(requests, study, progress) as show:
         return run_cases(
-            orders.items(),
+            requests.items(),
             lambda case: _trained(name, case[1], study),
             kinds=(Run,),
             kept=kept,
@@ -125,20 +125,20 @@ def run_all(
         )
 
 
-def _with_files(order: TrainingRequest, run: Run, files: dict[str, bytes]) -> Run:
+def _with_files(request: TrainingRequest, run: Run, files: dict[str, bytes]) -> Run:
     """A run whose files are here, also if it was done on another machine."""
     for file, content in files.items():
-        path = order.path.with_name(file)
+        path = request.path.with_name(file)
         if not path.is_file() or path.read_bytes() != content:
             with atomic_write(path) as aside:
                 aside.write_bytes(content)
     return run
 
 
-def described(name: str, order: TrainingRequest) -> Run:
+def described(name: str, request: TrainingRequest) -> Run:
     """What is known of a run before it is begun."""
-    settings, folder = dict(order.settings.get("set", ())), order.path.parent.name
-    return Run(name, order.robot.name, order.seed, settings, folder)
+    settings, folder = dict(request.settings.get("set", ())), request.path.parent.name
+    return Run(name, request.robot.name, request.seed, settings, folder)
 
 
 def with_curve(run: Run, curve: list[dict[str, float]]) -> Run:
@@ -157,10 +157,10 @@ def with_curve(run: Run, curve: list[dict[str, float]]) -> Run:
     )
 
 
-def _trained(name: str, order: TrainingRequest, study: str) -> tuple[Run, dict[str, bytes]]:
+def _trained(name: str, request: TrainingRequest, study: str) -> tuple[Run, dict[str, bytes]]:
     """A run, and the files that it wrote; a training that cannot go on is a failure of its own."""
-    training, folder, began = TRAININGS[name], order.path.parent, perf_counter()
-    settings, run = dict(order.settings), described(name, order)
+    training, folder, began = TRAININGS[name], request.path.parent, perf_counter()
+    settings, run = dict(request.settings), described(name, request)
     learns = "checkpoint" in training.options
     if learns:
         settings |= {"checkpoint": folder, "resume": goes_on(folder, study)}
@@ -169,14 +169,14 @@ def _trained(name: str, order: TrainingRequest, study: str) -> tuple[Run, dict[s
     figures: Metrics = []
     try:
         with using(Workers(1)):
-            figures = training.run(replace(order, settings=settings), _noting(folder))
+            figures = training.run(replace(request, settings=settings), _noting(folder))
     except (ArithmeticError, ValueError, RuntimeError) as error:
         run = replace(run, failure=str(error).partition("\n")[0] or type(error).__name__)
     if learns:
-        run = with_curve(run, _curve(order, run.failure))
+        run = with_curve(run, _curve(request, run.failure))
     results = [(key, value) for key, value in figures if isinstance(value, Quantity)]
     numbers, minutes = {key: value.value for key, value in results}, (perf_counter() - began) / 60
-    left = [path for path in (order.path, curve_file(order.path)) if path.is_file()]
+    left = [path for path in (request.path, curve_file(request.path)) if path.is_file()]
     files = {path.name: path.read_bytes() for path in left if run.failure is None}
     return replace(run, figures=numbers, reported=results, minutes=minutes), files
 
@@ -196,7 +196,7 @@ def _noting(folder: Path) -> ProgressCallback:
 
 @contextmanager
 def _watched(
-    orders: Mapping[str, TrainingRequest], study: str, progress: ProgressCallback
+    requests: Mapping[str, TrainingRequest], study: str, progress: ProgressCallback
 ) -> Iterator[ProgressCallback]:
     """What jobs tell their progress to; runs under way count by what is in their folders."""
     done: set[str] = set()
@@ -204,9 +204,9 @@ def _watched(
 
     def watch() -> None:
         while not over.wait(_EVERY):
-            shares = [name in done or _share(o.path.parent, study) for name, o in orders.items()]
-            text = f"{len(done)} of {len(orders)} runs"
-            progress(text, round(1000 * sum(shares)), 1000 * len(orders))
+            shares = [name in done or _share(o.path.parent, study) for name, o in requests.items()]
+            text = f"{len(done)} of {len(requests)} runs"
+            progress(text, round(1000 * sum(shares)), 1000 * len(requests))
 
     thread = Thread(target=watch, daemon=True)
     thread.start()
@@ -254,13 +254,13 @@ def check_unclaimed(paths: Sequence[Path], study: str) -> None:
             )
 
 
-def _curve(order: TrainingRequest, failure: str | None) -> list[dict[str, float]]:
+def _curve(request: TrainingRequest, failure: str | None) -> list[dict[str, float]]:
     """Checks of a run that is done, or until it failed."""
     if failure is None:
-        return read_facts(curve_file(order.path))
+        return read_facts(curve_file(request.path))
     from ..checkpoint import read
 
     with suppress(ValueError):
-        found = read(order.path.parent)
+        found = read(request.path.parent)
         return [] if found is None else found.curve
     return []

@@ -122,14 +122,14 @@ class Search:
 
     Attributes:
         name: Of the training.
-        order: What trials have in common.
+        request: What trials have in common.
         space: Of the settings.
         steps: Environment steps of a trial that is not ended early.
         trials: Number of draws; None for all combinations of values.
     """
 
     name: str
-    order: TrainingRequest
+    request: TrainingRequest
     space: Space
     steps: int
     trials: int | None
@@ -164,7 +164,7 @@ def searched(tune: Any, search: Search, study: str, show: ProgressCallback) -> l
 
     Args:
         tune: The module.
-        search: What is searched; trials have folders beside the file of its order, `trial_folder`.
+        search: What is searched; trials have folders beside its request's file, `trial_folder`.
         study: Name of the search; what is there of the same one is gone on with.
         show: Shows what is done.
     """
@@ -180,7 +180,7 @@ def searched(tune: Any, search: Search, study: str, show: ProgressCallback) -> l
 
 def trial_folder(search: Search, number: int) -> Path:
     """Where a trial is, counted from 0."""
-    return search.order.path.parent / TRIALS / f"trial_{number + 1}"
+    return search.request.path.parent / TRIALS / f"trial_{number + 1}"
 
 
 def _trial_number(trial_id: str) -> int:
@@ -199,7 +199,7 @@ def _new_tuner(tune: Any, trial: Callable[..., None], search: Search, where: Pat
             metric="reward",
             mode="max",
             num_samples=search.trials or 1,
-            search_alg=BasicVariantGenerator(random_state=search.order.seed),
+            search_alg=BasicVariantGenerator(random_state=search.request.seed),
             scheduler=ASHAScheduler(
                 time_attr="steps",
                 max_t=search.steps,
@@ -234,12 +234,12 @@ def _sampled_from(tune: Any, search: Search) -> dict[str, Any]:
     return found
 
 
-def order_of(search: Search, sampled: Mapping[str, float], folder: Path) -> TrainingRequest:
+def request_of(search: Search, sampled: Mapping[str, float], folder: Path) -> TrainingRequest:
     """The training of a trial."""
-    fixed = dict(search.order.settings.get("set", ()))
+    fixed = dict(search.request.settings.get("set", ()))
     values = fixed | {name: float(value) for name, value in sampled.items()}
-    settings = {**search.order.settings, "set": list(values.items()), "steps": search.steps}
-    return replace(search.order, path=folder / search.order.path.name, settings=settings)
+    settings = {**search.request.settings, "set": list(values.items()), "steps": search.steps}
+    return replace(search.request, path=folder / search.request.path.name, settings=settings)
 
 
 def _trial(search: Search, study: str, sampled: dict[str, float]) -> None:
@@ -249,9 +249,9 @@ def _trial(search: Search, study: str, sampled: dict[str, float]) -> None:
     from ..checkpoint import read
 
     folder = trial_folder(search, _trial_number(tune.get_context().get_trial_id()))
-    order, last = order_of(search, sampled, folder), {"steps": 0, "reward": -1.0}
+    request, last = request_of(search, sampled, folder), {"steps": 0, "reward": -1.0}
     resume = goes_on(folder, study)
-    settings = {**order.settings, "checkpoint": folder, "resume": resume}
+    settings = {**request.settings, "checkpoint": folder, "resume": resume}
 
     def report(curve: list[dict[str, float]]) -> None:
         last.update(curve[-1])
@@ -260,7 +260,7 @@ def _trial(search: Search, study: str, sampled: dict[str, float]) -> None:
     try:
         for point in read(folder).curve if resume else ():
             report([point])
-        TRAININGS[search.name].run(replace(order, settings=settings, report=report), quiet)
+        TRAININGS[search.name].run(replace(request, settings=settings, report=report), quiet)
     except (ArithmeticError, ValueError) as error:  # of the training: anew it would fail again
         tune.report({**last, "failure": str(error).partition("\n")[0] or type(error).__name__})
 
@@ -268,7 +268,7 @@ def _trial(search: Search, study: str, sampled: dict[str, float]) -> None:
 def _run(search: Search, number: int, result: Any) -> Run:
     """What a trial found."""
     metrics, failure = result.metrics, result.metrics.get("failure")
-    run = described(search.name, order_of(search, result.config, trial_folder(search, number)))
+    run = described(search.name, request_of(search, result.config, trial_folder(search, number)))
     run = replace(run, folder=f"{TRIALS}/{run.folder}", trial=number + 1)
     if result.error is not None:
         failure = str(result.error).strip().splitlines()[-1]
