@@ -48,18 +48,17 @@ def find_artifact(robot: RobotParams, policy: str) -> Path:
     Raises:
         ValueError: There is none; the message tells the command that makes it.
     """
-    found = looked_up(robot, policy)
-    if found is None:
+    found = looked_up(robot, policy) or models_dir() / f"{policy}.npz"
+    if not found.is_file():
         raise ValueError(_untrained(robot, policy))
     return found
 
 
 def looked_up(robot: RobotParams, policy: str) -> Path | None:
-    """The file of `find_artifact`, None if there is none."""
+    """What was learned of a robot by its name, which policies act on; None if there is nothing."""
     folders = artifact_folder(robot), models_dir(), training_folder(robot)
     places = [folder / artifact_name(robot, policy) for folder in folders]
-    found = (path for path in (*places, models_dir() / f"{policy}.npz") if path.is_file())
-    return next(found, None)
+    return next((path for path in places if path.is_file()), None)
 
 
 def train_command(robot: RobotParams, policy: str) -> str:

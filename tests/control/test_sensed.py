@@ -101,8 +101,8 @@ def test_rates_are_differences_of_readings():
 def test_sensors_are_read_while_the_policy_holds_its_action():
     tips = [(x, 0.0) for x in (0.0, 0.01, 0.02, 0.03)]
     actions, states = acted(Rarely, tips)
-    told = [state.shape.reported[TIP][0] for state in states]
-    np.testing.assert_allclose(told, np.array(tips)[:, 0], atol=5e-4)
+    reported = [state.shape.reported[TIP][0] for state in states]
+    np.testing.assert_allclose(reported, np.array(tips)[:, 0], atol=5e-4)
     x = actions[:, 0]
     assert x[1] == x[2] == x[0] and x[3] == pytest.approx(0.3, abs=5e-3)
 

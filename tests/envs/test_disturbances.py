@@ -158,8 +158,8 @@ def test_tensions_are_the_pair_formula_with_a_gain_up_to_their_limit(env_id, pla
         observation, *_, info = env.step(action)
         applied = np.minimum(gain * tensions(action), LIMIT)
         reached |= bool(np.any(applied == LIMIT))
-        for told in (info, observation):
-            np.testing.assert_allclose(told["tendon_tension"], applied, rtol=1e-12, atol=1e-12)
+        for reported in (info, observation):
+            np.testing.assert_allclose(reported["tendon_tension"], applied, rtol=1e-12, atol=1e-12)
         np.testing.assert_array_equal(observation["previous_action"], action)
     assert reached == (gain == 3.0)
 

@@ -148,18 +148,18 @@ def test_same_step_autoreset_tells_the_last_observation_and_the_new_episode(make
     while not truncated.any():
         action = rng.uniform(-0.3, 0.3, same_step.action_space.shape).astype(np.float32)
         observation, _, _, truncated, info = same_step.step(action)
-        last, *_, told = next_step.step(action)
+        last, *_, reported = next_step.step(action)
         assert ("final_obs" in info) == truncated.any()
     assert truncated.all() and info["_final_obs"].all() and info["_final_info"].all()
     new, *_, begun = next_step.step(action)
     for ours, theirs in (
         (info["final_obs"], last),
-        (info["final_info"], told),
+        (info["final_info"], reported),
         (observation, new),
         (info, info | begun),
     ):
         assert flatten(ours) == flatten(theirs)
-    assert not np.any(begun[drawn] == told[drawn])
+    assert not np.any(begun[drawn] == reported[drawn])
 
 
 def test_without_autoreset_ended_episodes_are_reset_by_mask():
@@ -324,7 +324,7 @@ def test_new_ranges_leave_the_draws_of_the_others_alone():
     ],
     ids=["one", "all"],
 )
-def test_a_failed_episode_is_told_and_disturbs_no_other(start, modulus, pull):
+def test_a_failed_episode_is_reported_and_disturbs_no_other(start, modulus, pull):
     """Full pull folds a soft arm, from just inside the limit at once; a nominal one only bends."""
     many, singles = VectorTrackingEnv(COUNT, "swing"), {i: TrackingEnv("swing") for i in (0, 1)}
     resets = (

@@ -9,8 +9,8 @@ SINGLE = {"rtol": 1e-7, "atol": 2e-6}
 def same(one, several, i, **close):
     """Whether a result of a single environment, or a part of one, is the i-th of several."""
     if isinstance(one, dict):
-        told = [n for n in several if n[0] != "_" and several.get(f"_{n}", {i: True})[i]]
-        assert list(one) == told
+        reported = [n for n in several if n[0] != "_" and several.get(f"_{n}", {i: True})[i]]
+        assert list(one) == reported
         for name, value in one.items():
             same(value, several[name], i, err_msg=name, **close)
     elif isinstance(one, tuple):

@@ -15,7 +15,13 @@ from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.learned.network import Scaling, initial_network
 from softrobot_env.robots import ARM, RIG, ROBOTS, find_robot, read_robot, write_robot
 from softrobot_env.robots.actuation import robot_inputs
-from softrobot_env.robots.artifacts import artifact_name, find_artifact, fingerprint, train_command
+from softrobot_env.robots.artifacts import (
+    artifact_name,
+    find_artifact,
+    fingerprint,
+    looked_up,
+    train_command,
+)
 from softrobot_env.tasks import make_task
 from softrobot_env.training.references import generic_task, view_for
 from softrobot_env.training.registry import TRAININGS
@@ -76,8 +82,11 @@ def test_equal_robots_have_one_fingerprint_and_others_another(mine):
 
 def test_what_lies_beside_the_robots_file_comes_first(mine, tmp_path):
     assert find_artifact(ARM, "ppo") == file_of(ARM, "ppo")
-    assert find_artifact(mine, "ppo") == file_of(ARM, "ppo")  # what is shipped, of the arm
+    # What is shipped, of the arm: it is found to be refused, and nothing acts on it.
+    assert find_artifact(mine, "ppo") == file_of(ARM, "ppo") == looked_up(ARM, "ppo")
+    assert looked_up(mine, "ppo") is None
     save(mine, "ppo")
+    assert looked_up(mine, "ppo") == file_of(mine, "ppo")
     assert find_artifact(mine, "ppo") == tmp_path / "mine.ppo.npz" == file_of(mine, "ppo")
     with pytest.raises(ValueError, match=r"never has not been trained .*train never --robot"):
         find_artifact(mine, "never")

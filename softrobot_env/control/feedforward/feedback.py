@@ -158,23 +158,23 @@ class Feedback:
         return shifted - rest.inputs, now.unlearned(before) if limited else now, limited
 
     def _made_up(
-        self, rest: Rest, motion: Motion, change: ndarray, before: FeedbackState
+        self, rest: Rest, motion: Motion, change: ndarray, memory: FeedbackState
     ) -> tuple[ndarray, FeedbackState, bool]:
         """Inputs (n_inputs,) of a robot that differs, the next memory, and if one is limited."""
-        differs, inputs = before.differs, self._statics.inputs
-        near = self._near.about(rest, motion, differs, before.near)
+        differs, inputs = memory.differs, self._statics.inputs
+        near = self._near.about(rest, motion, differs, memory.near)
         if near is None:
-            return rest.inputs, before, True
+            return rest.inputs, memory, True
         n, own = inputs.n_inputs, near.rest
         shifted, limited = self._statics.shifted(own, change - near.moving, near.linear)
         shifted = shifted - differs.mean[3 : 3 + n] * inputs.input_scale
         beyond = np.abs(shifted - inputs.input_centre) >= inputs.input_scale
         corrected = near.by_inputs @ ((shifted - own.inputs) / inputs.input_scale) - near.held
-        mode, moved = near.later(before.mode, np.column_stack([corrected, near.forces]))
+        mode, moved = near.later(memory.mode, np.column_stack([corrected, near.forces]))
         if not np.abs(moved).max() < _LOST * self._near.reach:
             mode, moved = np.zeros_like(mode), np.zeros_like(moved)
-        before = before._replace(mode=mode, moved=moved, near=near)
-        return shifted, before, limited or bool(beyond.any())
+        memory = memory._replace(mode=mode, moved=moved, near=near)
+        return shifted, memory, limited or bool(beyond.any())
 
 
 _TIP, _NOT_FINITE = "tip_position", REASONS[NOT_FINITE]
