@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Annotated, Any, Literal
 
 from gymnasium.vector import AutoresetMode
@@ -20,7 +21,7 @@ from softrobot_env.robots.parameters import Pieces
 from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.assembly import Resolution
 from softrobot_env.scene.config import DEFAULT_SHARE
-from softrobot_env.tasks import OPTIONS, Task, options_of
+from softrobot_env.tasks import OPTIONS, Maker, Task, defaults, find_maker
 from softrobot_env.tasks.gripper import GripTask
 
 from .randomization import Randomization
@@ -153,10 +154,9 @@ class EnvConfig:
         """
         rest = {**kind.usual, **options}
         config = cls(**{n: rest.pop(n) for n in kind.takes if n in rest}, task_options=rest)
-        has_options = "gripper" not in kind.takes
-        own, known = (), OPTIONS if has_options else ()
-        if has_options and isinstance(config.task, str):
-            own = options_of(config.task, config.robot)
+        own, known = (), () if "gripper" in kind.takes else OPTIONS
+        if known and isinstance(config.task, str):
+            own = tuple(defaults(config.maker))
         for name in rest:
             if name not in own and name not in known:
                 raise TypeError(
@@ -168,6 +168,11 @@ class EnvConfig:
             "render_mode", config.render_mode, Literal[modes] | None if modes else type(None)
         )
         return config
+
+    @cached_property
+    def maker(self) -> Maker:
+        """What makes the task given by name; raises ValueError as `tasks.find_maker`."""
+        return find_maker(self.task, self.robot)
 
     @property
     def is_for_learning(self) -> bool:

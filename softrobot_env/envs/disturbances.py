@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 __all__ = ["SENSOR_NOISE", "Drives", "Periphery", "SensorNoise", "noise_seed"]
 
+#: What lies between policy and robot, by name, and the values that change nothing.
+BETWEEN = {name: one.neutral for name, one in VARIATIONS.registered().items() if not one.apply}
+
 _WHOLE = 1e-9  # s that a delay may miss a multiple of the control period
 
 

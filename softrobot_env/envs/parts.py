@@ -3,7 +3,7 @@
 Single and vectorised environments of a robot hold the same parts.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from copy import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -13,8 +13,6 @@ from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 from numpy import ndarray
 
-from softrobot_env.core.arrays import HOST, HostArrays
-from softrobot_env.core.interfaces import Seen
 from softrobot_env.core.records import check_argument
 from softrobot_env.core.vector_reading import Reading
 from softrobot_env.robots import CAMERA_PERIOD, VARIATIONS, RobotParams, Sensor
@@ -22,7 +20,7 @@ from softrobot_env.robots.actuation import Inputs, check_inputs, robot_inputs
 from softrobot_env.robots.twin import LARGEST_ERROR, LARGEST_NOISE, Twin, twin_of
 from softrobot_env.scene.config import DEFAULT_SHARE
 from softrobot_env.scene.servos import Servos
-from softrobot_env.tasks import Task, make_task
+from softrobot_env.tasks import Task, made_by
 
 from .config import CHAIN, ControlPeriod, EnvConfig
 from .disturbances import periods
@@ -31,12 +29,10 @@ from .observations.table import (
     OBSERVABLES,
     SENSOR_NOISE,
     Sizes,
-    Sources,
     VectorView,
     entries,
     known_of,
     observation_space,
-    observer,
     speed_limit,
     usual_of,
 )
@@ -77,11 +73,13 @@ class Start(NamedTuple):
 
     Attributes:
         input: (n_inputs,), of the robot.
+        action: (n_inputs,), the same over full scale.
         command: (n_tendons,) [N] or [m], what the drives apply.
         posture: Coordinates of the plant, hinge angles [rad] of a chain.
     """
 
     input: ndarray
+    action: ndarray
     command: ndarray
     posture: ndarray
 
@@ -164,13 +162,6 @@ class EnvParts:
             return None
         own = {"period": self.control_period, "preview": self._preview}
         return replace(self.view.reading, **own, change=self.change or 0.0)
-
-    def observer(self, sources: Sources, arrays: HostArrays = HOST) -> Callable[[], Seen]:
-        """Function that makes a new observation of `arrays`, as the environment is seen."""
-        view = self.view
-        if view is not None and arrays is not HOST:
-            view = view.on(arrays)
-        return observer(self.observed, sources, view)
 
     def wanted(self, action: ndarray, previous: ndarray) -> ndarray:
         """Inputs (..., n_inputs) over full scale that actions ask for.
@@ -313,7 +304,7 @@ class SimulatedParts(EnvParts):
         return Beginning(task, self.reference_of(task), self._start(options, task))
 
     def _start(self, options: ResetOptions, task: Task) -> Start:
-        """How the options, or else the task, let a robot begin.
+        """How the options, or else the task, let a robot begin; most do as the one before.
 
         Raises:
             ValueError: A start out of range.
@@ -321,28 +312,22 @@ class SimulatedParts(EnvParts):
         """
         given = options.start_length if options.start_input is None else options.start_input
         chosen = np.array(task.start_input if given is None else given, float)
+        bent = options.start_curvature
+        if bent is None and self._rest is not None and np.array_equal(chosen, self._rest.input):
+            return self._rest
         name = "start_input" if options.start_length is None else "start_length"
         check_inputs(self.inputs, chosen, f"option {name!r}")
-        if options.start_curvature is None:
-            return self._at_rest(chosen)
-        limit = self.task.robot.curvature_limit
-        if np.any(np.abs(options.start_curvature) > limit):
-            raise ValueError(f"start_curvature must lie within +-{limit:g} 1/m")
-        posture = self.plant.bent(options.start_curvature)
-        return Start(chosen, self.inputs.command(chosen), posture)
-
-    def _at_rest(self, inputs: ndarray) -> Start:
-        """The equilibrium under inputs (n_inputs,); most episodes begin in that of the one before.
-
-        The arrays are read-only.
-        """
-        if self._rest is None or not np.array_equal(inputs, self._rest.input):
-            command = self.inputs.command(inputs)
+        command, action = self.inputs.command(chosen), self.inputs.to_actions(chosen)
+        if bent is None:
             posture = self.plant.equilibrium(command + self._offset)
-            self._rest = Start(inputs, command, posture)
+            self._rest = Start(chosen, action, command, posture)
             for array in self._rest:
                 array.flags.writeable = False
-        return self._rest
+            return self._rest
+        limit = self.task.robot.curvature_limit
+        if np.any(np.abs(bent) > limit):
+            raise ValueError(f"start_curvature must lie within +-{limit:g} 1/m")
+        return Start(chosen, action, command, self.plant.bent(bent))
 
 
 def _plant(
@@ -368,7 +353,7 @@ def make_env_task(config: EnvConfig) -> Task:
     task, options = config.task, config.task_options
     check_argument("task", task, str | Task)
     if isinstance(task, str):
-        return make_task(task, robot=config.robot, **options)
+        return made_by(config.maker, task, options)
     if options or config.robot is not None:
         given = ", ".join([*options, *(["robot"] if config.robot is not None else [])])
         raise ValueError(f"a task that is made already has its robot and options, got {given}")

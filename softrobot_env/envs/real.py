@@ -42,7 +42,7 @@ from softrobot_env.scene.registry import RIG_PIECES
 from softrobot_env.tasks import RIG_TASKS, Task
 
 from .config import REAL, EnvConfig
-from .observations.table import EVERY, OBSERVABLES, Sizes, Sources, each_of, speed_limit
+from .observations.table import EVERY, OBSERVABLES, Sizes, Sources, each_of, reads, speed_limit
 from .options import REAL_OPTIONS, ResetOptions, one_action, parse_options
 from .parts import EnvParts, EpisodeSpec, make_env_task, with_room
 from .reference import ReferenceTable
@@ -360,7 +360,9 @@ class RealRigEnv(gymnasium.Env[Seen, ndarray]):
             lambda column: self._rows[column][self._index].copy,
             lambda: np.array(self._action),
         )
-        self._last = self._parts.observer(sources)()
+        seen = {name: read() for name, read in reads(self._parts.observed, sources)}
+        view = self._parts.view
+        self._last = seen if view is None else view(seen)
         return self._last
 
     def _error(self, now: float) -> float:

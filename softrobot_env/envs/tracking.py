@@ -15,8 +15,8 @@ from softrobot_env.scene.simulation import Simulation
 from softrobot_env.tasks import Task
 
 from .config import DEFAULT_PERIOD, PICTURES, SIMULATED, EnvConfig
-from .disturbances import Drives, Periphery, reported_variation, rounded
-from .observations.table import Measured, Sources, each_of
+from .disturbances import BETWEEN, Drives, Periphery, reported_variation, rounded
+from .observations.table import Measured, Sources, each_of, reads
 from .options import ResetOptions, one_action
 from .parts import EpisodeSpec, SimulatedParts, Start
 from .reference import ReferenceTable
@@ -33,7 +33,7 @@ _REBUILT = {
     "data",
     "_readout",
     "_exact",
-    "_see",
+    "_reads",
     "_renderer",
     "_advance",
     "command",
@@ -164,6 +164,7 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
         self.twin, self._servos, self._periphery = parts.twin, parts.servos(), Periphery(parts)
         self._command = parts.inputs.per_action().command
         self._drives: Drives | None = None
+        self._view, self._nothing_earned = parts.view, parts.reward.none
         self._follow(self.task, parts.reference)
         self._running = False
         self._episode = self._index = 0
@@ -235,7 +236,7 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
         task, reference, start = self._parts.beginning(parsed)
         self._start(parsed, start)
         self._follow(task, reference)
-        self._action_array = self._parts.inputs.to_actions(start.input)
+        self._action_array = start.action.copy()
         self._action = self._action_array.tolist()
         self._rows = self._reference.rows()
         self._index = 0
@@ -246,7 +247,7 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
         observation = self._observe()
         if self.render_mode == "human":
             self.render()
-        return observation, self._info(self._reward.none)
+        return observation, self._info(self._nothing_earned)
 
     def _bind_observation(self, index: int) -> None:
         """Prepare the observations from control instant `index` on.
@@ -259,7 +260,7 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
             lambda column: iter(self._rows[column][index:]).__next__,
             lambda: self._action_array,
         )
-        self._see = self._parts.observer(sources)
+        self._reads = reads(self._parts.observed, sources)
 
     def _parse(self, options: dict[str, Any] | None) -> ResetOptions:
         """The checked options of a reset, with what is sampled."""
@@ -273,7 +274,7 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
         """Bring the simulation to a start; refuse what is wrong before anything is changed."""
         parts, vary = self._parts, options.vary
         robot_vary = {n: v for n, v in vary.items() if VARIATIONS[n].apply is not None}
-        values = {name: np.array([value]) for name, value in (neutral() | vary).items()}
+        values = {n: np.array([vary.get(n, usual)]) for n, usual in BETWEEN.items()}
         # The running simulation goes on if it is of the wanted robot.
         simulation = self.simulation
         if robot_vary != self._robot_vary:
@@ -335,8 +336,9 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
         return outside
 
     def _observe(self) -> Seen:
-        self._last_observation = observation = self._see()
-        return observation
+        seen = {name: read() for name, read in self._reads}
+        self._last_observation = seen if self._view is None else self._view(seen)
+        return self._last_observation
 
     def _fail(self, failure: str) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
         self._running = False

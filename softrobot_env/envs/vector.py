@@ -19,7 +19,7 @@ from softrobot_env.tasks import Task
 
 from .config import VECTOR, EnvConfig
 from .disturbances import Periphery, reported_variation, rounded
-from .observations.table import Sources, arrays
+from .observations.table import Sources, arrays, reads
 from .options import (
     ResetOptions,
     checked_actions,
@@ -346,7 +346,8 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndar
             lambda column: lambda: references.rows(column, self._at),
             lambda: self.arrays.copy(self._action),
         )
-        self._see = self._parts.observer(sources, self.arrays)
+        self._reads, view = reads(self._parts.observed, sources), self._parts.view
+        self._view = view if view is None or self.arrays is HOST else view.on(self.arrays)
 
     # ------------------------------------------------------------------ episodes
 
@@ -384,7 +385,7 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndar
             self._references.set(some, own.reference)
             self._last[some] = min(own.reference.last_index, self._most_steps)
             starts += [own.start] * len(some)
-        action, command, posture = (np.array(parts) for parts in zip(*starts, strict=True))
+        _, action, command, posture = map(np.array, zip(*starts, strict=True))
         for name, values in self._variation.items():
             usual = VARIATIONS[name].neutral
             values[which] = usual if variation is None else variation[name][which]
@@ -404,9 +405,7 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndar
         if self._periphery.start_sensors(*how):
             self._measure()
         self._index[which] = 0
-        self._action[self.arrays.index(which)] = self.arrays.real(
-            self._parts.inputs.to_actions(action)
-        )
+        self._action[self.arrays.index(which)] = self.arrays.real(action)
         self._done[which] = False
 
     # ------------------------------------------------------------------ steps
@@ -436,7 +435,8 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndar
         self._at = self._references.at(self._index)
         gap = self._exact.tip - self._references.rows("position", self._at)
         self._error = namespace(gap).einsum("ij,ij->i", gap, gap) ** 0.5
-        return self._see()
+        seen = {name: read() for name, read in self._reads}
+        return seen if self._view is None else self._view(seen)
 
     def _info_of(self, terms: dict[str, Any], over: ndarray | None = None) -> dict[str, Any]:
         info: dict[str, Any] = {

@@ -118,10 +118,11 @@ class PulledLengths(Inputs):
         self.n_inputs = len(robot.tendons)
         self.input_centre = np.zeros(self.n_inputs)
         self._factor: ndarray | float = 1.0
+        self._is_numpy = True
 
     def command(self, inputs: ndarray, out: ndarray | None = None) -> ndarray:
         """The lengths (..., n_tendons) [m] themselves, a new array unless `out` is given."""
-        if namespace(inputs) is np:
+        if self._is_numpy:
             return np.multiply(inputs, self._factor, out=out)
         return inputs * self._factor
 
@@ -129,6 +130,7 @@ class PulledLengths(Inputs):
         """See `Inputs`."""
         scaled = copy(self)
         scaled._factor = arrays.real(self.input_scale)
+        scaled._is_numpy = arrays is HOST
         return scaled
 
 
@@ -180,7 +182,9 @@ class TendonMap(Inputs):
         self._one, self._other = one, (None if np.array_equal(one, other) else other)
         self._base = robot.of_tendons("pretension")
         self._pretensioned = bool(self._base.any())
+        self._slack = np.zeros_like(self._base)  # an array takes less time than a number
         self._shift: ndarray | None = None
+        self._is_numpy = True
 
     def per_action(self, arrays: HostArrays = HOST) -> "TendonMap":
         """See `Inputs`."""
@@ -191,20 +195,21 @@ class TendonMap(Inputs):
         if self.input_centre.any():
             scaled._shift = arrays.real(self.input_centre / self.input_scale)
         scaled._base, scaled._widest = arrays.real(self._base), arrays.flags(self._widest)
+        scaled._is_numpy = arrays is HOST
         return scaled
 
     def tension(self, reduced: ndarray, out: ndarray | None = None) -> ndarray:
         """Tensions (..., n_tendons) [N] >= pretension for reduced inputs (..., n_inputs) [N]."""
         if self._shift is not None:
             reduced = reduced + self._shift
-        kind = namespace(reduced)
+        kind = np if self._is_numpy else namespace(reduced)
         product = ndarray.dot if kind is np else kind.matmul
         pulls = product(reduced, self._one)
         if self._other is not None:
             beside = product(reduced, self._other)
             most, least = kind.maximum(pulls, beside), kind.minimum(pulls, beside)
             pulls = kind.where(self._widest, most, least)
-        out = np.maximum(pulls, 0.0, out=out) if kind is np else pulls.clip(0.0)
+        out = np.maximum(pulls, self._slack, out=out) if kind is np else pulls.clip(0.0)
         if self._pretensioned:
             out += self._base
         return out

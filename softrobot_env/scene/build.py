@@ -257,7 +257,7 @@ def compile_spec(
     model = spec.compile()
     choice = choose(model)
     apply_choice(choice, model.opt)
-    softest = contacts.tune(model, pairs, choice.timestep)
+    softest = contacts.tune(model, pairs, choice.timestep) if pairs else 1
     if softest != 1:
         remark = f"; contacts down to {softest:.2g} times the material's stiffness"
         choice = replace(choice, reason=choice.reason + remark)

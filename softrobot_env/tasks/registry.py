@@ -128,7 +128,7 @@ def make_task(
             cannot do the task, or does not reach as far.
         OSError: The robot's file cannot be read.
     """
-    return _made(name, find_maker(name, robot, among), {"step_width": step_width} | options)
+    return made_by(find_maker(name, robot, among), name, {"step_width": step_width} | options)
 
 
 def find_maker(
@@ -172,7 +172,7 @@ def remake_task(task: Task, /, **options: float) -> Task:
     """
     make = task.maker or EVERY_TASK.find(task.name)
     before = _as_it_was(task.name, make, task.options)
-    made = _made(task.name, make, dict(task.options) | options)
+    made = made_by(make, task.name, dict(task.options) | options)
     replaced = {
         name: getattr(task, name)
         for name in ("robot", "start_input")
@@ -195,11 +195,15 @@ def owner_of(name: str) -> RobotParams | None:
 
 @lru_cache(maxsize=64)
 def _as_it_was(name: str, make: Maker, options: tuple[tuple[str, float], ...]) -> Task:
-    return _made(name, make, dict(options))
+    return made_by(make, name, dict(options))
 
 
-def _made(name: str, make: Maker, options: Mapping[str, float | None]) -> Task:
-    """The task with options, of which None is as not given."""
+def made_by(make: Maker, name: str, options: Mapping[str, float | None]) -> Task:
+    """The task that a maker makes of options, of which None is as not given.
+
+    Raises:
+        ValueError: An option that it has not, or one out of range.
+    """
     known = defaults(make)
     given = {option: value for option, value in options.items() if value is not None}
     for option, value in given.items():
@@ -221,11 +225,3 @@ def known_tasks() -> list[str]:
     """Names of all tasks: own ones of any robot, and those for every robot."""
     own = (name for makers in OWN_TASKS.values() for name in makers)
     return list(dict.fromkeys([*EVERY_TASK, *GENERIC_TASKS, *own]))
-
-
-def options_of(name: str, robot: RobotParams | str | None = None) -> tuple[str, ...]:
-    """Names of the options of a task, see `make_task`; none of an unknown one."""
-    try:
-        return tuple(defaults(find_maker(name, robot)))
-    except ValueError:
-        return ()

@@ -15,7 +15,7 @@ from gymnasium import spaces
 from numpy import ndarray
 
 from softrobot_env.core.arrays import HostArrays, namespace
-from softrobot_env.core.interfaces import Observation, Seen
+from softrobot_env.core.interfaces import Seen
 from softrobot_env.core.registry import Registry
 from softrobot_env.core.vector_reading import Reading
 from softrobot_env.robots import RobotParams
@@ -376,20 +376,13 @@ def observation_space(
     return spaces.Dict(boxes)
 
 
-def observer(
-    observed: spaces.Dict, sources: Sources, view: Callable[[Observation], ndarray] | None
-) -> Callable[[], Seen]:
-    """Function that makes a new observation.
+#: Those there are now and whenever it is asked; a reset looks them up here.
+_THERE = OBSERVABLES.registered()
 
-    Args:
-        observed: Space of the observables, which come in its order.
-        sources: Where they come from.
-        view: What the agent is shown of them (`VectorView`); None for all as they are.
-    """
-    reads = [(name, OBSERVABLES[name].read(sources)) for name in observed]
-    if view is None:
-        return lambda: {name: read() for name, read in reads}
-    return lambda: view({name: read() for name, read in reads})
+
+def reads(observed: spaces.Dict, sources: Sources) -> list[tuple[str, Read]]:
+    """Names of the observables of a space, in its order, and what reads them."""
+    return [(name, _THERE[name].read(sources)) for name in observed]
 
 
 def arrays(observation: Seen) -> list[ndarray]:
