@@ -28,8 +28,9 @@ from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import artifact_name
 from softrobot_env.tasks import Task
 
-from .artifacts import as_network, new_layers
+from .artifacts import as_network, figures, new_layers, save
 from .references import RobotTraining, training_of
+from .request import Metrics, TrainingRequest
 
 #: Robots that the teacher is watched with.
 ROBOTS = Randomization(youngs_modulus=(0.45, 1.7), density=(0.55, 1.6), damping_time=(0.45, 2.2))
@@ -147,6 +148,15 @@ def settings_of(setup: ImitationSetup, quick: bool = False) -> ImitationConfig:
         few = {"rounds": 2, "samples": 1000, "shares": 2, "epochs": 2, "last_epochs": 4}
         config = replace(config, **few, every=1, processes=0)
     return config
+
+
+def run(request: TrainingRequest, show: ProgressCallback) -> Metrics:
+    """Imitate as requested, and write the network."""
+    setup = ImitationSetup.of(request.robot, request.settings.get("teacher"), request.folder)
+    config = settings_of(setup, "quick" in request.settings)
+    network, view = imitate(config, request.seed, show, setup), setup.view()
+    save(network, request.path, request.seed, request.robot, view)
+    return [("teacher", setup.teacher), *figures(network, robot=request.robot, view=view)]
 
 
 def imitate(

@@ -5,6 +5,7 @@ inverse statics of its MuJoCo chain.
 """
 
 from dataclasses import dataclass
+from statistics import median
 
 import numpy as np
 from numpy import ndarray
@@ -19,6 +20,8 @@ from softrobot_env.robots.artifacts import fingerprint
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.inverse import Held, InverseStatics
 from softrobot_env.scene.registry import model_scene
+
+from .request import Metrics, TrainingRequest, quantity_mm
 
 #: Of the places that are known, those that another is looked for from.
 _NEIGHBOURS = 3
@@ -92,6 +95,19 @@ def train(
         "seed": seed,
     }
     return Trained(fit.network, about, errors, how.samples + 1 - len(tips))
+
+
+def run(request: TrainingRequest, show: ProgressCallback) -> Metrics:
+    """Train as requested and write the file."""
+    how = Learning(samples=400, iterations=20) if "quick" in request.settings else None
+    trained = train(request.robot, request.seed, show, how)
+    trained.network.save(request.path, trained.about)
+    off = trained.errors
+    return [
+        ("median error of the tip at rest, unseen places", quantity_mm(median(off))),
+        ("largest", quantity_mm(max(off))),
+        ("parameters", str(len(trained.network.parameters))),
+    ]
 
 
 def inverse_of(robot: RobotParams) -> InverseStatics:

@@ -203,18 +203,17 @@ def test_an_imitation_tracks_about_as_its_teacher_does(name):
 
 def test_what_trainings_load_by_name_is_there():
     for training in TRAININGS.values():
-        for path in getattr(training.run, "args", ()):
-            path = getattr(path, "args", [path])[0]  # of a training that has variants
+        for path in (training.how, *getattr(training.how, "args", ())):
             assert not is_path(str(path)) or callable(load(path))
 
 
 def test_every_training_says_of_which_robots_it_is():
-    for name, training in TRAININGS.items():
+    for training in TRAININGS.values():
         if training.robot is None:
-            training.check(name, FINGER)
+            training.check(FINGER)
         else:
             with pytest.raises(ValueError, match="alone, not for 'planar_finger'"):
-                training.check(name, FINGER)
+                training.check(FINGER)
 
 
 # ---------------------------------------------------------------- imitation
@@ -226,10 +225,10 @@ def test_packages_are_asked_for_by_the_teacher(monkeypatch, capsys, mine):
 
     monkeypatch.setattr(request, "find_spec", lambda package: None if package == "daqp" else 1)
     training = TRAININGS["imitation"]
-    training.check("imitation", FINGER)
+    training.check(FINGER)
     for robot, settings in ((ARM, {}), (FINGER, {"teacher": "mpc_preview"})):
         with pytest.raises(ImportError, match="imitation needs daqp: pip install"):
-            training.check("imitation", robot, settings)
+            training.check(robot, settings)
     began = time.process_time()
     given = ("--robot", mine.file, "--teacher mpc --out", mine.file.parent)
     assert called("train imitation", *given) == 2
