@@ -19,10 +19,9 @@ from softrobot_env.robots.artifacts import (
     training_folder,
 )
 from softrobot_env.training import registry
-from softrobot_env.training.request import Training, TrainingRequest, file_of
+from softrobot_env.training.request import LEARNERS, Training, TrainingRequest, file_of
 from softrobot_env.training.rl_config import (
     IMITATION,
-    LEARNERS,
     ROBOT_TASKS,
     SCRATCH_SETTINGS,
     TRAINING_TASKS,

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 from softrobot_env.core.runs import KEPT, kept_rows
 from softrobot_env.robots import default_robot, find_robot
 from softrobot_env.training.registry import TRAININGS
-from softrobot_env.training.request import TrainingRequest
-from softrobot_env.training.rl_config import LEARNERS
+from softrobot_env.training.request import LEARNERS, TrainingRequest
 from softrobot_env.training.several.search import (
     Range,
     Search,

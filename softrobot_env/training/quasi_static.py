@@ -54,13 +54,11 @@ class Trained:
         about: For its file: of which robot it is, the places it has seen and how near to one of
             them a place has to be.
         errors: (n,) [m], how far from places it has not seen it brings the tip to rest.
-        left_out: Number of samples without inputs that hold the tip.
     """
 
     network: Network
     about: dict[str, object]
     errors: ndarray
-    left_out: int
 
 
 def train(
@@ -94,7 +92,7 @@ def train(
         "error": float(np.median(errors)),
         "seed": seed,
     }
-    return Trained(fit.network, about, errors, how.samples + 1 - len(tips))
+    return Trained(fit.network, about, errors)
 
 
 def run(request: TrainingRequest, show: ProgressCallback) -> Metrics:

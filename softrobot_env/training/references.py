@@ -57,7 +57,21 @@ class RobotTraining:
 
     def sampled_task(self, rng: Generator, duration: float) -> Task:
         """A random task: a random path or a circle at a random size and pace, or set points."""
-        return any_task(rng, self.robot)
+        robot, seed = self.robot, int(rng.integers(2**31))
+        site = site_of(robot)
+        if site.ground.radius == 0 or rng.uniform() < _REACHES:
+            hold = rng.uniform(*_HOLDS) / site.frequency
+            return generic_task("reach", robot, seed=seed, hold=hold)
+        name = "circle" if rng.uniform() < _CIRCLES else "random"
+        own = {"seed": seed} if name == "random" else {}
+        size = float(rng.choice(_RADII))
+        own["radius"] = size * _usual_radius(name, robot)
+        pace = rng.uniform(*_PACES) / max(size, 1.0)
+        task = generic_task(name, robot, frequency=pace, **own)
+        most = _SPEED * REFERENCE_SPEED * robot.reach
+        if task.trajectory.speed <= most:
+            return task
+        return generic_task(name, robot, frequency=pace * most / task.trajectory.speed, **own)
 
     def check_tasks(self) -> list[Task]:
         """The tasks on which networks are judged."""
@@ -150,22 +164,6 @@ def _at_rest(robot: RobotParams) -> Task:
     axes, start = "xz" if robot.moves_in_xz else "xyz", robot_inputs(robot).input_centre
     place = (0.0, 0.0, 0.0) if robot.base is None else robot.base.position
     return Task("rest", robot, SetPoints((place,), 1.0), 1.0, tuple(start), axes=axes)
-
-
-def any_task(rng: Generator, robot: RobotParams) -> Task:
-    """A random path or a circle at a random size and pace, or set points, of any robot."""
-    site, seed = site_of(robot), int(rng.integers(2**31))
-    if site.ground.radius == 0 or rng.uniform() < _REACHES:
-        return generic_task("reach", robot, seed=seed, hold=rng.uniform(*_HOLDS) / site.frequency)
-    name = "circle" if rng.uniform() < _CIRCLES else "random"
-    own = {"seed": seed} if name == "random" else {}
-    size = float(rng.choice(_RADII))
-    own["radius"], pace = size * _usual_radius(name, robot), rng.uniform(*_PACES) / max(size, 1.0)
-    task = generic_task(name, robot, frequency=pace, **own)
-    most = _SPEED * REFERENCE_SPEED * robot.reach
-    if task.trajectory.speed <= most:
-        return task
-    return generic_task(name, robot, frequency=pace * most / task.trajectory.speed, **own)
 
 
 def generic_task(name: str, robot: RobotParams, **options: float) -> Task:

@@ -9,25 +9,25 @@ from functools import partial
 from typing import Any
 
 from softrobot_env.beams.registry import MUJOCO
+from softrobot_env.control.registry import POLICIES, find_policy
 from softrobot_env.core.interfaces import ProgressCallback
-from softrobot_env.core.registry import Registry, load
+from softrobot_env.core.registry import Registry
 from softrobot_env.robots import RobotParams, entry_of
 
-from .request import WARP, Metrics, Train, Training, TrainingRequest
-from .rl_config import LEARNERS
+from .request import LEARNERS, WARP, Metrics, Train, Training, TrainingRequest
 
 #: The last operating points, by robot, plant and whether they are few.
 _FOUND: dict[tuple[RobotParams, str, bool], Any] = {}
 
 
-def _table(design: str, request: TrainingRequest, show: ProgressCallback) -> Metrics:
-    """Gains at operating points all over the workspace of a robot, by their design."""
-    from softrobot_env.control.scheduled.law import build_table
-    from softrobot_env.control.scheduled.policies import save_table
+def _table(policy: str, request: TrainingRequest, show: ProgressCallback) -> Metrics:
+    """Gains at operating points all over the workspace of a robot, by the design of a law."""
+    from softrobot_env.control.scheduled.law import build_table, save_table
 
     robot, plant = request.robot, request.settings.get("plant", MUJOCO)
     points = _points(robot, plant, "quick" in request.settings, show)
-    table = build_table(robot, load(design)(robot), points, partial(show, "gains"))
+    design = POLICIES[policy].loaded().design(robot)
+    table = build_table(robot, design, points, partial(show, "gains"))
     save_table(request.path, table, robot, points.errors)
     off = points.errors[-1] / robot.reach
     return [
@@ -52,8 +52,6 @@ def _points(robot: RobotParams, plant: str, quick: bool, show: ProgressCallback)
 
 def _teachers_package(robot: RobotParams, settings: Mapping[str, Any]) -> tuple[str, ...]:
     """What the teacher of an imitation needs."""
-    from softrobot_env.control.registry import find_policy
-
     package = find_policy(settings.get("teacher") or entry_of(robot).teacher, robot).package
     return () if package is None else (package,)
 
@@ -65,13 +63,8 @@ def _reinforcement(policy: str, request: TrainingRequest, show: ProgressCallback
     return run(policy, request, show)
 
 
-#: Policies that act on a table of gains -> the design of the gains.
-_TABLES = {
-    "lqi": "softrobot_env.control.scheduled.lqi:Integral",
-    "lq_preview": "softrobot_env.control.scheduled.lq_preview:Preview",
-    "mpc": "softrobot_env.control.scheduled.policies:WithoutPreview",
-    "mpc_preview": "softrobot_env.control.scheduled.mpc:Constrained",
-}
+#: Policies that act on a table of gains.
+_TABLES = ("lqi", "lq_preview", "mpc", "mpc_preview")
 
 #: Settings of reinforcement learning, see `commands.train`.
 REINFORCEMENT = (
@@ -86,12 +79,12 @@ _TRAININGS = (
     *(
         Training(
             policy,
-            partial(_table, design),
+            partial(_table, policy),
             ("quick",),
             ("daqp",) if policy.startswith("mpc") else (),
             is_random=False,
         )
-        for policy, design in _TABLES.items()
+        for policy in _TABLES
     ),
     Training("ssm", f"{_HERE}.ssm:run", ("twin", "recording", "quick")),
     Training("sensors", f"{_HERE}.sensors:run", ("twin", "quick")),

@@ -16,6 +16,11 @@ from softrobot_env.robots.artifacts import artifact_folder, artifact_name
 #: What the backend "warp" simulates with.
 WARP = "mujoco_warp"
 
+#: Policies that learn by reward: algorithm, and whether robots and disturbances are sampled.
+LEARNERS = {name: (name, False) for name in ("ppo", "sac", "td3")} | {
+    f"{name}_randomized": (name, True) for name in ("ppo", "sac")
+}
+
 
 @dataclass(frozen=True)
 class Quantity:

@@ -26,17 +26,8 @@ from .artifacts import figures, load_start, save
 from .checkpoint import Checkpoint, learner_state, put_learner_state, read, write
 from .learners import freeze_actor, make_model, put_actor
 from .references import seen_in, training_of, view_for
-from .request import Metrics, TrainingRequest, curve_file
-from .rl_config import (
-    IMITATION,
-    LEARNERS,
-    NO_START,
-    NUMBERS,
-    QUICK,
-    RLConfig,
-    checkpoint_of,
-    preset,
-)
+from .request import LEARNERS, Metrics, TrainingRequest, curve_file
+from .rl_config import IMITATION, NO_START, NUMBERS, QUICK, RLConfig, checkpoint_of, preset
 from .vec_env import NetworkVecEnv
 from .watch import REACH, Point, Watch
 
@@ -94,7 +85,7 @@ def train(
     if before is None:
         begin(model, config, start)
     else:
-        watch.take_up(before.best, before.curve)
+        watch.best, watch.curve = before.best, before.curve
         put_learner_state(model, before.learner)
     left = config.steps - (model.num_timesteps if resume else 0)
     if left > 0:

@@ -120,11 +120,6 @@ class RLConfig:
             raise ValueError("drawn_tasks must be 1 or more if there are no other tasks")
 
 
-#: Policies that learn by reward: algorithm, and whether robots and disturbances are sampled.
-LEARNERS = {name: (name, False) for name in ("ppo", "sac", "td3")} | {
-    f"{name}_randomized": (name, True) for name in ("ppo", "sac")
-}
-
 #: Settings that are numbers, which can be set by name -> int or float.
 NUMBERS = {n: kind for n, kind in get_type_hints(RLConfig).items() if kind in (int, float)}
 

@@ -1,7 +1,8 @@
 """A reduced model of a robot as built, learned from its motion: `softrobot train ssm`."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -64,16 +65,15 @@ def learn(
     settings: Settings | None = None,
     refinement: Refinement | None = None,
     show: ProgressCallback = quiet,
-    lower: bool = True,
 ) -> ReducedModel:
     """A model of measured motion: a regression on smoothed outputs, refined on stretches.
 
+    Lower orders are tried where a model is unstable.
 
     Args:
         decays, forced: See `learned.reduction.fit`.
         settings, refinement: How.
         show: Shows the progress.
-        lower: Whether lower orders are tried where a model is unstable.
 
     Raises:
         FitError: What the data lack.
@@ -92,7 +92,7 @@ def learn(
             model = refine(model, records, refinement or _stretches(model), progress)
             check_stable(model, records)
         except ValueError:
-            if order == 1 or not lower:
+            if order == 1:
                 raise
             continue
         return model
@@ -235,22 +235,23 @@ def run(request: TrainingRequest, show: ProgressCallback) -> Metrics:
     quick, robot = "quick" in given, request.robot
     settings = Settings(order=2, input_order=2) if quick else Settings()
     short = Refinement(lengths=(0.5,), iterations=2, stretches=50) if quick else None
+    learned = partial(learn, settings=settings, refinement=short, show=show)
     figures: Metrics = []
     if "recording" in given:
         recording = read_recording(Path(given["recording"]))
         axes = entry_of(robot).axes or ("xz" if robot.moves_in_xz else "xyz")
-        found = _judged(*split_decays(records_of(recording, robot, axes)), settings, short, show)
+        found = _judged(learned, *split_decays(records_of(recording, robot, axes)))
     else:
         plan = replace(PLAN, seed=request.seed)
         if quick:
             plan = replace(plan, decays=6, excited=2, minutes=3.0)
         twin = given.get("twin", entry_of(robot).twin)
-        found, plan = _simulated(robot, plan, twin, settings, short, show)
+        found, plan = _simulated(learned, robot, plan, twin, show)
         figures.append(("largest inputs, of the workspace's", f"{plan.laps_amplitude:.2g}"))
     model, decays, forced, error = found
-    learned = trusted(model, [*forced, *decays])
+    believed = trusted(model, [*forced, *decays])
     about = {"seed": request.seed} | ({"twin": given["twin"]} if "twin" in given else {})
-    write_arrays(request.path, {**learned.arrays(), **fingerprint(robot), **about})
+    write_arrays(request.path, {**believed.arrays(), **fingerprint(robot), **about})
     if decays:
         figures.append(("spectrum", str(spectrum(decays, model.delays, model.dimension))))
     minutes = sum(r.samples for r in (*decays, *forced)) * model.period / 60
@@ -264,35 +265,27 @@ def run(request: TrainingRequest, show: ProgressCallback) -> Metrics:
     ]
 
 
+#: `learn` with its settings.
+_Learn = Callable[[Sequence[Record], Sequence[Record]], ReducedModel]
+
 #: A model, what it was learned from, and its error [m].
 _Found = tuple[ReducedModel, list[Record], list[Record], float]
 
 
 def _simulated(
-    robot: RobotParams,
-    plan: Plan,
-    twin: int | None,
-    settings: Settings,
-    refinement: Refinement | None,
-    show: ProgressCallback,
+    learned: _Learn, robot: RobotParams, plan: Plan, twin: int | None, show: ProgressCallback
 ) -> tuple[_Found, Plan]:
     """A model of simulated motion; of smaller motion where larger one is not predicted."""
     for _ in range(_TRIALS - 1):
         try:
-            return _judged(*collect(robot, plan, twin, show), settings, refinement, show), plan
+            return _judged(learned, *collect(robot, plan, twin, show)), plan
         except FitError:
             smaller = _SMALLER * plan.amplitude, _SMALLER * plan.laps_amplitude
             plan = replace(plan, amplitude=smaller[0], laps_amplitude=smaller[1])
-    return _judged(*collect(robot, plan, twin, show), settings, refinement, show), plan
+    return _judged(learned, *collect(robot, plan, twin, show)), plan
 
 
-def _judged(
-    decays: list[Record],
-    forced: list[Record],
-    settings: Settings,
-    refinement: Refinement | None,
-    show: ProgressCallback,
-) -> _Found:
+def _judged(learned: _Learn, decays: list[Record], forced: list[Record]) -> _Found:
     """Learn from most of the motion, and judge by the rest of it.
 
     Raises:
@@ -306,7 +299,7 @@ def _judged(
         forced = [Record(one.outputs[part], one.inputs[part], one.period) for part in parts]
     kept = max(1, round(_KEPT * len(forced)))
     known, unseen = forced[:-kept], forced[-kept:]
-    model = learn(decays, known, settings, refinement, show)
+    model = learned(decays, known)
     error = judged(model, unseen)
     moved = float(np.mean(np.concatenate([norm(r.outputs - model.origin, axis=1) for r in unseen])))
     if not error <= _WRONG * moved:
