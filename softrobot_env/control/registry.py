@@ -144,8 +144,8 @@ class PolicySpec:
 
 _FEEDFORWARD = "softrobot_env.control.feedforward"
 _SCHEDULED = "softrobot_env.control.scheduled"
-_TABLES = f"{_SCHEDULED}.policies:make_"
 _LQI_TIMES, _LQ_TIMES = f"{_SCHEDULED}.timing:lqi", f"{_SCHEDULED}.timing:lq_preview"
+_LQ_PREVIEW = f"{_SCHEDULED}.lq_preview:LQPreview"
 _MPC_TIMES = f"{_SCHEDULED}.mpc:preview_environment"
 _REDUCED = "softrobot_env.control.reduced.policy:ReducedPlanner"
 _SSM = "softrobot_env.control.reduced.environment:ssm_environment"
@@ -171,11 +171,11 @@ POLICIES: dict[str, PolicySpec] = {
     "qs_nn": PolicySpec(
         f"{_FEEDFORWARD}.law:make_network", {}, {"control_period": 0.01, "preview": (0.2,)}
     ),
-    "lqi": PolicySpec(f"{_TABLES}lqi", {}, _LQI_TIMES),
-    "lq_preview": PolicySpec(f"{_TABLES}lq_preview", {}, _LQ_TIMES),
-    "lq_adaptive": PolicySpec(f"{_TABLES}lq_preview", {"adaptive": True}, _LQ_TIMES),
-    "mpc": PolicySpec(f"{_TABLES}mpc", {}, _LQI_TIMES, "daqp"),
-    "mpc_preview": PolicySpec(f"{_TABLES}mpc", {"preview": True}, _MPC_TIMES, "daqp"),
+    "lqi": PolicySpec(f"{_SCHEDULED}.lqi:LQI", {}, _LQI_TIMES),
+    "lq_preview": PolicySpec(_LQ_PREVIEW, {}, _LQ_TIMES),
+    "lq_adaptive": PolicySpec(_LQ_PREVIEW, {"adaptive": True}, _LQ_TIMES),
+    "mpc": PolicySpec(f"{_SCHEDULED}.mpc:WithoutPreview", {}, _LQI_TIMES, "daqp"),
+    "mpc_preview": PolicySpec(f"{_SCHEDULED}.mpc:ScheduledMPC", {}, _MPC_TIMES, "daqp"),
     **{
         name: PolicySpec(_LEARNED, {"policy": name}, partial(_learned_environment, name))
         for name in ("imitation", "ppo", "sac", "ppo_randomized", "sac_randomized")
@@ -289,12 +289,8 @@ def _network_file(path: Path) -> PolicySpec:
     if is_reduced_model(path):
         needed = partial(ssm_environment, weights=weights)
         return PolicySpec(_REDUCED, {"weights": weights}, environment=needed, package="daqp")
-    own = {"policy": path.stem, "weights": weights}
-    return PolicySpec(
-        _LEARNED,
-        own,
-        environment=lambda robot: _learned_environment(path.stem, robot, own["weights"]),
-    )
+    needed = partial(_learned_environment, path.stem, weights=weights)
+    return PolicySpec(_LEARNED, {"policy": path.stem, "weights": weights}, needed)
 
 
 def policy_name(which: str) -> str:

@@ -1,17 +1,20 @@
 """What laws on a table of operating points share: files, observables, and what a kernel needs."""
 
+from abc import abstractmethod
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy import ndarray
 from scipy.optimize import nnls
 
 from softrobot_env.compile.kernels import kernel, reference, structure
-from softrobot_env.core.artifacts import Arrays
+from softrobot_env.core.artifacts import Arrays, read_arrays, write_arrays
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap, robot_inputs
+from softrobot_env.robots.artifacts import check_robot, find_artifact, fingerprint
 
 from ..base import Controller, hold_for, usable
 from . import operating_points
@@ -63,6 +66,7 @@ class Law(NamedTuple):
         reach: [m], of the robot.
         curved: Share of the first mode's period. What is farther ahead is looked up; before that,
             the actions at rest are taken to be linear in the way of the tip.
+        adaptive: Whether to estimate the stiffness.
     """
 
     table: Table
@@ -76,6 +80,7 @@ class Law(NamedTuple):
     taut: TensionKeeping
     reach: float
     curved: float
+    adaptive: bool
 
 
 class ScheduledLaw(Controller):
@@ -83,41 +88,49 @@ class ScheduledLaw(Controller):
 
     The actions in force are those commanded; of a robot driven by length, those that its servos
     have reached, so that nothing winds up where they are too slow.
+
+    Attributes:
+        name: Of the policy, and of the file of its table.
+        observables: That it reads, besides the actions in force.
+        curved: See `Law`.
     """
+
+    name: ClassVar[str]
+    observables: tuple[str, ...] = ("curvature", "curvature_rate", "tip_position", "reference")
+    curved: ClassVar[float] = np.inf
 
     def __init__(
         self,
         robot: RobotParams,
         control_period: float,
-        name: str,
-        table: Any,
-        observables: tuple[str, ...],
+        gains: Any = None,
         timing: Timing | None = None,
+        adaptive: bool = False,
         estimate: bool = True,
-        curved: float = np.inf,
     ) -> None:
         """Put together what the kernel needs.
 
         Args:
             robot: Nominal robot.
             control_period: [s] between calls.
-            name: Of the policy.
-            table: Reference to its `Table`.
-            observables: That it reads, besides the actions in force.
+            gains: File of the table, or a reference to it; found unless given, see `table`.
             timing: Of the law; that of the robot unless given.
+            adaptive: Whether to estimate the stiffness.
             estimate: Whether to estimate what the model leaves unexplained.
-            curved: See `Law`.
 
         Raises:
-            ValueError: The law's period is no multiple of the control period.
+            ValueError: No table of this robot, or the law's period is no multiple of the control
+                period.
+            FileNotFoundError: No such file.
         """
+        table = self.table(robot, gains) if isinstance(gains, str | Path | None) else gains
         timing = timing_of(robot) if timing is None else timing
-        self.hold = hold_for(timing.period, control_period, name)
+        self.hold = hold_for(timing.period, control_period, self.name)
         inputs = self._own = robot_inputs(robot)
         self._pulled = robot.drive.kind == "length"
         self._in_force = "tendon_length" if self._pulled else "previous_action"
         others = ("previous_action",) if self._pulled else ()
-        self.requires = (*observables, self._in_force, *others)
+        self.requires = (*self.observables, self._in_force, *others)
         self.sizes = {
             "curvature": table.n,
             "curvature_rate": table.n,
@@ -126,7 +139,6 @@ class ScheduledLaw(Controller):
         speed = np.full(inputs.n_inputs, np.inf)
         if self._pulled:
             speed = robot.drive.speed * timing.period / inputs.input_scale
-        self._observables = observables
         self._law = reference(
             Law(
                 table=table,
@@ -139,16 +151,30 @@ class ScheduledLaw(Controller):
                 speed=speed,
                 taut=_taut(robot),
                 reach=robot.reach,
-                curved=curved,
+                curved=self.curved,
+                adaptive=adaptive,
             )
         )
+
+    @classmethod
+    @abstractmethod
+    def design(cls, robot: RobotParams) -> Any:
+        """A `Design` of the gains, which says by `count` how many there are."""
+
+    @classmethod
+    def table(cls, robot: RobotParams, gains: str | Path | None = None) -> Any:
+        """Reference to the table of a robot, of a file; see `artifacts.find_artifact` without."""
+        data = read_arrays(find_artifact(robot, cls.name) if gains is None else gains)
+        check_robot(data, robot, cls.name)
+        with data.fitting():
+            return read_table(data, cls.design(robot).count)
 
     def _applied(self, observation: Observation) -> ndarray:
         """Actions (m,) in force."""
         found = observation[self._in_force]
         return found / self._own.input_scale if self._pulled else found
 
-    def _check_reference(self, observation: Observation, knots: int) -> None:
+    def _check_reference(self, observation: Observation) -> None:
         """Raise ValueError unless the reference and its preview can be used."""
         table, size = self._law.table, observation["reference"].size
         plane = is_planar.py_func(table) or np.allclose(table.directions[:, 2], 0)
@@ -159,15 +185,14 @@ class ScheduledLaw(Controller):
             )
         if observation["tip_position"].size != size:
             raise ValueError("tip_position and reference must have the same coordinates")
-        if knots and observation["reference_preview"].size != size * knots:
-            raise ValueError(
-                f"{type(self).__name__} needs an environment with preview="
-                f"{tuple(self._law.times[1:].tolist())}"
-            )
+        ahead = tuple(self._law.times[1:].tolist())
+        previewed = "reference_preview" in self.requires
+        if previewed and observation["reference_preview"].size != size * len(ahead):
+            raise ValueError(f"{type(self).__name__} needs an environment with preview={ahead}")
 
     def _seen(self, observation: Observation) -> list[ndarray]:
         """What the kernel reads, contiguous, and the actions in force."""
-        seen = (*(observation[name] for name in self._observables), self._applied(observation))
+        seen = (*(observation[name] for name in self.observables), self._applied(observation))
         return [np.ascontiguousarray(value) for value in seen]
 
     def _begun(self, observation: Observation) -> ndarray:
@@ -287,10 +312,14 @@ _ARRAYS = {
 }
 
 
-def table_arrays(table: Any) -> dict[str, ndarray]:
-    """What a file holds of a table: in single precision, far finer than it needs to be."""
+def save_table(path: Path, table: Any, robot: RobotParams, errors: ndarray) -> None:
+    """Write the table of a robot with its operating points' errors (points,) [m].
+
+    In single precision, far finer than it needs to be.
+    """
     arrays = {name: getattr(table, name).astype(np.float32) for name in _ARRAYS}
-    return arrays | {"sizes": np.array([table.n, table.m])}
+    sizes = np.array([table.n, table.m])
+    write_arrays(path, {**arrays, "sizes": sizes, **fingerprint(robot), "errors": errors})
 
 
 def read_table(data: Arrays, count: Callable[[int, int, int], int]) -> Any:

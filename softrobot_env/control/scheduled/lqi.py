@@ -41,22 +41,12 @@ class LQI(ScheduledLaw):
     action (further) beyond its limit, nor by the arm's law where the reference is out of reach.
     """
 
-    def __init__(
-        self, robot: RobotParams, control_period: float, table: Any, timing: Timing | None = None
-    ) -> None:
-        """Prepare for a robot.
+    name = "lqi"
 
-        Args:
-            robot: Nominal robot.
-            control_period: [s] between calls.
-            table: Reference to its `Table` with the gains of `Integral`, or to its `Grid`.
-            timing: As of `ScheduledLaw`.
-
-        Raises:
-            ValueError: The control period is no part of the robot's.
-        """
-        seen = ("curvature", "curvature_rate", "tip_position", "reference")
-        super().__init__(robot, control_period, "lqi", table, seen, timing)
+    @classmethod
+    def design(cls, robot: RobotParams) -> "Integral":
+        """See `ScheduledLaw`."""
+        return Integral(robot)
 
     def start(self, observation: Observation) -> Memory:
         """Begin from the actions in force, without integrated error.
@@ -64,7 +54,7 @@ class LQI(ScheduledLaw):
         Raises:
             ValueError: The reference has too few coordinates.
         """
-        self._check_reference(observation, 0)
+        self._check_reference(observation)
         return Memory(np.concatenate([self._begun(observation), np.zeros(3)]), FINE)
 
     def act(self, observation: Observation, state: Memory) -> tuple[ndarray, Memory]:
