@@ -86,27 +86,11 @@ class ReducedModel:
         rows = np.maximum(np.arange(len(inputs)) - self.lag, 0)
         return self.reduced_inputs(inputs)[rows]
 
-    def predict(self, past: ndarray, inputs: ndarray) -> ndarray:
-        """Outputs over time, from their past and the inputs alone; not finite where they diverge.
-
-        Args:
-            past: (delays, o) or (b, delays, o), the last one now.
-            inputs: (t, k) or (b, t, k), row i acts `lag` samples after sample i.
-
-        Returns:
-            (t, o) or (b, t, o), at the times of the inputs, the first one now.
-        """
-        single = past.ndim == 2
-        past, inputs = (a[None] if single else a for a in (past, inputs))
-        starts = self.encode(delay_vectors(past, self.delays)[:, -1])
-        acting = np.stack([self.acting(one) for one in inputs])
-        states = np.empty((*inputs.shape[:2], self.dimension))
-        roll(self.motion, np.ascontiguousarray(starts), acting, states)
-        outputs = self.decode(states)
-        return outputs[0] if single else outputs
-
     def predict_record(self, record: Record) -> ndarray:
-        """Outputs (t - delays + 1, o) of a record, from its first `delays` samples on."""
+        """Outputs (t - delays + 1, o) of a record, by its first `delays` samples and its inputs.
+
+        Not finite where they diverge.
+        """
         first = self.delays - 1
         start = self.encode(delay_vectors(record.outputs[: self.delays], self.delays))
         inputs = self.acting(record.inputs)[None, first:]
