@@ -1,13 +1,15 @@
 """The diameter of an unknown bar from the curvatures of fingers that enclose it."""
 
 from dataclasses import dataclass
-from itertools import combinations_with_replacement, pairwise
+from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.interfaces import Observation
+from softrobot_env.learned.reduction.polynomials import Monomials
 from softrobot_env.robots import Gripper, Sensor
 from softrobot_env.sensing.calibration import Calibration
 
@@ -76,12 +78,12 @@ class SizeEstimator:
 
 def _terms(bends: ndarray) -> ndarray:
     """Monomials (..., terms) up to the order, of curvatures (..., pieces) [1/m]."""
-    x = bends / _BEND
-    columns = [np.ones(x.shape[:-1])]
-    for order in range(1, _ORDER + 1):
-        for chosen in combinations_with_replacement(range(x.shape[-1]), order):
-            columns.append(np.prod(x[..., list(chosen)], axis=-1))
-    return np.stack(columns, axis=-1)
+    return _monomials(bends.shape[-1])(bends / _BEND)
+
+
+@cache
+def _monomials(pieces: int) -> Monomials:
+    return Monomials.of(pieces, 0, _ORDER, constant=True)
 
 
 #: [m], the bar on which fingers are calibrated (thesis 4.1.3), and [N], to which they close.
