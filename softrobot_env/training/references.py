@@ -2,8 +2,10 @@
 and how its networks see it.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from pathlib import Path
 
 from numpy.random import Generator
 
@@ -15,6 +17,7 @@ from softrobot_env.envs.observations.table import REFERENCE_SPEED
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.robots import RobotParams, default_robot, entry_of
 from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.robots.artifacts import artifact_name
 from softrobot_env.tasks import Task, make_task
 from softrobot_env.tasks.generic import generic_tasks, site_of
 from softrobot_env.tasks.trajectories import SetPoints
@@ -39,6 +42,39 @@ _CHECKED = (0.1, 0.3)
 #: Of the tasks of reinforcement learning: laps in a period of the first mode, and such periods at a
 #: set point.
 _LEARNED_PACES, _LEARNED_HOLD = (0.1, 0.2, 0.4), 4.0
+
+
+def make_teacher(setup: "ImitationSetup") -> Policy:
+    """The policy that is imitated, with a file of its own where there is one."""
+    takes = find_policy(setup.teacher, setup.robot).takes("gains")
+    own = {} if setup.file is None else {"gains" if takes else "weights": setup.file}
+    return make_policy(setup.teacher, setup.robot, setup.period, **own)
+
+
+@dataclass(frozen=True)
+class ImitationSetup:
+    """Who learns from whom.
+
+    Attributes:
+        robot: That is driven.
+        teacher: Name of the policy that is imitated.
+        file: What it has learned, where that lies elsewhere than policies look.
+        view: Of the network, which decides as often as the teacher: laws with gains change the
+            inputs by what suits their own period. Held for longer, the same changes would move
+            servos, and integrate errors, too slowly.
+        period, preview: [s], of the environment that the teacher needs.
+        make: The teacher.
+        is_tuned: Whether the settings are the robot's own.
+    """
+
+    robot: RobotParams
+    teacher: str
+    file: Path | None
+    view: View
+    period: float
+    preview: tuple[float, ...]
+    make: Callable[["ImitationSetup"], Policy] = make_teacher
+    is_tuned: bool = False
 
 
 class RobotTraining:
@@ -115,30 +151,21 @@ class RobotTraining:
         sizes = {name: box.shape[0] for name, box in env.observation_space.items()}
         return view_of(self.robot, sizes, period)
 
-    def is_tuned_for(self, teacher: str) -> bool:
-        """Whether settings of an imitation of this teacher are the robot's own."""
-        return False
+    def imitation(self, teacher: str | None = None, folder: Path | None = None) -> ImitationSetup:
+        """How a network imitates a teacher.
 
-    def teacher_environment(self, teacher: str) -> dict[str, Any]:
-        """What a teacher needs of an environment: `control_period`, `preview`."""
-        own = policy_environment(teacher, self.robot)
-        period = own.get("control_period", self.imitation_view(teacher).period)
-        return {"control_period": period, "preview": tuple(own.get("preview", ()))}
-
-    def imitation_view(self, teacher: str) -> View:
-        """View of a network that imitates a teacher, as often as that decides.
-
-        Laws with gains change the inputs by what suits their own period: held for longer, the same
-        changes would move servos, and integrate errors, too slowly.
+        Args:
+            teacher: Name of a policy; the robot's usual teacher unless given.
+            folder: Where what it has learned is looked for first.
         """
-        return view_for(self.robot, policy_environment(teacher, self.robot).get("control_period"))
-
-    def make_teacher(self, teacher: str, file: Any) -> Policy:
-        """The policy that is imitated, with a file of its own where one is given."""
-        takes = find_policy(teacher, self.robot).takes("gains")
-        own = {} if file is None else {"gains" if takes else "weights": file}
-        period = self.teacher_environment(teacher)["control_period"]
-        return make_policy(teacher, self.robot, period, **own)
+        teacher = teacher or entry_of(self.robot).teacher
+        own = policy_environment(teacher, self.robot)
+        view = view_for(self.robot, own.get("control_period"))
+        file = None if folder is None else folder / artifact_name(self.robot, teacher)
+        if file is not None and not file.is_file():
+            file = None
+        period, preview = own.get("control_period", view.period), tuple(own.get("preview", ()))
+        return ImitationSetup(self.robot, teacher, file, view, period, preview)
 
 
 @lru_cache(maxsize=16)

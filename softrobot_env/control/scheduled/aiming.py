@@ -16,7 +16,7 @@ from softrobot_env.core.interfaces import Observation
 from ..base import FINE, SATURATED, UNREACHABLE, Memory, usable
 from ..limits import finite
 from ..reference_smoothing import begin_smoothing, memory_size, smoothed
-from .law import Law, ScheduledLaw, in_space, is_planar
+from .law import Law, ScheduledLaw, in_space
 from .table import Row, Table, blend, inverse_of, look_up
 
 #: Damping of the inverse of the tip's derivative by actions.
@@ -98,7 +98,7 @@ class AimingLaw(ScheduledLaw):
         own.held[:] = self._begun(observation)
         tip, here = observation["tip_position"], np.empty(3)
         here_seen = usable(tip if np.isfinite(tip).all() else observation["reference"])
-        in_space.py_func(here_seen, is_planar.py_func(law.table), here)
+        in_space.py_func(here_seen, law.planar, here)
         begin_smoothing.py_func(here, own.smoothing)
         return Memory(values, FINE)
 
@@ -179,12 +179,9 @@ def _adapt(law: Law, now: Row, left: ndarray, stiffer: ndarray) -> None:
 
     Least squares with forgetting, as one step down the gradient.
     """
-    trust = _TRUST / law.reach
-    size, error = trust * trust * len(left), 0.0
-    for i in range(len(left)):
-        size += now.elastic[i] ** 2
-        error -= now.elastic[i] * (left[i] + stiffer[0] * now.elastic[i])
-    error -= stiffer[0] * trust * trust * len(left)
+    trust = (_TRUST / law.reach) ** 2 * len(left)
+    size = trust + np.sum(now.elastic**2)
+    error = -np.sum(now.elastic * left) - stiffer[0] * size
     stiffer[0] += min(law.period / law.first * _FORGETTING, 1.0) * error / size
     stiffer[0] = min(max(stiffer[0], _RANGE[0] - 1), _RANGE[1] - 1)
 
@@ -194,17 +191,13 @@ def references_of(
     law: Law, target: ndarray, preview: ndarray, smoothing: ndarray
 ) -> tuple[ndarray, ndarray]:
     """Places (1 + k, 3) [m], now and ahead, without jumps, and the velocity (3,) [m/s] now."""
-    times, size, planar = law.times, len(target), is_planar(law.table)
+    times, size = law.times, len(target)
     points = np.zeros((len(times), 3))
-    in_space(target, planar, points[0])
+    in_space(target, law.planar, points[0])
     if len(times) == 1:
         return points, np.zeros(3)
-    second = 2 if planar and size == 2 else 1
     for k in range(1, len(times)):
-        at = (k - 1) * size
-        points[k, 0], points[k, second] = preview[at], preview[at + 1]
-        if size == 3:
-            points[k, 2] = preview[at + 2]
+        in_space(preview[(k - 1) * size : k * size], law.planar, points[k])
     far = _ACCELERATION * law.reach / law.first**2
     here = points[0].copy()
     smoothed(law.period, here, times, _JUMP * law.reach, far, smoothing, points)
@@ -236,7 +229,7 @@ def _looked_up(table: Table, law: Law, memory: ndarray, seen: Seen) -> TrackingT
     n, m, knots = table.n, table.m, len(law.times) - 1
     own = remembered(memory, n, m)
     tip = np.empty(3)
-    in_space(seen.tip, is_planar(table), tip)
+    in_space(seen.tip, law.planar, tip)
     points, velocity = references_of(law, seen.target, seen.preview, own.smoothing)
     now = look_up(table, points[0], own.held)
     own.held[:] = now.action

@@ -67,6 +67,7 @@ class Law(NamedTuple):
         curved: Share of the first mode's period. What is farther ahead is looked up; before that,
             the actions at rest are taken to be linear in the way of the tip.
         adaptive: Whether to estimate the stiffness.
+        planar: Whether the tip can be asked for in the x-z plane alone.
     """
 
     table: Table
@@ -81,6 +82,7 @@ class Law(NamedTuple):
     reach: float
     curved: float
     adaptive: bool
+    planar: bool
 
 
 class ScheduledLaw(Controller):
@@ -139,6 +141,7 @@ class ScheduledLaw(Controller):
         speed = np.full(inputs.n_inputs, np.inf)
         if self._pulled:
             speed = robot.drive.speed * timing.period / inputs.input_scale
+        directions = table.directions
         self._law = reference(
             Law(
                 table=table,
@@ -153,6 +156,7 @@ class ScheduledLaw(Controller):
                 reach=robot.reach,
                 curved=self.curved,
                 adaptive=adaptive,
+                planar=len(directions) == 2 and bool(np.abs(directions[:, 1]).max() < 1e-12),
             )
         )
 
@@ -177,7 +181,7 @@ class ScheduledLaw(Controller):
     def _check_reference(self, observation: Observation) -> None:
         """Raise ValueError unless the reference and its preview can be used."""
         table, size = self._law.table, observation["reference"].size
-        plane = is_planar.py_func(table) or np.allclose(table.directions[:, 2], 0)
+        plane = self._law.planar or np.allclose(table.directions[:, 2], 0)
         if size not in (2, 3) or (size == 2 and not plane):
             raise ValueError(
                 f"{type(self).__name__} needs references of three coordinates of this robot, not "
@@ -249,16 +253,6 @@ def in_space(place: ndarray, planar: bool, out: ndarray) -> None:
     out[0], out[1], out[2] = place[0], place[1], 0.0
     if planar:
         out[1], out[2] = 0.0, place[1]
-
-
-@kernel
-def is_planar(table: Table) -> bool:
-    """Whether the tip can be asked for in the x-z plane alone."""
-    return (
-        len(table.directions) == 2
-        and abs(table.directions[0, 1]) < 1e-12
-        and (abs(table.directions[1, 1]) < 1e-12)
-    )
 
 
 def build_table(

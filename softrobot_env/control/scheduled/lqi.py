@@ -14,7 +14,7 @@ from ..base import FINE, NOT_FINITE, Memory
 from ..limits import finite, kept
 from ..linear_quadratic import integral_gains
 from .aiming import conclude, status_code_of
-from .law import Law, ScheduledLaw, in_space, is_planar, tighten
+from .law import Law, ScheduledLaw, in_space, tighten
 from .operating_points import Equilibrium
 from .table import Table, inverse_of, look_up
 from .timing import Timing
@@ -81,9 +81,9 @@ def _act(
     if not (sound and finite(tip_seen) and finite(target_seen)):
         return kept(previous), memory, NOT_FINITE
     held, integral = memory[:m], memory[m : m + d]
-    tip, target, planar = np.empty(3), np.empty(3), is_planar(table)
-    in_space(tip_seen, planar, tip)
-    in_space(target_seen, planar, target)
+    tip, target = np.empty(3), np.empty(3)
+    in_space(tip_seen, law.planar, tip)
+    in_space(target_seen, law.planar, target)
     rest = resting(table, law, target, held, curvature)
     gain, still = rest.gains.reshape(m, 2 * n + d), rest.curvature
     wanted = rest.action.copy()
