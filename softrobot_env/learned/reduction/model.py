@@ -14,8 +14,8 @@ from .records import Record, delay_vectors
 
 
 @dataclass(frozen=True)
-class ReducedModel:
-    """Coordinates x (n,) of a manifold, outputs of them, and their motion under inputs.
+class Coordinates:
+    """Coordinates x (n,) of a manifold, and the inputs that act on them.
 
     Attributes:
         period: [s] of a sample.
@@ -25,12 +25,6 @@ class ReducedModel:
         basis: (k, m) orthonormal, reduced inputs v = basis' (u - rest).
         lag: Samples by which inputs act later than they are commanded.
         tangent: V (p, n) orthonormal, x = V' (y - y of the origin), (3.13).
-        shape_powers: (terms, n) of the monomials of w, (3.14).
-        shape: (p, terms), of monomials of x over its scale.
-        powers: (terms, n + m) of the monomials of the motion, (3.15) and B u.
-        coefficients: (n, terms), of monomials of (x, v) over their scale.
-        scale: (n + m,) usual sizes of x and v.
-        substeps: Runge-Kutta steps a sample; 0: the polynomials give the next sample's x.
     """
 
     period: float
@@ -40,17 +34,45 @@ class ReducedModel:
     basis: ndarray
     lag: int
     tangent: ndarray
+
+    @property
+    def dimension(self) -> int:
+        """n."""
+        return self.tangent.shape[1]
+
+    def encode(self, vectors: ndarray) -> ndarray:
+        """Coordinates (..., n) of delay vectors (..., p)."""
+        return (vectors - np.tile(self.origin, self.delays)) @ self.tangent
+
+    def reduced_inputs(self, inputs: ndarray) -> ndarray:
+        """v (..., m) of inputs (..., k)."""
+        return (inputs - self.rest) @ self.basis
+
+    def acting(self, inputs: ndarray) -> ndarray:
+        """Reduced inputs (t, m) that act at the samples of inputs (t, k), later by the lag."""
+        rows = np.maximum(np.arange(len(inputs)) - self.lag, 0)
+        return self.reduced_inputs(inputs)[rows]
+
+
+@dataclass(frozen=True)
+class ReducedModel(Coordinates):
+    """Coordinates of a manifold, outputs of them, and their motion under inputs.
+
+    Attributes:
+        shape_powers: (terms, n) of the monomials of w, (3.14).
+        shape: (p, terms), of monomials of x over its scale.
+        powers: (terms, n + m) of the monomials of the motion, (3.15) and B u.
+        coefficients: (n, terms), of monomials of (x, v) over their scale.
+        scale: (n + m,) usual sizes of x and v.
+        substeps: Runge-Kutta steps a sample; 0: the polynomials give the next sample's x.
+    """
+
     shape_powers: ndarray
     shape: ndarray
     powers: ndarray
     coefficients: ndarray
     scale: ndarray
     substeps: int
-
-    @property
-    def dimension(self) -> int:
-        """n."""
-        return self.tangent.shape[1]
 
     @cached_property
     def motion(self) -> Motion:
@@ -63,10 +85,6 @@ class ReducedModel:
     def _shapes(self) -> Monomials:
         return Monomials(self.shape_powers)
 
-    def encode(self, vectors: ndarray) -> ndarray:
-        """Coordinates (..., n) of delay vectors (..., p)."""
-        return (vectors - np.tile(self.origin, self.delays)) @ self.tangent
-
     def decode(self, x: ndarray) -> ndarray:
         """Outputs (..., o) of coordinates (..., n)."""
         return self.vectors(x)[..., : len(self.origin)]
@@ -76,15 +94,6 @@ class ReducedModel:
         terms = self._shapes(x / self.scale[: self.dimension])
         with np.errstate(over="ignore", invalid="ignore"):  # a motion may have diverged
             return terms @ self.shape.T + np.tile(self.origin, self.delays)
-
-    def reduced_inputs(self, inputs: ndarray) -> ndarray:
-        """v (..., m) of inputs (..., k)."""
-        return (inputs - self.rest) @ self.basis
-
-    def acting(self, inputs: ndarray) -> ndarray:
-        """Reduced inputs (t, m) that act at the samples of inputs (t, k), later by the lag."""
-        rows = np.maximum(np.arange(len(inputs)) - self.lag, 0)
-        return self.reduced_inputs(inputs)[rows]
 
     def predict_record(self, record: Record) -> ndarray:
         """Outputs (t - delays + 1, o) of a record, by its first `delays` samples and its inputs.
