@@ -131,8 +131,14 @@ def trusted(model: ReducedModel, records: Sequence[Record]) -> Learned:
     moved = np.concatenate(inputs)
     floor = 1e-12 * np.eye(n) * np.square(model.scale[:n])
     far = max(norm(r.outputs - model.origin, axis=1).max() for r in records)
-    reached = moved.min(axis=0), moved.max(axis=0), np.array(far)
-    return Learned(model, whole, _covariance(noise) + floor, *reached)
+    return Learned(
+        **model.arrays(),
+        process=whole,
+        noise=_covariance(noise) + floor,
+        lower=moved.min(axis=0),
+        upper=moved.max(axis=0),
+        farthest=np.array(far),
+    )
 
 
 def _next(model: ReducedModel, x: ndarray, v: ndarray) -> ndarray:

@@ -1,7 +1,8 @@
 """`ssm_mpc` and `ssm_lq`: plans on a model that was learned from a robot's recorded motion."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
@@ -33,37 +34,31 @@ _SMOOTHNESS = 1e-2
 _ABSURD = 1e5
 
 
-class Learned(NamedTuple):
+@dataclass(frozen=True)
+class Learned(ReducedModel):
     """A model, and how far it can be trusted.
 
     Attributes:
-        model: What was learned.
         process: (n + m, n + m), covariance of what it errs by in a sample, and of its inputs.
         noise: (n, n), covariance of states that outputs tell.
         lower, upper: (m,), reduced inputs that it was learned from.
         farthest: [m], of outputs that it was learned from, from their origin.
     """
 
-    model: ReducedModel
     process: ndarray
     noise: ndarray
     lower: ndarray
     upper: ndarray
     farthest: ndarray
 
-    def arrays(self) -> dict[str, Any]:
-        """What `read_learned` reads."""
-        own = {name: getattr(self, name) for name in self._fields if name != "model"}
-        return self.model.arrays() | own
-
-
-def read_learned(data: Arrays) -> Learned:
-    """Raises ValueError where arrays are missing, not finite, or of a wrong shape."""
-    model = ReducedModel.read(data)
-    n, m = model.dimension, model.basis.shape[1]
-    shapes = {"process": (n + m, n + m), "noise": (n, n), "lower": (m,), "upper": (m,)}
-    data.check_shapes(shapes | {"farthest": ()})
-    return Learned(model, *(np.array(data[name], float) for name in Learned._fields[1:]))
+    @classmethod
+    def read(cls, data: Arrays) -> "Learned":
+        """As `ReducedModel.read`."""
+        model = super().read(data)
+        n, m = model.dimension, model.basis.shape[1]
+        shapes = {"process": (n + m, n + m), "noise": (n, n), "lower": (m,), "upper": (m,)}
+        data.check_shapes(shapes | {"farthest": ()})
+        return model
 
 
 class _Past(NamedTuple):
@@ -118,8 +113,7 @@ class ReducedPlanner(base.Controller):
         """
         data = read_arrays(find_artifact(robot, ARTIFACT) if weights is None else weights)
         check_robot(data, robot, ARTIFACT)
-        self._learned = read_learned(data)
-        self._model = model = self._learned.model
+        self._model = model = Learned.read(data)
         what = f"the reduced model of {robot.name!r}"
         self.hold = base.hold_for(model.period, control_period, what)
         self._late = round(tip_delay / model.period)
@@ -149,7 +143,7 @@ class ReducedPlanner(base.Controller):
         tips = np.tile(tip, (model.delays, 1))
         m, n = len(inputs), model.dimension
         covariance = np.zeros((n + m, n + m))
-        covariance[:n, :n] = self._learned.noise
+        covariance[:n, :n] = self._model.noise
         covariance[n:, n:] = 1e-2 * np.eye(m)
         return _Past(
             tips,
@@ -163,7 +157,7 @@ class ReducedPlanner(base.Controller):
 
     def act(self, observation: Observation, state: _Past) -> tuple[ndarray, _Past]:
         """The first action of the plan."""
-        model, learned = self._model, self._learned
+        model = self._model
         before = np.asarray(observation["previous_action"], float)
         tip = np.asarray(observation["tip_position"], float)
         seen = np.concatenate(
@@ -179,8 +173,8 @@ class ReducedPlanner(base.Controller):
         measured = model.encode(tips.ravel())
         motion, o = model.motion, len(tip)
         estimate(
-            motion, x, disturbance, covariance, state.inputs[0], measured, learned.process,
-            learned.noise,
+            motion, x, disturbance, covariance, state.inputs[0], measured, model.process,
+            model.noise,
         )  # fmt: skip
         begin = ahead(motion, x, disturbance, inputs[1:]) if model.lag else x
         times = np.array((0.0, *self.preview))
@@ -204,7 +198,7 @@ class ReducedPlanner(base.Controller):
         nodes = nodes + step
         wanted_action = model.rest + aside + model.basis @ nodes[0]
         action = self._within(wanted_action, before)
-        if np.linalg.norm(reference - model.origin, axis=1).max() > learned.farthest:
+        if np.linalg.norm(reference - model.origin, axis=1).max() > model.farthest:
             code = base.UNREACHABLE
         elif np.abs(action - wanted_action).max() > 1e-6 or self._at_limit(action, before):
             code = base.SATURATED
@@ -220,8 +214,8 @@ class ReducedPlanner(base.Controller):
         if self._solve is None:
             return np.linalg.solve(hessian, -gradient).reshape(nodes.shape)
         model, (count, _) = self._model, nodes.shape
-        lower = (self._learned.lower - nodes).ravel()
-        upper = (self._learned.upper - nodes).ravel()
+        lower = (self._model.lower - nodes).ravel()
+        upper = (self._model.upper - nodes).ravel()
         lower, upper = np.minimum(lower, 0.0), np.maximum(upper, 0.0)
         each = np.kron(np.eye(count), model.basis)
         actions = model.rest + aside + nodes @ model.basis.T

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy import ndarray
@@ -128,8 +128,8 @@ class ReducedModel(Coordinates):
         """What `ReducedModel.read` needs."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
-    @staticmethod
-    def read(data: Arrays) -> "ReducedModel":
+    @classmethod
+    def read(cls, data: Arrays) -> Self:
         """The model of arrays.
 
         Raises:
@@ -137,9 +137,9 @@ class ReducedModel(Coordinates):
         """
         data.check_finite()
         number = {"period": float, "delays": int, "lag": int, "substeps": int}
-        names = [field.name for field in fields(ReducedModel)]
+        names = [field.name for field in fields(cls)]
         with data.fitting():
-            model = ReducedModel(**{n: number.get(n, np.asarray)(data[n]) for n in names})
+            model = cls(**{n: number.get(n, np.asarray)(data[n]) for n in names})
             (inputs, m), n, p = model.basis.shape, model.dimension, model.delays * len(model.origin)
             data.check_shapes(
                 {
