@@ -35,22 +35,6 @@ Design = Callable[[operating_points.Equilibrium, ndarray, Timing], ndarray]
 
 
 @structure
-class TensionKeeping(NamedTuple):
-    """What keeps tendons that are driven by length taut: groups of them pull against each other.
-
-    Attributes:
-        stiffness: (m,) [N], tension per action.
-        groups: (k, m) [1/N], actions that pull all tendons of a group against each other by a
-            tension of one in the sum, without a moment; none of a robot driven by tension.
-        shares: (k, m) [1], what each tendon gets of it.
-    """
-
-    stiffness: ndarray
-    groups: ndarray
-    shares: ndarray
-
-
-@structure
 class Law(NamedTuple):
     """What the kernel of a law needs of a robot.
 
@@ -62,7 +46,10 @@ class Law(NamedTuple):
         first: [s], period of the first mode.
         force, offset: [1], shares of their estimates that a decision renews; 0 without them.
         speed: (m,) [1], largest change of an action in a period.
-        taut: What keeps tendons that are driven by length taut.
+        stiffness: (m,) [N], tension per action of tendons that are driven by length, else zeros.
+        shares: (k, m) [1], what each tendon of a group gets of the sum of the tensions by which
+            they pull against each other without a moment, which keeps them taut; no groups of a
+            robot driven by tension.
         reach: [m], of the robot.
         curved: Share of the first mode's period. What is farther ahead is looked up; before that,
             the actions at rest are taken to be linear in the way of the tip.
@@ -78,7 +65,8 @@ class Law(NamedTuple):
     force: float
     offset: float
     speed: ndarray
-    taut: TensionKeeping
+    stiffness: ndarray
+    shares: ndarray
     reach: float
     curved: float
     adaptive: bool
@@ -142,6 +130,7 @@ class ScheduledLaw(Controller):
         if self._pulled:
             speed = robot.drive.speed * timing.period / inputs.input_scale
         directions = table.directions
+        stiffness, shares = _taut(robot)
         self._law = reference(
             Law(
                 table=table,
@@ -152,7 +141,8 @@ class ScheduledLaw(Controller):
                 force=estimate * min(_FORCE_RATE * timing.period / timing.first, _AT_ONCE),
                 offset=estimate * min(_OFFSET_RATE * timing.period / timing.first, _AT_ONCE),
                 speed=speed,
-                taut=_taut(robot),
+                stiffness=stiffness,
+                shares=shares,
                 reach=robot.reach,
                 curved=self.curved,
                 adaptive=adaptive,
@@ -204,10 +194,11 @@ class ScheduledLaw(Controller):
         return usable(self._applied(observation))
 
 
-def _taut(robot: RobotParams) -> TensionKeeping:
+def _taut(robot: RobotParams) -> tuple[ndarray, ndarray]:
+    """`stiffness` and `shares` of a `Law`."""
     m = robot_inputs(robot).n_inputs
     if robot.drive.kind == "tension":
-        return TensionKeeping(np.zeros(m), *np.zeros((2, 0, m)))
+        return np.zeros(m), np.zeros((0, m))
     stiffness = robot.of_tendons("stiffness") * robot_inputs(robot).input_scale
     moments, shares = TendonMap(robot).phi, []
     for group in np.unique(robot.of_tendons("group")):
@@ -215,8 +206,7 @@ def _taut(robot: RobotParams) -> TensionKeeping:
         share, left = nnls(np.vstack([moments * own, own]), np.append(np.zeros(len(moments)), 1.0))
         if left < _OPPOSED and np.all(share[own > 0] > 0):
             shares.append(share)
-    shares = np.reshape(shares, (len(shares), m))
-    return TensionKeeping(stiffness, shares / stiffness, shares)
+    return stiffness, np.reshape(shares, (len(shares), m))
 
 
 @kernel
@@ -228,17 +218,17 @@ def tighten(law: Law, curvature: ndarray, action: ndarray) -> None:
         curvature: (n,) [1/m].
         action: (m,) [1], changed.
     """
-    taut = law.taut
-    if len(taut.shares) == 0:
+    shares = law.shares
+    if len(shares) == 0:
         return
-    slack = law.table.moment_arms @ curvature - taut.stiffness * action
-    for group in range(len(taut.shares)):
+    slack = law.table.moment_arms @ curvature - law.stiffness * action
+    for group in range(len(shares)):
         more = 0.0
         for j in range(len(action)):
-            if taut.shares[group, j] > 0:
-                more = max(more, slack[j] / taut.shares[group, j])
+            if shares[group, j] > 0:
+                more = max(more, slack[j] / shares[group, j])
         for j in range(len(action)):
-            action[j] += more * taut.groups[group, j]
+            action[j] += more * shares[group, j] / law.stiffness[j]
 
 
 @kernel

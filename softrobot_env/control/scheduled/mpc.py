@@ -231,8 +231,8 @@ def _bound_first(
         here = min(max(previous[j], -1.0), 1.0)
         lower[j] = max(here - law.speed[j], -1.0)
         upper[j] = min(here + law.speed[j], 1.0)
-        if law.taut.stiffness[j] > 0:
-            taut = loose[j] / law.taut.stiffness[j]
+        if law.stiffness[j] > 0:
+            taut = loose[j] / law.stiffness[j]
             lower[j] = min(max(lower[j], taut), upper[j])
 
 
