@@ -448,12 +448,10 @@ def policy_environment(name: str, robot: RobotParams | str | None = None) -> dic
     Raises:
         ValueError: Unknown name; the message lists the known ones.
     """
-    robot = None if robot is None else find_robot(robot)
+    robot = default_robot() if robot is None else find_robot(robot)
     spec = find_policy(name, robot)
     needed = spec.environment
     if needed is None:
         needed = getattr(spec.loaded(), "environment", {})
-    if robot is None and (isinstance(needed, str) or callable(needed)):
-        return policy_environment(name, default_robot())
     needed = load(needed) if isinstance(needed, str) else needed
     return dict(needed(robot) if callable(needed) else needed)
