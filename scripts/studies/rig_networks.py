@@ -30,7 +30,7 @@ from softrobot_env.identification.visits import (
     visits_of,
 )
 from softrobot_env.learned.inference import CompiledInference
-from softrobot_env.learned.network import PlainInference
+from softrobot_env.learned.plain_inference import PlainInference
 from softrobot_env.learned.training import Validated, train_validated
 from softrobot_env.rendering import figures
 from softrobot_env.rendering.figures import BLUE, COLOURS, Axes, Figure

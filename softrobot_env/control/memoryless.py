@@ -8,7 +8,7 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.interfaces import Observation
-from softrobot_env.learned.network import numba_is_loaded
+from softrobot_env.learned.plain_inference import numba_is_loaded
 
 from .base import NOT_COMPUTED, NOT_FINITE, Controller, Held, Said
 

@@ -180,7 +180,7 @@ from softrobot_env.robots import ARM
 for name in EVERY_POLICY:
     policy_environment(name)
     assert "numba" not in sys.modules, name
-import softrobot_env.evaluation.runner, softrobot_env.learned.network
+import softrobot_env.evaluation.runner, softrobot_env.learned.plain_inference
 for name in {[*NETWORKS, "qs_nn", "hold"]}:
     policy = make_policy(name, ARM, 0.01)
     one = {{key: np.zeros(policy.sizes.get(key, 3)) for key in policy.requires}}

@@ -7,7 +7,8 @@ from scipy.stats import kstest, multivariate_normal
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.learned.inference import CompiledInference
-from softrobot_env.learned.network import Dataset, Network, PlainInference, Scaling, initial_network
+from softrobot_env.learned.network import Dataset, Network, Scaling, initial_network
+from softrobot_env.learned.plain_inference import PlainInference
 from softrobot_env.learned.training import LeastSquares, train_regularised, train_validated
 from softrobot_env.robots import ARM
 from softrobot_env.thesis.arm import quasi_static

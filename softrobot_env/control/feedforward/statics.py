@@ -9,7 +9,8 @@ from numpy.linalg import eigh, norm, solve, svd
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.core.equilibrium import EquilibriumError
-from softrobot_env.learned.network import check_ends, inference, load_for
+from softrobot_env.learned.network import check_ends, load_for
+from softrobot_env.learned.plain_inference import inference
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import Inputs, robot_inputs
 from softrobot_env.robots.artifacts import fingerprint

@@ -18,7 +18,8 @@ from softrobot_env.core.artifacts import Arrays
 from softrobot_env.core.files import models_dir
 from softrobot_env.core.records import Positive, Record
 from softrobot_env.core.vector_reading import Reading, reading_in
-from softrobot_env.learned.network import Network, PlainInference, absorbed, check_ends, load_for
+from softrobot_env.learned.network import Network, absorbed, check_ends, load_for
+from softrobot_env.learned.plain_inference import PlainInference
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import find_artifact

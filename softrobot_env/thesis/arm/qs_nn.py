@@ -11,7 +11,8 @@ from softrobot_env.control.base import REASONS, SATURATED, Said, hold_for
 from softrobot_env.control.feedforward.law import Feedforward
 from softrobot_env.control.memoryless import Decide, Memoryless
 from softrobot_env.core.interfaces import Policy
-from softrobot_env.learned.network import Network, PlainInference, Scaling, absorbed, load_for
+from softrobot_env.learned.network import Network, Scaling, absorbed, load_for
+from softrobot_env.learned.plain_inference import PlainInference
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.artifacts import find_artifact

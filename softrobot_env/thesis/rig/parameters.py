@@ -15,7 +15,8 @@ from softrobot_env.envs.recording import RecordEpisodes
 from softrobot_env.identification.excitation import Excitation, excite, plan, resting_task
 from softrobot_env.identification.fit.path import Identification, identify
 from softrobot_env.identification.visits import Visiting
-from softrobot_env.learned.network import Inference, Network, describe, inference, load_for
+from softrobot_env.learned.network import Network, describe, load_for
+from softrobot_env.learned.plain_inference import Inference, inference
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.artifacts import find_artifact, train_command
