@@ -189,8 +189,8 @@ def seen_in(robot: RobotParams | None, view: View | None) -> tuple[RobotParams, 
 def _at_rest(robot: RobotParams) -> Task:
     """A task with the coordinates of those that any robot can be given."""
     axes, start = "xz" if robot.moves_in_xz else "xyz", robot_inputs(robot).input_centre
-    place = (0.0, 0.0, 0.0) if robot.base is None else robot.base.position
-    return Task("rest", robot, SetPoints((place,), 1.0), 1.0, tuple(start), axes=axes)
+    place = SetPoints((robot.clamp.position,), 1.0)
+    return Task("rest", robot, place, 1.0, tuple(start), axes=axes)
 
 
 def generic_task(name: str, robot: RobotParams, **options: float) -> Task:

@@ -157,8 +157,7 @@ def _places(robot: RobotParams, tips: ndarray, axes: slice, chosen: ndarray) -> 
     if len(robot.sensors) == 1:
         space = np.zeros((len(tips), 3))
         space[:, axes] = tips - tips[0]
-        turn = np.eye(3) if robot.base is None else robot.base.axes
-        return [_REACH / robot.reach * (space @ turn)[:, :2]]
+        return [_REACH / robot.reach * (space @ robot.clamp.axes)[:, :2]]
     space = workspace_of(robot)
     first = space.inverse.posture(space.ground.inputs)
     postures = np.concatenate([first[None], sample_of(robot).postures[chosen]])
