@@ -123,8 +123,7 @@ def drives_of(robot: RobotParams, outputs: int, period: float | None = None) -> 
     first = 1 / float(linearised(space.inverse, space.ground.inputs).frequencies[0])
     if period is None:
         period = max(round(first / 80 / 0.005), 1) * 0.005
-    speed = np.inf if robot.drive.speed is None else robot.drive.speed
-    rate = np.full(len(inputs.input_scale), speed) / inputs.input_scale
+    rate = robot.drive.speed / inputs.input_scale
     return Drives(rest, basis, actions @ basis, first, period, rate)
 
 

@@ -126,9 +126,6 @@ class ScheduledLaw(Controller):
             "curvature_rate": table.n,
             self._in_force: inputs.n_inputs,
         }
-        speed = np.full(inputs.n_inputs, np.inf)
-        if self._pulled:
-            speed = robot.drive.speed * timing.period / inputs.input_scale
         directions = table.directions
         stiffness, shares = _taut(robot)
         self._law = reference(
@@ -140,7 +137,7 @@ class ScheduledLaw(Controller):
                 first=timing.first,
                 force=estimate * min(_FORCE_RATE * timing.period / timing.first, _AT_ONCE),
                 offset=estimate * min(_OFFSET_RATE * timing.period / timing.first, _AT_ONCE),
-                speed=speed,
+                speed=robot.drive.speed * timing.period / inputs.input_scale,
                 stiffness=stiffness,
                 shares=shares,
                 reach=robot.reach,
