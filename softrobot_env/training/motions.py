@@ -177,12 +177,11 @@ def collect(
     kinds = [_KINDS[plan.kinds[k % len(plan.kinds)]] for k in range(runs)]
     motions = [_release] * plan.decays + [_swing] * plan.excited + kinds
     records = []
-    options = {} if twin is None else {"twin": twin}
     env = simulated(
         replace(task, duration=longest, start_input=start),
+        twin,
         observe=("tip_position", "previous_action"),
         control_period=drives.period,
-        **options,
     )
     with closing(env):
         for motion in motions:

@@ -245,7 +245,7 @@ def in_space(place: ndarray, planar: bool, out: ndarray) -> None:
 def build_table(
     robot: RobotParams,
     design: Design,
-    points: operating_points.OperatingPoints | None = None,
+    points: operating_points.OperatingPoints,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Any:
     """Reference to the table of a robot with the gains of a law.
@@ -253,15 +253,10 @@ def build_table(
     Args:
         robot: Its nominal robot.
         design: Gains (k,) at a point.
-        points: Operating points; found unless given.
+        points: Its operating points.
         progress: Called with the numbers of steps done and of all.
-
-    Raises:
-        ValueError, EquilibriumError: As `find_points`.
     """
-    timing = timing_of(robot)
-    points = operating_points.find_points(robot, progress=progress) if points is None else points
-    rows = []
+    timing, rows = timing_of(robot), []
     for done, point in enumerate(points.points):
         rows.append(operating_points.row_of(point, design(point, points.directions, timing)))
         progress(done + 1, len(points.points))
