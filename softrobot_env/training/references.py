@@ -168,7 +168,6 @@ class RobotTraining:
         return ImitationSetup(self.robot, teacher, file, view, period, preview)
 
 
-@lru_cache(maxsize=16)
 def training_of(robot: RobotParams) -> RobotTraining:
     """What trainings need of a robot, its own where its entry names it."""
     return load(entry_of(robot).training)(robot)
