@@ -6,11 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core.artifacts import read_arrays
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.artifacts import check_robot, find_artifact
+from softrobot_env.robots.artifacts import read_artifact
 from softrobot_env.sensing.reconstruction import TIP, Reconstruction, SensedShape
 
 from .base import MEASURED, Controller, Held
@@ -126,7 +125,6 @@ def load_reconstruction(robot: RobotParams, path: str | Path | None = None) -> R
             f"feedback from sensors: robot {robot.name!r} carries none; give it [[sensor]] tables, "
             "spatial or tags"
         )
-    data = read_arrays(find_artifact(robot, _SENSORS) if path is None else path)
-    check_robot(data, robot, _SENSORS)
+    data = read_artifact(robot, _SENSORS, path)
     with data.fitting():
         return Reconstruction.of(robot, data)

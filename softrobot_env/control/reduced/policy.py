@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core.artifacts import Arrays, read_arrays
+from softrobot_env.core.artifacts import Arrays
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.learned.reduction.model import ReducedModel
 from softrobot_env.learned.reduction.polynomials import Monomials, Motion
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import robot_inputs
-from softrobot_env.robots.artifacts import check_robot, find_artifact
+from softrobot_env.robots.artifacts import read_artifact
 
 from .. import base
 from ..limits import kept
@@ -111,9 +111,7 @@ class ReducedPlanner(base.Controller):
             FileNotFoundError: No such file.
             ImportError: The solver of constrained plans is not installed.
         """
-        data = read_arrays(find_artifact(robot, ARTIFACT) if weights is None else weights)
-        check_robot(data, robot, ARTIFACT)
-        self._model = model = Learned.read(data)
+        self._model = model = Learned.read(read_artifact(robot, ARTIFACT, weights))
         what = f"the reduced model of {robot.name!r}"
         self.hold = base.hold_for(model.period, control_period, what)
         self._late = round(tip_delay / model.period)

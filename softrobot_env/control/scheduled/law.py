@@ -10,11 +10,11 @@ from numpy import ndarray
 from scipy.optimize import nnls
 
 from softrobot_env.compile.kernels import kernel, reference, structure
-from softrobot_env.core.artifacts import Arrays, read_arrays, write_arrays
+from softrobot_env.core.artifacts import Arrays, write_arrays
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap, robot_inputs
-from softrobot_env.robots.artifacts import check_robot, find_artifact, fingerprint
+from softrobot_env.robots.artifacts import fingerprint, read_artifact
 
 from ..base import Controller, hold_for, usable
 from . import operating_points
@@ -155,8 +155,7 @@ class ScheduledLaw(Controller):
     @classmethod
     def table(cls, robot: RobotParams, gains: str | Path | None = None) -> Any:
         """Reference to the table of a robot, of a file; see `artifacts.find_artifact` without."""
-        data = read_arrays(find_artifact(robot, cls.name) if gains is None else gains)
-        check_robot(data, robot, cls.name)
+        data = read_artifact(robot, cls.name, gains)
         with data.fitting():
             return read_table(data, cls.design(robot).count)
 
