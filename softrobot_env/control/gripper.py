@@ -263,7 +263,7 @@ class ScriptedGrip:
         return self.tension * np.minimum(steps * self.control_period / RISE, 1.0), {}
 
 
-@dataclass
+@dataclass(kw_only=True)
 class SizedGrip(ScriptedGrip):
     """Closes to the tension of an estimator, then to what holds a bar of the size it tells.
 
@@ -272,15 +272,13 @@ class SizedGrip(ScriptedGrip):
         sensors: How the curvatures follow from `sensors`; they are observed unless given.
     """
 
-    size: SizeEstimator | None = None
+    size: SizeEstimator
     sensors: FingerCalibration | None = None
 
     def _tension(
         self, steps: ndarray, observation: Observation, known: dict[str, ndarray]
     ) -> tuple[ndarray, dict[str, ndarray]]:
         """First as the estimator wants it; from `CALM` on by the size, given once."""
-        if self.size is None:
-            raise ValueError("a SizedGrip needs the size estimator of its gripper")
         curvature, kept = self._bends(steps, observation, known)
         time = steps * self.control_period
         first = self.size.tension * np.minimum(time / RISE, 1.0)

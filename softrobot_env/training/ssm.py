@@ -1,6 +1,7 @@
 """A reduced model of a robot as built, learned from its motion: `softrobot train ssm`."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -85,18 +86,18 @@ def learn(
     settings = settings or Settings()
     clean = [smoothed(r) for r in decays], [smoothed(r) for r in forced]
     records = [*forced, *decays]
-    for order in range(settings.order, 0, -1):
+
+    def attempt(order: int) -> ReducedModel:
         how = replace(settings, order=order, input_order=min(order, settings.input_order))
-        try:
-            model = fit(*clean, how, stable=False)
-            model = refine(model, records, refinement or _stretches(model), progress)
-            check_stable(model, records)
-        except ValueError:
-            if order == 1:
-                raise
-            continue
+        model = fit(*clean, how, stable=False)
+        model = refine(model, records, refinement or _stretches(model), progress)
+        check_stable(model, records)
         return model
-    raise AssertionError("order 1 is returned or refused")
+
+    for order in range(settings.order, 1, -1):
+        with suppress(ValueError):
+            return attempt(order)
+    return attempt(1)
 
 
 def _stretches(model: ReducedModel) -> Refinement:
