@@ -89,7 +89,9 @@ class Sensed(Controller):
     def act(self, observation: Observation, state: SensedState) -> tuple[ndarray, SensedState]:
         """The action of the policy for what the sensors tell."""
         state = self._seen(observation[_SENSORS], state)
-        action, inner = self._policy.predict(self._full(observation, state), state.inner)
+        seen = state.shape.reported | {_VELOCITY: state.velocity}
+        shown = {name: seen[name][:size] for name, size in self._sizes.items()}
+        action, inner = self._policy.predict({**observation, **shown}, state.inner)
         return action, state._replace(inner=inner)
 
     def _seen(self, reading: ndarray, state: SensedState) -> SensedState:
@@ -99,10 +101,6 @@ class Sensed(Controller):
             return state._replace(passed=passed)
         velocity = (shape.reported[TIP] - state.shape.reported[TIP]) / passed
         return state._replace(shape=shape, velocity=velocity, passed=0.0)
-
-    def _full(self, observation: Observation, state: SensedState) -> Observation:
-        seen = state.shape.reported | {_VELOCITY: state.velocity}
-        return {**observation, **{name: seen[name][:size] for name, size in self._sizes.items()}}
 
     # The policy itself holds its actions.
     _go_on = _decide = act

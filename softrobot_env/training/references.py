@@ -15,12 +15,11 @@ from softrobot_env.core.interfaces import Policy
 from softrobot_env.core.registry import load
 from softrobot_env.envs.observations.table import REFERENCE_SPEED
 from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.identification.excitation import resting_task
 from softrobot_env.robots import RobotParams, default_robot, entry_of
-from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import artifact_name
 from softrobot_env.tasks import Task, make_task
 from softrobot_env.tasks.generic import generic_tasks, site_of
-from softrobot_env.tasks.trajectories import SetPoints
 
 from .rl_config import ROBOT_TASKS, RLConfig, of_any_robot
 
@@ -147,7 +146,7 @@ class RobotTraining:
         Raises:
             ValueError, EquilibriumError: The robot has no tendons, or does not rest.
         """
-        env = TrackingEnv(_at_rest(self.robot), observe="all")
+        env = TrackingEnv(resting_task(self.robot, 1.0), observe="all")
         sizes = {name: box.shape[0] for name, box in env.observation_space.items()}
         return view_of(self.robot, sizes, period)
 
@@ -183,13 +182,6 @@ def seen_in(robot: RobotParams | None, view: View | None) -> tuple[RobotParams, 
     """A robot and the view of its networks: the default one, and its own, unless given."""
     robot = robot or default_robot()
     return robot, view_for(robot) if view is None else view
-
-
-def _at_rest(robot: RobotParams) -> Task:
-    """A task with the coordinates of those that any robot can be given."""
-    axes, start = "xz" if robot.moves_in_xz else "xyz", robot_inputs(robot).input_centre
-    place = SetPoints((robot.clamp.position,), 1.0)
-    return Task("rest", robot, place, 1.0, tuple(start), axes=axes)
 
 
 def generic_task(name: str, robot: RobotParams, **options: float) -> Task:

@@ -71,7 +71,8 @@ def calibrated(
     passed = sum(_pace(robot))
     with closing(_environment(robot, twin, (postures + 2) * passed)) as env:
         rows = []
-        which = _chosen(robot, seed, postures)
+        count = len(sample_of(robot).inputs)
+        which = np.random.default_rng(seed).choice(count, postures, replace=postures > count)
         for row in _visits(env, robot, seed, which):
             rows.append(row)
             show("postures", len(rows), postures + 1)
@@ -124,12 +125,6 @@ def _visits(
                 looks.append(observation)
         yield _looked(looks)
         before = observation["previous_action"]
-
-
-def _chosen(robot: RobotParams, seed: int, postures: int) -> ndarray:
-    """Places (postures,) in the sample of a robot's workspace, in the order of the visits."""
-    count = len(sample_of(robot).inputs)
-    return np.random.default_rng(seed).choice(count, postures, replace=postures > count)
 
 
 def _looked(looks: list[dict[str, ndarray]]) -> tuple[ndarray, ndarray, ndarray]:

@@ -195,10 +195,12 @@ class ReducedPlanner(base.Controller):
             )  # fmt: skip
         nodes = nodes + step
         wanted_action = model.rest + aside + model.basis @ nodes[0]
-        action = self._within(wanted_action, before)
+        rate = self._rate
+        action = np.clip(np.clip(wanted_action, before - rate, before + rate), -1.0, 1.0)
+        at_limit = (np.abs(action) > 1 - 1e-6) | (np.abs(action - before) > rate * (1 - 1e-6))
         if np.linalg.norm(reference - model.origin, axis=1).max() > model.farthest:
             code = base.UNREACHABLE
-        elif np.abs(action - wanted_action).max() > 1e-6 or self._at_limit(action, before):
+        elif np.abs(action - wanted_action).max() > 1e-6 or at_limit.any():
             code = base.SATURATED
         return action, _Past(tips, inputs, x, disturbance, covariance, nodes, code)
 
@@ -212,9 +214,8 @@ class ReducedPlanner(base.Controller):
         if self._solve is None:
             return np.linalg.solve(hessian, -gradient).reshape(nodes.shape)
         model, (count, _) = self._model, nodes.shape
-        lower = (self._model.lower - nodes).ravel()
-        upper = (self._model.upper - nodes).ravel()
-        lower, upper = np.minimum(lower, 0.0), np.maximum(upper, 0.0)
+        lower = np.minimum(model.lower - nodes, 0.0).ravel()
+        upper = np.maximum(model.upper - nodes, 0.0).ravel()
         each = np.kron(np.eye(count), model.basis)
         actions = model.rest + aside + nodes @ model.basis.T
         rows, low, high = [each], [(-1 - actions).ravel()], [(1 - actions).ravel()]
@@ -244,12 +245,3 @@ class ReducedPlanner(base.Controller):
         model = self._model
         aside = before - model.rest - model.basis @ inputs
         return aside - np.clip(aside, -_ASIDE * self._rate, _ASIDE * self._rate)
-
-    def _within(self, wanted: ndarray, before: ndarray) -> ndarray:
-        """What the drives can do, nearest to what is wanted."""
-        reach = np.clip(wanted, before - self._rate, before + self._rate)
-        return np.clip(reach, -1.0, 1.0)
-
-    def _at_limit(self, action: ndarray, before: ndarray) -> bool:
-        fast = np.abs(action - before) > self._rate * (1 - 1e-6)
-        return bool(np.any((np.abs(action) > 1 - 1e-6) | fast))
