@@ -123,7 +123,8 @@ def trusted(model: ReducedModel, records: Sequence[Record]) -> Learned:
         x, true = (model.encode(delay_vectors(r.outputs, model.delays)) for r in (record, better))
         v = model.acting(record.inputs)[late:]
         noise.append(x - true)
-        process.append(true[1:] - _next(model, true, v)[:-1])
+        then = model.states(true, np.stack([v, v], axis=1))[:, 1]
+        process.append(true[1:] - then[:-1])
         inputs.append(v)
     n, m = model.dimension, model.basis.shape[1]
     whole = np.zeros((n + m, n + m))
@@ -140,15 +141,6 @@ def trusted(model: ReducedModel, records: Sequence[Record]) -> Learned:
         upper=moved.max(axis=0),
         farthest=np.array(far),
     )
-
-
-def _next(model: ReducedModel, x: ndarray, v: ndarray) -> ndarray:
-    from softrobot_env.learned.reduction.polynomials import roll
-
-    states = np.empty((len(x), 2, x.shape[1]))
-    held = np.ascontiguousarray(np.stack([v, v], axis=1))
-    roll(model.motion, np.ascontiguousarray(x), held, states)
-    return states[:, 1]
 
 
 def _covariance(parts: Sequence[ndarray]) -> ndarray:

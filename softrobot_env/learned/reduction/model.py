@@ -95,6 +95,12 @@ class ReducedModel(Coordinates):
         with np.errstate(over="ignore", invalid="ignore"):  # a motion may have diverged
             return terms @ self.shape.T + np.tile(self.origin, self.delays)
 
+    def states(self, starts: ndarray, acting: ndarray) -> ndarray:
+        """Coordinates (b, t, n) from starts (b, n) on, under reduced inputs (b, t, m) that act."""
+        out = np.empty((*acting.shape[:2], self.dimension))
+        roll(self.motion, np.ascontiguousarray(starts), np.ascontiguousarray(acting), out)
+        return out
+
     def predict_record(self, record: Record) -> ndarray:
         """Outputs (t - delays + 1, o) of a record, by its first `delays` samples and its inputs.
 
@@ -102,10 +108,7 @@ class ReducedModel(Coordinates):
         """
         first = self.delays - 1
         start = self.encode(delay_vectors(record.outputs[: self.delays], self.delays))
-        inputs = self.acting(record.inputs)[None, first:]
-        states = np.empty((1, inputs.shape[1], self.dimension))
-        roll(self.motion, start, np.ascontiguousarray(inputs), states)
-        return self.decode(states[0])
+        return self.decode(self.states(start, self.acting(record.inputs)[None, first:])[0])
 
     def linear_part(self) -> ndarray:
         """(n, n + m) of the motion at the origin, by (x, v): of dx/dt [1/s], or of the next x."""
