@@ -30,8 +30,8 @@ _AT_ONCE = 0.3
 #: Moment [1], over the tension, below which tendons pull against each other.
 _OPPOSED = 1e-6
 
-#: Gains of a law at an operating point: function of the point, the directions and the times.
-Design = Callable[[operating_points.Equilibrium, ndarray, Timing], ndarray]
+#: Gains of a law at an operating point: function of the point and the directions.
+Design = Callable[[operating_points.Equilibrium, ndarray], ndarray]
 
 
 @structure
@@ -255,9 +255,9 @@ def build_table(
         points: Its operating points.
         progress: Called with the numbers of steps done and of all.
     """
-    timing, rows = timing_of(robot), []
+    rows = []
     for done, point in enumerate(points.points):
-        rows.append(operating_points.row_of(point, design(point, points.directions, timing)))
+        rows.append(operating_points.row_of(point, design(point, points.directions)))
         progress(done + 1, len(points.points))
     first = points.points[0]
     moment_arms = np.zeros((len(first.action), len(first.curvature)))

@@ -80,7 +80,7 @@ class Preview:
         """Number of gains at a point, for n curvatures, m actions and so many directions."""
         return len(self._timing.nodes) * m * (2 * n + m + 3 * len(self._timing.knots))
 
-    def __call__(self, point: Equilibrium, directions: ndarray, timing: Timing) -> ndarray:
+    def __call__(self, point: Equilibrium, directions: ndarray) -> ndarray:
         """Gains (k,) at an operating point, for directions (k, 3) of its `Table`."""
         regulator = regulator_of(self._robot, point, directions, self._timing)
         return self._gains(regulator, directions)

@@ -17,7 +17,7 @@ from .aiming import conclude, status_code_of
 from .law import Law, ScheduledLaw, in_space, tighten
 from .operating_points import Equilibrium
 from .table import Table, inverse_of, look_up
-from .timing import Timing
+from .timing import timing_of
 
 #: Weights of the cost int (|e|^2 + i (T g)^2 |a|^2) dt, with e the integral of the tip's error
 #: [m s], T the period of the first mode, a the actions' distance from those at rest, and g [m] how
@@ -165,21 +165,16 @@ class Integral:
     """The gains of `LQI` for one robot."""
 
     def __init__(self, robot: RobotParams) -> None:
-        """Of any robot."""
+        """Of any robot, in the time of its first mode."""
+        self._first = timing_of(robot).first
 
     def count(self, n: int, m: int, directions: int) -> int:
         """Number of gains at a point, for n curvatures, m actions and so many directions."""
         return m * (2 * n + directions)
 
-    def __call__(self, point: Equilibrium, directions: ndarray, timing: Timing) -> ndarray:
-        """Gains [K, K_i] (m, 2 n + k) at an operating point, flattened.
-
-        Args:
-            point: The operating point.
-            directions: (k, 3), see `Table`.
-            timing: Of the robot.
-        """
-        n, first = len(point.curvature), timing.first
+    def __call__(self, point: Equilibrium, directions: ndarray) -> ndarray:
+        """Gains [K, K_i] (m, 2 n + k) at an operating point, for directions (k, 3), flattened."""
+        n, first = len(point.curvature), self._first
         a, b, tip = point.model.state_space()
         size = np.repeat([1.0, 1 / first], n)  # of states, so that they are of like order
         place = directions @ tip
