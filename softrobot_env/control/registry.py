@@ -357,6 +357,7 @@ def make_policy(
     if feedback not in FEEDBACKS:
         raise ValueError(f"unknown feedback {feedback!r}; choose from {', '.join(FEEDBACKS)}")
     check_argument("robot", robot, RobotParams | gymnasium.Env)
+    late = None
     if "learnt" in options:
         if "identified" in options:
             raise ValueError("give 'identified' alone, 'learnt' is its earlier name")
@@ -368,25 +369,20 @@ def make_policy(
         control_period = own.control_period if control_period is None else control_period
         robot = own.task.robot
         late = getattr(getattr(own, "twin", None), "camera_delay", None)
-        options = (
-            find_policy(name, robot).delay_options(
-                sensors_delay(robot) if feedback == SENSORS else late
-            )
-            | options
-        )
+        late = sensors_delay(robot) if feedback == SENSORS else late
     check_argument("control_period", control_period, Positive)
-    policy = _made(name, find_policy(name, robot), robot, control_period, options)
+    spec = find_policy(name, robot)
+    options = spec.delay_options(late) | options
+    policy = _warm(_made(name, spec, robot, control_period, options), robot)
     if feedback != FEEDBACKS[0] and "curvature_rate" in getattr(policy, "requires", ()):
         from .observers import OutputFeedback
 
-        _warm_up(policy, robot)
-        policy = OutputFeedback(policy, robot, control_period)
+        policy = _warm(OutputFeedback(policy, robot, control_period), robot)
     if feedback == SENSORS and MEASURED.intersection(getattr(policy, "requires", ())):
         from .sensed import Sensed, load_reconstruction
 
-        _warm_up(policy, robot)
-        policy = Sensed(policy, load_reconstruction(robot, sensors), control_period)
-    _warm_up(policy, robot)
+        known = load_reconstruction(robot, sensors)
+        policy = _warm(Sensed(policy, known, control_period), robot)
     return policy
 
 
@@ -395,10 +391,11 @@ def sensors_delay(robot: RobotParams) -> float | None:
     return max((sensor.delay for sensor in robot.sensors), default=None)
 
 
-def _warm_up(policy: Policy, robot: RobotParams) -> None:
-    """Let a policy that can do so decide before it matters."""
+def _warm(policy: Policy, robot: RobotParams) -> Policy:
+    """The policy, after it has decided before that matters, if it can."""
     if hasattr(policy, "warm_up"):
         policy.warm_up(robot)
+    return policy
 
 
 def _check_interface(name: str, env: gymnasium.Env) -> None:
