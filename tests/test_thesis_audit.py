@@ -7,7 +7,7 @@ import pytest
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.beams.planar_arm import make_planar_arm
-from softrobot_env.control.feedforward.motion import least_norm
+from softrobot_env.control.feedforward.statics import least_norm
 from softrobot_env.control.observers import linear_model
 from softrobot_env.robots import ARM
 from softrobot_env.thesis.arm import operating_points as gains
@@ -17,8 +17,8 @@ def follow(statics, start, end, guess):
     """Inverse statics along a straight line, by continuation."""
     for share in np.linspace(0, 1, 60):
         solution = least_norm(statics, (1 - share) * np.array(start) + share * np.array(end), guess)
-        assert solution.converged
-        guess = solution.reduced
+        assert solution.reached
+        guess = solution.inputs
     return guess
 
 

@@ -512,7 +512,7 @@ def _judge_spatial(specimen: int, sensor: Sensor, bent: float) -> _Found:
 
 def _followed(tracker: BendFilter, readings: ndarray) -> ndarray:
     """Tips (n, 2) [m] by readings (n, 4) in turn."""
-    return np.array([tracker.update(reading, _PAUSE) for reading in readings])
+    return tracker.model.tip(np.array([tracker.update(reading, _PAUSE) for reading in readings]))
 
 
 def _network(samples: Dataset, rng: np.random.Generator) -> Network:

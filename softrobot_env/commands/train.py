@@ -19,7 +19,7 @@ from softrobot_env.robots.artifacts import (
     training_folder,
 )
 from softrobot_env.training import registry
-from softrobot_env.training.request import Training, TrainingRequest, file_of
+from softrobot_env.training.request import LEARNERS, Training, TrainingRequest, file_of
 from softrobot_env.training.rl_config import (
     IMITATION,
     ROBOT_TASKS,
@@ -171,7 +171,7 @@ def run(args: Namespace) -> int:
     name, args.seed = args.what or args.algo, args.seed or 0
     training, settings = registry.TRAININGS[name], given(args)
     robot = find_robot(args.robot) if args.robot else training.robot or default_robot()
-    training.check(name, robot, settings)
+    training.check(robot, settings)
     check_settings(training, settings)
     values = dict(args.set)  # of one that is given twice, the last
     if args.seeds or args.workers or any(len(own) > 1 for own in values.values()):
@@ -250,9 +250,11 @@ def train_several(
     out = args.out or SEVERAL_RUNS / name
     request = request_in(out, name, robot, settings, args.name)
     requests = runs.requests_of(request, args.seeds or (args.seed,), values)
-    if name in registry.LEARNERS:
+    if name in LEARNERS:
+        from softrobot_env.training.rl import check_request
+
         for one in requests.values():
-            registry.check_reinforcement(name, one)
+            check_request(name, one)
     study, files = study_in(args, out)
     with output.new_results(out, args.overwrite), kept_rows(out / KEPT, study, files) as kept:
         bar = output.progress_on(name, len(requests), prefix=f"{name}: ")
@@ -279,7 +281,7 @@ def request_in(
     beside = path.with_name(artifact_name(robot, IMITATION))
     if "start" in settings and Path(settings["start"]).is_file():
         settings["start"] = str(Path(settings["start"]).resolve())
-    elif name in registry.LEARNERS and "start" not in settings and beside.is_file():
+    elif name in LEARNERS and "start" not in settings and beside.is_file():
         settings["start"] = str(beside)
     return replace(TrainingRequest(robot, path, 0, settings), near=path.parent)
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from softrobot_env.core.runs import KEPT, kept_rows
 from softrobot_env.robots import default_robot, find_robot
-from softrobot_env.training.registry import LEARNERS, TRAININGS, check_reinforcement
-from softrobot_env.training.request import TrainingRequest
+from softrobot_env.training.registry import TRAININGS
+from softrobot_env.training.request import LEARNERS, TrainingRequest
 from softrobot_env.training.several.search import (
     Range,
     Search,
@@ -73,12 +73,14 @@ def run(args: Namespace) -> int:
     space = ({} if args.space is None else read_space(args.space)) | dict(args.search)
     settings = train.given(args)
     _check_space(args, space)
-    TRAININGS[name].check(name, robot, settings)
+    TRAININGS[name].check(robot, settings)
+    from softrobot_env.training.rl import check_request
+
     out = args.out or Path("out") / "tune" / name
     request = train.request_in(out, name, robot, settings, None)
     for values in corners(space):
         fixed = list((dict(settings.get("set", ())) | values).items())
-        check_reinforcement(name, _with(request, {"set": fixed}))
+        check_request(name, _with(request, {"set": fixed}))
     return _search(args, name, request, space, out)
 
 
@@ -130,8 +132,7 @@ def _sized(name: str, request: TrainingRequest) -> tuple[TrainingRequest, int]:
     """The request with checks as often as trials may end, and the steps of a trial."""
     from softrobot_env.training.rl import config_of
 
-    algorithm, randomize = LEARNERS[name]
-    config = config_of(algorithm, {"randomize": randomize, **request.settings}, request.robot)
+    config = config_of(name, request.settings, request.robot)
     fixed = {"trial_every": float(max(1, config.steps // _CHECKS))}
     fixed |= dict(request.settings.get("set", ()))
     return _with(request, {"set": list(fixed.items())}), config.steps

@@ -1,13 +1,15 @@
 """The diameter of an unknown bar from the curvatures of fingers that enclose it."""
 
 from dataclasses import dataclass
-from itertools import combinations_with_replacement, pairwise
+from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.interfaces import Observation
+from softrobot_env.learned.reduction.polynomials import Monomials
 from softrobot_env.robots import Gripper, Sensor
 from softrobot_env.sensing.calibration import Calibration
 
@@ -76,12 +78,12 @@ class SizeEstimator:
 
 def _terms(bends: ndarray) -> ndarray:
     """Monomials (..., terms) up to the order, of curvatures (..., pieces) [1/m]."""
-    x = bends / _BEND
-    columns = [np.ones(x.shape[:-1])]
-    for order in range(1, _ORDER + 1):
-        for chosen in combinations_with_replacement(range(x.shape[-1]), order):
-            columns.append(np.prod(x[..., list(chosen)], axis=-1))
-    return np.stack(columns, axis=-1)
+    return _monomials(bends.shape[-1])(bends / _BEND)
+
+
+@cache
+def _monomials(pieces: int) -> Monomials:
+    return Monomials.of(pieces, 0, _ORDER, constant=True)
 
 
 #: [m], the bar on which fingers are calibrated (thesis 4.1.3), and [N], to which they close.
@@ -261,7 +263,7 @@ class ScriptedGrip:
         return self.tension * np.minimum(steps * self.control_period / RISE, 1.0), {}
 
 
-@dataclass
+@dataclass(kw_only=True)
 class SizedGrip(ScriptedGrip):
     """Closes to the tension of an estimator, then to what holds a bar of the size it tells.
 
@@ -270,15 +272,13 @@ class SizedGrip(ScriptedGrip):
         sensors: How the curvatures follow from `sensors`; they are observed unless given.
     """
 
-    size: SizeEstimator | None = None
+    size: SizeEstimator
     sensors: FingerCalibration | None = None
 
     def _tension(
         self, steps: ndarray, observation: Observation, known: dict[str, ndarray]
     ) -> tuple[ndarray, dict[str, ndarray]]:
         """First as the estimator wants it; from `CALM` on by the size, given once."""
-        if self.size is None:
-            raise ValueError("a SizedGrip needs the size estimator of its gripper")
         curvature, kept = self._bends(steps, observation, known)
         time = steps * self.control_period
         first = self.size.tension * np.minimum(time / RISE, 1.0)

@@ -8,10 +8,6 @@ from numpy import ndarray
 
 from softrobot_env.compile.kernels import kernel
 
-#: Of the arm: distance [m] of the reference from what the preview said that counts as a jump, and
-#: largest acceleration [m/s2] of the motion that replaces a jump from rest.
-JUMP, ACCELERATION = 5e-3, 10.0
-
 #: Largest acceleration of the quintic motion over unit distance in unit time.
 _PEAK = 10 / np.sqrt(3)
 

@@ -144,8 +144,8 @@ class PolicySpec:
 
 _FEEDFORWARD = "softrobot_env.control.feedforward"
 _SCHEDULED = "softrobot_env.control.scheduled"
-_TABLES = f"{_SCHEDULED}.policies:make_"
 _LQI_TIMES, _LQ_TIMES = f"{_SCHEDULED}.timing:lqi", f"{_SCHEDULED}.timing:lq_preview"
+_LQ_PREVIEW = f"{_SCHEDULED}.lq_preview:LQPreview"
 _MPC_TIMES = f"{_SCHEDULED}.mpc:preview_environment"
 _REDUCED = "softrobot_env.control.reduced.policy:ReducedPlanner"
 _SSM = "softrobot_env.control.reduced.environment:ssm_environment"
@@ -171,11 +171,11 @@ POLICIES: dict[str, PolicySpec] = {
     "qs_nn": PolicySpec(
         f"{_FEEDFORWARD}.law:make_network", {}, {"control_period": 0.01, "preview": (0.2,)}
     ),
-    "lqi": PolicySpec(f"{_TABLES}lqi", {}, _LQI_TIMES),
-    "lq_preview": PolicySpec(f"{_TABLES}lq_preview", {}, _LQ_TIMES),
-    "lq_adaptive": PolicySpec(f"{_TABLES}lq_preview", {"adaptive": True}, _LQ_TIMES),
-    "mpc": PolicySpec(f"{_TABLES}mpc", {}, _LQI_TIMES, "daqp"),
-    "mpc_preview": PolicySpec(f"{_TABLES}mpc", {"preview": True}, _MPC_TIMES, "daqp"),
+    "lqi": PolicySpec(f"{_SCHEDULED}.lqi:LQI", {}, _LQI_TIMES),
+    "lq_preview": PolicySpec(_LQ_PREVIEW, {}, _LQ_TIMES),
+    "lq_adaptive": PolicySpec(_LQ_PREVIEW, {"adaptive": True}, _LQ_TIMES),
+    "mpc": PolicySpec(f"{_SCHEDULED}.mpc:WithoutPreview", {}, _LQI_TIMES, "daqp"),
+    "mpc_preview": PolicySpec(f"{_SCHEDULED}.mpc:ScheduledMPC", {}, _MPC_TIMES, "daqp"),
     **{
         name: PolicySpec(_LEARNED, {"policy": name}, partial(_learned_environment, name))
         for name in ("imitation", "ppo", "sac", "ppo_randomized", "sac_randomized")
@@ -289,12 +289,8 @@ def _network_file(path: Path) -> PolicySpec:
     if is_reduced_model(path):
         needed = partial(ssm_environment, weights=weights)
         return PolicySpec(_REDUCED, {"weights": weights}, environment=needed, package="daqp")
-    own = {"policy": path.stem, "weights": weights}
-    return PolicySpec(
-        _LEARNED,
-        own,
-        environment=lambda robot: _learned_environment(path.stem, robot, own["weights"]),
-    )
+    needed = partial(_learned_environment, path.stem, weights=weights)
+    return PolicySpec(_LEARNED, {"policy": path.stem, "weights": weights}, needed)
 
 
 def policy_name(which: str) -> str:
@@ -361,6 +357,7 @@ def make_policy(
     if feedback not in FEEDBACKS:
         raise ValueError(f"unknown feedback {feedback!r}; choose from {', '.join(FEEDBACKS)}")
     check_argument("robot", robot, RobotParams | gymnasium.Env)
+    late = None
     if "learnt" in options:
         if "identified" in options:
             raise ValueError("give 'identified' alone, 'learnt' is its earlier name")
@@ -372,25 +369,20 @@ def make_policy(
         control_period = own.control_period if control_period is None else control_period
         robot = own.task.robot
         late = getattr(getattr(own, "twin", None), "camera_delay", None)
-        options = (
-            find_policy(name, robot).delay_options(
-                sensors_delay(robot) if feedback == SENSORS else late
-            )
-            | options
-        )
+        late = sensors_delay(robot) if feedback == SENSORS else late
     check_argument("control_period", control_period, Positive)
-    policy = _made(name, find_policy(name, robot), robot, control_period, options)
+    spec = find_policy(name, robot)
+    options = spec.delay_options(late) | options
+    policy = _warm(_made(name, spec, robot, control_period, options), robot)
     if feedback != FEEDBACKS[0] and "curvature_rate" in getattr(policy, "requires", ()):
         from .observers import OutputFeedback
 
-        _warm_up(policy, robot)
-        policy = OutputFeedback(policy, robot, control_period)
+        policy = _warm(OutputFeedback(policy, robot, control_period), robot)
     if feedback == SENSORS and MEASURED.intersection(getattr(policy, "requires", ())):
         from .sensed import Sensed, load_reconstruction
 
-        _warm_up(policy, robot)
-        policy = Sensed(policy, load_reconstruction(robot, sensors), control_period)
-    _warm_up(policy, robot)
+        known = load_reconstruction(robot, sensors)
+        policy = _warm(Sensed(policy, known, control_period), robot)
     return policy
 
 
@@ -399,10 +391,11 @@ def sensors_delay(robot: RobotParams) -> float | None:
     return max((sensor.delay for sensor in robot.sensors), default=None)
 
 
-def _warm_up(policy: Policy, robot: RobotParams) -> None:
-    """Let a policy that can do so decide before it matters."""
+def _warm(policy: Policy, robot: RobotParams) -> Policy:
+    """The policy, after it has decided before that matters, if it can."""
     if hasattr(policy, "warm_up"):
         policy.warm_up(robot)
+    return policy
 
 
 def _check_interface(name: str, env: gymnasium.Env) -> None:
@@ -452,12 +445,10 @@ def policy_environment(name: str, robot: RobotParams | str | None = None) -> dic
     Raises:
         ValueError: Unknown name; the message lists the known ones.
     """
-    robot = None if robot is None else find_robot(robot)
+    robot = default_robot() if robot is None else find_robot(robot)
     spec = find_policy(name, robot)
     needed = spec.environment
     if needed is None:
         needed = getattr(spec.loaded(), "environment", {})
-    if robot is None and (isinstance(needed, str) or callable(needed)):
-        return policy_environment(name, default_robot())
     needed = load(needed) if isinstance(needed, str) else needed
     return dict(needed(robot) if callable(needed) else needed)

@@ -6,19 +6,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core.artifacts import read_arrays
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.artifacts import check_robot, find_artifact
+from softrobot_env.robots.artifacts import read_artifact
 from softrobot_env.sensing.reconstruction import TIP, Reconstruction, SensedShape
 
 from .base import MEASURED, Controller, Held
 
-_SENSORS = "sensors"
-
-#: Rates that follow by difference from what sensors tell.
-_RATES = {"tip_velocity": TIP}
+_SENSORS, _VELOCITY = "sensors", "tip_velocity"
 
 
 class SensedState(NamedTuple):
@@ -27,13 +23,13 @@ class SensedState(NamedTuple):
     Attributes:
         inner: State of the policy.
         shape: What the sensors tell.
-        rates: By name, as of the last new reading.
-        passed: [s] since that.
+        velocity: (axes,) [m/s], of the tip, by its difference between the last new readings.
+        passed: [s] since the last.
     """
 
     inner: Any
     shape: SensedShape
-    rates: dict[str, ndarray]
+    velocity: ndarray
     passed: float = 0.0
 
     #: As of the policy.
@@ -61,24 +57,24 @@ class Sensed(Controller):
         """
         check_argument("control_period", control_period, Positive)
         sizes = {name: found.weights.shape[1] for name, found in known.maps.items()}
-        self._shown = tuple(name for name in policy.requires if name in sizes)
-        self._rates = {n: of for n, of in _RATES.items() if n in policy.requires and of in sizes}
-        blind = MEASURED & set(policy.requires) - set(self._shown) - set(self._rates)
-        if blind or not (self._shown or self._rates):
-            lacking = ", ".join(sorted(blind)) or f"none of {', '.join(sizes)}"
+        told = ", ".join(sizes)
+        sizes[_VELOCITY] = sizes[TIP]
+        hidden = [name for name in policy.requires if name in sizes]
+        blind = MEASURED & set(policy.requires) - set(hidden)
+        if blind or not hidden:
+            lacking = ", ".join(sorted(blind)) or f"none of {told}"
             raise ValueError(
                 f"feedback from sensors: {type(policy).__name__} reads {lacking}, the sensors were "
-                f"calibrated to tell {', '.join(sizes)}"
+                f"calibrated to tell {told}"
             )
-        self._sizes = {name: policy.sizes.get(name, sizes[name]) for name in self._shown}
+        self._sizes = {name: policy.sizes.get(name, sizes[name]) for name in hidden}
         for name, size in self._sizes.items():
-            if size > sizes[name] or (size < sizes[name] and name != TIP):
+            if size > sizes[name] or (size < sizes[name] and name not in (TIP, _VELOCITY)):
                 raise ValueError(
                     f"feedback from sensors: {type(policy).__name__} reads {size} entries of "
                     f"{name}, the sensors were calibrated to tell {sizes[name]}"
                 )
         self._policy, self._known, self._period = policy, known, control_period
-        hidden = {*self._shown, *self._rates}
         self.requires = (_SENSORS, *(name for name in policy.requires if name not in hidden))
         self.hold, self.preview = policy.hold, policy.preview
         sizes = {name: size for name, size in policy.sizes.items() if name not in hidden}
@@ -87,13 +83,15 @@ class Sensed(Controller):
     def start(self, observation: Observation) -> SensedState:
         """Begin with a robot that was straight, and rests; the policy is yet to start."""
         shape = self._known.begin(observation[_SENSORS])
-        rates = {name: np.zeros_like(shape.reported[of]) for name, of in self._rates.items()}
-        return SensedState(None, shape, rates, -self._period)  # the first call is now
+        still = np.zeros_like(shape.reported[TIP])
+        return SensedState(None, shape, still, -self._period)  # the first call is now
 
     def act(self, observation: Observation, state: SensedState) -> tuple[ndarray, SensedState]:
         """The action of the policy for what the sensors tell."""
         state = self._seen(observation[_SENSORS], state)
-        action, inner = self._policy.predict(self._full(observation, state), state.inner)
+        seen = state.shape.reported | {_VELOCITY: state.velocity}
+        shown = {name: seen[name][:size] for name, size in self._sizes.items()}
+        action, inner = self._policy.predict({**observation, **shown}, state.inner)
         return action, state._replace(inner=inner)
 
     def _seen(self, reading: ndarray, state: SensedState) -> SensedState:
@@ -101,16 +99,8 @@ class Sensed(Controller):
         shape = self._known.update(state.shape, reading, passed)
         if shape is state.shape:
             return state._replace(passed=passed)
-        rates = {
-            n: (shape.reported[of] - state.shape.reported[of]) / passed
-            for n, of in self._rates.items()
-        }
-        return state._replace(shape=shape, rates=rates, passed=0.0)
-
-    def _full(self, observation: Observation, state: SensedState) -> Observation:
-        shown = {name: state.shape.reported[name][:size] for name, size in self._sizes.items()}
-        rates = {name: rate[: self._sizes.get(TIP)] for name, rate in state.rates.items()}
-        return {**observation, **shown, **rates}
+        velocity = (shape.reported[TIP] - state.shape.reported[TIP]) / passed
+        return state._replace(shape=shape, velocity=velocity, passed=0.0)
 
     # The policy itself holds its actions.
     _go_on = _decide = act
@@ -133,7 +123,6 @@ def load_reconstruction(robot: RobotParams, path: str | Path | None = None) -> R
             f"feedback from sensors: robot {robot.name!r} carries none; give it [[sensor]] tables, "
             "spatial or tags"
         )
-    data = read_arrays(find_artifact(robot, _SENSORS) if path is None else path)
-    check_robot(data, robot, _SENSORS)
+    data = read_artifact(robot, _SENSORS, path)
     with data.fitting():
         return Reconstruction.of(robot, data)

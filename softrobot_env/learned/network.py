@@ -90,6 +90,12 @@ class Network:
                 f"{len(self.outputs.low)} outputs"
             )
 
+    @classmethod
+    def unscaled(cls, weights: tuple[ndarray, ...], biases: tuple[ndarray, ...]) -> "Network":
+        """Layers whose inputs and outputs are in [-1, 1] as they are."""
+        ends = weights[0].shape[1], len(biases[-1])
+        return cls(weights, biases, *(Scaling(-np.ones(n), np.ones(n)) for n in ends))
+
     @property
     def sizes(self) -> tuple[int, ...]:
         """Number of inputs, of neurons in every hidden layer, and of outputs."""

@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core.artifacts import Arrays
+from softrobot_env.core.artifacts import Arrays, read_arrays
 from softrobot_env.core.files import assets_dir, models_dir
 
 from .file import read_robot
@@ -87,17 +87,20 @@ def _untrained(robot: RobotParams, policy: str) -> str:
     return f"{text}: train by `{train_command(robot, policy)}`"
 
 
-def check_robot(data: Arrays, robot: RobotParams, policy: str) -> None:
-    """Refuse what was learned of another robot.
+def read_artifact(robot: RobotParams, policy: str, path: str | Path | None = None) -> Arrays:
+    """The arrays of a policy's file; found unless given, see `find_artifact`.
 
     Raises:
-        ValueError: The fingerprint is another, or there is none; the message tells the command
+        FileNotFoundError: No such file.
+        ValueError: The file is damaged, of another robot or of none; the message tells the command
             that trains.
     """
+    data = read_arrays(find_artifact(robot, policy) if path is None else path)
     if str(data.get("fingerprint")) != str(fingerprint(robot)["fingerprint"]):
         of = data.get("robot")
         known = of is not None and of.ndim == 0  # the first files tell no robot
         refuse_artifact(data.path, str(of) if known else default_robot().name, robot, policy)
+    return data
 
 
 def fingerprint(robot: RobotParams) -> dict[str, ndarray]:

@@ -61,7 +61,7 @@ class SensorArray:
         self._gain, self._moment_arm = np.ones((count, size)), np.ones((count, joints))
         self._tilt, self._azimuth = np.zeros((2, count, sensors, 4))
         self._acceptance = np.ones((count, sensors))
-        names = ("temperature", "drift", "hysteresis", "stretch", "stray", "flicker")
+        names = ("temperature", "drift", "stretch", "stray", "flicker")
         self._error = {name: np.zeros((count, sensors)) for name in names}
         self._lag = np.zeros((count, joints))
         self._backlash = np.zeros((count, joints, len(optics.PLAY), 2))

@@ -38,7 +38,7 @@ class AngleErrors(NamedTuple):
 
 
 def fit(relative: ndarray, angle: ndarray, order: int) -> Polynomial:
-    """Polynomial of an order that gives angles (n,) of relative currents (n,) best (4.7).
+    """Polynomial of an order that gives angles (n,) of currents (n,), relative or not, best (4.7).
 
     Raises:
         ValueError: Fewer samples than coefficients.
@@ -60,11 +60,6 @@ def curvatures(angles: ndarray, length: float, first: float) -> ndarray:
     return np.array(kappa)
 
 
-def mean_curvature(angle: float, segments: int, length: float) -> float:
-    """Curvature [1/m] of a sensor of segments of `length` [m], if it is constant, by (4.2)."""
-    return angle / ((segments - 1) * length)
-
-
 class Calibration(NamedTuple):
     """Polynomials of many sensors; what lies beyond the readings they know goes on straight.
 
@@ -84,16 +79,11 @@ class Calibration(NamedTuple):
         Raises:
             ValueError: Fewer samples than coefficients.
         """
-        flat = readings.reshape(len(readings), -1)
-        ranges = [Range.of(x) for x in flat.T]
-        fits = [
-            fit(reach.relative(x), angle, order)
-            for reach, x, angle in zip(ranges, flat.T, angles.reshape(flat.shape).T, strict=True)
-        ]
-        shape = readings.shape[1:]
-        low, high = np.array(ranges).T
-        coefficients = np.stack([found.coef for found in fits], axis=1)
-        return cls(low.reshape(shape), high.reshape(shape), coefficients.reshape(-1, *shape))
+        flat, shape = readings.reshape(len(readings), -1), readings.shape[1:]
+        pairs = zip(flat.T, angles.reshape(flat.shape).T, strict=True)
+        coefficients = np.stack([fit(x, angle, order).coef for x, angle in pairs], axis=1)
+        ends = readings.min(axis=0), readings.max(axis=0)
+        return cls(*ends, coefficients.reshape(-1, *shape))
 
     def __call__(self, readings: ndarray) -> ndarray:
         """Angles (..., sensors) [rad]."""

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray
 from numpy.linalg import inv, solve
+from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 
 from softrobot_env.core.continuation import Damping, descend
@@ -32,6 +33,9 @@ BEND_PER_PLACE = 3.0
 
 #: Standard deviation [1] of the drift of a gain.
 DRIFT = 0.015
+
+#: How much it counts [1/rad2] that bends are expected to be small.
+_SURE = 1e-2
 
 #: Largest bend [rad] of the sensor, and bends on a side of the grid where a search begins.
 _FARTHEST, _GRID = 0.75, 9
@@ -149,7 +153,6 @@ class BendFilter:
         model: Of the specimen.
         bend: (2,) [rad], the most probable one.
         drift: (4,) [1], of the gains.
-        tip: (2,) [m].
     """
 
     def __init__(self, model: LightModel, drift: float = DRIFT) -> None:
@@ -161,29 +164,21 @@ class BendFilter:
         """
         self._expected = drift**2 * np.eye(OUTPUTS)
         self.model, self.bend, self.drift = model, np.zeros(2), np.zeros(OUTPUTS)
-        self.tip = model.tip(self.bend)
         self._variance = self._expected
         self._play = np.zeros((1, 1, 3, 2))
         side = np.linspace(-_FARTHEST, _FARTHEST, _GRID)
         grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
         self._grid = grid[np.hypot(*grid.T) <= _FARTHEST]
 
-    def update(self, reading: ndarray, passed: float, straight: bool = False) -> ndarray:
-        """Take a reading (4,), `passed` seconds after the last; returns the tip (2,) [m].
-
-        Args:
-            reading: The reading.
-            passed: [s].
-            straight: Whether the robot is known to be at rest with its tip at the origin.
-        """
+    def update(self, reading: ndarray, passed: float) -> ndarray:
+        """Take a reading (4,), `passed` seconds after the last; returns the bend (2,) [rad]."""
         keep = np.exp(-passed / DRIFT_TIME)
         self.drift = keep * self.drift
         self._variance = keep**2 * self._variance + (1 - keep**2) * self._expected
         weight = 1 / (_RELATIVE * reading + _CONVERTER) ** 2
-        place, sure = (self.model.bend(np.zeros(2)), 1e8) if straight else (np.zeros(2), 1e-2)
         # Of bend and drift, what is expected and how much that counts.
-        mean, prior = np.concatenate([place, self.drift]), np.diag([sure] * 2 + [0.0] * OUTPUTS)
-        prior[2:, 2:] = inv(self._variance)
+        mean = np.concatenate([np.zeros(2), self.drift])
+        prior = block_diag(_SURE * np.eye(2), inv(self._variance))
 
         def guess(x: ndarray) -> _Guess:
             light, gain = self._light(x[:2] + _TURNS), 1 + x[2:]
@@ -200,8 +195,7 @@ class BendFilter:
         self.bend, self.drift = best.x[:2], best.x[2:]
         self._variance = inv(best.hessian)[2:, 2:]
         follow(self._play, self.bend[None, None])
-        self.tip = self.model.tip(self.bend)
-        return self.tip
+        return self.bend
 
     def _nearest(self, reading: ndarray, weight: ndarray) -> ndarray:
         light = (1 + self.drift) * self.model.light(self._grid)

@@ -16,7 +16,7 @@ from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation import metrics
 from softrobot_env.evaluation.runner import Case, Outcome, run
-from softrobot_env.learned.network import Network, Scaling, check_ends, load_for
+from softrobot_env.learned.network import Network, check_ends, load_for
 from softrobot_env.robots import RobotParams, default_robot
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.artifacts import artifact_name, find_artifact, fingerprint
@@ -93,30 +93,27 @@ def new_layers(inputs: int, hidden: tuple[int, ...], outputs: int) -> torch.nn.S
     return torch.nn.Sequential(*layers[:-1])
 
 
-def linear_layers(module: torch.nn.Module) -> list[torch.nn.Linear]:
-    """Linear layers within a module, in order."""
-    return [part for part in module.modules() if isinstance(part, torch.nn.Linear)]
+def _linear_layers(modules: Sequence[torch.nn.Module]) -> list[torch.nn.Linear]:
+    """Linear layers within modules, one by one."""
+    parts = [part for module in modules for part in module.modules()]
+    return [part for part in parts if isinstance(part, torch.nn.Linear)]
 
 
 def as_network(*modules: torch.nn.Module) -> Network:
     """The network that modules with linear layers and tanh between them make, one by one."""
-    layers = [layer for module in modules for layer in linear_layers(module)]
+    layers = _linear_layers(modules)
     weights = tuple(layer.weight.detach().numpy().astype(float) for layer in layers)
     biases = tuple(layer.bias.detach().numpy().astype(float) for layer in layers)
-    return Network(weights, biases, _unscaled(weights[0].shape[1]), _unscaled(len(biases[-1])))
+    return Network.unscaled(weights, biases)
 
 
 def put_network(network: Network, *modules: torch.nn.Module) -> None:
     """Set the layers that `as_network` reads."""
-    layers = [layer for module in modules for layer in linear_layers(module)]
     with torch.no_grad():
+        layers = _linear_layers(modules)
         for layer, weight, bias in zip(layers, network.weights, network.biases, strict=True):
             layer.weight.copy_(torch.from_numpy(weight))
             layer.bias.copy_(torch.from_numpy(bias))
-
-
-def _unscaled(count: int) -> Scaling:
-    return Scaling(-np.ones(count), np.ones(count))
 
 
 def save(

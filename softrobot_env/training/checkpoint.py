@@ -12,7 +12,7 @@ from stable_baselines3.common.buffers import ReplayBuffer
 
 from softrobot_env.core.files import atomic_write
 from softrobot_env.core.interfaces import ProgressCallback, quiet
-from softrobot_env.learned.network import Network, Scaling
+from softrobot_env.learned.network import Network
 
 #: The newest state of a training, and the one before.
 _NEWEST, _BEFORE = "checkpoint.pt", "checkpoint_before.pt"
@@ -119,19 +119,15 @@ def _all_finite(value: Any) -> bool:
 
 
 def _network_state(network: Network) -> dict[str, list[torch.Tensor]]:
-    parts = {
-        "weights": network.weights,
-        "biases": network.biases,
-        "inputs": (network.inputs.low, network.inputs.high),
-        "outputs": (network.outputs.low, network.outputs.high),
-    }
+    parts = {"weights": network.weights, "biases": network.biases}
     return {name: [torch.tensor(array) for array in arrays] for name, arrays in parts.items()}
 
 
 def _network(state: dict[str, list[torch.Tensor]]) -> Network:
-    parts = {name: [tensor.numpy() for tensor in tensors] for name, tensors in state.items()}
-    ends = [Scaling(*parts[name]) for name in ("inputs", "outputs")]
-    return Network(tuple(parts["weights"]), tuple(parts["biases"]), *ends)
+    weights, biases = (
+        tuple(tensor.numpy() for tensor in state[name]) for name in ("weights", "biases")
+    )
+    return Network.unscaled(weights, biases)
 
 
 def learner_state(model: BaseAlgorithm) -> dict[str, Any]:

@@ -8,7 +8,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import islice
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -23,13 +22,13 @@ from softrobot_env.core.records import Count, NotNegative, Positive, Record, Sha
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.learned.network import Dataset, Network
-from softrobot_env.robots import RobotParams, default_robot, entry_of
+from softrobot_env.robots import default_robot
 from softrobot_env.robots.actuation import robot_inputs
-from softrobot_env.robots.artifacts import artifact_name
 from softrobot_env.tasks import Task
 
-from .artifacts import as_network, new_layers
-from .references import RobotTraining, training_of
+from .artifacts import as_network, figures, new_layers, save
+from .references import ImitationSetup, training_of
+from .request import Metrics, TrainingRequest
 
 #: Robots that the teacher is watched with.
 ROBOTS = Randomization(youngs_modulus=(0.45, 1.7), density=(0.55, 1.6), damping_time=(0.45, 2.2))
@@ -85,48 +84,10 @@ class ImitationConfig(Record, what="imitation"):
     plant: str = MUJOCO
 
 
-@dataclass(frozen=True)
-class ImitationSetup:
-    """Who learns from whom.
-
-    Attributes:
-        robot: That is driven.
-        teacher: Name of the policy that is imitated.
-        file: What it has learned, where that lies elsewhere than policies look.
-    """
-
-    robot: RobotParams
-    teacher: str
-    file: Path | None = None
-
-    @classmethod
-    def of(
-        cls, robot: RobotParams, teacher: str | None = None, folder: Path | None = None
-    ) -> "ImitationSetup":
-        """With the robot's usual teacher unless one is given, and its file if a folder has it."""
-        teacher = teacher or entry_of(robot).teacher
-        file = None if folder is None else folder / artifact_name(robot, teacher)
-        return cls(robot, teacher, file if file is not None and file.is_file() else None)
-
-    @property
-    def training(self) -> RobotTraining:
-        """What trainings need of the robot."""
-        return training_of(self.robot)
-
-    @property
-    def is_tuned(self) -> bool:
-        """Whether the settings are the robot's own."""
-        return self.training.is_tuned_for(self.teacher)
-
-    def view(self) -> neural.View:
-        """Of the network, which decides as often as the teacher."""
-        return self.training.imitation_view(self.teacher)
-
-
 @lru_cache(maxsize=2)
 def _teacher(setup: ImitationSetup) -> Policy:
     """The teacher, made once in a process."""
-    return setup.training.make_teacher(setup.teacher, setup.file)
+    return setup.make(setup)
 
 
 def settings_of(setup: ImitationSetup, quick: bool = False) -> ImitationConfig:
@@ -138,7 +99,7 @@ def settings_of(setup: ImitationSetup, quick: bool = False) -> ImitationConfig:
             config,
             rounds=6,
             samples=16_000,
-            every=max(1, round(first / _APART / setup.view().period)),
+            every=max(1, round(first / _APART / setup.view.period)),
             shares=8,
             last_epochs=30,
             randomization=_NEAR,
@@ -147,6 +108,16 @@ def settings_of(setup: ImitationSetup, quick: bool = False) -> ImitationConfig:
         few = {"rounds": 2, "samples": 1000, "shares": 2, "epochs": 2, "last_epochs": 4}
         config = replace(config, **few, every=1, processes=0)
     return config
+
+
+def run(request: TrainingRequest, show: ProgressCallback) -> Metrics:
+    """Imitate as requested, and write the network."""
+    training, teacher = training_of(request.robot), request.settings.get("teacher")
+    setup = training.imitation(teacher, request.folder)
+    config = settings_of(setup, "quick" in request.settings)
+    network, view = imitate(config, request.seed, show, setup), setup.view
+    save(network, request.path, request.seed, request.robot, view)
+    return [("teacher", setup.teacher), *figures(network, robot=request.robot, view=view)]
 
 
 def imitate(
@@ -163,9 +134,9 @@ def imitate(
     Raises:
         ValueError: The teacher cannot drive the robot; says which training it needs first.
     """
-    setup = setup or ImitationSetup.of(default_robot())
+    setup = setup or training_of(default_robot()).imitation()
     _teacher(setup)  # before anything is done
-    view = setup.view()
+    view = setup.view
     torch.manual_seed(seed)
     torch.set_num_threads(config.threads)
     layers = new_layers(view.count, config.hidden, view.inputs)
@@ -219,7 +190,7 @@ def _collect(
     (k, n_inputs), both float32.
     """
     config, setup, network, seed = job
-    rng, view = np.random.default_rng(seed), setup.view()
+    rng, view = np.random.default_rng(seed), setup.view
     seen: list[ndarray] = []
     wanted: list[ndarray] = []
     while len(seen) < config.samples / config.shares:
@@ -238,8 +209,8 @@ def _episode(
     rng: np.random.Generator,
 ) -> Iterator[tuple[Observation, ndarray]]:
     """Observations of the network where it decides, and the teacher's actions."""
-    robot, view, teacher = setup.robot, setup.view(), _teacher(setup)
-    task = setup.training.sampled_task(rng, config.duration * rng.uniform(0.3, 1.0))
+    robot, view, teacher = setup.robot, setup.view, _teacher(setup)
+    task = training_of(robot).sampled_task(rng, config.duration * rng.uniform(0.3, 1.0))
     env = _environment(config, setup, task)
     hold = round(view.period / env.control_period)
     actor = None if network is None else neural.NeuralPolicy(robot, view.period, network, view=view)
@@ -264,12 +235,11 @@ def _episode(
 
 def _environment(config: ImitationConfig, setup: ImitationSetup, task: Task) -> TrackingEnv:
     """With all that network and teacher see, the network's preview first."""
-    needs = setup.training.teacher_environment(setup.teacher)
     plant = None if config.plant == MUJOCO else BeamPlant(config.plant)
     return TrackingEnv(
         task,
-        control_period=needs["control_period"],
-        preview=(*setup.view().preview, *needs["preview"]),
+        control_period=setup.period,
+        preview=(*setup.view.preview, *setup.preview),
         observe=None if setup.is_tuned else "all",
         plant=plant,
     )

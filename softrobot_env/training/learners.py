@@ -129,14 +129,12 @@ def make_model(
 def actor_of(model: BaseAlgorithm, config: RLConfig) -> Network:
     """The network of the mean action; a bounded one ends with tanh and an identity layer."""
     learner = LEARNERS[config.algorithm]
-    modules = learner.acting(model)
+    network = as_network(*learner.acting(model))
     if not learner.squashed:
-        return as_network(*modules)
-    outputs = model.action_space.shape[0]
-    last = nn.Linear(outputs, outputs)
-    nn.init.eye_(last.weight)
-    nn.init.zeros_(last.bias)
-    return as_network(*modules, last)
+        return network
+    identity, nothing = np.eye(network.sizes[-1]), np.zeros(network.sizes[-1])
+    layers = (*network.weights, identity), (*network.biases, nothing)
+    return Network.unscaled(*layers)
 
 
 def put_actor(model: BaseAlgorithm, config: RLConfig, network: Network) -> None:
@@ -148,8 +146,7 @@ def put_actor(model: BaseAlgorithm, config: RLConfig, network: Network) -> None:
     learner = LEARNERS[config.algorithm]
     if learner.squashed:
         network = _without_identity(network)
-    here = actor_of(model, config).sizes
-    wanted = here[:-1] if learner.squashed else here
+    wanted = as_network(*learner.acting(model)).sizes
     if network.sizes != wanted:
         raise ValueError(
             f"the network to start from has layers of {_listed(network.sizes)}, {config.algorithm} "

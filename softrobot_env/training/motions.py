@@ -123,8 +123,7 @@ def drives_of(robot: RobotParams, outputs: int, period: float | None = None) -> 
     first = 1 / float(linearised(space.inverse, space.ground.inputs).frequencies[0])
     if period is None:
         period = max(round(first / 80 / 0.005), 1) * 0.005
-    speed = np.inf if robot.drive.speed is None else robot.drive.speed
-    rate = np.full(len(inputs.input_scale), speed) / inputs.input_scale
+    rate = robot.drive.speed / inputs.input_scale
     return Drives(rest, basis, actions @ basis, first, period, rate)
 
 
@@ -178,12 +177,11 @@ def collect(
     kinds = [_KINDS[plan.kinds[k % len(plan.kinds)]] for k in range(runs)]
     motions = [_release] * plan.decays + [_swing] * plan.excited + kinds
     records = []
-    options = {} if twin is None else {"twin": twin}
     env = simulated(
         replace(task, duration=longest, start_input=start),
+        twin,
         observe=("tip_position", "previous_action"),
         control_period=drives.period,
-        **options,
     )
     with closing(env):
         for motion in motions:

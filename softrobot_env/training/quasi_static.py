@@ -5,6 +5,7 @@ inverse statics of its MuJoCo chain.
 """
 
 from dataclasses import dataclass
+from statistics import median
 
 import numpy as np
 from numpy import ndarray
@@ -19,6 +20,8 @@ from softrobot_env.robots.artifacts import fingerprint
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.inverse import Held, InverseStatics
 from softrobot_env.scene.registry import model_scene
+
+from .request import Metrics, TrainingRequest, quantity_mm
 
 #: Of the places that are known, those that another is looked for from.
 _NEIGHBOURS = 3
@@ -51,13 +54,11 @@ class Trained:
         about: For its file: of which robot it is, the places it has seen and how near to one of
             them a place has to be.
         errors: (n,) [m], how far from places it has not seen it brings the tip to rest.
-        left_out: Number of samples without inputs that hold the tip.
     """
 
     network: Network
     about: dict[str, object]
     errors: ndarray
-    left_out: int
 
 
 def train(
@@ -91,7 +92,20 @@ def train(
         "error": float(np.median(errors)),
         "seed": seed,
     }
-    return Trained(fit.network, about, errors, how.samples + 1 - len(tips))
+    return Trained(fit.network, about, errors)
+
+
+def run(request: TrainingRequest, show: ProgressCallback) -> Metrics:
+    """Train as requested and write the file."""
+    how = Learning(samples=400, iterations=20) if "quick" in request.settings else None
+    trained = train(request.robot, request.seed, show, how)
+    trained.network.save(request.path, trained.about)
+    off = trained.errors
+    return [
+        ("median error of the tip at rest, unseen places", quantity_mm(median(off))),
+        ("largest", quantity_mm(max(off))),
+        ("parameters", str(len(trained.network.parameters))),
+    ]
 
 
 def inverse_of(robot: RobotParams) -> InverseStatics:

@@ -2,8 +2,10 @@
 and how its networks see it.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from pathlib import Path
 
 from numpy.random import Generator
 
@@ -13,11 +15,11 @@ from softrobot_env.core.interfaces import Policy
 from softrobot_env.core.registry import load
 from softrobot_env.envs.observations.table import REFERENCE_SPEED
 from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.identification.excitation import resting_task
 from softrobot_env.robots import RobotParams, default_robot, entry_of
-from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.robots.artifacts import artifact_name
 from softrobot_env.tasks import Task, make_task
 from softrobot_env.tasks.generic import generic_tasks, site_of
-from softrobot_env.tasks.trajectories import SetPoints
 
 from .rl_config import ROBOT_TASKS, RLConfig, of_any_robot
 
@@ -41,6 +43,39 @@ _CHECKED = (0.1, 0.3)
 _LEARNED_PACES, _LEARNED_HOLD = (0.1, 0.2, 0.4), 4.0
 
 
+def make_teacher(setup: "ImitationSetup") -> Policy:
+    """The policy that is imitated, with a file of its own where there is one."""
+    takes = find_policy(setup.teacher, setup.robot).takes("gains")
+    own = {} if setup.file is None else {"gains" if takes else "weights": setup.file}
+    return make_policy(setup.teacher, setup.robot, setup.period, **own)
+
+
+@dataclass(frozen=True)
+class ImitationSetup:
+    """Who learns from whom.
+
+    Attributes:
+        robot: That is driven.
+        teacher: Name of the policy that is imitated.
+        file: What it has learned, where that lies elsewhere than policies look.
+        view: Of the network, which decides as often as the teacher: laws with gains change the
+            inputs by what suits their own period. Held for longer, the same changes would move
+            servos, and integrate errors, too slowly.
+        period, preview: [s], of the environment that the teacher needs.
+        make: The teacher.
+        is_tuned: Whether the settings are the robot's own.
+    """
+
+    robot: RobotParams
+    teacher: str
+    file: Path | None
+    view: View
+    period: float
+    preview: tuple[float, ...]
+    make: Callable[["ImitationSetup"], Policy] = make_teacher
+    is_tuned: bool = False
+
+
 class RobotTraining:
     """What trainings need of a robot.
 
@@ -57,7 +92,21 @@ class RobotTraining:
 
     def sampled_task(self, rng: Generator, duration: float) -> Task:
         """A random task: a random path or a circle at a random size and pace, or set points."""
-        return any_task(rng, self.robot)
+        robot, seed = self.robot, int(rng.integers(2**31))
+        site = site_of(robot)
+        if site.ground.radius == 0 or rng.uniform() < _REACHES:
+            hold = rng.uniform(*_HOLDS) / site.frequency
+            return generic_task("reach", robot, seed=seed, hold=hold)
+        name = "circle" if rng.uniform() < _CIRCLES else "random"
+        own = {"seed": seed} if name == "random" else {}
+        size = float(rng.choice(_RADII))
+        own["radius"] = size * _usual_radius(name, robot)
+        pace = rng.uniform(*_PACES) / max(size, 1.0)
+        task = generic_task(name, robot, frequency=pace, **own)
+        most = _SPEED * REFERENCE_SPEED * robot.reach
+        if task.trajectory.speed <= most:
+            return task
+        return generic_task(name, robot, frequency=pace * most / task.trajectory.speed, **own)
 
     def check_tasks(self) -> list[Task]:
         """The tasks on which networks are judged."""
@@ -97,37 +146,27 @@ class RobotTraining:
         Raises:
             ValueError, EquilibriumError: The robot has no tendons, or does not rest.
         """
-        env = TrackingEnv(_at_rest(self.robot), observe="all")
+        env = TrackingEnv(resting_task(self.robot, 1.0), observe="all")
         sizes = {name: box.shape[0] for name, box in env.observation_space.items()}
         return view_of(self.robot, sizes, period)
 
-    def is_tuned_for(self, teacher: str) -> bool:
-        """Whether settings of an imitation of this teacher are the robot's own."""
-        return False
+    def imitation(self, teacher: str | None = None, folder: Path | None = None) -> ImitationSetup:
+        """How a network imitates a teacher.
 
-    def teacher_environment(self, teacher: str) -> dict[str, Any]:
-        """What a teacher needs of an environment: `control_period`, `preview`."""
-        own = policy_environment(teacher, self.robot)
-        period = own.get("control_period", self.imitation_view(teacher).period)
-        return {"control_period": period, "preview": tuple(own.get("preview", ()))}
-
-    def imitation_view(self, teacher: str) -> View:
-        """View of a network that imitates a teacher, as often as that decides.
-
-        Laws with gains change the inputs by what suits their own period: held for longer, the same
-        changes would move servos, and integrate errors, too slowly.
+        Args:
+            teacher: Name of a policy; the robot's usual teacher unless given.
+            folder: Where what it has learned is looked for first.
         """
-        return view_for(self.robot, policy_environment(teacher, self.robot).get("control_period"))
+        teacher = teacher or entry_of(self.robot).teacher
+        own = policy_environment(teacher, self.robot)
+        view = view_for(self.robot, own.get("control_period"))
+        file = None if folder is None else folder / artifact_name(self.robot, teacher)
+        if file is not None and not file.is_file():
+            file = None
+        period, preview = own.get("control_period", view.period), tuple(own.get("preview", ()))
+        return ImitationSetup(self.robot, teacher, file, view, period, preview)
 
-    def make_teacher(self, teacher: str, file: Any) -> Policy:
-        """The policy that is imitated, with a file of its own where one is given."""
-        takes = find_policy(teacher, self.robot).takes("gains")
-        own = {} if file is None else {"gains" if takes else "weights": file}
-        period = self.teacher_environment(teacher)["control_period"]
-        return make_policy(teacher, self.robot, period, **own)
 
-
-@lru_cache(maxsize=16)
 def training_of(robot: RobotParams) -> RobotTraining:
     """What trainings need of a robot, its own where its entry names it."""
     return load(entry_of(robot).training)(robot)
@@ -143,29 +182,6 @@ def seen_in(robot: RobotParams | None, view: View | None) -> tuple[RobotParams, 
     """A robot and the view of its networks: the default one, and its own, unless given."""
     robot = robot or default_robot()
     return robot, view_for(robot) if view is None else view
-
-
-def _at_rest(robot: RobotParams) -> Task:
-    """A task with the coordinates of those that any robot can be given."""
-    axes, start = "xz" if robot.moves_in_xz else "xyz", robot_inputs(robot).input_centre
-    place = (0.0, 0.0, 0.0) if robot.base is None else robot.base.position
-    return Task("rest", robot, SetPoints((place,), 1.0), 1.0, tuple(start), axes=axes)
-
-
-def any_task(rng: Generator, robot: RobotParams) -> Task:
-    """A random path or a circle at a random size and pace, or set points, of any robot."""
-    site, seed = site_of(robot), int(rng.integers(2**31))
-    if site.ground.radius == 0 or rng.uniform() < _REACHES:
-        return generic_task("reach", robot, seed=seed, hold=rng.uniform(*_HOLDS) / site.frequency)
-    name = "circle" if rng.uniform() < _CIRCLES else "random"
-    own = {"seed": seed} if name == "random" else {}
-    size = float(rng.choice(_RADII))
-    own["radius"], pace = size * _usual_radius(name, robot), rng.uniform(*_PACES) / max(size, 1.0)
-    task = generic_task(name, robot, frequency=pace, **own)
-    most = _SPEED * REFERENCE_SPEED * robot.reach
-    if task.trajectory.speed <= most:
-        return task
-    return generic_task(name, robot, frequency=pace * most / task.trajectory.speed, **own)
 
 
 def generic_task(name: str, robot: RobotParams, **options: float) -> Task:

@@ -9,11 +9,17 @@ from typing import Any
 
 from softrobot_env.core.extras import install_command
 from softrobot_env.core.interfaces import ProgressCallback
+from softrobot_env.core.registry import VARIANTS, load
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.artifacts import artifact_folder, artifact_name
 
 #: What the backend "warp" simulates with.
 WARP = "mujoco_warp"
+
+#: Policies that learn by reward: algorithm, and whether robots and disturbances are sampled.
+LEARNERS = {name: (name, False) for name in ("ppo", "sac", "td3")} | {
+    f"{name}_randomized": (name, True) for name in ("ppo", "sac")
+}
 
 
 @dataclass(frozen=True)
@@ -34,6 +40,11 @@ class Quantity:
         from softrobot_env.rendering.tables import number
 
         return f"{number(self.value, self.form, self.unit)} {self.unit}".strip()
+
+
+def quantity_mm(length: float) -> Quantity:
+    """A length [m], shown in mm."""
+    return Quantity(float(length), ".3f", "mm")
 
 
 #: What a training found, as pairs of a name and its value, measured or a text for people.
@@ -66,12 +77,17 @@ class TrainingRequest:
         return self.near or self.path.parent
 
 
+#: Trains as requested, writes the file and returns what it found.
+Train = Callable[[TrainingRequest, ProgressCallback], Metrics]
+
+
 @dataclass(frozen=True)
 class Training:
     """How to make an artifact.
 
     Attributes:
-        run: Train as ordered, write the file and return the figures.
+        policy: That acts on it, by name.
+        how: Trains, or the path of what does; a robot may have a variant, "training POLICY".
         options: Names of the settings that it takes.
         packages: That it needs beyond the package's own, of the extras `rl`, `mpc` and `gpu`.
         robot: The only robot it is of, None of any.
@@ -79,16 +95,20 @@ class Training:
         is_random: Whether anything in it is random, so that seeds differ.
     """
 
-    run: Callable[[TrainingRequest, ProgressCallback], Metrics]
+    policy: str
+    how: Train | str
     options: tuple[str, ...] = ()
     packages: tuple[str, ...] = ()
     robot: RobotParams | None = None
     also: Callable[[RobotParams, Mapping[str, Any]], tuple[str, ...]] = lambda robot, settings: ()
     is_random: bool = True
 
-    def check(
-        self, name: str, robot: RobotParams, settings: Mapping[str, Any] = MappingProxyType({})
-    ) -> None:
+    def run(self, request: TrainingRequest, show: ProgressCallback) -> Metrics:
+        """Train as requested, write the file and return what was found."""
+        how = VARIANTS.find(f"training {self.policy}", request.robot) or self.how
+        return (load(how) if isinstance(how, str) else how)(request, show)
+
+    def check(self, robot: RobotParams, settings: Mapping[str, Any] = MappingProxyType({})) -> None:
         """Say what is missing before any work is done.
 
         Raises:
@@ -97,13 +117,16 @@ class Training:
         """
         if self.robot is not None and robot != self.robot:
             raise ValueError(
-                f"{name} is trained for the robot {self.robot.name!r} alone, not for {robot.name!r}"
+                f"{self.policy} is trained for the robot {self.robot.name!r} alone, not for "
+                f"{robot.name!r}"
             )
         packages = (*self.packages, *self.also(robot, settings))
         missing = [package for package in packages if find_spec(package) is None]
         if missing:
             extras = ("rl", "mpc", *(("gpu",) if WARP in packages else ()))
-            raise ImportError(f"{name} needs {', '.join(missing)}: {install_command(*extras)}")
+            raise ImportError(
+                f"{self.policy} needs {', '.join(missing)}: {install_command(*extras)}"
+            )
 
 
 def file_of(robot: RobotParams, policy: str, folder: Path | None = None) -> Path:

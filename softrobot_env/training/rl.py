@@ -26,7 +26,7 @@ from .artifacts import figures, load_start, save
 from .checkpoint import Checkpoint, learner_state, put_learner_state, read, write
 from .learners import freeze_actor, make_model, put_actor
 from .references import seen_in, training_of, view_for
-from .request import Metrics, TrainingRequest, curve_file
+from .request import LEARNERS, Metrics, TrainingRequest, curve_file
 from .rl_config import IMITATION, NO_START, NUMBERS, QUICK, RLConfig, checkpoint_of, preset
 from .vec_env import NetworkVecEnv
 from .watch import REACH, Point, Watch
@@ -85,7 +85,7 @@ def train(
     if before is None:
         begin(model, config, start)
     else:
-        watch.take_up(before.best, before.curve)
+        watch.best, watch.curve = before.best, before.curve
         put_learner_state(model, before.learner)
     left = config.steps - (model.num_timesteps if resume else 0)
     if left > 0:
@@ -95,13 +95,13 @@ def train(
     return watch.best, watch.curve
 
 
-def run(algorithm: str, request: TrainingRequest, show: ProgressCallback) -> Metrics:
-    """Train as requested, and write the network and beside it its learning curve.
+def run(policy: str, request: TrainingRequest, show: ProgressCallback) -> Metrics:
+    """Train one of `LEARNERS` as requested; write the network and beside it its learning curve.
 
     Raises:
         FileNotFoundError, ValueError: As `train`; or a setting that does not exist or is no number.
     """
-    config = config_of(algorithm, request.settings, request.robot)
+    config = config_of(policy, request.settings, request.robot)
     start, view = _start(request)
     network, curve = train(config, request, show, start, view)
     save(network, request.path, request.seed, request.robot, view)
@@ -110,14 +110,15 @@ def run(algorithm: str, request: TrainingRequest, show: ProgressCallback) -> Met
     return [*figures(network, config.trials, request.robot, view), ("learning curve", str(written))]
 
 
-def config_of(algorithm: str, settings: Mapping[str, Any], robot: RobotParams) -> RLConfig:
-    """Settings of a training, by those that are given (`commands.train`).
+def config_of(policy: str, settings: Mapping[str, Any], robot: RobotParams) -> RLConfig:
+    """Settings of a training of `LEARNERS`, by those that are given (`commands.train`).
 
     Raises:
         ValueError: A setting that does not exist or is no number, or one out of range.
     """
+    algorithm, randomized = LEARNERS[policy]
     warm = settings.get("start") != NO_START
-    config = preset(algorithm, warm, settings.get("randomize", False))
+    config = preset(algorithm, warm, settings.get("randomize", randomized))
     config = training_of(robot).settings(config)
     wanted: dict[str, Any] = dict(QUICK) if "quick" in settings else {}
     if "task" in settings and "all" not in settings["task"]:
@@ -148,9 +149,9 @@ def save_kept(request: TrainingRequest, folder: Path) -> None:
     write_text(curve_file(request.path), json.dumps(found.curve, indent=1) + "\n")
 
 
-def check_request(algorithm: str, request: TrainingRequest) -> None:
+def check_request(policy: str, request: TrainingRequest) -> None:
     """Refuse what `run` would refuse of settings and network; ValueError as there."""
-    config_of(algorithm, request.settings, request.robot)
+    config_of(policy, request.settings, request.robot)
     _start(request)
 
 

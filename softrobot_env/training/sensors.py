@@ -71,7 +71,8 @@ def calibrated(
     passed = sum(_pace(robot))
     with closing(_environment(robot, twin, (postures + 2) * passed)) as env:
         rows = []
-        which = _chosen(robot, seed, postures)
+        count = len(sample_of(robot).inputs)
+        which = np.random.default_rng(seed).choice(count, postures, replace=postures > count)
         for row in _visits(env, robot, seed, which):
             rows.append(row)
             show("postures", len(rows), postures + 1)
@@ -126,12 +127,6 @@ def _visits(
         before = observation["previous_action"]
 
 
-def _chosen(robot: RobotParams, seed: int, postures: int) -> ndarray:
-    """Places (postures,) in the sample of a robot's workspace, in the order of the visits."""
-    count = len(sample_of(robot).inputs)
-    return np.random.default_rng(seed).choice(count, postures, replace=postures > count)
-
-
 def _looked(looks: list[dict[str, ndarray]]) -> tuple[ndarray, ndarray, ndarray]:
     """Mean readings, tip and curvatures."""
     means = {name: np.mean([look[name] for look in looks], axis=0) for name in looks[0]}
@@ -157,8 +152,7 @@ def _places(robot: RobotParams, tips: ndarray, axes: slice, chosen: ndarray) -> 
     if len(robot.sensors) == 1:
         space = np.zeros((len(tips), 3))
         space[:, axes] = tips - tips[0]
-        turn = np.eye(3) if robot.base is None else robot.base.axes
-        return [_REACH / robot.reach * (space @ turn)[:, :2]]
+        return [_REACH / robot.reach * (space @ robot.clamp.axes)[:, :2]]
     space = workspace_of(robot)
     first = space.inverse.posture(space.ground.inputs)
     postures = np.concatenate([first[None], sample_of(robot).postures[chosen]])

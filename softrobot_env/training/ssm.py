@@ -1,7 +1,9 @@
 """A reduced model of a robot as built, learned from its motion: `softrobot train ssm`."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -64,16 +66,15 @@ def learn(
     settings: Settings | None = None,
     refinement: Refinement | None = None,
     show: ProgressCallback = quiet,
-    lower: bool = True,
 ) -> ReducedModel:
     """A model of measured motion: a regression on smoothed outputs, refined on stretches.
 
+    Lower orders are tried where a model is unstable.
 
     Args:
         decays, forced: See `learned.reduction.fit`.
         settings, refinement: How.
         show: Shows the progress.
-        lower: Whether lower orders are tried where a model is unstable.
 
     Raises:
         FitError: What the data lack.
@@ -85,18 +86,18 @@ def learn(
     settings = settings or Settings()
     clean = [smoothed(r) for r in decays], [smoothed(r) for r in forced]
     records = [*forced, *decays]
-    for order in range(settings.order, 0, -1):
+
+    def attempt(order: int) -> ReducedModel:
         how = replace(settings, order=order, input_order=min(order, settings.input_order))
-        try:
-            model = fit(*clean, how, stable=False)
-            model = refine(model, records, refinement or _stretches(model), progress)
-            check_stable(model, records)
-        except ValueError:
-            if order == 1 or not lower:
-                raise
-            continue
+        model = fit(*clean, how, stable=False)
+        model = refine(model, records, refinement or _stretches(model), progress)
+        check_stable(model, records)
         return model
-    raise AssertionError("order 1 is returned or refused")
+
+    for order in range(settings.order, 1, -1):
+        with suppress(ValueError):
+            return attempt(order)
+    return attempt(1)
 
 
 def _stretches(model: ReducedModel) -> Refinement:
@@ -122,7 +123,8 @@ def trusted(model: ReducedModel, records: Sequence[Record]) -> Learned:
         x, true = (model.encode(delay_vectors(r.outputs, model.delays)) for r in (record, better))
         v = model.acting(record.inputs)[late:]
         noise.append(x - true)
-        process.append(true[1:] - _next(model, true, v)[:-1])
+        then = model.states(true, np.stack([v, v], axis=1))[:, 1]
+        process.append(true[1:] - then[:-1])
         inputs.append(v)
     n, m = model.dimension, model.basis.shape[1]
     whole = np.zeros((n + m, n + m))
@@ -131,17 +133,14 @@ def trusted(model: ReducedModel, records: Sequence[Record]) -> Learned:
     moved = np.concatenate(inputs)
     floor = 1e-12 * np.eye(n) * np.square(model.scale[:n])
     far = max(norm(r.outputs - model.origin, axis=1).max() for r in records)
-    reached = moved.min(axis=0), moved.max(axis=0), np.array(far)
-    return Learned(model, whole, _covariance(noise) + floor, *reached)
-
-
-def _next(model: ReducedModel, x: ndarray, v: ndarray) -> ndarray:
-    from softrobot_env.learned.reduction.polynomials import roll
-
-    states = np.empty((len(x), 2, x.shape[1]))
-    held = np.ascontiguousarray(np.stack([v, v], axis=1))
-    roll(model.motion, np.ascontiguousarray(x), held, states)
-    return states[:, 1]
+    return Learned(
+        **model.arrays(),
+        process=whole,
+        noise=_covariance(noise) + floor,
+        lower=moved.min(axis=0),
+        upper=moved.max(axis=0),
+        farthest=np.array(far),
+    )
 
 
 def _covariance(parts: Sequence[ndarray]) -> ndarray:
@@ -235,22 +234,23 @@ def run(request: TrainingRequest, show: ProgressCallback) -> Metrics:
     quick, robot = "quick" in given, request.robot
     settings = Settings(order=2, input_order=2) if quick else Settings()
     short = Refinement(lengths=(0.5,), iterations=2, stretches=50) if quick else None
+    learned = partial(learn, settings=settings, refinement=short, show=show)
     figures: Metrics = []
     if "recording" in given:
         recording = read_recording(Path(given["recording"]))
         axes = entry_of(robot).axes or ("xz" if robot.moves_in_xz else "xyz")
-        found = _judged(*split_decays(records_of(recording, robot, axes)), settings, short, show)
+        found = _judged(learned, *split_decays(records_of(recording, robot, axes)))
     else:
         plan = replace(PLAN, seed=request.seed)
         if quick:
             plan = replace(plan, decays=6, excited=2, minutes=3.0)
         twin = given.get("twin", entry_of(robot).twin)
-        found, plan = _simulated(robot, plan, twin, settings, short, show)
+        found, plan = _simulated(learned, robot, plan, twin, show)
         figures.append(("largest inputs, of the workspace's", f"{plan.laps_amplitude:.2g}"))
     model, decays, forced, error = found
-    learned = trusted(model, [*forced, *decays])
+    believed = trusted(model, [*forced, *decays])
     about = {"seed": request.seed} | ({"twin": given["twin"]} if "twin" in given else {})
-    write_arrays(request.path, {**learned.arrays(), **fingerprint(robot), **about})
+    write_arrays(request.path, {**believed.arrays(), **fingerprint(robot), **about})
     if decays:
         figures.append(("spectrum", str(spectrum(decays, model.delays, model.dimension))))
     minutes = sum(r.samples for r in (*decays, *forced)) * model.period / 60
@@ -264,35 +264,27 @@ def run(request: TrainingRequest, show: ProgressCallback) -> Metrics:
     ]
 
 
+#: `learn` with its settings.
+_Learn = Callable[[Sequence[Record], Sequence[Record]], ReducedModel]
+
 #: A model, what it was learned from, and its error [m].
 _Found = tuple[ReducedModel, list[Record], list[Record], float]
 
 
 def _simulated(
-    robot: RobotParams,
-    plan: Plan,
-    twin: int | None,
-    settings: Settings,
-    refinement: Refinement | None,
-    show: ProgressCallback,
+    learned: _Learn, robot: RobotParams, plan: Plan, twin: int | None, show: ProgressCallback
 ) -> tuple[_Found, Plan]:
     """A model of simulated motion; of smaller motion where larger one is not predicted."""
     for _ in range(_TRIALS - 1):
         try:
-            return _judged(*collect(robot, plan, twin, show), settings, refinement, show), plan
+            return _judged(learned, *collect(robot, plan, twin, show)), plan
         except FitError:
             smaller = _SMALLER * plan.amplitude, _SMALLER * plan.laps_amplitude
             plan = replace(plan, amplitude=smaller[0], laps_amplitude=smaller[1])
-    return _judged(*collect(robot, plan, twin, show), settings, refinement, show), plan
+    return _judged(learned, *collect(robot, plan, twin, show)), plan
 
 
-def _judged(
-    decays: list[Record],
-    forced: list[Record],
-    settings: Settings,
-    refinement: Refinement | None,
-    show: ProgressCallback,
-) -> _Found:
+def _judged(learned: _Learn, decays: list[Record], forced: list[Record]) -> _Found:
     """Learn from most of the motion, and judge by the rest of it.
 
     Raises:
@@ -306,7 +298,7 @@ def _judged(
         forced = [Record(one.outputs[part], one.inputs[part], one.period) for part in parts]
     kept = max(1, round(_KEPT * len(forced)))
     known, unseen = forced[:-kept], forced[-kept:]
-    model = learn(decays, known, settings, refinement, show)
+    model = learned(decays, known)
     error = judged(model, unseen)
     moved = float(np.mean(np.concatenate([norm(r.outputs - model.origin, axis=1) for r in unseen])))
     if not error <= _WRONG * moved:

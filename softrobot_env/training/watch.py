@@ -44,8 +44,8 @@ class Watch(BaseCallback):
     """Tries the mean action now and then, keeps the best network and the learning curve.
 
     Attributes:
-        best: Network of the best check so far.
-        curve: Results of the checks.
+        best: Network of the best check so far; of an earlier training to go on with, its own.
+        curve: Results of the checks, likewise.
     """
 
     def __init__(
@@ -73,23 +73,16 @@ class Watch(BaseCallback):
         self._config, self._show, self._save = config, show, save
         self.best: Network | None = None
         self.curve: list[Point] = []
-        self._reward, self._next = -np.inf, 0
-
-    def take_up(self, best: Network, curve: list[Point]) -> None:
-        """Go on with the best network and the curve of an earlier training."""
-        self.best, self.curve = best, list(curve)
-        self._reward = max(point["reward"] for point in self.curve)
-        self._next = self._after(self.steps)
 
     @property
-    def steps(self) -> int:
+    def _steps(self) -> int:
         """Environment steps at the last check."""
         return int(self.curve[-1]["steps"])
 
-    def _after(self, steps: int) -> int:
-        """Steps of the first check after some steps."""
-        every = self._config.trial_every
-        return (steps // every + 1) * every
+    @property
+    def _reward(self) -> float:
+        """Of the best check."""
+        return max((point["reward"] for point in self.curve), default=-np.inf)
 
     def _on_step(self) -> bool:
         return True
@@ -99,16 +92,16 @@ class Watch(BaseCallback):
             self._begin_anew()
 
     def _on_rollout_start(self) -> None:
-        if self.num_timesteps >= self._next:
+        every = self._config.trial_every
+        if not self.curve or self.num_timesteps // every > self._steps // every:
             self.judge()
-            self._next = self._after(self.num_timesteps)
             self._begin_anew()
         self._show(f"mean reward {self._reward:.4f}", self.num_timesteps, self._config.steps)
 
     def _begin_anew(self) -> None:
         """New episodes and draws by seed and steps alone."""
         if self._seed is not None:
-            sequence = np.random.SeedSequence([self._seed, self.steps])
+            sequence = np.random.SeedSequence([self._seed, self._steps])
             self.model.set_random_seed(int(sequence.generate_state(1)[0] >> 1))
             self.model._last_obs = self.training_env.reset()
             self.model._last_episode_starts = np.ones(self.model.n_envs, bool)
@@ -124,10 +117,10 @@ class Watch(BaseCallback):
         mean -= _PENALTY * failures / len(rows)
         largest = 1e3 * max(row.e_max for row in rows.values() if row.step is None)
         point = {"reward": mean, "max_mm": largest, "failures": failures}
+        if mean > self._reward:
+            self.best = network
         self.curve.append({"steps": self.num_timesteps, **point})
         for name, value in point.items():
             self.logger.record(f"trial/{name}", value)
         self.logger.dump(self.num_timesteps)
-        if mean > self._reward:
-            self.best, self._reward = network, mean
         self._save(self.model, self.best, self.curve)

@@ -11,7 +11,7 @@ from softrobot_env.beams import planar_arm
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.beams.planar_arm import make_planar_arm
-from softrobot_env.control.feedforward.motion import least_norm
+from softrobot_env.control.feedforward.statics import least_norm
 from softrobot_env.robots import ARM, CANTILEVER_WEAK
 from softrobot_env.robots.actuation import TendonMap
 from studies.truths.tendon_rod import tendon_rod
@@ -67,33 +67,33 @@ def test_jacobian_is_the_derivative_of_the_tip(statics, reduced):
 @pytest.mark.parametrize("target", [(0.2, 0.43), (-0.31, 0.3), (0.05, 0.48), (0.35, 0.25)])
 def test_inverse_holds_the_target_with_least_tension(statics, target):
     found = least_norm(statics, np.array(target), np.full(3, 5.0 * np.sign(target[0])))
-    assert found.converged
-    np.testing.assert_allclose(exact_tip(found.reduced), target, atol=1e-8)
+    assert found.reached
+    np.testing.assert_allclose(exact_tip(found.inputs), target, atol=1e-8)
     general = minimize(
         lambda u: u @ u,
-        found.reduced * 1.1,
+        found.inputs * 1.1,
         jac=lambda u: 2 * u,
         constraints={"type": "eq", "fun": lambda u: statics.tip(u) - target},
         options={"ftol": 1e-13, "maxiter": 300},
     )
     assert general.success
     # SLSQP stops at a relative change of 1e-13 in |u|^2, hence about 1e-6 in u.
-    np.testing.assert_allclose(found.reduced, general.x, atol=1e-3)
+    np.testing.assert_allclose(found.inputs, general.x, atol=1e-3)
 
 
 def test_inverse_passes_through_the_straight_pose(statics):
     found = least_norm(statics, statics.tip(np.full(3, 4.0)), np.zeros(3))
-    assert found.converged
+    assert found.reached
 
 
 @pytest.mark.parametrize("target", [(0.0, 0.6), (0.45, 0.45)])
 def test_inverse_admits_a_target_out_of_reach(statics, target):
     found = least_norm(statics, np.array(target), np.full(3, 5.0))
-    assert not found.converged
+    assert not found.reached
     # No tip is farther from the base than the arm is long.
-    assert found.residual >= np.hypot(*target) - ARM.length
-    tip = statics.tip(found.reduced)
-    assert found.residual == pytest.approx(np.hypot(*(tip - target)), rel=1e-9)
+    assert found.error >= np.hypot(*target) - ARM.length
+    tip = statics.tip(found.inputs)
+    assert found.error == pytest.approx(np.hypot(*(tip - target)), rel=1e-9)
 
 
 # ---------------------------------------------------------------- dynamics

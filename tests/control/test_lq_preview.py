@@ -6,13 +6,7 @@ import pytest
 from support.driven import driven_steps
 
 from softrobot_env.beams.planar_arm import inertia_forces, make_planar_arm
-from softrobot_env.control.reference_smoothing import (
-    ACCELERATION,
-    JUMP,
-    begin_smoothing,
-    memory_size,
-    smoothed,
-)
+from softrobot_env.control.reference_smoothing import begin_smoothing, memory_size, smoothed
 from softrobot_env.control.registry import make_policy, policy_environment
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.metrics import tracking_metrics
@@ -25,6 +19,10 @@ from softrobot_env.thesis.arm.timing import KNOTS, PERIOD
 
 ARM_DATA = make_planar_arm(ARM)
 LIMIT = np.full(3, 80.0)
+
+#: Jump [m] of a reference, and largest acceleration [m/s2] of what replaces it.
+JUMP, ACCELERATION = 5e-3, 10.0
+
 # ---------------------------------------------------------------- estimation
 
 

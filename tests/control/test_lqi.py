@@ -9,7 +9,7 @@ from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.beams.model import State
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.beams.planar_arm import make_planar_arm
-from softrobot_env.control.feedforward.motion import least_norm
+from softrobot_env.control.feedforward.statics import least_norm
 from softrobot_env.control.observers import linear_model
 from softrobot_env.core.files import models_dir
 from softrobot_env.envs.tracking import TrackingEnv
@@ -139,8 +139,8 @@ def test_followed_equilibrium_ends_at_least_norm_on_the_target():
     for share in np.minimum(np.linspace(0, 3, 3000), 1):
         here = start + share * (target - start)
         gap = follow(ARM_DATA, here, np.zeros(6), 1.0, LIMIT, inputs, rest, inverse)
-    assert expected.converged and gap < 1e-7
-    np.testing.assert_allclose(inputs, expected.reduced, atol=1e-4)
+    assert expected.reached and gap < 1e-7
+    np.testing.assert_allclose(inputs, expected.inputs, atol=1e-4)
     np.testing.assert_allclose(
         rest, np.repeat(STATICS.curvature(inputs, np.array([0.1, 0.2, 0.4])), 2), atol=1e-9
     )

@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.cli import main
-from softrobot_env.control.feedforward.motion import least_norm
+from softrobot_env.control.feedforward.statics import least_norm
 from softrobot_env.robots import ARM
 from softrobot_env.tasks import ALL_TASKS, STEP_WIDTHS, TASKS, UNSEEN_TASKS, make_task
 
@@ -130,8 +130,8 @@ def test_lshape_starts_with_the_least_norm():
     task = make_task("lshape")
     target = at(task, 0.0)[0]
     inverse = least_norm(STATICS, target, np.full(3, 5.0))
-    assert inverse.converged
-    np.testing.assert_allclose(task.start_input, inverse.reduced, atol=2e-8)
+    assert inverse.reached
+    np.testing.assert_allclose(task.start_input, inverse.inputs, atol=2e-8)
     constraint = {"type": "eq", "fun": lambda u: 10 * (STATICS.tip(u) - target)}
     guesses = np.random.default_rng(0).uniform(-15, 15, (10, 3))
     found = [
@@ -161,10 +161,10 @@ def test_the_arm_at_rest_reaches_every_point_with_moderate_tension(name, options
     before = inputs
     for point in at(task, *np.linspace(0, task.duration, 801)):
         inverse = least_norm(STATICS, point, inputs)
-        assert inverse.converged
+        assert inverse.reached
         # Points are below 5 mm apart, for which some 10 N are enough: no jump to another branch.
-        assert np.max(np.abs(inverse.reduced - inputs)) < 10.0
-        inputs = inverse.reduced
+        assert np.max(np.abs(inverse.inputs - inputs)) < 10.0
+        inputs = inverse.inputs
         assert np.max(np.abs(inputs)) < _MODERATE
     np.testing.assert_allclose(inputs, before, atol=1e-5)  # laps end where they began
 
@@ -177,7 +177,7 @@ def test_unseen_tasks_start_with_the_least_norm(seed):
     assert np.sign(start[0]) == (1, -1)[seed]
     guesses = np.random.default_rng(0).uniform(-30, 30, (20, 3))
     found = [least_norm(STATICS, start, guess) for guess in guesses]
-    norms = [np.linalg.norm(f.reduced) for f in found if f.converged]
+    norms = [np.linalg.norm(f.inputs) for f in found if f.reached]
     assert len(norms) > 3
     assert min(norms) == pytest.approx(np.linalg.norm(task.start_input), abs=1e-6)
     np.testing.assert_allclose(STATICS.tip(np.array(task.start_input)), start, atol=2e-9)

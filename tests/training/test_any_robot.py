@@ -23,7 +23,7 @@ from softrobot_env.robots.artifacts import (
     train_command,
 )
 from softrobot_env.tasks import make_task
-from softrobot_env.training.references import generic_task, view_for
+from softrobot_env.training.references import generic_task, training_of, view_for
 from softrobot_env.training.registry import TRAININGS
 from softrobot_env.training.request import TrainingRequest, file_of
 
@@ -184,12 +184,12 @@ def test_an_imitation_tracks_about_as_its_teacher_does(name):
     """On a path, a pace and a robot that it was not trained on, unlike holding still."""
     pytest.importorskip("torch")
     from softrobot_env.evaluation.runner import Case, run
-    from softrobot_env.training.imitation import ImitationSetup, imitate, settings_of
+    from softrobot_env.training.imitation import imitate, settings_of
 
     robot = find_robot(name)
-    lesson = ImitationSetup.of(robot, "static")
+    lesson = training_of(robot).imitation("static")
     config = replace(settings_of(lesson), rounds=3, samples=6000, shares=2, processes=0)
-    network, view = imitate(config, 0, lambda *_: None, lesson), lesson.view()
+    network, view = imitate(config, 0, lambda *_: None, lesson), lesson.view
     task = make_task("figure_eight", robot=robot, frequency=0.07)
     errors = {}
     for policy in ("static", "hold"):
@@ -203,18 +203,17 @@ def test_an_imitation_tracks_about_as_its_teacher_does(name):
 
 def test_what_trainings_load_by_name_is_there():
     for training in TRAININGS.values():
-        for path in getattr(training.run, "args", ()):
-            path = getattr(path, "args", [path])[0]  # of a training that has variants
-            assert not is_path(str(path)) or callable(load(path))
+        for path in (training.how, *getattr(training.how, "args", ())):
+            assert not (isinstance(path, str) and is_path(path)) or callable(load(path))
 
 
 def test_every_training_says_of_which_robots_it_is():
-    for name, training in TRAININGS.items():
+    for training in TRAININGS.values():
         if training.robot is None:
-            training.check(name, FINGER)
+            training.check(FINGER)
         else:
             with pytest.raises(ValueError, match="alone, not for 'planar_finger'"):
-                training.check(name, FINGER)
+                training.check(FINGER)
 
 
 # ---------------------------------------------------------------- imitation
@@ -226,10 +225,10 @@ def test_packages_are_asked_for_by_the_teacher(monkeypatch, capsys, mine):
 
     monkeypatch.setattr(request, "find_spec", lambda package: None if package == "daqp" else 1)
     training = TRAININGS["imitation"]
-    training.check("imitation", FINGER)
+    training.check(FINGER)
     for robot, settings in ((ARM, {}), (FINGER, {"teacher": "mpc_preview"})):
         with pytest.raises(ImportError, match="imitation needs daqp: pip install"):
-            training.check("imitation", robot, settings)
+            training.check(robot, settings)
     began = time.process_time()
     given = ("--robot", mine.file, "--teacher mpc --out", mine.file.parent)
     assert called("train imitation", *given) == 2
@@ -238,11 +237,9 @@ def test_packages_are_asked_for_by_the_teacher(monkeypatch, capsys, mine):
 
 def test_a_network_decides_as_often_as_its_teacher_and_moves_as_far_as_servos_can():
     pytest.importorskip("torch")
-    from softrobot_env.training.imitation import ImitationSetup
-
     for name in ("planar_finger", "silicone_rod", "hanging_trunk"):
         robot = find_robot(name)
-        view = ImitationSetup.of(robot).view()
+        view = training_of(robot).imitation().view
         assert view.period == policy_environment("lq_preview", robot)["control_period"]
         np.testing.assert_allclose(view.increment(np.ones(1)), view.most)
         np.testing.assert_allclose(view.output_of(view.increment(np.array([-0.3]))), -0.3)
@@ -263,13 +260,11 @@ def test_files_from_before_changes_had_a_scale_are_read(mine):
 
 def test_the_teachers_table_is_found_where_the_network_is_written(tmp_path):
     pytest.importorskip("torch")
-    from softrobot_env.training.imitation import ImitationSetup
-
-    assert ImitationSetup.of(FINGER, None, tmp_path).file is None
+    assert training_of(FINGER).imitation(None, tmp_path).file is None
     table = tmp_path / artifact_name(FINGER, "lq_preview")
     table.write_bytes(b"")
-    assert ImitationSetup.of(FINGER, None, tmp_path).file == table
-    assert ImitationSetup.of(FINGER, "static", tmp_path).file is None
+    assert training_of(FINGER).imitation(None, tmp_path).file == table
+    assert training_of(FINGER).imitation("static", tmp_path).file is None
 
 
 def test_tables_of_a_robot_share_their_operating_points(monkeypatch, tmp_path):

@@ -37,7 +37,7 @@ def fake(order, show):
 @pytest.fixture
 def orders(tmp_path, monkeypatch):
     """Orders of the fake training over seeds, whose jobs run here."""
-    monkeypatch.setattr(runs, "TRAININGS", {"fake": Training(fake, ("checkpoint", "set"))})
+    monkeypatch.setattr(runs, "TRAININGS", {"fake": Training("fake", fake, ("checkpoint", "set"))})
     monkeypatch.setattr(runs, "run_cases", partial(run_cases, processes=0))
     return partial(requests_of, TrainingRequest(ARM, tmp_path / "fake.npz", near=tmp_path))
 

@@ -67,6 +67,7 @@ class InverseDynamics(Feedforward):
     """
 
     requires = ("reference", "reference_velocity", "reference_acceleration", "previous_action")
+    _begun = Moving()
 
     def __init__(
         self, robot: RobotParams, control_period: float, weights: str | Path | None = None
@@ -92,9 +93,6 @@ class InverseDynamics(Feedforward):
         self._period, self._speed = control_period, robot.drive.speed
         self._lag = _lag(robot)
         self._near = _NEAR * robot.reach
-
-    def _remembered(self) -> Moving:
-        return Moving()
 
     def _motion(self, observation: Observation, state: FeedforwardState) -> Motion:
         """The reference in the middle of the period."""

@@ -49,6 +49,9 @@ class Feedforward(Controller):
     requires = ("reference", "previous_action")
     _feedback: Feedback | None = None
 
+    #: The memory of a motion that begins.
+    _begun: Any = None
+
     def __init__(
         self,
         robot: RobotParams,
@@ -92,13 +95,9 @@ class Feedforward(Controller):
                 f"got {', '.join(str(len(observation[name])) for name in self._points())}"
             )
         inputs, size = self._inputs.from_actions(in_force(observation)), sizes.pop()
-        rest, memory = self._statics.begin(inputs), self._remembered()
-        law = self._feedback
+        law, rest = self._feedback, self._statics.begin(inputs)
         feedback = None if law is None else law.start(observation["reference"])
-        return FeedforwardState(np.full(size, np.nan), rest, memory, feedback, None)
-
-    def _remembered(self) -> Any:
-        """The memory of a motion that begins."""
+        return FeedforwardState(np.full(size, np.nan), rest, self._begun, feedback, None)
 
     def act(
         self, observation: Observation, state: FeedforwardState
@@ -111,13 +110,15 @@ class Feedforward(Controller):
         if not np.array_equal(target, state.target):  # it rests most of the time
             rest = self._statics.hold(target, rest, bool(np.isnan(state.target).any()))
         inputs, memory, reason = self._added(observation, motion, rest, state)
-        inputs, feedback, limited = self._corrected(
-            observation, motion, rest, inputs, state.feedback
-        )
+        feedback, limited = state.feedback, False
+        if self._feedback is not None:
+            seen = observation["reference"], observation["tip_position"]
+            more, feedback, limited = self._feedback.added(rest, motion, *seen, feedback)
+            inputs = inputs + more
+            if reason is not None:  # what is missed for that reason is not for feedback to make up
+                feedback = feedback.unlearned(state.feedback)
         wanted = self._inputs.to_actions(inputs)
         action = np.clip(wanted, -1.0, 1.0)
-        if reason is not None:  # what is missed for that reason is not for feedback to make up
-            feedback = None if feedback is None else feedback.unlearned(state.feedback)
         limited = limited or np.any(np.abs(wanted) > 1 + 1e-9)
         reason = REASONS[SATURATED] if limited else reason
         status = reason if rest.reached else self._statics.missed
@@ -133,21 +134,6 @@ class Feedforward(Controller):
     ) -> tuple[ndarray, Any, str | None]:
         """Inputs (n_inputs,), the next memory, and why they are not those wanted, or None."""
         return rest.inputs, state.memory, None
-
-    def _corrected(
-        self,
-        observation: Observation,
-        motion: Motion,
-        rest: Rest,
-        inputs: ndarray,
-        feedback: FeedbackState | None,
-    ) -> tuple[ndarray, FeedbackState | None, bool]:
-        """Inputs (n_inputs,) after feedback, what it remembers, and if one is limited."""
-        if self._feedback is None:
-            return inputs, None, False
-        seen = observation["reference"], observation["tip_position"]
-        more, feedback, limited = self._feedback.added(rest, motion, *seen, feedback)
-        return inputs + more, feedback, limited
 
 
 class FeedforwardPI(Feedforward):

@@ -5,7 +5,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy import ndarray
-from numpy.linalg import norm, solve
+from numpy.linalg import eigh, norm, solve, svd
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.core.equilibrium import EquilibriumError
@@ -20,7 +20,6 @@ from softrobot_env.scene.linearised import linearised
 from softrobot_env.scene.registry import model_scene
 
 from ..base import REASONS, UNREACHABLE
-from .motion import least_norm
 
 #: [m/N], singular values of J well below it are not inverted by the closed form's feedback.
 _DAMPING = 1e-3
@@ -32,6 +31,10 @@ _DAMPING_SHARE = 0.04
 _OFF = 1e-4
 #: Share of it at which a decision is done, and small steps it takes at most.
 _NEAR, _RELAXATIONS = 0.1, 4
+
+#: Of the closed form: largest distance [m] from the target, and step [N] to a lesser norm left.
+_REACHED, _SHORTEST = 1e-8, 1e-7
+_NEWTON_ITERATIONS = 60
 
 
 class Rest(NamedTuple):
@@ -121,8 +124,7 @@ class ClosedStatics:
 
     def hold(self, target: ndarray, before: Rest, first: bool) -> Rest:
         """See `Statics`. Out of reach, the inputs of the smallest residual."""
-        found = least_norm(self._statics, target, before.inputs)
-        return Rest(found.reduced, found.residual, found.converged)
+        return least_norm(self._statics, target, before.inputs)
 
     def shifted(self, rest: Rest, change: ndarray) -> tuple[ndarray, bool]:
         """See `Statics`."""
@@ -134,6 +136,61 @@ class ClosedStatics:
     def first_mode(self) -> tuple[float, float]:
         """See `Statics`."""
         return 2 * np.pi * self._robot.first_frequency, self._robot.damping_time
+
+
+def least_norm(statics: ConstantCurvatureStatics, target: ndarray, guess: ndarray) -> Rest:
+    """Inputs of least norm that hold the tip on a target, near a guess.
+
+    Minimises |u|^2 / 2 subject to tip(u) = target by a range- and null-space Newton method with
+    step control.
+
+    Args:
+        statics: Of the robot.
+        target: (2,) [m], (x, z).
+        guess: (n_inputs,) [N], start; the nearest local minimum is found.
+
+    Returns:
+        Where they hold it, at a local minimum of the norm; or, where the target cannot be reached
+        from the guess, the inputs of the smallest distance met.
+    """
+    u = np.array(guess, float)
+    best = Rest(u, np.inf, False)
+    for _ in range(_NEWTON_ITERATIONS):
+        tip, first, second = statics.expand(u)
+        gap = np.asarray(target) - tip
+        away = float(np.hypot(*gap))
+        if away < best.error:
+            best = Rest(u, away, False)
+        to_range, to_null = _newton_steps(u, gap, first, second)
+        if away < _REACHED and np.max(np.abs(to_null)) < _SHORTEST:
+            return Rest(u, away)
+        u = u + _shorten(to_range, statics.limit) + _shorten(to_null, statics.limit)
+    return best
+
+
+def _newton_steps(
+    u: ndarray, gap: ndarray, first: ndarray, second: ndarray
+) -> tuple[ndarray, ndarray]:
+    """Step towards the target in the row space of J, and down |u|^2 in its null space."""
+    left, singular, right = svd(first)
+    # Near the straight pose J loses rank; the damping bounds the step there and vanishes with
+    # the gap, so it does not disturb convergence.
+    damping = 1e-3 * np.hypot(*gap) * singular[0]
+    # A straight arm with its tip on the target: no gain, where both are exactly zero.
+    gain = singular / (singular**2 + damping + np.finfo(float).tiny)
+    range_, null = right[: len(singular)].T, right[len(singular) :].T
+    to_range = range_ @ (gain * (left.T @ gap))
+    multiplier = -left @ (gain * (range_.T @ u))
+    bend = np.eye(len(u)) + multiplier[0] * second[0] + multiplier[1] * second[1]
+    hessian = null.T @ bend @ null
+    values, vectors = eigh(hessian)
+    slope = vectors.T @ (null.T @ u)
+    return to_range, -null @ (vectors @ (slope / np.maximum(np.abs(values), 0.1)))
+
+
+def _shorten(step: ndarray, limit: ndarray) -> ndarray:
+    """The step, scaled down to at most a tenth of the tension limit."""
+    return step / max(1.0, np.max(np.abs(step) / (0.1 * limit)))
 
 
 class NetworkStatics:

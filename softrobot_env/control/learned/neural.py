@@ -346,8 +346,8 @@ class NeuralPolicy(Memoryless):
         self.view, self.preview = view, tuple(needed["preview"])
         self._base, self._reach = np.empty(0), np.inf
         if reading is None:
-            self._encoding, self.n_inputs, self.sizes = view.encoding, view.inputs, view.observed
-            base = np.zeros(3) if robot.base is None else np.array(robot.base.position, float)
+            self._encoding, self.sizes = view.encoding, view.observed
+            base = np.array(robot.clamp.position, float)
             self._base = base[[0, 2] if robot.moves_in_xz else slice(view.dimensions)]
             self._reach = float(robot.reach)
         else:

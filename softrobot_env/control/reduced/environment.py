@@ -7,7 +7,7 @@ import numpy as np
 
 from softrobot_env.core.artifacts import read_arrays
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.artifacts import check_robot, find_artifact
+from softrobot_env.robots.artifacts import read_artifact
 
 #: Name of the file of a learned model.
 ARTIFACT = "ssm"
@@ -24,8 +24,7 @@ def is_reduced_model(path: Path) -> bool:
 def ssm_environment(robot: RobotParams, weights: Path | None = None) -> dict[str, Any]:
     """The period of a robot's model, and preview; nothing where none was learned."""
     try:
-        data = read_arrays(find_artifact(robot, ARTIFACT) if weights is None else weights)
-        check_robot(data, robot, ARTIFACT)
+        data = read_artifact(robot, ARTIFACT, weights)
         with data.fitting():
             period, lag = float(data["period"]), int(data["lag"])
             return {"control_period": period, "preview": preview_times(period, lag)}

@@ -1,18 +1,19 @@
 """`ssm_mpc` and `ssm_lq`: plans on a model that was learned from a robot's recorded motion."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core.artifacts import Arrays, read_arrays
+from softrobot_env.core.artifacts import Arrays
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.learned.reduction.model import ReducedModel
 from softrobot_env.learned.reduction.polynomials import Monomials, Motion
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import robot_inputs
-from softrobot_env.robots.artifacts import check_robot, find_artifact
+from softrobot_env.robots.artifacts import read_artifact
 
 from .. import base
 from ..limits import kept
@@ -33,37 +34,31 @@ _SMOOTHNESS = 1e-2
 _ABSURD = 1e5
 
 
-class Learned(NamedTuple):
+@dataclass(frozen=True)
+class Learned(ReducedModel):
     """A model, and how far it can be trusted.
 
     Attributes:
-        model: What was learned.
         process: (n + m, n + m), covariance of what it errs by in a sample, and of its inputs.
         noise: (n, n), covariance of states that outputs tell.
         lower, upper: (m,), reduced inputs that it was learned from.
         farthest: [m], of outputs that it was learned from, from their origin.
     """
 
-    model: ReducedModel
     process: ndarray
     noise: ndarray
     lower: ndarray
     upper: ndarray
     farthest: ndarray
 
-    def arrays(self) -> dict[str, Any]:
-        """What `read_learned` reads."""
-        own = {name: getattr(self, name) for name in self._fields if name != "model"}
-        return self.model.arrays() | own
-
-
-def read_learned(data: Arrays) -> Learned:
-    """Raises ValueError where arrays are missing, not finite, or of a wrong shape."""
-    model = ReducedModel.read(data)
-    n, m = model.dimension, model.basis.shape[1]
-    shapes = {"process": (n + m, n + m), "noise": (n, n), "lower": (m,), "upper": (m,)}
-    data.check_shapes(shapes | {"farthest": ()})
-    return Learned(model, *(np.array(data[name], float) for name in Learned._fields[1:]))
+    @classmethod
+    def read(cls, data: Arrays) -> "Learned":
+        """As `ReducedModel.read`."""
+        model = super().read(data)
+        n, m = model.dimension, model.basis.shape[1]
+        shapes = {"process": (n + m, n + m), "noise": (n, n), "lower": (m,), "upper": (m,)}
+        data.check_shapes(shapes | {"farthest": ()})
+        return model
 
 
 class _Past(NamedTuple):
@@ -116,10 +111,7 @@ class ReducedPlanner(base.Controller):
             FileNotFoundError: No such file.
             ImportError: The solver of constrained plans is not installed.
         """
-        data = read_arrays(find_artifact(robot, ARTIFACT) if weights is None else weights)
-        check_robot(data, robot, ARTIFACT)
-        self._learned = read_learned(data)
-        self._model = model = self._learned.model
+        self._model = model = Learned.read(read_artifact(robot, ARTIFACT, weights))
         what = f"the reduced model of {robot.name!r}"
         self.hold = base.hold_for(model.period, control_period, what)
         self._late = round(tip_delay / model.period)
@@ -149,7 +141,7 @@ class ReducedPlanner(base.Controller):
         tips = np.tile(tip, (model.delays, 1))
         m, n = len(inputs), model.dimension
         covariance = np.zeros((n + m, n + m))
-        covariance[:n, :n] = self._learned.noise
+        covariance[:n, :n] = self._model.noise
         covariance[n:, n:] = 1e-2 * np.eye(m)
         return _Past(
             tips,
@@ -163,7 +155,7 @@ class ReducedPlanner(base.Controller):
 
     def act(self, observation: Observation, state: _Past) -> tuple[ndarray, _Past]:
         """The first action of the plan."""
-        model, learned = self._model, self._learned
+        model = self._model
         before = np.asarray(observation["previous_action"], float)
         tip = np.asarray(observation["tip_position"], float)
         seen = np.concatenate(
@@ -179,8 +171,8 @@ class ReducedPlanner(base.Controller):
         measured = model.encode(tips.ravel())
         motion, o = model.motion, len(tip)
         estimate(
-            motion, x, disturbance, covariance, state.inputs[0], measured, learned.process,
-            learned.noise,
+            motion, x, disturbance, covariance, state.inputs[0], measured, model.process,
+            model.noise,
         )  # fmt: skip
         begin = ahead(motion, x, disturbance, inputs[1:]) if model.lag else x
         times = np.array((0.0, *self.preview))
@@ -203,10 +195,12 @@ class ReducedPlanner(base.Controller):
             )  # fmt: skip
         nodes = nodes + step
         wanted_action = model.rest + aside + model.basis @ nodes[0]
-        action = self._within(wanted_action, before)
-        if np.linalg.norm(reference - model.origin, axis=1).max() > learned.farthest:
+        rate = self._rate
+        action = np.clip(np.clip(wanted_action, before - rate, before + rate), -1.0, 1.0)
+        at_limit = (np.abs(action) > 1 - 1e-6) | (np.abs(action - before) > rate * (1 - 1e-6))
+        if np.linalg.norm(reference - model.origin, axis=1).max() > model.farthest:
             code = base.UNREACHABLE
-        elif np.abs(action - wanted_action).max() > 1e-6 or self._at_limit(action, before):
+        elif np.abs(action - wanted_action).max() > 1e-6 or at_limit.any():
             code = base.SATURATED
         return action, _Past(tips, inputs, x, disturbance, covariance, nodes, code)
 
@@ -220,9 +214,8 @@ class ReducedPlanner(base.Controller):
         if self._solve is None:
             return np.linalg.solve(hessian, -gradient).reshape(nodes.shape)
         model, (count, _) = self._model, nodes.shape
-        lower = (self._learned.lower - nodes).ravel()
-        upper = (self._learned.upper - nodes).ravel()
-        lower, upper = np.minimum(lower, 0.0), np.maximum(upper, 0.0)
+        lower = np.minimum(model.lower - nodes, 0.0).ravel()
+        upper = np.maximum(model.upper - nodes, 0.0).ravel()
         each = np.kron(np.eye(count), model.basis)
         actions = model.rest + aside + nodes @ model.basis.T
         rows, low, high = [each], [(-1 - actions).ravel()], [(1 - actions).ravel()]
@@ -252,12 +245,3 @@ class ReducedPlanner(base.Controller):
         model = self._model
         aside = before - model.rest - model.basis @ inputs
         return aside - np.clip(aside, -_ASIDE * self._rate, _ASIDE * self._rate)
-
-    def _within(self, wanted: ndarray, before: ndarray) -> ndarray:
-        """What the drives can do, nearest to what is wanted."""
-        reach = np.clip(wanted, before - self._rate, before + self._rate)
-        return np.clip(reach, -1.0, 1.0)
-
-    def _at_limit(self, action: ndarray, before: ndarray) -> bool:
-        fast = np.abs(action - before) > self._rate * (1 - 1e-6)
-        return bool(np.any((np.abs(action) > 1 - 1e-6) | fast))

@@ -16,8 +16,8 @@ from softrobot_env.core.interfaces import Observation
 from ..base import FINE, SATURATED, UNREACHABLE, Memory, usable
 from ..limits import finite
 from ..reference_smoothing import begin_smoothing, memory_size, smoothed
-from .law import Law, ScheduledLaw, in_space, is_planar
-from .table import Row, Table, inverse_of, look_up, look_up_action
+from .law import Law, ScheduledLaw, in_space
+from .table import Row, Table, blend, inverse_of, look_up
 
 #: Damping of the inverse of the tip's derivative by actions.
 _DAMPING = 1e-2
@@ -80,6 +80,8 @@ class TrackingTarget(NamedTuple):
 class AimingLaw(ScheduledLaw):
     """A law that plans about an equilibrium that moves with the reference."""
 
+    observables = (*ScheduledLaw.observables, "reference_preview")
+
     def start(self, observation: Observation) -> Memory:
         """Begin from the actions in force, with the nominal model.
 
@@ -88,7 +90,7 @@ class AimingLaw(ScheduledLaw):
                 of times than this policy needs.
         """
         law = self._law
-        self._check_reference(observation, len(law.times) - 1)
+        self._check_reference(observation)
         n, m = law.table.n, law.table.m
         values = np.zeros(3 * n + m + 6 + memory_size(3))
         # once an episode: by Python, as to compile these for it takes half a second
@@ -96,7 +98,7 @@ class AimingLaw(ScheduledLaw):
         own.held[:] = self._begun(observation)
         tip, here = observation["tip_position"], np.empty(3)
         here_seen = usable(tip if np.isfinite(tip).all() else observation["reference"])
-        in_space.py_func(here_seen, is_planar.py_func(law.table), here)
+        in_space.py_func(here_seen, law.planar, here)
         begin_smoothing.py_func(here, own.smoothing)
         return Memory(values, FINE)
 
@@ -147,9 +149,7 @@ def remembered(memory: ndarray, n: int, m: int) -> Remembered:
 
 
 @kernel
-def _estimate(
-    law: Law, now: Row, adaptive: bool, memory: ndarray, seen: Seen, tip: ndarray
-) -> ndarray:
+def _estimate(law: Law, now: Row, memory: ndarray, seen: Seen, tip: ndarray) -> ndarray:
     """Update what the model leaves unexplained; shift (n,) [1/m] of the curvatures at rest.
 
     The balance of forces, over the stiffness: K^-1 (M q.. + D q.) + q - q_OP - X (a - a_OP).
@@ -161,7 +161,7 @@ def _estimate(
     if own.begun[0]:
         left = now.inertia @ ((rate - own.rate) / law.period) + now.damping @ rate + bend
         left -= now.by_action @ (seen.previous - now.action)
-        if adaptive:
+        if law.adaptive:
             _adapt(law, now, left, stiffer)
         left += stiffer[0] * now.elastic
         shift += law.force * (left - shift)
@@ -179,12 +179,9 @@ def _adapt(law: Law, now: Row, left: ndarray, stiffer: ndarray) -> None:
 
     Least squares with forgetting, as one step down the gradient.
     """
-    trust = _TRUST / law.reach
-    size, error = trust * trust * len(left), 0.0
-    for i in range(len(left)):
-        size += now.elastic[i] ** 2
-        error -= now.elastic[i] * (left[i] + stiffer[0] * now.elastic[i])
-    error -= stiffer[0] * trust * trust * len(left)
+    trust = (_TRUST / law.reach) ** 2 * len(left)
+    size = trust + np.sum(now.elastic**2)
+    error = -np.sum(now.elastic * left) - stiffer[0] * size
     stiffer[0] += min(law.period / law.first * _FORGETTING, 1.0) * error / size
     stiffer[0] = min(max(stiffer[0], _RANGE[0] - 1), _RANGE[1] - 1)
 
@@ -194,17 +191,13 @@ def references_of(
     law: Law, target: ndarray, preview: ndarray, smoothing: ndarray
 ) -> tuple[ndarray, ndarray]:
     """Places (1 + k, 3) [m], now and ahead, without jumps, and the velocity (3,) [m/s] now."""
-    times, size, planar = law.times, len(target), is_planar(law.table)
+    times, size = law.times, len(target)
     points = np.zeros((len(times), 3))
-    in_space(target, planar, points[0])
+    in_space(target, law.planar, points[0])
     if len(times) == 1:
         return points, np.zeros(3)
-    second = 2 if planar and size == 2 else 1
     for k in range(1, len(times)):
-        at = (k - 1) * size
-        points[k, 0], points[k, second] = preview[at], preview[at + 1]
-        if size == 3:
-            points[k, 2] = preview[at + 2]
+        in_space(preview[(k - 1) * size : k * size], law.planar, points[k])
     far = _ACCELERATION * law.reach / law.first**2
     here = points[0].copy()
     smoothed(law.period, here, times, _JUMP * law.reach, far, smoothing, points)
@@ -218,13 +211,12 @@ def references_of(
 
 
 @singledispatch
-def aimed(table: Any, law: Any, adaptive: Any, memory: Any, seen: Any) -> Any:
+def aimed(table: Any, law: Any, memory: Any, seen: Any) -> Any:
     """Find and correct the equilibrium at the reference, as `TrackingTarget`; memory is updated.
 
     Args:
         table: The operating points.
         law: Whose they are.
-        adaptive: Whether to estimate the stiffness.
         memory: See `Remembered`.
         seen: A `Seen`.
     """
@@ -233,17 +225,15 @@ def aimed(table: Any, law: Any, adaptive: Any, memory: Any, seen: Any) -> Any:
 
 @implementation(aimed, Table)
 @kernel
-def _looked_up(
-    table: Table, law: Law, adaptive: bool, memory: ndarray, seen: Seen
-) -> TrackingTarget:
+def _looked_up(table: Table, law: Law, memory: ndarray, seen: Seen) -> TrackingTarget:
     n, m, knots = table.n, table.m, len(law.times) - 1
     own = remembered(memory, n, m)
     tip = np.empty(3)
-    in_space(seen.tip, is_planar(table), tip)
+    in_space(seen.tip, law.planar, tip)
     points, velocity = references_of(law, seen.target, seen.preview, own.smoothing)
     now = look_up(table, points[0], own.held)
     own.held[:] = now.action
-    shift = _estimate(law, now, adaptive, memory, seen, tip)
+    shift = _estimate(law, now, memory, seen, tip)
 
     to_action = inverse_of(now.jacobian @ now.by_action, table.directions, _DAMPING)
     gap = table.directions @ (now.tip - points[0])
@@ -260,7 +250,7 @@ def _looked_up(
     away[2 * n :] = seen.previous + law.period * rising - action
     for i in range(knots):
         if law.times[i + 1] > law.curved * law.first:
-            look_up_action(table, points[i + 1], before, ahead)
+            blend(table, points[i + 1], before, ahead)
             way = moved @ (ahead - now.action)
             before = ahead.copy()
         else:

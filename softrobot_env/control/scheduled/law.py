@@ -1,17 +1,20 @@
 """What laws on a table of operating points share: files, observables, and what a kernel needs."""
 
+from abc import abstractmethod
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy import ndarray
 from scipy.optimize import nnls
 
 from softrobot_env.compile.kernels import kernel, reference, structure
-from softrobot_env.core.artifacts import Arrays
+from softrobot_env.core.artifacts import Arrays, write_arrays
 from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap, robot_inputs
+from softrobot_env.robots.artifacts import fingerprint, read_artifact
 
 from ..base import Controller, hold_for, usable
 from . import operating_points
@@ -27,24 +30,8 @@ _AT_ONCE = 0.3
 #: Moment [1], over the tension, below which tendons pull against each other.
 _OPPOSED = 1e-6
 
-#: Gains of a law at an operating point: function of the point, the directions and the times.
-Design = Callable[[operating_points.Equilibrium, ndarray, Timing], ndarray]
-
-
-@structure
-class TensionKeeping(NamedTuple):
-    """What keeps tendons that are driven by length taut: groups of them pull against each other.
-
-    Attributes:
-        stiffness: (m,) [N], tension per action.
-        groups: (k, m) [1/N], actions that pull all tendons of a group against each other by a
-            tension of one in the sum, without a moment; none of a robot driven by tension.
-        shares: (k, m) [1], what each tendon gets of it.
-    """
-
-    stiffness: ndarray
-    groups: ndarray
-    shares: ndarray
+#: Gains of a law at an operating point: function of the point and the directions.
+Design = Callable[[operating_points.Equilibrium, ndarray], ndarray]
 
 
 @structure
@@ -59,10 +46,15 @@ class Law(NamedTuple):
         first: [s], period of the first mode.
         force, offset: [1], shares of their estimates that a decision renews; 0 without them.
         speed: (m,) [1], largest change of an action in a period.
-        taut: What keeps tendons that are driven by length taut.
+        stiffness: (m,) [N], tension per action of tendons that are driven by length, else zeros.
+        shares: (k, m) [1], what each tendon of a group gets of the sum of the tensions by which
+            they pull against each other without a moment, which keeps them taut; no groups of a
+            robot driven by tension.
         reach: [m], of the robot.
         curved: Share of the first mode's period. What is farther ahead is looked up; before that,
             the actions at rest are taken to be linear in the way of the tip.
+        adaptive: Whether to estimate the stiffness.
+        planar: Whether the tip can be asked for in the x-z plane alone.
     """
 
     table: Table
@@ -73,9 +65,12 @@ class Law(NamedTuple):
     force: float
     offset: float
     speed: ndarray
-    taut: TensionKeeping
+    stiffness: ndarray
+    shares: ndarray
     reach: float
     curved: float
+    adaptive: bool
+    planar: bool
 
 
 class ScheduledLaw(Controller):
@@ -83,50 +78,56 @@ class ScheduledLaw(Controller):
 
     The actions in force are those commanded; of a robot driven by length, those that its servos
     have reached, so that nothing winds up where they are too slow.
+
+    Attributes:
+        name: Of the policy, and of the file of its table.
+        observables: That it reads, besides the actions in force.
+        curved: See `Law`.
     """
+
+    name: ClassVar[str]
+    observables: tuple[str, ...] = ("curvature", "curvature_rate", "tip_position", "reference")
+    curved: ClassVar[float] = np.inf
 
     def __init__(
         self,
         robot: RobotParams,
         control_period: float,
-        name: str,
-        table: Any,
-        observables: tuple[str, ...],
+        gains: Any = None,
         timing: Timing | None = None,
+        adaptive: bool = False,
         estimate: bool = True,
-        curved: float = np.inf,
     ) -> None:
         """Put together what the kernel needs.
 
         Args:
             robot: Nominal robot.
             control_period: [s] between calls.
-            name: Of the policy.
-            table: Reference to its `Table`.
-            observables: That it reads, besides the actions in force.
+            gains: File of the table, or a reference to it; found unless given, see `table`.
             timing: Of the law; that of the robot unless given.
+            adaptive: Whether to estimate the stiffness.
             estimate: Whether to estimate what the model leaves unexplained.
-            curved: See `Law`.
 
         Raises:
-            ValueError: The law's period is no multiple of the control period.
+            ValueError: No table of this robot, or the law's period is no multiple of the control
+                period.
+            FileNotFoundError: No such file.
         """
+        table = self.table(robot, gains) if isinstance(gains, str | Path | None) else gains
         timing = timing_of(robot) if timing is None else timing
-        self.hold = hold_for(timing.period, control_period, name)
+        self.hold = hold_for(timing.period, control_period, self.name)
         inputs = self._own = robot_inputs(robot)
         self._pulled = robot.drive.kind == "length"
         self._in_force = "tendon_length" if self._pulled else "previous_action"
         others = ("previous_action",) if self._pulled else ()
-        self.requires = (*observables, self._in_force, *others)
+        self.requires = (*self.observables, self._in_force, *others)
         self.sizes = {
             "curvature": table.n,
             "curvature_rate": table.n,
             self._in_force: inputs.n_inputs,
         }
-        speed = np.full(inputs.n_inputs, np.inf)
-        if self._pulled:
-            speed = robot.drive.speed * timing.period / inputs.input_scale
-        self._observables = observables
+        directions = table.directions
+        stiffness, shares = _taut(robot)
         self._law = reference(
             Law(
                 table=table,
@@ -136,22 +137,37 @@ class ScheduledLaw(Controller):
                 first=timing.first,
                 force=estimate * min(_FORCE_RATE * timing.period / timing.first, _AT_ONCE),
                 offset=estimate * min(_OFFSET_RATE * timing.period / timing.first, _AT_ONCE),
-                speed=speed,
-                taut=_taut(robot),
+                speed=robot.drive.speed * timing.period / inputs.input_scale,
+                stiffness=stiffness,
+                shares=shares,
                 reach=robot.reach,
-                curved=curved,
+                curved=self.curved,
+                adaptive=adaptive,
+                planar=len(directions) == 2 and bool(np.abs(directions[:, 1]).max() < 1e-12),
             )
         )
+
+    @classmethod
+    @abstractmethod
+    def design(cls, robot: RobotParams) -> Any:
+        """A `Design` of the gains, which says by `count` how many there are."""
+
+    @classmethod
+    def table(cls, robot: RobotParams, gains: str | Path | None = None) -> Any:
+        """Reference to the table of a robot, of a file; see `artifacts.find_artifact` without."""
+        data = read_artifact(robot, cls.name, gains)
+        with data.fitting():
+            return read_table(data, cls.design(robot).count)
 
     def _applied(self, observation: Observation) -> ndarray:
         """Actions (m,) in force."""
         found = observation[self._in_force]
         return found / self._own.input_scale if self._pulled else found
 
-    def _check_reference(self, observation: Observation, knots: int) -> None:
+    def _check_reference(self, observation: Observation) -> None:
         """Raise ValueError unless the reference and its preview can be used."""
         table, size = self._law.table, observation["reference"].size
-        plane = is_planar.py_func(table) or np.allclose(table.directions[:, 2], 0)
+        plane = self._law.planar or np.allclose(table.directions[:, 2], 0)
         if size not in (2, 3) or (size == 2 and not plane):
             raise ValueError(
                 f"{type(self).__name__} needs references of three coordinates of this robot, not "
@@ -159,15 +175,14 @@ class ScheduledLaw(Controller):
             )
         if observation["tip_position"].size != size:
             raise ValueError("tip_position and reference must have the same coordinates")
-        if knots and observation["reference_preview"].size != size * knots:
-            raise ValueError(
-                f"{type(self).__name__} needs an environment with preview="
-                f"{tuple(self._law.times[1:].tolist())}"
-            )
+        ahead = tuple(self._law.times[1:].tolist())
+        previewed = "reference_preview" in self.requires
+        if previewed and observation["reference_preview"].size != size * len(ahead):
+            raise ValueError(f"{type(self).__name__} needs an environment with preview={ahead}")
 
     def _seen(self, observation: Observation) -> list[ndarray]:
         """What the kernel reads, contiguous, and the actions in force."""
-        seen = (*(observation[name] for name in self._observables), self._applied(observation))
+        seen = (*(observation[name] for name in self.observables), self._applied(observation))
         return [np.ascontiguousarray(value) for value in seen]
 
     def _begun(self, observation: Observation) -> ndarray:
@@ -175,10 +190,11 @@ class ScheduledLaw(Controller):
         return usable(self._applied(observation))
 
 
-def _taut(robot: RobotParams) -> TensionKeeping:
+def _taut(robot: RobotParams) -> tuple[ndarray, ndarray]:
+    """`stiffness` and `shares` of a `Law`."""
     m = robot_inputs(robot).n_inputs
     if robot.drive.kind == "tension":
-        return TensionKeeping(np.zeros(m), *np.zeros((2, 0, m)))
+        return np.zeros(m), np.zeros((0, m))
     stiffness = robot.of_tendons("stiffness") * robot_inputs(robot).input_scale
     moments, shares = TendonMap(robot).phi, []
     for group in np.unique(robot.of_tendons("group")):
@@ -186,8 +202,7 @@ def _taut(robot: RobotParams) -> TensionKeeping:
         share, left = nnls(np.vstack([moments * own, own]), np.append(np.zeros(len(moments)), 1.0))
         if left < _OPPOSED and np.all(share[own > 0] > 0):
             shares.append(share)
-    shares = np.reshape(shares, (len(shares), m))
-    return TensionKeeping(stiffness, shares / stiffness, shares)
+    return stiffness, np.reshape(shares, (len(shares), m))
 
 
 @kernel
@@ -199,17 +214,17 @@ def tighten(law: Law, curvature: ndarray, action: ndarray) -> None:
         curvature: (n,) [1/m].
         action: (m,) [1], changed.
     """
-    taut = law.taut
-    if len(taut.shares) == 0:
+    shares = law.shares
+    if len(shares) == 0:
         return
-    slack = law.table.moment_arms @ curvature - taut.stiffness * action
-    for group in range(len(taut.shares)):
+    slack = law.table.moment_arms @ curvature - law.stiffness * action
+    for group in range(len(shares)):
         more = 0.0
         for j in range(len(action)):
-            if taut.shares[group, j] > 0:
-                more = max(more, slack[j] / taut.shares[group, j])
+            if shares[group, j] > 0:
+                more = max(more, slack[j] / shares[group, j])
         for j in range(len(action)):
-            action[j] += more * taut.groups[group, j]
+            action[j] += more * shares[group, j] / law.stiffness[j]
 
 
 @kernel
@@ -226,20 +241,10 @@ def in_space(place: ndarray, planar: bool, out: ndarray) -> None:
         out[1], out[2] = 0.0, place[1]
 
 
-@kernel
-def is_planar(table: Table) -> bool:
-    """Whether the tip can be asked for in the x-z plane alone."""
-    return (
-        len(table.directions) == 2
-        and abs(table.directions[0, 1]) < 1e-12
-        and (abs(table.directions[1, 1]) < 1e-12)
-    )
-
-
 def build_table(
     robot: RobotParams,
     design: Design,
-    points: operating_points.OperatingPoints | None = None,
+    points: operating_points.OperatingPoints,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Any:
     """Reference to the table of a robot with the gains of a law.
@@ -247,17 +252,12 @@ def build_table(
     Args:
         robot: Its nominal robot.
         design: Gains (k,) at a point.
-        points: Operating points; found unless given.
+        points: Its operating points.
         progress: Called with the numbers of steps done and of all.
-
-    Raises:
-        ValueError, EquilibriumError: As `find_points`.
     """
-    timing = timing_of(robot)
-    points = operating_points.find_points(robot, progress=progress) if points is None else points
     rows = []
     for done, point in enumerate(points.points):
-        rows.append(operating_points.row_of(point, design(point, points.directions, timing)))
+        rows.append(operating_points.row_of(point, design(point, points.directions)))
         progress(done + 1, len(points.points))
     first = points.points[0]
     moment_arms = np.zeros((len(first.action), len(first.curvature)))
@@ -287,10 +287,14 @@ _ARRAYS = {
 }
 
 
-def table_arrays(table: Any) -> dict[str, ndarray]:
-    """What a file holds of a table: in single precision, far finer than it needs to be."""
+def save_table(path: Path, table: Any, robot: RobotParams, errors: ndarray) -> None:
+    """Write the table of a robot with its operating points' errors (points,) [m].
+
+    In single precision, far finer than it needs to be.
+    """
     arrays = {name: getattr(table, name).astype(np.float32) for name in _ARRAYS}
-    return arrays | {"sizes": np.array([table.n, table.m])}
+    sizes = np.array([table.n, table.m])
+    write_arrays(path, {**arrays, "sizes": sizes, **fingerprint(robot), "errors": errors})
 
 
 def read_table(data: Arrays, count: Callable[[int, int, int], int]) -> Any:

@@ -9,8 +9,6 @@ gains belong to thirds of the backbone; of other robots equilibria are looked up
 belong to places of the tip.
 """
 
-from typing import Any
-
 from numpy import ndarray
 
 from softrobot_env.compile.kernels import kernel
@@ -35,41 +33,22 @@ class LQPreview(aiming.AimingLaw):
     curvatures, an offset of the tip, and, if `adaptive`, the stiffness.
     """
 
-    def __init__(
-        self,
-        robot: RobotParams,
-        control_period: float,
-        table: Any,
-        adaptive: bool = False,
-        timing: Timing | None = None,
-    ) -> None:
-        """Prepare for a robot.
+    name = "lq_preview"
 
-        Args:
-            robot: Nominal robot.
-            control_period: [s] between calls.
-            table: Reference to its `Table` with the gains of `Preview`, or to its `Grid`.
-            adaptive: Whether to estimate the stiffness.
-            timing: As of `ScheduledLaw`.
-
-        Raises:
-            ValueError: The control period is no part of the robot's.
-        """
-        seen = ("curvature", "curvature_rate", "tip_position", "reference", "reference_preview")
-        super().__init__(robot, control_period, "lq_preview", table, seen, timing)
-        self._adaptive = adaptive
+    @classmethod
+    def design(cls, robot: RobotParams) -> "Preview":
+        """See `ScheduledLaw`."""
+        return Preview(robot)
 
     def act(self, observation: Observation, state: Memory) -> tuple[ndarray, Memory]:
         """The control law."""
-        seen = self._seen(observation)
-        action, values, code = _act(self._law, self._adaptive, state.values, *seen)
+        action, values, code = _act(self._law, state.values, *self._seen(observation))
         return action, Memory(values, code)
 
 
 @kernel
 def _act(
     law: Law,
-    adaptive: bool,
     memory: ndarray,
     curvature: ndarray,
     rate: ndarray,
@@ -84,7 +63,7 @@ def _act(
     if not aiming.seen_well(seen):
         aiming.forget_balance(law, memory)
         return kept(seen.previous), memory, NOT_FINITE
-    aim = aiming.aimed(law.table, law, adaptive, memory, seen)
+    aim = aiming.aimed(law.table, law, memory, seen)
     wanted = aiming.planned(law, aim)[0]
     tighten(law, seen.curvature, wanted)
     return aiming.conclude(law, wanted, seen.previous, aim.status_code, memory)
@@ -101,7 +80,7 @@ class Preview:
         """Number of gains at a point, for n curvatures, m actions and so many directions."""
         return len(self._timing.nodes) * m * (2 * n + m + 3 * len(self._timing.knots))
 
-    def __call__(self, point: Equilibrium, directions: ndarray, timing: Timing) -> ndarray:
+    def __call__(self, point: Equilibrium, directions: ndarray) -> ndarray:
         """Gains (k,) at an operating point, for directions (k, 3) of its `Table`."""
         regulator = regulator_of(self._robot, point, directions, self._timing)
         return self._gains(regulator, directions)

@@ -14,10 +14,10 @@ from ..base import FINE, NOT_FINITE, Memory
 from ..limits import finite, kept
 from ..linear_quadratic import integral_gains
 from .aiming import conclude, status_code_of
-from .law import Law, ScheduledLaw, in_space, is_planar, tighten
+from .law import Law, ScheduledLaw, in_space, tighten
 from .operating_points import Equilibrium
 from .table import Table, inverse_of, look_up
-from .timing import Timing
+from .timing import timing_of
 
 #: Weights of the cost int (|e|^2 + i (T g)^2 |a|^2) dt, with e the integral of the tip's error
 #: [m s], T the period of the first mode, a the actions' distance from those at rest, and g [m] how
@@ -41,22 +41,12 @@ class LQI(ScheduledLaw):
     action (further) beyond its limit, nor by the arm's law where the reference is out of reach.
     """
 
-    def __init__(
-        self, robot: RobotParams, control_period: float, table: Any, timing: Timing | None = None
-    ) -> None:
-        """Prepare for a robot.
+    name = "lqi"
 
-        Args:
-            robot: Nominal robot.
-            control_period: [s] between calls.
-            table: Reference to its `Table` with the gains of `Integral`, or to its `Grid`.
-            timing: As of `ScheduledLaw`.
-
-        Raises:
-            ValueError: The control period is no part of the robot's.
-        """
-        seen = ("curvature", "curvature_rate", "tip_position", "reference")
-        super().__init__(robot, control_period, "lqi", table, seen, timing)
+    @classmethod
+    def design(cls, robot: RobotParams) -> "Integral":
+        """See `ScheduledLaw`."""
+        return Integral(robot)
 
     def start(self, observation: Observation) -> Memory:
         """Begin from the actions in force, without integrated error.
@@ -64,7 +54,7 @@ class LQI(ScheduledLaw):
         Raises:
             ValueError: The reference has too few coordinates.
         """
-        self._check_reference(observation, 0)
+        self._check_reference(observation)
         return Memory(np.concatenate([self._begun(observation), np.zeros(3)]), FINE)
 
     def act(self, observation: Observation, state: Memory) -> tuple[ndarray, Memory]:
@@ -91,9 +81,9 @@ def _act(
     if not (sound and finite(tip_seen) and finite(target_seen)):
         return kept(previous), memory, NOT_FINITE
     held, integral = memory[:m], memory[m : m + d]
-    tip, target, planar = np.empty(3), np.empty(3), is_planar(table)
-    in_space(tip_seen, planar, tip)
-    in_space(target_seen, planar, target)
+    tip, target = np.empty(3), np.empty(3)
+    in_space(tip_seen, law.planar, tip)
+    in_space(target_seen, law.planar, target)
     rest = resting(table, law, target, held, curvature)
     gain, still = rest.gains.reshape(m, 2 * n + d), rest.curvature
     wanted = rest.action.copy()
@@ -175,21 +165,16 @@ class Integral:
     """The gains of `LQI` for one robot."""
 
     def __init__(self, robot: RobotParams) -> None:
-        """Of any robot."""
+        """Of any robot, in the time of its first mode."""
+        self._first = timing_of(robot).first
 
     def count(self, n: int, m: int, directions: int) -> int:
         """Number of gains at a point, for n curvatures, m actions and so many directions."""
         return m * (2 * n + directions)
 
-    def __call__(self, point: Equilibrium, directions: ndarray, timing: Timing) -> ndarray:
-        """Gains [K, K_i] (m, 2 n + k) at an operating point, flattened.
-
-        Args:
-            point: The operating point.
-            directions: (k, 3), see `Table`.
-            timing: Of the robot.
-        """
-        n, first = len(point.curvature), timing.first
+    def __call__(self, point: Equilibrium, directions: ndarray) -> ndarray:
+        """Gains [K, K_i] (m, 2 n + k) at an operating point, for directions (k, 3), flattened."""
+        n, first = len(point.curvature), self._first
         a, b, tip = point.model.state_space()
         size = np.repeat([1.0, 1 / first], n)  # of states, so that they are of like order
         place = directions @ tip

@@ -20,7 +20,7 @@ from ..base import NOT_COMPUTED, NOT_FINITE, SATURATED, Memory
 from ..limits import kept
 from ..linear_quadratic import BoundedSolver
 from . import aiming
-from .law import Law, tighten
+from .law import Law, ScheduledLaw, tighten
 from .lq_preview import Preview
 from .plan_gains import Regulator, deviation_cost
 from .timing import Timing, knots_until, timing_of
@@ -70,8 +70,7 @@ PREVIEW = PlanSettings(None, (0.15,), 1.0, True)
 
 def preview_environment(robot: RobotParams) -> dict[str, Any]:
     """What `mpc_preview` needs of an environment: the control period, and preview."""
-    timing = PREVIEW.timing(robot)
-    return {"control_period": timing.period, "preview": timing.knots}
+    return PREVIEW.timing(robot).environment
 
 
 class Constrained(Preview):
@@ -114,36 +113,30 @@ class Program(NamedTuple):
 class ScheduledMPC(aiming.AimingLaw):
     """Plans actions over a horizon, within the limits of the drives, and applies the first."""
 
-    def __init__(
-        self,
-        robot: RobotParams,
-        control_period: float,
-        table: Any,
-        settings: PlanSettings = PREVIEW,
-        adaptive: bool = False,
-    ) -> None:
+    name, curved, settings = "mpc_preview", _CURVED, PREVIEW
+
+    def __init__(self, robot: RobotParams, control_period: float, gains: Any = None) -> None:
         """Prepare for a robot, and decide once, so that all is compiled.
 
         Args:
             robot: Nominal robot.
             control_period: [s] between calls.
-            table: Reference to its `Table` with the gains of `Constrained`.
-            settings: Horizon.
-            adaptive: Whether to estimate the stiffness.
+            gains: As of `ScheduledLaw`.
 
         Raises:
-            ValueError: The controller's period is no multiple of the control period.
+            ValueError, FileNotFoundError: As there.
             ImportError: The solver of the quadratic programs is not installed.
         """
-        seen = ("curvature", "curvature_rate", "tip_position", "reference")
-        timing, name = settings.timing(robot), "model predictive control"
-        seen = seen if settings.preview is None else (*seen, "reference_preview")
-        options = timing, settings.estimate, _CURVED
-        super().__init__(robot, control_period, name, table, seen, *options)
-        self._adaptive = adaptive
+        timing, estimate = self.settings.timing(robot), self.settings.estimate
+        super().__init__(robot, control_period, gains, timing, estimate=estimate)
         self._solve = BoundedSolver()
         self._rows, self._most = _speed_rows(self._law)
         self._warm_up()
+
+    @classmethod
+    def design(cls, robot: RobotParams) -> Constrained:
+        """See `ScheduledLaw`."""
+        return Constrained(robot, cls.settings)
 
     def _warm_up(self) -> None:
         """Decide about a reference that is far enough away to meet the limits."""
@@ -164,7 +157,7 @@ class ScheduledMPC(aiming.AimingLaw):
         if not aiming.seen_well(seen):
             aiming.forget_balance(self._law, memory)
             return kept(previous), Memory(memory, NOT_FINITE)
-        program = _program(self._law, self._adaptive, memory, seen)
+        program = _program(self._law, memory, seen)
         best = program.wanted if program.fine else self._optimum(program)
         if best is None:
             return kept(previous), Memory(state.values, NOT_COMPUTED)
@@ -182,6 +175,13 @@ class ScheduledMPC(aiming.AimingLaw):
         return self._solve(program.hessian, gradient, lower, upper, self._rows)
 
 
+class WithoutPreview(ScheduledMPC):
+    """With the thesis' horizon, no preview and no estimate of what the model leaves unexplained."""
+
+    name, settings = "mpc", THESIS
+    observables = ScheduledLaw.observables
+
+
 def _speed_rows(law: Law) -> tuple[ndarray, ndarray]:
     """Rows (r, c m) that give changes of actions between nodes, and the largest changes (r,) [1].
 
@@ -196,9 +196,9 @@ def _speed_rows(law: Law) -> tuple[ndarray, ndarray]:
 
 
 @kernel
-def _program(law: Law, adaptive: bool, memory: ndarray, seen: aiming.Seen) -> Program:
+def _program(law: Law, memory: ndarray, seen: aiming.Seen) -> Program:
     """What is to be optimised; the memory is updated."""
-    aim = aiming.aimed(law.table, law, adaptive, memory, seen)
+    aim = aiming.aimed(law.table, law, memory, seen)
     plan = aiming.planned(law, aim)
     count, m = plan.shape
     for c in range(count):
@@ -231,8 +231,8 @@ def _bound_first(
         here = min(max(previous[j], -1.0), 1.0)
         lower[j] = max(here - law.speed[j], -1.0)
         upper[j] = min(here + law.speed[j], 1.0)
-        if law.taut.stiffness[j] > 0:
-            taut = loose[j] / law.taut.stiffness[j]
+        if law.stiffness[j] > 0:
+            taut = loose[j] / law.stiffness[j]
             lower[j] = min(max(lower[j], taut), upper[j])
 
 

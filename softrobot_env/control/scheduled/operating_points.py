@@ -222,23 +222,21 @@ def _candidates(
     ground = workspace_of(robot).ground
     first = inverse.solve(ground.middle[None], ground.inputs)
     within = int(count * _ON_GROUND)
-    done, held = 0, [first]
+    held = [first]
     yield first
-    for place in _disc(ground, within):
+    for done, place in enumerate(_disc(ground, within)):
         near = min(held, key=lambda h: norm(inverse.scene.tip(h.postures[-1]) - place))
         found = inverse.solve(place[None], near, anywhere=False)
-        done += 1
-        progress(done, count)
+        progress(done + 1, count)
         if found.errors[-1] <= inverse.tolerance:
             held.append(found)
             yield found
     solver = inverse if len(directions) == 2 else InverseStatics(inverse.scene, directions)
     sample = inverse.sample(count - within)
-    for inputs, angles, tip in zip(sample.inputs, sample.postures, sample.tips, strict=True):
-        start = Held(inputs[None], angles[None], np.zeros(1))
+    for k, tip in enumerate(sample.tips):
+        start = Held(sample.inputs[k : k + 1], sample.postures[k : k + 1], np.zeros(1))
         found = solver.solve(tip[None], start, anywhere=False)
-        done += 1
-        progress(done, count)
+        progress(within + k + 1, count)
         if found.errors[-1] <= solver.tolerance:
             yield found
 

@@ -80,16 +80,11 @@ def regulator_of(
     weight[2 * n :, 2 * n :] += _INPUT_WEIGHT * gain**2 * np.eye(m)
     # Riccati's equation needs every state in the cost; this is far below the rest.
     weight += 1e-10 * np.trace(weight) / len(weight) * np.eye(len(weight))
-    change = _rate_weight(robot, gain, first) * (gain * first / period) ** 2 * np.eye(m)
+    tip_speed = gain * robot.drive.speed / robot_inputs(robot).input_scale.max()  # m/s
+    rate_weight = _RATE_WEIGHT + _SLOW_WEIGHT * (robot.reach / first / tip_speed) ** 2
+    change = rate_weight * (gain * first / period) ** 2 * np.eye(m)
     velocity_weight = _VELOCITY_WEIGHT * first**2
     return Regulator(size, (a, b), (position, speed), velocity_weight, (weight, change))
-
-
-def _rate_weight(robot: RobotParams, gain: float, first: float) -> float:
-    if robot.drive.kind == "tension":
-        return _RATE_WEIGHT
-    speed = gain * robot.drive.speed / robot_inputs(robot).input_scale.max()  # m/s, of the tip
-    return _RATE_WEIGHT + _SLOW_WEIGHT * (robot.reach / first / speed) ** 2
 
 
 def plan_gains(regulator: Regulator, timing: Timing, directions: ndarray) -> ndarray:

@@ -39,13 +39,7 @@ class Table(NamedTuple):
 
 @kernel
 def blend_weights(
-    tips: ndarray,
-    actions: ndarray,
-    to_action: ndarray,
-    place: ndarray,
-    held: ndarray,
-    index: ndarray,
-    weight: ndarray,
+    table: Table, place: ndarray, held: ndarray, index: ndarray, weight: ndarray
 ) -> int:
     """Points near a place, and their weights, which change smoothly with it and sum up to one.
 
@@ -57,9 +51,7 @@ def blend_weights(
     point becomes one of the nearest.
 
     Args:
-        tips: (points, 3) [m].
-        actions: (points, m) [1].
-        to_action: (points, m, 3) [1/m].
+        table: The table.
         place: (3,) [m].
         held: (m,) [1], equilibrium of the decision before.
         index: (k,), set to the points.
@@ -68,7 +60,7 @@ def blend_weights(
     Returns:
         Number of points: the entries after it are not set.
     """
-    count, m = len(tips), to_action.shape[1]
+    tips, to_action, count = table.tips, table.to_action, len(table.tips)
     near = min(len(index), count)
     distance = np.full(near + 1, np.inf)
     order = np.zeros(near + 1, np.int64)
@@ -77,11 +69,11 @@ def blend_weights(
         for x in range(3):
             way[x] = place[x] - tips[i, x]
         square = 0.0
-        for j in range(m):
+        for j in range(table.m):
             step = 0.0
             for x in range(3):
                 step += to_action[i, j, x] * way[x]
-            away = actions[i, j] + step - held[j]
+            away = table.rows[i, j] + step - held[j]
             square += step * step + away * away
         if square < distance[near]:
             slot = near
@@ -176,19 +168,28 @@ def look_up(table: Table, place: ndarray, held: ndarray) -> Row:
         place: (3,) [m].
         held: (m,) [1], actions of the equilibrium before.
     """
-    n, m, k = table.n, table.m, len(table.directions)
+    out = np.empty(table.rows.shape[1])
+    blend(table, place, held, out)
+    return split(out, table.n, table.m, len(table.directions))
+
+
+@kernel
+def blend(table: Table, place: ndarray, held: ndarray, out: ndarray) -> None:
+    """Set out (size,) to the row of `look_up`, or out (m,) to its actions alone: far quicker."""
+    n, m, whole = table.n, table.m, len(out) > table.m
     index, weight = np.empty(NEIGHBOURS, np.int64), np.empty(NEIGHBOURS)
-    near = table.tips, table.rows[:, :m], table.to_action
-    count = blend_weights(*near, place, held, index, weight)
-    out = np.zeros(table.rows.shape[1])
+    count = blend_weights(table, place, held, index, weight)
+    out[:] = 0.0
     for slot in range(count):
         share, row = weight[slot], table.rows[index[slot]]
         for i in range(len(out)):
             out[i] += share * row[i]
-        point = split(row, n, m, k)
+        point = split(row, n, m, len(table.directions))
         way = place - table.tips[index[slot]]
-        step = _add_action(share, point, way, out)
-        for i in range(n):
+        step = point.to_action @ way
+        for j in range(m):
+            out[j] += share * step[j]
+        for i in range(n if whole else 0):
             bend = 0.0
             for j in range(m):
                 bend += point.by_action[i, j] * step[j]
@@ -196,33 +197,6 @@ def look_up(table: Table, place: ndarray, held: ndarray) -> Row:
             for x in range(3):
                 out[m + n + x] += share * point.jacobian[x, i] * bend
         _add_second(share, point, way, table.directions, out[: m + n + 3])
-    return split(out, n, m, k)
-
-
-@kernel
-def look_up_action(table: Table, place: ndarray, held: ndarray, out: ndarray) -> None:
-    """Set out (m,) [1] to the actions of `look_up` alone."""
-    m, index, weight = table.m, np.empty(NEIGHBOURS, np.int64), np.empty(NEIGHBOURS)
-    near = table.tips, table.rows[:, :m], table.to_action
-    count = blend_weights(*near, place, held, index, weight)
-    out[:] = 0.0
-    for slot in range(count):
-        share, row = weight[slot], table.rows[index[slot]]
-        point = split(row, table.n, m, len(table.directions))
-        way = place - table.tips[index[slot]]
-        for j in range(m):
-            out[j] += share * row[j]
-        _add_action(share, point, way, out)
-        _add_second(share, point, way, table.directions, out)
-
-
-@kernel
-def _add_action(share: float, point: Row, way: ndarray, out: ndarray) -> ndarray:
-    """Add a share of the step (m,) that a way (3,) [m] takes, to first order; returns the step."""
-    step = point.to_action @ way
-    for j in range(len(step)):
-        out[j] += share * step[j]
-    return step
 
 
 @kernel

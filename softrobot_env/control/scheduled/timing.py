@@ -33,6 +33,11 @@ class Timing(NamedTuple):
     knots: tuple[float, ...]
     nodes: tuple[float, ...]
 
+    @property
+    def environment(self) -> dict[str, Any]:
+        """What a law with preview needs of an environment."""
+        return {"control_period": self.period, "preview": self.knots}
+
 
 @lru_cache(maxsize=64)
 def timing_of(robot: RobotParams) -> Timing:
@@ -56,5 +61,4 @@ def lqi(robot: RobotParams) -> dict[str, Any]:
 
 def lq_preview(robot: RobotParams) -> dict[str, Any]:
     """What `lq_preview` needs of an environment: the control period, and preview."""
-    timing = timing_of(robot)
-    return {"control_period": timing.period, "preview": timing.knots}
+    return timing_of(robot).environment

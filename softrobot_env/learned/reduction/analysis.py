@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray
 from numpy.linalg import eig, eigvals, inv, lstsq, svd
+from scipy.signal import convolve2d
 
 from .model import ReducedModel
 from .records import Record, check_alike, delay_vectors
@@ -139,78 +140,58 @@ def normal_form(model: ReducedModel, order: int | None = None) -> NormalForm:
     if values[0].imag < 0:
         values, vectors = values[::-1], vectors[:, ::-1]
     own = model.powers[:, 2:].sum(axis=1) == 0
-    powers = model.powers[own, :2]
+    powers, scale = model.powers[own, :2], model.scale[:2]
     degree = order or max(3, int(powers.sum(axis=1).max()) | 1)
-    physical = model.coefficients[:, own] / np.prod(model.scale[:2] ** powers, axis=1)
-    series = _Series(degree)
-    left = inv(vectors)[0]
-    rate = {tuple(p): left @ c for p, c in zip(powers.tolist(), physical.T, strict=True)}
-    z = series.variable()
+    rate = inv(vectors)[0] @ (model.coefficients[:, own] / np.prod(scale**powers, axis=1))
+    z = np.zeros((degree + 1, degree + 1), complex)
+    z[1, 0] = 1
     kept = [values[0]]
     for d in range(2, degree + 1):
-        x = [2 * series.real(vectors[i, 0] * z) for i in range(2)]
-        missing = series.polynomial(rate, x) - series.carried(z, kept)
+        missing = _polynomial(powers, rate, _coordinates(z, vectors)) - _carried(z, kept)
         for j in range(d + 1):
             k = d - j
             if j == k + 1:
                 kept.append(missing[j, k])
             else:
                 z[j, k] = missing[j, k] / (j * values[0] + k * np.conj(values[0]) - values[0])
-    x = [2 * series.real(vectors[i, 0] * z) for i in range(2)]
-    shape = model.shape[: len(model.origin)] / np.prod(
-        model.scale[:2] ** model.shape_powers, axis=1
-    )
-    outputs = [
-        series.polynomial(dict(zip(map(tuple, model.shape_powers.tolist()), row, strict=True)), x)
-        for row in shape
-    ]
+    x = _coordinates(z, vectors)
+    shape = model.shape[: len(model.origin)] / np.prod(scale**model.shape_powers, axis=1)
+    outputs = [_polynomial(model.shape_powers, row, x) for row in shape]
     return NormalForm(np.array(kept), np.array(outputs))
 
 
-class _Series:
-    """Sums of c_jk w^j conj(w)^k up to a degree, as arrays c (d + 1, d + 1)."""
+# Series: sums of c_jk w^j conj(w)^k up to a degree, as arrays c (d + 1, d + 1).
 
-    def __init__(self, degree: int) -> None:
-        self._size = degree + 1
-        self._within = np.add.outer(np.arange(self._size), np.arange(self._size)) <= degree
 
-    def variable(self) -> ndarray:
-        """w."""
-        out = np.zeros((self._size, self._size), complex)
-        out[1, 0] = 1
-        return out
+def _coordinates(z: ndarray, vectors: ndarray) -> list[ndarray]:
+    """The model's two coordinates, by the series z along the first of its eigenvectors."""
+    return [a * z + np.conj(a * z).T for a in vectors[:, 0]]
 
-    def real(self, a: ndarray) -> ndarray:
-        """Real part."""
-        return (a + np.conj(a).T) / 2
 
-    def product(self, a: ndarray, b: ndarray) -> ndarray:
-        """What is beyond the degree is left out."""
-        out = np.zeros_like(a)
-        for j, k in np.argwhere(a):
-            out[j:, k:] += a[j, k] * b[: self._size - j, : self._size - k]
-        return np.where(self._within, out, 0)
+def _truncated(series: ndarray) -> ndarray:
+    """Without what is beyond the degree."""
+    j, k = np.indices(series.shape)
+    return np.where(j + k < len(series), series, 0)
 
-    def polynomial(
-        self, coefficients: dict[tuple[int, ...], complex], values: list[ndarray]
-    ) -> ndarray:
-        """A polynomial of series, by its coefficients of powers."""
-        total = np.zeros_like(values[0])
-        for powers, coefficient in coefficients.items():
-            term = np.zeros_like(values[0])
-            term[0, 0] = coefficient
-            for value, power in zip(values, powers, strict=True):
-                for _ in range(power):
-                    term = self.product(term, value)
-            total = total + term
-        return total
 
-    def carried(self, z: ndarray, kept: list[complex]) -> ndarray:
-        """dz/dt as w moves by the coefficients c that are kept."""
-        j, k = np.indices(z.shape)
-        out = np.zeros_like(z)
-        for power, c in enumerate(kept):
-            along = z * (j * c + k * np.conj(c))
-            size = self._size - power
-            out[power:, power:] += along[:size, :size]
-        return np.where(self._within, out, 0)
+def _polynomial(powers: ndarray, coefficients: ndarray, values: list[ndarray]) -> ndarray:
+    """A polynomial of series (2), by its powers (terms, 2) and coefficients (terms,)."""
+    size, total = len(values[0]), np.zeros_like(values[0])
+    for row, coefficient in zip(powers, coefficients, strict=True):
+        term = np.zeros_like(total)
+        term[0, 0] = coefficient
+        for value, power in zip(values, row, strict=True):
+            for _ in range(power):
+                term = _truncated(convolve2d(term, value)[:size, :size])
+        total = total + term
+    return total
+
+
+def _carried(z: ndarray, kept: list[complex]) -> ndarray:
+    """dz/dt as w moves by the coefficients c that are kept."""
+    j, k = np.indices(z.shape)
+    out = np.zeros_like(z)
+    for power, c in enumerate(kept):
+        size = len(z) - power
+        out[power:, power:] += (z * (j * c + k * np.conj(c)))[:size, :size]
+    return _truncated(out)

@@ -11,7 +11,7 @@ from scipy.signal import savgol_filter
 
 from softrobot_env.core.records import Count, Positive, Range, Whole, check_fields
 
-from .model import ReducedModel
+from .model import Coordinates, ReducedModel
 from .polynomials import Monomials
 from .records import Record, check_alike, delay_vectors
 
@@ -139,28 +139,12 @@ def fit(
     lags = [settings.lag or 0]
     if settings.lag is None and basis.shape[1]:
         lags = list(range(round(settings.longest_lag / records[0].period) + 1))
-    base = _without_motion(records[0].period, settings, origin, rest, basis, tangent)
+    base = Coordinates(records[0].period, settings.delays, origin, rest, basis, 0, tangent)
     found = [_at_lag(base, decays, forced, settings, lag) for lag in lags]
     model, _ = min(found, key=lambda pair: pair[1])
     if stable:
         check_stable(model, records)
     return model
-
-
-def _without_motion(
-    period: float,
-    settings: Settings,
-    origin: ndarray,
-    rest: ndarray,
-    basis: ndarray,
-    tangent: ndarray,
-) -> ReducedModel:
-    """A model that knows its coordinates and inputs alone."""
-    states, both = tangent.shape[1], tangent.shape[1] + basis.shape[1]
-    shape = np.zeros((0, states), int), np.zeros((len(tangent), 0))
-    motion = np.zeros((0, both), int), np.zeros((states, 0)), np.ones(both)
-    known = period, settings.delays, origin, rest, basis, 0, tangent
-    return ReducedModel(*known, *shape, *motion, settings.substeps)
 
 
 def _rest(decays: Sequence[Record], forced: Sequence[Record]) -> tuple[ndarray, ndarray]:
@@ -235,7 +219,7 @@ class _Samples(NamedTuple):
 
 
 def _at_lag(
-    base: ReducedModel,
+    base: Coordinates,
     decays: Sequence[Record],
     forced: Sequence[Record],
     settings: Settings,
@@ -257,15 +241,16 @@ def _at_lag(
     seen = _Samples.joined(quiet if settings.staged and quiet else quiet + driven)
     off = seen.vectors - np.tile(base.origin, settings.delays)
     shape, _ = _solve(shapes(seen.x / scale[:n]), off, 0.0, "manifold")
-    found = replace(
-        base,
+    model = ReducedModel(
+        **vars(base),
         shape_powers=shapes.powers,
         shape=shape,
         powers=monomials.powers,
         coefficients=coefficients,
         scale=scale,
+        substeps=settings.substeps,
     )
-    return found, missing
+    return model, missing
 
 
 def _motion(
@@ -290,7 +275,7 @@ def _motion(
     return coefficients, missing
 
 
-def _samples(base: ReducedModel, settings: Settings, record: Record) -> _Samples:
+def _samples(base: Coordinates, settings: Settings, record: Record) -> _Samples:
     vectors = delay_vectors(record.outputs, settings.delays)
     x = base.encode(vectors)
     v = base.acting(record.inputs)[settings.delays - 1 :]

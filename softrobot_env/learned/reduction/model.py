@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy import ndarray
@@ -14,8 +14,8 @@ from .records import Record, delay_vectors
 
 
 @dataclass(frozen=True)
-class ReducedModel:
-    """Coordinates x (n,) of a manifold, outputs of them, and their motion under inputs.
+class Coordinates:
+    """Coordinates x (n,) of a manifold, and the inputs that act on them.
 
     Attributes:
         period: [s] of a sample.
@@ -25,12 +25,6 @@ class ReducedModel:
         basis: (k, m) orthonormal, reduced inputs v = basis' (u - rest).
         lag: Samples by which inputs act later than they are commanded.
         tangent: V (p, n) orthonormal, x = V' (y - y of the origin), (3.13).
-        shape_powers: (terms, n) of the monomials of w, (3.14).
-        shape: (p, terms), of monomials of x over its scale.
-        powers: (terms, n + m) of the monomials of the motion, (3.15) and B u.
-        coefficients: (n, terms), of monomials of (x, v) over their scale.
-        scale: (n + m,) usual sizes of x and v.
-        substeps: Runge-Kutta steps a sample; 0: the polynomials give the next sample's x.
     """
 
     period: float
@@ -40,17 +34,45 @@ class ReducedModel:
     basis: ndarray
     lag: int
     tangent: ndarray
+
+    @property
+    def dimension(self) -> int:
+        """n."""
+        return self.tangent.shape[1]
+
+    def encode(self, vectors: ndarray) -> ndarray:
+        """Coordinates (..., n) of delay vectors (..., p)."""
+        return (vectors - np.tile(self.origin, self.delays)) @ self.tangent
+
+    def reduced_inputs(self, inputs: ndarray) -> ndarray:
+        """v (..., m) of inputs (..., k)."""
+        return (inputs - self.rest) @ self.basis
+
+    def acting(self, inputs: ndarray) -> ndarray:
+        """Reduced inputs (t, m) that act at the samples of inputs (t, k), later by the lag."""
+        rows = np.maximum(np.arange(len(inputs)) - self.lag, 0)
+        return self.reduced_inputs(inputs)[rows]
+
+
+@dataclass(frozen=True)
+class ReducedModel(Coordinates):
+    """Coordinates of a manifold, outputs of them, and their motion under inputs.
+
+    Attributes:
+        shape_powers: (terms, n) of the monomials of w, (3.14).
+        shape: (p, terms), of monomials of x over its scale.
+        powers: (terms, n + m) of the monomials of the motion, (3.15) and B u.
+        coefficients: (n, terms), of monomials of (x, v) over their scale.
+        scale: (n + m,) usual sizes of x and v.
+        substeps: Runge-Kutta steps a sample; 0: the polynomials give the next sample's x.
+    """
+
     shape_powers: ndarray
     shape: ndarray
     powers: ndarray
     coefficients: ndarray
     scale: ndarray
     substeps: int
-
-    @property
-    def dimension(self) -> int:
-        """n."""
-        return self.tangent.shape[1]
 
     @cached_property
     def motion(self) -> Motion:
@@ -63,10 +85,6 @@ class ReducedModel:
     def _shapes(self) -> Monomials:
         return Monomials(self.shape_powers)
 
-    def encode(self, vectors: ndarray) -> ndarray:
-        """Coordinates (..., n) of delay vectors (..., p)."""
-        return (vectors - np.tile(self.origin, self.delays)) @ self.tangent
-
     def decode(self, x: ndarray) -> ndarray:
         """Outputs (..., o) of coordinates (..., n)."""
         return self.vectors(x)[..., : len(self.origin)]
@@ -77,42 +95,20 @@ class ReducedModel:
         with np.errstate(over="ignore", invalid="ignore"):  # a motion may have diverged
             return terms @ self.shape.T + np.tile(self.origin, self.delays)
 
-    def reduced_inputs(self, inputs: ndarray) -> ndarray:
-        """v (..., m) of inputs (..., k)."""
-        return (inputs - self.rest) @ self.basis
-
-    def acting(self, inputs: ndarray) -> ndarray:
-        """Reduced inputs (t, m) that act at the samples of inputs (t, k), later by the lag."""
-        rows = np.maximum(np.arange(len(inputs)) - self.lag, 0)
-        return self.reduced_inputs(inputs)[rows]
-
-    def predict(self, past: ndarray, inputs: ndarray) -> ndarray:
-        """Outputs over time, from their past and the inputs alone; not finite where they diverge.
-
-        Args:
-            past: (delays, o) or (b, delays, o), the last one now.
-            inputs: (t, k) or (b, t, k), row i acts `lag` samples after sample i.
-
-        Returns:
-            (t, o) or (b, t, o), at the times of the inputs, the first one now.
-        """
-        single = past.ndim == 2
-        past, inputs = (a[None] if single else a for a in (past, inputs))
-        starts = self.encode(delay_vectors(past, self.delays)[:, -1])
-        acting = np.stack([self.acting(one) for one in inputs])
-        states = np.empty((*inputs.shape[:2], self.dimension))
-        roll(self.motion, np.ascontiguousarray(starts), acting, states)
-        outputs = self.decode(states)
-        return outputs[0] if single else outputs
+    def states(self, starts: ndarray, acting: ndarray) -> ndarray:
+        """Coordinates (b, t, n) from starts (b, n) on, under reduced inputs (b, t, m) that act."""
+        out = np.empty((*acting.shape[:2], self.dimension))
+        roll(self.motion, np.ascontiguousarray(starts), np.ascontiguousarray(acting), out)
+        return out
 
     def predict_record(self, record: Record) -> ndarray:
-        """Outputs (t - delays + 1, o) of a record, from its first `delays` samples on."""
+        """Outputs (t - delays + 1, o) of a record, by its first `delays` samples and its inputs.
+
+        Not finite where they diverge.
+        """
         first = self.delays - 1
         start = self.encode(delay_vectors(record.outputs[: self.delays], self.delays))
-        inputs = self.acting(record.inputs)[None, first:]
-        states = np.empty((1, inputs.shape[1], self.dimension))
-        roll(self.motion, start, np.ascontiguousarray(inputs), states)
-        return self.decode(states[0])
+        return self.decode(self.states(start, self.acting(record.inputs)[None, first:])[0])
 
     def linear_part(self) -> ndarray:
         """(n, n + m) of the motion at the origin, by (x, v): of dx/dt [1/s], or of the next x."""
@@ -135,8 +131,8 @@ class ReducedModel:
         """What `ReducedModel.read` needs."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
-    @staticmethod
-    def read(data: Arrays) -> "ReducedModel":
+    @classmethod
+    def read(cls, data: Arrays) -> Self:
         """The model of arrays.
 
         Raises:
@@ -144,9 +140,9 @@ class ReducedModel:
         """
         data.check_finite()
         number = {"period": float, "delays": int, "lag": int, "substeps": int}
-        names = [field.name for field in fields(ReducedModel)]
+        names = [field.name for field in fields(cls)]
         with data.fitting():
-            model = ReducedModel(**{n: number.get(n, np.asarray)(data[n]) for n in names})
+            model = cls(**{n: number.get(n, np.asarray)(data[n]) for n in names})
             (inputs, m), n, p = model.basis.shape, model.dimension, model.delays * len(model.origin)
             data.check_shapes(
                 {

@@ -12,7 +12,7 @@ from softrobot_env.core.continuation import Damping, descend
 from softrobot_env.core.records import Count, Positive, Whole, check_fields
 
 from .model import ReducedModel
-from .polynomials import Monomials, roll, sensitivities
+from .polynomials import Monomials, sensitivities
 from .records import Record, check_alike, delay_vectors
 
 #: Samples of a stretch that tell a step; its cost has all.
@@ -168,8 +168,7 @@ class _Stretches:
         return value if np.isfinite(value) else np.inf
 
     def _errors(self, model: ReducedModel, starts: ndarray) -> ndarray:
-        states = np.empty((*self.inputs.shape[:2], model.dimension))
-        roll(model.motion, starts, self.inputs, states)
+        states = model.states(starts, self.inputs)
         with np.errstate(over="ignore", invalid="ignore"):
             return model.vectors(states)[..., self._seen] - self.outputs
 

@@ -252,11 +252,11 @@ def _estimate(grid: Grid, adaptive: bool, memory: ndarray, seen: Seen) -> float:
 
 @implementation(aimed, Grid)
 @kernel
-def _aimed(grid: Grid, law: Law, adaptive: bool, memory: ndarray, seen: Seen) -> TrackingTarget:
+def _aimed(grid: Grid, law: Law, memory: ndarray, seen: Seen) -> TrackingTarget:
     arm, limit, n, m = grid.arm, grid.limit, grid.n, grid.m
     own = remembered(memory, n, m)
     held, offset = own.held, own.offset
-    scale = _estimate(grid, adaptive, memory, seen)
+    scale = _estimate(grid, law.adaptive, memory, seen)
     points, velocity = references_of(law, seen.target, seen.preview, own.smoothing)
     inputs, rest, inverse = held * limit, np.empty(n), np.empty((m, 2))
     place = np.array((points[0, 0] - offset[0], points[0, 2] - offset[2]))

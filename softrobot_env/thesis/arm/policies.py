@@ -1,7 +1,7 @@
 """The closed forms that take the place of laws on tables for the arm, and for planar arms.
 
 They stay because they are better on their robot, as measured on its MuJoCo plant beside the laws of
-any robot (`control.scheduled.policies`) on a table of 219 operating points. Mean errors [mm] of the
+any robot (`control.scheduled`) on a table of 219 operating points. Mean errors [mm] of the
 episodes that `softrobot evaluate --tasks swing lshape` runs, with each of the two in turn:
 
     law           closed form       table
@@ -36,14 +36,14 @@ _Path = str | Path | None
 def make_lq_preview(
     robot: RobotParams, control_period: float, adaptive: bool = False, gains: _Path = None
 ) -> Policy:
-    """LQ with preview, see `control.scheduled.policies`."""
+    """LQ with preview, see `control.scheduled`."""
     columns = 2 * robot.pieces, 2 * len(TIMING.knots)
     table = _grid(robot, "lq_preview", columns, gains)
-    return _of_arm(LQPreview(robot, control_period, table, adaptive, TIMING), robot)
+    return _of_arm(LQPreview(robot, control_period, table, TIMING, adaptive), robot)
 
 
 def make_lqi(robot: RobotParams, control_period: float, gains: _Path = None) -> Policy:
-    """LQI with gain scheduling, see `control.scheduled.policies`."""
+    """LQI with gain scheduling, see `control.scheduled`."""
     table = _grid(robot, "lqi", (2 * robot.pieces + 2,), gains)
     return _of_arm(LQI(robot, control_period, table, TIMING), robot)
 
@@ -51,7 +51,7 @@ def make_lqi(robot: RobotParams, control_period: float, gains: _Path = None) -> 
 def make_mpc(
     robot: RobotParams, control_period: float, preview: bool = False, gains: _Path = None
 ) -> Policy:
-    """Model predictive control of a planar arm; see `control.scheduled.policies`.
+    """Model predictive control of a planar arm; see `control.scheduled`.
 
     There is no table: `gains` is not read.
     """

@@ -3,7 +3,7 @@
 The tip has two coordinates, the arm more inputs than that; what is left free is resolved towards
 the least norm of the inputs, that is the least tension. Called until nothing changes, `follow`
 takes some 70 calls and comes to rest 0.07 mN (median of 500 targets; 10 % more than 12 mN, one 5 N
-on another branch) from the least norm, which `feedforward.motion.least_norm` solves for to the
+on another branch) from the least norm, which `feedforward.statics.least_norm` solves for to the
 end, whatever the limits of the inputs; that takes 40 times as long as a call of `follow`.
 """
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from softrobot_env.core.interfaces import Policy, ProgressCallback
 from softrobot_env.robots import RobotParams
 from softrobot_env.tasks import Task, make_task
 from softrobot_env.tasks.trajectories import Polyline, Step
-from softrobot_env.training.references import RobotTraining
+from softrobot_env.training.references import ImitationSetup, RobotTraining
 from softrobot_env.training.request import Metrics, Quantity, TrainingRequest
 from softrobot_env.training.rl_config import TRAINING_TASKS, RLConfig
 
@@ -78,27 +79,19 @@ class ArmTraining(RobotTraining):
             return neural.arm_view(self.robot)
         return super().view(period)
 
-    def is_tuned_for(self, teacher: str) -> bool:
-        """The usual teacher, which decides as often as the network."""
-        return teacher == "mpc_preview"
+    def imitation(self, teacher: str | None = None, folder: Path | None = None) -> ImitationSetup:
+        """With the usual teacher its own settings, and the view of the shipped networks."""
+        setup = super().imitation(teacher, folder)
+        if setup.teacher != "mpc_preview":
+            return setup
+        own = {"period": neural.PERIOD, "preview": TEACHER.times}
+        return replace(setup, view=self.view(), make=_make_teacher, is_tuned=True, **own)
 
-    def teacher_environment(self, teacher: str) -> dict[str, Any]:
-        """Of the usual teacher its own settings."""
-        if not self.is_tuned_for(teacher):
-            return super().teacher_environment(teacher)
-        return {"control_period": neural.PERIOD, "preview": TEACHER.times}
 
-    def imitation_view(self, teacher: str) -> neural.View:
-        """Of the usual teacher that of the shipped networks."""
-        return self.view() if self.is_tuned_for(teacher) else super().imitation_view(teacher)
+def _make_teacher(setup: ImitationSetup) -> Policy:
+    from .mpc import MPC
 
-    def make_teacher(self, teacher: str, file: Any) -> Policy:
-        """The usual teacher with settings of its own."""
-        if not self.is_tuned_for(teacher):
-            return super().make_teacher(teacher, file)
-        from .mpc import MPC
-
-        return MPC(self.robot, neural.PERIOD, TEACHER)
+    return MPC(setup.robot, setup.period, TEACHER)
 
 
 def random_input(rng: np.random.Generator) -> ndarray:

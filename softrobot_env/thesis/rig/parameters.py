@@ -21,8 +21,7 @@ from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.artifacts import find_artifact, train_command
 from softrobot_env.robots.twin import Twin
-from softrobot_env.training.registry import quantity_mm
-from softrobot_env.training.request import Metrics, Quantity, TrainingRequest
+from softrobot_env.training.request import Metrics, Quantity, TrainingRequest, quantity_mm
 
 from ..envs import RigEnv
 from ..robots import RIG

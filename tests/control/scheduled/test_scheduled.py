@@ -12,13 +12,18 @@ import softrobot_env  # noqa: F401  (registers the environments)
 from softrobot_env.control.linear_quadratic import BoundedSolver
 from softrobot_env.control.observers import OutputFeedback
 from softrobot_env.control.registry import make_policy, policy_environment
-from softrobot_env.control.scheduled.law import build_table
+from softrobot_env.control.scheduled.law import build_table, save_table
 from softrobot_env.control.scheduled.lq_preview import LQPreview, Preview
 from softrobot_env.control.scheduled.lqi import LQI, Integral
-from softrobot_env.control.scheduled.mpc import PREVIEW, THESIS, Constrained, ScheduledMPC
+from softrobot_env.control.scheduled.mpc import (
+    PREVIEW,
+    THESIS,
+    Constrained,
+    ScheduledMPC,
+    WithoutPreview,
+)
 from softrobot_env.control.scheduled.operating_points import BeamLinearizer, find_points
 from softrobot_env.control.scheduled.plan_gains import deviation_cost, plan_gains, regulator_of
-from softrobot_env.control.scheduled.policies import save_table
 from softrobot_env.control.scheduled.table import look_up, row_size
 from softrobot_env.control.scheduled.timing import Timing, timing_of
 from softrobot_env.envs.tracking import TrackingEnv
@@ -372,7 +377,7 @@ def test_tensions_of_a_planar_arm_end_at_their_limits():
 def test_thesis_settings_need_no_preview(rod_points):
     timing = THESIS.timing(ROD)
     table = build_table(ROD, Constrained(ROD, THESIS), rod_points)
-    law = ScheduledMPC(ROD, TIMING.period, table, THESIS)
+    law = WithoutPreview(ROD, TIMING.period, table)
     assert law.hold == round(timing.period / TIMING.period) and not timing.knots
     assert "reference_preview" not in law.requires
     seen = still(law)
@@ -386,7 +391,7 @@ def test_other_previews_references_and_periods_are_refused(law):
     with pytest.raises(ValueError, match="of three coordinates"):
         law.predict(still(law, reference=np.zeros(1), tip_position=np.zeros(1)))
 
-    with pytest.raises(ValueError, match=r"model predictive control decides every 0\.001 s"):
+    with pytest.raises(ValueError, match=r"mpc_preview decides every 0\.001 s"):
         ScheduledMPC(ROD, 0.003, law._law.table)
 
 
