@@ -94,6 +94,7 @@ ARGUMENTS = [
     (TrackingEnv, {"width": 0}, "width must be a whole number, 1 or more"),
     (TrackingEnv, {"height": 320.5}, "height must be a whole number, 1 or more"),
     (TrackingEnv, {"pieces": 4}, "inside a piece"),
+    (BeamPlant, {"name": "fem"}, "pcc, cosserat, ancf"),
     *(
         (TrackingEnv, {"plant": BeamPlant("pcc"), name: value}, f"{name} belong")
         for name, value in (("pieces", 3), ("rule", "midpoint"), ("integrator", "RK4"))
