@@ -8,10 +8,9 @@ import pytest
 from numpy.testing import assert_allclose
 from support.example_robots import SOME
 
-import softrobot_env  # noqa: F401
 from softrobot_env.core.files import assets_dir
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.robots import ARM, Base, Disc, Section, find_robot
+from softrobot_env.robots import Base, find_robot
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.twin import Twin
 from softrobot_env.tasks import make_task
@@ -72,41 +71,6 @@ def test_a_finger_with_one_tendon_is_pulled_from_nothing_to_its_limit():
         assert_allclose(observation["tendon_tension"], tension, atol=1e-12)
     with pytest.raises(ValueError, match="moves on a line: task 'reach' works"):
         make_task("circle", robot=one)
-
-
-def test_a_robot_whose_tendons_wind_twists():
-    """And has torsion among its curvatures, to the side to which its tendons wind."""
-    rod = find_robot("silicone_rod")
-    wound = tuple(replace(tendon, turns=0.5) for tendon in rod.tendons)
-    env = TrackingEnv("circle", robot=replace(rod, name="wound", tendons=wound), observe="all")
-    env.reset(seed=0)
-    for _ in range(30):
-        observation, *_ = env.step(np.full(3, 0.2))
-    torsion = observation["curvature"].reshape(-1, 3)[:, 2]
-    assert observation["curvature"].shape == (3 * rod.pieces,)
-    assert torsion.max() < 0
-
-
-def conical_arm(**changes):
-    """The arm, thinner in each third and with a taper."""
-    sections = (
-        Section(0.5 / 3, radius, 7.32e5, 1070.0, 0.05, 2, inner_radius=0.0125)
-        for radius in (0.026, (0.025, 0.022), 0.020)
-    )
-    return replace(ARM.with_sections(*sections), name="conical arm", **changes)
-
-
-def test_a_robot_of_tapered_sections_and_a_base_tracks():
-    disc = Disc.uniform(0.25, 0.03, 0.02, 0.004)
-    robot = conical_arm(discs=(disc,), base=Base((0.1, 0.0, 0.2), (0.6, 0.0, 0.8)))
-    env = TrackingEnv(replace(make_task("swing"), robot=robot))
-    env.reset(seed=0)
-    for _ in range(5):
-        seen, *_ = env.step(np.array([0.1, -0.1, 0.2], dtype=np.float32))
-    assert_allclose(seen["tip_position"], env.scene.tip(env.data.qpos)[[0, 2]], atol=1e-12)
-    assert_allclose(seen["curvature"], env.scene.curvature(env.data.qpos)[:, 1], atol=1e-12)
-    with pytest.raises(ValueError, match="moves in space, axes must be xy or xyz"):
-        replace(make_task("swing"), robot=conical_arm(base=Base(direction=(0.0, 1.0, 0.0))))
 
 
 def test_a_built_rod_with_errors_is_a_twin_of_its_own():

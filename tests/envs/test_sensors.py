@@ -38,7 +38,7 @@ def test_readings_lie_in_the_space_and_a_vector_view_has_them():
     assert np.abs(observation).max() < 5
 
 
-@pytest.mark.parametrize("model", ["pcc", "cosserat"])
+@pytest.mark.parametrize("model", ["pcc", pytest.param("cosserat", marks=pytest.mark.slow)])
 def test_chain_and_beam_of_one_shape_read_alike(model):
     start = {"start_curvature": np.full(2, 3.0)}
     chain, beam = (
