@@ -113,45 +113,6 @@ def test_integrator_and_timestep_asked_for_are_compiled(name):
     assert model.opt.timestep == pytest.approx(5e-5, rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"rule": "simpson"}, "midpoint, gauss2"),
-        ({"integrator": "leapfrog"}, "'implicitfast', 'discrete', 'implicit', 'Euler', 'RK4'"),
-        ({"actuation": "pressure"}, "actuation must be one of 'tension', 'length'"),
-        ({"pieces": 4}, "multiple of their length"),
-        ({"torsion": True}, "bending='spatial'"),
-        ({"robot": replace(ARM, anisotropy=0.1)}, "bending='spatial'"),
-        ({"robot": replace(ARM, precurvature=(0.0, 0.1))}, "bending='spatial'"),
-        (
-            {"robot": replace(ARM, gravity=(0.0, 1.0, 9.81))},
-            r"remove gravity \(y\) or choose bending='spatial'",
-        ),
-        (
-            {"robot": replace(ARM, outer_radius=1e-6, inner_radius=0.0, tendons=())},
-            r"robot 'arm': a link of .* take fewer pieces",
-        ),
-        ({"actuation": "length"}, "'pair1_up' needs a finite stiffness"),
-        (
-            {"robot": replace(ARM, tendons=(replace(ARM.tendons[0], end=0.2),))},
-            "ends inside a piece",
-        ),
-        ({"loads": (Load("push", 0.51),)}, r"\[0, 0.5\] m"),
-        ({"loads": (Load("push", 0.1), Load("push", 0.2))}, "loads need different names"),
-        ({"loads": (Load("push", 0.5, force=(1.0, 1.0, 0.0)),)}, r"'push' \(force y\) or choose"),
-        ({"loads": (Load("push", 0.5, moment=(1.0, 0.0, 0.0)),)}, r"moment x or z.*='spatial'"),
-        (
-            {"loads": (Load("push", 0.5, moment=(0.0, 0.0, 1.0)),), "bending": "spatial"},
-            r"cannot twist; remove load 'push' \(moment z\) or choose torsion=True",
-        ),
-    ],
-    ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
-)
-def test_bad_scenes_name_what_is_allowed(options, message):
-    with pytest.raises(ValueError, match=message):
-        build_scene(SceneConfig(**{"robot": ARM} | options))
-
-
 # ----------------------------------------------------------------
 
 

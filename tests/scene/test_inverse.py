@@ -12,7 +12,7 @@ from softrobot_env.control.feedforward.motion import least_norm
 from softrobot_env.core.motion import State
 from softrobot_env.robots import ARM, EXAMPLES, RIG, Base, RobotParams, Tendon, find_robot
 from softrobot_env.scene.build import build_scene
-from softrobot_env.scene.inverse import Held, InverseStatics, sample_of, spread, workspace_of
+from softrobot_env.scene.inverse import Held, sample_of, spread, workspace_of
 from softrobot_env.scene.linearised import linearised
 from softrobot_env.scene.registry import model_scene
 from softrobot_env.scene.tangent import StaticForces
@@ -162,19 +162,6 @@ def test_a_sample_counts_what_it_leaves_out_and_stays_in_the_box(robot):
     assert np.abs(action).max() <= 1 + 1e-9
     away = sample.tips - (np.zeros(3) if robot.base is None else robot.base.position)
     assert np.linalg.norm(away, axis=1).max() <= robot.reach * (1 + 1e-9)
-
-
-def test_what_cannot_be_asked_is_refused():
-    bare = build_scene(model_scene(find_robot("cantilever_weak")))
-    with pytest.raises(ValueError, match="'cantilever_weak' has no tendons"):
-        InverseStatics(bare)
-    scene = inverse_of(ARM).scene
-    with pytest.raises(ValueError, match="at right angles"):
-        InverseStatics(scene, np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 1.0]]))
-    with pytest.raises(ValueError, match="points"):
-        InverseStatics(scene).solve(np.zeros((2, 2)))
-    with pytest.raises(ValueError, match="start"):
-        InverseStatics(scene).solve(np.zeros((2, 3)), np.zeros(2))
 
 
 # ---------------------------------------------------------------- linearised chains

@@ -150,24 +150,3 @@ def test_divergence_is_an_error():
     with pytest.raises(IntegrationError, match="diverged") as error:
         built.simulate(5.0, start=State(built.start().q, v))
     assert 0 < error.value.time < 5
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda s: s.simulate(0.015), "multiples of the control period of 0.01 s, got 0.015 s"),
-        (lambda s: s.simulate(-1.0), "duration must be positive"),
-        (lambda s: s.simulate(0.1, np.full(1, np.nan)), "controls must be finite"),
-        (lambda s: s.simulate(0.1, lambda t: np.full(1, np.inf)), "controls must be finite"),
-        (lambda s: s.simulate(0.1, np.zeros((3, 1))), "a row of inputs for each of 10 periods"),
-        (lambda s: s.simulate(0.1, gravity=[0, 0]), "need gravity of shape"),
-        (lambda s: s.equilibrium(gravity=(0.0, 1.0, 9.81)), r"remove gravity \(y\)"),
-        (lambda s: s.simulate(0.1, start=State(np.zeros(3), np.zeros(12))), "need start.q"),
-        (lambda s: s.positions(np.zeros(12), 2.0), "stations must lie between 0 and"),
-        (lambda s: s.positions(np.zeros(3), 0.1), "need postures of 12 numbers each"),
-        (lambda s: s.positions(np.zeros(12), [0.1], [[0, 0, 0]]), "offsets must have shape"),
-    ],
-)
-def test_bad_arguments_are_refused_by_name(call, message):
-    with pytest.raises(ValueError, match=message):
-        call(chain(loads=(Load("push", LENGTH, (1.0, 0, 0)),)))
