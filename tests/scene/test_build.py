@@ -141,10 +141,3 @@ def test_exported_scene_compiles_to_the_same_model(name):
 
 def test_no_stray_assets():
     assert {path.stem for path in assets_dir().glob("*.xml")} == set(SCENES)
-
-
-def test_environments_simulate_the_registered_scene():
-    from softrobot_env.envs.tracking import TrackingEnv
-
-    env = TrackingEnv("swing")
-    assert env.scene.config == SCENES["arm"]

@@ -6,11 +6,12 @@ from math import hypot
 import numpy as np
 import pytest
 from support.derivatives import differences
+from support.routed_robots import ONE_PAIR
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.control.feedforward.motion import least_norm
 from softrobot_env.core.motion import State
-from softrobot_env.robots import ARM, EXAMPLES, RIG, Base, RobotParams, Tendon, find_robot
+from softrobot_env.robots import ARM, EXAMPLES, RIG, Base, Tendon, find_robot
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.inverse import Held, sample_of, spread, workspace_of
 from softrobot_env.scene.linearised import linearised
@@ -18,22 +19,9 @@ from softrobot_env.scene.registry import model_scene
 from softrobot_env.scene.tangent import StaticForces
 from studies.truths.varying_beam import bending_frequencies
 
-#: A planar robot with one input: its tip moves on a line.
-FINGER = RobotParams(
-    name="one_pair",
-    length=0.1,
-    outer_radius=0.01,
-    inner_radius=0.0,
-    youngs_modulus=5e5,
-    density=1000.0,
-    damping_time=0.02,
-    pieces=3,
-    tendons=(Tendon("up", (0.008, 0.0), 0.1, 0, 10.0), Tendon("low", (-0.008, 0.0), 0.1, 0, 10.0)),
-)
-
 #: A helical tendon beside two straight ones: the chain twists, and no tendon opposes another.
 HELIX = replace(
-    FINGER,
+    ONE_PAIR,
     name="helix",
     tendons=(
         Tendon("a", (0.008, 0.0), 0.1, 0, 10.0),

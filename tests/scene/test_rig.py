@@ -89,15 +89,6 @@ def test_lengths_bend_it_far_as_the_elastica():
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.1)
 
 
-def test_tension_ends_at_the_limit():
-    weak = replace(RIG, tendons=tuple(replace(t, tension_limit=3.0) for t in RIG.tendons))
-    built = scene(weak)
-    data = mujoco.MjData(built.model)
-    data.ctrl[:] = [0.03, 0.0, 0.0]
-    mujoco.mj_step(built.model, data, 500)
-    np.testing.assert_allclose(data.actuator_force[0], 3.0, rtol=1e-12)
-
-
 # ---------------------------------------------------------------- errors of manufacturing
 
 

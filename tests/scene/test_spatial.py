@@ -16,7 +16,7 @@ from softrobot_env.scene.chain import joint_angles, posture
 from softrobot_env.scene.config import SceneConfig, visible
 from softrobot_env.scene.statics import EquilibriumError, equilibrium
 from softrobot_env.scene.timestep import linearize
-from studies.truths.analytic import arc_tip, section, torsion_angle, torsion_frequency
+from studies.truths.analytic import section, torsion_angle, torsion_frequency
 from studies.truths.spatial_rod import helix
 
 SPATIAL = [kind for kind in KINDS if kind != "planar"]
@@ -222,26 +222,6 @@ def test_a_follower_turns_with_the_cross_section(kind):
 
 
 # --- tendons ----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("torsion", [False, True])
-@pytest.mark.parametrize("azimuth", [90, 160])
-def test_one_tendon_bends_towards_its_azimuth(azimuth, torsion):
-    """Constant curvature F r / EI in the tendon's plane, and no twist of two stations together."""
-    direction = np.array([np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))])
-    robot = replace(ROBOT, tendons=(Tendon("t", tuple(0.02 * direction), LENGTH, 0, 80.0),))
-    options = {"rule": "balanced2", "bending": "spatial", "torsion": torsion}
-    built = build_scene(SceneConfig(robot, pieces=12, **options))
-    q = equilibrium(built.model, np.array([20.0]))
-    curvature = joint_angles(built.model, q) / built.layout.weights[:, None]
-    expected = 20.0 * 0.02 / EI * np.append(direction, [0.0] * torsion)
-    truth = np.tile(expected[:2], (24, 1))
-    np.testing.assert_allclose(curvature[:, :2], truth, rtol=2e-4, atol=1e-12)
-    np.testing.assert_allclose(curvature[:, 2:].reshape(12, -1).sum(axis=1), 0, atol=1e-12)
-    found = posed(built.model, q).site("tip").xpos
-    x, z = arc_tip(LENGTH, 20.0 * 0.02 / EI)
-    # The chords' error of balanced2, and theta^2 / 24 of `scene.springs`, of 0.05 rad each.
-    np.testing.assert_allclose(found, [*(x * direction), z], atol=2e-4 * LENGTH)
 
 
 def test_a_planar_chain_takes_the_lateral_offset_of_a_tendon_as_it_did():

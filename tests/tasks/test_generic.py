@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from support.example_robots import SOME
 from support.postures import rest_tip
+from support.routed_robots import ONE_PAIR
 
 from softrobot_env.envs.reference import sample_reference
-from softrobot_env.robots import ARM, RIG, Base, RobotParams, Tendon, find_robot
+from softrobot_env.robots import ARM, RIG, Base, find_robot
 from softrobot_env.scene.inverse import workspace_of
 from softrobot_env.tasks import make_task, remake_task, tasks_of
 from softrobot_env.tasks.generic import site_of
@@ -16,17 +17,6 @@ from softrobot_env.tasks.generic import site_of
 #: As the silicone rod, sideways.
 SIDEWAYS = replace(
     find_robot("silicone_rod"), name="sideways", base=Base((0.2, 0.1, 0.5), (1.0, 0.0, 0.0))
-)
-LINE = RobotParams(
-    name="one_pair",
-    length=0.1,
-    outer_radius=0.01,
-    inner_radius=0.0,
-    youngs_modulus=5e5,
-    density=1000.0,
-    damping_time=0.02,
-    pieces=3,
-    tendons=(Tendon("up", (0.008, 0.0), 0.1, 0, 10.0), Tendon("low", (-0.008, 0.0), 0.1, 0, 10.0)),
 )
 PATHS = ("circle", "figure_eight", "random")
 
@@ -132,13 +122,13 @@ def test_a_robots_own_tasks_come_first():
 def test_a_tip_that_moves_on_a_line_is_told_so():
     for name in PATHS:
         with pytest.raises(ValueError, match=r"'one_pair', with 1 input.*'reach' works along it"):
-            make_task(name, robot=LINE)
-    task = make_task("reach", robot=LINE)
-    inverse = workspace_of(LINE).inverse
+            make_task(name, robot=ONE_PAIR)
+    task = make_task("reach", robot=ONE_PAIR)
+    inverse = workspace_of(ONE_PAIR).inverse
     actions = np.linspace(-1, 1, 401)
     line = inverse.line(actions)[0]
     for point in task.trajectory.path():
-        assert np.linalg.norm(line - point, axis=1).min() < 1e-2 * LINE.length
+        assert np.linalg.norm(line - point, axis=1).min() < 1e-2 * ONE_PAIR.length
     assert np.linalg.norm(task.trajectory.path() - [0, 0, 0.1], axis=1).max() <= task.option(
         "radius"
     )

@@ -9,6 +9,7 @@ from support.rig_episodes import TWINS, rig
 
 from softrobot_env.envs.observations.table import OBSERVABLES
 from softrobot_env.envs.rendering import lifted
+from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import Twin
@@ -26,8 +27,9 @@ def test_what_a_lab_does_not_measure_is_not_observed_unless_asked_for():
     assert rig().observation_space == rig(twin=1).observation_space
 
 
-def test_environments_simulate_the_registered_scene():
+def test_environments_simulate_the_registered_scenes():
     assert rig().scene.config == SCENES["rig"]
+    assert TrackingEnv("swing").scene.config == SCENES["arm"]
 
 
 # ---------------------------------------------------------------- determinism, copies, memory
