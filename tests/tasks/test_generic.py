@@ -8,7 +8,6 @@ from support.example_robots import SOME
 from support.postures import rest_tip
 from support.routed_robots import ONE_PAIR
 
-from softrobot_env.envs.reference import sample_reference
 from softrobot_env.robots import ARM, RIG, Base, find_robot
 from softrobot_env.scene.inverse import workspace_of
 from softrobot_env.tasks import make_task, remake_task, tasks_of
@@ -48,20 +47,6 @@ def test_the_start_is_held_by_the_start_input(robot, name):
     else:
         start = task.trajectory.position(np.zeros(1))[0]
         np.testing.assert_allclose(tip, start, atol=1e-5 * robot.reach)
-
-
-@pytest.mark.parametrize("name", PATHS)
-def test_a_path_is_smooth_and_runs_from_rest_to_rest(name):
-    run = make_task(name, robot="hanging_trunk").trajectory
-    times, step = np.linspace(0.05, run.end_time - 0.05, 41), 1e-5
-    for order in ("position", "velocity"):
-        rate = (getattr(run, order)(times + step) - getattr(run, order)(times - step)) / (2 * step)
-        exact = {"position": run.velocity, "velocity": run.acceleration}[order](times)
-        np.testing.assert_allclose(rate, exact, atol=1e-5 * np.abs(exact).max())
-    for end in (0.0, run.end_time):
-        np.testing.assert_allclose(run.velocity(np.array([end])), 0.0, atol=1e-12)
-    start, last = run.position(np.array([0.0, run.end_time]))
-    np.testing.assert_allclose(start, last, atol=1e-12)
 
 
 def test_paths_lie_across_the_axis_of_the_robot():
@@ -132,11 +117,3 @@ def test_a_tip_that_moves_on_a_line_is_told_so():
     assert np.linalg.norm(task.trajectory.path() - [0, 0, 0.1], axis=1).max() <= task.option(
         "radius"
     )
-
-
-def test_environments_can_sample_the_references(robot):
-    for name in ("reach", *PATHS):
-        task = make_task(name, robot=robot)
-        table = sample_reference(task, 0.02, np.array([0.1, 0.2]))
-        assert table.position.shape[1] == len(task.axes)
-        assert table.preview.shape[1] == 2 * len(task.axes)
