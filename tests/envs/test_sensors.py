@@ -7,7 +7,7 @@ import pytest
 
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.robots import ARM, RIG, Sensor, read_robot, write_robot
+from softrobot_env.robots import ARM, RIG, Sensor
 from softrobot_env.robots.twin import rig3d_twin
 from softrobot_env.tasks import make_task
 
@@ -66,22 +66,3 @@ def test_episodes_are_the_same_where_sensors_are_not_observed():
     seen = TrackingEnv("rig_circle", twin=3, **HOW).reset(seed=1)[0]["tip_position"]
     unseen = TrackingEnv("rig_circle", twin=3, **HOW | {"observe": ("tip_position",)})
     np.testing.assert_array_equal(unseen.reset(seed=1)[0]["tip_position"], seen)
-
-
-def test_files_say_sensors_both_ways(tmp_path):
-    robot = replace(
-        SENSED_ARM,
-        sensors=(*SENSED_ARM.sensors, RIG.sensors[0].with_imperfections(0.7, 12)),
-        file=None,
-    )
-    write_robot(robot, tmp_path / "arm.toml")
-    assert read_robot(tmp_path / "arm.toml") == robot
-    text = (tmp_path / "arm.toml").read_text()
-    for wrong, reported in (
-        (("end_m = 0.25", "end_m = 0.75"), r"sensor\[1\].end_m must be at most the robot's length"),
-        (('kind = "planar"', 'kind = "round"'), r"sensor\[1\].kind must be one of"),
-        (("segments = 5", "sections = 5"), r"sensor\[1\].sections is no key; allowed are name"),
-    ):
-        (tmp_path / "bad.toml").write_text(text.replace(*wrong, 1))
-        with pytest.raises(ValueError, match=reported):
-            read_robot(tmp_path / "bad.toml")

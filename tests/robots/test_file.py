@@ -55,6 +55,15 @@ drive = "length"
 stiffness_N_m = 9
 """
 
+SENSED = """= 40
+[[sensor]]
+name = "lower"
+kind = "planar"
+begin_m = 0.0
+end_m = 0.1
+segments = 5
+"""
+
 some = st.floats(-1e3, 1e3)
 size = st.floats(1e-3, 1.0)
 
@@ -82,6 +91,14 @@ def _tendon(draw, name, length):
 
 
 @st.composite
+def _sensors(draw, length):
+    plain = Sensor(draw(st.sampled_from("abc")), "planar", 0.0, length / 2, segments=5)
+    tags = replace(plain, kind="tags", segments=2, noise=draw(size), rate=30.0, delay=0.04)
+    erring = plain.with_imperfections(draw(st.floats(0.1, 2.0)), draw(st.integers(0, 99)))
+    return draw(st.sampled_from([plain, tags, erring]))
+
+
+@st.composite
 def _robots(draw):
     sections = tuple(draw(st.lists(_sections(), min_size=1, max_size=3)))
     length = float(sum(s.length for s in sections))
@@ -100,7 +117,7 @@ def _robots(draw):
         precurvature=(draw(st.floats(-0.5, 0.5)), 0.1),
         discs=(Disc(length / 3, draw(size), inertia),) * draw(st.integers(0, 2)),
         base=draw(st.sampled_from([None, Base(), base])),
-        sensors=(Sensor("s", "tags", 0.0, length / 2, noise=draw(size)),) * draw(st.integers(0, 1)),
+        sensors=tuple(draw(st.lists(_sensors(length), max_size=2, unique_by=lambda x: x.name))),
     )
 
 
@@ -165,6 +182,9 @@ def test_pretensions_of_moved_tendons_are_balanced(name):
         ('name = "mine"', "name = mine", "no TOML"),
         ('["a", "b"]', '["a", "a"]', "different names"),
         ('["a", "b"]', "[]", r"tendon\[1\]\.name must be a text"),
+        ("= 40\n", SENSED.replace("0.1", "0.75"), r"sensor\[1\].end_m must be at most the robot's"),
+        ("= 40\n", SENSED.replace("planar", "round"), r"sensor\[1\].kind must be one of"),
+        ("= 40\n", SENSED.replace("segm", "s"), r"sensor\[1\].sents is no key; allowed are name"),
         ("= 40\n", MIXED, r"tendon\[2\]\.drive must be 'tension' as in tendon\[1\]"),
     ],
 )

@@ -1,6 +1,5 @@
 """Our own integrator against MuJoCo's Runge-Kutta steps, and against its own promises."""
 
-import pickle
 import warnings
 from dataclasses import replace
 
@@ -147,16 +146,6 @@ def test_ball_joints_and_gravity(bending):
     found, _ = tips(built, np.zeros((30, 0)), kick)
     truth = runge_kutta(built, np.zeros((30, 0)), 200, kick)
     assert distance(found, truth) < 1e-3 * rod.length
-
-
-def test_a_loaded_copy_remembers_its_step():
-    _, simulation = tips(scene(ARM.vary(damping_time=0.1)), steps(20))
-    copied = pickle.loads(pickle.dumps(simulation))
-    for each in (simulation, copied):
-        each.ctrl[:] = steps(40)[-1]
-        assert each.advance()
-    np.testing.assert_array_equal(simulation.data.qpos, copied.data.qpos)
-    assert simulation.integration_error == copied.integration_error
 
 
 @pytest.mark.parametrize(("given", "metres"), [(2e-4, 2e-4), ("0.2%", 1e-3), ("0.0003", 3e-4)])

@@ -24,32 +24,6 @@ def test_servos_wind_at_their_speed():
     np.testing.assert_array_equal(observation["tendon_length"], info["tendon_length"])
 
 
-def test_horns_move_within_the_control_period():
-    """Ten short periods with one command are one long period, but for the timestep."""
-    twin = nominal_twin(EQUIVALENT_RIG)
-    coarse, fine = (rig(twin=twin, control_period=p, timestep=1e-3) for p in (0.2, 0.02))
-    coarse.reset(), fine.reset()
-    action = np.array([0.7, -0.3, 0.1], np.float32)
-    far, *_ = coarse.step(action)
-    for _ in range(10):
-        near, *_ = fine.step(action)
-    for name in ("tip_position", "tip_velocity", "tendon_length", "tendon_tension"):
-        np.testing.assert_allclose(far[name], near[name], rtol=1e-9, atol=1e-12)
-
-
-def test_interpolated_horns_converge_with_the_timestep():
-    def after(timestep):
-        env = rig(timestep=timestep, integrator="implicitfast")
-        env.reset()
-        for k in range(10):
-            observation, *_ = env.step(np.array([0.1 * k, 0.0, -0.05 * k], np.float32))
-        return observation["tip_position"]
-
-    truth = after(2.5e-5)
-    coarse, fine = (np.linalg.norm(after(h) - truth) for h in (1e-3, 5e-4))
-    assert 1e-7 < fine < 0.6 * coarse < 0.1e-3
-
-
 def test_offsets_and_backlash_of_a_twin_are_applied_and_not_read_by_potentiometers():
     twin = replace(
         nominal_twin(EQUIVALENT_RIG), servo_offset=(1e-3, 0.0, 0.0), backlash=(0.0, 4e-4, 0.0)
