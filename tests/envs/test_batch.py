@@ -195,24 +195,6 @@ def test_bend_of_both_directions_and_twist_are_limited(bend, twist, out):
     assert text is None if not out else "curvature" in text
 
 
-def test_many_variations_at_once_and_back_again():
-    """Radii of straight and of guided tendons, each robot by itself; then all are nominal."""
-    for name in ("ftdcr_v4", "helical", "rig"):
-        scene = build_scene(CONFIGS[name])
-        plain, varied = BatchSimulation(scene, COUNT), BatchSimulation(scene, COUNT)
-        which, zero = np.arange(COUNT), np.zeros((COUNT, scene.model.nu))
-        for radius in ([0.9, 1.0, 1.1], [1.0, 1.0, 1.0]):
-            values = {n: np.full(COUNT, value) for n, value in neutral(robots_only=True).items()}
-            varied.vary(which, values | {"tendon_radius": np.array(radius)})
-            for batch in (plain, varied):
-                batch.reset(which, np.full((COUNT, scene.model.nq), 0.02), zero)
-                batch.ctrl[:] = 0.3 if scene.config.actuation == "tension" else 2e-3
-                batch.advance()
-            same = (plain.qpos == varied.qpos).all(axis=1)
-            assert_allclose(plain.qpos[same], varied.qpos[same], rtol=0, atol=0)
-            assert same.tolist() == [r == 1 for r in radius]
-
-
 def test_measured_pieces_have_to_be_pieces_of_the_chain():
     with pytest.raises(ValueError, match="do not divide the robot's own 12"):
         MujocoPlant(TWO, 0.01, bending="spatial", torsion=True, pieces=(8, 4))

@@ -94,16 +94,6 @@ def test_observations_stay_inside_the_space(policy, make_one):
 # ---------------------------------------------------------------- determinism, copies
 
 
-@driven("uniform", "pumping")
-def test_episodes_repeat_bitwise(policy, make_one):
-    env, other = make_one(), make_one()
-    runs = []
-    for each in (env, other, env):  # a new environment, and the same one again
-        start = each.reset(seed=7)
-        runs.append(flatten((*start, *steps(each, POLICIES[policy], 100))))
-    assert runs[0] == runs[1] == runs[2]
-
-
 @pytest.mark.parametrize("env_id", TASKS)
 def test_episode_does_not_depend_on_the_seed(env_id, make_env):
     env = make_env(env_id, observe="all")

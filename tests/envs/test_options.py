@@ -13,7 +13,7 @@ from softrobot_env.robots import ARM, centerline
 from softrobot_env.robots.variations import neutral
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.timestep import TimestepWarning
-from softrobot_env.tasks import STEP_WIDTHS, make_task
+from softrobot_env.tasks import make_task
 
 STEP = "SoftRobot/ArmStep-v0"
 SWING = "SoftRobot/ArmSwing-v0"
@@ -94,20 +94,6 @@ def test_start_curvature(curvature, plant, make_env):
 
 
 # ---------------------------------------------------------------- step width and duration
-
-
-@pytest.mark.parametrize("width", [*STEP_WIDTHS, 0.0731, 1e-3])
-def test_step_width(width, make_env):
-    env = make_env(STEP)
-    observation, info = env.reset(options={"step_width": width})
-    task = make_task("step", width)
-    target = task.trajectory.position(np.zeros(1))[0, [0, 2]]
-    np.testing.assert_allclose(observation["reference"], target, atol=1e-12)
-    assert info["error"] == pytest.approx(width, abs=1e-4)  # the start is off by the chain's error
-    assert env.task.step_width == 0.05
-    observation, _ = env.reset()
-    nominal = env.task.trajectory.position(np.zeros(1))[0, [0, 2]]
-    np.testing.assert_allclose(observation["reference"], nominal, atol=1e-12)
 
 
 def test_duration(env_id, make_env, hold_action):

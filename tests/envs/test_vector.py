@@ -173,14 +173,7 @@ def test_options_of_a_reset_hold_for_its_episode_alone(task):
 @pytest.mark.parametrize(
     "vary",
     [
-        {"youngs_modulus": 0.6},
-        {"density": 1.3},
-        {"damping_time": 0.4},
-        {"tendon_radius": 0.8},
-        {"youngs_modulus": 1.2, "density": 0.7},
-        {"tendon_friction": 0.7},
-        {"tension_gain": 0.9},
-        {"delay": 0.03},
+        {"youngs_modulus": 1.2, "density": 0.7, "tendon_radius": 0.8},
         {"youngs_modulus": 0.5, "tendon_friction": 0.5},
         {"youngs_modulus": 0.9, "tension_gain": 1.2, "delay": 0.05, "tendon_friction": 0.2},
         # Far from the nominal one.

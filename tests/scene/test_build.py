@@ -33,17 +33,6 @@ def scene(robot=ARM, rule="balanced2", **options):
     return build_scene(SceneConfig(robot, pieces=FITTING[rule], rule=rule, **options))
 
 
-def test_guides_stand_where_the_robot_says():
-    model = scene(GUIDED).model
-    data = posed(model, np.zeros(model.nq))
-    for tendon in GUIDED.tendons:
-        for index, station in enumerate((0.0, *tendon.guides, tendon.end)):
-            position = data.site(f"{tendon.name}_guide{index}").xpos
-            np.testing.assert_allclose(position, [*tendon.offset, station], atol=1e-14)
-        wraps = model.tendon_num[model.tendon(tendon.name).id]
-        assert wraps == len(tendon.guides) + 2
-
-
 def test_control_only_scene_contains_nothing_else():
     model = scene().model
     for part in ("ngeom", "ncam", "nlight", "nsensor", "neq", "nexclude", "npair", "nmocap"):
