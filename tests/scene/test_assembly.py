@@ -10,7 +10,8 @@ from softrobot_env.robots import ARM, RIG, ROBOTS, Base
 from softrobot_env.scene.assembly import Assembly, Member, assembly_xml, build_assembly
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
-from softrobot_env.scene.objects import Contacts
+from softrobot_env.scene.mount import Mount
+from softrobot_env.scene.objects import Contacts, Sphere
 from softrobot_env.scene.registry import scene_of
 
 FINGER = replace(scene_of(ROBOTS["planar_finger"]), pieces=6)
@@ -127,3 +128,33 @@ def test_fingers_do_not_touch_themselves_unless_asked():
     assert {("finger1", "finger2"), ("finger1", "finger3"), ("finger2", "finger3")} <= {*pairs()}
     assert ("finger1", "finger1") in pairs(self_contact=True)
     assert not pairs(between_robots=False)
+
+
+def refused(match, **options):
+    members = options.pop("members", (Member("a", FINGER),))
+    with pytest.raises(ValueError, match=match):
+        build_assembly(Assembly("wrong", members, **options))
+
+
+def test_what_does_not_fit_together_is_refused_by_name():
+    slow = replace(FINGER, control_period=0.02)
+    heavy = replace(FINGER, robot=replace(FINGER.robot, gravity=WEIGHT))
+    refused("needs a member", members=())
+    refused("'a'", members=(Member("a", FINGER), Member("a", FINGER)))
+    refused("differ in control_period", members=(Member("a", FINGER), Member("b", slow)))
+    refused("different gravity", members=(Member("a", FINGER), Member("b", heavy)))
+    refused("give contacts", objects=(Sphere(name="ball", radius=0.01),))
+    refused("no object 'cup' to feel", felt="cup")
+    refused("bending='spatial'", gravity=(0.0, 9.81, 0.0))
+    refused("gravity must", gravity=(0.0, 1.0))
+    touching = gripper(contacts=Contacts())
+    with pytest.raises(ValueError, match="use `simulate`"):
+        touching.equilibrium()
+    moving = Member("a", FINGER, mount=Mount(("x",)))
+    refused("contacts need one of MuJoCo's", members=(moving,), contacts=Contacts())
+    with pytest.raises(ValueError, match="without '/'"):
+        Member("a/b", FINGER)
+    with pytest.raises(ValueError, match="belong to the assembly"):
+        Member("a", replace(FINGER, contacts=Contacts()))
+    with pytest.raises(KeyError, match="finger1, finger2, finger3"):
+        gripper()["thumb"]

@@ -12,7 +12,7 @@ from softrobot_env.beams.cosserat import CosseratRod
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.core.motion import State
 from softrobot_env.envs.simulation.batch import BatchSimulation
-from softrobot_env.robots import ARM, CANTILEVER_WEAK, RIG, ROBOTS
+from softrobot_env.robots import ARM, CANTILEVER_WEAK, RIG
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.assembly import Assembly, Member, build_assembly
 from softrobot_env.scene.build import build_scene
@@ -21,7 +21,7 @@ from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.inverse import InverseStatics
 from softrobot_env.scene.mount import Mount
 from softrobot_env.scene.objects import Contacts, Cylinder, Ground, Sphere
-from softrobot_env.scene.registry import SCENES, model_scene, scene_of
+from softrobot_env.scene.registry import SCENES, model_scene
 from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.statics import equilibrium
@@ -33,9 +33,7 @@ WIDE = replace(CANTILEVER_WEAK, length=0.3, outer_radius=0.4)
 THREAD = replace(ARM, outer_radius=1e-6, inner_radius=0.0, tendons=())
 ENDS_EARLY = replace(ARM, tendons=(replace(ARM.tendons[0], end=0.2),))
 UNEVEN = {"anisotropy": 0.1}, {"precurvature": (0.1, 0.0)}
-DOWN = (0.0, 0.0, -9.81)
 POST = Cylinder(name="post", radius=0.03, length=0.2, position=(0.15, 0.0, 0.35))
-FINGER = replace(scene_of(ROBOTS["planar_finger"]), pieces=6)
 ASLANT = np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 1.0]])
 BASE = "directions of a mount must be some of x, y, z"
 
@@ -56,14 +54,6 @@ def touching(robot=ARM, **options):
     return built(robot, **{"pieces": 6, "contacts": Contacts(), "objects": (POST,)} | options)
 
 
-def member(name="a", mount=None, **changes):
-    return Member(name, replace(FINGER, **changes), mount=mount and Mount(mount))
-
-
-def assembled(*members, **options):
-    return build_assembly(Assembly("several", members or (member(),), **options))
-
-
 def forces(kind, more=""):
     joint = f"<joint type='{kind}'/><geom size='1'/>"
     body = f"<worldbody><body>{joint}{more}</body></worldbody>"
@@ -81,9 +71,10 @@ def pushed():
 
 
 @cache
-def mounted():
-    """A robot on a slide along x."""
-    return assembled(Member("a", SceneConfig(ROD), mount=Mount(("x",))))
+def mounted(direction="x", **options):
+    """A robot on a slide."""
+    member = Member("a", SceneConfig(ROD, **options), mount=Mount((direction,)))
+    return build_assembly(Assembly("shaken", (member,)))
 
 
 def shake(motion, name="a"):
@@ -144,28 +135,10 @@ REFUSED = [
     (lambda: touching().equilibrium(), "friction 0"),
     (lambda: Sphere(name="a", radius=0.1, mass=1.0, density=1.0), "not both"),
     (lambda: Ground(name="a", mass=1.0), "stands still"),
-    # ------------------------------------------------------------ assemblies and mounts
-    (lambda: Assembly("none", ()), "needs a member"),
-    (lambda: assembled(member(), member()), "'a'"),
-    (lambda: assembled(member(), member("b", control_period=0.02)), "differ in control_period"),
-    (
-        lambda: assembled(member(), member("b", robot=replace(FINGER.robot, gravity=DOWN))),
-        "different gravity",
-    ),
-    (lambda: assembled(objects=(Sphere(name="ball", radius=0.01),)), "give contacts"),
-    (lambda: assembled(felt="cup"), "no object 'cup' to feel"),
-    (lambda: assembled(gravity=(0.0, 9.81, 0.0)), "bending='spatial'"),
-    (lambda: assembled(gravity=(0.0, 1.0)), "gravity must"),
-    (lambda: assembled(contacts=Contacts()).equilibrium(), "use `simulate`"),
-    (lambda: member("a/b"), "without '/'"),
-    (lambda: member(contacts=Contacts()), "belong to the assembly"),
+    # ------------------------------------------------------------ moving mounts
     *((lambda x=x: Mount(x), BASE) for x in ((), ("z", "x"), ("x", "x"), ("up",))),
-    (lambda: member(mount=("y",)), "bending='spatial'"),
-    (lambda: assembled(member(mount=("x",)), contacts=Contacts()), "contacts need one of MuJoCo's"),
-    (
-        lambda: assembled(member(mount=("x",), integrator="implicitfast")),
-        "needs our own integrator",
-    ),
+    (lambda: mounted("y"), "bending='spatial'"),
+    (lambda: mounted(integrator="implicitfast"), "needs our own integrator"),
     (lambda: shake(lambda t: [0.0], "arm"), "no mount of 'arm' moves; those of a do"),
     (lambda: shake(lambda t: [0.01 * np.sin(1e3 * t)]), "changes too fast"),
     (lambda: shake(lambda t: [0.0, 1.0]), "finite numbers along x"),
@@ -223,8 +196,3 @@ REFUSED = [
 def test_what_cannot_be_is_refused(call, message):
     with pytest.raises(ValueError, match=message):
         call()
-
-
-def test_members_of_an_assembly_are_named():
-    with pytest.raises(KeyError, match="there are a"):
-        assembled()["thumb"]
