@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.bad_files import assert_refused
 
-from softrobot_env.beams.pcc import PCC
 from softrobot_env.cli import main
 from softrobot_env.robots import (
     ARM,
@@ -27,8 +26,6 @@ from softrobot_env.robots import (
 )
 from softrobot_env.robots.actuation import TendonMap, with_balance
 from softrobot_env.robots.twin import nominal_twin
-from softrobot_env.scene.build import build_scene
-from softrobot_env.scene.registry import scene_of
 
 GOOD = """name = "mine"
 [[section]]
@@ -199,21 +196,6 @@ def test_bad_files_are_refused_in_one_line_with_file_and_key(old, new, said, tmp
 def test_several_names_stand_at_equal_angles(tmp_path):
     (tmp_path / "my.toml").write_text(GOOD, "utf-8")
     assert [t.offset for t in read_robot(tmp_path / "my.toml").tendons] == [(0.01, 0), (-0.01, 0)]
-
-
-@pytest.mark.parametrize("name", EXAMPLES)
-def test_examples_find_equilibria_as_a_beam_model_and_move(name):
-    robot = find_robot(name)
-    scene = build_scene(scene_of(robot))
-    u = np.zeros(len(robot.tendons))
-    u[-2] = 0.003 if robot.drive.kind == "length" else 0.1 * robot.tendons[-2].tension_limit
-    rest = scene.equilibrium(u)
-    beam = PCC(robot, pieces=12, axes=scene.config.bending, drive=robot.drive.kind)
-    expected = beam.tip(beam.equilibrium(u))
-    assert np.linalg.norm(scene.tip(rest) - expected) < 0.01 * robot.length
-    assert np.linalg.norm(expected[:2]) > 0.02 * robot.length
-    motion = scene.simulate(0.05, u)
-    assert np.all(np.isfinite(scene.tip(motion.q)))
 
 
 def test_commands_take_a_robot_by_file_or_name(tmp_path, capsys):

@@ -8,8 +8,6 @@ import pytest
 from support.derivatives import differences
 from support.routed_robots import ONE_PAIR
 
-from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.control.feedforward.motion import least_norm
 from softrobot_env.core.motion import State
 from softrobot_env.robots import ARM, EXAMPLES, RIG, Base, Tendon, find_robot
 from softrobot_env.scene.build import build_scene
@@ -65,21 +63,6 @@ def test_equilibria_of_the_inverse_have_their_tip_on_the_points(robot):
     assert np.sum(found.errors > inverse.tolerance) <= (robot.name == "ftdcr_v4")
     actions = (found.inputs - inverse.inputs.input_centre) / inverse.inputs.input_scale
     assert np.abs(actions).max() <= 1 + 1e-12
-
-
-def test_the_arm_has_the_inputs_of_the_constant_curvature_statics():
-    """One hinge pair a piece is exact for curvatures constant per piece; both minimise the norm."""
-    statics, inverse = ConstantCurvatureStatics(ARM), inverse_of(ARM)
-    start = np.array([-21.46455231, 7.58592414, 29.89212503])
-    tip = statics.tip(start)
-    points = tip + np.outer(np.linspace(0, 0.03, 4), [0.6, 0.8])
-    found = inverse.solve(np.insert(points, 1, 0.0, axis=1), start)
-    for point, inputs in zip(points, found.inputs, strict=True):
-        expected = least_norm(statics, point, start)
-        assert expected.converged
-        # The chain's "balanced2" rule leaves 2e-4 of the length at the tip.
-        np.testing.assert_allclose(statics.tip(inputs), point, atol=5e-4 * ARM.length)
-        assert np.linalg.norm(inputs) == pytest.approx(np.linalg.norm(expected.reduced), rel=0.01)
 
 
 def test_no_inputs_nearby_hold_the_tip_with_less():

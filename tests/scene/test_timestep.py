@@ -143,14 +143,6 @@ def test_asked_timestep_is_rounded_down_to_a_divisor(asked, substeps):
     assert "was asked for" in choice.reason
 
 
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_asking_for_an_unstable_timestep_warns(integrator):
-    linear = modes([5.0, 1000.0], 0.0)
-    limit = stability_limit(integrator, linear)
-    with pytest.warns(TimestepWarning, match="beyond the stability limit"):
-        choose_timestep(linear, 1.5 * limit, 1.5 * limit, integrator)
-
-
 @pytest.mark.parametrize("friction", [False, True])
 def test_undamped_robot_driven_by_length_gets_rk4(friction):
     chain = linearize(length_driven(0.0, 1e4).model)
