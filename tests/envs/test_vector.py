@@ -75,8 +75,8 @@ ALIKE = {
     "sensors": ("SoftRobot/RigCircle-v0", SENSED, 8, 0.5),
     "bar": ("SoftRobot/GripperHold-v0", {}, 6, 1.0),
     "short grip": ("SoftRobot/GripperEnclose-v0", {"task": GRIP}, 8, 1.0),
-    "drawn path": ("SoftRobot/ArmRandom-v0", DRAWN, 310, 0.1),
-    "drawn points": (REACH, DRAWN, 310, 0.1),
+    "drawn path": ("SoftRobot/ArmRandom-v0", DRAWN | {"speed": 0.8}, 50, 0.1),
+    "drawn points": (REACH, DRAWN | {"hold": 0.3}, 40, 0.1),
 }
 
 
