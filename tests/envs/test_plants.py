@@ -8,11 +8,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from softrobot_env.beams.registry import MUJOCO, BeamPlant
-from softrobot_env.control.registry import POLICIES, make_policy, policy_environment
 from softrobot_env.envs.simulation.plants import BeamPlant as SteppedPlant
 from softrobot_env.envs.simulation.plants import MujocoPlant
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import ARM, ROBOTS, centerline
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.servos import Servos
@@ -82,18 +80,6 @@ def test_an_impossible_start_curvature_is_refused():
 # ---------------------------------------------------------------- motion
 
 
-def test_pcc_swings_like_the_chain():
-    records = []
-    for name in (MUJOCO, "pcc"):
-        env = environment(name)
-        policy = make_policy("feedforward", ARM, env.control_period)
-        records.append(run_episode(env, policy))
-    chain, pcc = records
-    assert np.max(np.linalg.norm(chain.tip - pcc.tip, axis=1)) < 1.2e-3
-    assert np.max(pcc.error) > 5e-3  # it does lag behind
-    assert pcc.failure is None
-
-
 @pytest.mark.parametrize("name", EACH)
 def test_the_default_tolerance_is_enough(name):
     """Against a hundred times tighter: far below what models differ by."""
@@ -118,21 +104,6 @@ def test_a_fixed_step_is_used():
             assert env.simulation.plant._work.counters[0] == round(0.01 / step)
     errors = [np.linalg.norm(tip - tips[-1]) for tip in tips[:-1]]
     assert 1e-3 > errors[0] > 3 * errors[1] > 9 * errors[2]
-
-
-@pytest.mark.parametrize(
-    "policy", [pytest.param(p, marks=pytest.mark.slow if "mpc" in p else ()) for p in POLICIES]
-)
-@pytest.mark.parametrize("name", EACH)
-def test_policies_run(name, policy):
-    options = {"control_period": 0.01, **policy_environment(policy)}
-    env = TrackingEnv("lshape", observe="all", plant=BeamPlant(name), **options)
-    controller = make_policy(policy, ARM, env.control_period)
-    record = run_episode(env, controller, options={"duration": 0.1})
-    assert record.failure is None
-    assert len(record.time) == 1 + round(0.1 / env.control_period)
-    if name == "pcc":
-        assert np.max(record.error) < 0.03
 
 
 @pytest.mark.parametrize("name", EACH)
