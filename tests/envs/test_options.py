@@ -97,8 +97,8 @@ def test_start_curvature(curvature, plant, make_env):
 # ---------------------------------------------------------------- step width and duration
 
 
-def test_duration(env_id, make_env, hold_action):
-    env = make_env(env_id)
+def test_duration(make_env, hold_action):
+    env = make_env("SoftRobot/ArmLShape-v0")
     for duration in (1e-12, 0.001, 0.01, 0.013, 2.0, env.task.duration + 1.0):
         env.reset(options={"duration": duration})
         seen = hold_episode(env, hold_action(env))
