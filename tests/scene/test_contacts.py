@@ -275,21 +275,13 @@ def test_a_head_touches_and_a_taper_is_as_thick_as_it_is():
 # --- the solver -------------------------------------------------------------------------------
 
 
-def test_newton_and_cg_find_the_same_forces():
-    """MuJoCo 4.0.0's sparse Cholesky is wrong: contacts take the dense path, also above 60 DOFs."""
-    robot = replace(LYING, base=Base((0.0, 0.0, 0.009), (1.0, 0.0, 0.0)), pieces=24)
-    config = SceneConfig(robot, bending="spatial", contacts=Contacts(), objects=(GROUND,))
-    simulation = moved(config, 3)
-    model, data = simulation.model, simulation.data
-    assert model.nv > 60 and data.ncon > 10
-    assert model.opt.jacobian == mujoco.mjtJacobian.mjJAC_DENSE
-    found = []
-    for solver in (mujoco.mjtSolver.mjSOL_NEWTON, mujoco.mjtSolver.mjSOL_CG):
-        model.opt.solver, model.opt.iterations = solver, 2000
-        model.opt.tolerance = 1e-14
-        mujoco.mj_forward(model, data)
-        found.append(data.qfrc_constraint.copy())
-    np.testing.assert_allclose(found[0], found[1], atol=1e-4 * np.abs(found[0]).max())
+def test_the_solver_takes_the_dense_path():
+    """MuJoCo 4.0.0's sparse Cholesky, which it would choose above 60 DOFs, is wrong."""
+    config = SceneConfig(
+        LYING, pieces=24, bending="spatial", contacts=Contacts(), objects=(GROUND,)
+    )
+    model = build_scene(config).model
+    assert model.nv > 60 and model.opt.jacobian == mujoco.mjtJacobian.mjJAC_DENSE
 
 
 # --- read-outs, choices and refusals ----------------------------------------------------------
