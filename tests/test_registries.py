@@ -17,8 +17,6 @@ from softrobot_env.commands.robot.command import ROBOT_COMMANDS
 from softrobot_env.control import registry
 from softrobot_env.core.registry import load
 from softrobot_env.robots import ARM, ROBOTS, RobotParams
-from softrobot_env.scene.build import build_scene
-from softrobot_env.scene.registry import SCENES
 from softrobot_env.tasks import ALL_TASKS, RIG_TASKS, make_task
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -34,12 +32,6 @@ def test_robots_have_their_names():
 def test_tasks_are_made_by_their_names():
     assert {name: make_task(name).name for name in ALL_TASKS} == {n: n for n in ALL_TASKS}
     assert {name: make().name for name, make in RIG_TASKS.items()} == {n: n for n in RIG_TASKS}
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_scenes_are_built(name):
-    model = build_scene(SCENES[name]).model
-    assert model.nv > 0 and model.site("tip").id >= 0
 
 
 @pytest.mark.parametrize(

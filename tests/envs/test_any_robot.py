@@ -1,19 +1,19 @@
-"""Robots described by files in the one environment: single, many at once, drawn, checked."""
+"""Robots described by files in the one environment, and what their curvature sensors read."""
 
 from dataclasses import replace
 
 import gymnasium
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from support.example_robots import SOME
 
-import softrobot_env  # noqa: F401
+from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.core.files import assets_dir
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.robots import ARM, Base, Disc, Section, find_robot
+from softrobot_env.robots import ARM, RIG, Base, Sensor, find_robot
 from softrobot_env.robots.actuation import robot_inputs
-from softrobot_env.robots.twin import Twin
+from softrobot_env.robots.twin import Twin, rig3d_twin
 from softrobot_env.tasks import make_task
 
 ID = "SoftRobot/Track-v0"
@@ -74,41 +74,6 @@ def test_a_finger_with_one_tendon_is_pulled_from_nothing_to_its_limit():
         make_task("circle", robot=one)
 
 
-def test_a_robot_whose_tendons_wind_twists():
-    """And has torsion among its curvatures, to the side to which its tendons wind."""
-    rod = find_robot("silicone_rod")
-    wound = tuple(replace(tendon, turns=0.5) for tendon in rod.tendons)
-    env = TrackingEnv("circle", robot=replace(rod, name="wound", tendons=wound), observe="all")
-    env.reset(seed=0)
-    for _ in range(30):
-        observation, *_ = env.step(np.full(3, 0.2))
-    torsion = observation["curvature"].reshape(-1, 3)[:, 2]
-    assert observation["curvature"].shape == (3 * rod.pieces,)
-    assert torsion.max() < 0
-
-
-def conical_arm(**changes):
-    """The arm, thinner in each third and with a taper."""
-    sections = (
-        Section(0.5 / 3, radius, 7.32e5, 1070.0, 0.05, 2, inner_radius=0.0125)
-        for radius in (0.026, (0.025, 0.022), 0.020)
-    )
-    return replace(ARM.with_sections(*sections), name="conical arm", **changes)
-
-
-def test_a_robot_of_tapered_sections_and_a_base_tracks():
-    disc = Disc.uniform(0.25, 0.03, 0.02, 0.004)
-    robot = conical_arm(discs=(disc,), base=Base((0.1, 0.0, 0.2), (0.6, 0.0, 0.8)))
-    env = TrackingEnv(replace(make_task("swing"), robot=robot))
-    env.reset(seed=0)
-    for _ in range(5):
-        seen, *_ = env.step(np.array([0.1, -0.1, 0.2], dtype=np.float32))
-    assert_allclose(seen["tip_position"], env.scene.tip(env.data.qpos)[[0, 2]], atol=1e-12)
-    assert_allclose(seen["curvature"], env.scene.curvature(env.data.qpos)[:, 1], atol=1e-12)
-    with pytest.raises(ValueError, match="moves in space, axes must be xy or xyz"):
-        replace(make_task("swing"), robot=conical_arm(base=Base(direction=(0.0, 1.0, 0.0))))
-
-
 def test_a_built_rod_with_errors_is_a_twin_of_its_own():
     """Any robot driven by length has servos, and a camera in all its coordinates."""
     rod = find_robot("silicone_rod")
@@ -127,3 +92,62 @@ def test_a_built_rod_with_errors_is_a_twin_of_its_own():
     assert info["tip_position"].shape == observation["tip_position"].shape == (3,)
     assert np.abs(info["tip_position"] - observation["tip_position"]).max() > 1e-5
     assert_allclose(np.abs(info["tendon_length"] - observation["tendon_length"]).max(), 1e-3, 0.2)
+
+
+# ---------------------------------------------------------------- curvature sensors
+
+OBSERVE = ("tip_position", "reference", "sensors")
+HOW = {"observe": OBSERVE, "control_period": 0.02}
+SENSED_ARM = replace(
+    ARM,
+    name="sensed_arm",
+    sensors=(
+        Sensor("lower", "planar", 0.0, 0.25, segments=5),
+        Sensor("tags", "tags", 0.25, 0.5, segments=2, rate=30.0, delay=0.04),
+    ),
+)
+
+
+def arm(**more):
+    task = replace(make_task("swing"), robot=SENSED_ARM)
+    return TrackingEnv(task, observe=OBSERVE, **more)
+
+
+def test_readings_lie_in_the_space_and_a_vector_view_has_them():
+    env = arm()
+    assert env.observation_space.contains(env.reset(seed=0)[0])
+    assert env.observation_space["sensors"].shape == (3,)
+    seen = TrackingEnv("rig_circle", observe_as="vector", **HOW)
+    observation, _ = seen.reset(seed=0)
+    assert len(observation[seen.vector_layout["sensors"]]) == 4
+    assert np.abs(observation).max() < 5
+
+
+@pytest.mark.parametrize("model", ["pcc", pytest.param("cosserat", marks=pytest.mark.slow)])
+def test_chain_and_beam_of_one_shape_read_alike(model):
+    start = {"start_curvature": np.full(2, 3.0)}
+    chain, beam = (
+        TrackingEnv("rig_circle", **HOW),
+        TrackingEnv("rig_circle", plant=BeamPlant(model), **HOW),
+    )
+    read = [env.reset(seed=0, options=start)[0]["sensors"] for env in (chain, beam)]
+    assert_allclose(*read, atol=0.02)
+    assert np.abs(read[0] - 1).max() > 0.3
+
+
+def test_imperfections_are_the_simulated_robot_s():
+    assert RIG.sensors[0].drift == 0
+    twin = rig3d_twin(3)
+    assert twin.robot.sensors[0].drift > 0 and twin.robot.sensors[0].specimen == 3
+    env, built = TrackingEnv("rig_circle", **HOW), TrackingEnv("rig_circle", twin=twin, **HOW)
+    assert env.observation_space == built.observation_space
+    assert env.task == built.task
+    ideal, _ = env.reset(seed=0)
+    other, _ = env.reset(seed=0, options={"vary": {"sensor_errors": 1.0}})
+    assert np.abs(ideal["sensors"] - other["sensors"]).max() > 0.01
+
+
+def test_episodes_are_the_same_where_sensors_are_not_observed():
+    seen = TrackingEnv("rig_circle", twin=3, **HOW).reset(seed=1)[0]["tip_position"]
+    unseen = TrackingEnv("rig_circle", twin=3, **HOW | {"observe": ("tip_position",)})
+    assert_array_equal(unseen.reset(seed=1)[0]["tip_position"], seen)

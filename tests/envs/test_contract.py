@@ -1,8 +1,9 @@
-"""What every environment promises, checked over every registered id."""
+"""What every environment promises and libraries rely on: every id, single, vectorised, real."""
 
 import copy
 import pickle
 from array import array
+from contextlib import closing, contextmanager
 from fractions import Fraction
 from functools import partial
 from math import ceil
@@ -11,18 +12,33 @@ import gymnasium
 import mujoco
 import numpy as np
 import pytest
-from gymnasium.vector import AsyncVectorEnv
-from support.episodes import POLICIES, hold, steps, switching, uniform
-from support.many import alike
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+from support.episodes import POLICIES, hold, pumping, steps, switching, uniform
+from support.example_robots import EVERY_ROBOT
+from support.processes import in_a_fork
+from support.real_episodes import live_rig
 from support.rig_episodes import flatten
 
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.envs.observations.table import known_of
-from softrobot_env.registration import ENVIRONMENTS, RIG_ENVIRONMENTS
+from softrobot_env.envs.randomization import Randomization
+from softrobot_env.envs.rewards import TERMS
+from softrobot_env.registration import (
+    ANY_ROBOT,
+    ENVIRONMENTS,
+    GRIPPER_ENVIRONMENTS,
+    REAL_ENVIRONMENTS,
+    RIG_ENVIRONMENTS,
+)
 from softrobot_env.robots import ARM
 
 SWING = "SoftRobot/ArmSwing-v0"
 SLOW = pytest.mark.slow  # models that take half a minute to compile
+
+TASKS = [*ENVIRONMENTS, *RIG_ENVIRONMENTS]
+SIMULATED = [*TASKS, *ANY_ROBOT]
+REAL = [pytest.param(i, marks=pytest.mark.realtime(late=0.4)) for i in REAL_ENVIRONMENTS]
 
 #: What all families of simulated robots promise.
 FAMILIES = {
@@ -75,56 +91,10 @@ def test_observations_stay_inside_the_space(policy, make_one):
     assert not (terminated and policy == "hold")
 
 
-def test_episodes_end_by_time_or_where_a_pump_drives_the_arm_out(env_id, make_env):
-    env = make_env(env_id, observe="all")
-    for policy in ("hold", "pumping"):
-        env.reset(seed=1)
-        *_, (_, _, terminated, truncated, info) = steps(env, POLICIES[policy])
-        assert (terminated, truncated) == (policy == "pumping", policy == "hold")
-        assert ("failure" in info) == terminated
-
-
-@pytest.mark.parametrize("ids", [ENVIRONMENTS, RIG_ENVIRONMENTS], ids=["arm", "rig"])
-def test_spaces_are_finite_and_alike(ids, make_env):
-    environments = [make_env(i, observe="all") for i in ids]
-    first = environments[0]
-    for env in environments:
-        assert env.observation_space == first.observation_space
-        assert env.action_space == first.action_space
-    for name, box in first.observation_space.items():
-        assert np.all(np.isfinite([box.low, box.high])), name
-        assert np.all(box.low < box.high), name
-        assert box.dtype == np.float64, name
-        assert box.shape == (box.shape[0],), name
-    assert first.action_space == gymnasium.spaces.Box(-1, 1, (3,), np.float32)
-
-
 # ---------------------------------------------------------------- determinism, copies
 
 
-@driven("uniform", "pumping")
-def test_episodes_repeat_bitwise(policy, make_one):
-    env, other = make_one(), make_one()
-    runs = []
-    for each in (env, other, env):  # a new environment, and the same one again
-        start = each.reset(seed=7)
-        runs.append(flatten((*start, *steps(each, POLICIES[policy], 100))))
-    assert runs[0] == runs[1] == runs[2]
-
-
-def test_seed_sets_the_generator(make_one):
-    env = make_one()
-    sampled = []
-    for seed in (3, 3, 4):
-        env.reset(seed=seed)
-        sampled.append(env.np_random.random())
-    assert sampled[0] == sampled[1] != sampled[2]
-    assert env.np_random_seed == 4
-    env.reset()
-    assert env.np_random_seed == 4
-
-
-@pytest.mark.parametrize("env_id", [*ENVIRONMENTS, *RIG_ENVIRONMENTS])
+@pytest.mark.parametrize("env_id", TASKS)
 def test_episode_does_not_depend_on_the_seed(env_id, make_env):
     env = make_env(env_id, observe="all")
     assert flatten(env.reset(seed=1)) == flatten(env.reset(seed=2))
@@ -167,7 +137,10 @@ def test_copies_continue_bitwise_and_are_independent(situation, make_one):
 
 @pytest.mark.parametrize(
     ("env_id", "fraction"),
-    [(SWING, "1/1000"), *((env_id, x) for env_id in ENVIRONMENTS for x in ("1/49", "13/100"))],
+    [
+        ("SoftRobot/ArmStep-v0", "1/1000"),
+        *((env_id, x) for env_id in ENVIRONMENTS for x in ("1/49", "13/100")),
+    ],
 )
 def test_episode_lasts_as_long_as_the_task(env_id, fraction, make_env):
     period = float(Fraction(fraction))
@@ -219,23 +192,23 @@ def test_actions_are_taken_as_what_they_mean(given, meant, make_env):
 
 
 #: Unless told otherwise.
-_DEFAULT = tuple(
+DEFAULT = tuple(
     name for name in known_of(ARM) if not name.startswith(("tendon", "reference_acceleration"))
 )
 
 
 @pytest.mark.parametrize(
-    ("observe", "names"),
+    ("options", "names"),
     [
-        ("all", known_of(ARM)),
-        (_DEFAULT, _DEFAULT),
-        *(((name,), (name,)) for name in known_of(ARM)),
-        (["reference", "curvature"], ("reference", "curvature")),
+        ({"observe": "all"}, known_of(ARM)),
+        ({}, DEFAULT),
+        *(({"observe": (name,)}, (name,)) for name in known_of(ARM)),
+        ({"observe": ["reference", "curvature"]}, ("reference", "curvature")),
     ],
     ids=str,
 )
-def test_observe_chooses(observe, names, make_env):
-    env, full = make_env(observe=observe), make_env(observe="all")
+def test_observe_chooses(options, names, make_env):
+    env, full = make_env(**options), make_env(observe="all")
     full.reset()
     env.reset()
     for (observation, *_), (everything, *_) in zip(
@@ -248,57 +221,8 @@ def test_observe_chooses(observe, names, make_env):
             np.testing.assert_array_equal(value, everything[name])
 
 
-def test_default_observables(make_env):
-    assert set(make_env().observation_space) == set(_DEFAULT)
-
-
-DISCRETISATIONS = {
-    "default": {},
-    "one hinge a piece": {"rule": "midpoint"},
-    "uneven hinges": {"rule": "gauss3", "pieces": 9},
-    "fine": {"pieces": 12, "control_period": 0.004},
-    "one substep": {"control_period": 0.002},
-    "RK4": {"integrator": "RK4", "timestep": 5e-5, "control_period": 0.005},
-}
-
-
-@pytest.mark.parametrize("name", DISCRETISATIONS)
-def test_sensors_are_current(name, make_env):
-    """Every read-out belongs to the state at the end of the step, not to the one before it."""
-    env = make_env("SoftRobot/ArmStep-v0", observe="all", **DISCRETISATIONS[name])
-    env.reset()
-    model = env.model
-    pieces = env.observation_space["curvature"].shape[0]
-    stations = np.cumsum(model.body_pos[1:, 2])[: model.nv]
-    piece = (stations / (0.5 / pieces)).astype(int)
-    assert np.all(np.bincount(piece) == model.nv / pieces)
-    tip = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, "tip")
-    jacobian = np.zeros((3, model.nv))
-    for observation, *_, info in steps(env, uniform, 20):
-        data = copy.copy(env.data)
-        mujoco.mj_forward(model, data)
-        mujoco.mj_jacSite(model, data, jacobian, None, tip)
-        x, y, z = data.site_xpos[tip]
-        # Rounding: the same kinematics in another order.
-        close = partial(np.testing.assert_allclose, rtol=1e-10, atol=1e-12)
-        close(observation["tip_position"], [x, z])
-        assert abs(y) < 1e-12
-        close(observation["tip_velocity"], (jacobian @ data.qvel)[[0, 2]])
-        close(observation["curvature"], np.bincount(piece, data.qpos) / (0.5 / pieces))
-        close(observation["curvature_rate"], np.bincount(piece, data.qvel) / (0.5 / pieces))
-        bend = [np.sum(data.qpos[stations < end]) for end in (0.5 / 3, 1 / 3, 0.5)]
-        lengths = [
-            end - r * b
-            for end, b in zip((0.5 / 3, 1 / 3, 0.5), bend, strict=True)
-            for r in (0.025, -0.025)
-        ]
-        close(observation["tendon_length"], lengths)
-        close(info["tendon_length"], lengths)
-        close(info["error"], np.hypot(*(observation["tip_position"] - observation["reference"])))
-
-
 @pytest.mark.parametrize("period", [0.01, 0.2])
-@pytest.mark.parametrize("env_id", [*ENVIRONMENTS, *RIG_ENVIRONMENTS])
+@pytest.mark.parametrize("env_id", TASKS)
 def test_reference_is_the_trajectory(env_id, period, make_env):
     preview = (0.0, 0.033, 0.1, 2.0)
     env = make_env(env_id, observe="all", control_period=period, preview=preview)
@@ -364,21 +288,231 @@ def test_written_results_of_many_reach_nothing_else():
     assert_unshared(*(gymnasium.make_vec(SWING, num_envs=2, observe="all") for _ in range(2)))
 
 
-# ---------------------------------------------------------------- Gymnasium's wrappers, vectors
+@contextmanager
+def made(env_id, **options):
+    """An environment by its id; a real one with a board in memory that needs no clock."""
+    if env_id not in REAL_ENVIRONMENTS:
+        with closing(gymnasium.make(env_id, **options)) as env:
+            yield env
+        return
+    with live_rig(partial(gymnasium.make, env_id), **options) as env:
+        yield env
+
+
+def still(env):
+    return np.zeros(env.action_space.shape, np.float32)
+
+
+def assert_flat(info):
+    for name, value in info.items():
+        if isinstance(value, np.ndarray):
+            assert value.dtype == np.float64, name
+        else:
+            assert type(value) in (np.float64, str, bool), name
+
+
+# ---------------------------------------------------------------- info
+
+
+@pytest.mark.parametrize("env_id", [*SIMULATED, *REAL])
+def test_info_is_flat_with_the_same_keys_at_every_step(env_id):
+    with made(env_id) as env:
+        reported = [env.reset(seed=0)[1], *(env.step(still(env))[4] for _ in range(5))]
+    for info in reported:
+        assert list(info) == list(reported[0])
+        assert_flat(info)
+    assert set(TERMS) < set(reported[0]) and all(reported[0][name] == 0 for name in TERMS)
+
+
+@pytest.mark.parametrize("observe_as", ["dict", "vector"])
+@pytest.mark.parametrize("env_id", SIMULATED)
+def test_a_failed_step_shows_what_was_seen_before_it_and_says_why(env_id, observe_as):
+    with made(env_id, observe_as=observe_as) as env:
+        last, first = env.reset()
+        env.unwrapped.data.qvel[0] = np.nan
+        observation, _, terminated, _, info = env.step(still(env))
+    assert observation is not last and flatten(observation) == flatten(last)
+    assert terminated and info.pop("failure") and list(info) == list(first)
+    assert_flat(info)
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+@pytest.mark.parametrize("env_id", SIMULATED)
+def test_info_of_many_has_the_keys_of_one(env_id, mode):
+    ranges = Randomization(density=(0.9, 1.1), sensor_noise=(1.0, 2.0))
+    options = {"randomization": ranges, "control_period": 0.1}
+    with made(env_id, **options) as single:
+        _, one = single.reset(seed=0)
+    options |= {"num_envs": 2, "max_episode_steps": 3}
+    many = gymnasium.make_vec(env_id, autoreset_mode=mode, **options)
+    _, first = many.reset(seed=0)
+    assert {name for name in first if name[0] != "_"} == set(one)
+    assert {name[1:] for name in first if name[0] == "_"} == set(one)
+    last = {"final_obs", "_final_obs", "final_info", "_final_info"}
+    for k in range(3):
+        *_, truncated, info = many.step(still(many))
+        assert truncated.tolist() == [k == 2] * 2
+        assert set(info) - last == set(first)
+        assert all(not isinstance(v, dict) for k, v in info.items() if k not in last)
+    assert ("final_info" in info) == (mode == AutoresetMode.SAME_STEP)
+
+
+# ---------------------------------------------------------------- making
+
+
+@pytest.mark.parametrize("env_id", [*SIMULATED, *REAL])
+def test_an_unknown_argument_is_told_as_python_does_with_those_allowed(env_id):
+    message = "got an unexpected keyword argument 'frameskip'; allowed are .*control_period"
+    real = env_id in REAL_ENVIRONMENTS
+    for make in (gymnasium.make,) if real else (gymnasium.make, gymnasium.make_vec):
+        with pytest.raises(TypeError, match=message) as caught:
+            make(env_id, frameskip=1)
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("env_id", [*SIMULATED, *REAL])
+def test_direct_bases_and_spec(env_id):
+    with made(env_id) as env:
+        assert gymnasium.Env in type(env.unwrapped).__bases__
+        assert env is env.unwrapped, "no wrapper"
+        steps = ceil(env.task.duration / env.control_period - 1e-9)
+        assert env.spec.max_episode_steps == steps
+        assert env.spec.nondeterministic == (env_id in REAL_ENVIRONMENTS)
+        assert env.spec.id == env_id
+
+
+@pytest.mark.parametrize("env_id", SIMULATED)
+def test_many_as_gymnasium_defines_them(env_id):
+    for mode in AutoresetMode:
+        many = gymnasium.make_vec(env_id, num_envs=2, autoreset_mode=mode)
+        assert many.metadata["autoreset_mode"] is many.autoreset_mode is mode
+        again = gymnasium.make_vec(many.spec)
+        assert again.autoreset_mode is mode and again.num_envs == 2
+        assert again.spec.max_episode_steps == many.spec.max_episode_steps
+    assert gymnasium.vector.VectorEnv in type(many).__bases__
+    assert type(many).metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+
+
+# ---------------------------------------------------------------- bounds of observations
+
+#: Light, stiff and undamped, heavy and soft: the tips are the fastest there are.
+EXTREMES = (
+    {"youngs_modulus": 5.0, "density": 0.1, "damping_time": 0.0},
+    {"youngs_modulus": 0.2, "density": 10.0, "damping_time": 0.0},
+    {"density": 0.1, "damping_time": 0.1, "tension_gain": 2.0},
+    {"youngs_modulus": 50.0, "density": 0.1, "damping_time": 0.0},
+)
 
 
 @pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
-@pytest.mark.slow  # copies by pickle, which the processes get, are tested above
-def test_asynchronous_environments(make_env):
-    """Two copies side by side, through the automatic reset, equal to one alone."""
-    name = "SoftRobot/ArmStep-v0"
-    factory = partial(gymnasium.make, f"softrobot_env:{name}", control_period=0.2)
-    # Forking a process with running threads is deprecated; a fresh one costs an import.
-    vector = AsyncVectorEnv([factory] * 2, context="spawn")
-    singles = {i: make_env(name, control_period=0.2) for i in range(2)}
-    try:
-        resets = vector.reset(seed=0), {i: env.reset(seed=i) for i, env in singles.items()}
-        rows = np.random.default_rng(0).uniform(-0.5, 0.5, (60, 2, 3)).astype(np.float32)
-        list(alike(vector, singles, resets, rows, rtol=0, atol=0))  # 25 steps an episode
-    finally:
-        vector.close()
+@pytest.mark.parametrize("vary", EXTREMES, ids=str)
+@pytest.mark.parametrize("policy", [pumping, switching])
+def test_extreme_motion_stays_within_the_bounds(policy, vary):
+    with made("SoftRobot/ArmSwing-v0", observe="all") as env:
+        env.reset(seed=0, options={"vary": vary})
+        most = 0.0
+        for observation, _, failed, _, info in steps(env, policy, 60):
+            assert env.observation_space.contains(observation)
+            if failed:
+                assert "curvature" in info["failure"]  # folded, and not too fast
+                break
+            share = {n: np.abs(v) / env.observation_space[n].high for n, v in observation.items()}
+            most = max(most, *share["tip_velocity"], *share["curvature_rate"])
+        assert most < 0.5
+
+
+@pytest.mark.parametrize("ids", [ENVIRONMENTS, RIG_ENVIRONMENTS], ids=["arm", "rig"])
+def test_spaces_of_a_robot_are_alike_and_of_useful_size(ids, make_env):
+    space, *others = (make_env(i, observe="all").observation_space for i in ids)
+    assert all(other == space for other in others)
+    assert {box.dtype for box in space.values()} == {np.dtype(np.float64)}
+    # Sound in the material of both robots is at some 25 m/s.
+    assert 100 < space["tip_velocity"].high.max() < 2000
+    assert 1e4 < space["curvature_rate"].high.max() < 1e7
+
+
+@pytest.mark.parametrize("env_id", ["SoftRobot/ArmSwing-v0", "SoftRobot/RigTriangle-v0"])
+@pytest.mark.parametrize("what", ["tip speed", "norm of the hinge rates"])
+def test_what_is_faster_than_the_bounds_is_a_failure(env_id, what):
+    """Hinges that turn against each other leave the tip at rest."""
+    with made(env_id, observe="all") as env:
+        env.reset()
+        model, data, readout = env.unwrapped.model, env.unwrapped.data, env.unwrapped._readout
+        jacobian, limits = np.zeros((3, model.nv)), readout._measures
+        mujoco.mj_jacSite(model, data, jacobian, None, model.site("tip").id)
+        rates = np.random.default_rng(0).standard_normal(model.nv)
+        unit = np.linalg.norm((jacobian @ rates)[env.unwrapped.axes]) / limits.speed
+        if what != "tip speed":
+            rates -= np.linalg.pinv(jacobian) @ jacobian @ rates
+            unit = np.linalg.norm(rates) / limits.turning
+        for factor in (0.9, 1.1):
+            data.qvel[:] = rates * factor / unit
+            mujoco.mj_forward(model, data)
+            reported = readout.update()
+            assert reported is None if factor < 1 else what in reported
+
+
+def test_many_fail_by_the_same_bounds():
+    many = gymnasium.make_vec("SoftRobot/ArmSwing-v0", num_envs=3, observe="all")
+    many.reset()
+    limits = many._exact._measures
+    many.simulation.qvel[1] = 2 * limits.turning
+    many._exact.update()
+    assert many._exact.outside.tolist() == [False, True, False]
+    assert "norm of the hinge rates" in many._exact.what_left(1, 0.0)
+
+
+# ---------------------------------------------------------------- copies, processes
+
+
+@pytest.mark.parametrize("way", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_many_are_not_copied(way):
+    many = gymnasium.make_vec(SIMULATED[0], num_envs=2)
+    with pytest.raises(TypeError, match="cannot be copied or pickled"):
+        way(many)
+
+
+def test_many_refuse_a_forked_child_and_go_on_here():
+    many = gymnasium.make_vec(SIMULATED[0], num_envs=2)
+    many.reset()
+    reported = "RuntimeError: these simulations belong to process"
+    assert in_a_fork(lambda: many.step(still(many))).startswith(reported)
+    assert in_a_fork(many.reset).startswith(reported)
+    assert in_a_fork(many.simulation._batch._delete) == ""
+    many.step(still(many))
+
+
+@pytest.mark.realtime(late=0.4)
+def test_a_forked_child_does_not_drive_the_real_robot():
+    with made(*REAL_ENVIRONMENTS) as env:
+        env.reset()
+        for act in (lambda: env.step(still(env)), env.reset):
+            assert in_a_fork(act).startswith("RuntimeError: this robot is driven by process")
+        assert env.step(still(env))[4]["device_state"] == "running"
+
+
+def test_one_steps_in_a_forked_child():
+    with made(SIMULATED[0]) as env:
+        env.reset()
+        assert in_a_fork(lambda: env.step(still(env))) == ""
+
+
+# ---------------------------------------------------------------- the checkers
+
+
+#: Ids and options; the real robot comes to rest before every one of many episodes.
+CHECKED = [*EVERY_ROBOT.args[1], *(pytest.param(i, {}, id=i) for i in GRIPPER_ENVIRONMENTS)]
+CHECKED += [
+    pytest.param(i, {}, marks=[*REAL[0].marks, pytest.mark.slow], id=i) for i in REAL_ENVIRONMENTS
+]
+CHECKED += [pytest.param(SIMULATED[0], {"plant": BeamPlant("pcc")}, id="pcc")]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("observe_as", ["dict", "vector"])
+@pytest.mark.parametrize(("env_id", "options"), CHECKED)
+def test_the_checkers_have_nothing_to_say(env_id, options, observe_as):
+    with made(env_id, observe="all", observe_as=observe_as, **options) as env:
+        check_env(env.unwrapped, skip_render_check=True)
+        sb3 = pytest.importorskip("stable_baselines3.common.env_checker", reason="needs extra rl")
+        sb3.check_env(env, warn=observe_as == "vector" or env_id not in GRIPPER_ENVIRONMENTS)

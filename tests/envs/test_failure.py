@@ -80,6 +80,7 @@ def test_an_unstable_integration_never_passes_for_a_success(unstable, kick):
 
 #: Ways to integrate; other beam models take long to compile.
 SOLVERS = {
+    "extrapolation": ({}, ()),
     "implicitfast": ({"integrator": "implicitfast"}, ()),
     "discrete": ({"integrator": "discrete"}, ()),
     "RK4": ({"integrator": "RK4", "timestep": 5e-5}, ()),

@@ -1,16 +1,20 @@
-"""Options of `reset`: what they change, for how long, and what they refuse."""
+"""Options of `reset`, what they change and for how long; tasks that are drawn for an episode."""
 
 from dataclasses import replace
 from math import ceil
 
+import gymnasium
 import numpy as np
 import pytest
 from support.episodes import steps
+from support.rig_episodes import flatten
 
+from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.robots import ARM, centerline
 from softrobot_env.robots.variations import neutral
+from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.timestep import TimestepWarning
-from softrobot_env.tasks import STEP_WIDTHS, make_task
+from softrobot_env.tasks import make_task
 
 STEP = "SoftRobot/ArmStep-v0"
 SWING = "SoftRobot/ArmSwing-v0"
@@ -28,15 +32,15 @@ def hold_episode(env, action):
     return [observation for observation, *_ in results]
 
 
-def same(first, second):
-    return all(np.array_equal(first[k], second[k]) for k in first) and first.keys() == second.keys()
+#: What a variation changes in a compiled model.
+VARIED = "jnt_stiffness", "dof_damping", "body_mass", "body_inertia", "wrap_prm"
+VARIED += ("tendon_frictionloss",)
 
 
-def running_state(env):
-    """What a plain reset has to restore."""
-    model = env.model
-    fields = (model.jnt_stiffness, model.dof_damping, model.body_mass, model.body_inertia)
-    return [np.array(f) for f in fields] + [env.data.qpos.copy(), env.data.ctrl.copy()]
+def assert_models_alike(one, other):
+    for field in VARIED:
+        found, wanted = getattr(one, field), getattr(other, field)
+        np.testing.assert_allclose(found, wanted, rtol=1e-12, err_msg=field)
 
 
 # ---------------------------------------------------------------- the start
@@ -70,13 +74,17 @@ def test_start_input_gives_the_equilibria_of_the_audit(force, tip, make_env):
 
 
 @pytest.mark.parametrize(
-    "curvature", [[0.0] * 6, [3, -3, 1, 0, 0, -5.5], [7.0] * 6, [40.0] * 6, [-40.0] * 6]
+    ("curvature", "plant"),
+    [
+        *((x, None) for x in ([0.0] * 6, [7.0] * 6, [40.0] * 6, [-40.0] * 6)),
+        *(([3, -3, 1, 0, 0, -5.5], x) for x in (None, BeamPlant("pcc"))),
+    ],
 )
-def test_start_curvature(curvature, make_env):
-    env = make_env(SWING, observe="all")
+def test_start_curvature(curvature, plant, make_env):
+    env = make_env(SWING, observe="all", plant=plant)
     observation, info = env.reset(options={"start_curvature": curvature})
     assert env.observation_space.contains(observation)
-    np.testing.assert_allclose(observation["curvature"], curvature, atol=1e-12)
+    np.testing.assert_allclose(observation["curvature"], curvature, atol=1e-6 if plant else 1e-12)
     np.testing.assert_array_equal(observation["curvature_rate"], 0)
     if np.max(np.abs(curvature)) < 10:  # at the limit a hinge turns by 1.7 rad: no arc any more
         tip = centerline(ARM, np.array(curvature, float))[-1, [0, 2]]
@@ -89,22 +97,8 @@ def test_start_curvature(curvature, make_env):
 # ---------------------------------------------------------------- step width and duration
 
 
-@pytest.mark.parametrize("width", [*STEP_WIDTHS, 0.0731, 1e-3])
-def test_step_width(width, make_env):
-    env = make_env(STEP)
-    observation, info = env.reset(options={"step_width": width})
-    task = make_task("step", width)
-    target = task.trajectory.position(np.zeros(1))[0, [0, 2]]
-    np.testing.assert_allclose(observation["reference"], target, atol=1e-12)
-    assert info["error"] == pytest.approx(width, abs=1e-4)  # the start is off by the chain's error
-    assert env.task.step_width == 0.05
-    observation, _ = env.reset()
-    nominal = env.task.trajectory.position(np.zeros(1))[0, [0, 2]]
-    np.testing.assert_allclose(observation["reference"], nominal, atol=1e-12)
-
-
-def test_duration(env_id, make_env, hold_action):
-    env = make_env(env_id)
+def test_duration(make_env, hold_action):
+    env = make_env("SoftRobot/ArmLShape-v0")
     for duration in (1e-12, 0.001, 0.01, 0.013, 2.0, env.task.duration + 1.0):
         env.reset(options={"duration": duration})
         seen = hold_episode(env, hold_action(env))
@@ -117,61 +111,23 @@ def test_duration(env_id, make_env, hold_action):
 
 # ---------------------------------------------------------------- variation
 
-#: Parameter -> powers of its factor in (joint stiffness, joint damping, mass, moment arm).
-POWERS = {
-    "youngs_modulus": (1, 1, 0, 0),
-    "density": (0, 0, 1, 0),
-    "damping_time": (0, 1, 0, 0),
-    "tendon_radius": (0, 0, 0, 1),
-}
 
-
-@pytest.mark.parametrize("name", POWERS)
-@pytest.mark.parametrize("factor", [0.5, 0.75, 1.0, 1.25, 1.5])
-def test_vary_scales_the_compiled_model(name, factor, make_env):
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [*((n, x) for n in neutral(robots_only=True) for x in (0.5, 1.5)), ("damping_time", 0.0)],
+)
+def test_a_varied_model_is_that_of_the_varied_robot(name, value, make_env):
+    """Sec. 6.6.3: the start's posture and tensions are the nominal ones."""
     env, nominal = make_env(STEP), make_env(STEP)
     start, info = nominal.reset()
-    observation, varied_info = env.reset(options={"vary": {name: factor}})
-    fields = ("jnt_stiffness", "dof_damping", "body_mass", "wrap_prm")
-    for field, power in zip(fields, POWERS[name], strict=True):
-        scaled = factor**power * getattr(nominal.model, field)
-        np.testing.assert_allclose(getattr(env.model, field), scaled, rtol=1e-12, err_msg=field)
-    # Sec. 6.6.3: the start posture and the tensions are the nominal ones.
-    if name == "tendon_radius":  # the tendons of the same posture have other lengths
-        observation = {k: v for k, v in observation.items() if k != "tendon_length"}
-        start = {k: v for k, v in start.items() if k != "tendon_length"}
-    assert same(observation, start)
+    seen, varied_info = env.reset(options={"vary": {name: value}})
+    robot = ARM.vary(**{name: value})
+    assert_models_alike(env.model, build_scene(replace(env.scene.config, robot=robot)).model)
+    assert_models_alike(nominal.model, build_scene(nominal.scene.config).model)
+    # Tendons at another radius have other lengths in the same posture.
+    same = start.keys() - ({"tendon_length"} if name == "tendon_radius" else set())
+    assert flatten({k: seen[k] for k in same}) == flatten({k: start[k] for k in same})
     np.testing.assert_array_equal(varied_info["tendon_tension"], info["tendon_tension"])
-
-
-def test_every_factor_is_checked_above():
-    assert {*POWERS, "tendon_friction"} == set(neutral(robots_only=True))
-
-
-def test_vary_gives_the_compiled_model_friction(make_env):
-    env, nominal = make_env(STEP), make_env(STEP)
-    env.reset(options={"vary": {"tendon_friction": 0.75}})
-    np.testing.assert_array_equal(env.model.tendon_frictionloss, np.full(6, 0.75))
-    np.testing.assert_array_equal(nominal.model.tendon_frictionloss, np.zeros(6))
-    assert env.data.nefc == 6  # and MuJoCo does make constraints of it
-    env.reset()
-    assert env.data.nefc == 0
-
-
-def test_damping_may_vanish(make_env, hold_action):
-    """Without damping the released arm swings back to nearly where it started."""
-    env = make_env(STEP)
-    peaks = {}
-    for factor in (0.0, 1.0):
-        env.reset(options={"vary": {"damping_time": factor}, "start_curvature": np.full(6, 0.1)})
-        seen = [env.step(np.zeros(3, np.float32))[0]["tip_position"][0] for _ in range(150)]
-        peaks[factor] = max(seen[75:])  # a period lasts 1.22 s
-        assert np.all(env.model.dof_damping == 0) == (factor == 0)
-    start = centerline(ARM, np.full(6, 0.1))[-1, 0]
-    # The released shape is not quite the first mode, hence a few per cent in other modes.
-    assert peaks[0.0] > 0.9 * start
-    # Damping ratio 0.127: one period leaves exp(-2 pi 0.127) = 45 %.
-    assert 0.35 * start < peaks[1.0] < 0.55 * start
 
 
 @pytest.mark.parametrize(
@@ -187,32 +143,26 @@ def test_damping_may_vanish(make_env, hold_action):
     ],
     ids=lambda o: "+".join(o),
 )
-@pytest.mark.parametrize("following", [None, {}], ids=["none", "empty"])
-def test_options_hold_for_one_episode(options, following, make_env, hold_action):
+def test_options_hold_for_one_episode(options, make_env, hold_action):
     env, untouched = make_env(STEP), make_env(STEP)
-    env.reset(options=options)
-    env.step(hold_action(env))
-    start, _ = env.reset(options=following)
-    expected, _ = untouched.reset()
-    assert same(start, expected)
-    for ours, theirs in zip(running_state(env), running_state(untouched), strict=True):
-        np.testing.assert_array_equal(ours, theirs)
+    for following in (None, {}):
+        env.reset(options=options)
+        env.step(hold_action(env))
+        assert flatten(env.reset(options=following)) == flatten(untouched.reset())
+    assert_models_alike(env.model, untouched.model)
     action = np.full(3, 0.2, np.float32)
-    results = [[e.step(action) for _ in range(20)] for e in (env, untouched)]
-    assert all(same(a[0], b[0]) and a[1] == b[1] for a, b in zip(*results, strict=True))
+    for _ in range(20):
+        assert flatten(env.step(action)) == flatten(untouched.step(action))
 
 
 def test_the_same_variation_twice_and_another_in_the_same_dict(make_env):
     """Changing the caller's dict afterwards changes no later episode."""
     env, factors = make_env(STEP), {"youngs_modulus": 1.5}
-    first, _ = env.reset(options={"vary": factors})
-    env.step(np.ones(3, np.float32))
-    second, _ = env.reset(options={"vary": factors})
-    assert same(first, second)
-    for factor in (1.5, 0.5):
+    spring = ARM.bending_stiffness / (ARM.length / 12)
+    for factor in (1.5, 1.5, 0.5):
         factors["youngs_modulus"] = factor
         env.reset(options={"vary": factors})
-        spring = ARM.bending_stiffness / (ARM.length / 12)
+        env.step(np.ones(3, np.float32))
         assert env.model.jnt_stiffness[0] == pytest.approx(factor * spring)
 
 
@@ -234,3 +184,64 @@ def test_a_task_of_ones_own_keeps_its_robot_and_duration(make_env, hold_action):
     target = make_task("step", 0.1).trajectory.position(np.zeros(1))[0, [0, 2]]
     np.testing.assert_allclose(observation["reference"], target)
     assert len(hold_episode(env, hold_action(env))) == 50
+
+
+# ---------------------------------------------------------------- tasks that are drawn from a seed
+
+SAMPLED = ("SoftRobot/ArmRandom-v0", "SoftRobot/RigReach-v0")
+COUNT = 3
+
+
+def path_seed(env):
+    return env.unwrapped.current_task.option("seed")
+
+
+@pytest.mark.parametrize("env_id", SAMPLED)
+def test_every_episode_has_its_own_by_the_seed(env_id):
+    """And all are equally long, start on their reference and are what `make_task` makes."""
+    env, other = gymnasium.make(env_id), gymnasium.make(env_id)
+    seeds = []
+    for seed in (0, None, None):
+        observation, info = env.reset(seed=seed)
+        again, _ = other.reset(seed=seed)
+        seeds.append(path_seed(env))
+        for name, value in observation.items():
+            np.testing.assert_array_equal(value, again[name])
+        task = env.unwrapped.current_task
+        assert task.duration == env.unwrapped.task.duration
+        drawn = make_task(task.name, seed=path_seed(env))
+        assert drawn.trajectory == task.trajectory
+        if task.name == "random":
+            assert info["error"] < 1e-3
+    assert len(set(seeds)) == 3
+    env.reset(seed=1)
+    assert path_seed(env) not in seeds
+
+
+@pytest.mark.parametrize("env_id", SAMPLED)
+def test_one_can_be_kept(env_id):
+    """By the environment's `seed`, a task of one's own, or for an episode by an option."""
+    name = gymnasium.spec(env_id).kwargs["task"]
+    for kept in ({"seed": 7}, {"task": make_task(name, seed=7)}):
+        env = gymnasium.make(env_id, **kept)
+        for seed in (0, None):
+            env.reset(seed=seed)
+            assert path_seed(env) == 7
+    env = gymnasium.make(env_id)
+    env.reset(seed=0, options={"task": {"seed": 4}})
+    assert path_seed(env) == 4
+
+
+def test_the_same_options_serve_many():
+    """Another width and a longer duration for some of the environments."""
+    many = gymnasium.make_vec("SoftRobot/ArmStep-v0", num_envs=COUNT, autoreset_mode="Disabled")
+    first, _ = many.reset(seed=0)
+    mask = np.array([False, True, False])
+    longer = {"step_width": 0.2, "duration": 6.0}
+    observation, _ = many.reset(options=longer | {"reset_mask": mask})
+    wide = gymnasium.make("SoftRobot/ArmStep-v0").reset(options=longer)[0]
+    np.testing.assert_array_equal(observation["reference"][1], wide["reference"])
+    np.testing.assert_array_equal(observation["reference"][[0, 2]], first["reference"][[0, 2]])
+    for _ in range(500):
+        *_, truncated, _ = many.step(np.zeros(many.action_space.shape))
+    assert truncated.tolist() == [True, False, True]

@@ -1,29 +1,23 @@
-"""A beam model in place of the MuJoCo chain: the same environment, another plant."""
+"""Beam models in place of the MuJoCo chain: the arm's environment, and plants of any robot."""
 
 from dataclasses import replace
 from functools import cache
-from importlib.util import find_spec
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
-from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
-from softrobot_env.cli import main
-from softrobot_env.control.registry import POLICIES, make_policy, policy_environment
+from softrobot_env.beams.registry import MUJOCO, BeamPlant
+from softrobot_env.envs.simulation.plants import BeamPlant as SteppedPlant
+from softrobot_env.envs.simulation.plants import MujocoPlant
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.evaluation.run import run_episode
-from softrobot_env.robots import ARM, centerline
+from softrobot_env.robots import ARM, ROBOTS, centerline
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.servos import Servos
 from softrobot_env.tasks import make_task
-from studies.truths.continuum_arc import continuum_arc
 
-BEAMS = tuple(
-    name
-    for name in PLANTS
-    if name != MUJOCO and find_spec(f"softrobot_env.beams.{name}") is not None
-)
 #: Compiling the other plants takes half a minute each; the models are tested in tests/beams.
-EACH = [n if n == "pcc" else pytest.param(n, marks=pytest.mark.slow) for n in BEAMS]
-ENDS = np.array([0.5 / 3, 1 / 3, 0.5])
+EACH = ["pcc", *(pytest.param(n, marks=pytest.mark.slow) for n in ("cosserat", "ancf"))]
 
 
 @cache
@@ -59,88 +53,21 @@ def test_observables_have_the_chains_names_and_shapes(name):
 # ---------------------------------------------------------------- postures
 
 
-def inextensible(robot, force, moment):
-    """Stretch and curvature of a piece that only bends."""
-    return 1.0, moment / robot.bending_stiffness
-
-
-def compressed(robot, force, moment):
-    """The same for a rod that is linear in both."""
-    return 1 + force / (robot.youngs_modulus * robot.area), moment / robot.bending_stiffness
-
-
-def continuum(robot, force, moment):
-    """The same for a continuum; one tendon at the outer radius does what the tendons do here."""
-    return continuum_arc(robot, 0.0, -force, -moment / force)
-
-
-#: Beam theory of a piece under an axial force and a moment, by plant.
-THEORY = {"pcc": inextensible, "cosserat": compressed, "ancf": continuum}
-
-
-def closed_form(robot, tension, theory):
-    """Curvature and stretch (6,) and tip (2,) under tensions in continuous channels.
-
-    A channel's tension bends by its moment arm and compresses the fibre, up to where it ends.
-    """
-    middles = robot.length / 6 * (np.arange(6) + 0.5)
-    inside = np.array([[s < t.end for s in middles] for t in robot.tendons])
-    moment_arm = np.array([t.offset[0] for t in robot.tendons])
-    forces, moments = -tension @ inside, (moment_arm * tension) @ inside
-    pieces = [theory(robot, f, m) for f, m in zip(forces, moments, strict=True)]
-    stretch, curvature = (np.array(x) for x in zip(*pieces, strict=True))
-    points = centerline(robot, curvature, points=400)[:, ::2]
-    chords = np.diff(points, axis=0) * np.repeat(stretch, 400)[:, None]
-    return curvature, stretch, chords.sum(axis=0)
-
-
 @pytest.mark.parametrize("task", ["swing", "lshape"])
-@pytest.mark.parametrize("name", EACH)
-def test_the_start_is_the_equilibrium_of_beam_theory(name, task):
-    env = environment(name, task)
-    observation, info = env.reset()
-    curvature, stretch, tip = closed_form(ARM, info["tendon_tension"], THEORY[name])
-    exact = name == "pcc"
-    np.testing.assert_allclose(observation["tip_position"], tip, atol=1e-6 if exact else 2.5e-3)
-    np.testing.assert_allclose(
-        observation["curvature"], curvature, rtol=1e-8 if exact else 0.13, atol=0
-    )
-    np.testing.assert_array_equal(observation["curvature_rate"], 0)
-    np.testing.assert_array_equal(observation["tip_velocity"], 0)
+def test_the_start_is_the_equilibrium_of_the_tendons(task):
+    """A channel's tension bends each piece by its moment arm, up to where it ends."""
+    observation, info = environment("pcc", task).reset()
     piece = ARM.length / 6
-    lengths = [
-        sum(
-            (stretch[k] - t.offset[0] * curvature[k]) * piece
-            for k in range(6)
-            if (k + 0.5) * piece < t.end
-        )
-        for t in ARM.tendons
-    ]
-    np.testing.assert_allclose(observation["tendon_length"], lengths, atol=1e-9 if exact else 1e-3)
-
-
-def test_the_chain_starts_where_pcc_does():
-    """Its hinges shorten an arc of piece angle a by the share (1/3 - 0.3) a^2 / 4 and less."""
-    for task in ("swing", "lshape", "step"):
-        ours = environment("pcc", task).reset()[0]
-        chain = environment(MUJOCO, task).reset()[0]
-        np.testing.assert_allclose(ours["curvature"], chain["curvature"], rtol=1e-6)
-        angle = np.max(np.abs(chain["curvature"])) * ARM.length / 6
-        bound = ARM.length * (1 / 3 - 0.3) * angle**2 / 4
-        assert np.linalg.norm(ours["tip_position"] - chain["tip_position"]) < bound
-
-
-@pytest.mark.parametrize("name", EACH)
-def test_a_start_curvature_is_what_is_measured(name):
-    env = environment(name)
-    wanted = np.array([3.0, 1.0, -2.0, -1.0, 0.5, 2.0])
-    observation, _ = env.reset(options={"start_curvature": wanted})
-    np.testing.assert_allclose(observation["curvature"], wanted, atol=1e-6)
-    np.testing.assert_array_equal(observation["curvature_rate"], 0)
-    tip = centerline(ARM, wanted)[-1, ::2]
-    np.testing.assert_allclose(
-        observation["tip_position"], tip, atol=1e-9 if name == "pcc" else 3e-3
-    )
+    ends = [[(k + 0.5) * piece < t.end for k in range(6)] for t in ARM.tendons]
+    arms = np.array([t.offset[0] for t in ARM.tendons])[:, None] * ends
+    curvature = info["tendon_tension"] @ arms / ARM.bending_stiffness
+    np.testing.assert_allclose(observation["curvature"], curvature, rtol=1e-8)
+    tip = centerline(ARM, curvature)[-1, ::2]
+    np.testing.assert_allclose(observation["tip_position"], tip, atol=1e-6)
+    lengths = [t.end for t in ARM.tendons] - arms @ curvature * piece
+    np.testing.assert_allclose(observation["tendon_length"], lengths, atol=1e-9)
+    for rate in ("curvature_rate", "tip_velocity"):
+        np.testing.assert_array_equal(observation[rate], 0)
 
 
 def test_an_impossible_start_curvature_is_refused():
@@ -151,18 +78,6 @@ def test_an_impossible_start_curvature_is_refused():
 
 
 # ---------------------------------------------------------------- motion
-
-
-def test_pcc_swings_like_the_chain():
-    records = []
-    for name in (MUJOCO, "pcc"):
-        env = environment(name)
-        policy = make_policy("feedforward", ARM, env.control_period)
-        records.append(run_episode(env, policy))
-    chain, pcc = records
-    assert np.max(np.linalg.norm(chain.tip - pcc.tip, axis=1)) < 1.2e-3
-    assert np.max(pcc.error) > 5e-3  # it does lag behind
-    assert pcc.failure is None
 
 
 @pytest.mark.parametrize("name", EACH)
@@ -178,32 +93,12 @@ def test_the_default_tolerance_is_enough(name):
     assert 0 < max(errors) < 2e-4
 
 
-def test_a_fixed_step_is_used():
-    """Jumps of the inputs excite stiff modes, which cost an L-stable method part of its order."""
-    tips = []
-    for step in (1e-2, 2.5e-3, 2.5e-4, None):
-        env = TrackingEnv("swing", plant=BeamPlant("pcc", step=step, tolerance=1e-10))
-        env.reset()
-        tips.append(episode(env, 0, 10)[-1][0]["tip_position"])
-        if step is not None:
-            assert env.simulation.plant._work.counters[0] == round(0.01 / step)
-    errors = [np.linalg.norm(tip - tips[-1]) for tip in tips[:-1]]
-    assert 1e-3 > errors[0] > 3 * errors[1] > 9 * errors[2]
-
-
-@pytest.mark.parametrize(
-    "policy", [pytest.param(p, marks=pytest.mark.slow if "mpc" in p else ()) for p in POLICIES]
-)
-@pytest.mark.parametrize("name", EACH)
-def test_policies_run(name, policy):
-    options = {"control_period": 0.01, **policy_environment(policy)}
-    env = TrackingEnv("lshape", observe="all", plant=BeamPlant(name), **options)
-    controller = make_policy(policy, ARM, env.control_period)
-    record = run_episode(env, controller, options={"duration": 0.1})
-    assert record.failure is None
-    assert len(record.time) == 1 + round(0.1 / env.control_period)
-    if name == "pcc":
-        assert np.max(record.error) < 0.03
+@pytest.mark.parametrize("step", [1e-2, 2.5e-3, 2.5e-4])
+def test_a_fixed_step_is_used(step):
+    env = TrackingEnv("swing", plant=BeamPlant("pcc", step=step))
+    env.reset()
+    env.step(np.zeros(3, np.float32))
+    assert env.simulation.plant._work.counters[0] == round(0.01 / step)
 
 
 @pytest.mark.parametrize("name", EACH)
@@ -244,23 +139,159 @@ def test_leaving_the_workspace_ends_the_episode(name):
     assert env.observation_space.contains(observation)
 
 
-# ---------------------------------------------------------------- pictures and commands
+# ---------------------------------------------------------------- any robot
+
+SPACE = slice(0, 3)
+#: Control period [s], and control periods of a motion.
+PERIOD, STEPS = 0.02, 10
+
+#: Robot, how it is driven, whether it twists, pieces for each of its own, and controls [m or N].
+CASES = {
+    "rig_equivalent": ("length", False, 4, [0.010, 0.0, 0.002]),
+    "silicone_rod": ("length", False, 1, [0.006, 0.0, 0.002]),
+    "hanging_trunk": ("tension", True, 1, [12.0, 0.0, 3.0, 0.0, 7.0, 0.0]),
+}
 
 
-def test_what_is_drawn_has_the_measured_curvature():
-    env = environment("pcc")
-    observation, _ = env.reset()
-    frame = env._frame()
-    np.testing.assert_allclose(
-        frame.qpos.reshape(6, -1).sum(axis=1) * 12, observation["curvature"], rtol=1e-12
+def pulled(plant, drive, control):
+    """Tips (k, 3) [m] of a motion from rest, then what is measured in equilibrium, by name."""
+    servos = Servos(0.1, np.zeros(len(control)), np.zeros(len(control)))
+    servos = servos if drive == "length" else None
+    simulation = plant.simulation({})
+    if servos is not None:
+        simulation.drive_by(servos)
+    simulation.reset(plant.equilibrium(0 * control), 0 * control)
+    readout, tips = plant.readout(simulation, servos), []
+    for _ in range(STEPS):
+        (simulation.ctrl if servos is None else servos.command)[:] = control
+        assert simulation.advance() and readout.update() is None
+        tips.append(tip_of(simulation, readout))
+    simulation.reset(plant.equilibrium(control), control)
+    assert readout.update() is None
+    return (
+        np.array(tips),
+        tip_of(simulation, readout),
+        bends(readout.curvature(), plant),
+        readout.tendon_tension(),
+        bends(readout.curvature_rate(), plant),
     )
-    assert env.scene is env.model is env.data is None
 
 
-def test_bad_plants_are_named(capsys):
-    with pytest.raises(ValueError, match="pcc, cosserat, ancf"):
-        BeamPlant("fem")
-    with pytest.raises(SystemExit):
-        main(["evaluate", "--plant", "fem"])
-    text = capsys.readouterr().err
-    assert all(name in text for name in PLANTS)
+def bends(curvature, plant):
+    """Beta and gamma of each piece; a chain that twists has torsion besides."""
+    return curvature.reshape(plant.pieces, -1)[:, :2].ravel()
+
+
+def tip_of(simulation, readout):
+    if simulation.data is None:
+        return readout.tip_position()
+    return simulation.data.sensordata[:3].copy()
+
+
+def found(name, model, pieces):
+    """The same of a named robot and model."""
+    drive, torsion, _, control = CASES[name]
+    way = {"bending": "spatial", "torsion": torsion, "actuation": drive}
+    if model == "chain":
+        plant = MujocoPlant(ROBOTS[name], PERIOD, pieces=pieces, **way)
+    else:
+        beam = BeamPlant(model, pieces=pieces)
+        plant = SteppedPlant(ROBOTS[name], PERIOD, beam, axes=SPACE, **way)
+    return pulled(plant, drive, np.array(control))
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_pcc_becomes_the_chain_of_as_many_pieces(name):
+    """They differ by where the mass is and how a piece is curved: both of second order."""
+    length, number = ROBOTS[name].length, CASES[name][2] * ROBOTS[name].pieces
+    rest, motion = [], []
+    for pieces in (number, 2 * number):
+        chain, pcc = found(name, "chain", pieces), found(name, "pcc", pieces)
+        rest.append(np.linalg.norm(chain[1] - pcc[1]) / length)
+        motion.append(np.linalg.norm(chain[0] - pcc[0], axis=1).max() / length)
+    assert np.linalg.norm(chain[0] - chain[0][0], axis=1).max() > 0.03 * length
+    assert rest[1] < rest[0] / 3 < 0.001
+    assert motion[1] < motion[0] / 3 < 0.001
+    # A chain that twists shares out a piece's bend to its neighbours, by the order of its hinges.
+    assert_allclose(pcc[2], chain[2], atol=0.01 * np.abs(chain[2]).max())
+    assert_allclose(pcc[3], chain[3], rtol=0.002)
+    assert_allclose(pcc[4], 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_posture_of_some_curvature(name):
+    _, torsion, _, _ = CASES[name]
+    robot = replace(ROBOTS[name], pieces=3) if ROBOTS[name].is_uniform else ROBOTS[name]
+    way = {"bending": "spatial", "torsion": torsion}
+    plant = SteppedPlant(robot, PERIOD, BeamPlant("pcc"), axes=SPACE, **way)
+    wanted = np.random.default_rng(8).uniform(-2, 2, 2 * robot.pieces)
+    simulation = plant.simulation({})
+    simulation.reset(plant.bent(wanted), np.zeros(len(robot.tendons)))
+    readout = plant.readout(simulation)
+    assert_allclose(readout.curvature(), wanted, atol=1e-6)
+    # What is drawn looks like it: hinges in place of arcs err to second order.
+    drawn = build_scene(plant.config).tip(simulation.posture)
+    assert_allclose(drawn, readout.tip_position(), atol=0.01 * robot.length)
+
+
+@pytest.mark.parametrize(
+    ("name", "model", "way"),
+    [
+        ("hanging_trunk", "pcc", {"axes": SPACE, "bending": "spatial"}),
+        ("arm", "pcc", {}),
+        pytest.param("arm", "cosserat", {}, marks=pytest.mark.slow),
+        pytest.param("arm", "ancf", {}, marks=pytest.mark.slow),
+    ],
+)
+def test_rates_are_derivatives(name, model, way):
+    plant = SteppedPlant(ROBOTS[name], PERIOD, BeamPlant(model), **way)
+    simulation = plant.simulation({})
+    rng = np.random.default_rng(5)
+    for _ in range(4):
+        simulation.ctrl[:] = [rng.uniform(0, 0.2 * t.tension_limit) for t in plant.robot.tendons]
+        assert simulation.advance()
+    model, q, v = simulation.plant, simulation.q, simulation.v
+    now, h = model.measure(q, v), 1e-5
+    ahead, behind = (model.measure(q + step * v, v) for step in (h, -h))
+    for value, rate in (("tip_position", now.tip_velocity), ("curvature", now.curvature_rate)):
+        slope = (getattr(ahead, value) - getattr(behind, value)) / (2 * h)
+        assert_allclose(rate, slope, rtol=1e-5, atol=1e-6 * np.abs(rate).max())
+        assert np.abs(rate).max() > 1e-3
+
+
+def test_measured_are_the_axes_that_are_asked_for():
+    robot, tips = ROBOTS["hanging_trunk"], []
+    for axes in (SPACE, slice(0, 2), slice(0, 3, 2)):
+        plant = SteppedPlant(robot, PERIOD, BeamPlant("pcc"), axes=axes, bending="spatial")
+        simulation = plant.simulation({})
+        simulation.reset(plant.equilibrium(np.array([3.0, 0, 1.0, 0, 2.0, 0])), np.zeros(6))
+        tips.append(plant.readout(simulation).tip_position())
+    assert_allclose(tips[1], tips[0][:2])
+    assert_allclose(tips[2], tips[0][::2])
+    assert 0.25 < tips[0][2] < 0.27  # it hangs from 0.6 m
+
+
+def test_a_sharp_bend_to_both_sides_at_once_is_reported():
+    robot = replace(ROBOTS["silicone_rod"], pieces=3)
+    plant = SteppedPlant(robot, PERIOD, BeamPlant("pcc"), axes=SPACE, bending="spatial")
+    simulation = plant.simulation({})
+    curvature = np.zeros(6)
+    curvature[2:4] = 0.75 * robot.curvature_limit
+    simulation.reset(plant.bent(curvature), np.zeros(3))
+    said = plant.readout(simulation).update()
+    assert said.startswith("left the workspace: curvature 70.71 1/m of piece 2 of 3")
+
+
+@pytest.mark.parametrize(
+    ("model", "name", "options", "message"),
+    [
+        ("ancf", "rig", {}, "'rig' has a head, which plant 'ancf' has no sections for; take pcc"),
+        ("ancf", "hanging_trunk", {}, "ANCF needs a backbone of one section"),
+        ("pcc", "silicone_rod", {"bending": "planar"}, "PCC with axes 'planar' moves in the x-z"),
+        ("pcc", "hanging_trunk", {"actuation": "length"}, "needs a finite stiffness to be driven"),
+    ],
+)
+def test_what_a_model_lacks_is_refused_by_name(model, name, options, message):
+    way = {"bending": "spatial", **options}
+    with pytest.raises(ValueError, match=message):
+        SteppedPlant(ROBOTS[name], PERIOD, BeamPlant(model), axes=SPACE, **way)

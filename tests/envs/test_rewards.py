@@ -7,31 +7,26 @@ import pytest
 
 from softrobot_env.envs.rewards import TERMS, TrackingReward
 
+USUAL = TrackingReward()
+OWN = TrackingReward(0.1, 0.01, tracking=2, precision=3, effort=5, smoothness=7)
+
 
 @pytest.mark.parametrize(
-    ("error", "action", "previous", "expected"),
+    ("reward", "error", "action", "previous", "expected"),
     [
-        (0.0, [0, 0, 0], [0, 0, 0], (0.5, 0.5, 0, 0)),
-        (0.05, [0, 0, 0], [0, 0, 0], (0.5 / e, 0.5 * exp(-10), 0, 0)),
-        (0.005, [1, 1, 1], [1, 1, 1], (0.5 * exp(-0.1), 0.5 / e, -0.01, 0)),
+        (USUAL, 0.0, [0, 0, 0], [0, 0, 0], (0.5, 0.5, 0, 0)),
+        (USUAL, 0.05, [0, 0, 0], [0, 0, 0], (0.5 / e, 0.5 * exp(-10), 0, 0)),
+        (USUAL, 0.005, [1, 1, 1], [1, 1, 1], (0.5 * exp(-0.1), 0.5 / e, -0.01, 0)),
         # mean(a^2) = (1 + 1 + 1/4) / 3, mean((a - p)^2) = (4 + 4 + 0) / 3
-        (0.0, [1, -1, 0.5], [-1, 1, 0.5], (0.5, 0.5, -0.0075, -0.4 / 3)),
-        (0.0, [1, 1, 1], [-1, -1, -1], (0.5, 0.5, -0.01, -0.2)),
+        (USUAL, 0.0, [1, -1, 0.5], [-1, 1, 0.5], (0.5, 0.5, -0.0075, -0.4 / 3)),
+        (USUAL, 0.0, [1, 1, 1], [-1, -1, -1], (0.5, 0.5, -0.01, -0.2)),
+        (OWN, 0.1, [0.5] * 3, [0, 0, 0], (2 / e, 3 * exp(-10), -5 * 0.25, -7 * 0.25)),
     ],
 )
-def test_by_hand(error, action, previous, expected):
-    _, terms = TrackingReward().terms(error, action, previous)
+def test_by_hand(reward, error, action, previous, expected):
+    _, terms = reward.terms(error, action, previous)
     assert tuple(terms) == TERMS
     np.testing.assert_allclose(list(terms.values()), [*expected, 0], rtol=1e-12, atol=1e-15)
-
-
-def test_weights_and_scales():
-    reward = TrackingReward(
-        coarse_scale=0.1, fine_scale=0.01, tracking=2, precision=3, effort=5, smoothness=7
-    )
-    _, terms = reward.terms(0.1, [0.5, 0.5, 0.5], [0, 0, 0])
-    expected = [2 / e, 3 * exp(-10), -5 * 0.25, -7 * 0.25, 0]
-    np.testing.assert_allclose(list(terms.values()), expected, rtol=1e-12)
 
 
 def test_failed_terms():

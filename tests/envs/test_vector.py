@@ -75,8 +75,8 @@ ALIKE = {
     "sensors": ("SoftRobot/RigCircle-v0", SENSED, 8, 0.5),
     "bar": ("SoftRobot/GripperHold-v0", {}, 6, 1.0),
     "short grip": ("SoftRobot/GripperEnclose-v0", {"task": GRIP}, 8, 1.0),
-    "drawn path": ("SoftRobot/ArmRandom-v0", DRAWN, 310, 0.1),
-    "drawn points": (REACH, DRAWN, 310, 0.1),
+    "drawn path": ("SoftRobot/ArmRandom-v0", DRAWN | {"speed": 0.8}, 50, 0.1),
+    "drawn points": (REACH, DRAWN | {"hold": 0.3}, 40, 0.1),
 }
 
 
@@ -98,31 +98,6 @@ def test_every_robot_is_that_of_a_single_environment(env_id, options, observe_as
     many, singles = assert_alike(env_id, options, 8, size, **close)
     if observe_as == "vector":
         assert many.vector_layout == singles[0].vector_layout
-
-
-def test_physics_with_friction_is_equal_bit_by_bit():
-    """One arm of four rubs; the others stay what they are without constraints."""
-    many, single = VectorTrackingEnv(COUNT, "swing"), TrackingEnv("swing")
-    for friction in (np.array([0.0, 1.5, 0.0, 0.3]), np.zeros(COUNT)):
-        for i in range(COUNT):
-            many.reset(options={"vary": {"tendon_friction": friction}})
-            single.reset(options={"vary": {"tendon_friction": friction[i]}})
-            for action in actions(100):
-                many.step(action)
-                single.step(action[i])
-            np.testing.assert_array_equal(many.simulation.qpos[i], single.data.qpos)
-            np.testing.assert_array_equal(many.simulation.qvel[i], single.data.qvel)
-
-
-def test_the_number_of_threads_does_not_matter():
-    ends = []
-    for threads in (1, 2):
-        env = VectorTrackingEnv(COUNT, "swing", threads=threads)
-        env.reset()
-        for action in actions(30):
-            observation, *_ = env.step(action)
-        ends.append(observation["tip_position"])
-    np.testing.assert_array_equal(*ends)
 
 
 # ---------------------------------------------------------------- autoreset
@@ -198,14 +173,7 @@ def test_options_of_a_reset_hold_for_its_episode_alone(task):
 @pytest.mark.parametrize(
     "vary",
     [
-        {"youngs_modulus": 0.6},
-        {"density": 1.3},
-        {"damping_time": 0.4},
-        {"tendon_radius": 0.8},
-        {"youngs_modulus": 1.2, "density": 0.7},
-        {"tendon_friction": 0.7},
-        {"tension_gain": 0.9},
-        {"delay": 0.03},
+        {"youngs_modulus": 1.2, "density": 0.7, "tendon_radius": 0.8},
         {"youngs_modulus": 0.5, "tendon_friction": 0.5},
         {"youngs_modulus": 0.9, "tension_gain": 1.2, "delay": 0.05, "tendon_friction": 0.2},
         # Far from the nominal one.
@@ -244,13 +212,11 @@ def test_noise_is_that_of_the_single_environment_with_the_same_seed():
     scale = np.array([0.0, 1.0, 2.0, 0.0])
     singles = {i: TrackingEnv(long, observe="all") for i in range(3)}
     for seed in (5, None):
-        resets = (
-            many.reset(seed=seed, options={"vary": {"sensor_noise": scale}}),
-            {
-                i: env.reset(seed=seed and seed + i, options={"vary": {"sensor_noise": scale[i]}})
-                for i, env in singles.items()
-            },
-        )
+        alone = {}
+        for i, env in singles.items():
+            options = {"vary": {"sensor_noise": scale[i]}}
+            alone[i] = env.reset(seed=seed and seed + i, options=options)
+        resets = many.reset(seed=seed, options={"vary": {"sensor_noise": scale}}), alone
         for observations, *_, infos in alike(many, singles, resets, actions(99), **ROUNDING):
             assert many.observation_space.contains(observations)
             for name in ("tip_position", "curvature"):

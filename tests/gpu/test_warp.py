@@ -109,6 +109,13 @@ def largest(one, other):
     return {name: max(one.get(name, 0.0), value) for name, value in other.items()}
 
 
+def stepped(off, envs, steps, size=1.0):
+    """Largest differences so far, and those of more steps of both."""
+    for action in size * actions(envs[1], steps):
+        off = largest(off, differences(*(env.step(action) for env in envs)))
+    return off
+
+
 # ---------------------------------------------------------------- 500 steps
 
 
@@ -187,6 +194,10 @@ SENSED = {
     "randomization": Randomization(sensor_errors=(0.0, 1.0)),
 }
 
+#: Exact channels that wind, and servos that err.
+DRIVEN = replace(WOUND, drive=Drive("length", speed=0.05))
+ERRING = replace(nominal_twin(DRIVEN), backlash=(2e-4,) * 3, servo_offset=(1e-4, 0.0, -1e-4))
+
 
 @pytest.mark.parametrize(
     ("env_id", "options"),
@@ -206,8 +217,7 @@ def test_episodes_are_those_of_the_c_engine(env_id, options):
     """Draws, resets within steps, rewards, flags and `info`, all of them."""
     warp, exact = pair(env_id, **options, max_episode_steps=15)
     off = differences(warp.reset(seed=3), exact.reset(seed=3))
-    for action in actions(exact, 40):
-        off = largest(off, differences(warp.step(action), exact.step(action)))
+    off = stepped(off, (warp, exact), 40)
     # Tensions [N] of stiff tendons, curvatures [1/m] and vectors are larger than the rest.
     names = ("tension", "curvature", "_obs")
     large = {n: v for n, v in off.items() if n == "/0" or any(x in n for x in names)}
@@ -217,32 +227,23 @@ def test_episodes_are_those_of_the_c_engine(env_id, options):
 
 
 def test_options_of_a_reset():
-    warp, exact = pair(ARM)
+    both = pair(ARM)
     vary = {"youngs_modulus": np.array([0.7, 1.0, 1.2, 1.0]), "tendon_radius": 0.95}
     vary["tendon_friction"] = np.array([0.0, 1.0, 0.0, 0.3])
-    options = {"vary": vary, "start_curvature": [0.5, 0.2, -0.1, -0.3], "duration": 0.2}
-    options["start_curvature"] = np.resize([0.5, -0.2], exact._parts.bends)
-    off = differences(*(e.reset(seed=0, options=dict(options)) for e in (warp, exact)))
-    for action in actions(exact, 8):
-        off = largest(off, differences(*(env.step(action) for env in (warp, exact))))
-    mask = np.array([False, True, False, True])
-    again = {"reset_mask": mask, "duration": 0.1}
-    off = largest(off, differences(*(e.reset(options=dict(again)) for e in (warp, exact))))
-    for action in actions(exact, 25):
-        off = largest(off, differences(*(env.step(action) for env in (warp, exact))))
-    assert off["/0/tip_position"] < 3e-6
+    options = {"vary": vary, "duration": 0.2}
+    options["start_curvature"] = np.resize([0.5, -0.2], both[1]._parts.bends)
+    off = differences(*(env.reset(seed=0, options=dict(options)) for env in both))
+    off = stepped(off, both, 8)
+    again = {"reset_mask": np.array([False, True, False, True]), "duration": 0.1}
+    off = largest(off, differences(*(env.reset(options=dict(again)) for env in both)))
+    assert stepped(off, both, 25)["/0/tip_position"] < 3e-6
 
 
 def test_twisting_robots():
-    """Exact channels that wind, and servos that err."""
-    robot = replace(WOUND, drive=Drive("length", speed=0.05))
-    twin = replace(nominal_twin(robot), backlash=(2e-4,) * 3, servo_offset=(1e-4, 0.0, -1e-4))
-    warp, exact = pair(ANY_ROBOT, robot=robot, twin=twin, observe="all")
-    assert warp.simulation.scene.config.torsion
-    off = differences(warp.reset(seed=3), exact.reset(seed=3))
-    for action in actions(exact, 30):
-        off = largest(off, differences(warp.step(0.3 * action), exact.step(0.3 * action)))
-    assert off["/0/tip_position"] < 3e-6
+    both = pair(ANY_ROBOT, robot=DRIVEN, twin=ERRING, observe="all")
+    assert both[0].simulation.scene.config.torsion
+    off = differences(*(env.reset(seed=3) for env in both))
+    assert stepped(off, both, 30, size=0.3)["/0/tip_position"] < 3e-6
 
 
 # ---------------------------------------------------------------- failures
@@ -289,21 +290,15 @@ def test_tensors_share_the_memory_of_warp():
     assert there.data_ptr() == simulation.sensordata.data_ptr()
     seen, info = env.reset(seed=0)
     reported = env.step(torch.zeros((COUNT, 3)))
-    for value in (
-        *seen.values(),
-        *reported[0].values(),
-        *reported[1:4],
-        info["error"],
-        info["_error"],
-    ):
+    shown = *seen.values(), *reported[0].values(), *reported[1:4], info["error"], info["_error"]
+    for value in shown:
         assert isinstance(value, torch.Tensor) and value.device == simulation.arrays.device
     kept = {name: value.clone() for name, value in reported[0].items()}
     env.step(torch.ones((COUNT, 3)))
     assert all(torch.equal(value, reported[0][name]) for name, value in kept.items())
-    with pytest.raises(ValueError, match="actions must be an array of 4 x 3"):
-        env.step(torch.full((COUNT, 3), 1.1))
-    with pytest.raises(ValueError, match="actions must be an array of 4 x 3"):
-        env.step(torch.full((COUNT, 2), 0.5))
+    for bad in (torch.full((COUNT, 3), 1.1), torch.full((COUNT, 2), 0.5)):
+        with pytest.raises(ValueError, match="actions must be an array of 4 x 3"):
+            env.step(bad)
 
 
 def test_numpy_by_gymnasiums_wrapper():
@@ -312,9 +307,7 @@ def test_numpy_by_gymnasiums_wrapper():
     plain, exact = pair(ARM)
     env = ArrayConversion(plain, env_xp=torch, target_xp=np)
     off = differences(env.reset(seed=3), exact.reset(seed=3))
-    for action in actions(exact, 5):
-        off = largest(off, differences(env.step(action), exact.step(action)))
-    assert off["/0/tip_position"] < 1e-6
+    assert stepped(off, (env, exact), 5)["/0/tip_position"] < 1e-6
 
 
 # ---------------------------------------------------------------- training

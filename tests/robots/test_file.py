@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.bad_files import assert_refused
 
-from softrobot_env.beams.pcc import PCC
 from softrobot_env.cli import main
 from softrobot_env.robots import (
     ARM,
@@ -27,8 +26,6 @@ from softrobot_env.robots import (
 )
 from softrobot_env.robots.actuation import TendonMap, with_balance
 from softrobot_env.robots.twin import nominal_twin
-from softrobot_env.scene.build import build_scene
-from softrobot_env.scene.registry import scene_of
 
 GOOD = """name = "mine"
 [[section]]
@@ -53,6 +50,15 @@ radius_m = 0.01
 tension_limit_N = 9
 drive = "length"
 stiffness_N_m = 9
+"""
+
+SENSED = """= 40
+[[sensor]]
+name = "lower"
+kind = "planar"
+begin_m = 0.0
+end_m = 0.1
+segments = 5
 """
 
 some = st.floats(-1e3, 1e3)
@@ -82,6 +88,14 @@ def _tendon(draw, name, length):
 
 
 @st.composite
+def _sensors(draw, length):
+    plain = Sensor(draw(st.sampled_from("abc")), "planar", 0.0, length / 2, segments=5)
+    tags = replace(plain, kind="tags", segments=2, noise=draw(size), rate=30.0, delay=0.04)
+    erring = plain.with_imperfections(draw(st.floats(0.1, 2.0)), draw(st.integers(0, 99)))
+    return draw(st.sampled_from([plain, tags, erring]))
+
+
+@st.composite
 def _robots(draw):
     sections = tuple(draw(st.lists(_sections(), min_size=1, max_size=3)))
     length = float(sum(s.length for s in sections))
@@ -100,7 +114,7 @@ def _robots(draw):
         precurvature=(draw(st.floats(-0.5, 0.5)), 0.1),
         discs=(Disc(length / 3, draw(size), inertia),) * draw(st.integers(0, 2)),
         base=draw(st.sampled_from([None, Base(), base])),
-        sensors=(Sensor("s", "tags", 0.0, length / 2, noise=draw(size)),) * draw(st.integers(0, 1)),
+        sensors=tuple(draw(st.lists(_sensors(length), max_size=2, unique_by=lambda x: x.name))),
     )
 
 
@@ -165,6 +179,9 @@ def test_pretensions_of_moved_tendons_are_balanced(name):
         ('name = "mine"', "name = mine", "no TOML"),
         ('["a", "b"]', '["a", "a"]', "different names"),
         ('["a", "b"]', "[]", r"tendon\[1\]\.name must be a text"),
+        ("= 40\n", SENSED.replace("0.1", "0.75"), r"sensor\[1\].end_m must be at most the robot's"),
+        ("= 40\n", SENSED.replace("planar", "round"), r"sensor\[1\].kind must be one of"),
+        ("= 40\n", SENSED.replace("segm", "s"), r"sensor\[1\].sents is no key; allowed are name"),
         ("= 40\n", MIXED, r"tendon\[2\]\.drive must be 'tension' as in tendon\[1\]"),
     ],
 )
@@ -179,21 +196,6 @@ def test_bad_files_are_refused_in_one_line_with_file_and_key(old, new, said, tmp
 def test_several_names_stand_at_equal_angles(tmp_path):
     (tmp_path / "my.toml").write_text(GOOD, "utf-8")
     assert [t.offset for t in read_robot(tmp_path / "my.toml").tendons] == [(0.01, 0), (-0.01, 0)]
-
-
-@pytest.mark.parametrize("name", EXAMPLES)
-def test_examples_find_equilibria_as_a_beam_model_and_move(name):
-    robot = find_robot(name)
-    scene = build_scene(scene_of(robot))
-    u = np.zeros(len(robot.tendons))
-    u[-2] = 0.003 if robot.drive.kind == "length" else 0.1 * robot.tendons[-2].tension_limit
-    rest = scene.equilibrium(u)
-    beam = PCC(robot, pieces=12, axes=scene.config.bending, drive=robot.drive.kind)
-    expected = beam.tip(beam.equilibrium(u))
-    assert np.linalg.norm(scene.tip(rest) - expected) < 0.01 * robot.length
-    assert np.linalg.norm(expected[:2]) > 0.02 * robot.length
-    motion = scene.simulate(0.05, u)
-    assert np.all(np.isfinite(scene.tip(motion.q)))
 
 
 def test_commands_take_a_robot_by_file_or_name(tmp_path, capsys):

@@ -129,23 +129,37 @@ def test_pair_formula_of_the_thesis():
     np.testing.assert_allclose(tension, [3, 0, 0, 4, 0, 0], atol=1e-14)
 
 
+def pairs(robot):
+    TendonMap(robot).require_pairs("a model")
+
+
+UP, LOW, *REST = ARM.tendons
+FIRST, *OTHERS = RIG.tendons
+PLANAR = "planar tendon groups"
+
+
 @pytest.mark.parametrize(
-    ("tendons", "reason"),
+    ("model", "tendons", "reason"),
     [
-        (ARM.tendons[:1], "planar tendon groups"),
-        ((ARM.tendons[0], replace(ARM.tendons[1], offset=(-0.02, 0.0))), "planar tendon groups"),
-        ([replace(t, offset=(0.0, t.offset[0])) for t in ARM.tendons[:2]], "planar tendon groups"),
-        ((ARM.tendons[0], replace(ARM.tendons[1], tension_limit=40.0)), "opposing tendons"),
+        (pairs, [UP], PLANAR),
+        (pairs, [UP, replace(LOW, offset=(-0.02, 0.0))], PLANAR),
+        (pairs, [replace(t, offset=(0.0, t.offset[0])) for t in (UP, LOW)], PLANAR),
+        (pairs, [UP, replace(LOW, tension_limit=40.0)], "opposing tendons"),
+        (pairs, [UP, replace(LOW, pretension=5.0), *REST], "pair1_up, pair1_low must cancel"),
+        (ThreeTendons, ARM.tendons, "need three tendons"),
+        (ThreeTendons, [], "got none"),
+        (ThreeTendons, [replace(FIRST, end=0.1), *OTHERS], "of one length"),
+        (ThreeTendons, [replace(FIRST, offset=(-5e-3, 0.0)), *OTHERS], "do not surround"),
         (
-            (ARM.tendons[0], replace(ARM.tendons[1], pretension=5.0), *ARM.tendons[2:]),
-            "pair1_up, pair1_low must cancel",
+            ThreeTendons,
+            [replace(t, offset=(t.offset[0], 0.0)) for t in RIG.tendons],
+            "do not surround",
         ),
     ],
-    ids=["one", "uneven radii", "out of plane", "uneven limits", "uneven pretensions"],
 )
-def test_closed_forms_need_planar_pairs_that_cancel_each_other(tendons, reason):
+def test_models_need_pairs_that_cancel_each_other_or_three_tendons(model, tendons, reason):
     with pytest.raises(ValueError, match=reason):
-        TendonMap(replace(ARM, tendons=tendons)).require_pairs("a model")
+        model(replace(ARM, tendons=tuple(tendons)))
 
 
 def _star(angles, radii, pretension=0.0, limit=30.0, **course):
@@ -303,13 +317,11 @@ TWIN = nominal_twin(RIG)
         (TWIN, {"servo_offset": (0.0,)}, "each of 3 tendons"),
         (TWIN, {"backlash": (0.0, 0.0)}, "each of 3 tendons"),
         (TWIN, {"servo_speed": 0.0}, "servo_speed"),
-        (TWIN, {"servo_offset": (0.0, nan, 0.0)}, r"servo_offset\[1\] must be a finite number"),
         (TWIN, {"servo_offset": (0.0, 0.0, 9e-3)}, "at most 0.008 m"),
         (TWIN, {"backlash": (-1e-4, 0.0, 0.0)}, "zero or more"),
         (TWIN, {"camera_delay": -0.01}, "zero or more"),
         (TWIN, {"camera_delay": inf}, "zero or more"),
         (TWIN, {"camera_noise": 0.01}, "camera_noise"),
-        (TWIN, {"camera_noise": nan}, "camera_noise"),
         (find_gripper("gripper"), {"fingers": ()}, "needs a finger"),
         (find_gripper("gripper"), {"fingers": (Finger("a", RIG, Base()),)}, "driven by tension"),
         (TENDON, {"tension_limit": 0.0}, "'t'.*tension_limit must be finite and positive"),
@@ -447,18 +459,3 @@ def test_channels_shorten_on_the_inner_side(robot):
         robot.length - (1 / bend - t.offset[1]) * bend * robot.length for t in robot.tendons
     ]
     np.testing.assert_allclose(tendons.geometric(np.array([0.0, bend])), expected, atol=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("tendons", "reason"),
-    [
-        (ARM.tendons, "need three tendons"),
-        ((), "got none"),
-        ((replace(RIG.tendons[0], end=0.1), *RIG.tendons[1:]), "of one length"),
-        ((replace(RIG.tendons[0], offset=(-5e-3, 0.0)), *RIG.tendons[1:]), "do not surround"),
-        (tuple(replace(t, offset=(t.offset[0], 0.0)) for t in RIG.tendons), "do not surround"),
-    ],
-)
-def test_other_tendons_are_refused(tendons, reason):
-    with pytest.raises(ValueError, match=reason):
-        ThreeTendons(replace(ARM, tendons=tendons))

@@ -33,17 +33,6 @@ def scene(robot=ARM, rule="balanced2", **options):
     return build_scene(SceneConfig(robot, pieces=FITTING[rule], rule=rule, **options))
 
 
-def test_guides_stand_where_the_robot_says():
-    model = scene(GUIDED).model
-    data = posed(model, np.zeros(model.nq))
-    for tendon in GUIDED.tendons:
-        for index, station in enumerate((0.0, *tendon.guides, tendon.end)):
-            position = data.site(f"{tendon.name}_guide{index}").xpos
-            np.testing.assert_allclose(position, [*tendon.offset, station], atol=1e-14)
-        wraps = model.tendon_num[model.tendon(tendon.name).id]
-        assert wraps == len(tendon.guides) + 2
-
-
 def test_control_only_scene_contains_nothing_else():
     model = scene().model
     for part in ("ngeom", "ncam", "nlight", "nsensor", "neq", "nexclude", "npair", "nmocap"):
@@ -113,45 +102,6 @@ def test_integrator_and_timestep_asked_for_are_compiled(name):
     assert model.opt.timestep == pytest.approx(5e-5, rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"rule": "simpson"}, "midpoint, gauss2"),
-        ({"integrator": "leapfrog"}, "'implicitfast', 'discrete', 'implicit', 'Euler', 'RK4'"),
-        ({"actuation": "pressure"}, "actuation must be one of 'tension', 'length'"),
-        ({"pieces": 4}, "multiple of their length"),
-        ({"torsion": True}, "bending='spatial'"),
-        ({"robot": replace(ARM, anisotropy=0.1)}, "bending='spatial'"),
-        ({"robot": replace(ARM, precurvature=(0.0, 0.1))}, "bending='spatial'"),
-        (
-            {"robot": replace(ARM, gravity=(0.0, 1.0, 9.81))},
-            r"remove gravity \(y\) or choose bending='spatial'",
-        ),
-        (
-            {"robot": replace(ARM, outer_radius=1e-6, inner_radius=0.0, tendons=())},
-            r"robot 'arm': a link of .* take fewer pieces",
-        ),
-        ({"actuation": "length"}, "'pair1_up' needs a finite stiffness"),
-        (
-            {"robot": replace(ARM, tendons=(replace(ARM.tendons[0], end=0.2),))},
-            "ends inside a piece",
-        ),
-        ({"loads": (Load("push", 0.51),)}, r"\[0, 0.5\] m"),
-        ({"loads": (Load("push", 0.1), Load("push", 0.2))}, "loads need different names"),
-        ({"loads": (Load("push", 0.5, force=(1.0, 1.0, 0.0)),)}, r"'push' \(force y\) or choose"),
-        ({"loads": (Load("push", 0.5, moment=(1.0, 0.0, 0.0)),)}, r"moment x or z.*='spatial'"),
-        (
-            {"loads": (Load("push", 0.5, moment=(0.0, 0.0, 1.0)),), "bending": "spatial"},
-            r"cannot twist; remove load 'push' \(moment z\) or choose torsion=True",
-        ),
-    ],
-    ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
-)
-def test_bad_scenes_name_what_is_allowed(options, message):
-    with pytest.raises(ValueError, match=message):
-        build_scene(SceneConfig(**{"robot": ARM} | options))
-
-
 # ----------------------------------------------------------------
 
 
@@ -180,10 +130,3 @@ def test_exported_scene_compiles_to_the_same_model(name):
 
 def test_no_stray_assets():
     assert {path.stem for path in assets_dir().glob("*.xml")} == set(SCENES)
-
-
-def test_environments_simulate_the_registered_scene():
-    from softrobot_env.envs.tracking import TrackingEnv
-
-    env = TrackingEnv("swing")
-    assert env.scene.config == SCENES["arm"]

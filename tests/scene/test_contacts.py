@@ -1,7 +1,6 @@
 """Contacts: forces against exact solutions, friction, and scenes that have none."""
 
 import pickle
-import warnings
 from dataclasses import replace
 from math import atan, cos, degrees, pi, radians, sin
 
@@ -276,21 +275,13 @@ def test_a_head_touches_and_a_taper_is_as_thick_as_it_is():
 # --- the solver -------------------------------------------------------------------------------
 
 
-def test_newton_and_cg_find_the_same_forces():
-    """MuJoCo 4.0.0's sparse Cholesky is wrong: contacts take the dense path, also above 60 DOFs."""
-    robot = replace(LYING, base=Base((0.0, 0.0, 0.009), (1.0, 0.0, 0.0)), pieces=24)
-    config = SceneConfig(robot, bending="spatial", contacts=Contacts(), objects=(GROUND,))
-    simulation = moved(config, 3)
-    model, data = simulation.model, simulation.data
-    assert model.nv > 60 and data.ncon > 10
-    assert model.opt.jacobian == mujoco.mjtJacobian.mjJAC_DENSE
-    found = []
-    for solver in (mujoco.mjtSolver.mjSOL_NEWTON, mujoco.mjtSolver.mjSOL_CG):
-        model.opt.solver, model.opt.iterations = solver, 2000
-        model.opt.tolerance = 1e-14
-        mujoco.mj_forward(model, data)
-        found.append(data.qfrc_constraint.copy())
-    np.testing.assert_allclose(found[0], found[1], atol=1e-4 * np.abs(found[0]).max())
+def test_the_solver_takes_the_dense_path():
+    """MuJoCo 4.0.0's sparse Cholesky, which it would choose above 60 DOFs, is wrong."""
+    config = SceneConfig(
+        LYING, pieces=24, bending="spatial", contacts=Contacts(), objects=(GROUND,)
+    )
+    model = build_scene(config).model
+    assert model.nv > 60 and model.opt.jacobian == mujoco.mjtJacobian.mjJAC_DENSE
 
 
 # --- read-outs, choices and refusals ----------------------------------------------------------
@@ -350,10 +341,6 @@ def test_varied_scenes_have_contacts_for_their_own_masses():
 ON_POST = SceneConfig(ARM, pieces=6, contacts=Contacts(stiffness=1e5), objects=(POST,))
 
 
-def touching_arm(**options):
-    return build_scene(replace(ON_POST, **options))
-
-
 def test_the_rules_timestep_follows_the_stiffness():
     soft, hard = (
         build_scene(replace(ON_POST, contacts=Contacts(stiffness=k))).timestep for k in (1e4, 1e8)
@@ -367,37 +354,12 @@ def test_the_rules_timestep_follows_the_stiffness():
 
 
 def test_too_long_a_timestep_is_reported():
-    config = replace(ON_POST, timestep=5e-3)
     with pytest.warns(TimestepWarning, match="contacts may be inaccurate"):
-        build_scene(config)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", TimestepWarning)
-        with pytest.raises(ValueError, match=r"too stiff for a timestep of 0\.005 s"):
-            build_scene(replace(config, contacts=Contacts(stiffness=1e10)))
+        build_scene(replace(ON_POST, timestep=5e-3))
 
 
-@pytest.mark.parametrize(
-    ("make", "options", "message"),
-    [
-        (touching_arm, {"contacts": None}, "give contacts=Contacts"),
-        (touching_arm, {"integrator": "extrapolation"}, "does not know contacts"),
-        (touching_arm, {"integrator": "discrete"}, "implicitfast, implicit, Euler"),
-        (touching_arm, {"objects": (POST, POST)}, "different names"),
-        (Sphere, {"name": "a", "radius": 0.1, "mass": 1.0, "density": 1.0}, "not both"),
-        (Ground, {"name": "a", "mass": 1.0}, "stands still"),
-        (touching_arm, {"robot": replace(LYING, outer_radius=0.4)}, "longer than its radius"),
-    ],
-)
-def test_what_makes_no_sense_is_refused(make, options, message):
-    with pytest.raises(ValueError, match=message):
-        make(**options)
-
-
-def test_an_equilibrium_needs_no_friction_and_rest(monkeypatch):
+def test_what_does_not_come_to_rest_is_reported(monkeypatch):
     monkeypatch.setattr(statics, "_PATIENCE", 5)
-    scene = build_scene(SceneConfig(LYING, contacts=Contacts(), objects=(GROUND,)))
-    with pytest.raises(ValueError, match="friction 0"):
-        scene.equilibrium()
     ball = Sphere(name="ball", radius=0.03, density=700.0, position=(1.0, 0.0, 0.5))
     scene = build_scene(SceneConfig(LYING, contacts=SMOOTH, objects=(ball,)))
     with pytest.raises(EquilibriumError, match="did not come to rest"):

@@ -159,10 +159,6 @@ def test_hinges_share_out_the_whole_length_inside_their_pieces(rule, pieces):
 
 
 def test_hinges_stand_where_the_rules_names_say():
-    for rule, nodes in {"midpoint": 1, "gauss2": 2, "gauss3": 3}.items():
-        layout, (x, w) = place_hinges(2.0, 1, rule), np.polynomial.legendre.leggauss(nodes)
-        np.testing.assert_allclose(layout.stations, 1 + x, atol=1e-15)
-        np.testing.assert_allclose(layout.weights, w, rtol=1e-14)
     # balanced2 at the first and last fifth, chord2 at a third of the piece from its middle.
     np.testing.assert_allclose(place_hinges(1.0, 1, "balanced2").stations, [1 / 5, 4 / 5])
     np.testing.assert_allclose(place_hinges(1.0, 1, "chord2").stations, [1 / 6, 5 / 6])

@@ -6,34 +6,20 @@ from math import hypot
 import numpy as np
 import pytest
 from support.derivatives import differences
+from support.routed_robots import ONE_PAIR
 
-from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.control.feedforward.statics import least_norm
 from softrobot_env.core.motion import State
-from softrobot_env.robots import ARM, EXAMPLES, RIG, Base, RobotParams, Tendon, find_robot
+from softrobot_env.robots import ARM, EXAMPLES, RIG, Base, Tendon, find_robot
 from softrobot_env.scene.build import build_scene
-from softrobot_env.scene.inverse import Held, InverseStatics, sample_of, spread, workspace_of
+from softrobot_env.scene.inverse import Held, sample_of, spread, workspace_of
 from softrobot_env.scene.linearised import linearised
 from softrobot_env.scene.registry import model_scene
 from softrobot_env.scene.tangent import StaticForces
 from studies.truths.varying_beam import bending_frequencies
 
-#: A planar robot with one input: its tip moves on a line.
-FINGER = RobotParams(
-    name="one_pair",
-    length=0.1,
-    outer_radius=0.01,
-    inner_radius=0.0,
-    youngs_modulus=5e5,
-    density=1000.0,
-    damping_time=0.02,
-    pieces=3,
-    tendons=(Tendon("up", (0.008, 0.0), 0.1, 0, 10.0), Tendon("low", (-0.008, 0.0), 0.1, 0, 10.0)),
-)
-
 #: A helical tendon beside two straight ones: the chain twists, and no tendon opposes another.
 HELIX = replace(
-    FINGER,
+    ONE_PAIR,
     name="helix",
     tendons=(
         Tendon("a", (0.008, 0.0), 0.1, 0, 10.0),
@@ -77,21 +63,6 @@ def test_equilibria_of_the_inverse_have_their_tip_on_the_points(robot):
     assert np.sum(found.errors > inverse.tolerance) <= (robot.name == "ftdcr_v4")
     actions = (found.inputs - inverse.inputs.input_centre) / inverse.inputs.input_scale
     assert np.abs(actions).max() <= 1 + 1e-12
-
-
-def test_the_arm_has_the_inputs_of_the_constant_curvature_statics():
-    """One hinge pair a piece is exact for curvatures constant per piece; both minimise the norm."""
-    statics, inverse = ConstantCurvatureStatics(ARM), inverse_of(ARM)
-    start = np.array([-21.46455231, 7.58592414, 29.89212503])
-    tip = statics.tip(start)
-    points = tip + np.outer(np.linspace(0, 0.03, 4), [0.6, 0.8])
-    found = inverse.solve(np.insert(points, 1, 0.0, axis=1), start)
-    for point, inputs in zip(points, found.inputs, strict=True):
-        expected = least_norm(statics, point, start)
-        assert expected.reached
-        # The chain's "balanced2" rule leaves 2e-4 of the length at the tip.
-        np.testing.assert_allclose(statics.tip(inputs), point, atol=5e-4 * ARM.length)
-        assert np.linalg.norm(inputs) == pytest.approx(np.linalg.norm(expected.inputs), rel=0.01)
 
 
 def test_no_inputs_nearby_hold_the_tip_with_less():
@@ -162,19 +133,6 @@ def test_a_sample_counts_what_it_leaves_out_and_stays_in_the_box(robot):
     assert np.abs(action).max() <= 1 + 1e-9
     away = sample.tips - (np.zeros(3) if robot.base is None else robot.base.position)
     assert np.linalg.norm(away, axis=1).max() <= robot.reach * (1 + 1e-9)
-
-
-def test_what_cannot_be_asked_is_refused():
-    bare = build_scene(model_scene(find_robot("cantilever_weak")))
-    with pytest.raises(ValueError, match="'cantilever_weak' has no tendons"):
-        InverseStatics(bare)
-    scene = inverse_of(ARM).scene
-    with pytest.raises(ValueError, match="at right angles"):
-        InverseStatics(scene, np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 1.0]]))
-    with pytest.raises(ValueError, match="points"):
-        InverseStatics(scene).solve(np.zeros((2, 2)))
-    with pytest.raises(ValueError, match="start"):
-        InverseStatics(scene).solve(np.zeros((2, 3)), np.zeros(2))
 
 
 # ---------------------------------------------------------------- linearised chains

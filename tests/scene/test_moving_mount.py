@@ -97,26 +97,3 @@ def test_a_turned_base_turns_all():
     slow = built.simulate(2.0, mounts={"beam": lambda t: [np.pi / 2 * np.sin(np.pi * t / 4) ** 2]})
     np.testing.assert_allclose(slow.q[-1][0], np.pi / 2, atol=1e-8)
     assert built["beam"].tip(slow.q[-1])[0] == pytest.approx(0.2, rel=0.01)
-
-
-def test_what_cannot_move_is_refused_by_name():
-    beam = SceneConfig(BEAM)
-    for directions in ((), ("z", "x"), ("x", "x"), ("up",)):
-        with pytest.raises(ValueError, match="directions of a mount must be some of x, y, z"):
-            Mount(directions)
-    with pytest.raises(ValueError, match="needs our own integrator"):
-        fast = replace(beam, integrator="implicitfast")
-        Assembly("wrong", (Member("beam", fast, mount=Mount(("x",))),))
-    with pytest.raises(ValueError, match="bending='spatial'"):
-        Member("beam", beam, mount=Mount(("y",)))
-    built = mounted(("x",))
-    with pytest.raises(ValueError, match="no mount of 'arm' moves; those of beam do"):
-        built.simulate(0.1, mounts={"arm": lambda t: [0.0]})
-    with pytest.raises(ValueError, match="changes too fast"):
-        built.simulate(0.1, mounts={"beam": lambda t: [0.01 * np.sin(1e3 * t)]})
-    with pytest.raises(ValueError, match="constant, or a function of time"):
-        built.simulate(0.1, np.zeros((10, 0)))
-    with pytest.raises(ValueError, match="planar"):
-        built.simulate(0.1, gravity=np.array([0.0, 9.81, 0.0]))
-    with pytest.raises(ValueError, match="finite numbers along x"):
-        built.simulate(0.1, mounts={"beam": lambda t: [0.0, 1.0]})

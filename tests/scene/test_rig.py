@@ -10,17 +10,12 @@ from scipy.linalg import eigvals
 from support.derivatives import differences
 from support.postures import driving_force, posed
 
-from softrobot_env.beams.ancf import ANCF
-from softrobot_env.beams.cosserat import CosseratRod
-from softrobot_env.beams.pcc import PCC
-from softrobot_env.beams.registry import BeamPlant
-from softrobot_env.robots import ARM, CANTILEVER_WEAK, RIG
+from softrobot_env.robots import RIG
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import joint_angles, mean_curvature, posture
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.statics import equilibrium
 from softrobot_env.scene.timestep import linearize
-from softrobot_env.thesis.rig.spatial_piece import SUBPIECES
 from studies.truths.rig_column import column_tip
 from studies.truths.rig_ritz_rod import RigRod
 
@@ -92,43 +87,6 @@ def test_lengths_bend_it_far_as_the_elastica():
     assert np.hypot(*truth[:2]) > 0.1
     assert errors[0] < 1e-3
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.1)
-
-
-def test_tension_ends_at_the_limit():
-    weak = replace(RIG, tendons=tuple(replace(t, tension_limit=3.0) for t in RIG.tendons))
-    built = scene(weak)
-    data = mujoco.MjData(built.model)
-    data.ctrl[:] = [0.03, 0.0, 0.0]
-    mujoco.mj_step(built.model, data, 500)
-    np.testing.assert_allclose(data.actuator_force[0], 3.0, rtol=1e-12)
-
-
-# --- who does not take the rig -------------------------------------------------------------------
-
-
-def test_beam_models_refuse_a_head_and_uneven_bending():
-    for build in (PCC, lambda robot: CosseratRod(robot, 4), lambda robot: ANCF(robot, 4)):
-        with pytest.raises(ValueError, match="'rig' has a head"):
-            build(RIG)
-    with pytest.raises(ValueError, match="has a head"):
-        PCC(RIG, inertia="distributed")
-    assert PCC(RIG, inertia=SUBPIECES).n == 2
-    with pytest.raises(ValueError, match="has a head, which plant 'ancf'"):
-        BeamPlant("ancf")(replace(ARM, head=HEAD))
-    for uneven in ({"anisotropy": 0.1}, {"precurvature": (0.1, 0.0)}):
-        with pytest.raises(ValueError, match="no anisotropy and no precurvature"):
-            PCC(replace(RIG, **uneven), inertia=SUBPIECES)
-
-
-def test_mean_curvature_needs_fitting_pieces():
-    built = scene()
-    with pytest.raises(ValueError, match="multiple of 3 pieces"):
-        mean_curvature(built.model, built.layout, 3)
-    twisting = build_scene(
-        SceneConfig(CANTILEVER_WEAK, rule="gauss2", bending="spatial", torsion=True)
-    )
-    with pytest.raises(ValueError, match="a chain of hinges"):
-        mean_curvature(twisting.model, twisting.layout, 6)
 
 
 # ---------------------------------------------------------------- errors of manufacturing

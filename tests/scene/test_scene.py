@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 from support.chains import KINDS, LENGTH, ROBOT, chain
@@ -10,10 +11,14 @@ from support.postures import moved, posed, station_turns
 
 from softrobot_env.core.motion import IntegrationError, State
 from softrobot_env.robots import ARM, Tendon
+from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import joint_angles
 from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.quadrature import RULES
+from softrobot_env.scene.simulation import Simulation
+from softrobot_env.scene.timestep import linearize
 from studies.truths.varying_beam import bending_frequencies
 
 
@@ -152,22 +157,42 @@ def test_divergence_is_an_error():
     assert 0 < error.value.time < 5
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda s: s.simulate(0.015), "multiples of the control period of 0.01 s, got 0.015 s"),
-        (lambda s: s.simulate(-1.0), "duration must be positive"),
-        (lambda s: s.simulate(0.1, np.full(1, np.nan)), "controls must be finite"),
-        (lambda s: s.simulate(0.1, lambda t: np.full(1, np.inf)), "controls must be finite"),
-        (lambda s: s.simulate(0.1, np.zeros((3, 1))), "a row of inputs for each of 10 periods"),
-        (lambda s: s.simulate(0.1, gravity=[0, 0]), "need gravity of shape"),
-        (lambda s: s.equilibrium(gravity=(0.0, 1.0, 9.81)), r"remove gravity \(y\)"),
-        (lambda s: s.simulate(0.1, start=State(np.zeros(3), np.zeros(12))), "need start.q"),
-        (lambda s: s.positions(np.zeros(12), 2.0), "stations must lie between 0 and"),
-        (lambda s: s.positions(np.zeros(3), 0.1), "need postures of 12 numbers each"),
-        (lambda s: s.positions(np.zeros(12), [0.1], [[0, 0, 0]]), "offsets must have shape"),
-    ],
-)
-def test_bad_arguments_are_refused_by_name(call, message):
-    with pytest.raises(ValueError, match=message):
-        call(chain(loads=(Load("push", LENGTH, (1.0, 0, 0)),)))
+# --- models in motion -----------------------------------------------------------------------
+
+
+def frequency_errors(rule, n):
+    """Relative errors of the first three frequencies of n hinges against the exact beam."""
+    bare, pieces = replace(ARM, tendons=()), n // len(RULES[rule])
+    model = build_scene(SceneConfig(bare, pieces=pieces, rule=rule)).model
+    found = linearize(model).frequencies()[:3] / (2 * np.pi)
+    return np.abs(found / bending_frequencies(ARM, 3) - 1)
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_frequencies_converge_with_second_order_and_coupled_with_more(rule):
+    first, coarse, fine = (frequency_errors(rule, n) for n in (12, 24, 48))
+    if rule == "coupled2":
+        assert np.all(np.log2(first / coarse) > 3.3)
+        assert first[0] < frequency_errors("balanced2", 12)[0] / 4
+    else:
+        np.testing.assert_allclose(np.log2(coarse / fine), 2, atol=0.2)
+
+
+@pytest.mark.parametrize("integrator", ["implicitfast", "discrete", "RK4"])
+def test_advance_is_a_sequence_of_plain_steps_with_current_read_outs(integrator):
+    scene = build_scene(SceneConfig(ARM, integrator=integrator))
+    simulation, data = Simulation(scene), mujoco.MjData(scene.model)
+    tendon_map, start = TendonMap(ARM), np.linspace(0.0, 0.1, 12)
+    simulation.reset(start, np.zeros(6))
+    data.qpos[:] = start
+    for k in range(20):
+        tension = tendon_map.tension(20 * np.sin([0.3 * k, 0.7 * k, 1.1 * k]))
+        simulation.data.ctrl[:] = data.ctrl[:] = tension
+        simulation.advance()
+        mujoco.mj_step(scene.model, data, scene.timestep.substeps)
+        np.testing.assert_array_equal(simulation.data.qpos, data.qpos)
+        np.testing.assert_array_equal(simulation.data.qvel, data.qvel)
+        tip = posed(scene.model, data.qpos).site("tip").xpos
+        np.testing.assert_array_equal(simulation.data.site("tip").xpos, tip)
+    assert simulation.data.time == data.time == pytest.approx(0.2)
+    assert simulation.failure() is None

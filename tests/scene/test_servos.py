@@ -1,6 +1,5 @@
 """Servos against the definitions of rate limit and backlash, and against small steps."""
 
-import copy
 from dataclasses import replace
 
 import numpy as np
@@ -112,27 +111,3 @@ def test_every_robot_of_a_batch_has_its_own_servos(threads):
             np.testing.assert_array_equal(servos.reading[i], own.reading)
             np.testing.assert_array_equal(batch.ctrl[i], own.horn)
             np.testing.assert_array_equal(batch.actuator_force[i], simulation.data.actuator_force)
-
-
-def test_servos_that_do_not_fit_are_refused():
-    scene = rig()
-    with pytest.raises(ValueError, match=r"drives \(2, 3\), .* got \(3, 3\)"):
-        BatchSimulation(scene, 2).drive_by(Servos(0.1, OFFSETS, BACKLASHES, 3))
-    with pytest.raises(ValueError, match=r"drives \(3,\), .* got \(2,\)"):
-        Simulation(scene).drive_by(Servos(0.1, OFFSETS[:2], BACKLASHES[:2]))
-    arm = build_scene(SCENES["arm"])
-    with pytest.raises(ValueError, match="this scene's in tension"):
-        Simulation(arm).drive_by(Servos(0.1, np.zeros(6), np.zeros(6)))
-
-
-def test_a_copy_has_servos_of_its_own():
-    simulation, servos = driven(rig(), 0.1)
-    servos.command[:] = 2e-3
-    simulation.advance()
-    other, others = copy.deepcopy((simulation, servos))
-    others.command[:] = -2e-3
-    before = servos.horn.copy()
-    other.advance()
-    np.testing.assert_array_equal(servos.horn, before)
-    assert np.all(others.horn < before)
-    np.testing.assert_array_equal(other.ctrl, others.horn)

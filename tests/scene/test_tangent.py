@@ -155,16 +155,6 @@ def test_share_scales_all_but_the_joints_springs():
         np.testing.assert_allclose(one, 0.75 * none + 0.25 * other, rtol=1e-12, atol=1e-12)
 
 
-def test_what_no_scene_has_is_refused():
-    slider = "<mujoco><worldbody><body><joint type='slide'/><geom size='1'/></body></worldbody>"
-    with pytest.raises(ValueError, match="known for hinges and ball joints only"):
-        StaticForces(mujoco.MjModel.from_xml_string(slider + "</mujoco>"))
-    legs = "<body><joint/><geom size='1'/></body>"
-    branched = f"<mujoco><worldbody><body><joint/><geom size='1'/>{2 * legs}</body></worldbody>"
-    with pytest.raises(ValueError, match="known for one chain of joints only"):
-        StaticForces(mujoco.MjModel.from_xml_string(branched + "</mujoco>"))
-
-
 def test_friction_has_its_derivative_while_tendons_stick_and_slide():
     smooth = robot((0.3, 0.6))
     rubbing = replace(smooth, tendons=tuple(replace(t, friction=0.4) for t in smooth.tendons))

@@ -131,10 +131,11 @@ ROBOT_STIFFNESS = ARM.bending_stiffness / LENGTH
 
 @pytest.mark.parametrize("guides", [(), evenly(6)], ids=["channel", "guides"])
 @pytest.mark.parametrize(
-    "pull", [(0.004, 0.001), (0.01, -0.04), (0.006, -0.002), (0.012, -0.03), (0.0, 0.0)]
+    "pull",
+    [(0.004, 0.001), (0.01, -0.04), (0.006, -0.002), (0.012, -0.03), (0.0, 0.0), (0.25, -0.14)],
 )
 def test_length_drive_obeys_its_law(guides, pull):
-    """F = F_pre + c (s - what a path is shorter by), not below 0; EI t / L = r (F1 - F2)."""
+    """F = F_pre + c (s - what a path is shorter by), in [0, 80]; EI t / L = r (F1 - F2)."""
     q, force, scene = bend(elastic(guides), pull)
     offsets = np.array([RADIUS, -RADIUS])
     paths = LENGTH - offsets * q.sum()
@@ -143,9 +144,11 @@ def test_length_drive_obeys_its_law(guides, pull):
         paths = np.array([guide_path(scene, q, x, stations) for x in offsets])
     else:
         assert q.sum() == pytest.approx(offsets @ force / ROBOT_STIFFNESS, rel=1e-9, abs=1e-12)
-    expected = np.maximum(0, PRETENSION + STIFFNESS * (np.array(pull) - (LENGTH - paths)))
+    stretch = np.array(pull) - (LENGTH - paths)
+    expected = np.clip(PRETENSION + STIFFNESS * stretch, 0, 80)
     np.testing.assert_allclose(force, expected, rtol=1e-9, atol=1e-12)
     assert force[0] > 0 and (force[1] == 0) == (pull[1] < -0.02)
+    assert (force[0] == 80) == (pull[0] > 0.1)
 
 
 def test_length_drive_reaches_full_tension_at_the_tightest_bend():

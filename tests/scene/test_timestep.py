@@ -67,12 +67,6 @@ def test_chain_grows_beyond_the_stability_limit_and_not_below(integrator, dampin
     assert growth(chain(damping_time, integrator, 1.1 * limit)) > 1e4
 
 
-@pytest.mark.parametrize("timestep", [1e-3, 1.0])
-def test_discrete_has_no_limit(timestep):
-    assert stability_limit("discrete", modes([1.0, 1e6], 0.0)) == np.inf
-    assert growth(chain(0.0, "discrete", timestep)) < 10
-
-
 def test_limits_of_single_modes_are_the_textbooks():
     # Semi-implicit Euler: h omega < 2. RK4: sqrt(8) on the imaginary axis (the limit is found on
     # a grid of 1e-3), 2.785 on the real one.
@@ -141,14 +135,6 @@ def test_asked_timestep_is_rounded_down_to_a_divisor(asked, substeps):
     assert choice.substeps == substeps
     assert choice.timestep == pytest.approx(0.01 / substeps)
     assert "was asked for" in choice.reason
-
-
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_asking_for_an_unstable_timestep_warns(integrator):
-    linear = modes([5.0, 1000.0], 0.0)
-    limit = stability_limit(integrator, linear)
-    with pytest.warns(TimestepWarning, match="beyond the stability limit"):
-        choose_timestep(linear, 1.5 * limit, 1.5 * limit, integrator)
 
 
 @pytest.mark.parametrize("friction", [False, True])

@@ -52,6 +52,19 @@ VIA = replace(
     ),
 )
 
+#: A planar robot with one input: its tip moves on a line.
+ONE_PAIR = RobotParams(
+    name="one_pair",
+    length=0.1,
+    outer_radius=0.01,
+    inner_radius=0.0,
+    youngs_modulus=5e5,
+    density=1000.0,
+    damping_time=0.02,
+    pieces=3,
+    tendons=(Tendon("up", (0.008, 0.0), 0.1, 0, 10.0), Tendon("low", (-0.008, 0.0), 0.1, 0, 10.0)),
+)
+
 #: A cone, half as thick at its tip.
 TAPERED = RobotParams(
     "tapered",

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from support.example_robots import SOME
 from support.postures import rest_tip
+from support.routed_robots import ONE_PAIR
 
-from softrobot_env.envs.reference import sample_reference
-from softrobot_env.robots import ARM, RIG, Base, RobotParams, Tendon, find_robot
+from softrobot_env.robots import ARM, RIG, Base, find_robot
 from softrobot_env.scene.inverse import workspace_of
 from softrobot_env.tasks import make_task, remake_task, tasks_of
 from softrobot_env.tasks.generic import site_of
@@ -16,17 +16,6 @@ from softrobot_env.tasks.generic import site_of
 #: As the silicone rod, sideways.
 SIDEWAYS = replace(
     find_robot("silicone_rod"), name="sideways", base=Base((0.2, 0.1, 0.5), (1.0, 0.0, 0.0))
-)
-LINE = RobotParams(
-    name="one_pair",
-    length=0.1,
-    outer_radius=0.01,
-    inner_radius=0.0,
-    youngs_modulus=5e5,
-    density=1000.0,
-    damping_time=0.02,
-    pieces=3,
-    tendons=(Tendon("up", (0.008, 0.0), 0.1, 0, 10.0), Tendon("low", (-0.008, 0.0), 0.1, 0, 10.0)),
 )
 PATHS = ("circle", "figure_eight", "random")
 
@@ -46,32 +35,14 @@ def test_the_tip_can_rest_all_along_a_path(robot, name):
     found = inverse.solve(points, np.array(task.start_input))
     assert found.errors.max() <= inverse.tolerance
     assert np.abs(inverse.scene.tip(found.postures) - points).max() < 1e-4 * robot.reach
+    tip = rest_tip(robot, np.array(task.start_input))
+    np.testing.assert_allclose(tip, points[0], atol=1e-5 * robot.reach)
     assert task.axes == ("xz" if robot.is_planar else "xyz")
 
 
-@pytest.mark.parametrize("name", ["reach", *PATHS])
-def test_the_start_is_held_by_the_start_input(robot, name):
-    task = make_task(name, robot=robot)
-    tip = rest_tip(robot, np.array(task.start_input))
-    if name == "reach":
-        np.testing.assert_allclose(tip, workspace_of(robot).ground.middle, atol=1e-7)
-    else:
-        start = task.trajectory.position(np.zeros(1))[0]
-        np.testing.assert_allclose(tip, start, atol=1e-5 * robot.reach)
-
-
-@pytest.mark.parametrize("name", PATHS)
-def test_a_path_is_smooth_and_runs_from_rest_to_rest(name):
-    run = make_task(name, robot="hanging_trunk").trajectory
-    times, step = np.linspace(0.05, run.end_time - 0.05, 41), 1e-5
-    for order in ("position", "velocity"):
-        rate = (getattr(run, order)(times + step) - getattr(run, order)(times - step)) / (2 * step)
-        exact = {"position": run.velocity, "velocity": run.acceleration}[order](times)
-        np.testing.assert_allclose(rate, exact, atol=1e-5 * np.abs(exact).max())
-    for end in (0.0, run.end_time):
-        np.testing.assert_allclose(run.velocity(np.array([end])), 0.0, atol=1e-12)
-    start, last = run.position(np.array([0.0, run.end_time]))
-    np.testing.assert_allclose(start, last, atol=1e-12)
+def test_set_points_begin_in_the_middle(robot):
+    tip = rest_tip(robot, np.array(make_task("reach", robot=robot).start_input))
+    np.testing.assert_allclose(tip, workspace_of(robot).ground.middle, atol=1e-7)
 
 
 def test_paths_lie_across_the_axis_of_the_robot():
@@ -132,21 +103,13 @@ def test_a_robots_own_tasks_come_first():
 def test_a_tip_that_moves_on_a_line_is_told_so():
     for name in PATHS:
         with pytest.raises(ValueError, match=r"'one_pair', with 1 input.*'reach' works along it"):
-            make_task(name, robot=LINE)
-    task = make_task("reach", robot=LINE)
-    inverse = workspace_of(LINE).inverse
+            make_task(name, robot=ONE_PAIR)
+    task = make_task("reach", robot=ONE_PAIR)
+    inverse = workspace_of(ONE_PAIR).inverse
     actions = np.linspace(-1, 1, 401)
     line = inverse.line(actions)[0]
     for point in task.trajectory.path():
-        assert np.linalg.norm(line - point, axis=1).min() < 1e-2 * LINE.length
+        assert np.linalg.norm(line - point, axis=1).min() < 1e-2 * ONE_PAIR.length
     assert np.linalg.norm(task.trajectory.path() - [0, 0, 0.1], axis=1).max() <= task.option(
         "radius"
     )
-
-
-def test_environments_can_sample_the_references(robot):
-    for name in ("reach", *PATHS):
-        task = make_task(name, robot=robot)
-        table = sample_reference(task, 0.02, np.array([0.1, 0.2]))
-        assert table.position.shape[1] == len(task.axes)
-        assert table.preview.shape[1] == 2 * len(task.axes)

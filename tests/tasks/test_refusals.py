@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softrobot_env.robots import CANTILEVER_WEAK, RIG
+from softrobot_env.robots import ARM, CANTILEVER_WEAK, RIG, Base
 from softrobot_env.tasks import ALL_TASKS, SetPoints, Task, make_task
 from softrobot_env.tasks.smooth_paths import FourierPath, SmoothRun, circle, random_path
 from softrobot_env.tasks.trajectories import CurveSweep, EqualForceCurve, Polyline
@@ -81,6 +81,11 @@ def task_of(start):
         (lambda duration: swing_of(duration=duration), [-1.0, 1e9], "duration"),
         (lambda start: swing_of(start_input=start), [(1.0,)], "3 tendon inputs"),
         (lambda robot: swing_of(robot=robot, start_input=()), [CANTILEVER_WEAK], "at least one"),
+        (
+            lambda towards: swing_of(robot=replace(ARM, base=Base(direction=towards))),
+            [(0.0, 1.0, 0.0)],
+            "moves in space, axes must be xy or xyz",
+        ),
         (task_of, [(0.0, 0.0)], "3 tendon inputs, start_input 2"),
         (
             lambda length: task_of((0.0, length, 0.0)),

@@ -14,10 +14,8 @@ from support.real_episodes import PATIENT, Still
 
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.hardware.errors import LinkError, RefusedError, RobotFaultError
-from softrobot_env.hardware.protocol.messages import Reset
 from softrobot_env.hardware.robot_file import Tip, rig_file
 from softrobot_env.hardware.tip import UdpTip
-from softrobot_env.hardware.virtual_robot import Core
 
 pytest.importorskip("cobs", reason="needs the robot extra")
 
@@ -97,14 +95,6 @@ def assert_runs(env):
     assert rest(env)[4]["device_state"] == "running"
 
 
-def test_a_board_that_started_again_can_run_again(line, live):
-    with running(line) as env:
-        live.board.core = Core(boot_id=2, reset_cause=Reset.BROWN_OUT)
-        assert "brown-out" in fail(env)
-        clear(env)
-        assert_runs(env)
-
-
 def test_clearing_what_is_still_there_is_refused(line, live):
     with running(line) as env:
         live.board.estop = True
@@ -115,12 +105,6 @@ def test_clearing_what_is_still_there_is_refused(line, live):
         clear(env)
         assert_runs(env)
     assert line.opened == 1
-
-
-def test_clearing_without_a_fault_begins_a_new_episode(line):
-    with running(line) as env:
-        clear(env)
-        assert_runs(env)
 
 
 def test_a_tip_source_that_does_not_open_leaves_the_robot_alone(line):
