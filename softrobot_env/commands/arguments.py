@@ -1,6 +1,7 @@
 """Commands under a parser, and the arguments that several of them share."""
 
 import glob
+import re
 import sys
 from argparse import (
     SUPPRESS,
@@ -11,9 +12,11 @@ from argparse import (
     RawDescriptionHelpFormatter,
     _ActionsContainer,
 )
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
+from functools import partial
 from math import inf, isfinite, nan
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NoReturn
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
@@ -82,33 +85,78 @@ _NOT_GIVEN = (None, False, [])
 #: Where arguments are added.
 Parsers = _ActionsContainer
 
-#: How an option is declared that may be given several times.
-SEVERAL = {"action": "append", "default": []}
+#: Options that had another name, and that name, which works with a warning.
+_RENAMED = {"--identified": "--learnt"}
 
 
-def add(
-    parser: Parsers, declared: str, text: str | None = None, kind: Any = None, **more: Any
-) -> None:
-    """Add an argument.
+def declare(parser: Parsers, text: str, **kinds: Any) -> None:
+    """Add arguments, each declared by a line such as `--size W H (640 480)  of pictures`.
+
+    That is its name, what its values are called, their default, and after two spaces or more the
+    help, which may go on in further lines. An option without values is a switch. At the end of what
+    a value is called, ? and * and + say how often it may be there, as in `argparse`, and ! that it
+    has to be; an option whose value is called `NAME=...` may be given several times. A line such as
+    `[scene]` begins a group, and words such as `<scene>` stand for what commands share.
 
     Args:
         parser: Where.
-        declared: Its name and, separated by spaces, what its values are called; an option without
-            is a switch, unless `more` says what it takes.
-        text: For people.
-        kind: Makes a value of a text; by what it is called in `_KINDS` unless given.
-        **more: As of `ArgumentParser.add_argument`.
+        text: The lines.
+        **kinds: By the arguments' names, what makes a value of a text, or all values there are;
+            those of `_KINDS`, by what values are called, unless given.
     """
+    shared, lines = _shared(), []
+    text = re.sub("<([a-z!-]+)>", lambda found: shared[found[1]], text)
+    for line in filter(None, map(str.strip, text.splitlines())):
+        if line.startswith(("--", "[")) or "  " in line:
+            lines.append(line)
+        else:
+            lines[-1] += f" {line}"
+    place = parser
+    for line in lines:
+        if line.startswith("["):
+            place = parser.add_argument_group(line.strip("[]"))
+        else:
+            _declare_one(place, line, kinds)
+
+
+def _declare_one(parser: Parsers, line: str, kinds: Mapping[str, Any]) -> None:
+    declared, _, about = (part.strip() for part in line.partition("  "))
+    declared, _, default = declared.removesuffix(")").partition(" (")
     name, *called = declared.split()
-    if called:
-        kind = kind or _KINDS.get(called[0])
-        more = {"metavar": called[0] if len(called) == 1 else tuple(called), "type": kind} | more
-        more |= {"nargs": len(called)} if len(called) > 1 else {}
-    elif not more:
-        more = {"action": "store_true"}
-    elif kind is not None:
-        more["type"] = kind
-    parser.add_argument(name, help=text, **more)
+    if not called:
+        parser.add_argument(name, action="store_true", help=about)
+        return
+    mark = called[-1][-1]
+    called[-1] = called[-1].rstrip("?*+!")
+    kind = kinds.get(name.lstrip("-").replace("-", "_")) or _KINDS.get(called[0], str)
+    how: dict[str, Any] = {"type": kind, "metavar": called[0]}
+    if isinstance(kind, Collection):
+        how |= {"type": type(next(iter(kind))), "choices": tuple(kind)}
+    if called[0].startswith("NAME="):
+        how |= {"action": "append", "default": []}
+    if len(called) > 1:
+        how |= {"metavar": tuple(called), "nargs": len(called)}
+    elif mark in "?*+":
+        how["nargs"] = mark
+    elif mark == "!":
+        how["required"] = True
+    if default:
+        values = [how["type"](value) for value in default.split()]
+        how["default"] = values if "nargs" in how else values[0]
+        if "default:" not in about:
+            about = "; ".join(filter(None, (about, f"default: {default}")))
+    parser.add_argument(name, help=about, **how)
+    if earlier := _RENAMED.get(name):
+        hidden = {"help": SUPPRESS, "default": SUPPRESS}
+        parser.add_argument(earlier, dest=name[2:], action=_Renamed, **hidden)
+
+
+class _Renamed(Action):
+    """Takes an option by its earlier name, and says how it is called now."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option: Any = None) -> None:
+        print(f"softrobot: warning: {option} is --{self.dest} now", file=sys.stderr)
+        setattr(namespace, self.dest, values)
 
 
 def flags(args: Namespace, names: Iterable[str]) -> str:
@@ -117,33 +165,62 @@ def flags(args: Namespace, names: Iterable[str]) -> str:
     return ", ".join(f"--{name.replace('_', '-')}" for name in given)
 
 
-def add_scene(parser: ArgumentParser) -> None:
-    """Discretisation and integration, as `SceneConfig` has them."""
-    group = parser.add_argument_group("scene")
-    period = "default: the policy's own where it has one, else 0.01 s, of the rig 0.02 s"
-    share = f"{DEFAULT_SHARE}".replace("%", "%%")
-    add(group, "--control-period S", period)
-    add(group, "--pieces PIECES", "pieces of the robot; default: the robot's own", int)
-    add(group, "--rule RULE", f"hinge rule out of {', '.join(RULES)}; default: {DEFAULT_RULE}")
-    add(group, "--timestep S", "default: by rule")
-    add(
-        group,
-        "--accuracy A",
-        "wanted accuracy in time of any point of the robot: m, or a share of its length; default: "
-        + share,
-    )
-    add(group, "--integrator INTEGRATOR", f"out of {', '.join(INTEGRATORS)}; default: by rule")
+def _shared() -> dict[str, str]:
+    """Arguments that several commands have; what is None unless given says so by its default."""
+    robot = f"a robot file (*.toml), or a robot out of {', '.join(ROBOTS)};"
+    return {
+        "robot": f"--robot ROBOT  {robot}",
+        "robot!": f"--robot ROBOT!  {robot}",
+        "feedback": f"""
+            --feedback FEEDBACK ({FEEDBACKS[0]})  what policies measure: the full state; or tip and
+            curvatures with an observer for the rates; or curvature sensors alone, calibrated by
+            `softrobot train sensors`; out of %(choices)s
+            --sensors FILE  calibration for --feedback sensors; default: beside the robot's file, or
+            where policies look, that of the rig's twin 0
+        """,
+        "identified": """
+            --identified FILE  identified parameters that policies of the rig act on, a file of
+            `softrobot train rig_nn --twin SEED`; default: the one shipped, of twin 0, whichever rig
+            is driven
+        """,
+        "no-plots": "--no-plots  skip the plots",
+        "overwrite": "--overwrite  replace what is there of an earlier run",
+        "plant": f"""
+            --plant PLANT ({MUJOCO})  what is simulated: MuJoCo's chain or a beam model, out of
+            %(choices)s
+        """,
+        "port": "--port PORT  serial port; default: the robot file's",
+        "scene": f"""
+            [scene]
+            --control-period S  default: the policy's own where it has one, else 0.01 s, of the rig
+            0.02 s
+            --pieces PIECES  pieces of the robot; default: the robot's own
+            --rule RULE  hinge rule out of {", ".join(RULES)}; default: {DEFAULT_RULE}
+            --timestep S  default: by rule
+            --accuracy A  wanted accuracy in time of any point of the robot: m, or a share of its
+            length; default: {str(DEFAULT_SHARE).replace("%", "%%")}
+            --integrator INTEGRATOR  out of {", ".join(INTEGRATORS)}; default: by rule
+        """,
+        "twin": f"""--twin SEED|{_NO_TWIN}  {_TWIN}""",
+        "twins": f"""--twin SEED+  {_TWIN}""",
+        "workers": """
+            --workers N|ray[:ADDRESS]  run jobs in N processes, or on a Ray cluster: one started
+            here, or the one at HOST:PORT or auto""",
+    }
 
 
-def add_workers(parser: Parsers, note: str = "") -> None:
-    """--workers, for `processes.using`; None unless given."""
-    add(
-        parser,
-        "--workers N|ray[:ADDRESS]",
-        "run jobs in N processes, or on a Ray cluster: one started here, or the one at HOST:PORT "
-        f"or auto{note}",
-        of_text(parsed_workers),
-    )
+_TWIN = """the rig that is simulated: seed of a digital twin, a rig with errors of manufacturing,
+    servos and camera that no policy knows, or none for an ideal one without them, which stands
+    where the one-piece model of the policies says; default: 0
+"""
+
+
+def command(
+    example: str, text: str, run: Callable[[Namespace], int], **kinds: Any
+) -> SimpleNamespace:
+    """A command, see `Command`, with arguments as `declare` has them."""
+    add_arguments = partial(declare, text=text, **kinds)
+    return SimpleNamespace(EXAMPLE=example, add_arguments=add_arguments, run=run)
 
 
 def of_text(make: Callable[[str], Any]) -> Callable[[str], Any]:
@@ -158,29 +235,17 @@ def of_text(make: Callable[[str], Any]) -> Callable[[str], Any]:
     return convert
 
 
-#: Arguments of `add_scene`.
+#: Arguments of a scene.
 SCENE = ("control_period", "pieces", "rule", "timestep", "integrator", "accuracy")
 
 
 def scene_options(args: Namespace) -> dict[str, object]:
-    """Keyword arguments of an environment from `add_scene`."""
+    """Keyword arguments of an environment from arguments of a scene."""
     return {name: getattr(args, name) for name in SCENE if getattr(args, name) is not None}
 
 
-def add_robot(parser: Parsers, note: str, **more: Any) -> None:
-    """--robot, for `find_robot`; None unless given."""
-    known = f"a robot file (*.toml), or a robot out of {', '.join(ROBOTS)}; {note}"
-    add(parser, "--robot ROBOT", known, **more)
-
-
-def add_plant(parser: Parsers) -> None:
-    """--plant."""
-    text = "what is simulated: MuJoCo's chain or a beam model; default: mujoco"
-    add(parser, "--plant", text, choices=PLANTS, default=MUJOCO)
-
-
 def plant_options(args: Namespace, policy: str, robot: RobotParams) -> dict[str, object]:
-    """Keyword arguments of an environment for a policy of a robot, of `add_scene`, `add_plant`.
+    """Keyword arguments of an environment for a policy of a robot, from those of scene and plant.
 
     Raises:
         ValueError: An option of the MuJoCo chain together with a beam model.
@@ -192,65 +257,6 @@ def plant_options(args: Namespace, policy: str, robot: RobotParams) -> dict[str,
         raise ValueError(f"{foreign}: only with --plant {MUJOCO}")
     given["plant"] = BeamPlant(args.plant, given.pop("pieces", None))
     return own | given
-
-
-def add_feedback(parser: Parsers) -> None:
-    """--feedback."""
-    add(
-        parser,
-        "--feedback",
-        "what policies measure: the full state; or tip and curvatures with an observer for the "
-        "rates; or curvature sensors alone, calibrated by `softrobot train sensors`; default: "
-        "state",
-        choices=FEEDBACKS,
-        default=FEEDBACKS[0],
-    )
-    add(
-        parser,
-        "--sensors FILE",
-        "calibration for --feedback sensors; default: beside the robot's file, or where policies "
-        "look, that of the rig's twin 0",
-    )
-
-
-def add_twin(parser: Parsers, nargs: int | str = 1) -> None:
-    """--twin, a list of one seed or of several; None unless given."""
-    add(
-        parser,
-        "--twin SEED",
-        "the rig that is simulated: seed of a digital twin, a rig with errors of manufacturing, "
-        f"servos and camera that no policy knows, or {_NO_TWIN} for an ideal one without them, "
-        "which stands where the one-piece model of the policies says; default: 0",
-        twin,
-        nargs=nargs,
-    )
-
-
-def add_identified(parser: Parsers) -> None:
-    """--identified FILE, None unless given."""
-    add(
-        parser,
-        "--identified FILE",
-        "identified parameters that policies of the rig act on, a file of `softrobot train rig_nn "
-        "--twin SEED`; default: the one shipped, of twin 0, whichever rig is driven",
-    )
-    parser.add_argument(
-        "--learnt", dest="identified", help=SUPPRESS, default=SUPPRESS, action=_Renamed
-    )
-
-
-class _Renamed(Action):
-    """Takes an option by its earlier name, and says how it is called now."""
-
-    def __call__(self, parser: Any, namespace: Any, values: Any, option: Any = None) -> None:
-        print(f"softrobot: warning: {option} is --{self.dest} now", file=sys.stderr)
-        setattr(namespace, self.dest, values)
-
-
-def add_line(parser: Parsers, robot_file: str) -> None:
-    """--robot-file, and --port in its place."""
-    add(parser, "--robot-file FILE", robot_file)
-    add(parser, "--port PORT", "serial port; default: the robot file's", str)
 
 
 #: Arguments that no job depends on.
@@ -288,6 +294,11 @@ _NO_TWIN = "none"
 def positive(text: str) -> float:
     """A positive number."""
     return number(text, lambda value: 0 < value < inf, "a positive number")
+
+
+def not_negative(text: str) -> float:
+    """A number of zero or more."""
+    return number(text, lambda value: 0 <= value < inf, "a number of zero or more")
 
 
 def whole(text: str, what: str = "a whole number, 1 or more") -> int:
@@ -387,5 +398,18 @@ def expand_all(names: list[str], known: list[str]) -> list[str]:
 
 
 #: What values are, by what they are called.
-_KINDS = {"S": positive, "SEED": seed, "POLICY": policy}
-_KINDS |= dict.fromkeys(("FILE", "DIR", "PATH", "TOML"), Path)
+_KINDS = {
+    "A,B": lambda text: tuple(map(str.strip, text.split(","))),
+    "FEEDBACK": FEEDBACKS,
+    "N": seed,
+    "N|ray[:ADDRESS]": of_text(parsed_workers),
+    "PLANT": PLANTS,
+    "POLICY": policy,
+    "SEED": seed,
+    "SEED|none": lambda text: [twin(text)],
+    "W": size,
+    "X": float,
+    **dict.fromkeys(("FILE", "DIR", "PATH", "TOML"), Path),
+    **dict.fromkeys(("FPS", "KG", "M", "S"), positive),
+    **dict.fromkeys(("LEVELS", "PIECES", "POINTS", "STEPS"), int),
+}

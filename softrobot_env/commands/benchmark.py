@@ -13,8 +13,8 @@ from softrobot_env.evaluation import stored
 from softrobot_env.rendering.tables import text_page
 from softrobot_env.robots import GRIPPERS, find_robot
 
-from .arguments import add, add_robot, add_workers, flags, seed
-from .output import add_out, changed_results, new_results, plotted, progress_on, say, write_report
+from .arguments import declare, flags
+from .output import changed_results, new_results, plotted, progress_on, say, write_report
 
 EXAMPLE = """softrobot benchmark speed --quick
   softrobot benchmark accuracy --robot my.toml
@@ -36,11 +36,8 @@ CHECKS = {
     ),
 }
 
-#: Options of some benchmarks -> help.
-_OPTIONS = {
-    "count": "scenes only: number of random scenes; default: 200, 20 of a quick run",
-    "seed": "scenes only: what they are sampled from; default: 0",
-}
+#: Options of some benchmarks.
+_OPTIONS = ("count", "seed")
 
 _NOT_HERE = (
     "there is no study {!r} here: the package's own are in scripts/studies of its repository, not "
@@ -52,18 +49,19 @@ def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
     names = "".join(f"\n  {name:<16}{measured(name)}" for name in BENCHMARKS)
     parser.description = f"{parser.description}:{names}"
-    known = tuple(dict.fromkeys((*BENCHMARKS, *CHECKS))) if BENCHMARKS else None
-    add(parser, "what WHAT", "one of the above", choices=known)
-    add(parser, "--quick", "fewer cases, under 45 s")
-    add(parser, "--redraw", "measure nothing: draw the pictures of the report that is there anew")
-    for name, what in _OPTIONS.items():
-        add(parser, f"--{name} N", what, seed)
-    add_robot(
-        parser,
-        "accuracy and stability only: measure the models of this robot in place of the study's",
-    )
-    add_workers(parser, "; default: as many processes as the benchmark is made for")
-    add_out(parser, "out/benchmark", "; a folder of what is measured is made in it")
+    text = """
+        what WHAT  one of the above
+        --quick  fewer cases, under 45 s
+        --redraw  measure nothing: draw the pictures of the report that is there anew
+        --count N  scenes only: number of random scenes; default: 200, 20 of a quick run
+        --seed SEED  scenes only: what they are sampled from; default: 0
+        <robot> accuracy and stability only: measure the models of this robot in place of the
+            study's
+        <workers>; default: as many processes as the benchmark is made for
+        --out DIR (out/benchmark)  a folder of what is measured is made in it
+        <overwrite>
+    """
+    declare(parser, text, what=tuple({**BENCHMARKS, **CHECKS}) if BENCHMARKS else str)
 
 
 def run(args: Namespace) -> int:

@@ -32,16 +32,17 @@ def make_setup(args: Namespace) -> Setup:
         ValueError: Arguments of a robot over a serial line for a simulated one, or --robot for one.
         ImportError: Packages of the extra `robot` are missing.
     """
-    env = getattr(args, "env", setups.SIMULATED)
-    if env != setups.SIMULATED:
-        from .robot.setup import RealSetup
+    if "env" not in args:
+        return Setup(args)
+    if args.env == setups.SIMULATED:
+        if given := flags(args, ("robot_file", "port")):
+            raise ValueError(f"{given}: only with --env real or virtual")
+        return Setup(args)
+    from .robot.setup import RealSetup
 
-        if args.robot is not None:
-            raise ValueError(f"--robot: only with simulated robots, --env {env} has its rig")
-        return RealSetup(args)
-    if given := flags(args, ("robot_file", "port")):
-        raise ValueError(f"{given}: only with --env real or virtual")
-    return Setup(args)
+    if args.robot is not None:
+        raise ValueError(f"--robot: only with simulated robots, --env {args.env} has its rig")
+    return RealSetup(args)
 
 
 def make_cases(args: Namespace, setup: Setup) -> list[Case]:
@@ -87,7 +88,7 @@ def _of_task(
 
 
 def one_case(args: Namespace, setup: Setup, twin: bool) -> Case:
-    """The episode of `add_task` and --policy, unless given the robot's usual one, to be shown.
+    """The episode to be shown: of `task_text`, with --policy or else the robot's usual one.
 
     Args:
         args: The arguments.

@@ -25,8 +25,8 @@ from softrobot_env.hardware.errors import RobotError
 from softrobot_env.recordings import write_recording
 from softrobot_env.robots import VARIATIONS
 
-from . import arguments, output, setups
-from .arguments import SEVERAL, Parsers, add
+from . import output, setups
+from .arguments import declare, or_all, policy, positive, study_of, twin, variation
 from .cases import left_out, make_cases, make_setup
 from .output import say
 
@@ -40,107 +40,59 @@ EXAMPLE = """softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command, by what they are about."""
     parser.usage = "softrobot evaluate [--tasks TASK ...] [--policies POLICY ...] [OPTION ...]"
-    arguments.add_robot(
-        parser, "all tasks are for it; default: the arm's and the rig's have theirs"
-    )
-    add(
-        parser,
-        "--tasks TASK",
-        "out of `softrobot list tasks`, or one's own, package.module:name or file.py:name; "
-        "default: all of --robot, of the arm step, swing, lshape",
-        arguments.or_all(setups.task_name),
-        nargs="+",
-        default=["all"],
-    )
-    add(
-        parser,
-        "--policies POLICY",
-        "out of `softrobot list policies`, or one's own as of tasks; default: all that fit a task",
-        arguments.or_all(arguments.policy),
-        nargs="+",
-        default=["all"],
-    )
-    add(parser, "--duration S", "default: the task's")
-    _add_options(parser.add_argument_group("options of tasks"))
-    _add_errors(parser.add_argument_group("other robots than the policies know"))
-    rig = parser.add_argument_group("the test rig")
-    arguments.add_twin(rig, "+")
-    arguments.add_identified(rig)
-    _add_real(parser.add_argument_group("rigs over a serial line"))
-    arguments.add_feedback(parser.add_argument_group("feedback"))
-    arguments.add_scene(parser)
-    arguments.add_plant(parser)
-    arguments.add_workers(
-        parser.add_argument_group("episodes side by side"),
-        ", and take up those that are done after a stop; decisions take longer than alone; "
-        "default: one after the other",
-    )
-    out = parser.add_argument_group("what is written")
-    output.add_out(out, "out/evaluate")
-    output.add_no_plots(out)
-    add(out, "--redraw", "run nothing: draw the plots that are there anew")
-    add(out, "--save-rollouts", "also write npz records")
+    known = setups.task_options().items()
+    options = "; ".join(f"{name} of {', '.join(tasks)}" for name, tasks in known)
+    text = f"""
+        <robot> all tasks are for it; default: the arm's and the rig's have theirs
+        --tasks TASK+ (all)  out of `softrobot list tasks`, or one's own, package.module:name or
+            file.py:name; default: all of --robot, of the arm step, swing, lshape
+        --policies POLICY+ (all)  out of `softrobot list policies`, or one's own as of tasks;
+            default: all that fit a task
+        --duration S  default: the task's
+        <plant>
+        [options of tasks]
+        --option NAME=V1,V2  values of an option of tasks, in SI units: {options}
+        --step-widths M+  as --option step_width=...; default: 0.05 0.1 0.2
+        --speeds V1,V2  as --option speed=...; of circle, figure_eight, random the largest of the
+            reference, default: 0.1
+        --path-seeds N+  as --option seed=...; default: 0
+        [other robots than the policies know]
+        --vary NAME=V1,V2  values of one of {", ".join(VARIATIONS)}: in SI units or as factors;
+            controllers keep the nominal robot
+        --randomize NAME=LOW,HIGH  ranges of the same quantities, of which --draws robots are
+            sampled besides --vary; every policy gets the same ones
+        --draws N  of --randomize; default: 5
+        [the test rig]
+        <twins>
+        <identified>
+        [rigs over a serial line]
+        --env ENV ({setups.SIMULATED})  tasks of the rig in simulation (sim), on a virtual robot
+            over a serial line in real time, or on a real one; out of %(choices)s
+        --robot-file FILE  of a real robot, see `softrobot robot calibrate`; default: the rig's
+        <port>
+        --record DIR  write commands and tip of every episode as a recording there, for `softrobot
+            recording`; and of a serial line all messages
+        [feedback]
+        <feedback>
+        [episodes side by side]
+        <workers>, and take up those that are done after a stop; decisions take longer than alone;
+            default: one after the other
+        [what is written]
+        --out DIR (out/evaluate)
+        <overwrite>
+        <no-plots>
+        --redraw  run nothing: draw the plots that are there anew
+        --save-rollouts  also write npz records
+        <scene>
+    """
+    kinds = {"option": setups.option, "vary": variation, "randomize": variation, "twin": twin}
+    kinds |= {"tasks": or_all(setups.task_name), "policies": or_all(policy)}
+    kinds |= {"env": setups.ENVIRONMENTS, "speeds": _speeds}
+    declare(parser, text, **kinds)
 
 
-def _add_errors(group: Parsers) -> None:
-    """--vary and --randomize."""
-    add(
-        group,
-        "--vary NAME=V1,V2",
-        f"values of one of {', '.join(VARIATIONS)}: in SI units or as factors; controllers keep "
-        "the nominal robot",
-        arguments.variation,
-        **SEVERAL,
-    )
-    add(
-        group,
-        "--randomize NAME=LOW,HIGH",
-        "ranges of the same quantities, of which --draws robots are sampled besides --vary; "
-        "every policy gets the same ones",
-        arguments.variation,
-        **SEVERAL,
-    )
-    add(group, "--draws N", "of --randomize; default: 5", arguments.seed)
-
-
-def _add_options(group: Parsers) -> None:
-    """--option, and short forms of some."""
-    known = "; ".join(
-        f"{name} of {', '.join(tasks)}" for name, tasks in setups.task_options().items()
-    )
-    values = f"values of an option of tasks, in SI units: {known}"
-    add(group, "--option NAME=V1,V2", values, setups.option, **SEVERAL)
-    widths = "as --option step_width=...; default: 0.05 0.1 0.2"
-    add(group, "--step-widths M", widths, arguments.positive, nargs="+")
-    add(
-        group,
-        "--speeds V1,V2",
-        "as --option speed=...; of circle, figure_eight, random the largest of the reference, "
-        "default: 0.1",
-        lambda text: [arguments.positive(part) for part in text.split(",")],
-    )
-    add(group, "--path-seeds N", "as --option seed=...; default: 0", int, nargs="+")
-
-
-def _add_real(group: Parsers) -> None:
-    """--env, and where a real robot is."""
-    add(
-        group,
-        "--env",
-        "tasks of the rig in simulation, on a virtual robot over a serial line in real time, or on "
-        f"a real one; default: {setups.SIMULATED}",
-        choices=setups.ENVIRONMENTS,
-        default=setups.SIMULATED,
-    )
-    arguments.add_line(
-        group, "of a real robot, see `softrobot robot calibrate`; default: the rig's"
-    )
-    add(
-        group,
-        "--record DIR",
-        "write commands and tip of every episode as a recording there, for `softrobot recording`; "
-        "and of a serial line all messages",
-    )
+def _speeds(text: str) -> list[float]:
+    return [positive(part) for part in text.split(",")]
 
 
 class Result(NamedTuple):
@@ -206,7 +158,7 @@ def _evaluate(args: Namespace) -> int:
         results = _run_cases(cases, setup)
         _write(results, args)
     else:
-        with kept_rows(args.out / KEPT, *arguments.study_of(args)) as kept:
+        with kept_rows(args.out / KEPT, *study_of(args)) as kept:
             results = _run_side_by_side(cases, args, kept)
             if kept.taken:
                 say(f"Took up {kept.taken} episodes of an earlier run that was stopped")

@@ -10,8 +10,8 @@ from softrobot_env.robots import GRIPPERS, find_gripper
 from softrobot_env.scene.assembly import FINENESS
 from softrobot_env.tasks.gripper import GRIP_TASKS
 
-from .arguments import add, positive, size
-from .output import add_out, new_file, progress_on, say
+from .arguments import declare, positive
+from .output import new_file, progress_on, say
 
 if TYPE_CHECKING:
     from softrobot_env.evaluation.run import Moment
@@ -27,19 +27,24 @@ _OWN = ("modulus", "arm", "sensor_errors", "specimen")
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
-    add(parser, "--task", choices=tuple(GRIP_TASKS), default="hold")
-    known = f"a gripper file (*.toml), or one out of {', '.join(GRIPPERS)}; default: gripper"
-    add(parser, "--gripper GRIPPER", known, default="gripper")
-    add(parser, "--tension N", "of all tendons; default: 30", positive, default=30.0)
-    for name, unit in zip(_FIXED, ("M", "KG", "1"), strict=True):
-        add(parser, f"--{name} {unit}", "default: sampled", positive)
-    add(parser, "--seed SEED", "of what is sampled; default: 0", default=0)
-    add(parser, "--fineness", "default: quick", choices=tuple(FINENESS), default="quick")
-    add(parser, "--pieces PIECES", "of each finger; default: by fineness", int)
-    add(parser, "--timestep S", "default: by fineness")
-    add_out(parser, None, ".mp4 or .gif; default: no video", "FILE")
-    add(parser, "--fps FPS", "frames per second; default: 25", positive, default=25)
-    add(parser, "--size W H", None, size, default=(640, 480))
+    text = f"""
+        --task TASK (hold)  out of %(choices)s
+        --gripper GRIPPER (gripper)  a gripper file (*.toml), or one out of {", ".join(GRIPPERS)}
+        --tension N (30)  of all tendons
+        --diameter M  default: sampled
+        --mass KG  default: sampled
+        --friction 1  default: sampled
+        --seed SEED (0)  of what is sampled
+        --fineness FINENESS (quick)  out of %(choices)s
+        --pieces PIECES  of each finger; default: by fineness
+        --timestep S  default: by fineness
+        --out FILE  .mp4 or .gif; default: no video
+        <overwrite>
+        --fps FPS (25)  frames per second
+        --size W H (640 480)
+    """
+    kinds = {"task": GRIP_TASKS, "fineness": FINENESS, "tension": positive, "friction": positive}
+    declare(parser, text, **kinds)
 
 
 def run(args: Namespace) -> int:

@@ -14,9 +14,9 @@ from softrobot_env.recordings import read_recording
 from softrobot_env.robots import find_robot
 
 from . import output
-from .arguments import add, add_robot, add_workers
+from .arguments import declare
 from .output import say
-from .recording import add_file
+from .recording import FILE_TEXT
 
 if TYPE_CHECKING:
     from softrobot_env.identification.fit.path import Identification
@@ -30,37 +30,23 @@ _STAGES = ("frame", "tendons", "geometry", "statics", "dynamics", "residual", "n
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
-    add_file(parser)
-    add_robot(parser, "as it is believed to be", required=True)
-    add(
-        parser,
-        "--stages A,B",
-        f"what to find, out of {','.join(_STAGES)}; the rest stays as the robot file says; "
-        "default: all",
-        lambda text: tuple(map(str.strip, text.split(","))),
-        default=_STAGES,
-    )
-    add(
-        parser,
-        "--known A,B",
-        "kinds of parameters that the robot file says exactly, such as mass,tendon_radius",
-        lambda text: tuple(text.split(",")),
-        default=(),
-    )
-    add(
-        parser,
-        "--any-turn",
-        "the recording's frame may be anywhere and turned in any way; about the robot's axis it "
-        "may be turned anyway where the columns' tendons are not known",
-    )
-    add(parser, "--no-validation", "skip the cross-validation, half of the time")
-    output.add_no_plots(parser)
-    add_workers(
-        parser,
-        "; those of the assignment, of further starts and of the cross-validation; default: two "
-        "processes, of the cross-validation alone",
-    )
-    output.add_out(parser, "out/identify")
+    text = f"""
+        {FILE_TEXT}
+        <robot!> as it is believed to be
+        --stages A,B ({",".join(_STAGES)})  what to find; the rest stays as the robot file says;
+            default: all, {",".join(_STAGES)}
+        --known A,B  kinds of parameters that the robot file says exactly, such as
+            mass,tendon_radius
+        --any-turn  the recording's frame may be anywhere and turned in any way; about the robot's
+            axis it may be turned anyway where the columns' tendons are not known
+        --no-validation  skip the cross-validation, half of the time
+        <no-plots>
+        <workers>; those of the assignment, of further starts and of the cross-validation;
+            default: two processes, of the cross-validation alone
+        --out DIR (out/identify)
+        <overwrite>
+    """
+    declare(parser, text)
 
 
 def run(args: Namespace) -> int:
@@ -88,7 +74,7 @@ def _identified(args: Namespace) -> int:
             recording,
             robot,
             stages,
-            known=args.known,
+            known=args.known or (),
             any_turn=args.any_turn,
             validate=not args.no_validation,
             show=show,

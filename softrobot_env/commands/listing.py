@@ -12,7 +12,7 @@ from softrobot_env.robots import ROBOTS, RobotParams, find_robot
 from softrobot_env.tasks import Maker, defaults, tasks_of
 from softrobot_env.tasks.generic import GENERIC_TASKS
 
-from .arguments import add, add_robot
+from .arguments import declare
 from .output import say
 
 EXAMPLE = """softrobot list
@@ -23,8 +23,11 @@ _FITS = "can drive it"
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
-    add(parser, "what", "these alone; default: all", nargs="?", choices=_EVERYTHING)
-    add_robot(parser, "what it can be given, and why not the rest; default: all there is")
+    text = """
+        what WHAT?  these alone, out of %(choices)s; default: all
+        <robot> what it can be given, and why not the rest; default: all there is
+    """
+    declare(parser, text, what=_EVERYTHING)
 
 
 def run(args: Namespace) -> int:

@@ -4,8 +4,10 @@ One rule for files and folders of results. Nobody else writes to them meanwhile.
 """
 
 import os
+from argparse import Namespace
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import wraps
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -18,22 +20,8 @@ from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.evaluation.report import write_json
 from softrobot_env.rendering.tables import text_page
 
-from .arguments import Parsers, add
-
 #: What makes a folder one of results, and the list of what was written to it.
 _REPORT, _LIST = "report.json", ".written"
-
-
-def add_out(parser: Parsers, default: str | None, note: str = "", metavar: str = "DIR") -> None:
-    """--out and --overwrite."""
-    usual = "" if default is None else f"default: {default}"
-    add(parser, f"--out {metavar}", usual + note, default=Path(default) if default else None)
-    add(parser, "--overwrite", "replace what is there of an earlier run")
-
-
-def add_no_plots(parser: Parsers) -> None:
-    """--no-plots."""
-    add(parser, "--no-plots", "skip the plots")
 
 
 def check_free(*paths: Path, overwrite: bool) -> None:
@@ -97,6 +85,17 @@ def new_results(folder: Path, overwrite: bool) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
         with _noted(folder, anew=True):
             yield
+
+
+def filling(run: Callable[[Namespace], int]) -> Callable[[Namespace], int]:
+    """A command that fills the folder --out, see `new_results`."""
+
+    @wraps(run)
+    def held(args: Namespace) -> int:
+        with new_results(args.out, args.overwrite):
+            return run(args)
+
+    return held
 
 
 @contextmanager

@@ -1,15 +1,14 @@
 """`softrobot recording`: tables of commands and marker positions: checked, and replayed."""
 
 from argparse import ArgumentParser, Namespace
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Group
 
-from softrobot_env.core.registry import Registry
 from softrobot_env.recordings import Recording, read_recording
 from softrobot_env.recordings.header import UNITS
 from softrobot_env.recordings.recording import Summary, summarize
@@ -17,7 +16,6 @@ from softrobot_env.rendering.tables import Column, PlainTable, make_table, named
 from softrobot_env.robots import RobotParams, find_robot
 
 from . import arguments, output
-from .arguments import Parsers, add
 from .output import say
 
 if TYPE_CHECKING:
@@ -31,26 +29,16 @@ def add_arguments(parser: ArgumentParser) -> None:
     arguments.add_commands(parser, RECORDING_COMMANDS)
 
 
-def add_file(parser: Parsers) -> None:
-    """The recording, and --header."""
-    table = "a table, .csv or .parquet; or an .mcap file, or the folder of a Minari data set"
-    add(parser, "recording FILE", table)
-    add(
-        parser,
-        "--header TOML",
-        "says which column is what, before what NAME.toml beside the table says; default: "
-        "NAME.toml alone",
-    )
+FILE_TEXT = """
+    recording FILE  a table, .csv or .parquet; or an .mcap file, or the folder of a Minari data set
+    --header TOML  says which column is what, before what NAME.toml beside the table says; default:
+        NAME.toml alone
+"""
 
 
 # ---------------------------------------------------------------- check
 
 _PATTERNS = 12  # at most that are listed
-
-
-def _add_check(parser: ArgumentParser) -> None:
-    add_file(parser)
-    arguments.add_robot(parser, "to compare with; default: none")
 
 
 def _check(args: Namespace) -> int:
@@ -117,25 +105,7 @@ _LEARNED = "with residual"
 _WORST = 5  # patterns on the terminal
 
 
-def _add_replay(parser: ArgumentParser) -> None:
-    add_file(parser)
-    arguments.add_robot(
-        parser,
-        f"{_BESIDE_ROBOT} beside the file counts as --header unless that is given, and "
-        "residual.npz as a correction that is reported apart",
-        required=True,
-    )
-    arguments.add_plant(parser)
-    add(
-        parser,
-        "--twin SEED",
-        "errors of manufacturing, servos and tendons, of a robot driven by length; default: none",
-        arguments.twin,
-    )
-    output.add_no_plots(parser)
-    output.add_out(parser, "out/replay")
-
-
+@output.filling
 def _replay(args: Namespace) -> int:
     """Replay, print and write; 1 if a part of the recording could not be simulated."""
     from softrobot_env.identification.replay import error_rows
@@ -179,11 +149,6 @@ def _replay(args: Namespace) -> int:
     return int(bool(result.failures))
 
 
-def _run_replay(args: Namespace) -> int:
-    with output.new_results(args.out, args.overwrite):
-        return _replay(args)
-
-
 def _with_residual(result: "Replay") -> "Replay | None":
     """The replay corrected by what was learned of an identified robot, beside whose file it is."""
     from softrobot_env.identification.fit.residual import RESIDUAL_FILE, corrected, read_residual
@@ -210,28 +175,36 @@ def _beside(robot: RobotParams) -> Path | None:
     return path if path.is_file() else None
 
 
-_CHECK = SimpleNamespace(
-    EXAMPLE="""softrobot recording check train.csv
+_CHECK = arguments.command(
+    """softrobot recording check train.csv
   softrobot recording check train.csv --header assets/recordings/ftdcr_v4.toml --robot ftdcr_v4""",
-    add_arguments=_add_check,
-    run=_check,
+    f"{FILE_TEXT}\n<robot> to compare with; default: none",
+    _check,
 )
 
-_REPLAY = SimpleNamespace(
-    EXAMPLE="""softrobot recording replay test.csv --robot out/identify/robot.toml
+_REPLAY = arguments.command(
+    """softrobot recording replay test.csv --robot out/identify/robot.toml
   softrobot recording replay train.csv --header my_header.toml --robot my.toml --plant cosserat""",
-    add_arguments=_add_replay,
-    run=_run_replay,
+    f"""
+    {FILE_TEXT}
+    <robot!> {_BESIDE_ROBOT} beside the file counts as --header unless that is given, and
+        residual.npz as a correction that is reported apart
+    <plant>
+    --twin SEED  errors of manufacturing, servos and tendons, of a robot driven by length; default:
+        none
+    <no-plots>
+    --out DIR (out/replay)
+    <overwrite>
+    """,
+    _replay,
+    twin=arguments.twin,
 )
 
 #: The commands of `softrobot recording`.
-RECORDING_COMMANDS: Registry[arguments.Command] = Registry(
-    "command of recording",
-    {
-        "check": (_CHECK, "say whether a recording is good, what it holds and what is odd"),
-        "replay": (
-            _REPLAY,
-            "simulate a recording's commands with a robot; report the error of its markers",
-        ),
-    },
-)
+RECORDING_COMMANDS: Mapping[str, arguments.Command] = {
+    "check": (_CHECK, "say whether a recording is good, what it holds and what is odd"),
+    "replay": (
+        _REPLAY,
+        "simulate a recording's commands with a robot; report the error of its markers",
+    ),
+}

@@ -41,7 +41,6 @@ from softrobot_env.tasks import (
 from softrobot_env.tasks.generic import GENERIC_TASKS
 
 from . import arguments
-from .arguments import SEVERAL, Parsers, add
 
 #: What --env can be: simulated, or over a serial line.
 SIMULATED = "sim"
@@ -300,17 +299,21 @@ def merge(pairs: list[tuple[str, list[float]]]) -> Given:
     return merged
 
 
-def add_task(parser: Parsers) -> None:
+def task_text() -> str:
     """--task, --option and --step-width, of commands that are about one task."""
-    usual = "default: swing of the arm, circle of --robot"
-    add(parser, "--task TASK", f"{task_help()}; {usual}", task_name)
-    text = f"an option of the task, in SI units, out of {', '.join(task_options())}"
-    add(parser, "--option NAME=VALUE", text, option, **SEVERAL)
-    add(parser, "--step-width M", "as --option step_width=...", arguments.positive)
+    return f"""
+        --task TASK  {task_help()}; default: swing of the arm, circle of --robot
+        --option NAME=VALUE  an option of the task, in SI units, out of {", ".join(task_options())}
+        --step-width M  as --option step_width=...
+    """
+
+
+#: Kinds of the arguments of `task_text`, see `arguments.declare`.
+TASK_KINDS = {"task": task_name, "option": option}
 
 
 def one_task(args: Namespace, robot: RobotParams | None) -> Task:
-    """The task of `add_task`, for a robot unless it has its own.
+    """The task of `task_text`, for a robot unless it has its own.
 
     Raises:
         ValueError: An option of other tasks, several values of one, or one out of range.

@@ -29,7 +29,7 @@ from softrobot_env.training.rl_config import (
 )
 
 from . import arguments, output
-from .arguments import SEVERAL, Parsers, add
+from .arguments import declare
 from .output import say
 
 if TYPE_CHECKING:
@@ -49,91 +49,53 @@ EXAMPLE = """softrobot train lq_preview --robot my.toml
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
-    known = f"policy to train, out of {', '.join(registry.TRAININGS)}; or give --algo"
-    add(parser, "what NAME", known, nargs="?", choices=list(registry.TRAININGS))
-    arguments.add_robot(parser, "a name or a file; default: the thesis' of the artifact")
-    chance = parser.add_mutually_exclusive_group()
-    add(chance, "--seed SEED", "of the randomness; default: 0")
-    add(
-        chance,
-        "--seeds A..B|A,B",
-        "a run for each; with this, several values of --set or --workers, runs have folders in "
-        "that of --out, and the same command goes on with those that are not done",
-        arguments.seeds,
-    )
-    arguments.add_workers(parser, "; several runs at a time; default: as many processes as cores")
-    output.add_out(
-        parser,
-        None,
-        "default: beside the file of a robot of one's own, else out; of several runs "
-        f"{SEVERAL_RUNS}/NAME",
-    )
-    shipped = "write what comes with the package: models/, or beside the robots in assets/"
-    add(parser, "--ship", shipped)
-    add(parser, "--quick", "seconds, to see that everything runs; no good policy")
-    add(
-        parser,
-        "--twin SEED",
-        "of the twin that rig_nn is of; default: 0. Others than 0 go to a file with the seed in "
-        "its name, for `softrobot evaluate --identified`",
-    )
-    add(
-        parser,
-        "--recording FILE",
-        "that ssm learns from, see `softrobot recording`; default: motion that is simulated",
-    )
-    teacher = "that imitation learns from; default: of the arm mpc_preview, else lq_preview"
-    add(parser, "--teacher POLICY", teacher)
-    group = parser.add_argument_group("reinforcement learning")
-    add(group, "--algo", "algorithm of stable-baselines3, as NAME", choices=ALGORITHMS)
-    add_learning(group)
-    add(group, "--name NAME", "of the file written; default: the algorithm's")
-    add(group, "--checkpoint DIR", "folder of what --resume needs; default: out/train/NAME")
-    add(group, "--resume", "go on with the checkpoint")
-    add(group, "--log DIR", "folder of TensorBoard's logs")
+    chance = """
+        --seed SEED  of the randomness; default: 0
+        --seeds A..B|A,B  a run for each; with this, several values of --set or --workers, runs have
+            folders in that of --out, and the same command goes on with those that are not done
+    """
+    declare(parser.add_mutually_exclusive_group(), chance, seeds=arguments.seeds)
+    text = f"""
+        what NAME?  policy to train, out of %(choices)s; or give --algo
+        <robot> a name or a file; default: the thesis' of the artifact
+        <workers>; several runs at a time; default: as many processes as cores
+        --out DIR  default: beside the file of a robot of one's own, else out; of several runs
+            {SEVERAL_RUNS}/NAME
+        <overwrite>
+        --ship  write what comes with the package: models/, or beside the robots in assets/
+        --quick  seconds, to see that everything runs; no good policy
+        --twin SEED  of the twin that rig_nn is of; default: 0. Others than 0 go to a file with the
+            seed in its name, for `softrobot evaluate --identified`
+        --recording FILE  that ssm learns from, see `softrobot recording`; default: motion that is
+            simulated
+        --teacher POLICY  that imitation learns from; default: of the arm mpc_preview, else
+            lq_preview
+        {learning_text()}
+        --algo NAME  algorithm of stable-baselines3, as NAME, out of %(choices)s
+        --name NAME  of the file written; default: the algorithm's
+        --checkpoint DIR  folder of what --resume needs; default: out/train/NAME
+        --resume  go on with the checkpoint
+        --log DIR  folder of TensorBoard's logs
+    """
+    declare(parser, text, what=registry.TRAININGS, algo=ALGORITHMS, **LEARNING_KINDS)
 
 
-def add_learning(group: Parsers) -> None:
+def learning_text() -> str:
     """Arguments that say what is learned by reinforcement, and how."""
-    every = [*TRAINING_TASKS, *ROBOT_TASKS]
-    add(
-        group,
-        "--task TASK",
-        f"out of {', '.join(TRAINING_TASKS)} (random references), of other robots than "
-        f"the arm out of {', '.join(ROBOT_TASKS)}; default: all",
-        nargs="+",
-        choices=[*every, "all"],
-        default=["all"],
-    )
-    add(
-        group,
-        "--start NETWORK",
-        "file of a network to start from, imitation (the one in --out, else where policies look) "
-        "or none; default: imitation",
-        default=IMITATION,
-    )
-    add(
-        group,
-        "--randomize",
-        "draw robots and disturbances from broad ranges, not Young's modulus alone",
-    )
-    add(
-        group,
-        "--backend",
-        "what simulates: MuJoCo, or MuJoCo Warp on a graphics card (see docs/howto/gpu.md)",
-        choices=("mujoco", "warp"),
-        default="mujoco",
-    )
-    add(group, "--device DEVICE", "of the backend warp: cuda:0 unless given, or cpu")
-    add(group, "--steps STEPS", "environment steps; default: by algorithm", int)
-    add(
-        group,
-        "--set NAME=V1,V2",
-        "another number of training.rl_config.RLConfig, for instance rate=1e-4; with several "
-        "values a run for each",
-        _setting,
-        **SEVERAL,
-    )
+    return f"""
+        [reinforcement learning]
+        --task TASK+ (all)  out of {", ".join(TRAINING_TASKS)} (random references), of other robots
+            than the arm out of {", ".join(ROBOT_TASKS)}
+        --start NETWORK ({IMITATION})  file of a network to start from, imitation (the one in --out,
+            else where policies look) or none
+        --randomize  draw robots and disturbances from broad ranges, not Young's modulus alone
+        --backend BACKEND (mujoco)  what simulates: MuJoCo, or MuJoCo Warp (warp) on a graphics card
+            (see docs/howto/gpu.md)
+        --device DEVICE  of the backend warp: cuda:0 unless given, or cpu
+        --steps STEPS  environment steps; default: by algorithm
+        --set NAME=V1,V2  another number of training.rl_config.RLConfig, for instance rate=1e-4;
+            with several values a run for each
+    """
 
 
 def _setting(text: str) -> tuple[str, tuple[float, ...]]:
@@ -143,6 +105,14 @@ def _setting(text: str) -> tuple[str, tuple[float, ...]]:
         return name, tuple(dict.fromkeys(map(float, values.split(","))))
     except ValueError:
         raise ArgumentTypeError(f"{text!r} is not NAME=NUMBER or N1,N2") from None
+
+
+#: Kinds of the arguments of `learning_text`, see `arguments.declare`.
+LEARNING_KINDS = {
+    "task": (*TRAINING_TASKS, *ROBOT_TASKS, "all"),
+    "backend": ("mujoco", "warp"),
+    "set": _setting,
+}
 
 
 def given(args: Namespace) -> dict[str, Any]:

@@ -23,8 +23,8 @@ from softrobot_env.training.several.search import (
 )
 
 from . import train
-from .arguments import SEVERAL, add, add_robot, add_workers, of_text, whole
-from .output import add_out, check_free, new_results, progress_on, say
+from .arguments import declare, of_text, whole
+from .output import check_free, new_results, progress_on, say
 
 if TYPE_CHECKING:
     from softrobot_env.training.several.runs import Run
@@ -41,24 +41,22 @@ _CHECKS = 9
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
-    known = list(LEARNERS)
-    add(parser, "what NAME", f"training, out of {', '.join(known)}", choices=known)
-    add_robot(parser, "a name or a file; default: arm")
-    add(parser, "--seed SEED", "of trainings and draws; default: 0", default=0)
-    add(
-        parser,
-        "--search NAME=LOW..HIGH[:log]|V1,V2",
-        "a number of training.rl_config.RLConfig, and the range or the values to search in",
-        of_text(parsed),
-        **SEVERAL,
-    )
-    add(parser, "--space FILE", "TOML file with the same in a table [search]")
-    draws = f"draws; default: {_TRIALS}, without ranges all combinations of values"
-    add(parser, "--trials N", draws, whole)
-    add(parser, "--quick", "small trainings; no good settings")
-    train.add_learning(parser.add_argument_group("reinforcement learning"))
-    add_workers(parser, "; N are those of a Ray started here; default: as many as cores")
-    add_out(parser, None, "default: out/tune/NAME; the same command goes on with what is there")
+    text = f"""
+        what NAME  training, out of %(choices)s
+        <robot> a name or a file; default: arm
+        --seed SEED (0)  of trainings and draws
+        --search NAME=LOW..HIGH[:log]|V1,V2  a number of training.rl_config.RLConfig, and the range
+            or the values to search in
+        --space FILE  TOML file with the same in a table [search]
+        --trials N  draws; default: {_TRIALS}, without ranges all combinations of values
+        --quick  small trainings; no good settings
+        <workers>; N are those of a Ray started here; default: as many as cores
+        --out DIR  default: out/tune/NAME; the same command goes on with what is there
+        <overwrite>
+        {train.learning_text()}
+    """
+    kinds = {"what": LEARNERS, "search": of_text(parsed), "trials": whole}
+    declare(parser, text, **kinds, **train.LEARNING_KINDS)
 
 
 def run(args: Namespace) -> int:

@@ -11,10 +11,10 @@ from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import visible
 from softrobot_env.scene.registry import scene_of
 
-from .arguments import add, add_robot, port
+from .arguments import declare, port
 from .cases import make_setup, one_case
 from .output import say
-from .setups import add_task, one_task
+from .setups import TASK_KINDS, one_task, task_text
 
 if TYPE_CHECKING:
     from softrobot_env.envs.tracking import TrackingEnv
@@ -29,17 +29,15 @@ _HOST = "127.0.0.1"
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
-    add_robot(parser, "default: the task's")
-    add_task(parser)
-    add(parser, "--policy POLICY", "drives the robot; default: the sliders do")
-    add(
-        parser,
-        "--web",
-        "in a browser of this machine, without display: MuJoCo's studio, which has no "
-        "authentication (whoever runs programs here can reach it)",
-    )
-    text = "of --web; default: a free one from 8080 on"
-    add(parser, "--port PORT", text, port, default=0, dest="web_port")
+    text = f"""
+        <robot> default: the task's
+        {task_text()}
+        --policy POLICY  drives the robot; default: the sliders do
+        --web  in a browser of this machine, without display: MuJoCo's studio, which has no
+            authentication (whoever runs programs here can reach it)
+        --port PORT  of --web; default: a free one from 8080 on
+    """
+    declare(parser, text, **TASK_KINDS, port=port)
 
 
 def run(args: Namespace) -> int:
@@ -53,7 +51,7 @@ def run(args: Namespace) -> int:
     if args.web:
         if args.policy is not None:
             raise ValueError("--policy goes with a window only, not with --web")
-        _browse(scene_of(one_task(args, setup.robot).robot), args.web_port)
+        _browse(scene_of(one_task(args, setup.robot).robot), args.port or 0)
         return 0
     try:
         check_display()

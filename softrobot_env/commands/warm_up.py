@@ -11,7 +11,7 @@ from softrobot_env.control.registry import POLICIES, installed_policies
 from softrobot_env.core.processes import usable_cores, worker_processes
 from softrobot_env.robots import ENTRIES, entry_of
 
-from .arguments import add
+from .arguments import declare
 from .output import progress_on, say
 
 EXAMPLE = """softrobot warm-up
@@ -23,8 +23,9 @@ _STEPS = 3
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
-    what = f"plants ({', '.join(PLANTS)}) and policies of the arm and the rig; default: all"
-    add(parser, "names NAME", what, nargs="*")
+    plants = ", ".join(PLANTS)
+    text = f"names NAME*  plants ({plants}) and policies of the arm and the rig; default: all"
+    declare(parser, text)
 
 
 def run(args: Namespace) -> int:

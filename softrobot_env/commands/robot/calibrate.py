@@ -20,8 +20,9 @@ from softrobot_env.hardware.robot_file import (
     write_robot_file,
 )
 
-from ..output import add_out, new_file, say
-from .link import add_robot, numbers, open_driver, robot_of
+from ..arguments import declare
+from ..output import new_file, say
+from .link import ROBOT_TEXT, numbers, open_driver, robot_of
 
 EXAMPLE = "softrobot robot calibrate --port /dev/ttyUSB0 --out rig.toml"
 
@@ -33,8 +34,7 @@ quit        stop without a file"""
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
-    add_robot(parser)
-    add_out(parser, "robot.toml", metavar="FILE")
+    declare(parser, f"{ROBOT_TEXT}\n--out FILE (robot.toml)\n<overwrite>")
 
 
 def run(args: Namespace) -> int:

@@ -7,7 +7,7 @@ from functools import partial
 
 import gymnasium
 
-from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
+from softrobot_env.beams.registry import MUJOCO, BeamPlant
 from softrobot_env.envs.recording import RecordEpisodes
 from softrobot_env.evaluation.report import VIRTUAL
 from softrobot_env.identification import excitation
@@ -16,9 +16,8 @@ from softrobot_env.recordings.columns import check_writable
 from softrobot_env.recordings.files import header_path
 from softrobot_env.robots import VARIATIONS, RobotParams, default_robot, entry_of, find_robot
 
-from .. import arguments
-from ..arguments import SEVERAL, add
-from ..output import add_out, check_free, new_file, progress_on, say
+from ..arguments import declare, variation
+from ..output import check_free, new_file, progress_on, say
 from ..setups import ENVIRONMENTS, SIMULATED
 from .link import robot_of
 
@@ -41,31 +40,31 @@ _NUMBERS = {
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
-    arguments.add_robot(parser, "simulated; default: the rig")
-    add(parser, "--env", "default: sim", choices=ENVIRONMENTS, default=SIMULATED)
-    add(
-        parser,
-        "--twin SEED",
-        "errors of manufacturing and servos that a simulated or virtual robot driven by length has "
-        "and nobody knows, or none; default: of the rig 0, of others none",
-        arguments.twin,
-        nargs=1,
-    )
-    known = ", ".join(VARIATIONS)
-    text = f"what is otherwise with a simulated robot than believed: {known}"
-    add(parser, "--vary NAME=V", text, arguments.variation, **SEVERAL)
-    add(parser, "--plant", "of a simulated robot; default: mujoco", choices=PLANTS, default=MUJOCO)
-    arguments.add_line(parser, "of a real rig")
-    add(parser, "--control-period S", default=0.02)
-    add(parser, "--kinds", nargs="+", choices=excitation.KINDS, default=["pulls", "random"])
     usual = {field.name: field.default for field in fields(excitation.Excitation)}
-    for name, text in _NUMBERS.items():
-        add(parser, f"--{name} X", f"{text}; default: {usual[name]:g}", float)
-    add(parser, "--levels LEVELS", "of a pull; default: 4", int)
-    add(parser, "--points POINTS", f"to be visited; default: {usual['points']}", int)
-    add(parser, "--seed SEED", "of random motion and of noise; default: 0")
-    add(parser, "--static", "keep one row for each rest, averaged over its end")
-    add_out(parser, "out/recording.csv", ", or a .parquet", "FILE")
+    lines = (f"--{name} X  {text}; default: {usual[name]:g}" for name, text in _NUMBERS.items())
+    numbers = "\n".join(lines)
+    text = f"""
+        <robot> simulated; default: the rig
+        --env ENV ({SIMULATED})  out of %(choices)s
+        --twin SEED|none  errors of manufacturing and servos that a simulated or virtual robot
+            driven by length has and nobody knows; default: of the rig 0, of others none
+        --vary NAME=V  what is otherwise with a simulated robot than believed:
+            {", ".join(VARIATIONS)}
+        --plant PLANT ({MUJOCO})  of a simulated robot, out of %(choices)s
+        --robot-file FILE  of a real rig
+        <port>
+        --control-period S (0.02)
+        --kinds KIND+ (pulls random)  out of %(choices)s
+        {numbers}
+        --levels LEVELS  of a pull; default: 4
+        --points POINTS  to be visited; default: {usual["points"]}
+        --seed SEED  of random motion and of noise; default: 0
+        --static  keep one row for each rest, averaged over its end
+        --out FILE (out/recording.csv)  or a .parquet
+        <overwrite>
+    """
+    kinds = {"env": ENVIRONMENTS, "vary": variation, "kinds": excitation.KINDS}
+    declare(parser, text, **kinds)
 
 
 def run(args: Namespace) -> int:

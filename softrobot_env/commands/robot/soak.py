@@ -19,8 +19,8 @@ from softrobot_env.hardware.robot_file import RobotFile, read_robot_file
 from softrobot_env.hardware.tip import TipSource
 from softrobot_env.rendering.tables import named_values
 
-from ..arguments import add
-from ..output import add_out, new_results, progress_on, say
+from ..arguments import declare
+from ..output import filling, progress_on, say
 from .virtual import virtual_process
 
 EXAMPLE = "softrobot robot soak --seconds 60"
@@ -49,20 +49,19 @@ _WINDOW = 0.05
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
-    add(parser, "--seconds S", "duration; default: 600", default=600.0)
-    add(parser, "--robot-file FILE", "a real robot; default: a virtual one")
-    add(parser, "--twin SEED", "of the virtual robot; default: 0", default=0)
-    add_out(parser, "out/soak")
+    text = """
+        --seconds S (600)  duration
+        --robot-file FILE  a real robot; default: a virtual one
+        --twin SEED (0)  of the virtual robot
+        --out DIR (out/soak)
+        <overwrite>
+    """
+    declare(parser, text)
 
 
+@filling
 def run(args: Namespace) -> int:
     """Run the command; 1 if a promise was broken."""
-    with new_results(args.out, args.overwrite):
-        return _run(args)
-
-
-def _run(args: Namespace) -> int:
-    """Run, print and write."""
     from softrobot_env.evaluation.report import write_json
 
     with _robot(args) as (file, tip, log):

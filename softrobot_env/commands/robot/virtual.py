@@ -25,7 +25,7 @@ from softrobot_env.hardware.robot_file import TRACKER_PORT, RobotFile, virtual_f
 from softrobot_env.hardware.tip import UdpTip
 from softrobot_env.hardware.virtual_robot import VirtualRobot, linked
 
-from ..arguments import add, port
+from ..arguments import declare, port
 from ..output import check_free, say
 
 EXAMPLE = "softrobot robot virtual --twin 0 --link out/robot"
@@ -39,18 +39,16 @@ _START, _END = 60.0, 30.0  # s, a long log takes a while to write
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
-    add(parser, "--twin SEED", "the rig that is simulated; default: 0", default=0)
-    add(parser, "--link PATH", "also make a symbolic link to the port here")
-    camera = f"UDP port of this machine that gets the camera's pictures; default: {TRACKER_PORT}"
-    add(parser, "--camera-port N", camera, port, default=TRACKER_PORT)
-    add(parser, "--seed SEED", "of the noise of camera and sensors", default=0)
-    add(parser, "--seconds S", "stop after this time")
-    add(
-        parser,
-        "--log FILE",
-        "npz with what really happened: time, tip, applied, powered, at every millisecond",
-    )
-    add(parser, _UNTIL_EOF, SUPPRESS)
+    text = f"""
+        --twin SEED (0)  the rig that is simulated
+        --link PATH  also make a symbolic link to the port here
+        --camera-port N ({TRACKER_PORT})  UDP port of this machine that gets the camera's pictures
+        --seed SEED (0)  of the noise of camera and sensors
+        --seconds S  stop after this time
+        --log FILE  npz with what really happened: time, tip, applied, powered, at every millisecond
+    """
+    declare(parser, text, camera_port=port)
+    parser.add_argument(_UNTIL_EOF, action="store_true", help=SUPPRESS)
 
 
 def run(args: Namespace) -> int:
