@@ -83,11 +83,9 @@ def _identified(args: Namespace) -> int:
     say(report.tables(found, chain, whole=False))
     files = report.write_files(found, args.out)
     tables, rows = report.tables(found, chain, whole=True), report.report_rows(found, chain)
-    output.write_report(args.out, rows, "Identification of a robot", tables, args.command_line)
-    wrote = ", ".join([*files, "report.json", "report.md"])
-    say(f"{perf_counter() - began:.0f} s. Wrote {wrote} to {args.out}", soft_wrap=True)
-    if not args.no_plots and output.plotted(lambda: _plot(found, args)):
-        say(f"Wrote plots to {args.out}")
+    say(f"{perf_counter() - began:.0f} s")
+    draw = partial(_plot, found, args)
+    output.write_report(args, rows, "Identification of a robot", tables, draw, files)
     return 0
 
 

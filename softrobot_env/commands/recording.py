@@ -3,6 +3,7 @@
 from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from rich.console import Group
 from softrobot_env.recordings import Recording, read_recording
 from softrobot_env.recordings.header import UNITS
 from softrobot_env.recordings.recording import Summary, summarize
+from softrobot_env.rendering.recordings import plot_replay
 from softrobot_env.rendering.tables import Column, PlainTable, make_table, named_values, new_table
 from softrobot_env.robots import RobotParams, find_robot
 
@@ -138,14 +140,9 @@ def _replay(args: Namespace) -> int:
         say(make_table(title, _COLUMNS, better[:1], caption=_CAPTION))
         columns += [common | {"model": _LEARNED} | row.columns() for row in better]
         parts.append(make_table(title, _COLUMNS, better, caption=_CAPTION))
-    page = Group(*parts)
-    output.write_report(args.out, columns, "Replay of a recording", page, args.command_line)
-    say(f"{result.cpu_time:.1f} s of CPU time. Wrote {args.out}/report.json, report.md")
-    if not args.no_plots:
-        from softrobot_env.rendering.recordings import plot_replay
-
-        if output.plotted(lambda: plot_replay(result, rows, args.out)):
-            say(f"Wrote plots to {args.out}")
+    say(f"{result.cpu_time:.1f} s of CPU time")
+    draw = partial(plot_replay, result, rows, args.out)
+    output.write_report(args, columns, "Replay of a recording", Group(*parts), draw)
     return int(bool(result.failures))
 
 

@@ -4,6 +4,7 @@ from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -217,20 +218,19 @@ def train_several(
     if args.seeds is not None and not registry.TRAININGS[name].is_random:
         able = ", ".join(other for other, known in registry.TRAININGS.items() if known.is_random)
         raise ValueError(f"--seeds: nothing in {name} is random; only with {able}")
-    out = args.out or SEVERAL_RUNS / name
+    args.out = out = args.out or SEVERAL_RUNS / name
     request = request_in(out, name, robot, settings, args.name)
     requests = runs.requests_of(request, args.seeds or (args.seed,), values)
     if name in registry.LEARNERS:
         for one in requests.values():
             registry.check_reinforcement(name, one)
-    study, files = study_in(args, out)
-    with output.new_results(out, args.overwrite), kept_rows(out / KEPT, study, files) as kept:
+    with output.new_results(out, args.overwrite), kept_rows(out / KEPT, *study_in(args)) as kept:
         bar = output.progress_on(name, len(requests), prefix=f"{name}: ")
         with bar as show, using(args.workers):
             found = runs.run_all(name, requests, kept, show, args.overwrite)
         if kept.taken:
             say(f"Took up {kept.taken} runs that were done when the command stopped")
-        write(args, out, f"Several runs of {name}", found, report.tables(found))
+        write(args, f"Several runs of {name}", found, report.tables(found))
     best = report.best_of(found)
     if best is not None:
         path = out / best.folder / request.path.name
@@ -254,19 +254,17 @@ def request_in(
     return replace(TrainingRequest(robot, path, 0, settings), near=path.parent)
 
 
-def study_in(args: Namespace, out: Path) -> tuple[str, set[Path]]:
-    """As `arguments.study_of`, with what runs build on in `out`."""
+def study_in(args: Namespace) -> tuple[str, set[Path]]:
+    """As `arguments.study_of`, with what runs build on in the folder of results."""
     study, files = arguments.study_of(args)
-    return study, files | set(out.resolve().glob("*.npz"))
+    return study, files | set(args.out.resolve().glob("*.npz"))
 
 
-def write(args: Namespace, out: Path, title: str, found: "list[Run]", tables: Any) -> None:
+def write(args: Namespace, title: str, found: "list[Run]", tables: Any) -> None:
     """Report, page and curves."""
     from softrobot_env.training.several.report import plot
 
-    output.write_report(out, [run.row() for run in found], title, tables, args.command_line)
     say(tables)
     curves = any(run.curve for run in found)
-    plotted = curves and output.plotted(lambda: plot(found, out / "curves.png"))
-    wrote = "report.json, report.md" + (", curves.png" if plotted else "")
-    say(f"Wrote {wrote} to {out}", soft_wrap=True)
+    draw = partial(plot, found, args.out / "curves.png") if curves else None
+    output.write_report(args, [run.row() for run in found], title, tables, draw)

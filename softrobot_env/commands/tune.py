@@ -24,7 +24,7 @@ from softrobot_env.training.several.search import (
 
 from . import train
 from .arguments import declare, of_text, whole
-from .output import check_free, new_results, progress_on, say
+from .output import check_free, filling, progress_on, say
 
 if TYPE_CHECKING:
     from softrobot_env.training.several.runs import Run
@@ -72,12 +72,12 @@ def run(args: Namespace) -> int:
     settings = train.given(args)
     _check_space(args, space)
     TRAININGS[name].check(name, robot, settings)
-    out = args.out or Path("out") / "tune" / name
-    request = train.request_in(out, name, robot, settings, None)
+    args.out = args.out or Path("out") / "tune" / name
+    request = train.request_in(args.out, name, robot, settings, None)
     for values in corners(space):
         fixed = list((dict(settings.get("set", ())) | values).items())
         check_reinforcement(name, _with(request, {"set": fixed}))
-    return _search(args, name, request, space, out)
+    return _search(args, name, request, space)
 
 
 def _check_space(args: Namespace, space: Space) -> None:
@@ -97,7 +97,8 @@ def _with(request: TrainingRequest, changes: dict[str, Any]) -> TrainingRequest:
     return replace(request, settings={**request.settings, **changes})
 
 
-def _search(args: Namespace, name: str, request: TrainingRequest, space: Space, out: Path) -> int:
+@filling
+def _search(args: Namespace, name: str, request: TrainingRequest, space: Space) -> int:
     """Search, print and write."""
     from softrobot_env.training.several import report
     from softrobot_env.training.several.runs import check_unclaimed
@@ -105,9 +106,8 @@ def _search(args: Namespace, name: str, request: TrainingRequest, space: Space, 
     request, steps = _sized(name, request)
     ranges = any(isinstance(own, Range) for own in space.values())
     search = Search(name, request, space, steps, args.trials or (_TRIALS if ranges else None))
-    words, files = train.study_in(args, out)
-    files -= {request.path}
-    with new_results(out, args.overwrite), kept_rows(out / KEPT, words, files) as kept:
+    words, files = train.study_in(args)
+    with kept_rows(args.out / KEPT, words, files - {request.path}) as kept:
         study = kept.name
         if not args.overwrite:
             check_free(request.path, overwrite=False)
@@ -118,7 +118,7 @@ def _search(args: Namespace, name: str, request: TrainingRequest, space: Space, 
             found = searched(tune, search, study, show)
         table = report.runs_table(found, "trial")
         best = report.best_of(found)
-        train.write(args, out, f"Search for settings of {name}", found, table)
+        train.write(args, f"Search for settings of {name}", found, table)
         if best is not None:
             _keep(search, best, args)
     return int(best is None)
