@@ -287,49 +287,41 @@ def _files_among(given: Iterable[Any]) -> set[Path]:
     return found
 
 
+def number(
+    what: str, allowed: Callable[[Any], bool], make: Callable[[str], Any] = float
+) -> Callable[[str], Any]:
+    """What makes an allowed number of a text, and refuses any other as not `what`."""
+
+    def convert(text: str) -> Any:
+        try:
+            value = make(text)
+        except ValueError:
+            value = nan
+        if not allowed(value):
+            raise ArgumentTypeError(f"{text!r} is not {what}")
+        return value
+
+    return convert
+
+
+positive = number("a positive number", lambda value: 0 < value < inf)
+not_negative = number("a number of zero or more", lambda value: 0 <= value < inf)
+whole = number("a whole number, 1 or more", lambda value: value >= 1, int)
+size = number("a whole number of pixels", lambda value: value >= 1, int)
+port = number(f"a port from 1 to {LAST_PORT}", lambda value: 1 <= value <= LAST_PORT, int)
+seed = number("a whole number of zero or more", lambda value: value >= 0, int)
+
 #: The ideal rig, among the seeds of twins.
 _NO_TWIN = "none"
 
-
-def positive(text: str) -> float:
-    """A positive number."""
-    return number(text, lambda value: 0 < value < inf, "a positive number")
-
-
-def not_negative(text: str) -> float:
-    """A number of zero or more."""
-    return number(text, lambda value: 0 <= value < inf, "a number of zero or more")
-
-
-def whole(text: str, what: str = "a whole number, 1 or more") -> int:
-    """A whole number, 1 or more."""
-    return int(number(text, lambda v: v >= 1 and v == int(v), what))
-
-
-def size(text: str) -> int:
-    """A number of pixels."""
-    return whole(text, "a whole number of pixels")
-
-
-def port(text: str) -> int:
-    """Number of a port that something can be sent to."""
-    if not text.isdecimal() or not 1 <= int(text) <= LAST_PORT:
-        raise ArgumentTypeError(f"must be from 1 to {LAST_PORT}, not {text}")
-    return int(text)
+_seed_of_twin = number(
+    f"a seed, a whole number of zero or more, or {_NO_TWIN}", lambda value: value >= 0, int
+)
 
 
 def twin(text: str) -> int | None:
     """Seed of a twin, None for an ideal rig."""
-    if text == _NO_TWIN:
-        return None
-    return seed(text, f"a seed, a whole number of zero or more, or {_NO_TWIN}")
-
-
-def seed(text: str, what: str = "a whole number of zero or more") -> int:
-    """A whole number, zero or more."""
-    if not text.isdecimal():
-        raise ArgumentTypeError(f"{text!r} is not {what}")
-    return int(text)
+    return None if text == _NO_TWIN else _seed_of_twin(text)
 
 
 def seeds(text: str) -> tuple[int, ...]:
@@ -340,17 +332,6 @@ def seeds(text: str) -> tuple[int, ...]:
     if not chosen:
         raise ArgumentTypeError(f"{text!r} is not FIRST..LAST or A,B,...")
     return chosen
-
-
-def number(text: str, allowed: Callable[[float], bool], what: str) -> float:
-    """A number that is allowed; any other is refused as not `what`."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = nan
-    if not allowed(value):
-        raise ArgumentTypeError(f"{text!r} is not {what}")
-    return value
 
 
 def variation(text: str) -> tuple[str, list[float]]:
@@ -370,7 +351,7 @@ def named_values(text: str, known: Iterable[str] | None = None) -> tuple[str, li
 
 def _varied(name: str, text: str) -> float:
     what = f"a factor on {name}" if VARIATIONS[name].is_factor else f"a value of {name}"
-    value = number(text, isfinite, what)
+    value = number(what, isfinite)(text)
     try:
         return VARIATIONS[name].check(value)
     except ValueError as error:

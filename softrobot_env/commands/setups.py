@@ -285,10 +285,9 @@ def check_used(given: Given, makers: Mapping[str, Maker], robot: RobotParams | N
 def option(text: str) -> tuple[str, list[float]]:
     """`name=1,2,3` as the name of an option of tasks and its values."""
     name, values = arguments.named_values(text)
+    a_number = arguments.number("a number", isfinite)
     # What is written as a whole number stays one.
-    return name, [
-        int(v) if v.isdecimal() else arguments.number(v, isfinite, "a number") for v in values
-    ]
+    return name, [int(value) if value.isdecimal() else a_number(value) for value in values]
 
 
 def merge(pairs: list[tuple[str, list[float]]]) -> Given:

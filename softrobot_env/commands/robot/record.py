@@ -7,9 +7,10 @@ from functools import partial
 
 import gymnasium
 
-from softrobot_env.beams.registry import MUJOCO, BeamPlant
+from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.envs.recording import RecordEpisodes
 from softrobot_env.evaluation.report import VIRTUAL
+from softrobot_env.evaluation.runner import Case
 from softrobot_env.identification import excitation
 from softrobot_env.recordings import Recording, write_recording
 from softrobot_env.recordings.columns import check_writable
@@ -125,31 +126,20 @@ def _varied(args: Namespace) -> dict[str, float]:
 
 def _environment(args: Namespace, robot: RobotParams, planned: excitation.Plan) -> gymnasium.Env:
     """The robot in an environment; a real one is at rest when that is closed."""
+    entry, options = entry_of(robot), {"control_period": args.control_period}
+    task = excitation.resting_task(robot, planned.duration, entry.axes)
+    (seed,) = args.twin or (entry.twin,)
     if args.env == SIMULATED:
-        return _simulated(args, robot, planned)
+        return Case(task, "hold", twin=seed, plant=args.plant, scene=options).environment()
     from softrobot_env.envs.real import RealRigEnv
 
     from .setup import VirtualRigEnv
 
-    if not entry_of(robot).on_a_line or args.plant != MUJOCO:
+    if not entry.on_a_line or args.plant != MUJOCO:
         raise ValueError(f"--robot, --plant: only with --env {SIMULATED}")
-    task = excitation.resting_task(robot, planned.duration, entry_of(robot).axes)
-    options = {"control_period": args.control_period, "observe": "all"}
+    options["observe"] = "all"
     if args.env != VIRTUAL:
         return RealRigEnv(task, robot_file=robot_of(args), **options)
-    (seed,) = args.twin or (0,)
     if seed is None:
         raise ValueError(f"--twin none: only with --env {SIMULATED}")
     return VirtualRigEnv(task, seed, **options)
-
-
-def _simulated(args: Namespace, robot: RobotParams, planned: excitation.Plan) -> gymnasium.Env:
-    from softrobot_env.evaluation.runner import simulated
-
-    entry = entry_of(robot)
-    options = {"control_period": args.control_period, "observe": "all"}
-    if args.plant != MUJOCO:
-        options["plant"] = BeamPlant(args.plant)
-        options |= {} if entry.pieces is None else {"pieces": None}
-    (seed,) = args.twin or (entry.twin,)
-    return simulated(excitation.resting_task(robot, planned.duration, entry.axes), seed, **options)
