@@ -2,8 +2,10 @@
 
 from argparse import ArgumentParser, Namespace
 from collections import Counter
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,6 +26,7 @@ from softrobot_env.evaluation.runner import EvaluatedRow
 from softrobot_env.hardware.errors import RobotError
 from softrobot_env.recordings import write_recording
 from softrobot_env.robots import VARIATIONS
+from softrobot_env.tasks import Task
 
 from . import output, setups
 from .arguments import declare, or_all, policy, positive, study_of, twin, variation
@@ -106,6 +109,11 @@ class Result(NamedTuple):
         """Task, and robot or rig, of the episodes that one plot compares."""
         return self.outcome.case.robot_label
 
+    @property
+    def varied(self) -> str:
+        """How the robot differs from the nominal one."""
+        return variation_label(self.row.columns())
+
 
 def _result(outcome: runner.Outcome) -> Result:
     case, known = outcome.case, outcome.case.identified
@@ -170,22 +178,19 @@ def _run_cases(cases: list[runner.Case], setup: setups.Setup) -> list[Result]:
     """Results; those so far if a real robot does not go on."""
     results = []
     with output.progress_on("evaluate", len(cases)) as show:
-        for count, case in enumerate(cases):
-            duration = case.duration or case.task.duration
 
-            def tell(
-                now: float, case: runner.Case = case, begun: int = count, duration: float = duration
-            ) -> None:
-                show(case.label, begun + min(1.0, now / duration), len(cases))
+        def tell(begun: int, case: runner.Case, now: float) -> None:
+            lasts = case.duration or case.task.duration
+            show(case.label, begun + min(1.0, now / lasts), len(cases))
 
-            tell(0.0)
+        for begun, case in enumerate(cases):
+            tell(begun, case, 0.0)
             try:
                 with closing(setup.environment(case)) as env:
-                    results.append(_result(runner.run(case, env, progress=tell)))
+                    results.append(_result(runner.run(case, env, None, partial(tell, begun, case))))
             except RobotError as error:
                 say(f"Ended before {case.label}: {error}")
                 break
-            tell(duration)
     return results
 
 
@@ -231,12 +236,7 @@ def _write(results: list[Result], args: Namespace) -> None:
         say(note)
     say(f"Wrote {args.out}/report.json, report.md")
     if not args.no_plots:
-        try:
-            plotted = _plot(results, args.out)
-        except ImportError as error:  # the reports are complete without pictures
-            say(f"No plots: {error}", markup=False)
-        else:
-            say(f"Wrote plots to {args.out}" if plotted else "No plots: nothing to compare")
+        output.plotted(lambda: _plot(results, args.out))
 
 
 def _record(results: list[Result], folder: Path) -> None:
@@ -250,36 +250,36 @@ def _record(results: list[Result], folder: Path) -> None:
         write_recording(outcome.rollout.recording(outcome.case.task), folder / f"{name}.csv")
 
 
-def _plot(results: list[Result], out: Path) -> int:
-    """Compare policies on each task, and variations of each policy where there are several.
-
-    Policies are compared on the nominal robot, or on another one if no other was run.
-
-    Returns:
-        How many comparisons were plotted.
-    """
+def _plot(results: list[Result], out: Path) -> None:
+    """Plot what can be compared, and say so."""
     from softrobot_env.rendering.plots import plot_task
 
-    plotted = 0
+    found = list(_comparisons(results))
+    for rollouts, task, title, stem, varied in found:
+        plot_task(rollouts, task, title, out, stem, varied)
+    say(f"Wrote plots to {out}" if found else "No plots: nothing to compare")
+
+
+def _comparisons(
+    results: list[Result],
+) -> Iterator[tuple[dict[str, Rollout], Task, str, str, bool]]:
+    """Policies on each task, and variations of each policy where there are several.
+
+    Policies are compared on the nominal robot, or on another one if no other was run.
+    """
     for group in dict.fromkeys(result.group for result in results):
         same = [result for result in results if result.group == group]
         task, stem = same[0].outcome.case.task, _in_file_name(group)
-        robots = {variation_label(r.row.columns()): r.row.variation for r in same}
-        label = "" if "" in robots else next(iter(robots))
-        if label == "" or len(robots) == 1:
-            one = {
-                r.row.policy: r.outcome.rollout for r in same if r.row.variation == robots[label]
-            }
-            plot_task(one, task, ", ".join(filter(None, (group, label))), out, stem)
-            plotted += 1
-        for name in dict.fromkeys(r.row.policy for r in same):
-            mine = [r for r in same if r.row.policy == name]
-            varied = {robot_label(r.row.columns()) or "nominal": r.outcome.rollout for r in mine}
-            if len(varied) > 1:
-                title, file = f"{group}, {name}", f"{stem}_{name}_varied"
-                plot_task(varied, task, title, out, file, varied=True)
-                plotted += 1
-    return plotted
+        robots = {result.varied for result in same}
+        if "" in robots or len(robots) == 1:
+            label = "" if "" in robots else same[0].varied
+            one = {r.row.policy: r.outcome.rollout for r in same if r.varied == label}
+            yield one, task, ", ".join(filter(None, (group, label))), stem, False
+        for name in dict.fromkeys(result.row.policy for result in same):
+            mine = [result for result in same if result.row.policy == name]
+            several = {robot_label(r.row.columns()) or "nominal": r.outcome.rollout for r in mine}
+            if len(several) > 1:
+                yield several, task, f"{group}, {name}", f"{stem}_{name}_varied", True
 
 
 def _file_stem(result: Result) -> str:
