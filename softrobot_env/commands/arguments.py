@@ -1,4 +1,4 @@
-"""Commands under a parser, and the arguments that several of them share."""
+"""How commands declare arguments, and the arguments that several of them share."""
 
 import glob
 import re
@@ -6,10 +6,8 @@ import sys
 from argparse import (
     SUPPRESS,
     Action,
-    ArgumentParser,
     ArgumentTypeError,
     Namespace,
-    RawDescriptionHelpFormatter,
     _ActionsContainer,
 )
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -17,7 +15,7 @@ from functools import partial
 from math import inf, isfinite, nan
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, NoReturn
+from typing import Any
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.control.registry import EVERY_POLICY, FEEDBACKS, NETWORK, policy_environment
@@ -28,56 +26,6 @@ from softrobot_env.robots import ROBOTS, VARIATIONS, RobotParams
 from softrobot_env.robots.artifacts import OUT
 from softrobot_env.scene.config import DEFAULT_RULE, DEFAULT_SHARE, INTEGRATORS
 from softrobot_env.scene.quadrature import RULES
-
-#: A command: a module or an object, which has `EXAMPLE` for people, `add_arguments(parser)` and
-#: `run(args)`, which returns the exit status; and what it does.
-Command = tuple[Any, str]
-
-
-class Parser(ArgumentParser):
-    """Says in one line what is wrong with arguments."""
-
-    def parse_known_args(self, *arguments: Any, **more: Any) -> tuple[Any, list[str]]:
-        """Refuse unknown arguments here: argparse would let the uppermost parser do it."""
-        found, unknown = super().parse_known_args(*arguments, **more)
-        if unknown:
-            self.error(f"unrecognized arguments: {' '.join(unknown)}")
-        return found, unknown
-
-    def error(self, message: str) -> NoReturn:
-        """End the program with status 2."""
-        text = " ".join(message.split())
-        self.exit(2, f"{self.prog}: {text}; see {self.prog} --help\n")
-
-
-def add_commands(
-    parser: ArgumentParser, commands: Mapping[str, Command], dest: str = SUPPRESS
-) -> None:
-    """Add commands with their arguments and examples; without one the parser's help is printed.
-
-    Args:
-        parser: Where to add them.
-        commands: By name.
-        dest: Attribute of the parsed arguments that holds the name; `run` holds the module's.
-    """
-
-    def show_help(_: Namespace) -> int:
-        parser.print_help()
-        return 0
-
-    parser.set_defaults(run=show_help)
-    added = parser.add_subparsers(dest=dest, metavar="COMMAND")
-    for name, (module, text) in commands.items():
-        command = added.add_parser(
-            name,
-            help=text,
-            description=text,
-            epilog=f"example:\n  {module.EXAMPLE}",
-            formatter_class=RawDescriptionHelpFormatter,
-        )
-        command.set_defaults(run=getattr(module, "run", None))
-        module.add_arguments(command)
-
 
 #: Values of arguments that are not given.
 _NOT_GIVEN = (None, False, [])

@@ -25,6 +25,7 @@ from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import EvaluatedRow
 from softrobot_env.hardware.errors import RobotError
 from softrobot_env.recordings import write_recording
+from softrobot_env.rendering.plots import DRAWN, plot_task, redraw
 from softrobot_env.robots import VARIATIONS
 from softrobot_env.tasks import Task
 
@@ -138,8 +139,6 @@ def run(args: Namespace) -> int:
 
 def _redraw(out: Path) -> int:
     """Plot an earlier run anew, of its files alone."""
-    from softrobot_env.rendering.plots import DRAWN, redraw
-
     with output.changed_results(out):
         files = sorted(out.glob(f"*{DRAWN}"))
         if not files:
@@ -252,8 +251,6 @@ def _record(results: list[Result], folder: Path) -> None:
 
 def _plot(results: list[Result], out: Path) -> None:
     """Plot what can be compared, and say so."""
-    from softrobot_env.rendering.plots import plot_task
-
     found = list(_comparisons(results))
     for rollouts, task, title, stem, varied in found:
         plot_task(rollouts, task, title, out, stem, varied)

@@ -2,19 +2,20 @@
 
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from numpy import ndarray
 
+from softrobot_env.control.gripper import ScriptedGrip, calibrated, senses
+from softrobot_env.envs.gripper import GripperEnv, VectorGripperEnv
+from softrobot_env.evaluation.run import Moment, play
+from softrobot_env.rendering.video import caption, check_suffix, explain, write_video
 from softrobot_env.robots import GRIPPERS, find_gripper
 from softrobot_env.scene.assembly import FINENESS
 from softrobot_env.tasks.gripper import GRIP_TASKS
 
 from .arguments import declare, positive
 from .output import new_file, progress_on, say
-
-if TYPE_CHECKING:
-    from softrobot_env.evaluation.run import Moment
 
 EXAMPLE = """softrobot grip --task enclose --diameter 0.06 --tension 20 --out grip.gif
   softrobot grip --task hold --gripper my_gripper.toml --seed 3"""
@@ -51,7 +52,6 @@ def run(args: Namespace) -> int:
     """Run the command."""
     if args.out is None:
         return _run(args)
-    from softrobot_env.rendering.video import check_suffix
 
     check_suffix(args.out)
     with new_file(args.out, args.overwrite):
@@ -60,10 +60,6 @@ def run(args: Namespace) -> int:
 
 def _run(args: Namespace) -> int:
     """Close the gripper, and show it if wanted."""
-    from softrobot_env.control.gripper import ScriptedGrip, senses
-    from softrobot_env.envs.gripper import GripperEnv
-    from softrobot_env.evaluation.run import play
-
     gripper = find_gripper(args.gripper)
     filmed = args.out is not None
     sensed = filmed and senses(gripper)
@@ -92,18 +88,13 @@ def _run(args: Namespace) -> int:
     env.close()
     say(_outcome(info))
     if filmed:
-        from softrobot_env.rendering.video import write_video
-
         count = write_video(args.out, pictures, args.fps)
         say(f"Wrote {args.out} ({count} frames)")
     return int("failure" in info)
 
 
-def _calibrated(how: dict[str, Any], start: "Moment", seed: int) -> Callable[[ndarray], ndarray]:
+def _calibrated(how: dict[str, Any], start: Moment, seed: int) -> Callable[[ndarray], ndarray]:
     """Function from readings to curvatures (pieces,) [1/m], of the gripper an episode has."""
-    from softrobot_env.control.gripper import calibrated
-    from softrobot_env.envs.gripper import VectorGripperEnv
-
     own = {name: start.info[name] for name in _OWN}
     found = calibrated(VectorGripperEnv(1, "enclose", **how), own, seed + 1)
     straight = start.observation["sensors"]
@@ -111,8 +102,6 @@ def _calibrated(how: dict[str, Any], start: "Moment", seed: int) -> Callable[[nd
 
 
 def _picture(env: Any, args: Namespace, info: dict[str, Any]) -> Any:
-    from softrobot_env.rendering.video import caption, explain
-
     picture = explain(env.render(), env.metres_per_pixel, float(env.gripper.tension_limits.max()))
     now = float(env.simulation.ctrl[0, 0])
     text = f"{1e3 * info['diameter']:.0f} mm, t = {info['time']:.2f} s, {now:.0f} N"

@@ -4,23 +4,23 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.core.processes import chosen_processes, using
+from softrobot_env.identification.fit import report
+from softrobot_env.identification.fit.path import Identification, check_stages, identify, placed
+from softrobot_env.identification.fit.report import ErrorRow, chain_row, parameter_rows
+from softrobot_env.identification.replay import replay
 from softrobot_env.recordings import read_recording
+from softrobot_env.rendering.recordings import plot_identification
 from softrobot_env.robots import find_robot
 
 from . import output
 from .arguments import declare
 from .output import say
 from .recording import FILE_TEXT
-
-if TYPE_CHECKING:
-    from softrobot_env.identification.fit.path import Identification
-    from softrobot_env.identification.fit.report import ErrorRow
 
 EXAMPLE = """softrobot identify train.csv --header assets/recordings/ftdcr_v4.toml --robot ftdcr_v4
   softrobot identify pulls.csv --robot my.toml --stages frame,tendons,statics"""
@@ -62,9 +62,6 @@ def run(args: Namespace) -> int:
 
 
 def _identified(args: Namespace) -> int:
-    from softrobot_env.identification.fit import report
-    from softrobot_env.identification.fit.path import check_stages, identify
-
     began = perf_counter()
     stages = check_stages(args.stages)
     robot = find_robot(args.robot)
@@ -89,12 +86,8 @@ def _identified(args: Namespace) -> int:
     return 0
 
 
-def _on_chain(found: "Identification", show: ProgressCallback) -> "ErrorRow | None":
+def _on_chain(found: Identification, show: ProgressCallback) -> ErrorRow | None:
     """Errors of the robot that was found, simulated by the MuJoCo chain."""
-    from softrobot_env.identification.fit.path import placed
-    from softrobot_env.identification.fit.report import chain_row
-    from softrobot_env.identification.replay import replay
-
     static = placed(found.recording, replace(found.header, static=True))
     tell = partial(show, "MuJoCo chain", total=len(static.times))
     tell(0)
@@ -102,10 +95,7 @@ def _on_chain(found: "Identification", show: ProgressCallback) -> "ErrorRow | No
     return None if np.isnan(error).all() else chain_row(error)
 
 
-def _plot(found: "Identification", args: Namespace) -> None:
-    from softrobot_env.identification.fit.report import parameter_rows
-    from softrobot_env.rendering.recordings import plot_identification
-
+def _plot(found: Identification, args: Namespace) -> None:
     errors = {"fitted": found.fit.simulated.error[:, -1]}
     for validation in found.validations:
         errors[f"cross-validated, {validation.scheme}"] = validation.error[:, -1]

@@ -5,11 +5,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Group
 
+from softrobot_env.identification.fit.residual import RESIDUAL_FILE, corrected, read_residual
+from softrobot_env.identification.replay import ErrorRow, Replay, error_rows
+from softrobot_env.identification.replay import replay as replayed
 from softrobot_env.recordings import Recording, read_recording
 from softrobot_env.recordings.header import UNITS
 from softrobot_env.recordings.recording import Summary, summarize
@@ -19,16 +21,14 @@ from softrobot_env.robots import RobotParams, find_robot
 
 from . import arguments, output
 from .output import say
-
-if TYPE_CHECKING:
-    from softrobot_env.identification.replay import ErrorRow, Replay
+from .registry import Command, add_commands
 
 EXAMPLE = "softrobot recording check train.csv --header assets/recordings/ftdcr_v4.toml"
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command: its commands with theirs."""
-    arguments.add_commands(parser, RECORDING_COMMANDS)
+    add_commands(parser, RECORDING_COMMANDS)
 
 
 FILE_TEXT = """
@@ -110,9 +110,6 @@ _WORST = 5  # patterns on the terminal
 @output.filling
 def _replay(args: Namespace) -> int:
     """Replay, print and write; 1 if a part of the recording could not be simulated."""
-    from softrobot_env.identification.replay import error_rows
-    from softrobot_env.identification.replay import replay as replayed
-
     robot = find_robot(args.robot)
     header = args.header or _beside(robot)
     if header is not None and args.header is None:
@@ -146,10 +143,8 @@ def _replay(args: Namespace) -> int:
     return int(bool(result.failures))
 
 
-def _with_residual(result: "Replay") -> "Replay | None":
+def _with_residual(result: Replay) -> Replay | None:
     """The replay corrected by what was learned of an identified robot, beside whose file it is."""
-    from softrobot_env.identification.fit.residual import RESIDUAL_FILE, corrected, read_residual
-
     file = result.robot.file
     path = None if file is None else file.parent / RESIDUAL_FILE
     if path is None or not path.is_file() or not result.static:
@@ -158,7 +153,7 @@ def _with_residual(result: "Replay") -> "Replay | None":
     return replace(result, simulated=result.simulated + change)
 
 
-def _worst(rows: "list[ErrorRow]") -> "list[ErrorRow]":
+def _worst(rows: list[ErrorRow]) -> list[ErrorRow]:
     """All rows together, and the patterns with the largest errors."""
     known = [row for row in rows[1:] if row.rms is not None]
     return [rows[0], *sorted(known, key=lambda row: -row.rms)[:_WORST]]
@@ -198,7 +193,7 @@ _REPLAY = arguments.command(
 )
 
 #: The commands of `softrobot recording`.
-RECORDING_COMMANDS: Mapping[str, arguments.Command] = {
+RECORDING_COMMANDS: Mapping[str, Command] = {
     "check": (_CHECK, "say whether a recording is good, what it holds and what is odd"),
     "replay": (
         _REPLAY,

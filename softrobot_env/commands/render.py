@@ -4,6 +4,7 @@ from argparse import ArgumentParser, Namespace
 
 from softrobot_env.envs.recording import RecordEpisodes
 from softrobot_env.evaluation.runner import Case
+from softrobot_env.rendering.video import record, write_video
 from softrobot_env.robots import ENTRIES
 
 from .arguments import declare, not_negative
@@ -54,8 +55,6 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Run the command."""
-    from softrobot_env.rendering.video import record, write_video
-
     if args.record is not None:
         check_free(args.record, overwrite=args.overwrite)
     setup = make_setup(args)

@@ -8,8 +8,9 @@ from softrobot_env.scene.build import build_scene, scene_xml
 from softrobot_env.scene.config import visible
 from softrobot_env.scene.registry import SCENES, scene_of
 
-from .arguments import add_commands, command
+from .arguments import command
 from .output import check_free, say
+from .registry import add_commands
 
 EXAMPLE = "softrobot robot-file check my.toml"
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from softrobot_env.core.processes import using
 from softrobot_env.core.runs import KEPT, kept_rows
@@ -28,13 +28,13 @@ from softrobot_env.training.rl_config import (
     TRAINING_TASKS,
     checkpoint_of,
 )
+from softrobot_env.training.several import report, runs
+from softrobot_env.training.several.report import plot
+from softrobot_env.training.several.runs import Run
 
 from . import arguments, output
 from .arguments import declare
 from .output import say
-
-if TYPE_CHECKING:
-    from softrobot_env.training.several.runs import Run
 
 #: Where several runs are written, in a folder by the training's name.
 SEVERAL_RUNS = Path("out") / "trainings"
@@ -118,7 +118,7 @@ LEARNING_KINDS = {
 
 def given(args: Namespace) -> dict[str, Any]:
     """Settings of a training that are given; of several values of one, the first."""
-    parser = arguments.Parser()
+    parser = ArgumentParser()
     add_arguments(parser)
     names = ("twin", "recording", "teacher", "quick", *registry.REINFORCEMENT)
     found = {name: getattr(args, name) for name in names if hasattr(args, name)}
@@ -211,8 +211,6 @@ def train_several(
             or what a run would refuse.
         FileExistsError: There are results already, and no --overwrite.
     """
-    from softrobot_env.training.several import report, runs
-
     if given := arguments.flags(args, _SINGLE):
         raise ValueError(f"{given}: of a single run, not of --seeds and --workers")
     if args.seeds is not None and not registry.TRAININGS[name].is_random:
@@ -260,10 +258,8 @@ def study_in(args: Namespace) -> tuple[str, set[Path]]:
     return study, files | set(args.out.resolve().glob("*.npz"))
 
 
-def write(args: Namespace, title: str, found: "list[Run]", tables: Any) -> None:
+def write(args: Namespace, title: str, found: list[Run], tables: Any) -> None:
     """Report, page and curves."""
-    from softrobot_env.training.several.report import plot
-
     say(tables)
     curves = any(run.curve for run in found)
     draw = partial(plot, found, args.out / "curves.png") if curves else None

@@ -4,12 +4,14 @@ import shlex
 from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from softrobot_env.core.runs import KEPT, kept_rows
 from softrobot_env.robots import default_robot, find_robot
 from softrobot_env.training.registry import LEARNERS, TRAININGS, check_reinforcement
 from softrobot_env.training.request import TrainingRequest
+from softrobot_env.training.several import report
+from softrobot_env.training.several.runs import Run, check_unclaimed
 from softrobot_env.training.several.search import (
     Range,
     Search,
@@ -25,9 +27,6 @@ from softrobot_env.training.several.search import (
 from . import train
 from .arguments import declare, of_text, whole
 from .output import check_free, filling, progress_on, say
-
-if TYPE_CHECKING:
-    from softrobot_env.training.several.runs import Run
 
 EXAMPLE = """softrobot tune ppo --start none --search rate=1e-5..1e-3:log --search batch=256,512
   softrobot tune sac --space space.toml --trials 20 --steps 200000 --workers ray:auto"""
@@ -100,9 +99,6 @@ def _with(request: TrainingRequest, changes: dict[str, Any]) -> TrainingRequest:
 @filling
 def _search(args: Namespace, name: str, request: TrainingRequest, space: Space) -> int:
     """Search, print and write."""
-    from softrobot_env.training.several import report
-    from softrobot_env.training.several.runs import check_unclaimed
-
     request, steps = _sized(name, request)
     ranges = any(isinstance(own, Range) for own in space.values())
     search = Search(name, request, space, steps, args.trials or (_TRIALS if ranges else None))
@@ -135,7 +131,7 @@ def _sized(name: str, request: TrainingRequest) -> tuple[TrainingRequest, int]:
     return _with(request, {"set": list(fixed.items())}), config.steps
 
 
-def _keep(search: Search, best: "Run", args: Namespace) -> None:
+def _keep(search: Search, best: Run, args: Namespace) -> None:
     """Write the best network, and print the command that trains it anew."""
     from softrobot_env.training.rl import save_kept
 

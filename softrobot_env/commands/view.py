@@ -3,9 +3,11 @@
 from argparse import ArgumentParser, Namespace
 from contextlib import closing
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from softrobot_env.envs.rendering import RenderError, check_display
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.evaluation.run import play
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import visible
@@ -15,9 +17,6 @@ from .arguments import declare, port
 from .cases import make_setup, one_case
 from .output import say
 from .setups import TASK_KINDS, one_task, task_text
-
-if TYPE_CHECKING:
-    from softrobot_env.envs.tracking import TrackingEnv
 
 EXAMPLE = """softrobot view --robot my.toml
   softrobot view --task swing --policy feedforward_pi
@@ -68,7 +67,7 @@ def run(args: Namespace) -> int:
     return 0
 
 
-def _by_hand(env: "TrackingEnv") -> None:
+def _by_hand(env: TrackingEnv) -> None:
     """Let the sliders drive."""
     env.reset()
     window, simulation = env.open_window(), env.simulation
@@ -81,10 +80,8 @@ def _by_hand(env: "TrackingEnv") -> None:
         env.render()
 
 
-def _by_policy(env: "TrackingEnv", case: Case) -> None:
+def _by_policy(env: TrackingEnv, case: Case) -> None:
     """Let a policy drive, episode by episode."""
-    from softrobot_env.evaluation.run import play
-
     window, acting = env.open_window(), case.make_policy(env.control_period)
     while window.is_open:
         for _ in play(env, acting, options=case.reset_options):

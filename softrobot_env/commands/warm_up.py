@@ -7,9 +7,18 @@ from itertools import islice
 from time import perf_counter
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
-from softrobot_env.control.registry import POLICIES, installed_policies
+from softrobot_env.control.registry import (
+    POLICIES,
+    home_robot,
+    installed_policies,
+    make_policy,
+    policy_environment,
+)
 from softrobot_env.core.processes import usable_cores, worker_processes
+from softrobot_env.evaluation.run import play
+from softrobot_env.evaluation.runner import simulated
 from softrobot_env.robots import ENTRIES, entry_of
+from softrobot_env.tasks import make_task
 
 from .arguments import declare
 from .output import progress_on, say
@@ -65,11 +74,6 @@ def _known() -> list[str]:
 
 def warm(name: str) -> None:
     """Compile what a plant or a policy needs, by running a few steps."""
-    from softrobot_env.control.registry import home_robot, make_policy, policy_environment
-    from softrobot_env.evaluation.run import play
-    from softrobot_env.evaluation.runner import simulated
-    from softrobot_env.tasks import make_task
-
     policy = "hold" if name in PLANTS else name
     plant = {"plant": BeamPlant(name)} if name in PLANTS and name != MUJOCO else {}
     robot = home_robot(policy)

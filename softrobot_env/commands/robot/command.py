@@ -26,8 +26,9 @@ from softrobot_env.hardware.transport import (
 )
 from softrobot_env.rendering.tables import Column, make_table, named_values
 
-from ..arguments import Command, add_commands, command
+from ..arguments import command
 from ..output import say
+from ..registry import Command, add_commands
 from . import calibrate, record, soak, virtual
 from .link import ROBOT_TEXT, info_rows, open_driver, reading_rows, robot_of
 

@@ -8,6 +8,7 @@ from functools import partial
 import gymnasium
 
 from softrobot_env.beams.registry import MUJOCO
+from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.envs.recording import RecordEpisodes
 from softrobot_env.evaluation.report import VIRTUAL
 from softrobot_env.evaluation.runner import Case
@@ -21,6 +22,7 @@ from ..arguments import declare, variation
 from ..output import check_free, new_file, progress_on, say
 from ..setups import ENVIRONMENTS, SIMULATED
 from .link import robot_of
+from .setup import VirtualRigEnv
 
 EXAMPLE = """softrobot robot record --twin 3 --out out/rig.csv
   softrobot robot record --robot my.toml --kinds pulls --static --out out/pulls.csv
@@ -131,9 +133,6 @@ def _environment(args: Namespace, robot: RobotParams, planned: excitation.Plan) 
     (seed,) = args.twin or (entry.twin,)
     if args.env == SIMULATED:
         return Case(task, "hold", twin=seed, plant=args.plant, scene=options).environment()
-    from softrobot_env.envs.real import RealRigEnv
-
-    from .setup import VirtualRigEnv
 
     if not entry.on_a_line or args.plant != MUJOCO:
         raise ValueError(f"--robot, --plant: only with --env {SIMULATED}")

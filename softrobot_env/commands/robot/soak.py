@@ -14,10 +14,16 @@ import numpy as np
 from numpy import ndarray
 from rich.table import Table
 
+from softrobot_env.control.registry import make_policy
 from softrobot_env.core.artifacts import read_arrays
+from softrobot_env.envs.real import RealRigEnv
+from softrobot_env.evaluation.report import write_json
+from softrobot_env.evaluation.run import play
 from softrobot_env.hardware.robot_file import RobotFile, read_robot_file
 from softrobot_env.hardware.tip import TipSource
 from softrobot_env.rendering.tables import named_values
+from softrobot_env.robots import default_robot, usual_task
+from softrobot_env.tasks import make_task
 
 from ..arguments import declare
 from ..output import filling, progress_on, say
@@ -62,8 +68,6 @@ def add_arguments(parser: ArgumentParser) -> None:
 @filling
 def run(args: Namespace) -> int:
     """Run the command; 1 if a promise was broken."""
-    from softrobot_env.evaluation.report import write_json
-
     with _robot(args) as (file, tip, log):
         row = _soak(file, tip, args.seconds)
     if log is not None:
@@ -92,12 +96,6 @@ def _robot(
 
 
 def _soak(file: RobotFile, tip: TipSource | None, seconds: float) -> dict[str, Any]:
-    from softrobot_env.control.registry import make_policy
-    from softrobot_env.envs.real import RealRigEnv
-    from softrobot_env.evaluation.run import play
-    from softrobot_env.robots import default_robot, usual_task
-    from softrobot_env.tasks import make_task
-
     robot = default_robot(on_a_line=True)
     lap = make_task(usual_task(robot), robot=robot, period=_PERIOD)
     run = replace(lap.trajectory, laps=max(0, int(seconds / _PERIOD)))

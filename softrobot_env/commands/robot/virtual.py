@@ -20,10 +20,13 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.artifacts import write_arrays
+from softrobot_env.envs.simulation.virtual_rig import VirtualRig
 from softrobot_env.hardware.protocol.messages import LENGTH_UNIT
 from softrobot_env.hardware.robot_file import TRACKER_PORT, RobotFile, virtual_file
 from softrobot_env.hardware.tip import UdpTip
-from softrobot_env.hardware.virtual_robot import VirtualRobot, linked
+from softrobot_env.hardware.virtual_robot import Core, VirtualRobot, linked
+from softrobot_env.robots import default_robot
+from softrobot_env.robots.twin import sampled_twin
 
 from ..arguments import declare, port
 from ..output import check_free, say
@@ -102,11 +105,6 @@ def virtual_robot(
         seed: Of the noise of camera and sensors.
         show, watch: See `VirtualRobot`.
     """
-    from softrobot_env.envs.simulation.virtual_rig import VirtualRig
-    from softrobot_env.hardware.virtual_robot import Core
-    from softrobot_env.robots import default_robot
-    from softrobot_env.robots.twin import sampled_twin
-
     servos = sorted(virtual_file().tendons, key=lambda servo: servo.channel)
     core = Core(n=len(servos), boot_id=int(np.random.default_rng().integers(1, 2**32)))
     return VirtualRobot(
