@@ -13,18 +13,20 @@ from softrobot_env.core.extras import install_command
 from softrobot_env.core.files import write_text
 from softrobot_env.core.processes import using
 from softrobot_env.core.runs import KEPT, Kept, kept_rows, run_cases
-from softrobot_env.evaluation import report, runner
+from softrobot_env.evaluation import runner
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.report import (
     identified_label,
     option_columns,
     robot_label,
     variation_label,
+    write_json,
 )
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import EvaluatedRow
 from softrobot_env.hardware.errors import RobotError
 from softrobot_env.recordings import write_recording
+from softrobot_env.rendering import episodes
 from softrobot_env.rendering.plots import DRAWN, plot_task, redraw
 from softrobot_env.robots import VARIATIONS
 from softrobot_env.tasks import Task
@@ -221,17 +223,17 @@ def _run_side_by_side(cases: list[runner.Case], args: Namespace, kept: Kept) -> 
 def _write(results: list[Result], args: Namespace) -> None:
     """Reports, records and plots; the table first, so that it is there without matplotlib."""
     rows = [result.row.columns() for result in results]
-    report.write_json(args.out / "report.json", rows, args.command_line)
-    write_text(args.out / "report.md", report.markdown(rows, args.command_line))
+    write_json(args.out / "report.json", rows, args.command_line)
+    write_text(args.out / "report.md", episodes.markdown(rows, args.command_line))
     if args.save_rollouts:
         for result in results:
             result.outcome.rollout.save(args.out / f"{_file_stem(result)}.npz")
     if args.record is not None:
         _record(results, args.record)
         say(f"Wrote {len(results)} recordings to {args.record}", soft_wrap=True)
-    for table in report.tables(rows):
+    for table in episodes.tables(rows):
         say(table)
-    for note in report.notes(rows):
+    for note in episodes.notes(rows):
         say(note)
     say(f"Wrote {args.out}/report.json, report.md")
     if not args.no_plots:
