@@ -26,6 +26,8 @@ from softrobot_env.robots import ROBOTS, VARIATIONS, RobotParams
 from softrobot_env.robots.artifacts import OUT
 from softrobot_env.scene.config import DEFAULT_RULE, DEFAULT_SHARE, INTEGRATORS
 from softrobot_env.scene.quadrature import RULES
+from softrobot_env.tasks import EVERY_TASK, known_tasks, tasks_of, with_option
+from softrobot_env.tasks.generic import GENERIC_TASKS
 
 #: Values of arguments that are not given.
 _NOT_GIVEN = (None, False, [])
@@ -149,6 +151,12 @@ def _shared() -> dict[str, str]:
             length; default: {str(DEFAULT_SHARE).replace("%", "%%")}
             --integrator INTEGRATOR  out of {", ".join(INTEGRATORS)}; default: by rule
         """,
+        "task": f"""
+            --task TASK  {_task_help()}; default: swing of the arm, circle of --robot
+            --option NAME=VALUE  an option of the task, in SI units, out of
+            {", ".join(task_options())}
+            --step-width M  as --option step_width=...
+        """,
         "twin": f"""--twin SEED|{_NO_TWIN}  {_TWIN}""",
         "twins": f"""--twin SEED+  {_TWIN}""",
         "workers": """
@@ -169,6 +177,21 @@ def command(
     """A command, see `Command`, with arguments as `declare` has them."""
     add_arguments = partial(declare, text=text, **kinds)
     return SimpleNamespace(EXAMPLE=example, add_arguments=add_arguments, run=run)
+
+
+def _task_help() -> str:
+    """What --task can be, for people."""
+    own = {name: ", ".join(tasks_of(robot).own()) for name, robot in ROBOTS.items()}
+    named = "".join(f"of the {name}: {tasks}; " for name, tasks in own.items() if tasks)
+    return (
+        f"{named}of any --robot: {', '.join(GENERIC_TASKS.registered())}; or one's own, "
+        "package.module:name or file.py:name"
+    )
+
+
+def task_options() -> dict[str, list[str]]:
+    """Options of the tasks that have a robot -> those tasks."""
+    return {name: tasks for name, tasks in with_option(EVERY_TASK).items() if tasks}
 
 
 def of_text(make: Callable[[str], Any]) -> Callable[[str], Any]:
@@ -297,6 +320,14 @@ def named_values(text: str, known: Iterable[str] | None = None) -> tuple[str, li
     return name, values.split(",")
 
 
+def option(text: str) -> tuple[str, list[float]]:
+    """`name=1,2,3` as the name of an option of tasks and its values."""
+    name, values = named_values(text)
+    a_number = number("a number", isfinite)
+    # What is written as a whole number stays one.
+    return name, [int(value) if value.isdecimal() else a_number(value) for value in values]
+
+
 def _varied(name: str, text: str) -> float:
     what = f"a factor on {name}" if VARIATIONS[name].is_factor else f"a value of {name}"
     value = number(what, isfinite)(text)
@@ -316,6 +347,17 @@ def policy(text: str) -> str:
     return text
 
 
+def task_name(text: str) -> str:
+    """A task's name, or the path of one's own."""
+    if not is_path(text) and text not in known_tasks():
+        known = ", ".join(known_tasks())
+        raise ArgumentTypeError(
+            f"unknown task {text!r}; choose from {known}, or give package.module:name or "
+            "file.py:name"
+        )
+    return text
+
+
 def or_all(convert: Callable[[str], str]) -> Callable[[str], str]:
     """Converter that accepts "all" as well."""
     return lambda text: text if text == "all" else convert(text)
@@ -331,11 +373,13 @@ _KINDS = {
     "A,B": lambda text: tuple(map(str.strip, text.split(","))),
     "FEEDBACK": FEEDBACKS,
     "N": seed,
+    "NAME=VALUE": option,
     "N|ray[:ADDRESS]": of_text(parsed_workers),
     "PLANT": PLANTS,
     "POLICY": policy,
     "SEED": seed,
     "SEED|none": lambda text: [twin(text)],
+    "TASK": task_name,
     "W": size,
     "X": float,
     **dict.fromkeys(("FILE", "DIR", "PATH", "TOML"), Path),

@@ -31,9 +31,20 @@ from softrobot_env.rendering.plots import DRAWN, plot_task, redraw
 from softrobot_env.robots import VARIATIONS
 from softrobot_env.tasks import Task
 
-from . import output, setups
-from .arguments import declare, or_all, policy, positive, study_of, twin, variation
-from .cases import left_out, make_cases, make_setup
+from . import output
+from .arguments import (
+    declare,
+    option,
+    or_all,
+    policy,
+    positive,
+    study_of,
+    task_name,
+    task_options,
+    twin,
+    variation,
+)
+from .cases import ENVIRONMENTS, SIMULATED, Setup, left_out, make_cases, make_setup
 from .output import say
 
 EXAMPLE = """softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1.25,1.5
@@ -46,7 +57,7 @@ EXAMPLE = """softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command, by what they are about."""
     parser.usage = "softrobot evaluate [--tasks TASK ...] [--policies POLICY ...] [OPTION ...]"
-    known = setups.task_options().items()
+    known = task_options().items()
     options = "; ".join(f"{name} of {', '.join(tasks)}" for name, tasks in known)
     text = f"""
         <robot> all tasks are for it; default: the arm's and the rig's have theirs
@@ -72,7 +83,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         <twins>
         <identified>
         [rigs over a serial line]
-        --env ENV ({setups.SIMULATED})  tasks of the rig in simulation (sim), on a virtual robot
+        --env ENV ({SIMULATED})  tasks of the rig in simulation (sim), on a virtual robot
             over a serial line in real time, or on a real one; out of %(choices)s
         --robot-file FILE  of a real robot, see `softrobot robot calibrate`; default: the rig's
         <port>
@@ -91,9 +102,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         --save-rollouts  also write npz records
         <scene>
     """
-    kinds = {"option": setups.option, "vary": variation, "randomize": variation, "twin": twin}
-    kinds |= {"tasks": or_all(setups.task_name), "policies": or_all(policy)}
-    kinds |= {"env": setups.ENVIRONMENTS, "speeds": _speeds}
+    kinds = {"option": option, "vary": variation, "randomize": variation, "twin": twin}
+    kinds |= {"tasks": or_all(task_name), "policies": or_all(policy)}
+    kinds |= {"env": ENVIRONMENTS, "speeds": _speeds}
     declare(parser, text, **kinds)
 
 
@@ -156,8 +167,8 @@ def _evaluate(args: Namespace) -> int:
     if args.record is not None:
         output.check_folder(args.record)
         output.check_free(*sorted(args.record.glob("*.csv")), overwrite=args.overwrite)
-    if args.workers is not None and args.env != setups.SIMULATED:
-        raise ValueError(f"--workers: only with --env {setups.SIMULATED}")
+    if args.workers is not None and args.env != SIMULATED:
+        raise ValueError(f"--workers: only with --env {SIMULATED}")
     setup = make_setup(args)
     cases = make_cases(args, setup)
     missing = left_out(args, cases)
@@ -175,7 +186,7 @@ def _evaluate(args: Namespace) -> int:
     return int(len(results) < len(cases) or any(result.row.failure for result in results))
 
 
-def _run_cases(cases: list[runner.Case], setup: setups.Setup) -> list[Result]:
+def _run_cases(cases: list[runner.Case], setup: Setup) -> list[Result]:
     """Results; those so far if a real robot does not go on."""
     results = []
     with output.progress_on("evaluate", len(cases)) as show:

@@ -19,8 +19,8 @@ from softrobot_env.scene.inverse import sample_of, workspace_of
 from softrobot_env.scene.registry import scene_of
 
 from .arguments import declare, scene_options
+from .cases import Setup, one_task
 from .output import check_free, say
-from .setups import TASK_KINDS, Setup, one_task, task_text
 
 EXAMPLE = """softrobot inspect --task swing
   softrobot inspect --task triangle --twin 0
@@ -43,8 +43,8 @@ _OPTIONAL = {
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
-    text = f"""
-        {task_text()}
+    text = """
+        <task>
         <robot> its own scene unless --task is given; default: the task's
         --workspace  of --robot: draw where its tip rests
         --out DIR (out/inspect)  of the picture
@@ -52,7 +52,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         <twin>
         <scene>
     """
-    declare(parser, text, **TASK_KINDS)
+    declare(parser, text)
 
 
 def run(args: Namespace) -> int:

@@ -10,7 +10,6 @@ from softrobot_env.robots import ENTRIES
 from .arguments import declare, not_negative
 from .cases import make_setup, one_case
 from .output import check_free, new_file, progress_on, say
-from .setups import TASK_KINDS, task_text
 
 #: Frames per second of a GIF, and frames in all, unless given.
 _GIF_FPS, _GIF_FRAMES = 12, 180
@@ -33,7 +32,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
     text = f"""
         <robot> default: the task's
-        {task_text()}
+        <task>
         --policy POLICY  {_policies()}or one's own, package.module:name or file.py:name; default:
             static
         --out FILE (out/render.mp4)  or a .gif
@@ -50,7 +49,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         <plant>
         <scene>
     """
-    declare(parser, text, **TASK_KINDS, begin=not_negative)
+    declare(parser, text, begin=not_negative)
 
 
 def run(args: Namespace) -> int:

@@ -14,9 +14,8 @@ from softrobot_env.scene.config import visible
 from softrobot_env.scene.registry import scene_of
 
 from .arguments import declare, port
-from .cases import make_setup, one_case
+from .cases import make_setup, one_case, one_task
 from .output import say
-from .setups import TASK_KINDS, one_task, task_text
 
 EXAMPLE = """softrobot view --robot my.toml
   softrobot view --task swing --policy feedforward_pi
@@ -28,15 +27,15 @@ _HOST = "127.0.0.1"
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
-    text = f"""
+    text = """
         <robot> default: the task's
-        {task_text()}
+        <task>
         --policy POLICY  drives the robot; default: the sliders do
         --web  in a browser of this machine, without display: MuJoCo's studio, which has no
             authentication (whoever runs programs here can reach it)
         --port PORT  of --web; default: a free one from 8080 on
     """
-    declare(parser, text, **TASK_KINDS, port=port)
+    declare(parser, text, port=port)
 
 
 def run(args: Namespace) -> int:

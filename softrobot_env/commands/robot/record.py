@@ -19,10 +19,10 @@ from softrobot_env.recordings.files import header_path
 from softrobot_env.robots import VARIATIONS, RobotParams, default_robot, entry_of, find_robot
 
 from ..arguments import declare, variation
+from ..cases import ENVIRONMENTS, SIMULATED
 from ..output import check_free, new_file, progress_on, say
-from ..setups import ENVIRONMENTS, SIMULATED
 from .link import robot_of
-from .setup import VirtualRigEnv
+from .virtual import VirtualRigEnv
 
 EXAMPLE = """softrobot robot record --twin 3 --out out/rig.csv
   softrobot robot record --robot my.toml --kinds pulls --static --out out/pulls.csv

@@ -10,23 +10,26 @@ import time
 from argparse import SUPPRESS, ArgumentParser, Namespace
 from array import array
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Event, Thread, Timer
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.artifacts import write_arrays
+from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.envs.simulation.virtual_rig import VirtualRig
 from softrobot_env.hardware.protocol.messages import LENGTH_UNIT
 from softrobot_env.hardware.robot_file import TRACKER_PORT, RobotFile, virtual_file
 from softrobot_env.hardware.tip import UdpTip
+from softrobot_env.hardware.transport import Transport
 from softrobot_env.hardware.virtual_robot import Core, VirtualRobot, linked
 from softrobot_env.robots import default_robot
 from softrobot_env.robots.twin import sampled_twin
+from softrobot_env.tasks import Task
 
 from ..arguments import declare, port
 from ..output import check_free, say
@@ -236,3 +239,35 @@ def _end(process: subprocess.Popen) -> None:
         process.wait()
     process.stdin.close()
     process.stderr.close()
+
+
+class VirtualRigEnv(RealRigEnv):
+    """The real rig's environment with a virtual robot that lives as long as it does."""
+
+    def __init__(
+        self,
+        task: Task,
+        twin: int,
+        line: Callable[[RobotFile], Callable[[], Transport]] | None = None,
+        **options: Any,
+    ) -> None:
+        """Start a virtual robot.
+
+        Args:
+            task: The task.
+            twin: Seed of the twin.
+            line: From the robot's file to what opens the way to it; its port unless given.
+            **options: Of `RealRigEnv`.
+        """
+        with ExitStack() as started:
+            robot = started.enter_context(virtual_process(twin))
+            options["line"] = None if line is None else line(robot.file)
+            super().__init__(task, robot_file=robot.file, tip=robot.tip, **options)
+            self._process = started.pop_all()
+
+    def close(self) -> None:
+        """Ramp down, and end the process."""
+        try:
+            super().close()
+        finally:
+            self._process.close()
