@@ -2,9 +2,8 @@
 
 from argparse import ArgumentParser, Namespace
 from array import array
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass, replace
+from contextlib import closing
+from dataclasses import replace
 from math import isnan
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -68,31 +67,24 @@ def add_arguments(parser: ArgumentParser) -> None:
 @filling
 def run(args: Namespace) -> int:
     """Run the command; 1 if a promise was broken."""
-    with _robot(args) as (file, tip, log):
-        row = _soak(file, tip, args.seconds)
-    if log is not None:
-        row |= unsafe_outputs(log, file)
-    promises = list(_promises(row))
-    kept = [asdict(promise) | {"met": promise.met} for promise in promises]
-    write_json(args.out / "report.json", [row, *kept], args.command_line)
+    if args.robot_file is not None:
+        row = _soak(read_robot_file(args.robot_file), None, args.seconds)
+    else:
+        row = _soak_virtual(args)
+    promises = _promises(row)
+    write_json(args.out / "report.json", [row, *promises], args.command_line)
     say(_table(row, promises))
     say(f"Wrote {args.out}/report.json")
-    return int(not all(promise.met for promise in promises))
+    return int(not all(kept["met"] for kept in promises))
 
 
-@contextmanager
-def _robot(
-    args: Namespace,
-) -> Iterator[tuple[RobotFile, TipSource | None, dict[str, ndarray] | None]]:
-    """Robot file, tip source, and a log that is filled when the context has ended."""
-    if args.robot_file is not None:
-        yield read_robot_file(args.robot_file), None, None
-        return
+def _soak_virtual(args: Namespace) -> dict[str, Any]:
+    """The row of a virtual robot, with what its own log says."""
     with TemporaryDirectory() as folder:
-        path, log = Path(folder) / "log.npz", {}
-        with virtual_process(args.twin, log=path) as robot:
-            yield robot.file, robot.tip, log
-        log.update(read_arrays(path))
+        log = Path(folder) / "log.npz"
+        with virtual_process(args.twin, log=log) as robot:
+            row = _soak(robot.file, robot.tip, args.seconds)
+        return row | unsafe_outputs(read_arrays(log), robot.file)
 
 
 def _soak(file: RobotFile, tip: TipSource | None, seconds: float) -> dict[str, Any]:
@@ -165,31 +157,24 @@ def unsafe_outputs(log: dict[str, ndarray], file: RobotFile) -> dict[str, Any]:
     return {"ticks": len(time), "unsafe_outputs": int(outside.sum() + np.sum(way > allowed))}
 
 
-@dataclass(frozen=True)
-class Promise:
-    """What a run shall keep: a value of at most a limit."""
-
-    promise: str
-    value: float
-    limit: float
-
-    @property
-    def met(self) -> bool:
-        """Whether it was kept."""
-        return self.value <= self.limit
-
-
-def _promises(row: dict[str, Any]) -> Iterator[Promise]:
-    yield Promise("share of missed steps", row["missed_steps"] / row["steps"], _MOST_MISSED)
-    yield Promise("round trip, 99 % [s]", row["round_trip_p99"], row["control_period"])
-    yield Promise("failures", float(row["failure"] is not None), 0.0)
+def _promises(row: dict[str, Any]) -> list[dict[str, Any]]:
+    """What a run shall keep: values of at most a limit, and whether they are."""
+    kept = {
+        "share of missed steps": (row["missed_steps"] / row["steps"], _MOST_MISSED),
+        "round trip, 99 % [s]": (row["round_trip_p99"], row["control_period"]),
+        "failures": (float(row["failure"] is not None), 0.0),
+    }
     if "unsafe_outputs" in row:
-        yield Promise("unsafe outputs", float(row["unsafe_outputs"]), 0.0)
+        kept["unsafe outputs"] = float(row["unsafe_outputs"]), 0.0
+    return [
+        {"promise": name, "value": value, "limit": limit, "met": value <= limit}
+        for name, (value, limit) in kept.items()
+    ]
 
 
-def _table(row: dict[str, Any], promises: list[Promise]) -> Table:
+def _table(row: dict[str, Any], promises: list[dict[str, Any]]) -> Table:
     values = {k: f"{v:.4g}" if isinstance(v, float) else str(v) for k, v in row.items()}
-    for promise in promises:
-        verdict = "met" if promise.met else "BROKEN"
-        values[promise.promise] = f"{promise.value:.4g}, at most {promise.limit:.4g}: {verdict}"
+    for kept in promises:
+        verdict = "met" if kept["met"] else "BROKEN"
+        values[kept["promise"]] = f"{kept['value']:.4g}, at most {kept['limit']:.4g}: {verdict}"
     return named_values("Soak", values)
