@@ -21,6 +21,7 @@ from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.control.registry import EVERY_POLICY, FEEDBACKS, NETWORK, policy_environment
 from softrobot_env.core.processes import parsed_workers
 from softrobot_env.core.registry import is_path
+from softrobot_env.evaluation.report import REAL, VIRTUAL
 from softrobot_env.hardware.tip import LAST_PORT
 from softrobot_env.robots import ROBOTS, VARIATIONS, RobotParams
 from softrobot_env.robots.artifacts import OUT
@@ -34,6 +35,10 @@ _NOT_GIVEN = (None, False, [])
 
 #: Where arguments are added.
 Parsers = _ActionsContainer
+
+#: What --env can be: simulated, or over a serial line.
+SIMULATED = "sim"
+ENVIRONMENTS = (SIMULATED, VIRTUAL, REAL)
 
 #: Options that had another name, and that name, which works with a warning.
 _RENAMED = {"--identified": "--learnt"}
@@ -52,7 +57,7 @@ def declare(parser: Parsers, text: str, **kinds: Any) -> None:
         parser: Where.
         text: The lines.
         **kinds: By the arguments' names, what makes a value of a text, or all values there are;
-            those of `_KINDS`, by what values are called, unless given.
+            those of `_KINDS` unless given.
     """
     shared, lines = _shared(), []
     text = re.sub("<([a-z!-]+)>", lambda found: shared[found[1]], text)
@@ -66,7 +71,7 @@ def declare(parser: Parsers, text: str, **kinds: Any) -> None:
         if line.startswith("["):
             place = parser.add_argument_group(line.strip("[]"))
         else:
-            _declare_one(place, line, kinds)
+            _declare_one(place, line, _KINDS | kinds)
 
 
 def _declare_one(parser: Parsers, line: str, kinds: Mapping[str, Any]) -> None:
@@ -78,7 +83,7 @@ def _declare_one(parser: Parsers, line: str, kinds: Mapping[str, Any]) -> None:
         return
     mark = called[-1][-1]
     called[-1] = called[-1].rstrip("?*+!")
-    kind = kinds.get(name.lstrip("-").replace("-", "_")) or _KINDS.get(called[0], str)
+    kind = kinds.get(name.lstrip("-").replace("-", "_")) or kinds.get(called[0], str)
     how: dict[str, Any] = {"type": kind, "metavar": called[0]}
     if isinstance(kind, Collection):
         how |= {"type": type(next(iter(kind))), "choices": tuple(kind)}
@@ -157,8 +162,8 @@ def _shared() -> dict[str, str]:
             {", ".join(task_options())}
             --step-width M  as --option step_width=...
         """,
-        "twin": f"""--twin SEED|{_NO_TWIN}  {_TWIN}""",
-        "twins": f"""--twin SEED+  {_TWIN}""",
+        "twin": f"--twin SEED|{_NO_TWIN}  {_TWIN}",
+        "twins": f"--twin TWIN+  {_TWIN}",
         "workers": """
             --workers N|ray[:ADDRESS]  run jobs in N processes, or on a Ray cluster: one started
             here, or the one at HOST:PORT or auto""",
@@ -368,20 +373,27 @@ def expand_all(names: list[str], known: list[str]) -> list[str]:
     return list(known) if "all" in names else list(dict.fromkeys(names))
 
 
-#: What values are, by what they are called.
+#: What values are, by the argument's name or by what they are called.
 _KINDS = {
+    "policies": or_all(policy),
+    "tasks": or_all(task_name),
     "A,B": lambda text: tuple(map(str.strip, text.split(","))),
+    "A..B|A,B": seeds,
+    "ENV": ENVIRONMENTS,
     "FEEDBACK": FEEDBACKS,
     "N": seed,
-    "NAME=VALUE": option,
     "N|ray[:ADDRESS]": of_text(parsed_workers),
     "PLANT": PLANTS,
     "POLICY": policy,
     "SEED": seed,
     "SEED|none": lambda text: [twin(text)],
     "TASK": task_name,
+    "TWIN": twin,
+    "V1,V2": lambda text: [positive(part) for part in text.split(",")],
     "W": size,
     "X": float,
+    **dict.fromkeys(("option", "NAME=VALUE"), option),
+    **dict.fromkeys(("randomize", "vary"), variation),
     **dict.fromkeys(("FILE", "DIR", "PATH", "TOML"), Path),
     **dict.fromkeys(("FPS", "KG", "M", "S"), positive),
     **dict.fromkeys(("LEVELS", "PIECES", "POINTS", "STEPS"), int),

@@ -53,13 +53,9 @@ from softrobot_env.tasks import (
     with_option,
 )
 
-from .arguments import SCENE, expand_all, flags, plant_options
+from .arguments import SCENE, SIMULATED, expand_all, flags, plant_options
 from .robot.link import opened, robot_of
 from .robot.virtual import VirtualRigEnv
-
-#: What --env can be: simulated, or over a serial line.
-SIMULATED = "sim"
-ENVIRONMENTS = (SIMULATED, VIRTUAL, REAL)
 
 #: Duration [s] of step responses: the thesis' 25 s lets slow policies settle.
 STEP_DURATION = 25.0

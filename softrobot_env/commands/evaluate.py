@@ -32,19 +32,8 @@ from softrobot_env.robots import VARIATIONS
 from softrobot_env.tasks import Task
 
 from . import output
-from .arguments import (
-    declare,
-    option,
-    or_all,
-    policy,
-    positive,
-    study_of,
-    task_name,
-    task_options,
-    twin,
-    variation,
-)
-from .cases import ENVIRONMENTS, SIMULATED, Setup, left_out, make_cases, make_setup
+from .arguments import SIMULATED, declare, study_of, task_options
+from .cases import Setup, left_out, make_cases, make_setup
 from .output import say
 
 EXAMPLE = """softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1.25,1.5
@@ -102,14 +91,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         --save-rollouts  also write npz records
         <scene>
     """
-    kinds = {"option": option, "vary": variation, "randomize": variation, "twin": twin}
-    kinds |= {"tasks": or_all(task_name), "policies": or_all(policy)}
-    kinds |= {"env": ENVIRONMENTS, "speeds": _speeds}
-    declare(parser, text, **kinds)
-
-
-def _speeds(text: str) -> list[float]:
-    return [positive(part) for part in text.split(",")]
+    declare(parser, text)
 
 
 class Result(NamedTuple):

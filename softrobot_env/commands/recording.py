@@ -182,14 +182,13 @@ _REPLAY = arguments.command(
     <robot!> {_BESIDE_ROBOT} beside the file counts as --header unless that is given, and
         residual.npz as a correction that is reported apart
     <plant>
-    --twin SEED  errors of manufacturing, servos and tendons, of a robot driven by length; default:
+    --twin TWIN  errors of manufacturing, servos and tendons, of a robot driven by length; default:
         none
     <no-plots>
     --out DIR (out/replay)
     <overwrite>
     """,
     _replay,
-    twin=arguments.twin,
 )
 
 #: The commands of `softrobot recording`.

@@ -55,7 +55,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         --seeds A..B|A,B  a run for each; with this, several values of --set or --workers, runs have
             folders in that of --out, and the same command goes on with those that are not done
     """
-    declare(parser.add_mutually_exclusive_group(), chance, seeds=arguments.seeds)
+    declare(parser.add_mutually_exclusive_group(), chance)
     text = f"""
         what NAME?  policy to train, out of %(choices)s; or give --algo
         <robot> a name or a file; default: the thesis' of the artifact

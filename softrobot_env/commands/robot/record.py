@@ -18,8 +18,7 @@ from softrobot_env.recordings.columns import check_writable
 from softrobot_env.recordings.files import header_path
 from softrobot_env.robots import VARIATIONS, RobotParams, default_robot, entry_of, find_robot
 
-from ..arguments import declare, variation
-from ..cases import ENVIRONMENTS, SIMULATED
+from ..arguments import SIMULATED, declare
 from ..output import check_free, new_file, progress_on, say
 from .link import robot_of
 from .virtual import VirtualRigEnv
@@ -66,8 +65,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         --out FILE (out/recording.csv)  or a .parquet
         <overwrite>
     """
-    kinds = {"env": ENVIRONMENTS, "vary": variation, "kinds": excitation.KINDS}
-    declare(parser, text, **kinds)
+    declare(parser, text, kinds=excitation.KINDS)
 
 
 def run(args: Namespace) -> int:
