@@ -13,7 +13,7 @@ from softrobot_env import registration
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.cli import build_parser
 from softrobot_env.commands.registry import COMMANDS, loaded
-from softrobot_env.commands.robot.command import ROBOT_COMMANDS
+from softrobot_env.commands.robot.command import COMMANDS as ROBOT_COMMANDS
 from softrobot_env.control import registry
 from softrobot_env.core.registry import load
 from softrobot_env.robots import ARM, ROBOTS, RobotParams

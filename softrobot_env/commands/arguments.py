@@ -11,7 +11,6 @@ from argparse import (
     _ActionsContainer,
 )
 from collections.abc import Callable, Collection, Iterable, Mapping
-from functools import partial
 from math import inf, isfinite, nan
 from pathlib import Path
 from types import SimpleNamespace
@@ -179,9 +178,8 @@ _TWIN = """the rig that is simulated: seed of a digital twin, a rig with errors 
 def command(
     example: str, text: str, run: Callable[[Namespace], int], **kinds: Any
 ) -> SimpleNamespace:
-    """A command, see `Command`, with arguments as `declare` has them."""
-    add_arguments = partial(declare, text=text, **kinds)
-    return SimpleNamespace(EXAMPLE=example, add_arguments=add_arguments, run=run)
+    """A command, see `registry.Command`, with arguments as `declare` has them."""
+    return SimpleNamespace(EXAMPLE=example, ARGUMENTS=text, KINDS=kinds, run=run)
 
 
 def _task_help() -> str:

@@ -1,6 +1,6 @@
 """`softrobot grip`: close a gripper on a bar, tell what comes of it, and write a video."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections.abc import Callable
 from typing import Any
 
@@ -14,7 +14,7 @@ from softrobot_env.robots import GRIPPERS, find_gripper
 from softrobot_env.scene.assembly import FINENESS
 from softrobot_env.tasks.gripper import GRIP_TASKS
 
-from .arguments import declare, positive
+from .arguments import positive
 from .output import new_file, progress_on, say
 
 EXAMPLE = """softrobot grip --task enclose --diameter 0.06 --tension 20 --out grip.gif
@@ -26,26 +26,24 @@ _FIXED = ("diameter", "mass", "friction")
 _OWN = ("modulus", "arm", "sensor_errors", "specimen")
 
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command."""
-    text = f"""
-        --task TASK (hold)  out of %(choices)s
-        --gripper GRIPPER (gripper)  a gripper file (*.toml), or one out of {", ".join(GRIPPERS)}
-        --tension N (30)  of all tendons
-        --diameter M  default: sampled
-        --mass KG  default: sampled
-        --friction 1  default: sampled
-        --seed SEED (0)  of what is sampled
-        --fineness FINENESS (quick)  out of %(choices)s
-        --pieces PIECES  of each finger; default: by fineness
-        --timestep S  default: by fineness
-        --out FILE  .mp4 or .gif; default: no video
-        <overwrite>
-        --fps FPS (25)  frames per second
-        --size W H (640 480)
-    """
-    kinds = {"task": GRIP_TASKS, "fineness": FINENESS, "tension": positive, "friction": positive}
-    declare(parser, text, **kinds)
+ARGUMENTS = f"""
+    --task TASK (hold)  out of %(choices)s
+    --gripper GRIPPER (gripper)  a gripper file (*.toml), or one out of {", ".join(GRIPPERS)}
+    --tension N (30)  of all tendons
+    --diameter M  default: sampled
+    --mass KG  default: sampled
+    --friction 1  default: sampled
+    --seed SEED (0)  of what is sampled
+    --fineness FINENESS (quick)  out of %(choices)s
+    --pieces PIECES  of each finger; default: by fineness
+    --timestep S  default: by fineness
+    --out FILE  .mp4 or .gif; default: no video
+    <overwrite>
+    --fps FPS (25)  frames per second
+    --size W H (640 480)
+"""
+
+KINDS = {"task": GRIP_TASKS, "fineness": FINENESS, "tension": positive, "friction": positive}
 
 
 def run(args: Namespace) -> int:

@@ -1,6 +1,6 @@
 """`softrobot identify`: find a robot's parameters in a recording of it."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
@@ -18,7 +18,6 @@ from softrobot_env.rendering.recordings import plot_identification
 from softrobot_env.robots import find_robot
 
 from . import output
-from .arguments import declare
 from .output import say
 from .recording import FILE_TEXT
 
@@ -28,25 +27,22 @@ EXAMPLE = """softrobot identify train.csv --header assets/recordings/ftdcr_v4.to
 _STAGES = ("frame", "tendons", "geometry", "statics", "dynamics", "residual", "network")
 
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command."""
-    text = f"""
-        {FILE_TEXT}
-        <robot!> as it is believed to be
-        --stages A,B ({",".join(_STAGES)})  what to find; the rest stays as the robot file says;
-            default: all, {",".join(_STAGES)}
-        --known A,B  kinds of parameters that the robot file says exactly, such as
-            mass,tendon_radius
-        --any-turn  the recording's frame may be anywhere and turned in any way; about the robot's
-            axis it may be turned anyway where the columns' tendons are not known
-        --no-validation  skip the cross-validation, half of the time
-        <no-plots>
-        <workers>; those of the assignment, of further starts and of the cross-validation;
-            default: two processes, of the cross-validation alone
-        --out DIR (out/identify)
-        <overwrite>
-    """
-    declare(parser, text)
+ARGUMENTS = f"""
+    {FILE_TEXT}
+    <robot!> as it is believed to be
+    --stages A,B ({",".join(_STAGES)})  what to find; the rest stays as the robot file says;
+        default: all, {",".join(_STAGES)}
+    --known A,B  kinds of parameters that the robot file says exactly, such as
+        mass,tendon_radius
+    --any-turn  the recording's frame may be anywhere and turned in any way; about the robot's
+        axis it may be turned anyway where the columns' tendons are not known
+    --no-validation  skip the cross-validation, half of the time
+    <no-plots>
+    <workers>; those of the assignment, of further starts and of the cross-validation;
+        default: two processes, of the cross-validation alone
+    --out DIR (out/identify)
+    <overwrite>
+"""
 
 
 def run(args: Namespace) -> int:

@@ -1,6 +1,6 @@
 """`softrobot inspect`: what a scene contains, what it leaves out, and what a step costs."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from dataclasses import replace
 from math import isinf
 from pathlib import Path
@@ -18,7 +18,7 @@ from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.inverse import sample_of, workspace_of
 from softrobot_env.scene.registry import scene_of
 
-from .arguments import declare, scene_options
+from .arguments import scene_options
 from .cases import Setup, one_task
 from .output import check_free, say
 
@@ -41,18 +41,15 @@ _OPTIONAL = {
 }
 
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command."""
-    text = """
-        <task>
-        <robot> its own scene unless --task is given; default: the task's
-        --workspace  of --robot: draw where its tip rests
-        --out DIR (out/inspect)  of the picture
-        <overwrite>
-        <twin>
-        <scene>
-    """
-    declare(parser, text)
+ARGUMENTS = """
+    <task>
+    <robot> its own scene unless --task is given; default: the task's
+    --workspace  of --robot: draw where its tip rests
+    --out DIR (out/inspect)  of the picture
+    <overwrite>
+    <twin>
+    <scene>
+"""
 
 
 def run(args: Namespace) -> int:

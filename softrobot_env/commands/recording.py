@@ -1,6 +1,6 @@
 """`softrobot recording`: tables of commands and marker positions: checked, and replayed."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
@@ -21,14 +21,9 @@ from softrobot_env.robots import RobotParams, find_robot
 
 from . import arguments, output
 from .output import say
-from .registry import Command, add_commands
+from .registry import Command
 
 EXAMPLE = "softrobot recording check train.csv --header assets/recordings/ftdcr_v4.toml"
-
-
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command: its commands with theirs."""
-    add_commands(parser, RECORDING_COMMANDS)
 
 
 FILE_TEXT = """
@@ -192,7 +187,7 @@ _REPLAY = arguments.command(
 )
 
 #: The commands of `softrobot recording`.
-RECORDING_COMMANDS: Mapping[str, Command] = {
+COMMANDS: Mapping[str, Command] = {
     "check": (_CHECK, "say whether a recording is good, what it holds and what is odd"),
     "replay": (
         _REPLAY,

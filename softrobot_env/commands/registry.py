@@ -7,9 +7,10 @@ from typing import Any, NoReturn
 
 from softrobot_env.core.registry import Registry
 
-#: A command, and what it does. It is a module or another object, or where that is in this package,
-#: which has `EXAMPLE` for people, `add_arguments(parser)`, and `run(args)`, which returns the exit
-#: status.
+#: A command, and what it does. The first is a module or another object, or where that is in this
+#: package. It has `EXAMPLE` for people and `run(args)`, which returns the exit status; further
+#: `ARGUMENTS`, with `KINDS` if need be, for `arguments.declare`, or `add_arguments(parser)`, or
+#: `COMMANDS` of its own in place of `run`.
 Command = tuple[Any, str]
 
 #: Name -> command.
@@ -88,10 +89,17 @@ def add_commands(
         how = {"help": text, "description": text, "formatter_class": RawDescriptionHelpFormatter}
         command = added.add_parser(name, **how)
         if asked in (None, name):
+            from .arguments import declare  # takes long to load, as commands do
+
             found = loaded(module)
             command.epilog = f"example:\n  {found.EXAMPLE}"
             command.set_defaults(run=getattr(found, "run", None))
-            found.add_arguments(command)
+            if hasattr(found, "COMMANDS"):
+                add_commands(command, found.COMMANDS)
+            elif hasattr(found, "add_arguments"):
+                found.add_arguments(command)
+            else:
+                declare(command, found.ARGUMENTS, **getattr(found, "KINDS", {}))
 
 
 def loaded(command: Any) -> Any:

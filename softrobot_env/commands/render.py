@@ -1,13 +1,13 @@
 """`softrobot render`: a video of a policy on a task."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 
 from softrobot_env.envs.recording import RecordEpisodes
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.rendering.video import record, write_video
 from softrobot_env.robots import ENTRIES
 
-from .arguments import declare, not_negative
+from .arguments import not_negative
 from .cases import make_setup, one_case
 from .output import check_free, new_file, progress_on, say
 
@@ -28,28 +28,27 @@ def _policies() -> str:
     return "".join(own)
 
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command."""
-    text = f"""
-        <robot> default: the task's
-        <task>
-        --policy POLICY  {_policies()}or one's own, package.module:name or file.py:name; default:
-            static
-        --out FILE (out/render.mp4)  or a .gif
-        <overwrite>
-        --fps FPS  frames per second; default: 30, of a .gif {_GIF_FPS}, with {_GIF_FRAMES} frames
-            at most
-        --size W H  default: 640 480, of a .gif 400 300
-        --duration S  default: the task's
-        --begin S (0)  what is before is not shown, such as the way to where laps begin
-        --record FILE  also write a recording, .csv or .parquet
-        <twin>
-        <identified>
-        <feedback>
-        <plant>
-        <scene>
-    """
-    declare(parser, text, begin=not_negative)
+ARGUMENTS = f"""
+    <robot> default: the task's
+    <task>
+    --policy POLICY  {_policies()}or one's own, package.module:name or file.py:name; default:
+        static
+    --out FILE (out/render.mp4)  or a .gif
+    <overwrite>
+    --fps FPS  frames per second; default: 30, of a .gif {_GIF_FPS}, with {_GIF_FRAMES} frames
+        at most
+    --size W H  default: 640 480, of a .gif 400 300
+    --duration S  default: the task's
+    --begin S (0)  what is before is not shown, such as the way to where laps begin
+    --record FILE  also write a recording, .csv or .parquet
+    <twin>
+    <identified>
+    <feedback>
+    <plant>
+    <scene>
+"""
+
+KINDS = {"begin": not_negative}
 
 
 def run(args: Namespace) -> int:

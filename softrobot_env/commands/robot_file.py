@@ -1,6 +1,6 @@
 """`softrobot robot-file` and `softrobot export`: robots as TOML files, and as MJCF."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 
 from softrobot_env.core.files import write_text
 from softrobot_env.robots import find_robot, read_robot
@@ -10,14 +10,8 @@ from softrobot_env.scene.registry import SCENES, scene_of
 
 from .arguments import command
 from .output import check_free, say
-from .registry import add_commands
 
 EXAMPLE = "softrobot robot-file check my.toml"
-
-
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command: its commands with theirs."""
-    add_commands(parser, FILE_COMMANDS)
 
 
 def _check(args: Namespace) -> int:
@@ -36,7 +30,7 @@ def _check(args: Namespace) -> int:
 
 
 #: The commands of `softrobot robot-file`.
-FILE_COMMANDS = {
+COMMANDS = {
     "check": (
         command(EXAMPLE, "file FILE  a robot file", _check),
         "say whether a robot file is good, or what is wrong",

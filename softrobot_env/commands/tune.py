@@ -1,7 +1,7 @@
 """`softrobot tune`: search for settings of a training by Ray Tune."""
 
 import shlex
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from softrobot_env.training.several.search import (
 )
 
 from . import train
-from .arguments import declare, of_text, whole
+from .arguments import of_text, whole
 from .output import check_free, filling, progress_on, say
 
 EXAMPLE = """softrobot tune ppo --start none --search rate=1e-5..1e-3:log --search batch=256,512
@@ -38,24 +38,22 @@ _TRIALS = 16
 _CHECKS = 9
 
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command."""
-    text = f"""
-        what NAME  training, out of %(choices)s
-        <robot> a name or a file; default: arm
-        --seed SEED (0)  of trainings and draws
-        --search NAME=LOW..HIGH[:log]|V1,V2  a number of training.rl_config.RLConfig, and the range
-            or the values to search in
-        --space FILE  TOML file with the same in a table [search]
-        --trials N  draws; default: {_TRIALS}, without ranges all combinations of values
-        --quick  small trainings; no good settings
-        <workers>; N are those of a Ray started here; default: as many as cores
-        --out DIR  default: out/tune/NAME; the same command goes on with what is there
-        <overwrite>
-        {train.learning_text()}
-    """
-    kinds = {"what": LEARNERS, "search": of_text(parsed), "trials": whole}
-    declare(parser, text, **kinds, **train.LEARNING_KINDS)
+ARGUMENTS = f"""
+    what NAME  training, out of %(choices)s
+    <robot> a name or a file; default: arm
+    --seed SEED (0)  of trainings and draws
+    --search NAME=LOW..HIGH[:log]|V1,V2  a number of training.rl_config.RLConfig, and the range
+        or the values to search in
+    --space FILE  TOML file with the same in a table [search]
+    --trials N  draws; default: {_TRIALS}, without ranges all combinations of values
+    --quick  small trainings; no good settings
+    <workers>; N are those of a Ray started here; default: as many as cores
+    --out DIR  default: out/tune/NAME; the same command goes on with what is there
+    <overwrite>
+    {train.learning_text()}
+"""
+
+KINDS = {"what": LEARNERS, "search": of_text(parsed), "trials": whole, **train.LEARNING_KINDS}
 
 
 def run(args: Namespace) -> int:

@@ -1,6 +1,6 @@
 """`softrobot view`: a robot alive in a window or a browser, with sliders for its drives."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from contextlib import closing
 from dataclasses import replace
 from typing import Any
@@ -13,7 +13,7 @@ from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import visible
 from softrobot_env.scene.registry import scene_of
 
-from .arguments import declare, port
+from .arguments import port
 from .cases import make_setup, one_case, one_task
 from .output import say
 
@@ -25,17 +25,16 @@ _HELP = "Space pauses; double-click on a piece, then Ctrl and drag, pulls it"
 _HOST = "127.0.0.1"
 
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command."""
-    text = """
-        <robot> default: the task's
-        <task>
-        --policy POLICY  drives the robot; default: the sliders do
-        --web  in a browser of this machine, without display: MuJoCo's studio, which has no
-            authentication (whoever runs programs here can reach it)
-        --port PORT  of --web; default: a free one from 8080 on
-    """
-    declare(parser, text, port=port)
+ARGUMENTS = """
+    <robot> default: the task's
+    <task>
+    --policy POLICY  drives the robot; default: the sliders do
+    --web  in a browser of this machine, without display: MuJoCo's studio, which has no
+        authentication (whoever runs programs here can reach it)
+    --port PORT  of --web; default: a free one from 8080 on
+"""
+
+KINDS = {"port": port}
 
 
 def run(args: Namespace) -> int:

@@ -1,6 +1,6 @@
 """`softrobot warm-up`: compile ahead what is otherwise compiled, in silence, at its first use."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from concurrent.futures import as_completed
 from contextlib import closing
 from itertools import islice
@@ -20,7 +20,6 @@ from softrobot_env.evaluation.runner import simulated
 from softrobot_env.robots import ENTRIES, entry_of
 from softrobot_env.tasks import make_task
 
-from .arguments import declare
 from .output import progress_on, say
 
 EXAMPLE = """softrobot warm-up
@@ -30,11 +29,9 @@ EXAMPLE = """softrobot warm-up
 _STEPS = 3
 
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command."""
-    plants = ", ".join(PLANTS)
-    text = f"names NAME*  plants ({plants}) and policies of the arm and the rig; default: all"
-    declare(parser, text)
+ARGUMENTS = f"""
+    names NAME*  plants ({", ".join(PLANTS)}) and policies of the arm and the rig; default: all
+"""
 
 
 def run(args: Namespace) -> int:

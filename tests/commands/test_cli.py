@@ -12,7 +12,7 @@ from support.processes import finished
 from softrobot_env.cli import main
 from softrobot_env.commands import cases as evaluate_cases
 from softrobot_env.commands.registry import COMMANDS
-from softrobot_env.commands.robot.command import ROBOT_COMMANDS
+from softrobot_env.commands.robot.command import COMMANDS as ROBOT_COMMANDS
 from softrobot_env.compile.notice import Notice
 
 HOLD = "--tasks lshape --policies hold --control-period 0.2"

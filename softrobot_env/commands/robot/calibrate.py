@@ -1,7 +1,7 @@
 """`softrobot robot calibrate`: jog the servos, mark zero, range and rest, write a robot file."""
 
 import sys
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections.abc import Iterable
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -20,7 +20,6 @@ from softrobot_env.hardware.robot_file import (
     write_robot_file,
 )
 
-from ..arguments import declare
 from ..output import new_file, say
 from .link import ROBOT_TEXT, numbers, open_driver, robot_of
 
@@ -32,9 +31,11 @@ write       write the file and stop
 quit        stop without a file"""
 
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command."""
-    declare(parser, f"{ROBOT_TEXT}\n--out FILE (robot.toml)\n<overwrite>")
+ARGUMENTS = f"""
+    {ROBOT_TEXT}
+    --out FILE (robot.toml)
+    <overwrite>
+"""
 
 
 def run(args: Namespace) -> int:

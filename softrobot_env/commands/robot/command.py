@@ -1,6 +1,6 @@
 """`softrobot robot`: a real robot over serial; who answers there, orders to it, recorded links."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields
@@ -28,16 +28,11 @@ from softrobot_env.rendering.tables import Column, make_table, named_values
 
 from ..arguments import command
 from ..output import say
-from ..registry import Command, add_commands
+from ..registry import Command
 from . import calibrate, record, soak, virtual
 from .link import ROBOT_TEXT, info_rows, open_driver, reading_rows, robot_of
 
 EXAMPLE = "softrobot robot hold --port /dev/ttyUSB0 --seconds 10"
-
-
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command: its commands with theirs."""
-    add_commands(parser, ROBOT_COMMANDS)
 
 
 # ---------------------------------------------------------------- who answers
@@ -269,7 +264,7 @@ _REPLAY = command(
 )
 
 #: The commands of `softrobot robot`.
-ROBOT_COMMANDS: Mapping[str, Command] = {
+COMMANDS: Mapping[str, Command] = {
     "list": (_LIST, "list serial ports and who answers there"),
     "info": (
         _order("softrobot robot info --robot-file rig.toml", _info),

@@ -1,6 +1,6 @@
 """`softrobot robot soak`: a long run at full rate, and whether it kept its promises."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from array import array
 from contextlib import closing
 from dataclasses import replace
@@ -24,7 +24,6 @@ from softrobot_env.rendering.tables import named_values
 from softrobot_env.robots import default_robot, usual_task
 from softrobot_env.tasks import make_task
 
-from ..arguments import declare
 from ..output import filling, progress_on, say
 from .virtual import virtual_process
 
@@ -52,16 +51,13 @@ _COUNTERS = (
 _WINDOW = 0.05
 
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command."""
-    text = """
-        --seconds S (600)  duration
-        --robot-file FILE  a real robot; default: a virtual one
-        --twin SEED (0)  of the virtual robot
-        --out DIR (out/soak)
-        <overwrite>
-    """
-    declare(parser, text)
+ARGUMENTS = """
+    --seconds S (600)  duration
+    --robot-file FILE  a real robot; default: a virtual one
+    --twin SEED (0)  of the virtual robot
+    --out DIR (out/soak)
+    <overwrite>
+"""
 
 
 @filling
