@@ -47,10 +47,11 @@ def declare(parser: Parsers, text: str, **kinds: Any) -> None:
     """Add arguments, each declared by a line such as `--size W H (640 480)  of pictures`.
 
     That is its name, what its values are called, their default, and after two spaces or more the
-    help, which may go on in further lines. An option without values is a switch. At the end of what
-    a value is called, ? and * and + say how often it may be there, as in `argparse`, and ! that it
-    has to be; an option whose value is called `NAME=...` may be given several times. A line such as
-    `[scene]` begins a group, and words such as `<scene>` stand for what commands share.
+    help, which may go on in further lines that begin with no name. An option without values is a
+    switch. At the end of what a value is called, ? and * and + say how often it may be there, as in
+    `argparse`, and ! that it has to be; an option whose value is called `NAME=...` may be given
+    several times. A line such as `[scene]` begins a group, and words such as `<scene>` stand for
+    what commands share.
 
     Args:
         parser: Where.

@@ -126,10 +126,7 @@ def _result(outcome: runner.Outcome) -> Result:
 
 def run(args: Namespace) -> int:
     """Run the command; 1 if any episode failed."""
-    if args.redraw:
-        return _redraw(args.out)
-    with output.new_results(args.out, args.overwrite):
-        return _evaluate(args)
+    return _redraw(args.out) if args.redraw else _evaluate(args)
 
 
 def _redraw(out: Path) -> int:
@@ -144,6 +141,7 @@ def _redraw(out: Path) -> int:
     return 0
 
 
+@output.filling
 def _evaluate(args: Namespace) -> int:
     """Run all cases and write."""
     if args.record is not None:

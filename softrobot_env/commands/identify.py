@@ -45,6 +45,7 @@ ARGUMENTS = f"""
 """
 
 
+@output.filling
 def run(args: Namespace) -> int:
     """Run the command.
 
@@ -52,17 +53,12 @@ def run(args: Namespace) -> int:
         FileExistsError: There are results already, and no --overwrite.
         ValueError: A recording or robot that nothing can be identified of; says why.
     """
-    # The last one keeps a cluster, which is then started, or connected to, once for all parts.
-    with output.new_results(args.out, args.overwrite), using(args.workers), chosen_processes():
-        return _identified(args)
-
-
-def _identified(args: Namespace) -> int:
     began = perf_counter()
     stages = check_stages(args.stages)
     robot = find_robot(args.robot)
     recording = read_recording(args.recording, args.header)
-    with output.progress_on("identify") as show:
+    # The last one keeps a cluster, which is then started, or connected to, once for all parts.
+    with output.progress_on("identify") as show, using(args.workers), chosen_processes():
         found = identify(
             recording,
             robot,

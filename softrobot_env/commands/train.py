@@ -48,6 +48,23 @@ EXAMPLE = """softrobot train lq_preview --robot my.toml
   softrobot train rig_nn --twin 3"""
 
 
+#: Arguments that say what is learned by reinforcement, and how.
+LEARNING = f"""
+    [reinforcement learning]
+    --task TASK+ (all)  out of {", ".join(TRAINING_TASKS)} (random references), of other robots
+        than the arm out of {", ".join(ROBOT_TASKS)}
+    --start NETWORK ({IMITATION})  file of a network to start from, imitation (the one in --out,
+        else where policies look) or none
+    --randomize  draw robots and disturbances from broad ranges, not Young's modulus alone
+    --backend BACKEND (mujoco)  what simulates: MuJoCo, or MuJoCo Warp (warp) on a graphics card
+        (see docs/howto/gpu.md)
+    --device DEVICE  of the backend warp: cuda:0 unless given, or cpu
+    --steps STEPS  environment steps; default: by algorithm
+    --set NAME=V1,V2  another number of training.rl_config.RLConfig, for instance rate=1e-4;
+        with several values a run for each
+"""
+
+
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
     chance = """
@@ -71,7 +88,7 @@ def add_arguments(parser: ArgumentParser) -> None:
             simulated
         --teacher POLICY  that imitation learns from; default: of the arm mpc_preview, else
             lq_preview
-        {learning_text()}
+        {LEARNING}
         --algo NAME  algorithm of stable-baselines3, as NAME, out of %(choices)s
         --name NAME  of the file written; default: the algorithm's
         --checkpoint DIR  folder of what --resume needs; default: out/train/NAME
@@ -79,24 +96,6 @@ def add_arguments(parser: ArgumentParser) -> None:
         --log DIR  folder of TensorBoard's logs
     """
     declare(parser, text, what=registry.TRAININGS, algo=ALGORITHMS, **LEARNING_KINDS)
-
-
-def learning_text() -> str:
-    """Arguments that say what is learned by reinforcement, and how."""
-    return f"""
-        [reinforcement learning]
-        --task TASK+ (all)  out of {", ".join(TRAINING_TASKS)} (random references), of other robots
-            than the arm out of {", ".join(ROBOT_TASKS)}
-        --start NETWORK ({IMITATION})  file of a network to start from, imitation (the one in --out,
-            else where policies look) or none
-        --randomize  draw robots and disturbances from broad ranges, not Young's modulus alone
-        --backend BACKEND (mujoco)  what simulates: MuJoCo, or MuJoCo Warp (warp) on a graphics card
-            (see docs/howto/gpu.md)
-        --device DEVICE  of the backend warp: cuda:0 unless given, or cpu
-        --steps STEPS  environment steps; default: by algorithm
-        --set NAME=V1,V2  another number of training.rl_config.RLConfig, for instance rate=1e-4;
-            with several values a run for each
-    """
 
 
 def _setting(text: str) -> tuple[str, tuple[float, ...]]:
@@ -108,7 +107,7 @@ def _setting(text: str) -> tuple[str, tuple[float, ...]]:
         raise ArgumentTypeError(f"{text!r} is not NAME=NUMBER or N1,N2") from None
 
 
-#: Kinds of the arguments of `learning_text`, see `arguments.declare`.
+#: Kinds of the arguments of `LEARNING`, see `arguments.declare`.
 LEARNING_KINDS = {
     "task": (*TRAINING_TASKS, *ROBOT_TASKS, "all"),
     "backend": ("mujoco", "warp"),

@@ -50,7 +50,7 @@ ARGUMENTS = f"""
     <workers>; N are those of a Ray started here; default: as many as cores
     --out DIR  default: out/tune/NAME; the same command goes on with what is there
     <overwrite>
-    {train.learning_text()}
+    {train.LEARNING}
 """
 
 KINDS = {"what": LEARNERS, "search": of_text(parsed), "trials": whole, **train.LEARNING_KINDS}
