@@ -1,7 +1,6 @@
 """`softrobot robot soak`: a long run at full rate, and whether it kept its promises."""
 
 from argparse import Namespace
-from array import array
 from contextlib import closing
 from dataclasses import replace
 from math import isnan
@@ -17,7 +16,7 @@ from softrobot_env.control.registry import make_policy
 from softrobot_env.core.artifacts import read_arrays
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.evaluation.report import write_json
-from softrobot_env.evaluation.run import play
+from softrobot_env.evaluation.run import Columns, play
 from softrobot_env.hardware.robot_file import RobotFile, read_robot_file
 from softrobot_env.hardware.tip import TipSource
 from softrobot_env.rendering.tables import named_values
@@ -93,20 +92,19 @@ def _soak(file: RobotFile, tip: TipSource | None, seconds: float) -> dict[str, A
     # A stall shall count as missed steps and late answers, and not end the run.
     env = RealRigEnv(task, robot_file=file, tip=tip, max_missed=steps, oldest=_OLDEST)
     policy = make_policy(_POLICY, robot, env.control_period)
-    samples, last = {name: array("d") for name in _SAMPLED}, {}
+    samples, last = Columns(), {}
     with closing(env), progress_on("soak", seconds) as show:
         for count, moment in enumerate(play(env, policy)):
             last = moment.info
             if count > 0:
                 # Kept as `info`, its objects would hold up the steps to come (garbage).
-                for name, column in samples.items():
-                    column.append(last[name])
+                samples.add({name: last[name] for name in _SAMPLED})
             if count % 50 == 0:
                 show("soak", last["time"], seconds)
-    return _measured(samples, last, env.control_period)
+    return _measured(samples.columns(), last, env.control_period)
 
 
-def _measured(samples: dict[str, array], last: dict[str, Any], period: float) -> dict[str, Any]:
+def _measured(samples: dict[str, ndarray], last: dict[str, Any], period: float) -> dict[str, Any]:
     trips = [None if isnan(trip) else trip for trip in samples["rtt_s"]]
     row = {"what": "soak", "steps": round(last["time"] / period), "control_period": period}
     row |= {"missed_steps": int(last["missed_steps"]), "failure": last.get("failure")}

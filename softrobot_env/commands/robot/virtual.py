@@ -8,7 +8,6 @@ import subprocess
 import sys
 import time
 from argparse import SUPPRESS, ArgumentParser, Namespace
-from array import array
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -22,6 +21,7 @@ from numpy import ndarray
 from softrobot_env.core.artifacts import write_arrays
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.envs.simulation.virtual_rig import VirtualRig
+from softrobot_env.evaluation.run import Columns
 from softrobot_env.hardware.protocol.messages import LENGTH_UNIT
 from softrobot_env.hardware.robot_file import TRACKER_PORT, RobotFile, virtual_file
 from softrobot_env.hardware.tip import UdpTip
@@ -63,9 +63,9 @@ def run(args: Namespace) -> int:
         check_free(args.log, overwrite=True)
     stop = Event()
     before = {s: signal.signal(s, lambda *_: stop.set()) for s in (signal.SIGINT, signal.SIGTERM)}
-    log = Log()
+    log = Columns()
     camera = UdpCamera(args.camera_port)
-    watch = None if args.log is None else log.add
+    watch = None if args.log is None else lambda robot: log.add(_noted(robot))
     robot = virtual_robot(args.twin, args.seed, camera.show, watch)
     timer = Timer(args.seconds or 0.0, stop.set)
     if args.until_eof:
@@ -86,7 +86,7 @@ def run(args: Namespace) -> int:
         for number, handler in before.items():
             signal.signal(number, handler)
         if args.log is not None:
-            log.save(args.log)
+            write_arrays(args.log, log.columns())
     say(f"Stopped; at most {1e3 * robot.lag:.1f} ms behind the clock")
     if robot.failure is not None:
         say(f"The simulation failed: {robot.failure}")
@@ -145,30 +145,11 @@ class UdpCamera:
         self._socket.close()
 
 
-class Log:
-    """What a virtual robot really did, tick by tick."""
-
-    def __init__(self) -> None:
-        self._numbers = array("d")
-        self._columns = 0
-
-    def add(self, robot: VirtualRobot) -> None:
-        """Note a tick."""
-        outputs, (now, tip) = robot.outputs, robot.moment
-        row = (now, *tip, *outputs.applied, float(outputs.powered))
-        self._columns = len(row)
-        self._numbers.extend(row)
-
-    def save(self, path: Path) -> None:
-        """Write time (k,) [s] of the host's clock, tip (k, 2) [m], applied (k, n) [m], powered."""
-        rows = np.array(self._numbers).reshape(-1, max(1, self._columns))
-        values = {
-            "time": rows[:, 0],
-            "tip": rows[:, 1:3],
-            "applied": LENGTH_UNIT * rows[:, 3:-1],
-            "powered": rows[:, -1] > 0,
-        }
-        write_arrays(path, values)
+def _noted(robot: VirtualRobot) -> dict[str, Any]:
+    """What a virtual robot really does in a tick: [s] of the host's clock, and lengths [m]."""
+    time, tip = robot.moment
+    applied = LENGTH_UNIT * np.array(robot.outputs.applied)
+    return {"time": time, "tip": tip, "applied": applied, "powered": robot.outputs.powered}
 
 
 # ---------------------------------------------------------------------- for commands and tests
