@@ -2,7 +2,7 @@
 
 import itertools
 from argparse import Namespace
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -243,17 +243,21 @@ Options = dict[str, float]
 Given = dict[str, list[float]]
 
 
+def products(values: Mapping[str, Iterable[Any]]) -> list[dict[str, Any]]:
+    """Every choice of one of the values of each name."""
+    chosen = itertools.product(*values.values())
+    return [dict(zip(values, one, strict=True)) for one in chosen]
+
+
 def combinations(make: Maker, given: Given) -> list[Options]:
     """Options of a task in every combination of the values given for them."""
-    own = defaults(make)
-    values = []
-    for option, default in own.items():
-        kind = float if isinstance(default, float) else lambda seed: seed  # seeds stay whole
-        values.append([v if v is None else kind(v) for v in given.get(option, [default])])
-    return [
-        dict(zip(own, chosen, strict=True))
-        for chosen in itertools.product(*map(dict.fromkeys, values))
-    ]
+    values = {}
+    for option, default in defaults(make).items():
+        found = given.get(option, [default])
+        if isinstance(default, float):  # seeds stay whole
+            found = map(float, found)
+        values[option] = dict.fromkeys(found)
+    return products(values)
 
 
 def check_used(given: Given, makers: Mapping[str, Maker], robot: RobotParams | None) -> None:
@@ -282,7 +286,7 @@ def merge(pairs: list[tuple[str, list[float]]]) -> Given:
 
 
 def one_task(args: Namespace, robot: RobotParams | None) -> Task:
-    """The task of `task_text`, for a robot unless it has its own.
+    """The task of `<task>`, for a robot unless it has its own.
 
     Raises:
         ValueError: An option of other tasks, several values of one, or one out of range.
@@ -420,7 +424,7 @@ def _of_task(
 
 
 def one_case(args: Namespace, setup: Setup, twin: bool) -> Case:
-    """The episode to be shown: of `task_text`, with --policy or else the robot's usual one.
+    """The episode to be shown: of `<task>`, with --policy or else the robot's usual one.
 
     Args:
         args: The arguments.
@@ -500,10 +504,9 @@ def _check_policies(names: list[str], tasks: list[Task], setup: Setup) -> None:
 
 def _variations(given: list[tuple[str, list[float]]]) -> list[dict[str, float]]:
     """Every combination of what varies, without the values that change nothing."""
-    varied = merge(given)
     return [
-        {n: v for n, v in zip(varied, values, strict=True) if v != VARIATIONS[n].neutral}
-        for values in itertools.product(*varied.values())
+        {name: value for name, value in chosen.items() if value != VARIATIONS[name].neutral}
+        for chosen in products(merge(given))
     ]
 
 
