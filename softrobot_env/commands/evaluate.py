@@ -1,6 +1,6 @@
 """`softrobot evaluate`: policies on tasks, with table, report and plots."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
@@ -32,7 +32,7 @@ from softrobot_env.robots import VARIATIONS
 from softrobot_env.tasks import Task
 
 from . import output
-from .arguments import SIMULATED, declare, study_of, task_options
+from .arguments import SIMULATED, study_of, task_options
 from .cases import Setup, left_out, make_cases, make_setup
 from .output import say
 
@@ -43,55 +43,53 @@ EXAMPLE = """softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1
   softrobot evaluate --robot my.toml --tasks circle my_tasks.py:lemniscate --policies all"""
 
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command, by what they are about."""
-    parser.usage = "softrobot evaluate [--tasks TASK ...] [--policies POLICY ...] [OPTION ...]"
-    known = task_options().items()
-    options = "; ".join(f"{name} of {', '.join(tasks)}" for name, tasks in known)
-    text = f"""
-        <robot> all tasks are for it; default: the arm's and the rig's have theirs
-        --tasks TASK+ (all)  out of `softrobot list tasks`, or one's own, package.module:name or
-            file.py:name; default: all of --robot, of the arm step, swing, lshape
-        --policies POLICY+ (all)  out of `softrobot list policies`, or one's own as of tasks;
-            default: all that fit a task
-        --duration S  default: the task's
-        <plant>
-        [options of tasks]
-        --option NAME=V1,V2  values of an option of tasks, in SI units: {options}
-        --step-widths M+  as --option step_width=...; default: 0.05 0.1 0.2
-        --speeds V1,V2  as --option speed=...; of circle, figure_eight, random the largest of the
-            reference, default: 0.1
-        --path-seeds N+  as --option seed=...; default: 0
-        [other robots than the policies know]
-        --vary NAME=V1,V2  values of one of {", ".join(VARIATIONS)}: in SI units or as factors;
-            controllers keep the nominal robot
-        --randomize NAME=LOW,HIGH  ranges of the same quantities, of which --draws robots are
-            sampled besides --vary; every policy gets the same ones
-        --draws N  of --randomize; default: 5
-        [the test rig]
-        <twins>
-        <identified>
-        [rigs over a serial line]
-        --env ENV ({SIMULATED})  tasks of the rig in simulation (sim), on a virtual robot
-            over a serial line in real time, or on a real one; out of %(choices)s
-        --robot-file FILE  of a real robot, see `softrobot robot calibrate`; default: the rig's
-        <port>
-        --record DIR  write commands and tip of every episode as a recording there, for `softrobot
-            recording`; and of a serial line all messages
-        [feedback]
-        <feedback>
-        [episodes side by side]
-        <workers>, and take up those that are done after a stop; decisions take longer than alone;
-            default: one after the other
-        [what is written]
-        --out DIR (out/evaluate)
-        <overwrite>
-        <no-plots>
-        --redraw  run nothing: draw the plots that are there anew
-        --save-rollouts  also write npz records
-        <scene>
-    """
-    declare(parser, text)
+USAGE = "softrobot evaluate [--tasks TASK ...] [--policies POLICY ...] [OPTION ...]"
+
+_OPTIONS = "; ".join(f"{name} of {', '.join(tasks)}" for name, tasks in task_options().items())
+
+ARGUMENTS = f"""
+    <robot> all tasks are for it; default: the arm's and the rig's have theirs
+    --tasks TASK+ (all)  out of `softrobot list tasks`, or one's own, package.module:name or
+        file.py:name; default: all of --robot, of the arm step, swing, lshape
+    --policies POLICY+ (all)  out of `softrobot list policies`, or one's own as of tasks;
+        default: all that fit a task
+    --duration S  default: the task's
+    <plant>
+    [options of tasks]
+    --option NAME=V1,V2  values of an option of tasks, in SI units: {_OPTIONS}
+    --step-widths M+  as --option step_width=...; default: 0.05 0.1 0.2
+    --speeds V1,V2  as --option speed=...; of circle, figure_eight, random the largest of the
+        reference, default: 0.1
+    --path-seeds N+  as --option seed=...; default: 0
+    [other robots than the policies know]
+    --vary NAME=V1,V2  values of one of {", ".join(VARIATIONS)}: in SI units or as factors;
+        controllers keep the nominal robot
+    --randomize NAME=LOW,HIGH  ranges of the same quantities, of which --draws robots are
+        sampled besides --vary; every policy gets the same ones
+    --draws N  of --randomize; default: 5
+    [the test rig]
+    <twins>
+    <identified>
+    [rigs over a serial line]
+    --env ENV ({SIMULATED})  tasks of the rig in simulation (sim), on a virtual robot
+        over a serial line in real time, or on a real one; out of %(choices)s
+    --robot-file FILE  of a real robot, see `softrobot robot calibrate`; default: the rig's
+    <port>
+    --record DIR  write commands and tip of every episode as a recording there, for `softrobot
+        recording`; and of a serial line all messages
+    [feedback]
+    <feedback>
+    [episodes side by side]
+    <workers>, and take up those that are done after a stop; decisions take longer than alone;
+        default: one after the other
+    [what is written]
+    --out DIR (out/evaluate)
+    <overwrite>
+    <no-plots>
+    --redraw  run nothing: draw the plots that are there anew
+    --save-rollouts  also write npz records
+    <scene>
+"""
 
 
 class Result(NamedTuple):

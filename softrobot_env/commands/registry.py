@@ -8,7 +8,8 @@ from typing import Any, NoReturn
 from softrobot_env.core.registry import Registry
 
 #: A command, and what it does. The first is a module or another object, or where that is in this
-#: package. It has `EXAMPLE` for people and `run(args)`, which returns the exit status; further
+#: package. It has `EXAMPLE` for people, `USAGE` where all arguments are too many for a line, and
+#: `run(args)`, which returns the exit status; further
 #: `ARGUMENTS`, with `KINDS` if need be, for `arguments.declare`, or `add_arguments(parser)`, or
 #: `COMMANDS` of its own in place of `run`.
 Command = tuple[Any, str]
@@ -92,6 +93,7 @@ def add_commands(
             from .arguments import declare  # takes long to load, as commands do
 
             found = loaded(module)
+            command.usage = getattr(found, "USAGE", None)
             command.epilog = f"example:\n  {found.EXAMPLE}"
             command.set_defaults(run=getattr(found, "run", None))
             if hasattr(found, "COMMANDS"):
