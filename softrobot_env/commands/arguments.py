@@ -22,7 +22,7 @@ from softrobot_env.core.processes import parsed_workers
 from softrobot_env.core.registry import is_path
 from softrobot_env.evaluation.report import REAL, VIRTUAL
 from softrobot_env.hardware.tip import LAST_PORT
-from softrobot_env.robots import ROBOTS, VARIATIONS, RobotParams
+from softrobot_env.robots import ENTRIES, GRIPPERS, ROBOTS, VARIATIONS, RobotParams
 from softrobot_env.robots.artifacts import OUT
 from softrobot_env.scene.config import DEFAULT_RULE, DEFAULT_SHARE, INTEGRATORS
 from softrobot_env.scene.quadrature import RULES
@@ -121,8 +121,9 @@ def flags(args: Namespace, names: Iterable[str]) -> str:
 
 
 def _shared() -> dict[str, str]:
-    """Arguments that several commands have; what is None unless given says so by its default."""
+    """Arguments that several commands have, and names in registries, which ask for plug-ins."""
     robot = f"a robot file (*.toml), or a robot out of {', '.join(ROBOTS)};"
+    options = {name: tasks for name, tasks in with_option(EVERY_TASK).items() if tasks}
     return {
         "robot": f"--robot ROBOT  {robot}",
         "robot!": f"--robot ROBOT!  {robot}",
@@ -133,6 +134,7 @@ def _shared() -> dict[str, str]:
             --sensors FILE  calibration for --feedback sensors; default: beside the robot's file, or
             where policies look, that of the rig's twin 0
         """,
+        "grippers": ", ".join(GRIPPERS),
         "identified": """
             --identified FILE  identified parameters that policies of the rig act on, a file of
             `softrobot train rig_nn --twin SEED`; default: the one shipped, of twin 0, whichever rig
@@ -140,10 +142,16 @@ def _shared() -> dict[str, str]:
         """,
         "no-plots": "--no-plots  skip the plots",
         "overwrite": "--overwrite  replace what is there of an earlier run",
+        "options": "; ".join(f"{name} of {', '.join(tasks)}" for name, tasks in options.items()),
         "plant": f"""
             --plant PLANT ({MUJOCO})  what is simulated: MuJoCo's chain or a beam model, out of
             %(choices)s
         """,
+        "policies": "; ".join(
+            f"of the {own.robot.name}: {', '.join(own.policies)}; default: {own.policy}"
+            for own in ENTRIES.values()
+            if own.policies
+        ),
         "port": "--port PORT  serial port; default: the robot file's",
         "scene": f"""
             [scene]
@@ -159,11 +167,12 @@ def _shared() -> dict[str, str]:
         "task": f"""
             --task TASK  {_task_help()}; default: swing of the arm, circle of --robot
             --option NAME=VALUE  an option of the task, in SI units, out of
-            {", ".join(task_options())}
+            {", ".join(options)}
             --step-width M  as --option step_width=...
         """,
         "twin": f"--twin SEED|{_NO_TWIN}  {_TWIN}",
         "twins": f"--twin TWIN+  {_TWIN}",
+        "variations": ", ".join(VARIATIONS),
         "workers": """
             --workers N|ray[:ADDRESS]  run jobs in N processes, or on a Ray cluster: one started
             here, or the one at HOST:PORT or auto""",
@@ -191,11 +200,6 @@ def _task_help() -> str:
         f"{named}of any --robot: {', '.join(GENERIC_TASKS.registered())}; or one's own, "
         "package.module:name or file.py:name"
     )
-
-
-def task_options() -> dict[str, list[str]]:
-    """Options of the tasks that have a robot -> those tasks."""
-    return {name: tasks for name, tasks in with_option(EVERY_TASK).items() if tasks}
 
 
 def of_text(make: Callable[[str], Any]) -> Callable[[str], Any]:

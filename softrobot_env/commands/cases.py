@@ -27,7 +27,6 @@ from softrobot_env.core.records import placed
 from softrobot_env.core.registry import load
 from softrobot_env.envs.disturbances import periods, rounded
 from softrobot_env.envs.randomization import Randomization
-from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.envs.tracking import DEFAULT_PERIOD
 from softrobot_env.evaluation.report import REAL, VIRTUAL
 from softrobot_env.evaluation.runner import Case, acts_on_identified
@@ -55,7 +54,6 @@ from softrobot_env.tasks import (
 
 from .arguments import SCENE, SIMULATED, expand_all, flags, plant_options
 from .robot.link import opened, robot_of
-from .robot.virtual import VirtualRigEnv
 
 #: Duration [s] of step responses: the thesis' 25 s lets slow policies settle.
 STEP_DURATION = 25.0
@@ -343,6 +341,10 @@ class RealSetup(Setup):
         """Environment for a case; its `close` ends a virtual robot's process."""
         if case.task.robot != self._own:
             return super().environment(case, **drawing)
+        from softrobot_env.envs.real import RealRigEnv  # asks for plug-ins
+
+        from .robot.virtual import VirtualRigEnv
+
         if self.plant == VIRTUAL:
             return VirtualRigEnv(case.task, case.twin, partial(self._line, case), observe="all")
         file = robot_of(self._args)

@@ -28,11 +28,10 @@ from softrobot_env.hardware.errors import RobotError
 from softrobot_env.recordings import write_recording
 from softrobot_env.rendering import episodes
 from softrobot_env.rendering.plots import DRAWN, plot_task, redraw
-from softrobot_env.robots import VARIATIONS
 from softrobot_env.tasks import Task
 
 from . import output
-from .arguments import SIMULATED, study_of, task_options
+from .arguments import SIMULATED, study_of
 from .cases import Setup, left_out, make_cases, make_setup
 from .output import say
 
@@ -45,8 +44,6 @@ EXAMPLE = """softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1
 
 USAGE = "softrobot evaluate [--tasks TASK ...] [--policies POLICY ...] [OPTION ...]"
 
-_OPTIONS = "; ".join(f"{name} of {', '.join(tasks)}" for name, tasks in task_options().items())
-
 ARGUMENTS = f"""
     <robot> all tasks are for it; default: the arm's and the rig's have theirs
     --tasks TASK+ (all)  out of `softrobot list tasks`, or one's own, package.module:name or
@@ -56,13 +53,13 @@ ARGUMENTS = f"""
     --duration S  default: the task's
     <plant>
     [options of tasks]
-    --option NAME=V1,V2  values of an option of tasks, in SI units: {_OPTIONS}
+    --option NAME=V1,V2  values of an option of tasks, in SI units: <options>
     --step-widths M+  as --option step_width=...; default: 0.05 0.1 0.2
     --speeds V1,V2  as --option speed=...; of circle, figure_eight, random the largest of the
         reference, default: 0.1
     --path-seeds N+  as --option seed=...; default: 0
     [other robots than the policies know]
-    --vary NAME=V1,V2  values of one of {", ".join(VARIATIONS)}: in SI units or as factors;
+    --vary NAME=V1,V2  values of one of <variations>: in SI units or as factors;
         controllers keep the nominal robot
     --randomize NAME=LOW,HIGH  ranges of the same quantities, of which --draws robots are
         sampled besides --vary; every policy gets the same ones

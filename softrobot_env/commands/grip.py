@@ -10,7 +10,7 @@ from softrobot_env.control.gripper import ScriptedGrip, calibrated, senses
 from softrobot_env.envs.gripper import GripperEnv, VectorGripperEnv
 from softrobot_env.evaluation.run import Moment, play
 from softrobot_env.rendering.video import caption, check_suffix, explain, write_video
-from softrobot_env.robots import GRIPPERS, find_gripper
+from softrobot_env.robots import find_gripper
 from softrobot_env.scene.assembly import FINENESS
 from softrobot_env.tasks.gripper import GRIP_TASKS
 
@@ -26,9 +26,9 @@ _FIXED = ("diameter", "mass", "friction")
 _OWN = ("modulus", "arm", "sensor_errors", "specimen")
 
 
-ARGUMENTS = f"""
+ARGUMENTS = """
     --task TASK (hold)  out of %(choices)s
-    --gripper GRIPPER (gripper)  a gripper file (*.toml), or one out of {", ".join(GRIPPERS)}
+    --gripper GRIPPER (gripper)  a gripper file (*.toml), or one out of <grippers>
     --tension N (30)  of all tendons
     --diameter M  default: sampled
     --mass KG  default: sampled
@@ -50,7 +50,6 @@ def run(args: Namespace) -> int:
     """Run the command."""
     if args.out is None:
         return _run(args)
-
     check_suffix(args.out)
     with new_file(args.out, args.overwrite):
         return _run(args)

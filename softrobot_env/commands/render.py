@@ -5,7 +5,6 @@ from argparse import Namespace
 from softrobot_env.envs.recording import RecordEpisodes
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.rendering.video import record, write_video
-from softrobot_env.robots import ENTRIES
 
 from .arguments import not_negative
 from .cases import make_setup, one_case
@@ -19,19 +18,10 @@ EXAMPLE = """softrobot render --task swing --policy feedforward_pi --out swing.m
   softrobot render --robot my.toml --task circle --policy static --out circle.mp4"""
 
 
-def _policies() -> str:
-    """Policies of robots that have some of their own, for people."""
-    entries = [entry for entry in ENTRIES.values() if entry.policies]
-    own = (
-        f"of the {e.robot.name}: {', '.join(e.policies)}; default: {e.policy}; " for e in entries
-    )
-    return "".join(own)
-
-
 ARGUMENTS = f"""
     <robot> default: the task's
     <task>
-    --policy POLICY  {_policies()}or one's own, package.module:name or file.py:name; default:
+    --policy POLICY  <policies>; or one's own, package.module:name or file.py:name; default:
         static
     --out FILE (out/render.mp4)  or a .gif
     <overwrite>

@@ -16,7 +16,7 @@ from softrobot_env.identification import excitation
 from softrobot_env.recordings import Recording, write_recording
 from softrobot_env.recordings.columns import check_writable
 from softrobot_env.recordings.files import header_path
-from softrobot_env.robots import VARIATIONS, RobotParams, default_robot, entry_of, find_robot
+from softrobot_env.robots import RobotParams, default_robot, entry_of, find_robot
 
 from ..arguments import SIMULATED, declare
 from ..output import check_free, new_file, progress_on, say
@@ -51,7 +51,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         --twin SEED|none  errors of manufacturing and servos that a simulated or virtual robot
             driven by length has and nobody knows; default: of the rig 0, of others none
         --vary NAME=V  what is otherwise with a simulated robot than believed:
-            {", ".join(VARIATIONS)}
+            <variations>
         --plant PLANT ({MUJOCO})  of a simulated robot, out of %(choices)s
         --robot-file FILE  of a real rig
         <port>
