@@ -1,8 +1,8 @@
 """`softrobot robot record`: excite a robot within limits, and record it for an identification."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from contextlib import closing
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import partial
 
 import gymnasium
@@ -18,7 +18,7 @@ from softrobot_env.recordings.columns import check_writable
 from softrobot_env.recordings.files import header_path
 from softrobot_env.robots import RobotParams, default_robot, entry_of, find_robot
 
-from ..arguments import SIMULATED, declare
+from ..arguments import SIMULATED
 from ..output import check_free, new_file, progress_on, say
 from .link import robot_of
 from .virtual import VirtualRigEnv
@@ -27,45 +27,37 @@ EXAMPLE = """softrobot robot record --twin 3 --out out/rig.csv
   softrobot robot record --robot my.toml --kinds pulls --static --out out/pulls.csv
   softrobot robot record --env real --robot-file rig.toml --amplitude 0.3 --radius 0.1"""
 
-#: Settings of an excitation that are numbers, and what they are.
-_NUMBERS = {
-    "amplitude": "largest share of full scale",
-    "speed": "full scales per second, at most, but for visits",
-    "rest": "s at each level of a pull",
-    "decay": "s after a release",
-    "duration": "s of the random motion",
-    "bandwidth": "Hz of the random motion, at most",
-    "tension": "largest tension over the tendons' limits",
-    "radius": "m, largest way of the tip from where it rests",
-}
+_USUAL = excitation.Excitation()
 
+ARGUMENTS = f"""
+    <robot> simulated; default: the rig
+    --env ENV ({SIMULATED})  out of %(choices)s
+    --twin SEED|none  errors of manufacturing and servos that a simulated or virtual robot
+        driven by length has and nobody knows; default: of the rig 0, of others none
+    --vary NAME=V  what is otherwise with a simulated robot than believed:
+        <variations>
+    --plant PLANT ({MUJOCO})  of a simulated robot, out of %(choices)s
+    --robot-file FILE  of a real rig
+    <port>
+    --control-period S (0.02)
+    --kinds KIND+ ({" ".join(_USUAL.kinds)})  out of %(choices)s
+    --amplitude X ({_USUAL.amplitude:g})  largest share of full scale
+    --speed X ({_USUAL.speed:g})  full scales per second, at most, but for visits
+    --levels LEVELS ({_USUAL.levels})  of a pull
+    --rest X ({_USUAL.rest:g})  s at each level of a pull
+    --decay X ({_USUAL.decay:g})  s after a release
+    --duration X ({_USUAL.duration:g})  s of the random motion
+    --bandwidth X ({_USUAL.bandwidth:g})  Hz of the random motion, at most
+    --points POINTS ({_USUAL.points})  to be visited
+    --tension X ({_USUAL.tension:g})  largest tension over the tendons' limits
+    --radius X ({_USUAL.radius:g})  m, largest way of the tip from where it rests
+    --seed SEED ({_USUAL.seed})  of random motion and of noise
+    --static  keep one row for each rest, averaged over its end
+    --out FILE (out/recording.csv)  or a .parquet
+    <overwrite>
+"""
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command."""
-    usual = {field.name: field.default for field in fields(excitation.Excitation)}
-    lines = (f"--{name} X  {text}; default: {usual[name]:g}" for name, text in _NUMBERS.items())
-    numbers = "\n".join(lines)
-    text = f"""
-        <robot> simulated; default: the rig
-        --env ENV ({SIMULATED})  out of %(choices)s
-        --twin SEED|none  errors of manufacturing and servos that a simulated or virtual robot
-            driven by length has and nobody knows; default: of the rig 0, of others none
-        --vary NAME=V  what is otherwise with a simulated robot than believed:
-            <variations>
-        --plant PLANT ({MUJOCO})  of a simulated robot, out of %(choices)s
-        --robot-file FILE  of a real rig
-        <port>
-        --control-period S (0.02)
-        --kinds KIND+ (pulls random)  out of %(choices)s
-        {numbers}
-        --levels LEVELS  of a pull; default: 4
-        --points POINTS  to be visited; default: {usual["points"]}
-        --seed SEED  of random motion and of noise; default: 0
-        --static  keep one row for each rest, averaged over its end
-        --out FILE (out/recording.csv)  or a .parquet
-        <overwrite>
-    """
-    declare(parser, text, kinds=excitation.KINDS)
+KINDS = {"kinds": excitation.KINDS}
 
 
 def run(args: Namespace) -> int:
@@ -110,9 +102,8 @@ def _recorded(
 
 
 def _excitation(args: Namespace) -> excitation.Excitation:
-    given = {name: getattr(args, name) for name in (*_NUMBERS, "levels", "points", "seed")}
-    given = {name: value for name, value in given.items() if value is not None}
-    return excitation.Excitation(kinds=tuple(args.kinds), **given)
+    given = {field.name: getattr(args, field.name) for field in fields(_USUAL)}
+    return replace(_USUAL, **given | {"kinds": tuple(args.kinds)})
 
 
 def _varied(args: Namespace) -> dict[str, float]:
