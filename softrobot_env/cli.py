@@ -19,16 +19,15 @@ from softrobot_env.core.processes import STOPPED, ended_by_ctrl_c
 _REFUSED, _TERMINATED = 2, 143
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """The parser with all commands."""
-    from softrobot_env.commands.arguments import Parser, add_commands
-    from softrobot_env.commands.registry import COMMANDS
+def build_parser(asked: str | None = None) -> argparse.ArgumentParser:
+    """The parser with all commands; with the arguments of one alone where that is asked for."""
+    from softrobot_env.commands.registry import COMMANDS, Parser, add_commands
 
     parser = Parser(
         prog="softrobot", description="MuJoCo environments for tendon-driven soft robots."
     )
     parser.add_argument("--version", action="version", version=f"softrobot_env {__version__}")
-    add_commands(parser, COMMANDS, "command")
+    add_commands(parser, COMMANDS, "command", asked)
     return parser
 
 
@@ -68,13 +67,14 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _parsed(argv: list[str]) -> argparse.Namespace:
-    """The arguments, read with all commands at hand, which load MuJoCo.
+    """The arguments, read with the command at hand, which may load MuJoCo.
 
     Raises:
         RuntimeError: MuJoCo refuses the backend that is asked for.
     """
+    asked = next((word for word in argv if not word.startswith("-")), "")
     try:
-        return build_parser().parse_args(argv)
+        return build_parser(asked).parse_args(argv)
     except RuntimeError as error:
         if "MUJOCO_GL" not in str(error):
             raise

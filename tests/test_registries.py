@@ -12,8 +12,8 @@ from support.processes import finished
 from softrobot_env import registration
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.cli import build_parser
-from softrobot_env.commands.registry import COMMANDS
-from softrobot_env.commands.robot.command import ROBOT_COMMANDS
+from softrobot_env.commands.registry import COMMANDS, loaded
+from softrobot_env.commands.robot.command import COMMANDS as ROBOT_COMMANDS
 from softrobot_env.control import registry
 from softrobot_env.core.registry import load
 from softrobot_env.robots import ARM, ROBOTS, RobotParams
@@ -63,12 +63,13 @@ def test_policies_take_the_options_that_are_told_of_them(name):
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_commands_parse_their_own_examples(prefix, name, command):
-    examples = [shlex.split(line, comments=True) for line in command[0].EXAMPLE.splitlines()]
+    module = loaded(command[0])
+    examples = [shlex.split(line, comments=True) for line in module.EXAMPLE.splitlines()]
     assert examples and all(examples)
     for program, *words in examples:
         assert program == "softrobot" and " ".join(words).startswith(prefix + name)
         run = build_parser().parse_args(words).run
-        assert callable(run) and getattr(command[0], "run", run) == run
+        assert callable(run) and getattr(module, "run", run) == run
 
 
 # ---------------------------------------------------------------- environments

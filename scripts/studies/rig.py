@@ -345,7 +345,7 @@ def _tracking(traces: dict[str, Rollout], title: str) -> Figure:
     curves.draw(right, drawn, lambda rollout: 1e3 * rollout.error)
     right.set(xlabel="time after the approach [s]", ylabel="error [mm]")
     right.set_ylim(bottom=0)
-    return curves.finish(figure, left, curves.least_error(drawn), title)
+    return figures.finish(figure, left, curves.least_error(drawn), title)
 
 
 def _parts(network: Rollout, hybrid: Rollout) -> Figure:
@@ -364,7 +364,7 @@ def _parts(network: Rollout, hybrid: Rollout) -> Figure:
         f"The dynamic part moves by {part:.2g} mm, the hybrid's whole length by {whole:.2g} mm"
     )
     subject = f"As Fig. 5.13: length of tendon 1, triangle, a lap in {FAST:g} s"
-    return curves.finish(figure, axis, message, subject)
+    return figures.finish(figure, axis, message, subject)
 
 
 def _forces(rows: list[ForceRow]) -> Figure:

@@ -1,80 +1,33 @@
-"""Commands under a parser, and the arguments that several of them share."""
+"""How commands declare arguments, and the arguments that several of them share."""
 
 import glob
+import re
 import sys
 from argparse import (
     SUPPRESS,
     Action,
-    ArgumentParser,
     ArgumentTypeError,
     Namespace,
-    RawDescriptionHelpFormatter,
     _ActionsContainer,
 )
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from math import inf, isfinite, nan
 from pathlib import Path
-from typing import Any, NoReturn
+from types import SimpleNamespace
+from typing import Any
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.control.registry import EVERY_POLICY, FEEDBACKS, NETWORK, policy_environment
 from softrobot_env.core.processes import parsed_workers
 from softrobot_env.core.registry import is_path
+from softrobot_env.evaluation.report import REAL, VIRTUAL
 from softrobot_env.hardware.tip import LAST_PORT
-from softrobot_env.robots import ROBOTS, VARIATIONS, RobotParams
+from softrobot_env.robots import ENTRIES, GRIPPERS, ROBOTS, VARIATIONS, RobotParams
 from softrobot_env.robots.artifacts import OUT
 from softrobot_env.scene.config import DEFAULT_RULE, DEFAULT_SHARE, INTEGRATORS
 from softrobot_env.scene.quadrature import RULES
-
-#: A command: a module or an object, which has `EXAMPLE` for people, `add_arguments(parser)` and
-#: `run(args)`, which returns the exit status; and what it does.
-Command = tuple[Any, str]
-
-
-class Parser(ArgumentParser):
-    """Says in one line what is wrong with arguments."""
-
-    def parse_known_args(self, *arguments: Any, **more: Any) -> tuple[Any, list[str]]:
-        """Refuse unknown arguments here: argparse would let the uppermost parser do it."""
-        found, unknown = super().parse_known_args(*arguments, **more)
-        if unknown:
-            self.error(f"unrecognized arguments: {' '.join(unknown)}")
-        return found, unknown
-
-    def error(self, message: str) -> NoReturn:
-        """End the program with status 2."""
-        text = " ".join(message.split())
-        self.exit(2, f"{self.prog}: {text}; see {self.prog} --help\n")
-
-
-def add_commands(
-    parser: ArgumentParser, commands: Mapping[str, Command], dest: str = SUPPRESS
-) -> None:
-    """Add commands with their arguments and examples; without one the parser's help is printed.
-
-    Args:
-        parser: Where to add them.
-        commands: By name.
-        dest: Attribute of the parsed arguments that holds the name; `run` holds the module's.
-    """
-
-    def show_help(_: Namespace) -> int:
-        parser.print_help()
-        return 0
-
-    parser.set_defaults(run=show_help)
-    added = parser.add_subparsers(dest=dest, metavar="COMMAND")
-    for name, (module, text) in commands.items():
-        command = added.add_parser(
-            name,
-            help=text,
-            description=text,
-            epilog=f"example:\n  {module.EXAMPLE}",
-            formatter_class=RawDescriptionHelpFormatter,
-        )
-        command.set_defaults(run=getattr(module, "run", None))
-        module.add_arguments(command)
-
+from softrobot_env.tasks import EVERY_TASK, known_tasks, tasks_of, with_option
+from softrobot_env.tasks.generic import GENERIC_TASKS
 
 #: Values of arguments that are not given.
 _NOT_GIVEN = (None, False, [])
@@ -82,33 +35,83 @@ _NOT_GIVEN = (None, False, [])
 #: Where arguments are added.
 Parsers = _ActionsContainer
 
-#: How an option is declared that may be given several times.
-SEVERAL = {"action": "append", "default": []}
+#: What --env can be: simulated, or over a serial line.
+SIMULATED = "sim"
+ENVIRONMENTS = (SIMULATED, VIRTUAL, REAL)
+
+#: Options that had another name, and that name, which works with a warning.
+_RENAMED = {"--identified": "--learnt"}
 
 
-def add(
-    parser: Parsers, declared: str, text: str | None = None, kind: Any = None, **more: Any
-) -> None:
-    """Add an argument.
+def declare(parser: Parsers, text: str, **kinds: Any) -> None:
+    """Add arguments, each declared by a line such as `--size W H (640 480)  of pictures`.
+
+    That is its name, what its values are called, their default, and after two spaces or more the
+    help, which may go on in further lines that begin with no name. An option without values is a
+    switch. At the end of what a value is called, ? and * and + say how often it may be there, as in
+    `argparse`, and ! that it has to be; an option whose value is called `NAME=...` may be given
+    several times. A line such as `[scene]` begins a group, and words such as `<scene>` stand for
+    what commands share.
 
     Args:
         parser: Where.
-        declared: Its name and, separated by spaces, what its values are called; an option without
-            is a switch, unless `more` says what it takes.
-        text: For people.
-        kind: Makes a value of a text; by what it is called in `_KINDS` unless given.
-        **more: As of `ArgumentParser.add_argument`.
+        text: The lines.
+        **kinds: By the arguments' names, what makes a value of a text, or all values there are;
+            those of `_KINDS` unless given.
     """
+    shared, lines = _shared(), []
+    text = re.sub("<([a-z!-]+)>", lambda found: shared[found[1]], text)
+    for line in filter(None, map(str.strip, text.splitlines())):
+        if line.startswith(("--", "[")) or "  " in line:
+            lines.append(line)
+        else:
+            lines[-1] += f" {line}"
+    place = parser
+    for line in lines:
+        if line.startswith("["):
+            place = parser.add_argument_group(line.strip("[]"))
+        else:
+            _declare_one(place, line, _KINDS | kinds)
+
+
+def _declare_one(parser: Parsers, line: str, kinds: Mapping[str, Any]) -> None:
+    declared, _, about = (part.strip() for part in line.partition("  "))
+    declared, _, default = declared.removesuffix(")").partition(" (")
     name, *called = declared.split()
-    if called:
-        kind = kind or _KINDS.get(called[0])
-        more = {"metavar": called[0] if len(called) == 1 else tuple(called), "type": kind} | more
-        more |= {"nargs": len(called)} if len(called) > 1 else {}
-    elif not more:
-        more = {"action": "store_true"}
-    elif kind is not None:
-        more["type"] = kind
-    parser.add_argument(name, help=text, **more)
+    if not called:
+        parser.add_argument(name, action="store_true", help=about)
+        return
+    mark = called[-1][-1]
+    called[-1] = called[-1].rstrip("?*+!")
+    kind = kinds.get(name.lstrip("-").replace("-", "_")) or kinds.get(called[0], str)
+    how: dict[str, Any] = {"type": kind, "metavar": called[0]}
+    if isinstance(kind, Collection):
+        how |= {"type": type(next(iter(kind))), "choices": tuple(kind)}
+    if called[0].startswith("NAME="):
+        how |= {"action": "append", "default": []}
+    if len(called) > 1:
+        how |= {"metavar": tuple(called), "nargs": len(called)}
+    elif mark in "?*+":
+        how["nargs"] = mark
+    elif mark == "!":
+        how["required"] = True
+    if default:
+        values = [how["type"](value) for value in default.split()]
+        how["default"] = values if "nargs" in how else values[0]
+        if "default:" not in about:
+            about = "; ".join(filter(None, (about, f"default: {default}")))
+    parser.add_argument(name, help=about, **how)
+    if earlier := _RENAMED.get(name):
+        hidden = {"help": SUPPRESS, "default": SUPPRESS}
+        parser.add_argument(earlier, dest=name[2:], action=_Renamed, **hidden)
+
+
+class _Renamed(Action):
+    """Takes an option by its earlier name, and says how it is called now."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option: Any = None) -> None:
+        print(f"softrobot: warning: {option} is --{self.dest} now", file=sys.stderr)
+        setattr(namespace, self.dest, values)
 
 
 def flags(args: Namespace, names: Iterable[str]) -> str:
@@ -117,32 +120,85 @@ def flags(args: Namespace, names: Iterable[str]) -> str:
     return ", ".join(f"--{name.replace('_', '-')}" for name in given)
 
 
-def add_scene(parser: ArgumentParser) -> None:
-    """Discretisation and integration, as `SceneConfig` has them."""
-    group = parser.add_argument_group("scene")
-    period = "default: the policy's own where it has one, else 0.01 s, of the rig 0.02 s"
-    share = f"{DEFAULT_SHARE}".replace("%", "%%")
-    add(group, "--control-period S", period)
-    add(group, "--pieces PIECES", "pieces of the robot; default: the robot's own", int)
-    add(group, "--rule RULE", f"hinge rule out of {', '.join(RULES)}; default: {DEFAULT_RULE}")
-    add(group, "--timestep S", "default: by rule")
-    add(
-        group,
-        "--accuracy A",
-        "wanted accuracy in time of any point of the robot: m, or a share of its length; default: "
-        + share,
-    )
-    add(group, "--integrator INTEGRATOR", f"out of {', '.join(INTEGRATORS)}; default: by rule")
+def _shared() -> dict[str, str]:
+    """Arguments that several commands have, and names in registries, which ask for plug-ins."""
+    robot = f"a robot file (*.toml), or a robot out of {', '.join(ROBOTS)};"
+    options = {name: tasks for name, tasks in with_option(EVERY_TASK).items() if tasks}
+    return {
+        "robot": f"--robot ROBOT  {robot}",
+        "robot!": f"--robot ROBOT!  {robot}",
+        "feedback": f"""
+            --feedback FEEDBACK ({FEEDBACKS[0]})  what policies measure: the full state; or tip and
+            curvatures with an observer for the rates; or curvature sensors alone, calibrated by
+            `softrobot train sensors`; out of %(choices)s
+            --sensors FILE  calibration for --feedback sensors; default: beside the robot's file, or
+            where policies look, that of the rig's twin 0
+        """,
+        "grippers": ", ".join(GRIPPERS),
+        "identified": """
+            --identified FILE  identified parameters that policies of the rig act on, a file of
+            `softrobot train rig_nn --twin SEED`; default: the one shipped, of twin 0, whichever rig
+            is driven
+        """,
+        "no-plots": "--no-plots  skip the plots",
+        "overwrite": "--overwrite  replace what is there of an earlier run",
+        "options": "; ".join(f"{name} of {', '.join(tasks)}" for name, tasks in options.items()),
+        "plant": f"""
+            --plant PLANT ({MUJOCO})  what is simulated: MuJoCo's chain or a beam model, out of
+            %(choices)s
+        """,
+        "policies": "; ".join(
+            f"of the {own.robot.name}: {', '.join(own.policies)}; default: {own.policy}"
+            for own in ENTRIES.values()
+            if own.policies
+        ),
+        "port": "--port PORT  serial port; default: the robot file's",
+        "scene": f"""
+            [scene]
+            --control-period S  default: the policy's own where it has one, else 0.01 s, of the rig
+            0.02 s
+            --pieces PIECES  pieces of the robot; default: the robot's own
+            --rule RULE  hinge rule out of {", ".join(RULES)}; default: {DEFAULT_RULE}
+            --timestep S  default: by rule
+            --accuracy A  wanted accuracy in time of any point of the robot: m, or a share of its
+            length; default: {str(DEFAULT_SHARE).replace("%", "%%")}
+            --integrator INTEGRATOR  out of {", ".join(INTEGRATORS)}; default: by rule
+        """,
+        "task": f"""
+            --task TASK  {_task_help()}; default: swing of the arm, circle of --robot
+            --option NAME=VALUE  an option of the task, in SI units, out of
+            {", ".join(options)}
+            --step-width M  as --option step_width=...
+        """,
+        "twin": f"--twin SEED|{_NO_TWIN}  {_TWIN}",
+        "twins": f"--twin TWIN+  {_TWIN}",
+        "variations": ", ".join(VARIATIONS),
+        "workers": """
+            --workers N|ray[:ADDRESS]  run jobs in N processes, or on a Ray cluster: one started
+            here, or the one at HOST:PORT or auto""",
+    }
 
 
-def add_workers(parser: Parsers, note: str = "") -> None:
-    """--workers, for `processes.using`; None unless given."""
-    add(
-        parser,
-        "--workers N|ray[:ADDRESS]",
-        "run jobs in N processes, or on a Ray cluster: one started here, or the one at HOST:PORT "
-        f"or auto{note}",
-        of_text(parsed_workers),
+_TWIN = """the rig that is simulated: seed of a digital twin, a rig with errors of manufacturing,
+    servos and camera that no policy knows, or none for an ideal one without them, which stands
+    where the one-piece model of the policies says; default: 0
+"""
+
+
+def command(
+    example: str, text: str, run: Callable[[Namespace], int], **kinds: Any
+) -> SimpleNamespace:
+    """A command, see `registry.Command`, with arguments as `declare` has them."""
+    return SimpleNamespace(EXAMPLE=example, ARGUMENTS=text, KINDS=kinds, run=run)
+
+
+def _task_help() -> str:
+    """What --task can be, for people."""
+    own = {name: ", ".join(tasks_of(robot).own()) for name, robot in ROBOTS.items()}
+    named = "".join(f"of the {name}: {tasks}; " for name, tasks in own.items() if tasks)
+    return (
+        f"{named}of any --robot: {', '.join(GENERIC_TASKS.registered())}; or one's own, "
+        "package.module:name or file.py:name"
     )
 
 
@@ -158,29 +214,17 @@ def of_text(make: Callable[[str], Any]) -> Callable[[str], Any]:
     return convert
 
 
-#: Arguments of `add_scene`.
+#: Arguments of a scene.
 SCENE = ("control_period", "pieces", "rule", "timestep", "integrator", "accuracy")
 
 
 def scene_options(args: Namespace) -> dict[str, object]:
-    """Keyword arguments of an environment from `add_scene`."""
+    """Keyword arguments of an environment from arguments of a scene."""
     return {name: getattr(args, name) for name in SCENE if getattr(args, name) is not None}
 
 
-def add_robot(parser: Parsers, note: str, **more: Any) -> None:
-    """--robot, for `find_robot`; None unless given."""
-    known = f"a robot file (*.toml), or a robot out of {', '.join(ROBOTS)}; {note}"
-    add(parser, "--robot ROBOT", known, **more)
-
-
-def add_plant(parser: Parsers) -> None:
-    """--plant."""
-    text = "what is simulated: MuJoCo's chain or a beam model; default: mujoco"
-    add(parser, "--plant", text, choices=PLANTS, default=MUJOCO)
-
-
 def plant_options(args: Namespace, policy: str, robot: RobotParams) -> dict[str, object]:
-    """Keyword arguments of an environment for a policy of a robot, of `add_scene`, `add_plant`.
+    """Keyword arguments of an environment for a policy of a robot, from those of scene and plant.
 
     Raises:
         ValueError: An option of the MuJoCo chain together with a beam model.
@@ -192,65 +236,6 @@ def plant_options(args: Namespace, policy: str, robot: RobotParams) -> dict[str,
         raise ValueError(f"{foreign}: only with --plant {MUJOCO}")
     given["plant"] = BeamPlant(args.plant, given.pop("pieces", None))
     return own | given
-
-
-def add_feedback(parser: Parsers) -> None:
-    """--feedback."""
-    add(
-        parser,
-        "--feedback",
-        "what policies measure: the full state; or tip and curvatures with an observer for the "
-        "rates; or curvature sensors alone, calibrated by `softrobot train sensors`; default: "
-        "state",
-        choices=FEEDBACKS,
-        default=FEEDBACKS[0],
-    )
-    add(
-        parser,
-        "--sensors FILE",
-        "calibration for --feedback sensors; default: beside the robot's file, or where policies "
-        "look, that of the rig's twin 0",
-    )
-
-
-def add_twin(parser: Parsers, nargs: int | str = 1) -> None:
-    """--twin, a list of one seed or of several; None unless given."""
-    add(
-        parser,
-        "--twin SEED",
-        "the rig that is simulated: seed of a digital twin, a rig with errors of manufacturing, "
-        f"servos and camera that no policy knows, or {_NO_TWIN} for an ideal one without them, "
-        "which stands where the one-piece model of the policies says; default: 0",
-        twin,
-        nargs=nargs,
-    )
-
-
-def add_identified(parser: Parsers) -> None:
-    """--identified FILE, None unless given."""
-    add(
-        parser,
-        "--identified FILE",
-        "identified parameters that policies of the rig act on, a file of `softrobot train rig_nn "
-        "--twin SEED`; default: the one shipped, of twin 0, whichever rig is driven",
-    )
-    parser.add_argument(
-        "--learnt", dest="identified", help=SUPPRESS, default=SUPPRESS, action=_Renamed
-    )
-
-
-class _Renamed(Action):
-    """Takes an option by its earlier name, and says how it is called now."""
-
-    def __call__(self, parser: Any, namespace: Any, values: Any, option: Any = None) -> None:
-        print(f"softrobot: warning: {option} is --{self.dest} now", file=sys.stderr)
-        setattr(namespace, self.dest, values)
-
-
-def add_line(parser: Parsers, robot_file: str) -> None:
-    """--robot-file, and --port in its place."""
-    add(parser, "--robot-file FILE", robot_file)
-    add(parser, "--port PORT", "serial port; default: the robot file's", str)
 
 
 #: Arguments that no job depends on.
@@ -281,44 +266,41 @@ def _files_among(given: Iterable[Any]) -> set[Path]:
     return found
 
 
+def number(
+    what: str, allowed: Callable[[Any], bool], make: Callable[[str], Any] = float
+) -> Callable[[str], Any]:
+    """What makes an allowed number of a text, and refuses any other as not `what`."""
+
+    def convert(text: str) -> Any:
+        try:
+            value = make(text)
+        except ValueError:
+            value = nan
+        if not allowed(value):
+            raise ArgumentTypeError(f"{text!r} is not {what}")
+        return value
+
+    return convert
+
+
+positive = number("a positive number", lambda value: 0 < value < inf)
+not_negative = number("a number of zero or more", lambda value: 0 <= value < inf)
+whole = number("a whole number, 1 or more", lambda value: value >= 1, int)
+size = number("a whole number of pixels", lambda value: value >= 1, int)
+port = number(f"a port from 1 to {LAST_PORT}", lambda value: 1 <= value <= LAST_PORT, int)
+seed = number("a whole number of zero or more", lambda value: value >= 0, int)
+
 #: The ideal rig, among the seeds of twins.
 _NO_TWIN = "none"
 
-
-def positive(text: str) -> float:
-    """A positive number."""
-    return number(text, lambda value: 0 < value < inf, "a positive number")
-
-
-def whole(text: str, what: str = "a whole number, 1 or more") -> int:
-    """A whole number, 1 or more."""
-    return int(number(text, lambda v: v >= 1 and v == int(v), what))
-
-
-def size(text: str) -> int:
-    """A number of pixels."""
-    return whole(text, "a whole number of pixels")
-
-
-def port(text: str) -> int:
-    """Number of a port that something can be sent to."""
-    if not text.isdecimal() or not 1 <= int(text) <= LAST_PORT:
-        raise ArgumentTypeError(f"must be from 1 to {LAST_PORT}, not {text}")
-    return int(text)
+_seed_of_twin = number(
+    f"a seed, a whole number of zero or more, or {_NO_TWIN}", lambda value: value >= 0, int
+)
 
 
 def twin(text: str) -> int | None:
     """Seed of a twin, None for an ideal rig."""
-    if text == _NO_TWIN:
-        return None
-    return seed(text, f"a seed, a whole number of zero or more, or {_NO_TWIN}")
-
-
-def seed(text: str, what: str = "a whole number of zero or more") -> int:
-    """A whole number, zero or more."""
-    if not text.isdecimal():
-        raise ArgumentTypeError(f"{text!r} is not {what}")
-    return int(text)
+    return None if text == _NO_TWIN else _seed_of_twin(text)
 
 
 def seeds(text: str) -> tuple[int, ...]:
@@ -329,17 +311,6 @@ def seeds(text: str) -> tuple[int, ...]:
     if not chosen:
         raise ArgumentTypeError(f"{text!r} is not FIRST..LAST or A,B,...")
     return chosen
-
-
-def number(text: str, allowed: Callable[[float], bool], what: str) -> float:
-    """A number that is allowed; any other is refused as not `what`."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = nan
-    if not allowed(value):
-        raise ArgumentTypeError(f"{text!r} is not {what}")
-    return value
 
 
 def variation(text: str) -> tuple[str, list[float]]:
@@ -357,9 +328,17 @@ def named_values(text: str, known: Iterable[str] | None = None) -> tuple[str, li
     return name, values.split(",")
 
 
+def option(text: str) -> tuple[str, list[float]]:
+    """`name=1,2,3` as the name of an option of tasks and its values."""
+    name, values = named_values(text)
+    a_number = number("a number", isfinite)
+    # What is written as a whole number stays one.
+    return name, [int(value) if value.isdecimal() else a_number(value) for value in values]
+
+
 def _varied(name: str, text: str) -> float:
     what = f"a factor on {name}" if VARIATIONS[name].is_factor else f"a value of {name}"
-    value = number(text, isfinite, what)
+    value = number(what, isfinite)(text)
     try:
         return VARIATIONS[name].check(value)
     except ValueError as error:
@@ -376,6 +355,17 @@ def policy(text: str) -> str:
     return text
 
 
+def task_name(text: str) -> str:
+    """A task's name, or the path of one's own."""
+    if not is_path(text) and text not in known_tasks():
+        known = ", ".join(known_tasks())
+        raise ArgumentTypeError(
+            f"unknown task {text!r}; choose from {known}, or give package.module:name or "
+            "file.py:name"
+        )
+    return text
+
+
 def or_all(convert: Callable[[str], str]) -> Callable[[str], str]:
     """Converter that accepts "all" as well."""
     return lambda text: text if text == "all" else convert(text)
@@ -386,6 +376,28 @@ def expand_all(names: list[str], known: list[str]) -> list[str]:
     return list(known) if "all" in names else list(dict.fromkeys(names))
 
 
-#: What values are, by what they are called.
-_KINDS = {"S": positive, "SEED": seed, "POLICY": policy}
-_KINDS |= dict.fromkeys(("FILE", "DIR", "PATH", "TOML"), Path)
+#: What values are, by the argument's name or by what they are called.
+_KINDS = {
+    "policies": or_all(policy),
+    "tasks": or_all(task_name),
+    "A,B": lambda text: tuple(map(str.strip, text.split(","))),
+    "A..B|A,B": seeds,
+    "ENV": ENVIRONMENTS,
+    "FEEDBACK": FEEDBACKS,
+    "N": seed,
+    "N|ray[:ADDRESS]": of_text(parsed_workers),
+    "PLANT": PLANTS,
+    "POLICY": policy,
+    "SEED": seed,
+    "SEED|none": lambda text: [twin(text)],
+    "TASK": task_name,
+    "TWIN": twin,
+    "V1,V2": lambda text: [positive(part) for part in text.split(",")],
+    "W": size,
+    "X": float,
+    **dict.fromkeys(("option", "NAME=VALUE"), option),
+    **dict.fromkeys(("randomize", "vary"), variation),
+    **dict.fromkeys(("FILE", "DIR", "PATH", "TOML"), Path),
+    **dict.fromkeys(("FPS", "KG", "M", "S"), positive),
+    **dict.fromkeys(("LEVELS", "PIECES", "POINTS", "STEPS"), int),
+}

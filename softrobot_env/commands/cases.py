@@ -1,28 +1,368 @@
-"""The robots and the episodes that commands are asked for."""
+"""The robots, tasks and episodes that commands are asked for, as their arguments describe them."""
 
 import itertools
 from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
 
+import gymnasium
 import numpy as np
 
-from softrobot_env.control.registry import EVERY_POLICY, POLICIES, installed_policies, policy_name
-from softrobot_env.envs.disturbances import rounded
+from softrobot_env.beams.registry import MUJOCO
+from softrobot_env.control.registry import (
+    EVERY_POLICY,
+    FEEDBACKS,
+    POLICIES,
+    SENSORS,
+    incompatibility,
+    installed_policies,
+    policy_environment,
+    policy_name,
+)
+from softrobot_env.control.sensed import load_reconstruction
+from softrobot_env.core.records import placed
+from softrobot_env.core.registry import load
+from softrobot_env.envs.disturbances import periods, rounded
 from softrobot_env.envs.randomization import Randomization
-from softrobot_env.evaluation.runner import Case
-from softrobot_env.robots import VARIATIONS, default_robot, entry_of
-from softrobot_env.tasks import Task, find_maker, make_task, tasks_of
+from softrobot_env.envs.tracking import DEFAULT_PERIOD
+from softrobot_env.evaluation.report import REAL, VIRTUAL
+from softrobot_env.evaluation.runner import Case, acts_on_identified
+from softrobot_env.hardware.robot_file import RobotFile
+from softrobot_env.hardware.transport import Transport
+from softrobot_env.robots import (
+    ENTRIES,
+    VARIATIONS,
+    RobotEntry,
+    RobotParams,
+    default_robot,
+    entry_of,
+    find_robot,
+)
+from softrobot_env.tasks import (
+    EVERY_TASK,
+    Maker,
+    Task,
+    defaults,
+    find_maker,
+    make_task,
+    tasks_of,
+    with_option,
+)
 
-from . import setups
-from .arguments import expand_all, flags
-from .setups import Setup
+from .arguments import SCENE, SIMULATED, expand_all, flags, plant_options
+from .robot.link import opened, robot_of
+
+#: Duration [s] of step responses: the thesis' 25 s lets slow policies settle.
+STEP_DURATION = 25.0
 
 #: Step widths [m] of tasks that have one, unless given (thesis Tabs. 6.2 to 6.4).
 STEP_WIDTHS = (0.05, 0.1, 0.2)
 
 #: Robots sampled from --randomize unless given, and at most.
 _DRAWS, _MOST_DRAWS = 5, 100_000
+
+#: What arguments are that a command does not have.
+_GIVEN = ("robot", "twin", "identified", "sensors", "duration")
+_UNLESS_GIVEN = dict.fromkeys((*SCENE, *_GIVEN))
+_UNLESS_GIVEN |= {"plant": MUJOCO, "feedback": FEEDBACKS[0]}
+
+
+def period_of(case: Case) -> float:
+    """Control period [s] of the environment of a case."""
+    usual = entry_of(case.task.robot).control_period or DEFAULT_PERIOD
+    return case.scene.get("control_period", usual)
+
+
+def families() -> dict[RobotParams, tuple[str, ...]]:
+    """The policies that were made for a robot: those that it is given unless --robot names it."""
+    return {entry.robot: entry.policies for entry in ENTRIES.values() if entry.policies}
+
+
+def with_twins() -> list[RobotParams]:
+    """The robots that are simulated with the errors of a twin."""
+    return [entry.robot for entry in ENTRIES.values() if entry.twin is not None]
+
+
+class Setup:
+    """Simulated robots, as the arguments of a command describe them.
+
+    Which arguments apply is up to the robot of each task.
+
+    Attributes:
+        robot: That of --robot, for which all tasks are; None where each task has its own.
+    """
+
+    def __init__(self, args: Namespace) -> None:
+        """Read --robot.
+
+        Raises:
+            ValueError, OSError: As `find_robot`.
+        """
+        self._args = args = Namespace(**_UNLESS_GIVEN | vars(args))
+        self.robot = None if args.robot is None else find_robot(args.robot)
+        self._read: dict[RobotParams, Any] = {}
+
+    def default_policy(self, task: Task) -> str:
+        """The policy to show on a task."""
+        name = entry_of(task.robot).policy
+        return name if self.incompatibility(name, task) is None else RobotEntry.policy
+
+    def incompatibility(self, policy: str, task: Task) -> str | None:
+        """Why a policy is not for a task's robot, or its reference; None where it is.
+
+        Raises:
+            ValueError: There is no such policy.
+        """
+        robot, entry = task.robot, entry_of(task.robot)
+        if entry.axes is not None and policy in entry.policies and len(task.axes) > 2:
+            own = ", ".join(tasks_of(robot).own())
+            return f"policy {policy!r} follows x and y alone, as {own} have them"
+        own = policy_environment(policy, robot).get("control_period")
+        given = self._args.control_period
+        if None not in (own, given) and abs(round(own / given) * given - own) > 1e-9:
+            return f"{policy} needs a control_period that divides {own:g} s, not {given:g} s"
+        made_for = {} if self.robot is not None else families()
+        for owner, family in made_for.items():
+            if policy in family and robot in made_for:
+                return None if owner == robot else f"policy {policy!r} is for robot {owner.name!r}"
+        return incompatibility(policy, robot)
+
+    def twins(self, robot: RobotParams) -> list[int | None]:
+        """Twins of a robot to run every case on, None for the robot as it should be."""
+        usual = entry_of(robot).twin
+        if usual is None:
+            return [None]
+        return [usual] if self._args.twin is None else list(dict.fromkeys(self._args.twin))
+
+    def complete(self, case: Case) -> Case:
+        """A case of task, policy, variation and twin with all else that the arguments say of it.
+
+        Step responses are long. Reads the file of identified parameters for policies that act on
+        them.
+
+        Raises:
+            ValueError, FileNotFoundError: An argument that does not fit; the message says why.
+        """
+        args, robot = self._args, case.task.robot
+        step = STEP_DURATION if case.task.step_width is not None else None
+        measured = robot.drive.kind == "tension" or args.feedback == SENSORS
+        identified = acts_on_identified(case.policy, robot)
+        return replace(
+            case,
+            plant=args.plant,
+            feedback=args.feedback if measured else None,
+            sensors=args.sensors,
+            duration=args.duration or step,
+            scene=plant_options(args, case.policy, robot),
+            identified=self._identified(robot) if identified else None,
+        )
+
+    def check(self, cases: list[Case]) -> None:
+        """Refuse what an environment would refuse in a later episode, and what no case uses.
+
+        Raises:
+            ValueError: The message names what is allowed.
+        """
+        self._check_twins([case for case in cases if case.task.robot in with_twins()])
+        self._check_feedback(cases)
+        for case in cases:
+            if case.plant != MUJOCO and "tendon_friction" in case.variation:
+                raise ValueError(f"tendon_friction: only with --plant {MUJOCO}")
+            with placed(case.policy):
+                periods(case.variation.get("delay", 0.0), period_of(case))
+        self._try_out(cases)
+
+    def _check_feedback(self, cases: list[Case]) -> None:
+        """Refuse feedback that a robot does not have."""
+        feedback, file = self._args.feedback, self._args.sensors
+        if feedback != SENSORS and file is not None:
+            raise ValueError(f"--sensors: only with --feedback {SENSORS}")
+        for robot in {case.task.robot for case in cases} if feedback == SENSORS else ():
+            load_reconstruction(robot, file)
+        for case in cases:
+            if feedback == "output" and case.task.robot.drive.kind != "tension":
+                raise ValueError(
+                    "--feedback output: only with robots driven by tension, not with "
+                    f"{case.task.robot.name!r}"
+                )
+            shipped = entry_of(case.task.robot).twin
+            if feedback == SENSORS and file is None and case.twin not in (None, shipped):
+                raise ValueError(
+                    f"--feedback {SENSORS}: the calibration that comes with the package is of twin "
+                    f"{shipped}; make one by `softrobot train sensors --robot "
+                    f"{case.task.robot.name} --twin {case.twin} --out DIR` and give it by --sensors"
+                )
+
+    def _check_twins(self, cases: list[Case]) -> None:
+        """Refuse arguments of robots with twins that no case uses."""
+        given = flags(self._args, ("twin", "identified"))
+        if not cases and given:
+            tasks = "; ".join(f"{r.name}, {', '.join(tasks_of(r).own())}" for r in with_twins())
+            raise ValueError(f"{given}: only with tasks of the {tasks}")
+        unused = self._args.identified is not None and not any(case.identified for case in cases)
+        if cases and unused:
+            robot = cases[0].task.robot
+            able = [name for name in entry_of(robot).policies if acts_on_identified(name, robot)]
+            raise ValueError(f"--identified: only with the policies {', '.join(able)}")
+
+    def _try_out(self, cases: list[Case]) -> None:
+        """Environments refuse references that are too fast or too far, and variations."""
+        tried = {}
+        for case in cases:
+            tried[case.task, case.twin, case.plant, tuple(case.variation.items())] = case
+        for case in tried.values():
+            env = self.environment(case)
+            if case.variation:
+                env.reset(options=case.reset_options)
+
+    def environment(self, case: Case, **drawing: Any) -> gymnasium.Env:
+        """Environment for a case, with all observables; `drawing` is how to render."""
+        return case.environment(**drawing)
+
+    def _identified(self, robot: RobotParams) -> Any:
+        """Identified parameters of a robot, of --identified or those that come with the package.
+
+        Raises:
+            FileNotFoundError: No such file.
+            ValueError: It cannot be used, see `RobotEntry.identified`.
+        """
+        if robot not in self._read:
+            self._read[robot] = load(entry_of(robot).identified)(robot, self._args.identified)
+        return self._read[robot]
+
+
+#: Options of a task by name.
+Options = dict[str, float]
+
+#: Values given for options of tasks.
+Given = dict[str, list[float]]
+
+
+def products(values: Mapping[str, Iterable[Any]]) -> list[dict[str, Any]]:
+    """Every choice of one of the values of each name."""
+    chosen = itertools.product(*values.values())
+    return [dict(zip(values, one, strict=True)) for one in chosen]
+
+
+def combinations(make: Maker, given: Given) -> list[Options]:
+    """Options of a task in every combination of the values given for them."""
+    values = {}
+    for option, default in defaults(make).items():
+        found = given.get(option, [default])
+        if isinstance(default, float):  # seeds stay whole
+            found = map(float, found)
+        values[option] = dict.fromkeys(found)
+    return products(values)
+
+
+def check_used(given: Given, makers: Mapping[str, Maker], robot: RobotParams | None) -> None:
+    """Refuse options that none of the tasks has.
+
+    Raises:
+        ValueError: The message names the tasks that have the option, or else all options.
+    """
+    here = with_option(makers)
+    known = here | (with_option(EVERY_TASK) if robot is None else with_option(tasks_of(robot)))
+    for name in given:
+        if here.get(name):
+            continue
+        if not known.get(name):
+            able = ", ".join(filter(known.get, known))
+            raise ValueError(f"no task has the option {name!r}; choose from {able}")
+        raise ValueError(f"{name} is an option of {', '.join(known[name])} only")
+
+
+def merge(pairs: list[tuple[str, list[float]]]) -> Given:
+    """Values by name; those of a name given twice add up."""
+    merged: Given = {}
+    for name, values in pairs:
+        merged[name] = list(dict.fromkeys([*merged.get(name, []), *values]))
+    return merged
+
+
+def one_task(args: Namespace, robot: RobotParams | None) -> Task:
+    """The task of `<task>`, for a robot unless it has its own.
+
+    Raises:
+        ValueError: An option of other tasks, several values of one, or one out of range.
+    """
+    width = [] if args.step_width is None else [("step_width", [args.step_width])]
+    given = merge([*args.option, *width])
+    name = args.task or entry_of(default_robot() if robot is None else robot).task
+    make = find_maker(name, robot)
+    check_used(given, {name: make}, robot)
+    options, *more = combinations(make, given)
+    if more:
+        raise ValueError("--option: only one value of each for one task")
+    return make_task(name, robot=robot, **options)
+
+
+#: Arguments of simulated robots alone -> their value unless given.
+_SIMULATED = {"vary": [], "randomize": [], "feedback": FEEDBACKS[0], "plant": MUJOCO}
+
+
+class RealSetup(Setup):
+    """A rig over a serial line; tasks of other robots are simulated."""
+
+    def __init__(self, args: Namespace) -> None:
+        """Arguments of `softrobot evaluate`."""
+        super().__init__(args)
+        self.plant, self._own = args.env, default_robot(on_a_line=True)
+
+    def twins(self, robot: RobotParams) -> list[int | None]:
+        """Seeds for virtual robots; a real one is what it is."""
+        return super().twins(robot) if self.plant == VIRTUAL else [None]
+
+    def complete(self, case: Case) -> Case:
+        """See `Setup`."""
+        case = super().complete(case)
+        return replace(case, plant=self.plant) if case.task.robot == self._own else case
+
+    def check(self, cases: list[Case]) -> None:
+        """Refuse what belongs to a virtual robot or to none, and unfit references."""
+        args = self._args
+        if not any(case.task.robot == self._own for case in cases):
+            raise ValueError(f"--env {self.plant}: only with tasks of the {self._own.name}")
+        if self.plant == REAL and args.twin is not None:
+            raise ValueError("--twin: only with simulated and virtual robots")
+        if self.plant == VIRTUAL and (args.robot_file is not None or args.port is not None):
+            raise ValueError("--robot-file, --port: only with --env real")
+        if self.plant == VIRTUAL and None in self.twins(self._own):
+            raise ValueError("--twin none: only with simulated robots")
+        foreign = [f"--{name}" for name, value in _SIMULATED.items() if vars(args)[name] != value]
+        if foreign:
+            raise ValueError(f"{', '.join(foreign)}: only with simulated robots")
+        super().check(cases)
+
+    def environment(self, case: Case, **drawing: Any) -> gymnasium.Env:
+        """Environment for a case; its `close` ends a virtual robot's process."""
+        if case.task.robot != self._own:
+            return super().environment(case, **drawing)
+        from softrobot_env.envs.real import RealRigEnv  # asks for plug-ins
+
+        from .robot.virtual import VirtualRigEnv
+
+        if self.plant == VIRTUAL:
+            return VirtualRigEnv(case.task, case.twin, partial(self._line, case), observe="all")
+        file = robot_of(self._args)
+        return RealRigEnv(case.task, robot_file=file, observe="all", line=self._line(case, file))
+
+    def _line(self, case: Case, file: RobotFile) -> Callable[[], Transport]:
+        """Opens the way to a robot, recorded where that is wanted."""
+        folder = self._args.record
+        return lambda: opened(file, None if folder is None else _free_name(folder, case))
+
+
+def _free_name(folder: Path, case: Case) -> Path:
+    """A file for a log that is not there yet."""
+    folder.mkdir(parents=True, exist_ok=True)
+    number = 1
+    while (path := folder / f"{case.task.name}_{case.policy}_{number}.link").exists():
+        number += 1
+    return path
 
 
 def make_setup(args: Namespace) -> Setup:
@@ -32,16 +372,15 @@ def make_setup(args: Namespace) -> Setup:
         ValueError: Arguments of a robot over a serial line for a simulated one, or --robot for one.
         ImportError: Packages of the extra `robot` are missing.
     """
-    env = getattr(args, "env", setups.SIMULATED)
-    if env != setups.SIMULATED:
-        from .robot.setup import RealSetup
-
-        if args.robot is not None:
-            raise ValueError(f"--robot: only with simulated robots, --env {env} has its rig")
-        return RealSetup(args)
-    if given := flags(args, ("robot_file", "port")):
-        raise ValueError(f"{given}: only with --env real or virtual")
-    return Setup(args)
+    if "env" not in args:
+        return Setup(args)
+    if args.env == SIMULATED:
+        if given := flags(args, ("robot_file", "port")):
+            raise ValueError(f"{given}: only with --env real or virtual")
+        return Setup(args)
+    if args.robot is not None:
+        raise ValueError(f"--robot: only with simulated robots, --env {args.env} has its rig")
+    return RealSetup(args)
 
 
 def make_cases(args: Namespace, setup: Setup) -> list[Case]:
@@ -56,11 +395,11 @@ def make_cases(args: Namespace, setup: Setup) -> list[Case]:
     makers = {name: find_maker(name, setup.robot) for name in expand_all(args.tasks, every)}
     short = {"step_width": args.step_widths, "speed": args.speeds, "seed": args.path_seeds}
     short = ((name, values) for name, values in short.items() if values)
-    given = setups.merge([*args.option, *short])
-    setups.check_used(given, makers, setup.robot)
+    given = merge([*args.option, *short])
+    check_used(given, makers, setup.robot)
     wanted = {"step_width": list(STEP_WIDTHS)} | given
     tasks = {
-        name: [make_task(name, robot=setup.robot, **o) for o in setups.combinations(make, wanted)]
+        name: [make_task(name, robot=setup.robot, **o) for o in combinations(make, wanted)]
         for name, make in makers.items()
     }
     _check_names(args.policies)
@@ -82,12 +421,12 @@ def _of_task(
             for twin, variation in conditions:
                 case = setup.complete(Case(task, policy, variation, twin))
                 if variation in sampled:
-                    case = replace(case, variation=rounded(variation, setups.period_of(case)))
+                    case = replace(case, variation=rounded(variation, period_of(case)))
                 yield case
 
 
 def one_case(args: Namespace, setup: Setup, twin: bool) -> Case:
-    """The episode of `add_task` and --policy, unless given the robot's usual one, to be shown.
+    """The episode to be shown: of `<task>`, with --policy or else the robot's usual one.
 
     Args:
         args: The arguments.
@@ -97,7 +436,7 @@ def one_case(args: Namespace, setup: Setup, twin: bool) -> Case:
     Raises:
         ValueError: A policy of another robot; nothing would be shown.
     """
-    task = setups.one_task(args, setup.robot)
+    task = one_task(args, setup.robot)
     name = args.policy or setup.default_policy(task)
     reason = setup.incompatibility(name, task)
     if reason is not None:
@@ -157,7 +496,7 @@ def _check_policies(names: list[str], tasks: list[Task], setup: Setup) -> None:
         )
         if None in [reason for _, reason in reasons]:
             continue
-        owners = [robot for robot, made in setups.families().items() if name in made]
+        owners = [robot for robot, made in families().items() if name in made]
         if setup.robot is None and owners:
             fits = ", ".join(tasks_of(owners[0]).own())
             raise ValueError(f"policy {name!r} is for the tasks {fits}")
@@ -167,10 +506,9 @@ def _check_policies(names: list[str], tasks: list[Task], setup: Setup) -> None:
 
 def _variations(given: list[tuple[str, list[float]]]) -> list[dict[str, float]]:
     """Every combination of what varies, without the values that change nothing."""
-    varied = setups.merge(given)
     return [
-        {n: v for n, v in zip(varied, values, strict=True) if v != VARIATIONS[n].neutral}
-        for values in itertools.product(*varied.values())
+        {name: value for name, value in chosen.items() if value != VARIATIONS[name].neutral}
+        for chosen in products(merge(given))
     ]
 
 

@@ -1,9 +1,11 @@
 """`softrobot evaluate`: policies on tasks, with table, report and plots."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections import Counter
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,23 +13,26 @@ from softrobot_env.core.extras import install_command
 from softrobot_env.core.files import write_text
 from softrobot_env.core.processes import using
 from softrobot_env.core.runs import KEPT, Kept, kept_rows, run_cases
-from softrobot_env.evaluation import report, runner
+from softrobot_env.evaluation import runner
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.report import (
     identified_label,
     option_columns,
     robot_label,
     variation_label,
+    write_json,
 )
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import EvaluatedRow
 from softrobot_env.hardware.errors import RobotError
 from softrobot_env.recordings import write_recording
-from softrobot_env.robots import VARIATIONS
+from softrobot_env.rendering import episodes
+from softrobot_env.rendering.plots import DRAWN, plot_task, redraw
+from softrobot_env.tasks import Task
 
-from . import arguments, output, setups
-from .arguments import SEVERAL, Parsers, add
-from .cases import left_out, make_cases, make_setup
+from . import output
+from .arguments import SIMULATED, study_of
+from .cases import Setup, left_out, make_cases, make_setup
 from .output import say
 
 EXAMPLE = """softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1.25,1.5
@@ -37,110 +42,51 @@ EXAMPLE = """softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1
   softrobot evaluate --robot my.toml --tasks circle my_tasks.py:lemniscate --policies all"""
 
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command, by what they are about."""
-    parser.usage = "softrobot evaluate [--tasks TASK ...] [--policies POLICY ...] [OPTION ...]"
-    arguments.add_robot(
-        parser, "all tasks are for it; default: the arm's and the rig's have theirs"
-    )
-    add(
-        parser,
-        "--tasks TASK",
-        "out of `softrobot list tasks`, or one's own, package.module:name or file.py:name; "
-        "default: all of --robot, of the arm step, swing, lshape",
-        arguments.or_all(setups.task_name),
-        nargs="+",
-        default=["all"],
-    )
-    add(
-        parser,
-        "--policies POLICY",
-        "out of `softrobot list policies`, or one's own as of tasks; default: all that fit a task",
-        arguments.or_all(arguments.policy),
-        nargs="+",
-        default=["all"],
-    )
-    add(parser, "--duration S", "default: the task's")
-    _add_options(parser.add_argument_group("options of tasks"))
-    _add_errors(parser.add_argument_group("other robots than the policies know"))
-    rig = parser.add_argument_group("the test rig")
-    arguments.add_twin(rig, "+")
-    arguments.add_identified(rig)
-    _add_real(parser.add_argument_group("rigs over a serial line"))
-    arguments.add_feedback(parser.add_argument_group("feedback"))
-    arguments.add_scene(parser)
-    arguments.add_plant(parser)
-    arguments.add_workers(
-        parser.add_argument_group("episodes side by side"),
-        ", and take up those that are done after a stop; decisions take longer than alone; "
-        "default: one after the other",
-    )
-    out = parser.add_argument_group("what is written")
-    output.add_out(out, "out/evaluate")
-    output.add_no_plots(out)
-    add(out, "--redraw", "run nothing: draw the plots that are there anew")
-    add(out, "--save-rollouts", "also write npz records")
+USAGE = "softrobot evaluate [--tasks TASK ...] [--policies POLICY ...] [OPTION ...]"
 
-
-def _add_errors(group: Parsers) -> None:
-    """--vary and --randomize."""
-    add(
-        group,
-        "--vary NAME=V1,V2",
-        f"values of one of {', '.join(VARIATIONS)}: in SI units or as factors; controllers keep "
-        "the nominal robot",
-        arguments.variation,
-        **SEVERAL,
-    )
-    add(
-        group,
-        "--randomize NAME=LOW,HIGH",
-        "ranges of the same quantities, of which --draws robots are sampled besides --vary; "
-        "every policy gets the same ones",
-        arguments.variation,
-        **SEVERAL,
-    )
-    add(group, "--draws N", "of --randomize; default: 5", arguments.seed)
-
-
-def _add_options(group: Parsers) -> None:
-    """--option, and short forms of some."""
-    known = "; ".join(
-        f"{name} of {', '.join(tasks)}" for name, tasks in setups.task_options().items()
-    )
-    values = f"values of an option of tasks, in SI units: {known}"
-    add(group, "--option NAME=V1,V2", values, setups.option, **SEVERAL)
-    widths = "as --option step_width=...; default: 0.05 0.1 0.2"
-    add(group, "--step-widths M", widths, arguments.positive, nargs="+")
-    add(
-        group,
-        "--speeds V1,V2",
-        "as --option speed=...; of circle, figure_eight, random the largest of the reference, "
-        "default: 0.1",
-        lambda text: [arguments.positive(part) for part in text.split(",")],
-    )
-    add(group, "--path-seeds N", "as --option seed=...; default: 0", int, nargs="+")
-
-
-def _add_real(group: Parsers) -> None:
-    """--env, and where a real robot is."""
-    add(
-        group,
-        "--env",
-        "tasks of the rig in simulation, on a virtual robot over a serial line in real time, or on "
-        f"a real one; default: {setups.SIMULATED}",
-        choices=setups.ENVIRONMENTS,
-        default=setups.SIMULATED,
-    )
-    arguments.add_line(
-        group, "of a real robot, see `softrobot robot calibrate`; default: the rig's"
-    )
-    add(
-        group,
-        "--record DIR",
-        "write commands and tip of every episode as a recording there, for `softrobot recording`; "
-        "and of a serial line all messages",
-    )
+ARGUMENTS = f"""
+    <robot> all tasks are for it; default: the arm's and the rig's have theirs
+    --tasks TASK+ (all)  out of `softrobot list tasks`, or one's own, package.module:name or
+        file.py:name; default: all of --robot, of the arm step, swing, lshape
+    --policies POLICY+ (all)  out of `softrobot list policies`, or one's own as of tasks;
+        default: all that fit a task
+    --duration S  default: the task's
+    <plant>
+    [options of tasks]
+    --option NAME=V1,V2  values of an option of tasks, in SI units: <options>
+    --step-widths M+  as --option step_width=...; default: 0.05 0.1 0.2
+    --speeds V1,V2  as --option speed=...; of circle, figure_eight, random the largest of the
+        reference, default: 0.1
+    --path-seeds N+  as --option seed=...; default: 0
+    [other robots than the policies know]
+    --vary NAME=V1,V2  values of one of <variations>: in SI units or as factors;
+        controllers keep the nominal robot
+    --randomize NAME=LOW,HIGH  ranges of the same quantities, of which --draws robots are
+        sampled besides --vary; every policy gets the same ones
+    --draws N  of --randomize; default: 5
+    [the test rig]
+    <twins>
+    <identified>
+    [rigs over a serial line]
+    --env ENV ({SIMULATED})  tasks of the rig in simulation (sim), on a virtual robot
+        over a serial line in real time, or on a real one; out of %(choices)s
+    --robot-file FILE  of a real robot, see `softrobot robot calibrate`; default: the rig's
+    <port>
+    --record DIR  write commands and tip of every episode as a recording there, for `softrobot
+        recording`; and of a serial line all messages
+    [feedback]
+    <feedback>
+    [episodes side by side]
+    <workers>, and take up those that are done after a stop; decisions take longer than alone;
+        default: one after the other
+    [what is written]
+    --out DIR (out/evaluate)
+    <overwrite>
+    <no-plots>
+    --redraw  run nothing: draw the plots that are there anew
+    --save-rollouts  also write npz records
+    <scene>
+"""
 
 
 class Result(NamedTuple):
@@ -153,6 +99,11 @@ class Result(NamedTuple):
     def group(self) -> str:
         """Task, and robot or rig, of the episodes that one plot compares."""
         return self.outcome.case.robot_label
+
+    @property
+    def varied(self) -> str:
+        """How the robot differs from the nominal one."""
+        return variation_label(self.row.columns())
 
 
 def _result(outcome: runner.Outcome) -> Result:
@@ -170,16 +121,11 @@ def _result(outcome: runner.Outcome) -> Result:
 
 def run(args: Namespace) -> int:
     """Run the command; 1 if any episode failed."""
-    if args.redraw:
-        return _redraw(args.out)
-    with output.new_results(args.out, args.overwrite):
-        return _evaluate(args)
+    return _redraw(args.out) if args.redraw else _evaluate(args)
 
 
 def _redraw(out: Path) -> int:
     """Plot an earlier run anew, of its files alone."""
-    from softrobot_env.rendering.plots import DRAWN, redraw
-
     with output.changed_results(out):
         files = sorted(out.glob(f"*{DRAWN}"))
         if not files:
@@ -190,13 +136,14 @@ def _redraw(out: Path) -> int:
     return 0
 
 
+@output.filling
 def _evaluate(args: Namespace) -> int:
     """Run all cases and write."""
     if args.record is not None:
         output.check_folder(args.record)
         output.check_free(*sorted(args.record.glob("*.csv")), overwrite=args.overwrite)
-    if args.workers is not None and args.env != setups.SIMULATED:
-        raise ValueError(f"--workers: only with --env {setups.SIMULATED}")
+    if args.workers is not None and args.env != SIMULATED:
+        raise ValueError(f"--workers: only with --env {SIMULATED}")
     setup = make_setup(args)
     cases = make_cases(args, setup)
     missing = left_out(args, cases)
@@ -206,7 +153,7 @@ def _evaluate(args: Namespace) -> int:
         results = _run_cases(cases, setup)
         _write(results, args)
     else:
-        with kept_rows(args.out / KEPT, *arguments.study_of(args)) as kept:
+        with kept_rows(args.out / KEPT, *study_of(args)) as kept:
             results = _run_side_by_side(cases, args, kept)
             if kept.taken:
                 say(f"Took up {kept.taken} episodes of an earlier run that was stopped")
@@ -214,26 +161,23 @@ def _evaluate(args: Namespace) -> int:
     return int(len(results) < len(cases) or any(result.row.failure for result in results))
 
 
-def _run_cases(cases: list[runner.Case], setup: setups.Setup) -> list[Result]:
+def _run_cases(cases: list[runner.Case], setup: Setup) -> list[Result]:
     """Results; those so far if a real robot does not go on."""
     results = []
     with output.progress_on("evaluate", len(cases)) as show:
-        for count, case in enumerate(cases):
-            duration = case.duration or case.task.duration
 
-            def tell(
-                now: float, case: runner.Case = case, begun: int = count, duration: float = duration
-            ) -> None:
-                show(case.label, begun + min(1.0, now / duration), len(cases))
+        def tell(begun: int, case: runner.Case, now: float) -> None:
+            lasts = case.duration or case.task.duration
+            show(case.label, begun + min(1.0, now / lasts), len(cases))
 
-            tell(0.0)
+        for begun, case in enumerate(cases):
+            tell(begun, case, 0.0)
             try:
                 with closing(setup.environment(case)) as env:
-                    results.append(_result(runner.run(case, env, progress=tell)))
+                    results.append(_result(runner.run(case, env, None, partial(tell, begun, case))))
             except RobotError as error:
                 say(f"Ended before {case.label}: {error}")
                 break
-            tell(duration)
     return results
 
 
@@ -265,26 +209,21 @@ def _run_side_by_side(cases: list[runner.Case], args: Namespace, kept: Kept) -> 
 def _write(results: list[Result], args: Namespace) -> None:
     """Reports, records and plots; the table first, so that it is there without matplotlib."""
     rows = [result.row.columns() for result in results]
-    report.write_json(args.out / "report.json", rows, args.command_line)
-    write_text(args.out / "report.md", report.markdown(rows, args.command_line))
+    write_json(args.out / "report.json", rows, args.command_line)
+    write_text(args.out / "report.md", episodes.markdown(rows, args.command_line))
     if args.save_rollouts:
         for result in results:
             result.outcome.rollout.save(args.out / f"{_file_stem(result)}.npz")
     if args.record is not None:
         _record(results, args.record)
         say(f"Wrote {len(results)} recordings to {args.record}", soft_wrap=True)
-    for table in report.tables(rows):
+    for table in episodes.tables(rows):
         say(table)
-    for note in report.notes(rows):
+    for note in episodes.notes(rows):
         say(note)
     say(f"Wrote {args.out}/report.json, report.md")
     if not args.no_plots:
-        try:
-            plotted = _plot(results, args.out)
-        except ImportError as error:  # the reports are complete without pictures
-            say(f"No plots: {error}", markup=False)
-        else:
-            say(f"Wrote plots to {args.out}" if plotted else "No plots: nothing to compare")
+        output.plotted(lambda: _plot(results, args.out))
 
 
 def _record(results: list[Result], folder: Path) -> None:
@@ -298,36 +237,34 @@ def _record(results: list[Result], folder: Path) -> None:
         write_recording(outcome.rollout.recording(outcome.case.task), folder / f"{name}.csv")
 
 
-def _plot(results: list[Result], out: Path) -> int:
-    """Compare policies on each task, and variations of each policy where there are several.
+def _plot(results: list[Result], out: Path) -> None:
+    """Plot what can be compared, and say so."""
+    found = list(_comparisons(results))
+    for rollouts, task, title, stem, varied in found:
+        plot_task(rollouts, task, title, out, stem, varied)
+    say(f"Wrote plots to {out}" if found else "No plots: nothing to compare")
+
+
+def _comparisons(
+    results: list[Result],
+) -> Iterator[tuple[dict[str, Rollout], Task, str, str, bool]]:
+    """Policies on each task, and variations of each policy where there are several.
 
     Policies are compared on the nominal robot, or on another one if no other was run.
-
-    Returns:
-        How many comparisons were plotted.
     """
-    from softrobot_env.rendering.plots import plot_task
-
-    plotted = 0
     for group in dict.fromkeys(result.group for result in results):
         same = [result for result in results if result.group == group]
         task, stem = same[0].outcome.case.task, _in_file_name(group)
-        robots = {variation_label(r.row.columns()): r.row.variation for r in same}
-        label = "" if "" in robots else next(iter(robots))
-        if label == "" or len(robots) == 1:
-            one = {
-                r.row.policy: r.outcome.rollout for r in same if r.row.variation == robots[label]
-            }
-            plot_task(one, task, ", ".join(filter(None, (group, label))), out, stem)
-            plotted += 1
-        for name in dict.fromkeys(r.row.policy for r in same):
-            mine = [r for r in same if r.row.policy == name]
-            varied = {robot_label(r.row.columns()) or "nominal": r.outcome.rollout for r in mine}
-            if len(varied) > 1:
-                title, file = f"{group}, {name}", f"{stem}_{name}_varied"
-                plot_task(varied, task, title, out, file, varied=True)
-                plotted += 1
-    return plotted
+        robots = {result.varied for result in same}
+        if "" in robots or len(robots) == 1:
+            label = "" if "" in robots else same[0].varied
+            one = {r.row.policy: r.outcome.rollout for r in same if r.varied == label}
+            yield one, task, ", ".join(filter(None, (group, label))), stem, False
+        for name in dict.fromkeys(result.row.policy for result in same):
+            mine = [result for result in same if result.row.policy == name]
+            several = {robot_label(r.row.columns()) or "nominal": r.outcome.rollout for r in mine}
+            if len(several) > 1:
+                yield several, task, f"{group}, {name}", f"{stem}_{name}_varied", True
 
 
 def _file_stem(result: Result) -> str:

@@ -1,20 +1,21 @@
 """`softrobot grip`: close a gripper on a bar, tell what comes of it, and write a video."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from numpy import ndarray
 
-from softrobot_env.robots import GRIPPERS, find_gripper
+from softrobot_env.control.gripper import ScriptedGrip, calibrated, senses
+from softrobot_env.envs.gripper import GripperEnv, VectorGripperEnv
+from softrobot_env.evaluation.run import Moment, play
+from softrobot_env.rendering.video import caption, check_suffix, explain, write_video
+from softrobot_env.robots import find_gripper
 from softrobot_env.scene.assembly import FINENESS
 from softrobot_env.tasks.gripper import GRIP_TASKS
 
-from .arguments import add, positive, size
-from .output import add_out, new_file, progress_on, say
-
-if TYPE_CHECKING:
-    from softrobot_env.evaluation.run import Moment
+from .arguments import positive
+from .output import new_file, progress_on, say
 
 EXAMPLE = """softrobot grip --task enclose --diameter 0.06 --tension 20 --out grip.gif
   softrobot grip --task hold --gripper my_gripper.toml --seed 3"""
@@ -25,29 +26,30 @@ _FIXED = ("diameter", "mass", "friction")
 _OWN = ("modulus", "arm", "sensor_errors", "specimen")
 
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command."""
-    add(parser, "--task", choices=tuple(GRIP_TASKS), default="hold")
-    known = f"a gripper file (*.toml), or one out of {', '.join(GRIPPERS)}; default: gripper"
-    add(parser, "--gripper GRIPPER", known, default="gripper")
-    add(parser, "--tension N", "of all tendons; default: 30", positive, default=30.0)
-    for name, unit in zip(_FIXED, ("M", "KG", "1"), strict=True):
-        add(parser, f"--{name} {unit}", "default: sampled", positive)
-    add(parser, "--seed SEED", "of what is sampled; default: 0", default=0)
-    add(parser, "--fineness", "default: quick", choices=tuple(FINENESS), default="quick")
-    add(parser, "--pieces PIECES", "of each finger; default: by fineness", int)
-    add(parser, "--timestep S", "default: by fineness")
-    add_out(parser, None, ".mp4 or .gif; default: no video", "FILE")
-    add(parser, "--fps FPS", "frames per second; default: 25", positive, default=25)
-    add(parser, "--size W H", None, size, default=(640, 480))
+ARGUMENTS = """
+    --task TASK (hold)  out of %(choices)s
+    --gripper GRIPPER (gripper)  a gripper file (*.toml), or one out of <grippers>
+    --tension N (30)  of all tendons
+    --diameter M  default: sampled
+    --mass KG  default: sampled
+    --friction 1  default: sampled
+    --seed SEED (0)  of what is sampled
+    --fineness FINENESS (quick)  out of %(choices)s
+    --pieces PIECES  of each finger; default: by fineness
+    --timestep S  default: by fineness
+    --out FILE  .mp4 or .gif; default: no video
+    <overwrite>
+    --fps FPS (25)  frames per second
+    --size W H (640 480)
+"""
+
+KINDS = {"task": GRIP_TASKS, "fineness": FINENESS, "tension": positive, "friction": positive}
 
 
 def run(args: Namespace) -> int:
     """Run the command."""
     if args.out is None:
         return _run(args)
-    from softrobot_env.rendering.video import check_suffix
-
     check_suffix(args.out)
     with new_file(args.out, args.overwrite):
         return _run(args)
@@ -55,10 +57,6 @@ def run(args: Namespace) -> int:
 
 def _run(args: Namespace) -> int:
     """Close the gripper, and show it if wanted."""
-    from softrobot_env.control.gripper import ScriptedGrip, senses
-    from softrobot_env.envs.gripper import GripperEnv
-    from softrobot_env.evaluation.run import play
-
     gripper = find_gripper(args.gripper)
     filmed = args.out is not None
     sensed = filmed and senses(gripper)
@@ -87,18 +85,13 @@ def _run(args: Namespace) -> int:
     env.close()
     say(_outcome(info))
     if filmed:
-        from softrobot_env.rendering.video import write_video
-
         count = write_video(args.out, pictures, args.fps)
         say(f"Wrote {args.out} ({count} frames)")
     return int("failure" in info)
 
 
-def _calibrated(how: dict[str, Any], start: "Moment", seed: int) -> Callable[[ndarray], ndarray]:
+def _calibrated(how: dict[str, Any], start: Moment, seed: int) -> Callable[[ndarray], ndarray]:
     """Function from readings to curvatures (pieces,) [1/m], of the gripper an episode has."""
-    from softrobot_env.control.gripper import calibrated
-    from softrobot_env.envs.gripper import VectorGripperEnv
-
     own = {name: start.info[name] for name in _OWN}
     found = calibrated(VectorGripperEnv(1, "enclose", **how), own, seed + 1)
     straight = start.observation["sensors"]
@@ -106,8 +99,6 @@ def _calibrated(how: dict[str, Any], start: "Moment", seed: int) -> Callable[[nd
 
 
 def _picture(env: Any, args: Namespace, info: dict[str, Any]) -> Any:
-    from softrobot_env.rendering.video import caption, explain
-
     picture = explain(env.render(), env.metres_per_pixel, float(env.gripper.tension_limits.max()))
     now = float(env.simulation.ctrl[0, 0])
     text = f"{1e3 * info['diameter']:.0f} mm, t = {info['time']:.2f} s, {now:.0f} N"

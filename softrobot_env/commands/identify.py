@@ -1,26 +1,25 @@
 """`softrobot identify`: find a robot's parameters in a recording of it."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.core.processes import chosen_processes, using
+from softrobot_env.identification.fit import report
+from softrobot_env.identification.fit.path import Identification, check_stages, identify, placed
+from softrobot_env.identification.fit.report import ErrorRow, chain_row, parameter_rows
+from softrobot_env.identification.replay import replay
 from softrobot_env.recordings import read_recording
+from softrobot_env.rendering.recordings import plot_identification
 from softrobot_env.robots import find_robot
 
 from . import output
-from .arguments import add, add_robot, add_workers
 from .output import say
-from .recording import add_file
-
-if TYPE_CHECKING:
-    from softrobot_env.identification.fit.path import Identification
-    from softrobot_env.identification.fit.report import ErrorRow
+from .recording import FILE_TEXT
 
 EXAMPLE = """softrobot identify train.csv --header assets/recordings/ftdcr_v4.toml --robot ftdcr_v4
   softrobot identify pulls.csv --robot my.toml --stages frame,tendons,statics"""
@@ -28,41 +27,25 @@ EXAMPLE = """softrobot identify train.csv --header assets/recordings/ftdcr_v4.to
 _STAGES = ("frame", "tendons", "geometry", "statics", "dynamics", "residual", "network")
 
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command."""
-    add_file(parser)
-    add_robot(parser, "as it is believed to be", required=True)
-    add(
-        parser,
-        "--stages A,B",
-        f"what to find, out of {','.join(_STAGES)}; the rest stays as the robot file says; "
-        "default: all",
-        lambda text: tuple(map(str.strip, text.split(","))),
-        default=_STAGES,
-    )
-    add(
-        parser,
-        "--known A,B",
-        "kinds of parameters that the robot file says exactly, such as mass,tendon_radius",
-        lambda text: tuple(text.split(",")),
-        default=(),
-    )
-    add(
-        parser,
-        "--any-turn",
-        "the recording's frame may be anywhere and turned in any way; about the robot's axis it "
-        "may be turned anyway where the columns' tendons are not known",
-    )
-    add(parser, "--no-validation", "skip the cross-validation, half of the time")
-    output.add_no_plots(parser)
-    add_workers(
-        parser,
-        "; those of the assignment, of further starts and of the cross-validation; default: two "
-        "processes, of the cross-validation alone",
-    )
-    output.add_out(parser, "out/identify")
+ARGUMENTS = f"""
+    {FILE_TEXT}
+    <robot!> as it is believed to be
+    --stages A,B ({",".join(_STAGES)})  what to find; the rest stays as the robot file says;
+        default: all, {",".join(_STAGES)}
+    --known A,B  kinds of parameters that the robot file says exactly, such as
+        mass,tendon_radius
+    --any-turn  the recording's frame may be anywhere and turned in any way; about the robot's
+        axis it may be turned anyway where the columns' tendons are not known
+    --no-validation  skip the cross-validation, half of the time
+    <no-plots>
+    <workers>; those of the assignment, of further starts and of the cross-validation;
+        default: two processes, of the cross-validation alone
+    --out DIR (out/identify)
+    <overwrite>
+"""
 
 
+@output.filling
 def run(args: Namespace) -> int:
     """Run the command.
 
@@ -70,25 +53,17 @@ def run(args: Namespace) -> int:
         FileExistsError: There are results already, and no --overwrite.
         ValueError: A recording or robot that nothing can be identified of; says why.
     """
-    # The last one keeps a cluster, which is then started, or connected to, once for all parts.
-    with output.new_results(args.out, args.overwrite), using(args.workers), chosen_processes():
-        return _identified(args)
-
-
-def _identified(args: Namespace) -> int:
-    from softrobot_env.identification.fit import report
-    from softrobot_env.identification.fit.path import check_stages, identify
-
     began = perf_counter()
     stages = check_stages(args.stages)
     robot = find_robot(args.robot)
     recording = read_recording(args.recording, args.header)
-    with output.progress_on("identify") as show:
+    # The last one keeps a cluster, which is then started, or connected to, once for all parts.
+    with output.progress_on("identify") as show, using(args.workers), chosen_processes():
         found = identify(
             recording,
             robot,
             stages,
-            known=args.known,
+            known=args.known or (),
             any_turn=args.any_turn,
             validate=not args.no_validation,
             show=show,
@@ -97,20 +72,14 @@ def _identified(args: Namespace) -> int:
     say(report.tables(found, chain, whole=False))
     files = report.write_files(found, args.out)
     tables, rows = report.tables(found, chain, whole=True), report.report_rows(found, chain)
-    output.write_report(args.out, rows, "Identification of a robot", tables, args.command_line)
-    wrote = ", ".join([*files, "report.json", "report.md"])
-    say(f"{perf_counter() - began:.0f} s. Wrote {wrote} to {args.out}", soft_wrap=True)
-    if not args.no_plots and output.plotted(lambda: _plot(found, args)):
-        say(f"Wrote plots to {args.out}")
+    say(f"{perf_counter() - began:.0f} s")
+    draw = partial(_plot, found, args)
+    output.write_report(args, rows, "Identification of a robot", tables, draw, files)
     return 0
 
 
-def _on_chain(found: "Identification", show: ProgressCallback) -> "ErrorRow | None":
+def _on_chain(found: Identification, show: ProgressCallback) -> ErrorRow | None:
     """Errors of the robot that was found, simulated by the MuJoCo chain."""
-    from softrobot_env.identification.fit.path import placed
-    from softrobot_env.identification.fit.report import chain_row
-    from softrobot_env.identification.replay import replay
-
     static = placed(found.recording, replace(found.header, static=True))
     tell = partial(show, "MuJoCo chain", total=len(static.times))
     tell(0)
@@ -118,10 +87,7 @@ def _on_chain(found: "Identification", show: ProgressCallback) -> "ErrorRow | No
     return None if np.isnan(error).all() else chain_row(error)
 
 
-def _plot(found: "Identification", args: Namespace) -> None:
-    from softrobot_env.identification.fit.report import parameter_rows
-    from softrobot_env.rendering.recordings import plot_identification
-
+def _plot(found: Identification, args: Namespace) -> None:
     errors = {"fitted": found.fit.simulated.error[:, -1]}
     for validation in found.validations:
         errors[f"cross-validated, {validation.scheme}"] = validation.error[:, -1]

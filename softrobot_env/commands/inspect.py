@@ -1,6 +1,6 @@
 """`softrobot inspect`: what a scene contains, what it leaves out, and what a step costs."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from dataclasses import replace
 from math import isinf
 from pathlib import Path
@@ -18,10 +18,9 @@ from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.inverse import sample_of, workspace_of
 from softrobot_env.scene.registry import scene_of
 
-from . import arguments
-from .arguments import add
-from .output import add_out, check_free, say
-from .setups import Setup, add_task, one_task
+from .arguments import scene_options
+from .cases import Setup, one_task
+from .output import check_free, say
 
 EXAMPLE = """softrobot inspect --task swing
   softrobot inspect --task triangle --twin 0
@@ -42,14 +41,15 @@ _OPTIONAL = {
 }
 
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command."""
-    add_task(parser)
-    arguments.add_robot(parser, "its own scene unless --task is given; default: the task's")
-    add(parser, "--workspace", "of --robot: draw where its tip rests")
-    add_out(parser, "out/inspect", "; of the picture")
-    arguments.add_twin(parser)
-    arguments.add_scene(parser)
+ARGUMENTS = """
+    <task>
+    <robot> its own scene unless --task is given; default: the task's
+    --workspace  of --robot: draw where its tip rests
+    --out DIR (out/inspect)  of the picture
+    <overwrite>
+    <twin>
+    <scene>
+"""
 
 
 def run(args: Namespace) -> int:
@@ -65,7 +65,7 @@ def _inspect_robot(args: Namespace) -> int:
     """Print the scene of a robot without a task."""
     if args.twin is not None or args.option or args.step_width:
         raise ValueError("--option, --step-width and --twin go with a --task only")
-    config = replace(scene_of(find_robot(args.robot)), **arguments.scene_options(args))
+    config = replace(scene_of(find_robot(args.robot)), **scene_options(args))
     if args.workspace:
         check_free(picture_of(config.robot, args.out), overwrite=args.overwrite)
     own = {"bends": f"{config.bending}, {'twists' if config.torsion else 'without torsion'}"}
@@ -100,7 +100,7 @@ def _show_workspace(robot: RobotParams, folder: Path) -> None:
 
 def _inspect_task(args: Namespace) -> int:
     """Print the scene of a task."""
-    setup, scene = Setup(args), arguments.scene_options(args)
+    setup, scene = Setup(args), scene_options(args)
     task = one_task(args, setup.robot)
     twin = setup.twins(task.robot)[0]
     setup.check([Case(task, "hold", twin=twin, scene=scene)])

@@ -1,6 +1,6 @@
 """`softrobot list`: what there is by name, with what other packages have registered."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections.abc import Callable
 
 from gymnasium.envs.registration import registry
@@ -12,7 +12,6 @@ from softrobot_env.robots import ROBOTS, RobotParams, find_robot
 from softrobot_env.tasks import Maker, defaults, tasks_of
 from softrobot_env.tasks.generic import GENERIC_TASKS
 
-from .arguments import add, add_robot
 from .output import say
 
 EXAMPLE = """softrobot list
@@ -21,10 +20,10 @@ EXAMPLE = """softrobot list
 _FITS = "can drive it"
 
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command."""
-    add(parser, "what", "these alone; default: all", nargs="?", choices=_EVERYTHING)
-    add_robot(parser, "what it can be given, and why not the rest; default: all there is")
+ARGUMENTS = """
+    what WHAT?  these alone, out of %(choices)s; default: all
+    <robot> what it can be given, and why not the rest; default: all there is
+"""
 
 
 def run(args: Namespace) -> int:
@@ -82,3 +81,6 @@ def _described(robot: RobotParams) -> str:
     count = len(robot.tendons)
     tendons = "1 tendon" if count == 1 else f"{count} tendons"
     return f"{moves}, {tendons} driven by {robot.drive.kind}"
+
+
+KINDS = {"what": _EVERYTHING}

@@ -4,8 +4,10 @@ One rule for files and folders of results. Nobody else writes to them meanwhile.
 """
 
 import os
-from collections.abc import Callable, Iterator
+from argparse import Namespace
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from functools import wraps
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -18,22 +20,8 @@ from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.evaluation.report import write_json
 from softrobot_env.rendering.tables import text_page
 
-from .arguments import Parsers, add
-
 #: What makes a folder one of results, and the list of what was written to it.
 _REPORT, _LIST = "report.json", ".written"
-
-
-def add_out(parser: Parsers, default: str | None, note: str = "", metavar: str = "DIR") -> None:
-    """--out and --overwrite."""
-    usual = "" if default is None else f"default: {default}"
-    add(parser, f"--out {metavar}", usual + note, default=Path(default) if default else None)
-    add(parser, "--overwrite", "replace what is there of an earlier run")
-
-
-def add_no_plots(parser: Parsers) -> None:
-    """--no-plots."""
-    add(parser, "--no-plots", "skip the plots")
 
 
 def check_free(*paths: Path, overwrite: bool) -> None:
@@ -97,6 +85,17 @@ def new_results(folder: Path, overwrite: bool) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
         with _noted(folder, anew=True):
             yield
+
+
+def filling(run: Callable[..., int]) -> Callable[..., int]:
+    """A command, called with its arguments first, that fills --out, see `new_results`."""
+
+    @wraps(run)
+    def held(args: Namespace, *more: Any) -> int:
+        with new_results(args.out, args.overwrite):
+            return run(args, *more)
+
+    return held
 
 
 @contextmanager
@@ -225,7 +224,29 @@ def progress_on(
         _BARS.remove(console)
 
 
-def write_report(folder: Path, rows: list[Any], title: str, tables: Any, command_line: str) -> None:
-    """Rows as report.json, and tables as report.md."""
-    write_json(folder / "report.json", rows, command_line)
-    write_text(folder / "report.md", text_page(title, tables, command_line))
+def write_report(args: Namespace, rows: list[Any], *page: Any, **more: Any) -> None:
+    """Write rows as report.json in the folder --out, and all else as `write_page`."""
+    write_json(args.out / _REPORT, rows, args.command_line)
+    write_page(args, *page, **more)
+
+
+def write_page(
+    args: Namespace,
+    title: str,
+    tables: Any,
+    draw: Callable[[], object] | None = None,
+    files: Iterable[str] = (),
+) -> None:
+    """Write tables as report.md, draw plots unless there are none or --no-plots, and say so.
+
+    Args:
+        args: Of the command.
+        title: Of the page.
+        tables: What rich prints.
+        draw: Draws the plots.
+        files: What else was written, besides report.json.
+    """
+    write_text(args.out / "report.md", text_page(title, tables, args.command_line))
+    drawn = draw is not None and not vars(args).get("no_plots") and plotted(draw)
+    wrote = ", ".join([*files, _REPORT, "report.md"])
+    say(f"Wrote {wrote}{' and plots' if drawn else ''} to {args.out}", soft_wrap=True)

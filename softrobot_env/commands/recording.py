@@ -1,56 +1,41 @@
 """`softrobot recording`: tables of commands and marker positions: checked, and replayed."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Group
 
-from softrobot_env.core.registry import Registry
+from softrobot_env.identification.fit.residual import RESIDUAL_FILE, corrected, read_residual
+from softrobot_env.identification.replay import ErrorRow, Replay, error_rows
+from softrobot_env.identification.replay import replay as replayed
 from softrobot_env.recordings import Recording, read_recording
 from softrobot_env.recordings.header import UNITS
 from softrobot_env.recordings.recording import Summary, summarize
+from softrobot_env.rendering.recordings import plot_replay
 from softrobot_env.rendering.tables import Column, PlainTable, make_table, named_values, new_table
 from softrobot_env.robots import RobotParams, find_robot
 
 from . import arguments, output
-from .arguments import Parsers, add
 from .output import say
-
-if TYPE_CHECKING:
-    from softrobot_env.identification.replay import ErrorRow, Replay
+from .registry import Command
 
 EXAMPLE = "softrobot recording check train.csv --header assets/recordings/ftdcr_v4.toml"
 
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command: its commands with theirs."""
-    arguments.add_commands(parser, RECORDING_COMMANDS)
-
-
-def add_file(parser: Parsers) -> None:
-    """The recording, and --header."""
-    table = "a table, .csv or .parquet; or an .mcap file, or the folder of a Minari data set"
-    add(parser, "recording FILE", table)
-    add(
-        parser,
-        "--header TOML",
-        "says which column is what, before what NAME.toml beside the table says; default: "
-        "NAME.toml alone",
-    )
+FILE_TEXT = """
+    recording FILE  a table, .csv or .parquet; or an .mcap file, or the folder of a Minari data set
+    --header TOML  says which column is what, before what NAME.toml beside the table says; default:
+        NAME.toml alone
+"""
 
 
 # ---------------------------------------------------------------- check
 
 _PATTERNS = 12  # at most that are listed
-
-
-def _add_check(parser: ArgumentParser) -> None:
-    add_file(parser)
-    arguments.add_robot(parser, "to compare with; default: none")
 
 
 def _check(args: Namespace) -> int:
@@ -117,30 +102,9 @@ _LEARNED = "with residual"
 _WORST = 5  # patterns on the terminal
 
 
-def _add_replay(parser: ArgumentParser) -> None:
-    add_file(parser)
-    arguments.add_robot(
-        parser,
-        f"{_BESIDE_ROBOT} beside the file counts as --header unless that is given, and "
-        "residual.npz as a correction that is reported apart",
-        required=True,
-    )
-    arguments.add_plant(parser)
-    add(
-        parser,
-        "--twin SEED",
-        "errors of manufacturing, servos and tendons, of a robot driven by length; default: none",
-        arguments.twin,
-    )
-    output.add_no_plots(parser)
-    output.add_out(parser, "out/replay")
-
-
+@output.filling
 def _replay(args: Namespace) -> int:
     """Replay, print and write; 1 if a part of the recording could not be simulated."""
-    from softrobot_env.identification.replay import error_rows
-    from softrobot_env.identification.replay import replay as replayed
-
     robot = find_robot(args.robot)
     header = args.header or _beside(robot)
     if header is not None and args.header is None:
@@ -168,26 +132,14 @@ def _replay(args: Namespace) -> int:
         say(make_table(title, _COLUMNS, better[:1], caption=_CAPTION))
         columns += [common | {"model": _LEARNED} | row.columns() for row in better]
         parts.append(make_table(title, _COLUMNS, better, caption=_CAPTION))
-    page = Group(*parts)
-    output.write_report(args.out, columns, "Replay of a recording", page, args.command_line)
-    say(f"{result.cpu_time:.1f} s of CPU time. Wrote {args.out}/report.json, report.md")
-    if not args.no_plots:
-        from softrobot_env.rendering.recordings import plot_replay
-
-        if output.plotted(lambda: plot_replay(result, rows, args.out)):
-            say(f"Wrote plots to {args.out}")
+    say(f"{result.cpu_time:.1f} s of CPU time")
+    draw = partial(plot_replay, result, rows, args.out)
+    output.write_report(args, columns, "Replay of a recording", Group(*parts), draw)
     return int(bool(result.failures))
 
 
-def _run_replay(args: Namespace) -> int:
-    with output.new_results(args.out, args.overwrite):
-        return _replay(args)
-
-
-def _with_residual(result: "Replay") -> "Replay | None":
+def _with_residual(result: Replay) -> Replay | None:
     """The replay corrected by what was learned of an identified robot, beside whose file it is."""
-    from softrobot_env.identification.fit.residual import RESIDUAL_FILE, corrected, read_residual
-
     file = result.robot.file
     path = None if file is None else file.parent / RESIDUAL_FILE
     if path is None or not path.is_file() or not result.static:
@@ -196,7 +148,7 @@ def _with_residual(result: "Replay") -> "Replay | None":
     return replace(result, simulated=result.simulated + change)
 
 
-def _worst(rows: "list[ErrorRow]") -> "list[ErrorRow]":
+def _worst(rows: list[ErrorRow]) -> list[ErrorRow]:
     """All rows together, and the patterns with the largest errors."""
     known = [row for row in rows[1:] if row.rms is not None]
     return [rows[0], *sorted(known, key=lambda row: -row.rms)[:_WORST]]
@@ -210,28 +162,35 @@ def _beside(robot: RobotParams) -> Path | None:
     return path if path.is_file() else None
 
 
-_CHECK = SimpleNamespace(
-    EXAMPLE="""softrobot recording check train.csv
+_CHECK = arguments.command(
+    """softrobot recording check train.csv
   softrobot recording check train.csv --header assets/recordings/ftdcr_v4.toml --robot ftdcr_v4""",
-    add_arguments=_add_check,
-    run=_check,
+    f"{FILE_TEXT}\n<robot> to compare with; default: none",
+    _check,
 )
 
-_REPLAY = SimpleNamespace(
-    EXAMPLE="""softrobot recording replay test.csv --robot out/identify/robot.toml
+_REPLAY = arguments.command(
+    """softrobot recording replay test.csv --robot out/identify/robot.toml
   softrobot recording replay train.csv --header my_header.toml --robot my.toml --plant cosserat""",
-    add_arguments=_add_replay,
-    run=_run_replay,
+    f"""
+    {FILE_TEXT}
+    <robot!> {_BESIDE_ROBOT} beside the file counts as --header unless that is given, and
+        residual.npz as a correction that is reported apart
+    <plant>
+    --twin TWIN  errors of manufacturing, servos and tendons, of a robot driven by length; default:
+        none
+    <no-plots>
+    --out DIR (out/replay)
+    <overwrite>
+    """,
+    _replay,
 )
 
 #: The commands of `softrobot recording`.
-RECORDING_COMMANDS: Registry[arguments.Command] = Registry(
-    "command of recording",
-    {
-        "check": (_CHECK, "say whether a recording is good, what it holds and what is odd"),
-        "replay": (
-            _REPLAY,
-            "simulate a recording's commands with a robot; report the error of its markers",
-        ),
-    },
-)
+COMMANDS: Mapping[str, Command] = {
+    "check": (_CHECK, "say whether a recording is good, what it holds and what is odd"),
+    "replay": (
+        _REPLAY,
+        "simulate a recording's commands with a robot; report the error of its markers",
+    ),
+}

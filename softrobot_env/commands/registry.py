@@ -1,49 +1,109 @@
-"""The commands of `softrobot`."""
+"""The commands of `softrobot`, and their parser."""
+
+from argparse import SUPPRESS, ArgumentParser, Namespace, RawDescriptionHelpFormatter
+from collections.abc import Mapping
+from pkgutil import resolve_name
+from typing import Any, NoReturn
 
 from softrobot_env.core.registry import Registry
 
-from . import (
-    benchmark,
-    evaluate,
-    grip,
-    identify,
-    inspect,
-    listing,
-    recording,
-    render,
-    robot_file,
-    train,
-    tune,
-    view,
-    warm_up,
-)
-from .arguments import Command
-from .robot import command as robot
+#: A command, and what it does. The first is a module or another object, or where that is in this
+#: package. It has `EXAMPLE` for people, `USAGE` where all arguments are too many for a line, and
+#: `run(args)`, which returns the exit status; further
+#: `ARGUMENTS`, with `KINDS` if need be, for `arguments.declare`, or `add_arguments(parser)`, or
+#: `COMMANDS` of its own in place of `run`.
+Command = tuple[Any, str]
 
 #: Name -> command.
 COMMANDS: Registry[Command] = Registry(
     "command",
     {
-        "evaluate": (evaluate, "run policies on tasks; write report.json, report.md and plots"),
-        "render": (render, "write a video of a policy on a task"),
-        "view": (view, "show a robot alive, with sliders for its drives"),
-        "grip": (grip, "close a gripper on a bar; write a video"),
-        "benchmark": (benchmark, "measure accuracy and speed"),
-        "train": (train, "make the trained artifacts that policies load"),
-        "tune": (tune, "search for settings of a training by Ray Tune"),
-        "inspect": (inspect, "print what a scene contains and what it leaves out"),
-        "warm-up": (warm_up, "compile what is compiled at its first use, ahead of it"),
-        "list": (listing, "print the robots, tasks, policies, environments there are"),
-        "export": (robot_file.EXPORT, "write the MJCF of the registered scenes, or of a robot"),
-        "robot-file": (robot_file, "check the file of a robot of your own"),
+        "evaluate": ("evaluate", "run policies on tasks; write report.json, report.md and plots"),
+        "render": ("render", "write a video of a policy on a task"),
+        "view": ("view", "show a robot alive, with sliders for its drives"),
+        "grip": ("grip", "close a gripper on a bar; write a video"),
+        "benchmark": ("benchmark", "measure accuracy and speed"),
+        "train": ("train", "make the trained artifacts that policies load"),
+        "tune": ("tune", "search for settings of a training by Ray Tune"),
+        "inspect": ("inspect", "print what a scene contains and what it leaves out"),
+        "warm-up": ("warm_up", "compile what is compiled at its first use, ahead of it"),
+        "list": ("listing", "print the robots, tasks, policies, environments there are"),
+        "export": (
+            "robot_file:EXPORT",
+            "write the MJCF of the registered scenes, or of a robot",
+        ),
+        "robot-file": ("robot_file", "check the file of a robot of your own"),
         "recording": (
-            recording,
+            "recording",
             "check tables of commands and markers, and replay them with any robot",
         ),
         "identify": (
-            identify,
+            "identify",
             "find a robot's parameters in a recording; write its file and a report",
         ),
-        "robot": (robot, "find, calibrate, hold and stop a real robot, or run a virtual one"),
+        "robot": (
+            "robot.command",
+            "find, calibrate, hold and stop a real robot, or run a virtual one",
+        ),
     },
 )
+
+
+class Parser(ArgumentParser):
+    """Says in one line what is wrong with arguments."""
+
+    def parse_known_args(self, *arguments: Any, **more: Any) -> tuple[Any, list[str]]:
+        """Refuse unknown arguments here: argparse would let the uppermost parser do it."""
+        found, unknown = super().parse_known_args(*arguments, **more)
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+        return found, unknown
+
+    def error(self, message: str) -> NoReturn:
+        """End the program with status 2."""
+        text = " ".join(message.split())
+        self.exit(2, f"{self.prog}: {text}; see {self.prog} --help\n")
+
+
+def add_commands(
+    parser: ArgumentParser,
+    commands: Mapping[str, Command],
+    dest: str = SUPPRESS,
+    asked: str | None = None,
+) -> None:
+    """Add commands with their arguments and examples; without one the parser's help is printed.
+
+    Args:
+        parser: Where to add them.
+        commands: By name.
+        dest: Attribute of the parsed arguments that holds the name; `run` holds the module's.
+        asked: The one that is asked for, where the others are not: they are not loaded.
+    """
+
+    def show_help(_: Namespace) -> int:
+        parser.print_help()
+        return 0
+
+    parser.set_defaults(run=show_help)
+    added = parser.add_subparsers(dest=dest, metavar="COMMAND")
+    for name, (module, text) in commands.items():
+        how = {"help": text, "description": text, "formatter_class": RawDescriptionHelpFormatter}
+        command = added.add_parser(name, **how)
+        if asked in (None, name):
+            from .arguments import declare  # takes long to load, as commands do
+
+            found = loaded(module)
+            command.usage = getattr(found, "USAGE", None)
+            command.epilog = f"example:\n  {found.EXAMPLE}"
+            command.set_defaults(run=getattr(found, "run", None))
+            if hasattr(found, "COMMANDS"):
+                add_commands(command, found.COMMANDS)
+            elif hasattr(found, "add_arguments"):
+                found.add_arguments(command)
+            else:
+                declare(command, found.ARGUMENTS, **getattr(found, "KINDS", {}))
+
+
+def loaded(command: Any) -> Any:
+    """The command itself, where its place is given."""
+    return resolve_name(f"{__package__}.{command}") if isinstance(command, str) else command

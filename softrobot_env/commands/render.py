@@ -1,16 +1,14 @@
 """`softrobot render`: a video of a policy on a task."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 
 from softrobot_env.envs.recording import RecordEpisodes
 from softrobot_env.evaluation.runner import Case
-from softrobot_env.robots import ENTRIES
+from softrobot_env.rendering.video import record, write_video
 
-from . import arguments
-from .arguments import add
+from .arguments import not_negative
 from .cases import make_setup, one_case
-from .output import add_out, check_free, new_file, progress_on, say
-from .setups import add_task
+from .output import check_free, new_file, progress_on, say
 
 #: Frames per second of a GIF, and frames in all, unless given.
 _GIF_FPS, _GIF_FRAMES = 12, 180
@@ -20,48 +18,31 @@ EXAMPLE = """softrobot render --task swing --policy feedforward_pi --out swing.m
   softrobot render --robot my.toml --task circle --policy static --out circle.mp4"""
 
 
-def _policies() -> str:
-    """Policies of robots that have some of their own, for people."""
-    entries = [entry for entry in ENTRIES.values() if entry.policies]
-    own = (
-        f"of the {e.robot.name}: {', '.join(e.policies)}; default: {e.policy}; " for e in entries
-    )
-    return "".join(own)
+ARGUMENTS = f"""
+    <robot> default: the task's
+    <task>
+    --policy POLICY  <policies>; or one's own, package.module:name or file.py:name; default:
+        static
+    --out FILE (out/render.mp4)  or a .gif
+    <overwrite>
+    --fps FPS  frames per second; default: 30, of a .gif {_GIF_FPS}, with {_GIF_FRAMES} frames
+        at most
+    --size W H  default: 640 480, of a .gif 400 300
+    --duration S  default: the task's
+    --begin S (0)  what is before is not shown, such as the way to where laps begin
+    --record FILE  also write a recording, .csv or .parquet
+    <twin>
+    <identified>
+    <feedback>
+    <plant>
+    <scene>
+"""
 
-
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command."""
-    arguments.add_robot(parser, "default: the task's")
-    add_task(parser)
-    own = f"{_policies()}or one's own, package.module:name or file.py:name; default: static"
-    add(parser, "--policy POLICY", own)
-    add_out(parser, "out/render.mp4", ", or a .gif", "FILE")
-    add(
-        parser,
-        "--fps FPS",
-        f"frames per second; default: 30, of a .gif {_GIF_FPS}, with {_GIF_FRAMES} frames at most",
-        arguments.positive,
-    )
-    add(parser, "--size W H", "default: 640 480, of a .gif 400 300", arguments.size)
-    add(parser, "--duration S", "default: the task's")
-    add(
-        parser,
-        "--begin S",
-        "what is before is not shown, such as the way to where laps begin; default: 0",
-        default=0.0,
-    )
-    add(parser, "--record FILE", "also write a recording, .csv or .parquet")
-    arguments.add_twin(parser)
-    arguments.add_identified(parser)
-    arguments.add_feedback(parser)
-    arguments.add_scene(parser)
-    arguments.add_plant(parser)
+KINDS = {"begin": not_negative}
 
 
 def run(args: Namespace) -> int:
     """Run the command."""
-    from softrobot_env.rendering.video import record, write_video
-
     if args.record is not None:
         check_free(args.record, overwrite=args.overwrite)
     setup = make_setup(args)

@@ -1,7 +1,6 @@
 """`softrobot robot-file` and `softrobot export`: robots as TOML files, and as MJCF."""
 
-from argparse import ArgumentParser, Namespace
-from types import SimpleNamespace
+from argparse import Namespace
 
 from softrobot_env.core.files import write_text
 from softrobot_env.robots import find_robot, read_robot
@@ -9,19 +8,10 @@ from softrobot_env.scene.build import build_scene, scene_xml
 from softrobot_env.scene.config import visible
 from softrobot_env.scene.registry import SCENES, scene_of
 
-from .arguments import add, add_commands, add_robot
-from .output import add_out, check_free, say
+from .arguments import command
+from .output import check_free, say
 
 EXAMPLE = "softrobot robot-file check my.toml"
-
-
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command: its commands with theirs."""
-    add_commands(parser, FILE_COMMANDS)
-
-
-def _add_file(parser: ArgumentParser) -> None:
-    add(parser, "file FILE", "a robot file")
 
 
 def _check(args: Namespace) -> int:
@@ -39,15 +29,13 @@ def _check(args: Namespace) -> int:
     return 0
 
 
-_CHECK = SimpleNamespace(EXAMPLE=EXAMPLE, add_arguments=_add_file, run=_check)
-
 #: The commands of `softrobot robot-file`.
-FILE_COMMANDS = {"check": (_CHECK, "say whether a robot file is good, or what is wrong")}
-
-
-def _add_export(parser: ArgumentParser) -> None:
-    add_out(parser, "out/assets")
-    add_robot(parser, "default: all registered scenes")
+COMMANDS = {
+    "check": (
+        command(EXAMPLE, "file FILE  a robot file", _check),
+        "say whether a robot file is good, or what is wrong",
+    )
+}
 
 
 def _export(args: Namespace) -> int:
@@ -66,9 +54,13 @@ def _export(args: Namespace) -> int:
 
 
 #: `softrobot export`.
-EXPORT = SimpleNamespace(
-    EXAMPLE="""softrobot export --out assets --overwrite
+EXPORT = command(
+    """softrobot export --out assets --overwrite
   softrobot export --robot my.toml --out out""",
-    add_arguments=_add_export,
-    run=_export,
+    """
+    --out DIR (out/assets)
+    <overwrite>
+    <robot> default: all registered scenes
+    """,
+    _export,
 )

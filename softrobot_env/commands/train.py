@@ -4,9 +4,10 @@ from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from softrobot_env.core.processes import using
 from softrobot_env.core.runs import KEPT, kept_rows
@@ -27,13 +28,13 @@ from softrobot_env.training.rl_config import (
     TRAINING_TASKS,
     checkpoint_of,
 )
+from softrobot_env.training.several import report, runs
+from softrobot_env.training.several.report import plot
+from softrobot_env.training.several.runs import Run
 
 from . import arguments, output
-from .arguments import SEVERAL, Parsers, add
+from .arguments import declare
 from .output import say
-
-if TYPE_CHECKING:
-    from softrobot_env.training.several.runs import Run
 
 #: Where several runs are written, in a folder by the training's name.
 SEVERAL_RUNS = Path("out") / "trainings"
@@ -47,93 +48,54 @@ EXAMPLE = """softrobot train lq_preview --robot my.toml
   softrobot train rig_nn --twin 3"""
 
 
+#: Arguments that say what is learned by reinforcement, and how.
+LEARNING = f"""
+    [reinforcement learning]
+    --task TASK+ (all)  out of {", ".join(TRAINING_TASKS)} (random references), of other robots
+        than the arm out of {", ".join(ROBOT_TASKS)}
+    --start NETWORK ({IMITATION})  file of a network to start from, imitation (the one in --out,
+        else where policies look) or none
+    --randomize  draw robots and disturbances from broad ranges, not Young's modulus alone
+    --backend BACKEND (mujoco)  what simulates: MuJoCo, or MuJoCo Warp (warp) on a graphics card
+        (see docs/howto/gpu.md)
+    --device DEVICE  of the backend warp: cuda:0 unless given, or cpu
+    --steps STEPS  environment steps; default: by algorithm
+    --set NAME=V1,V2  another number of training.rl_config.RLConfig, for instance rate=1e-4;
+        with several values a run for each
+"""
+
+
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
-    known = f"policy to train, out of {', '.join(registry.TRAININGS)}; or give --algo"
-    add(parser, "what NAME", known, nargs="?", choices=list(registry.TRAININGS))
-    arguments.add_robot(parser, "a name or a file; default: the thesis' of the artifact")
-    chance = parser.add_mutually_exclusive_group()
-    add(chance, "--seed SEED", "of the randomness; default: 0")
-    add(
-        chance,
-        "--seeds A..B|A,B",
-        "a run for each; with this, several values of --set or --workers, runs have folders in "
-        "that of --out, and the same command goes on with those that are not done",
-        arguments.seeds,
-    )
-    arguments.add_workers(parser, "; several runs at a time; default: as many processes as cores")
-    output.add_out(
-        parser,
-        None,
-        "default: beside the file of a robot of one's own, else out; of several runs "
-        f"{SEVERAL_RUNS}/NAME",
-    )
-    shipped = "write what comes with the package: models/, or beside the robots in assets/"
-    add(parser, "--ship", shipped)
-    add(parser, "--quick", "seconds, to see that everything runs; no good policy")
-    add(
-        parser,
-        "--twin SEED",
-        "of the twin that rig_nn is of; default: 0. Others than 0 go to a file with the seed in "
-        "its name, for `softrobot evaluate --identified`",
-    )
-    add(
-        parser,
-        "--recording FILE",
-        "that ssm learns from, see `softrobot recording`; default: motion that is simulated",
-    )
-    teacher = "that imitation learns from; default: of the arm mpc_preview, else lq_preview"
-    add(parser, "--teacher POLICY", teacher)
-    group = parser.add_argument_group("reinforcement learning")
-    add(group, "--algo", "algorithm of stable-baselines3, as NAME", choices=ALGORITHMS)
-    add_learning(group)
-    add(group, "--name NAME", "of the file written; default: the algorithm's")
-    add(group, "--checkpoint DIR", "folder of what --resume needs; default: out/train/NAME")
-    add(group, "--resume", "go on with the checkpoint")
-    add(group, "--log DIR", "folder of TensorBoard's logs")
-
-
-def add_learning(group: Parsers) -> None:
-    """Arguments that say what is learned by reinforcement, and how."""
-    every = [*TRAINING_TASKS, *ROBOT_TASKS]
-    add(
-        group,
-        "--task TASK",
-        f"out of {', '.join(TRAINING_TASKS)} (random references), of other robots than "
-        f"the arm out of {', '.join(ROBOT_TASKS)}; default: all",
-        nargs="+",
-        choices=[*every, "all"],
-        default=["all"],
-    )
-    add(
-        group,
-        "--start NETWORK",
-        "file of a network to start from, imitation (the one in --out, else where policies look) "
-        "or none; default: imitation",
-        default=IMITATION,
-    )
-    add(
-        group,
-        "--randomize",
-        "draw robots and disturbances from broad ranges, not Young's modulus alone",
-    )
-    add(
-        group,
-        "--backend",
-        "what simulates: MuJoCo, or MuJoCo Warp on a graphics card (see docs/howto/gpu.md)",
-        choices=("mujoco", "warp"),
-        default="mujoco",
-    )
-    add(group, "--device DEVICE", "of the backend warp: cuda:0 unless given, or cpu")
-    add(group, "--steps STEPS", "environment steps; default: by algorithm", int)
-    add(
-        group,
-        "--set NAME=V1,V2",
-        "another number of training.rl_config.RLConfig, for instance rate=1e-4; with several "
-        "values a run for each",
-        _setting,
-        **SEVERAL,
-    )
+    chance = """
+        --seed SEED  of the randomness; default: 0
+        --seeds A..B|A,B  a run for each; with this, several values of --set or --workers, runs have
+            folders in that of --out, and the same command goes on with those that are not done
+    """
+    declare(parser.add_mutually_exclusive_group(), chance)
+    text = f"""
+        what NAME?  policy to train, out of %(choices)s; or give --algo
+        <robot> a name or a file; default: the thesis' of the artifact
+        <workers>; several runs at a time; default: as many processes as cores
+        --out DIR  default: beside the file of a robot of one's own, else out; of several runs
+            {SEVERAL_RUNS}/NAME
+        <overwrite>
+        --ship  write what comes with the package: models/, or beside the robots in assets/
+        --quick  seconds, to see that everything runs; no good policy
+        --twin SEED  of the twin that rig_nn is of; default: 0. Others than 0 go to a file with the
+            seed in its name, for `softrobot evaluate --identified`
+        --recording FILE  that ssm learns from, see `softrobot recording`; default: motion that is
+            simulated
+        --teacher POLICY  that imitation learns from; default: of the arm mpc_preview, else
+            lq_preview
+        {LEARNING}
+        --algo NAME  algorithm of stable-baselines3, as NAME, out of %(choices)s
+        --name NAME  of the file written; default: the algorithm's
+        --checkpoint DIR  folder of what --resume needs; default: out/train/NAME
+        --resume  go on with the checkpoint
+        --log DIR  folder of TensorBoard's logs
+    """
+    declare(parser, text, what=registry.TRAININGS, algo=ALGORITHMS, **LEARNING_KINDS)
 
 
 def _setting(text: str) -> tuple[str, tuple[float, ...]]:
@@ -145,9 +107,17 @@ def _setting(text: str) -> tuple[str, tuple[float, ...]]:
         raise ArgumentTypeError(f"{text!r} is not NAME=NUMBER or N1,N2") from None
 
 
+#: Kinds of the arguments of `LEARNING`, see `arguments.declare`.
+LEARNING_KINDS = {
+    "task": (*TRAINING_TASKS, *ROBOT_TASKS, "all"),
+    "backend": ("mujoco", "warp"),
+    "set": _setting,
+}
+
+
 def given(args: Namespace) -> dict[str, Any]:
     """Settings of a training that are given; of several values of one, the first."""
-    parser = arguments.Parser()
+    parser = ArgumentParser()
     add_arguments(parser)
     names = ("twin", "recording", "teacher", "quick", *registry.REINFORCEMENT)
     found = {name: getattr(args, name) for name in names if hasattr(args, name)}
@@ -240,14 +210,12 @@ def train_several(
             or what a run would refuse.
         FileExistsError: There are results already, and no --overwrite.
     """
-    from softrobot_env.training.several import report, runs
-
     if given := arguments.flags(args, _SINGLE):
         raise ValueError(f"{given}: of a single run, not of --seeds and --workers")
     if args.seeds is not None and not registry.TRAININGS[name].is_random:
         able = ", ".join(other for other, known in registry.TRAININGS.items() if known.is_random)
         raise ValueError(f"--seeds: nothing in {name} is random; only with {able}")
-    out = args.out or SEVERAL_RUNS / name
+    args.out = out = args.out or SEVERAL_RUNS / name
     request = request_in(out, name, robot, settings, args.name)
     requests = runs.requests_of(request, args.seeds or (args.seed,), values)
     if name in LEARNERS:
@@ -255,14 +223,13 @@ def train_several(
 
         for one in requests.values():
             check_request(name, one)
-    study, files = study_in(args, out)
-    with output.new_results(out, args.overwrite), kept_rows(out / KEPT, study, files) as kept:
+    with output.new_results(out, args.overwrite), kept_rows(out / KEPT, *study_in(args)) as kept:
         bar = output.progress_on(name, len(requests), prefix=f"{name}: ")
         with bar as show, using(args.workers):
             found = runs.run_all(name, requests, kept, show, args.overwrite)
         if kept.taken:
             say(f"Took up {kept.taken} runs that were done when the command stopped")
-        write(args, out, f"Several runs of {name}", found, report.tables(found))
+        write(args, f"Several runs of {name}", found, report.tables(found))
     best = report.best_of(found)
     if best is not None:
         path = out / best.folder / request.path.name
@@ -286,19 +253,15 @@ def request_in(
     return replace(TrainingRequest(robot, path, 0, settings), near=path.parent)
 
 
-def study_in(args: Namespace, out: Path) -> tuple[str, set[Path]]:
-    """As `arguments.study_of`, with what runs build on in `out`."""
+def study_in(args: Namespace) -> tuple[str, set[Path]]:
+    """As `arguments.study_of`, with what runs build on in the folder of results."""
     study, files = arguments.study_of(args)
-    return study, files | set(out.resolve().glob("*.npz"))
+    return study, files | set(args.out.resolve().glob("*.npz"))
 
 
-def write(args: Namespace, out: Path, title: str, found: "list[Run]", tables: Any) -> None:
+def write(args: Namespace, title: str, found: list[Run], tables: Any) -> None:
     """Report, page and curves."""
-    from softrobot_env.training.several.report import plot
-
-    output.write_report(out, [run.row() for run in found], title, tables, args.command_line)
     say(tables)
     curves = any(run.curve for run in found)
-    plotted = curves and output.plotted(lambda: plot(found, out / "curves.png"))
-    wrote = "report.json, report.md" + (", curves.png" if plotted else "")
-    say(f"Wrote {wrote} to {out}", soft_wrap=True)
+    draw = partial(plot, found, args.out / "curves.png") if curves else None
+    output.write_report(args, [run.row() for run in found], title, tables, draw)

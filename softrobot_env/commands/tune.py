@@ -1,15 +1,17 @@
 """`softrobot tune`: search for settings of a training by Ray Tune."""
 
 import shlex
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from softrobot_env.core.runs import KEPT, kept_rows
 from softrobot_env.robots import default_robot, find_robot
 from softrobot_env.training.registry import TRAININGS
 from softrobot_env.training.request import LEARNERS, TrainingRequest
+from softrobot_env.training.several import report
+from softrobot_env.training.several.runs import Run, check_unclaimed
 from softrobot_env.training.several.search import (
     Range,
     Search,
@@ -23,11 +25,8 @@ from softrobot_env.training.several.search import (
 )
 
 from . import train
-from .arguments import SEVERAL, add, add_robot, add_workers, of_text, whole
-from .output import add_out, check_free, new_results, progress_on, say
-
-if TYPE_CHECKING:
-    from softrobot_env.training.several.runs import Run
+from .arguments import of_text, whole
+from .output import check_free, filling, progress_on, say
 
 EXAMPLE = """softrobot tune ppo --start none --search rate=1e-5..1e-3:log --search batch=256,512
   softrobot tune sac --space space.toml --trials 20 --steps 200000 --workers ray:auto"""
@@ -39,26 +38,22 @@ _TRIALS = 16
 _CHECKS = 9
 
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command."""
-    known = list(LEARNERS)
-    add(parser, "what NAME", f"training, out of {', '.join(known)}", choices=known)
-    add_robot(parser, "a name or a file; default: arm")
-    add(parser, "--seed SEED", "of trainings and draws; default: 0", default=0)
-    add(
-        parser,
-        "--search NAME=LOW..HIGH[:log]|V1,V2",
-        "a number of training.rl_config.RLConfig, and the range or the values to search in",
-        of_text(parsed),
-        **SEVERAL,
-    )
-    add(parser, "--space FILE", "TOML file with the same in a table [search]")
-    draws = f"draws; default: {_TRIALS}, without ranges all combinations of values"
-    add(parser, "--trials N", draws, whole)
-    add(parser, "--quick", "small trainings; no good settings")
-    train.add_learning(parser.add_argument_group("reinforcement learning"))
-    add_workers(parser, "; N are those of a Ray started here; default: as many as cores")
-    add_out(parser, None, "default: out/tune/NAME; the same command goes on with what is there")
+ARGUMENTS = f"""
+    what NAME  training, out of %(choices)s
+    <robot> a name or a file; default: arm
+    --seed SEED (0)  of trainings and draws
+    --search NAME=LOW..HIGH[:log]|V1,V2  a number of training.rl_config.RLConfig, and the range
+        or the values to search in
+    --space FILE  TOML file with the same in a table [search]
+    --trials N  draws; default: {_TRIALS}, without ranges all combinations of values
+    --quick  small trainings; no good settings
+    <workers>; N are those of a Ray started here; default: as many as cores
+    --out DIR  default: out/tune/NAME; the same command goes on with what is there
+    <overwrite>
+    {train.LEARNING}
+"""
+
+KINDS = {"what": LEARNERS, "search": of_text(parsed), "trials": whole, **train.LEARNING_KINDS}
 
 
 def run(args: Namespace) -> int:
@@ -76,12 +71,12 @@ def run(args: Namespace) -> int:
     TRAININGS[name].check(robot, settings)
     from softrobot_env.training.rl import check_request
 
-    out = args.out or Path("out") / "tune" / name
-    request = train.request_in(out, name, robot, settings, None)
+    args.out = args.out or Path("out") / "tune" / name
+    request = train.request_in(args.out, name, robot, settings, None)
     for values in corners(space):
         fixed = list((dict(settings.get("set", ())) | values).items())
         check_request(name, _with(request, {"set": fixed}))
-    return _search(args, name, request, space, out)
+    return _search(args, name, request, space)
 
 
 def _check_space(args: Namespace, space: Space) -> None:
@@ -101,17 +96,14 @@ def _with(request: TrainingRequest, changes: dict[str, Any]) -> TrainingRequest:
     return replace(request, settings={**request.settings, **changes})
 
 
-def _search(args: Namespace, name: str, request: TrainingRequest, space: Space, out: Path) -> int:
+@filling
+def _search(args: Namespace, name: str, request: TrainingRequest, space: Space) -> int:
     """Search, print and write."""
-    from softrobot_env.training.several import report
-    from softrobot_env.training.several.runs import check_unclaimed
-
     request, steps = _sized(name, request)
     ranges = any(isinstance(own, Range) for own in space.values())
     search = Search(name, request, space, steps, args.trials or (_TRIALS if ranges else None))
-    words, files = train.study_in(args, out)
-    files -= {request.path}
-    with new_results(out, args.overwrite), kept_rows(out / KEPT, words, files) as kept:
+    words, files = train.study_in(args)
+    with kept_rows(args.out / KEPT, words, files - {request.path}) as kept:
         study = kept.name
         if not args.overwrite:
             check_free(request.path, overwrite=False)
@@ -122,7 +114,7 @@ def _search(args: Namespace, name: str, request: TrainingRequest, space: Space, 
             found = searched(tune, search, study, show)
         table = report.runs_table(found, "trial")
         best = report.best_of(found)
-        train.write(args, out, f"Search for settings of {name}", found, table)
+        train.write(args, f"Search for settings of {name}", found, table)
         if best is not None:
             _keep(search, best, args)
     return int(best is None)
@@ -138,7 +130,7 @@ def _sized(name: str, request: TrainingRequest) -> tuple[TrainingRequest, int]:
     return _with(request, {"set": list(fixed.items())}), config.steps
 
 
-def _keep(search: Search, best: "Run", args: Namespace) -> None:
+def _keep(search: Search, best: Run, args: Namespace) -> None:
     """Write the best network, and print the command that trains it anew."""
     from softrobot_env.training.rl import save_kept
 

@@ -1,23 +1,21 @@
 """`softrobot view`: a robot alive in a window or a browser, with sliders for its drives."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from contextlib import closing
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from softrobot_env.envs.rendering import RenderError, check_display
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.evaluation.run import play
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import visible
 from softrobot_env.scene.registry import scene_of
 
-from .arguments import add, add_robot, port
-from .cases import make_setup, one_case
+from .arguments import port
+from .cases import make_setup, one_case, one_task
 from .output import say
-from .setups import add_task, one_task
-
-if TYPE_CHECKING:
-    from softrobot_env.envs.tracking import TrackingEnv
 
 EXAMPLE = """softrobot view --robot my.toml
   softrobot view --task swing --policy feedforward_pi
@@ -27,19 +25,16 @@ _HELP = "Space pauses; double-click on a piece, then Ctrl and drag, pulls it"
 _HOST = "127.0.0.1"
 
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command."""
-    add_robot(parser, "default: the task's")
-    add_task(parser)
-    add(parser, "--policy POLICY", "drives the robot; default: the sliders do")
-    add(
-        parser,
-        "--web",
-        "in a browser of this machine, without display: MuJoCo's studio, which has no "
-        "authentication (whoever runs programs here can reach it)",
-    )
-    text = "of --web; default: a free one from 8080 on"
-    add(parser, "--port PORT", text, port, default=0, dest="web_port")
+ARGUMENTS = """
+    <robot> default: the task's
+    <task>
+    --policy POLICY  drives the robot; default: the sliders do
+    --web  in a browser of this machine, without display: MuJoCo's studio, which has no
+        authentication (whoever runs programs here can reach it)
+    --port PORT  of --web; default: a free one from 8080 on
+"""
+
+KINDS = {"port": port}
 
 
 def run(args: Namespace) -> int:
@@ -53,7 +48,7 @@ def run(args: Namespace) -> int:
     if args.web:
         if args.policy is not None:
             raise ValueError("--policy goes with a window only, not with --web")
-        _browse(scene_of(one_task(args, setup.robot).robot), args.web_port)
+        _browse(scene_of(one_task(args, setup.robot).robot), args.port or 0)
         return 0
     try:
         check_display()
@@ -70,7 +65,7 @@ def run(args: Namespace) -> int:
     return 0
 
 
-def _by_hand(env: "TrackingEnv") -> None:
+def _by_hand(env: TrackingEnv) -> None:
     """Let the sliders drive."""
     env.reset()
     window, simulation = env.open_window(), env.simulation
@@ -83,10 +78,8 @@ def _by_hand(env: "TrackingEnv") -> None:
         env.render()
 
 
-def _by_policy(env: "TrackingEnv", case: Case) -> None:
+def _by_policy(env: TrackingEnv, case: Case) -> None:
     """Let a policy drive, episode by episode."""
-    from softrobot_env.evaluation.run import play
-
     window, acting = env.open_window(), case.make_policy(env.control_period)
     while window.is_open:
         for _ in play(env, acting, options=case.reset_options):

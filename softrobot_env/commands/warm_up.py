@@ -1,17 +1,25 @@
 """`softrobot warm-up`: compile ahead what is otherwise compiled, in silence, at its first use."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from concurrent.futures import as_completed
 from contextlib import closing
 from itertools import islice
 from time import perf_counter
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
-from softrobot_env.control.registry import POLICIES, installed_policies
+from softrobot_env.control.registry import (
+    POLICIES,
+    home_robot,
+    installed_policies,
+    make_policy,
+    policy_environment,
+)
 from softrobot_env.core.processes import usable_cores, worker_processes
+from softrobot_env.evaluation.run import play
+from softrobot_env.evaluation.runner import simulated
 from softrobot_env.robots import ENTRIES, entry_of
+from softrobot_env.tasks import make_task
 
-from .arguments import add
 from .output import progress_on, say
 
 EXAMPLE = """softrobot warm-up
@@ -21,10 +29,9 @@ EXAMPLE = """softrobot warm-up
 _STEPS = 3
 
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command."""
-    what = f"plants ({', '.join(PLANTS)}) and policies of the arm and the rig; default: all"
-    add(parser, "names NAME", what, nargs="*")
+ARGUMENTS = f"""
+    names NAME*  plants ({", ".join(PLANTS)}) and policies of the arm and the rig; default: all
+"""
 
 
 def run(args: Namespace) -> int:
@@ -64,11 +71,6 @@ def _known() -> list[str]:
 
 def warm(name: str) -> None:
     """Compile what a plant or a policy needs, by running a few steps."""
-    from softrobot_env.control.registry import home_robot, make_policy, policy_environment
-    from softrobot_env.evaluation.run import play
-    from softrobot_env.evaluation.runner import simulated
-    from softrobot_env.tasks import make_task
-
     policy = "hold" if name in PLANTS else name
     plant = {"plant": BeamPlant(name)} if name in PLANTS and name != MUJOCO else {}
     robot = home_robot(policy)

@@ -102,7 +102,7 @@ def run_episode(
     check_observed(env, RECORDED)
     axes = getattr(env.unwrapped, "axes", _PLANE)
     begin = due = perf_counter()
-    samples, policy_time, status = _Table(), _Table(), []
+    samples, policy_time, status = Columns(), Columns(), []
     for moment in play(env, policy, seed, options):
         if progress is not None and perf_counter() > due:
             progress(float(moment.info["time"]))
@@ -124,8 +124,8 @@ def run_episode(
     )
 
 
-class _Table:
-    """Columns of numbers that grow row by row.
+class Columns:
+    """Columns of numbers that grow row by row, in little memory.
 
     Kept moments would be some thirty times as large, and page faults for them would show in
     policy times.

@@ -10,7 +10,7 @@ from numpy import ndarray
 
 from softrobot_env.evaluation.rollout import Rollout
 
-from .figures import COLOURS, REFERENCE, Axes, Figure, add_legend, add_title, style_of
+from .figures import COLOURS, REFERENCE, Axes, style_of
 
 #: Samples of an episode to show.
 Shown = Callable[[Rollout], slice]
@@ -201,10 +201,3 @@ def _dashes(order: int, count: int) -> dict[str, Any]:
 def _in_plane(points: ndarray, plane: str) -> ndarray:
     """Two coordinates (2, n) [mm] of points (n, 3) [m]."""
     return 1e3 * points[:, [_AXES.index(name) for name in plane]].T
-
-
-def finish(figure: Figure, axis: Axes, message: str, subject: str = "") -> Figure:
-    """Message and subject, and a legend of what one axis shows below all axes."""
-    add_title(figure, message, subject)
-    add_legend(figure, axis)
-    return figure

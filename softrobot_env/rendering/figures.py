@@ -239,6 +239,21 @@ def add_title(figure: Figure, message: str, subject: str = "") -> None:
     figure.suptitle("\n".join(lines), fontsize=11, x=0.01, ha="left")
 
 
+def finish(
+    figure: Figure, source: Axes | Sequence[Line2D], message: str, subject: str = ""
+) -> Figure:
+    """The figure with a title and a legend, see `add_title` and `add_legend`."""
+    add_title(figure, message, subject)
+    add_legend(figure, source)
+    return figure
+
+
+def label_plane(axis: Axes, plane: str) -> None:
+    """Names of two coordinates [mm], such as "xz", with one scale."""
+    axis.set(xlabel=f"{plane[0]} [mm]", ylabel=f"{plane[1]} [mm]")
+    axis.set_aspect("equal", adjustable="datalim")
+
+
 def label_lines(axis: Axes, entries: Sequence[tuple[str, float, str]], size: float = 8) -> None:
     """Names of lines to the right of an axis, at the heights where they end, without overlap.
 

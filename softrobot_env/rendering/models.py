@@ -23,9 +23,8 @@ from .figures import (
     VERMILLION,
     Axes,
     Figure,
-    add_legend,
-    add_title,
     entry,
+    finish,
     label_of,
     new_figure,
     plain_ticks,
@@ -175,13 +174,9 @@ def plot_accuracy(rows: Sequence[AccuracyRow], path: Path, robot: str) -> None:
         best = min(good, key=lambda row: row.cost)
         faster = f"{1 / best.cost:.0f} times faster than real time"
         message = f"the {label_of(best.model)} is the first within 1 %, {faster}"
-    add_title(
-        figure,
-        f"{robot}: {message}",
-        "Each model to the limit of its own physics; all runs, and the best of each model joined",
-    )
-    add_legend(figure, model_entries(row.model for row in rows))
-    save(figure, path)
+    subject = "Each model to the limit of its own physics; all runs, and the best of each joined"
+    entries = model_entries(row.model for row in rows)
+    save(finish(figure, entries, f"{robot}: {message}", subject), path)
 
 
 # ---------------------------------------------------------------- stability
@@ -240,15 +235,12 @@ def stability_map(rows: Sequence[StabilityRow], robot: str) -> Figure:
             axes.plot(row.stiffness_scale, height, **_STAR)
     own = [row for row in rows if row.case == "own"]
     good = sum(row.verdict == Verdict.ACCURATE for row in own)
-    add_title(
-        figure,
-        f"{robot}: {good} of {len(own)} runs are accurate with what the package chooses itself",
-        "With an integrator and timestep asked for; numbers: error in % of the length",
-    )
+    message = f"{good} of {len(own)} runs are accurate with what the package chooses itself"
     shown = {row.verdict for row in asked}
     entries = [entry(text, color=c, **_SQUARE) for v, (c, text) in VERDICTS.items() if v in shown]
-    add_legend(figure, [*entries, entry("chosen for mj_step", linestyle="", **_STAR)])
-    return figure
+    entries.append(entry("chosen for mj_step", linestyle="", **_STAR))
+    subject = "With an integrator and timestep asked for; numbers: error in % of the length"
+    return finish(figure, entries, f"{robot}: {message}", subject)
 
 
 def new_maps(

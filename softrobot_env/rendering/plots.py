@@ -22,7 +22,6 @@ from .curves import (
     draw_stacked,
     draw_tip,
     end_errors,
-    finish,
     least_error,
     most_input,
     policy_curves,
@@ -30,7 +29,7 @@ from .curves import (
     typical_error,
     varied_curves,
 )
-from .figures import Figure, add_legend, add_title, new_figure, save
+from .figures import Figure, add_title, finish, new_figure, save
 
 #: End of the names of files that have what pictures show.
 DRAWN = "_drawn.npz"
@@ -234,9 +233,7 @@ def _shapes(found: _Comparison, shapes: dict[str, ndarray]) -> Figure:
     entries = axis.get_legend_handles_labels()[0]
     thin = [replace(c, line={**c.line, "linewidth": 0.8, "alpha": 0.7}) for c in found.curves]
     draw_path(axis, thin, found.path)
-    add_title(figure, found.titled(end_errors(found.curves)))
-    add_legend(figure, [*entries, axis.lines[-1]])
-    return figure
+    return finish(figure, [*entries, axis.lines[-1]], found.titled(end_errors(found.curves)))
 
 
 def _paths(found: _Comparison) -> Figure:

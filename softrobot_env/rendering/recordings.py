@@ -14,15 +14,16 @@ from .figures import (
     GREY,
     VERMILLION,
     Figure,
-    add_legend,
-    add_title,
+    Line2D,
     entry,
+    finish,
+    label_plane,
     new_figure,
     save,
 )
 
-_VIEWS = ((0, 1), (0, 2), (1, 2))
-_AXES = "xyz"
+#: Views by the two axes that are seen, and these.
+_VIEWS = {"xy": [0, 1], "xz": [0, 2], "yz": [1, 2]}
 _MOST_BARS = 100  # patterns
 
 #: Colours of errors.
@@ -83,15 +84,18 @@ def _errors(compared: Compared) -> Figure:
         axis.plot(across, 1e3 * values, color=colour, linewidth=0.8)
     axis.set(xlabel="row" if compared.static else "time [s]", ylabel="error [mm]")
     axis.set_ylim(bottom=0)
-    add_title(figure, f"{compared.title}: distance of simulated and recorded markers")
-    add_legend(figure, [entry(name, color=colour) for name, colour in _ERRORS.items()])
-    return figure
+    message = f"{compared.title}: distance of simulated and recorded markers"
+    return finish(figure, _of_errors(), message)
 
 
-def measured_views(points: ndarray) -> list[tuple[int, int]]:
-    """Pairs of axes along which points (..., 3) were measured, NaN where not; one at least."""
+def _of_errors() -> list[Line2D]:
+    return [entry(name, color=colour) for name, colour in _ERRORS.items()]
+
+
+def measured_views(points: ndarray) -> list[str]:
+    """Views of axes along which points (..., 3) were measured, NaN where not; one at least."""
     measured = ~np.isnan(points).all(axis=tuple(range(points.ndim - 1)))
-    return [view for view in _VIEWS if measured[list(view)].all()] or [_VIEWS[1]]
+    return [view for view, axes in _VIEWS.items() if measured[axes].all()] or ["xz"]
 
 
 def _markers(compared: Compared) -> Figure:
@@ -100,15 +104,14 @@ def _markers(compared: Compared) -> Figure:
     figure, axes = new_figure(1, len(views), (1.0 + 3.4 * len(views), 4.2))
     dots = {"linestyle": "none", "marker": ".", "markersize": 2.5}
     line = dots if compared.static else {"linewidth": 0.9}
-    for axis, (i, j) in zip(axes[0], views, strict=True):
+    for axis, view in zip(axes[0], views, strict=True):
+        i, j = _VIEWS[view]
         for points, colour in ((compared.recorded, BLACK), (compared.simulated, VERMILLION)):
             axis.plot(1e3 * points[:, :, i], 1e3 * points[:, :, j], color=colour, **line)
-        axis.set(xlabel=f"{_AXES[i]} [mm]", ylabel=f"{_AXES[j]} [mm]")
-        axis.set_aspect("equal", adjustable="datalim")
-    add_title(figure, f"{compared.title}: markers")
+        label_plane(axis, view)
     named = (("recorded", BLACK), ("simulated", VERMILLION))
-    add_legend(figure, [entry(name, color=colour, marker=".") for name, colour in named])
-    return figure
+    entries = [entry(name, color=colour, marker=".") for name, colour in named]
+    return finish(figure, entries, f"{compared.title}: markers")
 
 
 def _patterns(title: str, rows: Sequence[Errors]) -> Figure:
@@ -123,9 +126,7 @@ def _patterns(title: str, rows: Sequence[Errors]) -> Figure:
     axis.set_yticks(places, [row.pattern for row in worst], fontsize=6)
     axis.set_ylim(-0.7, len(worst) - 0.3)
     axis.set_xlabel("RMS error [mm]")
-    add_title(figure, f"{title}: error by pattern")
-    add_legend(figure, [entry(name, color=colour) for name, colour in _ERRORS.items()])
-    return figure
+    return finish(figure, _of_errors(), f"{title}: error by pattern")
 
 
 class Known(Protocol):
@@ -175,29 +176,27 @@ def _rows_errors(errors: Mapping[str, ndarray], title: str) -> Figure:
         axis.set_title(f"{name}: RMS {mean:.2f} mm", fontsize=9, loc="left")
     axes[0, 0].set_ylim(bottom=0)  # of all, once the largest error is known
     axes[-1, 0].set_xlabel("row")
-    add_title(figure, f"{title}: simulated less recorded marker")
-    return figure
+    return finish(figure, (), f"{title}: simulated less recorded marker")
 
 
 def _arrows(points: ndarray, error: ndarray, title: str) -> Figure:
     """Errors as arrows, ten times as long, where the marker was, of planes that were measured."""
     views = measured_views(points)
     figure, axes = new_figure(1, len(views), (1.0 + 4.5 * len(views), 4.8))
-    for axis, (i, j) in zip(axes[0], views, strict=True):
-        axis.scatter(1e3 * points[:, i], 1e3 * points[:, j], s=2, color=GREY, linewidths=0)
+    for axis, view in zip(axes[0], views, strict=True):
+        seen = _VIEWS[view]
+        axis.scatter(*(1e3 * points[:, seen].T), s=2, color=GREY, linewidths=0)
         axis.quiver(
-            *(1e3 * points[:, [i, j]].T),
-            *(1e4 * error[:, [i, j]].T),
+            *(1e3 * points[:, seen].T),
+            *(1e4 * error[:, seen].T),
             angles="xy",
             scale_units="xy",
             scale=1,
             width=1.5e-3,
             color=VERMILLION,
         )
-        axis.set(xlabel=f"{_AXES[i]} [mm]", ylabel=f"{_AXES[j]} [mm]")
-        axis.set_aspect("equal", adjustable="datalim")
-    add_title(figure, f"{title}: errors over the workspace, ten times enlarged")
-    return figure
+        label_plane(axis, view)
+    return finish(figure, (), f"{title}: errors over the workspace, ten times enlarged")
 
 
 def _parameters(parameters: Sequence[Known], title: str) -> Figure:
@@ -212,7 +211,6 @@ def _parameters(parameters: Sequence[Known], title: str) -> Figure:
     axis.set_yticks(places, [p.parameter for p in parameters], fontsize=6)
     axis.set_ylim(-0.7, len(parameters) - 0.3)
     axis.set_xlabel("change of the file's, over the spread believed before")
-    add_title(figure, f"{title}: parameters with 95 % intervals")
     believed = entry("believed, 95 %", color="0.8", linewidth=6)
-    add_legend(figure, [entry("found", color=GREEN, marker="o"), believed])
-    return figure
+    entries = [entry("found", color=GREEN, marker="o"), believed]
+    return finish(figure, entries, f"{title}: parameters with 95 % intervals")

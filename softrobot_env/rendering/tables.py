@@ -39,7 +39,7 @@ def number(value: float | None, form: str = ".2g", unit: str = "", missing: str 
     if value is None:
         return missing
     if not math.isfinite(value):
-        raise ValueError(f"{value} in a table")
+        raise ValueError(f"{value} in a table is not finite")
     return format(FACTORS.get(unit, 1) * value, form)
 
 
@@ -91,7 +91,7 @@ class Column:
 
 
 def _field(record: Any, name: str) -> Any:
-    return record[name] if isinstance(record, Mapping) else getattr(record, name)
+    return record.get(name) if isinstance(record, Mapping) else getattr(record, name)
 
 
 def _text(value: Any) -> Text:

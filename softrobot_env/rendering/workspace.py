@@ -7,7 +7,7 @@ import numpy as np
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.inverse import Sample, Workspace, sample_of, workspace_of
 
-from .figures import BLACK, BLUE, GREY, VERMILLION, Axes, add_legend, add_title, new_figure, save
+from .figures import BLACK, BLUE, GREY, VERMILLION, Axes, finish, label_plane, new_figure, save
 
 _SHAPES, _POINTS = 9, 60
 _NAMES = "xyz"
@@ -28,8 +28,7 @@ def draw_workspace(robot: RobotParams, folder: Path | str) -> Path:
     figure, axes = new_figure(1, len(views), (5.2 * len(views), 5.6))
     for axis, view in zip(axes[0], views, strict=True):
         _draw(axis, space, sample, view)
-    add_title(figure, f"{robot.name}: tips at rest, {len(sample.tips)} of a sample")
-    add_legend(figure, axes[0, 0])
+    finish(figure, axes[0, 0], f"{robot.name}: tips at rest, {len(sample.tips)} of a sample")
     Path(folder).mkdir(parents=True, exist_ok=True)
     return save(figure, picture_of(robot, folder))
 
@@ -50,9 +49,7 @@ def _draw(axis: Axes, space: Workspace, sample: Sample, view: str) -> None:
         axis.plot(*1e3 * shape[:, plane].T, **(others if k else bold))
     axis.plot(*1e3 * sample.tips[:, plane].T, ".", color=BLUE, markersize=3.5, label="tips")
     _draw_ground(axis, space, plane)
-    axis.set_aspect("equal", adjustable="datalim")
-    axis.set_xlabel(f"{view[0]} [mm]")
-    axis.set_ylabel(f"{view[1]} [mm]")
+    label_plane(axis, view)
 
 
 def _draw_ground(axis: Axes, space: Workspace, plane: list[int]) -> None:

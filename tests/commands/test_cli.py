@@ -3,6 +3,8 @@ import os
 import re
 import sys
 import time
+from argparse import ArgumentParser
+from pathlib import Path
 from runpy import run_path
 
 import pytest
@@ -11,8 +13,9 @@ from support.processes import finished
 
 from softrobot_env.cli import main
 from softrobot_env.commands import cases as evaluate_cases
+from softrobot_env.commands.arguments import declare
 from softrobot_env.commands.registry import COMMANDS
-from softrobot_env.commands.robot.command import ROBOT_COMMANDS
+from softrobot_env.commands.robot.command import COMMANDS as ROBOT_COMMANDS
 from softrobot_env.compile.notice import Notice
 
 HOLD = "--tasks lshape --policies hold --control-period 0.2"
@@ -111,6 +114,34 @@ def test_help_has_an_example(command, capsys):
     with pytest.raises(SystemExit, match="0"):
         called(command, "--help")
     assert f"example: softrobot {command}" in " ".join(capsys.readouterr().out.split())
+
+
+def test_arguments_are_declared_by_lines_of_their_help():
+    parser = ArgumentParser()
+    text = """
+        file FILE?  what is read,
+            wherever it is
+        [pictures]
+        --size W H (640 480)
+        --colours COLOUR+ (red)  out of %(choices)s; default: a warm one
+        --set NAME=VALUE!  may come again
+        --loud
+    """
+    declare(parser, text, colours=("red", "blue"), set=str)
+    found = parser.parse_args(["a.csv", "--set", "b=1", "--set", "c=2"])
+    assert (found.file, found.size, found.loud) == (Path("a.csv"), [640, 480], False)
+    assert (found.colours, found.set) == (["red"], ["b=1", "c=2"])
+    said = " ".join(parser.format_help().split())
+    for part in (
+        "read, wherever it is",
+        "pictures:",
+        "default: 640 480",
+        "out of red, blue; default",
+    ):
+        assert part in said
+    assert "default: red" not in said
+    with pytest.raises(SystemExit):
+        parser.parse_args([])  # a set is missing
 
 
 @pytest.mark.parametrize("script", ["evaluate", "render", "benchmark"])

@@ -9,7 +9,8 @@ from support.commands import called, evaluated, rows_in
 from support.patience import patient_commands
 from support.rig_identified_file import identified_file
 
-from softrobot_env.commands.robot import setup as real_setup
+from softrobot_env.commands.cases import RealSetup
+from softrobot_env.commands.robot import virtual
 from softrobot_env.commands.robot.soak import answer_times
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.evaluation.report import VIRTUAL
@@ -57,12 +58,12 @@ def ended(monkeypatch):
         finally:
             ended.append(twin)
 
-    monkeypatch.setattr(real_setup, "virtual_process", process)
+    monkeypatch.setattr(virtual, "virtual_process", process)
     return ended
 
 
 def virtual_env(task):
-    setup = real_setup.RealSetup(Namespace(env=VIRTUAL, record=None, twin=[3]))
+    setup = RealSetup(Namespace(env=VIRTUAL, record=None, twin=[3]))
     return setup.environment(Case(task, "hybrid", twin=3))
 
 

@@ -3,6 +3,7 @@
 import json
 from importlib.util import find_spec
 
+import numpy as np
 import pytest
 from support.commands import called, evaluated, rows_in
 from support.recorded_rods import real_recording
@@ -40,6 +41,16 @@ def test_a_robot_is_recorded_checked_and_replayed(pulls, tmp_path, capsys):
     if not plots:
         names = {path.name for path in out.glob("*.png")}
         assert names == {f"replay_{name}.png" for name in ("error", "markers", "patterns")}
+
+
+def test_noise_is_that_of_seed_0_unless_another_is_given(tmp_path):
+    words = "robot record --kinds pulls --levels 1 --rest 0.1"
+    seeds = {"a": "", "b": "--seed 0", "c": "--seed 1"}
+    for name, seed in seeds.items():
+        assert called(words, seed, "--out", tmp_path / f"{name}.csv") == 0
+    first, same, other = (read_recording(tmp_path / f"{name}.csv").markers for name in seeds)
+    np.testing.assert_array_equal(first, same)
+    assert not np.array_equal(first, other)
 
 
 def test_the_header_beside_an_identified_robot_counts(pulls, tmp_path, capsys):

@@ -8,6 +8,7 @@ from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation import report
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.evaluation.runner import Case, run
+from softrobot_env.rendering import episodes
 from softrobot_env.robots import ARM
 from softrobot_env.scene.timestep import TimestepWarning
 from softrobot_env.tasks import make_task
@@ -73,20 +74,20 @@ def test_reports_tell_the_failure(failed, tmp_path):
     report.write_json(tmp_path / "report.json", rows, COMMAND)
     stored = json.loads((tmp_path / "report.json").read_text())
     assert stored["rows"][0]["failure"] == failed.rollout.failure
-    assert failed.rollout.failure in report.markdown(rows, COMMAND)
-    assert "FAILED" in report.markdown(rows, COMMAND)
-    assert failed.rollout.failure in str(report.tables(rows)[0].caption)
+    assert failed.rollout.failure in episodes.markdown(rows, COMMAND)
+    assert "FAILED" in episodes.markdown(rows, COMMAND)
+    assert failed.rollout.failure in str(episodes.tables(rows)[0].caption)
 
 
 def test_reports_refuse_nan(outcome, tmp_path):
     with pytest.raises(ValueError):
         report.write_json(tmp_path / "report.json", [row(outcome, e_max=float("nan"))], COMMAND)
     with pytest.raises(ValueError, match="not finite"):
-        report.markdown([row(outcome, e_max=float("inf"))], COMMAND)
+        episodes.markdown([row(outcome, e_max=float("inf"))], COMMAND)
 
 
 def test_markdown_shows_the_thesis_beside_ours(outcome):
-    text = report.markdown([row(outcome)], COMMAND)
+    text = episodes.markdown([row(outcome)], COMMAND)
     assert "| LQI (thesis, PCC plant) |" in text and "1.71" in text
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from support.rollouts import made_rollout
 
-from softrobot_env.evaluation import report
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.report import identified_label, option_columns, rig_label, task_label
 from softrobot_env.evaluation.runner import Case, Outcome
+from softrobot_env.rendering import episodes
 from softrobot_env.rendering.plots import plot_task
 from softrobot_env.tasks import make_task
 
@@ -73,12 +73,12 @@ def row(rollout, **changes):
 
 def test_one_rig_stands_in_the_title_and_several_in_a_column():
     rows = [row(record(TASK, 14.0)), row(record(TASK, 14.0), twin=3)]
-    (alone,) = report.tables(rows[:1])
-    assert alone.title == "triangle 1 s, twin 0"
-    (both,) = report.tables(rows)
-    assert both.title == "triangle 1 s"
-    assert [column.header for column in both.columns][:2] == ["policy", "rig"]
-    assert list(both.columns[1].cells) == ["twin 0", "twin 3"]
+    (alone,) = episodes.tables(rows[:1])
+    assert str(alone.title) == "triangle 1 s, twin 0"
+    (both,) = episodes.tables(rows)
+    assert str(both.title) == "triangle 1 s"
+    assert [str(column.header) for column in both.columns][:2] == ["policy", "rig"]
+    assert list(map(str, both.columns[1].cells)) == ["twin 0", "twin 3"]
 
 
 @pytest.mark.parametrize(
@@ -98,13 +98,13 @@ def test_one_rig_stands_in_the_title_and_several_in_a_column():
 def test_reports_say_of_which_other_rig_policies_have_parameters(plant, driven, identified, other):
     values = row(record(TASK, 9.0), plant=plant, twin=driven, identified=identified)
     said = [f"The identified parameters of the rig are of {identified}; other rigs differ from it."]
-    assert report.notes([values, values]) == said * other
+    assert episodes.notes([values, values]) == said * other
 
 
 def test_a_failed_row_of_the_rig_has_no_metrics():
     values = row(record(TASK, 9.0, failure="diverged"))
     assert values["e_mean"] is None
-    assert "triangle 1 s, hybrid twin 0 failed: diverged" in report.failures([values])
+    assert "triangle 1 s, hybrid twin 0 failed: diverged" in episodes.failures([values])
 
 
 @pytest.fixture

@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from softrobot_env.commands.robot import setup as real_setup
-from softrobot_env.commands.robot import soak
+from softrobot_env.commands.robot import soak, virtual
 from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.hardware import driver
@@ -32,7 +31,7 @@ def patient_commands():
             yield robot._replace(file=replace(robot.file, watchdog=1.0, ttl=0.9))
 
     with patient_drivers(), pytest.MonkeyPatch.context() as patch:
-        for module in (real_setup, soak):
+        for module in (virtual, soak):
             patch.setattr(module, "virtual_process", process)
         patch.setitem(RealRigEnv.usual, "max_missed", 10_000)
         patch.setitem(RealRigEnv.usual, "oldest", 2.0)

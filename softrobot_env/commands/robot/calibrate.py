@@ -1,7 +1,7 @@
 """`softrobot robot calibrate`: jog the servos, mark zero, range and rest, write a robot file."""
 
 import sys
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections.abc import Iterable
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -20,8 +20,8 @@ from softrobot_env.hardware.robot_file import (
     write_robot_file,
 )
 
-from ..output import add_out, new_file, say
-from .link import add_robot, numbers, open_driver, robot_of
+from ..output import new_file, say
+from .link import ROBOT_TEXT, numbers, open_driver, robot_of
 
 EXAMPLE = "softrobot robot calibrate --port /dev/ttyUSB0 --out rig.toml"
 
@@ -31,10 +31,11 @@ write       write the file and stop
 quit        stop without a file"""
 
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command."""
-    add_robot(parser)
-    add_out(parser, "robot.toml", metavar="FILE")
+ARGUMENTS = f"""
+    {ROBOT_TEXT}
+    --out FILE (robot.toml)
+    <overwrite>
+"""
 
 
 def run(args: Namespace) -> int:

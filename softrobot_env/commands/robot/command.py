@@ -1,19 +1,17 @@
 """`softrobot robot`: a real robot over serial; who answers there, orders to it, recorded links."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import fields
 from math import inf
 from time import monotonic
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from rich.live import Live
 from rich.table import Table
 
-from softrobot_env.core.registry import Registry
 from softrobot_env.hardware.driver import Driver, identify
 from softrobot_env.hardware.errors import RobotError
 from softrobot_env.hardware.protocol import messages
@@ -28,26 +26,16 @@ from softrobot_env.hardware.transport import (
 )
 from softrobot_env.rendering.tables import Column, make_table, named_values
 
-from ..arguments import Command, add, add_commands
+from ..arguments import command
 from ..output import say
+from ..registry import Command
 from . import calibrate, record, soak, virtual
-from .link import add_robot, info_rows, open_driver, reading_rows, robot_of
+from .link import ROBOT_TEXT, info_rows, open_driver, reading_rows, robot_of
 
 EXAMPLE = "softrobot robot hold --port /dev/ttyUSB0 --seconds 10"
 
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command: its commands with theirs."""
-    add_commands(parser, ROBOT_COMMANDS)
-
-
 # ---------------------------------------------------------------- who answers
-
-
-def _add_list(parser: ArgumentParser) -> None:
-    add(parser, "ports PORT", "default: every serial port of this computer", nargs="*")
-    add(parser, "--baud", "default: %(default)s", int, choices=BAUDS, default=rig_file().baud)
-    add(parser, "--timeout S", "for each port; default: 2", float, default=2.0)
 
 
 def _list(args: Namespace) -> int:
@@ -87,30 +75,14 @@ def _answer(port: str, args: Namespace) -> tuple[bool, str]:
 _LONGEST_MOVE = 30.0  # s
 
 
-@dataclass(frozen=True)
-class RobotCommand:
-    """A command to the robot that the arguments of `add_robot` mean, see `arguments.Command`.
+def _order(example: str, give: Callable[[Driver, Namespace], int], options: str = "") -> Any:
+    """A command that gives an order, by a driver that has sent nothing yet."""
 
-    Attributes:
-        EXAMPLE: For people.
-        give: Gives the order to a driver that has sent nothing yet; returns the exit status.
-        options: More arguments, as `arguments.add` has them.
-    """
-
-    EXAMPLE: str
-    give: Callable[[Driver, Namespace], int]
-    options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-
-    def add_arguments(self, parser: ArgumentParser) -> None:
-        """Arguments of the command."""
-        add_robot(parser)
-        for name, option in self.options.items():
-            add(parser, name, **option)
-
-    def run(self, args: Namespace) -> int:
-        """Run the command."""
+    def run(args: Namespace) -> int:
         with open_driver(robot_of(args), args.record) as driver:
-            return self.give(driver, args)
+            return give(driver, args)
+
+    return command(example, f"{ROBOT_TEXT}\n{options}", run)
 
 
 def _info(driver: Driver, args: Namespace) -> int:
@@ -150,7 +122,7 @@ def _hold(driver: Driver, args: Namespace) -> int:
     driver.connect()
     driver.arm()
     try:
-        _stay(driver, args.seconds)
+        _stay(driver, args.seconds or inf)
     except KeyboardInterrupt:
         say("Stopping.")
     return 0
@@ -176,27 +148,6 @@ def _shown(driver: Driver) -> Table:
     return named_values(f"Robot {driver.robot.name}, Ctrl-C stops it", rows)
 
 
-_INFO = RobotCommand("softrobot robot info --robot-file rig.toml", _info)
-_HOLD = RobotCommand(
-    "softrobot robot hold --robot-file rig.toml --seconds 10",
-    _hold,
-    {"--seconds S": {"text": "default: until Ctrl-C", "default": inf}},
-)
-_STOP = RobotCommand(
-    "softrobot robot stop --port /dev/ttyUSB0",
-    _stop,
-    {
-        "--clear": {"text": "clear a latched fault, if its cause is gone"},
-        "--timeout S": {"text": "default: 10", "default": 10.0},
-    },
-)
-_ESTOP = RobotCommand(
-    "softrobot robot estop --port /dev/ttyUSB0",
-    _estop,
-    {"--clear": {"text": "clear the emergency stop afterwards"}},
-)
-
-
 # ---------------------------------------------------------------- recorded links
 
 _ARROWS = {Direction.TO_ROBOT: "to robot", Direction.FROM_ROBOT: "from robot"}
@@ -207,11 +158,6 @@ _ROUTINE = (messages.Setpoint, messages.Ping, messages.Pong)
 
 #: A message: time [s] from the start, which way, and what.
 Line = tuple[float, Direction, messages.Message]
-
-
-def _add_replay(parser: ArgumentParser) -> None:
-    add(parser, "log FILE", "what --record has written")
-    add(parser, "--all", "also set-points, and states that tell nothing new")
 
 
 def _replay(args: Namespace) -> int:
@@ -282,32 +228,54 @@ def _summary(log: LinkLog, lines: list[Line]) -> str:
     )
 
 
-_LIST = SimpleNamespace(
-    EXAMPLE="softrobot robot list /dev/ttyUSB0 /dev/ttyUSB1", add_arguments=_add_list, run=_list
+_LIST = command(
+    "softrobot robot list /dev/ttyUSB0 /dev/ttyUSB1",
+    f"""
+    ports PORT*  default: every serial port of this computer
+    --baud RATE ({rig_file().baud})  out of %(choices)s
+    --timeout S (2)  for each port
+    """,
+    _list,
+    baud=BAUDS,
+    timeout=float,
 )
-_REPLAY = SimpleNamespace(
-    EXAMPLE="softrobot robot replay out/session.link --all", add_arguments=_add_replay, run=_replay
+_HOLD = _order(
+    "softrobot robot hold --robot-file rig.toml --seconds 10",
+    _hold,
+    "--seconds S  default: until Ctrl-C",
+)
+_STOP = _order(
+    "softrobot robot stop --port /dev/ttyUSB0",
+    _stop,
+    "--clear  clear a latched fault, if its cause is gone\n--timeout S (10)",
+)
+_ESTOP = _order(
+    "softrobot robot estop --port /dev/ttyUSB0",
+    _estop,
+    "--clear  clear the emergency stop afterwards",
+)
+_REPLAY = command(
+    "softrobot robot replay out/session.link --all",
+    """
+    log FILE  what --record has written
+    --all  also set-points, and states that tell nothing new
+    """,
+    _replay,
 )
 
 #: The commands of `softrobot robot`.
-ROBOT_COMMANDS: Registry[Command] = Registry(
-    "command of robot",
-    {
-        "list": (_LIST, "list serial ports and who answers there"),
-        "info": (_INFO, "configure a robot and print what it says of itself"),
-        "calibrate": (
-            calibrate,
-            "jog the servos, mark zero, range and rest, and write a robot file",
-        ),
-        "hold": (_HOLD, "arm a robot and hold it at rest"),
-        "stop": (_STOP, "ramp a robot to rest and switch its outputs off"),
-        "estop": (_ESTOP, "cut a robot's outputs at once"),
-        "replay": (_REPLAY, "print what a recorded link carried"),
-        "record": (
-            record,
-            "excite a robot, simulated, virtual or real, within limits, and record it",
-        ),
-        "virtual": (virtual, "run the rig without hardware, behind a serial port"),
-        "soak": (soak, "run at full rate for long, and print whether every promise was kept"),
-    },
-)
+COMMANDS: Mapping[str, Command] = {
+    "list": (_LIST, "list serial ports and who answers there"),
+    "info": (
+        _order("softrobot robot info --robot-file rig.toml", _info),
+        "configure a robot and print what it says of itself",
+    ),
+    "calibrate": (calibrate, "jog the servos, mark zero, range and rest, and write a robot file"),
+    "hold": (_HOLD, "arm a robot and hold it at rest"),
+    "stop": (_STOP, "ramp a robot to rest and switch its outputs off"),
+    "estop": (_ESTOP, "cut a robot's outputs at once"),
+    "replay": (_REPLAY, "print what a recorded link carried"),
+    "record": (record, "excite a robot, simulated, virtual or real, within limits, and record it"),
+    "virtual": (virtual, "run the rig without hardware, behind a serial port"),
+    "soak": (soak, "run at full rate for long, and print whether every promise was kept"),
+}

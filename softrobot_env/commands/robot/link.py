@@ -12,18 +12,18 @@ from softrobot_env.hardware.protocol.unit_conversion import Reading
 from softrobot_env.hardware.robot_file import RobotFile, read_robot_file, rig_file
 from softrobot_env.hardware.transport import LoggingTransport, SerialTransport, Transport
 
-from ..arguments import Parsers, add, add_line
 from ..output import say
 
-
-def add_robot(parser: Parsers) -> None:
-    """--robot-file, --port and --record."""
-    add_line(parser, "robot file (TOML); default: the rig before its calibration")
-    add(parser, "--record FILE", "new file for all messages")
+#: Arguments that say which robot.
+ROBOT_TEXT = """
+    --robot-file FILE  robot file (TOML); default: the rig before its calibration
+    <port>
+    --record FILE  new file for all messages
+"""
 
 
 def robot_of(args: Namespace) -> RobotFile:
-    """The robot that the arguments of `add_robot` mean.
+    """The robot that the arguments of `ROBOT_TEXT` mean.
 
     Raises:
         ValueError: The file says what is not allowed.

@@ -1,71 +1,63 @@
 """`softrobot robot record`: excite a robot within limits, and record it for an identification."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from contextlib import closing
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import partial
 
 import gymnasium
 
-from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
+from softrobot_env.beams.registry import MUJOCO
+from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.envs.recording import RecordEpisodes
 from softrobot_env.evaluation.report import VIRTUAL
+from softrobot_env.evaluation.runner import Case
 from softrobot_env.identification import excitation
 from softrobot_env.recordings import Recording, write_recording
 from softrobot_env.recordings.columns import check_writable
 from softrobot_env.recordings.files import header_path
-from softrobot_env.robots import VARIATIONS, RobotParams, default_robot, entry_of, find_robot
+from softrobot_env.robots import RobotParams, default_robot, entry_of, find_robot
 
-from .. import arguments
-from ..arguments import SEVERAL, add
-from ..output import add_out, check_free, new_file, progress_on, say
-from ..setups import ENVIRONMENTS, SIMULATED
+from ..arguments import SIMULATED
+from ..output import check_free, new_file, progress_on, say
 from .link import robot_of
+from .virtual import VirtualRigEnv
 
 EXAMPLE = """softrobot robot record --twin 3 --out out/rig.csv
   softrobot robot record --robot my.toml --kinds pulls --static --out out/pulls.csv
   softrobot robot record --env real --robot-file rig.toml --amplitude 0.3 --radius 0.1"""
 
-#: Settings of an excitation that are numbers, and what they are.
-_NUMBERS = {
-    "amplitude": "largest share of full scale",
-    "speed": "full scales per second, at most, but for visits",
-    "rest": "s at each level of a pull",
-    "decay": "s after a release",
-    "duration": "s of the random motion",
-    "bandwidth": "Hz of the random motion, at most",
-    "tension": "largest tension over the tendons' limits",
-    "radius": "m, largest way of the tip from where it rests",
-}
+_USUAL = excitation.Excitation()
 
+ARGUMENTS = f"""
+    <robot> simulated; default: the rig
+    --env ENV ({SIMULATED})  out of %(choices)s
+    --twin SEED|none  errors of manufacturing and servos that a simulated or virtual robot
+        driven by length has and nobody knows; default: of the rig 0, of others none
+    --vary NAME=V  what is otherwise with a simulated robot than believed:
+        <variations>
+    --plant PLANT ({MUJOCO})  of a simulated robot, out of %(choices)s
+    --robot-file FILE  of a real rig
+    <port>
+    --control-period S (0.02)
+    --kinds KIND+ ({" ".join(_USUAL.kinds)})  out of %(choices)s
+    --amplitude X ({_USUAL.amplitude:g})  largest share of full scale
+    --speed X ({_USUAL.speed:g})  full scales per second, at most, but for visits
+    --levels LEVELS ({_USUAL.levels})  of a pull
+    --rest X ({_USUAL.rest:g})  s at each level of a pull
+    --decay X ({_USUAL.decay:g})  s after a release
+    --duration X ({_USUAL.duration:g})  s of the random motion
+    --bandwidth X ({_USUAL.bandwidth:g})  Hz of the random motion, at most
+    --points POINTS ({_USUAL.points})  to be visited
+    --tension X ({_USUAL.tension:g})  largest tension over the tendons' limits
+    --radius X ({_USUAL.radius:g})  m, largest way of the tip from where it rests
+    --seed SEED ({_USUAL.seed})  of random motion and of noise
+    --static  keep one row for each rest, averaged over its end
+    --out FILE (out/recording.csv)  or a .parquet
+    <overwrite>
+"""
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command."""
-    arguments.add_robot(parser, "simulated; default: the rig")
-    add(parser, "--env", "default: sim", choices=ENVIRONMENTS, default=SIMULATED)
-    add(
-        parser,
-        "--twin SEED",
-        "errors of manufacturing and servos that a simulated or virtual robot driven by length has "
-        "and nobody knows, or none; default: of the rig 0, of others none",
-        arguments.twin,
-        nargs=1,
-    )
-    known = ", ".join(VARIATIONS)
-    text = f"what is otherwise with a simulated robot than believed: {known}"
-    add(parser, "--vary NAME=V", text, arguments.variation, **SEVERAL)
-    add(parser, "--plant", "of a simulated robot; default: mujoco", choices=PLANTS, default=MUJOCO)
-    arguments.add_line(parser, "of a real rig")
-    add(parser, "--control-period S", default=0.02)
-    add(parser, "--kinds", nargs="+", choices=excitation.KINDS, default=["pulls", "random"])
-    usual = {field.name: field.default for field in fields(excitation.Excitation)}
-    for name, text in _NUMBERS.items():
-        add(parser, f"--{name} X", f"{text}; default: {usual[name]:g}", float)
-    add(parser, "--levels LEVELS", "of a pull; default: 4", int)
-    add(parser, "--points POINTS", f"to be visited; default: {usual['points']}", int)
-    add(parser, "--seed SEED", "of random motion and of noise; default: 0")
-    add(parser, "--static", "keep one row for each rest, averaged over its end")
-    add_out(parser, "out/recording.csv", ", or a .parquet", "FILE")
+KINDS = {"kinds": excitation.KINDS}
 
 
 def run(args: Namespace) -> int:
@@ -110,9 +102,8 @@ def _recorded(
 
 
 def _excitation(args: Namespace) -> excitation.Excitation:
-    given = {name: getattr(args, name) for name in (*_NUMBERS, "levels", "points", "seed")}
-    given = {name: value for name, value in given.items() if value is not None}
-    return excitation.Excitation(kinds=tuple(args.kinds), **given)
+    given = {field.name: getattr(args, field.name) for field in fields(_USUAL)}
+    return replace(_USUAL, **given | {"kinds": tuple(args.kinds)})
 
 
 def _varied(args: Namespace) -> dict[str, float]:
@@ -126,31 +117,17 @@ def _varied(args: Namespace) -> dict[str, float]:
 
 def _environment(args: Namespace, robot: RobotParams, planned: excitation.Plan) -> gymnasium.Env:
     """The robot in an environment; a real one is at rest when that is closed."""
+    entry, options = entry_of(robot), {"control_period": args.control_period}
+    task = excitation.resting_task(robot, planned.duration, entry.axes)
+    (seed,) = args.twin or (entry.twin,)
     if args.env == SIMULATED:
-        return _simulated(args, robot, planned)
-    from softrobot_env.envs.real import RealRigEnv
+        return Case(task, "hold", twin=seed, plant=args.plant, scene=options).environment()
 
-    from .setup import VirtualRigEnv
-
-    if not entry_of(robot).on_a_line or args.plant != MUJOCO:
+    if not entry.on_a_line or args.plant != MUJOCO:
         raise ValueError(f"--robot, --plant: only with --env {SIMULATED}")
-    task = excitation.resting_task(robot, planned.duration, entry_of(robot).axes)
-    options = {"control_period": args.control_period, "observe": "all"}
+    options["observe"] = "all"
     if args.env != VIRTUAL:
         return RealRigEnv(task, robot_file=robot_of(args), **options)
-    (seed,) = args.twin or (0,)
     if seed is None:
         raise ValueError(f"--twin none: only with --env {SIMULATED}")
     return VirtualRigEnv(task, seed, **options)
-
-
-def _simulated(args: Namespace, robot: RobotParams, planned: excitation.Plan) -> gymnasium.Env:
-    from softrobot_env.evaluation.runner import simulated
-
-    entry = entry_of(robot)
-    options = {"control_period": args.control_period, "observe": "all"}
-    if args.plant != MUJOCO:
-        options["plant"] = BeamPlant(args.plant)
-        options |= {} if entry.pieces is None else {"pieces": None}
-    (seed,) = args.twin or (entry.twin,)
-    return simulated(excitation.resting_task(robot, planned.duration, entry.axes), seed, **options)

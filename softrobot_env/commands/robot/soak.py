@@ -1,10 +1,8 @@
 """`softrobot robot soak`: a long run at full rate, and whether it kept its promises."""
 
-from argparse import ArgumentParser, Namespace
-from array import array
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass, replace
+from argparse import Namespace
+from contextlib import closing
+from dataclasses import replace
 from math import isnan
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,13 +12,18 @@ import numpy as np
 from numpy import ndarray
 from rich.table import Table
 
+from softrobot_env.control.registry import make_policy
 from softrobot_env.core.artifacts import read_arrays
+from softrobot_env.envs.real import RealRigEnv
+from softrobot_env.evaluation.report import write_json
+from softrobot_env.evaluation.run import Columns, play
 from softrobot_env.hardware.robot_file import RobotFile, read_robot_file
 from softrobot_env.hardware.tip import TipSource
 from softrobot_env.rendering.tables import named_values
+from softrobot_env.robots import default_robot, usual_task
+from softrobot_env.tasks import make_task
 
-from ..arguments import add
-from ..output import add_out, new_results, progress_on, say
+from ..output import filling, progress_on, say
 from .virtual import virtual_process
 
 EXAMPLE = "softrobot robot soak --seconds 60"
@@ -47,58 +50,39 @@ _COUNTERS = (
 _WINDOW = 0.05
 
 
-def add_arguments(parser: ArgumentParser) -> None:
-    """Arguments of the command."""
-    add(parser, "--seconds S", "duration; default: 600", default=600.0)
-    add(parser, "--robot-file FILE", "a real robot; default: a virtual one")
-    add(parser, "--twin SEED", "of the virtual robot; default: 0", default=0)
-    add_out(parser, "out/soak")
+ARGUMENTS = """
+    --seconds S (600)  duration
+    --robot-file FILE  a real robot; default: a virtual one
+    --twin SEED (0)  of the virtual robot
+    --out DIR (out/soak)
+    <overwrite>
+"""
 
 
+@filling
 def run(args: Namespace) -> int:
     """Run the command; 1 if a promise was broken."""
-    with new_results(args.out, args.overwrite):
-        return _run(args)
-
-
-def _run(args: Namespace) -> int:
-    """Run, print and write."""
-    from softrobot_env.evaluation.report import write_json
-
-    with _robot(args) as (file, tip, log):
-        row = _soak(file, tip, args.seconds)
-    if log is not None:
-        row |= unsafe_outputs(log, file)
-    promises = list(_promises(row))
-    kept = [asdict(promise) | {"met": promise.met} for promise in promises]
-    write_json(args.out / "report.json", [row, *kept], args.command_line)
+    if args.robot_file is not None:
+        row = _soak(read_robot_file(args.robot_file), None, args.seconds)
+    else:
+        row = _soak_virtual(args)
+    promises = _promises(row)
+    write_json(args.out / "report.json", [row, *promises], args.command_line)
     say(_table(row, promises))
     say(f"Wrote {args.out}/report.json")
-    return int(not all(promise.met for promise in promises))
+    return int(not all(kept["met"] for kept in promises))
 
 
-@contextmanager
-def _robot(
-    args: Namespace,
-) -> Iterator[tuple[RobotFile, TipSource | None, dict[str, ndarray] | None]]:
-    """Robot file, tip source, and a log that is filled when the context has ended."""
-    if args.robot_file is not None:
-        yield read_robot_file(args.robot_file), None, None
-        return
+def _soak_virtual(args: Namespace) -> dict[str, Any]:
+    """The row of a virtual robot, with what its own log says."""
     with TemporaryDirectory() as folder:
-        path, log = Path(folder) / "log.npz", {}
-        with virtual_process(args.twin, log=path) as robot:
-            yield robot.file, robot.tip, log
-        log.update(read_arrays(path))
+        log = Path(folder) / "log.npz"
+        with virtual_process(args.twin, log=log) as robot:
+            row = _soak(robot.file, robot.tip, args.seconds)
+        return row | unsafe_outputs(read_arrays(log), robot.file)
 
 
 def _soak(file: RobotFile, tip: TipSource | None, seconds: float) -> dict[str, Any]:
-    from softrobot_env.control.registry import make_policy
-    from softrobot_env.envs.real import RealRigEnv
-    from softrobot_env.evaluation.run import play
-    from softrobot_env.robots import default_robot, usual_task
-    from softrobot_env.tasks import make_task
-
     robot = default_robot(on_a_line=True)
     lap = make_task(usual_task(robot), robot=robot, period=_PERIOD)
     run = replace(lap.trajectory, laps=max(0, int(seconds / _PERIOD)))
@@ -108,20 +92,19 @@ def _soak(file: RobotFile, tip: TipSource | None, seconds: float) -> dict[str, A
     # A stall shall count as missed steps and late answers, and not end the run.
     env = RealRigEnv(task, robot_file=file, tip=tip, max_missed=steps, oldest=_OLDEST)
     policy = make_policy(_POLICY, robot, env.control_period)
-    samples, last = {name: array("d") for name in _SAMPLED}, {}
+    samples, last = Columns(), {}
     with closing(env), progress_on("soak", seconds) as show:
         for count, moment in enumerate(play(env, policy)):
             last = moment.info
             if count > 0:
                 # Kept as `info`, its objects would hold up the steps to come (garbage).
-                for name, column in samples.items():
-                    column.append(last[name])
+                samples.add({name: last[name] for name in _SAMPLED})
             if count % 50 == 0:
                 show("soak", last["time"], seconds)
-    return _measured(samples, last, env.control_period)
+    return _measured(samples.columns(), last, env.control_period)
 
 
-def _measured(samples: dict[str, array], last: dict[str, Any], period: float) -> dict[str, Any]:
+def _measured(samples: dict[str, ndarray], last: dict[str, Any], period: float) -> dict[str, Any]:
     trips = [None if isnan(trip) else trip for trip in samples["rtt_s"]]
     row = {"what": "soak", "steps": round(last["time"] / period), "control_period": period}
     row |= {"missed_steps": int(last["missed_steps"]), "failure": last.get("failure")}
@@ -168,31 +151,24 @@ def unsafe_outputs(log: dict[str, ndarray], file: RobotFile) -> dict[str, Any]:
     return {"ticks": len(time), "unsafe_outputs": int(outside.sum() + np.sum(way > allowed))}
 
 
-@dataclass(frozen=True)
-class Promise:
-    """What a run shall keep: a value of at most a limit."""
-
-    promise: str
-    value: float
-    limit: float
-
-    @property
-    def met(self) -> bool:
-        """Whether it was kept."""
-        return self.value <= self.limit
-
-
-def _promises(row: dict[str, Any]) -> Iterator[Promise]:
-    yield Promise("share of missed steps", row["missed_steps"] / row["steps"], _MOST_MISSED)
-    yield Promise("round trip, 99 % [s]", row["round_trip_p99"], row["control_period"])
-    yield Promise("failures", float(row["failure"] is not None), 0.0)
+def _promises(row: dict[str, Any]) -> list[dict[str, Any]]:
+    """What a run shall keep: values of at most a limit, and whether they are."""
+    kept = {
+        "share of missed steps": (row["missed_steps"] / row["steps"], _MOST_MISSED),
+        "round trip, 99 % [s]": (row["round_trip_p99"], row["control_period"]),
+        "failures": (float(row["failure"] is not None), 0.0),
+    }
     if "unsafe_outputs" in row:
-        yield Promise("unsafe outputs", float(row["unsafe_outputs"]), 0.0)
+        kept["unsafe outputs"] = float(row["unsafe_outputs"]), 0.0
+    return [
+        {"promise": name, "value": value, "limit": limit, "met": value <= limit}
+        for name, (value, limit) in kept.items()
+    ]
 
 
-def _table(row: dict[str, Any], promises: list[Promise]) -> Table:
+def _table(row: dict[str, Any], promises: list[dict[str, Any]]) -> Table:
     values = {k: f"{v:.4g}" if isinstance(v, float) else str(v) for k, v in row.items()}
-    for promise in promises:
-        verdict = "met" if promise.met else "BROKEN"
-        values[promise.promise] = f"{promise.value:.4g}, at most {promise.limit:.4g}: {verdict}"
+    for kept in promises:
+        verdict = "met" if kept["met"] else "BROKEN"
+        values[kept["promise"]] = f"{kept['value']:.4g}, at most {kept['limit']:.4g}: {verdict}"
     return named_values("Soak", values)

@@ -8,24 +8,30 @@ import subprocess
 import sys
 import time
 from argparse import SUPPRESS, ArgumentParser, Namespace
-from array import array
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Event, Thread, Timer
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.artifacts import write_arrays
+from softrobot_env.envs.real import RealRigEnv
+from softrobot_env.envs.simulation.virtual_rig import VirtualRig
+from softrobot_env.evaluation.run import Columns
 from softrobot_env.hardware.protocol.messages import LENGTH_UNIT
 from softrobot_env.hardware.robot_file import TRACKER_PORT, RobotFile, virtual_file
 from softrobot_env.hardware.tip import UdpTip
-from softrobot_env.hardware.virtual_robot import VirtualRobot, linked
+from softrobot_env.hardware.transport import Transport
+from softrobot_env.hardware.virtual_robot import Core, VirtualRobot, linked
+from softrobot_env.robots import default_robot
+from softrobot_env.robots.twin import sampled_twin
+from softrobot_env.tasks import Task
 
-from ..arguments import add, port
+from ..arguments import declare, port
 from ..output import check_free, say
 
 EXAMPLE = "softrobot robot virtual --twin 0 --link out/robot"
@@ -39,18 +45,16 @@ _START, _END = 60.0, 30.0  # s, a long log takes a while to write
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
-    add(parser, "--twin SEED", "the rig that is simulated; default: 0", default=0)
-    add(parser, "--link PATH", "also make a symbolic link to the port here")
-    camera = f"UDP port of this machine that gets the camera's pictures; default: {TRACKER_PORT}"
-    add(parser, "--camera-port N", camera, port, default=TRACKER_PORT)
-    add(parser, "--seed SEED", "of the noise of camera and sensors", default=0)
-    add(parser, "--seconds S", "stop after this time")
-    add(
-        parser,
-        "--log FILE",
-        "npz with what really happened: time, tip, applied, powered, at every millisecond",
-    )
-    add(parser, _UNTIL_EOF, SUPPRESS)
+    text = f"""
+        --twin SEED (0)  the rig that is simulated
+        --link PATH  also make a symbolic link to the port here
+        --camera-port N ({TRACKER_PORT})  UDP port of this machine that gets the camera's pictures
+        --seed SEED (0)  of the noise of camera and sensors
+        --seconds S  stop after this time
+        --log FILE  npz with what really happened: time, tip, applied, powered, at every millisecond
+    """
+    declare(parser, text, camera_port=port)
+    parser.add_argument(_UNTIL_EOF, action="store_true", help=SUPPRESS)
 
 
 def run(args: Namespace) -> int:
@@ -59,9 +63,9 @@ def run(args: Namespace) -> int:
         check_free(args.log, overwrite=True)
     stop = Event()
     before = {s: signal.signal(s, lambda *_: stop.set()) for s in (signal.SIGINT, signal.SIGTERM)}
-    log = Log()
+    log = Columns()
     camera = UdpCamera(args.camera_port)
-    watch = None if args.log is None else log.add
+    watch = None if args.log is None else lambda robot: log.add(_noted(robot))
     robot = virtual_robot(args.twin, args.seed, camera.show, watch)
     timer = Timer(args.seconds or 0.0, stop.set)
     if args.until_eof:
@@ -82,7 +86,7 @@ def run(args: Namespace) -> int:
         for number, handler in before.items():
             signal.signal(number, handler)
         if args.log is not None:
-            log.save(args.log)
+            write_arrays(args.log, log.columns())
     say(f"Stopped; at most {1e3 * robot.lag:.1f} ms behind the clock")
     if robot.failure is not None:
         say(f"The simulation failed: {robot.failure}")
@@ -104,11 +108,6 @@ def virtual_robot(
         seed: Of the noise of camera and sensors.
         show, watch: See `VirtualRobot`.
     """
-    from softrobot_env.envs.simulation.virtual_rig import VirtualRig
-    from softrobot_env.hardware.virtual_robot import Core
-    from softrobot_env.robots import default_robot
-    from softrobot_env.robots.twin import sampled_twin
-
     servos = sorted(virtual_file().tendons, key=lambda servo: servo.channel)
     core = Core(n=len(servos), boot_id=int(np.random.default_rng().integers(1, 2**32)))
     return VirtualRobot(
@@ -146,30 +145,11 @@ class UdpCamera:
         self._socket.close()
 
 
-class Log:
-    """What a virtual robot really did, tick by tick."""
-
-    def __init__(self) -> None:
-        self._numbers = array("d")
-        self._columns = 0
-
-    def add(self, robot: VirtualRobot) -> None:
-        """Note a tick."""
-        outputs, (now, tip) = robot.outputs, robot.moment
-        row = (now, *tip, *outputs.applied, float(outputs.powered))
-        self._columns = len(row)
-        self._numbers.extend(row)
-
-    def save(self, path: Path) -> None:
-        """Write time (k,) [s] of the host's clock, tip (k, 2) [m], applied (k, n) [m], powered."""
-        rows = np.array(self._numbers).reshape(-1, max(1, self._columns))
-        values = {
-            "time": rows[:, 0],
-            "tip": rows[:, 1:3],
-            "applied": LENGTH_UNIT * rows[:, 3:-1],
-            "powered": rows[:, -1] > 0,
-        }
-        write_arrays(path, values)
+def _noted(robot: VirtualRobot) -> dict[str, Any]:
+    """What a virtual robot really does in a tick: [s] of the host's clock, and lengths [m]."""
+    time, tip = robot.moment
+    applied = LENGTH_UNIT * np.array(robot.outputs.applied)
+    return {"time": time, "tip": tip, "applied": applied, "powered": robot.outputs.powered}
 
 
 # ---------------------------------------------------------------------- for commands and tests
@@ -240,3 +220,35 @@ def _end(process: subprocess.Popen) -> None:
         process.wait()
     process.stdin.close()
     process.stderr.close()
+
+
+class VirtualRigEnv(RealRigEnv):
+    """The real rig's environment with a virtual robot that lives as long as it does."""
+
+    def __init__(
+        self,
+        task: Task,
+        twin: int,
+        line: Callable[[RobotFile], Callable[[], Transport]] | None = None,
+        **options: Any,
+    ) -> None:
+        """Start a virtual robot.
+
+        Args:
+            task: The task.
+            twin: Seed of the twin.
+            line: From the robot's file to what opens the way to it; its port unless given.
+            **options: Of `RealRigEnv`.
+        """
+        with ExitStack() as started:
+            robot = started.enter_context(virtual_process(twin))
+            options["line"] = None if line is None else line(robot.file)
+            super().__init__(task, robot_file=robot.file, tip=robot.tip, **options)
+            self._process = started.pop_all()
+
+    def close(self) -> None:
+        """Ramp down, and end the process."""
+        try:
+            super().close()
+        finally:
+            self._process.close()

@@ -170,8 +170,8 @@ def search(
     prior, by = model.unknowns.prior, np.ix_(free, free)
     root, mean = cholesky(prior[by]), model.unknowns.mean[free]
 
-    def at(x: ndarray, slopes: bool = False) -> _Point:
-        found = model.simulate(x, free if slopes else None, has_friction=has_friction)
+    def at(x: ndarray) -> _Point:
+        found = model.simulate(x, free, has_friction=has_friction)
         away = solve(root, x[free] - mean)
         cost = _data_cost(found, weights, used) + 0.5 * float(np.sum(away**2))
         return _Point(x, found, cost)
@@ -193,13 +193,12 @@ def search(
 
         return step
 
-    damping, taken, here = _DAMPING, 0, at(x.copy(), slopes=True)
+    damping, taken, here = _DAMPING, 0, at(x.copy())
     for step in range(steps):
         better, damping = descend(here, steps_from(here), damping, _RULE)
         if better is None:
             break
-        gain, taken = here.cost - better.cost, step + 1
-        here = at(better.x, slopes=True)._replace(cost=better.cost)
+        gain, here, taken = here.cost - better.cost, better, step + 1
         if show is not None:
             show(taken, size(here.simulated.error))
         if gain < least * here.cost:
