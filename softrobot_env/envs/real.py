@@ -223,7 +223,8 @@ class RealRigEnv(gymnasium.Env[Seen, ndarray]):
             FileNotFoundError: No such robot file.
             TypeError: An unknown option.
         """
-        self.config = config = EnvConfig.of(type(self), {"task": task or usual_task(), **options})
+        task = usual_task() if task is None else task
+        self.config = config = EnvConfig.of(type(self), {"task": task, **options})
         tip = config.tip
         if not (tip is None or callable(getattr(tip, "latest", None))):
             raise ValueError(f"tip must be None or a TipSource (with latest), got {shown(tip)}")

@@ -324,7 +324,13 @@ def _random(moves: _Moves, peaks: dict[str, ndarray], excitation: Excitation) ->
     def motion(bandwidth: float) -> ndarray:
         turns = 2 * np.pi * bandwidth * np.multiply.outer(time, frequency) + phase
         shares = np.maximum(np.sin(turns).sum(axis=1), 0.0)  # a tendon pulls, or another does
-        shares = shares / shares.sum(axis=1).max()
+        most = shares.sum(axis=1).max()
+        if not most:
+            raise ValueError(
+                f"a random motion of {excitation.duration:g} s at {bandwidth:.3g} Hz pulls at no "
+                "tendon: give a longer duration, or another seed"
+            )
+        shares = shares / most
         fade = np.clip(np.minimum(time, time[::-1]) * bandwidth, 0, 1)[:, None]
         return (fade**3 * (10 - 15 * fade + 6 * fade**2) * shares) @ ways
 

@@ -53,7 +53,6 @@ BARE = replace(
         pytest.param(kind, name, id=f"{kind.__name__}-{name}")
         for kind in (TrackingEnv, RigEnv, VectorTrackingEnv, RealRigEnv)
         for name in kind.takes
-        if (kind, name) != (RealRigEnv, "task")
     ],
 )
 def test_strange_arguments_are_refused_by_name(kind, name):
