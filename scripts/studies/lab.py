@@ -1,4 +1,4 @@
-"""What all studies share: rows that know their units, cases, running, tables, plots and goals.
+"""What all studies share: rows that know their units, cases, running, tables and plots.
 
 A study is data and one function that measures:
 
@@ -171,25 +171,6 @@ def _chosen(rows: Rows, of: type | None, where: Where | None) -> list[Any]:
     return select(rows, **where)
 
 
-def at_most(kind: type, limit: float, value: float | None, strict: bool = False, **own: Any) -> Any:
-    """A goal as a row of a kind with the fields value, limit, met and `own`; None never meets it.
-
-    Args:
-        kind: A dataclass.
-        limit: The largest value allowed, or below which it must stay if `strict`.
-        value: What was found; None where something failed.
-        strict: Whether the limit itself is too much.
-        **own: Further fields.
-    """
-    met = value is not None and (value < limit if strict else value <= limit)
-    return kind(value=value, limit=limit, met=met, **own)
-
-
-def at_least(kind: type, limit: float, value: float | None, **own: Any) -> Any:
-    """As `at_most`, with a lower limit."""
-    return kind(value=value, limit=limit, met=value is not None and value >= limit, **own)
-
-
 # ---------------------------------------------------------------- cases and running
 
 #: Names and values of what differs between two measurements.
@@ -275,7 +256,7 @@ class Study:
         label: Of a case, for the progress bar.
         stages: In place of cases and measure: from a `Lab` to all rows, where some cases follow
             from earlier rows.
-        derive: From all rows to all rows, with goals, ratios and what else follows from them.
+        derive: From all rows to all rows, with ratios and what else follows from them.
         tables: Makers of tables, `table` and `pivot` or functions of the rows.
         note: Below the tables.
         plots: Stem of a file, with `{}` for that of the study, -> maker of a figure.

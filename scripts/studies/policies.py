@@ -183,28 +183,6 @@ class VariedRow(ControllerRow):
     e_rms_ratio: float | None
 
 
-@dataclass(frozen=True, kw_only=True)
-class GoalRow(lab.Record):
-    """A goal, and what was found.
-
-    Attributes:
-        goal: For people.
-        policy, setting: Of the episodes that are judged.
-        metric: Field of a row, whose unit is that of value and limit.
-        value: None where an episode failed or never settled.
-        limit: The largest allowed.
-        met: Whether it was met.
-    """
-
-    goal: str
-    policy: str
-    setting: str
-    metric: str
-    value: float | None
-    limit: float
-    met: bool
-
-
 def cases(quick: bool) -> list[tuple]:
     """Setting, plant, policy, task, options of the task and variation of every episode."""
     every, tasks = policies(), (TASKS[0], _SWING) if quick else TASKS
@@ -307,92 +285,11 @@ def _with_ratio(rows: list[ControllerRow], row: ControllerRow) -> VariedRow:
     return VariedRow(**{f.name: getattr(row, f.name) for f in fields(ControllerRow)}, **ratios)
 
 
-# ---------------------------------------------------------------- goals
-
-#: Settings in which the accuracy of the best policy is judged.
-JUDGED = ("mujoco", "thesis", "output")
-
-#: Goal, task, metric, widths [m] of the step of which the largest value counts, limit in SI units;
-#: the steady-state error has to stay below.
-GOALS = (
-    ("swing, largest error", "swing", "e_max", (None,), 2e-3),
-    ("swing, rms error", "swing", "e_rms", (None,), 0.3e-3),
-    ("L-shape, largest error", "lshape", "e_max", (None,), 0.8e-3),
-    ("step of 50 mm, overshoot", "step", "overshoot", (0.05,), 0.05),
-    ("step of 50 mm, settling time", "step", "settling_time", (0.05,), 0.4),
-    ("step of 200 mm, overshoot", "step", "overshoot", (0.2,), 0.1),
-    ("step of 200 mm, settling time", "step", "settling_time", (0.2,), 1.0),
-    ("all steps, steady-state error", "step", "steady_state_error", _WIDTHS, 1e-4),
-)
-
-#: Largest error of the best policy with another Young's modulus over that with the nominal one.
-_RATIO = 2.0
-
-#: Task, step width [m] and errors whose growth with another Young's modulus is limited.
-_GROWTH = (
-    ("swing", None, ("e_max", "e_rms")),
-    ("lshape", None, ("e_max", "e_rms")),
-    *(("step", width, ("e_rms",)) for width in _WIDTHS),
-)
-
-#: Largest policy times [s] (median): the thesis' own, and a tenth of it for the MPC.
-_POLICY_TIMES = {"qs_nn": 5.4e-6, "lqi": 11.2e-6, "mpc": 5e-3}
-
-
-def derived(rows: list[ControllerRow]) -> list[Any]:
-    """Ratios, and goals behind the rows."""
-    found = with_ratios(rows)
-    return [*found, *goal_rows(found)]
-
-
-def goal_rows(found: list[ControllerRow]) -> list[GoalRow]:
-    """Goals and what episodes say about them; those on episodes that were not run are left out."""
-    best, out = best_policy(found), []
-
-    def judge(
-        goal: str, policy: str, setting: str, metric: str, values: list, limit: float
-    ) -> None:
-        own = {"goal": goal, "policy": policy, "setting": setting, "metric": metric}
-        worst = None if None in values else max(values)
-        strict = metric == "steady_state_error"
-        out.append(lab.at_most(GoalRow, limit, worst, strict, **own))
-
-    for goal, task, metric, widths, limit in GOALS if best else ():
-        for setting in JUDGED:
-            fields_ = {"setting": setting, "policy": best, "task": task}
-            mine = [lab.one(found, **fields_, step_width=width) for width in widths]
-            values = [getattr(row, metric) for row in mine if row is not None]
-            if values:
-                judge(goal, best, setting, metric, values, limit)
-    nominal = lab.select(
-        lab.of_kind(found, VariedRow), plant="mujoco", policy=best, feedback="state"
-    )
-    varied = [row for row in nominal if list(row.variation) == [E]]
-    for task, width, metrics in _GROWTH if varied else ():
-        mine = lab.select(varied, task=task, step_width=width)
-        label = task if width is None else f"step of {1e3 * width:g} mm"
-        for metric in metrics if mine else ():
-            goal, ratio = f"{label}, {_ERRORS[metric]} over nominal, worst E", f"{metric}_ratio"
-            judge(goal, best, "robustness", ratio, [getattr(r, ratio) for r in mine], _RATIO)
-    if varied:
-        failed = sum(row.failure is not None for row in varied)
-        judge("failed episodes with another E", best, "robustness", "failures", [failed], 0)
-    for (policy, limit), setting in product(_POLICY_TIMES.items(), ("mujoco", "thesis")):
-        row = lab.one(found, setting=setting, policy=policy, task="step", step_width=0.05)
-        if row is not None:
-            goal, metric = f"policy time of {policy}", "policy_time_median"
-            judge(goal, policy, setting, metric, [row.policy_time_median], limit)
-    return out
-
-
-def best_policy(found: list[ControllerRow]) -> str | None:
-    """The policy with the least rms error on MuJoCo's swing; None if there is none."""
-    swings = lab.select(found, setting="mujoco", task="swing", failure=None)
-    return min(swings, key=lambda row: row.e_rms).policy if swings else None
-
-
 # ---------------------------------------------------------------- tables beside the thesis
 
+#: Settings in which all measure alike, and those whose nominal episodes are compared.
+_MEASURED = ("mujoco", "thesis")
+_NOMINAL = (*_MEASURED, "output")
 _SETTINGS = {
     "thesis": "PCC",
     "mujoco": "MuJoCo",
@@ -434,7 +331,7 @@ def _printed(row: ControllerRow, metrics: Iterable[str]) -> dict[str, list[str]]
 
 def _nominal(rows: Sequence[Any]) -> Iterator[Table]:
     """All policies on each task, beside what the thesis says of its own (Tabs. 6.2 to 6.5)."""
-    mine = [row for row in lab.of_kind(rows, ControllerRow) if row.setting in JUDGED]
+    mine = [row for row in lab.of_kind(rows, ControllerRow) if row.setting in _NOMINAL]
     for (place,), found in lab.groups(mine, "place").items():
         metrics = _STEP if found[0].step_width is not None else _TRACKING
         out = lab.new_table(f"{place}, nominal robot", ("policy", "by"), _headings(metrics))
@@ -447,7 +344,7 @@ def _nominal(rows: Sequence[Any]) -> Iterator[Table]:
         yield out
 
 
-# ---------------------------------------------------------------- tables of other robots, goals
+# ---------------------------------------------------------------- tables of other robots
 
 
 def _varied_errors(metrics: Sequence[str], steps: bool) -> lab.TableMaker:
@@ -481,14 +378,6 @@ def _largest(rows: list[VariedRow]) -> str:
     found = ([getattr(row, f"{name}_ratio") for row in rows] for name in _ERRORS)
     largest = (max((v for v in values if v is not None), default=None) for values in found)
     return " / ".join(lab.number(value, ".2f") for value in largest)
-
-
-def _goal_value(name: str) -> lab.Column:
-    return lab.Column(
-        name,
-        lambda row: f"{_text(getattr(row, name), row.metric)} {lab.shown([], row.metric)[1]}",
-        ">",
-    )
 
 
 def _general(title: str, metric: str, columns: str, *per: str, **where: Any) -> lab.TableMaker:
@@ -617,10 +506,10 @@ def _least_disturbed(rows: list[ControllerRow]) -> str:
 _VARIED_WITH = lab.Column("variation", "varied")
 
 STUDY = lab.Study(
-    kinds=(ControllerRow, GoalRow),
+    kinds=(ControllerRow,),
     cases=cases,
     measure=measure,
-    derive=derived,
+    derive=with_ratios,
     alone=True,
     tables=[
         _nominal,
@@ -639,13 +528,6 @@ STUDY = lab.Study(
             *("policy", _VARIED_WITH, "e_max", "e_rms", "e_max_ratio", "e_rms_ratio"),
             of=VariedRow,
             where={"setting": "robustness", "modulus": None},
-        ),
-        lab.table(
-            "Goals: the best policy on MuJoCo in the settings it was run in, then policy times",
-            *("goal", "policy", lab.Column("setting", lambda row: _SETTINGS[row.setting])),
-            *(_goal_value("value"), _goal_value("limit")),
-            lab.Column("met", lambda row: lab.verdict(row.met), ">"),
-            of=GoalRow,
         ),
         *(
             _general(
@@ -688,7 +570,7 @@ STUDY = lab.Study(
             subject="Error on the swing against the time of a decision; stars: thesis",
             panel="plant",
             of=ControllerRow,
-            where=lambda row: row.task == "swing" and row.setting in JUDGED[:2] and not row.failure,
+            where=lambda row: row.task == "swing" and row.setting in _MEASURED and not row.failure,
             log="xy",
             line={"linestyle": "none", "markersize": 7},
             size=(5.0, 3.4),
