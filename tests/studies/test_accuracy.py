@@ -20,7 +20,7 @@ from softrobot_env.scene.timestep import TimestepWarning
 from studies.accuracy import cases, planar, pyelastica_rod, rig, space, spiral, study, tension_step
 from studies.accuracy.space import HEADINGS, STEEL, TPU, beam_tip, cases_of, chain_tip
 from studies.lab import select
-from studies.truths.analytic import arc_tip, bent_rod, rayleigh_frequency, section
+from studies.truths.analytic import arc_tip, bent_rod, section
 from studies.truths.rig_column import column_tip, tensions
 from studies.truths.rig_piece import acceleration, distributed
 from studies.truths.rig_ritz_rod import RigRod
@@ -52,13 +52,6 @@ def test_rod_with_shear_bends_and_swings_as_in_the_audit(robot, k, deflection, f
     rod = bent_rod(robot.length, section(robot, k), weight=weight(robot))
     assert -1e3 * rod.tip[0] == pytest.approx(deflection, abs=0.006)
     assert bending_frequencies(robot, 1, k)[0] == pytest.approx(frequency, rel=2e-4)
-
-
-def test_frequency_without_shear_is_rayleighs():
-    robot = CANTILEVER_STIFF
-    beam = robot.length, robot.bending_stiffness, robot.mass_per_length
-    rayleigh = rayleigh_frequency(*beam, robot.density * robot.second_moment)
-    assert bending_frequencies(robot)[0] == pytest.approx(rayleigh, rel=1e-9)
 
 
 def pulled_tip(rod, robot, tension, k):

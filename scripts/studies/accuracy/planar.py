@@ -21,7 +21,6 @@ from studies.truths.analytic import (
     arc_tip,
     bent_rod,
     elastica,
-    rayleigh_frequency,
     section,
     torsion_angle,
     torsion_frequency,
@@ -208,11 +207,8 @@ def scalar_cases() -> list[ScalarCase]:
 def _bending(robot: RobotParams) -> Callable[[Physics], tuple[float, str]]:
     def truth(physics: Physics) -> tuple[float, str]:
         k = physics.shear_coefficient
-        if k is not None:
-            return bending_frequencies(robot, 1, k)[0], f"Timoshenko beam, k = {k:g} (analytic)"
-        beam = robot.length, robot.bending_stiffness, robot.mass_per_length
-        rotary = robot.density * robot.second_moment
-        return rayleigh_frequency(*beam, rotary), "Rayleigh beam (analytic)"
+        text = "Rayleigh beam" if k is None else f"Timoshenko beam, k = {k:g}"
+        return bending_frequencies(robot, 1, k)[0], f"{text} (analytic)"
 
     return truth
 
