@@ -85,7 +85,7 @@ def run(lab: Lab) -> list[Row]:
     jobs.append(("PyElastica", partial(pyelastica_rod.rows, quick)))
     rows = [row for found in lab.tasks(jobs) for row in found]
     _share_step_times(rows)
-    return [*rows, *goal_rows(rows, quick), *space.goal_rows(rows)]
+    return [*rows, *goal_rows(rows, quick)]
 
 
 def _share_step_times(rows: list[Row]) -> None:
