@@ -129,8 +129,6 @@ EPISODE = {
     "policy_time_median": ("policy", "µs", ".1f"),
     "policy_time_p99": ("p99", "µs", ".1f"),
     "decision_period": ("every", "ms", "g"),
-    "e_max_ratio": ("max over nominal", "", ".2f"),
-    "e_rms_ratio": ("rms over nominal", "", ".2f"),
 }
 
 #: Of these None says that it was never so.

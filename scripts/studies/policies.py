@@ -1,7 +1,7 @@
 """All policies of the arm: on the thesis' tasks (sec. 6.6), on unknown robots, on unseen paths."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import product
 from statistics import median
 from typing import Any, TypeVar
@@ -170,19 +170,6 @@ class ControllerRow(PolicyRow):
         return "a robot of other parameters" if self.variation in known else "other drives, sensors"
 
 
-@dataclass(frozen=True, kw_only=True)
-class VariedRow(ControllerRow):
-    """An episode with another robot than the policy knows.
-
-    Attributes:
-        e_max_ratio, e_rms_ratio: Errors over those with the nominal robot [1]; None if there are
-            none.
-    """
-
-    e_max_ratio: float | None
-    e_rms_ratio: float | None
-
-
 def cases(quick: bool) -> list[tuple]:
     """Setting, plant, policy, task, options of the task and variation of every episode."""
     every, tasks = policies(), (TASKS[0], _SWING) if quick else TASKS
@@ -270,21 +257,6 @@ def motion_errors(rollout: Rollout, task: str) -> tuple[float | None, float | No
     return float(error.min()), float(error.max())
 
 
-def with_ratios(rows: list[ControllerRow]) -> list[ControllerRow]:
-    """The rows, those of robustness with ratios to the nominal robot."""
-    return [_with_ratio(rows, row) if row.setting == "robustness" else row for row in rows]
-
-
-def _with_ratio(rows: list[ControllerRow], row: ControllerRow) -> VariedRow:
-    kept = ("plant", "policy", "task", "step_width", "feedback")
-    nominal = lab.one(rows, **{name: getattr(row, name) for name in kept}, variation={})
-    ratios: dict[str, Any] = {}
-    for name in _ERRORS:
-        value, base = getattr(row, name), getattr(nominal, name, None)
-        ratios[f"{name}_ratio"] = None if value is None or not base else value / base
-    return VariedRow(**{f.name: getattr(row, f.name) for f in fields(ControllerRow)}, **ratios)
-
-
 # ---------------------------------------------------------------- tables beside the thesis
 
 #: Settings in which all measure alike, and those whose nominal episodes are compared.
@@ -347,37 +319,44 @@ def _nominal(rows: Sequence[Any]) -> Iterator[Table]:
 # ---------------------------------------------------------------- tables of other robots
 
 
-def _varied_errors(metrics: Sequence[str], steps: bool) -> lab.TableMaker:
-    """Errors over Young's modulus, on each plant."""
+#: Settings with other parameters and their nominal ones, and where other moduli are not met.
+_VARIED_IN, _UNVARIED = (*_MEASURED, "robustness"), ((PCC, "step"), (PCC, "lshape"))
+
+
+def _varied(title: str, metrics: Sequence[str], where: Callable[[Any], bool]) -> lab.TableMaker:
+    """Errors over what varies, on each plant."""
 
     def meant(row: Any) -> bool:
-        if not isinstance(row, ControllerRow) or row.modulus is None:
-            return False
         known = row.setting in _VARIED_IN and (row.plant, row.task) not in _UNVARIED
-        return known and (row.step_width is not None) == steps
+        return known and where(row)
 
     def cells(rows: list[ControllerRow]) -> str:
         failed = rows[0].failure is not None
         return "failed" if failed else " / ".join(lab.cell(rows[0], metric) for metric in metrics)
 
     what = " / ".join(" ".join(lab.shown([], metric)[:2]) for metric in metrics)
-    title = f"{{place}} on {{plant}} with another Young's modulus: {what}"
     return lab.pivot(
-        title, ("policy",), "modulus", cells, where=meant, per=("plant", "place"),
-        heading=lambda factor: f"E x {factor:g}",
-    )  # fmt: skip
+        f"{{place}} on {{plant}} with another {title}: {what}",
+        *(("policy",), "varied", cells),
+        where=meant,
+        per=("plant", "place"),
+    )
 
 
-#: Settings with other moduli and their nominal ones, and where other moduli are not met.
-_VARIED_IN, _UNVARIED = ("thesis", "mujoco", "robustness"), ((PCC, "step"), (PCC, "lshape"))
+def _has_met(row: ControllerRow) -> bool:
+    """Whether the policy meets another density or damping time, and it is so or nominal."""
+    return row.policy in _MEET and E not in row.variation
 
 
-def _largest(rows: list[VariedRow]) -> str:
+def _largest(rows: list[ControllerRow]) -> str:
+    """Of one policy on one task: nominal and with other moduli."""
+    (nominal,), varied = lab.select(rows, modulus=1.0), [r for r in rows if r.variation]
     if any(row.failure is not None for row in rows):
         return "failed"
-    found = ([getattr(row, f"{name}_ratio") for row in rows] for name in _ERRORS)
-    largest = (max((v for v in values if v is not None), default=None) for values in found)
-    return " / ".join(lab.number(value, ".2f") for value in largest)
+    return " / ".join(
+        lab.number(max(getattr(row, name) for row in varied) / getattr(nominal, name), ".2f")
+        for name in _ERRORS
+    )
 
 
 def _general(title: str, metric: str, columns: str, *per: str, **where: Any) -> lab.TableMaker:
@@ -509,25 +488,22 @@ STUDY = lab.Study(
     kinds=(ControllerRow,),
     cases=cases,
     measure=measure,
-    derive=with_ratios,
     alone=True,
     tables=[
         _nominal,
-        _varied_errors(("e_max", "e_rms"), steps=False),
-        _varied_errors(("settling_time", "overshoot"), steps=True),
+        _varied("Young's modulus", ("e_max", "e_rms"), lambda r: r.modulus and r.task != "step"),
+        _varied(
+            *("Young's modulus", ("settling_time", "overshoot")),
+            lambda row: row.modulus and row.task == "step",
+        ),
         lab.pivot(
             "MuJoCo: largest errors with another Young's modulus over the nominal ones (max / rms)",
-            ("policy",),
-            "place",
-            _largest,
-            of=VariedRow,
-            where=lambda row: row.plant == MUJOCO and list(row.variation) == [E],
+            *(("policy",), "place", _largest),
+            where=lambda row: row.plant == MUJOCO and row.setting in _VARIED_IN and row.modulus,
         ),
-        lab.table(
-            "Swing on MuJoCo with another density or damping time (beyond the thesis)",
-            *("policy", _VARIED_WITH, "e_max", "e_rms", "e_max_ratio", "e_rms_ratio"),
-            of=VariedRow,
-            where={"setting": "robustness", "modulus": None},
+        _varied(
+            *("density or damping time", ("e_max", "e_rms")),
+            lambda row: (row.plant, row.task) == (MUJOCO, "swing") and _has_met(row),
         ),
         *(
             _general(

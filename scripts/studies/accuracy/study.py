@@ -14,7 +14,7 @@ from itertools import compress, product
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams.model import IntegrationError, State
+from softrobot_env.beams.model import IntegrationError
 from softrobot_env.evaluation.models.runs import Limit, best_of, distance
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.quadrature import RULES
@@ -42,6 +42,7 @@ from studies.accuracy.cases import (
 from studies.accuracy.planar import StaticCase, beam_row, chain_row, scalar_cases, static_cases
 from studies.beams import chain_scene, step_cost
 from studies.lab import Lab, Study, groups, select
+from studies.thesis import evaluation_time
 
 #: Numbers of hinges, coarse to fine; a quick run stops after the second.
 HINGES = (6, 12, 24, 48)
@@ -85,7 +86,7 @@ def run(lab: Lab) -> list[Row]:
     jobs.append(("PyElastica", partial(pyelastica_rod.rows, quick)))
     rows = [row for found in lab.tasks(jobs) for row in found]
     _share_step_times(rows)
-    return [*rows, *goal_rows(rows, quick)]
+    return [*rows, *goal_rows(rows)]
 
 
 def _share_step_times(rows: list[Row]) -> None:
@@ -348,12 +349,10 @@ _SMALL, _THESIS = 1e-6, 0.9e-3
 #: Model, pieces and run time [s] of the spiral.
 _SPIRALS = (("pcc/lumped", 2, 0.020), ("cosserat", 7, 0.100), ("ancf", 2, 1.0))
 
-_STEPS, _STEP = 500, 1e-5  # s, below the stability limit of 20 pieces
 
-
-def goal_rows(found: list[Row], quick: bool = False) -> list[Row]:
+def goal_rows(found: list[Row]) -> list[Row]:
     """Goals and what rows of the benchmark say about them; limits of a speed-up are lower ones."""
-    return [*_spirals(found), *_right_hand_side(quick), *_chain(found), *_speed_up(found)]
+    return [*_spirals(found), *_right_hand_side(), *_chain(found), *_speed_up(found)]
 
 
 def _spirals(found: list[Row]) -> Iterator[Row]:
@@ -367,23 +366,15 @@ def _spirals(found: list[Row]) -> Iterator[Row]:
                 yield goal(case, best, best.wall_time, most=bound)
 
 
-def _right_hand_side(quick: bool) -> Iterator[Row]:
-    times = {n: right_hand_side_time(n, 3 if quick else 20) for n in (5, 20)}
-    few, many = (Row("goal", "", LUMPED.name, n) for n in times)
-    yield goal("right-hand side in 3-D: time [s]", few, times[5], most=10e-6)
-    growth = times[20] / times[5]
+def _right_hand_side() -> Iterator[Row]:
+    """Of the spatial PCC model in the spiral."""
+    five, twenty = (
+        evaluation_time(LUMPED.build(spiral.ROBOT, n, spiral.loads(), "spatial")) for n in (5, 20)
+    )
+    few, many = (Row("goal", "", LUMPED.name, n) for n in (5, 20))
+    yield goal("right-hand side in 3-D: time [s]", few, five, most=10e-6)
+    growth = twenty / five
     yield goal("its growth from 5 to 20 pieces: factor", many, growth, most=(20 / 5) ** 2)
-
-
-def right_hand_side_time(pieces: int, repeats: int) -> float:
-    """Time [s] per acceleration of the spatial PCC model in the spiral, all of rk4 included."""
-    model = LUMPED.build(spiral.ROBOT, pieces, spiral.loads(), "spatial")
-    start = State(np.full(model.n, 1 / model.robot.length), np.zeros(model.n))  # bent
-    inputs = np.array([1.0, -2.0])
-    simulate = partial(model.simulate, _STEPS * _STEP, inputs, start, method="rk4", step=_STEP)
-    simulate()  # compiles
-    time, motion = best_of(simulate, repeats)
-    return time / motion.residuals
 
 
 def _chain(found: list[Row]) -> Iterator[Row]:
