@@ -16,7 +16,7 @@ from softrobot_env.evaluation.models import runs
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.simulation import DIVERGING
-from studies.beams import make_beam
+from studies.beams import make_beam, zero_timestep
 from studies.lab import Record, quantity
 
 #: [s] of all motions.
@@ -336,6 +336,25 @@ class ChainMotion:
             what, when = self.settings, f"t = {self._data.time:.4g} s"
             raise RuntimeError(f"{what.model} with {what.n} joints diverged at {when}")
         return self._compared(tips)
+
+
+def chain_limit(
+    motion: Callable[[str, int, float], ChainMotion], sizes: tuple[int, int, int], step: float
+) -> runs.Limit:
+    """The chain's motion with infinitely many joints and at zero timestep.
+
+    Args:
+        motion: From a hinge rule, joints and timestep [s] to the motion by implicitfast, whose
+            error is a series in the timestep.
+        sizes: Joints.
+        step: Longest timestep [s]; a half and a quarter of it are taken, too.
+    """
+
+    def solve(n: int) -> ndarray:
+        return zero_timestep([motion("gauss2", n, step / k)() for k in (1, 2, 4)])[0]
+
+    text = f"limit of mujoco_chain/gauss2 (implicitfast, {1e3 * step:g} to {250 * step:g} ms)"
+    return runs.extrapolate(solve, sizes, text)
 
 
 def timed_row(

@@ -34,6 +34,7 @@ from studies.accuracy.cases import (
     Row,
     agreement_row,
     beam_limit,
+    chain_limit,
     goal,
     limit_row,
     static_row,
@@ -54,10 +55,10 @@ HINGES_OF_THIRDS = (9, 18, 36)
 TIMESTEPS = (1e-3, 2e-3, 5e-3, 1e-2)
 DYNAMIC_INTEGRATORS = ("implicitfast", "discrete")
 
-#: Joints of the chain in the spiral, and steps per 10 ms.
+#: Joints of the chain in the spiral, and timesteps [s].
 SPIRAL_JOINTS = (2, 4, 6, 12)
 SPIRAL_JOINTS_OF_THREES = (3, 6, 12)
-SUBSTEPS = (2, 3, 5, 10)
+SPIRAL_TIMESTEPS = (5e-3, spiral.PERIOD / 3, 2e-3, 1e-3)
 
 #: Tolerances of the adaptive integrators, and fixed steps [s].
 TOLERANCES, FINE_TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5), (1e-6, 1e-7)
@@ -219,7 +220,8 @@ def _settings(
 def _chain_rows(case: str, rule: str, limits: Limits, quick: bool) -> list[Row]:
     if case == spiral.CASE:
         numbers = SPIRAL_JOINTS_OF_THREES if len(RULES[rule]) == 3 else SPIRAL_JOINTS
-        numbers, steps = (numbers[:-1], SUBSTEPS[:3]) if quick else (numbers, SUBSTEPS)
+        numbers = numbers[: -1 if quick else None]
+        steps = SPIRAL_TIMESTEPS[: 3 if quick else None]
         repeats = 5 if quick else 20
     else:
         numbers, steps = hinge_numbers(tension_step.ROBOT, rule, quick), TIMESTEPS
@@ -310,7 +312,7 @@ def dynamic_rows(case: str, limits: Limits, quick: bool) -> list[Row]:
         quick: Coarser limits, and no slender robot.
     """
     robot, truth, name = MOTIONS[case].ROBOT, limits[case, BENDING.name], DISTRIBUTED.name
-    chain = MOTIONS[case].chain_limit(quick)
+    chain = chain_limit(MOTIONS[case].chain_motion, *MOTIONS[case].LIMIT[quick])
     found = [_pair(case, f"mujoco_chain/gauss2 / {name}", chain, truth, robot)]
     others = [one for one in CONTESTANTS if one.physics != BENDING]
     for one in others:
