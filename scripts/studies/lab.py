@@ -174,6 +174,9 @@ def _chosen(rows: Rows, of: type | None, where: Where | None) -> list[Any]:
 #: Names and values of what differs between two measurements.
 Case = dict[str, Any]
 
+#: A name for the progress bar, and what makes rows.
+Job = tuple[str, Callable[[], list[Any]]]
+
 
 @dataclass(frozen=True)
 class Grid:
@@ -252,7 +255,8 @@ class Study:
         quick: Values of axes of the grid in a quick run; otherwise cases of one.
         measure: From a case to a row, or a list of rows.
         label: Of a case, for the progress bar.
-        stages: In place of cases and measure: from a `Lab` to all rows, where some cases follow
+        jobs: In place of cases and measure: from `quick` to names and functions that give rows.
+        stages: In place of all of these: from a `Lab` to all rows, where some cases follow
             from earlier rows.
         derive: From all rows to all rows, with ratios and what else follows from them.
         tables: Makers of tables, `table` and `pivot` or functions of the rows.
@@ -268,6 +272,7 @@ class Study:
     quick: Mapping[str, Any] | Sequence[Any] = field(default_factory=dict)
     measure: Callable[[Any], Any] | None = None
     label: Callable[[Any], str] | None = None
+    jobs: Callable[[bool], Iterable[Job]] | None = None
     stages: Callable[[Lab], list[Any]] | None = None
     derive: Callable[[list[Any]], list[Any]] | None = None
     tables: Sequence[TableMaker] = ()
@@ -290,11 +295,12 @@ class Study:
         """Measure; `options` are those of the command line."""
         workers = 0 if self.alone else self.processes
         lab = Lab(quick, progress, workers, options, self.kinds, kept)
-        rows = (
-            self.stages(lab)
-            if self.stages
-            else lab.measure(self.wanted(quick, **options), self.measure, self.label)
-        )
+        if self.stages is not None:
+            rows = self.stages(lab)
+        elif self.jobs is not None:
+            rows = [row for made in lab.tasks([*self.jobs(quick)]) for row in made]
+        else:
+            rows = lab.measure(self.wanted(quick, **options), self.measure, self.label)
         return rows if self.derive is None else self.derive(rows)
 
     def wanted(self, quick: bool = False, **options: Any) -> list[Any]:

@@ -9,7 +9,7 @@ depend on the machine's load.
 import json
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
@@ -36,7 +36,7 @@ from softrobot_env.evaluation.models.runs import best_of
 from softrobot_env.registration import ENVIRONMENTS
 from softrobot_env.robots import ARM, EXAMPLES, find_robot
 from softrobot_env.scene.simulation import Simulation
-from studies.lab import Column, Lab, Record, Study, TableMaker, quantity, table
+from studies.lab import Column, Job, Record, Study, TableMaker, quantity, table
 
 #: Observations stacked in a decision for many.
 STACKED = 256
@@ -361,34 +361,27 @@ RIG = "SoftRobot/RigTriangle-v0"
 _STEPS = 100
 
 
-def stages(lab: Lab) -> list[Row]:
+def jobs(quick: bool) -> Iterator[Job]:
     """Single environments, many on MuJoCo Warp, batches of robots, decisions and waits;
     quickly fewer repeats."""
-    quick = lab.quick
-    tasks = [
-        ("env.step", partial(_environment_rows, lab)),
-        ("start", partial(wait_rows, quick)),
-        ("warp", partial(warp_rows, quick)),
-        ("robots", partial(robot_rows, quick)),
-    ]
+    yield "env.step", partial(_environment_rows, quick)
+    yield "start", partial(wait_rows, quick)
+    yield "warp", partial(warp_rows, quick)
+    yield "robots", partial(robot_rows, quick)
     for name in [*installed_policies(), *RIG_POLICIES, *REDUCED_POLICIES]:
         if name in QUICK or not quick:
-            tasks.append((f"decisions of {name}", partial(_decision_rows, name)))
-    steps, waited, *others = lab.tasks(tasks)
-    return [row for rows in (steps, *others, waited) for row in rows]
+            yield f"decisions of {name}", partial(_decision_rows, name)
 
 
 def _decision_rows(name: str) -> list[Row]:
     return [Row(DECISION, name, **measure_afresh(name))]
 
 
-def _environment_rows(lab: Lab) -> list[Row]:
+def _environment_rows(quick: bool) -> list[Row]:
     """Ours and Gymnasium's in turns, each by its best block."""
     contestants = {name: gymnasium.make(name) for name in (*YARDSTICKS, *ENVIRONMENTS, RIG)}
-    rounds, blocks = 20 if lab.quick else 300, []
-    for done in range(rounds):
-        lab.progress("env.step", done, rounds)
-        blocks.append([_time_block(env) for env in contestants.values()])
+    rounds = range(20 if quick else 300)
+    blocks = [[_time_block(env) for env in contestants.values()] for _ in rounds]
     times = dict(zip(contestants, np.min(blocks, axis=0).tolist(), strict=True))
     stepped, bare = times[YARDSTICKS[0]]
     return [step_row("env.step", name, *t, yardstick=stepped - bare) for name, t in times.items()]
@@ -425,7 +418,7 @@ def _sizes(head: str) -> Column:
 
 STUDY = Study(
     kinds=(Row,),
-    stages=stages,
+    jobs=jobs,
     tables=[
         tabled(
             *("env.step", "steps_per_second", "raw_steps_per_second"),

@@ -25,7 +25,7 @@ from softrobot_env.robots.loads import Load
 from studies.accuracy.cases import DURATION
 from studies.accuracy.spiral import PERIOD, ROBOT, force, loads
 from studies.beams import make_beam, mode_frequency, tip_twist, weightless
-from studies.lab import Column, Lab, Record, Study, number, pivot, select, table
+from studies.lab import Column, Job, Record, Study, number, pivot, select, table
 from studies.thesis_pictures import pictures
 from studies.truths import analytic
 from studies.truths import thesis_values as values
@@ -752,12 +752,11 @@ QUICK_SPIRAL_PIECES = {"pcc": (1, 2, 5), "cosserat": (2, 7, 20), "ancf": (1, 2, 
 _DRIFT, _QUICK_DRIFT = 5.0, 1.0
 
 
-def stages(lab: Lab) -> list[Row]:
+def jobs(quick: bool) -> list[Job]:
     """All figures and tables, in order; quickly fewer pieces, and what is cheap of Tab. 2.2."""
-    quick = lab.quick
     pieces, orders = (QUICK_PIECES, QUICK_ORDERS) if quick else (PIECES, ORDERS)
     sizes = QUICK_SPIRAL_PIECES if quick else SPIRAL_PIECES
-    tasks = [
+    found = [
         ("Fig. 2.4 drift", partial(drift_rows, _QUICK_DRIFT if quick else _DRIFT)),
         ("Fig. 2.5 weighting functions", weighting_rows),
         ("Fig. 2.6 influence of the weighting", influence_rows),
@@ -771,9 +770,9 @@ def stages(lab: Lab) -> list[Row]:
         ("Fig. 2.20 to 2.22 spiral", partial(curve_rows, sizes)),
     ]
     for model in MODELS:
-        tasks.append((f"Fig. 2.19 spiral times, {model}", partial(time_rows, model, sizes[model])))
-        tasks.append((f"Tab. 2.2, 2.3 {model}", partial(table_rows, model, quick)))
-    return [printed(row) for rows in lab.tasks(tasks) for row in rows]
+        found.append((f"Fig. 2.19 spiral times, {model}", partial(time_rows, model, sizes[model])))
+        found.append((f"Tab. 2.2, 2.3 {model}", partial(table_rows, model, quick)))
+    return found
 
 
 #: y_name -> (what it is, unit, format).
@@ -914,7 +913,8 @@ def _short(value: float | None) -> str:
 
 STUDY = Study(
     kinds=(Row,),
-    stages=stages,
+    jobs=jobs,
+    derive=lambda rows: [printed(row) for row in rows],
     tables=[_printed, _deviations, _solvers],
     plots={"{}": pictures},
     alone=True,

@@ -26,10 +26,6 @@ DURATION = 3.0
 BOUND = 1e-3
 
 
-#: Description for the progress bar, and what makes rows.
-Job = tuple[str, Callable[[], list]]
-
-
 @dataclass(frozen=True)
 class Row(Record):
     """A measurement, or what follows from some; None where a field does not apply.

@@ -21,6 +21,7 @@ from softrobot_env.scene.quadrature import RULES
 from softrobot_env.thesis.rig.spatial_piece import SUBPIECES
 from studies.accuracy import cases
 from studies.beams import chain_scene
+from studies.lab import Job
 from studies.truths.rig_column import column_tip
 from studies.truths.rig_ritz_rod import RigRod
 
@@ -155,7 +156,7 @@ def chain_statics(rule: str, n: int) -> Solve:
     return lambda pulled: scene.tip(scene.equilibrium(pulled, load_steps=_LOAD_STEPS))
 
 
-def static_jobs(quick: bool = False) -> Iterator[cases.Job]:
+def static_jobs(quick: bool = False) -> Iterator[Job]:
     """One job for each case; a quick run has the first and the last one."""
     for case in list(STATIC)[:: len(STATIC) - 1 if quick else 1]:
         yield f"{case}, all models", partial(case_rows, case, quick)
@@ -249,7 +250,7 @@ def subpieces_motion(case: str, n: int, tolerance: float) -> cases.BeamMotion:
     return cases.BeamMotion("pcc/subpieces", n, beam, signal, tips, PERIOD, tolerance=tolerance)
 
 
-def motion_jobs(quick: bool = False) -> Iterator[cases.Job]:
+def motion_jobs(quick: bool = False) -> Iterator[Job]:
     """Jobs of all motions; a quick run has one of them, on few models."""
     limits: dict[str, runs.Limit] = {}
 

@@ -23,6 +23,7 @@ from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import Scene
 from studies.accuracy import cases
 from studies.beams import chain_scene
+from studies.lab import Job
 from studies.truths.analytic import Section, bent_rod, section
 from studies.truths.spatial_rod import SpatialShape, dead_loads, followed_rod, helix
 
@@ -200,7 +201,7 @@ def name_of(case: str, robot: RobotParams) -> str:
     return f"{case}_{robot.name}"
 
 
-def jobs(quick: bool = False) -> Iterator[cases.Job]:
+def jobs(quick: bool = False) -> Iterator[Job]:
     """A job for each robot and case."""
     for robot in ROBOTS:
         for case in HEADINGS:

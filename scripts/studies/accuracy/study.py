@@ -29,7 +29,6 @@ from studies.accuracy.cases import (
     DURATION,
     LUMPED,
     Contestant,
-    Job,
     Physics,
     Row,
     agreement_row,
@@ -42,7 +41,7 @@ from studies.accuracy.cases import (
 )
 from studies.accuracy.planar import StaticCase, beam_row, chain_row, scalar_cases, static_cases
 from studies.beams import chain_scene, step_cost
-from studies.lab import Lab, Study, groups, select
+from studies.lab import Job, Study, groups, select
 from studies.thesis import evaluation_time
 
 #: Numbers of hinges, coarse to fine; a quick run stops after the second.
@@ -79,13 +78,15 @@ Limits = dict[tuple[str, str], Limit]
 _EVEN = (tension_step.CASE, *rig.MOTIONS)
 
 
-def run(lab: Lab) -> list[Row]:
-    """Rows of all cases, models and resolutions, and what they say of the goals."""
-    quick = lab.quick
-    jobs = [*_static_jobs(quick), *_dynamic_jobs(quick), *space.jobs(quick)]
-    jobs += [*rig.static_jobs(quick), *rig.motion_jobs(quick)]
-    jobs.append(("PyElastica", partial(pyelastica_rod.rows, quick)))
-    rows = [row for found in lab.tasks(jobs) for row in found]
+def jobs(quick: bool) -> Iterator[Job]:
+    """All cases, models and resolutions."""
+    for some in (_static_jobs, _dynamic_jobs, space.jobs, rig.static_jobs, rig.motion_jobs):
+        yield from some(quick)
+    yield "PyElastica", partial(pyelastica_rod.rows, quick)
+
+
+def derived(rows: list[Row]) -> list[Row]:
+    """The rows and what they say of the goals."""
     _share_step_times(rows)
     return [*rows, *goal_rows(rows)]
 
@@ -409,7 +410,8 @@ def _fastest(found: Iterable[Row]) -> Row | None:
 
 STUDY = Study(
     kinds=(Row,),
-    stages=run,
+    jobs=jobs,
+    derive=derived,
     tables=shown.TABLES,
     plots=shown.PLOTS,
     note="Error in time on robots of all kinds: softrobot benchmark scenes",

@@ -36,7 +36,7 @@ from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.timestep import linearize
 from studies.accuracy.cases import SHEAR
 from studies.beams import make_beam, weightless
-from studies.lab import Record, quantity
+from studies.lab import Job, Record, quantity
 from studies.truths.analytic import arc_tip, elastica, section
 from studies.truths.continuum_arc import TEXT as CONTINUUM_ARC
 from studies.truths.continuum_arc import continuum_arc_tip
@@ -260,7 +260,7 @@ def longest_pair(name: str) -> Case:
 # ---------------------------------------------------------------- running
 
 
-def jobs(quick: bool = False) -> Iterator[tuple[str, Callable[[], list[ExtremeRow]]]]:
+def jobs(quick: bool = False) -> Iterator[Job]:
     """All cases on all models; n is chosen per case."""
     weak = replace(CANTILEVER_WEAK, poisson_ratio=0.49)
     cases = [  # with hinges of the chain, and pieces of the beams
