@@ -31,8 +31,8 @@ class Row(Record):
     """A measurement, or what follows from some; None where a field does not apply.
 
     Attributes:
-        kind: "static", "number" (a frequency or an angle), "dynamic", "agreement" (of limits),
-            "physics" (an agreement that is not expected), "goal" or "note".
+        kind: "static", "dynamic", "agreement" (of limits), "physics" (an agreement that is not
+            expected), "goal" or "note".
         case: What was computed.
         model: By what.
         n: Joints or pieces.
@@ -41,12 +41,11 @@ class Row(Record):
         tolerance: [1], None where steps are fixed.
         e_mean, e_max: [m], distance of the tips from the truth over a motion.
         e_time: [m], largest distance from the same model with an exact integrator.
-        e_relative: [1], error of a number.
-        wall_time: [s] of the equilibrium, the eigenvalues or the motion.
+        wall_time: [s] of the equilibrium or the motion.
         step_time: [s] of a step.
         physics: Name of a `Physics`.
         reference: The truth that was compared with.
-        value, limit, met: Of a number its value; of an agreement the distance over the robot's
+        value, limit, met: Of an agreement the distance over the robot's
             length and its bound; of a goal the measured figure and its bound.
     """
 
@@ -60,7 +59,6 @@ class Row(Record):
     e_mean: float | None = quantity("mm", ".2g", "e mean", default=None)
     e_max: float | None = quantity("mm", ".2g", "e max", default=None)
     e_time: float | None = quantity("mm", ".2g", "e time", default=None)
-    e_relative: float | None = None
     wall_time: float | None = quantity("ms", ".3g", "time", default=None)
     step_time: float | None = None
     physics: str | None = None
@@ -381,5 +379,5 @@ def goal(
     """What the best row has to do with a goal, which has one of two bounds."""
     met = value >= least if most is None else value <= most
     bound = {"value": value, "limit": least if most is None else most, "met": met}
-    left_out = dict.fromkeys(("step_time", "reference", "e_relative"))
+    left_out = dict.fromkeys(("step_time", "reference"))
     return replace(best, kind="goal", case=case, **bound, **left_out)

@@ -1,6 +1,6 @@
 """Error against run time of the MuJoCo chain and the beam models, each against a converged truth.
 
-Statics and frequencies are compared with closed forms and boundary-value solutions, motions with
+Statics are compared with closed forms and exact solutions, motions with
 limits of infinitely many pieces. Models that shear and stretch converge to something else than
 those that only bend and twist, so each is compared with the truth of its own physics, and where
 models share the physics, their limits must agree (`cases.agreement`).
@@ -39,7 +39,7 @@ from studies.accuracy.cases import (
     static_row,
     timed_row,
 )
-from studies.accuracy.planar import StaticCase, beam_row, chain_row, scalar_cases, static_cases
+from studies.accuracy.planar import StaticCase, static_cases
 from studies.beams import chain_scene, step_cost
 from studies.lab import Job, Study, groups, select
 from studies.thesis import evaluation_time
@@ -119,11 +119,6 @@ def _static_jobs(quick: bool) -> Iterator[Job]:
     repeats = 2 if quick else 5
     for case in static_cases():
         yield case.name, partial(_static_rows, case, quick, repeats)
-    for case in scalar_cases():
-        coarse = slice(2 if quick else None)
-        beams = [(beam_row, m, n) for m in CONTESTANTS for n in m.sizes[coarse]]
-        runs = beams + [(chain_row, *run) for run in product(RULES, HINGES[coarse])]
-        yield case.name, lambda c=case, r=runs: [row(c, m, n, repeats) for row, m, n in r]
 
 
 def _static_rows(case: StaticCase, quick: bool, repeats: int) -> list[Row]:
