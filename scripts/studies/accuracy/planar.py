@@ -25,7 +25,7 @@ from studies.truths.continuum_arc import continuum_arc_tip
 from studies.truths.tendon_rod import guided_rod, tendon_rod
 
 _GUIDE_DISTANCE = 1 / 12  # m
-_SHEAR = "geometrically exact rod, k = {:g} (boundary-value solution)"
+_SHEAR = "geometrically exact rod, k = {:g}"
 
 #: Tip (2,) [m] in (x, z) and where it comes from, for some physics.
 Truth = Callable[[Physics], tuple[ndarray, str]]
@@ -109,7 +109,7 @@ def _dead_load(robot: RobotParams, **loads: tuple[float, float]) -> Truth:
         k = physics.shear_coefficient
         if k is None:
             rod = elastica(robot.length, robot.bending_stiffness, **loads)
-            return rod.tip, "elastica (boundary-value solution)"
+            return rod.tip, "elastica (exact)"
         return bent_rod(robot.length, section(robot, k), **loads).tip, _SHEAR.format(k)
 
     return truth
