@@ -98,26 +98,6 @@ class OrderRow(lab.Record):
 
 
 @dataclass(frozen=True)
-class DataRow(lab.Record):
-    """Error against what is learned from, and against order.
-
-    Attributes:
-        twin: As of `PathRow`.
-        minutes: Of motion under changing inputs.
-        order: n_r, of coordinates and inputs together.
-        rms: [m], (3.23) over unseen random motion; None where it diverges.
-        fit_time, predict_time: [s], as of `PathRow`.
-    """
-
-    twin: int | None
-    minutes: float = lab.quantity("", "g", "min of motion")
-    order: int = lab.quantity("", "d")
-    rms: float | None = lab.quantity("mm", ".3g", "RMS")
-    fit_time: float = lab.quantity("s", ".3g", "learned in")
-    predict_time: float | None = lab.quantity("ms", ".3g", "25 s in")
-
-
-@dataclass(frozen=True)
 class LoopRow(lab.Record):
     """A closed loop on the triangle (thesis sec. 5.4).
 
@@ -403,9 +383,6 @@ LOOP_GOALS = {1.0: 3e-3}
 
 #: What Fig. 3.14 varies, delays of two outputs.
 SHAPE_ORDERS, DELAYS = (1, 2, 3, 4), (5, 6, 7, 8, 9)
-#: Minutes and orders of ours.
-MINUTES, ORDERS = (2.0, 5.0, 10.0, 30.0), (1, 2, 3, 4)
-
 _LOOPS, _PERIODS = ("ssm_mpc", "ssm_lq", "hybrid_feedback"), (5.0, 1.0)
 _TIMED = 5  # predictions, of which the fastest counts
 _LOST = 10.0  # m, from where on a prediction is said to diverge
@@ -415,13 +392,13 @@ def cases(quick: bool = False) -> list[tuple]:
     """What is asked of a rig, and its twin; quickly one rig, little motion, two models."""
     if quick:
         return [("rig", SHOWN, True)]
-    return [*(("rig", twin, False) for twin in TWINS), ("orders", SHOWN), ("amounts", SHOWN)]
+    return [*(("rig", twin, False) for twin in TWINS), ("orders", SHOWN)]
 
 
 def measure(case: tuple) -> list[lab.Record]:
     """Learn models of rigs, predict paths that they have not seen, and control by them."""
     what, *given = case
-    return {"rig": _rig, "orders": _order_rows, "amounts": _amounts}[what](*given)
+    return {"rig": _rig, "orders": _order_rows}[what](*given)
 
 
 def _learned(learner: Callable[[], Model]) -> tuple[Model | None, float]:
@@ -548,22 +525,6 @@ def _order_rows(twin: int) -> list[lab.Record]:
     return rows
 
 
-def _amounts(twin: int) -> list[lab.Record]:
-    """Ours with less motion to learn from, and of other orders."""
-    data, rows = RigData(twin), []
-    decays, forced = data.ours
-    cases = [(minutes, 3) for minutes in MINUTES] + [(MINUTES[-1], o) for o in ORDERS if o != 3]
-    for minutes, order in cases:
-        share = minutes / MINUTES[-1]
-        some = forced[: max(1, round(share * len(forced)))]
-        few = decays[:: max(1, round(1 / share))]
-        how = Settings(order=order, input_order=order)
-        model, time = _learned(partial(learn, few, some, how, lower=False))
-        times = time, None if model is None else _time(model, data)
-        rows.append(DataRow(twin, minutes, order, _rms(model, data.unseen), *times))
-    return rows
-
-
 # -------------------- pictures: Figs. 3.11 to 3.18 of the thesis anew (3.14 is a table)
 
 #: Fig. 3.13: [s] that random inputs are held, cutoffs [Hz] of filters, and [s] of all.
@@ -683,7 +644,7 @@ def _shares(rows: list[PathRow]) -> str:
 _RIG = lab.Column("rig", rig_name)
 
 STUDY = lab.Study(
-    kinds=(PathRow, OrderRow, DataRow, LoopRow, SpectrumRow),
+    kinds=(PathRow, OrderRow, LoopRow, SpectrumRow),
     cases=cases,
     measure=measure,
     tables=[
@@ -711,7 +672,6 @@ STUDY = lab.Study(
             heading=lambda p: f"p = {p}",
             headings=("n_w",),
         ),
-        lab.table("Improved model, unseen random motion", of=DataRow),
         lab.table(
             "Triangle, closed loop",
             *(_RIG, "policy", "period", "mean", "largest", "goal", "decision", "longest"),
