@@ -17,7 +17,6 @@ from studies.beams import weightless
 from studies.truths.analytic import (
     arc_tip,
     bent_rod,
-    elastica,
     section,
 )
 from studies.truths.continuum_arc import TEXT as CONTINUUM_ARC
@@ -107,10 +106,8 @@ def tip_force(force: float) -> StaticCase:
 def _dead_load(robot: RobotParams, **loads: tuple[float, float]) -> Truth:
     def truth(physics: Physics) -> tuple[ndarray, str]:
         k = physics.shear_coefficient
-        if k is None:
-            rod = elastica(robot.length, robot.bending_stiffness, **loads)
-            return rod.tip, "elastica (exact)"
-        return bent_rod(robot.length, section(robot, k), **loads).tip, _SHEAR.format(k)
+        text = "elastica" if k is None else _SHEAR.format(k)
+        return bent_rod(robot.length, section(robot, k), **loads).tip, text
 
     return truth
 
