@@ -404,7 +404,6 @@ def pivot(
     more: Mapping[str, Callable[[list[Any]], Any]] | None = None,
     show: Callable[[Any], Any] | None = None,
     sections: bool = False,
-    ordered: bool = False,
 ) -> TableMaker:
     """A line for all rows that agree in some fields.
 
@@ -421,7 +420,6 @@ def pivot(
         more: Further columns behind those of a field.
         show: From a value that names a line to its text.
         sections: Whether a rule parts lines whose first field differs.
-        ordered: Whether columns, and lines of one field, are in ascending order of their values.
     """
 
     def make(rows: Rows) -> Iterator[Table]:
@@ -432,7 +430,7 @@ def pivot(
             out = new_table(title.format(**dict(zip(per, key, strict=True))), _heads(), tuple(own))
             found = groups(group, *lines)
             before = None
-            for line in sorted(found) if ordered else found:
+            for line in found:
                 if sections and before not in (None, line[0]):
                     out.add_section()
                 before = line[0]
@@ -445,8 +443,7 @@ def pivot(
     def _expanded(group: list[Any]) -> dict[str, Callable[[list[Any]], Any]]:
         if not isinstance(columns, str):
             return {_heading(group, name): partial(_spread, name) for name in columns}
-        values = [value for (value,) in groups(group, columns)]
-        return {heading(v): partial(_of_value, v) for v in (sorted(values) if ordered else values)}
+        return {heading(value): partial(_of_value, value) for (value,) in groups(group, columns)}
 
     def _of_value(value: Any, group: list[Any]) -> Any:
         mine = select(group, **{columns: value})
