@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -206,19 +206,6 @@ CONTESTANTS = (LUMPED, DISTRIBUTED, COSSERAT, ANCF_BEAM)
 _NEWTON, _REFERENCE = 1e-6, 1e-7
 
 
-class TimedMotion(Protocol):
-    """A motion of `DURATION`."""
-
-    @property
-    def settings(self) -> Settings:
-        """What it was simulated with; the steps are those of the last call."""
-        ...
-
-    def __call__(self) -> ndarray:
-        """Tips (k, d) [m]."""
-        ...
-
-
 @dataclass
 class BeamMotion:
     """A motion of a beam model.
@@ -330,6 +317,10 @@ class ChainMotion:
             what, when = self.settings, f"t = {self._data.time:.4g} s"
             raise RuntimeError(f"{what.model} with {what.n} joints diverged at {when}")
         return self._compared(tips)
+
+
+#: A motion of `DURATION`: called, it gives tips (k, d) [m]; `settings` say how.
+TimedMotion = BeamMotion | ChainMotion
 
 
 def chain_limit(
