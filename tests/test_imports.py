@@ -66,7 +66,6 @@ HEAVY_AT_HOME = {
 #: Modules that exist for heavy packages and are themselves imported where used.
 HEAVY_MODULES = {
     "softrobot_env/envs/simulation/warp_batch.py": {"torch", "mujoco_warp", "warp"},
-    "scripts/studies/default_ppo.py": {"torch", "stable_baselines3"},
 }
 
 #: Parts that every `gymnasium.make` loads; scipy costs more than the rest of them together.

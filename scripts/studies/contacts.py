@@ -16,7 +16,6 @@ from numpy import ndarray
 
 from softrobot_env.core.motion import State
 from softrobot_env.evaluation.models import runs
-from softrobot_env.rendering import figures
 from softrobot_env.robots import ARM, Base, RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.robots.registry import GRIPPERS, find_robot
@@ -28,7 +27,7 @@ from softrobot_env.scene.contacts import material_stiffness, tune
 from softrobot_env.scene.objects import Box, Capsule, Contacts, Cylinder, Ground, Object, Sphere
 from softrobot_env.scene.registry import scene_of
 from softrobot_env.scene.simulation import Simulation
-from studies.lab import Record, Study, lines, pivot, quantity, select, table
+from studies.lab import Record, Study, pivot, quantity, table
 from studies.truths.resting_rods import CHECKS, STIFFNESS
 
 #: Share of the length within which all that moves is accurate.
@@ -339,29 +338,6 @@ def check(name: str, pieces: int, repeats: int = 3) -> list[Check]:
     return [Check(timestep=scene.timestep.timestep, **about, **found)]
 
 
-# -------------------- picture
-
-
-def _message(cells: Sequence[Cell]) -> str:
-    judged = [c for c in select(cells, steps_ratio=1) if c.error_share is not None]
-    good = sum(c.error_share <= ACCURATE_SHARE for c in judged)
-    return (
-        f"With the rule's timestep {good} of {len(judged)} moving contacts err by less than "
-        f"{100 * ACCURATE_SHARE:g} % of the length"
-    )
-
-
-def _style(scene: str) -> figures.Style:
-    return figures.Style(figures.COLOURS[list(CASES).index(scene)])
-
-
-def _limits(axis: figures.Axes, cells: Sequence[Cell], _: str) -> None:
-    for share, colour in ((ACCURATE_SHARE, figures.BLACK), (runs.WRONG_SHARE, figures.GREY)):
-        axis.axhline(100 * share, color=colour, linewidth=0.9, linestyle="--")
-    axis.set_title(f"skin {cells[0].stiffness_ratio:g} times as stiff as the material")
-    axis.set_xlabel("timestep / the rule's")
-
-
 # -------------------- the study
 
 #: Stiffnesses over that of the robot's material [1], friction coefficients [1], and timesteps over
@@ -429,21 +405,4 @@ STUDY = Study(
             caption="pressed: sum of the sizes of the forces; force: their vector sum",
         ),
     ],
-    plots={
-        "{}": lines(
-            "steps_ratio",
-            "error_share",
-            "scene",
-            title=_message,
-            subject="Largest error over the length; dashed: accurate below, wrong above",
-            panel="stiffness_ratio",
-            of=Cell,
-            where=lambda cell: cell.error_share is not None,
-            join=max,
-            log="xy",
-            style=_style,
-            legend=True,
-            decorate=_limits,
-        )
-    },
 )

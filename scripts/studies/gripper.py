@@ -14,12 +14,11 @@ from numpy import ndarray
 from softrobot_env.control import gripper
 from softrobot_env.envs.gripper import VectorGripperEnv
 from softrobot_env.envs.rendering import finger_shapes
-from softrobot_env.rendering import figures
 from softrobot_env.robots import GRIPPERS
 from softrobot_env.scene.assembly import AssembledScene, build_assembly, gripper_scene
 from softrobot_env.scene.objects import Capsule, Ellipsoid, Object
 from softrobot_env.scene.simulation import Simulation
-from studies.lab import Column, Lab, Record, Study, groups, lines, quantity, select, table
+from studies.lab import Column, Lab, Record, Study, quantity, table
 
 GRIPPER = GRIPPERS["gripper"]
 
@@ -508,20 +507,6 @@ def stages(lab: Lab) -> list[Record]:
     return rows + [row for task in LEARNED for row in speeds(task, MANY, THREADS)]
 
 
-def _style(thing: str) -> figures.Style:
-    return figures.Style(figures.COLOURS[list(things()).index(thing)])
-
-
-def _marks(axis: figures.Axes, grips: Sequence[Grip], sensor: str) -> None:
-    """Bends of a sensor that lies on a cylinder altogether, and dots where the tip presses."""
-    for (thing, turn), mine in groups(grips, "thing", "turn").items():
-        colour = _style(thing).colour
-        if turn is not None:
-            axis.axhline(turn, color=colour, linewidth=0.9, linestyle="--")
-        tips = select(mine, kind="fingertip")
-        axis.plot([g.tension for g in tips], [getattr(g, sensor) for g in tips], "o", color=colour)
-
-
 STUDY = Study(
     kinds=(Grip, Size, Shape, Outcome, Speed),
     stages=stages,
@@ -554,19 +539,4 @@ STUDY = Study(
             caption="bend: difference of a sensor from the rule's, mean and largest in a closing",
         ),
     ],
-    plots={
-        "{}": lines(
-            "tension",
-            ("sensor_1", "sensor_2", "sensor_3"),
-            "thing",
-            title="Bends [deg] of the middle finger's sensors while it closes",
-            subject="Dashed: of a sensor that lies on the cylinder altogether. Dots: the grip is "
-            "a fingertip grip",
-            of=Grip,
-            style=_style,
-            line={"marker": ""},
-            legend=True,
-            decorate=_marks,
-        )
-    },
 )

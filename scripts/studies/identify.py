@@ -24,7 +24,6 @@ from softrobot_env.evaluation.runner import run as run_case
 from softrobot_env.identification.fit.least_squares import size
 from softrobot_env.identification.fit.path import identify
 from softrobot_env.identification.fit.report import parameter_rows
-from softrobot_env.rendering import figures
 from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.actuation import with_balance
 from softrobot_env.robots.twin import Twin, rig3d_twin
@@ -174,33 +173,7 @@ def repetition(seed: int) -> list[FoundRow]:
     return [*out, FoundRow(seed, "delay", "marker_delay: all", true, *span, rms, taken)]
 
 
-# -------------------- tables and picture
-
-_TITLES = {"friction": "friction [N]", "delay": "delay [s]"}
-
-
-def picture(rows: Sequence[lab.Record]) -> figures.Figure:
-    """A panel for each kind; intervals that miss the truth in another colour."""
-    found = lab.of_kind(rows, FoundRow)
-    kinds = lab.groups(found, "kind")
-    figure, axes = figures.new_figure(1, len(kinds), (2.6 * len(kinds), 3.6))
-    for axis, ((kind,), mine) in zip(axes[0], kinds.items(), strict=True):
-        for row in mine:
-            colour = figures.BLUE if row.inside else figures.VERMILLION
-            ends = [[row.found - row.low], [row.high - row.found]]
-            axis.errorbar(row.true, row.found, ends, fmt=".", color=colour, linewidth=0.8)
-        true = [row.true for row in mine]
-        axis.plot(true, true, color=figures.BLACK, linewidth=0.8)
-        axis.set(xlabel="true", ylabel="found", title=_TITLES.get(kind, f"{kind}, factor"))
-    inside = sum(row.inside for row in found)
-    figures.add_title(
-        figure,
-        f"{100 * inside / len(found):.3g} % of the 95 % intervals hold the truth",
-        f"{len(found)} parameters of simulated Cosserat rods, identified from recordings; red: "
-        "the truth is outside",
-    )
-    return figure
-
+# -------------------- tables
 
 #: Kind -> largest relative error that is asked for; of the delay none is.
 GOALS = {"modulus": 0.02, "damping": 0.05, "friction": 0.2}
@@ -281,5 +254,4 @@ STUDY = lab.Study(
     note="mean: of the error; median, largest: of its size; in 95 %: truths within the stated "
     "interval; met: all within what is asked, and the truth in at least "
     f"{100 * COVERAGE:.0f} % of the intervals",
-    plots={"{}": picture},
 )

@@ -1,4 +1,4 @@
-"""What all studies share: rows that know their units, cases, running, tables, plots and goals.
+"""What all studies share: rows that know their units, cases, running, tables and plots.
 
 A study is data and one function that measures:
 
@@ -129,8 +129,6 @@ EPISODE = {
     "policy_time_median": ("policy", "µs", ".1f"),
     "policy_time_p99": ("p99", "µs", ".1f"),
     "decision_period": ("every", "ms", "g"),
-    "e_max_ratio": ("max over nominal", "", ".2f"),
-    "e_rms_ratio": ("rms over nominal", "", ".2f"),
 }
 
 #: Of these None says that it was never so.
@@ -171,29 +169,13 @@ def _chosen(rows: Rows, of: type | None, where: Where | None) -> list[Any]:
     return select(rows, **where)
 
 
-def at_most(kind: type, limit: float, value: float | None, strict: bool = False, **own: Any) -> Any:
-    """A goal as a row of a kind with the fields value, limit, met and `own`; None never meets it.
-
-    Args:
-        kind: A dataclass.
-        limit: The largest value allowed, or below which it must stay if `strict`.
-        value: What was found; None where something failed.
-        strict: Whether the limit itself is too much.
-        **own: Further fields.
-    """
-    met = value is not None and (value < limit if strict else value <= limit)
-    return kind(value=value, limit=limit, met=met, **own)
-
-
-def at_least(kind: type, limit: float, value: float | None, **own: Any) -> Any:
-    """As `at_most`, with a lower limit."""
-    return kind(value=value, limit=limit, met=value is not None and value >= limit, **own)
-
-
 # ---------------------------------------------------------------- cases and running
 
 #: Names and values of what differs between two measurements.
 Case = dict[str, Any]
+
+#: A name for the progress bar, and what makes rows.
+Job = tuple[str, Callable[[], list[Any]]]
 
 
 @dataclass(frozen=True)
@@ -273,9 +255,10 @@ class Study:
         quick: Values of axes of the grid in a quick run; otherwise cases of one.
         measure: From a case to a row, or a list of rows.
         label: Of a case, for the progress bar.
-        stages: In place of cases and measure: from a `Lab` to all rows, where some cases follow
+        jobs: In place of cases and measure: from `quick` to names and functions that give rows.
+        stages: In place of all of these: from a `Lab` to all rows, where some cases follow
             from earlier rows.
-        derive: From all rows to all rows, with goals, ratios and what else follows from them.
+        derive: From all rows to all rows, with ratios and what else follows from them.
         tables: Makers of tables, `table` and `pivot` or functions of the rows.
         note: Below the tables.
         plots: Stem of a file, with `{}` for that of the study, -> maker of a figure.
@@ -289,6 +272,7 @@ class Study:
     quick: Mapping[str, Any] | Sequence[Any] = field(default_factory=dict)
     measure: Callable[[Any], Any] | None = None
     label: Callable[[Any], str] | None = None
+    jobs: Callable[[bool], Iterable[Job]] | None = None
     stages: Callable[[Lab], list[Any]] | None = None
     derive: Callable[[list[Any]], list[Any]] | None = None
     tables: Sequence[TableMaker] = ()
@@ -311,11 +295,12 @@ class Study:
         """Measure; `options` are those of the command line."""
         workers = 0 if self.alone else self.processes
         lab = Lab(quick, progress, workers, options, self.kinds, kept)
-        rows = (
-            self.stages(lab)
-            if self.stages
-            else lab.measure(self.wanted(quick, **options), self.measure, self.label)
-        )
+        if self.stages is not None:
+            rows = self.stages(lab)
+        elif self.jobs is not None:
+            rows = [row for made in lab.tasks([*self.jobs(quick)]) for row in made]
+        else:
+            rows = lab.measure(self.wanted(quick, **options), self.measure, self.label)
         return rows if self.derive is None else self.derive(rows)
 
     def wanted(self, quick: bool = False, **options: Any) -> list[Any]:
@@ -419,7 +404,6 @@ def pivot(
     more: Mapping[str, Callable[[list[Any]], Any]] | None = None,
     show: Callable[[Any], Any] | None = None,
     sections: bool = False,
-    ordered: bool = False,
 ) -> TableMaker:
     """A line for all rows that agree in some fields.
 
@@ -436,7 +420,6 @@ def pivot(
         more: Further columns behind those of a field.
         show: From a value that names a line to its text.
         sections: Whether a rule parts lines whose first field differs.
-        ordered: Whether columns, and lines of one field, are in ascending order of their values.
     """
 
     def make(rows: Rows) -> Iterator[Table]:
@@ -447,7 +430,7 @@ def pivot(
             out = new_table(title.format(**dict(zip(per, key, strict=True))), _heads(), tuple(own))
             found = groups(group, *lines)
             before = None
-            for line in sorted(found) if ordered else found:
+            for line in found:
                 if sections and before not in (None, line[0]):
                     out.add_section()
                 before = line[0]
@@ -460,8 +443,7 @@ def pivot(
     def _expanded(group: list[Any]) -> dict[str, Callable[[list[Any]], Any]]:
         if not isinstance(columns, str):
             return {_heading(group, name): partial(_spread, name) for name in columns}
-        values = [value for (value,) in groups(group, columns)]
-        return {heading(v): partial(_of_value, v) for v in (sorted(values) if ordered else values)}
+        return {heading(value): partial(_of_value, value) for (value,) in groups(group, columns)}
 
     def _of_value(value: Any, group: list[Any]) -> Any:
         mine = select(group, **{columns: value})

@@ -46,7 +46,7 @@ from softrobot_env.training.imitation import ImitationConfig, imitate
 from softrobot_env.training.references import generic_task
 from softrobot_env.training.registry import TRAININGS
 from softrobot_env.training.request import TrainingRequest, file_of
-from studies import lab
+from studies import lab, trainings
 from studies.policies import PolicyRow, record_of
 
 #: Names of the robots of the studies. The rig is the twin whose parameters come with the package.
@@ -688,10 +688,8 @@ def train_ppo(plant: str, path: Path) -> None:
     """Train PPO on a few random paths on a plant, single environments one after the other."""
     from stable_baselines3.common.vec_env import DummyVecEnv
 
-    from studies.default_ppo import train
-
     env = DummyVecEnv([partial(_vectors, plant, k, pace) for k, pace in enumerate(_PACES)])
-    model, _ = train(env, _SEED, _STEPS, n_steps=_BETWEEN)
+    model, _ = trainings.train_ppo(env, _SEED, _STEPS, n_steps=_BETWEEN)
     save_vector_policy(path, model, env.envs[0], _SEED)
     env.close()
 

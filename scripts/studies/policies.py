@@ -1,7 +1,7 @@
 """All policies of the arm: on the thesis' tasks (sec. 6.6), on unknown robots, on unseen paths."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import product
 from statistics import median
 from typing import Any, TypeVar
@@ -170,41 +170,6 @@ class ControllerRow(PolicyRow):
         return "a robot of other parameters" if self.variation in known else "other drives, sensors"
 
 
-@dataclass(frozen=True, kw_only=True)
-class VariedRow(ControllerRow):
-    """An episode with another robot than the policy knows.
-
-    Attributes:
-        e_max_ratio, e_rms_ratio: Errors over those with the nominal robot [1]; None if there are
-            none.
-    """
-
-    e_max_ratio: float | None
-    e_rms_ratio: float | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class GoalRow(lab.Record):
-    """A goal, and what was found.
-
-    Attributes:
-        goal: For people.
-        policy, setting: Of the episodes that are judged.
-        metric: Field of a row, whose unit is that of value and limit.
-        value: None where an episode failed or never settled.
-        limit: The largest allowed.
-        met: Whether it was met.
-    """
-
-    goal: str
-    policy: str
-    setting: str
-    metric: str
-    value: float | None
-    limit: float
-    met: bool
-
-
 def cases(quick: bool) -> list[tuple]:
     """Setting, plant, policy, task, options of the task and variation of every episode."""
     every, tasks = policies(), (TASKS[0], _SWING) if quick else TASKS
@@ -292,107 +257,11 @@ def motion_errors(rollout: Rollout, task: str) -> tuple[float | None, float | No
     return float(error.min()), float(error.max())
 
 
-def with_ratios(rows: list[ControllerRow]) -> list[ControllerRow]:
-    """The rows, those of robustness with ratios to the nominal robot."""
-    return [_with_ratio(rows, row) if row.setting == "robustness" else row for row in rows]
-
-
-def _with_ratio(rows: list[ControllerRow], row: ControllerRow) -> VariedRow:
-    kept = ("plant", "policy", "task", "step_width", "feedback")
-    nominal = lab.one(rows, **{name: getattr(row, name) for name in kept}, variation={})
-    ratios: dict[str, Any] = {}
-    for name in _ERRORS:
-        value, base = getattr(row, name), getattr(nominal, name, None)
-        ratios[f"{name}_ratio"] = None if value is None or not base else value / base
-    return VariedRow(**{f.name: getattr(row, f.name) for f in fields(ControllerRow)}, **ratios)
-
-
-# ---------------------------------------------------------------- goals
-
-#: Settings in which the accuracy of the best policy is judged.
-JUDGED = ("mujoco", "thesis", "output")
-
-#: Goal, task, metric, widths [m] of the step of which the largest value counts, limit in SI units;
-#: the steady-state error has to stay below.
-GOALS = (
-    ("swing, largest error", "swing", "e_max", (None,), 2e-3),
-    ("swing, rms error", "swing", "e_rms", (None,), 0.3e-3),
-    ("L-shape, largest error", "lshape", "e_max", (None,), 0.8e-3),
-    ("step of 50 mm, overshoot", "step", "overshoot", (0.05,), 0.05),
-    ("step of 50 mm, settling time", "step", "settling_time", (0.05,), 0.4),
-    ("step of 200 mm, overshoot", "step", "overshoot", (0.2,), 0.1),
-    ("step of 200 mm, settling time", "step", "settling_time", (0.2,), 1.0),
-    ("all steps, steady-state error", "step", "steady_state_error", _WIDTHS, 1e-4),
-)
-
-#: Largest error of the best policy with another Young's modulus over that with the nominal one.
-_RATIO = 2.0
-
-#: Task, step width [m] and errors whose growth with another Young's modulus is limited.
-_GROWTH = (
-    ("swing", None, ("e_max", "e_rms")),
-    ("lshape", None, ("e_max", "e_rms")),
-    *(("step", width, ("e_rms",)) for width in _WIDTHS),
-)
-
-#: Largest policy times [s] (median): the thesis' own, and a tenth of it for the MPC.
-_POLICY_TIMES = {"qs_nn": 5.4e-6, "lqi": 11.2e-6, "mpc": 5e-3}
-
-
-def derived(rows: list[ControllerRow]) -> list[Any]:
-    """Ratios, and goals behind the rows."""
-    found = with_ratios(rows)
-    return [*found, *goal_rows(found)]
-
-
-def goal_rows(found: list[ControllerRow]) -> list[GoalRow]:
-    """Goals and what episodes say about them; those on episodes that were not run are left out."""
-    best, out = best_policy(found), []
-
-    def judge(
-        goal: str, policy: str, setting: str, metric: str, values: list, limit: float
-    ) -> None:
-        own = {"goal": goal, "policy": policy, "setting": setting, "metric": metric}
-        worst = None if None in values else max(values)
-        strict = metric == "steady_state_error"
-        out.append(lab.at_most(GoalRow, limit, worst, strict, **own))
-
-    for goal, task, metric, widths, limit in GOALS if best else ():
-        for setting in JUDGED:
-            fields_ = {"setting": setting, "policy": best, "task": task}
-            mine = [lab.one(found, **fields_, step_width=width) for width in widths]
-            values = [getattr(row, metric) for row in mine if row is not None]
-            if values:
-                judge(goal, best, setting, metric, values, limit)
-    nominal = lab.select(
-        lab.of_kind(found, VariedRow), plant="mujoco", policy=best, feedback="state"
-    )
-    varied = [row for row in nominal if list(row.variation) == [E]]
-    for task, width, metrics in _GROWTH if varied else ():
-        mine = lab.select(varied, task=task, step_width=width)
-        label = task if width is None else f"step of {1e3 * width:g} mm"
-        for metric in metrics if mine else ():
-            goal, ratio = f"{label}, {_ERRORS[metric]} over nominal, worst E", f"{metric}_ratio"
-            judge(goal, best, "robustness", ratio, [getattr(r, ratio) for r in mine], _RATIO)
-    if varied:
-        failed = sum(row.failure is not None for row in varied)
-        judge("failed episodes with another E", best, "robustness", "failures", [failed], 0)
-    for (policy, limit), setting in product(_POLICY_TIMES.items(), ("mujoco", "thesis")):
-        row = lab.one(found, setting=setting, policy=policy, task="step", step_width=0.05)
-        if row is not None:
-            goal, metric = f"policy time of {policy}", "policy_time_median"
-            judge(goal, policy, setting, metric, [row.policy_time_median], limit)
-    return out
-
-
-def best_policy(found: list[ControllerRow]) -> str | None:
-    """The policy with the least rms error on MuJoCo's swing; None if there is none."""
-    swings = lab.select(found, setting="mujoco", task="swing", failure=None)
-    return min(swings, key=lambda row: row.e_rms).policy if swings else None
-
-
 # ---------------------------------------------------------------- tables beside the thesis
 
+#: Settings in which all measure alike, and those whose nominal episodes are compared.
+_MEASURED = ("mujoco", "thesis")
+_NOMINAL = (*_MEASURED, "output")
 _SETTINGS = {
     "thesis": "PCC",
     "mujoco": "MuJoCo",
@@ -434,7 +303,7 @@ def _printed(row: ControllerRow, metrics: Iterable[str]) -> dict[str, list[str]]
 
 def _nominal(rows: Sequence[Any]) -> Iterator[Table]:
     """All policies on each task, beside what the thesis says of its own (Tabs. 6.2 to 6.5)."""
-    mine = [row for row in lab.of_kind(rows, ControllerRow) if row.setting in JUDGED]
+    mine = [row for row in lab.of_kind(rows, ControllerRow) if row.setting in _NOMINAL]
     for (place,), found in lab.groups(mine, "place").items():
         metrics = _STEP if found[0].step_width is not None else _TRACKING
         out = lab.new_table(f"{place}, nominal robot", ("policy", "by"), _headings(metrics))
@@ -447,47 +316,46 @@ def _nominal(rows: Sequence[Any]) -> Iterator[Table]:
         yield out
 
 
-# ---------------------------------------------------------------- tables of other robots, goals
+# ---------------------------------------------------------------- tables of other robots
 
 
-def _varied_errors(metrics: Sequence[str], steps: bool) -> lab.TableMaker:
-    """Errors over Young's modulus, on each plant."""
+#: Settings with other parameters and their nominal ones, and where other moduli are not met.
+_VARIED_IN, _UNVARIED = (*_MEASURED, "robustness"), ((PCC, "step"), (PCC, "lshape"))
+
+
+def _varied(title: str, metrics: Sequence[str], where: Callable[[Any], bool]) -> lab.TableMaker:
+    """Errors over what varies, on each plant."""
 
     def meant(row: Any) -> bool:
-        if not isinstance(row, ControllerRow) or row.modulus is None:
-            return False
         known = row.setting in _VARIED_IN and (row.plant, row.task) not in _UNVARIED
-        return known and (row.step_width is not None) == steps
+        return known and where(row)
 
     def cells(rows: list[ControllerRow]) -> str:
         failed = rows[0].failure is not None
         return "failed" if failed else " / ".join(lab.cell(rows[0], metric) for metric in metrics)
 
     what = " / ".join(" ".join(lab.shown([], metric)[:2]) for metric in metrics)
-    title = f"{{place}} on {{plant}} with another Young's modulus: {what}"
     return lab.pivot(
-        title, ("policy",), "modulus", cells, where=meant, per=("plant", "place"),
-        heading=lambda factor: f"E x {factor:g}",
-    )  # fmt: skip
+        f"{{place}} on {{plant}} with another {title}: {what}",
+        *(("policy",), "varied", cells),
+        where=meant,
+        per=("plant", "place"),
+    )
 
 
-#: Settings with other moduli and their nominal ones, and where other moduli are not met.
-_VARIED_IN, _UNVARIED = ("thesis", "mujoco", "robustness"), ((PCC, "step"), (PCC, "lshape"))
+def _has_met(row: ControllerRow) -> bool:
+    """Whether the policy meets another density or damping time, and it is so or nominal."""
+    return row.policy in _MEET and E not in row.variation
 
 
-def _largest(rows: list[VariedRow]) -> str:
+def _largest(rows: list[ControllerRow]) -> str:
+    """Of one policy on one task: nominal and with other moduli."""
+    (nominal,), varied = lab.select(rows, modulus=1.0), [r for r in rows if r.variation]
     if any(row.failure is not None for row in rows):
         return "failed"
-    found = ([getattr(row, f"{name}_ratio") for row in rows] for name in _ERRORS)
-    largest = (max((v for v in values if v is not None), default=None) for values in found)
-    return " / ".join(lab.number(value, ".2f") for value in largest)
-
-
-def _goal_value(name: str) -> lab.Column:
-    return lab.Column(
-        name,
-        lambda row: f"{_text(getattr(row, name), row.metric)} {lab.shown([], row.metric)[1]}",
-        ">",
+    return " / ".join(
+        lab.number(max(getattr(row, name) for row in varied) / getattr(nominal, name), ".2f")
+        for name in _ERRORS
     )
 
 
@@ -617,35 +485,25 @@ def _least_disturbed(rows: list[ControllerRow]) -> str:
 _VARIED_WITH = lab.Column("variation", "varied")
 
 STUDY = lab.Study(
-    kinds=(ControllerRow, GoalRow),
+    kinds=(ControllerRow,),
     cases=cases,
     measure=measure,
-    derive=derived,
     alone=True,
     tables=[
         _nominal,
-        _varied_errors(("e_max", "e_rms"), steps=False),
-        _varied_errors(("settling_time", "overshoot"), steps=True),
+        _varied("Young's modulus", ("e_max", "e_rms"), lambda r: r.modulus and r.task != "step"),
+        _varied(
+            *("Young's modulus", ("settling_time", "overshoot")),
+            lambda row: row.modulus and row.task == "step",
+        ),
         lab.pivot(
             "MuJoCo: largest errors with another Young's modulus over the nominal ones (max / rms)",
-            ("policy",),
-            "place",
-            _largest,
-            of=VariedRow,
-            where=lambda row: row.plant == MUJOCO and list(row.variation) == [E],
+            *(("policy",), "place", _largest),
+            where=lambda row: row.plant == MUJOCO and row.setting in _VARIED_IN and row.modulus,
         ),
-        lab.table(
-            "Swing on MuJoCo with another density or damping time (beyond the thesis)",
-            *("policy", _VARIED_WITH, "e_max", "e_rms", "e_max_ratio", "e_rms_ratio"),
-            of=VariedRow,
-            where={"setting": "robustness", "modulus": None},
-        ),
-        lab.table(
-            "Goals: the best policy on MuJoCo in the settings it was run in, then policy times",
-            *("goal", "policy", lab.Column("setting", lambda row: _SETTINGS[row.setting])),
-            *(_goal_value("value"), _goal_value("limit")),
-            lab.Column("met", lambda row: lab.verdict(row.met), ">"),
-            of=GoalRow,
+        _varied(
+            *("density or damping time", ("e_max", "e_rms")),
+            lambda row: (row.plant, row.task) == (MUJOCO, "swing") and _has_met(row),
         ),
         *(
             _general(
@@ -688,7 +546,7 @@ STUDY = lab.Study(
             subject="Error on the swing against the time of a decision; stars: thesis",
             panel="plant",
             of=ControllerRow,
-            where=lambda row: row.task == "swing" and row.setting in JUDGED[:2] and not row.failure,
+            where=lambda row: row.task == "swing" and row.setting in _MEASURED and not row.failure,
             log="xy",
             line={"linestyle": "none", "markersize": 7},
             size=(5.0, 3.4),

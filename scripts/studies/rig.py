@@ -1,6 +1,6 @@
 """Policies of the rig on its twins: triangles (thesis sec. 5.4), disturbed circles (sec. 6.1)."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cache
@@ -83,27 +83,6 @@ class TriangleRow(lab.Record):
     computing_factor: float = lab.quantity("x", ".0f", "inputs")
     realtime_factor: float = lab.quantity("x", ".0f", "simulation")
     trace: Rollout | None = lab.for_pictures()
-
-
-@dataclass(frozen=True, kw_only=True)
-class RigGoal(lab.Record):
-    """A goal for medians over the twins; values and limits in SI units.
-
-    Attributes:
-        goal: For people.
-        policy: That is judged; "" where it is a ranking.
-        unit: "mm", "ms", "x" or "", to show.
-        value: None where an episode failed.
-        limit: The least or largest allowed.
-        met: Whether it was met.
-    """
-
-    goal: str
-    policy: str
-    unit: str
-    value: float | None
-    limit: float
-    met: bool
 
 
 def triangles(quick: bool) -> list[Any]:
@@ -230,52 +209,6 @@ def force_rows(count: int) -> list[ForceRow]:
     return rows
 
 
-# ---------------------------------------------------------------- goals of the triangles
-
-
-def middle(rows: list[TriangleRow], name: str, policy: str, period: float) -> float | None:
-    """Median of a value over the rigs; None if one of them failed, or none was run."""
-    values = [getattr(row, name) for row in lab.select(rows, policy=policy, period=period)]
-    return None if not values or None in values else median(values)
-
-
-def with_goals(rows: list[Any]) -> list[Any]:
-    """The rows and what medians over twins say about accuracy, ranking and computing time."""
-    twins = [row for row in lab.of_kind(rows, TriangleRow) if row.twin is not None]
-    return [*rows, *_goals(twins)] if twins else rows
-
-
-def _goals(twins: list[TriangleRow]) -> Iterator[RigGoal]:
-    limits = [
-        (f"T = {period:g} s, {what} error", policy, period, name, limit)
-        for policy, period in product(("hybrid", "hybrid_flexible"), (SLOW, FAST))
-        for what, name, limit in zip(
-            ("mean", "largest"), ("e_mean", "e_max"), TRIANGLE["hybrid", period], strict=True
-        )
-    ]
-    beyond = f"T = {FAST:g} s, mean error, beyond the thesis"
-    limits.append((beyond, "hybrid_calibrated", FAST, "e_mean", 4e-3))
-    for goal, policy, period, name, limit in limits:
-        value = middle(twins, name, policy, period)
-        yield lab.at_most(RigGoal, limit, value, goal=goal, policy=policy, unit="mm")
-    words = {"rig_nn": "network", "inverse_dynamics": "model", "hybrid": "hybrid"}
-    for period, order in (
-        (SLOW, ("hybrid", "rig_nn", "inverse_dynamics")),
-        (FAST, ("hybrid", "inverse_dynamics", "rig_nn")),
-    ):
-        goal = f"T = {period:g} s: {' before '.join(words[name] for name in order)}"
-        errors = [middle(twins, "e_mean", name, period) for name in order]
-        met = None not in errors and errors == sorted(errors)
-        yield lab.at_least(RigGoal, 1.0, float(met), goal=goal, policy="", unit="")
-    for (policy,), mine in lab.groups(twins, "policy").items():
-        factor = median(row.computing_factor for row in mine)
-        longest = median(row.policy_time_p99 for row in mine)
-        goal = "inputs, times real time"
-        yield lab.at_least(RigGoal, 20.0, factor, goal=goal, policy=policy, unit="x")
-        goal = "99 % of the decisions"
-        yield lab.at_most(RigGoal, 0.020, longest, goal=goal, policy=policy, unit="ms")
-
-
 # ---------------------------------------------------------------- tables of the triangles
 
 
@@ -301,12 +234,6 @@ def _both(pair: Sequence[float | None] | None) -> str:
 def _ideal(rows: list[TriangleRow]) -> str:
     row = lab.one(rows, twin=None)
     return _both(None if row is None else (row.e_mean, row.e_max))
-
-
-def _goal_value(value: float | None, unit: str) -> str:
-    if value is None:
-        return "failed"
-    return f"{lab.number(value, '.3g', unit)} {unit}" if unit else ("yes" if value else "no")
 
 
 # ---------------------------------------------------------------- pictures of the triangles
@@ -395,10 +322,9 @@ def _forces(rows: list[ForceRow]) -> Figure:
 
 
 RIG_STUDY = lab.Study(
-    kinds=(TriangleRow, ForceRow, RigGoal),
+    kinds=(TriangleRow, ForceRow),
     cases=triangles,
     measure=measure_triangle,
-    derive=with_goals,
     alone=True,
     tables=[
         lab.pivot(
@@ -434,15 +360,6 @@ RIG_STUDY = lab.Study(
             lab.Column("audit", form="g"),
             of=ForceRow,
             where=lambda row: row.x is None,
-        ),
-        lab.table(
-            "Goals",
-            "goal",
-            "policy",
-            lab.Column("found", lambda row: _goal_value(row.value, row.unit), ">"),
-            lab.Column("limit", lambda row: _goal_value(row.limit, row.unit), ">"),
-            lab.Column("met", lambda row: lab.verdict(row.met), ">"),
-            of=RigGoal,
         ),
         lab.failures(lab.Column("rig", rig_name), "period", "policy", of=TriangleRow),
     ],

@@ -298,7 +298,6 @@ TABLES = [
         per=("direction",),
         heading=lambda n: f"{n} layer{'s' * (n > 1)}",
         headings=("neurons per layer",),
-        ordered=True,
     ),
     lab.pivot(
         f"Samples in the training set: {_ON_TEST} (range)",
@@ -307,7 +306,6 @@ TABLES = [
         _range,
         of=CellRow,
         where={"study": "samples"},
-        ordered=True,
     ),
     lab.table(
         f"Networks of {TRAINING} samples, medians",

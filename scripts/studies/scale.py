@@ -27,7 +27,7 @@ from softrobot_env.core.processes import (
 from softrobot_env.core.runs import KEPT, kept_rows, run_cases
 from softrobot_env.robots import find_robot
 from softrobot_env.training.rl_config import preset
-from studies.lab import Column, Lab, Record, Study, quantity
+from studies.lab import Column, Job, Record, Study, quantity
 from studies.speed import block_time, tabled
 
 #: [USD] of a core for an hour: an assumption, of the order of what clouds ask for.
@@ -271,17 +271,15 @@ _SHARE, _TIMES = 0.2, 6
 _BUSY = 0.75
 
 
-def stages(lab: Lab) -> list[Row]:
+def jobs(quick: bool) -> list[Job]:
     """Robots, workers, trainings and jobs, one after the other; quickly fewer of them."""
-    quick, busy = lab.quick, _others() > _BUSY
-    learn = find_spec("stable_baselines3") is not None
-    tasks = [
+    busy, learn = _others() > _BUSY, find_spec("stable_baselines3") is not None
+    return [
         ("robots", lambda: _robot_rows(quick)),
         ("workers", lambda: _busy_workers() if busy else worker_rows(quick)),
         ("trainings", lambda: training_rows(quick) if learn else []),
         ("jobs", lambda: job_rows(ways_of_working(), quick)),
     ]
-    return [row for rows in lab.tasks(tasks) for row in rows]
 
 
 def _robot_rows(quick: bool) -> list[Row]:
@@ -319,7 +317,7 @@ def _robots(name: str, count: int, quick: bool) -> Row:
 
 STUDY = Study(
     kinds=(Row,),
-    stages=stages,
+    jobs=jobs,
     tables=[
         tabled("robots", "way", "robot_seconds", "core_hours", "cost", Column("", "failure")),
         tabled("workers", "cores", "efficiency", "started", Column("", "failure")),

@@ -5,8 +5,6 @@ The chain and PCC are judged by rods without shear and extension, the Cosserat r
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -15,16 +13,14 @@ from scipy.spatial.transform import Rotation
 
 from softrobot_env.beams.cosserat import CosseratRod
 from softrobot_env.beams.model import BeamModel
-from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.core.equilibrium import EquilibriumError
-from softrobot_env.evaluation.models.runs import best_of
+from softrobot_env.evaluation.models.runs import beam_of, best_of
 from softrobot_env.rendering import figures
 from softrobot_env.robots import Base, Disc, RobotParams, Section, Tendon
 from softrobot_env.robots.file import PIECES as DEFAULT_PIECES
 from softrobot_env.robots.file import default_pieces
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.config import SceneConfig
-from softrobot_env.scene.simulation import Simulation
 from studies.lab import Column, Record, Study, lines, quantity, select, table, verdict
 from studies.truths.spatial_rod import SpatialShape
 from studies.truths.tendon_rod import guided_rod, hanging_rod, tendon_rod
@@ -49,8 +45,6 @@ class Row(Record):
             the largest strain of the robot [1].
         twist_error: The same of torsion.
         equilibrium_time: [s] to find it, from the straight pose.
-        time_per_second: Run time over simulated time of the motion there [1]; None for models too
-            large to be stepped in reasonable time.
         failure: Why there is no result; None otherwise.
     """
 
@@ -64,7 +58,6 @@ class Row(Record):
     curvature_error: float | None = quantity("%", ".2g", "bending", default=None)
     twist_error: float | None = quantity("%", ".2g", "twist", default=None)
     equilibrium_time: float | None = quantity("ms", ".2g", "rest", default=None)
-    time_per_second: float | None = quantity("", ".2g", "run / simulated", default=None)
     failure: str | None = None
 
     @property
@@ -174,16 +167,11 @@ CASES = (
 #: Pieces of a section.
 PIECES, QUICK_PIECES = (3, 6, 12, 24, 48), (6, 12)
 
-#: Most pieces in total whose equilibrium is sought, and of those that are moved.
-_LARGEST, _MOVED = 100, 50
+#: Most pieces in total whose equilibrium is sought.
+_LARGEST = 100
 
-_PERIOD, _PERIODS = 0.02, 5
 _PARTS, _FINE = 3, 24  # of a section whose strain is compared, and of such a part
 _SHEAR = 0.75  # as `CosseratRod` has
-
-#: A scene or beam model, ends [m] of its pieces, number of its coordinates, and what gives a
-#: function that moves it a period under the tensions, from rest on.
-Built = tuple[Scene | BeamModel, ndarray, int, Callable[[], Callable[[], bool]]]
 
 
 def measure(case: tuple[str, tuple[int, ...]]) -> list[Row]:
@@ -213,8 +201,7 @@ def _default(model: str, robot: RobotParams) -> int:
 def _row(case: Case, model: str, pieces: int, default: bool, truth: SpatialShape) -> Row:
     robot, tension = case.robot, np.array(case.tension)
     try:
-        build = _chain if model == "chain" else partial(_beam, model)
-        built, edges, n, start = build(robot, pieces, tension)
+        built, edges, n = _build(model, robot, pieces)
         built.equilibrium(tension)  # compiles
         time, q = best_of(lambda: built.equilibrium(tension), 3)
     except (EquilibriumError, ValueError) as error:
@@ -222,42 +209,18 @@ def _row(case: Case, model: str, pieces: int, default: bool, truth: SpatialShape
     base, exact = robot.base or Base(), _true_strains(truth, robot)
     error = float(np.linalg.norm(built.tip(q) - base.axes @ truth.tip - base.position))
     off = np.abs(_mean(built.curvature(q), edges, _parts(robot)) - exact) / np.abs(exact).max()
-    moved = _moved(start) if pieces <= _MOVED else None
     errors = error, error / robot.length, float(off[:, :2].max()), float(off[:, 2].max())
-    return Row(case.name, model, pieces, default, n, *errors, time, moved)
+    return Row(case.name, model, pieces, default, n, *errors, time)
 
 
-def _chain(robot: RobotParams, pieces: int, tension: ndarray) -> Built:
-    way = {"bending": "spatial", "torsion": True, "control_period": _PERIOD}
-    scene = build_scene(SceneConfig(robot, pieces=pieces, **way))
-
-    def start() -> Callable[[], bool]:
-        simulation = Simulation(scene)
-        simulation.reset(scene.start().q, tension)
-        return simulation.advance
-
-    return scene, scene.config.edges, scene.model.nv, start
-
-
-def _beam(name: str, robot: RobotParams, pieces: int, tension: ndarray) -> Built:
-    way = {"axes": slice(0, 3), "bending": "spatial", "torsion": True, "actuation": "tension"}
-    stepped = BeamPlant(name, pieces=pieces)(robot, **way)
-    model = stepped.model
-
-    def start() -> Callable[[], bool]:
-        state = stepped.rest(), np.zeros(model.n)
-        return lambda: stepped.advance(*state, tension, _PERIOD) is None
-
-    return model, model.edges, model.n, start
-
-
-def _moved(start: Callable[[], Callable[[], bool]]) -> float | None:
-    """Run time over simulated time while the tensions act all at once; None if it fails."""
-    start()()  # what is compiled or allocated first
-    advance = start()
-    begin = perf_counter()
-    healthy = all(advance() for _ in range(_PERIODS))
-    return (perf_counter() - begin) / (_PERIOD * _PERIODS) if healthy else None
+def _build(name: str, robot: RobotParams, pieces: int) -> tuple[Scene | BeamModel, ndarray, int]:
+    """A chain or beam model, ends [m] of its pieces, and the number of its coordinates."""
+    config = SceneConfig(robot, pieces=pieces, bending="spatial", torsion=True)
+    if name == "chain":
+        scene = build_scene(config)
+        return scene, scene.config.edges, scene.model.nv
+    model = beam_of(config, name, pieces)
+    return model, model.edges, model.n
 
 
 # ---------------------------------------------------------------- strains
@@ -307,7 +270,6 @@ def _defaults(axis: figures.Axes, rows: Sequence[Row], _: str) -> None:
 
 
 _ERRORS = ("pieces", "error_share", "curvature_error", "twist_error", "equilibrium_time")
-_ERRORS += ("time_per_second",)
 
 STUDY = Study(
     kinds=(Row,),

@@ -83,7 +83,7 @@ _SENSOR = Sensor(
 )
 
 #: Of what pictures show: samples and time [s] of beginnings, and points of a cloud.
-_EARLY, _SHOWN, _POINTS = 1000, 60.0, 6000
+_EARLY, _SHOWN, _CLOUD = 1000, 60.0, 6000
 
 #: Coefficients of Tab. 4.1, b_0 and on, by order.
 PRINTED = {
@@ -215,7 +215,7 @@ def _other_rows(quick: bool) -> list[Row]:
     gap = np.abs(angles[:, 0] - angles[:, 1])
     found = fit(relative[gap <= _NEARLY], total[gap <= _NEARLY], 5)
     error = np.abs(np.degrees(found(relative) - total))
-    early, some = time < _SHOWN, slice(None, None, max(1, len(time) // _POINTS))
+    early, some = time < _SHOWN, slice(None, None, max(1, len(time) // _CLOUD))
     curves = {
         "time": time[early],
         "angles": np.degrees(angles[early]),
@@ -255,7 +255,7 @@ _MUCH, _ABOVE = 'by the dark level; thesis: "mostly"', "by the dark level; thesi
 # smallest cylinder and judged on the others, as in the thesis.
 
 _ROBOT = GRIPPER.fingers[1].robot
-_RATE, _CLOSING, _HELD = 50.0, 2.0, 1.0  # Hz; s of closing, as long for opening, and between
+_CLOSING, _HELD = 2.0, 1.0  # s of closing, as long for opening, and between
 
 #: Pieces and timestep [s] of the finger: 0.2 degrees off the rule's (`benchmark gripper`).
 _PIECES, _TIMESTEP = 12, 5e-4

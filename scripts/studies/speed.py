@@ -9,7 +9,7 @@ depend on the machine's load.
 import json
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
@@ -36,7 +36,7 @@ from softrobot_env.evaluation.models.runs import best_of
 from softrobot_env.registration import ENVIRONMENTS
 from softrobot_env.robots import ARM, EXAMPLES, find_robot
 from softrobot_env.scene.simulation import Simulation
-from studies.lab import Column, Lab, Record, Study, TableMaker, quantity, table
+from studies.lab import Column, Job, Record, Study, TableMaker, quantity, table
 
 #: Observations stacked in a decision for many.
 STACKED = 256
@@ -47,8 +47,7 @@ class Row(Record):
     """How long something takes; None where a field does not apply.
 
     Attributes:
-        what: "env.step", "vector env.step", "warp env.step", "robots", "decision",
-            "start" or "render".
+        what: "env.step", "warp env.step", "robots", "decision", "start" or "render".
         variant: Environment, policy, or what is waited for.
         n_envs, threads: Environments stepped at once, and by how many threads or processes.
         steps_per_second: Of all environments together.
@@ -222,15 +221,13 @@ def robot_rows(quick: bool) -> list[Row]:
     """A row for each robot and number of robots."""
     counts, budget = (COUNTS[:2], _BUDGET / 10) if quick else (COUNTS, _BUDGET)
     return [
-        _batch_row(ROBOT, name, *made, count, budget)
+        _batch_row(name, *made, count, budget)
         for name, made in list(_environments().items())[: 3 if quick else None]
         for count in counts
     ]
 
 
-def _batch_row(
-    what: str, name: str, env_id: str, options: dict[str, Any], count: int, budget: float
-) -> Row:
+def _batch_row(name: str, env_id: str, options: dict[str, Any], count: int, budget: float) -> Row:
     """A row of robots in random motion, and of bare simulations in the same motion."""
     env = gymnasium.make_vec(env_id, num_envs=count, **options)
     actions = _SHARE * np.random.default_rng(0).uniform(-1, 1, env.action_space.shape)
@@ -242,7 +239,7 @@ def _batch_row(
     raw, seconds = np.min(times, axis=0).tolist()
     simulation, dof = env.simulation, env.simulation.scene.model.nv
     env.close()
-    return replace(step_row(what, name, seconds, raw, count, simulation.threads), dof=dof)
+    return replace(step_row(ROBOT, name, seconds, raw, count, simulation.threads), dof=dof)
 
 
 def _period_time(env: VectorTrackingEnv, actions: ndarray, step: Callable[[], ndarray]) -> float:
@@ -301,35 +298,6 @@ def frame_time() -> float | None:
     mean = block_time(env.render)
     env.close()
     return mean
-
-
-# -------------------- many environments at once, against bare simulations and processes
-
-_VECTOR = "vector env.step"
-
-#: (environments, threads) of the batched environment.
-BATCHES = ((16, 1), (16, 2), (16, 4), (256, 1), (256, 2))
-
-#: Processes of Gymnasium's AsyncVectorEnv; more share the same cores and only need more memory.
-_PROCESSES = 16
-
-
-def vector_rows(quick: bool) -> list[Row]:
-    """Rows of the arm, whose ratio is that to bare simulations of the same scene."""
-    # Processes first: they are forked, and the simulations below reserve much memory.
-    env = gymnasium.make_vec(_SWING, num_envs=_PROCESSES, vectorization_mode="async")
-    env.reset(seed=0)
-    actions = np.zeros(env.action_space.shape, np.float32)
-    least = min(block_time(lambda: env.step(actions)) for _ in range(2 if quick else 6))
-    env.close()
-    name = "AsyncVectorEnv of the same"
-    processes = step_row(_VECTOR, name, least, None, _PROCESSES, _PROCESSES)
-    budget = _BUDGET / 10 if quick else _BUDGET
-    rows = [
-        _batch_row(_VECTOR, "VectorTrackingEnv", _SWING, {"threads": threads}, count, budget)
-        for count, threads in (BATCHES[-1:] if quick else BATCHES)
-    ]
-    return [*rows, processes]
 
 
 # -------------------- many arms on MuJoCo Warp, where there is a CUDA device
@@ -393,35 +361,27 @@ RIG = "SoftRobot/RigTriangle-v0"
 _STEPS = 100
 
 
-def stages(lab: Lab) -> list[Row]:
-    """Single and vector environments, also on MuJoCo Warp, batches of robots, decisions and waits;
+def jobs(quick: bool) -> Iterator[Job]:
+    """Single environments, many on MuJoCo Warp, batches of robots, decisions and waits;
     quickly fewer repeats."""
-    quick = lab.quick
-    tasks = [
-        ("env.step", partial(_environment_rows, lab)),
-        ("start", partial(wait_rows, quick)),
-        ("vector environments", partial(vector_rows, quick)),
-        ("warp", partial(warp_rows, quick)),
-        ("robots", partial(robot_rows, quick)),
-    ]
+    yield "env.step", partial(_environment_rows, quick)
+    yield "start", partial(wait_rows, quick)
+    yield "warp", partial(warp_rows, quick)
+    yield "robots", partial(robot_rows, quick)
     for name in [*installed_policies(), *RIG_POLICIES, *REDUCED_POLICIES]:
         if name in QUICK or not quick:
-            tasks.append((f"decisions of {name}", partial(_decision_rows, name)))
-    steps, waited, *others = lab.tasks(tasks)
-    return [row for rows in (steps, *others, waited) for row in rows]
+            yield f"decisions of {name}", partial(_decision_rows, name)
 
 
 def _decision_rows(name: str) -> list[Row]:
     return [Row(DECISION, name, **measure_afresh(name))]
 
 
-def _environment_rows(lab: Lab) -> list[Row]:
+def _environment_rows(quick: bool) -> list[Row]:
     """Ours and Gymnasium's in turns, each by its best block."""
     contestants = {name: gymnasium.make(name) for name in (*YARDSTICKS, *ENVIRONMENTS, RIG)}
-    rounds, blocks = 20 if lab.quick else 300, []
-    for done in range(rounds):
-        lab.progress("env.step", done, rounds)
-        blocks.append([_time_block(env) for env in contestants.values()])
+    rounds = range(20 if quick else 300)
+    blocks = [[_time_block(env) for env in contestants.values()] for _ in rounds]
     times = dict(zip(contestants, np.min(blocks, axis=0).tolist(), strict=True))
     stepped, bare = times[YARDSTICKS[0]]
     return [step_row("env.step", name, *t, yardstick=stepped - bare) for name, t in times.items()]
@@ -458,13 +418,11 @@ def _sizes(head: str) -> Column:
 
 STUDY = Study(
     kinds=(Row,),
-    stages=stages,
+    jobs=jobs,
     tables=[
-        table(
-            "",
-            *(Column("", "variant"), _sizes("envs x\nthreads"), "steps_per_second"),
-            *("raw_steps_per_second", "ratio", "overhead", "overhead_ratio"),
-            where=lambda row: row.what in ("env.step", _VECTOR),
+        tabled(
+            *("env.step", "steps_per_second", "raw_steps_per_second"),
+            *("ratio", "overhead", "overhead_ratio"),
         ),
         tabled(
             *(WARP, Column("robots", "n_envs", "d"), "steps_per_second"),

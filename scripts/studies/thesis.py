@@ -25,7 +25,7 @@ from softrobot_env.robots.loads import Load
 from studies.accuracy.cases import DURATION
 from studies.accuracy.spiral import PERIOD, ROBOT, force, loads
 from studies.beams import make_beam, mode_frequency, tip_twist, weightless
-from studies.lab import Column, Lab, Record, Study, number, pivot, select, table
+from studies.lab import Column, Job, Record, Study, number, pivot, select, table
 from studies.thesis_pictures import pictures
 from studies.truths import analytic
 from studies.truths import thesis_values as values
@@ -439,7 +439,7 @@ def _first_order_rows(rows: list[Row]) -> list[Row]:
 METHODS = {"pcc": "dormand_prince", "cosserat": "sdirk4", "ancf": "sdirk4"}
 TOLERANCE = 1e-3
 
-_DURATION, _COMPUTED = 5.0, "computation_time_s"  # s
+_COMPUTED = "computation_time_s"
 _STATES = 200
 _SHORTEST = 0.02  # s, of a timed loop
 _LOOPS = 5
@@ -752,12 +752,11 @@ QUICK_SPIRAL_PIECES = {"pcc": (1, 2, 5), "cosserat": (2, 7, 20), "ancf": (1, 2, 
 _DRIFT, _QUICK_DRIFT = 5.0, 1.0
 
 
-def stages(lab: Lab) -> list[Row]:
+def jobs(quick: bool) -> list[Job]:
     """All figures and tables, in order; quickly fewer pieces, and what is cheap of Tab. 2.2."""
-    quick = lab.quick
     pieces, orders = (QUICK_PIECES, QUICK_ORDERS) if quick else (PIECES, ORDERS)
     sizes = QUICK_SPIRAL_PIECES if quick else SPIRAL_PIECES
-    tasks = [
+    found = [
         ("Fig. 2.4 drift", partial(drift_rows, _QUICK_DRIFT if quick else _DRIFT)),
         ("Fig. 2.5 weighting functions", weighting_rows),
         ("Fig. 2.6 influence of the weighting", influence_rows),
@@ -771,35 +770,20 @@ def stages(lab: Lab) -> list[Row]:
         ("Fig. 2.20 to 2.22 spiral", partial(curve_rows, sizes)),
     ]
     for model in MODELS:
-        tasks.append((f"Fig. 2.19 spiral times, {model}", partial(time_rows, model, sizes[model])))
-        tasks.append((f"Tab. 2.2, 2.3 {model}", partial(table_rows, model, quick)))
-    return [printed(row) for rows in lab.tasks(tasks) for row in rows]
+        found.append((f"Fig. 2.19 spiral times, {model}", partial(time_rows, model, sizes[model])))
+        found.append((f"Tab. 2.2, 2.3 {model}", partial(table_rows, model, quick)))
+    return found
 
 
-#: y_name -> (what it is, unit, format).
-_QUANTITIES = {
-    "tip_deflection_m": ("tip deflection", "mm", ".2f"),
-    "spread_m": ("spread over xi_1 to xi_5", "mm", ".2f"),
-    "change_from_3_to_5_pieces_m": ("change from n = 3 to 5", "mm", ".2f"),
-    "pieces_for_5_percent": ("pieces for an error of 5 %", "", ".0f"),
-    "relative_to_euler_bernoulli": ("off Euler-Bernoulli", "%", ".2f"),
-    "spread_of_models": ("spread of the models", "%", ".2f"),
-    "twist_rad": ("twist", "mrad", ".2f"),
-    "frequency_Hz": ("frequency", "Hz", ".3f"),
-    "largest_norm_violation": ("largest violation", "1e-6", ".3f"),
-    "first_order_below_1e-3": ("first order below 1e-3", "", ".0f"),
-    "evaluation_time_s": ("time with order 8", "µs", ".1f"),
-    "most_pieces_in_real_time": ("most pieces in real time", "", ".0f"),
-    "fewest_pieces_with_more_than_ancf": ("pieces to exceed ANCF", "", ".0f"),
-    "mean_distance_m": ("mean distance", "mm", ".2f"),
-    "largest_distance_m": ("largest distance", "mm", ".2f"),
-    "largest_radius_m": ("largest radius", "mm", ".2f"),
-    "last_tip_x_m": ("last tip, x", "mm", ".1f"),
-    "last_tip_y_m": ("last tip, y", "mm", ".1f"),
-    "last_tip_z_m": ("last tip, z", "mm", ".1f"),
-    "mean_error_m": ("mean error at steps", "mm", ".3f"),
-    "mean_error_between_m": ("mean error throughout", "mm", ".3f"),
-    "largest_error_m": ("largest error at steps", "mm", ".3f"),
+#: A quantity, or the end of its name -> unit and format; others are counted.
+_UNITS = {
+    "relative_to_euler_bernoulli": ("%", ".2f"),
+    "spread_of_models": ("%", ".2f"),
+    "largest_norm_violation": ("1e-6", ".3f"),
+    "_m": ("mm", ".3f"),
+    "_rad": ("mrad", ".2f"),
+    "_Hz": ("Hz", ".3f"),
+    "_s": ("µs", ".1f"),
 }
 
 #: Of these the thesis prints upper bounds.
@@ -808,6 +792,13 @@ _BOUNDS += ("largest_distance_m",)
 
 _NAMES = {"pcc": "PCC", "cosserat": "Cosserat", "ancf": "ANCF"}
 _SOLVERS = ("tab2.2", "tab2.3")
+
+
+def _quantity(name: str) -> tuple[str, str, str]:
+    """A quantity for people, its unit and format."""
+    end = next((end for end in _UNITS if name.endswith(end)), "")
+    what = name.removesuffix(end) or name
+    return what.replace("_", " "), *_UNITS.get(end, ("", ".0f"))
 
 
 def _place(row: Row) -> tuple[bool, int]:
@@ -825,7 +816,7 @@ def _printed(rows: list[Row]) -> list[Table]:
     make = table(
         "Numbers of chapter 2: as printed, as the audit expects them, and ours",
         *("figure", "case", Column("model", _model_name)),
-        Column("what", lambda row: " ".join(_QUANTITIES[row.y_name][:2]).strip()),
+        Column("what", lambda row: " ".join(_quantity(row.y_name)[:2]).strip()),
         Column("thesis", _bound, ">"),
         Column("audit", lambda row: _shown(row, row.audit), ">"),
         Column("ours", lambda row: _shown(row, row.y), ">"),
@@ -842,7 +833,7 @@ def _model_name(row: Row) -> str:
 
 
 def _shown(row: Row, value: float | None) -> str:
-    _, unit, form = _QUANTITIES[row.y_name]
+    _, unit, form = _quantity(row.y_name)
     return number(value, form, unit)
 
 
@@ -872,7 +863,7 @@ def _deviations(rows: list[Row]) -> Iterable[Table]:
         },
         where=lambda row: row.audit and row.thesis is None and not _is_printed_step(row),
         headings=("figure", "what"),
-        show=lambda name: _QUANTITIES[name][0] if name in _QUANTITIES else name,
+        show=lambda name: _quantity(name)[0],
     )
     return make(row for row in sorted(rows, key=_place) if row.y is not None)
 
@@ -914,7 +905,8 @@ def _short(value: float | None) -> str:
 
 STUDY = Study(
     kinds=(Row,),
-    stages=stages,
+    jobs=jobs,
+    derive=lambda rows: [printed(row) for row in rows],
     tables=[_printed, _deviations, _solvers],
     plots={"{}": pictures},
     alone=True,

@@ -1,5 +1,6 @@
 """Trained policies over several seeds, and what PPO learns with nobody's tuning."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -182,6 +183,9 @@ ENVIRONMENTS = 4
 #: Steps of a training; stable-baselines3 goes on to the end of the last rollout.
 STEPS = 200_000
 
+#: Rollouts between two checks.
+_BETWEEN = 3
+
 #: Seed of the first episode that policies are compared on; none of a training has it.
 _FIRST_EPISODE = 10_000
 
@@ -259,10 +263,38 @@ def goal_of(goal: Goal) -> float:
     return mean_error(env, make_policy(goal.goal, env), goal.episodes)
 
 
+def train_ppo(
+    env: Any, seed: int, steps: int, check: Callable | None = None, **settings: Any
+) -> tuple[Any, list[tuple[int, float]]]:
+    """Train a policy by PPO with default settings, on one core.
+
+    Args:
+        env: Environments of stable-baselines3, with observations that are vectors.
+        seed: Of everything random.
+        steps: Of all environments together; the last rollout is finished.
+        check: From a policy to a figure of what was learned.
+        **settings: Of PPO, others than its default.
+
+    Returns:
+        The policy; steps and figure before the training, after every few rollouts, and after it.
+    """
+    import torch
+    from stable_baselines3 import PPO
+
+    torch.set_num_threads(1)
+    model = PPO("MlpPolicy", env, seed=seed, device="cpu", **settings)
+    if check is None:
+        return model.learn(steps), []
+    between, curve = _BETWEEN * model.n_steps * model.n_envs, [(0, check(model))]
+    while model.num_timesteps < steps:
+        model.learn(min(between, steps - model.num_timesteps), reset_num_timesteps=False)
+        curve.append((model.num_timesteps, check(model)))
+    return model, curve
+
+
 def train_defaults(case: tuple[str, int, bool]) -> DefaultsRow:
     """Train in the environment of a name with a seed; quick: one rollout and one episode."""
     from softrobot_env.training.vec_env import make_vec_env
-    from studies.default_ppo import train
 
     name, seed, quick = case
     goal = replace(GOALS[name], episodes=1) if quick else GOALS[name]
@@ -270,7 +302,7 @@ def train_defaults(case: tuple[str, int, bool]) -> DefaultsRow:
     env, began = gymnasium.make(goal.env_id, **options), perf_counter()
     training = make_vec_env(goal.env_id, ENVIRONMENTS, threads=1, **options)
     error_of = partial(mean_error, env, episodes=goal.episodes)
-    _, found = train(training, seed, 1 if quick else STEPS, error_of)
+    _, found = train_ppo(training, seed, 1 if quick else STEPS, error_of)
     training.close()
     minutes = (perf_counter() - began) / 60
     curve = [(step, error if error < float("inf") else None) for step, error in found]

@@ -1,5 +1,6 @@
 """What every study is held to: its committed report is read and drawn, it runs quickly."""
 
+import ast
 import json
 from io import StringIO
 from pathlib import Path
@@ -13,7 +14,8 @@ from softrobot_env.core.runs import packed, unpacked
 from softrobot_env.core.studies import BENCHMARKS, measured
 from softrobot_env.evaluation import stored
 
-RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
+ROOT = Path(__file__).resolve().parents[2]
+RESULTS, STUDIES = ROOT / "docs" / "results", ROOT / "scripts" / "studies"
 
 #: Extra package that a study cannot do without.
 NEEDS = dict.fromkeys(("learning", "ppo_defaults"), "stable_baselines3")
@@ -73,6 +75,15 @@ def test_a_quick_run_measures_writes_and_draws(name, tmp_path, monkeypatch, caps
         before = {path: path.read_bytes() for path in pictures}
         assert main(["benchmark", name, "--redraw", "--out", str(tmp_path / "out")]) == 0
         assert {path: path.read_bytes() for path in out.glob("*.png")} == before
+
+
+@pytest.mark.parametrize("path", sorted(STUDIES.rglob("*.py")), ids=lambda path: path.stem)
+def test_no_constant_of_a_study_is_set_twice(path):
+    """The later value would hold in functions above it, too."""
+    body = ast.parse(path.read_text()).body
+    targets = [target for node in body if isinstance(node, ast.Assign) for target in node.targets]
+    names = [n.id for target in targets for n in ast.walk(target) if type(n) is ast.Name]
+    assert sorted(set(names)) == sorted(names)
 
 
 def test_the_wheel_alone_says_where_studies_are(monkeypatch, tmp_path, capsys):

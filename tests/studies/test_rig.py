@@ -148,17 +148,6 @@ def test_feedback_shifts_the_reference_of_its_policy():
         np.testing.assert_allclose(before, wanted, atol=1e-6)
 
 
-def test_goals_are_judged_by_medians_and_failures_meet_none():
-    row = rig.TriangleRow(0, 5.0, "hybrid", 1e-3, 2e-3, None, 0, 1e-5, 1e-5, 1e-5, 99, 9)
-    others = [("rig_nn", 2e-3), ("inverse_dynamics", 3e-3)]
-    rows = [row, *(replace(row, policy=p, e_mean=e) for p, e in others)]
-    goals = {(goal.goal, goal.policy): goal.met for goal in rig.with_goals(rows)[len(rows) :]}
-    assert goals["T = 5 s, mean error", "hybrid"]
-    assert goals["T = 5 s: hybrid before network before model", ""]
-    assert not goals["T = 1 s: hybrid before model before network", ""]
-    assert not goals["T = 1 s, mean error", "hybrid"]  # not run
-
-
 # ---------------------------------------------------------------- networks
 
 

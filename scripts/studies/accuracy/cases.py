@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -16,7 +16,7 @@ from softrobot_env.evaluation.models import runs
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.simulation import DIVERGING
-from studies.beams import make_beam
+from studies.beams import make_beam, zero_timestep
 from studies.lab import Record, quantity
 
 #: [s] of all motions.
@@ -26,17 +26,13 @@ DURATION = 3.0
 BOUND = 1e-3
 
 
-#: Description for the progress bar, and what makes rows.
-Job = tuple[str, Callable[[], list]]
-
-
 @dataclass(frozen=True)
 class Row(Record):
     """A measurement, or what follows from some; None where a field does not apply.
 
     Attributes:
-        kind: "static", "number" (a frequency or an angle), "dynamic", "agreement" (of limits),
-            "physics" (an agreement that is not expected), "goal" or "note".
+        kind: "static", "dynamic", "agreement" (of limits), "physics" (an agreement that is not
+            expected), "goal" or "note".
         case: What was computed.
         model: By what.
         n: Joints or pieces.
@@ -45,12 +41,11 @@ class Row(Record):
         tolerance: [1], None where steps are fixed.
         e_mean, e_max: [m], distance of the tips from the truth over a motion.
         e_time: [m], largest distance from the same model with an exact integrator.
-        e_relative: [1], error of a number.
-        wall_time: [s] of the equilibrium, the eigenvalues or the motion.
+        wall_time: [s] of the equilibrium or the motion.
         step_time: [s] of a step.
         physics: Name of a `Physics`.
         reference: The truth that was compared with.
-        value, limit, met: Of a number its value; of an agreement the distance over the robot's
+        value, limit, met: Of an agreement the distance over the robot's
             length and its bound; of a goal the measured figure and its bound.
     """
 
@@ -64,7 +59,6 @@ class Row(Record):
     e_mean: float | None = quantity("mm", ".2g", "e mean", default=None)
     e_max: float | None = quantity("mm", ".2g", "e max", default=None)
     e_time: float | None = quantity("mm", ".2g", "e time", default=None)
-    e_relative: float | None = None
     wall_time: float | None = quantity("ms", ".3g", "time", default=None)
     step_time: float | None = None
     physics: str | None = None
@@ -212,19 +206,6 @@ CONTESTANTS = (LUMPED, DISTRIBUTED, COSSERAT, ANCF_BEAM)
 _NEWTON, _REFERENCE = 1e-6, 1e-7
 
 
-class TimedMotion(Protocol):
-    """A motion of `DURATION`."""
-
-    @property
-    def settings(self) -> Settings:
-        """What it was simulated with; the steps are those of the last call."""
-        ...
-
-    def __call__(self) -> ndarray:
-        """Tips (k, d) [m]."""
-        ...
-
-
 @dataclass
 class BeamMotion:
     """A motion of a beam model.
@@ -338,6 +319,29 @@ class ChainMotion:
         return self._compared(tips)
 
 
+#: A motion of `DURATION`: called, it gives tips (k, d) [m]; `settings` say how.
+TimedMotion = BeamMotion | ChainMotion
+
+
+def chain_limit(
+    motion: Callable[[str, int, float], ChainMotion], sizes: tuple[int, int, int], step: float
+) -> runs.Limit:
+    """The chain's motion with infinitely many joints and at zero timestep.
+
+    Args:
+        motion: From a hinge rule, joints and timestep [s] to the motion by implicitfast, whose
+            error is a series in the timestep.
+        sizes: Joints.
+        step: Longest timestep [s]; a half and a quarter of it are taken, too.
+    """
+
+    def solve(n: int) -> ndarray:
+        return zero_timestep([motion("gauss2", n, step / k)() for k in (1, 2, 4)])[0]
+
+    text = f"limit of mujoco_chain/gauss2 (implicitfast, {1e3 * step:g} to {250 * step:g} ms)"
+    return runs.extrapolate(solve, sizes, text)
+
+
 def timed_row(
     case: str,
     physics: Physics,
@@ -366,5 +370,5 @@ def goal(
     """What the best row has to do with a goal, which has one of two bounds."""
     met = value >= least if most is None else value <= most
     bound = {"value": value, "limit": least if most is None else most, "met": met}
-    left_out = dict.fromkeys(("step_time", "reference", "e_relative"))
+    left_out = dict.fromkeys(("step_time", "reference"))
     return replace(best, kind="goal", case=case, **bound, **left_out)

@@ -125,7 +125,8 @@ def _chain_rows(quick: bool, repeats: int) -> list[cases.Row]:
     out = []
     for n in (2, 4) if quick else (2, 4, 6, 12, 24):
         for substeps in (2, 3, 4, 5, 8, 10, 20):
-            motion = spiral.chain_motion("gauss2", n, substeps, robot=ROBOT)
+            timestep = spiral.PERIOD / substeps
+            motion = spiral.chain_motion("gauss2", n, timestep, robot=ROBOT)
             choice = motion.scene.timestep
             if choice.timestep <= _STABLE * choice.stability_limit:
                 out.append(cases.timed_row(CASE, cases.BENDING, truth, motion, repeats))

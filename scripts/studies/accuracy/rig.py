@@ -20,7 +20,8 @@ from softrobot_env.scene.config import TipSensors
 from softrobot_env.scene.quadrature import RULES
 from softrobot_env.thesis.rig.spatial_piece import SUBPIECES
 from studies.accuracy import cases
-from studies.beams import chain_scene, zero_timestep
+from studies.beams import chain_scene
+from studies.lab import Job
 from studies.truths.rig_column import column_tip
 from studies.truths.rig_ritz_rod import RigRod
 
@@ -155,7 +156,7 @@ def chain_statics(rule: str, n: int) -> Solve:
     return lambda pulled: scene.tip(scene.equilibrium(pulled, load_steps=_LOAD_STEPS))
 
 
-def static_jobs(quick: bool = False) -> Iterator[cases.Job]:
+def static_jobs(quick: bool = False) -> Iterator[Job]:
     """One job for each case; a quick run has the first and the last one."""
     for case in list(STATIC)[:: len(STATIC) - 1 if quick else 1]:
         yield f"{case}, all models", partial(case_rows, case, quick)
@@ -194,8 +195,8 @@ def case_rows(case: str, quick: bool = False) -> list[cases.Row]:
 
 # ---------------------------------------------------------------- in motion
 
-#: Timesteps per control period, integrators of the chain, and hinge rules of a quick run.
-SUBSTEPS = (20, 10, 4, 2)
+#: Timesteps [s] and integrators of the chain, and hinge rules of a quick run.
+TIMESTEPS = (1e-3, 2e-3, 5e-3, 1e-2)
 INTEGRATORS = ("implicitfast", "discrete")
 QUICK_RULES = ("gauss2", "balanced2")
 
@@ -215,9 +216,8 @@ LEFT_OUT = {
 _TRUTHS = ((5, 1e-6), (6, 1e-7))
 _QUICK_TRUTHS = ((3, 1e-4), (4, 1e-4))
 
-#: Substeps of the chain's limit: h, h / 2 and h / 4.
-_FINE = (40, 80, 160)
-_SIZES = (8, 16, 32)
+#: Joints and longest timestep [s] of the chain's limit.
+LIMIT = (8, 16, 32), 5e-4
 
 
 def motion_truth(case: str, quick: bool = False) -> runs.Limit:
@@ -231,20 +231,12 @@ def motion_truth(case: str, quick: bool = False) -> runs.Limit:
     return runs.Limit(fine, uncertainty, f"{text}; uncertainty {1e3 * uncertainty:.1g} mm")
 
 
-def chain_motion(case: str, rule: str, n: int, substeps: int, integrator: str) -> cases.ChainMotion:
-    """A motion of the MuJoCo chain with n joints and some timesteps per control period."""
-    options = CHAIN | {"timestep": PERIOD / substeps, "integrator": integrator}
+def chain_motion(
+    case: str, rule: str, n: int, timestep: float, integrator: str = "implicitfast"
+) -> cases.ChainMotion:
+    """A motion of the MuJoCo chain with n joints."""
+    options = CHAIN | {"timestep": timestep, "integrator": integrator}
     return cases.ChainMotion(chain_scene(ROBOT, rule, n, **options), MOTIONS[case])
-
-
-def chain_limit(case: str) -> runs.Limit:
-    """The chain's motion with infinitely many joints and at zero timestep."""
-
-    def solve(n: int) -> ndarray:
-        motions = [chain_motion(case, "gauss2", n, k, "implicitfast")() for k in _FINE]
-        return zero_timestep(motions)[0]
-
-    return runs.extrapolate(solve, _SIZES, "limit of mujoco_chain/gauss2 at zero timestep")
 
 
 def subpieces_motion(case: str, n: int, tolerance: float) -> cases.BeamMotion:
@@ -258,7 +250,7 @@ def subpieces_motion(case: str, n: int, tolerance: float) -> cases.BeamMotion:
     return cases.BeamMotion("pcc/subpieces", n, beam, signal, tips, PERIOD, tolerance=tolerance)
 
 
-def motion_jobs(quick: bool = False) -> Iterator[cases.Job]:
+def motion_jobs(quick: bool = False) -> Iterator[Job]:
     """Jobs of all motions; a quick run has one of them, on few models."""
     limits: dict[str, runs.Limit] = {}
 
@@ -280,7 +272,7 @@ def motion_jobs(quick: bool = False) -> Iterator[cases.Job]:
 
 def agreement(case: str, exact: runs.Limit) -> cases.Row:
     """Distance of the chain's limit from the rod by Ritz' method."""
-    limit = chain_limit(case)
+    limit = cases.chain_limit(partial(chain_motion, case), *LIMIT)
     gap = runs.distance(limit.tips, exact.tips)
     text = f"{limit.text}; {exact.text}"
     pair = "mujoco_chain/gauss2 / ritz_rod"
@@ -290,10 +282,10 @@ def agreement(case: str, exact: runs.Limit) -> cases.Row:
 def chain_rows(case: str, limits: dict[str, runs.Limit], quick: bool = False) -> list[cases.Row]:
     """Runs of the chain over rules, joints, integrators and timesteps."""
     motions = (
-        chain_motion(case, rule, n, substeps, integrator)
+        chain_motion(case, rule, n, timestep, integrator)
         for rule in (QUICK_RULES if quick else RULES)
         for n in joint_numbers(rule)[1 : 3 if quick else 4]
-        for integrator, substeps in product(INTEGRATORS, SUBSTEPS)
+        for integrator, timestep in product(INTEGRATORS, TIMESTEPS)
     )
     repeats = 2 if quick else 5
     return [

@@ -22,7 +22,7 @@ from studies.truths import thesis_values as values
 #: Resolutions shown; gauss3 and the Cosserat rod have their nearest numbers.
 _SHOWN = (6, 9, 12, 18, 24, 36)
 
-#: Case -> title of its column and its panel: at rest, numbers, motions, and motions of the rig.
+#: Case -> title of its column and its panel: at rest, motions, and motions of the rig.
 STATIC = {
     "self_weight_weak": "self-weight, weak",
     "self_weight_stiff": "self-weight, stiff",
@@ -30,12 +30,6 @@ STATIC = {
     "tip_force_3N": "tip force, 3 N",
     "tendon_static": "tendon, channel",
     "tendon_guided": "tendon, guides",
-}
-NUMBERS = {
-    "bending_frequency_weak": "bending frequency, weak",
-    "bending_frequency_stiff": "bending frequency, stiff",
-    "torsion_static": "twist",
-    "torsion_frequency": "torsional frequency",
 }
 MOTIONS = {
     spiral.CASE: "Spiral under a turning tip force",
@@ -49,7 +43,7 @@ RIG_STATIC = {
     "rig_general": "two tendons 12, 6 mm",
     "rig_slack": "12, 4 mm, third slack",
 }
-_TITLES = STATIC | NUMBERS | RIG_STATIC | {rig.STEP: "step", rig.CIRCLE: "circle"}
+_TITLES = STATIC | RIG_STATIC | {rig.STEP: "step", rig.CIRCLE: "circle"}
 _TITLES |= {name_of(case, robot): text for robot in ROBOTS for case, text in HEADINGS.items()}
 
 # ---------------------------------------------------------------- tables
@@ -125,10 +119,6 @@ TABLES = (
     _by_case(
         *("Static tip error in mm", "e_mean", 1e3),
         lambda row: row.kind == "static" and row.case in STATIC and row.n in _SHOWN,
-    ),
-    _by_case(
-        *("Error of frequencies and twist in %", "e_relative", 100),
-        lambda row: row.kind == "number" and row.n in _SHOWN,
     ),
     *map(_in_space, ROBOTS),
     *(_motions(case, title, ("physics",)) for case, title in MOTIONS.items()),

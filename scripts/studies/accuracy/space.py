@@ -21,10 +21,9 @@ from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import Scene
-from softrobot_env.scene.config import TWISTING_RULE
 from studies.accuracy import cases
 from studies.beams import chain_scene
-from studies.lab import select
+from studies.lab import Job
 from studies.truths.analytic import Section, bent_rod, section
 from studies.truths.spatial_rod import SpatialShape, dead_loads, followed_rod, helix
 
@@ -196,19 +195,13 @@ STATIONS, RULES = (6, 12, 24, 48), ("coupled2", "balanced2", "gauss2")
 _LOAD_STEPS = 5
 _TRUTH = "exact rod ({}), from the tip"
 
-#: Mean tip error [m] of the wrenches at 12 stations that the default chain stays below, and by how
-#: much a sag at 45 degrees may err more than one along an axis.
-_GOALS = {"tpu": 0.25e-3, "steel": 0.35e-3}
-_DIRECTION = 1.5
-_OF_GOALS = (f"mujoco_chain/{TWISTING_RULE}", 12)
-
 
 def name_of(case: str, robot: RobotParams) -> str:
     """Name of a case of a robot in the report."""
     return f"{case}_{robot.name}"
 
 
-def jobs(quick: bool = False) -> Iterator[cases.Job]:
+def jobs(quick: bool = False) -> Iterator[Job]:
     """A job for each robot and case."""
     for robot in ROBOTS:
         for case in HEADINGS:
@@ -290,20 +283,3 @@ def _row(
     values = {"e_mean": float(np.mean(errors)), "e_max": float(np.max(errors))}
     values |= {"wall_time": float(np.min(times)), "physics": physics.name}
     return cases.Row("static", name, model, n, reference=text, **values)
-
-
-def goal_rows(rows: Sequence[cases.Row]) -> Iterator[cases.Row]:
-    """What the default chain has to reach, and did it."""
-    model, n = _OF_GOALS
-    mine = {row.case: row for row in select(rows, kind="static", model=model, n=n)}
-    for robot in ROBOTS:
-        names = [name_of(case, robot) for case in ("wrenches", "sag_0deg", "sag_45deg")]
-        if not set(names) <= set(mine):
-            continue
-        wrench, along, across = (mine[name] for name in names)
-        bound = _GOALS[robot.name]
-        case = f"random wrenches, {robot.name}, 12 stations: mean error [m]"
-        yield cases.goal(case, wrench, wrench.e_mean, most=bound)
-        case = f"sag at 45 degrees, {robot.name}, 12 stations: times that along an axis"
-        ratio = across.e_mean / along.e_mean
-        yield cases.goal(case, across, max(ratio, 1 / ratio), most=_DIRECTION)

@@ -1,6 +1,6 @@
 """Error against run time of the MuJoCo chain and the beam models, each against a converged truth.
 
-Statics and frequencies are compared with closed forms and boundary-value solutions, motions with
+Statics are compared with closed forms and exact solutions, motions with
 limits of infinitely many pieces. Models that shear and stretch converge to something else than
 those that only bend and twist, so each is compared with the truth of its own physics, and where
 models share the physics, their limits must agree (`cases.agreement`).
@@ -14,7 +14,7 @@ from itertools import compress, product
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.beams.model import IntegrationError, State
+from softrobot_env.beams.model import IntegrationError
 from softrobot_env.evaluation.models.runs import Limit, best_of, distance
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.quadrature import RULES
@@ -29,19 +29,20 @@ from studies.accuracy.cases import (
     DURATION,
     LUMPED,
     Contestant,
-    Job,
     Physics,
     Row,
     agreement_row,
     beam_limit,
+    chain_limit,
     goal,
     limit_row,
     static_row,
     timed_row,
 )
-from studies.accuracy.planar import StaticCase, beam_row, chain_row, scalar_cases, static_cases
+from studies.accuracy.planar import StaticCase, static_cases
 from studies.beams import chain_scene, step_cost
-from studies.lab import Lab, Study, groups, select
+from studies.lab import Job, Study, groups, select
+from studies.thesis import evaluation_time
 
 #: Numbers of hinges, coarse to fine; a quick run stops after the second.
 HINGES = (6, 12, 24, 48)
@@ -53,10 +54,10 @@ HINGES_OF_THIRDS = (9, 18, 36)
 TIMESTEPS = (1e-3, 2e-3, 5e-3, 1e-2)
 DYNAMIC_INTEGRATORS = ("implicitfast", "discrete")
 
-#: Joints of the chain in the spiral, and steps per 10 ms.
+#: Joints of the chain in the spiral, and timesteps [s].
 SPIRAL_JOINTS = (2, 4, 6, 12)
 SPIRAL_JOINTS_OF_THREES = (3, 6, 12)
-SUBSTEPS = (2, 3, 5, 10)
+SPIRAL_TIMESTEPS = (5e-3, spiral.PERIOD / 3, 2e-3, 1e-3)
 
 #: Tolerances of the adaptive integrators, and fixed steps [s].
 TOLERANCES, FINE_TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5), (1e-6, 1e-7)
@@ -77,15 +78,17 @@ Limits = dict[tuple[str, str], Limit]
 _EVEN = (tension_step.CASE, *rig.MOTIONS)
 
 
-def run(lab: Lab) -> list[Row]:
-    """Rows of all cases, models and resolutions, and what they say of the goals."""
-    quick = lab.quick
-    jobs = [*_static_jobs(quick), *_dynamic_jobs(quick), *space.jobs(quick)]
-    jobs += [*rig.static_jobs(quick), *rig.motion_jobs(quick)]
-    jobs.append(("PyElastica", partial(pyelastica_rod.rows, quick)))
-    rows = [row for found in lab.tasks(jobs) for row in found]
+def jobs(quick: bool) -> Iterator[Job]:
+    """All cases, models and resolutions."""
+    for some in (_static_jobs, _dynamic_jobs, space.jobs, rig.static_jobs, rig.motion_jobs):
+        yield from some(quick)
+    yield "PyElastica", partial(pyelastica_rod.rows, quick)
+
+
+def derived(rows: list[Row]) -> list[Row]:
+    """The rows and what they say of the goals."""
     _share_step_times(rows)
-    return [*rows, *goal_rows(rows, quick), *space.goal_rows(rows)]
+    return [*rows, *goal_rows(rows)]
 
 
 def _share_step_times(rows: list[Row]) -> None:
@@ -116,11 +119,6 @@ def _static_jobs(quick: bool) -> Iterator[Job]:
     repeats = 2 if quick else 5
     for case in static_cases():
         yield case.name, partial(_static_rows, case, quick, repeats)
-    for case in scalar_cases():
-        coarse = slice(2 if quick else None)
-        beams = [(beam_row, m, n) for m in CONTESTANTS for n in m.sizes[coarse]]
-        runs = beams + [(chain_row, *run) for run in product(RULES, HINGES[coarse])]
-        yield case.name, lambda c=case, r=runs: [row(c, m, n, repeats) for row, m, n in r]
 
 
 def _static_rows(case: StaticCase, quick: bool, repeats: int) -> list[Row]:
@@ -218,7 +216,8 @@ def _settings(
 def _chain_rows(case: str, rule: str, limits: Limits, quick: bool) -> list[Row]:
     if case == spiral.CASE:
         numbers = SPIRAL_JOINTS_OF_THREES if len(RULES[rule]) == 3 else SPIRAL_JOINTS
-        numbers, steps = (numbers[:-1], SUBSTEPS[:3]) if quick else (numbers, SUBSTEPS)
+        numbers = numbers[: -1 if quick else None]
+        steps = SPIRAL_TIMESTEPS[: 3 if quick else None]
         repeats = 5 if quick else 20
     else:
         numbers, steps = hinge_numbers(tension_step.ROBOT, rule, quick), TIMESTEPS
@@ -309,7 +308,7 @@ def dynamic_rows(case: str, limits: Limits, quick: bool) -> list[Row]:
         quick: Coarser limits, and no slender robot.
     """
     robot, truth, name = MOTIONS[case].ROBOT, limits[case, BENDING.name], DISTRIBUTED.name
-    chain = MOTIONS[case].chain_limit(quick)
+    chain = chain_limit(MOTIONS[case].chain_motion, *MOTIONS[case].LIMIT[quick])
     found = [_pair(case, f"mujoco_chain/gauss2 / {name}", chain, truth, robot)]
     others = [one for one in CONTESTANTS if one.physics != BENDING]
     for one in others:
@@ -348,12 +347,10 @@ _SMALL, _THESIS = 1e-6, 0.9e-3
 #: Model, pieces and run time [s] of the spiral.
 _SPIRALS = (("pcc/lumped", 2, 0.020), ("cosserat", 7, 0.100), ("ancf", 2, 1.0))
 
-_STEPS, _STEP = 500, 1e-5  # s, below the stability limit of 20 pieces
 
-
-def goal_rows(found: list[Row], quick: bool = False) -> list[Row]:
+def goal_rows(found: list[Row]) -> list[Row]:
     """Goals and what rows of the benchmark say about them; limits of a speed-up are lower ones."""
-    return [*_spirals(found), *_right_hand_side(quick), *_chain(found), *_speed_up(found)]
+    return [*_spirals(found), *_right_hand_side(), *_chain(found), *_speed_up(found)]
 
 
 def _spirals(found: list[Row]) -> Iterator[Row]:
@@ -367,23 +364,15 @@ def _spirals(found: list[Row]) -> Iterator[Row]:
                 yield goal(case, best, best.wall_time, most=bound)
 
 
-def _right_hand_side(quick: bool) -> Iterator[Row]:
-    times = {n: right_hand_side_time(n, 3 if quick else 20) for n in (5, 20)}
-    few, many = (Row("goal", "", LUMPED.name, n) for n in times)
-    yield goal("right-hand side in 3-D: time [s]", few, times[5], most=10e-6)
-    growth = times[20] / times[5]
+def _right_hand_side() -> Iterator[Row]:
+    """Of the spatial PCC model in the spiral."""
+    five, twenty = (
+        evaluation_time(LUMPED.build(spiral.ROBOT, n, spiral.loads(), "spatial")) for n in (5, 20)
+    )
+    few, many = (Row("goal", "", LUMPED.name, n) for n in (5, 20))
+    yield goal("right-hand side in 3-D: time [s]", few, five, most=10e-6)
+    growth = twenty / five
     yield goal("its growth from 5 to 20 pieces: factor", many, growth, most=(20 / 5) ** 2)
-
-
-def right_hand_side_time(pieces: int, repeats: int) -> float:
-    """Time [s] per acceleration of the spatial PCC model in the spiral, all of rk4 included."""
-    model = LUMPED.build(spiral.ROBOT, pieces, spiral.loads(), "spatial")
-    start = State(np.full(model.n, 1 / model.robot.length), np.zeros(model.n))  # bent
-    inputs = np.array([1.0, -2.0])
-    simulate = partial(model.simulate, _STEPS * _STEP, inputs, start, method="rk4", step=_STEP)
-    simulate()  # compiles
-    time, motion = best_of(simulate, repeats)
-    return time / motion.residuals
 
 
 def _chain(found: list[Row]) -> Iterator[Row]:
@@ -416,7 +405,8 @@ def _fastest(found: Iterable[Row]) -> Row | None:
 
 STUDY = Study(
     kinds=(Row,),
-    stages=run,
+    jobs=jobs,
+    derive=derived,
     tables=shown.TABLES,
     plots=shown.PLOTS,
     note="Error in time on robots of all kinds: softrobot benchmark scenes",

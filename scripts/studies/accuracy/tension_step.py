@@ -4,14 +4,13 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.beams.model import State
-from softrobot_env.evaluation.models.runs import Limit, converged, distance
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.config import TipSensors
 from softrobot_env.scene.statics import equilibrium
 from softrobot_env.tasks import equal_input
 from studies.accuracy.cases import BeamMotion, ChainMotion, Contestant
-from studies.beams import chain_scene, zero_timestep
+from studies.beams import chain_scene
 
 CASE, ROBOT = "tension_step", ARM
 
@@ -54,27 +53,5 @@ def _compared(tips: ndarray) -> ndarray:
     return tips[1:, [0, 2]]
 
 
-def chain_limit(quick: bool = False) -> Limit:
-    """Extrapolate the motion to zero timestep and infinitely many hinges.
-
-    Timesteps h, h/2, h/4 remove the orders h and h^2 of implicitfast; numbers of hinges n and 2n
-    remove the order 1/n^2. The distance to the same with another hinge rule and timesteps twice
-    as large is the uncertainty; it belongs to the worse of the two, so it is on the safe side.
-    """
-    n, step = (12, 4e-4) if quick else (24, 2e-4)
-    tips, other = _extrapolate("gauss2", n, step), _extrapolate("balanced2", n, 2 * step)
-    uncertainty = distance(tips, other)
-    text = (
-        f"Richardson extrapolation of gauss2 with {n} and {2 * n} hinges, timesteps "
-        f"{1e3 * step:g} to {250 * step:g} ms; uncertainty {1e3 * uncertainty:.1g} mm (balanced2, "
-        "timesteps twice as large)"
-    )
-    return Limit(tips, uncertainty, text)
-
-
-def _extrapolate(rule: str, n: int, step: float) -> ndarray:
-    found = {}
-    for hinges in (n, 2 * n):
-        motions = [chain_motion(rule, hinges, step / k)() for k in (1, 2, 4)]
-        found[hinges], _ = zero_timestep(motions)
-    return converged(found, 2)
+#: Joints and longest timestep [s] of the chain's limit, full and quick.
+LIMIT = ((12, 24, 48), 2e-4), ((6, 12, 24), 4e-4)

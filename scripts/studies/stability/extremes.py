@@ -3,7 +3,7 @@
 Every model runs as the package runs it by default; the chain also as `mj_step` would advance it.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
@@ -36,7 +36,7 @@ from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.timestep import linearize
 from studies.accuracy.cases import SHEAR
 from studies.beams import make_beam, weightless
-from studies.lab import Record, quantity
+from studies.lab import Job, Record, quantity
 from studies.truths.analytic import arc_tip, elastica, section
 from studies.truths.continuum_arc import TEXT as CONTINUUM_ARC
 from studies.truths.continuum_arc import continuum_arc_tip
@@ -94,6 +94,10 @@ class ExtremeRow(Record):
         return f"{name}, mj_step" if self.integrator == RULE else name
 
 
+#: A tip (2,) [m], and where it comes from.
+Truth = tuple[ndarray, str]
+
+
 @dataclass(frozen=True)
 class Case:
     """A robot, its inputs over time and what is known of the motion.
@@ -106,11 +110,10 @@ class Case:
         duration: [s].
         loads: Loads.
         drive: "tension" or "length".
-        tip: (2,) [m], where the tip comes to rest; None compares with a refined run.
-        truth: What the tip is compared with.
+        truths: Where the tip comes to rest (2,) [m], and a text: of models of other physics, rods
+            that can be compressed and the continuum with its large strains, by their names, and
+            of all others by ""; without it a refined run is the truth.
         angle: Start of the coordinates, for robots that start straight but for rounding.
-        tips: The same by model, (2,) [m] and a text, for models of other physics: rods that
-            can be compressed, and the continuum with its large strains.
     """
 
     name: str
@@ -120,10 +123,8 @@ class Case:
     duration: float
     loads: tuple[Load, ...] = ()
     drive: str = "tension"
-    tip: ndarray | None = None
-    truth: str = ""
+    truths: Mapping[str, Truth] = field(default_factory=dict)
     angle: float = 0.0
-    tips: dict[str, tuple[ndarray, str]] = field(default_factory=dict)
 
     @property
     def moved(self) -> Excitation:
@@ -154,19 +155,13 @@ def damped(robot: RobotParams, damping_ratio: float) -> RobotParams:
     return replace(robot, damping_time=damping_ratio / (pi * robot.first_frequency))
 
 
-def settling(
-    name: str,
-    robot: RobotParams,
-    tip: ndarray | None = None,
-    truth: str = "",
-    **load: Any,
-) -> Case:
+def settling(name: str, robot: RobotParams, truths: Mapping[str, Truth], **load: Any) -> Case:
     """A load at the tip that grows over one first period of a well damped robot, which settles."""
     robot = damped(robot, 0.5)
     period = 1 / robot.first_frequency
     ramp = np.linspace(0, 1, max(2, ceil(period / _PERIOD)))[:, None]
     loads = (Load("load", robot.length, **load),)
-    return Case(name, robot, ramp, _PERIOD, 5 * period, loads=loads, tip=tip, truth=truth)
+    return Case(name, robot, ramp, _PERIOD, 5 * period, loads=loads, truths=truths)
 
 
 def bare(robot: RobotParams) -> RobotParams:
@@ -182,9 +177,11 @@ def curl(turns: float = 1.25) -> Case:
     """
     robot, curvature = rod_of(40), 2 * pi * turns / ARM.length
     moment = curvature * robot.bending_stiffness
-    tip, load = arc_tip(robot.length, curvature), {"moment": (0.0, moment, 0.0), "follows": True}
-    case = settling("curl_moment", robot, tip, "circular arc (exact)", **load)
-    return replace(case, tips={"ancf2d": (continuum_arc_tip(robot, moment), CONTINUUM_ARC)})
+    truths = {
+        "": (arc_tip(robot.length, curvature), "circular arc (exact)"),
+        "ancf2d": (continuum_arc_tip(robot, moment), CONTINUUM_ARC),
+    }
+    return settling("curl_moment", robot, truths, moment=(0.0, moment, 0.0), follows=True)
 
 
 def follower(strength: float = 3.0) -> Case:
@@ -194,18 +191,16 @@ def follower(strength: float = 3.0) -> Case:
     load = {"force": (force, 0.0, 0.0), "follows": True}
     loads, ends = (Load("load", robot.length, **load),), np.array([0.0, robot.length])
     tip = followed_rod(robot.length, section(robot, None), loads, ends).tip[[0, 2]]
-    return settling("follower_force", robot, tip, "rod from the tip (exact)", **load)
+    return settling("follower_force", robot, {"": (tip, "rod from the tip (exact)")}, **load)
 
 
 def tip_force(name: str, robot: RobotParams, strength: float, independent: bool = True) -> Case:
     """A dead lateral tip force, in units of EI / L^2, on a robot without tendons and weight."""
     robot = bare(robot)
     force = strength * robot.bending_stiffness / robot.length**2
-    if not independent:
-        return settling(name, robot, force=(force, 0.0, 0.0))
     tip = elastica(robot.length, robot.bending_stiffness, force=(force, 0.0)).tip
-    truth = "elastica (boundary-value solution)"
-    return settling(name, robot, tip, truth, force=(force, 0.0, 0.0))
+    truths = {"": (tip, "elastica (exact)")} if independent else {}
+    return settling(name, robot, truths, force=(force, 0.0, 0.0))
 
 
 def rod_of(slenderness: float) -> RobotParams:
@@ -223,12 +218,12 @@ def tension_limit() -> Case:
     tension = np.array([0.0] * (len(ARM.tendons) - 2) + [ARM.tendons[-2].tension_limit, 0.0])
     tip = ConstantCurvatureStatics(ARM).tip(TendonMap(ARM).reduced(tension))
     pressed = tendon_rod(ARM, tension, [ARM.length], SHEAR.shear_coefficient).tip[[0, 2]]
-    case = Case("tension_limit", ARM, tension[None], 1.0, 8.0)
-    tips = {
+    truths = {
+        "": (tip, "constant curvature (exact)"),
         "cosserat": (pressed, "constant curvature and compression (exact)"),
         "ancf2d": (tip, "constant curvature; this continuum has no equilibrium"),
     }
-    return replace(case, tip=tip, truth="constant curvature (exact)", tips=tips)
+    return Case("tension_limit", ARM, tension[None], 1.0, 8.0, truths=truths)
 
 
 def slack_taut(pull: float = 0.01, stiffness: float = 2e4) -> Case:
@@ -260,7 +255,7 @@ def longest_pair(name: str) -> Case:
 # ---------------------------------------------------------------- running
 
 
-def jobs(quick: bool = False) -> Iterator[tuple[str, Callable[[], list[ExtremeRow]]]]:
+def jobs(quick: bool = False) -> Iterator[Job]:
     """All cases on all models; n is chosen per case."""
     weak = replace(CANTILEVER_WEAK, poisson_ratio=0.49)
     cases = [  # with hinges of the chain, and pieces of the beams
@@ -296,7 +291,7 @@ def built(model: str, build: Callable[..., Simulated]) -> Iterator[Simulated]:
 
 def rows_of(case: Case, model: str, n: int) -> list[ExtremeRow]:
     """Runs of one case on one model, judged where the tip comes to rest or by refined runs."""
-    tip, text = case.tips.get(model, (case.tip, case.truth))
+    tip, text = case.truths.get(model, case.truths.get("", (None, "")))
     first, moved = 0 if tip is None else -1, case.moved
     truth = refined(case, model, n) if tip is None else Limit(np.insert(tip, 1, 0.0)[None], 0, text)
     about = {"case": case.name, "model": model, "n": n, "bound": WRONG_SHARE * case.robot.length}

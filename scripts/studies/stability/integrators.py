@@ -4,7 +4,7 @@ Random steps of all drives, as `scene.integration.probe` makes them, and the tru
 smaller accuracy.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -14,7 +14,7 @@ import numpy as np
 from softrobot_env.robots import ARM, RIG, RobotParams, Tendon
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
-from studies.lab import Record, groups, quantity, select
+from studies.lab import Job, Record, groups, quantity, select
 
 #: A soft trunk that hangs.
 _SIDES = tuple(Tendon(f"side{k}", (x, 0.0), 0.6, 0, 1.0) for k, x in enumerate((8e-3, -8e-3)))
@@ -55,7 +55,7 @@ class FrontRow(Record):
     cost: float = quantity("µs", ".0f", "a period")
 
 
-def jobs(quick: bool = False) -> Iterator[tuple[str, Callable[[], list]]]:
+def jobs(quick: bool = False) -> Iterator[Job]:
     """One job a case; a quick run has the first one only."""
     for case in list(CASES)[: 1 if quick else None]:
         yield f"integrators, {case}", partial(_case, case)

@@ -5,6 +5,7 @@ an independent truth; see `evaluation.models.runs.Verdict`. The maps are those o
 (`softrobot benchmark stability --robot my.toml`).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -13,7 +14,7 @@ from softrobot_env.evaluation.models.runs import WRONG_SHARE, Verdict
 from softrobot_env.rendering.figures import Figure
 from softrobot_env.rendering.models import stability_map
 from softrobot_env.robots import ARM, RIG, find_robot
-from studies.lab import Column, Lab, Record, Study, groups, lines, of_kind, pivot, select, table
+from studies.lab import Column, Job, Record, Study, groups, lines, of_kind, pivot, select, table
 from studies.stability import extremes, integrators
 from studies.stability.extremes import ExtremeRow
 from studies.stability.integrators import FrontRow, gain
@@ -40,13 +41,12 @@ def map_rows(name: str, quick: bool) -> list[MapRow]:
     return [MapRow(robot=name, **vars(row)) for row in found]
 
 
-def run(lab: Lab) -> list[Record]:
-    """Rows of the maps, of the extreme cases, and of the integrators."""
-    quick = lab.quick
-    robots = ROBOTS[: 1 if quick else None]
-    jobs = [(f"map of {name}", partial(map_rows, name, quick)) for name in robots]
-    jobs += [*extremes.jobs(quick), *integrators.jobs(quick)]
-    return [row for found in lab.tasks(jobs) for row in found]
+def jobs(quick: bool) -> Iterator[Job]:
+    """Maps, extreme cases, and integrators."""
+    for name in ROBOTS[: 1 if quick else None]:
+        yield f"map of {name}", partial(map_rows, name, quick)
+    yield from extremes.jobs(quick)
+    yield from integrators.jobs(quick)
 
 
 # ---------------------------------------------------------------- tables and pictures
@@ -68,7 +68,7 @@ def maps(rows: list[Record]) -> dict[str, Figure]:
 
 STUDY = Study(
     kinds=(MapRow, ExtremeRow, FrontRow),
-    stages=run,
+    jobs=jobs,
     tables=(
         pivot(
             "Varied robots as the package runs them by itself: verdicts",

@@ -1,4 +1,4 @@
-"""Closed forms and boundary-value solutions of a uniform cantilever, without any mesh.
+"""Closed forms and exact solutions of a uniform cantilever, without any mesh.
 
 Frame as in `softrobot_env.robots`: the straight rod lies along +z from its clamp at the origin,
 bends in the x-z plane, and a positive moment or curvature bends it towards +x. Forces and points
@@ -11,15 +11,12 @@ from typing import Any
 
 import numpy as np
 from numpy import ndarray
-from scipy.integrate import solve_bvp
 from scipy.optimize import brentq
 
-from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.robots import RobotParams
+from studies.truths.shooting import grown, integral
 
-_NODES = 101
-_TOLERANCE = 1e-9
-_MAX_NODES = 20000
+_NODES = 201
 
 
 def euler_bernoulli_deflection(
@@ -83,48 +80,6 @@ def euler_bernoulli_frequency(
     return float(wave * np.sqrt(bending_stiffness / mass_per_length) / (2 * pi))
 
 
-def rayleigh_frequency(
-    length: float,
-    bending_stiffness: float,
-    mass_per_length: float,
-    rotary_inertia: float,
-    n: int = 1,
-) -> float:
-    """n-th bending frequency [Hz] of a beam with rotary inertia but no shear.
-
-    EI w'''' + rho A w.. - rho I w..'' = 0 with w = w' = 0 at the clamp and no moment,
-    EI w''' + omega^2 rho I w' = 0, at the free end; the root of the characteristic determinant
-    next below the Euler-Bernoulli value.
-
-    Args:
-        length: L [m].
-        bending_stiffness: EI [N m2].
-        mass_per_length: rho A [kg/m].
-        rotary_inertia: rho I [kg m].
-        n: Mode, from 1.
-    """
-    x = clamped_free_root(n)
-    slenderness = rotary_inertia / (mass_per_length * length**2)
-    # To first order the eigenvalue x^4 drops by slenderness times |w'|^2 / |w|^2 < x (x + 2).
-    upper, lower = x**4, x**4 / (1 + 2 * slenderness * x * (x + 2))
-    root = brentq(_rayleigh_determinant, lower, upper, args=(slenderness,), xtol=1e-12)
-    unit = bending_stiffness / (mass_per_length * length**4)
-    return float(np.sqrt(root * unit) / (2 * pi))
-
-
-def _rayleigh_determinant(lam: float, slenderness: float) -> float:
-    """Characteristic function of lam = omega^2 rho A L^4 / EI; w = sum of cos, cosh, sin, sinh."""
-    half = slenderness * lam / 2
-    spread = np.sqrt(half**2 + lam)
-    a, b = np.sqrt(half + spread), np.sqrt(spread - half)
-    # w = C (cos ax - cosh bx) + S (sin ax - a/b sinh bx) meets the clamp.
-    moment = [-(a**2) * cos(a) - b**2 * cosh(b), -(a**2) * np.sin(a) - a * b * np.sinh(b)]
-    slope = [-a * np.sin(a) - b * np.sinh(b), a * cos(a) - a * cosh(b)]
-    third = [a**3 * np.sin(a) - b**3 * np.sinh(b), -(a**3) * cos(a) - a * b**2 * cosh(b)]
-    shear = [t + 2 * half * s for t, s in zip(third, slope, strict=True)]
-    return float((moment[0] * shear[1] - moment[1] * shear[0]) / cosh(b))
-
-
 def torsion_angle(robot: RobotParams, moment: float) -> float:
     """Twist [rad] of the tip under a moment [N m], thesis (2.77)."""
     return moment * robot.length / robot.torsional_stiffness
@@ -184,6 +139,12 @@ def section_slope(angle: ndarray, force: ndarray, rod: Section) -> ndarray:
     return np.stack([stretch * sin + shear * cos, stretch * cos - shear * sin])
 
 
+def planar_slope(y: ndarray, force: ndarray, rod: Section) -> ndarray:
+    """Derivative (4,) of x, z, angle and moment along a rod with an internal force (2,) [N]."""
+    x, z = section_slope(y[2], force, rod)
+    return np.array([x, z, y[3] / rod.bending, force[1] * x - force[0] * z])
+
+
 @dataclass(frozen=True)
 class RodShape:
     """Shape of a planar rod.
@@ -222,8 +183,7 @@ def bent_rod(
 
         r' = (1 + N.d3 / EA) d3 + (N.d1 / kGA) d1,    EI t'' = -(N_x z' - N_z x').
 
-    The loads are raised in equal steps so that the solution connected to the straight rod is
-    found.
+    Solved by shooting from the tip, whose angle is unknown.
 
     Args:
         length: L [m].
@@ -234,31 +194,26 @@ def bent_rod(
         load_steps: Number of load steps.
 
     Raises:
-        EquilibriumError: The solver failed at a load step.
+        EquilibriumError: No solution was found.
     """
-    # Lengths in units of L, forces in EI / L^2.
-    unit = length**2 / rod.bending
-    scaled = Section(1.0, rod.shear * unit, rod.axial * unit)
-    q, f = np.array(weight) * length * unit, np.array(force) * unit
-    m = moment * length / rod.bending
-    # Every load step starts from a coarse mesh, or the refinement of all steps would add up.
-    s = np.linspace(0, 1, _NODES)
-    y = np.stack([0 * s, 0 * s, 0 * s, s])
-    for share in np.arange(1, load_steps + 1) / load_steps:
+    q, f = np.array(weight), np.array(force)
 
-        def derivative(s: ndarray, y: ndarray, share: float = share) -> ndarray:
-            inner = share * (q[:, None] * (1 - s) + f[:, None])
-            slope = section_slope(y[0], inner, scaled)
-            return np.stack([y[1], inner[1] * slope[0] - inner[0] * slope[1], *slope])
+    def toward_clamp(angle: ndarray, share: float, stations: ndarray | None = None) -> ndarray:
+        """(x, z, angle, moment) by the angle of the tip, where x and z are zero."""
 
-        def ends(base: ndarray, tip: ndarray, share: float = share) -> ndarray:
-            return np.array([base[0], tip[1] - share * m, base[2], base[3]])
+        def slope(s: float, y: ndarray) -> ndarray:
+            return planar_slope(y, share * (q * (length - s) + f), rod)
 
-        found = solve_bvp(derivative, ends, s, y, tol=_TOLERANCE, max_nodes=_MAX_NODES)
-        if not found.success:
-            raise EquilibriumError(f"no solution at {share:.0%} of the load: {found.message}")
-        y = found.sol(s)
-    return RodShape(length * found.x, found.y[0], found.y[1] / length, length * found.y[2:].T)
+        tip = [0.0, 0.0, angle[0], share * moment]
+        return integral(slope, (length, 0.0), tip, stations)
+
+    def missing(angle: ndarray, share: float) -> ndarray:
+        return toward_clamp(angle, share)[2:3]
+
+    tip = grown(missing, np.zeros(1), "a bent rod", load_steps)
+    s = np.linspace(0, length, _NODES)
+    x, z, angle, carried = toward_clamp(tip, 1.0, s[::-1])[:, ::-1]
+    return RodShape(s, angle, carried / rod.bending, np.stack([x - x[0], z - z[0]], axis=1))
 
 
 def elastica(length: float, bending_stiffness: float, **loads: Any) -> RodShape:

@@ -14,16 +14,11 @@ the tendons pull towards p, and where the shortening is what the forces cause.
 
 import numpy as np
 from numpy import ndarray
-from scipy.integrate import solve_ivp
-from scipy.optimize import root
 
-from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.robots import RobotParams
 from studies.truths.analytic import Section, section, section_slope
+from studies.truths.shooting import grown, integral
 
-_RTOL, _ATOL = 1e-11, 1e-13
-_SMALL = 1e-9
-_SHARES = (0.25, 0.5, 0.75, 1.0)
 _GUESS = 0.3  # rad
 
 
@@ -61,13 +56,13 @@ def column_tip(robot: RobotParams, pulled: ndarray, shear_coefficient: float | N
     toward = np.asarray(pulled) @ robot.of_tendons("offset")
     if not np.any(toward):
         raise ValueError(f"lengths {pulled} m pull to no side: the rig stays straight")
-    unknown = np.array([*(_GUESS * toward / np.hypot(*toward)), 0.0])
-    for share in _SHARES:
-        lengths = share * np.asarray(pulled)
-        found = root(lambda x, s=lengths: _missing(robot, rod, s, x), unknown, tol=1e-12)
-        unknown = found.x
-    if np.max(np.abs(found.fun)) > _SMALL:
-        raise EquilibriumError(f"no equilibrium of the rig at {pulled} m: {found.message}")
+    guess = np.array([*(_GUESS * toward / np.hypot(*toward)), 0.0])
+    lengths = np.asarray(pulled)
+
+    def missing(x: ndarray, share: float) -> ndarray:
+        return _missing(robot, rod, share * lengths, x)
+
+    unknown = grown(missing, guess, f"the rig at {pulled} m")
     bend = unknown[:2]
     angle = float(np.hypot(*bend))
     base, _ = _base(robot, rod, lengths, unknown)
@@ -109,4 +104,4 @@ def _toward_base(
         return np.array([y[1] / rod.bending, -weight * along[0], *along, axis @ along - 1])
 
     top = [angle, moment + head * robot.head.centre * np.sin(angle), 0.0, 0.0, 0.0]
-    return solve_ivp(slope, (robot.length, 0.0), top, "DOP853", rtol=_RTOL, atol=_ATOL).y[:, -1]
+    return integral(slope, (robot.length, 0.0), top)

@@ -18,10 +18,10 @@ import numpy as np
 from numpy import ndarray
 from numpy.polynomial import legendre
 from scipy.integrate import solve_ivp
-from scipy.optimize import root
 
 from softrobot_env.robots import RobotParams
 from studies.truths.rig_column import tensions
+from studies.truths.shooting import grown
 
 #: Lengths (3,) [m] pulled in at time t [s].
 Pulled = Callable[[float], ndarray]
@@ -121,16 +121,15 @@ class RigRod:
         """Coordinates (n,) at rest with lengths (3,) [m] pulled in, reached from the straight rod.
 
         Raises:
-            RuntimeError: None was found.
+            EquilibriumError: None was found.
         """
-        q = np.zeros(2 * self.terms)
-        for share in (0.25, 0.5, 0.75, 1.0):
-            lengths = share * np.asarray(pulled)
-            found = root(lambda q, s=lengths: self.static_force(q, s, self.shape(q)), q, tol=1e-13)
-            q = found.x
-        if np.max(np.abs(found.fun)) > _RESIDUAL:
-            raise RuntimeError(f"no equilibrium at {pulled} m: {found.message}")
-        return q
+        lengths = np.asarray(pulled)
+
+        def missing(q: ndarray, share: float) -> ndarray:
+            return self.static_force(q, share * lengths, self.shape(q))
+
+        at, limits = f"the rod at {pulled} m", {"most": _RESIDUAL, "tol": 1e-13}
+        return grown(missing, np.zeros(2 * self.terms), at, **limits)
 
     def acceleration(self, q: ndarray, v: ndarray, pulled: ndarray) -> ndarray:
         """(n,) [rad/s2] in state q, v (n,) with lengths (3,) [m] pulled in."""

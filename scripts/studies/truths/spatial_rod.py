@@ -9,13 +9,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy import ndarray
-from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from softrobot_env.robots.loads import Load
 from studies.truths.analytic import Section
+from studies.truths.shooting import integral
 
-_RTOL, _ATOL = 1e-11, 1e-13
 _AXIS = np.array([0.0, 0.0, 1.0])
 
 
@@ -113,9 +112,7 @@ def followed_rod(
     states = {}
     for above, here in zip([None, *places], places, strict=False):
         if above is not None:
-            y = solve_ivp(
-                _slope, (above, here), y, "DOP853", rtol=_RTOL, atol=_ATOL, args=(section, w)
-            ).y[:, -1]
+            y = integral(lambda _, y: _slope(y, section, w), (above, here), y)
         states[here] = y
         for load in loads:
             if load.station == here:
@@ -169,7 +166,7 @@ def motion_of(y: ndarray, along: ndarray, kappa: ndarray) -> ndarray:
     return np.concatenate([frame_of(y) @ along, turn])
 
 
-def _slope(_: float, y: ndarray, section: Section, weight: ndarray) -> ndarray:
+def _slope(y: ndarray, section: Section, weight: ndarray) -> ndarray:
     frame = frame_of(y)
     force, moment = frame.T @ y[7:10], frame.T @ y[10:]
     along = _AXIS + force / [section.shear, section.shear, section.axial]

@@ -28,10 +28,10 @@ from itertools import pairwise
 import numpy as np
 from numpy import ndarray
 from scipy.integrate import solve_ivp
-from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 from softrobot_env.robots import RobotParams
+from studies.truths.shooting import grown
 from studies.truths.spatial_rod import SpatialShape, frame_of, motion_of, turned_along
 
 _RTOL, _ATOL = 1e-10, 1e-12
@@ -106,7 +106,8 @@ def hanging_rod(
     """The same of a robot with weight, along the axes of its base.
 
     Raises:
-        ValueError: A tendon has guides, or no equilibrium was found.
+        ValueError: A tendon has guides.
+        EquilibriumError: No equilibrium was found.
     """
     backbone, s = robot.backbone, np.asarray(stations, dtype=float)
     breaks = _breaks(robot)
@@ -133,16 +134,12 @@ def hanging_rod(
         y = np.concatenate([_CLAMPED, moment])
         return _integrated(slope, y, breaks, asked, _ENOUGH)
 
-    moment = _ZERO
-    for share in (0.25, 0.5, 0.75, 1.0):  # the equilibrium that grows out of the weightless one
-        found = root(
-            lambda m, x=share: along(m, x, np.empty(0))[-1, 7:],
-            moment,
-            options={"xtol": 1e-7, "eps": 1e-6},  # integration errs by some 1e-8
-        )
-        moment = found.x
-    if not found.success:
-        raise ValueError(f"no equilibrium of robot {robot.name!r}: {found.message}")
+    def missing(moment: ndarray, share: float) -> ndarray:
+        return along(moment, share, np.empty(0))[-1, 7:]
+
+    # Integration errs by some 1e-8.
+    loose = {"most": 1e-6, "tol": None, "options": {"xtol": 1e-7, "eps": 1e-6}}
+    moment = grown(missing, _ZERO, f"robot {robot.name!r}", **loose)
     return _shape(s, along(moment, 1.0, s))
 
 
@@ -152,7 +149,8 @@ def guided_rod(
     """The same of a weightless robot whose tendons run through the same guides, up to their ends.
 
     Raises:
-        ValueError: They do not, or no equilibrium was found.
+        ValueError: They do not.
+        EquilibriumError: No equilibrium was found.
     """
     s = np.asarray(stations, dtype=float)
     guides = np.unique([x for t in robot.tendons for x in t.stations])
@@ -192,7 +190,7 @@ def _to_next_guide(
         stations: (k,) [m].
 
     Raises:
-        ValueError: No equilibrium was found.
+        EquilibriumError: None was found.
     """
     first = y[:3] + ends[0] @ frame_of(y).T
     breaks = [np.array([*span, *(x for x in robot.backbone.ends if span[0] < x < span[1])])]
@@ -208,16 +206,15 @@ def _to_next_guide(
 
         return _integrated(slope, y, breaks, asked)
 
-    def missed(ways: ndarray) -> ndarray:
+    def missed(ways: ndarray, _: float) -> ndarray:
         """By how much (3 k,) [1] such tendons miss the second guide."""
         reached = states(ways, np.empty(0))[-1]
         line = reached[:3] + ends[1] @ frame_of(reached).T - first
         return ways - (line / np.linalg.norm(line, axis=1)[:, None]).ravel()
 
-    found = root(missed, np.tile(frame_of(y)[:, 2], len(pull)), tol=1e-10)
-    if not found.success:
-        raise ValueError(f"no equilibrium of robot {robot.name!r}: {found.message}")
-    return states(found.x, stations)
+    straight = np.tile(frame_of(y)[:, 2], len(pull))
+    found = grown(missed, straight, f"robot {robot.name!r}", steps=1, tol=1e-10)
+    return states(found, stations)
 
 
 def tendon_helix(

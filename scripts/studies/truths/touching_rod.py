@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy import ndarray
-from scipy.integrate import solve_ivp
-from scipy.optimize import root
 
 from softrobot_env.core.equilibrium import EquilibriumError
+from studies.truths.analytic import Section, planar_slope
+from studies.truths.shooting import grown, integral
 
 
 def propped_reaction(
@@ -82,7 +82,7 @@ def rod_on_post(
         first = _elastica(np.array([0, 0, 0, moment]), station, dead + push, bending_stiffness)
         return first, _elastica(first, length - station, dead, bending_stiffness)
 
-    def residual(x: ndarray) -> ndarray:
+    def residual(x: ndarray, _: float) -> ndarray:
         touching, tip = follow(x)
         angle = x[3]
         apart = touching[:2] + radius * _across(angle) - centre
@@ -91,13 +91,11 @@ def rod_on_post(
 
     size = np.linalg.norm(dead)
     guess = np.array([0.0, size * length / centre[1], centre[1], 0.0])
-    found = root(residual, guess, tol=1e-12)
-    if np.abs(found.fun).max() > 1e-9 or found.x[1] < 0:
-        raise EquilibriumError(f"no rod on the post: {found.message}")
-    touching, tip = follow(found.x)
-    if touching[3] * radius > bending_stiffness:
-        raise EquilibriumError("the rod lies on the post in more than a point")
-    _, pressed, station, angle = found.x
+    found = grown(residual, guess, "a rod on the post", steps=1)
+    touching, tip = follow(found)
+    _, pressed, station, angle = found
+    if pressed < 0 or touching[3] * radius > bending_stiffness:
+        raise EquilibriumError("the rod lies on the post in none or in more than a point")
     push = -pressed * _across(angle)
     return Touching(float(station), push, float(pressed), tip[:2])
 
@@ -132,7 +130,7 @@ def rod_round_cylinder(
         left = np.array([*(centre - radius * _across(turned)), turned, bending_stiffness / radius])
         return begun, inside, tension, _elastica(left, length - last, dead, bending_stiffness)
 
-    def residual(x: ndarray) -> ndarray:
+    def residual(x: ndarray, _: float) -> ndarray:
         begun, _, _, tip = parts(x)
         apart = begun[:2] + radius * _across(x[3]) - centre
         moments = np.array([begun[3] - bending_stiffness / radius, tip[3]])
@@ -141,13 +139,13 @@ def rod_round_cylinder(
     # As a straight beam that is held where the arc begins.
     moment, first = bending_stiffness / radius, centre[1]
     guess = np.array([-moment / 2, 1.5 * moment / first, first, first / radius / 4, 1.2 * first])
-    found = root(residual, guess, tol=1e-12)
-    _, edge, first, _, last = found.x
-    if np.abs(found.fun).max() > 1e-9 or edge < 0 or last < first:
-        raise EquilibriumError(f"the rod lies on no arc of the post: {found.message}")
-    _, inside, tension, tip = parts(found.x)
+    found = grown(residual, guess, "a rod on an arc of the post", steps=1)
+    _, edge, first, angle, last = found
+    if edge < 0 or last < first:
+        raise EquilibriumError("the rod lies on no arc of the post")
+    _, inside, tension, tip = parts(found)
     arc = (last - first) / radius
-    edges = edge + float(dead @ _across(found.x[3] + arc))
+    edges = edge + float(dead @ _across(angle + arc))
     return Touching(float(last), inside - dead, edges + tension * arc, tip[:2])
 
 
@@ -158,9 +156,5 @@ def _across(angle: float) -> ndarray:
 
 def _elastica(start: ndarray, length: float, force: ndarray, bending_stiffness: float) -> ndarray:
     """State (x, z, angle, moment) at the end of a part with the internal force (2,) [N]."""
-
-    def slope(_: float, y: ndarray) -> list[float]:
-        sine, cosine = np.sin(y[2]), np.cos(y[2])
-        return [sine, cosine, y[3] / bending_stiffness, force[1] * sine - force[0] * cosine]
-
-    return solve_ivp(slope, (0, length), start, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
+    rod = Section(bending_stiffness)
+    return integral(lambda _, y: planar_slope(y, force, rod), (0.0, length), start)
