@@ -35,7 +35,7 @@ from softrobot_env.tasks import make_task
 from softrobot_env.tasks.trajectories import quintic_step
 from softrobot_env.thesis.envs import RigEnv
 from softrobot_env.thesis.rig.inverse import TOTAL
-from softrobot_env.training.motions import Plan, collect, drive, drives_of
+from softrobot_env.training.motions import Plan, collect, drive, drives_of, filtered
 from softrobot_env.training.ssm import PLAN, learn, smoothed, trusted
 from studies import lab
 from studies.rig import rig_name
@@ -98,6 +98,26 @@ class OrderRow(lab.Record):
 
 
 @dataclass(frozen=True)
+class DataRow(lab.Record):
+    """Error against what is learned from, and against order.
+
+    Attributes:
+        twin: As of `PathRow`.
+        minutes: Of motion under changing inputs.
+        order: n_r, of coordinates and inputs together.
+        rms: [m], (3.23) over unseen random motion; None where it diverges.
+        fit_time, predict_time: [s], as of `PathRow`.
+    """
+
+    twin: int | None
+    minutes: float = lab.quantity("", "g", "min of motion")
+    order: int = lab.quantity("", "d")
+    rms: float | None = lab.quantity("mm", ".3g", "RMS")
+    fit_time: float = lab.quantity("s", ".3g", "learned in")
+    predict_time: float | None = lab.quantity("ms", ".3g", "25 s in")
+
+
+@dataclass(frozen=True)
 class LoopRow(lab.Record):
     """A closed loop on the triangle (thesis sec. 5.4).
 
@@ -131,12 +151,17 @@ class SpectrumRow(lab.Record):
         twin: As of `PathRow`.
         decay, frequency: [1/s], [rad/s] of the slowest mode.
         separation: How many times as fast the modes left out decay.
+        decay_path: One, (t, 2) [m].
+        excited: (t, 3), a decay and the oscillation before it: x, y [m], and the change of the
+            first tendon's length [m].
     """
 
     twin: int | None
     decay: float = lab.quantity("1/s", ".3g")
     frequency: float = lab.quantity("rad/s", ".3g")
     separation: float = lab.quantity("", ".3g", "others decay times as fast")
+    decay_path: ndarray | None = lab.for_pictures()
+    excited: ndarray | None = lab.for_pictures()
 
 
 # -------------------- motion to learn from, and paths to be predicted
@@ -205,6 +230,12 @@ class RigData:
     def unseen(self) -> list[Recorded]:
         """Random motion that no model has seen."""
         return collect(RIG, UNSEEN, self.twin)[1]
+
+    @cached_property
+    def excited(self) -> Recorded:
+        """A decay with the oscillation before it that the drives excite (Fig. 3.12)."""
+        plan = replace(THESIS_PLAN, decays=0, excited=1, minutes=0.0)
+        return collect(RIG, plan, self.twin, whole=True)[0][0]
 
     def _collect(self, plan: Plan) -> tuple[list[Recorded], list[Recorded]]:
         if self.quick:
@@ -372,6 +403,9 @@ LOOP_GOALS = {1.0: 3e-3}
 
 #: What Fig. 3.14 varies, delays of two outputs.
 SHAPE_ORDERS, DELAYS = (1, 2, 3, 4), (5, 6, 7, 8, 9)
+#: Minutes and orders of ours.
+MINUTES, ORDERS = (2.0, 5.0, 10.0, 30.0), (1, 2, 3, 4)
+
 _LOOPS, _PERIODS = ("ssm_mpc", "ssm_lq", "hybrid_feedback"), (5.0, 1.0)
 _TIMED = 5  # predictions, of which the fastest counts
 _LOST = 10.0  # m, from where on a prediction is said to diverge
@@ -381,13 +415,13 @@ def cases(quick: bool = False) -> list[tuple]:
     """What is asked of a rig, and its twin; quickly one rig, little motion, two models."""
     if quick:
         return [("rig", SHOWN, True)]
-    return [*(("rig", twin, False) for twin in TWINS), ("orders", SHOWN)]
+    return [*(("rig", twin, False) for twin in TWINS), ("orders", SHOWN), ("amounts", SHOWN)]
 
 
 def measure(case: tuple) -> list[lab.Record]:
     """Learn models of rigs, predict paths that they have not seen, and control by them."""
     what, *given = case
-    return {"rig": _rig, "orders": _order_rows}[what](*given)
+    return {"rig": _rig, "orders": _order_rows, "amounts": _amounts}[what](*given)
 
 
 def _learned(learner: Callable[[], Model]) -> tuple[Model | None, float]:
@@ -420,9 +454,15 @@ def _rig(twin: int | None, quick: bool) -> list[lab.Record]:
 
 
 def _spectrum(data: RigData) -> SpectrumRow:
-    found = spectrum(data.thesis[0], THESIS.delays, 4)
+    decays, shown = data.thesis[0], ()
+    found = spectrum(decays, THESIS.delays, 4)
     slow = found.eigenvalues[0]
-    return SpectrumRow(data.twin, float(-slow.real), float(abs(slow.imag)), found.separation)
+    if data.twin == SHOWN:
+        excited = data.excited
+        change = (excited.inputs[:, :1] - excited.inputs[0, 0]) * robot_inputs(RIG).input_scale[0]
+        shown = decays[0].outputs, np.hstack([excited.outputs, change])
+    values = float(-slow.real), float(abs(slow.imag)), found.separation
+    return SpectrumRow(data.twin, *values, *shown)
 
 
 def _predicted(model: Model, path: Followed) -> ndarray:
@@ -508,7 +548,26 @@ def _order_rows(twin: int) -> list[lab.Record]:
     return rows
 
 
-# -------------------- picture: Figs. 3.15 to 3.17 of the thesis anew (3.14 is a table)
+def _amounts(twin: int) -> list[lab.Record]:
+    """Ours with less motion to learn from, and of other orders."""
+    data, rows = RigData(twin), []
+    decays, forced = data.ours
+    cases = [(minutes, 3) for minutes in MINUTES] + [(MINUTES[-1], o) for o in ORDERS if o != 3]
+    for minutes, order in cases:
+        share = minutes / MINUTES[-1]
+        some = forced[: max(1, round(share * len(forced)))]
+        few = decays[:: max(1, round(1 / share))]
+        how = Settings(order=order, input_order=order)
+        model, time = _learned(partial(learn, few, some, how, lower=False))
+        times = time, None if model is None else _time(model, data)
+        rows.append(DataRow(twin, minutes, order, _rms(model, data.unseen), *times))
+    return rows
+
+
+# -------------------- pictures: Figs. 3.11 to 3.18 of the thesis anew (3.14 is a table)
+
+#: Fig. 3.13: [s] that random inputs are held, cutoffs [Hz] of filters, and [s] of all.
+HELD, CUTOFFS, SHOWN_FOR = 0.5, (1.0, 2.0, 4.0), 8.0
 
 _COLOURS = {"measured": "0.6", THESIS_MODEL: "#D55E00", OURS: "#0072B2"}
 
@@ -539,6 +598,58 @@ def picture(rows: Sequence[lab.Record]) -> figures.Figure:
     )
     figures.add_legend(figure, axes[0, 0])
     return figure
+
+
+def random_inputs() -> ndarray:
+    """Random changes [m] of a tendon's length, held and filtered by each of `CUTOFFS`.
+
+    Returns:
+        (1 + cutoffs, t), samples `PERIOD` apart.
+    """
+    drives, rng = drives_of(RIG, 2, PERIOD), np.random.default_rng(0)
+    held = drives.targets[rng.integers(1, len(drives.targets), round(SHOWN_FOR / HELD))]
+    steps = np.repeat(THESIS_PLAN.amplitude * held, round(HELD / PERIOD), axis=0)
+    every = [steps, *(filtered(steps, cutoff, PERIOD) for cutoff in CUTOFFS)]
+    return np.stack([one @ drives.basis[0] for one in every]) * robot_inputs(RIG).input_scale[0]
+
+
+def motion(rows: Sequence[lab.Record]) -> figures.Figure | None:
+    """What models are learned from, and how fast it is beside what they predict."""
+    spectra = [row for row in lab.of_kind(rows, SpectrumRow) if row.decay_path is not None]
+    paths = [row for row in lab.of_kind(rows, PathRow) if row.measured is not None]
+    if not spectra or not paths:
+        return None
+    (shown,), fastest = spectra, min(paths, key=lambda row: row.period)
+    figure, ((decay, excited), (inputs, speeds)) = figures.new_figure(2, 2, (9.5, 7.0))
+    _over_time(decay, {"x": shown.decay_path[:, 0], "y": shown.decay_path[:, 1]})
+    _over_time(excited, {"x": shown.excited[:, 0], "first input": shown.excited[:, 2]})
+    active = PERIOD * np.flatnonzero(np.abs(shown.excited[:, 2]) > 1e-9)
+    excited.axvspan(active[0], active[-1], color="0.9", linewidth=0)
+    names = ["sampled", *(f"below {cutoff:g} Hz" for cutoff in CUTOFFS)]
+    _over_time(inputs, dict(zip(names, random_inputs(), strict=True)))
+    lap = f"{fastest.path}, T = {fastest.period:g} s"
+    for name, path in {lap: fastest.measured, "a decay": shown.decay_path}.items():
+        speed = np.linalg.norm(np.diff(path, axis=0), axis=1) / PERIOD
+        distance = 1e3 * np.linalg.norm(path[1:], axis=1)
+        speeds.plot(distance, speed, ".", markersize=2, label=name)
+    speeds.set(xlabel="distance from the axis [mm]", ylabel="speed [m/s]")
+    titles = "a decay", "excited (grey), then left alone", "random inputs", "speed by place"
+    for axis, number, title in zip(figure.axes, (11, 12, 13, 18), titles, strict=True):
+        axis.set_title(f"Fig. 3.{number}  {title}")
+        axis.legend(frameon=False, fontsize=8, loc="best")
+    slow, fast = (
+        float(np.linalg.norm(np.diff(path, axis=0), axis=1).mean()) / PERIOD
+        for path in (shown.decay_path, fastest.measured)
+    )
+    message = f"The fastest path goes at {fast:.2g} m/s in the mean, a decay at {slow:.2g} m/s"
+    figures.add_title(figure, message, "As in the thesis: motion of the rig to learn from")
+    return figure
+
+
+def _over_time(axis: figures.Axes, series: dict[str, ndarray]) -> None:
+    for name, values in series.items():
+        axis.plot(PERIOD * np.arange(len(values)), 1e3 * values, label=name, linewidth=1.2)
+    axis.set(xlabel="time [s]", ylabel="tip, input [mm]")
 
 
 # -------------------- the study
@@ -572,7 +683,7 @@ def _shares(rows: list[PathRow]) -> str:
 _RIG = lab.Column("rig", rig_name)
 
 STUDY = lab.Study(
-    kinds=(PathRow, OrderRow, LoopRow, SpectrumRow),
+    kinds=(PathRow, OrderRow, DataRow, LoopRow, SpectrumRow),
     cases=cases,
     measure=measure,
     tables=[
@@ -600,6 +711,7 @@ STUDY = lab.Study(
             heading=lambda p: f"p = {p}",
             headings=("n_w",),
         ),
+        lab.table("Improved model, unseen random motion", of=DataRow),
         lab.table(
             "Triangle, closed loop",
             *(_RIG, "policy", "period", "mean", "largest", "goal", "decision", "longest"),
@@ -609,5 +721,5 @@ STUDY = lab.Study(
         lab.table("Modes of decays", _RIG, "decay", "frequency", "separation", of=SpectrumRow),
     ],
     note=_NOTE,
-    plots={"{}": picture},
+    plots={"{}": picture, "{}_motion": motion},
 )
