@@ -183,26 +183,12 @@ def test_one_flipped_bit_never_gives_another_motion():
 QUIET = Measured((0,) * N, (0,) * N, (0,) * 4, 0, False)
 
 
-def send_states(bench, count):
-    for _ in range(count):
+def test_states_leave_room_for_answers():
+    """To a peer that has read nothing for five seconds."""
+    bench = Bench()
+    for _ in range(100):
         bench.now += 50_000
         bench.core.run(bench.now, QUIET)
-
-
-def test_a_peer_that_reads_nothing_gets_whole_messages():
-    bench = Bench()
-    send_states(bench, 100)
-    frames = bench.decoder.feed(bench.core.transmit())
-    assert [seq for _, seq in frames] == list(range(len(frames)))
-    assert len(frames) < 10
-    send_states(bench, 1)
-    ((_, later),) = bench.decoder.feed(bench.core.transmit())
-    assert later == 100 and bench.decoder.crc_errors == bench.decoder.frame_errors == 0
-
-
-def test_states_leave_room_for_answers():
-    bench = Bench()
-    send_states(bench, 100)
     answers = bench.run(Hello(42, 1, 1), CONFIG, Ping(9))
     hello, config, pong = (message for message in answers if not states([message]))
     assert hello.nonce == 42 and type(config) is m.ConfigAck and type(pong) is m.Pong
