@@ -236,13 +236,16 @@ def test_packages_are_asked_for_by_the_teacher(monkeypatch, capsys, mine):
     assert "imitation needs daqp" in capsys.readouterr().err and time.process_time() - began < 1
 
 
-def test_a_network_decides_as_often_as_its_teacher_and_moves_as_far_as_servos_can():
-    pytest.importorskip("torch")
-    from softrobot_env.training.imitation import ImitationSetup
+@pytest.fixture
+def setup():
+    """The class of imitations."""
+    return pytest.importorskip("softrobot_env.training.imitation").ImitationSetup
 
+
+def test_a_network_decides_as_often_as_its_teacher_and_moves_as_far_as_servos_can(setup):
     for name in ("planar_finger", "silicone_rod", "hanging_trunk"):
         robot = find_robot(name)
-        view = ImitationSetup.of(robot).view()
+        view = setup.of(robot).view()
         assert view.period == policy_environment("lq_preview", robot)["control_period"]
         np.testing.assert_allclose(view.increment(np.ones(1)), view.most)
         np.testing.assert_allclose(view.output_of(view.increment(np.array([-0.3]))), -0.3)
@@ -261,15 +264,12 @@ def test_files_from_before_changes_had_a_scale_are_read(mine):
     assert (read.change, read.most) == (0.01, 1.0) and read.scales == view.scales
 
 
-def test_the_teachers_table_is_found_where_the_network_is_written(tmp_path):
-    pytest.importorskip("torch")
-    from softrobot_env.training.imitation import ImitationSetup
-
-    assert ImitationSetup.of(FINGER, None, tmp_path).file is None
+def test_the_teachers_table_is_found_where_the_network_is_written(setup, tmp_path):
+    assert setup.of(FINGER, None, tmp_path).file is None
     table = tmp_path / artifact_name(FINGER, "lq_preview")
     table.write_bytes(b"")
-    assert ImitationSetup.of(FINGER, None, tmp_path).file == table
-    assert ImitationSetup.of(FINGER, "static", tmp_path).file is None
+    assert setup.of(FINGER, None, tmp_path).file == table
+    assert setup.of(FINGER, "static", tmp_path).file is None
 
 
 def test_tables_of_a_robot_share_their_operating_points(monkeypatch, tmp_path):
