@@ -1,44 +1,18 @@
 """`softrobot robot`, with boards behind pseudo-terminals."""
 
 import io
-import os
-import select
-import tty
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from support.commands import called
-from support.hardware_boards import Board, FullDisk, LiveBoard
+from support.hardware_boards import Board, FullDisk, Terminal
 
 from softrobot_env.commands.robot.link import open_driver
 from softrobot_env.hardware.protocol.messages import Capability, DeviceState
 from softrobot_env.hardware.robot_file import read_robot_file, rig_file, write_robot_file
 
 pytestmark = [pytest.mark.realtime(late=0.9), pytest.mark.usefixtures("patience")]
-
-
-class Terminal(LiveBoard):
-    """A board behind a pseudo-terminal, in real time; its path is `port`."""
-
-    def __init__(self):
-        super().__init__(end=self)
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.port = os.ttyname(self._slave)
-
-    def __exit__(self, *_):
-        super().__exit__()
-        os.close(self._master)
-        os.close(self._slave)
-
-    def read(self, timeout):
-        readable, _, _ = select.select([self._master], [], [], timeout)
-        return os.read(self._master, 4096) if readable else b""
-
-    def write(self, data):
-        os.write(self._master, data)
 
 
 @pytest.fixture

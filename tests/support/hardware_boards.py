@@ -1,8 +1,12 @@
 """Boards without a robot: the firmware's core with servos that go where they are driven."""
 
 import errno
+import os
+import select
 import threading
 import time
+import tty
+from contextlib import suppress
 from queue import Empty, SimpleQueue
 
 import numpy as np
@@ -195,11 +199,34 @@ class LiveBoard:
 
     def _serve(self):
         while not self._over.is_set():
-            data = self._end.read(PASS)
-            if not self.alive.is_set():
-                continue
-            self.board.core.receive(data)
+            if not self.alive.wait(PASS):
+                continue  # what the host sends waits
+            self.board.core.receive(self._end.read(PASS))
             self.board.run(time.monotonic())
             sent = self.board.core.transmit()
             if sent:
                 self._end.write(sent)
+
+
+class Terminal(LiveBoard):
+    """A board behind a pseudo-terminal, in real time; its path is `port`."""
+
+    def __init__(self, board=None):
+        super().__init__(board, end=self)
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.port = os.ttyname(self._slave)
+
+    def __exit__(self, *_):
+        super().__exit__()
+        os.close(self._master)
+        os.close(self._slave)
+
+    def read(self, timeout):
+        readable, _, _ = select.select([self._master], [], [], timeout)
+        return os.read(self._master, 4096) if readable else b""
+
+    def write(self, data):
+        with suppress(BlockingIOError):  # what a host has no room for is lost
+            os.write(self._master, data)

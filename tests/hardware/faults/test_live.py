@@ -2,12 +2,11 @@
 
 from contextlib import suppress
 from copy import copy
-from threading import Event, Thread
 from time import monotonic, sleep
 
 import numpy as np
 import pytest
-from support.hardware_boards import Board, LiveBoard
+from support.hardware_boards import Board, LiveBoard, Terminal
 from support.output_witness import WatchedCore
 from support.real_episodes import (
     FILE,
@@ -25,7 +24,6 @@ from softrobot_env.hardware.errors import LinkError, UnansweredError
 from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.session import MOST_IN_FLIGHT
 from softrobot_env.hardware.transport import SerialTransport
-from softrobot_env.hardware.virtual_robot import VirtualRobot
 
 pytest.importorskip("serial", reason="needs the robot extra")
 pytest.importorskip("cobs", reason="needs the robot extra")
@@ -39,50 +37,28 @@ pytestmark = [
 THERE = np.array([4e-3, -2e-3, 0.0])
 
 
-class Servos:
-    """A plant of ideal servos; see `virtual.Plant`.
-
-    Attributes:
-        alive: Cleared for a robot that hangs, while its port still takes bytes.
-    """
-
-    tick = 2e-3
-    tension = tip = np.zeros(3)
-    picture = None
-
-    def __init__(self):
-        self.length, self.alive = np.zeros(3), Event()
-        self.alive.set()
-
-    def adc(self):
-        return (2000,) * 4
-
-    def advance(self, command):
-        self.alive.wait()
-        self.length = self.length if command is None else command
+def watched():
+    """A board that a witness watches."""
+    board = Board()
+    board.core = WatchedCore()
+    return board
 
 
 @pytest.fixture
-def core():
-    return WatchedCore()
+def robot():
+    with Terminal(watched()) as robot:
+        yield robot
 
 
 @pytest.fixture
-def servos():
-    return Servos()
+def core(robot):
+    return robot.board.core
 
 
 @pytest.fixture
-def proxy(core, servos):
-    robot, over = VirtualRobot(core, servos, FILE.tendons, supply=6.0), Event()
-    thread = Thread(target=robot.run, args=(over,), daemon=True)
-    thread.start()
+def proxy(robot):
     with SerialProxy(robot.port) as proxy:
         yield proxy
-    over.set()
-    servos.alive.set()
-    thread.join()
-    robot.close()
 
 
 @pytest.fixture
@@ -160,13 +136,13 @@ def test_a_peer_that_does_not_read_ends_the_episode(proxy, core):
         assert not core.outputs.powered and len(core.witness.followed) == followed
 
 
-def test_a_stalled_device_ends_the_episode(proxy, core, servos):
+def test_a_stalled_device_ends_the_episode(proxy, core, robot):
     with running(lambda: SerialTransport(proxy.port, FILE.baud), core, oldest=0.2) as env:
         heard, followed = setpoints(core), len(core.witness.followed)
-        servos.alive.clear()
+        robot.alive.clear()
         assert "microcontroller" in fail(env, within=5.0)
         sleep(FILE.watchdog)
-        servos.alive.set()
+        robot.alive.set()
         assert_comes_to_rest(core)
         assert heard < setpoints(core) <= heard + MOST_IN_FLIGHT + 1
         assert len(core.witness.followed) <= followed + 1
@@ -179,9 +155,7 @@ def test_a_stalled_device_ends_the_episode(proxy, core, servos):
 @pytest.fixture
 def live():
     """A board in memory; a copy of its transport is a line that nobody has closed."""
-    board = Board()
-    board.core = WatchedCore()
-    with LiveBoard(board) as live:
+    with LiveBoard(watched()) as live:
         yield live
 
 
