@@ -68,7 +68,7 @@ WRITERS = {
     ("pattern", "places"),
     [
         (r'\.write_text\(|\.write_bytes\(|savez\w*\(|"wb"|"w"|"xb"', WRITERS),
-        (r"softrobot_env\[", {"core/extras.py"}),
+        (r"softrobot_env\[", set()),
     ],
     ids=["files", "hints what to install"],
 )
