@@ -137,11 +137,15 @@ class FullDisk:
 
 
 class MemoryTransport:
-    """One end of a pair of queues; see `transport.Transport`."""
+    """One end of a pair of queues; see `transport.Transport`.
+
+    Attributes:
+        closed: How often it was closed.
+    """
 
     def __init__(self, incoming, outgoing):
         self._incoming, self._outgoing = incoming, outgoing
-        self._closed = False
+        self.closed = 0
 
     @classmethod
     def pair(cls):
@@ -161,10 +165,10 @@ class MemoryTransport:
         self._outgoing.put(data)
 
     def close(self):
-        self._closed = True
+        self.closed += 1
 
     def _check_open(self):
-        if self._closed:
+        if self.closed:
             raise LinkError("this end is closed")
 
 
