@@ -213,24 +213,37 @@ class LiveBoard:
 
 
 class Terminal(LiveBoard):
-    """A board behind a pseudo-terminal, in real time; its path is `port`."""
+    """A board behind a pseudo-terminal, in real time.
+
+    Attributes:
+        port: Path that the host opens; another one after `open`.
+        ends: The board's end and the host's, which stays open so that a host may come and go; none
+            after `hang_up`.
+    """
 
     def __init__(self, board=None):
         super().__init__(board, end=self)
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.port = os.ttyname(self._slave)
+        self.open()
+
+    def open(self):
+        self.ends = master, slave = os.openpty()
+        tty.setraw(slave)
+        os.set_blocking(master, False)
+        self.port = os.ttyname(slave)
+
+    def hang_up(self):
+        for end in self.ends:
+            os.close(end)
+        self.ends = ()
 
     def __exit__(self, *_):
         super().__exit__()
-        os.close(self._master)
-        os.close(self._slave)
+        self.hang_up()
 
     def read(self, timeout):
-        readable, _, _ = select.select([self._master], [], [], timeout)
-        return os.read(self._master, 4096) if readable else b""
+        readable, _, _ = select.select(self.ends[:1], [], [], timeout)
+        return os.read(self.ends[0], 4096) if readable else b""
 
     def write(self, data):
         with suppress(BlockingIOError):  # what a host has no room for is lost
-            os.write(self._master, data)
+            os.write(self.ends[0], data)

@@ -1,4 +1,4 @@
-"""The fault matrix over two pseudo-terminals, in real time; see `test_matrix`."""
+"""The fault matrix over a pseudo-terminal, in real time; see `test_matrix`."""
 
 from contextlib import suppress
 from copy import copy
@@ -6,7 +6,7 @@ from time import monotonic, sleep
 
 import numpy as np
 import pytest
-from support.hardware_boards import Board, LiveBoard, Terminal
+from support.hardware_boards import Board, LiveBoard
 from support.output_witness import WatchedCore
 from support.real_episodes import (
     FILE,
@@ -17,7 +17,7 @@ from support.real_episodes import (
     pull,
     running,
 )
-from support.serial_proxy import KINDS, Harm, SerialProxy
+from support.serial_proxy import KINDS, Harm, RoughTerminal
 
 from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.errors import LinkError, UnansweredError
@@ -46,7 +46,7 @@ def watched():
 
 @pytest.fixture
 def robot():
-    with Terminal(watched()) as robot:
+    with RoughTerminal(watched()) as robot:
         yield robot
 
 
@@ -56,14 +56,8 @@ def core(robot):
 
 
 @pytest.fixture
-def proxy(robot):
-    with SerialProxy(robot.port) as proxy:
-        yield proxy
-
-
-@pytest.fixture
-def driver(proxy):
-    with Driver(FILE, SerialTransport(proxy.port, FILE.baud)) as driver:
+def driver(robot):
+    with Driver(FILE, SerialTransport(robot.port, FILE.baud)) as driver:
         driver.connect(timeout=10)
         driver.arm(timeout=10)
         yield driver
@@ -83,8 +77,8 @@ def is_at(core, length):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_harm_is_survived(driver, proxy, core, kind):
-    lines = (proxy.to_robot, proxy.from_robot)
+def test_harm_is_survived(driver, robot, core, kind):
+    lines = (robot.to_robot, robot.from_robot)
     for line in lines:
         line.harm = Harm(**{kind: 0.3}, held=0.02)
     drive(driver, THERE, lambda: all(line.done[kind] >= 5 for line in lines))
@@ -95,8 +89,8 @@ def test_harm_is_survived(driver, proxy, core, kind):
 
 
 @pytest.mark.parametrize("harm", [Harm(piece=8), Harm(garbage=50)], ids=["split", "garbage"])
-def test_pieces_and_garbage_are_survived(driver, proxy, core, harm):
-    proxy.to_robot.harm = proxy.from_robot.harm = harm
+def test_pieces_and_garbage_are_survived(driver, robot, core, harm):
+    robot.to_robot.harm = robot.from_robot.harm = harm
     drive(driver, THERE, lambda: is_at(core, THERE))
     assert driver.fault is None
 
@@ -109,35 +103,35 @@ def setpoints(core):
     return sum(isinstance(message, m.Setpoint) for message in core.heard)
 
 
-def test_a_lost_line_ends_the_episode_and_can_be_plugged_again(proxy, core):
-    with running(lambda: SerialTransport(proxy.port, FILE.baud), core) as env:
-        proxy.unplug()
-        assert proxy.port in fail(env)  # reading or writing notices first
+def test_a_lost_line_ends_the_episode_and_can_be_plugged_again(robot, core):
+    with running(lambda: SerialTransport(robot.port, FILE.baud), core) as env:
+        robot.unplug()
+        assert robot.port in fail(env)  # reading or writing notices first
         assert_comes_to_rest(core)
         with pytest.raises(LinkError):
             env.reset(options={"clear_fault": True})
         assert not core.outputs.powered
-        proxy.plug()
+        robot.plug()
         assert_runs_again(env, core)
 
 
-def test_a_peer_that_does_not_read_ends_the_episode(proxy, core):
-    port = SerialTransport(proxy.port, FILE.baud)
+def test_a_peer_that_does_not_read_ends_the_episode(robot, core):
+    port = SerialTransport(robot.port, FILE.baud)
     with running(lambda: port, core) as env:
-        proxy.reads.clear()
+        robot.reads.clear()
         with pytest.raises(LinkError):  # the system's buffer is full
             port.write(bytes(1 << 20))
         failure = fail(env)  # the host's system or the robot notices first
         assert "cannot write" in failure or "no set-point" in failure
         assert_comes_to_rest(core)
         followed = len(core.witness.followed)
-        proxy.reads.set()
+        robot.reads.set()
         sleep(0.2)
         assert not core.outputs.powered and len(core.witness.followed) == followed
 
 
-def test_a_stalled_device_ends_the_episode(proxy, core, robot):
-    with running(lambda: SerialTransport(proxy.port, FILE.baud), core, oldest=0.2) as env:
+def test_a_stalled_device_ends_the_episode(robot, core):
+    with running(lambda: SerialTransport(robot.port, FILE.baud), core, oldest=0.2) as env:
         heard, followed = setpoints(core), len(core.witness.followed)
         robot.alive.clear()
         assert "microcontroller" in fail(env, within=5.0)

@@ -27,7 +27,7 @@
 | SIGKILL, SIGTERM, Ctrl-C | at rest in the watchdog's time | R: killing_the_host_* |
 | exception in a step | emergency stop | R: an_exception_in_a_step_* |
 
-Tests of this file have a virtual clock. Those of L, in `test_live.py`, use pseudo-terminals or the
+Tests of this file have a virtual clock. Those of L, in `test_live.py`, use a pseudo-terminal or the
 environment with a board in memory, and R is `envs/real/test_env.py`, both in
 real time; S is `hardware/test_session.py`, F `test_session.py` and `test_faults.py` in
 `hardware/firmware`, P `test_framing.py` there.
