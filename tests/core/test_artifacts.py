@@ -15,21 +15,21 @@ from softrobot_env.learned.network import Network
 from softrobot_env.robots import ARM, RIG
 from softrobot_env.thesis.rig.parameters import IdentifiedParameters
 
-#: File -> option of its policy.
+#: Options of policies that read a shipped file, and their control periods [s].
 FILES = {
-    "lqi": {"gains": None},
-    "lq_preview": {"gains": None},
-    "qs_nn": {"weights": None},
-    "ppo": {"weights": None},
+    "lqi": ("gains", 1e-3),
+    "lq_preview": ("gains", 1e-3),
+    "qs_nn": ("weights", 0.01),
+    "ppo": ("weights", 0.01),
 }
-PERIOD = {"lqi": 1e-3, "lq_preview": 1e-3}
 
 
 def load(name, path):
     """What reads a shipped file."""
     if name == "rig_nn":
         return IdentifiedParameters.load(RIG, path)
-    return make_policy(name, ARM, PERIOD.get(name, 0.01), **dict.fromkeys(FILES[name], path))
+    option, period = FILES[name]
+    return make_policy(name, ARM, period, **{option: path})
 
 
 def shipped(name):
@@ -55,7 +55,7 @@ def test_networks_and_gains_that_are_not_finite_are_refused_by_file_and_array(
     name, value, tmp_path
 ):
     path = tmp_path / "bad.npz"
-    for key in ["gains"] if name in PERIOD else arrays_of(name):
+    for key in ["gains"] if "gains" in FILES.get(name, ()) else arrays_of(name):
         array = shipped(name)[key].copy()
         array.flat[-1] = value
         said = f"bad.npz: 1 of .* array '{key}' are not finite"
