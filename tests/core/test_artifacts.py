@@ -24,12 +24,12 @@ FILES = {
 }
 
 
-def load(name, path):
+def load(name, path, arm=ARM):
     """What reads a shipped file."""
     if name == "rig_nn":
         return IdentifiedParameters.load(RIG, path)
     option, period = FILES[name]
-    return make_policy(name, ARM, period, **{option: path})
+    return make_policy(name, arm, period, **{option: path})
 
 
 def shipped(name):
@@ -76,6 +76,15 @@ def test_networks_with_other_ends_are_refused(tmp_path):
 def test_a_stiffness_of_no_robot_is_refused(tmp_path):
     said = r"bad\.npz: .* stiffness must be finite and positive"
     assert_refused("rig_nn", tmp_path / "bad.npz", said, about_stiffness=np.array(-1.0))
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_files_of_other_robots_and_missing_ones_tell_what_makes_them(name, tmp_path):
+    command = f"`softrobot train {name} --robot"
+    with pytest.raises(ValueError, match=rf"{command} arm_changed\.toml"):
+        load(name, models_dir() / f"{name}.npz", ARM.vary(youngs_modulus=0.5))
+    with pytest.raises(FileNotFoundError, match=f"{command} arm"):
+        load(name, tmp_path / "none.npz")
 
 
 def single(path):

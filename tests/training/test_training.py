@@ -13,7 +13,7 @@ pytest.importorskip("stable_baselines3")
 pytest.importorskip("daqp")
 
 from softrobot_env.control.learned import neural  # noqa: E402
-from softrobot_env.control.registry import POLICIES, make_policy  # noqa: E402
+from softrobot_env.control.registry import POLICIES  # noqa: E402
 from softrobot_env.core.files import models_dir  # noqa: E402
 from softrobot_env.core.interfaces import quiet  # noqa: E402
 from softrobot_env.envs.randomization import Randomization  # noqa: E402
@@ -395,11 +395,3 @@ def test_shipped_networks_meet_their_figures(name, vary, duration, swing, lshape
     for width, (overshoot, settling) in steps.items():
         step = found[f"step {width} mm"].step
         assert step.overshoot < overshoot and step.settling_time < settling
-
-
-def test_another_robot_or_file_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="not been trained for robot"):
-        neural.NeuralPolicy(ARM.vary(tendon_radius=1.1), 0.01, "imitation.npz")
-    with pytest.raises(FileNotFoundError, match="softrobot train"):
-        neural.NeuralPolicy(ARM, 0.01, tmp_path / "none.npz")
-    assert make_policy("imitation", ARM, 0.005).hold == 2
