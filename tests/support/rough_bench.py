@@ -3,9 +3,9 @@
 from contextlib import suppress
 
 import numpy as np
-from support.hardware_boards import PASS, Bench, Board
+from support.hardware_boards import Bench, Board
 from support.output_witness import WatchedCore
-from support.serial_proxy import Harm, Line
+from support.rough_lines import Harm
 
 from softrobot_env.hardware.errors import RobotError
 from softrobot_env.hardware.protocol import messages as m
@@ -19,23 +19,19 @@ ROBOT = virtual_file()
 STOPPED = ROBOT.watchdog + max(THERE) / ROBOT.ramp + 0.01
 
 
-class Rough(Bench):
-    """A bench whose lines do harm, and whose board is watched; running.
+def watched():
+    """A board that a witness watches."""
+    board = Board()
+    board.core = WatchedCore()
+    return board
 
-    Attributes:
-        up, down: The lines to and from the board.
-        asleep: Whether the board's program stands still.
-        reads: Whether the host takes what the board sends.
-    """
+
+class Rough(Bench):
+    """A bench that runs, whose lines may do harm, and whose board is watched."""
 
     def __init__(self, robot=ROBOT, seed=0):
-        board = Board()
-        board.core = WatchedCore()
-        super().__init__(robot, board)
-        self.up, self.down = Line(seed), Line(seed + 1)
-        self.asleep, self.reads = False, True
-        self.connect()
-        self.arm()
+        super().__init__(robot, watched(), seed=seed)
+        self.start()
 
     @property
     def core(self):
@@ -44,20 +40,6 @@ class Rough(Bench):
     @property
     def out(self):
         return self.core.outputs
-
-    def say(self, frame, wait=0.0):
-        self.up.put(frame, self.now)
-        self.run(wait)
-
-    def run(self, duration):
-        for _ in range(max(1, round(duration / PASS))):
-            self.now += PASS
-            self.core.receive(self.up.take(self.now))
-            if not self.asleep:
-                self.board.run(self.now)
-            if self.reads:
-                self.down.put(self.core.transmit(), self.now)
-            self.up.put(self.session.receive(self.down.take(self.now), self.now), self.now)
 
     def drive(self, length, duration):
         """Command a length, period by period, whatever the robot says."""

@@ -6,7 +6,7 @@ from time import monotonic, sleep
 
 import numpy as np
 import pytest
-from support.hardware_boards import Board, LiveBoard
+from support.hardware_boards import LiveBoard, RoughTerminal
 from support.output_witness import WatchedCore
 from support.real_episodes import (
     FILE,
@@ -17,7 +17,8 @@ from support.real_episodes import (
     pull,
     running,
 )
-from support.serial_proxy import KINDS, Harm, RoughTerminal
+from support.rough_bench import watched
+from support.rough_lines import KINDS, Harm
 
 from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.errors import LinkError, UnansweredError
@@ -35,13 +36,6 @@ pytestmark = [
 ]
 
 THERE = np.array([4e-3, -2e-3, 0.0])
-
-
-def watched():
-    """A board that a witness watches."""
-    board = Board()
-    board.core = WatchedCore()
-    return board
 
 
 @pytest.fixture

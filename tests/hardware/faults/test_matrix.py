@@ -52,7 +52,7 @@ from support.rough_bench import (
     assert_stays_off,
     counts,
 )
-from support.serial_proxy import Harm
+from support.rough_lines import Harm
 
 from softrobot_env.hardware.errors import UnansweredError
 from softrobot_env.hardware.protocol import messages as m

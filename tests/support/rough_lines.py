@@ -1,15 +1,9 @@
-"""A line between host and robot that does harm: for a virtual clock, or behind a terminal."""
+"""A line between host and robot that does harm, by a clock that its user reads."""
 
 import random
-import threading
 from collections import Counter
 from dataclasses import dataclass
 from heapq import heappop, heappush
-from time import monotonic, sleep
-
-from support.hardware_boards import Terminal
-
-# ---------------------------------------------------------------------- a line in one direction
 
 
 @dataclass(frozen=True)
@@ -98,45 +92,3 @@ class Line:
     def _send(self, data: bytes, due: float) -> None:
         self._count += 1  # keeps the order of what is due together
         heappush(self._waiting, (due, self._count, data))
-
-
-# ---------------------------------------------------------------------- a board behind two lines
-
-
-class RoughTerminal(Terminal):
-    """A board behind a pseudo-terminal that can be unplugged, and behind a line in each direction.
-
-    Attributes:
-        to_robot, from_robot: The lines.
-        reads: Cleared for a peer that does not take what the host writes.
-    """
-
-    def __init__(self, board=None, seed=0):
-        super().__init__(board)
-        self.to_robot, self.from_robot = Line(seed), Line(seed + 1)
-        self.reads, self._plugging = threading.Event(), threading.Lock()
-        self.reads.set()
-
-    def unplug(self):
-        """Hang up on the host."""
-        with self._plugging:
-            self.hang_up()
-
-    def plug(self):
-        """Open a new port for the host."""
-        with self._plugging:
-            self.open()
-
-    def read(self, timeout):
-        with self._plugging:
-            if self.ends:
-                super().write(self.from_robot.take(monotonic()))
-            listening = self.ends and self.reads.is_set()
-            arrived = super().read(timeout) if listening else b""
-        if not listening:
-            sleep(timeout)
-        self.to_robot.put(arrived, monotonic())
-        return self.to_robot.take(monotonic())
-
-    def write(self, data):
-        self.from_robot.put(data, monotonic())
