@@ -10,7 +10,7 @@
 | delayed | refused by age | what_came_too_late_moves_nothing |
 | of another session | refused | F: a_wrong_setpoint_neither_moves_nor_feeds |
 | truncated | the next frame is intact | P: a_cut_frame_does_not_take_the_next_*, any_harm_*, L |
-| split | put together | L: pieces_and_garbage_are_survived |
+| split | put together | L: all_harm_at_once_is_survived |
 | garbage flood | bounded memory, no motion, recovery | a_flood_*, any_harm_*, L |
 | disconnect in an episode | truncated in time; ramp; reset refuses | L: a_lost_line_* |
 | slow host | missed steps are counted, no burst; then a fault | L: a_slow_host_* |
