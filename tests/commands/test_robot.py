@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pytest
 from support.commands import called
-from support.hardware_boards import Board, FullDisk, Terminal
+from support.hardware_boards import FullDisk, Terminal
 
 from softrobot_env.commands.robot.link import open_driver
 from softrobot_env.hardware.protocol.messages import Capability, DeviceState
 from softrobot_env.hardware.robot_file import read_robot_file, rig_file, write_robot_file
+from softrobot_env.hardware.virtual_robot import Core
 
 pytestmark = [pytest.mark.realtime(late=0.9), pytest.mark.usefixtures("patience")]
 
@@ -69,7 +70,7 @@ def calibrated(robot, tmp_path, monkeypatch):
 
 
 def test_calibrate_writes_what_was_found(robot, calibrated, capsys):
-    robot.board.core = Board(capabilities=Capability.SUPPLY).core
+    robot.board.core = Core(capabilities=Capability.SUPPLY)
     status, out = calibrated("t 2\n-1\nzero\nnonsense\n+2\nrest\nwrite\n")
     assert status == 0
     found, before = read_robot_file(out), read_robot_file(Path(robot.file))

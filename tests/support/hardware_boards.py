@@ -38,8 +38,8 @@ class Board:
         supply: [mV].
     """
 
-    def __init__(self, boot_id=1, **options):
-        self.core = Core(boot_id=boot_id, **options)
+    def __init__(self, core=None):
+        self.core = core or Core(boot_id=1)
         self.position = (0, 0, 0)
         self.stuck = None
         self.force = (0, 0, 0)

@@ -1,7 +1,9 @@
 """What a robot may do, stated a second time: a witness that judges every pass of its program."""
 
+from zlib import crc32
+
 from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.messages import Decoder
+from softrobot_env.hardware.protocol.messages import HEADER_SIZE, Decoder
 from softrobot_env.hardware.virtual_robot import Core, Measured, Outputs
 
 _CLOCK, _SEQ = 1 << 32, 1 << 16
@@ -70,6 +72,7 @@ class Witness:
     def __init__(self, blind: bool = False) -> None:
         self.blind = blind
         self.followed: list[tuple[int, tuple[int, ...]]] = []
+        self._known: dict[int, m.Config] = {}  # those that arrived, by their checksum
         self._config: m.Config | None = None
         self._permission: Permission | None = None
         self._now = 0
@@ -87,10 +90,11 @@ class Witness:
         elapsed, self._now = (now - self._now) % _CLOCK, now
         self._expire()
         self._check_limits(after)
-        if before.powered:
+        driven = before.powered and after.powered
+        if driven:
             self._check_motion(before.applied, after.applied, elapsed)
         present = before.applied if self.blind else measured.length
-        first = self._follow(arrived, present, before.powered)
+        first = self._follow(arrived, None if before.powered else present, driven)
         if after.powered and not before.powered:
             assert first, "power without a set-point"
             assert after.applied == self._inside(present)
@@ -127,21 +131,29 @@ class Witness:
             assert left >= 0, f"tendon {i} went {moved} in {elapsed} µs"
             self._carry[i] = min(left, _MILLION)
 
-    def _follow(self, arrived, present, powered: bool) -> bool:
-        """Take in messages; whether one of them may switch the power on."""
+    def _follow(self, arrived, present, driven: bool) -> bool:
+        """Take in messages; whether one of them may switch the power on.
+
+        Args:
+            arrived: Messages and their numbers.
+            present: Where the servos are, near which a set-point must be; None with power.
+            driven: Whether there was power all the time, so that nothing can be armed.
+        """
         first = False
         for message, seq in arrived:
             match message:
-                case m.Config() if not powered:
-                    self._config = message
-                case m.Arm() if self._permission is None:
-                    self._permission = Permission(message.session)
+                case m.Config():
+                    self._known[crc32(m.pack(message, 0)[HEADER_SIZE:])] = message
+                case m.Arm() if not driven and message.config_crc in self._known:
+                    self._permission = self._permission or Permission(message.session)
+                    self._config = self._known[message.config_crc]
                 case m.Hello() | m.EStop():
                     self._permission = None
                 case m.Stop() | m.Disarm() if self._is_ours(message):
                     self._permission = None
                 case m.Setpoint() if self._is_ours(message):
-                    first |= self._allow(message, seq) and self._is_near(message, present)
+                    if present is None or self._is_near(message, present):
+                        first |= self._allow(message, seq)
         return first
 
     def _is_ours(self, message) -> bool:

@@ -11,7 +11,7 @@ from softrobot_env.hardware.errors import RobotError
 from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.robot_file import virtual_file
 
-HERE, THERE, FAR = (0.0, 0.0, 0.0), (8e-3, -4e-3, 0.0), (25e-3, 0.0, 0.0)
+HERE, THERE = (0.0, 0.0, 0.0), (8e-3, -4e-3, 0.0)
 PERIOD = 0.02  # s
 
 ROBOT = virtual_file()
@@ -19,18 +19,11 @@ ROBOT = virtual_file()
 STOPPED = ROBOT.watchdog + max(THERE) / ROBOT.ramp + 0.01
 
 
-def watched():
-    """A board that a witness watches."""
-    board = Board()
-    board.core = WatchedCore()
-    return board
-
-
 class Rough(Bench):
     """A bench that runs, whose lines may do harm, and whose board is watched."""
 
     def __init__(self, robot=ROBOT, seed=0):
-        super().__init__(robot, watched(), seed=seed)
+        super().__init__(robot, Board(core=WatchedCore()), seed=seed)
         self.start()
 
     @property

@@ -6,7 +6,7 @@ from time import monotonic, sleep
 
 import numpy as np
 import pytest
-from support.hardware_boards import LiveBoard, RoughTerminal
+from support.hardware_boards import Board, LiveBoard, RoughTerminal
 from support.output_witness import WatchedCore
 from support.real_episodes import (
     FILE,
@@ -17,7 +17,6 @@ from support.real_episodes import (
     pull,
     running,
 )
-from support.rough_bench import watched
 from support.rough_lines import KINDS, Harm
 
 from softrobot_env.hardware.driver import Driver
@@ -40,7 +39,7 @@ THERE = np.array([4e-3, -2e-3, 0.0])
 
 @pytest.fixture
 def robot():
-    with RoughTerminal(watched()) as robot:
+    with RoughTerminal(Board(core=WatchedCore())) as robot:
         yield robot
 
 
@@ -136,7 +135,7 @@ def test_a_stalled_device_ends_the_episode(robot, core):
 @pytest.fixture
 def live():
     """A board in memory; a copy of its transport is a line that nobody has closed."""
-    with LiveBoard(watched()) as live:
+    with LiveBoard(Board(core=WatchedCore())) as live:
         yield live
 
 
