@@ -65,8 +65,9 @@ def train(config, seed, show, start=None, **settings):
     return rl.train(config, order, show, start)
 
 
-def part(count=2, task=SHORT, mode="SameStep"):
-    return VectorTrackingEnv(count, task, threads=1, preview=neural.PREVIEW, autoreset_mode=mode)
+def part(count=2, task=SHORT, mode="SameStep", **more):
+    given = {"threads": 1, "preview": neural.PREVIEW, "autoreset_mode": mode} | more
+    return VectorTrackingEnv(count, task, **given)
 
 
 def silent(*hidden):
@@ -122,19 +123,13 @@ def test_staggered_environments_end_one_by_one():
 def test_parts_that_do_not_fit_are_refused():
     with pytest.raises(ValueError, match="SameStep"):
         NetworkVecEnv([part(mode="NextStep")])
-    other = VectorTrackingEnv(1, SHORT, preview=(0.1,), autoreset_mode="SameStep")
     with pytest.raises(ValueError, match="same observation"):
-        NetworkVecEnv([part(), other])
+        NetworkVecEnv([part(), part(1, preview=(0.1,))])
 
 
 def test_seeds_are_handed_on():
     ranges = Randomization(density=(0.5, 2.0))
-    parts = [
-        VectorTrackingEnv(
-            n, SHORT, threads=1, preview=neural.PREVIEW, randomization=ranges, autoreset_mode=mode
-        )
-        for n, mode in ((2, "SameStep"), (1, "SameStep"))
-    ]
+    parts = [part(count, randomization=ranges) for count in (2, 1)]
     env = NetworkVecEnv(parts)
     seeds = env.seed(3)
     env.reset()
