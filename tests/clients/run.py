@@ -44,37 +44,40 @@ def pinned(package: str) -> str:
     return next(line for line in lines if line.startswith(f"{package}=="))
 
 
-def install(name: str, client: Client, folder: Path) -> str:
+def python(folder: Path, *words: str, **options: Any) -> subprocess.CompletedProcess:
+    """Run the Python of a virtual environment."""
+    command = [str(folder / "bin" / "python"), *words]
+    return subprocess.run(
+        command, capture_output=True, text=True, check=False, timeout=PATIENCE, **options
+    )
+
+
+def last_line(text: str, otherwise: str) -> str:
+    """The last line of what was printed."""
+    return (text.strip().splitlines() or [otherwise])[-1]
+
+
+def install(client: Client, folder: Path) -> str:
     """Install a library and our package; returns why that is impossible, or nothing."""
-    python = folder / "bin" / "python"
-    if not python.exists():
+    if not (folder / "bin" / "python").exists():
         venv.create(folder, with_pip=True)
     wanted = [[pinned("torch")]] if client.torch else []  # first, or the newest would be fetched
     for packages in [*wanted, [*client.packages, "-e", str(ROOT)]]:
-        command = [str(python), "-m", "pip", "install", "--quiet", *packages]
-        done = subprocess.run(
-            command, capture_output=True, text=True, check=False, timeout=PATIENCE
-        )
+        done = python(folder, "-m", "pip", "install", "--quiet", *packages)
         if done.returncode != 0:
-            return (done.stderr.strip().splitlines() or ["pip failed"])[-1]
+            return last_line(done.stderr, "pip failed")
     return ""
 
 
 def use(name: str, folder: Path) -> list[dict[str, Any]]:
     """What became of the uses of a library."""
-    done = subprocess.run(
-        [str(folder / "bin" / "python"), str(HERE / f"use_{name}.py")],
-        env=os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=PATIENCE,
-    )
+    variables = os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
+    done = python(folder, str(HERE / f"use_{name}.py"), env=variables)
     (folder / "use.log").write_text(done.stdout + done.stderr)
     lines = [line[4:] for line in done.stdout.splitlines() if line.startswith("USE ")]
     rows = [json.loads(line) for line in lines]
     if done.returncode != 0:
-        reason = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
+        reason = last_line(done.stderr, "no reason given")
         rows.append({"use": "the whole script", "good": 0, "tried": 1, "reason": reason})
     return rows
 
@@ -82,10 +85,7 @@ def use(name: str, folder: Path) -> list[dict[str, Any]]:
 def version(name: str, folder: Path) -> str:
     """The installed version of a library."""
     code = f"from importlib.metadata import version; print(version({name!r}))"
-    done = subprocess.run(
-        [str(folder / "bin" / "python"), "-c", code], capture_output=True, text=True, check=True
-    )
-    return done.stdout.strip()
+    return python(folder, "-c", code).stdout.strip()
 
 
 def table(rows: list[dict[str, Any]]) -> str:
@@ -112,7 +112,7 @@ def main() -> int:
     for name in args.clients:
         print(f"{name} ...", file=sys.stderr, flush=True)
         folder = args.envs.resolve() / name
-        missing = install(name, CLIENTS[name], folder)
+        missing = install(CLIENTS[name], folder)
         if missing:
             nothing = {"version": "", "use": "", "good": 0, "tried": 0}
             rows.append({"name": name, **nothing, "reason": missing})

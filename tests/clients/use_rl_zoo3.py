@@ -31,23 +31,25 @@ def command(*words: str) -> None:
         raise RuntimeError(done.stderr.strip().splitlines()[-1])
 
 
-def train_and_enjoy(env_id: str) -> None:
+def train_and_enjoy(env_id: str, settings: Path, *short: str) -> None:
+    with TemporaryDirectory() as folder:
+        own = ["--algo", "ppo", "--env", env_id, "--gym-packages", "softrobot_env", "-f", folder]
+        how = ["--conf-file", str(settings), "--eval-freq", "-1"]
+        command("rl_zoo3.train", *own, *how, *short)
+        command("rl_zoo3.enjoy", *own, "-n", "20", "--no-render")
+
+
+def use_settings(env_id: str) -> None:
     with TemporaryDirectory() as folder:
         settings = Path(folder) / "settings.yml"
         settings.write_text(SETTINGS.format(env_id=env_id))
-        own = ["--algo", "ppo", "--env", env_id, "--gym-packages", "softrobot_env", "-f", folder]
-        command("rl_zoo3.train", *own, "--conf-file", str(settings), "--eval-freq", "-1")
-        command("rl_zoo3.enjoy", *own, "-n", "20", "--no-render")
+        train_and_enjoy(env_id, settings)
 
 
 def use_example(env_id: str) -> None:
-    with TemporaryDirectory() as folder:
-        own = ["--algo", "ppo", "--env", env_id, "--gym-packages", "softrobot_env", "-f", folder]
-        short = ["-n", "64", "-params", "n_steps:16", "batch_size:16", "n_epochs:1"]
-        settings = ["--conf-file", str(EXAMPLE), "--eval-freq", "-1"]
-        command("rl_zoo3.train", *own, *settings, *short)
-        command("rl_zoo3.enjoy", *own, "-n", "20", "--no-render")
+    short = ["-n", "64", "-params", "n_steps:16", "batch_size:16", "n_epochs:1"]
+    train_and_enjoy(env_id, EXAMPLE, *short)
 
 
-tried("train and enjoy", SIMULATED, train_and_enjoy)
+tried("train and enjoy", SIMULATED, use_settings)
 tried("examples/rl_zoo3_ppo.yml", SOME, use_example)

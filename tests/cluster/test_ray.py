@@ -1,6 +1,5 @@
 """Jobs on a Ray cluster of two nodes of this machine: `make test-cluster`."""
 
-import json
 import os
 import subprocess
 import sys
@@ -10,6 +9,7 @@ from threading import Thread
 
 import numpy as np
 import pytest
+from support.commands import TIMES, rows_in
 
 ray = pytest.importorskip("ray")
 from ray.cluster_utils import Cluster  # noqa: E402
@@ -92,25 +92,13 @@ def test_rows_are_those_of_one_process(two_nodes, tmp_path):
     assert main([*call, str(tmp_path / "alone")]) == 0
     address = two_nodes[0].address
     assert main([*call, str(tmp_path / "ray"), "--workers", f"ray:{address}"]) == 0
-    alone, shared = (
-        json.loads((tmp_path / name / "report.json").read_text())["rows"]
-        for name in ("alone", "ray")
-    )
-    times = {"policy_time_median", "policy_time_p99", "realtime_factor"}
-    assert [{k: v for k, v in row.items() if k not in times} for row in shared] == [
-        {k: v for k, v in row.items() if k not in times} for row in alone
-    ]
+    assert rows_in(tmp_path / "ray", TIMES) == rows_in(tmp_path / "alone", TIMES)
 
 
 # ---------------------------------------------------------------------- trainings
 
 _SETTINGS = ("envs_per_task=1", "drawn_tasks=1", "rollout=16")
 SMALL = ["--start", "none", "--quick", *(word for s in _SETTINGS for word in ("--set", s))]
-
-
-def report(folder):
-    rows = json.loads((folder / "report.json").read_text())["rows"]
-    return [{name: value for name, value in row.items() if name != "minutes"} for row in rows]
 
 
 def test_a_sweep_loses_no_run_with_a_node_and_ends_as_a_local_one(two_nodes, tmp_path):
@@ -130,8 +118,8 @@ def test_a_sweep_loses_no_run_with_a_node_and_ends_as_a_local_one(two_nodes, tmp
     thread.join(1)
     assert not thread.is_alive()
     assert main([*call, str(tmp_path / "alone"), "--workers", "2"]) == 0
-    assert len(report(tmp_path / "ray")) == 4
-    assert report(tmp_path / "ray") == report(tmp_path / "alone")
+    assert len(rows_in(tmp_path / "ray")) == 4
+    assert rows_in(tmp_path / "ray", TIMES) == rows_in(tmp_path / "alone", TIMES)
 
 
 SEARCH = ["tune", "ppo", *SMALL, "--search", "rate=1e-5..1e-2:log", "--trials", "4"]
@@ -163,7 +151,7 @@ def test_a_search_ends_poor_trials_as_halving_does(tmp_path):
     pytest.importorskip("stable_baselines3")
     call = [*SEARCH, "--trials", "6", "--steps", "1500", "--workers", "1"]
     assert main([*call, "--out", str(tmp_path)]) == 0
-    rows = report(tmp_path)
+    rows = rows_in(tmp_path)
     steps = [row["steps"] for row in rows]
     assert steps == pruned_steps([row["curve"] for row in rows], 1500)
     pruned = [row["pruned"] for row in rows]
@@ -174,7 +162,7 @@ def test_a_search_tells_the_best_settings(two_nodes, tmp_path, capsys):
     pytest.importorskip("stable_baselines3")
     call = [*SEARCH, "--steps", "1500", "--out", str(tmp_path)]
     assert main([*call, "--workers", f"ray:{two_nodes[0].address}"]) == 0
-    rows, reported = report(tmp_path), capsys.readouterr().out
+    rows, reported = rows_in(tmp_path), capsys.readouterr().out
     assert [row["trial"] for row in rows] == [1, 2, 3, 4]
     assert len({row["settings"]["rate"] for row in rows}) == 4
     assert all(1e-5 <= row["settings"]["rate"] <= 1e-2 and not row["failure"] for row in rows)
@@ -185,7 +173,7 @@ def test_a_search_tells_the_best_settings(two_nodes, tmp_path, capsys):
 
     words = reported.split("Train with its settings: softrobot ")[1].split()
     assert main([*words, "--workers", "1", "--out", str(tmp_path / "anew")]) == 0
-    (anew,) = report(tmp_path / "anew")
+    (anew,) = rows_in(tmp_path / "anew")
     assert anew["curve"][: len(best["curve"])] == best["curve"]
 
 
@@ -202,7 +190,7 @@ def test_a_search_that_was_killed_goes_on(tmp_path):
         command.kill()
     begun = {path: read(path.parent).curve for path in tmp_path.rglob("checkpoint_before.pt")}
     assert subprocess.run(call, check=False).returncode == 0
-    rows = report(tmp_path)
+    rows = rows_in(tmp_path)
     assert [row["folder"] for row in rows] == [f"trials/trial_{k}" for k in (1, 2, 3, 4)]
     for path, curve in begun.items():
         (row,) = (row for row in rows if row["folder"].endswith(path.parent.name))

@@ -97,14 +97,6 @@ def test_robots_are_drawn_alike_for_every_policy(tmp_path):
     assert {round(100 * v["delay"], 9) for v in drawn[0][1:]} <= {1, 2, 3}
 
 
-@pytest.mark.slow
-def test_a_plant_goes_where_it_can(tmp_path):
-    words = "--robot planar_finger --tasks reach --policies static --duration 0.3 --no-plots"
-    rows = [*evaluated(tmp_path, words), *evaluated(tmp_path, words, "--plant pcc")]
-    assert [row["plant"] for row in rows] == ["mujoco", "pcc"]
-    assert rows[0]["e_final"] == pytest.approx(rows[1]["e_final"], abs=1e-3)
-
-
 def test_list_tells_what_there_is_and_why_not(capsys):
     assert main(["list"]) == 0
     out = capsys.readouterr().out

@@ -90,10 +90,23 @@ def test_a_failed_episode_sets_the_exit_status(tmp_path):
     assert "failed" in (tmp_path / "report.md").read_text()
 
 
-def test_inspect_tells_what_a_scene_leaves_out(capsys):
-    assert main(["inspect", "--task", "swing"]) == 0
+@pytest.mark.parametrize(
+    ("words", "texts"),
+    [
+        (
+            "--task swing",
+            ("12 hinges", "contacts", "constraint solver", "extrapolation", "pair1_up", "µs"),
+        ),
+        (
+            "--rule midpoint --pieces 3 --control-period 0.001",
+            ("3 hinges in 3 pieces, rule midpoint",),
+        ),
+    ],
+)
+def test_inspect_tells_how_a_scene_is_built_and_what_it_leaves_out(words, texts, capsys):
+    assert called("inspect", words) == 0
     out = capsys.readouterr().out
-    for text in ("12 hinges", "contacts", "constraint solver", "extrapolation", "pair1_up", "µs"):
+    for text in texts:
         assert text in out
 
 
@@ -102,11 +115,6 @@ def test_inspect_draws_the_workspace_of_a_robot(tmp_path, capsys):
     assert called("inspect --robot planar_finger --workspace --out", tmp_path / "new") == 0
     assert "ground of tasks" in capsys.readouterr().out
     assert (tmp_path / "new" / "workspace_planar_finger.png").stat().st_size > 10_000
-
-
-def test_inspect_follows_the_scene_options(capsys):
-    assert called("inspect --rule midpoint --pieces 3 --control-period 0.001") == 0
-    assert "3 hinges in 3 pieces, rule midpoint" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("command", [*COMMANDS, *(f"robot {name}" for name in ROBOT_COMMANDS)])

@@ -76,15 +76,6 @@ def test_what_is_evaluated_is_recorded(tmp_path):
     assert len(recording.times) == 11 and recording.kind == "tension"
 
 
-def test_a_real_robot_is_refused_until_its_tendons_are_known(tmp_path, capsys):
-    path = real_recording("ftdcr_v4/train.csv")
-    known = (path, "--robot ftdcr_v4 --header", assets_dir() / "recordings" / "ftdcr_v4.toml")
-    assert called("recording check", *known) == 0
-    assert "1620, mostly 1.747 a second" in capsys.readouterr().out
-    assert called("recording replay", *known, "--out", tmp_path) == 2
-    assert "which tendons the commands drive is not known" in capsys.readouterr().err
-
-
 @pytest.mark.slow
 @pytest.mark.realtime(late=0.9)
 def test_a_virtual_robot_is_recorded_over_its_serial_line(tmp_path):

@@ -107,6 +107,10 @@ CALLS = [
     ("benchmark weight", "speed"),
     ("benchmark speed --workers 2", "runs one job after the other"),
     (f"benchmark speed {FINGER}", "measures its own robots"),
+    ("benchmark accuracy --robot gripper", "give one of its fingers, such as gripper_finger"),
+    ("benchmark laws --robot arm", "--robot goes with accuracy and stability"),
+    ("benchmark accuracy --robot arm --redraw", "leave out --robot"),
+    ("benchmark stability --robot nobody", "choose from "),
     # The rig's tasks and policies, and what others lack.
     ("evaluate --tasks swing --policies hybrid", "for the tasks triangle, rig_circle, reach"),
     ("evaluate --tasks triangle --policies lqi", "for the tasks step, swing"),

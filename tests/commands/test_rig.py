@@ -40,15 +40,6 @@ def test_every_value_of_an_option_is_run(triangle):
     assert {row["robot"] for row in rows} == {"rig"}
 
 
-def test_tracking_errors_are_those_after_the_approach(triangle):
-    out, rows = triangle
-    record = Rollout.load(out / "triangle_1_s_twin_0_hybrid.npz")
-    error = np.linalg.norm((record.tip - record.reference)[:, :2], axis=1)
-    assert rows[0]["e_mean"] == pytest.approx(error.mean())
-    assert rows[0]["e_mean_tracking"] == pytest.approx(error[record.time > 10.0].mean())
-    assert rows[0]["e_max_tracking"] == pytest.approx(error[record.time > 10.0].max())
-
-
 def test_the_report_has_the_thesis_figures_below_ours(triangle):
     text = (triangle[0] / "report.md").read_text()
     one, half = text.split("## triangle 0.5 s")

@@ -1,44 +1,19 @@
 """`softrobot robot`, with boards behind pseudo-terminals."""
 
 import io
-import os
-import select
-import tty
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from support.commands import called
-from support.hardware_boards import Board, FullDisk, LiveBoard
+from support.hardware_boards import FullDisk, Terminal
 
 from softrobot_env.commands.robot.link import open_driver
 from softrobot_env.hardware.protocol.messages import Capability, DeviceState
 from softrobot_env.hardware.robot_file import read_robot_file, rig_file, write_robot_file
+from softrobot_env.hardware.virtual_robot import Core
 
 pytestmark = [pytest.mark.realtime(late=0.9), pytest.mark.usefixtures("patience")]
-
-
-class Terminal(LiveBoard):
-    """A board behind a pseudo-terminal, in real time; its path is `port`."""
-
-    def __init__(self):
-        super().__init__(end=self)
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.port = os.ttyname(self._slave)
-
-    def __exit__(self, *_):
-        super().__exit__()
-        os.close(self._master)
-        os.close(self._slave)
-
-    def read(self, timeout):
-        readable, _, _ = select.select([self._master], [], [], timeout)
-        return os.read(self._master, 4096) if readable else b""
-
-    def write(self, data):
-        os.write(self._master, data)
 
 
 @pytest.fixture
@@ -95,7 +70,7 @@ def calibrated(robot, tmp_path, monkeypatch):
 
 
 def test_calibrate_writes_what_was_found(robot, calibrated, capsys):
-    robot.board.core = Board(capabilities=Capability.SUPPLY).core
+    robot.board.core = Core(capabilities=Capability.SUPPLY)
     status, out = calibrated("t 2\n-1\nzero\nnonsense\n+2\nrest\nwrite\n")
     assert status == 0
     found, before = read_robot_file(out), read_robot_file(Path(robot.file))

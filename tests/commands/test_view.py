@@ -9,11 +9,9 @@ import sys
 import urllib.request
 
 import pytest
-from support.processes import finished
+from support.processes import finished, python
 
 from softrobot_env.cli import main
-
-_PROGRAM = [sys.executable, "-m", "softrobot_env", "view"]
 
 
 def test_without_display_there_is_one_line(monkeypatch, capsys):
@@ -44,32 +42,26 @@ def own_address():
     return None if found.startswith("127.") else found
 
 
+_WEB = "from softrobot_env.cli import main; main(['view', '--robot', 'planar_finger', '--web'])"
+
+
 @pytest.mark.slow
 def test_the_browser_is_served_on_this_machine_alone(tmp_path):
     pytest.importorskip("mujoco.studio.launch_web")
-    with subprocess.Popen(
-        [*_PROGRAM, "--robot", "planar_finger", "--web"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        cwd=tmp_path,
-    ) as running:
-        try:
-            reported = ""
-            while (found := re.search(r"http://127\.0\.0\.1:(\d+)/", reported)) is None:
-                line = running.stdout.readline()
-                assert line, reported
-                reported += line
-            assert "no authentication" in reported
-            port = int(found[1])
-            with urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=20) as page:
-                assert page.status == 200
-            if (address := own_address()) is not None:
-                with socket.socket() as other:
-                    assert other.connect_ex((address, port)) != 0
-        finally:
-            running.terminate()
-            running.communicate(timeout=30)
+    both = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    with python(_WEB, cwd=tmp_path, **both) as running:
+        reported = ""
+        while (found := re.search(r"http://127\.0\.0\.1:(\d+)/", reported)) is None:
+            line = running.stdout.readline()
+            assert line, reported
+            reported += line
+        assert "no authentication" in reported
+        port = int(found[1])
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=20) as page:
+            assert page.status == 200
+        if (address := own_address()) is not None:
+            with socket.socket() as other:
+                assert other.connect_ex((address, port)) != 0
 
 
 @pytest.fixture

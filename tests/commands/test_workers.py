@@ -4,23 +4,15 @@ from dataclasses import dataclass
 from functools import partial
 
 import pytest
-from support.commands import called, rows_in, stopped_after
+from support.commands import TIMES, called, rows_in, stopped_after
 
 from softrobot_env.core.runs import KEPT, Row
 from softrobot_env.core.studies import BENCHMARKS
-
-#: What depends on the machine.
-TIMES = {"policy_time_median", "policy_time_p99", "realtime_factor"}
 
 CALL = (
     "evaluate --tasks step swing --step-widths 0.05 --policies feedforward lqi --duration 0.5 "
     "--no-plots --out"
 )
-
-
-def rows(folder):
-    found = rows_in(folder)
-    return [{name: row[name] for name in row.keys() - TIMES} for row in found]
 
 
 @pytest.mark.slow
@@ -32,7 +24,7 @@ def test_rows_of_several_processes_are_those_of_one(tmp_path, capsys):
     capsys.readouterr()
     assert called(CALL, shared, "--workers 1") == 0
     assert "Took up 2 episodes" in capsys.readouterr().out
-    assert rows(shared) == rows(alone)
+    assert rows_in(shared, TIMES) == rows_in(alone, TIMES)
     assert not (shared / KEPT).exists()
 
 

@@ -74,7 +74,7 @@ def test_stiffness_is_found_within_a_few_milliseconds_of_the_start():
 
 def test_constant_forces_are_found():
     force = 0.02 * np.array([1.0, -1.0, 0.5, 0.5, -0.3, 0.2])
-    states = simulate(1.0, force, lambda t: np.array([5.0, 5.0, 5.0]), 3.0, np.zeros(6))
+    states = simulate(1.0, force, lambda t: np.array([5.0, 5.0, 5.0]), 1.5, np.zeros(6))
     _, found = estimate(states, lambda t: np.array([5.0, 5.0, 5.0]), False)
     np.testing.assert_allclose(found, force, atol=1e-5)
 

@@ -11,7 +11,6 @@ from support.derivatives import differences
 from softrobot_env.beams import planar_arm
 from softrobot_env.beams.model import State
 from softrobot_env.beams.pcc import PCC
-from softrobot_env.control.linear_quadratic import BoundedSolver
 from softrobot_env.control.registry import make_policy
 from softrobot_env.robots import ARM
 from softrobot_env.robots.actuation import TendonMap
@@ -231,26 +230,6 @@ def test_cost_never_increases(settings, seed):
     assert optimum.failure is None
     assert len(optimum.costs) > 2 and np.all(np.diff(optimum.costs) <= 0)
     assert np.abs(optimum.last.inputs).max() <= 20.0 + 1e-12
-
-
-def test_bounded_program_against_its_conditions():
-    """At the optimum the gradient vanishes inside the bounds and points outwards on them.
-
-    Where none is found, there is none.
-    """
-    rng = np.random.default_rng(0)
-    root = rng.normal(size=(8, 8))
-    hessian, gradient = root @ root.T + 0.1 * np.eye(8), 3 * rng.normal(size=8)
-    lower, upper = -np.full(8, 0.5), np.full(8, 0.3)
-    solve = BoundedSolver()
-    x = solve(hessian, gradient, lower, upper)
-    slope = hessian @ x + gradient
-    low, high = x < lower + 1e-9, x > upper - 1e-9
-    inside = ~(low | high)
-    assert 0 < inside.sum() < 8
-    np.testing.assert_allclose(slope[inside], 0.0, atol=1e-9)
-    assert np.all(slope[low] > 0) and np.all(slope[high] < 0)
-    assert solve(hessian, np.nan * gradient, lower, upper) is None
 
 
 @pytest.mark.parametrize(

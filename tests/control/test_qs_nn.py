@@ -1,9 +1,6 @@
 """The quasi-static controller with the weights that the package ships."""
 
-from dataclasses import replace
-
 import numpy as np
-import pytest
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.cli import main
@@ -15,15 +12,6 @@ from softrobot_env.thesis.arm import quasi_static
 from softrobot_env.thesis.arm.qs_nn import QuasiStaticNetwork
 
 WEIGHTS = models_dir() / "qs_nn.npz"
-
-
-def test_other_robots_and_missing_files_are_refused(tmp_path):
-    with pytest.raises(ValueError, match="softrobot train qs_nn"):
-        QuasiStaticNetwork(ARM.vary(youngs_modulus=0.5), 0.2)
-    with pytest.raises(ValueError, match="'other'"):
-        QuasiStaticNetwork(replace(ARM, name="other"), 0.2)
-    with pytest.raises(FileNotFoundError, match="softrobot train qs_nn"):
-        QuasiStaticNetwork(ARM, 0.2, tmp_path / "none.npz")
 
 
 def test_training_command_writes_what_the_policy_loads(tmp_path, capsys, monkeypatch):

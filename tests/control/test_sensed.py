@@ -110,14 +110,14 @@ def test_sensors_are_read_while_the_policy_holds_its_action():
 def test_what_sensors_do_not_tell_is_refused():
     with pytest.raises(ValueError, match="reads none of tip_position"):
         Sensed(make_policy("rig_nn", RIG, 0.02), KNOWN, 0.02)
-    policy = Shown()
-    policy.requires = (TIP, "curvature")
-    with pytest.raises(ValueError, match="reads curvature, the sensors were calibrated to tell"):
-        Sensed(policy, KNOWN, 0.02)
-    policy = Shown()
-    policy.sizes = {**Shown.sizes, TIP: 3}
-    with pytest.raises(ValueError, match="reads 3 entries of tip_position"):
-        Sensed(policy, KNOWN, 0.02)
+    for asked, said in (
+        ({"requires": (TIP, "curvature")}, "reads curvature, the sensors were calibrated to tell"),
+        ({"sizes": {**Shown.sizes, TIP: 3}}, "reads 3 entries of tip_position"),
+    ):
+        policy = Shown()
+        vars(policy).update(asked)
+        with pytest.raises(ValueError, match=said):
+            Sensed(policy, KNOWN, 0.02)
 
 
 def test_policies_by_name_are_given_the_shipped_calibration():

@@ -53,22 +53,32 @@ def test_an_error_names_the_file_that_was_asked_for(tmp_path):
         write_text(tmp_path / "file" / "a.txt", "")
 
 
-def test_nothing_else_writes_files():
-    """But logs of lines, which grow while robots run, locks, and what `atomic_write` is round."""
-    writes = re.compile(r'\.write_text\(|\.write_bytes\(|savez\w*\(|"wb"|"w"|"xb"')
+#: But logs of lines, which grow while robots run, locks, and what `atomic_write` is round.
+WRITERS = {
+    "core/artifacts.py",
+    "core/files.py",
+    "hardware/transport.py",
+    "compile/cache.py",
+    "recordings/columns.py",
+    "training/several/runs.py",
+}
+
+
+@pytest.mark.parametrize(
+    ("pattern", "places"),
+    [
+        (r'\.write_text\(|\.write_bytes\(|savez\w*\(|"wb"|"w"|"xb"', WRITERS),
+        (r"softrobot_env\[", set()),
+    ],
+    ids=["files", "hints what to install"],
+)
+def test_nothing_else_writes(pattern, places):
     found = {
         path.relative_to(PACKAGE).as_posix()
         for path in PACKAGE.rglob("*.py")
-        if writes.search(path.read_text())
+        if re.search(pattern, path.read_text())
     }
-    assert found == {
-        "core/artifacts.py",
-        "core/files.py",
-        "hardware/transport.py",
-        "compile/cache.py",
-        "recordings/columns.py",
-        "training/several/runs.py",
-    }
+    assert found == places
 
 
 # ---------------------------------------------------------------- folders
@@ -159,12 +169,3 @@ def test_from_sources_it_installs_those(monkeypatch):
 
     monkeypatch.setattr(extras, "requires", unknown)
     assert install_command("rl", "mpc") == 'pip install -e ".[rl,mpc]"'
-
-
-def test_no_other_hint_is_written():
-    wrong = [
-        path.name
-        for path in (ROOT / "softrobot_env").rglob("*.py")
-        if "softrobot_env[" in path.read_text() and path.name != "extras.py"
-    ]
-    assert not wrong

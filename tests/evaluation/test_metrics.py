@@ -32,21 +32,29 @@ def test_second_order_step_response(zeta):
     assert envelope - swing < metrics.settling_time <= envelope
 
 
-def test_first_order_rise_and_settling_times():
+@pytest.mark.parametrize(
+    ("response", "rise", "settling", "left"),
+    [
+        (lambda t: 1 - np.exp(-t / 2), 2 * np.log(9), 2 * np.log(50), 0),
+        # Rise and settling refer to the steady-state value, so they do not change.
+        (lambda t: 0.95 * (1 - np.exp(-t)), np.log(9), np.log(50), 0.05),
+        (lambda t: 0 * t, None, None, 1),
+    ],
+    ids=["first order", "a part of the step", "never moves"],
+)
+def test_step_responses(response, rise, settling, left):
     time = np.arange(0, 60, 0.05)
-    metrics = step_metrics(time, along(1 - np.exp(-time / 2)), TARGET)
+    metrics = step_metrics(time, along(response(time)), TARGET)
     # Linear interpolation on a curve of curvature 1/4 1/s2 errs by less than 1e-3 s.
-    assert metrics.rise_time == pytest.approx(2 * np.log(9), abs=2e-3)
-    assert metrics.settling_time == pytest.approx(2 * np.log(50), abs=2e-3)
-    assert metrics.overshoot == pytest.approx(0, abs=1e-9)
+    assert metrics.rise_time == pytest.approx(rise, abs=2e-3)
+    assert metrics.settling_time == pytest.approx(settling, abs=2e-3)
+    assert metrics.overshoot == (None if rise is None else pytest.approx(0, abs=1e-9))
+    assert metrics.steady_state_error == pytest.approx(left, abs=1e-9)
 
 
-def test_steady_state_error_is_relative_to_the_step():
-    time = np.arange(0, 60, 0.05)
-    metrics = step_metrics(time, along(0.95 * (1 - np.exp(-time))), TARGET)
-    assert metrics.steady_state_error == pytest.approx(0.05, abs=1e-9)
-    # Rise and settling refer to the steady-state value, so they do not change.
-    assert metrics.rise_time == pytest.approx(np.log(9), abs=2e-3)
+def test_a_response_that_keeps_swinging_has_no_settling_time():
+    time = np.arange(0, 30, 0.05)
+    assert step_metrics(time, along(1 - np.cos(3 * time)), TARGET).settling_time is None
 
 
 def test_motion_across_the_step_does_not_count():
@@ -54,19 +62,6 @@ def test_motion_across_the_step_does_not_count():
     across = np.outer(0.01 * np.sin(time), [0.8, 0.0, 0.6])  # normal to the way
     tip = along(1 - np.exp(-time)) + across
     assert step_metrics(time, tip, TARGET).overshoot == pytest.approx(0, abs=1e-9)
-
-
-def test_a_response_that_keeps_swinging_has_no_settling_time():
-    time = np.arange(0, 30, 0.05)
-    metrics = step_metrics(time, along(1 - np.cos(3 * time)), TARGET)
-    assert metrics.settling_time is None
-
-
-def test_a_tip_that_never_moves():
-    time = np.arange(0, 5, 0.1)
-    metrics = step_metrics(time, along(np.zeros_like(time)), TARGET)
-    assert (metrics.rise_time, metrics.settling_time, metrics.overshoot) == (None, None, None)
-    assert metrics.steady_state_error == 1
 
 
 def test_tracking_metrics():

@@ -129,18 +129,3 @@ def test_a_robot_of_ones_own_is_measured(tmp_path, friction):
             beams = set() if friction else {"pcc", "cosserat"}
             assert measured == {"mujoco_chain"} | beams
             assert friction == 0 or any("no friction" in (row["note"] or "") for row in rows)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["accuracy", "--robot", "gripper"], "give one of its fingers, such as gripper_finger"),
-        (["laws", "--robot", "arm"], "--robot goes with accuracy and stability"),
-        (["accuracy", "--robot", "arm", "--redraw"], "leave out --robot"),
-        (["stability", "--robot", "nobody"], "choose from "),
-    ],
-)
-def test_what_cannot_be_measured_is_refused(arguments, message, tmp_path, capsys):
-    assert main(["benchmark", *arguments, "--out", str(tmp_path)]) != 0
-    assert message in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())

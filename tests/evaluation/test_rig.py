@@ -101,12 +101,6 @@ def test_reports_say_of_which_other_rig_policies_have_parameters(plant, driven, 
     assert episodes.notes([values, values]) == said * other
 
 
-def test_a_failed_row_of_the_rig_has_no_metrics():
-    values = row(record(TASK, 9.0, failure="diverged"))
-    assert values["e_mean"] is None
-    assert "triangle 1 s, hybrid twin 0 failed: diverged" in episodes.failures([values])
-
-
 @pytest.fixture
 def drawn(monkeypatch):
     """Figures in place of files, by name."""

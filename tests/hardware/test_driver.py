@@ -31,41 +31,18 @@ def live():
         yield board
 
 
-class Breakable:
-    """A transport that breaks when told to.
+def breaks(error):
+    """What takes the place of reading or writing on a line that is broken."""
 
-    Attributes:
-        deaf, dumb: What reading or writing raises, None where it works.
-        closed: How often it was closed.
-    """
+    def act(*_):
+        raise error
 
-    def __init__(self, transport):
-        self._transport = transport
-        self.deaf = self.dumb = None
-        self.closed = 0
-
-    def read(self, timeout):
-        if self.deaf:
-            raise self.deaf
-        return self._transport.read(timeout)
-
-    def write(self, data):
-        if self.dumb:
-            raise self.dumb
-        self._transport.write(data)
-
-    def close(self):
-        self.closed += 1
+    return act
 
 
 @pytest.fixture
-def transport(live):
-    return Breakable(live.transport)
-
-
-@pytest.fixture
-def driver(transport):
-    with Driver(PATIENT, transport) as found:
+def driver(live):
+    with Driver(PATIENT, live.transport) as found:
         found.connect()
         yield found
 
@@ -138,8 +115,8 @@ def test_a_fault_whose_cause_is_there_cannot_be_cleared(live, driver):
         driver.clear()
 
 
-def test_what_breaks_while_listening_is_raised_by_the_next_call(transport, armed):
-    transport.deaf = LinkError("/dev/robot has gone")
+def test_what_breaks_while_listening_is_raised_by_the_next_call(live, armed):
+    live.transport.read = breaks(LinkError("/dev/robot has gone"))
     with pytest.raises(LinkError, match="/dev/robot has gone"):
         armed.wait_for(armed.command(HERE) + 1, time.monotonic() + 1)
     with pytest.raises(LinkError, match="/dev/robot has gone"):
@@ -169,11 +146,11 @@ def test_a_pace_does_not_wait_for_a_silent_robot(live, armed):
             armed.pace(HERE, time.monotonic() + 0.02)
 
 
-def test_closing_stops_the_robot_and_happens_once(live, transport, armed):
+def test_closing_stops_the_robot_and_happens_once(live, armed):
     armed.close()
     assert not live.board.core.outputs.powered
     armed.close()
-    assert transport.closed == 1
+    assert live.transport.closed == 1
     with pytest.raises(LinkError, match="closed"):
         armed.connect()
 
@@ -187,10 +164,10 @@ def test_closing_a_dead_robot_is_bounded(live, armed):
 @pytest.mark.parametrize(
     "error", [LinkError("cannot write to /dev/robot"), OSError("no such device")], ids=repr
 )
-def test_closing_goes_on_when_a_stage_fails(transport, armed, error):
-    transport.dumb = error
+def test_closing_goes_on_when_a_stage_fails(live, armed, error):
+    live.transport.write = breaks(error)
     armed.close()
-    assert transport.closed
+    assert live.transport.closed
 
 
 FORKED = """

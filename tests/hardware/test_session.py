@@ -6,7 +6,7 @@ from zlib import crc32
 
 import numpy as np
 import pytest
-from support.hardware_boards import PASS, Bench, Board, state
+from support.hardware_boards import PASS, Bench, state
 
 from softrobot_env.hardware.errors import (
     ProtocolMismatchError,
@@ -18,6 +18,7 @@ from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.messages import Decoder, encode
 from softrobot_env.hardware.protocol.session import DeviceClock, LinkCounters, Phase
 from softrobot_env.hardware.robot_file import Supervision, rig_file, virtual_file
+from softrobot_env.hardware.virtual_robot import Core
 
 HERE = [0.0, 0.0, 0.0]
 
@@ -163,7 +164,7 @@ def test_a_stop_ramps_and_ends_the_session(armed):
 
 
 def test_a_restart_in_a_session_is_told_and_never_armed_again(armed):
-    armed.board.core = Board(boot_id=2, reset_cause=m.Reset.BROWN_OUT).core
+    armed.board.core = Core(boot_id=2, reset_cause=m.Reset.BROWN_OUT)
     with pytest.raises(SessionLostError, match=r"cause: brown-out; boot 00000001, now 00000002"):
         armed.run(0.2)
     with pytest.raises(SessionLostError, match="call connect"):

@@ -1,12 +1,10 @@
 """Serial ports, as pseudo-terminals."""
 
-import os
 import struct
-import tty
 from itertools import count
 
 import pytest
-from support.hardware_boards import FullDisk, MemoryTransport
+from support.hardware_boards import FullDisk, MemoryTransport, Terminal
 
 from softrobot_env.hardware import transport
 from softrobot_env.hardware.errors import LinkError
@@ -24,34 +22,30 @@ from softrobot_env.hardware.transport import (
 
 @pytest.fixture
 def terminal():
-    """Both ends of a pseudo-terminal: a file descriptor and a path."""
-    master, slave = os.openpty()
-    tty.setraw(slave)
-    yield master, os.ttyname(slave)
-    for end in (master, slave):
-        os.close(end)
+    found = Terminal()
+    yield found
+    found.hang_up()
 
 
 @pytest.fixture
 def port(terminal):
-    found = SerialTransport(terminal[1], 500000)
+    found = SerialTransport(terminal.port, 500000)
     yield found
     found.close()
 
 
 def test_bytes_go_both_ways_over_a_serial_port(terminal, port):
-    master, _ = terminal
     assert port.read(0.01) == b""
     port.write(b"to robot")
-    assert os.read(master, 100) == b"to robot"
-    os.write(master, b"from robot")
+    assert terminal.read(1.0) == b"to robot"
+    terminal.write(b"from robot")
     assert port.read(1.0) == b"from robot"
     port.close()  # and once more at the end
 
 
 def test_a_port_is_for_one_program(terminal, port):
-    with pytest.raises(LinkError, match=f"cannot open {terminal[1]}: another program drives"):
-        SerialTransport(terminal[1], 500000)
+    with pytest.raises(LinkError, match=f"cannot open {terminal.port}: another program drives"):
+        SerialTransport(terminal.port, 500000)
 
 
 def test_a_process_that_slept_while_it_wrote_has_written(terminal, port, monkeypatch):
@@ -60,7 +54,7 @@ def test_a_process_that_slept_while_it_wrote_has_written(terminal, port, monkeyp
     with monkeypatch.context() as busy:
         busy.setattr(transport, "monotonic", lambda: next(times))
         port.write(b"to robot")
-    assert os.read(terminal[0], 100) == b"to robot"
+    assert terminal.read(1.0) == b"to robot"
 
 
 def test_a_write_that_nobody_reads_times_out(port):
@@ -68,15 +62,10 @@ def test_a_write_that_nobody_reads_times_out(port):
         port.write(bytes(1 << 20))
 
 
-def test_a_hang_up_is_reported():
-    master, slave = os.openpty()
-    tty.setraw(slave)
-    port = SerialTransport(os.ttyname(slave), 500000)
-    os.close(slave)
-    os.close(master)
+def test_a_hang_up_is_reported(terminal, port):
+    terminal.hang_up()
     with pytest.raises(LinkError, match="has gone"):
         port.read(0.5)
-    port.close()
 
 
 # ----------------------------------------------------------------

@@ -59,17 +59,15 @@ def test_a_twisted_shape_in_space_against_exponentials():
     np.testing.assert_allclose(angles[0, 0], [local[1], -local[0]], atol=1e-12)
 
 
-def test_many_robots_are_as_one_and_turning_the_robot_turns_its_angles():
+def test_turning_the_robot_turns_its_angles():
     rng = np.random.default_rng(2)
     edges = np.linspace(0, 0.1, 6)
     strain = rng.uniform(-6, 6, (3, 5, 3)) * [1, 1, 0]
     places = Places(edges, [(0.0, 0.05, 0.1)], [(0.0, 0.1)])
-    every, _ = places.turns(strain)
-    for one, angle in zip(strain, every, strict=True):
-        np.testing.assert_array_equal(places.turns(one[None])[0][0], angle)
     turned = strain.copy()
     spin = Rotation.from_euler("z", 0.7).as_matrix()[:2, :2]
     turned[..., :2] = strain[..., :2] @ spin.T
+    every, _ = places.turns(strain)
     np.testing.assert_allclose(places.turns(turned)[0], every @ spin.T, atol=1e-13)
 
 

@@ -1,11 +1,16 @@
 """Boards without a robot: the firmware's core with servos that go where they are driven."""
 
 import errno
+import os
+import select
 import threading
 import time
+import tty
+from contextlib import suppress
 from queue import Empty, SimpleQueue
 
 import numpy as np
+from support.rough_lines import Line
 
 from softrobot_env.hardware.errors import LinkError
 from softrobot_env.hardware.protocol import messages as m
@@ -33,8 +38,8 @@ class Board:
         supply: [mV].
     """
 
-    def __init__(self, boot_id=1, **options):
-        self.core = Core(boot_id=boot_id, **options)
+    def __init__(self, core=None):
+        self.core = core or Core(boot_id=1)
         self.position = (0, 0, 0)
         self.stuck = None
         self.force = (0, 0, 0)
@@ -59,31 +64,34 @@ class Board:
 
 
 class Bench:
-    """A session and a board on one virtual clock, in one thread.
+    """A session and a board behind two lines on one virtual clock, in one thread.
 
     Attributes:
-        cut: Whether what either side says is lost.
+        up, down: The lines to and from the board.
+        asleep: Whether the board's program stands still.
+        reads: Whether the host takes what the board sends.
     """
 
-    def __init__(self, robot=None, board=None, start=10.0):
+    def __init__(self, robot=None, board=None, start=10.0, seed=0):
         self.robot = robot or rig_file()
         self.board = board or Board()
         self.session = Session(self.robot, nonce=77)
-        self.now, self.cut = start, False
+        self.up, self.down = Line(seed), Line(seed + 1)
+        self.now, self.asleep, self.reads = start, False, True
 
     def say(self, frame: bytes, wait: float = 0.0):
-        if not self.cut:
-            self.board.core.receive(frame)
+        self.up.put(frame, self.now)
         self.run(wait)
 
     def run(self, duration: float):
         for _ in range(max(1, round(duration / PASS))):
             self.now += PASS
-            self.board.run(self.now)
-            data = self.board.core.transmit()
-            reply = b"" if self.cut else self.session.receive(data, self.now)
-            if reply:
-                self.board.core.receive(reply)
+            self.board.core.receive(self.up.take(self.now))
+            if not self.asleep:
+                self.board.run(self.now)
+            if self.reads:
+                self.down.put(self.board.core.transmit(), self.now)
+            self.up.put(self.session.receive(self.down.take(self.now), self.now), self.now)
 
     def connect(self):
         self.say(self.session.hello(), 0.01)
@@ -133,11 +141,15 @@ class FullDisk:
 
 
 class MemoryTransport:
-    """One end of a pair of queues; see `transport.Transport`."""
+    """One end of a pair of queues; see `transport.Transport`.
+
+    Attributes:
+        closed: How often it was closed.
+    """
 
     def __init__(self, incoming, outgoing):
         self._incoming, self._outgoing = incoming, outgoing
-        self._closed = False
+        self.closed = 0
 
     @classmethod
     def pair(cls):
@@ -157,10 +169,10 @@ class MemoryTransport:
         self._outgoing.put(data)
 
     def close(self):
-        self._closed = True
+        self.closed += 1
 
     def _check_open(self):
-        if self._closed:
+        if self.closed:
             raise LinkError("this end is closed")
 
 
@@ -195,11 +207,86 @@ class LiveBoard:
 
     def _serve(self):
         while not self._over.is_set():
-            data = self._end.read(PASS)
-            if not self.alive.is_set():
-                continue
-            self.board.core.receive(data)
+            if not self.alive.wait(PASS):
+                continue  # what the host sends waits
+            self.board.core.receive(self._end.read(PASS))
             self.board.run(time.monotonic())
             sent = self.board.core.transmit()
             if sent:
                 self._end.write(sent)
+
+
+class Terminal(LiveBoard):
+    """A board behind a pseudo-terminal, in real time.
+
+    Attributes:
+        port: Path that the host opens; another one after `open`.
+        ends: The board's end and the host's, which stays open so that a host may come and go; none
+            after `hang_up`.
+    """
+
+    def __init__(self, board=None):
+        super().__init__(board, end=self)
+        self.open()
+
+    def open(self):
+        self.ends = master, slave = os.openpty()
+        tty.setraw(slave)
+        os.set_blocking(master, False)
+        self.port = os.ttyname(slave)
+
+    def hang_up(self):
+        for end in self.ends:
+            os.close(end)
+        self.ends = ()
+
+    def __exit__(self, *_):
+        super().__exit__()
+        self.hang_up()
+
+    def read(self, timeout):
+        readable, _, _ = select.select(self.ends[:1], [], [], timeout)
+        return os.read(self.ends[0], 4096) if readable else b""
+
+    def write(self, data):
+        with suppress(BlockingIOError):  # what a host has no room for is lost
+            os.write(self.ends[0], data)
+
+
+class RoughTerminal(Terminal):
+    """A board behind a pseudo-terminal that can be unplugged, and behind a line in each direction.
+
+    Attributes:
+        to_robot, from_robot: The lines.
+        reads: Cleared for a peer that does not take what the host writes.
+    """
+
+    def __init__(self, board=None, seed=0):
+        super().__init__(board)
+        self.to_robot, self.from_robot = Line(seed), Line(seed + 1)
+        self.reads, self._plugging = threading.Event(), threading.Lock()
+        self.reads.set()
+
+    def unplug(self):
+        """Hang up on the host."""
+        with self._plugging:
+            self.hang_up()
+
+    def plug(self):
+        """Open a new port for the host."""
+        with self._plugging:
+            self.open()
+
+    def read(self, timeout):
+        with self._plugging:
+            if self.ends:
+                super().write(self.from_robot.take(time.monotonic()))
+            listening = self.ends and self.reads.is_set()
+            arrived = super().read(timeout) if listening else b""
+        if not listening:
+            time.sleep(timeout)
+        self.to_robot.put(arrived, time.monotonic())
+        return self.to_robot.take(time.monotonic())
+
+    def write(self, data):
+        self.from_robot.put(data, time.monotonic())

@@ -1,11 +1,14 @@
 """What a robot may do, stated a second time: a witness that judges every pass of its program."""
 
+from zlib import crc32
+
 from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.messages import Decoder
+from softrobot_env.hardware.protocol.messages import HEADER_SIZE, Decoder
 from softrobot_env.hardware.virtual_robot import Core, Measured, Outputs
 
 _CLOCK, _SEQ = 1 << 32, 1 << 16
 _MILLION = 10**6
+_LONGEST = 50_000  # µs, that a program which was stuck catches up
 
 
 class Permission:
@@ -63,10 +66,13 @@ class Witness:
 
     Attributes:
         followed: Time [µs] and target of every set-point that counted.
+        blind: Whether the device does not measure lengths: servos are where they were last driven.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, blind: bool = False) -> None:
+        self.blind = blind
         self.followed: list[tuple[int, tuple[int, ...]]] = []
+        self._known: dict[int, m.Config] = {}  # those that arrived, by their checksum
         self._config: m.Config | None = None
         self._permission: Permission | None = None
         self._now = 0
@@ -84,12 +90,14 @@ class Witness:
         elapsed, self._now = (now - self._now) % _CLOCK, now
         self._expire()
         self._check_limits(after)
-        if before.powered:
+        driven = before.powered and after.powered
+        if driven:
             self._check_motion(before.applied, after.applied, elapsed)
-        first = self._follow(arrived, measured, before.powered)
+        present = before.applied if self.blind else measured.length
+        first = self._follow(arrived, None if before.powered else present, driven)
         if after.powered and not before.powered:
             assert first, "power without a set-point"
-            assert after.applied == self._inside(measured.length)
+            assert after.applied == self._inside(present)
         if after.state not in (m.DeviceState.ARMED, m.DeviceState.RUNNING):
             self._permission = None
 
@@ -119,25 +127,33 @@ class Witness:
             way, moved = goal[i] - start, end - start
             assert min(0, way) <= moved <= max(0, way), f"tendon {i} went {moved} of {way}"
             speed = config.slew[i] if follows else min(config.ramp, config.slew[i])
-            left = self._carry[i] + speed * elapsed - _MILLION * abs(moved)
+            left = self._carry[i] + speed * min(elapsed, _LONGEST) - _MILLION * abs(moved)
             assert left >= 0, f"tendon {i} went {moved} in {elapsed} µs"
             self._carry[i] = min(left, _MILLION)
 
-    def _follow(self, arrived, measured, powered: bool) -> bool:
-        """Take in messages; whether one of them may switch the power on."""
+    def _follow(self, arrived, present, driven: bool) -> bool:
+        """Take in messages; whether one of them may switch the power on.
+
+        Args:
+            arrived: Messages and their numbers.
+            present: Where the servos are, near which a set-point must be; None with power.
+            driven: Whether there was power all the time, so that nothing can be armed.
+        """
         first = False
         for message, seq in arrived:
             match message:
-                case m.Config() if not powered:
-                    self._config = message
-                case m.Arm() if self._permission is None:
-                    self._permission = Permission(message.session)
+                case m.Config():
+                    self._known[crc32(m.pack(message, 0)[HEADER_SIZE:])] = message
+                case m.Arm() if not driven and message.config_crc in self._known:
+                    self._permission = self._permission or Permission(message.session)
+                    self._config = self._known[message.config_crc]
                 case m.Hello() | m.EStop():
                     self._permission = None
                 case m.Stop() | m.Disarm() if self._is_ours(message):
                     self._permission = None
                 case m.Setpoint() if self._is_ours(message):
-                    first |= self._allow(message, seq) and self._is_near(message, measured)
+                    if present is None or self._is_near(message, present):
+                        first |= self._allow(message, seq)
         return first
 
     def _is_ours(self, message) -> bool:
@@ -149,8 +165,8 @@ class Witness:
             self.followed.append((self._now, setpoint.target))
         return counts
 
-    def _is_near(self, setpoint: m.Setpoint, measured) -> bool:
-        pairs = zip(setpoint.target, measured.length, strict=True)
+    def _is_near(self, setpoint: m.Setpoint, present) -> bool:
+        pairs = zip(setpoint.target, present, strict=True)
         return all(abs(a - b) <= self._config.arm_window for a, b in pairs)
 
     def _inside(self, length) -> tuple[int, ...]:
@@ -173,7 +189,8 @@ class WatchedCore(Core):
 
     def __init__(self, **options) -> None:
         super().__init__(**options)
-        self.witness = Witness()
+        blind = not options.get("capabilities", m.Capability.LENGTH) & m.Capability.LENGTH
+        self.witness = Witness(blind)
         self.heard: list[m.Message] = []
         self.adc: tuple[int, int, int, int] | None = None
         self._decoder, self._arrived = Decoder(), []

@@ -3,15 +3,15 @@
 from contextlib import suppress
 
 import numpy as np
-from support.hardware_boards import PASS, Bench, Board
+from support.hardware_boards import Bench, Board
 from support.output_witness import WatchedCore
-from support.serial_proxy import Harm, Line
+from support.rough_lines import Harm
 
 from softrobot_env.hardware.errors import RobotError
 from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.robot_file import virtual_file
 
-HERE, THERE, FAR = (0.0, 0.0, 0.0), (8e-3, -4e-3, 0.0), (25e-3, 0.0, 0.0)
+HERE, THERE = (0.0, 0.0, 0.0), (8e-3, -4e-3, 0.0)
 PERIOD = 0.02  # s
 
 ROBOT = virtual_file()
@@ -20,22 +20,11 @@ STOPPED = ROBOT.watchdog + max(THERE) / ROBOT.ramp + 0.01
 
 
 class Rough(Bench):
-    """A bench whose lines do harm, and whose board is watched; running.
-
-    Attributes:
-        up, down: The lines to and from the board.
-        asleep: Whether the board's program stands still.
-        reads: Whether the host takes what the board sends.
-    """
+    """A bench that runs, whose lines may do harm, and whose board is watched."""
 
     def __init__(self, robot=ROBOT, seed=0):
-        board = Board()
-        board.core = WatchedCore()
-        super().__init__(robot, board)
-        self.up, self.down = Line(seed), Line(seed + 1)
-        self.asleep, self.reads = False, True
-        self.connect()
-        self.arm()
+        super().__init__(robot, Board(core=WatchedCore()), seed=seed)
+        self.start()
 
     @property
     def core(self):
@@ -44,20 +33,6 @@ class Rough(Bench):
     @property
     def out(self):
         return self.core.outputs
-
-    def say(self, frame, wait=0.0):
-        self.up.put(frame, self.now)
-        self.run(wait)
-
-    def run(self, duration):
-        for _ in range(max(1, round(duration / PASS))):
-            self.now += PASS
-            self.core.receive(self.up.take(self.now))
-            if not self.asleep:
-                self.board.run(self.now)
-            if self.reads:
-                self.down.put(self.core.transmit(), self.now)
-            self.up.put(self.session.receive(self.down.take(self.now), self.now), self.now)
 
     def drive(self, length, duration):
         """Command a length, period by period, whatever the robot says."""

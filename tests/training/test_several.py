@@ -6,7 +6,7 @@ from functools import partial
 from time import monotonic, sleep
 
 import pytest
-from support.commands import called, rows_in, stopped_after
+from support.commands import TIMES, called, rows_in, stopped_after
 
 from softrobot_env.core.runs import KEPT, Kept, run_cases
 from softrobot_env.robots import ARM
@@ -119,11 +119,6 @@ def test_tables_and_curves(orders, tmp_path):
     assert (tmp_path / "curves.png").stat().st_size > 1000
 
 
-def rows(folder):
-    found = rows_in(folder)
-    return [{name: value for name, value in row.items() if name != "minutes"} for row in found]
-
-
 @pytest.mark.slow
 def test_a_sweep_that_was_stopped_goes_on_and_ends_as_one_that_was_not(tmp_path, capsys):
     pytest.importorskip("stable_baselines3")
@@ -134,7 +129,7 @@ def test_a_sweep_that_was_stopped_goes_on_and_ends_as_one_that_was_not(tmp_path,
     capsys.readouterr()
     assert called(call, tmp_path / "stopped") == 0
     assert "Took up 1 runs" in capsys.readouterr().out
-    assert rows(tmp_path / "stopped") == rows(tmp_path / "whole")
+    assert rows_in(tmp_path / "stopped", TIMES) == rows_in(tmp_path / "whole", TIMES)
     for name in ("seed_0/ppo.npz", "seed_1/ppo.npz", "report.md", "curves.png"):
         assert (tmp_path / "stopped" / name).is_file()
 
@@ -143,7 +138,7 @@ def test_a_sweep_that_was_stopped_goes_on_and_ends_as_one_that_was_not(tmp_path,
 def test_seeds_of_other_trainings(tmp_path, capsys):
     assert called("train qs_nn --quick --seeds 0,4 --workers 2 --out", tmp_path) == 0
     assert "rms error, fresh data" in capsys.readouterr().out
-    first, second = rows(tmp_path)
+    first, second = rows_in(tmp_path)
     assert first["figures"] != second["figures"] and first["reward"] is None
 
 

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import gymnasium
 import mujoco
 import numpy as np
 import pytest
@@ -61,18 +60,6 @@ def test_a_height_of_its_own_is_met_where_inputs_are_left():
         lifted = observation | {"reference": observation["reference"] + [0.0, 0.0, 2e-3]}
         _, state = policy.predict(lifted, state)
         assert state.status == (None if free else REASONS[UNREACHABLE])
-
-
-def test_an_environment_says_robot_and_period():
-    env = gymnasium.make("SoftRobot/Track-v0", robot="planar_finger", control_period=0.02)
-    policy = make_policy("static", env)
-    observation, _ = env.reset(seed=0)
-    action, state = policy.predict(observation)
-    assert state.status is None
-    *_, info = env.step(action)
-    assert info["error"] < 0.01
-    with pytest.raises(ValueError, match="control_period"):
-        make_policy("static", find_robot("planar_finger"))
 
 
 PERIOD = 0.01

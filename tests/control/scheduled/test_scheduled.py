@@ -172,13 +172,15 @@ def test_lqi_has_no_offset(points):
     assert mean_error(policy, FINGER, vary={"youngs_modulus": 0.75}) < 2e-3 * FINGER.reach
 
 
-def test_servos_are_not_asked_for_more_than_their_speed(rod_table):
+@pytest.mark.parametrize("kind", ["lq_preview", "mpc"])
+def test_servos_are_not_asked_for_more_than_their_speed(kind, rod_table, law):
     """Far off the reference, every command is one that the servos reach in its period."""
-    timing, scale = timing_of(ROD), robot_inputs(ROD).input_scale
-    policy, said = LQPreview(ROD, timing.period, rod_table), set()
-    for before, action, state, _ in driven(policy, ROD, "reach", 300, hold=0.2):
+    scale, said = robot_inputs(ROD).input_scale, set()
+    policy = law if kind == "mpc" else LQPreview(ROD, TIMING.period, rod_table)
+    preview = law._law.times[1:].tolist() if kind == "mpc" else None
+    for before, action, state, _ in driven(policy, ROD, "reach", 300, hold=0.2, preview=preview):
         way = np.abs(action * scale - before["tendon_length"])
-        assert np.all(way <= ROD.drive.speed * timing.period * (1 + 1e-5) + 1e-8)
+        assert np.all(way <= ROD.drive.speed * TIMING.period * (1 + 1e-5) + 1e-8)
         said.add(state.status)
     assert len(said) > 1  # it was too far for them, and the law said so
 
@@ -317,28 +319,21 @@ def test_gains_are_as_many_as_files_are_checked_for(law):
 # ---------------------------------------------------------------- programs
 
 
-def test_bounded_solver_with_rows_agrees_with_a_transformed_problem():
+def test_bounded_solver_agrees_with_another():
     """Rows that are invertible make a problem with bounds alone, in other unknowns."""
-    rng = np.random.default_rng(3)
+    rng, low, high = np.random.default_rng(3), np.full(5, -0.2), np.full(5, 0.3)
     factor, rows = rng.normal(size=(8, 5)), rng.normal(size=(5, 5)) + 3 * np.eye(5)
     goal = 3 * rng.normal(size=8)
+    hessian, gradient, solve = factor.T @ factor, -factor.T @ goal, BoundedSolver()
+    expected = lsq_linear(factor, goal, (-0.2, 0.3), "bvls").x
+    assert 0 < np.sum((low < expected) & (expected < high)) < 5
+    np.testing.assert_allclose(solve(hessian, gradient, low, high), expected, atol=1e-9)
+    assert solve(hessian, np.nan * gradient, low, high) is None
     back = np.linalg.inv(rows)
-    expected = back @ lsq_linear(factor @ back, goal, (-0.2, 0.3), tol=1e-14).x
+    expected = back @ lsq_linear(factor @ back, goal, (-0.2, 0.3), "bvls").x
     wide = np.full(5, 1e3)
-    bounds = np.concatenate([-wide, np.full(5, -0.2)]), np.concatenate([wide, np.full(5, 0.3)])
-    found = BoundedSolver()(factor.T @ factor, -factor.T @ goal, *bounds, rows)
-    np.testing.assert_allclose(found, expected, atol=1e-6)
-
-
-def test_programs_ask_servos_for_no_more_than_their_speed(law):
-    seen = still(law)
-    seen["reference"] = seen["reference"] + [0.03, 0.0, 0.0]
-    seen["reference_preview"] = np.tile(seen["reference"], len(law._law.times) - 1)
-    _, state = law.predict(still(law))
-    action, state = law.predict(seen, state)
-    change = np.abs(action - seen["previous_action"])
-    limit = ROD.drive.speed * TIMING.period / law._own.input_scale
-    assert np.all(change <= limit * (1 + 1e-5))
+    bounds = np.concatenate([-wide, low]), np.concatenate([wide, high])
+    np.testing.assert_allclose(solve(hessian, gradient, *bounds, rows), expected, atol=1e-6)
 
 
 @pytest.mark.slow
@@ -385,23 +380,15 @@ def test_thesis_settings_need_no_preview(rod_points):
     np.testing.assert_allclose(action, seen["previous_action"], atol=2e-3)
 
 
-def test_other_previews_references_and_periods_are_refused(law):
+def test_other_previews_references_periods_and_plants_are_refused(law):
     with pytest.raises(ValueError, match="needs an environment with preview="):
         law.predict(still(law, reference_preview=np.zeros(6)))
     with pytest.raises(ValueError, match="of three coordinates"):
         law.predict(still(law, reference=np.zeros(1), tip_position=np.zeros(1)))
-
     with pytest.raises(ValueError, match=r"mpc_preview decides every 0\.001 s"):
         ScheduledMPC(ROD, 0.003, law._law.table)
-
-
-def test_bad_observations_keep_the_action(law):
-    seen = still(law)
-    _, state = law.predict(seen)
-    bad = still(law, curvature=np.full(law._law.table.n, np.nan))
-    action, state = law.predict(bad, state)
-    np.testing.assert_allclose(action, seen["previous_action"], atol=1e-7)
-    assert state.status.startswith("observation not finite")
+    with pytest.raises(ValueError, match="one section"):
+        find_points(FINGER, plant="ancf")
 
 
 # --- points of beam models ------------------------------------------------------------------------
@@ -452,11 +439,6 @@ def test_first_frequency_and_damping_are_about_those_of_the_chain(robot):
     # order, where nothing but springs is stiff.
     shares = [np.linalg.norm(m.elastic) / np.trace(m.stiffness) for m in (beam, chain)]
     assert shares[0] == pytest.approx(shares[1], rel=0.05, abs=1e-6)
-
-
-def test_a_model_that_lacks_what_the_robot_has_says_so():
-    with pytest.raises(ValueError, match="one section"):
-        find_points(FINGER, plant="ancf")
 
 
 @pytest.mark.slow

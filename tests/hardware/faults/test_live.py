@@ -1,13 +1,12 @@
-"""The fault matrix over two pseudo-terminals, in real time; see `test_matrix`."""
+"""The fault matrix over a pseudo-terminal, in real time; see `test_matrix`."""
 
 from contextlib import suppress
 from copy import copy
-from threading import Event, Thread
 from time import monotonic, sleep
 
 import numpy as np
 import pytest
-from support.hardware_boards import Board, LiveBoard
+from support.hardware_boards import Board, LiveBoard, RoughTerminal
 from support.output_witness import WatchedCore
 from support.real_episodes import (
     FILE,
@@ -18,14 +17,13 @@ from support.real_episodes import (
     pull,
     running,
 )
-from support.serial_proxy import KINDS, Harm, SerialProxy
+from support.rough_lines import KINDS, Harm
 
 from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.errors import LinkError, UnansweredError
 from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.session import MOST_IN_FLIGHT
 from softrobot_env.hardware.transport import SerialTransport
-from softrobot_env.hardware.virtual_robot import VirtualRobot
 
 pytest.importorskip("serial", reason="needs the robot extra")
 pytest.importorskip("cobs", reason="needs the robot extra")
@@ -39,55 +37,20 @@ pytestmark = [
 THERE = np.array([4e-3, -2e-3, 0.0])
 
 
-class Servos:
-    """A plant of ideal servos; see `virtual.Plant`.
-
-    Attributes:
-        alive: Cleared for a robot that hangs, while its port still takes bytes.
-    """
-
-    tick = 2e-3
-    tension = tip = np.zeros(3)
-    picture = None
-
-    def __init__(self):
-        self.length, self.alive = np.zeros(3), Event()
-        self.alive.set()
-
-    def adc(self):
-        return (2000,) * 4
-
-    def advance(self, command):
-        self.alive.wait()
-        self.length = self.length if command is None else command
+@pytest.fixture
+def robot():
+    with RoughTerminal(Board(core=WatchedCore())) as robot:
+        yield robot
 
 
 @pytest.fixture
-def core():
-    return WatchedCore()
+def core(robot):
+    return robot.board.core
 
 
 @pytest.fixture
-def servos():
-    return Servos()
-
-
-@pytest.fixture
-def proxy(core, servos):
-    robot, over = VirtualRobot(core, servos, FILE.tendons, supply=6.0), Event()
-    thread = Thread(target=robot.run, args=(over,), daemon=True)
-    thread.start()
-    with SerialProxy(robot.port) as proxy:
-        yield proxy
-    over.set()
-    servos.alive.set()
-    thread.join()
-    robot.close()
-
-
-@pytest.fixture
-def driver(proxy):
-    with Driver(FILE, SerialTransport(proxy.port, FILE.baud)) as driver:
+def driver(robot):
+    with Driver(FILE, SerialTransport(robot.port, FILE.baud)) as driver:
         driver.connect(timeout=10)
         driver.arm(timeout=10)
         yield driver
@@ -106,21 +69,14 @@ def is_at(core, length):
     return core.outputs.powered and np.allclose(1e-5 * np.array(core.outputs.applied), length)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_harm_is_survived(driver, proxy, core, kind):
-    lines = (proxy.to_robot, proxy.from_robot)
+def test_all_harm_at_once_is_survived(driver, robot, core):
+    """And then frames that come in pieces."""
+    lines = (robot.to_robot, robot.from_robot)
     for line in lines:
-        line.harm = Harm(**{kind: 0.3}, held=0.02)
-    drive(driver, THERE, lambda: all(line.done[kind] >= 5 for line in lines))
+        line.harm = Harm(**dict.fromkeys(KINDS, 0.1), held=0.02, garbage=50)
+    drive(driver, THERE, lambda: all(line.done[kind] >= 5 for line in lines for kind in KINDS))
     for line in lines:
-        line.harm = Harm()
-    drive(driver, THERE, lambda: is_at(core, THERE))
-    assert driver.fault is None
-
-
-@pytest.mark.parametrize("harm", [Harm(piece=8), Harm(garbage=50)], ids=["split", "garbage"])
-def test_pieces_and_garbage_are_survived(driver, proxy, core, harm):
-    proxy.to_robot.harm = proxy.from_robot.harm = harm
+        line.harm = Harm(piece=8)
     drive(driver, THERE, lambda: is_at(core, THERE))
     assert driver.fault is None
 
@@ -133,40 +89,40 @@ def setpoints(core):
     return sum(isinstance(message, m.Setpoint) for message in core.heard)
 
 
-def test_a_lost_line_ends_the_episode_and_can_be_plugged_again(proxy, core):
-    with running(lambda: SerialTransport(proxy.port, FILE.baud), core) as env:
-        proxy.unplug()
-        assert proxy.port in fail(env)  # reading or writing notices first
+def test_a_lost_line_ends_the_episode_and_can_be_plugged_again(robot, core):
+    with running(lambda: SerialTransport(robot.port, FILE.baud), core) as env:
+        robot.unplug()
+        assert robot.port in fail(env)  # reading or writing notices first
         assert_comes_to_rest(core)
         with pytest.raises(LinkError):
             env.reset(options={"clear_fault": True})
         assert not core.outputs.powered
-        proxy.plug()
+        robot.plug()
         assert_runs_again(env, core)
 
 
-def test_a_peer_that_does_not_read_ends_the_episode(proxy, core):
-    port = SerialTransport(proxy.port, FILE.baud)
+def test_a_peer_that_does_not_read_ends_the_episode(robot, core):
+    port = SerialTransport(robot.port, FILE.baud)
     with running(lambda: port, core) as env:
-        proxy.reads.clear()
+        robot.reads.clear()
         with pytest.raises(LinkError):  # the system's buffer is full
             port.write(bytes(1 << 20))
         failure = fail(env)  # the host's system or the robot notices first
         assert "cannot write" in failure or "no set-point" in failure
         assert_comes_to_rest(core)
         followed = len(core.witness.followed)
-        proxy.reads.set()
+        robot.reads.set()
         sleep(0.2)
         assert not core.outputs.powered and len(core.witness.followed) == followed
 
 
-def test_a_stalled_device_ends_the_episode(proxy, core, servos):
-    with running(lambda: SerialTransport(proxy.port, FILE.baud), core, oldest=0.2) as env:
+def test_a_stalled_device_ends_the_episode(robot, core):
+    with running(lambda: SerialTransport(robot.port, FILE.baud), core, oldest=0.2) as env:
         heard, followed = setpoints(core), len(core.witness.followed)
-        servos.alive.clear()
+        robot.alive.clear()
         assert "microcontroller" in fail(env, within=5.0)
         sleep(FILE.watchdog)
-        servos.alive.set()
+        robot.alive.set()
         assert_comes_to_rest(core)
         assert heard < setpoints(core) <= heard + MOST_IN_FLIGHT + 1
         assert len(core.witness.followed) <= followed + 1
@@ -179,9 +135,7 @@ def test_a_stalled_device_ends_the_episode(proxy, core, servos):
 @pytest.fixture
 def live():
     """A board in memory; a copy of its transport is a line that nobody has closed."""
-    board = Board()
-    board.core = WatchedCore()
-    with LiveBoard(board) as live:
+    with LiveBoard(Board(core=WatchedCore())) as live:
         yield live
 
 

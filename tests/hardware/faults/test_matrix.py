@@ -4,33 +4,33 @@
 |---|---|---|
 | byte corruption | dropped, counted; goes on | damage_is_dropped_and_counted, any_harm_*, L |
 | frames dropped, shortly | the robot holds; goes on | a_short_gap_is_held, any_harm_*, L |
-| frames dropped, for longer | ramp to rest, off, latched | a_long_gap_ends_at_rest_and_latches |
+| frames dropped, longer | ramp to rest, off, latched | F: the_watchdog_*, S: silence_latches_* |
 | duplicated | ignored; feed no watchdog | copies_keep_nothing_alive, any_harm_*, L |
-| reordered | refused by number | what_was_overtaken_is_refused, any_harm_*, L |
+| reordered | refused by number | F: sequence_numbers_wrap, any_harm_*, L |
 | delayed | refused by age | what_came_too_late_moves_nothing |
 | of another session | refused | F: a_wrong_setpoint_neither_moves_nor_feeds |
 | truncated | the next frame is intact | P: a_cut_frame_does_not_take_the_next_*, any_harm_*, L |
-| split | put together | L: pieces_and_garbage_are_survived |
+| split | put together | L: all_harm_at_once_is_survived |
 | garbage flood | bounded memory, no motion, recovery | a_flood_*, any_harm_*, L |
 | disconnect in an episode | truncated in time; ramp; reset refuses | L: a_lost_line_* |
 | slow host | missed steps are counted, no burst; then a fault | L: a_slow_host_* |
 | slow device | three set-points under way; old ones die | a_device_that_slept_* |
 | stalled device | truncated in time; old set-points die | L: a_stalled_device_* |
 | brown-out reset | disarmed; truncated; cause and boot reported | L: a_restart* |
-| supply too low | off at once | a_low_supply_cuts |
+| supply too low | off at once | F: an_emergency_stop_and_a_low_supply_* |
 | firmware of another protocol or table | both named; never arms | S: another_board_is_refused |
 | host of another table | damage for the robot; never arms | a_host_of_another_table_* |
-| stuck servo | tendon named; it stays, the others ramp, off | a_stuck_servo_* |
+| stuck servo | tendon named; it stays, the others ramp, off | F: what_lasts_*, S: a_fault_tells_* |
 | converter saturated or open | reported at once, raw value kept; ramp | a_rail_* |
 | peer not reading | write gives up; truncated | L: a_peer_that_does_not_read_* |
 | host not reading | the robot goes on, whole frames | a_host_that_does_not_read_* |
 | SIGKILL, SIGTERM, Ctrl-C | at rest in the watchdog's time | R: killing_the_host_* |
 | exception in a step | emergency stop | R: an_exception_in_a_step_* |
 
-Tests of this file have a virtual clock. Those of L, in `test_live.py`, use pseudo-terminals or the
+Tests of this file have a virtual clock. Those of L, in `test_live.py`, use a pseudo-terminal or the
 environment with a board in memory, and R is `envs/real/test_env.py`, both in
-real time; S is `hardware/test_session.py`, F `hardware/firmware/test_session.py`, P
-`hardware/firmware/test_framing.py`.
+real time; S is `hardware/test_session.py`, F `test_session.py` and `test_faults.py` in
+`hardware/firmware`, P `test_framing.py` there.
 
 In every test a `Witness` of `output_witness.py` asserts at each pass of the robot's
 program that outputs are inside limits and slew rates, and that nothing but a fresh set-point of
@@ -41,9 +41,7 @@ import tracemalloc
 from dataclasses import replace
 
 import pytest
-from support.hardware_boards import PASS
 from support.rough_bench import (
-    FAR,
     HERE,
     PERIOD,
     ROBOT,
@@ -54,7 +52,7 @@ from support.rough_bench import (
     assert_stays_off,
     counts,
 )
-from support.serial_proxy import Harm
+from support.rough_lines import Harm
 
 from softrobot_env.hardware.errors import UnansweredError
 from softrobot_env.hardware.protocol import messages as m
@@ -118,20 +116,6 @@ def test_a_short_gap_is_held(rough):
     assert rough.session.link.lost > 0
 
 
-def test_a_long_gap_ends_at_rest_and_latches(rough):
-    """Also in the middle of a motion."""
-    rough.drive(FAR, 2 * PERIOD)
-    rough.harm(drop=1.0)
-    rough.drive(FAR, ROBOT.watchdog)
-    assert rough.out.powered and rough.out.applied[0] > counts(FAR)[0] / 2
-    rough.drive(FAR, max(FAR) / ROBOT.ramp)
-    assert rough.out.applied == counts(HERE)
-    rough.harm()
-    rough.run(0.3)
-    assert_stays_off(rough)
-    assert rough.session.fault.code == m.Fault.WATCHDOG
-
-
 def test_copies_keep_nothing_alive(rough):
     rough.drive(THERE, 0.4)
     rough.up.harm = Harm(duplicate=1.0, copies=40, held=PERIOD)
@@ -141,16 +125,6 @@ def test_copies_keep_nothing_alive(rough):
     rough.run(0.3)
     assert_stays_off(rough)
     assert rough.nacks()["sequence"] >= 4
-
-
-def test_what_was_overtaken_is_refused(rough):
-    rough.drive(HERE, 0.1)
-    rough.up.harm = Harm(delay=1.0, held=0.03)
-    overtaken = rough.command(THERE, 0.01)
-    rough.up.harm = Harm()
-    rough.drive(HERE, 0.1)
-    assert rough.nacks() == {"sequence": 1} and rough.session.echo(overtaken).seq > overtaken
-    assert rough.out.powered and rough.out.applied == counts(HERE)
 
 
 def test_what_came_too_late_moves_nothing(rough):
@@ -214,50 +188,22 @@ def test_a_device_that_slept_follows_no_old_set_points(rough):
     assert rough.out.applied == counts(THERE)
 
 
-def test_a_low_supply_cuts(rough):
-    rough.drive(THERE, 0.4)
-    rough.board.supply = 4000
-    rough.run(PASS)
-    assert_stays_off(rough)
-    assert rough.session.fault.code == m.Fault.BROWN_OUT
-
-
-def test_a_stuck_servo_stays_and_the_others_go_to_rest(rough):
-    rough.drive(THERE, 0.4)
-    rough.board.stuck = counts(THERE)
-    goal = (3e-3, 4e-3, 1e-3)
-    rough.drive(goal, ROBOT.supervision.time)
-    assert rough.out.powered and rough.out.applied == counts(goal)
-    rough.drive(goal, 0.4)
-    assert rough.out.applied == counts((0.0, 4e-3, 0.0))
-    assert_stays_off(rough)
-    fault = rough.session.fault
-    assert (fault.code, fault.channel) == (m.Fault.STALL, 1) and "tendon 2" in fault.text
-
-
 @pytest.mark.parametrize("rail", [4095, 0], ids=["saturated", "open"])
 def test_a_rail_in_the_loop_is_told_at_once_and_then_stops(rail):
+    """One outside the loop is only measured."""
     watched = replace(ROBOT.supervision, adc_channels=(1,))
     bench = Rough(replace(ROBOT, supervision=watched))
-    bench.drive(THERE, 0.4)
-    bench.core.adc = (2000, rail, 2000, 2000)
-    bench.drive(THERE, 0.06)
-    assert m.Warning.ADC_RAIL in bench.session.reading.warnings
-    assert bench.session.reading.adc.tolist() == [2000, rail, 2000, 2000]
-    assert bench.out.powered and bench.out.applied == counts(THERE)
+    for adc, warned in (((4095, 2000, 2000, 0), False), ((2000, rail, 2000, 2000), True)):
+        bench.core.adc = adc
+        bench.drive(THERE, 0.06 if warned else 0.4)
+        assert (m.Warning.ADC_RAIL in bench.session.reading.warnings) == warned
+        assert bench.session.reading.adc.tolist() == list(adc)
+        assert bench.out.powered and bench.out.applied == counts(THERE)
     bench.drive(THERE, watched.time + STOPPED)
     assert bench.out.applied == counts(HERE)
     assert_stays_off(bench)
     fault = bench.session.fault
     assert (fault.code, fault.channel, fault.value) == (m.Fault.ADC, 1, rail)
-
-
-def test_a_rail_outside_the_loop_is_only_measured(rough):
-    rough.core.adc = (2000, 4095, 2000, 0)
-    rough.drive(THERE, 0.6)
-    assert rough.session.reading.adc.tolist() == [2000, 4095, 2000, 0]
-    assert not rough.session.reading.warnings & m.Warning.ADC_RAIL
-    assert rough.out.powered and rough.out.applied == counts(THERE)
 
 
 def test_a_host_of_another_table_arms_nothing(rough, monkeypatch):

@@ -29,9 +29,7 @@ class Lying(WatchedCore):
 @pytest.fixture
 def bench():
     """Running, on the way to `FAR`."""
-    board = Board()
-    board.core = Lying()
-    bench = Bench(ROBOT, board).start()
+    bench = Bench(ROBOT, Board(core=Lying())).start()
     bench.command(FAR, PERIOD)
     return bench
 

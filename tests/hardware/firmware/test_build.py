@@ -11,7 +11,6 @@ from support.processes import python
 from firmware_schema import header
 from softrobot_env.core.files import firmware_dir
 from softrobot_env.hardware import virtual_robot as core
-from softrobot_env.hardware.protocol.messages import Reset
 from softrobot_env.hardware.virtual_robot import CompilerMissingError, Core, Measured
 
 QUIET = Measured((0,) * 3, (0,) * 3, (0,) * 4, 0, False)
@@ -92,8 +91,6 @@ def test_a_compiler_that_fails_is_quoted(cache, monkeypatch):
 def test_impossible_devices_are_refused(options):
     with pytest.raises(ValueError, match=r"from 0 to|1 to 6"):
         Core(**options)
-    with pytest.raises(ValueError, match="9"):
-        Core(reset_cause=Reset(9))
 
 
 def test_a_device_without_memory_is_refused(monkeypatch):

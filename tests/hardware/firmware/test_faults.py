@@ -47,13 +47,21 @@ def test_the_watchdog_waits_as_long_as_configured(watchdog):
     assert is_off(bench, m.DeviceState.LATCHED)  # it was at rest: no way to ramp
 
 
-@pytest.mark.parametrize("cause", ["message", "switch"])
-def test_an_emergency_stop_cuts_at_once(cause):
+@pytest.mark.parametrize(
+    ("fault", "bad", "messages"),
+    [
+        (m.Fault.ESTOP, {}, [m.EStop()]),
+        (m.Fault.ESTOP, {"estop": True}, []),
+        (m.Fault.BROWN_OUT, {"vbus": 4999}, []),
+    ],
+    ids=["message", "switch", "supply"],
+)
+def test_an_emergency_stop_and_a_low_supply_cut_at_once(fault, bad, messages):
     bench = away()
-    spoil(bench, estop=cause == "switch")
-    replies = bench.run(*[m.EStop()] * (cause == "message"))
+    spoil(bench, **bad)
+    replies = bench.run(*messages)
     assert is_off(bench, m.DeviceState.LATCHED)
-    assert faults(replies) == [(m.Fault.ESTOP, 0)]
+    assert faults(replies) == [(fault, 0)]
     bench.hold(100, *AWAY)
     assert is_off(bench, m.DeviceState.LATCHED)
 
