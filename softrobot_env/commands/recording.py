@@ -1,7 +1,7 @@
 """`softrobot recording`: tables of commands and marker positions: checked, and replayed."""
 
 from argparse import ArgumentParser, Namespace
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
@@ -160,13 +160,13 @@ def _replay(args: Namespace) -> int:
     for line in notes:
         say(line, soft_wrap=True, markup=False)
     common = {"robot": robot.name, "plant": args.plant, "cpu_time": result.cpu_time}
-    columns = [common | row.columns() for row in rows]
+    columns = [common | asdict(row) for row in rows]
     parts = [make_table(title, _COLUMNS, rows, caption=_CAPTION), *notes]
     learned = _with_residual(result)
     if learned is not None:
         better, title = error_rows(learned), f"{title}, {_LEARNED}"
         say(make_table(title, _COLUMNS, better[:1], caption=_CAPTION))
-        columns += [common | {"model": _LEARNED} | row.columns() for row in better]
+        columns += [common | {"model": _LEARNED} | asdict(row) for row in better]
         parts.append(make_table(title, _COLUMNS, better, caption=_CAPTION))
     page = Group(*parts)
     output.write_report(args.out, columns, "Replay of a recording", page, args.command_line)

@@ -9,7 +9,7 @@ from softrobot_env.core.records import placed
 
 from .columns import Columns, read_csv, read_mcap, read_minari, read_parquet, write_columns
 from .header import UNITS, Header, read_header, write_header
-from .recording import Recording
+from .recording import Recording, since_begin
 
 
 def header_path(path: Path | str) -> Path:
@@ -102,8 +102,7 @@ def _times(columns: Columns, header: Header, runs: ndarray) -> ndarray:
         times = np.arange(len(runs)) / (header.rate_Hz or 1.0)
     else:
         times = _numbers(columns, header.time.column)
-    first = np.flatnonzero(np.append(True, np.diff(runs) != 0))[: len(runs)]
-    elapsed = times - times[first][runs] if len(runs) else times  # before scaling: epochs are large
+    elapsed = since_begin(times, runs)  # before scaling: epochs are large
     return elapsed * (1.0 if header.time is None else UNITS["time"][header.time.unit])
 
 

@@ -12,10 +12,11 @@ from support.recorded_rods import LENGTH, real_recording, recorded, rod
 from softrobot_env.control.registry import make_policy
 from softrobot_env.core.processes import Workers, using
 from softrobot_env.evaluation.runner import Case, run
+from softrobot_env.identification.errors import size
 from softrobot_env.identification.fit import path
 from softrobot_env.identification.fit.assignment import assigned
 from softrobot_env.identification.fit.dynamics import windows_of
-from softrobot_env.identification.fit.least_squares import NORMAL_95, clustered, size, weights_of
+from softrobot_env.identification.fit.least_squares import NORMAL_95, clustered, weights_of
 from softrobot_env.identification.fit.model import StaticModel
 from softrobot_env.identification.fit.path import identify, placed
 from softrobot_env.identification.fit.report import write_files

@@ -98,10 +98,11 @@ class Body(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Scratch of one kind of numbers: lengths, their derivatives, places, axes, forces."""
+    """Scratch of one kind of numbers: lengths, their derivatives, tensions, postures, forces."""
 
     length: ndarray
     arm: ndarray
+    tension: ndarray
     place: ndarray
     axes: ndarray
     force: ndarray
@@ -117,9 +118,10 @@ class Scratch(NamedTuple):
 
 def scratch(pieces: int, tendons: int) -> Scratch:
     """Scratch arrays for a robot."""
-    shapes = ((tendons,), (tendons, 3 * pieces), (pieces + 1, 3), (pieces + 1, 3, 3), (3 * pieces,))
+    along, places = 3 * pieces, (pieces + 1, 3)
+    shapes = ((tendons,), (tendons, along), (tendons,), places, (*places, 3), (along,))
     kinds = (Work(*(np.zeros(shape, kind) for shape in shapes)) for kind in (float, complex))
-    return Scratch(*kinds, np.zeros((3 * pieces, 3 * pieces)))
+    return Scratch(*kinds, np.zeros((along, along)))
 
 
 class State(NamedTuple):
@@ -215,8 +217,8 @@ def _frame(rows):
 
 
 @kernel
-def _add_weight(layout, body, q, work, out):
-    """Take the weights' generalised force off `out` (3 n,) [N m]; sets the posture."""
+def _add_weight(layout, body, q, work):
+    """Take the weights' generalised force off work.force (3 n,) [N m]; sets the posture."""
     _set_posture(layout, q, work.place, work.axes)
     gravity, n, zero = vector(body.gravity), len(layout.sizes), q[0] * 0
     force = to_axes(_frame(work.axes[n]), scaled(body.head[0], gravity))
@@ -228,7 +230,7 @@ def _add_weight(layout, body, q, work, out):
             layout.sizes[i], stumpff(dot3(phi, phi)), phi, add(force, weight), moment
         )
         for j in range(3):
-            out[3 * i + j] -= load[j]
+            work.force[3 * i + j] -= load[j]
 
 
 @kernel
@@ -239,65 +241,58 @@ def _slid(way, loose):
 
 
 @kernel
-def _pull(layout, body, k, length, control):
-    """Tension [N] of tendon k at its servo: none is negative."""
-    pull = control + length * 0
-    if layout.by_length:
-        stretch = control + length - body.straight[k]
-        pull = body.pretension[k] + body.spring[k] * stretch
-    return pull if pull.real > 0 else pull * 0
-
-
-@kernel
-def _bound(layout, body, k, pull):
-    """Largest friction [N] of tendon k.
-
-    Where friction of the backbone is kept apart, it is no more than the tension: a slack tendon
-    does not rub.
-    """
-    if layout.apart and pull.real < body.friction[k].real:
-        return pull
-    return body.friction[k] + pull * 0
-
-
-@kernel
-def _tension(layout, body, k, length, control, anchor, has_friction):
-    """Tension [N] of tendon k inside the robot, friction included."""
-    pull = _pull(layout, body, k, length, control)
-    if has_friction:
-        pull = pull + _bound(layout, body, k, pull) * _slid(length - anchor, layout.loose)
-    return pull
-
-
-@kernel
-def _add_tendon(layout, body, k, control, anchor, has_friction, work):
-    """Add tendon k's generalised force to work.force (3 n,) [N m], by its length and arm."""
-    tension = _tension(layout, body, k, work.length[k], control, anchor, has_friction)
-    for i in range(3 * layout.last[k]):
-        work.force[i] += tension * work.arm[k, i]
-
-
-@kernel
-def _held(layout, q, i, anchor):
-    """Share (x, y) of friction of piece i, of length one at most, bent from its anchor."""
-    x = (q[3 * i] - anchor[2 * i]) / layout.give[i]
-    y = (q[3 * i + 1] - anchor[2 * i + 1]) / layout.give[i]
+def _held(x, y):
+    """Share (x, y) of friction of a piece, of length one at most, bent so far from its anchor."""
     size = np.sqrt(x * x + y * y)
     return (x / size, y / size) if size.real > 1 else (x, y)
 
 
 @kernel
-def _add_piece(layout, body, q, i, anchor, has_friction, out):
-    """Add spring and friction of piece i to out (3 n,) [N m]; anchor (2 n,) [rad] of bends."""
-    b0, b1 = q[3 * i] - body.rest[i, 0], q[3 * i + 1] - body.rest[i, 1]
-    k = body.stiffness[i]
-    out[3 * i] += k[0] * b0 + k[1] * b1
-    out[3 * i + 1] += k[1] * b0 + k[2] * b1
-    out[3 * i + 2] += k[3] * q[3 * i + 2]
-    if has_friction:
-        x, y = _held(layout, q, i, anchor)
-        out[3 * i] += body.holding[i] * x
-        out[3 * i + 1] += body.holding[i] * y
+def _set_tensions(layout, body, state, has_friction, work):
+    """Set work.tension (n_tendons,) [N], inside the robot, by the lengths there.
+
+    None is negative at the servo. Where friction of the backbone is kept apart, that of a tendon is
+    no more than its tension: a slack tendon does not rub.
+    """
+    for k in range(len(work.length)):
+        length, control = work.length[k], state.control[k]
+        pull = control + length * 0
+        if layout.by_length:
+            stretch = control + length - body.straight[k]
+            pull = body.pretension[k] + body.spring[k] * stretch
+        if pull.real <= 0:
+            pull = pull * 0
+        work.tension[k] = pull
+        if has_friction:
+            most = body.friction[k] + pull * 0
+            if layout.apart and pull.real < most.real:
+                most = pull
+            work.tension[k] += most * _slid(length - state.anchor[k], layout.loose)
+
+
+@kernel
+def _add_pieces(layout, body, state, has_friction, work):
+    """Add springs and friction of the pieces to work.force (3 n,) [N m]."""
+    q, out, bends = state.q, work.force, state.anchor[len(state.control) :]
+    for i in range(len(layout.sizes)):
+        b0, b1 = q[3 * i] - body.rest[i, 0], q[3 * i + 1] - body.rest[i, 1]
+        k = body.stiffness[i]
+        out[3 * i] += k[0] * b0 + k[1] * b1
+        out[3 * i + 1] += k[1] * b0 + k[2] * b1
+        out[3 * i + 2] += k[3] * q[3 * i + 2]
+        if has_friction:
+            give, x, y = layout.give[i], q[3 * i] - bends[2 * i], q[3 * i + 1] - bends[2 * i + 1]
+            x, y = _held(x / give, y / give)
+            out[3 * i] += body.holding[i] * x
+            out[3 * i + 1] += body.holding[i] * y
+
+
+@kernel
+def _add_tendons(layout, work):
+    """Add what tendons do by their tensions and arms to work.force (3 n,) [N m]."""
+    for k in range(len(work.tension)):
+        for i in range(3 * layout.last[k]):
+            work.force[i] += work.tension[k] * work.arm[k, i]
 
 
 @kernel
@@ -309,14 +304,13 @@ def imbalance(layout, body, state, has_friction, work):
         has_friction: Whether friction counts.
         work: Scratch of the numbers' kind.
     """
-    tendons, q = len(work.length), state.q
     work.force[:] = 0
-    for i in range(len(layout.sizes)):
-        _add_piece(layout, body, q, i, state.anchor[tendons:], has_friction, work.force)
-    for k in range(tendons):
-        work.length[k] = _tendon_length(layout, body.place, q, k, work.arm[k])
-        _add_tendon(layout, body, k, state.control[k], state.anchor[k], has_friction, work)
-    _add_weight(layout, body, q, work, work.force)
+    _add_pieces(layout, body, state, has_friction, work)
+    for k in range(len(work.length)):
+        work.length[k] = _tendon_length(layout, body.place, state.q, k, work.arm[k])
+    _set_tensions(layout, body, state, has_friction, work)
+    _add_tendons(layout, work)
+    _add_weight(layout, body, state.q, work)
 
 
 @kernel
@@ -326,31 +320,28 @@ def _tangent(layout, body, state, has_friction, scratch):
     By complex steps: a piece's spring and a tendon's arm about a piece depend on its turns alone,
     so that three steps give those of all pieces.
     """
-    q, control, anchor = state.q, state.control, state.anchor
-    real, work, out = scratch.real, scratch.complex, scratch.tangent
+    q, real, work, out = state.q, scratch.real, scratch.complex, scratch.tangent
     n, tendons = len(layout.sizes), len(real.length)
     out[:, :] = 0
-    tensions = np.zeros(tendons)
     for k in range(tendons):
-        length, arm = complex(real.length[k], TINY), real.arm[k]
-        tension = _tension(layout, body, k, length, control[k], anchor[k], has_friction)
-        tensions[k] = tension.real
+        work.length[k] = complex(real.length[k], TINY)
+    _set_tensions(layout, body, state, has_friction, work)
+    for k in range(tendons):
+        rate, arm = work.tension[k].imag / TINY, real.arm[k]
+        work.tension[k] = work.tension[k].real
         for i in range(3 * layout.last[k]):
-            share = tension.imag / TINY * arm[i]
             for j in range(3 * layout.last[k]):
-                out[i, j] += share * arm[j]
+                out[i, j] += rate * arm[i] * arm[j]
     z = q.astype(np.complex128)
     for j in range(3):
         for i in range(n):
             z[3 * i + j] = complex(q[3 * i + j], TINY)
         work.force[:] = 0
-        for i in range(n):
-            _add_piece(layout, body, z, i, anchor[tendons:], has_friction, work.force)
+        _add_pieces(layout, body, State(z, state.control, state.anchor), has_friction, work)
         for k in range(tendons):
-            if tensions[k] != 0:
+            if work.tension[k] != 0:
                 _tendon_length(layout, body.place, z, k, work.arm[k])
-                for i in range(3 * layout.last[k]):
-                    work.force[i] += tensions[k] * work.arm[k, i]
+        _add_tendons(layout, work)
         for i in range(3 * n):
             out[i, 3 * (i // 3) + j] += work.force[i].imag / TINY
         z[:] = q
@@ -358,7 +349,7 @@ def _tangent(layout, body, state, has_friction, scratch):
         for j in range(3 * n):
             z[j] = complex(q[j], TINY)
             work.force[:] = 0
-            _add_weight(layout, body, z, work, work.force)
+            _add_weight(layout, body, z, work)
             z[j] = q[j]
             for i in range(3 * n):
                 out[i, j] += work.force[i].imag / TINY
@@ -366,19 +357,16 @@ def _tangent(layout, body, state, has_friction, scratch):
 
 @kernel
 def _settle(layout, body, state, has_friction, tolerance, scratch):
-    """Newton's method from a state, whose turns it changes; whether it found an equilibrium.
-
-    The tangent is then that there.
-    """
+    """Newton's method from a state, whose turns it changes; whether it found an equilibrium."""
     q, real = state.q, scratch.real
     imbalance(layout, body, state, has_friction, real)
     size = np.sqrt(np.sum(real.force**2))
     for iteration in range(40):
-        _tangent(layout, body, state, has_friction, scratch)
         if size < tolerance and iteration > 0:
             return True
         if not np.isfinite(size):
             return False
+        _tangent(layout, body, state, has_friction, scratch)
         step = np.linalg.solve(scratch.tangent, real.force)
         share = min(1.0, 0.4 / np.abs(step).max()) if np.abs(step).max() > 0 else 1.0
         start = q.copy()
@@ -435,16 +423,16 @@ def _move_servos(body, command, control):
 @kernel
 def _move_anchors(layout, state, has_friction, length):
     """Set where friction would vanish, for the next row; length (n_tendons,) [m]."""
-    q, anchor, tendons = state.q, state.anchor, len(length)
+    q, anchor, bends = state.q, state.anchor, state.anchor[len(length) :]
     kept = 1.0 if has_friction else 0.0
-    for k in range(tendons):
+    for k in range(len(length)):
         share = _slid(length[k] - anchor[k], layout.loose)
         anchor[k] = length[k] - kept * layout.loose * share
     for i in range(len(layout.sizes)):
-        x, y = _held(layout, q, i, anchor[tendons:])
-        m, give = tendons + 2 * i, kept * layout.give[i]
-        anchor[m] = q[3 * i] - give * x
-        anchor[m + 1] = q[3 * i + 1] - give * y
+        give, b0, b1 = layout.give[i], q[3 * i], q[3 * i + 1]
+        x, y = _held((b0 - bends[2 * i]) / give, (b1 - bends[2 * i + 1]) / give)
+        bends[2 * i] = b0 - kept * give * x
+        bends[2 * i + 1] = b1 - kept * give * y
 
 
 @kernel
@@ -463,34 +451,32 @@ def _differentiate(layout, many, state, moved, has_friction, scratch, out):
         scratch: Of the state: real numbers and the tangent there.
         out: Is set.
     """
-    real, work, tendons = scratch.real, scratch.complex, len(state.control)
+    real, work = scratch.real, scratch.complex
     inverse = np.linalg.inv(scratch.tangent)
     seen = np.zeros((len(layout.nodes), 3), np.complex128)
     for j in range(out.shape[2]):
-        body, control, anchor = _body(many, j), moved.control[j], moved.anchor[j]
-        q = moved.q[j]
-        q[:] = state.q
-        anchor[:] = state.anchor + 1j * anchor.imag
+        body, one = _body(many, j), State(moved.q[j], moved.control[j], moved.anchor[j])
+        one.q[:] = state.q
+        for m in range(len(one.anchor)):
+            one.anchor[m] = complex(state.anchor[m], one.anchor[m].imag)
         work.force[:] = 0
-        for i in range(len(layout.sizes)):
-            _add_piece(layout, body, q, i, anchor[tendons:], has_friction, work.force)
-        for k in range(tendons):
-            if np.any(body.place[k].imag != 0):
-                work.length[k] = _tendon_length(layout, body.place, q, k, work.arm[k])
-            else:
-                work.length[k] = real.length[k]
-                work.arm[k, :] = real.arm[k]
-            _add_tendon(layout, body, k, control[k], anchor[k], has_friction, work)
-        weighs = np.any(body.mass.imag != 0) or np.any(body.gravity.imag != 0)
-        if weighs:
-            _add_weight(layout, body, q, work, work.force)
+        _add_pieces(layout, body, one, has_friction, work)
+        for k in range(len(work.length)):
+            work.length[k] = real.length[k]
+            work.arm[k, :] = real.arm[k]
+            if body.place[k, 0].imag != 0 or body.place[k, 1].imag != 0:
+                work.length[k] = _tendon_length(layout, body.place, one.q, k, work.arm[k])
+        _set_tensions(layout, body, one, has_friction, work)
+        _add_tendons(layout, work)
+        if np.any(body.mass.imag != 0) or np.any(body.gravity.imag != 0):
+            _add_weight(layout, body, one.q, work)
         change = -1j * (inverse @ np.ascontiguousarray(work.force.imag))
-        q += change
+        one.q[:] += change
         work.length[:] += work.arm @ change
-        _set_posture(layout, q, work.place, work.axes)
+        _set_posture(layout, one.q, work.place, work.axes)
         _seen(layout, body.marker, work, seen)
         out[:, :, j] = seen.imag / TINY
-        _move_anchors(layout, State(q, control, anchor), has_friction, work.length)
+        _move_anchors(layout, one, has_friction, work.length)
 
 
 @kernel
@@ -547,5 +533,6 @@ def follow(layout, body, many, rows, tolerance, scratch):
         for j in range(p):
             _move_servos(_body(many, j), command, moved.control[j])
         if p > 0:
+            _tangent(layout, body, state, has_friction, scratch)
             _differentiate(layout, many, state, moved, has_friction, scratch, rows.slopes[t])
         _move_anchors(layout, state, has_friction, real.length)

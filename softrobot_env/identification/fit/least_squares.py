@@ -16,7 +16,7 @@ from scipy.stats import t as student_t
 
 from softrobot_env.core.continuation import Damping, descend
 
-from ..replay import mean_known
+from ..errors import centred, size
 from .model import Simulated, StaticModel
 
 _STEPS = 25
@@ -79,18 +79,12 @@ class Fit:
         return np.sqrt(np.diag(self.covariance))
 
 
-def size(error: ndarray) -> float:
-    """RMS [m] of the distances of errors (t, k, 3), of what is known."""
-    known = ~np.isnan(error).all(axis=-1)
-    return float(np.sqrt(np.nansum(error**2) / max(known.sum(), 1)))
-
-
 def correlation_time(error: ndarray, runs: ndarray) -> float:
     """Rows that errors (t, k, 3) last: 1 + 2 the sum of their correlations, up to the first zero.
 
     Rows of different runs count as unrelated.
     """
-    values = np.nan_to_num(error - mean_known(error)).reshape(len(error), -1)
+    values = np.nan_to_num(centred(error)).reshape(len(error), -1)
     total = float(np.sum(values**2))
     if total == 0 or len(values) < 4:
         return 1.0
@@ -170,8 +164,8 @@ def search(
     prior, by = model.unknowns.prior, np.ix_(free, free)
     root, mean = cholesky(prior[by]), model.unknowns.mean[free]
 
-    def at(x: ndarray, slopes: bool = False) -> _Point:
-        found = model.simulate(x, free if slopes else None, has_friction=has_friction)
+    def at(x: ndarray) -> _Point:
+        found = model.simulate(x, free, has_friction=has_friction)
         away = solve(root, x[free] - mean)
         cost = _data_cost(found, weights, used) + 0.5 * float(np.sum(away**2))
         return _Point(x, found, cost)
@@ -193,13 +187,12 @@ def search(
 
         return step
 
-    damping, taken, here = _DAMPING, 0, at(x.copy(), slopes=True)
+    damping, taken, here = _DAMPING, 0, at(x.copy())
     for step in range(steps):
         better, damping = descend(here, steps_from(here), damping, _RULE)
         if better is None:
             break
-        gain, taken = here.cost - better.cost, step + 1
-        here = at(better.x, slopes=True)._replace(cost=better.cost)
+        gain, here, taken = here.cost - better.cost, better, step + 1
         if show is not None:
             show(taken, size(here.simulated.error))
         if gain < least * here.cost:

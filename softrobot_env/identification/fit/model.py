@@ -25,7 +25,7 @@ from softrobot_env.robots.actuation import with_balance
 
 from . import kernels, unknowns
 from .kernels import TINY, Body, Layout
-from .unknowns import HOLDS, Turned, Unknowns
+from .unknowns import HOLDS, Fact, Turned, Unknowns
 
 _PIECES = 6  # at least, over all of the robot
 _CHANNEL = 1000  # spans of a continuous channel in a piece
@@ -117,6 +117,12 @@ class StaticModel:
         other._lay(2 * len(self.layout.sizes))
         return other
 
+    def with_facts(self, *facts: Fact) -> "StaticModel":
+        """The same model, of whose parameters something more is known."""
+        other = copy(self)
+        other.unknowns = replace(self.unknowns, facts=facts)
+        return other
+
     def on(self, recording: Recording, gravity: ndarray | None = None) -> "StaticModel":
         """The same model of another recording, with gravity (3,) [m/s2] along the robot's axes."""
         other = copy(self)
@@ -125,11 +131,6 @@ class StaticModel:
         if gravity is not None:
             other._gravity = gravity
         return other
-
-    @property
-    def begins(self) -> ndarray:
-        """(t,) bool, rows where a run begins."""
-        return np.append(True, np.diff(self.recording.runs) != 0)
 
     def _own(self, markers: ndarray) -> ndarray:
         """Markers (t, k, 3) [m] along the robot's axes; NaN where that was not measured."""
@@ -265,10 +266,10 @@ class StaticModel:
         moves_frame = self.unknowns.moves_frame[by]
         body = _real(self._acting(x, has_friction))
         many = _many([self._acting(y, has_friction) for y in steps[~moves_frame]], body)
-        rows, n, k = len(self.begins), len(self.layout.sizes), len(self.layout.nodes)
+        rows, n, k = len(self._controls), len(self.layout.sizes), len(self.layout.nodes)
         found = kernels.Rows(
             controls=np.ascontiguousarray(self._controls),
-            begins=self.begins,
+            begins=self.recording.begins,
             turns=np.zeros((rows, 3 * n)),
             markers=np.zeros((rows, k, 3)),
             slopes=np.zeros((rows, k, 3, len(many.gravity))),
