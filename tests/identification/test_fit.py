@@ -73,6 +73,18 @@ def test_a_tendon_bends_the_model_to_an_arc_and_its_slopes_are_exact():
         assert np.abs(slope - found.slopes[..., k]).max() < 1e-5 + 1e-5 * np.abs(slope).max()
 
 
+def test_slopes_are_exact_where_a_robot_stays_as_it_is():
+    """Its tendons are about to slide there, or not: by rounding, but for all parameters alike."""
+    robot = ROBOTS["silicone_rod"]
+    share = np.array([[0.1, 0, 0], [0.5, 0, -0.1], *[[0.8, 0.1, -0.2]] * 4])
+    model = StaticModel(robot, recorded(8e-3 * share, "length", robot.tendon_names))
+    x, step = np.zeros(len(model.unknowns.spread)), 1e-7
+    found = model.simulate(x, np.ones(len(x), dtype=bool))
+    for k, way in enumerate(step * np.eye(len(x))):
+        there, back = model.simulate(x + way).error, model.simulate(x - way).error
+        assert np.abs((there - back) / 2 / step - found.slopes[..., k]).max() < 1e-4
+
+
 @pytest.mark.slow
 def test_finer_pieces_come_nearer_by_the_square_and_leave_the_chain_alone():
     """Of a heavy rod: its weight bends each piece unlike an arc."""

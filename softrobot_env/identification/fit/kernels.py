@@ -462,10 +462,11 @@ def _differentiate(layout, many, state, moved, has_friction, scratch, out):
         work.force[:] = 0
         _add_pieces(layout, body, one, has_friction, work)
         for k in range(len(work.length)):
-            work.length[k] = real.length[k]
+            by_place = 0.0
             work.arm[k, :] = real.arm[k]
             if body.place[k, 0].imag != 0 or body.place[k, 1].imag != 0:
-                work.length[k] = _tendon_length(layout, body.place, one.q, k, work.arm[k])
+                by_place = _tendon_length(layout, body.place, one.q, k, work.arm[k]).imag
+            work.length[k] = complex(real.length[k], by_place)  # so that it slides as it does there
         _set_tensions(layout, body, one, has_friction, work)
         _add_tendons(layout, work)
         if np.any(body.mass.imag != 0) or np.any(body.gravity.imag != 0):
