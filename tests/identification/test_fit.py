@@ -13,7 +13,7 @@ from softrobot_env.control.registry import make_policy
 from softrobot_env.core.processes import Workers, using
 from softrobot_env.evaluation.runner import Case, run
 from softrobot_env.identification.errors import size
-from softrobot_env.identification.fit import path
+from softrobot_env.identification.fit import dynamics, path
 from softrobot_env.identification.fit.assignment import assigned
 from softrobot_env.identification.fit.dynamics import windows_of
 from softrobot_env.identification.fit.least_squares import NORMAL_95, clustered, weights_of
@@ -25,7 +25,7 @@ from softrobot_env.identification.fit.static_windows import at_rest
 from softrobot_env.identification.fit.unknowns import FRICTIONS, HOLDS, Fact, Group, Unknowns
 from softrobot_env.identification.fit.validation import blocks_of
 from softrobot_env.identification.replay import replay
-from softrobot_env.recordings import Frame, Recording, read_header, write_recording
+from softrobot_env.recordings import Frame, Marker, Recording, read_header, write_recording
 from softrobot_env.robots import ROBOTS, RobotParams, read_robot, write_robot
 from softrobot_env.robots.twin import rig3d_twin
 from softrobot_env.tasks import make_task
@@ -246,6 +246,28 @@ def test_a_twin_that_nobody_told_is_identified_and_driven():
         error[name] = run(case, env, policy).row().e_mean
         env.close()
     assert error["found"] < 0.7 * error["believed"]
+
+
+def test_markers_that_were_lost_say_nothing_of_a_motion(monkeypatch):
+    """Where half of the rows are lost, a delay is known root two times worse, errors are alike."""
+    rows, rng = 400, np.random.default_rng(0)
+    times = 1e-3 * np.arange(rows)
+    noise, way = 1e-3 * rng.standard_normal((rows, 1, 3)), np.sin(40 * times)[:, None, None]
+    marker = Marker("x", "y", "z", may_be_lost=True)
+    moving = recorded(np.ones((rows, 3)), times=times, marker=marker, rate_Hz=1e3)
+    half = np.where(np.arange(rows)[:, None, None] % 2, np.nan, noise)
+
+    def found(noise: np.ndarray) -> dynamics.Dynamics:
+        def shown(moved: Recording, robot: RobotParams) -> SimpleNamespace:
+            late = moved.header.marker[0].delay_s - 0.02
+            return SimpleNamespace(error=noise + 5e-3 * late * way)
+
+        monkeypatch.setattr(dynamics, "replay", shown)
+        return dynamics.dynamics_of(ROD, moving)
+
+    every, some = found(noise), found(half)
+    assert some.after == pytest.approx(every.after, rel=0.1)
+    assert some.deviation[1] == pytest.approx(2**0.5 * every.deviation[1], rel=0.15)
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from softrobot_env.recordings import Recording
 from softrobot_env.recordings.recording import since_begin
 from softrobot_env.robots import RobotParams
 
-from ..errors import centred
+from ..errors import centred, size
 from ..replay import replay
 from .least_squares import clustered, correlation_time
 
@@ -102,7 +102,7 @@ def dynamics_of(
     )
     problem = _Problem(robot, windows_of(recording), np.array(prior))
     here = problem.at(np.append(np.zeros(2) if begin is None else begin, [0.0, 0.0]))
-    before, damping = _rms(here.error), _DAMPING
+    before, damping = size(here.error), _DAMPING
     for step in range(_STEPS):
         problem.linearize(here)
         moved, damping = descend(problem.weighed(here), problem.step, damping, _RULE)
@@ -110,7 +110,7 @@ def dynamics_of(
             break
         way, here = np.abs(moved.values - here.values) / problem.prior, moved
         if show is not None:
-            show(step + 1, _rms(here.error))
+            show(step + 1, size(here.error))
         if way.max() < 2e-3:
             break
     noise, deviation = inv(problem.normal), problem.deviation(here)
@@ -127,7 +127,7 @@ def dynamics_of(
         modulus=own[_MODULUS],
         friction=own[_FRICTION],
         before=before,
-        after=_rms(here.error),
+        after=size(here.error),
         duration=problem.duration,
     )
 
@@ -177,7 +177,7 @@ class _Problem:
         self._here = here
         self._slopes = np.stack([(error - here.error) / probe for error, probe in moved], axis=-1)
         lasting = correlation_time(here.error, self._windows.runs)
-        self._variance = max(_rms(here.error) ** 2 / 3, 1e-12) * lasting
+        self._variance = max(float(np.nanmean(here.error**2)), 1e-12) * lasting
         known = np.isfinite(here.error) & np.isfinite(self._slopes).all(axis=-1)
         a, b = self._slopes[known], here.error[known]
         self.normal = a.T @ a / self._variance + np.diag(1 / self.prior**2)
@@ -265,7 +265,3 @@ def _judged(recording: Recording) -> list[tuple[float, float, ndarray]]:
         judged.append((float(speed[after].max()), times[begin], until & (times >= times[first])))
         last = begin
     return judged
-
-
-def _rms(error: ndarray) -> float:
-    return float(np.sqrt(np.nanmean(np.nansum(error**2, axis=-1))))
