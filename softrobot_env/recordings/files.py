@@ -115,15 +115,17 @@ def _numbers(columns: Columns, name: str, may_be_lost: bool = False, hint: str =
     """A column (t,) as finite numbers, or NaN where that may be; the hint is for empty cells."""
     values = columns[name]
     if values.dtype.kind in "US":
-        texts = values.tolist()
-        for row, text in enumerate(texts):
-            if text.strip().lower() in _EMPTY:
-                if not may_be_lost:
-                    raise ValueError(
-                        f"row {row + 1}: column {name!r} must be a number, got {text!r}{hint}"
-                    )
-                texts[row] = "nan"
-        values = np.array([_number(text, name, row) for row, text in enumerate(texts, 1)])
+        numbers = []
+        for row, text in enumerate(values.tolist(), 1):
+            is_empty = text.strip().lower() in _EMPTY
+            try:
+                numbers.append(float("nan" if is_empty and may_be_lost else text))
+            except ValueError:
+                raise ValueError(
+                    f"row {row}: column {name!r} must be a number, got {text!r}"
+                    f"{hint if is_empty else ''}"
+                ) from None
+        values = np.array(numbers)
     if values.dtype.kind not in "iufb":
         raise ValueError(f"column {name!r} holds no numbers")
     values = values.astype(float)
@@ -133,13 +135,6 @@ def _numbers(columns: Columns, name: str, may_be_lost: bool = False, hint: str =
         more = hint if np.isnan(value) else ""
         raise ValueError(f"row {bad[0] + 1}: column {name!r} must be finite, got {value}{more}")
     return values
-
-
-def _number(text: str, name: str, row: int) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise ValueError(f"row {row}: column {name!r} must be a number, got {text!r}") from None
 
 
 def write_recording(recording: Recording, path: Path | str) -> None:
