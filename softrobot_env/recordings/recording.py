@@ -100,7 +100,7 @@ class Recording:
             patterns = [text.removesuffix(end) for text in patterns]
         return np.array(patterns)
 
-    @property
+    @cached_property
     def begins(self) -> ndarray:
         """(t,) bool, rows where a run begins."""
         return np.diff(self.runs, prepend=-1) != 0
