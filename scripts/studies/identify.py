@@ -21,7 +21,7 @@ from softrobot_env.control.registry import find_policy, make_policy
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.evaluation.runner import run as run_case
-from softrobot_env.identification.fit.least_squares import size
+from softrobot_env.identification.errors import size
 from softrobot_env.identification.fit.path import identify
 from softrobot_env.identification.fit.report import parameter_rows
 from softrobot_env.robots import RIG, RobotParams

@@ -2,7 +2,7 @@
 
 from argparse import Namespace
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 
@@ -124,13 +124,13 @@ def _replay(args: Namespace) -> int:
     for line in notes:
         say(line, soft_wrap=True, markup=False)
     common = {"robot": robot.name, "plant": args.plant, "cpu_time": result.cpu_time}
-    columns = [common | row.columns() for row in rows]
+    columns = [common | asdict(row) for row in rows]
     parts = [make_table(title, _COLUMNS, rows, caption=_CAPTION), *notes]
     learned = _with_residual(result)
     if learned is not None:
         better, title = error_rows(learned), f"{title}, {_LEARNED}"
         say(make_table(title, _COLUMNS, better[:1], caption=_CAPTION))
-        columns += [common | {"model": _LEARNED} | row.columns() for row in better]
+        columns += [common | {"model": _LEARNED} | asdict(row) for row in better]
         parts.append(make_table(title, _COLUMNS, better, caption=_CAPTION))
     say(f"{result.cpu_time:.1f} s of CPU time")
     draw = partial(plot_replay, result, rows, args.out)

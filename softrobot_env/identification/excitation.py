@@ -446,4 +446,4 @@ def at_rests(recording: Recording, plan: Plan) -> tuple[Recording, float]:
     ends = recording.part(np.array([group[-1] for group in groups]))
     markers = np.array([recording.markers[group].mean(axis=0) for group in groups])
     moved = max(float(np.nanmax(np.ptp(recording.markers[group], axis=0))) for group in groups)
-    return replace(ends, markers=markers, header=replace(recording.header, static=True)), moved
+    return replace(ends.with_header(static=True), markers=markers), moved

@@ -8,7 +8,7 @@ periods; of others commands are held on a grid of 5 ms or finer, and markers int
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from math import ceil
 from time import process_time
@@ -28,6 +28,8 @@ from softrobot_env.robots.twin import Twin, twin_of
 from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.statics import equilibrium
 from softrobot_env.scene.tangent import RubbingForces
+
+from .errors import centred, distances, mean_known
 
 _LET_OUT = 0.02  # of the robot's length, by which tendons are let out to be slack
 _STEP, _SHORTEST = 1 / 16, 1 / 1024  # of the way from one command to another
@@ -261,12 +263,12 @@ class Replay:
     @cached_property
     def distance(self) -> ndarray:
         """Its size (t, k) [m] over the coordinates that were measured."""
-        return _size(self.error)
+        return distances(self.error)
 
     @cached_property
     def centred(self) -> ndarray:
         """The same with the mean error of each marker over all rows removed."""
-        return _size(self.error - mean_known(self.error))
+        return distances(centred(self.error))
 
 
 def replay(
@@ -302,20 +304,6 @@ def replay(
     simulated, failures = work(body, recording, controls, progress or _silent)
     used = process_time() - begun
     return Replay(recording, built.robot, plant, simulated, tuple(failures), used)
-
-
-def mean_known(error: ndarray) -> ndarray:
-    """Mean (k, 3) of errors (t, k, 3) over the rows where they are known; NaN without any."""
-    known = ~np.isnan(error)
-    count = known.sum(axis=0)
-    total = np.where(known, error, 0.0).sum(axis=0)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
-
-
-def _size(error: ndarray) -> ndarray:
-    known = ~np.isnan(error)
-    sizes = np.sqrt(np.sum(np.where(known, error, 0.0) ** 2, axis=-1))
-    return np.where(known.any(axis=-1), sizes, np.nan)
 
 
 def _silent(rows: int) -> None:
@@ -360,7 +348,7 @@ def _motions(
 
 def control_period(recording: Recording) -> float:
     """Control period [s] by which a moving robot's commands are simulated."""
-    steps = np.diff(recording.times)[np.diff(recording.runs) == 0]
+    steps = recording.steps
     if not len(steps):
         return _LONGEST
     step = float(np.median(steps))
@@ -427,10 +415,6 @@ class ErrorRow:
     offset_y: float | None
     offset_z: float | None
 
-    def columns(self) -> dict[str, Any]:
-        """The row as report.json has it."""
-        return asdict(self)
-
 
 def error_rows(replay: Replay) -> list[ErrorRow]:
     """Errors of all rows, then of each pattern in the order of its first row."""
@@ -442,10 +426,10 @@ def error_rows(replay: Replay) -> list[ErrorRow]:
 
 
 def _row(name: str, replay: Replay, rows: ndarray) -> ErrorRow:
-    raw, centred = replay.distance[rows], replay.centred[rows]
+    sizes = (*_sizes(replay.distance[rows]), *_sizes(replay.centred[rows]))
     offset = [_number(x) for x in mean_known(replay.error[rows].reshape(-1, 3))]
     failed = int(np.isnan(replay.simulated[rows]).any(axis=(1, 2)).sum())
-    return ErrorRow(name, len(raw), failed, *_sizes(raw), *_sizes(centred), *offset)
+    return ErrorRow(name, int(rows.sum()), failed, *sizes, *offset)
 
 
 def _sizes(distance: ndarray) -> tuple[float | None, float | None, float | None]:

@@ -9,7 +9,7 @@ from softrobot_env.core.records import placed
 
 from .columns import Columns, read_csv, read_mcap, read_minari, read_parquet, write_columns
 from .header import UNITS, Header, read_header, write_header
-from .recording import Recording
+from .recording import Recording, since_begin
 
 
 def header_path(path: Path | str) -> Path:
@@ -102,8 +102,7 @@ def _times(columns: Columns, header: Header, runs: ndarray) -> ndarray:
         times = np.arange(len(runs)) / (header.rate_Hz or 1.0)
     else:
         times = _numbers(columns, header.time.column)
-    first = np.flatnonzero(np.append(True, np.diff(runs) != 0))[: len(runs)]
-    elapsed = times - times[first][runs] if len(runs) else times  # before scaling: epochs are large
+    elapsed = since_begin(times, runs)  # before scaling: epochs are large
     return elapsed * (1.0 if header.time is None else UNITS["time"][header.time.unit])
 
 
@@ -116,15 +115,17 @@ def _numbers(columns: Columns, name: str, may_be_lost: bool = False, hint: str =
     """A column (t,) as finite numbers, or NaN where that may be; the hint is for empty cells."""
     values = columns[name]
     if values.dtype.kind in "US":
-        texts = values.tolist()
-        for row, text in enumerate(texts):
-            if text.strip().lower() in _EMPTY:
-                if not may_be_lost:
-                    raise ValueError(
-                        f"row {row + 1}: column {name!r} must be a number, got {text!r}{hint}"
-                    )
-                texts[row] = "nan"
-        values = np.array([_number(text, name, row) for row, text in enumerate(texts, 1)])
+        numbers = []
+        for row, text in enumerate(values.tolist(), 1):
+            is_empty = text.strip().lower() in _EMPTY
+            try:
+                numbers.append(float("nan" if is_empty and may_be_lost else text))
+            except ValueError:
+                raise ValueError(
+                    f"row {row}: column {name!r} must be a number, got {text!r}"
+                    f"{hint if is_empty else ''}"
+                ) from None
+        values = np.array(numbers)
     if values.dtype.kind not in "iufb":
         raise ValueError(f"column {name!r} holds no numbers")
     values = values.astype(float)
@@ -134,13 +135,6 @@ def _numbers(columns: Columns, name: str, may_be_lost: bool = False, hint: str =
         more = hint if np.isnan(value) else ""
         raise ValueError(f"row {bad[0] + 1}: column {name!r} must be finite, got {value}{more}")
     return values
-
-
-def _number(text: str, name: str, row: int) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise ValueError(f"row {row}: column {name!r} must be a number, got {text!r}") from None
 
 
 def write_recording(recording: Recording, path: Path | str) -> None:

@@ -1,7 +1,7 @@
 """The header of a recording: which column is what, in which unit and frame; keys of a TOML file."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import pi
 from pathlib import Path
@@ -265,6 +265,15 @@ class Header:
         given = (self.time is not None) + (self.rate_Hz is not None)
         if given != 1 and not (self.static and not given):
             raise ValueError("header: give a table [time] or rate_Hz, and not both")
+
+    def with_markers(self, **changes: Any) -> "Header":
+        """The header with the same changes of all markers, by their fields."""
+        return replace(self, marker=tuple(replace(one, **changes) for one in self.marker))
+
+    def later(self, delay: float) -> "Header":
+        """The header with markers that are measured later by a time [s]."""
+        late = tuple(replace(one, delay_s=one.delay_s + delay) for one in self.marker)
+        return replace(self, marker=late)
 
     @property
     def columns(self) -> tuple[str, ...]:

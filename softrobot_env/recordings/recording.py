@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy import ndarray
@@ -99,6 +100,20 @@ class Recording:
             patterns = [text.removesuffix(end) for text in patterns]
         return np.array(patterns)
 
+    @cached_property
+    def begins(self) -> ndarray:
+        """(t,) bool, rows where a run begins."""
+        return np.diff(self.runs, prepend=-1) != 0
+
+    @property
+    def steps(self) -> ndarray:
+        """[s] between each row and the next of its run."""
+        return np.diff(self.times)[~self.begins[1:]]
+
+    def with_header(self, **changes: Any) -> "Recording":
+        """The recording with another header, by its fields."""
+        return replace(self, header=replace(self.header, **changes))
+
     def part(self, rows: ndarray | slice) -> "Recording":
         """The recording of some rows, by their indices in order, a mask or a slice."""
         arrays = [f.name for f in fields(self) if f.name != "header"]
@@ -143,6 +158,12 @@ class Recording:
     def drive(self, robot: RobotParams) -> str:
         """How the recorded robot was driven, "length" or "tension"; actions as the robot is."""
         return robot.drive.kind if self.kind == "action" else self.kind
+
+
+def since_begin(times: ndarray, runs: ndarray) -> ndarray:
+    """Times (t,) since the first row of each run, by their numbers 0, 1, ... (t,)."""
+    first = np.unique(runs, return_index=True)[1]
+    return times - times[first][runs]
 
 
 _UNIT = {"length": "m", "tension": "N"}
@@ -243,8 +264,7 @@ class Summary:
 
 def summarize(recording: Recording, robot: RobotParams | None = None) -> Summary:
     """Numbers and warnings of a recording; with a robot, what does not fit it too."""
-    within = np.diff(recording.runs) == 0
-    steps = np.diff(recording.times)[within]
+    steps = recording.steps
     usual = float(np.median(steps)) if len(steps) else None
     late = np.flatnonzero(steps > _GAP * usual) if usual else np.zeros(0, int)
     return Summary(
@@ -252,7 +272,7 @@ def summarize(recording: Recording, robot: RobotParams | None = None) -> Summary
         runs=int(recording.runs[-1]) + 1,
         duration=float(steps.sum()),
         rate=1 / usual if usual else None,
-        gaps=tuple((np.flatnonzero(within)[late] + 2).tolist()),
+        gaps=tuple((np.flatnonzero(~recording.begins)[late] + 1).tolist()),
         longest_gap=float(steps.max()) if len(steps) else 0.0,
         command_range=np.stack([recording.commands.min(0), recording.commands.max(0)], axis=1),
         marker_range=np.stack(

@@ -12,10 +12,11 @@ from support.recorded_rods import LENGTH, real_recording, recorded, rod
 from softrobot_env.control.registry import make_policy
 from softrobot_env.core.processes import Workers, using
 from softrobot_env.evaluation.runner import Case, run
-from softrobot_env.identification.fit import path
+from softrobot_env.identification.errors import size
+from softrobot_env.identification.fit import dynamics, path
 from softrobot_env.identification.fit.assignment import assigned
 from softrobot_env.identification.fit.dynamics import windows_of
-from softrobot_env.identification.fit.least_squares import NORMAL_95, clustered, size, weights_of
+from softrobot_env.identification.fit.least_squares import NORMAL_95, clustered, weights_of
 from softrobot_env.identification.fit.model import StaticModel
 from softrobot_env.identification.fit.path import identify, placed
 from softrobot_env.identification.fit.report import write_files
@@ -24,7 +25,7 @@ from softrobot_env.identification.fit.static_windows import at_rest
 from softrobot_env.identification.fit.unknowns import FRICTIONS, HOLDS, Fact, Group, Unknowns
 from softrobot_env.identification.fit.validation import blocks_of
 from softrobot_env.identification.replay import replay
-from softrobot_env.recordings import Frame, Recording, read_header, write_recording
+from softrobot_env.recordings import Frame, Marker, Recording, read_header, write_recording
 from softrobot_env.robots import ROBOTS, RobotParams, read_robot, write_robot
 from softrobot_env.robots.twin import rig3d_twin
 from softrobot_env.tasks import make_task
@@ -70,6 +71,18 @@ def test_a_tendon_bends_the_model_to_an_arc_and_its_slopes_are_exact():
         there, back = model.simulate(x + change).error, model.simulate(x - change).error
         slope = (there - back) / 2 / step
         assert np.abs(slope - found.slopes[..., k]).max() < 1e-5 + 1e-5 * np.abs(slope).max()
+
+
+def test_slopes_are_exact_where_a_robot_stays_as_it_is():
+    """Its tendons are about to slide there, or not: by rounding, but for all parameters alike."""
+    robot = ROBOTS["silicone_rod"]
+    share = np.array([[0.1, 0, 0], [0.5, 0, -0.1], *[[0.8, 0.1, -0.2]] * 4])
+    model = StaticModel(robot, recorded(8e-3 * share, "length", robot.tendon_names))
+    x, step = np.zeros(len(model.unknowns.spread)), 1e-7
+    found = model.simulate(x, np.ones(len(x), dtype=bool))
+    for k, way in enumerate(step * np.eye(len(x))):
+        there, back = model.simulate(x + way).error, model.simulate(x - way).error
+        assert np.abs((there - back) / 2 / step - found.slopes[..., k]).max() < 1e-4
 
 
 @pytest.mark.slow
@@ -233,6 +246,28 @@ def test_a_twin_that_nobody_told_is_identified_and_driven():
         error[name] = run(case, env, policy).row().e_mean
         env.close()
     assert error["found"] < 0.7 * error["believed"]
+
+
+def test_markers_that_were_lost_say_nothing_of_a_motion(monkeypatch):
+    """Where half of the rows are lost, a delay is known root two times worse, errors are alike."""
+    rows, rng = 400, np.random.default_rng(0)
+    times = 1e-3 * np.arange(rows)
+    noise, way = 1e-3 * rng.standard_normal((rows, 1, 3)), np.sin(40 * times)[:, None, None]
+    marker = Marker("x", "y", "z", may_be_lost=True)
+    moving = recorded(np.ones((rows, 3)), times=times, marker=marker, rate_Hz=1e3)
+    half = np.where(np.arange(rows)[:, None, None] % 2, np.nan, noise)
+
+    def found(noise: np.ndarray) -> dynamics.Dynamics:
+        def shown(moved: Recording, robot: RobotParams) -> SimpleNamespace:
+            late = moved.header.marker[0].delay_s - 0.02
+            return SimpleNamespace(error=noise + 5e-3 * late * way)
+
+        monkeypatch.setattr(dynamics, "replay", shown)
+        return dynamics.dynamics_of(ROD, moving)
+
+    every, some = found(noise), found(half)
+    assert some.after == pytest.approx(every.after, rel=0.1)
+    assert some.deviation[1] == pytest.approx(2**0.5 * every.deviation[1], rel=0.15)
 
 
 @pytest.mark.slow

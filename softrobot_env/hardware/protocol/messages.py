@@ -464,39 +464,21 @@ class Decoder:
 
     def __init__(self) -> None:
         self.crc_errors = self.frame_errors = 0
-        self._buffer = bytearray()
-        self._overlong = False
+        self._begun = b""
 
     def feed(self, data: bytes) -> list[tuple[Message, int]]:
         """Messages, each with its sequence number, that these bytes complete."""
-        found = []
-        first, *others = data.split(b"\0")
-        self._append(first)
-        for part in others:
-            message = self._end()
-            if message is not None:
-                found.append(message)
-            self._append(part)
-        return found
+        *frames, begun = (self._begun + data).split(b"\0")
+        self._begun = begun[: LONGEST + 1]  # enough to know that it is too long
+        found = (self._message(frame) for frame in frames if frame)
+        return [message for message in found if message is not None]
 
-    def _append(self, part: bytes) -> None:
-        self._overlong = self._overlong or len(self._buffer) + len(part) > LONGEST
-        if self._overlong:
-            self._buffer.clear()
-        else:
-            self._buffer += part
-
-    def _end(self) -> tuple[Message, int] | None:
-        """What stands between two zeros; None where there is nothing, or nothing valid."""
+    def _message(self, frame: bytes) -> tuple[Message, int] | None:
+        """What stands between two zeros; None where that is not valid."""
         from cobs import cobs
 
-        frame, overlong = bytes(self._buffer), self._overlong
-        self._buffer.clear()
-        self._overlong = False
-        if not (frame or overlong):
-            return None
         try:
-            data = b"" if overlong else cobs.decode(frame)
+            data = cobs.decode(frame) if len(frame) <= LONGEST else b""
             body, checksum = data[: -_CRC.size], data[-_CRC.size :]
             if len(body) > _TYPE and checksum != _CRC.pack(crc32(body, seed(body[_TYPE]))):
                 self.crc_errors += 1

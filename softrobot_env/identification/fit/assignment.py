@@ -136,8 +136,7 @@ def doubted(recording: Recording, robot: RobotParams) -> str | None:
 def with_tendons(recording: Recording, found: Assignment) -> Recording:
     """The recording with what was found in its header; its numbers are those of the columns."""
     commands = replace(recording.header.commands, tendons=found.tendons)
-    header = replace(recording.header, commands=commands)
-    return with_signs(replace(recording, header=header), found.signs)
+    return with_signs(recording.with_header(commands=commands), found.signs)
 
 
 def with_signs(recording: Recording, signs: Sequence[float]) -> Recording:
@@ -145,8 +144,7 @@ def with_signs(recording: Recording, signs: Sequence[float]) -> Recording:
     commands, signs = recording.header.commands, np.array(signs)
     factors = np.array(commands.factors or (1.0,) * len(commands.columns)) * signs
     commands = replace(commands, factors=tuple(factors.tolist()))
-    header = replace(recording.header, commands=commands)
-    return replace(recording, header=header, commands=recording.commands * signs)
+    return replace(recording.with_header(commands=commands), commands=recording.commands * signs)
 
 
 @dataclass
@@ -236,7 +234,7 @@ class _Search:
     def _directions(self) -> ndarray:
         """(n, 2) how far the last marker moves to the side per column, by changes between rows."""
         tip, commands = self.recording.markers[:, -1], self.recording.commands
-        same = np.diff(self.recording.runs) == 0
+        same = ~self.recording.begins[1:]
         change = np.diff(commands, axis=0)[same]
         moved = np.diff(tip, axis=0)[same][:, :2]
         small = np.abs(change).max(axis=1) <= 3 * np.median(np.abs(change).max(axis=1))
@@ -317,8 +315,8 @@ def _simulated(
     found = []
     for order, signs in cases:
         commands = replace(recording.header.commands, tendons=tuple(names[k] for k in order))
-        header = replace(recording.header, commands=commands)
-        part = replace(recording, header=header, commands=np.array(signs) * recording.commands)
+        part = recording.with_header(commands=commands)
+        part = replace(part, commands=np.array(signs) * part.commands)
         model = StaticModel(robot, part, pieces=_PIECES)
         moved = model.simulate(np.zeros(len(model.unknowns.spread)), has_friction=False)
         rms, turn, _ = aligned(moved.markers, model.points, any_way)

@@ -17,9 +17,11 @@ from numpy.linalg import inv, norm, solve
 
 from softrobot_env.core.continuation import Damping, descend
 from softrobot_env.recordings import Recording
+from softrobot_env.recordings.recording import since_begin
 from softrobot_env.robots import RobotParams
 
-from ..replay import mean_known, replay
+from ..errors import centred, size
+from ..replay import replay
 from .least_squares import clustered, correlation_time
 
 _LONGEST = 12.0  # s that are simulated
@@ -100,7 +102,7 @@ def dynamics_of(
     )
     problem = _Problem(robot, windows_of(recording), np.array(prior))
     here = problem.at(np.append(np.zeros(2) if begin is None else begin, [0.0, 0.0]))
-    before, damping = _rms(here.error), _DAMPING
+    before, damping = size(here.error), _DAMPING
     for step in range(_STEPS):
         problem.linearize(here)
         moved, damping = descend(problem.weighed(here), problem.step, damping, _RULE)
@@ -108,7 +110,7 @@ def dynamics_of(
             break
         way, here = np.abs(moved.values - here.values) / problem.prior, moved
         if show is not None:
-            show(step + 1, _rms(here.error))
+            show(step + 1, size(here.error))
         if way.max() < 2e-3:
             break
     noise, deviation = inv(problem.normal), problem.deviation(here)
@@ -125,7 +127,7 @@ def dynamics_of(
         modulus=own[_MODULUS],
         friction=own[_FRICTION],
         before=before,
-        after=_rms(here.error),
+        after=size(here.error),
         duration=problem.duration,
     )
 
@@ -159,17 +161,14 @@ class _Problem:
     def at(self, values: ndarray) -> _Point:
         """Simulate the windows, the mean error of each left out."""
         windows, delay = self._windows, max(float(values[1]), 0.0)
-        markers = tuple(replace(m, delay_s=m.delay_s + delay) for m in windows.header.marker)
-        moved = replace(windows, header=replace(windows.header, marker=markers))
-        found = replay(moved, self.built(values)).error
-        out = np.full_like(found, np.nan)
-        for run in range(int(windows.runs[-1]) + 1):
+        moved = replace(windows, header=windows.header.later(delay))
+        error = replay(moved, self.built(values)).error
+        for run in np.unique(windows.runs):
             rows = windows.runs == run
-            if np.isfinite(found[rows]).any():
-                out[rows] = found[rows] - mean_known(found[rows])
-        if np.isnan(out).all():
+            error[rows] = centred(error[rows])
+        if np.isnan(error).all():
             raise ValueError("the identified robot could not be simulated in motion")
-        return _Point(values, out)
+        return _Point(values, error)
 
     def linearize(self, here: _Point) -> None:
         """Take slopes by differences, and weights by what is left."""
@@ -178,7 +177,7 @@ class _Problem:
         self._here = here
         self._slopes = np.stack([(error - here.error) / probe for error, probe in moved], axis=-1)
         lasting = correlation_time(here.error, self._windows.runs)
-        self._variance = max(_rms(here.error) ** 2 / 3, 1e-12) * lasting
+        self._variance = max(float(np.nanmean(here.error**2)), 1e-12) * lasting
         known = np.isfinite(here.error) & np.isfinite(self._slopes).all(axis=-1)
         a, b = self._slopes[known], here.error[known]
         self.normal = a.T @ a / self._variance + np.diag(1 / self.prior**2)
@@ -198,17 +197,16 @@ class _Problem:
 
     def deviation(self, here: _Point) -> ndarray:
         """(4,) standard deviations."""
-        times, runs = self._windows.times, self._windows.runs
-        covariance = clustered(self._slopes, here.error, self.normal, self._variance, runs)
+        windows = self._windows
+        covariance = clustered(self._slopes, here.error, self.normal, self._variance, windows.runs)
         # When within a sample a command begins is not known.
-        covariance[1, 1] += float(np.median(np.diff(times)[np.diff(runs) == 0])) ** 2 / 12
+        covariance[1, 1] += float(np.median(windows.steps)) ** 2 / 12
         return np.sqrt(np.diag(covariance))
 
     @property
     def duration(self) -> float:
         """[s] of the windows."""
-        times, runs = self._windows.times, self._windows.runs
-        return float(sum(times[runs == run][-1] for run in set(runs)))
+        return float(self._windows.steps.sum())
 
 
 def windows_of(recording: Recording) -> Recording:
@@ -234,15 +232,12 @@ def windows_of(recording: Recording) -> Recording:
     chosen.sort(key=lambda rows: int(np.argmax(rows)))
     order = np.concatenate([np.flatnonzero(rows) for rows in chosen])
     number = np.concatenate([np.full(int(rows.sum()), k) for k, rows in enumerate(chosen)])
-    first = np.append(True, np.diff(number) != 0)
-    lost = tuple(replace(marker, may_be_lost=True) for marker in recording.header.marker)
+    found = recording.part(order)
     return replace(
-        recording,
-        header=replace(recording.header, marker=lost),
-        times=times[order] - times[order][first][number],
-        commands=recording.commands[order],
-        markers=np.where(lead[order, None, None], np.nan, recording.markers[order]),
-        labels=recording.labels[order],
+        found,
+        header=found.header.with_markers(may_be_lost=True),
+        times=since_begin(found.times, number),
+        markers=np.where(lead[order, None, None], np.nan, found.markers),
         runs=number,
     )
 
@@ -253,8 +248,7 @@ def _judged(recording: Recording) -> list[tuple[float, float, ndarray]]:
     change = np.append(0.0, np.abs(np.diff(recording.commands, axis=0)).max(axis=1))
     speed = norm(np.nan_to_num(np.diff(tip, axis=0, prepend=tip[:1])), axis=1)
     quiet = change <= 1e-3 * np.ptp(recording.commands, axis=0).max()
-    same = np.append(False, np.diff(runs) == 0)
-    begins = np.flatnonzero(~quiet & np.append(True, quiet[:-1]) & same) - 1
+    begins = np.flatnonzero(~quiet & np.append(True, quiet[:-1]) & ~recording.begins) - 1
     ends = np.append(times[begins[1:]], np.inf)  # of a window: where the next motion begins
     ends[np.append(np.diff(runs[begins]) != 0, False)] = np.inf
     judged, last = [], None
@@ -271,7 +265,3 @@ def _judged(recording: Recording) -> list[tuple[float, float, ndarray]]:
         judged.append((float(speed[after].max()), times[begin], until & (times >= times[first])))
         last = begin
     return judged
-
-
-def _rms(error: ndarray) -> float:
-    return float(np.sqrt(np.nanmean(np.nansum(error**2, axis=-1))))

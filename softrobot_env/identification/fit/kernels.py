@@ -98,10 +98,11 @@ class Body(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Scratch of one kind of numbers: lengths, their derivatives, places, axes, forces."""
+    """Scratch of one kind of numbers: lengths, their derivatives, tensions, postures, forces."""
 
     length: ndarray
     arm: ndarray
+    tension: ndarray
     place: ndarray
     axes: ndarray
     force: ndarray
@@ -117,13 +118,14 @@ class Scratch(NamedTuple):
 
 def scratch(pieces: int, tendons: int) -> Scratch:
     """Scratch arrays for a robot."""
-    shapes = ((tendons,), (tendons, 3 * pieces), (pieces + 1, 3), (pieces + 1, 3, 3), (3 * pieces,))
+    along, places = 3 * pieces, (pieces + 1, 3)
+    shapes = ((tendons,), (tendons, along), (tendons,), places, (*places, 3), (along,))
     kinds = (Work(*(np.zeros(shape, kind) for shape in shapes)) for kind in (float, complex))
-    return Scratch(*kinds, np.zeros((3 * pieces, 3 * pieces)))
+    return Scratch(*kinds, np.zeros((along, along)))
 
 
 class State(NamedTuple):
-    """A robot at rest.
+    """A robot at rest; many, with a leading axis, are complex: steps of parameters.
 
     Attributes:
         q: (3 n,) turns of the pieces.
@@ -136,28 +138,6 @@ class State(NamedTuple):
     anchor: ndarray
 
 
-class Slopes(NamedTuple):
-    """Derivatives by p parameters.
-
-    Attributes:
-        control, anchor: Of a `State`.
-        length: (n_tendons, p) of the tendons' lengths at rest turns.
-        right: (3 n, p) of the balance at rest turns, with the opposite sign.
-    """
-
-    control: ndarray
-    anchor: ndarray
-    length: ndarray
-    right: ndarray
-
-
-class Friction(NamedTuple):
-    """Friction by motion: of tendons (n_tendons,) [N/m], of pieces' shares (n, 2, 2) [1/rad]."""
-
-    hold: ndarray
-    held: ndarray
-
-
 class Rows(NamedTuple):
     """What is followed, and what is found, row by row.
 
@@ -168,7 +148,6 @@ class Rows(NamedTuple):
         turns: (t, 3 n) of the pieces, set.
         markers: (t, n_markers, 3) [m], set.
         slopes: (t, n_markers, 3, p) their derivatives, set.
-        rub: (t, n_tendons + 2 n) in [-1, 1], share of friction of tendons and of bends, set.
         found: (t,) bool, whether an equilibrium was found, set.
     """
 
@@ -177,7 +156,6 @@ class Rows(NamedTuple):
     turns: ndarray
     markers: ndarray
     slopes: ndarray
-    rub: ndarray
     found: ndarray
 
 
@@ -239,8 +217,8 @@ def _frame(rows):
 
 
 @kernel
-def _add_weight(layout, body, q, work, out):
-    """Take the weights' generalised force off `out` (3 n,) [N m]; sets the posture."""
+def _add_weight(layout, body, q, work):
+    """Take the weights' generalised force off work.force (3 n,) [N m]; sets the posture."""
     _set_posture(layout, q, work.place, work.axes)
     gravity, n, zero = vector(body.gravity), len(layout.sizes), q[0] * 0
     force = to_axes(_frame(work.axes[n]), scaled(body.head[0], gravity))
@@ -252,7 +230,7 @@ def _add_weight(layout, body, q, work, out):
             layout.sizes[i], stumpff(dot3(phi, phi)), phi, add(force, weight), moment
         )
         for j in range(3):
-            out[3 * i + j] -= load[j]
+            work.force[3 * i + j] -= load[j]
 
 
 @kernel
@@ -263,80 +241,58 @@ def _slid(way, loose):
 
 
 @kernel
-def _pull(layout, body, k, length, control):
-    """Tension [N] of tendon k at its servo: none is negative."""
-    pull = control + length * 0
-    if layout.by_length:
-        stretch = control + length - body.straight[k]
-        pull = body.pretension[k] + body.spring[k] * stretch
-    return pull if pull.real > 0 else pull * 0
-
-
-@kernel
-def _bound(layout, body, k, pull):
-    """Largest friction [N] of tendon k.
-
-    Where friction of the backbone is kept apart, it is no more than the tension: a slack tendon
-    does not rub.
-    """
-    if layout.apart and pull.real < body.friction[k].real:
-        return pull
-    return body.friction[k] + pull * 0
-
-
-@kernel
-def _tension(layout, body, k, length, control, anchor, has_friction):
-    """Tension [N] of tendon k inside the robot, friction included."""
-    pull = _pull(layout, body, k, length, control)
-    if has_friction:
-        pull = pull + _bound(layout, body, k, pull) * _slid(length - anchor, layout.loose)
-    return pull
-
-
-@kernel
-def _add_tendon(layout, body, q, k, control, anchor, has_friction, work):
-    """Add tendon k's generalised force to work.force (3 n,) [N m]; sets its length and arm."""
-    work.length[k] = _tendon_length(layout, body.place, q, k, work.arm[k])
-    tension = _tension(layout, body, k, work.length[k], control, anchor, has_friction)
-    for i in range(3 * layout.last[k]):
-        work.force[i] += tension * work.arm[k, i]
-
-
-@kernel
-def _held(layout, q, i, anchor):
-    """Share (x, y) of friction of piece i, of length one at most, bent from its anchor."""
-    x = (q[3 * i] - anchor[2 * i]) / layout.give[i]
-    y = (q[3 * i + 1] - anchor[2 * i + 1]) / layout.give[i]
+def _held(x, y):
+    """Share (x, y) of friction of a piece, of length one at most, bent so far from its anchor."""
     size = np.sqrt(x * x + y * y)
     return (x / size, y / size) if size.real > 1 else (x, y)
 
 
 @kernel
-def _held_slopes(layout, q, i, anchor, out):
-    """Set out (2, 2) [1/rad] to the derivative of `_held` by the bend of piece i."""
-    x, y = q[3 * i] - anchor[2 * i], q[3 * i + 1] - anchor[2 * i + 1]
-    size = np.sqrt(x * x + y * y)
-    if size > layout.give[i]:
-        x, y = x / size, y / size
-        out[0, 0], out[1, 1] = y * y / size, x * x / size
-        out[0, 1] = out[1, 0] = -x * y / size
-    else:
-        out[0, 0] = out[1, 1] = 1 / layout.give[i]
-        out[0, 1] = out[1, 0] = 0.0
+def _set_tensions(layout, body, state, has_friction, work):
+    """Set work.tension (n_tendons,) [N], inside the robot, by the lengths there.
+
+    None is negative at the servo. Where friction of the backbone is kept apart, that of a tendon is
+    no more than its tension: a slack tendon does not rub.
+    """
+    for k in range(len(work.length)):
+        length, control = work.length[k], state.control[k]
+        pull = control + length * 0
+        if layout.by_length:
+            stretch = control + length - body.straight[k]
+            pull = body.pretension[k] + body.spring[k] * stretch
+        if pull.real <= 0:
+            pull = pull * 0
+        work.tension[k] = pull
+        if has_friction:
+            most = body.friction[k] + pull * 0
+            if layout.apart and pull.real < most.real:
+                most = pull
+            work.tension[k] += most * _slid(length - state.anchor[k], layout.loose)
 
 
 @kernel
-def _add_piece(layout, body, q, i, anchor, has_friction, out):
-    """Add spring and friction of piece i to out (3 n,) [N m]; anchor (2 n,) [rad] of bends."""
-    b0, b1 = q[3 * i] - body.rest[i, 0], q[3 * i + 1] - body.rest[i, 1]
-    k = body.stiffness[i]
-    out[3 * i] += k[0] * b0 + k[1] * b1
-    out[3 * i + 1] += k[1] * b0 + k[2] * b1
-    out[3 * i + 2] += k[3] * q[3 * i + 2]
-    if has_friction:
-        x, y = _held(layout, q, i, anchor)
-        out[3 * i] += body.holding[i] * x
-        out[3 * i + 1] += body.holding[i] * y
+def _add_pieces(layout, body, state, has_friction, work):
+    """Add springs and friction of the pieces to work.force (3 n,) [N m]."""
+    q, out, bends = state.q, work.force, state.anchor[len(state.control) :]
+    for i in range(len(layout.sizes)):
+        b0, b1 = q[3 * i] - body.rest[i, 0], q[3 * i + 1] - body.rest[i, 1]
+        k = body.stiffness[i]
+        out[3 * i] += k[0] * b0 + k[1] * b1
+        out[3 * i + 1] += k[1] * b0 + k[2] * b1
+        out[3 * i + 2] += k[3] * q[3 * i + 2]
+        if has_friction:
+            give, x, y = layout.give[i], q[3 * i] - bends[2 * i], q[3 * i + 1] - bends[2 * i + 1]
+            x, y = _held(x / give, y / give)
+            out[3 * i] += body.holding[i] * x
+            out[3 * i + 1] += body.holding[i] * y
+
+
+@kernel
+def _add_tendons(layout, work):
+    """Add what tendons do by their tensions and arms to work.force (3 n,) [N m]."""
+    for k in range(len(work.tension)):
+        for i in range(3 * layout.last[k]):
+            work.force[i] += work.tension[k] * work.arm[k, i]
 
 
 @kernel
@@ -348,60 +304,52 @@ def imbalance(layout, body, state, has_friction, work):
         has_friction: Whether friction counts.
         work: Scratch of the numbers' kind.
     """
-    tendons, q = len(work.length), state.q
     work.force[:] = 0
-    for i in range(len(layout.sizes)):
-        _add_piece(layout, body, q, i, state.anchor[tendons:], has_friction, work.force)
-    for k in range(tendons):
-        _add_tendon(layout, body, q, k, state.control[k], state.anchor[k], has_friction, work)
-    _add_weight(layout, body, q, work, work.force)
+    _add_pieces(layout, body, state, has_friction, work)
+    for k in range(len(work.length)):
+        work.length[k] = _tendon_length(layout, body.place, state.q, k, work.arm[k])
+    _set_tensions(layout, body, state, has_friction, work)
+    _add_tendons(layout, work)
+    _add_weight(layout, body, state.q, work)
 
 
 @kernel
 def _tangent(layout, body, state, has_friction, scratch):
     """Set the tangent to the derivative of the imbalance by q, where real numbers were set last.
 
-    By complex steps: a tendon's arm about a piece depends on its turns alone, so that three steps
-    give those of all pieces.
+    By complex steps: a piece's spring and a tendon's arm about a piece depend on its turns alone,
+    so that three steps give those of all pieces.
     """
-    q, control, anchor = state.q, state.control, state.anchor
-    real, work, out = scratch.real, scratch.complex, scratch.tangent
+    q, real, work, out = state.q, scratch.real, scratch.complex, scratch.tangent
     n, tendons = len(layout.sizes), len(real.length)
     out[:, :] = 0
-    z = q.astype(np.complex128)
-    for i in range(n):
-        for j in range(3):
-            z[3 * i + j] = complex(q[3 * i + j], TINY)
-            work.force[3 * i : 3 * i + 3] = 0
-            _add_piece(layout, body, z, i, anchor[tendons:], has_friction, work.force)
-            for k in range(3):
-                out[3 * i + k, 3 * i + j] = work.force[3 * i + k].imag / TINY
-            z[3 * i + j] = q[3 * i + j]
     for k in range(tendons):
-        length, held = real.length[k], anchor[k]
-        tension = _tension(layout, body, k, length, control[k], held, has_friction)
-        moved = _tension(layout, body, k, complex(length, TINY), control[k], held, has_friction)
-        rate = moved.imag / TINY
-        m = 3 * layout.last[k]
-        if rate != 0:
-            for i in range(m):
-                share = rate * real.arm[k, i]
-                for j in range(m):
-                    out[i, j] += share * real.arm[k, j]
-        if tension == 0:
-            continue
-        for j in range(3):
-            for i in range(n):
-                z[3 * i + j] = complex(q[3 * i + j], TINY)
-            _tendon_length(layout, body.place, z, k, work.arm[k])
-            for i in range(m):
-                out[i, 3 * (i // 3) + j] += tension * work.arm[k, i].imag / TINY
-            z[:] = q
+        work.length[k] = complex(real.length[k], TINY)
+    _set_tensions(layout, body, state, has_friction, work)
+    for k in range(tendons):
+        rate, arm = work.tension[k].imag / TINY, real.arm[k]
+        work.tension[k] = work.tension[k].real
+        for i in range(3 * layout.last[k]):
+            for j in range(3 * layout.last[k]):
+                out[i, j] += rate * arm[i] * arm[j]
+    z = q.astype(np.complex128)
+    for j in range(3):
+        for i in range(n):
+            z[3 * i + j] = complex(q[3 * i + j], TINY)
+        work.force[:] = 0
+        _add_pieces(layout, body, State(z, state.control, state.anchor), has_friction, work)
+        for k in range(tendons):
+            if work.tension[k] != 0:
+                _tendon_length(layout, body.place, z, k, work.arm[k])
+        _add_tendons(layout, work)
+        for i in range(3 * n):
+            out[i, 3 * (i // 3) + j] += work.force[i].imag / TINY
+        z[:] = q
     if np.any(body.gravity != 0):
         for j in range(3 * n):
             z[j] = complex(q[j], TINY)
             work.force[:] = 0
-            _add_weight(layout, body, z, work, work.force)
+            _add_weight(layout, body, z, work)
             z[j] = q[j]
             for i in range(3 * n):
                 out[i, j] += work.force[i].imag / TINY
@@ -409,19 +357,16 @@ def _tangent(layout, body, state, has_friction, scratch):
 
 @kernel
 def _settle(layout, body, state, has_friction, tolerance, scratch):
-    """Newton's method from a state, whose turns it changes; whether it found an equilibrium.
-
-    The tangent is then that there.
-    """
+    """Newton's method from a state, whose turns it changes; whether it found an equilibrium."""
     q, real = state.q, scratch.real
     imbalance(layout, body, state, has_friction, real)
     size = np.sqrt(np.sum(real.force**2))
     for iteration in range(40):
-        _tangent(layout, body, state, has_friction, scratch)
         if size < tolerance and iteration > 0:
             return True
         if not np.isfinite(size):
             return False
+        _tangent(layout, body, state, has_friction, scratch)
         step = np.linalg.solve(scratch.tangent, real.force)
         share = min(1.0, 0.4 / np.abs(step).max()) if np.abs(step).max() > 0 else 1.0
         start = q.copy()
@@ -465,122 +410,74 @@ def _seen(layout, marker, work, out):
         store(out[k], add(vector(work.place[i]), offset))
 
 
-def touched(many: Body) -> tuple[ndarray, ndarray]:
-    """What each of p parameters changes: tendons (p, n_tendons), backbone, weight, markers (p, 3).
-
-    Most change one tendon, or the frame of the recording alone.
-    """
-    moved = Body(*(part.imag != 0 for part in many))
-    pulls = moved.place.any(axis=2) | moved.spring | moved.pretension | moved.friction
-    pulls = pulls | moved.straight | moved.backlash
-    kinds = (("stiffness", "rest", "holding"), ("mass", "head", "gravity"), ("marker",))
-    others = np.zeros((len(pulls), 3), bool)
-    for k, names in enumerate(kinds):
-        for part in (getattr(moved, name) for name in names):
-            others[:, k] |= part.any(axis=tuple(range(1, part.ndim)))
-    return pulls, others
-
-
 @kernel
-def _add_slopes(layout, many, touched, state, has_friction, work, by):
-    """Take derivatives of the imbalance by p parameters, at rest turns, off `by.right`.
-
-    Sets `by.length`. Anchors count as constant.
-    """
-    q, control, anchor = state.q, state.control, state.anchor
-    pulls, others = touched
-    tendons, n = len(work.length), len(q)
-    for j in range(by.right.shape[1]):
-        one = _body(many, j)
-        work.force[:] = 0
-        for i in range(n // 3 if others[j, 0] else 0):
-            _add_piece(layout, one, q, i, anchor[tendons:], has_friction, work.force)
-        for k in range(tendons):
-            by.length[k, j] = 0.0
-            if pulls[j, k]:
-                moved = complex(control[k], TINY * by.control[k, j])
-                _add_tendon(layout, one, q, k, moved, anchor[k], has_friction, work)
-                by.length[k, j] = work.length[k].imag / TINY
-        if others[j, 1]:
-            _add_weight(layout, one, q, work, work.force)
-        for i in range(n):
-            by.right[i, j] -= work.force[i].imag / TINY
-
-
-@kernel
-def _add_anchors(layout, body, arm, rub, friction, has_friction, by):
-    """Add to `by.right` what friction changes by its anchors, which earlier rows moved.
-
-    Args:
-        layout, body: See `follow`.
-        arm: (n_tendons, 3 n), see `Work`.
-        rub: (n_tendons + 2 n,) share of friction.
-        friction: By motion.
-        has_friction: Whether friction counts.
-        by: Added to.
-    """
-    tendons = len(friction.hold)
-    for k in range(tendons):
-        if has_friction and abs(rub[k]) < 1:
-            for i in range(3 * layout.last[k]):
-                by.right[i] += friction.hold[k] * arm[k, i] * by.anchor[k]
-    for i in range(len(layout.sizes)):
-        m = tendons + 2 * i
-        by.right[3 * i : 3 * i + 2] += body.holding[i] * friction.held[i] @ by.anchor[m : m + 2]
-
-
-@kernel
-def _move_anchors(layout, arm, rub, held, has_friction, by_q, by):
-    """Set `by.anchor` for the next row, by derivatives by_q (3 n, p) of the turns.
-
-    Other arguments as in `_add_anchors`.
-    """
-    tendons = len(by.length)
-    for k in range(tendons):
-        if not has_friction or abs(rub[k]) >= 1:
-            by.anchor[k] = arm[k] @ by_q + by.length[k]
-    for i in range(len(layout.sizes)):
-        m, bends = tendons + 2 * i, by_q[3 * i : 3 * i + 2]
-        moved = held[i] @ (bends - by.anchor[m : m + 2])
-        by.anchor[m : m + 2] = bends - layout.give[i] * moved
-
-
-@kernel
-def _seen_slopes(layout, body, many, touched, q, by_q, scratch, out):
-    """Set out (n_markers, 3, p) to derivatives of the markers by p parameters.
-
-    By those of the turns, by_q (3 n, p), and of the markers' places on the robot.
-    """
-    n, work = len(q), scratch.complex
-    z = q.astype(np.complex128)
-    seen = np.zeros((len(layout.nodes), 3), np.complex128)
-    by_turn = np.zeros((len(layout.nodes), 3, n))
-    for i in range(n):
-        z[i] = complex(q[i], TINY)
-        _set_posture(layout, z, work.place, work.axes)
-        _seen(layout, body.marker, work, seen)
-        by_turn[:, :, i] = seen.imag / TINY
-        z[i] = q[i]
-    for k in range(len(layout.nodes)):
-        out[k] = by_turn[k] @ by_q
-        frame = _frame(scratch.real.axes[layout.nodes[k]])
-        for j in range(by_q.shape[1]):
-            if touched[1][j, 2]:
-                moved = to_world(frame, vector(many.marker[j, k].imag))
-                for i in range(3):
-                    out[k, i, j] += moved[i] / TINY
-
-
-@kernel
-def _move_servos(body, many, command, control, by_control):
+def _move_servos(body, command, control):
     """Let horns (n_tendons,) follow a command at the edge of the backlash; else they stay."""
     for k in range(len(control)):
         off = control[k] - command[k]
-        if abs(off) > body.backlash[k]:
-            side = 1.0 if off > 0 else -1.0
+        if abs(off.real) > body.backlash[k].real:
+            side = 1.0 if off.real > 0 else -1.0
             control[k] = command[k] + side * body.backlash[k]
-            for j in range(by_control.shape[1]):
-                by_control[k, j] = side * many.backlash[j, k].imag / TINY
+
+
+@kernel
+def _move_anchors(layout, state, has_friction, length):
+    """Set where friction would vanish, for the next row; length (n_tendons,) [m]."""
+    q, anchor, bends = state.q, state.anchor, state.anchor[len(length) :]
+    kept = 1.0 if has_friction else 0.0
+    for k in range(len(length)):
+        share = _slid(length[k] - anchor[k], layout.loose)
+        anchor[k] = length[k] - kept * layout.loose * share
+    for i in range(len(layout.sizes)):
+        give, b0, b1 = layout.give[i], q[3 * i], q[3 * i + 1]
+        x, y = _held((b0 - bends[2 * i]) / give, (b1 - bends[2 * i + 1]) / give)
+        bends[2 * i] = b0 - kept * give * x
+        bends[2 * i + 1] = b1 - kept * give * y
+
+
+@kernel
+def _differentiate(layout, many, state, moved, has_friction, scratch, out):
+    """Set out (n_markers, 3, p) to derivatives of the markers by p parameters.
+
+    What stays real at the turns of the state is not computed again: most parameters change one
+    tendon, or none.
+
+    Args:
+        layout, many: See `follow`.
+        state: That was found, with its anchors of the row before.
+        moved: The state after a step of each parameter, (p, ...), as `state` at first; its turns
+            and anchors are set.
+        has_friction: Whether friction counts.
+        scratch: Of the state: real numbers and the tangent there.
+        out: Is set.
+    """
+    real, work = scratch.real, scratch.complex
+    inverse = np.linalg.inv(scratch.tangent)
+    seen = np.zeros((len(layout.nodes), 3), np.complex128)
+    for j in range(out.shape[2]):
+        body, one = _body(many, j), State(moved.q[j], moved.control[j], moved.anchor[j])
+        one.q[:] = state.q
+        for m in range(len(one.anchor)):
+            one.anchor[m] = complex(state.anchor[m], one.anchor[m].imag)
+        work.force[:] = 0
+        _add_pieces(layout, body, one, has_friction, work)
+        for k in range(len(work.length)):
+            by_place = 0.0
+            work.arm[k, :] = real.arm[k]
+            if body.place[k, 0].imag != 0 or body.place[k, 1].imag != 0:
+                by_place = _tendon_length(layout, body.place, one.q, k, work.arm[k]).imag
+            work.length[k] = complex(real.length[k], by_place)  # so that it slides as it does there
+        _set_tensions(layout, body, one, has_friction, work)
+        _add_tendons(layout, work)
+        if np.any(body.mass.imag != 0) or np.any(body.gravity.imag != 0):
+            _add_weight(layout, body, one.q, work)
+        change = -1j * (inverse @ np.ascontiguousarray(work.force.imag))
+        one.q[:] += change
+        work.length[:] += work.arm @ change
+        _set_posture(layout, one.q, work.place, work.axes)
+        _seen(layout, body.marker, work, seen)
+        out[:, :, j] = seen.imag / TINY
+        _move_anchors(layout, one, has_friction, work.length)
 
 
 @kernel
@@ -602,60 +499,41 @@ def _find(layout, body, state, before, has_friction, tolerance, scratch):
 
 
 @kernel
-def _set_friction(layout, body, state, real, rub, friction):
-    """Set shares of friction (n_tendons + 2 n,), and what they change by motion."""
-    tendons, anchor = len(state.control), state.anchor
-    for k in range(tendons):
-        rub[k] = _slid(real.length[k] - anchor[k], layout.loose)
-        pull = _pull(layout, body, k, real.length[k], state.control[k])
-        friction.hold[k] = _bound(layout, body, k, pull) / layout.loose
-    for i in range(len(layout.sizes)):
-        m = tendons + 2 * i
-        rub[m], rub[m + 1] = _held(layout, state.q, i, anchor[tendons:])
-        _held_slopes(layout, state.q, i, anchor[tendons:], friction.held[i])
-
-
-@kernel
-def follow(layout, body, many, touched, rows, tolerance, scratch):
+def follow(layout, body, many, rows, tolerance, scratch):
     """Equilibria under one row of controls after the other, each from that before.
 
     Args:
         layout, body: The robot.
         many: The same with an imaginary step in each of the parameters, (p, ...); of none, no
             derivatives are made.
-        touched: By them, see the function of that name.
         rows: Controls, and what they lead to, which is set.
         tolerance: [N m].
         scratch: Of the robot.
     """
     n, tendons, p = 3 * len(layout.sizes), rows.controls.shape[1], len(many.gravity)
-    rubbing, real, before = rows.rub.shape[1], scratch.real, np.zeros(tendons)
-    state = State(np.zeros(n), np.zeros(tendons), np.zeros(rubbing))
-    by_tendons, by_anchors = np.zeros((2, tendons, p)), np.zeros((rubbing, p))
-    by = Slopes(by_tendons[0], by_anchors, by_tendons[1], np.zeros((n, p)))
-    friction = Friction(np.zeros(tendons), np.zeros((n // 3, 2, 2)))
+    anchors, real, before = tendons + 2 * len(layout.sizes), scratch.real, np.zeros(tendons)
+    state = State(np.zeros(n), np.zeros(tendons), np.zeros(anchors))
+    moved = State(
+        np.zeros((p, n), np.complex128),
+        np.zeros((p, tendons), np.complex128),
+        np.zeros((p, anchors), np.complex128),
+    )
     for t in range(len(rows.controls)):
-        has_friction, rub = not rows.begins[t], rows.rub[t]
+        command, has_friction = rows.controls[t], not rows.begins[t]
         if not has_friction:
-            state.q[:], before[:], state.control[:], by.control[:, :] = 0, 0, rows.controls[t], 0
-        _move_servos(body, many, rows.controls[t], state.control, by.control)
+            state.q[:] = 0
+            before[:] = 0
+            state.control[:] = command
+            moved.control[:] = command
+        _move_servos(body, command, state.control)
         rows.found[t] = _find(layout, body, state, before, has_friction, tolerance, scratch)
         before[:] = state.control
         rows.turns[t] = state.q
         imbalance(layout, body, state, has_friction, real)
         _seen(layout, body.marker, real, rows.markers[t])
-        rub[:], friction.hold[:], friction.held[:] = 0.0, 0.0, 0.0
-        if has_friction:
-            _set_friction(layout, body, state, real, rub, friction)
+        for j in range(p):
+            _move_servos(_body(many, j), command, moved.control[j])
         if p > 0:
-            by.right[:, :] = 0
-            _add_anchors(layout, body, real.arm, rub, friction, has_friction, by)
-            _add_slopes(layout, many, touched, state, has_friction, scratch.complex, by)
-            by_q = np.linalg.solve(scratch.tangent, by.right)
-            _seen_slopes(layout, body, many, touched, state.q, by_q, scratch, rows.slopes[t])
-            _move_anchors(layout, real.arm, rub, friction.held, has_friction, by_q, by)
-        for k in range(tendons):
-            state.anchor[k] = real.length[k] - layout.loose * rub[k]
-        for m in range(2 * len(layout.sizes)):
-            i = m // 2
-            state.anchor[tendons + m] = state.q[3 * i + m % 2] - layout.give[i] * rub[tendons + m]
+            _tangent(layout, body, state, has_friction, scratch)
+            _differentiate(layout, many, state, moved, has_friction, scratch, rows.slopes[t])
+        _move_anchors(layout, state, has_friction, real.length)

@@ -16,7 +16,7 @@ from scipy.stats import t as student_t
 
 from softrobot_env.core.continuation import Damping, descend
 
-from ..replay import mean_known
+from ..errors import centred, size
 from .model import Simulated, StaticModel
 
 _STEPS = 25
@@ -79,18 +79,12 @@ class Fit:
         return np.sqrt(np.diag(self.covariance))
 
 
-def size(error: ndarray) -> float:
-    """RMS [m] of the distances of errors (t, k, 3), of what is known."""
-    known = ~np.isnan(error).all(axis=-1)
-    return float(np.sqrt(np.nansum(error**2) / max(known.sum(), 1)))
-
-
 def correlation_time(error: ndarray, runs: ndarray) -> float:
     """Rows that errors (t, k, 3) last: 1 + 2 the sum of their correlations, up to the first zero.
 
     Rows of different runs count as unrelated.
     """
-    values = np.nan_to_num(error - mean_known(error)).reshape(len(error), -1)
+    values = np.nan_to_num(centred(error)).reshape(len(error), -1)
     total = float(np.sum(values**2))
     if total == 0 or len(values) < 4:
         return 1.0

@@ -25,7 +25,7 @@ from softrobot_env.robots.actuation import with_balance
 
 from . import kernels, unknowns
 from .kernels import TINY, Body, Layout
-from .unknowns import HOLDS, Turned, Unknowns
+from .unknowns import HOLDS, Fact, Turned, Unknowns
 
 _PIECES = 6  # at least, over all of the robot
 _CHANNEL = 1000  # spans of a continuous channel in a piece
@@ -43,7 +43,6 @@ class Simulated:
             they were not measured.
         slopes: (t, k, 3, p) derivatives by the parameters; of none without.
         turns: (t, 3 n) [rad] of the pieces.
-        rub: (t, n_tendons + 2 n) share of friction of tendons and of bends, in [-1, 1].
         found: (t,) bool, whether an equilibrium was found.
         markers: (t, k, 3) [m] simulated, along the robot's axes.
     """
@@ -51,7 +50,6 @@ class Simulated:
     error: ndarray
     slopes: ndarray
     turns: ndarray
-    rub: ndarray
     found: ndarray
     markers: ndarray
 
@@ -119,6 +117,12 @@ class StaticModel:
         other._lay(2 * len(self.layout.sizes))
         return other
 
+    def with_facts(self, *facts: Fact) -> "StaticModel":
+        """The same model, of whose parameters something more is known."""
+        other = copy(self)
+        other.unknowns = replace(self.unknowns, facts=facts)
+        return other
+
     def on(self, recording: Recording, gravity: ndarray | None = None) -> "StaticModel":
         """The same model of another recording, with gravity (3,) [m/s2] along the robot's axes."""
         other = copy(self)
@@ -127,11 +131,6 @@ class StaticModel:
         if gravity is not None:
             other._gravity = gravity
         return other
-
-    @property
-    def begins(self) -> ndarray:
-        """(t,) bool, rows where a run begins."""
-        return np.append(True, np.diff(self.recording.runs) != 0)
 
     def _own(self, markers: ndarray) -> ndarray:
         """Markers (t, k, 3) [m] along the robot's axes; NaN where that was not measured."""
@@ -263,29 +262,35 @@ class StaticModel:
             has_friction: Whether tendons have friction, and servos backlash.
         """
         by = np.zeros(0, int) if free is None else np.flatnonzero(free)
-        body = _real(self.body(x))
-        if not has_friction:
-            none = {name: 0 * getattr(body, name) for name in ("friction", "holding", "backlash")}
-            body = body._replace(**none)
         steps = x.astype(complex) + TINY * 1j * np.eye(len(x))[by]
-        many = _many([self.body(y) for y in steps], body)
-        rows, n, k = len(self.begins), len(self.layout.sizes), len(self.layout.nodes)
+        moves_frame = self.unknowns.moves_frame[by]
+        body = _real(self._acting(x, has_friction))
+        many = _many([self._acting(y, has_friction) for y in steps[~moves_frame]], body)
+        rows, n, k = len(self._controls), len(self.layout.sizes), len(self.layout.nodes)
         found = kernels.Rows(
             controls=np.ascontiguousarray(self._controls),
-            begins=self.begins,
+            begins=self.recording.begins,
             turns=np.zeros((rows, 3 * n)),
             markers=np.zeros((rows, k, 3)),
-            slopes=np.zeros((rows, k, 3, len(by))),
-            rub=np.zeros((rows, len(body.spring) + 2 * n)),
+            slopes=np.zeros((rows, k, 3, len(many.gravity))),
             found=np.ones(rows, bool),
         )
         room = kernels.scratch(n, len(body.spring))
-        tolerance, touched = _TOLERANCE * self._scale, kernels.touched(many)
-        kernels.follow(self.layout, body, many, touched, found, tolerance, room)
-        for index in np.flatnonzero(self.unknowns.moves_frame[by]):
-            found.slopes[..., index] -= np.nan_to_num(self._placed(steps[index]).imag) / TINY
+        kernels.follow(self.layout, body, many, found, _TOLERANCE * self._scale, room)
+        slopes = np.zeros((rows, k, 3, len(by)))
+        slopes[..., ~moves_frame] = found.slopes
+        for index in np.flatnonzero(moves_frame):
+            slopes[..., index] = -np.nan_to_num(self._placed(steps[index]).imag) / TINY
         error = found.markers - self._placed(x)
-        return Simulated(error, found.slopes, found.turns, found.rub, found.found, found.markers)
+        return Simulated(error, slopes, found.turns, found.found, found.markers)
+
+    def _acting(self, x: ndarray, has_friction: bool) -> Body:
+        """The arrays for parameters (p,), of a robot without friction and backlash if so asked."""
+        body = self.body(x)
+        if has_friction:
+            return body
+        none = {name: 0 * getattr(body, name) for name in ("friction", "holding", "backlash")}
+        return body._replace(**none)
 
     def place_frame(self, x: ndarray, vector: ndarray, shift: ndarray) -> None:
         """Set parameters x (p,) of the frame: rotation vector (3,) [rad] and shift (3,) [m]."""

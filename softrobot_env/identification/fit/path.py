@@ -8,26 +8,24 @@ from time import perf_counter
 import numpy as np
 from numpy import ndarray
 
+from softrobot_env.core.interfaces import ProgressCallback, quiet
 from softrobot_env.core.processes import chosen_processes
 from softrobot_env.recordings import Header, Recording
 from softrobot_env.robots import RobotParams
 
+from ..errors import centred, size
 from ..networks import Networks, networks_of
-from ..replay import mean_known
 from ..visits import VISIT, visiting, visits_of
 from . import assignment, least_squares, unknowns, validation
 from .assignment import Assignment
 from .dynamics import Dynamics, dynamics_of
 from .experiment import Experiment, best_experiments
-from .least_squares import Fit, fitted, search, size
+from .least_squares import Fit, fitted, search
 from .model import StaticModel
-from .residual import Residual, bends_of, trained
+from .residual import Residual, rows_of, trained
 from .static_windows import at_rest
 from .unknowns import HOLDS, STAGES, Fact, Turned, Unknowns
-from .validation import Setup, Validation, cross_validated
-
-#: Called with what is done, how much of it, and of how much.
-ProgressCallback = Callable[[str, int, int], None]
+from .validation import Validation, cross_validated
 
 _PHYSICS = ("frame", "tendons", "geometry", "statics")
 _FITS = 25  # steps shown as all
@@ -113,7 +111,7 @@ def identify(
     any_turn: bool = False,
     validate: bool = True,
     seed: int = 0,
-    show: ProgressCallback | None = None,
+    show: ProgressCallback = quiet,
 ) -> Identification:
     """Find a robot's parameters.
 
@@ -132,17 +130,12 @@ def identify(
     Raises:
         ValueError: Recording and robot do not fit, or have what cannot be identified.
     """
-    options = check_stages(stages), tuple(known), any_turn, validate, seed, show or _quiet
-    run = _Run(recording, robot, *options)
+    run = _Run(recording, robot, check_stages(stages), tuple(known), any_turn, validate, seed, show)
     for name, stage in _STEPS.items():
         began = perf_counter()
         if stage(run):
             run.times[name] = perf_counter() - began
     return run.result()
-
-
-def _quiet(what: str, done: int, total: int) -> None:
-    """Show no progress."""
 
 
 @dataclass
@@ -219,19 +212,18 @@ class _Run:
         if self.any_turn:
             self.turned = "any way"
         filed = [n for n in unknowns.FRICTIONS if n in self.known or "statics" not in self.stages]
-        self.filed = filed
-        if not self.robot.holds or HOLDS in filed:
-            self.filed = list(dict.fromkeys([*filed, HOLDS]))
-        self.model, self.fit = self._tried("fit", self.filed)
-        if HOLDS not in filed and HOLDS in self.filed:
+        asked = HOLDS not in filed and not self.robot.holds
+        self.model, self.fit = self._tried("fit", [*filed, HOLDS] if asked else filed)
+        if asked:
             model, fit = self._tried("friction of the backbone", filed)
             if least_squares.pays(self.fit, fit) and _kept(model.robot_of(fit.x)) > _LEAST_KEPT:
-                self.model, self.fit, self.filed = model, fit, filed
+                self.model, self.fit = model, fit
+        self.coarse = self.model
         if size(self.fit.simulated.error) < _FINE * self.robot.length:
             # Pieces of the usual length bias a modulus by some 0.2 %, more than is left open.
             self.model, fit = self.model.finer(), self.fit
             self.fit = search(self.model, fit.x, fit.free, fit.weights, least=_CLOSE)
-        self.unknowns, self.free = self.model.unknowns, self.fit.free
+        self.unknowns = self.model.unknowns
         return True
 
     def _tried(self, what: str, filed: Sequence[str]) -> tuple[StaticModel, Fit]:
@@ -251,9 +243,8 @@ class _Run:
         """Damping, delay and friction."""
         if self.moving is None or "dynamics" not in self.stages:
             return False
-
         header = partial(_header, self.model, recording=self.recording)
-        self.dynamics, self.fit = _in_motion(
+        self.dynamics, self.model, self.fit = _in_motion(
             self.model, self.fit, self.moving, header, lambda n, _: self.show("dynamics", n, 6)
         )
         return True
@@ -262,10 +253,8 @@ class _Run:
         """Errors of rows that were not fitted."""
         if not self.validate:
             return False
-        given = self.robot, self.static, self.turned, self.filed
-        setup = Setup(*given, self.fit.x, self.free, self.fit.weights)
-        show = partial(self.show, "cross-validation")
-        self.validations = tuple(cross_validated(setup, "residual" in self.stages, show))
+        residual, show = "residual" in self.stages, partial(self.show, "cross-validation")
+        self.validations = tuple(cross_validated(self.coarse, self.fit, residual, show))
         return True
 
     def learn_residual(self) -> bool:
@@ -273,9 +262,9 @@ class _Run:
         if "residual" not in self.stages:
             return False
         self.show("residual", 0, 1)
-        fit = self.fit.simulated
-        rows = (bends_of(self.model, fit.turns), self.static.commands, self.model.begins)
-        self.residual = trained(*rows, fit.error, validation.pattern_numbers(self.static))
+        found, patterns = self.fit.simulated, validation.pattern_numbers(self.static)
+        rows = rows_of(self.model, found)
+        self.residual = trained(*rows, found.error, patterns)
         if self.residual is not None:
             self.correction = self.residual.correction(*rows)
         return True
@@ -296,9 +285,7 @@ class _Run:
         header = _header(self.model, self.fit, self.recording)
         robot = _named(self.model, self.fit)
         if self.dynamics is not None:
-            robot, delay = self.dynamics.robot, self.dynamics.delay
-            late = tuple(replace(m, delay_s=m.delay_s + delay) for m in header.marker)
-            header = replace(header, marker=late)
+            robot, header = self.dynamics.robot, header.later(self.dynamics.delay)
         own = robot, header, self.robot, self.static
         rest = [getattr(self, one.name) for one in fields(Identification)[len(own) :]]
         return Identification(*own, *rest)
@@ -331,7 +318,7 @@ def _unsure(found: Assignment | None) -> tuple[str, ...]:
 def _doubts(model: StaticModel, fit: Fit, recording: Recording) -> Iterator[str]:
     """Why what was found may be wrong, a line each."""
     static, error = model.recording, fit.simulated.error
-    left, moved = size(error), size(model.points - mean_known(model.points))
+    left, moved = size(error), size(centred(model.points))
     if left > _POOR * moved:
         yield (
             f"errors of {1e3 * left:.3g} mm are {left / moved:.0%} of what the markers move: the "
@@ -389,8 +376,8 @@ def _in_motion(
     moving: Recording,
     header: Callable[[Fit], Header],
     show: Callable[[int, float], None],
-) -> tuple[Dynamics, Fit]:
-    """The dynamics, and the statics with what the motion shows of them.
+) -> tuple[Dynamics, StaticModel, Fit]:
+    """The dynamics, and the statics' model and fit with what the motion shows of them.
 
     At rest, friction of tendons and backlash of servos do the same: tendons lag behind their
     commands. A robot that sways under a constant command shows friction alone; and how fast it
@@ -413,7 +400,7 @@ def _in_motion(
         other, own = first.friction
         friction = (other, float(np.hypot(own, other / 2)))
         deviation = np.hypot(first.deviation, first.by_friction * other / 2)
-        return replace(first, friction=friction, deviation=deviation), fit
+        return replace(first, friction=friction, deviation=deviation), model, fit
     x[rubbing] += first.friction[0]
     common = known.common("tendon_friction")
     facts = [Fact(common, float(common @ x), first.friction[1])]
@@ -421,7 +408,7 @@ def _in_motion(
         ratio = known.common("youngs_modulus") - known.common("mass")
         x[stiff] += first.modulus[0]
         facts.append(Fact(ratio, float(ratio @ x), first.modulus[1]))
-    model.unknowns = replace(known, facts=tuple(facts))
+    model = model.with_facts(*facts)
     again = fitted(model, x, fit.free, fit.weights)
     second = dynamics_of(
         _named(model, again),
@@ -430,7 +417,7 @@ def _in_motion(
         begin=first.values,
         show=show,
     )
-    return replace(second, deviation=first.deviation, before=first.before), again
+    return replace(second, deviation=first.deviation, before=first.before), model, again
 
 
 def placed(recording: Recording, header: Header) -> Recording:

@@ -15,12 +15,11 @@ from softrobot_env.recordings.header import write_header
 from softrobot_env.rendering.tables import Column, make_table, named_values
 from softrobot_env.robots import write_robot
 
-from ..replay import mean_known
+from ..errors import centred, distances, mean_known, size
 from ..visits import visiting
-from .least_squares import NORMAL_95, size
+from .least_squares import NORMAL_95
 from .path import Identification
 from .residual import RESIDUAL_FILE
-from .validation import centred
 
 #: Names of the files, as a replay looks for them.
 ROBOT_FILE, HEADER_FILE, COMMANDS_FILE = "robot.toml", "recording.toml", "next_experiment.csv"
@@ -126,9 +125,9 @@ def error_rows(found: Identification) -> list[ErrorRow]:
 def _error(
     rows: str, model: str, pattern: str, error: ndarray, mean: ndarray | None = None
 ) -> ErrorRow:
-    known = error[~np.isnan(error).all(axis=-1)]
-    distance = np.sqrt(np.nansum(known**2, axis=-1))
-    off = centred(error) if mean is None else size(error - mean)
+    distance = distances(error)
+    distance = distance[~np.isnan(distance)]
+    off = size(centred(error) if mean is None else error - mean)
     mean_distance = float(distance.mean()) if distance.size else 0.0
     sizes = size(error), off, mean_distance, float(distance.max(initial=0.0))
     return ErrorRow(rows, model, pattern, len(error), *sizes)

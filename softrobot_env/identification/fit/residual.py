@@ -19,7 +19,7 @@ from softrobot_env.core.artifacts import read_arrays, write_arrays
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
 
-from .model import StaticModel
+from .model import Simulated, StaticModel
 from .unknowns import FRICTIONS
 
 _WIDTHS = (0.7, 1.0, 1.5, 2.2, 3.2, 5.0)
@@ -59,9 +59,7 @@ class Residual:
         """What is to be added to simulated markers, (t, k, 3) [m], along the robot's axes.
 
         Args:
-            bends: (t, b) [rad], see `bends_of`.
-            commands: (t, n) in SI units.
-            begins: (t,) bool, where another run begins.
+            bends, commands, begins: See `rows_of`.
         """
         features = self._scaled(_features(bends, commands, begins, self.band))
         out = np.zeros((len(features), self.weights.shape[1]))
@@ -109,20 +107,21 @@ def read_residual(path: Path) -> Residual:
     return Residual(**{n: arrays[n] if shape else float(arrays[n]) for n, shape in shapes.items()})
 
 
-def bends_of(model: StaticModel, turns: ndarray) -> ndarray:
-    """(t, 2 m) [rad] turns about x and y of the stretches between ends of sections and tendons."""
-    starts = 3 * np.asarray(model.stretches)
-    return np.concatenate(
-        [np.add.reduceat(turns[:, axis::3], starts // 3, axis=1) for axis in (0, 1)], axis=1
-    )
+def rows_of(model: StaticModel, found: Simulated) -> tuple[ndarray, ndarray, ndarray]:
+    """Bends (t, b) [rad], commands (t, n) in SI units and begins (t,) bool of simulated rows.
+
+    Bends are turns about x, then about y, of the stretches between ends of sections and tendons.
+    """
+    turns = np.stack([found.turns[:, 0::3], found.turns[:, 1::3]], axis=1)
+    bends = np.add.reduceat(turns, model.stretches, axis=2).reshape(len(turns), -1)
+    return bends, model.recording.commands, model.recording.begins
 
 
 def corrected(residual: Residual, robot: RobotParams, recording: Recording) -> ndarray:
     """(t, k, 3) [m] in the world, to be added to a simulation of an identified robot's markers."""
     model = StaticModel(robot, recording, known=FRICTIONS)
     found = model.simulate(np.zeros(len(model.unknowns.spread)))
-    change = residual.correction(bends_of(model, found.turns), recording.commands, model.begins)
-    return change @ robot.clamp.axes.T
+    return residual.correction(*rows_of(model, found)) @ robot.clamp.axes.T
 
 
 def trained(

@@ -7,6 +7,7 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.recordings import Recording
+from softrobot_env.recordings.recording import since_begin
 
 _SHORTEST = 0.3  # s without a new command
 _MEASURED = 0.25  # share of a rest, at its end, that is averaged
@@ -38,28 +39,24 @@ def at_rest(recording: Recording, dithered: ndarray | None = None) -> Recording:
     """
     loose = np.zeros(len(recording.times), bool) if dithered is None else dithered
     if recording.static:
-        number = np.cumsum(np.append(False, (np.diff(recording.runs) != 0) | loose[1:]))
-        return replace(recording, runs=number, times=_since(recording.times, number))
-    rows, markers, runs = [], [], []
+        return _in_runs(recording, recording.begins | loose)
+    rows, markers = [], []
     span = np.maximum(np.ptp(recording.commands, axis=0), 1e-12)
-    reach = np.nanmax(np.ptp(_known(recording.markers), axis=0))
+    reach = np.nanmax(np.ptp(np.nan_to_num(recording.markers), axis=0))
     new = _new_commands(recording, span)
     for begin, end in zip([0, *new], [*new, len(recording.times)], strict=True):
         lasted = recording.times[end - 1] - recording.times[begin]
-        first = begin == 0 or recording.runs[begin] != recording.runs[begin - 1]
-        if lasted < _SHORTEST and first:  # from where it moved, which friction remembers
+        if lasted < _SHORTEST and recording.begins[begin]:  # friction remembers from where it moved
             rows.append(begin)
-            runs.append(recording.runs[begin])
             markers.append(np.full_like(recording.markers[begin], np.nan))
         if lasted < _SHORTEST:
             continue
         measured = recording.times[end - 1] - max(_MEASURED * lasted, 0.05)
         last = np.arange(begin, end)[recording.times[begin:end] >= measured]
-        seen = _known(recording.markers[last])
+        seen = np.nan_to_num(recording.markers[last])
         if np.nanmax(np.ptp(seen, axis=0)) > _STILL * reach + 4 * _noise(seen):
             continue
         rows.append(last[0])  # the last ones may begin to go on
-        runs.append(recording.runs[begin])
         markers.append(recording.markers[last].mean(axis=0))
     known = sum(np.isfinite(seen).any() for seen in markers)
     if known < FEWEST:
@@ -69,25 +66,24 @@ def at_rest(recording: Recording, dithered: ndarray | None = None) -> Recording:
             "true in the header if it moved so slowly that every row is at rest"
         )
     jumped, apart = _jumps(recording, np.array(rows), span), loose[rows][1:]
-    number = np.cumsum(np.append(False, (np.diff(runs) != 0) | jumped | apart))
     seen = np.array(markers)
     seen[1:][jumped & ~apart] = np.nan
-    lost = tuple(replace(marker, may_be_lost=True) for marker in recording.header.marker)
-    return Recording(
-        header=replace(recording.header, static=True, marker=lost),
-        times=_since(recording.times[rows], number),
-        commands=recording.commands[rows],
-        markers=seen,
-        labels=recording.labels[rows],
-        runs=number,
-    )
+    found, header = recording.part(np.array(rows)), recording.header.with_markers(may_be_lost=True)
+    found = replace(found, header=replace(header, static=True), markers=seen)
+    return _in_runs(found, found.begins | np.append(False, jumped | apart))
+
+
+def _in_runs(recording: Recording, begins: ndarray) -> Recording:
+    """The recording with runs that begin at some rows (t,) bool."""
+    runs = np.cumsum(begins) - begins[0]
+    return replace(recording, runs=runs, times=since_begin(recording.times, runs))
 
 
 def _new_commands(recording: Recording, span: ndarray) -> list[int]:
     """Rows whose command is another than the last new one, however slowly it came to that."""
-    last, found = recording.commands[0], []
+    last, found, begins = recording.commands[0], [], recording.begins
     for row, command in enumerate(recording.commands):
-        other = row > 0 and recording.runs[row] != recording.runs[row - 1]
+        other = row > 0 and begins[row]
         if other or (np.abs(command - last) > _SAME * span).any():
             found.append(row)
             last = command
@@ -108,16 +104,6 @@ def _jumps(recording: Recording, rows: ndarray, span: ndarray) -> ndarray:
         beyond = np.maximum(ends[0] - way.min(axis=0), way.max(axis=0) - ends[1])
         found.append(bool(jumped or beyond.max() > _LITTLE))
     return np.array(found, bool)
-
-
-def _since(times: ndarray, runs: ndarray) -> ndarray:
-    """(t,) [s] since the first row of each run."""
-    first = np.append(True, np.diff(runs) != 0)
-    return times - times[first][runs]
-
-
-def _known(markers: ndarray) -> ndarray:
-    return np.where(np.isnan(markers), 0.0, markers)
 
 
 def _noise(seen: ndarray) -> float:

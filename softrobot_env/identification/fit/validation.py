@@ -4,22 +4,20 @@ Commands of the rows left out are still followed, since friction remembers; thei
 seen.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from functools import partial
+from typing import Literal
 
 import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.processes import worker_processes
 from softrobot_env.recordings import Recording
-from softrobot_env.robots import RobotParams
 
-from ..replay import mean_known
-from .least_squares import Weights, search, size
+from .least_squares import Fit, search
 from .model import StaticModel
-from .residual import bends_of, trained
-from .unknowns import Turned
+from .residual import rows_of, trained
 
 #: How patterns are put into blocks: every fifth one, or a fifth of the recording in one piece.
 Scheme = Literal["interleaved", "contiguous"]
@@ -67,42 +65,24 @@ def blocks_of(patterns: ndarray, scheme: Scheme) -> ndarray:
     return (middle / len(patterns) * BLOCKS).astype(int)[patterns]
 
 
-class Setup(NamedTuple):
-    """What is fitted, and where searches begin.
-
-    Attributes:
-        robot, recording, turned, known: See `StaticModel`.
-        x: (p,) found with all rows.
-        free: (p,) bool.
-        weights: Of the rows.
-    """
-
-    robot: RobotParams
-    recording: Recording
-    turned: Turned
-    known: Sequence[str]
-    x: ndarray
-    free: ndarray
-    weights: Weights
-
-
 def cross_validated(
-    setup: Setup, residual: bool, show: Callable[[int, int], None]
+    model: StaticModel, fit: Fit, residual: bool, show: Callable[[int, int], None]
 ) -> list[Validation]:
     """Fit without one block after the other, in two processes.
 
     Args:
-        setup: What.
+        model: What is fitted.
+        fit: Where searches begin, and by which weights.
         residual: Whether a residual is learned as well.
         show: Called with how many of how many fits are done.
     """
-    patterns = pattern_numbers(setup.recording)
+    without = partial(_without, model, (fit.x, fit.free, fit.weights), residual)
+    patterns = pattern_numbers(model.recording)
     tasks = [(scheme, block) for scheme in SCHEMES for block in range(BLOCKS)]
     found: dict[Scheme, Validation] = {}
     with worker_processes(_PROCESSES) as pool:
         futures = [
-            pool.submit(_without, setup, blocks_of(patterns, scheme) != block, residual)
-            for scheme, block in tasks
+            pool.submit(without, blocks_of(patterns, scheme) != block) for scheme, block in tasks
         ]
         for number, ((scheme, block), future) in enumerate(zip(tasks, futures, strict=True), 1):
             error, corrected = future.result()
@@ -118,19 +98,14 @@ def cross_validated(
     return list(found.values())
 
 
-def _without(setup: Setup, used: ndarray, residual: bool) -> tuple[ndarray, ndarray]:
+def _without(
+    model: StaticModel, start: tuple, residual: bool, used: ndarray
+) -> tuple[ndarray, ndarray]:
     """Errors (t, k, 3) of all rows by a fit of those that are used, without and with residual."""
-    robot, recording, turned, known, *start = setup
-    model = StaticModel(robot, recording, turned, known=known)
     fit = search(model, *start, used=used, steps=_STEPS, least=_ENOUGH)
     error = fit.simulated.error
     if not residual:
         return error, error
-    given = (bends_of(model, fit.simulated.turns), recording.commands, model.begins)
-    learned = trained(*given, error, pattern_numbers(recording), used)
-    return error, error if learned is None else error + learned.correction(*given)
-
-
-def centred(error: ndarray) -> float:
-    """RMS [m] of errors (t, k, 3) less the mean of each marker."""
-    return size(error - mean_known(error))
+    rows = rows_of(model, fit.simulated)
+    learned = trained(*rows, error, pattern_numbers(model.recording), used)
+    return error, error if learned is None else error + learned.correction(*rows)
