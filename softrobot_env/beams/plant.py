@@ -6,6 +6,7 @@ a thousand times as stiff as the tip and weighs next to nothing, with a disc at 
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 from math import ceil
 from typing import Any
 
@@ -22,6 +23,7 @@ from . import mechanics
 from .model import BeamModel
 from .numerics import integration
 from .numerics.quaternions import column3, dot3, scaled, weighting
+from .registry import PLANE
 from .signals import Signal
 
 #: Builds the model of a robot under some loads.
@@ -37,8 +39,6 @@ _CURVATURE_ERROR = 1e-9  # of the curvature limit
 _RIGID, _WEIGHTLESS = 1e3, 1e-3  # modulus and density of a head's section, of the tip's
 
 _STEP = 1e-30  # imaginary: its square vanishes beside one
-
-_PLANE = slice(0, 3, 2)
 
 
 class SteppedModel:
@@ -60,7 +60,7 @@ class SteppedModel:
         build: Build,
         *,
         strain: float = 0.0,
-        axes: slice = _PLANE,
+        axes: slice = PLANE,
         bending: str = "planar",
         step: float | None = None,
         tolerance: float = 1e-5,
@@ -101,7 +101,6 @@ class SteppedModel:
         least = max(_SECTIONS, ceil(robot.curvature_limit * sizes.max() / _LARGEST_TURN))
         self._pieces = self._place_probe(self._stations(least)), sizes
         self.cells = self._stations(max(least, ceil(_CELLS / robot.pieces)))
-        self._parts: tuple[Any, ndarray] | None = None  # of the cells
         base = robot.base or Base()
         self._base = np.column_stack([base.axes, base.position])[self._axes]
 
@@ -232,9 +231,12 @@ class SteppedModel:
 
     def shape(self, q: ndarray) -> ndarray:
         """Beta, gamma and torsion (k, 3) [1/m] of all cells (`interfaces.PlantModel`)."""
-        if self._parts is None:
-            self._parts = self._place_probe(self.cells), np.diff(self.cells)
-        return self._seen(q, np.zeros_like(q), self._parts)[1][0]
+        return self._seen(q, np.zeros_like(q), self._cells)[1][0]
+
+    @cached_property
+    def _cells(self) -> tuple[Any, ndarray]:
+        """Probe and sizes [m] of the cells."""
+        return self._place_probe(self.cells), np.diff(self.cells)
 
     def _seen(
         self, q: ndarray, v: ndarray, parts: tuple[Any, ndarray] | None = None

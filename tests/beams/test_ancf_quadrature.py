@@ -63,16 +63,6 @@ def test_chebyshev_rule_is_exact_up_to_its_degree_and_no_further(n, outer, inner
             assert max(errors) > 1e-4
 
 
-@rings
-@pytest.mark.parametrize("rule", [chebyshev_rule, legendre_rule])
-def test_planar_rule_is_the_full_one_without_x3(rule, outer, inner):
-    full, planar = rule(4, outer, inner), rule(4, outer, inner, planar=True)
-    assert 4 * len(planar.weights) == len(full.weights)
-    for a in range(7):
-        found = planar.weights @ planar.points[:, 0] ** a
-        assert found == pytest.approx(full.weights @ full.points[:, 0] ** a, abs=1e-16)
-
-
 def test_legendre_rule_errs_as_the_audit_says():
     outer = 0.04
     area, second = moment(0, 0, outer, 0), moment(2, 0, outer, 0)

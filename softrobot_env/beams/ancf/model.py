@@ -157,14 +157,13 @@ class ANCF(BeamModel):
 
     def _quadrature(self) -> tuple[ndarray, ndarray, section.Moments]:
         """Points and weights along an element of length 1, and moments of the section."""
-        ring = self.robot.outer_radius, self.robot.inner_radius
-        planar = self.dimension == 2
+        radii = self.robot.outer_radius, self.robot.inner_radius
         if self.quadrature == "exact":
-            return *section.legendre(_POINTS), section.section_moments(*ring)
+            return *section.legendre(_POINTS), section.section_moments(*radii)
         if self.quadrature == "chebyshev":
-            rule = section.chebyshev_rule(3, *ring, planar)
+            rule = section.chebyshev_rule(3, *radii)
             return *section.legendre(_POINTS), section.moments_by(rule)
-        rule = section.legendre_rule(self.quadrature, *ring, planar)
+        rule = section.legendre_rule(self.quadrature, *radii)
         return *section.legendre(self.quadrature), section.moments_by(rule)
 
     def rest(self) -> ndarray:

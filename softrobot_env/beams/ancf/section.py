@@ -96,37 +96,31 @@ def legendre(n: int) -> tuple[ndarray, ndarray]:
     return (1 + x) / 2, w / 2
 
 
-def legendre_rule(n: int, outer: float, inner: float = 0.0, planar: bool = False) -> Rule:
-    """The thesis' n x n Gauss-Legendre rule, (2.68), (2.70) and (2.71).
+def legendre_rule(n: int, outer: float, inner: float = 0.0) -> Rule:
+    """The thesis' n x n Gauss-Legendre rule, (2.68), (2.70) and (2.71), for radii [m].
 
     The height sqrt(r^2 - X2^2) of the section is no polynomial, so that the rule converges
     slowly in n: its area errs by 8.65e-4 for n = 8.
-
-    Args:
-        n: Order.
-        outer, inner: [m], radii.
-        planar: Whether the integrand does not depend on X3, so that n points suffice.
     """
     x, w = np.polynomial.legendre.leggauss(n)
-    return _ring(x, w * np.sqrt(1 - x**2), 1 if planar else n, outer, inner)
+    return _ring(x, w * np.sqrt(1 - x**2), outer, inner)
 
 
-def chebyshev_rule(n: int, outer: float, inner: float = 0.0, planar: bool = False) -> Rule:
-    """n x n rule, exact for polynomials of degree 2 n - 1 (audit of (2.68)).
+def chebyshev_rule(n: int, outer: float, inner: float = 0.0) -> Rule:
+    """n x n rule for radii [m], exact for polynomials of degree 2 n - 1 (audit of (2.68)).
 
     Gauss-Chebyshev integration of the second kind in X2, whose weight function is the height of
-    the section, and Gauss-Legendre in X3. Arguments as in `legendre_rule`.
+    the section, and Gauss-Legendre in X3.
     """
     angle = pi * np.arange(1, n + 1) / (n + 1)
-    weights = pi / (n + 1) * np.sin(angle) ** 2
-    return _ring(np.cos(angle), weights, 1 if planar else n, outer, inner)
+    return _ring(np.cos(angle), pi / (n + 1) * np.sin(angle) ** 2, outer, inner)
 
 
-def _ring(x: ndarray, w: ndarray, across: int, outer: float, inner: float) -> Rule:
-    """Rule from one for int sqrt(1 - x^2) f(x) dx over (-1, 1) and `across` points in X3."""
-    y, v = np.polynomial.legendre.leggauss(across)
+def _ring(x: ndarray, w: ndarray, outer: float, inner: float) -> Rule:
+    """Rule from one for int sqrt(1 - x^2) f(x) dx over (-1, 1), with as many points in X3."""
+    y, v = np.polynomial.legendre.leggauss(len(x))
     height = np.sqrt(1 - x**2)
-    points = np.stack([np.repeat(x, across), np.outer(height, y).ravel()], axis=1)
+    points = np.stack([np.repeat(x, len(y)), np.outer(height, y).ravel()], axis=1)
     weights = np.outer(w, v).ravel()
     if inner == 0:
         return Rule(outer * points, outer**2 * weights)

@@ -81,8 +81,8 @@ class CosseratData(NamedTuple):
         vertex, share: (n_points,), a point's centre is (1 - share) x_vertex + share x_vertex+1.
         shift: (n_points,) [m] along z by which it lies beyond; on the stub that is all.
         section, weight: (n_points,), its directors are those of the segments `section` (-1: the
-            clamp) and `section` + 1, with weights 1 - weight and weight.
-        moment_weight: (n_points,), the same for moments.
+            clamp) and `section` + 1, with weights 1 - weight and weight; extrapolated ones do not
+            hold for moments.
         first_sample: (N + 2,) first sample of the stub and of each segment.
         samples: (n_samples, 7) share of a sample beside the second vertex of its segment, shear and
             stretch there over those of the segment [1], not 1 where the rod's stiffness changes
@@ -117,7 +117,6 @@ class CosseratData(NamedTuple):
     shift: ndarray
     section: ndarray
     weight: ndarray
-    moment_weight: ndarray
     first_sample: ndarray
     samples: ndarray
 
@@ -478,7 +477,7 @@ def add_wrenches(model, q, forces, moments, out):
             _add_arm(q, k, 1 - weight, force, offset, m, out)
             _add_arm(q, k + 1, weight, force, offset, m, out)
         if m < len(moments):
-            weight, moment = model.moment_weight[m], row3(moments, m)
+            weight, moment = min(max(model.weight[m], 0.0), 1.0), row3(moments, m)
             _add_torque(q, k, 1 - weight, moment, out)
             _add_torque(q, k + 1, weight, moment, out)
 

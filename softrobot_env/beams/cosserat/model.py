@@ -199,7 +199,7 @@ class CosseratRod(BeamModel):
         inertia = np.outer(backbone.integrals(backbone.rotary, vertices), [1.0, 1.0, 2.0])
         for disc in self.robot.discs:
             place = {k: x[0] for k, x in self._places(np.array([disc.station])).items()}
-            section, weight = place["section"], place["moment_weight"]
+            section, weight = place["section"], np.clip(place["weight"], 0.0, 1.0)
             for k, part in ((section, 1 - weight), (section + 1, weight)):
                 if 0 <= k < pieces:
                     inertia[k] += part * np.array(disc.inertia)
@@ -354,14 +354,12 @@ def _middle_places(at: ndarray, edges: ndarray, vertices: ndarray) -> dict[str, 
     vertex = np.clip(np.searchsorted(vertices, s, side="right") - 1, 0, pieces - 1)
     share = in_pieces(s, vertices) - vertex
     section = np.minimum(at.astype(int), pieces - 1) - 1
-    weight = at - section - 1
     return {
         "vertex": vertex,
         "share": share,
         "shift": np.minimum(s, vertices[0]),
         "section": section,
-        "weight": weight,
-        "moment_weight": weight,
+        "weight": at - section - 1,
     }
 
 
@@ -379,8 +377,13 @@ def _thesis_places(at: ndarray, pieces: int, clamped: bool) -> dict[str, ndarray
     weight = np.where(section < 0, 2 * at, at - 0.5 - section)
     if pieces == 1 and not clamped:
         weight = np.ones_like(at)  # one section for all
-    out = {"vertex": vertex, "share": at - vertex, "shift": np.zeros_like(at)}
-    return out | {"section": section, "weight": weight, "moment_weight": np.clip(weight, 0.0, 1.0)}
+    return {
+        "vertex": vertex,
+        "share": at - vertex,
+        "shift": np.zeros_like(at),
+        "section": section,
+        "weight": weight,
+    }
 
 
 mechanics.implement(CosseratData, dynamics)

@@ -394,8 +394,10 @@ def locate(model, q, points, axes):
             u, k = places[m, 0], int(places[m, 3])
             phi = scaled(u, whole)
             c = stumpff(dot3(phi, phi))
-            offset = turn(c, phi, (zero + places[m, 1], zero + places[m, 2], zero))
-            local = add(position(u * length[i], c, phi), offset)
+            local = position(u * length[i], c, phi)
+            if places[m, 1] != 0 or places[m, 2] != 0:
+                offset = zero + places[m, 1], zero + places[m, 2], zero
+                local = add(local, turn(c, phi, offset))
             store(points[k], add(x, to_world(frame, local)))
             if k < len(axes):
                 set_axes(axes[k], *compose(frame, c, phi))
