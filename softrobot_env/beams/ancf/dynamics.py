@@ -7,8 +7,8 @@ with d = 2 or 3 components. With X1 along the element and X2 (, X3) in the secti
 
 c being the cubic Hermite interpolation of r and r_,1 and the gradients r_,k linear between the
 nodes: the shape functions (2.55) and (2.57). All that is known of an element is thus linear in the
-vectors of its two nodes: the section's state G, see `ancf.section`, points, tangents of channels,
-and momenta. The kernels have these forms as `Forms`; x (slots, d) are the vectors of all nodes.
+vectors of its two nodes, by factors (rows, slots) of 2 (d + 1) slots: points, tangents of channels,
+momenta; and the section's state G, see `ancf.section`. x (slots, d) are the vectors of all nodes.
 """
 
 from typing import NamedTuple
@@ -30,20 +30,6 @@ PLANE, SPACE = AXES[2], AXES[3]
 
 
 @structure
-class Forms(NamedTuple):
-    """Vectors at some places in elements, linear in the vectors of an element's two nodes.
-
-    Attributes:
-        row, slot: (m,) a vector at a place depends on the vector in a slot of the element.
-        factor: (places, m).
-    """
-
-    row: ndarray
-    slot: ndarray
-    factor: ndarray
-
-
-@structure
 class AncfData(NamedTuple):
     """Data of a robot of equal elements; d components per vector, d + 1 vectors per node.
 
@@ -55,16 +41,17 @@ class AncfData(NamedTuple):
         clamp: (block,) coordinates of the clamped node, (0,) for a free rod.
         law: Of the sections.
         damping_time: [s].
-        weight: (k,) [m] of the points along an element where stresses are integrated.
-        sections: G at these points.
-        mass: Momenta of an element's nodes, of their velocities, at one place.
+        position, weight: (k,) X1 / piece and weight [m] of points along an element, where stresses
+            are integrated.
+        slope: (k, 4) [1/m, 1, 1/m, 1], derivatives of the Hermite functions there.
+        mass: (slots, slots) [kg, kg m, ...] of an element.
         mass_factor, pivot: The mass between all slots that move, by `band.factor`.
         gravity: (n,) [N, N m], generalised force of gravity.
         straight: (n,) coordinates of the straight rod.
         element: (n_points,) that the points `actuation.point_*` are in.
-        points: These, and the gradients r_,2 (, r_,3) there.
+        points: (n_points, d, slots) factors of these, and of r_,2 (, r_,3) there.
         entered: (n_samples,) element that a sample of a channel is in.
-        tangents: Of the channels at the samples.
+        tangents: (n_samples, 1, slots) factors of the tangents of channels.
     """
 
     n: int
@@ -78,17 +65,18 @@ class AncfData(NamedTuple):
     clamp: ndarray
     law: SectionLaw
     damping_time: float
+    position: ndarray
     weight: ndarray
-    sections: Forms
-    mass: Forms
+    slope: ndarray
+    mass: ndarray
     mass_factor: ndarray
     pivot: ndarray
     gravity: ndarray
     straight: ndarray
     element: ndarray
-    points: Forms
+    points: ndarray
     entered: ndarray
-    tangents: Forms
+    tangents: ndarray
 
 
 @kernel
@@ -112,23 +100,71 @@ def add_nodal_forces(model, f, out):
 
 
 @kernel
-def add_vectors(d, forms, place, x, e, out):
-    """Add to out (rows, d) the vectors at a place of element e."""
-    first = e * (d + 1)
-    for k in range(len(forms.row)):
-        row, slot, factor = forms.row[k], first + forms.slot[k], forms.factor[place, k]
+def set_vectors(d, factors, x, first, out):
+    """Set out (rows, d) to the vectors with some factors, of an element with slots from the first.
+
+    Args:
+        d: Number of components.
+        factors: (rows, slots).
+        x: (.., d) vectors of all slots.
+        first: Number of the element's first slot.
+        out: Set.
+    """
+    for i in range(len(out)):
         for b in range(d):
-            out[row, b] += factor * x[slot, b]
+            total = out.dtype.type(0)
+            for k in range(factors.shape[1]):
+                total += factors[i, k] * x[first + k, b]
+            out[i, b] = total
 
 
 @kernel
-def add_forces(d, forms, place, force, e, f):
-    """Add forces (rows, d) on these vectors to those on the nodes f; the transpose."""
-    first = e * (d + 1)
-    for k in range(len(forms.row)):
-        row, slot, factor = forms.row[k], first + forms.slot[k], forms.factor[place, k]
-        for b in range(d):
-            f[slot, b] += factor * force[row, b]
+def add_forces(d, factors, force, first, f):
+    """Add forces (rows, d) on these vectors to those on the slots f; the transpose."""
+    for i in range(len(force)):
+        for k in range(factors.shape[1]):
+            for b in range(d):
+                f[first + k, b] += factors[i, k] * force[i, b]
+
+
+@kernel
+def set_section(d, model, p, x, first, out):
+    """Set out (g, d) to G at integration point p of the element with slots from the first."""
+    h, position, length = model.slope, model.position[p], model.piece
+    last = first + d + 1
+    for b in range(d):
+        near, far = h[p, 0] * x[first, b], h[p, 2] * x[last, b]
+        out[0, b] = near + h[p, 1] * x[first + 1, b] + far + h[p, 3] * x[last + 1, b]
+        for k in range(1, d):
+            change = x[last + k + 1, b] - x[first + k + 1, b]
+            out[k, b] = change / length
+            out[d - 1 + k, b] = x[first + k + 1, b] + position * change
+
+
+@kernel
+def add_section_forces(d, model, p, force, first, f):
+    """Add forces (g, d) on G to those on the slots f; the transpose of `set_section`."""
+    h, position, length = model.slope, model.position[p], model.piece
+    last = first + d + 1
+    for b in range(d):
+        f[first, b] += h[p, 0] * force[0, b]
+        f[first + 1, b] += h[p, 1] * force[0, b]
+        f[last, b] += h[p, 2] * force[0, b]
+        f[last + 1, b] += h[p, 3] * force[0, b]
+        for k in range(1, d):
+            moved = force[k, b] / length + position * force[d - 1 + k, b]
+            f[first + k + 1, b] += force[d - 1 + k, b] - moved
+            f[last + k + 1, b] += moved
+
+
+@kernel
+def _ahead(model, x, rate):
+    """Vectors x + 2 mu dx/dt, whose strain with x is E + mu dE/dt."""
+    out = np.empty_like(x)
+    for i in range(len(x)):
+        for b in range(x.shape[1]):
+            out[i, b] = x[i, b] + 2 * model.damping_time * rate[i, b]
+    return out
 
 
 @kernel
@@ -145,28 +181,28 @@ def section_force(d, resultants, gradients, weight, out):
 @kernel
 def _add_stress_forces(model, axes, x, rate, f):
     """Add the forces of elasticity and damping, (2.63) and (2.65), to f."""
-    d, g = len(axes), 2 * len(axes) - 1
-    ahead = x + 2 * model.damping_time * rate
+    d, g, ahead = len(axes), 2 * len(axes) - 1, _ahead(model, x, rate)
     gradients, advanced = np.empty((g, d), f.dtype), np.empty((g, d), f.dtype)
     force = np.empty((g, d), f.dtype)
     strain, resultants = np.empty((g, g), f.dtype), np.empty((g, g), f.dtype)
     for e in range(model.pieces):
+        first = e * (d + 1)
         for p in range(len(model.weight)):
-            gradients[:], advanced[:] = 0.0, 0.0
-            add_vectors(d, model.sections, p, x, e, gradients)
-            add_vectors(d, model.sections, p, ahead, e, advanced)
+            set_section(d, model, p, x, first, gradients)
+            set_section(d, model, p, ahead, first, advanced)
             set_strain(d, gradients, advanced, strain)
             set_resultants(model.law, d, strain, resultants)
             section_force(d, resultants, gradients, model.weight[p], force)
-            add_forces(d, model.sections, p, force, e, f)
+            add_section_forces(d, model, p, force, first, f)
 
 
 @kernel
 def _add_inertia(model, acceleration, f):
-    """Add mass matrix (2.58) times accelerations to f; both as nodal vectors."""
-    d = len(model.axes)
+    """Add the mass matrix (2.58), which is symmetric, times accelerations to f."""
+    d, size = len(model.axes), len(model.mass)
     for e in range(model.pieces):
-        add_vectors(d, model.mass, 0, acceleration, e, f[e * (d + 1) :])
+        first = e * (d + 1)
+        add_forces(d, model.mass, acceleration[first : first + size], first, f)
 
 
 @kernel
@@ -207,14 +243,12 @@ def project(model, q, v):
 def potential(model, q):
     """Energy [J]: the integral of E : N / 2, and that of gravity."""
     d, g = len(model.axes), 2 * len(model.axes) - 1
-    x = nodal_vectors(model, q, 1.0)
-    gradients = np.empty((g, d), q.dtype)
+    x, gradients = nodal_vectors(model, q, 1.0), np.empty((g, d), q.dtype)
     strain, resultants = np.empty((g, g), q.dtype), np.empty((g, g), q.dtype)
     energy = q.dtype.type(0)
     for e in range(model.pieces):
         for p in range(len(model.weight)):
-            gradients[:] = 0.0
-            add_vectors(d, model.sections, p, x, e, gradients)
+            set_section(d, model, p, x, e * (d + 1), gradients)
             set_strain(d, gradients, gradients, strain)
             set_resultants(model.law, d, strain, resultants)
             for i in range(g):
@@ -273,24 +307,22 @@ def add_internal_tangent(model, q, v, damping, mass, out):
 @kernel
 def _add_tangent(model, axes, q, v, damping, mass, out):
     """As `add_internal_tangent`, given the model's axes as a tuple."""
-    d = len(axes)
-    x, rate = nodal_vectors(model, q, 1.0), nodal_vectors(model, v, 0.0)
-    ahead = x + 2 * model.damping_time * rate
-    size = 2 * (d + 1) * d
-    element = np.empty((size, size))
+    d, g, size = len(axes), 2 * len(axes) - 1, len(model.mass)
+    x = nodal_vectors(model, q, 1.0)
+    ahead = _ahead(model, x, nodal_vectors(model, v, 0.0))
+    element = np.empty((size * d, size * d))
     factor = 0.5 + model.damping_time * damping
-    gradients, advanced = np.empty((2 * d - 1, d)), np.empty((2 * d - 1, d))
+    gradients, advanced = np.empty((g, d)), np.empty((g, d))
     for e in range(model.pieces):
         element[:] = 0.0
         for p in range(len(model.weight)):
-            gradients[:], advanced[:] = 0.0, 0.0
-            add_vectors(d, model.sections, p, x, e, gradients)
-            add_vectors(d, model.sections, p, ahead, e, advanced)
+            set_section(d, model, p, x, e * (d + 1), gradients)
+            set_section(d, model, p, ahead, e * (d + 1), advanced)
             _add_point(model, axes, p, gradients, advanced, factor, element)
-        for k in range(len(model.mass.row)):
-            value = mass * model.mass.factor[0, k]
-            for b in range(d):
-                element[model.mass.slot[k] * d + b, model.mass.row[k] * d + b] += value
+        for i in range(size):
+            for j in range(size):
+                for b in range(d):
+                    element[j * d + b, i * d + b] += mass * model.mass[i, j]
         _assemble(model, element, e, out)
 
 
@@ -310,10 +342,10 @@ def _add_point(model, axes, p, gradients, advanced, factor, element):
         factor: 1 / 2 + mu damping, so that K = factor G + advanced / 2.
         element: (2 (d + 1) d, 2 (d + 1) d), [column, row] in the order of the coordinates.
     """
-    d, g, forms = len(axes), 2 * len(axes) - 1, model.sections
+    d, g, size = len(axes), 2 * len(axes) - 1, 2 * (len(axes) + 1)
     strain, change = np.empty((g, g)), np.empty((g, g))
     resultants, force = np.empty((g, g)), np.empty((g, d))
-    nodal = np.empty((2 * (d + 1), d))
+    nodal = np.empty((size, d))
     set_strain(d, gradients, advanced, strain)
     set_resultants(model.law, d, strain, resultants)
     strain[:] = 0.0
@@ -328,14 +360,28 @@ def _add_point(model, axes, p, gradients, advanced, factor, element):
             for i in range(g):
                 force[i, b] += model.weight[p] * resultants[i, j]
             nodal[:] = 0.0
-            add_forces(d, forms, p, force, 0, nodal)
-            for k in range(len(forms.row)):
-                if forms.row[k] == j:  # what moves component b of G_j
-                    column = element[forms.slot[k] * d + b]
-                    _add_column(forms.factor[p, k], nodal.reshape(nodal.size), column)
+            add_section_forces(d, model, p, force, 0, nodal)
+            _add_columns(model, d, j, b, p, nodal.reshape(size * d), element)
         for i in range(g):
             strain[i, j] = 0.0
             strain[j, i] = 0.0
+
+
+@kernel
+def _add_columns(model, d, j, b, p, force, element):
+    """Add the force (2 (d + 1) d,) per component b of G_j to the columns that move it."""
+    block = (d + 1) * d
+    if j == 0:
+        for i in range(4):
+            _add_column(model.slope[p, i], force, element[(i // 2) * block + (i % 2) * d + b])
+    elif j < d:
+        near = (j + 1) * d + b
+        _add_column(-1 / model.piece, force, element[near])
+        _add_column(1 / model.piece, force, element[block + near])
+    else:
+        near = (j - d + 2) * d + b
+        _add_column(1 - model.position[p], force, element[near])
+        _add_column(model.position[p], force, element[block + near])
 
 
 @kernel
@@ -365,8 +411,8 @@ def _set_point(model, x, k, out):
     normal to the plane.
     """
     d = len(model.axes)
-    vectors = np.zeros((d, d), x.dtype)
-    add_vectors(d, model.points, k, x, model.element[k], vectors)
+    vectors = np.empty((d, d), x.dtype)
+    set_vectors(d, model.points[k], x, model.element[k] * (d + 1), vectors)
     out[:] = 0.0
     out[0, 1], out[2, 1] = model.actuation.point_offset[k, 1], 1.0
     for i in range(d):
@@ -404,22 +450,21 @@ def add_wrenches(model, q, forces, moments, out):
     check_forces(model.actuation, forces)
     d = len(model.axes)
     x = nodal_vectors(model, q, 1.0)
-    f, force = np.zeros_like(x), np.zeros((d, d), x.dtype)
+    f, force = np.zeros_like(x), np.empty((d, d), x.dtype)
     found = np.empty((3, 3), q.dtype)
     for k in range(len(forces)):
+        first, rows = model.element[k] * (d + 1), 1
         for b in range(d):
             force[0, b] = forces[k, model.axes[b]]
-        for i in range(1, d):
-            for b in range(d):
-                force[i, b] = 0.0
         if k < len(moments):
+            rows = d
             _set_point(model, x, k, found)
             spin = _spin(found[1:], row3(moments, k))
             for i in range(1, d):
                 pull = cross(spin, row3(found, i))
                 for b in range(d):
                     force[i, b] = pull[model.axes[b]]
-        add_forces(d, model.points, k, force, model.element[k], f)
+        add_forces(d, model.points[k], force[:rows], first, f)
     add_nodal_forces(model, f, out)
 
 
@@ -442,17 +487,17 @@ def _spin(directors, moment):
 @kernel
 def channel_tangents(model, q, out):
     """Set out (n_samples, 3) to dr / dX1 of the channels; a planar model has no third component."""
-    d, x = len(model.axes), nodal_vectors(model, q, 1.0)
+    d, x, tangents = len(model.axes), nodal_vectors(model, q, 1.0), model.tangents
     out[:] = 0.0
     for m in range(len(out)):
-        add_vectors(d, model.tangents, m, x, model.entered[m], out[m : m + 1])
+        set_vectors(d, tangents[m], x, model.entered[m] * (d + 1), out[m : m + 1])
 
 
 @kernel
 def add_channel_pulls(model, q, forces, out):
     """Add to out (n,) the generalised force of forces (n_samples, 3) against the tangents."""
-    d, x = len(model.axes), nodal_vectors(model, q, 1.0)
-    f = np.zeros_like(x)
+    d, tangents = len(model.axes), model.tangents
+    f = np.zeros(((model.pieces + 1) * (d + 1), d), q.dtype)
     for m in range(len(forces)):
-        add_forces(d, model.tangents, m, forces[m : m + 1], model.entered[m], f)
+        add_forces(d, tangents[m], forces[m : m + 1], model.entered[m] * (d + 1), f)
     add_nodal_forces(model, -f, out)

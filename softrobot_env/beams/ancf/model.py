@@ -136,17 +136,18 @@ class ANCF(BeamModel):
             clamp=straight[0].ravel() if self.clamped else np.empty(0),
             law=section.SectionLaw(*section.hooke(robot, None if d == 3 else self.plane), *moments),
             damping_time=robot.damping_time,
+            position=along,
             weight=piece * weight,
-            sections=_forms(shapes.Shapes(along, piece, d).section()),
-            mass=_forms(mass[None]),
+            slope=shapes.Shapes(along, piece, d).hermite_slope,
+            mass=mass,
             mass_factor=factor,
             pivot=pivot,
             gravity=gravity.ravel(),
             straight=straight[fixed:].ravel(),
             element=element,
-            points=_forms(shapes.Shapes(position, piece, d).points(actuation.point_offset)),
+            points=shapes.Shapes(position, piece, d).points(actuation.point_offset),
             entered=entered,
-            tangents=_forms(shapes.Shapes(inside, piece, d).tangents(channels.place)),
+            tangents=shapes.Shapes(inside, piece, d).tangents(channels.place),
         )
 
     def _place(self, stations: ndarray) -> tuple[ndarray, ndarray]:
@@ -212,12 +213,6 @@ class ANCF(BeamModel):
                 LockingWarning,
                 stacklevel=3,
             )
-
-
-def _forms(functions: ndarray) -> dynamics.Forms:
-    """Forms with shape functions (places, rows, slots)."""
-    row, slot = np.nonzero(np.any(functions != 0, axis=0))
-    return dynamics.Forms(row, slot, np.ascontiguousarray(functions[:, row, slot]))
 
 
 def _factored(matrix: ndarray, width: int) -> tuple[ndarray, ndarray]:

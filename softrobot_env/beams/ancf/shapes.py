@@ -29,6 +29,7 @@ class Shapes:
 
     Attributes:
         centre, slope: (k, slots), of the centreline and of its derivative by X1.
+        hermite_slope: (k, 4), the slots of `slope` that are not zero.
         gradients, changes: (d - 1, k, slots), of r_,2 (, r_,3) and of their derivatives.
     """
 
@@ -40,14 +41,11 @@ class Shapes:
         self.centre[:, ends] = np.column_stack([*columns, xi**3 - xi**2]) * [1, piece, 1, piece]
         bump = 6 * (xi - xi**2) / piece
         columns = [-bump, 1 - 4 * xi + 3 * xi**2, bump, 3 * xi**2 - 2 * xi]
-        self.slope[:, ends] = np.column_stack(columns)
+        self.hermite_slope = np.column_stack(columns)
+        self.slope[:, ends] = self.hermite_slope
         for k in range(d - 1):
             self.gradients[k][:, [k + 2, d + 3 + k]] = np.column_stack([1 - xi, xi])
             self.changes[k][:, [k + 2, d + 3 + k]] = np.array([-1, 1]) / piece
-
-    def section(self) -> ndarray:
-        """(k, 2 d - 1, slots), of the section's state G."""
-        return np.stack([self.slope, *self.changes, *self.gradients], axis=1)
 
     def points(self, offset: ndarray) -> ndarray:
         """(k, d, slots), of points with offsets (k, 2) [m], and of r_,2 (, r_,3) there."""
