@@ -19,7 +19,6 @@ from numpy import ndarray
 from softrobot_env.compile.kernels import kernel, structure
 
 from ..actuation import Actuation, check_forces
-from ..numerics import band
 from ..numerics.quaternions import cross, dot3, row3, scaled, set_axes
 from .section import SectionLaw, set_resultants, set_strain
 from .shapes import AXES
@@ -45,7 +44,8 @@ class AncfData(NamedTuple):
             are integrated.
         slope: (k, 4) [1/m, 1, 1/m, 1], derivatives of the Hermite functions there.
         mass: (slots, slots) [kg, kg m, ...] of an element.
-        mass_factor, pivot: The mass between all slots that move, by `band.factor`.
+        mass_factor: (m, w) Cholesky's factor of the mass between all m slots that move; (i, i - k)
+            at [i, k], for k = 0 its reciprocal.
         gravity: (n,) [N, N m], generalised force of gravity.
         straight: (n,) coordinates of the straight rod.
         element: (n_points,) that the points `actuation.point_*` are in.
@@ -70,7 +70,6 @@ class AncfData(NamedTuple):
     slope: ndarray
     mass: ndarray
     mass_factor: ndarray
-    pivot: ndarray
     gravity: ndarray
     straight: ndarray
     element: ndarray
@@ -198,11 +197,15 @@ def _add_stress_forces(model, axes, x, rate, f):
 
 @kernel
 def _add_inertia(model, acceleration, f):
-    """Add the mass matrix (2.58), which is symmetric, times accelerations to f."""
-    d, size = len(model.axes), len(model.mass)
+    """Add mass matrix (2.58) times accelerations to f."""
+    d, mass = len(model.axes), model.mass
     for e in range(model.pieces):
         first = e * (d + 1)
-        add_forces(d, model.mass, acceleration[first : first + size], first, f)
+        for i in range(len(mass)):
+            for j in range(len(mass)):
+                if mass[i, j] != 0:
+                    for b in range(d):
+                        f[first + i, b] += mass[i, j] * acceleration[first + j, b]
 
 
 @kernel
@@ -222,16 +225,23 @@ def internal_residual(model, q, v, a, out):
 
 @kernel
 def solve_mass(model, q, force, out):
-    """Set out (n,) to M^-1 force; each component is a system of its own."""
-    d = len(model.axes)
-    slots = len(out) // d
-    width, x = (model.mass_factor.shape[1] - 1) // 3, np.empty(slots, out.dtype)
-    for b in range(d):
-        for i in range(slots):
-            x[i] = force[i * d + b]
-        band.solve(model.mass_factor, width, model.pivot, x)
-        for i in range(slots):
-            out[i * d + b] = x[i]
+    """Set out (n,) to M^-1 force; each component is a right-hand side of its own."""
+    d, factor = len(model.axes), model.mass_factor
+    slots, width = factor.shape
+    for i in range(len(out)):
+        out[i] = force[i]
+    for i in range(slots):
+        for k in range(1, min(width, i + 1)):
+            for b in range(d):
+                out[i * d + b] -= factor[i, k] * out[(i - k) * d + b]
+        for b in range(d):
+            out[i * d + b] *= factor[i, 0]
+    for i in range(slots - 1, -1, -1):
+        for k in range(1, min(width, slots - i)):
+            for b in range(d):
+                out[i * d + b] -= factor[i + k, k] * out[(i + k) * d + b]
+        for b in range(d):
+            out[i * d + b] *= factor[i, 0]
 
 
 @kernel

@@ -16,7 +16,6 @@ from softrobot_env.robots.loads import Load, refuse_out_of_plane, seen_from_base
 from .. import mechanics
 from ..actuation import Actuation, channel_samples
 from ..model import BeamModel, in_pieces
-from ..numerics import band
 from . import dynamics, section, shapes
 
 #: Laws of a planar model.
@@ -120,7 +119,6 @@ class ANCF(BeamModel):
         falling = np.zeros_like(straight)
         falling[:, 0] = np.array(robot.own_gravity)[list(shapes.AXES[d])]
         gravity = (whole @ falling.reshape(-1, d))[free]
-        factor, pivot = _factored(whole[free, free], d + 2)
         reach = actuation.reach(element + (position == 1), element + (position > 0))
         if actuation.by_length and len(actuation.straight):
             reach = pieces
@@ -140,8 +138,7 @@ class ANCF(BeamModel):
             weight=piece * weight,
             slope=shapes.Shapes(along, piece, d).hermite_slope,
             mass=mass,
-            mass_factor=factor,
-            pivot=pivot,
+            mass_factor=shapes.mass_factor(whole[free, free], d + 3),
             gravity=gravity.ravel(),
             straight=straight[fixed:].ravel(),
             element=element,
@@ -213,14 +210,6 @@ class ANCF(BeamModel):
                 LockingWarning,
                 stacklevel=3,
             )
-
-
-def _factored(matrix: ndarray, width: int) -> tuple[ndarray, ndarray]:
-    """Factors of a matrix with `width` diagonals to either side, as of `band.factor`."""
-    width = min(width, len(matrix) - 1)
-    rows, pivot = band.rows_of(matrix, width), np.empty(len(matrix), int)
-    band.factor(rows, width, pivot)
-    return rows, pivot
 
 
 mechanics.implement(dynamics.AncfData, dynamics)

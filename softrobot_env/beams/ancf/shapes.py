@@ -81,3 +81,13 @@ def whole_mass(element: ndarray, d: int, pieces: int) -> ndarray:
     for first in range(0, block * pieces, block):
         mass[first : first + size, first : first + size] += element
     return mass
+
+
+def mass_factor(mass: ndarray, width: int) -> ndarray:
+    """Field of `AncfData` for a mass (m, m) with `width` diagonals from the main one down."""
+    lower, width = np.linalg.cholesky(mass), min(width, len(mass))
+    out = np.zeros((len(mass), width))
+    for k in range(width):
+        out[k:, k] = np.diagonal(lower, -k)
+    out[:, 0] = 1 / out[:, 0]
+    return out

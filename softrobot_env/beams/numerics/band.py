@@ -62,13 +62,3 @@ def dense(matrix: ndarray) -> ndarray:
         rows = np.arange(max(0, -off), min(n, n - off))
         out[..., rows, rows + off] = matrix[..., rows, off + k]
     return out
-
-
-def rows_of(matrix: ndarray, k: int) -> ndarray:
-    """A matrix (n, n) with k diagonals to either side, laid out by rows (n, 3 k + 1)."""
-    n = len(matrix)
-    out = np.zeros((n, 3 * k + 1))
-    for off in range(-k, k + 1):
-        rows = np.arange(max(0, -off), min(n, n - off))
-        out[rows, off + k] = matrix[rows, rows + off]
-    return out
