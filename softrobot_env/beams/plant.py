@@ -169,8 +169,10 @@ class SteppedModel:
         try:
             q = posture(wanted)
             # A moment bends as much as it is made for, but for what the model errs by.
-            found = broyden1(off, wanted, alpha=-1.0, maxiter=_ITERATIONS, f_tol=within)
-            return posture(found, q)
+            if np.max(np.abs(off(wanted))) > within:
+                found = broyden1(off, wanted, alpha=-1.0, maxiter=_ITERATIONS, f_tol=within)
+                q = posture(found, q)
+            return q
         except (EquilibriumError, NoConvergence, ValueError) as reason:
             raise ValueError(
                 f"{type(self.model).__name__} with {self.model.n} coordinates cannot take the "
