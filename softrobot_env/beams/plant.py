@@ -23,7 +23,6 @@ from . import mechanics
 from .model import BeamModel
 from .numerics import integration
 from .numerics.quaternions import column3, dot3, scaled, weighting
-from .registry import PLANE
 from .signals import Signal
 
 #: Builds the model of a robot under some loads.
@@ -39,6 +38,8 @@ _CURVATURE_ERROR = 1e-9  # of the curvature limit
 _RIGID, _WEIGHTLESS = 1e3, 1e-3  # modulus and density of a head's section, of the tip's
 
 _STEP = 1e-30  # imaginary: its square vanishes beside one
+
+_PLANE = slice(0, 3, 2)
 
 
 class SteppedModel:
@@ -60,7 +61,7 @@ class SteppedModel:
         build: Build,
         *,
         strain: float = 0.0,
-        axes: slice = PLANE,
+        axes: slice = _PLANE,
         bending: str = "planar",
         step: float | None = None,
         tolerance: float = 1e-5,
