@@ -19,7 +19,7 @@ from numpy import ndarray
 from softrobot_env.compile.kernels import kernel, structure
 
 from ..actuation import Actuation, check_forces
-from ..numerics.quaternions import cross, dot3, row3, scaled, set_axes
+from ..numerics.quaternions import cross, dot3, row3, scaled, set_axes, store
 from .section import SectionLaw, set_resultants, set_strain
 from .shapes import AXES
 
@@ -99,31 +99,32 @@ def add_nodal_forces(model, f, out):
 
 
 @kernel
-def set_vectors(d, factors, x, first, out):
-    """Set out (rows, d) to the vectors with some factors, of an element with slots from the first.
+def set_vectors(axes, factors, x, first, out):
+    """Set vectors, in the world, of an element with slots from the first.
 
     Args:
-        d: Number of components.
+        axes: (d,) world axes of the components.
         factors: (rows, slots).
         x: (.., d) vectors of all slots.
         first: Number of the element's first slot.
-        out: Set.
+        out: (k, 3), its first rows are set along the axes.
     """
-    for i in range(len(out)):
-        for b in range(d):
+    for i in range(min(len(factors), len(out))):
+        for b in range(len(axes)):
             total = out.dtype.type(0)
             for k in range(factors.shape[1]):
                 total += factors[i, k] * x[first + k, b]
-            out[i, b] = total
+            out[i, axes[b]] = total
 
 
 @kernel
-def add_forces(d, factors, force, first, f):
-    """Add forces (rows, d) on these vectors to those on the slots f; the transpose."""
-    for i in range(len(force)):
-        for k in range(factors.shape[1]):
-            for b in range(d):
-                f[first + k, b] += factors[i, k] * force[i, b]
+def add_forces(axes, factors, force, first, f):
+    """Add forces (k, 3) on the first of these vectors to those on the slots f; the transpose."""
+    for i in range(min(len(factors), len(force))):
+        for b in range(len(axes)):
+            component = force[i, axes[b]]
+            for k in range(factors.shape[1]):
+                f[first + k, b] += factors[i, k] * component
 
 
 @kernel
@@ -198,14 +199,20 @@ def _add_stress_forces(model, axes, x, rate, f):
 @kernel
 def _add_inertia(model, acceleration, f):
     """Add mass matrix (2.58) times accelerations to f."""
-    d, mass = len(model.axes), model.mass
+    d, mass, block = len(model.axes), model.mass, len(model.axes) + 1
     for e in range(model.pieces):
-        first = e * (d + 1)
-        for i in range(len(mass)):
-            for j in range(len(mass)):
-                if mass[i, j] != 0:
+        for near in range(2):
+            for far in range(2):
+                row, column = (e + near) * block, (e + far) * block
+                for i in range(2):
+                    for j in range(2):
+                        value = mass[near * block + i, far * block + j]
+                        for b in range(d):
+                            f[row + i, b] += value * acceleration[column + j, b]
+                for k in range(2, block):
+                    value = mass[near * block + k, far * block + k]
                     for b in range(d):
-                        f[first + i, b] += mass[i, j] * acceleration[first + j, b]
+                        f[row + k, b] += value * acceleration[column + k, b]
 
 
 @kernel
@@ -415,19 +422,17 @@ def _assemble(model, element, e, out):
 
 @kernel
 def _set_point(model, x, k, out):
-    """Set out (3, 3), in the world, to point k and to r_,2 and r_,3 there.
+    """Set out (1 or 3, 3), in the world, to point k, and to r_,2 and r_,3 there.
 
     A planar model leaves points beside its plane where they are in the straight pose, and r_,3
     normal to the plane.
     """
-    d = len(model.axes)
-    vectors = np.empty((d, d), x.dtype)
-    set_vectors(d, model.points[k], x, model.element[k] * (d + 1), vectors)
     out[:] = 0.0
-    out[0, 1], out[2, 1] = model.actuation.point_offset[k, 1], 1.0
-    for i in range(d):
-        for b in range(d):
-            out[i, model.axes[b]] = vectors[i, b]
+    out[0, 1] = model.actuation.point_offset[k, 1]
+    if len(out) > 1:
+        out[2, 1] = 1.0
+    first = model.element[k] * (len(model.axes) + 1)
+    set_vectors(model.axes, model.points[k], x, first, out)
 
 
 @kernel
@@ -438,10 +443,9 @@ def locate(model, q, points, axes):
     """
     x, found = nodal_vectors(model, q, 1.0), np.empty((3, 3), q.dtype)
     for k in range(len(points)):
-        _set_point(model, x, k, found)
-        for i in range(3):
-            points[k, i] = found[0, i]
+        _set_point(model, x, k, points[k : k + 1])
         if k < len(axes):
+            _set_point(model, x, k, found)
             along = row3(found, 1)
             normal = cross(along, row3(found, 2))
             e_x = scaled(1 / np.sqrt(dot3(along, along)), along)
@@ -458,23 +462,19 @@ def add_wrenches(model, q, forces, moments, out):
     power M . w is then that of the forces (A^-1 M) x r_,k on the gradients.
     """
     check_forces(model.actuation, forces)
-    d = len(model.axes)
-    x = nodal_vectors(model, q, 1.0)
-    f, force = np.zeros_like(x), np.empty((d, d), x.dtype)
-    found = np.empty((3, 3), q.dtype)
+    x, axes, element, points = nodal_vectors(model, q, 1.0), model.axes, model.element, model.points
+    f, found = np.zeros_like(x), np.empty((3, 3), q.dtype)
     for k in range(len(forces)):
-        first, rows = model.element[k] * (d + 1), 1
-        for b in range(d):
-            force[0, b] = forces[k, model.axes[b]]
+        first = element[k] * (len(axes) + 1)
         if k < len(moments):
-            rows = d
             _set_point(model, x, k, found)
             spin = _spin(found[1:], row3(moments, k))
-            for i in range(1, d):
-                pull = cross(spin, row3(found, i))
-                for b in range(d):
-                    force[i, b] = pull[model.axes[b]]
-        add_forces(d, model.points[k], force[:rows], first, f)
+            for i in range(1, 3):
+                store(found[i], cross(spin, row3(found, i)))
+            store(found[0], row3(forces, k))
+            add_forces(axes, points[k], found, first, f)
+        else:
+            add_forces(axes, points[k], forces[k : k + 1], first, f)
     add_nodal_forces(model, f, out)
 
 
@@ -496,18 +496,20 @@ def _spin(directors, moment):
 
 @kernel
 def channel_tangents(model, q, out):
-    """Set out (n_samples, 3) to dr / dX1 of the channels; a planar model has no third component."""
-    d, x, tangents = len(model.axes), nodal_vectors(model, q, 1.0), model.tangents
+    """Set out (n_samples, 3) to dr / dX1 of the channels."""
+    x, axes, tangents = nodal_vectors(model, q, 1.0), model.axes, model.tangents
     out[:] = 0.0
     for m in range(len(out)):
-        set_vectors(d, tangents[m], x, model.entered[m] * (d + 1), out[m : m + 1])
+        first = model.entered[m] * (len(axes) + 1)
+        set_vectors(axes, tangents[m], x, first, out[m : m + 1])
 
 
 @kernel
 def add_channel_pulls(model, q, forces, out):
     """Add to out (n,) the generalised force of forces (n_samples, 3) against the tangents."""
-    d, tangents = len(model.axes), model.tangents
-    f = np.zeros(((model.pieces + 1) * (d + 1), d), q.dtype)
+    axes, tangents = model.axes, model.tangents
+    f = np.zeros_like(nodal_vectors(model, q, 0.0))
     for m in range(len(forces)):
-        add_forces(d, tangents[m], forces[m : m + 1], model.entered[m] * (d + 1), f)
+        first = model.entered[m] * (len(axes) + 1)
+        add_forces(axes, tangents[m], forces[m : m + 1], first, f)
     add_nodal_forces(model, -f, out)
