@@ -1,6 +1,7 @@
 """Loads and tendons as arrays for the kernels, and the tension of a tendon."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from math import isinf
 from typing import NamedTuple
 
@@ -29,11 +30,10 @@ class Actuation(NamedTuple):
         load_force, load_moment: (n_loads, 3) [N, N m].
         load_follows: (n_loads,) bool.
         moments, followers: Whether any load has a moment, whether any follows.
-        guided: (n_tendons,) bool, else the tendon runs in a continuous channel.
-        first: (n_tendons + 1,) first point of a guided tendon; that of a channel is empty.
-        channel: (n_tendons,) index of a tendon among the channels, -1 if guided.
-        channel_offset: (n_channels, 2) [m], at the base.
-        channel_end: (n_channels,) [m].
+        first: (n_tendons + 1,) first point of a guided tendon; one in a continuous channel has
+            none.
+        sampled: (n_samples,) tendon of a sample, a point of the rod for integrals along a channel.
+        sample_size: (n_samples,) [m], its share of the rod.
         by_length: Whether tendons are driven by length.
         stiffness, pretension, limit: (n_tendons,) [N/m, N, N], used when driven by length.
         straight: (n_tendons,) [m], length inside the straight robot.
@@ -46,27 +46,34 @@ class Actuation(NamedTuple):
     load_follows: ndarray
     moments: bool
     followers: bool
-    guided: ndarray
     first: ndarray
-    channel: ndarray
-    channel_offset: ndarray
-    channel_end: ndarray
+    sampled: ndarray
+    sample_size: ndarray
     by_length: bool
     stiffness: ndarray
     pretension: ndarray
     limit: ndarray
     straight: ndarray
 
-    @property
-    def n_loads(self) -> int:
-        """Number of loads."""
-        return len(self.load_follows)
+    def reach(self, low: ndarray, high: ndarray) -> int:
+        """Largest distance in blocks over which forces on the points couple coordinates.
+
+        Args:
+            low, high: (n_points,) first and last of the blocks that move a point; the last comes
+                before the first if none does.
+        """
+        pairs = [i for start, end in pairwise(self.first) for i in range(start, end - 1)]
+        following = np.flatnonzero(self.load_follows)
+        one, other = np.append(following, pairs), np.append(following, np.add(pairs, 1))
+        ends = one.astype(int), other.astype(int)
+        spans = np.max([high[x] for x in ends], axis=0) - np.min([low[x] for x in ends], axis=0)
+        return int(spans.max(initial=0))
 
 
 def make_actuation(
     robot: RobotParams, loads: Sequence[Load] = (), drive: str = "tension"
 ) -> Actuation:
-    """Actuation of a robot's tendons and some loads.
+    """Actuation of a robot's tendons and some loads; samples are up to the model.
 
     Raises:
         ValueError: Unknown drive, a load off the robot, repeated names, or a tendon of infinite
@@ -84,7 +91,6 @@ def points_only(stations: ndarray, offsets: ndarray | None = None) -> Actuation:
 
 
 def _arrays(tendons: Sequence[Tendon], loads: Sequence[Load], drive: str) -> Actuation:
-    channels = [t for t in tendons if not t.guides]
     points = [(load.station, (0.0, 0.0)) for load in loads]
     first = [len(points)]
     for tendon in tendons:
@@ -101,11 +107,9 @@ def _arrays(tendons: Sequence[Tendon], loads: Sequence[Load], drive: str) -> Act
         load_follows=np.array([x.follows for x in loads], bool),
         moments=bool(moment.any()),
         followers=any(x.follows for x in loads),
-        guided=np.array([bool(t.guides) for t in tendons], bool),
         first=np.array(first),
-        channel=np.array([-1 if t.guides else channels.index(t) for t in tendons], int),
-        channel_offset=np.array([t.offset for t in channels], float).reshape(-1, 2),
-        channel_end=np.array([t.end for t in channels], float),
+        sampled=np.empty(0, int),
+        sample_size=np.empty(0),
         by_length=drive == "length",
         stiffness=_values(tendons, "stiffness"),
         pretension=_values(tendons, "pretension"),
@@ -121,34 +125,50 @@ _NODES, _SHARES = (x / 2 for x in np.polynomial.legendre.leggauss(4))
 _SHORTEST = 1e-9
 
 
-def channels_of(robot: RobotParams, actuation: Actuation) -> list[Tendon]:
-    """The tendons in channels that an actuation has: all of the robot's, or none."""
-    return [t for t in robot.tendons if not t.guides] if len(actuation.channel_end) else []
+class ChannelSamples(NamedTuple):
+    """Points for integrals along channels, in the order of their stations.
 
-
-def channel_samples(channels: Sequence[Tendon], edges: ndarray) -> tuple[ndarray, ndarray, ndarray]:
-    """Points for integrals along channels within intervals between edges (k + 1,) [m].
-
-    One in the interval where the place of a channel is constant, else Gauss points.
-
-    Returns:
-        Interval and channel (m,), ordered by interval, and weight, x, y [m], x' and y' [1] (m, 5).
+    Attributes:
+        tendon: (n_samples,).
+        station, size: (n_samples,) [m].
+        place: (n_samples, 4), x, y [m], x' and y' [1] of the channel.
     """
-    rows = []
-    for number, tendon in enumerate(channels):
-        cuts = edges if tendon.is_straight else np.union1d(edges, tendon.knots[:, 0])
+
+    tendon: ndarray
+    station: ndarray
+    size: ndarray
+    place: ndarray
+
+
+def channel_samples(
+    robot: RobotParams, actuation: Actuation, edges: ndarray, straight: ndarray | None = None
+) -> ChannelSamples:
+    """Samples of the channels that an actuation has: all of the robot's, or none.
+
+    Args:
+        robot: The robot.
+        actuation: Its actuation, or points only.
+        edges: (k + 1,) [m], ends of intervals with Gauss points in each.
+        straight: (m + 1,) [m], ends of intervals with a point in the middle of each for channels
+            whose place is constant; these have Gauss points as well unless given.
+    """
+    rows = [np.empty((0, 7))]
+    for number, tendon in enumerate(robot.tendons if len(actuation.straight) else ()):
+        if tendon.guides:
+            continue
+        if tendon.is_straight and straight is not None:
+            cuts, nodes, shares = straight, np.zeros(1), np.ones(1)
+        else:
+            cuts, nodes, shares = np.union1d(edges, tendon.knots[:, 0]), _NODES, _SHARES
         cuts = np.append(cuts[cuts < tendon.end], tendon.end)
         cuts = cuts[np.append(True, np.diff(cuts) > _SHORTEST * edges[-1] / len(edges))]
-        size, start = np.diff(cuts), cuts[:-1]
-        nodes, shares = (np.zeros(1), np.ones(1)) if tendon.is_straight else (_NODES, _SHARES)
-        s = ((start + size / 2)[:, None] + size[:, None] * nodes).ravel()
-        weight = (size[:, None] * shares).ravel()
-        interval = np.searchsorted(edges, s, side="right") - 1
-        whose = np.full(len(s), number)
-        rows.append(np.column_stack([interval, whose, weight, tendon.at(s), tendon.slope(s)]))
-    table = np.concatenate(rows) if rows else np.empty((0, 7))
-    table = table[np.argsort(table[:, 0], kind="stable")]
-    return table[:, 0].astype(int), table[:, 1].astype(int), np.ascontiguousarray(table[:, 2:])
+        length, start = np.diff(cuts)[:, None], cuts[:-1, None]
+        s = (start + length / 2 + length * nodes).ravel()
+        size, whose = (length * shares).ravel(), np.full(len(s), number)
+        rows.append(np.column_stack([whose, s, size, tendon.at(s), tendon.slope(s)]))
+    table = np.concatenate(rows)
+    table = table[np.argsort(table[:, 1], kind="stable")]
+    return ChannelSamples(table[:, 0].astype(int), *table[:, 1:3].T.copy(), table[:, 3:].copy())
 
 
 def _check(robot: RobotParams, loads: Sequence[Load], drive: str) -> None:
@@ -201,15 +221,19 @@ def channel_arm(place, tangent):
 
 
 @kernel
-def path_lengths(actuation, points, lengths):
-    """Set the lengths (n_tendons,) [m] of the guided tendons through points (n_points, 3)."""
-    for k in range(len(actuation.guided)):
-        if actuation.guided[k]:
-            total = lengths[k] * 0
-            for i in range(actuation.first[k], actuation.first[k + 1] - 1):
-                span = difference(row3(points, i + 1), row3(points, i))
-                total += np.sqrt(dot3(span, span))
-            lengths[k] = total
+def check_forces(actuation, forces):
+    """Raise ValueError unless there is a force for each point."""
+    if len(forces) != len(actuation.point_station):
+        raise ValueError("forces need as many rows as the model has points")
+
+
+@kernel
+def add_path_lengths(actuation, points, lengths):
+    """Add to lengths (n_tendons,) [m] those of the guided ones through points (n_points, 3)."""
+    for k in range(len(lengths)):
+        for i in range(actuation.first[k], actuation.first[k + 1] - 1):
+            span = difference(row3(points, i + 1), row3(points, i))
+            lengths[k] += np.sqrt(dot3(span, span))
 
 
 @kernel
@@ -218,13 +242,12 @@ def add_path_forces(actuation, points, tension, forces):
 
     Between two guides a tendon pulls both towards each other, (2.83) and (2.84).
     """
-    for k in range(len(actuation.guided)):
-        if actuation.guided[k]:
-            for i in range(actuation.first[k], actuation.first[k + 1] - 1):
-                span = difference(row3(points, i + 1), row3(points, i))
-                pull = tension[k] / np.sqrt(dot3(span, span))
-                add_scaled(forces, i, pull, span)
-                add_scaled(forces, i + 1, -pull, span)
+    for k in range(len(tension)):
+        for i in range(actuation.first[k], actuation.first[k + 1] - 1):
+            span = difference(row3(points, i + 1), row3(points, i))
+            pull = tension[k] / np.sqrt(dot3(span, span))
+            add_scaled(forces, i, pull, span)
+            add_scaled(forces, i + 1, -pull, span)
 
 
 @kernel
@@ -235,7 +258,7 @@ def tendon_tensions(actuation, u, lengths, out):
     F = c (s - s_geo) + F_pre between 0 and the limit, s_geo = straight length - length (audit of
     (2.91) to (2.99)).
     """
-    for k in range(len(actuation.guided)):
+    for k in range(len(out)):
         if actuation.by_length:
             pulled = u[k] - actuation.straight[k] + lengths[k]
             force = actuation.pretension[k] + actuation.stiffness[k] * pulled

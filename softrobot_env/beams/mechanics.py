@@ -22,7 +22,8 @@ import numpy as np
 
 from softrobot_env.compile.kernels import implementation, kernel
 
-from .actuation import add_path_forces, path_lengths, tendon_tensions
+from .actuation import add_path_forces, add_path_lengths, tendon_tensions
+from .numerics.quaternions import dot3, row3, scaled, store, transformed
 
 # ---------------------------------------------------------------- provided by a model
 
@@ -46,8 +47,11 @@ def project(model, q, v):
 
 
 @singledispatch
-def locate(model, q, out):
-    """Set out (n_points, 3) [m] to the material points `actuation.point_*`."""
+def locate(model, q, points, axes):
+    """Set points (n_points, 3) [m] to the material points `actuation.point_*`.
+
+    And axes (k, 3, 3) to the orientation, axes as columns, of the cross-sections of the first k.
+    """
     raise NotImplementedError
 
 
@@ -62,29 +66,30 @@ def add_wrenches(model, q, forces, moments, out):
         model: Data of a model.
         q: (n,).
         forces: (n_points, 3) [N].
-        moments: (n_loads, 3) [N m], on the first points, or none.
+        moments: (k, 3) [N m], on the first k points.
         out: (n,).
+
+    Raises:
+        ValueError: There are not as many forces as points.
     """
     raise NotImplementedError
 
 
 @singledispatch
-def load_axes(model, q, out):
-    """Set out (n_loads, 3, 3) to the orientation of the cross-sections of the loads."""
+def channel_tangents(model, q, out):
+    """Set out (n_samples, 3) to the tangents of the channels by the arc length in the rod.
+
+    At the samples `actuation.sample_*`, in any axes: their length is how much a channel is longer
+    than the straight rod there.
+    """
     raise NotImplementedError
 
 
 @singledispatch
-def channel_lengths(model, q, out):
-    """Set out (n_channels,) [m] to the lengths of the continuous channels."""
-    raise NotImplementedError
+def add_channel_pulls(model, q, forces, out):
+    """Add to out (n,) the generalised force of forces (n_samples, 3) [N m] against the tangents.
 
-
-@singledispatch
-def add_channel_forces(model, q, tension, out):
-    """Add to out (n,) the generalised force of tensions (n_channels,) [N] in the channels.
-
-    The negative gradient of tension times channel length.
+    The negative transpose of the derivative of `channel_tangents`, in the same axes.
     """
     raise NotImplementedError
 
@@ -135,32 +140,38 @@ def _no_tangent(model, q, v, damping, mass, out):
 
 
 @kernel
-def tendon_lengths(model, q, points, out):
-    """Set out (n_tendons,) [m] to the tendons' lengths, given the located points."""
-    actuation = model.actuation
-    path_lengths(actuation, points, out)
-    n_channels = len(actuation.channel_end)
-    if n_channels > 0:
-        lengths = np.empty(n_channels, out.dtype)
-        channel_lengths(model, q, lengths)
-        for k in range(len(out)):
-            if not actuation.guided[k]:
-                out[k] = lengths[actuation.channel[k]]
+def tendon_lengths(model, q, out):
+    """Set out (n_tendons,) [m] to the tendons' lengths inside the robot."""
+    points = np.empty((len(model.actuation.point_station), 3), q.dtype)
+    tangents = np.empty((len(model.actuation.sampled), 3), q.dtype)
+    locate(model, q, points, np.empty((0, 3, 3), q.dtype))
+    channel_tangents(model, q, tangents)
+    _set_lengths(model.actuation, points, tangents, out)
+
+
+@kernel
+def _set_lengths(actuation, points, tangents, out):
+    """As `tendon_lengths`, given the points and the tangents of the channels."""
+    out[:] = 0.0
+    add_path_lengths(actuation, points, out)
+    for m in range(len(tangents)):
+        x = row3(tangents, m)
+        out[actuation.sampled[m]] += actuation.sample_size[m] * np.sqrt(dot3(x, x))
 
 
 @kernel
 def add_applied(model, q, u, out):
     """Add B(q) u to out (n,): the generalised force of loads and tendons."""
     actuation = model.actuation
-    n_points, n_tendons = len(actuation.point_station), len(actuation.guided)
+    n_points, n_tendons = len(actuation.point_station), len(actuation.straight)
     n_loads = len(actuation.load_follows)
     points = np.empty((n_points, 3), q.dtype)
     forces = np.zeros((n_points, 3), q.dtype)
     moments = np.zeros((n_loads if actuation.moments else 0, 3), q.dtype)
-    if n_points > n_loads:
-        locate(model, q, points)
-    if n_loads > 0:
-        _set_loads(model, q, u[n_tendons:], forces, moments)
+    axes = np.empty((n_loads if actuation.followers else 0, 3, 3), q.dtype)
+    if n_points > n_loads or actuation.followers:
+        locate(model, q, points, axes)
+    _set_loads(actuation, axes, u[n_tendons:], forces, moments)
     if n_tendons > 0:
         _add_tendons(model, q, u[:n_tendons], points, forces, out)
     if n_points > 0:
@@ -168,42 +179,36 @@ def add_applied(model, q, u, out):
 
 
 @kernel
-def _set_loads(model, q, amplitude, forces, moments):
-    actuation = model.actuation
-    axes = np.zeros((len(amplitude), 3, 3), q.dtype)
-    if actuation.followers:
-        load_axes(model, q, axes)
+def _set_loads(actuation, axes, amplitude, forces, moments):
+    """Set the loads' forces, and their moments if any has one."""
     for k in range(len(amplitude)):
-        for i in range(3):
-            force, moment = amplitude[k] * 0, amplitude[k] * 0
-            if actuation.load_follows[k]:
-                for j in range(3):
-                    force = force + amplitude[k] * axes[k, i, j] * actuation.load_force[k, j]
-                    moment = moment + amplitude[k] * axes[k, i, j] * actuation.load_moment[k, j]
-            else:
-                force = amplitude[k] * actuation.load_force[k, i]
-                moment = amplitude[k] * actuation.load_moment[k, i]
-            forces[k, i] = force
-            if len(moments) > 0:
-                moments[k, i] = moment
+        force = scaled(amplitude[k], row3(actuation.load_force, k))
+        moment = scaled(amplitude[k], row3(actuation.load_moment, k))
+        if actuation.load_follows[k]:
+            force, moment = transformed(axes[k], force), transformed(axes[k], moment)
+        store(forces[k], force)
+        if len(moments) > 0:
+            store(moments[k], moment)
 
 
 @kernel
 def _add_tendons(model, q, u, points, forces, out):
-    actuation = model.actuation
-    n_tendons, n_channels = len(u), len(actuation.channel_end)
-    lengths = np.zeros(n_tendons, q.dtype)
-    tension = np.empty(n_tendons, q.dtype)
+    """Add the pull of the tendons: on guides to forces (n_points, 3), in channels to out (n,)."""
+    actuation, n_tendons = model.actuation, len(u)
+    tangents = np.empty((len(actuation.sampled), 3), q.dtype)
+    lengths, tension = np.zeros(n_tendons, q.dtype), np.empty(n_tendons, q.dtype)
+    if len(tangents) > 0:
+        channel_tangents(model, q, tangents)
     if actuation.by_length:
-        tendon_lengths(model, q, points, lengths)
+        _set_lengths(actuation, points, tangents, lengths)
     tendon_tensions(actuation, u, lengths, tension)
     add_path_forces(actuation, points, tension, forces)
-    if n_channels > 0:
-        in_channel = np.empty(n_channels, q.dtype)
-        for k in range(n_tendons):
-            if not actuation.guided[k]:
-                in_channel[actuation.channel[k]] = tension[k]
-        add_channel_forces(model, q, in_channel, out)
+    for m in range(len(tangents)):
+        x = row3(tangents, m)
+        pull = tension[actuation.sampled[m]] * actuation.sample_size[m] / np.sqrt(dot3(x, x))
+        store(tangents[m], scaled(pull, x))
+    if len(tangents) > 0:
+        add_channel_pulls(model, q, tangents, out)
 
 
 @kernel
@@ -261,23 +266,60 @@ def iteration_matrix(model, q, v, a, u, damping, mass, out):
             k columns are room for `band.factor` and set to zero.
     """
     out[:] = 0.0
-    if add_internal_tangent(model, q, v, damping, mass, out):
-        if applied_forces_turn(model):
-            _add_differences(model, q, v, a, u, damping, mass, True, out)
-    else:
-        _add_differences(model, q, v, a, u, damping, mass, False, out)
+    known = add_internal_tangent(model, q, v, damping, mass, out)
+    if not known or applied_forces_turn(model):
+        add_differences(model, (q, v, a, u), (1.0, damping, mass), known, _STEP, out)
 
 
 @kernel
 def applied_forces_turn(model):
     """Whether loads or tendons depend on the coordinates, beyond dead forces on points."""
     actuation = model.actuation
-    return actuation.moments or actuation.followers or len(actuation.guided) > 0
+    return actuation.moments or actuation.followers or len(actuation.straight) > 0
 
 
 @kernel
-def differentiated(model, q, v, a, u, applied_only, out):
-    """Set out (n,) to the residual, or to the part of it that loads and tendons cause."""
+def add_differences(model, motion, factors, applied_only, step, out):
+    """Add the derivative of the residual by a change of q, v and a (n,) together.
+
+    Columns whose rows do not overlap share one, so the cost does not grow with n where the
+    coupling is local.
+
+    Args:
+        model: Data of a model.
+        motion: q, v, a (n,) and u; of complex numbers for an imaginary step.
+        factors: What each of q, v and a moves by.
+        applied_only: Whether only of that part of it which loads and tendons cause.
+        step: Of the difference, of a coordinate's scale. An imaginary one whose square vanishes
+            beside one is exact to rounding.
+        out: As in `iteration_matrix`.
+    """
+    (q, v, a, u), (by_q, by_v, by_a) = motion, factors
+    n, width = model.n, bandwidth(model)
+    block, reach = model.block, model.reach
+    group = min(n, (2 * reach + 1) * block)
+    base, moved = np.zeros_like(q), np.empty_like(q)
+    if step.real != 0:  # an imaginary change is seen without
+        _differentiated(model, q, v, a, u, applied_only, base)
+    q1, v1, a1 = q.copy(), v.copy(), a.copy()
+    for first in range(group):
+        for j in range(first, n, group):
+            change = (q[j] + step * model.scale[j]) - q[j]  # what is added, after rounding
+            q1[j] = q[j] + by_q * change
+            v1[j] = v[j] + by_v * change
+            a1[j] = a[j] + by_a * change
+        _differentiated(model, q1, v1, a1, u, applied_only, moved)
+        for j in range(first, n, group):
+            change = (q[j] + step * model.scale[j]) - q[j]
+            home = j // block
+            for i in range(max(0, (home - reach) * block), min(n, (home + reach + 1) * block)):
+                out[i, j - i + width] += ((moved[i] - base[i]) / change).real
+            q1[j], v1[j], a1[j] = q[j], v[j], a[j]
+
+
+@kernel
+def _differentiated(model, q, v, a, u, applied_only, out):
+    """Set out (n,) to the residual, or to that part of it which loads and tendons cause."""
     if applied_only:
         out[:] = 0.0
         add_applied(model, q, u, out)
@@ -285,30 +327,3 @@ def differentiated(model, q, v, a, u, applied_only, out):
             out[i] = -out[i]
     else:
         residual(model, q, v, a, u, out)
-
-
-@kernel
-def _add_differences(model, q, v, a, u, damping, mass, applied_only, out):
-    """Add the derivatives by differences, arguments as in `iteration_matrix`.
-
-    One perturbation of q, v and a together gives a column of the sum, and columns whose rows
-    do not overlap share one, so the cost does not grow with n where the coupling is local.
-    """
-    n, width = model.n, bandwidth(model)
-    block, reach = model.block, model.reach
-    group = min(n, (2 * reach + 1) * block)
-    base, moved = np.empty(n), np.empty(n)
-    differentiated(model, q, v, a, u, applied_only, base)
-    q1, v1, a1 = q.copy(), v.copy(), a.copy()
-    for first in range(group):
-        for j in range(first, n, group):
-            q1[j] = q[j] + _STEP * model.scale[j]
-            step = q1[j] - q[j]  # what was really added, after rounding
-            v1[j] = v[j] + damping * step
-            a1[j] = a[j] + mass * step
-        differentiated(model, q1, v1, a1, u, applied_only, moved)
-        for j in range(first, n, group):
-            step, home = q1[j] - q[j], j // block
-            for i in range(max(0, (home - reach) * block), min(n, (home + reach + 1) * block)):
-                out[i, j - i + width] += (moved[i] - base[i]) / step
-            q1[j], v1[j], a1[j] = q[j], v[j], a[j]

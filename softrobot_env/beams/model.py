@@ -21,6 +21,9 @@ from .actuation import Actuation, make_actuation, points_only, tendon_tensions
 from .numerics import band, integration, linearization
 from .signals import Signal
 
+#: Share of a piece within which a place counts as the end of the piece.
+_SNAP = 1e-9
+
 #: Step of the difference by the loads' share, which most forces are linear in.
 _SHARE = 1e-2
 
@@ -323,15 +326,15 @@ class BeamModel:
         """
         q, v = (self._finite(x).copy() for x in state)
         u, n = self._inputs(u), self.n
-        by_q, by_v, by_a = np.empty((3, n, n))
+        rows = np.empty((3, n, 3 * mechanics.bandwidth(self.data) + 1))
         a = self.acceleration(q, v, u)
-        linearization.residual_derivatives(self.data, q, v, a, u, by_q, by_v, by_a)
+        linearization.residual_derivatives(self.data, q, v, a, u, rows)
         inputs = np.empty((n, self.n_inputs))
         linearization.input_derivatives(self.data, q, u, inputs)
         t = self.tangent(q)
         if t.shape[1] < n and np.any(v):
             raise ValueError("a model with redundant coordinates is linearised at rest only")
-        mass, damping, stiffness = (t.T @ m @ t for m in (by_a, by_v, by_q))
+        stiffness, damping, mass = t.T @ band.dense(rows) @ t
         tip = self._point_jacobian(q, np.array([self.robot.length])) @ t
         m = t.shape[1]
         solved = np.linalg.solve(mass, np.hstack([stiffness, damping, t.T @ inputs]))
@@ -398,7 +401,7 @@ class BeamModel:
         """(n_tendons,) [m] inside the robot at q (n,)."""
         q = self._vector(q)
         out = np.empty(len(self.robot.tendons))
-        _all_tendon_lengths(self.data, q, out)
+        mechanics.tendon_lengths(self.data, q, out)
         return out
 
     def tendon_tension(self, q: ndarray, u: ndarray) -> ndarray:
@@ -414,13 +417,13 @@ class BeamModel:
 
     def potential_energy(self, q: ndarray) -> float:
         """Elastic and gravitational energy [J] at q (n,), zero in the straight pose."""
-        return float(_potential(self.data, self._vector(q)))
+        return float(mechanics.potential(self.data, self._vector(q)))
 
     def momentum(self, q: ndarray, v: ndarray) -> ndarray:
         """Linear [N s] and angular momentum [N m s] (6,) about the origin in state q, v (n,)."""
         q, v = self._vector(q), self._vector(v)
         out = np.empty(6)
-        _momentum(self.data, q, v, out)
+        mechanics.momentum(self.data, q, v, out)
         out = (out.reshape(2, 3) @ self._base.axes.T).ravel()
         out[3:] += np.cross(self._base.position, out[:3])
         return out
@@ -496,11 +499,7 @@ class LoadedModel:
         """Derivative (n, n) of the forces that rest takes by q (n,), under full loads."""
         self._residual(q, 1.0)
         linearization.stiffness_band(self._data, q, self._part[2], self._matrix)
-        dense = np.zeros((len(q), len(q)))
-        for off in range(-self._width, self._width + 1):
-            rows = np.arange(max(0, -off), min(len(q), len(q) - off))
-            dense[rows, rows + off] = self._matrix[rows, off + self._width]
-        return dense
+        return band.dense(self._matrix)
 
     def newton(self, q: ndarray, share: float) -> Newton | None:
         """Newton's changes at q (n,), None where the stiffness is singular or not finite."""
@@ -539,6 +538,12 @@ def masses_at(robot: RobotParams, places: ndarray) -> ndarray:
     return mass
 
 
+def in_pieces(stations: ndarray, edges: ndarray) -> ndarray:
+    """Places (k,) of stations (k,) [m] as numbers of pieces, whose edges [m] are whole numbers."""
+    at = np.interp(stations, edges, np.arange(len(edges)))
+    return np.where(np.abs(at - np.round(at)) < _SNAP, np.round(at), at)
+
+
 def _check_robot(robot: RobotParams, has_head: bool) -> None:
     if robot.head is not None and not has_head:
         raise ValueError(
@@ -555,22 +560,6 @@ def _check_robot(robot: RobotParams, has_head: bool) -> None:
 @kernel
 def _locate_series(model, q, out):
     """Set out (T, n_points, 3) [m] for coordinates (T, n)."""
+    none = np.empty((0, 3, 3))
     for k in range(len(q)):
-        mechanics.locate(model, q[k], out[k])
-
-
-@kernel
-def _all_tendon_lengths(model, q, out):
-    points = np.empty((len(model.actuation.point_station), 3))
-    mechanics.locate(model, q, points)
-    mechanics.tendon_lengths(model, q, points, out)
-
-
-@kernel
-def _potential(model, q):
-    return mechanics.potential(model, q)
-
-
-@kernel
-def _momentum(model, q, v, out):
-    mechanics.momentum(model, q, v, out)
+        mechanics.locate(model, q[k], out[k], none)

@@ -200,18 +200,13 @@ def tip(arm, q, point, jacobian):
 @kernel
 def derivatives(arm, q, v, a, u, by_q, by_v):
     """Set the derivatives (n, n) of the residual by q and by v; that by a is the mass matrix."""
-    n = arm.n
-    out = np.empty(n, np.complex128)
+    out = np.empty(arm.n, np.complex128)
     q1, v1 = q.astype(np.complex128), v.astype(np.complex128)
     a1, u1 = a.astype(np.complex128), u.astype(np.complex128)
-    for j in range(n):
-        q1[j] += _STEP * 1j
-        residual(arm, q1, v1, a1, u1, out)
-        for i in range(n):
-            by_q[i, j] = out[i].imag / _STEP
-        q1[j] = q[j]
-        v1[j] += _STEP * 1j
-        residual(arm, q1, v1, a1, u1, out)
-        for i in range(n):
-            by_v[i, j] = out[i].imag / _STEP
-        v1[j] = v[j]
+    for moved, slopes in ((q1, by_q), (v1, by_v)):
+        for j in range(arm.n):
+            moved[j] += _STEP * 1j
+            residual(arm, q1, v1, a1, u1, out)
+            for i in range(arm.n):
+                slopes[i, j] = out[i].imag / _STEP
+            moved[j] = moved[j].real

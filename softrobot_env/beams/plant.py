@@ -6,6 +6,7 @@ a thousand times as stiff as the tip and weighs next to nothing, with a disc at 
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 from math import ceil
 from typing import Any
 
@@ -21,7 +22,7 @@ from softrobot_env.robots.loads import Load
 from . import mechanics
 from .model import BeamModel
 from .numerics import integration
-from .numerics.quaternions import add, cross, difference, dot3, mix, row3, scaled, weighting
+from .numerics.quaternions import column3, dot3, scaled, weighting
 from .signals import Signal
 
 #: Builds the model of a robot under some loads.
@@ -32,10 +33,11 @@ _MAX_STEPS = 20_000  # in one control period
 _SECTIONS = 4  # per piece, or more: the angle between two sections is measured modulo 2 pi
 _CELLS = 24  # at least, of a shape for sensors
 _LARGEST_TURN = 2.0  # rad, from one section to the next
-_ITERATIONS = 9
+_ITERATIONS = 30
 _CURVATURE_ERROR = 1e-9  # of the curvature limit
-_DIFFERENCE = 1e-3  # of the curvature limit
 _RIGID, _WEIGHTLESS = 1e3, 1e-3  # modulus and density of a head's section, of the tip's
+
+_STEP = 1e-30  # imaginary: its square vanishes beside one
 
 _PLANE = slice(0, 3, 2)
 
@@ -92,7 +94,7 @@ class SteppedModel:
         self._prepare_readout()
 
     def _prepare_readout(self) -> None:
-        """Place points, off the axis, in each section whose turn is measured."""
+        """Place a point in each section whose turn is measured."""
         robot = self.robot
         if self._directions == 1:
             robot.require_plane("a planar model")
@@ -100,7 +102,6 @@ class SteppedModel:
         least = max(_SECTIONS, ceil(robot.curvature_limit * sizes.max() / _LARGEST_TURN))
         self._pieces = self._place_probe(self._stations(least)), sizes
         self.cells = self._stations(max(least, ceil(_CELLS / robot.pieces)))
-        self._parts: tuple[Any, ndarray] | None = None  # of the cells
         base = robot.base or Base()
         self._base = np.column_stack([base.axes, base.position])[self._axes]
 
@@ -111,13 +112,8 @@ class SteppedModel:
         return np.interp(parts, np.arange(robot.pieces + 1), robot.backbone.cut(robot.pieces))
 
     def _place_probe(self, stations: ndarray) -> Any:
-        """Points, off the axis, of sections at stations [m], and the tip."""
-        robot = self.robot
-        a = robot.backbone.widest
-        around = np.array([(a, 0.0), (-a, 0.0), (0.0, a)])[: 1 + self._directions]
-        places = np.append(np.tile(stations, len(around)), robot.reach)
-        offsets = np.append(np.repeat(around, len(stations), axis=0), np.zeros((1, 2)), axis=0)
-        return self.model.probe(places, offsets)
+        """The centres of sections at stations [m], and the tip."""
+        return self.model.probe(np.append(stations, self.robot.reach))
 
     # ------------------------------------------------------------------ postures
 
@@ -137,8 +133,8 @@ class SteppedModel:
         """Coordinates (n,) whose measured curvature is `curvature` [1/m].
 
         The posture is that of the robot without tendons and weight under moments at the ends of
-        its pieces, which bend without stretching; Newton's method on the moments. In space they
-        turn with their sections.
+        its pieces, which bend without stretching, found by Broyden's method. In space they turn
+        with their sections.
 
         Args:
             curvature: (pieces,) in the plane, (2 pieces,) in space, (beta, gamma) each.
@@ -146,6 +142,8 @@ class SteppedModel:
         Raises:
             ValueError: No moments do that, because the model has too few pieces.
         """
+        from scipy.optimize import NoConvergence, broyden1
+
         robot, directions = self.robot, self._directions
         edges = robot.backbone.cut(robot.pieces)
         stiffness = robot.backbone.in_series(robot.backbone.bending, edges)[:, None]
@@ -162,24 +160,21 @@ class SteppedModel:
             moments = moments - np.append(moments[1:], np.zeros((1, directions)), axis=0)
             return model.equilibrium(moments.ravel(), guess, check_stability=False)
 
-        def read(q: ndarray) -> ndarray:
-            return self.measure(q, np.zeros_like(q)).curvature
+        def off(bending: ndarray) -> ndarray:
+            nonlocal q
+            q = posture(bending, q)
+            return self.measure(q, np.zeros_like(q)).curvature - wanted
 
         wanted = np.asarray(curvature, float)
-        limit, change = robot.curvature_limit, _DIFFERENCE * robot.curvature_limit
-        applied = wanted.copy()
+        within = _CURVATURE_ERROR * robot.curvature_limit
         try:
-            q = posture(applied)
-            for _ in range(_ITERATIONS):
-                error = read(q) - wanted
-                if np.max(np.abs(error)) <= _CURVATURE_ERROR * limit:
-                    return q
-                moved = [read(posture(applied + e, q)) for e in change * np.eye(wanted.size)]
-                jacobian = (np.stack(moved, axis=1) - (error + wanted)[:, None]) / change
-                applied = applied - np.linalg.solve(jacobian, error)
-                q = posture(applied, q)
-            raise EquilibriumError(f"moments do not converge in {_ITERATIONS} steps")
-        except (EquilibriumError, np.linalg.LinAlgError) as reason:
+            q = posture(wanted)
+            # A moment bends as much as it is made for, but for what the model errs by.
+            if np.max(np.abs(off(wanted))) > within:
+                found = broyden1(off, wanted, alpha=-1.0, maxiter=_ITERATIONS, f_tol=within)
+                q = posture(found, q)
+            return q
+        except (EquilibriumError, NoConvergence, ValueError) as reason:
             raise ValueError(
                 f"{type(self.model).__name__} with {self.model.n} coordinates cannot take the "
                 f"start curvature {wanted.tolist()} 1/m; use more pieces or start from an "
@@ -239,9 +234,12 @@ class SteppedModel:
 
     def shape(self, q: ndarray) -> ndarray:
         """Beta, gamma and torsion (k, 3) [1/m] of all cells (`interfaces.PlantModel`)."""
-        if self._parts is None:
-            self._parts = self._place_probe(self.cells), np.diff(self.cells)
-        return self._seen(q, np.zeros_like(q), self._parts)[1][0]
+        return self._seen(q, np.zeros_like(q), self._cells)[1][0]
+
+    @cached_property
+    def _cells(self) -> tuple[Any, ndarray]:
+        """Probe and sizes [m] of the cells."""
+        return self._place_probe(self.cells), np.diff(self.cells)
 
     def _seen(
         self, q: ndarray, v: ndarray, parts: tuple[Any, ndarray] | None = None
@@ -252,8 +250,7 @@ class SteppedModel:
         """
         probe, sizes = parts or self._pieces
         tip, strain = np.zeros((2, len(self._base))), np.zeros((2, len(sizes), 3))
-        measure = _measure if self._directions == 1 else _measure_in_space
-        measure(probe, q, v, sizes, self._base, tip, strain)
+        _measure(probe, q, v, sizes, self._base, tip, strain)
         return tip, strain
 
 
@@ -280,24 +277,8 @@ def headless(robot: RobotParams) -> RobotParams:
 
 
 @kernel
-def _locate(probe, q, v, base, tip):
-    """Points (k, 3) of the probe, the last of which is the tip (2, axes), complex with rates."""
-    moving = np.empty(len(q), np.complex128)
-    for i in range(len(q)):
-        moving[i] = q[i] + 1e-30j * v[i]
-    points = np.empty((len(probe.actuation.point_station), 3), np.complex128)
-    mechanics.locate(probe, moving, points)
-    for i in range(len(base)):
-        tip[0, i], tip[1, i] = base[i, 3], 0.0
-        for k in range(3):
-            tip[0, i] += base[i, k] * points[-1, k].real
-            tip[1, i] += base[i, k] * points[-1, k].imag / 1e-30
-    return points
-
-
-@kernel
 def _measure(probe, q, v, sizes, base, tip, strain):
-    """Measure tip [m] and curvature [1/m] of a planar model and their rates in state q, v (n,).
+    """Measure tip [m] and strain [1/m] and their rates in state q, v (n,).
 
     Args:
         probe: Data of a model whose points are those that `SteppedModel` places.
@@ -307,71 +288,31 @@ def _measure(probe, q, v, sizes, base, tip, strain):
         tip: (2, axes), set.
         strain: (2, pieces, 3), set to beta, gamma and torsion.
     """
-    points = _locate(probe, q, v, base, tip)
-    count = len(points) // 2
-    sections = (count - 1) // len(sizes)
+    moving, count = np.empty(len(q), np.complex128), len(probe.actuation.point_station)
+    for i in range(len(q)):
+        moving[i] = q[i] + _STEP * 1j * v[i]
+    points = np.empty((count, 3), np.complex128)
+    axes = np.empty((count - 1, 3, 3), np.complex128)
+    mechanics.locate(probe, moving, points, axes)
+    for i in range(len(base)):
+        tip[0, i], tip[1, i] = base[i, 3], 0.0
+        for k in range(3):
+            tip[0, i] += base[i, k] * points[-1, k].real
+            tip[1, i] += base[i, k] * points[-1, k].imag / _STEP
+    sections = (count - 2) // len(sizes)
     for piece in range(len(sizes)):
         for k in range(sections * piece, sections * (piece + 1)):
-            turn = _turn(points[k], points[count + k], points[k + 1], points[count + k + 1])
-            strain[0, piece, 0] += turn.real / sizes[piece]
-            strain[1, piece, 0] += turn.imag / 1e-30 / sizes[piece]
-
-
-@kernel
-def _turn(above, below, next_above, next_below):
-    """Angle [rad] from one section to the next, given two points (3,) [m] of each.
-
-    The imaginary part is the derivative along the points' imaginary parts.
-    """
-    x0, z0 = above[0] - below[0], above[2] - below[2]
-    x1, z1 = next_above[0] - next_below[0], next_above[2] - next_below[2]
-    sine, cosine = x1 * z0 - z1 * x0, x0 * x1 + z0 * z1
-    angle = np.arctan2(sine.real, cosine.real)
-    size = sine.real**2 + cosine.real**2
-    slope = (cosine.real * sine.imag - sine.real * cosine.imag) / size
-    return complex(angle, slope)
-
-
-@kernel
-def _measure_in_space(probe, q, v, sizes, base, tip, strain):
-    """The same of a model in space."""
-    points = _locate(probe, q, v, base, tip)
-    count = len(points) // 3
-    sections = (count - 1) // len(sizes)
-    before = _section_axes(points, 0, count)
-    for piece in range(len(sizes)):
-        for k in range(sections * piece, sections * (piece + 1)):
-            after = _section_axes(points, k + 1, count)
-            x, y, z = _rotation(before, after)
+            x, y, z = _rotation(axes[k], axes[k + 1])
             for d, part in enumerate((y, -x, z)):
                 strain[0, piece, d] += part.real / sizes[piece]
-                strain[1, piece, d] += part.imag / 1e-30 / sizes[piece]
-            before = after
-
-
-@kernel
-def _section_axes(points, k, count):
-    """Axes x, y, z of section k, at right angles, given three points of each section."""
-    plus, minus = row3(points, k), row3(points, count + k)
-    x = _unit(difference(plus, minus))
-    y = _unit(difference(row3(points, 2 * count + k), scaled(0.5, add(plus, minus))))
-    # Both give way alike where a model's sections are sheared.
-    skew = dot3(x, y) / 2
-    x, y = _unit(mix(1.0, x, -skew, y)), mix(1.0, y, -skew, x)
-    y = _unit(mix(1.0, y, -dot3(x, y), x))
-    return x, y, cross(x, y)
-
-
-@kernel
-def _unit(a):
-    """A vector's direction."""
-    return scaled(1 / np.sqrt(dot3(a, a)), a)
+                strain[1, piece, d] += part.imag / _STEP / sizes[piece]
 
 
 @kernel
 def _rotation(first, second):
-    """Rotation vector [rad] from some axes to others, of less than half a turn."""
-    (a, b, c), (d, e, f) = first, second
+    """Rotation vector [rad] from axes to others, columns (3, 3), of less than half a turn."""
+    a, b, c = column3(first, 0), column3(first, 1), column3(first, 2)
+    d, e, f = column3(second, 0), column3(second, 1), column3(second, 2)
     real = np.sqrt(1 + dot3(a, d) + dot3(b, e) + dot3(c, f)) / 2
     quarter = 0.25 / real
     x = quarter * (dot3(c, e) - dot3(b, f))

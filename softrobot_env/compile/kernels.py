@@ -100,7 +100,10 @@ def _dispatcher(function: Callable, **options: Any) -> Any:
 
 
 def implementation(function: Any, data_class: type) -> Callable[[Any], Any]:
-    """Decorator: a kernel is what a function of `singledispatch` does for a structure's class."""
+    """Decorator: a kernel is what a function of `singledispatch` does for a structure's class.
+
+    In other kernels, and in Python for references to the structure.
+    """
 
     def register(made: Any) -> Any:
         def choose(*arguments: Any) -> Any:
@@ -109,7 +112,7 @@ def implementation(function: Any, data_class: type) -> Callable[[Any], Any]:
 
         choose.__signature__ = signature(made.py_func)  # type: ignore[attr-defined]
         overload(function, jit_options=LINKED)(choose)
-        function.register(data_class, made)
+        function.register(_REFERENCES.get(data_class, data_class), made)
         return made
 
     return register

@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 from support import exponentials
-from support.beam_kinds import LOADS, PCCS, STEP, gradient, state
+from support.beam_kinds import LOADS, PCCS, STEP, gradient, located, state
 
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.beams.pcc import dynamics as pcc_dynamics
@@ -108,10 +108,7 @@ def test_pose_and_its_derivatives_are_those_of_the_exponential(turn):
         local = np.array([*offset, 0.0, 1.0])
 
         def place(p, s=s, offset=offset):
-            out = np.empty((1, 3), p.dtype)
-            data = model.probe([s], np.array([offset]))
-            pcc_dynamics.locate(data, p, out)
-            return out[0]
+            return located(model.probe([s], np.array([offset])), p)[0][0]
 
         np.testing.assert_allclose(place(q), (pose(model, q, s) @ local)[:3], atol=1e-14)
         expected = gradient(lambda p, s=s, x=local: (pose(model, p, s) @ x)[:3], q)
@@ -194,9 +191,8 @@ def test_moments_and_axes_are_those_of_the_sections(kind):
     model = kind.made(TILTED, LOADS[:2])
     moments = np.random.default_rng(3).normal(size=(2, 3))
     for q, _ in states(model):
-        found, frames = np.ones(model.n), np.empty((2, 3, 3))
+        found, (_, frames) = np.ones(model.n), located(model.data, q)
         pcc_dynamics.add_wrenches(model.data, q, np.zeros((2, 3)), moments, found)
-        pcc_dynamics.load_axes(model.data, q, frames)
         expected = np.zeros(model.n)
         for load, moment, frame in zip(LOADS, moments, frames, strict=False):
             np.testing.assert_allclose(frame, pose(model, q, load.station)[:3, :3], atol=1e-14)

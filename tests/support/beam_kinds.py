@@ -5,17 +5,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
+from softrobot_env.beams import mechanics
 from softrobot_env.beams.ancf import ANCF
-from softrobot_env.beams.ancf import dynamics as ancf_dynamics
 from softrobot_env.beams.cosserat import CosseratRod
-from softrobot_env.beams.cosserat import dynamics as cosserat_dynamics
 from softrobot_env.beams.pcc import PCC
-from softrobot_env.beams.pcc import dynamics as pcc_dynamics
 from softrobot_env.robots import CANTILEVER_WEAK, Tendon
 from softrobot_env.robots.loads import Load
 
 STEP = 1e-30
-KERNELS = {PCC: pcc_dynamics, CosseratRod: cosserat_dynamics, ANCF: ancf_dynamics}
 ROBOT = replace(
     CANTILEVER_WEAK,
     poisson_ratio=0.3,
@@ -137,3 +134,11 @@ def filled(kernel, data, *shape):
         return out
 
     return function
+
+
+def located(data, q):
+    """The points (k, 3) of a model's data, and the axes (k, 3, 3) of the sections there."""
+    count = len(data.actuation.point_station)
+    points, axes = np.empty((count, 3), q.dtype), np.empty((count, 3, 3), q.dtype)
+    mechanics.locate(data, q, points, axes)
+    return points, axes

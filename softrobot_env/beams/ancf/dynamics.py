@@ -6,8 +6,9 @@ with d = 2 or 3 components. With X1 along the element and X2 (, X3) in the secti
     r(X) = c(X1) + sum_k X_k r_,k(X1),    k = 2 (, 3),
 
 c being the cubic Hermite interpolation of r and r_,1 and the gradients r_,k linear between the
-nodes: the shape functions (2.55) and (2.57). The section's state G, see `ancf.section`, is thus
-linear in the nodal vectors.
+nodes: the shape functions (2.55) and (2.57). All that is known of an element is thus linear in the
+vectors of its two nodes, by factors (rows, slots) of 2 (d + 1) slots: points, tangents of channels,
+momenta; and the section's state G, see `ancf.section`. x (slots, d) are the vectors of all nodes.
 """
 
 from typing import NamedTuple
@@ -17,30 +18,14 @@ from numpy import ndarray
 
 from softrobot_env.compile.kernels import kernel, structure
 
-from ..actuation import Actuation
-from ..numerics.quaternions import cross, dot3, row3, scaled
-from .section import SectionLaw, apply_law, set_strain
+from ..actuation import Actuation, check_forces
+from ..numerics.quaternions import cross, dot3, row3, scaled, set_axes, store
+from .section import SectionLaw, set_resultants, set_strain
 from .shapes import AXES
 
 #: Tuples, whose length is known where kernels are compiled. All of a robot's data have one type,
 #: whatever its dimension, so that most is compiled once; the longest loops are given the dimension.
 PLANE, SPACE = AXES[2], AXES[3]
-
-
-@structure
-class ElementPoints(NamedTuple):
-    """Integration points along an element.
-
-    Attributes:
-        piece: [m], length of the element.
-        position, weight: (k,) X1 / piece and weight [m].
-        slope: (k, 4) [1/m, 1, 1/m, 1], derivatives of the Hermite functions.
-    """
-
-    piece: float
-    position: ndarray
-    weight: ndarray
-    slope: ndarray
 
 
 @structure
@@ -55,17 +40,18 @@ class AncfData(NamedTuple):
         clamp: (block,) coordinates of the clamped node, (0,) for a free rod.
         law: Of the sections.
         damping_time: [s].
-        points: Where the stresses are integrated.
-        mass_bending: (4, 4) [kg, kg m, ...], mass of one element for r and r_,1 at its ends.
-        mass_director: (2, 2) [kg m2], for r_,2 (and equally r_,3).
-        bending_factor: (m, 4), director_factor: (m, 2), see `_substitute`.
+        position, weight: (k,) X1 / piece and weight [m] of points along an element, where stresses
+            are integrated.
+        slope: (k, 4) [1/m, 1, 1/m, 1], derivatives of the Hermite functions there.
+        mass: (slots, slots) [kg, kg m, ...] of an element.
+        mass_factor: (m, w) Cholesky's factor of the mass between all m slots that move; (i, i - k)
+            at [i, k], for k = 0 its reciprocal.
         gravity: (n,) [N, N m], generalised force of gravity.
         straight: (n,) coordinates of the straight rod.
-        point_element, point_position: (n_points,) element and X1 / piece of `actuation.point_*`.
-        point_shape: (n_points, 2, d + 1) shape functions of both nodes there.
-        sampled, entered: (m,) channel, and one of the elements that it enters.
-        channel_weight, channel_slope: (m, k) and (m, k, 4) in these, as in `ElementPoints`; a
-            channel may end inside its last one.
+        element: (n_points,) that the points `actuation.point_*` are in.
+        points: (n_points, d, slots) factors of these, and of r_,2 (, r_,3) there.
+        entered: (n_samples,) element that a sample of a channel is in.
+        tangents: (n_samples, 1, slots) factors of the tangents of channels.
     """
 
     n: int
@@ -79,80 +65,106 @@ class AncfData(NamedTuple):
     clamp: ndarray
     law: SectionLaw
     damping_time: float
-    points: ElementPoints
-    mass_bending: ndarray
-    mass_director: ndarray
-    bending_factor: ndarray
-    director_factor: ndarray
+    position: ndarray
+    weight: ndarray
+    slope: ndarray
+    mass: ndarray
+    mass_factor: ndarray
     gravity: ndarray
     straight: ndarray
-    point_element: ndarray
-    point_position: ndarray
-    point_shape: ndarray
-    sampled: ndarray
+    element: ndarray
+    points: ndarray
     entered: ndarray
-    channel_weight: ndarray
-    channel_slope: ndarray
+    tangents: ndarray
 
 
 @kernel
 def nodal_vectors(model, q, clamp_factor):
-    """Vectors (pieces + 1, d + 1, d) of all nodes; those of the clamp times a factor."""
+    """Vectors (slots, d) of all nodes; those of the clamp times a factor."""
     d, fixed = len(model.axes), len(model.clamp)
     flat = np.empty((model.pieces + 1) * (d + 1) * d, q.dtype)
     for i in range(fixed):
         flat[i] = clamp_factor * model.clamp[i]
     for i in range(len(q)):
         flat[fixed + i] = q[i]
-    return flat.reshape((model.pieces + 1, d + 1, d))
+    return flat.reshape(((model.pieces + 1) * (d + 1), d))
 
 
 @kernel
 def add_nodal_forces(model, f, out):
-    """Add forces (pieces + 1, d + 1, d) to out (n,); the clamp bears those on its node."""
+    """Add forces (slots, d) to out (n,); the clamp bears those on its node."""
     fixed, flat = len(model.clamp), f.reshape(f.size)
     for i in range(len(out)):
         out[i] += flat[fixed + i]
 
 
 @kernel
-def set_section(points, d, x, e, p, out):
-    """Set out (g, d) to G at integration point p of element e; x (pieces + 1, d + 1, d)."""
-    h, position, length = points.slope, points.position[p], points.piece
-    for b in range(d):
-        out[0, b] = (
-            h[p, 0] * x[e, 0, b]
-            + h[p, 1] * x[e, 1, b]
-            + h[p, 2] * x[e + 1, 0, b]
-            + h[p, 3] * x[e + 1, 1, b]
-        )
-        for k in range(1, d):
-            change = x[e + 1, k + 1, b] - x[e, k + 1, b]
-            out[k, b] = change / length
-            out[d - 1 + k, b] = x[e, k + 1, b] + position * change
+def set_vectors(axes, factors, x, first, out):
+    """Set vectors, in the world, of an element with slots from the first.
+
+    Args:
+        axes: (d,) world axes of the components.
+        factors: (rows, slots).
+        x: (.., d) vectors of all slots.
+        first: Number of the element's first slot.
+        out: (k, 3), its first rows are set along the axes.
+    """
+    for i in range(min(len(factors), len(out))):
+        for b in range(len(axes)):
+            total = out.dtype.type(0)
+            for k in range(factors.shape[1]):
+                total += factors[i, k] * x[first + k, b]
+            out[i, axes[b]] = total
 
 
 @kernel
-def add_section_forces(points, d, force, e, p, f):
-    """Add forces (g, d) on G to those on the nodes f; the transpose of `set_section`."""
-    h, position, length = points.slope, points.position[p], points.piece
+def add_forces(axes, factors, force, first, f):
+    """Add forces (k, 3) on the first of these vectors to those on the slots f; the transpose."""
+    for i in range(min(len(factors), len(force))):
+        for b in range(len(axes)):
+            component = force[i, axes[b]]
+            for k in range(factors.shape[1]):
+                f[first + k, b] += factors[i, k] * component
+
+
+@kernel
+def set_section(d, model, p, x, first, out):
+    """Set out (g, d) to G at integration point p of the element with slots from the first."""
+    h, position, length = model.slope, model.position[p], model.piece
+    last = first + d + 1
     for b in range(d):
-        f[e, 0, b] += h[p, 0] * force[0, b]
-        f[e, 1, b] += h[p, 1] * force[0, b]
-        f[e + 1, 0, b] += h[p, 2] * force[0, b]
-        f[e + 1, 1, b] += h[p, 3] * force[0, b]
+        near, far = h[p, 0] * x[first, b], h[p, 2] * x[last, b]
+        out[0, b] = near + h[p, 1] * x[first + 1, b] + far + h[p, 3] * x[last + 1, b]
+        for k in range(1, d):
+            change = x[last + k + 1, b] - x[first + k + 1, b]
+            out[k, b] = change / length
+            out[d - 1 + k, b] = x[first + k + 1, b] + position * change
+
+
+@kernel
+def add_section_forces(d, model, p, force, first, f):
+    """Add forces (g, d) on G to those on the slots f; the transpose of `set_section`."""
+    h, position, length = model.slope, model.position[p], model.piece
+    last = first + d + 1
+    for b in range(d):
+        f[first, b] += h[p, 0] * force[0, b]
+        f[first + 1, b] += h[p, 1] * force[0, b]
+        f[last, b] += h[p, 2] * force[0, b]
+        f[last + 1, b] += h[p, 3] * force[0, b]
         for k in range(1, d):
             moved = force[k, b] / length + position * force[d - 1 + k, b]
-            f[e, k + 1, b] += force[d - 1 + k, b] - moved
-            f[e + 1, k + 1, b] += moved
+            f[first + k + 1, b] += force[d - 1 + k, b] - moved
+            f[last + k + 1, b] += moved
 
 
 @kernel
-def advance(d, gradients, rates, damping_time):
-    """Replace dG/dt (g, d) by G + 2 mu dG/dt."""
-    for i in range(2 * d - 1):
-        for b in range(d):
-            rates[i, b] = gradients[i, b] + 2 * damping_time * rates[i, b]
+def _ahead(model, x, rate):
+    """Vectors x + 2 mu dx/dt, whose strain with x is E + mu dE/dt."""
+    out = np.empty_like(x)
+    for i in range(len(x)):
+        for b in range(x.shape[1]):
+            out[i, b] = x[i, b] + 2 * model.damping_time * rate[i, b]
+    return out
 
 
 @kernel
@@ -168,38 +180,39 @@ def section_force(d, resultants, gradients, weight, out):
 
 @kernel
 def _add_stress_forces(model, axes, x, rate, f):
-    """Add the forces of elasticity and damping, (2.63) and (2.65), to f; all as nodal vectors."""
-    d, g = len(axes), 2 * len(axes) - 1
+    """Add the forces of elasticity and damping, (2.63) and (2.65), to f."""
+    d, g, ahead = len(axes), 2 * len(axes) - 1, _ahead(model, x, rate)
     gradients, advanced = np.empty((g, d), f.dtype), np.empty((g, d), f.dtype)
     force = np.empty((g, d), f.dtype)
     strain, resultants = np.empty((g, g), f.dtype), np.empty((g, g), f.dtype)
     for e in range(model.pieces):
-        for p in range(len(model.points.weight)):
-            set_section(model.points, d, x, e, p, gradients)
-            set_section(model.points, d, rate, e, p, advanced)
-            advance(d, gradients, advanced, model.damping_time)
+        first = e * (d + 1)
+        for p in range(len(model.weight)):
+            set_section(d, model, p, x, first, gradients)
+            set_section(d, model, p, ahead, first, advanced)
             set_strain(d, gradients, advanced, strain)
-            apply_law(model.law, d, strain, resultants)
-            section_force(d, resultants, gradients, model.points.weight[p], force)
-            add_section_forces(model.points, d, force, e, p, f)
+            set_resultants(model.law, d, strain, resultants)
+            section_force(d, resultants, gradients, model.weight[p], force)
+            add_section_forces(d, model, p, force, first, f)
 
 
 @kernel
 def _add_inertia(model, acceleration, f):
-    """Add mass matrix (2.58) times accelerations to f; both as nodal vectors."""
-    d = len(model.axes)
+    """Add mass matrix (2.58) times accelerations to f."""
+    d, mass, block = len(model.axes), model.mass, len(model.axes) + 1
     for e in range(model.pieces):
-        for i in range(4):
-            for j in range(4):
-                mass = model.mass_bending[i, j]
-                for b in range(d):
-                    f[e + i // 2, i % 2, b] += mass * acceleration[e + j // 2, j % 2, b]
-        for i in range(2):
-            for j in range(2):
-                mass = model.mass_director[i, j]
-                for k in range(2, d + 1):
+        for near in range(2):
+            for far in range(2):
+                row, column = (e + near) * block, (e + far) * block
+                for i in range(2):
+                    for j in range(2):
+                        value = mass[near * block + i, far * block + j]
+                        for b in range(d):
+                            f[row + i, b] += value * acceleration[column + j, b]
+                for k in range(2, block):
+                    value = mass[near * block + k, far * block + k]
                     for b in range(d):
-                        f[e + i, k, b] += mass * acceleration[e + j, k, b]
+                        f[row + k, b] += value * acceleration[column + k, b]
 
 
 @kernel
@@ -218,46 +231,24 @@ def internal_residual(model, q, v, a, out):
 
 
 @kernel
-def _substitute(factor, block, first, vectors, d, x):
-    """Solve for some vectors of each node in place, given Cholesky's factor of their mass.
-
-    Args:
-        factor: (m, w), element (i, i - k) of the lower factor at [i, k], for k = 0 its
-            reciprocal. Row i belongs to node i // vectors.
-        block: Coordinates per node.
-        first: Number of a node's first coordinate involved.
-        vectors: Number of its vectors involved.
-        d: Components per vector; each is a right-hand side.
-        x: (n,), replaced.
-    """
-    m, width = factor.shape
-    for i in range(m):
-        here = (i // vectors) * block + first + (i % vectors) * d
-        for k in range(1, min(width, i + 1)):
-            there = ((i - k) // vectors) * block + first + ((i - k) % vectors) * d
-            for b in range(d):
-                x[here + b] -= factor[i, k] * x[there + b]
-        for b in range(d):
-            x[here + b] *= factor[i, 0]
-    for i in range(m - 1, -1, -1):
-        here = (i // vectors) * block + first + (i % vectors) * d
-        for k in range(1, min(width, m - i)):
-            there = ((i + k) // vectors) * block + first + ((i + k) % vectors) * d
-            for b in range(d):
-                x[here + b] -= factor[i + k, k] * x[there + b]
-        for b in range(d):
-            x[here + b] *= factor[i, 0]
-
-
-@kernel
 def solve_mass(model, q, force, out):
-    """Set out (n,) to M^-1 force; each component and gradient is a system of its own."""
-    d = len(model.axes)
+    """Set out (n,) to M^-1 force; each component is a right-hand side of its own."""
+    d, factor = len(model.axes), model.mass_factor
+    slots, width = factor.shape
     for i in range(len(out)):
         out[i] = force[i]
-    _substitute(model.bending_factor, model.block, 0, 2, d, out)
-    for k in range(2, d + 1):
-        _substitute(model.director_factor, model.block, k * d, 1, d, out)
+    for i in range(slots):
+        for k in range(1, min(width, i + 1)):
+            for b in range(d):
+                out[i * d + b] -= factor[i, k] * out[(i - k) * d + b]
+        for b in range(d):
+            out[i * d + b] *= factor[i, 0]
+    for i in range(slots - 1, -1, -1):
+        for k in range(1, min(width, slots - i)):
+            for b in range(d):
+                out[i * d + b] -= factor[i + k, k] * out[(i + k) * d + b]
+        for b in range(d):
+            out[i * d + b] *= factor[i, 0]
 
 
 @kernel
@@ -269,18 +260,17 @@ def project(model, q, v):
 def potential(model, q):
     """Energy [J]: the integral of E : N / 2, and that of gravity."""
     d, g = len(model.axes), 2 * len(model.axes) - 1
-    x = nodal_vectors(model, q, 1.0)
-    gradients = np.empty((g, d), q.dtype)
+    x, gradients = nodal_vectors(model, q, 1.0), np.empty((g, d), q.dtype)
     strain, resultants = np.empty((g, g), q.dtype), np.empty((g, g), q.dtype)
     energy = q.dtype.type(0)
     for e in range(model.pieces):
-        for p in range(len(model.points.weight)):
-            set_section(model.points, d, x, e, p, gradients)
+        for p in range(len(model.weight)):
+            set_section(d, model, p, x, e * (d + 1), gradients)
             set_strain(d, gradients, gradients, strain)
-            apply_law(model.law, d, strain, resultants)
+            set_resultants(model.law, d, strain, resultants)
             for i in range(g):
                 for j in range(g):
-                    energy += 0.5 * model.points.weight[p] * strain[i, j] * resultants[i, j]
+                    energy += 0.5 * model.weight[p] * strain[i, j] * resultants[i, j]
     for i in range(len(q)):
         energy -= model.gravity[i] * (q[i] - model.straight[i])
     return energy
@@ -298,14 +288,14 @@ def momentum(model, q, v, out):
     _add_inertia(model, rate, f)
     r, p = np.zeros(3, out.dtype), np.zeros(3, out.dtype)
     out[:] = 0.0
-    for node in range(model.pieces + 1):
-        for k in range(len(model.axes) + 1):
-            for b in range(len(model.axes)):
-                r[model.axes[b]], p[model.axes[b]] = x[node, k, b], f[node, k, b]
-            for i in range(3):
-                out[3 + i] += r[(i + 1) % 3] * p[(i + 2) % 3] - r[(i + 2) % 3] * p[(i + 1) % 3]
-                if k == 0:
-                    out[i] += p[i]
+    for slot in range(len(x)):
+        for b in range(len(model.axes)):
+            r[model.axes[b]], p[model.axes[b]] = x[slot, b], f[slot, b]
+        turning = cross(r, p)
+        for i in range(3):
+            out[3 + i] += turning[i]
+            if slot % (len(model.axes) + 1) == 0:
+                out[i] += p[i]
 
 
 # ---------------------------------------------------------------- tangent
@@ -334,25 +324,27 @@ def add_internal_tangent(model, q, v, damping, mass, out):
 @kernel
 def _add_tangent(model, axes, q, v, damping, mass, out):
     """As `add_internal_tangent`, given the model's axes as a tuple."""
-    d = len(axes)
-    x, rate = nodal_vectors(model, q, 1.0), nodal_vectors(model, v, 0.0)
-    size = 2 * (d + 1) * d
-    element = np.empty((size, size))
+    d, g, size = len(axes), 2 * len(axes) - 1, len(model.mass)
+    x = nodal_vectors(model, q, 1.0)
+    ahead = _ahead(model, x, nodal_vectors(model, v, 0.0))
+    element = np.empty((size * d, size * d))
     factor = 0.5 + model.damping_time * damping
-    gradients, advanced = np.empty((2 * d - 1, d)), np.empty((2 * d - 1, d))
+    gradients, advanced = np.empty((g, d)), np.empty((g, d))
     for e in range(model.pieces):
         element[:] = 0.0
-        for p in range(len(model.points.weight)):
-            set_section(model.points, d, x, e, p, gradients)
-            set_section(model.points, d, rate, e, p, advanced)
-            advance(d, gradients, advanced, model.damping_time)
-            _add_point(model.points, model.law, axes, p, gradients, advanced, factor, element)
-        _add_mass_matrix(model, mass, element)
+        for p in range(len(model.weight)):
+            set_section(d, model, p, x, e * (d + 1), gradients)
+            set_section(d, model, p, ahead, e * (d + 1), advanced)
+            _add_point(model, axes, p, gradients, advanced, factor, element)
+        for i in range(size):
+            for j in range(size):
+                for b in range(d):
+                    element[j * d + b, i * d + b] += mass * model.mass[i, j]
         _assemble(model, element, e, out)
 
 
 @kernel
-def _add_point(points, law, axes, p, gradients, advanced, factor, element):
+def _add_point(model, axes, p, gradients, advanced, factor, element):
     """Add the derivatives at integration point p to the matrix of an element.
 
     With a change dq of q and one of damping dq of v, the strain E + mu dE/dt changes by
@@ -360,19 +352,19 @@ def _add_point(points, law, axes, p, gradients, advanced, factor, element):
     sum_j N_ij dG_j + dN_ij G_j.
 
     Args:
-        points, law: Of the model.
+        model: The model.
         axes: (d,), a tuple, see `AncfData`.
         p: Number.
         gradients, advanced: (g, d), G and G + 2 mu dG/dt.
         factor: 1 / 2 + mu damping, so that K = factor G + advanced / 2.
         element: (2 (d + 1) d, 2 (d + 1) d), [column, row] in the order of the coordinates.
     """
-    d, g, weight = len(axes), 2 * len(axes) - 1, points.weight[p]
+    d, g, size = len(axes), 2 * len(axes) - 1, 2 * (len(axes) + 1)
     strain, change = np.empty((g, g)), np.empty((g, g))
     resultants, force = np.empty((g, g)), np.empty((g, d))
-    nodal = np.empty((2, d + 1, d))
+    nodal = np.empty((size, d))
     set_strain(d, gradients, advanced, strain)
-    apply_law(law, d, strain, resultants)
+    set_resultants(model.law, d, strain, resultants)
     strain[:] = 0.0
     for j in range(g):
         for b in range(d):
@@ -380,33 +372,33 @@ def _add_point(points, law, axes, p, gradients, advanced, factor, element):
                 strain[i, j] = 0.5 * (factor * gradients[i, b] + 0.5 * advanced[i, b])
                 strain[j, i] = strain[i, j]
             strain[j, j] *= 2
-            apply_law(law, d, strain, change)
-            section_force(d, change, gradients, weight, force)
+            set_resultants(model.law, d, strain, change)
+            section_force(d, change, gradients, model.weight[p], force)
             for i in range(g):
-                force[i, b] += weight * resultants[i, j]
+                force[i, b] += model.weight[p] * resultants[i, j]
             nodal[:] = 0.0
-            add_section_forces(points, d, force, 0, p, nodal)
-            _add_columns(points, d, j, b, p, nodal.reshape(2 * (d + 1) * d), element)
+            add_section_forces(d, model, p, force, 0, nodal)
+            _add_columns(model, d, j, b, p, nodal.reshape(size * d), element)
         for i in range(g):
             strain[i, j] = 0.0
             strain[j, i] = 0.0
 
 
 @kernel
-def _add_columns(points, d, j, b, p, force, element):
+def _add_columns(model, d, j, b, p, force, element):
     """Add the force (2 (d + 1) d,) per component b of G_j to the columns that move it."""
     block = (d + 1) * d
     if j == 0:
         for i in range(4):
-            _add_column(points.slope[p, i], force, element[(i // 2) * block + (i % 2) * d + b])
+            _add_column(model.slope[p, i], force, element[(i // 2) * block + (i % 2) * d + b])
     elif j < d:
         near = (j + 1) * d + b
-        _add_column(-1 / points.piece, force, element[near])
-        _add_column(1 / points.piece, force, element[block + near])
+        _add_column(-1 / model.piece, force, element[near])
+        _add_column(1 / model.piece, force, element[block + near])
     else:
         near = (j - d + 2) * d + b
-        _add_column(1 - points.position[p], force, element[near])
-        _add_column(points.position[p], force, element[block + near])
+        _add_column(1 - model.position[p], force, element[near])
+        _add_column(model.position[p], force, element[block + near])
 
 
 @kernel
@@ -414,24 +406,6 @@ def _add_column(factor, force, column):
     """Add factor times force (k,) to column (k,)."""
     for i in range(len(force)):
         column[i] += factor * force[i]
-
-
-@kernel
-def _add_mass_matrix(model, factor, element):
-    """Add factor times the mass matrix of an element to its matrix."""
-    d = len(model.axes)
-    block = (d + 1) * d
-    for b in range(d):
-        for i in range(4):
-            row = (i // 2) * block + (i % 2) * d + b
-            for j in range(4):
-                column = (j // 2) * block + (j % 2) * d + b
-                element[column, row] += factor * model.mass_bending[i, j]
-        for k in range(2, d + 1):
-            for i in range(2):
-                for j in range(2):
-                    value = factor * model.mass_director[i, j]
-                    element[j * block + k * d + b, i * block + k * d + b] += value
 
 
 @kernel
@@ -447,50 +421,36 @@ def _assemble(model, element, e, out):
 
 
 @kernel
-def locate(model, q, out):
-    """Set out (n_points, 3) [m] to r(X) at `actuation.point_*`.
+def _set_point(model, x, k, out):
+    """Set out (1 or 3, 3), in the world, to point k, and to r_,2 and r_,3 there.
 
-    A planar model leaves points beside its plane where they are in the straight pose.
+    A planar model leaves points beside its plane where they are in the straight pose, and r_,3
+    normal to the plane.
     """
-    d = len(model.axes)
-    x = nodal_vectors(model, q, 1.0)
-    for k in range(len(model.point_element)):
-        e = model.point_element[k]
-        out[k, 1] = model.actuation.point_offset[k, 1]
-        for b in range(d):
-            total = q.dtype.type(0)
-            for node in range(2):
-                for i in range(d + 1):
-                    total += model.point_shape[k, node, i] * x[e + node, i, b]
-            out[k, model.axes[b]] = total
-
-
-@kernel
-def _set_directors(model, x, k, out):
-    """Set out (2, 3) to r_,2 and r_,3 at point k; in a planar model r_,3 is normal to the plane."""
-    e, position = model.point_element[k], model.point_position[k]
     out[:] = 0.0
-    out[1, 1] += 1
-    for i in range(len(model.axes) - 1):
-        for b in range(len(model.axes)):
-            start, end = x[e, i + 2, b], x[e + 1, i + 2, b]
-            out[i, model.axes[b]] = start + position * (end - start)
+    out[0, 1] = model.actuation.point_offset[k, 1]
+    if len(out) > 1:
+        out[2, 1] = 1.0
+    first = model.element[k] * (len(model.axes) + 1)
+    set_vectors(model.axes, model.points[k], x, first, out)
 
 
 @kernel
-def load_axes(model, q, out):
-    """Set out (n_loads, 3, 3): columns along r_,2, across it in the section, and normal to both."""
-    x = nodal_vectors(model, q, 1.0)
-    directors = np.empty((2, 3), q.dtype)
-    for k in range(len(out)):
-        _set_directors(model, x, k, directors)
-        along = row3(directors, 0)
-        normal = cross(along, row3(directors, 1))
-        e_x = scaled(1 / np.sqrt(dot3(along, along)), along)
-        e_z = scaled(1 / np.sqrt(dot3(normal, normal)), normal)
-        e_y = cross(e_z, e_x)
-        for i in range(3):
-            out[k, i, 0], out[k, i, 1], out[k, i, 2] = e_x[i], e_y[i], e_z[i]
+def locate(model, q, points, axes):
+    """Set the material points (n_points, 3) [m], and the axes (k, 3, 3) of the first sections.
+
+    These are along r_,2, across it in the section, and normal to both.
+    """
+    x, found = nodal_vectors(model, q, 1.0), np.empty((3, 3), q.dtype)
+    for k in range(len(points)):
+        _set_point(model, x, k, points[k : k + 1])
+        if k < len(axes):
+            _set_point(model, x, k, found)
+            along = row3(found, 1)
+            normal = cross(along, row3(found, 2))
+            e_x = scaled(1 / np.sqrt(dot3(along, along)), along)
+            e_z = scaled(1 / np.sqrt(dot3(normal, normal)), normal)
+            set_axes(axes[k], e_x, cross(e_z, e_x), e_z)
 
 
 @kernel
@@ -501,24 +461,20 @@ def add_wrenches(model, q, forces, moments, out):
     gradients in the section: A w = sum_k r_,k x r_,k', A = sum_k |r_,k|^2 1 - r_,k r_,k^T. The
     power M . w is then that of the forces (A^-1 M) x r_,k on the gradients.
     """
-    d = len(model.axes)
-    x = nodal_vectors(model, q, 1.0)
-    f = np.zeros_like(x)
-    directors = np.empty((2, 3), q.dtype)
-    for k in range(len(model.point_element)):
-        e, position = model.point_element[k], model.point_position[k]
-        for node in range(2):
-            for i in range(d + 1):
-                for b in range(d):
-                    f[e + node, i, b] += model.point_shape[k, node, i] * forces[k, model.axes[b]]
+    check_forces(model.actuation, forces)
+    x, axes, element, points = nodal_vectors(model, q, 1.0), model.axes, model.element, model.points
+    f, found = np.zeros_like(x), np.empty((3, 3), q.dtype)
+    for k in range(len(forces)):
+        first = element[k] * (len(axes) + 1)
         if k < len(moments):
-            _set_directors(model, x, k, directors)
-            spin = _spin(directors, row3(moments, k))
-            for i in range(d - 1):
-                force = cross(spin, row3(directors, i))
-                for b in range(d):
-                    f[e, i + 2, b] += (1 - position) * force[model.axes[b]]
-                    f[e + 1, i + 2, b] += position * force[model.axes[b]]
+            _set_point(model, x, k, found)
+            spin = _spin(found[1:], row3(moments, k))
+            for i in range(1, 3):
+                store(found[i], cross(spin, row3(found, i)))
+            store(found[0], row3(forces, k))
+            add_forces(axes, points[k], found, first, f)
+        else:
+            add_forces(axes, points[k], forces[k : k + 1], first, f)
     add_nodal_forces(model, f, out)
 
 
@@ -539,56 +495,21 @@ def _spin(directors, moment):
 
 
 @kernel
-def _set_slope(model, x, m, p, out):
-    """Set out (d,) to dr / dX1 of the channel and at integration point p of row m."""
-    d, e = len(model.axes), model.entered[m]
-    offset = model.actuation.channel_offset[model.sampled[m]]
-    for b in range(d):
-        slope = out.dtype.type(0)
-        for i in range(4):
-            slope += model.channel_slope[m, p, i] * x[e + i // 2, i % 2, b]
-        for k in range(d - 1):
-            slope += offset[k] / model.piece * (x[e + 1, k + 2, b] - x[e, k + 2, b])
-        out[b] = slope
-
-
-@kernel
-def _length(a):
-    """Length of a (d,); analytic, hence right for complex steps."""
-    total = a.dtype.type(0)
-    for b in range(len(a)):
-        total += a[b] * a[b]
-    return np.sqrt(total)
-
-
-@kernel
-def channel_lengths(model, q, out):
-    """Set out (n_channels,) [m] to the integrals of |dr / dX1| along the channels."""
-    x = nodal_vectors(model, q, 1.0)
-    slope = np.zeros(len(model.axes), q.dtype)
+def channel_tangents(model, q, out):
+    """Set out (n_samples, 3) to dr / dX1 of the channels."""
+    x, axes, tangents = nodal_vectors(model, q, 1.0), model.axes, model.tangents
     out[:] = 0.0
-    for m in range(len(model.sampled)):
-        for p in range(model.channel_weight.shape[1]):
-            _set_slope(model, x, m, p, slope)
-            out[model.sampled[m]] += model.channel_weight[m, p] * _length(slope)
+    for m in range(len(out)):
+        first = model.entered[m] * (len(axes) + 1)
+        set_vectors(axes, tangents[m], x, first, out[m : m + 1])
 
 
 @kernel
-def add_channel_forces(model, q, tension, out):
-    """Add to out (n,) minus the gradient of tension (n_channels,) [N] times channel length."""
-    d = len(model.axes)
-    x = nodal_vectors(model, q, 1.0)
-    f, slope = np.zeros_like(x), np.zeros(d, q.dtype)
-    for m in range(len(model.sampled)):
-        e, offset = model.entered[m], model.actuation.channel_offset[model.sampled[m]]
-        for p in range(model.channel_weight.shape[1]):
-            _set_slope(model, x, m, p, slope)
-            pull = tension[model.sampled[m]] * model.channel_weight[m, p] / _length(slope)
-            for b in range(d):
-                force = pull * slope[b]
-                for i in range(4):
-                    f[e + i // 2, i % 2, b] -= model.channel_slope[m, p, i] * force
-                for k in range(d - 1):
-                    f[e, k + 2, b] += offset[k] / model.piece * force
-                    f[e + 1, k + 2, b] -= offset[k] / model.piece * force
-    add_nodal_forces(model, f, out)
+def add_channel_pulls(model, q, forces, out):
+    """Add to out (n,) the generalised force of forces (n_samples, 3) against the tangents."""
+    axes, tangents = model.axes, model.tangents
+    f = np.zeros_like(nodal_vectors(model, q, 0.0))
+    for m in range(len(forces)):
+        first = model.entered[m] * (len(axes) + 1)
+        add_forces(axes, tangents[m], forces[m : m + 1], first, f)
+    add_nodal_forces(model, -f, out)

@@ -1,8 +1,9 @@
 """Beam in the absolute nodal coordinate formulation (thesis sec. 2.3; Shabana 2011)."""
 
 from collections.abc import Sequence
-from itertools import pairwise
+from functools import cached_property
 from math import ceil
+from typing import Any
 from warnings import warn
 
 import numpy as np
@@ -13,8 +14,8 @@ from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load, refuse_out_of_plane, seen_from_base
 
 from .. import mechanics
-from ..actuation import Actuation
-from ..model import BeamModel
+from ..actuation import Actuation, channel_samples
+from ..model import BeamModel, in_pieces
 from . import dynamics, section, shapes
 
 #: Laws of a planar model.
@@ -109,62 +110,59 @@ class ANCF(BeamModel):
         robot, pieces, d = self.robot, self.pieces, self.dimension
         piece, block, fixed = robot.length / pieces, (d + 1) * d, int(self.clamped)
         straight = shapes.straight_vectors(d, piece, pieces)
-        bending, director = shapes.element_mass(robot, piece)
-        element, position = shapes.places(actuation.point_station, piece, pieces)
-        along, weight, points, weights = self._quadrature()
-        slopes = shapes.hermite_slopes(along, piece)
-        modulus = section.hooke(robot, None if d == 3 else self.plane)
-        moments = section.section_moments(robot.outer_radius, robot.inner_radius)
+        element, position = self._place(actuation.point_station)
+        channels = channel_samples(robot, actuation, self.edges)
+        entered, inside = self._place(channels.station)
+        along, weight, moments = self._quadrature()
+        mass = shapes.element_mass(robot, piece, d)
+        whole, free = shapes.whole_mass(mass, d, pieces), slice(fixed * (d + 1), None)
+        falling = np.zeros_like(straight)
+        falling[:, 0] = np.array(robot.own_gravity)[list(shapes.AXES[d])]
+        gravity = (whole @ falling.reshape(-1, d))[free]
+        reach = actuation.reach(element + (position == 1), element + (position > 0))
+        if actuation.by_length and len(actuation.straight):
+            reach = pieces
         return dynamics.AncfData(
             n=block * (pieces + 1 - fixed),
             block=block,
-            reach=self._reach(actuation, element, position),
+            reach=max(1, reach),
             scale=np.tile([robot.length] * d + [1.0] * (d * d), pieces + 1 - fixed),
-            actuation=actuation,
+            actuation=actuation._replace(sampled=channels.tendon, sample_size=channels.size),
             axes=np.array(shapes.AXES[d]),
             pieces=pieces,
             piece=piece,
             clamp=straight[0].ravel() if self.clamped else np.empty(0),
-            law=section.SectionLaw(*modulus, tuple(moments), points, weights),
+            law=section.SectionLaw(*section.hooke(robot, None if d == 3 else self.plane), *moments),
             damping_time=robot.damping_time,
-            points=dynamics.ElementPoints(piece, along, piece * weight, slopes),
-            mass_bending=bending,
-            mass_director=director,
-            bending_factor=shapes.mass_factor(bending, 2, pieces, fixed),
-            director_factor=shapes.mass_factor(director, 1, pieces, fixed),
-            gravity=shapes.gravity_force(robot, bending, d, pieces)[fixed:].ravel(),
+            position=along,
+            weight=piece * weight,
+            slope=shapes.Shapes(along, piece, d).hermite_slope,
+            mass=mass,
+            mass_factor=shapes.mass_factor(whole[free, free], d + 3),
+            gravity=gravity.ravel(),
             straight=straight[fixed:].ravel(),
-            point_element=element,
-            point_position=position,
-            point_shape=shapes.point_shapes(position, piece, actuation.point_offset, d),
-            **shapes.channel_rules(actuation, piece, pieces),
+            element=element,
+            points=shapes.Shapes(position, piece, d).points(actuation.point_offset),
+            entered=entered,
+            tangents=shapes.Shapes(inside, piece, d).tangents(channels.place),
         )
 
-    def _quadrature(self) -> tuple[ndarray, ...]:
-        """Points and weights along an element of length 1, and those of the section."""
-        d = self.dimension
-        ring = (self.robot.outer_radius, self.robot.inner_radius, d == 2)
-        if self.quadrature == "exact":
-            return *section.legendre(_POINTS), np.empty((0, d)), np.empty(0)
-        if self.quadrature == "chebyshev":
-            along, rule = section.legendre(_POINTS), section.chebyshev_rule(3, *ring)
-        else:
-            along = section.legendre(self.quadrature)
-            rule = section.legendre_rule(self.quadrature, *ring)
-        one = np.ones(len(rule.weights))
-        return *along, np.column_stack([one, rule.points])[:, :d].copy(), rule.weights
+    def _place(self, stations: ndarray) -> tuple[ndarray, ndarray]:
+        """Element (k,) and X1 / piece (k,) of stations (k,) [m]."""
+        at = in_pieces(stations, self.edges)
+        element = np.minimum(at.astype(int), self.pieces - 1)
+        return element, at - element
 
-    def _reach(self, actuation: Actuation, element: ndarray, position: ndarray) -> int:
-        """Distance in nodes over which equations depend on coordinates."""
-        if actuation.by_length and len(actuation.guided):
-            return self.pieces
-        reach = 1
-        for start, end in pairwise(actuation.first):
-            for a, b in pairwise(range(start, end)):
-                first = element[a] + (position[a] == 1)
-                last = element[b] + (position[b] > 0)
-                reach = max(reach, int(last - first))
-        return reach
+    def _quadrature(self) -> tuple[ndarray, ndarray, section.Moments]:
+        """Points and weights along an element of length 1, and moments of the section."""
+        radii = self.robot.outer_radius, self.robot.inner_radius
+        if self.quadrature == "exact":
+            return *section.legendre(_POINTS), section.section_moments(*radii)
+        if self.quadrature == "chebyshev":
+            rule = section.chebyshev_rule(3, *radii)
+            return *section.legendre(_POINTS), section.moments_by(rule)
+        rule = section.legendre_rule(self.quadrature, *radii)
+        return *section.legendre(self.quadrature), section.moments_by(rule)
 
     def rest(self) -> ndarray:
         """Coordinates (n,) of the straight pose."""
@@ -176,9 +174,15 @@ class ANCF(BeamModel):
         The rotation between the sections at its ends, in the frame of the first one and divided
         by the length.
         """
-        frames = self._frames(q)
+        points, frames = np.empty((self.pieces + 1, 3)), np.empty((self.pieces + 1, 3, 3))
+        mechanics.locate(self._nodes, self._vector(q), points, frames)
         turn = Rotation.from_matrix(frames[:-1].transpose(0, 2, 1) @ frames[1:])
         return turn.as_rotvec() / self.data.piece
+
+    @cached_property
+    def _nodes(self) -> Any:
+        """Data of the model whose points are the nodes."""
+        return self.probe(self.edges)
 
     def twist(self, q: ndarray) -> float:
         """Torsion angle [rad] from the first section to the last, the sum over the elements."""
@@ -206,19 +210,6 @@ class ANCF(BeamModel):
                 LockingWarning,
                 stacklevel=3,
             )
-
-    def _frames(self, q: ndarray) -> ndarray:
-        """Orientations (pieces + 1, 3, 3) of the sections at the nodes, as `load_axes`."""
-        d, nodes = self.dimension, self.pieces + 1
-        vectors = np.concatenate([self.data.clamp, q]).reshape(nodes, d + 1, d)
-        directors = np.zeros((2, nodes, 3))
-        directors[1, :, 1] = 1  # of a planar model
-        for k in range(d - 1):
-            directors[k][:, list(shapes.AXES[d])] = vectors[:, k + 2]
-        normal = np.cross(directors[0], directors[1])
-        x = directors[0] / np.linalg.norm(directors[0], axis=1, keepdims=True)
-        z = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-        return np.stack([x, np.cross(z, x), z], axis=2)
 
 
 mechanics.implement(dynamics.AncfData, dynamics)

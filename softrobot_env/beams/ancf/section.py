@@ -10,8 +10,9 @@ follows from the symmetric E = (G_i . G_j - G0_i . G0_j) / 2, (g, g), of the str
     e_11 = sum_ij X_i X_j E_ij,  e_1k = sum_j X_j E_j,k,  e_kl = E_kl,  writing 1 for X_1.
 
 The integral of stress times strain over the section is N : E with resultants N (g, g) that are
-linear in E. Their coefficients are moments of the section, known in closed form, so that an exact
-volume integral needs points along X1 only. The force on G_i is sum_j N_ij G_j.
+linear in E. Their coefficients are moments of the section: those in closed form, so that an exact
+volume integral needs points along X1 only, or those that a rule gives. The force on G_i is
+sum_j N_ij G_j.
 """
 
 from math import pi
@@ -31,17 +32,16 @@ class SectionLaw(NamedTuple):
     Attributes:
         stretch, lame, shear: [Pa], s_11 = stretch e_11 + lame (e_22 + e_33),
             s_12 = 2 shear e_12 and so forth.
-        moments: [m2, m4, m6, m6], area and integrals of X2^2, X2^4 and X2^2 X3^2.
-        points: (p, d) 1, X2 (, X3) [m] of integration points, (0, d) to use the moments instead.
-        weights: (p,) [m2].
+        area, second, fourth, mixed: `Moments`.
     """
 
     stretch: float
     lame: float
     shear: float
-    moments: tuple[float, float, float, float]
-    points: ndarray
-    weights: ndarray
+    area: float
+    second: tuple[float, float]
+    fourth: tuple[float, float]
+    mixed: float
 
 
 def hooke(robot: RobotParams, plane: str | None) -> tuple[float, float, float]:
@@ -65,8 +65,8 @@ class Moments(NamedTuple):
     """
 
     area: float
-    second: float
-    fourth: float
+    second: tuple[float, float]
+    fourth: tuple[float, float]
     mixed: float
 
 
@@ -80,7 +80,14 @@ class Rule(NamedTuple):
 def section_moments(outer: float, inner: float = 0.0) -> Moments:
     """Moments of a ring of given radii [m] in closed form."""
     p2, p4, p6 = (outer**k - inner**k for k in (2, 4, 6))
-    return Moments(pi * p2, pi / 4 * p4, pi / 8 * p6, pi / 24 * p6)
+    return Moments(pi * p2, (pi / 4 * p4,) * 2, (pi / 8 * p6,) * 2, pi / 24 * p6)
+
+
+def moments_by(rule: Rule) -> Moments:
+    """Moments of a section by a rule that is symmetric in X2 and X3."""
+    squares, weights = rule.points**2, rule.weights
+    second, fourth = (tuple((weights @ x).tolist()) for x in (squares, squares**2))
+    return Moments(float(weights.sum()), second, fourth, float(weights @ squares.prod(axis=1)))
 
 
 def legendre(n: int) -> tuple[ndarray, ndarray]:
@@ -89,37 +96,31 @@ def legendre(n: int) -> tuple[ndarray, ndarray]:
     return (1 + x) / 2, w / 2
 
 
-def legendre_rule(n: int, outer: float, inner: float = 0.0, planar: bool = False) -> Rule:
-    """The thesis' n x n Gauss-Legendre rule, (2.68), (2.70) and (2.71).
+def legendre_rule(n: int, outer: float, inner: float = 0.0) -> Rule:
+    """The thesis' n x n Gauss-Legendre rule, (2.68), (2.70) and (2.71), for radii [m].
 
     The height sqrt(r^2 - X2^2) of the section is no polynomial, so that the rule converges
     slowly in n: its area errs by 8.65e-4 for n = 8.
-
-    Args:
-        n: Order.
-        outer, inner: [m], radii.
-        planar: Whether the integrand does not depend on X3, so that n points suffice.
     """
     x, w = np.polynomial.legendre.leggauss(n)
-    return _ring(x, w * np.sqrt(1 - x**2), 1 if planar else n, outer, inner)
+    return _ring(x, w * np.sqrt(1 - x**2), outer, inner)
 
 
-def chebyshev_rule(n: int, outer: float, inner: float = 0.0, planar: bool = False) -> Rule:
-    """n x n rule, exact for polynomials of degree 2 n - 1 (audit of (2.68)).
+def chebyshev_rule(n: int, outer: float, inner: float = 0.0) -> Rule:
+    """n x n rule for radii [m], exact for polynomials of degree 2 n - 1 (audit of (2.68)).
 
     Gauss-Chebyshev integration of the second kind in X2, whose weight function is the height of
-    the section, and Gauss-Legendre in X3. Arguments as in `legendre_rule`.
+    the section, and Gauss-Legendre in X3.
     """
     angle = pi * np.arange(1, n + 1) / (n + 1)
-    weights = pi / (n + 1) * np.sin(angle) ** 2
-    return _ring(np.cos(angle), weights, 1 if planar else n, outer, inner)
+    return _ring(np.cos(angle), pi / (n + 1) * np.sin(angle) ** 2, outer, inner)
 
 
-def _ring(x: ndarray, w: ndarray, across: int, outer: float, inner: float) -> Rule:
-    """Rule from one for int sqrt(1 - x^2) f(x) dx over (-1, 1) and `across` points in X3."""
-    y, v = np.polynomial.legendre.leggauss(across)
+def _ring(x: ndarray, w: ndarray, outer: float, inner: float) -> Rule:
+    """Rule from one for int sqrt(1 - x^2) f(x) dx over (-1, 1), with as many points in X3."""
+    y, v = np.polynomial.legendre.leggauss(len(x))
     height = np.sqrt(1 - x**2)
-    points = np.stack([np.repeat(x, across), np.outer(height, y).ravel()], axis=1)
+    points = np.stack([np.repeat(x, len(y)), np.outer(height, y).ravel()], axis=1)
     weights = np.outer(w, v).ravel()
     if inner == 0:
         return Rule(outer * points, outer**2 * weights)
@@ -146,72 +147,30 @@ def set_strain(d, gradients, advanced, out):
 
 @kernel
 def set_resultants(law, d, strain, out):
-    """Set out (g, g) to the resultants N [N, N m, N m2] of E (g, g), with exact moments."""
-    area, second, fourth, mixed = law.moments
+    """Set out (g, g) to the resultants N [N, N m, N m2] of E (g, g)."""
+    area, second, fourth = law.area, law.second, law.fourth
     stretch, lame, shear = law.stretch, law.lame, law.shear
-    axial, lateral, quadratic = strain[0, 0], strain.dtype.type(0), strain.dtype.type(0)
+    axial, lateral = strain[0, 0], strain.dtype.type(0)
+    mean, bent = area * axial, strain.dtype.type(0)  # integral of e_11
     for k in range(1, d):
-        quadratic += strain[k, k]
+        mean += second[k - 1] * strain[k, k]
+        bent += strain[k, k]
         lateral += strain[d - 1 + k, d - 1 + k]
-    mean = area * axial + second * quadratic  # integral of e_11
     out[0, 0] = stretch * mean + lame * area * lateral
     for k in range(1, d):
-        out[0, k] = 2 * stretch * second * strain[0, k]
+        square = second[k - 1]
+        out[0, k] = 2 * stretch * square * strain[0, k]
         out[k, 0] = out[0, k]
         for j in range(1, d):
-            if j == k:
-                rest = quadratic - strain[k, k]
-                moment = second * axial + fourth * strain[k, k] + mixed * rest
-                out[k, k] = stretch * moment + lame * second * lateral
-            else:
-                out[j, k] = 2 * stretch * mixed * strain[j, k]
+            out[j, k] = 2 * stretch * law.mixed * strain[j, k]
+        across = law.mixed * (bent - strain[k, k])
+        moment = square * axial + fourth[k - 1] * strain[k, k] + across
+        out[k, k] = stretch * moment + lame * square * lateral
     for k in range(d, 2 * d - 1):
         for j in range(d):
-            moment = area if j == 0 else second
+            moment = area if j == 0 else second[j - 1]
             out[j, k] = 2 * shear * moment * strain[j, k]
             out[k, j] = out[j, k]
         for j in range(d, 2 * d - 1):
             out[j, k] = 2 * shear * area * strain[j, k]
         out[k, k] += lame * (mean + area * lateral)
-
-
-@kernel
-def set_resultants_by_points(law, d, strain, out):
-    """As `set_resultants`, with the section's integral as a sum over points."""
-    g = 2 * d - 1
-    stress = np.empty(g, strain.dtype)
-    out[:] = 0.0
-    lateral = strain.dtype.type(0)
-    for k in range(d, g):
-        lateral += strain[k, k]
-    for s in range(len(law.weights)):
-        x, weight = law.points[s], law.weights[s]
-        axial = strain.dtype.type(0)
-        for i in range(d):
-            for j in range(d):
-                axial += x[i] * x[j] * strain[i, j]
-        normal = weight * (law.stretch * axial + law.lame * lateral)
-        transverse = weight * law.lame * (axial + lateral)
-        for k in range(d, g):
-            stress[k] = strain.dtype.type(0)
-            for j in range(d):
-                stress[k] += 2 * law.shear * weight * x[j] * strain[j, k]
-        for i in range(d):
-            for j in range(d):
-                out[i, j] += normal * x[i] * x[j]
-            for k in range(d, g):
-                out[i, k] += stress[k] * x[i]
-                out[k, i] += stress[k] * x[i]
-        for k in range(d, g):
-            out[k, k] += transverse
-            for j in range(d, g):
-                out[j, k] += 2 * law.shear * weight * strain[j, k]
-
-
-@kernel
-def apply_law(law, d, strain, out):
-    """Set out (g, g) to the resultants of E (g, g) by the chosen integration."""
-    if len(law.weights) == 0:
-        set_resultants(law, d, strain, out)
-    else:
-        set_resultants_by_points(law, d, strain, out)

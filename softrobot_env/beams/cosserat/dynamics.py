@@ -26,7 +26,7 @@ from numpy import ndarray
 
 from softrobot_env.compile.kernels import kernel, structure
 
-from ..actuation import Actuation, channel_arm, channel_tangent
+from ..actuation import Actuation, channel_arm, channel_tangent, check_forces
 from ..numerics.quaternions import (
     add,
     add_scaled,
@@ -44,6 +44,7 @@ from ..numerics.quaternions import (
     row3,
     row4,
     scaled,
+    set_axes,
     store,
     stretched,
     times_vector,
@@ -80,13 +81,12 @@ class CosseratData(NamedTuple):
         vertex, share: (n_points,), a point's centre is (1 - share) x_vertex + share x_vertex+1.
         shift: (n_points,) [m] along z by which it lies beyond; on the stub that is all.
         section, weight: (n_points,), its directors are those of the segments `section` (-1: the
-            clamp) and `section` + 1, with weights 1 - weight and weight.
-        moment_weight: (n_points,), the same for moments.
+            clamp) and `section` + 1, with weights 1 - weight and weight; extrapolated ones do not
+            hold for moments.
         first_sample: (N + 2,) first sample of the stub and of each segment.
-        sampled: (m,) channel of a sample, a point for integrals along it.
-        samples: (m, 8) its length [m] beside the first and the second vertex of its segment, place
-            in the cross-section [m] and slope [1], and shear and stretch there over those of the
-            segment [1]: not 1 where the rod's stiffness changes within a segment.
+        samples: (n_samples, 7) share of a sample beside the second vertex of its segment, shear and
+            stretch there over those of the segment [1], not 1 where the rod's stiffness changes
+            within a segment, and place in the cross-section [m] and slope [1] of the channel.
     """
 
     n: int
@@ -117,9 +117,7 @@ class CosseratData(NamedTuple):
     shift: ndarray
     section: ndarray
     weight: ndarray
-    moment_weight: ndarray
     first_sample: ndarray
-    sampled: ndarray
     samples: ndarray
 
 
@@ -424,19 +422,25 @@ def momentum(model, q, v, out):
 
 
 @kernel
-def locate(model, q, out):
-    """Set out (n_points, 3) [m] to the material points."""
+def locate(model, q, points, axes):
+    """Set the material points (n_points, 3) [m], and the axes (k, 3, 3) of the first sections.
+
+    Axes are those of the normalised mean of the neighbouring quaternions, extrapolated beyond the
+    last.
+    """
     offset = model.actuation.point_offset
     for m in range(len(offset)):
         n, share = model.vertex[m], model.share[m]
         low, high = vertex_at(q, model.base, n), vertex_at(q, model.base, n + 1)
-        for i in range(3):
-            out[m, i] = (1 - share) * low[i] + share * high[i]
-        out[m, 2] += model.shift[m]
-        if offset[m, 0] != 0 or offset[m, 1] != 0:
+        store(points[m], mix(1 - share, low, share, high))
+        points[m, 2] += model.shift[m]
+        if offset[m, 0] != 0 or offset[m, 1] != 0 or m < len(axes):
             k, weight = model.section[m], model.weight[m]
-            _add_director(out, m, 1 - weight, section_at(q, k), offset)
-            _add_director(out, m, weight, section_at(q, k + 1), offset)
+            first, second = section_at(q, k), section_at(q, k + 1)
+            _add_director(points, m, 1 - weight, first, offset)
+            _add_director(points, m, weight, second, offset)
+            if m < len(axes):
+                _set_mean_axes(axes[m], weight, first, second)
 
 
 @kernel
@@ -446,8 +450,19 @@ def _add_director(out, m, weight, frame, offset):
 
 
 @kernel
+def _set_mean_axes(out, weight, first, second):
+    zero = first[0] * 0
+    b = -weight if dot4(first, second).real < 0 else weight
+    x, y, z = mix(1 - weight, first[1:], b, second[1:])
+    frame = unit(((1 - weight) * first[0] + b * second[0], x, y, z))
+    e_x, e_y = rotate(frame, (zero + 1, zero, zero)), rotate(frame, (zero, zero + 1, zero))
+    set_axes(out, e_x, e_y, cross(e_x, e_y))
+
+
+@kernel
 def add_wrenches(model, q, forces, moments, out):
     """Add to out (n,) the generalised force of forces (n_points, 3) and moments on the points."""
+    check_forces(model.actuation, forces)
     offset = model.actuation.point_offset
     for m in range(len(offset)):
         n, share, force = model.vertex[m], model.share[m], row3(forces, m)
@@ -462,7 +477,7 @@ def add_wrenches(model, q, forces, moments, out):
             _add_arm(q, k, 1 - weight, force, offset, m, out)
             _add_arm(q, k + 1, weight, force, offset, m, out)
         if m < len(moments):
-            weight, moment = model.moment_weight[m], row3(moments, m)
+            weight, moment = min(max(model.weight[m], 0.0), 1.0), row3(moments, m)
             _add_torque(q, k, 1 - weight, moment, out)
             _add_torque(q, k + 1, weight, moment, out)
 
@@ -492,89 +507,52 @@ def _turn_segment(q, k, factor, torque, out):
         out[7 * k + 3 + i] += scale * row[i]
 
 
-@kernel
-def load_axes(model, q, out):
-    """Set out (n_loads, 3, 3) to the orientation of the loads' cross-sections.
-
-    The normalised mean of the neighbouring quaternions, extrapolated beyond the last.
-    """
-    zero = q[0] * 0
-    for m in range(len(out)):
-        k, weight = model.section[m], model.weight[m]
-        low, high = section_at(q, k), section_at(q, k + 1)
-        b = -weight if dot4(low, high).real < 0 else weight
-        real, (x, y, z) = (1 - weight) * low[0] + b * high[0], mix(1 - weight, low[1:], b, high[1:])
-        frame = unit((real, x, y, z))
-        e_x = rotate(frame, (zero + 1, zero, zero))
-        e_y = rotate(frame, (zero, zero + 1, zero))
-        e_z = cross(e_x, e_y)
-        for i in range(3):
-            out[m, i, 0], out[m, i, 1], out[m, i, 2] = e_x[i], e_y[i], e_z[i]
-
-
 # ---------------------------------------------------------------- channels
 
 
 @kernel
-def _channel_tangent(t, kappa, k, sample):
-    """Tangent of a channel in segment k, in its frame.
+def channel_tangents(model, q, out):
+    """Set out (n_samples, 3) to the tangents of the channels, in the segments' frames.
 
-    The rod's tangent t there is e_z and shares of the segment's shear and stretch.
+    With the strain of the segment and the curvature of the nearer vertex; the half segment at the
+    tip has none in the thesis' grid, where it cannot bend. The stub of the other grid bends with
+    the first vertex.
     """
-    size, low, high = sample[0] + sample[1], row3(kappa, k), row3(kappa, k + 1)
-    there = (sample[6] * t[0], sample[6] * t[1], 1 + sample[7] * (t[2] - 1))
-    return channel_tangent(there, mix(sample[0] / size, low, sample[1] / size, high), sample[2:])
-
-
-@kernel
-def channel_lengths(model, q, out):
-    """Set out (n_channels,) [m] to the lengths of the continuous channels.
-
-    Rucker and Webster (IEEE Trans. Robotics 27, 2011): the tangent of a channel at r(s) = (x, y) is
-    gamma + e_z + r' + kappa x r. gamma is that of the segment, kappa that of the nearer
-    vertex; the half segment at the tip has none in the thesis' grid, where it cannot bend. The
-    stub of the other grid bends with the first vertex.
-    """
-    base, first, samples = model.base, model.first_sample, model.samples
+    base, first = model.base, model.first_sample
     u = sections(q, model.pieces)
     kappa = curvatures(u, base, model.cells, model.weighting)
-    out[:] = 0
     for k in range(-1, model.pieces):
         t = (q[0] * 0, q[0] * 0, q[0] * 0 + 1)  # in the stub
         if k >= 0:
             t = segment_vector(q, base, k, model.segments, row4(u, k + 1))
+        low, high = row3(kappa, max(k, 0)), row3(kappa, max(k, 0) + 1)
         for m in range(first[k + 1], first[k + 2]):
-            x = _channel_tangent(t, kappa, max(k, 0), samples[m])
-            out[model.sampled[m]] += (samples[m, 0] + samples[m, 1]) * np.sqrt(dot3(x, x))
+            sample = model.samples[m]
+            along = (sample[1] * t[0], sample[1] * t[1], 1 + sample[2] * (t[2] - 1))
+            bending = mix(1 - sample[0], low, sample[0], high)
+            store(out[m], channel_tangent(along, bending, sample[3:]))
 
 
 @kernel
-def add_channel_forces(model, q, tension, out):
-    """Add to out (n,) the generalised force of tensions (n_channels,) [N] in the channels."""
-    base, first, samples = model.base, model.first_sample, model.samples
+def add_channel_pulls(model, q, forces, out):
+    """Add to out (n,) the generalised force of forces (n_samples, 3) against the tangents."""
+    base, first = model.base, model.first_sample
     u = sections(q, model.pieces)
-    kappa = curvatures(u, base, model.cells, model.weighting)
-    torque, moment = np.zeros_like(kappa), np.zeros_like(kappa)
-    zero = q[0] * 0
-    for m in range(first[1]):
-        x = _channel_tangent((zero, zero, zero + 1), kappa, 0, samples[m])
-        pull = tension[model.sampled[m]] * samples[m, 0] / np.sqrt(dot3(x, x))
-        add_scaled(moment, 0, pull, channel_arm(samples[m, 2:], x))
-    for k in range(model.pieces):
-        frame = row4(u, k + 1)
-        t, force = segment_vector(q, base, k, model.segments, frame), (zero, zero, zero)
+    torque, moment = np.zeros((len(u), 3), q.dtype), np.zeros((len(u), 3), q.dtype)
+    for k in range(-1, model.pieces):
+        pull = (q[0] * 0, q[0] * 0, q[0] * 0)
         for m in range(first[k + 1], first[k + 2]):
-            low, high = samples[m, 0], samples[m, 1]
-            x = _channel_tangent(t, kappa, k, samples[m])
-            pull = tension[model.sampled[m]] / np.sqrt(dot3(x, x))
-            part = (low + high) / model.segments[k] * pull
-            shear = part * samples[m, 6]
-            force = add(force, (shear * x[0], shear * x[1], part * samples[m, 7] * x[2]))
-            arm = channel_arm(samples[m, 2:], x)
-            add_scaled(moment, k, low * pull, arm)
-            add_scaled(moment, k + 1, high * pull, arm)
-        pull_ends(base, k, frame, -1.0, force, out)
-        add_scaled(torque, k + 1, model.segments[k], cross(t, force))
+            sample, force = model.samples[m], row3(forces, m)
+            stretching = stretched((sample[1], sample[1], sample[2]), force)
+            pull = add(pull, stretching)
+            arm = channel_arm(sample[3:], force)
+            add_scaled(moment, max(k, 0), 1 - sample[0], arm)
+            add_scaled(moment, max(k, 0) + 1, sample[0], arm)
+        if k >= 0:
+            frame, length = row4(u, k + 1), model.segments[k]
+            t = segment_vector(q, base, k, model.segments, frame)
+            pull_ends(base, k, frame, -1 / length, pull, out)
+            add_scaled(torque, k + 1, 1.0, cross(t, pull))
     for n in range(first_vertex(base), model.pieces):
         turn, scale = relative(row4(u, n), row4(u, n + 1)), 1 / model.cells[n]
         xi, slope = weighting(model.weighting, turn)

@@ -1,17 +1,16 @@
 """Cosserat rod on a staggered grid with quaternions (thesis sec. 2.2; Lang et al. 2011)."""
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.robots import RobotParams, Tendon
+from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 
 from .. import mechanics
-from ..actuation import Actuation, channel_samples, channels_of
-from ..model import BeamModel, masses_at
+from ..actuation import Actuation, channel_samples
+from ..model import BeamModel, in_pieces, masses_at
 from . import dynamics
 from .dynamics import CosseratData
 
@@ -129,13 +128,14 @@ class CosseratRod(BeamModel):
         rotary = float(backbone.integrals(backbone.rotary, self.edges).sum())
         scale = np.tile([robot.length] * 3 + [1.0] * 4, pieces)
         places = self._places(actuation.point_station)
+        actuation, samples = self._samples(actuation, vertices)
         if self.grid == "thesis":  # discs turn with the last section
             weights = places["weight"][actuation.first[0] : actuation.first[-1]]
             np.minimum(weights, 1.0, out=weights)
         return CosseratData(
             n=7 * pieces + (0 if self.clamped else 3),
             block=7,
-            reach=self._reach(actuation, **places),
+            reach=self._reach(actuation, places),
             scale=scale if self.clamped else np.append(scale, [robot.length] * 3),
             actuation=actuation,
             pieces=pieces,
@@ -157,7 +157,7 @@ class CosseratRod(BeamModel):
             baumgarte=self.baumgarte,
             norm_stiffness=0.0,
             **places,
-            **self._samples(actuation, vertices),
+            **samples,
         )
 
     @classmethod
@@ -199,7 +199,7 @@ class CosseratRod(BeamModel):
         inertia = np.outer(backbone.integrals(backbone.rotary, vertices), [1.0, 1.0, 2.0])
         for disc in self.robot.discs:
             place = {k: x[0] for k, x in self._places(np.array([disc.station])).items()}
-            section, weight = place["section"], place["moment_weight"]
+            section, weight = place["section"], np.clip(place["weight"], 0.0, 1.0)
             for k, part in ((section, 1 - weight), (section + 1, weight)):
                 if 0 <= k < pieces:
                     inertia[k] += part * np.array(disc.inertia)
@@ -207,11 +207,10 @@ class CosseratRod(BeamModel):
 
     def _places(self, stations: ndarray) -> dict[str, ndarray]:
         """Fields of `CosseratData` about points at stations (k,) [m]."""
+        at = in_pieces(stations, self.edges)
         if self.grid == "middles":
-            return _middle_places(stations, self.edges, self._vertices())
-        return _thesis_places(
-            stations / (self.robot.length / self.pieces), self.pieces, self.clamped
-        )
+            return _middle_places(at, self.edges, self._vertices())
+        return _thesis_places(at, self.pieces, self.clamped)
 
     def _strain_shares(self, edges: ndarray, vertices: ndarray) -> ndarray:
         """Shear and stretch (k, 2) [1] between edges over that of the segment they are in."""
@@ -226,59 +225,45 @@ class CosseratRod(BeamModel):
         ]
         return np.column_stack(shares)
 
-    def _samples(self, actuation: Actuation, vertices: ndarray) -> dict[str, ndarray]:
-        """Fields of `CosseratData` about the channels.
+    def _samples(
+        self, actuation: Actuation, vertices: ndarray
+    ) -> tuple[Actuation, dict[str, ndarray]]:
+        """The actuation with samples of the channels, and fields of `CosseratData` about these.
 
         Half a segment bends with each of its vertices; where the place of a channel in a uniform
         rod is constant one sample stands for both.
         """
-        pieces, channels = self.pieces, channels_of(self.robot, actuation)
-        halves = (vertices[:-1] + vertices[1:]) / 2
+        robot, halves = self.robot, (vertices[:-1] + vertices[1:]) / 2
         if self.grid == "middles":
             halves = self.edges[1:]
-        # The stub, then two halves a segment, of which the last one's second may be empty.
-        edges = np.append(np.column_stack([vertices[:-1], halves]).ravel(), vertices[-1])
-        edges = np.unique(np.append(0.0, edges))
-        interval, sampled, found = channel_samples(channels, edges)
-        shares = self._strain_shares(edges, vertices)[interval]
-        interval = interval + (self.grid == "thesis")
-        segment, second = (interval + 1) // 2, (interval > 0) & (interval % 2 == 0)
-        low, high = np.where(second, 0.0, found[:, 0]), np.where(second, found[:, 0], 0.0)
-        samples = np.column_stack([low, high, found[:, 1:], shares])
-        if self.robot.is_uniform:
-            segment, sampled, samples = _joined(segment, sampled, samples, channels)
-        return {
-            "first_sample": np.searchsorted(segment, np.arange(pieces + 2)),
-            "sampled": sampled,
-            "samples": samples,
+        whole = np.unique(np.append(0.0, vertices))  # the stub, then segments
+        edges = np.union1d(whole, halves)
+        found = channel_samples(robot, actuation, edges, whole if robot.is_uniform else edges)
+        segment = np.searchsorted(vertices, found.station)  # 0 in the stub
+        beyond = found.station - np.append(np.inf, halves)[segment]
+        straight = np.array([t.is_straight for t in robot.tendons], bool)[found.tendon]
+        second = np.where(straight, np.clip(0.5 + beyond / found.size, 0.0, 1.0), beyond > 0)
+        shares = self._strain_shares(edges, vertices)[np.searchsorted(edges, found.station) - 1]
+        return actuation._replace(sampled=found.tendon, sample_size=found.size), {
+            "first_sample": np.searchsorted(segment, np.arange(self.pieces + 2)),
+            "samples": np.column_stack([second, shares, found.place]),
         }
 
-    def _reach(
-        self,
-        actuation: Actuation,
-        vertex: ndarray,
-        share: ndarray,
-        section: ndarray,
-        weight: ndarray,
-        **_: ndarray,
-    ) -> int:
-        """Distance in blocks over which equations depend on coordinates."""
+    def _reach(self, actuation: Actuation, places: dict[str, ndarray]) -> int:
+        """Distance in blocks over which equations depend on coordinates, given `_places`."""
         if not self.clamped:
             return self.pieces + 1  # the base comes last
-        if actuation.by_length and len(actuation.guided):
+        if actuation.by_length and len(actuation.straight):
             return self.pieces
-
-        def span(points: tuple[int, ...]) -> int:
-            used = [vertex[m] - 1 + i for m in points for i in (0, 1) if share[m] != 1 - i]
-            used += [section[m] + i for m in points for i in (0, 1) if weight[m] != 1 - i]
-            used = [int(block) for block in used if block >= 0]
-            return max(used) - min(used) if used else 0
-
-        spans = [1, 2 if len(actuation.channel_end) else 1]
-        spans += [span((m,)) for m in range(actuation.n_loads) if actuation.load_follows[m]]
-        for start, end in pairwise(actuation.first):
-            spans += [span(pair) for pair in pairwise(range(start, end))]
-        return min(self.pieces, max(spans))
+        vertex, share, section, weight = (
+            places[name] for name in ("vertex", "share", "section", "weight")
+        )
+        blocks = np.stack([vertex - 1, vertex, section, section + 1])
+        used = np.stack([share != 1, share != 0, weight != 1, weight != 0]) & (blocks >= 0)
+        low = np.where(used, blocks, self.pieces).min(axis=0)
+        high = np.where(used, blocks, -1).max(axis=0)
+        least = 2 if len(actuation.sampled) else 1
+        return min(self.pieces, max(least, actuation.reach(low, high)))
 
     def moved(self, q: ndarray, change: ndarray) -> ndarray:
         """Coordinates (n,) changed by (n,) in their strains and rotations."""
@@ -351,21 +336,6 @@ class CosseratRod(BeamModel):
         return dynamics.curvatures(u, self.data.base, self.data.cells, weighting)[:-1]
 
 
-def _joined(
-    segment: ndarray, sampled: ndarray, samples: ndarray, channels: list[Tendon]
-) -> tuple[ndarray, ndarray, ndarray]:
-    """Samples with those of straight channels in the two halves of a segment made one."""
-    keep = np.ones(len(segment), bool)
-    for number, tendon in enumerate(channels):
-        if tendon.is_straight:
-            own = np.flatnonzero(sampled == number)
-            twice = own[1:][np.diff(segment[own]) == 0]
-            before = own[:-1][np.diff(segment[own]) == 0]
-            samples[before, :2] += samples[twice, :2]
-            keep[twice] = False
-    return segment[keep], sampled[keep], np.ascontiguousarray(samples[keep])
-
-
 def _span_ends(robot: RobotParams) -> ndarray:
     """Arc lengths (k,) [m] of the ends of robot, sections and spans between guides."""
     guides = [station for t in robot.tendons if t.guides for station in t.stations]
@@ -374,26 +344,22 @@ def _span_ends(robot: RobotParams) -> ndarray:
     return ends[apart]
 
 
-def _middle_places(stations: ndarray, edges: ndarray, vertices: ndarray) -> dict[str, ndarray]:
-    """Fields of `CosseratData` about points at stations (k,) [m], in the grid "middles".
+def _middle_places(at: ndarray, edges: ndarray, vertices: ndarray) -> dict[str, ndarray]:
+    """Fields of `CosseratData` about points at places (k,) in pieces, in the grid "middles".
 
     Segment k turns with the section at the end of piece k.
     """
     pieces = len(edges) - 1
-    number = np.arange(pieces + 1)
-    at = _snapped(np.interp(stations, edges, number))
-    s = np.interp(at, number, edges)
+    s = np.interp(at, np.arange(pieces + 1), edges)
     vertex = np.clip(np.searchsorted(vertices, s, side="right") - 1, 0, pieces - 1)
-    share = _snapped((s - vertices[vertex]) / np.diff(vertices)[vertex])
+    share = in_pieces(s, vertices) - vertex
     section = np.minimum(at.astype(int), pieces - 1) - 1
-    weight = at - section - 1
     return {
         "vertex": vertex,
-        "share": np.where(s < vertices[0], 0.0, share),
+        "share": share,
         "shift": np.minimum(s, vertices[0]),
         "section": section,
-        "weight": weight,
-        "moment_weight": weight,
+        "weight": at - section - 1,
     }
 
 
@@ -405,20 +371,19 @@ def _thesis_places(at: ndarray, pieces: int, clamped: bool) -> dict[str, ndarray
     half segment at the tip cannot bend, and a moment on extrapolated directors would bend the
     last vertex half as much again.
     """
-    at = _snapped(at)
     vertex = np.minimum(at.astype(int), pieces - 1)
     lowest = -1 if clamped or pieces == 1 else 0
     section = np.maximum(np.minimum(np.floor(at - 0.5).astype(int), pieces - 2), lowest)
     weight = np.where(section < 0, 2 * at, at - 0.5 - section)
     if pieces == 1 and not clamped:
         weight = np.ones_like(at)  # one section for all
-    out = {"vertex": vertex, "share": at - vertex, "shift": np.zeros_like(at)}
-    return out | {"section": section, "weight": weight, "moment_weight": np.clip(weight, 0.0, 1.0)}
-
-
-def _snapped(at: ndarray) -> ndarray:
-    """Places in pieces without the rounding error of those at their ends."""
-    return np.where(np.abs(at - np.round(at)) < 1e-9, np.round(at), at)
+    return {
+        "vertex": vertex,
+        "share": at - vertex,
+        "shift": np.zeros_like(at),
+        "section": section,
+        "weight": weight,
+    }
 
 
 mechanics.implement(CosseratData, dynamics)

@@ -5,6 +5,9 @@ side of the main one is stored by rows, element (i, j) at [i, j - i + k] of an a
 (n, 3 k + 1); the last k columns take the fill-in of the exchanged rows.
 """
 
+import numpy as np
+from numpy import ndarray
+
 from softrobot_env.compile.kernels import kernel
 
 
@@ -48,3 +51,14 @@ def solve(matrix, k, pivot, x):
         for j in range(i + 1, min(n, i + 2 * k + 1)):
             total -= matrix[i, j - i + k] * x[j]
         x[i] = total / matrix[i, k]
+
+
+def dense(matrix: ndarray) -> ndarray:
+    """The matrices (..., n, n) that those laid out by rows (..., n, 3 k + 1) stand for."""
+    *more, n, columns = matrix.shape
+    k = (columns - 1) // 3
+    out = np.zeros((*more, n, n))
+    for off in range(-k, k + 1):
+        rows = np.arange(max(0, -off), min(n, n - off))
+        out[..., rows, rows + off] = matrix[..., rows, off + k]
+    return out

@@ -305,31 +305,35 @@ def _correct(model, h, largest, work):
 
 @kernel
 def _solve_stage(model, h, limit, work):
-    """Simplified Newton iteration for a stage; its contraction, -1 if it fails."""
+    """Simplified Newton iteration for a stage; whether it converges.
+
+    A slow contraction asks for a new matrix in the next step.
+    """
     _place(h, work)
     before, contraction = np.inf, 0.0
     for iteration in range(_NEWTON_ITERATIONS):
         size = _correct(model, h, np.inf, work)
         if not size < _HUGE:
-            return -1.0
+            return False
         if iteration > 0:
             contraction = max(contraction, size / before)
+            if contraction > _SLOW:
+                work.formed[0] = 0.0
             if contraction >= 1.0:  # no progress: rounding error, or no convergence
-                return contraction if size < max(limit, _ROUNDING) else -1.0
+                return size < max(limit, _ROUNDING)
         # What is left after this iteration is about rate / (1 - rate) times this change.
         rate = contraction if iteration > 0 else 0.5
         if size == 0.0 or size * rate / max(1e-3, 1 - rate) < limit:
-            return contraction
+            return True
         before = size
-    return -1.0
+    return False
 
 
 @kernel
 def _solve_stage_carefully(model, h, limit, hold, work):
     """Newton iteration with a new matrix and a bounded change each time, for very large steps.
 
-    It starts from constant position (hold) or velocity. Returns a slow contraction, so that the
-    next step forms its own matrix, or -1.
+    It starts from constant position (hold) or velocity.
     """
     for i in range(model.n):
         work.a[i] = -work.start_v[i] / h if hold else 0.0
@@ -337,14 +341,15 @@ def _solve_stage_carefully(model, h, limit, hold, work):
     before = np.inf
     for _ in range(_CAREFUL_ITERATIONS):
         if not _newton_matrix(model, work.q, work.v, work.a, h, work):
-            return -1.0
+            return False
+        work.formed[0] = 0.0  # not for other steps
         size = _correct(model, h, _CAREFUL_CHANGE, work)
         if not size < _HUGE:
-            return -1.0
+            return False
         if size < limit or (size < _ROUNDING and size > 0.5 * before):
-            return 2 * _SLOW
+            return True
         before = size
-    return -1.0
+    return False
 
 
 @kernel
@@ -362,48 +367,39 @@ def _start_stage(method, s, step, work, start_q, start_v):
 
 @kernel
 def _implicit_stages(model, method, signal, step, limit, careful, work):
-    """All stages of a diagonally implicit step; the worst contraction, -1 if one failed."""
-    gamma, worst = method.diagonal * step.h, 0.0
+    """All stages of a diagonally implicit step; whether they were found."""
+    gamma = method.diagonal * step.h
     copy(step.a, work.a)
     for s in range(len(method.b)):
         signals.evaluate(signal, step.t + _inside(method.c[s]) * step.h, work.u)
         _start_stage(method, s, step, work, work.start_q, work.start_v)
         if careful:
-            contraction = _solve_stage_carefully(model, gamma, limit, False, work)
-            if contraction < 0:
-                contraction = _solve_stage_carefully(model, gamma, limit, True, work)
+            found = _solve_stage_carefully(model, gamma, limit, False, work)
+            if not found:
+                found = _solve_stage_carefully(model, gamma, limit, True, work)
         else:
-            contraction = _solve_stage(model, gamma, limit, work)
-        if contraction < 0:
-            return -1.0
-        worst = max(worst, contraction)
+            found = _solve_stage(model, gamma, limit, work)
+        if not found:
+            return False
         copy(work.v, work.stage_v[s])
         copy(work.a, work.stage_a[s])
-    return worst
+    return True
 
 
 @kernel
 def _solve_stages(model, method, signal, step, limit, careful, work):
     """All stages with the old Newton matrix, else with a new one, else carefully; whether found."""
-    gamma, fresh = method.diagonal * step.h, False
+    gamma = method.diagonal * step.h
     if gamma == 0:
         _explicit_stages(model, method, signal, step, work)
         return True
     for attempt in range(3 if careful else 2):
-        if attempt == 1 and fresh:
-            continue  # a new matrix was tried already
-        fresh = work.formed[0] != gamma or attempt == 1
-        if fresh and attempt < 2:
+        ready = work.formed[0] == gamma or attempt == 2
+        if attempt == 1:
             signals.evaluate(signal, step.t, work.u)
-            if not _newton_matrix(model, step.q, step.v, step.a, gamma, work):
-                continue
-        contraction = _implicit_stages(model, method, signal, step, limit, attempt == 2, work)
-        if contraction > _SLOW:
-            work.formed[0] = 0.0  # a new one for the next step
-        if contraction >= 0:
+            ready = _newton_matrix(model, step.q, step.v, step.a, gamma, work)
+        if ready and _implicit_stages(model, method, signal, step, limit, attempt == 2, work):
             return True
-        if fresh and not careful:
-            return False
     work.formed[0] = 0.0
     return False
 

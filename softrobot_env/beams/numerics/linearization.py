@@ -9,12 +9,12 @@ from softrobot_env.compile.kernels import kernel
 
 from ..mechanics import (
     add_applied,
+    add_differences,
     add_internal_tangent,
     applied_forces_turn,
-    bandwidth,
-    differentiated,
     locate,
 )
+from .quaternions import row3
 
 #: Imaginary step: its square vanishes beside one, so the derivatives are exact to rounding.
 _STEP = 1e-30
@@ -58,59 +58,25 @@ def _store(vector, j, out):
 
 
 @kernel
-def _add_derivative(model, q, v, a, u, x, applied_only, out):
-    """Add to out (n, 3 k + 1), laid out for `band`, the derivative of the residual by x.
-
-    Columns whose rows do not overlap share one step, so the cost does not grow with n where the
-    coupling is local.
-
-    Args:
-        model: Data of a model.
-        q, v, a, u: Complex, without imaginary parts.
-        x: One of q, v and a.
-        applied_only: Whether only the part of it that loads and tendons cause.
-        out: With k = bandwidth(model).
-    """
-    n, width = model.n, bandwidth(model)
-    block, reach = model.block, model.reach
-    group = min(n, (2 * reach + 1) * block)
-    moved = np.empty(n, np.complex128)
-    for first in range(group):
-        for j in range(first, n, group):
-            x[j] += _STEP * 1j
-        differentiated(model, q, v, a, u, applied_only, moved)
-        for j in range(first, n, group):
-            home = j // block
-            for i in range(max(0, (home - reach) * block), min(n, (home + reach + 1) * block)):
-                out[i, j - i + width] += moved[i].imag / _STEP
-            x[j] = x[j].real
-
-
-@kernel
 def stiffness_band(model, q, u, out):
     """Set out (n, 3 k + 1), laid out for `band`, to the stiffness at rest under inputs u."""
     still, zero = np.zeros(model.n), np.zeros(model.n, np.complex128)
-    q1, u1 = q.astype(np.complex128), u.astype(np.complex128)
     out[:] = 0.0
     known = add_internal_tangent(model, q, still, 0.0, 0.0, out)
     if not known or applied_forces_turn(model):
-        _add_derivative(model, q1, zero, zero, u1, q1, known, out)
+        motion = q.astype(np.complex128), zero, zero, u.astype(np.complex128)
+        add_differences(model, motion, (1.0, 0.0, 0.0), known, _STEP * 1j, out)
 
 
 @kernel
-def residual_derivatives(model, q, v, a, u, by_q, by_v, by_a):
-    """Set (n, n) derivatives of the residual by q, v and a."""
-    n, width = model.n, bandwidth(model)
-    rows = np.empty((n, 3 * width + 1))
+def residual_derivatives(model, q, v, a, u, out):
+    """Set out (3, n, 3 k + 1), laid out for `band`, to its derivatives by q, v and a."""
+    out[:] = 0.0
     q1, v1, a1 = q.astype(np.complex128), v.astype(np.complex128), a.astype(np.complex128)
-    u1 = u.astype(np.complex128)
-    for x, by_x in ((q1, by_q), (v1, by_v), (a1, by_a)):
-        rows[:] = 0.0
-        _add_derivative(model, q1, v1, a1, u1, x, False, rows)
-        by_x[:] = 0.0
-        for i in range(n):
-            for j in range(max(0, i - width), min(n, i + width + 1)):
-                by_x[i, j] = rows[i, j - i + width]
+    motion = q1, v1, a1, u.astype(np.complex128)
+    one = np.eye(3)
+    for k in range(3):
+        add_differences(model, motion, row3(one, k), False, _STEP * 1j, out[k])
 
 
 @kernel
@@ -131,8 +97,9 @@ def point_derivatives(model, q, out):
     """Set out (3 n_points, n) to the derivative of the material points by the coordinates."""
     points = np.empty((len(model.actuation.point_station), 3), np.complex128)
     q1 = q.astype(np.complex128)
+    none = np.empty((0, 3, 3), np.complex128)
     for j in range(len(q)):
         q1[j] += _STEP * 1j
-        locate(model, q1, points)
+        locate(model, q1, points, none)
         _store(points.ravel(), j, out)
         q1[j] = q[j]

@@ -17,6 +17,12 @@ def row3(a, i):
 
 
 @kernel
+def column3(a, j):
+    """Column j of an array (3, n)."""
+    return a[0, j], a[1, j], a[2, j]
+
+
+@kernel
 def row4(a, i):
     """Row i of an array (n, 4)."""
     return a[i, 0], a[i, 1], a[i, 2], a[i, 3]
@@ -52,6 +58,13 @@ def vector(row):
 def store(row, a):
     """Set a row (3,) to a vector."""
     row[0], row[1], row[2] = a
+
+
+@kernel
+def set_axes(out, x, y, z):
+    """Set out (3, 3) to three vectors, as columns."""
+    for i in range(3):
+        out[i, 0], out[i, 1], out[i, 2] = x[i], y[i], z[i]
 
 
 @kernel
@@ -108,6 +121,12 @@ def scaled(factor, a):
 def mix(f, a, g, b):
     """Linear combination f a + g b of vectors."""
     return (f * a[0] + g * b[0], f * a[1] + g * b[1], f * a[2] + g * b[2])
+
+
+@kernel
+def transformed(matrix, a):
+    """Product of a matrix (3, 3) with a vector."""
+    return dot3(row3(matrix, 0), a), dot3(row3(matrix, 1), a), dot3(row3(matrix, 2), a)
 
 
 @kernel

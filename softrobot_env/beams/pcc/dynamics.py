@@ -8,8 +8,19 @@ import numpy as np
 
 from softrobot_env.compile.kernels import kernel
 
-from ..actuation import channel_arm, channel_tangent
-from ..numerics.quaternions import accumulate, add, cross, difference, dot3, scaled, store, vector
+from ..actuation import channel_arm, channel_tangent, check_forces
+from ..numerics.quaternions import (
+    accumulate,
+    add,
+    cross,
+    difference,
+    dot3,
+    row3,
+    scaled,
+    set_axes,
+    store,
+    vector,
+)
 from .constant_strain import (
     clamp,
     compose,
@@ -372,45 +383,33 @@ def momentum(model, q, v, out):
 
 
 @kernel
-def locate(model, q, out):
-    """Set out (n_points, 3) [m] to the material points of the actuation."""
-    length, first, points, turns = model.length, model.first[1], model.points, _turns(model, q)
+def locate(model, q, points, axes):
+    """Set the material points (n_points, 3) [m], and the axes (k, 3, 3) of the first sections."""
+    length, first, places, turns = model.length, model.first[1], model.points, _turns(model, q)
     zero = 0 * q[0]
-    axes, x = clamp(zero)
+    frame, x = clamp(zero)
     for i in range(len(turns)):
         whole = vector(turns[i])
         for m in range(first[i], first[i + 1]):
-            u = points[m, 0]
+            u, k = places[m, 0], int(places[m, 3])
             phi = scaled(u, whole)
             c = stumpff(dot3(phi, phi))
-            offset = turn(c, phi, (zero + points[m, 1], zero + points[m, 2], zero))
-            local = add(position(u * length[i], c, phi), offset)
-            store(out[int(points[m, 3])], add(x, to_world(axes, local)))
+            local = position(u * length[i], c, phi)
+            if places[m, 1] != 0 or places[m, 2] != 0:
+                offset = zero + places[m, 1], zero + places[m, 2], zero
+                local = add(local, turn(c, phi, offset))
+            store(points[k], add(x, to_world(frame, local)))
+            if k < len(axes):
+                set_axes(axes[k], *compose(frame, c, phi))
         c = stumpff(dot3(whole, whole))
-        x = add(x, to_world(axes, position(length[i], c, whole)))
-        axes = compose(axes, c, whole)
-
-
-@kernel
-def load_axes(model, q, out):
-    """Set out (n_loads, 3, 3) to the axes, as columns, of the cross-sections of the loads."""
-    first, points, turns = model.first[1], model.points, _turns(model, q)
-    axes, _ = clamp(0 * q[0])
-    for i in range(len(turns)):
-        whole = vector(turns[i])
-        for m in range(first[i], first[i + 1]):
-            k = int(points[m, 3])
-            if k < len(out):
-                phi = scaled(points[m, 0], whole)
-                ex, ey, ez = compose(axes, stumpff(dot3(phi, phi)), phi)
-                for d in range(3):
-                    out[k, d, 0], out[k, d, 1], out[k, d, 2] = ex[d], ey[d], ez[d]
-        axes = compose(axes, stumpff(dot3(whole, whole)), whole)
+        x = add(x, to_world(frame, position(length[i], c, whole)))
+        frame = compose(frame, c, whole)
 
 
 @kernel
 def add_wrenches(model, q, forces, moments, out):
     """Add to out (n,) the generalised force of forces (n_points, 3) and moments on the points."""
+    check_forces(model.actuation, forces)
     length, first, points = model.length, model.first[1], model.points
     work = np.zeros((model.pieces, COLUMNS, 3), out.dtype)
     _set_rotations(model, q, work[:, ROTATION])
@@ -441,31 +440,23 @@ def add_wrenches(model, q, forces, moments, out):
 
 
 @kernel
-def channel_lengths(model, q, out):
-    """Set out (n_channels,) [m] to the lengths of the continuous channels."""
-    first, samples, turns = model.first_sample, model.samples, _turns(model, q)
+def channel_tangents(model, q, out):
+    """Set out (n_samples, 3) to the tangents of the channels, in the sections' frames."""
+    first, turns = model.first_sample, _turns(model, q)
     (_, _, along), _ = clamp(0 * q[0])
-    out[:] = 0
     for i in range(len(turns)):
         strain = scaled(1 / model.length[i], vector(turns[i]))
         for m in range(first[i], first[i + 1]):
-            x = channel_tangent(along, strain, samples[m, 1:])
-            out[model.sampled[m]] += samples[m, 0] * np.sqrt(dot3(x, x))
+            store(out[m], channel_tangent(along, strain, model.places[m]))
 
 
 @kernel
-def add_channel_forces(model, q, tension, out):
-    """Add to out (n,) the generalised force of tensions (n_channels,) [N] in the channels.
-
-    The negative gradient of tension times channel length.
-    """
-    first, samples, turns = model.first_sample, model.samples, _turns(model, q)
-    (_, _, along), none = clamp(0 * q[0])
-    for i in range(len(turns)):
-        strain, load = scaled(1 / model.length[i], vector(turns[i])), none
+def add_channel_pulls(model, q, forces, out):
+    """Add to out (n,) the generalised force of forces (n_samples, 3) against the tangents."""
+    first = model.first_sample
+    _, none = clamp(0 * q[0])
+    for i in range(model.pieces):
+        load = none
         for m in range(first[i], first[i + 1]):
-            x = channel_tangent(along, strain, samples[m, 1:])
-            pull = tension[model.sampled[m]] * samples[m, 0] / np.sqrt(dot3(x, x))
-            load = add(load, scaled(-pull, channel_arm(samples[m, 1:], x)))
-        load = scaled(1 / model.length[i], load)
-        _add_generalised(model, i, load, out)
+            load = difference(load, channel_arm(model.places[m], row3(forces, m)))
+        _add_generalised(model, i, scaled(1 / model.length[i], load), out)

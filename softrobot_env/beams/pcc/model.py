@@ -13,8 +13,8 @@ from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load, refuse_out_of_plane, refuse_torsion, seen_from_base
 
 from .. import mechanics
-from ..actuation import Actuation, channel_samples, channels_of
-from ..model import BeamModel
+from ..actuation import Actuation, channel_samples
+from ..model import BeamModel, in_pieces
 from . import dynamics
 
 #: Number of coordinates per piece by the choice of `axes`.
@@ -25,8 +25,6 @@ INERTIAS = ("lumped", "distributed")
 Station = tuple[float, float, tuple[float, float, float]]
 
 _GAUSS_POINTS = 4
-#: Fraction of a piece within which a place counts as the end of the piece before it.
-_SNAP = 1e-9
 #: Smallest ratio of the mass matrix' eigenvalues, in units of which a coordinate has inertia.
 _SINGULAR = 1e-12
 
@@ -48,8 +46,7 @@ class PccData(NamedTuple):
         points: (n_points, 4) place within the piece, that in the cross-section [m] and number of
             the points of the actuation, ordered by piece.
         first_sample: (pieces + 1,) first sample of a piece.
-        sampled: (m,) channel of a sample, a point for integrals along it.
-        samples: (m, 5) its weight [m], place in the cross-section [m] and slope [1].
+        places: (n_samples, 4) place in the cross-section [m] of a channel, and its slope [1].
     """
 
     n: int
@@ -67,8 +64,7 @@ class PccData(NamedTuple):
     bodies: ndarray
     points: ndarray
     first_sample: ndarray
-    sampled: ndarray
-    samples: ndarray
+    places: ndarray
 
 
 class PCC(BeamModel):
@@ -125,13 +121,13 @@ class PCC(BeamModel):
         order = np.argsort(piece, kind="stable")
         points = np.column_stack([fraction, actuation.point_offset, np.arange(len(piece))])
         first, bodies = _bodies(robot, edges, self.inertia)
-        inside, sampled, samples = channel_samples(channels_of(robot, actuation), edges)
+        samples = channel_samples(robot, actuation, edges, edges)
         data = PccData(
             n=block * pieces,
             block=block,
             reach=pieces,
             scale=np.full(block * pieces, 1 / robot.length),
-            actuation=actuation,
+            actuation=actuation._replace(sampled=samples.tendon, sample_size=samples.size),
             pieces=pieces,
             length=length,
             bending=length * backbone.in_series(backbone.bending, edges),
@@ -141,9 +137,8 @@ class PCC(BeamModel):
             first=np.stack([first, np.searchsorted(piece[order], np.arange(pieces + 1))]),
             bodies=bodies,
             points=points[order],
-            first_sample=np.searchsorted(inside, np.arange(pieces + 1)),
-            sampled=sampled,
-            samples=samples,
+            first_sample=np.searchsorted(samples.station, edges),
+            places=samples.place,
         )
         if not isinstance(self.inertia, str):
             _check_definite(data)
@@ -164,12 +159,9 @@ class PCC(BeamModel):
 
 def _place(stations: ndarray, edges: ndarray) -> tuple[ndarray, ndarray]:
     """Piece and fraction of stations [m]; a joint belongs to the piece before it."""
-    pieces = len(edges) - 1
-    near = edges - _SNAP * edges[-1] / pieces
-    piece = np.clip(np.searchsorted(near, stations, side="right") - 1, 0, pieces - 1)
-    fraction = (stations - edges[piece]) / np.diff(edges)[piece]
-    joint = (np.abs(fraction) < 2 * _SNAP) & (piece > 0)
-    return piece - joint, np.where(joint, 1.0 + fraction, fraction)
+    at = in_pieces(stations, edges)
+    piece = np.maximum(np.ceil(at).astype(int) - 1, 0)
+    return piece, at - piece
 
 
 def _bodies(

@@ -29,8 +29,7 @@ class FlexibleRig(NamedTuple):
 
     Attributes:
         model: Data of the beam model.
-        probe: Data of a model whose points are the centre of the end section and two points 1 m
-            from it, along its x and y.
+        probe: Data of a model whose point is the centre of the end section.
         height: [m] of the output above the end section.
         inputs: B (n, 2) [m2], force on the coordinates per reduced input; constant, as tendons in
             channels have constant moment arms.
@@ -45,12 +44,10 @@ class FlexibleRig(NamedTuple):
 @kernel
 def place_output(rig: FlexibleRig, q: ndarray, out: ndarray) -> None:
     """Set out (2,) [m] to the place of the output beside the axis; real or complex."""
-    p = np.empty((3, 3), q.dtype)
-    mechanics.locate(rig.probe, q, p)
-    ax, ay, az = p[1, 0] - p[0, 0], p[1, 1] - p[0, 1], p[1, 2] - p[0, 2]
-    bx, by, bz = p[2, 0] - p[0, 0], p[2, 1] - p[0, 1], p[2, 2] - p[0, 2]
-    out[0] = p[0, 0] + rig.height * (ay * bz - az * by)
-    out[1] = p[0, 1] + rig.height * (az * bx - ax * bz)
+    end, axes = np.empty((1, 3), q.dtype), np.empty((1, 3, 3), q.dtype)
+    mechanics.locate(rig.probe, q, end, axes)
+    out[0] = end[0, 0] + rig.height * axes[0, 0, 2]
+    out[1] = end[0, 1] + rig.height * axes[0, 1, 2]
 
 
 @kernel

@@ -78,11 +78,10 @@ class FlexibleServoConstraints:
         self.model = PCC(robot, pieces, axes="spatial", inertia=SUBPIECES)
         # Each piece of length l bends under the whole moment, moment_arm * F_red.
         moment = robot.length / self.model.pieces * self.tendons.moment_arm * np.eye(2)
-        corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
         self.data = reference(
             FlexibleRig(
                 model=self.model.data,
-                probe=self.model.probe(np.full(3, robot.length), corners),
+                probe=self.model.probe(np.array([robot.length])),
                 height=head.output,
                 inputs=np.tile(moment, (self.model.pieces, 1)),
             )
