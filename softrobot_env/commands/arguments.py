@@ -39,6 +39,9 @@ Parsers = _ActionsContainer
 SIMULATED = "sim"
 ENVIRONMENTS = (SIMULATED, VIRTUAL, REAL)
 
+#: The ideal rig, among the seeds of twins.
+_NO_TWIN = "none"
+
 #: Options that had another name, and that name, which works with a warning.
 _RENAMED = {"--identified": "--learnt"}
 
@@ -120,69 +123,73 @@ def flags(args: Namespace, names: Iterable[str]) -> str:
     return ", ".join(f"--{name.replace('_', '-')}" for name in given)
 
 
+_TWIN = """the rig that is simulated: seed of a digital twin, a rig with errors of manufacturing,
+    servos and camera that no policy knows, or none for an ideal one without them, which stands
+    where the one-piece model of the policies says; default: 0
+"""
+
+#: Arguments that several commands have.
+_SHARED = {
+    "feedback": f"""
+        --feedback FEEDBACK ({FEEDBACKS[0]})  what policies measure: the full state; or tip and
+        curvatures with an observer for the rates; or curvature sensors alone, calibrated by
+        `softrobot train sensors`; out of %(choices)s
+        --sensors FILE  calibration for --feedback sensors; default: beside the robot's file, or
+        where policies look, that of the rig's twin 0
+    """,
+    "identified": """
+        --identified FILE  identified parameters that policies of the rig act on, a file of
+        `softrobot train rig_nn --twin SEED`; default: the one shipped, of twin 0, whichever rig
+        is driven
+    """,
+    "no-plots": "--no-plots  skip the plots",
+    "overwrite": "--overwrite  replace what is there of an earlier run",
+    "plant": f"""
+        --plant PLANT ({MUJOCO})  what is simulated: MuJoCo's chain or a beam model, out of
+        %(choices)s
+    """,
+    "port": "--port PORT  serial port; default: the robot file's",
+    "scene": f"""
+        [scene]
+        --control-period S  default: the policy's own where it has one, else 0.01 s, of the rig
+        0.02 s
+        --pieces PIECES  pieces of the robot; default: the robot's own
+        --rule RULE  hinge rule out of {", ".join(RULES)}; default: {DEFAULT_RULE}
+        --timestep S  default: by rule
+        --accuracy A  wanted accuracy in time of any point of the robot: m, or a share of its
+        length; default: {str(DEFAULT_SHARE).replace("%", "%%")}
+        --integrator INTEGRATOR  out of {", ".join(INTEGRATORS)}; default: by rule
+    """,
+    "twin": f"--twin SEED|{_NO_TWIN}  {_TWIN}",
+    "twins": f"--twin TWIN+  {_TWIN}",
+    "workers": """
+        --workers N|ray[:ADDRESS]  run jobs in N processes, or on a Ray cluster: one started
+        here, or the one at HOST:PORT or auto""",
+}
+
+
 def _shared() -> dict[str, str]:
     """Arguments that several commands have, and names in registries, which ask for plug-ins."""
     robot = f"a robot file (*.toml), or a robot out of {', '.join(ROBOTS)};"
     options = {name: tasks for name, tasks in with_option(EVERY_TASK).items() if tasks}
-    return {
+    return _SHARED | {
         "robot": f"--robot ROBOT  {robot}",
         "robot!": f"--robot ROBOT!  {robot}",
-        "feedback": f"""
-            --feedback FEEDBACK ({FEEDBACKS[0]})  what policies measure: the full state; or tip and
-            curvatures with an observer for the rates; or curvature sensors alone, calibrated by
-            `softrobot train sensors`; out of %(choices)s
-            --sensors FILE  calibration for --feedback sensors; default: beside the robot's file, or
-            where policies look, that of the rig's twin 0
-        """,
         "grippers": ", ".join(GRIPPERS),
-        "identified": """
-            --identified FILE  identified parameters that policies of the rig act on, a file of
-            `softrobot train rig_nn --twin SEED`; default: the one shipped, of twin 0, whichever rig
-            is driven
-        """,
-        "no-plots": "--no-plots  skip the plots",
-        "overwrite": "--overwrite  replace what is there of an earlier run",
         "options": "; ".join(f"{name} of {', '.join(tasks)}" for name, tasks in options.items()),
-        "plant": f"""
-            --plant PLANT ({MUJOCO})  what is simulated: MuJoCo's chain or a beam model, out of
-            %(choices)s
-        """,
         "policies": "; ".join(
             f"of the {own.robot.name}: {', '.join(own.policies)}; default: {own.policy}"
             for own in ENTRIES.values()
             if own.policies
         ),
-        "port": "--port PORT  serial port; default: the robot file's",
-        "scene": f"""
-            [scene]
-            --control-period S  default: the policy's own where it has one, else 0.01 s, of the rig
-            0.02 s
-            --pieces PIECES  pieces of the robot; default: the robot's own
-            --rule RULE  hinge rule out of {", ".join(RULES)}; default: {DEFAULT_RULE}
-            --timestep S  default: by rule
-            --accuracy A  wanted accuracy in time of any point of the robot: m, or a share of its
-            length; default: {str(DEFAULT_SHARE).replace("%", "%%")}
-            --integrator INTEGRATOR  out of {", ".join(INTEGRATORS)}; default: by rule
-        """,
         "task": f"""
             --task TASK  {_task_help()}; default: swing of the arm, circle of --robot
             --option NAME=VALUE  an option of the task, in SI units, out of
             {", ".join(options)}
             --step-width M  as --option step_width=...
         """,
-        "twin": f"--twin SEED|{_NO_TWIN}  {_TWIN}",
-        "twins": f"--twin TWIN+  {_TWIN}",
         "variations": ", ".join(VARIATIONS),
-        "workers": """
-            --workers N|ray[:ADDRESS]  run jobs in N processes, or on a Ray cluster: one started
-            here, or the one at HOST:PORT or auto""",
     }
-
-
-_TWIN = """the rig that is simulated: seed of a digital twin, a rig with errors of manufacturing,
-    servos and camera that no policy knows, or none for an ideal one without them, which stands
-    where the one-piece model of the policies says; default: 0
-"""
 
 
 def command(
@@ -289,9 +296,6 @@ whole = number("a whole number, 1 or more", lambda value: value >= 1, int)
 size = number("a whole number of pixels", lambda value: value >= 1, int)
 port = number(f"a port from 1 to {LAST_PORT}", lambda value: 1 <= value <= LAST_PORT, int)
 seed = number("a whole number of zero or more", lambda value: value >= 0, int)
-
-#: The ideal rig, among the seeds of twins.
-_NO_TWIN = "none"
 
 _seed_of_twin = number(
     f"a seed, a whole number of zero or more, or {_NO_TWIN}", lambda value: value >= 0, int
