@@ -154,7 +154,7 @@ _SHARED = {
         --control-period S  default: the policy's own where it has one, else 0.01 s, of the rig
         0.02 s
         --pieces PIECES  pieces of the robot; default: the robot's own
-        --rule RULE  hinge rule out of {", ".join(RULES)}; default: {DEFAULT_RULE}
+        --rule RULE  hinge rule out of {", ".join(RULES.registered())}; default: {DEFAULT_RULE}
         --timestep S  default: by rule
         --accuracy A  wanted accuracy in time of any point of the robot: m, or a share of its
         length; default: {str(DEFAULT_SHARE).replace("%", "%%")}

@@ -5,7 +5,6 @@ import sys
 import time
 from argparse import ArgumentParser
 from pathlib import Path
-from runpy import run_path
 
 import pytest
 from support.commands import called, evaluated
@@ -150,14 +149,6 @@ def test_arguments_are_declared_by_lines_of_their_help():
     assert "default: red" not in said
     with pytest.raises(SystemExit):
         parser.parse_args([])  # a set is missing
-
-
-@pytest.mark.parametrize("script", ["evaluate", "render", "benchmark"])
-def test_scripts_are_the_same_commands(script, request, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", [script, "--help"])
-    with pytest.raises(SystemExit):
-        run_path(str(request.config.rootpath / "scripts" / f"{script}.py"))
-    assert f"usage: softrobot {script}" in capsys.readouterr().out
 
 
 # ---------------------------------------------------------------- grip
