@@ -353,6 +353,8 @@ def _largest(rows: list[ControllerRow]) -> str:
     (nominal,), varied = lab.select(rows, modulus=1.0), [r for r in rows if r.variation]
     if any(row.failure is not None for row in rows):
         return "failed"
+    if not varied:  # of a quick run
+        return lab.number(None)
     return " / ".join(
         lab.number(max(getattr(row, name) for row in varied) / getattr(nominal, name), ".2f")
         for name in _ERRORS
