@@ -57,15 +57,15 @@ class Sensed(Controller):
         """
         check_argument("control_period", control_period, Positive)
         sizes = {name: found.weights.shape[1] for name, found in known.maps.items()}
-        told = ", ".join(sizes)
+        measured = ", ".join(sizes)
         sizes[_VELOCITY] = sizes[TIP]
         hidden = [name for name in policy.requires if name in sizes]
         blind = MEASURED & set(policy.requires) - set(hidden)
         if blind or not hidden:
-            lacking = ", ".join(sorted(blind)) or f"none of {told}"
+            lacking = ", ".join(sorted(blind)) or f"none of {measured}"
             raise ValueError(
                 f"feedback from sensors: {type(policy).__name__} reads {lacking}, the sensors were "
-                f"calibrated to tell {told}"
+                f"calibrated to tell {measured}"
             )
         self._sizes = {name: policy.sizes.get(name, sizes[name]) for name in hidden}
         for name, size in self._sizes.items():

@@ -376,13 +376,13 @@ def observation_space(
     return spaces.Dict(boxes)
 
 
-#: Those there are now and whenever it is asked; a reset looks them up here.
-_THERE = OBSERVABLES.registered()
+#: The same entries, later ones too: a reset, which knows the names, need ask no plug-in.
+_ENTRIES = OBSERVABLES.registered()
 
 
 def reads(observed: spaces.Dict, sources: Sources) -> list[tuple[str, Read]]:
     """Names of the observables of a space, in its order, and what reads them."""
-    return [(name, _THERE[name].read(sources)) for name in observed]
+    return [(name, _ENTRIES[name].read(sources)) for name in observed]
 
 
 def arrays(observation: Seen) -> list[ndarray]:
