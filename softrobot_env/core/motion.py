@@ -65,6 +65,7 @@ def sample_times(duration: float, samples: ndarray | float | None) -> ndarray:
             raise ValueError(f"the distance of samples must divide {duration} s, got {samples!r}")
         return np.linspace(0.0, duration, count + 1)
     times = np.array(samples, float)
-    if times[0] != 0 or not np.all(np.diff(times) > 0) or times[-1] != duration:
+    rises = times.ndim == 1 and times.size > 1 and np.all(np.diff(times) > 0)
+    if not rises or times[0] != 0 or times[-1] != duration:
         raise ValueError("samples must start at 0, increase and end at the duration")
     return times

@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import expm
 
 from softrobot_env.control.feedforward.dynamics import InverseDynamics
-from softrobot_env.control.feedforward.feedback import Feedback
+from softrobot_env.control.feedforward.feedback import Feedback, ReferenceFeedback
 from softrobot_env.control.feedforward.motion import DifferenceFilter, Motion
 from softrobot_env.control.feedforward.nearby import Nearby, Neighbourhood, _held
 from softrobot_env.control.feedforward.statics import ChainStatics, Rest
@@ -80,6 +80,22 @@ def test_the_tip_comes_to_rest_however_late_it_is_seen(period, delay, learning):
 def test_gains_that_are_not_told_of_the_delay_are_unstable():
     seen, _ = errors(0.02, 4, given=0.0)
     assert np.abs(seen[-20:]).max() > 1.0
+
+
+@pytest.mark.parametrize(
+    ("sizes", "changes", "message"),
+    [
+        ({}, {}, "does not say the size of its reference"),
+        ({"reference": 2}, {"proportional": -0.1}, "proportional"),
+        ({"reference": 2}, {"integral": -2.0}, "integral"),
+        ({"reference": 2}, {"tip_delay": -0.04}, "tip_delay"),
+        ({"reference": 2}, {"control_period": 0.0}, "control_period"),
+    ],
+)
+def test_what_moved_references_need_is_named(sizes, changes, message):
+    given = {"control_period": 0.02, "proportional": 0.3, "integral": 2.0} | changes
+    with pytest.raises(ValueError, match=message):
+        ReferenceFeedback(SimpleNamespace(sizes=sizes), **given)
 
 
 def test_what_is_learned_holds_the_tip_where_it_was_not_yet():
