@@ -128,13 +128,19 @@ def add_forces(axes, factors, force, first, f):
 
 
 @kernel
-def set_section(d, model, p, x, first, out):
-    """Set out (g, d) to G at integration point p of the element with slots from the first."""
-    h, position, length = model.slope, model.position[p], model.piece
+def integration_point(model, p):
+    """What a section at integration point p needs of the model, read once: see `AncfData`."""
+    return model.slope[p], model.position[p], model.piece
+
+
+@kernel
+def set_section(axes, point, x, first, out):
+    """Set out (g, d) to G at an `integration_point` of the element with slots from the first."""
+    (h, position, length), d = point, len(axes)
     last = first + d + 1
     for b in range(d):
-        near, far = h[p, 0] * x[first, b], h[p, 2] * x[last, b]
-        out[0, b] = near + h[p, 1] * x[first + 1, b] + far + h[p, 3] * x[last + 1, b]
+        near, far = h[0] * x[first, b], h[2] * x[last, b]
+        out[0, b] = near + h[1] * x[first + 1, b] + far + h[3] * x[last + 1, b]
         for k in range(1, d):
             change = x[last + k + 1, b] - x[first + k + 1, b]
             out[k, b] = change / length
@@ -142,15 +148,15 @@ def set_section(d, model, p, x, first, out):
 
 
 @kernel
-def add_section_forces(d, model, p, force, first, f):
+def add_section_forces(axes, point, force, first, f):
     """Add forces (g, d) on G to those on the slots f; the transpose of `set_section`."""
-    h, position, length = model.slope, model.position[p], model.piece
+    (h, position, length), d = point, len(axes)
     last = first + d + 1
     for b in range(d):
-        f[first, b] += h[p, 0] * force[0, b]
-        f[first + 1, b] += h[p, 1] * force[0, b]
-        f[last, b] += h[p, 2] * force[0, b]
-        f[last + 1, b] += h[p, 3] * force[0, b]
+        f[first, b] += h[0] * force[0, b]
+        f[first + 1, b] += h[1] * force[0, b]
+        f[last, b] += h[2] * force[0, b]
+        f[last + 1, b] += h[3] * force[0, b]
         for k in range(1, d):
             moved = force[k, b] / length + position * force[d - 1 + k, b]
             f[first + k + 1, b] += force[d - 1 + k, b] - moved
@@ -168,8 +174,9 @@ def _ahead(model, x, rate):
 
 
 @kernel
-def section_force(d, resultants, gradients, weight, out):
+def section_force(axes, resultants, gradients, weight, out):
     """Set out (g, d) to the forces weight sum_j N_ij G_j on G."""
+    d = len(axes)
     for i in range(2 * d - 1):
         for b in range(d):
             total = out.dtype.type(0)
@@ -188,12 +195,13 @@ def _add_stress_forces(model, axes, x, rate, f):
     for e in range(model.pieces):
         first = e * (d + 1)
         for p in range(len(model.weight)):
-            set_section(d, model, p, x, first, gradients)
-            set_section(d, model, p, ahead, first, advanced)
-            set_strain(d, gradients, advanced, strain)
-            set_resultants(model.law, d, strain, resultants)
-            section_force(d, resultants, gradients, model.weight[p], force)
-            add_section_forces(d, model, p, force, first, f)
+            point = integration_point(model, p)
+            set_section(axes, point, x, first, gradients)
+            set_section(axes, point, ahead, first, advanced)
+            set_strain(axes, gradients, advanced, strain)
+            set_resultants(model.law, axes, strain, resultants)
+            section_force(axes, resultants, gradients, model.weight[p], force)
+            add_section_forces(axes, point, force, first, f)
 
 
 @kernel
@@ -265,9 +273,9 @@ def potential(model, q):
     energy = q.dtype.type(0)
     for e in range(model.pieces):
         for p in range(len(model.weight)):
-            set_section(d, model, p, x, e * (d + 1), gradients)
-            set_strain(d, gradients, gradients, strain)
-            set_resultants(model.law, d, strain, resultants)
+            set_section(model.axes, integration_point(model, p), x, e * (d + 1), gradients)
+            set_strain(model.axes, gradients, gradients, strain)
+            set_resultants(model.law, model.axes, strain, resultants)
             for i in range(g):
                 for j in range(g):
                     energy += 0.5 * model.weight[p] * strain[i, j] * resultants[i, j]
@@ -333,8 +341,8 @@ def _add_tangent(model, axes, q, v, damping, mass, out):
     for e in range(model.pieces):
         element[:] = 0.0
         for p in range(len(model.weight)):
-            set_section(d, model, p, x, e * (d + 1), gradients)
-            set_section(d, model, p, ahead, e * (d + 1), advanced)
+            set_section(axes, integration_point(model, p), x, e * (d + 1), gradients)
+            set_section(axes, integration_point(model, p), ahead, e * (d + 1), advanced)
             _add_point(model, axes, p, gradients, advanced, factor, element)
         for i in range(size):
             for j in range(size):
@@ -363,8 +371,9 @@ def _add_point(model, axes, p, gradients, advanced, factor, element):
     strain, change = np.empty((g, g)), np.empty((g, g))
     resultants, force = np.empty((g, g)), np.empty((g, d))
     nodal = np.empty((size, d))
-    set_strain(d, gradients, advanced, strain)
-    set_resultants(model.law, d, strain, resultants)
+    point = integration_point(model, p)
+    set_strain(axes, gradients, advanced, strain)
+    set_resultants(model.law, axes, strain, resultants)
     strain[:] = 0.0
     for j in range(g):
         for b in range(d):
@@ -372,12 +381,12 @@ def _add_point(model, axes, p, gradients, advanced, factor, element):
                 strain[i, j] = 0.5 * (factor * gradients[i, b] + 0.5 * advanced[i, b])
                 strain[j, i] = strain[i, j]
             strain[j, j] *= 2
-            set_resultants(model.law, d, strain, change)
-            section_force(d, change, gradients, model.weight[p], force)
+            set_resultants(model.law, axes, strain, change)
+            section_force(axes, change, gradients, model.weight[p], force)
             for i in range(g):
                 force[i, b] += model.weight[p] * resultants[i, j]
             nodal[:] = 0.0
-            add_section_forces(d, model, p, force, 0, nodal)
+            add_section_forces(axes, point, force, 0, nodal)
             _add_columns(model, d, j, b, p, nodal.reshape(size * d), element)
         for i in range(g):
             strain[i, j] = 0.0
