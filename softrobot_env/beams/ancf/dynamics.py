@@ -24,7 +24,8 @@ from .section import SectionLaw, set_resultants, set_strain
 from .shapes import AXES
 
 #: Tuples, whose length is known where kernels are compiled. All of a robot's data have one type,
-#: whatever its dimension, so that most is compiled once; the longest loops are given the dimension.
+#: whatever its dimension, so that most is compiled once; kernels of the longest loops take a tuple
+#: for `axes`. A number d in its place is known only where a compiler chooses to inline them.
 PLANE, SPACE = AXES[2], AXES[3]
 
 
@@ -100,7 +101,10 @@ def add_nodal_forces(model, f, out):
 
 @kernel
 def integration_point(model, p):
-    """What a section at integration point p needs of the model, read once: see `AncfData`."""
+    """What a section at integration point p needs: its `slope`, `position`, and the `piece`.
+
+    Read within the loops they would be read from memory again after every store.
+    """
     return model.slope[p], model.position[p], model.piece
 
 
