@@ -165,6 +165,7 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
         self._command = parts.inputs.per_action().command
         self._drives: Drives | None = None
         self._view, self._nothing_earned = parts.view, parts.reward.none
+        self._changes = parts.change is not None
         self._follow(self.task, parts.reference)
         self._running = False
         self._episode = self._index = 0
@@ -306,7 +307,7 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
             raise gymnasium.error.ResetNeeded("call reset() before step(): no episode is running")
         previous = self._action
         given, self._action = one_action(action, self._action_shape)
-        if self._parts.change is not None:
+        if self._changes:
             given = self._parts.wanted(given, self._action_array)
             self._action = given.tolist()
         self._action_array = given
@@ -336,7 +337,9 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
         return outside
 
     def _observe(self) -> Seen:
-        seen = {name: read() for name, read in self._reads}
+        seen = {}
+        for name, read in self._reads:  # a comprehension would be one more call
+            seen[name] = read()
         self._last_observation = seen if self._view is None else self._view(seen)
         return self._last_observation
 

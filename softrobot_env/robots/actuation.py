@@ -202,14 +202,16 @@ class TendonMap(Inputs):
         """Tensions (..., n_tendons) [N] >= pretension for reduced inputs (..., n_inputs) [N]."""
         if self._shift is not None:
             reduced = reduced + self._shift
-        kind = np if self._is_numpy else namespace(reduced)
-        product = ndarray.dot if kind is np else kind.matmul
-        pulls = product(reduced, self._one)
+        pulls = reduced.dot(self._one, out) if self._is_numpy else reduced @ self._one
         if self._other is not None:
-            beside = product(reduced, self._other)
+            beside = reduced.dot(self._other) if self._is_numpy else reduced @ self._other
+            kind = namespace(pulls)
             most, least = kind.maximum(pulls, beside), kind.minimum(pulls, beside)
             pulls = kind.where(self._widest, most, least)
-        out = np.maximum(pulls, self._slack, out=out) if kind is np else pulls.clip(0.0)
+        if self._is_numpy:
+            out = np.maximum(pulls, self._slack, out=pulls if out is None else out)
+        else:
+            out = pulls.clip(0.0)
         if self._pretensioned:
             out += self._base
         return out

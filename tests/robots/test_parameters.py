@@ -248,6 +248,17 @@ def test_lengths_are_their_own_inputs():
     np.testing.assert_allclose(rod.input_scale, np.pi * 0.01)
 
 
+@pytest.mark.parametrize("name", ["arm", "planar_finger", "hanging_trunk", "rig"])
+def test_commands_are_the_same_in_an_array_that_is_given(name):
+    inputs = robot_inputs(find_robot(name)).per_action()
+    actions = np.random.default_rng(0).uniform(-1, 1, (20, inputs.n_inputs))
+    for action in (actions, *actions):
+        expected = inputs.command(action)
+        given = np.full_like(expected, nan)  # what was there does not matter
+        assert inputs.command(action, given) is given
+        np.testing.assert_array_equal(given, expected)
+
+
 def test_robot_without_tendons_has_no_inputs():
     tendon_map = TendonMap(CANTILEVER_WEAK)
     assert tendon_map.n_inputs == 0

@@ -19,12 +19,13 @@ from numpy import ndarray
 from softrobot_env.compile.kernels import kernel, structure
 
 from ..actuation import Actuation, check_forces
-from ..numerics.quaternions import cross, dot3, row3, scaled, set_axes, store
+from ..numerics.quaternions import add, add_scaled, cross, dot3, mix, row3, scaled, set_axes, store
 from .section import SectionLaw, set_resultants, set_strain
 from .shapes import AXES
 
 #: Tuples, whose length is known where kernels are compiled. All of a robot's data have one type,
-#: whatever its dimension, so that most is compiled once; the longest loops are given the dimension.
+#: whatever its dimension, so that most is compiled once; kernels of the longest loops take a tuple
+#: for `axes`. A number d in its place is known only where a compiler chooses to inline them.
 PLANE, SPACE = AXES[2], AXES[3]
 
 
@@ -51,7 +52,7 @@ class AncfData(NamedTuple):
         element: (n_points,) that the points `actuation.point_*` are in.
         points: (n_points, d, slots) factors of these, and of r_,2 (, r_,3) there.
         entered: (n_samples,) element that a sample of a channel is in.
-        tangents: (n_samples, 1, slots) factors of the tangents of channels.
+        tangents: (n_samples, slots) factors of the tangents of channels.
     """
 
     n: int
@@ -99,42 +100,22 @@ def add_nodal_forces(model, f, out):
 
 
 @kernel
-def set_vectors(axes, factors, x, first, out):
-    """Set vectors, in the world, of an element with slots from the first.
+def integration_point(model, p):
+    """What a section at integration point p needs: its `slope`, `position`, and the `piece`.
 
-    Args:
-        axes: (d,) world axes of the components.
-        factors: (rows, slots).
-        x: (.., d) vectors of all slots.
-        first: Number of the element's first slot.
-        out: (k, 3), its first rows are set along the axes.
+    Read within the loops they would be read from memory again after every store.
     """
-    for i in range(min(len(factors), len(out))):
-        for b in range(len(axes)):
-            total = out.dtype.type(0)
-            for k in range(factors.shape[1]):
-                total += factors[i, k] * x[first + k, b]
-            out[i, axes[b]] = total
+    return model.slope[p], model.position[p], model.piece
 
 
 @kernel
-def add_forces(axes, factors, force, first, f):
-    """Add forces (k, 3) on the first of these vectors to those on the slots f; the transpose."""
-    for i in range(min(len(factors), len(force))):
-        for b in range(len(axes)):
-            component = force[i, axes[b]]
-            for k in range(factors.shape[1]):
-                f[first + k, b] += factors[i, k] * component
-
-
-@kernel
-def set_section(d, model, p, x, first, out):
-    """Set out (g, d) to G at integration point p of the element with slots from the first."""
-    h, position, length = model.slope, model.position[p], model.piece
+def set_section(axes, point, x, first, out):
+    """Set out (g, d) to G at an `integration_point` of the element with slots from the first."""
+    (h, position, length), d = point, len(axes)
     last = first + d + 1
     for b in range(d):
-        near, far = h[p, 0] * x[first, b], h[p, 2] * x[last, b]
-        out[0, b] = near + h[p, 1] * x[first + 1, b] + far + h[p, 3] * x[last + 1, b]
+        near, far = h[0] * x[first, b], h[2] * x[last, b]
+        out[0, b] = near + h[1] * x[first + 1, b] + far + h[3] * x[last + 1, b]
         for k in range(1, d):
             change = x[last + k + 1, b] - x[first + k + 1, b]
             out[k, b] = change / length
@@ -142,15 +123,15 @@ def set_section(d, model, p, x, first, out):
 
 
 @kernel
-def add_section_forces(d, model, p, force, first, f):
+def add_section_forces(axes, point, force, first, f):
     """Add forces (g, d) on G to those on the slots f; the transpose of `set_section`."""
-    h, position, length = model.slope, model.position[p], model.piece
+    (h, position, length), d = point, len(axes)
     last = first + d + 1
     for b in range(d):
-        f[first, b] += h[p, 0] * force[0, b]
-        f[first + 1, b] += h[p, 1] * force[0, b]
-        f[last, b] += h[p, 2] * force[0, b]
-        f[last + 1, b] += h[p, 3] * force[0, b]
+        f[first, b] += h[0] * force[0, b]
+        f[first + 1, b] += h[1] * force[0, b]
+        f[last, b] += h[2] * force[0, b]
+        f[last + 1, b] += h[3] * force[0, b]
         for k in range(1, d):
             moved = force[k, b] / length + position * force[d - 1 + k, b]
             f[first + k + 1, b] += force[d - 1 + k, b] - moved
@@ -168,8 +149,9 @@ def _ahead(model, x, rate):
 
 
 @kernel
-def section_force(d, resultants, gradients, weight, out):
+def section_force(axes, resultants, gradients, weight, out):
     """Set out (g, d) to the forces weight sum_j N_ij G_j on G."""
+    d = len(axes)
     for i in range(2 * d - 1):
         for b in range(d):
             total = out.dtype.type(0)
@@ -188,18 +170,19 @@ def _add_stress_forces(model, axes, x, rate, f):
     for e in range(model.pieces):
         first = e * (d + 1)
         for p in range(len(model.weight)):
-            set_section(d, model, p, x, first, gradients)
-            set_section(d, model, p, ahead, first, advanced)
-            set_strain(d, gradients, advanced, strain)
-            set_resultants(model.law, d, strain, resultants)
-            section_force(d, resultants, gradients, model.weight[p], force)
-            add_section_forces(d, model, p, force, first, f)
+            point = integration_point(model, p)
+            set_section(axes, point, x, first, gradients)
+            set_section(axes, point, ahead, first, advanced)
+            set_strain(axes, gradients, advanced, strain)
+            set_resultants(model.law, axes, strain, resultants)
+            section_force(axes, resultants, gradients, model.weight[p], force)
+            add_section_forces(axes, point, force, first, f)
 
 
 @kernel
-def _add_inertia(model, acceleration, f):
+def _add_inertia(model, axes, acceleration, f):
     """Add mass matrix (2.58) times accelerations to f."""
-    d, mass, block = len(model.axes), model.mass, len(model.axes) + 1
+    d, mass, block = len(axes), model.mass, len(axes) + 1
     for e in range(model.pieces):
         for near in range(2):
             for far in range(2):
@@ -219,12 +202,13 @@ def _add_inertia(model, acceleration, f):
 def internal_residual(model, q, v, a, out):
     """Set out (n,) to inertia, elastic and damping forces less gravity."""
     x, rate = nodal_vectors(model, q, 1.0), nodal_vectors(model, v, 0.0)
-    f = np.zeros_like(x)
+    acceleration, f = nodal_vectors(model, a, 0.0), np.zeros_like(x)
     if len(model.axes) == 2:
         _add_stress_forces(model, PLANE, x, rate, f)
+        _add_inertia(model, PLANE, acceleration, f)
     else:
         _add_stress_forces(model, SPACE, x, rate, f)
-    _add_inertia(model, nodal_vectors(model, a, 0.0), f)
+        _add_inertia(model, SPACE, acceleration, f)
     for i in range(len(out)):
         out[i] = -model.gravity[i]
     add_nodal_forces(model, f, out)
@@ -265,9 +249,9 @@ def potential(model, q):
     energy = q.dtype.type(0)
     for e in range(model.pieces):
         for p in range(len(model.weight)):
-            set_section(d, model, p, x, e * (d + 1), gradients)
-            set_strain(d, gradients, gradients, strain)
-            set_resultants(model.law, d, strain, resultants)
+            set_section(model.axes, integration_point(model, p), x, e * (d + 1), gradients)
+            set_strain(model.axes, gradients, gradients, strain)
+            set_resultants(model.law, model.axes, strain, resultants)
             for i in range(g):
                 for j in range(g):
                     energy += 0.5 * model.weight[p] * strain[i, j] * resultants[i, j]
@@ -285,7 +269,7 @@ def momentum(model, q, v, out):
     """
     x, rate = nodal_vectors(model, q, 1.0), nodal_vectors(model, v, 0.0)
     f = np.zeros_like(x)
-    _add_inertia(model, rate, f)
+    _add_inertia(model, model.axes, rate, f)
     r, p = np.zeros(3, out.dtype), np.zeros(3, out.dtype)
     out[:] = 0.0
     for slot in range(len(x)):
@@ -333,8 +317,9 @@ def _add_tangent(model, axes, q, v, damping, mass, out):
     for e in range(model.pieces):
         element[:] = 0.0
         for p in range(len(model.weight)):
-            set_section(d, model, p, x, e * (d + 1), gradients)
-            set_section(d, model, p, ahead, e * (d + 1), advanced)
+            point = integration_point(model, p)
+            set_section(axes, point, x, e * (d + 1), gradients)
+            set_section(axes, point, ahead, e * (d + 1), advanced)
             _add_point(model, axes, p, gradients, advanced, factor, element)
         for i in range(size):
             for j in range(size):
@@ -363,8 +348,9 @@ def _add_point(model, axes, p, gradients, advanced, factor, element):
     strain, change = np.empty((g, g)), np.empty((g, g))
     resultants, force = np.empty((g, g)), np.empty((g, d))
     nodal = np.empty((size, d))
-    set_strain(d, gradients, advanced, strain)
-    set_resultants(model.law, d, strain, resultants)
+    point = integration_point(model, p)
+    set_strain(axes, gradients, advanced, strain)
+    set_resultants(model.law, axes, strain, resultants)
     strain[:] = 0.0
     for j in range(g):
         for b in range(d):
@@ -372,12 +358,12 @@ def _add_point(model, axes, p, gradients, advanced, factor, element):
                 strain[i, j] = 0.5 * (factor * gradients[i, b] + 0.5 * advanced[i, b])
                 strain[j, i] = strain[i, j]
             strain[j, j] *= 2
-            set_resultants(model.law, d, strain, change)
-            section_force(d, change, gradients, model.weight[p], force)
+            set_resultants(model.law, axes, strain, change)
+            section_force(axes, change, gradients, model.weight[p], force)
             for i in range(g):
                 force[i, b] += model.weight[p] * resultants[i, j]
             nodal[:] = 0.0
-            add_section_forces(d, model, p, force, 0, nodal)
+            add_section_forces(axes, point, force, 0, nodal)
             _add_columns(model, d, j, b, p, nodal.reshape(size * d), element)
         for i in range(g):
             strain[i, j] = 0.0
@@ -421,36 +407,73 @@ def _assemble(model, element, e, out):
 
 
 @kernel
-def _set_point(model, x, k, out):
-    """Set out (1 or 3, 3), in the world, to point k, and to r_,2 and r_,3 there.
+def world_vectors(model, q):
+    """Vectors (slots, 3) of all nodes, along all axes of the world."""
+    x = nodal_vectors(model, q, 1.0)
+    if len(model.axes) == 3:
+        return x
+    out = np.zeros((len(x), 3), q.dtype)
+    for slot in range(len(x)):
+        out[slot, 0], out[slot, 2] = x[slot, 0], x[slot, 1]
+    return out
 
-    A planar model leaves points beside its plane where they are in the straight pose, and r_,3
-    normal to the plane.
-    """
-    out[:] = 0.0
-    out[0, 1] = model.actuation.point_offset[k, 1]
-    if len(out) > 1:
-        out[2, 1] = 1.0
-    first = model.element[k] * (len(model.axes) + 1)
-    set_vectors(model.axes, model.points[k], x, first, out)
+
+@kernel
+def add_world_forces(model, f, out):
+    """Add forces (slots, 3) along the axes of the world to out (n,); what is across is borne."""
+    d, fixed = len(model.axes), len(model.clamp)
+    first = fixed // d
+    for slot in range(first, len(f)):
+        for b in range(d):
+            out[(slot - first) * d + b] += f[slot, model.axes[b]]
+
+
+@kernel
+def vector_of(factors, x, first):
+    """The vector of an element with slots from the first, by factors (slots,); x (.., 3) of all."""
+    total = scaled(factors[0], row3(x, first))
+    for k in range(1, len(factors)):
+        total = add(total, scaled(factors[k], row3(x, first + k)))
+    return total
+
+
+@kernel
+def add_force(factors, force, first, f):
+    """Add a force on such a vector to those on the slots f (.., 3); the transpose."""
+    for k in range(len(factors)):
+        add_scaled(f, first + k, factors[k], force)
 
 
 @kernel
 def locate(model, q, points, axes):
     """Set the material points (n_points, 3) [m], and the axes (k, 3, 3) of the first sections.
 
-    These are along r_,2, across it in the section, and normal to both.
+    These are along r_,2, across it in the section, and normal to both. A planar model leaves points
+    beside its plane where they are in the straight pose.
     """
-    x, found = nodal_vectors(model, q, 1.0), np.empty((3, 3), q.dtype)
+    x, block = world_vectors(model, q), len(model.axes) + 1
+    factors, element, offset = model.points, model.element, model.actuation.point_offset
     for k in range(len(points)):
-        _set_point(model, x, k, points[k : k + 1])
-        if k < len(axes):
-            _set_point(model, x, k, found)
-            along = row3(found, 1)
-            normal = cross(along, row3(found, 2))
-            e_x = scaled(1 / np.sqrt(dot3(along, along)), along)
-            e_z = scaled(1 / np.sqrt(dot3(normal, normal)), normal)
-            set_axes(axes[k], e_x, cross(e_z, e_x), e_z)
+        store(points[k], vector_of(factors[k, 0], x, element[k] * block))
+        if block == 3:
+            points[k, 1] = offset[k, 1]
+    for k in range(len(axes)):
+        along, across = _directors(model, x, k)
+        normal = cross(along, across)
+        e_x = scaled(1 / np.sqrt(dot3(along, along)), along)
+        e_z = scaled(1 / np.sqrt(dot3(normal, normal)), normal)
+        set_axes(axes[k], e_x, cross(e_z, e_x), e_z)
+
+
+@kernel
+def _directors(model, x, k):
+    """Vectors r_,2 and r_,3 at point k; in a planar model r_,3 is normal to the plane."""
+    factors, first = model.points[k], model.element[k] * (len(model.axes) + 1)
+    zero = x.dtype.type(0)
+    across = (zero, zero + 1, zero)
+    if len(factors) > 2:
+        across = vector_of(factors[2], x, first)
+    return vector_of(factors[1], x, first), across
 
 
 @kernel
@@ -462,54 +485,43 @@ def add_wrenches(model, q, forces, moments, out):
     power M . w is then that of the forces (A^-1 M) x r_,k on the gradients.
     """
     check_forces(model.actuation, forces)
-    x, axes, element, points = nodal_vectors(model, q, 1.0), model.axes, model.element, model.points
-    f, found = np.zeros_like(x), np.empty((3, 3), q.dtype)
+    x, block = world_vectors(model, q), len(model.axes) + 1
+    f, factors, element = np.zeros_like(x), model.points, model.element
     for k in range(len(forces)):
-        first = element[k] * (len(axes) + 1)
-        if k < len(moments):
-            _set_point(model, x, k, found)
-            spin = _spin(found[1:], row3(moments, k))
-            for i in range(1, 3):
-                store(found[i], cross(spin, row3(found, i)))
-            store(found[0], row3(forces, k))
-            add_forces(axes, points[k], found, first, f)
-        else:
-            add_forces(axes, points[k], forces[k : k + 1], first, f)
-    add_nodal_forces(model, f, out)
+        add_force(factors[k, 0], row3(forces, k), element[k] * block, f)
+    for k in range(len(moments)):
+        first, (along, across) = element[k] * block, _directors(model, x, k)
+        spin = _spin(along, across, row3(moments, k))
+        add_force(factors[k, 1], cross(spin, along), first, f)
+        if block > 3:
+            add_force(factors[k, 2], cross(spin, across), first, f)
+    add_world_forces(model, f, out)
 
 
 @kernel
-def _spin(directors, moment):
-    """A^-1 M for directors (2, 3), by Cramer's rule; A is symmetric."""
-    a = np.zeros((3, 3), directors.dtype)
-    for k in range(2):
-        r = row3(directors, k)
-        for i in range(3):
-            a[i, i] += dot3(r, r)
-            for j in range(3):
-                a[i, j] -= r[i] * r[j]
-    x, y, z = row3(a, 0), row3(a, 1), row3(a, 2)
-    p, q, r = cross(y, z), cross(z, x), cross(x, y)
-    determinant = dot3(x, p)
-    return scaled(1 / determinant, (dot3(p, moment), dot3(q, moment), dot3(r, moment)))
+def _spin(along, across, moment):
+    """A^-1 M for directors r_,2 and r_,3, by Woodbury's identity."""
+    a, b, c = dot3(along, along), dot3(along, across), dot3(across, across)
+    p, q = dot3(along, moment), dot3(across, moment)
+    determinant = a * c - b * b
+    within = mix((a * p + b * q) / determinant, along, (b * p + c * q) / determinant, across)
+    return scaled(1 / (a + c), add(moment, within))
 
 
 @kernel
 def channel_tangents(model, q, out):
     """Set out (n_samples, 3) to dr / dX1 of the channels."""
-    x, axes, tangents = nodal_vectors(model, q, 1.0), model.axes, model.tangents
-    out[:] = 0.0
+    x, block = world_vectors(model, q), len(model.axes) + 1
+    factors, entered = model.tangents, model.entered
     for m in range(len(out)):
-        first = model.entered[m] * (len(axes) + 1)
-        set_vectors(axes, tangents[m], x, first, out[m : m + 1])
+        store(out[m], vector_of(factors[m], x, entered[m] * block))
 
 
 @kernel
 def add_channel_pulls(model, q, forces, out):
     """Add to out (n,) the generalised force of forces (n_samples, 3) against the tangents."""
-    axes, tangents = model.axes, model.tangents
-    f = np.zeros_like(nodal_vectors(model, q, 0.0))
+    block, factors, entered = len(model.axes) + 1, model.tangents, model.entered
+    f = np.zeros(((model.pieces + 1) * block, 3), q.dtype)
     for m in range(len(forces)):
-        first = model.entered[m] * (len(axes) + 1)
-        add_forces(axes, tangents[m], forces[m : m + 1], first, f)
-    add_nodal_forces(model, -f, out)
+        add_force(factors[m], row3(forces, m), entered[m] * block, f)
+    add_world_forces(model, -f, out)

@@ -131,8 +131,9 @@ def _ring(x: ndarray, w: ndarray, outer: float, inner: float) -> Rule:
 
 
 @kernel
-def set_strain(d, gradients, advanced, out):
+def set_strain(axes, gradients, advanced, out):
     """Set out (g, g) to E + mu dE/dt, given G and G + 2 mu dG/dt (g, d)."""
+    d = len(axes)
     for i in range(2 * d - 1):
         for j in range(i + 1):
             total = gradients.dtype.type(0)
@@ -146,8 +147,9 @@ def set_strain(d, gradients, advanced, out):
 
 
 @kernel
-def set_resultants(law, d, strain, out):
+def set_resultants(law, axes, strain, out):
     """Set out (g, g) to the resultants N [N, N m, N m2] of E (g, g)."""
+    d = len(axes)
     area, second, fourth = law.area, law.second, law.fourth
     stretch, lame, shear = law.stretch, law.lame, law.shear
     axial, lateral = strain[0, 0], strain.dtype.type(0)

@@ -52,8 +52,8 @@ class Shapes:
         return np.stack([self._beside(self.centre, self.gradients, offset), *self.gradients], 1)
 
     def tangents(self, offset: ndarray) -> ndarray:
-        """(k, 1, slots), of the tangents of channels with offsets (k, 2) [m]."""
-        return self._beside(self.slope, self.changes, offset)[:, None]
+        """(k, slots), of the tangents of channels with offsets (k, 2) [m]."""
+        return self._beside(self.slope, self.changes, offset)
 
     @staticmethod
     def _beside(centre: ndarray, gradients: ndarray, offset: ndarray) -> ndarray:

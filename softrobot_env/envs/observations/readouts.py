@@ -13,7 +13,9 @@ Every readout has the functions of `table.Measured`, which return new arrays, an
 
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from math import ceil, hypot, sqrt
+from operator import add
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -156,7 +158,7 @@ class _Chains:
         self.tendon_tension = lambda: arrays.copy(source.actuator_force)
         if servos is None:
             inside, full = source.ten_length[..., : len(robot.tendons)], simulation.full_length
-            self.tendon_length = self.true_length = lambda: inside + full
+            self.tendon_length = self.true_length = partial(add, inside, full)
         else:
             self.tendon_length = lambda: servos.reading
             self.true_length = lambda: arrays.copy(servos.horn)
@@ -173,7 +175,7 @@ class ChainReadout(_Chains):
         self._coarse = fine is not mean
         self._limit, self._slow = measures.curvature, measures.slow
         self.tip_position, self.tip_velocity = self._tip.copy, self._velocity.copy
-        self.curvature_rate = lambda: mean.dot(rates)
+        self.curvature_rate = partial(mean.dot, rates)
         self.tendon_tension = self._simulation.data.actuator_force.copy
 
     def update(self, _which: None = None) -> str | None:
