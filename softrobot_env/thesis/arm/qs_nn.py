@@ -31,6 +31,9 @@ _LIMITED, _OUTSIDE = 1, 2
 class QuasiStaticNetwork(Memoryless):
     """u_k+1 = g(z_k, z_ref(t_k+1), u_k) every 0.2 s, g a network of 7-30-3 neurons (Fig. 6.8).
 
+    As trained it corrects next to nothing of what the measured tip tells of a wrong model: it is a
+    feedforward law (docs/models/qs_nn.md has why no training makes it another).
+
     The environment's preview must be the reference at the next decision alone: `preview=(0.2,)`.
     Beyond the workspace it was trained for the network extrapolates, and the state's `status` says
     so. When an observation is not finite, the action in force is kept.
