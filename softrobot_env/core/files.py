@@ -12,6 +12,8 @@ from stat import S_ISDIR
 from typing import Any
 from uuid import uuid4
 
+from .records import is_in_one_line
+
 
 @contextmanager
 def atomic_write(path: Path | str) -> Iterator[Path]:
@@ -39,6 +41,19 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             aside.unlink()
+
+
+def file_name(text: str) -> str:
+    """A text that is the name of a file in a folder.
+
+    Whatever has a name that people choose is called by it in files through here.
+
+    Raises:
+        ValueError: It is no name, or leads out of the folder.
+    """
+    if text in ("", ".", "..") or not is_in_one_line(text):
+        raise ValueError(f"no name of a file, printable without / and \\: {text!r}")
+    return text
 
 
 def write_text(path: Path | str, text: str) -> None:

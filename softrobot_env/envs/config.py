@@ -17,7 +17,7 @@ from softrobot_env.core.records import (
     check_fields,
 )
 from softrobot_env.robots import Gripper, RobotParams
-from softrobot_env.robots.parameters import Pieces
+from softrobot_env.robots.ranges import Pieces
 from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.assembly import Resolution
 from softrobot_env.scene.config import DEFAULT_SHARE

@@ -17,7 +17,7 @@ from softrobot_env.core.records import (
 )
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
-from softrobot_env.robots.parameters import Pieces
+from softrobot_env.robots.ranges import Pieces
 
 from .objects import Contacts, Object, Rgba
 from .quadrature import RULES
