@@ -15,6 +15,8 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 from warnings import warn
 
+from .files import readable
+
 Entry = TypeVar("Entry")
 
 #: Groups of the entry points that installed packages register with: robots, tasks, policies and
@@ -129,7 +131,7 @@ def load(path: str) -> Any:
     if not module.endswith(".py"):
         return getattr(import_module(module), name)
     file = Path(module).resolve()
-    return getattr(_run_file(file, file.stat().st_mtime_ns), name)
+    return getattr(_run_file(readable(file), file.stat().st_mtime_ns), name)
 
 
 @cache

@@ -1,6 +1,8 @@
 """Calls that commands refuse: one line that says what, status 2, and nothing is written."""
 
 import argparse
+import os
+import shutil
 import sys
 from itertools import takewhile
 from pathlib import Path
@@ -11,7 +13,7 @@ from support.commands import MINE
 from support.rig_identified_file import constant_identified, identified_file
 
 from softrobot_env.cli import build_parser, main
-from softrobot_env.core.files import models_dir
+from softrobot_env.core.files import assets_dir, models_dir
 from softrobot_env.robots import RIG
 from softrobot_env.thesis.rig.parameters import describe_rig
 
@@ -20,7 +22,7 @@ from softrobot_env.thesis.rig.parameters import describe_rig
 #: Takes any text, or refuses only when it runs.
 _ANY = (None, str, Path)
 
-_BAD = "?!"
+_BAD = "?/!"
 
 
 def parsers(parser, words=()):
@@ -97,6 +99,15 @@ CALLS = [
     ("export --robot nobody", "hanging_trunk"),
     ("render --policy pid", "feedforward"),
     ("render --size 0 10", "pixels"),
+    ("render --size 640 1000000", "8192 at most"),
+    ("render --fps 1e9", "frames per second from 0.1 to 1000"),
+    ("robot-file check /dev/zero", "/dev/zero: give a file, not a device or a pipe"),
+    ("robot-file check pipe", "pipe: give a file"),
+    ("robot-file check endless.toml", "endless.toml: at most 1048576 bytes, it has 1000000000000"),
+    ("render --robot pipe --task circle", "unknown robot"),
+    ("evaluate --tasks reach --identified pipe", "no network at pipe"),
+    ("evaluate --policies pipe:P", "pipe"),
+    ("recording check pipe.csv", "pipe.csv: give a file"),
     ("render --task swing --begin 15", "the episode is over after 15 s"),
     ("view --web --policy hold", "--policy"),
     ("view --web --port 99999", "65535"),
@@ -241,6 +252,11 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("files")
     (folder / "mine.py").write_text(MINE)
     (folder / "mine.csv").touch()
+    for name in ("pipe", "pipe.csv"):
+        os.mkfifo(folder / name)
+    shutil.copy(assets_dir() / "recordings" / "ftdcr_v4.toml", folder / "pipe.toml")
+    with (folder / "endless.toml").open("wb") as file:
+        file.truncate(10**12)
     identified_file(folder / "a.npz", twin=3)
     np.savez(folder / "gains.npz", gains=1.0)
     lacking = describe_rig(RIG) | {"stiffness": 1, "turn": 0, "play": 0}
