@@ -242,6 +242,56 @@ CALLS = [
     *((f"train --algo ppo --start none --name {n}", "--name") for n in ("../x", "a/b", "..", "/x")),
 ]
 
+#: Policies and tasks that are none, or that end the program.
+WRONG = """
+import sys
+
+class P:
+    def __init__(self, robot, control_period): pass
+
+class NoRobot:
+    def __init__(self): pass
+
+class NoObservation(P):
+    def act(self): pass
+
+class NoPair(P):
+    def predict(self, observation, state, start, deterministic): return 1.0
+
+class Asks(P):
+    requires = ("nothing",)
+    def act(self, observation): pass
+
+class Exits(P):
+    def act(self, observation): sys.exit(0)
+
+class ExitsAtOnce(P):
+    def __init__(self, robot, control_period): exit(3)
+
+class NoEnvironment(P):
+    environment = 3
+
+number = 1.0
+
+def ends(robot): sys.exit("bye")
+"""
+
+#: Code from outside, and what is said of it; with status 1.
+OUTSIDE = [
+    ("os.path:join", "policy 'os.path:join': TypeError: expected str"),
+    ("wrong.py:NoRobot", "must take (robot, control_period): too many positional arguments"),
+    ("wrong.py:NoObservation", "policy NoObservation: TypeError"),
+    ("wrong.py:NoPair", "policy NoPair: TypeError: cannot unpack"),
+    ("wrong.py:Asks", "policy Asks: KeyError: 'nothing'"),
+    ("wrong.py:Exits", "policy Exits: SystemExit: 0 (wrong.py, line"),
+    ("wrong.py:ExitsAtOnce", "policy 'wrong.py:ExitsAtOnce': SystemExit: 3"),
+    ("wrong.py:NoEnvironment", "its environment: TypeError"),
+    ("wrong.py:P", "'P' has neither"),
+    ("wrong.py:number", "'float' has neither"),
+    ("exits.py:P", "the policy 'exits.py:P': SystemExit: None (<frozen _sitebuiltins>"),
+    ("static --tasks wrong.py:ends", "task 'wrong.py:ends': SystemExit: bye (wrong.py"),
+]
+
 #: What a command needs, of the extras.
 NEEDS = {"train": "stable_baselines3", "tune": "stable_baselines3", "robot": "serial"}
 
@@ -251,6 +301,8 @@ def files(tmp_path_factory):
     """A folder with a file of tasks and policies, and files of identified parameters."""
     folder = tmp_path_factory.mktemp("files")
     (folder / "mine.py").write_text(MINE)
+    (folder / "wrong.py").write_text(WRONG)
+    (folder / "exits.py").write_text("exit()")
     (folder / "mine.csv").touch()
     for name in ("pipe", "pipe.csv"):
         os.mkfifo(folder / name)
@@ -282,4 +334,17 @@ def test_what_cannot_be_is_refused_in_one_line(words, reason, files, capsys, mon
         status = stop.code
     (line,) = capsys.readouterr().err.splitlines()
     assert status == 2 and reason in line
+    assert before == written(files)
+
+
+@pytest.mark.parametrize(("policy", "reason"), OUTSIDE)
+def test_code_from_outside_that_fails_is_told_in_one_line(
+    policy, reason, files, capsys, monkeypatch
+):
+    monkeypatch.chdir(files)
+    before = written(files)
+    tasks = "" if "--tasks" in policy else "--tasks reach"
+    assert main(f"evaluate {FINGER} --policies {policy} {tasks}".split()) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("softrobot evaluate: ") and reason in line
     assert before == written(files)
