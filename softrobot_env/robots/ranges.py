@@ -66,8 +66,8 @@ _Acute = Range("an angle in (0, pi / 2)", lambda x: 0 < x < pi / 2)
 Acceptance = Annotated[float, _Acute, Unit("rad")]
 
 # ---------------------------------------------------------------- counts
-#: Of a section, robot or scene; the most are far more than memory serves.
-Pieces = Annotated[int, whole_numbers(1, 10_000)]
+#: Of a section, robot or scene.
+Pieces = Annotated[int, whole_numbers(1, 1_000)]
 Group = Annotated[int, whole_numbers(0, 9_999)]
 Segments = Annotated[int, whole_numbers(1, 1_000)]
 Specimen = Annotated[int, whole_numbers(0, 2**63 - 1)]

@@ -49,6 +49,9 @@ CHANNELS = ("linear", "exact")
 #: shortens, and has moment arms, as an arc does.
 GUIDED_RULE = "chord2"
 
+#: Of a chain: MuJoCo nests no more bodies.
+MOST_HINGES = 1000
+
 #: Fewest pieces of a robot that touches something, unless said otherwise: contacts along an arc are
 #: then within 0.5 % of the exact forces (`softrobot benchmark contacts`).
 CONTACT_PIECES = 24
@@ -204,6 +207,11 @@ class SceneConfig:
             raise ValueError(
                 f"integrator {self.integrator!r} does not know contacts; leave it out, or choose "
                 f"from {', '.join(CONTACT_INTEGRATORS)}"
+            )
+        if self.n_hinges > MOST_HINGES:
+            raise ValueError(
+                f"robot {self.robot.name!r}: a chain bends at {MOST_HINGES} stations at most, got "
+                f"{self.n_hinges}: give fewer pieces, or take a beam model"
             )
 
     @property
