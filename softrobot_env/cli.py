@@ -14,6 +14,7 @@ from typing import Any
 
 from softrobot_env import __version__
 from softrobot_env.core.processes import STOPPED, ended_by_ctrl_c
+from softrobot_env.core.records import in_one_line
 from softrobot_env.core.registry import REFUSALS, OutsideError
 
 #: Exit status of a command that failed, that was refused, and that SIGTERM ended.
@@ -55,7 +56,7 @@ def main(argv: list[str] | None = None) -> int:
     except REFUSALS as error:
         # Ctrl-C ends workers too, and what it interrupts may tell it as something else.
         if not stop.asked:
-            print(f"{name}: {' '.join(str(error).split()) or 'out of memory'}", file=sys.stderr)
+            print(f"{name}: {in_one_line(str(error)) or 'out of memory'}", file=sys.stderr)
             return _FAILED if isinstance(error, OutsideError) else _REFUSED
     except Exception:
         if not stop.asked:
@@ -76,10 +77,10 @@ def _parsed(argv: list[str]) -> argparse.Namespace:
     asked = next((word for word in argv if not word.startswith("-")), "")
     try:
         return build_parser(asked).parse_args(argv)
-    except RuntimeError as error:
-        if "MUJOCO_GL" not in str(error):
+    except (RuntimeError, AttributeError) as error:
+        if "MUJOCO_GL" not in str(error) and "'gl" not in str(error):  # a library without it
             raise
-        raise RuntimeError(f"{error}; choose egl, osmesa or glfw, or unset it") from None
+        raise RuntimeError(f"{error}; MUJOCO_GL can be egl, osmesa or glfw, or unset") from None
 
 
 @contextmanager

@@ -94,7 +94,7 @@ def test_what_a_reader_lets_through_is_found(tmp_path):
     )
     n = iter([0, 1, 2, 3])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("fuzz.LONGEST", 0.2)
+        patch.setattr("fuzz.LONGEST", 0.02)
         refused, faults = run(cut, tmp_path, 4)
     assert refused == 1 and [fault.case for fault in faults] == [0, 1, 2, 3]
     for fault, said in zip(faults, ("NaN", "KeyError", "without its file", "longer"), strict=True):

@@ -387,6 +387,7 @@ def expand_all(names: list[str], known: list[str]) -> list[str]:
 #: What values are, by the argument's name or by what they are called.
 _KINDS = {
     "policies": or_all(policy),
+    "timeout": number("a number of seconds up to 600", lambda value: 0 <= value <= 600),
     "tasks": or_all(task_name),
     "A,B": lambda text: tuple(map(str.strip, text.split(","))),
     "A..B|A,B": seeds,

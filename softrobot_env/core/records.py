@@ -109,6 +109,12 @@ Count = Annotated[int, Range("a whole number, 1 or more", lambda x: x >= 1)]
 Whole = Annotated[int, Range("a whole number, 0 or more", lambda x: x >= 0)]
 
 
+def in_one_line(text: str) -> str:
+    """A text in one line, in which nothing moves a screen's cursor or rings its bell."""
+    line = " ".join(text.split())
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
+
+
 def is_in_one_line(text: str) -> bool:
     """Whether a screen shows a text as it is, and no system takes a folder out of it."""
     return text.isprintable() and not {*text} & {*"/\\"}

@@ -49,6 +49,9 @@ CHANNELS = ("linear", "exact")
 #: shortens, and has moment arms, as an arc does.
 GUIDED_RULE = "chord2"
 
+#: Least accuracy over the length, near to what rounding leaves of it.
+FINEST = 1e-10
+
 #: Of a chain: MuJoCo nests no more bodies.
 MOST_HINGES = 1000
 
@@ -227,10 +230,11 @@ class SceneConfig:
             value = self.robot.length * float(text[:-1]) / 100 if share else float(text)
         except ValueError:
             value = nan
-        if not 0 < value < inf or isinstance(self.accuracy, bool):
+        least = FINEST * self.robot.length
+        if not least <= value < inf or isinstance(self.accuracy, bool):
             raise ValueError(
-                "accuracy must be a positive length [m] or a share of the robot's length such as "
-                f"'0.1%', got {self.accuracy!r}"
+                f"accuracy must be a length of {least:g} m or more, or a share of the robot's "
+                f"length such as '0.1%', got {self.accuracy!r}"
             )
         return value
 
@@ -241,8 +245,8 @@ class SceneConfig:
 
     @property
     def n_hinges(self) -> int:
-        """Number of stations at which it bends."""
-        return self.n_pieces * len(RULES[self.hinge_rule])
+        """Number of stations at which it bends; ValueError of an unknown rule."""
+        return self.n_pieces * len(RULES.find(self.hinge_rule))
 
     @cached_property
     def edges(self) -> np.ndarray:

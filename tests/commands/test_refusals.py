@@ -9,10 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support import writes
 from support.commands import MINE
 from support.rig_identified_file import constant_identified, identified_file
 
+from fuzz import within
 from softrobot_env.cli import build_parser, main
+from softrobot_env.commands import arguments
 from softrobot_env.core.files import assets_dir, models_dir
 from softrobot_env.robots import RIG
 from softrobot_env.thesis.rig.parameters import describe_rig
@@ -34,8 +37,14 @@ def parsers(parser, words=()):
                 yield from parsers(below, (*words, name))
 
 
+#: What takes numbers of one sign, and texts that are none of them.
+_NUMBERS = (arguments.positive, arguments.not_negative, arguments.whole, arguments.size)
+_NUMBERS += (arguments.port, arguments.seed, arguments.fps)
+_NO_NUMBERS = ("nan", "inf", "-inf", "1e999", "-1", "", "1,5", "\x1b[2J")
+
+
 def wrong_calls():
-    """Calls with an unknown option, without a value, and with a bad one, of each option."""
+    """Calls with an unknown option, without a value, and with bad ones, of each option."""
     for words, parser in parsers(build_parser()):
         positional = [a for a in parser._actions if not a.option_strings]
         if any(isinstance(a, argparse._SubParsersAction) for a in positional):
@@ -52,11 +61,15 @@ def wrong_calls():
             yield (*words, option)
             if action.choices or action.type not in _ANY:
                 yield (*words, option, _BAD)
+            if action.type in _NUMBERS:
+                more = ["1"] * (action.nargs - 1) if isinstance(action.nargs, int) else []
+                for text in _NO_NUMBERS:
+                    yield (*words, option, *more, text)
 
 
 def test_each_is_refused_in_one_line(capsys):
     wrong, calls, parser = {}, list(wrong_calls()), build_parser()
-    assert len(calls) > 200
+    assert len(calls) > 600
     for words in calls:
         with pytest.raises(SystemExit) as stop:
             parser.parse_args(words)
@@ -65,6 +78,7 @@ def test_each_is_refused_in_one_line(capsys):
         own = takewhile(lambda word: word[0] not in "-?", words)
         command = " ".join(["softrobot", *own])
         fine = stop.value.code == 2 and not reported.out and len(lines) == 1
+        fine = fine and lines[0].isprintable()
         if not (fine and lines[0].startswith(f"{command}:") and f"{command} --help" in lines[0]):
             wrong[words] = reported
     assert not wrong
@@ -242,6 +256,36 @@ CALLS = [
     *((f"train --algo ppo --start none --name {n}", "--name") for n in ("../x", "a/b", "..", "/x")),
 ]
 
+#: Arguments of a scene that no scene has, and where else nothing can be read or written.
+SCENES = {
+    "--accuracy": ("0", "-1", "nan", "inf", "1e-300", "1e-12", "x", "5%%"),
+    "--timestep": ("1e-300", "1", "1e300"),
+    "--control-period": ("1e-9", "0.5", "1e300"),
+    "--pieces": ("0", "-1", "5", "1001", "99999999999999999999"),
+    "--rule": ("x", "/", "\x1b[2J"),
+    "--integrator": ("x", "RK9"),
+}
+RUNS = ("evaluate --tasks swing --policies hold", "inspect", "render --task swing --policy hold")
+CALLS += [
+    (f"{run} {option} {value}", "")
+    for run in RUNS
+    for option, values in SCENES.items()
+    for value in values
+]
+NO_PLACES = ("mine.csv/x", "/dev/null/x", "a\0b", "n" * 300)
+CALLS += [
+    (f"{run} {place}{name}", "")
+    for run, name in (
+        ("evaluate --tasks swing --policies hold --duration 0.02 --no-plots --out", ""),
+        ("export --out", ""),
+        ("render --task swing --policy hold --duration 0.02 --size 16 16 --out", "/x.gif"),
+        ("robot record --amplitude 0.1 --out", "/x.csv"),
+        ("robot-file check", ""),
+        ("recording check", ""),
+    )
+    for place in NO_PLACES
+]
+
 #: Policies and tasks that are none, or that end the program.
 WRONG = """
 import sys
@@ -328,13 +372,14 @@ def test_what_cannot_be_is_refused_in_one_line(words, reason, files, capsys, mon
     monkeypatch.chdir(files)
     monkeypatch.setitem(sys.modules, "ray", None)  # as if it were not installed
     before = written(files)
-    try:
-        status = main(words.split())
-    except SystemExit as stop:
-        status = stop.code
+    with writes.outside(files) as elsewhere, within(60.0):
+        try:
+            status = main(words.split(" "))
+        except SystemExit as stop:
+            status = stop.code
     (line,) = capsys.readouterr().err.splitlines()
-    assert status == 2 and reason in line
-    assert before == written(files)
+    assert status == 2 and reason in line and line.isprintable()
+    assert before == written(files) and not elsewhere
 
 
 @pytest.mark.parametrize(("policy", "reason"), OUTSIDE)
@@ -348,3 +393,25 @@ def test_code_from_outside_that_fails_is_told_in_one_line(
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("softrobot evaluate: ") and reason in line
     assert before == written(files)
+
+
+def test_writes_elsewhere_are_found(tmp_path):
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    with writes.outside(inner) as found:
+        (inner / "a").write_text("")
+        (inner / "a").rename(tmp_path / "b")
+        (inner / ".." / "c").touch()
+        (tmp_path / "b").read_text()
+    assert {path.name for path in found} == {"b", "c"}
+
+
+def test_a_library_without_pictures_is_told_in_one_line(capsys, monkeypatch):
+    """PyOpenGL says no more where OSMesa is asked for and missing."""
+
+    def lacking(_):
+        raise AttributeError("'NoneType' object has no attribute 'glGetError'")
+
+    monkeypatch.setattr("softrobot_env.cli.build_parser", lacking)
+    assert main(["list"]) == 2
+    assert "MUJOCO_GL can be egl, osmesa or glfw" in capsys.readouterr().err
