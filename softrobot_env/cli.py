@@ -13,8 +13,8 @@ from types import FrameType
 from typing import Any
 
 from softrobot_env import __version__
+from softrobot_env.core.files import in_one_line
 from softrobot_env.core.processes import STOPPED, ended_by_ctrl_c
-from softrobot_env.core.records import in_one_line
 from softrobot_env.core.registry import REFUSALS, OutsideError
 
 #: Exit status of a command that failed, that was refused, and that SIGTERM ended.

@@ -11,14 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from softrobot_env.core.files import text
+from softrobot_env.core.files import is_in_one_line, text
 from softrobot_env.core.records import (
     Key,
     Positive,
     Range,
     Unit,
     check_fields,
-    is_in_one_line,
     keys,
     placed,
     read,

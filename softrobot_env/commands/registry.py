@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pkgutil import resolve_name
 from typing import Any, NoReturn
 
-from softrobot_env.core.records import in_one_line
+from softrobot_env.core.files import in_one_line
 from softrobot_env.core.registry import Registry
 
 #: A command, and what it does. The first is a module or another object, or where that is in this

@@ -12,8 +12,6 @@ from stat import S_ISDIR, S_ISREG
 from typing import Any
 from uuid import uuid4
 
-from .records import is_in_one_line
-
 
 @contextmanager
 def atomic_write(path: Path | str) -> Iterator[Path]:
@@ -41,6 +39,17 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             aside.unlink()
+
+
+def in_one_line(text: str) -> str:
+    """A text in one line, in which nothing moves a screen's cursor or rings its bell."""
+    line = " ".join(text.split())
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
+
+
+def is_in_one_line(text: str) -> bool:
+    """Whether a screen shows a text as it is, and no system takes a folder out of it."""
+    return text.isprintable() and not {*text} & {*"/\\"}
 
 
 def file_name(text: str) -> str:

@@ -34,6 +34,8 @@ from typing import (
 
 import numpy as np
 
+from .files import is_in_one_line
+
 
 @dataclass(frozen=True)
 class Range:
@@ -107,17 +109,6 @@ Name = Annotated[
 Share = Annotated[float, Range("in [0, 1]", lambda x: 0 <= x <= 1)]
 Count = Annotated[int, Range("a whole number, 1 or more", lambda x: x >= 1)]
 Whole = Annotated[int, Range("a whole number, 0 or more", lambda x: x >= 0)]
-
-
-def in_one_line(text: str) -> str:
-    """A text in one line, in which nothing moves a screen's cursor or rings its bell."""
-    line = " ".join(text.split())
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
-
-
-def is_in_one_line(text: str) -> bool:
-    """Whether a screen shows a text as it is, and no system takes a folder out of it."""
-    return text.isprintable() and not {*text} & {*"/\\"}
 
 
 Vector2 = tuple[float, float]

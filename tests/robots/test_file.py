@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from support.bad_files import assert_refused
 
 from softrobot_env.cli import main
-from softrobot_env.core.records import is_in_one_line
+from softrobot_env.core.files import is_in_one_line
 from softrobot_env.robots import (
     ARM,
     EXAMPLES,
