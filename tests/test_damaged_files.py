@@ -8,6 +8,7 @@ import os
 import resource
 import signal
 import time
+from errno import ENOSPC
 
 import numpy as np
 import pytest
@@ -110,6 +111,26 @@ WRITERS = {
     "plot": Kind("plot.png", plot, read_picture),
     "video": Kind("video.gif", video, read_picture),
 }
+#: Those that take too long to be killed a hundred times.
+MORE = {kind: ALL[kind] for kind in ("rollout", "residual", "recording.parquet")}
+
+
+@pytest.mark.parametrize("kind", {**WRITERS, **MORE}.values(), ids={**WRITERS, **MORE})
+def test_what_does_not_reach_the_disk_leaves_what_was_there(kind, tmp_path, monkeypatch):
+    path = tmp_path / kind.file
+    kind.write(path)
+    before = path.stat()
+
+    def full(_):
+        raise OSError(ENOSPC, os.strerror(ENOSPC))
+
+    monkeypatch.setattr("softrobot_env.core.files._flush", full)
+    with pytest.raises(OSError, match=os.strerror(ENOSPC)):
+        kind.write(path)
+    kind.read(path)
+    if kind is not ALL["checkpoint"]:  # the one before the newest has a file of its own
+        assert (path.stat().st_ino, path.stat().st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
+    assert not [each for each in tmp_path.iterdir() if each.name.startswith(".")]
 
 
 def in_a_child(work) -> int:
