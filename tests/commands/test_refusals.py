@@ -127,6 +127,7 @@ CALLS = [
     ("view --web --port 99999", "65535"),
     ("grip --out grip.avi", "grip.avi"),
     ("grip --seed -1", "--seed"),
+    ("grip --diameter 10", "--diameter: its fingers span 0.2"),
     ("grip --gripper hand", "softrobot grip: unknown gripper 'hand'; choose from gripper"),
     ("warm-up nothing_like_it", "lq_adaptive"),
     ("benchmark weight", "speed"),
