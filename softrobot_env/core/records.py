@@ -323,7 +323,8 @@ def placed(where: object, kind: type | None = None) -> Iterator[None]:
         for entry in () if kind is None else keys(kind).values():
             if entry.unit is not None:
                 text = re.sub(rf"\b{entry.name}\b", entry.key, text)
-        raise ValueError(f"{where}: {text}" if str(where) else text) from None
+        begun = not str(where) or text.startswith(f"{where}: ")
+        raise ValueError(text if begun else f"{where}: {text}") from None
 
 
 def _joined(where: str, key: str) -> str:

@@ -47,10 +47,10 @@ Inertia = _within(1e-27, 1e12, "kg m2")
 Acceleration = _within(-1e5, 1e5, "m/s2")
 
 # ---------------------------------------------------------------- tendons and drives
-Tension = _within(1e-12, 1e9, "N")
-Force = _within(0, 1e9, "N")
-Moment = _within(0, 1e9, "N m")
-Stiffness = _within(1e-9, 1e15, "N/m", or_inf=True)
+Tension = _within(1e-12, 1e12, "N")
+Force = _within(0, 1e12, "N")
+Moment = _within(0, 1e12, "N m")
+Stiffness = _within(1e-9, 1e18, "N/m", or_inf=True)
 Speed = _within(1e-9, 1e4, "m/s", or_inf=True)
 
 # ---------------------------------------------------------------- sensors

@@ -66,7 +66,7 @@ thickness_m = 0.3
             r"section\[1\]\.youngs_modulus_Pa must be from 10 to 1e.16 Pa, got 0\.8",
         ),
         ("= 1070", "= 1e9", r"density_kg_m3 must be from 0.001 to 1e.06 kg/m3, got 1000000000"),
-        ("= 40", "= 1e300", r"tendon\[1\]\.tension_limit_N must be from 1e-12 to 1e.09 N"),
+        ("= 40", "= 1e300", r"tendon\[1\]\.tension_limit_N must be from 1e-12 to 1e.12 N"),
         (
             "radius_m = 0.01\n",
             "offset_m = [1e5, 0]\n",
