@@ -25,7 +25,6 @@ from typing import Any
 from zlib import crc32
 
 import numpy as np
-from cobs import cobs
 
 from softrobot_env import recordings
 from softrobot_env.control.registry import make_policy
@@ -162,6 +161,8 @@ def rewritten(data: bytes, rng: np.random.Generator) -> bytes:
 
 def forged(data: bytes, rng: np.random.Generator) -> bytes:
     """Frames of which some have other bytes in them, with their checksum right."""
+    from cobs import cobs  # of the extra `robot`, which no other kind needs
+
     frames = [cobs.decode(frame)[:-4] for frame in data.split(b"\0") if frame]
     for k in rng.integers(len(frames), size=rng.integers(1, 4)):
         body = bytearray(frames[k])
