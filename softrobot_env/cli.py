@@ -13,10 +13,12 @@ from types import FrameType
 from typing import Any
 
 from softrobot_env import __version__
+from softrobot_env.core.files import in_one_line
 from softrobot_env.core.processes import STOPPED, ended_by_ctrl_c
+from softrobot_env.core.registry import REFUSALS, OutsideError
 
-#: Exit status of a command that was refused, and of one that SIGTERM ended.
-_REFUSED, _TERMINATED = 2, 143
+#: Exit status of a command that failed, that was refused, and that SIGTERM ended.
+_FAILED, _REFUSED, _TERMINATED = 1, 2, 143
 
 
 def build_parser(asked: str | None = None) -> argparse.ArgumentParser:
@@ -34,8 +36,8 @@ def build_parser(asked: str | None = None) -> argparse.ArgumentParser:
 def main(argv: list[str] | None = None) -> int:
     """Run a command; returns the exit status.
 
-    Bad arguments end with status 2 and the reason in one line on standard error, failed episodes
-    with 1, Ctrl-C with 130, SIGTERM with 143.
+    Bad arguments end with status 2 and the reason in one line on standard error, code from outside
+    that fails with 1 and such a line, failed episodes with 1, Ctrl-C with 130, SIGTERM with 143.
     """
     argv = sys.argv[1:] if argv is None else argv
     name = "softrobot"
@@ -51,11 +53,11 @@ def main(argv: list[str] | None = None) -> int:
             return status
     except KeyboardInterrupt:
         pass
-    except (ValueError, ImportError, RuntimeError, OSError, ArithmeticError, MemoryError) as error:
+    except REFUSALS as error:
         # Ctrl-C ends workers too, and what it interrupts may tell it as something else.
         if not stop.asked:
-            print(f"{name}: {str(error) or 'out of memory'}", file=sys.stderr)
-            return _REFUSED
+            print(f"{name}: {in_one_line(str(error)) or 'out of memory'}", file=sys.stderr)
+            return _FAILED if isinstance(error, OutsideError) else _REFUSED
     except Exception:
         if not stop.asked:
             raise
@@ -75,10 +77,10 @@ def _parsed(argv: list[str]) -> argparse.Namespace:
     asked = next((word for word in argv if not word.startswith("-")), "")
     try:
         return build_parser(asked).parse_args(argv)
-    except RuntimeError as error:
-        if "MUJOCO_GL" not in str(error):
+    except (RuntimeError, AttributeError) as error:
+        if "MUJOCO_GL" not in str(error) and "'gl" not in str(error):  # a library without it
             raise
-        raise RuntimeError(f"{error}; choose egl, osmesa or glfw, or unset it") from None
+        raise RuntimeError(f"{error}; MUJOCO_GL can be egl, osmesa or glfw, or unset") from None
 
 
 @contextmanager

@@ -20,6 +20,7 @@ from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.control.registry import EVERY_POLICY, FEEDBACKS, NETWORK, policy_environment
 from softrobot_env.core.processes import parsed_workers
 from softrobot_env.core.registry import is_path
+from softrobot_env.envs.config import MOST_PIXELS
 from softrobot_env.evaluation.report import REAL, VIRTUAL
 from softrobot_env.hardware.tip import LAST_PORT
 from softrobot_env.robots import ENTRIES, GRIPPERS, ROBOTS, VARIATIONS, RobotParams
@@ -293,7 +294,10 @@ def number(
 positive = number("a positive number", lambda value: 0 < value < inf)
 not_negative = number("a number of zero or more", lambda value: 0 <= value < inf)
 whole = number("a whole number, 1 or more", lambda value: value >= 1, int)
-size = number("a whole number of pixels", lambda value: value >= 1, int)
+size = number(
+    f"a whole number of pixels, {MOST_PIXELS} at most", lambda value: 1 <= value <= MOST_PIXELS, int
+)
+fps = number("a number of frames per second from 0.1 to 1000", lambda value: 0.1 <= value <= 1000)
 port = number(f"a port from 1 to {LAST_PORT}", lambda value: 1 <= value <= LAST_PORT, int)
 seed = number("a whole number of zero or more", lambda value: value >= 0, int)
 
@@ -383,6 +387,7 @@ def expand_all(names: list[str], known: list[str]) -> list[str]:
 #: What values are, by the argument's name or by what they are called.
 _KINDS = {
     "policies": or_all(policy),
+    "timeout": number("a number of seconds up to 600", lambda value: 0 <= value <= 600),
     "tasks": or_all(task_name),
     "A,B": lambda text: tuple(map(str.strip, text.split(","))),
     "A..B|A,B": seeds,
@@ -402,6 +407,7 @@ _KINDS = {
     **dict.fromkeys(("option", "NAME=VALUE"), option),
     **dict.fromkeys(("randomize", "vary"), variation),
     **dict.fromkeys(("FILE", "DIR", "PATH", "TOML"), Path),
-    **dict.fromkeys(("FPS", "KG", "M", "S"), positive),
+    "FPS": fps,
+    **dict.fromkeys(("KG", "M", "S"), positive),
     **dict.fromkeys(("LEVELS", "PIECES", "POINTS", "STEPS"), int),
 }

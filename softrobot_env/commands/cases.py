@@ -23,6 +23,7 @@ from softrobot_env.control.registry import (
     policy_name,
 )
 from softrobot_env.control.sensed import load_reconstruction
+from softrobot_env.core.files import file_name
 from softrobot_env.core.records import placed
 from softrobot_env.core.registry import load
 from softrobot_env.envs.disturbances import periods, rounded
@@ -360,7 +361,8 @@ def _free_name(folder: Path, case: Case) -> Path:
     """A file for a log that is not there yet."""
     folder.mkdir(parents=True, exist_ok=True)
     number = 1
-    while (path := folder / f"{case.task.name}_{case.policy}_{number}.link").exists():
+    stem = f"{case.task.name}_{policy_name(case.policy)}"
+    while (path := folder / file_name(f"{stem}_{number}.link")).exists():
         number += 1
     return path
 

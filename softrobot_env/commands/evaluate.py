@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from softrobot_env.core.extras import install_command
-from softrobot_env.core.files import write_text
+from softrobot_env.core.files import file_name, write_text
 from softrobot_env.core.processes import using
 from softrobot_env.core.runs import KEPT, Kept, kept_rows, run_cases
 from softrobot_env.evaluation import runner
@@ -213,7 +213,7 @@ def _write(results: list[Result], args: Namespace) -> None:
     write_text(args.out / "report.md", episodes.markdown(rows, args.command_line))
     if args.save_rollouts:
         for result in results:
-            result.outcome.rollout.save(args.out / f"{_file_stem(result)}.npz")
+            result.outcome.rollout.save(args.out / file_name(f"{_file_stem(result)}.npz"))
     if args.record is not None:
         _record(results, args.record)
         say(f"Wrote {len(results)} recordings to {args.record}", soft_wrap=True)
@@ -234,7 +234,8 @@ def _record(results: list[Result], folder: Path) -> None:
         count[stem] += 1
         name = stem if count[stem] == 1 else f"{stem}_{count[stem]}"
         outcome = result.outcome
-        write_recording(outcome.rollout.recording(outcome.case.task), folder / f"{name}.csv")
+        path = folder / file_name(f"{name}.csv")
+        write_recording(outcome.rollout.recording(outcome.case.task), path)
 
 
 def _plot(results: list[Result], out: Path) -> None:

@@ -2,6 +2,7 @@
 
 from argparse import Namespace
 from collections.abc import Callable
+from math import hypot
 from typing import Any
 
 from numpy import ndarray
@@ -58,6 +59,9 @@ def run(args: Namespace) -> int:
 def _run(args: Namespace) -> int:
     """Close the gripper, and show it if wanted."""
     gripper = find_gripper(args.gripper)
+    span = 2 * max(hypot(*one.base.position[:2]) + one.robot.reach for one in gripper.fingers)
+    if (args.diameter or 0.0) > span:
+        raise ValueError(f"--diameter: its fingers span {span:.3g} m, got {args.diameter:g} m")
     filmed = args.out is not None
     sensed = filmed and senses(gripper)
     how = {

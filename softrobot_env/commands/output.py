@@ -187,17 +187,6 @@ def plotted(draw: Callable[[], object]) -> bool:
     return True
 
 
-def inside(folder: Path, name: str) -> str:
-    """A name that stays within a folder.
-
-    Raises:
-        ValueError: It has other parts than one name.
-    """
-    if name in ("", ".", "..") or any(mark in name for mark in {"/", "\\", os.sep, "\0"}):
-        raise ValueError(f"--name {name!r}: a name without folders, as it is written to {folder}")
-    return name
-
-
 @contextmanager
 def progress_on(
     name: str, total: float | None = None, prefix: str = ""

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pkgutil import resolve_name
 from typing import Any, NoReturn
 
+from softrobot_env.core.files import in_one_line
 from softrobot_env.core.registry import Registry
 
 #: A command, and what it does. The first is a module or another object, or where that is in this
@@ -61,8 +62,7 @@ class Parser(ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """End the program with status 2."""
-        text = " ".join(message.split())
-        self.exit(2, f"{self.prog}: {text}; see {self.prog} --help\n")
+        self.exit(2, f"{self.prog}: {in_one_line(message)}; see {self.prog} --help\n")
 
 
 def add_commands(

@@ -2,7 +2,8 @@
 
 from argparse import Namespace
 
-from softrobot_env.core.files import write_text
+from softrobot_env.core.files import file_name, write_text
+from softrobot_env.core.records import placed
 from softrobot_env.robots import find_robot, read_robot
 from softrobot_env.scene.build import build_scene, scene_xml
 from softrobot_env.scene.config import visible
@@ -17,8 +18,9 @@ EXAMPLE = "softrobot robot-file check my.toml"
 def _check(args: Namespace) -> int:
     """Read a file, build its scene and say what it is."""
     robot = read_robot(args.file)
-    config = scene_of(robot)
-    model = build_scene(config).model
+    with placed(args.file):
+        config = scene_of(robot)
+        model = build_scene(config).model
     text = (
         f"{args.file}: good: robot {robot.name}, {robot.length:g} m in "
         f"{len(robot.backbone.sections)} section(s), {len(robot.tendons)} tendon(s) driven by "
@@ -44,7 +46,7 @@ def _export(args: Namespace) -> int:
     if args.robot is not None:
         scene = scene_of(find_robot(args.robot))
         scenes = {scene.robot.name: scene, f"{scene.robot.name}_view": visible(scene)}
-    paths = {name: args.out / f"{name}.xml" for name in scenes}
+    paths = {name: args.out / file_name(f"{name}.xml") for name in scenes}
     check_free(*paths.values(), overwrite=args.overwrite)
     for name, config in scenes.items():
         path = paths[name]

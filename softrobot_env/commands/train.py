@@ -9,6 +9,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+from softrobot_env.core.files import file_name
 from softrobot_env.core.processes import using
 from softrobot_env.core.runs import KEPT, kept_rows
 from softrobot_env.rendering.tables import named_values
@@ -33,7 +34,7 @@ from softrobot_env.training.several.report import plot
 from softrobot_env.training.several.runs import Run
 
 from . import arguments, output
-from .arguments import declare
+from .arguments import declare, of_text
 from .output import say
 
 #: Where several runs are written, in a folder by the training's name.
@@ -95,7 +96,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         --resume  go on with the checkpoint
         --log DIR  folder of TensorBoard's logs
     """
-    declare(parser, text, what=registry.TRAININGS, algo=ALGORITHMS, **LEARNING_KINDS)
+    kinds = LEARNING_KINDS | {"name": of_text(file_name)}
+    declare(parser, text, what=registry.TRAININGS, algo=ALGORITHMS, **kinds)
 
 
 def _setting(text: str) -> tuple[str, tuple[float, ...]]:
@@ -140,7 +142,8 @@ def run(args: Namespace) -> int:
         )
     name, args.seed = args.what or args.algo, args.seed or 0
     training, settings = registry.TRAININGS[name], given(args)
-    robot = find_robot(args.robot) if args.robot else training.robot or default_robot()
+    own = training.robot or default_robot()
+    robot = own if args.robot is None else find_robot(args.robot)
     training.check(robot, settings)
     check_settings(training, settings)
     values = dict(args.set)  # of one that is given twice, the last
@@ -185,7 +188,7 @@ def _path(args: Namespace, name: str, robot: RobotParams) -> Path:
     if args.ship and args.out is not None:
         raise ValueError("--ship has its folder: give it or --out")
     folder = artifact_folder(robot) if args.ship else args.out or training_folder(robot)
-    path = file_of(robot, output.inside(folder, name if args.name is None else args.name), folder)
+    path = file_of(robot, args.name or name, folder)
     return path.with_stem(f"{path.stem}_{args.twin}") if args.twin else path
 
 
@@ -241,7 +244,7 @@ def request_in(
     out: Path, name: str, robot: RobotParams, settings: Mapping[str, Any], file: str | None
 ) -> TrainingRequest:
     """What runs have in common, whose folders are in `out`, as is what they build on."""
-    path = file_of(robot, output.inside(out, file or name), out.resolve())
+    path = file_of(robot, file or name, out.resolve())
     settings = dict(settings)
     if "recording" in settings:
         settings["recording"] = settings["recording"].resolve()

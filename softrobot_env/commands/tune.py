@@ -64,7 +64,8 @@ def run(args: Namespace) -> int:
         ImportError: Ray or another package is missing; says what to install.
         FileExistsError: There are results already, and no --overwrite.
     """
-    name, robot = args.what, find_robot(args.robot) if args.robot else default_robot()
+    name = args.what
+    robot = default_robot() if args.robot is None else find_robot(args.robot)
     space = ({} if args.space is None else read_space(args.space)) | dict(args.search)
     settings = train.given(args)
     _check_space(args, space)

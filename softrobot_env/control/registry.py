@@ -15,7 +15,16 @@ from numpy import ndarray
 
 from softrobot_env.core.interfaces import Observation, Policy
 from softrobot_env.core.records import Positive, check_argument
-from softrobot_env.core.registry import VARIANTS, Registry, is_path, load, load_given, served
+from softrobot_env.core.registry import (
+    VARIANTS,
+    OutsideError,
+    Registry,
+    is_path,
+    load,
+    load_given,
+    outside,
+    served,
+)
 from softrobot_env.robots import ENTRIES, RobotParams, default_robot, find_robot
 
 from .base import MEASURED
@@ -28,11 +37,12 @@ class Acting:
     Its object may keep what it likes between calls: it serves one environment.
 
     Attributes:
+        name: Of its class.
         requires: Observables that it is shown, where it says so; else all.
     """
 
     def __init__(self, acting: Any) -> None:
-        self._act = acting.act
+        self.name, self._act = type(acting).__name__, acting.act
         if hasattr(acting, "requires"):
             self.requires = tuple(acting.requires)
 
@@ -80,7 +90,7 @@ def as_policy(made: Any, name: str) -> Policy:
         ValueError: It has neither `predict` nor `act`, or reads a vector of it knows not what.
     """
     if not is_policy(made):
-        raise ValueError(f"policy {name!r}: {no_policy(made)}")
+        raise OutsideError(f"policy {name!r}: {no_policy(made)}")
     if not callable(getattr(made, "predict", None)):
         return Acting(made)
     known = getattr(made, "observation_space", None)
@@ -277,7 +287,7 @@ def find_policy(which: str, robot: RobotParams | None = None) -> PolicySpec:
         return spec if robot is None else VARIANTS.find(f"policy {which}", robot) or spec
     found = load_given("policy", which)
     if not callable(found) and not is_policy(found):
-        raise ValueError(f"policy {which!r}: {no_policy(found)}")
+        raise OutsideError(f"policy {which!r}: {no_policy(found)}")
     return PolicySpec(found, environment=None)
 
 
@@ -309,11 +319,14 @@ def incompatibility(which: str, robot: RobotParams, control_period: float = 0.01
 
     Raises:
         ValueError: As `find_policy`.
+        OutsideError: What a path stands for is no policy, or fails.
     """
     period = policy_environment(which, robot).get("control_period", control_period)
     try:
         _made(which, find_policy(which, robot), robot, period, {})
     except ValueError as error:
+        if is_path(which) and isinstance(error, OutsideError):
+            raise
         return str(error)
     return None
 
@@ -394,7 +407,8 @@ def sensors_delay(robot: RobotParams) -> float | None:
 def _warm(policy: Policy, robot: RobotParams) -> Policy:
     """The policy, after it has decided before that matters, if it can."""
     if hasattr(policy, "warm_up"):
-        policy.warm_up(robot)
+        with outside("policy"):
+            policy.warm_up(robot)
     return policy
 
 
@@ -424,10 +438,11 @@ def _made(
         try:
             signature(made).bind(robot, control_period, **given)
         except TypeError as error:
-            raise ValueError(
+            raise OutsideError(
                 f"policy {name!r}: what makes it must take (robot, control_period): {error}"
             ) from error
-        made = made(robot, control_period, **given)
+        with outside(f"policy {name!r}"):
+            made = made(robot, control_period, **given)
     return as_policy(made, name)
 
 
@@ -450,5 +465,6 @@ def policy_environment(name: str, robot: RobotParams | str | None = None) -> dic
     needed = spec.environment
     if needed is None:
         needed = getattr(spec.loaded(), "environment", {})
-    needed = load(needed) if isinstance(needed, str) else needed
-    return dict(needed(robot) if callable(needed) else needed)
+    with outside(f"policy {name!r}: its environment"):
+        needed = load(needed) if isinstance(needed, str) else needed
+        return dict(needed(robot) if callable(needed) else needed)

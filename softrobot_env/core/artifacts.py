@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy import ndarray
 
-from .files import atomic_write
+from .files import atomic_write, readable
 from .records import placed
 
 
@@ -95,7 +95,7 @@ def read_arrays(path: str | Path) -> Arrays:
         FileNotFoundError: No such file.
         ValueError: It is no npz file, damaged, or holds other things than arrays.
     """
-    with Path(path).open("rb") as file:
+    with readable(path).open("rb") as file:
         try:
             values = dict(np.load(file, allow_pickle=False))
             if not all(isinstance(value, ndarray) for value in values.values()):
@@ -177,7 +177,7 @@ def read_facts(path: str | Path) -> Any:
         ValueError: It is no json file, or holds a number that is not finite.
     """
     with placed(path):  # decoding errors are of this kind
-        return json.loads(Path(path).read_text("utf-8"), parse_constant=_refuse)
+        return json.loads(readable(path).read_text("utf-8"), parse_constant=_refuse)
 
 
 def _refuse(number: str) -> NoReturn:

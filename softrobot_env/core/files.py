@@ -5,10 +5,10 @@ import tempfile
 import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from errno import EEXIST
+from errno import EEXIST, EISDIR
 from functools import cache
 from pathlib import Path
-from stat import S_ISDIR
+from stat import S_ISDIR, S_ISREG
 from typing import Any
 from uuid import uuid4
 
@@ -39,6 +39,30 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             aside.unlink()
+
+
+def in_one_line(text: str) -> str:
+    """A text in one line, in which nothing moves a screen's cursor or rings its bell."""
+    line = " ".join(text.split())
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in line)
+
+
+def is_in_one_line(text: str) -> bool:
+    """Whether a screen shows a text as it is, and no system takes a folder out of it."""
+    return text.isprintable() and not {*text} & {*"/\\"}
+
+
+def file_name(text: str) -> str:
+    """A text that is the name of a file in a folder.
+
+    Whatever has a name that people choose is called by it in files through here.
+
+    Raises:
+        ValueError: It is no name, or leads out of the folder.
+    """
+    if text in ("", ".", "..") or not is_in_one_line(text):
+        raise ValueError(f"no name of a file, printable without / and \\: {text!r}")
+    return text
 
 
 def write_text(path: Path | str, text: str) -> None:
@@ -119,15 +143,36 @@ def private_dir() -> Path:
     return Path(tempfile.mkdtemp(prefix="softrobot_env-"))
 
 
+#: Largest TOML file [bytes], which takes half a second, and largest of any other kind.
+LARGEST_TABLE, LARGEST = 2**20, 2**34
+
+
+def readable(path: Path | str, most: int = LARGEST) -> Path:
+    """A path whose file has an end: not a device, nor a pipe, nor more bytes than asked for.
+
+    Raises:
+        ValueError: It is something else than a file, or too large.
+        OSError: It is not there.
+    """
+    found = Path(path).stat()
+    if S_ISDIR(found.st_mode):
+        raise IsADirectoryError(EISDIR, os.strerror(EISDIR), str(path))
+    if not S_ISREG(found.st_mode):
+        raise ValueError(f"{path}: give a file, not a device or a pipe")
+    if found.st_size > most:
+        raise ValueError(f"{path}: at most {most} bytes, it has {found.st_size}")
+    return Path(path)
+
+
 def read_table(path: Path) -> dict[str, Any]:
     """The table that a TOML file holds.
 
     Raises:
-        ValueError: The file is no TOML.
+        ValueError: The file is no TOML, or as of `readable`.
         OSError: The file cannot be read.
     """
     try:
-        return tomllib.loads(path.read_text("utf-8"))
+        return tomllib.loads(readable(path, LARGEST_TABLE).read_text("utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"no TOML: {error}") from None
 

@@ -34,6 +34,8 @@ from typing import (
 
 import numpy as np
 
+from .files import is_in_one_line
+
 
 @dataclass(frozen=True)
 class Range:
@@ -97,6 +99,13 @@ def whole_numbers(least: int, most: int) -> Range:
 
 Positive = Annotated[float, Range("finite and positive", lambda x: 0 < x < inf)]
 NotNegative = Annotated[float, Range("finite and zero or more", lambda x: 0 <= x < inf)]
+Name = Annotated[
+    str,
+    Range(
+        "1 to 100 printable characters without / and \\",
+        lambda text: 0 < len(text) <= 100 and is_in_one_line(text),
+    ),
+]
 Share = Annotated[float, Range("in [0, 1]", lambda x: 0 <= x <= 1)]
 Count = Annotated[int, Range("a whole number, 1 or more", lambda x: x >= 1)]
 Whole = Annotated[int, Range("a whole number, 0 or more", lambda x: x >= 0)]
@@ -314,7 +323,8 @@ def placed(where: object, kind: type | None = None) -> Iterator[None]:
         for entry in () if kind is None else keys(kind).values():
             if entry.unit is not None:
                 text = re.sub(rf"\b{entry.name}\b", entry.key, text)
-        raise ValueError(f"{where}: {text}" if str(where) else text) from None
+        begun = not str(where) or text.startswith(f"{where}: ")
+        raise ValueError(text if begun else f"{where}: {text}") from None
 
 
 def _joined(where: str, key: str) -> str:
@@ -351,8 +361,8 @@ def _rule(hint: Any) -> _Rule:
         allowed = next((x for x in said if isinstance(x, Range)), None)
         if allowed is None:
             return _rule(kind)
-        number = _is_whole if kind is int else _is_number
-        return _simple(allowed.text, lambda value: number(value) and allowed.holds(value))
+        fits = {int: _is_whole, str: _is_text}.get(kind, _is_number)
+        return _simple(allowed.text, lambda value: fits(value) and allowed.holds(value))
     if origin in (Union, UnionType):
         return _either([_rule(one) for one in arguments])
     if origin is tuple:
@@ -428,6 +438,10 @@ def _is_number(value: Any) -> bool:
 
 def _is_whole(value: Any) -> bool:
     return isinstance(value, Integral) and not isinstance(value, bool)
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
 
 
 _PLAIN: dict[Any, _Rule] = {

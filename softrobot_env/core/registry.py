@@ -7,13 +7,17 @@ when its names are listed.
 
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from traceback import walk_tb
 from typing import Any, Generic, TypeVar
 from warnings import warn
+
+from .files import readable
 
 Entry = TypeVar("Entry")
 
@@ -37,7 +41,7 @@ def load_plugins(group: str = GROUP) -> None:
     for point in _entry_points(group):
         try:
             point.load()()
-        except Exception as error:  # whatever it is, it is not ours
+        except (Exception, SystemExit) as error:  # whatever it is, it is not ours
             package = "" if point.dist is None else f" of the package {point.dist.name}"
             warn(
                 f"the plug-in {point.name!r}{package} ({point.value}) is left out: "
@@ -129,7 +133,7 @@ def load(path: str) -> Any:
     if not module.endswith(".py"):
         return getattr(import_module(module), name)
     file = Path(module).resolve()
-    return getattr(_run_file(file, file.stat().st_mtime_ns), name)
+    return getattr(_run_file(readable(file), file.stat().st_mtime_ns), name)
 
 
 @cache
@@ -146,11 +150,42 @@ def is_path(text: str) -> bool:
     return ":" in text
 
 
+#: Errors by which code refuses what it is asked for, in a line.
+REFUSALS = (ValueError, ImportError, RuntimeError, OSError, ArithmeticError, MemoryError)
+
+
+class OutsideError(ValueError):
+    """Code from outside is not what it was given for, failed, or wanted to end the program."""
+
+    @classmethod
+    def of(cls, what: str, error: BaseException) -> "OutsideError":
+        """What is raised in place of an error, with where that came from."""
+        *_, (frame, line) = walk_tb(error.__traceback__)
+        place = f"{Path(frame.f_code.co_filename).name}, line {line}"
+        return cls(f"{what}: {type(error).__name__}: {error} ({place})")
+
+
+@contextmanager
+def outside(what: str) -> Iterator[None]:
+    """Run code from outside within it, which may refuse what it is asked for.
+
+    Raises:
+        OutsideError: It failed, or wanted to end the program; the message says what and where.
+    """
+    try:
+        yield
+    except REFUSALS:
+        raise
+    except (Exception, SystemExit) as error:
+        raise OutsideError.of(what, error) from error
+
+
 def load_given(kind: str, path: str) -> Any:
     """What a user's path `package.module:name` or `file.py:name` stands for.
 
     Raises:
         ValueError: There is no such thing, or its code fails; the message says why.
+        OutsideError: Its code wants to end the program.
     """
     module, _, name = path.rpartition(":")
     if not module or not name:
@@ -159,6 +194,8 @@ def load_given(kind: str, path: str) -> Any:
         )
     try:
         return load(path)
+    except SystemExit as error:
+        raise OutsideError.of(f"the {kind} {path!r}", error) from error
     except Exception as error:
         raise ValueError(f"the {kind} {path!r}: {type(error).__name__}: {error}") from error
 

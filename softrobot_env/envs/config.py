@@ -15,9 +15,10 @@ from softrobot_env.core.records import (
     Whole,
     check_argument,
     check_fields,
+    whole_numbers,
 )
 from softrobot_env.robots import Gripper, RobotParams
-from softrobot_env.robots.parameters import Pieces
+from softrobot_env.robots.ranges import Pieces
 from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.assembly import Resolution
 from softrobot_env.scene.config import DEFAULT_SHARE
@@ -28,6 +29,9 @@ from .randomization import Randomization
 from .rewards import GripReward, TrackingReward
 
 #: [s].
+#: Sides of pictures in pixels; no renderer has more.
+MOST_PIXELS = 8192
+Pixels = Annotated[int, whole_numbers(1, MOST_PIXELS)]
 ControlPeriod = Annotated[float, Range("between 0.001 and 0.2 s", lambda x: 1e-3 <= x <= 0.2)]
 
 #: [s].
@@ -121,8 +125,8 @@ class EnvConfig:
     accuracy: float | str = DEFAULT_SHARE
     plant: Callable[..., Any] | None = None
     render_mode: str | None = None
-    width: Count = 640
-    height: Count = 480
+    width: Pixels = 640
+    height: Pixels = 480
     num_envs: Count = 1
     threads: Whole = 0
     backend: Literal["mujoco", "warp"] = "mujoco"

@@ -10,6 +10,7 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.interfaces import Observation, Policy
+from softrobot_env.core.registry import REFUSALS, OutsideError
 from softrobot_env.envs.recording import check_observed
 from softrobot_env.recordings.recording import at_their_time
 
@@ -57,15 +58,24 @@ def play(
     """Reset, then step to the end of the episode, yielding every instant.
 
     A policy that says what it `requires` is shown nothing else.
+
+    Raises:
+        OutsideError: The policy fails, or wants to end the program.
     """
     observation, info = env.reset(seed=seed, options=options)
     yield Moment(observation, info)
     names, hold = getattr(policy, "requires", None), getattr(policy, "hold", 1)
+    called = getattr(policy, "name", type(policy).__name__)
     state, start, over, count = None, np.array([True]), False, 0
     while not over:
-        seen = observation if names is None else {name: observation[name] for name in names}
-        before = perf_counter()
-        action, state = policy.predict(seen, state, start, True)
+        try:
+            seen = observation if names is None else {name: observation[name] for name in names}
+            before = perf_counter()
+            action, state = policy.predict(seen, state, start, True)
+        except REFUSALS:
+            raise
+        except (Exception, SystemExit) as error:
+            raise OutsideError.of(f"policy {called}", error) from error
         policy_time = perf_counter() - before
         start = np.array([False])
         observation, reward, terminated, truncated, info = env.step(action)

@@ -14,6 +14,7 @@ import numpy as np
 
 from softrobot_env.core.files import read_table, text, write_text
 from softrobot_env.core.records import (
+    Name,
     Range,
     Record,
     Unit,
@@ -177,7 +178,7 @@ class RobotFile:
         tip: What measures the tip.
     """
 
-    name: str
+    name: Name
     port: str
     tendons: tuple[Servo, ...]
     baud: Annotated[int, Range(f"one of {', '.join(map(str, BAUDS))}", BAUDS.__contains__)] = 500000

@@ -22,6 +22,7 @@ from types import ModuleType
 from typing import Protocol
 
 from softrobot_env.core.extras import needed
+from softrobot_env.core.files import readable
 
 from .errors import LinkError
 from .protocol.messages import SCHEMA, Decoder, Message
@@ -244,7 +245,7 @@ def read_link_log(path: Path) -> LinkLog:
         ValueError: It is no such log, damaged, or of another table of messages.
         OSError: It cannot be read.
     """
-    data = path.read_bytes()
+    data = readable(path).read_bytes()
     start = len(_MAGIC) + _HEADER.size
     if not data.startswith(_MAGIC) or len(data) < start:
         raise ValueError(f"{path} is no log of a serial line")

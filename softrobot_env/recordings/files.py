@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray
 
+from softrobot_env.core.files import readable
 from softrobot_env.core.records import placed
 
 from .columns import Columns, read_csv, read_mcap, read_minari, read_parquet, write_columns
@@ -41,7 +42,7 @@ def read_recording(path: Path | str, header: Header | Path | str | None = None) 
 def _columns(path: Path, header: Header) -> Columns:
     if path.is_dir():
         return read_minari(path)
-    kind = path.suffix.lower()
+    kind = readable(path).suffix.lower()
     if kind == ".mcap":
         return read_mcap(path, header)
     if kind not in (".csv", ".parquet"):

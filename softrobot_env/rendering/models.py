@@ -197,7 +197,7 @@ def stability_tables(rows: Sequence[StabilityRow]) -> Group:
         Column("stiffness", lambda row: f"x {row.stiffness_scale:g}", ">"),
         Column("damping", lambda row: f"x {row.damping_scale:g}", ">"),
         Column("pieces", form="d"),
-        Column("drives", "amplitude", ".0f", "%"),
+        Column("drives [%]", "amplitude", ".0f", "%"),
         Column("error [%]", "share", ".2g", "%"),
         Column("asked [mm]", "asked", ".2g", "mm"),
         Column("s per s", "cost", ".2g"),

@@ -10,6 +10,7 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.artifacts import read_tree, write_tree
+from softrobot_env.core.files import file_name
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.robots import centerline
 from softrobot_env.robots.actuation import TendonMap
@@ -123,7 +124,7 @@ def plot_task(
         trajectory has an approach, they begin after it.
     """
     found = _compared(rollouts, task, title, varied)
-    path = Path(out) / f"{stem}{DRAWN}"
+    path = Path(out) / file_name(f"{stem}{DRAWN}")
     path.parent.mkdir(parents=True, exist_ok=True)
     records = {name: vars(rollout.slim()) for name, rollout in found.rollouts.items()}
     write_tree(path, vars(found) | {"rollouts": records})

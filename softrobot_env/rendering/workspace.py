@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from softrobot_env.core.files import file_name
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.inverse import Sample, Workspace, sample_of, workspace_of
 
@@ -35,7 +36,7 @@ def draw_workspace(robot: RobotParams, folder: Path | str) -> Path:
 
 def picture_of(robot: RobotParams, folder: Path | str) -> Path:
     """The picture of `draw_workspace`."""
-    return Path(folder) / f"workspace_{robot.name}.png"
+    return Path(folder) / file_name(f"workspace_{robot.name}.png")
 
 
 def _draw(axis: Axes, space: Workspace, sample: Sample, view: str) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.artifacts import Arrays, read_arrays
-from softrobot_env.core.files import assets_dir, models_dir
+from softrobot_env.core.files import assets_dir, file_name, models_dir
 
 from .file import read_robot
 from .parameters import RobotParams
@@ -24,8 +24,8 @@ OUT = Path("out")
 def artifact_name(robot: RobotParams, policy: str) -> str:
     """Name of the file of what a policy has learned of a robot."""
     if robot.file is None and entry_of(robot).plain_files:
-        return f"{policy}.npz"
-    return f"{robot.name if robot.file is None else robot.file.stem}.{policy}.npz"
+        return file_name(f"{policy}.npz")
+    return file_name(f"{robot.name if robot.file is None else robot.file.stem}.{policy}.npz")
 
 
 def artifact_folder(robot: RobotParams) -> Path:

@@ -10,9 +10,9 @@ from math import ceil, radians
 from pathlib import Path
 from typing import Annotated, Any
 
-from softrobot_env.core.files import read_table, text, write_text
+from softrobot_env.core.files import file_name, read_table, text, write_text
 from softrobot_env.core.records import (
-    Positive,
+    Name,
     Unit,
     check_argument,
     keys,
@@ -23,6 +23,7 @@ from softrobot_env.core.records import (
 )
 
 from .parameters import Base, Disc, Drive, Finger, Gripper, RobotParams
+from .ranges import Degrees, Length, Radius, Station
 from .sections import Section
 from .tendons import Tendon
 
@@ -37,23 +38,23 @@ class _Place:
     """Where a tendon is, in other words than the fields of `Tendon`."""
 
     ends_at_section: int | None = None
-    radius: Annotated[Positive | None, Unit("m")] = None
-    angle: Annotated[float, Unit("deg")] = 0.0
+    radius: Annotated[Station | None, Unit("m")] = None
+    angle: Degrees = 0.0
 
 
 @dataclass(frozen=True)
 class _Cylinder:
     """A disc by its shape."""
 
-    radius: Annotated[Positive, Unit("m")]
-    thickness: Annotated[Positive, Unit("m")]
+    radius: Radius
+    thickness: Length
 
 
 @dataclass(frozen=True)
 class _FingerTable:
     """A finger whose robot is another file."""
 
-    name: str
+    name: Name
     robot: str
     base: Base
 
@@ -101,7 +102,7 @@ def write_gripper(gripper: Gripper, path: Path | str) -> None:
     """Write a file that is read as the same gripper, and beside it those of its robots."""
     fingers = []
     for finger in gripper.fingers:
-        robot = f"{finger.robot.name}.toml"
+        robot = file_name(f"{finger.robot.name}.toml")
         write_robot(finger.robot, Path(path).parent / robot)
         fingers.append({"name": finger.name, "robot": robot, "base": write(finger.base)})
     write_text(path, text(write(gripper) | {"finger": fingers}))
@@ -168,6 +169,7 @@ def _disc(where: str, table: Mapping[str, Any], length: float) -> Disc:
     optional = ["inertia_kg_m2"] if cylinder else shape
     disc, size = read_values(table, where, [Disc, _Cylinder], optional=optional)
     _check_on_robot(f"{where}.station_m", disc["station"], length)
+    _check_on_robot(f"{where}.thickness_m", size.get("thickness", 0.0), length)
     numbers = {name: float(x) for name, x in (disc | size).items()} if cylinder else disc
     with placed(where, Disc):
         return Disc.uniform(**numbers) if cylinder else Disc(**numbers)
@@ -184,7 +186,7 @@ def _tendons(
         single, where, [Tendon, Drive, _Place], optional=("offset_m", "end_m")
     )
     for k, name in enumerate(names, 1):
-        check_argument(f"{where}.name[{k}]", name, str)
+        check_argument(f"{where}.name[{k}]", name, Name)
     values |= _course(where, table, values, place, ends)
     _check_on_robot(f"{where}.end_m", values["end"], ends[-1])
     first = radians(place.get("angle", 0.0))

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from softrobot_env.core.records import NotNegative, Record, Vector3
+from softrobot_env.core.records import Name, NotNegative, Record, Vector3
 
 from .parameters import RobotParams
 from .tendons import Tendon
@@ -27,7 +27,7 @@ class Load(Record):
             directions (a dead load).
     """
 
-    name: str
+    name: Name
     station: NotNegative
     force: Vector3 = (0.0, 0.0, 0.0)
     moment: Vector3 = (0.0, 0.0, 0.0)

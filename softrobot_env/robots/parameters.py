@@ -17,9 +17,7 @@ from numpy import ndarray
 
 from softrobot_env.core.records import (
     Key,
-    NotNegative,
-    Positive,
-    Range,
+    Name,
     Record,
     Unit,
     Vector2,
@@ -27,15 +25,39 @@ from softrobot_env.core.records import (
     check_argument,
     check_fields,
     check_unique,
+    placed,
     unwritten,
 )
 
-from .sections import Backbone, Pieces, PoissonRatio, Section
+from .ranges import (
+    Acceleration,
+    Angle,
+    Anisotropy,
+    Bore,
+    Component,
+    Curvature,
+    DampingTime,
+    Density,
+    Inertia,
+    Length,
+    Mass,
+    Modulus,
+    Moment,
+    Pieces,
+    PoissonRatio,
+    Position,
+    Radius,
+    Speed,
+    Station,
+)
+from .sections import Backbone, Section
 from .sensors import Sensor
 from .tendons import Tendon
 from .variations import varied
 
-__all__ = ["Pieces", "Tendon"]
+__all__ = ["Tendon"]
+
+Gravity = Annotated[tuple[Acceleration, Acceleration, Acceleration], Unit("m/s2")]
 
 #: How tendons can be driven.
 DriveKind = Literal["tension", "length"]
@@ -57,9 +79,9 @@ class Drive:
     """
 
     kind: Annotated[DriveKind, Key("drive")] = "tension"
-    speed: Annotated[float, Range("positive, or inf", lambda x: x > 0), Unit("m/s")] = inf
-    travel: Annotated[Positive | None, Unit("m")] = None
-    backlash: Annotated[NotNegative, Unit("m")] = 0.0
+    speed: Speed = inf
+    travel: Annotated[Length | None, Unit("m")] = None
+    backlash: Station = 0.0
 
     def __post_init__(self) -> None:
         check_fields(self, "drive")
@@ -83,10 +105,10 @@ class Head:
             to.
     """
 
-    mass: Annotated[Positive, Unit("kg")]
-    centre: Annotated[NotNegative, Unit("m")]
-    inertia: Annotated[tuple[Positive, Positive, Positive], Unit("kg m2")]
-    output: Annotated[NotNegative, Unit("m")]
+    mass: Mass
+    centre: Station
+    inertia: Annotated[tuple[Inertia, Inertia, Inertia], Unit("kg m2")]
+    output: Station
 
     def __post_init__(self) -> None:
         check_fields(self, "head")
@@ -109,9 +131,9 @@ class Disc:
         inertia: (3,) [kg m2] about its centre, along x, y and z.
     """
 
-    station: Annotated[NotNegative, Unit("m")]
-    mass: Annotated[Positive, Unit("kg")]
-    inertia: Annotated[tuple[Positive, Positive, Positive], Unit("kg m2")]
+    station: Station
+    mass: Mass
+    inertia: Annotated[tuple[Inertia, Inertia, Inertia], Unit("kg m2")]
 
     def __post_init__(self) -> None:
         check_fields(self, "disc")
@@ -143,14 +165,14 @@ class Base:
         roll: [rad] about the robot's axis after that, from its x towards its y.
     """
 
-    position: Annotated[Vector3, Unit("m")] = (0.0, 0.0, 0.0)
-    direction: Vector3 = (0.0, 0.0, 1.0)
-    roll: Annotated[float, Unit("rad")] = 0.0
+    position: Annotated[tuple[Position, Position, Position], Unit("m")] = (0.0, 0.0, 0.0)
+    direction: tuple[Component, Component, Component] = (0.0, 0.0, 1.0)
+    roll: Angle = 0.0
 
     def __post_init__(self) -> None:
         check_fields(self, "base")
-        if not any(self.direction):
-            raise ValueError("base: direction must not be zero")
+        if not hypot(*self.direction) >= 1e-6:
+            raise ValueError("base: direction must not be zero, it has a length of 1e-6 at least")
 
     @cached_property
     def axes(self) -> ndarray:
@@ -231,22 +253,22 @@ class RobotParams:
             different files may be equal.
     """
 
-    name: str
-    length: Positive = unwritten(None)
-    outer_radius: Positive = unwritten(None)
-    inner_radius: NotNegative = unwritten(None)
-    youngs_modulus: Positive = unwritten(None)
-    density: Positive = unwritten(None)
-    damping_time: NotNegative = unwritten(None)
+    name: Name
+    length: Length = unwritten(None)
+    outer_radius: Radius = unwritten(None)
+    inner_radius: Bore = unwritten(None)
+    youngs_modulus: Modulus = unwritten(None)
+    density: Density = unwritten(None)
+    damping_time: DampingTime = unwritten(None)
     pieces: Pieces = unwritten(None)
     poisson_ratio: PoissonRatio = unwritten(None)
-    bending_friction: NotNegative | None = unwritten(None)
+    bending_friction: Moment | None = unwritten(None)
     tendons: Annotated[tuple[Tendon, ...], Key("tendon")] = ()
-    gravity: Annotated[Vector3, Unit("m/s2")] = (0.0, 0.0, 0.0)
+    gravity: Gravity = (0.0, 0.0, 0.0)
     head: Head | None = None
-    anisotropy: Annotated[float, Range("in [0, 2)", lambda x: 0 <= x < 2)] = 0.0
-    stiff_azimuth: Annotated[float, Unit("rad")] = 0.0
-    precurvature: Annotated[Vector2, Unit("1/m")] = (0.0, 0.0)
+    anisotropy: Anisotropy = 0.0
+    stiff_azimuth: Angle = 0.0
+    precurvature: Annotated[tuple[Curvature, Curvature], Unit("1/m")] = (0.0, 0.0)
     sections: Annotated[tuple[Section, ...], Key("section")] = ()
     discs: Annotated[tuple[Disc, ...], Key("disc")] = ()
     base: Base | None = None
@@ -263,9 +285,8 @@ class RobotParams:
         check_fields(self, f"robot {self.name!r}", but=_OF_SECTION if self.sections else ())
         check_unique(self.tendons, f"robot {self.name!r}: tendons")
         check_unique(self.sensors, f"robot {self.name!r}: sensors")
-        if not (self.sections or self.inner_radius < self.outer_radius):
-            raise ValueError(f"robot {self.name!r}: need 0 <= inner_radius < outer_radius")
-        _check_floats(self)
+        with placed(f"robot {self.name!r}"):
+            _ = self.backbone  # which checks sections
         _check_places(self)
         stiff = [t.name for t in self.tendons if not t.stiffness < inf]
         if self.drive.kind == "length" and stiff:
@@ -503,20 +524,6 @@ class RobotParams:
         return varied(self, values)
 
 
-def _check_floats(robot: RobotParams) -> None:
-    """Refuse a backbone of no mass or stiffness in floating point."""
-    for section in robot.backbone.sections:
-        one, ends = Backbone([section]), np.array([0.0, section.length])
-        with np.errstate(all="ignore"):
-            found = {"mass": one.mass(ends), "bending_stiffness": one.bending(ends)}
-        for name, value in ((name, x) for name, values in found.items() for x in values.tolist()):
-            if not 0 < value < inf:
-                raise ValueError(
-                    f"robot {robot.name!r}: its {name} would be {value:g} in floating point: give "
-                    "sizes and material of a real robot"
-                )
-
-
 def _check_places(robot: RobotParams) -> None:
     """Refuse tendons, sensors and discs that are off the robot."""
     places = [(f"tendon {tendon.name!r} ends", tendon.end) for tendon in robot.tendons]
@@ -561,7 +568,7 @@ class Finger(Record):
         base: Where it is clamped; its own x axis points to what it grips.
     """
 
-    name: str
+    name: Name
     robot: RobotParams
     base: Base
 
@@ -578,10 +585,10 @@ class Gripper:
         file: That describes it, None of others.
     """
 
-    name: str
+    name: Name
     fingers: Annotated[tuple[Finger, ...], Key("finger")]
-    gravity: Annotated[Vector3, Unit("m/s2")] = (0.0, 0.0, 0.0)
-    palm: Annotated[tuple[Positive, Positive, Positive] | None, Unit("m")] = None
+    gravity: Gravity = (0.0, 0.0, 0.0)
+    palm: Annotated[tuple[Length, Length, Length] | None, Unit("m")] = None
     file: Path | None = unwritten(None, compare=False, repr=False)
 
     def __post_init__(self) -> None:

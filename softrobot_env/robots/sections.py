@@ -9,21 +9,20 @@ from typing import Annotated
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core.records import (
-    NotNegative,
-    Positive,
-    Range,
-    Unit,
-    Vector2,
-    check_fields,
-    whole_numbers,
+from softrobot_env.core.records import Unit, Vector2, check_fields
+
+from .ranges import (
+    THINNEST,
+    Bore,
+    DampingTime,
+    Density,
+    Length,
+    Modulus,
+    Moment,
+    Pieces,
+    PoissonRatio,
+    Radius,
 )
-
-#: Number of pieces of a section, robot or scene; the most are far more than memory serves.
-Pieces = Annotated[int, whole_numbers(1, 10_000)]
-
-#: Of an isotropic material, by thermodynamics, [1].
-PoissonRatio = Annotated[float, Range("in (-1, 0.5]", lambda nu: -1 < nu <= 0.5)]
 
 #: A function of arc lengths (k,) [m] with values (k,), or many of them, (..., k).
 OfStation = Callable[[ndarray], ndarray]
@@ -52,21 +51,21 @@ class Section:
             hinge, so that it is up to 1.4 times as large between them.
     """
 
-    length: Annotated[Positive, Unit("m")]
-    outer_radius: Annotated[Positive | tuple[Positive, Positive], Unit("m")]
-    youngs_modulus: Annotated[Positive, Unit("Pa")]
-    density: Annotated[Positive, Unit("kg/m3")]
-    damping_time: Annotated[NotNegative, Unit("s")]
+    length: Length
+    outer_radius: Annotated[Radius | tuple[Radius, Radius], Unit("m")]
+    youngs_modulus: Modulus
+    density: Density
+    damping_time: DampingTime
     pieces: Pieces
-    inner_radius: Annotated[NotNegative | tuple[NotNegative, NotNegative], Unit("m")] = 0.0
+    inner_radius: Annotated[Bore | tuple[Bore, Bore], Unit("m")] = 0.0
     poisson_ratio: PoissonRatio = 0.0
-    bending_friction: Annotated[NotNegative, Unit("N m")] = 0.0
+    bending_friction: Moment = 0.0
 
     def __post_init__(self) -> None:
         check_fields(self, "section")
-        outer, inner = self.outer_radii, self.inner_radii
-        if not (inner[0] < outer[0] and inner[1] < outer[1]):
-            raise ValueError("section: need 0 <= inner_radius < outer_radius at base and tip")
+        for inner, outer in zip(self.inner_radii, self.outer_radii, strict=True):
+            if not inner <= (1 - THINNEST) * outer:
+                raise ValueError("section: need 0 <= inner_radius < outer_radius at base and tip")
 
     @property
     def outer_radii(self) -> Vector2:

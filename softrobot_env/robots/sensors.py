@@ -8,15 +8,24 @@ from math import radians
 from typing import Annotated, Literal
 from warnings import warn
 
-from softrobot_env.core.records import (
-    Count,
-    NotNegative,
-    Positive,
-    Range,
-    Unit,
-    Vector2,
-    Whole,
-    check_fields,
+from softrobot_env.core.records import Name, Unit, check_fields
+
+from .ranges import (
+    Acceptance,
+    Angle,
+    Delay,
+    Length,
+    Noise,
+    PartOfLight,
+    PerForce,
+    PerStrain,
+    Place,
+    Rate,
+    Segments,
+    Specimen,
+    Spread,
+    Station,
+    Warming,
 )
 
 SensorKind = Literal["planar", "spatial", "tags"]
@@ -29,9 +38,6 @@ ACCEPTANCE = radians(20)
 
 #: Standard deviations of readings: [LSB] of fibres (T), [rad] of tags (S).
 _NOISE = {"planar": 1.4, "spatial": 1.4, "tags": 5e-3}
-
-_Below = Annotated[float, Range("in [0, 1)", lambda x: 0 <= x < 1)]
-_Angle = Annotated[float, Range("an angle in (0, pi / 2)", lambda x: 0 < x < radians(90))]
 
 
 @dataclass(frozen=True)
@@ -70,25 +76,25 @@ class Sensor:
         specimen: What the specimen's differences are sampled from.
     """
 
-    name: str
+    name: Name
     kind: SensorKind
-    begin: Annotated[NotNegative, Unit("m")]
-    end: Annotated[Positive, Unit("m")]
-    segments: Count = 3
-    offset: Annotated[Vector2, Unit("m")] = (0.0, 0.0)
-    azimuth: Annotated[float, Unit("rad")] = 0.0
-    acceptance: Annotated[_Angle, Unit("rad")] = ACCEPTANCE
-    noise: NotNegative | None = None
-    rate: Annotated[Positive, Unit("Hz")] = 50.0
-    delay: Annotated[NotNegative, Unit("s")] = 0.0
-    temperature: Annotated[float, Unit("K")] = 0.0
-    drift: _Below = 0.0
-    hysteresis: _Below = 0.0
-    stretch: NotNegative = 0.0
-    stray: Annotated[NotNegative, Unit("1/N")] = 0.0
-    flicker: _Below = 0.0
-    spread: Annotated[float, Range("in [0, 0.3]", lambda x: 0 <= x <= 0.3)] = 0.0
-    specimen: Whole = 0
+    begin: Station
+    end: Length
+    segments: Segments = 3
+    offset: Annotated[tuple[Place, Place], Unit("m")] = (0.0, 0.0)
+    azimuth: Angle = 0.0
+    acceptance: Acceptance = ACCEPTANCE
+    noise: Noise | None = None
+    rate: Rate = 50.0
+    delay: Delay = 0.0
+    temperature: Warming = 0.0
+    drift: PartOfLight = 0.0
+    hysteresis: PartOfLight = 0.0
+    stretch: PerStrain = 0.0
+    stray: PerForce = 0.0
+    flicker: PartOfLight = 0.0
+    spread: Spread = 0.0
+    specimen: Specimen = 0
 
     def __post_init__(self) -> None:
         check_fields(self, "sensor")

@@ -9,16 +9,9 @@ from typing import Annotated
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core.records import (
-    Key,
-    NotNegative,
-    Positive,
-    Range,
-    Unit,
-    Vector2,
-    Vector3,
-    check_fields,
-)
+from softrobot_env.core.records import Key, Name, Unit, Vector2, check_fields
+
+from .ranges import Force, Group, Length, Place, Station, Stiffness, Tension, Turns
 
 #: Gauss points and weights [1] of a span between two via-points.
 _NODES, _SHARES = (x / 2 for x in np.polynomial.legendre.leggauss(8))
@@ -54,24 +47,24 @@ class Tendon:
         turns: Full turns [1] about the fibre from the base to `end`, from +x towards +y.
     """
 
-    name: str
-    offset: Annotated[Vector2, Unit("m")]
-    end: Annotated[Positive, Unit("m")]
-    group: int
-    tension_limit: Annotated[Positive, Unit("N")]
-    guides: Annotated[tuple[float, ...], Unit("m")] = ()
-    stiffness: Annotated[float, Range("positive, or inf", lambda x: x > 0), Unit("N/m")] = inf
-    pretension: Annotated[float, Unit("N")] = 0.0
-    friction: Annotated[NotNegative, Unit("N")] = 0.0
-    route: Annotated[tuple[Vector3, ...], Unit("m")] = ()
-    turns: Annotated[float, Key("helix_turns")] = 0.0
+    name: Name
+    offset: Annotated[tuple[Place, Place], Unit("m")]
+    end: Length
+    group: Group
+    tension_limit: Tension
+    guides: Annotated[tuple[Station, ...], Unit("m")] = ()
+    stiffness: Stiffness = inf
+    pretension: Force = 0.0
+    friction: Force = 0.0
+    route: Annotated[tuple[tuple[Station, Place, Place], ...], Unit("m")] = ()
+    turns: Annotated[Turns, Key("helix_turns")] = 0.0
 
     def __post_init__(self) -> None:
         check_fields(self, f"tendon {self.name!r}")
-        if not self.tension_limit > self.pretension >= 0:
+        if not self.pretension < self.tension_limit:
             raise ValueError(
-                f"tendon {self.name!r}: need 0 <= pretension < tension_limit, got "
-                f"{self.pretension} and {self.tension_limit} N"
+                f"tendon {self.name!r}: need pretension < tension_limit, got {self.pretension} and "
+                f"{self.tension_limit} N"
             )
         if any(b <= a for a, b in pairwise(self.stations)):
             raise ValueError(

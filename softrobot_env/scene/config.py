@@ -17,7 +17,7 @@ from softrobot_env.core.records import (
 )
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
-from softrobot_env.robots.parameters import Pieces
+from softrobot_env.robots.ranges import Pieces
 
 from .objects import Contacts, Object, Rgba
 from .quadrature import RULES
@@ -48,6 +48,12 @@ CHANNELS = ("linear", "exact")
 #: That of chains whose pieces end at the guides of their tendons: a span between two guides then
 #: shortens, and has moment arms, as an arc does.
 GUIDED_RULE = "chord2"
+
+#: Least accuracy over the length, near to what rounding leaves of it.
+FINEST = 1e-10
+
+#: Of a chain: MuJoCo nests no more bodies.
+MOST_HINGES = 1000
 
 #: Fewest pieces of a robot that touches something, unless said otherwise: contacts along an arc are
 #: then within 0.5 % of the exact forces (`softrobot benchmark contacts`).
@@ -205,6 +211,11 @@ class SceneConfig:
                 f"integrator {self.integrator!r} does not know contacts; leave it out, or choose "
                 f"from {', '.join(CONTACT_INTEGRATORS)}"
             )
+        if self.n_hinges > MOST_HINGES:
+            raise ValueError(
+                f"robot {self.robot.name!r}: a chain bends at {MOST_HINGES} stations at most, got "
+                f"{self.n_hinges}: give fewer pieces, or take a beam model"
+            )
 
     @property
     def wanted_accuracy(self) -> float:
@@ -219,10 +230,11 @@ class SceneConfig:
             value = self.robot.length * float(text[:-1]) / 100 if share else float(text)
         except ValueError:
             value = nan
-        if not 0 < value < inf or isinstance(self.accuracy, bool):
+        least = FINEST * self.robot.length
+        if not least <= value < inf or isinstance(self.accuracy, bool):
             raise ValueError(
-                "accuracy must be a positive length [m] or a share of the robot's length such as "
-                f"'0.1%', got {self.accuracy!r}"
+                f"accuracy must be a length of {least:g} m or more, or a share of the robot's "
+                f"length such as '0.1%', got {self.accuracy!r}"
             )
         return value
 
@@ -233,8 +245,8 @@ class SceneConfig:
 
     @property
     def n_hinges(self) -> int:
-        """Number of stations at which it bends."""
-        return self.n_pieces * len(RULES[self.hinge_rule])
+        """Number of stations at which it bends; ValueError of an unknown rule."""
+        return self.n_pieces * len(RULES.find(self.hinge_rule))
 
     @cached_property
     def edges(self) -> np.ndarray:

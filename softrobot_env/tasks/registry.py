@@ -5,7 +5,14 @@ from dataclasses import replace as with_fields
 from functools import lru_cache, partial
 from inspect import signature
 
-from softrobot_env.core.registry import Registry, check_name, is_path, load_given, load_plugins
+from softrobot_env.core.registry import (
+    Registry,
+    check_name,
+    is_path,
+    load_given,
+    load_plugins,
+    outside,
+)
 from softrobot_env.robots import RobotParams, as_number, find_robot
 
 from .generic import GENERIC_TASKS, generic_tasks
@@ -158,7 +165,7 @@ def _given_maker(path: str, robot: RobotParams | None) -> Maker:
 
 def _of_robot(path: str, make: Maker, robot: RobotParams | None) -> Maker:
     """The maker of a task that has its robot, which must be the one asked for, if any."""
-    own = make().robot
+    own = made_by(make, path, {}).robot
     if robot not in (None, own):
         raise ValueError(f"the task {path!r} is for robot {own.name!r}, not {robot.name!r}")
     return make
@@ -213,7 +220,8 @@ def made_by(make: Maker, name: str, options: Mapping[str, float | None]) -> Task
             )
         if as_number(value) is None:
             raise ValueError(f"option {option!r} must be a number, got {value!r}")
-    task = make(**given)
+    with outside(f"task {name!r}"):
+        task = make(**given)
     if not isinstance(task, Task):
         raise ValueError(
             f"the maker of task {name!r} must return a Task, got {type(task).__name__}"

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from softrobot_env.core.records import Positive, check_fields
+from softrobot_env.core.records import Name, Positive, check_fields
 from softrobot_env.robots import RobotParams, as_number
 from softrobot_env.robots.actuation import check_inputs, robot_inputs
 
@@ -79,7 +79,7 @@ class Task:
         maker: What made it, to make it again with other options.
     """
 
-    name: str
+    name: Name
     robot: RobotParams
     trajectory: Trajectory
     duration: Positive

@@ -89,19 +89,19 @@ def test_curvature_is_the_angle_per_length(grid):
 
 
 def test_a_free_section_precesses_as_euler_says():
-    # Next to no elasticity: the section moves on its own. A disc, J = (1, 1, 2) J_x, spinning
+    # Too fast for its elasticity: the section moves on its own. A disc, J = (1, 1, 2) J_x, spinning
     # with w_z nods in its frame with (J_z - J_x) / J_x w_z = w_z.
-    model = CosseratRod(replace(WEIGHTLESS, youngs_modulus=1e-12, damping_time=0.0), 1)
-    rate, nod = 3.0, 2.0
+    model = CosseratRod(replace(WEIGHTLESS, youngs_modulus=10.0, damping_time=0.0), 1)
+    rate, nod = 3e6, 2e6
     start = model.start()
     start.v[3:7] = 0, nod / 2, 0, rate / 2
-    time = 1.3
-    end = model.simulate(time, start=start, method="rk4", step=1e-3).end
+    time = 1.3e-6
+    end = model.simulate(time, start=start, method="rk4", step=1e-9).end
     p, dp = end.q[3:7], end.v[3:7]
     w = 2 * np.array(quaternions.quotient(tuple(p), tuple(dp))[1:])
     np.testing.assert_allclose(w, [nod * np.cos(rate * time), nod * np.sin(rate * time), rate])
     momentum = Rotation.from_quat(p, scalar_first=True).apply(np.array([1, 1, 2]) * w)
-    np.testing.assert_allclose(momentum, [nod, 0, 2 * rate], atol=1e-9)
+    np.testing.assert_allclose(momentum, [nod, 0, 2 * rate], atol=1e-9 * rate)
 
 
 def test_damping_takes_its_power_from_the_strain_rates():

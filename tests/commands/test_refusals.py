@@ -1,17 +1,22 @@
 """Calls that commands refuse: one line that says what, status 2, and nothing is written."""
 
 import argparse
+import os
+import shutil
 import sys
 from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support import writes
 from support.commands import MINE
 from support.rig_identified_file import constant_identified, identified_file
 
+from fuzz import within
 from softrobot_env.cli import build_parser, main
-from softrobot_env.core.files import models_dir
+from softrobot_env.commands import arguments
+from softrobot_env.core.files import assets_dir, models_dir
 from softrobot_env.robots import RIG
 from softrobot_env.thesis.rig.parameters import describe_rig
 
@@ -20,7 +25,7 @@ from softrobot_env.thesis.rig.parameters import describe_rig
 #: Takes any text, or refuses only when it runs.
 _ANY = (None, str, Path)
 
-_BAD = "?!"
+_BAD = "?/!"
 
 
 def parsers(parser, words=()):
@@ -32,8 +37,14 @@ def parsers(parser, words=()):
                 yield from parsers(below, (*words, name))
 
 
+#: What takes numbers of one sign, and texts that are none of them.
+_NUMBERS = (arguments.positive, arguments.not_negative, arguments.whole, arguments.size)
+_NUMBERS += (arguments.port, arguments.seed, arguments.fps)
+_NO_NUMBERS = ("nan", "inf", "-inf", "1e999", "-1", "", "1,5", "\x1b[2J")
+
+
 def wrong_calls():
-    """Calls with an unknown option, without a value, and with a bad one, of each option."""
+    """Calls with an unknown option, without a value, and with bad ones, of each option."""
     for words, parser in parsers(build_parser()):
         positional = [a for a in parser._actions if not a.option_strings]
         if any(isinstance(a, argparse._SubParsersAction) for a in positional):
@@ -50,11 +61,15 @@ def wrong_calls():
             yield (*words, option)
             if action.choices or action.type not in _ANY:
                 yield (*words, option, _BAD)
+            if action.type in _NUMBERS:
+                more = ["1"] * (action.nargs - 1) if isinstance(action.nargs, int) else []
+                for text in _NO_NUMBERS:
+                    yield (*words, option, *more, text)
 
 
 def test_each_is_refused_in_one_line(capsys):
     wrong, calls, parser = {}, list(wrong_calls()), build_parser()
-    assert len(calls) > 200
+    assert len(calls) > 600
     for words in calls:
         with pytest.raises(SystemExit) as stop:
             parser.parse_args(words)
@@ -63,6 +78,7 @@ def test_each_is_refused_in_one_line(capsys):
         own = takewhile(lambda word: word[0] not in "-?", words)
         command = " ".join(["softrobot", *own])
         fine = stop.value.code == 2 and not reported.out and len(lines) == 1
+        fine = fine and lines[0].isprintable()
         if not (fine and lines[0].startswith(f"{command}:") and f"{command} --help" in lines[0]):
             wrong[words] = reported
     assert not wrong
@@ -97,11 +113,21 @@ CALLS = [
     ("export --robot nobody", "hanging_trunk"),
     ("render --policy pid", "feedforward"),
     ("render --size 0 10", "pixels"),
+    ("render --size 640 1000000", "8192 at most"),
+    ("render --fps 1e9", "frames per second from 0.1 to 1000"),
+    ("robot-file check /dev/zero", "/dev/zero: give a file, not a device or a pipe"),
+    ("robot-file check pipe", "pipe: give a file"),
+    ("robot-file check endless.toml", "endless.toml: at most 1048576 bytes, it has 1000000000000"),
+    ("render --robot pipe --task circle", "unknown robot"),
+    ("evaluate --tasks reach --identified pipe", "no network at pipe"),
+    ("evaluate --policies pipe:P", "pipe"),
+    ("recording check pipe.csv", "pipe.csv: give a file"),
     ("render --task swing --begin 15", "the episode is over after 15 s"),
     ("view --web --policy hold", "--policy"),
     ("view --web --port 99999", "65535"),
     ("grip --out grip.avi", "grip.avi"),
     ("grip --seed -1", "--seed"),
+    ("grip --diameter 10", "--diameter: its fingers span 0.2"),
     ("grip --gripper hand", "softrobot grip: unknown gripper 'hand'; choose from gripper"),
     ("warm-up nothing_like_it", "lq_adaptive"),
     ("benchmark weight", "speed"),
@@ -231,6 +257,86 @@ CALLS = [
     *((f"train --algo ppo --start none --name {n}", "--name") for n in ("../x", "a/b", "..", "/x")),
 ]
 
+#: Arguments of a scene that no scene has, and where else nothing can be read or written.
+SCENES = {
+    "--accuracy": ("0", "-1", "nan", "inf", "1e-300", "1e-12", "x", "5%%"),
+    "--timestep": ("1e-300", "1", "1e300"),
+    "--control-period": ("1e-9", "0.5", "1e300"),
+    "--pieces": ("0", "-1", "5", "1001", "99999999999999999999"),
+    "--rule": ("x", "/", "\x1b[2J"),
+    "--integrator": ("x", "RK9"),
+}
+RUNS = ("evaluate --tasks swing --policies hold", "inspect", "render --task swing --policy hold")
+CALLS += [
+    (f"{run} {option} {value}", "")
+    for run in RUNS
+    for option, values in SCENES.items()
+    for value in values
+]
+NO_PLACES = ("mine.csv/x", "/dev/null/x", "a\0b", "n" * 300)
+CALLS += [
+    (f"{run} {place}{name}", "")
+    for run, name in (
+        ("evaluate --tasks swing --policies hold --duration 0.02 --no-plots --out", ""),
+        ("export --out", ""),
+        ("render --task swing --policy hold --duration 0.02 --size 16 16 --out", "/x.gif"),
+        ("robot record --amplitude 0.1 --out", "/x.csv"),
+        ("robot-file check", ""),
+        ("recording check", ""),
+    )
+    for place in NO_PLACES
+]
+
+#: Policies and tasks that are none, or that end the program.
+WRONG = """
+import sys
+
+class P:
+    def __init__(self, robot, control_period): pass
+
+class NoRobot:
+    def __init__(self): pass
+
+class NoObservation(P):
+    def act(self): pass
+
+class NoPair(P):
+    def predict(self, observation, state, start, deterministic): return 1.0
+
+class Asks(P):
+    requires = ("nothing",)
+    def act(self, observation): pass
+
+class Exits(P):
+    def act(self, observation): sys.exit(0)
+
+class ExitsAtOnce(P):
+    def __init__(self, robot, control_period): exit(3)
+
+class NoEnvironment(P):
+    environment = 3
+
+number = 1.0
+
+def ends(robot): sys.exit("bye")
+"""
+
+#: Code from outside, and what is said of it; with status 1.
+OUTSIDE = [
+    ("os.path:join", "policy 'os.path:join': TypeError: expected str"),
+    ("wrong.py:NoRobot", "must take (robot, control_period): too many positional arguments"),
+    ("wrong.py:NoObservation", "policy NoObservation: TypeError"),
+    ("wrong.py:NoPair", "policy NoPair: TypeError: cannot unpack"),
+    ("wrong.py:Asks", "policy Asks: KeyError: 'nothing'"),
+    ("wrong.py:Exits", "policy Exits: SystemExit: 0 (wrong.py, line"),
+    ("wrong.py:ExitsAtOnce", "policy 'wrong.py:ExitsAtOnce': SystemExit: 3"),
+    ("wrong.py:NoEnvironment", "its environment: TypeError"),
+    ("wrong.py:P", "'P' has neither"),
+    ("wrong.py:number", "'float' has neither"),
+    ("exits.py:P", "the policy 'exits.py:P': SystemExit: None (<frozen _sitebuiltins>"),
+    ("static --tasks wrong.py:ends", "task 'wrong.py:ends': SystemExit: bye (wrong.py"),
+]
+
 #: What a command needs, of the extras.
 NEEDS = {"train": "stable_baselines3", "tune": "stable_baselines3", "robot": "serial"}
 
@@ -240,7 +346,14 @@ def files(tmp_path_factory):
     """A folder with a file of tasks and policies, and files of identified parameters."""
     folder = tmp_path_factory.mktemp("files")
     (folder / "mine.py").write_text(MINE)
+    (folder / "wrong.py").write_text(WRONG)
+    (folder / "exits.py").write_text("exit()")
     (folder / "mine.csv").touch()
+    for name in ("pipe", "pipe.csv"):
+        os.mkfifo(folder / name)
+    shutil.copy(assets_dir() / "recordings" / "ftdcr_v4.toml", folder / "pipe.toml")
+    with (folder / "endless.toml").open("wb") as file:
+        file.truncate(10**12)
     identified_file(folder / "a.npz", twin=3)
     np.savez(folder / "gains.npz", gains=1.0)
     lacking = describe_rig(RIG) | {"stiffness": 1, "turn": 0, "play": 0}
@@ -260,10 +373,46 @@ def test_what_cannot_be_is_refused_in_one_line(words, reason, files, capsys, mon
     monkeypatch.chdir(files)
     monkeypatch.setitem(sys.modules, "ray", None)  # as if it were not installed
     before = written(files)
-    try:
-        status = main(words.split())
-    except SystemExit as stop:
-        status = stop.code
+    with writes.outside(files) as elsewhere, within(60.0):
+        try:
+            status = main(words.split(" "))
+        except SystemExit as stop:
+            status = stop.code
     (line,) = capsys.readouterr().err.splitlines()
-    assert status == 2 and reason in line
+    assert status == 2 and reason in line and line.isprintable()
+    assert before == written(files) and not elsewhere
+
+
+@pytest.mark.parametrize(("policy", "reason"), OUTSIDE)
+def test_code_from_outside_that_fails_is_told_in_one_line(
+    policy, reason, files, capsys, monkeypatch
+):
+    monkeypatch.chdir(files)
+    before = written(files)
+    tasks = "" if "--tasks" in policy else "--tasks reach"
+    assert main(f"evaluate {FINGER} --policies {policy} {tasks}".split()) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("softrobot evaluate: ") and reason in line
     assert before == written(files)
+
+
+def test_writes_elsewhere_are_found(tmp_path):
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    with writes.outside(inner) as found:
+        (inner / "a").write_text("")
+        (inner / "a").rename(tmp_path / "b")
+        (inner / ".." / "c").touch()
+        (tmp_path / "b").read_text()
+    assert {path.name for path in found} == {"b", "c"}
+
+
+def test_a_library_without_pictures_is_told_in_one_line(capsys, monkeypatch):
+    """PyOpenGL says no more where OSMesa is asked for and missing."""
+
+    def lacking(_):
+        raise AttributeError("'NoneType' object has no attribute 'glGetError'")
+
+    monkeypatch.setattr("softrobot_env.cli.build_parser", lacking)
+    assert main(["list"]) == 2
+    assert "MUJOCO_GL can be egl, osmesa or glfw" in capsys.readouterr().err

@@ -28,6 +28,18 @@ def test_a_file_appears_when_it_is_whole_and_folders_are_made(tmp_path):
     assert [p.name for p in path.parent.iterdir()] == ["a.txt"] and path.read_text() == "half"
 
 
+def test_what_is_written_reaches_the_disk_before_it_gets_its_name(tmp_path, monkeypatch):
+    path, named, flush = tmp_path / "a.txt", [], os.fsync
+
+    def noted(number):
+        named.append(path.exists())
+        flush(number)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    write_text(path, "whole")
+    assert named == [False] and path.read_text() == "whole"
+
+
 def test_a_failure_leaves_what_was_there(tmp_path):
     path = tmp_path / "a.txt"
     write_text(path, "before")

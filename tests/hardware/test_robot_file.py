@@ -52,7 +52,7 @@ def test_parts_may_be_left_out(tmp_path):
         ("baud = 500000", "baud = 9600", "baud must be one of 57600, 115200"),
         ("baud = 500000", "bauds = 500000", "bauds is no key; allowed are name, port"),
         ('name = "rig"', "", "name missing"),
-        ('name = "rig"', 'name = ""', "name must be a text"),
+        ('name = "rig"', 'name = ""', "name must be 1 to 100 printable"),
         ("rest_mm = 0.0", "rest_mm = 0.004", r"rest_mm must be in .* steps of 0.01, got 0.0"),
         ("rest_mm = 0.0", "rest_mm = 31", r"tendons\[1\]: minimum_mm <= rest_mm <= maximum_mm"),
         ("gain_us_per_mm = 31.83", "gain_us_per_mm = 0", "gain_us_per_mm must not be zero"),

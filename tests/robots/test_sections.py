@@ -105,7 +105,7 @@ def test_what_only_uniform_robots_have_is_refused_by_name(name):
 
 
 def test_a_robot_needs_sections_or_the_numbers_of_one():
-    with pytest.raises(ValueError, match="length must be finite and positive"):
+    with pytest.raises(ValueError, match="length must be from 1e-06 to 1000 m, got None"):
         RobotParams("empty")
 
 

@@ -237,7 +237,6 @@ _LIST = command(
     """,
     _list,
     baud=BAUDS,
-    timeout=float,
 )
 _HOLD = _order(
     "softrobot robot hold --robot-file rig.toml --seconds 10",

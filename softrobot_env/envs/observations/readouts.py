@@ -151,7 +151,6 @@ class _Chains:
         self._measures = _ChainMeasures(scene, robot, pieces, speed)
         self._angles, self._rates = angles, _ = source.qpos, source.qvel
         self._tip, self._velocity = (source.sensordata[..., k : k + 3][..., axes] for k in (0, 3))
-        self.curvature = lambda: self.bend
         self.shape = lambda: station_strain(
             scene.model, scene.layout, np.atleast_2d(arrays.host(angles))
         )
@@ -164,6 +163,12 @@ class _Chains:
             self.true_length = lambda: arrays.copy(servos.horn)
         self._bind()
         self.update()
+
+    # Functions that a readout keeps must not hold it: a cycle keeps its simulation, and so a model,
+    # until Python looks for cycles, hundreds of resets later.
+    def curvature(self) -> ndarray:
+        """(..., k) [1/m]."""
+        return self.bend
 
 
 class ChainReadout(_Chains):
@@ -209,9 +214,13 @@ class BatchReadout(_Chains):
         self._slow = measures.slow / sqrt(simulation.qvel.shape[1])
         self._nobody = np.zeros(simulation.count, bool)
         self._nobody.flags.writeable = False
-        self.tip_position = lambda: self.tip
-        self.tip_velocity = lambda: arrays.copy(self._velocity)
-        self.curvature_rate = lambda: arrays.real(simulation.qvel) @ self._mean
+        mean, velocity = self._mean, self._velocity
+        self.tip_velocity = lambda: arrays.copy(velocity)
+        self.curvature_rate = lambda: arrays.real(simulation.qvel) @ mean
+
+    def tip_position(self) -> ndarray:
+        """(n, axes) [m]."""
+        return self.tip
 
     def update(self, _which: ndarray | None = None) -> None:
         """Measure anew."""
@@ -261,20 +270,12 @@ class BeamReadout:
             least, most: Bounds of what is measured.
             servos: What drives the tendons in length; measured are then the lengths pulled in.
         """
-        self._simulation = simulation
-        self.tip_position = lambda: self._now.tip_position
-        self.tip_velocity = lambda: self._now.tip_velocity
-        self.curvature = lambda: self._now.curvature
-        self.curvature_rate = lambda: self._now.curvature_rate
+        self._simulation, self._servos = simulation, servos
         self.shape = lambda: simulation.plant.shape(simulation.q)[None]
         if servos is None:
             self.tendon_tension = simulation.ctrl.copy
-            # An observation and `info` may both hold it.
-            self.tendon_length = self.true_length = lambda: self._now.tendon_length.copy()
         else:
             self.tendon_tension = lambda: simulation.plant.tension(simulation.q, simulation.ctrl)
-            self.tendon_length = lambda: servos.reading
-            self.true_length = lambda: servos.horn.copy()
         self._names = [(name, k) for name, high in most._asdict().items() for k in range(len(high))]
         self._low, self._high = np.concatenate(least), np.concatenate(most)
         self._limit = float(most.curvature[0])
@@ -290,6 +291,32 @@ class BeamReadout:
         if not np.all((self._low <= values) & (values <= self._high)):
             return self._outside(values)
         return None if self._directions == 1 else self._sharp_bend()
+
+    def tip_position(self) -> ndarray:
+        """(axes,) [m]."""
+        return self._now.tip_position
+
+    def tip_velocity(self) -> ndarray:
+        """(axes,) [m/s]."""
+        return self._now.tip_velocity
+
+    def curvature(self) -> ndarray:
+        """(k,) [1/m]."""
+        return self._now.curvature
+
+    def curvature_rate(self) -> ndarray:
+        """(k,) [1/(m s)]."""
+        return self._now.curvature_rate
+
+    def tendon_length(self) -> ndarray:
+        """(n_tendons,) [m], as measured; an observation and `info` may both hold it."""
+        servos = self._servos
+        return self._now.tendon_length.copy() if servos is None else servos.reading
+
+    def true_length(self) -> ndarray:
+        """(n_tendons,) [m]."""
+        servos = self._servos
+        return (self._now.tendon_length if servos is None else servos.horn).copy()
 
     def _sharp_bend(self) -> str | None:
         """The sharpest bend of a piece, to whatever side, if it is beyond the limit."""

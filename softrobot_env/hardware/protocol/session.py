@@ -198,7 +198,8 @@ class Session:
         Raises:
             ProtocolMismatchError: The firmware does not fit to this package.
             SessionLostError: The microcontroller started again.
-            RobotError: See `check_needs`; or it got another configuration.
+            RobotError: See `check_needs`; or it got another configuration, or sent what means
+                nothing.
         """
         replies = [
             self._take(message, now)
@@ -210,6 +211,8 @@ class Session:
         return b"".join(replies)
 
     def _take(self, message: m.Message, now: float) -> bytes:
+        if self.info is not None and not self.units.knows(message):
+            raise RobotError(f"the robot sent what means nothing, {message}: {_REMEDY}")
         match message:
             case m.HelloAck():
                 self._identified(message)
@@ -357,6 +360,8 @@ def introduced(ack: HelloAck) -> DeviceInfo:
             f"firmware {firmware} and this package both speak protocol {PROTOCOL}, but with "
             f"different tables of messages (schema {ack.schema:08x} and {SCHEMA:08x}): {_REMEDY}"
         )
+    if ack.reset_cause not in list(Reset):
+        raise ProtocolMismatchError(f"firmware {firmware} started for no known reason: {_REMEDY}")
     return DeviceInfo(
         boot_id=ack.boot_id,
         firmware=firmware,

@@ -14,6 +14,7 @@ from .messages import (
     DeviceState,
     Fault,
     FaultReport,
+    Message,
     State,
     Warning,
 )
@@ -128,6 +129,16 @@ class UnitConversion:
         # channel of each tendon; its inverse is the tendon on each channel
         self._channels = np.array([servo.channel for servo in robot.tendons])
         self._tendons = np.argsort(self._channels)
+
+    def knows(self, message: Message) -> bool:
+        """Whether codes and counts of a message mean something for this robot."""
+        n = len(self._channels)
+        if isinstance(message, State):
+            return message.n == n and message.state in list(DeviceState)
+        if isinstance(message, FaultReport):
+            whose = message.channel < n or message.code not in _OF_TENDONS
+            return message.code in _FAULTS and whose
+        return True
 
     def target(self, length: ndarray) -> tuple[int, ...]:
         """Set-point of pulled-in lengths (n,) [m].
