@@ -161,7 +161,7 @@ def test_the_slowest_frequency_is_about_the_chains(robot):
     built = scene(robot, bending="spatial", actuation="length" if winding else "tension")
     exact = linearize(built.model).frequencies()[0]
     assert slowest(robot, winding) == pytest.approx(exact, rel=0.35)
-    assert built.timestep.rate > exact
+    assert built.timestep.pace.rate > exact
     assert RATE
 
 
