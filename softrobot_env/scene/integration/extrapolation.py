@@ -15,12 +15,18 @@ The first force evaluation serves all rows: 4 evaluations for order 3, 7 for ord
 The error of an interval H is the displacement that the joints' errors cause at most, along the
 backbone. Its share of the accuracy may be (rate H)^2, as that of an acceleration, within
 `SMALLEST_SHARE` (what a jump of a control leaves in stiff modes does not add up) and
-`LARGEST_SHARE`. An interval beyond that gets another row, and then is divided; the next one is as
-long as its error lets it be. What drives do unseen at its end counts too, see `forces`.
+`LARGEST_SHARE`. Errors of speeds, which do not last in stiff modes, count by what they make in a
+swing of the robot, up to `LARGEST_SPEED`. An interval beyond that gets another row, and then is
+divided; the next one is as long as its error lets it be. What drives do unseen at its end counts
+too, see `forces`.
 
 Where a tendon goes slack or taut, sticks or slides another way within an interval, the error is no
 series, and entries may be off together. Such an interval is booked with the difference from a
 single Euler step, which is as far off as a kink can make it.
+
+Modes that nothing damps and that turn by 0.3 to 2 rad in an interval would grow, so in intervals
+longer than `CALM` damping times the entry takes a share of that of order 2: what it does not follow
+is damped. There each ramp begins with the shortest interval, which sees what is about to be damped.
 
 Here local errors are kept; `period` estimates what becomes of them. Joints whose positions are no
 vectors are handled by `mj_integratePos`.
@@ -33,6 +39,7 @@ from numpy import ndarray
 
 from softrobot_env.compile.native import jit, making
 
+from ..timestep import RATE
 from . import layout
 from . import mujoco_functions as mj
 from .euler import euler_step
@@ -56,9 +63,13 @@ LARGEST_SHARE, SMALLEST_SHARE = 0.1, 0.003
 #: Longest interval in damping times [1] in which dampers keep entries of order 3 and 4 stable.
 CALM = 100.0
 
-#: Share [1] of the entry of order 2 that keeps them stable beyond, by its number in the table: undamped
-#: modes of 0.3 to 2 rad an interval would grow by up to 0.5 % in it.
+#: Share [1] of the entry of order 2 that keeps the others of a table stable beyond, by their number:
+#: undamped modes of 0.3 to 2 rad an interval would grow by up to 0.5 % in it.
 _CALMING = (0.0, 0.0, 0.45, 0.2)
+
+#: Largest displacement, over the accuracy [1], that the speeds' errors of one interval may make in
+#: a swing of the robot.
+LARGEST_SPEED = 2.0
 
 #: Share [1] by which rounding may change the length of an interval, or move a tendon that sticks.
 _ROUNDING = 1e-9
@@ -79,7 +90,7 @@ class Table(NamedTuple):
         turns: (rows, nv), of the joints since the start of the interval.
         velocities: (rows, nv), at its end.
         turn, velocity: (nv,), the entry.
-        gap: (nv,), of the turns, from the entry before.
+        gap, lag: (nv,), of the turns and the velocities, from the entry before.
         coarse: (nv,), turns by a single step.
     """
 
@@ -88,6 +99,7 @@ class Table(NamedTuple):
     turn: ndarray
     velocity: ndarray
     gap: ndarray
+    lag: ndarray
     coarse: ndarray
 
 
@@ -123,7 +135,7 @@ def work_size(chain, memory):
     """Number of doubles that `work_on` cuts."""
     nq, nv, nu, most = chain.q.size, chain.v.size, chain.ctrl.size, int(memory[layout.MOST])
     forces = chain.mass.size + nv + (nu + chain.header[layout.NTENDON]) * (1 + nv) + 2
-    return nq + nv + 2 * forces + 2 * nu + nv * nv + nv + (2 * most + 4) * nv
+    return nq + nv + 2 * forces + 2 * nu + nv * nv + nv + (2 * most + 5) * nv
 
 
 @making
@@ -131,7 +143,7 @@ def work_on(chain, memory, room):
     """Arrays for `integrate`, cut from free memory."""
     nq, nv, most = chain.q.size, chain.v.size, int(memory[layout.MOST])
     rows = mj.cut(room, most, nv), mj.cut(room, most, nv)
-    entry = mj.cut(room, 4, nv)
+    entry = mj.cut(room, 5, nv)
     return Work(
         chain,
         memory,
@@ -143,7 +155,7 @@ def work_on(chain, memory, room):
         mj.cut(room, 1, chain.ctrl.size)[0],
         mj.cut(room, nv, nv),
         mj.cut(room, 1, nv)[0],
-        Table(rows[0], rows[1], entry[0], entry[1], entry[2], entry[3]),
+        Table(rows[0], rows[1], entry[0], entry[1], entry[2], entry[3], entry[4]),
     )
 
 
@@ -153,6 +165,8 @@ def integrate(work, ramp):
     chain, memory = work.chain, work.memory
     time, end = 0.0, ramp.duration * (1 - 1e-3 * _ROUNDING)
     length = min(memory[layout.NEXT], memory[layout.LONGEST])
+    if ramp.duration > memory[layout.CALM]:  # see what controls set off before it is damped
+        length = memory[layout.SHORTEST]
     while time < end:
         left = ramp.duration - time
         h = left / max(np.ceil(left / length - _ROUNDING), 1.0)
@@ -229,6 +243,8 @@ def _extrapolate(work, ramp, time, h):
         if rows >= work.memory[layout.FEWEST]:
             allowed = _allowed(work.memory, h)
             error = displacement(work.chain, work.table.gap) / allowed
+            fast = sway(work.chain, work.memory, work.table.lag)
+            error = np.maximum(error, fast / (LARGEST_SPEED * work.memory[layout.ACCURACY]))
             if error <= 1 and drives_length(work.chain):
                 error = max(error, _unseen(work, ramp, time + h, rows - 1, h / rows) / allowed)
     return rows, error
@@ -268,6 +284,7 @@ def _add_row(work, row):
         _extrapolate_entry(table.velocity, table.velocities[j], weight)
         for i in range(table.gap.size):
             table.gap[i] = table.turn[i] - table.turns[j, i]
+            table.lag[i] = table.velocity[i] - table.velocities[j, i]
     mj.assign(table.turns[row], table.turn)
     mj.assign(table.velocities[row], table.velocity)
     if row == 0:
@@ -333,6 +350,12 @@ def displacement(chain, turn):
         if not way < np.inf:
             return way
     return max(farthest, way)
+
+
+@jit
+def sway(chain, memory, speeds):
+    """Displacement [m] that speeds (nv,) of the joints make in a swing of the robot, at most."""
+    return displacement(chain, speeds) * RATE / memory[layout.RATE]
 
 
 @jit

@@ -14,10 +14,9 @@ import numpy as np
 
 from softrobot_env.compile.native import array_at, called, entry, jit, making, shared
 
-from ..timestep import RATE
 from . import layout
 from . import mujoco_functions as mj
-from .extrapolation import Ramp, bounded, displacement, integrate, work_on, work_size
+from .extrapolation import Ramp, bounded, displacement, integrate, sway, work_on, work_size
 from .forces import chain_of, evaluate
 from .mujoco_functions import reals
 
@@ -184,14 +183,12 @@ def _compare(chain, memory, shadowed, states):
     mj.subtract(chain.model, apart, states[1, :nq], states[0, :nq])
     strayed = displacement(chain, apart)
     for i in range(apart.size):
-        apart[i] = (states[1, nq + i] - states[0, nq + i]) * RATE / memory[layout.RATE]
-    faster = displacement(chain, apart)
-    if not (strayed < np.inf and faster < np.inf):
+        apart[i] = states[1, nq + i] - states[0, nq + i]
+    strayed = np.maximum(strayed, sway(chain, memory, apart))
+    if not strayed < np.inf:
         strayed = np.inf
-    else:
-        strayed = max(strayed, faster)
-        if memory[layout.SUM] < shadowed[layout.SUM]:
-            strayed *= memory[layout.SUM] / shadowed[layout.SUM]
+    elif memory[layout.SUM] < shadowed[layout.SUM]:
+        strayed *= memory[layout.SUM] / shadowed[layout.SUM]
     memory[layout.ESTIMATE] = max(memory[layout.ESTIMATE], strayed)
 
 
