@@ -63,8 +63,8 @@ LARGEST_SHARE, SMALLEST_SHARE = 0.1, 0.003
 #: Longest interval in damping times [1] in which dampers keep entries of order 3 and 4 stable.
 CALM = 100.0
 
-#: Share [1] of the entry of order 2 that keeps the others of a table stable beyond, by their number:
-#: undamped modes of 0.3 to 2 rad an interval would grow by up to 0.5 % in it.
+#: Share [1] of the entry of order 2 that keeps the others of a table stable beyond, by their
+#: number: undamped modes of 0.3 to 2 rad an interval would grow by up to 0.5 % in it.
 _CALMING = (0.0, 0.0, 0.45, 0.2)
 
 #: Largest displacement, over the accuracy [1], that the speeds' errors of one interval may make in
