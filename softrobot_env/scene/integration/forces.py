@@ -214,29 +214,6 @@ def drive_forces(chain):
 
 
 @jit
-def find_laws(chain, laws):
-    """Let laws (nu,) be those of the drives by their forces of the last evaluation, see `_law`."""
-    bounds = reals(chain.model, chain.header[AT.actuator_forcerange], 2 * laws.size)
-    now = drive_forces(chain)
-    for k in range(laws.size):
-        laws[k] = _law(now[k], bounds[2 * k], bounds[2 * k + 1])
-
-
-@jit
-def has_other_laws(chain, laws):
-    """Whether a drive of a length has another law now than one of (nu,)."""
-    header, nu = chain.header, laws.size
-    bounds = reals(chain.model, header[AT.actuator_forcerange], 2 * nu)
-    biases = reals(chain.model, header[AT.actuator_biasprm], nu * BIASES)
-    now = drive_forces(chain)
-    for k in range(nu):
-        law = _law(now[k], bounds[2 * k], bounds[2 * k + 1])
-        if biases[k * BIASES + 1] < 0 and law != laws[k]:
-            return True
-    return False
-
-
-@jit
 def find_switched(chain, before, forces):
     """Let `forces` be the surprises of drives in MuJoCo's positions, with the springs there.
 
@@ -254,6 +231,12 @@ def find_switched(chain, before, forces):
     mj.mj_tendon(model, data)
     mj.mj_transmission(model, data)
     mj.mj_actuation(model, data)
+    return find_surprises(chain, before, forces)
+
+
+@jit
+def find_surprises(chain, before, forces):
+    """As `find_switched`, with the drives' forces of the last evaluation."""
     found = False
     for i in range(chain.v.size):
         forces.force[i] = 0.0
