@@ -74,7 +74,7 @@ _CALMING = (0.0, 0.0, 0.45, 0.2)
 #: a swing of the robot.
 LARGEST_SPEED = 2.0
 
-#: Share [1] by which rounding may change the length of an interval, or move a tendon that sticks.
+#: Share [1] of its length by which the rounding of times may change an interval.
 _ROUNDING = 1e-9
 
 
@@ -134,7 +134,8 @@ class Work(NamedTuple):
 def work_size(chain, memory):
     """Number of doubles that `work_on` cuts."""
     nq, nv, nu, most = chain.q.size, chain.v.size, chain.ctrl.size, int(memory[layout.MOST])
-    forces = chain.mass.size + nv + (nu + chain.header[layout.NTENDON]) * (1 + nv) + 2
+    forces = chain.mass.size + nv + (nu + chain.header[layout.NTENDON]) * (1 + nv)
+    forces += chain.header[layout.NTENDON] + 2
     return nq + nv + 2 * forces + 2 * nu + nv * nv + nv + (2 * most + 4) * nv
 
 
@@ -407,9 +408,9 @@ def _note(work, h, error):
 
 @jit
 def _kink(work, h):
-    """Displacement [m] by forces of tendons that have another law at the end of an interval [s].
+    """Displacement [m] in an interval [s] by the change of forces that no row resolves.
 
-    By what their forces at its end are off from those of the law at its start, all along.
+    Of drives that have another law at its end than at its start, and of tendons that rub.
     """
     chain, first, forces, found = work.chain, work.first, work.forces, False
     if drives_length(chain):
@@ -419,11 +420,9 @@ def _kink(work, h):
             forces.force[i] = 0.0
         forces.counts[0] = 0
     for k in range(int(first.counts[1])):
-        turned = _sense(first.arms[k], work.table.velocity) - _sense(first.arms[k], work.v)
-        if turned != 0:
-            found = True
-            for i in range(chain.v.size):
-                forces.force[i] -= turned * first.friction[k] * first.arms[k, i]
+        found = True
+        for i in range(chain.v.size):
+            forces.force[i] += (first.grip[k] - forces.grip[k]) * first.arms[k, i]
     forces.counts[1] = 0
     return _pushed(work, h) if found else 0.0
 
@@ -438,13 +437,3 @@ def _pushed(work, h):
     for i in range(chain.v.size):
         work.change[i] *= h
     return displacement(chain, work.change)
-
-
-@jit
-def _sense(arms, v):
-    """Whether a tendon with moment arms (nv,) is pulled in (-1), sticks (0) or is paid out (1)."""
-    rate, size = 0.0, 0.0
-    for i in range(v.size):
-        rate += arms[i] * v[i]
-        size += abs(arms[i] * v[i])
-    return 0 if abs(rate) <= _ROUNDING * size else np.sign(rate)
