@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import gymnasium
 import mujoco
 import numpy as np
 import pytest
@@ -88,6 +89,7 @@ def jittering(scene, posture):
     return np.array(out)
 
 
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
 def test_friction_under_jittering_tension_is_that_of_fine_steps():
     """With implicitfast the error would be about 20 mm."""
     sensors = {"sensors": (TipSensors(),)}
@@ -103,6 +105,7 @@ def test_friction_under_jittering_tension_is_that_of_fine_steps():
     assert np.linalg.norm(without - truth, axis=1).max() > 20e-3
 
 
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
 def test_stuck_tendons_carry_less_than_their_friction():
     """An arm that swings freely comes to rest away from its equilibrium."""
     env = TrackingEnv("swing", observe="all")
@@ -119,6 +122,53 @@ def test_stuck_tendons_carry_less_than_their_friction():
     assert np.all(np.abs(rest[0.0]) < 1e-2)
     assert np.all(np.abs(rest[2.0]) < 2 * 2.0 * pairs * arm * 1.01)
     assert np.max(np.abs(rest[2.0])) > 0.1
+
+
+#: Extremes of `vary`, by what makes them hard: tendons that rub, that go slack, modes that ring.
+EXTREMES = {
+    "stiff and rubbing": (
+        SWING,
+        {"youngs_modulus": 2.0, "density": 0.5, "damping_time": 3.0, "tendon_friction": 0.5}
+        | {"tendon_radius": 0.8, "tension_gain": 0.7},
+    ),
+    "soft and rubbing": (
+        SWING,
+        {"youngs_modulus": 0.5, "density": 0.5, "damping_time": 3.0, "tendon_friction": 0.5}
+        | {"tendon_radius": 1.2, "tension_gain": 1.3},
+    ),
+    "hardly damped": (
+        SWING,
+        {"youngs_modulus": 0.5, "density": 0.5, "damping_time": 0.1, "tension_gain": 1.3},
+    ),
+    "slack rig": (
+        "SoftRobot/RigTriangle-v0",
+        {"youngs_modulus": 0.5, "density": 0.5, "damping_time": 3.0, "tendon_radius": 1.2},
+    ),
+    "rubbing rig": (
+        "SoftRobot/RigTriangle-v0",
+        {"youngs_modulus": 2.0, "density": 2.0, "damping_time": 3.0, "tendon_friction": 0.5}
+        | {"tendon_radius": 1.2},
+    ),
+}
+
+
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
+@pytest.mark.parametrize("name", EXTREMES)
+def test_the_estimate_bounds_the_error_of_a_varied_episode_with_delay(name):
+    """Against a run 300 times as accurate: MuJoCo's integrators know no Coulomb friction."""
+    env_id, vary = EXTREMES[name]
+    tips, estimates = [], []
+    for accuracy in ("0.1%", "0.0003%"):
+        env = gymnasium.make(env_id, accuracy=accuracy).unwrapped
+        env.reset(options={"vary": vary | {"delay": 0.3}})
+        rng = np.random.default_rng(7)
+        moves = np.repeat(rng.uniform(-1, 1, (12, *env.action_space.shape)), 5, axis=0)
+        found = [env.step(move.astype(np.float32)) for move in moves]
+        assert not any(terminated for _, _, terminated, *_ in found)
+        tips.append([observation["tip_position"] for observation, *_ in found])
+        estimates.append(found[-1][-1]["integration_error"])
+    error = np.linalg.norm(np.subtract(*tips), axis=1).max()
+    assert 1e-6 < error < 2 * estimates[0]
 
 
 # ---------------------------------------------------------------- gain and delay

@@ -87,6 +87,7 @@ def test_episodes_are_those_of_single_environments(name):
     assert_alike(*ALIKE[name], **ROUNDING)
 
 
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
 @pytest.mark.parametrize(
     ("observe_as", "size", "close"),
     [("dict", 0.2, {"rtol": 1e-9, "atol": 1e-10}), ("vector", 1.0, ROUNDING)],

@@ -59,9 +59,9 @@ from .mujoco_functions import ints, reals
 #: Largest and smallest share [1] of the accuracy by which one interval may err.
 LARGEST_SHARE, SMALLEST_SHARE = 0.1, 0.003
 
-#: What the weights of the extrapolation make of an error of a single step [1]: 1.5 and 2.7 times
-#: in the entries of order 3 and 4.
-_KINK = 2.0
+#: Weight [1] of what kinks make, in the books: the other errors booked are differences of entries,
+#: about so many times the errors of the better ones.
+_KINK = 10.0
 
 #: Longest interval in damping times [1] in which dampers keep entries of order 3 and 4 stable.
 CALM = 100.0

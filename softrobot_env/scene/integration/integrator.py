@@ -10,7 +10,7 @@ from mujoco import MjModel
 from numpy import ndarray
 
 from ..chain import SEPARATOR, TIP_SITE
-from ..timestep import EXTRAPOLATION, Pace, TimestepChoice
+from ..timestep import EXTRAPOLATION, RATE, Pace, TimestepChoice
 from . import layout
 from .extrapolation import CALM
 from .period import advance, refresh
@@ -62,13 +62,17 @@ class Integration:
         """
         chosen, period = self.memory[which], choice.timestep * choice.substeps
         pace = choice.pace if paces is None else Pace(*(x[:, None] for x in paces))
+        frequency = pace.rate / RATE
         chosen[..., layout.METHOD] = _METHODS.get(choice.integrator, layout.SPLIT)
         chosen[..., layout.SUBSTEPS] = choice.substeps
         chosen[..., layout.PERIOD] = period
         chosen[..., layout.LONGEST] = np.minimum(choice.timestep, _OF_SWING * pace.swing)
         chosen[..., layout.NEXT] = chosen[..., layout.LONGEST]
         chosen[..., layout.SHORTEST] = np.minimum(period, pace.swing) / MOST_INTERVALS
-        chosen[..., layout.ACCURACY] = choice.accuracy or np.inf
+        # Errors of swings that last for many periods within a control period add up in it.
+        lasting = np.minimum(period, 2 / np.maximum(pace.damping_time * frequency**2, 1e-300))
+        care = np.minimum(1.0, pace.swing / lasting)
+        chosen[..., layout.ACCURACY] = care * (choice.accuracy or np.inf)
         chosen[..., layout.RATE] = pace.rate
         chosen[..., layout.CALM] = CALM * pace.damping_time
         chosen[..., 1, layout.ACCURACY] *= SHADOW
