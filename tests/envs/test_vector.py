@@ -283,6 +283,7 @@ def test_new_ranges_leave_the_draws_of_the_others_alone():
 # ---------------------------------------------------------------- failures and bad input
 
 
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
 @pytest.mark.parametrize(
     ("start", "modulus", "pull"),
     [
