@@ -27,8 +27,12 @@ USUAL_RATIO, USUAL_TIME = ARM.damping_time * pi * ARM.first_frequency, ARM.dampi
 #: Longest motion [s], and its length in first periods and in control periods.
 _LONGEST, _PERIODS, _LEAST, _MOST = 2.0, 4.0, 10, 200
 
-#: Longest control period in first periods: a slower one watches a robot that is always at rest.
-_PERIOD_IN_PERIODS = 20.0
+#: Longest control period in first periods.
+_PERIOD_IN_PERIODS = 100.0
+
+#: Least share of the usual damping unless there is none, and shares of robots without any and of
+#: those with less than a usual robot may have.
+_LEAST_DAMPING, _UNDAMPED, _LIVELY = 1e-6, 0.1, 0.3
 
 #: Largest angle [rad] by which a tendon alone would bend a weightless robot: of one that works
 #: against its elasticity alone, and against its weight as well.
@@ -110,9 +114,17 @@ def _bare_robot(rng: np.random.Generator, spatial: bool) -> RobotParams:
     more["anisotropy"] = rng.uniform(0, 1) if spatial and rng.random() < 0.2 else 0.0
     more["stiff_azimuth"] = rng.uniform(0, pi)
     robot = RobotParams("random", length, radius, hollow * radius, *material, 1, **more)
-    share, by_time = _log(rng, 0.01, 1.0), rng.random() < 0.5
+    share, by_time = _damping_share(rng.random()), rng.random() < 0.5
     usual = USUAL_TIME if by_time else USUAL_RATIO / (pi * robot.first_frequency)
     return replace(robot, damping_time=share * usual)
+
+
+def _damping_share(place: float) -> float:
+    """Damping over the usual one [1] at a place from 0 to 1 in the order of robots' damping."""
+    if place >= _LIVELY:
+        return 0.01 ** (1 - place)
+    way = (place - _UNDAMPED) / (_LIVELY - _UNDAMPED)
+    return 0.0 if way < 0 else _LEAST_DAMPING ** (1 - way) * 0.01 ** ((1 - _LIVELY) * way)
 
 
 def _gravity(rng: np.random.Generator, robot: RobotParams, spatial: bool) -> tuple[float, ...]:

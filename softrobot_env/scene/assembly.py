@@ -40,7 +40,7 @@ from .mount import TURNS, Mount, Prescribed, add_drives, add_mount, followed
 from .objects import Box, Contacts, Object
 from .simulation import Inputs, SceneMotion, simulate
 from .statics import finite
-from .timestep import LinearChain, TimestepChoice, linearize
+from .timestep import LinearChain, Pace, TimestepChoice, linearize
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -514,7 +514,7 @@ def _strictest(choices: list[TimestepChoice]) -> TimestepChoice:
     return replace(
         shortest,
         accuracy=accuracy,
-        rate=min(choice.rate for choice in choices),
+        pace=Pace(*(min(each) for each in zip(*(c.pace for c in choices), strict=True))),
         first_period=max(choice.first_period for choice in choices),
         reason=f"{reason}{1e3 * shortest.timestep:.3g} ms",
     )

@@ -25,9 +25,9 @@ from .statics import checked_controls, equilibrium, finite, settle, with_gravity
 from .tendons import add_tendons
 from .timestep import (
     EXTRAPOLATION,
-    RATE,
     SAFETY,
     LinearChain,
+    Pace,
     TimestepChoice,
     TimestepWarning,
     bent_beam,
@@ -213,15 +213,15 @@ def choice_of(scene: Scene, variation: dict[str, float]) -> TimestepChoice:
     return _extrapolated(scene.config, scene.config.robot.vary(**variation))
 
 
-def rates_of(scene: Scene) -> Callable[[Mapping[str, ndarray]], ndarray | None]:
-    """Function from values (k,) of variations to the rates (k,) [1/s] of their `TimestepChoice`.
+def paces_of(scene: Scene) -> Callable[[Mapping[str, ndarray]], Pace | None]:
+    """Function from values (k,) of variations to the paces (k,) of their `TimestepChoice`.
 
     All else of their choices is the scene's. MuJoCo's integrators have none, None.
     """
     if not is_extrapolated(scene.config):
         return lambda variation: None
     beam = bent_beam(scene.config.robot, scene.config.actuation == "length")
-    return lambda variation: RATE * beam.frequency(variation)
+    return lambda variation: beam.pace(variation, scene.config.control_period)
 
 
 def vary_scene(scene: Scene, variation: dict[str, float]) -> Scene:

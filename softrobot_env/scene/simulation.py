@@ -34,8 +34,8 @@ DIVERGING = {
 _HEALTHY = bytes(4 * int(mjtWarning.mjNWARNING))
 
 
-#: Times the accuracy that is wanted, an estimate is worth a warning: motions that part from each
-#: other make it up to some ten times too large.
+#: Times the accuracy that is wanted, an estimate is worth a warning: it is a bound, which is some
+#: times as large as the error.
 WORRYING = 2.0
 
 
@@ -43,8 +43,9 @@ def inaccuracy(scene: "Scene", estimate: float, time: float) -> TimestepWarning:
     """The warning that an estimate [m] at a time [s] is far beyond the accuracy."""
     return TimestepWarning(
         f"robot {scene.name!r}: by t = {time:.3f} s the motion may be "
-        f"{1e3 * estimate:.3g} mm off, {1e3 * scene.timestep.accuracy:.3g} mm are wanted: small "
-        "errors grow in it (a smaller `accuracy` may help)"
+        f"{1e3 * estimate:.3g} mm off, {1e3 * scene.timestep.accuracy:.3g} mm are wanted, or its "
+        "speed by as much in a swing: small errors grow, or fast modes are damped (a smaller "
+        "`accuracy` may help)"
     )
 
 
@@ -53,8 +54,9 @@ class SceneMotion(Motion):
     """A simulated motion of a scene and how accurate it is.
 
     Attributes:
-        integration_error: (k,) [m], estimated error of the backbone's position up to each instant;
-            None with MuJoCo's integrators.
+        integration_error: (k,) [m], estimated largest error of the backbone's position, and of its
+            velocity over the first angular frequency, up to each instant; None with MuJoCo's
+            integrators.
     """
 
     integration_error: ndarray | None

@@ -37,6 +37,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil, inf, pi, sqrt
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -76,6 +77,9 @@ EXTRAPOLATION = "extrapolation"
 #: The rate of `scene.integration.extrapolation` over the first angular frequency [1].
 RATE = 5.0
 
+#: Decay of swings in a control period, as exponents of e, after which nothing is left of them.
+GONE = 7.0
+
 #: [s], longest timestep where servos wind up tendons: their way is set once a timestep.
 LONGEST_WINDING = 5e-3
 
@@ -85,6 +89,24 @@ _DENSE = 64
 
 class TimestepWarning(UserWarning):
     """A motion is less accurate than asked for, or a timestep is near or beyond stability."""
+
+
+class Pace(NamedTuple):
+    """How fast robots move, numbers or arrays (k,) of many.
+
+    Attributes:
+        rate: [1/s], see `scene.integration.extrapolation`.
+        swing: [s], the first period of a robot whose swings outlast a control period, or inf.
+        damping_time: mu [s], the least of a robot's sections.
+    """
+
+    rate: float | ndarray
+    swing: float | ndarray
+    damping_time: float | ndarray
+
+
+#: With MuJoCo's integrators.
+NO_PACE = Pace(0.0, inf, 0.0)
 
 
 @dataclass(frozen=True)
@@ -100,7 +122,7 @@ class TimestepChoice:
         reason: One sentence for people.
         accuracy: [m], error of the backbone's position that is wanted; None where the integrator
             does not look at its error.
-        rate: [1/s], see `scene.integration.extrapolation`.
+        pace: Of the robot, or the least of each number of several.
     """
 
     integrator: str
@@ -110,7 +132,7 @@ class TimestepChoice:
     stability_limit: float
     reason: str
     accuracy: float | None = None
-    rate: float = 0.0
+    pace: Pace = NO_PACE
 
 
 @dataclass(frozen=True)
@@ -325,19 +347,19 @@ def extrapolation(
         timestep: [s], longest step, if asked for.
         winding: Whether tendons are driven by length.
     """
-    frequency = slowest(robot, winding)
+    beam = bent_beam(robot, winding)
     longest = timestep or (LONGEST_WINDING if winding else control_period)
     substeps = max(1, ceil(control_period / longest - 1e-9))
     return TimestepChoice(
         integrator=EXTRAPOLATION,
         timestep=control_period / substeps,
         substeps=substeps,
-        first_period=2 * pi / frequency,
+        first_period=2 * pi / float(beam.frequency({})),
         stability_limit=inf,
         reason=f"steps are as long as {1e3 * accuracy:.3g} mm allow, at most "
         f"{1e3 * control_period / substeps:.3g} ms",
         accuracy=accuracy,
-        rate=RATE * frequency,
+        pace=Pace(*map(float, beam.pace({}, control_period))),
     )
 
 
@@ -356,12 +378,14 @@ class BentBeam:
         mass: [kg] of the backbone, and of what it carries, by the squares of their ways.
         pull: [kg/m] of both, twice how far they sink, over the square of the tip's way.
         stiffness: [N/m] of the backbone, and of tendons whose lengths are held.
+        damping_time: mu [s], the least of its sections.
         upward: [m/s2], gravity towards the tip, or 0.
     """
 
     mass: Vector2
     pull: Vector2
     stiffness: Vector2
+    damping_time: float
     upward: float
 
     def frequency(self, variation: Mapping[str, float | ndarray]) -> ndarray:
@@ -372,6 +396,14 @@ class BentBeam:
         mass, pull = (part[0] * density + part[1] for part in (self.mass, self.pull))
         stiffness = self.stiffness[0] * modulus + self.stiffness[1] * radius**2
         return np.sqrt((stiffness + self.upward * pull) / mass)
+
+    def pace(self, variation: Mapping[str, float | ndarray], control_period: float) -> Pace:
+        """How fast it moves with a control period [s], by values as of `frequency`."""
+        frequency = self.frequency(variation)
+        damping_time = self.damping_time * np.asarray(variation.get("damping_time", 1.0))
+        decay = damping_time * frequency**2 / 2
+        swings = (decay < frequency) & (decay * control_period < GONE)
+        return Pace(RATE * frequency, np.where(swings, 2 * pi / frequency, inf), damping_time)
 
 
 def bent_beam(robot: RobotParams, winding: bool) -> BentBeam:
@@ -399,5 +431,6 @@ def bent_beam(robot: RobotParams, winding: bool) -> BentBeam:
         mass=(mass, sum(m * shape(s) ** 2 for s, m in carried)),
         pull=(pull, sum(m * raised(s) for s, m in carried)),
         stiffness=(1 / give, 3 * wound / length**3),
+        damping_time=min(section.damping_time for section in backbone.sections),
         upward=max(robot.own_gravity[2], 0.0),
     )

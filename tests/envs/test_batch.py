@@ -11,10 +11,11 @@ from support.routed_robots import HELICAL, TWO
 from softrobot_env.envs.simulation import batch as module
 from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.envs.simulation.plants import MujocoPlant
-from softrobot_env.robots import EXAMPLES, Base, Disc, find_robot
+from softrobot_env.robots import EXAMPLES, Base, Disc, RobotParams, find_robot
 from softrobot_env.robots.variations import neutral
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig, TipSensors
+from softrobot_env.scene.integration.layout import LONGEST
 from softrobot_env.scene.registry import SCENES, scene_of
 from softrobot_env.scene.servos import Servos
 
@@ -216,3 +217,19 @@ def test_a_batch_chooses_its_threads_unless_they_are_given():
     assert BatchSimulation(scene, 1).threads == 1
     assert BatchSimulation(scene, 2, threads=2).threads == 2
     assert 1e-6 < module.step_cost(scene) < 1e-2
+
+
+def test_a_varied_robot_has_the_intervals_of_a_single_one():
+    """A rod that swings within control periods, and variations that swing slower or not at all."""
+    rod = RobotParams("rod", 0.1, 0.01, 0.0, 1e10, 2000.0, 1e-6, 3)
+    plant = MujocoPlant(rod, axes=ALL, control_period=0.02)
+    variations = ({}, {"youngs_modulus": 0.25}, {"damping_time": 50.0})
+    batch, every = BatchSimulation(plant.nominal, len(variations)), neutral(robots_only=True)
+    rows = [every | variation for variation in variations]
+    batch.vary(np.arange(3), {name: np.array([row[name] for row in rows]) for name in every})
+    for k, variation in enumerate(variations):
+        alone = plant.simulation(variation)._integration.memory[0]
+        assert_allclose(batch._integration.memory[k], alone, rtol=1e-12)
+    longest = batch._integration.memory[:, 0, LONGEST]
+    assert longest[1] == pytest.approx(2 * longest[0])
+    assert longest[2] == 0.02

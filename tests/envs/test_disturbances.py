@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import gymnasium
 import mujoco
 import numpy as np
 import pytest
@@ -88,6 +89,7 @@ def jittering(scene, posture):
     return np.array(out)
 
 
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
 def test_friction_under_jittering_tension_is_that_of_fine_steps():
     """With implicitfast the error would be about 20 mm."""
     sensors = {"sensors": (TipSensors(),)}
@@ -103,6 +105,7 @@ def test_friction_under_jittering_tension_is_that_of_fine_steps():
     assert np.linalg.norm(without - truth, axis=1).max() > 20e-3
 
 
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
 def test_stuck_tendons_carry_less_than_their_friction():
     """An arm that swings freely comes to rest away from its equilibrium."""
     env = TrackingEnv("swing", observe="all")
@@ -119,6 +122,80 @@ def test_stuck_tendons_carry_less_than_their_friction():
     assert np.all(np.abs(rest[0.0]) < 1e-2)
     assert np.all(np.abs(rest[2.0]) < 2 * 2.0 * pairs * arm * 1.01)
     assert np.max(np.abs(rest[2.0])) > 0.1
+
+
+#: Extremes of `vary`, by what makes them hard: tendons that rub, that go slack, modes that ring.
+EXTREMES = {
+    "stiff and rubbing": (
+        SWING,
+        {"youngs_modulus": 2.0, "density": 0.5, "damping_time": 3.0, "tendon_friction": 0.5}
+        | {"tendon_radius": 0.8, "tension_gain": 0.7},
+    ),
+    "soft and rubbing": (
+        SWING,
+        {"youngs_modulus": 0.5, "density": 0.5, "damping_time": 3.0, "tendon_friction": 0.5}
+        | {"tendon_radius": 1.2, "tension_gain": 1.3},
+    ),
+    "hardly damped": (
+        SWING,
+        {"youngs_modulus": 0.5, "density": 0.5, "damping_time": 0.1, "tension_gain": 1.3},
+    ),
+    "slack rig": (
+        "SoftRobot/RigTriangle-v0",
+        {"youngs_modulus": 0.5, "density": 0.5, "damping_time": 3.0, "tendon_radius": 1.2},
+    ),
+    "rubbing rig": (
+        "SoftRobot/RigTriangle-v0",
+        {"youngs_modulus": 2.0, "density": 2.0, "damping_time": 3.0, "tendon_friction": 0.5}
+        | {"tendon_radius": 1.2},
+    ),
+}
+
+
+def error_and_estimate(env_id, vary, seed, held=5, steps=60):
+    """Largest error [m] of the tip in an episode of random actions, and its estimate [m].
+
+    Against a run 300 times as accurate: MuJoCo's integrators know no Coulomb friction.
+    """
+    tips, estimates = [], []
+    for accuracy in ("0.1%", "0.0003%"):
+        env = gymnasium.make(env_id, accuracy=accuracy).unwrapped
+        env.reset(seed=seed, options={"vary": vary})
+        rng = np.random.default_rng(seed)
+        size = (steps // held, *env.action_space.shape)
+        moves = np.repeat(rng.uniform(-1, 1, size), held, axis=0).astype(np.float32)
+        found = [env.step(move) for move in moves]
+        assert not any(terminated for _, _, terminated, *_ in found)
+        tips.append([observation["tip_position"] for observation, *_ in found])
+        estimates.append(found[-1][-1]["integration_error"])
+    return np.linalg.norm(np.subtract(*tips), axis=1).max(), estimates[0]
+
+
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
+@pytest.mark.parametrize("name", EXTREMES)
+def test_the_estimate_bounds_the_error_of_a_varied_episode_with_delay(name):
+    env_id, vary = EXTREMES[name]
+    error, estimate = error_and_estimate(env_id, vary | {"delay": 0.3}, seed=7)
+    assert 1e-6 < error < 2 * estimate
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
+def test_the_estimate_bounds_the_errors_of_random_varied_episodes():
+    """All variations at once, delays of up to 0.3 s; at most one of a hundred is beyond."""
+    rng, ratios = np.random.default_rng(43), []
+    factors = {"youngs_modulus": 2.0, "density": 2.0, "damping_time": 3.0, "tendon_radius": 1.2}
+    for k in range(100):
+        env_id = (SWING, "SoftRobot/RigTriangle-v0")[k % 2]
+        vary = {name: most ** rng.uniform(-1, 1) for name, most in factors.items()}
+        vary |= {"tendon_friction": max(0.0, rng.uniform(-0.5, 0.5))}
+        vary |= {"delay": 0.02 * rng.integers(16)}
+        if env_id == SWING:
+            vary["tension_gain"] = rng.uniform(0.7, 1.3)
+        error, estimate = error_and_estimate(env_id, vary, k, held=int(rng.choice((1, 5, 20))))
+        ratios.append(error / estimate)
+    assert np.sum(np.array(ratios) > 2) <= 1
+    assert max(ratios) < 10
 
 
 # ---------------------------------------------------------------- gain and delay

@@ -87,6 +87,7 @@ def test_episodes_are_those_of_single_environments(name):
     assert_alike(*ALIKE[name], **ROUNDING)
 
 
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
 @pytest.mark.parametrize(
     ("observe_as", "size", "close"),
     [("dict", 0.2, {"rtol": 1e-9, "atol": 1e-10}), ("vector", 1.0, ROUNDING)],
@@ -282,6 +283,7 @@ def test_new_ranges_leave_the_draws_of_the_others_alone():
 # ---------------------------------------------------------------- failures and bad input
 
 
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
 @pytest.mark.parametrize(
     ("start", "modulus", "pull"),
     [

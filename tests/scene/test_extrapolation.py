@@ -7,14 +7,16 @@ import mujoco
 import numpy as np
 import pytest
 
-from softrobot_env.robots import ARM, RIG, RobotParams
+from softrobot_env.robots import ARM, RIG, RobotParams, Tendon
 from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.chain import posture
 from softrobot_env.scene.config import SceneConfig, TipSensors
 from softrobot_env.scene.integration.layout import FEWEST as FEWEST_PLACE
 from softrobot_env.scene.integration.layout import MOST, RATE, WORST
 from softrobot_env.scene.integration.probe import probe
-from softrobot_env.scene.simulation import Simulation
+from softrobot_env.scene.simulation import WORRYING, Simulation
 from softrobot_env.scene.timestep import TimestepWarning, linearize, slowest
 
 PERIOD = 0.01
@@ -127,7 +129,7 @@ def test_a_bounded_cost_is_told_and_stays_stable():
     built = scene(robot, actuation="length")
     simulation = Simulation(built)
     simulation.reset(built.model.qpos0, np.zeros(6))
-    with pytest.warns(TimestepWarning, match="small errors grow"):
+    with pytest.warns(TimestepWarning, match="fast modes are damped"):
         for k in range(12):
             simulation.ctrl[0] = 0.01 * (k % 2)
             assert simulation.advance()
@@ -161,7 +163,7 @@ def test_the_slowest_frequency_is_about_the_chains(robot):
     built = scene(robot, bending="spatial", actuation="length" if winding else "tension")
     exact = linearize(built.model).frequencies()[0]
     assert slowest(robot, winding) == pytest.approx(exact, rel=0.35)
-    assert built.timestep.rate > exact
+    assert built.timestep.pace.rate > exact
     assert RATE
 
 
@@ -191,3 +193,103 @@ def test_huge_accelerations_of_a_small_stiff_robot_are_no_divergence():
     assert largest > 1e10  # MuJoCo's bound
     gap = simulation.data.qpos - start * np.cos(fastest * simulation.time)
     assert np.abs(gap).max() < 0.01 * np.abs(start).max()
+
+
+# ---------------------------------------------------------------- hardly damped motion
+
+#: A nearly undamped rod of 635 Hz, its first period [s], and a force [N] that bends it far.
+_ROD = RobotParams("rod", 0.1, 0.01, 0.0, 1e10, 2000.0, 0.0, 3)
+_SWING = 2 * np.pi / slowest(_ROD, False)
+_PUSH = 0.24 * _ROD.bending_stiffness / _ROD.length**2
+ROD = replace(_ROD, damping_time=2 * 0.002 * _SWING / (2 * np.pi))
+TENDON = Tendon("tendon", (0.008, 0.0), 0.1, 0, 1e5)
+
+
+@pytest.mark.parametrize(
+    ("driven", "periods"),
+    [*(("load", k) for k in (3.2, 8.4, 10.4, 30.3, 100.7)), ("tension", 15.4), ("tension", 30.3)],
+)
+def test_fast_motion_within_a_control_period_is_told(driven, periods):
+    """Steps as long as the period would damp it, those of the shadow as well."""
+    if driven == "load":
+        options, control = {"loads": (Load("push", 0.1, force=(_PUSH, 0.0, 0.0)),)}, np.ones(1)
+    else:
+        options, control = {}, np.array([0.05 * _PUSH / 0.008])
+    robot = ROD if driven == "load" else replace(ROD, tendons=(TENDON,))
+    config = SceneConfig(robot, control_period=periods * _SWING, **options)
+    built, duration = build_scene(config), 4 * config.control_period
+    fine = build_scene(replace(config, integrator="RK4", timestep=_SWING / 200))
+    truth = fine.simulate(duration, control, samples=config.control_period)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always", TimestepWarning)
+        found = built.simulate(duration, control, samples=config.control_period)
+    errors = np.linalg.norm(built.tip(found.q) - built.tip(truth.q), axis=1)
+    assert np.all(errors < 2 * found.integration_error + 1e-9)
+    assert told or errors.max() < built.timestep.accuracy
+
+
+def energy_of(simulation):
+    """Of motion, springs and weight [J]."""
+    mujoco.mj_energyPos(simulation.model, simulation.data)
+    mujoco.mj_energyVel(simulation.model, simulation.data)
+    return simulation.data.energy.sum()
+
+
+def let_go(curvature, duration):
+    """The arm without damping, let go from an arc [1/m]; its energy [1] after each period."""
+    built = scene(replace(ARM, damping_time=0.0))
+    simulation = Simulation(built)
+    straight = energy_of(simulation)
+    bent = posture(built.model, np.outer(built.layout.weights, [curvature]))
+    simulation.reset(bent, np.zeros(6))
+    energies, estimates = [energy_of(simulation)], [0.0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", TimestepWarning)
+        for _ in range(round(duration / PERIOD)):
+            assert simulation.advance()
+            energies.append(energy_of(simulation))
+            estimates.append(simulation.integration_error / built.timestep.accuracy)
+    return (np.array(energies) - straight) / (energies[0] - straight), np.array(estimates)
+
+
+@pytest.mark.parametrize("duration", [8.0, pytest.param(60.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("curvature", [2.0, 0.3, 0.03])
+def test_undamped_motion_gains_no_energy_and_tells_what_it_loses(curvature, duration):
+    """Modes faster than the steps are damped, at most by what is told before."""
+    energies, estimates = let_go(curvature, duration)
+    assert energies.max() < 1.01
+    assert energies.min() > 0.8
+    lost = np.flatnonzero(np.abs(energies - 1) > 0.05)
+    assert not len(lost) or estimates[lost[0] - 1] > WORRYING
+
+
+def test_wrong_speeds_of_an_undamped_arm_are_told():
+    """Against Runge-Kutta: positions are right for seconds, speeds of fast modes are not."""
+    built = scene(replace(ARM, damping_time=0.0))
+    model, accuracy = built.model.__copy__(), built.timestep.accuracy
+    model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_RK4, PERIOD / 100
+    simulation, data = Simulation(built), mujoco.MjData(model)
+    bent = posture(built.model, np.outer(built.layout.weights, [0.3]))
+    simulation.reset(bent, np.zeros(6))
+    data.qpos[:] = bent
+    speed_error = np.empty(100)
+    with pytest.warns(TimestepWarning):
+        for k in range(100):
+            assert simulation.advance()
+            mujoco.mj_step(model, data, 100)
+            mujoco.mj_forward(model, data)
+            gap = simulation.data.sensordata - data.sensordata
+            speed_error[k] = np.linalg.norm(gap[3:])
+    assert np.linalg.norm(gap[:3]) < WORRYING * accuracy
+    told = simulation.integration_error * slowest(built.config.robot, False)
+    assert accuracy * slowest(built.config.robot, False) < speed_error.max() < 2 * told
+
+
+def test_damping_decides_whether_swings_bound_the_steps():
+    """A robot whose swings are gone within a control period may cross it in one interval."""
+    damped = replace(ROD, damping_time=2 * 0.1 * _SWING / (2 * np.pi))
+    periods = dict.fromkeys((ROD, damped), 30 * _SWING) | {ARM: PERIOD}
+    swings = [scene(robot, control_period=t).timestep.pace.swing for robot, t in periods.items()]
+    assert swings[0] == pytest.approx(_SWING)
+    assert swings[1] == np.inf
+    assert swings[2] > 100 * PERIOD

@@ -17,7 +17,7 @@ from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import joint_angles
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.quadrature import RULES
-from softrobot_env.scene.simulation import Simulation
+from softrobot_env.scene.simulation import WORRYING, Simulation
 from softrobot_env.scene.timestep import linearize
 from studies.truths.varying_beam import bending_frequencies
 
@@ -144,7 +144,9 @@ def test_a_motion_tells_its_error():
     errors = np.linalg.norm(built.tip(motion.q) - built.tip(truth.q), axis=1)
     assert motion.integration_error[0] == 0
     assert np.all(np.diff(motion.integration_error) >= 0)
-    assert np.max(errors) < 3 * motion.integration_error[-1] < 3 * built.timestep.accuracy
+    assert np.max(errors) < built.timestep.accuracy
+    # Speeds count in it: it may be larger than any displacement, but not worth a warning.
+    assert np.max(errors) < motion.integration_error[-1] < WORRYING * built.timestep.accuracy
     assert build_scene(replace(fine, integrator="RK4")).simulate(0.1).integration_error is None
 
 

@@ -20,11 +20,12 @@ from numpy import ndarray
 from softrobot_env.core.arrays import HOST
 from softrobot_env.core.processes import usable_cores
 from softrobot_env.robots.variations import VARIATIONS
-from softrobot_env.scene.build import CompiledModel, Scene, rates_of, vary_scene
+from softrobot_env.scene.build import CompiledModel, Scene, paces_of, vary_scene
 from softrobot_env.scene.integration.layout import library_path
 from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.simulation import WORRYING, Simulation, inaccuracy
 from softrobot_env.scene.tendons import full_length
+from softrobot_env.scene.timestep import Pace
 
 #: Fields of a model that variations of the package scale or shift.
 VARIED = tuple(
@@ -313,7 +314,7 @@ class BatchSimulation(Batch):
     def __init__(self, scene: Scene, count: int, threads: int = 0) -> None:
         """Build the simulations; arguments as `Batch`'s."""
         super().__init__(scene, count, threads)
-        self._rates = rates_of(scene)
+        self._paces = paces_of(scene)
         self._full = full_length(scene.config.robot, scene.model)
         self.full_length = np.tile(self._full, (count, 1))
         self._fields: VariedFields | None = None
@@ -344,16 +345,17 @@ class BatchSimulation(Batch):
             self.full_length[which] = self._full
         for field, rows in self._fields.of(values):
             expand(field)[which] = rows
-        rates = self._rates(values)
+        paces = self._paces(values)
         for at in np.flatnonzero(self._fields.unknown(values)):
-            rate = self._rebuild(which[at], {name: float(v[at]) for name, v in values.items()})
-            if rates is not None:
-                rates[at] = rate
-        self._integration.set(which, self.scene.timestep, rates)
+            pace = self._rebuild(which[at], {name: float(v[at]) for name, v in values.items()})
+            if paces is not None:
+                for many, one in zip(paces, pace, strict=True):
+                    many[at] = one
+        self._integration.set(which, self.scene.timestep, paces)
         self._batch.set_const(which)
 
-    def _rebuild(self, robot: int, values: dict[str, float]) -> float:
-        """Take all that differs in a scene built for one robot; the rate of its integration."""
+    def _rebuild(self, robot: int, values: dict[str, float]) -> Pace:
+        """Take all that differs in a scene built for one robot; the pace of its integration."""
         built = vary_scene(self.scene, values)
         for field in changed_fields(self.scene.model, built.model):
             try:
@@ -365,7 +367,7 @@ class BatchSimulation(Batch):
                 ) from None
             self._rebuilt.add(field)
         self.full_length[robot] = full_length(built.config.robot, built.model)
-        return built.timestep.rate
+        return built.timestep.pace
 
     def drive_by(self, servos: Servos) -> None:
         """Let servos of n robots turn in every period from now on; horns are the controls.

@@ -14,7 +14,7 @@ from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import build_scene, vary_scene
 from softrobot_env.scene.chain import posture
 from softrobot_env.scene.config import SceneConfig
-from softrobot_env.scene.integration.layout import LONGEST, MEMORY_SIZE, SUBSTEPS
+from softrobot_env.scene.integration.layout import MEMORY_SIZE, PERIOD, SUBSTEPS
 from softrobot_env.scene.quadrature import HingeLayout, place_between
 from softrobot_env.scene.registry import scene_of
 from softrobot_env.scene.servos import Servos
@@ -280,7 +280,7 @@ class BeamSimulation:
         self._period = period = owner.config.control_period
         number = ceil(period / _PATH_STEP - 1e-9)
         self._clock = np.zeros(MEMORY_SIZE)
-        self._clock[[LONGEST, SUBSTEPS]] = period / number, number
+        self._clock[[PERIOD, SUBSTEPS]] = period, number
         self._servos: Servos | None = None
         self.ctrl = np.zeros(len(plant.robot.tendons))
         self.reset(plant.rest(), self.ctrl)

@@ -82,6 +82,7 @@ def _rub(v, forces, h, factor, change):
             couplings[j, k] = _dot(arms[j], answers[k])
     impulses = _impulses(couplings, rates, forces.friction, h)
     for k in range(count):
+        forces.grip[k] = impulses[k] / h
         for i in range(v.size):
             change[i] -= impulses[k] * answers[k, i]
 

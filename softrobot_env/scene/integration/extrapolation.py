@@ -15,8 +15,18 @@ The first force evaluation serves all rows: 4 evaluations for order 3, 7 for ord
 The error of an interval H is the displacement that the joints' errors cause at most, along the
 backbone. Its share of the accuracy may be (rate H)^2, as that of an acceleration, within
 `SMALLEST_SHARE` (what a jump of a control leaves in stiff modes does not add up) and
-`LARGEST_SHARE`. An interval beyond that gets another row, and then is divided; the next one is as
-long as its error lets it be. What drives do unseen at its end counts too, see `forces`.
+`LARGEST_SHARE`. Errors of speeds, which do not last in stiff modes, count by what they make in a
+swing of the robot, up to `LARGEST_SPEED`. An interval beyond that gets another row, and then is
+divided; the next one is as long as its error lets it be. What drives do unseen at its end counts
+too, see `forces`.
+
+Where a tendon goes slack or taut, sticks or slides another way within an interval, the error is no
+series, and all entries may be off together. What the tendon's force would do if it had changed all
+along counts as an error there, in the books if not in the choice of the length.
+
+Modes that nothing damps and that turn by 0.3 to 2 rad in an interval would grow, so in intervals
+longer than `CALM` damping times the entry takes a share of that of order 2: what it does not follow
+is damped. There each ramp begins with the shortest interval, which sees what is about to be damped.
 
 Here local errors are kept; `period` estimates what becomes of them. Joints whose positions are no
 vectors are handled by `mj_integratePos`.
@@ -29,6 +39,7 @@ from numpy import ndarray
 
 from softrobot_env.compile.native import jit, making
 
+from ..timestep import RATE
 from . import layout
 from . import mujoco_functions as mj
 from .euler import euler_step
@@ -38,6 +49,7 @@ from .forces import (
     drive_forces,
     drives_length,
     evaluate,
+    find_surprises,
     find_switched,
     measure,
     no_forces,
@@ -46,6 +58,21 @@ from .mujoco_functions import ints, reals
 
 #: Largest and smallest share [1] of the accuracy by which one interval may err.
 LARGEST_SHARE, SMALLEST_SHARE = 0.1, 0.003
+
+#: Weight [1] of what kinks make, in the books: the other errors booked are differences of entries,
+#: about so many times the errors of the better ones.
+_KINK = 10.0
+
+#: Longest interval in damping times [1] in which dampers keep entries of order 3 and 4 stable.
+CALM = 100.0
+
+#: Share [1] of the entry of order 2 that keeps the others of a table stable beyond, by their
+#: number: undamped modes of 0.3 to 2 rad an interval would grow by up to 0.5 % in it.
+_CALMING = (0.0, 0.0, 0.45, 0.2)
+
+#: Largest displacement, over the accuracy [1], that the speeds' errors of one interval may make in
+#: a swing of the robot.
+LARGEST_SPEED = 2.0
 
 #: Share [1] of its length by which the rounding of times may change an interval.
 _ROUNDING = 1e-9
@@ -66,7 +93,7 @@ class Table(NamedTuple):
         turns: (rows, nv), of the joints since the start of the interval.
         velocities: (rows, nv), at its end.
         turn, velocity: (nv,), the entry.
-        gap: (nv,), of the turns, from the entry before.
+        gap, lag: (nv,), of the turns and the velocities, from the entry before.
     """
 
     turns: ndarray
@@ -74,6 +101,7 @@ class Table(NamedTuple):
     turn: ndarray
     velocity: ndarray
     gap: ndarray
+    lag: ndarray
 
 
 class Work(NamedTuple):
@@ -84,7 +112,7 @@ class Work(NamedTuple):
         memory: Of the simulation or its shadow, see `layout`.
         q, v: (nq,), (nv,), at the start of the interval.
         first, forces: At the start of the interval, and at that of a later Euler step.
-        drives: (nu,) [N], forces of the drives in the last evaluation.
+        drives, begun: (nu,) [N], forces of the drives in the last evaluation, and at the start.
         matrix, change: (nv, nv), (nv,), of an Euler step.
         table: Results of the rows.
     """
@@ -96,6 +124,7 @@ class Work(NamedTuple):
     first: Forces
     forces: Forces
     drives: ndarray
+    begun: ndarray
     matrix: ndarray
     change: ndarray
     table: Table
@@ -105,8 +134,9 @@ class Work(NamedTuple):
 def work_size(chain, memory):
     """Number of doubles that `work_on` cuts."""
     nq, nv, nu, most = chain.q.size, chain.v.size, chain.ctrl.size, int(memory[layout.MOST])
-    forces = chain.mass.size + nv + (nu + chain.header[layout.NTENDON]) * (1 + nv) + 2
-    return nq + nv + 2 * forces + nu + nv * nv + nv + (2 * most + 3) * nv
+    forces = chain.mass.size + nv + (nu + chain.header[layout.NTENDON]) * (1 + nv)
+    forces += chain.header[layout.NTENDON] + 2
+    return nq + nv + 2 * forces + 2 * nu + nv * nv + nv + (2 * most + 4) * nv
 
 
 @making
@@ -114,7 +144,7 @@ def work_on(chain, memory, room):
     """Arrays for `integrate`, cut from free memory."""
     nq, nv, most = chain.q.size, chain.v.size, int(memory[layout.MOST])
     rows = mj.cut(room, most, nv), mj.cut(room, most, nv)
-    entry = mj.cut(room, 3, nv)
+    entry = mj.cut(room, 4, nv)
     return Work(
         chain,
         memory,
@@ -123,9 +153,10 @@ def work_on(chain, memory, room):
         no_forces(chain, room),
         no_forces(chain, room),
         mj.cut(room, 1, chain.ctrl.size)[0],
+        mj.cut(room, 1, chain.ctrl.size)[0],
         mj.cut(room, nv, nv),
         mj.cut(room, 1, nv)[0],
-        Table(rows[0], rows[1], entry[0], entry[1], entry[2]),
+        Table(rows[0], rows[1], entry[0], entry[1], entry[2], entry[3]),
     )
 
 
@@ -135,14 +166,19 @@ def integrate(work, ramp):
     chain, memory = work.chain, work.memory
     time, end = 0.0, ramp.duration * (1 - 1e-3 * _ROUNDING)
     length = min(memory[layout.NEXT], memory[layout.LONGEST])
+    if ramp.duration > memory[layout.CALM]:  # see what controls set off before it is damped
+        length = memory[layout.SHORTEST]
     while time < end:
         left = ramp.duration - time
         h = left / max(np.ceil(left / length - _ROUNDING), 1.0)
         _start(work, ramp, time)
         h, rows, error = _solve_interval(work, ramp, time, h)
-        _note(memory, h, error)
+        _note(work, h, error)
         # Where the error is too large: plain Euler steps, which are stable.
-        _take(work, rows - 1 if error <= 1 else 0, h)
+        entry = rows - 1 if error <= 1 else 0
+        if entry and h > memory[layout.CALM]:
+            _calm(work.table, entry)
+        _take(work, entry, h)
         time += h
         length = _next_length(memory, h, rows, error)
         if not bounded(chain.v):
@@ -162,6 +198,7 @@ def _start(work, ramp, time):
     mj.assign(work.q, work.chain.q)
     mj.assign(work.v, work.chain.v)
     _measure(work, work.first, ramp, time)
+    mj.assign(work.begun, drive_forces(work.chain))
 
 
 @jit
@@ -207,6 +244,8 @@ def _extrapolate(work, ramp, time, h):
         if rows >= work.memory[layout.FEWEST]:
             allowed = _allowed(work.memory, h)
             error = displacement(work.chain, work.table.gap) / allowed
+            fast = sway(work.chain, work.memory, work.table.lag)
+            error = np.maximum(error, fast / (LARGEST_SPEED * work.memory[layout.ACCURACY]))
             if error <= 1 and drives_length(work.chain):
                 error = max(error, _unseen(work, ramp, time + h, rows - 1, h / rows) / allowed)
     return rows, error
@@ -246,6 +285,7 @@ def _add_row(work, row):
         _extrapolate_entry(table.velocity, table.velocities[j], weight)
         for i in range(table.gap.size):
             table.gap[i] = table.turn[i] - table.turns[j, i]
+            table.lag[i] = table.velocity[i] - table.velocities[j, i]
     mj.assign(table.turns[row], table.turn)
     mj.assign(table.velocities[row], table.velocity)
 
@@ -266,6 +306,15 @@ def bounded(values):
         if not abs(values[i]) <= layout.HUGE:
             return False
     return True
+
+
+@jit
+def _calm(table, entry):
+    """Keep fast undamped modes from growing in an entry of the table."""
+    share, turns, velocities = _CALMING[entry], table.turns, table.velocities
+    for i in range(table.gap.size):
+        turns[entry, i] += share * (turns[1, i] - turns[entry, i])
+        velocities[entry, i] += share * (velocities[1, i] - velocities[entry, i])
 
 
 @jit
@@ -303,6 +352,12 @@ def displacement(chain, turn):
 
 
 @jit
+def sway(chain, memory, speeds):
+    """Displacement [m] that speeds (nv,) of the joints make in a swing of the robot, at most."""
+    return displacement(chain, speeds) * RATE / memory[layout.RATE]
+
+
+@jit
 def _unseen(work, ramp, time, entry, part):
     """Displacement [m] by drives that change their law in the last part [s] of an interval.
 
@@ -313,14 +368,8 @@ def _unseen(work, ramp, time, entry, part):
     mj.assign(chain.q, work.q)
     mj.move(chain.model, chain.q, table.turns[entry], 1.0)
     _control(chain.ctrl, ramp, time)
-    if not find_switched(chain, work.drives, work.forces):
-        return 0.0
-    for i in range(chain.v.size):
-        chain.v[i] = 0.0
-    euler_step(chain, work.forces, part, work.matrix, work.change)
-    for i in range(chain.v.size):
-        work.change[i] *= part
-    return displacement(chain, work.change)
+    switched = find_switched(chain, work.drives, work.forces)
+    return _pushed(work, part) if switched else 0.0
 
 
 @jit
@@ -348,9 +397,43 @@ def _next_length(memory, h, rows, error):
 
 
 @jit
-def _note(memory, h, error):
+def _note(work, h, error):
     """Keep the books of an interval [s] and its error over what is allowed."""
+    memory = work.memory
     memory[layout.MISSED] += not error <= 1
     memory[layout.WORST] = max(memory[layout.WORST], error) if error == error else np.inf
-    memory[layout.SUM] += error * _allowed(memory, h)
+    memory[layout.SUM] += error * _allowed(memory, h) + _KINK * _kink(work, h)
     memory[layout.STEPS] += 1
+
+
+@jit
+def _kink(work, h):
+    """Displacement [m] in an interval [s] by the change of forces that no row resolves.
+
+    Of drives that have another law at its end than at its start, and of tendons that rub.
+    """
+    chain, first, forces, found = work.chain, work.first, work.forces, False
+    if drives_length(chain):
+        found = find_surprises(chain, work.begun, forces)
+    else:
+        for i in range(chain.v.size):
+            forces.force[i] = 0.0
+        forces.counts[0] = 0
+    for k in range(int(first.counts[1])):
+        found = True
+        for i in range(chain.v.size):
+            forces.force[i] += (first.grip[k] - forces.grip[k]) * first.arms[k, i]
+    forces.counts[1] = 0
+    return _pushed(work, h) if found else 0.0
+
+
+@jit
+def _pushed(work, h):
+    """Displacement [m] that the forces in `work.forces` make within a time [s], from rest."""
+    chain = work.chain
+    for i in range(chain.v.size):
+        chain.v[i] = 0.0
+    euler_step(chain, work.forces, h, work.matrix, work.change)
+    for i in range(chain.v.size):
+        work.change[i] *= h
+    return displacement(chain, work.change)

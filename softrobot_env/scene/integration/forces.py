@@ -45,6 +45,7 @@ class Forces(NamedTuple):
         pulls: (nu, nv), their moment arms.
         friction: (ntendon,) [N] of tendons that rub.
         arms: (ntendon, nv), their moment arms.
+        grip: (ntendon,) [N], the friction in the last Euler step from here.
         counts: Numbers (2,) of taut drives and of tendons that rub, which come first.
     """
 
@@ -54,6 +55,7 @@ class Forces(NamedTuple):
     pulls: ndarray
     friction: ndarray
     arms: ndarray
+    grip: ndarray
     counts: ndarray
 
 
@@ -85,6 +87,7 @@ def no_forces(chain, room):
         mj.cut(room, nu, nv),
         mj.cut(room, 1, tendons)[0],
         mj.cut(room, tendons, nv),
+        mj.cut(room, 1, tendons)[0],
         mj.cut(room, 1, 2)[0],
     )
 
@@ -231,6 +234,12 @@ def find_switched(chain, before, forces):
     mj.mj_tendon(model, data)
     mj.mj_transmission(model, data)
     mj.mj_actuation(model, data)
+    return find_surprises(chain, before, forces)
+
+
+@jit
+def find_surprises(chain, before, forces):
+    """As `find_switched`, with the drives' forces of the last evaluation."""
     found = False
     for i in range(chain.v.size):
         forces.force[i] = 0.0

@@ -10,8 +10,9 @@ from mujoco import MjModel
 from numpy import ndarray
 
 from ..chain import SEPARATOR, TIP_SITE
-from ..timestep import EXTRAPOLATION, TimestepChoice
+from ..timestep import EXTRAPOLATION, RATE, Pace, TimestepChoice
 from . import layout
+from .extrapolation import CALM
 from .period import advance, refresh
 
 _METHODS = {EXTRAPOLATION: layout.EXTRAPOLATED, "RK4": layout.WHOLE}
@@ -22,8 +23,12 @@ FEWEST_ROWS, MOST_ROWS = 3, 4
 #: The shadow of a simulation is as many times less accurate.
 SHADOW = 20.0
 
-#: Intervals into which a control period is divided at most.
+#: Intervals into which a control period is divided at most, or a swing that outlasts it.
 MOST_INTERVALS = 256
+
+#: Longest interval, over such a swing [1]: implicit steps damp what they do not follow, and the
+#: shadow's do so as well, so that no estimate would tell.
+_OF_SWING = 1 / 4
 
 #: Fields of the data of which `Integration.report` keeps arrays.
 REPORTED_FIELDS = ("sensordata", "ten_length", "actuator_force")
@@ -50,19 +55,26 @@ class Integration:
         self.set(slice(None), choice)
         self._connect()
 
-    def set(self, which: Any, choice: TimestepChoice, rates: ndarray | None = None) -> None:
+    def set(self, which: Any, choice: TimestepChoice, paces: Pace | None = None) -> None:
         """Let the simulations `which` (k,) be integrated as chosen, as if new.
 
-        With `rates` (k,) of their own if given.
+        With paces (k,) of their own if given.
         """
-        chosen = self.memory[which]
+        chosen, period = self.memory[which], choice.timestep * choice.substeps
+        pace = choice.pace if paces is None else Pace(*(x[:, None] for x in paces))
+        frequency = pace.rate / RATE
         chosen[..., layout.METHOD] = _METHODS.get(choice.integrator, layout.SPLIT)
         chosen[..., layout.SUBSTEPS] = choice.substeps
-        chosen[..., layout.PERIOD] = choice.timestep * choice.substeps
-        chosen[..., layout.LONGEST] = chosen[..., layout.NEXT] = choice.timestep
-        chosen[..., layout.SHORTEST] = choice.timestep * choice.substeps / MOST_INTERVALS
-        chosen[..., layout.ACCURACY] = choice.accuracy or np.inf
-        chosen[..., layout.RATE] = choice.rate if rates is None else rates[:, None]
+        chosen[..., layout.PERIOD] = period
+        chosen[..., layout.LONGEST] = np.minimum(choice.timestep, _OF_SWING * pace.swing)
+        chosen[..., layout.NEXT] = chosen[..., layout.LONGEST]
+        chosen[..., layout.SHORTEST] = np.minimum(period, pace.swing) / MOST_INTERVALS
+        # Errors of swings that last for many periods within a control period add up in it.
+        lasting = np.minimum(period, 2 / np.maximum(pace.damping_time * frequency**2, 1e-300))
+        care = np.minimum(1.0, pace.swing / lasting)
+        chosen[..., layout.ACCURACY] = care * (choice.accuracy or np.inf)
+        chosen[..., layout.RATE] = pace.rate
+        chosen[..., layout.CALM] = CALM * pace.damping_time
         chosen[..., 1, layout.ACCURACY] *= SHADOW
         chosen[..., layout.FEWEST], chosen[..., layout.MOST] = FEWEST_ROWS, MOST_ROWS
         chosen[..., 1, layout.FEWEST] = FEWEST_ROWS - 1

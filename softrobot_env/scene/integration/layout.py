@@ -33,9 +33,9 @@ HEADER = OFFSETS + len(MODEL_FIELDS) + len(DATA_FIELDS) + 1  # and the time
 AT = namedtuple("AT", (*MODEL_FIELDS, *DATA_FIELDS, "time"))(*range(OFFSETS, HEADER))
 
 #: Places in a simulation's `memory` (float64): settings, then what it remembers and reports.
-METHOD, SUBSTEPS, PERIOD, LONGEST, SHORTEST, ACCURACY, RATE, FEWEST, MOST = range(9)
-NEXT, WORST, MISSED, EVALUATIONS, STEPS, SUM, ESTIMATE = range(9, 16)
-MEMORY_SIZE = 16  # of a simulation; its shadow's, alike, follows
+METHOD, SUBSTEPS, PERIOD, LONGEST, SHORTEST, ACCURACY, RATE, FEWEST, MOST, CALM = range(10)
+NEXT, WORST, MISSED, EVALUATIONS, STEPS, SUM, ESTIMATE = range(10, 17)
+MEMORY_SIZE = 17  # of a simulation; its shadow's, alike, follows
 
 #: Rows (nu,) of what is known of a simulation's servos: settings, order, and where they are.
 SPEED, OFFSET, HALF, COMMAND, MOTOR, HORN = range(6)

@@ -3,7 +3,9 @@
 Local errors alone say nothing of motions that part from each other: snapping, swinging upside down,
 chaos. So each simulation has a shadow, the same with `integrator.SHADOW` times the accuracy. How
 far it strays, times the ratio of the sums of the local errors, estimates the error in time. Where
-the simulation has the larger sum, its error is all that they are apart.
+the simulation has the larger sum, its error is all that they are apart. A speed counts as the
+displacement that it makes in a swing of the robot, speed over first angular frequency: so one
+number bounds the errors of positions, and of velocities times that frequency.
 
 The functions serve any robot, single simulations and the threads of many.
 """
@@ -14,7 +16,7 @@ from softrobot_env.compile.native import array_at, called, entry, jit, making, s
 
 from . import layout
 from . import mujoco_functions as mj
-from .extrapolation import Ramp, bounded, displacement, integrate, work_on, work_size
+from .extrapolation import Ramp, bounded, displacement, integrate, sway, work_on, work_size
 from .forces import chain_of, evaluate
 from .mujoco_functions import reals
 
@@ -27,22 +29,22 @@ def wind(servos, memory, path):
 
     Args:
         servos: Settings, order and state.
-        memory: Of the simulation: its timesteps.
+        memory: Of the simulation: its control period and timesteps.
         path: (1 + timesteps, nu) [m], horns now and at the end of every timestep.
 
     Returns:
         Number of rows of the path up to the one at which all motors have arrived.
     """
-    rows = 1 + _moving(servos, memory)
+    rows, tick = 1 + _moving(servos, memory), _tick(memory)
     half, horn = servos[layout.HALF], servos[layout.HORN]
     mj.assign(path[0], horn)
     for k in range(1, rows):
         for i in range(horn.size):
             # A motor turns one way, so its horn is pushed by one side of the backlash at most.
-            motor = _turned(servos, i, k * memory[layout.LONGEST])
+            motor = _turned(servos, i, k * tick)
             path[k, i] = min(max(horn[i], motor - half[i]), motor + half[i])
     for i in range(horn.size):
-        servos[layout.MOTOR, i] = _turned(servos, i, (rows - 1) * memory[layout.LONGEST])
+        servos[layout.MOTOR, i] = _turned(servos, i, (rows - 1) * tick)
     mj.assign(horn, path[rows - 1])
     return rows
 
@@ -51,6 +53,12 @@ def wind(servos, memory, path):
 def turn(servos, memory, path):
     """As `wind`, for Python."""
     return wind(servos, memory, path)
+
+
+@jit
+def _tick(memory):
+    """Time [s] between two rows of a path."""
+    return memory[layout.PERIOD] / memory[layout.SUBSTEPS]
 
 
 @jit
@@ -69,11 +77,11 @@ def _turned(servos, i, time):
 @jit
 def _moving(servos, memory):
     """Timesteps until all motors have arrived, at least one and at most all of them."""
-    arrival = 0.0
+    arrival, tick = 0.0, _tick(memory)
     for i in range(servos.shape[1]):
         arrival = max(arrival, np.abs(_way(servos, i)) / servos[layout.SPEED, i])
     steps = 1
-    while steps < memory[layout.SUBSTEPS] and steps * memory[layout.LONGEST] < arrival:
+    while steps < memory[layout.SUBSTEPS] and steps * tick < arrival:
         steps += 1
     return steps
 
@@ -85,8 +93,7 @@ def _moving(servos, memory):
 def _integrate_period(work, path, held):
     """Advance by a control period along a path (rows, nu) of controls, whose end is `held`."""
     chain, memory = work.chain, work.memory
-    tick = memory[layout.PERIOD] / memory[layout.SUBSTEPS]
-    ways = max(len(path) - 1, 0)
+    tick, ways = _tick(memory), max(len(path) - 1, 0)
     for k in range(ways):
         if k:
             evaluate(chain)
@@ -171,10 +178,13 @@ def _finish(model, data):
 
 @making
 def _compare(chain, memory, shadowed, states):
-    """Estimate the error from how far the shadow has strayed."""
-    nq, turn = chain.q.size, np.empty(chain.v.size)
-    mj.subtract(chain.model, turn, states[1, :nq], states[0, :nq])
-    strayed = displacement(chain, turn)
+    """Estimate the error from how far the shadow has strayed, in position and in velocity."""
+    nq, apart = chain.q.size, np.empty(chain.v.size)
+    mj.subtract(chain.model, apart, states[1, :nq], states[0, :nq])
+    strayed = displacement(chain, apart)
+    for i in range(apart.size):
+        apart[i] = states[1, nq + i] - states[0, nq + i]
+    strayed = np.maximum(strayed, sway(chain, memory, apart))
     if not strayed < np.inf:
         strayed = np.inf
     elif memory[layout.SUM] < shadowed[layout.SUM]:
