@@ -4,9 +4,6 @@ A twin of the rig is recorded slowly, as a user records, and is identified from 
 Then the same law drives it three times round the triangle: by the robot that was found, by the twin
 itself, and by the rig as everybody believes it to be. Zeros of the servos are corrected by what
 each of them knows.
-
-Twins that drift say whether an identification's intervals hold: it is given one recording, and
-another one of the same twin is kept back.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,16 +22,14 @@ from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.evaluation.runner import run as run_case
 from softrobot_env.identification.errors import size
-from softrobot_env.identification.fit.path import identify, placed
+from softrobot_env.identification.fit.path import identify
 from softrobot_env.identification.fit.report import parameter_rows
-from softrobot_env.identification.replay import replay
-from softrobot_env.robots import RIG, RobotParams, find_robot
+from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.actuation import with_balance
 from softrobot_env.robots.twin import Twin, rig3d_twin
 from softrobot_env.tasks import make_task
 from softrobot_env.thesis.rig.parameters import identified, record
 from studies import lab
-from studies.truths import drifting_twin
 from studies.truths.rubbing_rod import BELIEVED, drawn, recorded
 
 # -------------------- twins
@@ -178,67 +173,6 @@ def repetition(seed: int) -> list[FoundRow]:
     return [*out, FoundRow(seed, "delay", "marker_delay: all", true, *span, rms, taken)]
 
 
-# -------------------- recordings that were kept back
-
-#: Robots of which twins drift -> how many.
-DRIFTING = {"silicone_rod": 16, "rig": 16, "ftdcr_v4": 8}
-
-#: Mean share of the rows kept back that their 95 % intervals have to hold.
-HELD = (0.90, 0.98)
-
-
-@dataclass(frozen=True)
-class KeptRow(lab.Record):
-    """A recording of a drifting twin that an identification did not see.
-
-    Attributes:
-        kind: "kept".
-        robot, twin: Name, and the seed of the twin.
-        fitted, left_out, kept: [m], RMS of the rows that were fitted, of their blocks when they
-            were left out, and of those kept back, by the chain of what was found.
-        width: [m], mean half width of the intervals of the rows kept back.
-        held: Share of these that the intervals hold.
-        beyond: Share that is farther from what was identified than was tested.
-        time: [s] that the identification took.
-    """
-
-    kind: str
-    robot: str
-    twin: int = lab.quantity("", "d")
-    fitted: float = lab.quantity("mm", ".2f")
-    left_out: float = lab.quantity("mm", ".2f", "left out")
-    kept: float = lab.quantity("mm", ".2f", "kept back")
-    width: float = lab.quantity("mm", ".2f", "interval")
-    held: float = lab.quantity("%", ".0f", "it holds")
-    beyond: float = lab.quantity("%", ".0f", "untested")
-    time: float = lab.quantity("s", ".0f")
-
-
-def kept_back(name: str, seed: int) -> KeptRow:
-    """Whether the intervals hold of a twin."""
-    robot = find_robot(name)
-    recording, later = drifting_twin.recorded(robot, seed)
-    began = perf_counter()
-    found = identify(recording, robot, ("frame", "tendons", "geometry", "statics"))
-    taken = perf_counter() - began
-    later = placed(later, found.header)
-    seen, prediction = replay(later, found.robot), found.prediction
-    controls = later.controls(found.robot)
-    radius = prediction.radius(controls, later.begins)
-    known = np.isfinite(seen.distance)
-    errors = found.fit.simulated.error, found.validation.error, seen.error
-    return KeptRow(
-        "kept",
-        name,
-        seed,
-        *(size(error) for error in errors),
-        float(radius.mean()),
-        float(np.mean((seen.distance <= radius)[known])),
-        float(np.mean(prediction.away(controls) > prediction.tested)),
-        taken,
-    )
-
-
 # -------------------- tables
 
 #: Kind -> largest relative error that is asked for; of the delay none is.
@@ -293,32 +227,18 @@ def _laps(rows: Sequence[lab.Record]) -> list[Table]:
     )(rows)
 
 
-def _mean_mm(name: str) -> Callable[[list[KeptRow]], str]:
-    return lambda rows: lab.number(float(np.mean([getattr(r, name) for r in rows])), ".2f", "mm")
-
-
-def _held(rows: list[KeptRow]) -> float:
-    return float(np.mean([row.held for row in rows]))
-
-
-_MEASURES = {"robot": repetition, "twin": driven, "kept": kept_back}
-
-
-def cases(quick: bool = False, count: int | None = None) -> list[tuple]:
-    """Twins that are driven, rods, of which there are `count`, and twins that drift."""
+def cases(quick: bool = False, count: int | None = None) -> list[tuple[str, int]]:
+    """Twins, and as many rods as are wanted."""
     count = (QUICK if quick else REPETITIONS) if count is None else count
-    rods = [("robot", k) for k in range(count)]
-    if quick:
-        return rods
-    drifting = (("kept", name, k) for name, twins in DRIFTING.items() for k in range(twins))
-    return [*(("twin", k) for k in TWINS), *rods, *drifting]
+    twins = () if quick else TWINS
+    return [*(("twin", k) for k in twins), *(("robot", k) for k in range(count))]
 
 
 STUDY = lab.Study(
-    kinds=(FoundRow, TwinRow, KeptRow),
+    kinds=(FoundRow, TwinRow),
     cases=cases,
     options=("count",),
-    measure=lambda case: _MEASURES[case[0]](*case[1:]),
+    measure=lambda case: {"robot": repetition, "twin": driven}[case[0]](case[1]),
     tables=[
         lab.pivot(
             "Cosserat rods, identified",
@@ -337,27 +257,6 @@ STUDY = lab.Study(
             headings=("parameter",),
         ),
         _laps,
-        lab.pivot(
-            "Recordings kept back, of twins with friction that drift",
-            ("robot",),
-            {
-                "twins": len,
-                **{
-                    f"{label} mm": _mean_mm(name)
-                    for name, label in (
-                        ("fitted", "fitted"),
-                        ("left_out", "left out"),
-                        ("kept", "kept back"),
-                        ("width", "interval"),
-                    )
-                },
-                "held by 95 %": lambda rows: lab.number(_held(rows), ".1f", "%"),
-                "least": lambda rows: lab.number(min(row.held for row in rows), ".0f", "%"),
-                "met": lambda rows: lab.verdict(HELD[0] <= _held(rows) <= HELD[1]),
-            },
-            of=KeptRow,
-            headings=("robot",),
-        ),
     ],
     note="mean: of the error; median, largest: of its size; in 95 %: truths within the stated "
     "interval; met: all within what is asked, and the truth in at least "
