@@ -9,7 +9,11 @@ from pathlib import Path
 import numpy as np
 from rich.console import Group
 
-from softrobot_env.identification.fit.prediction import PREDICTION_FILE, read_prediction
+from softrobot_env.identification.fit.prediction import (
+    PREDICTION_FILE,
+    Judgement,
+    read_prediction,
+)
 from softrobot_env.identification.fit.residual import RESIDUAL_FILE, corrected, read_residual
 from softrobot_env.identification.replay import ErrorRow, Replay, error_rows
 from softrobot_env.identification.replay import replay as replayed
@@ -122,11 +126,15 @@ def _replay(args: Namespace) -> int:
     few = f" (the worst {_WORST} of {count} patterns)" if count > _WORST else ""
     say(make_table(f"{title}{few}", _COLUMNS, _worst(rows), caption=_CAPTION))
     failed = (f"Failed: {failure}" for failure in result.failures)
-    notes = [*result.notes, *_expected(result), *failed]
+    expected = _expected(result)
+    notes = [*result.notes, *([] if expected is None else [str(expected)]), *failed]
     for line in notes:
         say(line, soft_wrap=True, markup=False)
     common = {"robot": robot.name, "plant": args.plant, "cpu_time": result.cpu_time}
     columns = [common | asdict(row) for row in rows]
+    if expected is not None:
+        told = asdict(expected).items()
+        columns[0] |= {f"interval_{name}": value for name, value in told if name != "over"}
     parts = [make_table(title, _COLUMNS, rows, caption=_CAPTION), *notes]
     learned = _with_residual(result)
     if learned is not None:
@@ -149,12 +157,12 @@ def _with_residual(result: Replay) -> Replay | None:
     return replace(result, simulated=result.simulated + change)
 
 
-def _expected(result: Replay) -> list[str]:
-    """How the errors compare with what the identification of the robot expected, a line each."""
+def _expected(result: Replay) -> Judgement | None:
+    """How the errors compare with what the identification of the robot expected."""
     path = _beside(result.robot, PREDICTION_FILE)
     if path is None or not result.static:
-        return []
-    return read_prediction(path).said(result.robot, result.recording, result.distance)
+        return None
+    return read_prediction(path).judged(result.robot, result.recording, result.distance)
 
 
 def _worst(rows: list[ErrorRow]) -> list[ErrorRow]:

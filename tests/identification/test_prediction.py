@@ -10,6 +10,7 @@ from softrobot_env.identification.fit.prediction import predicted, read_predicti
 from softrobot_env.identification.fit.validation import BLOCKS, blocks_of
 
 ROD = rod(0.004, 0.008, 1e7, 1200.0)
+HERE = np.zeros((2, 1))
 LONG, BETWEEN, NOISE, GROWTH, START = 30, 1e-3, 0.5e-3, 2e-3, 6e-3
 
 
@@ -75,16 +76,17 @@ def test_what_leaves_the_identified_range_is_said_and_a_file_keeps_all(tmp_path)
     span = np.ptp(known, axis=0)
     beyond = recorded(np.stack([known[0], known.max(axis=0) + 2 * span]), "length")
     known_only = recorded(known[:3], "length")
-    none = np.zeros((2, 1))
-    (interval,) = again.said(ROD, known_only, np.full((3, 1), 1.0))
-    assert interval.endswith("it holds 0%")
-    interval, left, range_left = again.said(ROD, beyond, none)
-    assert interval.endswith("it holds 100%")
+    near, far = again.judged(ROD, known_only, np.full((3, 1), 1.0)), again.judged(ROD, beyond, HERE)
+    assert (near.held, near.beyond, near.over) == (0, 0, {})
+    assert str(near).endswith("it holds 0%")
+    assert (far.held, far.beyond) == (1, 0.5)
+    assert far.away == pytest.approx(again.away(beyond.commands)[1] / again.tested)
+    assert far.over == pytest.approx({"t0": 2.0, "t1": 2.0, "t2": 2.0})
+    assert far.largest == pytest.approx(again.radius(beyond.commands, beyond.begins).max())
+    _, left, range_left = str(far).splitlines()
     assert left.startswith("50% of the rows leave the identified range, commanded up to ")
-    times = float(left.split("up to ")[1].split(" times")[0])
-    assert times == pytest.approx(again.away(beyond.commands)[1] / again.tested, rel=0.01)
     assert range_left.endswith("t0 by 200%, t1 by 200%, t2 by 200%")
-    assert again.said(ROD, recorded(known[:3], "tension"), none) == []
+    assert again.judged(ROD, recorded(known[:2], "tension"), HERE) is None
 
 
 @pytest.mark.parametrize(("name", "value"), [("scale", 0.0), ("tested", np.nan), ("parts", 1.0)])

@@ -36,6 +36,42 @@ _SLIGHT = 0.01  # of a tendon's identified range, beyond which leaving it is sai
 
 
 @dataclass(frozen=True)
+class Judgement:
+    """A replay against what was expected of it.
+
+    Attributes:
+        least, largest: [m], half widths of the 95 % intervals.
+        held: Share of the markers that they hold.
+        beyond: Share of the rows whose commands are farther from those identified than was tested.
+        away: Largest distance of a command, over that.
+        over: Tendon -> by which share of its identified range it was commanded beyond that.
+    """
+
+    least: float
+    largest: float
+    held: float
+    beyond: float
+    away: float
+    over: dict[str, float]
+
+    def __str__(self) -> str:
+        lines = [
+            f"95 % interval by the identification: {1e3 * self.least:.3g} to "
+            f"{1e3 * self.largest:.3g} mm from where a marker is simulated; it holds "
+            f"{self.held:.0%}"
+        ]
+        if self.beyond:
+            lines.append(
+                f"{self.beyond:.0%} of the rows leave the identified range, commanded up to "
+                f"{self.away:.3g} times as far from it as was tested: their interval is a guess"
+            )
+        if self.over:
+            more = ", ".join(f"{name} by {share:.0%}" for name, share in self.over.items())
+            lines.append(f"commanded beyond the identified range: {more}")
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True)
 class Prediction:
     """What to expect of a recording at rest.
 
@@ -72,37 +108,32 @@ class Prediction:
         since = _since(controls / self.scale, begins)
         return np.sqrt(_features(self.away(controls), since) @ self.parts.T**2)
 
-    def said(self, robot: RobotParams, recording: Recording, distance: ndarray) -> list[str]:
-        """What a replay's reader should know, a line each; nothing where it was driven otherwise.
+    def judged(
+        self, robot: RobotParams, recording: Recording, distance: ndarray
+    ) -> "Judgement | None":
+        """Whether a replay of rows at rest is as expected; None where it was driven otherwise.
 
         Args:
             robot: That was identified.
-            recording: That was replayed, at rest.
+            recording: That was replayed.
             distance: (t, k) [m] of simulated and recorded markers; NaN where unknown.
         """
         if recording.drive(robot) != ("length" if self.by_length else "tension"):
-            return []
+            return None
         controls, known = recording.controls(robot), np.isfinite(distance)
-        radius = self.radius(controls, recording.begins)
-        ends = 1e3 * radius.min(), 1e3 * radius.max()
-        held = float(np.mean((distance <= radius)[known])) if known.any() else 0.0
-        lines = [
-            f"95 % interval by the identification: {ends[0]:.3g} to {ends[1]:.3g} mm from where "
-            f"a marker is simulated; it holds {held:.0%}"
-        ]
-        away = self.away(controls) / self.tested
-        if (beyond := away > 1 + 1e-9).any():
-            lines.append(
-                f"{beyond.mean():.0%} of the rows leave the identified range, commanded up to "
-                f"{away.max():.3g} times as far from it as was tested: their interval is a guess"
-            )
+        radius, away = self.radius(controls, recording.begins), self.away(controls) / self.tested
         low, high = self.controls.min(axis=0), self.controls.max(axis=0)
         over = np.maximum(low - controls, controls - high).max(axis=0)
         share = over / np.maximum(high - low, 1e-3 * self.scale)
-        named = zip(robot.tendon_names, share, strict=True)
-        if more := [f"{name} by {part:.0%}" for name, part in named if part > _SLIGHT]:
-            lines.append(f"commanded beyond the identified range: {', '.join(more)}")
-        return lines
+        named = zip(robot.tendon_names, share.tolist(), strict=True)
+        return Judgement(
+            float(radius.min()),
+            float(radius.max()),
+            float(np.mean((distance <= radius)[known])) if known.any() else 0.0,
+            float(np.mean(away > 1 + 1e-9)),
+            float(away.max()),
+            {name: part for name, part in named if part > _SLIGHT},
+        )
 
     def save(self, path: Path) -> None:
         """Write the arrays; no code is in the file."""
