@@ -13,7 +13,7 @@ from softrobot_env.control.registry import make_policy
 from softrobot_env.core.processes import Workers, using
 from softrobot_env.evaluation.runner import Case, run
 from softrobot_env.identification.errors import size
-from softrobot_env.identification.fit import dynamics, path
+from softrobot_env.identification.fit import dynamics, path, validation
 from softrobot_env.identification.fit.assignment import assigned
 from softrobot_env.identification.fit.dynamics import windows_of
 from softrobot_env.identification.fit.least_squares import NORMAL_95, clustered, weights_of
@@ -368,6 +368,17 @@ def test_windows_of_motion_are_whole_decays_led_by_the_pull_before():
         seen = np.isfinite(windows.markers[mine, 0, 0])
         assert np.array_equal(windows.commands[mine][:131, 0], np.append(0.0, cycle[:130]))
         assert not seen[:130].any() and seen[130:].all()
+
+
+@pytest.mark.slow
+def test_blocks_left_out_are_alike_in_processes_and_predicted_worse_than_fitted(monkeypatch):
+    recording = pulled(HEAVY.vary(tendon_friction=0.02), UP_AND_DOWN, 1e-4)
+    here = identify(recording, HEAVY, ("statics",))
+    monkeypatch.setattr(validation, "_LONG", 0)
+    there = identify(recording, HEAVY, ("statics",))
+    assert np.array_equal(here.validation.error, there.validation.error)
+    assert np.array_equal(here.fit.x, there.fit.x)
+    assert size(here.validation.error) > size(here.fit.simulated.error)
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.interfaces import ProgressCallback, quiet
-from softrobot_env.core.processes import chosen_processes
+from softrobot_env.core.processes import chosen_processes, one_blas_thread
 from softrobot_env.recordings import Header, Recording
 from softrobot_env.robots import RobotParams
 
@@ -104,6 +104,7 @@ def check_stages(stages: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in STAGES if name in stages)
 
 
+@one_blas_thread()
 def identify(
     recording: Recording,
     robot: RobotParams,
