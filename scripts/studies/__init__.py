@@ -14,6 +14,7 @@ STUDIES = {
     "feedback": "Feedback of a late tip on the disturbed rig (thesis sec. 6.1)",
     "gripper": "The gripper: its grips, what it encloses, holds under pulls, and what they cost",
     "identify": "Identification of robots of another model class, with hidden truths",
+    "intervals": "Whether the intervals of an identification hold a recording that was kept back",
     "laws": "Every law on every robot, on generic paths at shares of the robot's first frequency",
     "learning": "Learning curves and figures of trained policies over several seeds",
     "peers": "Error and computing time beside SoRoMoX, and environment steps beside gym-softrobot",

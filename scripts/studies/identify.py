@@ -227,10 +227,17 @@ def _laps(rows: Sequence[lab.Record]) -> list[Table]:
     )(rows)
 
 
+def cases(quick: bool = False, count: int | None = None) -> list[tuple[str, int]]:
+    """Twins, and as many rods as are wanted."""
+    count = (QUICK if quick else REPETITIONS) if count is None else count
+    twins = () if quick else TWINS
+    return [*(("twin", k) for k in twins), *(("robot", k) for k in range(count))]
+
+
 STUDY = lab.Study(
     kinds=(FoundRow, TwinRow),
-    cases=[*(("twin", k) for k in TWINS), *(("robot", k) for k in range(REPETITIONS))],
-    quick=[("robot", k) for k in range(QUICK)],
+    cases=cases,
+    options=("count",),
     measure=lambda case: {"robot": repetition, "twin": driven}[case[0]](case[1]),
     tables=[
         lab.pivot(

@@ -36,7 +36,8 @@ ARGUMENTS = f"""
         mass,tendon_radius
     --any-turn  the recording's frame may be anywhere and turned in any way; about the robot's
         axis it may be turned anyway where the columns' tendons are not known
-    --no-validation  skip the cross-validation, half of the time
+    --no-validation  skip the cross-validation, half of the time; nothing is said of recordings
+        that were not seen then
     <no-plots>
     <workers>; those of the assignment, of further starts and of the cross-validation;
         default: two processes, of the cross-validation alone
@@ -89,11 +90,10 @@ def _on_chain(found: Identification, show: ProgressCallback) -> ErrorRow | None:
 
 def _plot(found: Identification, args: Namespace) -> None:
     errors = {"fitted": found.fit.simulated.error[:, -1]}
-    for validation in found.validations:
-        errors[f"cross-validated, {validation.scheme}"] = validation.error[:, -1]
-        if validation.corrected is not None:
-            name = f"cross-validated with residual, {validation.scheme}"
-            errors[name] = validation.corrected[:, -1]
+    if (left_out := found.validation) is not None:
+        errors[f"{report.LEFT_OUT} of the fit"] = left_out.error[:, -1]
+        if left_out.corrected is not None:
+            errors[f"{report.LEFT_OUT}, with residual"] = left_out.corrected[:, -1]
     rows = [row for row in parameter_rows(found) if row.found]
     title = f"{args.recording.name}, {found.believed.name}"
     plot_identification(found.recording.markers[:, -1], errors, rows, title, args.out)

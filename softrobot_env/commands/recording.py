@@ -9,6 +9,11 @@ from pathlib import Path
 import numpy as np
 from rich.console import Group
 
+from softrobot_env.identification.fit.prediction import (
+    PREDICTION_FILE,
+    Judgement,
+    read_prediction,
+)
 from softrobot_env.identification.fit.residual import RESIDUAL_FILE, corrected, read_residual
 from softrobot_env.identification.replay import ErrorRow, Replay, error_rows
 from softrobot_env.identification.replay import replay as replayed
@@ -106,7 +111,7 @@ _WORST = 5  # patterns on the terminal
 def _replay(args: Namespace) -> int:
     """Replay, print and write; 1 if a part of the recording could not be simulated."""
     robot = find_robot(args.robot)
-    header = args.header or _beside(robot)
+    header = args.header or _beside(robot, _BESIDE_ROBOT)
     if header is not None and args.header is None:
         say(f"Header: {header}", soft_wrap=True)
     recording = read_recording(args.recording, header)
@@ -120,11 +125,16 @@ def _replay(args: Namespace) -> int:
     count = len(rows) - 1
     few = f" (the worst {_WORST} of {count} patterns)" if count > _WORST else ""
     say(make_table(f"{title}{few}", _COLUMNS, _worst(rows), caption=_CAPTION))
-    notes = [*result.notes, *(f"Failed: {failure}" for failure in result.failures)]
+    failed = (f"Failed: {failure}" for failure in result.failures)
+    expected = _expected(result)
+    notes = [*result.notes, *([] if expected is None else [str(expected)]), *failed]
     for line in notes:
         say(line, soft_wrap=True, markup=False)
     common = {"robot": robot.name, "plant": args.plant, "cpu_time": result.cpu_time}
     columns = [common | asdict(row) for row in rows]
+    if expected is not None:
+        told = asdict(expected).items()
+        columns[0] |= {f"interval_{name}": value for name, value in told if name != "over"}
     parts = [make_table(title, _COLUMNS, rows, caption=_CAPTION), *notes]
     learned = _with_residual(result)
     if learned is not None:
@@ -140,12 +150,19 @@ def _replay(args: Namespace) -> int:
 
 def _with_residual(result: Replay) -> Replay | None:
     """The replay corrected by what was learned of an identified robot, beside whose file it is."""
-    file = result.robot.file
-    path = None if file is None else file.parent / RESIDUAL_FILE
-    if path is None or not path.is_file() or not result.static:
+    path = _beside(result.robot, RESIDUAL_FILE)
+    if path is None or not result.static:
         return None
     change = corrected(read_residual(path), result.robot, result.recording)
     return replace(result, simulated=result.simulated + change)
+
+
+def _expected(result: Replay) -> Judgement | None:
+    """How the errors compare with what the identification of the robot expected."""
+    path = _beside(result.robot, PREDICTION_FILE)
+    if path is None or not result.static:
+        return None
+    return read_prediction(path).judged(result.robot, result.recording, result.distance)
 
 
 def _worst(rows: list[ErrorRow]) -> list[ErrorRow]:
@@ -154,11 +171,11 @@ def _worst(rows: list[ErrorRow]) -> list[ErrorRow]:
     return [rows[0], *sorted(known, key=lambda row: -row.rms)[:_WORST]]
 
 
-def _beside(robot: RobotParams) -> Path | None:
-    """The header beside a robot's file, where there is one."""
+def _beside(robot: RobotParams, name: str) -> Path | None:
+    """A file that an identification wrote beside a robot's, where there is one."""
     if robot.file is None:
         return None
-    path = robot.file.parent / _BESIDE_ROBOT
+    path = robot.file.parent / name
     return path if path.is_file() else None
 
 
@@ -175,7 +192,8 @@ _REPLAY = arguments.command(
     f"""
     {FILE_TEXT}
     <robot!> {_BESIDE_ROBOT} beside the file counts as --header unless that is given, and
-        residual.npz as a correction that is reported apart
+        residual.npz as a correction that is reported apart; by prediction.npz it is said whether
+        the errors are as expected, and how far commands leave the identified range
     <plant>
     --twin TWIN  errors of manufacturing, servos and tendons, of a robot driven by length; default:
         none

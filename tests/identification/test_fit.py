@@ -13,7 +13,7 @@ from softrobot_env.control.registry import make_policy
 from softrobot_env.core.processes import Workers, using
 from softrobot_env.evaluation.runner import Case, run
 from softrobot_env.identification.errors import size
-from softrobot_env.identification.fit import dynamics, path
+from softrobot_env.identification.fit import dynamics, path, validation
 from softrobot_env.identification.fit.assignment import assigned
 from softrobot_env.identification.fit.dynamics import windows_of
 from softrobot_env.identification.fit.least_squares import NORMAL_95, clustered, weights_of
@@ -23,7 +23,6 @@ from softrobot_env.identification.fit.report import write_files
 from softrobot_env.identification.fit.residual import corrected, read_residual, trained
 from softrobot_env.identification.fit.static_windows import at_rest
 from softrobot_env.identification.fit.unknowns import FRICTIONS, HOLDS, Fact, Group, Unknowns
-from softrobot_env.identification.fit.validation import blocks_of
 from softrobot_env.identification.replay import replay
 from softrobot_env.recordings import Frame, Marker, Recording, read_header, write_recording
 from softrobot_env.robots import ROBOTS, RobotParams, read_robot, write_robot
@@ -371,13 +370,15 @@ def test_windows_of_motion_are_whole_decays_led_by_the_pull_before():
         assert not seen[:130].any() and seen[130:].all()
 
 
-def test_blocks_hold_whole_patterns():
-    patterns = np.repeat(np.arange(10), 7)
-    for scheme in ("interleaved", "contiguous"):
-        blocks = blocks_of(patterns, scheme)
-        assert sorted(set(blocks)) == [0, 1, 2, 3, 4]
-        assert all(len(set(blocks[patterns == k])) == 1 for k in range(10))
-    assert blocks_of(patterns, "contiguous")[:14].tolist() == [0] * 14
+@pytest.mark.slow
+def test_blocks_left_out_are_alike_in_processes_and_predicted_worse_than_fitted(monkeypatch):
+    recording = pulled(HEAVY.vary(tendon_friction=0.02), UP_AND_DOWN, 1e-4)
+    here = identify(recording, HEAVY, ("statics",))
+    monkeypatch.setattr(validation, "_LONG", 0)
+    there = identify(recording, HEAVY, ("statics",))
+    assert np.array_equal(here.validation.error, there.validation.error)
+    assert np.array_equal(here.fit.x, there.fit.x)
+    assert size(here.validation.error) > size(here.fit.simulated.error)
 
 
 @pytest.mark.slow
@@ -386,7 +387,7 @@ def test_the_command_writes_what_a_replay_reads(tmp_path, capsys):
     pulls = tmp_path / "pulls.csv"
     write_recording(pulled(true, UP_AND_DOWN, 1e-4), pulls)
     write_robot(HEAVY, tmp_path / "rod.toml")
-    words = "--stages statics --known mass --no-validation --no-plots --out"
+    words = "--stages statics --known mass --no-plots --out"
     assert called("identify", pulls, "--robot", tmp_path / "rod.toml", words, out) == 0
     said = capsys.readouterr().out
     assert "chain" in said and "What would tell more" in said
@@ -397,6 +398,9 @@ def test_the_command_writes_what_a_replay_reads(tmp_path, capsys):
     given = ("--no-plots --robot", out / "robot.toml", "--out", tmp_path / "replay")
     assert called("recording replay", pulls, *given) == 0
     assert rows_in(tmp_path / "replay")[0]["rms"] < 1e-3
+    (interval,) = (row for row in rows_in(out) if row["kind"] == "prediction")
+    assert 1e-4 < interval["near"] <= interval["far"] < 2e-3
+    assert "95 % interval by the identification: " in capsys.readouterr().out
 
 
 @pytest.mark.slow

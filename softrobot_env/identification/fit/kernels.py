@@ -20,6 +20,7 @@ from numpy import ndarray
 from softrobot_env.beams.numerics.quaternions import (
     add,
     cross,
+    difference,
     dot3,
     scaled,
     store,
@@ -29,11 +30,14 @@ from softrobot_env.beams.numerics.quaternions import (
 from softrobot_env.beams.pcc.constant_strain import (
     clamp,
     compose,
+    motion,
+    motion_transpose,
     position,
     stumpff,
     to_axes,
     to_world,
     transmit,
+    turn,
 )
 from softrobot_env.compile.kernels import kernel
 
@@ -109,11 +113,20 @@ class Work(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Scratch of real and of complex numbers, and the tangent (3 n, 3 n) of the last balance."""
+    """Scratch of a robot.
+
+    Attributes:
+        real, complex: Of these kinds of numbers.
+        tangent: (3 n, 3 n) of the last balance.
+        spin, shift: (3 n, 3) what each turn does to the end of its piece, rotation and motion [m],
+            where the tangent was set.
+    """
 
     real: Work
     complex: Work
     tangent: ndarray
+    spin: ndarray
+    shift: ndarray
 
 
 def scratch(pieces: int, tendons: int) -> Scratch:
@@ -121,7 +134,7 @@ def scratch(pieces: int, tendons: int) -> Scratch:
     along, places = 3 * pieces, (pieces + 1, 3)
     shapes = ((tendons,), (tendons, along), (tendons,), places, (*places, 3), (along,))
     kinds = (Work(*(np.zeros(shape, kind) for shape in shapes)) for kind in (float, complex))
-    return Scratch(*kinds, np.zeros((along, along)))
+    return Scratch(*kinds, *(np.zeros((along, k)) for k in (along, 3, 3)))
 
 
 class State(NamedTuple):
@@ -314,15 +327,74 @@ def imbalance(layout, body, state, has_friction, work):
 
 
 @kernel
+def _set_rates(layout, q, scratch):
+    """Set spin and shift of the posture of the real numbers."""
+    for i in range(len(layout.sizes)):
+        phi, start = vector_at(q, 3 * i), _frame(scratch.real.axes[i])
+        c = stumpff(dot3(phi, phi))
+        for j in range(3):
+            unit = (1.0 * (j == 0), 1.0 * (j == 1), 1.0 * (j == 2))
+            shift, spin = motion(layout.sizes[i], c, phi, unit)
+            store(scratch.shift[3 * i + j], to_world(start, shift))
+            store(scratch.spin[3 * i + j], to_world(start, spin))
+
+
+@kernel
+def _add_weight_tangent(layout, body, q, scratch):
+    """Add the derivative of the weights' imbalance by q (3 n,) to the tangent; needs spin, shift.
+
+    A turn of a piece turns all beyond it as one body. So what the weights pull at a later piece,
+    gravity . push, changes by gravity . (spin x push), spin being the rotation by the earlier turn.
+    """
+    n, gravity, real, out = len(layout.sizes), vector(body.gravity), scratch.real, scratch.tangent
+    push = np.zeros((3 * n, 3))
+    mass = body.head[0]
+    lever = scaled(body.head[0] * body.head[1], vector(real.axes[n, 2]))
+    for i in range(n - 1, -1, -1):
+        mass += body.mass[i + 1]
+        _add_own_weight(layout.sizes[i], vector_at(q, 3 * i), i, mass, lever, gravity, scratch)
+        for j in range(3 * i, 3 * i + 3):
+            spin, shift = vector(scratch.spin[j]), vector(scratch.shift[j])
+            store(push[j], add(scaled(mass, shift), cross(spin, lever)))
+            for later in range(3 * i + 3, 3 * n):
+                pull = dot3(gravity, cross(spin, vector(push[later])))
+                out[later, j] -= pull
+                out[j, later] -= pull
+        lever = add(
+            lever, scaled(mass, difference(vector(real.place[i + 1]), vector(real.place[i])))
+        )
+
+
+@kernel
+def _add_own_weight(size, phi, i, mass, lever, gravity, scratch):
+    """Add what the turns of piece i change of the pull at it by a mass [kg] with a lever [kg m]."""
+    axes, zero = scratch.real.axes, 0.0 * phi[0]
+    pull, beyond = to_axes(_frame(axes[i]), gravity), to_axes(_frame(axes[i + 1]), lever)
+    for j in range(3):
+        step = (
+            complex(zero, TINY * (j == 0)),
+            complex(zero, TINY * (j == 1)),
+            complex(zero, TINY * (j == 2)),
+        )
+        turned = add(phi, step)
+        c = stumpff(dot3(turned, turned))
+        moment = cross(turn(c, turned, beyond), pull)
+        load = motion_transpose(size, c, turned, scaled(mass, pull), moment)
+        for k in range(3):
+            scratch.tangent[3 * i + k, 3 * i + j] -= load[k].imag / TINY
+
+
+@kernel
 def _tangent(layout, body, state, has_friction, scratch):
     """Set the tangent to the derivative of the imbalance by q, where real numbers were set last.
 
     By complex steps: a piece's spring and a tendon's arm about a piece depend on its turns alone,
-    so that three steps give those of all pieces.
+    so that three steps give those of all pieces. Sets spin and shift as well.
     """
     q, real, work, out = state.q, scratch.real, scratch.complex, scratch.tangent
     n, tendons = len(layout.sizes), len(real.length)
     out[:, :] = 0
+    _set_rates(layout, q, scratch)
     for k in range(tendons):
         work.length[k] = complex(real.length[k], TINY)
     _set_tensions(layout, body, state, has_friction, work)
@@ -346,13 +418,7 @@ def _tangent(layout, body, state, has_friction, scratch):
             out[i, 3 * (i // 3) + j] += work.force[i].imag / TINY
         z[:] = q
     if np.any(body.gravity != 0):
-        for j in range(3 * n):
-            z[j] = complex(q[j], TINY)
-            work.force[:] = 0
-            _add_weight(layout, body, z, work)
-            z[j] = q[j]
-            for i in range(3 * n):
-                out[i, j] += work.force[i].imag / TINY
+        _add_weight_tangent(layout, body, q, scratch)
 
 
 @kernel
@@ -451,10 +517,9 @@ def _differentiate(layout, many, state, moved, has_friction, scratch, out):
         scratch: Of the state: real numbers and the tangent there.
         out: Is set.
     """
-    real, work = scratch.real, scratch.complex
-    inverse = np.linalg.inv(scratch.tangent)
-    seen = np.zeros((len(layout.nodes), 3), np.complex128)
-    for j in range(out.shape[2]):
+    real, work, steps = scratch.real, scratch.complex, out.shape[2]
+    pulls, lengths = np.zeros((len(state.q), steps)), np.zeros((len(work.length), steps))
+    for j in range(steps):
         body, one = _body(many, j), State(moved.q[j], moved.control[j], moved.anchor[j])
         one.q[:] = state.q
         for m in range(len(one.anchor)):
@@ -467,17 +532,40 @@ def _differentiate(layout, many, state, moved, has_friction, scratch, out):
             if body.place[k, 0].imag != 0 or body.place[k, 1].imag != 0:
                 by_place = _tendon_length(layout, body.place, one.q, k, work.arm[k]).imag
             work.length[k] = complex(real.length[k], by_place)  # so that it slides as it does there
+            lengths[k, j] = by_place / TINY
         _set_tensions(layout, body, one, has_friction, work)
         _add_tendons(layout, work)
         if np.any(body.mass.imag != 0) or np.any(body.gravity.imag != 0):
             _add_weight(layout, body, one.q, work)
-        change = -1j * (inverse @ np.ascontiguousarray(work.force.imag))
-        one.q[:] += change
-        work.length[:] += work.arm @ change
-        _set_posture(layout, one.q, work.place, work.axes)
-        _seen(layout, body.marker, work, seen)
-        out[:, :, j] = seen.imag / TINY
+        pulls[:, j] = work.force.imag / TINY
+    change = -np.linalg.solve(scratch.tangent, pulls)
+    lengths += real.arm @ change
+    _set_slopes(layout, many, change, scratch, out)
+    for j in range(steps):
+        one = State(moved.q[j], moved.control[j], moved.anchor[j])
+        one.q[:] = state.q + complex(0.0, TINY) * change[:, j]
+        work.length[:] = real.length + complex(0.0, TINY) * lengths[:, j]
         _move_anchors(layout, one, has_friction, work.length)
+
+
+@kernel
+def _set_slopes(layout, many, change, scratch, out):
+    """Set out (n_markers, 3, p) to derivatives of the markers, whose turns change (3 n, p)."""
+    real, spin, shift = scratch.real, scratch.spin, scratch.shift
+    for k in range(len(layout.nodes)):
+        node, rates = layout.nodes[k], np.zeros((3, len(change)))
+        offset = to_world(_frame(real.axes[node]), vector(many.marker[0, k].real))
+        point = add(vector(real.place[node]), offset)
+        for m in range(3 * node):
+            beyond = difference(point, vector(real.place[m // 3 + 1]))
+            rate = add(vector(shift[m]), cross(vector(spin[m]), beyond))
+            rates[0, m], rates[1, m], rates[2, m] = rate
+        out[k] = rates @ change
+        for j in range(out.shape[2]):
+            own = vector(many.marker[j, k].imag)
+            own = scaled(1 / TINY, to_world(_frame(real.axes[node]), own))
+            for axis in range(3):
+                out[k, axis, j] += own[axis]
 
 
 @kernel

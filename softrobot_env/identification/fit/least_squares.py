@@ -6,7 +6,7 @@ weight is reduced.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -126,6 +126,17 @@ def clustered(
     scatter = np.array(pulls) - np.mean(pulls, axis=0)
     few = float(student_t.ppf(0.975, count - 1)) / NORMAL_95
     return noise + few**2 * count / (count - 1) * noise @ (scatter.T @ scatter) @ noise
+
+
+def with_blocks(fit: Fit, blocks: ndarray) -> Fit:
+    """A fit whose covariance counts how blocks (t,) of rows disagree, see `clustered`."""
+    found, weights, by = fit.simulated, fit.weights, np.ix_(fit.free, fit.free)
+    square = np.nansum(found.error**2, axis=-1, keepdims=True) / weights.scale**2
+    left = found.error / np.sqrt(1 + square)
+    normal = inv(fit.covariance[by])
+    covariance = fit.covariance.copy()
+    covariance[by] = clustered(found.slopes, left, normal, weights.deviation**2, blocks)
+    return replace(fit, covariance=covariance)
 
 
 class _Point(NamedTuple):

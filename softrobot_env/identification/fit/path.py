@@ -9,23 +9,24 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.interfaces import ProgressCallback, quiet
-from softrobot_env.core.processes import chosen_processes
+from softrobot_env.core.processes import chosen_processes, one_blas_thread
 from softrobot_env.recordings import Header, Recording
 from softrobot_env.robots import RobotParams
 
 from ..errors import centred, size
 from ..networks import Networks, networks_of
 from ..visits import VISIT, visiting, visits_of
-from . import assignment, least_squares, unknowns, validation
+from . import assignment, least_squares, unknowns
 from .assignment import Assignment
 from .dynamics import Dynamics, dynamics_of
 from .experiment import Experiment, best_experiments
 from .least_squares import Fit, fitted, search
 from .model import StaticModel
+from .prediction import Prediction, predicted
 from .residual import Residual, rows_of, trained
 from .static_windows import at_rest
 from .unknowns import HOLDS, STAGES, Fact, Turned, Unknowns
-from .validation import Validation, cross_validated
+from .validation import Validation, blocks_of, cross_validated
 
 _PHYSICS = ("frame", "tendons", "geometry", "statics")
 _FITS = 25  # steps shown as all
@@ -55,7 +56,8 @@ class Identification:
         unknowns: The parameters.
         fit: Of the statics.
         assignment: Of columns to tendons; None where it was known.
-        validations: None without.
+        validation: None without.
+        prediction: Of recordings that it has not seen, by the validation; None without.
         residual: The correction; None without, or where none helps.
         dynamics: None of a recording at rest.
         experiments: What would show more, best first.
@@ -72,9 +74,9 @@ class Identification:
     unknowns: Unknowns
     fit: Fit
     assignment: Assignment | None
-    validations: tuple[Validation, ...]
+    validation: Validation | None
+    prediction: Prediction | None
     residual: Residual | None
-    correction: ndarray | None
     dynamics: Dynamics | None
     experiments: tuple[Experiment, ...]
     networks: Networks | None = None
@@ -102,6 +104,7 @@ def check_stages(stages: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in STAGES if name in stages)
 
 
+@one_blas_thread()
 def identify(
     recording: Recording,
     robot: RobotParams,
@@ -153,9 +156,9 @@ class _Run:
     assignment: Assignment | None = None
     networks: Networks | None = None
     dynamics: Dynamics | None = None
-    validations: tuple[Validation, ...] = ()
+    validation: Validation | None = None
+    prediction: Prediction | None = None
     residual: Residual | None = None
-    correction: ndarray | None = None
     times: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -254,7 +257,12 @@ class _Run:
         if not self.validate:
             return False
         residual, show = "residual" in self.stages, partial(self.show, "cross-validation")
-        self.validations = tuple(cross_validated(self.coarse, self.fit, residual, show))
+        found = self.validation = cross_validated(self.coarse, self.fit, residual, show)
+        robot, header = _named(self.model, self.fit), _header(self.model, self.fit, self.recording)
+        static = placed(self.static, header)
+        by_length = static.drive(robot) == "length"
+        controls = static.controls(robot)
+        self.prediction = predicted(controls, by_length, found.error, found.blocks)
         return True
 
     def learn_residual(self) -> bool:
@@ -262,11 +270,13 @@ class _Run:
         if "residual" not in self.stages:
             return False
         self.show("residual", 0, 1)
-        found, patterns = self.fit.simulated, validation.pattern_numbers(self.static)
-        rows = rows_of(self.model, found)
-        self.residual = trained(*rows, found.error, patterns)
-        if self.residual is not None:
-            self.correction = self.residual.correction(*rows)
+        found = self.fit.simulated
+        self.residual = trained(*rows_of(self.model, found), found.error, blocks_of(self.static))
+        return True
+
+    def widen(self) -> bool:
+        """Intervals of the parameters by whole blocks."""
+        self.fit = least_squares.with_blocks(self.fit, blocks_of(self.static))
         return True
 
     def ask(self) -> bool:
@@ -299,6 +309,7 @@ _STEPS: dict[str, Callable[[_Run], bool]] = {
     "dynamics": _Run.fit_dynamics,
     "cross-validation": _Run.cross_validate,
     "residual": _Run.learn_residual,
+    "intervals": _Run.widen,
     "experiments": _Run.ask,
     "doubts": _Run.doubt,
 }

@@ -19,7 +19,11 @@ from ..errors import centred, distances, mean_known, size
 from ..visits import visiting
 from .least_squares import NORMAL_95
 from .path import Identification
+from .prediction import PREDICTION_FILE
 from .residual import RESIDUAL_FILE
+
+#: Rows of blocks that were left out of the fit.
+LEFT_OUT = "left out"
 
 #: Names of the files, as a replay looks for them.
 ROBOT_FILE, HEADER_FILE, COMMANDS_FILE = "robot.toml", "recording.toml", "next_experiment.csv"
@@ -61,7 +65,7 @@ class ErrorRow:
     """Distances of simulated and recorded markers.
 
     Attributes:
-        rows: Which rows: "fitted", or cross-validated by "interleaved" or "contiguous" blocks.
+        rows: Which rows: "fitted", or "left out" of the fit in contiguous blocks.
         model: "physics", "with residual", or "chain" for the MuJoCo chain of the robot file.
         pattern: Label, or "all".
         count: Number of rows.
@@ -76,6 +80,40 @@ class ErrorRow:
     rms_centred: float
     mean: float
     max: float
+
+
+@dataclass(frozen=True)
+class PredictionRow:
+    """The interval that is to hold 95 % of an unseen recording's rows.
+
+    Attributes:
+        marker: Number, from 1.
+        near: [m], largest distance of the marker at commands that were identified.
+        far: [m], at those of a block left out that are farthest from the others.
+        start: [m], where a recording begins.
+        blocks: That were left out, one after the other.
+        factor: By which the interval is wider as they are few.
+    """
+
+    marker: int
+    near: float
+    far: float
+    start: float
+    blocks: int
+    factor: float
+
+
+def prediction_rows(found: Identification) -> list[PredictionRow]:
+    """One row a marker; none without a cross-validation."""
+    prediction = found.prediction
+    if prediction is None:
+        return []
+    blocks = int(found.validation.blocks.max()) + 1
+    rows = []
+    for k, (near, growth, start) in enumerate(prediction.parts):
+        ends = near, np.hypot(near, growth * prediction.tested), np.hypot(near, start)
+        rows.append(PredictionRow(k + 1, *map(float, ends), blocks, float(prediction.factor[k])))
+    return rows
 
 
 def parameter_rows(found: Identification) -> list[ParameterRow]:
@@ -110,12 +148,11 @@ def error_rows(found: Identification) -> list[ErrorRow]:
     patterns = found.recording.patterns
     error = found.fit.simulated.error
     rows = [_error("fitted", "physics", "all", error)]
-    if found.correction is not None:
-        rows.append(_error("fitted", "with residual", "all", error + found.correction))
-    for validation in found.validations:
-        rows.append(_error(validation.scheme, "physics", "all", validation.error))
+    validation = found.validation
+    if validation is not None:
+        rows.append(_error(LEFT_OUT, "physics", "all", validation.error))
         if validation.corrected is not None:
-            rows.append(_error(validation.scheme, "with residual", "all", validation.corrected))
+            rows.append(_error(LEFT_OUT, "with residual", "all", validation.corrected))
     mean = mean_known(error)
     for name in dict.fromkeys(patterns.tolist()):
         rows.append(_error("fitted", "physics", name or "none", error[patterns == name], mean))
@@ -142,6 +179,7 @@ def report_rows(found: Identification, chain: ErrorRow | None) -> list[dict[str,
     """Rows of report.json, each with its kind."""
     errors = error_rows(found) + ([] if chain is None else [chain])
     rows = [{"kind": "error"} | asdict(row) for row in errors]
+    rows += [{"kind": "prediction"} | asdict(row) for row in prediction_rows(found)]
     rows += [{"kind": "parameter"} | asdict(row) for row in parameter_rows(found)]
     rows += [
         {"kind": "undetermined", "combination": str(one), "information": one.information}
@@ -191,7 +229,7 @@ def _facts(found: Identification) -> dict[str, Any]:
             f"{d.duration:.1f} s"
         )
     if found.residual is None and "residual" in found.stages:
-        facts["residual"] = "none: no correction helps on patterns that it has not seen"
+        facts["residual"] = "none: no correction helps on blocks that it has not seen"
     if found.networks is not None:
         errors = (f"{name} {1e3 * error:.2f} mm" for name, error in found.networks.errors.items())
         facts["networks, rms of points to test"] = ", ".join(errors)
@@ -207,6 +245,7 @@ def tables(found: Identification, chain: ErrorRow | None, whole: bool) -> Group:
         named_values(found.believed.name, facts),
         *(Text(f"Look at: {doubt}", style="bold") for doubt in found.doubts),
         make_table("Errors", _ERRORS, general, caption="centred: mean offset removed"),
+        *_predictions(found),
         make_table("Parameters, as changes of the file's", _PARAMETERS, _shown(found, whole)),
     ]
     if found.combinations:
@@ -218,6 +257,15 @@ def tables(found: Identification, chain: ErrorRow | None, whole: bool) -> Group:
         by_pattern = [row for row in errors if row.pattern != "all"]
         parts.append(make_table("Errors by pattern", _ERRORS, by_pattern))
     return Group(*parts)
+
+
+def _predictions(found: Identification) -> list[Any]:
+    rows = prediction_rows(found)
+    title = "Unseen recordings at rest: 95 % of the rows are off by at most"
+    caption = (
+        "near, far: commands as those identified, as the farthest left out; widened: few blocks"
+    )
+    return [make_table(title, _PREDICTIONS, rows, caption=caption)] if rows else []
 
 
 def _shown_number(row: ParameterRow, value: float) -> float:
@@ -247,6 +295,14 @@ _PARAMETERS = (
     Column("unit", lambda row: _unit(row)[0]),
     Column("spread left", lambda row: row.deviation / row.prior, ".2f"),
 )
+_PREDICTIONS = (
+    Column("marker", form="d"),
+    Column("near mm", "near", **_MM),
+    Column("far", "far", **_MM),
+    Column("at first", "start", **_MM),
+    Column("blocks", "blocks", "d"),
+    Column("widened by", "factor", ".2f"),
+)
 _EXPERIMENTS = (
     Column("experiment", "name"),
     Column("gain", "gain", ".2f"),
@@ -268,17 +324,19 @@ def _shown(found: Identification, whole: bool) -> list[ParameterRow]:
 
 
 def write_files(found: Identification, out: Path) -> list[str]:
-    """Write robot, header, residual and the next experiment; names of the files."""
+    """Write robot, header, residual, intervals and the next experiment; names of the files."""
     out.mkdir(parents=True, exist_ok=True)
     write_robot(found.robot, out / ROBOT_FILE, _notes(found))
     write_header(found.header, out / HEADER_FILE)
     written = [ROBOT_FILE, HEADER_FILE]
-    for name, part in ((RESIDUAL_FILE, found.residual), (NETWORK_FILE, found.networks)):
+    saved = {RESIDUAL_FILE: found.residual, PREDICTION_FILE: found.prediction}
+    for name, part in (saved | {NETWORK_FILE: found.networks}).items():
         if part is None:  # one of an earlier run would not fit the robot
             (out / name).unlink(missing_ok=True)
-    if found.residual is not None:
-        found.residual.save(out / RESIDUAL_FILE)
-        written.append(RESIDUAL_FILE)
+    for name, part in saved.items():
+        if part is not None:
+            part.save(out / name)
+            written.append(name)
     if found.networks is not None:
         visiting(found.believed).parameters_of(found).save(out / NETWORK_FILE, found.believed, {})
         written.append(NETWORK_FILE)

@@ -3,12 +3,14 @@
 It knows the tensionless facts of a row: how the simulated robot bends in each section, from which
 side it came there (the part of its bends that a dead band holds back), and the commands. Features
 are in units of their spread over the data. Far from all rows the kernel and with it the correction
-are zero. Widths and weights are chosen by cross-validation over patterns of the data it is given;
-"no correction" is one of the choices.
+are zero. Widths and weights are chosen by cross-validation over contiguous blocks of the data it is
+given; "no correction" is one of the choices. Errors at the rows that it learned say nothing, since
+it can follow them as closely as it likes: what counts are those of blocks that were left out.
 """
 
 from dataclasses import dataclass
 from itertools import product
+from math import ceil
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +29,7 @@ _NOISES = (0.03, 0.1, 0.3, 1.0)
 _MEMORY = (0.0, 1.0, 2.0)  # weight of where the robot came from
 _BAND = 0.15  # of the spread of a bend, half width of the dead band
 _FOLDS = 4
+_MOST = 400  # rows to learn from; what lasts over several rows is in fewer
 _FAR = 4.0  # widths from the nearest row, where the correction is zero
 
 #: Name of the file beside an identified robot's.
@@ -129,7 +132,7 @@ def trained(
     commands: ndarray,
     begins: ndarray,
     error: ndarray,
-    patterns: ndarray,
+    blocks: ndarray,
     used: ndarray | None = None,
 ) -> Residual | None:
     """Learn the correction; None where cross-validation finds that none helps.
@@ -137,18 +140,20 @@ def trained(
     Args:
         bends, commands, begins: Of all rows, as they followed each other.
         error: (t, k, 3) [m], simulated less recorded; NaN where unknown.
-        patterns: (t,) number of the pattern.
+        blocks: (t,) number of the block.
         used: (t,) bool, rows to learn from; all unless given.
     """
     band = _BAND * np.maximum(bends.std(axis=0), 1e-6)
     raw = _features(bends, commands, begins, band)
     target = -error.reshape(len(error), -1)
     target[:, np.isnan(target).all(axis=0)] = 0.0  # never measured: nothing to correct
-    known = np.isfinite(target).all(axis=1) & (True if used is None else used)
+    known = np.flatnonzero(np.isfinite(target).all(axis=1) & (True if used is None else used))
+    known = known[:: ceil(len(known) / _MOST)]
     middle, spread = raw[known].mean(axis=0), raw[known].std(axis=0)
     spread = np.maximum(spread, 1e-9 + 1e-6 * np.abs(raw[known]).max(axis=0))
     held = bends.shape[1]
-    fold = np.unique(patterns[known], return_inverse=True)[1] % _FOLDS
+    number = np.unique(blocks[known], return_inverse=True)[1]
+    fold = number * _FOLDS // (number.max() + 1)
     scaled, target = (raw[known] - middle) / spread, target[known]
     best, least = None, float(np.sum(target**2))
     for memory in _MEMORY:
@@ -168,7 +173,7 @@ def trained(
 
 
 def _left(matrix: ndarray, target: ndarray, fold: ndarray, noise: float) -> float:
-    """Sum of squares that corrections learned of other patterns leave."""
+    """Sum of squares that corrections learned of other folds leave."""
     left = 0.0
     for k in range(_FOLDS):
         held, learned = fold == k, fold != k

@@ -1,32 +1,29 @@
-"""Cross-validation by blocks of whole patterns: how far the result is off where it was not fitted.
+"""Cross-validation by contiguous blocks: how far the result is off where it was not fitted.
 
-Commands of the rows left out are still followed, since friction remembers; their markers are not
-seen.
+Blocks are as long as the recording allows, since what drifts or lasts in it makes rows that follow
+each other alike: pieces in between others would be predicted better than any further recording. A
+block that is left out is simulated as a recording of its own, of which nobody knows where friction
+ended before it began.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
 
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core.processes import worker_processes
+from softrobot_env.core.processes import chosen_processes, worker_processes
 from softrobot_env.recordings import Recording
 
 from .least_squares import Fit, search
 from .model import StaticModel
 from .residual import rows_of, trained
 
-#: How patterns are put into blocks: every fifth one, or a fifth of the recording in one piece.
-Scheme = Literal["interleaved", "contiguous"]
-SCHEMES: tuple[Scheme, ...] = ("interleaved", "contiguous")
-
-BLOCKS = 5
-_CHUNKS = 20  # of a recording without patterns
+BLOCKS = 8
+_CHUNKS = 40  # of a recording without runs and patterns
 _STEPS = 6
-_PROCESSES = 2
+_PROCESSES, _LONG = 2, 500  # rows, from which on starting processes pays
 _ENOUGH = 6e-3
 
 
@@ -35,40 +32,39 @@ class Validation:
     """Errors of rows that were not fitted.
 
     Attributes:
-        scheme: Of the blocks.
         blocks: (t,) number of the block.
         error: (t, k, 3) [m] by physics alone, along the robot's axes.
         corrected: The same with the residual that was learned of the other blocks; None without.
     """
 
-    scheme: Scheme
     blocks: ndarray
     error: ndarray
     corrected: ndarray | None
 
 
-def pattern_numbers(recording: Recording) -> ndarray:
-    """(t,) number of each row's pattern; a recording without gets pieces of equal size."""
-    names = list(dict.fromkeys(recording.patterns.tolist()))
-    if len(names) >= BLOCKS:
-        where = {name: k for k, name in enumerate(names)}
-        return np.array([where[name] for name in recording.patterns.tolist()])
-    return np.arange(len(recording.times)) * _CHUNKS // len(recording.times)
+def blocks_of(recording: Recording) -> ndarray:
+    """(t,) block of each row: whole runs, or whole patterns if runs are few, one after the other.
 
-
-def blocks_of(patterns: ndarray, scheme: Scheme) -> ndarray:
-    """(t,) block of each row, from its pattern's number."""
-    if scheme == "interleaved":
-        return patterns % BLOCKS
-    rows = np.bincount(patterns)
+    Of neither enough, pieces of the recording.
+    """
+    same = np.array([recording.begins, recording.begins])
+    same[1, 1:] |= recording.patterns[1:] != recording.patterns[:-1]
+    for begins in same:
+        if begins.sum() >= BLOCKS:
+            parts = np.cumsum(begins) - 1
+            break
+    else:
+        parts = np.arange(len(recording.times)) * _CHUNKS // len(recording.times)
+    rows = np.bincount(parts)
     middle = np.cumsum(rows) - rows / 2
-    return (middle / len(patterns) * BLOCKS).astype(int)[patterns]
+    blocks = (middle / len(parts) * BLOCKS).astype(int)[parts]
+    return np.unique(blocks, return_inverse=True)[1]
 
 
 def cross_validated(
     model: StaticModel, fit: Fit, residual: bool, show: Callable[[int, int], None]
-) -> list[Validation]:
-    """Fit without one block after the other, in two processes.
+) -> Validation:
+    """Fit without one block after the other; of a long recording in two processes.
 
     Args:
         model: What is fitted.
@@ -77,35 +73,29 @@ def cross_validated(
         show: Called with how many of how many fits are done.
     """
     without = partial(_without, model, (fit.x, fit.free, fit.weights), residual)
-    patterns = pattern_numbers(model.recording)
-    tasks = [(scheme, block) for scheme in SCHEMES for block in range(BLOCKS)]
-    found: dict[Scheme, Validation] = {}
-    with worker_processes(_PROCESSES) as pool:
-        futures = [
-            pool.submit(without, blocks_of(patterns, scheme) != block) for scheme, block in tasks
-        ]
-        for number, ((scheme, block), future) in enumerate(zip(tasks, futures, strict=True), 1):
-            error, corrected = future.result()
+    blocks = blocks_of(model.recording)
+    error = np.full_like(fit.simulated.error, np.nan)
+    corrected = np.full_like(error, np.nan)
+    tasks = [blocks == block for block in range(blocks.max() + 1)]
+    long = len(blocks) >= _LONG
+    with worker_processes(_PROCESSES) if long else chosen_processes() as pool:
+        results = map(without, tasks) if pool is None else pool.map(without, tasks)
+        for number, (held, found) in enumerate(zip(tasks, results, strict=True), 1):
+            error[held], corrected[held] = found
             show(number, len(tasks))
-            if scheme not in found:
-                rows = blocks_of(patterns, scheme)
-                empty = np.full_like(error, np.nan)
-                found[scheme] = Validation(scheme, rows, empty, empty.copy() if residual else None)
-            held = found[scheme].blocks == block
-            found[scheme].error[held] = error[held]
-            if residual:
-                found[scheme].corrected[held] = corrected[held]
-    return list(found.values())
+    return Validation(blocks, error, corrected if residual else None)
 
 
 def _without(
-    model: StaticModel, start: tuple, residual: bool, used: ndarray
+    model: StaticModel, start: tuple, residual: bool, held: ndarray
 ) -> tuple[ndarray, ndarray]:
-    """Errors (t, k, 3) of all rows by a fit of those that are used, without and with residual."""
-    fit = search(model, *start, used=used, steps=_STEPS, least=_ENOUGH)
-    error = fit.simulated.error
+    """Errors (h, k, 3) of rows held back by a fit of the others, without and with residual."""
+    fit = search(model, *start, used=~held, steps=_STEPS, least=_ENOUGH)
+    block = model.on(model.recording.part(held))
+    found = block.simulate(fit.x)
     if not residual:
-        return error, error
-    rows = rows_of(model, fit.simulated)
-    learned = trained(*rows, error, pattern_numbers(model.recording), used)
-    return error, error if learned is None else error + learned.correction(*rows)
+        return found.error, found.error
+    blocks, error = blocks_of(model.recording), fit.simulated.error
+    learned = trained(*rows_of(model, fit.simulated), error, blocks, ~held)
+    change = 0.0 if learned is None else learned.correction(*rows_of(block, found))
+    return found.error, found.error + change
