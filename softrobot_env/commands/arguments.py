@@ -137,6 +137,8 @@ _SHARED = {
         `softrobot train sensors`; out of %(choices)s
         --sensors FILE  calibration for --feedback sensors; default: beside the robot's file, or
         where policies look, that of the rig's twin 0
+        --predict S  known delay of actions, as by --vary delay=S, over which policies predict
+        the robot; default: none
     """,
     "identified": """
         --identified FILE  identified parameters that policies of the rig act on, a file of
@@ -237,7 +239,8 @@ def plant_options(args: Namespace, policy: str, robot: RobotParams) -> dict[str,
     Raises:
         ValueError: An option of the MuJoCo chain together with a beam model.
     """
-    own, given = policy_environment(policy, robot), scene_options(args)
+    delay = vars(args).get("predict") or 0.0
+    own, given = policy_environment(policy, robot, delay), scene_options(args)
     if args.plant == MUJOCO:
         return own | given
     if foreign := flags(args, ("rule", "timestep", "integrator", "accuracy")):

@@ -66,7 +66,7 @@ STEP_WIDTHS = (0.05, 0.1, 0.2)
 _DRAWS, _MOST_DRAWS = 5, 100_000
 
 #: What arguments are that a command does not have.
-_GIVEN = ("robot", "twin", "identified", "sensors", "duration")
+_GIVEN = ("robot", "twin", "identified", "sensors", "predict", "duration")
 _UNLESS_GIVEN = dict.fromkeys((*SCENE, *_GIVEN))
 _UNLESS_GIVEN |= {"plant": MUJOCO, "feedback": FEEDBACKS[0]}
 
@@ -156,6 +156,7 @@ class Setup:
             plant=args.plant,
             feedback=args.feedback if measured else None,
             sensors=args.sensors,
+            delay=args.predict or 0.0,
             duration=args.duration or step,
             scene=plant_options(args, case.policy, robot),
             identified=self._identified(robot) if identified else None,
@@ -302,7 +303,8 @@ def one_task(args: Namespace, robot: RobotParams | None) -> Task:
 
 
 #: Arguments of simulated robots alone -> their value unless given.
-_SIMULATED = {"vary": [], "randomize": [], "feedback": FEEDBACKS[0], "plant": MUJOCO}
+_SIMULATED = {"vary": [], "randomize": [], "feedback": FEEDBACKS[0], "predict": None}
+_SIMULATED |= {"plant": MUJOCO}
 
 
 class RealSetup(Setup):

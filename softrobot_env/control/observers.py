@@ -99,14 +99,22 @@ class RateObserver:
     at rest.
 
     Attributes:
+        predicted: An estimate a period later, without a measurement.
+        tip: Place (3,) [m] of the tip at curvatures (n,), but for a constant.
         in_force: Observable that says what was applied.
     """
 
     def __init__(
-        self, robot: RobotParams, predicted: Prediction, known: Filter, in_force: str
+        self,
+        robot: RobotParams,
+        predicted: Prediction,
+        tip: Callable[[ndarray], ndarray],
+        known: Filter,
+        in_force: str,
     ) -> None:
         """Put the parts together; see `arm_observer` and `chain_observer`."""
-        self._predicted, self._gain, self.in_force = predicted, known.gain, in_force
+        self.predicted, self.tip, self.in_force = predicted, tip, in_force
+        self._gain = known.gain
         self._limit = max(_OUTLIER * known.deviation, 0.01 * robot.curvature_limit)
 
     def start(self, curvature: ndarray) -> ndarray:
@@ -123,7 +131,7 @@ class RateObserver:
             applied: (m,), since then, as the observable `in_force` says it.
             curvature: (n,) [1/m], measured now; where it is not finite it is predicted only.
         """
-        ahead = self._predicted(estimate, usable(applied))
+        ahead = self.predicted(estimate, usable(applied))
         return _corrected(self._gain, self._limit, ahead, np.ascontiguousarray(curvature))
 
 
@@ -163,9 +171,8 @@ def arm_observer(robot: RobotParams, control_period: float) -> RateObserver:
     noise = _ARM_NOISE, walk, _ARM_PROCESS
     known = stationary_filter(model, np.eye(arm.n), control_period, *noise)
     steps = ceil(control_period / _STEP - 1e-9)
-    return RateObserver(
-        robot, partial(_arm_later, arm, limit, control_period, steps), known, "previous_action"
-    )
+    later = partial(_arm_later, arm, limit, control_period, steps)
+    return RateObserver(robot, later, partial(_arm_tip, arm), known, "previous_action")
 
 
 def chain_observer(robot: RobotParams, control_period: float) -> RateObserver:
@@ -185,7 +192,13 @@ def chain_observer(robot: RobotParams, control_period: float) -> RateObserver:
     scale = linearizer.inputs.input_scale if length else np.ones(len(inputs))
     middle, rest = linearizer.mean @ angles, linearizer.action(inputs)
     ahead = partial(_chain_later, known.ahead, known.by_input / scale, middle, rest * scale)
-    return RateObserver(robot, ahead, known, "tendon_length" if length else "previous_action")
+    in_force = "tendon_length" if length else "previous_action"
+    spread = np.linalg.pinv(linearizer.mean)
+
+    def place(curvature: ndarray) -> ndarray:
+        return space.scene.tip(angles + spread @ (curvature - middle))
+
+    return RateObserver(robot, ahead, place, known, in_force)
 
 
 def rate_observer(robot: RobotParams, control_period: float) -> RateObserver:
@@ -285,6 +298,12 @@ def _arm_later(
         v[:] = solve(mass, right)
         q += h * v
     return out
+
+
+def _arm_tip(arm: PlanarArm, curvature: ndarray) -> ndarray:
+    point, jacobian = np.empty(2), np.empty((2, arm.n))
+    tip(arm, curvature, point, jacobian)
+    return np.array([point[0], 0.0, point[1]])
 
 
 @kernel

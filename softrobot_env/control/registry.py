@@ -343,6 +343,7 @@ def make_policy(
     control_period: float | None = None,
     feedback: str = FEEDBACKS[0],
     sensors: str | Path | None = None,
+    delay: float = 0.0,
     **options: Any,
 ) -> Policy:
     """Build a policy by name, and let it decide a few times for a robot at rest.
@@ -361,6 +362,9 @@ def make_policy(
             that measure nothing are the same.
         sensors: File of that calibration; found beside the robot's file, or where artifacts are,
             unless given.
+        delay: [s], known time by which actions are applied late. The policy is shown the robot and
+            the reference as they then will be (`control.delayed`): the environment needs
+            `policy_environment(name, robot, delay)`, and feedback is the state.
         **options: Of the policy's factory, besides those of its name.
 
     Raises:
@@ -387,6 +391,12 @@ def make_policy(
     spec = find_policy(name, robot)
     options = spec.delay_options(late) | options
     policy = _warm(_made(name, spec, robot, control_period, options), robot)
+    if delay:
+        from .delayed import DelayCompensation
+
+        if feedback != FEEDBACKS[0]:
+            raise ValueError(f"delay: only with feedback {FEEDBACKS[0]!r}, not {feedback!r}")
+        policy = _warm(DelayCompensation(policy, robot, control_period, delay), robot)
     if feedback != FEEDBACKS[0] and "curvature_rate" in getattr(policy, "requires", ()):
         from .observers import OutputFeedback
 
@@ -446,7 +456,9 @@ def _made(
     return as_policy(made, name)
 
 
-def policy_environment(name: str, robot: RobotParams | str | None = None) -> dict[str, Any]:
+def policy_environment(
+    name: str, robot: RobotParams | str | None = None, delay: float = 0.0
+) -> dict[str, Any]:
     """Keyword arguments that an environment for this policy needs; none if any will do.
 
     `gymnasium.make("SoftRobot/ArmSwing-v0", **policy_environment("lqi"))` suits the policy.
@@ -456,6 +468,7 @@ def policy_environment(name: str, robot: RobotParams | str | None = None) -> dic
             `file.npz` of a trained network.
         robot: The robot that it drives, whose own time some policies go by; or its name or file;
             the default one unless given.
+        delay: [s] that the policy is to make up for, see `make_policy`.
 
     Raises:
         ValueError: Unknown name; the message lists the known ones.
@@ -467,4 +480,7 @@ def policy_environment(name: str, robot: RobotParams | str | None = None) -> dic
         needed = getattr(spec.loaded(), "environment", {})
     with outside(f"policy {name!r}: its environment"):
         needed = load(needed) if isinstance(needed, str) else needed
-        return dict(needed(robot) if callable(needed) else needed)
+        needed = dict(needed(robot) if callable(needed) else needed)
+    if delay:
+        needed["preview"] = (delay, *(delay + time for time in needed.get("preview", ())))
+    return needed

@@ -116,6 +116,7 @@ class Case:
         feedback: What the policy measures, one of `control.registry.FEEDBACKS`; None where it
             measures what it asks for.
         sensors: File of the sensors' calibration, for feedback from them; found unless given.
+        delay: [s], known time by which actions are late, for which the policy makes up.
         duration: [s] of the episode, the task's own unless given.
         scene: Keyword arguments of the environment beyond those that the policy needs.
         identified: Identified parameters of a robot, for policies that act on them; those that come
@@ -130,6 +131,7 @@ class Case:
     plant: str = MUJOCO
     feedback: str | None = None
     sensors: Path | None = None
+    delay: float = 0.0
     duration: float | None = None
     scene: Mapping[str, Any] = field(default_factory=dict)
     identified: Any = None
@@ -156,7 +158,8 @@ class Case:
 
     def environment(self, **drawing: Any) -> gymnasium.Env:
         """The simulation of this case with all observables; `drawing` is how to render."""
-        options = policy_environment(self.policy, self.task.robot) | dict(self.scene) | drawing
+        options = policy_environment(self.policy, self.task.robot, self.delay)
+        options |= dict(self.scene) | drawing
         if self.plant != MUJOCO:
             options = {"plant": BeamPlant(self.plant), "pieces": None} | options
         options = {"observe": "all" if self.feedback != SENSORS else ("all", SENSORS)} | options
@@ -176,7 +179,7 @@ class Case:
             delay = sensors_delay(self.task.robot if built is None else built.robot)
         options = find_policy(self.policy, self.task.robot).delay_options(delay) | dict(self.given)
         options |= {} if known is None else {"identified": known}
-        how = control_period, self.feedback or FEEDBACKS[0], self.sensors
+        how = control_period, self.feedback or FEEDBACKS[0], self.sensors, self.delay
         return make_policy(self.policy, self.task.robot, *how, **options)
 
 
