@@ -18,7 +18,7 @@ from . import appearance, contacts
 from .chain import Chain, add_chain, joint_kinds
 from .config import SceneConfig
 from .kinematics import Kinematics
-from .quadrature import HingeLayout, place_between
+from .quadrature import HingeLayout
 from .simulation import Inputs, SceneMotion, simulate
 from .springs import add_springs, couple_pieces
 from .statics import checked_controls, equilibrium, finite, settle, with_gravity
@@ -290,8 +290,7 @@ def build_chain(config: SceneConfig) -> Chain:
         ValueError: As `build_scene`.
     """
     _refuse_what_is_not_felt(config, config.robot.gravity)
-    layout = place_between(config.edges, config.hinge_rule)
-    robot = config.robot
+    layout, robot = config.layout, config.robot
     spec = empty_spec(robot.name, robot.gravity, friction=robot.has_friction)
     kinds = joint_kinds(robot, config.bending, config.torsion, layout.coupled)
     chain = add_chain(spec, robot, layout, kinds)

@@ -20,7 +20,7 @@ from softrobot_env.robots.loads import Load
 from softrobot_env.robots.parameters import Pieces
 
 from .objects import Contacts, Object, Rgba
-from .quadrature import RULES
+from .quadrature import RULES, HingeLayout, place_between
 from .timestep import CONTACT_INTEGRATORS, EXTRAPOLATION
 
 #: How tendons can be driven.
@@ -247,6 +247,11 @@ class SceneConfig:
         if self.pieces is None and self.contacts is not None:
             pieces = contact_pieces(self.robot)
         return self.robot.backbone.cut(pieces)
+
+    @cached_property
+    def layout(self) -> HingeLayout:
+        """Where its hinges stand; errors as `edges`."""
+        return place_between(self.edges, self.hinge_rule, self.robot.backbone)
 
     @property
     def hinge_rule(self) -> str:

@@ -15,7 +15,7 @@ from softrobot_env.scene.build import build_scene, vary_scene
 from softrobot_env.scene.chain import posture
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.integration.layout import LONGEST, MEMORY_SIZE, SUBSTEPS
-from softrobot_env.scene.quadrature import HingeLayout, place_between
+from softrobot_env.scene.quadrature import HingeLayout
 from softrobot_env.scene.registry import scene_of
 from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.simulation import Simulation
@@ -192,7 +192,7 @@ class BeamPlant(_Plant):
         """
         super().__init__(robot, control_period, speed, axes, scene_options)
         config = self.config
-        self.layout: HingeLayout = place_between(config.edges, config.hinge_rule)
+        self.layout: HingeLayout = config.layout
         self.pieces, self._factory = robot.pieces, factory
         way = {name: getattr(config, name) for name in ("bending", "torsion", "actuation")}
         self._options = {"axes": self.axes, **way}
