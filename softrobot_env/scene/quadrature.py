@@ -113,7 +113,7 @@ def place_between(edges: ndarray, rule: str, backbone: Backbone | None = None) -
     return HingeLayout(
         stations=(middles + sizes * offsets).ravel(),
         weights=(sizes * shares).ravel(),
-        piece=np.repeat(np.arange(len(sizes)), len(offsets)),
+        piece=np.repeat(np.arange(len(sizes)), offsets.shape[-1]),
         edges=edges,
         coupled=rule in _COUPLED,
     )

@@ -47,6 +47,7 @@ def test_hinges_of_any_taper_lie_in_their_parts(rule, inner, ratio):
     layout = place_between(edges, rule, Backbone([section]))
     parts = np.append(0.0, np.cumsum(layout.weights))
     assert parts[-1] == pytest.approx(LENGTH)
+    assert layout.piece.tolist() == sorted([0, 1] * len(RULES[rule]))
     assert np.all(parts[:-1] < layout.stations) and np.all(layout.stations < parts[1:])
 
 
