@@ -110,6 +110,9 @@ def write_gripper(gripper: Gripper, path: Path | str) -> None:
 def _table(robot: RobotParams) -> dict[str, Any]:
     table, drive = write(robot), write(robot.drive)
     table["section"] = [write(section) for section in robot.backbone.sections]
+    if robot.adaptive_pieces:
+        for section in table["section"]:
+            del section["pieces"]
     table["tendon"] = []
     for tendon in robot.tendons:
         one = write(tendon)
@@ -144,6 +147,7 @@ def _robot(table: Mapping[str, Any]) -> RobotParams:
         sections=tuple(sections),
         tendons=tendons,
         drive=_one_drive([drive for _, drive in found]),
+        adaptive_pieces=not any("pieces" in one for _, one in said),
     )
 
 

@@ -25,11 +25,9 @@ from .appearance import add_camera, add_surroundings
 from .build import (
     CompiledModel,
     Scene,
-    build_chain,
     build_scene,
     choose_for,
     compile_spec,
-    empty_spec,
     is_extrapolated,
     spec_xml,
 )
@@ -39,6 +37,7 @@ from .kinematics import Kinematics
 from .mount import TURNS, Mount, Prescribed, add_drives, add_mount, followed
 from .objects import Box, Contacts, Object
 from .simulation import Inputs, SceneMotion, simulate
+from .spec import build_chain, empty_spec
 from .statics import finite
 from .timestep import LinearChain, TimestepChoice, linearize
 

@@ -1,0 +1,340 @@
+"""How far a chain at rest is from the beam it stands for, and how many pieces it needs.
+
+A chain errs by the square of the length of its pieces, so that it is off by 4 / 3 of what halving
+them changes, and by more while they are long. Its equilibria are compared with those of the chain
+of twice as many pieces all over the robot's range: without inputs, with each of them at full scale
+to either side, and with all of them, in directions that alternate in some ways; gravity acts as it
+does, loads as they are given. Where the robot does not stand at full scale, or folds, an input is
+halved, twice at most.
+
+What chains leave out is estimated at the same equilibria: how far stretch and shear of the sections
+under the forces of tendons, weight and loads would move the backbone, its bends as they are. In a
+robot that is driven by lengths a shorter backbone takes tension from its tendons besides.
+"""
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from math import ceil, inf, isinf, sqrt
+
+import mujoco
+import numpy as np
+from numpy import ndarray
+
+from softrobot_env.core.equilibrium import EquilibriumError
+from softrobot_env.robots.actuation import PulledLengths, TendonMap, with_balance
+
+from .chain import joint_angles, posture
+from .config import SceneConfig
+from .kinematics import Kinematics
+from .quadrature import HingeLayout
+from .spec import build_chain
+from .statics import equilibrium
+
+#: Most degrees of freedom of a chain whose pieces are chosen; a step takes milliseconds then.
+MOST_DOFS = 240
+
+#: Share of the length by which stretch and shear may move a robot without a warning.
+STRAINED = 0.005
+
+#: Of what halving the pieces changes, the error in the limit, and room for what it is before that.
+_ORDER, _ROOM = 4 / 3, 1.5
+
+#: Parts of full scale at which an equilibrium is looked for.
+_SHARES = (1.0, 0.5, 0.25)
+
+#: Rows of signs with which all inputs act together, and most inputs that act alone.
+_TOGETHER, _ALONE = 4, 12
+
+#: Shear coefficient of a round section, as `CosseratRod` has it.
+_SHEAR = 0.75
+
+
+class ResolutionWarning(UserWarning):
+    """A scene at rest is less accurate than asked for."""
+
+
+@dataclass(frozen=True)
+class Discretization:
+    """How far a chain is from the beam.
+
+    Attributes:
+        error: [m], largest distance of a point of the backbone at rest from that of infinitely many
+            pieces, as estimated; inf where only the finer chain stands.
+        left_out: [m], by how much stretch and shear would move it.
+        equilibria: Number of those that were compared.
+        lost: Number of inputs under which none was found, at a quarter of full scale either.
+    """
+
+    error: float
+    left_out: float
+    equilibria: int
+    lost: int
+
+
+@dataclass(frozen=True)
+class _Chain(Kinematics):
+    """A chain whose equilibria are sought, as a scene without a timestep."""
+
+    config: SceneConfig
+    layout: HingeLayout
+    model: mujoco.MjModel
+
+    @property
+    def scene(self) -> "_Chain":
+        """Itself, see `Kinematics`."""
+        return self
+
+    @property
+    def parts(self) -> ndarray:
+        """Ends (stations + 1,) [m] of the parts of beam that its stations stand for."""
+        return np.append(0.0, np.cumsum(self.layout.weights))
+
+    def rest(self, controls: ndarray, near: tuple["_Chain", ndarray] | None) -> ndarray | None:
+        """Posture (nq,) at rest, None if there is none; near a posture of another chain."""
+        guesses = [None] if near is None else [self._as(*near), None]
+        for guess in guesses:
+            try:
+                return equilibrium(self.model, controls, guess)
+            except EquilibriumError:
+                continue
+        return None
+
+    def _as(self, other: "_Chain", q: ndarray) -> ndarray:
+        """Posture (nq,) whose parts bend as those of another chain at q."""
+        angles = joint_angles(other.model, q)
+        turned = np.append(np.zeros((1, angles.shape[1])), np.cumsum(angles, axis=0), axis=0)
+        own = [np.interp(self.parts, other.parts, column) for column in turned.T]
+        return posture(self.model, np.diff(np.stack(own, axis=1), axis=0))
+
+    def folds(self, q: ndarray) -> bool:
+        """Whether a section bends to more than the inverse of its radius."""
+        bends = np.hypot.reduce(joint_angles(self.model, q)[:, :2], axis=1) / self.layout.weights
+        radius = self.config.robot.backbone.outer_radius(self.layout.stations)
+        return bool(np.any(bends * radius > 1))
+
+    def left_out(self, q: ndarray, controls: ndarray) -> float:
+        """Way [m] by which stretch and shear move a point of the backbone at rest at q."""
+        robot, stations = self.config.robot, self.layout.stations
+        backbone, data = robot.backbone, mujoco.MjData(self.model)
+        data.qpos[:], data.ctrl[:] = q, controls
+        mujoco.mj_forward(self.model, data)
+        links = self.model.body("link0").id + np.arange(len(stations))
+        frames = data.xmat[links].reshape(-1, 3, 3)
+        tension = data.actuator_force[: len(robot.tendons)]
+        force = self._outside(data, links) - self._pull(frames, tension)
+        across = _SHEAR * backbone.shear(stations)
+        stiffness = np.stack([across, across, backbone.axial(stations)], axis=1)
+        strain = _turned(frames.transpose(0, 2, 1), force) / stiffness
+        moved = np.cumsum(_turned(frames, self.layout.weights[:, None] * strain), axis=0)
+        if self.config.actuation == "length":
+            moved = moved + self._slackened(q, controls, strain[:, 2])
+        return float(np.linalg.norm(moved, axis=1).max())
+
+    def _outside(self, data: mujoco.MjData, links: ndarray) -> ndarray:
+        """Weight and loads (stations, 3) [N] beyond each station."""
+        robot, stations = self.config.robot, self.layout.stations
+        force = self.model.body_subtreemass[links, None] * self.model.opt.gravity
+        scales = data.ctrl[len(robot.tendons) :]
+        for load, scale in zip(self.config.loads, scales, strict=True):
+            site = data.site(f"{load.name}_point").xmat.reshape(3, 3)
+            along = site @ load.force if load.follows else np.array(load.force)
+            force = force + scale * np.outer(stations < load.station, along)
+        return force
+
+    def _pull(self, frames: ndarray, tension: ndarray) -> ndarray:
+        """Sum (stations, 3) [N] of the tensions of the tendons that pass each station."""
+        stations, force = self.layout.stations, np.zeros((len(frames), 3))
+        for tendon, pull in zip(self.config.robot.tendons, tension, strict=True):
+            along = np.column_stack([tendon.slope(stations), np.ones(len(stations))])
+            along /= np.linalg.norm(along, axis=1, keepdims=True)
+            force += _turned(frames, pull * (stations < tendon.end)[:, None] * along)
+        return force
+
+    def _slackened(self, q: ndarray, controls: ndarray, strain: ndarray) -> ndarray:
+        """Way (stations, 3) [m] by the tension that tendons driven by length lose.
+
+        A tendon of stiffness c gives c / (1 + c a) times the length that its part of the backbone
+        loses, if a is the part's own compliance.
+        """
+        robot, stations = self.config.robot, self.layout.stations
+        given = controls.copy()
+        for k, tendon in enumerate(robot.tendons):
+            part = self.layout.weights * (stations < tendon.end)
+            give = tendon.stiffness * np.sum(part / robot.backbone.axial(stations))
+            given[k] += np.sum(part * strain) / (1 + give)
+        low, high = self.model.actuator_ctrlrange[: len(robot.tendons)].T
+        given[: len(robot.tendons)] = given[: len(robot.tendons)].clip(low, high)
+        after = self.rest(given, (self, q))
+        if after is None:
+            return np.full((len(stations), 3), inf)
+        return self.positions(after, stations) - self.positions(q, stations)
+
+
+def _turned(frames: ndarray, vectors: ndarray) -> ndarray:
+    """Vectors (n, 3) by matrices (n, 3, 3)."""
+    return (frames @ vectors[:, :, None])[:, :, 0]
+
+
+def discretization(config: SceneConfig) -> Discretization:
+    """How far the chain of a scene is from the beam; found once in a process.
+
+    Raises:
+        ValueError: A part does not fit the robot, or half its pieces are too light for MuJoCo.
+    """
+    plain = _plain(config)
+    if config.robot.adaptive_pieces:
+        factor, found = _search(plain, adaptive=True)
+        if factor * config.robot.pieces == config.n_pieces:
+            return found
+    return _search(replace(plain, pieces=_counts(config)))[1]
+
+
+def resolved(config: SceneConfig) -> SceneConfig:
+    """The scene with pieces: as many as its accuracy asks for where nobody says any.
+
+    That is where neither the scene nor the file of its robot does. They are then a multiple of the
+    robot's, of as many as give `MOST_DOFS` at most.
+
+    Raises:
+        ValueError: As `discretization`.
+
+    Warns:
+        ResolutionWarning: They do not suffice, the robot does not stand somewhere in its range, or
+            stretch and shear, which are left out, would move it visibly.
+    """
+    if config.pieces is not None or not config.robot.adaptive_pieces:
+        return config
+    factor, found = _search(_plain(config), adaptive=True)
+    for remark in remarks(config, found):
+        warnings.warn(f"robot {config.robot.name!r}: {remark}", ResolutionWarning, stacklevel=4)
+    return replace(config, pieces=max(factor * config.robot.pieces, config.n_pieces))
+
+
+def remarks(config: SceneConfig, found: Discretization) -> Iterator[str]:
+    """What there is to warn about."""
+    wanted, length = config.wanted_accuracy, config.robot.length
+    if found.error > wanted:
+        error = "more" if isinf(found.error) else f"{1e3 * found.error:.3g} mm"
+        yield (
+            f"at rest its chain may be {error} off, {1e3 * wanted:.3g} mm are wanted: give more "
+            "`pieces`, or another `accuracy`"
+        )
+    if found.lost:
+        yield (
+            f"it does not stand under {found.lost} of {found.lost + found.equilibria} inputs that "
+            "were tried, where its chain's error at rest is not known"
+        )
+    if found.left_out > STRAINED * length:
+        yield (
+            f"stretch and shear, which are left out, would move it by {1e3 * found.left_out:.3g} "
+            f"mm, {found.left_out / length:.2g} of its length"
+        )
+
+
+def _plain(config: SceneConfig) -> SceneConfig:
+    """The scene without what its equilibria do not depend on."""
+    return SceneConfig(
+        config.robot,
+        rule=config.rule,
+        actuation=config.actuation,
+        loads=config.loads,
+        bending=config.bending,
+        torsion=config.torsion,
+        accuracy=config.accuracy,
+        channels=config.channels,
+    )
+
+
+def _counts(config: SceneConfig) -> tuple[int, ...]:
+    """Pieces of each section."""
+    ends = np.searchsorted(config.edges, config.robot.backbone.ends * (1 - 1e-9))
+    return tuple(np.diff(ends).tolist())
+
+
+def _chain(config: SceneConfig, factor: int) -> _Chain:
+    """The chain of a scene with so many times its pieces."""
+    finer = replace(config, pieces=tuple(factor * n for n in _counts(config)))
+    return _Chain(finer, finer.layout, build_chain(finer).spec.compile())
+
+
+@lru_cache(maxsize=128)
+def _search(config: SceneConfig, adaptive: bool = False) -> tuple[int, Discretization]:
+    """How many times a scene's pieces its accuracy asks for, and the error with them.
+
+    Unless pieces are adaptive they are as they are.
+    """
+    chain = _chain(config, 1)
+    comparison, factor = _Comparison(chain), 1
+    most = max(1, MOST_DOFS // chain.model.nv) if adaptive else 1
+    found = comparison.of(chain, _chain(config, 2))
+    while found.error > config.wanted_accuracy and factor < most:
+        larger = 2.0 if isinf(found.error) else sqrt(found.error / config.wanted_accuracy)
+        factor = min(most, max(factor + 1, ceil(factor * larger)))
+        found = comparison.of(_chain(config, factor), _chain(config, 2 * factor))
+    return factor, found
+
+
+class _Comparison:
+    """Equilibria under the same controls, of chains that become finer."""
+
+    def __init__(self, chain: _Chain) -> None:
+        self._none, rows = _controls(chain)
+        self._rows = [(row, _SHARES) for row in rows]
+        self._near: list[tuple[_Chain, ndarray] | None] = [None] * len(rows)
+        self._stations = chain.config.edges[1:]
+
+    def of(self, coarse: _Chain, fine: _Chain) -> Discretization:
+        """Two chains, one of twice the other's pieces, compared."""
+        errors, ways, lost = [0.0], [0.0], 0
+        for k, (row, shares) in enumerate(self._rows):
+            for share in shares:
+                controls = self._none + share * (row - self._none)
+                one = coarse.rest(controls, self._near[k])
+                two = fine.rest(controls, self._near[k] if one is None else (coarse, one))
+                if two is not None and not fine.folds(two):
+                    break
+            else:
+                lost += 1
+                continue
+            self._rows[k], self._near[k] = (row, (share,)), (fine, two)
+            errors.append(inf if one is None else self._distance((coarse, one), (fine, two)))
+            ways.append(fine.left_out(two, controls))
+        error = _ROOM * _ORDER * max(errors)
+        return Discretization(error, max(ways), len(errors) - 1, lost)
+
+    def _distance(self, *rests: tuple[_Chain, ndarray]) -> float:
+        """Largest distance [m] of ends of pieces, or of the tip."""
+        one, two = (
+            np.append(chain.positions(q, self._stations), chain.tip(q)[None], axis=0)
+            for chain, q in rests
+        )
+        return float(np.linalg.norm(two - one, axis=1).max())
+
+
+def _controls(chain: _Chain) -> tuple[ndarray, list[ndarray]]:
+    """Controls (nu,) of no input and no load, and those from all over the robot's range."""
+    config, robot = chain.config, chain.config.robot
+    pulled = config.actuation == "length"
+    inputs = PulledLengths(robot) if pulled else TendonMap(with_balance(robot))
+    low, high = chain.model.actuator_ctrlrange[: len(robot.tendons)].T
+
+    def controls(action: ndarray, load: float) -> ndarray:
+        command = inputs.command(inputs.from_actions(action)).clip(low, high)
+        return np.append(command, np.full(len(config.loads), load))
+
+    count = inputs.n_inputs
+    none = -inputs.input_centre / inputs.input_scale
+    actions = [none]
+    for k in range(min(count, _ALONE)):
+        for sign in (1.0, -1.0):
+            actions.append(none.copy())
+            actions[-1][k] = sign
+    places = np.arange(count)
+    together = [np.zeros(count, int), *(places >> k & 1 for k in range(_TOGETHER - 1))]
+    actions += [1.0 - 2.0 * signs for signs in together]
+    rows = [controls(action, 1.0) for action in actions]
+    rest = controls(none, 0.0)
+    different = {row.tobytes(): row for row in (rest, *rows)}
+    return rest, list(different.values())
