@@ -4,8 +4,7 @@ A chain errs by the square of the length of its pieces, so that it is off by 4 /
 them changes, and by more while they are long. Its equilibria are compared with those of the chain
 of twice as many pieces all over the robot's range: without inputs, with each of them at full scale
 to either side, and with all of them, in directions that alternate in some ways; gravity acts as it
-does, loads as they are given. Where the robot does not stand at full scale, or folds, an input is
-halved, twice at most.
+does, loads as they are given. Inputs grow in steps, up to where the robot does not stand or folds.
 
 What chains leave out is estimated at the same equilibria: how far stretch and shear of the sections
 under the forces of tendons, weight and loads would move the backbone, its bends as they are. In a
@@ -17,6 +16,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import ceil, inf, isinf, sqrt
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -33,7 +33,7 @@ from .spec import build_chain
 from .statics import equilibrium
 
 #: Most degrees of freedom of a chain whose pieces are chosen; a step takes milliseconds then.
-MOST_DOFS = 240
+MOST_DOFS = 200
 
 #: Share of the length by which stretch and shear may move a robot without a warning.
 STRAINED = 0.005
@@ -41,8 +41,11 @@ STRAINED = 0.005
 #: Of what halving the pieces changes, the error in the limit, and room for what it is before that.
 _ORDER, _ROOM = 4 / 3, 1.5
 
-#: Parts of full scale at which an equilibrium is looked for.
-_SHARES = (1.0, 0.5, 0.25)
+#: Parts of full scale at which equilibria are looked for, each from the one before.
+_SHARES = (0.1, 0.3, 0.6, 1.0)
+
+#: Paths that may end early before no more are followed.
+_PATIENCE = 3
 
 #: Rows of signs with which all inputs act together, and most inputs that act alone.
 _TOGETHER, _ALONE = 4, 12
@@ -57,19 +60,19 @@ class ResolutionWarning(UserWarning):
 
 @dataclass(frozen=True)
 class Discretization:
-    """How far a chain is from the beam.
+    """How far a chain is from the beam, by what was tried.
 
     Attributes:
         error: [m], largest distance of a point of the backbone at rest from that of infinitely many
-            pieces, as estimated; inf where only the finer chain stands.
+            pieces, as estimated; inf where a finer chain does not stand alike.
         left_out: [m], by how much stretch and shear would move it.
-        equilibria: Number of those that were compared.
-        lost: Number of inputs under which none was found, at a quarter of full scale either.
+        inputs: Number of those that were tried.
+        lost: Number of those that it stands under at a part of full scale only, or nowhere.
     """
 
     error: float
     left_out: float
-    equilibria: int
+    inputs: int
     lost: int
 
 
@@ -91,17 +94,15 @@ class _Chain(Kinematics):
         """Ends (stations + 1,) [m] of the parts of beam that its stations stand for."""
         return np.append(0.0, np.cumsum(self.layout.weights))
 
-    def rest(self, controls: ndarray, near: tuple["_Chain", ndarray] | None) -> ndarray | None:
-        """Posture (nq,) at rest, None if there is none; near a posture of another chain."""
-        guesses = [None] if near is None else [self._as(*near), None]
-        for guess in guesses:
-            try:
-                return equilibrium(self.model, controls, guess)
-            except EquilibriumError:
-                continue
-        return None
+    def rest(self, controls: ndarray, guess: ndarray | None) -> ndarray | None:
+        """Posture (nq,) at rest near a guess, None if there is none; far from all unless given."""
+        nearby = guess is not None
+        try:
+            return equilibrium(self.model, controls, guess, nearby=nearby)
+        except EquilibriumError:
+            return None
 
-    def _as(self, other: "_Chain", q: ndarray) -> ndarray:
+    def like(self, other: "_Chain", q: ndarray) -> ndarray:
         """Posture (nq,) whose parts bend as those of another chain at q."""
         angles = joint_angles(other.model, q)
         turned = np.append(np.zeros((1, angles.shape[1])), np.cumsum(angles, axis=0), axis=0)
@@ -166,10 +167,18 @@ class _Chain(Kinematics):
             given[k] += np.sum(part * strain) / (1 + give)
         low, high = self.model.actuator_ctrlrange[: len(robot.tendons)].T
         given[: len(robot.tendons)] = given[: len(robot.tendons)].clip(low, high)
-        after = self.rest(given, (self, q))
-        if after is None:
-            return np.full((len(stations), 3), inf)
+        after = self.rest(given, q)
+        if after is None:  # it would go far: what it does by itself has to say so
+            return np.zeros((len(stations), 3))
         return self.positions(after, stations) - self.positions(q, stations)
+
+
+class _Rest(NamedTuple):
+    """A chain, controls (nu,) and its posture (nq,) at rest."""
+
+    chain: _Chain
+    controls: ndarray
+    q: ndarray
 
 
 def _turned(frames: ndarray, vectors: ndarray) -> ndarray:
@@ -201,14 +210,12 @@ def resolved(config: SceneConfig) -> SceneConfig:
         ValueError: As `discretization`.
 
     Warns:
-        ResolutionWarning: They do not suffice, the robot does not stand somewhere in its range, or
-            stretch and shear, which are left out, would move it visibly.
+        ResolutionWarning: Once in a process: they do not suffice, the robot does not stand
+            somewhere in its range, or stretch and shear, which are left out, would move it visibly.
     """
     if config.pieces is not None or not config.robot.adaptive_pieces:
         return config
-    factor, found = _search(_plain(config), adaptive=True)
-    for remark in remarks(config, found):
-        warnings.warn(f"robot {config.robot.name!r}: {remark}", ResolutionWarning, stacklevel=4)
+    factor, _ = _search(_plain(config), adaptive=True)
     return replace(config, pieces=max(factor * config.robot.pieces, config.n_pieces))
 
 
@@ -223,8 +230,8 @@ def remarks(config: SceneConfig, found: Discretization) -> Iterator[str]:
         )
     if found.lost:
         yield (
-            f"it does not stand under {found.lost} of {found.lost + found.equilibria} inputs that "
-            "were tried, where its chain's error at rest is not known"
+            f"under {found.lost} of {found.inputs} inputs that were tried it does not stand at "
+            "full scale, where the error at rest is not known"
         )
     if found.left_out > STRAINED * length:
         yield (
@@ -265,52 +272,93 @@ def _search(config: SceneConfig, adaptive: bool = False) -> tuple[int, Discretiz
 
     Unless pieces are adaptive they are as they are.
     """
-    chain = _chain(config, 1)
-    comparison, factor = _Comparison(chain), 1
+    chain, factor = _chain(config, 1), 1
     most = max(1, MOST_DOFS // chain.model.nv) if adaptive else 1
-    found = comparison.of(chain, _chain(config, 2))
-    while found.error > config.wanted_accuracy and factor < most:
-        larger = 2.0 if isinf(found.error) else sqrt(found.error / config.wanted_accuracy)
-        factor = min(most, max(factor + 1, ceil(factor * larger)))
-        found = comparison.of(_chain(config, factor), _chain(config, 2 * factor))
+    near, lost = _everywhere(chain)
+    left_out = max((chain.left_out(rest.q, rest.controls) for rest in near), default=0.0)
+    error, near = _compared(config, factor, near, [*near])
+    while error > config.wanted_accuracy and factor < most and near:
+        larger = sqrt(error / config.wanted_accuracy)
+        factor = min(most, 2 * factor, ceil(factor * larger) if larger < 2 else most)
+        error, near = _compared(config, factor, near, _moved(near, _chain(config, factor)))
+    found = Discretization(error, left_out, len(_controls(chain)[1]), lost)
+    for remark in remarks(config, found) if adaptive else ():
+        warnings.warn(f"robot {config.robot.name!r}: {remark}", ResolutionWarning, stacklevel=4)
     return factor, found
 
 
-class _Comparison:
-    """Equilibria under the same controls, of chains that become finer."""
+def _compared(
+    config: SceneConfig, factor: int, near: list[_Rest], rests: list[_Rest | None]
+) -> tuple[float, list[_Rest]]:
+    """Error [m] of a chain at rest, with so many times the pieces; and all at rest in a finer one.
 
-    def __init__(self, chain: _Chain) -> None:
-        self._none, rows = _controls(chain)
-        self._rows = [(row, _SHARES) for row in rows]
-        self._near: list[tuple[_Chain, ndarray] | None] = [None] * len(rows)
-        self._stations = chain.config.edges[1:]
+    Of chains that do not stand near they keep what is near; none are left if a finer chain is too
+    light for MuJoCo.
+    """
+    try:
+        finer = _moved(near, _chain(config, 2 * factor))
+    except ValueError:
+        return inf, []
+    error = _ROOM * _ORDER * max(map(_distance, rests, finer), default=0.0)
+    return error, [two or one for one, two in zip(near, finer, strict=True)]
 
-    def of(self, coarse: _Chain, fine: _Chain) -> Discretization:
-        """Two chains, one of twice the other's pieces, compared."""
-        errors, ways, lost = [0.0], [0.0], 0
-        for k, (row, shares) in enumerate(self._rows):
-            for share in shares:
-                controls = self._none + share * (row - self._none)
-                one = coarse.rest(controls, self._near[k])
-                two = fine.rest(controls, self._near[k] if one is None else (coarse, one))
-                if two is not None and not fine.folds(two):
-                    break
-            else:
-                lost += 1
-                continue
-            self._rows[k], self._near[k] = (row, (share,)), (fine, two)
-            errors.append(inf if one is None else self._distance((coarse, one), (fine, two)))
-            ways.append(fine.left_out(two, controls))
-        error = _ROOM * _ORDER * max(errors)
-        return Discretization(error, max(ways), len(errors) - 1, lost)
 
-    def _distance(self, *rests: tuple[_Chain, ndarray]) -> float:
-        """Largest distance [m] of ends of pieces, or of the tip."""
-        one, two = (
-            np.append(chain.positions(q, self._stations), chain.tip(q)[None], axis=0)
-            for chain, q in rests
-        )
-        return float(np.linalg.norm(two - one, axis=1).max())
+def _moved(rests: list[_Rest], chain: _Chain) -> list[_Rest | None]:
+    """Another chain at rest near the same."""
+    out = []
+    for other in rests:
+        q = chain.rest(other.controls, chain.like(other.chain, other.q))
+        out.append(None if q is None else _Rest(chain, other.controls, q))
+    return out
+
+
+def _everywhere(chain: _Chain) -> tuple[list[_Rest], int]:
+    """The chain at rest all over its robot's range, and under how many inputs it is lost.
+
+    Paths of growing loads that end early take long: after some of them steps are taken.
+    """
+    none, rows = _controls(chain)
+    rests, lost, ended = [], 0, 0
+    for row in rows:
+        q = chain.rest(row, None) if ended < _PATIENCE else None
+        if q is None or chain.folds(q):
+            ended += q is None
+            rest, gone = _in_steps(chain, none, row)
+        else:
+            rest, gone = _Rest(chain, row, q), False
+        lost += gone
+        if rest is not None:
+            rests.append(rest)
+    return rests, lost
+
+
+def _in_steps(chain: _Chain, none: ndarray, row: ndarray) -> tuple[_Rest | None, bool]:
+    """The chain at rest as near to controls as it gets on the way from none, before it folds.
+
+    And whether it is lost on the way: there is no equilibrium further on.
+    """
+    reached, q = None, None
+    for share in _SHARES:
+        controls = none + share * (row - none)
+        q = chain.rest(controls, q)
+        if q is None:
+            return reached, True
+        if chain.folds(q):
+            break
+        reached = _Rest(chain, controls, q)
+    return reached, False
+
+
+def _distance(one: _Rest | None, two: _Rest | None) -> float:
+    """Largest distance [m] of ends of pieces of the first, or of the tip; inf without both."""
+    if one is None or two is None:
+        return inf
+    stations = one.chain.config.edges[1:]
+    places = (
+        np.append(rest.chain.positions(rest.q, stations), rest.chain.tip(rest.q)[None], axis=0)
+        for rest in (one, two)
+    )
+    return float(np.linalg.norm(np.subtract(*places), axis=1).max())
 
 
 def _controls(chain: _Chain) -> tuple[ndarray, list[ndarray]]:
