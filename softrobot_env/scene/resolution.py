@@ -320,9 +320,11 @@ def _everywhere(chain: _Chain) -> tuple[list[_Rest], int]:
     none, rows = _controls(chain)
     rests, lost, ended = [], 0, 0
     for row in rows:
-        q = chain.rest(row, None) if ended < _PATIENCE else None
-        if q is None or chain.folds(q):
+        q = chain.rest(row, rests[0].q) if rests else None
+        if q is None and ended < _PATIENCE:
+            q = chain.rest(row, None)
             ended += q is None
+        if q is None or chain.folds(q):
             rest, gone = _in_steps(chain, none, row)
         else:
             rest, gone = _Rest(chain, row, q), False
