@@ -60,8 +60,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         what WHAT  one of the above
         --quick  fewer cases, under 45 s
         --redraw  measure nothing: draw the pictures of the report that is there anew
-        --count N  scenes only: number of random scenes; default: 200, 20 of a quick run
-        --seed SEED  scenes only: what they are sampled from; default: 0
+        --count N  scenes and files only: number of random ones; default: 200, fewer of a quick run
+        --seed SEED  scenes and files only: what they are sampled from; default: 0
         <robot> accuracy and stability only: measure the models of this robot in place of the
             study's
         <workers>; default: as many processes as the benchmark is made for

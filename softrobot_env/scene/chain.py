@@ -26,6 +26,7 @@ own.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, sin
+from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -171,6 +172,22 @@ def posture(model: MjModel, angles: ndarray) -> ndarray:
         for column, addresses in zip(turned.T, joints.values(), strict=True):
             qpos[addresses] = column
     return qpos
+
+
+class Built(Protocol):
+    """A compiled chain: a `Scene`, or what has these of it."""
+
+    model: MjModel
+    layout: HingeLayout
+
+
+def posture_like(chain: Built, other: Built, qpos: ndarray) -> ndarray:
+    """The posture (nq,) of a chain that bends and twists as another one of the robot at `qpos`."""
+    angles = joint_angles(other.model, qpos)
+    turned = np.append(np.zeros((1, angles.shape[1])), np.cumsum(angles, axis=0), axis=0)
+    own, parts = (np.append(0.0, np.cumsum(x.layout.weights)) for x in (chain, other))
+    columns = [np.interp(own, parts, column) for column in turned.T]
+    return posture(chain.model, np.diff(np.stack(columns, axis=1), axis=0))
 
 
 def mean_curvature(model: MjModel, layout: HingeLayout, pieces: int) -> ndarray:

@@ -25,7 +25,7 @@ from numpy import ndarray
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.robots.actuation import PulledLengths, TendonMap, with_balance
 
-from .chain import joint_angles, posture
+from .chain import joint_angles, posture_like
 from .config import SceneConfig
 from .kinematics import Kinematics
 from .quadrature import HingeLayout
@@ -89,11 +89,6 @@ class _Chain(Kinematics):
         """Itself, see `Kinematics`."""
         return self
 
-    @property
-    def parts(self) -> ndarray:
-        """Ends (stations + 1,) [m] of the parts of beam that its stations stand for."""
-        return np.append(0.0, np.cumsum(self.layout.weights))
-
     def rest(self, controls: ndarray, guess: ndarray | None) -> ndarray | None:
         """Posture (nq,) at rest near a guess, None if there is none; far from all unless given."""
         nearby = guess is not None
@@ -101,13 +96,6 @@ class _Chain(Kinematics):
             return equilibrium(self.model, controls, guess, nearby=nearby)
         except EquilibriumError:
             return None
-
-    def like(self, other: "_Chain", q: ndarray) -> ndarray:
-        """Posture (nq,) whose parts bend as those of another chain at q."""
-        angles = joint_angles(other.model, q)
-        turned = np.append(np.zeros((1, angles.shape[1])), np.cumsum(angles, axis=0), axis=0)
-        own = [np.interp(self.parts, other.parts, column) for column in turned.T]
-        return posture(self.model, np.diff(np.stack(own, axis=1), axis=0))
 
     def folds(self, q: ndarray) -> bool:
         """Whether a section bends to more than the inverse of its radius."""
@@ -307,7 +295,7 @@ def _moved(rests: list[_Rest], chain: _Chain) -> list[_Rest | None]:
     """Another chain at rest near the same."""
     out = []
     for other in rests:
-        q = chain.rest(other.controls, chain.like(other.chain, other.q))
+        q = chain.rest(other.controls, posture_like(chain, other.chain, other.q))
         out.append(None if q is None else _Rest(chain, other.controls, q))
     return out
 
