@@ -40,7 +40,7 @@ class Row(Record):
     Attributes:
         seed, index: What it was drawn from, see `files_drawn`.
         verdict: One of `VERDICTS`.
-        why: Why it was refused, or what was warned of but for stretch and shear; None otherwise.
+        why: Why it was refused, or what was warned of; None otherwise.
         sections, tendons: Numbers.
         tapered, winding: Whether a section tapers, and whether a tendon winds.
         actuation: "tension" or "length".
@@ -92,8 +92,7 @@ def measure(case: tuple[int, int]) -> list[Row]:
         return [Row(seed, index, "refused", str(error))]
     time, robot, length = process_time() - begin, scene.config.robot, scene.config.robot.length
     judged, error = _judged(scene, np.random.default_rng([seed, index, 1]))
-    small = replace(found, left_out=0.0)
-    why = "; ".join(remarks(scene.config, small)) or None
+    why = "; ".join(remarks(scene.config, found)) or None
     good = error is None or error <= scene.config.wanted_accuracy
     row = Row(
         seed,

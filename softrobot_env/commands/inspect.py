@@ -146,14 +146,14 @@ def _resting(scene: Scene) -> dict[str, str]:
     found, config = scene.discretization, scene.config
     wanted, length = config.wanted_accuracy, config.robot.length
     where = f"at rest under {found.inputs} inputs all over their range"
-    where += f", of which {found.lost} at a part of full scale or not at all" if found.lost else ""
-    beyond = ", beyond what is wanted" if found.error > wanted else ""
-    visible = ", which is much" if found.left_out > STRAINED * length else ""
+    where += f", {found.lost} of which it does not stand under" if found.lost else ""
+    beyond = "warning: " if found.error > wanted or found.lost else ""
+    visible = "warning: " if found.left_out > STRAINED * length else ""
     return {
-        "error in space": f"{1e3 * wanted:.3g} mm wanted, {1e3 * found.error:.2g} mm {where}"
-        + beyond,
-        "stretch and shear": f"left out, would move it by {1e3 * found.left_out:.2g} mm, "
-        f"{100 * found.left_out / length:.2g} % of its length{visible}",
+        "error in space": f"{beyond}{1e3 * wanted:.3g} mm wanted, {1e3 * found.error:.2g} mm "
+        + where,
+        "stretch and shear": f"{visible}left out, would move it by {1e3 * found.left_out:.2g} mm, "
+        f"{100 * found.left_out / length:.2g} % of its length",
     }
 
 

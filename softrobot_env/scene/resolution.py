@@ -35,7 +35,7 @@ from .statics import equilibrium
 #: Most degrees of freedom of a chain whose pieces are chosen; a step takes milliseconds then.
 MOST_DOFS = 200
 
-#: Share of the length by which stretch and shear may move a robot without a warning.
+#: Share of the length by which stretch and shear may move a robot before `inspect` warns.
 STRAINED = 0.005
 
 #: Of what halving the pieces changes, the error in the limit, and room for what it is before that.
@@ -198,8 +198,8 @@ def resolved(config: SceneConfig) -> SceneConfig:
         ValueError: As `discretization`.
 
     Warns:
-        ResolutionWarning: Once in a process: they do not suffice, the robot does not stand
-            somewhere in its range, or stretch and shear, which are left out, would move it visibly.
+        ResolutionWarning: Once in a process: they do not suffice, or the robot does not stand
+            somewhere in its range.
     """
     if config.pieces is not None or not config.robot.adaptive_pieces:
         return config
@@ -208,23 +208,19 @@ def resolved(config: SceneConfig) -> SceneConfig:
 
 
 def remarks(config: SceneConfig, found: Discretization) -> Iterator[str]:
-    """What there is to warn about."""
-    wanted, length = config.wanted_accuracy, config.robot.length
-    if found.error > wanted:
-        error = "more" if isinf(found.error) else f"{1e3 * found.error:.3g} mm"
+    """What there is to warn about in a scene whose pieces follow from its accuracy."""
+    wanted = config.wanted_accuracy
+    if isinf(found.error):
+        yield "its chain's error at rest is not known: a finer one does not stand as it does"
+    elif found.error > wanted:
         yield (
-            f"at rest its chain may be {error} off, {1e3 * wanted:.3g} mm are wanted: give more "
-            "`pieces`, or another `accuracy`"
+            f"at rest its chain may be {1e3 * found.error:.3g} mm off, {1e3 * wanted:.3g} mm are "
+            "wanted: give more `pieces`, or another `accuracy`"
         )
     if found.lost:
         yield (
             f"under {found.lost} of {found.inputs} inputs that were tried it does not stand at "
             "full scale, where the error at rest is not known"
-        )
-    if found.left_out > STRAINED * length:
-        yield (
-            f"stretch and shear, which are left out, would move it by {1e3 * found.left_out:.3g} "
-            f"mm, {found.left_out / length:.2g} of its length"
         )
 
 
