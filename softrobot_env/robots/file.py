@@ -27,8 +27,8 @@ from .sections import Section
 from .tendons import Tendon
 
 #: Fewest pieces of a section whose table does not say it, and of one through which a tendon runs
-#: that is not straight: shapes at rest are then within 0.5 % of the length of the exact ones
-#: (`softrobot benchmark sections`).
+#: that is not straight. Chains have as many times as many as their accuracy asks for, see
+#: `scene.resolution`.
 PIECES, WINDING_PIECES = 6, 12
 
 
