@@ -36,6 +36,7 @@ from .config import Camera, SceneConfig, contact_pieces
 from .kinematics import Kinematics
 from .mount import TURNS, Mount, Prescribed, add_drives, add_mount, followed
 from .objects import Box, Contacts, Object
+from .resolution import resolved
 from .simulation import Inputs, SceneMotion, simulate
 from .spec import build_chain, empty_spec
 from .statics import finite
@@ -110,10 +111,10 @@ class Member:
         robot = replace(robot, base=base, gravity=robot.gravity if gravity is None else gravity)
         look = self.config.appearance
         look = None if look is None else replace(look, surroundings=False)  # those of all
-        pieces = self.config.pieces
-        if touches and pieces is None:
-            pieces = contact_pieces(robot)
-        return replace(self.config, robot=robot, appearance=look, pieces=pieces)
+        scene = resolved(replace(self.config, robot=robot, appearance=look))
+        if touches and self.config.pieces is None:
+            scene = replace(scene, pieces=max(scene.n_pieces, contact_pieces(robot)))
+        return scene
 
 
 @dataclass(frozen=True)

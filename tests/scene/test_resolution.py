@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from softrobot_env.robots import RobotParams, Section
+from softrobot_env.evaluation.models.runs import beam_of
+from softrobot_env.robots import RobotParams, Section, Tendon
 from softrobot_env.robots.file import read_robot, write_robot
 from softrobot_env.robots.loads import Load
+from softrobot_env.robots.parameters import Drive
 from softrobot_env.robots.sections import Backbone
 from softrobot_env.scene import resolution
+from softrobot_env.scene.assembly import Assembly, Member, build_assembly
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.quadrature import RULES, place_between
@@ -186,6 +189,18 @@ def test_stretch_and_shear_move_a_rod_as_far_as_is_said(name, tmp_path):
     assert left_out == pytest.approx(np.linalg.norm(tips[1] - tips[0]), rel=0.2)
 
 
+def test_a_member_of_an_assembly_has_the_pieces_that_it_has_alone(tmp_path):
+    robot = read(tmp_path, *RODS["sideways"])
+    alone = build_scene(scene_of(robot))
+    both = build_assembly(Assembly("two", tuple(Member(x, scene_of(robot)) for x in "ab")))
+    assert alone.layout.pieces > robot.pieces
+    q = both.equilibrium(both.inputs(a=np.array([8.0]), b=np.array([8.0])))
+    for name in "ab":
+        assert both[name].scene.discretization == alone.discretization
+        tip = alone.tip(alone.equilibrium(np.array([8.0])))
+        np.testing.assert_allclose(both[name].tip(q), tip, atol=1e-9)
+
+
 def test_a_robot_is_searched_once(tmp_path):
     robot = read(tmp_path, *RODS["uniform"])
     build_scene(scene_of(robot))
@@ -193,3 +208,15 @@ def test_a_robot_is_searched_once(tmp_path):
     again = build_scene(replace(scene_of(robot), control_period=0.02))
     assert again.discretization.error > 0
     assert resolution._search.cache_info().misses == before
+
+
+def test_tendons_driven_by_length_lose_tension_as_their_backbone_shortens():
+    rod = Section(0.15, 0.003, 1e8, 1050.0, 0.02, 12, poisson_ratio=0.4)
+    tendon = Tendon("pull", (0.006, 0.0), 0.15, 0, 30.0, stiffness=2000.0)
+    robot = RobotParams(
+        "rod", sections=(rod,), tendons=(tendon,), drive=Drive("length", travel=0.012)
+    )
+    scene, full = build_scene(scene_of(robot)), np.array([0.012])
+    tips = [x.tip(x.equilibrium(full)) for x in (scene, beam_of(scene.config, "cosserat", 24))]
+    way = float(np.linalg.norm(tips[0] - tips[1]))
+    assert scene.discretization.left_out == pytest.approx(way, rel=0.2)
