@@ -318,6 +318,7 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndar
         self.twin, self._servos = parts.twin, parts.servos(self.num_envs)
         nominal, error = parts.plant.nominal, parts.plant.discretization_error
         self._discretization = np.full(self.num_envs, error)
+        self._discretization.flags.writeable = False
         if self._on_device:
             warp_limits.check_robot(nominal, config.randomization)
             self.simulation = warp_limits.make_batch(nominal, self.num_envs, device)

@@ -4,7 +4,8 @@ A chain errs by the square of the length of its pieces, so that it is off by 4 /
 them changes, and by more while they are long. Its equilibria are compared with those of the chain
 of twice as many pieces all over the robot's range: without inputs, with each of them at full scale
 to either side, and with all of them, in directions that alternate in some ways; gravity acts as it
-does, loads as they are given. Inputs grow in steps, up to where the robot does not stand or folds.
+does, loads as they are given. Where the robot does not stand at full scale, or a section folds,
+inputs grow in steps as far as they can.
 
 What chains leave out is estimated at the same equilibria: how far stretch and shear of the sections
 under the forces of tendons, weight and loads would move the backbone, its bends as they are. In a
@@ -64,7 +65,7 @@ class Discretization:
 
     Attributes:
         error: [m], largest distance of a point of the backbone at rest from that of infinitely many
-            pieces, as estimated; inf where a finer chain does not stand alike.
+            pieces, as estimated; inf where it, or a finer chain, does not stand alike.
         left_out: [m], by how much stretch and shear would move it.
         inputs: Number of those that were tried.
         lost: Number of those that it stands under at a part of full scale only, or nowhere.
@@ -178,7 +179,7 @@ def discretization(config: SceneConfig) -> Discretization:
     """How far the chain of a scene is from the beam; found once in a process.
 
     Raises:
-        ValueError: A part does not fit the robot, or half its pieces are too light for MuJoCo.
+        ValueError: A part does not fit the robot.
     """
     plain = _plain(config)
     if config.robot.adaptive_pieces:
@@ -203,7 +204,9 @@ def resolved(config: SceneConfig) -> SceneConfig:
     """
     if config.pieces is not None or not config.robot.adaptive_pieces:
         return config
-    factor, _ = _search(_plain(config), adaptive=True)
+    plain = _plain(config)
+    factor, found = _search(plain, adaptive=True)
+    _warn(plain, found)
     return replace(config, pieces=max(factor * config.robot.pieces, config.n_pieces))
 
 
@@ -222,6 +225,13 @@ def remarks(config: SceneConfig, found: Discretization) -> Iterator[str]:
             f"under {found.lost} of {found.inputs} inputs that were tried it does not stand at "
             "full scale, where the error at rest is not known"
         )
+
+
+@lru_cache(maxsize=128)
+def _warn(config: SceneConfig, found: Discretization) -> None:
+    """Warn whoever builds a scene, once."""
+    for remark in remarks(config, found):
+        warnings.warn(f"robot {config.robot.name!r}: {remark}", ResolutionWarning, stacklevel=4)
 
 
 def _plain(config: SceneConfig) -> SceneConfig:
@@ -265,10 +275,7 @@ def _search(config: SceneConfig, adaptive: bool = False) -> tuple[int, Discretiz
         larger = sqrt(error / config.wanted_accuracy)
         factor = min(most, 2 * factor, ceil(factor * larger) if larger < 2 else most)
         error, near = _compared(config, factor, near, _moved(near, _chain(config, factor)))
-    found = Discretization(error, left_out, len(_controls(chain)[1]), lost)
-    for remark in remarks(config, found) if adaptive else ():
-        warnings.warn(f"robot {config.robot.name!r}: {remark}", ResolutionWarning, stacklevel=4)
-    return factor, found
+    return factor, Discretization(error, left_out, len(_controls(chain)[1]), lost)
 
 
 def _compared(
@@ -283,7 +290,7 @@ def _compared(
         finer = _moved(near, _chain(config, 2 * factor))
     except ValueError:
         return inf, []
-    error = _ROOM * _ORDER * max(map(_distance, rests, finer), default=0.0)
+    error = _ROOM * _ORDER * max(map(_distance, rests, finer), default=inf)
     return error, [two or one for one, two in zip(near, finer, strict=True)]
 
 
@@ -359,7 +366,7 @@ def _controls(chain: _Chain) -> tuple[ndarray, list[ndarray]]:
         return np.append(command, np.full(len(config.loads), load))
 
     count = inputs.n_inputs
-    none = -inputs.input_centre / inputs.input_scale
+    none = np.zeros(count) if pulled else -inputs.input_centre / inputs.input_scale
     actions = [none]
     for k in range(min(count, _ALONE)):
         for sign in (1.0, -1.0):
