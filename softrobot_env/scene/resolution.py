@@ -343,15 +343,14 @@ def _in_steps(chain: _Chain, none: ndarray, row: ndarray) -> tuple[_Rest | None,
 
 
 def _distance(one: _Rest | None, two: _Rest | None) -> float:
-    """Largest distance [m] of ends of pieces of the first, or of the tip; inf without both."""
+    """Largest distance [m] of ends of pieces of the first, or of a head; inf without both."""
     if one is None or two is None:
         return inf
     stations = one.chain.config.edges[1:]
-    places = (
-        np.append(rest.chain.positions(rest.q, stations), rest.chain.tip(rest.q)[None], axis=0)
-        for rest in (one, two)
-    )
-    return float(np.linalg.norm(np.subtract(*places), axis=1).max())
+    gaps = one.chain.positions(one.q, stations) - two.chain.positions(two.q, stations)
+    if one.chain.config.robot.head is not None:
+        gaps = np.append(gaps, [one.chain.tip(one.q) - two.chain.tip(two.q)], axis=0)
+    return float(np.linalg.norm(gaps, axis=1).max())
 
 
 def _controls(chain: _Chain) -> tuple[ndarray, list[ndarray]]:
