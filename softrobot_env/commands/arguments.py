@@ -156,11 +156,12 @@ _SHARED = {
         [scene]
         --control-period S  default: the policy's own where it has one, else 0.01 s, of the rig
         0.02 s
-        --pieces PIECES  pieces of the robot; default: the robot's own
+        --pieces PIECES  pieces of the robot; default: the robot's own, or by accuracy where its
+        file says none
         --rule RULE  hinge rule out of {", ".join(RULES.registered())}; default: {DEFAULT_RULE}
         --timestep S  default: by rule
-        --accuracy A  wanted accuracy in time of any point of the robot: m, or a share of its
-        length; default: {str(DEFAULT_SHARE).replace("%", "%%")}
+        --accuracy A  wanted accuracy of any point of the robot: m, or a share of its length;
+        default: {str(DEFAULT_SHARE).replace("%", "%%")}
         --integrator INTEGRATOR  out of {", ".join(INTEGRATORS)}; default: by rule
     """,
     "twin": f"--twin SEED|{_NO_TWIN}  {_TWIN}",

@@ -60,9 +60,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         what WHAT  one of the above
         --quick  fewer cases, under 45 s
         --redraw  measure nothing: draw the pictures of the report that is there anew
-        --count N  number of random scenes, of rods (identify), or of twins (intervals), and of
-            no other benchmark; default: 200, 100, 40, of a quick run 20, 1, 1
-        --seed SEED  scenes only: what they are sampled from; default: 0
+        --count N  number of random scenes, robot files (files), rods (identify) or twins
+            (intervals), and of no other benchmark; default: 200, 200, 100, 40, fewer of a quick run
+        --seed SEED  scenes and files only: what they are sampled from; default: 0
         <robot> accuracy and stability only: measure the models of this robot in place of the
             study's
         <workers>; default: as many processes as the benchmark is made for

@@ -17,6 +17,7 @@ from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.inverse import sample_of, workspace_of
 from softrobot_env.scene.registry import scene_of
+from softrobot_env.scene.resolution import STRAINED
 
 from .arguments import scene_options
 from .cases import Setup, one_task
@@ -126,6 +127,7 @@ def _print(scene: Scene, title: str, left_out: list[str], own: dict[str, str]) -
         **_holding(scene.config.robot),
         "sensors": ", ".join(model.sensor(i).name for i in range(model.nsensor)) or "none",
         "left out": "; ".join(left_out),
+        **_resting(scene),
         **_timing(scene),
         **own,
     }
@@ -137,6 +139,22 @@ def _holding(robot: RobotParams) -> dict[str, str]:
     """Dry friction of the backbone, where it has any."""
     held = [f"{section.bending_friction:.3g}" for section in robot.backbone.sections]
     return {"friction of the backbone": f"{', '.join(held)} N m"} if robot.holds else {}
+
+
+def _resting(scene: Scene) -> dict[str, str]:
+    """How far the chain at rest is from the beam."""
+    found, config = scene.discretization, scene.config
+    wanted, length = config.wanted_accuracy, config.robot.length
+    where = f"at rest under {found.inputs} inputs all over their range"
+    where += f", {found.lost} of which it does not stand under" if found.lost else ""
+    beyond = "warning: " if found.error > wanted or found.lost else ""
+    visible = "warning: " if found.left_out > STRAINED * length else ""
+    return {
+        "error in space": f"{beyond}{1e3 * wanted:.3g} mm wanted, {1e3 * found.error:.2g} mm "
+        + where,
+        "stretch and shear": f"{visible}left out, would move it by {1e3 * found.left_out:.2g} mm, "
+        f"{100 * found.left_out / length:.2g} % of its length",
+    }
 
 
 def _timing(scene: Scene) -> dict[str, str]:
@@ -156,7 +174,7 @@ def _timing(scene: Scene) -> dict[str, str]:
         "first mode": f"{1 / choice.first_period:.3f} Hz",
         "stability limit": f"{limit} (linearised)",
         "error in time": f"{wanted}{1e3 * found.error:.2g} mm in random steps of all drives over "
-        "half of their range",
+        f"half of their range, {found.duration:.3g} s long",
         "cost per control period": f"{1e6 * found.cost:.1f} µs in that motion, "
         f"{scene.config.control_period / found.cost:.0f} x real time, "
         f"{found.evaluations:.1f} force evaluations",

@@ -66,7 +66,12 @@ class _Point(NamedTuple):
 
 
 def find_equilibrium(
-    loaded: Loaded, rest: ndarray, guess: ndarray | None, load_steps: int, careful: bool = False
+    loaded: Loaded,
+    rest: ndarray,
+    guess: ndarray | None,
+    load_steps: int,
+    careful: bool = False,
+    nearby: bool = False,
 ) -> ndarray:
     """Equilibrium under full loads, near a guess or else where slow loading leads.
 
@@ -76,11 +81,15 @@ def find_equilibrium(
         guess: Coordinates, tried first.
         load_steps: Least number of equal steps of the loads.
         careful: Whether to shorten steps from the guess, which forces with kinks need.
+        nearby: Whether only the guess is tried, and no path followed.
 
     Raises:
-        EquilibriumError: The path does not reach the loads, or could not be followed.
+        EquilibriumError: There is none near the guess, or the path does not reach the loads, or
+            could not be followed.
     """
     q = None if guess is None else _near(loaded, guess, careful)
+    if q is None and nearby:
+        raise EquilibriumError("there is no equilibrium near the guess")
     return _follow(loaded, rest, load_steps) if q is None else q
 
 

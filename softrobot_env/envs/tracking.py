@@ -176,6 +176,7 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
         self._rows: dict[str, ndarray] = {}
         self._last_observation: Seen | None = None
         self._variation: dict[str, float64] = {}  # as `info` has it
+        self._discretization = float64(parts.plant.discretization_error)
         self._install(parts.plant.simulation({}))
 
     # ------------------------------------------------------------------ simulation
@@ -360,6 +361,7 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
         }
         if self._estimates is not None:
             info["integration_error"] = self._estimates[0]
+            info["discretization_error"] = self._discretization
         if self._variation:
             info |= self._variation
         return info if readout.truth is None else info | readout.truth()

@@ -107,9 +107,10 @@ def fingerprint(robot: RobotParams) -> dict[str, ndarray]:
     """All parameters of a robot but its name, as one number, in what a file tells; with its name.
 
     Parameters that are as they are unless given do not count, so that a later version, whose
-    robots have more of them, knows the robot again.
+    robots have more of them, knows the robot again; nor does who chose its pieces.
     """
-    text = json.dumps(_as_data(replace(robot, name="robot")), sort_keys=True)
+    plain = replace(robot, name="robot", adaptive_pieces=False)
+    text = json.dumps(_as_data(plain), sort_keys=True)
     digest = sha256(text.encode()).hexdigest()
     return {"robot": np.array(robot.name), "fingerprint": np.array(digest)}
 

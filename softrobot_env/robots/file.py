@@ -28,8 +28,8 @@ from .sections import Section
 from .tendons import Tendon
 
 #: Fewest pieces of a section whose table does not say it, and of one through which a tendon runs
-#: that is not straight: shapes at rest are then within 0.5 % of the length of the exact ones
-#: (`softrobot benchmark sections`).
+#: that is not straight. Chains have as many times as many as their accuracy asks for, see
+#: `scene.resolution`.
 PIECES, WINDING_PIECES = 6, 12
 
 
@@ -111,6 +111,9 @@ def write_gripper(gripper: Gripper, path: Path | str) -> None:
 def _table(robot: RobotParams) -> dict[str, Any]:
     table, drive = write(robot), write(robot.drive)
     table["section"] = [write(section) for section in robot.backbone.sections]
+    if robot.adaptive_pieces:
+        for section in table["section"]:
+            del section["pieces"]
     table["tendon"] = []
     for tendon in robot.tendons:
         one = write(tendon)
@@ -145,6 +148,7 @@ def _robot(table: Mapping[str, Any]) -> RobotParams:
         sections=tuple(sections),
         tendons=tendons,
         drive=_one_drive([drive for _, drive in found]),
+        adaptive_pieces=not any("pieces" in one for _, one in said),
     )
 
 

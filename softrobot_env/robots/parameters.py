@@ -249,6 +249,8 @@ class RobotParams:
         base: Where the robot is clamped; at the world's origin along +z unless given.
         drive: How its tendons are driven.
         sensors: Curvature sensors on it; what they read is the observable `sensors`.
+        adaptive_pieces: Whether chains have as many times its pieces as their accuracy asks for: of
+            files that do not say `pieces`.
         file: That describes it, None of others; beside it lie its trained artifacts. Robots of
             different files may be equal.
     """
@@ -274,6 +276,7 @@ class RobotParams:
     base: Base | None = None
     drive: Drive = unwritten(Drive())
     sensors: Annotated[tuple[Sensor, ...], Key("sensor")] = ()
+    adaptive_pieces: bool = unwritten(False)
     file: Path | None = unwritten(None, compare=False, repr=False)
 
     def __post_init__(self) -> None:

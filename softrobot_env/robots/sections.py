@@ -120,6 +120,10 @@ class Backbone:
         """Number (k,) of the section at s."""
         return np.searchsorted(self.ends[1:-1], s, side="left")
 
+    def tapers(self, s: ndarray) -> ndarray:
+        """Whether (k,) the section at s tapers."""
+        return np.array([not x.is_uniform for x in self.sections])[self.index(s)]
+
     def _of_material(self, name: str, s: ndarray) -> ndarray:
         return self._numbers[name][self.index(s)]
 

@@ -25,11 +25,9 @@ from .appearance import add_camera, add_surroundings
 from .build import (
     CompiledModel,
     Scene,
-    build_chain,
     build_scene,
     choose_for,
     compile_spec,
-    empty_spec,
     is_extrapolated,
     spec_xml,
 )
@@ -38,7 +36,9 @@ from .config import Camera, SceneConfig, contact_pieces
 from .kinematics import Kinematics
 from .mount import TURNS, Mount, Prescribed, add_drives, add_mount, followed
 from .objects import Box, Contacts, Object
+from .resolution import resolved
 from .simulation import Inputs, SceneMotion, simulate
+from .spec import build_chain, empty_spec
 from .statics import finite
 from .timestep import LinearChain, Pace, TimestepChoice, linearize
 
@@ -111,10 +111,10 @@ class Member:
         robot = replace(robot, base=base, gravity=robot.gravity if gravity is None else gravity)
         look = self.config.appearance
         look = None if look is None else replace(look, surroundings=False)  # those of all
-        pieces = self.config.pieces
-        if touches and pieces is None:
-            pieces = contact_pieces(robot)
-        return replace(self.config, robot=robot, appearance=look, pieces=pieces)
+        scene = resolved(replace(self.config, robot=robot, appearance=look))
+        if touches and self.config.pieces is None:
+            scene = replace(scene, pieces=max(scene.n_pieces, contact_pieces(robot)))
+        return scene
 
 
 @dataclass(frozen=True)

@@ -7,22 +7,20 @@ from functools import partial
 
 import mujoco
 import numpy as np
-from mujoco import MjData, MjModel, MjOption, MjSpec, mjtDisableBit, mjtIntegrator
+from mujoco import MjData, MjModel, MjOption, MjSpec, mjtIntegrator
 from numpy import ndarray
 
 from softrobot_env.core.motion import State
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.loads import refuse_out_of_plane, refuse_torsion, seen_from_base
 
-from . import appearance, contacts
-from .chain import Chain, add_chain, joint_kinds
+from . import contacts
 from .config import SceneConfig
 from .kinematics import Kinematics
-from .quadrature import HingeLayout, place_between
+from .quadrature import HingeLayout
+from .resolution import Discretization, discretization, resolved
 from .simulation import Inputs, SceneMotion, simulate
-from .springs import add_springs, couple_pieces
+from .spec import build_chain, refuse_unfelt
 from .statics import checked_controls, equilibrium, finite, settle, with_gravity
-from .tendons import add_tendons
 from .timestep import (
     EXTRAPOLATION,
     SAFETY,
@@ -106,6 +104,11 @@ class Scene(CompiledModel, Kinematics):
         return self
 
     @property
+    def discretization(self) -> Discretization:
+        """How far its chain at rest is from the beam, without contacts; `scene.resolution`."""
+        return discretization(self.config)
+
+    @property
     def name(self) -> str:
         """The robot's."""
         return self.config.robot.name
@@ -168,7 +171,7 @@ class Scene(CompiledModel, Kinematics):
         """
         if gravity is not None:
             gravity = finite("gravity", gravity, (3,))
-            _refuse_what_is_not_felt(self.config, gravity)
+            refuse_unfelt(self.config, gravity)
         return gravity
 
 
@@ -181,6 +184,7 @@ def build_scene(config: SceneConfig) -> Scene:
     Warns:
         TimestepWarning: See `scene.timestep.choose_timestep`.
     """
+    config = resolved(config)
     spec, layout, pairs = _assemble(config)
     model, choice = compile_spec(spec, pairs, partial(_mujocos, config, pairs))
     if is_extrapolated(config):
@@ -243,6 +247,7 @@ def vary_scene(scene: Scene, variation: dict[str, float]) -> Scene:
 
 def scene_xml(config: SceneConfig) -> str:
     """The scene as MJCF, ready for any MuJoCo viewer."""
+    config = resolved(config)
     spec, _, pairs = _assemble(config)
     return spec_xml(spec, pairs, partial(_mujocos, config, pairs))
 
@@ -283,37 +288,6 @@ def _assemble(config: SceneConfig) -> tuple[MjSpec, HingeLayout, list[contacts.P
     return chain.spec, chain.layout, pairs
 
 
-def build_chain(config: SceneConfig) -> Chain:
-    """The robot of a scene in a spec of its own, with all parts but contacts.
-
-    Raises:
-        ValueError: As `build_scene`.
-    """
-    _refuse_what_is_not_felt(config, config.robot.gravity)
-    layout = place_between(config.edges, config.hinge_rule)
-    robot = config.robot
-    spec = empty_spec(robot.name, robot.gravity, friction=robot.has_friction)
-    kinds = joint_kinds(robot, config.bending, config.torsion, layout.coupled)
-    chain = add_chain(spec, robot, layout, kinds)
-    add_tendons(chain, robot, config.actuation, config.exact_channels)
-    add_springs(chain, robot, config.exact_channels)
-    if layout.coupled:
-        couple_pieces(chain, robot, [load.station for load in config.loads])
-    for _ in config.sensors:
-        appearance.add_tip_sensors(spec)
-    for load in config.loads:
-        appearance.add_load(chain, load)
-    for camera in config.cameras:
-        appearance.add_camera(spec, camera)
-    for path in config.paths:
-        appearance.add_path(spec, path)
-    for marker in config.markers:
-        appearance.add_marker(spec, marker)
-    if config.appearance is not None:
-        appearance.add_appearance(chain, robot, config.appearance)
-    return chain
-
-
 def _mujocos(config: SceneConfig, pairs: Sequence[contacts.Pair], model: MjModel) -> TimestepChoice:
     """What MuJoCo's own steps of the model take: those of viewers, and of whoever steps it."""
     longest = None if config.contacts is None else contacts.longest_step(model, pairs)
@@ -346,35 +320,7 @@ def choose_for(
         )
 
 
-def _refuse_what_is_not_felt(config: SceneConfig, gravity: Sequence[float]) -> None:
-    """Refuse loads, gravity and tendons in directions in which the chain does not move."""
-    robot = config.robot
-    loads = seen_from_base(robot, config.loads)
-    if config.bending == "planar":
-        model, other = "a chain with bending='planar'", "bending='spatial'"
-        refuse_out_of_plane(model, other, loads, robot.seen(tuple(gravity)))
-        refuse_torsion(model, other, (), robot.tendons)
-    elif not config.torsion:
-        refuse_torsion("a chain with torsion=False", "torsion=True", loads, robot.tendons)
-
-
 def apply_choice(choice: TimestepChoice, option: MjOption) -> None:
     """Let an option have MuJoCo's integrator and timestep of a choice."""
     option.timestep = choice.timestep
     option.integrator = getattr(mjtIntegrator, f"mjINT_{choice.integrator.upper()}")
-
-
-def empty_spec(name: str, gravity: Sequence[float], *, friction: bool) -> MjSpec:
-    """Spec without contacts and MuJoCo's silent reset of a diverged state.
-
-    Without constraints too, unless something rubs: MuJoCo's dry friction is one.
-    """
-    spec = MjSpec()
-    spec.modelname = name
-    spec.compiler.degree = False
-    spec.option.gravity = gravity
-    flags = mjtDisableBit.mjDSBL_CONTACT | mjtDisableBit.mjDSBL_AUTORESET
-    if not friction:
-        flags |= mjtDisableBit.mjDSBL_CONSTRAINT
-    spec.option.disableflags = int(flags)
-    return spec

@@ -19,12 +19,14 @@ cancel, and the small sideways turn that is left of one pair cancels that of the
 
 A head is a body of its own, fixed to the last link, and carries the tip site at its output point;
 discs are bodies fixed to theirs. The chain of a robot with a base stands on a body that does not
-move. A hinge has the stiffness of the cross-section where it stands, a link the mass of its part.
+move. A hinge has the stiffness of the part of the beam that it stands for, a link the mass of its
+own.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, sin
+from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -32,6 +34,7 @@ from mujoco import MjModel, MjsBody, MjsJoint, MjSpec, MjsTendon, mjMINVAL, mjtJ
 from numpy import ndarray
 
 from softrobot_env.robots import Head, RobotParams
+from softrobot_env.robots.sections import Backbone
 
 from .quadrature import HingeLayout
 
@@ -171,6 +174,22 @@ def posture(model: MjModel, angles: ndarray) -> ndarray:
     return qpos
 
 
+class Built(Protocol):
+    """A compiled chain: a `Scene`, or what has these of it."""
+
+    model: MjModel
+    layout: HingeLayout
+
+
+def posture_like(chain: Built, other: Built, qpos: ndarray) -> ndarray:
+    """The posture (nq,) of a chain that bends and twists as another one of the robot at `qpos`."""
+    angles = joint_angles(other.model, qpos)
+    turned = np.append(np.zeros((1, angles.shape[1])), np.cumsum(angles, axis=0), axis=0)
+    own, parts = (np.append(0.0, np.cumsum(x.layout.weights)) for x in (chain, other))
+    columns = [np.interp(own, parts, column) for column in turned.T]
+    return posture(chain.model, np.diff(np.stack(columns, axis=1), axis=0))
+
+
 def mean_curvature(model: MjModel, layout: HingeLayout, pieces: int) -> ndarray:
     """Matrix (n, nv) [1/m] from the hinge angles of a chain to mean curvatures of pieces.
 
@@ -279,16 +298,27 @@ def _add_base(spec: MjSpec, robot: RobotParams) -> MjsBody:
     return body
 
 
+def station_stiffness(backbone: Backbone, layout: HingeLayout) -> tuple[ndarray, ndarray]:
+    """EI and GJ (stations,) [N m2] of uniform parts of beam that yield as those of stations."""
+    bending, torsion = backbone.bending(layout.stations), backbone.torsion(layout.stations)
+    tapers = backbone.tapers(layout.stations)
+    if not tapers.any():
+        return bending, torsion
+    parts = np.append(0.0, np.cumsum(layout.weights))
+    whole = np.where(tapers, backbone.in_series(backbone.bending, parts), bending)
+    return whole, torsion * (whole / bending)
+
+
 def _joint_stiffness(
     robot: RobotParams, layout: HingeLayout, kinds: tuple[str, ...]
 ) -> dict[str, list[float]]:
     """Stiffness of the stations' joints [N m] by kind, and their damping time [s]."""
     backbone, half = robot.backbone, robot.anisotropy / 2
-    bending = backbone.bending(layout.stations)
+    bending, torsion = station_stiffness(backbone, layout)
     towards = bending * (1 + half) / layout.weights
     found = {"hinge": towards, BALL: towards, "side": bending * (1 - half) / layout.weights}
     if "twist" in kinds:
-        found["twist"] = backbone.torsion(layout.stations) / layout.weights
+        found["twist"] = torsion / layout.weights
     found["damping_time"] = backbone.damping_time(layout.stations)
     return {name: values.tolist() for name, values in found.items()}
 

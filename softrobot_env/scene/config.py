@@ -20,7 +20,7 @@ from softrobot_env.robots.loads import Load
 from softrobot_env.robots.ranges import Pieces
 
 from .objects import Contacts, Object, Rgba
-from .quadrature import RULES
+from .quadrature import RULES, HingeLayout, place_between
 from .timestep import CONTACT_INTEGRATORS, EXTRAPOLATION
 
 #: How tendons can be driven.
@@ -59,7 +59,7 @@ MOST_HINGES = 1000
 #: then within 0.5 % of the exact forces (`softrobot benchmark contacts`).
 CONTACT_PIECES = 24
 
-#: Accuracy in time unless another is wanted.
+#: Accuracy unless another is wanted.
 DEFAULT_SHARE = "0.1%"
 
 _SHORTEST_STEP = 1e-8  # s, below which an episode would take days
@@ -140,8 +140,10 @@ class SceneConfig:
     Attributes:
         robot: The robot.
         pieces: Pieces the robot is cut into, equal in each section: in total (shared out by
-            length, one or more a section), or one number per section; unless given the robot's
-            own, with contacts as many times that as make `CONTACT_PIECES`.
+            length, one or more a section), or one number per section. Unless given the robot's
+            own, with contacts as many times that as make `CONTACT_PIECES`; of a robot whose file
+            says none as many times that as its accuracy at rest asks for (`scene.resolution`),
+            which `build_scene` finds.
             A section's end is a piece's end, and a channel's end has to be one.
         rule: Hinge rule, a key of `softrobot_env.scene.quadrature.RULES`; unless given "chord2"
             where tendons run through guides, all at ends of pieces, else for a chain that twists
@@ -151,8 +153,9 @@ class SceneConfig:
         control_period: [s], the timestep divides it.
         timestep: [s], chosen by rule (`scene.timestep`) unless given.
         integrator: One of `INTEGRATORS`, chosen by rule unless given.
-        accuracy: Error in time of any point of the backbone that is wanted: [m], or a share of the
-            length as text, "0.1%". Only "extrapolation" looks at its error.
+        accuracy: Error of any point of the backbone that is wanted, in time and, where pieces
+            follow from it, at rest: [m], or a share of the length as text, "0.1%". Only
+            "extrapolation" looks at its error in time.
         sensors, cameras, markers, paths, loads, appearance: The optional parts.
         bending: "planar" (in the x-z plane only) or "spatial".
         torsion: Whether a spatial chain twists about its axis too; else it is rigid in torsion.
@@ -259,6 +262,11 @@ class SceneConfig:
         if self.pieces is None and self.contacts is not None:
             pieces = contact_pieces(self.robot)
         return self.robot.backbone.cut(pieces)
+
+    @cached_property
+    def layout(self) -> HingeLayout:
+        """Where its hinges stand; errors as `edges`."""
+        return place_between(self.edges, self.hinge_rule, self.robot.backbone)
 
     @property
     def hinge_rule(self) -> str:

@@ -88,7 +88,7 @@ from numpy import ndarray
 
 from softrobot_env.robots import RobotParams
 
-from .chain import Chain, order_of
+from .chain import Chain, order_of, station_stiffness
 
 #: Of the term in b^2 g^2, for robots with linear channels.
 _WITH_CHANNELS = 0.5
@@ -103,9 +103,9 @@ def add_springs(chain: Chain, robot: RobotParams, exact: bool = False) -> None:
         return
     turning = exact or all(tendon.guides for tendon in robot.tendons)
     share = 1.0 if turning else _WITH_CHANNELS
-    stations, weights = chain.layout.stations, chain.layout.weights
-    bends = (robot.backbone.bending(stations) / weights).tolist()
-    twists = (robot.backbone.torsion(stations) / weights).tolist()
+    bending, torsion = station_stiffness(robot.backbone, chain.layout)
+    bends = (bending / chain.layout.weights).tolist()
+    twists = (torsion / chain.layout.weights).tolist()
     for index, (bend, twist) in enumerate(zip(bends, twists, strict=True)):
         if "twist" in chain.kinds:
             _couple_three(chain, index, bend, twist, robot.anisotropy * bend, share)

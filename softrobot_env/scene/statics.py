@@ -34,6 +34,7 @@ def equilibrium(
     check_stability: bool | str = True,
     gravity: ndarray | None = None,
     rubbing: RubbingForces | None = None,
+    nearby: bool = False,
 ) -> ndarray:
     """Posture (nq,) in equilibrium under constant controls (nu,): the hinge angles [rad].
 
@@ -52,6 +53,7 @@ def equilibrium(
         gravity: (3,) [m/s2] in place of the scene's.
         rubbing: Forces with friction, from where the tendons were, which is left out without; they
             are then where they stay.
+        nearby: Whether the guess alone is tried, which takes less time where that fails.
 
     Raises:
         EquilibriumError: None was found, or an unstable one.
@@ -64,7 +66,7 @@ def equilibrium(
     model = with_gravity(model, gravity)
     forces = StaticForces(model) if rubbing is None else rubbing
     loaded, careful = _LoadedChain(forces, ctrl), rubbing is not None
-    q = find_equilibrium(loaded, model.qpos_spring, guess, load_steps, careful)
+    q = find_equilibrium(loaded, model.qpos_spring, guess, load_steps, careful, nearby)
     if kind is not None:
         forces.force(q, ctrl)
         require_stable(kind, -forces.tangent(), forces.mass(), np.diag(model.dof_damping))

@@ -12,8 +12,9 @@ from mujoco import MjData, MjModel, MjsActuator, MjsBody, MjsTendon, mjtBias, mj
 from numpy import ndarray
 
 from softrobot_env.robots import RobotParams, Tendon
+from softrobot_env.robots.sections import Backbone
 
-from .chain import Chain, is_swapped, rub, seen_from_hinges
+from .chain import Chain, is_swapped, rub, seen_from_hinges, station_stiffness
 from .quadrature import HingeLayout
 
 _PULL = [-1.0, 0, 0, 0, 0, 0]
@@ -42,9 +43,9 @@ def add_tendons(chain: Chain, robot: RobotParams, actuation: str, exact: bool = 
             routed = route_through_guides(chain, tendon, tendon.name)
             length = tendon.straight_length
         elif exact:
-            routed, length = _route_across_hinges(chain, tendon)
+            routed, length = _route_across_hinges(chain, tendon, robot.backbone)
         else:
-            routed, length = _route_along_joints(chain, tendon), 0.0
+            routed, length = _route_along_joints(chain, tendon, robot.backbone), 0.0
         if tendon.friction:
             rub(routed, tendon.friction)
         actuator = chain.spec.add_actuator(
@@ -61,7 +62,7 @@ def add_tendons(chain: Chain, robot: RobotParams, actuation: str, exact: bool = 
             _pull_by_length(actuator, tendon, robot.most_pulled(tendon), length)
 
 
-def _route_along_joints(chain: Chain, tendon: Tendon) -> MjsTendon:
+def _route_along_joints(chain: Chain, tendon: Tendon, backbone: Backbone) -> MjsTendon:
     """Tendon in a continuous channel, whose length changes by joint angles times moment arms.
 
     A channel at r(s) = (x, y) has the tangent e_z + r' + kappa x r. To first order in the strains
@@ -70,7 +71,7 @@ def _route_along_joints(chain: Chain, tendon: Tendon) -> MjsTendon:
     that a tension T makes torsion stiffer by T (x^2 + y^2), a share of about (1 + nu) times
     curvature times distance.
     """
-    places, slopes = _course(chain, tendon)
+    places, slopes = _course(chain, tendon, backbone)
     fixed = chain.spec.add_tendon(name=tendon.name)
     for index, ((x, y), (dx, dy)) in enumerate(zip(places.tolist(), slopes.tolist(), strict=True)):
         tangent = math.hypot(1.0, dx, dy)
@@ -83,7 +84,9 @@ def _route_along_joints(chain: Chain, tendon: Tendon) -> MjsTendon:
     return fixed
 
 
-def _route_across_hinges(chain: Chain, tendon: Tendon) -> tuple[MjsTendon, float]:
+def _route_across_hinges(
+    chain: Chain, tendon: Tendon, backbone: Backbone
+) -> tuple[MjsTendon, float]:
     """Tendon in a continuous channel, right to second order in the strains, and its length [m].
 
     The channel beside a station, which stands for w of beam and turns by theta, is d = w (e_z + r')
@@ -103,7 +106,7 @@ def _route_across_hinges(chain: Chain, tendon: Tendon) -> tuple[MjsTendon, float
     """
     spatial, length, above = chain.spec.add_tendon(name=tendon.name), 0.0, 0.0
     spatial.rgba = _UNSEEN
-    for index, (place, slope) in enumerate(zip(*_course(chain, tendon), strict=True)):
+    for index, (place, slope) in enumerate(zip(*_course(chain, tendon, backbone), strict=True)):
         hinge = chain.layout.stations[index] - above
         along = chain.layout.weights[index] * np.append(slope, 1.0)
         side = -1 if is_swapped(index) else 1
@@ -126,10 +129,11 @@ def _thread(spatial: MjsTendon, body: MjsBody, name: str, place: ndarray, group:
     spatial.wrap_site(body.add_site(name=name, pos=place, size=[1e-3, 0, 0], group=group).name)
 
 
-def _course(chain: Chain, tendon: Tendon) -> tuple[ndarray, ndarray]:
+def _course(chain: Chain, tendon: Tendon, backbone: Backbone) -> tuple[ndarray, ndarray]:
     """Places (x, y) [m] of a channel at the stations up to its end, and their slopes, (n, 2) each.
 
-    Of a route with via-points, whose slope jumps, those of the stations' shares of it.
+    Of a route with via-points, whose slope jumps, those of the stations' shares of it, by how much
+    each place bends.
     """
     _check_end(chain, tendon)
     layout = chain.layout
@@ -138,8 +142,9 @@ def _course(chain: Chain, tendon: Tendon) -> tuple[ndarray, ndarray]:
         return tendon.course(stations)
     cuts = np.union1d(layout.edges[layout.edges < tendon.end], tendon.knots[:, 0])
     s, weight = (x.ravel() for x in tendon.fine(cuts))
-    shares = _shares(layout, s)[:, : len(stations)].T * weight
-    shares /= layout.weights[: len(stations), None]
+    bending, _ = station_stiffness(backbone, layout)
+    shares = _shares(layout, s)[:, : len(stations)].T * weight / backbone.bending(s)
+    shares *= (bending / layout.weights)[: len(stations), None]
     return tendon.wound(stations, *(shares @ x for x in replace(tendon, turns=0.0).course(s)))
 
 

@@ -13,6 +13,8 @@ from softrobot_env.core.files import assets_dir
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.robots import ARM, RIG, Base, Sensor, find_robot
 from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.robots.artifacts import fingerprint
+from softrobot_env.robots.file import write_robot
 from softrobot_env.robots.twin import Twin, rig3d_twin
 from softrobot_env.tasks import make_task
 
@@ -42,6 +44,30 @@ def test_episodes_of_a_file_start_in_equilibrium_on_the_reference(name):
         assert env.observation_space.contains(observation)
     assert_allclose(observation["tip_position"], start, atol=1e-6 * env.task.robot.reach)
     assert len(start) == (2 if env.task.robot.is_planar else 3)
+
+
+def test_a_file_without_pieces_has_an_accurate_chain_and_curvatures_of_its_own(tmp_path):
+    path, section = tmp_path / "whip.toml", find_robot("planar_finger").backbone.sections[0]
+    whip = replace(section, outer_radius=(0.010, 0.0025), inner_radius=0.0, pieces=6)
+    tendon = replace(
+        find_robot("planar_finger").tendons[0], end=section.length, offset=(0.002, 0.0)
+    )
+    tendons = tendon, tendon.turned(np.pi, name="other")
+    named = replace(find_robot("planar_finger"), name="whip", sensors=(), tendons=tendons)
+    write_robot(replace(named.with_sections(whip), adaptive_pieces=True), path)
+    options = {"robot": str(path), "task": "reach", "observe": ("curvature", "tip_position")}
+    env = gymnasium.make(ID, **options)
+    observation, info = env.reset(seed=0)
+    scene = env.unwrapped.scene
+    assert scene.layout.pieces > 6 and observation["curvature"].shape == (6,)
+    assert env.unwrapped.task.robot.adaptive_pieces
+    assert 0 < info["discretization_error"] < 1e-3 * section.length
+    many = gymnasium.make_vec(ID, 2, **options)
+    assert_array_equal(many.reset(seed=0)[1]["discretization_error"], info["discretization_error"])
+    sharper = gymnasium.make(ID, **options, accuracy="0.02%")
+    assert sharper.reset(seed=0)[1]["discretization_error"] < 2e-4 * section.length
+    artifacts = fingerprint(env.unwrapped.task.robot), fingerprint(named.with_sections(whip))
+    assert artifacts[0]["fingerprint"] == artifacts[1]["fingerprint"]
 
 
 # ---------------------------------------------------------------- other robots, and refusals

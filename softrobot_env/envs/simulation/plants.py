@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from functools import cached_property
-from math import ceil
+from math import ceil, nan
 from typing import Any
 
 import mujoco
@@ -15,7 +15,7 @@ from softrobot_env.scene.build import build_scene, vary_scene
 from softrobot_env.scene.chain import posture
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.integration.layout import MEMORY_SIZE, PERIOD, SUBSTEPS
-from softrobot_env.scene.quadrature import HingeLayout, place_between
+from softrobot_env.scene.quadrature import HingeLayout
 from softrobot_env.scene.registry import scene_of
 from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.simulation import Simulation
@@ -70,8 +70,8 @@ class MujocoPlant(_Plant):
 
     Attributes:
         nominal: The scene of the nominal robot.
-        pieces: Number of pieces whose curvature is measured: a planar chain's own, of a spatial one
-            the robot's.
+        pieces: Number of pieces whose curvature is measured: the robot's own, or those that were
+            asked for of a planar chain.
         strain: Zero: the chain is inextensible.
     """
 
@@ -101,7 +101,8 @@ class MujocoPlant(_Plant):
         super().__init__(robot, control_period, speed, axes, scene_options)
         self.nominal = build_scene(self.config)
         self.config = self.nominal.config
-        self.pieces = robot.pieces if self.config.bending == "spatial" else self.layout.pieces
+        own = self.config.bending == "spatial" or scene_options.get("pieces") is None
+        self.pieces = robot.pieces if own else self.layout.pieces
         _check_pieces(robot, self.layout, self.pieces)
         if self.axes == PLANE:
             robot.require_plane("a planar chain")
@@ -110,6 +111,11 @@ class MujocoPlant(_Plant):
     def layout(self) -> HingeLayout:
         """Where the hinges stand."""
         return self.nominal.layout
+
+    @property
+    def discretization_error(self) -> float:
+        """[m], of the nominal robot at rest, see `scene.resolution.Discretization`."""
+        return self.nominal.discretization.error
 
     @property
     def cells(self) -> ndarray:
@@ -166,7 +172,10 @@ class BeamPlant(_Plant):
     Attributes:
         layout: Hinges of the scene to render.
         pieces: Number of pieces whose curvature is measured, the robot's own.
+        discretization_error: Not known.
     """
+
+    discretization_error = nan
 
     def __init__(
         self,
@@ -191,10 +200,10 @@ class BeamPlant(_Plant):
             ValueError: The robot has dry friction, or what the model lacks.
         """
         super().__init__(robot, control_period, speed, axes, scene_options)
-        config = self.config
-        self.layout: HingeLayout = place_between(config.edges, config.hinge_rule)
+        self.config = replace(self.config, pieces=self.config.n_pieces)
+        self.layout: HingeLayout = self.config.layout
         self.pieces, self._factory = robot.pieces, factory
-        way = {name: getattr(config, name) for name in ("bending", "torsion", "actuation")}
+        way = {name: getattr(self.config, name) for name in ("bending", "torsion", "actuation")}
         self._options = {"axes": self.axes, **way}
         self._nominal = self._model(robot)
 

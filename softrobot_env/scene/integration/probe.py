@@ -23,6 +23,10 @@ from .integrator import Integration
 #: [s], length of the motion and of one step of the drives, in control periods at least one.
 DURATION, HELD = 2.0, 0.1
 
+#: Evaluations of the forces, times the square of the degrees of freedom, after which a motion that
+#: was hard enough ends: a few seconds, which only large or stiff chains take.
+MOST_WORK = 2e7
+
 #: Share [1] of the drives' range.
 AMPLITUDE = 0.5
 
@@ -39,11 +43,13 @@ class Probe:
             where one of the two diverged.
         evaluations: Of the forces in a control period, in the mean.
         cost: [s], processor time of a control period, in the mean.
+        duration: [s] of the motion.
     """
 
     error: float
     evaluations: float
     cost: float
+    duration: float
 
 
 def probe(scene: Scene, seed: int = 0) -> Probe:
@@ -55,11 +61,11 @@ def probe(scene: Scene, seed: int = 0) -> Probe:
     """
     choice = scene.timestep
     controls = controls_of(scene, seed)
-    found, evaluations, cost = motion(scene, controls)
-    truth, *_ = motion(replace(scene, timestep=_finer(choice)), controls)
+    found, evaluations, cost = motion(scene, controls, MOST_WORK / scene.model.nv**2)
+    truth, *_ = motion(replace(scene, timestep=_finer(choice)), controls[: len(found)])
     distance = np.linalg.norm(found - truth, axis=-1)
     error = float(distance.max()) if np.all(np.isfinite(distance)) else inf
-    return Probe(error, evaluations, cost)
+    return Probe(error, evaluations, cost, len(found) * scene.config.control_period)
 
 
 def _finer(choice: TimestepChoice) -> TimestepChoice:
@@ -79,8 +85,8 @@ def controls_of(scene: Scene, seed: int) -> ndarray:
     return np.repeat(steps, held, axis=0)
 
 
-def motion(scene: Scene, controls: ndarray) -> tuple[ndarray, float, float]:
-    """Run a scene under controls (periods, nu), from its rest.
+def motion(scene: Scene, controls: ndarray, most: float = inf) -> tuple[ndarray, float, float]:
+    """Run a scene under controls (periods, nu), from its rest, for as many evaluations at most.
 
     Returns:
         Positions (periods, bodies, 3) [m] of the links, evaluations of all forces in a control
@@ -97,8 +103,10 @@ def motion(scene: Scene, controls: ndarray) -> tuple[ndarray, float, float]:
         data.ctrl[:] = control
         integration.advance.locked(model._address, data._address, 0, integration.header)
         positions[k] = data.xpos
-    spent = process_time() - begin
-    return positions, integration.evaluations[0] / len(controls), spent / len(controls)
+        if integration.evaluations[0] > most:
+            break
+    spent, periods = process_time() - begin, k + 1
+    return positions[:periods], integration.evaluations[0] / periods, spent / periods
 
 
 def _rest(model: mujoco.MjModel) -> ndarray:
