@@ -353,7 +353,7 @@ RIG_STUDY = lab.Study(
             of=TriangleRow,
         ),
         lab.table(
-            "Fig. 5.14: circle of 90 mm, angular velocity in rad/s",
+            "Fig. 5.14: circle of 90 mm, angular velocity in rad/s (audit: docs/thesis_audit.md)",
             lab.Column("what", lambda row: row.y_name.removesuffix("_rad_s").replace("_", " ")),
             lab.Column("found", "y", ".3g"),
             lab.Column("thesis", form="g"),
@@ -609,7 +609,7 @@ def _circle_errors(title: str, name: str, **where: Any) -> lab.TableMaker:
 
     return lab.pivot(
         f"Circle of 120 mm, {title}, tip by the {{seen_by}}: RMS error in mm of twin 0 / median "
-        "of the others (thesis)",
+        "of the others (thesis, of a weight that it does not tell)",
         ("policy",),
         "disturbance",
         cell,
