@@ -30,6 +30,8 @@ STUDIES = {
     "speed": "Environment steps per second, what a step costs, and how long policies decide",
     "stability": "Which timestep, integrator, stiffness and damping hold",
     "thesis": "Figures and tables of the thesis' chapter 2 anew",
+    "thesis_fitted": "How results depend on parameters that were fitted to the thesis",
+    "thesis_text": "Numbers in the thesis' text that no other study measures",
     "transfer": "Every policy on plants, robots and twins that it was not tuned on",
 }
 

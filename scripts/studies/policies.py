@@ -532,7 +532,8 @@ STUDY = lab.Study(
         ),
         lab.failures("policy", "setting", "place", _VARIED_WITH, of=ControllerRow),
     ],
-    note="observed: on MuJoCo, by tip and curvatures, without rates; motion: largest error away "
+    note="audit: docs/thesis_audit.md; "
+    "observed: on MuJoCo, by tip and curvatures, without rates; motion: largest error away "
     f"from the reference's kinks, and the least; {_SPANS}. The thesis says of the swing with "
     f"another modulus: {_SAID}. Disturbed and unseen episodes start under the inputs that hold the "
     "arm's closed statics on the reference: the chain's tip is some tenths of a millimetre off, "

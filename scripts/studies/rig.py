@@ -353,7 +353,7 @@ RIG_STUDY = lab.Study(
             of=TriangleRow,
         ),
         lab.table(
-            "Fig. 5.14: circle of 90 mm, angular velocity in rad/s",
+            "Fig. 5.14: circle of 90 mm, angular velocity in rad/s (audit: docs/thesis_audit.md)",
             lab.Column("what", lambda row: row.y_name.removesuffix("_rad_s").replace("_", " ")),
             lab.Column("found", "y", ".3g"),
             lab.Column("thesis", form="g"),
@@ -522,7 +522,7 @@ _PERIOD = 0.02
 
 #: Ratio of the gains K_I / K_P [1/s] of the thesis' (0.2, 1), and the gains for which it tells what
 #: happens.
-_RATIO, THESIS_GAINS = 5.0, ((0.2, 1.0), (0.3, 2.0))
+RATIO, THESIS_GAINS = 5.0, ((0.2, 1.0), (0.3, 2.0))
 
 
 @dataclass(frozen=True)
@@ -547,8 +547,8 @@ class GainRow(lab.Record):
 
 def gain_rows() -> list[GainRow]:
     """The thesis' gains, and the largest stable ones in the same ratio."""
-    least = brentq(lambda k: _spectral_radius(k, _RATIO * k) - 1, 0.01, 10.0, xtol=1e-14)
-    pairs = [(*gains, False) for gains in THESIS_GAINS] + [(least, _RATIO * least, True)]
+    least = brentq(lambda k: spectral_radius(k, RATIO * k) - 1, 0.01, 10.0, xtol=1e-14)
+    pairs = [(*gains, False) for gains in THESIS_GAINS] + [(least, RATIO * least, True)]
     return [_gain_row(*pair) for pair in pairs]
 
 
@@ -567,15 +567,15 @@ def left(proportional: float, integral: float, rate: float) -> float:
 
 
 def _gain_row(proportional: float, integral: float, limit: bool) -> GainRow:
-    radius = _spectral_radius(proportional, integral)
+    radius = spectral_radius(proportional, integral)
     decay = -_PERIOD / np.log(radius) if radius < 1 and not limit else None
     return GainRow(proportional, integral, radius, decay, limit)
 
 
-def _spectral_radius(proportional: float, integral: float) -> float:
+def spectral_radius(proportional: float, integral: float, seen_late: float = LATE) -> float:
     """Of the states place, rate, places on the way to the controller, integral."""
     frequency, damping_time = ChainStatics(EQUIVALENT_RIG).first_mode()
-    period, late = _PERIOD, round(LATE / _PERIOD)
+    period, late = _PERIOD, round(seen_late / _PERIOD)
     square = frequency**2
     rates = np.array([[0, 1, 0], [-square, -damping_time * square, square], [0, 0, 0]])
     held = expm(period * rates)
@@ -609,7 +609,7 @@ def _circle_errors(title: str, name: str, **where: Any) -> lab.TableMaker:
 
     return lab.pivot(
         f"Circle of 120 mm, {title}, tip by the {{seen_by}}: RMS error in mm of twin 0 / median "
-        "of the others (thesis)",
+        "of the others (thesis, of a weight that it does not tell)",
         ("policy",),
         "disturbance",
         cell,

@@ -78,7 +78,7 @@ class Row(Record):
 # Its three fibres are given their angles as by the servos: the middle one is straight.
 
 _LENGTH = 0.03
-_SENSOR = Sensor(
+PLANAR = Sensor(
     "planar", "planar", 0.0, _LENGTH, segments=3, hysteresis=USUAL["hysteresis"], specimen=1
 )
 
@@ -154,7 +154,7 @@ def _deg_row(figure: str, quantity: str, radians: float, kind: Kind, **others: A
 def _constant(quick: bool) -> list[Row]:
     time = np.arange(int((5 if quick else _PERIODS) * _PERIOD * _RATE)) / _RATE
     each = np.radians(15) * (1 - np.cos(2 * np.pi * time / _PERIOD))
-    light = read(_SENSOR, np.stack([each, each], axis=1), _RATE)
+    light = read(PLANAR, np.stack([each, each], axis=1), _RATE)
     relative, total, at = Range.of(light).relative(light), 2 * each, np.linspace(0, 100, 101)
     training, test = (slice(int(_PERIOD * _RATE)), slice(int(_PERIOD * _RATE), None))
     out, fits = [], {}
@@ -195,7 +195,7 @@ def _errors(order: int, errors: AngleErrors) -> list[Row]:
 
 def _noise(quick: bool) -> list[Row]:
     count = int((60 if quick else 600) * _RATE)
-    light = read(_SENSOR, np.zeros((count, 2)), _RATE)
+    light = read(PLANAR, np.zeros((count, 2)), _RATE)
     lsb = light.std() * STRAIGHT["planar"]
     slope = np.polynomial.Polynomial(POLYNOMIAL).deriv()(100.0)
     angle = abs(slope) * 100 * lsb / SPAN
@@ -210,7 +210,7 @@ def _other_rows(quick: bool) -> list[Row]:
     time = np.arange(int(_LASTS * rate)) / rate
     waves = [1 - np.cos(2 * np.pi * time / period) for period in (_PERIOD_1, _PERIOD_2)]
     angles = np.radians(15) * np.stack(waves, axis=1)
-    light = read(_SENSOR, angles, rate)
+    light = read(PLANAR, angles, rate)
     relative, total = Range.of(light).relative(light), angles.sum(axis=1)
     gap = np.abs(angles[:, 0] - angles[:, 1])
     found = fit(relative[gap <= _NEARLY], total[gap <= _NEARLY], 5)

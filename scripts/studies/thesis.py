@@ -5,12 +5,14 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from math import cos, pi, sin
+from string import ascii_lowercase
 from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy import ndarray
 from rich.table import Table
+from rich.text import Text
 from scipy.integrate import BDF, OdeSolver, Radau
 from scipy.interpolate import CubicSpline
 
@@ -55,8 +57,9 @@ class Row(Record):
         n: Pieces, if it has any.
         y_name, y: The quantity; None where it could not be computed, and the note then says why.
         x_name, x: Abscissa, None where it is n or there is none.
-        thesis: The printed number.
-        audit: The number recomputed independently.
+        thesis: The printed number, also where it is a misprint.
+        audit: The number recomputed independently, or what a misprint has to mean
+            (docs/thesis_audit.md).
         note: What has to be known.
     """
 
@@ -780,7 +783,7 @@ _UNITS = {
     "relative_to_euler_bernoulli": ("%", ".2f"),
     "spread_of_models": ("%", ".2f"),
     "largest_norm_violation": ("1e-6", ".3f"),
-    "_m": ("mm", ".3f"),
+    "_m": ("mm", ".4g"),
     "_rad": ("mrad", ".2f"),
     "_Hz": ("Hz", ".3f"),
     "_s": ("µs", ".1f"),
@@ -812,19 +815,44 @@ def _is_printed_step(row: Row) -> bool:
 
 
 def _printed(rows: list[Row]) -> list[Table]:
-    """All numbers that the thesis prints, except the tables of solvers."""
+    """All numbers that the thesis prints or that its equations give, except those of solvers."""
+    shown = [row for row in sorted(rows, key=_place) if _is_shown(row)]
+    reasons = _reasons(shown)
     make = table(
         "Numbers of chapter 2: as printed, as the audit expects them, and ours",
-        *("figure", "case", Column("model", _model_name)),
+        Column("figure", lambda row: f"{row.figure} {reasons.get(_reason(row), '')}".strip()),
+        *("case", Column("model", _model_name)),
         Column("what", lambda row: " ".join(_quantity(row.y_name)[:2]).strip()),
-        Column("thesis", _bound, ">"),
+        Column("printed", _bound, ">"),
         Column("audit", lambda row: _shown(row, row.audit), ">"),
         Column("ours", lambda row: _shown(row, row.y), ">"),
-        where=lambda row: (
-            _is_printed_step(row) or (row.thesis is not None and row.figure not in _SOLVERS)
-        ),
     )
-    return make(sorted(rows, key=_place))
+    return [_explained(made, reasons) for made in make(shown)]
+
+
+def _is_shown(row: Row) -> bool:
+    if _is_printed_step(row):
+        return True
+    return row.figure not in _SOLVERS and (row.thesis is not None or bool(_reason(row)))
+
+
+def _reason(row: Row) -> str:
+    """Why a printed number is not the right one."""
+    return values.known(row.figure, row.y_name, row.case, row.model, row.n, row.x).note
+
+
+def _reasons(rows: Iterable[Row]) -> dict[str, str]:
+    """Reasons of rows, and the letter of each."""
+    found = dict.fromkeys(filter(None, map(_reason, rows)))
+    return dict(zip(found, ascii_lowercase, strict=False))
+
+
+def _explained(made: Table, reasons: dict[str, str]) -> Table:
+    """A table with its reasons below."""
+    lines = [f"{letter}: {reason}" for reason, letter in reasons.items()]
+    about = "audit: recomputed independently, or what a misprint means (docs/thesis_audit.md)"
+    made.caption, made.caption_justify = Text("\n".join([about, *lines])), "left"
+    return made
 
 
 def _model_name(row: Row) -> str:
@@ -838,7 +866,7 @@ def _shown(row: Row, value: float | None) -> str:
 
 
 def _bound(row: Row) -> str:
-    below = row.y_name in _BOUNDS and row.thesis > 0
+    below = row.y_name in _BOUNDS and row.thesis is not None and row.thesis > 0
     return "< " * below + _shown(row, row.thesis)
 
 
@@ -868,32 +896,41 @@ def _deviations(rows: list[Row]) -> Iterable[Table]:
     return make(row for row in sorted(rows, key=_place) if row.y is not None)
 
 
+#: Tables of solvers -> headings and quantities of their columns.
+_SOLVER_COLUMNS = {
+    "tab2.2": {"time ms": ("computation_time_s",), "error mm": ("mean_error_m",)},
+    "tab2.3": {"steps ms": ("step_s", "smallest_step_s", "largest_step_s")},
+}
+
+
 def _solvers(rows: list[Row]) -> Iterable[Table]:
-    """Tab. 2.2 and 2.3, ours with the thesis' numbers in brackets."""
-    steps = "step_s", "smallest_step_s", "largest_step_s"
-    make = pivot(
-        "Tab. 2.2 and 2.3, spiral of 3 s: ours (thesis)",
-        ("model", "n", "case"),
-        {
-            "time ms": partial(_both, ("computation_time_s",)),
-            "error mm": partial(_both, ("mean_error_m",)),
-            "steps ms": partial(_both, steps),
-        },
-        where=lambda row: row.figure in _SOLVERS and not _is_printed_step(row),
-        headings=("model", "n", "solver, accuracy"),
-        show=lambda name: _NAMES.get(name, name),
-    )
-    known = (row for row in rows if row.model in MODELS)
-    return make(sorted(known, key=lambda row: MODELS.index(row.model)))
+    """Tab. 2.2 and 2.3: ours, as printed, and what a misprint has to mean."""
+    known = [row for row in rows if row.model in MODELS and not _is_printed_step(row)]
+    known.sort(key=lambda row: MODELS.index(row.model))
+    for figure, quantities in _SOLVER_COLUMNS.items():
+        mine = [row for row in known if row.figure == figure]
+        columns = {}
+        for heading, names in quantities.items():
+            columns[heading] = partial(_range, names, "y")
+            columns[f"{heading}: printed"] = partial(_range, names, "thesis")
+            if any(row.audit for row in mine if row.y_name in names):
+                columns[f"{heading}: corrected"] = partial(_range, names, "audit")
+        make = pivot(
+            f"Tab. {figure[3:]}, spiral of 3 s: ours, as printed, and corrected",
+            ("model", "n", "case"),
+            columns,
+            headings=("model", "n", "solver, accuracy"),
+            show=lambda name: _NAMES.get(name, name),
+        )
+        yield from (_explained(made, _reasons(mine)) for made in make(mine))
 
 
-def _both(names: tuple[str, ...], rows: list[Row]) -> str:
-    """Our numbers, and the thesis' in brackets, times 1000; a range for two rows."""
-    rows = [row for row in rows if row.y_name in names]
-    if not rows:
+def _range(names: tuple[str, ...], which: str, rows: list[Row]) -> str:
+    """Numbers of some quantities, times 1000; a range for two, nothing where there are none."""
+    found = [getattr(row, which) for row in rows if row.y_name in names]
+    if which != "y" and None in found:
         return ""
-    ours, thesis = (" - ".join(_short(getattr(r, key)) for r in rows) for key in ("y", "thesis"))
-    return f"{ours} ({thesis})"
+    return " - ".join(map(_short, found))
 
 
 def _short(value: float | None) -> str:

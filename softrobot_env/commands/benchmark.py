@@ -21,6 +21,7 @@ from .output import (
     say,
     write_page,
     write_report,
+    write_tables,
 )
 
 EXAMPLE = """softrobot benchmark speed --quick
@@ -59,7 +60,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     text = """
         what WHAT  one of the above
         --quick  fewer cases, under 45 s
-        --redraw  measure nothing: draw the pictures of the report that is there anew
+        --redraw  measure nothing: make tables and pictures of the report that is there anew
         --count N  number of random scenes, robot files (files), rods (identify) or twins
             (intervals), and of no other benchmark; default: 200, 200, 100, 40, fewer of a quick run
         --seed SEED  scenes and files only: what they are sampled from; default: 0
@@ -88,15 +89,16 @@ def run(args: Namespace) -> int:
 
 
 def _redraw(args: Namespace, benchmark: Benchmark) -> int:
-    """Plot a report anew; 1 where that was not possible."""
+    """Make the tables and pictures of a report anew; 1 where pictures were not possible."""
     if given := flags(args, ("quick", *_OPTIONS, "workers")):
         raise ValueError(f"{given} measures anew, --redraw measures nothing: give one of them")
-    if benchmark.draw is None:
-        raise ValueError(f"the benchmark {args.what} has no pictures")
     with changed_results(args.out):
-        drawn = plotted(lambda: _draw(args, benchmark))
+        tables = benchmark.show(stored.read(args.out, benchmark.kinds))
+        write_tables(args.out, f"Benchmark: {args.what}", tables, stored.command(args.out))
+        drawn = benchmark.draw is None or plotted(lambda: _draw(args, benchmark))
     if drawn:
-        say(f"Drew the plots in {args.out} anew")
+        plots = "" if benchmark.draw is None else " and plots"
+        say(f"Made report.md{plots} in {args.out} anew")
     return int(not drawn)
 
 

@@ -235,7 +235,12 @@ def write_page(
         draw: Draws the plots.
         files: What else was written, besides report.json.
     """
-    write_text(args.out / "report.md", text_page(title, tables, args.command_line))
+    write_tables(args.out, title, tables, args.command_line)
     drawn = draw is not None and not vars(args).get("no_plots") and plotted(draw)
     wrote = ", ".join([*files, _REPORT, "report.md"])
     say(f"Wrote {wrote}{' and plots' if drawn else ''} to {args.out}", soft_wrap=True)
+
+
+def write_tables(folder: Path, title: str, tables: Any, command: str) -> None:
+    """Write what rich prints as report.md; `command` is what measured it."""
+    write_text(folder / "report.md", text_page(title, tables, command))

@@ -33,6 +33,15 @@ def write(folder: Path, records: Sequence[Record], command: str) -> None:
         write_tree(folder / DRAWN, {"report": _digest(rows), "fields": shown})
 
 
+def command(folder: Path) -> str:
+    """The command that made the report of a folder.
+
+    Raises:
+        FileNotFoundError, ValueError: As `read`.
+    """
+    return _content(_report(folder))[1]
+
+
 def read(folder: Path, kinds: Iterable[type[Record]]) -> list[Record]:
     """The records of a study.
 
@@ -44,9 +53,7 @@ def read(folder: Path, kinds: Iterable[type[Record]]) -> list[Record]:
         FileNotFoundError: There is no report.
         ValueError: It is damaged, that of another study, or `drawn.npz` is.
     """
-    path = folder / REPORT
-    if not path.exists() and path.with_name(f"{REPORT}.gz").exists():
-        path = path.with_name(f"{REPORT}.gz")
+    path = _report(folder)
     rows = _rows(path)
     by_columns = {frozenset(_columns(kind)): kind for kind in _with_derived(kinds)}
     found = []
@@ -63,18 +70,29 @@ def read(folder: Path, kinds: Iterable[type[Record]]) -> list[Record]:
     return [kind(**values, **shown.get(k, {})) for k, (kind, values) in enumerate(found)]
 
 
+def _report(folder: Path) -> Path:
+    packed = folder / f"{REPORT}.gz"
+    return packed if packed.exists() and not (folder / REPORT).exists() else folder / REPORT
+
+
 def _rows(path: Path) -> list[Any]:
+    rows, _ = _content(path)
+    if not isinstance(rows, list) or not rows:
+        raise ValueError(f"{path} is no report, or damaged")
+    return rows
+
+
+def _content(path: Path) -> tuple[Any, str]:
+    """Rows of a report, and the command that made it."""
     try:
         content = path.read_bytes()
         content = gzip.decompress(content) if path.suffix == ".gz" else content
-        rows = json.loads(content)["rows"]
+        found = json.loads(content)
+        return found["rows"], found["meta"]["command"]
     except FileNotFoundError:
         raise FileNotFoundError(f"{path}: there is no report to redraw") from None
     except (ValueError, LookupError, TypeError, EOFError, OSError) as error:
         raise ValueError(f"{path} is no report, or damaged") from error
-    if not isinstance(rows, list) or not rows:
-        raise ValueError(f"{path} is no report, or damaged")
-    return rows
 
 
 def _shown(path: Path, rows: list[Any]) -> dict[int, dict[str, Any]]:

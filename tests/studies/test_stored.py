@@ -90,17 +90,18 @@ def refused(words, capsys) -> str:
     return line
 
 
-def test_redrawn_pictures_are_the_same_byte_by_byte(study, tmp_path):
+def test_redrawn_tables_and_pictures_are_the_same_byte_by_byte(study, tmp_path):
     pytest.importorskip("matplotlib")
     given = ["benchmark", "laws", "--out", str(tmp_path)]
     assert main(given) == 0
-    picture = tmp_path / "laws" / "laws.png"
-    before, listed = picture.read_bytes(), (tmp_path / "laws" / ".written").read_text()
+    made = [tmp_path / "laws" / name for name in ("laws.png", "report.md")]
+    before, listed = [p.read_bytes() for p in made], (tmp_path / "laws" / ".written").read_text()
     assert "drawn.npz" in listed
-    picture.unlink()
+    for path in made:
+        path.unlink()
     report = (tmp_path / "laws" / "report.json").read_bytes()
     assert main([*given, "--redraw"]) == 0
-    assert picture.read_bytes() == before
+    assert [path.read_bytes() for path in made] == before
     assert (tmp_path / "laws" / "report.json").read_bytes() == report
     assert (tmp_path / "laws" / ".written").read_text() == listed
 
@@ -185,7 +186,6 @@ def test_damaged_and_foreign_files_are_refused_in_a_line(reported, damage, study
     [
         (["laws", "--quick"], "--quick measures anew, --redraw measures nothing"),
         (["scenes", "--count", "3"], "--count measures anew"),
-        (["speed"], "the benchmark speed has no pictures"),
     ],
 )
 def test_what_measures_does_not_redraw(words, reported, tmp_path, capsys):
