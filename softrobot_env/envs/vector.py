@@ -318,7 +318,6 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndar
         self.twin, self._servos = parts.twin, parts.servos(self.num_envs)
         nominal, error = parts.plant.nominal, parts.plant.discretization_error
         self._discretization = np.full(self.num_envs, error)
-        self._discretization.flags.writeable = False
         if self._on_device:
             warp_limits.check_robot(nominal, config.randomization)
             self.simulation = warp_limits.make_batch(nominal, self.num_envs, device)
@@ -451,7 +450,7 @@ class VectorTrackingEnv(BatchEnv, gymnasium.vector.VectorEnv[Seen, ndarray, ndar
         estimate = self.simulation.integration_error
         if estimate is not None:
             info["integration_error"] = estimate
-            info["discretization_error"] = self._discretization
+            info["discretization_error"] = self.arrays.real(self._discretization.copy())
         if self.config.randomization is not None:
             own = reported_variation(self._variation)
             info |= {name: self.arrays.real(value) for name, value in own.items()}

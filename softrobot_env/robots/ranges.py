@@ -36,9 +36,9 @@ THINNEST = 1e-9
 
 # ---------------------------------------------------------------- material
 #: Diamond has 1e12; a head's section in beam models has a thousand times the modulus of the tip.
-Modulus = _within(10, 1e16, "Pa")
+Modulus = _within(10, 1e20, "Pa")
 #: Osmium has 2.3e4, an aerogel 1, a head's section in beam models a thousandth of the tip's.
-Density = _within(1e-3, 1e6, "kg/m3")
+Density = _within(1e-9, 1e12, "kg/m3")
 DampingTime = _within(0, 1e6, "s")
 PoissonRatio = Annotated[float, Range("in (-1, 0.5]", lambda nu: -1 < nu <= 0.5)]
 Anisotropy = Annotated[float, Range("in [0, 2)", lambda x: 0 <= x < 2)]

@@ -81,8 +81,8 @@ ARGUMENTS = [
     (TrackingEnv, {"timestep": 0.03, "control_period": 0.02}, "timestep must be at most the con"),
     (TrackingEnv, {"task": "wave"}, "swing"),
     (TrackingEnv, {"render_mode": "ansi"}, "'rgb_array', 'human'"),
-    (TrackingEnv, {"width": 0}, "width must be a whole number, 1 or more"),
-    (TrackingEnv, {"height": 320.5}, "height must be a whole number, 1 or more"),
+    (TrackingEnv, {"width": 0}, "width must be a whole number from 1 to 8192"),
+    (TrackingEnv, {"height": 320.5}, "height must be a whole number from 1 to 8192"),
     (TrackingEnv, {"pieces": 4}, "inside a piece"),
     (BeamPlant, {"name": "fem"}, "pcc, cosserat, ancf"),
     *(

@@ -97,6 +97,8 @@ def test_no_run_of_a_front_is_beaten(of_the_arm):
         assert not [r for r in runs if r.cost < row.cost and r.e_max < 0.8 * row.e_max]
 
 
+# Under full pull the rod folds.
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.resolution.ResolutionWarning")
 def test_what_a_user_asks_for_is_judged_and_announced():
     rows = stability.measure(find_robot("silicone_rod"), quick=True)
     asked = {(r.integrator, r.timestep, r.stiffness_scale, r.damping_scale): r for r in rows}
@@ -105,7 +107,7 @@ def test_what_a_user_asks_for_is_judged_and_announced():
     assert "diverged" in soft.why
     assert soft.error is None
     unseen = asked["implicitfast", 5e-3, 0.1, 1.0]
-    assert unseen.verdict == Verdict.WRONG
+    assert unseen.verdict == Verdict.WARNED  # the rule knows the limit of its twelve pieces
     assert unseen.share > 0.05
     own = [row for row in rows if row.case == "own"]
     assert {row.pieces for row in own} == {3, 6, 12, 24}

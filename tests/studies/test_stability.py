@@ -54,6 +54,8 @@ def of_one_piece(model, **options):
     return extremes.run(built, case.start(built), case.moved, error, **about)
 
 
+# Of the refined run, which is asked for 0.01 mm.
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
 @pytest.mark.parametrize(
     ("model", "options", "verdict", "why"),
     [  # discrete and implicit Euler are stable for any step, but damp all motion

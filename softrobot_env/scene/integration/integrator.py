@@ -103,6 +103,11 @@ class Integration:
         return self.memory[:, 0, layout.ESTIMATE]
 
     @property
+    def lasting(self) -> ndarray:
+        """View (n,) [m]: `estimates` without errors of speed that are soon gone, see `period`."""
+        return self.memory[:, 0, layout.LASTING]
+
+    @property
     def evaluations(self) -> ndarray:
         """Evaluations (n,) of all forces since the last restart, the shadows' too."""
         return self.memory[:, :, layout.EVALUATIONS].sum(axis=1)

@@ -5,7 +5,9 @@ chaos. So each simulation has a shadow, the same with `integrator.SHADOW` times 
 far it strays, times the ratio of the sums of the local errors, estimates the error in time. Where
 the simulation has the larger sum, its error is all that they are apart. A speed counts as the
 displacement that it makes in a swing of the robot, speed over first angular frequency: so one
-number bounds the errors of positions, and of velocities times that frequency.
+number bounds the errors of positions, and of velocities times that frequency. Where the first mode
+is damped by `DAMPED` or more, errors of speed are those of faster modes and soon gone: of what is
+lasting, which warnings are about, a speed counts there over `timestep.RATE` times that frequency.
 
 The functions serve any robot, single simulations and the threads of many.
 """
@@ -14,11 +16,15 @@ import numpy as np
 
 from softrobot_env.compile.native import array_at, called, entry, jit, making, shared
 
+from ..timestep import RATE
 from . import layout
 from . import mujoco_functions as mj
-from .extrapolation import Ramp, bounded, displacement, integrate, sway, work_on, work_size
+from .extrapolation import CALM, Ramp, bounded, displacement, integrate, sway, work_on, work_size
 from .forces import chain_of, evaluate
 from .mujoco_functions import reals
+
+#: Damping ratio [1] of the first mode, beyond which errors of speed do not last.
+DAMPED = 0.02
 
 
 @jit
@@ -184,12 +190,21 @@ def _compare(chain, memory, shadowed, states):
     strayed = displacement(chain, apart)
     for i in range(apart.size):
         apart[i] = states[1, nq + i] - states[0, nq + i]
-    strayed = np.maximum(strayed, sway(chain, memory, apart))
+    fast = sway(chain, memory, apart)
+    damped = memory[layout.CALM] / CALM * memory[layout.RATE] / RATE > 2 * DAMPED
+    _note_error(memory, shadowed, layout.ESTIMATE, np.maximum(strayed, fast))
+    lasting = fast / RATE if damped else fast
+    _note_error(memory, shadowed, layout.LASTING, np.maximum(strayed, lasting))
+
+
+@jit
+def _note_error(memory, shadowed, place, strayed):
+    """Remember the largest error [m] that it means for a shadow to have strayed so far."""
     if not strayed < np.inf:
         strayed = np.inf
     elif memory[layout.SUM] < shadowed[layout.SUM]:
         strayed *= memory[layout.SUM] / shadowed[layout.SUM]
-    memory[layout.ESTIMATE] = max(memory[layout.ESTIMATE], strayed)
+    memory[place] = max(memory[place], strayed)
 
 
 # ---------------------------------------------------------------- MuJoCo's integrators
