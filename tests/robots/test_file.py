@@ -171,7 +171,7 @@ def test_pretensions_of_moved_tendons_are_balanced(name):
         ("length_m = 0.2", "length_mm = 200", r"section\[1\]\.length_mm is no key; allowed are"),
         ("length_m = 0.2\n", "", r"section\[1\]: length_m missing"),
         ("outer_radius_m = 0.02", "outer_radius_m = -1", r"section\[1\]\.outer_radius_m must be"),
-        ("= 1070", '= "much"', r"section\[1\]\.density_kg_m3 must be from 0.001 to 1e.06 kg/m3"),
+        ("= 1070", '= "much"', r"section\[1\]\.density_kg_m3 must be from 1e-09 to 1e.12 kg/m3"),
         ("ends_at_section = 1", "ends_at_section = 2", r"tendon\[1\]\.ends_at_section must be"),
         ("ends_at_section = 1", "end_m = 0.3", r"tendon\[1\]\.end_m must be at most"),
         ("radius_m = 0.01\n", "radius_m = 0.01\noffset_m = [0, 0]\n", "not both"),
