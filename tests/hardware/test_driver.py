@@ -125,7 +125,7 @@ def test_what_breaks_while_listening_is_raised_by_the_next_call(live, armed):
 
 def test_what_nobody_understands_is_reported(live, driver):
     live.inject(encode(state(state=9), 1000))
-    with pytest.raises(RobotError, match="sent what means nothing, State.*state=9"):
+    with pytest.raises(RobotError, match=r"sent what means nothing, State.*state=9"):
         driver.wait_for(1, time.monotonic() + 5)
 
 

@@ -65,7 +65,11 @@ thickness_m = 0.3
             "= 0.8",
             r"section\[1\]\.youngs_modulus_Pa must be from 10 to 1e.20 Pa, got 0\.8",
         ),
-        ("= 1070", "= 1e13", r"density_kg_m3 must be from 1e-09 to 1e.12 kg/m3, got 10000000000000"),
+        (
+            "= 1070",
+            "= 1e13",
+            r"density_kg_m3 must be from 1e-09 to 1e.12 kg/m3, got 10000000000000",
+        ),
         ("= 40", "= 1e300", r"tendon\[1\]\.tension_limit_N must be from 1e-12 to 1e.12 N"),
         (
             "radius_m = 0.01\n",
