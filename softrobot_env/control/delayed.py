@@ -64,6 +64,8 @@ class DelayCompensation(Controller):
         check_argument("control_period", control_period, Positive)
         check_argument("delay", delay, Positive)
         name, steps = type(policy).__name__, round(delay / control_period)
+        if not isinstance(policy, Controller):
+            raise ValueError(f"delay: {name} is no `control.base.Controller`")
         if robot.drive.kind != "tension":
             raise ValueError(f"delay: robot {robot.name!r} must be driven by tension")
         if steps < 1 or abs(steps * control_period - delay) > 1e-9:

@@ -28,10 +28,11 @@ from softrobot_env.tasks.gripper import GripTask
 from .randomization import Randomization
 from .rewards import GripReward, TrackingReward
 
-#: [s].
 #: Sides of pictures in pixels; no renderer has more.
 MOST_PIXELS = 8192
 Pixels = Annotated[int, whole_numbers(1, MOST_PIXELS)]
+
+#: [s].
 ControlPeriod = Annotated[float, Range("between 0.001 and 0.2 s", lambda x: 1e-3 <= x <= 0.2)]
 
 #: [s].

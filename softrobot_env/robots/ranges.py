@@ -35,9 +35,9 @@ Curvature = _within(-1e8, 1e8, "1/m")
 THINNEST = 1e-9
 
 # ---------------------------------------------------------------- material
-#: Diamond has 1e12; a head's section in beam models has a thousand times the modulus of the tip.
+#: Diamond has 1e12; what beams tend to in a limit, such as no thickness, has far more.
 Modulus = _within(10, 1e20, "Pa")
-#: Osmium has 2.3e4, an aerogel 1, a head's section in beam models a thousandth of the tip's.
+#: Osmium has 2.3e4, an aerogel 1; limits without mass or thickness need the rest.
 Density = _within(1e-9, 1e12, "kg/m3")
 DampingTime = _within(0, 1e6, "s")
 PoissonRatio = Annotated[float, Range("in (-1, 0.5]", lambda nu: -1 < nu <= 0.5)]

@@ -68,6 +68,11 @@ def test_a_known_delay_costs_little(policy, modulus, most):
         assert errors[DELAY] < 15
 
 
+def test_a_policy_that_is_no_controller_is_refused():
+    with pytest.raises(ValueError, match="object is no"):
+        DelayCompensation(object(), ARM, 0.01, DELAY)
+
+
 @pytest.mark.parametrize(
     ("policy", "robot", "options", "message"),
     [
