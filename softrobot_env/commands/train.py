@@ -142,10 +142,7 @@ def run(args: Namespace) -> int:
         )
     name, args.seed = args.what or args.algo, args.seed or 0
     training, settings = registry.TRAININGS[name], given(args)
-    if args.robot is None:
-        robot = training.robot or default_robot()
-    else:
-        robot = find_robot(args.robot)
+    robot = (training.robot or default_robot()) if args.robot is None else find_robot(args.robot)
     training.check(robot, settings)
     check_settings(training, settings)
     values = dict(args.set)  # of one that is given twice, the last
