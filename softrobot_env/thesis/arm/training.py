@@ -230,13 +230,13 @@ def _train_gains(
     """Gain table of a law for the arm, by its design."""
     from softrobot_env.beams.planar_arm import make_planar_arm
 
-    from .operating_points import build_gains, save_gains
+    from .operating_points import GRID, build_gains, save_gains
 
     robot = request.robot
     designed = partial(design, make_planar_arm(robot))
     gains = build_gains(robot, designed, partial(show, "operating points"))
     save_gains(request.path, robot, gains)
     return [
-        ("operating points", " x ".join(str(count) for count in gains.shape[:3])),
+        ("operating points", " x ".join(str(count) for count, _ in GRID)),
         ("gains per point", str(gains.shape[3])),
     ]
