@@ -143,7 +143,7 @@ def build_gains(
 
 
 def save_gains(path: Path, robot: RobotParams, gains: ndarray) -> None:
-    """Write what `build_gains` made, in half precision: 5e-4, a tenth of what interpolation costs."""
+    """Write what `build_gains` made, in half precision, far finer than its grid."""
     write_arrays(path, {"gains": gains.astype(np.float16), "robot": identity(robot)})
 
 
