@@ -21,6 +21,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from math import hypot, inf, pi, sqrt
+from warnings import warn
 
 import mujoco
 import numpy as np
@@ -43,6 +44,9 @@ from softrobot_env.robots.sections import Section
 
 from .chain import HEAD_BODY, Chain
 from .objects import Contacts, G, Object
+
+#: First MuJoCo whose Newton solver factorises sparse matrices right.
+_SPARSE = 4_000_001
 
 #: Name of the backbone among those that touch.
 BACKBONE = "backbone"
@@ -301,15 +305,19 @@ def _add_pair(spec: MjSpec, one: Surface, other: Surface, contacts: Contacts) ->
 
 
 def _prepare(option: MjOption, contacts: Contacts) -> None:
-    """Settings of MuJoCo's solver for contacts.
-
-    The dense path: the sparse Cholesky factor of MuJoCo 4.0.0's Newton solver has a bug.
-    """
+    """Settings of MuJoCo's solver for contacts; warns where MuJoCo's sparse path has an error."""
     option.disableflags = int(option.disableflags) & ~int(
         mjtDisableBit.mjDSBL_CONTACT | mjtDisableBit.mjDSBL_CONSTRAINT
     )
     option.solver = mjtSolver.mjSOL_NEWTON
-    option.jacobian = mjtJacobian.mjJAC_DENSE
+    option.jacobian = mjtJacobian.mjJAC_AUTO
+    if mujoco.mj_version() < _SPARSE:
+        warn(
+            f"contacts are solved with dense matrices, as MuJoCo {mujoco.mj_versionString()} errs "
+            "with sparse ones: `pip install --no-deps mujoco-core==4.0.1` mends it",
+            stacklevel=2,
+        )
+        option.jacobian = mjtJacobian.mjJAC_DENSE
     option.cone = mjtCone.mjCONE_ELLIPTIC
     option.impratio = contacts.sideways
     option.tolerance = 1e-10
