@@ -20,7 +20,7 @@ unexport PYTHONDONTWRITEBYTECODE
 PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 QUICK := -m "not slow and not cluster and not gpu"
 
-.PHONY: setup evaluate check test slow test-clients test-cluster test-gpu lint docs demo test-demo clean
+.PHONY: setup evaluate check test slow test-clients test-cluster test-gpu lint docs release demo test-demo clean
 .DELETE_ON_ERROR:
 
 # Install the package in place with what `softrobot evaluate` and `render` need.
@@ -83,6 +83,10 @@ test-demo: .venv/.setup docs/demo/node_modules
 docs/demo/node_modules: docs/demo/package-lock.json
 	npm ci --no-audit --no-fund --prefix docs/demo
 	touch $@
+
+# Distributions in dist/, checked, and used in environments of their own, see scripts/release.py.
+release: .venv/.setup-test
+	$(BIN)/python scripts/release.py
 
 lint: .venv/.setup-test
 	$(BIN)/ruff check .

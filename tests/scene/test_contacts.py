@@ -292,7 +292,7 @@ def test_sparse_matrices_give_what_dense_ones_give():
             assert simulation.advance(), simulation.failure()
         assert simulation.contacts()
         ends.append(simulation.data.qpos.copy())
-    assert 0 < np.abs(ends[1]).max()
+    assert np.abs(ends[1]).max() > 0
     np.testing.assert_allclose(*ends, atol=1e-9)
 
 
