@@ -60,7 +60,7 @@ NOT_RUNNING = re.compile(
 )
 #: Numbers that are names: parts of a text, specimens, versions, years, reciprocal units.
 NAMES = re.compile(
-    r"\b(?:secs?\.|Figs?\.|Tabs?\.|ch\.|[Cc]hapters?|Python|Node\.js|seeds?|twins?)\s"
+    r"\b(?:secs?\.|Figs?\.|Tabs?\.|ch\.|[Cc]hapters?|Python|MuJoCo|Node\.js|seeds?|twins?)\s"
     r"\d[\d.]*(?:(?:,|,?\sand|,?\sto|,?\sor)\s\d[\d.]*)*"
     r"|\(\d+\.\d+\)|\b(?:19|20)\d\d\b|^\s*\d+\.\s|\b1/(?=[A-Za-z])|\b[23]-D\b",
     re.M,
