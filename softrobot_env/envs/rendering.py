@@ -15,7 +15,7 @@ import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 from math import degrees
 from typing import Any, ClassVar
 
@@ -544,6 +544,8 @@ class OffscreenContext:
             RenderError: None does; the message says why, and what to install.
         """
         self._finer = _FINER if max(width, height) <= _LARGE else 1
+        if self._finer > 1:
+            model.vis.quality.offsamples = 0  # edges are smooth by then
         width, height = self._finer * width, self._finer * height
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
         self._rect = mujoco.MjrRect(0, 0, width, height)
@@ -561,8 +563,9 @@ class OffscreenContext:
         if self._finer == 1:
             return np.ascontiguousarray(pixels)
         height, width = self._rect.height // self._finer, self._rect.width // self._finer
-        blocks = pixels.reshape(height, self._finer, width, self._finer, 3)
-        total = np.sum(blocks, axis=(1, 3), dtype=np.uint16) + self._finer**2 // 2
+        total = np.full((height, width, 3), self._finer**2 // 2, np.uint16)
+        for row, column in product(range(self._finer), repeat=2):
+            total += pixels[row :: self._finer, column :: self._finer]
         return (total // self._finer**2).astype(np.uint8)
 
     def close(self) -> None:

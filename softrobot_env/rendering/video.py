@@ -1,7 +1,7 @@
 """Videos of episodes: frames with a caption, written as mp4 or gif."""
 
 from collections.abc import Callable, Iterable, Iterator
-from itertools import chain
+from itertools import chain, count
 from math import floor
 from pathlib import Path
 from typing import Any
@@ -37,30 +37,46 @@ def write_video(path: str | Path, frames: Iterable[ndarray], fps: float) -> int:
 
     Raises:
         ValueError: Another suffix, no frame, or fps not positive.
-        ImportError: imageio is not installed.
+        ImportError: Pillow is not installed, or imageio for an mp4.
     """
     path = Path(path)
     suffix = check_suffix(path)
     if not fps > 0:
         raise ValueError(f"fps must be positive, got {fps!r}")
-    with needed("videos need imageio[ffmpeg]", "viz"):
-        import imageio.v2 as imageio
-        import imageio_ffmpeg  # noqa: F401
+    write = _write_gif if suffix == ".gif" else _write_mp4
     iterator = iter(frames)
     first = next(iterator, None)
     if first is None:
         raise ValueError(f"there are no frames to write to {path.name!r}")
-    count = 0
     with atomic_write(path) as aside:
         aside.touch()  # a folder that takes no file is refused before the writer, which tells twice
-        with imageio.get_writer(aside, **_writer_options(suffix, fps)) as writer:
-            for frame in chain([first], iterator):
-                if suffix == ".mp4":  # without an odd row or column: chroma has half of them
-                    height, width = frame.shape[:2]
-                    frame = frame[: height - height % 2, : width - width % 2]
-                writer.append_data(frame)
-                count += 1
-    return count
+        return write(aside, chain([first], iterator), fps)
+
+
+def _write_gif(path: Path, frames: Iterator[ndarray], fps: float) -> int:
+    """Write a gif that repeats for ever; the number of its frames."""
+    with needed("a gif needs pillow", "viz"):
+        from PIL import Image
+    number = count()
+    images = (Image.fromarray(frame) for frame, _ in zip(frames, number, strict=False))
+    timing = {"duration": 1000 / fps, "loop": 0}
+    next(images).save(path, "GIF", save_all=True, append_images=images, **timing)
+    return next(number)
+
+
+def _write_mp4(path: Path, frames: Iterator[ndarray], fps: float) -> int:
+    """Write an mp4; the number of its frames."""
+    with needed("an mp4 needs imageio[ffmpeg]", "viz"):
+        import imageio.v2 as imageio
+        import imageio_ffmpeg  # noqa: F401
+    options = {"codec": "libx264", "pixelformat": "yuv420p", "quality": 8, "macro_block_size": 1}
+    number = 0
+    with imageio.get_writer(path, fps=fps, ffmpeg_log_level="error", **options) as writer:
+        for frame in frames:
+            height, width = frame.shape[:2]  # without an odd row or column: chroma has half of them
+            writer.append_data(frame[: height - height % 2, : width - width % 2])
+            number += 1
+    return number
 
 
 def check_suffix(path: Path) -> str:
@@ -69,19 +85,6 @@ def check_suffix(path: Path) -> str:
     if suffix not in SUFFIXES:
         raise ValueError(f"a video file must end in {' or '.join(SUFFIXES)}, got {path.name!r}")
     return suffix
-
-
-def _writer_options(suffix: str, fps: float) -> dict[str, Any]:
-    if suffix == ".gif":
-        return {"duration": 1000 / fps, "loop": 0}
-    return {
-        "fps": fps,
-        "codec": "libx264",
-        "pixelformat": "yuv420p",
-        "quality": 8,
-        "macro_block_size": 1,
-        "ffmpeg_log_level": "error",
-    }
 
 
 def caption(frame: ndarray, lines: Iterable[str]) -> ndarray:

@@ -379,6 +379,9 @@ def test_missing_packages_are_named(monkeypatch, tmp_path):
     with pytest.raises(ImportError, match=r"pip install .*imageio"):
         write_video(tmp_path / "a.mp4", moving_square(1), fps=30)
     with pytest.raises(ImportError, match=r"pip install .*pillow"):
+        write_video(tmp_path / "a.gif", moving_square(1), fps=30)
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(ImportError, match=r"pip install .*pillow"):
         caption(moving_square(1)[0], ["text"])
 
 
