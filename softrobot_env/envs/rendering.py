@@ -545,7 +545,8 @@ class OffscreenContext:
         """
         self._finer = _FINER if max(width, height) <= _LARGE else 1
         if self._finer > 1:
-            model.vis.quality.offsamples = 0  # edges are smooth by then
+            # Edges are smooth by then, and shadows finer than that cannot be seen.
+            model.vis.quality.offsamples, model.vis.quality.shadowsize = 0, 2048
         width, height = self._finer * width, self._finer * height
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
         self._rect = mujoco.MjrRect(0, 0, width, height)

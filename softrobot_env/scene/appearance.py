@@ -179,7 +179,7 @@ def add_surroundings(
     )
     # Hundreds of thin capsules make up the lines: coarse ones look the same and draw faster.
     spec.visual.quality.numslices, spec.visual.quality.numstacks = 10, 4
-    spec.visual.quality.shadowsize, spec.visual.map.shadowclip = 2048, clip
+    spec.visual.quality.shadowsize, spec.visual.map.shadowclip = 4096, clip
     spec.stat.extent = 1.6 * height
     spec.stat.center = middle
     spec.visual.global_.azimuth = 90
