@@ -32,7 +32,7 @@ evaluate: .venv/.setup
 # all of them, or make reports REPORTS="sections thesis". Run times ask for a machine of their own.
 reports: .venv/.setup-test
 	commands=$$($(BIN)/python scripts/figures.py --stale $(REPORTS)) && \
-	  PATH="$(CURDIR)/$(BIN):$$PATH" sh -exc "$$commands"
+	  PATH="$(abspath $(BIN)):$$PATH" sh -exc "$$commands"
 	$(BIN)/python scripts/figures.py
 
 # The daily loop: lint, and the tests that were quick when they were last run.

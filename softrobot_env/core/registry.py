@@ -42,8 +42,8 @@ def load_plugins(group: str = GROUP) -> None:
         return
     _called.add(group)  # first: what is called may look up entries itself
     for point in _entry_points(group):
-        PACKAGES.add(package_of(point.module))
         try:
+            PACKAGES.add(package_of(point.module))
             point.load()()
         except (Exception, SystemExit) as error:  # whatever it is, it is not ours
             package = "" if point.dist is None else f" of the package {point.dist.name}"

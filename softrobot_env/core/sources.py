@@ -40,8 +40,8 @@ _seconds_added = 0.0
 def used(packages: Iterable[str] = ()) -> set[str]:
     """What this process loaded and read so far, and what `add` said.
 
-    Modules of this package and of those that were asked for by name, such as `studies.laws`; files
-    of a checkout, such as `models/rig_nn.npz`.
+    Modules of this package and of those whose code was asked for by name, such as `studies.laws`;
+    files of a checkout that `readable` gave, and a script that is run, such as `models/rig_nn.npz`.
 
     Args:
         packages: Others whose modules count.
