@@ -20,7 +20,8 @@ unexport PYTHONDONTWRITEBYTECODE
 PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 QUICK := -m "not slow and not cluster and not gpu"
 
-.PHONY: setup evaluate check test slow test-clients test-cluster test-gpu lint docs release demo test-demo clean
+.PHONY: setup evaluate reports check test slow test-clients test-cluster test-gpu lint docs release
+.PHONY: demo test-demo clean
 .DELETE_ON_ERROR:
 
 # Install the package in place with what `softrobot evaluate` and `render` need.
@@ -29,6 +30,13 @@ setup: .venv/.setup
 # Run all policies on all tasks; table on the terminal, report and plots in out/evaluate.
 evaluate: .venv/.setup
 	$(BIN)/softrobot evaluate --overwrite
+
+# Measure anew what reports are older than their code, or of unknown age, the cheapest first:
+# all of them, or make reports REPORTS="sections thesis". Run times ask for a machine of their own.
+reports: .venv/.setup-test
+	commands=$$($(BIN)/python scripts/figures.py --stale $(REPORTS)) && \
+	  PATH="$(abspath $(BIN)):$$PATH" sh -exc "$$commands"
+	$(BIN)/python scripts/figures.py
 
 # The daily loop: lint, and the tests that were quick when they were last run.
 check: lint

@@ -2,6 +2,7 @@
 
     python scripts/figures.py           # writes
     python scripts/figures.py --check   # says what is stale or typed, and changes nothing
+    python scripts/figures.py --stale   # prints what makes reports anew whose code has changed
 
 A text between `<!-- figures TEMPLATE -->` and `<!-- end -->` is the template with its figures:
 
@@ -36,8 +37,9 @@ import pkgutil
 import re
 import sys
 import tomllib
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
@@ -46,6 +48,7 @@ from typing import Any
 
 import numpy as np
 
+from softrobot_env.core import sources
 from softrobot_env.core.files import write_text
 from softrobot_env.rendering.tables import FACTORS, NONE, number
 
@@ -85,9 +88,14 @@ def pages() -> list[Path]:
     return [ROOT / "README.md", *own, *included]
 
 
-@cache
 def rows(report: str) -> list[dict[str, Any]]:
-    """Rows of a report by the name of its folder.
+    """Rows of a report by the name of its folder; errors as `content`."""
+    return content(report)["rows"]
+
+
+@cache
+def content(report: str) -> dict[str, Any]:
+    """A report by the name of its folder.
 
     Raises:
         ValueError: There is no such report.
@@ -96,7 +104,7 @@ def rows(report: str) -> list[dict[str, Any]]:
     for name, opener in (("report.json", open), ("report.json.gz", gzip.open)):
         if (folder / name).is_file():
             with opener(folder / name, "rt", encoding="utf-8") as file:
-                return json.load(file)["rows"]
+                return json.load(file)
     raise ValueError(f"no report {report!r} in docs/results")
 
 
@@ -303,9 +311,74 @@ def typed(text: str) -> list[str]:
     return found
 
 
+@dataclass(frozen=True)
+class Stale:
+    """A report that is older than its code, or perhaps.
+
+    Attributes:
+        name: Of its folder.
+        why: What it is older than.
+        command: What makes it anew.
+        seconds: CPU time that it took; None where that is unknown.
+    """
+
+    name: str
+    why: str
+    command: str
+    seconds: float | None
+
+    def __str__(self) -> str:
+        cost = "" if self.seconds is None else f" ({self.seconds:,.0f} CPU s)"
+        return f"docs/results/{self.name}: {self.why}: {self.command}{cost}"
+
+
+def stale_reports() -> list[Stale]:
+    """Reports that are older than their code, the cheapest first."""
+    found = []
+    for name in sorted({path.parent.name for path in ROOT.glob("docs/results/*/report.json*")}):
+        meta = content(name)["meta"]
+        changed = sources.changed(meta.get("sources", {}))
+        if "sources" in meta and not changed:
+            continue
+        why, command = "of unknown age", meta["command"]
+        if changed:
+            more = ", ..." if changed[3:] else ""
+            why = f"older than {len(changed)} of its sources ({', '.join(changed[:3])}{more})"
+        if command.startswith(("softrobot", "python")) and "--overwrite" not in command:
+            command += " --overwrite"
+        if (ROOT / "docs" / "results" / name / "report.json.gz").is_file():
+            command += f" && gzip -nf docs/results/{name}/report.json"
+        found.append(Stale(name, why, command, meta.get("seconds")))
+    return sorted(found, key=lambda one: math.inf if one.seconds is None else one.seconds)
+
+
+def print_commands(names: list[str]) -> int:
+    """Print what makes stale reports anew, of those named or of all; 1 where a name is none."""
+    for name in names:
+        try:
+            content(name)
+        except ValueError as error:
+            print(error, file=sys.stderr)
+            return 1
+    for report in stale_reports():
+        if not names or report.name in names:
+            print(report.command)
+    return 0
+
+
 def main() -> int:
     """Write or check the pages; 1 where one is stale under `--check`, or a figure is typed."""
-    stale = 0
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("--check", action="store_true", help="change nothing, list stale reports")
+    parser.add_argument("--fresh", action="store_true", help="and fail if there is one")
+    parser.add_argument("--stale", nargs="*", metavar="REPORT", help="print their commands alone")
+    args = parser.parse_args()
+    if args.stale is not None:
+        return print_commands(args.stale)
+    old = stale_reports() if args.check or args.fresh else []
+    for report in old:
+        print(report)
+    stale = len(old) if args.fresh else 0
     for path in pages():
         text = path.read_text(encoding="utf-8")
         for figure_typed in typed(text):
@@ -319,9 +392,9 @@ def main() -> int:
         if new != text:
             stale += 1
             print(f"{path.relative_to(ROOT)}: figures are stale")
-            if "--check" not in sys.argv:
+            if not args.check:
                 write_text(path, new)
-    return int(bool(stale) and "--check" in sys.argv)
+    return int(bool(stale) and args.check)
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ has a function `register`, as a package names it in the entry-point group, and a
 `CHECKS` says what must hold of it.
 """
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -165,8 +166,14 @@ def check_study(path, folder):
     assert main(words) == 0
     rows = rows_in(out)
     assert [row["share"] for row in rows] == [0.5, 1.0] * 2
-    before = (out / "lengths.png").read_bytes()
-    assert main([*words, "--redraw"]) == 0 and (out / "lengths.png").read_bytes() == before
+    before = [(out / name).read_bytes() for name in ("lengths.png", "report.json")]
+    assert main([*words, "--redraw"]) == 0
+    assert [(out / name).read_bytes() for name in ("lengths.png", "report.json")] == before
+    meta = json.loads(before[1])["meta"]
+    assert (
+        meta["seconds"] > 0
+        and {"studies.lab", "softrobot_env.robots.file"} <= meta["sources"].keys()
+    )
     assert main([*words, "--quick", "--overwrite"]) == 0
     assert len(rows_in(out)) == 2
 

@@ -147,6 +147,10 @@ def private_dir() -> Path:
 LARGEST_TABLE, LARGEST = 2**20, 2**34
 
 
+#: What `readable` was asked for: results may depend on it.
+FILES_READ: set[Path] = set()
+
+
 def readable(path: Path | str, most: int = LARGEST) -> Path:
     """A path whose file has an end: not a device, nor a pipe, nor more bytes than asked for.
 
@@ -161,6 +165,7 @@ def readable(path: Path | str, most: int = LARGEST) -> Path:
         raise ValueError(f"{path}: give a file, not a device or a pipe")
     if found.st_size > most:
         raise ValueError(f"{path}: at most {most} bytes, it has {found.st_size}")
+    FILES_READ.add(Path(path).resolve())
     return Path(path)
 
 

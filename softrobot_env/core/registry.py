@@ -27,6 +27,9 @@ Entry = TypeVar("Entry")
 GROUP, ENVIRONMENT_GROUP = "softrobot_env", "softrobot_env.environments"
 
 
+#: Packages whose code was asked for by name: results may depend on it.
+PACKAGES = {"softrobot_env"}
+
 _called: set[str] = set()
 
 
@@ -40,6 +43,7 @@ def load_plugins(group: str = GROUP) -> None:
     _called.add(group)  # first: what is called may look up entries itself
     for point in _entry_points(group):
         try:
+            PACKAGES.add(package_of(point.module))
             point.load()()
         except (Exception, SystemExit) as error:  # whatever it is, it is not ours
             package = "" if point.dist is None else f" of the package {point.dist.name}"
@@ -122,6 +126,11 @@ def check_name(kind: str, name: str) -> None:
         raise ValueError(f"a {kind} cannot be called 'all', which stands for every one")
 
 
+def package_of(module: str) -> str:
+    """The package that a module is in."""
+    return module.partition(".")[0]
+
+
 def load(path: str) -> Any:
     """The object that a path `package.module:name` or `file.py:name` stands for.
 
@@ -131,6 +140,7 @@ def load(path: str) -> Any:
     """
     module, _, name = path.rpartition(":")
     if not module.endswith(".py"):
+        PACKAGES.add(package_of(module))
         return getattr(import_module(module), name)
     file = Path(module).resolve()
     return getattr(_run_file(readable(file), file.stat().st_mtime_ns), name)

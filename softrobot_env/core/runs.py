@@ -14,6 +14,7 @@ from enum import Enum
 from functools import cache, partial
 from hashlib import sha256
 from pathlib import Path
+from time import process_time
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 from uuid import uuid4
@@ -22,10 +23,11 @@ import cloudpickle
 import numpy as np
 from numpy import ndarray
 
-from . import __version__
+from . import __version__, sources
 from .files import assets_dir, models_dir
 from .interfaces import ProgressCallback, quiet
 from .processes import worker_processes
+from .registry import PACKAGES
 
 # ---------------------------------------------------------------- rows
 
@@ -190,6 +192,7 @@ class Kept:
     def __init__(self, path: Path, study: str, files: Iterable[Path] = ()) -> None:
         self.taken = 0
         self._path = path
+        self._noted: set[str] = set()
         self._head = {"study": study, "content": _content({*_own_files(), *files})}
         self._head["version"] = __version__
         self._found = self._read()
@@ -201,7 +204,11 @@ class Kept:
             name = json.loads(first).pop("name")
             if json.loads(first) == self._head | {"name": name}:
                 self._head["name"] = name
-                return dict(_whole_lines(lines))
+                found = {}
+                for case, rows, names, seconds in _whole_lines(lines):
+                    found[case] = rows
+                    sources.add(names, seconds)
+                return found
         return {}
 
     @property
@@ -224,8 +231,12 @@ class Kept:
             return rows
         return None
 
-    def add(self, case: str, rows: Any) -> None:
-        """Keep the row of a case, or its list of rows.
+    def add(self, case: str, rows: Any, names: Iterable[str] = (), seconds: float = 0.0) -> None:
+        """Keep the row of a case, or its list of rows, and what they depend on and took.
+
+        Args:
+            case, rows: What was measured.
+            names, seconds: As of `sources.add`.
 
         Raises:
             OSError: They cannot be written.
@@ -233,7 +244,9 @@ class Kept:
         """
         assert self.name
         several = isinstance(rows, list)
-        self._append([case, [packed(row) for row in rows] if several else packed(rows)])
+        kept = [packed(row) for row in rows] if several else packed(rows)
+        self._append([case, kept, sorted({*names} - self._noted), seconds])
+        self._noted.update(names)
 
     def _append(self, line: Any) -> None:
         text = json.dumps(line, default=_plain)
@@ -248,12 +261,12 @@ class Kept:
         self._path.unlink(missing_ok=True)
 
 
-def _whole_lines(lines: Iterable[str]) -> Iterator[tuple[str, Any]]:
-    """Cases and rows of lines that were not cut short."""
+def _whole_lines(lines: Iterable[str]) -> Iterator[tuple[str, Any, list[str], float]]:
+    """Lines that were not cut short: a case, its rows, what they depend on, and their CPU time."""
     for line in lines:
         with suppress(ValueError, TypeError):
-            case, rows = json.loads(line)
-            yield str(case), rows
+            case, rows, names, seconds = json.loads(line)
+            yield str(case), rows, [*map(str, names)], float(seconds)
 
 
 @contextmanager
@@ -287,6 +300,16 @@ def _content(files: Iterable[Path]) -> str:
 
 
 # ---------------------------------------------------------------- cases and jobs
+
+
+@dataclass(frozen=True)
+class _Done:
+    """What was measured of a case, what it depends on, and the CPU time [s] that it took."""
+
+    result: Any
+    sources: set[str]
+    seconds: float
+
 
 #: How often jobs whose process has ended are begun.
 _TRIES = 3
@@ -332,20 +355,22 @@ def run_cases(
         if (rows := kept.rows(name, kinds)) is not None:
             found[number] = rows
 
-    def take(number: int, result: Any) -> None:
+    def take(number: int, done: _Done) -> None:
+        result = done.result
         found[number] = result if arrived is None else arrived(cases[number], result)
+        sources.add(done.sources)
         if kept is not None:
-            kept.add(named[number], found[number])
+            kept.add(named[number], found[number], done.sources, done.seconds)
 
     for number, case in enumerate(cases if processes == 0 else ()):
         if number not in found:
             progress(label(case), number, len(cases))
-            take(number, measure(case))
+            take(number, _measured(measure, case))
     progress("done" if processes == 0 else "running", len(found), len(cases))
     for _ in range(_TRIES):
         try:
-            for number, result in _arriving(cases, measure, found, processes):
-                take(number, result)
+            for number, done in _arriving(cases, measure, found, processes):
+                take(number, done)
                 progress(label(cases[number]), len(found), len(cases))
         except BrokenExecutor:
             continue
@@ -367,13 +392,15 @@ def _arriving(
     measure: Callable[[Any], Any],
     found: Mapping[int, Any],
     processes: int | None,
-) -> Iterator[tuple[int, Any]]:
+) -> Iterator[tuple[int, _Done]]:
     """Numbers and results of those cases that are not found yet, as they arrive."""
     left = [number for number in range(len(cases)) if number not in found]
     if not left:
         return
     with worker_processes(processes) as pool:
-        running = {pool.submit(_done, cloudpickle.dumps((measure, cases[n]))): n for n in left}
+        running = {
+            pool.submit(_work, cloudpickle.dumps((measure, cases[n], PACKAGES))): n for n in left
+        }
         failed: BaseException | None = None
         for future in as_completed(running):
             if future.cancelled():
@@ -389,7 +416,12 @@ def _arriving(
         raise failed
 
 
-def _done(work: bytes) -> bytes:
-    """The packed result of a packed function and its case."""
-    measure, case = cloudpickle.loads(work)
-    return cloudpickle.dumps(measure(case))
+def _work(work: bytes) -> bytes:
+    """What a packed function did with its case, packed; with the packages that count."""
+    return cloudpickle.dumps(_measured(*cloudpickle.loads(work)))
+
+
+def _measured(measure: Callable[[Any], Any], case: Any, packages: Iterable[str] = ()) -> _Done:
+    begun = process_time()
+    result = measure(case)
+    return _Done(result, sources.used(packages), process_time() - begun)

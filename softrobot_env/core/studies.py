@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from .registry import Registry, load
+from .registry import PACKAGES, Registry, load, package_of
 from .runs import Kept
 
 
@@ -74,6 +74,7 @@ def register_study(name: str, study: Benchmark | str, about: str = "") -> None:
         BENCHMARKS.register(name, Entry(study, about))
     else:
         BENCHMARKS.register(name, lambda: study)
+        PACKAGES.update(package_of(kind.__module__) for kind in study.kinds)
 
 
 def measured(name: str) -> str:

@@ -7,6 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from softrobot_env.core import sources
 from softrobot_env.core.files import write_text
 from softrobot_env.robots import ENTRIES, VARIATIONS, RobotEntry
 from softrobot_env.tasks import OPTIONS, owner_of
@@ -108,13 +109,15 @@ def write_json(path: Path, rows: list[Row], command: str) -> None:
 
 
 def metadata(command: str) -> dict[str, Any]:
-    """Versions, machine and command of this run."""
+    """Versions, machine and command of this run, its CPU time [s], and what it depends on."""
     return {
         "command": command,
         "python": platform.python_version(),
         "machine": platform.machine(),
         "cpu": _cpu_name(),
         "versions": {name: _version(name) for name in _PACKAGES},
+        "seconds": round(sources.cpu_seconds(), 1),
+        "sources": sources.recorded(),
     }
 
 

@@ -25,7 +25,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core.files import atomic_write, cache_dir, firmware_dir
+from softrobot_env.core.files import atomic_write, cache_dir, firmware_dir, readable
 
 from .protocol.messages import (
     ADC_CHANNELS,
@@ -204,7 +204,7 @@ def compiled() -> Path:
     sources = sorted(p for folder in folders for p in folder.iterdir() if p.suffix in _SUFFIXES)
     digest = hashlib.sha256(repr((compiler, shutil.which(compiler[0]), _FLAGS)).encode())
     for source in sources:
-        digest.update(source.name.encode() + b"\0" + source.read_bytes())
+        digest.update(source.name.encode() + b"\0" + readable(source).read_bytes())
     path = cache_dir() / f"core-{digest.hexdigest()[:16]}" / "core.so"
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -69,17 +69,18 @@ def install(client: Client, folder: Path) -> str:
     return ""
 
 
-def use(name: str, folder: Path) -> list[dict[str, Any]]:
-    """What became of the uses of a library."""
+def use(name: str, folder: Path) -> tuple[list[dict[str, Any]], dict[str, str]]:
+    """What became of the uses of a library, and what they depend on, see `core.sources`."""
     variables = os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
     done = python(folder, str(HERE / f"use_{name}.py"), env=variables)
     (folder / "use.log").write_text(done.stdout + done.stderr)
     lines = [line[4:] for line in done.stdout.splitlines() if line.startswith("USE ")]
-    rows = [json.loads(line) for line in lines]
+    found = [json.loads(line) for line in lines]
+    rows = [one["row"] for one in found]
     if done.returncode != 0:
         reason = last_line(done.stderr, "no reason given")
         rows.append({"use": "the whole script", "good": 0, "tried": 1, "reason": reason})
-    return rows
+    return rows, {name: digest for one in found for name, digest in one["sources"].items()}
 
 
 def version(name: str, folder: Path) -> str:
@@ -108,7 +109,7 @@ def main() -> int:
     unknown = sorted(set(args.clients) - set(CLIENTS))
     if unknown:
         parser.error(f"no client {unknown[0]!r}; choose from {', '.join(CLIENTS)}")
-    rows = []
+    rows, sources = [], {}
     for name in args.clients:
         print(f"{name} ...", file=sys.stderr, flush=True)
         folder = args.envs.resolve() / name
@@ -118,10 +119,16 @@ def main() -> int:
             rows.append({"name": name, **nothing, "reason": missing})
             continue
         own = {"name": name, "version": version(name, folder)}
-        rows += [own | row for row in use(name, folder)]
+        used, depends = use(name, folder)
+        rows += [own | row for row in used]
+        sources |= depends
     print(table(rows))
     if args.out:
-        meta = {"command": "make test-clients", "python": sys.version.split()[0]}
+        meta = {
+            "command": "make test-clients",
+            "python": sys.version.split()[0],
+            "sources": sources,
+        }
         args.out.mkdir(parents=True, exist_ok=True)
         text = json.dumps({"meta": meta, "rows": rows}, indent=1)
         (args.out / "report.json").write_text(text + "\n")

@@ -5,6 +5,7 @@ import sys
 import traceback
 from collections.abc import Callable, Iterable
 
+from softrobot_env.core import sources
 from softrobot_env.registration import ANY_ROBOT, ENVIRONMENTS, RIG_ENVIRONMENTS
 
 SIMULATED = (*ENVIRONMENTS, *RIG_ENVIRONMENTS, *ANY_ROBOT)
@@ -24,5 +25,6 @@ def tried(use: str, ids: Iterable[str], act: Callable[[str], None]) -> None:
             if not reason:
                 traceback.print_exc(file=sys.stderr)
                 reason = " ".join(f"{env_id}: {type(error).__name__}: {error}".split())[:200]
-    print("USE " + json.dumps({"use": use, "good": good, "tried": len(ids), "reason": reason}))
+    row = {"use": use, "good": good, "tried": len(ids), "reason": reason}
+    print("USE " + json.dumps({"row": row, "sources": sources.recorded()}))
     sys.stdout.flush()

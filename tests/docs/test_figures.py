@@ -1,11 +1,14 @@
 """Figures of README.md and docs/ come from the committed reports, and are not typed."""
 
+import gzip
 import importlib.util
+import json
 from pathlib import Path
 
 import pytest
 
 import softrobot_env.robots
+from softrobot_env.core import sources
 
 ROOT = Path(__file__).resolve().parents[2]
 spec = importlib.util.spec_from_file_location("figures", ROOT / "scripts" / "figures.py")
@@ -77,6 +80,57 @@ def test_the_check_fails(tmp_path, monkeypatch, capsys, text, said):
     assert figures.main() == 1
     assert said in capsys.readouterr().out
     assert page.read_text() == text
+
+
+@pytest.fixture
+def results(tmp_path, monkeypatch):
+    """Adds reports to a folder of them: `results(name, **meta)`."""
+    monkeypatch.setattr(figures, "ROOT", tmp_path)
+    monkeypatch.setattr(figures, "pages", list)
+    figures.content.cache_clear()
+
+    def add(name, file="report.json", **meta):
+        folder = tmp_path / "docs" / "results" / name
+        folder.mkdir(parents=True)
+        opener = gzip.open if file.endswith("gz") else open
+        with opener(folder / file, "wt", encoding="utf-8") as report:
+            json.dump({"meta": {"command": f"softrobot {name}"} | meta, "rows": []}, report)
+
+    yield add
+    figures.content.cache_clear()
+
+
+def said(monkeypatch, capsys, *words):
+    """Exit status, and lines that are printed."""
+    monkeypatch.setattr(figures.sys, "argv", ["figures.py", *words])
+    return figures.main(), capsys.readouterr().out.splitlines()
+
+
+def test_reports_older_than_their_code_are_named(results, monkeypatch, capsys):
+    module = "softrobot_env.tasks.spec"
+    digest = sources._digest(sources._place(module))
+    old = {f"softrobot_env.gone_{k}": digest for k in range(4)}
+    results("new", sources={module: digest}, seconds=5.0)
+    assert said(monkeypatch, capsys, "--check", "--fresh") == (0, [])
+    results("changed", sources={module: digest[::-1]}, seconds=70.2)
+    results("unknown", command="python x.py --overwrite")
+    results("packed", "report.json.gz", sources={module: digest} | old, seconds=2.0)
+    names = "softrobot_env.gone_0, softrobot_env.gone_1, softrobot_env.gone_2, ..."
+    commands = [
+        "softrobot packed --overwrite && gzip -nf docs/results/packed/report.json",
+        "softrobot changed --overwrite",
+        "python x.py --overwrite",
+    ]
+    lines = [
+        f"docs/results/packed: older than 4 of its sources ({names}): {commands[0]} (2 CPU s)",
+        f"docs/results/changed: older than 1 of its sources ({module}): {commands[1]} (70 CPU s)",
+        f"docs/results/unknown: of unknown age: {commands[2]}",
+    ]
+    assert said(monkeypatch, capsys, "--check") == (0, lines)
+    assert said(monkeypatch, capsys, "--check", "--fresh") == (1, lines)
+    assert said(monkeypatch, capsys, "--stale") == (0, commands)
+    assert said(monkeypatch, capsys, "--stale", "unknown", "new") == (0, commands[2:])
+    assert said(monkeypatch, capsys, "--stale", "nothing") == (1, [])
 
 
 def test_other_sources():

@@ -9,6 +9,8 @@ import csv
 from pathlib import Path
 from typing import NamedTuple
 
+from softrobot_env.core.files import readable
+
 
 class Known(NamedTuple):
     """What is known of a number."""
@@ -24,7 +26,7 @@ def _number(text: str) -> float | None:
 
 def _lines(name: str) -> list[list[str]]:
     """Lines of a table beside this file, without their headings."""
-    with Path(__file__).with_name(name).open(encoding="utf-8") as file:
+    with readable(Path(__file__).with_name(name)).open(encoding="utf-8") as file:
         return list(csv.reader(file))[1:]
 
 
