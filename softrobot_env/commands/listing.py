@@ -6,6 +6,7 @@ from collections.abc import Callable
 from gymnasium.envs.registration import registry
 
 from softrobot_env.control.registry import EVERY_POLICY, fitting_policies
+from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.studies import BENCHMARKS
 from softrobot_env.rendering.tables import named_values
 from softrobot_env.robots import ROBOTS, RobotParams, find_robot
@@ -65,12 +66,16 @@ def _policies_of(robot: RobotParams) -> dict[str, str]:
 
 #: What can be listed of one robot.
 _OF_ROBOT: dict[str, Callable[[RobotParams], dict[str, str]]] = {
-    "tasks": lambda robot: {name: _options(make) for name, make in tasks_of(robot).items()},
+    "tasks": lambda robot: {name: _offered(make) for name, make in tasks_of(robot).items()},
     "policies": _policies_of,
 }
 
 
-def _options(make: Maker) -> str:
+def _offered(make: Maker) -> str:
+    try:
+        make()
+    except (ValueError, EquilibriumError) as error:
+        return str(error)
     return f"options {', '.join(defaults(make))}" if defaults(make) else "no options"
 
 

@@ -379,14 +379,27 @@ class InverseStatics:
                 step /= 2
         return min(distance, length)
 
-    def line(self, actions: ndarray) -> tuple[ndarray, ndarray]:
-        """Tips (n, 3) [m] and inputs (n, n_inputs) under actions (n,), the same for all inputs."""
-        inputs = self.inputs.from_actions(actions[:, None])
+    def line(self, shares: ndarray) -> tuple[ndarray, ndarray]:
+        """Tips (n, 3) [m] and inputs (n, n_inputs) under shares (n,) of `farthest`, in turn."""
+        inputs = self.inputs.from_actions(np.outer(shares, self.farthest))
         tips, posture = [], self._rest.posture
         for one in inputs:
             posture = self.posture(one, posture)
             tips.append(self.tip(posture))
         return np.array(tips), inputs
+
+    @cached_property
+    def farthest(self) -> ndarray:
+        """Action (n_inputs,), of at most 1, along which the tip gets farthest from end to end.
+
+        By what each input does alone: one that pulls the tip back is pulled against the others.
+        """
+        ends = []
+        for action in (*np.eye(self.inputs.n_inputs), *-np.eye(self.inputs.n_inputs)):
+            ends.append(self.tip(self.posture(self.inputs.from_actions(action))))
+        moved = np.subtract(*np.split(np.array(ends), 2))
+        along = svd(moved)[0][:, 0]
+        return along / along[np.abs(along).argmax()]
 
     def _room(self, found: Place) -> float:
         """How far [m] the tip moves to its worst side before an action reaches its bound."""

@@ -161,7 +161,8 @@ def _reach(
 ) -> Task:
     """Ten set points, uniform in a disc of `radius` [m], held for `hold` [s] one by one.
 
-    Those of a robot whose tip only moves on a line lie on it, within `radius` of its rest.
+    Those of a robot whose tip does not move to all sides lie on a line, within `radius` of its
+    rest.
     """
     site, rng = site_of(robot), np.random.default_rng(whole(seed))
     points, radius = _set_points(site, rng, radius)
@@ -175,8 +176,6 @@ def _set_points(
     site: ReachableRegion, rng: np.random.Generator, radius: float | None
 ) -> tuple[ndarray, float]:
     """Points (n, 3) [m], and the radius [m] of what they lie in."""
-    if site.ground.radius == 0 and site.inverse.inputs.n_inputs > 1:
-        raise ValueError(f"task 'reach' needs room; {_no_room(site)}")
     if site.ground.radius == 0:
         return _on_line(site, rng, radius)
     radius = _radius(radius, REACH_SHARE * site.ground.radius)
@@ -190,26 +189,24 @@ def _set_points(
 def _on_line(
     site: ReachableRegion, rng: np.random.Generator, radius: float | None
 ) -> tuple[ndarray, float]:
-    """Tips (n, 3) [m] under random equal actions, up to `radius` [m] from that of the action 0."""
-    middle = site.ground.middle
-    most = norm(site.inverse.line(np.array([-1.0, 1.0]))[0] - middle, axis=1).min()
+    """Tips (n, 3) [m] along the line that the tip gets farthest on.
+
+    They lie within `radius` [m] of where it is under the action 0, uniform in the length of the
+    line: a tendon that goes slack moves nothing.
+    """
+    shares = np.linspace(-1, 1, 81)
+    tips = site.inverse.line(shares)[0]
+    away = norm(tips - site.ground.middle, axis=1)
+    most, name = away.max(), site.inverse.scene.config.robot.name
+    if not most > site.inverse.tolerance:
+        raise ValueError(f"task 'reach' needs a tip that moves: no action moves robot {name!r}")
     radius = _radius(radius, REACH_SHARE * most)
     if radius > most:
         raise ValueError(f"radius must be at most {most:.3g} m here, got {radius!r}")
-    actions = np.linspace(-1, 1, 81) * min(1.0, 2 * radius / most)
-    near = actions[norm(site.inverse.line(actions)[0] - middle, axis=1) <= radius]
-    return site.inverse.line(rng.uniform(near[0], near[-1], _POINTS))[0], radius
-
-
-def _no_room(site: ReachableRegion) -> str:
-    """Why a robot has no ground."""
-    inputs, name = site.inverse.inputs.n_inputs, site.inverse.scene.config.robot.name
-    if inputs == 1:
-        return f"that of robot {name!r}, with 1 input, moves on a line: task 'reach' works along it"
-    return (
-        f"robot {name!r}, with {inputs} inputs, is not found to hold its tip to all sides of where "
-        "it is under the action 0: give a task of your own"
-    )
+    length = np.append(0.0, norm(np.diff(tips, axis=0), axis=1).cumsum())
+    near = length[away <= radius]
+    chosen = np.sort(rng.uniform(near[0], near[-1], _POINTS))
+    return rng.permutation(site.inverse.line(np.interp(chosen, length, shares))[0]), radius
 
 
 def _wide_ground(
@@ -223,7 +220,10 @@ def _wide_ground(
     site = site_of(robot)
     ground = site.ground
     if ground.radius == 0:
-        raise ValueError(f"task {task!r} needs a tip that moves to all sides; {_no_room(site)}")
+        raise ValueError(
+            f"task {task!r} needs a tip that moves to all sides; that of robot {robot.name!r} is "
+            "not found to from where it is under the action 0: task 'reach' works along a line"
+        )
     length = ground.length if long else ground.radius
     radius = _radius(radius, PATH_SHARE * length)
     return ground, (radius, radius * ground.radius / length)

@@ -9,6 +9,7 @@ from support.postures import rest_tip
 from support.routed_robots import ONE_PAIR
 
 from softrobot_env.robots import ARM, RIG, Base, find_robot
+from softrobot_env.robots.tendons import Tendon
 from softrobot_env.scene.inverse import workspace_of
 from softrobot_env.tasks import make_task, remake_task, tasks_of
 from softrobot_env.tasks.generic import site_of
@@ -18,6 +19,20 @@ SIDEWAYS = replace(
     find_robot("silicone_rod"), name="sideways", base=Base((0.2, 0.1, 0.5), (1.0, 0.0, 0.0))
 )
 PATHS = ("circle", "figure_eight", "random")
+
+
+def wound(name, *places):
+    """A finger whose tendons, at places [m] across it, are wound up by servos."""
+    tendons = [
+        Tendon(f"t{place}", (place, 0.0), 0.1, number, 10.0, stiffness=2000.0, pretension=0.2)
+        for number, place in enumerate(places)
+    ]
+    drive = find_robot("silicone_rod").drive
+    return replace(ONE_PAIR, name=name, tendons=tuple(tendons), drive=drive)
+
+
+#: Robots whose tips move on lines: both ways by tension, one way by a servo, both ways by two.
+LINES = (ONE_PAIR, wound("one", 0.008), wound("two", 0.008, -0.006))
 
 
 @pytest.fixture(params=[*SOME, SIDEWAYS.name])
@@ -100,16 +115,21 @@ def test_a_robots_own_tasks_come_first():
     assert make_task("figure_eight", robot="rig").axes == "xyz"
 
 
-def test_a_tip_that_moves_on_a_line_is_told_so():
+@pytest.mark.parametrize("robot", LINES, ids=lambda robot: robot.name)
+def test_a_tip_that_moves_on_a_line_has_set_points_on_it(robot):
+    """Points that some actions, of a fine grid of all, hold; not all at one place."""
     for name in PATHS:
-        with pytest.raises(ValueError, match=r"'one_pair', with 1 input.*'reach' works along it"):
-            make_task(name, robot=ONE_PAIR)
-    task = make_task("reach", robot=ONE_PAIR)
-    inverse = workspace_of(ONE_PAIR).inverse
-    actions = np.linspace(-1, 1, 401)
-    line = inverse.line(actions)[0]
-    for point in task.trajectory.path():
-        assert np.linalg.norm(line - point, axis=1).min() < 1e-2 * ONE_PAIR.length
-    assert np.linalg.norm(task.trajectory.path() - [0, 0, 0.1], axis=1).max() <= task.option(
-        "radius"
-    )
+        with pytest.raises(ValueError, match=f"{robot.name!r} is not found to.*'reach' works"):
+            make_task(name, robot=robot)
+    task, inverse = make_task("reach", robot=robot), workspace_of(robot).inverse
+    points, radius = task.trajectory.path(), task.option("radius")
+    grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 61)] * inverse.inputs.n_inputs), axis=-1)
+    tips = []
+    for action in grid.reshape(-1, inverse.inputs.n_inputs):
+        tips.append(inverse.tip(inverse.posture(inverse.inputs.from_actions(action))))
+    rest = inverse.tip(inverse.posture(inverse.inputs.from_actions(np.zeros(len(grid.shape) - 1))))
+    assert radius > 0.05 * robot.length
+    assert np.linalg.norm(points - rest, axis=1).max() <= radius
+    assert np.ptp(points, axis=0).max() > 0.3 * radius
+    for point in points:
+        assert np.linalg.norm(tips - point, axis=1).min() < 0.05 * radius
