@@ -272,9 +272,14 @@ def _search(config: SceneConfig, adaptive: bool = False) -> tuple[int, Discretiz
     left_out = max((chain.left_out(rest.q, rest.controls) for rest in near), default=0.0)
     error, near = _compared(config, factor, near, [*near])
     while error > config.wanted_accuracy and factor < most and near:
-        larger = sqrt(error / config.wanted_accuracy)
-        factor = min(most, 2 * factor, ceil(factor * larger) if larger < 2 else most)
-        error, near = _compared(config, factor, near, _moved(near, _chain(config, factor)))
+        larger, finer = sqrt(error / config.wanted_accuracy), 2 * factor
+        factor = min(most, finer, ceil(factor * larger) if larger < 2 else most)
+        if factor == finer:  # it is known already
+            pieces = finer * chain.layout.pieces
+            rests = [x if x.chain.layout.pieces == pieces else None for x in near]
+        else:
+            rests = _moved(near, _chain(config, factor))
+        error, near = _compared(config, factor, near, rests)
     return factor, Discretization(error, left_out, len(_controls(chain)[1]), lost)
 
 
@@ -311,10 +316,10 @@ def _everywhere(chain: _Chain) -> tuple[list[_Rest], int]:
     none, rows = _controls(chain)
     rests, lost, ended = [], 0, 0
     for row in rows:
-        q = chain.rest(row, rests[0].q) if rests else None
-        if q is None and ended < _PATIENCE:
-            q = chain.rest(row, None)
-            ended += q is None
+        q = chain.rest(row, None) if ended < _PATIENCE else None
+        ended += q is None
+        if q is None and rests:
+            q = chain.rest(row, rests[0].q)
         if q is None or chain.folds(q):
             rest, gone = _in_steps(chain, none, row)
         else:

@@ -244,7 +244,7 @@ class StaticForces:
             block = np.where(spans.moves, later.transpose(0, 2, 1), later)
             block += across @ across.transpose(0, 2, 1) / length[:, None]
             block *= tension[spans.tendon, None, None]
-            np.subtract.at(out, (turns[:, :, None], turns[:, None, :]), block)
+            np.subtract.at(out.ravel(), spans.places, block.ravel())
 
     def _add_rates(self, rate: ndarray, out: ndarray) -> None:
         """Tension that follows from length, by its derivative (ntendon,) [N/m]."""
@@ -438,6 +438,8 @@ class _Spans:
         start, end: (k,) sites, from base to tip.
         turns: (k, n) those between them.
         moves: (k, n, n) whether turn l, the column, moves the axis of turn k.
+        places: (k n n,) of pairs of them in a matrix (nv, nv) without its shape: NumPy adds up at
+            these twenty times as fast as at pairs of indices.
     """
 
     tendon: ndarray
@@ -445,6 +447,7 @@ class _Spans:
     end: ndarray
     turns: ndarray
     moves: ndarray
+    places: ndarray
 
 
 def _spans(model: MjModel, moving: ndarray, moves: ndarray) -> tuple[_Spans, ...]:
@@ -459,8 +462,10 @@ def _spans(model: MjModel, moving: ndarray, moves: ndarray) -> tuple[_Spans, ...
     for n in np.unique(size[size > 0]):
         chosen = size == n
         turns = low[chosen, None] + np.arange(n)
-        between = moves[turns[:, :, None], turns[:, None, :]]
-        groups.append(_Spans(tendon[first[chosen]], start[chosen], end[chosen], turns, between))
+        places = (turns[:, :, None] * model.nv + turns[:, None, :]).ravel()
+        between = moves.ravel()[places].reshape(-1, n, n)
+        ends = start[chosen], end[chosen]
+        groups.append(_Spans(tendon[first[chosen]], *ends, turns, between, places))
     return tuple(groups)
 
 
