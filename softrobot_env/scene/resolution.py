@@ -33,8 +33,9 @@ from .quadrature import HingeLayout
 from .spec import build_chain
 from .statics import equilibrium
 
-#: Most degrees of freedom of a chain whose pieces are chosen; a step takes milliseconds then.
-MOST_DOFS = 200
+#: Most degrees of freedom of a chain whose pieces are chosen, about as many as three sections with
+#: winding tendons have by themselves; a step takes milliseconds then.
+MOST_DOFS = 240
 
 #: Share of the length by which stretch and shear may move a robot before `inspect` warns.
 STRAINED = 0.005
@@ -64,7 +65,7 @@ class Discretization:
     """How far a chain is from the beam, by what was tried.
 
     Attributes:
-        error: [m], largest distance of a point of the backbone at rest from that of infinitely many
+        error: [m], largest distance of an end of a piece at rest from that of infinitely many
             pieces, as estimated; inf where it, or a finer chain, does not stand alike.
         left_out: [m], by how much stretch and shear would move it.
         inputs: Number of those that were tried.
