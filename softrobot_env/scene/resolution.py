@@ -49,6 +49,9 @@ _SHARES = (0.1, 0.3, 0.6, 1.0)
 #: Paths that may end early before no more are followed.
 _PATIENCE = 3
 
+#: Most degrees of freedom of a finer chain that follows paths of its own.
+_FOLLOWED = 300
+
 #: Rows of signs with which all inputs act together, and most inputs that act alone.
 _TOGETHER, _ALONE = 4, 12
 
@@ -301,10 +304,16 @@ def _compared(
 
 
 def _moved(rests: list[_Rest], chain: _Chain) -> list[_Rest | None]:
-    """Another chain at rest near the same."""
-    out = []
+    """Another chain at rest near the same, or where its own path leads; until one ends early.
+
+    The paths of chains that only tell the error of large ones would take most of the time.
+    """
+    out, follows = [], chain.model.nv <= _FOLLOWED
     for other in rests:
         q = chain.rest(other.controls, posture_like(chain, other.chain, other.q))
+        if q is None and follows:
+            q = chain.rest(other.controls, None)
+            follows = q is not None
         out.append(None if q is None else _Rest(chain, other.controls, q))
     return out
 
