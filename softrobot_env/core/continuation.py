@@ -192,6 +192,7 @@ def _step(loaded: Loaded, start: _Point, length: float) -> tuple[_Point | None, 
     """The next point, None if the step is too long, and the corrections it took.
 
     Newton's method runs across the path's direction, or at full loads where they would be passed.
+    A stiffness serves for further corrections as long as these shrink as fast as they have to.
     """
     final = start.share + length * start.growth >= 1
     if final:

@@ -178,7 +178,7 @@ class StaticForces:
         traced = (flat[:, 0] + flat[:, 4] + flat[:, 8])[:, None] * axes
         by_own = (axes[:, None] @ dyad)[:, 0] - traced
         by_other = (dyad @ axes[:, :, None])[:, :, 0] - traced
-        turned = _cross(axes, moment)  # where l moves a_k, which is also before k but in ball joints
+        turned = _cross(axes, moment)  # where l moves a_k
         out = np.where(self._of.before, (by_own + turned) @ axes.T, axes @ by_other.T)
         k, other = self._of.ahead
         out[k, other] += (turned[k] * axes[other]).sum(axis=1)
