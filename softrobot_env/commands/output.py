@@ -167,13 +167,28 @@ def claimed(path: Path) -> Iterator[None]:
         yield
 
 
+#: Columns that no table needs.
+_WIDE = 10_000
+
+
+def _console() -> Console:
+    """Of standard output: where that is no terminal, lines are as long as what they show.
+
+    Unless `COLUMNS` says how long.
+    """
+    console = Console()
+    if not (console.is_terminal or "COLUMNS" in os.environ):
+        console.width = _WIDE
+    return console
+
+
 #: Consoles of the bars that are shown: what is printed meanwhile goes above them.
 _BARS: list[Console] = []
 
 
 def say(*shown: Any, **how: Any) -> None:
     """Print to the terminal, as `print` of rich's `Console` does."""
-    console = _BARS[-1] if _BARS else Console()
+    console = _BARS[-1] if _BARS else _console()
     console.print(*shown, **how)
 
 
@@ -202,7 +217,7 @@ def progress_on(
         What is shown (description, done, total).
     """
     columns = (*Progress.get_default_columns(), TextColumn("after"), TimeElapsedColumn())
-    _BARS.append(console := Console())
+    _BARS.append(console := _console())
     try:
         with Progress(*columns, console=console, transient=True) as progress:
             bar = progress.add_task(name, total=total)

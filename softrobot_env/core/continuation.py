@@ -18,14 +18,16 @@ from .equilibrium import EquilibriumError
 _ITERATIONS = 40  # from a guess
 _HALVINGS = 6  # of a careful iteration
 _LARGEST_CHANGE = 0.5  # of a coordinate's scale in one iteration or step
+_GAINED = 0.5  # of a change is what the next one may be after a full iteration
+_HOPELESS = 1.5  # times what the iterations that are left can change
 _CONVERGED = 1e-10
 _STALLED = 1e-7  # where a change that no longer shrinks is rounding error
 _NEARLY = 0.2  # of a coordinate's scale: changes after which the old stiffness may serve again
 _WORTH = 0.3  # of a change is what the next one may be where the old stiffness serves
 _NEAR = 1e-7  # of the path: a slender rod resists a stretch of 1e-4 with all its strength
-_CORRECTIONS = 8
+_CORRECTIONS = 12
 _FIRST_CORRECTION, _CONTRACTION = 0.3, 0.3  # beyond which a step is too long
-_FEW, _MANY = 3, 5  # corrections after which the next step is longer, or shorter
+_FEW, _MANY = 5, 8  # corrections after which the next step is longer, or shorter
 _SHORTEST = 1e-5
 _STEPS = 2000
 
@@ -102,18 +104,22 @@ def _near(loaded: Loaded, q: ndarray, careful: bool) -> ndarray | None:
     """Equilibrium (n,) under full loads by damped iterations, None if they do not converge.
 
     Careful ones are so short that the next change, by the same stiffness, is smaller (Deuflhard,
-    Newton Methods for Nonlinear Problems, 2004): forces with kinks, of what sticks or slides, make
-    full ones go to and fro.
+    Newton Methods for Nonlinear Problems, 2004): forces with kinks, of what sticks or slides or of
+    tendons that go slack, make full ones go to and fro. So they are careful once a full one gained
+    little. They end when what is left of them would be too few for a change as large as it is.
     """
-    before, quick = np.inf, False
-    for _ in range(_ITERATIONS):
+    before, quick, full = np.inf, False, False
+    for left in range(_ITERATIONS, 0, -1):
         change = loaded.again(q, 1.0) if quick else _balance(loaded, q)
         if change is None:
             return None
         size = _size(loaded, change)
+        if size > _HOPELESS * left * _LARGEST_CHANGE:
+            return None
         if quick and not size < _WORTH * before:  # the stiffness has become another
             quick = False
             continue
+        careful = careful or (full and size > _GAINED * before)
         share = min(1.0, _LARGEST_CHANGE / size) if size > 0 else 1.0
         there = loaded.moved(q, share * change)
         for _ in range(_HALVINGS if careful else 0):
@@ -124,7 +130,7 @@ def _near(loaded: Loaded, q: ndarray, careful: bool) -> ndarray | None:
         q = there
         if _converged(size, before):
             return q
-        quick, before = size < _NEARLY and not careful, size
+        quick, before, full = size < _NEARLY and not careful, size, share == 1
     return None
 
 
@@ -186,15 +192,19 @@ def _step(loaded: Loaded, start: _Point, length: float) -> tuple[_Point | None, 
     """The next point, None if the step is too long, and the corrections it took.
 
     Newton's method runs across the path's direction, or at full loads where they would be passed.
+    A stiffness serves for further corrections as long as these shrink as fast as they have to.
     """
     final = start.share + length * start.growth >= 1
     if final:
         length = (1 - start.share) / start.growth
     q = loaded.moved(start.q, length * start.turn)
     share = 1.0 if final else start.share + length * start.growth
-    weights, before = loaded.scale**-2 * start.turn, np.inf
+    weights, before, change, quick = loaded.scale**-2 * start.turn, np.inf, None, False
     for correction in range(_CORRECTIONS):
-        change = loaded.newton(q, share)
+        if quick:
+            change = Newton(loaded.again(q, share), change.per_share)
+        else:
+            change = loaded.newton(q, share)
         if change is None:
             return None, correction
         rise = 0.0
@@ -203,6 +213,9 @@ def _step(loaded: Loaded, start: _Point, length: float) -> tuple[_Point | None, 
         moved = change.balance + rise * change.per_share
         size = max(_size(loaded, moved), abs(rise))
         contracts = size < _CONTRACTION * before or size < _STALLED
+        if quick and not contracts:  # the stiffness has become another
+            quick = False
+            continue
         if not (size < _FIRST_CORRECTION and contracts):
             return None, correction
         q, share = loaded.moved(q, moved), share + rise
@@ -210,7 +223,7 @@ def _step(loaded: Loaded, start: _Point, length: float) -> tuple[_Point | None, 
             if share > 1:  # the loads were passed by
                 return None, correction
             return _point(loaded, q, share, change.per_share, start), correction
-        before = size
+        before, quick = size, True
     return None, _CORRECTIONS
 
 

@@ -33,8 +33,9 @@ from .quadrature import HingeLayout
 from .spec import build_chain
 from .statics import equilibrium
 
-#: Most degrees of freedom of a chain whose pieces are chosen; a step takes milliseconds then.
-MOST_DOFS = 200
+#: Most degrees of freedom of a chain whose pieces are chosen, about as many as three sections with
+#: winding tendons have by themselves; a step takes milliseconds then.
+MOST_DOFS = 240
 
 #: Share of the length by which stretch and shear may move a robot before `inspect` warns.
 STRAINED = 0.005
@@ -47,6 +48,9 @@ _SHARES = (0.1, 0.3, 0.6, 1.0)
 
 #: Paths that may end early before no more are followed.
 _PATIENCE = 3
+
+#: Most degrees of freedom of a finer chain that follows paths of its own.
+_FOLLOWED = 300
 
 #: Rows of signs with which all inputs act together, and most inputs that act alone.
 _TOGETHER, _ALONE = 4, 12
@@ -64,7 +68,7 @@ class Discretization:
     """How far a chain is from the beam, by what was tried.
 
     Attributes:
-        error: [m], largest distance of a point of the backbone at rest from that of infinitely many
+        error: [m], largest distance of an end of a piece at rest from that of infinitely many
             pieces, as estimated; inf where it, or a finer chain, does not stand alike.
         left_out: [m], by how much stretch and shear would move it.
         inputs: Number of those that were tried.
@@ -272,9 +276,14 @@ def _search(config: SceneConfig, adaptive: bool = False) -> tuple[int, Discretiz
     left_out = max((chain.left_out(rest.q, rest.controls) for rest in near), default=0.0)
     error, near = _compared(config, factor, near, [*near])
     while error > config.wanted_accuracy and factor < most and near:
-        larger = sqrt(error / config.wanted_accuracy)
-        factor = min(most, 2 * factor, ceil(factor * larger) if larger < 2 else most)
-        error, near = _compared(config, factor, near, _moved(near, _chain(config, factor)))
+        larger, finer = sqrt(error / config.wanted_accuracy), 2 * factor
+        factor = min(most, finer, ceil(factor * larger) if larger < 2 else most)
+        if factor == finer:  # it is known already
+            pieces = finer * chain.layout.pieces
+            rests = [x if x.chain.layout.pieces == pieces else None for x in near]
+        else:
+            rests = _moved(near, _chain(config, factor))
+        error, near = _compared(config, factor, near, rests)
     return factor, Discretization(error, left_out, len(_controls(chain)[1]), lost)
 
 
@@ -295,10 +304,16 @@ def _compared(
 
 
 def _moved(rests: list[_Rest], chain: _Chain) -> list[_Rest | None]:
-    """Another chain at rest near the same."""
-    out = []
+    """Another chain at rest near the same, or where its own path leads; until one ends early.
+
+    The paths of chains that only tell the error of large ones would take most of the time.
+    """
+    out, follows = [], chain.model.nv <= _FOLLOWED
     for other in rests:
         q = chain.rest(other.controls, posture_like(chain, other.chain, other.q))
+        if q is None and follows:
+            q = chain.rest(other.controls, None)
+            follows = q is not None
         out.append(None if q is None else _Rest(chain, other.controls, q))
     return out
 
@@ -311,10 +326,10 @@ def _everywhere(chain: _Chain) -> tuple[list[_Rest], int]:
     none, rows = _controls(chain)
     rests, lost, ended = [], 0, 0
     for row in rows:
-        q = chain.rest(row, rests[0].q) if rests else None
-        if q is None and ended < _PATIENCE:
-            q = chain.rest(row, None)
-            ended += q is None
+        q = chain.rest(row, None) if ended < _PATIENCE else None
+        ended += q is None
+        if q is None and rests:
+            q = chain.rest(row, rests[0].q)
         if q is None or chain.folds(q):
             rest, gone = _in_steps(chain, none, row)
         else:

@@ -6,7 +6,6 @@ from math import pi
 import mujoco
 import numpy as np
 from numpy import ndarray
-from numpy.linalg import LinAlgError, solve
 
 from softrobot_env.core.continuation import Newton, find_equilibrium
 from softrobot_env.core.equilibrium import (
@@ -120,6 +119,9 @@ class _LoadedChain:
     """A chain under a share of its controls, gravity and pretension, for `continuation`."""
 
     def __init__(self, forces: StaticForces, ctrl: ndarray) -> None:
+        from scipy.linalg.lapack import dgetrf, dgetrs  # takes time to load
+
+        self._factorize, self._substitute = dgetrf, dgetrs
         self._forces, self._ctrl, self._model = forces, ctrl, forces.model
         stations = len(np.unique(self._model.dof_bodyid))
         self.scale = np.full(self._model.nv, _LARGE_TURN / stations)
@@ -128,16 +130,19 @@ class _LoadedChain:
         """Newton's changes (nv,) at q (nq,), None where the stiffness is singular or not finite."""
         force = self._forces.force(q, self._ctrl, share)
         right = np.stack([force, self._forces.applied], axis=1)
-        self._stiffness = -self._forces.tangent()
-        try:
-            found = solve(self._stiffness, right)
-        except LinAlgError:
+        *self._factors, singular = self._factorize(-self._forces.tangent())
+        if singular:
             return None
+        found = self._solved(right)
         return Newton(*found.T) if np.all(np.isfinite(found)) else None
 
     def again(self, q: ndarray, share: float) -> ndarray:
         """The change (nv,) to balance the forces at q (nq,), by the last stiffness."""
-        return solve(self._stiffness, self._forces.force(q, self._ctrl, share))
+        return self._solved(self._forces.force(q, self._ctrl, share))
+
+    def _solved(self, right: ndarray) -> ndarray:
+        """Changes (nv, ...) by the factors of the last stiffness."""
+        return self._substitute(*self._factors, right)[0]
 
     def moved(self, q: ndarray, change: ndarray) -> ndarray:
         """Posture (nq,) after small turns (nv,) [rad] of the joints."""

@@ -178,8 +178,11 @@ class StaticForces:
         traced = (flat[:, 0] + flat[:, 4] + flat[:, 8])[:, None] * axes
         by_own = (axes[:, None] @ dyad)[:, 0] - traced
         by_other = (dyad @ axes[:, :, None])[:, :, 0] - traced
-        out = np.where(self._of.before, by_own @ axes.T, axes @ by_other.T)
-        return out + self._of.moves * (_cross(axes, moment) @ axes.T)
+        turned = _cross(axes, moment)  # where l moves a_k
+        out = np.where(self._of.before, (by_own + turned) @ axes.T, axes @ by_other.T)
+        k, other = self._of.ahead
+        out[k, other] += (turned[k] * axes[other]).sum(axis=1)
+        return out
 
     def _wrenches(self) -> tuple[ndarray, ndarray, ndarray]:
         """Points, forces and moments (k, 3) on the links: weights, the pull, and loads."""
@@ -240,11 +243,11 @@ class StaticForces:
             length = norm(span, axis=1)[:, None]
             axis, arm = axes[turns], end[:, None] - anchors[turns]
             across = _cross(_cross(axis, arm), (span / length)[:, None])
-            later = axis @ across.transpose(0, 2, 1)
+            pulled = tension[spans.tendon, None, None] * across
+            later = axis @ pulled.transpose(0, 2, 1)
             block = np.where(spans.moves, later.transpose(0, 2, 1), later)
-            block += across @ across.transpose(0, 2, 1) / length[:, None]
-            block *= tension[spans.tendon, None, None]
-            np.subtract.at(out, (turns[:, :, None], turns[:, None, :]), block)
+            block += pulled / length[:, None] @ across.transpose(0, 2, 1)
+            np.subtract.at(out.ravel(), spans.places, block.ravel())
 
     def _add_rates(self, rate: ndarray, out: ndarray) -> None:
         """Tension that follows from length, by its derivative (ntendon,) [N/m]."""
@@ -368,8 +371,8 @@ class _Structure:
 
     Attributes:
         moving: (nbody,) how many turns move each body.
-        moves: (nv, nv) whether turn l, the column, moves the axis of turn k.
-        before: (nv, nv) whether turn k lies beyond turn l.
+        before: (nv, nv) whether turn k lies beyond turn l, the column, or is the same.
+        ahead: Turns k, and turns beyond them that move their axes all the same.
         hinges, balls: Joints.
         on_sites, on_tendons: Actuators.
         frames: (loads,) sites in whose axes the loads are given.
@@ -381,8 +384,8 @@ class _Structure:
     """
 
     moving: ndarray
-    moves: ndarray
     before: ndarray
+    ahead: tuple[ndarray, ndarray]
     hinges: ndarray
     balls: ndarray
     on_sites: ndarray
@@ -409,13 +412,14 @@ def _structure(model: MjModel) -> _Structure:
     ends = np.maximum(index, model.jnt_dofadr[joint] + 3 * balls[joint])
     kind, (site, reference) = model.actuator_trntype, model.actuator_trnid.T
     on_sites = np.flatnonzero(kind == mjtTrn.mjTRN_SITE)
-    moves, sites = index[None, :] < ends[:, None], site[on_sites]
+    moves, before = index[None, :] < ends[:, None], index[None, :] <= index[:, None]
+    sites = site[on_sites]
     points = model.site_bodyid[[model.site(TIP_SITE).id, *sites]]
     count = moving[np.concatenate([np.arange(model.nbody), points])]
     return _Structure(
         moving=moving,
-        moves=moves,
-        before=index[None, :] <= index[:, None],
+        before=before,
+        ahead=np.nonzero(moves & ~before),
         hinges=np.flatnonzero(~balls),
         balls=np.flatnonzero(balls),
         on_sites=on_sites,
@@ -438,6 +442,8 @@ class _Spans:
         start, end: (k,) sites, from base to tip.
         turns: (k, n) those between them.
         moves: (k, n, n) whether turn l, the column, moves the axis of turn k.
+        places: (k n n,) of pairs of them in a matrix (nv, nv) without its shape: NumPy adds up at
+            these twenty times as fast as at pairs of indices.
     """
 
     tendon: ndarray
@@ -445,6 +451,7 @@ class _Spans:
     end: ndarray
     turns: ndarray
     moves: ndarray
+    places: ndarray
 
 
 def _spans(model: MjModel, moving: ndarray, moves: ndarray) -> tuple[_Spans, ...]:
@@ -459,8 +466,10 @@ def _spans(model: MjModel, moving: ndarray, moves: ndarray) -> tuple[_Spans, ...
     for n in np.unique(size[size > 0]):
         chosen = size == n
         turns = low[chosen, None] + np.arange(n)
-        between = moves[turns[:, :, None], turns[:, None, :]]
-        groups.append(_Spans(tendon[first[chosen]], start[chosen], end[chosen], turns, between))
+        places = (turns[:, :, None] * model.nv + turns[:, None, :]).ravel()
+        between = moves.ravel()[places].reshape(-1, n, n)
+        ends = start[chosen], end[chosen]
+        groups.append(_Spans(tendon[first[chosen]], *ends, turns, between, places))
     return tuple(groups)
 
 

@@ -11,6 +11,7 @@ from support.processes import python
 from softrobot_env.cli import main
 from softrobot_env.commands.output import claimed, new_results, progress_on, say
 from softrobot_env.core.files import models_dir
+from softrobot_env.rendering.tables import Column, make_table
 from softrobot_env.robots import ARM, read_robot
 from softrobot_env.robots.artifacts import find_artifact, training_folder
 
@@ -152,3 +153,17 @@ def test_what_is_said_meanwhile_goes_above_the_bar(capsys, monkeypatch):
         show("half", 1, 2)
         say("reported")
     assert re.search("\x1b\\[2K\n?(\x1b\\[0m)?reported", capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("columns", [None, "40"])
+def test_lines_are_as_long_as_a_table_where_there_is_no_terminal(columns, capsys, monkeypatch):
+    if columns is None:
+        monkeypatch.delenv("COLUMNS", raising=False)
+    else:
+        monkeypatch.setenv("COLUMNS", columns)
+    names = [f"quantity{k}" for k in range(12)]
+    say(make_table("Wide", [Column(name, lambda row: row) for name in names], ["a value"]))
+    lines = capsys.readouterr().out.splitlines()
+    whole = " ".join(names)
+    assert any(" ".join(line.split()) == whole for line in lines) == (columns is None)
+    assert max(map(len, lines)) <= (200 if columns is None else int(columns))

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 
 from softrobot_env.evaluation.models.runs import beam_of
-from softrobot_env.robots import RobotParams, Section, Tendon
+from softrobot_env.robots import RobotParams, Section, Tendon, find_robot
 from softrobot_env.robots.file import read_robot, write_robot
 from softrobot_env.robots.loads import Load
 from softrobot_env.robots.parameters import Drive
@@ -153,6 +153,21 @@ def test_the_estimate_is_the_error_against_far_more_pieces(tmp_path):
         few, many = (build_scene(replace(scene_of(robot), pieces=n)) for n in (pieces, 120))
         tips = [x.tip(x.equilibrium(np.array([8.0]))) for x in (few, many)]
         assert 1 < few.discretization.error / np.linalg.norm(tips[0] - tips[1]) < 3
+
+
+def test_a_silicone_rod_needs_its_pieces_and_no_more():
+    """At full scale its tensions are at their limits, whatever its shape."""
+    robot = find_robot("silicone_rod")
+    scene = build_scene(scene_of(robot))
+    low, high = scene.model.actuator_ctrlrange.T
+    ends = robot.length * np.linspace(0, 1, robot.pieces + 1)[1:]
+    truth = hanging_rod(robot, np.array([30.0, 0.0, 30.0]), ends).position
+    errors = []
+    for chain in (build_scene(replace(scene.config, pieces=robot.pieces)), scene):
+        q = chain.equilibrium(np.where([True, False, True], high, low))
+        errors.append(float(np.linalg.norm(chain.positions(q, ends) - truth, axis=1).max()))
+        assert errors[-1] < chain.discretization.error < 2 * errors[-1]
+    assert errors[1] < scene.config.wanted_accuracy < errors[0]
 
 
 def test_a_file_says_pieces_only_where_its_robot_does(tmp_path):
