@@ -76,8 +76,8 @@ class EnvConfig:
             rig "tendon_tension" needs a board that measures forces. Of grippers names out of
             `simulation.grippers.KNOWN`.
         preview: Times [s] ahead of now of `reference_preview`.
-        lead: Time [s] ahead of now of `reference_velocity` and `reference_acceleration`, for policies
-            that make up for a delay; not with vectors, whose readers are not told of it.
+        lead: Time [s] ahead of now of `reference_velocity` and `reference_acceleration`, for
+            policies that make up for a delay; not with vectors, whose readers are not told of it.
         observe_as: "dict", or "vector": one float32 vector of order 1.
         act_as: What actions stand for: "input", or "change" of the inputs in force. Unless given,
             inputs, and with vectors changes.

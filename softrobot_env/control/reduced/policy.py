@@ -106,8 +106,8 @@ class ReducedPlanner(base.Controller):
                 inputs that the model was learned from; else the first action is cut off there.
             weights: File; found unless given, see `artifacts.find_artifact`.
             tip_delay: [s], how late the tip is seen, in training as here.
-            action_delay: [s], how late actions are applied, not in training: a multiple of the model's
-                period. The reference is shown as it is when they are.
+            action_delay: [s], how late actions are applied, not in training: a multiple of the
+                model's period. The reference is shown as it is when they are.
 
         Raises:
             ValueError: Nothing was learned of this robot, or another control period, or delay.
