@@ -609,7 +609,7 @@ def _circle_errors(title: str, name: str, **where: Any) -> lab.TableMaker:
 
     return lab.pivot(
         f"Circle of 120 mm, {title}, tip by the {{seen_by}}: RMS error in mm of twin 0 / median "
-        "of the others (thesis, of a weight that it does not tell)",
+        "of the others (thesis)",
         ("policy",),
         "disturbance",
         cell,
@@ -621,7 +621,9 @@ def _circle_errors(title: str, name: str, **where: Any) -> lab.TableMaker:
 
 
 def _disturbance(name: str) -> str:
-    return name or "undisturbed"
+    """The thesis' figures beside a weight are of one that it does not tell."""
+    of_unknown = name in _WEIGHTS and any(what == name for _, what in PRINTED)
+    return f"{name} (thesis: not told)" if of_unknown else name or "undisturbed"
 
 
 def _shares(rows: list[Any]) -> Table:
@@ -660,7 +662,7 @@ def _circle_picture(rows: list[Any]) -> Figure:
         drawn = _circle_curves(mine)
         curves.draw_path(above, drawn, drawn[0].rollout.reference, "xy")
         curves.draw(below, drawn, lambda rollout: 1e3 * rollout.error)
-        above.set(title=_disturbance(name), ylabel="")
+        above.set(title=name or "undisturbed", ylabel="")
         below.set(xlabel="time [s]", yscale="log")
     axes[1][0].set_ylim(bottom=_LEAST_ERROR)
     axes[0][0].set_ylabel("y [mm]")

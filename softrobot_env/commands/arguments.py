@@ -137,8 +137,8 @@ _SHARED = {
         `softrobot train sensors`; out of %(choices)s
         --sensors FILE  calibration for --feedback sensors; default: beside the robot's file, or
         where policies look, that of the rig's twin 0
-        --predict S  known delay of actions, as by --vary delay=S, over which policies predict
-        the robot; default: none
+        --predict T1,T2  known delays of actions [s], as by --vary delay=T1,T2, for which policies
+        make up; 0 is none, as is the default; one for a picture
     """,
     "identified": """
         --identified FILE  identified parameters that policies of the rig act on, a file of
@@ -234,13 +234,14 @@ def scene_options(args: Namespace) -> dict[str, object]:
     return {name: getattr(args, name) for name in SCENE if getattr(args, name) is not None}
 
 
-def plant_options(args: Namespace, policy: str, robot: RobotParams) -> dict[str, object]:
+def plant_options(
+    args: Namespace, policy: str, robot: RobotParams, delay: float
+) -> dict[str, object]:
     """Keyword arguments of an environment for a policy of a robot, from those of scene and plant.
 
     Raises:
         ValueError: An option of the MuJoCo chain together with a beam model.
     """
-    delay = vars(args).get("predict") or 0.0
     own, given = policy_environment(policy, robot, delay), scene_options(args)
     if args.plant == MUJOCO:
         return own | given
@@ -405,6 +406,7 @@ _KINDS = {
     "SEED|none": lambda text: [twin(text)],
     "TASK": task_name,
     "TWIN": twin,
+    "T1,T2": lambda text: [not_negative(part) for part in text.split(",")],
     "V1,V2": lambda text: [positive(part) for part in text.split(",")],
     "W": size,
     "X": float,

@@ -94,6 +94,7 @@ class Setup:
 
     Attributes:
         robot: That of --robot, for which all tasks are; None where each task has its own.
+        delays: [s], for which policies make up, 0 for none.
     """
 
     def __init__(self, args: Namespace) -> None:
@@ -104,6 +105,7 @@ class Setup:
         """
         self._args = args = Namespace(**_UNLESS_GIVEN | vars(args))
         self.robot = None if args.robot is None else find_robot(args.robot)
+        self.delays = list(dict.fromkeys(args.predict or [0.0]))
         self._read: dict[RobotParams, Any] = {}
 
     def default_policy(self, task: Task) -> str:
@@ -129,7 +131,7 @@ class Setup:
         for owner, family in made_for.items():
             if policy in family and robot in made_for:
                 return None if owner == robot else f"policy {policy!r} is for robot {owner.name!r}"
-        return incompatibility(policy, robot)
+        return incompatibility(policy, robot, delay=max(self.delays))
 
     def twins(self, robot: RobotParams) -> list[int | None]:
         """Twins of a robot to run every case on, None for the robot as it should be."""
@@ -156,9 +158,8 @@ class Setup:
             plant=args.plant,
             feedback=args.feedback if measured else None,
             sensors=args.sensors,
-            delay=args.predict or 0.0,
             duration=args.duration or step,
-            scene=plant_options(args, case.policy, robot),
+            scene=plant_options(args, case.policy, robot, case.delay),
             identified=self._identified(robot) if identified else None,
         )
 
@@ -174,7 +175,8 @@ class Setup:
             if case.plant != MUJOCO and "tendon_friction" in case.variation:
                 raise ValueError(f"tendon_friction: only with --plant {MUJOCO}")
             with placed(case.policy):
-                periods(case.variation.get("delay", 0.0), period_of(case))
+                for delay in (case.variation.get("delay", 0.0), case.delay):
+                    periods(delay, period_of(case))
         self._try_out(cases)
 
     def _check_feedback(self, cases: list[Case]) -> None:
@@ -303,8 +305,8 @@ def one_task(args: Namespace, robot: RobotParams | None) -> Task:
 
 
 #: Arguments of simulated robots alone -> their value unless given.
-_SIMULATED = {"vary": [], "randomize": [], "feedback": FEEDBACKS[0], "predict": None}
-_SIMULATED |= {"plant": MUJOCO}
+_SIMULATED = {"vary": [], "randomize": [], "feedback": FEEDBACKS[0], "plant": MUJOCO}
+_SIMULATED |= {name: None for name in SCENE if name != "control_period"}
 
 
 class RealSetup(Setup):
@@ -335,7 +337,7 @@ class RealSetup(Setup):
             raise ValueError("--robot-file, --port: only with --env real")
         if self.plant == VIRTUAL and None in self.twins(self._own):
             raise ValueError("--twin none: only with simulated robots")
-        foreign = [f"--{name}" for name, value in _SIMULATED.items() if vars(args)[name] != value]
+        foreign = [f"--{name}" for name, usual in _SIMULATED.items() if vars(args)[name] != usual]
         if foreign:
             raise ValueError(f"{', '.join(foreign)}: only with simulated robots")
         super().check(cases)
@@ -348,10 +350,11 @@ class RealSetup(Setup):
 
         from .robot.virtual import VirtualRigEnv
 
+        options = {"observe": "all", **case.scene}
         if self.plant == VIRTUAL:
-            return VirtualRigEnv(case.task, case.twin, partial(self._line, case), observe="all")
+            return VirtualRigEnv(case.task, case.twin, partial(self._line, case), **options)
         file = robot_of(self._args)
-        return RealRigEnv(case.task, robot_file=file, observe="all", line=self._line(case, file))
+        return RealRigEnv(case.task, robot_file=file, line=self._line(case, file), **options)
 
     def _line(self, case: Case, file: RobotFile) -> Callable[[], Transport]:
         """Opens the way to a robot, recorded where that is wanted."""
@@ -419,11 +422,12 @@ def _of_task(
     tasks: list[Task], policies: list[str], setup: Setup, args: Namespace
 ) -> Iterator[Case]:
     given, sampled = _variations(args.vary), _draws(args)
-    conditions = list(itertools.product(setup.twins(tasks[0].robot), [*given, *sampled]))
+    varied = itertools.product(setup.twins(tasks[0].robot), [*given, *sampled], setup.delays)
+    conditions = list(varied)
     for task in tasks:
         for policy in policies:
-            for twin, variation in conditions:
-                case = setup.complete(Case(task, policy, variation, twin))
+            for twin, variation, delay in conditions:
+                case = setup.complete(Case(task, policy, variation, twin, delay=delay))
                 if variation in sampled:
                     case = replace(case, variation=rounded(variation, period_of(case)))
                 yield case
@@ -448,7 +452,10 @@ def one_case(args: Namespace, setup: Setup, twin: bool) -> Case:
             f"policy {name!r} is not for the task {task.name}: {reason}; choose from "
             f"{', '.join(fitting(task, setup))}"
         )
-    case = Case(task, name, twin=setup.twins(task.robot)[0] if twin else None)
+    if len(setup.delays) > 1:
+        raise ValueError("--predict: only one delay for one episode")
+    built = setup.twins(task.robot)[0] if twin else None
+    case = Case(task, name, twin=built, delay=setup.delays[0])
     return replace(setup.complete(case), duration=getattr(args, "duration", None))
 
 

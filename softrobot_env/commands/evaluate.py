@@ -114,6 +114,7 @@ def _result(outcome: runner.Outcome) -> Result:
         twin=case.twin,
         feedback=case.feedback,
         identified=None if known is None else identified_label(known.twin),
+        known_delay=case.delay,
         **asdict(approached_metrics(outcome.rollout, case.task.trajectory)),
     )
     return Result(outcome, row)
@@ -271,6 +272,7 @@ def _comparisons(
 def _file_stem(result: Result) -> str:
     parts = [result.group, result.row.policy]
     parts += [f"{name}_{scale:g}" for name, scale in result.row.variation.items()]
+    parts += [f"known_{result.row.known_delay:g}"] if result.row.known_delay else []
     return _in_file_name("_".join(parts))
 
 

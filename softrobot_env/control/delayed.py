@@ -5,17 +5,34 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core.interfaces import Observation
+from softrobot_env.core.interfaces import Observation, Policy
 from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams
+from softrobot_env.robots.actuation import robot_inputs
 
 from .base import Controller, Held, usable
-from .observers import rate_observer
+from .observers import RateObserver, rate_observer
 
 _REFERENCE = frozenset({"reference", "reference_preview"})
 
-#: What is predicted, or known.
-_PREDICTED = frozenset({"curvature", "curvature_rate", "tip_position", "previous_action"})
+#: What the environment shows of the time when the action arrives.
+_LED = frozenset({"reference_velocity", "reference_acceleration"})
+
+#: What an observer predicts.
+_ROBOT = frozenset({"curvature", "curvature_rate", "tip_position"})
+
+_KNOWN = _REFERENCE | _LED | _ROBOT | {"previous_action"}
+
+
+def unpredicted(policy: Policy, robot: RobotParams) -> str | None:
+    """Why a policy of a robot cannot make up for a delay, None where it can."""
+    name = type(policy).__name__
+    if not isinstance(policy, Controller):
+        return f"delay: {name} is no `control.base.Controller`"
+    pulled = {"tendon_length"} if robot.drive.kind == "length" else set()
+    if others := sorted(set(policy.requires) - _KNOWN - pulled):
+        return f"delay: {name} reads {', '.join(others)}, which are not predicted"
+    return None if _REFERENCE & set(policy.requires) else f"delay: {name} follows no reference"
 
 
 class PredictedState(NamedTuple):
@@ -23,7 +40,7 @@ class PredictedState(NamedTuple):
 
     Attributes:
         inner: State of the policy.
-        estimate: (4, n), see `RateObserver`; None before the first call.
+        estimate: (4, n), see `RateObserver`; None before the first call, and without an observer.
         applied: (m,) [1], action in force since the last call.
         sent: (k, m) [1], actions that are yet to arrive, the oldest first.
     """
@@ -42,46 +59,59 @@ class DelayCompensation(Controller):
 
     The model of an observer predicts curvatures and rates over the delay, under the actions that
     are on their way, and with the unexplained forces that the observer found; the tip moves with
-    them. The environment shows the reference from then on.
+    them. Servos wind up tendons towards their commands at their speed. The environment shows the
+    reference from then on.
     """
 
     def __init__(
-        self, policy: Controller, robot: RobotParams, control_period: float, delay: float
+        self,
+        policy: Controller,
+        robot: RobotParams,
+        control_period: float,
+        delay: float,
+        late_tip: bool = False,
     ) -> None:
         """Let a policy act ahead.
 
         Args:
-            policy: Any controller of a robot driven by tension that reads nothing but curvatures,
-                their rates, the tip's position, the reference, its preview and the action in force.
+            policy: Any controller that follows a reference and reads nothing else but its
+                derivatives, curvatures, their rates, the tip's position, lengths of tendons and the
+                action in force.
             robot: Nominal robot.
             control_period: [s] between calls.
             delay: [s] between a call and the time when its action is applied.
+            late_tip: Whether the policy knows that it sees the tip late, by the delay and perhaps a
+                camera's: the tip is then shown as it is seen.
 
         Raises:
-            ValueError: Another policy or robot, or a delay that is no multiple of the control
-                period.
+            ValueError: Another policy, or a delay that is no multiple of the control period.
         """
         check_argument("control_period", control_period, Positive)
         check_argument("delay", delay, Positive)
-        name, steps = type(policy).__name__, round(delay / control_period)
-        if not isinstance(policy, Controller):
-            raise ValueError(f"delay: {name} is no `control.base.Controller`")
-        if robot.drive.kind != "tension":
-            raise ValueError(f"delay: robot {robot.name!r} must be driven by tension")
+        steps = round(delay / control_period)
         if steps < 1 or abs(steps * control_period - delay) > 1e-9:
             raise ValueError(f"delay: must be a multiple of {control_period:g} s, got {delay!r}")
-        others = sorted(set(policy.requires) - _PREDICTED - _REFERENCE)
-        if others:
-            raise ValueError(f"delay: {name} reads {', '.join(others)}, which are not predicted")
-        if not _REFERENCE & set(policy.requires):
-            raise ValueError(f"delay: {name} follows no reference")
+        if reason := unpredicted(policy, robot):
+            raise ValueError(reason)
+        read = set(policy.requires)
         self._policy, self._steps = policy, steps
-        self._observer = rate_observer(robot, control_period)
+        self._predicted = read & (_ROBOT | {"tendon_length"})
+        if late_tip:
+            self._predicted -= {"tip_position"}
+        self._observer: RateObserver | None = None
+        if self._predicted:
+            self._observer = rate_observer(robot, control_period)
+            read |= {"curvature", "curvature_rate", "tip_position", self._observer.in_force}
+        self._scale = robot_inputs(robot).input_scale
+        self._most = robot.drive.speed * control_period
         self._plane = [0, 2] if robot.moves_in_xz else [0, 1]
-        self.requires = (*sorted(_PREDICTED), "reference_preview")
-        self.hold = policy.hold
-        self.preview = (delay, *(delay + time for time in policy.preview or ()))
-        self.sizes = {k: v for k, v in policy.sizes.items() if k in _PREDICTED}
+        read |= {"previous_action", *_REFERENCE}
+        self.requires = tuple(sorted(read))
+        self.hold, times = policy.hold, policy.preview or ()
+        self.preview = (delay, *(delay + time for time in times))
+        self.sizes = {k: n for k, n in policy.sizes.items() if k != "reference_preview"}
+        if "reference" in self.sizes:
+            self.sizes["reference_preview"] = self.sizes["reference"] * len(self.preview)
 
     def start(self, observation: Observation) -> PredictedState:
         """Begin at rest, with the action in force; the policy is yet to start."""
@@ -92,32 +122,42 @@ class DelayCompensation(Controller):
         self, observation: Observation, state: PredictedState
     ) -> tuple[ndarray, PredictedState]:
         """The policy's action for the time when it arrives."""
-        curvature = observation["curvature"]
-        if state.estimate is None:
-            estimate = self._observer.start(curvature)
-        else:
-            estimate = self._observer.update(state.estimate, state.applied, curvature)
-        now = np.vstack([curvature, observation["curvature_rate"], estimate[2:]])
-        then = now
-        for action in state.sent:
-            then = self._observer.predicted(then, action)
-        action, inner = self._policy.predict(self._shown(observation, now, then), state.inner)
+        preview, size = observation["reference_preview"], len(observation["reference"])
+        shown = {"reference": preview[:size], "reference_preview": preview[size:]}
+        estimate = state.estimate
+        if self._observer is not None:
+            estimate = self._estimated(observation, state)
+            shown |= self._then(observation, estimate, state.sent)
+        action, inner = self._policy.predict({**observation, **shown}, state.inner)
         sent = np.vstack([state.sent[1:], action])
         return action, PredictedState(inner, estimate, state.sent[0], sent)
 
-    def _shown(self, observation: Observation, now: ndarray, then: ndarray) -> Observation:
-        """What the policy sees, of the robot predicted from `now` (4, n) to be as `then`."""
-        tip, preview = observation["tip_position"], observation["reference_preview"]
-        way = self._observer.tip(then[0]) - self._observer.tip(now[0])
-        size = len(tip)
-        return {
-            **observation,
-            "curvature": then[0],
-            "curvature_rate": then[1],
-            "tip_position": tip + (way if size == 3 else way[self._plane]),
-            "reference": preview[:size],
-            "reference_preview": preview[size:],
-        }
+    def _estimated(self, observation: Observation, state: PredictedState) -> ndarray:
+        """Estimate (4, n) of the robot now."""
+        curvature, applied = observation["curvature"], state.applied
+        if state.estimate is None:
+            return self._observer.start(curvature)
+        if self._observer.in_force == "tendon_length":
+            applied = observation["tendon_length"]
+        return self._observer.update(state.estimate, applied, curvature)
+
+    def _then(self, observation: Observation, estimate: ndarray, sent: ndarray) -> Observation:
+        """What the policy sees of the robot when the actions (k, m) that were sent are through."""
+        now = np.vstack([observation["curvature"], observation["curvature_rate"], estimate[2:]])
+        then, length = now, observation.get("tendon_length")
+        for action in sent:
+            applied = action
+            if self._observer.in_force == "tendon_length":
+                way = np.clip(action * self._scale - length, -self._most, self._most)
+                applied = length = length + way
+            then = self._observer.predicted(then, applied)
+        tip = observation["tip_position"]
+        if "tip_position" in self._predicted:
+            way = self._observer.tip(then[0]) - self._observer.tip(now[0])
+            tip = tip + (way if len(tip) == 3 else way[self._plane])
+        seen = {"curvature": then[0], "curvature_rate": then[1], "tip_position": tip}
+        seen["tendon_length"] = length
+        return {name: seen[name] for name in self._predicted}
 
     # The policy itself holds its actions.
     _go_on = _decide = act

@@ -146,10 +146,27 @@ class PolicySpec:
         made = self.loaded()
         return callable(made) and option in signature(made).parameters
 
-    def delay_options(self, camera_delay: float | None) -> dict[str, Any]:
-        """How late [s] a camera sees, as `tip_delay`, if there is one and the factory asks."""
-        asked = camera_delay is not None and self.takes("tip_delay")
-        return {"tip_delay": camera_delay} if asked else {}
+    def delay_options(self, camera_delay: float | None, delay: float = 0.0) -> dict[str, Any]:
+        """What the factory asks for of what is late.
+
+        Args:
+            camera_delay: [s], how late a camera sees, None where there is none. As `tip_delay`, and
+                with it the delay of the actions, after which the tip is seen too, unless the
+                factory asks for that delay itself.
+            delay: [s] of actions, as `action_delay`.
+        """
+        asked = {"action_delay": delay} if delay and self.takes("action_delay") else {}
+        if not self.takes("tip_delay"):
+            return asked
+        late = camera_delay
+        if late is None:
+            late = signature(self.loaded()).parameters["tip_delay"].default
+        return asked | {"tip_delay": late if asked else late + delay}
+
+    @property
+    def sees_late(self) -> bool:
+        """Whether the policy knows how late it sees the tip."""
+        return self.takes("tip_delay") or self.takes("action_delay")
 
 
 _FEEDFORWARD = "softrobot_env.control.feedforward"
@@ -314,8 +331,10 @@ def fitting_policies(robot: RobotParams, control_period: float = 0.01) -> dict[s
     return {name: incompatibility(name, robot, control_period) for name in ready}
 
 
-def incompatibility(which: str, robot: RobotParams, control_period: float = 0.01) -> str | None:
-    """What a robot lacks that a policy cannot drive; None where it can.
+def incompatibility(
+    which: str, robot: RobotParams, control_period: float = 0.01, delay: float = 0.0
+) -> str | None:
+    """What a robot lacks that a policy cannot drive, or make up for a delay [s]; None where it can.
 
     Raises:
         ValueError: As `find_policy`.
@@ -323,12 +342,16 @@ def incompatibility(which: str, robot: RobotParams, control_period: float = 0.01
     """
     period = policy_environment(which, robot).get("control_period", control_period)
     try:
-        _made(which, find_policy(which, robot), robot, period, {})
+        policy = _made(which, find_policy(which, robot), robot, period, {})
     except ValueError as error:
         if is_path(which) and isinstance(error, OutsideError):
             raise
         return str(error)
-    return None
+    if not delay:
+        return None
+    from .delayed import unpredicted
+
+    return unpredicted(policy, robot)
 
 
 def misfit(which: str, robot: RobotParams, control_period: float = 0.01) -> str | None:
@@ -364,7 +387,9 @@ def make_policy(
             unless given.
         delay: [s], known time by which actions are applied late. The policy is shown the robot and
             the reference as they then will be (`control.delayed`): the environment needs
-            `policy_environment(name, robot, delay)`, and feedback is the state.
+            `policy_environment(name, robot, delay)`, and feedback is the state. A factory that
+            takes `tip_delay` gets that of the tip and this one together, or this one as
+            `action_delay` if it takes that too; its policy sees the tip as late as that.
         **options: Of the policy's factory, besides those of its name.
 
     Raises:
@@ -389,14 +414,15 @@ def make_policy(
         late = sensors_delay(robot) if feedback == SENSORS else late
     check_argument("control_period", control_period, Positive)
     spec = find_policy(name, robot)
-    options = spec.delay_options(late) | options
+    options = spec.delay_options(late, delay) | options
     policy = _warm(_made(name, spec, robot, control_period, options), robot)
     if delay:
         from .delayed import DelayCompensation
 
         if feedback != FEEDBACKS[0]:
             raise ValueError(f"delay: only with feedback {FEEDBACKS[0]!r}, not {feedback!r}")
-        policy = _warm(DelayCompensation(policy, robot, control_period, delay), robot)
+        ahead = DelayCompensation(policy, robot, control_period, delay, spec.sees_late)
+        policy = _warm(ahead, robot)
     if feedback != FEEDBACKS[0] and "curvature_rate" in getattr(policy, "requires", ()):
         from .observers import OutputFeedback
 
@@ -483,4 +509,5 @@ def policy_environment(
         needed = dict(needed(robot) if callable(needed) else needed)
     if delay:
         needed["preview"] = (delay, *(delay + time for time in needed.get("preview", ())))
+        needed["lead"] = delay
     return needed

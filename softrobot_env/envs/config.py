@@ -42,7 +42,8 @@ AUTORESET_MODES = tuple(mode.value for mode in AutoresetMode)
 
 #: What environments take: all but the gripper's, simulated ones, those with pictures, many at once,
 #: many robots, the real rig, and grippers.
-TRACKING = ("task", "control_period", "observe", "preview", "observe_as", "act_as", "reward")
+TRACKING = ("task", "control_period", "observe", "preview", "lead", "observe_as", "act_as")
+TRACKING += ("reward",)
 CHAIN = ("pieces", "rule", "timestep", "integrator", "accuracy")
 SIMULATED = (*TRACKING, "robot", "twin", "randomization", *CHAIN)
 PICTURES = ("render_mode", "width", "height")
@@ -75,6 +76,8 @@ class EnvConfig:
             rig "tendon_tension" needs a board that measures forces. Of grippers names out of
             `simulation.grippers.KNOWN`.
         preview: Times [s] ahead of now of `reference_preview`.
+        lead: Time [s] ahead of now of `reference_velocity` and `reference_acceleration`, for
+            policies that make up for a delay; not with vectors, whose readers are not told of it.
         observe_as: "dict", or "vector": one float32 vector of order 1.
         act_as: What actions stand for: "input", or "change" of the inputs in force. Unless given,
             inputs, and with vectors changes.
@@ -115,6 +118,7 @@ class EnvConfig:
     control_period: ControlPeriod | None = DEFAULT_PERIOD
     observe: object = None  # names, looked up where it is known what there is
     preview: tuple[NotNegative, ...] = (0.05, 0.1, 0.2, 0.4)
+    lead: NotNegative = 0.0
     observe_as: Literal["dict", "vector"] = "dict"
     act_as: Literal["input", "change"] | None = None
     reward: TrackingReward | GripReward | str | None = None
@@ -148,6 +152,8 @@ class EnvConfig:
         check_fields(self, "environment")
         if not self.preview:
             raise ValueError("environment: preview needs one or more times, got none")
+        if self.lead and self.is_for_learning:
+            raise ValueError(f"environment: lead must be 0 with vectors, got {self.lead!r}")
 
     @classmethod
     def of(cls, kind: type, options: dict[str, Any]) -> "EnvConfig":

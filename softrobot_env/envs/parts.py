@@ -138,7 +138,7 @@ class EnvParts:
         if self.act_as == "change":
             self.change = min(1.0, CHANGE * sizes.frequency * self.control_period)
         self.action_space = spaces.Box(-1.0, 1.0, (sizes.n_inputs,), dtype=np.float32)
-        self.reference = sample_reference(self.task, self.control_period, self._preview)
+        self.reference = self._sampled(self.task)
 
     def reference_of(self, task: Task) -> ReferenceTable:
         """The sampled reference of a task.
@@ -148,7 +148,10 @@ class EnvParts:
         """
         if task == self.task:
             return self.reference
-        return sample_reference(task, self.control_period, self._preview)
+        return self._sampled(task)
+
+    def _sampled(self, task: Task) -> ReferenceTable:
+        return sample_reference(task, self.control_period, self._preview, self.config.lead)
 
     @property
     def vector_layout(self) -> dict[str, slice] | None:

@@ -35,7 +35,7 @@ class ReferenceTable:
         points: The d coordinates [m] that the task names, at the n + 1 control instants, as plain
             numbers.
         position: (n + 1, d) [m], the same.
-        velocity, acceleration: (n + 1, d) [m/s, m/s2].
+        velocity, acceleration: (n + 1, d) [m/s, m/s2], a lead later.
         preview: (n + 1, d k) [m], positions after each of the k preview times.
     """
 
@@ -61,8 +61,12 @@ def instants(duration: float, control_period: float) -> int:
     return max(1, ceil(duration / control_period - 1e-9))
 
 
-def sample_reference(task: Task, control_period: float, preview: ndarray) -> ReferenceTable:
+def sample_reference(
+    task: Task, control_period: float, preview: ndarray, lead: float = 0.0
+) -> ReferenceTable:
     """Sample a task's reference at its control instants, and `preview` (k,) [s] after them.
+
+    Its velocity and acceleration are those a time `lead` [s] after them.
 
     Raises:
         ValueError: The reference is not finite, leaves the robot's reach, or is faster than
@@ -77,8 +81,9 @@ def sample_reference(task: Task, control_period: float, preview: ndarray) -> Ref
     points = task.trajectory.position(unique)[:, axes]
     position = points[where].reshape(steps + 1, -1)
     base = np.zeros(3) if task.robot.base is None else np.array(task.robot.base.position)
-    velocity = task.trajectory.velocity(times[:, 0])[:, axes]
-    acceleration = task.trajectory.acceleration(times[:, 0])[:, axes]
+    then = np.round(now + lead, 9)
+    velocity = task.trajectory.velocity(then)[:, axes]
+    acceleration = task.trajectory.acceleration(then)[:, axes]
     fastest = REFERENCE_SPEED * length
     away = np.abs(points - base[axes]).max()
     if not (away <= length * (1 + _ROUNDING) and np.abs(velocity).max() <= fastest):

@@ -65,7 +65,8 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
     | sensors | readings | curvature sensors, light over that when straight; tags | 1, rad |
     | tendon_tension | tendons | applied tension | N |
     | tendon_length | tendons | inside the robot, or pulled in as the servos read | m |
-    | reference, reference_velocity, reference_acceleration | d | reference now | m, m/s, m/s2 |
+    | reference | d | reference now | m |
+    | reference_velocity, reference_acceleration | d | now, or `lead` later | m/s, m/s2 |
     | reference_preview | d x preview | reference after each of the `preview` times | m |
     | previous_action | inputs | inputs in force, over full scale | 1 |
 

@@ -54,8 +54,11 @@ def _has_twins(row: Mapping[str, Any]) -> bool:
 
 
 def variation_label(row: Mapping[str, Any]) -> str:
-    """Varied parameters for people, empty when nominal."""
-    return ", ".join(VARIATIONS[name].shown(value) for name, value in row["variation"].items())
+    """Varied parameters and the delay that the policy knows for people, empty when nominal."""
+    varied = [VARIATIONS[name].shown(value) for name, value in row["variation"].items()]
+    if row.get("known_delay"):
+        varied.append(f"known {VARIATIONS['delay'].shown(row['known_delay'])}")
+    return ", ".join(varied)
 
 
 def rig_label(row: Mapping[str, Any]) -> str:

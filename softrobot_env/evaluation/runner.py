@@ -80,6 +80,7 @@ class EvaluatedRow(EpisodeRow):
         e_mean_tracking, e_max_tracking: [m], see `ApproachedMetrics`.
         feedback: What the policy measured; None where it measures nothing.
         identified: The rig of which the policy's identified parameters are, for people, or None.
+        known_delay: [s] of actions, for which the policy makes up.
     """
 
     options: dict[str, float | None]
@@ -88,6 +89,7 @@ class EvaluatedRow(EpisodeRow):
     e_max_tracking: float | None
     feedback: str | None
     identified: str | None
+    known_delay: float
 
     def columns(self) -> dict[str, Any]:
         """What report.json has: a column for each option as well."""
@@ -140,7 +142,7 @@ class Case:
     @property
     def label(self) -> str:
         """Task, robot or rig, policy and variation for people."""
-        varied = variation_label({"variation": self.variation})
+        varied = variation_label({"variation": self.variation, "known_delay": self.delay})
         return ", ".join(filter(None, (self.robot_label, policy_name(self.policy), varied)))
 
     @property
@@ -177,7 +179,8 @@ class Case:
         delay = None if built is None else built.camera_delay
         if self.feedback == SENSORS:
             delay = sensors_delay(self.task.robot if built is None else built.robot)
-        options = find_policy(self.policy, self.task.robot).delay_options(delay) | dict(self.given)
+        spec = find_policy(self.policy, self.task.robot)
+        options = spec.delay_options(delay, self.delay) | dict(self.given)
         options |= {} if known is None else {"identified": known}
         how = control_period, self.feedback or FEEDBACKS[0], self.sensors, self.delay
         return make_policy(self.policy, self.task.robot, *how, **options)

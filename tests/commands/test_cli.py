@@ -48,6 +48,18 @@ def test_repeated_variations_add_up(tmp_path):
     ]
 
 
+def test_delays_that_policies_know_are_told_apart(tmp_path):
+    words = "--tasks lshape --policies feedforward --control-period 0.1 --no-plots --save-rollouts"
+    rows = evaluated(tmp_path, words, "--vary delay=0,0.2 --predict 0,0.2")
+    known = [(row["variation"].get("delay", 0.0), row["known_delay"]) for row in rows]
+    assert known == [(0.0, 0.0), (0.0, 0.2), (0.2, 0.0), (0.2, 0.2)]
+    assert len({row["e_rms"] for row in rows}) == 4
+    stem = "lshape_feedforward"
+    names = (stem, f"{stem}_known_0.2", f"{stem}_delay_0.2", f"{stem}_delay_0.2_known_0.2")
+    assert {path.name for path in tmp_path.glob("*.npz")} == {f"{name}.npz" for name in names}
+    assert "delay 200 ms, known delay 200 ms" in (tmp_path / "report.md").read_text()
+
+
 def test_no_number_of_a_table_is_cut_short(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     words = "--tasks swing step --step-widths 0.05 --control-period 0.1 --no-plots --policies hold"

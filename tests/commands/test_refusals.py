@@ -172,6 +172,12 @@ CALLS = [
     (f"{REACH} --identified gains.npz", "gains.npz lacks the array 'weight_0'; it has gains; make"),
     ("evaluate --tasks reach --identified undamped.npz", "undamped.npz lacks the array 'damping'"),
     ("evaluate --tasks reach --identified arm.npz", "is of 'arm' as it was then"),
+    # Known delays.
+    ("evaluate --tasks swing --policies hold --predict 0,0.02", "Hold follows no reference"),
+    ("evaluate --tasks swing --policies lqi --predict 0.0205", "multiple of the control period"),
+    ("evaluate --tasks swing --policies lqi --predict -0.02", "is not a number of zero or more"),
+    ("render --task swing --policy lqi --predict 0,0.02", "--predict: only one delay"),
+    ("evaluate --tasks triangle --env virtual --pieces 4", "--pieces: only with simulated robots"),
     # Robots, tasks and policies of one's own.
     (f"evaluate {FINGER} --tasks swing", "unknown task 'swing'; choose from reach"),
     (f"evaluate {FINGER} --tasks reach --policies lqi", "lqi has not been trained"),

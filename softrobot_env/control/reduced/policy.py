@@ -95,6 +95,7 @@ class ReducedPlanner(base.Controller):
         constrained: bool = True,
         weights: str | Path | None = None,
         tip_delay: float = 0.0,
+        action_delay: float = 0.0,
     ) -> None:
         """Load what was learned.
 
@@ -105,9 +106,11 @@ class ReducedPlanner(base.Controller):
                 inputs that the model was learned from; else the first action is cut off there.
             weights: File; found unless given, see `artifacts.find_artifact`.
             tip_delay: [s], how late the tip is seen, in training as here.
+            action_delay: [s], how late actions are applied, not in training: a multiple of the
+                model's period. The reference is shown as it is when they are.
 
         Raises:
-            ValueError: Nothing was learned of this robot, or another control period.
+            ValueError: Nothing was learned of this robot, or another control period, or delay.
             FileNotFoundError: No such file.
             ImportError: The solver of constrained plans is not installed.
         """
@@ -115,6 +118,12 @@ class ReducedPlanner(base.Controller):
         what = f"the reduced model of {robot.name!r}"
         self.hold = base.hold_for(model.period, control_period, what)
         self._late = round(tip_delay / model.period)
+        steps = round(action_delay / model.period)
+        if abs(steps * model.period - action_delay) > 1e-9:
+            raise ValueError(
+                f"action_delay: must be a multiple of {model.period:g} s, got {action_delay!r}"
+            )
+        self._under_way = model.lag + steps
         self.preview = preview_times(model.period, model.lag)
         o = len(model.origin)
         self.sizes = {
@@ -145,7 +154,7 @@ class ReducedPlanner(base.Controller):
         covariance[n:, n:] = 1e-2 * np.eye(m)
         return _Past(
             tips,
-            np.tile(inputs, (model.lag + 1, 1)),
+            np.tile(inputs, (self._under_way + 1, 1)),
             model.encode(tips.ravel()),
             np.zeros(m),
             covariance,
@@ -174,7 +183,7 @@ class ReducedPlanner(base.Controller):
             motion, x, disturbance, covariance, state.inputs[0], measured, model.process,
             model.noise,
         )  # fmt: skip
-        begin = ahead(motion, x, disturbance, inputs[1:]) if model.lag else x
+        begin = ahead(motion, x, disturbance, inputs[1:]) if self._under_way else x
         times = np.array((0.0, *self.preview))
         shown = np.vstack(
             [observation["reference"], observation["reference_preview"].reshape(-1, o)]
