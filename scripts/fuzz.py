@@ -18,6 +18,7 @@ import tomllib
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from copy import deepcopy
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import partial
 from io import BytesIO, StringIO
@@ -129,9 +130,9 @@ def retold(data: bytes, rng: np.random.Generator) -> bytes:
         elif how == 3:
             del holder[key]
         elif how == 4 and isinstance(holder, list):
-            holder.append(value)
+            holder.append(deepcopy(value))
         else:
-            holder[key] = _VALUES[rng.integers(len(_VALUES))]
+            holder[key] = deepcopy(_VALUES[rng.integers(len(_VALUES))])
     return text(table).encode()
 
 

@@ -16,6 +16,9 @@ from numpy import ndarray
 from .files import atomic_write, readable
 from .records import placed
 
+#: What comes of values that do not go together.
+_UNFIT = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
+
 
 class Arrays(dict[str, ndarray]):
     """Arrays by name, out of a file; one that is missing is refused with the file's name.
@@ -81,7 +84,7 @@ class Arrays(dict[str, ndarray]):
         """
         try:
             yield
-        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        except _UNFIT as error:
             reason = str(error).partition("\n")[0]
             if isinstance(error, ValueError) and str(self.path) in reason:
                 raise
@@ -177,7 +180,10 @@ def read_facts(path: str | Path) -> Any:
         ValueError: It is no json file, or holds a number that is not finite.
     """
     with placed(path):  # decoding errors are of this kind
-        return json.loads(readable(path).read_text("utf-8"), parse_constant=_refuse)
+        try:
+            return json.loads(readable(path).read_text("utf-8"), parse_constant=_refuse)
+        except RecursionError:
+            raise ValueError("it is nested too deeply") from None
 
 
 def _refuse(number: str) -> NoReturn:

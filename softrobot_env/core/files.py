@@ -180,6 +180,8 @@ def read_table(path: Path) -> dict[str, Any]:
         return tomllib.loads(readable(path, LARGEST_TABLE).read_text("utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"no TOML: {error}") from None
+    except RecursionError:
+        raise ValueError("no TOML that is read: it is nested too deeply") from None
 
 
 def text(table: Mapping[str, Any]) -> str:

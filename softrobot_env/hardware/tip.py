@@ -52,6 +52,10 @@ class TipSource(Protocol):
         """Free what it holds; twice is harmless."""
 
 
+#: How datagrams fail that are none of a tracker.
+_NO_SIGHT = (AttributeError, KeyError, OverflowError, RecursionError, TypeError, ValueError)
+
+
 class UdpTip:
     """A tracker that sends a datagram for each picture, as JSON: `{"x": m, "y": m, "age": s}`.
 
@@ -114,7 +118,7 @@ class UdpTip:
                 continue
             try:
                 sight = self._read(data, monotonic())
-            except (ValueError, TypeError, KeyError, AttributeError, OverflowError):
+            except _NO_SIGHT:
                 self.refused += 1
                 continue
             if self._sight is None or sight.time > self._sight.time:

@@ -134,7 +134,7 @@ def test_facts_are_finite_json(tmp_path):
     path = tmp_path / "facts.json"
     path.write_text(json.dumps({"steps": [1, 2.5]}), encoding="utf-8")
     assert read_facts(path) == {"steps": [1, 2.5]}
-    for text in ('{"a": NaN}', "[Infinity]", '{"a": 1', "\x00"):
+    for text in ('{"a": NaN}', "[Infinity]", '{"a": 1', "\x00", "[" * 20000):
         path.write_text(text, encoding="utf-8")
         with pytest.raises(ValueError, match=r"facts\.json"):
             read_facts(path)

@@ -75,6 +75,15 @@ def test_the_newest_picture_counts_not_the_last_to_come(source):
     assert source.latest(None, 0.0).position.tolist() == [1.0, 0.0]
 
 
+def test_what_is_nested_too_deeply_is_no_sight_and_ends_nothing():
+    source = UdpTip(0)
+    send(source, b"[" * 1400)
+    wait_until(lambda: source.refused == 1)
+    send(source, b'{"x": 0.1, "y": 0.2}')
+    wait_until(lambda: source.latest(None, 0.0) is not None)
+    source.close()
+
+
 def test_with_a_key_only_its_tracker_is_believed_and_nothing_twice():
     source = UdpTip(0, key="secret")
     first = sign({"x": 0.1, "y": 0.2, "count": 5}, "secret")

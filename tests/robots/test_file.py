@@ -179,6 +179,7 @@ def test_pretensions_of_moved_tendons_are_balanced(name):
         ("radius_m = 0.01\n", 'radius_m = 0.01\ndrive = "length"\n', "finite stiffness"),
         ('name = "mine"', 'name = "mine"\nbase = 3', "base must be a table"),
         ('name = "mine"', "name = mine", "no TOML"),
+        ('name = "mine"', f"name = {'[' * 3000}{']' * 3000}", "nested too deeply"),
         ('["a", "b"]', '["a", "a"]', "different names"),
         ('["a", "b"]', "[]", r"tendon\[1\]\.name must be 1 to 100 printable"),
         ("= 40\n", SENSED.replace("0.1", "0.75"), r"sensor\[1\].end_m must be at most the robot's"),
