@@ -111,9 +111,7 @@ def measure(chain, forces):
     """All that acts where `evaluate` was called last, with the controls in force."""
     _sum_forces(chain, forces.force)
     mj.assign(forces.mass, chain.mass)
-    forces.counts[0] = find_springs(
-        chain, drive_forces(chain), forces.stiffness, forces.pulls
-    )
+    forces.counts[0] = find_springs(chain, drive_forces(chain), forces.stiffness, forces.pulls)
     forces.counts[1] = _find_rubbing(chain, forces.friction, forces.arms)
 
 
