@@ -19,7 +19,7 @@ from softrobot_env.compile.native import array_at, called, entry, jit, making, s
 from ..timestep import RATE
 from . import layout
 from . import mujoco_functions as mj
-from .extrapolation import CALM, Ramp, bounded, displacement, integrate, sway, work_on, work_size
+from .extrapolation import Ramp, bounded, displacement, integrate, sway, work_on, work_size
 from .forces import chain_of, evaluate
 from .mujoco_functions import reals
 
@@ -191,9 +191,8 @@ def _compare(chain, memory, shadowed, states):
     for i in range(apart.size):
         apart[i] = states[1, nq + i] - states[0, nq + i]
     fast = sway(chain, memory, apart)
-    damped = memory[layout.CALM] / CALM * memory[layout.RATE] / RATE > 2 * DAMPED
     _note_error(memory, shadowed, layout.ESTIMATE, np.maximum(strayed, fast))
-    lasting = fast / RATE if damped else fast
+    lasting = fast / RATE if memory[layout.DAMPING] > DAMPED else fast
     _note_error(memory, shadowed, layout.LASTING, np.maximum(strayed, lasting))
 
 
