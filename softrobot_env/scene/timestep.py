@@ -98,7 +98,7 @@ class Pace(NamedTuple):
         rate: [1/s], see `scene.integration.extrapolation`.
         swing: [s], the first period of a robot whose swings outlast a control period, or inf.
         damping_time: mu [s], the least of a robot's sections.
-        damping_ratio: [1] of the first mode.
+        damping_ratio: [1] of the first mode, at least.
     """
 
     rate: float | ndarray
@@ -400,7 +400,11 @@ class BentBeam:
         return np.sqrt((stiffness + self.upward * pull) / mass)
 
     def damping_ratio(self, variation: Mapping[str, float | ndarray]) -> ndarray:
-        """Damping ratios (...) [1]: the backbone has dampers, tendons and weight have none."""
+        """Damping ratios (...) [1], at least.
+
+        The backbone has dampers, tendons and weight have none: no mode decays more slowly than the
+        backbone's first alone.
+        """
         modulus, density = (variation.get(name, 1.0) for name in ("youngs_modulus", "density"))
         damping_time = self.damping_time * np.asarray(variation.get("damping_time", 1.0))
         mass = self.mass[0] * density + self.mass[1]
