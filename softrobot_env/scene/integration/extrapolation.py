@@ -22,7 +22,8 @@ too, see `forces`.
 
 Where a tendon goes slack or taut, sticks or slides another way within an interval, the error is no
 series, and all entries may be off together. What the tendon's force would do if it had changed all
-along counts as an error there, in the books if not in the choice of the length.
+along, between the springs of both laws, counts as an error there, at most as far as extrapolated
+entries are from plain steps.
 
 Modes that nothing damps and that turn by 0.3 to 2 rad in an interval would grow, so in intervals
 longer than `CALM` damping times the entry takes a share of that of order 2: what it does not follow
