@@ -98,15 +98,17 @@ class Pace(NamedTuple):
         rate: [1/s], see `scene.integration.extrapolation`.
         swing: [s], the first period of a robot whose swings outlast a control period, or inf.
         damping_time: mu [s], the least of a robot's sections.
+        damping_ratio: [1] of the first mode, at least.
     """
 
     rate: float | ndarray
     swing: float | ndarray
     damping_time: float | ndarray
+    damping_ratio: float | ndarray
 
 
 #: With MuJoCo's integrators.
-NO_PACE = Pace(0.0, inf, 0.0)
+NO_PACE = Pace(0.0, inf, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -397,13 +399,25 @@ class BentBeam:
         stiffness = self.stiffness[0] * modulus + self.stiffness[1] * radius**2
         return np.sqrt((stiffness + self.upward * pull) / mass)
 
+    def damping_ratio(self, variation: Mapping[str, float | ndarray]) -> ndarray:
+        """Damping ratios (...) [1], at least.
+
+        The backbone has dampers, tendons and weight have none: no mode decays more slowly than the
+        backbone's first alone.
+        """
+        modulus, density = (variation.get(name, 1.0) for name in ("youngs_modulus", "density"))
+        damping_time = self.damping_time * np.asarray(variation.get("damping_time", 1.0))
+        mass = self.mass[0] * density + self.mass[1]
+        decay = damping_time * self.stiffness[0] * modulus / mass / 2
+        return decay / self.frequency(variation)
+
     def pace(self, variation: Mapping[str, float | ndarray], control_period: float) -> Pace:
         """How fast it moves with a control period [s], by values as of `frequency`."""
-        frequency = self.frequency(variation)
+        frequency, ratio = self.frequency(variation), self.damping_ratio(variation)
         damping_time = self.damping_time * np.asarray(variation.get("damping_time", 1.0))
-        decay = damping_time * frequency**2 / 2
-        swings = (decay < frequency) & (decay * control_period < GONE)
-        return Pace(RATE * frequency, np.where(swings, 2 * pi / frequency, inf), damping_time)
+        swings = (ratio < 1) & (ratio * frequency * control_period < GONE)
+        swing = np.where(swings, 2 * pi / frequency, inf)
+        return Pace(RATE * frequency, swing, damping_time, ratio)
 
 
 def bent_beam(robot: RobotParams, winding: bool) -> BentBeam:

@@ -128,6 +128,22 @@ def test_an_estimate_is_good_within_its_factor():
         assert replace(known, estimate_share=share).estimate_is_good is good
 
 
+def test_an_error_beyond_the_estimate_is_counted():
+    """Less what refined runs differ by among themselves."""
+    known = replace(judge(of_arm()), estimate_share=1e-4)
+    length = known.length
+    for error, uncertainty, twice, tenfold in (
+        (1.9e-4, 0.0, False, False),
+        (2.1e-4, 0.0, True, False),
+        (2.1e-4, 0.2e-4, False, False),
+        (11e-4, 0.2e-4, True, True),
+    ):
+        row = replace(known, error=error * length, uncertainty=uncertainty * length)
+        assert (row.beyond_twice, row.beyond_tenfold) == (twice, tenfold)
+    assert replace(known, error=length, estimate_share=0.0).beyond_tenfold
+    assert not replace(known, error=length, estimate_share=None).beyond_twice
+
+
 def test_verdicts_do_not_depend_on_processes():
     clock = {"wall_time"}
     here = [measure((2, index)).row() for index in range(3)]
@@ -142,7 +158,16 @@ def test_an_estimate_without_bound_is_none(monkeypatch):
     assert judge(of_arm()).estimate_share is None
 
 
-@pytest.mark.parametrize(("seed", "index"), [(1, 43), (1, 48), (1, 158)])
+@pytest.mark.parametrize(("seed", "index"), [(1, 43), (1, 48), (1, 158), (77, 12)])
 def test_tendons_that_slacken_or_stick_within_a_step_are_accurate(seed, index):
-    """Overdamped robots, whose smooth motion lets steps be as long as control periods."""
-    assert measure((seed, index)).verdict == Verdict.ACCURATE
+    """Damped robots, whose smooth motion lets steps be as long as control periods."""
+    row = measure((seed, index))
+    assert row.verdict == Verdict.ACCURATE
+    assert not row.beyond_twice
+
+
+def test_a_standing_rod_that_falls_is_no_better_than_its_estimate():
+    """The shadow falls and stops first, while the simulation still parts from the truth."""
+    row = measure((9001, 128))
+    assert row.verdict == Verdict.WARNED
+    assert not row.beyond_twice

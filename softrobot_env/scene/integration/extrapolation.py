@@ -22,7 +22,8 @@ too, see `forces`.
 
 Where a tendon goes slack or taut, sticks or slides another way within an interval, the error is no
 series, and all entries may be off together. What the tendon's force would do if it had changed all
-along counts as an error there, in the books if not in the choice of the length.
+along, between the springs of both laws, counts as an error there, at most as far as extrapolated
+entries are from plain steps.
 
 Modes that nothing damps and that turn by 0.3 to 2 rad in an interval would grow, so in intervals
 longer than `CALM` damping times the entry takes a share of that of order 2: what it does not follow
@@ -172,8 +173,8 @@ def integrate(work, ramp):
         left = ramp.duration - time
         h = left / max(np.ceil(left / length - _ROUNDING), 1.0)
         _start(work, ramp, time)
-        h, rows, error = _solve_interval(work, ramp, time, h)
-        _note(work, h, error)
+        h, rows, error, kink = _solve_interval(work, ramp, time, h)
+        _note(work, h, error, kink)
         # Where the error is too large: plain Euler steps, which are stable.
         entry = rows - 1 if error <= 1 else 0
         if entry and h > memory[layout.CALM]:
@@ -222,14 +223,17 @@ def _solve_interval(work, ramp, time, h):
     """Fill the table for an interval [s], divided until its error is small enough.
 
     Returns:
-        Its length [s], the number of rows and its error over what is allowed.
+        Its length [s], the number of rows, its error over what is allowed, and what a kink may
+        make of that [m].
     """
     shortest = work.memory[layout.SHORTEST]
     while True:
         rows, error = _extrapolate(work, ramp, time, h)
-        if error <= 1 or not h > (1 + _ROUNDING) * shortest:
-            return h, rows, error
-        left, wanted = ramp.duration - time, h * _shrinkage(rows, error)
+        kink = _kink(work, h, rows)
+        larger = np.maximum(error, kink / _allowed(work.memory, h))
+        if larger <= 1 or not h > (1 + _ROUNDING) * shortest:
+            return h, rows, error, kink
+        left, wanted = ramp.duration - time, h * _shrinkage(rows, larger)
         h = left / np.ceil(left / max(wanted, shortest))
 
 
@@ -397,20 +401,21 @@ def _next_length(memory, h, rows, error):
 
 
 @jit
-def _note(work, h, error):
-    """Keep the books of an interval [s] and its error over what is allowed."""
+def _note(work, h, error, kink):
+    """Keep the books of an interval [s], its error over what is allowed and its kink [m]."""
     memory = work.memory
     memory[layout.MISSED] += not error <= 1
     memory[layout.WORST] = max(memory[layout.WORST], error) if error == error else np.inf
-    memory[layout.SUM] += error * _allowed(memory, h) + _KINK * _kink(work, h)
+    memory[layout.SUM] += error * _allowed(memory, h) + _KINK * kink
     memory[layout.STEPS] += 1
 
 
 @jit
-def _kink(work, h):
+def _kink(work, h, rows):
     """Displacement [m] in an interval [s] by the change of forces that no row resolves.
 
-    Of drives that have another law at its end than at its start, and of tendons that rub.
+    Of drives that have another law at its end than at its start, and of tendons that rub. It is
+    not beyond what the extrapolation has made of plain steps.
     """
     chain, first, forces, found = work.chain, work.first, work.forces, False
     if drives_length(chain):
@@ -424,7 +429,16 @@ def _kink(work, h):
         for i in range(chain.v.size):
             forces.force[i] += (first.grip[k] - forces.grip[k]) * first.arms[k, i]
     forces.counts[1] = 0
-    return _pushed(work, h) if found else 0.0
+    return np.minimum(_pushed(work, h), _spread(work, rows)) if found else 0.0
+
+
+@jit
+def _spread(work, rows):
+    """Displacement [m] between the first and the last entry of the last row."""
+    turns = work.table.turns
+    for i in range(work.change.size):
+        work.change[i] = turns[rows - 1, i] - turns[0, i]
+    return displacement(work.chain, work.change)
 
 
 @jit

@@ -111,7 +111,7 @@ def measure(chain, forces):
     """All that acts where `evaluate` was called last, with the controls in force."""
     _sum_forces(chain, forces.force)
     mj.assign(forces.mass, chain.mass)
-    forces.counts[0] = find_taut(chain, forces.stiffness, forces.pulls)
+    forces.counts[0] = find_springs(chain, drive_forces(chain), forces.stiffness, forces.pulls)
     forces.counts[1] = _find_rubbing(chain, forces.friction, forces.arms)
 
 
@@ -141,18 +141,22 @@ def _any(values):
 
 
 @jit
-def find_taut(chain, stiffness, pulls):
-    """Stiffness and moment arms of drives within their range of forces; their number."""
+def find_springs(chain, before, stiffness, pulls):
+    """Stiffness and moment arms of drives that pull like a spring; their number.
+
+    That do so now, or did so by the forces `before` (nu,) [N].
+    """
     model, data, header, nu = chain.model, chain.data, chain.header, chain.ctrl.size
     biases = reals(model, header[AT.actuator_biasprm], nu * BIASES)
     bounds = reals(model, header[AT.actuator_forcerange], 2 * nu)
-    now = reals(data, header[AT.actuator_force], nu)
+    now = drive_forces(chain)
     nonzero = ints(data, header[AT.moment_rownnz], nu)
     start = ints(data, header[AT.moment_rowadr], nu)
     count = 0
     for k in range(nu):
         own = -biases[k * BIASES + 1]
-        if own <= 0 or now[k] <= bounds[2 * k] or now[k] >= bounds[2 * k + 1]:
+        low, high = bounds[2 * k], bounds[2 * k + 1]
+        if own <= 0 or (_law(now[k], low, high) and _law(before[k], low, high)):
             continue
         end = start[k] + nonzero[k]
         columns = ints(data, header[AT.moment_colind], end)
@@ -248,7 +252,8 @@ def find_surprises(chain, before, forces):
         if surprise != 0:
             found = True
             _add_pull(chain, k, surprise, forces.force)
-    forces.counts[0], forces.counts[1] = find_taut(chain, forces.stiffness, forces.pulls), 0
+    forces.counts[0] = find_springs(chain, before, forces.stiffness, forces.pulls)
+    forces.counts[1] = 0
     return found
 
 

@@ -47,6 +47,8 @@ class Integration:
 
     def __init__(self, model: MjModel, choice: TimestepChoice, count: int = 1) -> None:
         self._lengths = backbone_lengths(model)
+        robots = np.flatnonzero(model.dof_parentid < 0)
+        self._reach = np.add.reduceat(self._lengths, robots).max()
         self.memory = np.zeros((count, 2, layout.MEMORY_SIZE))
         self._states = np.zeros((count, 2, model.nq + model.nv))
         self._sizes = (model.nq, model.nv, model.nu, model.nbody, model.ntendon)
@@ -70,11 +72,14 @@ class Integration:
         chosen[..., layout.NEXT] = chosen[..., layout.LONGEST]
         chosen[..., layout.SHORTEST] = np.minimum(period, pace.swing) / MOST_INTERVALS
         # Errors of swings that last for many periods within a control period add up in it.
-        lasting = np.minimum(period, 2 / np.maximum(pace.damping_time * frequency**2, 1e-300))
+        decay = pace.damping_ratio * frequency
+        lasting = np.minimum(period, 1 / np.maximum(decay, 1e-300))
         care = np.minimum(1.0, pace.swing / lasting)
         chosen[..., layout.ACCURACY] = care * (choice.accuracy or np.inf)
         chosen[..., layout.RATE] = pace.rate
         chosen[..., layout.CALM] = CALM * pace.damping_time
+        chosen[..., layout.DAMPING] = pace.damping_ratio
+        chosen[..., layout.REACH] = self._reach
         chosen[..., 1, layout.ACCURACY] *= SHADOW
         chosen[..., layout.FEWEST], chosen[..., layout.MOST] = FEWEST_ROWS, MOST_ROWS
         chosen[..., 1, layout.FEWEST] = FEWEST_ROWS - 1

@@ -3,11 +3,13 @@
 Local errors alone say nothing of motions that part from each other: snapping, swinging upside down,
 chaos. So each simulation has a shadow, the same with `integrator.SHADOW` times the accuracy. How
 far it strays, times the ratio of the sums of the local errors, estimates the error in time. Where
-the simulation has the larger sum, its error is all that they are apart. A speed counts as the
-displacement that it makes in a swing of the robot, speed over first angular frequency: so one
-number bounds the errors of positions, and of velocities times that frequency. Where the first mode
-is damped by `DAMPED` or more, errors of speed are those of faster modes and soon gone: of what is
-lasting, which warnings are about, a speed counts there over `timestep.RATE` times that frequency.
+the simulation has the larger sum, its error is all that they are apart. A shadow that has strayed
+far does not move alike: its way in second order, half its square over the length, counts as well. A
+speed counts as the displacement that it makes in a swing of the robot, speed over first angular
+frequency: so one number bounds the errors of positions, and of velocities times that frequency.
+Where the first mode is damped by `DAMPED` or more, errors of speed are those of faster modes and
+soon gone: of what is lasting, which warnings are about, a speed counts there over `timestep.RATE`
+times that frequency.
 
 The functions serve any robot, single simulations and the threads of many.
 """
@@ -19,7 +21,7 @@ from softrobot_env.compile.native import array_at, called, entry, jit, making, s
 from ..timestep import RATE
 from . import layout
 from . import mujoco_functions as mj
-from .extrapolation import CALM, Ramp, bounded, displacement, integrate, sway, work_on, work_size
+from .extrapolation import Ramp, bounded, displacement, integrate, sway, work_on, work_size
 from .forces import chain_of, evaluate
 from .mujoco_functions import reals
 
@@ -191,9 +193,8 @@ def _compare(chain, memory, shadowed, states):
     for i in range(apart.size):
         apart[i] = states[1, nq + i] - states[0, nq + i]
     fast = sway(chain, memory, apart)
-    damped = memory[layout.CALM] / CALM * memory[layout.RATE] / RATE > 2 * DAMPED
     _note_error(memory, shadowed, layout.ESTIMATE, np.maximum(strayed, fast))
-    lasting = fast / RATE if damped else fast
+    lasting = fast / RATE if memory[layout.DAMPING] > DAMPED else fast
     _note_error(memory, shadowed, layout.LASTING, np.maximum(strayed, lasting))
 
 
@@ -203,7 +204,8 @@ def _note_error(memory, shadowed, place, strayed):
     if not strayed < np.inf:
         strayed = np.inf
     elif memory[layout.SUM] < shadowed[layout.SUM]:
-        strayed *= memory[layout.SUM] / shadowed[layout.SUM]
+        share = memory[layout.SUM] / shadowed[layout.SUM]
+        strayed *= min(share + strayed / (2 * memory[layout.REACH]), 1.0)
     memory[place] = max(memory[place], strayed)
 
 
