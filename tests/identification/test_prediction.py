@@ -7,7 +7,7 @@ import pytest
 from support.recorded_rods import recorded, rod
 
 from softrobot_env.identification.fit.prediction import predicted, read_prediction
-from softrobot_env.identification.fit.validation import BLOCKS, blocks_of
+from softrobot_env.identification.fit.validation import BLOCKS, blocks_of, fitted_without
 
 ROD = rod(0.004, 0.008, 1e7, 1200.0)
 HERE = np.zeros((2, 1))
@@ -35,7 +35,9 @@ def identified(rng, drift):
     """Controls, what was predicted of them, and the blocks that it was predicted from."""
     blocks = np.repeat(np.arange(BLOCKS), LONG)
     known = commands(rng, len(blocks))
-    parts = [away_from(known[blocks == k], known[blocks != k]) for k in range(BLOCKS)]
+    parts = [
+        away_from(known[blocks == k], known[fitted_without(blocks, k)]) for k in range(BLOCKS)
+    ]
     error = errors(rng, np.concatenate(parts), drift, blocks)
     return known, predicted(known, True, error, blocks)
 
