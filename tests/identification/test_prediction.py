@@ -35,9 +35,7 @@ def identified(rng, drift):
     """Controls, what was predicted of them, and the blocks that it was predicted from."""
     blocks = np.repeat(np.arange(BLOCKS), LONG)
     known = commands(rng, len(blocks))
-    parts = [
-        away_from(known[blocks == k], known[fitted_without(blocks, k)]) for k in range(BLOCKS)
-    ]
+    parts = [away_from(known[blocks == k], known[fitted_without(blocks, k)]) for k in range(BLOCKS)]
     error = errors(rng, np.concatenate(parts), drift, blocks)
     return known, predicted(known, True, error, blocks)
 

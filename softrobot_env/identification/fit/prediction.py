@@ -4,9 +4,10 @@ Rows of a block depend on each other, and what the model lacks at one command it
 an interval is drawn from whole blocks that were left out of the fit, offsets and drift between them
 included. Variances grow with the distance of a command from all that were identified, and are
 larger at the begin of a recording, where friction keeps the robot anywhere; both parts are fitted
-to the blocks. A block's scores are its errors over what the variances of the other blocks lead to
-expect, and the interval takes their quantile (cross-conformal prediction, Vovk, Ann. Math. Artif.
-Intell. 74, 2015), wider by Student's t as the blocks are few.
+to the blocks. A block's scores are its errors over what is expected of it, and the interval takes
+their quantile (split conformal prediction, Lei et al., J. Am. Stat. Assoc. 113, 2018), wider by
+Student's t as the blocks are few. Half of what is expected is by the variances of the other blocks:
+those of all know the block already, and without one that sticks for long the others expect nothing.
 """
 
 from dataclasses import dataclass
@@ -203,20 +204,15 @@ def _interval(distance: ndarray, features: ndarray, blocks: ndarray) -> tuple[nd
         return np.zeros(3), 1.0
     distance, features, blocks = distance[seen], features[seen], blocks[seen]
     variance, scores = _variance(features, distance**2), np.empty_like(distance)
-    means = []
+    expected = features @ variance
     for block in np.unique(blocks):
         held = blocks == block
         others = held if held.all() else ~held
-        elsewhere = _variance(features[others], distance[others] ** 2)
-        scores[held] = _scores(distance[held], features[held], elsewhere)
-        means.append(float(np.mean(_scores(distance[held], features[held], variance) ** 2)))
-    factor = _few(np.array(means))
+        elsewhere = features[held] @ _variance(features[others], distance[others] ** 2)
+        scores[held] = distance[held] / np.sqrt((expected[held] + elsewhere) / 2 + 1e-30)
+    squares = distance**2 / np.maximum(expected, 1e-30)
+    factor = _few(np.array([np.mean(squares[blocks == b]) for b in np.unique(blocks)]))
     return factor * float(np.quantile(scores, LEVEL)) * np.sqrt(variance), factor
-
-
-def _scores(distance: ndarray, features: ndarray, variance: ndarray) -> ndarray:
-    """Distances (t,) over the deviations that a variance's parts (3,) expect of them."""
-    return distance / np.sqrt(np.maximum(features @ variance, 1e-30))
 
 
 def _variance(features: ndarray, squares: ndarray) -> ndarray:
