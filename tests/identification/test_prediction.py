@@ -106,3 +106,10 @@ def test_blocks_are_contiguous_and_hold_whole_runs_or_patterns():
         assert all(len(set(blocks[7 * k : 7 * k + 7])) == 1 for k in range(12))
     assert np.bincount(blocks_of(recorded(rows))).tolist() == pytest.approx([10.5] * 8, abs=2)
     assert set(blocks_of(recorded(rows[:3]))) == {0, 1, 2}
+
+
+def test_a_block_is_predicted_without_those_beside_it_unless_blocks_are_few():
+    many, few = np.repeat(np.arange(BLOCKS), 2), np.repeat(np.arange(3), 2)
+    assert set(many[fitted_without(many, 3)]) == {0, 1, 5, 6, 7}
+    assert set(many[fitted_without(many, 0)]) == set(range(2, BLOCKS))
+    assert set(few[fitted_without(few, 1)]) == {0, 2}
