@@ -14,7 +14,7 @@ of several, `_` a space or colon, `*` any text. What is shown is a field, behind
 `softrobot_env.rendering.tables.FACTORS` and a format (`.2g`, `,.0f`; a plain number is significant
 digits), before it one of `FUNCTIONS`; without a function all rows must agree. A line of a template
 such as `each policy = lqi, mpc` repeats the lines with `{policy}`, also within a figure; the line
-behind `rows NAME` is repeated with the fields of every row of a report.
+behind `rows NAME` is repeated with the fields of every row of a report, also within a figure.
 
 Three words in place of a report name other sources:
 
@@ -180,9 +180,12 @@ def given(kind: str, where: str, name: str) -> Any:
 def matches(row: dict[str, Any], name: str, allowed: str) -> bool:
     """Whether a field is like one of the patterns divided by "|"; "" is empty or absent."""
     value = field(row, name)
-    text = "" if value is None or value == {} else str(value)
-    text = re.sub("[ :]", "_", text)
-    return any(fnmatchcase(text, pattern) for pattern in allowed.split("|"))
+    return any(fnmatchcase(plain(value), pattern) for pattern in allowed.split("|"))
+
+
+def plain(value: Any) -> str:
+    """A field as patterns are compared with: nothing for what is empty, no spaces or colons."""
+    return re.sub("[ :]", "_", "" if value is None or value == {} else str(value))
 
 
 def chosen_values(
@@ -263,11 +266,22 @@ def filled(template: str) -> str:
         if line.startswith("rows "):
             of = line.removeprefix("rows ").strip()
         elif of:
-            lines += [line.format_map(row) for row in rows(of)]
+            lines += [with_figures(of_row(line, row)) for row in rows(of)]
             of = ""
         else:
-            lines.append(FIGURE.sub(lambda found: figure(found[1], found[2]), line))
+            lines.append(with_figures(line))
     return "\n".join(lines)
+
+
+def of_row(line: str, row: dict[str, Any]) -> str:
+    """A line with fields of a row; where a figure is chosen by one, as `matches` reads it."""
+    line = re.sub(r"=\{(\w+)\}", lambda found: "=" + plain(row[found[1]]), line)
+    return re.sub(r"\{(\w+)\}", lambda found: str(row[found[1]]), line)
+
+
+def with_figures(line: str) -> str:
+    """A line with its figures; errors as `figure`."""
+    return FIGURE.sub(lambda found: figure(found[1], found[2]), line)
 
 
 def fill(text: str) -> str:

@@ -198,6 +198,28 @@ def test_an_assignment_that_another_one_equals_is_doubted():
     assert "not sure" in reported and "7.5 mm, this one 7.0 mm" in reported
 
 
+def fit_that_left(error, slopes=None):
+    """A fit that left errors (t, 1, 3), by slopes (3 t, p) of parameters without a prior."""
+    known = np.zeros((0, 0)) if slopes is None else 1e6 * slopes.T @ slopes
+    weights = SimpleNamespace(deviation=1.0)
+    return SimpleNamespace(
+        simulated=SimpleNamespace(error=error), information=known, weights=weights
+    )
+
+
+def test_a_deviation_counts_what_parameters_took_of_the_residuals():
+    """A quarter of the residuals: their own mean square is too small by as much."""
+    rng, rows, noise, found = np.random.default_rng(3), 200, 1e-3, []
+    model = SimpleNamespace(recording=SimpleNamespace(runs=np.arange(rows)))  # rows are unrelated
+    for _ in range(20):
+        slopes = rng.standard_normal((3 * rows, 150))
+        seen = noise * rng.standard_normal(3 * rows)
+        left = slopes @ np.linalg.lstsq(slopes, seen, rcond=None)[0] - seen
+        found.append(weights_of(fit_that_left(left.reshape(rows, 1, 3), slopes), model).deviation)
+    # Each is good to 1 / sqrt(2 * 450), the spread by the median to some 5 %.
+    assert np.mean(found) == pytest.approx(noise, rel=0.05)
+
+
 def test_outliers_do_not_hide_how_long_residuals_last():
     rng = np.random.default_rng(0)
     slow = np.convolve(rng.standard_normal(1200), np.ones(12) / np.sqrt(12))[:1000]
@@ -205,10 +227,7 @@ def test_outliers_do_not_hide_how_long_residuals_last():
     spoiled = error.copy()
     spoiled[::50] += 0.08 * rng.standard_normal((20, 1, 3))
     model = SimpleNamespace(recording=SimpleNamespace(runs=np.zeros(1000, dtype=int)))
-    clean, other = (
-        weights_of(SimpleNamespace(simulated=SimpleNamespace(error=e)), model)
-        for e in (error, spoiled)
-    )
+    clean, other = (weights_of(fit_that_left(e), model) for e in (error, spoiled))
     assert 8 < clean.correlation < 16
     assert other.correlation > 0.75 * clean.correlation
     assert other.scale < 1.3 * clean.scale

@@ -7,7 +7,7 @@ import pytest
 from support.recorded_rods import recorded, rod
 
 from softrobot_env.identification.fit.prediction import predicted, read_prediction
-from softrobot_env.identification.fit.validation import BLOCKS, blocks_of
+from softrobot_env.identification.fit.validation import BLOCKS, blocks_of, fitted_without
 
 ROD = rod(0.004, 0.008, 1e7, 1200.0)
 HERE = np.zeros((2, 1))
@@ -35,7 +35,7 @@ def identified(rng, drift):
     """Controls, what was predicted of them, and the blocks that it was predicted from."""
     blocks = np.repeat(np.arange(BLOCKS), LONG)
     known = commands(rng, len(blocks))
-    parts = [away_from(known[blocks == k], known[blocks != k]) for k in range(BLOCKS)]
+    parts = [away_from(known[blocks == k], known[fitted_without(blocks, k)]) for k in range(BLOCKS)]
     error = errors(rng, np.concatenate(parts), drift, blocks)
     return known, predicted(known, True, error, blocks)
 
@@ -106,3 +106,10 @@ def test_blocks_are_contiguous_and_hold_whole_runs_or_patterns():
         assert all(len(set(blocks[7 * k : 7 * k + 7])) == 1 for k in range(12))
     assert np.bincount(blocks_of(recorded(rows))).tolist() == pytest.approx([10.5] * 8, abs=2)
     assert set(blocks_of(recorded(rows[:3]))) == {0, 1, 2}
+
+
+def test_a_block_is_predicted_without_those_beside_it_unless_blocks_are_few():
+    many, few = np.repeat(np.arange(BLOCKS), 2), np.repeat(np.arange(3), 2)
+    assert set(many[fitted_without(many, 3)]) == {0, 1, 5, 6, 7}
+    assert set(many[fitted_without(many, 0)]) == set(range(2, BLOCKS))
+    assert set(few[fitted_without(few, 1)]) == {0, 2}

@@ -25,6 +25,7 @@ _ROUGH = 3e-3  # of searches whose weights change afterwards
 _DAMPING, _RULE = 1e-3, Damping(factor=5, least=1e-7, tries=6)
 _OUTLYING = 5.0  # standard deviations, beyond which a residual says nothing of the rest
 _ROUNDS = 2  # of weights from residuals
+_REPEATS = 30  # until a deviation and the parameters determined by it agree
 
 #: 95 % of a normal distribution lie within so many standard deviations.
 NORMAL_95 = 1.959964
@@ -263,7 +264,22 @@ def weights_of(fit: Fit, model: StaticModel) -> Weights:
     far = np.nansum(error**2, axis=-1, keepdims=True) / (2 * spread) ** 2
     time = correlation_time(error / np.sqrt(1 + far), model.recording.runs)
     shared = min(time, len(error) / 2)
-    return Weights(2 * spread, spread * float(np.sqrt(shared)), time)
+    deviation = spread * float(np.sqrt(shared))
+    return Weights(2 * spread, _unspoilt(deviation, known.size / shared, fit), time)
+
+
+def _unspoilt(deviation: float, count: float, fit: Fit) -> float:
+    """A deviation of residuals, larger by what their fit took of them.
+
+    Of so many independent residuals the parameters take as many as the data determine (MacKay,
+    Neural Computation 4, 1992), which are fewer where the deviation is larger: a few rounds.
+    """
+    told = np.maximum(eigh(fit.information)[0], 0.0) * fit.weights.deviation**2
+    square = deviation**2
+    for _ in range(_REPEATS):
+        taken = float(np.sum(told / (told + square)))
+        square = deviation**2 + square * min(taken / count, 1.0)
+    return float(np.sqrt(square))
 
 
 def first_weights(model: StaticModel) -> Weights:

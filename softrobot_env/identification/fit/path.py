@@ -39,7 +39,7 @@ _TURNED = 15.0  # degrees, of a frame that is another one
 _UNLIKELY = 3.0  # standard deviations of the prior, beyond which a change is reported
 _FAR = 1.3  # times the robot's reach, beyond which no marker can usually be
 _CLOSE = 1e-3  # relative decrease of the cost at which a search by finer pieces ends
-_FINE = 0.005  # of the length: errors below it are fitted by finer pieces
+_COARSE = 0.1  # of the error, by which pieces half as long may move the markers at most
 _STARTS = (-0.7, 0.7)  # further ones, of the logarithm of the stiffness
 
 
@@ -221,11 +221,13 @@ class _Run:
             model, fit = self._tried("friction of the backbone", filed)
             if least_squares.pays(self.fit, fit) and _kept(model.robot_of(fit.x)) > _LEAST_KEPT:
                 self.model, self.fit = model, fit
-        self.coarse = self.model
-        if size(self.fit.simulated.error) < _FINE * self.robot.length:
-            # Pieces of the usual length bias a modulus by some 0.2 %, more than is left open.
-            self.model, fit = self.model.finer(), self.fit
-            self.fit = search(self.model, fit.x, fit.free, fit.weights, least=_CLOSE)
+        self.coarse, fit = self.model, self.fit
+        finer = self.model.finer()
+        moved = finer.simulate(fit.x).markers - fit.simulated.markers
+        if size(moved) > _COARSE * size(fit.simulated.error):
+            # What longer pieces lack went into parameters, and the chain would err by it.
+            self.model = finer
+            self.fit = search(finer, fit.x, fit.free, fit.weights, least=_CLOSE)
         self.unknowns = self.model.unknowns
         return True
 

@@ -4,8 +4,10 @@ Rows of a block depend on each other, and what the model lacks at one command it
 an interval is drawn from whole blocks that were left out of the fit, offsets and drift between them
 included. Variances grow with the distance of a command from all that were identified, and are
 larger at the begin of a recording, where friction keeps the robot anywhere; both parts are fitted
-to the blocks. What is left are scores of which the interval takes the quantile (split conformal
-prediction, Lei et al., J. Am. Stat. Assoc. 113, 2018), wider by Student's t as the blocks are few.
+to the blocks. A block's scores are its errors over what is expected of it, and the interval takes
+their quantile (split conformal prediction, Lei et al., J. Am. Stat. Assoc. 113, 2018), wider by
+Student's t as the blocks are few. Half of what is expected is by the variances of the other blocks:
+those of all know the block already, and without one that sticks for long the others expect nothing.
 """
 
 from dataclasses import dataclass
@@ -23,6 +25,7 @@ from softrobot_env.robots import RobotParams
 
 from ..errors import distances
 from .least_squares import NORMAL_95
+from .validation import fitted_without
 
 #: Share of an unseen recording's rows that an interval is to hold.
 LEVEL = 0.95
@@ -172,7 +175,7 @@ def predicted(controls: ndarray, by_length: bool, error: ndarray, blocks: ndarra
     away = np.zeros(len(controls))
     for block in np.unique(blocks) if blocks.any() else ():
         held = blocks == block
-        rest = KDTree(controls[~held] / scale)
+        rest = KDTree(controls[fitted_without(blocks, block)] / scale)
         away[held] = rest.query(controls[held] / scale)[0]
     edges = np.append(True, blocks[1:] != blocks[:-1])
     features = _features(away, _since(controls / scale, edges))
@@ -200,9 +203,15 @@ def _interval(distance: ndarray, features: ndarray, blocks: ndarray) -> tuple[nd
     if not seen.any():
         return np.zeros(3), 1.0
     distance, features, blocks = distance[seen], features[seen], blocks[seen]
-    variance = _variance(features, distance**2)
-    scores = distance / np.sqrt(np.maximum(features @ variance, 1e-30))
-    factor = _few(np.array([np.mean(scores[blocks == b] ** 2) for b in np.unique(blocks)]))
+    variance, scores = _variance(features, distance**2), np.empty_like(distance)
+    expected = features @ variance
+    for block in np.unique(blocks):
+        held = blocks == block
+        others = held if held.all() else ~held
+        elsewhere = features[held] @ _variance(features[others], distance[others] ** 2)
+        scores[held] = distance[held] / np.sqrt((expected[held] + elsewhere) / 2 + 1e-30)
+    squares = distance**2 / np.maximum(expected, 1e-30)
+    factor = _few(np.array([np.mean(squares[blocks == b]) for b in np.unique(blocks)]))
     return factor * float(np.quantile(scores, LEVEL)) * np.sqrt(variance), factor
 
 

@@ -22,6 +22,7 @@ from .residual import rows_of, trained
 
 BLOCKS = 8
 _CHUNKS = 40  # of a recording without runs and patterns
+_FEW = 6  # blocks, below which those beside one that is left out are needed for the fit
 _STEPS = 6
 _PROCESSES, _LONG = 2, 500  # rows, from which on starting processes pays
 _ENOUGH = 6e-3
@@ -61,10 +62,21 @@ def blocks_of(recording: Recording) -> ndarray:
     return np.unique(blocks, return_inverse=True)[1]
 
 
+def fitted_without(blocks: ndarray, block: int) -> ndarray:
+    """(t,) bool, rows that a fit takes without a block, whose neighbours are left out with it.
+
+    Args:
+        blocks: (t,) block of each row, numbered as they follow each other.
+        block: That is left out.
+    """
+    beside = 1 if blocks.max() + 1 >= _FEW else 0
+    return np.abs(blocks - block) > beside
+
+
 def cross_validated(
     model: StaticModel, fit: Fit, residual: bool, show: Callable[[int, int], None]
 ) -> Validation:
-    """Fit without one block after the other; of a long recording in two processes.
+    """Fit without one block and its neighbours after the other; if long, in two processes.
 
     Args:
         model: What is fitted.
@@ -76,26 +88,27 @@ def cross_validated(
     blocks = blocks_of(model.recording)
     error = np.full_like(fit.simulated.error, np.nan)
     corrected = np.full_like(error, np.nan)
-    tasks = [blocks == block for block in range(blocks.max() + 1)]
+    parts = [(blocks == k, fitted_without(blocks, k)) for k in range(blocks.max() + 1)]
     long = len(blocks) >= _LONG
     with worker_processes(_PROCESSES) if long else chosen_processes() as pool:
-        results = map(without, tasks) if pool is None else pool.map(without, tasks)
-        for number, (held, found) in enumerate(zip(tasks, results, strict=True), 1):
+        each = map if pool is None else pool.map
+        results = each(without, *zip(*parts, strict=True))
+        for number, ((held, _), found) in enumerate(zip(parts, results, strict=True), 1):
             error[held], corrected[held] = found
-            show(number, len(tasks))
+            show(number, len(parts))
     return Validation(blocks, error, corrected if residual else None)
 
 
 def _without(
-    model: StaticModel, start: tuple, residual: bool, held: ndarray
+    model: StaticModel, start: tuple, residual: bool, held: ndarray, used: ndarray
 ) -> tuple[ndarray, ndarray]:
-    """Errors (h, k, 3) of rows held back by a fit of the others, without and with residual."""
-    fit = search(model, *start, used=~held, steps=_STEPS, least=_ENOUGH)
+    """Errors (h, k, 3) of rows held back by a fit of those used, without and with residual."""
+    fit = search(model, *start, used=used, steps=_STEPS, least=_ENOUGH)
     block = model.on(model.recording.part(held))
     found = block.simulate(fit.x)
     if not residual:
         return found.error, found.error
     blocks, error = blocks_of(model.recording), fit.simulated.error
-    learned = trained(*rows_of(model, fit.simulated), error, blocks, ~held)
+    learned = trained(*rows_of(model, fit.simulated), error, blocks, used)
     change = 0.0 if learned is None else learned.correction(*rows_of(block, found))
     return found.error, found.error + change
