@@ -4,8 +4,6 @@
 PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
-# MuJoCo 4.0.0 pins a core whose solver of contacts errs with sparse matrices; 4.0.1 mends it.
-CORE := $(PIP) install --quiet --no-deps mujoco-core==4.0.1
 
 # Small matrices gain nothing from more threads, and lose much where other programs run.
 export OPENBLAS_NUM_THREADS ?= 1
@@ -61,14 +59,12 @@ test-clients: .venv/bin/python
 # Studies, trainings and a search on a Ray cluster of two nodes of this machine; one is killed.
 test-cluster: .venv/.setup-test
 	$(PIP) install --quiet -c constraints.txt -e '.[cluster]'
-	$(CORE)
 	$(BIN)/python -m pytest tests/cluster
 
 # Robots on MuJoCo Warp against the C engine, on Warp's CPU device: no graphics card is needed. Its
 # kernels are compiled in the first run, which takes a minute or two more.
 test-gpu: .venv/.setup-test
 	$(PIP) install --quiet -c constraints.txt -e '.[gpu]'
-	$(CORE)
 	$(BIN)/python -m pytest tests/gpu
 
 # The documentation site in out/docs; warnings, which broken links are, end it.
@@ -106,17 +102,14 @@ lint: .venv/.setup-test
 
 .venv/.setup: .venv/bin/python pyproject.toml constraints.txt
 	$(PIP) install -c constraints.txt -e '.[viz,mpc,robot]'
-	$(CORE)
 	touch $@
 
 .venv/.setup-test: .venv/.setup
 	$(PIP) install -c constraints.txt -e '.[viz,rl,mpc,robot,recordings,test]'
-	$(CORE)
 	touch $@
 
 .venv/.setup-docs: .venv/.setup
 	$(PIP) install --quiet -c constraints.txt -e '.[docs,viz,rl,mpc,robot,recordings]'
-	$(CORE)
 	touch $@
 
 clean:

@@ -262,6 +262,8 @@ def compile_spec(
     model = spec.compile()
     choice = choose(model)
     apply_choice(choice, model.opt)
+    if pairs:
+        contacts.warn_of_solver(model)
     softest = contacts.tune(model, pairs, choice.timestep) if pairs else 1
     if softest != 1:
         remark = f"; contacts down to {softest:.2g} times the material's stiffness"

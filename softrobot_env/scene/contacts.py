@@ -45,8 +45,9 @@ from softrobot_env.robots.sections import Section
 from .chain import HEAD_BODY, Chain
 from .objects import Contacts, G, Object
 
-#: First MuJoCo whose Newton solver factorises sparse matrices right.
-_SPARSE = 4_000_001
+#: First MuJoCo whose Newton solver factorises sparse matrices right, and from how many DOFs on it
+#: takes them by itself.
+_MENDED, _SPARSE = 4_000_001, 60
 
 #: Name of the backbone among those that touch.
 BACKBONE = "backbone"
@@ -305,22 +306,26 @@ def _add_pair(spec: MjSpec, one: Surface, other: Surface, contacts: Contacts) ->
 
 
 def _prepare(option: MjOption, contacts: Contacts) -> None:
-    """Settings of MuJoCo's solver for contacts; warns where MuJoCo's sparse path has an error."""
+    """Settings of MuJoCo's solver for contacts."""
     option.disableflags = int(option.disableflags) & ~int(
         mjtDisableBit.mjDSBL_CONTACT | mjtDisableBit.mjDSBL_CONSTRAINT
     )
     option.solver = mjtSolver.mjSOL_NEWTON
-    option.jacobian = mjtJacobian.mjJAC_AUTO
-    if mujoco.mj_version() < _SPARSE:
-        warn(
-            f"contacts are solved with dense matrices, as MuJoCo {mujoco.mj_versionString()} errs "
-            "with sparse ones: `pip install --no-deps mujoco-core==4.0.1` mends it",
-            stacklevel=2,
-        )
-        option.jacobian = mjtJacobian.mjJAC_DENSE
+    mended = mujoco.mj_version() >= _MENDED
+    option.jacobian = mjtJacobian.mjJAC_AUTO if mended else mjtJacobian.mjJAC_DENSE
     option.cone = mjtCone.mjCONE_ELLIPTIC
     option.impratio = contacts.sideways
     option.tolerance = 1e-10
+
+
+def warn_of_solver(model: MjModel) -> None:
+    """Say that contacts are solved by dense matrices where sparse ones would be faster."""
+    if model.opt.jacobian == mjtJacobian.mjJAC_DENSE and model.nv >= _SPARSE:
+        warn(
+            f"contacts are solved with dense matrices, as MuJoCo {mujoco.mj_versionString()} errs "
+            "with sparse ones: `pip install --no-deps mujoco-core==4.0.1` mends it",
+            stacklevel=3,
+        )
 
 
 def longest_step(model: MjModel, pairs: Sequence[Pair]) -> float:
