@@ -307,6 +307,10 @@ def _tip(table: Any, where: str) -> Tip:
     if not isinstance(table, Mapping):
         raise ValueError(f"{where} must be a table, got {table!r}")
     with placed(where):
+        for key, value in table.items():
+            for number in value if isinstance(value, list) else (value,):
+                if isinstance(number, float) and not isfinite(number):
+                    raise ValueError(f"{key} must be finite, got {value!r}")
         return Tip(table.get("kind"), {k: v for k, v in table.items() if k != "kind"})
 
 
