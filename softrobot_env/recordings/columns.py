@@ -96,15 +96,15 @@ def read_parquet(path: Path) -> Columns:
     """
     with needed("Parquet files need pyarrow", "recordings"):
         from pyarrow import parquet
+    columns = {}
     try:
         table = parquet.read_table(path)
+        for name in table.column_names:
+            values = table.column(name).to_numpy()
+            columns[name] = values.astype(str) if values.dtype.kind == "O" else values
     except Exception as error:  # of pyarrow's own kinds
         text = " ".join(str(error).split())
         raise ValueError(f"{path}: no Parquet file, or damaged: {text}") from None
-    columns = {}
-    for name in table.column_names:
-        values = table.column(name).to_numpy()
-        columns[name] = values.astype(str) if values.dtype.kind == "O" else values
     return columns
 
 

@@ -18,6 +18,7 @@ from softrobot_env.recordings import (
     read_recording,
     write_recording,
 )
+from softrobot_env.recordings.columns import read_parquet, write_columns
 from softrobot_env.recordings.files import header_path
 from softrobot_env.recordings.recording import summarize
 from softrobot_env.robots import ROBOTS
@@ -175,6 +176,15 @@ def test_a_header_given_counts_before_the_one_beside_the_table(tmp_path):
     assert head.commands.tendons == ("c", "d") and head.commands.factors == (-1, 1)
     with pytest.raises(ValueError, match=r"found\.toml: commands: kind, columns, unit missing"):
         read_header(given)
+
+
+def test_names_of_columns_that_are_no_text_are_refused(tmp_path):
+    pytest.importorskip("pyarrow")
+    path = tmp_path / "a.parquet"
+    write_columns({"é": np.zeros(2)}, path)
+    path.write_bytes(path.read_bytes().replace("é".encode(), b"\x87\x87"))
+    with pytest.raises(ValueError, match=r"a\.parquet: no Parquet file, or damaged"):
+        read_parquet(path)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
