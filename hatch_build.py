@@ -1,7 +1,7 @@
 """README of the distributions, which has to make sense without the repository beside it.
 
-Where `SOURCE` names the repository's address, pictures and links of README.md lead there. Without,
-they are left out: a package index can show none that is relative.
+Where `SOURCE_URL` names the repository's address, pictures and links of README.md lead there.
+Without, they are left out: a package index can show none that is relative.
 """
 
 import os
@@ -37,7 +37,9 @@ class Readme(MetadataHookInterface):
 
     def update(self, metadata: dict[str, Any]) -> None:
         """Set `readme`, and `urls` where there is an address."""
-        source = os.environ.get("SOURCE", "").rstrip("/")
+        source = os.environ.get("SOURCE_URL", "").rstrip("/")
+        if source and not source.startswith("https://"):
+            raise ValueError(f"SOURCE_URL must begin with https://, got {source!r}")
         text = (Path(self.root) / "README.md").read_text(encoding="utf-8")
         metadata["readme"] = {"content-type": "text/markdown", "text": readme(text, source)}
         metadata["urls"] = {"Source": source} if source else {}

@@ -1,7 +1,7 @@
 """Build the distributions, and prove that they work where nothing else of this repository is.
 
     make release                                   # into dist/
-    make release SOURCE=https://HOST/OWNER/NAME    # with the pictures and links of README.md
+    make release SOURCE_URL=https://HOST/OWNER/NAME    # with the pictures and links of README.md
 
 What has to fit is checked first: the version, which stands in softrobot_env/core/__init__.py alone,
 in CHANGELOG.md and CITATION.cff; metadata, by twine; what the wheel holds. Then the wheel, with the

@@ -308,10 +308,18 @@ def _tip(table: Any, where: str) -> Tip:
         raise ValueError(f"{where} must be a table, got {table!r}")
     with placed(where):
         for key, value in table.items():
-            for number in value if isinstance(value, list) else (value,):
-                if isinstance(number, float) and not isfinite(number):
-                    raise ValueError(f"{key} must be finite, got {value!r}")
+            if not _is_finite(value):
+                raise ValueError(f"{key} must be finite, got {value!r}")
         return Tip(table.get("kind"), {k: v for k, v in table.items() if k != "kind"})
+
+
+def _is_finite(value: Any) -> bool:
+    """Whether all numbers within a value of TOML are finite."""
+    if isinstance(value, Mapping):
+        return all(map(_is_finite, value.values()))
+    if isinstance(value, list):
+        return all(map(_is_finite, value))
+    return not isinstance(value, float) or isfinite(value)
 
 
 # ---------------------------------------------------------------- calibration by jogging

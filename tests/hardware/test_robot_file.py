@@ -61,7 +61,7 @@ def test_parts_may_be_left_out(tmp_path):
         ("adc_channels = []", "adc_channels = [4]", r"supervision.adc_channels\[0\] must be"),
         ("adc_low = 8", "adc_low = 4090", "supervision: adc_low must be smaller"),
         ('kind = "udp"', "", "tip: kind must be a text"),
-        ('kind = "udp"', 'kind = "udp"\noffset = [0.0, nan]', "tip: offset must be finite"),
+        ('kind = "udp"', 'kind = "udp"\noffset = [0.0, {x = nan}]', "tip: offset must be finite"),
         ("[tip]", "[tips]", "tips is no key"),
         ("[[tendons]]", "[[tendons", "no TOML"),
     ],
