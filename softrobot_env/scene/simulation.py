@@ -85,13 +85,13 @@ class Simulation:
         """Take views and addresses, which a copy has of its own."""
         self._warnings = self.data.warning.number
         integration = self._integration
-        self._estimate, self._lasting = integration.estimates, integration.lasting
+        self._estimate = integration.estimates
         self._worrying = WORRYING * (self.scene.timestep.accuracy or inf)
         self._compiled = integration.advance.locked
         self._arguments = self.model._address, self.data._address, 0, integration.header
 
     def __getstate__(self) -> dict:
-        views = {"_warnings", "_estimate", "_lasting", "_worrying", "_compiled", "_arguments"}
+        views = {"_warnings", "_estimate", "_worrying", "_compiled", "_arguments"}
         return {k: v for k, v in self.__dict__.items() if k not in views}
 
     def __setstate__(self, state: dict) -> None:
@@ -148,7 +148,7 @@ class Simulation:
             Whether all went well; if not, `failure` says what happened.
         """
         self._compiled(*self._arguments)
-        if self._lasting[0] > self._worrying:
+        if self._estimate[0] > self._worrying:
             self._warn()
         return self._warnings.tobytes() == _HEALTHY
 
@@ -172,7 +172,7 @@ class Simulation:
         """Tell once that the accuracy is not kept."""
         if not self._warned and self._warnings.tobytes() == _HEALTHY:
             self._warned = True
-            warnings.warn(inaccuracy(self.scene, self._lasting[0], self.time), stacklevel=4)
+            warnings.warn(inaccuracy(self.scene, self._estimate[0], self.time), stacklevel=4)
 
     @property
     def estimates(self) -> ndarray | None:

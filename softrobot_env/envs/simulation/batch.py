@@ -249,13 +249,13 @@ class Batch:
         self._nobody = np.zeros(count, bool)
         self._nobody.flags.writeable = False
         self._warned = False
-        self._lasting = self._integration.lasting
+        self._estimates = self._integration.estimates
         self._worrying = WORRYING * (scene.timestep.accuracy or inf)
         self._periods = 0
 
     def _warn(self) -> None:
         """Tell once that a robot does not keep the accuracy."""
-        found = np.where(~self._warnings[:, :, 1].any(axis=1), self._lasting, 0.0).max()
+        found = np.where(~self._warnings[:, :, 1].any(axis=1), self._estimates, 0.0).max()
         if found > self._worrying:
             self._warned = True
             time = self._periods * self.scene.config.control_period
@@ -297,7 +297,7 @@ class Batch:
         """
         self._batch.apply(which, self._integration.advance.ctypes, self._integration.header)
         self._periods += 1
-        if not self._warned and self._lasting.max() > self._worrying:
+        if not self._warned and self._estimates.max() > self._worrying:
             self._warn()
         if self._warnings.tobytes() == self._no_warnings:
             return self._nobody

@@ -78,7 +78,6 @@ class Integration:
         chosen[..., layout.ACCURACY] = care * (choice.accuracy or np.inf)
         chosen[..., layout.RATE] = pace.rate
         chosen[..., layout.CALM] = CALM * pace.damping_time
-        chosen[..., layout.DAMPING] = pace.damping_ratio
         chosen[..., layout.REACH] = self._reach
         chosen[..., 1, layout.ACCURACY] *= SHADOW
         chosen[..., layout.FEWEST], chosen[..., layout.MOST] = FEWEST_ROWS, MOST_ROWS
@@ -106,11 +105,6 @@ class Integration:
     def estimates(self) -> ndarray:
         """View (n,): estimated errors [m] in time since the last restart; 0 of MuJoCo's."""
         return self.memory[:, 0, layout.ESTIMATE]
-
-    @property
-    def lasting(self) -> ndarray:
-        """View (n,) [m]: `estimates` without errors of speed that are soon gone, see `period`."""
-        return self.memory[:, 0, layout.LASTING]
 
     @property
     def evaluations(self) -> ndarray:

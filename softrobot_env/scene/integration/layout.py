@@ -34,8 +34,8 @@ AT = namedtuple("AT", (*MODEL_FIELDS, *DATA_FIELDS, "time"))(*range(OFFSETS, HEA
 
 #: Places in a simulation's `memory` (float64): settings, then what it remembers and reports.
 METHOD, SUBSTEPS, PERIOD, LONGEST, SHORTEST, ACCURACY, RATE, FEWEST, MOST, CALM = range(10)
-DAMPING, REACH, NEXT, WORST, MISSED, EVALUATIONS, STEPS, SUM, ESTIMATE, LASTING = range(10, 20)
-MEMORY_SIZE = 20  # of a simulation; its shadow's, alike, follows
+REACH, NEXT, WORST, MISSED, EVALUATIONS, STEPS, SUM, ESTIMATE = range(10, 18)
+MEMORY_SIZE = 18  # of a simulation; its shadow's, alike, follows
 
 #: Rows (nu,) of what is known of a simulation's servos: settings, order, and where they are.
 SPEED, OFFSET, HALF, COMMAND, MOTOR, HORN = range(6)

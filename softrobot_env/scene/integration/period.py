@@ -4,12 +4,10 @@ Local errors alone say nothing of motions that part from each other: snapping, s
 chaos. So each simulation has a shadow, the same with `integrator.SHADOW` times the accuracy. How
 far it strays, times the ratio of the sums of the local errors, estimates the error in time. Where
 the simulation has the larger sum, its error is all that they are apart. A shadow that has strayed
-far does not move alike: its way in second order, half its square over the length, counts as well. A
-speed counts as the displacement that it makes in a swing of the robot, speed over first angular
-frequency: so one number bounds the errors of positions, and of velocities times that frequency.
-Where the first mode is damped by `DAMPED` or more, errors of speed are those of faster modes and
-soon gone: of what is lasting, which warnings are about, a speed counts there over `timestep.RATE`
-times that frequency.
+far does not move alike: its way in second order, half its square over the length, counts as well.
+Positions count `SAFE` times. A speed counts as the displacement that it makes in a swing of the
+robot, speed over first angular frequency: so one number bounds the errors of positions, and of
+velocities times that frequency.
 
 The functions serve any robot, single simulations and the threads of many.
 """
@@ -18,15 +16,15 @@ import numpy as np
 
 from softrobot_env.compile.native import array_at, called, entry, jit, making, shared
 
-from ..timestep import RATE
 from . import layout
 from . import mujoco_functions as mj
 from .extrapolation import Ramp, bounded, displacement, integrate, sway, work_on, work_size
 from .forces import chain_of, evaluate
 from .mujoco_functions import reals
 
-#: Damping ratio [1] of the first mode, beyond which errors of speed do not last.
-DAMPED = 0.02
+#: Safety factor [1] on what the shadow says of positions, which is about as large as the error where
+#: motions are smooth, and then may fall short of it.
+SAFE = 2.0
 
 
 @jit
@@ -189,24 +187,22 @@ def _compare(chain, memory, shadowed, states):
     """Estimate the error from how far the shadow has strayed, in position and in velocity."""
     nq, apart = chain.q.size, np.empty(chain.v.size)
     mj.subtract(chain.model, apart, states[1, :nq], states[0, :nq])
-    strayed = displacement(chain, apart)
+    place = _error(memory, shadowed, displacement(chain, apart))
     for i in range(apart.size):
         apart[i] = states[1, nq + i] - states[0, nq + i]
-    fast = sway(chain, memory, apart)
-    _note_error(memory, shadowed, layout.ESTIMATE, np.maximum(strayed, fast))
-    lasting = fast / RATE if memory[layout.DAMPING] > DAMPED else fast
-    _note_error(memory, shadowed, layout.LASTING, np.maximum(strayed, lasting))
+    speed = _error(memory, shadowed, sway(chain, memory, apart))
+    memory[layout.ESTIMATE] = max(memory[layout.ESTIMATE], SAFE * place, speed)
 
 
 @jit
-def _note_error(memory, shadowed, place, strayed):
-    """Remember the largest error [m] that it means for a shadow to have strayed so far."""
+def _error(memory, shadowed, strayed):
+    """The error [m] that it means for a shadow to have strayed so far."""
     if not strayed < np.inf:
-        strayed = np.inf
-    elif memory[layout.SUM] < shadowed[layout.SUM]:
+        return np.inf
+    if memory[layout.SUM] < shadowed[layout.SUM]:
         share = memory[layout.SUM] / shadowed[layout.SUM]
         strayed *= min(share + strayed / (2 * memory[layout.REACH]), 1.0)
-    memory[place] = max(memory[place], strayed)
+    return strayed
 
 
 # ---------------------------------------------------------------- MuJoCo's integrators
