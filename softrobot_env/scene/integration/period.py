@@ -22,8 +22,8 @@ from .extrapolation import Ramp, bounded, displacement, integrate, sway, work_on
 from .forces import chain_of, evaluate
 from .mujoco_functions import reals
 
-#: Safety factor [1] on what the shadow says of positions, which is about as large as the error where
-#: motions are smooth, and then may fall short of it.
+#: Safety factor [1] on what the shadow says of positions: in smooth motions that is about as large
+#: as the error, and may fall short of it.
 SAFE = 2.0
 
 
