@@ -153,8 +153,8 @@ EXTREMES = {
 
 
 #: Where the force on a tendon just reaches its friction, a run may decide otherwise than a refined
-#: one whether it sticks: then errors are more than twice what is estimated (of 26 seeds in 12, at
-#: most 6.6 times, up to 0.17 % of the length).
+#: one whether it sticks: then errors are more than twice what is estimated (of 26 seeds in 11, at
+#: most 6.3 times, up to 0.1 % of the length).
 UNDECIDED = {"stiff and rubbing": 10.0}
 
 
