@@ -62,6 +62,9 @@ _OBLIQUE, _G = 0.5, 9.81
 #: Instants of a motion.
 _PERIOD, _SAMPLES = 0.01, 300
 
+#: Timesteps [s] tried, longest first, of MuJoCo's rods that move under a load that follows.
+LADDER = (5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5)
+
 _OLDER = "SOFTROBOT_MUJOCO3"
 _NO_CABLE = (
     "MuJoCo 4.0 has no cable any more: its rows need the folder of an older MuJoCo in "
@@ -74,7 +77,12 @@ def case_name(case: str, robot: RobotParams) -> str:
     return f"rod_{case}_{robot.name}"
 
 
-MOTIONS = {case_name("falls", robot): f"{robot.name} rod falls" for robot in ROBOTS}
+MOTIONS = {
+    case_name("falls", robot): (
+        f"{robot.name.upper()} rod falls, damped by {1e3 * _DAMPING[robot.name]:g} ms"
+    )
+    for robot in ROBOTS
+}
 
 
 # ---------------------------------------------------------------- cases
@@ -107,9 +115,10 @@ def _followed(robot: RobotParams, **wrench: tuple) -> SpatialCase:
     return SpatialCase(robot, (load,), tip)
 
 
-def falling(robot: RobotParams) -> RobotParams:
+def falling(
+    robot: RobotParams, gravity: tuple = (_G * cos(_OBLIQUE), _G * sin(_OBLIQUE), 0.0)
+) -> RobotParams:
     """The rod that is let go while straight, in gravity across it."""
-    gravity = (_G * cos(_OBLIQUE), _G * sin(_OBLIQUE), 0.0)
     return replace(robot, gravity=gravity, damping_time=_DAMPING[robot.name])
 
 
@@ -153,16 +162,33 @@ def _their_rows(model: str, case: str, truth: Limit, requests: list[dict]) -> li
     for request, answer in zip(wanted, answers, strict=True):
         n = request["n"]
         steps = {"timestep": answer["timestep"], "integrator": answer["integrator"]}
+        by = replace(truth, text=f"{truth.text}; by MuJoCo {answer['version']}")
         if "failure" in answer:
             text = f"MuJoCo {answer['version']}: {answer['failure']}"
             found.append(cases.Row("note", case, model, n, reference=text, **steps))
         elif "share" in request:
             tip, took = np.array(answer["tips"]), answer["wall_time"]
-            found.append(_rest_row(case, model, n, truth, tip, took, **steps))
+            found.append(_rest_row(case, model, n, by, tip, took, **steps))
         else:
             tips, took = np.array(answer["tips"]), answer["wall_time"]
             settings = cases.Settings(model, n, **steps)
-            found.append(cases.motion_row(case, cases.BENDING, truth, settings, tips, took))
+            found.append(cases.motion_row(case, cases.BENDING, by, settings, tips, took))
+    return found
+
+
+def pulled_rows(robot: RobotParams) -> list[cases.Row]:
+    """The longest timestep with which MuJoCo's rods bear the load "pull" in motion, as notes."""
+    case, found, label = rests(robot)["pull"], [], case_name("pull", robot)
+    rod = asdict(plain(falling(robot, (0.0, 0.0, 0.0)), case.loads[0]))
+    for model in (FLEX, CABLE):
+        about = {"model": model, "rod": rod, "n": 12, "repeats": 1, "period": _PERIOD}
+        answers = ask([{**about, "samples": 50, "timestep": h} for h in LADDER])
+        holding = [answer["timestep"] for answer in answers if "tips" in answer]
+        text = "with none of these timesteps" if not holding else f"from {1e3 * holding[0]:g} ms on"
+        text = f"moves without divergence {text}, of {1e3 * LADDER[0]:g} to {1e3 * LADDER[-1]:g}"
+        row = cases.Row("note", label, model, 12, reference=f"{text} ms", timestep=None)
+        if answers:
+            found.append(replace(row, timestep=max(holding, default=None)))
     return found
 
 
@@ -181,12 +207,14 @@ def jobs(quick: bool = False) -> Iterator[Job]:
         for name, case in rests(robot).items():
             yield f"{robot.name} rod, {name}", partial(rest_rows, name, case, quick)
         yield f"{robot.name} rod falls", partial(falling_rows, robot, quick)
+        if not quick:
+            yield f"{robot.name} rod, pulled in motion", partial(pulled_rows, robot)
 
 
 def rest_rows(name: str, case: SpatialCase, quick: bool = False) -> list[cases.Row]:
     """Errors and times of all models at rest in a case."""
     found, label = [], case_name(name, case.robot)
-    truth, repeats = Limit(case.tip, 0.0, "exact rod"), 2 if quick else 3
+    truth, repeats = Limit(case.tip, 0.0, "exact rod"), 2 if quick else 10
     sizes = SIZES[: 2 if quick else None]
     for n in sizes:
         options = {"loads": case.loads, "bending": "spatial", "torsion": True}
@@ -224,7 +252,7 @@ def chain_motion(
 def falling_rows(robot: RobotParams, quick: bool = False) -> list[cases.Row]:
     """Errors and times of all models of a falling rod."""
     robot, label = falling(robot), case_name("falls", robot)
-    truth, repeats = falling_truth(robot), 2 if quick else 3
+    truth, repeats = falling_truth(robot), 2 if quick else 5
     sizes, found = SIZES[: 2 if quick else None], []
     timesteps = TIMESTEPS[: 2 if quick else None]
     for n in sizes:
