@@ -10,8 +10,10 @@ flex: n edges of equal length between points that slide, with half a mass at the
 bends by EI / l, l being the mean of its edges. The manual clamps a rod by pinning its first edge:
 taken as it is, half an edge too much is rigid. Here the pinned edge is a short one before the
 clamp, so that the vertex at the clamp has half a cell, as it should. Equality constraints keep the
-edges' length as nearly as MuJoCo allows. A vertex has no orientation: moments at the tip are a
-couple on the last edge, and a torque on its twist joint.
+edges' length as nearly as MuJoCo allows. A vertex has no orientation: moments, and loads that
+follow the tip, act on a body that holds a short last edge, which flexcomp cannot make by itself.
+MuJoCo twists that body explicitly, whatever the integrator: its stable timestep falls with 1 / n^2
+without damping, with 1 / n^4 with much of it.
 
 cable: rigid links with ball joints of stiffness EI / l and GJ / l. The first link, which is fixed,
 and the last one reach half a link beyond the rod, so that joints are in the middle of cells of
@@ -259,11 +261,10 @@ def _reset(rod: Rod, data: mujoco.MjData, tip: int) -> None:
 def resting(model: str, rod: Rod, n: int, share: float) -> Flex | Cable:
     """A model that comes to rest quickly, with steps of a share of the rod's time scale.
 
-    The flex is damped critically in its first mode, or, where a body holds its tip, by that body's
-    joint: the flex twists that body explicitly, so the twisting stiffness GJ / l asks for damping
-    in proportion, and one that loads with the rod's axis in them cannot drive round. Equal
-    armatures that outweigh the links give all modes of the cable one frequency, and steps need not
-    be short for the fast ones.
+    The flex is damped critically in its first mode. Where a body holds its tip, that body's joint
+    is damped instead, in proportion to the twisting stiffness GJ / l, as the flex twists the body
+    explicitly. The cable has armatures that outweigh its links and are equal, which gives all modes
+    one frequency, so that steps need not be short for the fast ones.
     """
     scale, step = rod.time_scale, share * rod.time_scale
     if model == "mujoco_flex" and not rod.moves_section:
