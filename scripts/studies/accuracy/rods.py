@@ -122,9 +122,9 @@ def falling(
     return replace(robot, gravity=gravity, damping_time=_DAMPING[robot.name])
 
 
-def falling_truth(robot: RobotParams) -> Limit:
-    """Tips (301, 3) [m] of a falling rod."""
-    down, along = falling_tips(robot, _G, _PERIOD * np.arange(_SAMPLES + 1)).T
+def falling_truth(robot: RobotParams, terms: int = 6) -> Limit:
+    """Tips (301, 3) [m] of a falling rod, by that many polynomials."""
+    down, along = falling_tips(robot, _G, _PERIOD * np.arange(_SAMPLES + 1), terms).T
     tips = np.stack([cos(_OBLIQUE) * down, sin(_OBLIQUE) * down, along], axis=1)
     return Limit(tips, 0.0, "inextensible rod by Ritz' method")
 
@@ -252,7 +252,7 @@ def chain_motion(
 def falling_rows(robot: RobotParams, quick: bool = False) -> list[cases.Row]:
     """Errors and times of all models of a falling rod."""
     robot, label = falling(robot), case_name("falls", robot)
-    truth, repeats = falling_truth(robot), 2 if quick else 5
+    truth, repeats = falling_truth(robot, 4 if quick else 6), 2 if quick else 5
     sizes, found = SIZES[: 2 if quick else None], []
     timesteps = TIMESTEPS[: 2 if quick else None]
     for n in sizes:
