@@ -111,6 +111,8 @@ STYLES = {
     "pcc/subpieces": Style(WINE, "p", "-", "PCC, three bodies"),
     "cosserat": Style(GREEN, "^", _DOTTED, "Cosserat rod"),
     "ancf": Style(PURPLE, "v", _MIXED, "ANCF"),
+    "mujoco_flex": Style(SKY, "X", "-", "MuJoCo's flex rod"),
+    "mujoco_cable": Style(WINE, "h", "-", "MuJoCo 3's cable"),
     "pyelastica": Style(BLACK, "P", "-", "PyElastica"),
     "midpoint": Style(BLACK),
     "gauss2": Style(BLUE, "s"),

@@ -13,7 +13,7 @@ from softrobot_env.evaluation.models.runs import front
 from softrobot_env.rendering import figures
 from softrobot_env.rendering.figures import STYLES, Axes, Figure, plain_ticks, style_of
 from softrobot_env.rendering.models import draw_front, model_entries
-from studies.accuracy import pyelastica_rod, rig, spiral, tension_step
+from studies.accuracy import pyelastica_rod, rig, rods, spiral, tension_step
 from studies.accuracy.cases import DURATION, Row
 from studies.accuracy.space import HEADINGS, ROBOTS, name_of
 from studies.lab import Column, groups, lines, pivot, select, table, verdict
@@ -57,8 +57,7 @@ def _by_case(title: str, value: str, factor: float, where: Callable[[Row], bool]
         if row.kind == "note":
             return Text("none", "red")
         found = factor * getattr(row, value)
-        text = "0" if abs(found) < 1e-9 else f"{found:.0f}" if found >= 100 else f"{found:.2g}"
-        return Text(text, "bold red" if row.met is False else "")
+        return Text(_short(found), "bold red" if row.met is False else "")
 
     make = pivot(title, ("model", "n"), "case", cell, where=where, heading=_heading)
     return lambda rows: make(sorted(rows, key=lambda row: row.model))
@@ -80,6 +79,25 @@ def _in_space(robot: Any) -> Callable:
     )
     kinds = "static", "note"
     return _by_case(title, "e_mean", 1e3, lambda row: row.case in names and row.kind in kinds)
+
+
+def _under_loads(robot: Any) -> Callable:
+    """A table of MuJoCo's rods and ours at rest: error and time of each case."""
+    names = {rods.case_name(case, robot): text for case, text in rods.HEADINGS.items()}
+
+    def cell(rows: list[Row]) -> Text:
+        return Text(f"{_short(1e3 * rows[0].e_mean)} / {_short(1e3 * rows[0].wall_time)}")
+
+    return pivot(
+        f"MuJoCo's rods beside ours, {robot.name.upper()} rod: static tip error in mm / time in ms",
+        *(("model", "n"), "case", cell),
+        where=lambda row: row.case in names and row.kind == "static",
+        heading=names.__getitem__,
+    )
+
+
+def _short(value: float) -> str:
+    return "0" if abs(value) < 1e-9 else f"{value:.0f}" if value >= 100 else f"{value:.2g}"
 
 
 def setting(row: Any) -> str:
@@ -122,6 +140,8 @@ TABLES = (
     ),
     *map(_in_space, ROBOTS),
     *(_motions(case, title, ("physics",)) for case, title in MOTIONS.items()),
+    *map(_under_loads, ROBOTS),
+    *(_motions(case, title, right=(_SPEED,)) for case, title in rods.MOTIONS.items()),
     _by_case(
         "Limit of each model less the exact equilibrium of its physics, in % of the length\n"
         "(goal: 0.1, but none for ancf, a continuum: no rod is exact for it unless it is slender)",
@@ -257,7 +277,8 @@ def _label(axes: Axes, title: str) -> None:
 
 def _finish_rules(axes: Axes, rows: list[Row], _: str) -> None:
     axes.set_title(STATIC[rows[0].case])
-    axes.set(xlabel="hinges", ylabel="tip error [mm]")
+    first = axes.get_subplotspec().is_first_col()
+    axes.set(xlabel="hinges", ylabel="tip error [mm]" if first else "")
     axes.set_xticks((6, 12, 24, 48), labels=("6", "12", "24", "48"))
 
 
@@ -274,6 +295,7 @@ def _least_order(rows: list[Row]) -> str:
 PLOTS = {
     "{}": partial(_work_precision, MOTIONS),
     "{}_rig": partial(_work_precision, RIG_MOTIONS),
+    "{}_mujoco": partial(_work_precision, rods.MOTIONS),
     "{}_rules": lines(
         *("n", "e_mean", "rule"),
         panel="case",

@@ -18,7 +18,7 @@ from softrobot_env.beams.model import IntegrationError
 from softrobot_env.evaluation.models.runs import Limit, best_of, distance
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.quadrature import RULES
-from studies.accuracy import pyelastica_rod, rig, shown, space, spiral, tension_step
+from studies.accuracy import pyelastica_rod, rig, rods, shown, space, spiral, tension_step
 from studies.accuracy.cases import (
     BENDING,
     BOUND,
@@ -80,7 +80,8 @@ _EVEN = (tension_step.CASE, *rig.MOTIONS)
 
 def jobs(quick: bool) -> Iterator[Job]:
     """All cases, models and resolutions."""
-    for some in (_static_jobs, _dynamic_jobs, space.jobs, rig.static_jobs, rig.motion_jobs):
+    parts = _static_jobs, _dynamic_jobs, space.jobs, rig.static_jobs, rig.motion_jobs, rods.jobs
+    for some in parts:
         yield from some(quick)
     yield "PyElastica", partial(pyelastica_rod.rows, quick)
 
