@@ -1,7 +1,7 @@
 """Make the LLVM code anew that comes with the package, see `softrobot_env/compile/prepared.py`.
 
-    python scripts/prepared.py            # or make prepared
-    python scripts/prepared.py --check    # whether it is of these sources
+python scripts/prepared.py            # or make prepared
+python scripts/prepared.py --check    # whether it is of these sources
 """
 
 import sys

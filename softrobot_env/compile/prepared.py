@@ -22,6 +22,7 @@ from numba.core.ccallback import CFunc
 from numba.core.compiler_lock import global_compiler_lock
 
 from softrobot_env.core.sources import digest
+from softrobot_env.core.under_way import under_way
 
 from .cache import SourceCache, sources_in
 from .linking import CalledLibrary, KernelCompiler
@@ -155,5 +156,6 @@ class PreparedFunction(CFunc):
             return None
         library = _Library(codegen, self.__name__)
         library.enable_object_caching()
-        library.take(found[1])
+        with under_way(lambda: f"making machine code of {self.__name__}, once"):
+            library.take(found[1])
         return Code(library, found[0])
