@@ -22,10 +22,14 @@ from numba.core.ccallback import CFunc
 from numba.core.compiler_lock import global_compiler_lock
 
 from softrobot_env.core.sources import digest
-from softrobot_env.core.under_way import under_way
+from softrobot_env.core.under_way import tell, under_way
 
 from .cache import SourceCache, sources_in
 from .linking import CalledLibrary, KernelCompiler
+
+#: What is said while machine code is made of it, and from which size [bytes] of its file at once:
+#: that takes a second or more.
+_TEXT, _LONG = "making machine code of the integrator, once", 50_000
 
 #: Hexadecimal digits of the key that files begin with.
 _KEY = 64
@@ -156,6 +160,8 @@ class PreparedFunction(CFunc):
             return None
         library = _Library(codegen, self.__name__)
         library.enable_object_caching()
-        with under_way(lambda: f"making machine code of {self.__name__}, once"):
+        with under_way(lambda: _TEXT):
+            if self.place.stat().st_size > _LONG:
+                tell(_TEXT)
             library.take(found[1])
         return Code(library, found[0])
