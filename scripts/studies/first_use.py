@@ -31,28 +31,29 @@ _BEAM = "from softrobot_env.beams.registry import BeamPlant"
 #: The policy of README.md's first steps.
 _POLICY = "lq_adaptive"
 
-#: Programs by what they do; paths are within a folder that is theirs.
+#: Arguments of Python: commands by their words, and a first step of the arm as a MuJoCo chain or as
+#: a beam model. They write to a folder of their own.
 PROGRAMS = {
-    "softrobot --version": ("-m", "softrobot_env", "--version"),
-    "softrobot --help": ("-m", "softrobot_env", "--help"),
-    "softrobot list": ("-m", "softrobot_env", "list"),
-    "make, reset, step": ("-c", _STEP.format("", "")),
+    "version": ("-m", "softrobot_env", "--version"),
+    "help": ("-m", "softrobot_env", "--help"),
+    "list": ("-m", "softrobot_env", "list"),
+    "step": ("-c", _STEP.format("", "")),
     **{
-        f"make, reset, step of {name}": ("-c", _STEP.format(_BEAM, f", plant=BeamPlant({name!r})"))
+        f"step {name}": ("-c", _STEP.format(_BEAM, f", plant=BeamPlant({name!r})"))
         for name in PLANTS
         if name != MUJOCO
     },
-    "softrobot evaluate": (
+    "evaluate": (
         *("-m", "softrobot_env", "evaluate", "--tasks", "swing"),
         *("--policies", _POLICY, "--out", "out"),
     ),
-    "softrobot render": (
+    "render": (
         *("-m", "softrobot_env", "render", "--task", "swing"),
         *("--policy", _POLICY, "--out", "swing.gif"),
     ),
 }
 
-QUICK = ("softrobot --version", "make, reset, step")
+QUICK = ("version", "step")
 
 #: What those programs load, so that a report tells when it is older than they are.
 LOADED = (evaluate, listing, render)
@@ -156,6 +157,8 @@ STUDY = Study(
             "silence",
         )
     ],
-    note="cold: nothing was compiled before; warm: a second run",
+    note="step: gymnasium.make of the arm, reset, a step, also as a beam model; the rest: commands "
+    f"of softrobot, evaluate and render with {_POLICY} on swing. cold: nothing was compiled "
+    "before; warm: a second run. Where others share the core, wall is longer than CPU.",
     alone=True,
 )

@@ -10,6 +10,9 @@ from time import perf_counter
 #: Longest silence [s]; where work takes long, this share [1] of its time.
 GAP, SHARE = 1.5, 0.03
 
+#: Whether anything is said.
+SPEAKS = True
+
 #: What is under way, the innermost last, and what tells it.
 _Text = Callable[[], str]
 _texts: list[_Text | None] = []
@@ -53,7 +56,7 @@ class _Voice(Thread):
 def begin(text: _Text | None) -> None:
     """Work begins, of which the text is said; None: it says so itself, as a bar does."""
     global _voice
-    if parent_process() is not None or sys.stderr is None:  # workers are silent
+    if not SPEAKS or parent_process() is not None or sys.stderr is None:  # workers are silent
         return
     with _lock:
         _texts.append(text)

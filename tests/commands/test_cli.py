@@ -193,6 +193,7 @@ def test_a_grip_is_filmed(tmp_path, capsys):
 
 
 def test_long_compilations_are_reported_once_they_are_long(capsys, monkeypatch):
+    monkeypatch.setattr(under_way, "SPEAKS", True)
     monkeypatch.setattr(under_way, "GAP", 0.1)
     listener = Notice()
     listener.on_start(None)

@@ -10,6 +10,7 @@ from softrobot_env.core import under_way
 
 @pytest.fixture(autouse=True)
 def hurried(monkeypatch):
+    monkeypatch.setattr(under_way, "SPEAKS", True)
     monkeypatch.setattr(under_way, "GAP", 0.1)
 
 
@@ -47,3 +48,11 @@ def test_long_work_is_said_less_often(capsys, monkeypatch):
     with under_way.under_way(lambda: "work"):
         time.sleep(0.7)
     assert 3 <= len(capsys.readouterr().err.splitlines()) <= 8  # at 10, 20, 40, ... 640 ms
+
+
+def test_nothing_is_said_where_nobody_wants_it(capsys, monkeypatch):
+    monkeypatch.setattr(under_way, "SPEAKS", False)
+    with under_way.under_way(lambda: "work"):
+        under_way.tell("part one")
+        time.sleep(0.25)
+    assert capsys.readouterr().err == ""
