@@ -18,7 +18,7 @@ unexport PYTHONDONTWRITEBYTECODE
 PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 QUICK := -m "not slow and not cluster and not gpu"
 
-.PHONY: setup evaluate reports check test slow test-clients test-cluster test-gpu lint docs release
+.PHONY: setup evaluate reports prepared check test slow test-clients test-cluster test-gpu lint docs release
 .PHONY: demo test-demo clean
 .DELETE_ON_ERROR:
 
@@ -35,6 +35,10 @@ reports: .venv/.setup-test
 	commands=$$($(BIN)/python scripts/figures.py --stale $(REPORTS)) && \
 	  PATH="$(abspath $(BIN)):$$PATH" sh -exc "$$commands"
 	$(BIN)/python scripts/figures.py
+
+# Make the integrator's LLVM code anew that comes with the package, after an edit of its sources.
+prepared: .venv/.setup-test
+	$(BIN)/python scripts/prepared.py
 
 # The daily loop: lint, and the tests that were quick when they were last run.
 check: lint

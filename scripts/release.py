@@ -4,10 +4,10 @@
     make release SOURCE_URL=https://HOST/OWNER/NAME    # with the pictures and links of README.md
 
 What has to fit is checked first: the version, which stands in softrobot_env/core/__init__.py alone,
-in CHANGELOG.md and CITATION.cff; metadata, by twine; what the wheel holds. Then the wheel, with the
-oldest Python that is found, and the source distribution, with the newest, are installed in virtual
-environments of their own. The bare package is used in an empty folder; and of the wheel, with the
-extras that README.md asks for, the commands of its first steps.
+in CHANGELOG.md and CITATION.cff; the integrator's LLVM code; metadata, by twine; what the wheel
+holds. Then the wheel, with the oldest Python that is found, and the source distribution, with the
+newest, are installed in virtual environments of their own. The bare package is used in an empty
+folder; and of the wheel, with the extras that README.md asks for, the commands of its first steps.
 """
 
 import argparse
@@ -127,6 +127,7 @@ def main() -> None:
     out = parser.parse_args().out
     name = f"softrobot_env-{version()}"
     wheel, sources = out / f"{name}-py3-none-any.whl", out / f"{name}.tar.gz"
+    run(sys.executable, ROOT / "scripts/prepared.py", "--check")
     run(sys.executable, "-m", "build", "--outdir", out, ROOT, stdout=subprocess.DEVNULL)
     run(sys.executable, "-m", "twine", "check", "--strict", wheel, sources)
     check_wheel(wheel)

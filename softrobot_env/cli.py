@@ -13,12 +13,16 @@ from types import FrameType
 from typing import Any
 
 from softrobot_env import __version__
+from softrobot_env.core import under_way
 from softrobot_env.core.files import in_one_line
 from softrobot_env.core.processes import STOPPED, ended_by_ctrl_c
 from softrobot_env.core.registry import REFUSALS, OutsideError
 
 #: Exit status of a command that failed, that was refused, and that SIGTERM ended.
 _FAILED, _REFUSED, _TERMINATED = 1, 2, 143
+
+#: Commands that talk with whom they serve.
+_TALKING = ("softrobot robot", "softrobot view")
 
 
 def build_parser(asked: str | None = None) -> argparse.ArgumentParser:
@@ -40,8 +44,12 @@ def main(argv: list[str] | None = None) -> int:
     that fails with 1 and such a line, failed episodes with 1, Ctrl-C with 130, SIGTERM with 143.
     """
     argv = sys.argv[1:] if argv is None else argv
-    name = "softrobot"
-    stop = _Stop()
+    name, stop = "softrobot", _Stop()
+
+    def working() -> str:
+        return "" if name in _TALKING else name
+
+    under_way.begin(working)
     try:
         args = _parsed(argv)
         args.command_line = shlex.join(["softrobot", *argv])
@@ -63,6 +71,7 @@ def main(argv: list[str] | None = None) -> int:
             raise
     finally:
         stop.end()
+        under_way.end(working)
     by, status = ("SIGTERM", _TERMINATED) if stop.asked == SIGTERM else ("Ctrl-C", STOPPED)
     print(f"{name}: stopped by {by}", file=sys.stderr)
     return status

@@ -12,7 +12,10 @@ import pytest  # noqa: E402
 from support.machine import Machine  # noqa: E402
 
 import softrobot_env  # noqa: E402, F401  (registers the ids)
+from softrobot_env.core import under_way  # noqa: E402
 from softrobot_env.registration import ENVIRONMENTS  # noqa: E402
+
+under_way.SPEAKS = False  # when depends on how busy the machine is
 
 # ---------------------------------------------------------------- order and choice
 

@@ -13,6 +13,7 @@ STUDIES = {
     "controllers": "All policies of the arm: as sec. 6.6 of the thesis, disturbed, on unseen paths",
     "feedback": "Feedback of a late tip on the disturbed rig (thesis sec. 6.1)",
     "files": "Random robot files that say no pieces: error at rest, and what is told of it",
+    "first_use": "The first minute: what the first commands take with an empty cache, and say",
     "gripper": "The gripper: its grips, what it encloses, holds under pulls, and what they cost",
     "identify": "Identification of robots of another model class, with hidden truths",
     "intervals": "Whether the intervals of an identification hold a recording that was kept back",

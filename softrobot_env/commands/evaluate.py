@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+from softrobot_env.core import under_way
 from softrobot_env.core.extras import install_command
 from softrobot_env.core.files import file_name, write_text
 from softrobot_env.core.processes import using
@@ -167,15 +168,18 @@ def _run_cases(cases: list[runner.Case], setup: Setup) -> list[Result]:
     results = []
     with output.progress_on("evaluate", len(cases)) as show:
 
-        def tell(begun: int, case: runner.Case, now: float) -> None:
+        def report(begun: int, case: runner.Case, now: float) -> None:
             lasts = case.duration or case.task.duration
             show(case.label, begun + min(1.0, now / lasts), len(cases))
 
         for begun, case in enumerate(cases):
-            tell(begun, case, 0.0)
+            under_way.tell(f"{case.label}, {begun + 1} of {len(cases)}")
+            report(begun, case, 0.0)
             try:
                 with closing(setup.environment(case)) as env:
-                    results.append(_result(runner.run(case, env, None, partial(tell, begun, case))))
+                    results.append(
+                        _result(runner.run(case, env, None, partial(report, begun, case)))
+                    )
             except RobotError as error:
                 say(f"Ended before {case.label}: {error}")
                 break

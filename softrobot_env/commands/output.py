@@ -17,6 +17,7 @@ from rich.progress import Progress, TextColumn, TimeElapsedColumn
 
 from softrobot_env.core.files import private_dir, write_text
 from softrobot_env.core.interfaces import ProgressCallback
+from softrobot_env.core.under_way import tell, under_way
 from softrobot_env.evaluation.report import write_json
 from softrobot_env.rendering.tables import text_page
 
@@ -208,6 +209,8 @@ def progress_on(
 ) -> Iterator[ProgressCallback]:
     """A bar that goes away at the end; its clock runs also while a long part is under way.
 
+    Where standard output is no terminal, lines on standard error, see `core.under_way`.
+
     Args:
         name: What it says at first.
         total: Of what is done, as far as it is known.
@@ -216,16 +219,41 @@ def progress_on(
     Yields:
         What is shown (description, done, total).
     """
+    console = _console()
+    shown = _bar(console, name, total, prefix) if console.is_terminal else _lines(name, prefix)
+    with shown as show:
+        yield show
+
+
+@contextmanager
+def _bar(
+    console: Console, name: str, total: float | None, prefix: str
+) -> Iterator[ProgressCallback]:
     columns = (*Progress.get_default_columns(), TextColumn("after"), TimeElapsedColumn())
-    _BARS.append(console := _console())
+    _BARS.append(console)
     try:
-        with Progress(*columns, console=console, transient=True) as progress:
+        with under_way(None), Progress(*columns, console=console, transient=True) as progress:
             bar = progress.add_task(name, total=total)
             yield lambda what, done, total: progress.update(
                 bar, description=prefix + what, completed=done, total=total
             )
     finally:
         _BARS.remove(console)
+
+
+@contextmanager
+def _lines(name: str, prefix: str) -> Iterator[ProgressCallback]:
+    now = name
+
+    def show(what: str, done: float, total: float | None) -> None:
+        nonlocal now
+        counted = isinstance(done, int) and isinstance(total, int)
+        share = f"{done} of {total}" if counted else f"{done / total:.0%}" if total else ""
+        now = f"{prefix}{what}: {share}"
+
+    with under_way(lambda: now):
+        tell(prefix + name)
+        yield show
 
 
 def write_report(args: Namespace, rows: list[Any], *page: Any, **more: Any) -> None:

@@ -1,6 +1,7 @@
 """`softrobot render`: a video of a policy on a task."""
 
 from argparse import Namespace
+from math import floor
 
 from softrobot_env.envs.recording import RecordEpisodes
 from softrobot_env.evaluation.runner import Case
@@ -59,7 +60,13 @@ def run(args: Namespace) -> int:
     policy = case.make_policy(env.control_period)
     if args.record is not None:
         env = RecordEpisodes(env, args.record)
-    with new_file(args.out, args.overwrite), progress_on(case.label, 1.0) as show:
+    count = floor((lasts - args.begin) * fps + 1e-6) + 1
+
+    def drawn(share: float) -> None:
+        frame = floor((share * lasts - args.begin) * fps + 1e-6) + 1
+        show(f"{case.label}, frame", max(frame, 0), count)
+
+    with new_file(args.out, args.overwrite), progress_on(case.label, count) as show:
         frames = record(
             env,
             policy,
@@ -67,7 +74,7 @@ def run(args: Namespace) -> int:
             title=case.label,
             begin=args.begin,
             options=case.reset_options,
-            progress=lambda share: show(case.label, share, 1.0),
+            progress=drawn,
         )
         count = write_video(args.out, frames, fps=fps)
     env.close()

@@ -23,12 +23,17 @@ _PATIENCE, _PAUSE = 120.0, 0.05
 
 @cache
 def digest_of(places: tuple[Path, ...]) -> str:
-    """Digest of the sources in some folders and below."""
+    """Digest of some sources, of folders those in them and below."""
     digest = sha256()
-    for place in dict.fromkeys(places):
-        for source in sorted(place.rglob("*.py")):
-            digest.update(source.read_bytes())
+    for source in sources_in(places):
+        digest.update(source.read_bytes())
     return digest.hexdigest()
+
+
+def sources_in(places: tuple[Path, ...]) -> list[Path]:
+    """Sources by their paths, and those in folders and below."""
+    found = (sorted(p.rglob("*.py")) if p.is_dir() else [p] for p in dict.fromkeys(places))
+    return [source for sources in found for source in sources]
 
 
 class CacheFiles(IndexDataCacheFile):
@@ -83,8 +88,9 @@ def _lock(path: Path) -> IO | None:
 class SourceCache(FunctionCache):
     """Numba's cache, which watches the file of the function alone, for one that calls others.
 
-    An edit of any source in some folders recompiles: that of the function unless others are given,
-    and this one. Of several processes that need a function, one compiles it, and the others wait.
+    An edit of any of some sources recompiles, or of any in a folder of them: that of the function
+    unless others are given, and this one. Of several processes that need a function, one compiles
+    it, and the others wait.
     """
 
     def __init__(self, function: Callable, *places: Path) -> None:

@@ -56,8 +56,8 @@ class _LinkedLibrary(_Library):
         self._finalized = True
 
 
-class _CalledLibrary(_Library):
-    """Code that Python calls."""
+class CalledLibrary(_Library):
+    """Code that Python or C code calls."""
 
     def _finalize_specific(self) -> None:
         super()._finalize_specific()
@@ -151,9 +151,9 @@ def _less_work() -> Iterator[None]:
 
 
 class KernelCompiler(CompilerBase):
-    """Compiles what Python calls."""
+    """Compiles what Python or C code calls."""
 
-    _library = _CalledLibrary
+    _library = CalledLibrary
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)

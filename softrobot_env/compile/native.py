@@ -4,6 +4,7 @@ import ctypes
 from collections.abc import Callable
 from functools import partial
 from hashlib import sha256
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import llvmlite.binding
@@ -25,6 +26,9 @@ from numba.extending import (
 from . import CALLED, LINKED, OFF
 from .cache import SourceCache
 from .kernels import without_literals
+
+if LINKED:
+    from .prepared import PreparedFunction
 
 #: Types of arguments of C functions.
 ADDRESS, INT, FLOAT = types.uintp, types.int32, types.float64
@@ -151,12 +155,21 @@ class Entry(NamedTuple):
     owner: Any = None
 
 
-def entry(function: Callable) -> Entry:
-    """Compile a function that C code calls, or let C code call Python's."""
+def entry(function: Callable, outside: tuple[Path, ...] = ()) -> Entry:
+    """Compile a function that C code calls, or let C code call Python's.
+
+    Args:
+        function: The function.
+        outside: Sources out of its folder of which it has constants.
+    """
     if OFF:
         return Entry(ctypes.CFUNCTYPE(*_CALL)(function), function)
     signature = (ADDRESS, ADDRESS, INT, ADDRESS), types.void
-    made = CFunc(function, signature, locals={}, options={"nopython": True}, **CALLED)
-    made._cache = SourceCache(function)
+    sources = Path(function.__code__.co_filename).parent, *outside
+    if LINKED:
+        made = PreparedFunction(function, signature, sources)
+    else:
+        made = CFunc(function, signature, locals={}, options={"nopython": True})
+        made._cache = SourceCache(function, *sources)
     made.compile()
     return Entry(made.ctypes, ctypes.PYFUNCTYPE(*_CALL)(made.address), made)

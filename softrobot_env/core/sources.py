@@ -75,7 +75,7 @@ def recorded() -> dict[str, str]:
     """What is used, with digests; they are empty where a file was written since the run began."""
     places = {name: place for name in sorted(used()) if (place := _place(name)) is not None}
     return {
-        name: "" if place.stat().st_mtime > _STARTED else _digest(place)
+        name: "" if place.stat().st_mtime > _STARTED else digest(place)
         for name, place in places.items()
     }
 
@@ -83,7 +83,7 @@ def recorded() -> dict[str, str]:
 def changed(record: Mapping[str, str]) -> list[str]:
     """Names whose content is another one than that `recorded`, or that are gone."""
     places = {name: _place(name) for name in record}
-    return [k for k, place in places.items() if place is None or _digest(place) != record[k]]
+    return [k for k, place in places.items() if place is None or digest(place) != record[k]]
 
 
 @cache
@@ -121,7 +121,7 @@ def _bases(package: str) -> tuple[str, ...]:
     return tuple(spec.submodule_search_locations)
 
 
-def _digest(file: Path) -> str:
+def digest(file: Path) -> str:
     """Eight hexadecimal digits that change with what a file says."""
     return _digest_since(file, file.stat().st_mtime_ns)
 

@@ -16,6 +16,7 @@ from softrobot_env.commands.arguments import declare
 from softrobot_env.commands.registry import COMMANDS
 from softrobot_env.commands.robot.command import COMMANDS as ROBOT_COMMANDS
 from softrobot_env.compile.notice import Notice
+from softrobot_env.core import under_way
 
 HOLD = "--tasks lshape --policies hold --control-period 0.2"
 
@@ -192,22 +193,44 @@ def test_a_grip_is_filmed(tmp_path, capsys):
 
 
 def test_long_compilations_are_reported_once_they_are_long(capsys, monkeypatch):
-    from softrobot_env.compile import notice
-
-    monkeypatch.setattr(notice, "_PATIENCE", 0.05)
-    monkeypatch.setattr(notice, "_watched", lambda: True)
+    monkeypatch.setattr(under_way, "SPEAKS", True)
+    monkeypatch.setattr(under_way, "GAP", 0.1)
     listener = Notice()
     listener.on_start(None)
     listener.on_end(None)
-    time.sleep(0.15)
+    time.sleep(0.2)
     assert capsys.readouterr().err == ""
     listener.on_start(None)
     listener.on_start(None)
     listener.on_end(None)
-    time.sleep(0.3)
+    time.sleep(0.4)
     listener.on_end(None)
-    assert re.fullmatch(r"compiling \(once, .*2 functions\n", capsys.readouterr().err)
+    said = capsys.readouterr().err
+    assert re.fullmatch(r"(compiling, once .*: 2 functions, 0 s\n)+", said)
     assert listener.count == 3
+    time.sleep(0.2)
+    assert capsys.readouterr().err == ""
+
+
+_HURRIED = """
+import sys
+from softrobot_env.core import under_way
+under_way.GAP = 0.05
+from softrobot_env.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_what_runs_says_so_where_there_is_no_terminal(tmp_path):
+    """On standard error, so that standard output holds results alone."""
+    widths = ("--step-widths", "0.05", "0.1", "--duration", "0.5", "--no-plots")
+    command = ("evaluate", "--tasks", "step", "--policies", "lqi", *widths)
+    run = finished("-c", _HURRIED, *command, "--out", str(tmp_path / "out"), check=True)
+    lines = [line.rpartition(", ")[0] for line in run.stderr.splitlines()]
+    assert "softrobot evaluate" in lines  # before it knows of episodes
+    for number in (1, 2):
+        assert sum(line.endswith(f", {number} of 2") for line in lines) == 1, lines
+    assert "Wrote" in run.stdout and " of 2" not in run.stdout
 
 
 _COUNT = """

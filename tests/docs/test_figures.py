@@ -108,7 +108,7 @@ def said(monkeypatch, capsys, *words):
 
 def test_reports_older_than_their_code_are_named(results, monkeypatch, capsys):
     module = "softrobot_env.tasks.spec"
-    digest = sources._digest(sources._place(module))
+    digest = sources.digest(sources._place(module))
     old = {f"softrobot_env.gone_{k}": digest for k in range(4)}
     results("new", sources={module: digest}, seconds=5.0)
     assert said(monkeypatch, capsys, "--check", "--fresh") == (0, [])

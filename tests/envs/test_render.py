@@ -27,6 +27,8 @@ SIZE = {"width": 320, "height": 240}
 # In a process of its own: the choice of a backend cannot be taken back.
 _PROBE = """
 import softrobot_env, gymnasium
+from softrobot_env.core import under_way
+under_way.SPEAKS = False
 env = gymnasium.make("SoftRobot/ArmStep-v0", render_mode="rgb_array", width=64, height=48).unwrapped
 env.reset()
 env.render()

@@ -12,10 +12,14 @@ velocities times that frequency.
 The functions serve any robot, single simulations and the threads of many.
 """
 
+from functools import partial
+from pathlib import Path
+
 import numpy as np
 
 from softrobot_env.compile.native import array_at, called, entry, jit, making, shared
 
+from .. import timestep
 from . import layout
 from . import mujoco_functions as mj
 from .extrapolation import Ramp, bounded, displacement, integrate, sway, work_on, work_size
@@ -233,6 +237,8 @@ def _mujoco_period(chain, memory, path):
 
 # ---------------------------------------------------------------- what C code calls
 
+_entry = partial(entry, outside=(Path(timestep.__file__),))
+
 
 @making
 def _path(number, header, memory):
@@ -278,14 +284,14 @@ def _header_at(address):
     return array_at(address, (layout.HEADER,), np.int64)
 
 
-@entry
+@_entry
 def refresh(model, data, number, header):
     """Compute all read-outs of a simulation, without moving it; arguments as `advance`."""
     mj.mj_forward(model, data)
     _report(data, number, _header_at(header))
 
 
-@entry
+@_entry
 def advance(model, data, number, header):
     """Advance a simulation by one control period.
 
