@@ -60,8 +60,7 @@ def play(
     A policy that says what it `requires` is shown nothing else.
 
     Raises:
-        ValueError: It requires what is not observed.
-        OutsideError: The policy fails, or wants to end the program.
+        OutsideError: The policy requires what is not observed, fails, or wants to end the program.
     """
     observation, info = env.reset(seed=seed, options=options)
     yield Moment(observation, info)
@@ -69,7 +68,7 @@ def play(
     called = getattr(policy, "name", type(policy).__name__)
     unknown = [name for name in names or () if name not in observation]
     if unknown or isinstance(names, str):
-        raise ValueError(
+        raise OutsideError(
             f"policy {called}: `requires` must be a tuple of what is observed, "
             f"{', '.join(observation)}; got {names!r}"
         )
