@@ -6,13 +6,17 @@ from math import isinf
 from pathlib import Path
 
 import mujoco
+import numpy as np
+from numpy import ndarray
 from rich.table import Table
 
+from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.runner import Case, simulated
 from softrobot_env.rendering.tables import Column, make_table, named_values
 from softrobot_env.rendering.workspace import draw_workspace, picture_of
 from softrobot_env.robots import RobotParams, entry_of, find_robot
+from softrobot_env.robots.actuation import robot_inputs, with_balance
 from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.inverse import sample_of, workspace_of
@@ -26,6 +30,10 @@ from .output import check_free, say
 EXAMPLE = """softrobot inspect --task swing
   softrobot inspect --task triangle --twin 0
   softrobot inspect --robot my.toml --workspace"""
+
+#: Step of an action [1] whose effect on the tip is told, and share of its largest change of a
+#: command from which on a tendon counts as pulled.
+_MOVED, _PULLED = 0.1, 1e-6
 
 #: What a scene may leave out: description -> whether this model has it.
 _OPTIONAL = {
@@ -127,6 +135,7 @@ def _print(scene: Scene, title: str, left_out: list[str], own: dict[str, str]) -
         **_holding(scene.config.robot),
         "sensors": ", ".join(model.sensor(i).name for i in range(model.nsensor)) or "none",
         "left out": "; ".join(left_out),
+        **_moves(scene),
         **_resting(scene),
         **_timing(scene),
         **own,
@@ -155,6 +164,38 @@ def _resting(scene: Scene) -> dict[str, str]:
         "stretch and shear": f"{visible}left out, would move it by {1e3 * found.left_out:.2g} mm, "
         f"{100 * found.left_out / length:.2g} % of its length",
     }
+
+
+def _moves(scene: Scene) -> dict[str, str]:
+    """Where each action alone moves the tip at rest, and which tendons it pulls more."""
+    robot = scene.config.robot
+    if not robot.tendons:
+        return {}
+    inputs, rows = robot_inputs(with_balance(robot)), {}
+
+    def at(action: ndarray) -> tuple[ndarray, ndarray]:
+        commands = inputs.command(inputs.from_actions(action))
+        controls = np.zeros(scene.n_inputs)
+        controls[: len(commands)] = commands
+        return commands, scene.tip(scene.equilibrium(controls)) @ robot.clamp.axes
+
+    try:
+        slack, rest = at(np.zeros(inputs.n_inputs))
+        for number, action in enumerate(_MOVED * np.eye(inputs.n_inputs)):
+            commands, tip = at(action)
+            pulled = [
+                tendon.name
+                for tendon, more in zip(robot.tendons, commands - slack, strict=True)
+                if more > _PULLED * np.abs(commands - slack).max()
+            ]
+            x, y, z = 1e3 * (tip - rest)
+            rows[f"tip by action[{number}] + {_MOVED}"] = (
+                f"({x:+z.2f}, {y:+z.2f}, {z:+z.2f}) mm in the base's axes, pulls "
+                f"{', '.join(pulled) or 'less'}"
+            )
+    except EquilibriumError as error:
+        return {"tip by actions": f"not known at rest: {error}"}
+    return rows
 
 
 def _timing(scene: Scene) -> dict[str, str]:

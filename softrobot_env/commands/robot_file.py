@@ -6,7 +6,7 @@ from softrobot_env.core.files import file_name, write_text
 from softrobot_env.core.records import placed
 from softrobot_env.robots import find_robot, read_robot
 from softrobot_env.scene.build import build_scene, scene_xml
-from softrobot_env.scene.config import visible
+from softrobot_env.scene.config import attachable, visible
 from softrobot_env.scene.registry import SCENES, scene_of
 
 from .arguments import command
@@ -41,7 +41,7 @@ COMMANDS = {
 
 
 def _export(args: Namespace) -> int:
-    """Write scenes as MJCF."""
+    """Write scenes as MJCF: robots to attach, and views of them where they are mounted."""
     scenes = SCENES
     if args.robot is not None:
         scene = scene_of(find_robot(args.robot))
@@ -50,8 +50,12 @@ def _export(args: Namespace) -> int:
     check_free(*paths.values(), overwrite=args.overwrite)
     for name, config in scenes.items():
         path = paths[name]
+        if config.appearance is None:
+            config, purpose = attachable(config), "in the axes of its base, to attach to a model"
+        else:
+            purpose = "where it is mounted, with lights and a wall, to look at"
         write_text(path, scene_xml(config))
-        say(f"Wrote {path}")
+        say(f"Wrote {path}: {purpose}", soft_wrap=True, highlight=False, markup=False)
     return 0
 
 

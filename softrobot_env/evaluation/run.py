@@ -60,12 +60,18 @@ def play(
     A policy that says what it `requires` is shown nothing else.
 
     Raises:
-        OutsideError: The policy fails, or wants to end the program.
+        OutsideError: The policy requires what is not observed, fails, or wants to end the program.
     """
     observation, info = env.reset(seed=seed, options=options)
     yield Moment(observation, info)
     names, hold = getattr(policy, "requires", None), getattr(policy, "hold", 1)
     called = getattr(policy, "name", type(policy).__name__)
+    unknown = [name for name in names or () if name not in observation]
+    if unknown or isinstance(names, str):
+        raise OutsideError(
+            f"policy {called}: `requires` must be a tuple of what is observed, "
+            f"{', '.join(observation)}; got {names!r}"
+        )
     state, start, over, count = None, np.array([True]), False, 0
     while not over:
         try:

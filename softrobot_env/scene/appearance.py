@@ -8,6 +8,7 @@ The body is one smooth surface that bends with the links (a MuJoCo skin).
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,9 @@ TENDON_LINE = "{}_line"
 _TENDON_WIDTH, _TENDON_SHARE = 0.0025, 0.1
 
 _LINE_STEP = 0.02  # m between the points of a tendon's line
+_LINE_TURN = 0.3  # rad about the fibre between them, so that chords stay outside the surface
 _LINE_SPREAD = 0.45  # rad around the body between the lines of two groups
+_UNSEEN = (0.0, 0.0, 0.0, 0.0)
 _DARK = (0.22, 0.24, 0.28, 1.0)
 _WHITE = (0.97, 0.97, 0.97, 1.0)
 _TAG_SHARE, _TAG_THICKNESS = 0.6, 0.0004  # of a side of the head, m
@@ -79,7 +82,10 @@ def add_appearance(chain: Chain, robot: RobotParams, look: Appearance) -> None:
         size = [max(radius, least), half, 0]
         add_visual(chain.spec.body(f"disc{index}"), "CYLINDER", size, _DARK)
     _add_base(chain.bodies[0], robot)
-    if look.surroundings:
+    if not look.surroundings:  # seen alone, it is lit from the camera
+        headlight = chain.spec.visual.headlight
+        headlight.ambient, headlight.diffuse, headlight.specular = [0.4] * 3, [0.55] * 3, [0.1] * 3
+    else:
         # A planar robot needs no room behind it; a spatial one can reach as far as it is long, and
         # is seen from above, where a floor shows.
         room = 0.0 if chain.kinds == ("hinge",) else robot.reach
@@ -93,17 +99,31 @@ def add_appearance(chain: Chain, robot: RobotParams, look: Appearance) -> None:
 
 
 def _draw_tendon(chain: Chain, tendon: Tendon, robot: RobotParams, look: Appearance) -> None:
-    """Colour a guided tendon; give a channel tendon a line that carries no force."""
-    line = chain.spec.tendon(tendon.name)
-    if not tendon.guides:
-        count = round(tendon.end / _LINE_STEP)
-        shown = replace(tendon, guides=tuple(np.linspace(0, tendon.end, count + 1)[1:-1]))
-        if tendon.is_straight:
-            places = [(s, *_shown_offset(tendon, robot, s)) for s in shown.stations]
-            shown = replace(shown, offset=places[0][1:], route=tuple(places[1:]))
-        line = route_through_guides(chain, shown, TENDON_LINE.format(tendon.name))
-    line.rgba = look.tendon_rgba
-    line.width = tendon_width(robot)
+    """Colour a tendon whose guides stand outside; show any other by a line on the surface.
+
+    The line carries no force. Inside, the chords of a bent robot would leave its surface here and
+    there, like cracks.
+    """
+    line, stations = chain.spec.tendon(tendon.name), np.array(tendon.stations)
+    line.width, line.rgba = tendon_width(robot), look.tendon_rgba
+    away = np.linalg.norm(tendon.at(stations), axis=1)
+    if tendon.guides and np.all(away >= robot.backbone.outer_radius(stations)):
+        return
+    line.rgba = _UNSEEN
+    count = max(round(tendon.end / _LINE_STEP), ceil(_turning(tendon) / _LINE_TURN))
+    places = [
+        (s, *_shown_offset(tendon, robot, s)) for s in np.linspace(0, tendon.end, max(count, 1) + 1)
+    ]
+    guides = tuple(s for s, _, _ in places[1:-1])
+    shown = replace(tendon, guides=guides, offset=places[0][1:], route=tuple(places[1:]), turns=0.0)
+    line = route_through_guides(chain, shown, TENDON_LINE.format(tendon.name))
+    line.width, line.rgba = tendon_width(robot), look.tendon_rgba
+
+
+def _turning(tendon: Tendon) -> float:
+    """Angle [rad] that a tendon winds about the fibre, to and fro."""
+    x, y = tendon.at(np.linspace(0, tendon.end, 200)).T
+    return float(np.abs(np.diff(np.unwrap(np.arctan2(y, x)))).sum())
 
 
 def _radius(robot: RobotParams, station: float) -> float:
@@ -112,14 +132,16 @@ def _radius(robot: RobotParams, station: float) -> float:
 
 
 def _shown_offset(tendon: Tendon, robot: RobotParams, station: float) -> tuple[float, float]:
-    """Position (x, y) [m] of a straight tendon's line outside the surface at a station [m].
+    """Position (x, y) [m] of a tendon's line, on or outside the surface, at a station [m].
 
-    Tendons of several groups share one channel; their lines are spread side by side towards
-    the viewer, so that each can be seen.
+    Straight tendons of several groups share one channel; their lines are spread side by side
+    towards the viewer, so that each can be seen.
     """
-    x, y = tendon.offset
+    x, y = tendon.at(np.array([station]))[0]
     radius = max(_radius(robot, station), float(np.hypot(x, y))) + tendon_width(robot) / 2
-    angle = np.arctan2(y, x) - _LINE_SPREAD * tendon.group * (1 if x >= 0 else -1)
+    angle = np.arctan2(y, x)
+    if tendon.is_straight:
+        angle -= _LINE_SPREAD * tendon.group * (1 if x >= 0 else -1)
     return radius * float(np.cos(angle)), radius * float(np.sin(angle))
 
 

@@ -15,7 +15,7 @@ from softrobot_env.core.records import (
     check_fields,
     check_unique,
 )
-from softrobot_env.robots import RobotParams
+from softrobot_env.robots import Base, RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.robots.ranges import Pieces
 
@@ -316,3 +316,14 @@ def visible(config: SceneConfig, aspect: float = 4 / 3) -> SceneConfig:
         elevation = -_ELEVATION if base.axes[2, 2] < -_HANGING else _ELEVATION
     camera = Camera(FRONT_CAMERA, (x, z), height, elevation)
     return replace(config, appearance=Appearance(), cameras=(camera,))
+
+
+def attachable(config: SceneConfig) -> SceneConfig:
+    """The same scene in the axes of the robot's base, visible, and without anything of the world.
+
+    Attached to a frame of another model the robot is clamped there, along the frame's z. The other
+    model's gravity and options then count; alone it moves as the scene does, turned with its base.
+    """
+    robot = config.robot
+    robot = replace(robot, base=Base(), gravity=robot.own_gravity)
+    return replace(config, robot=robot, appearance=Appearance(surroundings=False))

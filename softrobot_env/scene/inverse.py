@@ -47,6 +47,7 @@ _DAMPING = 1e-3  # of the gap times the largest singular value
 _RANK = 1e-7  # of the largest singular value
 _LEAST_SHARE = 0.05  # of the way to the least norm in one iteration
 _HALVINGS = 4  # of the way to a point
+_LEAST_END = 1 / 64  # of full scale, for the end of a line
 _FOLLOWING, _FOLLOWED = 0.5, 5  # of the way to the least norm; iterations of `follow`
 _NEARLY = 2e-3  # rad, sum of the turns of all joints in its last iteration
 _MISSED = 1e-5  # of the reach: what the damping of the inverse may leave
@@ -379,27 +380,45 @@ class InverseStatics:
                 step /= 2
         return min(distance, length)
 
-    def line(self, shares: ndarray) -> tuple[ndarray, ndarray]:
-        """Tips (n, 3) [m] and inputs (n, n_inputs) under shares (n,) of `farthest`, in turn."""
+    def line(self, shares: ndarray) -> ndarray:
+        """Tips (n, 3) [m] under shares (n,) of `farthest`, followed from the action 0 outwards.
+
+        NaN from where on no equilibrium is found.
+        """
         inputs = self.inputs.from_actions(np.outer(shares, self.farthest))
-        tips, posture = [], self._rest.posture
-        for one in inputs:
-            posture = self.posture(one, posture)
-            tips.append(self.tip(posture))
-        return np.array(tips), inputs
+        tips = np.full((len(shares), 3), np.nan)
+        outwards = np.argsort(np.abs(shares))
+        for side in (outwards[shares[outwards] < 0], outwards[shares[outwards] >= 0]):
+            posture = self._rest.posture
+            for k in side:
+                try:
+                    posture = self.posture(inputs[k], posture)
+                except EquilibriumError:
+                    break
+                tips[k] = self.tip(posture)
+        return tips
 
     @cached_property
     def farthest(self) -> ndarray:
         """Action (n_inputs,), of at most 1, along which the tip gets farthest from end to end.
 
-        By what each input does alone: one that pulls the tip back is pulled against the others.
+        By what each input does alone, as far as the robot stands: one that pulls the tip back is
+        pulled against the others.
         """
-        ends = []
-        for action in (*np.eye(self.inputs.n_inputs), *-np.eye(self.inputs.n_inputs)):
-            ends.append(self.tip(self.posture(self.inputs.from_actions(action))))
-        moved = np.subtract(*np.split(np.array(ends), 2))
-        along = svd(moved)[0][:, 0]
+        actions = (*np.eye(self.inputs.n_inputs), *-np.eye(self.inputs.n_inputs))
+        ends = np.array([self._end(action) for action in actions])
+        along = svd(np.subtract(*np.split(ends, 2)))[0][:, 0]
         return along / along[np.abs(along).argmax()]
+
+    def _end(self, action: ndarray) -> ndarray:
+        """Tip (3,) [m] under an action, or a half, a quarter and so on where none is stable."""
+        share, guess = 1.0, None
+        while share >= _LEAST_END:
+            try:
+                return self.tip(self.posture(self.inputs.from_actions(share * action), guess))
+            except EquilibriumError:
+                share, guess = share / 2, self._rest.posture
+        return self.tip(self._rest.posture)
 
     def _room(self, found: Place) -> float:
         """How far [m] the tip moves to its worst side before an action reaches its bound."""

@@ -36,6 +36,10 @@ _LAP, _SHORTEST_LAP, _FASTEST = 8.0, 1.0, 0.5
 _HOLD, _SHORTEST_HOLD = 5.0, 1.0
 
 _POINTS = 10
+
+#: Discs of set points that are tried where no size is asked for, each half as large as the last.
+_HALVINGS = 4
+
 _LAPS, _REST = 2, 1.0
 
 #: Laps at a frequency: one more is lost to the ramps, each a lap long, so that two are at full
@@ -175,12 +179,31 @@ def _reach(
 def _set_points(
     site: ReachableRegion, rng: np.random.Generator, radius: float | None
 ) -> tuple[ndarray, float]:
-    """Points (n, 3) [m], and the radius [m] of what they lie in."""
+    """Points (n, 3) [m], and the radius [m] of what they lie in.
+
+    Where a point of the usual disc cannot be held a smaller one is taken, or at last a line.
+    """
     if site.ground.radius == 0:
         return _on_line(site, rng, radius)
-    radius = _radius(radius, REACH_SHARE * site.ground.radius)
     distance, turn = rng.uniform(size=(2, _POINTS))
-    z = radius * np.sqrt(distance) * np.exp(2j * np.pi * turn)
+    shares = np.sqrt(distance) * np.exp(2j * np.pi * turn)
+    if radius is not None:
+        return _in_disc(site, shares, _radius(radius, 0.0))
+    for halvings in range(_HALVINGS):
+        try:
+            return _in_disc(site, shares, _rounded(REACH_SHARE * site.ground.radius / 2**halvings))
+        except ValueError:
+            continue
+    return _on_line(site, rng, None)
+
+
+def _in_disc(site: ReachableRegion, shares: ndarray, radius: float) -> tuple[ndarray, float]:
+    """Tips (n, 3) [m] over places in the unit disc (n,), complex, times a radius [m].
+
+    Raises:
+        ValueError: One cannot be held.
+    """
+    z = radius * shares
     flat = site.ground.middle + np.stack([z.real, z.imag], axis=1) @ site.ground.axes
     sheet = _sheet(site.inverse.scene.config.robot, radius, radius, "task 'reach'")
     return site.held_along(flat, "task 'reach'")[0] if sheet is None else sheet.over(flat), radius
@@ -195,7 +218,8 @@ def _on_line(
     line: a tendon that goes slack moves nothing.
     """
     shares = np.linspace(-1, 1, 81)
-    tips = site.inverse.line(shares)[0]
+    tips = site.inverse.line(shares)
+    shares, tips = (values[np.isfinite(tips[:, 0])] for values in (shares, tips))
     away = norm(tips - site.ground.middle, axis=1)
     most, name = away.max(), site.inverse.scene.config.robot.name
     if not most > site.inverse.tolerance:
@@ -205,8 +229,9 @@ def _on_line(
         raise ValueError(f"radius must be at most {most:.3g} m here, got {radius!r}")
     length = np.append(0.0, norm(np.diff(tips, axis=0), axis=1).cumsum())
     near = length[away <= radius]
-    chosen = np.sort(rng.uniform(near[0], near[-1], _POINTS))
-    return rng.permutation(site.inverse.line(np.interp(chosen, length, shares))[0]), radius
+    chosen = np.interp(np.sort(rng.uniform(near[0], near[-1], _POINTS)), length, shares)
+    tips = site.inverse.line(np.concatenate([shares, chosen]))[-_POINTS:]  # by the same steps
+    return rng.permutation(tips), radius
 
 
 def _wide_ground(

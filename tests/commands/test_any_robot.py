@@ -47,6 +47,15 @@ def test_an_example_is_rendered_inspected_and_exported(name, tmp_path, capsys):
     assert f"robot {name}" in reported and robot.tendons[-1].name in reported
     unit = "lengths to pull in" if robot.drive.kind == "length" else "inputs, full scale"
     assert unit in reported and ("servos" in reported) == (robot.drive.kind == "length")
+    offsets = {tendon.name: np.array(tendon.offset) for tendon in robot.tendons}
+    moves = re.findall(
+        r"tip by action\[\d+\] \+ 0\.1 \((.+?)\) mm .+? pulls ((?:\w+, )*\w+)", reported
+    )
+    assert len(moves) == TrackingEnv("reach", robot=name).action_space.shape[0]
+    for moved, pulled in moves:
+        tip = np.array([float(x) for x in moved.split(",")[:2]])
+        towards = sum(offsets[tendon] for tendon in pulled.split(", "))
+        assert tip @ towards > 0.8 * np.linalg.norm(tip) * np.linalg.norm(towards)
     assert called("export --robot", name, "--out", tmp_path) == 0
     for stem in (name, f"{name}_view"):
         model = mujoco.MjModel.from_xml_path(str(tmp_path / f"{stem}.xml"))

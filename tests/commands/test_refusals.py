@@ -333,7 +333,7 @@ OUTSIDE = [
     ("wrong.py:NoRobot", "must take (robot, control_period): too many positional arguments"),
     ("wrong.py:NoObservation", "policy NoObservation: TypeError"),
     ("wrong.py:NoPair", "policy NoPair: TypeError: cannot unpack"),
-    ("wrong.py:Asks", "policy Asks: KeyError: 'nothing'"),
+    ("wrong.py:Asks", "policy Asks: `requires` must be a tuple of what is observed, curvature"),
     ("wrong.py:Exits", "policy Exits: SystemExit: 0 (wrong.py, line"),
     ("wrong.py:ExitsAtOnce", "policy 'wrong.py:ExitsAtOnce': SystemExit: 3"),
     ("wrong.py:NoEnvironment", "its environment: TypeError"),
