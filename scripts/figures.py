@@ -80,11 +80,12 @@ FUNCTIONS |= {"least": min, "largest": max, "total": sum, "count": len}
 def pages() -> list[Path]:
     """README.md, the pages of docs/ that are written by hand, and what they include.
 
-    Not firmware/README.md, whose numbers are pins, voltages and baud rates of its boards.
+    Not firmware/README.md, whose numbers are pins, voltages and baud rates of its boards, and not
+    docs/reference, which `scripts/reference.py` writes.
     """
     docs = sorted((ROOT / "docs").rglob("*.md"))
-    foreign = ROOT / "docs" / "demo"  # what npm installs there
-    own = [p for p in docs if p.name != "report.md" and foreign not in p.parents]
+    foreign = {ROOT / "docs" / "demo", ROOT / "docs" / "reference"}  # npm installs into the first
+    own = [p for p in docs if p.name != "report.md" and not foreign & set(p.parents)]
     included = [ROOT / "CONTRIBUTING.md", *sorted((ROOT / "models").glob("*.md"))]
     return [ROOT / "README.md", *own, *included]
 

@@ -113,7 +113,7 @@ def run(*command: str | Path, **options: object) -> None:
 
 
 def use(python: str, package: Path, extras: str, commands: Iterator[list[str]]) -> None:
-    """Install a package with a Python, and use it in a folder of its own; SystemExit if it fails."""
+    """Install a package with a Python, and use it in its own folder; SystemExit if it fails."""
     with tempfile.TemporaryDirectory() as room:
         (Path(room) / "my.toml").write_text(robot_file(), encoding="utf-8")
         bin = Path(room) / "venv" / "bin"
