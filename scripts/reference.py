@@ -277,7 +277,7 @@ TRACKING_ENDS = (
 LEARNING = (
     'With `observe_as="vector"`, `reward="log"` and `act_as="change"` are the defaults '
     "([learning libraries](../../howto/learning_libraries.md)); your own terms: "
-    "[own rewards](../../howto/own_task.md#a-reward-and-an-observation)."
+    "[own rewards](../../howto/environments.md#your-own-reward-and-observation)."
 )
 
 

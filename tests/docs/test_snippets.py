@@ -22,6 +22,7 @@ NOT_RUN = {
     "docs/howto/gpu.md": "needs a graphics card",
     "docs/howto/hardware.md": "needs a robot",
     "docs/howto/own_task.md": "is run by tests/commands/test_any_robot.py",
+    "docs/howto/twelve_tasks.md": "is run by tests/docs/test_twelve_tasks.py",
 }
 #: What a page's Python needs to have been done, in fewer steps.
 BEFORE = {"docs/howto/policies.md": "train lq_preview --robot my.toml --quick"}
