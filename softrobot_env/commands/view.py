@@ -1,4 +1,4 @@
-"""`softrobot view`: a robot alive in a window or a browser, with sliders for its drives."""
+"""`softrobot view`: an interactive viewer in a window or a browser, with actuator sliders."""
 
 from argparse import Namespace
 from contextlib import closing

@@ -26,7 +26,7 @@ def lines(text):
 
 
 def test_there_are_twelve_and_they_are_short():
-    assert [task.split(".")[0] for task in TASKS] == [str(k) for k in range(1, 13)]
+    assert len(TASKS) == 12
     lengths = {task.splitlines()[0]: sum(len(lines(b)) for _, b in blocks(task)) for task in TASKS}
     assert {name: length for name, length in lengths.items() if not 0 < length <= 20} == {}
 
