@@ -20,7 +20,7 @@ folder.mkdir(parents=True, exist_ok=True)
 
 # `observe_as="vector"` scales what the network sees: nothing else has to be normalised.
 train_env = make_vec_env(TASK, 4, observe_as="vector")
-model = PPO("MlpPolicy", train_env, n_steps=min(2048, STEPS), seed=0, device="cpu")
+model = PPO("MlpPolicy", train_env, n_steps=min(2048, STEPS), seed=0, device="cpu", verbose=1)
 model.learn(STEPS)
 mean, deviation = evaluate_policy(model, make_vec_env(TASK, observe_as="vector"))
 print(f"return: {mean:.0f} +- {deviation:.0f}")

@@ -13,8 +13,9 @@ is shown. `variation.delay=0.02` is a field within a field, `x=` an empty or abs
 of several, `_` a space or colon, `*` any text. What is shown is a field, behind it a unit of
 `softrobot_env.rendering.tables.FACTORS` and a format (`.2g`, `,.0f`; a plain number is significant
 digits), before it one of `FUNCTIONS`; without a function all rows must agree. A line of a template
-such as `each policy = lqi, mpc` repeats the lines with `{policy}`, also within a figure; the line
-behind `rows NAME` is repeated with the fields of every row of a report, also within a figure.
+such as `each policy = lqi, mpc` repeats the lines with `{policy}`, also within a figure, and
+`each policy | law = lqi | gains; mpc | a plan` fills in two names at once; the line behind
+`rows NAME` is repeated with the fields of every row of a report, also within a figure.
 
 Three words in place of a report name other sources:
 
@@ -79,11 +80,12 @@ FUNCTIONS |= {"least": min, "largest": max, "total": sum, "count": len}
 def pages() -> list[Path]:
     """README.md, the pages of docs/ that are written by hand, and what they include.
 
-    Not firmware/README.md, whose numbers are pins, voltages and baud rates of its boards.
+    Not firmware/README.md, whose numbers are pins, voltages and baud rates of its boards, and not
+    docs/reference, which `scripts/reference.py` writes.
     """
     docs = sorted((ROOT / "docs").rglob("*.md"))
-    foreign = ROOT / "docs" / "demo"  # what npm installs there
-    own = [p for p in docs if p.name != "report.md" and foreign not in p.parents]
+    foreign = {ROOT / "docs" / "demo", ROOT / "docs" / "reference"}  # npm installs into the first
+    own = [p for p in docs if p.name != "report.md" and not foreign & set(p.parents)]
     included = [ROOT / "CONTRIBUTING.md", *sorted((ROOT / "models").glob("*.md"))]
     return [ROOT / "README.md", *own, *included]
 
@@ -247,13 +249,18 @@ def significant(value: float, digits: int) -> str:
 
 def repeated(template: str) -> str:
     """A template whose lines are repeated as its lines `each` say."""
-    lines, each = [], None
+    lines, names, each = [], [], []
     for line in template.strip().splitlines():
         if line.startswith("each "):
-            name, _, values = line.removeprefix("each ").partition("=")
-            each = name.strip(), [value.strip() for value in values.split(",")]
-        elif each and f"{{{each[0]}}}" in line:
-            lines += [line.replace(f"{{{each[0]}}}", value) for value in each[1]]
+            said, _, values = line.removeprefix("each ").partition(" = ")
+            names = said.split(" | ")
+            each = [value.strip() for value in values.split("; " if names[1:] else ",")]
+        elif names and f"{{{names[0]}}}" in line:
+            for values in each:
+                made = line
+                for name, value in zip(names, values.split(" | "), strict=True):
+                    made = made.replace(f"{{{name}}}", value)
+                lines.append(made)
         else:
             lines.append(line)
     return "\n".join(lines)

@@ -1,16 +1,30 @@
-"""Make a Jupyter notebook of every example that makes a picture.
+"""Make Jupyter notebooks of the examples that make a picture.
 
-python scripts/notebooks.py out/notebooks
+python scripts/notebooks.py                 # the five of docs/notebooks, without outputs
+python scripts/notebooks.py --run           # the same, executed: minutes; needs nbclient, ipykernel
+python scripts/notebooks.py out/notebooks   # of all examples, into a folder
 """
 
 import ast
 import json
 import sys
+import tempfile
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 from softrobot_env.core.files import write_text
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+ROOT = Path(__file__).resolve().parents[1]
+EXAMPLES, NOTEBOOKS = ROOT / "examples", ROOT / "docs" / "notebooks"
+
+#: Examples that docs/notebooks has as notebooks, each with what `pip` has to install.
+SHOWN = {
+    "own_robot": "viz",
+    "compare_controllers": "viz",
+    "train_and_show": "viz,rl",
+    "identify_stiffness": "viz",
+    "virtual_rig": "viz,robot",
+}
 
 
 def cell(kind: str, source: str) -> dict:
@@ -19,10 +33,11 @@ def cell(kind: str, source: str) -> dict:
     return made | ({"execution_count": None, "outputs": []} if kind == "code" else {})
 
 
-def notebook(text: str) -> dict:
+def notebook(text: str, extras: str = "all") -> dict:
     """An example's text as a notebook: its docstring, a cell for each step, its picture.
 
-    A comment that begins a step is the text above its cell.
+    A comment that begins a step is the text above its cell. The first cell installs the package
+    with its extras, for a hosted notebook.
     """
     tree = ast.parse(text)
     lines, starts = text.splitlines(), {1}
@@ -30,7 +45,9 @@ def notebook(text: str) -> dict:
         above = node.lineno - 1  # as a comment would be
         if lines[above - 1].startswith("# "):
             starts.add(above)
-    cells, marks = [cell("markdown", ast.get_docstring(tree))], sorted(starts)
+    install = f'# %pip install "softrobot_env[{extras}]"  # on a hosted notebook, remove the "#"'
+    cells = [cell("markdown", ast.get_docstring(tree)), cell("code", install)]
+    marks = sorted(starts)
     begin = tree.body[0].end_lineno
     for first, last in zip(marks, [*marks[1:], len(lines) + 1], strict=True):
         step = lines[begin if first == 1 else first - 1 : last - 1]
@@ -41,13 +58,39 @@ def notebook(text: str) -> dict:
     return {"cells": cells, "metadata": {}, "nbformat": 4, "nbformat_minor": 4}
 
 
+def executed(made: dict) -> dict:
+    """A notebook with its outputs, run in a folder of its own; stderr is left out."""
+    import nbformat
+    from nbclient import NotebookClient
+
+    read = nbformat.reads(json.dumps(made), as_version=4)
+    with tempfile.TemporaryDirectory() as room:
+        resources = {"metadata": {"path": room}}
+        NotebookClient(read, timeout=1800, record_timing=False, resources=resources).execute()
+    for one in read.cells:
+        if one.cell_type == "code":
+            one.outputs = [x for x in one.outputs if x.get("name") != "stderr"]
+    return json.loads(nbformat.writes(read))
+
+
+def sources(made: dict) -> list[tuple[str, str]]:
+    """Kind and text of each cell."""
+    return [(x["cell_type"], "".join(x["source"])) for x in made["cells"]]
+
+
 def main(words: list[str]) -> int:
     """Write the notebooks to a folder."""
-    folder = Path(words[0] if words else "out/notebooks")
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, nargs="?", help="for all examples")
+    parser.add_argument("--run", action="store_true", help="execute them")
+    args = parser.parse_args(words)
+    folder = args.folder or NOTEBOOKS
     for path in sorted(EXAMPLES.glob("*.py")):
         text = path.read_text(encoding="utf-8")
-        if "\npicture = " in text:
-            write_text(folder / f"{path.stem}.ipynb", json.dumps(notebook(text), indent=1))
+        if path.stem in SHOWN or (args.folder and "\npicture = " in text):
+            made = notebook(text, SHOWN.get(path.stem, "all"))
+            made = executed(made) if args.run else made
+            write_text(folder / f"{path.stem}.ipynb", json.dumps(made, indent=1) + "\n")
             print(f"Wrote {folder / path.stem}.ipynb")
     return 0
 

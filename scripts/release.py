@@ -6,8 +6,9 @@
 What has to fit is checked first: the version, which stands in softrobot_env/core/__init__.py alone,
 in CHANGELOG.md and CITATION.cff; the integrator's LLVM code; metadata, by twine; what the wheel
 holds. Then the wheel, with the oldest Python that is found, and the source distribution, with the
-newest, are installed in virtual environments of their own. The bare package is used in an empty
-folder; and of the wheel, with the extras that README.md asks for, the commands of its first steps.
+newest, are installed in virtual environments of their own. The bare package is used in a folder of
+its own; and of the wheel, with the extras that README.md asks for, the commands of its first steps,
+with its robot file.
 """
 
 import argparse
@@ -77,6 +78,11 @@ def first_steps() -> list[list[str]]:
     return [shlex.split(line, comments=True) for line in block.splitlines()]
 
 
+def robot_file() -> str:
+    """README.md's robot, which its first steps use as `my.toml`."""
+    return re.search(r"```toml\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.S)[1]
+
+
 def extras() -> str:
     """The extras that README.md asks for, in brackets."""
     return re.search(r'pip install -e "\.(\[.*?\])"', (ROOT / "README.md").read_text("utf-8"))[1]
@@ -108,8 +114,9 @@ def run(*command: str | Path, **options: object) -> None:
 
 
 def use(python: str, package: Path, extras: str, commands: Iterator[list[str]]) -> None:
-    """Install a package with a Python, and use it in an empty folder; SystemExit if it fails."""
+    """Install a package with a Python, and use it in its own folder; SystemExit if it fails."""
     with tempfile.TemporaryDirectory() as room:
+        (Path(room) / "my.toml").write_text(robot_file(), encoding="utf-8")
         bin = Path(room) / "venv" / "bin"
         run(python, "-m", "venv", bin.parent)
         pip = (bin / "python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check")

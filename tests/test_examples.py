@@ -9,6 +9,7 @@ from pathlib import Path
 import matplotlib.image as plt_image
 import pytest
 
+import notebooks
 from softrobot_env.cli import main
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
@@ -81,13 +82,34 @@ def test_pictures(name, monkeypatch, tmp_path):
 
 
 def test_notebooks_are_made_of_examples(tmp_path):
-    made = runpy.run_path(str(EXAMPLES.parent / "scripts" / "notebooks.py"))["main"](
-        [str(tmp_path)]
-    )
-    assert made == 0
+    assert notebooks.main([str(tmp_path)]) == 0
     cells = json.loads((tmp_path / "beam_model.ipynb").read_text())["cells"]
     assert cells[0]["cell_type"] == "markdown" and "A beam model alone" in cells[0]["source"]
     code = [cell["source"] for cell in cells if cell["cell_type"] == "code"]
     assert "PCC(ARM" in "\n".join(code) and "Image(" in code[-1]
     for source in code:
         compile(source, "cell", "exec")
+
+
+@pytest.mark.parametrize("name", notebooks.SHOWN)
+def test_notebooks_of_the_docs_have_the_code_of_examples(name):
+    there = json.loads((notebooks.NOTEBOOKS / f"{name}.ipynb").read_text())
+    made = notebooks.notebook((EXAMPLES / f"{name}.py").read_text(), notebooks.SHOWN[name])
+    assert notebooks.sources(there) == notebooks.sources(made)
+    shown = [x for cell in there["cells"] for x in cell.get("outputs", ()) if "data" in x]
+    assert any("image/png" in one["data"] for one in shown)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", notebooks.SHOWN)
+def test_notebooks_run(name, monkeypatch):
+    pytest.importorskip("nbclient")
+    pytest.importorskip("ipykernel")
+    if name == "train_and_show":
+        pytest.importorskip("stable_baselines3")
+    if name == "virtual_rig" and shutil.which("c++") is None:
+        pytest.skip("no C++ compiler")
+    monkeypatch.setenv("STEPS", "64")
+    made = notebooks.notebook((EXAMPLES / f"{name}.py").read_text(), notebooks.SHOWN[name])
+    last = notebooks.executed(made)["cells"][-1]
+    assert "image/png" in last["outputs"][0]["data"]

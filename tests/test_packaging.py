@@ -8,6 +8,7 @@ from support.processes import finished
 
 import release
 import softrobot_env
+from softrobot_env.robots import read_robot
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +75,10 @@ def test_a_release_is_of_one_version(monkeypatch, tmp_path):
         release.version()
 
 
-def test_the_first_steps_are_those_of_the_readme():
+def test_the_first_steps_are_those_of_the_readme(tmp_path):
     commands = release.first_steps()
     assert ["softrobot", "list"] in commands and len(commands) >= 3
+    (tmp_path / "my.toml").write_text(release.robot_file())
+    assert ["softrobot", "robot-file", "check", "my.toml"] in commands
+    assert read_robot(tmp_path / "my.toml").name == "my_trunk"
     assert release.extras().startswith("[viz")

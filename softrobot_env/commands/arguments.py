@@ -125,8 +125,8 @@ def flags(args: Namespace, names: Iterable[str]) -> str:
 
 
 _TWIN = """the rig that is simulated: seed of a digital twin, a rig with errors of manufacturing,
-    servos and camera that no policy knows, or none for an ideal one without them, which stands
-    where the one-piece model of the policies says; default: 0
+    servos and camera that are unknown to policies, or none for an ideal rig without them, which
+    rests where the one-piece model of the policies predicts; default: 0
 """
 
 #: Arguments that several commands have.
@@ -138,7 +138,7 @@ _SHARED = {
         --sensors FILE  calibration for --feedback sensors; default: beside the robot's file, or
         where policies look, that of the rig's twin 0
         --predict T1,T2  known delays of actions [s], as by --vary delay=T1,T2, for which policies
-        make up; 0 is none, as is the default; one for a picture
+        compensate; 0, the default, is none; one for a picture
     """,
     "identified": """
         --identified FILE  identified parameters that policies of the rig act on, a file of
@@ -146,9 +146,9 @@ _SHARED = {
         is driven
     """,
     "no-plots": "--no-plots  skip the plots",
-    "overwrite": "--overwrite  replace what is there of an earlier run",
+    "overwrite": "--overwrite  replace the results of an earlier run",
     "plant": f"""
-        --plant PLANT ({MUJOCO})  what is simulated: MuJoCo's chain or a beam model, out of
+        --plant PLANT ({MUJOCO})  simulated model: MuJoCo's chain or a beam model, out of
         %(choices)s
     """,
     "port": "--port PORT  serial port; default: the robot file's",

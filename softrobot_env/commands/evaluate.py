@@ -46,10 +46,10 @@ EXAMPLE = """softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1
 USAGE = "softrobot evaluate [--tasks TASK ...] [--policies POLICY ...] [OPTION ...]"
 
 ARGUMENTS = f"""
-    <robot> all tasks are for it; default: the arm's and the rig's have theirs
+    <robot> all tasks are for it; default: those of the arm and the rig
     --tasks TASK+ (all)  out of `softrobot list tasks`, or one's own, package.module:name or
         file.py:name; default: all of --robot, of the arm step, swing, lshape
-    --policies POLICY+ (all)  out of `softrobot list policies`, or one's own as of tasks;
+    --policies POLICY+ (all)  out of `softrobot list policies`, or your own, as with tasks;
         default: all that fit a task
     --duration S  default: the task's
     <plant>
@@ -59,7 +59,7 @@ ARGUMENTS = f"""
     --speeds V1,V2  as --option speed=...; of circle, figure_eight, random the largest of the
         reference, default: 0.1
     --path-seeds N+  as --option seed=...; default: 0
-    [other robots than the policies know]
+    [robots that differ from what the policies know]
     --vary NAME=V1,V2  values of one of <variations>: in SI units or as factors;
         controllers keep the nominal robot
     --randomize NAME=LOW,HIGH  ranges of the same quantities, of which --draws robots are
@@ -77,14 +77,14 @@ ARGUMENTS = f"""
         recording`; and of a serial line all messages
     [feedback]
     <feedback>
-    [episodes side by side]
-    <workers>, and take up those that are done after a stop; decisions take longer than alone;
+    [parallel episodes]
+    <workers>, and resume after a stop; decisions take longer than alone;
         default: one after the other
     [what is written]
     --out DIR (out/evaluate)
     <overwrite>
     <no-plots>
-    --redraw  run nothing: draw the plots that are there anew
+    --redraw  run nothing: redraw the plots of an earlier run
     --save-rollouts  also write npz records
     <scene>
 """

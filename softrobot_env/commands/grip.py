@@ -34,7 +34,7 @@ ARGUMENTS = """
     --diameter M  default: sampled
     --mass KG  default: sampled
     --friction 1  default: sampled
-    --seed SEED (0)  of what is sampled
+    --seed SEED (0)  of the samples
     --fineness FINENESS (quick)  out of %(choices)s
     --pieces PIECES  of each finger; default: by fineness
     --timestep S  default: by fineness

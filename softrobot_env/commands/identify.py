@@ -29,15 +29,15 @@ _STAGES = ("frame", "tendons", "geometry", "statics", "dynamics", "residual", "n
 
 ARGUMENTS = f"""
     {FILE_TEXT}
-    <robot!> as it is believed to be
-    --stages A,B ({",".join(_STAGES)})  what to find; the rest stays as the robot file says;
+    <robot!> as you believe it to be
+    --stages A,B ({",".join(_STAGES)})  stages to run; the rest stays as in the robot file;
         default: all, {",".join(_STAGES)}
-    --known A,B  kinds of parameters that the robot file says exactly, such as
+    --known A,B  kinds of parameters that the robot file gives exactly, such as
         mass,tendon_radius
     --any-turn  the recording's frame may be anywhere and turned in any way; about the robot's
         axis it may be turned anyway where the columns' tendons are not known
-    --no-validation  skip the cross-validation, half of the time; nothing is said of recordings
-        that were not seen then
+    --no-validation  skip the cross-validation, which takes half of the time and gives the errors
+        to expect of unseen recordings
     <no-plots>
     <workers>; those of the assignment, of further starts and of the cross-validation;
         default: two processes, of the cross-validation alone

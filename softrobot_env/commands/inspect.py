@@ -53,7 +53,7 @@ _OPTIONAL = {
 ARGUMENTS = """
     <task>
     <robot> its own scene unless --task is given; default: the task's
-    --workspace  of --robot: draw where its tip rests
+    --workspace  with --robot: draw the rest positions of its tip
     --out DIR (out/inspect)  of the picture
     <overwrite>
     <twin>

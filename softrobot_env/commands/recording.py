@@ -33,7 +33,7 @@ EXAMPLE = "softrobot recording check train.csv --header assets/recordings/ftdcr_
 
 FILE_TEXT = """
     recording FILE  a table, .csv or .parquet; or an .mcap file, or the folder of a Minari data set
-    --header TOML  says which column is what, before what NAME.toml beside the table says; default:
+    --header TOML  describes the columns, with priority over NAME.toml beside the table; default:
         NAME.toml alone
 """
 

@@ -22,7 +22,7 @@ EXAMPLE = """softrobot render --task swing --policy feedforward_pi --out swing.m
 ARGUMENTS = f"""
     <robot> default: the task's
     <task>
-    --policy POLICY  <policies>; or one's own, package.module:name or file.py:name; default:
+    --policy POLICY  <policies>; or your own, package.module:name or file.py:name; default:
         static
     --out FILE (out/render.mp4)  or a .gif
     <overwrite>
@@ -30,7 +30,7 @@ ARGUMENTS = f"""
         at most
     --size W H  default: 640 480, of a .gif 400 300
     --duration S  default: the task's
-    --begin S (0)  what is before is not shown, such as the way to where laps begin
+    --begin S (0)  what is before is cut, such as the way to where laps begin
     --record FILE  also write a recording, .csv or .parquet
     <twin>
     <identified>

@@ -56,7 +56,7 @@ LEARNING = f"""
         than the arm out of {", ".join(ROBOT_TASKS)}
     --start NETWORK ({IMITATION})  file of a network to start from, imitation (the one in --out,
         else where policies look) or none
-    --randomize  draw robots and disturbances from broad ranges, not Young's modulus alone
+    --randomize  sample robots and disturbances from broad ranges, not only Young's modulus
     --backend BACKEND (mujoco)  what simulates: MuJoCo, or MuJoCo Warp (warp) on a graphics card
         (see docs/howto/gpu.md)
     --device DEVICE  of the backend warp: cuda:0 unless given, or cpu
@@ -69,21 +69,21 @@ LEARNING = f"""
 def add_arguments(parser: ArgumentParser) -> None:
     """Arguments of the command."""
     chance = """
-        --seed SEED  of the randomness; default: 0
+        --seed SEED  random seed; default: 0
         --seeds A..B|A,B  a run for each; with this, several values of --set or --workers, runs have
-            folders in that of --out, and the same command goes on with those that are not done
+            folders in that of --out, and the same command resumes unfinished ones
     """
     declare(parser.add_mutually_exclusive_group(), chance)
     text = f"""
         what NAME?  policy to train, out of %(choices)s; or give --algo
         <robot> a name or a file; default: the thesis' of the artifact
         <workers>; several runs at a time; default: as many processes as cores
-        --out DIR  default: beside the file of a robot of one's own, else out; of several runs
+        --out DIR  default: beside the file of your own robot, else out; of several runs
             {SEVERAL_RUNS}/NAME
         <overwrite>
         --ship  write what comes with the package: models/, or beside the robots in assets/
-        --quick  seconds, to see that everything runs; no good policy
-        --twin SEED  of the twin that rig_nn is of; default: 0. Others than 0 go to a file with the
+        --quick  seconds, to check that everything runs; not a good policy
+        --twin SEED  of the twin measured by rig_nn; default: 0. Others than 0 go to a file with the
             seed in its name, for `softrobot evaluate --identified`
         --recording FILE  that ssm learns from, see `softrobot recording`; default: motion that is
             simulated
@@ -92,9 +92,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         {LEARNING}
         --algo NAME  algorithm of stable-baselines3, as NAME, out of %(choices)s
         --name NAME  of the file written; default: the algorithm's
-        --checkpoint DIR  folder of what --resume needs; default: out/train/NAME
-        --resume  go on with the checkpoint
-        --log DIR  folder of TensorBoard's logs
+        --checkpoint DIR  folder with what --resume needs; default: out/train/NAME
+        --resume  resume from the checkpoint
+        --log DIR  folder for TensorBoard logs
     """
     kinds = LEARNING_KINDS | {"name": of_text(file_name)}
     declare(parser, text, what=registry.TRAININGS, algo=ALGORITHMS, **kinds)

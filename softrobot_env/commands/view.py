@@ -1,4 +1,4 @@
-"""`softrobot view`: a robot alive in a window or a browser, with sliders for its drives."""
+"""`softrobot view`: an interactive viewer in a window or a browser, with actuator sliders."""
 
 from argparse import Namespace
 from contextlib import closing
@@ -28,9 +28,9 @@ _HOST = "127.0.0.1"
 ARGUMENTS = """
     <robot> default: the task's
     <task>
-    --policy POLICY  drives the robot; default: the sliders do
-    --web  in a browser of this machine, without display: MuJoCo's studio, which has no
-        authentication (whoever runs programs here can reach it)
+    --policy POLICY  drives the robot; default: the sliders
+    --web  in a browser on this machine, without a display: MuJoCo's studio, which has no
+        authentication (any local user can reach it)
     --port PORT  of --web; default: a free one from 8080 on
 """
 

@@ -1,4 +1,4 @@
-"""`softrobot warm-up`: compile ahead what is otherwise compiled, in silence, at its first use."""
+"""`softrobot warm-up`: precompile what is otherwise compiled at its first use."""
 
 from argparse import Namespace
 from concurrent.futures import as_completed

@@ -22,9 +22,10 @@ from softrobot_env.core.records import (
     write,
 )
 
-from .parameters import Base, Disc, Drive, Finger, Gripper, RobotParams
+from .parameters import Base, Disc, Drive, Finger, Gripper, Head, RobotParams
 from .ranges import Degrees, Length, Radius, Station
 from .sections import Section
+from .sensors import Sensor
 from .tendons import Tendon
 
 #: Fewest pieces of a section whose table does not say it, and of one through which a tendon runs
@@ -35,7 +36,15 @@ PIECES, WINDING_PIECES = 6, 12
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a tendon is, in other words than the fields of `Tendon`."""
+    """Where a tendon is, in other words than the fields of `Tendon`.
+
+    Attributes:
+        ends_at_section: Number of the section at whose end it is anchored, from 1, in place of
+            `end_m`.
+        radius: [m], distance from the fibre, in place of `offset_m`.
+        angle: [deg] from +x towards +y by which the tendon is turned; the first one's of a list of
+            names.
+    """
 
     ends_at_section: int | None = None
     radius: Annotated[Station | None, Unit("m")] = None
@@ -44,7 +53,12 @@ class _Place:
 
 @dataclass(frozen=True)
 class _Cylinder:
-    """A disc by its shape."""
+    """A disc by its shape, a homogeneous cylinder, in place of `inertia_kg_m2`.
+
+    Attributes:
+        radius: [m].
+        thickness: [m].
+    """
 
     radius: Radius
     thickness: Length
@@ -52,11 +66,31 @@ class _Cylinder:
 
 @dataclass(frozen=True)
 class _FingerTable:
-    """A finger whose robot is another file."""
+    """A finger whose robot is another file.
+
+    Attributes:
+        name: Unique name.
+        robot: Path of the robot's file, from the folder of this one.
+        base: Where it is clamped; its own x axis points to what it grips.
+    """
 
     name: Name
     robot: str
     base: Base
+
+
+#: Tables of a robot's file by name, "" the whole, each with the records that its keys are of.
+TABLES: dict[str, tuple[type, ...]] = {
+    "": (RobotParams,),
+    "base": (Base,),
+    "head": (Head,),
+    "section": (Section,),
+    "tendon": (Tendon, Drive, _Place),
+    "disc": (Disc, _Cylinder),
+    "sensor": (Sensor,),
+}
+#: The same of a gripper's.
+GRIPPER_TABLES: dict[str, tuple[type, ...]] = {"": (Gripper,), "finger": (_FingerTable,)}
 
 
 def read_robot(path: Path | str) -> RobotParams:
@@ -86,7 +120,7 @@ def read_gripper(path: Path | str) -> Gripper:
     path = Path(path)
 
     def finger(table: Mapping[str, Any], where: str) -> Finger:
-        (values,) = read_values(table, where, [_FingerTable])
+        (values,) = read_values(table, where, GRIPPER_TABLES["finger"])
         try:
             robot = read_robot(path.parent / values["robot"])
         except OSError as error:
@@ -128,7 +162,7 @@ def _table(robot: RobotParams) -> dict[str, Any]:
 
 def _robot(table: Mapping[str, Any]) -> RobotParams:
     later = dict.fromkeys(("section", "tendon", "disc"), lambda one, where: (where, one))
-    (values,) = read_values(table, "", [RobotParams], later)
+    (values,) = read_values(table, "", TABLES[""], later)
     said = values.pop("sections", ())
     if not said:
         raise ValueError("section must be one or more tables, each begun with [[section]]")
@@ -171,7 +205,7 @@ def _disc(where: str, table: Mapping[str, Any], length: float) -> Disc:
     cylinder = any(key in table for key in shape)
     _check_exclusive(table, where, "inertia_kg_m2", *shape)
     optional = ["inertia_kg_m2"] if cylinder else shape
-    disc, size = read_values(table, where, [Disc, _Cylinder], optional=optional)
+    disc, size = read_values(table, where, TABLES["disc"], optional=optional)
     _check_on_robot(f"{where}.station_m", disc["station"], length)
     _check_on_robot(f"{where}.thickness_m", size.get("thickness", 0.0), length)
     numbers = {name: float(x) for name, x in (disc | size).items()} if cylinder else disc
@@ -186,9 +220,8 @@ def _tendons(
     names = table.get("name")
     names = names if isinstance(names, list) and names else [names]
     single = {"group": number, **table} | ({"name": names[0]} if "name" in table else {})
-    values, drive, place = read_values(
-        single, where, [Tendon, Drive, _Place], optional=("offset_m", "end_m")
-    )
+    optional = ("offset_m", "end_m")
+    values, drive, place = read_values(single, where, TABLES["tendon"], optional=optional)
     for k, name in enumerate(names, 1):
         check_argument(f"{where}.name[{k}]", name, Name)
     values |= _course(where, table, values, place, ends)

@@ -17,19 +17,19 @@ class GripTask:
         free: Whether the bar is free and has to be held; else it is clamped and to be enclosed.
         duration: [s].
         closing: [s], until which a free bar lies on the palm, undisturbed.
-        diameter: [m].
+        diameter: [m], of the bar.
         length: [m], of the bar.
-        mass: [kg].
-        friction: Coefficient [1].
+        mass: [kg], of the bar.
+        friction: [1], coefficient of friction.
         pull: [N], size of a force in any direction, which grows from `closing` on until
             half the time that is left is over, and stays.
         shake: [m/s2], amplitude of an acceleration of the palm in any direction, from then on too.
-        rate: [Hz], of the shaking.
-        modulus: Factor [1] on the stiffness of each finger.
-        arm: Factor [1] on the distance of each finger's tendon from its fibre.
-        sensor_errors: Scale [1] of the usual imperfections of the fingers' sensors
+        rate: [Hz], frequency of the shaking.
+        modulus: [1], factor on the stiffness of each finger.
+        arm: [1], factor on the distance of each finger's tendon from its fibre.
+        sensor_errors: [1], scale of the usual imperfections of the fingers' sensors
             (`robots.sensors.USUAL`).
-        specimen: What the differences of the sensors of a gripper are sampled from, rounded down.
+        specimen: Seed of the differences between the sensors of grippers, rounded down.
         within: What counts as success, at the end: of an enclosing grip the largest mean share by
             which the curvatures differ from that of the wrapped bar; of a hold the farthest way [m]
             of the bar from where it lay.

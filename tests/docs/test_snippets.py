@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from softrobot_env.cli import build_parser, main
-from softrobot_env.core.files import assets_dir
 from softrobot_env.core.studies import BENCHMARKS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -23,6 +22,7 @@ NOT_RUN = {
     "docs/howto/gpu.md": "needs a graphics card",
     "docs/howto/hardware.md": "needs a robot",
     "docs/howto/own_task.md": "is run by tests/commands/test_any_robot.py",
+    "docs/howto/twelve_tasks.md": "is run by tests/docs/test_twelve_tasks.py",
 }
 #: What a page's Python needs to have been done, in fewer steps.
 BEFORE = {"docs/howto/policies.md": "train lq_preview --robot my.toml --quick"}
@@ -77,7 +77,7 @@ def test_python_runs(path, tmp_path, monkeypatch):
         pytest.importorskip("stable_baselines3")
     monkeypatch.chdir(tmp_path)
     (tmp_path / "out").mkdir()
-    (tmp_path / "my.toml").write_text((assets_dir() / "robots" / "hanging_trunk.toml").read_text())
+    (tmp_path / "my.toml").write_text(blocks(ROOT / "README.md", "toml")[0])
     if name(path) in BEFORE:
         assert main(shlex.split(BEFORE[name(path)])) == 0
     known = {}

@@ -32,9 +32,9 @@ _USUAL = excitation.Excitation()
 ARGUMENTS = f"""
     <robot> simulated; default: the rig
     --env ENV ({SIMULATED})  out of %(choices)s
-    --twin SEED|none  errors of manufacturing and servos that a simulated or virtual robot
-        driven by length has and nobody knows; default: of the rig 0, of others none
-    --vary NAME=V  what is otherwise with a simulated robot than believed:
+    --twin SEED|none  errors of manufacturing and servos of a simulated or virtual robot
+        driven by length, unknown to policies; default: of the rig 0, of others none
+    --vary NAME=V  deviations of a simulated robot from its file:
         <variations>
     --plant PLANT ({MUJOCO})  of a simulated robot, out of %(choices)s
     --robot-file FILE  of a real rig
