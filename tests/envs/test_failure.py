@@ -154,6 +154,8 @@ def test_the_limit_is_that_of_one_piece(bend, over, piece, make_env):
         assert f"of piece {piece + 1}" in info["failure"]
 
 
+# A control period of many swings.
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
 def test_failure_in_the_last_step_is_a_failure(make_env):
     env = make_env("SoftRobot/ArmStep-v0", control_period=0.2)
     env.reset()
