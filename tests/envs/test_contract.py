@@ -338,6 +338,8 @@ def test_a_failed_step_shows_what_was_seen_before_it_and_says_why(env_id, observ
     assert_flat(info)
 
 
+# Of a control period that is long for the arm.
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
 @pytest.mark.parametrize("mode", AutoresetMode)
 @pytest.mark.parametrize("env_id", SIMULATED)
 def test_info_of_many_has_the_keys_of_one(env_id, mode):
