@@ -34,9 +34,9 @@ DIVERGING = {
 _HEALTHY = bytes(4 * int(mjtWarning.mjNWARNING))
 
 
-#: Times the accuracy that is wanted, an estimate is worth a warning: of speeds it is some times as
-#: large as the error, of positions it has a safety factor of this size (`integration.period.SAFE`).
-WORRYING = 2.5
+#: Times the accuracy that is wanted, an estimate is worth a warning: it is mostly some times as
+#: large as the error.
+WORRYING = 2.0
 
 
 def inaccuracy(scene: "Scene", estimate: float, time: float) -> TimestepWarning:
