@@ -140,7 +140,7 @@ class Row(Record):
 #
 # The same chain in ever finer steps, until two runs agree. A chain whose fastest mode swings freely
 # is integrated by the Runge-Kutta scheme of order four, one whose fast modes creep (explicit steps
-# would have to be tiny) by implicitfast, extrapolated to zero timestep from three runs. Tendons
+# would have to be tiny) by implicitfast, extrapolated to zero timestep from three runs each. Tendons
 # that rub take discrete, extrapolated too: the others find the friction as if the joints were
 # undamped, and on a stiff overdamped chain are far off until the steps resolve its fastest creep.
 # None knows the rule that picks a scene's timestep. Steps are halved until two successive results
@@ -252,14 +252,10 @@ def _estimate(method: str, series: list[ndarray]) -> tuple[ndarray, float] | Non
     """Best tips of successive refinements and how far they are from the next best."""
     if method == "RK4":
         return (series[-1], runs.distance(series[-1], series[-2])) if len(series) > 1 else None
-    if len(series) < 3:
+    if len(series) < 4:  # friction and tendons that go slack make the error no series in the step
         return None
-    best, second = zero_timestep(series[-3:])
-    if method != "discrete":
-        return best, runs.distance(best, second)
-    if len(series) < 4:  # friction makes the error no series in the step
-        return None
-    return best, runs.distance(best, zero_timestep(series[-4:-1])[0])
+    best, before = (zero_timestep(three)[0] for three in (series[-3:], series[-4:-1]))
+    return best, runs.distance(best, before)
 
 
 def refined_run(scene: Scene, drawn: RandomScene, integrator: str, substeps: int) -> ndarray:

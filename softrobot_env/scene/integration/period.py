@@ -28,7 +28,7 @@ from .mujoco_functions import reals
 
 #: Safety factor [1] on what the shadow says of positions: in smooth motions that is about as large
 #: as the error, and may fall short of it.
-SAFE = 2.5
+SAFE = 3.0
 
 
 @jit
