@@ -2,12 +2,12 @@
 
 Local errors alone say nothing of motions that part from each other: snapping, swinging upside down,
 chaos. So each simulation has a shadow, the same with `integrator.SHADOW` times the accuracy. How
-far it strays, times the ratio of the sums of the local errors, estimates the error in time. Where
-the simulation has the larger sum, its error is all that they are apart. A shadow that has strayed
-far does not move alike: its way in second order, half its square over the length, counts as well.
-Positions count `SAFE` times. A speed counts as the displacement that it makes in a swing of the
-robot, speed over first angular frequency: so one number bounds the errors of positions, and of
-velocities times that frequency.
+far it strays, times the ratio of the sums of the local errors, estimates the error in time; of
+positions with a safety factor, `SAFE`. The error is at most all that they are apart. A shadow that
+has strayed far does not move alike: its way in second order, half its square over the length,
+counts as well. A speed counts as the displacement that it makes in a swing of the robot, speed over
+first angular frequency: so one number bounds the errors of positions, and of velocities times that
+frequency.
 
 The functions serve any robot, single simulations and the threads of many.
 """
@@ -191,20 +191,20 @@ def _compare(chain, memory, shadowed, states):
     """Estimate the error from how far the shadow has strayed, in position and in velocity."""
     nq, apart = chain.q.size, np.empty(chain.v.size)
     mj.subtract(chain.model, apart, states[1, :nq], states[0, :nq])
-    place = _error(memory, shadowed, displacement(chain, apart))
+    place = _error(memory, shadowed, displacement(chain, apart), SAFE)
     for i in range(apart.size):
         apart[i] = states[1, nq + i] - states[0, nq + i]
-    speed = _error(memory, shadowed, sway(chain, memory, apart))
-    memory[layout.ESTIMATE] = max(memory[layout.ESTIMATE], SAFE * place, speed)
+    speed = _error(memory, shadowed, sway(chain, memory, apart), 1.0)
+    memory[layout.ESTIMATE] = max(memory[layout.ESTIMATE], place, speed)
 
 
 @jit
-def _error(memory, shadowed, strayed):
-    """The error [m] that it means for a shadow to have strayed so far."""
+def _error(memory, shadowed, strayed, safe):
+    """The error [m] that it means for a shadow to have strayed so far, with a safety factor."""
     if not strayed < np.inf:
         return np.inf
     if memory[layout.SUM] < shadowed[layout.SUM]:
-        share = memory[layout.SUM] / shadowed[layout.SUM]
+        share = safe * memory[layout.SUM] / shadowed[layout.SUM]
         strayed *= min(share + strayed / (2 * memory[layout.REACH]), 1.0)
     return strayed
 
