@@ -140,7 +140,7 @@ class Row(Record):
 #
 # The same chain in ever finer steps, until two runs agree. A chain whose fastest mode swings freely
 # is integrated by the Runge-Kutta scheme of order four, one whose fast modes creep (explicit steps
-# would have to be tiny) by implicitfast, extrapolated to zero timestep, each from three runs. Tendons
+# would have to be tiny) by implicitfast, extrapolated to zero timestep, from three runs. Tendons
 # that rub take discrete, extrapolated too: the others find the friction as if the joints were
 # undamped, and on a stiff overdamped chain are far off until the steps resolve its fastest creep.
 # None knows the rule that picks a scene's timestep. Steps are halved until two successive results

@@ -39,6 +39,8 @@ def test_policies_are_compared_on_the_only_robot(tmp_path, capsys):
     assert (tmp_path / "lshape_tip.png").exists() and "Wrote plots" in capsys.readouterr().out
 
 
+# Of a control period that is long for the arm.
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
 def test_repeated_variations_add_up(tmp_path):
     vary = "--vary youngs_modulus=0.5 --vary youngs_modulus=2 --vary density=1,2"
     rows = evaluated(tmp_path, HOLD, "--no-plots", vary)
@@ -61,6 +63,8 @@ def test_delays_that_policies_know_are_told_apart(tmp_path):
     assert "delay 200 ms, known delay 200 ms" in (tmp_path / "report.md").read_text()
 
 
+# Of a control period that is long for the arm.
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
 def test_no_number_of_a_table_is_cut_short(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     words = "--tasks swing step --step-widths 0.05 --control-period 0.1 --no-plots --policies hold"

@@ -85,6 +85,8 @@ def test_the_gradient_of_a_plan_is_right(policy):
     assert np.linalg.eigvalsh(hessian).min() > 0
 
 
+# Tendons of the twin rub, on a fast path.
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
 def test_plans_keep_to_the_servos(policy):
     """No action changes faster than the servos turn, and none leaves [-1, 1]."""
     rollout = run(Case(make_task("triangle", period=0.5), "ssm_mpc", twin=0, duration=14.0)).rollout
