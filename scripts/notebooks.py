@@ -36,8 +36,8 @@ def cell(kind: str, source: str) -> dict:
 def notebook(text: str, extras: str = "all") -> dict:
     """An example's text as a notebook: its docstring, a cell for each step, its picture.
 
-    A comment that begins a step is the text above its cell. The first cell installs the package
-    with its extras, for a hosted notebook.
+    A comment that begins a step is the text above its cell. The first code cell says how to
+    install the package with its extras.
     """
     tree = ast.parse(text)
     lines, starts = text.splitlines(), {1}
@@ -45,7 +45,10 @@ def notebook(text: str, extras: str = "all") -> dict:
         above = node.lineno - 1  # as a comment would be
         if lines[above - 1].startswith("# "):
             starts.add(above)
-    install = f'# %pip install "softrobot_env[{extras}]"  # on a hosted notebook, remove the "#"'
+    install = (
+        "# The package is not on an index yet: give pip the path of the checkout or of a wheel.\n"
+        f'# %pip install "path/to/softrobot_env[{extras}]"'
+    )
     cells = [cell("markdown", ast.get_docstring(tree)), cell("code", install)]
     marks = sorted(starts)
     begin = tree.body[0].end_lineno

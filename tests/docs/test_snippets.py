@@ -2,10 +2,15 @@
 
 import argparse
 import ast
+import os
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
+import matplotlib.pyplot as plt
+import numpy as np
 import pytest
 
 from softrobot_env.cli import build_parser, main
@@ -25,7 +30,10 @@ NOT_RUN = {
     "docs/howto/twelve_tasks.md": "is run by tests/docs/test_twelve_tasks.py",
 }
 #: What a page's Python needs to have been done, in fewer steps.
-BEFORE = {"docs/howto/policies.md": "train lq_preview --robot my.toml --quick"}
+BEFORE = {
+    "docs/howto/own_robot.md": "export --robot hanging_trunk --out out",
+    "docs/howto/policies.md": "train lq_preview --robot my.toml --quick",
+}
 #: What trainings take, and what they take here.
 SHORTER = {"200_000": "256"}
 
@@ -85,6 +93,19 @@ def test_python_runs(path, tmp_path, monkeypatch):
         for long, short in SHORTER.items():
             block = block.replace(long, short)
         exec(compile(block, name(path), "exec"), known)
+
+
+@pytest.mark.slow
+def test_exported_robot_is_drawn_by_mujoco_alone(tmp_path, monkeypatch):
+    page = ROOT / "docs" / "howto" / "own_robot.md"
+    monkeypatch.chdir(tmp_path)
+    assert main(shlex.split(BEFORE[name(page)])) == 0
+    attach = next(code for code in blocks(page, "python") if "world.attach" in code)
+    code = attach + blocks(page, "py")[0]
+    # In a process of its own: MuJoCo chooses its OpenGL when it is imported.
+    environment = {"MUJOCO_GL": "egl"} | os.environ
+    subprocess.run([sys.executable, "-c", code], env=environment, check=True)
+    assert len(np.unique(plt.imread("attached.png").reshape(-1, 3), axis=0)) > 1000
 
 
 def test_relative_links_of_the_readme_lead_somewhere():
