@@ -30,7 +30,7 @@ class Tree(NamedTuple):
         moments: (nv, 6), of the axes, by the inertia of all that moves with them.
         inverse: (nv,), of what resists a DOF alone.
         inertias: (nbody, 21), articulated, the lower halves of matrices by rows.
-        motion: (nbody, 6), forces from the tips on, then accelerations from the base on.
+        motion: (nbody rows, 6), forces from the tips on, then accelerations from the base on.
     """
 
     parents: ndarray
@@ -44,14 +44,14 @@ class Tree(NamedTuple):
 
 
 @jit
-def tree_size(chain):
+def tree_size(chain, rows):
     """Number of doubles that `tree_on` cuts."""
-    return chain.v.size * (2 * AXIS + 1) + chain.header[NBODY] * (_HALF + AXIS)
+    return chain.v.size * (2 * AXIS + 1) + chain.header[NBODY] * (_HALF + rows * AXIS)
 
 
 @making
-def tree_on(chain, room):
-    """A tree without inertia, cut from free memory."""
+def tree_on(chain, room, rows):
+    """A tree without inertia, cut from free memory, to solve for as many rows at once."""
     model, header, nv, bodies = chain.model, chain.header, chain.v.size, chain.header[NBODY]
     return Tree(
         ints(model, header[AT.body_parentid], bodies),
@@ -61,7 +61,7 @@ def tree_on(chain, room):
         mj.cut(room, nv, AXIS),
         mj.cut(room, 1, nv)[0],
         mj.cut(room, bodies, _HALF),
-        mj.cut(room, bodies, AXIS),
+        mj.cut(room, bodies * rows, AXIS),
     )
 
 
@@ -127,25 +127,32 @@ def _fill(half, inertia):
 
 
 @jit
-def solve(tree, x):
-    """Let x (nv,) be the solution for it."""
+def solve(tree, x, count):
+    """Let the first rows of x (rows, nv) be the solutions for them.
+
+    All at once: one alone waits for its own sums at every body.
+    """
     bodies, motion = tree.parents.size, tree.motion
-    for b in range(bodies):
+    for k in range(bodies * count):
         for r in range(AXIS):
-            motion[b, r] = 0.0
+            motion[k, r] = 0.0
     for b in range(bodies - 1, 0, -1):
-        force = motion[b]
         for i in range(tree.first[b] + tree.count[b] - 1, tree.first[b] - 1, -1):
-            x[i] -= _product(tree.axes[i], force)
-            _add(force, x[i] * tree.inverse[i], tree.moments[i])
+            for k in range(count):
+                force = motion[b * count + k]
+                x[k, i] -= _product(tree.axes[i], force)
+                _add(force, x[k, i] * tree.inverse[i], tree.moments[i])
         if tree.parents[b]:
-            _add(motion[tree.parents[b]], 1.0, force)
+            for k in range(count):
+                _add(motion[tree.parents[b] * count + k], 1.0, motion[b * count + k])
     for b in range(1, bodies):
-        acceleration = motion[b]
-        mj.assign(acceleration, motion[tree.parents[b]])
+        for k in range(count):
+            mj.assign(motion[b * count + k], motion[tree.parents[b] * count + k])
         for i in range(tree.first[b], tree.first[b] + tree.count[b]):
-            x[i] = (x[i] - _product(tree.moments[i], acceleration)) * tree.inverse[i]
-            _add(acceleration, x[i], tree.axes[i])
+            for k in range(count):
+                acceleration = motion[b * count + k]
+                x[k, i] = (x[k, i] - _product(tree.moments[i], acceleration)) * tree.inverse[i]
+                _add(acceleration, x[k, i], tree.axes[i])
 
 
 @jit

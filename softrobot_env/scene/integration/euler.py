@@ -10,7 +10,7 @@ from softrobot_env.compile.native import jit, making
 from . import articulated
 from . import mujoco_functions as mj
 from .articulated import Tree, tree_on, tree_size
-from .layout import AT
+from .layout import AT, NTENDON
 from .mujoco_functions import assign, ints, reals
 
 #: Friction's impulses are found by as many sweeps, or until they move by no more than a share [1].
@@ -23,7 +23,7 @@ class System(NamedTuple):
     Attributes:
         tree: Mass, springs and dampers of the joints.
         diagonal: (nv,), their springs and dampers.
-        answers: (nu, nv), changes by impulses of the springs of taut drives.
+        answers: (1 + nu, nv), change by all else, and by impulses of the springs of taut drives.
         couplings: (nu, nu), factors of what such impulses need for each other.
         impulses: (nu,), such impulses.
     """
@@ -39,7 +39,7 @@ class System(NamedTuple):
 def system_size(chain):
     """Number of doubles that `system_on` cuts."""
     nv, nu = chain.v.size, chain.ctrl.size
-    return tree_size(chain) + nv + nu * (nv + nu + 1)
+    return tree_size(chain, _rows(chain)) + nv + (1 + nu) * (nv + nu)
 
 
 @making
@@ -47,12 +47,18 @@ def system_on(chain, room):
     """Arrays for `euler_step`, cut from free memory."""
     nv, nu = chain.v.size, chain.ctrl.size
     return System(
-        tree_on(chain, room),
+        tree_on(chain, room, _rows(chain)),
         mj.cut(room, 1, nv)[0],
-        mj.cut(room, nu, nv),
+        mj.cut(room, 1 + nu, nv),
         mj.cut(room, nu, nu),
         mj.cut(room, 1, nu)[0],
     )
+
+
+@jit
+def _rows(chain):
+    """Most rows that are solved for at once."""
+    return max(1 + chain.ctrl.size, chain.header[NTENDON])
 
 
 @jit
@@ -62,15 +68,18 @@ def euler_step(chain, forces, h, system, change):
     See `extrapolation` for the equation. A drive's spring acts by an impulse h^2 k times how fast
     its tendon would be at the step's end, which is found for all together.
     """
-    count, impulses = int(forces.counts[0]), system.impulses
-    _fill_joints(chain, forces, h, system.diagonal, change)
+    springs, answers = int(forces.counts[0]), system.answers
+    _fill_joints(chain, forces, h, system.diagonal, answers[0])
+    for s in range(springs):
+        assign(answers[1 + s], forces.pulls[s])
     articulated.factorize(system.tree, forces.axes, forces.inertias, system.diagonal)
-    articulated.solve(system.tree, change)
-    if count:
-        _couple_drives(forces, count, h, system)
-        for s in range(count):
-            impulses[s] = _dot(forces.pulls[s], chain.v) + _dot(forces.pulls[s], change)
-        _pull(system, count, change)
+    articulated.solve(system.tree, answers, 1 + springs)
+    assign(change, answers[0])
+    if springs:
+        _couple_drives(forces, h, system)
+        for s in range(springs):
+            system.impulses[s] = _dot(forces.pulls[s], chain.v) + _dot(forces.pulls[s], change)
+        _pull(system, springs, change)
     if forces.counts[1]:
         _rub(chain.v, forces, h, system, change)
 
@@ -90,24 +99,23 @@ def _fill_joints(chain, forces, h, diagonal, change):
 
 
 @jit
-def _couple_drives(forces, count, h, system):
-    """Answers and couplings of the springs of taut drives."""
-    for s in range(count):
-        assign(system.answers[s], forces.pulls[s])
-        articulated.solve(system.tree, system.answers[s])
+def _couple_drives(forces, h, system):
+    """Factors of the couplings of taut drives' springs."""
+    springs = int(forces.counts[0])
+    for s in range(springs):
         for k in range(s + 1):
-            system.couplings[s, k] = _dot(forces.pulls[k], system.answers[s])
+            system.couplings[s, k] = _dot(forces.pulls[k], system.answers[1 + s])
         system.couplings[s, s] += 1 / (h * h * forces.stiffness[s])
-    _factorize(system.couplings, count)
+    _factorize(system.couplings, springs)
 
 
 @jit
-def _pull(system, count, change):
+def _pull(system, springs, change):
     """Let springs of drives act on a change (nv,), by the rates of their tendons in `impulses`."""
-    _solve(system.couplings, system.impulses, count)
-    for s in range(count):
+    _solve(system.couplings, system.impulses, springs)
+    for s in range(springs):
         for i in range(change.size):
-            change[i] -= system.impulses[s] * system.answers[s, i]
+            change[i] -= system.impulses[s] * system.answers[1 + s, i]
 
 
 # ---------------------------------------------------------------- friction
@@ -123,7 +131,8 @@ def _rub(v, forces, h, system, change):
     answers = np.empty((count, v.size))
     for k in range(count):
         assign(answers[k], arms[k])
-        articulated.solve(system.tree, answers[k])
+    articulated.solve(system.tree, answers, count)
+    for k in range(count):
         for s in range(springs):
             system.impulses[s] = _dot(forces.pulls[s], answers[k])
         _pull(system, springs, answers[k])
