@@ -13,7 +13,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
-from time import perf_counter, thread_time
+from math import cos, hypot, pi, sin
+from time import perf_counter, process_time, thread_time
 from typing import Any
 
 import gymnasium
@@ -34,7 +35,8 @@ from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.evaluation.models.runs import best_of
 from softrobot_env.registration import ENVIRONMENTS
-from softrobot_env.robots import ARM, EXAMPLES, find_robot
+from softrobot_env.robots import ARM, EXAMPLES, RobotParams, find_robot
+from softrobot_env.robots.parameters import Drive
 from softrobot_env.scene.simulation import Simulation
 from studies.lab import Column, Job, Record, Study, TableMaker, quantity, table
 
@@ -47,7 +49,8 @@ class Row(Record):
     """How long something takes; None where a field does not apply.
 
     Attributes:
-        what: "env.step", "warp env.step", "robots", "decision", "start" or "render".
+        what: "env.step", "warp env.step", "robots", "eight tendons", "decision", "start" or
+            "render".
         variant: Environment, policy, or what is waited for.
         n_envs, threads: Environments stepped at once, and by how many threads or processes.
         steps_per_second: Of all environments together.
@@ -56,6 +59,9 @@ class Row(Record):
         overhead: [s] that a step of one environment takes beyond the simulation.
         overhead_ratio: The same over that of the yardstick.
         seconds: [s] of a step of one environment, of a decision (median), or of the wait.
+        computed_steps: Of all environments, in a second of computing time of all threads.
+        evaluations: Of all forces in a step of one environment, in the mean.
+        error: [m], largest estimated error in time of any environment.
         dof: Degrees of freedom of the robot.
         period, longest, stacked: [s], of decisions: the control period, the computing time of the
             longest one, and the time of a call for 256 environments.
@@ -71,6 +77,9 @@ class Row(Record):
     overhead: float | None = quantity("µs", ".1f", "over-\nhead", default=None)
     overhead_ratio: float | None = quantity("", ".2f", "over-\nhead\nratio", default=None)
     seconds: float | None = None
+    computed_steps: float | None = quantity("", ".0f", "steps/\nCPU s", default=None)
+    evaluations: float | None = quantity("", ".1f", "evalu-\nations", default=None)
+    error: float | None = quantity("mm", ".3f", "largest\nerror", default=None)
     dof: int | None = quantity("", "d", "DOF", default=None)
     period: float | None = quantity("ms", "g", default=None)
     longest: float | None = quantity("ms", ".3f", "longest,\ncomputing", default=None)
@@ -257,6 +266,64 @@ def _period_time(env: VectorTrackingEnv, actions: ndarray, step: Callable[[], nd
     return spent
 
 
+# -------------------- many spatial robots with eight tendons
+
+EIGHT = "eight tendons"
+
+#: Environments at once, actions in a row, and control periods for which each is held.
+_MANY, _ACTIONS, _HELD = 64, 6, 5
+
+
+def eight_rows(quick: bool) -> list[Row]:
+    """Rows of the hanging trunk with four tendons to the end of each section, by its drives."""
+    drives = Drive(), Drive("length", speed=0.2)
+    return [_eight_row(drive, 2 if quick else _ACTIONS) for drive in drives]
+
+
+def _eight_row(drive: Drive, count: int) -> Row:
+    """A row of actions by chance, so many one after another, of which the first is not timed."""
+    options = {"num_envs": _MANY, "robot": _trunk_of_eight(drive), "task": "reach"}
+    env = gymnasium.make_vec("SoftRobot/Track-v0", **options)
+    rng, spent, before = np.random.default_rng(0), 0.0, 0
+    env.reset(seed=0)
+    for number in range(count):
+        actions = _SHARE * rng.uniform(-1, 1, env.action_space.shape)
+        begin = process_time()
+        for _ in range(_HELD):
+            terminated = env.step(actions)[2]
+        if terminated.any():
+            raise RuntimeError("a robot with eight tendons failed while it was timed")
+        if number:
+            spent += process_time() - begin
+        else:
+            before = env.simulation.evaluations.sum()
+    steps = _MANY * _HELD * (count - 1)
+    return Row(
+        EIGHT,
+        drive.kind,
+        _MANY,
+        env.simulation.threads,
+        computed_steps=steps / spent,
+        evaluations=float(env.simulation.evaluations.sum() - before) / steps,
+        error=float(env.simulation.integration_error.max()),
+        dof=env.simulation.scene.model.nv,
+    )
+
+
+def _trunk_of_eight(drive: Drive) -> RobotParams:
+    """The hanging trunk, whose tendons of each section are four, and turned by 45 degrees."""
+    trunk = find_robot("hanging_trunk")
+    tendons = []
+    for number, tendon in enumerate((trunk.tendons[0], trunk.tendons[-1])):
+        for k in range(4):
+            angle, radius = number * pi / 4 + k * pi / 2, hypot(*tendon.offset)
+            place = radius * cos(angle), radius * sin(angle)
+            tendons.append(replace(tendon, name=f"{'ab'[number]}{k + 1}", offset=place))
+    if drive.kind == "length":
+        tendons = [replace(tendon, stiffness=5e3, pretension=2.0) for tendon in tendons]
+    return replace(trunk, name=f"trunk_of_eight_{drive.kind}", tendons=tuple(tendons), drive=drive)
+
+
 # -------------------- what a user waits for: imports, the first environment, a rendered frame
 
 #: Runs in a fresh interpreter, so that nothing is loaded before it is timed.
@@ -368,6 +435,7 @@ def jobs(quick: bool) -> Iterator[Job]:
     yield "start", partial(wait_rows, quick)
     yield "warp", partial(warp_rows, quick)
     yield "robots", partial(robot_rows, quick)
+    yield EIGHT, partial(eight_rows, quick)
     for name in [*installed_policies(), *RIG_POLICIES, *REDUCED_POLICIES]:
         if name in QUICK or not quick:
             yield f"decisions of {name}", partial(_decision_rows, name)
@@ -433,6 +501,10 @@ STUDY = Study(
             Column("µs a robot\nand period", "seconds", ".1f", "µs"),
             *("steps_per_second", "raw_steps_per_second", "ratio"),
             name="env.step, moving",
+        ),
+        tabled(
+            *(EIGHT, "dof", "n_envs", "computed_steps", "evaluations", "error"),
+            name=f"{EIGHT}, driven by",
         ),
         tabled(
             *(DECISION, "period", Column("decision µs,\nmedian", "seconds", ".1f", "µs")),

@@ -269,6 +269,11 @@ class Batch:
         return self._integration.estimates.copy()
 
     @property
+    def evaluations(self) -> ndarray:
+        """Evaluations (n,) of all forces since the resets, those for the estimated error too."""
+        return self._integration.evaluations
+
+    @property
     def count(self) -> int:
         """Number of simulations."""
         return self._batch.count

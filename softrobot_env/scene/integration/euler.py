@@ -1,80 +1,141 @@
 """One linearly implicit Euler step of a chain, with friction of its tendons; compiled."""
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.compile.native import jit, making
 
-from .layout import AT
+from . import articulated
+from . import mujoco_functions as mj
+from .articulated import Tree, tree_on, tree_size
+from .layout import AT, NTENDON
 from .mujoco_functions import assign, ints, reals
 
 #: Friction's impulses are found by as many sweeps, or until they move by no more than a share [1].
 _SWEEPS, _STILL = 200, 1e-12
 
 
-@jit
-def euler_step(chain, forces, h, matrix, change):
-    """The change (nv,) of the chain's velocities; matrix (nv, nv) holds the factor of its system.
+class System(NamedTuple):
+    """What the change of velocities in an Euler step solves.
 
-    See `extrapolation` for the equation.
+    Attributes:
+        tree: Mass, springs and dampers of the joints.
+        diagonal: (nv,), their springs and dampers.
+        answers: (1 + nu, nv), change by all else, and by impulses of the springs of taut drives.
+        couplings: (nu, nu), factors of what such impulses need for each other.
+        impulses: (nu,), such impulses.
     """
-    _fill_joints(chain, forces, h, matrix, change)
-    _add_drives(chain, forces, h, matrix, change)
-    _factorize(matrix, ints(chain.model, chain.header[AT.dof_parentid], chain.v.size))
-    _solve(matrix, change, chain.v.size)
-    if forces.counts[1]:
-        _rub(chain.v, forces, h, matrix, change)
+
+    tree: Tree
+    diagonal: ndarray
+    answers: ndarray
+    couplings: ndarray
+    impulses: ndarray
 
 
 @jit
-def _fill_joints(chain, forces, h, matrix, change):
-    """Matrix (lower half) and right-hand side with the springs and dampers of the joints."""
-    model, header, nv, mass = chain.model, chain.header, chain.v.size, forces.mass
-    nonzero, start = ints(model, header[AT.M_rownnz], nv), ints(model, header[AT.M_rowadr], nv)
-    columns = ints(model, header[AT.M_colind], mass.size)
+def system_size(chain):
+    """Number of doubles that `system_on` cuts."""
+    nv, nu = chain.v.size, chain.ctrl.size
+    return tree_size(chain, _rows(chain)) + nv + (1 + nu) * (nv + nu)
+
+
+@making
+def system_on(chain, room):
+    """Arrays for `euler_step`, cut from free memory."""
+    nv, nu = chain.v.size, chain.ctrl.size
+    return System(
+        tree_on(chain, room, _rows(chain)),
+        mj.cut(room, 1, nv)[0],
+        mj.cut(room, 1 + nu, nv),
+        mj.cut(room, nu, nu),
+        mj.cut(room, 1, nu)[0],
+    )
+
+
+@jit
+def _rows(chain):
+    """Most rows that are solved for at once."""
+    return max(1 + chain.ctrl.size, chain.header[NTENDON])
+
+
+@jit
+def euler_step(chain, forces, h, system, change):
+    """The change (nv,) of the chain's velocities.
+
+    See `extrapolation` for the equation. A drive's spring acts by an impulse h^2 k times how fast
+    its tendon would be at the step's end, which is found for all together.
+    """
+    springs, answers = int(forces.counts[0]), system.answers
+    _fill_joints(chain, forces, h, system.diagonal, answers[0])
+    for s in range(springs):
+        assign(answers[1 + s], forces.pulls[s])
+    articulated.factorize(system.tree, forces.axes, forces.inertias, system.diagonal)
+    articulated.solve(system.tree, answers, 1 + springs)
+    assign(change, answers[0])
+    if springs:
+        _couple_drives(forces, h, system)
+        for s in range(springs):
+            system.impulses[s] = _dot(forces.pulls[s], chain.v) + _dot(forces.pulls[s], change)
+        _pull(system, springs, change)
+    if forces.counts[1]:
+        _rub(chain.v, forces, h, system, change)
+
+
+@jit
+def _fill_joints(chain, forces, h, diagonal, change):
+    """What resists each DOF beside the mass, and right-hand side."""
+    model, header, nv = chain.model, chain.header, chain.v.size
     joints = ints(model, header[AT.dof_jntid], nv)
+    armature = reals(model, header[AT.dof_armature], nv)
     damping = reals(model, header[AT.dof_damping], nv)
     stiffness = reals(model, header[AT.jnt_stiffness], joints[nv - 1] + 1)
     for i in range(nv):
-        for j in range(i + 1):
-            matrix[i, j] = 0.0
-        for at in range(start[i], start[i] + nonzero[i]):
-            matrix[i, columns[at]] = mass[at]
         k = stiffness[joints[i]]
-        matrix[i, i] += h * (damping[i] + h * k)
+        diagonal[i] = armature[i] + h * (damping[i] + h * k)
         change[i] = h * (forces.force[i] - h * k * chain.v[i])
 
 
 @jit
-def _add_drives(chain, forces, h, matrix, change):
-    """Add the springs of taut drives."""
-    nv, v, pulls = chain.v.size, chain.v, forces.pulls
-    for s in range(int(forces.counts[0])):
-        rate = 0.0
-        for i in range(nv):
-            rate += pulls[s, i] * v[i]
-        for i in range(nv):
-            if pulls[s, i] == 0:
-                continue
-            weight = h * h * forces.stiffness[s] * pulls[s, i]
-            change[i] -= weight * rate
-            for j in range(i + 1):
-                matrix[i, j] += weight * pulls[s, j]
+def _couple_drives(forces, h, system):
+    """Factors of the couplings of taut drives' springs."""
+    springs = int(forces.counts[0])
+    for s in range(springs):
+        for k in range(s + 1):
+            system.couplings[s, k] = _dot(forces.pulls[k], system.answers[1 + s])
+        system.couplings[s, s] += 1 / (h * h * forces.stiffness[s])
+    _factorize(system.couplings, springs)
+
+
+@jit
+def _pull(system, springs, change):
+    """Let springs of drives act on a change (nv,), by the rates of their tendons in `impulses`."""
+    _solve(system.couplings, system.impulses, springs)
+    for s in range(springs):
+        for i in range(change.size):
+            change[i] -= system.impulses[s] * system.answers[1 + s, i]
 
 
 # ---------------------------------------------------------------- friction
 
 
 @making
-def _rub(v, forces, h, factor, change):
+def _rub(v, forces, h, system, change):
     """Let tendons stick, or slide against their friction, at the end of an Euler step.
 
     Coulomb's law on the velocity at its end, by projected Gauss-Seidel sweeps over the impulses.
     """
-    count, arms = int(forces.counts[1]), forces.arms
+    count, arms, springs = int(forces.counts[1]), forces.arms, int(forces.counts[0])
     answers = np.empty((count, v.size))
     for k in range(count):
         assign(answers[k], arms[k])
-        _solve(factor, answers[k], v.size)
+    articulated.solve(system.tree, answers, count)
+    for k in range(count):
+        for s in range(springs):
+            system.impulses[s] = _dot(forces.pulls[s], answers[k])
+        _pull(system, springs, answers[k])
     rates, couplings = np.empty(count), np.empty((count, count))
     for j in range(count):
         rates[j] = _dot(arms[j], v) + _dot(arms[j], change)
@@ -127,25 +188,18 @@ def _dot(a, b):
 
 
 @jit
-def _factorize(matrix, parents):
+def _factorize(matrix, n):
     """Factors L' D L of (n, n), of which the lower half is given, in its place, from the last row.
 
-    L has ones on its diagonal, where the inverse of D is kept. Each row changes those before it as
-    a whole, which takes half the time of scalar products of rows. Nothing couples the DOFs of two
-    robots, each of which begins where there is no parent (n,).
+    L has ones on its diagonal, where the inverse of D is kept.
     """
-    start = parents.size
-    for i in range(parents.size - 1, -1, -1):
-        if i < start:
-            start = i
-            while parents[start] >= 0:
-                start -= 1
+    for i in range(n - 1, -1, -1):
         inverse = 1 / matrix[i, i]
-        for j in range(start, i):
+        for j in range(i):
             share = matrix[i, j] * inverse
-            for k in range(start, j + 1):
+            for k in range(j + 1):
                 matrix[j, k] -= share * matrix[i, k]
-        for k in range(start, i):
+        for k in range(i):
             matrix[i, k] *= inverse
         matrix[i, i] = inverse
 

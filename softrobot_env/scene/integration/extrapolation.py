@@ -43,7 +43,7 @@ from softrobot_env.compile.native import jit, making
 from ..timestep import RATE
 from . import layout
 from . import mujoco_functions as mj
-from .euler import euler_step
+from .euler import System, euler_step, system_on, system_size
 from .forces import (
     Chain,
     Forces,
@@ -114,7 +114,7 @@ class Work(NamedTuple):
         q, v: (nq,), (nv,), at the start of the interval.
         first, forces: At the start of the interval, and at that of a later Euler step.
         drives, begun: (nu,) [N], forces of the drives in the last evaluation, and at the start.
-        matrix, change: (nv, nv), (nv,), of an Euler step.
+        system, change: Of an Euler step; (nv,).
         table: Results of the rows.
     """
 
@@ -126,7 +126,7 @@ class Work(NamedTuple):
     forces: Forces
     drives: ndarray
     begun: ndarray
-    matrix: ndarray
+    system: System
     change: ndarray
     table: Table
 
@@ -135,9 +135,11 @@ class Work(NamedTuple):
 def work_size(chain, memory):
     """Number of doubles that `work_on` cuts."""
     nq, nv, nu, most = chain.q.size, chain.v.size, chain.ctrl.size, int(memory[layout.MOST])
-    forces = chain.mass.size + nv + (nu + chain.header[layout.NTENDON]) * (1 + nv)
+    forces = (
+        chain.axes.size + chain.inertias.size + nv + (nu + chain.header[layout.NTENDON]) * (1 + nv)
+    )
     forces += chain.header[layout.NTENDON] + 2
-    return nq + nv + 2 * forces + 2 * nu + nv * nv + nv + (2 * most + 4) * nv
+    return nq + nv + 2 * forces + 2 * nu + system_size(chain) + nv + (2 * most + 4) * nv
 
 
 @making
@@ -155,7 +157,7 @@ def work_on(chain, memory, room):
         no_forces(chain, room),
         mj.cut(room, 1, chain.ctrl.size)[0],
         mj.cut(room, 1, chain.ctrl.size)[0],
-        mj.cut(room, nv, nv),
+        system_on(chain, room),
         mj.cut(room, 1, nv)[0],
         Table(rows[0], rows[1], entry[0], entry[1], entry[2], entry[3]),
     )
@@ -271,7 +273,7 @@ def _take_steps(work, ramp, time, h, count):
 @jit
 def _take_step(work, forces, h):
     chain = work.chain
-    euler_step(chain, forces, h, work.matrix, work.change)
+    euler_step(chain, forces, h, work.system, work.change)
     for i in range(chain.v.size):
         chain.v[i] += work.change[i]
     mj.move(chain.model, chain.q, chain.v, h)
@@ -447,7 +449,7 @@ def _pushed(work, h):
     chain = work.chain
     for i in range(chain.v.size):
         chain.v[i] = 0.0
-    euler_step(chain, work.forces, h, work.matrix, work.change)
+    euler_step(chain, work.forces, h, work.system, work.change)
     for i in range(chain.v.size):
         work.change[i] *= h
     return displacement(chain, work.change)

@@ -1,4 +1,4 @@
-"""Mass, forces, springs and friction of a chain in one posture, for compiled code."""
+"""Inertias, forces, springs and friction of a chain in one posture, for compiled code."""
 
 from typing import NamedTuple
 
@@ -7,7 +7,8 @@ from numpy import ndarray
 from softrobot_env.compile.native import jit, making
 
 from . import mujoco_functions as mj
-from .layout import AT, LENGTHS, NBODY, NQ, NTENDON, NU, NV
+from .articulated import AXIS, INERTIA
+from .layout import AT, LENGTHS, LINEAR, NBODY, NQ, NTENDON, NU, NV
 from .mujoco_functions import ints, reals
 
 #: Parameters of a drive's law in MuJoCo, mjNBIAS.
@@ -21,7 +22,7 @@ class Chain(NamedTuple):
         model, data: Addresses of MuJoCo's structures.
         header: See `layout`.
         q, v, ctrl: (nq,), (nv,), (nu,).
-        mass: (nM,), elements of the mass matrix that are not zero, by rows.
+        axes, inertias: (6 nv,), (10 nbody,), of the DOFs and the bodies, see `articulated`.
         lengths: (nv,) [m], see `integrator.backbone_lengths`.
     """
 
@@ -31,7 +32,8 @@ class Chain(NamedTuple):
     q: ndarray
     v: ndarray
     ctrl: ndarray
-    mass: ndarray
+    axes: ndarray
+    inertias: ndarray
     lengths: ndarray
 
 
@@ -39,7 +41,7 @@ class Forces(NamedTuple):
     """What acts on a chain in one posture.
 
     Attributes:
-        mass: (nM,), as the chain's.
+        axes, inertias: (6 nv,), (10 nbody,), as the chain's.
         force: (nv,), all generalised forces but friction of tendons.
         stiffness: (nu,) [N/m] of taut drives.
         pulls: (nu, nv), their moment arms.
@@ -49,7 +51,8 @@ class Forces(NamedTuple):
         counts: Numbers (2,) of taut drives and of tendons that rub, which come first.
     """
 
-    mass: ndarray
+    axes: ndarray
+    inertias: ndarray
     force: ndarray
     stiffness: ndarray
     pulls: ndarray
@@ -63,7 +66,6 @@ class Forces(NamedTuple):
 def chain_of(model, data, header):
     """The chain of a simulation."""
     nv = header[NV]
-    start, nonzero = ints(model, header[AT.M_rowadr], nv), ints(model, header[AT.M_rownnz], nv)
     return Chain(
         model,
         data,
@@ -71,7 +73,8 @@ def chain_of(model, data, header):
         reals(data, header[AT.qpos], header[NQ]),
         reals(data, header[AT.qvel], nv),
         reals(data, header[AT.ctrl], header[NU]),
-        reals(data, header[AT.M], start[nv - 1] + nonzero[nv - 1]),
+        reals(data, header[AT.cdof], AXIS * nv),
+        reals(data, header[AT.cinert], INERTIA * header[NBODY]),
         mj.reals_at(header[LENGTHS], nv),
     )
 
@@ -81,7 +84,8 @@ def no_forces(chain, room):
     """Arrays for `measure`, cut from free memory."""
     nv, nu, tendons = chain.v.size, chain.ctrl.size, chain.header[NTENDON]
     return Forces(
-        mj.cut(room, 1, chain.mass.size)[0],
+        mj.cut(room, 1, chain.axes.size)[0],
+        mj.cut(room, 1, chain.inertias.size)[0],
         mj.cut(room, 1, nv)[0],
         mj.cut(room, 1, nu)[0],
         mj.cut(room, nu, nv),
@@ -94,23 +98,43 @@ def no_forces(chain, room):
 
 @jit
 def evaluate(chain):
-    """Kinematics, mass and all forces but the drives' at MuJoCo's state."""
+    """Kinematics, inertias and all forces but the drives' at MuJoCo's state."""
     model, data = chain.model, chain.data
     mj.mj_kinematics(model, data)
     mj.mj_com_pos(model, data)
-    mj.mj_tendon(model, data)
-    mj.mj_make_mass(model, data)
+    place_tendons(chain)
     mj.mj_transmission(model, data)
-    mj.mj_com_vel(model, data)
-    mj.mj_passive(model, data)
-    mj.mj_rne(model, data, 0, mj.word(data, chain.header[AT.qfrc_bias]))
+    mj.mj_fwd_velocity(model, data)
+
+
+@jit
+def place_tendons(chain):
+    """Lengths and moment arms of the tendons in MuJoCo's positions.
+
+    Moment arms of lengths that are linear in the positions stay as `mj_forward` left them.
+    """
+    model, data, header, tendons = chain.model, chain.data, chain.header, chain.header[NTENDON]
+    if not header[LINEAR]:
+        mj.mj_tendon(model, data)
+        return
+    nonzero = ints(model, header[AT.ten_J_rownnz], tendons)
+    start = ints(model, header[AT.ten_J_rowadr], tendons)
+    lengths = reals(data, header[AT.ten_length], tendons)
+    for k in range(tendons):
+        end = start[k] + nonzero[k]
+        columns = ints(model, header[AT.ten_J_colind], end)
+        arms = reals(data, header[AT.ten_J], end)
+        lengths[k] = 0.0
+        for at in range(start[k], end):
+            lengths[k] += arms[at] * chain.q[columns[at]]
 
 
 @jit
 def measure(chain, forces):
     """All that acts where `evaluate` was called last, with the controls in force."""
     _sum_forces(chain, forces.force)
-    mj.assign(forces.mass, chain.mass)
+    mj.assign(forces.axes, chain.axes)
+    mj.assign(forces.inertias, chain.inertias)
     forces.counts[0] = find_springs(chain, drive_forces(chain), forces.stiffness, forces.pulls)
     forces.counts[1] = _find_rubbing(chain, forces.friction, forces.arms)
 
@@ -126,7 +150,6 @@ def _sum_forces(chain, force):
     for i in range(nv):
         force[i] = passive[i] - bias[i] + actuator[i] + applied[i]
     if _any(reals(data, header[AT.xfrc_applied], 6 * header[NBODY])):
-        mj.mj_factor_mass(model, data)
         mj.mj_acceleration(model, data)
         mj.assign(force, reals(data, header[AT.qfrc_smooth], nv))
 
@@ -227,7 +250,7 @@ def find_switched(chain, before, forces):
     Args:
         chain: Its positions and controls are those at the end of an interval.
         before: (nu,) [N], forces of the drives in the last evaluation.
-        forces: Their mass stays as it is.
+        forces: Their axes and inertias stay as they are.
 
     Returns:
         Whether any drive has changed its law.
@@ -235,7 +258,7 @@ def find_switched(chain, before, forces):
     model, data = chain.model, chain.data
     mj.mj_kinematics(model, data)
     mj.mj_com_pos(model, data)
-    mj.mj_tendon(model, data)
+    place_tendons(chain)
     mj.mj_transmission(model, data)
     mj.mj_actuation(model, data)
     return find_surprises(chain, before, forces)

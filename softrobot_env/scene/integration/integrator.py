@@ -6,7 +6,7 @@ Loading compiled code takes time: the first simulation imports this module.
 from typing import Any
 
 import numpy as np
-from mujoco import MjModel
+from mujoco import MjModel, mjtWrap
 from numpy import ndarray
 
 from ..chain import SEPARATOR, TIP_SITE
@@ -52,6 +52,8 @@ class Integration:
         self.memory = np.zeros((count, 2, layout.MEMORY_SIZE))
         self._states = np.zeros((count, 2, model.nq + model.nv))
         self._sizes = (model.nq, model.nv, model.nu, model.nbody, model.ntendon)
+        scalar = model.nq == model.nv
+        self._linear = scalar and np.all(model.wrap_type == mjtWrap.mjWRAP_JOINT)
         self._path = np.zeros((1, model.nu))
         self._servos: ndarray | None = None
         self.set(slice(None), choice)
@@ -132,6 +134,7 @@ class Integration:
             *layout.data_offsets(*layout.DATA_FIELDS),
             layout.time_offset(),
         )
+        self._header[layout.LINEAR] = self._linear
         self._header[layout.STRIDE] = 16 * layout.MEMORY_SIZE
         for place, array in (
             (layout.MEMORY, self.memory),

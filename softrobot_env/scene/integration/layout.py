@@ -13,19 +13,20 @@ import mujoco
 
 #: Places of a robot's sizes and shared arrays in `header` (int64).
 NQ, NV, NU, NBODY, NTENDON, MEMORY, STRIDE, LENGTHS = range(8)
-PATH, ROWS, SERVOS, REPORTED, REPORTS, SHADOW_STATES, OFFSETS = range(8, 15)
+PATH, ROWS, SERVOS, REPORTED, REPORTS, SHADOW_STATES, LINEAR, OFFSETS = range(8, 16)
 
 #: Arrays whose offsets in MuJoCo's structures follow in the header, from `OFFSETS` on.
 MODEL_FIELDS = (
-    "M_rownnz", "M_rowadr", "M_colind", "jnt_stiffness", "dof_jntid", "dof_damping",
+    "body_parentid", "body_dofadr", "body_dofnum", "jnt_stiffness", "dof_jntid", "dof_damping",
+    "dof_armature",
     "actuator_biasprm", "actuator_forcerange", "ten_J_rownnz", "ten_J_rowadr", "ten_J_colind",
     "tendon_frictionloss", "actuator_gainprm", "dof_parentid",
 )  # fmt: skip
 DATA_FIELDS = (
-    "qpos", "qvel", "ctrl", "qfrc_applied", "xfrc_applied", "qacc", "M", "qfrc_passive",
+    "qpos", "qvel", "ctrl", "qfrc_applied", "xfrc_applied", "qacc", "cinert", "qfrc_passive",
     "qfrc_bias", "qfrc_actuator", "actuator_moment", "moment_rownnz", "moment_rowadr",
     "moment_colind", "actuator_force", "cdof", "qfrc_smooth", "ten_J",
-    "actuator_length",
+    "actuator_length", "ten_length",
 )  # fmt: skip
 HEADER = OFFSETS + len(MODEL_FIELDS) + len(DATA_FIELDS) + 1  # and the time
 

@@ -5,7 +5,6 @@ import numpy as np
 from softrobot_env.compile.native import (
     ADDRESS,
     FLOAT,
-    INT,
     array_at,
     functions_of,
     jit,
@@ -20,16 +19,12 @@ _function = functions_of(library_path(), ADDRESS, ADDRESS)
 
 mj_kinematics = _function("mj_kinematics")
 mj_com_pos = _function("mj_comPos")
+mj_cam_light = _function("mj_camlight")
 mj_tendon = _function("mj_tendon")
 mj_make_mass = _function("mj_makeM")
-mj_factor_mass = _function("mj_factorM")
 mj_transmission = _function("mj_transmission")
-mj_com_vel = _function("mj_comVel")
-mj_passive = _function("mj_passive")
-mj_rne = _function("mj_rne", INT, ADDRESS)
 mj_actuation = _function("mj_fwdActuation")
 mj_acceleration = _function("mj_fwdAcceleration")
-mj_fwd_position = _function("mj_fwdPosition")
 mj_fwd_velocity = _function("mj_fwdVelocity")
 mj_sensor_pos = _function("mj_sensorPos")
 mj_sensor_vel = _function("mj_sensorVel")

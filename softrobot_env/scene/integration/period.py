@@ -23,7 +23,7 @@ from .. import timestep
 from . import layout
 from . import mujoco_functions as mj
 from .extrapolation import Ramp, bounded, displacement, integrate, sway, work_on, work_size
-from .forces import chain_of, evaluate
+from .forces import chain_of, evaluate, place_tendons
 from .mujoco_functions import reals
 
 #: Safety factor [1] on what the shadow says of positions: in smooth motions that is about as large
@@ -135,7 +135,7 @@ def _extrapolated_period(chain, memory, shadowed, states, path, free):
     mj.reals_at(np.int64(chain.data) + 8 * chain.header[layout.AT.time], 1)[0] += memory[
         layout.PERIOD
     ]
-    _finish(chain.model, chain.data)
+    _finish(chain)
     _compare(chain, memory, shadowed, states)
 
 
@@ -171,15 +171,22 @@ def _equal(one, other):
 
 
 @jit
-def _finish(model, data):
+def _finish(chain):
     """All read-outs of the new state, and MuJoCo's own checks of it.
 
-    Not of the acceleration: the velocity tells whether that is finite, and small stiff robots do
-    reach what MuJoCo takes for a divergence.
+    No factors of the mass matrix, which a long chain would spend half its time on; whoever needs
+    them calls `mj_factorM`. No check of the acceleration: the velocity tells whether that is
+    finite, and small stiff robots do reach what MuJoCo takes for a divergence.
     """
+    model, data = chain.model, chain.data
     mj.mj_check_pos(model, data)
     mj.mj_check_vel(model, data)
-    mj.mj_fwd_position(model, data)
+    mj.mj_kinematics(model, data)
+    mj.mj_com_pos(model, data)
+    mj.mj_cam_light(model, data)
+    place_tendons(chain)
+    mj.mj_make_mass(model, data)
+    mj.mj_transmission(model, data)
     mj.mj_sensor_pos(model, data)
     mj.mj_fwd_velocity(model, data)
     mj.mj_sensor_vel(model, data)
