@@ -3,6 +3,7 @@
 import pytest
 from support.commands import called, evaluated
 
+from softrobot_env.robots.file import read_robot
 from studies.files_drawn import draw_file
 
 HEAD = """
@@ -53,6 +54,9 @@ KINDS = {
 FEW = 2, 7, 13
 SEED = 7
 
+#: Of the files of a long run, chains that are too light for MuJoCo.
+REFUSED = (15,)
+
 
 def serves(path, capsys):
     """Whether a file is good; if so it has a task, an episode and a picture."""
@@ -63,9 +67,7 @@ def serves(path, capsys):
     assert "reach options seed" in " ".join(capsys.readouterr().out.split())
     words = "--tasks reach --policies static --duration 0.1 --no-plots --overwrite"
     (row,) = evaluated(path.parent / "out", "--robot", path, words)
-    assert (
-        row["failure"] is None and row["e_final"] < 2 * row["length"] if "length" in row else True
-    )
+    assert row["failure"] is None and row["e_final"] < 2 * read_robot(path).reach
     out = path.with_suffix(".gif")
     size = "--duration 0.05 --fps 20 --size 64 48 --out"
     assert called("render --task reach --policy static --robot", path, size, out) == 0
@@ -97,10 +99,8 @@ def test_a_random_file_is_served(index, tmp_path, capsys):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::UserWarning")
-def test_a_hundred_random_files_are_served(tmp_path, capsys):
-    good = 0
-    for index in range(100):
-        path = tmp_path / f"{index}.toml"
-        path.write_text(draw_file(SEED, index))
-        good += serves(path, capsys)
-    assert good > 80
+@pytest.mark.parametrize("index", range(3, 100, 12))
+def test_more_random_files_are_served(index, tmp_path, capsys):
+    path = tmp_path / "drawn.toml"
+    path.write_text(draw_file(SEED, index))
+    assert serves(path, capsys) or index in REFUSED

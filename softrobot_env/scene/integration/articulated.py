@@ -75,12 +75,13 @@ def factorize(tree, axes, inertias, diagonal):
         diagonal: (nv,), what resists each DOF besides.
     """
     for b in range(1, tree.parents.size):
-        _fill(tree.inertias[b], inertias[INERTIA * b : INERTIA * (b + 1)])
+        _fill(tree.inertias[b], inertias, INERTIA * b)
     for b in range(tree.parents.size - 1, 0, -1):
         inertia = tree.inertias[b]
         for i in range(tree.first[b] + tree.count[b] - 1, tree.first[b] - 1, -1):
             axis, moment = tree.axes[i], tree.moments[i]
-            mj.assign(axis, axes[AXIS * i : AXIS * (i + 1)])
+            for r in range(AXIS):
+                axis[r] = axes[AXIS * i + r]
             tree.inverse[i] = _cut_off(inertia, axis, moment, diagonal[i])
         if tree.parents[b]:
             beyond = tree.inertias[tree.parents[b]]
@@ -114,16 +115,17 @@ def _cut_off(half, axis, moment, diagonal):
 
 
 @jit
-def _fill(half, inertia):
-    """The lower half (21,) of the matrix of an inertia (10,)."""
+def _fill(half, inertias, at):
+    """The lower half (21,) of the matrix of an inertia, the ten numbers from a place on."""
+    x, y, z, mass = inertias[at + 6], inertias[at + 7], inertias[at + 8], inertias[at + 9]
     for k in range(_HALF):
         half[k] = 0.0
-    half[0], half[2], half[5] = inertia[0], inertia[1], inertia[2]
-    half[1], half[3], half[4] = inertia[3], inertia[4], inertia[5]
-    half[12], half[16] = inertia[6], -inertia[6]
-    half[15], half[8] = inertia[7], -inertia[7]
-    half[7], half[10] = inertia[8], -inertia[8]
-    half[9], half[14], half[20] = inertia[9], inertia[9], inertia[9]
+    half[0], half[2], half[5] = inertias[at], inertias[at + 1], inertias[at + 2]
+    half[1], half[3], half[4] = inertias[at + 3], inertias[at + 4], inertias[at + 5]
+    half[7], half[8] = z, -y
+    half[10], half[12] = -z, x
+    half[15], half[16] = y, -x
+    half[9], half[14], half[20] = mass, mass, mass
 
 
 @jit

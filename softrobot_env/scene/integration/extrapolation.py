@@ -5,11 +5,12 @@ by length, and D the joints' damping, one Euler step of size h is
 
     (M + h D + h^2 K) dv = h (f - h K v),    v + dv,    q + h (v + dv).
 
-M, f and the tendons' directions are those of the posture at its start, from MuJoCo. Tendons with
-dry friction stick, or slide against it, by Coulomb's law on the velocity at the step's end. The
-error of a step is a series in h, whatever approximations K and D are (P. Deuflhard and U. Nowak
-1987, LIMEX), so that results of 1, 2, 3, ... steps over one interval are extrapolated to h = 0 by
-Neville's scheme: k rows give order k. The difference of the last two entries estimates the error.
+M, f and the tendons' directions are those of the posture at its start, from MuJoCo, but that M is
+not made, see `articulated`. Tendons with dry friction stick, or slide against it, by Coulomb's law
+on the velocity at the step's end. The error of a step is a series in h, whatever approximations K
+and D are (P. Deuflhard and U. Nowak 1987, LIMEX), so that results of 1, 2, 3, ... steps over one
+interval are extrapolated to h = 0 by Neville's scheme: k rows give order k. The difference of the
+last two entries estimates the error.
 The first force evaluation serves all rows: 4 evaluations for order 3, 7 for order 4.
 
 The error of an interval H is the displacement that the joints' errors cause at most, along the

@@ -150,7 +150,7 @@ def _sum_forces(chain, force):
     for i in range(nv):
         force[i] = passive[i] - bias[i] + actuator[i] + applied[i]
     if _any(reals(data, header[AT.xfrc_applied], 6 * header[NBODY])):
-        mj.mj_acceleration(model, data)
+        mj.mj_acceleration(model, data)  # for its sum: the acceleration has no mass matrix
         mj.assign(force, reals(data, header[AT.qfrc_smooth], nv))
 
 

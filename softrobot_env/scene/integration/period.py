@@ -116,6 +116,12 @@ def _integrate_period(work, path, held):
 
 
 @making
+def _follow_path(chain, memory, path, held, room):
+    """Advance a simulation or its shadow, with arrays cut from free memory."""
+    _integrate_period(shared(work_on(chain, memory, room)), path, held)
+
+
+@making
 def _extrapolated_period(chain, memory, shadowed, states, path, free):
     """Advance a simulation, then its shadow, and compare them.
 
@@ -125,11 +131,11 @@ def _extrapolated_period(chain, memory, shadowed, states, path, free):
     room[0] = free.ctypes.data
     mj.assign(held, path[len(path) - 1] if len(path) else chain.ctrl)
     _follow(chain, states)
-    _integrate_period(shared(work_on(chain, memory, room)), path, held)
+    _follow_path(chain, memory, path, held, room)
     _save(chain, states[0])
     _load(chain, states[1])
     evaluate(chain)
-    _integrate_period(shared(work_on(chain, shadowed, room)), path, held)
+    _follow_path(chain, shadowed, path, held, room)
     _save(chain, states[1])
     _load(chain, states[0])
     mj.reals_at(np.int64(chain.data) + 8 * chain.header[layout.AT.time], 1)[0] += memory[
