@@ -68,12 +68,15 @@ def begin(text: _Text | None) -> None:
 def end(text: _Text | None) -> None:
     """It ends."""
     global _voice
+    silenced = None
     with _lock:
         if text in _texts:
             del _texts[len(_texts) - 1 - _texts[::-1].index(text)]
-        if not _texts and _voice is not None:
-            _voice.over.set()
-            _voice = None
+        if not _texts:
+            silenced, _voice = _voice, None
+    if silenced is not None:
+        silenced.over.set()
+        silenced.join()
 
 
 def tell(text: str) -> None:

@@ -34,6 +34,9 @@ DIVERGING = {
 _HEALTHY = bytes(4 * int(mjtWarning.mjNWARNING))
 
 
+#: Lengths that the integrator sums in another order than MuJoCo (`integration.forces`).
+_SUMMED = ("ten_length", "actuator_length")
+
 #: Times the accuracy that is wanted, an estimate is worth a warning: it is mostly some times as
 #: large as the error.
 WORRYING = 2.0
@@ -92,15 +95,19 @@ class Simulation:
 
     def __getstate__(self) -> dict:
         views = {"_warnings", "_estimate", "_worrying", "_compiled", "_arguments"}
-        return {k: v for k, v in self.__dict__.items() if k not in views}
+        state = {k: v for k, v in self.__dict__.items() if k not in views}
+        return state | {name: getattr(self.data, name).copy() for name in _SUMMED}
 
     def __setstate__(self, state: dict) -> None:
+        lengths = {name: state.pop(name) for name in _SUMMED}
         self.__dict__.update(state)
         self.model = self.data.model
         self.scene = replace(self.scene, model=self.model)
         self._connect()
         # A pickle leaves out what the start of a period takes from the end of the one before.
         mujoco.mj_fwdPosition(self.model, self.data)
+        for name, values in lengths.items():
+            getattr(self.data, name)[:] = values
         mujoco.mj_fwdVelocity(self.model, self.data)
 
     @property

@@ -93,6 +93,8 @@ def test_feedback_removes_the_error_of_a_wrong_model():
     assert wrong.error[-1] > 20e-3 and learned.error[-1] < 0.2e-3
 
 
+# Control periods that are long for the arm.
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
 @pytest.mark.parametrize(
     ("task", "period"),
     [
