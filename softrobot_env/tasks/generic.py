@@ -433,7 +433,7 @@ def _radius(given: float | None, usual: float) -> float:
     return float(given)
 
 
-#: Name -> function (robot, **options) that makes the task.
+#: Name -> function of the robot and options that makes the task.
 GENERIC_TASKS: Registry[Callable[..., Task]] = Registry(
     "task", {"reach": _reach, "circle": _circle, "figure_eight": _figure_eight, "random": _random}
 )
