@@ -50,7 +50,9 @@ KINDS = {
     "sideways": {"direction": [1, 0, 0]},
 }
 
-#: Files of a quick run, whose motions are short, and of a long one.
+QUICK = "pair_by_length", "head"
+
+#: Files of a quick run, and what all are drawn from.
 FEW = (13,)
 SEED = 7
 
@@ -75,7 +77,7 @@ def serves(path, capsys):
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-@pytest.mark.parametrize("kind", ["pair_by_length", "head"])
+@pytest.mark.parametrize("kind", QUICK)
 def test_a_robot_of_a_kind_is_served(kind, tmp_path, capsys):
     path = tmp_path / f"{kind}.toml"
     path.write_text(HEAD.format(name=kind, **USUAL | KINDS[kind]).replace("'", '"'))
@@ -84,7 +86,7 @@ def test_a_robot_of_a_kind_is_served(kind, tmp_path, capsys):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::UserWarning")
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", sorted(KINDS.keys() - set(QUICK)))
 def test_every_kind_of_robot_is_served(kind, tmp_path, capsys):
     test_a_robot_of_a_kind_is_served(kind, tmp_path, capsys)
 
