@@ -487,7 +487,13 @@ class RobotParams:
     @property
     def has_friction(self) -> bool:
         """Whether any tendon, or the backbone, has dry friction."""
-        return self.holds or any(tendon.friction > 0 for tendon in self.tendons)
+        rubbing = any(tendon.friction > 0 for tendon in self.tendons)
+        return self.holds or rubbing or self.has_capstan_friction
+
+    @property
+    def has_capstan_friction(self) -> bool:
+        """Whether any tendon has friction that grows with its tension."""
+        return any(tendon.has_capstan_friction for tendon in self.tendons)
 
     @property
     def rubs(self) -> bool:

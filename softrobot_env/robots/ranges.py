@@ -51,6 +51,8 @@ Tension = _within(1e-12, 1e12, "N")
 Force = _within(0, 1e12, "N")
 Moment = _within(0, 1e12, "N m")
 Stiffness = _within(1e-9, 1e18, "N/m", or_inf=True)
+FrictionCoefficient = _within(0, 10, "1")
+BendAngle = _within(0, 1e3, "rad")
 Speed = _within(1e-9, 1e4, "m/s", or_inf=True)
 
 # ---------------------------------------------------------------- sensors

@@ -11,10 +11,44 @@ from numpy import ndarray
 
 from softrobot_env.core.records import Key, Name, Unit, Vector2, check_fields
 
-from .ranges import Force, Group, Length, Place, Station, Stiffness, Tension, Turns
+from .ranges import (
+    BendAngle,
+    Force,
+    FrictionCoefficient,
+    Group,
+    Length,
+    Place,
+    Station,
+    Stiffness,
+    Tension,
+    Turns,
+)
 
 #: Gauss points and weights [1] of a span between two via-points.
 _NODES, _SHARES = (x / 2 for x in np.polynomial.legendre.leggauss(8))
+
+
+@dataclass(frozen=True)
+class FeedLine:
+    """What a tendon runs through between its drive and the robot, such as a Bowden sheath.
+
+    Attributes:
+        bend_angle: [rad], by which it turns in all, wherever it turns to.
+        friction_coefficient: [1], as of `Tendon`.
+        stiffness: [N/m] of the tendon in it, in series with that of `Tendon`.
+    """
+
+    bend_angle: BendAngle
+    friction_coefficient: FrictionCoefficient
+    stiffness: Stiffness = inf
+
+    def __post_init__(self) -> None:
+        check_fields(self, "feed line")
+
+    @property
+    def exponent(self) -> float:
+        """Logarithm [1] of the ratio of tensions at its ends while it slides."""
+        return self.friction_coefficient * self.bend_angle
 
 
 @dataclass(frozen=True)
@@ -42,6 +76,9 @@ class Tendon:
         friction: [N], largest dry (Coulomb) friction between tendon and robot; of a slack tendon
             as well, as it stands for what else rubs in the robot. At rest it is no more than the
             tension where sections have `bending_friction`.
+        friction_coefficient: [1], mu of friction in proportion to what the tendon presses on its
+            channel or guides: sliding around an angle a changes its tension by exp(-mu a).
+        feed_line: Between drive and robot; nothing holds the tendon there without.
         route: Via-points (s, x, y) [m] after the base: arc length and position in the
             cross-section, the last one at `end`. Guides need none of their own.
         turns: Full turns [1] about the fibre from the base to `end`, from +x towards +y.
@@ -58,6 +95,8 @@ class Tendon:
     friction: Force = 0.0
     route: Annotated[tuple[tuple[Station, Place, Place], ...], Unit("m")] = ()
     turns: Annotated[Turns, Key("helix_turns")] = 0.0
+    friction_coefficient: FrictionCoefficient = 0.0
+    feed_line: FeedLine | None = None
 
     def __post_init__(self) -> None:
         check_fields(self, f"tendon {self.name!r}")
@@ -78,6 +117,11 @@ class Tendon:
                 f"tendon {self.name!r}: the stations of its route must increase strictly from "
                 f"beyond 0 to its end at {self.end} m, got {', '.join(map(str, via[1:]))}"
             )
+
+    @property
+    def has_capstan_friction(self) -> bool:
+        """Whether friction grows with its tension, in the robot or in the feed line."""
+        return self.friction_coefficient > 0 or bool(self.feed_line and self.feed_line.exponent)
 
     @property
     def stations(self) -> tuple[float, ...]:
@@ -167,9 +211,13 @@ class Tendon:
         s, weight = self.fine(self.knots[:, 0])
         return float(np.sum(weight * np.sqrt(1 + np.sum(self.slope(s) ** 2, axis=-1))))
 
-    def vary(self, radius: float, friction: float) -> "Tendon":
-        """The tendon at `radius` [1] times its distance from the fibre, rubbing more [N]."""
-        return replace(self._mapped(radius, 0.0), friction=self.friction + friction)
+    def vary(self, radius: float, friction: float, coefficient: float) -> "Tendon":
+        """The tendon at `radius` [1] times its distance from the fibre, rubbing more [N, 1]."""
+        return replace(
+            self._mapped(radius, 0.0),
+            friction=self.friction + friction,
+            friction_coefficient=self.friction_coefficient + coefficient,
+        )
 
     def turned(self, angle: float, scale: float = 1.0, name: str | None = None) -> "Tendon":
         """The tendon turned about the fibre by `angle` [rad], `scale` [1] times as far from it.

@@ -95,8 +95,12 @@ def _scaled(name: str) -> Callable[[Any, float], Any]:
     return apply
 
 
-def _tendons(robot: Any, radius: float = 1.0, friction: float = 0.0) -> Any:
-    return replace(robot, tendons=tuple(t.vary(radius, friction) for t in robot.tendons))
+def _tendons(
+    robot: Any, radius: float = 1.0, friction: float = 0.0, coefficient: float = 0.0
+) -> Any:
+    return replace(
+        robot, tendons=tuple(t.vary(radius, friction, coefficient) for t in robot.tendons)
+    )
 
 
 def _without_tensions(robot: Any) -> str | None:
@@ -133,7 +137,9 @@ _USUAL = (
         lambda robot, factor: _tendons(robot, radius=factor),
         label="r_t x {:g}".format,
         shifts=("wrap_prm", "site_pos", "actuator_ctrlrange", "actuator_biasprm"),
-        at_once=lambda robot: all(tendon.is_straight for tendon in robot.tendons),
+        at_once=lambda robot: all(
+            tendon.is_straight and not tendon.has_capstan_friction for tendon in robot.tendons
+        ),
     ),
     Variation(
         "tendon_friction",
@@ -144,6 +150,15 @@ _USUAL = (
         label="friction {:g} N".format,
         shifts=("tendon_frictionloss",),
         switches=("tendon_solimp_fri", "tendon_solref_fri", "opt.disableflags"),
+    ),
+    Variation(
+        "friction_coefficient",
+        lambda robot, coefficient: _tendons(robot, coefficient=coefficient),
+        neutral=0.0,
+        range=(0.0, 10.0),
+        label="friction coefficient + {:g}".format,
+        shifts=("tendon_user",),
+        at_once=lambda robot: all(tendon.friction_coefficient > 0 for tendon in robot.tendons),
     ),
     Variation("tension_gain", label="gain x {:g}".format, incompatibility=_without_tensions),
     Variation("delay", None, 0.0, (0.0, 1.0), "s", label=lambda time: f"delay {1e3 * time:g} ms"),

@@ -207,6 +207,15 @@ class SceneConfig:
                 f"robot {self.robot.name!r}: integrator {EXTRAPOLATION!r} knows no friction of the "
                 "backbone; leave it out, or choose one of MuJoCo's"
             )
+        if self.robot.has_capstan_friction and (
+            self.contacts is not None
+            or self.robot.holds
+            or self.integrator not in (None, EXTRAPOLATION)
+        ):
+            raise ValueError(
+                f"robot {self.robot.name!r}: friction_coefficient and feed_line need integrator "
+                f"{EXTRAPOLATION!r}, which has no contacts and no bending_friction"
+            )
         if self.objects and self.contacts is None:
             raise ValueError("objects are there to be touched: give contacts=Contacts(), too")
         if self.contacts is not None and self.integrator not in (None, *CONTACT_INTEGRATORS):

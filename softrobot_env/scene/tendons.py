@@ -15,6 +15,7 @@ from softrobot_env.robots import RobotParams, Tendon
 from softrobot_env.robots.sections import Backbone
 
 from .chain import Chain, is_swapped, rub, seen_from_hinges, station_stiffness
+from .integration.layout import STATIONS
 from .quadrature import HingeLayout
 
 _PULL = [-1.0, 0, 0, 0, 0, 0]
@@ -48,6 +49,8 @@ def add_tendons(chain: Chain, robot: RobotParams, actuation: str, exact: bool = 
             routed, length = _route_along_joints(chain, tendon, robot.backbone), 0.0
         if tendon.friction:
             rub(routed, tendon.friction)
+        if tendon.has_capstan_friction:
+            routed.userdata = _rubbing(chain, tendon)
         actuator = chain.spec.add_actuator(
             name=tendon.name,
             target=tendon.name,
@@ -122,6 +125,26 @@ def _route_across_hinges(
             length += float(np.linalg.norm(line))
         above = chain.layout.stations[index]
     return spatial, length
+
+
+def _rubbing(chain: Chain, tendon: Tendon) -> list[float]:
+    """Where a tendon rubs, as `scene.integration.layout` has it.
+
+    A path turns at a station by the change of its slope over what the station stands for, of a
+    route with via-points with their kinks.
+    """
+    feed = tendon.feed_line.exponent if tendon.feed_line else 0.0
+    out = [tendon.friction_coefficient, feed, 0.0]
+    if tendon.guides:
+        return out
+    layout = chain.layout
+    count = int(np.searchsorted(layout.stations, tendon.end))
+    ends = np.append(0.0, np.cumsum(layout.weights[:count]))
+    place = tendon.at(layout.stations[:count])
+    slopes = tendon.slope(ends)
+    parts = layout.weights[:count, None]
+    out[STATIONS] = count
+    return [*out, *np.hstack([place, slopes[:-1], slopes[1:], parts]).ravel()]
 
 
 def _thread(spatial: MjsTendon, body: MjsBody, name: str, place: ndarray, group: int = 4) -> None:

@@ -98,6 +98,11 @@ def _check_radius(scene: Scene) -> None:
 def check_robot(scene: Scene, randomization: Randomization | None) -> None:
     """Raise ValueError for what the backend cannot simulate."""
     model, name = scene.model, scene.name
+    if scene.config.robot.has_capstan_friction:
+        raise ValueError(
+            f"{_BACKEND} has no friction along tendons (friction_coefficient, feed_line of robot "
+            f"{name!r}), only on processors"
+        )
     if scene.config.robot.has_friction:
         _check_friction(scene)
     if model.nq != model.nv:

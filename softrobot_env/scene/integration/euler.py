@@ -1,8 +1,7 @@
-"""One linearly implicit Euler step of a chain, with friction of its tendons; compiled."""
+"""One linearly implicit Euler step of a chain; compiled. `friction` has that of its tendons."""
 
 from typing import NamedTuple
 
-import numpy as np
 from numpy import ndarray
 
 from softrobot_env.compile.native import jit, making
@@ -10,11 +9,9 @@ from softrobot_env.compile.native import jit, making
 from . import articulated
 from . import mujoco_functions as mj
 from .articulated import Tree, tree_on, tree_size
-from .layout import AT, NTENDON
+from .friction import Trial, dot, guess, pull, rub, trial_on, trial_size
+from .layout import AT, RUBBING
 from .mujoco_functions import assign, ints, reals
-
-#: Friction's impulses are found by as many sweeps, or until they move by no more than a share [1].
-_SWEEPS, _STILL = 200, 1e-12
 
 
 class System(NamedTuple):
@@ -23,9 +20,11 @@ class System(NamedTuple):
     Attributes:
         tree: Mass, springs and dampers of the joints.
         diagonal: (nv,), their springs and dampers.
-        answers: (1 + nu, nv), change by all else, and by impulses of the springs of taut drives.
+        answers: (rows, nv), change by all else, and by impulses of the springs of taut drives.
         couplings: (nu, nu), factors of what such impulses need for each other.
         impulses: (nu,), such impulses.
+        slides: (elements,), what slid or stuck last, by the names of the elements of friction.
+        trial: See `friction`.
     """
 
     tree: Tree
@@ -33,32 +32,38 @@ class System(NamedTuple):
     answers: ndarray
     couplings: ndarray
     impulses: ndarray
+    slides: ndarray
+    trial: Trial
 
 
 @jit
 def system_size(chain):
     """Number of doubles that `system_on` cuts."""
     nv, nu = chain.v.size, chain.ctrl.size
-    return tree_size(chain, _rows(chain)) + nv + (1 + nu) * (nv + nu)
+    own = tree_size(chain, _rows(chain)) + nv + _rows(chain) * nv + (1 + nu) * nu
+    return own + trial_size(chain.header[RUBBING], nu, nv)
 
 
 @making
-def system_on(chain, room):
-    """Arrays for `euler_step`, cut from free memory."""
+def system_on(chain, slides, room):
+    """Arrays for `euler_step`, cut from free memory but for the given ones."""
     nv, nu = chain.v.size, chain.ctrl.size
+    answers = mj.cut(room, _rows(chain), nv)
     return System(
         tree_on(chain, room, _rows(chain)),
         mj.cut(room, 1, nv)[0],
-        mj.cut(room, 1 + nu, nv),
+        answers,
         mj.cut(room, nu, nu),
         mj.cut(room, 1, nu)[0],
+        slides,
+        trial_on(chain.header[RUBBING], nu, nv, answers[1 + nu :], room),
     )
 
 
 @jit
 def _rows(chain):
     """Most rows that are solved for at once."""
-    return max(1 + chain.ctrl.size, chain.header[NTENDON])
+    return 2 + 2 * chain.ctrl.size + chain.header[RUBBING]
 
 
 @jit
@@ -72,16 +77,22 @@ def euler_step(chain, forces, h, system, change):
     _fill_joints(chain, forces, h, system.diagonal, answers[0])
     for s in range(springs):
         assign(answers[1 + s], forces.pulls[s])
+    rows, unknowns = 1 + springs, 0
+    if forces.counts[1]:  # solved for at once with the rest, and then moved to their place
+        unknowns = guess(forces, h, system.trial, system.slides, answers[rows:])
+        rows += 1 + unknowns
     articulated.factorize(system.tree, forces.axes, forces.inertias, system.diagonal)
-    articulated.solve(system.tree, answers, 1 + springs)
+    articulated.solve(system.tree, answers, rows)
     assign(change, answers[0])
     if springs:
         _couple_drives(forces, h, system)
         for s in range(springs):
-            system.impulses[s] = _dot(forces.pulls[s], chain.v) + _dot(forces.pulls[s], change)
-        _pull(system, springs, change)
+            system.impulses[s] = dot(forces.pulls[s], chain.v) + dot(forces.pulls[s], change)
+        pull(system, springs, change)
     if forces.counts[1]:
-        _rub(chain.v, forces, h, system, change)
+        for u in range(unknowns, -1, -1):
+            assign(system.trial.answers[u], answers[1 + springs + u])
+        rub(chain.v, forces, h, system, change, unknowns)
 
 
 @jit
@@ -104,87 +115,12 @@ def _couple_drives(forces, h, system):
     springs = int(forces.counts[0])
     for s in range(springs):
         for k in range(s + 1):
-            system.couplings[s, k] = _dot(forces.pulls[k], system.answers[1 + s])
+            system.couplings[s, k] = dot(forces.pulls[k], system.answers[1 + s])
         system.couplings[s, s] += 1 / (h * h * forces.stiffness[s])
     _factorize(system.couplings, springs)
 
 
-@jit
-def _pull(system, springs, change):
-    """Let springs of drives act on a change (nv,), by the rates of their tendons in `impulses`."""
-    _solve(system.couplings, system.impulses, springs)
-    for s in range(springs):
-        for i in range(change.size):
-            change[i] -= system.impulses[s] * system.answers[1 + s, i]
-
-
-# ---------------------------------------------------------------- friction
-
-
-@making
-def _rub(v, forces, h, system, change):
-    """Let tendons stick, or slide against their friction, at the end of an Euler step.
-
-    Coulomb's law on the velocity at its end, by projected Gauss-Seidel sweeps over the impulses.
-    """
-    count, arms, springs = int(forces.counts[1]), forces.arms, int(forces.counts[0])
-    answers = np.empty((count, v.size))
-    for k in range(count):
-        assign(answers[k], arms[k])
-    articulated.solve(system.tree, answers, count)
-    for k in range(count):
-        for s in range(springs):
-            system.impulses[s] = _dot(forces.pulls[s], answers[k])
-        _pull(system, springs, answers[k])
-    rates, couplings = np.empty(count), np.empty((count, count))
-    for j in range(count):
-        rates[j] = _dot(arms[j], v) + _dot(arms[j], change)
-        for k in range(count):
-            couplings[j, k] = _dot(arms[j], answers[k])
-    impulses = _impulses(couplings, rates, forces.friction, h)
-    for k in range(count):
-        forces.grip[k] = impulses[k] / h
-        for i in range(v.size):
-            change[i] -= impulses[k] * answers[k, i]
-
-
-@making
-def _impulses(couplings, rates, friction, h):
-    """Impulses (k,), within those of a friction, that stop or slow the rates (k,).
-
-    The rates are changed: an impulse at k slows that at j by couplings[j, k].
-    """
-    impulses = np.empty(rates.size)
-    for k in range(rates.size):
-        impulses[k] = 0.0
-    for _ in range(_SWEEPS):
-        moved = 0.0
-        for k in range(rates.size):
-            if couplings[k, k] <= 0:
-                continue
-            wanted = impulses[k] + rates[k] / couplings[k, k]
-            most = h * friction[k]
-            wanted = min(max(wanted, -most), most)
-            step = wanted - impulses[k]
-            impulses[k] = wanted
-            moved = max(moved, abs(step) / most)
-            for j in range(rates.size):
-                rates[j] -= step * couplings[j, k]
-        if moved < _STILL:
-            break
-    return impulses
-
-
 # ---------------------------------------------------------------- linear algebra
-
-
-@jit
-def _dot(a, b):
-    """Scalar product of (n,) and (n,)."""
-    total = 0.0
-    for i in range(a.size):
-        total += a[i] * b[i]
-    return total
 
 
 @jit
@@ -202,16 +138,3 @@ def _factorize(matrix, n):
         for k in range(i):
             matrix[i, k] *= inverse
         matrix[i, i] = inverse
-
-
-@jit
-def _solve(factor, x, n):
-    """x (n,) becomes the solution, by the factors of `_factorize`."""
-    for i in range(n - 1, -1, -1):
-        for k in range(i):
-            x[k] -= factor[i, k] * x[i]
-    for i in range(n):
-        rest = x[i] * factor[i, i]
-        for k in range(i):
-            rest -= factor[i, k] * x[k]
-        x[i] = rest

@@ -53,6 +53,7 @@ from .forces import (
     evaluate,
     find_surprises,
     find_switched,
+    forces_size,
     measure,
     no_forces,
 )
@@ -136,16 +137,13 @@ class Work(NamedTuple):
 def work_size(chain, memory):
     """Number of doubles that `work_on` cuts."""
     nq, nv, nu, most = chain.q.size, chain.v.size, chain.ctrl.size, int(memory[layout.MOST])
-    forces = (
-        chain.axes.size + chain.inertias.size + nv + (nu + chain.header[layout.NTENDON]) * (1 + nv)
-    )
-    forces += chain.header[layout.NTENDON] + 2
+    forces = forces_size(chain)
     return nq + nv + 2 * forces + 2 * nu + system_size(chain) + nv + (2 * most + 4) * nv
 
 
 @making
-def work_on(chain, memory, room):
-    """Arrays for `integrate`, cut from free memory."""
+def work_on(chain, memory, slides, room):
+    """Arrays for `integrate`, cut from free memory but for what slides, see `System`."""
     nq, nv, most = chain.q.size, chain.v.size, int(memory[layout.MOST])
     rows = mj.cut(room, most, nv), mj.cut(room, most, nv)
     entry = mj.cut(room, 4, nv)
@@ -158,7 +156,7 @@ def work_on(chain, memory, room):
         no_forces(chain, room),
         mj.cut(room, 1, chain.ctrl.size)[0],
         mj.cut(room, 1, chain.ctrl.size)[0],
-        system_on(chain, room),
+        system_on(chain, slides, room),
         mj.cut(room, 1, nv)[0],
         Table(rows[0], rows[1], entry[0], entry[1], entry[2], entry[3]),
     )
@@ -427,12 +425,26 @@ def _kink(work, h, rows):
         for i in range(chain.v.size):
             forces.force[i] = 0.0
         forces.counts[0] = 0
-    for k in range(int(first.counts[1])):
-        found = True
-        for i in range(chain.v.size):
-            forces.force[i] += (first.grip[k] - forces.grip[k]) * first.arms[k, i]
+    found = _add_slips(first, forces) or found
     forces.counts[1] = 0
     return np.minimum(_pushed(work, h), _spread(work, rows)) if found else 0.0
+
+
+@jit
+def _add_slips(first, last):
+    """Add what elements of friction do at the start of an interval that they do not at its end.
+
+    Of whole tendons all of that; of zones that neither began nor ceased to slide it is smooth.
+    """
+    found = False
+    for k in range(int(first.counts[1])):
+        name = int(first.name[k])
+        if first.drive[k] >= 0 and first.slide[name] == last.slide[name]:
+            continue
+        found = True
+        for i in range(last.force.size):
+            last.force[i] += (first.grip[name] - last.grip[name]) * first.arms[k, i]
+    return found
 
 
 @jit

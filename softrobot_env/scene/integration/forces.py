@@ -8,7 +8,8 @@ from softrobot_env.compile.native import jit, making
 
 from . import mujoco_functions as mj
 from .articulated import AXIS, INERTIA
-from .layout import AT, LENGTHS, LINEAR, NBODY, NQ, NTENDON, NU, NV
+from .capstan import find_zones
+from .layout import AT, LENGTHS, LINEAR, NBODY, NQ, NTENDON, NU, NV, RUBBING
 from .mujoco_functions import ints, reals
 
 #: Parameters of a drive's law in MuJoCo, mjNBIAS.
@@ -45,10 +46,17 @@ class Forces(NamedTuple):
         force: (nv,), all generalised forces but friction of tendons.
         stiffness: (nu,) [N/m] of taut drives.
         pulls: (nu, nv), their moment arms.
-        friction: (ntendon,) [N] of tendons that rub.
-        arms: (ntendon, nv), their moment arms.
-        grip: (ntendon,) [N], the friction in the last Euler step from here.
-        counts: Numbers (2,) of taut drives and of tendons that rub, which come first.
+        taut: (nu,), which drives they are.
+        friction: (elements,) [N] of whatever tension, of elements: whole tendons or their zones.
+        arms: (elements, nv), moment arms of the lengths that slide.
+        grows, shrinks: (elements,), change of tension [1] in a zone over that before it, as that
+            length grows and as it shrinks; see `capstan`.
+        drive, tension: (elements,), which drive makes it and by how much [N]; -1 of whole tendons.
+        name: (elements,), places in the next two, the same in all postures.
+        grip: (elements,) [N], the friction in the last Euler step from here.
+        slide: (elements,), whether they slid in it, by the sign of the length's rate, or stuck (0).
+        course: (2, nv + 1), see `capstan`.
+        counts: Numbers (2,) of taut drives and of elements, which come first.
     """
 
     axes: ndarray
@@ -56,9 +64,17 @@ class Forces(NamedTuple):
     force: ndarray
     stiffness: ndarray
     pulls: ndarray
+    taut: ndarray
     friction: ndarray
     arms: ndarray
+    grows: ndarray
+    shrinks: ndarray
+    drive: ndarray
+    tension: ndarray
+    name: ndarray
     grip: ndarray
+    slide: ndarray
+    course: ndarray
     counts: ndarray
 
 
@@ -79,19 +95,35 @@ def chain_of(model, data, header):
     )
 
 
+@jit
+def forces_size(chain):
+    """Number of doubles that `no_forces` cuts."""
+    nv, nu, elements = chain.v.size, chain.ctrl.size, chain.header[RUBBING]
+    fixed = chain.axes.size + chain.inertias.size + 3 * nv + 4
+    return fixed + nu * (nv + 2) + elements * (nv + 8)
+
+
 @making
 def no_forces(chain, room):
     """Arrays for `measure`, cut from free memory."""
-    nv, nu, tendons = chain.v.size, chain.ctrl.size, chain.header[NTENDON]
+    nv, nu, elements = chain.v.size, chain.ctrl.size, chain.header[RUBBING]
     return Forces(
         mj.cut(room, 1, chain.axes.size)[0],
         mj.cut(room, 1, chain.inertias.size)[0],
         mj.cut(room, 1, nv)[0],
         mj.cut(room, 1, nu)[0],
         mj.cut(room, nu, nv),
-        mj.cut(room, 1, tendons)[0],
-        mj.cut(room, tendons, nv),
-        mj.cut(room, 1, tendons)[0],
+        mj.cut(room, 1, nu)[0],
+        mj.cut(room, 1, elements)[0],
+        mj.cut(room, elements, nv),
+        mj.cut(room, 1, elements)[0],
+        mj.cut(room, 1, elements)[0],
+        mj.cut(room, 1, elements)[0],
+        mj.cut(room, 1, elements)[0],
+        mj.cut(room, 1, elements)[0],
+        mj.cut(room, 1, elements)[0],
+        mj.cut(room, 1, elements)[0],
+        mj.cut(room, 2, nv + 1),
         mj.cut(room, 1, 2)[0],
     )
 
@@ -135,8 +167,10 @@ def measure(chain, forces):
     _sum_forces(chain, forces.force)
     mj.assign(forces.axes, chain.axes)
     mj.assign(forces.inertias, chain.inertias)
-    forces.counts[0] = find_springs(chain, drive_forces(chain), forces.stiffness, forces.pulls)
-    forces.counts[1] = _find_rubbing(chain, forces.friction, forces.arms)
+    find_springs(chain, drive_forces(chain), forces)
+    _find_rubbing(chain, forces)
+    if chain.header[RUBBING] > chain.header[NTENDON]:
+        find_zones(chain, drive_forces(chain), forces)
 
 
 @jit
@@ -164,11 +198,8 @@ def _any(values):
 
 
 @jit
-def find_springs(chain, before, stiffness, pulls):
-    """Stiffness and moment arms of drives that pull like a spring; their number.
-
-    That do so now, or did so by the forces `before` (nu,) [N].
-    """
+def find_springs(chain, before, forces):
+    """Find the drives that pull like a spring, now or by the forces `before` (nu,) [N]."""
     model, data, header, nu = chain.model, chain.data, chain.header, chain.ctrl.size
     biases = reals(model, header[AT.actuator_biasprm], nu * BIASES)
     bounds = reals(model, header[AT.actuator_forcerange], 2 * nu)
@@ -183,29 +214,34 @@ def find_springs(chain, before, stiffness, pulls):
             continue
         end = start[k] + nonzero[k]
         columns = ints(data, header[AT.moment_colind], end)
-        _spread(reals(data, header[AT.actuator_moment], end), columns, start[k], pulls[count])
-        stiffness[count] = own
+        moments = reals(data, header[AT.actuator_moment], end)
+        _spread(moments, columns, start[k], forces.pulls[count])
+        forces.stiffness[count], forces.taut[count] = own, k
         count += 1
-    return count
+    forces.counts[0] = count
 
 
 @jit
-def _find_rubbing(chain, friction, arms):
-    """Friction and moment arms of tendons that rub; their number."""
+def _find_rubbing(chain, forces):
+    """Find the tendons that rub whatever their tension."""
     model, data, header, tendons = chain.model, chain.data, chain.header, chain.header[NTENDON]
     losses = reals(model, header[AT.tendon_frictionloss], tendons)
     nonzero = ints(model, header[AT.ten_J_rownnz], tendons)
     start = ints(model, header[AT.ten_J_rowadr], tendons)
     count = 0
+    for k in range(forces.grip.size):
+        forces.grip[k] = 0.0
     for k in range(tendons):
         if losses[k] <= 0:
             continue
         end = start[k] + nonzero[k]
         columns = ints(model, header[AT.ten_J_colind], end)
-        _spread(reals(data, header[AT.ten_J], end), columns, start[k], arms[count])
-        friction[count] = losses[k]
+        _spread(reals(data, header[AT.ten_J], end), columns, start[k], forces.arms[count])
+        forces.friction[count], forces.name[count] = losses[k], k
+        forces.grows[count], forces.shrinks[count], forces.drive[count] = 0.0, 0.0, -1.0
+        forces.tension[count] = 0.0
         count += 1
-    return count
+    forces.counts[1] = count
 
 
 @jit
@@ -275,7 +311,7 @@ def find_surprises(chain, before, forces):
         if surprise != 0:
             found = True
             _add_pull(chain, k, surprise, forces.force)
-    forces.counts[0] = find_springs(chain, before, forces.stiffness, forces.pulls)
+    find_springs(chain, before, forces)
     forces.counts[1] = 0
     return found
 

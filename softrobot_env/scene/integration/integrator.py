@@ -12,6 +12,7 @@ from numpy import ndarray
 from ..chain import SEPARATOR, TIP_SITE
 from ..timestep import EXTRAPOLATION, RATE, Pace, TimestepChoice
 from . import layout
+from .capstan import TOGETHER, ZONES
 from .extrapolation import CALM
 from .period import advance, refresh
 
@@ -51,9 +52,11 @@ class Integration:
         self._reach = np.add.reduceat(self._lengths, robots).max()
         self.memory = np.zeros((count, 2, layout.MEMORY_SIZE))
         self._states = np.zeros((count, 2, model.nq + model.nv))
+        self._slides = np.zeros((count, 2, model.ntendon + zones(model)))
         self._sizes = (model.nq, model.nv, model.nu, model.nbody, model.ntendon)
         scalar = model.nq == model.nv
         self._linear = scalar and np.all(model.wrap_type == mjtWrap.mjWRAP_JOINT)
+        self._user = model.nuser_tendon
         self._path = np.zeros((1, model.nu))
         self._servos: ndarray | None = None
         self.set(slice(None), choice)
@@ -102,6 +105,7 @@ class Integration:
         self.memory[which, :, layout.NEXT] = self.memory[which, :, layout.LONGEST]
         self.memory[which, :, layout.WORST :] = 0.0
         self._states[which] = np.nan
+        self._slides[which] = 0.0
 
     @property
     def estimates(self) -> ndarray:
@@ -135,10 +139,13 @@ class Integration:
             layout.time_offset(),
         )
         self._header[layout.LINEAR] = self._linear
+        self._header[layout.RUBBING] = self._slides.shape[-1]
+        self._header[layout.USER] = self._user
         self._header[layout.STRIDE] = 16 * layout.MEMORY_SIZE
         for place, array in (
             (layout.MEMORY, self.memory),
             (layout.SHADOW_STATES, self._states),
+            (layout.SLIDES, self._slides),
             (layout.LENGTHS, self._lengths),
             (layout.PATH, self._path),
         ):
@@ -155,6 +162,18 @@ class Integration:
     def __setstate__(self, state: dict) -> None:
         self.__dict__.update(state)
         self._connect()
+
+
+def zones(model: MjModel) -> int:
+    """Most zones of friction along the tendons of a model, see `capstan`."""
+    if not model.nuser_tendon:
+        return 0
+    rubbing = (model.tendon_user[:, [layout.COEFFICIENT, layout.FEED]] > 0).any(axis=1)
+    stations = model.tendon_user[:, layout.STATIONS]
+    most = np.where(
+        stations > 0, np.minimum(np.ceil(stations / TOGETHER), ZONES), model.tendon_num - 1
+    )
+    return int(most[rubbing].sum() + rubbing.sum())  # and each a feed line
 
 
 def backbone_lengths(model: MjModel) -> ndarray:

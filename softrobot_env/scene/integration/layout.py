@@ -13,20 +13,23 @@ import mujoco
 
 #: Places of a robot's sizes and shared arrays in `header` (int64).
 NQ, NV, NU, NBODY, NTENDON, MEMORY, STRIDE, LENGTHS = range(8)
-PATH, ROWS, SERVOS, REPORTED, REPORTS, SHADOW_STATES, LINEAR, OFFSETS = range(8, 16)
+PATH, ROWS, SERVOS, REPORTED, REPORTS, SHADOW_STATES, LINEAR = range(8, 15)
+RUBBING, USER, SLIDES, OFFSETS = range(15, 19)  # elements of friction, their states, see `forces`
 
 #: Arrays whose offsets in MuJoCo's structures follow in the header, from `OFFSETS` on.
 MODEL_FIELDS = (
     "body_parentid", "body_dofadr", "body_dofnum", "jnt_stiffness", "dof_jntid", "dof_damping",
     "dof_armature",
     "actuator_biasprm", "actuator_forcerange", "ten_J_rownnz", "ten_J_rowadr", "ten_J_colind",
-    "tendon_frictionloss", "actuator_gainprm", "dof_parentid",
+    "tendon_frictionloss", "actuator_gainprm", "dof_parentid", "dof_bodyid", "jnt_qposadr",
+    "jnt_axis", "actuator_trntype", "actuator_trnid", "tendon_user", "tendon_adr", "tendon_num",
+    "wrap_objid", "site_bodyid",
 )  # fmt: skip
 DATA_FIELDS = (
     "qpos", "qvel", "ctrl", "qfrc_applied", "xfrc_applied", "qacc", "cinert", "qfrc_passive",
     "qfrc_bias", "qfrc_actuator", "actuator_moment", "moment_rownnz", "moment_rowadr",
     "moment_colind", "actuator_force", "cdof", "qfrc_smooth", "ten_J",
-    "actuator_length", "ten_length",
+    "actuator_length", "ten_length", "site_xpos", "site_xmat",
 )  # fmt: skip
 HEADER = OFFSETS + len(MODEL_FIELDS) + len(DATA_FIELDS) + 1  # and the time
 
@@ -42,6 +45,13 @@ MEMORY_SIZE = 18  # of a simulation; its shadow's, alike, follows
 SPEED, OFFSET, HALF, COMMAND, MOTOR, HORN = range(6)
 SERVO_ROWS = 6
 
+#: Places of a tendon's row of `tendon_user`, all zero where nothing rubs along it: coefficient of
+#: friction [1] in the robot, coefficient times angle [1] of the feed line, and number of stations
+#: of a channel (0: guides). Then of each station `STATION` numbers: place (x, y) [m], slope of the
+#: path [1] where it begins and where it ends, and how much of the backbone it stands for [m].
+COEFFICIENT, FEED, STATIONS, COURSE = range(4)
+STATION = 7
+
 #: Values of METHOD: ours, MuJoCo's in two halves, MuJoCo's Runge-Kutta.
 EXTRAPOLATED, SPLIT, WHOLE = range(3)
 
@@ -50,9 +60,10 @@ HUGE = 1e10
 
 
 #: A model in which no array that is looked for is empty.
-_SMALL = """<mujoco><worldbody><body><joint type="ball" stiffness="1"/><geom size="1"/>
+_SMALL = """<mujoco><worldbody><site/>
+<body><joint type="ball" stiffness="1"/><geom size="1"/>
 <body><joint name="k"/><geom size="1"/></body></body></worldbody>
-<tendon><fixed name="t"><joint joint="k" coef="1"/></fixed></tendon>
+<tendon><fixed name="t" user="1"><joint joint="k" coef="1"/></fixed></tendon>
 <actuator><motor tendon="t"/></actuator><sensor><jointpos joint="k"/></sensor></mujoco>"""
 
 _WORD = 8

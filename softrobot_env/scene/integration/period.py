@@ -116,13 +116,13 @@ def _integrate_period(work, path, held):
 
 
 @making
-def _follow_path(chain, memory, path, held, room):
+def _follow_path(chain, memory, slides, path, held, room):
     """Advance a simulation or its shadow, with arrays cut from free memory."""
-    _integrate_period(shared(work_on(chain, memory, room)), path, held)
+    _integrate_period(shared(work_on(chain, memory, slides, room)), path, held)
 
 
 @making
-def _extrapolated_period(chain, memory, shadowed, states, path, free):
+def _extrapolated_period(chain, memory, shadowed, states, slides, path, free):
     """Advance a simulation, then its shadow, and compare them.
 
     The work is done in the array `free`, which the caller keeps alive: views do not.
@@ -131,11 +131,11 @@ def _extrapolated_period(chain, memory, shadowed, states, path, free):
     room[0] = free.ctypes.data
     mj.assign(held, path[len(path) - 1] if len(path) else chain.ctrl)
     _follow(chain, states)
-    _follow_path(chain, memory, path, held, room)
+    _follow_path(chain, memory, slides[0], path, held, room)
     _save(chain, states[0])
     _load(chain, states[1])
     evaluate(chain)
-    _follow_path(chain, shadowed, path, held, room)
+    _follow_path(chain, shadowed, slides[1], path, held, room)
     _save(chain, states[1])
     _load(chain, states[0])
     mj.reals_at(np.int64(chain.data) + 8 * chain.header[layout.AT.time], 1)[0] += memory[
@@ -278,7 +278,9 @@ def _advance(model, data, number, header):
         place = header[layout.SHADOW_STATES] + number * 16 * size
         states = mj.table_at(place, 2, size)
         free = np.empty(work_size(chain, memory) + work_size(chain, shadowed))
-        _extrapolated_period(chain, memory, shadowed, states, path, free)
+        rubbing = header[layout.RUBBING]
+        slides = mj.table_at(header[layout.SLIDES] + number * 16 * rubbing, 2, rubbing)
+        _extrapolated_period(chain, memory, shadowed, states, slides, path, free)
     else:
         _mujoco_period(chain, memory, path)
 

@@ -1,0 +1,191 @@
+"""Friction along tendons: where they turn on their way, and how much that can hold; compiled.
+
+A tendon of tension T that turns by a small angle presses on its guide by T times the angle. Sliding
+around an angle a in all changes its tension by the factor exp(-mu a) against the motion; at rest it
+may change by any factor between that and exp(mu a) (L. Euler 1769). What `tendon_user` says of a
+tendon is in `layout`.
+
+A tendon consists of *segments* of one tension each: what stations of the chain have of a channel,
+two by two or more if those were more than `ZONES`, or the spans between guides. Before each lies a *zone*,
+which turns by the angle of a guide, or that of a channel's path between the middles of two
+segments. The friction of a zone, the drop of tension there, does work on the length beyond it,
+whose moment arms are those of the segments beyond.
+"""
+
+from math import atan2, sqrt
+
+import numpy as np
+
+from softrobot_env.compile.native import jit
+
+from .layout import AT, COEFFICIENT, COURSE, FEED, NBODY, NTENDON, STATION, STATIONS, USER
+from .mujoco_functions import ints, reals
+
+#: Most zones of a channel, and stations in each; beside them is its feed line.
+ZONES, TOGETHER = 12, 2
+
+_ON_TENDON = 3  # mjTRN_TENDON
+
+
+@jit
+def find_zones(chain, tensions, forces):
+    """Add the zones of taut tendons to the elements of friction, where `evaluate` was called last.
+
+    Args:
+        chain: The chain.
+        tensions: (nu,) [N], of the drives.
+        forces: To whose elements they are added.
+    """
+    model, header, nu = chain.model, chain.header, chain.ctrl.size
+    kinds = ints(model, header[AT.actuator_trntype], nu)
+    targets = ints(model, header[AT.actuator_trnid], 2 * nu)
+    size, name = header[USER], header[NTENDON]
+    users = reals(model, header[AT.tendon_user], header[NTENDON] * size)
+    for k in range(nu):
+        tendon = targets[2 * k]
+        if kinds[k] != _ON_TENDON:
+            continue
+        line = users[tendon * size : (tendon + 1) * size]
+        if line[COEFFICIENT] <= 0 and line[FEED] <= 0:
+            continue
+        zones = _zones(chain, tendon, line)
+        if tensions[k] > 0:
+            if line[STATIONS] > 0:
+                _along_stations(chain, tendon, line, zones, forces.course)
+            else:
+                _through_guides(chain, tendon, line, zones, forces.course)
+            if line[FEED] > 0:
+                _add_zone(chain, k, tendon, 0, line[FEED], name, forces, tensions[k])
+            for zone in range(zones):
+                if forces.course[0, zone] > 0:
+                    first, exponent = int(forces.course[1, zone]), forces.course[0, zone]
+                    _add_zone(
+                        chain, k, tendon, first, exponent, name + 1 + zone, forces, tensions[k]
+                    )
+        name += 1 + zones
+
+
+@jit
+def _zones(chain, tendon, line):
+    """Number of zones of a tendon with a row of `tendon_user`, without the feed line's."""
+    if line[STATIONS] > 0:
+        return min((int(line[STATIONS]) + TOGETHER - 1) // TOGETHER, ZONES)
+    return ints(chain.model, chain.header[AT.tendon_num], tendon + 1)[tendon] - 1
+
+
+@jit
+def _along_stations(chain, tendon, line, zones, course):
+    """Exponents [1] of a channel's zones, and the first DOFs beyond them, in rows of `course`."""
+    model, header, nv = chain.model, chain.header, chain.v.size
+    bodies = ints(model, header[AT.dof_bodyid], nv)
+    starts = ints(model, header[AT.body_dofadr], header[NBODY])
+    begin = ints(model, header[AT.ten_J_rowadr], header[NTENDON])[tendon]
+    end = begin + ints(model, header[AT.ten_J_rownnz], header[NTENDON])[tendon]
+    columns = ints(model, header[AT.ten_J_colind], end)
+    count = int(line[STATIONS])
+    for zone in range(zones):
+        course[0, zone] = 0.0
+    # From the end: a tendon's row may begin with what moves the base.
+    station, last, at = count, -1, end - 1
+    while station > 0:
+        body = bodies[columns[at]]
+        at -= 1
+        if body == last:
+            continue
+        station, last = station - 1, body
+        zone = station * zones // count
+        half = line[COEFFICIENT] * _turn(chain, body, line, COURSE + STATION * station) / 2
+        course[0, zone] += half
+        if zone + 1 < zones:
+            course[0, zone + 1] += half
+        course[1, zone] = starts[body]
+
+
+@jit
+def _turn(chain, body, line, at):
+    """Angle [rad] by which a channel's path turns at the station of a body.
+
+    With r the place, its tangent on the cross-section is the slope of r plus strain times r, and
+    the rotation of the station turns what comes at its end.
+    """
+    model, header, nv = chain.model, chain.header, chain.v.size
+    joints = ints(model, header[AT.dof_jntid], nv)
+    first = ints(model, header[AT.body_dofadr], header[NBODY])[body]
+    number = ints(model, header[AT.body_dofnum], header[NBODY])[body]
+    u, v, w = 0.0, 0.0, 0.0
+    for d in range(first, first + number):
+        joint = joints[d]
+        axis = reals(model, header[AT.jnt_axis], 3 * joint + 3)
+        angle = chain.q[ints(model, header[AT.jnt_qposadr], joint + 1)[joint]]
+        u += angle * axis[3 * joint]
+        v += angle * axis[3 * joint + 1]
+        w += angle * axis[3 * joint + 2]
+    x, y, part = line[at], line[at + 1], line[at + 6]
+    twist, along = w / part, 1 - (v * x - u * y) / part
+    a, b = line[at + 2] - twist * y, line[at + 3] + twist * x
+    c, d, e = line[at + 4] - twist * y, line[at + 5] + twist * x, along
+    # The rotation vector (u, v, w) turns (c, d, e) to (f, g, h).
+    size = u * u + v * v + w * w
+    if size > 0.1:
+        turn = sqrt(size)
+        sine, rest = np.sin(turn) / turn, (1 - np.cos(turn)) / size
+    else:  # in a third of the time, to 1e-12
+        sine = 1 - size / 6 * (1 - size / 20 * (1 - size / 42 * (1 - size / 72 * (1 - size / 110))))
+        rest = (1 - size / 12 * (1 - size / 30 * (1 - size / 56 * (1 - size / 90)))) / 2
+    k, m, n = v * e - w * d, w * c - u * e, u * d - v * c
+    f = c + sine * k + rest * (v * n - w * m)
+    g = d + sine * m + rest * (w * k - u * n)
+    h = e + sine * n + rest * (u * m - v * k)
+    return _angle(a, b, along, f, g, h)
+
+
+@jit
+def _angle(a, b, c, d, e, f):
+    """Angle [rad] between (a, b, c) and (d, e, f)."""
+    x, y, z = b * f - c * e, c * d - a * f, a * e - b * d
+    return atan2(sqrt(x * x + y * y + z * z), a * d + b * e + c * f)
+
+
+@jit
+def _through_guides(chain, tendon, line, zones, course):
+    """As `_along_stations`; a tendon enters its first guide along the robot's axis."""
+    model, data, header = chain.model, chain.data, chain.header
+    begin = ints(model, header[AT.tendon_adr], header[NTENDON])[tendon]
+    sites = ints(model, header[AT.wrap_objid], begin + zones + 1)
+    frame = reals(data, header[AT.site_xmat], 9 * sites[begin] + 9)
+    first = 9 * sites[begin]
+    a, b, c = frame[first + 2], frame[first + 5], frame[first + 8]
+    for zone in range(zones):
+        site, beyond = sites[begin + zone], sites[begin + zone + 1]
+        places = reals(data, header[AT.site_xpos], 3 * max(site, beyond) + 3)
+        d = places[3 * beyond] - places[3 * site]
+        e = places[3 * beyond + 1] - places[3 * site + 1]
+        f = places[3 * beyond + 2] - places[3 * site + 2]
+        course[0, zone] = line[COEFFICIENT] * _angle(a, b, c, d, e, f)
+        body = ints(model, header[AT.site_bodyid], site + 1)[site]
+        number = ints(model, header[AT.body_dofnum], header[NBODY])[body]
+        start = ints(model, header[AT.body_dofadr], header[NBODY])[body]
+        course[1, zone] = start + number if number > 0 else 0
+        a, b, c = d, e, f
+
+
+@jit
+def _add_zone(chain, drive, tendon, beyond, exponent, name, forces, tension):
+    """Add a zone, before the segments with DOFs from `beyond` on."""
+    model, data, header = chain.model, chain.data, chain.header
+    k = int(forces.counts[1])
+    arm = forces.arms[k]
+    for i in range(arm.size):
+        arm[i] = 0.0
+    at = ints(model, header[AT.ten_J_rowadr], header[NTENDON])[tendon]
+    end = at + ints(model, header[AT.ten_J_rownnz], header[NTENDON])[tendon]
+    columns = ints(model, header[AT.ten_J_colind], end)
+    arms = reals(data, header[AT.ten_J], end)
+    for place in range(at, end):
+        if columns[place] >= beyond:
+            arm[columns[place]] = arms[place]
+    forces.friction[k], forces.tension[k] = 0.0, tension
+    grows = np.expm1(exponent)
+    forces.grows[k], forces.shrinks[k] = grows, -grows / (1 + grows)
+    forces.drive[k], forces.name[k] = drive, name
+    forces.counts[1] = k + 1

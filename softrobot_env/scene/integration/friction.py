@@ -1,0 +1,331 @@
+"""Dry friction of tendons in an Euler step: what sticks, what slides, by which impulses; compiled.
+
+Elements, whole tendons or zones of them (`capstan`), obey Coulomb's law on the rate of the length
+that slides, at the end of the step: either it stays, by an impulse within bounds, or it changes and
+the impulse is at its bound. That of a zone grows with the tension before it, hence with what the
+zones before take of it, and with how the spring of a drive gives. For a guess of what sticks and
+what slides, impulses follow from a linear system whose unknowns are the impulses that stick and the
+tensions of such drives; the guess is mended until it agrees with what follows.
+"""
+
+from typing import NamedTuple
+
+from numpy import ndarray
+
+from softrobot_env.compile.native import jit, making
+
+from . import articulated
+from . import mujoco_functions as mj
+from .mujoco_functions import assign
+
+#: Guesses that are mended wherever they are wrong, before only the first mistake is; and the last.
+_TOGETHER, _LAST = 12, 200
+
+#: Share [1] by which what sticks gives: it says how elements share what they could hold alone, and
+#: lets a tendon creep by 1e-9 of what it would slide.
+_GIVE = 1e-9
+
+#: Shares [1] of the largest rate and impulse that are rounding.
+_SLOW, _WEAK = 1e-9, 1e-7
+
+
+class Trial(NamedTuple):
+    """What follows from a guess of what sticks and what slides.
+
+    Attributes:
+        known: (elements,) [N s], the part of impulses that is known.
+        shares: (elements, unknowns), the rest over the unknowns.
+        owner: (unknowns,), the elements that stick, or -1 less the drive of an unknown tension.
+        answers: (1 + unknowns, nv), change of velocities by known impulses and by the unknowns.
+        matrix, unknowns: Of the linear system.
+        impulses, tensions: (elements,) [N s, N], found, and the tensions before the elements.
+        result: (nv,), change of velocities.
+    """
+
+    known: ndarray
+    shares: ndarray
+    owner: ndarray
+    answers: ndarray
+    matrix: ndarray
+    unknowns: ndarray
+    impulses: ndarray
+    tensions: ndarray
+    result: ndarray
+
+
+@jit
+def trial_size(elements, springs, nv):
+    """Number of doubles that `trial_on` cuts."""
+    most = elements + springs
+    return elements * (3 + most) + most * (2 + most) + nv
+
+
+@making
+def trial_on(elements, springs, nv, answers, room):
+    """Arrays for `rub`, cut from free memory but for the answers."""
+    most = elements + springs
+    return Trial(
+        mj.cut(room, 1, elements)[0],
+        mj.cut(room, elements, most),
+        mj.cut(room, 1, most)[0],
+        answers,
+        mj.cut(room, most, most),
+        mj.cut(room, 1, most)[0],
+        mj.cut(room, 1, elements)[0],
+        mj.cut(room, 1, elements)[0],
+        mj.cut(room, 1, nv)[0],
+    )
+
+
+@jit
+def guess(forces, h, trial, slides, rows):
+    """Guess that all sticks and slides as it last did; fill rows to be solved for, see `rub`.
+
+    Returns:
+        Number of unknowns, one less than that of rows.
+    """
+    assign(forces.slide, slides)
+    count = _share_out(forces, h, trial)
+    _fill(forces, count, trial, rows)
+    return count
+
+
+@jit
+def rub(v, forces, h, system, change, count):
+    """Let the elements of friction act on the change (nv,) of the velocities v in a step [s].
+
+    For as many unknowns, the first of the trial's answers are for the rows of `guess`.
+    """
+    trial = system.trial
+    for number in range(_LAST):
+        if number:
+            count = _share_out(forces, h, trial)
+            _fill(forces, count, trial, trial.answers)
+            articulated.solve(system.tree, trial.answers, 1 + count)
+        _give_way(forces, system, count)
+        _find_unknowns(v, forces, h, change, count, trial)
+        assign(trial.result, change)
+        for u in range(1 + count):
+            impulse = trial.unknowns[u - 1] if u else 1.0
+            for i in range(v.size):
+                trial.result[i] -= impulse * trial.answers[u, i]
+        if _mended(v, forces, h, count, trial, number >= _TOGETHER) == 0:
+            break
+    for k in range(int(forces.counts[1])):
+        forces.grip[int(forces.name[k])] = trial.impulses[k] / h
+    assign(change, trial.result)
+    assign(system.slides, forces.slide)
+
+
+@jit
+def _share_out(forces, h, trial):
+    """Impulses by what is known and by the unknowns; how many those are."""
+    count, first = 0, 0
+    for k in range(int(forces.counts[1])):
+        trial.known[k] = 0.0
+        for u in range(trial.owner.size):  # of all there may be
+            trial.shares[k, u] = 0.0
+        if forces.drive[k] < 0 or k == 0 or forces.drive[k - 1] != forces.drive[k]:
+            first, drive = k, -1
+            if _spring(forces, forces.drive[k]) >= 0:
+                trial.owner[count] = -1 - forces.drive[k]
+                drive, count = count, count + 1
+        side = forces.slide[int(forces.name[k])]
+        if side == 0:
+            trial.owner[count] = k
+            trial.shares[k, count] = 1.0
+            count += 1
+            continue
+        trial.known[k] = h * side * forces.friction[k]
+        share = forces.grows[k] if side > 0 else forces.shrinks[k]
+        if share == 0 or not forces.tension[k] > 0:
+            continue
+        if drive < 0:
+            trial.known[k] += h * share * forces.tension[k]
+        else:
+            trial.shares[k, drive] = h * share
+        for j in range(first, k):
+            trial.known[k] += share * trial.known[j]
+            for u in range(count):
+                trial.shares[k, u] += share * trial.shares[j, u]
+    return count
+
+
+@jit
+def _spring(forces, drive):
+    """Which of the springs is that of a drive, or -1."""
+    for s in range(int(forces.counts[0])):
+        if forces.taut[s] == drive:
+            return s
+    return -1
+
+
+@jit
+def _fill(forces, count, trial, rows):
+    """Let rows be the known impulses, and those for one of each unknown."""
+    for u in range(1 + count):
+        row = rows[u]
+        for i in range(row.size):
+            row[i] = 0.0
+        for k in range(int(forces.counts[1])):
+            share = trial.shares[k, u - 1] if u else trial.known[k]
+            if share != 0:
+                arm = forces.arms[k]
+                for i in range(row.size):
+                    row[i] += share * arm[i]
+
+
+@jit
+def _give_way(forces, system, count):
+    """Let springs of drives act on the answers."""
+    springs = int(forces.counts[0])
+    for u in range(1 + count if springs else 0):
+        answer = system.trial.answers[u]
+        for s in range(springs):
+            system.impulses[s] = dot(forces.pulls[s], answer)
+        pull(system, springs, answer)
+
+
+@jit
+def _find_unknowns(v, forces, h, change, count, trial):
+    """Solve for the tensions of drives and the impulses that stick."""
+    for u in range(count):
+        owner = trial.owner[u]
+        if owner >= 0:
+            arm, scale, trial.unknowns[u] = forces.arms[int(owner)], 1.0, 0.0
+        else:
+            s = _spring(forces, -1 - owner)
+            arm, scale = forces.pulls[s], -h * forces.stiffness[s]
+            trial.unknowns[u] = _tension(forces, -1 - owner)
+        rate = dot(arm, v) + dot(arm, change) - dot(arm, trial.answers[0])
+        trial.unknowns[u] += scale * rate
+        for j in range(count):
+            trial.matrix[u, j] = scale * dot(arm, trial.answers[1 + j])
+        if owner >= 0:
+            trial.matrix[u, u] *= 1 + _GIVE
+        else:
+            trial.matrix[u, u] += 1.0
+    _solve(trial.matrix, trial.unknowns, count)
+
+
+@jit
+def _tension(forces, drive):
+    """Tension [N] that a drive makes where the step begins."""
+    for k in range(int(forces.counts[1])):
+        if forces.drive[k] == drive:
+            return forces.tension[k]
+    return 0.0
+
+
+@jit
+def _find_impulses(v, forces, h, count, trial):
+    """Impulses and tensions from the unknowns; the largest impulse, and the largest rate."""
+    largest, fastest, tension, drive = 0.0, 0.0, 0.0, -1.0
+    for k in range(int(forces.counts[1])):
+        impulse, own = trial.known[k], forces.drive[k]
+        for u in range(count):
+            if trial.shares[k, u] != 0:
+                impulse += trial.shares[k, u] * trial.unknowns[u]
+        if own != drive:
+            tension, drive = forces.tension[k], own
+            for u in range(count):
+                if trial.owner[u] == -1 - own:
+                    tension = trial.unknowns[u]
+        trial.impulses[k], trial.tensions[k] = impulse, tension
+        tension += impulse / h
+        largest = max(largest, abs(impulse))
+        fastest = max(fastest, abs(_rate(v, forces, k, trial.result)))
+    return largest, fastest
+
+
+@jit
+def _rate(v, forces, k, change):
+    """Rate [m/s] of the length that slides in an element, after a change of the velocities."""
+    return dot(forces.arms[k], v) + dot(forces.arms[k], change)
+
+
+@jit
+def _mended(v, forces, h, count, trial, one):
+    """Number of elements of which the guess was wrong and is not any more, one only if asked."""
+    largest, fastest = _find_impulses(v, forces, h, count, trial)
+    mended = 0
+    for k in range(int(forces.counts[1])):
+        name = int(forces.name[k])
+        side = forces.slide[name]
+        if side == 0:
+            tension = max(trial.tensions[k], 0.0)
+            high = h * (forces.friction[k] + forces.grows[k] * tension)
+            low = h * (forces.shrinks[k] * tension - forces.friction[k])
+            if trial.impulses[k] > high + _WEAK * largest:
+                side = 1.0
+            elif trial.impulses[k] < low - _WEAK * largest:
+                side = -1.0
+        elif side * _rate(v, forces, k, trial.result) < -_SLOW * fastest:
+            side = 0.0
+        if side != forces.slide[name]:
+            forces.slide[name] = side
+            mended += 1
+            if one:
+                return mended
+    return mended
+
+
+# ---------------------------------------------------------------- linear algebra
+
+
+@jit
+def dot(a, b):
+    """Scalar product of (n,) and (n,)."""
+    total = 0.0
+    for i in range(a.size):
+        total += a[i] * b[i]
+    return total
+
+
+@jit
+def pull(system, springs, change):
+    """Let springs of drives act on a change (nv,), by the rates of their tendons in `impulses`."""
+    substitute(system.couplings, system.impulses, springs)
+    for s in range(springs):
+        for i in range(change.size):
+            change[i] -= system.impulses[s] * system.answers[1 + s, i]
+
+
+@jit
+def substitute(factor, x, n):
+    """x (n,) becomes the solution, by the factors of `euler._factorize`."""
+    for i in range(n - 1, -1, -1):
+        for k in range(i):
+            x[k] -= factor[i, k] * x[i]
+    for i in range(n):
+        rest = x[i] * factor[i, i]
+        for k in range(i):
+            rest -= factor[i, k] * x[k]
+        x[i] = rest
+
+
+@jit
+def _solve(matrix, x, n):
+    """x (n,) becomes the solution for a matrix (n, n), which is lost; 0 where it is singular."""
+    for i in range(n):
+        best = i
+        for k in range(i + 1, n):
+            if abs(matrix[k, i]) > abs(matrix[best, i]):
+                best = k
+        if best != i:
+            x[i], x[best] = x[best], x[i]
+            for j in range(n):
+                matrix[i, j], matrix[best, j] = matrix[best, j], matrix[i, j]
+        if matrix[i, i] == 0:
+            continue
+        for k in range(i + 1, n):
+            share = matrix[k, i] / matrix[i, i]
+            if share != 0:
+                for j in range(i + 1, n):
+                    matrix[k, j] -= share * matrix[i, j]
+                x[k] -= share * x[i]
+    for i in range(n - 1, -1, -1):
+        rest = x[i]
+        for j in range(i + 1, n):
+            rest -= matrix[i, j] * x[j]
+        x[i] = rest / matrix[i, i] if matrix[i, i] != 0 else 0.0
