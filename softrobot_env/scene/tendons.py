@@ -15,13 +15,16 @@ from softrobot_env.robots import RobotParams, Tendon
 from softrobot_env.robots.sections import Backbone
 
 from .chain import Chain, is_swapped, rub, seen_from_hinges, station_stiffness
-from .integration.layout import STATIONS
 from .quadrature import HingeLayout
 
 _PULL = [-1.0, 0, 0, 0, 0, 0]
 
 #: p, q and c of the lines with which an exact channel crosses a station.
 _LINES = ((8 / 7, 4 / 3, 0.0), (-1 / 7, 1.0, math.sqrt(7 / 12)))
+
+#: Most zones of a tendon in which friction along it sticks or slides on its own, and about those of
+#: all of a robot. A loop of tip against tension is then within 1 % of its width (12) or 3 % (6).
+_ZONES, _ALL_ZONES = 12, 24
 
 _UNSEEN = [0.0, 0.0, 0.0, 0.0]
 
@@ -50,7 +53,7 @@ def add_tendons(chain: Chain, robot: RobotParams, actuation: str, exact: bool = 
         if tendon.friction:
             rub(routed, tendon.friction)
         if tendon.has_capstan_friction:
-            routed.userdata = _rubbing(chain, tendon)
+            routed.userdata = _rubbing(chain, tendon, robot)
         actuator = chain.spec.add_actuator(
             name=tendon.name,
             target=tendon.name,
@@ -127,24 +130,25 @@ def _route_across_hinges(
     return spatial, length
 
 
-def _rubbing(chain: Chain, tendon: Tendon) -> list[float]:
+def _rubbing(chain: Chain, tendon: Tendon, robot: RobotParams) -> list[float]:
     """Where a tendon rubs, as `scene.integration.layout` has it.
 
     A path turns at a station by the change of its slope over what the station stands for, of a
     route with via-points with their kinks.
     """
-    feed = tendon.feed_line.exponent if tendon.feed_line else 0.0
-    out = [tendon.friction_coefficient, feed, 0.0]
-    if tendon.guides:
-        return out
     layout = chain.layout
     count = int(np.searchsorted(layout.stations, tendon.end))
+    shares = sum(other.end for other in robot.tendons if other.has_capstan_friction) / tendon.end
+    most = min(count // 2, _ZONES, round(_ALL_ZONES / shares))
+    zones = max(1, min(most, len(tendon.guides) + 1) if tendon.guides else most)
+    feed = tendon.feed_line.exponent if tendon.feed_line else 0.0
+    out = [tendon.friction_coefficient, feed, float(zones)]
+    if tendon.guides:
+        return [*out, 0.0]
     ends = np.append(0.0, np.cumsum(layout.weights[:count]))
-    place = tendon.at(layout.stations[:count])
-    slopes = tendon.slope(ends)
+    slopes, place = tendon.slope(ends), tendon.at(layout.stations[:count])
     parts = layout.weights[:count, None]
-    out[STATIONS] = count
-    return [*out, *np.hstack([place, slopes[:-1], slopes[1:], parts]).ravel()]
+    return [*out, count, *np.hstack([place, slopes[:-1], slopes[1:], parts]).ravel()]
 
 
 def _thread(spatial: MjsTendon, body: MjsBody, name: str, place: ndarray, group: int = 4) -> None:

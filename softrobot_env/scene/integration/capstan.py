@@ -5,11 +5,11 @@ around an angle a in all changes its tension by the factor exp(-mu a) against th
 may change by any factor between that and exp(mu a) (L. Euler 1769). What `tendon_user` says of a
 tendon is in `layout`.
 
-A tendon consists of *segments* of one tension each: what stations of the chain have of a channel,
-two by two or more if those were more than `ZONES`, or the spans between guides. Before each lies a *zone*,
-which turns by the angle of a guide, or that of a channel's path between the middles of two
-segments. The friction of a zone, the drop of tension there, does work on the length beyond it,
-whose moment arms are those of the segments beyond.
+A tendon consists of *segments* of one tension each, which cover some stations of the chain, or some
+spans between guides. Before each lies a *zone*, which turns by the angles of the guides there, or
+those of a channel's path between the middles of two segments. The friction of a zone, the drop of
+tension there, does work on the length beyond it, whose moment arms are those of the segments
+beyond.
 """
 
 from math import atan2, sqrt
@@ -18,11 +18,8 @@ import numpy as np
 
 from softrobot_env.compile.native import jit
 
-from .layout import AT, COEFFICIENT, COURSE, FEED, NBODY, NTENDON, STATION, STATIONS, USER
+from .layout import AT, COEFFICIENT, COURSE, FEED, NBODY, NTENDON, STATION, STATIONS, USER, ZONES
 from .mujoco_functions import ints, reals
-
-#: Most zones of a channel, and stations in each; beside them is its feed line.
-ZONES, TOGETHER = 12, 2
 
 _ON_TENDON = 3  # mjTRN_TENDON
 
@@ -48,7 +45,7 @@ def find_zones(chain, tensions, forces):
         line = users[tendon * size : (tendon + 1) * size]
         if line[COEFFICIENT] <= 0 and line[FEED] <= 0:
             continue
-        zones = _zones(chain, tendon, line)
+        zones = int(line[ZONES])
         if tensions[k] > 0:
             if line[STATIONS] > 0:
                 _along_stations(chain, tendon, line, zones, forces.course)
@@ -63,14 +60,6 @@ def find_zones(chain, tensions, forces):
                         chain, k, tendon, first, exponent, name + 1 + zone, forces, tensions[k]
                     )
         name += 1 + zones
-
-
-@jit
-def _zones(chain, tendon, line):
-    """Number of zones of a tendon with a row of `tendon_user`, without the feed line's."""
-    if line[STATIONS] > 0:
-        return min((int(line[STATIONS]) + TOGETHER - 1) // TOGETHER, ZONES)
-    return ints(chain.model, chain.header[AT.tendon_num], tendon + 1)[tendon] - 1
 
 
 @jit
@@ -120,12 +109,14 @@ def _turn(chain, body, line, at):
         u += angle * axis[3 * joint]
         v += angle * axis[3 * joint + 1]
         w += angle * axis[3 * joint + 2]
+    size = u * u + v * v + w * w
+    if w == 0 and line[at + 2] == line[at + 3] == line[at + 4] == line[at + 5] == 0:
+        return sqrt(size)
     x, y, part = line[at], line[at + 1], line[at + 6]
     twist, along = w / part, 1 - (v * x - u * y) / part
     a, b = line[at + 2] - twist * y, line[at + 3] + twist * x
     c, d, e = line[at + 4] - twist * y, line[at + 5] + twist * x, along
     # The rotation vector (u, v, w) turns (c, d, e) to (f, g, h).
-    size = u * u + v * v + w * w
     if size > 0.1:
         turn = sqrt(size)
         sine, rest = np.sin(turn) / turn, (1 - np.cos(turn)) / size
@@ -151,21 +142,31 @@ def _through_guides(chain, tendon, line, zones, course):
     """As `_along_stations`; a tendon enters its first guide along the robot's axis."""
     model, data, header = chain.model, chain.data, chain.header
     begin = ints(model, header[AT.tendon_adr], header[NTENDON])[tendon]
-    sites = ints(model, header[AT.wrap_objid], begin + zones + 1)
+    count = ints(model, header[AT.tendon_num], header[NTENDON])[tendon] - 1
+    sites = ints(model, header[AT.wrap_objid], begin + count + 1)
     frame = reals(data, header[AT.site_xmat], 9 * sites[begin] + 9)
     first = 9 * sites[begin]
     a, b, c = frame[first + 2], frame[first + 5], frame[first + 8]
     for zone in range(zones):
-        site, beyond = sites[begin + zone], sites[begin + zone + 1]
+        course[0, zone] = 0.0
+    for k in range(count):
+        zone = k * zones // count
+        start, end = -(-zone * count // zones), -(-(zone + 1) * count // zones)
+        site, beyond = sites[begin + k], sites[begin + k + 1]
         places = reals(data, header[AT.site_xpos], 3 * max(site, beyond) + 3)
         d = places[3 * beyond] - places[3 * site]
         e = places[3 * beyond + 1] - places[3 * site + 1]
         f = places[3 * beyond + 2] - places[3 * site + 2]
-        course[0, zone] = line[COEFFICIENT] * _angle(a, b, c, d, e, f)
-        body = ints(model, header[AT.site_bodyid], site + 1)[site]
-        number = ints(model, header[AT.body_dofnum], header[NBODY])[body]
-        start = ints(model, header[AT.body_dofadr], header[NBODY])[body]
-        course[1, zone] = start + number if number > 0 else 0
+        exponent = line[COEFFICIENT] * _angle(a, b, c, d, e, f)
+        later = exponent * (k - start) / (end - start)
+        course[0, zone] += exponent - later
+        if zone + 1 < zones:
+            course[0, zone + 1] += later
+        if k == start:
+            body = ints(model, header[AT.site_bodyid], site + 1)[site]
+            number = ints(model, header[AT.body_dofnum], header[NBODY])[body]
+            last = ints(model, header[AT.body_dofadr], header[NBODY])[body] + number
+            course[1, zone] = last if number > 0 else 0
         a, b, c = d, e, f
 
 

@@ -18,8 +18,9 @@ from . import articulated
 from . import mujoco_functions as mj
 from .mujoco_functions import assign
 
-#: Guesses that are mended wherever they are wrong, before only the first mistake is; and the last.
-_TOGETHER, _LAST = 12, 200
+#: Guesses, before elements are balanced one by one; sweeps of that, or until all move by less than
+#: a share of the largest impulse [1].
+_GUESSES, _SWEEPS, _STILL = 12, 300, 1e-6
 
 #: Share [1] by which what sticks gives: it says how elements share what they could hold alone, and
 #: lets a tendon creep by 1e-9 of what it would slide.
@@ -37,7 +38,7 @@ class Trial(NamedTuple):
         shares: (elements, unknowns), the rest over the unknowns.
         owner: (unknowns,), the elements that stick, or -1 less the drive of an unknown tension.
         answers: (1 + unknowns, nv), change of velocities by known impulses and by the unknowns.
-        matrix, unknowns: Of the linear system.
+        matrix, right, unknowns: Of the linear system.
         impulses, tensions: (elements,) [N s, N], found, and the tensions before the elements.
         result: (nv,), change of velocities.
     """
@@ -47,6 +48,7 @@ class Trial(NamedTuple):
     owner: ndarray
     answers: ndarray
     matrix: ndarray
+    right: ndarray
     unknowns: ndarray
     impulses: ndarray
     tensions: ndarray
@@ -57,7 +59,7 @@ class Trial(NamedTuple):
 def trial_size(elements, springs, nv):
     """Number of doubles that `trial_on` cuts."""
     most = elements + springs
-    return elements * (3 + most) + most * (2 + most) + nv
+    return elements * (3 + most) + most * (3 + most) + nv
 
 
 @making
@@ -70,6 +72,7 @@ def trial_on(elements, springs, nv, answers, room):
         mj.cut(room, 1, most)[0],
         answers,
         mj.cut(room, most, most),
+        mj.cut(room, 1, most)[0],
         mj.cut(room, 1, most)[0],
         mj.cut(room, 1, elements)[0],
         mj.cut(room, 1, elements)[0],
@@ -97,24 +100,98 @@ def rub(v, forces, h, system, change, count):
     For as many unknowns, the first of the trial's answers are for the rows of `guess`.
     """
     trial = system.trial
-    for number in range(_LAST):
+    for number in range(_GUESSES):
         if number:
-            count = _share_out(forces, h, trial)
-            _fill(forces, count, trial, trial.answers)
-            articulated.solve(system.tree, trial.answers, 1 + count)
-        _give_way(forces, system, count)
-        _find_unknowns(v, forces, h, change, count, trial)
-        assign(trial.result, change)
-        for u in range(1 + count):
-            impulse = trial.unknowns[u - 1] if u else 1.0
-            for i in range(v.size):
-                trial.result[i] -= impulse * trial.answers[u, i]
-        if _mended(v, forces, h, count, trial, number >= _TOGETHER) == 0:
+            count = _answer(forces, h, system)
+        _fill_system(v, forces, h, change, count, trial)
+        _solve(trial.matrix, trial.unknowns, count)
+        _add_up(change, count, trial)
+        if _mend(v, forces, h, count, trial) == 0:
             break
+    else:
+        _balance(v, forces, h, system, change)
     for k in range(int(forces.counts[1])):
         forces.grip[int(forces.name[k])] = trial.impulses[k] / h
     assign(change, trial.result)
     assign(system.slides, forces.slide)
+
+
+@jit
+def _answer(forces, h, system):
+    """Solve for the guess; the number of unknowns."""
+    count = _share_out(forces, h, system.trial)
+    _fill(forces, count, system.trial, system.trial.answers)
+    articulated.solve(system.tree, system.trial.answers, 1 + count)
+    _give_way(forces, system, count)
+    return count
+
+
+@jit
+def _add_up(change, count, trial):
+    """The change of velocities with known impulses and the unknowns."""
+    assign(trial.result, change)
+    for u in range(1 + count):
+        impulse = trial.unknowns[u - 1] if u else 1.0
+        for i in range(change.size):
+            trial.result[i] -= impulse * trial.answers[u, i]
+
+
+@jit
+def _balance(v, forces, h, system, change):
+    """Find impulses that no guess led to: projected Gauss-Seidel sweeps from what was found last.
+
+    Each is within its bounds whatever is left of the rest.
+    """
+    trial, elements = system.trial, int(forces.counts[1])
+    for k in range(elements):
+        forces.slide[int(forces.name[k])] = 0.0
+    count = _answer(forces, h, system)
+    _fill_system(v, forces, h, change, count, trial)
+    assign(trial.right, trial.unknowns)
+    for u in range(count):
+        if trial.owner[u] >= 0:
+            trial.unknowns[u] = trial.impulses[int(trial.owner[u])]
+    for _ in range(_SWEEPS):
+        if _sweep(forces, h, count, trial) < _STILL:
+            break
+    _add_up(change, count, trial)
+
+
+@jit
+def _sweep(forces, h, count, trial):
+    """Balance every unknown in turn, within its bounds; the largest change, a share of the most."""
+    moved, largest, drive, tension = 0.0, 1e-300, -1.0, 0.0
+    for u in range(count):
+        owner, balanced = trial.owner[u], trial.right[u]
+        for j in range(count):
+            if j != u:
+                balanced -= trial.matrix[u, j] * trial.unknowns[j]
+        if not trial.matrix[u, u] > 0:
+            continue
+        balanced /= trial.matrix[u, u]
+        if owner < 0:
+            drive, tension, trial.unknowns[u] = -1 - owner, balanced, balanced
+            continue
+        k = int(owner)
+        if forces.drive[k] != drive:
+            drive, tension = forces.drive[k], forces.tension[k]
+        low, high = _bounds(forces, h, k, tension)
+        side = 1.0 * (balanced > high) - 1.0 * (balanced < low)
+        balanced = min(max(balanced, low), high)
+        moved = max(moved, abs(balanced - trial.unknowns[u]))
+        largest = max(largest, abs(balanced))
+        forces.slide[int(forces.name[k])] = side
+        trial.unknowns[u], trial.impulses[k] = balanced, balanced
+        tension += balanced / h
+    return moved / largest
+
+
+@jit
+def _bounds(forces, h, k, tension):
+    """Least and largest impulse of an element behind a tension [N]."""
+    tension = max(tension, 0.0)
+    low = h * (forces.shrinks[k] * tension - forces.friction[k])
+    return low, h * (forces.grows[k] * tension + forces.friction[k])
 
 
 @jit
@@ -123,17 +200,14 @@ def _share_out(forces, h, trial):
     count, first = 0, 0
     for k in range(int(forces.counts[1])):
         trial.known[k] = 0.0
-        for u in range(trial.owner.size):  # of all there may be
-            trial.shares[k, u] = 0.0
         if forces.drive[k] < 0 or k == 0 or forces.drive[k - 1] != forces.drive[k]:
             first, drive = k, -1
             if _spring(forces, forces.drive[k]) >= 0:
-                trial.owner[count] = -1 - forces.drive[k]
-                drive, count = count, count + 1
+                drive = _add_unknown(trial, count, -1 - forces.drive[k], forces.counts[1])
+                count += 1
         side = forces.slide[int(forces.name[k])]
         if side == 0:
-            trial.owner[count] = k
-            trial.shares[k, count] = 1.0
+            trial.shares[k, _add_unknown(trial, count, k, forces.counts[1])] = 1.0
             count += 1
             continue
         trial.known[k] = h * side * forces.friction[k]
@@ -149,6 +223,15 @@ def _share_out(forces, h, trial):
             for u in range(count):
                 trial.shares[k, u] += share * trial.shares[j, u]
     return count
+
+
+@jit
+def _add_unknown(trial, u, owner, elements):
+    """Let the unknown u be new, which is returned."""
+    trial.owner[u] = owner
+    for k in range(int(elements)):
+        trial.shares[k, u] = 0.0
+    return u
 
 
 @jit
@@ -187,8 +270,8 @@ def _give_way(forces, system, count):
 
 
 @jit
-def _find_unknowns(v, forces, h, change, count, trial):
-    """Solve for the tensions of drives and the impulses that stick."""
+def _fill_system(v, forces, h, change, count, trial):
+    """The linear system for the tensions of drives and the impulses that stick."""
     for u in range(count):
         owner = trial.owner[u]
         if owner >= 0:
@@ -205,7 +288,6 @@ def _find_unknowns(v, forces, h, change, count, trial):
             trial.matrix[u, u] *= 1 + _GIVE
         else:
             trial.matrix[u, u] += 1.0
-    _solve(trial.matrix, trial.unknowns, count)
 
 
 @jit
@@ -245,17 +327,15 @@ def _rate(v, forces, k, change):
 
 
 @jit
-def _mended(v, forces, h, count, trial, one):
-    """Number of elements of which the guess was wrong and is not any more, one only if asked."""
+def _mend(v, forces, h, count, trial):
+    """Mend the guess where it was wrong; of how many elements."""
     largest, fastest = _find_impulses(v, forces, h, count, trial)
-    mended = 0
+    wrong = 0
     for k in range(int(forces.counts[1])):
         name = int(forces.name[k])
         side = forces.slide[name]
         if side == 0:
-            tension = max(trial.tensions[k], 0.0)
-            high = h * (forces.friction[k] + forces.grows[k] * tension)
-            low = h * (forces.shrinks[k] * tension - forces.friction[k])
+            low, high = _bounds(forces, h, k, trial.tensions[k])
             if trial.impulses[k] > high + _WEAK * largest:
                 side = 1.0
             elif trial.impulses[k] < low - _WEAK * largest:
@@ -264,10 +344,8 @@ def _mended(v, forces, h, count, trial, one):
             side = 0.0
         if side != forces.slide[name]:
             forces.slide[name] = side
-            mended += 1
-            if one:
-                return mended
-    return mended
+            wrong += 1
+    return wrong
 
 
 # ---------------------------------------------------------------- linear algebra

@@ -12,7 +12,6 @@ from numpy import ndarray
 from ..chain import SEPARATOR, TIP_SITE
 from ..timestep import EXTRAPOLATION, RATE, Pace, TimestepChoice
 from . import layout
-from .capstan import TOGETHER, ZONES
 from .extrapolation import CALM
 from .period import advance, refresh
 
@@ -165,15 +164,11 @@ class Integration:
 
 
 def zones(model: MjModel) -> int:
-    """Most zones of friction along the tendons of a model, see `capstan`."""
+    """Most zones of friction along the tendons of a model, see `capstan`, with their feed lines."""
     if not model.nuser_tendon:
         return 0
-    rubbing = (model.tendon_user[:, [layout.COEFFICIENT, layout.FEED]] > 0).any(axis=1)
-    stations = model.tendon_user[:, layout.STATIONS]
-    most = np.where(
-        stations > 0, np.minimum(np.ceil(stations / TOGETHER), ZONES), model.tendon_num - 1
-    )
-    return int(most[rubbing].sum() + rubbing.sum())  # and each a feed line
+    count = model.tendon_user[:, layout.ZONES]
+    return int(count.sum()) + np.count_nonzero(count)
 
 
 def backbone_lengths(model: MjModel) -> ndarray:

@@ -46,10 +46,11 @@ SPEED, OFFSET, HALF, COMMAND, MOTOR, HORN = range(6)
 SERVO_ROWS = 6
 
 #: Places of a tendon's row of `tendon_user`, all zero where nothing rubs along it: coefficient of
-#: friction [1] in the robot, coefficient times angle [1] of the feed line, and number of stations
-#: of a channel (0: guides). Then of each station `STATION` numbers: place (x, y) [m], slope of the
-#: path [1] where it begins and where it ends, and how much of the backbone it stands for [m].
-COEFFICIENT, FEED, STATIONS, COURSE = range(4)
+#: friction [1] in the robot, coefficient times angle [1] of the feed line, number of zones in the
+#: robot, see `capstan`, and number of stations of a channel (0: guides). Then of each station
+#: `STATION` numbers: place (x, y) [m], slope of the path [1] where it begins and where it ends, and
+#: how much of the backbone it stands for [m].
+COEFFICIENT, FEED, ZONES, STATIONS, COURSE = range(5)
 STATION = 7
 
 #: Values of METHOD: ours, MuJoCo's in two halves, MuJoCo's Runge-Kutta.
