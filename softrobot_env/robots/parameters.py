@@ -5,7 +5,7 @@ A planar robot bends in the x-z plane only and positive curvature bends it towar
 A robot with a `base` has this frame turned and moved; gravity stays in the world's.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from math import cos, hypot, inf, pi, sin, sqrt
 from pathlib import Path
@@ -37,7 +37,11 @@ from .ranges import (
     Component,
     Curvature,
     DampingTime,
+    DeadTime,
     Density,
+    Force,
+    ForceLimit,
+    Gain,
     Inertia,
     Length,
     Mass,
@@ -47,8 +51,10 @@ from .ranges import (
     PoissonRatio,
     Position,
     Radius,
+    ReflectedMass,
     Speed,
     Station,
+    VelocityGain,
 )
 from .sections import Backbone, Section
 from .sensors import Sensor
@@ -76,21 +82,68 @@ class Drive:
         travel: [m], pulled in by a full-scale action to either side; see `robots.actuation` for
             what it is unless given.
         backlash: [m], width of the servos' dead band.
+        gain: [N/m], force of a servo's position loop per error, at its spool as all forces here;
+            None is a servo of any force, which is where its speed lets it be. Other servos obey
+            `scene.integration.motors`, and may have what follows up to `command_delay`.
+        velocity_gain: [N s/m], force of the loop against the motor's speed.
+        force_limit: [N] of the motor, which stalls there.
+        reflected_mass: [kg], inertia of rotor and gear over the square of the spool's radius.
+        gear_friction: [N], dry friction of motor and gear.
+        encoder_step: [m], width of a count of the encoder, within which the loop has no force.
+        command_delay: [s], dead time from a command to the loop.
+        spool_radius: [m], from the spool's axis to the wire at command 0; commands are turns times
+            2 pi of it.
+        wire_diameter: [m], by which the wire winds higher with every turn; 0 is the same radius.
+        seating: [m] of stretch over which a wire that was slack becomes as stiff as it is when taut.
     """
 
     kind: Annotated[DriveKind, Key("drive")] = "tension"
     speed: Speed = inf
     travel: Annotated[Length | None, Unit("m")] = None
     backlash: Station = 0.0
+    gain: Gain | None = None
+    velocity_gain: VelocityGain = 0.0
+    force_limit: ForceLimit = inf
+    reflected_mass: ReflectedMass = 0.0
+    gear_friction: Force = 0.0
+    encoder_step: Station = 0.0
+    command_delay: DeadTime = 0.0
+    spool_radius: Radius | None = None
+    wire_diameter: Bore = 0.0
+    seating: Station = 0.0
 
     def __post_init__(self) -> None:
         check_fields(self, "drive")
-        if self.kind == "tension" and (
-            self.speed < inf or self.travel is not None or self.backlash
-        ):
+        given = [f.name for f in fields(self)[1:] if getattr(self, f.name) != f.default]
+        if self.kind == "tension" and given:
             raise ValueError(
-                "drive: only tendons driven by length have a speed, a travel and a backlash"
+                f"drive: only tendons driven by length have {', '.join(given)}; this one is driven "
+                "by tension"
             )
+        forced = [name for name in given if name in _OF_FORCE]
+        if self.gain is None and forced:
+            raise ValueError(f"drive: {', '.join(forced)} belong to servos with a gain: give one")
+        if self.wire_diameter and self.spool_radius is None:
+            raise ValueError("drive: a wire_diameter needs a spool_radius, on which it winds")
+
+    @property
+    def layers(self) -> float:
+        """[1/m], a of the length x + a x^2 that a servo winds on its spool by a command x."""
+        if not self.wire_diameter:
+            return 0.0
+        return self.wire_diameter / (4 * pi * self.spool_radius**2)
+
+    @property
+    def is_ideal(self) -> bool:
+        """Whether servos have any force, spools one radius and wires one stiffness."""
+        return self.gain is None and not self.layers and not self.seating
+
+
+#: What servos with a gain have alone.
+_OF_FORCE = (
+    "velocity_gain", "force_limit", "reflected_mass", "gear_friction", "encoder_step",
+    "command_delay",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -302,6 +355,12 @@ class RobotParams:
             raise ValueError(
                 f"robot {self.name!r}: travel must be at most {most:.3g} m, which folds the robot "
                 f"at full tension, got {self.drive.travel:g} m"
+            )
+        longest = max((self.most_pulled(tendon) for tendon in self.tendons), default=0.0)
+        if self.drive.layers and not 2 * self.drive.layers * longest < 1:
+            raise ValueError(
+                f"robot {self.name!r}: its tendons let out up to {longest:.3g} m, more than winds "
+                "below the spool_radius: take a larger one, or a thinner wire"
             )
         if not hypot(*self.precurvature) < self.curvature_limit:
             raise ValueError(

@@ -11,10 +11,11 @@ import numpy as np
 from mujoco import MjData, MjModel, MjsActuator, MjsBody, MjsTendon, mjtBias, mjtGain, mjtTrn
 from numpy import ndarray
 
-from softrobot_env.robots import RobotParams, Tendon
+from softrobot_env.robots import Drive, RobotParams, Tendon
 from softrobot_env.robots.sections import Backbone
 
 from .chain import Chain, is_swapped, rub, seen_from_hinges, station_stiffness
+from .integration import layout as places
 from .quadrature import HingeLayout
 
 _PULL = [-1.0, 0, 0, 0, 0, 0]
@@ -60,6 +61,8 @@ def add_tendons(chain: Chain, robot: RobotParams, actuation: str, exact: bool = 
             actuator.ctrlrange = [0.0, tendon.tension_limit]
         else:
             _pull_by_length(actuator, tendon, robot.most_pulled(tendon), length)
+            if not robot.drive.is_ideal:
+                actuator.gainprm[1:] = drive_parameters(robot.drive, tendon)
 
 
 def _route_along_joints(chain: Chain, tendon: Tendon, backbone: Backbone) -> MjsTendon:
@@ -207,6 +210,38 @@ def _pull_by_length(actuator: MjsActuator, tendon: Tendon, most: float, straight
     actuator.forcelimited = True
     actuator.forcerange = [0.0, tendon.tension_limit]
     actuator.ctrlrange = [-most, most]
+
+
+def drive_parameters(drive: Drive, tendon: Tendon) -> ndarray:
+    """(9,) what a servo and its wire have beside a stiffness, see `scene.integration.motors`.
+
+    MuJoCo leaves these places of an actuator's `gainprm` unread.
+    """
+    stretch = tendon.pretension / tendon.stiffness
+    seated = stretch + drive.seating / 2  # under the pretension
+    if seated < drive.seating:
+        seated = math.sqrt(2 * drive.seating * stretch)
+    given = {
+        places.SEATING: drive.seating,
+        places.TAKEN: seated - stretch,
+        places.LAYERS: drive.layers,
+    }
+    if drive.gain is not None:
+        given |= {
+            places.GAIN: drive.gain,
+            places.LIMIT: min(drive.force_limit, places.HUGE_FORCE),
+            places.DAMPING: drive.velocity_gain,
+            places.INERTIA: drive.reflected_mass,
+            places.GEAR: drive.gear_friction,
+            places.COUNT: drive.encoder_step,
+        }
+    return np.array([given.get(place, 0.0) for place in range(1, places.DRIVE_SIZE)])
+
+
+def is_ideal(model: MjModel) -> bool:
+    """Whether MuJoCo's own law of an actuator is that of all servos and wires of a model."""
+    by_length = model.actuator_biasprm[:, 1] < 0
+    return not model.actuator_gainprm[by_length, 1:].any()
 
 
 def actuator_arms(model: MjModel, data: MjData) -> ndarray:

@@ -160,7 +160,7 @@ class _Chains:
             self.tendon_length = self.true_length = partial(add, inside, full)
         else:
             self.tendon_length = lambda: servos.reading
-            self.true_length = lambda: arrays.copy(servos.horn)
+            self.true_length = lambda: servos.pulled
         self._bind()
         self.update()
 

@@ -11,10 +11,16 @@ from . import articulated
 from . import mujoco_functions as mj
 from .articulated import Tree, tree_on, tree_size
 from .layout import AT, NTENDON
+from .motors import move, tension_after, turn
 from .mujoco_functions import assign, ints, reals
 
 #: Friction's impulses are found by as many sweeps, or until they move by no more than a share [1].
 _SWEEPS, _STILL = 200, 1e-12
+
+#: Motors are found in as many rounds at most, or until tensions agree to a share [1].
+_ROUNDS, _AGREES = 30, 1e-10
+
+_SMALLEST = 1e-300  # N
 
 
 class System(NamedTuple):
@@ -26,6 +32,9 @@ class System(NamedTuple):
         answers: (1 + nu, nv), change by all else, and by impulses of the springs of taut drives.
         couplings: (nu, nu), factors of what such impulses need for each other.
         impulses: (nu,), such impulses.
+        yields, behind: (nu,) [N/m], [m/s], stiffness of these springs with their motors, and rates
+            of the tendons at which they had no impulse.
+        rates, expected: (nu,) [m/s], [N], where the motors were looked at, and tensions there.
     """
 
     tree: Tree
@@ -33,13 +42,17 @@ class System(NamedTuple):
     answers: ndarray
     couplings: ndarray
     impulses: ndarray
+    yields: ndarray
+    behind: ndarray
+    rates: ndarray
+    expected: ndarray
 
 
 @jit
 def system_size(chain):
     """Number of doubles that `system_on` cuts."""
     nv, nu = chain.v.size, chain.ctrl.size
-    return tree_size(chain, _rows(chain)) + nv + (1 + nu) * (nv + nu)
+    return tree_size(chain, _rows(chain)) + nv + (1 + nu) * (nv + nu) + 4 * nu
 
 
 @making
@@ -52,6 +65,10 @@ def system_on(chain, room):
         mj.cut(room, 1 + nu, nv),
         mj.cut(room, nu, nu),
         mj.cut(room, 1, nu)[0],
+        mj.cut(room, 1, nu)[0],
+        mj.cut(room, 1, nu)[0],
+        mj.cut(room, 1, nu)[0],
+        mj.cut(room, 1, nu)[0],
     )
 
 
@@ -62,8 +79,8 @@ def _rows(chain):
 
 
 @jit
-def euler_step(chain, forces, h, system, change):
-    """The change (nv,) of the chain's velocities.
+def euler_step(chain, forces, h, system, motors, change):
+    """The change (nv,) of the chain's velocities; motors that there are move on.
 
     See `extrapolation` for the equation. A drive's spring acts by an impulse h^2 k times how fast
     its tendon would be at the step's end, which is found for all together.
@@ -74,14 +91,65 @@ def euler_step(chain, forces, h, system, change):
         assign(answers[1 + s], forces.pulls[s])
     articulated.factorize(system.tree, forces.axes, forces.inertias, system.diagonal)
     articulated.solve(system.tree, answers, 1 + springs)
-    assign(change, answers[0])
+    for s in range(springs):
+        system.yields[s], system.behind[s] = forces.stiffness[s], 0.0
+    if motors.turned.size:
+        _turn_motors(chain.v, forces, h, system, motors, change)
+    else:
+        _act(chain.v, forces, h, system, change)
+
+
+@jit
+def _act(v, forces, h, system, change):
+    """Let springs of drives, and friction, act on what all else changes (nv,)."""
+    springs = int(forces.counts[0])
+    assign(change, system.answers[0])
     if springs:
         _couple_drives(forces, h, system)
         for s in range(springs):
-            system.impulses[s] = _dot(forces.pulls[s], chain.v) + _dot(forces.pulls[s], change)
+            rate = _dot(forces.pulls[s], v) + _dot(forces.pulls[s], change)
+            system.impulses[s] = rate - system.behind[s]
         _pull(system, springs, change)
     if forces.counts[1]:
-        _rub(chain.v, forces, h, system, change)
+        _rub(v, forces, h, system, change)
+
+
+@jit
+def _turn_motors(v, forces, h, system, motors, change):
+    """As `_act`, with motors: by Newton's method on the rates of the tendons at the end.
+
+    By pieces all is linear, so that it ends when no motor changes between sticking, its limits and
+    in between.
+    """
+    springs, rates, expected = int(forces.counts[0]), system.rates, system.expected
+    for s in range(springs):
+        rates[s] = _dot(forces.pulls[s], v)
+    for _ in range(_ROUNDS):
+        for s in range(springs):
+            d, tension = int(forces.drives[s]), forces.tension[int(forces.drives[s])]
+            pull = (tension, forces.stiffness[s], rates[s])
+            turning, system.yields[s] = turn(motors, d, h, pull)
+            expected[s] = tension_after(motors, d, h, pull, turning)
+            system.behind[s] = rates[s] + (expected[s] - tension) / (h * system.yields[s])
+        _act(v, forces, h, system, change)
+        off = 0.0
+        for s in range(springs):
+            d, tension = int(forces.drives[s]), forces.tension[int(forces.drives[s])]
+            rate = _dot(forces.pulls[s], v) + _dot(forces.pulls[s], change)
+            pull = (tension, forces.stiffness[s], rate)
+            found = tension_after(motors, d, h, pull, turn(motors, d, h, pull)[0])
+            linear = expected[s] - h * system.yields[s] * (rate - rates[s])
+            off = max(off, abs(found - linear) / (abs(found) + abs(tension) + _SMALLEST))
+            rates[s] = rate
+        if off < _AGREES:
+            break
+    taut = 0
+    for d in range(motors.turned.size):
+        pull = (forces.tension[d], 0.0, 0.0)
+        if taut < springs and int(forces.drives[taut]) == d:
+            pull = (forces.tension[d], forces.stiffness[taut], rates[taut])
+            taut += 1
+        move(motors, d, h, turn(motors, d, h, pull)[0])
 
 
 @jit
@@ -105,7 +173,7 @@ def _couple_drives(forces, h, system):
     for s in range(springs):
         for k in range(s + 1):
             system.couplings[s, k] = _dot(forces.pulls[k], system.answers[1 + s])
-        system.couplings[s, s] += 1 / (h * h * forces.stiffness[s])
+        system.couplings[s, s] += 1 / (h * h * system.yields[s])
     _factorize(system.couplings, springs)
 
 

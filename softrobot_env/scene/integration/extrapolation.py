@@ -50,12 +50,14 @@ from .forces import (
     Forces,
     drive_forces,
     drives_length,
+    drives_of,
     evaluate,
     find_surprises,
     find_switched,
     measure,
     no_forces,
 )
+from .motors import Motors, begin_motors, motors_on, place_motors, reset_motors
 from .mujoco_functions import ints, reals
 
 #: Largest and smallest share [1] of the accuracy by which one interval may err.
@@ -92,10 +94,10 @@ class Table(NamedTuple):
     """Neville's scheme: a row of results, and the latest entry of the next one.
 
     Attributes:
-        turns: (rows, nv), of the joints since the start of the interval.
-        velocities: (rows, nv), at its end.
-        turn, velocity: (nv,), the entry.
-        gap, lag: (nv,), of the turns and the velocities, from the entry before.
+        turns: (rows, nv + m), of the joints and of m motors since the start of the interval.
+        velocities: (rows, nv + m), at its end.
+        turn, velocity: (nv + m,), the entry.
+        gap, lag: (nv + m,), of the turns and the velocities, from the entry before.
     """
 
     turns: ndarray
@@ -117,6 +119,7 @@ class Work(NamedTuple):
         drives, begun: (nu,) [N], forces of the drives in the last evaluation, and at the start.
         system, change: Of an Euler step; (nv,).
         table: Results of the rows.
+        motors, still: Those of its servos, which move along with it, and none.
     """
 
     chain: Chain
@@ -130,25 +133,30 @@ class Work(NamedTuple):
     system: System
     change: ndarray
     table: Table
+    motors: Motors
+    still: Motors
 
 
 @jit
 def work_size(chain, memory):
     """Number of doubles that `work_on` cuts."""
     nq, nv, nu, most = chain.q.size, chain.v.size, chain.ctrl.size, int(memory[layout.MOST])
+    entries = nv + chain.header[layout.MOTORS]
     forces = (
         chain.axes.size + chain.inertias.size + nv + (nu + chain.header[layout.NTENDON]) * (1 + nv)
     )
-    forces += chain.header[layout.NTENDON] + 2
-    return nq + nv + 2 * forces + 2 * nu + system_size(chain) + nv + (2 * most + 4) * nv
+    forces += chain.header[layout.NTENDON] + 2 + 2 * nu
+    places = nq + nv + 2 * nu + nv + (2 * most + 4) * entries + 8 * (entries - nv)
+    return places + 2 * forces + system_size(chain)
 
 
 @making
-def work_on(chain, memory, room):
-    """Arrays for `integrate`, cut from free memory."""
+def work_on(chain, memory, servos, room):
+    """Arrays for `integrate`, cut from free memory, with servos (rows, m) whose motors it moves."""
     nq, nv, most = chain.q.size, chain.v.size, int(memory[layout.MOST])
-    rows = mj.cut(room, most, nv), mj.cut(room, most, nv)
-    entry = mj.cut(room, 4, nv)
+    entries, none = nv + servos.shape[1], mj.cut(room, layout.SERVO_ROWS, 0)
+    rows = mj.cut(room, most, entries), mj.cut(room, most, entries)
+    entry = mj.cut(room, 4, entries)
     return Work(
         chain,
         memory,
@@ -161,6 +169,8 @@ def work_on(chain, memory, room):
         system_on(chain, room),
         mj.cut(room, 1, nv)[0],
         Table(rows[0], rows[1], entry[0], entry[1], entry[2], entry[3]),
+        motors_on(servos, drives_of(chain), room),
+        motors_on(none, drives_of(chain), room),
     )
 
 
@@ -191,6 +201,7 @@ def integrate(work, ramp):
             evaluate(chain)
     memory[layout.NEXT] = length
     mj.assign(chain.ctrl, ramp.end)
+    _control_by_motors(work)
 
 
 # ---------------------------------------------------------------- an interval
@@ -201,6 +212,7 @@ def _start(work, ramp, time):
     """Remember the state and what acts in it: it serves the first step of all rows."""
     mj.assign(work.q, work.chain.q)
     mj.assign(work.v, work.chain.v)
+    begin_motors(work.motors)
     _measure(work, work.first, ramp, time)
     mj.assign(work.begun, drive_forces(work.chain))
 
@@ -209,6 +221,7 @@ def _start(work, ramp, time):
 def _measure(work, forces, ramp, time):
     """What acts with the controls of a time [s] on the ramp."""
     _control(work.chain.ctrl, ramp, time)
+    _control_by_motors(work)
     measure(work.chain, forces)
     work.memory[layout.EVALUATIONS] += 1
 
@@ -219,6 +232,13 @@ def _control(ctrl, ramp, time):
     share = time / ramp.duration
     for k in range(ctrl.size):
         ctrl[k] = ramp.begin[k] + share * (ramp.end[k] - ramp.begin[k])
+
+
+@jit
+def _control_by_motors(work):
+    """Let controls be those of the motors' horns, if the motors move with the chain."""
+    for d in range(work.motors.turned.size):
+        work.chain.ctrl[d] = work.motors.horn[d]
 
 
 @jit
@@ -253,6 +273,8 @@ def _extrapolate(work, ramp, time, h):
             error = displacement(work.chain, work.table.gap) / allowed
             fast = sway(work.chain, work.memory, work.table.lag)
             error = np.maximum(error, fast / (LARGEST_SPEED * work.memory[layout.ACCURACY]))
+            for i in range(work.chain.v.size, work.table.gap.size):
+                error = np.maximum(error, abs(work.table.gap[i]) / allowed)
             if error <= 1 and drives_length(work.chain):
                 error = max(error, _unseen(work, ramp, time + h, rows - 1, h / rows) / allowed)
     return rows, error
@@ -264,6 +286,7 @@ def _take_steps(work, ramp, time, h, count):
     chain, part = work.chain, h / count
     mj.assign(chain.q, work.q)
     mj.assign(chain.v, work.v)
+    reset_motors(work.motors)
     _take_step(work, work.first, part)
     for k in range(1, count):
         evaluate(chain)
@@ -274,7 +297,7 @@ def _take_steps(work, ramp, time, h, count):
 @jit
 def _take_step(work, forces, h):
     chain = work.chain
-    euler_step(chain, forces, h, work.system, work.change)
+    euler_step(chain, forces, h, work.system, work.motors, work.change)
     for i in range(chain.v.size):
         chain.v[i] += work.change[i]
     mj.move(chain.model, chain.q, chain.v, h)
@@ -283,9 +306,13 @@ def _take_step(work, forces, h):
 @jit
 def _add_row(work, row):
     """Neville: entry j of this row is from entry j - 1 of this row and of the one before."""
-    table = work.table
+    table, nv = work.table, work.chain.v.size
     mj.subtract(work.chain.model, table.turn, work.chain.q, work.q)
-    mj.assign(table.velocity, work.chain.v)
+    for i in range(nv):
+        table.velocity[i] = work.chain.v[i]
+    for d in range(work.motors.turned.size):
+        table.turn[nv + d] = work.motors.turned[d] - work.motors.begun[0, d]
+        table.velocity[nv + d] = work.motors.turning[d]
     for j in range(row):
         weight = 1 / ((row + 1) / (row - j) - 1)
         _extrapolate_entry(table.turn, table.turns[j], weight)
@@ -332,6 +359,7 @@ def _take(work, entry, h):
     mj.assign(chain.q, work.q)
     mj.assign(chain.v, table.velocities[entry])
     mj.move(chain.model, chain.q, table.turns[entry], 1.0)
+    place_motors(work.motors, table.turns[entry], table.velocities[entry])
     for i in range(chain.v.size):
         acceleration[i] = (chain.v[i] - work.v[i]) / h
 
@@ -342,10 +370,11 @@ def _take(work, entry, h):
 @jit
 def displacement(chain, turn):
     """Largest displacement [m] of a backbone by small turns (nv,) of the joints, at most."""
-    axes = reals(chain.data, chain.header[layout.AT.cdof], 6 * turn.size)
-    parents = ints(chain.model, chain.header[layout.AT.dof_parentid], turn.size)
+    nv = chain.v.size
+    axes = reals(chain.data, chain.header[layout.AT.cdof], 6 * nv)
+    parents = ints(chain.model, chain.header[layout.AT.dof_parentid], nv)
     x, y, z, way, farthest = 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(turn.size):
+    for i in range(nv):
         if parents[i] < 0:  # another robot begins
             farthest = max(farthest, way)
             x, y, z, way = 0.0, 0.0, 0.0, 0.0
@@ -375,6 +404,8 @@ def _unseen(work, ramp, time, entry, part):
     mj.assign(chain.q, work.q)
     mj.move(chain.model, chain.q, table.turns[entry], 1.0)
     _control(chain.ctrl, ramp, time)
+    place_motors(work.motors, table.turns[entry], table.velocities[entry])
+    _control_by_motors(work)
     switched = find_switched(chain, work.drives, work.forces)
     return _pushed(work, part) if switched else 0.0
 
@@ -450,7 +481,7 @@ def _pushed(work, h):
     chain = work.chain
     for i in range(chain.v.size):
         chain.v[i] = 0.0
-    euler_step(chain, work.forces, h, work.system, work.change)
+    euler_step(chain, work.forces, h, work.system, work.still, work.change)
     for i in range(chain.v.size):
         work.change[i] *= h
     return displacement(chain, work.change)

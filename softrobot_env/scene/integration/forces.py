@@ -8,7 +8,8 @@ from softrobot_env.compile.native import jit, making
 
 from . import mujoco_functions as mj
 from .articulated import AXIS, INERTIA
-from .layout import AT, LENGTHS, LINEAR, NBODY, NQ, NTENDON, NU, NV
+from .layout import AT, DRIVE_SIZE, LENGTHS, LINEAR, NBODY, NQ, NTENDON, NU, NV, TAKEN, WIRES
+from .motors import SOFTEST, wire_force, wire_stiffness, wound
 from .mujoco_functions import ints, reals
 
 #: Parameters of a drive's law in MuJoCo, mjNBIAS.
@@ -43,7 +44,9 @@ class Forces(NamedTuple):
     Attributes:
         axes, inertias: (6 nv,), (10 nbody,), as the chain's.
         force: (nv,), all generalised forces but friction of tendons.
+        tension: (nu,) [N] of all drives.
         stiffness: (nu,) [N/m] of taut drives.
+        drives: (nu,), their numbers.
         pulls: (nu, nv), their moment arms.
         friction: (ntendon,) [N] of tendons that rub.
         arms: (ntendon, nv), their moment arms.
@@ -54,7 +57,9 @@ class Forces(NamedTuple):
     axes: ndarray
     inertias: ndarray
     force: ndarray
+    tension: ndarray
     stiffness: ndarray
+    drives: ndarray
     pulls: ndarray
     friction: ndarray
     arms: ndarray
@@ -87,6 +92,8 @@ def no_forces(chain, room):
         mj.cut(room, 1, chain.axes.size)[0],
         mj.cut(room, 1, chain.inertias.size)[0],
         mj.cut(room, 1, nv)[0],
+        mj.cut(room, 1, nu)[0],
+        mj.cut(room, 1, nu)[0],
         mj.cut(room, 1, nu)[0],
         mj.cut(room, nu, nv),
         mj.cut(room, 1, tendons)[0],
@@ -135,7 +142,8 @@ def measure(chain, forces):
     _sum_forces(chain, forces.force)
     mj.assign(forces.axes, chain.axes)
     mj.assign(forces.inertias, chain.inertias)
-    forces.counts[0] = find_springs(chain, drive_forces(chain), forces.stiffness, forces.pulls)
+    mj.assign(forces.tension, drive_forces(chain))
+    forces.counts[0] = find_springs(chain, forces.tension, forces)
     forces.counts[1] = _find_rubbing(chain, forces.friction, forces.arms)
 
 
@@ -143,7 +151,7 @@ def measure(chain, forces):
 def _sum_forces(chain, force):
     """All generalised forces (nv,)."""
     model, data, header, nv = chain.model, chain.data, chain.header, chain.v.size
-    mj.mj_actuation(model, data)
+    actuate(chain)
     passive, bias = reals(data, header[AT.qfrc_passive], nv), reals(data, header[AT.qfrc_bias], nv)
     actuator = reals(data, header[AT.qfrc_actuator], nv)
     applied = reals(data, header[AT.qfrc_applied], nv)
@@ -152,6 +160,57 @@ def _sum_forces(chain, force):
     if _any(reals(data, header[AT.xfrc_applied], 6 * header[NBODY])):
         mj.mj_acceleration(model, data)  # for its sum: the acceleration has no mass matrix
         mj.assign(force, reals(data, header[AT.qfrc_smooth], nv))
+
+
+@jit
+def actuate(chain):
+    """Forces of the drives, by MuJoCo or the laws of `motors`, with the controls in force."""
+    mj.mj_actuation(chain.model, chain.data)
+    if not chain.header[WIRES]:
+        return
+    nu, now = chain.ctrl.size, drive_forces(chain)
+    bounds = reals(chain.model, chain.header[AT.actuator_forcerange], 2 * nu)
+    biases = reals(chain.model, chain.header[AT.actuator_biasprm], nu * BIASES)
+    force = reals(chain.data, chain.header[AT.qfrc_actuator], chain.v.size)
+    for k in range(nu):
+        if biases[k * BIASES + 1] < 0:
+            pull = min(max(_unlimited(chain, k), bounds[2 * k]), bounds[2 * k + 1])
+            _add_pull(chain, k, pull - now[k], force)
+            now[k] = pull
+
+
+@making
+def drives_of(chain):
+    """Parameters (DRIVE_SIZE nu,) of all drives, see `layout`."""
+    return reals(chain.model, chain.header[AT.actuator_gainprm], chain.ctrl.size * DRIVE_SIZE)
+
+
+@jit
+def slack_of(chain, k):
+    """Stretch [m] of a drive's wire if nothing were wound."""
+    drives, nu = drives_of(chain), chain.ctrl.size
+    biases = reals(chain.model, chain.header[AT.actuator_biasprm], nu * BIASES)
+    length = reals(chain.data, chain.header[AT.actuator_length], nu)[k]
+    linear = biases[k * BIASES] + biases[k * BIASES + 1] * length
+    return drives[k * DRIVE_SIZE + TAKEN] + linear / drives[k * DRIVE_SIZE]
+
+
+@jit
+def _stretch(chain, k):
+    """Stretch [m] of a drive's wire, by its control."""
+    return wound(drives_of(chain), k, chain.ctrl[k]) + slack_of(chain, k)
+
+
+@jit
+def _unlimited(chain, k):
+    """Force [N] that a drive had if it pulled like a spring, whatever its limits."""
+    if chain.header[WIRES]:
+        return wire_force(drives_of(chain), k, _stretch(chain, k))
+    nu, bias = chain.ctrl.size, k * BIASES
+    gains = drives_of(chain)
+    biases = reals(chain.model, chain.header[AT.actuator_biasprm], nu * BIASES)
+    length = reals(chain.data, chain.header[AT.actuator_length], nu)[k]
+    return gains[k * DRIVE_SIZE] * chain.ctrl[k] + biases[bias] + biases[bias + 1] * length
 
 
 @jit
@@ -164,8 +223,8 @@ def _any(values):
 
 
 @jit
-def find_springs(chain, before, stiffness, pulls):
-    """Stiffness and moment arms of drives that pull like a spring; their number.
+def find_springs(chain, before, forces):
+    """Stiffness, numbers and moment arms of drives that pull like a spring; how many they are.
 
     That do so now, or did so by the forces `before` (nu,) [N].
     """
@@ -183,8 +242,11 @@ def find_springs(chain, before, stiffness, pulls):
             continue
         end = start[k] + nonzero[k]
         columns = ints(data, header[AT.moment_colind], end)
-        _spread(reals(data, header[AT.actuator_moment], end), columns, start[k], pulls[count])
-        stiffness[count] = own
+        _spread(reals(data, header[AT.actuator_moment], end), columns, start[k], forces.pulls[count])
+        if header[WIRES]:
+            own = max(wire_stiffness(drives_of(chain), k, _stretch(chain, k)), SOFTEST * own)
+        forces.stiffness[count] = own
+        forces.drives[count] = k
         count += 1
     return count
 
@@ -224,9 +286,6 @@ def _spread(values, columns, start, row):
 # the end of an interval, no row of the extrapolation sees it: all agree, and all are wrong. So the
 # forces at the end are compared with what the last evaluation led to expect.
 
-_GAINS = 10  # mjNGAIN
-
-
 @jit
 def drives_length(chain):
     """Whether any drive pulls like a spring."""
@@ -260,7 +319,7 @@ def find_switched(chain, before, forces):
     mj.mj_com_pos(model, data)
     place_tendons(chain)
     mj.mj_transmission(model, data)
-    mj.mj_actuation(model, data)
+    actuate(chain)
     return find_surprises(chain, before, forces)
 
 
@@ -275,7 +334,7 @@ def find_surprises(chain, before, forces):
         if surprise != 0:
             found = True
             _add_pull(chain, k, surprise, forces.force)
-    forces.counts[0] = find_springs(chain, before, forces.stiffness, forces.pulls)
+    forces.counts[0] = find_springs(chain, before, forces)
     forces.counts[1] = 0
     return found
 
@@ -283,18 +342,16 @@ def find_surprises(chain, before, forces):
 @jit
 def _surprise(chain, before, k):
     """Force [N] of a drive less that of the law it had in the last evaluation."""
-    model, data, header, nu = chain.model, chain.data, chain.header, chain.ctrl.size
+    model, header, nu = chain.model, chain.header, chain.ctrl.size
     bounds = reals(model, header[AT.actuator_forcerange], 2 * nu)
-    gains = reals(model, header[AT.actuator_gainprm], nu * _GAINS)
     biases = reals(model, header[AT.actuator_biasprm], nu * BIASES)
-    low, high, bias = bounds[2 * k], bounds[2 * k + 1], k * BIASES
+    low, high = bounds[2 * k], bounds[2 * k + 1]
     now, was = drive_forces(chain)[k], _law(before[k], low, high)
-    if biases[bias + 1] >= 0 or _law(now, low, high) == was:
+    if biases[k * BIASES + 1] >= 0 or _law(now, low, high) == was:
         return 0.0
     if was != 0:
         return now - before[k]
-    length = reals(data, header[AT.actuator_length], nu)[k]
-    return now - (gains[k * _GAINS] * chain.ctrl[k] + biases[bias] + biases[bias + 1] * length)
+    return now - _unlimited(chain, k)
 
 
 @jit

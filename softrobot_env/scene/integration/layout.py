@@ -13,7 +13,8 @@ import mujoco
 
 #: Places of a robot's sizes and shared arrays in `header` (int64).
 NQ, NV, NU, NBODY, NTENDON, MEMORY, STRIDE, LENGTHS = range(8)
-PATH, ROWS, SERVOS, REPORTED, REPORTS, SHADOW_STATES, LINEAR, OFFSETS = range(8, 16)
+PATH, ROWS, SERVOS, REPORTED, REPORTS, SHADOW_STATES, LINEAR = range(8, 15)
+SERVO_SIZE, WIRES, MOTORS, OFFSETS = range(15, 19)
 
 #: Arrays whose offsets in MuJoCo's structures follow in the header, from `OFFSETS` on.
 MODEL_FIELDS = (
@@ -38,9 +39,19 @@ METHOD, SUBSTEPS, PERIOD, LONGEST, SHORTEST, ACCURACY, RATE, FEWEST, MOST, CALM 
 REACH, NEXT, WORST, MISSED, EVALUATIONS, STEPS, SUM, ESTIMATE = range(10, 18)
 MEMORY_SIZE = 18  # of a simulation; its shadow's, alike, follows
 
-#: Rows (nu,) of what is known of a simulation's servos: settings, order, and where they are.
-SPEED, OFFSET, HALF, COMMAND, MOTOR, HORN = range(6)
-SERVO_ROWS = 6
+#: Rows (nu,) of what is known of a simulation's servos: settings, order, and where they are. Of
+#: servos with dead time, which is `LATE` and some control periods, commands of before follow.
+SPEED, OFFSET, HALF, COMMAND, MOTOR, HORN, TURNING, EFFORT, LATE = range(9)
+SERVO_ROWS = 9
+
+#: Places of a drive's parameters in its actuator's `gainprm`, of which MuJoCo reads the first:
+#: stiffness [N/m]; seating, stretch beyond that of the pretension [m]; gain [N/m], limit [N], a of
+#: the spool [1/m], damping [N s/m], inertia [kg], friction of the gear [N], count [m].
+STIFFNESS, SEATING, TAKEN, GAIN, LIMIT, LAYERS, DAMPING, INERTIA, GEAR, COUNT = range(10)
+DRIVE_SIZE = 10
+
+#: Limit [N] of a motor without any: a finite number, which files can hold.
+HUGE_FORCE = 1e15
 
 #: Values of METHOD: ours, MuJoCo's in two halves, MuJoCo's Runge-Kutta.
 EXTRAPOLATED, SPLIT, WHOLE = range(3)
