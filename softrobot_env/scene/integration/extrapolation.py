@@ -57,7 +57,7 @@ from .forces import (
     measure,
     no_forces,
 )
-from .motors import Motors, begin_motors, motors_on, place_motors, reset_motors
+from .motors import Motors, begin_motors, jump_of, motors_on, place_motors, reset_motors
 from .mujoco_functions import ints, reals
 
 #: Largest and smallest share [1] of the accuracy by which one interval may err.
@@ -253,6 +253,8 @@ def _solve_interval(work, ramp, time, h):
     while True:
         rows, error = _extrapolate(work, ramp, time, h)
         kink = _kink(work, h, rows)
+        if work.motors.turned.size:
+            kink = max(kink, _kink_of_motors(work, h, rows))
         larger = np.maximum(error, kink / _allowed(work.memory, h))
         if larger <= 1 or not h > (1 + _ROUNDING) * shortest:
             return h, rows, error, kink
@@ -273,11 +275,49 @@ def _extrapolate(work, ramp, time, h):
             error = displacement(work.chain, work.table.gap) / allowed
             fast = sway(work.chain, work.memory, work.table.lag)
             error = np.maximum(error, fast / (LARGEST_SPEED * work.memory[layout.ACCURACY]))
-            for i in range(work.chain.v.size, work.table.gap.size):
-                error = np.maximum(error, abs(work.table.gap[i]) / allowed)
+            if work.motors.turned.size:
+                error = np.maximum(error, _error_of_motors(work, allowed))
             if error <= 1 and drives_length(work.chain):
                 error = max(error, _unseen(work, ramp, time + h, rows - 1, h / rows) / allowed)
     return rows, error
+
+
+@jit
+def _error_of_motors(work, allowed):
+    """Error of motors over the allowed: the displacement of a robot that follows them."""
+    error = displacement(work.chain, _follow_motors(work, work.table.gap)) / allowed
+    fast = sway(work.chain, work.memory, _follow_motors(work, work.table.lag))
+    return np.maximum(error, fast / (LARGEST_SPEED * work.memory[layout.ACCURACY]))
+
+
+@jit
+def _kink_of_motors(work, h, rows):
+    """Displacement [m] in an interval [s] by motors that turn another way at its end.
+
+    As `_kink`, of their dry friction, and of the load that a gap takes from them.
+    """
+    nv, motors, turns = work.chain.v.size, work.motors, work.table.turns
+    for d in range(motors.turned.size):
+        spread = abs(turns[rows - 1, nv + d] - turns[0, nv + d])
+        way = jump_of(motors, d, work.first.tension[d], h)
+        work.table.gap[nv + d] = min(way, spread)
+    return displacement(work.chain, _follow_motors(work, work.table.gap))
+
+
+@making
+def _follow_motors(work, moved):
+    """Least turns (nv,) of the joints by which taut tendons follow motors, of (nv + m,)."""
+    nv, first = work.chain.v.size, work.first
+    for i in range(nv):
+        work.change[i] = 0.0
+    for s in range(int(first.counts[0])):
+        square = 0.0
+        for i in range(nv):
+            square += first.pulls[s, i] * first.pulls[s, i]
+        way = moved[nv + int(first.drives[s])] / max(square, 1e-300)
+        for i in range(nv):
+            work.change[i] += way * first.pulls[s, i]
+    return work.change
 
 
 @jit

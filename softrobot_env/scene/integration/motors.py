@@ -271,6 +271,23 @@ def move(motors, d, h, turning):
 
 
 @jit
+def jump_of(motors, d, tension, h):
+    """How far [m] a jump of a motor's friction and load [N] since the begin moves it within h."""
+    at, half = d * DRIVE_SIZE, motors.servos[layout.HALF, d]
+    before, now = motors.begun[2, d], motors.turning[d]
+    force = motors.drives[at + layout.GEAR] * abs(np.sign(now) - np.sign(before))
+    if half > 0:
+        lead, led = motors.turned[d] - motors.horn[d], motors.begun[0, d] - motors.begun[1, d]
+        if (abs(lead) >= half) != (abs(led) >= half):
+            force += tension
+    resists = motors.drives[at] + motors.drives[at + layout.GAIN]
+    resists = motors.drives[at + layout.INERTIA] + h * (
+        motors.drives[at + layout.DAMPING] + h * resists
+    )
+    return h * h * force / resists
+
+
+@jit
 def take_effort(motors):
     """Let efforts be the forces of the loops now."""
     for d in range(motors.turned.size):
