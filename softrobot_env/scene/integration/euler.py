@@ -59,16 +59,17 @@ def system_size(chain):
 def system_on(chain, room):
     """Arrays for `euler_step`, cut from free memory."""
     nv, nu = chain.v.size, chain.ctrl.size
+    own = mj.cut(room, 5, nu)
     return System(
         tree_on(chain, room, _rows(chain)),
         mj.cut(room, 1, nv)[0],
         mj.cut(room, 1 + nu, nv),
         mj.cut(room, nu, nu),
-        mj.cut(room, 1, nu)[0],
-        mj.cut(room, 1, nu)[0],
-        mj.cut(room, 1, nu)[0],
-        mj.cut(room, 1, nu)[0],
-        mj.cut(room, 1, nu)[0],
+        own[0],
+        own[1],
+        own[2],
+        own[3],
+        own[4],
     )
 
 
@@ -79,8 +80,8 @@ def _rows(chain):
 
 
 @jit
-def euler_step(chain, forces, h, system, motors, change):
-    """The change (nv,) of the chain's velocities; motors that there are move on.
+def euler_step(chain, forces, h, system, change):
+    """The change (nv,) of the chain's velocities, by horns that stay.
 
     See `extrapolation` for the equation. A drive's spring acts by an impulse h^2 k times how fast
     its tendon would be at the step's end, which is found for all together.
@@ -93,10 +94,7 @@ def euler_step(chain, forces, h, system, motors, change):
     articulated.solve(system.tree, answers, 1 + springs)
     for s in range(springs):
         system.yields[s], system.behind[s] = forces.stiffness[s], 0.0
-    if motors.turned.size:
-        _turn_motors(chain.v, forces, h, system, motors, change)
-    else:
-        _act(chain.v, forces, h, system, change)
+    _act(chain.v, forces, h, system, change)
 
 
 @jit
@@ -115,15 +113,16 @@ def _act(v, forces, h, system, change):
 
 
 @jit
-def _turn_motors(v, forces, h, system, motors, change):
-    """As `_act`, with motors: by Newton's method on the rates of the tendons at the end.
+def turn_motors(v, forces, h, system, motors, change):
+    """Let motors move on by an Euler step, and so correct what `euler_step` has found.
 
-    By pieces all is linear, so that it ends when no motor changes between sticking, its limits and
+    By Newton's method on the rates of the tendons at the end, from those with horns that stay. By
+    pieces all is linear, so that it ends when no motor changes between sticking, its limits and
     in between.
     """
     springs, rates, expected = int(forces.counts[0]), system.rates, system.expected
     for s in range(springs):
-        rates[s] = _dot(forces.pulls[s], v)
+        rates[s] = _dot(forces.pulls[s], v) + _dot(forces.pulls[s], change)
     for _ in range(_ROUNDS):
         for s in range(springs):
             d, tension = int(forces.drives[s]), forces.tension[int(forces.drives[s])]

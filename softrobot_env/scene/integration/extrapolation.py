@@ -44,7 +44,7 @@ from softrobot_env.compile.native import jit, making
 from ..timestep import RATE
 from . import layout
 from . import mujoco_functions as mj
-from .euler import System, euler_step, system_on, system_size
+from .euler import System, euler_step, system_on, system_size, turn_motors
 from .forces import (
     Chain,
     Forces,
@@ -119,7 +119,7 @@ class Work(NamedTuple):
         drives, begun: (nu,) [N], forces of the drives in the last evaluation, and at the start.
         system, change: Of an Euler step; (nv,).
         table: Results of the rows.
-        motors, still: Those of its servos, which move along with it, and none.
+        motors: Those of its servos, which move along with it.
     """
 
     chain: Chain
@@ -134,7 +134,6 @@ class Work(NamedTuple):
     change: ndarray
     table: Table
     motors: Motors
-    still: Motors
 
 
 @jit
@@ -154,7 +153,7 @@ def work_size(chain, memory):
 def work_on(chain, memory, servos, room):
     """Arrays for `integrate`, cut from free memory, with servos (rows, m) whose motors it moves."""
     nq, nv, most = chain.q.size, chain.v.size, int(memory[layout.MOST])
-    entries, none = nv + servos.shape[1], mj.cut(room, layout.SERVO_ROWS, 0)
+    entries = nv + servos.shape[1]
     rows = mj.cut(room, most, entries), mj.cut(room, most, entries)
     entry = mj.cut(room, 4, entries)
     return Work(
@@ -170,7 +169,6 @@ def work_on(chain, memory, servos, room):
         mj.cut(room, 1, nv)[0],
         Table(rows[0], rows[1], entry[0], entry[1], entry[2], entry[3]),
         motors_on(servos, drives_of(chain), room),
-        motors_on(none, drives_of(chain), room),
     )
 
 
@@ -337,7 +335,9 @@ def _take_steps(work, ramp, time, h, count):
 @jit
 def _take_step(work, forces, h):
     chain = work.chain
-    euler_step(chain, forces, h, work.system, work.motors, work.change)
+    euler_step(chain, forces, h, work.system, work.change)
+    if work.motors.turned.size:
+        turn_motors(chain.v, forces, h, work.system, work.motors, work.change)
     for i in range(chain.v.size):
         chain.v[i] += work.change[i]
     mj.move(chain.model, chain.q, chain.v, h)
@@ -399,7 +399,8 @@ def _take(work, entry, h):
     mj.assign(chain.q, work.q)
     mj.assign(chain.v, table.velocities[entry])
     mj.move(chain.model, chain.q, table.turns[entry], 1.0)
-    place_motors(work.motors, table.turns[entry], table.velocities[entry])
+    if work.motors.turned.size:
+        place_motors(work.motors, table.turns[entry], table.velocities[entry])
     for i in range(chain.v.size):
         acceleration[i] = (chain.v[i] - work.v[i]) / h
 
@@ -444,8 +445,9 @@ def _unseen(work, ramp, time, entry, part):
     mj.assign(chain.q, work.q)
     mj.move(chain.model, chain.q, table.turns[entry], 1.0)
     _control(chain.ctrl, ramp, time)
-    place_motors(work.motors, table.turns[entry], table.velocities[entry])
-    _control_by_motors(work)
+    if work.motors.turned.size:
+        place_motors(work.motors, table.turns[entry], table.velocities[entry])
+        _control_by_motors(work)
     switched = find_switched(chain, work.drives, work.forces)
     return _pushed(work, part) if switched else 0.0
 
@@ -521,7 +523,7 @@ def _pushed(work, h):
     chain = work.chain
     for i in range(chain.v.size):
         chain.v[i] = 0.0
-    euler_step(chain, work.forces, h, work.system, work.still, work.change)
+    euler_step(chain, work.forces, h, work.system, work.change)
     for i in range(chain.v.size):
         work.change[i] *= h
     return displacement(chain, work.change)

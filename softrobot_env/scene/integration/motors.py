@@ -49,7 +49,7 @@ class Motors(NamedTuple):
         servos: (SERVO_ROWS, m) or more, see `layout`.
         drives: (DRIVE_SIZE m,), their parameters.
         goal: (m,) [m], commands in force with their offsets.
-        now: (4 m,), all that follows.
+        now: (4, m), the four that follow.
         turned, horn, turning, effort: (m,) [m], [m], [m/s], [N].
         begun: (3, m), the first three at the start of an interval.
     """
@@ -68,11 +68,8 @@ class Motors(NamedTuple):
 @making
 def motors_on(servos, drives, room):
     """Motors of servos (rows, m), cut from free memory, of 8 m doubles."""
-    m = servos.shape[1]
-    goal, now = mj.cut(room, 1, m)[0], mj.cut(room, 1, 4 * m)[0]
-    turned, horn, turning, effort = now[:m], now[m : 2 * m], now[2 * m : 3 * m], now[3 * m :]
-    begun = mj.cut(room, 3, m)
-    return Motors(servos, drives, goal, now, turned, horn, turning, effort, begun)
+    own = mj.cut(room, 8, servos.shape[1])
+    return Motors(servos, drives, own[7], own[:4], own[0], own[1], own[2], own[3], own[4:7])
 
 
 @jit

@@ -164,10 +164,12 @@ def _follow_path(chain, memory, servos, state, path, held, room):
     if servos.shape[1] == 0:
         _integrate_period(work, path, held)
         return
-    now, moved = work.motors.now, state[chain.q.size + chain.v.size :]
-    mj.assign(now, moved)
+    now, m, end = work.motors.now, servos.shape[1], chain.q.size + chain.v.size
+    for k in range(4 * m):
+        now[k // m, k % m] = state[end + k]
     _integrate_motors(work, held)
-    mj.assign(moved, now)
+    for k in range(4 * m):
+        state[end + k] = now[k // m, k % m]
 
 
 @making
