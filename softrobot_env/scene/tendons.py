@@ -23,6 +23,9 @@ _PULL = [-1.0, 0, 0, 0, 0, 0]
 #: p, q and c of the lines with which an exact channel crosses a station.
 _LINES = ((8 / 7, 4 / 3, 0.0), (-1 / 7, 1.0, math.sqrt(7 / 12)))
 
+#: Least stiffness of a slack wire, over its own [1].
+SOFTEST = 1e-9
+
 _UNSEEN = [0.0, 0.0, 0.0, 0.0]
 
 
@@ -236,6 +239,49 @@ def drive_parameters(drive: Drive, tendon: Tendon) -> ndarray:
             places.COUNT: drive.encoder_step,
         }
     return np.array([given.get(place, 0.0) for place in range(1, places.DRIVE_SIZE)])
+
+
+class Wires:
+    """Wires of a robot on spools whose horns stay: lengths and tensions (n_tendons,)."""
+
+    def __init__(self, robot: RobotParams) -> None:
+        self._stiffness, self._pretension = map(robot.of_tendons, ("stiffness", "pretension"))
+        self._seating, self._layers = robot.drive.seating, robot.drive.layers
+
+    def tension(self, pulled: ndarray, shortened: ndarray) -> ndarray:
+        """Tensions [N], negative if slack, of horns [m], of tendons that robots shorten [m]."""
+        more = pulled + self._layers * pulled**2 - shortened
+        if not self._seating:
+            return self._pretension + self._stiffness * more
+        stretch = self.stretch(self._pretension) + more
+        toe = stretch * np.clip(stretch / self._seating, 0.0, 1.0) / 2
+        return self._stiffness * np.where(
+            stretch < 0, stretch, np.where(stretch < self._seating, toe, stretch - self._seating / 2)
+        )
+
+    def pulled(self, tension: ndarray, shortened: ndarray) -> ndarray:
+        """Where horns [m] are under tensions [N]."""
+        length = shortened + self.stretch(tension, self._pretension)
+        return 2 * length / (1 + np.sqrt(1 + 4 * self._layers * length))
+
+    def stretch(self, tension: ndarray, less: ndarray | float = 0.0) -> ndarray:
+        """Stretch [m] by tensions [N], less that by others."""
+        if not self._seating:
+            return (tension - less) / self._stiffness
+        one, other = (2 * x / self._stiffness / self._seating for x in (tension, less))
+        return self._seating * (_seated(one) - _seated(other))
+
+    def stiffness(self, tension: ndarray) -> ndarray:
+        """[N/m] under tensions [N]; of a slack one a little."""
+        if not self._seating:
+            return self._stiffness
+        share = 2 * tension / self._stiffness / self._seating
+        return self._stiffness * np.clip(np.sqrt(np.maximum(share, 0.0)), SOFTEST, 1.0)
+
+
+def _seated(share: ndarray | float) -> ndarray:
+    """Stretch over the seating of a tension over that at half of it."""
+    return np.where(np.less(share, 1), np.sqrt(share), (np.asarray(share) + 1) / 2)
 
 
 def is_ideal(model: MjModel) -> bool:

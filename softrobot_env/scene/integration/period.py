@@ -32,7 +32,7 @@ from .mujoco_functions import reals
 SAFE = 3.0
 
 #: The same where motors move with the chain, whose sticking and limits are no smooth motions.
-SAFE_OF_MOTORS = 9.0
+SAFE_OF_MOTORS = 12.0
 
 
 @jit
