@@ -134,6 +134,11 @@ class Drive:
         return self.wire_diameter / (4 * pi * self.spool_radius**2)
 
     @property
+    def most_let_out(self) -> float:
+        """Length [m] commanded from 0 until the wire lies on half the spool's radius."""
+        return 1 / (4 * self.layers) if self.layers else inf
+
+    @property
     def is_ideal(self) -> bool:
         """Whether servos have any force, spools one radius and wires one stiffness."""
         return self.gain is None and not self.layers and not self.seating
@@ -356,11 +361,13 @@ class RobotParams:
                 f"robot {self.name!r}: travel must be at most {most:.3g} m, which folds the robot "
                 f"at full tension, got {self.drive.travel:g} m"
             )
-        longest = max((self.most_pulled(tendon) for tendon in self.tendons), default=0.0)
-        if self.drive.layers and not 2 * self.drive.layers * longest < 1:
+        lengths = (min(pi * t.farthest, self.most_pulled(t)) for t in self.tendons)
+        longest = self.drive.travel or max(lengths, default=0.0)
+        if not longest <= self.drive.most_let_out:
             raise ValueError(
-                f"robot {self.name!r}: its tendons let out up to {longest:.3g} m, more than winds "
-                "below the spool_radius: take a larger one, or a thinner wire"
+                f"robot {self.name!r}: servos let out up to {longest:.3g} m, and have no more than "
+                f"{self.drive.most_let_out:.3g} m on a spool_radius of {self.drive.spool_radius:g} "
+                "m: take a larger one, or a thinner wire"
             )
         if not hypot(*self.precurvature) < self.curvature_limit:
             raise ValueError(

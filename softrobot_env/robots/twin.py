@@ -90,7 +90,6 @@ class Twin:
                 f"camera_noise must lie in [0, {LARGEST_NOISE:g}] m, got {self.camera_noise!r}"
             )
 
-
     @property
     def rest_offset(self) -> ndarray:
         """(n_tendons,) [m], what horns at rest have more than commands, but for what servos give.

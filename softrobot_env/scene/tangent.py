@@ -117,7 +117,10 @@ class StaticForces:
         data.actuator_force[:] += more
         data.qfrc_actuator[:] += more @ actuator_arms(model, data)
         self._by_slack, self._by_control = np.ones((2, model.nu))
-        self._by_slack[places], self._by_control[places] = by_slack / stiffness, by_control / stiffness
+        self._by_slack[places], self._by_control[places] = (
+            by_slack / stiffness,
+            by_control / stiffness,
+        )
 
     def tangent(self) -> ndarray:
         """Derivative (nv, nv) [N m] of the last `force` by small turns (nv,) of the joints."""

@@ -66,6 +66,7 @@ def add_tendons(chain: Chain, robot: RobotParams, actuation: str, exact: bool = 
             _pull_by_length(actuator, tendon, robot.most_pulled(tendon), length)
             if not robot.drive.is_ideal:
                 actuator.gainprm[1:] = drive_parameters(robot.drive, tendon)
+                actuator.ctrlrange[0] = max(actuator.ctrlrange[0], -robot.drive.most_let_out)
 
 
 def _route_along_joints(chain: Chain, tendon: Tendon, backbone: Backbone) -> MjsTendon:
@@ -256,7 +257,9 @@ class Wires:
         stretch = self.stretch(self._pretension) + more
         toe = stretch * np.clip(stretch / self._seating, 0.0, 1.0) / 2
         return self._stiffness * np.where(
-            stretch < 0, stretch, np.where(stretch < self._seating, toe, stretch - self._seating / 2)
+            stretch < 0,
+            stretch,
+            np.where(stretch < self._seating, toe, stretch - self._seating / 2),
         )
 
     def pulled(self, tension: ndarray, shortened: ndarray) -> ndarray:

@@ -94,7 +94,12 @@ class OneJoint:
             turn = (self.arm * pull - self.damping * rate - self.spring * angle) / self.inertia
             if way == 0:
                 return rate, turn, 0.0, 0.0
-            return rate, turn, u, (self.load(command, angle, x, u) - way * self.friction) / self.mass
+            return (
+                rate,
+                turn,
+                u,
+                (self.load(command, angle, x, u) - way * self.friction) / self.mass,
+            )
 
         def stops(_, y):
             return way * y[3]

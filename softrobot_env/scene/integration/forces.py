@@ -242,7 +242,9 @@ def find_springs(chain, before, forces):
             continue
         end = start[k] + nonzero[k]
         columns = ints(data, header[AT.moment_colind], end)
-        _spread(reals(data, header[AT.actuator_moment], end), columns, start[k], forces.pulls[count])
+        _spread(
+            reals(data, header[AT.actuator_moment], end), columns, start[k], forces.pulls[count]
+        )
         if header[WIRES]:
             own = max(wire_stiffness(drives_of(chain), k, _stretch(chain, k)), SOFTEST * own)
         forces.stiffness[count] = own
@@ -285,6 +287,7 @@ def _spread(values, columns, start, row):
 # tendon goes slack or taut, or comes to its limit, between the last evaluation of all forces and
 # the end of an interval, no row of the extrapolation sees it: all agree, and all are wrong. So the
 # forces at the end are compared with what the last evaluation led to expect.
+
 
 @jit
 def drives_length(chain):
