@@ -82,33 +82,33 @@ class Drive:
         travel: [m], pulled in by a full-scale action to either side; see `robots.actuation` for
             what it is unless given.
         backlash: [m], width of the servos' dead band.
-        gain: [N/m], force of a servo's position loop per error, at its spool as all forces here;
-            None is a servo of any force, which is where its speed lets it be. Other servos obey
-            `scene.integration.motors`, and may have what follows up to `command_delay`.
+        gain: [N/m], force per error of the servos' position loop, at the spool as all forces here.
+            Unless given servos have any force and are where their speed lets them be; with a gain
+            they obey `scene.integration.motors`, and may have what follows up to `command_delay`.
         velocity_gain: [N s/m], force of the loop against the motor's speed.
-        force_limit: [N] of the motor, which stalls there.
+        force_limit: [N], largest force of the motor, which stalls there.
         reflected_mass: [kg], inertia of rotor and gear over the square of the spool's radius.
         gear_friction: [N], dry friction of motor and gear.
         encoder_step: [m], width of a count of the encoder, within which the loop has no force.
         command_delay: [s], dead time from a command to the loop.
-        spool_radius: [m], from the spool's axis to the wire at command 0; commands are turns times
-            2 pi of it.
-        wire_diameter: [m], by which the wire winds higher with every turn; 0 is the same radius.
-        seating: [m] of stretch over which a wire that was slack becomes as stiff as it is when taut.
+        spool_radius: [m], from the axis of the spool to the wire at command 0; commands are turns
+            times its circumference.
+        wire_diameter: [m], height of a layer, by which the wire lies higher after each turn.
+        seating: [m], stretch after which a wire that was slack is as stiff as it gets.
     """
 
     kind: Annotated[DriveKind, Key("drive")] = "tension"
     speed: Speed = inf
     travel: Annotated[Length | None, Unit("m")] = None
     backlash: Station = 0.0
-    gain: Gain | None = None
+    gain: Annotated[Gain | None, Unit("N/m")] = None
     velocity_gain: VelocityGain = 0.0
     force_limit: ForceLimit = inf
     reflected_mass: ReflectedMass = 0.0
     gear_friction: Force = 0.0
     encoder_step: Station = 0.0
     command_delay: DeadTime = 0.0
-    spool_radius: Radius | None = None
+    spool_radius: Annotated[Radius | None, Unit("m")] = None
     wire_diameter: Bore = 0.0
     seating: Station = 0.0
 

@@ -1,6 +1,6 @@
-"""Position servos that wind up tendons: limited speed, offset and backlash, and what their drive has.
+"""Position servos that wind up tendons: limited speed, offset, backlash, and a force if they have.
 
-A robot's drive says what force they have (`robots.parameters.Drive`, `integration.motors`).
+A robot's drive says which (`robots.parameters.Drive`, `integration.motors`).
 """
 
 from math import ceil

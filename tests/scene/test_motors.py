@@ -14,7 +14,6 @@ from softrobot_env.robots.twin import Twin, nominal_twin
 from softrobot_env.scene.build import build_scene, vary_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.inverse import InverseStatics
-from softrobot_env.scene.registry import scene_of
 from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.tangent import StaticForces

@@ -19,7 +19,6 @@ from softrobot_env.scene.quadrature import HingeLayout
 from softrobot_env.scene.registry import scene_of
 from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.simulation import Simulation
-from softrobot_env.scene.statics import equilibrium
 
 from ..observations.readouts import BatchReadout, BeamReadout, ChainReadout
 from ..observations.table import Sizes, observation_space, speed_limit
