@@ -55,6 +55,11 @@ def _export(args: Namespace) -> int:
         else:
             purpose = "where it is mounted, with lights and a wall, to look at"
         write_text(path, scene_xml(config))
+        if config.actuation == "length" and not config.robot.drive.is_ideal:
+            purpose += (
+                "; without what MuJoCo has no word for: the loop, force and friction of servos, "
+                "layers on their spools and the seating of wires"
+            )
         say(f"Wrote {path}: {purpose}", soft_wrap=True, highlight=False, markup=False)
     return 0
 

@@ -208,7 +208,7 @@ class SimulatedParts(EnvParts):
         self.twin = _twin_for(self.task.robot, config.twin)
         built = self.task.robot if self.twin is None else self.twin.robot
         self._rest: Start | None = None
-        self._offset = 0.0 if self.twin is None else np.array(self.twin.servo_offset)
+        self._offset = 0.0 if self.twin is None else self.twin.rest_offset
         # Policies do not know the twin.
         self.plant = plant = _plant(config, built, speed_limit(self.task.robot), self.axes)
         sizes = with_room(plant.sizes, self.task.robot, len(self._preview))
@@ -233,7 +233,7 @@ class SimulatedParts(EnvParts):
         twin = self.twin
         if twin is None:
             return None
-        return Servos(twin.servo_speed, twin.servo_offset, twin.backlash, count)
+        return Servos.of(twin, self.control_period, count)
 
     def sensors(self, count: int = 1) -> "SensorArray | None":
         """Curvature sensors of `count` robots, if they are observed."""

@@ -65,6 +65,7 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
     | sensors | readings | curvature sensors, light over that when straight; tags | 1, rad |
     | tendon_tension | tendons | applied tension | N |
     | tendon_length | tendons | inside the robot, or pulled in as the servos read | m |
+    | motor_force | tendons | that servos with a gain ask of their motors, within their limit | N |
     | reference | d | reference now | m |
     | reference_velocity, reference_acceleration | d | now, or `lead` later | m/s, m/s2 |
     | reference_preview | d x preview | reference after each of the `preview` times | m |

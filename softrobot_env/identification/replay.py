@@ -75,16 +75,17 @@ class Body:
             made = BeamSimulations(own, period, BeamPlant(plant), **options)
             self._simulation = made.simulation({})
             self._model = self._simulation.plant.model
-        self._servos, self._rubbing = None, None
+        self._servos, self._rubbing, self._by_servos = None, None, False
         pretension = own.of_tendons("pretension")
         self._idle, zero = pretension, np.zeros_like(pretension)
         self._offset = self._slack = self._play = self._horn = zero
         if drive == "length":
             held = pretension / own.of_tendons("stiffness")
             self._idle, self._slack = zero, held + _LET_OUT * own.length
-            self._play = np.array(twin.backlash) / 2
-            self._offset = np.array(twin.servo_offset)
-            self._servos = Servos(twin.servo_speed, twin.servo_offset, twin.backlash)
+            self._offset, self._by_servos = twin.rest_offset, not own.drive.is_ideal
+            if own.drive.gain is None:
+                self._play = np.array(twin.backlash) / 2
+            self._servos = Servos.of(twin, period)
             self._simulation.drive_by(self._servos)
 
     def at_rest(self, control: ndarray, guess: ndarray | None = None) -> ndarray:
@@ -98,10 +99,12 @@ class Body:
             EquilibriumError: None was found, or only an unstable one.
             ValueError: A control is out of its range.
         """
+        rest, idle = self._model.equilibrium, self._idle
+        if self._by_servos:
+            rest = partial(rest, by_servos=True)
         try:
-            return self._model.equilibrium(control + self._offset, guess)
+            return rest(control + self._offset, guess)
         except EquilibriumError:
-            rest, idle = self._model.equilibrium, self._idle
             try:
                 start = rest(idle + self._offset)
             except EquilibriumError:
@@ -123,7 +126,7 @@ class Body:
             return self.at_rest(self._horn, before)
         model = self._model.model
         if self._rubbing is None:
-            self._rubbing = RubbingForces(model, before)
+            self._rubbing = RubbingForces(model, before, self._by_servos)
         rest = partial(equilibrium, model, rubbing=self._rubbing)
         try:
             return rest(self._horn + self._offset, before)

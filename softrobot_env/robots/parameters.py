@@ -5,7 +5,7 @@ A planar robot bends in the x-z plane only and positive curvature bends it towar
 A robot with a `base` has this frame turned and moved; gravity stays in the world's.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from math import cos, hypot, inf, pi, sin, sqrt
 from pathlib import Path
@@ -37,7 +37,11 @@ from .ranges import (
     Component,
     Curvature,
     DampingTime,
+    DeadTime,
     Density,
+    Force,
+    ForceLimit,
+    Gain,
     Inertia,
     Length,
     Mass,
@@ -47,8 +51,10 @@ from .ranges import (
     PoissonRatio,
     Position,
     Radius,
+    ReflectedMass,
     Speed,
     Station,
+    VelocityGain,
 )
 from .sections import Backbone, Section
 from .sensors import Sensor
@@ -76,21 +82,73 @@ class Drive:
         travel: [m], pulled in by a full-scale action to either side; see `robots.actuation` for
             what it is unless given.
         backlash: [m], width of the servos' dead band.
+        gain: [N/m], force per error of the servos' position loop, at the spool as all forces here.
+            Unless given servos have any force and are where their speed lets them be; with a gain
+            they obey `scene.integration.motors`, and may have what follows up to `command_delay`.
+        velocity_gain: [N s/m], force of the loop against the motor's speed.
+        force_limit: [N], largest force of the motor, which stalls there.
+        reflected_mass: [kg], inertia of rotor and gear over the square of the spool's radius.
+        gear_friction: [N], dry friction of motor and gear.
+        encoder_step: [m], width of a count of the encoder, within which the loop has no force.
+        command_delay: [s], dead time from a command to the loop.
+        spool_radius: [m], from the axis of the spool to the wire at command 0; commands are turns
+            times its circumference.
+        wire_diameter: [m], height of a layer, by which the wire lies higher after each turn.
+        seating: [m], stretch after which a wire that was slack is as stiff as it gets.
     """
 
     kind: Annotated[DriveKind, Key("drive")] = "tension"
     speed: Speed = inf
     travel: Annotated[Length | None, Unit("m")] = None
     backlash: Station = 0.0
+    gain: Annotated[Gain | None, Unit("N/m")] = None
+    velocity_gain: VelocityGain = 0.0
+    force_limit: ForceLimit = inf
+    reflected_mass: ReflectedMass = 0.0
+    gear_friction: Force = 0.0
+    encoder_step: Station = 0.0
+    command_delay: DeadTime = 0.0
+    spool_radius: Annotated[Radius | None, Unit("m")] = None
+    wire_diameter: Bore = 0.0
+    seating: Station = 0.0
 
     def __post_init__(self) -> None:
         check_fields(self, "drive")
-        if self.kind == "tension" and (
-            self.speed < inf or self.travel is not None or self.backlash
-        ):
+        given = [f.name for f in fields(self)[1:] if getattr(self, f.name) != f.default]
+        if self.kind == "tension" and given:
             raise ValueError(
-                "drive: only tendons driven by length have a speed, a travel and a backlash"
+                f"drive: only tendons driven by length have {', '.join(given)}; this one is driven "
+                "by tension"
             )
+        forced = [name for name in given if name in _OF_FORCE]
+        if self.gain is None and forced:
+            raise ValueError(f"drive: {', '.join(forced)} belong to servos with a gain: give one")
+        if self.wire_diameter and self.spool_radius is None:
+            raise ValueError("drive: a wire_diameter needs a spool_radius, on which it winds")
+
+    @property
+    def layers(self) -> float:
+        """[1/m], a of the length x + a x^2 that a servo winds on its spool by a command x."""
+        if not self.wire_diameter:
+            return 0.0
+        return self.wire_diameter / (4 * pi * self.spool_radius**2)
+
+    @property
+    def most_let_out(self) -> float:
+        """Length [m] commanded from 0 until the wire lies on half the spool's radius."""
+        return 1 / (4 * self.layers) if self.layers else inf
+
+    @property
+    def is_ideal(self) -> bool:
+        """Whether servos have any force, spools one radius and wires one stiffness."""
+        return self.gain is None and not self.layers and not self.seating
+
+
+#: What servos with a gain have alone.
+_OF_FORCE = (
+    "velocity_gain", "force_limit", "reflected_mass", "gear_friction", "encoder_step",
+    "command_delay",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -302,6 +360,14 @@ class RobotParams:
             raise ValueError(
                 f"robot {self.name!r}: travel must be at most {most:.3g} m, which folds the robot "
                 f"at full tension, got {self.drive.travel:g} m"
+            )
+        lengths = (min(pi * t.farthest, self.most_pulled(t)) for t in self.tendons)
+        longest = self.drive.travel or max(lengths, default=0.0)
+        if not longest <= self.drive.most_let_out:
+            raise ValueError(
+                f"robot {self.name!r}: servos let out up to {longest:.3g} m, and have no more than "
+                f"{self.drive.most_let_out:.3g} m on a spool_radius of {self.drive.spool_radius:g} "
+                "m: take a larger one, or a thinner wire"
             )
         if not hypot(*self.precurvature) < self.curvature_limit:
             raise ValueError(

@@ -53,7 +53,12 @@ Moment = _within(0, 1e12, "N m")
 Stiffness = _within(1e-9, 1e18, "N/m", or_inf=True)
 FrictionCoefficient = _within(0, 10, "1")
 BendAngle = _within(0, 1e3, "rad")
+ForceLimit = _within(1e-12, 1e12, "N", or_inf=True)
 Speed = _within(1e-9, 1e4, "m/s", or_inf=True)
+Gain = _within(1e-9, 1e12, "N/m")
+VelocityGain = _within(0, 1e12, "N s/m")
+ReflectedMass = _within(0, 1e6, "kg")
+DeadTime = _within(0, 10, "s")
 
 # ---------------------------------------------------------------- sensors
 Rate = _within(1e-3, 1e6, "Hz")

@@ -22,6 +22,7 @@ from math import pi, radians
 from typing import Annotated
 
 import numpy as np
+from numpy import ndarray
 
 from softrobot_env.core.records import NotNegative, Range, check_fields
 from softrobot_env.core.registry import served
@@ -88,6 +89,15 @@ class Twin:
             raise ValueError(
                 f"camera_noise must lie in [0, {LARGEST_NOISE:g}] m, got {self.camera_noise!r}"
             )
+
+    @property
+    def rest_offset(self) -> ndarray:
+        """(n_tendons,) [m], what horns at rest have more than commands, but for what servos give.
+
+        A servo of any force may rest in the middle of its backlash, another is pulled to its end.
+        """
+        lost = 0.0 if self.robot.drive.gain is None else np.array(self.backlash) / 2
+        return np.array(self.servo_offset) - lost
 
 
 def nominal_twin(robot: RobotParams) -> Twin:

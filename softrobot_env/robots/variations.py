@@ -6,6 +6,7 @@ of environments, `Randomization`, `softrobot evaluate --vary` and the labels of 
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from math import inf
 from numbers import Real
 from typing import Any
 
@@ -111,6 +112,12 @@ def _without_tensions(robot: Any) -> str | None:
     )
 
 
+def _without_servo_force(robot: Any) -> str | None:
+    if robot.drive.force_limit < inf:
+        return None
+    return f"servo_force varies servos' force_limit; robot {robot.name!r} has none"
+
+
 def _without_sensors(robot: Any) -> str | None:
     if robot.sensors:
         return None
@@ -159,6 +166,15 @@ _USUAL = (
         label="friction coefficient + {:g}".format,
         shifts=("tendon_user",),
         at_once=lambda robot: all(tendon.friction_coefficient > 0 for tendon in robot.tendons),
+    ),
+    Variation(
+        "servo_force",
+        lambda robot, factor: replace(
+            robot, drive=replace(robot.drive, force_limit=robot.drive.force_limit * factor)
+        ),
+        label="servo force x {:g}".format,
+        shifts=("actuator_gainprm",),
+        incompatibility=_without_servo_force,
     ),
     Variation("tension_gain", label="gain x {:g}".format, incompatibility=_without_tensions),
     Variation("delay", None, 0.0, (0.0, 1.0), "s", label=lambda time: f"delay {1e3 * time:g} ms"),

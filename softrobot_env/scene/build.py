@@ -21,6 +21,7 @@ from .resolution import Discretization, discretization, resolved
 from .simulation import Inputs, SceneMotion, simulate
 from .spec import build_chain, refuse_unfelt
 from .statics import checked_controls, equilibrium, finite, settle, with_gravity
+from .tangent import StaticForces
 from .timestep import (
     EXTRAPOLATION,
     SAFETY,
@@ -121,10 +122,12 @@ class Scene(CompiledModel, Kinematics):
         check_stability: bool | str = True,
         *,
         gravity: ndarray | None = None,
+        by_servos: bool = False,
     ) -> ndarray:
         """Posture (nq,) in equilibrium under constant inputs u (n_inputs,), zero unless given.
 
-        As `scene.statics.equilibrium`, which tells of the arguments and errors. With contacts it is
+        As `scene.statics.equilibrium`, which tells of the arguments and errors. Inputs may be what
+        servos are commanded, `by_servos`, else they are where their horns are. With contacts it is
         where `scene.statics` finds rest; `load_steps` and the kind of stability have no meaning
         there, and as friction holds a robot in many places there must be none.
         """
@@ -132,7 +135,10 @@ class Scene(CompiledModel, Kinematics):
         gravity = self.checked_gravity(gravity)
         if self.config.contacts is not None:
             return self._settled(u, guess, gravity)
-        return equilibrium(self.model, u, guess, load_steps, check_stability, gravity)
+        forces = None
+        if by_servos:
+            forces = StaticForces(with_gravity(self.model, gravity), by_servos=True)
+        return equilibrium(self.model, u, guess, load_steps, check_stability, gravity, forces)
 
     def _settled(self, u: ndarray, guess: ndarray | None, gravity: ndarray | None) -> ndarray:
         """Posture (nq,) in which a scene with contacts comes to rest."""
@@ -189,6 +195,12 @@ def build_scene(config: SceneConfig) -> Scene:
     model, choice = compile_spec(spec, pairs, partial(_mujocos, config, pairs))
     if is_extrapolated(config):
         choice = _extrapolated(config, config.robot)
+    elif config.actuation == "length" and not config.robot.drive.is_ideal:
+        raise ValueError(
+            f"robot {config.robot.name!r}: servos with a gain, spools that wind layers and wires "
+            "that seat need our own integrator, which advances scenes without contacts and without "
+            "bending_friction (leave out `integrator`, or the drive's keys)"
+        )
     return Scene(config, layout, choice, model, tuple(pairs))
 
 

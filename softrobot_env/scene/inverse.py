@@ -12,7 +12,8 @@ damped in proportion to the gap, which vanishes with it.
 
 Actions are those of tensions, whatever drives the robot: the redundancy of opposing tendons is then
 resolved, no tendon is slack, and all is smooth. The lengths that servos pull in follow from posture
-and tension, s = s_geo + (F - F_pre) / c, audit of (5.35); the equilibrium under them is the same.
+and tension, s = s_geo + (F - F_pre) / c, audit of (5.35), or of `tendons.Wires`; the equilibrium
+under them is the same, with horns there: servos with a gain give way, which is not corrected.
 """
 
 from copy import copy
@@ -34,7 +35,7 @@ from .build import Scene, build_scene
 from .registry import model_scene
 from .statics import finite
 from .tangent import StaticForces
-from .tendons import full_length
+from .tendons import Wires, full_length
 
 #: Largest distance of a tip from its point, as a share of the robot's reach, that counts as on it.
 REACHED = 1e-7
@@ -179,9 +180,8 @@ class InverseStatics:
             self._by_tension = build_scene(config)
         self.forces = StaticForces(self._by_tension.model)
         self._tensions = TendonMap(robot)
-        # Pretension [N], stiffness [N/m] and straight length [m] of the tendons, (3, n_tendons).
-        elastic = map(robot.of_tendons, ("pretension", "stiffness", "straight_length"))
-        self._elastic, self._full = np.array([*elastic]), full_length(robot, scene.model)
+        self._wires, self._straight = Wires(robot), robot.of_tendons("straight_length")
+        self._full = full_length(robot, scene.model)
         self._actions = self._tensions.per_action()
         self._command = self._actions.command
         self._turn = _LARGEST_TURN / len(np.unique(scene.model.dof_bodyid))
@@ -254,13 +254,13 @@ class InverseStatics:
         if not self._pulled:
             return linear.stiffness @ linear.by_actions
         arms = self.forces.by_controls()[:, : self.inputs.n_inputs]
-        return arms * (self._elastic[1] * self.inputs.input_scale)
+        return arms * (self._yields * self.inputs.input_scale)
 
     def inputs_by(self, action: ndarray, step: ndarray) -> ndarray:
         """Change (n_inputs,) of the inputs that is a change (m,) of actions in a held posture."""
         if not self._pulled:
             return step * self._tensions.input_scale
-        return (self._command(action + step) - self._command(action)) / self._elastic[1]
+        return self._wires.stretch(self._command(action + step), self._command(action))
 
     def tip(self, posture: ndarray) -> ndarray:
         """Tip (3,) [m] in a posture (nq,), in a fiftieth of the time of `Scene.tip`."""
@@ -449,22 +449,19 @@ class InverseStatics:
         tension = self.inputs.command(inputs)
         if not self._pulled:
             return tension
-        pretension, stiffness, _ = self._elastic
         limit = self.scene.config.robot.of_tendons("tension_limit")
-        stretch = tension - self._shortened(posture)
-        return np.clip(pretension + stiffness * stretch, 0.0, limit)
+        return np.clip(self._wires.tension(tension, self._shortened(posture)), 0.0, limit)
 
     def _shortened(self, posture: ndarray) -> ndarray:
         """How much shorter the tendons (n_tendons,) [m] are than in the straight robot."""
         length = self.forces.tendon_length(posture)[: len(self._full)]
-        return self._elastic[2] - (length + self._full)
+        return self._straight - (length + self._full)
 
     def inputs_for(self, action: ndarray, posture: ndarray) -> ndarray:
         """Inputs (n_inputs,) for actions of tensions, within their box."""
         if not self._pulled:
             return self._tensions.from_actions(action)
-        pretension, stiffness, _ = self._elastic
-        pulled = self._shortened(posture) + (self._command(action) - pretension) / stiffness
+        pulled = self._wires.pulled(self._command(action), self._shortened(posture))
         return np.clip(pulled, -self.inputs.input_scale, self.inputs.input_scale)
 
     @one_blas_thread()
@@ -520,7 +517,7 @@ class InverseStatics:
             raise EquilibriumError("the stiffness under the action 0 is singular")
         tensions = by_action(self._actions, self._rest.action)
         shorter = self.forces.by_controls()[:, : len(tensions)].T @ linear.by_actions
-        pulled = shorter + tensions / self._elastic[1][:, None]
+        pulled = shorter + tensions / self._yields[:, None]
         box = min(1.0, float((self.inputs.input_scale / norm(pulled, axis=1)).min()))
         while box < 1.0:
             larger = min(1.0, _GROWTH * box)
@@ -613,13 +610,15 @@ class InverseStatics:
             weight: (3,) [N], more of it at the tip.
         """
         forces, factor = self.forces, 1 + stiffer
-        controls = _controls(self._by_tension, self._command(action))
+        command = self._command(action)
+        controls = _controls(self._by_tension, command)
+        self._yields = self._wires.stiffness(command)
         force = factor * forces.force(posture, controls, 1 / factor, weight)
         pulled = by_action(self._actions, action)
         arms, stiffness = forces.by_controls()[:, : len(pulled)], -factor * forces.tangent()
         right = arms @ pulled
         if driven and self._pulled:
-            stiffness = stiffness + (arms * self._elastic[1]) @ arms.T
+            stiffness = stiffness + (arms * self._yields) @ arms.T
         try:
             found = solve(stiffness, np.column_stack([force, right]))
         except LinAlgError:

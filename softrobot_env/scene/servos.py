@@ -1,11 +1,16 @@
-"""Position servos that wind up tendons: limited speed, offset and backlash."""
+"""Position servos that wind up tendons: limited speed, offset, backlash, and a force if they have.
 
+A robot's drive says which (`robots.parameters.Drive`, `integration.motors`).
+"""
+
+from math import ceil
 from types import EllipsisType
 
 import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.arrays import HOST, HostArrays
+from softrobot_env.robots.twin import Twin
 
 from .integration import layout
 
@@ -16,19 +21,28 @@ class Servos:
     The motor turns towards the command, not faster than its speed. A gap of width `backlash` lies
     between motor and horn: the horn stays while the motor crosses it, and follows it at
     half the width behind. The horn pulls in `offset` more than it believes. How much a servo can
-    pull is the scene's matter (the tendons' `tension_limit`).
+    pull is the scene's matter: the tendons' `tension_limit`, and what a drive with a gain has. Its
+    motors move with the chain, `motor` and `horn` say where they are, and `effort` [N] what force
+    their loops have.
 
     They turn while a simulation that is driven by them advances (`drive_by` of `Simulation` and
     `BatchSimulation`; `scene.integration.period` computes it).
 
     Attributes:
-        command: (nu,) or (n, nu) [m], to be written to: held from the next period on.
+        command: (nu,) or (n, nu) [m], to be written to: held from the next period on, or after
+            the dead time.
         motor, horn: (nu,) or (n, nu) [m], pulled in now.
         block: (1 or n, SERVO_ROWS, nu), all that is known of them, in one piece of memory.
     """
 
     def __init__(
-        self, speed: float | ndarray, offset: ndarray, backlash: ndarray, count: int | None = None
+        self,
+        speed: float | ndarray,
+        offset: ndarray,
+        backlash: ndarray,
+        count: int | None = None,
+        dead_time: float = 0.0,
+        control_period: float = 1.0,
     ) -> None:
         """Servos at command zero.
 
@@ -37,19 +51,35 @@ class Servos:
             offset: (nu,) [m], or (n, nu).
             backlash: (nu,) [m], or (n, nu).
             count: Number n of robots; None is one, whose arrays have no axis of robots.
+            dead_time: [s], from a command to servos with a gain.
+            control_period: [s], of the simulation that they drive.
         """
-        self._one, self.arrays = count is None, HOST
-        self.block = np.zeros((count or 1, layout.SERVO_ROWS, np.shape(offset)[-1]))
+        self._one, self.arrays, self._layers = count is None, HOST, 0.0
+        before = ceil(dead_time / control_period - 1e-9)
+        rows = layout.SERVO_ROWS + before
+        self.block = np.zeros((count or 1, rows, np.shape(offset)[-1]))
+        self.block[:, layout.LATE] = dead_time - max(before - 1, 0) * control_period
         self.block[:, layout.SPEED], self.block[:, layout.OFFSET] = speed, offset
         self.block[:, layout.HALF] = np.asarray(backlash, float) / 2
         self._connect()
         self.start(0.0)
+
+    @classmethod
+    def of(cls, twin: Twin, control_period: float, count: int | None = None) -> "Servos":
+        """Those of a robot as built, or of `count` such robots."""
+        drive = twin.robot.drive
+        speed, late = twin.servo_speed, drive.command_delay
+        servos = cls(speed, twin.servo_offset, twin.backlash, count, late, control_period)
+        servos._layers = drive.layers
+        return servos
 
     def _connect(self) -> None:
         """Take views, which a copy has of its own."""
         rows = self.block[0] if self._one else self.block.swapaxes(0, 1)
         self._offset, self.command = rows[layout.OFFSET], rows[layout.COMMAND]
         self.motor, self.horn = rows[layout.MOTOR], rows[layout.HORN]
+        self.turning, self.effort = rows[layout.TURNING], rows[layout.EFFORT]
+        self._before = rows[layout.SERVO_ROWS :]
 
     def live_as(self, arrays: HostArrays) -> None:
         """Be arrays of another kind from now on."""
@@ -57,7 +87,7 @@ class Servos:
         self._connect()
 
     def __getstate__(self) -> dict:
-        return {"_one": self._one, "block": self.block, "arrays": self.arrays}
+        return {name: getattr(self, name) for name in ("_one", "block", "arrays", "_layers")}
 
     def __setstate__(self, state: dict) -> None:
         self.__dict__.update(state)
@@ -76,6 +106,9 @@ class Servos:
         self.command[which] = command
         self.motor[which] = self._offset[which] + command
         self.horn[which] = self.motor[which]
+        self.turning[which] = np.nan  # a simulation places motors that have a force
+        for commands in self._before:
+            commands[which] = command
 
     def check_drives(self, actuation: str, shape: tuple[int, ...]) -> None:
         """Raise ValueError unless drives of an actuation take them, whose controls have a shape."""
@@ -88,6 +121,16 @@ class Servos:
             )
 
     @property
+    def pulled(self) -> ndarray:
+        """(nu,) or (n, nu) [m], length of tendon that horns have wound."""
+        if not self._layers:
+            return self.arrays.copy(self.horn)
+        return self.horn + self._layers * self.horn * self.horn
+
+    @property
     def reading(self) -> ndarray:
-        """(nu,) or (n, nu) [m], as potentiometers on the motors read: without offset and gap."""
+        """(nu,) or (n, nu) [m], as potentiometers on the motors read: without offset and gap.
+
+        Turns by the bare radius of the spool.
+        """
         return self.motor - self._offset

@@ -136,7 +136,15 @@ class Simulation:
         self.data.qpos[:] = qpos
         self.data.ctrl[:] = ctrl
         mujoco.mj_forward(self.model, self.data)
+        self._place_motors()
         self._integration.restart()
+
+    def _place_motors(self) -> None:
+        """Let servos with a gain hold the robot, and wires that seat have their tension."""
+        integration = self._integration
+        if not integration.is_ideal:
+            arguments = self.model._address, self.data._address, 0, integration.header
+            integration.refresh.locked(*arguments)
 
     def drive_by(self, servos: Servos) -> None:
         """Let servos turn in every period from now on; their horns are the controls.
@@ -147,6 +155,8 @@ class Simulation:
         """
         servos.check_drives(self.scene.config.actuation, self.ctrl.shape)
         self._integration.drive_by(servos.block)
+        if np.isnan(servos.turning).any():
+            self._place_motors()
 
     def advance(self) -> bool:
         """Integrate over one control period with the controls in `data.ctrl`, or by the servos.

@@ -32,7 +32,7 @@ def equilibrium(
     load_steps: int = 1,
     check_stability: bool | str = True,
     gravity: ndarray | None = None,
-    rubbing: RubbingForces | None = None,
+    rubbing: StaticForces | None = None,
     nearby: bool = False,
 ) -> ndarray:
     """Posture (nq,) in equilibrium under constant controls (nu,): the hinge angles [rad].
@@ -50,8 +50,8 @@ def equilibrium(
         check_stability: True or "static" refuses an equilibrium that loads at rest cannot give;
             "dynamic" also one that flutters; False none (`equilibrium.require_stable`).
         gravity: (3,) [m/s2] in place of the scene's.
-        rubbing: Forces with friction, from where the tendons were, which is left out without; they
-            are then where they stay.
+        rubbing: Other forces: with friction (`RubbingForces`), from where the tendons were, which
+            is left out without, and they are then where they stay; or by servos (`StaticForces`).
         nearby: Whether the guess alone is tried, which takes less time where that fails.
 
     Raises:
@@ -64,12 +64,12 @@ def equilibrium(
     ctrl = checked_controls(model, ctrl)
     model = with_gravity(model, gravity)
     forces = StaticForces(model) if rubbing is None else rubbing
-    loaded, careful = _LoadedChain(forces, ctrl), rubbing is not None
+    loaded, careful = _LoadedChain(forces, ctrl), isinstance(rubbing, RubbingForces)
     q = find_equilibrium(loaded, model.qpos_spring, guess, load_steps, careful, nearby)
     if kind is not None:
         forces.force(q, ctrl)
         require_stable(kind, -forces.tangent(), forces.mass(), np.diag(model.dof_damping))
-    if rubbing is not None:
+    if isinstance(rubbing, RubbingForces):
         rubbing.force(q, ctrl)
         rubbing.stay()
     return q

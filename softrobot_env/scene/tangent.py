@@ -36,7 +36,8 @@ from numpy import ndarray
 from numpy.linalg import norm
 
 from .chain import TIP_SITE
-from .tendons import actuator_arms, tendon_arms
+from .integration import layout
+from .tendons import actuator_arms, is_ideal, tendon_arms
 
 #: [rad] of a bend of the whole robot at which friction of its backbone is whole.
 _GIVE = 0.01
@@ -54,8 +55,13 @@ class StaticForces:
         applied: (nv,) [N m], the other part of it, at a share of 1.
     """
 
-    def __init__(self, model: MjModel) -> None:
+    def __init__(self, model: MjModel, by_servos: bool = False) -> None:
         """Look up what moves what.
+
+        Args:
+            model: The model.
+            by_servos: Whether controls are commands of servos, which give way at rest as their
+                gain and limit let them; else they say where the horns are.
 
         Raises:
             ValueError: The model is no chain, or has parts whose static forces are not known here.
@@ -65,6 +71,9 @@ class StaticForces:
             _STRUCTURES[model] = _structure(model)
         self._of = _STRUCTURES[model]
         self._tip, self._pull = model.site(TIP_SITE).id, np.zeros(3)
+        self._laws = None if is_ideal(model) else _laws(model, by_servos)
+        #: (nu,), stiffness of a drive and its force per control, over those of its spring.
+        self._by_slack = self._by_control = np.ones(model.nu)
 
     def force(
         self, qpos: ndarray, ctrl: ndarray, share: float = 1.0, pull: ndarray | None = None
@@ -84,11 +93,34 @@ class StaticForces:
         mujoco.mj_transmission(model, data)
         mujoco.mj_fwdVelocity(model, data)
         mujoco.mj_fwdActuation(model, data)
+        if self._laws is not None:
+            self._apply_laws(ctrl)
         self.springs = data.qfrc_passive.copy()
         self.applied = data.qfrc_actuator - data.qfrc_bias
         if self._pull.any():
             self.applied += self._pull @ self.tip_by_turns()[1]
         return self.springs + share * self.applied
+
+    def _apply_laws(self, ctrl: ndarray) -> None:
+        """Give drives of lengths the forces of their servos and wires."""
+        from .integration.motors import hold_all  # compiled code takes time to load
+
+        model, data, (drives, places) = self.model, self._data, self._laws
+        stiffness, taken = drives[0, places], drives[layout.TAKEN, places]
+        bias = model.actuator_biasprm[places]
+        slack = taken + (bias[:, 0] + bias[:, 1] * data.actuator_length[places]) / stiffness
+        own = np.ascontiguousarray(drives[:, places].T).ravel()
+        limits = model.actuator_forcerange[places, 1].copy()
+        _, tension, by_slack, by_control = hold_all(own, ctrl[places], slack, limits)
+        more = np.zeros(model.nu)
+        more[places] = tension - data.actuator_force[places]
+        data.actuator_force[:] += more
+        data.qfrc_actuator[:] += more @ actuator_arms(model, data)
+        self._by_slack, self._by_control = np.ones((2, model.nu))
+        self._by_slack[places], self._by_control[places] = (
+            by_slack / stiffness,
+            by_control / stiffness,
+        )
 
     def tangent(self) -> ndarray:
         """Derivative (nv, nv) [N m] of the last `force` by small turns (nv,) of the joints."""
@@ -106,6 +138,7 @@ class StaticForces:
         """Derivative (nv, nu) [N m] of the last `force` by the controls, at a share of 1."""
         model, data = self.model, self._data
         gain = model.actuator_gainprm[:, 0] * self._unlimited(np.arange(model.nu))
+        gain = gain * self._by_control
         return (gain[:, None] * actuator_arms(model, data)).T
 
     def tip(self, qpos: ndarray) -> ndarray:
@@ -213,7 +246,7 @@ class StaticForces:
         tension, rate = np.zeros(model.ntendon), np.zeros(model.ntendon)
         tendon = model.actuator_trnid[actuators, 0]
         np.add.at(tension, tendon, -gear * force)
-        np.add.at(rate, tendon, -(gear**2) * spring * free)
+        np.add.at(rate, tendon, -(gear**2) * spring * free * self._by_slack[actuators])
         return tension, rate
 
     def _unlimited(self, actuators: ndarray) -> ndarray:
@@ -283,6 +316,14 @@ class StaticForces:
         out[dof[:, :, None], dof[:, None, :]] -= blocks
 
 
+def _laws(model: MjModel, by_servos: bool) -> tuple[ndarray, ndarray]:
+    """Parameters (DRIVE_SIZE, nu) of drives, see `integration.layout`, and which are of lengths."""
+    drives = model.actuator_gainprm.T.copy()
+    if not by_servos:
+        drives[layout.GAIN] = drives[layout.COUNT] = 0.0
+    return drives, np.flatnonzero(model.actuator_biasprm[:, 1] < 0)
+
+
 class RubbingForces(StaticForces):
     """The same with dry friction of tendons and backbone, which depends on where they came from.
 
@@ -296,9 +337,9 @@ class RubbingForces(StaticForces):
         posture: (nq,) at which friction of the joints would vanish.
     """
 
-    def __init__(self, model: MjModel, posture: ndarray) -> None:
+    def __init__(self, model: MjModel, posture: ndarray, by_servos: bool = False) -> None:
         """Tendons and joints that came to rest in a posture (nq,) without friction."""
-        super().__init__(model)
+        super().__init__(model, by_servos)
         self.anchors, self.posture = self.tendon_length(posture), posture.copy()
         self._most, self._slid = model.tendon_frictionloss.copy(), np.zeros(model.ntendon)
         self._bends = _bends(model)

@@ -11,10 +11,11 @@ import numpy as np
 from mujoco import MjData, MjModel, MjsActuator, MjsBody, MjsTendon, mjtBias, mjtGain, mjtTrn
 from numpy import ndarray
 
-from softrobot_env.robots import RobotParams, Tendon
+from softrobot_env.robots import Drive, RobotParams, Tendon
 from softrobot_env.robots.sections import Backbone
 
 from .chain import Chain, is_swapped, rub, seen_from_hinges, station_stiffness
+from .integration import layout as places
 from .quadrature import HingeLayout
 
 _PULL = [-1.0, 0, 0, 0, 0, 0]
@@ -25,6 +26,8 @@ _LINES = ((8 / 7, 4 / 3, 0.0), (-1 / 7, 1.0, math.sqrt(7 / 12)))
 #: Most zones of a tendon in which friction along it sticks or slides on its own, and about those of
 #: all of a robot. A loop of tip against tension is then within 1 % of its width (12) or 3 % (6).
 _ZONES, _ALL_ZONES = 12, 24
+#: Least stiffness of a slack wire, over its own [1].
+SOFTEST = 1e-9
 
 _UNSEEN = [0.0, 0.0, 0.0, 0.0]
 
@@ -66,6 +69,9 @@ def add_tendons(chain: Chain, robot: RobotParams, actuation: str, exact: bool = 
             actuator.ctrlrange = [0.0, tendon.tension_limit]
         else:
             _pull_by_length(actuator, tendon, robot.most_pulled(tendon), length)
+            if not robot.drive.is_ideal:
+                actuator.gainprm[1:] = drive_parameters(robot.drive, tendon)
+                actuator.ctrlrange[0] = max(actuator.ctrlrange[0], -robot.drive.most_let_out)
 
 
 def _route_along_joints(chain: Chain, tendon: Tendon, backbone: Backbone) -> MjsTendon:
@@ -234,6 +240,83 @@ def _pull_by_length(actuator: MjsActuator, tendon: Tendon, most: float, straight
     actuator.forcelimited = True
     actuator.forcerange = [0.0, tendon.tension_limit]
     actuator.ctrlrange = [-most, most]
+
+
+def drive_parameters(drive: Drive, tendon: Tendon) -> ndarray:
+    """(9,) what a servo and its wire have beside a stiffness, see `scene.integration.motors`.
+
+    MuJoCo leaves these places of an actuator's `gainprm` unread.
+    """
+    stretch = tendon.pretension / tendon.stiffness
+    seated = stretch + drive.seating / 2  # under the pretension
+    if seated < drive.seating:
+        seated = math.sqrt(2 * drive.seating * stretch)
+    given = {
+        places.SEATING: drive.seating,
+        places.TAKEN: seated - stretch,
+        places.LAYERS: drive.layers,
+    }
+    if drive.gain is not None:
+        given |= {
+            places.GAIN: drive.gain,
+            places.LIMIT: min(drive.force_limit, places.HUGE_FORCE),
+            places.DAMPING: drive.velocity_gain,
+            places.INERTIA: drive.reflected_mass,
+            places.GEAR: drive.gear_friction,
+            places.COUNT: drive.encoder_step,
+        }
+    return np.array([given.get(place, 0.0) for place in range(1, places.DRIVE_SIZE)])
+
+
+class Wires:
+    """Wires of a robot on spools whose horns stay: lengths and tensions (n_tendons,)."""
+
+    def __init__(self, robot: RobotParams) -> None:
+        self._stiffness, self._pretension = map(robot.of_tendons, ("stiffness", "pretension"))
+        self._seating, self._layers = robot.drive.seating, robot.drive.layers
+
+    def tension(self, pulled: ndarray, shortened: ndarray) -> ndarray:
+        """Tensions [N], negative if slack, of horns [m], of tendons that robots shorten [m]."""
+        more = pulled + self._layers * pulled**2 - shortened
+        if not self._seating:
+            return self._pretension + self._stiffness * more
+        stretch = self.stretch(self._pretension) + more
+        toe = stretch * np.clip(stretch / self._seating, 0.0, 1.0) / 2
+        return self._stiffness * np.where(
+            stretch < 0,
+            stretch,
+            np.where(stretch < self._seating, toe, stretch - self._seating / 2),
+        )
+
+    def pulled(self, tension: ndarray, shortened: ndarray) -> ndarray:
+        """Where horns [m] are under tensions [N]."""
+        length = shortened + self.stretch(tension, self._pretension)
+        return 2 * length / (1 + np.sqrt(1 + 4 * self._layers * length))
+
+    def stretch(self, tension: ndarray, less: ndarray | float = 0.0) -> ndarray:
+        """Stretch [m] by tensions [N], less that by others."""
+        if not self._seating:
+            return (tension - less) / self._stiffness
+        one, other = (2 * x / self._stiffness / self._seating for x in (tension, less))
+        return self._seating * (_seated(one) - _seated(other))
+
+    def stiffness(self, tension: ndarray) -> ndarray:
+        """[N/m] under tensions [N]; of a slack one a little."""
+        if not self._seating:
+            return self._stiffness
+        share = 2 * tension / self._stiffness / self._seating
+        return self._stiffness * np.clip(np.sqrt(np.maximum(share, 0.0)), SOFTEST, 1.0)
+
+
+def _seated(share: ndarray | float) -> ndarray:
+    """Stretch over the seating of a tension over that at half of it."""
+    return np.where(np.less(share, 1), np.sqrt(share), (np.asarray(share) + 1) / 2)
+
+
+def is_ideal(model: MjModel) -> bool:
+    """Whether MuJoCo's own law of an actuator is that of all servos and wires of a model."""
+    by_length = model.actuator_biasprm[:, 1] < 0
+    return not model.actuator_gainprm[by_length, 1:].any()
 
 
 def actuator_arms(model: MjModel, data: MjData) -> ndarray:

@@ -124,7 +124,7 @@ class _ChainMeasures:
 class _Chains:
     """Exact measurements of a chain or of many."""
 
-    truth = sensors = None
+    truth = sensors = motor_force = None
 
     def __init__(
         self,
@@ -160,7 +160,9 @@ class _Chains:
             self.tendon_length = self.true_length = partial(add, inside, full)
         else:
             self.tendon_length = lambda: servos.reading
-            self.true_length = lambda: arrays.copy(servos.horn)
+            self.true_length = lambda: servos.pulled
+            if robot.drive.gain is not None:
+                self.motor_force = lambda: arrays.copy(servos.effort)
         self._bind()
         self.update()
 
@@ -258,7 +260,7 @@ def _norms(values: ndarray) -> ndarray:
 class BeamReadout:
     """Exact measurements of a beam model's simulation."""
 
-    truth = sensors = None
+    truth = sensors = motor_force = None
 
     def __init__(
         self, simulation: Any, least: Measurement, most: Measurement, servos: Servos | None = None

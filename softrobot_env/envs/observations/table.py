@@ -19,6 +19,7 @@ from softrobot_env.core.interfaces import Seen
 from softrobot_env.core.registry import Registry
 from softrobot_env.core.vector_reading import Reading
 from softrobot_env.robots import RobotParams
+from softrobot_env.scene.integration.layout import HUGE_FORCE
 from softrobot_env.scene.quadrature import HingeLayout
 from softrobot_env.scene.timestep import slowest
 from softrobot_env.sensing.optics import readings
@@ -123,6 +124,7 @@ class Measured(Protocol):
     tendon_tension: Read
     tendon_length: Read
     sensors: Read | None
+    motor_force: Read | None
 
 
 class Sources(NamedTuple):
@@ -164,8 +166,11 @@ class Observable:
 
 
 def known_of(robot: RobotParams) -> tuple[str, ...]:
-    """Names of the observables that a robot has: `sensors` only if it carries any."""
-    return tuple(name for name in OBSERVABLES if name != "sensors" or robot.sensors)
+    """Names of the observables that a robot has: `sensors` and `motor_force` only if it does."""
+    missing = {"sensors"} if not robot.sensors else set()
+    if robot.drive.gain is None:
+        missing.add("motor_force")
+    return tuple(name for name in OBSERVABLES if name not in missing)
 
 
 def usual_of(robot: RobotParams) -> tuple[str, ...]:
@@ -276,6 +281,14 @@ OBSERVABLES: Registry[Observable] = Registry(
             lambda o: o.measured.tendon_length,
             _length_scale,
             usual=("length",),
+        ),
+        "motor_force": Observable(
+            "N",
+            lambda s: symmetric(
+                len(s.robot.tendons), min(s.robot.drive.force_limit, HUGE_FORCE) * (1 + 1e-9)
+            ),
+            lambda o: o.measured.motor_force,
+            lambda s: s.robot.of_tendons("tension_limit") / 2,
         ),
         "reference": Observable(
             "m", _positions, lambda o: o.reference("position"), _position_scale, usual=_ALWAYS

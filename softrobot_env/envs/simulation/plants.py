@@ -19,7 +19,6 @@ from softrobot_env.scene.quadrature import HingeLayout
 from softrobot_env.scene.registry import scene_of
 from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.simulation import Simulation
-from softrobot_env.scene.statics import equilibrium
 
 from ..observations.readouts import BatchReadout, BeamReadout, ChainReadout
 from ..observations.table import Sizes, observation_space, speed_limit
@@ -131,7 +130,7 @@ class MujocoPlant(_Plant):
 
     def equilibrium(self, command: ndarray) -> ndarray:
         """Posture (nq,) at rest under what the drives apply, (n_tendons,) [N] or [m]."""
-        return equilibrium(self.nominal.model, command)
+        return self.nominal.equilibrium(command, by_servos=not self.robot.drive.is_ideal)
 
     def bent(self, curvature: ndarray) -> ndarray:
         """Posture (nq,) for curvatures (pieces * directions,) [1/m] of the measured pieces."""
@@ -208,6 +207,12 @@ class BeamPlant(_Plant):
         self._nominal = self._model(robot)
 
     def _model(self, robot: RobotParams) -> PlantModel:
+        if self.config.actuation == "length" and not robot.drive.is_ideal:
+            raise ValueError(
+                f"robot {robot.name!r}: beam models have servos of any force, spools of one radius "
+                "and wires of one stiffness, only the MuJoCo chain has what its drive says (leave "
+                "out `plant`, or the drive's gain, wire_diameter and seating)"
+            )
         if robot.has_friction:
             raise ValueError(
                 f"robot {robot.name!r}: beam models have no tendon friction, nor one of the "

@@ -14,6 +14,7 @@ from softrobot_env.core.extras import install_command
 from softrobot_env.robots.variations import VARIATIONS
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.config import DEFAULT_SHARE
+from softrobot_env.scene.tendons import is_ideal
 from softrobot_env.scene.timestep import EXTRAPOLATION
 
 from ..randomization import Randomization
@@ -105,6 +106,11 @@ def check_robot(scene: Scene, randomization: Randomization | None) -> None:
         )
     if scene.config.robot.has_friction:
         _check_friction(scene)
+    if not is_ideal(model):
+        raise ValueError(
+            f"{_BACKEND} has servos of any force, spools of one radius and wires of one stiffness; "
+            f"the drive of robot {name!r} has a gain, a wire_diameter or seating"
+        )
     if model.nq != model.nv:
         raise ValueError(
             f"{_BACKEND} takes chains of hinges; robot {name!r} has ball joints, as it bends and "

@@ -25,13 +25,12 @@ _ON_TENDON = 3  # mjTRN_TENDON
 
 
 @jit
-def find_zones(chain, tensions, forces):
+def find_zones(chain, forces):
     """Add the zones of taut tendons to the elements of friction, where `evaluate` was called last.
 
     Args:
         chain: The chain.
-        tensions: (nu,) [N], of the drives.
-        forces: To whose elements they are added.
+        forces: With the drives' tensions; to its elements they are added.
     """
     model, header, nu = chain.model, chain.header, chain.ctrl.size
     kinds = ints(model, header[AT.actuator_trntype], nu)
@@ -46,19 +45,17 @@ def find_zones(chain, tensions, forces):
         if line[COEFFICIENT] <= 0 and line[FEED] <= 0:
             continue
         zones = int(line[ZONES])
-        if tensions[k] > 0:
+        if forces.tension[k] > 0:
             if line[STATIONS] > 0:
                 _along_stations(chain, tendon, line, zones, forces.course)
             else:
                 _through_guides(chain, tendon, line, zones, forces.course)
             if line[FEED] > 0:
-                _add_zone(chain, k, tendon, 0, line[FEED], name, forces, tensions[k])
+                _add_zone(chain, k, tendon, 0, line[FEED], name, forces)
             for zone in range(zones):
                 if forces.course[0, zone] > 0:
                     first, exponent = int(forces.course[1, zone]), forces.course[0, zone]
-                    _add_zone(
-                        chain, k, tendon, first, exponent, name + 1 + zone, forces, tensions[k]
-                    )
+                    _add_zone(chain, k, tendon, first, exponent, name + 1 + zone, forces)
         name += 1 + zones
 
 
@@ -171,7 +168,7 @@ def _through_guides(chain, tendon, line, zones, course):
 
 
 @jit
-def _add_zone(chain, drive, tendon, beyond, exponent, name, forces, tension):
+def _add_zone(chain, drive, tendon, beyond, exponent, name, forces):
     """Add a zone, before the segments with DOFs from `beyond` on."""
     model, data, header = chain.model, chain.data, chain.header
     k = int(forces.counts[1])
@@ -185,7 +182,7 @@ def _add_zone(chain, drive, tendon, beyond, exponent, name, forces, tension):
     for place in range(at, end):
         if columns[place] >= beyond:
             arm[columns[place]] = arms[place]
-    forces.friction[k], forces.tension[k] = 0.0, tension
+    forces.friction[k] = 0.0
     grows = np.expm1(exponent)
     forces.grows[k], forces.shrinks[k] = grows, -grows / (1 + grows)
     forces.drive[k], forces.name[k] = drive, name

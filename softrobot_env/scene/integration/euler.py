@@ -11,7 +11,13 @@ from . import mujoco_functions as mj
 from .articulated import Tree, tree_on, tree_size
 from .friction import Trial, dot, guess, pull, rub, trial_on, trial_size
 from .layout import AT, RUBBING
+from .motors import move, tension_after, turn
 from .mujoco_functions import assign, ints, reals
+
+#: Motors are found in as many rounds at most, or until tensions agree to a share [1].
+_ROUNDS, _AGREES = 30, 1e-10
+
+_SMALLEST = 1e-300  # N
 
 
 class System(NamedTuple):
@@ -23,6 +29,9 @@ class System(NamedTuple):
         answers: (rows, nv), change by all else, and by impulses of the springs of taut drives.
         couplings: (nu, nu), factors of what such impulses need for each other.
         impulses: (nu,), such impulses.
+        yields, behind: (nu,) [N/m], [m/s], stiffness of these springs with their motors, and rates
+            of the tendons at which they had no impulse.
+        rates, expected: (nu,) [m/s], [N], where the motors were looked at, and tensions there.
         slides: (elements,), what slid or stuck last, by the names of the elements of friction.
         trial: See `friction`.
     """
@@ -32,6 +41,10 @@ class System(NamedTuple):
     answers: ndarray
     couplings: ndarray
     impulses: ndarray
+    yields: ndarray
+    behind: ndarray
+    rates: ndarray
+    expected: ndarray
     slides: ndarray
     trial: Trial
 
@@ -40,7 +53,7 @@ class System(NamedTuple):
 def system_size(chain):
     """Number of doubles that `system_on` cuts."""
     nv, nu = chain.v.size, chain.ctrl.size
-    own = tree_size(chain, _rows(chain)) + nv + _rows(chain) * nv + (1 + nu) * nu
+    own = tree_size(chain, _rows(chain)) + nv + _rows(chain) * nv + (5 + nu) * nu
     return own + trial_size(chain.header[RUBBING], nu, nv)
 
 
@@ -49,12 +62,17 @@ def system_on(chain, slides, room):
     """Arrays for `euler_step`, cut from free memory but for the given ones."""
     nv, nu = chain.v.size, chain.ctrl.size
     answers = mj.cut(room, _rows(chain), nv)
+    own = mj.cut(room, 5, nu)
     return System(
         tree_on(chain, room, _rows(chain)),
         mj.cut(room, 1, nv)[0],
         answers,
         mj.cut(room, nu, nu),
-        mj.cut(room, 1, nu)[0],
+        own[0],
+        own[1],
+        own[2],
+        own[3],
+        own[4],
         slides,
         trial_on(chain.header[RUBBING], nu, nv, answers[1 + nu :], room),
     )
@@ -68,7 +86,7 @@ def _rows(chain):
 
 @jit
 def euler_step(chain, forces, h, system, change):
-    """The change (nv,) of the chain's velocities.
+    """The change (nv,) of the chain's velocities, by horns that stay.
 
     See `extrapolation` for the equation. A drive's spring acts by an impulse h^2 k times how fast
     its tendon would be at the step's end, which is found for all together.
@@ -77,22 +95,74 @@ def euler_step(chain, forces, h, system, change):
     _fill_joints(chain, forces, h, system.diagonal, answers[0])
     for s in range(springs):
         assign(answers[1 + s], forces.pulls[s])
-    rows, unknowns = 1 + springs, 0
+    rows, unknowns = 1 + springs, -1
     if forces.counts[1]:  # solved for at once with the rest, and then moved to their place
         unknowns = guess(forces, h, system.trial, system.slides, answers[rows:])
         rows += 1 + unknowns
     articulated.factorize(system.tree, forces.axes, forces.inertias, system.diagonal)
     articulated.solve(system.tree, answers, rows)
-    assign(change, answers[0])
+    for s in range(springs):
+        system.yields[s], system.behind[s] = forces.stiffness[s], 0.0
+    for u in range(unknowns, -1, -1):
+        assign(system.trial.answers[u], answers[1 + springs + u])
+    _act(chain.v, forces, h, system, change, unknowns)
+
+
+@jit
+def _act(v, forces, h, system, change, unknowns):
+    """Let springs of drives, and friction, act on what all else changes (nv,).
+
+    That has been solved for with as many unknowns, or not yet (-1).
+    """
+    springs = int(forces.counts[0])
+    assign(change, system.answers[0])
     if springs:
         _couple_drives(forces, h, system)
         for s in range(springs):
-            system.impulses[s] = dot(forces.pulls[s], chain.v) + dot(forces.pulls[s], change)
+            rate = dot(forces.pulls[s], v) + dot(forces.pulls[s], change)
+            system.impulses[s] = rate - system.behind[s]
         pull(system, springs, change)
     if forces.counts[1]:
-        for u in range(unknowns, -1, -1):
-            assign(system.trial.answers[u], answers[1 + springs + u])
-        rub(chain.v, forces, h, system, change, unknowns)
+        rub(v, forces, h, system, change, unknowns)
+
+
+@jit
+def turn_motors(v, forces, h, system, motors, change):
+    """Let motors move on by an Euler step, and so correct what `euler_step` has found.
+
+    By Newton's method on the rates of the tendons at the end, from those with horns that stay. By
+    pieces all is linear, so that it ends when no motor changes between sticking, its limits and
+    in between.
+    """
+    springs, rates, expected = int(forces.counts[0]), system.rates, system.expected
+    for s in range(springs):
+        rates[s] = dot(forces.pulls[s], v) + dot(forces.pulls[s], change)
+    for _ in range(_ROUNDS):
+        for s in range(springs):
+            d, tension = int(forces.drives[s]), forces.tension[int(forces.drives[s])]
+            wire = (tension, forces.stiffness[s], rates[s])
+            turning, system.yields[s] = turn(motors, d, h, wire)
+            expected[s] = tension_after(motors, d, h, wire, turning)
+            system.behind[s] = rates[s] + (expected[s] - tension) / (h * system.yields[s])
+        _act(v, forces, h, system, change, -1)
+        off = 0.0
+        for s in range(springs):
+            d, tension = int(forces.drives[s]), forces.tension[int(forces.drives[s])]
+            rate = dot(forces.pulls[s], v) + dot(forces.pulls[s], change)
+            wire = (tension, forces.stiffness[s], rate)
+            found = tension_after(motors, d, h, wire, turn(motors, d, h, wire)[0])
+            linear = expected[s] - h * system.yields[s] * (rate - rates[s])
+            off = max(off, abs(found - linear) / (abs(found) + abs(tension) + _SMALLEST))
+            rates[s] = rate
+        if off < _AGREES:
+            break
+    taut = 0
+    for d in range(motors.turned.size):
+        wire = (forces.tension[d], 0.0, 0.0)
+        if taut < springs and int(forces.drives[taut]) == d:
+            wire = (forces.tension[d], forces.stiffness[taut], rates[taut])
+            taut += 1
+        move(motors, d, h, turn(motors, d, h, wire)[0])
 
 
 @jit
@@ -116,7 +186,7 @@ def _couple_drives(forces, h, system):
     for s in range(springs):
         for k in range(s + 1):
             system.couplings[s, k] = dot(forces.pulls[k], system.answers[1 + s])
-        system.couplings[s, s] += 1 / (h * h * forces.stiffness[s])
+        system.couplings[s, s] += 1 / (h * h * system.yields[s])
     _factorize(system.couplings, springs)
 
 

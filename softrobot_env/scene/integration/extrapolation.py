@@ -44,12 +44,13 @@ from softrobot_env.compile.native import jit, making
 from ..timestep import RATE
 from . import layout
 from . import mujoco_functions as mj
-from .euler import System, euler_step, system_on, system_size
+from .euler import System, euler_step, system_on, system_size, turn_motors
 from .forces import (
     Chain,
     Forces,
     drive_forces,
     drives_length,
+    drives_of,
     evaluate,
     find_surprises,
     find_switched,
@@ -57,6 +58,7 @@ from .forces import (
     measure,
     no_forces,
 )
+from .motors import Motors, begin_motors, jump_of, motors_on, place_motors, reset_motors
 from .mujoco_functions import ints, reals
 
 #: Largest and smallest share [1] of the accuracy by which one interval may err.
@@ -93,10 +95,10 @@ class Table(NamedTuple):
     """Neville's scheme: a row of results, and the latest entry of the next one.
 
     Attributes:
-        turns: (rows, nv), of the joints since the start of the interval.
-        velocities: (rows, nv), at its end.
-        turn, velocity: (nv,), the entry.
-        gap, lag: (nv,), of the turns and the velocities, from the entry before.
+        turns: (rows, nv + m), of the joints and of m motors since the start of the interval.
+        velocities: (rows, nv + m), at its end.
+        turn, velocity: (nv + m,), the entry.
+        gap, lag: (nv + m,), of the turns and the velocities, from the entry before.
     """
 
     turns: ndarray
@@ -118,6 +120,7 @@ class Work(NamedTuple):
         drives, begun: (nu,) [N], forces of the drives in the last evaluation, and at the start.
         system, change: Of an Euler step; (nv,).
         table: Results of the rows.
+        motors: Those of its servos, which move along with it.
     """
 
     chain: Chain
@@ -131,22 +134,28 @@ class Work(NamedTuple):
     system: System
     change: ndarray
     table: Table
+    motors: Motors
 
 
 @jit
 def work_size(chain, memory):
     """Number of doubles that `work_on` cuts."""
     nq, nv, nu, most = chain.q.size, chain.v.size, chain.ctrl.size, int(memory[layout.MOST])
-    forces = forces_size(chain)
-    return nq + nv + 2 * forces + 2 * nu + system_size(chain) + nv + (2 * most + 4) * nv
+    entries = nv + chain.header[layout.MOTORS]
+    places = nq + nv + 2 * nu + nv + (2 * most + 4) * entries + 8 * (entries - nv)
+    return places + 2 * forces_size(chain) + system_size(chain)
 
 
 @making
-def work_on(chain, memory, slides, room):
-    """Arrays for `integrate`, cut from free memory but for what slides, see `System`."""
+def work_on(chain, memory, servos, slides, room):
+    """Arrays for `integrate`, cut from free memory, with servos (rows, m) whose motors it moves.
+
+    What slides is kept as given, see `System`.
+    """
     nq, nv, most = chain.q.size, chain.v.size, int(memory[layout.MOST])
-    rows = mj.cut(room, most, nv), mj.cut(room, most, nv)
-    entry = mj.cut(room, 4, nv)
+    entries = nv + servos.shape[1]
+    rows = mj.cut(room, most, entries), mj.cut(room, most, entries)
+    entry = mj.cut(room, 4, entries)
     return Work(
         chain,
         memory,
@@ -159,6 +168,7 @@ def work_on(chain, memory, slides, room):
         system_on(chain, slides, room),
         mj.cut(room, 1, nv)[0],
         Table(rows[0], rows[1], entry[0], entry[1], entry[2], entry[3]),
+        motors_on(servos, drives_of(chain), room),
     )
 
 
@@ -189,6 +199,7 @@ def integrate(work, ramp):
             evaluate(chain)
     memory[layout.NEXT] = length
     mj.assign(chain.ctrl, ramp.end)
+    _control_by_motors(work)
 
 
 # ---------------------------------------------------------------- an interval
@@ -199,6 +210,7 @@ def _start(work, ramp, time):
     """Remember the state and what acts in it: it serves the first step of all rows."""
     mj.assign(work.q, work.chain.q)
     mj.assign(work.v, work.chain.v)
+    begin_motors(work.motors)
     _measure(work, work.first, ramp, time)
     mj.assign(work.begun, drive_forces(work.chain))
 
@@ -207,6 +219,7 @@ def _start(work, ramp, time):
 def _measure(work, forces, ramp, time):
     """What acts with the controls of a time [s] on the ramp."""
     _control(work.chain.ctrl, ramp, time)
+    _control_by_motors(work)
     measure(work.chain, forces)
     work.memory[layout.EVALUATIONS] += 1
 
@@ -217,6 +230,13 @@ def _control(ctrl, ramp, time):
     share = time / ramp.duration
     for k in range(ctrl.size):
         ctrl[k] = ramp.begin[k] + share * (ramp.end[k] - ramp.begin[k])
+
+
+@jit
+def _control_by_motors(work):
+    """Let controls be those of the motors' horns, if the motors move with the chain."""
+    for d in range(work.motors.turned.size):
+        work.chain.ctrl[d] = work.motors.horn[d]
 
 
 @jit
@@ -231,6 +251,8 @@ def _solve_interval(work, ramp, time, h):
     while True:
         rows, error = _extrapolate(work, ramp, time, h)
         kink = _kink(work, h, rows)
+        if work.motors.turned.size:
+            kink = max(kink, _kink_of_motors(work, h, rows))
         larger = np.maximum(error, kink / _allowed(work.memory, h))
         if larger <= 1 or not h > (1 + _ROUNDING) * shortest:
             return h, rows, error, kink
@@ -251,9 +273,49 @@ def _extrapolate(work, ramp, time, h):
             error = displacement(work.chain, work.table.gap) / allowed
             fast = sway(work.chain, work.memory, work.table.lag)
             error = np.maximum(error, fast / (LARGEST_SPEED * work.memory[layout.ACCURACY]))
+            if work.motors.turned.size:
+                error = np.maximum(error, _error_of_motors(work, allowed))
             if error <= 1 and drives_length(work.chain):
                 error = max(error, _unseen(work, ramp, time + h, rows - 1, h / rows) / allowed)
     return rows, error
+
+
+@jit
+def _error_of_motors(work, allowed):
+    """Error of motors over the allowed: the displacement of a robot that follows them."""
+    error = displacement(work.chain, _follow_motors(work, work.table.gap)) / allowed
+    fast = sway(work.chain, work.memory, _follow_motors(work, work.table.lag))
+    return np.maximum(error, fast / (LARGEST_SPEED * work.memory[layout.ACCURACY]))
+
+
+@jit
+def _kink_of_motors(work, h, rows):
+    """Displacement [m] in an interval [s] by motors that turn another way at its end.
+
+    As `_kink`, of their dry friction, and of the load that a gap takes from them.
+    """
+    nv, motors, turns = work.chain.v.size, work.motors, work.table.turns
+    for d in range(motors.turned.size):
+        spread = abs(turns[rows - 1, nv + d] - turns[0, nv + d])
+        way = jump_of(motors, d, work.first.tension[d], h)
+        work.table.gap[nv + d] = min(way, spread)
+    return displacement(work.chain, _follow_motors(work, work.table.gap))
+
+
+@making
+def _follow_motors(work, moved):
+    """Least turns (nv,) of the joints by which taut tendons follow motors, of (nv + m,)."""
+    nv, first = work.chain.v.size, work.first
+    for i in range(nv):
+        work.change[i] = 0.0
+    for s in range(int(first.counts[0])):
+        square = 0.0
+        for i in range(nv):
+            square += first.pulls[s, i] * first.pulls[s, i]
+        way = moved[nv + int(first.drives[s])] / max(square, 1e-300)
+        for i in range(nv):
+            work.change[i] += way * first.pulls[s, i]
+    return work.change
 
 
 @jit
@@ -262,6 +324,7 @@ def _take_steps(work, ramp, time, h, count):
     chain, part = work.chain, h / count
     mj.assign(chain.q, work.q)
     mj.assign(chain.v, work.v)
+    reset_motors(work.motors)
     _take_step(work, work.first, part)
     for k in range(1, count):
         evaluate(chain)
@@ -273,6 +336,8 @@ def _take_steps(work, ramp, time, h, count):
 def _take_step(work, forces, h):
     chain = work.chain
     euler_step(chain, forces, h, work.system, work.change)
+    if work.motors.turned.size:
+        turn_motors(chain.v, forces, h, work.system, work.motors, work.change)
     for i in range(chain.v.size):
         chain.v[i] += work.change[i]
     mj.move(chain.model, chain.q, chain.v, h)
@@ -281,9 +346,13 @@ def _take_step(work, forces, h):
 @jit
 def _add_row(work, row):
     """Neville: entry j of this row is from entry j - 1 of this row and of the one before."""
-    table = work.table
+    table, nv = work.table, work.chain.v.size
     mj.subtract(work.chain.model, table.turn, work.chain.q, work.q)
-    mj.assign(table.velocity, work.chain.v)
+    for i in range(nv):
+        table.velocity[i] = work.chain.v[i]
+    for d in range(work.motors.turned.size):
+        table.turn[nv + d] = work.motors.turned[d] - work.motors.begun[0, d]
+        table.velocity[nv + d] = work.motors.turning[d]
     for j in range(row):
         weight = 1 / ((row + 1) / (row - j) - 1)
         _extrapolate_entry(table.turn, table.turns[j], weight)
@@ -330,6 +399,8 @@ def _take(work, entry, h):
     mj.assign(chain.q, work.q)
     mj.assign(chain.v, table.velocities[entry])
     mj.move(chain.model, chain.q, table.turns[entry], 1.0)
+    if work.motors.turned.size:
+        place_motors(work.motors, table.turns[entry], table.velocities[entry])
     for i in range(chain.v.size):
         acceleration[i] = (chain.v[i] - work.v[i]) / h
 
@@ -340,10 +411,11 @@ def _take(work, entry, h):
 @jit
 def displacement(chain, turn):
     """Largest displacement [m] of a backbone by small turns (nv,) of the joints, at most."""
-    axes = reals(chain.data, chain.header[layout.AT.cdof], 6 * turn.size)
-    parents = ints(chain.model, chain.header[layout.AT.dof_parentid], turn.size)
+    nv = chain.v.size
+    axes = reals(chain.data, chain.header[layout.AT.cdof], 6 * nv)
+    parents = ints(chain.model, chain.header[layout.AT.dof_parentid], nv)
     x, y, z, way, farthest = 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(turn.size):
+    for i in range(nv):
         if parents[i] < 0:  # another robot begins
             farthest = max(farthest, way)
             x, y, z, way = 0.0, 0.0, 0.0, 0.0
@@ -373,6 +445,9 @@ def _unseen(work, ramp, time, entry, part):
     mj.assign(chain.q, work.q)
     mj.move(chain.model, chain.q, table.turns[entry], 1.0)
     _control(chain.ctrl, ramp, time)
+    if work.motors.turned.size:
+        place_motors(work.motors, table.turns[entry], table.velocities[entry])
+        _control_by_motors(work)
     switched = find_switched(chain, work.drives, work.forces)
     return _pushed(work, part) if switched else 0.0
 

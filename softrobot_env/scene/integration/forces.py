@@ -9,7 +9,21 @@ from softrobot_env.compile.native import jit, making
 from . import mujoco_functions as mj
 from .articulated import AXIS, INERTIA
 from .capstan import find_zones
-from .layout import AT, LENGTHS, LINEAR, NBODY, NQ, NTENDON, NU, NV, RUBBING
+from .layout import (
+    AT,
+    DRIVE_SIZE,
+    LENGTHS,
+    LINEAR,
+    NBODY,
+    NQ,
+    NTENDON,
+    NU,
+    NV,
+    RUBBING,
+    TAKEN,
+    WIRES,
+)
+from .motors import SOFTEST, wire_force, wire_stiffness, wound
 from .mujoco_functions import ints, reals
 
 #: Parameters of a drive's law in MuJoCo, mjNBIAS.
@@ -44,14 +58,15 @@ class Forces(NamedTuple):
     Attributes:
         axes, inertias: (6 nv,), (10 nbody,), as the chain's.
         force: (nv,), all generalised forces but friction of tendons.
+        tension: (nu,) [N] of all drives.
         stiffness: (nu,) [N/m] of taut drives.
+        drives: (nu,), their numbers.
         pulls: (nu, nv), their moment arms.
-        taut: (nu,), which drives they are.
         friction: (elements,) [N] of whatever tension, of elements: whole tendons or their zones.
         arms: (elements, nv), moment arms of the lengths that slide.
         grows, shrinks: (elements,), change of tension [1] in a zone over that before it, as that
             length grows and as it shrinks; see `capstan`.
-        drive, tension: (elements,), which drive makes it and by how much [N]; -1 of whole tendons.
+        drive: (elements,), which drive makes the tension, -1 of whole tendons.
         name: (elements,), places in the next two, the same in all postures.
         grip: (elements,) [N], the friction in the last Euler step from here.
         slide: (elements,), whether they slid in it, by the sign of the length's rate, or stuck (0).
@@ -62,15 +77,15 @@ class Forces(NamedTuple):
     axes: ndarray
     inertias: ndarray
     force: ndarray
+    tension: ndarray
     stiffness: ndarray
+    drives: ndarray
     pulls: ndarray
-    taut: ndarray
     friction: ndarray
     arms: ndarray
     grows: ndarray
     shrinks: ndarray
     drive: ndarray
-    tension: ndarray
     name: ndarray
     grip: ndarray
     slide: ndarray
@@ -100,7 +115,7 @@ def forces_size(chain):
     """Number of doubles that `no_forces` cuts."""
     nv, nu, elements = chain.v.size, chain.ctrl.size, chain.header[RUBBING]
     fixed = chain.axes.size + chain.inertias.size + 3 * nv + 4
-    return fixed + nu * (nv + 2) + elements * (nv + 8)
+    return fixed + nu * (nv + 3) + elements * (nv + 7)
 
 
 @making
@@ -112,11 +127,11 @@ def no_forces(chain, room):
         mj.cut(room, 1, chain.inertias.size)[0],
         mj.cut(room, 1, nv)[0],
         mj.cut(room, 1, nu)[0],
-        mj.cut(room, nu, nv),
         mj.cut(room, 1, nu)[0],
+        mj.cut(room, 1, nu)[0],
+        mj.cut(room, nu, nv),
         mj.cut(room, 1, elements)[0],
         mj.cut(room, elements, nv),
-        mj.cut(room, 1, elements)[0],
         mj.cut(room, 1, elements)[0],
         mj.cut(room, 1, elements)[0],
         mj.cut(room, 1, elements)[0],
@@ -167,17 +182,18 @@ def measure(chain, forces):
     _sum_forces(chain, forces.force)
     mj.assign(forces.axes, chain.axes)
     mj.assign(forces.inertias, chain.inertias)
-    find_springs(chain, drive_forces(chain), forces)
+    mj.assign(forces.tension, drive_forces(chain))
+    find_springs(chain, forces.tension, forces)
     _find_rubbing(chain, forces)
     if chain.header[RUBBING] > chain.header[NTENDON]:
-        find_zones(chain, drive_forces(chain), forces)
+        find_zones(chain, forces)
 
 
 @jit
 def _sum_forces(chain, force):
     """All generalised forces (nv,)."""
     model, data, header, nv = chain.model, chain.data, chain.header, chain.v.size
-    mj.mj_actuation(model, data)
+    actuate(chain)
     passive, bias = reals(data, header[AT.qfrc_passive], nv), reals(data, header[AT.qfrc_bias], nv)
     actuator = reals(data, header[AT.qfrc_actuator], nv)
     applied = reals(data, header[AT.qfrc_applied], nv)
@@ -186,6 +202,57 @@ def _sum_forces(chain, force):
     if _any(reals(data, header[AT.xfrc_applied], 6 * header[NBODY])):
         mj.mj_acceleration(model, data)  # for its sum: the acceleration has no mass matrix
         mj.assign(force, reals(data, header[AT.qfrc_smooth], nv))
+
+
+@jit
+def actuate(chain):
+    """Forces of the drives, by MuJoCo or the laws of `motors`, with the controls in force."""
+    mj.mj_actuation(chain.model, chain.data)
+    if not chain.header[WIRES]:
+        return
+    nu, now = chain.ctrl.size, drive_forces(chain)
+    bounds = reals(chain.model, chain.header[AT.actuator_forcerange], 2 * nu)
+    biases = reals(chain.model, chain.header[AT.actuator_biasprm], nu * BIASES)
+    force = reals(chain.data, chain.header[AT.qfrc_actuator], chain.v.size)
+    for k in range(nu):
+        if biases[k * BIASES + 1] < 0:
+            pull = min(max(_unlimited(chain, k), bounds[2 * k]), bounds[2 * k + 1])
+            _add_pull(chain, k, pull - now[k], force)
+            now[k] = pull
+
+
+@making
+def drives_of(chain):
+    """Parameters (DRIVE_SIZE nu,) of all drives, see `layout`."""
+    return reals(chain.model, chain.header[AT.actuator_gainprm], chain.ctrl.size * DRIVE_SIZE)
+
+
+@jit
+def slack_of(chain, k):
+    """Stretch [m] of a drive's wire if nothing were wound."""
+    drives, nu = drives_of(chain), chain.ctrl.size
+    biases = reals(chain.model, chain.header[AT.actuator_biasprm], nu * BIASES)
+    length = reals(chain.data, chain.header[AT.actuator_length], nu)[k]
+    linear = biases[k * BIASES] + biases[k * BIASES + 1] * length
+    return drives[k * DRIVE_SIZE + TAKEN] + linear / drives[k * DRIVE_SIZE]
+
+
+@jit
+def _stretch(chain, k):
+    """Stretch [m] of a drive's wire, by its control."""
+    return wound(drives_of(chain), k, chain.ctrl[k]) + slack_of(chain, k)
+
+
+@jit
+def _unlimited(chain, k):
+    """Force [N] that a drive had if it pulled like a spring, whatever its limits."""
+    if chain.header[WIRES]:
+        return wire_force(drives_of(chain), k, _stretch(chain, k))
+    nu, bias = chain.ctrl.size, k * BIASES
+    gains = drives_of(chain)
+    biases = reals(chain.model, chain.header[AT.actuator_biasprm], nu * BIASES)
+    length = reals(chain.data, chain.header[AT.actuator_length], nu)[k]
+    return gains[k * DRIVE_SIZE] * chain.ctrl[k] + biases[bias] + biases[bias + 1] * length
 
 
 @jit
@@ -216,7 +283,10 @@ def find_springs(chain, before, forces):
         columns = ints(data, header[AT.moment_colind], end)
         moments = reals(data, header[AT.actuator_moment], end)
         _spread(moments, columns, start[k], forces.pulls[count])
-        forces.stiffness[count], forces.taut[count] = own, k
+        if header[WIRES]:
+            own = max(wire_stiffness(drives_of(chain), k, _stretch(chain, k)), SOFTEST * own)
+        forces.stiffness[count] = own
+        forces.drives[count] = k
         count += 1
     forces.counts[0] = count
 
@@ -239,7 +309,6 @@ def _find_rubbing(chain, forces):
         _spread(reals(data, header[AT.ten_J], end), columns, start[k], forces.arms[count])
         forces.friction[count], forces.name[count] = losses[k], k
         forces.grows[count], forces.shrinks[count], forces.drive[count] = 0.0, 0.0, -1.0
-        forces.tension[count] = 0.0
         count += 1
     forces.counts[1] = count
 
@@ -259,8 +328,6 @@ def _spread(values, columns, start, row):
 # tendon goes slack or taut, or comes to its limit, between the last evaluation of all forces and
 # the end of an interval, no row of the extrapolation sees it: all agree, and all are wrong. So the
 # forces at the end are compared with what the last evaluation led to expect.
-
-_GAINS = 10  # mjNGAIN
 
 
 @jit
@@ -296,7 +363,7 @@ def find_switched(chain, before, forces):
     mj.mj_com_pos(model, data)
     place_tendons(chain)
     mj.mj_transmission(model, data)
-    mj.mj_actuation(model, data)
+    actuate(chain)
     return find_surprises(chain, before, forces)
 
 
@@ -319,18 +386,16 @@ def find_surprises(chain, before, forces):
 @jit
 def _surprise(chain, before, k):
     """Force [N] of a drive less that of the law it had in the last evaluation."""
-    model, data, header, nu = chain.model, chain.data, chain.header, chain.ctrl.size
+    model, header, nu = chain.model, chain.header, chain.ctrl.size
     bounds = reals(model, header[AT.actuator_forcerange], 2 * nu)
-    gains = reals(model, header[AT.actuator_gainprm], nu * _GAINS)
     biases = reals(model, header[AT.actuator_biasprm], nu * BIASES)
-    low, high, bias = bounds[2 * k], bounds[2 * k + 1], k * BIASES
+    low, high = bounds[2 * k], bounds[2 * k + 1]
     now, was = drive_forces(chain)[k], _law(before[k], low, high)
-    if biases[bias + 1] >= 0 or _law(now, low, high) == was:
+    if biases[k * BIASES + 1] >= 0 or _law(now, low, high) == was:
         return 0.0
     if was != 0:
         return now - before[k]
-    length = reals(data, header[AT.actuator_length], nu)[k]
-    return now - (gains[k * _GAINS] * chain.ctrl[k] + biases[bias] + biases[bias + 1] * length)
+    return now - _unlimited(chain, k)
 
 
 @jit

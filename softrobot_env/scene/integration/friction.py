@@ -97,13 +97,19 @@ def guess(forces, h, trial, slides, rows):
 def rub(v, forces, h, system, change, count):
     """Let the elements of friction act on the change (nv,) of the velocities v in a step [s].
 
-    For as many unknowns, the first of the trial's answers are for the rows of `guess`.
+    For as many unknowns, the first of the trial's answers are for the rows of `guess`, if that was
+    called: -1 if not.
     """
     trial = system.trial
+    if count < 0:
+        assign(forces.slide, system.slides)
+        count = _answer(forces, h, system)
+    else:
+        _give_way(forces, system, count)
     for number in range(_GUESSES):
         if number:
             count = _answer(forces, h, system)
-        _fill_system(v, forces, h, change, count, trial)
+        _fill_system(v, forces, h, system, change, count)
         _solve(trial.matrix, trial.unknowns, count)
         _add_up(change, count, trial)
         if _mend(v, forces, h, count, trial) == 0:
@@ -146,7 +152,7 @@ def _balance(v, forces, h, system, change):
     for k in range(elements):
         forces.slide[int(forces.name[k])] = 0.0
     count = _answer(forces, h, system)
-    _fill_system(v, forces, h, change, count, trial)
+    _fill_system(v, forces, h, system, change, count)
     assign(trial.right, trial.unknowns)
     for u in range(count):
         if trial.owner[u] >= 0:
@@ -174,7 +180,7 @@ def _sweep(forces, h, count, trial):
             continue
         k = int(owner)
         if forces.drive[k] != drive:
-            drive, tension = forces.drive[k], forces.tension[k]
+            drive, tension = forces.drive[k], _tension(forces, k)
         low, high = _bounds(forces, h, k, tension)
         side = 1.0 * (balanced > high) - 1.0 * (balanced < low)
         balanced = min(max(balanced, low), high)
@@ -212,10 +218,10 @@ def _share_out(forces, h, trial):
             continue
         trial.known[k] = h * side * forces.friction[k]
         share = forces.grows[k] if side > 0 else forces.shrinks[k]
-        if share == 0 or not forces.tension[k] > 0:
+        if share == 0 or not _tension(forces, k) > 0:
             continue
         if drive < 0:
-            trial.known[k] += h * share * forces.tension[k]
+            trial.known[k] += h * share * _tension(forces, k)
         else:
             trial.shares[k, drive] = h * share
         for j in range(first, k):
@@ -238,7 +244,7 @@ def _add_unknown(trial, u, owner, elements):
 def _spring(forces, drive):
     """Which of the springs is that of a drive, or -1."""
     for s in range(int(forces.counts[0])):
-        if forces.taut[s] == drive:
+        if forces.drives[s] == drive:
             return s
     return -1
 
@@ -270,16 +276,17 @@ def _give_way(forces, system, count):
 
 
 @jit
-def _fill_system(v, forces, h, change, count, trial):
+def _fill_system(v, forces, h, system, change, count):
     """The linear system for the tensions of drives and the impulses that stick."""
+    trial = system.trial
     for u in range(count):
         owner = trial.owner[u]
         if owner >= 0:
             arm, scale, trial.unknowns[u] = forces.arms[int(owner)], 1.0, 0.0
         else:
             s = _spring(forces, -1 - owner)
-            arm, scale = forces.pulls[s], -h * forces.stiffness[s]
-            trial.unknowns[u] = _tension(forces, -1 - owner)
+            arm, scale = forces.pulls[s], -h * system.yields[s]
+            trial.unknowns[u] = forces.tension[int(-1 - owner)] - scale * system.behind[s]
         rate = dot(arm, v) + dot(arm, change) - dot(arm, trial.answers[0])
         trial.unknowns[u] += scale * rate
         for j in range(count):
@@ -291,12 +298,9 @@ def _fill_system(v, forces, h, change, count, trial):
 
 
 @jit
-def _tension(forces, drive):
-    """Tension [N] that a drive makes where the step begins."""
-    for k in range(int(forces.counts[1])):
-        if forces.drive[k] == drive:
-            return forces.tension[k]
-    return 0.0
+def _tension(forces, k):
+    """Tension [N] before the zones of a drive where the step begins; 0 of whole tendons."""
+    return forces.tension[int(forces.drive[k])] if forces.drive[k] >= 0 else 0.0
 
 
 @jit
@@ -309,7 +313,7 @@ def _find_impulses(v, forces, h, count, trial):
             if trial.shares[k, u] != 0:
                 impulse += trial.shares[k, u] * trial.unknowns[u]
         if own != drive:
-            tension, drive = forces.tension[k], own
+            tension, drive = _tension(forces, k), own
             for u in range(count):
                 if trial.owner[u] == -1 - own:
                     tension = trial.unknowns[u]

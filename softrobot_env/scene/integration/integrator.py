@@ -10,6 +10,7 @@ from mujoco import MjModel, mjtWrap
 from numpy import ndarray
 
 from ..chain import SEPARATOR, TIP_SITE
+from ..tendons import is_ideal
 from ..timestep import EXTRAPOLATION, RATE, Pace, TimestepChoice
 from . import layout
 from .extrapolation import CALM
@@ -50,7 +51,11 @@ class Integration:
         robots = np.flatnonzero(model.dof_parentid < 0)
         self._reach = np.add.reduceat(self._lengths, robots).max()
         self.memory = np.zeros((count, 2, layout.MEMORY_SIZE))
-        self._states = np.zeros((count, 2, model.nq + model.nv))
+        wires = not is_ideal(model)
+        motors = model.nu if wires and model.actuator_gainprm[:, layout.GAIN].any() else 0
+        self._drives = (wires, motors)
+        self._chained = model.nq + model.nv
+        self._states = np.zeros((count, 2, self._chained + 4 * motors))
         self._slides = np.zeros((count, 2, model.ntendon + zones(model)))
         self._sizes = (model.nq, model.nv, model.nu, model.nbody, model.ntendon)
         scalar = model.nq == model.nv
@@ -103,7 +108,7 @@ class Integration:
         """Forget the motion so far."""
         self.memory[which, :, layout.NEXT] = self.memory[which, :, layout.LONGEST]
         self.memory[which, :, layout.WORST :] = 0.0
-        self._states[which] = np.nan
+        self._states[which, :, : self._chained] = np.nan
         self._slides[which] = 0.0
 
     @property
@@ -124,10 +129,16 @@ class Integration:
             self._path = np.ascontiguousarray(path)
             self._header[layout.PATH], self._header[layout.ROWS] = self._path.ctypes.data, len(path)
 
+    @property
+    def is_ideal(self) -> bool:
+        """Whether all drives are as MuJoCo has them."""
+        return not self._drives[0]
+
     def drive_by(self, servos: ndarray) -> None:
-        """Take controls from servos (n, SERVO_ROWS, nu), see `layout`, where no path is given."""
+        """Take controls from servos (n, rows, nu), see `layout`, where no path is given."""
         self._servos = servos
         self._header[layout.SERVOS] = servos.ctypes.data
+        self._header[layout.SERVO_SIZE] = servos.shape[1]
 
     def _connect(self) -> None:
         self._header = np.zeros(layout.HEADER, dtype=np.int64)
@@ -140,6 +151,7 @@ class Integration:
         self._header[layout.LINEAR] = self._linear
         self._header[layout.RUBBING] = self._slides.shape[-1]
         self._header[layout.USER] = self._user
+        self._header[layout.WIRES], self._header[layout.MOTORS] = self._drives
         self._header[layout.STRIDE] = 16 * layout.MEMORY_SIZE
         for place, array in (
             (layout.MEMORY, self.memory),

@@ -14,7 +14,8 @@ import mujoco
 #: Places of a robot's sizes and shared arrays in `header` (int64).
 NQ, NV, NU, NBODY, NTENDON, MEMORY, STRIDE, LENGTHS = range(8)
 PATH, ROWS, SERVOS, REPORTED, REPORTS, SHADOW_STATES, LINEAR = range(8, 15)
-RUBBING, USER, SLIDES, OFFSETS = range(15, 19)  # elements of friction, their states, see `forces`
+RUBBING, USER, SLIDES = range(15, 18)  # elements of friction, their states, see `forces`
+SERVO_SIZE, WIRES, MOTORS, OFFSETS = range(18, 22)
 
 #: Arrays whose offsets in MuJoCo's structures follow in the header, from `OFFSETS` on.
 MODEL_FIELDS = (
@@ -41,9 +42,19 @@ METHOD, SUBSTEPS, PERIOD, LONGEST, SHORTEST, ACCURACY, RATE, FEWEST, MOST, CALM 
 REACH, NEXT, WORST, MISSED, EVALUATIONS, STEPS, SUM, ESTIMATE = range(10, 18)
 MEMORY_SIZE = 18  # of a simulation; its shadow's, alike, follows
 
-#: Rows (nu,) of what is known of a simulation's servos: settings, order, and where they are.
-SPEED, OFFSET, HALF, COMMAND, MOTOR, HORN = range(6)
-SERVO_ROWS = 6
+#: Rows (nu,) of what is known of a simulation's servos: settings, order, and where they are. Of
+#: servos with dead time, which is `LATE` and some control periods, commands of before follow.
+SPEED, OFFSET, HALF, COMMAND, MOTOR, HORN, TURNING, EFFORT, LATE = range(9)
+SERVO_ROWS = 9
+
+#: Places of a drive's parameters in its actuator's `gainprm`, of which MuJoCo reads the first:
+#: stiffness [N/m]; seating, stretch beyond that of the pretension [m]; gain [N/m], limit [N], a of
+#: the spool [1/m], damping [N s/m], inertia [kg], friction of the gear [N], count [m].
+STIFFNESS, SEATING, TAKEN, GAIN, LIMIT, LAYERS, DAMPING, INERTIA, GEAR, COUNT = range(10)
+DRIVE_SIZE = 10
+
+#: Limit [N] of a motor without any: a finite number, which files can hold.
+HUGE_FORCE = 1e15
 
 #: Places of a tendon's row of `tendon_user`, all zero where nothing rubs along it: coefficient of
 #: friction [1] in the robot, coefficient times angle [1] of the feed line, number of zones in the

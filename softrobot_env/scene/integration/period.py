@@ -23,12 +23,16 @@ from .. import timestep
 from . import layout
 from . import mujoco_functions as mj
 from .extrapolation import Ramp, bounded, displacement, integrate, sway, work_on, work_size
-from .forces import chain_of, evaluate, place_tendons
+from .forces import actuate, chain_of, drives_of, evaluate, place_tendons, slack_of
+from .motors import hold, lever, take_effort
 from .mujoco_functions import reals
 
 #: Safety factor [1] on what the shadow says of positions: in smooth motions that is about as large
 #: as the error, and may fall short of it.
 SAFE = 3.0
+
+#: The same where motors move with the chain, whose sticking and limits are no smooth motions.
+SAFE_OF_MOTORS = 12.0
 
 
 @jit
@@ -115,14 +119,61 @@ def _integrate_period(work, path, held):
         integrate(work, shared(Ramp(held, held, rest)))
 
 
-@making
-def _follow_path(chain, memory, slides, path, held, room):
-    """Advance a simulation or its shadow, with arrays cut from free memory."""
-    _integrate_period(shared(work_on(chain, memory, slides, room)), path, held)
+@jit
+def _integrate_motors(work, held):
+    """Advance by a control period in which servos move with the chain.
+
+    A dead time ends within the period: the command before holds until then.
+    """
+    motors, period = work.motors, work.memory[layout.PERIOD]
+    servos, late = motors.servos, motors.servos[layout.LATE, 0]
+    before = servos.shape[0] - layout.SERVO_ROWS
+    if before:
+        _aim(motors, layout.SERVO_ROWS + before - 1)
+        integrate(work, shared(Ramp(held, held, min(late, period))))
+    if late < period:
+        if before:
+            evaluate(work.chain)
+        _aim(motors, layout.SERVO_ROWS + before - 2 if before > 1 else layout.COMMAND)
+        integrate(work, shared(Ramp(held, held, period - late)))
+    take_effort(motors)
+
+
+@jit
+def _aim(motors, row):
+    """Let the commands of a row of the servos be in force."""
+    for d in range(motors.goal.size):
+        motors.goal[d] = motors.servos[row, d] + motors.servos[layout.OFFSET, d]
+
+
+@jit
+def _remember_commands(servos):
+    """Let commands be those of a control period ago."""
+    for row in range(servos.shape[0] - 1, layout.SERVO_ROWS - 1, -1):
+        before = row - 1 if row > layout.SERVO_ROWS else layout.COMMAND
+        mj.assign(servos[row], servos[before])
 
 
 @making
-def _extrapolated_period(chain, memory, shadowed, states, slides, path, free):
+def _follow_path(chain, memory, servos, slides, state, path, held, room):
+    """Advance a simulation or its shadow, with arrays cut from free memory.
+
+    Motors of servos (rows, m) begin where its state has them, and are left there.
+    """
+    work = shared(work_on(chain, memory, servos, slides, room))
+    if servos.shape[1] == 0:
+        _integrate_period(work, path, held)
+        return
+    now, m, end = work.motors.now, servos.shape[1], chain.q.size + chain.v.size
+    for k in range(4 * m):
+        now[k // m, k % m] = state[end + k]
+    _integrate_motors(work, held)
+    for k in range(4 * m):
+        state[end + k] = now[k // m, k % m]
+
+
+@making
+def _extrapolated_period(chain, memory, shadowed, states, servos, slides, path, free):
     """Advance a simulation, then its shadow, and compare them.
 
     The work is done in the array `free`, which the caller keeps alive: views do not.
@@ -130,14 +181,15 @@ def _extrapolated_period(chain, memory, shadowed, states, slides, path, free):
     room, held = np.empty(1, np.int64), np.empty(chain.ctrl.size)
     room[0] = free.ctypes.data
     mj.assign(held, path[len(path) - 1] if len(path) else chain.ctrl)
-    _follow(chain, states)
-    _follow_path(chain, memory, slides[0], path, held, room)
+    _follow(chain, servos, states)
+    _follow_path(chain, memory, servos, slides[0], states[0], path, held, room)
     _save(chain, states[0])
     _load(chain, states[1])
     evaluate(chain)
-    _follow_path(chain, shadowed, slides[1], path, held, room)
+    _follow_path(chain, shadowed, servos, slides[1], states[1], path, held, room)
     _save(chain, states[1])
     _load(chain, states[0])
+    _show_motors(chain, servos, states[0])
     mj.reals_at(np.int64(chain.data) + 8 * chain.header[layout.AT.time], 1)[0] += memory[
         layout.PERIOD
     ]
@@ -148,8 +200,9 @@ def _extrapolated_period(chain, memory, shadowed, states, slides, path, free):
 @jit
 def _save(chain, state):
     """Keep the state (nq + nv,) of a chain."""
-    mj.assign(state[: chain.q.size], chain.q)
-    mj.assign(state[chain.q.size :], chain.v)
+    nq = chain.q.size
+    mj.assign(state[:nq], chain.q)
+    mj.assign(state[nq : nq + chain.v.size], chain.v)
 
 
 @jit
@@ -159,12 +212,27 @@ def _load(chain, state):
 
 
 @jit
-def _follow(chain, states):
+def _follow(chain, servos, states):
     """Let the shadow start anew where the simulation is, if that was moved, or if it diverged."""
-    nq, here, there = chain.q.size, states[0], states[1]
-    stayed = _equal(here[:nq], chain.q) and _equal(here[nq:], chain.v)
+    nq, nv, m, here, there = chain.q.size, chain.v.size, servos.shape[1], states[0], states[1]
+    stayed = _equal(chain.q, here[:nq]) and _equal(chain.v, here[nq:])
+    for k in range(4 * m):  # motors, and where they are
+        now = servos[layout.MOTOR + k // m, k % m]
+        stayed = stayed and now == here[nq + nv + k]
+        here[nq + nv + k] = now
     if not (stayed and bounded(there)):
         _save(chain, there)
+        mj.assign(there[nq + nv :], here[nq + nv :])
+
+
+@jit
+def _show_motors(chain, servos, state):
+    """Let servos, and controls, be where the motors of a state are."""
+    m = servos.shape[1]
+    for k in range(4 * m):
+        servos[layout.MOTOR + k // m, k % m] = state[chain.q.size + chain.v.size + k]
+    for d in range(m):
+        chain.ctrl[d] = servos[layout.HORN, d]
 
 
 @jit
@@ -196,7 +264,7 @@ def _finish(chain):
     mj.mj_sensor_pos(model, data)
     mj.mj_fwd_velocity(model, data)
     mj.mj_sensor_vel(model, data)
-    mj.mj_actuation(model, data)
+    actuate(chain)
 
 
 @making
@@ -204,7 +272,8 @@ def _compare(chain, memory, shadowed, states):
     """Estimate the error from how far the shadow has strayed, in position and in velocity."""
     nq, apart = chain.q.size, np.empty(chain.v.size)
     mj.subtract(chain.model, apart, states[1, :nq], states[0, :nq])
-    place = _error(memory, shadowed, displacement(chain, apart), SAFE)
+    safe = SAFE_OF_MOTORS if chain.header[layout.MOTORS] else SAFE
+    place = _error(memory, shadowed, displacement(chain, apart), safe)
     for i in range(apart.size):
         apart[i] = states[1, nq + i] - states[0, nq + i]
     speed = _error(memory, shadowed, sway(chain, memory, apart), 1.0)
@@ -257,12 +326,26 @@ _entry = partial(entry, outside=(Path(timestep.__file__),))
 def _path(number, header, memory):
     """Controls (rows, nu) during the period, that of its servos if a simulation has them."""
     nu = header[layout.NU]
-    if header[layout.ROWS] or not header[layout.SERVOS]:
+    if header[layout.ROWS] or header[layout.MOTORS] or not header[layout.SERVOS]:
         return mj.table_at(header[layout.PATH], header[layout.ROWS], nu)
-    place = header[layout.SERVOS] + 8 * number * layout.SERVO_ROWS * nu
-    servos = mj.table_at(place, layout.SERVO_ROWS, nu)
+    servos = _servos(number, header)
     path = np.empty((1 + int(memory[layout.SUBSTEPS]), nu))
     return path[: wind(servos, memory, path)]
+
+
+@making
+def _servos(number, header):
+    """Servos (rows, nu) of a simulation."""
+    rows, nu = header[layout.SERVO_SIZE], header[layout.NU]
+    return mj.table_at(header[layout.SERVOS] + 8 * number * rows * nu, rows, nu)
+
+
+@making
+def _motors(number, header):
+    """Its servos (rows, m) if their motors move with the chain, else none."""
+    if header[layout.SERVOS] and header[layout.MOTORS] and not header[layout.ROWS]:
+        return _servos(number, header)
+    return mj.table_at(header[layout.MEMORY], layout.SERVO_ROWS, 0)
 
 
 @making
@@ -274,13 +357,15 @@ def _advance(model, data, number, header):
     path = _path(number, header, memory)
     if memory[layout.METHOD] == layout.EXTRAPOLATED:
         shadowed = mj.reals_at(address + 8 * layout.MEMORY_SIZE, layout.MEMORY_SIZE)
-        size = chain.q.size + chain.v.size
+        size = chain.q.size + chain.v.size + 4 * header[layout.MOTORS]
+        servos = _motors(number, header)
         place = header[layout.SHADOW_STATES] + number * 16 * size
         states = mj.table_at(place, 2, size)
         free = np.empty(work_size(chain, memory) + work_size(chain, shadowed))
         rubbing = header[layout.RUBBING]
         slides = mj.table_at(header[layout.SLIDES] + number * 16 * rubbing, 2, rubbing)
-        _extrapolated_period(chain, memory, shadowed, states, slides, path, free)
+        _extrapolated_period(chain, memory, shadowed, states, servos, slides, path, free)
+        _remember_commands(servos)
     else:
         _mujoco_period(chain, memory, path)
 
@@ -295,6 +380,24 @@ def _report(data, number, header):
 
 
 @making
+def _rest(model, data, number, header):
+    """Let motors hold the robot as it stands, and drives have their forces."""
+    chain, servos = shared(chain_of(model, data, header)), _motors(number, header)
+    drives = drives_of(chain)
+    for d in range(servos.shape[1]):
+        half = servos[layout.HALF, d]
+        command = servos[layout.OFFSET, d] + servos[layout.COMMAND, d] - half
+        limit = reals(model, header[layout.AT.actuator_forcerange], 2 * chain.ctrl.size)[2 * d + 1]
+        horn, tension = hold(drives, d, command, slack_of(chain, d), limit)[:2]
+        servos[layout.HORN, d], servos[layout.MOTOR, d] = horn, horn + half
+        servos[layout.TURNING, d] = 0.0
+        servos[layout.EFFORT, d] = tension * lever(drives, d, horn)
+        chain.ctrl[d] = horn
+    if header[layout.WIRES]:
+        actuate(chain)
+
+
+@making
 def _header_at(address):
     return array_at(address, (layout.HEADER,), np.int64)
 
@@ -303,6 +406,7 @@ def _header_at(address):
 def refresh(model, data, number, header):
     """Compute all read-outs of a simulation, without moving it; arguments as `advance`."""
     mj.mj_forward(model, data)
+    _rest(model, data, number, _header_at(header))
     _report(data, number, _header_at(header))
 
 
