@@ -51,7 +51,7 @@ from .reference import ReferenceTable
 TENSION = "tendon_tension"
 
 #: What a rig can measure.
-_SEEN = tuple(name for name in EVERY if not name.startswith(("curvature", "motor_force")))
+_SEEN = tuple(name for name in EVERY if not name.startswith(("curvature", "motor_force", "anchor")))
 
 
 class StepClock:

@@ -64,6 +64,7 @@ class TrackingEnv(Pictured, gymnasium.Env[Seen, ndarray]):
     | curvature, curvature_rate | pieces | beta; in space gamma, torsion too | 1/m, 1/(m s) |
     | sensors | readings | curvature sensors, light over that when straight; tags | 1, rad |
     | tendon_tension | tendons | applied tension | N |
+    | anchor_tension | tendons | at their far ends, where friction along them has taken some | N |
     | tendon_length | tendons | inside the robot, or pulled in as the servos read | m |
     | motor_force | tendons | that servos with a gain ask of their motors, within their limit | N |
     | reference | d | reference now | m |

@@ -562,6 +562,13 @@ class RobotParams:
         return any(tendon.has_capstan_friction for tendon in self.tendons)
 
     @property
+    def most_exponents(self) -> ndarray:
+        """(n_tendons,) [1], logarithms of ratios of tension along tendons of a folded robot."""
+        bent = self.curvature_limit * self.of_tendons("end")
+        feed = [t.feed_line.exponent if t.feed_line else 0.0 for t in self.tendons]
+        return self.of_tendons("friction_coefficient") * bent + feed
+
+    @property
     def rubs(self) -> bool:
         """Old name of `has_friction`."""
         warn("RobotParams.rubs is has_friction now", DeprecationWarning, stacklevel=2)

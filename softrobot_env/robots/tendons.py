@@ -32,15 +32,15 @@ _NODES, _SHARES = (x / 2 for x in np.polynomial.legendre.leggauss(8))
 class FeedLine:
     """What a tendon runs through between its drive and the robot, such as a Bowden sheath.
 
+    How it gives is part of the tendon's `stiffness`, which is that between drive and robot.
+
     Attributes:
         bend_angle: [rad], by which it turns in all, wherever it turns to.
         friction_coefficient: [1], as of `Tendon`.
-        stiffness: [N/m] of the tendon in it, in series with that of `Tendon`.
     """
 
     bend_angle: BendAngle
     friction_coefficient: FrictionCoefficient
-    stiffness: Stiffness = inf
 
     def __post_init__(self) -> None:
         check_fields(self, "feed line")

@@ -192,6 +192,11 @@ class Simulation:
             warnings.warn(inaccuracy(self.scene, self._estimate[0], self.time), stacklevel=4)
 
     @property
+    def tension_lost(self) -> ndarray:
+        """(nu,) [N], what friction along tendons has taken of their tensions at the far ends."""
+        return self._integration.lost[0]
+
+    @property
     def estimates(self) -> ndarray | None:
         """View (1,) of `integration_error`, None without."""
         return None if self.scene.timestep.accuracy is None else self._estimate

@@ -268,7 +268,9 @@ def test_robot_without_tendons_has_no_inputs():
 # ---------------------------------------------------------------- variation
 
 
-@pytest.mark.parametrize("name", [n for n in NEUTRAL if not n.startswith(("tendon", "servo", "friction"))])
+@pytest.mark.parametrize(
+    "name", [n for n in NEUTRAL if not n.startswith(("tendon", "servo", "friction"))]
+)
 @pytest.mark.parametrize("factor", [0.5, 1, np.float64(1.5)])
 def test_vary_scales_one_parameter(name, factor):
     varied = ARM.vary(**{name: factor})

@@ -124,7 +124,7 @@ class _ChainMeasures:
 class _Chains:
     """Exact measurements of a chain or of many."""
 
-    truth = sensors = motor_force = None
+    truth = sensors = motor_force = anchor_tension = None
 
     def __init__(
         self,
@@ -155,6 +155,11 @@ class _Chains:
             scene.model, scene.layout, np.atleast_2d(arrays.host(angles))
         )
         self.tendon_tension = lambda: arrays.copy(source.actuator_force)
+        if robot.has_capstan_friction:
+            # Friction is that of the last step, in which the tension was a little different.
+            self.anchor_tension = lambda: np.maximum(
+                source.actuator_force - simulation.tension_lost, 0.0
+            )
         if servos is None:
             inside, full = source.ten_length[..., : len(robot.tendons)], simulation.full_length
             self.tendon_length = self.true_length = partial(add, inside, full)
@@ -260,7 +265,7 @@ def _norms(values: ndarray) -> ndarray:
 class BeamReadout:
     """Exact measurements of a beam model's simulation."""
 
-    truth = sensors = motor_force = None
+    truth = sensors = motor_force = anchor_tension = None
 
     def __init__(
         self, simulation: Any, least: Measurement, most: Measurement, servos: Servos | None = None

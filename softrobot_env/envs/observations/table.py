@@ -125,6 +125,7 @@ class Measured(Protocol):
     tendon_length: Read
     sensors: Read | None
     motor_force: Read | None
+    anchor_tension: Read | None
 
 
 class Sources(NamedTuple):
@@ -166,10 +167,12 @@ class Observable:
 
 
 def known_of(robot: RobotParams) -> tuple[str, ...]:
-    """Names of the observables that a robot has: `sensors` and `motor_force` only if it does."""
+    """Names of the observables that a robot has: those of parts only if it has these."""
     missing = {"sensors"} if not robot.sensors else set()
     if robot.drive.gain is None:
         missing.add("motor_force")
+    if not robot.has_capstan_friction:
+        missing.add("anchor_tension")
     return tuple(name for name in OBSERVABLES if name not in missing)
 
 
@@ -198,6 +201,12 @@ def _vector(s: Sizes, bound: float) -> spaces.Box:
 def _tendon_tension(s: Sizes) -> spaces.Box:
     limit = s.robot.of_tendons("tension_limit")
     return spaces.Box(np.zeros_like(limit), limit * (1 + 1e-9), dtype=np.float64)
+
+
+def _anchor_tension(s: Sizes) -> spaces.Box:
+    """Up to what friction lets a tendon hold that was pulled by the most and then let go."""
+    high = s.robot.of_tendons("tension_limit") * np.exp(s.robot.most_exponents)
+    return spaces.Box(np.zeros_like(high), high, dtype=np.float64)
 
 
 def _tendon_length(s: Sizes) -> spaces.Box:
@@ -281,6 +290,12 @@ OBSERVABLES: Registry[Observable] = Registry(
             lambda o: o.measured.tendon_length,
             _length_scale,
             usual=("length",),
+        ),
+        "anchor_tension": Observable(
+            "N",
+            _anchor_tension,
+            lambda o: o.measured.anchor_tension,
+            lambda s: s.robot.of_tendons("tension_limit") / 2,
         ),
         "motor_force": Observable(
             "N",

@@ -262,6 +262,11 @@ class Batch:
             warnings.warn(inaccuracy(self.scene, found, time), stacklevel=5)
 
     @property
+    def tension_lost(self) -> ndarray:
+        """(n, nu) [N], as of `Simulation`."""
+        return self._integration.lost
+
+    @property
     def integration_error(self) -> ndarray | None:
         """Estimated errors (n,) [m] in time since the resets; None with MuJoCo's integrators."""
         if self.scene.timestep.accuracy is None:

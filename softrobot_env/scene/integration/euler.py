@@ -32,7 +32,8 @@ class System(NamedTuple):
         yields, behind: (nu,) [N/m], [m/s], stiffness of these springs with their motors, and rates
             of the tendons at which they had no impulse.
         rates, expected: (nu,) [m/s], [N], where the motors were looked at, and tensions there.
-        slides: (elements,), what slid or stuck last, by the names of the elements of friction.
+        held: (2, elements), what slid or stuck last, and the friction [N], by the names of the
+            elements of friction; they outlast the control period.
         trial: See `friction`.
     """
 
@@ -45,7 +46,7 @@ class System(NamedTuple):
     behind: ndarray
     rates: ndarray
     expected: ndarray
-    slides: ndarray
+    held: ndarray
     trial: Trial
 
 
@@ -58,7 +59,7 @@ def system_size(chain):
 
 
 @making
-def system_on(chain, slides, room):
+def system_on(chain, held, room):
     """Arrays for `euler_step`, cut from free memory but for the given ones."""
     nv, nu = chain.v.size, chain.ctrl.size
     answers = mj.cut(room, _rows(chain), nv)
@@ -73,7 +74,7 @@ def system_on(chain, slides, room):
         own[2],
         own[3],
         own[4],
-        slides,
+        held,
         trial_on(chain.header[RUBBING], nu, nv, answers[1 + nu :], room),
     )
 
@@ -97,7 +98,7 @@ def euler_step(chain, forces, h, system, change):
         assign(answers[1 + s], forces.pulls[s])
     rows, unknowns = 1 + springs, -1
     if forces.counts[1]:  # solved for at once with the rest, and then moved to their place
-        unknowns = guess(forces, h, system.trial, system.slides, answers[rows:])
+        unknowns = guess(forces, h, system.trial, system.held[0], answers[rows:])
         rows += 1 + unknowns
     articulated.factorize(system.tree, forces.axes, forces.inertias, system.diagonal)
     articulated.solve(system.tree, answers, rows)
@@ -106,6 +107,7 @@ def euler_step(chain, forces, h, system, change):
     for u in range(unknowns, -1, -1):
         assign(system.trial.answers[u], answers[1 + springs + u])
     _act(chain.v, forces, h, system, change, unknowns)
+    assign(system.held[1], forces.grip)
 
 
 @jit

@@ -147,10 +147,10 @@ def work_size(chain, memory):
 
 
 @making
-def work_on(chain, memory, servos, slides, room):
+def work_on(chain, memory, servos, held, room):
     """Arrays for `integrate`, cut from free memory, with servos (rows, m) whose motors it moves.
 
-    What slides is kept as given, see `System`.
+    What friction held is given, see `System`.
     """
     nq, nv, most = chain.q.size, chain.v.size, int(memory[layout.MOST])
     entries = nv + servos.shape[1]
@@ -165,7 +165,7 @@ def work_on(chain, memory, servos, slides, room):
         no_forces(chain, room),
         mj.cut(room, 1, chain.ctrl.size)[0],
         mj.cut(room, 1, chain.ctrl.size)[0],
-        system_on(chain, slides, room),
+        system_on(chain, held, room),
         mj.cut(room, 1, nv)[0],
         Table(rows[0], rows[1], entry[0], entry[1], entry[2], entry[3]),
         motors_on(servos, drives_of(chain), room),

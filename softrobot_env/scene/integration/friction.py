@@ -102,7 +102,7 @@ def rub(v, forces, h, system, change, count):
     """
     trial = system.trial
     if count < 0:
-        assign(forces.slide, system.slides)
+        assign(forces.slide, system.held[0])
         count = _answer(forces, h, system)
     else:
         _give_way(forces, system, count)
@@ -119,7 +119,7 @@ def rub(v, forces, h, system, change, count):
     for k in range(int(forces.counts[1])):
         forces.grip[int(forces.name[k])] = trial.impulses[k] / h
     assign(change, trial.result)
-    assign(system.slides, forces.slide)
+    assign(system.held[0], forces.slide)
 
 
 @jit

@@ -6,7 +6,7 @@ Loading compiled code takes time: the first simulation imports this module.
 from typing import Any
 
 import numpy as np
-from mujoco import MjModel, mjtWrap
+from mujoco import MjModel, mjtTrn, mjtWrap
 from numpy import ndarray
 
 from ..chain import SEPARATOR, TIP_SITE
@@ -56,7 +56,9 @@ class Integration:
         self._drives = (wires, motors)
         self._chained = model.nq + model.nv
         self._states = np.zeros((count, 2, self._chained + 4 * motors))
-        self._slides = np.zeros((count, 2, model.ntendon + zones(model)))
+        self._zones = zones(model)
+        elements = model.ntendon + sum(number for _, number in self._zones)
+        self._held = np.zeros((count, 2, 2, elements))
         self._sizes = (model.nq, model.nv, model.nu, model.nbody, model.ntendon)
         scalar = model.nq == model.nv
         self._linear = scalar and np.all(model.wrap_type == mjtWrap.mjWRAP_JOINT)
@@ -109,7 +111,7 @@ class Integration:
         self.memory[which, :, layout.NEXT] = self.memory[which, :, layout.LONGEST]
         self.memory[which, :, layout.WORST :] = 0.0
         self._states[which, :, : self._chained] = np.nan
-        self._slides[which] = 0.0
+        self._held[which] = 0.0
 
     @property
     def estimates(self) -> ndarray:
@@ -120,6 +122,15 @@ class Integration:
     def evaluations(self) -> ndarray:
         """Evaluations (n,) of all forces since the last restart, the shadows' too."""
         return self.memory[:, :, layout.EVALUATIONS].sum(axis=1)
+
+    @property
+    def lost(self) -> ndarray:
+        """(n, nu) [N], what friction has taken of each tension by the tendon's last segment."""
+        out, end = np.zeros((len(self._held), self._sizes[2])), self._sizes[4]
+        for drive, number in self._zones:
+            begin, end = end, end + number
+            out[:, drive] = -self._held[:, 0, 1, begin:end].sum(axis=1)
+        return out
 
     def follow(self, path: ndarray | None) -> None:
         """Take controls from a path (k, nu), a row a timestep; None: as the data has them."""
@@ -149,14 +160,14 @@ class Integration:
             layout.time_offset(),
         )
         self._header[layout.LINEAR] = self._linear
-        self._header[layout.RUBBING] = self._slides.shape[-1]
+        self._header[layout.RUBBING] = self._held.shape[-1]
         self._header[layout.USER] = self._user
         self._header[layout.WIRES], self._header[layout.MOTORS] = self._drives
         self._header[layout.STRIDE] = 16 * layout.MEMORY_SIZE
         for place, array in (
             (layout.MEMORY, self.memory),
             (layout.SHADOW_STATES, self._states),
-            (layout.SLIDES, self._slides),
+            (layout.HELD, self._held),
             (layout.LENGTHS, self._lengths),
             (layout.PATH, self._path),
         ):
@@ -175,12 +186,17 @@ class Integration:
         self._connect()
 
 
-def zones(model: MjModel) -> int:
-    """Most zones of friction along the tendons of a model, see `capstan`, with their feed lines."""
-    if not model.nuser_tendon:
-        return 0
-    count = model.tendon_user[:, layout.ZONES]
-    return int(count.sum()) + np.count_nonzero(count)
+def zones(model: MjModel) -> list[tuple[int, int]]:
+    """Drives whose tendons rub along their way, and how many zones each has, see `capstan`.
+
+    With one for the feed line, in the order of the names of the elements of friction.
+    """
+    out = []
+    for drive, (tendon, _) in enumerate(model.actuator_trnid.tolist()):
+        pulls = model.actuator_trntype[drive] == mjtTrn.mjTRN_TENDON
+        if pulls and model.nuser_tendon and model.tendon_user[tendon, layout.ZONES]:
+            out.append((drive, 1 + int(model.tendon_user[tendon, layout.ZONES])))
+    return out
 
 
 def backbone_lengths(model: MjModel) -> ndarray:

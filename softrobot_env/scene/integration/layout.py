@@ -14,7 +14,7 @@ import mujoco
 #: Places of a robot's sizes and shared arrays in `header` (int64).
 NQ, NV, NU, NBODY, NTENDON, MEMORY, STRIDE, LENGTHS = range(8)
 PATH, ROWS, SERVOS, REPORTED, REPORTS, SHADOW_STATES, LINEAR = range(8, 15)
-RUBBING, USER, SLIDES = range(15, 18)  # elements of friction, their states, see `forces`
+RUBBING, USER, HELD = range(15, 18)  # elements of friction, and what they held, see `euler`
 SERVO_SIZE, WIRES, MOTORS, OFFSETS = range(18, 22)
 
 #: Arrays whose offsets in MuJoCo's structures follow in the header, from `OFFSETS` on.

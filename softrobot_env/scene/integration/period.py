@@ -155,12 +155,12 @@ def _remember_commands(servos):
 
 
 @making
-def _follow_path(chain, memory, servos, slides, state, path, held, room):
+def _follow_path(chain, memory, servos, friction, state, path, held, room):
     """Advance a simulation or its shadow, with arrays cut from free memory.
 
     Motors of servos (rows, m) begin where its state has them, and are left there.
     """
-    work = shared(work_on(chain, memory, servos, slides, room))
+    work = shared(work_on(chain, memory, servos, friction, room))
     if servos.shape[1] == 0:
         _integrate_period(work, path, held)
         return
@@ -173,7 +173,7 @@ def _follow_path(chain, memory, servos, slides, state, path, held, room):
 
 
 @making
-def _extrapolated_period(chain, memory, shadowed, states, servos, slides, path, free):
+def _extrapolated_period(chain, memory, shadowed, states, servos, friction, path, free):
     """Advance a simulation, then its shadow, and compare them.
 
     The work is done in the array `free`, which the caller keeps alive: views do not.
@@ -182,11 +182,11 @@ def _extrapolated_period(chain, memory, shadowed, states, servos, slides, path, 
     room[0] = free.ctypes.data
     mj.assign(held, path[len(path) - 1] if len(path) else chain.ctrl)
     _follow(chain, servos, states)
-    _follow_path(chain, memory, servos, slides[0], states[0], path, held, room)
+    _follow_path(chain, memory, servos, friction[:2], states[0], path, held, room)
     _save(chain, states[0])
     _load(chain, states[1])
     evaluate(chain)
-    _follow_path(chain, shadowed, servos, slides[1], states[1], path, held, room)
+    _follow_path(chain, shadowed, servos, friction[2:], states[1], path, held, room)
     _save(chain, states[1])
     _load(chain, states[0])
     _show_motors(chain, servos, states[0])
@@ -363,8 +363,8 @@ def _advance(model, data, number, header):
         states = mj.table_at(place, 2, size)
         free = np.empty(work_size(chain, memory) + work_size(chain, shadowed))
         rubbing = header[layout.RUBBING]
-        slides = mj.table_at(header[layout.SLIDES] + number * 16 * rubbing, 2, rubbing)
-        _extrapolated_period(chain, memory, shadowed, states, servos, slides, path, free)
+        friction = mj.table_at(header[layout.HELD] + number * 32 * rubbing, 4, rubbing)
+        _extrapolated_period(chain, memory, shadowed, states, servos, friction, path, free)
         _remember_commands(servos)
     else:
         _mujoco_period(chain, memory, path)
