@@ -36,7 +36,8 @@ def test_files_keep_all_of_a_servo(tmp_path):
 
 
 def test_one_is_as_many_and_a_copy_goes_on_alike():
-    options = dict(task="circle", robot=ROBOT, observe=("tip_position", "motor_force"), twin=4)
+    seen = ("tip_position", "motor_force")
+    options = {"task": "circle", "robot": ROBOT, "observe": seen, "twin": 4}
     one, many = gymnasium.make(ID, **options), gymnasium.make_vec(ID, 2, **options)
     seen, _ = one.reset(seed=0)
     both, _ = many.reset(seed=0)
