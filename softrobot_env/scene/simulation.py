@@ -155,7 +155,7 @@ class Simulation:
         """
         servos.check_drives(self.scene.config.actuation, self.ctrl.shape)
         self._integration.drive_by(servos.block)
-        if np.isnan(servos.turning).any():
+        if self._integration.motors and np.isnan(servos.turning).any():
             self._place_motors()
 
     def advance(self) -> bool:

@@ -73,7 +73,7 @@ class StaticForces:
         self._tip, self._pull = model.site(TIP_SITE).id, np.zeros(3)
         self._laws = None if is_ideal(model) else _laws(model, by_servos)
         #: (nu,), stiffness of a drive and its force per control, over those of its spring.
-        self._by_slack = self._by_control = np.ones(model.nu)
+        self._by_slack, self._by_control = np.ones((2, model.nu))
 
     def force(
         self, qpos: ndarray, ctrl: ndarray, share: float = 1.0, pull: ndarray | None = None
@@ -106,21 +106,16 @@ class StaticForces:
         from .integration.motors import hold_all  # compiled code takes time to load
 
         model, data, (drives, places) = self.model, self._data, self._laws
-        stiffness, taken = drives[0, places], drives[layout.TAKEN, places]
-        bias = model.actuator_biasprm[places]
-        slack = taken + (bias[:, 0] + bias[:, 1] * data.actuator_length[places]) / stiffness
-        own = np.ascontiguousarray(drives[:, places].T).ravel()
-        limits = model.actuator_forcerange[places, 1].copy()
-        _, tension, by_slack, by_control = hold_all(own, ctrl[places], slack, limits)
+        bias, stiffness = model.actuator_biasprm[places], drives[:, 0]
+        slack = (bias[:, 0] + bias[:, 1] * data.actuator_length[places]) / stiffness
+        slack += drives[:, layout.TAKEN]
+        limits = np.ascontiguousarray(model.actuator_forcerange[places, 1])
+        _, tension, *rates = hold_all(drives.ravel(), ctrl[places], slack, limits)
         more = np.zeros(model.nu)
         more[places] = tension - data.actuator_force[places]
         data.actuator_force[:] += more
         data.qfrc_actuator[:] += more @ actuator_arms(model, data)
-        self._by_slack, self._by_control = np.ones((2, model.nu))
-        self._by_slack[places], self._by_control[places] = (
-            by_slack / stiffness,
-            by_control / stiffness,
-        )
+        self._by_slack[places], self._by_control[places] = rates / stiffness
 
     def tangent(self) -> ndarray:
         """Derivative (nv, nv) [N m] of the last `force` by small turns (nv,) of the joints."""
@@ -317,11 +312,12 @@ class StaticForces:
 
 
 def _laws(model: MjModel, by_servos: bool) -> tuple[ndarray, ndarray]:
-    """Parameters (DRIVE_SIZE, nu) of drives, see `integration.layout`, and which are of lengths."""
-    drives = model.actuator_gainprm.T.copy()
+    """Parameters (k, DRIVE_SIZE) of drives by length, see `integration.layout`, and which (k,)."""
+    places = np.flatnonzero(model.actuator_biasprm[:, 1] < 0)
+    drives = model.actuator_gainprm[places]
     if not by_servos:
-        drives[layout.GAIN] = drives[layout.COUNT] = 0.0
-    return drives, np.flatnonzero(model.actuator_biasprm[:, 1] < 0)
+        drives[:, [layout.GAIN, layout.COUNT]] = 0.0
+    return drives, places
 
 
 class RubbingForces(StaticForces):

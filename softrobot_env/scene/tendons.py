@@ -248,24 +248,13 @@ def drive_parameters(drive: Drive, tendon: Tendon) -> ndarray:
     MuJoCo leaves these places of an actuator's `gainprm` unread.
     """
     stretch = tendon.pretension / tendon.stiffness
-    seated = stretch + drive.seating / 2  # under the pretension
-    if seated < drive.seating:
-        seated = math.sqrt(2 * drive.seating * stretch)
-    given = {
-        places.SEATING: drive.seating,
-        places.TAKEN: seated - stretch,
-        places.LAYERS: drive.layers,
-    }
-    if drive.gain is not None:
-        given |= {
-            places.GAIN: drive.gain,
-            places.LIMIT: min(drive.force_limit, places.HUGE_FORCE),
-            places.DAMPING: drive.velocity_gain,
-            places.INERTIA: drive.reflected_mass,
-            places.GEAR: drive.gear_friction,
-            places.COUNT: drive.encoder_step,
-        }
-    return np.array([given.get(place, 0.0) for place in range(1, places.DRIVE_SIZE)])
+    seated = stretch
+    if drive.seating:
+        seated = drive.seating * float(_seated(2 * stretch / drive.seating))
+    limit = min(drive.force_limit, places.HUGE_FORCE)
+    wire = drive.seating, seated - stretch
+    motor = drive.velocity_gain, drive.reflected_mass, drive.gear_friction, drive.encoder_step
+    return np.array([*wire, drive.gain or 0.0, limit, drive.layers, *motor])
 
 
 class Wires:
@@ -281,12 +270,9 @@ class Wires:
         if not self._seating:
             return self._pretension + self._stiffness * more
         stretch = self.stretch(self._pretension) + more
-        toe = stretch * np.clip(stretch / self._seating, 0.0, 1.0) / 2
-        return self._stiffness * np.where(
-            stretch < 0,
-            stretch,
-            np.where(stretch < self._seating, toe, stretch - self._seating / 2),
-        )
+        toe = np.clip(stretch, 0.0, self._seating)
+        taut = np.maximum(stretch - self._seating, 0.0)
+        return self._stiffness * (np.minimum(stretch, 0.0) + toe**2 / (2 * self._seating) + taut)
 
     def pulled(self, tension: ndarray, shortened: ndarray) -> ndarray:
         """Where horns [m] are under tensions [N]."""

@@ -41,6 +41,8 @@ class Integration:
     Attributes:
         advance, refresh: Of a simulation, see `period`.
         memory: (n, 2, MEMORY_SIZE), of simulations and shadows, see `layout`.
+        is_ideal: Whether all drives are as MuJoCo has them.
+        motors: Number of a simulation's motors, which servos with a gain have.
         header: Address of what is passed to them.
     """
 
@@ -51,11 +53,12 @@ class Integration:
         robots = np.flatnonzero(model.dof_parentid < 0)
         self._reach = np.add.reduceat(self._lengths, robots).max()
         self.memory = np.zeros((count, 2, layout.MEMORY_SIZE))
-        wires = not is_ideal(model)
-        motors = model.nu if wires and model.actuator_gainprm[:, layout.GAIN].any() else 0
-        self._drives = (wires, motors)
+        self.is_ideal = is_ideal(model)
+        self.motors = model.nu * (
+            not self.is_ideal and bool(model.actuator_gainprm[:, layout.GAIN].any())
+        )
         self._chained = model.nq + model.nv
-        self._states = np.zeros((count, 2, self._chained + 4 * motors))
+        self._states = np.zeros((count, 2, self._chained + 4 * self.motors))
         self._zones = zones(model)
         elements = model.ntendon + sum(number for _, number in self._zones)
         self._held = np.zeros((count, 2, 2, elements))
@@ -140,11 +143,6 @@ class Integration:
             self._path = np.ascontiguousarray(path)
             self._header[layout.PATH], self._header[layout.ROWS] = self._path.ctypes.data, len(path)
 
-    @property
-    def is_ideal(self) -> bool:
-        """Whether all drives are as MuJoCo has them."""
-        return not self._drives[0]
-
     def drive_by(self, servos: ndarray) -> None:
         """Take controls from servos (n, rows, nu), see `layout`, where no path is given."""
         self._servos = servos
@@ -162,7 +160,7 @@ class Integration:
         self._header[layout.LINEAR] = self._linear
         self._header[layout.RUBBING] = self._held.shape[-1]
         self._header[layout.USER] = self._user
-        self._header[layout.WIRES], self._header[layout.MOTORS] = self._drives
+        self._header[layout.WIRES], self._header[layout.MOTORS] = not self.is_ideal, self.motors
         self._header[layout.STRIDE] = 16 * layout.MEMORY_SIZE
         for place, array in (
             (layout.MEMORY, self.memory),
