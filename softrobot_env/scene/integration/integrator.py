@@ -9,12 +9,12 @@ import numpy as np
 from mujoco import MjModel, mjtWrap
 from numpy import ndarray
 
-from ..chain import SEPARATOR, TIP_SITE
+from ..chain import backbone_lengths
 from ..timestep import EXTRAPOLATION, RATE, Pace, TimestepChoice
 from . import layout
-from .capstan import TOGETHER, ZONES
 from .extrapolation import CALM
 from .period import advance, refresh
+from .zones import zones
 
 _METHODS = {EXTRAPOLATION: layout.EXTRAPOLATED, "RK4": layout.WHOLE}
 
@@ -131,13 +131,7 @@ class Integration:
         self._header[layout.SERVOS] = servos.ctypes.data
 
     def _connect(self) -> None:
-        self._header = np.zeros(layout.HEADER, dtype=np.int64)
-        self._header[: layout.NTENDON + 1] = self._sizes
-        self._header[layout.OFFSETS :] = (
-            *layout.model_offsets(*layout.MODEL_FIELDS),
-            *layout.data_offsets(*layout.DATA_FIELDS),
-            layout.time_offset(),
-        )
+        self._header = layout.header(self._sizes)
         self._header[layout.LINEAR] = self._linear
         self._header[layout.RUBBING] = self._slides.shape[-1]
         self._header[layout.USER] = self._user
@@ -162,31 +156,3 @@ class Integration:
     def __setstate__(self, state: dict) -> None:
         self.__dict__.update(state)
         self._connect()
-
-
-def zones(model: MjModel) -> int:
-    """Most zones of friction along the tendons of a model, see `capstan`."""
-    if not model.nuser_tendon:
-        return 0
-    rubbing = (model.tendon_user[:, [layout.COEFFICIENT, layout.FEED]] > 0).any(axis=1)
-    stations = model.tendon_user[:, layout.STATIONS]
-    most = np.where(
-        stations > 0, np.minimum(np.ceil(stations / TOGETHER), ZONES), model.tendon_num - 1
-    )
-    return int(most[rubbing].sum() + rubbing.sum())  # and each a feed line
-
-
-def backbone_lengths(model: MjModel) -> ndarray:
-    """Length (nv,) [m] of the link that the last DOF of each body moves; the others have none."""
-    lengths = np.zeros(model.nv)
-    for site in map(model.site, range(model.nsite)):
-        if site.name.rpartition(SEPARATOR)[2] != TIP_SITE:
-            continue
-        beyond, body = float(np.linalg.norm(site.pos)), int(site.bodyid[0])
-        while body:
-            if model.body_dofnum[body]:
-                lengths[model.body_dofadr[body] + model.body_dofnum[body] - 1] = beyond
-                beyond = 0.0
-            beyond += float(np.linalg.norm(model.body_pos[body]))
-            body = int(model.body_parentid[body])
-    return lengths

@@ -10,6 +10,8 @@ from functools import cache
 from pathlib import Path
 
 import mujoco
+import numpy as np
+from numpy import ndarray
 
 #: Places of a robot's sizes and shared arrays in `header` (int64).
 NQ, NV, NU, NBODY, NTENDON, MEMORY, STRIDE, LENGTHS = range(8)
@@ -140,3 +142,11 @@ def time_offset() -> int:
         if ctypes.c_double.from_address(data._address + at).value == data.time:
             return at // _WORD
     raise RuntimeError(f"MuJoCo {mujoco.__version__}: no place of time found")
+
+
+def header(sizes: tuple[int, ...]) -> ndarray:
+    """A header (HEADER,) int64 with a robot's first sizes and the offsets in it, the rest zero."""
+    out = np.zeros(HEADER, dtype=np.int64)
+    out[: len(sizes)] = sizes
+    out[OFFSETS:] = (*model_offsets(*MODEL_FIELDS), *data_offsets(*DATA_FIELDS), time_offset())
+    return out
