@@ -387,3 +387,19 @@ def _add_joint(
     along, across = seen_from_hinges(robot.precurvature, azimuth)
     joint.springref = weight * {"hinge": along, "side": across, "twist": 0.0}[kind]
     return joint
+
+
+def backbone_lengths(model: MjModel) -> ndarray:
+    """Length (nv,) [m] of the link that the last DOF of each body moves; the others have none."""
+    lengths = np.zeros(model.nv)
+    for site in map(model.site, range(model.nsite)):
+        if site.name.rpartition(SEPARATOR)[2] != TIP_SITE:
+            continue
+        beyond, body = float(np.linalg.norm(site.pos)), int(site.bodyid[0])
+        while body:
+            if model.body_dofnum[body]:
+                lengths[model.body_dofadr[body] + model.body_dofnum[body] - 1] = beyond
+                beyond = 0.0
+            beyond += float(np.linalg.norm(model.body_pos[body]))
+            body = int(model.body_parentid[body])
+    return lengths

@@ -21,6 +21,7 @@ from .tangent import RubbingForces, StaticForces
 
 __all__ = ["EquilibriumError", "checked_controls", "equilibrium", "finite"]
 
+_HOLDS = 10  # times at most that friction is found again, for what crept to stick
 _LARGE_TURN = 2.0  # rad that all joints make together
 
 
@@ -64,14 +65,33 @@ def equilibrium(
     ctrl = checked_controls(model, ctrl)
     model = with_gravity(model, gravity)
     forces = StaticForces(model) if rubbing is None else rubbing
-    loaded, careful = _LoadedChain(forces, ctrl), isinstance(rubbing, RubbingForces)
-    q = find_equilibrium(loaded, model.qpos_spring, guess, load_steps, careful, nearby)
+    q = _at_rest(forces, ctrl, guess, load_steps, nearby)
     if kind is not None:
         forces.force(q, ctrl)
         require_stable(kind, -forces.tangent(), forces.mass(), np.diag(model.dof_damping))
     if isinstance(rubbing, RubbingForces):
         rubbing.force(q, ctrl)
         rubbing.stay()
+    return q
+
+
+def _at_rest(
+    forces: StaticForces, ctrl: ndarray, guess: ndarray | None, load_steps: int, nearby: bool
+) -> ndarray:
+    """Posture (nq,) in equilibrium, see there."""
+    loaded, rest = _LoadedChain(forces, ctrl), forces.model.qpos_spring
+    if not isinstance(forces, RubbingForces):
+        return find_equilibrium(loaded, rest, guess, load_steps, nearby=nearby)
+    q, before = guess, forces.anchors.copy()
+    try:
+        for more in reversed(range(_HOLDS)):
+            q = find_equilibrium(loaded, rest, q, load_steps, careful=True, nearby=nearby)
+            forces.force(q, ctrl)
+            if not (more and forces.hold()):
+                break
+    except EquilibriumError:
+        forces.anchors = before
+        raise
     return q
 
 

@@ -35,7 +35,7 @@ from mujoco import MjData, MjModel, mjtJoint, mjtTrn, mjtWrap
 from numpy import ndarray
 from numpy.linalg import norm
 
-from .chain import TIP_SITE
+from .chain import TIP_SITE, backbone_lengths
 from .integration import layout
 from .tendons import actuator_arms, is_ideal, tendon_arms
 
@@ -44,6 +44,9 @@ _GIVE = 0.01
 
 #: [m] of sliding at which a tendon's friction is whole.
 _LOOSE = 2e-5
+
+#: The same of a zone, over the robot's length; by what share [1] creep may change friction.
+_LOOSE_ZONE, _CREEP = 1e-5, 1e-2
 
 
 class StaticForces:
@@ -123,7 +126,7 @@ class StaticForces:
         tension, rate = self._tensions()
         out = self._dead(axes, anchors)
         self._add_followers(axes, anchors, out)
-        self._add_spans(axes, anchors, tension, out)
+        self._add_spans(axes, anchors, self._along(tension), out)
         self._add_rates(rate, out)
         out *= self._share
         self._add_springs(out)
@@ -244,6 +247,10 @@ class StaticForces:
         np.add.at(rate, tendon, -(gear**2) * spring * free * self._by_slack[actuators])
         return tension, rate
 
+    def _along(self, tension: ndarray) -> list[ndarray]:
+        """Tensions [N] of the spans, group by group, from those of tendons."""
+        return [tension[spans.tendon] for spans in self._of.spans]
+
     def _unlimited(self, actuators: ndarray) -> ndarray:
         """Which of some actuators are not at the limit of their force."""
         force = self._data.actuator_force[actuators]
@@ -262,16 +269,18 @@ class StaticForces:
             a, arm = axes[:n], self._data.site_xpos[site] - anchors[:n]
             out[:n, :n] += a @ _cross(a, m).T + _cross(a, arm) @ _cross(a, f).T
 
-    def _add_spans(self, axes: ndarray, anchors: ndarray, tension: ndarray, out: ndarray) -> None:
+    def _add_spans(
+        self, axes: ndarray, anchors: ndarray, tensions: list[ndarray], out: ndarray
+    ) -> None:
         """Tensions times the curvature of the lengths between guides."""
         places = self._data.site_xpos
-        for spans in self._of.spans:
+        for spans, tension in zip(self._of.spans, tensions, strict=True):
             turns, end = spans.turns, places[spans.end]
             span = end - places[spans.start]
             length = norm(span, axis=1)[:, None]
             axis, arm = axes[turns], end[:, None] - anchors[turns]
             across = _cross(_cross(axis, arm), (span / length)[:, None])
-            pulled = tension[spans.tendon, None, None] * across
+            pulled = tension[:, None, None] * across
             later = axis @ pulled.transpose(0, 2, 1)
             block = np.where(spans.moves, later.transpose(0, 2, 1), later)
             block += pulled / length[:, None] @ across.transpose(0, 2, 1)
@@ -328,28 +337,63 @@ class RubbingForces(StaticForces):
     of a tendon is no more than its tension. All break loose within `_LOOSE`, or within a bend of
     `_GIVE` of the whole robot.
 
+    A zone (`integration.capstan`) keeps the length beyond it. With the share s of its friction, -1
+    to 1, that this takes, tension grows there by the factor exp(s mu a). It breaks loose within
+    `_LOOSE_ZONE` of the robot's length.
+
     Attributes:
-        anchors: (ntendon,) [m], lengths at which friction would vanish; set them before `force`.
+        anchors: (ntendon + zones,) [m], lengths at which friction would vanish, of tendons and then
+            of what lies beyond zones; set them before `force`.
         posture: (nq,) at which friction of the joints would vanish.
     """
 
     def __init__(self, model: MjModel, posture: ndarray, by_servos: bool = False) -> None:
         """Tendons and joints that came to rest in a posture (nq,) without friction."""
+        from .integration.zones import Zones  # takes time to load
+
         super().__init__(model, by_servos)
-        self.anchors, self.posture = self.tendon_length(posture), posture.copy()
-        self._most, self._slid = model.tendon_frictionloss.copy(), np.zeros(model.ntendon)
+        self._most, self._zones = model.tendon_frictionloss.copy(), Zones(model)
+        self._tendon = model.actuator_trnid[self._zones.drive, 0]
+        self._moved = np.arange(model.nv) >= self._zones.first[:, None]
+        self._spans_beyond = [
+            (x.tendon == self._tendon[:, None]) & (x.turns[:, 0] >= self._zones.first[:, None])
+            for x in self._of.spans
+        ]
+        # What lies beyond zones of one tendon lies beyond those before: sums from base to tip.
+        self._upto = np.tril(self._tendon[:, None] == self._tendon)
+        loose = _LOOSE_ZONE * backbone_lengths(model).sum()
+        self._loose = np.repeat([_LOOSE, loose], [model.ntendon, len(self._tendon)])
         self._bends = _bends(model)
         self._holding = model.dof_frictionloss[self._bends[:, :1]]
         self._give = _GIVE / max(len(self._bends), 1)
         self._away = np.zeros(self._bends.shape)  # from where friction vanishes, over what gives
+        self._place(posture)
+        self._came, self.posture = self._lengths(), posture.copy()
+        self.anchors, self._slid = self._came.copy(), np.zeros(len(self._came))
+
+    def hold(self) -> bool:
+        """Whether zones crept that stick; then let them hold by as much as they do by creeping.
+
+        Where they are was found with the last `force`, and has to be found again.
+        """
+        zones = slice(self.model.ntendon, None)
+        slid, loose = self._slid[zones], self._loose[zones]
+        crept = np.where(np.abs(slid) < 1, self._lengths()[zones] - self._came[zones], 0.0)
+        friction = super()._tensions()[0][self._tendon] * self._zones.exponents(self._data)
+        if friction @ np.abs(crept) <= _CREEP * (friction @ loose):
+            return False
+        self.anchors[zones] = self._came[zones] - loose * slid
+        return True
 
     def force(self, qpos: ndarray, ctrl: ndarray, share: float = 1.0) -> ndarray:
         """See `StaticForces`."""
         super().force(qpos, ctrl, share)
         model, data = self.model, self._data
-        self._slid = np.clip((data.ten_length - self.anchors) / _LOOSE, -1.0, 1.0)
-        pull = self._bound() * self._slid
+        self._slid = np.clip((self._lengths() - self.anchors) / self._loose, -1.0, 1.0)
+        pull = self._bound() * self._slid[: model.ntendon]
         self.applied = self.applied - pull @ tendon_arms(model, data)
+        if len(self._tendon):
+            self.applied -= self._drops() @ self._arms()
         if len(self._bends):
             turned = np.zeros(model.nv)
             mujoco.mj_differentiatePos(model, turned, 1.0, self.posture, qpos)
@@ -360,6 +404,8 @@ class RubbingForces(StaticForces):
     def tangent(self) -> ndarray:
         """See `StaticForces`."""
         out = super().tangent()
+        if len(self._tendon):
+            out -= self._share * self._arms().T @ self._drop_rates()
         if len(self._bends):
             way = self._held()
             far = np.maximum(norm(self._away, axis=1), 1.0)[:, None, None]
@@ -368,13 +414,57 @@ class RubbingForces(StaticForces):
             out[self._bends[:, :, None], self._bends[:, None, :]] -= self._share * rate
         return out
 
+    def _lengths(self) -> ndarray:
+        """(ntendon + zones,) [m] of tendons, and of what lies beyond zones."""
+        model, data = self.model, self._data
+        angles = data.qpos[model.jnt_qposadr[model.dof_jntid]]
+        along_joints = model.wrap_type[model.tendon_adr[self._tendon]] == mjtWrap.mjWRAP_JOINT
+        beyond = np.where(along_joints, self._arms() @ angles, 0.0)
+        for spans, own in zip(self._of.spans, self._spans_beyond, strict=True):
+            beyond += own @ norm(data.site_xpos[spans.end] - data.site_xpos[spans.start], axis=1)
+        return np.append(data.ten_length, beyond)
+
+    def _arms(self) -> ndarray:
+        """Moment arms (zones, nv) [m] of what lies beyond zones."""
+        return tendon_arms(self.model, self._data)[self._tendon] * self._moved
+
+    def _grown(self) -> tuple[ndarray, ndarray]:
+        """Ratio (zones,) [1] of tensions beyond zones to the drives', and before them."""
+        exponents = self._zones.exponents(self._data) * self._slid[self.model.ntendon :]
+        total = self._upto @ exponents
+        return np.exp(total), np.exp(total - exponents)
+
+    def _drops(self) -> ndarray:
+        """(zones,) [N] by which tension grows there."""
+        beyond, before = self._grown()
+        return super()._tensions()[0][self._tendon] * (beyond - before)
+
+    def _drop_rates(self) -> ndarray:
+        """Derivative (zones, nv) [N] of `_drops` by small turns."""
+        tension, rate = super()._tensions()
+        slid, own = self._slid[self.model.ntendon :], self._arms()
+        loose = (np.abs(slid) < 1) / self._loose[self.model.ntendon :]
+        exponents, slopes = self._zones.exponents(self._data), self._zones.slopes(self._data)
+        of_own = slid[:, None] * slopes + (exponents * loose)[:, None] * own
+        of_all = self._upto @ of_own
+        beyond, before = (x[:, None] for x in self._grown())
+        arms = tendon_arms(self.model, self._data)[self._tendon]
+        by_tension = (beyond - before) * rate[self._tendon, None] * arms
+        by_ratio = beyond * of_all - before * (of_all - of_own)
+        return by_tension + tension[self._tendon, None] * by_ratio
+
+    def _along(self, tension: ndarray) -> list[ndarray]:
+        alike, drops = super()._along(tension), self._drops()
+        return [x + drops @ own for x, own in zip(alike, self._spans_beyond, strict=True)]
+
     def _held(self) -> ndarray:
         """(stations, k) share of friction of each station's bends, of length one at most."""
         return self._away / np.maximum(norm(self._away, axis=1, keepdims=True), 1.0)
 
     def stay(self) -> None:
         """Take the posture of the last `force` for where tendons and joints come from next."""
-        self.anchors = self._data.ten_length - _LOOSE * self._slid
+        self._came = self._lengths()
+        self.anchors = self._came - self._loose * self._slid
         self.posture = self._data.qpos.copy()
         back = np.zeros(self.model.nv)
         back[self._bends] = -self._give * self._held()
@@ -388,9 +478,10 @@ class RubbingForces(StaticForces):
 
     def _tensions(self) -> tuple[ndarray, ndarray]:
         tension, rate = super()._tensions()
-        bound, sticks = self._bound(), np.abs(self._slid) < 1
-        grows = np.where(bound < self._most, self._slid, 0.0)
-        return tension + bound * self._slid, rate * (1 + grows) + sticks * bound / _LOOSE
+        slid = self._slid[: self.model.ntendon]
+        bound, sticks = self._bound(), np.abs(slid) < 1
+        grows = np.where(bound < self._most, slid, 0.0)
+        return tension + bound * slid, rate * (1 + grows) + sticks * bound / _LOOSE
 
 
 def _bends(model: MjModel) -> ndarray:

@@ -10,6 +10,7 @@ from support.postures import moved
 
 from softrobot_env.robots import CANTILEVER_WEAK, Head, Tendon
 from softrobot_env.robots.loads import Load
+from softrobot_env.robots.tendons import FeedLine
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.tangent import RubbingForces, StaticForces
@@ -199,3 +200,32 @@ def test_friction_of_the_backbone_has_its_derivative_while_joints_stick_and_slid
     slack = 0 * ctrl  # whose tendons do not rub
     rub = forces.force(q, slack) - StaticForces(model).force(q, slack)
     assert rub == pytest.approx(2e-3 * away / 0.05, abs=1e-9)
+
+
+@pytest.mark.parametrize("bending", BENDING)
+@pytest.mark.parametrize("channels", ["linear", "guides", "exact"])
+def test_friction_along_tendons_has_its_derivative_while_zones_stick_and_slide(channels, bending):
+    smooth = robot((0.3, 0.6) if channels == "guides" else (), bending)
+    line = FeedLine(2.0, 0.2)
+    tendons = tuple(replace(t, friction_coefficient=0.3, feed_line=line) for t in smooth.tendons)
+    config = SceneConfig(
+        replace(smooth, tendons=tendons),
+        pieces=4,
+        actuation="length",
+        channels="exact" if channels == "exact" else "linear",
+        **BENDING[bending],
+    )
+    model, rng = build_scene(config).model, np.random.default_rng(7)
+    q = moved(model, model.qpos0, rng.normal(0, 0.3, model.nv))
+    forces = RubbingForces(model, q)
+    pulled = forces.tendon_length(model.qpos0) - forces.tendon_length(q)
+    ctrl = 5e-3 + pulled[: model.nu]  # all are taut
+    assert StaticForces(model).force(q, ctrl) == pytest.approx(forces.force(q, ctrl), abs=1e-9)
+    forces.anchors += rng.choice([1e-3, -1e-3, 2e-6], len(forces.anchors))
+    found = slopes(forces, q, ctrl, step=1e-8)
+    forces.force(q, ctrl)
+    assert np.abs(forces.tangent() - found).max() < 1e-5 * np.abs(found).max()
+    rub = forces.force(q, ctrl)
+    assert np.abs(rub - StaticForces(model).force(q, ctrl)).max() > 0.01
+    forces.stay()
+    assert forces.force(q, ctrl) == pytest.approx(rub, abs=1e-9)

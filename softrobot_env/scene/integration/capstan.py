@@ -16,7 +16,7 @@ from math import atan2, sqrt
 
 import numpy as np
 
-from softrobot_env.compile.native import jit
+from softrobot_env.compile.native import jit, making
 
 from .layout import AT, COEFFICIENT, COURSE, FEED, NBODY, NTENDON, STATION, STATIONS, USER, ZONES
 from .mujoco_functions import ints, reals
@@ -32,24 +32,15 @@ def find_zones(chain, forces):
         chain: The chain.
         forces: With the drives' tensions; to its elements they are added.
     """
-    model, header, nu = chain.model, chain.header, chain.ctrl.size
-    kinds = ints(model, header[AT.actuator_trntype], nu)
-    targets = ints(model, header[AT.actuator_trnid], 2 * nu)
-    size, name = header[USER], header[NTENDON]
-    users = reals(model, header[AT.tendon_user], header[NTENDON] * size)
-    for k in range(nu):
-        tendon = targets[2 * k]
-        if kinds[k] != _ON_TENDON:
+    name = chain.header[NTENDON]
+    for k in range(chain.ctrl.size):
+        tendon = _rubbing(chain, k)
+        if tendon < 0:
             continue
-        line = users[tendon * size : (tendon + 1) * size]
-        if line[COEFFICIENT] <= 0 and line[FEED] <= 0:
-            continue
+        line = _line(chain, tendon)
         zones = int(line[ZONES])
         if forces.tension[k] > 0:
-            if line[STATIONS] > 0:
-                _along_stations(chain, tendon, line, zones, forces.course)
-            else:
-                _through_guides(chain, tendon, line, zones, forces.course)
+            _follow(chain, tendon, line, zones, forces.course)
             if line[FEED] > 0:
                 _add_zone(chain, k, tendon, 0, line[FEED], name, forces)
             for zone in range(zones):
@@ -60,8 +51,61 @@ def find_zones(chain, forces):
 
 
 @jit
+def list_zones(chain, course, out):
+    """Drives, first DOFs beyond and exponents [1] of all zones, by name in rows (3, zones).
+
+    Those that hold nothing have no exponent.
+
+    Returns:
+        Number of zones.
+    """
+    count = 0
+    for k in range(chain.ctrl.size):
+        tendon = _rubbing(chain, k)
+        if tendon < 0:
+            continue
+        line = _line(chain, tendon)
+        zones = int(line[ZONES])
+        _follow(chain, tendon, line, zones, course)
+        out[0, count], out[1, count], out[2, count] = k, 0, line[FEED]
+        for zone in range(zones):
+            at = count + 1 + zone
+            out[0, at], out[1, at], out[2, at] = k, course[1, zone], course[0, zone]
+        count += 1 + zones
+    return count
+
+
+@jit
+def _rubbing(chain, drive):
+    """Which tendon that rubs on its way a drive pulls, -1 if none."""
+    model, header, nu = chain.model, chain.header, chain.ctrl.size
+    tendon = ints(model, header[AT.actuator_trnid], 2 * nu)[2 * drive]
+    if ints(model, header[AT.actuator_trntype], nu)[drive] != _ON_TENDON:
+        return -1
+    line = _line(chain, tendon)
+    return tendon if line[COEFFICIENT] > 0 or line[FEED] > 0 else -1
+
+
+@making
+def _line(chain, tendon):
+    """The row of `tendon_user` of a tendon."""
+    size = chain.header[USER]
+    rows = reals(chain.model, chain.header[AT.tendon_user], (tendon + 1) * size)
+    return rows[tendon * size :]
+
+
+@jit
+def _follow(chain, tendon, line, zones, course):
+    """Exponents [1] of a tendon's zones, and the first DOFs beyond them, in rows of `course`."""
+    if line[STATIONS] > 0:
+        _along_stations(chain, tendon, line, zones, course)
+    else:
+        _through_guides(chain, tendon, line, zones, course)
+
+
+@jit
 def _along_stations(chain, tendon, line, zones, course):
-    """Exponents [1] of a channel's zones, and the first DOFs beyond them, in rows of `course`."""
+    """As `_follow`, of a channel."""
     model, header, nv = chain.model, chain.header, chain.v.size
     bodies = ints(model, header[AT.dof_bodyid], nv)
     starts = ints(model, header[AT.body_dofadr], header[NBODY])
@@ -136,7 +180,7 @@ def _angle(a, b, c, d, e, f):
 
 @jit
 def _through_guides(chain, tendon, line, zones, course):
-    """As `_along_stations`; a tendon enters its first guide along the robot's axis."""
+    """As `_follow`; a tendon enters its first guide along the robot's axis."""
     model, data, header = chain.model, chain.data, chain.header
     begin = ints(model, header[AT.tendon_adr], header[NTENDON])[tendon]
     count = ints(model, header[AT.tendon_num], header[NTENDON])[tendon] - 1

@@ -38,7 +38,7 @@ class Chain(NamedTuple):
         header: See `layout`.
         q, v, ctrl: (nq,), (nv,), (nu,).
         axes, inertias: (6 nv,), (10 nbody,), of the DOFs and the bodies, see `articulated`.
-        lengths: (nv,) [m], see `integrator.backbone_lengths`.
+        lengths: (nv,) [m], see `chain.backbone_lengths`.
     """
 
     model: int

@@ -6,10 +6,10 @@ Loading compiled code takes time: the first simulation imports this module.
 from typing import Any
 
 import numpy as np
-from mujoco import MjModel, mjtTrn, mjtWrap
+from mujoco import MjModel, mjtWrap
 from numpy import ndarray
 
-from ..chain import SEPARATOR, TIP_SITE
+from ..chain import backbone_lengths
 from ..tendons import is_ideal
 from ..timestep import EXTRAPOLATION, RATE, Pace, TimestepChoice
 from . import layout
@@ -59,7 +59,7 @@ class Integration:
         )
         self._chained = model.nq + model.nv
         self._states = np.zeros((count, 2, self._chained + 4 * self.motors))
-        self._zones = zones(model)
+        self._zones = layout.zones(model)
         elements = model.ntendon + sum(number for _, number in self._zones)
         self._held = np.zeros((count, 2, 2, elements))
         self._sizes = (model.nq, model.nv, model.nu, model.nbody, model.ntendon)
@@ -150,13 +150,7 @@ class Integration:
         self._header[layout.SERVO_SIZE] = servos.shape[1]
 
     def _connect(self) -> None:
-        self._header = np.zeros(layout.HEADER, dtype=np.int64)
-        self._header[: layout.NTENDON + 1] = self._sizes
-        self._header[layout.OFFSETS :] = (
-            *layout.model_offsets(*layout.MODEL_FIELDS),
-            *layout.data_offsets(*layout.DATA_FIELDS),
-            layout.time_offset(),
-        )
+        self._header = layout.header(self._sizes)
         self._header[layout.LINEAR] = self._linear
         self._header[layout.RUBBING] = self._held.shape[-1]
         self._header[layout.USER] = self._user
@@ -182,32 +176,3 @@ class Integration:
     def __setstate__(self, state: dict) -> None:
         self.__dict__.update(state)
         self._connect()
-
-
-def zones(model: MjModel) -> list[tuple[int, int]]:
-    """Drives whose tendons rub along their way, and how many zones each has, see `capstan`.
-
-    With one for the feed line, in the order of the names of the elements of friction.
-    """
-    out = []
-    for drive, (tendon, _) in enumerate(model.actuator_trnid.tolist()):
-        pulls = model.actuator_trntype[drive] == mjtTrn.mjTRN_TENDON
-        if pulls and model.nuser_tendon and model.tendon_user[tendon, layout.ZONES]:
-            out.append((drive, 1 + int(model.tendon_user[tendon, layout.ZONES])))
-    return out
-
-
-def backbone_lengths(model: MjModel) -> ndarray:
-    """Length (nv,) [m] of the link that the last DOF of each body moves; the others have none."""
-    lengths = np.zeros(model.nv)
-    for site in map(model.site, range(model.nsite)):
-        if site.name.rpartition(SEPARATOR)[2] != TIP_SITE:
-            continue
-        beyond, body = float(np.linalg.norm(site.pos)), int(site.bodyid[0])
-        while body:
-            if model.body_dofnum[body]:
-                lengths[model.body_dofadr[body] + model.body_dofnum[body] - 1] = beyond
-                beyond = 0.0
-            beyond += float(np.linalg.norm(model.body_pos[body]))
-            body = int(model.body_parentid[body])
-    return lengths

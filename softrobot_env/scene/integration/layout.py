@@ -10,6 +10,8 @@ from functools import cache
 from pathlib import Path
 
 import mujoco
+import numpy as np
+from numpy import ndarray
 
 #: Places of a robot's sizes and shared arrays in `header` (int64).
 NQ, NV, NU, NBODY, NTENDON, MEMORY, STRIDE, LENGTHS = range(8)
@@ -69,6 +71,19 @@ EXTRAPOLATED, SPLIT, WHOLE = range(3)
 
 #: Largest magnitude of a position or velocity that has not diverged, as MuJoCo has it.
 HUGE = 1e10
+
+
+def zones(model: mujoco.MjModel) -> list[tuple[int, int]]:
+    """Drives whose tendons rub along their way, and how many zones each has, see `capstan`.
+
+    With one for the feed line, in the order of the names of the elements of friction.
+    """
+    out = []
+    for drive, (tendon, _) in enumerate(model.actuator_trnid.tolist()):
+        pulls = model.actuator_trntype[drive] == mujoco.mjtTrn.mjTRN_TENDON
+        if pulls and model.nuser_tendon and model.tendon_user[tendon, ZONES]:
+            out.append((drive, 1 + int(model.tendon_user[tendon, ZONES])))
+    return out
 
 
 #: A model in which no array that is looked for is empty.
@@ -152,3 +167,11 @@ def time_offset() -> int:
         if ctypes.c_double.from_address(data._address + at).value == data.time:
             return at // _WORD
     raise RuntimeError(f"MuJoCo {mujoco.__version__}: no place of time found")
+
+
+def header(sizes: tuple[int, ...]) -> ndarray:
+    """A header (HEADER,) int64 with a robot's first sizes and the offsets in it, the rest zero."""
+    out = np.zeros(HEADER, dtype=np.int64)
+    out[: len(sizes)] = sizes
+    out[OFFSETS:] = (*model_offsets(*MODEL_FIELDS), *data_offsets(*DATA_FIELDS), time_offset())
+    return out
