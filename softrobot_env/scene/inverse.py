@@ -457,6 +457,10 @@ class InverseStatics:
         length = self.forces.tendon_length(posture)[: len(self._full)]
         return self._straight - (length + self._full)
 
+    def controls_for(self, action: ndarray) -> ndarray:
+        """Controls of `forces` for actions of tensions."""
+        return _controls(self._by_tension, self._command(action))
+
     def inputs_for(self, action: ndarray, posture: ndarray) -> ndarray:
         """Inputs (n_inputs,) for actions of tensions, within their box."""
         if not self._pulled:

@@ -401,6 +401,20 @@ class RubbingForces(StaticForces):
             self.applied[self._bends] -= self._holding * self._held()
         return data.qfrc_passive + share * self.applied
 
+    def rates(self, qpos: ndarray, rate: ndarray) -> ndarray:
+        """How fast (zones,) [m/s] what lies beyond zones grows with turns (nv,) [rad/s]."""
+        self._place(qpos)
+        return self._arms() @ rate
+
+    def of_sliding(self, qpos: ndarray, ctrl: ndarray, slid: ndarray) -> ndarray:
+        """Friction (nv,) [N m] of zones whose lengths (zones,) grow (1) or shrink (-1).
+
+        Between, it is a share of that. Anchors do not matter.
+        """
+        super().force(qpos, ctrl)
+        self._slid = np.append(np.zeros(self.model.ntendon), slid)
+        return -self._drops() @ self._arms()
+
     def tangent(self) -> ndarray:
         """See `StaticForces`."""
         out = super().tangent()

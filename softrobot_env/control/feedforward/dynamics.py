@@ -6,7 +6,9 @@ C(q_s, q_s'), move the posture by x and ask for more tension, by the actions a_d
 
     K x + M x'' + D x' = B a_d - w,    J x = 0,
 
-with the stiffness K, the tensions' moment arms B and the tip's Jacobian J in that equilibrium. What
+with the stiffness K, the tensions' moment arms B and the tip's Jacobian J in that equilibrium.
+Friction along tendons takes from their tensions, by the ways that q_s' slides them, and is part of
+w where the robot has it, so that tensions at the drives make up for it. What
 is left besides the tip, the internal dynamics, is not integrated: it need not be stable, as the
 tip of a bending robot is not minimum phase. Instead it is taken as quasi-static first, x_0, then M
 and D act on x_0(t), a series in the square of the reference's frequency over those of the chain
@@ -25,6 +27,7 @@ from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.artifacts import find_artifact
 from softrobot_env.scene.inverse import Linear, least_step
+from softrobot_env.scene.tangent import RubbingForces
 
 from ..base import REASONS, SATURATED
 from .law import Feedforward, FeedforwardPI, FeedforwardState
@@ -41,6 +44,10 @@ _FIRST, _SECOND = np.array([1.5, -2.0, 0.5, 0.0]), np.array([2.0, -5.0, 4.0, -1.
 #: Way of the tip, over `_NEAR` of the reach, that a part of the tensions left out must be worth.
 _FELT = 1.0
 
+#: Share [1] of the robot's length by which a tendon slides until its friction is the other way, and
+#: rounds in which tensions and their friction are found.
+_TURNING, _ROUNDS = 2e-4, 3
+
 _SLOW, _FAST = "servo too slow", "reference too fast for the internal dynamics"
 
 
@@ -51,11 +58,13 @@ class Moving(NamedTuple):
         acceleration: (k,) [m/s2], of the last reference; None at the start.
         inputs: (n_inputs,), the last ones wanted; None at the start.
         shifts: (up to 3, nv) [rad], x_0 at the last instants, newest first.
+        slid: (zones,) [1], how tendons slide along their ways, see `RubbingForces.of_sliding`.
     """
 
     acceleration: ndarray | None = None
     inputs: ndarray | None = None
     shifts: tuple[ndarray, ...] = ()
+    slid: ndarray | None = None
 
 
 class InverseDynamics(Feedforward):
@@ -93,6 +102,8 @@ class InverseDynamics(Feedforward):
         self._period, self._speed = control_period, robot.drive.speed
         self._lag = _lag(robot)
         self._near = _NEAR * robot.reach
+        self._turning = _TURNING * robot.length if robot.has_capstan_friction else None
+        self._rubbing: RubbingForces | None = None
 
     def _motion(self, observation: Observation, state: FeedforwardState) -> Motion:
         """The reference in the middle of the period."""
@@ -108,18 +119,19 @@ class InverseDynamics(Feedforward):
         linear = self._statics.linearised(rest) if rest.reached else None
         if linear is None:
             return rest.inputs, Moving(now), None
-        inputs, shifts, reason = self._moving(rest, linear, velocity, acceleration, state.memory)
+        wanted = self._moving(rest, linear, velocity, acceleration, state.memory)
+        inputs, shifts, slid, reason = wanted
         if self._network is not None:
             known = self._network.hold(place, rest, False)
             inputs = known.inputs + (inputs - rest.inputs)
             reason = reason if known.reached else self._network.missed
         driven, late = self._driven(inputs, state.memory.inputs)
-        return driven, Moving(now, inputs, shifts), reason or late
+        return driven, Moving(now, inputs, shifts, slid), reason or late
 
     def _moving(
         self, rest: Rest, linear: Linear, velocity: ndarray, acceleration: ndarray, memory: Moving
-    ) -> tuple[ndarray, tuple[ndarray, ...], str | None]:
-        """Inputs, the next shifts, and what is to be said."""
+    ) -> tuple[ndarray, tuple[ndarray, ...], ndarray | None, str | None]:
+        """Inputs, the next shifts and ways of sliding, and what is to be said."""
         place, solver = rest.place, self._statics.solver(rest.spatial)
         rate, change = self._through_rests(rest, linear, velocity, acceleration)
         force = solver.forces.of_motion(place.posture, rate, change)
@@ -136,10 +148,30 @@ class InverseDynamics(Feedforward):
             felt = linear.tip_by_actions @ (full - step)
             if share < 1 and norm(felt) > _FELT * self._near:
                 reason = _FAST
+        slid = None
+        if self._turning is not None:
+            more, moved, slid = self._against_friction(rest, linear, rate, step, memory.slid)
+            step, shift = step + more, shift + moved
         posture = solver.moved(place.posture, shift)
         inputs = solver.inputs_for(place.action + step, posture)
         limited = np.abs(place.action + step).max() >= 1.0
-        return inputs, shifts[:3], REASONS[SATURATED] if limited else reason
+        return inputs, shifts[:3], slid, REASONS[SATURATED] if limited else reason
+
+    def _against_friction(
+        self, rest: Rest, linear: Linear, rate: ndarray, step: ndarray, slid: ndarray | None
+    ) -> tuple[ndarray, ndarray, ndarray]:
+        """Change (m,) of the actions that makes up for friction along tendons, shift, and ways."""
+        place, solver = rest.place, self._statics.solver(rest.spatial)
+        if self._rubbing is None:
+            self._rubbing = RubbingForces(solver.forces.model, place.posture)
+        way = self._rubbing.rates(place.posture, rate) * self._period / self._turning
+        slid = np.clip(way if slid is None else slid + way, -1.0, 1.0)
+        more = np.zeros_like(step)
+        for _ in range(_ROUNDS):
+            action = np.clip(place.action + step + more, -1.0, 1.0)
+            force = self._rubbing.of_sliding(place.posture, solver.controls_for(action), slid)
+            more, moved = self._balanced(place.action + step, linear, -force)
+        return more, moved, slid
 
     def _through_rests(
         self, rest: Rest, linear: Linear, velocity: ndarray, acceleration: ndarray
