@@ -41,8 +41,8 @@ REACHED = 1e-7
 
 _ITERATIONS, _RELAXING = 30, 15  # in all, and towards the least norm: the others only close the gap
 _LARGEST_STEP, _LARGEST_TURN = 0.3, 1.0  # of an action; rad that all joints make together
-_BALANCED = 1e-9  # rad
-_RELAXED = 1e-5  # step of an action towards the least norm that is left
+_BALANCED = 1e-7  # rad
+_RELAXED = 1e-6  # step of an action towards the least norm that is left
 _DAMPING = 1e-3  # of the gap times the largest singular value
 _RANK = 1e-7  # of the largest singular value
 _CLOSE = 1e-2  # of the reach: gaps at which the way to the least norm is found by secants
@@ -590,17 +590,26 @@ class InverseStatics:
             action = np.clip(action + step / size, -1.0, 1.0)
             posture = self.moved(posture, turn / size)
             if np.abs(turn).max() < _BALANCED and np.abs(step).max() < _RELAXED:
-                break
+                return self._settled(point, action, posture, linear.stiffness)
             share, before = share / size, idle
         return self._settled(point, action, posture)
 
-    def _settled(self, point: ndarray, action: ndarray, posture: ndarray) -> Place:
-        """What iterations have led to, in a stable equilibrium under the robot's inputs."""
+    def _settled(
+        self, point: ndarray, action: ndarray, posture: ndarray, stiffness: ndarray | None = None
+    ) -> Place:
+        """What iterations have led to, in a stable equilibrium under the robot's inputs.
+
+        With the stiffness (nv, nv) there, the posture is in balance under the tensions; tendons
+        that are driven by length only stiffen it, as long as these lengths are within their travel.
+        """
         inputs = self.inputs_for(action, posture)
-        try:
-            posture = self.posture(inputs, posture)
-        except EquilibriumError:
-            return Place(action, inputs, posture, np.inf)
+        travel = self.inputs.input_scale if self._pulled else np.inf
+        known = stiffness is not None and np.all(np.abs(inputs) < travel)
+        if not (known and positive_definite(stiffness)):
+            try:
+                posture = self.posture(inputs, posture)
+            except EquilibriumError:
+                return Place(action, inputs, posture, np.inf)
         return self._from(Place(action, inputs, posture, 0.0), point)
 
     def linearised(
