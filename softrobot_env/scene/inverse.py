@@ -388,23 +388,33 @@ class InverseStatics:
                 step /= 2
         return min(distance, length)
 
-    def line(self, shares: ndarray) -> ndarray:
-        """Tips (n, 3) [m] under shares (n,) of `farthest`, followed from the action 0 outwards.
+    def line(
+        self, shares: ndarray, known: tuple[ndarray, ndarray] | None = None
+    ) -> tuple[ndarray, ndarray]:
+        """Tips (n, 3) [m] and postures (n, nq) under shares (n,) of `farthest`.
 
-        NaN from where on no equilibrium is found.
+        They are followed from the action 0 outwards, NaN from where on no equilibrium is found.
+
+        Args:
+            shares: Of the action.
+            known: Shares (k,) and postures (k, nq) from another call: each is then found from the
+                nearest of these.
         """
         inputs = self.inputs.from_actions(np.outer(shares, self.farthest))
+        postures = np.full((len(shares), self.scene.model.nq), np.nan)
         tips = np.full((len(shares), 3), np.nan)
         outwards = np.argsort(np.abs(shares))
         for side in (outwards[shares[outwards] < 0], outwards[shares[outwards] >= 0]):
             posture = self._rest.posture
             for k in side:
+                if known is not None:
+                    posture = known[1][np.abs(known[0] - shares[k]).argmin()]
                 try:
                     posture = self.posture(inputs[k], posture)
                 except EquilibriumError:
                     break
-                tips[k] = self.tip(posture)
-        return tips
+                tips[k], postures[k] = self.tip(posture), posture
+        return tips, postures
 
     @cached_property
     def farthest(self) -> ndarray:
@@ -703,7 +713,9 @@ def least_step(
         idle = np.zeros(len(action))
         if free.any():
             left = gap - jacobian @ step
-            step[free], idle[free] = _free_step(jacobian[:, free], left, action[free], share, damping)
+            step[free], idle[free] = _free_step(
+                jacobian[:, free], left, action[free], share, damping
+            )
         beyond = free & (np.abs(action + step) > 1.0)
         if not beyond.any():
             return step, idle
@@ -733,7 +745,11 @@ def _share_by_secant(share: float, before: ndarray, idle: ndarray) -> float:
     """
     change = before - idle
     square = float(change @ change)
-    return float(np.clip(share * (before @ change) / square, _LEAST_SHARE, _MOST_SHARE)) if square > 0 else share
+    return (
+        float(np.clip(share * (before @ change) / square, _LEAST_SHARE, _MOST_SHARE))
+        if square > 0
+        else share
+    )
 
 
 #: Actions of a sample unless said otherwise.
