@@ -7,7 +7,8 @@ tip about both, by the implicit function theorem on the chain's exact tangent K:
 
 and takes the da of that least-norm a within [-1, 1] which solves it. What is left free relaxes to
 the least norm of the actions, a' = a - (1 - J+ J) a, without a term that would bias the tip: at the
-end the tip is on the point to rounding. Where J loses rank, as in the straight pose, its inverse is
+end the tip is on the point to rounding. How far to relax in one iteration follows from the last two
+(a secant); where the least norm is far away all the same, the last iterations only close the gap. Where J loses rank, as in the straight pose, its inverse is
 damped in proportion to the gap, which vanishes with it.
 
 Actions are those of tensions, whatever drives the robot: the redundancy of opposing tendons is then
@@ -39,7 +40,7 @@ from .tendons import full_length
 #: Largest distance of a tip from its point, as a share of the robot's reach, that counts as on it.
 REACHED = 1e-7
 
-_ITERATIONS, _RELAXING = 30, 15  # in all, and towards the least norm: the others only close the gap
+_ITERATIONS, _RELAXING = 30, 15  # in all, and towards the least norm; later ones close the gap
 _LARGEST_STEP, _LARGEST_TURN = 0.3, 1.0  # of an action; rad that all joints make together
 _BALANCED = 1e-7  # rad
 _RELAXED = 1e-6  # step of an action towards the least norm that is left
@@ -333,7 +334,8 @@ class InverseStatics:
 
         The middle is where a spatial robot is under the action 0. A planar one is then as far out
         as it gets; of some bent poses, those with most room to first order, the one with the
-        largest disc is taken.
+        largest disc is taken. The tip counts as there where it is held by the least norm, found
+        within the iterations; where no disc is, also where it is held by more.
 
         Args:
             largest: [1], of an action of a planar robot in the middle.
@@ -364,7 +366,7 @@ class InverseStatics:
     def _radius(self, middle: Place, least: float, relaxing: int) -> float:
         """How far [m] the tip gets on the shortest of some rays; 0 where that is `least` or less.
 
-        Across where it moves most comes first, where the rays differ most. `relaxing` as of `_near`.
+        Across where it moves most comes first, where the rays differ most; `relaxing` as in `_near`.
         """
         radius = self.scene.config.robot.reach
         axes = self._axes(middle)
@@ -582,7 +584,7 @@ class InverseStatics:
         return found._replace(error=float(error))
 
     def _near(self, point: ndarray, start: Place, relaxing: int = _RELAXING) -> Place:
-        """Iterate from a start, so often towards the least norm too; what is left closes the gap."""
+        """Iterate from a start, `relaxing` times towards the least norm besides closing the gap."""
         action, posture = start.action, start.posture
         share, before = 1.0, None
         for k in range(_ITERATIONS):
@@ -695,7 +697,7 @@ def _controls(scene: Scene, commanded: ndarray) -> ndarray:
 def least_step(
     jacobian: ndarray, gap: ndarray, action: ndarray, share: float, damping: float = 0.0
 ) -> tuple[ndarray, ndarray]:
-    """Change (m,) of actions that closes a gap (k,) within their box; part of no effect of actions.
+    """Change (m,) of actions that closes a gap (k,) within their box, and their part of no effect.
 
     Actions that would leave the box are held at its bounds and the others make up for them.
 
@@ -740,16 +742,12 @@ def _free_step(
 def _share_by_secant(share: float, before: ndarray, idle: ndarray) -> float:
     """Share of the way to the least norm that may end it, from what the last one did.
 
-    Idle parts (m,) of actions before and after it are the slope there (Barzilai and Borwein, "Two-point step size
-    gradient methods", 1988).
+    By the parts (m,) of the actions that were idle before and after it (Barzilai and Borwein,
+    "Two-point step size gradient methods", 1988).
     """
     change = before - idle
-    square = float(change @ change)
-    return (
-        float(np.clip(share * (before @ change) / square, _LEAST_SHARE, _MOST_SHARE))
-        if square > 0
-        else share
-    )
+    share *= (before @ change) / max(change @ change, 1e-300)
+    return float(np.clip(share, _LEAST_SHARE, _MOST_SHARE))
 
 
 #: Actions of a sample unless said otherwise.
