@@ -8,8 +8,9 @@ tip about both, by the implicit function theorem on the chain's exact tangent K:
 and takes the da of that least-norm a within [-1, 1] which solves it. What is left free relaxes to
 the least norm of the actions, a' = a - (1 - J+ J) a, without a term that would bias the tip: at the
 end the tip is on the point to rounding. How far to relax in one iteration follows from the last two
-(a secant); where the least norm is far away all the same, the last iterations only close the gap. Where J loses rank, as in the straight pose, its inverse is
-damped in proportion to the gap, which vanishes with it.
+(a secant); where the least norm is far away all the same, the last iterations only close the gap.
+Where J loses rank, as in the straight pose, its inverse is damped in proportion to the gap, which
+vanishes with it.
 
 Actions are those of tensions, whatever drives the robot: the redundancy of opposing tendons is then
 resolved, no tendon is slack, and all is smooth. The lengths that servos pull in follow from posture
@@ -366,7 +367,7 @@ class InverseStatics:
     def _radius(self, middle: Place, least: float, relaxing: int) -> float:
         """How far [m] the tip gets on the shortest of some rays; 0 where that is `least` or less.
 
-        Across where it moves most comes first, where the rays differ most; `relaxing` as in `_near`.
+        Across where it moves most comes first, where rays differ most; `relaxing` as in `_near`.
         """
         radius = self.scene.config.robot.reach
         axes = self._axes(middle)
