@@ -33,10 +33,24 @@ def run(args: Namespace) -> int:
     if args.what is not None and args.what not in lists:
         raise ValueError(f"--robot lists {', '.join(lists)}, not {args.what}")
     of = () if args.robot is None else (find_robot(args.robot),)
+    for robot in of:
+        _require_scene(robot)
     for what in lists if args.what is None else (args.what,):
         title = what.capitalize() if args.robot is None else f"{what.capitalize()} of {of[0].name}"
         say(named_values(title, lists[what](*of)))
     return 0
+
+
+def _require_scene(robot: RobotParams) -> None:
+    """Refuse a robot that no scene can be built of at once, rather than task by task.
+
+    Raises:
+        ValueError: As `build_scene`.
+    """
+    from softrobot_env.scene.build import build_scene  # takes time to load
+    from softrobot_env.scene.registry import model_scene
+
+    build_scene(model_scene(robot))
 
 
 def _tasks() -> dict[str, str]:

@@ -4,6 +4,7 @@ One rule for files and folders of results. Nobody else writes to them meanwhile.
 """
 
 import os
+import re
 from argparse import Namespace
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -188,9 +189,14 @@ _BARS: list[Console] = []
 
 
 def say(*shown: Any, **how: Any) -> None:
-    """Print to the terminal, as `print` of rich's `Console` does."""
+    """Print to the terminal, as `print` of rich's `Console` does; elsewhere no line is padded."""
     console = _BARS[-1] if _BARS else _console()
-    console.print(*shown, **how)
+    if console.is_terminal:
+        console.print(*shown, **how)
+        return
+    with console.capture() as printed:
+        console.print(*shown, **how)
+    console.file.write(re.sub(r" +$", "", printed.get(), flags=re.MULTILINE))
 
 
 def plotted(draw: Callable[[], object]) -> bool:

@@ -7,8 +7,10 @@ tip about both, by the implicit function theorem on the chain's exact tangent K:
 
 and takes the da of that least-norm a within [-1, 1] which solves it. What is left free relaxes to
 the least norm of the actions, a' = a - (1 - J+ J) a, without a term that would bias the tip: at the
-end the tip is on the point to rounding. Where J loses rank, as in the straight pose, its inverse is
-damped in proportion to the gap, which vanishes with it.
+end the tip is on the point to rounding. How far to relax in one iteration follows from the last two
+(a secant); where the least norm is far away all the same, the last iterations only close the gap.
+Where J loses rank, as in the straight pose, its inverse is damped in proportion to the gap, which
+vanishes with it.
 
 Actions are those of tensions, whatever drives the robot: the redundancy of opposing tendons is then
 resolved, no tendon is slack, and all is smooth. The lengths that servos pull in follow from posture
@@ -40,13 +42,14 @@ from .tendons import Wires, full_length
 #: Largest distance of a tip from its point, as a share of the robot's reach, that counts as on it.
 REACHED = 1e-7
 
-_ITERATIONS = 30
+_ITERATIONS, _RELAXING = 30, 15  # in all, and towards the least norm; later ones close the gap
 _LARGEST_STEP, _LARGEST_TURN = 0.3, 1.0  # of an action; rad that all joints make together
-_BALANCED = 1e-9  # rad
-_RELAXED = 1e-5  # step of an action towards the least norm that is left
+_BALANCED = 1e-7  # rad
+_RELAXED = 1e-6  # step of an action towards the least norm that is left
 _DAMPING = 1e-3  # of the gap times the largest singular value
 _RANK = 1e-7  # of the largest singular value
-_LEAST_SHARE = 0.05  # of the way to the least norm in one iteration
+_CLOSE = 1e-2  # of the reach: gaps at which the way to the least norm is found by secants
+_LEAST_SHARE, _MOST_SHARE = 0.05, 4.0  # of the way to the least norm in one iteration
 _HALVINGS = 4  # of the way to a point
 _LEAST_END = 1 / 64  # of full scale, for the end of a line
 _FOLLOWING, _FOLLOWED = 0.5, 5  # of the way to the least norm; iterations of `follow`
@@ -332,7 +335,8 @@ class InverseStatics:
 
         The middle is where a spatial robot is under the action 0. A planar one is then as far out
         as it gets; of some bent poses, those with most room to first order, the one with the
-        largest disc is taken.
+        largest disc is taken. The tip counts as there where it is held by the least norm, found
+        within the iterations; where no disc is, also where it is held by more.
 
         Args:
             largest: [1], of an action of a planar robot in the middle.
@@ -340,13 +344,19 @@ class InverseStatics:
         planar = self.scene.config.bending == "planar"
         places = self._sample[0] if planar else [self._rest]
         room = [self._room(f) if np.abs(f.action).max() <= largest else 0.0 for f in places]
+        narrow = _NARROW * self.scene.config.robot.reach
+        wide = [k for k in np.argsort(room)[::-1][:_MIDDLES] if room[k] > narrow]
         best, radius = self._rest, 0.0
-        for k in np.argsort(room)[::-1][:_MIDDLES]:
-            if room[k] > _NARROW * self.scene.config.robot.reach:
-                found = self._radius(places[k], radius)
+        for relaxing in (_ITERATIONS, _RELAXING):
+            for k in wide:
+                found = self._radius(places[k], max(radius, narrow), relaxing)
                 best, radius = (places[k], found) if found > radius else (best, radius)
+            if radius > 0:
+                break
         axes = self._axes(best) if planar and radius > 0 else np.eye(2)
-        length = self._along(best, axes[0], self._along(best, -axes[0], _FAR * radius))
+        length = _FAR * radius
+        for way in (-axes[0], axes[0]):
+            length = self._along(best, way, length, relaxing)
         middle = self.tip(best.posture)
         return ReachableEllipse(middle, best.inputs, axes @ self.directions, length, radius)
 
@@ -354,49 +364,60 @@ class InverseStatics:
         """Unit vectors (2, 2) along which the tip moves most and least."""
         return svd(self._tip_by_actions(found))[0].T
 
-    def _radius(self, middle: Place, least: float) -> float:
+    def _radius(self, middle: Place, least: float, relaxing: int) -> float:
         """How far [m] the tip gets on the shortest of some rays; 0 where that is `least` or less.
 
-        Across where it moves most comes first, where the rays differ most.
+        Across where it moves most comes first, where rays differ most; `relaxing` as in `_near`.
         """
         radius = self.scene.config.robot.reach
         axes = self._axes(middle)
         for k in (2, 6, 0, 4, 1, 5, 3, 7):
             turn = np.pi * k / 4
-            radius = self._along(middle, np.array([np.cos(turn), np.sin(turn)]) @ axes, radius)
+            towards = np.array([np.cos(turn), np.sin(turn)]) @ axes
+            radius = self._along(middle, towards, radius, relaxing)
             if radius <= least:
                 return 0.0
         return radius
 
-    def _along(self, start: Place, towards: ndarray, length: float) -> float:
+    def _along(self, start: Place, towards: ndarray, length: float, relaxing: int) -> float:
         """How far [m], up to a length, the tip gets straight on in a direction (k,)."""
         origin = self.directions @ self.tip(start.posture)
         here, distance, step = start, 0.0, length / 12
         while distance < length * (1 - 1e-9) and step > length / 100:
-            found = self._near(origin + (distance + step) * towards, here)
+            found = self._near(origin + (distance + step) * towards, here, relaxing)
             if found.error <= self.tolerance:
                 here, distance = found, distance + step
             else:
                 step /= 2
         return min(distance, length)
 
-    def line(self, shares: ndarray) -> ndarray:
-        """Tips (n, 3) [m] under shares (n,) of `farthest`, followed from the action 0 outwards.
+    def line(
+        self, shares: ndarray, known: tuple[ndarray, ndarray] | None = None
+    ) -> tuple[ndarray, ndarray]:
+        """Tips (n, 3) [m] and postures (n, nq) under shares (n,) of `farthest`.
 
-        NaN from where on no equilibrium is found.
+        They are followed from the action 0 outwards, NaN from where on no equilibrium is found.
+
+        Args:
+            shares: Of the action.
+            known: Shares (k,) and postures (k, nq) from another call: each is then found from the
+                nearest of these.
         """
         inputs = self.inputs.from_actions(np.outer(shares, self.farthest))
+        postures = np.full((len(shares), self.scene.model.nq), np.nan)
         tips = np.full((len(shares), 3), np.nan)
         outwards = np.argsort(np.abs(shares))
         for side in (outwards[shares[outwards] < 0], outwards[shares[outwards] >= 0]):
             posture = self._rest.posture
             for k in side:
+                if known is not None:
+                    posture = known[1][np.abs(known[0] - shares[k]).argmin()]
                 try:
                     posture = self.posture(inputs[k], posture)
                 except EquilibriumError:
                     break
-                tips[k] = self.tip(posture)
-        return tips
+                tips[k], postures[k] = self.tip(posture), posture
+        return tips, postures
 
     @cached_property
     def farthest(self) -> ndarray:
@@ -564,34 +585,45 @@ class InverseStatics:
         error = norm(self.directions @ self.tip(found.posture) - point)
         return found._replace(error=float(error))
 
-    def _near(self, point: ndarray, start: Place) -> Place:
-        """Iterate from a start."""
+    def _near(self, point: ndarray, start: Place, relaxing: int = _RELAXING) -> Place:
+        """Iterate from a start, `relaxing` times towards the least norm besides closing the gap."""
         action, posture = start.action, start.posture
-        share, before = 1.0, np.inf
-        for _ in range(_ITERATIONS):
+        share, before = 1.0, None
+        for k in range(_ITERATIONS):
             linear = self.linearised(action, posture)
             if linear is None:
                 return Place(action, self.inputs_for(action, posture), posture, np.inf)
             gap = point - linear.tip
             step, idle = least_step(linear.tip_by_actions, gap, action, share)
+            close = before is not None and norm(gap) < _CLOSE * self.scene.config.robot.reach
+            if close or k >= relaxing:
+                share = _share_by_secant(share, before, idle) if k < relaxing else 0.0
+                step, idle = least_step(linear.tip_by_actions, gap, action, share)
             turn = linear.balance + linear.by_actions @ step
             size = max(np.abs(step).max() / _LARGEST_STEP, np.abs(turn).max() / self._turn, 1.0)
             action = np.clip(action + step / size, -1.0, 1.0)
             posture = self.moved(posture, turn / size)
             if np.abs(turn).max() < _BALANCED and np.abs(step).max() < _RELAXED:
-                break
-            if norm(gap) < 1e-2 * self.scene.config.robot.reach and idle > 0.7 * before:
-                share = max(share / 2, _LEAST_SHARE)
-            before = idle
+                return self._settled(point, action, posture, linear.stiffness)
+            share, before = share / size, idle
         return self._settled(point, action, posture)
 
-    def _settled(self, point: ndarray, action: ndarray, posture: ndarray) -> Place:
-        """What iterations have led to, in a stable equilibrium under the robot's inputs."""
+    def _settled(
+        self, point: ndarray, action: ndarray, posture: ndarray, stiffness: ndarray | None = None
+    ) -> Place:
+        """What iterations have led to, in a stable equilibrium under the robot's inputs.
+
+        With the stiffness (nv, nv) there, the posture is in balance under the tensions; tendons
+        that are driven by length only stiffen it, as long as these lengths are within their travel.
+        """
         inputs = self.inputs_for(action, posture)
-        try:
-            posture = self.posture(inputs, posture)
-        except EquilibriumError:
-            return Place(action, inputs, posture, np.inf)
+        travel = self.inputs.input_scale if self._pulled else np.inf
+        known = stiffness is not None and np.all(np.abs(inputs) < travel)
+        if not (known and positive_definite(stiffness)):
+            try:
+                posture = self.posture(inputs, posture)
+            except EquilibriumError:
+                return Place(action, inputs, posture, np.inf)
         return self._from(Place(action, inputs, posture, 0.0), point)
 
     def linearised(
@@ -668,8 +700,8 @@ def _controls(scene: Scene, commanded: ndarray) -> ndarray:
 
 def least_step(
     jacobian: ndarray, gap: ndarray, action: ndarray, share: float, damping: float = 0.0
-) -> tuple[ndarray, float]:
-    """Change (m,) of actions that closes a gap (k,) within their box, and its part of no effect.
+) -> tuple[ndarray, ndarray]:
+    """Change (m,) of actions that closes a gap (k,) within their box, and their part of no effect.
 
     Actions that would leave the box are held at its bounds and the others make up for them.
 
@@ -684,10 +716,12 @@ def least_step(
     while True:
         free = np.isnan(held)
         step = np.where(free, 0.0, held - action)
-        idle = 0.0
+        idle = np.zeros(len(action))
         if free.any():
             left = gap - jacobian @ step
-            step[free], idle = _free_step(jacobian[:, free], left, action[free], share, damping)
+            step[free], idle[free] = _free_step(
+                jacobian[:, free], left, action[free], share, damping
+            )
         beyond = free & (np.abs(action + step) > 1.0)
         if not beyond.any():
             return step, idle
@@ -696,17 +730,28 @@ def least_step(
 
 def _free_step(
     jacobian: ndarray, gap: ndarray, action: ndarray, share: float, least: float
-) -> tuple[ndarray, float]:
+) -> tuple[ndarray, ndarray]:
     """As `least_step`, without the box."""
     left, singular, right = svd(jacobian, full_matrices=False)
     kept = singular > _RANK * max(singular[0], 1e-300)
     left, singular, right = left[:, kept], singular[kept], right[kept]
     if not len(singular):
-        return np.zeros(len(action)), 0.0
+        return np.zeros((2, len(action)))
     damping = _DAMPING * norm(gap) * singular[0] + least**2
     to_point = right.T @ (singular / (singular**2 + damping) * (left.T @ gap))
     idle = action - right.T @ (right @ action)
-    return to_point - share * idle, float(np.abs(idle).max())
+    return to_point - share * idle, idle
+
+
+def _share_by_secant(share: float, before: ndarray, idle: ndarray) -> float:
+    """Share of the way to the least norm that may end it, from what the last one did.
+
+    By the parts (m,) of the actions that were idle before and after it (Barzilai and Borwein,
+    "Two-point step size gradient methods", 1988).
+    """
+    change = before - idle
+    share *= (before @ change) / max(change @ change, 1e-300)
+    return float(np.clip(share, _LEAST_SHARE, _MOST_SHARE))
 
 
 #: Actions of a sample unless said otherwise.

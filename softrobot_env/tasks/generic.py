@@ -218,8 +218,9 @@ def _on_line(
     line: a tendon that goes slack moves nothing.
     """
     shares = np.linspace(-1, 1, 81)
-    tips = site.inverse.line(shares)
-    shares, tips = (values[np.isfinite(tips[:, 0])] for values in (shares, tips))
+    tips, postures = site.inverse.line(shares)
+    stands = np.isfinite(tips[:, 0])
+    shares, tips, postures = shares[stands], tips[stands], postures[stands]
     away = norm(tips - site.ground.middle, axis=1)
     most, name = away.max(), site.inverse.scene.config.robot.name
     if not most > site.inverse.tolerance:
@@ -230,7 +231,7 @@ def _on_line(
     length = np.append(0.0, norm(np.diff(tips, axis=0), axis=1).cumsum())
     near = length[away <= radius]
     chosen = np.interp(np.sort(rng.uniform(near[0], near[-1], _POINTS)), length, shares)
-    tips = site.inverse.line(np.concatenate([shares, chosen]))[-_POINTS:]  # by the same steps
+    tips, _ = site.inverse.line(chosen, (shares, postures))
     return rng.permutation(tips), radius
 
 

@@ -112,6 +112,7 @@ def test_list_tells_what_there_is_and_why_not(capsys):
     assert main(["list"]) == 0
     out = capsys.readouterr().out
     assert all(text in out for text in ("hanging_trunk", "triangle", "figure_eight", "lqi"))
+    assert all(line == line.rstrip() for line in out.splitlines())
     assert main(["list", "--robot", "ftdcr_v4"]) == 0
     out = " ".join(capsys.readouterr().out.split())
     assert "options seed, radius, hold" in out and "static can drive it" in out

@@ -62,8 +62,11 @@ REFUSED = (15,)
 
 def serves(path, capsys):
     """Whether a file is good; if so it has a task, an episode and a picture."""
-    if called("robot-file check", path):
-        return False  # chains too light for MuJoCo, which its own tests look at
+    if called("robot-file check", path):  # chains too light for MuJoCo
+        capsys.readouterr()
+        assert called("list --robot", path) == 2
+        assert not capsys.readouterr().out
+        return False
     capsys.readouterr()
     assert called("list tasks --robot", path) == 0
     assert "reach options seed" in " ".join(capsys.readouterr().out.split())

@@ -10,9 +10,10 @@ from support.routed_robots import ONE_PAIR
 
 from softrobot_env.robots import ARM, RIG, Base, find_robot
 from softrobot_env.robots.tendons import Tendon
-from softrobot_env.scene.inverse import workspace_of
+from softrobot_env.scene.inverse import InverseStatics, workspace_of
 from softrobot_env.tasks import make_task, remake_task, tasks_of
 from softrobot_env.tasks.generic import site_of
+from studies.files_drawn import drawn_robot
 
 #: As the silicone rod, sideways.
 SIDEWAYS = replace(
@@ -53,6 +54,28 @@ def test_the_tip_can_rest_all_along_a_path(robot, name):
     tip = rest_tip(robot, np.array(task.start_input))
     np.testing.assert_allclose(tip, points[0], atol=1e-5 * robot.reach)
     assert task.axes == ("xz" if robot.is_planar else "xyz")
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("index", [49, pytest.param(85, marks=pytest.mark.slow)])
+def test_redundant_robots_have_set_points_at_a_bounded_cost(index, monkeypatch):
+    """Random robots along whose paths the inputs of least norm change fast.
+
+    Points took 17 linearisations each, of which many were lost on discs ever smaller than usual.
+    """
+    robot, counted = drawn_robot(7, index), []
+    site, once = site_of(robot), InverseStatics.linearised
+    with monkeypatch.context() as patched:
+        patched.setattr(
+            InverseStatics, "linearised", lambda *a, **k: counted.append(1) or once(*a, **k)
+        )
+        task = make_task("reach", robot=robot)
+    assert task.option("radius") > 0.75 * site.ground.radius > 0.05 * robot.reach
+    assert len(counted) < 20 * 120  # 120 points tell what the disc is like
+    points, inverse = task.trajectory.path(), site.inverse
+    found = inverse.solve(points)
+    assert found.errors.max() <= inverse.tolerance
+    assert np.abs(inverse.scene.tip(found.postures) - points).max() < 1e-3 * robot.reach
 
 
 def test_set_points_begin_in_the_middle(robot):
