@@ -11,6 +11,7 @@ STUDIES = {
     "accuracy": "Error against run time of all models, their agreement and goals",
     "contacts": "The timestep of contacts, and checks against exact solutions",
     "controllers": "All policies of the arm: as sec. 6.6 of the thesis, disturbed, on unseen paths",
+    "drive": "Friction along tendons: exactness, energy, what it costs, and policies that know it",
     "feedback": "Feedback of a late tip on the disturbed rig (thesis sec. 6.1)",
     "files": "Random robot files that say no pieces: error at rest, and what is told of it",
     "first_use": "The first minute: what the first commands take with an empty cache, and say",

@@ -192,6 +192,11 @@ class Simulation:
             warnings.warn(inaccuracy(self.scene, self._estimate[0], self.time), stacklevel=4)
 
     @property
+    def evaluations(self) -> int:
+        """Evaluations of the forces since the reset, its shadow's too."""
+        return int(self._integration.evaluations[0])
+
+    @property
     def tension_lost(self) -> ndarray:
         """(nu,) [N], what friction along tendons has taken of their tensions at the far ends."""
         return self._integration.lost[0]
