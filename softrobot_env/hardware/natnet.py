@@ -16,8 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import ndarray
 
+from softrobot_env.core.records import check_argument
+
 from .errors import LinkError
-from .tip import POLL, PoseTip, TipMeasurement, age_of, listen, matrix_of, unit_quaternion
+from .tip import POLL, Port, PoseTip, TipMeasurement, listen, matrix_of, unit_quaternion
 
 # Numbers of messages.
 _CONNECT, _SERVER_INFO, _REQUEST_DESCRIPTIONS, _DESCRIPTIONS = 0, 1, 4, 5
@@ -37,26 +39,23 @@ class _Columns(tuple):
 
 
 # A layout is a sequence of formats of `struct`, of _TEXT, which ends with a zero, of `_Columns`,
-# and of other sequences, which are layouts that come as often as a number before them says.
+# and of other tuples, which are layouts that come as often as a number before them says.
 _TEXT = "text"
 _BODY = "i3f4ffh"  # number, position, quaternion, error, flags
 _CHANNELS = ("i", (("f",),))
 
-#: Sections of a frame, and the version from which on they are there.
-_SECTIONS: tuple[tuple[Version, Sequence], ...] = (
-    ((3, 0), (_TEXT, ("3f",))),  # marker sets
-    ((3, 0), ("3f",)),  # other markers
-    ((3, 0), (_BODY,)),
-    ((3, 0), ("i", (_BODY,))),  # skeletons
-    ((4, 1), ("i", (_BODY,), ("i3ffhf",))),  # assets
-    ((3, 0), ("i3ffhf",)),  # labeled markers
-    ((3, 0), _CHANNELS),  # force plates
-    ((3, 0), _CHANNELS),  # devices
-)
-_BODIES = 2  # the section of rigid bodies, and their kind of description is
-_BODY_KIND = 1
+_BODIES = 2  # the section of rigid bodies in a frame
+_BODY_KIND = 1  # the kind of their descriptions
 
 _TRACKED, _CHANGED = 1, 2  # flags of a body, and of a frame
+
+
+def _sections(version: Version) -> list[Sequence]:
+    """Layouts of a frame's sections."""
+    assets = [("i", (_BODY,), ("i3ffhf",))] if version >= _SIZED else []
+    markers, skeletons = [(_TEXT, ("3f",)), ("3f",)], ("i", (_BODY,))
+    labeled = ("i3ffhf",)
+    return [*markers, (_BODY,), skeletons, *assets, labeled, _CHANNELS, _CHANNELS]
 
 
 def _descriptions(version: Version) -> dict[int, Sequence]:
@@ -66,7 +65,7 @@ def _descriptions(version: Version) -> dict[int, Sequence]:
     return {
         0: (_TEXT, (_TEXT,)),  # marker sets
         _BODY_KIND: body,
-        2: (_TEXT, "i", (*body,)),  # skeletons
+        2: (_TEXT, "i", body),  # skeletons
         3: ("i", _TEXT, "2f3f144f12f2i", (_TEXT,)),  # force plates
         4: ("i", _TEXT, _TEXT, "2i", (_TEXT,)),  # devices
         5: (_TEXT, "3f4f"),  # cameras
@@ -116,9 +115,9 @@ class _Reader:
         self._at = end + 1
         return self._data[begin:end].decode()
 
-    def count(self) -> int:
-        """How often something comes, each time with a byte or more."""
-        (count,) = self.numbers("I")
+    def count(self, skipped: int = 0) -> int:
+        """How often something comes, each time with a byte or more; some bytes are skipped."""
+        (count,) = self.numbers(f"I{skipped}x")
         if count > len(self._data) - self._at:
             raise ValueError(f"a packet cannot hold {count}")
         return count
@@ -137,13 +136,6 @@ class _Reader:
             else:
                 found.append([self.take(part) for _ in range(self.count())])
         return found
-
-    def section(self, version: Version, layout: Sequence) -> list[list]:
-        """A section of a frame."""
-        count = self.count()
-        if version >= _SIZED:
-            self.numbers("I")
-        return [self.take(layout) for _ in range(count)]
 
 
 def message(data: bytes) -> tuple[int, bytes]:
@@ -170,12 +162,15 @@ def frame_of(content: bytes, server: Server) -> Frame:
     """What a frame says of rigid bodies; ValueError for one that is damaged."""
     reader, version = _Reader(content), server.version
     (number,) = reader.numbers("i")
-    sections = [reader.section(version, part) for since, part in _SECTIONS if version >= since]
+    skipped = 4 if version >= _SIZED else 0
+    sections = [
+        [reader.take(part) for _ in range(reader.count(skipped))] for part in _sections(version)
+    ]
     # Time code, seconds, and ticks at exposure, at arrival from the cameras, and at sending.
     *_, exposed, received, sent = reader.numbers("2id3Q")
     *_, flags = reader.numbers("2ih" if version >= _SIZED else "h")
     taken = exposed or received  # cameras without a shared clock know no exposure
-    age = age_of((sent - taken) / server.frequency) if taken and server.frequency else 0.0
+    age = (sent - taken) / server.frequency if taken and server.frequency else 0.0
     bodies = {numbers[0]: numbers for (numbers,) in sections[_BODIES]}
     return Frame(number, bodies, age, bool(flags & _CHANGED))
 
@@ -210,34 +205,38 @@ class NatNetTip(PoseTip):
 
     def __init__(
         self,
-        server: str = "127.0.0.1:1510",
-        multicast: str = "239.255.42.99:1511",
+        server: str = "127.0.0.1",
+        multicast: str = "239.255.42.99",
         host: str = "0.0.0.0",
+        port: int = 1510,
+        data_port: int = 1511,
         **bodies: Any,
     ) -> None:
         """Connect.
 
         Args:
-            server: Address and port at which Motive takes commands.
-            multicast: Group and port to which it sends frames; empty for unicast.
-            host: Address of this computer in the network of the cameras.
+            server: Address of Motive's computer.
+            multicast: Group to which it sends frames; empty for unicast.
+            host: Address of this computer in its network.
+            port, data_port: At which it takes commands, and of the group.
             **bodies: See `PoseTip`; Motive's world is the tracker's own frame.
 
         Raises:
-            ValueError: No address, or as of `PoseTip`.
+            ValueError: No number of a port, or as of `PoseTip`.
             OSError: A port is taken, or there is no such address.
         """
         super().__init__(**bodies)
-        self._address = _address("server", server)
-        group = _address("multicast", multicast) if multicast else None
+        for name, number in {"port": port, "data_port": data_port}.items():
+            check_argument(name, number, Port)
+        self._address = socket.gethostbyname(server), port
         self._server: Server | None = None
-        self._numbers: Mapping[str, int] = {}
+        self._names: Mapping[str, int] = {}
         self._named = False  # whether these are today's
         self._asked = self._came = -_ASKED_EVERY
         self._last: int | None = None
         self._sockets = [listen(host, 0)]
-        if group is not None:
-            self._sockets.append(listen("", group[1], join=(group[0], host)))
+        if multicast:
+            self._sockets.append(listen("", data_port, join=(multicast, host)))
         self._thread.start()
 
     def _free(self) -> None:
@@ -258,8 +257,11 @@ class NatNetTip(PoseTip):
             self._server = server_of(content)
             self._asked = -_ASKED_EVERY
         elif number == _DESCRIPTIONS and self._server is not None:
-            self._numbers, self._named = names_of(content, self._server.version), True
-            self._check_names()
+            self._names, self._named = names_of(content, self._server.version), True
+            for name in (*self._head, *self._base):
+                if self._number_of(name) is None:
+                    known = ", ".join(self._names) or "none"
+                    raise LinkError(f"Motive has no rigid body {name!r}; it has {known}")
         elif number == _FRAME:
             return self._measured(content, now)
         return None
@@ -281,13 +283,7 @@ class NatNetTip(PoseTip):
                 self._sockets[0].sendto(packed, self._address)
 
     def _number_of(self, name: str) -> int | None:
-        return self._numbers.get(name, int(name) if name.isdecimal() else None)
-
-    def _check_names(self) -> None:
-        for name in (*self._head, *self._base):
-            if self._number_of(name) is None:
-                known = ", ".join(self._numbers) or "none"
-                raise LinkError(f"Motive has no rigid body {name!r}; it has {known}")
+        return self._names.get(name, int(name) if name.isdecimal() else None)
 
     def _measured(self, content: bytes, now: float) -> TipMeasurement:
         if self._server is None:
@@ -300,7 +296,7 @@ class NatNetTip(PoseTip):
         self._last, self._came = frame.number, now
         head = self._pose(frame, self._head)
         base = self._pose(frame, self._base) if self._base else None
-        return self._seen(now - frame.age, head, base)
+        return self._seen(now, frame.age, head, base)
 
     def _pose(self, frame: Frame, bodies: Mapping[str, ndarray]) -> ndarray:
         """(4, 4) of what carries bodies, in Motive's world; ValueError where none is tracked."""
@@ -314,11 +310,3 @@ class NatNetTip(PoseTip):
                 pose[:3, :3] = turn.as_matrix()
                 return pose @ np.linalg.inv(mounted)
         raise ValueError("no body is tracked")
-
-
-def _address(what: str, text: str) -> tuple[str, int]:
-    """Address, looked up, and port; ValueError for a text that is none."""
-    host, _, port = text.rpartition(":") if isinstance(text, str) else ("", "", "")
-    if not host or not port.isdecimal() or not 0 < int(port) < 2**16:
-        raise ValueError(f"{what} must be ADDRESS:PORT, got {text!r}")
-    return socket.gethostbyname(host), int(port)

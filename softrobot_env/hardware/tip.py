@@ -12,12 +12,12 @@ from hashlib import sha256
 from math import inf
 from threading import Thread
 from time import monotonic
-from typing import Annotated, Any, NamedTuple, Protocol
+from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy import ndarray
 
-from softrobot_env.core.records import Range, check_argument, whole_numbers
+from softrobot_env.core.records import Vector3, check_argument, whole_numbers
 from softrobot_env.core.registry import Registry, is_path, load, load_given
 
 from .errors import LinkError
@@ -28,14 +28,14 @@ _DATAGRAM = 512
 #: Largest number of a port.
 LAST_PORT = 65535
 
+Port = Annotated[int, whole_numbers(0, LAST_PORT)]
+
 #: Coordinates of the tip that a source measures.
-Axes = Annotated[
-    str,
-    Range(
-        'different letters out of "xyz"',
-        lambda text: 0 < len(text) == len(set(text)) and set(text) <= set("xyz"),
-    ),
-]
+Axes = Literal["xy", "xz", "yz", "xyz"]
+
+#: Where something is and how it is turned: `[x, y, z]` [m], or `[x, y, z, a, b, c]` with the
+#: rotation vector (a, b, c) [rad] from its own axes to those it is given in.
+Pose = Vector3 | tuple[float, float, float, float, float, float]
 
 _OLDEST = 10.0  # s, an age beyond it is a mistake
 _FARTHEST = 10.0  # m, a place beyond it as well
@@ -167,7 +167,7 @@ class UdpTip(PolledTip):
             ValueError: No number of a port, an empty key, or no axes.
             OSError: The port is taken.
         """
-        check_argument("port", port, Annotated[int, whole_numbers(0, LAST_PORT)])
+        check_argument("port", port, Port)
         check_argument("key", key, str | None)
         check_argument("axes", axes, Axes)
         super().__init__()
@@ -266,17 +266,13 @@ def unit_quaternion(values: Sequence[float]) -> ndarray:
 
 
 class PoseTip(PolledTip):
-    """A tracker that sees where bodies are and how they are turned.
-
-    Poses are `[x, y, z]` [m], or `[x, y, z, a, b, c]` with the rotation vector (a, b, c) [rad] from
-    the axes of what has the pose to those it is given in.
-    """
+    """A tracker that sees where bodies are and how they are turned."""
 
     def __init__(
         self,
-        head: Mapping[Any, Sequence[float]],
-        base: Mapping[Any, Sequence[float]] | None = None,
-        world: Sequence[float] | None = None,
+        head: Mapping[Any, Pose],
+        base: Mapping[Any, Pose] | None = None,
+        world: Pose | None = None,
         axes: Axes = "xy",
     ) -> None:
         """Prepare.
@@ -295,17 +291,27 @@ class PoseTip(PolledTip):
         check_argument("axes", axes, Axes)
         if base and world is not None:
             raise ValueError("give a base that is tracked or a world, not both")
-        self._head, self._base = _bodies("head", head), _bodies("base", base or {})
+        bodies = {"head": head, "base": base or {}}
+        for what, poses in bodies.items():
+            check_argument(what, poses, Mapping)
+        self._head, self._base = (
+            {str(k): matrix_of(f"{what} {str(k)!r}", pose) for k, pose in poses.items()}
+            for what, poses in bodies.items()
+        )
         if not self._head:
             raise ValueError("head names no body")
         self._world = np.eye(4) if world is None else matrix_of("world", world)
         self._columns = ["xyz".index(axis) for axis in axes]
 
-    def _seen(self, time: float, head: ndarray, base: ndarray | None) -> TipMeasurement:
-        """A measurement by poses (4, 4) of tip and robot in the tracker's frame.
+    def _seen(self, time: float, age: float, head: ndarray, base: ndarray | None) -> TipMeasurement:
+        """A measurement by what came at a time, and had an age [s] then.
+
+        Args:
+            time, age: See there.
+            head, base: Poses (4, 4) of tip and robot in the tracker's frame.
 
         Raises:
-            ValueError: No robot is as large.
+            ValueError: No picture is as old, or no robot as large.
         """
         from scipy.spatial.transform import Rotation  # takes time to load
 
@@ -313,45 +319,23 @@ class PoseTip(PolledTip):
         if not np.all(np.abs(pose[:3, 3]) <= _FARTHEST):
             raise ValueError(f"too far: {pose[:3, 3]}")
         turn = Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True, scalar_first=True)
-        return TipMeasurement(time, pose[self._columns, 3], turn)
+        return TipMeasurement(time - _number(age, 0.0, _OLDEST), pose[self._columns, 3], turn)
 
 
-def age_of(seconds: float) -> float:
-    """An age [s]; ValueError for one that no picture has."""
-    return _number(seconds, 0.0, _OLDEST)
-
-
-def matrix_of(what: str, pose: Sequence[float]) -> ndarray:
-    """(4, 4) of a pose as of `PoseTip`.
+def matrix_of(what: str, pose: Pose) -> ndarray:
+    """(4, 4) of a pose.
 
     Raises:
         ValueError: It is none; the message begins with `what`.
     """
     from scipy.spatial.transform import Rotation  # takes time to load
 
-    numbers = np.array(pose if _are_numbers(pose) else [], float)
-    if numbers.shape not in {(3,), (6,)} or not np.isfinite(numbers).all():
-        raise ValueError(
-            f"{what} must be [x, y, z] in m, with a rotation vector of three more numbers in rad "
-            f"where it is turned, got {pose!r}"
-        )
+    check_argument(what, pose, Pose)
     matrix = np.eye(4)
-    matrix[:3, :3] = Rotation.from_rotvec(np.append(numbers[3:], [0.0] * 3)[:3]).as_matrix()
-    matrix[:3, 3] = numbers[:3]
+    matrix[:3, 3] = pose[:3]
+    if len(pose) == 6:
+        matrix[:3, :3] = Rotation.from_rotvec(pose[3:]).as_matrix()
     return matrix
-
-
-def _are_numbers(values: object) -> bool:
-    if not isinstance(values, Sequence | ndarray) or isinstance(values, str):
-        return False
-    return all(isinstance(x, int | float) and not isinstance(x, bool) for x in values)
-
-
-def _bodies(what: str, poses: Mapping[Any, Sequence[float]]) -> dict[str, ndarray]:
-    """Name or number of a body, as a text -> its pose (4, 4)."""
-    if not isinstance(poses, Mapping):
-        raise ValueError(f"{what} must be a table of bodies and their poses, got {poses!r}")
-    return {str(k): matrix_of(f"{what} {str(k)!r}", pose) for k, pose in poses.items()}
 
 
 class SensorTip:

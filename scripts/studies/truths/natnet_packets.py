@@ -121,7 +121,7 @@ class Motive:
         self._number, self._client = 0, None
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
-        self.address = "127.0.0.1:{1}".format(*self._socket.getsockname())
+        self.port = self._socket.getsockname()[1]
         Thread(target=self._answer, daemon=True).start()
 
     def _answer(self) -> None:
