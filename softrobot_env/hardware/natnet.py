@@ -239,6 +239,11 @@ class NatNetTip(PoseTip):
             self._sockets.append(listen("", data_port, join=(multicast, host)))
         self._thread.start()
 
+    @property
+    def ready(self) -> bool:
+        """Whether the server has said its version and its bodies."""
+        return self._named
+
     def _free(self) -> None:
         for each in self._sockets:
             each.close()

@@ -39,7 +39,7 @@ def connected(version, names=None, **options):
     with closing(Motive(version, names or {})) as server:
         tip = NatNetTip(multicast="", host="127.0.0.1", port=server.port, **options)
         with closing(tip):
-            wait_until(lambda: tip._named or tip._failure is not None)
+            wait_until(lambda: tip.ready or tip._failure is not None)
             yield server, tip
 
 

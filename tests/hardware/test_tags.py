@@ -1,7 +1,11 @@
 """Tags and the camera's calibration, against the poses that pictures were drawn at."""
 
+import re
+import sys
 import time
+import tomllib
 from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,12 +13,17 @@ from scipy.spatial.transform import Rotation
 
 cv2 = pytest.importorskip("cv2")
 
+from PIL import Image  # noqa: E402
+
+from softrobot_env.cli import main  # noqa: E402
 from softrobot_env.hardware import camera, tags  # noqa: E402
 from softrobot_env.hardware.camera import Camera, read_camera, write_camera  # noqa: E402
 from softrobot_env.hardware.errors import LinkError  # noqa: E402
 from softrobot_env.hardware.tags import TagTip  # noqa: E402
 from softrobot_env.hardware.tip import make_tip_source  # noqa: E402
 from studies.truths.tag_images import FACING, Lens, picture, pose  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[2]
 
 LENS = Lens()
 KNOWN = Camera(LENS.size, LENS.focal, LENS.center, LENS.bend)
@@ -237,15 +246,17 @@ def views(rng, count, lens):
         yield picture(lens, {"board": board_at(pose(place, turn))}, rng, side=3)
 
 
-def test_calibration_finds_the_lens(tmp_path):
+def test_calibration_finds_the_lens(tmp_path, capsys):
     lens = Lens((800, 600), (720.0, 722.0), (402.0, 296.0), (-0.12, 0.05, 8e-4, -6e-4, 0.0))
     rng = np.random.default_rng(11)
     paths = []
     for k, image in enumerate([*views(rng, 14, lens), np.zeros((600, 800), np.uint8)]):
         paths.append(tmp_path / f"{k}.png")
         cv2.imwrite(str(paths[-1]), image)
-    found, unseen = camera.calibrated(paths, 0.03)
-    assert unseen == paths[-1:]
+    out = tmp_path / "camera.toml"
+    assert main(["robot", "camera", *map(str, paths), "--side", "0.03", "--out", str(out)]) == 1
+    assert f"{paths[-1]} does not show" in capsys.readouterr().out.replace("\n", "")
+    found = read_camera(out)
     assert found.size == lens.size
     assert found.focal == pytest.approx(lens.focal, rel=3e-3)
     assert np.abs(np.subtract(found.focal, lens.focal)).max() < 4 * found.uncertainty
@@ -255,8 +266,6 @@ def test_calibration_finds_the_lens(tmp_path):
     pixels = pixels.reshape(-1, 2)
     rays = cv2.undistortPoints(pixels[:, None], found.matrix, np.array(found.distortion))[:, 0]
     assert np.abs(rays - lens.rays(pixels)[:, :2]).max() < 2e-3
-    write_camera(found, tmp_path / "camera.toml")
-    assert read_camera(tmp_path / "camera.toml") == found
     with pytest.raises(ValueError, match=r"7 pictures show .* 8 are needed"):
         camera.calibrated(paths[:7], 0.03)
     cv2.imwrite(str(tmp_path / "small.png"), np.zeros((6, 8), np.uint8))
@@ -265,3 +274,32 @@ def test_calibration_finds_the_lens(tmp_path):
     (tmp_path / "text.png").write_text("no picture")
     with pytest.raises(ValueError, match="no picture that OpenCV reads"):
         camera.calibrated([tmp_path / "text.png"], 0.03)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".pdf"])
+def test_a_printed_tag_has_the_size_that_was_asked_for(suffix, tmp_path):
+    out = tmp_path / f"tag{suffix}"
+    assert main(["robot", "camera", "--tag", "7", "--side", "0.04", "--out", str(out)]) == 0
+    if suffix == ".pdf":
+        found = re.search(rb"/MediaBox \[ ?0 0 ([0-9.]+) ([0-9.]+)", out.read_bytes())
+        inches = [float(side) / 72 for side in found.groups()]
+        assert inches == pytest.approx([0.07 / 0.0254] * 2, rel=1e-3)  # 12 cells and a margin
+        return
+    image = Image.open(out)
+    corners, numbers, _ = cv2.aruco.ArucoDetector(camera.tag_dictionary()).detectMarkers(
+        np.array(image)
+    )
+    assert numbers.ravel().tolist() == [7]
+    side = np.linalg.norm(corners[0][0][1] - corners[0][0][0]) / image.info["dpi"][0] * 0.0254
+    assert side == pytest.approx(0.04, rel=5e-3)
+
+
+def test_what_is_missing_is_named(known, monkeypatch, capsys, tmp_path):
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    with pytest.raises(ImportError, match="tag cameras need OpenCV: pip install"):
+        make_tip_source("tags", {"head": {1: [0, 0, 0]}, **known})
+    assert main(["robot", "camera", "--out", str(tmp_path / "board.png")]) == 2
+    assert "pip install" in capsys.readouterr().err and not list(tmp_path.glob("board*"))
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    needs = extras["optional-dependencies"]["camera"]
+    assert any(each.startswith("opencv-python-headless>") for each in needs)

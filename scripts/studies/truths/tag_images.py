@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 MARGIN = 0.25
 
 _WHITE, _BLACK, _BACKGROUND = 225.0, 25.0, 110.0
-_FIXED_POINTS = 12  # iterations that undo the lens
+_FIXED_POINTS = 8  # iterations that undo the lens
 
 
 @dataclass(frozen=True)
