@@ -142,9 +142,9 @@ def _next(source: TipSource, before: TipMeasurement | None, refused: int) -> Tip
 _BASE_POSE = pose((-0.15, -0.02, 0.52), FACING * Rotation.from_rotvec([0.35, 0.2, 0.1]))
 _HEAD = {7: [0.0, 0.0, -0.03]}
 _CUBE = {
-    1: [0.0, 0.0, 0.025],
-    2: [0.025, 0.0, 0.0, 0.0, np.pi / 2, 0.0],
-    3: [0.0, 0.025, 0.0, -np.pi / 2, 0.0, 0.0],
+    1: [0.0, 0.0, 0.03],
+    2: [0.03, 0.0, 0.0, 0.0, np.pi / 2, 0.0],
+    3: [0.0, 0.03, 0.0, -np.pi / 2, 0.0, 0.0],
 }
 _BASE = {300: [0.0, 0.0, 0.0]}
 
@@ -237,7 +237,7 @@ def _views(folder: Path, rng: np.random.Generator) -> list[Path]:
     for k in range(VIEWS):
         turn = FACING * Rotation.from_rotvec(rng.uniform(-0.6, 0.6, 3))
         place = (rng.uniform(-0.15, 0.15), rng.uniform(-0.1, 0.1), rng.uniform(0.35, 0.5))
-        image = picture(LENS, {"board": (cells, 0.03 / 120, pose(place, turn))}, rng, side=3)
+        image = picture(LENS, {"board": (cells, 0.03 / 120, pose(place, turn))}, rng, count=9)
         paths.append(folder / f"{k}.png")
         camera.opencv().imwrite(str(paths[-1]), image)
     return paths

@@ -235,8 +235,12 @@ class NatNetTip(PoseTip):
         self._asked = self._came = -_ASKED_EVERY
         self._last: int | None = None
         self._sockets = [listen(host, 0)]
-        if multicast:
-            self._sockets.append(listen("", data_port, join=(multicast, host)))
+        try:
+            if multicast:
+                self._sockets.append(listen("", data_port, join=(multicast, host)))
+        except OSError:
+            self._free()
+            raise
         self._thread.start()
 
     @property

@@ -18,8 +18,9 @@ from .tip import PoseTip, TipMeasurement
 #: Corners of a tag over half its side: x to the right as one reads it, y up, z towards the reader.
 _CORNERS = np.array([[-1.0, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
 
-_SAMPLES = np.linspace(0.08, 0.92, 24)  # places along an edge where it is looked for
-_REACH, _LEAST_REACH = 0.6 / 8, 1.5  # how far: over a tag's side, and pixels
+_SAMPLES = np.linspace(0.06, 0.94, 48)  # places along an edge where it is looked for
+_REACH, _LEAST_REACH = 3.0, 1.5  # pixels, how far, but not beyond the cells beside it:
+_CELL = 0.6 / 8  # of a tag's side
 
 _MOST_ERROR = 1.0  # pixels, root mean square, between what is seen and a pose
 _TELLING = 0.1  # pixels, by which a second pose has to fit worse
@@ -67,20 +68,22 @@ class TagFinder:
     def refine(self, image: ndarray, corners: ndarray) -> ndarray:
         """Rays (4, 2), of depth 1, to corners of a tag: where lines along its edges cross.
 
-        An edge is where the picture gets brighter outwards, at places along a side. Corners
-        themselves, which OpenCV refines, lie off by a quarter of a pixel where pictures are soft.
+        An edge is at the mean of where the picture gets brighter outwards, at places along a side,
+        which does not depend on how soft it is or how it lies on the pixels. Corners as OpenCV
+        refines them are off by a quarter of a pixel where pictures are soft.
         """
         cv2, side = self._cv2, np.roll(corners, -1, 0) - corners
         length = np.linalg.norm(side, axis=1)
         outwards = np.stack([side[:, 1], -side[:, 0]], 1) / length[:, None]
-        reach = max(_LEAST_REACH, _REACH * length.mean())
+        reach = min(_REACH, max(_LEAST_REACH, _CELL * length.mean()))
         steps = np.linspace(-reach, reach, 4 * int(np.ceil(reach)) + 1)
         places = corners[:, None] + _SAMPLES[:, None] * side[:, None]
         across = places[:, :, None] + steps[:, None] * outwards[:, None, None]
         across = across.reshape(-1, len(steps), 2).astype(np.float32)
         grey = cv2.remap(image, across, None, cv2.INTER_LINEAR).astype(float)
-        weight = np.maximum(np.diff(grey, axis=1), 0.0) ** 2
-        shift = weight @ (steps[1:] + steps[:-1]) / 2 / np.maximum(weight.sum(1), 1e-9)
+        brighter = np.diff(grey, axis=1)
+        total = np.maximum(brighter.sum(1), 1e-9)
+        shift = np.clip(brighter @ (steps[1:] + steps[:-1]) / 2 / total, -reach, reach)
         edges = places + shift.reshape(4, -1, 1) * outwards[:, None]
         rays = cv2.undistortPoints(edges.reshape(-1, 1, 2), self._matrix, self._bend)
         lines = np.array([_line(points) for points in rays.reshape(4, -1, 2)])

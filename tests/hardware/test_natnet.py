@@ -1,5 +1,6 @@
 """Frames of NatNet against packets that were put together from its public description."""
 
+import gc
 import random
 import socket
 import time
@@ -238,3 +239,9 @@ def test_another_client_reads_the_same_of_these_packets(version):
     assert (body.id_num, body.tracking_valid) == (12, True)
     assert body.pos + body.rot == pytest.approx(BODY[1] + BODY[2], abs=1e-7)
     assert found.suffix.stamp_transmit - found.suffix.stamp_camera_mid_exposure == 50000
+
+
+def test_what_cannot_be_opened_leaves_nothing_open():
+    with pytest.raises(OSError):
+        NatNetTip(head={1: [0, 0, 0]}, multicast="no group")
+    gc.collect()  # a socket that is still open would warn

@@ -243,7 +243,7 @@ def views(rng, count, lens):
     for _ in range(count):
         turn = FACING * Rotation.from_rotvec(rng.uniform(-0.6, 0.6, 3))
         place = (rng.uniform(-0.15, 0.15), rng.uniform(-0.1, 0.1), rng.uniform(0.4, 0.5))
-        yield picture(lens, {"board": board_at(pose(place, turn))}, rng, side=3)
+        yield picture(lens, {"board": board_at(pose(place, turn))}, rng, count=9)
 
 
 def test_calibration_finds_the_lens(tmp_path, capsys):

@@ -67,7 +67,7 @@ def picture(
     rng: np.random.Generator,
     noise: float = 2.0,
     blur: float = 0.6,
-    side: int = 5,
+    count: int = 25,
 ) -> ndarray:
     """A grey picture (height, width) of flat sheets.
 
@@ -79,18 +79,18 @@ def picture(
         rng: Of the noise.
         noise: Standard deviation [grey levels].
         blur: Standard deviation [pixels] of the lens.
-        side: Rays along a side of a pixel.
+        count: Rays of a pixel.
     """
     width, height = lens.size
     image = np.full((height, width), _BACKGROUND)
     for cells, length, pose in sheets.values():
-        _draw(image, lens, cells, length, pose, side)
+        _draw(image, lens, cells, length, pose, count)
     image = gaussian_filter(image, blur) + noise * rng.standard_normal(image.shape)
     return np.clip(np.round(image), 0, 255).astype(np.uint8)
 
 
 def _draw(
-    image: ndarray, lens: Lens, cells: ndarray, length: float, pose: ndarray, side: int
+    image: ndarray, lens: Lens, cells: ndarray, length: float, pose: ndarray, count: int
 ) -> None:
     turn, place = pose[:3, :3], pose[:3, 3]
     half = length * np.array(cells.shape[::-1]) / 2
@@ -103,12 +103,21 @@ def _draw(
         return
     columns, rows = np.meshgrid(*(np.arange(a, b) for a, b in zip(low, high, strict=True)))
     found = image[low[1] : high[1], low[0] : high[0]]
-    total, offsets = np.zeros(found.shape), (np.arange(side) + 0.5) / side - 0.5
-    for dx in offsets:
-        for dy in offsets:
-            pixels = np.stack([columns.ravel() + dx, rows.ravel() + dy], 1)
-            total += _seen(lens.rays(pixels), cells, half, edge, pose, found)
-    image[low[1] : high[1], low[0] : high[0]] = total / side**2
+    total = np.zeros(found.shape)
+    for dx, dy in _spread(count):
+        pixels = np.stack([columns.ravel() + dx, rows.ravel() + dy], 1)
+        total += _seen(lens.rays(pixels), cells, half, edge, pose, found)
+    image[low[1] : high[1], low[0] : high[0]] = total / count
+
+
+def _spread(count: int) -> ndarray:
+    """Places (count, 2) in a pixel, all in other rows and columns of it (Roberts' sequence).
+
+    On a square grid, edges that lie along the pixels would be off by a tenth of one.
+    """
+    ratio = 1.32471795724474602596
+    numbers = np.arange(1, count + 1)[:, None] * np.array([1 / ratio, 1 / ratio**2])
+    return numbers % 1 - (numbers % 1).mean(0)
 
 
 def _seen(
