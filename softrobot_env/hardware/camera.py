@@ -4,27 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.extras import needed
 from softrobot_env.core.files import read_table, readable, text, write_text
-from softrobot_env.core.records import (
-    Count,
-    Positive,
-    Record,
-    Vector2,
-    check_argument,
-    placed,
-    read,
-    whole_numbers,
-    write,
-)
-
-#: Number of a tag of family 36h11.
-Tag = Annotated[int, whole_numbers(0, 586)]
+from softrobot_env.core.records import Count, Positive, Record, Vector2, placed, read, write
 
 #: Squares of the board for calibration, in its two directions.
 SQUARES = (9, 6)
@@ -34,6 +21,7 @@ SQUARE_DOTS, TAG_DOTS = 360, 480
 
 _MARK = 0.75  # side of a mark of the board over a square's
 _FEWEST_IMAGES, _FEWEST_CORNERS = 8, 12
+_LAST_TAG = 586  # of family 36h11
 _CELLS, _MARGIN = 8, 2  # of a tag, along its black square, and of white around
 
 
@@ -93,13 +81,19 @@ def tag_dictionary() -> Any:
     return opencv().aruco.getPredefinedDictionary(opencv().aruco.DICT_APRILTAG_36h11)
 
 
+def check_tag(number: object) -> None:
+    """Raise ValueError for what is no number of a tag of the family."""
+    if not isinstance(number, int) or not 0 <= number <= _LAST_TAG:
+        raise ValueError(f"tags have numbers from 0 to {_LAST_TAG}, got {number!r}")
+
+
 def tag_sheet(number: int) -> ndarray:
     """A grey picture of a tag with its margin.
 
     Raises:
         ValueError: There is no such tag.
     """
-    check_argument("number of a tag", number, Tag)
+    check_tag(number)
     cells = opencv().aruco.generateImageMarker(tag_dictionary(), number, _CELLS)
     dots = np.ones((TAG_DOTS // _CELLS, TAG_DOTS // _CELLS), np.uint8)
     return np.kron(np.pad(cells, _MARGIN, constant_values=255), dots)

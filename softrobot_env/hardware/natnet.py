@@ -201,6 +201,9 @@ class NatNetTip(PoseTip):
     Of several bodies on the head, or at the base, the first that is tracked counts. Frames in which
     there is none, that are older than one before, or that are damaged are counted in `refused`, as
     are packets of other programs and computers.
+
+    Attributes:
+        ready: Whether the server has said its version, and what bodies it has now.
     """
 
     def __init__(
@@ -231,7 +234,7 @@ class NatNetTip(PoseTip):
         self._address = socket.gethostbyname(server), port
         self._server: Server | None = None
         self._names: Mapping[str, int] = {}
-        self._named = False  # whether these are today's
+        self.ready = False
         self._asked = self._came = -_ASKED_EVERY
         self._last: int | None = None
         self._sockets = [listen(host, 0)]
@@ -242,11 +245,6 @@ class NatNetTip(PoseTip):
             self._free()
             raise
         self._thread.start()
-
-    @property
-    def ready(self) -> bool:
-        """Whether the server has said its version and its bodies."""
-        return self._named
 
     def _free(self) -> None:
         for each in self._sockets:
@@ -266,7 +264,7 @@ class NatNetTip(PoseTip):
             self._server = server_of(content)
             self._asked = -_ASKED_EVERY
         elif number == _DESCRIPTIONS and self._server is not None:
-            self._names, self._named = names_of(content, self._server.version), True
+            self._names, self.ready = names_of(content, self._server.version), True
             for name in (*self._head, *self._base):
                 if self._number_of(name) is None:
                     known = ", ".join(self._names) or "none"
@@ -284,7 +282,7 @@ class NatNetTip(PoseTip):
         wanted = [(_KEEP_ALIVE, b"")]
         if self._server is None:
             wanted.append((_CONNECT, b"Ping"))
-        elif not self._named:
+        elif not self.ready:
             wanted.append((_REQUEST_DESCRIPTIONS, b""))
         for number, text in wanted:
             with suppress(OSError):  # a network that is down may come back
@@ -298,7 +296,7 @@ class NatNetTip(PoseTip):
         if self._server is None:
             raise ValueError("a frame before the version is known")
         frame = frame_of(content, self._server)
-        self._named = self._named and not frame.changed
+        self.ready = self.ready and not frame.changed
         late = self._last is not None and frame.number < self._last
         if frame.number == self._last or (late and now - self._came < _RESTARTED):
             raise ValueError(f"frame {frame.number} after {self._last}")

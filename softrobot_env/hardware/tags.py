@@ -11,7 +11,7 @@ from numpy import ndarray
 from softrobot_env.core.records import NotNegative, Positive, check_argument
 from softrobot_env.core.registry import is_path, load_given
 
-from .camera import Camera, Tag, opencv, read_camera, tag_dictionary
+from .camera import Camera, check_tag, opencv, read_camera, tag_dictionary
 from .errors import LinkError
 from .tip import PoseTip, TipMeasurement
 
@@ -238,7 +238,7 @@ def _body(what: str, size: float, poses: Mapping[str, ndarray]) -> Body:
     check_argument(what, size, Positive)
     tags = {int(name) if name.isdecimal() else name: pose for name, pose in poses.items()}
     for number in tags:
-        check_argument("number of a tag", number, Tag)
+        check_tag(number)
     return Body(size, tags)
 
 

@@ -291,13 +291,7 @@ class PoseTip(PolledTip):
         check_argument("axes", axes, Axes)
         if base and world is not None:
             raise ValueError("give a base that is tracked or a world, not both")
-        bodies = {"head": head, "base": base or {}}
-        for what, poses in bodies.items():
-            check_argument(what, poses, Mapping)
-        self._head, self._base = (
-            {str(k): matrix_of(f"{what} {str(k)!r}", pose) for k, pose in poses.items()}
-            for what, poses in bodies.items()
-        )
+        self._head, self._base = _matrices("head", head), _matrices("base", base or {})
         if not self._head:
             raise ValueError("head names no body")
         self._world = np.eye(4) if world is None else matrix_of("world", world)
@@ -320,6 +314,11 @@ class PoseTip(PolledTip):
             raise ValueError(f"too far: {pose[:3, 3]}")
         turn = Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True, scalar_first=True)
         return TipMeasurement(time - _number(age, 0.0, _OLDEST), pose[self._columns, 3], turn)
+
+
+def _matrices(what: str, poses: Mapping[Any, Pose]) -> dict[str, ndarray]:
+    check_argument(what, poses, Mapping)
+    return {str(k): matrix_of(f"{what} {str(k)!r}", pose) for k, pose in poses.items()}
 
 
 def matrix_of(what: str, pose: Pose) -> ndarray:

@@ -223,8 +223,8 @@ def test_a_film_ends_and_a_camera_that_is_not_there_is_refused(known, tmp_path):
         ({"size": 0.0}, "size must be finite and positive"),
         ({"base_size": -1.0}, "base_size must be finite and positive"),
         ({"latency": -1.0}, "latency must be finite and zero or more"),
-        ({"head": {"tip": [0, 0, 0]}}, "number of a tag must be a whole number from 0 to 586"),
-        ({"head": {587: [0, 0, 0]}}, "number of a tag must be a whole number from 0 to 586"),
+        ({"head": {"tip": [0, 0, 0]}}, "tags have numbers from 0 to 586"),
+        ({"head": {587: [0, 0, 0]}}, "tags have numbers from 0 to 586"),
         ({"device": "nowhere.py:camera"}, "the camera 'nowhere.py:camera'"),
     ],
 )
