@@ -28,7 +28,7 @@ from studies.truths.natnet_packets import Motive
 from studies.truths.tag_images import FACING, Lens, picture, pose
 
 #: Measurements of a run and of a quick one.
-COUNT, QUICK_COUNT = 100, 12
+COUNT, QUICK_COUNT = 60, 12
 
 #: m, sides of the black squares of the tags on the head and at the base.
 SIZE, BASE_SIZE = 0.04, 0.06

@@ -19,8 +19,8 @@ from .tip import PoseTip, TipMeasurement
 _CORNERS = np.array([[-1.0, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
 
 _SAMPLES = np.linspace(0.06, 0.94, 48)  # places along an edge where it is looked for
-_REACH, _LEAST_REACH = 3.0, 1.5  # pixels, how far, but not beyond the cells beside it:
-_CELL = 0.6 / 8  # of a tag's side
+_STEPS = np.linspace(-3.0, 3.0, 13)  # pixels across it
+_NARROWEST = 8 * 5.0  # pixels, of a tag: beside its edges are cells of an eighth of it
 
 _MOST_ERROR = 1.0  # pixels, root mean square, between what is seen and a pose
 _TELLING = 0.1  # pixels, by which a second pose has to fit worse
@@ -65,30 +65,38 @@ class TagFinder:
         found = zip(numbers, corners, strict=True)
         return {n: c[0].astype(float) for n, c in found if numbers.count(n) == 1}
 
-    def refine(self, image: ndarray, corners: ndarray) -> ndarray:
-        """Rays (4, 2), of depth 1, to corners of a tag: where lines along its edges cross.
+    def refine(self, image: ndarray, found: Mapping[int, ndarray]) -> dict[int, ndarray]:
+        """Rays (4, 2), of depth 1, to corners of tags: where lines along their edges cross.
 
         An edge is at the mean of where the picture gets brighter outwards, at places along a side,
         which does not depend on how soft it is or how it lies on the pixels. Corners as OpenCV
-        refines them are off by a quarter of a pixel where pictures are soft.
+        refines them are off by a quarter of a pixel where pictures are soft. Tags that are too
+        small for it, or seen too much from aside, are left out.
         """
-        cv2, side = self._cv2, np.roll(corners, -1, 0) - corners
-        length = np.linalg.norm(side, axis=1)
-        outwards = np.stack([side[:, 1], -side[:, 0]], 1) / length[:, None]
-        reach = min(_REACH, max(_LEAST_REACH, _CELL * length.mean()))
-        steps = np.linspace(-reach, reach, 4 * int(np.ceil(reach)) + 1)
+        rays = {}
+        for number, corners in found.items():
+            first, second = corners[2] - corners[0], corners[3] - corners[1]  # diagonals
+            longest = np.linalg.norm(np.roll(corners, -1, 0) - corners, axis=1).max()
+            width = abs(first[0] * second[1] - first[1] * second[0]) / 2 / longest
+            if width >= _NARROWEST:
+                edges = self._edges(image, corners).reshape(-1, 1, 2)
+                straight = self._cv2.undistortPoints(edges, self._matrix, self._bend)
+                rays[number] = _crossings(straight.reshape(4, -1, 2))
+        return rays
+
+    def _edges(self, image: ndarray, corners: ndarray) -> ndarray:
+        """Points (4, samples, 2) [pixels] of a tag's edges."""
+        side = np.roll(corners, -1, 0) - corners
+        outwards = np.stack([side[:, 1], -side[:, 0]], 1)
+        outwards = (outwards / np.linalg.norm(side, axis=1, keepdims=True))[:, None]
         places = corners[:, None] + _SAMPLES[:, None] * side[:, None]
-        across = places[:, :, None] + steps[:, None] * outwards[:, None, None]
-        across = across.reshape(-1, len(steps), 2).astype(np.float32)
-        grey = cv2.remap(image, across, None, cv2.INTER_LINEAR).astype(float)
+        across = places[:, :, None] + _STEPS[:, None] * outwards[:, None]
+        across = across.reshape(-1, len(_STEPS), 2).astype(np.float32)
+        grey = self._cv2.remap(image, across, None, self._cv2.INTER_LINEAR).astype(float)
         brighter = np.diff(grey, axis=1)
-        total = np.maximum(brighter.sum(1), 1e-9)
-        shift = np.clip(brighter @ (steps[1:] + steps[:-1]) / 2 / total, -reach, reach)
-        edges = places + shift.reshape(4, -1, 1) * outwards[:, None]
-        rays = cv2.undistortPoints(edges.reshape(-1, 1, 2), self._matrix, self._bend)
-        lines = np.array([_line(points) for points in rays.reshape(4, -1, 2)])
-        crossings = np.cross(np.roll(lines, 1, 0), lines)
-        return crossings[:, :2] / crossings[:, 2:]
+        moment = brighter @ (_STEPS[1:] + _STEPS[:-1]) / 2
+        shift = np.clip(moment / np.maximum(brighter.sum(1), 1e-9), _STEPS[0], _STEPS[-1])
+        return places + shift.reshape(4, -1, 1) * outwards
 
     def pose(self, body: Body, rays: Mapping[int, ndarray]) -> ndarray:
         """Pose (4, 4) of a body in the camera's frame.
@@ -135,11 +143,13 @@ class TagFinder:
         return pose
 
 
-def _line(points: ndarray) -> ndarray:
-    """(a, b, c) of the line a x + b y + c = 0 through points (n, 2)."""
-    middle = points.mean(0)
-    normal = np.linalg.svd(points - middle)[2][1]
-    return np.append(normal, -normal @ middle)
+def _crossings(edges: ndarray) -> ndarray:
+    """Corners (4, 2) where lines through points (4, samples, 2) cross."""
+    middle = edges.mean(1)
+    normal = np.linalg.svd(edges - middle[:, None])[2][:, 1]
+    lines = np.column_stack([normal, -np.sum(normal * middle, axis=1)])
+    corners = np.cross(np.roll(lines, 1, 0), lines)
+    return corners[:, :2] / corners[:, 2:]
 
 
 class TagTip(PoseTip):
@@ -203,10 +213,9 @@ class TagTip(PoseTip):
             self._look_at_base(found, image)
             if self._base_pose is None:
                 return None
-        seen = [number for number in self._on_head.tags if number in found]
-        if not seen:
+        rays = self._finder.refine(image, {n: found[n] for n in self._on_head.tags if n in found})
+        if not rays:
             raise ValueError("no tag is seen")
-        rays = {number: self._finder.refine(image, found[number]) for number in seen}
         head = self._finder.pose(self._on_head, rays)
         return self._seen(time, self._latency, head, self._base_pose)
 
@@ -219,9 +228,8 @@ class TagTip(PoseTip):
                 if np.abs(off).mean() > _MOVED:
                     raise ValueError(f"tag {number} of the base, or the camera, has moved")
             return
-        for number, corners in seen.items():
-            both = corners, self._finder.refine(image, corners)
-            self._still.setdefault(number, []).append(both)
+        for number, rays in self._finder.refine(image, seen).items():
+            self._still.setdefault(number, []).append((seen[number], rays))
         if max(map(len, self._still.values()), default=0) >= _BASE_IMAGES:
             kept = {n: each for n, each in self._still.items() if 2 * len(each) > _BASE_IMAGES}
             means = {n: np.mean(each, axis=0) for n, each in kept.items()}
