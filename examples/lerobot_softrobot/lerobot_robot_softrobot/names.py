@@ -6,6 +6,9 @@ import numpy as np
 #: What an observable's name begins with that tells of the task and not of the robot.
 TASK = "reference"
 
+#: File of a dataset with the options of the environment it was recorded in.
+OPTIONS = "softrobot.json"
+
 
 def observation_names(env: gymnasium.Env) -> list[str]:
     """`tip_position.0`, ... of an environment that observes a dict, in its order."""

@@ -4,6 +4,7 @@
         softrobot evaluate --tasks swing --policies lerobot_robot_softrobot.policy:trained
 """
 
+import json
 import os
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import torch
 from lerobot.configs.policies import PreTrainedConfig
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 
-from .names import split
+from .names import OPTIONS, split
 
 
 class LeRobotPolicy:
@@ -46,8 +47,21 @@ class LeRobotPolicy:
         return np.clip(action[0].cpu().numpy(), -1, 1).astype(np.float32), state
 
 
-def trained(robot: Any, control_period: float) -> LeRobotPolicy:
-    """The policy in the folder that the environment variable LEROBOT_POLICY names."""
+def _folder() -> Path:
     if "LEROBOT_POLICY" not in os.environ:
         raise ValueError("LEROBOT_POLICY must name the folder pretrained_model of a checkpoint")
-    return LeRobotPolicy(os.environ["LEROBOT_POLICY"])
+    return Path(os.environ["LEROBOT_POLICY"])
+
+
+def environment(robot: Any) -> dict[str, Any]:
+    """Options of the environment that the dataset was recorded in, from its folder."""
+    config = json.loads((_folder() / "train_config.json").read_text())
+    return json.loads((Path(config["dataset"]["root"]) / OPTIONS).read_text())
+
+
+def trained(robot: Any, control_period: float) -> LeRobotPolicy:
+    """The policy in the folder that the environment variable LEROBOT_POLICY names."""
+    return LeRobotPolicy(_folder())
+
+
+trained.environment = environment

@@ -3,6 +3,7 @@
 python -m lerobot_robot_softrobot.record --policy lq_adaptive --episodes 20 --out out/swings
 """
 
+import json
 from argparse import ArgumentParser
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 import softrobot_env  # noqa: F401  # registers the environments
 from softrobot_env.control.registry import make_policy, policy_environment
 
-from .names import TASK, action_names, observation_names, split
+from .names import OPTIONS, TASK, action_names, observation_names, split
 
 
 def features(env: gymnasium.Env) -> dict[str, dict]:
@@ -46,7 +47,8 @@ def record(
             something to correct; the dataset has the policy's own.
     """
     robot = gymnasium.make(env_id).unwrapped.task.robot
-    env = gymnasium.make(env_id, **policy_environment(policy, robot))
+    options = policy_environment(policy, robot)
+    env = gymnasium.make(env_id, **options)
     expert = make_policy(policy, env)
     rate = 1 / env.unwrapped.control_period
     dataset = LeRobotDataset.create(
@@ -69,6 +71,7 @@ def record(
         dataset.save_episode()
     env.close()
     dataset.finalize()
+    (out / OPTIONS).write_text(json.dumps(options))
     return dataset
 
 
