@@ -50,6 +50,7 @@ HEAVY = {
     "warp",
     "stable_baselines3",
     "serial",
+    "cv2",
     "imageio",
     "matplotlib",
     "PIL",

@@ -34,6 +34,7 @@ STUDIES = {
     "thesis": "Figures and tables of the thesis' chapter 2 anew",
     "thesis_fitted": "How results depend on parameters that were fitted to the thesis",
     "thesis_text": "Numbers in the thesis' text that no other study measures",
+    "tips": "Error and latency of tags seen by a camera, and of trackers' packets",
     "transfer": "Every policy on plants, robots and twins that it was not tuned on",
 }
 

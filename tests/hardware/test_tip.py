@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 
+from softrobot_env.hardware.errors import LinkError
 from softrobot_env.hardware.tip import TIP_SOURCES, SensorTip, UdpTip, make_tip_source, sign
 
 
@@ -124,7 +125,8 @@ def test_sensors_are_a_linear_map():
 
 
 def test_bad_sources_are_refused():
-    with pytest.raises(ValueError, match=r"unknown tip source 'radar'; choose from udp, sensors"):
+    known = "udp, sensors, natnet, tags"
+    with pytest.raises(ValueError, match=rf"unknown tip source 'radar'; choose from {known}"):
         make_tip_source("radar", {})
     with pytest.raises(ValueError, match="tip source 'udp'"):
         make_tip_source("udp", {"baud": 9600})
@@ -133,4 +135,55 @@ def test_bad_sources_are_refused():
             make_tip_source("udp", {"port": port})
     with pytest.raises(ValueError, match=r"offset \(2,\)"):
         SensorTip(np.zeros(3), np.zeros((2, 4)))
-    assert set(TIP_SOURCES) == {"udp", "sensors"}
+    assert set(TIP_SOURCES) == {"udp", "sensors", "natnet", "tags"}
+    with pytest.raises(ValueError, match="axes must be one of"):
+        UdpTip(0, axes="xyw")
+
+
+def test_a_tracker_may_send_three_coordinates_and_an_orientation():
+    source = UdpTip(0, axes="xyz")
+    half = 2**-0.5
+    place = {"x": 0.1, "y": 0.2, "z": 0.3}
+    bad = [{"x": 0.1, "y": 0.2}, place | {"q": [1, 1, 0, 0]}, place | {"q": [1]}, place | {"q": 1}]
+    send(source, *[json.dumps(each).encode() for each in bad])
+    send(source, json.dumps(place | {"q": [half, 0, -half, 0]}).encode())
+    wait_until(lambda: source.latest(None, 0.0) is not None)
+    assert source.refused == len(bad)
+    assert source.latest(None, 0.0).position.tolist() == [0.1, 0.2, 0.3]
+    assert source.latest(None, 0.0).orientation == pytest.approx([half, 0, -half, 0])
+    source.close()
+
+
+OWN = """
+class Still:
+    def __init__(self, place):
+        self.place = place
+
+    def latest(self, adc, time):
+        return time, self.place
+
+    def close(self):
+        pass
+"""
+
+
+def test_a_source_of_ones_own_is_one_file(tmp_path):
+    path = tmp_path / "own.py"
+    path.write_text(OWN)
+    source = make_tip_source(f"{path}:Still", {"place": [1.0, 2.0]})
+    assert source.latest(None, 3.0) == (3.0, [1.0, 2.0])
+    with pytest.raises(ValueError, match=r"the tip source .*NoSuch"):
+        make_tip_source(f"{path}:NoSuch", {})
+    with pytest.raises(ValueError, match="unexpected keyword"):
+        make_tip_source(f"{path}:Still", {"speed": 1})
+
+
+def test_a_source_whose_thread_ends_says_so():
+    source = UdpTip(0)
+    source._read = lambda data, now: {}[0] if data == b"bad" else 1 / 0
+    send(source, b"bad", b"worse")
+    wait_until(lambda: source._failure is not None)
+    assert source.refused == 1
+    with pytest.raises(LinkError, match="the tip source has ended: division by zero"):
+        source.latest(None, 0.0)
+    source.close()

@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 RESULTS, STUDIES = ROOT / "docs" / "results", ROOT / "scripts" / "studies"
 
 #: Extra package that a study cannot do without.
-NEEDS = dict.fromkeys(("learning", "ppo_defaults"), "stable_baselines3")
+NEEDS = dict.fromkeys(("learning", "ppo_defaults"), "stable_baselines3") | {"tips": "cv2"}
 
 
 @pytest.mark.parametrize("name", [name for name in BENCHMARKS if name != "speed"])

@@ -29,7 +29,7 @@ from softrobot_env.rendering.tables import Column, make_table, named_values
 from ..arguments import command
 from ..output import say
 from ..registry import Command
-from . import calibrate, record, soak, virtual
+from . import calibrate, camera, record, soak, virtual
 from .link import ROBOT_TEXT, info_rows, open_driver, reading_rows, robot_of
 
 EXAMPLE = "softrobot robot hold --port /dev/ttyUSB0 --seconds 10"
@@ -270,6 +270,7 @@ COMMANDS: Mapping[str, Command] = {
         "configure a robot and print what it says of itself",
     ),
     "calibrate": (calibrate, "jog the servos, mark zero, range and rest, and write a robot file"),
+    "camera": (camera, "print tags and a board, calibrate a camera that sees them"),
     "hold": (_HOLD, "arm a robot and hold it at rest"),
     "stop": (_STOP, "ramp a robot to rest and switch its outputs off"),
     "estop": (_ESTOP, "cut a robot's outputs at once"),
