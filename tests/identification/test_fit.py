@@ -22,7 +22,7 @@ from softrobot_env.identification.fit.path import identify, placed
 from softrobot_env.identification.fit.report import write_files
 from softrobot_env.identification.fit.residual import corrected, read_residual, trained
 from softrobot_env.identification.fit.static_windows import at_rest
-from softrobot_env.identification.fit.unknowns import FRICTIONS, HOLDS, Fact, Group, Unknowns
+from softrobot_env.identification.fit.unknowns import FRICTIONS, HOLDS, RUBS, Fact, Group, Unknowns
 from softrobot_env.identification.replay import replay
 from softrobot_env.recordings import Frame, Marker, Recording, read_header, write_recording
 from softrobot_env.robots import ROBOTS, RobotParams, read_robot, write_robot
@@ -126,6 +126,37 @@ def test_friction_of_the_backbone_is_found_where_there_is_some(held):
     assert [s.bending_friction for s in sections] == pytest.approx([most], rel=0.1)
     assert [t.friction for t in found.robot.tendons] == pytest.approx([0.02] * 3, rel=0.2)
     assert size(found.fit.simulated.error) < 4e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("coefficient", [0.0, 0.08, 0.25])
+def test_a_coefficient_of_friction_is_found_where_there_is_one(coefficient):
+    """Of a rod whose tendons also rub at any tension; the chain has zones, the model pieces."""
+    true = ROD.vary(youngs_modulus=1.1, tendon_friction=0.02, friction_coefficient=coefficient)
+    recording = pulled(true, UP_AND_DOWN, noise=1e-4)
+    found = identify(recording, ROD, ("statics",), validate=False)
+    assert not found.robot.holds
+    coefficients = [t.friction_coefficient for t in found.robot.tendons]
+    if not coefficient:
+        assert coefficients == [0.0] * 3
+        return
+    assert coefficients == pytest.approx([coefficient] * 3, rel=0.1)
+    deviation = found.fit.deviation[found.unknowns.place(RUBS)][0]
+    assert abs(np.log(coefficients[0] / coefficient)) < 4 * deviation + 0.01
+    assert deviation < 0.1
+    assert [t.friction for t in found.robot.tendons] == pytest.approx([0.02] * 3, rel=0.2)
+
+
+def test_slopes_by_coefficients_of_friction_are_exact_while_zones_stick_and_slide():
+    robot = HEAVY.vary(friction_coefficient=0.2, tendon_friction=0.01)
+    ways = np.array([[1, 0, 0.2], [3, 0.5, 0], [2.5, 1.5, 0], [0.5, 1.5, 1], [0.7, 1.2, 1]])
+    model = StaticModel(robot, recorded(ways, "tension", robot.tendon_names), known=FRICTIONS)
+    x, step = np.zeros(len(model.unknowns.spread)), 1e-7
+    found = model.simulate(x, np.ones(len(x), dtype=bool))
+    for k, way in enumerate(step * np.eye(len(x))):
+        there, back = model.simulate(x + way).error, model.simulate(x - way).error
+        slope = (there - back) / 2 / step
+        assert np.abs(slope - found.slopes[..., k]).max() < 1e-5 + 1e-4 * np.abs(slope).max()
 
 
 @pytest.mark.slow

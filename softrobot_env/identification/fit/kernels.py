@@ -369,9 +369,7 @@ def imbalance(layout, body, state, has_friction, work):
     work.force[:] = 0
     _add_pieces(layout, body, state, has_friction, work)
     for k in range(len(work.length)):
-        work.length[k] = _tendon_length(
-            layout, body.place, state.q, k, work.part[k], work.arm[k]
-        )
+        work.length[k] = _tendon_length(layout, body.place, state.q, k, work.part[k], work.arm[k])
     _set_tensions(layout, body, state, has_friction, work)
     _add_tendons(layout, work)
     _add_weight(layout, body, state.q, work)
