@@ -57,6 +57,7 @@ class Layout(NamedTuple):
         loose: [m] of sliding at which friction of a tendon is whole.
         give: (n,) [rad] of a turn at which friction of a piece is whole.
         apart: Whether friction of the backbone is kept apart from that of the tendons.
+        along: Whether friction of any tendon grows with its tension.
     """
 
     sizes: ndarray
@@ -67,6 +68,7 @@ class Layout(NamedTuple):
     loose: float
     give: ndarray
     apart: bool
+    along: bool
 
 
 class Body(NamedTuple):
@@ -152,8 +154,8 @@ class State(NamedTuple):
     Attributes:
         q: (3 n,) turns of the pieces.
         control: (n_tendons,) [m] or [N], what servos make of a command.
-        anchor: (n_tendons + 2 n + n_tendons n,) where friction would vanish: lengths [m], bends
-            [rad], and lengths [m] from the begin of a piece on, tendon by tendon.
+        anchor: (n_tendons + 2 n,) where friction would vanish: lengths [m], then bends [rad]; where
+            friction grows with tension, n_tendons n more: lengths [m] from the begins of pieces on.
     """
 
     q: ndarray
@@ -292,12 +294,6 @@ def _pull(layout, body, state, has_friction, k, length):
 
 
 @kernel
-def _rubs(body, k):
-    """Whether friction of tendon k grows with its tension."""
-    return body.rubbing[k].real > 0 or body.feed[k].real > 0
-
-
-@kernel
 def _zone(layout, body, state, k, i, beyond):
     """Share and exponent [1] of friction of tendon k before its part in piece i.
 
@@ -321,9 +317,8 @@ def _set_tensions(layout, body, state, has_friction, work):
     for k in range(len(work.length)):
         pull, held = _pull(layout, body, state, has_friction, k, work.length[k])
         beyond, growth = work.length[k], 0 * pull
-        rubs = has_friction and _rubs(body, k)
         for i in range(layout.last[k]):
-            if rubs:
+            if has_friction and layout.along:
                 share, exponent = _zone(layout, body, state, k, i, beyond)
                 growth += share * exponent
                 beyond -= work.part[k, i]
@@ -440,11 +435,11 @@ def _add_tension_rates(layout, body, state, has_friction, scratch):
     for k in range(len(real.length)):
         pull, held = _pull(layout, body, state, has_friction, k, complex(real.length[k], TINY))
         by_pull, by_held, arm = pull.imag / TINY, held.imag / TINY, real.arm[k]
-        rubs, beyond = has_friction and _rubs(body, k), real.length[k]
+        beyond = real.length[k]
         growth = np.zeros(3 * layout.last[k])  # derivative of the logarithm of tension by q
         for i in range(layout.last[k]):
             drawn, rate = real.tension[k, i] - held.real, by_pull
-            if rubs and pull.real > 0:
+            if has_friction and layout.along and pull.real > 0:
                 _add_growth(layout, body, state, k, i, beyond, arm, growth)
                 rate *= drawn / pull.real
                 beyond -= real.part[k, i]
@@ -575,10 +570,10 @@ def _move_anchors(layout, state, has_friction, work):
         length = work.length[k]
         share = _slid(length - anchor[k], layout.loose)
         anchor[k] = length - kept * layout.loose * share
-        for at in range(k * n, k * n + layout.last[k]):
-            share = _slid(length - beyond[at], layout.loose)
-            beyond[at] = length - kept * layout.loose * share
-            length -= work.part[k, at - k * n]
+        for i in range(layout.last[k] if layout.along else 0):
+            share = _slid(length - beyond[k * n + i], layout.loose)
+            beyond[k * n + i] = length - kept * layout.loose * share
+            length -= work.part[k, i]
     for i in range(len(layout.sizes)):
         give, b0, b1 = layout.give[i], q[3 * i], q[3 * i + 1]
         x, y = _held((b0 - bends[2 * i]) / give, (b1 - bends[2 * i + 1]) / give)
@@ -603,7 +598,8 @@ def _differentiate(layout, many, state, moved, has_friction, scratch, out):
         out: Is set.
     """
     real, work, steps = scratch.real, scratch.complex, out.shape[2]
-    pulls, parts = np.zeros((len(state.q), steps)), np.zeros((*work.part.shape, steps))
+    pulls, lengths = np.zeros((len(state.q), steps)), np.zeros((len(work.length), steps))
+    parts = np.zeros((len(work.length), len(layout.sizes), steps))
     for j in range(steps):
         body, one = _body(many, j), State(moved.q[j], moved.control[j], moved.anchor[j])
         one.q[:] = state.q
@@ -613,11 +609,15 @@ def _differentiate(layout, many, state, moved, has_friction, scratch, out):
         _add_pieces(layout, body, one, has_friction, work)
         for k in range(len(work.length)):
             by_place = 0.0
-            work.arm[k, :], work.part[k, :] = real.arm[k], real.part[k]
+            work.arm[k, :] = real.arm[k]
+            if layout.along:
+                work.part[k, :] = real.part[k]
             if body.place[k, 0].imag != 0 or body.place[k, 1].imag != 0:
                 length = _tendon_length(layout, body.place, one.q, k, work.part[k], work.arm[k])
                 by_place = length.imag
-                parts[k, :, j] = work.part[k].imag / TINY
+                if layout.along:
+                    parts[k, :, j] = work.part[k].imag / TINY
+            lengths[k, j] = by_place / TINY
             work.length[k] = complex(real.length[k], by_place)  # so that it slides as it does there
         _set_tensions(layout, body, one, has_friction, work)
         _add_tendons(layout, work)
@@ -625,15 +625,17 @@ def _differentiate(layout, many, state, moved, has_friction, scratch, out):
             _add_weight(layout, body, one.q, work)
         pulls[:, j] = work.force.imag / TINY
     change = -np.linalg.solve(scratch.tangent, pulls)
-    for k in range(len(work.length)):
+    lengths += real.arm @ change
+    for k in range(len(work.length) if layout.along else 0):
         for m in range(3 * layout.last[k]):
             parts[k, m // 3] += real.arm[k, m] * change[m]
     _set_slopes(layout, many, change, scratch, out)
     for j in range(steps):
         one = State(moved.q[j], moved.control[j], moved.anchor[j])
         one.q[:] = state.q + complex(0.0, TINY) * change[:, j]
-        work.part[:, :] = real.part + complex(0.0, TINY) * parts[:, :, j]
-        work.length[:] = real.length + complex(0.0, TINY) * parts[:, :, j].sum(axis=1)
+        work.length[:] = real.length + complex(0.0, TINY) * lengths[:, j]
+        if layout.along:
+            work.part[:, :] = real.part + complex(0.0, TINY) * parts[:, :, j]
         _move_anchors(layout, one, has_friction, work)
 
 
@@ -689,7 +691,7 @@ def follow(layout, body, many, rows, tolerance, scratch):
     """
     n, tendons, p = 3 * len(layout.sizes), rows.controls.shape[1], len(many.gravity)
     real, before = scratch.real, np.zeros(tendons)
-    anchors = tendons + (2 + tendons) * len(layout.sizes)
+    anchors = tendons + (2 + tendons * layout.along) * len(layout.sizes)
     state = State(np.zeros(n), np.zeros(tendons), np.zeros(anchors))
     moved = State(
         np.zeros((p, n), np.complex128),

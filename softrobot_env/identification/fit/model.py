@@ -166,7 +166,8 @@ class StaticModel:
         nodes = np.array([int(np.argmin(np.abs(edges - place))) for place in places])
         give = _GIVE * sizes / robot.length
         apart = bool(self._holding.any())
-        self.layout = Layout(sizes, spans, last, self._by_length, nodes, _LOOSE, give, apart)
+        along = bool(self._rubbing.any() or self._feed.any())
+        self.layout = Layout(sizes, spans, last, self._by_length, nodes, _LOOSE, give, apart, along)
         backbone = robot.backbone
         self._bending = backbone.in_series(backbone.bending, edges) / sizes
         self._torsion = backbone.in_series(backbone.torsion, edges) / sizes

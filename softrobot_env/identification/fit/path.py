@@ -220,9 +220,11 @@ class _Run:
         has = {HOLDS: self.robot.holds, RUBS: self.robot.of_tendons(RUBS).any()}
         without = [name for name in has if not has[name] and name not in filed]
         self.model, self.fit = self._tried("fit", [*filed, *without])
+        plain = self.fit
         for name in () if any(has.values()) else without:
             others = [other for other in without if other != name]
-            model, fit = self._tried(_TRIED[name], [*filed, *others])
+            begin = plain if name == RUBS else None  # it changes how rows lag, not the robot
+            model, fit = self._tried(_TRIED[name], [*filed, *others], begin)
             keeps = name != HOLDS or _kept(model.robot_of(fit.x)) > _LEAST_KEPT
             if keeps and least_squares.pays(self.fit, fit):
                 self.model, self.fit = model, fit
@@ -236,8 +238,13 @@ class _Run:
         self.unknowns = self.model.unknowns
         return True
 
-    def _tried(self, what: str, filed: Sequence[str]) -> tuple[StaticModel, Fit]:
-        """Model and fit of the rows at rest, some kinds of friction being as the file says."""
+    def _tried(
+        self, what: str, filed: Sequence[str], begin: Fit | None = None
+    ) -> tuple[StaticModel, Fit]:
+        """Model and fit of the rows at rest, some kinds of friction being as the file says.
+
+        From another fit on if there is one.
+        """
         model = StaticModel(self.robot, self.static, self.turned, known=filed)
         free, x = _free(model, self.stages, self.known), np.zeros(len(model.unknowns.spread))
         for name in _TRIED:
@@ -248,7 +255,10 @@ class _Run:
             model.place_frame(x, vector, shift)
         elif self.assignment is not None and self.assignment.turn:
             x[model.unknowns.place("frame_turn").stop - 1] = self.assignment.turn
-        return model, _fitted(model, x, free, lambda n, _: self.show(what, min(n, _FITS), _FITS))
+        show = partial(_shown, self.show, what)
+        if begin is not None:
+            return model, fitted(model, begin.x, free, begin.weights, show)
+        return model, _fitted(model, x, free, show)
 
     def fit_dynamics(self) -> bool:
         """Damping, delay and friction."""
@@ -321,6 +331,10 @@ _STEPS: dict[str, Callable[[_Run], bool]] = {
     "experiments": _Run.ask,
     "doubts": _Run.doubt,
 }
+
+
+def _shown(show: ProgressCallback, what: str, step: int, _: float) -> None:
+    show(what, min(step, _FITS), _FITS)
 
 
 def _unsure(found: Assignment | None) -> tuple[str, ...]:
