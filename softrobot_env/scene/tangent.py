@@ -339,7 +339,8 @@ class RubbingForces(StaticForces):
 
     A zone (`integration.capstan`) keeps the length beyond it. With the share s of its friction, -1
     to 1, that this takes, tension grows there by the factor exp(s mu a). It breaks loose within
-    `_LOOSE_ZONE` of the robot's length.
+    `_LOOSE_ZONE` of the robot's length, by which it creeps; `hold` takes that back, as multipliers
+    do what a penalty allows (the augmented Lagrangian of constrained optimisation).
 
     Attributes:
         anchors: (ntendon + zones,) [m], lengths at which friction would vanish, of tendons and then
@@ -431,6 +432,8 @@ class RubbingForces(StaticForces):
     def _lengths(self) -> ndarray:
         """(ntendon + zones,) [m] of tendons, and of what lies beyond zones."""
         model, data = self.model, self._data
+        if not len(self._tendon):
+            return data.ten_length.copy()
         angles = data.qpos[model.jnt_qposadr[model.dof_jntid]]
         along_joints = model.wrap_type[model.tendon_adr[self._tendon]] == mjtWrap.mjWRAP_JOINT
         beyond = np.where(along_joints, self._arms() @ angles, 0.0)

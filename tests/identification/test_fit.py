@@ -22,13 +22,14 @@ from softrobot_env.identification.fit.path import identify, placed
 from softrobot_env.identification.fit.report import write_files
 from softrobot_env.identification.fit.residual import corrected, read_residual, trained
 from softrobot_env.identification.fit.static_windows import at_rest
-from softrobot_env.identification.fit.unknowns import FRICTIONS, HOLDS, Fact, Group, Unknowns
+from softrobot_env.identification.fit.unknowns import FRICTIONS, HOLDS, RUBS, Fact, Group, Unknowns
 from softrobot_env.identification.replay import replay
 from softrobot_env.recordings import Frame, Marker, Recording, read_header, write_recording
 from softrobot_env.robots import ROBOTS, RobotParams, read_robot, write_robot
 from softrobot_env.robots.twin import rig3d_twin
 from softrobot_env.tasks import make_task
 from softrobot_env.thesis.rig.parameters import identified, record
+from studies.truths import capstan_twin
 
 RADIUS, TENDON, MODULUS = 0.004, 0.008, 1e7
 BENDING = MODULUS * pi * RADIUS**4 / 4
@@ -126,6 +127,46 @@ def test_friction_of_the_backbone_is_found_where_there_is_some(held):
     assert [s.bending_friction for s in sections] == pytest.approx([most], rel=0.1)
     assert [t.friction for t in found.robot.tendons] == pytest.approx([0.02] * 3, rel=0.2)
     assert size(found.fit.simulated.error) < 4e-4
+
+
+def of_twin(seed: int, rubs: bool = True) -> tuple[float, float, float]:
+    """Coefficient of a twin, what is found, and the standard deviation of its logarithm."""
+    twin = capstan_twin.seen(seed, rubs)
+    found = identify(twin.recording, capstan_twin.BELIEVED, ("statics",), validate=False)
+    assert not found.robot.holds
+    deviation = found.fit.deviation[found.unknowns.place(RUBS)][0]
+    return twin.coefficient, found.robot.tendons[0].friction_coefficient, float(deviation)
+
+
+@pytest.mark.parametrize(
+    ("seeds", "within", "held"),
+    [([4, 12], 2, 2), pytest.param(range(100, 140), 36, 36, marks=pytest.mark.slow)],
+)
+def test_coefficients_of_friction_of_blind_twins_are_found_within_a_tenth(seeds, within, held):
+    """Fewer than 36 of 40 intervals that hold 95 % each hold the truth once in 20 tries."""
+    true, found, deviation = np.array([of_twin(seed) for seed in seeds]).T
+    assert np.sum(np.abs(found / true - 1) < 0.1) >= within
+    off = np.abs(np.log(np.maximum(found, 1e-12) / true))
+    assert np.sum(off < NORMAL_95 * deviation) >= held
+
+
+@pytest.mark.parametrize(
+    "seeds", [[1], pytest.param(range(200, 220), marks=pytest.mark.slow)], ids=["one", "many"]
+)
+def test_twins_without_a_coefficient_of_friction_are_told_to_have_none(seeds):
+    assert [of_twin(seed, rubs=False)[1] for seed in seeds] == [0.0] * len(seeds)
+
+
+def test_slopes_by_coefficients_of_friction_are_exact_while_zones_stick_and_slide():
+    robot = HEAVY.vary(friction_coefficient=0.2, tendon_friction=0.01)
+    ways = np.array([[1, 0, 0.2], [3, 0.5, 0], [2.5, 1.5, 0], [0.5, 1.5, 1], [0.7, 1.2, 1]])
+    model = StaticModel(robot, recorded(ways, "tension", robot.tendon_names), known=FRICTIONS)
+    x, step = np.zeros(len(model.unknowns.spread)), 1e-7
+    found = model.simulate(x, np.ones(len(x), dtype=bool))
+    for k, way in enumerate(step * np.eye(len(x))):
+        there, back = model.simulate(x + way).error, model.simulate(x - way).error
+        slope = (there - back) / 2 / step
+        assert np.abs(slope - found.slopes[..., k]).max() < 1e-5 + 1e-4 * np.abs(slope).max()
 
 
 @pytest.mark.slow

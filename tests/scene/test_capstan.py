@@ -1,9 +1,7 @@
 """Friction in proportion to tension, along a tendon's way: at rest and in motion."""
 
-import sys
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -18,8 +16,6 @@ from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.integration.zones import Zones
 from softrobot_env.scene.statics import equilibrium
 from softrobot_env.scene.tangent import RubbingForces
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
 from studies.truths.capstan import HangingRod
 
 LENGTH, DISTANCE, PULL = CANTILEVER_WEAK.length, 0.02, 40.0

@@ -57,6 +57,7 @@ class Layout(NamedTuple):
         loose: [m] of sliding at which friction of a tendon is whole.
         give: (n,) [rad] of a turn at which friction of a piece is whole.
         apart: Whether friction of the backbone is kept apart from that of the tendons.
+        along: Whether friction of any tendon grows with its tension.
     """
 
     sizes: ndarray
@@ -67,6 +68,7 @@ class Layout(NamedTuple):
     loose: float
     give: ndarray
     apart: bool
+    along: bool
 
 
 class Body(NamedTuple):
@@ -84,6 +86,8 @@ class Body(NamedTuple):
         backlash: (n_tendons,) [m], half of the servos' backlash.
         marker: (n_markers, 3) [m], from the nodes, along the cross-section's axes.
         holding: (n,) [N m], friction of the backbone against bending in any direction.
+        rubbing: (n_tendons,) [1], coefficients of their friction in the robot.
+        feed: (n_tendons,) [1], the same times the angle of their feed lines.
     """
 
     stiffness: ndarray
@@ -99,12 +103,18 @@ class Body(NamedTuple):
     backlash: ndarray
     marker: ndarray
     holding: ndarray
+    rubbing: ndarray
+    feed: ndarray
 
 
 class Work(NamedTuple):
-    """Scratch of one kind of numbers: lengths, their derivatives, tensions, postures, forces."""
+    """Scratch of one kind of numbers: lengths, their derivatives, tensions, postures, forces.
+
+    Lengths of tendons and of their parts in pieces; tensions in these.
+    """
 
     length: ndarray
+    part: ndarray
     arm: ndarray
     tension: ndarray
     place: ndarray
@@ -132,7 +142,8 @@ class Scratch(NamedTuple):
 def scratch(pieces: int, tendons: int) -> Scratch:
     """Scratch arrays for a robot."""
     along, places = 3 * pieces, (pieces + 1, 3)
-    shapes = ((tendons,), (tendons, along), (tendons,), places, (*places, 3), (along,))
+    parts = (tendons, pieces)
+    shapes = ((tendons,), parts, (tendons, along), parts, places, (*places, 3), (along,))
     kinds = (Work(*(np.zeros(shape, kind) for shape in shapes)) for kind in (float, complex))
     return Scratch(*kinds, *(np.zeros((along, k)) for k in (along, 3, 3)))
 
@@ -143,7 +154,8 @@ class State(NamedTuple):
     Attributes:
         q: (3 n,) turns of the pieces.
         control: (n_tendons,) [m] or [N], what servos make of a command.
-        anchor: (n_tendons + 2 n,) where friction would vanish: lengths [m], then bends [rad].
+        anchor: (n_tendons + 2 n,) where friction would vanish: lengths [m], then bends [rad]; where
+            friction grows with tension, n_tendons n more: lengths [m] from the begins of pieces on.
     """
 
     q: ndarray
@@ -173,8 +185,8 @@ class Rows(NamedTuple):
 
 
 @kernel
-def _tendon_length(layout, place, q, k, arm):
-    """Length [m] of tendon k; sets its derivatives (3 n,) by q (3 n,)."""
+def _tendon_length(layout, place, q, k, part, arm):
+    """Length [m] of tendon k; sets its parts (n,) and its derivatives (3 n,) by q (3 n,)."""
     total = q[0] * 0 + place[k, 0] * 0
     arm[:] = 0
     dx, dy = place[k, 0], place[k, 1]
@@ -192,7 +204,8 @@ def _tendon_length(layout, place, q, k, arm):
         square = p2 * p2 * r2 + up * up
         along = span * span * p2 * p2
         chord = np.sqrt(s * square + 2 * e * along)
-        total += m * chord
+        part[i] = m * chord
+        total += part[i]
         common = 2 * ds * square + 2 * de * along
         arm[3 * i] = (common * p0 + 2 * s * up * dy) / (2 * chord)
         arm[3 * i + 1] = (common * p1 - 2 * s * up * dx) / (2 * chord)
@@ -261,26 +274,57 @@ def _held(x, y):
 
 
 @kernel
-def _set_tensions(layout, body, state, has_friction, work):
-    """Set work.tension (n_tendons,) [N], inside the robot, by the lengths there.
+def _pull(layout, body, state, has_friction, k, length):
+    """Tension [N] of tendon k by its drive, and friction of whatever tension, by a length [m].
 
     None is negative at the servo. Where friction of the backbone is kept apart, that of a tendon is
     no more than its tension: a slack tendon does not rub.
     """
+    pull = state.control[k] + length * 0
+    if layout.by_length:
+        pull = body.pretension[k] + body.spring[k] * (pull + length - body.straight[k])
+    if pull.real <= 0:
+        pull = pull * 0
+    most = body.friction[k] + pull * 0
+    if not has_friction:
+        return pull, 0 * most
+    if layout.apart and pull.real < most.real:
+        most = pull
+    return pull, most * _slid(length - state.anchor[k], layout.loose)
+
+
+@kernel
+def _zone(layout, body, state, k, i, beyond):
+    """Share and exponent [1] of friction of tendon k before its part in piece i.
+
+    As `scene.integration.capstan` has it; beyond is the length [m] from the begin of the piece on.
+    """
+    n, q = len(layout.sizes), state.q
+    turned = np.sqrt(q[3 * i] * q[3 * i] + q[3 * i + 1] * q[3 * i + 1]) / 2
+    exponent = body.rubbing[k] * turned
+    if i == 0:
+        exponent += body.feed[k]
+    else:
+        turned = np.sqrt(q[3 * i - 3] * q[3 * i - 3] + q[3 * i - 2] * q[3 * i - 2]) / 2
+        exponent += body.rubbing[k] * turned
+    anchor = state.anchor[len(state.control) + 2 * n + k * n + i]
+    return _slid(beyond - anchor, layout.loose), exponent
+
+
+@kernel
+def _set_tensions(layout, body, state, has_friction, work):
+    """Set work.tension (n_tendons, n) [N] in the pieces, by the lengths there."""
     for k in range(len(work.length)):
-        length, control = work.length[k], state.control[k]
-        pull = control + length * 0
-        if layout.by_length:
-            stretch = control + length - body.straight[k]
-            pull = body.pretension[k] + body.spring[k] * stretch
-        if pull.real <= 0:
-            pull = pull * 0
-        work.tension[k] = pull
-        if has_friction:
-            most = body.friction[k] + pull * 0
-            if layout.apart and pull.real < most.real:
-                most = pull
-            work.tension[k] += most * _slid(length - state.anchor[k], layout.loose)
+        pull, held = _pull(layout, body, state, has_friction, k, work.length[k])
+        beyond, growth = work.length[k], 0 * pull
+        for i in range(layout.last[k]):
+            if has_friction and layout.along:
+                share, exponent = _zone(layout, body, state, k, i, beyond)
+                growth += share * exponent
+                beyond -= work.part[k, i]
+                work.tension[k, i] = pull * np.exp(growth) + held
+            else:
+                work.tension[k, i] = pull + held
 
 
 @kernel
@@ -305,7 +349,7 @@ def _add_tendons(layout, work):
     """Add what tendons do by their tensions and arms to work.force (3 n,) [N m]."""
     for k in range(len(work.tension)):
         for i in range(3 * layout.last[k]):
-            work.force[i] += work.tension[k] * work.arm[k, i]
+            work.force[i] += work.tension[k, i // 3] * work.arm[k, i]
 
 
 @kernel
@@ -320,7 +364,7 @@ def imbalance(layout, body, state, has_friction, work):
     work.force[:] = 0
     _add_pieces(layout, body, state, has_friction, work)
     for k in range(len(work.length)):
-        work.length[k] = _tendon_length(layout, body.place, state.q, k, work.arm[k])
+        work.length[k] = _tendon_length(layout, body.place, state.q, k, work.part[k], work.arm[k])
     _set_tensions(layout, body, state, has_friction, work)
     _add_tendons(layout, work)
     _add_weight(layout, body, state.q, work)
@@ -385,6 +429,41 @@ def _add_own_weight(size, phi, i, mass, lever, gravity, scratch):
 
 
 @kernel
+def _add_tension_rates(layout, body, state, has_friction, scratch):
+    """Add to the tangent what tensions change by lengths, and by how much pieces turn."""
+    real, out = scratch.real, scratch.tangent
+    for k in range(len(real.length)):
+        pull, held = _pull(layout, body, state, has_friction, k, complex(real.length[k], TINY))
+        by_pull, by_held, arm = pull.imag / TINY, held.imag / TINY, real.arm[k]
+        beyond = real.length[k]
+        growth = np.zeros(3 * layout.last[k])  # derivative of the logarithm of tension by q
+        for i in range(layout.last[k]):
+            drawn, rate = real.tension[k, i] - held.real, by_pull
+            if has_friction and layout.along and pull.real > 0:
+                _add_growth(layout, body, state, k, i, beyond, arm, growth)
+                rate *= drawn / pull.real
+                beyond -= real.part[k, i]
+            for m in range(3 * layout.last[k]):
+                change = (rate + by_held) * arm[m] + drawn * growth[m]
+                for j in range(3 * i, 3 * i + 3):
+                    out[j, m] += arm[j] * change
+
+
+@kernel
+def _add_growth(layout, body, state, k, i, beyond, arm, growth):
+    """Add the derivative by q of share times exponent of a zone, see `_zone`."""
+    share, exponent = _zone(layout, body, state, k, i, beyond)
+    if abs(share) < 1:
+        growth[3 * i :] += exponent / layout.loose * arm[3 * i : len(growth)]
+    for piece in range(max(i - 1, 0), i + 1):
+        x, y = state.q[3 * piece], state.q[3 * piece + 1]
+        turn = np.sqrt(x * x + y * y)
+        if turn > 0:
+            growth[3 * piece] += share * body.rubbing[k] * x / turn / 2
+            growth[3 * piece + 1] += share * body.rubbing[k] * y / turn / 2
+
+
+@kernel
 def _tangent(layout, body, state, has_friction, scratch):
     """Set the tangent to the derivative of the imbalance by q, where real numbers were set last.
 
@@ -395,15 +474,8 @@ def _tangent(layout, body, state, has_friction, scratch):
     n, tendons = len(layout.sizes), len(real.length)
     out[:, :] = 0
     _set_rates(layout, q, scratch)
-    for k in range(tendons):
-        work.length[k] = complex(real.length[k], TINY)
-    _set_tensions(layout, body, state, has_friction, work)
-    for k in range(tendons):
-        rate, arm = work.tension[k].imag / TINY, real.arm[k]
-        work.tension[k] = work.tension[k].real
-        for i in range(3 * layout.last[k]):
-            for j in range(3 * layout.last[k]):
-                out[i, j] += rate * arm[i] * arm[j]
+    _add_tension_rates(layout, body, state, has_friction, scratch)
+    work.tension[:, :] = real.tension
     z = q.astype(np.complex128)
     for j in range(3):
         for i in range(n):
@@ -411,8 +483,8 @@ def _tangent(layout, body, state, has_friction, scratch):
         work.force[:] = 0
         _add_pieces(layout, body, State(z, state.control, state.anchor), has_friction, work)
         for k in range(tendons):
-            if work.tension[k] != 0:
-                _tendon_length(layout, body.place, z, k, work.arm[k])
+            if work.tension[k, 0] != 0:
+                _tendon_length(layout, body.place, z, k, work.part[k], work.arm[k])
         _add_tendons(layout, work)
         for i in range(3 * n):
             out[i, 3 * (i // 3) + j] += work.force[i].imag / TINY
@@ -464,6 +536,8 @@ def _body(many, j):
         many.backlash[j],
         many.marker[j],
         many.holding[j],
+        many.rubbing[j],
+        many.feed[j],
     )
 
 
@@ -487,13 +561,19 @@ def _move_servos(body, command, control):
 
 
 @kernel
-def _move_anchors(layout, state, has_friction, length):
-    """Set where friction would vanish, for the next row; length (n_tendons,) [m]."""
-    q, anchor, bends = state.q, state.anchor, state.anchor[len(length) :]
+def _move_anchors(layout, state, has_friction, work):
+    """Set where friction would vanish, for the next row, by the lengths there."""
+    q, anchor, bends = state.q, state.anchor, state.anchor[len(work.length) :]
+    beyond, n = bends[2 * len(layout.sizes) :], len(layout.sizes)
     kept = 1.0 if has_friction else 0.0
-    for k in range(len(length)):
-        share = _slid(length[k] - anchor[k], layout.loose)
-        anchor[k] = length[k] - kept * layout.loose * share
+    for k in range(len(work.length)):
+        length = work.length[k]
+        share = _slid(length - anchor[k], layout.loose)
+        anchor[k] = length - kept * layout.loose * share
+        for i in range(layout.last[k] if layout.along else 0):
+            share = _slid(length - beyond[k * n + i], layout.loose)
+            beyond[k * n + i] = length - kept * layout.loose * share
+            length -= work.part[k, i]
     for i in range(len(layout.sizes)):
         give, b0, b1 = layout.give[i], q[3 * i], q[3 * i + 1]
         x, y = _held((b0 - bends[2 * i]) / give, (b1 - bends[2 * i + 1]) / give)
@@ -519,6 +599,7 @@ def _differentiate(layout, many, state, moved, has_friction, scratch, out):
     """
     real, work, steps = scratch.real, scratch.complex, out.shape[2]
     pulls, lengths = np.zeros((len(state.q), steps)), np.zeros((len(work.length), steps))
+    parts = np.zeros((len(work.length), len(layout.sizes), steps))
     for j in range(steps):
         body, one = _body(many, j), State(moved.q[j], moved.control[j], moved.anchor[j])
         one.q[:] = state.q
@@ -529,10 +610,15 @@ def _differentiate(layout, many, state, moved, has_friction, scratch, out):
         for k in range(len(work.length)):
             by_place = 0.0
             work.arm[k, :] = real.arm[k]
+            if layout.along:
+                work.part[k, :] = real.part[k]
             if body.place[k, 0].imag != 0 or body.place[k, 1].imag != 0:
-                by_place = _tendon_length(layout, body.place, one.q, k, work.arm[k]).imag
-            work.length[k] = complex(real.length[k], by_place)  # so that it slides as it does there
+                length = _tendon_length(layout, body.place, one.q, k, work.part[k], work.arm[k])
+                by_place = length.imag
+                if layout.along:
+                    parts[k, :, j] = work.part[k].imag / TINY
             lengths[k, j] = by_place / TINY
+            work.length[k] = complex(real.length[k], by_place)  # so that it slides as it does there
         _set_tensions(layout, body, one, has_friction, work)
         _add_tendons(layout, work)
         if np.any(body.mass.imag != 0) or np.any(body.gravity.imag != 0):
@@ -540,12 +626,17 @@ def _differentiate(layout, many, state, moved, has_friction, scratch, out):
         pulls[:, j] = work.force.imag / TINY
     change = -np.linalg.solve(scratch.tangent, pulls)
     lengths += real.arm @ change
+    for k in range(len(work.length) if layout.along else 0):
+        for m in range(3 * layout.last[k]):
+            parts[k, m // 3] += real.arm[k, m] * change[m]
     _set_slopes(layout, many, change, scratch, out)
     for j in range(steps):
         one = State(moved.q[j], moved.control[j], moved.anchor[j])
         one.q[:] = state.q + complex(0.0, TINY) * change[:, j]
         work.length[:] = real.length + complex(0.0, TINY) * lengths[:, j]
-        _move_anchors(layout, one, has_friction, work.length)
+        if layout.along:
+            work.part[:, :] = real.part + complex(0.0, TINY) * parts[:, :, j]
+        _move_anchors(layout, one, has_friction, work)
 
 
 @kernel
@@ -599,7 +690,8 @@ def follow(layout, body, many, rows, tolerance, scratch):
         scratch: Of the robot.
     """
     n, tendons, p = 3 * len(layout.sizes), rows.controls.shape[1], len(many.gravity)
-    anchors, real, before = tendons + 2 * len(layout.sizes), scratch.real, np.zeros(tendons)
+    real, before = scratch.real, np.zeros(tendons)
+    anchors = tendons + (2 + tendons * layout.along) * len(layout.sizes)
     state = State(np.zeros(n), np.zeros(tendons), np.zeros(anchors))
     moved = State(
         np.zeros((p, n), np.complex128),
@@ -624,4 +716,4 @@ def follow(layout, body, many, rows, tolerance, scratch):
         if p > 0:
             _tangent(layout, body, state, has_friction, scratch)
             _differentiate(layout, many, state, moved, has_friction, scratch, rows.slopes[t])
-        _move_anchors(layout, state, has_friction, real.length)
+        _move_anchors(layout, state, has_friction, real)

@@ -25,7 +25,7 @@ from softrobot_env.robots.actuation import with_balance
 
 from . import kernels, unknowns
 from .kernels import TINY, Body, Layout
-from .unknowns import HOLDS, Fact, Turned, Unknowns
+from .unknowns import HOLDS, RUBS, START_COEFFICIENT, Fact, Turned, Unknowns
 
 _PIECES = 6  # at least, over all of the robot
 _CHANNEL = 1000  # spans of a continuous channel in a piece
@@ -106,8 +106,13 @@ class StaticModel:
         if self._by_length and "backlash" not in known:
             self._backlash = unknowns.start_backlash(robot, travel)
         self._holding = np.array([s.bending_friction for s in robot.backbone.sections])
-        if "bending_friction" not in known:
+        if HOLDS not in known:
             self._holding = unknowns.start_bending_friction(robot)
+        self._rubbing = robot.of_tendons("friction_coefficient")
+        if RUBS not in known and not self._rubbing.any():
+            self._rubbing = np.full(len(robot.tendons), START_COEFFICIENT)
+        lines = [t.feed_line for t in robot.tendons]
+        self._feed = np.array([line.exponent if line else 0.0 for line in lines])
         self._lay(pieces)
         self._usual = len(self.layout.sizes)
 
@@ -161,7 +166,8 @@ class StaticModel:
         nodes = np.array([int(np.argmin(np.abs(edges - place))) for place in places])
         give = _GIVE * sizes / robot.length
         apart = bool(self._holding.any())
-        self.layout = Layout(sizes, spans, last, self._by_length, nodes, _LOOSE, give, apart)
+        along = bool(self._rubbing.any() or self._feed.any())
+        self.layout = Layout(sizes, spans, last, self._by_length, nodes, _LOOSE, give, apart, along)
         backbone = robot.backbone
         self._bending = backbone.in_series(backbone.bending, edges) / sizes
         self._torsion = backbone.in_series(backbone.torsion, edges) / sizes
@@ -212,6 +218,8 @@ class StaticModel:
             self._backlash * np.exp(take("backlash")[0]) * np.ones(len(a)),
             self._offsets(x),
             (self._holding * np.exp(take("bending_friction")))[self._section],
+            self._rubbing * np.exp(take(RUBS)),
+            self._feed + x[:1].sum() * 0,
         )
 
     def _unlike(self, x: ndarray) -> ndarray:
@@ -289,7 +297,8 @@ class StaticModel:
         body = self.body(x)
         if has_friction:
             return body
-        none = {name: 0 * getattr(body, name) for name in ("friction", "holding", "backlash")}
+        names = ("friction", "holding", "backlash", "rubbing", "feed")
+        none = {name: 0 * getattr(body, name) for name in names}
         return body._replace(**none)
 
     def place_frame(self, x: ndarray, vector: ndarray, shift: ndarray) -> None:
@@ -336,6 +345,7 @@ class StaticModel:
         for k, tendon in enumerate(self.robot.tendons):
             moved = tendon.turned(float(angle[k]), float(radius[k]))
             changes = {"friction": float(body.friction[k])}
+            changes["friction_coefficient"] = float(body.rubbing[k])
             if self._by_length:
                 changes["stiffness"] = float(body.spring[k])
                 most = 0.9 * tendon.tension_limit

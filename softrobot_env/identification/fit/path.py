@@ -25,10 +25,11 @@ from .model import StaticModel
 from .prediction import Prediction, predicted
 from .residual import Residual, rows_of, trained
 from .static_windows import at_rest
-from .unknowns import HOLDS, STAGES, Fact, Turned, Unknowns
+from .unknowns import HOLDS, RUBS, STAGES, Fact, Turned, Unknowns
 from .validation import Validation, blocks_of, cross_validated
 
 _PHYSICS = ("frame", "tendons", "geometry", "statics")
+_TRIED = {HOLDS: "friction of the backbone", RUBS: "friction by tension"}
 _FITS = 25  # steps shown as all
 _LEAST_KEPT = 0.02  # rad, of a bend that friction of a backbone keeps
 _ALIKE = 1.1  # times the error of an assignment, up to which another one is as good
@@ -207,19 +208,25 @@ class _Run:
     def fit_statics(self) -> bool:
         """The rows at rest.
 
-        Few backbones have friction. One is fitted with and without unless the file knows of some,
-        and has it where that pays, and where it keeps more of a bend than other things that the
-        model lacks might.
+        Few backbones have friction, and not all tendons rub by their tension. A robot is fitted
+        with neither and with either unless the file knows of one, and has what pays most; that of a
+        backbone where it keeps more of a bend than other things that the model lacks might. (No
+        scene has both.)
         """
         self.turned: Turned = "as said" if self.assignment is None else "about the axis"
         if self.any_turn:
             self.turned = "any way"
         filed = [n for n in unknowns.FRICTIONS if n in self.known or "statics" not in self.stages]
-        asked = HOLDS not in filed and not self.robot.holds
-        self.model, self.fit = self._tried("fit", [*filed, HOLDS] if asked else filed)
-        if asked:
-            model, fit = self._tried("friction of the backbone", filed)
-            if least_squares.pays(self.fit, fit) and _kept(model.robot_of(fit.x)) > _LEAST_KEPT:
+        has = {HOLDS: self.robot.holds, RUBS: self.robot.of_tendons(RUBS).any()}
+        without = [name for name in has if not has[name] and name not in filed]
+        self.model, self.fit = self._tried("fit", [*filed, *without])
+        plain = self.fit
+        for name in () if any(has.values()) else without:
+            others = [other for other in without if other != name]
+            begin = plain if name == RUBS else None  # it changes how rows lag, not the robot
+            model, fit = self._tried(_TRIED[name], [*filed, *others], begin)
+            keeps = name != HOLDS or _kept(model.robot_of(fit.x)) > _LEAST_KEPT
+            if keeps and least_squares.pays(self.fit, fit):
                 self.model, self.fit = model, fit
         self.coarse, fit = self.model, self.fit
         finer = self.model.finer()
@@ -231,18 +238,27 @@ class _Run:
         self.unknowns = self.model.unknowns
         return True
 
-    def _tried(self, what: str, filed: Sequence[str]) -> tuple[StaticModel, Fit]:
-        """Model and fit of the rows at rest, some kinds of friction being as the file says."""
+    def _tried(
+        self, what: str, filed: Sequence[str], begin: Fit | None = None
+    ) -> tuple[StaticModel, Fit]:
+        """Model and fit of the rows at rest, some kinds of friction being as the file says.
+
+        From another fit on if there is one.
+        """
         model = StaticModel(self.robot, self.static, self.turned, known=filed)
         free, x = _free(model, self.stages, self.known), np.zeros(len(model.unknowns.spread))
-        free[model.unknowns.place(HOLDS)] &= HOLDS not in filed
+        for name in _TRIED:
+            free[model.unknowns.place(name)] &= name not in filed
         if self.turned == "any way":
             seen = model.simulate(x, has_friction=False).markers
             _, vector, shift = assignment.aligned(seen, model.points, any_way=True)
             model.place_frame(x, vector, shift)
         elif self.assignment is not None and self.assignment.turn:
             x[model.unknowns.place("frame_turn").stop - 1] = self.assignment.turn
-        return model, _fitted(model, x, free, lambda n, _: self.show(what, min(n, _FITS), _FITS))
+        show = partial(_shown, self.show, what)
+        if begin is not None:
+            return model, fitted(model, begin.x, free, begin.weights, show)
+        return model, _fitted(model, x, free, show)
 
     def fit_dynamics(self) -> bool:
         """Damping, delay and friction."""
@@ -315,6 +331,10 @@ _STEPS: dict[str, Callable[[_Run], bool]] = {
     "experiments": _Run.ask,
     "doubts": _Run.doubt,
 }
+
+
+def _shown(show: ProgressCallback, what: str, step: int, _: float) -> None:
+    show(what, min(step, _FITS), _FITS)
 
 
 def _unsure(found: Assignment | None) -> tuple[str, ...]:

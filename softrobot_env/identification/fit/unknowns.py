@@ -21,11 +21,14 @@ from softrobot_env.robots import RobotParams
 #: Kinds that make a robot lag behind its commands, which a search has to begin with some of.
 LAGS = ("tendon_friction", "backlash")
 
-#: The kind that few robots have, and which is taken where the data ask for it.
-HOLDS = "bending_friction"
+#: Kinds that few robots have, and which are taken where the data ask for them.
+HOLDS, RUBS = "bending_friction", "friction_coefficient"
 
 #: All kinds that a model has some of unless they are known to be as the file says.
-FRICTIONS = (*LAGS, HOLDS)
+FRICTIONS = (*LAGS, HOLDS, RUBS)
+
+#: Coefficient of friction [1] of tendons that a search begins with unless the file knows one.
+START_COEFFICIENT = 0.1
 
 #: How the recording's frame may be turned, beyond what a careful hand leaves open.
 Turned = Literal["as said", "about the axis", "any way"]
@@ -41,7 +44,7 @@ STAGES: dict[str, str] = {
     "tendons": "which column pulls which tendon, their angles and distances, scales of commands",
     "geometry": "curvature without load, anisotropy, direction of gravity",
     "statics": "Young's modulus, mass; stiffness, pretension and friction of tendons, backlash; "
-    "friction of the backbone where the data ask for it",
+    "friction of the backbone, or of tendons by tension, where the data ask for it",
     "dynamics": "damping, delay and friction, of a robot that was recorded in motion",
     "residual": "what physics leaves, learned near the data",
     "network": "networks of the statics of a rig that visited points (thesis sec. 3.2 and 5.1)",
@@ -128,6 +131,7 @@ def groups(
         found.append(Group("backlash", "statics", ("all",), 1.5, "log"))
     found.append(Group(HOLDS, "statics", sections, 0.4, "log", 2.0))
     found.append(Group("tendon_friction", "statics", names, 0.4, "log", 2.0))
+    found.append(Group(RUBS, "statics", ("all",), 2.0, "log"))
     return found
 
 

@@ -50,7 +50,7 @@ class Zones:
         self._header[layout.USER] = model.nuser_tendon
         self._course, self._found = np.zeros((2, model.nv + 1)), np.zeros((3, most))
         self._slopes = np.zeros((most, model.nv))
-        count = self._count(MjData(model), self._slopes[:0]) if most else 0
+        count = self._count(MjData(model), self._slopes[:0])
         self.drive, self.first = self._found[:2, :count].astype(int)
 
     def exponents(self, data: MjData) -> ndarray:
@@ -62,5 +62,7 @@ class Zones:
         return self._slopes[: self._count(data, self._slopes)].copy()
 
     def _count(self, data: MjData, slopes: ndarray) -> int:
+        if not self._found.size:
+            return 0
         addresses = self._model._address, data._address
         return _measure(*addresses, self._header, self._course, self._found, slopes)
