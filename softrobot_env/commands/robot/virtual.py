@@ -22,11 +22,10 @@ from softrobot_env.core.artifacts import write_arrays
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.envs.simulation.virtual_rig import VirtualRig
 from softrobot_env.evaluation.run import Columns
-from softrobot_env.hardware.protocol.messages import LENGTH_UNIT
 from softrobot_env.hardware.robot_file import TRACKER_PORT, RobotFile, virtual_file
 from softrobot_env.hardware.tip import UdpTip
 from softrobot_env.hardware.transport import Transport
-from softrobot_env.hardware.virtual_robot import Core, VirtualRobot, linked
+from softrobot_env.hardware.virtual_robot import Board, Core, VirtualRobot, linked
 from softrobot_env.robots import default_robot
 from softrobot_env.robots.twin import sampled_twin
 from softrobot_env.tasks import Task
@@ -110,14 +109,8 @@ def virtual_robot(
     """
     servos = sorted(virtual_file().tendons, key=lambda servo: servo.channel)
     core = Core(n=len(servos), boot_id=int(np.random.default_rng().integers(1, 2**32)))
-    return VirtualRobot(
-        core,
-        VirtualRig(sampled_twin(default_robot(on_a_line=True), twin), seed=seed),
-        servos,
-        _SUPPLY,
-        show,
-        watch,
-    )
+    plant = VirtualRig(sampled_twin(default_robot(on_a_line=True), twin), seed=seed)
+    return VirtualRobot(Board(core, servos, _SUPPLY), plant, show, watch)
 
 
 def _await_eof(stdin: int, then: Callable[[], None]) -> None:
@@ -148,8 +141,8 @@ class UdpCamera:
 def _noted(robot: VirtualRobot) -> dict[str, Any]:
     """What a virtual robot really does in a tick: [s] of the host's clock, and lengths [m]."""
     time, tip = robot.moment
-    applied = LENGTH_UNIT * np.array(robot.outputs.applied)
-    return {"time": time, "tip": tip, "applied": applied, "powered": robot.outputs.powered}
+    device = robot.device
+    return {"time": time, "tip": tip, "applied": device.applied, "powered": device.powered}
 
 
 # ---------------------------------------------------------------------- for commands and tests
