@@ -315,7 +315,12 @@ def read_robot_file(path: Path) -> RobotFile:
         OSError: The file cannot be read.
     """
     with placed(path):
-        return read(RobotFile, {"tendons": []} | read_table(path), readers={"tip": _tip})
+        return robot_from_table(read_table(path))
+
+
+def robot_from_table(table: Mapping[str, Any]) -> RobotFile:
+    """Robot that a table describes; errors as of `read_robot_file`."""
+    return read(RobotFile, {"tendons": []} | dict(table), readers={"tip": read_tip})
 
 
 def write_robot_file(robot: RobotFile, path: Path) -> None:
@@ -324,7 +329,7 @@ def write_robot_file(robot: RobotFile, path: Path) -> None:
     write_text(path, text(table | {"tip": {"kind": robot.tip.kind, **robot.tip.options}}))
 
 
-def _tip(table: Any, where: str) -> Tip:
+def read_tip(table: Any, where: str) -> Tip:
     """What measures the tip; all keys but its kind are options."""
     if not isinstance(table, Mapping):
         raise ValueError(f"{where} must be a table, got {table!r}")

@@ -17,6 +17,7 @@ import tty
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
+from math import inf
 from pathlib import Path
 from threading import Event
 from time import monotonic
@@ -273,11 +274,13 @@ class Device(Protocol):
         command: (n,) [m], where it drives the servos; None without power: then they stay.
         applied: (n,) [m], what it takes its outputs to be.
         powered: Whether any output is on.
+        due: [s], when its next bytes leave without being asked.
     """
 
     command: ndarray | None
     applied: ndarray
     powered: bool
+    due: float
 
     def receive(self, data: bytes) -> None:
         """Bytes from the host, cut anywhere, for the next pass."""
@@ -291,6 +294,8 @@ class Device(Protocol):
 
 class Board:
     """A microcontroller with its servos; see `Device`."""
+
+    due = inf
 
     def __init__(self, core: Core, servos: Sequence[Servo], supply: float) -> None:
         """A board.
@@ -397,9 +402,10 @@ class VirtualRobot:
     def _serve_until(self, due: float) -> None:
         """Answer the host at once, whenever it says something, until `due` [s]."""
         while True:
-            left = due - monotonic()
+            now = monotonic()
+            left, idle = due - now, min(due, self.device.due) - now
             waiting = [self._master] if self._pending else []
-            readable, _, _ = select.select([self._master], waiting, [], max(0.0, left))
+            readable, _, _ = select.select([self._master], waiting, [], max(0.0, idle))
             if readable:
                 with contextlib.suppress(OSError):
                     self.device.receive(os.read(self._master, _READ))
