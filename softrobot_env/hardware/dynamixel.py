@@ -78,7 +78,7 @@ class Dynamixel(MotorBus):
     def read_bytes(self, number: int, address: int, size: int) -> bytes | None:
         """See `MotorBus`."""
         data, result, _ = self._packets.readTxRx(self.port, number, address, size)
-        return bytes(data) if result == self._good else None
+        return bytes(data) if result == self._good and len(data) == size else None
 
     def write_bytes(self, number: int, address: int, data: bytes) -> str:
         """See `MotorBus`."""

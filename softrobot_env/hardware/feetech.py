@@ -82,13 +82,13 @@ class Feetech(MotorBus):
 
     def ping(self, number: int) -> int | None:
         """See `MotorBus`."""
-        model, result, _ = self._packets.ping(number)
-        return model if result == self._good else None
+        data = self.read_bytes(number, 3, 2)  # the library's ping fails with a late answer
+        return None if data is None else int.from_bytes(data, "little")
 
     def read_bytes(self, number: int, address: int, size: int) -> bytes | None:
         """See `MotorBus`."""
         data, result, _ = self._packets.readTxRx(number, address, size)
-        return bytes(data) if result == self._good else None
+        return bytes(data) if result == self._good and len(data) == size else None
 
     def write_bytes(self, number: int, address: int, data: bytes) -> str:
         """See `MotorBus`; errors of its state are not of writing."""

@@ -143,7 +143,7 @@ class MotorFile:
     patience: Annotated[float, _MS, _between(0, 2000)] = 0.1
     supply: Annotated[float, Unit("v"), _between(0, 60)] = 0.0
     at_stop: Literal["relax", "hold"] = "relax"
-    latency: Annotated[float, _MS, _between(0, 50)] = 2e-3
+    latency: Annotated[float, _MS, _between(0, 50)] = 4e-3
     home_current: _Current = 0.1
     home_travel: Annotated[float, _MM, _between(0.1, 1000)] = 0.02
     home_backoff: Annotated[float, _MM, _between(0, 100)] = 5e-4

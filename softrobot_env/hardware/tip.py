@@ -28,14 +28,14 @@ _POLL = 0.1  # s, in which a closed source's thread ends
 
 
 class TipMeasurement(NamedTuple):
-    """A measurement of the tip: when it was taken [s], on the host's clock, and (2,) [m]."""
+    """A measurement of the tip: when it was taken [s], on the host's clock, and (2 or 3,) [m]."""
 
     time: float
     position: ndarray
 
 
 class TipSource(Protocol):
-    """Measures x and y of the output point.
+    """Measures x and y of the output point, and z if it can.
 
     A source may count in `refused` what came and said nothing; `info["tip_refused"]` shows it.
     """
@@ -59,9 +59,10 @@ _NO_SIGHT = (AttributeError, KeyError, OverflowError, RecursionError, TypeError,
 class UdpTip:
     """A tracker that sends a datagram for each picture, as JSON: `{"x": m, "y": m, "age": s}`.
 
-    `age` is how long ago the picture was taken when the datagram is sent, 0 unless given. Other
-    keys are ignored. The newest picture counts, not the one that came last. Datagrams that are not
-    of this form, or whose numbers no rig can have, are counted in `refused`.
+    `age` is how long ago the picture was taken when the datagram is sent, 0 unless given. A tracker
+    that sees three coordinates sends "z" as well. Other keys are ignored. The newest picture
+    counts, not the one that came last. Datagrams that are not of this form, or whose numbers no rig
+    can have, are counted in `refused`.
 
     Any program of this machine can send to the port. With a `key` only datagrams of a tracker that
     knows it count: see `sign`.
@@ -129,7 +130,8 @@ class UdpTip:
         if self._key is not None:
             data = _signed(data, self._key)
         message = json.loads(data)
-        place = [_number(message[name], -_FARTHEST, _FARTHEST) for name in "xy"]
+        names = "xyz" if "z" in message else "xy"
+        place = [_number(message[name], -_FARTHEST, _FARTHEST) for name in names]
         age = _number(message.get("age", 0.0), 0.0, _OLDEST)
         if self._key is not None:
             self._count = int(_number(message["count"], self._count + 1, inf))

@@ -333,13 +333,21 @@ class VirtualDynamixel(VirtualMotors):
         return 0x80 if one.errors else 0
 
 
+def _remainder(byte: int) -> int:
+    crc = byte << 8
+    for _ in range(8):
+        crc = (crc << 1 ^ 0x8005) & 0xFFFF if crc & 0x8000 else crc << 1
+    return crc
+
+
+_REMAINDERS = [_remainder(byte) for byte in range(256)]
+
+
 def crc16(data: bytes) -> int:
     """CRC-16 of protocol 2.0: polynomial 0x8005, from 0, highest bit first."""
     crc = 0
     for byte in data:
-        crc ^= byte << 8
-        for _ in range(8):
-            crc = (crc << 1 ^ 0x8005) & 0xFFFF if crc & 0x8000 else crc << 1
+        crc = (crc << 8 & 0xFF00) ^ _REMAINDERS[crc >> 8 ^ byte]
     return crc
 
 
