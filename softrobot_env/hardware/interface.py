@@ -211,6 +211,7 @@ class Hardware(ABC):
 
         Raises:
             LinkError: It has not stopped in time.
+            RobotError: A motor does not confirm that it is off; the others are.
         """
 
     @abstractmethod

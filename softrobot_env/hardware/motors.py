@@ -70,6 +70,10 @@ class BusPort:
         self._bytes, self._end = bytearray(), 0.0
         self.is_open, self.is_using = True, False
 
+    def free(self) -> None:
+        """Give up what a signal or an error has interrupted."""
+        self.is_using = False
+
     def getBaudRate(self) -> int:
         """Its rate."""
         return self.baudrate
@@ -452,8 +456,17 @@ class MotorRobot(Hardware):
         if not hold:
             self._bus.power(False)
 
+    def _ends(self) -> list[Callable[[], None]]:
+        return [self._bus.port.free, self._park, self._let_go]
+
+    def _let_go(self) -> None:
+        """What is left to do where a stop has failed."""
+        if self._powered:
+            self._release(self.robot.at_stop == "hold")
+
     def estop(self) -> None:
         """See `Hardware`."""
+        self._bus.port.free()
         self.fault = FaultInfo(Fault.ESTOP, None, None, "emergency stop")
         self._state, self._powered = DeviceState.LATCHED, False
         self._bus.power(False)
@@ -569,7 +582,7 @@ class MotorRobot(Hardware):
         self.fault = FaultInfo(code, channel, value, text)
         if self._powered:
             self._state = DeviceState.RAMPING
-            if self.reading is not None:
+            if self.reading.age(self.now()) < self.robot.control_period:  # else keep the goals
                 self._applied = np.clip(self.reading.length, self._low, self._high)
             self._bus.guard(True)
             self._write()
