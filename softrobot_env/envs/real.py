@@ -31,8 +31,8 @@ from softrobot_env.hardware.errors import (
 from softrobot_env.hardware.interface import Hardware, HardwareFile
 from softrobot_env.hardware.motor_file import MotorFile
 from softrobot_env.hardware.protocol.messages import Fault
-from softrobot_env.hardware.registry import open_hardware, read_hardware, with_port
-from softrobot_env.hardware.robot_file import RobotFile, read_robot_file, rig_file
+from softrobot_env.hardware.registry import find_hardware, open_hardware, read_hardware, with_port
+from softrobot_env.hardware.robot_file import RobotFile, rig_file
 from softrobot_env.hardware.tip import TipMeasurement, TipSource, make_tip_source
 from softrobot_env.hardware.transport import SerialTransport, Transport
 from softrobot_env.robots import LENGTH_SCALE, entry_of, usual_task
@@ -154,7 +154,7 @@ def _choose_file(config: EnvConfig, task: Task) -> HardwareFile:
     """
     given, robot = config.robot_file, task.robot
     if isinstance(given, str | Path):
-        given = read_robot_file(Path(given))
+        given = find_hardware(Path(given))
     if given is None and robot.hardware is not None:
         given = read_hardware(robot.hardware, robot.name, [t.name for t in robot.tendons])
     if given is None:

@@ -65,6 +65,11 @@ class Driver(Hardware):
         return m.Capability.FORCE in self.info.capabilities
 
     @property
+    def keeps_zero(self) -> bool:
+        """See `Hardware`."""
+        return m.Capability.LENGTH in self.info.capabilities
+
+    @property
     def reading(self) -> Reading | None:
         """The newest reading, None before the first."""
         return self._session.reading

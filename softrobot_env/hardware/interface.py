@@ -132,10 +132,11 @@ class Hardware(ABC):
         reading: The newest one, None before the first.
         fault: What stopped the robot, None if nothing did.
         measures_force: Whether `Reading.force` is measured.
+        keeps_zero: Whether it measures lengths from a zero of its own.
     """
 
     robot: HardwareFile
-    measures_force = False
+    measures_force = keeps_zero = False
 
     def __init__(self, robot: HardwareFile, transport: Transport) -> None:
         """Nothing is sent yet; `close` closes the transport."""

@@ -325,7 +325,7 @@ class MotorRobot(Hardware):
         self.reading: Reading | None = None
         self.fault: FaultInfo | None = None
         self._state, self._about, self._counters = DeviceState.DISARMED, {}, LinkCounters()
-        self._powered = False
+        self._powered = self._on = False
         index = {name: k for k, name in enumerate(robot.tendon_names)}
         self._tendon = np.array([index[motor.tendon] for motor in robot.motors])
         self._shares = np.bincount(self._tendon)
@@ -368,6 +368,7 @@ class MotorRobot(Hardware):
             self._unwrap()
             self._look_until(self.now() + timeout)
         self._applied = self.reading.length.copy()
+        self._powered = self._on  # a host before may have left them so
         return self._about
 
     def _unwrap(self) -> None:
@@ -509,6 +510,7 @@ class MotorRobot(Hardware):
         self._counters.received += sum(state is not None for state in states)
         self._counters.lost += sum(state is None for state in states)
         self._counters.note("round_trip", now - asked)
+        self._on = any(state is not None and state.powered for state in states)
         if None not in states:
             self.reading = self._made(states, asked, now)
         self._judge(states, now)

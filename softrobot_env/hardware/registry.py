@@ -2,14 +2,17 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
-from softrobot_env.core.records import placed
+from softrobot_env.core.files import read_table, readable, write_text
+from softrobot_env.core.records import placed, write
 from softrobot_env.core.registry import Registry, load
+from softrobot_env.robots.file import read_robot
 
 from .interface import Hardware, HardwareFile
 from .motor_file import MotorFile, read_motors
-from .robot_file import RobotFile, robot_from_table
+from .robot_file import RobotFile, read_robot_file, robot_from_table, write_robot_file
 from .transport import SerialTransport, Transport
 
 
@@ -98,6 +101,44 @@ def read_hardware(
     with placed("hardware"):
         kind = HARDWARE.find(table["kind"])
     return with_port(kind.read(table, name, tendons), port)
+
+
+def find_hardware(path: Path) -> HardwareFile:
+    """The hardware that a file describes: a robot's table `[hardware]`, or a board's own file.
+
+    Raises:
+        ValueError: It says what is not allowed; names file and key.
+        OSError: It cannot be read.
+    """
+    with placed(path):
+        table = read_table(path)
+    if "hardware" not in table:
+        return read_robot_file(path)
+    robot = read_robot(path)
+    with placed(path):
+        return read_hardware(robot.hardware, robot.name, [t.name for t in robot.tendons])
+
+
+def save_hardware(file: HardwareFile, source: Path | None, path: Path) -> None:
+    """Write a calibration: a board's own file, or a robot's file with another `[hardware]`.
+
+    Args:
+        file: What was found.
+        source: The robot's file; the rest of it stays as it is written.
+        path: The file to write.
+    """
+    if source is None or "hardware" not in read_table(source):
+        write_robot_file(file, path)
+        return
+    import tomlkit  # few commands write one
+
+    document = tomlkit.parse(readable(source).read_text("utf-8"))
+    table = write(file) | {"tip": {"kind": file.tip.kind, **file.tip.options}}
+    if isinstance(file, RobotFile):
+        table["kind"] = "firmware"
+        del table["name"]
+    document["hardware"] = table
+    write_text(path, tomlkit.dumps(document))
 
 
 def with_port(file: HardwareFile, port: str | None) -> HardwareFile:

@@ -369,11 +369,6 @@ class UnknownCommandError(ValueError):
     """A line that is no command."""
 
 
-def jog_file(robot: RobotFile) -> RobotFile:
-    """`RobotFile.jogged`."""
-    return robot.jogged()
-
-
 @dataclass(frozen=True)
 class Calibration:
     """What has been found so far; lengths are those of the robot file that it began with.
