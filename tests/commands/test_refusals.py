@@ -187,7 +187,7 @@ CALLS = [
     (f"evaluate {FINGER} --tasks reach --policies hold mine.py:hold", "two policies called 'hold'"),
     (f"evaluate {FINGER} --tasks circle --option hold=1", "hold is an option of reach only"),
     (f"evaluate {FINGER} --tasks circle --option radius=0.1", "smaller radius"),
-    (f"evaluate {FINGER} --tasks reach --env virtual", "--robot: only with simulated robots"),
+    (f"evaluate {FINGER} --tasks reach --env virtual", "add a table"),
     (f"evaluate {FINGER} --tasks reach --twin 1", "--twin: only with tasks of the rig"),
     (f"evaluate {FINGER} --tasks reach --draws 2", "only with --randomize"),
     (f"evaluate {FINGER} --tasks reach --randomize density=2,0.5", "low <= high"),

@@ -19,14 +19,14 @@ import numpy as np
 from numpy import ndarray
 
 from softrobot_env.core.artifacts import write_arrays
-from softrobot_env.envs.real import RealRigEnv
+from softrobot_env.envs.real import RealEnv, RealRigEnv
 from softrobot_env.envs.reference import SPACE
 from softrobot_env.envs.simulation.virtual_rig import VirtualRig
 from softrobot_env.evaluation.run import Columns
 from softrobot_env.hardware.interface import HardwareFile
 from softrobot_env.hardware.motor_file import usual_motors
 from softrobot_env.hardware.registry import HARDWARE, read_hardware
-from softrobot_env.hardware.robot_file import TRACKER_PORT, RobotFile, virtual_file
+from softrobot_env.hardware.robot_file import TRACKER_PORT, virtual_file
 from softrobot_env.hardware.tip import UdpTip
 from softrobot_env.hardware.transport import Transport
 from softrobot_env.hardware.virtual_robot import Board, Core, VirtualRobot, linked
@@ -287,28 +287,30 @@ def _end(process: subprocess.Popen) -> None:
     process.stderr.close()
 
 
-class VirtualRigEnv(RealRigEnv):
-    """The real rig's environment with a virtual robot that lives as long as it does."""
+class VirtualEnv(RealEnv):
+    """The environment of a real robot with a virtual one that lives as long as it does."""
 
     def __init__(
         self,
         task: Task,
-        twin: int,
-        line: Callable[[RobotFile], Callable[[], Transport]] | None = None,
+        twin: int | None,
+        line: Callable[[HardwareFile], Callable[[], Transport]] | None = None,
         **options: Any,
     ) -> None:
-        """Start a virtual robot.
+        """Start a virtual robot: of motors where the file of the task's robot says a kind.
 
         Args:
             task: The task.
             twin: Seed of the twin.
             line: From the robot's file to what opens the way to it; its port unless given.
-            **options: Of `RealRigEnv`.
+            **options: Of `RealEnv`.
         """
+        robot = task.robot
+        own = {} if robot.hardware is None else {"kind": robot.hardware["kind"], "robot": robot}
         with ExitStack() as started:
-            robot = started.enter_context(virtual_process(twin))
-            options["line"] = None if line is None else line(robot.file)
-            super().__init__(task, robot_file=robot.file, tip=robot.tip, **options)
+            virtual = started.enter_context(virtual_process(twin, **own))
+            options["line"] = None if line is None else line(virtual.file)
+            super().__init__(task, robot_file=virtual.file, tip=virtual.tip, **options)
             self._process = started.pop_all()
 
     def close(self) -> None:
@@ -317,3 +319,23 @@ class VirtualRigEnv(RealRigEnv):
             super().close()
         finally:
             self._process.close()
+
+
+class VirtualRigEnv(VirtualEnv, RealRigEnv):
+    """`RealRigEnv` with a virtual robot."""
+
+
+def real_env(robot: RobotParams, virtual: bool) -> type[RealEnv]:
+    """The environment of a robot that is real, or runs virtually.
+
+    Raises:
+        ValueError: Nothing says what drives it.
+    """
+    if entry_of(robot).on_a_line:
+        return VirtualRigEnv if virtual else RealRigEnv
+    if robot.hardware is None:
+        raise ValueError(
+            f"robot {robot.name!r} is only simulated: add a table [hardware] to its file "
+            "(docs/howto/motors.md)"
+        )
+    return VirtualEnv if virtual else RealEnv
