@@ -213,7 +213,7 @@ CALLS = [
     (f"robot record {FINGER} --amplitude 2", "amplitude must be in (0, 1]"),
     (f"identify mine.csv {FINGER} --stages statics,magic", "stages must be out of frame, tendons"),
     (f"identify mine.csv {FINGER} --stages residual", "one of the first four at least, got resid"),
-    ("robot record --robot arm --env virtual", "--robot, --plant: only with --env sim"),
+    ("robot record --robot arm --env virtual", "only simulated: add a table [hardware]"),
     ("robot record --env virtual --vary density=1", "--vary: only with --env sim"),
     ("robot record --env virtual --twin none", "--twin none: only with --env sim"),
     ("robot record --robot arm --twin 1", "a twin has servos; robot 'arm' is driven by tension"),

@@ -179,17 +179,20 @@ _ARROWS = {Direction.TO_ROBOT: "to robot", Direction.FROM_ROBOT: "from robot"}
 _ROUTINE = (messages.Setpoint, messages.Ping, messages.Pong)
 
 
-#: A message: time [s] from the start, which way, and what.
-Line = tuple[float, Direction, messages.Message]
+#: A message, or what motors and their host said at once: time [s] from the start, which way, what.
+Line = tuple[float, Direction, messages.Message | bytes]
 
 
 def _replay(args: Namespace) -> int:
-    """Print what a link carried; 1 if the log breaks off in a record."""
+    """Print what a link carried, of motors its bytes; 1 if the log breaks off in a record."""
     log = read_link_log(args.log)
     lines = [
         (chunk.time - log.chunks[0].time, chunk.direction, message)
         for chunk, message, _ in log.messages()
     ]
+    if not lines:  # of motors: what was said at once is a packet, or answers
+        begin = log.chunks[0].time if log.chunks else 0.0
+        lines = [(chunk.time - begin, chunk.direction, chunk.data) for chunk in log.chunks]
     say(make_table("", _COLUMNS, lines if args.all else _news(lines)))
     say(_summary(log, lines))
     return int(not log.complete)
@@ -217,7 +220,9 @@ def _tells(message: messages.Message) -> tuple | None:
     return None
 
 
-def _text(message: messages.Message) -> str:
+def _text(message: messages.Message | bytes) -> str:
+    if isinstance(message, bytes):
+        return message.hex(" ")
     if isinstance(message, messages.State):
         applied = ", ".join(f"{x / 100:.2f}" for x in message.applied)
         state = messages.DeviceState(message.state).name.lower()
