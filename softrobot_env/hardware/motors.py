@@ -6,7 +6,8 @@ others end the step they were given, at most a control period's way, and hold.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from enum import IntEnum
 from math import pi
 from time import monotonic, sleep
@@ -23,6 +24,7 @@ from .protocol.session import LinkCounters
 from .transport import Transport
 
 _TRIES = 3  # of what is asked or written once, and noise may have hit
+_PATIENT = 0.05  # s, latency that is allowed for then
 
 
 class MotorFault(IntEnum):
@@ -69,6 +71,15 @@ class BusPort:
         self._transport, self.baudrate, self._latency, self._now = transport, baud, latency, now
         self._bytes, self._end = bytearray(), 0.0
         self.is_open, self.is_using = True, False
+
+    @contextmanager
+    def patient(self) -> Iterator[None]:
+        """Wait longer for answers within it, for what is done once."""
+        before, self._latency = self._latency, max(self._latency, _PATIENT)
+        try:
+            yield
+        finally:
+            self._latency = before
 
     def free(self) -> None:
         """Give up what a signal or an error has interrupted."""
@@ -361,7 +372,8 @@ class MotorRobot(Hardware):
             raise LinkError("this driver is closed")
         self._guard.install()
         self.fault, self._state, self._since = None, DeviceState.DISARMED, {}
-        self._about = self._bus.prepare()
+        with self._bus.port.patient():
+            self._about = self._bus.prepare()
         self._zero = np.array([motor.zero for motor in self.robot.motors])
         self._look_until(self.now() + timeout)
         if self.robot.mode != "position":
@@ -390,7 +402,8 @@ class MotorRobot(Hardware):
             raise RefusedError("ARM", Reason.FAR)
         self._applied = inside
         self._write()
-        self._bus.power(True)
+        with self._bus.port.patient():
+            self._bus.power(True)
         self._powered = True
         self._bus.guard(True)
         self._write()  # a motor may take its position for its goal as its torque comes on
@@ -455,7 +468,8 @@ class MotorRobot(Hardware):
         self._state = DeviceState.LATCHED if latched else DeviceState.DISARMED
         self._bus.guard(False)
         if not hold:
-            self._bus.power(False)
+            with self._bus.port.patient():
+                self._bus.power(False)
 
     def _ends(self) -> list[Callable[[], None]]:
         return [self._bus.port.free, self._park, self._let_go]

@@ -131,10 +131,10 @@ def virtual_robot(
 
 
 def motors_of(kind: str, robot: RobotParams, port: str) -> HardwareFile:
-    """What a virtual robot of motors is driven by: its file's table if that has this kind."""
+    """What a virtual robot of motors is driven by: its file's table of motors, of this kind."""
     names = [tendon.name for tendon in robot.tendons]
-    if robot.hardware is not None and robot.hardware.get("kind") == kind:
-        return read_hardware(robot.hardware, robot.name, names, port)
+    if robot.hardware is not None and "motor" in robot.hardware:
+        return read_hardware(robot.hardware | {"kind": kind}, robot.name, names, port)
     travel = robot_inputs(robot).input_scale.tolist()
     return usual_motors(kind, port, names, travel, robot.drive.speed)
 
