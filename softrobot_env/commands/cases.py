@@ -32,7 +32,7 @@ from softrobot_env.envs.tracking import DEFAULT_PERIOD
 from softrobot_env.evaluation.report import REAL, VIRTUAL
 from softrobot_env.evaluation.runner import Case, acts_on_identified
 from softrobot_env.hardware.interface import HardwareFile
-from softrobot_env.hardware.registry import read_hardware
+from softrobot_env.hardware.registry import hardware_of
 from softrobot_env.hardware.transport import Transport
 from softrobot_env.robots import (
     ENTRIES,
@@ -354,10 +354,8 @@ class RealSetup(Setup):
         options = {"observe": "all", **case.scene}
         if self.plant == VIRTUAL:
             return make(case.task, case.twin, partial(self._line, case), **options)
-        table, own = self._own.hardware, self._args.robot_file is None and not self._rig
-        if own and table is not None:
-            names = [tendon.name for tendon in self._own.tendons]
-            file = read_hardware(table, self._own.name, names, self._args.port)
+        if self._args.robot_file is None and self._own.hardware is not None:
+            file = hardware_of(self._own, self._args.port)
         else:
             file = robot_of(self._args)
         return make(case.task, robot_file=file, line=self._line(case, file), **options)

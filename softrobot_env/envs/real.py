@@ -31,7 +31,7 @@ from softrobot_env.hardware.errors import (
 from softrobot_env.hardware.interface import Hardware, HardwareFile
 from softrobot_env.hardware.motor_file import MotorFile
 from softrobot_env.hardware.protocol.messages import Fault
-from softrobot_env.hardware.registry import find_hardware, open_hardware, read_hardware, with_port
+from softrobot_env.hardware.registry import find_hardware, hardware_of, open_hardware, with_port
 from softrobot_env.hardware.robot_file import RobotFile, rig_file
 from softrobot_env.hardware.tip import TipMeasurement, TipSource, make_tip_source
 from softrobot_env.hardware.transport import SerialTransport, Transport
@@ -156,7 +156,7 @@ def _choose_file(config: EnvConfig, task: Task) -> HardwareFile:
     if isinstance(given, str | Path):
         given = find_hardware(Path(given))
     if given is None and robot.hardware is not None:
-        given = read_hardware(robot.hardware, robot.name, [t.name for t in robot.tendons])
+        given = hardware_of(robot)
     if given is None:
         if not entry_of(robot).on_a_line:
             raise ValueError(

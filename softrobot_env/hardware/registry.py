@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from softrobot_env.core.files import read_table, readable, write_text
 from softrobot_env.core.records import placed, write
 from softrobot_env.core.registry import Registry, load
+from softrobot_env.robots import RobotParams
 from softrobot_env.robots.file import read_robot
 
 from .interface import Hardware, HardwareFile
@@ -82,25 +83,25 @@ def register_hardware(name: str, kind: HardwareKind, replace: bool = False) -> N
     HARDWARE.register(name, kind, replace)
 
 
-def read_hardware(
-    table: Mapping[str, Any], name: str, tendons: Sequence[str], port: str | None = None
+def hardware_of(
+    robot: RobotParams, port: str | None = None, kind: str | None = None
 ) -> HardwareFile:
-    """What a table `[hardware]` of a robot's file says.
+    """What the table `[hardware]` of a robot's file says.
 
     Args:
-        table: The table.
-        name: Of the robot.
-        tendons: Names of its tendons.
-        port: In place of the table's.
+        robot: A robot with such a table.
+        port, kind: In place of the table's.
 
     Raises:
         ValueError: It says what is not allowed; names the key.
     """
+    table = robot.hardware if kind is None else robot.hardware | {"kind": kind}
     if "kind" not in table:
         raise ValueError(f"hardware.kind missing; choose from {', '.join(HARDWARE)}")
     with placed("hardware"):
-        kind = HARDWARE.find(table["kind"])
-    return with_port(kind.read(table, name, tendons), port)
+        found = HARDWARE.find(table["kind"])
+    file = found.read(table, robot.name, [tendon.name for tendon in robot.tendons])
+    return with_port(file, port)
 
 
 def find_hardware(path: Path) -> HardwareFile:
@@ -116,7 +117,7 @@ def find_hardware(path: Path) -> HardwareFile:
         return read_robot_file(path)
     robot = read_robot(path)
     with placed(path):
-        return read_hardware(robot.hardware, robot.name, [t.name for t in robot.tendons])
+        return hardware_of(robot)
 
 
 def save_hardware(file: HardwareFile, source: Path | None, path: Path) -> None:

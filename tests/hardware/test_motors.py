@@ -18,9 +18,9 @@ from softrobot_env.hardware.motors import MotorRobot, Register, home
 from softrobot_env.hardware.registry import (
     HARDWARE,
     find_hardware,
+    hardware_of,
     motor_kind,
     open_hardware,
-    read_hardware,
     register_hardware,
     save_hardware,
 )
@@ -31,7 +31,10 @@ from softrobot_env.robots.file import read_robot, write_robot
 
 TRUNK = "examples/motor_trunk.toml"
 TABLE = find_robot(TRUNK).hardware
-NAMES = [tendon.name for tendon in find_robot(TRUNK).tendons]
+
+
+def reads(table):
+    return hardware_of(replace(find_robot(TRUNK), hardware=table))
 
 
 def with_motor(**changes):
@@ -59,14 +62,14 @@ REFUSED = [
 @pytest.mark.parametrize(("changes", "allowed"), REFUSED, ids=lambda x: str(x)[:30])
 def test_a_table_that_says_what_is_not_allowed_is_refused(changes, allowed):
     with pytest.raises(ValueError, match=allowed):
-        read_hardware(TABLE | changes, "trunk", NAMES)
+        reads(TABLE | changes)
 
 
 def test_two_motors_of_a_tendon_need_one_range():
     first = TABLE["motor"][0]
     table = TABLE | {"motor": [*TABLE["motor"], first | {"id": 9, "maximum_mm": 10}]}
     with pytest.raises(ValueError, match="one range and one rest"):
-        read_hardware(table, "trunk", NAMES)
+        reads(table)
 
 
 def test_a_robots_file_keeps_its_table(tmp_path):

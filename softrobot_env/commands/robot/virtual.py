@@ -25,7 +25,7 @@ from softrobot_env.envs.simulation.virtual_rig import VirtualRig
 from softrobot_env.evaluation.run import Columns
 from softrobot_env.hardware.interface import HardwareFile
 from softrobot_env.hardware.motor_file import usual_motors
-from softrobot_env.hardware.registry import HARDWARE, read_hardware
+from softrobot_env.hardware.registry import HARDWARE, hardware_of
 from softrobot_env.hardware.robot_file import TRACKER_PORT, virtual_file
 from softrobot_env.hardware.tip import UdpTip
 from softrobot_env.hardware.transport import Transport
@@ -132,9 +132,9 @@ def virtual_robot(
 
 def motors_of(kind: str, robot: RobotParams, port: str) -> HardwareFile:
     """What a virtual robot of motors is driven by: its file's table of motors, of this kind."""
-    names = [tendon.name for tendon in robot.tendons]
     if robot.hardware is not None and "motor" in robot.hardware:
-        return read_hardware(robot.hardware | {"kind": kind}, robot.name, names, port)
+        return hardware_of(robot, port, kind)
+    names = [tendon.name for tendon in robot.tendons]
     travel = robot_inputs(robot).input_scale.tolist()
     return usual_motors(kind, port, names, travel, robot.drive.speed)
 
