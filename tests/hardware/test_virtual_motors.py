@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 from support.processes import python
 
+from softrobot_env.cli import main
 from softrobot_env.commands.robot.soak import unsafe_outputs
 from softrobot_env.commands.robot.virtual import virtual_process
+from softrobot_env.hardware.registry import find_hardware
 from softrobot_env.robots import find_robot
+from softrobot_env.robots.file import write_robot
 
 pytest.importorskip("serial", reason="needs the robot extra")
 dynamixel_sdk = pytest.importorskip("dynamixel_sdk", reason="needs the robot extra")
@@ -125,3 +128,33 @@ def test_motors_of_a_host_that_dies_in_motion(tmp_path, kind, kill):
         assert not powered[-1]
     else:
         assert way.max() < 1e-6 and powered[-1] and applied[-1].max() > 1e-4
+
+
+def test_commands_of_a_real_robot_serve_motors(tmp_path, capsys):
+    """Who answers, homing, the file that it writes, and a recorded link."""
+    table = TRUNK.hardware | {"latency_ms": 30, "watchdog_ms": 1000, "patience_ms": 2000}
+    file, homed, log = (tmp_path / name for name in ("trunk.toml", "homed.toml", "home.link"))
+    write_robot(replace(TRUNK, hardware=table), file)
+    with virtual("dynamixel") as robot:
+        where = f"--robot-file {file} --port {robot.file.port}"
+        assert main(f"robot info {where}".split()) == 0
+        assert main(f"robot home {where} --out {homed} --record {log}".split()) == 0
+        assert main(f"robot stop {where}".split()) == 0
+        assert main(f"robot replay {log}".split()) == 0
+    said = capsys.readouterr().out
+    assert "XM430-W350, tendon a1" in said and "Length zero was at" in said
+    assert "ff ff fd 00 01" in said  # what the first motor was asked
+    zeros = [motor.zero for motor in find_hardware(homed).motors]
+    assert all(abs(zero - np.pi) > 1e-3 for zero in zeros)
+
+
+def test_homing_is_for_motors_and_virtual_motors_for_robots_driven_by_length(capsys):
+    for words, reason in (
+        ("robot home --port nowhere", "only motors feel their tendons"),
+        ("robot virtual --hardware dynamixel --robot arm", "driven by tension"),
+        ("robot virtual --robot rig", "--robot: only with motors"),
+    ):
+        with pytest.raises(SystemExit):
+            raise SystemExit(main(words.split()))
+        said = capsys.readouterr()
+        assert reason in (said.err + said.out).replace("\n", " ")

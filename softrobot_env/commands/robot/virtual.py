@@ -9,7 +9,7 @@ import sys
 import time
 from argparse import SUPPRESS, ArgumentParser, Namespace
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Event, Thread, Timer
@@ -72,17 +72,32 @@ def run(args: Namespace) -> int:
     """Run the command until it is stopped; 1 if the simulation failed."""
     if args.log is not None:
         check_free(args.log, overwrite=True)
+    log = Columns()
+    watch = None if args.log is None else lambda robot: log.add(_noted(robot))
+    with closing(UdpCamera(args.camera_port)) as camera:
+        with closing(_made(args, camera.show, watch)) as robot:
+            _serve(args, robot)
+        if args.log is not None:
+            write_arrays(args.log, log.columns())
+    say(f"Stopped; at most {1e3 * robot.lag:.1f} ms behind the clock")
+    if robot.failure is not None:
+        say(f"The simulation failed: {robot.failure}")
+    return int(robot.failure is not None)
+
+
+def _made(args: Namespace, *watchers: Callable | None) -> VirtualRobot:
+    """The virtual robot that the arguments mean."""
+    if args.hardware != FIRMWARE:
+        return virtual_motors(args.hardware, args.robot, args.twin, args.seed, *watchers)
+    if args.robot is not None:
+        raise ValueError(f"--robot: only with motors, not with --hardware {FIRMWARE}")
+    return virtual_robot(args.twin or 0, args.seed, *watchers)
+
+
+def _serve(args: Namespace, robot: VirtualRobot) -> None:
+    """Run a virtual robot until a signal, the end of its time or of whoever started it."""
     stop = Event()
     before = {s: signal.signal(s, lambda *_: stop.set()) for s in (signal.SIGINT, signal.SIGTERM)}
-    log = Columns()
-    camera = UdpCamera(args.camera_port)
-    watch = None if args.log is None else lambda robot: log.add(_noted(robot))
-    if args.hardware == FIRMWARE:
-        if args.robot is not None:
-            raise ValueError(f"--robot: only with motors, not with --hardware {FIRMWARE}")
-        robot = virtual_robot(args.twin or 0, args.seed, camera.show, watch)
-    else:
-        robot = virtual_motors(args.hardware, args.robot, args.twin, args.seed, camera.show, watch)
     timer = Timer(args.seconds or 0.0, stop.set)
     if args.until_eof:
         Thread(target=_await_eof, args=(sys.stdin.fileno(), stop.set), daemon=True).start()
@@ -97,16 +112,8 @@ def run(args: Namespace) -> int:
             robot.run(stop)
     finally:
         timer.cancel()
-        robot.close()
-        camera.close()
         for number, handler in before.items():
             signal.signal(number, handler)
-        if args.log is not None:
-            write_arrays(args.log, log.columns())
-    say(f"Stopped; at most {1e3 * robot.lag:.1f} ms behind the clock")
-    if robot.failure is not None:
-        say(f"The simulation failed: {robot.failure}")
-    return int(robot.failure is not None)
 
 
 def virtual_robot(
@@ -160,7 +167,9 @@ def virtual_motors(
     """
     robot = default_robot(on_a_line=True) if which is None else find_robot(which)
     if robot.drive.kind != "length":
-        raise ValueError(f'motors wind tendons: robot {robot.name!r} needs drive = "length"')
+        raise ValueError(
+            f"motors wind tendons: robot {robot.name!r} is driven by tension, not by length"
+        )
     device = HARDWARE.find(kind).device
     if device is None:
         raise ValueError(f"nothing emulates hardware of the kind {kind!r}")
