@@ -22,7 +22,7 @@ from studies.lab import Record, Study, grid, quantity, table
 
 TRUNK = Path(__file__).parents[2] / "examples" / "motor_trunk.toml"
 
-_SECONDS, _QUICK = 600.0, 2.5
+_SECONDS, _QUICK = 120.0, 2.0
 _FIRST_OF_SECOND = 11  # number of the first motor that is added
 
 
