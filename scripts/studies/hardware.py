@@ -5,11 +5,13 @@ them, as two wind each tendon of its first section. Whoever talks to them is wha
 ones, and what motors do is noted by their emulator at every millisecond.
 """
 
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from rich.table import Table
 
 from softrobot_env.commands.robot.soak import soak_task, soak_virtual
 from softrobot_env.commands.robot.virtual import FIRMWARE
@@ -17,8 +19,9 @@ from softrobot_env.control.registry import make_policy
 from softrobot_env.evaluation.run import play
 from softrobot_env.evaluation.runner import simulated
 from softrobot_env.hardware.registry import HARDWARE
+from softrobot_env.rendering.tables import Column, make_table
 from softrobot_env.robots import RobotParams, default_robot, find_robot
-from studies.lab import Record, Study, grid, quantity, table
+from studies.lab import Record, Study, grid, quantity, table, verdict
 
 TRUNK = Path(__file__).parents[2] / "examples" / "motor_trunk.toml"
 
@@ -89,6 +92,23 @@ def measure(case: dict) -> Row:
     )
 
 
+def goals(rows: Sequence[Row]) -> Table:
+    """What was asked for, the worst of all kinds, and whether that is met."""
+    worst = {
+        "outputs out of range or too fast": (max(row.unsafe for row in rows), 0),
+        "share of missed steps [%]": (1e2 * max(row.missed_share for row in rows), 0.1),
+        "difference to the simulation [mm]": (1e3 * max(r.e_mean_difference for r in rows), 1.0),
+        "runs that ended too early": (sum(row.failure is not None for row in rows), 0),
+    }
+    columns = (
+        Column("of all kinds", lambda name: name),
+        Column("worst", lambda name: worst[name][0], ".3g"),
+        Column("at most", lambda name: worst[name][1], "g"),
+        Column("met", lambda name: verdict(worst[name][0] <= worst[name][1])),
+    )
+    return make_table("Goals", columns, worst)
+
+
 def _emulated() -> tuple[str, ...]:
     return tuple(n for n, kind in HARDWARE.registered().items() if n == FIRMWARE or kind.device)
 
@@ -110,7 +130,8 @@ STUDY = Study(
             "e_mean",
             "e_mean_simulated",
             "e_mean_difference",
-        )
+        ),
+        goals,
     ],
     note="A board drives a twin of the rig, motors the trunk of examples/motor_trunk.toml.",
     alone=True,
