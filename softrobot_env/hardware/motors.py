@@ -302,8 +302,8 @@ class MotorBus(ABC):
     @classmethod
     def period(cls, file: MotorFile) -> float:
         """Least time [s] that a set-point and all answers take on the bus."""
-        sizes = cls.last - cls.first + 1 + cls.overhead, 6 + cls.registers["goal"].size
-        return 10 * len(file.motors) * sum(sizes) / file.baud + file.latency
+        sizes = cls.last - cls.first + 1 + cls.overhead, 1 + cls.registers["goal"].size
+        return 10 * len(file.motors) * sum(sizes) / file.baud
 
 
 class MotorRobot(Hardware):
@@ -329,8 +329,17 @@ class MotorRobot(Hardware):
             transport: The way to the motors; `close` closes it.
             kind: Of motors.
             now, wait: The clock [s], and what waits so long [s].
+
+        Raises:
+            ValueError: The bus is too slow for the control period.
         """
         super().__init__(robot, transport)
+        needed = kind.period(robot)
+        if needed > robot.control_period:
+            raise ValueError(
+                f"{len(robot.motors)} motors take {1e3 * needed:.0f} ms at {robot.baud} baud, more "
+                f"than control_period_ms = {1e3 * robot.control_period:g}"
+            )
         self._now, self._sleep = now, wait
         self._bus = kind(robot, BusPort(transport, robot.baud, robot.latency, now))
         self.reading: Reading | None = None

@@ -65,6 +65,15 @@ def test_a_table_that_says_what_is_not_allowed_is_refused(changes, allowed):
         reads(TABLE | changes)
 
 
+@pytest.mark.parametrize(("kind", "bytes_each"), [("dynamixel", 99), ("feetech", 40)])
+def test_a_bus_that_is_too_slow_is_refused(kind, bytes_each):
+    """Ten bits a byte: answers of 83 + 11 or 31 + 6 bytes, and goals of 5 or 3 in one packet."""
+    slow = int(10 * 3 * bytes_each / 0.02)
+    MotorBench(motor_file(kind, baud=slow + 100))
+    with pytest.raises(ValueError, match=r"3 motors take 20 ms at .* baud, more than"):
+        MotorBench(motor_file(kind, baud=slow - 100))
+
+
 def test_two_motors_of_a_tendon_need_one_range():
     first = TABLE["motor"][0]
     table = TABLE | {"motor": [*TABLE["motor"], first | {"id": 9, "maximum_mm": 10}]}
