@@ -25,6 +25,7 @@ _LARGEST = 4096  # bytes of a host that no packet begins in
 _USUAL_CONSTANT = 1.0  # N m / A, of a file that says none
 _FASTEST = 10.0  # rad/s, of a motor that is given no speed
 _REBOOT = 0.2  # s
+_SHORTEST, _LONGEST = 5e-4, 0.05  # s, of a step: between answers motors need none
 _ROOM, _SUPPLY = 25.0, 12.0  # °C, V
 
 #: Data-range and access errors of an answer.
@@ -81,7 +82,7 @@ class VirtualMotors(ABC):
         self.motors = [VirtualMotor(motor) for motor in file.motors]
         self._tendon = [file.tendon_names.index(motor.tendon) for motor in file.motors]
         self._received, self._sent = bytearray(), []
-        self._now, self._free = 0.0, 0.0
+        self._now, self._free, self._turned = 0.0, 0.0, 0.0
         self.applied, self.due = np.zeros(len(file.tendon_names)), inf
         for one in self.motors:
             one.table[:2] = self.model.to_bytes(2, "little")
@@ -230,19 +231,22 @@ class VirtualMotors(ABC):
 
     def run(self, now: float, plant: Plant) -> None:
         """See `Device`."""
-        passed, self._now = min(now - self._now, 0.05) if self._now else 0.0, now
+        self._now = now
         for number, instruction, params, size in self.packets(self._received):
             self._free = max(self._free, now) + 10 * size / self.file.baud
             self._obey(number, instruction, params)
+        if now - self._turned >= _SHORTEST:
+            self._advance(min(now - self._turned, _LONGEST), plant)
+            self._turned = now
+
+    def _advance(self, passed: float, plant: Plant) -> None:
+        """Let the motors turn for a while [s], and measure."""
         length, tension = plant.length, plant.tension
-        for k, one in enumerate(self.motors):
-            self._turn(one, passed, float(tension[self._tendon[k]]))
-            self._measure(one, float(length[self._tendon[k]]), float(tension[self._tendon[k]]))
-        total, count = np.zeros_like(self.applied), np.zeros_like(self.applied)
         for k, one in zip(self._tendon, self.motors, strict=True):
-            total[k] += one.length
-            count[k] += 1
-        self.applied = total / count
+            self._turn(one, passed, float(tension[k]))
+            self._measure(one, float(length[k]), float(tension[k]))
+        wound = [one.length for one in self.motors]
+        self.applied = np.bincount(self._tendon, wound) / np.bincount(self._tendon)
 
     def _turn(self, one: VirtualMotor, passed: float, tension: float) -> None:
         """Follow the goal for a while, if torque is on and the watchdog has not bitten."""
