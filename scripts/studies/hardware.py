@@ -50,7 +50,7 @@ class Row(Record):
     seconds: float = quantity("s", "g")
     unsafe: int = quantity("", "d")
     missed_share: float = quantity("%", ".2f", "missed")
-    round_trip_p99: float = quantity("ms", ".1f", "round trip, 99 %")
+    round_trip_p99: float = quantity("ms", ".1f", "trip, 99 %")
     e_mean: float = quantity("mm", ".2f", "mean error")
     e_mean_simulated: float = quantity("mm", ".2f", "simulated")
     e_mean_difference: float = quantity("mm", ".2f", "difference")
